@@ -1,0 +1,19 @@
+# fieldtrace_options: language level, warnings and the floating-point rules that every target shares.
+add_library(fieldtrace_options INTERFACE)
+target_compile_features(fieldtrace_options INTERFACE cxx_std_20)
+target_include_directories(fieldtrace_options INTERFACE ${PROJECT_SOURCE_DIR})
+# No contraction and no fast-math: addresses must agree bit for bit on every instruction set.
+target_compile_options(fieldtrace_options INTERFACE
+  $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra -Wshadow -Wno-psabi>)
+if(FIELDTRACE_WERROR)
+  target_compile_options(fieldtrace_options INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-Werror>)
+endif()
+
+set(FIELDTRACE_SANITIZE "" CACHE STRING "Value for -fsanitize=, empty for none")
+if(FIELDTRACE_SANITIZE)
+  add_compile_options(-fsanitize=${FIELDTRACE_SANITIZE} -fno-omit-frame-pointer)
+  add_link_options(-fsanitize=${FIELDTRACE_SANITIZE})
+  if(NOT FIELDTRACE_SANITIZE MATCHES "thread")
+    add_compile_options(-fno-sanitize-recover=all)
+  endif()
+endif()

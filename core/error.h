@@ -1,0 +1,46 @@
+// Errors that a user can act on, with the place they come from, and the sink that warnings go to.
+//
+// Thread-safety: `Error` is a value. A `WarningSink` may be called from one thread at a time.
+#pragma once
+
+#include <functional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace fieldtrace {
+
+// A place in an input file. line 0 means that no line is known (a binary file, say).
+struct SourceLocation {
+  std::string file;
+  int line = 0;
+};
+
+// Bad input. what() reads "FILE:LINE: what is wrong and what to do"; the part before the message is left
+// out where it is unknown. The command line prints it behind "fieldtrace: " and exits with 1.
+class Error : public std::runtime_error {
+ public:
+  explicit Error(const std::string& message) : std::runtime_error(message) {}
+  Error(const SourceLocation& where, const std::string& message)
+      : std::runtime_error(format_location(where) + message) {}
+
+  static std::string format_location(const SourceLocation& where) {
+    if (where.file.empty()) return {};
+    return where.file + (where.line > 0 ? ":" + std::to_string(where.line) : std::string()) + ": ";
+  }
+};
+
+// Wrong use of the command line or the library (a contradiction of options, say). Exit code 2.
+class UsageError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+// Receives warnings as complete lines without a newline ("FILE:LINE: unknown element <foo>, ignored").
+using WarningSink = std::function<void(const std::string&)>;
+
+inline void warn(const WarningSink& sink, const SourceLocation& where, const std::string& message) {
+  if (sink) sink(Error::format_location(where) + message);
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,109 @@
+// Lane types: the vocabulary in which chart maths, sampling and look-ups are written once for three machines.
+//
+// Generic code is a template over a float lane type F (with Int_t<F>, Mask_t<F>) and uses only the operators
+// + - * / < <= > >= == and the functions below. Here they are given for plain `float` (the reference, and each
+// CUDA thread); core/lanes-inl.h gives them for Highway vectors. This header and every *.hd.h built on it is
+// included again for each Highway target, inside that target's namespace, so that no instance compiled for one
+// instruction set is ever linked into another.
+//
+// Exactness: every function here is correctly rounded or exact, so that all machines agree bit for bit.
+// Thread-safety: pure functions.
+
+// The include guard is toggled by Highway's foreach_target.h; without it this is an ordinary guard.
+#if defined(FIELDTRACE_CORE_LANES_HD_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_CORE_LANES_HD_H_
+#undef FIELDTRACE_CORE_LANES_HD_H_
+#else
+#define FIELDTRACE_CORE_LANES_HD_H_
+#endif
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#include "core/lane_namespace.h"
+#include "core/platform.h"
+
+FT_LANES_BEGIN
+
+// Lane counts and companion types: Lanes<float>::Int is int32_t; for vectors the vector of the same length.
+template <class F>
+struct Lanes;
+template <>
+struct Lanes<float> {
+  using Int = int32_t;
+  using Uint = uint32_t;
+  using Mask = bool;
+  static constexpr int k_count = 1;
+};
+template <class F>
+using Int_t = typename Lanes<F>::Int;
+template <class F>
+using Uint_t = typename Lanes<F>::Uint;
+template <class F>
+using Mask_t = typename Lanes<F>::Mask;
+
+FT_HD inline float min(float a, float b) { return b < a ? b : a; }
+FT_HD inline float max(float a, float b) { return a < b ? b : a; }
+FT_HD inline int32_t min(int32_t a, int32_t b) { return b < a ? b : a; }
+FT_HD inline int32_t max(int32_t a, int32_t b) { return a < b ? b : a; }
+FT_HD inline float sqrt(float a) { return ::sqrtf(a); }
+FT_HD inline float floor(float a) { return ::floorf(a); }
+FT_HD inline float abs(float a) { return ::fabsf(a); }
+FT_HD inline float copysign(float magnitude, float sign) { return ::copysignf(magnitude, sign); }
+FT_HD inline float select(bool m, float a, float b) { return m ? a : b; }
+FT_HD inline int32_t select(bool m, int32_t a, int32_t b) { return m ? a : b; }
+FT_HD inline uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
+FT_HD inline int32_t to_int(float a) { return int32_t(a); }  // truncates; the caller keeps |a| < 2^31
+FT_HD inline float to_float(int32_t a) { return float(a); }
+FT_HD inline uint32_t as_uint(int32_t a) { return uint32_t(a); }
+FT_HD inline int32_t as_int(uint32_t a) { return int32_t(a); }
+FT_HD inline bool any(bool m) { return m; }
+FT_HD inline bool all(bool m) { return m; }
+FT_HD inline bool and_not(bool a, bool b) { return !a && b; }  // (not a) and b, Highway's order
+
+// a * 2^-32 for a 32-bit fraction, rounded down so that the result is < 1: keeps the upper 24 bits.
+FT_HD inline float unit_float(uint32_t a) { return float(int32_t(a >> 8)) * 0x1p-24f; }
+
+FT_HD inline int32_t gather(const int32_t* base, int32_t index) { return base[index]; }
+FT_HD inline float gather(const float* base, int32_t index) { return base[index]; }
+
+// Splat<F>(x): x in every lane.
+template <class F>
+FT_HD inline F splat(float a) {
+  return F(a);
+}
+template <class F>
+FT_HD inline Int_t<F> splat_int(int32_t a) {
+  return Int_t<F>(a);
+}
+template <class F>
+FT_HD inline Uint_t<F> splat_uint(uint32_t a) {
+  return Uint_t<F>(a);
+}
+
+// Three lanes at once: a vector per component.
+template <class F>
+struct Vec3Lanes {
+  F x, y, z;
+};
+template <class F>
+FT_HD inline F dot(const Vec3Lanes<F>& a, const Vec3Lanes<F>& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+template <class F>
+FT_HD inline Vec3Lanes<F> operator+(const Vec3Lanes<F>& a, const Vec3Lanes<F>& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+template <class F>
+FT_HD inline Vec3Lanes<F> operator-(const Vec3Lanes<F>& a, const Vec3Lanes<F>& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+template <class F>
+FT_HD inline Vec3Lanes<F> operator*(const Vec3Lanes<F>& a, F s) {
+  return {a.x * s, a.y * s, a.z * s};
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

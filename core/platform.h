@@ -1,0 +1,12 @@
+// Compiler-dependent macros. Every macro of the project (FT_*) is defined here and nowhere else.
+#pragma once
+
+// FT_HD marks a function that is compiled for the host and, by a CUDA compiler, for the device too.
+#if defined(__CUDACC__)
+#define FT_HD __host__ __device__
+#else
+#define FT_HD
+#endif
+
+// FT_RESTRICT promises that a pointer is the only way to reach its data inside the function.
+#define FT_RESTRICT __restrict__

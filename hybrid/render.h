@@ -1,0 +1,60 @@
+// The renderer: one scene in, one picture and its statistics out, by Monte Carlo or by the hybrid method.
+//
+// The two methods share every line except how a batch of shadow rays is answered (hybrid/shadow_answer.h).
+// Determinism: for one scene, options and seed the picture is bit-identical for any thread count, with or
+// without a field cache. Thread-safety: render() may be called from several threads with different scenes.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+#include "core/image.h"
+#include "core/scene.h"
+#include "hybrid/stats.h"
+
+namespace fieldtrace {
+
+enum class Method { monte_carlo, hybrid };
+enum class Isa { automatic, scalar, sse4, avx2, avx512 };
+
+struct RenderOptions {
+  Method method = Method::hybrid;
+  int spp = 0;            // camera samples a pixel; 0: the scene file's sampler
+  int light_samples = 1;  // shadow rays per light and hit
+  int lobe_samples = 1;   // rays per glossy hit of the camera path
+  std::optional<uint32_t> seed;  // default: the scene file's
+  float tolerance = 0.1f;        // [0, 1]: 0 traces every ray, 1 lets every cell answer
+  int directions = 0;            // D: 32, 64, 128, 256; 0: chosen from the scene
+  int plane = 0;                 // N: 64, 128, 256, 512; 0: chosen from the scene
+  std::string field_cache;       // directory; empty: fields live in memory only
+  int threads = 0;               // 0: all hardware threads
+  Isa isa = Isa::automatic;
+  std::optional<Rect> crop;       // within the film's crop window
+  std::optional<int> max_depth;   // overrides the integrator's
+  bool check = false;             // trace an exact ray beside every certified answer, count disagreements
+  bool force_ask = false;         // test aid: look up, then treat every cell as one that asks
+  std::vector<std::string> aovs;  // albedo normal depth position visibility exact object
+};
+
+struct RenderCallbacks {
+  // Called from one thread at a time with the share of the work done, in [0, 1], and the current stage.
+  std::function<void(float share, const char* stage)> progress;
+  WarningSink warning;
+  const std::atomic<bool>* stop = nullptr;  // set it to end early: finished tiles are kept
+};
+
+struct RenderResult {
+  Image image;  // R, G, B and the AOV channels; width and height of the crop window; unfinished tiles are 0
+  Stats stats;
+  bool interrupted = false;
+};
+
+// Throws Error for a scene that cannot be rendered, UsageError for contradictory or out-of-range options.
+RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks = {});
+
+}  // namespace fieldtrace

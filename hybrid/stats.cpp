@@ -1,0 +1,75 @@
+#include "hybrid/stats.h"
+
+#include <nlohmann/json.hpp>
+
+namespace fieldtrace {
+
+void Stats::merge_counters(const Stats& o) {
+  time_bake += o.time_bake;
+  time_primary += o.time_primary;
+  time_secondary += o.time_secondary;
+  rays_primary += o.rays_primary;
+  rays_shadow += o.rays_shadow;
+  rays_glossy += o.rays_glossy;
+  rays_exact += o.rays_exact;
+  rays_crossing += o.rays_crossing;
+  lookups += o.lookups;
+  sphere_crossings += o.sphere_crossings;
+  check_answers += o.check_answers;
+  check_wrong += o.check_wrong;
+  for (int verdict = 0; verdict < 2; ++verdict) {
+    for (int receiver = 0; receiver < 2; ++receiver) {
+      check_by[verdict][receiver].answers += o.check_by[verdict][receiver].answers;
+      check_by[verdict][receiver].wrong += o.check_by[verdict][receiver].wrong;
+    }
+  }
+}
+
+std::string Stats::to_json() const {
+  nlohmann::ordered_json j;
+  j["method"] = method;
+  j["spp"] = spp;
+  j["light_samples"] = light_samples;
+  j["tolerance"] = tolerance;
+  j["width"] = width;
+  j["height"] = height;
+  j["threads"] = threads;
+  j["isa"] = isa;
+  j["seed"] = seed;
+  j["triangles"] = triangles;
+  j["instances"] = instances;
+  j["lights"] = lights;
+  j["time"] = {{"load", time_load},
+               {"bake", time_bake},
+               {"primary", time_primary},
+               {"secondary", time_secondary},
+               {"total", time_total}};
+  j["rays"] = {{"primary", rays_primary},
+               {"shadow", rays_shadow},
+               {"glossy", rays_glossy},
+               {"exact", rays_exact},
+               {"crossing", rays_crossing}};
+  j["lookups"] = lookups;
+  j["exact_fraction"] = exact_fraction();
+  j["spheres_per_ray"] = spheres_per_ray();
+  const auto count = [](const CheckCount& c) {
+    return nlohmann::ordered_json{{"answers", c.answers}, {"wrong", c.wrong}};
+  };
+  j["check"] = {{"answers", check_answers},
+                {"wrong", check_wrong},
+                {"clear", {{"other", count(check_by[0][0])}, {"own", count(check_by[0][1])}}},
+                {"blocked", {{"other", count(check_by[1][0])}, {"own", count(check_by[1][1])}}}};
+  j["field"] = {{"objects", field_objects},
+                {"directions", field_directions},
+                {"plane", field_plane},
+                {"cells_baked", field_cells_baked},
+                {"cells_full", field_cells_full},
+                {"bytes_memory", field_bytes_memory},
+                {"bytes_disk", field_bytes_disk}};
+  j["bake"] = {{"rays", bake_rays}};
+  j["memory"] = {{"peak_bytes", memory_peak_bytes}};
+  j["version"] = version;
+  return j.dump(2) + "\n";
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,54 @@
+// What a render did: the counters and times behind `--stats` (keys: see to_json in stats.cpp).
+//
+// Times are wall seconds. Stages that run inside parallel tiles are measured per thread, added up and divided by the
+// number of threads, so that time.primary + time.secondary + time.bake stay below time.total.
+// Thread-safety: each worker fills its own Stats; merge() adds them on one thread.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace fieldtrace {
+
+struct Stats {
+  std::string method;
+  int spp = 0, light_samples = 0;
+  float tolerance = 0.0f;
+  int width = 0, height = 0, threads = 0;
+  std::string isa;
+  uint32_t seed = 0;
+  uint64_t triangles = 0, instances = 0, lights = 0;
+
+  double time_load = 0, time_bake = 0, time_primary = 0, time_secondary = 0, time_total = 0;
+
+  uint64_t rays_primary = 0;  // camera rays and the bounces that follow them
+  uint64_t rays_shadow = 0;   // shadow rays generated (those that cross no candidate's bounds included)
+  uint64_t rays_glossy = 0;   // rays that left a surface along a specular or glossy lobe
+  uint64_t rays_exact = 0;    // shadow rays traced through Embree
+  uint64_t rays_crossing = 0; // shadow rays that cross at least one candidate's bounds
+  uint64_t lookups = 0;       // ray-field look-ups
+  uint64_t sphere_crossings = 0;  // ray-candidate pairs whose bounds are crossed
+  uint64_t check_answers = 0, check_wrong = 0;
+  // check_by[verdict][receiver]: verdict 0 clear, 1 blocked; receiver 0 another object, 1 the object itself.
+  struct CheckCount {
+    uint64_t answers = 0, wrong = 0;
+  };
+  CheckCount check_by[2][2];
+
+  int field_directions = 0, field_plane = 0;
+  uint64_t field_objects = 0;  // objects answered by fields
+  uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
+  uint64_t bake_rays = 0;
+  uint64_t memory_peak_bytes = 0;
+  std::string version;
+
+  // Share of the sphere-crossing shadow rays that were traced exactly; 0 when none crossed.
+  double exact_fraction() const { return rays_crossing ? double(rays_exact) / double(rays_crossing) : 0.0; }
+  // Mean number of candidates' bounds that a crossing ray crosses.
+  double spheres_per_ray() const { return rays_crossing ? double(sphere_crossings) / double(rays_crossing) : 0.0; }
+
+  void merge_counters(const Stats& other);  // adds rays, look-ups, checks and stage times
+  std::string to_json() const;              // nested by the dots of the documented keys
+};
+
+}  // namespace fieldtrace
