@@ -2,6 +2,9 @@
 add_library(fieldtrace_options INTERFACE)
 target_compile_features(fieldtrace_options INTERFACE cxx_std_20)
 target_include_directories(fieldtrace_options INTERFACE ${PROJECT_SOURCE_DIR})
+# Kernels are compiled for SSE4, AVX2 and AVX-512 (and the compiler's baseline, which Highway requires).
+target_compile_definitions(fieldtrace_options INTERFACE
+  "HWY_DISABLED_TARGETS=(HWY_SSSE3|HWY_AVX3_DL)")
 # No contraction and no fast-math: addresses must agree bit for bit on every instruction set.
 target_compile_options(fieldtrace_options INTERFACE
   $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra -Wshadow -Wno-psabi>)

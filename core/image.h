@@ -21,9 +21,9 @@ struct Image {
 };
 
 struct ImageWriteOptions {
-  bool half = true;                              // EXR: 16-bit half (else 32-bit float)
-  float exposure = 0.0f;                         // PNG: stops (EV) applied before the sRGB curve
-  std::map<std::string, std::string> metadata;   // EXR header strings: command, seed, spp, version
+  bool half = true;                             // EXR: 16-bit half (else 32-bit float)
+  float exposure = 0.0f;                        // PNG: stops (EV) applied before the sRGB curve
+  std::map<std::string, std::string> metadata;  // EXR header strings: command, seed, spp, version
 };
 
 // Writes `image` in the format that the file name's ending names (.exr, .png). EXR keeps every channel in one

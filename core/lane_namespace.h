@@ -4,9 +4,9 @@
 
 #if defined(HWY_TARGET_INCLUDE)
 #include <hwy/highway.h>
-#define FT_LANES_BEGIN        \
-  HWY_BEFORE_NAMESPACE();     \
-  namespace fieldtrace {      \
+#define FT_LANES_BEGIN    \
+  HWY_BEFORE_NAMESPACE(); \
+  namespace fieldtrace {  \
   namespace HWY_NAMESPACE {
 #define FT_LANES_END \
   }                  \

@@ -65,8 +65,30 @@ FT_HD inline bool and_not(bool a, bool b) { return !a && b; }  // (not a) and b,
 // a * 2^-32 for a 32-bit fraction, rounded down so that the result is < 1: keeps the upper 24 bits.
 FT_HD inline float unit_float(uint32_t a) { return float(int32_t(a >> 8)) * 0x1p-24f; }
 
+template <int k_bits>
+FT_HD inline uint32_t shift_left(uint32_t a) {
+  return a << k_bits;
+}
+template <int k_bits>
+FT_HD inline uint32_t shift_right(uint32_t a) {
+  return a >> k_bits;
+}
+template <int k_bits>
+FT_HD inline int32_t shift_left(int32_t a) {
+  return int32_t(uint32_t(a) << k_bits);
+}
+template <int k_bits>
+FT_HD inline int32_t shift_right(int32_t a) {
+  return a >> k_bits;
+}
+
 FT_HD inline int32_t gather(const int32_t* base, int32_t index) { return base[index]; }
 FT_HD inline float gather(const float* base, int32_t index) { return base[index]; }
+FT_HD inline int32_t gather_bytes(const uint8_t* base, int32_t byte_offset) {
+  int32_t word;
+  memcpy(&word, base + byte_offset, 4);
+  return word;
+}
 
 // Splat<F>(x): x in every lane.
 template <class F>

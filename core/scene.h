@@ -52,10 +52,10 @@ struct Bsdf {
   std::string id;  // the scene file's id, may be empty
   BsdfKind kind = BsdfKind::diffuse;
   bool two_sided = false;
-  uint32_t back = k_none;  // two-sided: another Bsdf for the back side; k_none: the same on both sides
-  uint32_t reflectance = 0;  // diffuse: albedo; conductors: specular_reflectance; dielectric: likewise
-  uint32_t transmittance = 0;                    // dielectric: specular_transmittance
-  Rgb eta = Rgb(0.0f), k = Rgb(1.0f);            // conductors: complex index of refraction, relative to ext_eta
+  uint32_t back = k_none;              // two-sided: another Bsdf for the back side; k_none: the same on both sides
+  uint32_t reflectance = 0;            // diffuse: albedo; conductors: specular_reflectance; dielectric: likewise
+  uint32_t transmittance = 0;          // dielectric: specular_transmittance
+  Rgb eta = Rgb(0.0f), k = Rgb(1.0f);  // conductors: complex index of refraction, relative to ext_eta
   float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectric (Mitsuba's defaults: bk7 and air)
   MicrofacetKind microfacet = MicrofacetKind::beckmann;
   float alpha_u = 0.1f, alpha_v = 0.1f;
@@ -96,8 +96,8 @@ struct Emitter {
   // area: radiance (W m^-2 sr^-1, emitted on the side of the normal); constant: radiance;
   // point: intensity (W sr^-1); directional: irradiance on a facing plane (W m^-2).
   Rgb value = Rgb(1.0f);
-  uint32_t instance = k_none;  // area: the instance that glows
-  Vec3 position = Vec3(0.0f);  // point
+  uint32_t instance = k_none;               // area: the instance that glows
+  Vec3 position = Vec3(0.0f);               // point
   Vec3 direction = Vec3(0.0f, 0.0f, 1.0f);  // directional: the unit direction that light travels in
 };
 

@@ -14,19 +14,19 @@
 
 #include "core/error.h"
 #include "core/image.h"
+#include "core/isa.h"
 #include "core/scene.h"
 #include "hybrid/stats.h"
 
 namespace fieldtrace {
 
 enum class Method { monte_carlo, hybrid };
-enum class Isa { automatic, scalar, sse4, avx2, avx512 };
 
 struct RenderOptions {
   Method method = Method::hybrid;
-  int spp = 0;            // camera samples a pixel; 0: the scene file's sampler
-  int light_samples = 1;  // shadow rays per light and hit
-  int lobe_samples = 1;   // rays per glossy hit of the camera path
+  int spp = 0;                   // camera samples a pixel; 0: the scene file's sampler
+  int light_samples = 1;         // shadow rays per light and hit
+  int lobe_samples = 1;          // rays per glossy hit of the camera path
   std::optional<uint32_t> seed;  // default: the scene file's
   float tolerance = 0.1f;        // [0, 1]: 0 traces every ray, 1 lets every cell answer
   int directions = 0;            // D: 32, 64, 128, 256; 0: chosen from the scene

@@ -59,12 +59,9 @@ std::string Stats::to_json() const {
                 {"wrong", check_wrong},
                 {"clear", {{"other", count(check_by[0][0])}, {"own", count(check_by[0][1])}}},
                 {"blocked", {{"other", count(check_by[1][0])}, {"own", count(check_by[1][1])}}}};
-  j["field"] = {{"objects", field_objects},
-                {"directions", field_directions},
-                {"plane", field_plane},
-                {"cells_baked", field_cells_baked},
-                {"cells_full", field_cells_full},
-                {"bytes_memory", field_bytes_memory},
+  j["field"] = {{"objects", field_objects},       {"directions", field_directions},
+                {"plane", field_plane},           {"cells_baked", field_cells_baked},
+                {"cells_full", field_cells_full}, {"bytes_memory", field_bytes_memory},
                 {"bytes_disk", field_bytes_disk}};
   j["bake"] = {{"rays", bake_rays}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};

@@ -21,12 +21,12 @@ struct Stats {
 
   double time_load = 0, time_bake = 0, time_primary = 0, time_secondary = 0, time_total = 0;
 
-  uint64_t rays_primary = 0;  // camera rays and the bounces that follow them
-  uint64_t rays_shadow = 0;   // shadow rays generated (those that cross no candidate's bounds included)
-  uint64_t rays_glossy = 0;   // rays that left a surface along a specular or glossy lobe
-  uint64_t rays_exact = 0;    // shadow rays traced through Embree
-  uint64_t rays_crossing = 0; // shadow rays that cross at least one candidate's bounds
-  uint64_t lookups = 0;       // ray-field look-ups
+  uint64_t rays_primary = 0;      // camera rays and the bounces that follow them
+  uint64_t rays_shadow = 0;       // shadow rays generated (those that cross no candidate's bounds included)
+  uint64_t rays_glossy = 0;       // rays that left a surface along a specular or glossy lobe
+  uint64_t rays_exact = 0;        // shadow rays traced through Embree
+  uint64_t rays_crossing = 0;     // shadow rays that cross at least one candidate's bounds
+  uint64_t lookups = 0;           // ray-field look-ups
   uint64_t sphere_crossings = 0;  // ray-candidate pairs whose bounds are crossed
   uint64_t check_answers = 0, check_wrong = 0;
   // check_by[verdict][receiver]: verdict 0 clear, 1 blocked; receiver 0 another object, 1 the object itself.
