@@ -5,7 +5,8 @@
 namespace fieldtrace::mesh_grid {
 
 void require_range(const char* mesh, const char* parameter, double value, double least, double most) {
-  if (!(value >= least && value <= most)) {
+  // In float, which most parameters are: 1e-6f is a little below 1e-6.
+  if (!(float(value) >= float(least) && float(value) <= float(most))) {
     throw UsageError(
         fmt::format("{}: {} is {:g}, it must be between {:g} and {:g}", mesh, parameter, value, least, most));
   }
