@@ -19,10 +19,10 @@ namespace fieldtrace {
 // The defaults give what Mitsuba 3's `obj` and `ply` plugins give by default, except that those also compute missing
 // normals (`compute_normals`). face_normals, flip_normals and flip_tex_coords are named as there.
 struct MeshLoadOptions {
-  bool face_normals = false;            // drop the file's normals and compute none
-  bool compute_normals = false;         // a file without normals gets compute_vertex_normals(); face_normals goes first
-  bool flip_normals = false;            // turn triangles and normals around
-  std::optional<bool> flip_tex_coords;  // v becomes 1 - v; unset: yes for OBJ, no for PLY, as in Mitsuba
+  bool face_normals = false;     // drop the file's normals and compute none
+  bool compute_normals = false;  // a file without normals gets compute_vertex_normals(); face_normals goes first
+  bool flip_normals = false;     // turn triangles and normals around
+  std::optional<bool> flip_tex_coords = std::nullopt;  // v becomes 1 - v; unset: yes for OBJ, no for PLY, as in Mitsuba
 };
 
 // Loads `path` (.obj or .ply, in any case) and validates it; positions and normals as in the file (object space).

@@ -55,7 +55,7 @@ Number classify(std::string_view word) {
   return name == "nan" || name == "inf" || name == "1.#" ? Number::not_finite : Number::malformed;
 }
 
-// One corner of a face: v, v/t, v//n or v/t/n (a trailing slash is let pass, as exporters write it).
+// One corner of a face: v, v/t, v//n or v/t/n, or one of these with slashes behind, as some exporters write it.
 bool is_corner(std::string_view word) {
   constexpr size_t k_longest_index = 9;  // what fits an int whatever the digits
   for (int part = 0; part < 3; ++part) {
@@ -85,8 +85,7 @@ class LineFeed : public std::streambuf {
   int_type underflow() override {
     if (gptr() < egptr()) return traits_type::to_int_type(*gptr());
     if (rest_.empty()) return traits_type::eof();
-    where_.line += lines_taken_;
-    lines_taken_ = 0;
+    where_.line = lines_taken_ + 1;
     joined_.clear();
     std::string_view line = take_line();
     if (line.ends_with('\\')) {  // continued on the next line, which the parser does not know
@@ -99,6 +98,7 @@ class LineFeed : public std::streambuf {
       joined_.assign(line);
     }
     check(joined_);
+    drop_trailing_slashes(joined_);
     joined_.push_back('\n');
     setg(joined_.data(), joined_.data(), joined_.data() + joined_.size());
     return traits_type::to_int_type(joined_.front());
@@ -118,11 +118,20 @@ class LineFeed : public std::streambuf {
     }
     const std::string_view line = rest_.substr(0, end);
     rest_.remove_prefix(next);
-    if (where_.line == 0)
-      where_.line = 1;
-    else
-      ++lines_taken_;
+    ++lines_taken_;
     return line;
+  }
+
+  // The parser would take the next corner's index for what is missing behind a slash.
+  static void drop_trailing_slashes(std::string& line) {
+    size_t kept = line.size();
+    bool at_end = true;  // of a word
+    for (size_t i = line.size(); i-- > 0;) {
+      if (line[i] == '/' && at_end) continue;
+      at_end = is_space(line[i]);
+      line[--kept] = line[i];
+    }
+    line.erase(0, kept);
   }
 
   void check(std::string_view line) {
@@ -165,7 +174,7 @@ class LineFeed : public std::streambuf {
 
   std::string_view rest_;
   SourceLocation where_;
-  int lines_taken_ = 0;  // lines of the current (continued) line beyond its first
+  int lines_taken_ = 0;
   bool not_finite_ = false, unterminated_ = false;
   std::string joined_;
 };
