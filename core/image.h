@@ -18,20 +18,38 @@ struct Image {
   size_t channel_count() const { return channels.size(); }
   float* pixel(int x, int y) { return &data[(size_t(y) * width + x) * channels.size()]; }
   const float* pixel(int x, int y) const { return &data[(size_t(y) * width + x) * channels.size()]; }
+  // Index of a channel by name, or -1.
+  int channel_index(const std::string& name) const;
 };
 
 struct ImageWriteOptions {
-  bool half = true;                             // EXR: 16-bit half (else 32-bit float)
+  // EXR: 16-bit half (else 32-bit float). The layers depth, position and object are always 32-bit float.
+  bool half = true;
   float exposure = 0.0f;                        // PNG: stops (EV) applied before the sRGB curve
   std::map<std::string, std::string> metadata;  // EXR header strings: command, seed, spp, version
 };
 
 // Writes `image` in the format that the file name's ending names (.exr, .png). EXR keeps every channel in one
-// multi-layer part; PNG takes channels R, G, B, encoded as 8-bit sRGB. The file is written beside its final name
+// multi-layer part, finite values beyond the range of half clamped to it; PNG takes channels R, G, B, encoded as
+// 8-bit sRGB (NaN and negative values become 0). The file is written beside its final name
 // under a temporary name and renamed into place. Throws Error if it cannot be written.
 void write_image(const std::string& path, const Image& image, const ImageWriteOptions& options = {});
 
-// Reads every channel as linear float (8-bit formats are taken to be sRGB and linearised). Throws Error.
-Image read_image(const std::string& path);
+// Throws Error, as write_image would, if the ending is neither .exr nor .png or the file cannot be written now.
+// Leaves nothing behind: long work calls it before it starts.
+void require_image_writable(const std::string& path);
+
+struct ImageReadOptions {
+  bool linearise = true;  // decode 8-bit colour from sRGB; false: the stored values divided by 255
+};
+
+// Reads every channel of the first picture in the file as float. Colour channels of 8-bit formats are taken to be
+// sRGB and are linearised; alpha ("A") is not, and colours are not multiplied by it. Throws Error naming the path
+// and the reason.
+Image read_image(const std::string& path, const ImageReadOptions& options = {});
+
+// The sRGB transfer curve (IEC 61966-2-1), for values in [0, 1]; encode clamps to [0, 1], NaN becomes 0.
+float srgb_encode(float linear);
+float srgb_decode(float encoded);
 
 }  // namespace fieldtrace

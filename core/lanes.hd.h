@@ -82,6 +82,15 @@ FT_HD inline int32_t shift_right(int32_t a) {
   return a >> k_bits;
 }
 
+// The 32 bits in the opposite order.
+FT_HD inline uint32_t reverse_bits(uint32_t a) {
+  a = ((a & 0x55555555u) << 1) | ((a >> 1) & 0x55555555u);
+  a = ((a & 0x33333333u) << 2) | ((a >> 2) & 0x33333333u);
+  a = ((a & 0x0f0f0f0fu) << 4) | ((a >> 4) & 0x0f0f0f0fu);
+  a = ((a & 0x00ff00ffu) << 8) | ((a >> 8) & 0x00ff00ffu);
+  return (a << 16) | (a >> 16);
+}
+
 FT_HD inline int32_t gather(const int32_t* base, int32_t index) { return base[index]; }
 FT_HD inline float gather(const float* base, int32_t index) { return base[index]; }
 FT_HD inline int32_t gather_bytes(const uint8_t* base, int32_t byte_offset) {
@@ -103,6 +112,30 @@ template <class F>
 FT_HD inline Uint_t<F> splat_uint(uint32_t a) {
   return Uint_t<F>(a);
 }
+
+// One value a lane from consecutive addresses; vectors need a pointer aligned to the vector (bytes: no alignment).
+template <class F>
+FT_HD inline F load_lanes(const float* p) {
+  return *p;
+}
+template <class F>
+FT_HD inline Uint_t<F> load_uint_lanes(const uint32_t* p) {
+  return *p;
+}
+template <class F>
+FT_HD inline Uint_t<F> load_byte_lanes(const uint8_t* p) {
+  return *p;
+}
+FT_HD inline void store_lanes(float a, float* p) { *p = a; }
+FT_HD inline void store_lanes(uint32_t a, uint32_t* p) { *p = a; }
+
+// Lane l of the result is lane index[l] of the argument, index[l] in [0, lane count).
+template <class F>
+struct LanePermutation {
+  FT_HD explicit LanePermutation(const int32_t*) {}
+  FT_HD F operator()(F a) const { return a; }
+  FT_HD Uint_t<F> operator()(Uint_t<F> a) const { return a; }
+};
 
 // Three lanes at once: a vector per component.
 template <class F>

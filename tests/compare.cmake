@@ -1,0 +1,1 @@
+fieldtrace_test(compare_test LABELS quick)

@@ -1,0 +1,1 @@
+fieldtrace_test(image_test LABELS quick)
