@@ -36,13 +36,13 @@ inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, 
     const RayLanes<F> r = load_rays<F>(rays, i);
     const UnitSegment<F> segment = segment_in_unit_space(task.to_unit, r.o, r.d, r.tmax);
     if (!any(segment.crosses)) {
-      store_lanes<F>(none, verdict + i);
+      store(none, verdict + i);
       continue;
     }
-    const Mask_t<F> own = load_uints<F>(receiver_instance + i) == instance;
+    const Mask_t<F> own = load_uint_lanes<F>(receiver_instance + i) == instance;
     const SegmentVerdict<F> result = query_segment(task.field, task.policy, segment, own);
-    store_lanes<F>(result.verdict, verdict + i);
-    store_lanes<F>(result.slice, slice + i);
+    store(result.verdict, verdict + i);
+    store(result.slice, slice + i);
     counts.crossings += size_t(count_true(segment.crosses));
     counts.lookups += size_t(sum_of(result.lookups));
   }
@@ -56,14 +56,14 @@ inline SegmentCounts cross_ball_batch(const SegmentTask& task, const RayBatch& r
   for (size_t i = begin; i < end; i += size_t(Lanes<F>::k_count)) {
     const RayLanes<F> r = load_rays<F>(rays, i);
     const UnitSegment<F> segment = segment_in_unit_space(task.to_unit, r.o, r.d, r.tmax);
-    store_lanes<F>(select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none)), verdict + i);
+    store(select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none)), verdict + i);
     counts.crossings += size_t(count_true(segment.crosses));
   }
   return counts;
 }
 
-// Distance at which a slab is entered and left, widened by the rounding of the subtraction, the reciprocal and the product
-// (pbrt, section 6.8.2: factor 1 + 2 gamma(3)).
+// Distance at which a slab is entered and left, widened by the rounding of the subtraction, the reciprocal and the
+// product (pbrt, section 6.8.2: factor 1 + 2 gamma(3)).
 template <class F>
 inline void clip_slab(F o, F d, float lower, float upper, F& enter, F& leave) {
   // A component too small to divide by becomes a tiny one of the same sign: the slab is then met nowhere or everywhere.
@@ -90,9 +90,9 @@ inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, 
       const F d = mx * r.d.x + my * r.d.y + mz * r.d.z;
       clip_slab(o, d, task.lower[axis], task.upper[axis], enter, leave);
     }
-    const Mask_t<F> own = load_uints<F>(receiver_instance + i) == instance;
+    const Mask_t<F> own = load_uint_lanes<F>(receiver_instance + i) == instance;
     const Mask_t<F> crosses = and_not(own, (enter <= leave) & (r.tmax >= splat<F>(0.0f)));
-    store_lanes<F>(select(crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none)), verdict + i);
+    store(select(crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none)), verdict + i);
     counts.crossings += size_t(count_true(crosses));
   }
   return counts;

@@ -1,5 +1,5 @@
-// A field as plain pointers, and what a tolerance means to its cells. Shared by every instruction set and the GPU, which
-// is why these two types live outside the lane namespaces.
+// A field as plain pointers, and what a tolerance means to its cells. Shared by every instruction set and the GPU,
+// which is why these two types live outside the lane namespaces.
 //
 // Thread-safety: values; the pointers are valid while the Field lives. Memory layout: field/layout.hd.h.
 #pragma once
