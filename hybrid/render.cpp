@@ -52,7 +52,8 @@ void check_options(const RenderOptions& o, int spp) {
 }
 
 Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
-  const Rect film_window = film.crop.width > 0 && film.crop.height > 0 ? film.crop : Rect{0, 0, film.width, film.height};
+  const Rect film_window =
+      film.crop.width > 0 && film.crop.height > 0 ? film.crop : Rect{0, 0, film.width, film.height};
   if (!requested) return film_window;
   const Rect& r = *requested;
   const bool inside = r.width >= 1 && r.height >= 1 && r.x >= film_window.x && r.y >= film_window.y &&
@@ -217,7 +218,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
     if (job.not_finite > 0) {
       warn(callbacks.warning, {},
-           std::to_string(job.not_finite) + " camera samples were not finite and count as black; please report the scene");
+           std::to_string(job.not_finite) +
+               " camera samples were not finite and count as black; please report the scene");
     }
   });
 
