@@ -1,0 +1,1 @@
+fieldtrace_test(mesh_test LABELS quick)
