@@ -16,6 +16,6 @@ if [[ -z $skipped ]]; then
   echo "skipped tests: 0"
 else
   echo "skipped tests: $(wc -l <<<"$skipped")"
-  sed 's/^/  /' <<<"$skipped"
+  while read -r name; do echo "  $name"; done <<<"$skipped"
 fi
 exit "$status"
