@@ -10,7 +10,7 @@ find_package(fmt REQUIRED)
 find_path(GLM_INCLUDE_DIR glm/glm.hpp REQUIRED)
 find_path(CLI11_INCLUDE_DIR CLI/CLI.hpp REQUIRED)
 find_path(NLOHMANN_JSON_INCLUDE_DIR nlohmann/json.hpp REQUIRED)
-find_package(tinyobjloader QUIET)
+find_package(tinyobjloader REQUIRED)
 
 # Debian's OpenImageIO names an include folder of OpenCV that is not installed.
 get_target_property(_oiio_includes OpenImageIO::OpenImageIO INTERFACE_INCLUDE_DIRECTORIES)
