@@ -30,6 +30,8 @@ class SceneFiles : public testing::Test {
 
   std::string write(const std::string& name, const std::string& text) const {
     std::filesystem::create_directories(std::filesystem::path(path(name)).parent_path());
+    // Truncating a file in place makes some file systems wait for the disk; a new one does not.
+    std::filesystem::remove(path(name));
     std::ofstream(path(name), std::ios::binary) << text;
     return path(name);
   }
