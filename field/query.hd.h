@@ -175,9 +175,8 @@ FT_HD inline SegmentVerdict<F> query_segment(const FieldView& field, const Query
                                              const UnitSegment<F>& segment, Mask_t<F> own) {
   const F zero = splat<F>(0.0f);
   const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
-  const auto verdict_of = [](int v) { return splat_int<F>(v); };
   SegmentVerdict<F> result;
-  result.verdict = select(segment.crosses, verdict_of(k_verdict_ask), verdict_of(k_verdict_none));
+  result.verdict = select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none));
   result.slice = i_zero;
   result.lookups = i_zero;
 
@@ -200,9 +199,9 @@ FT_HD inline SegmentVerdict<F> query_segment(const FieldView& field, const Query
     const Mask_t<F> answers =
         and_not(unknown, line_wanted) & (shift_right<1>(bits) < splat_int<F>(policy.visibility_max_class + 1));
     const Mask_t<F> end_inside = segment.origin_inside | segment.end_inside;
-    result.verdict = select(and_not(hits, answers), verdict_of(k_verdict_clear), result.verdict);
-    result.verdict = select(and_not(end_inside, answers & hits), verdict_of(k_verdict_blocked), result.verdict);
-    result.verdict = select(unknown, verdict_of(k_verdict_unknown_visibility), result.verdict);
+    result.verdict = select(and_not(hits, answers), splat_int<F>(k_verdict_clear), result.verdict);
+    result.verdict = select(and_not(end_inside, answers & hits), splat_int<F>(k_verdict_blocked), result.verdict);
+    result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_visibility), result.verdict);
     result.slice = slot.slice;
     // With an end inside, whatever is not a certified miss goes on to the depth cell.
     const Mask_t<F> go_on = and_not(unknown, line_wanted) & end_inside & (hits | !answers);
@@ -237,10 +236,10 @@ FT_HD inline SegmentVerdict<F> query_segment(const FieldView& field, const Query
       blocked = blocked | second.other_in_front;
       unknown = unknown | second.unknown;
     }
-    result.verdict = select(depth_wanted, verdict_of(k_verdict_ask), result.verdict);
-    result.verdict = select(clear, verdict_of(k_verdict_clear), result.verdict);
-    result.verdict = select(blocked, verdict_of(k_verdict_blocked), result.verdict);
-    result.verdict = select(unknown, verdict_of(k_verdict_unknown_depth), result.verdict);
+    result.verdict = select(depth_wanted, splat_int<F>(k_verdict_ask), result.verdict);
+    result.verdict = select(clear, splat_int<F>(k_verdict_clear), result.verdict);
+    result.verdict = select(blocked, splat_int<F>(k_verdict_blocked), result.verdict);
+    result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_depth), result.verdict);
   }
   return result;
 }
