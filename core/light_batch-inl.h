@@ -32,7 +32,7 @@ struct ReceiverLanes {
   Uint_t<F> first_index, instance;
 
   template <class Op>
-  ReceiverLanes map(const Op& op) const {
+  FT_HD_INLINE ReceiverLanes map(const Op& op) const {
     return {{op(at.origin), op(at.shading), op(at.delta), op(at.transmits)},
             op(normal),
             op(slip),
@@ -46,9 +46,11 @@ struct ReceiverLanes {
 template <class F>
 struct SpreadLanes {
   LanePermutation<F> permute;
-  F operator()(F a) const { return permute(a); }
-  Uint_t<F> operator()(Uint_t<F> a) const { return permute(a); }
-  Vec3Lanes<F> operator()(const Vec3Lanes<F>& a) const { return {permute(a.x), permute(a.y), permute(a.z)}; }
+  FT_HD_INLINE F operator()(F a) const { return permute(a); }
+  FT_HD_INLINE Uint_t<F> operator()(Uint_t<F> a) const { return permute(a); }
+  FT_HD_INLINE Vec3Lanes<F> operator()(const Vec3Lanes<F>& a) const {
+    return {permute(a.x), permute(a.y), permute(a.z)};
+  }
 };
 
 template <class F, class Kind, bool k_transmits>
@@ -63,7 +65,7 @@ struct LightBatch {
   const size_t slots;
   ShadowBatch& out;
 
-  ReceiverLanes<F> load_receivers(size_t i) const {
+  FT_HD_INLINE ReceiverLanes<F> load_receivers(size_t i) const {
     const ReceiverBatch& b = receivers;
     const auto at = [i](const AlignedVector<float>& v) { return load_lanes<F>(v.data() + i); };
     const Vec3Lanes<F> point = {at(b.px), at(b.py), at(b.pz)};
@@ -92,7 +94,7 @@ struct LightBatch {
   }
 
   // Writes one vector of slots: sample first_index + k of each lane's receiver.
-  void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup, Uint_t<F> k) const {
+  FT_HD_INLINE void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup, Uint_t<F> k) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const Uint_t<F> index = r.first_index + k;
     const UnitPair<F> uv = sample_2d<F>(index, r.seeds);
@@ -135,7 +137,9 @@ struct LightBatch {
     // Per vector of a group: the receiver (lane) and the sample number of each slot.
     AlignedVector<int32_t> lane;
     AlignedVector<uint32_t> sample;
-    const bool whole_vectors = m % k_lanes == 0;
+    // The specialised loops are compiled for the frequent kinds of light only.
+    constexpr bool k_specialise = Kind::k_frequent && !k_transmits;
+    const bool whole_vectors = k_specialise && m % k_lanes == 0;
     lane.resize(std::max(size_t(k_lanes) * k_lanes, whole_vectors ? 0 : m * k_lanes));
     sample.resize(m * k_lanes);
     for (size_t i = 0; i < lane.size(); ++i) lane[i] = int32_t(whole_vectors ? i / k_lanes : i / m);
@@ -145,9 +149,9 @@ struct LightBatch {
       const ReceiverLanes<F> r = load_receivers(group);
       const typename Kind::Setup setup = kind.setup(r.at);
       const size_t base = group * m;
-      if (m == 1) {
+      if (k_specialise && m == 1) {
         emit(base, r, setup, splat_uint<F>(0));
-      } else if (whole_vectors) {
+      } else if (k_specialise && whole_vectors) {
         const size_t count = std::min(size_t(k_lanes), receivers.size - group);
         for (size_t i = 0; i < count; ++i) {
           const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + i * k_lanes)};

@@ -46,13 +46,13 @@ struct LightSample {
 };
 
 template <class F>
-FT_HD inline Vec3Lanes<F> splat3(const float* p) {
+FT_HD_INLINE Vec3Lanes<F> splat3(const float* p) {
   return {splat<F>(p[0]), splat<F>(p[1]), splat<F>(p[2])};
 }
 
 // The sample of a surface point at `to_point` from the origin, chosen with density 1 / inverse_area per area.
 template <class F>
-FT_HD inline LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3Lanes<F>& to_point,
+FT_HD_INLINE LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3Lanes<F>& to_point,
                                            const Vec3Lanes<F>& normal, F inverse_density) {
   const F tiny = splat<F>(Tiny::k_smallest_normal);
   const F inverse_length = splat<F>(1.0f) / max(sqrt(dot(to_point, to_point)), r.delta);
@@ -71,7 +71,7 @@ FT_HD inline LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3
 
 template <class F>
 struct SphereLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
   Vec3Lanes<F> centre;
   F radius;
 
@@ -79,7 +79,7 @@ struct SphereLight {
     Vec3Lanes<F> axis, x, y;
     F distance, radius, sine_max, one_minus_cosine, inverse, shading_axis, inverse_pdf, pdf;
     template <class Op>
-    FT_HD Setup map(const Op& op) const {
+    FT_HD_INLINE Setup map(const Op& op) const {
       return {op(axis),
               op(x),
               op(y),
@@ -96,7 +96,7 @@ struct SphereLight {
 
   FT_HD explicit SphereLight(const Light& light) : centre(splat3<F>(light.centre)), radius(splat<F>(light.radius)) {}
 
-  FT_HD Setup setup(const LightReceiver<F>& r) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
     const F one = splat<F>(1.0f), two = splat<F>(2.0f), tiny = splat<F>(Tiny::k_smallest_normal);
     const Vec3Lanes<F> to_centre = centre - r.origin;
     const F target_radius = radius + r.delta;
@@ -120,7 +120,7 @@ struct SphereLight {
             solid_angle, one / solid_angle};
   }
 
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const F one = splat<F>(1.0f), two = splat<F>(2.0f);
     const DiskPoint<F> p = concentric_disk<F>(u, v);
     const F uniform = p.radius * p.radius;
@@ -148,7 +148,7 @@ struct SphereLight {
 
 template <class F>
 struct RectangleLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
   // Below this solid angle (sr) the rectangle is sampled by area. The angle that is inverted below carries a few
   // roundings of values up to 2 pi, some 2^-20 in all; relative to the solid angle that is at most 2^-11 from here on.
   // A rectangle this small is nearly flat on the sphere, so that area sampling loses little.
@@ -162,7 +162,7 @@ struct RectangleLight {
     F x0, x1, y0, y1, z, height;
     F b0, b1, e0, cosine_k, sine_k, turns, inverse_pdf;
     template <class Op>
-    FT_HD Setup map(const Op& op) const {
+    FT_HD_INLINE Setup map(const Op& op) const {
       return {op(x0), op(x1), op(y0),       op(y1),     op(z),     op(height),     op(b0),
               op(b1), op(e0), op(cosine_k), op(sine_k), op(turns), op(inverse_pdf)};
     }
@@ -177,7 +177,7 @@ struct RectangleLight {
         half_y(splat<F>(light.half_size[1])),
         area(splat<F>(light.area)) {}
 
-  FT_HD Setup setup(const LightReceiver<F>& r) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const Vec3Lanes<F> to_centre = centre - r.origin;
     const F cx = dot(to_centre, edge_x), cy = dot(to_centre, edge_y), cz = -dot(to_centre, normal);
@@ -224,7 +224,7 @@ struct RectangleLight {
             solid_angle};
   }
 
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f), tiny = splat<F>(Tiny::k_smallest_normal);
     const auto by_area = s.turns < zero;
     // The angle k + u S, and x / z, the tangent of the elevation of the cut through x. With the published f = c / sine

@@ -1,0 +1,2 @@
+fieldtrace_test(sampling_test LABELS quick)
+fieldtrace_test(lights_test LABELS quick numerics)
