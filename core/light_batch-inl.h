@@ -134,24 +134,33 @@ struct LightBatch {
 
   void run() const {
     const size_t m = size_t(light_samples);
-    // Per vector of a group: the receiver (lane) and the sample number of each slot.
-    AlignedVector<int32_t> lane;
-    AlignedVector<uint32_t> sample;
     // The specialised loops are compiled for the frequent kinds of light only.
     constexpr bool k_specialise = Kind::k_frequent && !k_transmits;
+    const bool single = k_specialise && m == 1;
     const bool whole_vectors = k_specialise && m % k_lanes == 0;
-    lane.resize(std::max(size_t(k_lanes) * k_lanes, whole_vectors ? 0 : m * k_lanes));
-    sample.resize(m * k_lanes);
-    for (size_t i = 0; i < lane.size(); ++i) lane[i] = int32_t(whole_vectors ? i / k_lanes : i / m);
-    for (size_t i = 0, k = 0; i < sample.size(); ++i, k = k + 1 == m ? 0 : k + 1) sample[i] = uint32_t(k);
+    // Per vector of a group: the receiver (lane) and the sample number of each slot. For whole vectors: lane[i] of
+    // vector i is i throughout.
+    AlignedVector<int32_t> lane;
+    AlignedVector<uint32_t> sample;
+    if (!single) {
+      lane.resize(size_t(k_lanes) * (whole_vectors ? size_t(k_lanes) : m));
+      sample.resize(m * k_lanes);
+      const size_t run_length = whole_vectors ? size_t(k_lanes) : m;
+      for (size_t i = 0, begin = 0; begin < lane.size(); ++i, begin += run_length) {
+        std::fill_n(lane.begin() + ptrdiff_t(begin), run_length, int32_t(i));
+      }
+      for (size_t begin = 0; begin < sample.size(); begin += m) {
+        for (size_t k = 0; k < m; ++k) sample[begin + k] = uint32_t(k);
+      }
+    }
 
     for (size_t group = 0; group < receivers.size; group += k_lanes) {
       const ReceiverLanes<F> r = load_receivers(group);
       const typename Kind::Setup setup = kind.setup(r.at);
       const size_t base = group * m;
-      if (k_specialise && m == 1) {
+      if (single) {
         emit(base, r, setup, splat_uint<F>(0));
-      } else if (k_specialise && whole_vectors) {
+      } else if (whole_vectors) {
         const size_t count = std::min(size_t(k_lanes), receivers.size - group);
         for (size_t i = 0; i < count; ++i) {
           const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + i * k_lanes)};
