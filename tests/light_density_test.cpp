@@ -68,6 +68,7 @@ struct Parametrised {
 std::vector<Parametrised> parametrised_lights() {
   const DAffine lamp = affine(DVec3(1.1, 0, 0.2), DVec3(0, -0.6, 0), DVec3(0.05, 0, -0.275), DVec3(0.2, 0.3, 1));
   const DAffine skewed = affine(DVec3(0.7, 0.1, 0), DVec3(0.3, 0.5, 0), DVec3(0.1, 0, 0.9), DVec3(0.2, 0.3, 1.5));
+  const DAffine beside = affine(DVec3(0.7, 0.1, 0), DVec3(0.3, 0.5, 0), DVec3(0.1, 0, 0.9), DVec3(2, 1, 0.1));
   const DAffine far = affine(DVec3(1.1, 0, 0), DVec3(0, -0.6, 0), DVec3(0, 0, -1), DVec3(2, 3, 100));
   return {{"sphere", ShapeKind::sphere, scaled(0.7, DVec3(0.2, 0.3, 1)), false, -1},
           {"far sphere", ShapeKind::sphere, scaled(0.7, DVec3(20, 30, 100)), false, -1},
@@ -77,7 +78,7 @@ std::vector<Parametrised> parametrised_lights() {
           {"parallelogram", ShapeKind::rectangle, skewed, true, -1},
           {"disk", ShapeKind::disk, skewed, true, -1},
           {"ellipsoid", ShapeKind::sphere, skewed, false, -1},
-          {"cylinder", ShapeKind::cylinder, skewed, false, -1},
+          {"cylinder", ShapeKind::cylinder, beside, false, -1},
           {"flipped cylinder", ShapeKind::cylinder, skewed, true, 1}};
 }
 
@@ -106,7 +107,6 @@ TEST(LightDensity, DescribesTheSamples) {
     }
     double total = 0.0;
     for (double e : expected) total += e;
-    EXPECT_NEAR(total, 1.0, 3e-3) << light.name;  // the midpoint rule at the visible part's rim
 
     ShadowBatch out;
     sample_light(lights, 0, batch_of(std::vector<Receiver>(k_count, receiver), 31), 1, Isa::automatic, out);
@@ -127,8 +127,13 @@ TEST(LightDensity, DescribesTheSamples) {
       const double cosine = std::fabs(glm::dot(d, DVec3(receiver.shading))) / glm::length(d);
       ASSERT_NEAR(double(out.weight[i]) * double(out.pdf[i]), cosine, 1e-4) << light.name;
       const double facing = -glm::dot(DVec3(hit.normal), d) / glm::length(d);
-      ASSERT_TRUE(facing < 0.05 || std::fabs(pdf - out.pdf[i]) < 2e-3f * out.pdf[i]) << light.name << pdf << " " << out.pdf[i];
+      ASSERT_TRUE(facing < 0.05 || std::fabs(pdf - out.pdf[i]) < 2e-3f * out.pdf[i])
+          << light.name << pdf << " " << out.pdf[i];
     }
+    // Shapes sampled by area also draw hidden points, which are dropped. Three standard deviations at most of the share
+    // kept, and the midpoint rule's error at the visible part's rim.
+    EXPECT_NEAR(total, kept / k_count, 1.5 / std::sqrt(double(k_count)) + 3e-3) << light.name;
+    EXPECT_GT(kept, 0.1 * k_count) << light.name;
     double statistic = 0.0;
     int bins = 0;
     for (size_t i = 0; i < expected.size(); ++i) {
