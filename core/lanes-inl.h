@@ -121,6 +121,9 @@ HWY_INLINE I32 as_int(U32 a) { return {hn::BitCast(DI(), a.v)}; }
 HWY_INLINE bool any(MaskLanes m) { return !hn::AllFalse(DF(), m.m); }
 HWY_INLINE bool all(MaskLanes m) { return hn::AllTrue(DF(), m.m); }
 
+HWY_INLINE int count_true(MaskLanes m) { return int(hn::CountTrue(DF(), m.m)); }
+HWY_INLINE int sum_of(I32 a) { return int(hn::GetLane(hn::SumOfLanes(DI(), a.v))); }
+
 template <int k_bits>
 HWY_INLINE U32 shift_left(U32 a) {
   return {hn::ShiftLeft<k_bits>(a.v)};

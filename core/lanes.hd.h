@@ -58,6 +58,9 @@ FT_HD inline int32_t to_int(float a) { return int32_t(a); }  // truncates; the c
 FT_HD inline float to_float(int32_t a) { return float(a); }
 FT_HD inline uint32_t as_uint(int32_t a) { return uint32_t(a); }
 FT_HD inline int32_t as_int(uint32_t a) { return int32_t(a); }
+FT_HD inline void store(int32_t a, int32_t* p) { *p = a; }
+FT_HD inline int count_true(bool m) { return m ? 1 : 0; }
+FT_HD inline int sum_of(int32_t a) { return a; }
 FT_HD inline bool any(bool m) { return m; }
 FT_HD inline bool all(bool m) { return m; }
 FT_HD inline bool and_not(bool a, bool b) { return !a && b; }  // (not a) and b, Highway's order
