@@ -1,6 +1,7 @@
 #include "hybrid/render.h"
 
 #include <tbb/enumerable_thread_specific.h>
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -218,6 +219,10 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
   RenderResult result;
+  // TBB starts no more workers than there are hardware threads unless told so.
+  std::optional<tbb::global_control> more_threads;
+  if (threads > int(std::thread::hardware_concurrency()))
+    more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
     const Accel accel(scene);
