@@ -169,80 +169,108 @@ FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPol
   return answer;
 }
 
-// The verdict for one object. `own`: the receiver lies on this object, so that the line surely meets it and the
-// visibility cell of the whole line has nothing to say.
+// The visibility cell of a segment's whole line, read once for all lanes. code: 0 unknown, else as in layout.hd.h.
+template <class F>
+struct LineCode {
+  Int_t<F> code, slice;
+};
+
+template <class F>
+FT_HD_INLINE LineCode<F> look_up_line(const FieldView& field, const UnitSegment<F>& segment) {
+  // A line and its reverse share a cell: the one that points up.
+  const Mask_t<F> down = segment.direction.z < splat<F>(0.0f);
+  const Vec3Lanes<F> up = {select(down, -segment.direction.x, segment.direction.x),
+                           select(down, -segment.direction.y, segment.direction.y),
+                           select(down, -segment.direction.z, segment.direction.z)};
+  const CellAddress<F> at = address_of_line(up, segment.foot, field.directions, field.plane);
+  const CellSlot<F> slot = slot_of<F>(field, at);
+  return {gather_bytes(field.visibility, slot.cell) & splat_int<F>(0xff), slot.slice};
+}
+
+// What is left to the depth cells after the line has spoken.
+template <class F>
+struct LineAnswer {
+  SegmentVerdict<F> verdict;
+  Mask_t<F> depth_wanted;
+};
+
+// Lanes whose line's cell has something to say. `own`: the receiver lies on this object, so that its line surely meets it.
+template <class F>
+FT_HD_INLINE Mask_t<F> line_wanted(const UnitSegment<F>& segment, Mask_t<F> own) {
+  return and_not(own & segment.origin_inside, segment.crosses);
+}
+
+template <class F>
+FT_HD_INLINE LineAnswer<F> answer_by_line(const QueryPolicy& policy, const UnitSegment<F>& segment, Mask_t<F> wanted,
+                                          const LineCode<F>& line) {
+  const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
+  LineAnswer<F> answer;
+  const Mask_t<F> unknown = wanted & (line.code == i_zero);
+  const Int_t<F> bits = line.code - i_one;
+  const Mask_t<F> known = and_not(unknown, wanted);
+  const Mask_t<F> hits = known & ((bits & i_one) == i_one);
+  const Mask_t<F> answers = known & (shift_right<1>(bits) < splat_int<F>(policy.visibility_max_class + 1));
+  const Mask_t<F> end_inside = segment.origin_inside | segment.end_inside;
+  Int_t<F> verdict = select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none));
+  verdict = select(and_not(hits, answers), splat_int<F>(k_verdict_clear), verdict);
+  verdict = select(and_not(end_inside, answers & hits), splat_int<F>(k_verdict_blocked), verdict);
+  answer.verdict.verdict = select(unknown, splat_int<F>(k_verdict_unknown_visibility), verdict);
+  answer.verdict.slice = line.slice;
+  answer.verdict.lookups = select(wanted, i_one, i_zero);
+  // With an end inside, whatever is not a certified miss goes on to the depth cell; so do the lanes that had no line.
+  answer.depth_wanted = and_not(wanted, segment.crosses) | (known & end_inside & (hits | !answers));
+  return answer;
+}
+
+// Decides the lanes in `wanted`, each with at least one end inside the ball, by the depth cells.
+template <class F>
+FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& policy, const UnitSegment<F>& segment,
+                                  Mask_t<F> wanted, SegmentVerdict<F>& result) {
+  const Mask_t<F> from_origin = wanted & segment.origin_inside;
+  const Vec3Lanes<F> p = {select(from_origin, segment.origin.x, segment.end.x),
+                          select(from_origin, segment.origin.y, segment.end.y),
+                          select(from_origin, segment.origin.z, segment.end.z)};
+  const Vec3Lanes<F> other = {select(from_origin, segment.end.x, segment.origin.x),
+                              select(from_origin, segment.end.y, segment.origin.y),
+                              select(from_origin, segment.end.z, segment.origin.z)};
+  const Vec3Lanes<F> direction = {select(from_origin, -segment.direction.x, segment.direction.x),
+                                  select(from_origin, -segment.direction.y, segment.direction.y),
+                                  select(from_origin, -segment.direction.z, segment.direction.z)};
+  const Mask_t<F> both_inside = wanted & segment.origin_inside & segment.end_inside;
+  const DepthAnswer<F> first = compare_depth(field, policy, direction, p, other, wanted);
+  result.lookups = result.lookups + first.lookups;
+  result.slice = select(first.unknown, first.slice, result.slice);
+  Mask_t<F> clear = first.front;
+  Mask_t<F> blocked = (and_not(both_inside, first.behind)) | (both_inside & first.other_in_front);
+  Mask_t<F> unknown = first.unknown;
+  const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
+  if (any(undecided)) {
+    // Both ends inside and the surface lies beyond the far end: look from the other side.
+    const DepthAnswer<F> second =
+        compare_depth(field, policy, segment.direction, segment.end, segment.origin, undecided);
+    result.lookups = result.lookups + second.lookups;
+    result.slice = select(second.unknown, second.slice, result.slice);
+    clear = clear | second.front;
+    blocked = blocked | second.other_in_front;
+    unknown = unknown | second.unknown;
+  }
+  result.verdict = select(wanted, splat_int<F>(k_verdict_ask), result.verdict);
+  result.verdict = select(clear, splat_int<F>(k_verdict_clear), result.verdict);
+  result.verdict = select(blocked, splat_int<F>(k_verdict_blocked), result.verdict);
+  result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_depth), result.verdict);
+}
+
+// The verdict for one object: the three steps above for one segment. Batches run each step over many segments before the
+// next, so that a processor can overlap them (field/segment_batch-inl.h).
 template <class F>
 FT_HD_INLINE SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
                                              const UnitSegment<F>& segment, Mask_t<F> own) {
-  const F zero = splat<F>(0.0f);
-  const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
-  SegmentVerdict<F> result;
-  result.verdict = select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none));
-  result.slice = i_zero;
-  result.lookups = i_zero;
-
-  const Mask_t<F> skip_line = own & segment.origin_inside;
-  const Mask_t<F> line_wanted = and_not(skip_line, segment.crosses);
-  Mask_t<F> depth_wanted = segment.crosses & skip_line;
-  if (any(line_wanted)) {
-    // A line and its reverse share a cell: the one that points up.
-    const Mask_t<F> down = segment.direction.z < zero;
-    const Vec3Lanes<F> up = {select(down, -segment.direction.x, segment.direction.x),
-                             select(down, -segment.direction.y, segment.direction.y),
-                             select(down, -segment.direction.z, segment.direction.z)};
-    const CellAddress<F> at = address_of_line(up, segment.foot, field.directions, field.plane);
-    const CellSlot<F> slot = slot_of<F>(field, at);
-    const Int_t<F> code = gather_bytes(field.visibility, slot.cell) & splat_int<F>(0xff);
-    result.lookups = select(line_wanted, i_one, i_zero);
-    const Mask_t<F> unknown = line_wanted & (code == i_zero);
-    const Int_t<F> bits = code - i_one;
-    const Mask_t<F> hits = line_wanted & ((bits & i_one) == i_one);
-    const Mask_t<F> answers =
-        and_not(unknown, line_wanted) & (shift_right<1>(bits) < splat_int<F>(policy.visibility_max_class + 1));
-    const Mask_t<F> end_inside = segment.origin_inside | segment.end_inside;
-    result.verdict = select(and_not(hits, answers), splat_int<F>(k_verdict_clear), result.verdict);
-    result.verdict = select(and_not(end_inside, answers & hits), splat_int<F>(k_verdict_blocked), result.verdict);
-    result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_visibility), result.verdict);
-    result.slice = slot.slice;
-    // With an end inside, whatever is not a certified miss goes on to the depth cell.
-    const Mask_t<F> go_on = and_not(unknown, line_wanted) & end_inside & (hits | !answers);
-    depth_wanted = depth_wanted | go_on;
-  }
-  if (any(depth_wanted)) {
-    const Mask_t<F> from_origin = depth_wanted & segment.origin_inside;
-    const Vec3Lanes<F> p = {select(from_origin, segment.origin.x, segment.end.x),
-                            select(from_origin, segment.origin.y, segment.end.y),
-                            select(from_origin, segment.origin.z, segment.end.z)};
-    const Vec3Lanes<F> other = {select(from_origin, segment.end.x, segment.origin.x),
-                                select(from_origin, segment.end.y, segment.origin.y),
-                                select(from_origin, segment.end.z, segment.origin.z)};
-    const Vec3Lanes<F> direction = {select(from_origin, -segment.direction.x, segment.direction.x),
-                                    select(from_origin, -segment.direction.y, segment.direction.y),
-                                    select(from_origin, -segment.direction.z, segment.direction.z)};
-    const Mask_t<F> both_inside = depth_wanted & segment.origin_inside & segment.end_inside;
-    const DepthAnswer<F> first = compare_depth(field, policy, direction, p, other, depth_wanted);
-    result.lookups = result.lookups + first.lookups;
-    result.slice = select(first.unknown, first.slice, result.slice);
-    Mask_t<F> clear = first.front;
-    Mask_t<F> blocked = (and_not(both_inside, first.behind)) | (both_inside & first.other_in_front);
-    Mask_t<F> unknown = first.unknown;
-    const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
-    if (any(undecided)) {
-      // Both ends inside and the surface lies beyond the far end: look from the other side.
-      const DepthAnswer<F> second =
-          compare_depth(field, policy, segment.direction, segment.end, segment.origin, undecided);
-      result.lookups = result.lookups + second.lookups;
-      result.slice = select(second.unknown, second.slice, result.slice);
-      clear = clear | second.front;
-      blocked = blocked | second.other_in_front;
-      unknown = unknown | second.unknown;
-    }
-    result.verdict = select(depth_wanted, splat_int<F>(k_verdict_ask), result.verdict);
-    result.verdict = select(clear, splat_int<F>(k_verdict_clear), result.verdict);
-    result.verdict = select(blocked, splat_int<F>(k_verdict_blocked), result.verdict);
-    result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_depth), result.verdict);
-  }
-  return result;
+  const Mask_t<F> wanted = line_wanted(segment, own);
+  LineCode<F> line = {splat_int<F>(1), splat_int<F>(0)};
+  if (any(wanted)) line = look_up_line(field, segment);
+  LineAnswer<F> answer = answer_by_line(policy, segment, wanted, line);
+  if (any(answer.depth_wanted)) answer_by_depth(field, policy, segment, answer.depth_wanted, answer.verdict);
+  return answer.verdict;
 }
 
 FT_LANES_END
