@@ -53,7 +53,7 @@ struct QueryScratch {
   static constexpr int k_vectors = int(k_blocks_at_once * k_block) / Lanes<F>::k_count;
   UnitSegment<F> segment[k_vectors];
   Mask_t<F> wanted[k_vectors];
-  LineCode<F> line[k_vectors];
+  LineView<F> line[k_vectors];
   SegmentVerdict<F> result[k_vectors];
   int active[k_vectors];  // vectors with something to do, `count` of them
 };
@@ -116,13 +116,14 @@ inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, 
     }
     for (int a = 0; a < active; ++a) {
       const int v = s.active[a];
-      s.line[v] = {splat_int<F>(1), splat_int<F>(0)};
-      if (any(s.wanted[v])) s.line[v] = look_up_line(task.field, s.segment[v]);
+      // A vector that wants no line has an empty `wanted`, which is then what the line says too.
+      s.line[v] = {s.wanted[v], s.wanted[v], s.wanted[v], splat_int<F>(0)};
+      if (any(s.wanted[v])) s.line[v] = look_up_line(task.field, task.policy, s.segment[v]);
     }
     int deep = 0;
     for (int a = 0; a < active; ++a) {
       const int v = s.active[a];
-      const LineAnswer<F> answer = answer_by_line(task.policy, s.segment[v], s.wanted[v], s.line[v]);
+      const LineAnswer<F> answer = answer_by_line(s.segment[v], s.wanted[v], s.line[v]);
       s.result[v] = answer.verdict;
       s.wanted[v] = answer.depth_wanted;
       counts.lookups += size_t(sum_of(answer.verdict.lookups));
