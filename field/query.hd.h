@@ -72,13 +72,19 @@ FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Ve
   const F correction = dot(foot, s.direction);
   s.foot = foot - s.direction * correction;
   const F t_foot = along - correction;
-  const F half_squared = one - dot(s.foot, s.foot);
-  const F half = sqrt(max(half_squared, zero));
-  s.crosses = (half_squared > zero) & (s.length > t_foot - half) & (t_foot + half > zero) & (tmax >= zero);
-  s.origin_inside = s.crosses & (t_foot - half < zero);
-  s.end_inside = s.crosses & (s.length < t_foot + half);
+  // Squared distances from the centre: of the line, of the origin and of the end.
+  const F line_squared = dot(s.foot, s.foot);
+  const F to_end = s.length - t_foot;
+  const F origin_squared = line_squared + t_foot * t_foot;
+  const F end_squared = line_squared + to_end * to_end;
+  const Mask_t<F> origin_in = origin_squared < one, end_in = end_squared < one;
+  // With both ends outside, the segment meets the ball where the foot lies between them.
+  const Mask_t<F> spans = (line_squared < one) & (t_foot > zero) & (to_end > zero);
+  s.crosses = (spans | origin_in | end_in) & (tmax >= zero);
+  s.origin_inside = s.crosses & origin_in;
+  s.end_inside = s.crosses & end_in;
   // The end from the foot, not from a far origin.
-  s.end = s.foot + s.direction * (s.length - t_foot);
+  s.end = s.foot + s.direction * to_end;
   return s;
 }
 
