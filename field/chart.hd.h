@@ -16,6 +16,7 @@
 #endif
 
 #include "core/lanes.hd.h"
+#include "field/view.h"
 #include "core/platform.h"
 
 FT_LANES_BEGIN
@@ -93,17 +94,17 @@ FT_HD_INLINE DirectionFrame<F> frame_from_square(F u, F v) {
   return f;
 }
 
-// Index of the cell that x in [-1, 1] lies in, out of n; values outside go to the nearest cell.
+// Index of the cell that x in [-1, 1] lies in; values outside go to the nearest cell.
 template <class F>
-FT_HD_INLINE Int_t<F> cell_of(F x, float n) {
-  const F scaled = floor((x + splat<F>(1.0f)) * splat<F>(0.5f * n));
-  return to_int(min(max(scaled, splat<F>(0.0f)), splat<F>(n - 1.0f)));
+FT_HD_INLINE Int_t<F> cell_of(F x, const ChartAxis& axis) {
+  const F scaled = floor((x + splat<F>(1.0f)) * splat<F>(axis.half));
+  return small_to_int(min(max(scaled, splat<F>(0.0f)), splat<F>(axis.last)));
 }
 
-// Centre of cell i out of n, in [-1, 1].
+// Centre of cell i, in [-1, 1].
 template <class F>
-FT_HD_INLINE F centre_of(Int_t<F> i, float n) {
-  return (to_float(i) + splat<F>(0.5f)) * splat<F>(2.0f / n) - splat<F>(1.0f);
+FT_HD_INLINE F centre_of(Int_t<F> i, const ChartAxis& axis) {
+  return to_float(i) * splat<F>(axis.step) + splat<F>(axis.start);
 }
 
 // The cell of a line: direction cell (u, v) and plane cell (a, b), with the frame of the direction cell.
@@ -115,8 +116,8 @@ struct CellAddress {
 
 // The cell of the line through `anchor` along the unit direction d.
 template <class F>
-FT_HD_INLINE CellAddress<F> address_of_line(const Vec3Lanes<F>& d, const Vec3Lanes<F>& anchor, float directions,
-                                            float plane) {
+FT_HD_INLINE CellAddress<F> address_of_line(const Vec3Lanes<F>& d, const Vec3Lanes<F>& anchor,
+                                            const ChartAxis& directions, const ChartAxis& plane) {
   CellAddress<F> cell;
   F u, v;
   square_from_direction(d, u, v);

@@ -63,8 +63,8 @@ Field::Field(const Sphere& ball, const FieldParameters& parameters) : ball_(ball
 
 FieldView Field::view() const {
   FieldView v;
-  v.directions = float(parameters_.directions);
-  v.plane = float(parameters_.plane);
+  v.directions = make_axis(parameters_.directions);
+  v.plane = make_axis(parameters_.plane);
   v.direction_bricks = parameters_.directions / 4;
   v.plane_bricks_b = parameters_.plane / 8;
   v.plane_bricks = (parameters_.plane / 4) * (parameters_.plane / 8);

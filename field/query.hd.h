@@ -142,7 +142,7 @@ struct FoundSheet {
 // Half a plane cell: what the anchoring leaves uncertain beside a sheet's own error bound.
 template <class F>
 FT_HD_INLINE F half_cell_of(const FieldView& field) {
-  return splat<F>(1.0f / field.plane);
+  return splat<F>(0.5f * field.plane.step);
 }
 
 // Distance back along the line from a point at `distance` off the sheet. The cosine is negative because the sheet faces
@@ -158,7 +158,7 @@ FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy&
   const F half_cell = half_cell_of<F>(field);
   // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than half its
   // width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
-  const F near_distance = half_cell * splat<F>(field.directions * 0.5641896f);
+  const F near_distance = half_cell * splat<F>(field.directions.cells * 0.5641896f);
   FoundSheet<F> found;
   found.view = look_up_sheet(field, policy, direction, p);
   SheetView<F>& view = found.view;
