@@ -1,12 +1,11 @@
 // Compiler-dependent macros. Every macro of the project (FT_*) is defined here and nowhere else.
 #pragma once
 
-// FT_HD marks an inline function that is compiled for the host and, by a CUDA compiler, for the device too. On the host it
-// is always inlined: a vector passed through memory costs more than most of these functions.
+// FT_HD marks a function that is compiled for the host and, by a CUDA compiler, for the device too.
 #if defined(__CUDACC__)
 #define FT_HD __host__ __device__
 #else
-#define FT_HD __attribute__((always_inline))
+#define FT_HD
 #endif
 
 // FT_HD_INLINE marks lane code that must melt into its caller: a call would pass whole vectors through memory.

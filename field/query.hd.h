@@ -18,6 +18,7 @@
 #endif
 
 #include "core/lanes.hd.h"
+#include "core/platform.h"
 #include "field/chart.hd.h"
 #include "field/layout.hd.h"
 
@@ -48,7 +49,7 @@ struct UnitSegment {
 
 // Moves a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses nothing.
 template <class F>
-FT_HD inline UnitSegment<F> segment_in_unit_space(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d,
+FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d,
                                                   F tmax) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   UnitSegment<F> s;
@@ -93,7 +94,7 @@ struct SheetView {
 };
 
 template <class F>
-FT_HD inline SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy,
                                         const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p) {
   const CellAddress<F> at = address_of_line(direction, p, field.directions, field.plane);
   const CellSlot<F> slot = slot_of<F>(field, at);
@@ -124,7 +125,7 @@ struct DepthAnswer {
 };
 
 template <class F>
-FT_HD inline DepthAnswer<F> compare_depth(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPolicy& policy,
                                           const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p,
                                           const Vec3Lanes<F>& other, Mask_t<F> wanted) {
   const F zero = splat<F>(0.0f);
@@ -171,7 +172,7 @@ FT_HD inline DepthAnswer<F> compare_depth(const FieldView& field, const QueryPol
 // The verdict for one object. `own`: the receiver lies on this object, so that the line surely meets it and the
 // visibility cell of the whole line has nothing to say.
 template <class F>
-FT_HD inline SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
                                              const UnitSegment<F>& segment, Mask_t<F> own) {
   const F zero = splat<F>(0.0f);
   const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);

@@ -23,7 +23,7 @@ struct RayLanes {
 };
 
 template <class F>
-FT_HD inline RayLanes<F> load_rays(const RayBatch& r, size_t i) {
+FT_HD_INLINE RayLanes<F> load_rays(const RayBatch& r, size_t i) {
   return {{load_lanes<F>(&r.ox[i]), load_lanes<F>(&r.oy[i]), load_lanes<F>(&r.oz[i])},
           {load_lanes<F>(&r.dx[i]), load_lanes<F>(&r.dy[i]), load_lanes<F>(&r.dz[i])},
           load_lanes<F>(&r.tmax[i])};
@@ -31,7 +31,7 @@ FT_HD inline RayLanes<F> load_rays(const RayBatch& r, size_t i) {
 
 // Adds one candidate's word about the rays at i: whether they meet its bounds, are blocked by it, or ask.
 template <class F>
-FT_HD inline void update_states(RayStates& states, size_t i, Mask_t<F> crosses, Mask_t<F> blocked, Mask_t<F> asks,
+FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, Mask_t<F> blocked, Mask_t<F> asks,
                                 int32_t candidate_slot) {
   const Int_t<F> zero = splat_int<F>(0);
   Int_t<F> state = load_int_lanes<F>(&states.state[i]);
@@ -110,10 +110,10 @@ inline SegmentCounts cross_ball_batch(const SegmentTask& task, const RayBatch& r
   return counts;
 }
 
-// Distance at which a slab is entered and left, widened by the rounding of the subtraction, the reciprocal and the product
-// (pbrt, section 6.8.2: factor 1 + 2 gamma(3)).
+// Distance at which a slab is entered and left, widened by the rounding of the subtraction, the reciprocal and the
+// product (pbrt, section 6.8.2: factor 1 + 2 gamma(3)).
 template <class F>
-FT_HD inline void clip_slab(F o, F d, float lower, float upper, F& enter, F& leave) {
+FT_HD_INLINE void clip_slab(F o, F d, float lower, float upper, F& enter, F& leave) {
   // A component too small to divide by becomes a tiny one of the same sign: the slab is then met nowhere or everywhere.
   const F inverse = splat<F>(1.0f) / copysign(max(abs(d), splat<F>(1e-30f)), d);
   const F a = (splat<F>(lower) - o) * inverse;
@@ -125,7 +125,7 @@ FT_HD inline void clip_slab(F o, F d, float lower, float upper, F& enter, F& lea
 
 // Row `axis` of a 3 x 4 transform applied to a point and to a vector.
 template <class F>
-FT_HD inline F transformed(const float* m, int axis, const Vec3Lanes<F>& v) {
+FT_HD_INLINE F transformed(const float* m, int axis, const Vec3Lanes<F>& v) {
   return splat<F>(m[axis]) * v.x + splat<F>(m[3 + axis]) * v.y + splat<F>(m[6 + axis]) * v.z;
 }
 
@@ -151,12 +151,12 @@ inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, 
 }
 
 template <class F>
-FT_HD inline Vec3Lanes<F> load_points(const ReceiverBatch& r, size_t i) {
+FT_HD_INLINE Vec3Lanes<F> load_points(const ReceiverBatch& r, size_t i) {
   return {load_lanes<F>(&r.px[i]), load_lanes<F>(&r.py[i]), load_lanes<F>(&r.pz[i])};
 }
 
 template <class F>
-FT_HD inline void raise_flags(Mask_t<F> raised, int32_t* flags) {
+FT_HD_INLINE void raise_flags(Mask_t<F> raised, int32_t* flags) {
   const Int_t<F> old = load_int_lanes<F>(flags);
   store_lanes(old | select(raised, splat_int<F>(1), splat_int<F>(0)), flags);
 }
@@ -175,16 +175,16 @@ inline void hull_meets_ball_batch(const SegmentTask& task, const ReceiverBatch& 
                             transformed(m, 2, world) + splat<F>(m[11])};
     const Vec3Lanes<F> axis = {transformed(m, 0, to_light), transformed(m, 1, to_light), transformed(m, 2, to_light)};
     const F length_squared = max(dot(axis, axis), splat<F>(1e-30f));
-    // The hull within the ball's reach of the axis point nearest to the ball's centre is no wider than at the far end of
-    // that reach: t + (1 + radius) / length.
+    // The hull within the ball's reach of the axis point nearest to the ball's centre is no wider than at the far end
+    // of that reach: t + (1 + radius) / length.
     const F length = sqrt(length_squared);
     const F t = (zero - dot(p, axis)) / length_squared;
     const F t_near = min(max(t, zero), one);
     const F t_far = min(max(t + (one + radius) / length, zero), one);
     const Vec3Lanes<F> gap = p + axis * t_near;
     // A few thousandths cover the rounding of this test many times over.
-    const F reach = (one + radius * t_far) * splat<F>(1.0f + 0x1p-9f) +
-                    (abs(p.x) + abs(p.y) + abs(p.z)) * splat<F>(0x1p-20f);
+    const F reach =
+        (one + radius * t_far) * splat<F>(1.0f + 0x1p-9f) + (abs(p.x) + abs(p.y) + abs(p.z)) * splat<F>(0x1p-20f);
     raise_flags<F>(dot(gap, gap) <= reach * reach, flags + i);
   }
 }

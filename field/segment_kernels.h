@@ -1,9 +1,8 @@
 // Batch loops over segment queries, one table of functions per instruction set.
 //
-// A batch of rays is shown to one candidate object after another; what they say is combined per ray in RayStates. Ranges
-// [begin, end) are multiples of 16 rays, or the batch's padded size.
-// Thread-safety: the kernels are pure apart from what they write. Memory layout: ray arrays as in core/rays.h; states are
-// padded and aligned likewise.
+// A batch of rays is shown to one candidate object after another; what they say is combined per ray in RayStates.
+// Ranges [begin, end) are multiples of 16 rays, or the batch's padded size. Thread-safety: the kernels are pure apart
+// from what they write. Memory layout: ray arrays as in core/rays.h; states are padded and aligned likewise.
 #pragma once
 
 #include <cstdint>
@@ -41,18 +40,18 @@ struct RayStates {
 struct SegmentTask {
   FieldView field;
   QueryPolicy policy;
-  float to_unit[12];            // world -> unit space of the object, 3 x 4, column-major
-  float to_unit_stretch = 0.0f; // bound on the length of to_unit's image of a unit vector
-  uint32_t instance = 0;        // rays whose receiver lies on this instance are `own`
+  float to_unit[12];             // world -> unit space of the object, 3 x 4, column-major
+  float to_unit_stretch = 0.0f;  // bound on the length of to_unit's image of a unit vector
+  uint32_t instance = 0;         // rays whose receiver lies on this instance are `own`
 };
 
 // An object without a field: its bounds decide which rays must be traced.
 struct BoxTask {
-  float to_object[12];          // world -> object space, 3 x 4, column-major
+  float to_object[12];  // world -> object space, 3 x 4, column-major
   float to_object_stretch = 0.0f;
-  float lower[3], upper[3];     // object space
+  float lower[3], upper[3];  // object space
   uint32_t instance = 0;
-  bool skip_own = false;        // flat objects cannot block rays that leave them
+  bool skip_own = false;  // flat objects cannot block rays that leave them
 };
 
 struct SegmentCounts {
@@ -69,15 +68,16 @@ struct ExactLists {
 
 struct SegmentKernels {
   // Adds what the field of `task` says of rays [begin, end).
-  SegmentCounts (*query)(const SegmentTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin, size_t end,
-                         int32_t candidate_slot, RayStates&);
+  SegmentCounts (*query)(const SegmentTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
+                         size_t end, int32_t candidate_slot, RayStates&);
   // Every ray that meets the ball asks, whatever the field says: for exact rendering.
   SegmentCounts (*cross_ball)(const SegmentTask&, const RayBatch&, size_t begin, size_t end, int32_t candidate_slot,
                               RayStates&);
   // The same for the bounding box of an object without a field.
-  SegmentCounts (*cross_box)(const BoxTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin, size_t end,
-                             int32_t candidate_slot, RayStates&);
-  // flags[r] |= 1 where the hull of receiver r and a sphere about the light meets the object's ball or box. Conservative.
+  SegmentCounts (*cross_box)(const BoxTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
+                             size_t end, int32_t candidate_slot, RayStates&);
+  // flags[r] |= 1 where the hull of receiver r and a sphere about the light meets the object's ball or box.
+  // Conservative.
   void (*hull_meets_ball)(const SegmentTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
   void (*hull_meets_box)(const BoxTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
   // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.

@@ -15,7 +15,7 @@
 #include "core/accel.h"
 #include "core/camera.h"
 #include "hybrid/aovs.h"
-#include "hybrid/scene_answerer.h"
+#include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
 #include "hybrid/transport.h"
 
@@ -229,7 +229,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const CameraSampler camera(scene.camera, scene.film);
     const FieldSet fields = make_fields(scene, options);
     const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};
-    const SceneAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
+    const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
     const TransportContext context(scene, accel, camera, answerer, settings);
 
     result.image = make_image(window, aovs);
