@@ -75,6 +75,20 @@ TEST(Transport, SphereLightHasItsFormFactor) {
   EXPECT_NEAR(mean(render(maker.scene, options_for(16, 16)).image), expected, 1e-4 * expected);
 }
 
+// A longer path finds the light again by chance; that emission has been counted by the light samples already.
+TEST(Transport, LongerPathsCountLightsOnce) {
+  for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::disk}) {
+    SceneMaker maker = plane_seen_from_above(0.5f);
+    const uint32_t black = maker.bsdf(BsdfKind::diffuse, Rgb(0.0f));
+    const Affine down(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1), Vec3(0, 0, 2));
+    maker.area_light(maker.instance(maker.shape(kind), black, down), Rgb(3.0f));
+    maker.scene.integrator.max_depth = 4;
+    // sin^2 of the light's half angle: 1 / 4 for the sphere, 1 / 5 for the disk.
+    const double expected = k_albedo * 3.0 * (kind == ShapeKind::sphere ? 0.25 : 0.2);
+    EXPECT_NEAR(mean(render(maker.scene, options_for(64, 4)).image), expected, 3e-3 * expected) << int(kind);
+  }
+}
+
 TEST(Transport, RectangleAndDiskLightsHaveTheirFormFactors) {
   // Facing downwards at height 1 (the rectangle [-1, 1]^2, the disk of radius 1).
   const Affine down(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1), Vec3(0, 0, 1));
