@@ -43,53 +43,101 @@ FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, 
   store_lanes(select(asks, splat_int<F>(candidate_slot), asker), &states.asker[i]);
 }
 
+// Blocks of 16 rays that go through the steps of a query together: enough that the processor overlaps the long chain of
+// one vector's arithmetic with its neighbours', few enough for the first-level cache.
+constexpr size_t k_blocks_at_once = 16;
+
+// Segments of the vectors that meet the ball, between the steps.
+template <class F>
+struct QueryScratch {
+  static constexpr int k_vectors = int(k_blocks_at_once * k_block) / Lanes<F>::k_count;
+  UnitSegment<F> segment[k_vectors];
+  Mask_t<F> wanted[k_vectors];
+  LineView<F> line[k_vectors];
+  SegmentVerdict<F> result[k_vectors];
+  int active[k_vectors];  // vectors with something to do, `count` of them
+};
+
+// Adds the verdicts of one block of rays to its states, or puts the block aside if it met cells that are not baked.
+template <class F>
+inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t candidate_slot, RayStates& states,
+                         SegmentCounts& counts) {
+  constexpr int k_vectors = int(k_block) / Lanes<F>::k_count;
+  bool crossed = false, unknown = false;
+  for (int part = 0; part < k_vectors; ++part) {
+    const Int_t<F> verdict = results[part].verdict;
+    crossed = crossed || any(!(verdict == splat_int<F>(k_verdict_none)));
+    unknown = unknown || any(verdict > splat_int<F>(k_verdict_ask));
+    if (states.keep_verdicts) store_lanes(verdict, &states.verdict[block + size_t(part * Lanes<F>::k_count)]);
+  }
+  if (!crossed) return;
+  if (unknown) {
+    states.unknown_blocks.push_back(uint32_t(block));
+    for (int part = 0; part < k_vectors; ++part) {
+      alignas(64) int32_t slices[Lanes<F>::k_count];
+      const auto append = [&](int verdict, std::vector<uint32_t>& list) {
+        const int n = compress_store(results[part].slice, results[part].verdict == splat_int<F>(verdict), slices);
+        list.insert(list.end(), slices, slices + n);
+      };
+      append(k_verdict_unknown_visibility, states.unknown_visibility);
+      append(k_verdict_unknown_depth, states.unknown_depth);
+    }
+    return;
+  }
+  for (int part = 0; part < k_vectors; ++part) {
+    const Int_t<F> verdict = results[part].verdict;
+    const Mask_t<F> crosses = !(verdict == splat_int<F>(k_verdict_none));
+    counts.crossings += size_t(count_true(crosses));
+    update_states<F>(states, block + size_t(part * Lanes<F>::k_count), crosses,
+                     verdict == splat_int<F>(k_verdict_blocked), verdict == splat_int<F>(k_verdict_ask),
+                     candidate_slot);
+  }
+}
+
 template <class F>
 inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
                                  size_t begin, size_t end, int32_t candidate_slot, RayStates& states) {
   SegmentCounts counts;
-  constexpr int k_vectors = int(k_block) / Lanes<F>::k_count;
+  constexpr size_t k_count = size_t(Lanes<F>::k_count);
   const Uint_t<F> instance = splat_uint<F>(task.instance);
-  for (size_t block = begin; block < end; block += k_block) {
-    SegmentVerdict<F> results[k_vectors];
-    bool crossed = false, unknown = false;
-    for (int part = 0; part < k_vectors; ++part) {
-      const size_t i = block + size_t(part * Lanes<F>::k_count);
+  QueryScratch<F> s;
+  for (size_t first = begin; first < end; first += k_blocks_at_once * k_block) {
+    const size_t last = end - first < k_blocks_at_once * k_block ? end : first + k_blocks_at_once * k_block;
+    const int vectors = int((last - first) / k_count);
+    int active = 0;
+    for (int v = 0; v < vectors; ++v) {
+      const size_t i = first + size_t(v) * k_count;
       const RayLanes<F> r = load_rays<F>(rays, i);
-      const UnitSegment<F> segment = segment_in_unit_space(task.to_unit, r.o, r.d, r.tmax);
-      results[part].verdict = splat_int<F>(k_verdict_none);
-      if (!any(segment.crosses)) continue;
-      crossed = true;
-      const Mask_t<F> own = load_uint_lanes<F>(receiver_instance + i) == instance;
-      results[part] = query_segment(task.field, task.policy, segment, own);
-      unknown = unknown || any(results[part].verdict > splat_int<F>(k_verdict_ask));
-      counts.lookups += size_t(sum_of(results[part].lookups));
+      s.segment[v] = segment_in_unit_space(task.to_unit, r.o, r.d, r.tmax);
+      s.wanted[v] = line_wanted(s.segment[v], load_uint_lanes<F>(receiver_instance + i) == instance);
+      s.result[v].verdict = splat_int<F>(k_verdict_none);
+      s.active[active] = v;
+      active += any(s.segment[v].crosses);
     }
-    if (states.keep_verdicts) {
-      for (int part = 0; part < k_vectors; ++part) {
-        store_lanes(results[part].verdict, &states.verdict[block + size_t(part * Lanes<F>::k_count)]);
-      }
+    for (int a = 0; a < active; ++a) {
+      const int v = s.active[a];
+      // A vector that wants no line has an empty `wanted`, which is then what the line says too.
+      s.line[v] = {s.wanted[v], s.wanted[v], s.wanted[v], splat_int<F>(0)};
+      if (any(s.wanted[v])) s.line[v] = look_up_line(task.field, task.policy, s.segment[v]);
     }
-    if (!crossed) continue;
-    if (unknown) {
-      states.unknown_blocks.push_back(uint32_t(block));
-      for (int part = 0; part < k_vectors; ++part) {
-        alignas(64) int32_t slices[Lanes<F>::k_count];
-        const auto append = [&](int verdict, std::vector<uint32_t>& list) {
-          const int n = compress_store(results[part].slice, results[part].verdict == splat_int<F>(verdict), slices);
-          list.insert(list.end(), slices, slices + n);
-        };
-        append(k_verdict_unknown_visibility, states.unknown_visibility);
-        append(k_verdict_unknown_depth, states.unknown_depth);
-      }
-      continue;
+    int deep = 0;
+    for (int a = 0; a < active; ++a) {
+      const int v = s.active[a];
+      const LineAnswer<F> answer = answer_by_line(s.segment[v], s.wanted[v], s.line[v]);
+      s.result[v] = answer.verdict;
+      s.wanted[v] = answer.depth_wanted;
+      counts.lookups += size_t(sum_of(answer.verdict.lookups));
+      s.active[deep] = v;
+      deep += any(answer.depth_wanted);
     }
-    for (int part = 0; part < k_vectors; ++part) {
-      const Int_t<F> verdict = results[part].verdict;
-      const Mask_t<F> crosses = !(verdict == splat_int<F>(k_verdict_none));
-      counts.crossings += size_t(count_true(crosses));
-      update_states<F>(states, block + size_t(part * Lanes<F>::k_count), crosses,
-                       verdict == splat_int<F>(k_verdict_blocked), verdict == splat_int<F>(k_verdict_ask),
-                       candidate_slot);
+    for (int a = 0; a < deep; ++a) {
+      const int v = s.active[a];
+      counts.lookups -= size_t(sum_of(s.result[v].lookups));
+      answer_by_depth(task.field, task.policy, s.segment[v], s.wanted[v], s.result[v]);
+      counts.lookups += size_t(sum_of(s.result[v].lookups));
+    }
+    for (size_t block = first; block < last; block += k_block) {
+      finish_block(&s.result[(block - first) / k_count], block, candidate_slot, states, counts);
     }
   }
   return counts;
