@@ -246,7 +246,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
               interrupted = true;
               return;
             }
-            render_tile(job, tiles[i], workers.local());
+            // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
+            tbb::this_task_arena::isolate([&] { render_tile(job, tiles[i], workers.local()); });
             progress.tile_done();
           }
         },
