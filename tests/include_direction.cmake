@@ -1,0 +1,1 @@
+fieldtrace_test(include_direction_test LABELS quick)

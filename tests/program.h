@@ -1,0 +1,82 @@
+// Runs the built program as a user would: its own process, files and exit code.
+//
+// Thread-safety: one thread at a time.
+#pragma once
+
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace fieldtrace::test {
+
+inline std::string read_text(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return std::string(std::istreambuf_iterator<char>(in), {});
+}
+
+struct Outcome {
+  int code = -1;  // exit code; 128 + signal if one ended the program
+  std::string out, err;
+};
+
+class Program {
+ public:
+  // Starts the program in `folder`, which also receives what it prints (in files that begin with a dot).
+  Program(const std::filesystem::path& folder, const std::vector<std::string>& arguments) : folder_(folder) {
+    std::vector<char*> argv;
+    static std::string name = FIELDTRACE_PROGRAM;
+    argv.push_back(name.data());
+    for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
+    argv.push_back(nullptr);
+    const std::string out = (folder / ".out").string(), err = (folder / ".err").string();
+    child_ = fork();
+    if (child_ == 0) {
+      if (chdir(folder.c_str()) != 0 || !freopen(out.c_str(), "w", stdout) || !freopen(err.c_str(), "w", stderr)) {
+        _exit(126);
+      }
+      execv(argv[0], argv.data());
+      _exit(127);
+    }
+  }
+
+  Outcome wait() {
+    int status = 0;
+    waitpid(child_, &status, 0);
+    Outcome outcome;
+    outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    outcome.out = read_text(folder_ / ".out");
+    outcome.err = read_text(folder_ / ".err");
+    return outcome;
+  }
+
+  // Waits until the program handles SIGINT itself, then sends it. False if that does not happen within 20 s.
+  bool interrupt() const {
+    for (int i = 0; i < 2000; ++i) {
+      std::istringstream lines(read_text("/proc/" + std::to_string(child_) + "/status"));
+      std::string word;
+      while (lines >> word) {
+        if (word != "SigCgt:") continue;
+        lines >> word;
+        const uint64_t caught = std::stoull(word, nullptr, 16);
+        if ((caught >> (SIGINT - 1)) & 1) return kill(child_, SIGINT) == 0;
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    return false;
+  }
+
+ private:
+  std::filesystem::path folder_;
+  pid_t child_ = -1;
+};
+
+}  // namespace fieldtrace::test

@@ -1,0 +1,1 @@
+fieldtrace_test(tradeoff_test LABELS quick)

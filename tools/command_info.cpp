@@ -1,0 +1,123 @@
+// `fieldtrace info`: what is in a scene, a mesh, an image or a field.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <filesystem>
+
+#include "core/image.h"
+#include "core/mesh_io.h"
+#include "tools/command.h"
+#include "tools/options.h"
+#include "tools/progress.h"
+
+namespace fieldtrace {
+
+namespace {
+
+std::string vector_text(const Vec3& v) { return fmt::format("({:.6g}, {:.6g}, {:.6g})", v.x, v.y, v.z); }
+
+std::string bounds_text(const Bounds3& b) {
+  return b.empty() ? "empty" : vector_text(b.lower) + " to " + vector_text(b.upper);
+}
+
+void print_mesh(const std::string& path) {
+  ProgressLine progress(false);
+  const TriangleMesh mesh = load_mesh(path, {}, print_warnings(progress));
+  fmt::print("mesh       {}\nvertices   {}\ntriangles  {}\nnormals    {}\ntexcoords  {}\nbounds     {}\n", path,
+             mesh.positions.size(), mesh.triangles.size(), mesh.normals.empty() ? "no" : "yes",
+             mesh.texcoords.empty() ? "no" : "yes", bounds_text(mesh.bounds()));
+}
+
+void print_image(const std::string& path) {
+  const Image image = read_image(path);
+  fmt::print("image      {}\nsize       {}x{}\n", path, image.width, image.height);
+  for (size_t c = 0; c < image.channel_count(); ++c) {
+    double sum = 0.0;
+    float least = k_infinity, most = -k_infinity;
+    uint64_t not_finite = 0;
+    for (size_t i = c; i < image.data.size(); i += image.channel_count()) {
+      const float v = image.data[i];
+      if (!std::isfinite(v)) {
+        ++not_finite;
+        continue;
+      }
+      sum += v;
+      least = std::min(least, v);
+      most = std::max(most, v);
+    }
+    const uint64_t finite = image.data.size() / image.channel_count() - not_finite;
+    fmt::print("channel    {}: ", image.channels[c]);
+    if (finite > 0) fmt::print("{:.6g} to {:.6g}, mean {:.6g}", least, most, sum / double(finite));
+    fmt::print("{}\n", not_finite > 0 ? fmt::format(" ({} values not finite)", not_finite) : "");
+  }
+}
+
+const char* kind_text(EmitterKind kind) {
+  switch (kind) {
+    case EmitterKind::area:
+      return "area";
+    case EmitterKind::constant:
+      return "constant";
+    case EmitterKind::point:
+      return "point";
+    case EmitterKind::directional:
+      return "directional";
+  }
+  return "";
+}
+
+void print_scene(const SceneArguments& arguments) {
+  ProgressLine progress(false);
+  const Scene scene = load_scene(arguments, progress);
+  const Film& film = scene.film;
+  fmt::print("scene      {}\nfilm       {}x{}", arguments.path, film.width, film.height);
+  if (film.crop.width != film.width || film.crop.height != film.height) {
+    fmt::print(", crop {},{},{},{}", film.crop.x, film.crop.y, film.crop.width, film.crop.height);
+  }
+  fmt::print("\nsamples    {}, seed {}\ndepth      {}\ntriangles  {} over {} instances of {} shapes\n",
+             scene.sample_count, scene.seed, scene.integrator.max_depth, scene.triangle_count(), scene.instances.size(),
+             scene.shapes.size());
+  fmt::print("bounds     {}\n", bounds_text(scene.world_bounds()));
+  if (scene.origin != DVec3(0.0)) {
+    fmt::print("origin     ({:.9g}, {:.9g}, {:.9g})\n", scene.origin.x, scene.origin.y, scene.origin.z);
+  }
+  std::vector<size_t> uses(scene.shapes.size(), 0);
+  for (const Instance& instance : scene.instances) ++uses[instance.shape];
+  for (size_t s = 0; s < scene.shapes.size(); ++s) {
+    fmt::print("shape      {}: {} triangles, {} instance{}\n", scene.shapes[s].name, scene.shapes[s].triangle_count(),
+               uses[s], uses[s] == 1 ? "" : "s");
+  }
+  for (const Emitter& emitter : scene.emitters) {
+    fmt::print("light      {} {}\n", kind_text(emitter.kind), vector_text(emitter.value));
+  }
+}
+
+int run_info(const SceneArguments& arguments) {
+  std::string ending = std::filesystem::path(arguments.path).extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  if (ending == ".vdb") throw not_available_yet("info of a field");
+  if (ending == ".xml") {
+    print_scene(arguments);
+  } else if (ending == ".obj" || ending == ".ply") {
+    print_mesh(arguments.path);
+  } else {
+    print_image(arguments.path);
+  }
+  return k_exit_success;
+}
+
+}  // namespace
+
+void add_info_command(CommandLine& line) {
+  const auto arguments = std::make_shared<SceneArguments>();
+  CLI::App& command = *line.app.add_subcommand("info", "Say what is in a scene, a mesh, an image or a field");
+  command.add_option("file", arguments->path, "Scene (.xml), mesh (.obj, .ply), field (.vdb) or image")
+      ->required()
+      ->type_name("FILE");
+  add_scene_reading_options(command, *arguments);
+  command.callback([arguments, &line] { line.action = [arguments] { return run_info(*arguments); }; });
+}
+
+}  // namespace fieldtrace

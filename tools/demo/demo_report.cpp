@@ -1,0 +1,169 @@
+// The demo: one scene by both methods, their pictures and one table. Run by tools/demo.sh.
+//
+// usage: fieldtrace_demo SCENE.xml -o DIR [-D name=value] [--reference-spp N]
+// DIR receives the reference (rendered once for a scene and kept), the pictures and demo.csv.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "core/atomic_file.h"
+#include "hybrid/tradeoff.h"
+#include "tools/command.h"
+#include "tools/interrupt.h"
+#include "tools/options.h"
+#include "tools/progress.h"
+
+namespace fieldtrace {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct DemoArguments {
+  SceneArguments scene;
+  std::string folder;
+  int reference_spp = 4096;
+};
+
+// Tells whether a kept reference belongs to this scene: FNV-1a (Fowler, Noll, Vo) over the scene file, what was loaded
+// and how it is rendered.
+std::string fingerprint(const DemoArguments& arguments, const Scene& scene) {
+  std::ostringstream text;
+  text << std::ifstream(arguments.scene.path, std::ios::binary).rdbuf();
+  const Bounds3 b = scene.world_bounds();
+  text << fmt::format("{} {} {}x{} {} {} {} {} {} {} {}", FIELDTRACE_VERSION, arguments.reference_spp, scene.film.width,
+                      scene.film.height, scene.triangle_count(), b.lower.x, b.lower.y, b.lower.z, b.upper.x, b.upper.y,
+                      b.upper.z);
+  uint64_t hash = 0xcbf29ce484222325u;
+  for (const unsigned char c : text.str()) hash = (hash ^ c) * 0x100000001b3u;
+  return fmt::format("{:016x}", hash);
+}
+
+TradeoffPlan make_plan(const Scene& scene, int reference_spp) {
+  TradeoffPlan plan;
+  plan.reference.method = Method::monte_carlo;
+  plan.reference.spp = reference_spp;
+  plan.reference.seed = scene.seed + 1;
+  for (const int spp : {4, 16, 64, 256}) {
+    RenderOptions o;
+    o.method = Method::monte_carlo;
+    o.spp = spp;
+    plan.cases.push_back(o);
+  }
+  for (const int spp : {4, 16, 64}) {
+    RenderOptions o;
+    o.method = Method::hybrid;
+    o.spp = spp;
+    plan.cases.push_back(o);
+  }
+  return plan;
+}
+
+std::string factor(double monte_carlo_seconds, double seconds) {
+  return std::isfinite(monte_carlo_seconds) && seconds > 0 ? fmt::format("{:.2f}x", monte_carlo_seconds / seconds)
+                                                           : std::string("-");
+}
+
+void print_table(const std::vector<TradeoffRow>& rows, double load_seconds) {
+  std::vector<ErrorPoint> monte_carlo;
+  for (const TradeoffRow& row : rows) {
+    if (row.options.method == Method::monte_carlo) monte_carlo.push_back({row.seconds_cold, row.difference.rmse});
+  }
+  fmt::print("{:<12}{:>8}{:>8}{:>8}{:>9}{:>11}{:>8}{:>10}{:>8}{:>20}\n", "method", "samples", "load", "bake", "primary",
+             "secondary", "total", "RMSE", "exact", "speed-up cold/warm");
+  for (const TradeoffRow& row : rows) {
+    const Stats& s = row.cold;
+    const bool hybrid = row.options.method == Method::hybrid;
+    const double equal = seconds_at_error(monte_carlo, row.difference.rmse);
+    fmt::print("{:<12}{:>8}{:>8.2f}{:>8.2f}{:>9.2f}{:>11.2f}{:>8.2f}{:>10.5f}{:>8}{:>20}\n",
+               hybrid ? "hybrid" : "montecarlo", s.spp, load_seconds, s.time_bake, s.time_primary, s.time_secondary,
+               load_seconds + row.seconds_cold, row.difference.rmse,
+               hybrid ? fmt::format("{:.1f} %", 100.0 * s.exact_fraction()) : "100 %",
+               hybrid ? factor(equal, row.seconds_cold) + " / " + factor(equal, row.seconds_warm) : "-");
+  }
+  fmt::print(
+      "\nSeconds are wall time. Exact: share of the shadow rays near an object that Embree answered. Speed-up: time "
+      "that\n"
+      "Monte Carlo needs for the same RMSE / time of the hybrid, loading left out; cold with the bake, warm with the\n"
+      "fields of an earlier render.\n");
+}
+
+void write_pictures(const fs::path& folder, const TradeoffRow& row, const Image& image) {
+  const std::string name =
+      fmt::format("{}-{}", row.options.method == Method::hybrid ? "hybrid" : "montecarlo", row.options.spp);
+  write_image((folder / (name + ".exr")).string(), image);
+  write_image((folder / (name + ".png")).string(), image);
+}
+
+int run_demo(const DemoArguments& arguments) {
+  const fs::path folder = arguments.folder;
+  std::error_code failed;
+  fs::create_directories(folder, failed);
+  if (failed) throw Error({arguments.folder}, "the folder cannot be made: " + failed.message());
+  require_writable((folder / "demo.csv").string());
+
+  ProgressLine progress(true);
+  const auto start = std::chrono::steady_clock::now();
+  const Scene scene = load_scene(arguments.scene, progress);
+  const double load_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const TradeoffPlan plan = make_plan(scene, arguments.reference_spp);
+
+  TradeoffCallbacks callbacks;
+  callbacks.render.stop = &stop_on_interrupt();
+  callbacks.render.warning = print_warnings(progress);
+  callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
+
+  // Rendered first and kept at once, so that an interrupted demo does not lose its longest part.
+  const std::string reference_path = (folder / fmt::format("reference-{}.exr", fingerprint(arguments, scene))).string();
+  Image reference;
+  if (fs::exists(reference_path)) {
+    reference = read_image(reference_path);
+  } else {
+    const TradeoffPlan reference_only = {plan.reference, {}};
+    if (!run_tradeoff(scene, reference_only, arguments.folder, reference, callbacks)) return k_exit_interrupted;
+    ImageWriteOptions options;
+    options.half = false;
+    write_image(reference_path, reference, options);
+    write_image((folder / "reference.png").string(), reference);
+  }
+
+  progress.restart();
+  std::vector<TradeoffRow> rows;
+  callbacks.row = [&](const TradeoffRow& row, const Image& image) {
+    rows.push_back(row);
+    write_pictures(folder, row, image);
+  };
+  const bool complete = run_tradeoff(scene, plan, arguments.folder, reference, callbacks);
+  progress.clear();
+  std::string csv = tradeoff_csv_header() + "\n";
+  for (const TradeoffRow& row : rows) csv += tradeoff_csv_row(row) + "\n";
+  write_text_file((folder / "demo.csv").string(), csv);
+  print_table(rows, load_seconds);
+  return complete ? k_exit_success : k_exit_interrupted;
+}
+
+}  // namespace
+
+}  // namespace fieldtrace
+
+int main(int argc, char** argv) {
+  using namespace fieldtrace;
+  DemoArguments arguments;
+  CLI::App app("One scene by both methods: pictures and a table");
+  add_scene_options(app, arguments.scene);
+  app.add_option("-o", arguments.folder, "Folder to write, made if missing")->required()->type_name("DIR");
+  app.add_option("--reference-spp", arguments.reference_spp, "Samples of the reference (default: 4096)")
+      ->check(whole_number_between(1, 1 << 20))
+      ->type_name("N");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    return run_demo(arguments);
+  } catch (const std::exception& e) {
+    fmt::print(stderr, "fieldtrace_demo: {}\n", e.what());
+    return k_exit_input;
+  }
+}

@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# Installs the Debian packages that Fieldtrace needs: only those that are missing, with sudo if need be.
+set -euo pipefail
+
+packages=(
+  g++ cmake ninja-build pkg-config ccache
+  libembree-dev libtbb-dev libglm-dev libfmt-dev libhwy-dev libpugixml-dev libtinyobjloader-dev
+  libopenimageio-dev libopenexr-dev openimageio-tools
+  libopenvdb-dev libnanovdb-dev libboost-iostreams-dev libblosc-dev libopenvdb-tools
+  libcli11-dev nlohmann-json3-dev libgtest-dev libbenchmark-dev
+  glmark2-data python3 python3-venv clang-format
+)
+
+if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
+  echo "install_packages: this system has no apt; install the equivalents of: ${packages[*]}" >&2
+  exit 1
+fi
+
+missing=()
+for package in "${packages[@]}"; do
+  state=$(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null || true)
+  [[ $state == installed ]] || missing+=("$package")
+done
+if [[ ${#missing[@]} -eq 0 ]]; then
+  echo "install_packages: everything is installed"
+  exit 0
+fi
+
+as_root=()
+if [[ $(id -u) -ne 0 ]]; then
+  if ! command -v sudo >/dev/null; then
+    echo "install_packages: needs root to install: ${missing[*]}" >&2
+    echo "install_packages: run as root: apt-get install ${missing[*]}" >&2
+    exit 1
+  fi
+  as_root=(sudo)
+fi
+
+echo "install_packages: installing ${missing[*]}"
+# `env` carries the setting through sudo. Lists that are out of date show as failing downloads, hence the update.
+if ! { "${as_root[@]}" apt-get update -q &&
+       "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+         apt-get install -q -y --no-install-recommends "${missing[@]}"; }; then
+  echo "install_packages: apt-get failed; install by hand: ${missing[*]}" >&2
+  exit 1
+fi

@@ -1,0 +1,215 @@
+#include "tools/options.h"
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <optional>
+
+#include "core/scene_xml.h"
+#include "tools/command.h"
+#include "tools/progress.h"
+
+namespace fieldtrace {
+
+namespace {
+
+// Chosen so that products with the pixels of a large film stay far below 2^63.
+constexpr int k_max_samples = 1 << 20;
+constexpr int k_max_threads = 4096;
+
+template <class T>
+std::optional<T> whole_parse(const std::string& text) {
+  T value{};
+  const char* end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc() || stop != end) return std::nullopt;
+  return value;
+}
+
+CLI::Validator one_of(std::vector<std::string> values) {
+  const std::string list = fmt::format("{}", fmt::join(values, ", "));
+  return CLI::Validator(
+      [values, list](std::string& text) {
+        for (const std::string& value : values) {
+          if (text == value) return std::string();
+        }
+        return fmt::format("'{}' is not one of {}", text, list);
+      },
+      "{" + list + "}");
+}
+
+}  // namespace
+
+CLI::Validator number_between(double least, double most) {
+  return CLI::Validator(
+      [=](std::string& text) {
+        const auto value = whole_parse<double>(text);
+        // Written so that NaN, which compares false with everything, is refused.
+        if (value && *value >= least && *value <= most) return std::string();
+        return fmt::format("'{}' is not a number between {} and {}", text, least, most);
+      },
+      fmt::format("in [{}, {}]", least, most));
+}
+
+CLI::Validator whole_number_between(int64_t least, int64_t most) {
+  return CLI::Validator(
+      [=](std::string& text) {
+        const auto value = whole_parse<int64_t>(text);
+        if (value && *value >= least && *value <= most) return std::string();
+        return fmt::format("'{}' is not a whole number between {} and {}", text, least, most);
+      },
+      fmt::format("in [{}, {}]", least, most));
+}
+
+CLI::Validator field_directions() { return one_of({"32", "64", "128", "256"}); }
+CLI::Validator field_plane() { return one_of({"64", "128", "256", "512"}); }
+CLI::Validator thread_count() { return whole_number_between(0, k_max_threads); }
+
+void add_scene_reading_options(CLI::App& command, SceneArguments& arguments) {
+  command.add_option("-D", arguments.definitions, "Value for $name in the scene file; may be repeated")
+      ->type_name("name=value")
+      ->allow_extra_args(false);
+  command.add_flag("--strict", arguments.strict, "Treat what the scene loader would warn about as an error");
+}
+
+void add_scene_options(CLI::App& command, SceneArguments& arguments) {
+  command.add_option("scene", arguments.path, "Scene file (Mitsuba 3 XML subset)")->required()->type_name("SCENE.xml");
+  add_scene_reading_options(command, arguments);
+}
+
+WarningSink print_warnings(ProgressLine& progress) {
+  return [&progress](const std::string& message) {
+    progress.clear();
+    fmt::print(stderr, "fieldtrace: warning: {}\n", message);
+  };
+}
+
+Scene load_scene(const SceneArguments& arguments, ProgressLine& progress) {
+  SceneLoadOptions options;
+  for (const std::string& definition : arguments.definitions) {
+    const size_t equals = definition.find('=');
+    if (equals == 0 || equals == std::string::npos) {
+      throw UsageError("-D " + definition + ": write -D name=value");
+    }
+    options.parameters[definition.substr(0, equals)] = definition.substr(equals + 1);
+  }
+  options.strict = arguments.strict;
+  options.warning = print_warnings(progress);
+  return load_scene(arguments.path, options);
+}
+
+void add_render_options(CLI::App& command, RenderOptions& options) {
+  static const std::map<std::string, Method> methods = {{"hybrid", Method::hybrid},
+                                                        {"montecarlo", Method::monte_carlo}};
+  static const std::map<std::string, Isa> isas = {{"auto", Isa::automatic},
+                                                  {"scalar", Isa::scalar},
+                                                  {"sse4", Isa::sse4},
+                                                  {"avx2", Isa::avx2},
+                                                  {"avx512", Isa::avx512}};
+  static const std::vector<std::string> aovs = {"albedo",     "normal", "depth", "position",
+                                                "visibility", "exact",  "object"};
+  const auto whole = [&](const char* name, int& target, int64_t least, int64_t most, const char* help) {
+    command.add_option(name, target, help)->check(whole_number_between(least, most))->type_name("N");
+  };
+
+  command
+      .add_option_function<std::string>(
+          "--method", [&options](const std::string& name) { options.method = methods.at(name); },
+          "How secondary rays are answered (default: hybrid)")
+      ->check(one_of({"hybrid", "montecarlo"}))
+      ->type_name("");
+  whole("--spp", options.spp, 1, k_max_samples, "Camera samples a pixel (default: the scene's)");
+  whole("--light-samples", options.light_samples, 1, k_max_samples, "Shadow rays per light and hit (default: 1)");
+  whole("--lobe-samples", options.lobe_samples, 1, k_max_samples, "Rays per glossy hit (default: 1)");
+  command
+      .add_option_function<uint32_t>(
+          "--seed", [&options](const uint32_t& seed) { options.seed = seed; }, "Random seed (default: the scene's)")
+      ->check(whole_number_between(0, std::numeric_limits<uint32_t>::max()))
+      ->type_name("S");
+  command
+      .add_option("--tolerance", options.tolerance, "From 0 (every ray exact) to 1 (every cell answers) (default: 0.1)")
+      ->check(number_between(0.0, 1.0))
+      ->type_name("T");
+  command.add_option("--directions", options.directions, "Direction cells D of a field (default: from the scene)")
+      ->check(field_directions())
+      ->type_name("D");
+  command.add_option("--plane", options.plane, "Plane cells N of a field (default: from the scene)")
+      ->check(field_plane())
+      ->type_name("N");
+  command
+      .add_option_function<std::string>(
+          "--chart",
+          [](const std::string& name) {
+            if (name == "thesis") throw not_available_yet("--chart thesis");
+          },
+          "How rays are cut into cells (default: orthographic)")
+      ->check(one_of({"orthographic", "thesis"}))
+      ->type_name("");
+  command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
+      ->type_name("DIR");
+  command.add_option("--threads", options.threads, "Threads (default: 0, all)")->check(thread_count())->type_name("N");
+  command
+      .add_option_function<std::string>(
+          "--isa", [&options](const std::string& name) { options.isa = isas.at(name); },
+          "Instruction set of the look-ups (default: auto)")
+      ->check(one_of({"auto", "scalar", "sse4", "avx2", "avx512"}))
+      ->type_name("");
+  command
+      .add_option_function<std::string>(
+          "--device",
+          [](const std::string& name) {
+            if (name == "cuda") throw not_available_yet("--device cuda");
+          },
+          "Machine that answers secondary rays (default: cpu)")
+      ->check(one_of({"cpu", "cuda"}))
+      ->type_name("");
+  command.add_flag("--check", options.check, "Trace an exact ray beside every certified answer, count the wrong ones");
+  command.add_option("--aov", options.aovs, "Further layers of the EXR, separated by commas")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check([](const std::string& name) {
+        if (std::find(aovs.begin(), aovs.end(), name) != aovs.end()) return std::string();
+        return fmt::format("'{}' is not available yet; there are {}", name, fmt::join(aovs, ", "));
+      })
+      ->type_name("LIST");
+  command
+      .add_option_function<int>(
+          "--max-depth", [&options](const int& depth) { options.max_depth = depth; },
+          "Longest path, -1 for no limit, 1: emission only, 2: direct light (default: the scene's)")
+      ->check(whole_number_between(-1, 1 << 16))
+      ->type_name("N");
+}
+
+Rect parse_crop(const std::string& text, const Film& film) {
+  Rect crop;
+  int* const fields[4] = {&crop.x, &crop.y, &crop.width, &crop.height};
+  size_t begin = 0;
+  for (int i = 0; i < 4; ++i) {
+    const size_t end = i < 3 ? text.find(',', begin) : text.size();
+    const auto value = end == std::string::npos ? std::nullopt : whole_parse<int>(text.substr(begin, end - begin));
+    if (!value) throw UsageError("--crop " + text + ": write four whole numbers X,Y,W,H");
+    *fields[i] = *value;
+    begin = end + 1;
+  }
+  const Rect& f = film.crop;
+  const bool inside = crop.width > 0 && crop.height > 0 && crop.x >= f.x && crop.y >= f.y &&
+                      int64_t(crop.x) + crop.width <= int64_t(f.x) + f.width &&
+                      int64_t(crop.y) + crop.height <= int64_t(f.y) + f.height;
+  if (!inside) {
+    throw UsageError(
+        fmt::format("--crop {}: not inside the film, which covers {},{},{},{}", text, f.x, f.y, f.width, f.height));
+  }
+  return crop;
+}
+
+uint64_t peak_memory_bytes() {
+  rusage usage{};
+  if (getrusage(RUSAGE_SELF, &usage) != 0) return 0;
+  return uint64_t(usage.ru_maxrss) * 1024;  // Linux counts in units of 1024 bytes
+}
+
+}  // namespace fieldtrace
