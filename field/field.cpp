@@ -100,6 +100,21 @@ uint32_t Field::brick_at(uint32_t direction_brick, uint32_t plane_brick) const {
   return uint32_t(load_shared(pages_[size_t(page) * view().plane_bricks + plane_brick]));
 }
 
+std::vector<BrickPlace> Field::bricks() const {
+  std::vector<BrickPlace> places;
+  const FieldView v = view();
+  for (int d = 0; d < v.direction_bricks * v.direction_bricks; ++d) {
+    const int32_t page = load_shared(top_[d]);
+    if (page == 0) continue;
+    for (int p = 0; p < v.plane_bricks; ++p) {
+      const uint32_t brick = uint32_t(load_shared(pages_[size_t(page) * v.plane_bricks + p]));
+      if (brick == 0) continue;
+      if (const uint32_t mask = finished_mask(brick)) places.push_back({uint32_t(d), uint32_t(p), brick, mask});
+    }
+  }
+  return places;
+}
+
 uint32_t Field::brick_of_slice(uint32_t slice) const {
   const uint32_t plane_bricks = uint32_t(view().plane_bricks);
   return brick_at(slice / plane_bricks / 16, slice % plane_bricks);
