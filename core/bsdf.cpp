@@ -20,8 +20,7 @@ BsdfSample sample_rough_conductor(const Material& material, const Vec3& wi, cons
   if (!(s.wo.z > 0.0f) || !(wi_m > 0.0f)) return s;
   s.pdf = bsdf_pdf(material, wi, s.wo);
   if (!(s.pdf > 0.0f)) return s;
-  s.weight = material.reflectance * fresnel_conductor(wi_m, material.eta, material.k) *
-             material.microfacet.g1(s.wo, m);
+  s.weight = material.reflectance * fresnel_conductor(wi_m, material.eta, material.k) * material.microfacet.g1(s.wo, m);
   return s;
 }
 
@@ -86,8 +85,7 @@ Rgb evaluate_bsdf(const Material& material, const Vec3& wi, const Vec3& wo) {
   const float d = material.microfacet.d(h);
   if (!(d > 0.0f)) return Rgb(0.0f);
   const float g = material.microfacet.g1(wi, h) * material.microfacet.g1(wo, h);
-  return material.reflectance * fresnel_conductor(glm::dot(wi, h), material.eta, material.k) *
-         (d * g / (4.0f * wi.z));
+  return material.reflectance * fresnel_conductor(glm::dot(wi, h), material.eta, material.k) * (d * g / (4.0f * wi.z));
 }
 
 float bsdf_pdf(const Material& material, const Vec3& wi, const Vec3& wo) {

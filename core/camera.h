@@ -24,7 +24,8 @@ struct CameraRay {
 
 class CameraSampler {
  public:
-  // Throws Error for a camera or film that defines no picture (empty film, field of view outside (0, 180) degrees, ...).
+  // Throws Error for a camera or film that defines no picture (empty film, field of view outside (0, 180) degrees,
+  // ...).
   CameraSampler(const Camera& camera, const Film& film);
 
   // A ray through pixel (x, y) of the whole film. u_film and u_lens lie in [0, 1)^2.

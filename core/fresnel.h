@@ -9,8 +9,8 @@
 namespace fieldtrace {
 
 struct DielectricFresnel {
-  float reflectance = 1.0f;        // [0, 1]; 1 under total internal reflection
-  float cos_transmitted = 0.0f;    // signed: opposite to the sign of cos_incident; 0 under total reflection
+  float reflectance = 1.0f;      // [0, 1]; 1 under total internal reflection
+  float cos_transmitted = 0.0f;  // signed: opposite to the sign of cos_incident; 0 under total reflection
   float eta_incident_over_transmitted = 1.0f;
 };
 

@@ -15,7 +15,7 @@
 
 namespace fieldtrace::mesh_grid {
 
-// Bounds memory (about 4 GB of mesh) and keeps indices far from 2^32. Shared by all generators.
+// Bounds memory (about 2 GB of mesh) and keeps indices far from 2^32. Shared by all generators.
 inline constexpr uint64_t k_max_triangles = uint64_t(1) << 26;
 
 struct GridShape {

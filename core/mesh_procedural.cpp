@@ -164,9 +164,10 @@ TriangleMesh make_knot(const KnotParams& params) {
     frames[size_t(i)] = frame_at(i);
     curvature = std::max(curvature, frames[size_t(i)].curvature);
   }
-  require_range("knot", "tube", params.tube, 0.0, 1.0 / curvature);
-  require(params.tube > 0.0f && params.tube * curvature < 1.0,
-          "knot: tube must be above 0 and below the curve's smallest radius of curvature");
+  // Some hundred roundings of a float of the knot's size: a thinner tube would lose its roundness.
+  const double thinnest = 0x1p-16 * (major + minor);
+  require_range("knot", "tube", params.tube, thinnest, 1.0 / curvature);
+  require(params.tube * curvature < 1.0, "knot: tube must be below the curve's smallest radius of curvature");
 
   const double tube = params.tube;
   std::vector<SinCos> ring(size_t(params.around));

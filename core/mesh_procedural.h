@@ -52,7 +52,7 @@ struct KnotParams {
   int p = 2, q = 3;     // [1, 64] and [0, 64], without a common factor (else the curve repeats itself)
   float major = 0.6f;   // [1e-6, 1e6], radius of the torus' core circle
   float minor = 0.27f;  // (0, major), radius of the torus
-  float tube = 0.11f;   // above 0, less than the smallest radius of curvature of the curve
+  float tube = 0.11f;   // at least 2^-16 (major + minor), less than the curve's smallest radius of curvature
   int along = 512;      // [8, 4194304]
   int around = 32;      // [3, 32768]
 };

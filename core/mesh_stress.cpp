@@ -58,6 +58,9 @@ TriangleMesh make_comb(const CombParams& params) {
   require_range("comb", "solid_share", params.solid_share, 1e-4, 1.0);
   require(params.solid_share < 1.0f, "comb: solid_share must be below 1, else the slats touch");
   constexpr double k_half = 0.55;
+  // 32 roundings of a float near 1: both faces of a slat stay apart.
+  require(2.0 * k_half / params.slats * params.solid_share >= 0x1p-19,
+          "comb: the slats are thinner than floats can tell, lower slats or raise solid_share");
   const TriangleMesh cube = make_cube({.half_size = 1.0f});
   const double pitch = 2.0 * k_half / params.slats;
   TriangleMesh mesh;

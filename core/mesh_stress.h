@@ -1,7 +1,7 @@
 // Meshes that are hard for sampled visibility: thin slats, wires, hair, open sheets, holes, slivers. For tests and
 // benchmarks.
 //
-// All lie in object space within the unit sphere, have unit normals and texture coordinates, and are a function of
+// All lie in object space around the origin, with default parameters within the unit sphere. They have unit normals and texture coordinates, and are a function of
 // their parameters alone (random ones of the seed). Every function throws UsageError for a parameter outside its range.
 // Thread-safety: pure functions. Memory layout: see core/mesh.h.
 #pragma once
@@ -12,7 +12,8 @@
 
 namespace fieldtrace {
 
-// Parallel slats (closed boxes) across the y axis within [-0.55, 0.55]^3. 12 * slats triangles.
+// Parallel slats (closed boxes) across the y axis within [-0.55, 0.55]^3, each at least 2^-19 thick (else UsageError).
+// 12 * slats triangles.
 struct CombParams {
   int slats = 24;             // [1, 100000]
   float solid_share = 0.25f;  // [1e-4, 1): thickness of a slat / distance between slats
@@ -51,7 +52,7 @@ struct WavySheetParams {
 TriangleMesh make_wavy_sheet(const WavySheetParams& params = {});
 
 // Unit sphere without the triangles whose centre lies in one of `holes` evenly spread caps: an open surface whose
-// inside shows. At most 2 * around * (along - 1) triangles.
+// inside shows. Vertices within holes stay, unused. At most 2 * around * (along - 1) triangles.
 struct HolySphereParams {
   int holes = 24;                     // [0, 1000]
   float hole_radius_degrees = 12.0f;  // [0, 60]

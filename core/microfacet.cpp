@@ -75,8 +75,7 @@ Vec2 visible_beckmann_slopes(float cos_theta, float sin_theta, const Vec2& u) {
 
 Vec3 sample_visible_ggx(const Vec3& stretched, const Vec2& u) {
   const float length2 = stretched.x * stretched.x + stretched.y * stretched.y;
-  const Vec3 t1 =
-      length2 > 0.0f ? Vec3(-stretched.y, stretched.x, 0.0f) / std::sqrt(length2) : Vec3(1.0f, 0.0f, 0.0f);
+  const Vec3 t1 = length2 > 0.0f ? Vec3(-stretched.y, stretched.x, 0.0f) / std::sqrt(length2) : Vec3(1.0f, 0.0f, 0.0f);
   const Vec3 t2 = glm::cross(stretched, t1);
   const float r = std::sqrt(u.x), phi = 2.0f * k_pi * u.y;
   const float p1 = r * std::cos(phi);

@@ -56,8 +56,8 @@ LocalPoint triangle_point(const Shape& shape, uint32_t primitive, float u, float
   local.normal = local.shading = glm::cross(e1, e2);
   local.query_error = triangle_query_error(e1, e2, p0 - local.position, local.normal);
   if (!mesh.normals.empty()) {
-    const DVec3 n = DVec3(mesh.normals[index.x]) * b0 + DVec3(mesh.normals[index.y]) * b1 +
-                    DVec3(mesh.normals[index.z]) * b2;
+    const DVec3 n =
+        DVec3(mesh.normals[index.x]) * b0 + DVec3(mesh.normals[index.y]) * b1 + DVec3(mesh.normals[index.z]) * b2;
     if (glm::dot(n, n) > 0.0) local.shading = n;
   }
   if (shape.kind == ShapeKind::rectangle) {

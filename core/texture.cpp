@@ -10,9 +10,7 @@ namespace {
 // 2^-3 or coarser, so no texture detail is lost.
 constexpr float k_largest_coordinate = 0x1p20f;
 
-float sanitise(float x) {
-  return std::isfinite(x) ? std::clamp(x, -k_largest_coordinate, k_largest_coordinate) : 0.0f;
-}
+float sanitise(float x) { return std::isfinite(x) ? std::clamp(x, -k_largest_coordinate, k_largest_coordinate) : 0.0f; }
 
 // Maps any texel index to [0, n).
 int wrap_index(int64_t i, int n, WrapMode mode) {

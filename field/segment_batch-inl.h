@@ -45,6 +45,7 @@ inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, 
     store(result.slice, slice + i);
     counts.crossings += size_t(count_true(segment.crosses));
     counts.lookups += size_t(sum_of(result.lookups));
+    counts.unknown += size_t(count_true(result.verdict > splat_int<F>(k_verdict_ask)));
   }
   return counts;
 }

@@ -29,8 +29,9 @@ struct BoxTask {
 };
 
 struct SegmentCounts {
-  uint64_t crossings = 0;
-  uint64_t lookups = 0;
+  uint64_t crossings = 0;  // rays that meet the bounds
+  uint64_t lookups = 0;    // cells read
+  uint64_t unknown = 0;    // rays whose verdict is unknown_*
 };
 
 struct SegmentKernels {

@@ -13,8 +13,8 @@ struct AovEntry {
   const char* channels;  // one letter each
 };
 constexpr AovEntry k_entries[] = {
-    {Aov::albedo, "albedo", "RGB"},       {Aov::normal, "normal", "XYZ"},       {Aov::depth, "depth", "Z"},
-    {Aov::position, "position", "XYZ"},   {Aov::visibility, "visibility", "Y"}, {Aov::exact, "exact", "Y"},
+    {Aov::albedo, "albedo", "RGB"},     {Aov::normal, "normal", "XYZ"},       {Aov::depth, "depth", "Z"},
+    {Aov::position, "position", "XYZ"}, {Aov::visibility, "visibility", "Y"}, {Aov::exact, "exact", "Y"},
     {Aov::object, "object", "Y"},
 };
 
@@ -28,8 +28,8 @@ float* put(float* out, const Vec3& v) {
 std::vector<Aov> parse_aovs(const std::vector<std::string>& names) {
   std::vector<Aov> result;
   for (const std::string& name : names) {
-    const auto* entry = std::find_if(std::begin(k_entries), std::end(k_entries),
-                                     [&](const AovEntry& e) { return name == e.name; });
+    const auto* entry =
+        std::find_if(std::begin(k_entries), std::end(k_entries), [&](const AovEntry& e) { return name == e.name; });
     if (entry == std::end(k_entries)) {
       std::string known;
       for (const AovEntry& e : k_entries) known += std::string(known.empty() ? "" : ", ") + e.name;

@@ -78,9 +78,9 @@ void DirectLight::accumulate(uint32_t light, std::span<const PathVertex> vertice
       if (blocked[k] || !(weight[k] > 0.0f)) continue;
       const Vec3 wo = v.frame.to_local(glm::normalize(shadows_.rays.direction(begin + k)));
       if (!(wo.z > 0.0f)) continue;
-      const float mis = pdf[k] > 0.0f ? power_weight(float(light_samples) * pdf[k],
-                                                     v.lobe_samples * bsdf_pdf(v.material, v.wi, wo))
-                                      : 1.0f;
+      const float mis =
+          pdf[k] > 0.0f ? power_weight(float(light_samples) * pdf[k], v.lobe_samples * bsdf_pdf(v.material, v.wi, wo))
+                        : 1.0f;
       // evaluate_bsdf and weight both hold the cosine.
       sum += evaluate_bsdf(v.material, v.wi, wo) * (weight[k] / wo.z * mis);
     }

@@ -14,7 +14,7 @@
 #include "core/accel.h"
 #include "core/camera.h"
 #include "hybrid/aovs.h"
-#include "hybrid/shadow_answer.h"
+#include "hybrid/scene_answerer.h"
 #include "hybrid/tiles.h"
 #include "hybrid/transport.h"
 
@@ -52,7 +52,8 @@ void check_options(const RenderOptions& o, int spp) {
 }
 
 Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
-  const Rect film_window = film.crop.width > 0 && film.crop.height > 0 ? film.crop : Rect{0, 0, film.width, film.height};
+  const Rect film_window =
+      film.crop.width > 0 && film.crop.height > 0 ? film.crop : Rect{0, 0, film.width, film.height};
   if (!requested) return film_window;
   const Rect& r = *requested;
   const bool inside = r.width >= 1 && r.height >= 1 && r.x >= film_window.x && r.y >= film_window.y &&
@@ -79,10 +80,40 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   return s;
 }
 
-std::unique_ptr<ShadowAnswerer> make_answerer(const RenderOptions& options, const Accel& accel) {
-  if (options.method == Method::hybrid)
-    throw UsageError("the hybrid method is not available yet; use the method montecarlo");
-  return std::make_unique<ExactAnswerer>(accel);
+// The fields of a hybrid render, one per shape that wants one; all null for Monte Carlo and at tolerance 0.
+struct FieldSet {
+  std::vector<std::unique_ptr<Field>> fields;
+  FieldParameters parameters;
+
+  std::vector<Field*> pointers() const {
+    std::vector<Field*> p;
+    for (const auto& f : fields) p.push_back(f.get());
+    return p;
+  }
+};
+
+FieldSet make_fields(const Scene& scene, const RenderOptions& options) {
+  FieldSet set;
+  if (options.directions) set.parameters.directions = options.directions;
+  if (options.plane) set.parameters.plane = options.plane;
+  const bool wanted = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
+  for (const Shape& shape : scene.shapes) {
+    set.fields.push_back(
+        wanted && wants_field(shape) ? std::make_unique<Field>(field_ball(shape.bounds), set.parameters) : nullptr);
+  }
+  return set;
+}
+
+void count_fields(const FieldSet& set, Stats& stats) {
+  for (const auto& field : set.fields) {
+    if (!field) continue;
+    stats.field_objects += 1;
+    stats.field_cells_baked += field->cells_baked();
+    stats.field_cells_full += field->cells_full();
+    stats.field_bytes_memory += field->bytes();
+    stats.field_directions = set.parameters.directions;
+    stats.field_plane = set.parameters.plane;
+  }
 }
 
 // Reports at most ten times a second, from whichever thread has just finished a tile.
@@ -191,8 +222,10 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   arena.execute([&] {
     const Accel accel(scene);
     const CameraSampler camera(scene.camera, scene.film);
-    const std::unique_ptr<ShadowAnswerer> answerer = make_answerer(options, accel);
-    const TransportContext context(scene, accel, camera, *answerer, settings);
+    const FieldSet fields = make_fields(scene, options);
+    const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};
+    const SceneAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
+    const TransportContext context(scene, accel, camera, answerer, settings);
 
     result.image = make_image(window, aovs);
     Job job{context, aovs, window, spp, result.image};
@@ -215,9 +248,11 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
         tbb::simple_partitioner());
     result.interrupted = interrupted;
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
+    count_fields(fields, result.stats);
     if (job.not_finite > 0) {
       warn(callbacks.warning, {},
-           std::to_string(job.not_finite) + " camera samples were not finite and count as black; please report the scene");
+           std::to_string(job.not_finite) +
+               " camera samples were not finite and count as black; please report the scene");
     }
   });
 

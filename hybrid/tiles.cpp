@@ -8,7 +8,8 @@ std::vector<Rect> make_tiles(const Rect& window, int size) {
   std::vector<Rect> tiles;
   for (int y = 0; y < window.height; y += size) {
     for (int x = 0; x < window.width; x += size) {
-      tiles.push_back({window.x + x, window.y + y, std::min(size, window.width - x), std::min(size, window.height - y)});
+      tiles.push_back(
+          {window.x + x, window.y + y, std::min(size, window.width - x), std::min(size, window.height - y)});
     }
   }
   return tiles;

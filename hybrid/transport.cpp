@@ -31,9 +31,9 @@ Bounds3 bounds_of(const Scene& scene, const Emitter& emitter) {
   const Instance& instance = scene.instances[emitter.instance];
   const Bounds3& b = scene.shapes[instance.shape].bounds;
   for (int corner = 0; corner < 8; ++corner) {
-    bounds.extend(transform_point(instance.to_world,
-                                  {corner & 1 ? b.upper.x : b.lower.x, corner & 2 ? b.upper.y : b.lower.y,
-                                   corner & 4 ? b.upper.z : b.lower.z}));
+    bounds.extend(transform_point(
+        instance.to_world,
+        {corner & 1 ? b.upper.x : b.lower.x, corner & 2 ? b.upper.y : b.lower.y, corner & 4 ? b.upper.z : b.lower.z}));
   }
   return bounds;
 }
@@ -213,8 +213,8 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     const Instance& instance = scene.instances[v.surface.instance];
     v.material = resolve_material(scene, instance.bsdf, v.surface.uv, glm::dot(v.surface.shading_normal, back));
     const Vec3 n = v.material.turned ? -v.surface.shading_normal : v.surface.shading_normal;
-    const bool anisotropic = v.material.kind == BsdfKind::rough_conductor &&
-                             v.material.microfacet.alpha_u != v.material.microfacet.alpha_v;
+    const bool anisotropic =
+        v.material.kind == BsdfKind::rough_conductor && v.material.microfacet.alpha_u != v.material.microfacet.alpha_v;
     v.frame = anisotropic ? frame_along(n, surface_tangent(scene, v.surface)) : frame_about(n);
     v.wi = v.frame.to_local(back);
     v.facing = cos_geometric < 0.0f ? -v.surface.geometric_normal : v.surface.geometric_normal;
@@ -222,8 +222,8 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     if (vertex_number == 0) record_first_hit(i, v);
     if (last || v.material.dark || !survives_roulette(path, v.seed, vertex_number)) continue;
     // A mirror has one direction only; there is nothing to split.
-    const bool splits = path.may_split && (v.material.kind == BsdfKind::rough_conductor ||
-                                           v.material.kind == BsdfKind::dielectric);
+    const bool splits =
+        path.may_split && (v.material.kind == BsdfKind::rough_conductor || v.material.kind == BsdfKind::dielectric);
     v.lobe_samples = splits ? float(settings.lobe_samples) : 1.0f;
     vertices.push_back(v);
   }

@@ -40,8 +40,8 @@ inline constexpr int k_longest_path = 768;
 
 // Everything that workers share. References must outlive it.
 struct TransportContext {
-  TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera,
-                   const ShadowAnswerer& answerer, const TransportSettings& settings);
+  TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera, const ShadowAnswerer& answerer,
+                   const TransportSettings& settings);
 
   const Scene& scene;
   const Accel& accel;
@@ -49,11 +49,11 @@ struct TransportContext {
   const ShadowAnswerer& answerer;
   TransportSettings settings;
   LightTable lights;
-  std::vector<Bounds3> light_bounds;      // world space, empty at infinity
-  std::vector<uint8_t> closed_form;       // per light: sampled_in_closed_form
-  std::vector<uint32_t> backgrounds;      // constant emitters
-  bool emission_can_be_hit = false;       // some emitter has an area or surrounds the scene
-  bool open_form_can_be_hit = false;      // one of those is not sampled in closed form
+  std::vector<Bounds3> light_bounds;  // world space, empty at infinity
+  std::vector<uint8_t> closed_form;   // per light: sampled_in_closed_form
+  std::vector<uint32_t> backgrounds;  // constant emitters
+  bool emission_can_be_hit = false;   // some emitter has an area or surrounds the scene
+  bool open_form_can_be_hit = false;  // one of those is not sampled in closed form
 };
 
 struct CameraSample {

@@ -166,6 +166,28 @@ TEST(ProceduralMesh, KnotStaysSoundAtTwoMillionTriangles) {
   EXPECT_EQ(agreeing_corners(mesh), 1.0);
 }
 
+TEST(ProceduralMesh, EveryKnotHasTheVolumeOfItsTube) {
+  // Pappus: the volume of a tube is its cross-section times the length of the curve, whatever the curve.
+  for (int p = 1; p <= 5; ++p) {
+    for (int q = 0; q <= 5; ++q) {
+      if (std::gcd(p, q) != 1) continue;
+      SCOPED_TRACE(testing::Message() << p << "," << q);
+      const KnotParams params{.p = p, .q = q, .major = 0.6f, .minor = 0.3f, .tube = 0.01f, .along = 2000, .around = 24};
+      double length = 0.0;
+      const int steps = 20000;
+      for (int i = 0; i < steps; ++i) {  // speed of the curve, averaged over a period
+        const double r = params.major + params.minor * std::cos(2.0 * double(k_pi) * q * i / steps);
+        length += std::hypot(p * r, q * double(params.minor)) * 2.0 * double(k_pi) / steps;
+      }
+      const double area_of_24_gon = 0.5 * 24 * std::sin(2.0 * double(k_pi) / 24) * 1e-4;
+      const TriangleMesh mesh = make_knot(params);
+      EXPECT_NEAR(volume(mesh) / (area_of_24_gon * length), 1.0, 1e-3);  // chords of 2000 steps of up to 5 windings
+      EXPECT_TRUE(topology(mesh).closed());
+      EXPECT_EQ(agreeing_corners(mesh), 1.0);
+    }
+  }
+}
+
 TEST(ProceduralMesh, KnotHasNoTwistAtTheSeam) {
   // Every edge along the tube is about as long as the step between rings; a twisted seam would be far longer.
   const KnotParams params;
@@ -258,6 +280,24 @@ TEST(StressMesh, HairBallDependsOnItsSeedAlone) {
   EXPECT_EQ(make_hair_ball(params).positions, make_hair_ball(params).positions);
   EXPECT_NE(make_hair_ball(params).positions, make_hair_ball({.hairs = 20, .seed = 6}).positions);
   EXPECT_EQ(make_hair_ball(params).triangles.size(), 20u * 6u * 4u);
+}
+
+TEST(StressMesh, ExtremeParametersStaySound) {
+  for (const TriangleMesh& mesh :
+       {make_comb({.slats = 10000, .solid_share = 0.05f}), make_comb({.slats = 1, .solid_share = 0.999f}),
+        make_wire_globe({.meridians = 0, .parallels = 3, .wire_radius = 0.1f}),
+        make_wire_globe({.meridians = 3, .parallels = 1000, .wire_radius = 1e-5f, .along = 16, .around = 3}),
+        make_hair_ball({.hairs = 50, .segments = 64, .hair_radius = 1e-5f, .ball_radius = 0.9f, .bend = 1.0f}),
+        make_hair_ball({.hairs = 50, .segments = 1, .hair_radius = 0.05f, .ball_radius = 0.05f, .bend = 0.0f}),
+        make_wavy_sheet({.half_size = 0.7f, .amplitude = 0.15f, .waves = 1000.0f, .cells = 64}),
+        make_wavy_sheet({.amplitude = 0.0f, .waves = 0.0f, .cells = 1}), make_holy_sphere({.holes = 0}),
+        make_holy_sphere({.holes = 1, .hole_radius_degrees = 60.0f}),
+        make_sliver_fan({.slivers = 1, .aspect = 0.1f})}) {
+    expect_sound(mesh);
+    EXPECT_EQ(topology(mesh).bad_edges, 0);
+    EXPECT_EQ(topology(mesh).degenerate, 0);
+    EXPECT_LE(farthest(mesh), 1.05);
+  }
 }
 
 TEST(StressMesh, SliversAreAsThinAsAsked) {

@@ -15,7 +15,7 @@ namespace {
 // One parameter of a generator: its option, where it goes, what it means. The default shown is the struct's own.
 template <class T>
 void parameter(CLI::App& command, const std::string& name, T& target, const std::string& help) {
-  command.add_option("--" + name, target, fmt::format("{} (default: {})", help, target))->type_name("");
+  command.add_option("--" + name, target, fmt::format("{} (default: {})", help, target))->type_name("X");
 }
 
 void superformula(CLI::App& command, const std::string& suffix, Superformula& f, const std::string& which) {

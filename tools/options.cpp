@@ -121,7 +121,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
           "--method", [&options](const std::string& name) { options.method = methods.at(name); },
           "How secondary rays are answered (default: hybrid)")
       ->check(one_of({"hybrid", "montecarlo"}))
-      ->type_name("");
+      ->type_name("NAME");
   whole("--spp", options.spp, 1, k_max_samples, "Camera samples a pixel (default: the scene's)");
   whole("--light-samples", options.light_samples, 1, k_max_samples, "Shadow rays per light and hit (default: 1)");
   whole("--lobe-samples", options.lobe_samples, 1, k_max_samples, "Rays per glossy hit (default: 1)");
@@ -148,7 +148,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
           },
           "How rays are cut into cells (default: orthographic)")
       ->check(one_of({"orthographic", "thesis"}))
-      ->type_name("");
+      ->type_name("NAME");
   command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
       ->type_name("DIR");
   command.add_option("--threads", options.threads, "Threads (default: 0, all)")->check(thread_count())->type_name("N");
@@ -157,7 +157,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
           "--isa", [&options](const std::string& name) { options.isa = isas.at(name); },
           "Instruction set of the look-ups (default: auto)")
       ->check(one_of({"auto", "scalar", "sse4", "avx2", "avx512"}))
-      ->type_name("");
+      ->type_name("NAME");
   command
       .add_option_function<std::string>(
           "--device",
@@ -166,7 +166,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
           },
           "Machine that answers secondary rays (default: cpu)")
       ->check(one_of({"cpu", "cuda"}))
-      ->type_name("");
+      ->type_name("NAME");
   command.add_flag("--check", options.check, "Trace an exact ray beside every certified answer, count the wrong ones");
   command.add_option("--aov", options.aovs, "Further layers of the EXR, separated by commas")
       ->delimiter(',')

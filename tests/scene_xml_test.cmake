@@ -1,0 +1,3 @@
+fieldtrace_test(scene_xml_test LABELS quick)
+fieldtrace_test(scene_errors_test LABELS quick)
+fieldtrace_test(scene_recentre_test LABELS quick numerics)
