@@ -23,14 +23,23 @@ T load_shared(const T& value) {
   return std::atomic_ref<T>(const_cast<T&>(value)).load(std::memory_order_acquire);
 }
 
+bool power_between(int value, int low, int high) {
+  return value >= low && value <= high && std::has_single_bit(unsigned(value));
+}
+
 void require_power(const char* name, int value, int low, int high) {
-  if (value < low || value > high || !std::has_single_bit(unsigned(value))) {
+  if (!power_between(value, low, high)) {
     throw UsageError(std::string(name) + " must be a power of two from " + std::to_string(low) + " to " +
                      std::to_string(high));
   }
 }
 
 }  // namespace
+
+bool valid_parameters(const FieldParameters& p) {
+  return power_between(p.directions, 32, 256) && power_between(p.plane, 64, 512) && p.lines >= 4 &&
+         p.lines <= k_max_lines;
+}
 
 Sphere field_ball(const Bounds3& bounds) {
   Sphere ball;

@@ -30,6 +30,9 @@ struct FieldParameters {
   int lines = 16;       // K: lines traced to certify a cell; 4 ... k_max_lines
 };
 
+// Whether a Field can have these parameters.
+bool valid_parameters(const FieldParameters& parameters);
+
 // The ball that a field is defined over: encloses `bounds` with room for rounding, so that the object lies strictly
 // inside.
 Sphere field_ball(const Bounds3& bounds);

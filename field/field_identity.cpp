@@ -30,9 +30,7 @@ auto tied(const FieldIdentity& i) {
                     i.parameters.plane, i.parameters.lines, i.format_version);
 }
 
-bool has_triangles(const Shape& shape) {
-  return shape.kind == ShapeKind::mesh || shape.kind == ShapeKind::rectangle;
-}
+bool has_triangles(const Shape& shape) { return shape.kind == ShapeKind::mesh || shape.kind == ShapeKind::rectangle; }
 
 }  // namespace
 

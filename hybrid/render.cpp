@@ -13,6 +13,7 @@
 
 #include "core/accel.h"
 #include "core/camera.h"
+#include "field/field_cache.h"
 #include "hybrid/aovs.h"
 #include "hybrid/scene_answerer.h"
 #include "hybrid/tiles.h"
@@ -102,6 +103,28 @@ FieldSet make_fields(const Scene& scene, const RenderOptions& options) {
         wanted && wants_field(shape) ? std::make_unique<Field>(field_ball(shape.bounds), set.parameters) : nullptr);
   }
   return set;
+}
+
+// The cache of `options`, null where there is none or nothing is kept in it.
+std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, const FieldSet& set, const WarningSink& warning) {
+  const bool any = std::any_of(set.fields.begin(), set.fields.end(), [](const auto& f) { return f != nullptr; });
+  if (options.field_cache.empty() || !any) return nullptr;
+  return std::make_unique<FieldCache>(options.field_cache, warning);
+}
+
+// Calls use(field, identity) for every field.
+template <class Use>
+void for_each_field(const Scene& scene, const FieldSet& set, const Use& use) {
+  for (size_t s = 0; s < set.fields.size(); ++s) {
+    if (set.fields[s]) use(*set.fields[s], field_identity(scene.shapes[s], set.parameters));
+  }
+}
+
+void store_fields(const Scene& scene, const FieldSet& set, FieldCache& cache, Stats& stats) {
+  for_each_field(scene, set, [&](const Field& field, const FieldIdentity& identity) {
+    cache.store(field, identity);
+    stats.field_bytes_disk += cache.bytes_on_disk(identity);
+  });
 }
 
 void count_fields(const FieldSet& set, Stats& stats) {
@@ -223,6 +246,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Accel accel(scene);
     const CameraSampler camera(scene.camera, scene.film);
     const FieldSet fields = make_fields(scene, options);
+    const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
+    if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
     const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};
     const SceneAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
     const TransportContext context(scene, accel, camera, answerer, settings);
@@ -249,6 +274,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.interrupted = interrupted;
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
     count_fields(fields, result.stats);
+    if (cache) store_fields(scene, fields, *cache, result.stats);
     if (job.not_finite > 0) {
       warn(callbacks.warning, {},
            std::to_string(job.not_finite) +

@@ -1,0 +1,2 @@
+fieldtrace_test(field_file_test LABELS quick)
+fieldtrace_test(field_cache_test LABELS quick)
