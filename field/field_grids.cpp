@@ -59,11 +59,11 @@ bool read_brick(const openvdb::Int32Grid::ConstAccessor& grid, const openvdb::Co
     return true;
   }
   slices = 0;
+  std::copy_n(leaf->buffer().data(), scalar::k_brick_cells, cells.begin());
   for (int s = 0; s < k_slices; ++s) {
     int active = 0;
     for (int i = s * scalar::k_slice_cells; i < (s + 1) * scalar::k_slice_cells; ++i) {
       active += leaf->isValueOn(openvdb::Index(i));
-      cells[size_t(i)] = leaf->getValue(openvdb::Index(i));
     }
     if (active != 0 && active != scalar::k_slice_cells) return false;
     if (active != 0) slices |= 1u << s;
