@@ -124,6 +124,11 @@ HWY_INLINE bool all(MaskLanes m) { return hn::AllTrue(DF(), m.m); }
 HWY_INLINE int count_true(MaskLanes m) { return int(hn::CountTrue(DF(), m.m)); }
 HWY_INLINE int sum_of(I32 a) { return int(hn::GetLane(hn::SumOfLanes(DI(), a.v))); }
 
+// Writes the lanes of `a` where m is set to consecutive places from p; returns how many. p has room for a whole vector.
+HWY_INLINE int compress_store(I32 a, MaskLanes m, int32_t* p) {
+  return int(hn::CompressStore(a.v, hn::RebindMask(DI(), m.m), DI(), p));
+}
+
 template <int k_bits>
 HWY_INLINE U32 shift_left(U32 a) {
   return {hn::ShiftLeft<k_bits>(a.v)};
@@ -178,6 +183,16 @@ HWY_INLINE U32 load_byte_lanes<F32>(const uint8_t* p) {
 }
 HWY_INLINE void store_lanes(F32 a, float* p) { store(a, p); }
 HWY_INLINE void store_lanes(U32 a, uint32_t* p) { store(a, p); }
+HWY_INLINE void store_lanes(I32 a, int32_t* p) { store(a, p); }
+template <>
+HWY_INLINE I32 load_int_lanes<F32>(const int32_t* p) {
+  return load(p);
+}
+// first, first + 1, ... in the lanes.
+template <>
+HWY_INLINE I32 lane_sequence<F32>(int32_t first) {
+  return {hn::Iota(DI(), first)};
+}
 
 template <>
 struct LanePermutation<F32> {

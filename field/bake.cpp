@@ -20,9 +20,6 @@ constexpr size_t k_slices_at_once = 16;  // bounds the ray batch: 16 * 32 cells 
 // the plane, in radii (prototype figures of the design).
 constexpr float k_min_normal_cosine = 0.8f;
 constexpr float k_max_residual = 0.01f;
-// The bound stored is this multiple of the largest residual seen: chosen so that 99.9 % of fresh lines lie within it
-// (docs/decisions/003-certificates.md).
-constexpr float k_residual_factor = 2.0f;
 
 struct Claimed {
   uint32_t slice;

@@ -16,6 +16,7 @@
 #endif
 
 #include "core/lanes.hd.h"
+#include "core/platform.h"
 
 FT_LANES_BEGIN
 
@@ -23,7 +24,7 @@ FT_LANES_BEGIN
 // atan(a) = pi/8 + atan((a - t) / (1 + a t)), t = tan(pi/8). |argument| <= t, terms to the 11th power:
 // truncation below t^13 / 13 = 8e-7 of a radian, below 1e-5 of the narrowest direction cell.
 template <class F>
-FT_HD inline F atan_over_half_pi(F a) {
+FT_HD_INLINE F atan_over_half_pi(F a) {
   const F t = splat<F>(0.41421356f);
   const F x = (a - t) / (splat<F>(1.0f) + a * t);
   const F x2 = x * x;
@@ -38,7 +39,7 @@ FT_HD inline F atan_over_half_pi(F a) {
 
 // Unit direction -> square [-1, 1]^2. The upper hemisphere (z >= 0) fills the diamond |u| + |v| <= 1.
 template <class F>
-FT_HD inline void square_from_direction(const Vec3Lanes<F>& d, F& u, F& v) {
+FT_HD_INLINE void square_from_direction(const Vec3Lanes<F>& d, F& u, F& v) {
   const F ax = abs(d.x), ay = abs(d.y), az = abs(d.z);
   // sqrt(1 - |z|), written so that it keeps its digits near the poles.
   const F r = sqrt((ax * ax + ay * ay) / (splat<F>(1.0f) + az));
@@ -63,7 +64,7 @@ struct DirectionFrame {
 // Square -> direction and frame. Not for the square's centre and corners themselves (the poles, where the frame is
 // undefined): cell centres never lie there.
 template <class F>
-FT_HD inline DirectionFrame<F> frame_from_square(F u, F v) {
+FT_HD_INLINE DirectionFrame<F> frame_from_square(F u, F v) {
   const F one = splat<F>(1.0f);
   const F au = abs(u), av = abs(v);
   const F signed_distance = one - (au + av);
@@ -95,14 +96,14 @@ FT_HD inline DirectionFrame<F> frame_from_square(F u, F v) {
 
 // Index of the cell that x in [-1, 1] lies in, out of n; values outside go to the nearest cell.
 template <class F>
-FT_HD inline Int_t<F> cell_of(F x, float n) {
+FT_HD_INLINE Int_t<F> cell_of(F x, float n) {
   const F scaled = floor((x + splat<F>(1.0f)) * splat<F>(0.5f * n));
   return to_int(min(max(scaled, splat<F>(0.0f)), splat<F>(n - 1.0f)));
 }
 
 // Centre of cell i out of n, in [-1, 1].
 template <class F>
-FT_HD inline F centre_of(Int_t<F> i, float n) {
+FT_HD_INLINE F centre_of(Int_t<F> i, float n) {
   return (to_float(i) + splat<F>(0.5f)) * splat<F>(2.0f / n) - splat<F>(1.0f);
 }
 
@@ -115,7 +116,7 @@ struct CellAddress {
 
 // The cell of the line through `anchor` along the unit direction d.
 template <class F>
-FT_HD inline CellAddress<F> address_of_line(const Vec3Lanes<F>& d, const Vec3Lanes<F>& anchor, float directions,
+FT_HD_INLINE CellAddress<F> address_of_line(const Vec3Lanes<F>& d, const Vec3Lanes<F>& anchor, float directions,
                                             float plane) {
   CellAddress<F> cell;
   F u, v;

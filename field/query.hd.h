@@ -43,12 +43,13 @@ template <class F>
 struct UnitSegment {
   Vec3Lanes<F> origin, direction, foot, end;
   F length;
+  F scale;  // unit-space length of the ray's own direction: t in the caller's units = distance / scale
   Mask_t<F> crosses, origin_inside, end_inside;
 };
 
 // Moves a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses nothing.
 template <class F>
-FT_HD inline UnitSegment<F> segment_in_unit_space(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d,
+FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d,
                                                   F tmax) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   UnitSegment<F> s;
@@ -63,6 +64,7 @@ FT_HD inline UnitSegment<F> segment_in_unit_space(const float* to_unit, const Ve
   const F scale = sqrt(dot(q, q));
   s.direction = q * (one / scale);
   s.length = tmax * scale;
+  s.scale = scale;
   // Foot of the perpendicular from the centre; the second step removes what the first lost to cancellation when the
   // origin is far away (Haines et al., Ray Tracing Gems, 2019, chapter 7).
   const F along = zero - dot(s.origin, s.direction);
@@ -88,12 +90,14 @@ struct SheetView {
   F distance;  // of p
   F offset;    // plane: dot(normal, x) = offset
   F error;
-  Mask_t<F> known, sheet;
+  F along;  // of p, along the cell's direction from the centre plane
+  Mask_t<F> known, sheet, miss;
   Int_t<F> slice;
+  Int_t<F> primitive_cell;  // index into the primitive layer
 };
 
 template <class F>
-FT_HD inline SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy,
                                         const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p) {
   const CellAddress<F> at = address_of_line(direction, p, field.directions, field.plane);
   const CellSlot<F> slot = slot_of<F>(field, at);
@@ -101,17 +105,87 @@ FT_HD inline SheetView<F> look_up_sheet(const FieldView& field, const QueryPolic
   const Int_t<F> certificate = gather(field.certificate, slot.cell);
   SheetView<F> view;
   view.slice = slot.slice;
+  view.primitive_cell = slot.cell;
   view.known = !(certificate == splat_int<F>(0));
-  view.sheet = ((certificate & splat_int<F>(3)) == splat_int<F>(k_kind_sheet)) &
-               ((shift_right<2>(certificate) & splat_int<F>(63)) < splat_int<F>(policy.depth_max_class + 1));
+  const Mask_t<F> answers = (shift_right<2>(certificate) & splat_int<F>(63)) < splat_int<F>(policy.depth_max_class + 1);
+  const Int_t<F> kind = certificate & splat_int<F>(3);
+  view.sheet = (kind == splat_int<F>(k_kind_sheet)) & answers;
+  view.miss = (kind == splat_int<F>(k_kind_miss)) & answers;
   const F depth = decode_depth<F>(word);
   view.normal = decode_normal<F>(word);
   view.error = decode_error<F>(certificate);
   const Vec3Lanes<F> hit =
       at.frame.s * centre_of<F>(at.a, field.plane) + at.frame.t * centre_of<F>(at.b, field.plane) + at.frame.c * depth;
+  view.along = dot(p, at.frame.c);
   view.offset = dot(view.normal, hit);
   view.distance = dot(view.normal, p) - view.offset;
   return view;
+}
+
+// The first sheet along a line, seen from outside, as the depth cells near the point p of the line tell it.
+template <class F>
+struct FoundSheet {
+  SheetView<F> view;
+  F back;                   // distance along the line from p back to the sheet
+  Mask_t<F> decided;        // the sheet may be relied on
+  Mask_t<F> miss;           // no line of the cell meets the object: the lines of a miss fan out from the centre plane
+  Mask_t<F> unknown;        // a slice is not baked yet
+  Int_t<F> slice, lookups;  // `slice`: the one to bake, or the one that was read first
+};
+
+// Half a plane cell: what the anchoring leaves uncertain beside a sheet's own error bound.
+template <class F>
+FT_HD_INLINE F half_cell_of(const FieldView& field) {
+  return splat<F>(1.0f / field.plane);
+}
+
+// Distance back along the line from a point at `distance` off the sheet. The cosine is negative because the sheet faces
+// the direction; the floor (2^-20) only keeps the quotient finite.
+template <class F>
+FT_HD_INLINE F distance_back(const SheetView<F>& view, const Vec3Lanes<F>& direction) {
+  return view.distance / min(dot(view.normal, direction), splat<F>(-0x1p-20f));
+}
+
+template <class F>
+FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy& policy, const Vec3Lanes<F>& direction,
+                                      const Vec3Lanes<F>& p, Mask_t<F> wanted) {
+  const F half_cell = half_cell_of<F>(field);
+  // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than half its
+  // width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
+  const F near_distance = half_cell * splat<F>(field.directions * 0.5641896f);
+  FoundSheet<F> found;
+  found.view = look_up_sheet(field, policy, direction, p);
+  SheetView<F>& view = found.view;
+  found.slice = view.slice;
+  found.lookups = select(wanted, splat_int<F>(1), splat_int<F>(0));
+  found.unknown = wanted & !view.known;
+  found.decided = wanted & view.known & view.sheet;
+  found.miss = wanted & view.miss;
+  if (!policy.answer_all) found.miss = found.miss & (abs(view.along) <= near_distance);
+  found.back = distance_back(view, direction);
+  const Mask_t<F> far = found.decided & (abs(found.back) > near_distance);
+  if (any(far)) {
+    const Vec3Lanes<F> anchor = p - direction * found.back;
+    const Mask_t<F> inside = far & (dot(anchor, anchor) < splat<F>(1.0f));
+    const SheetView<F> second = look_up_sheet(field, policy, direction, anchor);
+    const Mask_t<F> missing = inside & !second.known;
+    found.lookups = found.lookups + select(inside, splat_int<F>(1), splat_int<F>(0));
+    found.unknown = found.unknown | missing;
+    found.slice = select(missing, second.slice, found.slice);
+    // The second cell must see a sheet where the first one did.
+    const Mask_t<F> agrees = inside & second.known & second.sheet &
+                             (abs(second.distance) <= second.error + view.error + half_cell + half_cell);
+    // Where every cell answers, the first one does if the two contradict each other.
+    found.decided = policy.answer_all ? found.decided : (and_not(far, found.decided)) | agrees;
+    view.normal = {select(agrees, second.normal.x, view.normal.x), select(agrees, second.normal.y, view.normal.y),
+                   select(agrees, second.normal.z, view.normal.z)};
+    view.offset = select(agrees, second.offset, view.offset);
+    view.error = select(agrees, second.error, view.error);
+    view.primitive_cell = select(agrees, second.primitive_cell, view.primitive_cell);
+    view.distance = select(agrees, dot(view.normal, p) - view.offset, view.distance);
+    found.back = select(agrees, distance_back(view, direction), found.back);
+  }
+  return found;
 }
 
 // Position of point p inside the ball against the first surface seen from outside along `direction` (which points from
@@ -124,125 +198,132 @@ struct DepthAnswer {
 };
 
 template <class F>
-FT_HD inline DepthAnswer<F> compare_depth(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPolicy& policy,
                                           const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p,
                                           const Vec3Lanes<F>& other, Mask_t<F> wanted) {
   const F zero = splat<F>(0.0f);
-  // Half a plane cell: what the anchoring leaves uncertain beside the sheet's own error bound.
-  const F half_cell = splat<F>(1.0f / field.plane);
-  // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than half its
-  // width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
-  const F near_distance = half_cell * splat<F>(field.directions * 0.5641896f);
-  SheetView<F> view = look_up_sheet(field, policy, direction, p);
+  const FoundSheet<F> found = find_sheet(field, policy, direction, p, wanted);
+  const SheetView<F>& view = found.view;
   DepthAnswer<F> answer;
-  answer.slice = view.slice;
-  answer.lookups = select(wanted, splat_int<F>(1), splat_int<F>(0));
-  answer.unknown = wanted & !view.known;
-  Mask_t<F> decided = wanted & view.known & view.sheet;
-  // Distance along the line from p back to the sheet; the cosine is negative because the sheet faces the direction.
-  const F cosine = dot(view.normal, direction);
-  const F back = view.distance / min(cosine, splat<F>(-1e-6f));
-  const Mask_t<F> far = decided & (abs(back) > near_distance);
-  if (any(far)) {
-    const Vec3Lanes<F> anchor = p - direction * back;
-    const Mask_t<F> inside = far & (dot(anchor, anchor) < splat<F>(1.0f));
-    const SheetView<F> second = look_up_sheet(field, policy, direction, anchor);
-    answer.lookups = answer.lookups + select(inside, splat_int<F>(1), splat_int<F>(0));
-    answer.unknown = answer.unknown | (inside & !second.known);
-    answer.slice = select(inside & !second.known, second.slice, answer.slice);
-    // The second cell must see a sheet where the first one did.
-    const Mask_t<F> agrees = inside & second.known & second.sheet &
-                             (abs(second.distance) <= second.error + view.error + half_cell + half_cell);
-    decided = (and_not(far, decided)) | agrees;
-    view.normal = {select(agrees, second.normal.x, view.normal.x), select(agrees, second.normal.y, view.normal.y),
-                   select(agrees, second.normal.z, view.normal.z)};
-    view.offset = select(agrees, second.offset, view.offset);
-    view.error = select(agrees, second.error, view.error);
-    view.distance = select(agrees, dot(view.normal, p) - view.offset, view.distance);
-  }
-  const F margin = view.error + view.error + half_cell;
+  answer.slice = found.slice;
+  answer.lookups = found.lookups;
+  answer.unknown = found.unknown;
+  const F margin = view.error + view.error + half_cell_of<F>(field);
   const F clear_from = policy.answer_all ? zero - margin : zero - view.error;
-  answer.front = decided & (view.distance >= clear_from);
-  answer.behind = decided & (view.distance < zero - margin);
+  answer.front = found.decided & (view.distance >= clear_from);
+  if (policy.answer_all) answer.front = answer.front | found.miss;
+  answer.behind = found.decided & (view.distance < zero - margin);
   answer.other_in_front = answer.behind & (dot(view.normal, other) - view.offset > margin);
   return answer;
 }
 
-// The verdict for one object. `own`: the receiver lies on this object, so that the line surely meets it and the
-// visibility cell of the whole line has nothing to say.
+// What the visibility cell of the segment's whole line says. A line and its reverse share a cell: the one that points
+// up.
 template <class F>
-FT_HD inline SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
-                                             const UnitSegment<F>& segment, Mask_t<F> own) {
-  const F zero = splat<F>(0.0f);
-  const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
-  const auto verdict_of = [](int v) { return splat_int<F>(v); };
-  SegmentVerdict<F> result;
-  result.verdict = select(segment.crosses, verdict_of(k_verdict_ask), verdict_of(k_verdict_none));
-  result.slice = i_zero;
-  result.lookups = i_zero;
+struct LineView {
+  Mask_t<F> unknown, miss, hit;  // none of them: the cell may not answer
+  Int_t<F> slice;
+};
 
-  const Mask_t<F> skip_line = own & segment.origin_inside;
-  const Mask_t<F> line_wanted = and_not(skip_line, segment.crosses);
-  Mask_t<F> depth_wanted = segment.crosses & skip_line;
-  if (any(line_wanted)) {
-    // A line and its reverse share a cell: the one that points up.
-    const Mask_t<F> down = segment.direction.z < zero;
-    const Vec3Lanes<F> up = {select(down, -segment.direction.x, segment.direction.x),
-                             select(down, -segment.direction.y, segment.direction.y),
-                             select(down, -segment.direction.z, segment.direction.z)};
-    const CellAddress<F> at = address_of_line(up, segment.foot, field.directions, field.plane);
-    const CellSlot<F> slot = slot_of<F>(field, at);
-    const Int_t<F> code = gather_bytes(field.visibility, slot.cell) & splat_int<F>(0xff);
-    result.lookups = select(line_wanted, i_one, i_zero);
-    const Mask_t<F> unknown = line_wanted & (code == i_zero);
-    const Int_t<F> bits = code - i_one;
-    const Mask_t<F> hits = line_wanted & ((bits & i_one) == i_one);
-    const Mask_t<F> answers =
-        and_not(unknown, line_wanted) & (shift_right<1>(bits) < splat_int<F>(policy.visibility_max_class + 1));
-    const Mask_t<F> end_inside = segment.origin_inside | segment.end_inside;
-    result.verdict = select(and_not(hits, answers), verdict_of(k_verdict_clear), result.verdict);
-    result.verdict = select(and_not(end_inside, answers & hits), verdict_of(k_verdict_blocked), result.verdict);
-    result.verdict = select(unknown, verdict_of(k_verdict_unknown_visibility), result.verdict);
-    result.slice = slot.slice;
-    // With an end inside, whatever is not a certified miss goes on to the depth cell.
-    const Mask_t<F> go_on = and_not(unknown, line_wanted) & end_inside & (hits | !answers);
-    depth_wanted = depth_wanted | go_on;
+template <class F>
+FT_HD_INLINE LineView<F> look_up_line(const FieldView& field, const QueryPolicy& policy,
+                                      const UnitSegment<F>& segment) {
+  const Int_t<F> one = splat_int<F>(1);
+  const Vec3Lanes<F>& d = segment.direction;
+  const Mask_t<F> down = d.z < splat<F>(0.0f);
+  const Vec3Lanes<F> up = {select(down, -d.x, d.x), select(down, -d.y, d.y), select(down, -d.z, d.z)};
+  const CellSlot<F> slot = slot_of<F>(field, address_of_line(up, segment.foot, field.directions, field.plane));
+  const Int_t<F> code = gather_bytes(field.visibility, slot.cell) & splat_int<F>(0xff);
+  const Int_t<F> bits = code - one;
+  LineView<F> view;
+  view.slice = slot.slice;
+  view.unknown = code == splat_int<F>(0);
+  const Mask_t<F> answers = and_not(view.unknown, shift_right<1>(bits) < splat_int<F>(policy.visibility_max_class + 1));
+  view.hit = answers & ((bits & one) == one);
+  view.miss = and_not(view.hit, answers);
+  return view;
+}
+
+// Lanes whose line's cell has something to say. `own`: the receiver lies on this object, so that its line surely meets
+// it.
+template <class F>
+FT_HD_INLINE Mask_t<F> line_wanted(const UnitSegment<F>& segment, Mask_t<F> own) {
+  return and_not(own & segment.origin_inside, segment.crosses);
+}
+
+// What is left to the depth cells after the line has spoken.
+template <class F>
+struct LineAnswer {
+  SegmentVerdict<F> verdict;
+  Mask_t<F> depth_wanted;
+};
+
+template <class F>
+FT_HD_INLINE LineAnswer<F> answer_by_line(const UnitSegment<F>& segment, Mask_t<F> wanted, const LineView<F>& line) {
+  const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
+  LineAnswer<F> answer;
+  const Mask_t<F> unknown = wanted & line.unknown;
+  const Mask_t<F> end_inside = segment.origin_inside | segment.end_inside;
+  Int_t<F> verdict = select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none));
+  verdict = select(wanted & line.miss, splat_int<F>(k_verdict_clear), verdict);
+  verdict = select(and_not(end_inside, wanted & line.hit), splat_int<F>(k_verdict_blocked), verdict);
+  answer.verdict.verdict = select(unknown, splat_int<F>(k_verdict_unknown_visibility), verdict);
+  answer.verdict.slice = line.slice;
+  answer.verdict.lookups = select(wanted, i_one, i_zero);
+  // With an end inside, whatever is not a certified miss goes on to the depth cell; so do the lanes that had no line.
+  answer.depth_wanted = and_not(wanted, segment.crosses) | and_not(unknown | line.miss, wanted & end_inside);
+  return answer;
+}
+
+// Decides the lanes in `wanted`, each with at least one end inside the ball, by the depth cells.
+template <class F>
+FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& policy, const UnitSegment<F>& segment,
+                                  Mask_t<F> wanted, SegmentVerdict<F>& result) {
+  const Mask_t<F> from_origin = wanted & segment.origin_inside;
+  const Vec3Lanes<F> p = {select(from_origin, segment.origin.x, segment.end.x),
+                          select(from_origin, segment.origin.y, segment.end.y),
+                          select(from_origin, segment.origin.z, segment.end.z)};
+  const Vec3Lanes<F> other = {select(from_origin, segment.end.x, segment.origin.x),
+                              select(from_origin, segment.end.y, segment.origin.y),
+                              select(from_origin, segment.end.z, segment.origin.z)};
+  const Vec3Lanes<F> direction = {select(from_origin, -segment.direction.x, segment.direction.x),
+                                  select(from_origin, -segment.direction.y, segment.direction.y),
+                                  select(from_origin, -segment.direction.z, segment.direction.z)};
+  const Mask_t<F> both_inside = wanted & segment.origin_inside & segment.end_inside;
+  const DepthAnswer<F> first = compare_depth(field, policy, direction, p, other, wanted);
+  result.lookups = result.lookups + first.lookups;
+  result.slice = select(first.unknown, first.slice, result.slice);
+  Mask_t<F> clear = first.front;
+  Mask_t<F> blocked = (and_not(both_inside, first.behind)) | (both_inside & first.other_in_front);
+  Mask_t<F> unknown = first.unknown;
+  const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
+  if (any(undecided)) {
+    // Both ends inside and the surface lies beyond the far end: look from the other side.
+    const DepthAnswer<F> second =
+        compare_depth(field, policy, segment.direction, segment.end, segment.origin, undecided);
+    result.lookups = result.lookups + second.lookups;
+    result.slice = select(second.unknown, second.slice, result.slice);
+    clear = clear | second.front;
+    blocked = blocked | second.other_in_front;
+    unknown = unknown | second.unknown;
   }
-  if (any(depth_wanted)) {
-    const Mask_t<F> from_origin = depth_wanted & segment.origin_inside;
-    const Vec3Lanes<F> p = {select(from_origin, segment.origin.x, segment.end.x),
-                            select(from_origin, segment.origin.y, segment.end.y),
-                            select(from_origin, segment.origin.z, segment.end.z)};
-    const Vec3Lanes<F> other = {select(from_origin, segment.end.x, segment.origin.x),
-                                select(from_origin, segment.end.y, segment.origin.y),
-                                select(from_origin, segment.end.z, segment.origin.z)};
-    const Vec3Lanes<F> direction = {select(from_origin, -segment.direction.x, segment.direction.x),
-                                    select(from_origin, -segment.direction.y, segment.direction.y),
-                                    select(from_origin, -segment.direction.z, segment.direction.z)};
-    const Mask_t<F> both_inside = depth_wanted & segment.origin_inside & segment.end_inside;
-    const DepthAnswer<F> first = compare_depth(field, policy, direction, p, other, depth_wanted);
-    result.lookups = result.lookups + first.lookups;
-    result.slice = select(first.unknown, first.slice, result.slice);
-    Mask_t<F> clear = first.front;
-    Mask_t<F> blocked = (and_not(both_inside, first.behind)) | (both_inside & first.other_in_front);
-    Mask_t<F> unknown = first.unknown;
-    const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
-    if (any(undecided)) {
-      // Both ends inside and the surface lies beyond the far end: look from the other side.
-      const DepthAnswer<F> second =
-          compare_depth(field, policy, segment.direction, segment.end, segment.origin, undecided);
-      result.lookups = result.lookups + second.lookups;
-      result.slice = select(second.unknown, second.slice, result.slice);
-      clear = clear | second.front;
-      blocked = blocked | second.other_in_front;
-      unknown = unknown | second.unknown;
-    }
-    result.verdict = select(depth_wanted, verdict_of(k_verdict_ask), result.verdict);
-    result.verdict = select(clear, verdict_of(k_verdict_clear), result.verdict);
-    result.verdict = select(blocked, verdict_of(k_verdict_blocked), result.verdict);
-    result.verdict = select(unknown, verdict_of(k_verdict_unknown_depth), result.verdict);
-  }
-  return result;
+  // Neither side sees a surface between the ends: nothing speaks for a blocker.
+  if (policy.answer_all) clear = clear | (and_not(blocked, wanted));
+  result.verdict = select(wanted, splat_int<F>(k_verdict_ask), result.verdict);
+  result.verdict = select(clear, splat_int<F>(k_verdict_clear), result.verdict);
+  result.verdict = select(blocked, splat_int<F>(k_verdict_blocked), result.verdict);
+  result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_depth), result.verdict);
+}
+
+// The verdict for one object: the three steps above for one segment. Batches run each step over many segments before
+// the next, so that a processor can overlap them (field/segment_batch-inl.h).
+template <class F>
+FT_HD_INLINE SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
+                                             const UnitSegment<F>& segment, Mask_t<F> own) {
+  const Mask_t<F> wanted = line_wanted(segment, own);
+  LineAnswer<F> answer = answer_by_line(segment, wanted, look_up_line(field, policy, segment));
+  if (any(answer.depth_wanted)) answer_by_depth(field, policy, segment, answer.depth_wanted, answer.verdict);
+  return answer.verdict;
 }
 
 FT_LANES_END

@@ -8,7 +8,13 @@
 
 #include <algorithm>
 
+#include "field/view.h"
+
 namespace fieldtrace {
+
+// The error bound stored with a sheet is this multiple of the largest residual seen: chosen so that 99.9 % of fresh
+// lines lie within it (docs/decisions/003-certificates.md).
+inline constexpr float k_residual_factor = 2.0f;
 
 inline constexpr int k_worst_class = 15;
 
@@ -24,6 +30,12 @@ inline int max_class_at(float tolerance) {
   if (tolerance <= 0.0f) return -1;
   if (tolerance < 0.1f) return 0;
   return 1 + int((tolerance - 0.1f) / 0.9f * float(k_worst_class - 1) + 0.5f);
+}
+
+// What the cells of a field may answer at `tolerance` in [0, 1].
+inline QueryPolicy query_policy(float tolerance) {
+  const int max_class = max_class_at(tolerance);
+  return {.visibility_max_class = max_class, .depth_max_class = max_class, .answer_all = tolerance >= 1.0f};
 }
 
 }  // namespace fieldtrace

@@ -1,6 +1,7 @@
 #include "hybrid/render.h"
 
 #include <tbb/enumerable_thread_specific.h>
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -15,7 +16,7 @@
 #include "core/camera.h"
 #include "field/field_cache.h"
 #include "hybrid/aovs.h"
-#include "hybrid/scene_answerer.h"
+#include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
 #include "hybrid/transport.h"
 
@@ -241,6 +242,10 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
   RenderResult result;
+  // TBB starts no more workers than there are hardware threads unless told so.
+  std::optional<tbb::global_control> more_threads;
+  if (threads > int(std::thread::hardware_concurrency()))
+    more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
     const Accel accel(scene);
@@ -249,7 +254,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
     if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
     const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};
-    const SceneAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
+    const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
     const TransportContext context(scene, accel, camera, answerer, settings);
 
     result.image = make_image(window, aovs);

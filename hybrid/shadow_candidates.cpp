@@ -22,22 +22,43 @@ bool overlap(const Bounds3& a, const Bounds3& b) {
   return glm::all(glm::lessThanEqual(a.lower, b.upper)) && glm::all(glm::lessThanEqual(b.lower, a.upper));
 }
 
+// Columns this near to perpendicular leave the bound below within its slack of 2^-10.
+constexpr float k_right_angle_cosine = 0x1p-11f;
+
+// Whether the columns are perpendicular: then the longest is how far the transform stretches.
+bool keeps_right_angles(const Affine& m) {
+  const auto cosine = [&](int i, int j) {
+    return std::abs(glm::dot(m[i], m[j])) / (glm::length(m[i]) * glm::length(m[j]));
+  };
+  return std::max({cosine(0, 1), cosine(1, 2), cosine(2, 0)}) < k_right_angle_cosine;
+}
+
 // These shapes are convex and emit outwards: a ray towards a point that faces the receiver meets nothing of them
 // before.
 bool hides_nothing_of_itself(ShapeKind kind) { return kind != ShapeKind::mesh; }
 
 }  // namespace
 
-LightExtent light_extent(const Scene& scene, uint32_t emitter, const Bounds3& bounds) {
+LightExtent light_extent(const Scene& scene, uint32_t emitter) {
   const Emitter& e = scene.emitters[emitter];
   LightExtent extent;
-  extent.bounds = bounds;
   switch (e.kind) {
-    case EmitterKind::area:
-      if (hides_nothing_of_itself(scene.shapes[scene.instances[e.instance].shape].kind)) extent.instance = e.instance;
+    case EmitterKind::area: {
+      if (e.instance == k_none) break;
+      const Instance& instance = scene.instances[e.instance];
+      const Shape& shape = scene.shapes[instance.shape];
+      extent.bounds = transformed_bounds(shape.bounds, instance.to_world);
+      extent.ball = {extent.bounds.centre(), 0.5f * glm::length(extent.bounds.diagonal())};
+      if (shape.kind == ShapeKind::sphere && keeps_right_angles(instance.to_world)) {
+        const Affine& m = instance.to_world;
+        extent.ball.radius = std::max({glm::length(m[0]), glm::length(m[1]), glm::length(m[2])}) * (1.0f + 0x1p-10f);
+      }
+      if (hides_nothing_of_itself(shape.kind)) extent.instance = e.instance;
       break;
+    }
     case EmitterKind::point:
       extent.bounds = {e.position, e.position};
+      extent.ball = {e.position, 0.0f};
       break;
     case EmitterKind::directional:
       extent.kind = LightExtent::Kind::directional;
@@ -68,10 +89,9 @@ void ShadowCandidates::select(const Bounds3& receivers, const LightExtent& light
   const Vec3 a = receivers.centre();
   const float receiver_radius = 0.5f * glm::length(receivers.diagonal());
   const bool bounded = light.kind == LightExtent::Kind::bounded;
-  const Vec3 b = bounded ? light.bounds.centre() : a + light.towards;
+  const Vec3 b = bounded ? light.ball.centre : a + light.towards;
   // The hull lies within this distance of the axis from a to b.
-  const float hull_radius =
-      bounded ? std::max(receiver_radius, 0.5f * glm::length(light.bounds.diagonal())) : receiver_radius;
+  const float hull_radius = bounded ? std::max(receiver_radius, light.ball.radius) : receiver_radius;
   Bounds3 box = receivers;
   if (bounded) box.extend(light.bounds);
   const Vec3 axis = b - a;

@@ -16,12 +16,13 @@ namespace fieldtrace {
 struct LightExtent {
   enum class Kind { bounded, directional, everywhere };
   Kind kind = Kind::bounded;
-  Bounds3 bounds;              // bounded
+  Bounds3 bounds;               // bounded
+  Sphere ball;                  // bounded: encloses the light too, and tighter for a sphere
   Vec3 towards = Vec3(0.0f);   // directional: unit, from the receivers to the light
   uint32_t instance = k_none;  // the light's own instance where it cannot block its own samples, else none
 };
 
-LightExtent light_extent(const Scene& scene, uint32_t emitter, const Bounds3& bounds);
+LightExtent light_extent(const Scene& scene, uint32_t emitter);
 
 class ShadowCandidates {
  public:

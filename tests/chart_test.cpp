@@ -1,0 +1,393 @@
+// Properties of the orthographic chart: the direction map, its frames, and the addresses of lines.
+#include "field/chart.hd.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "core/math.h"
+#include "field/layout.hd.h"
+#include "field/query.hd.h"
+#include "tests/random_lines.h"
+
+namespace fieldtrace {
+namespace {
+
+using scalar::CellAddress;
+using Lanes3 = scalar::Vec3Lanes<float>;
+
+constexpr std::array<int, 4> k_directions = {32, 64, 128, 256};
+constexpr std::array<int, 4> k_planes = {64, 128, 256, 512};
+
+// Round trip: the arctangent's series is off by 8e-7 rad, the sines' by 4e-7, and each way rounds a dozen times by
+// 2^-24; the sum stays below this.
+constexpr double k_round_trip_bound = 2e-6;
+// Distance from a direction to the centre of its cell, times D. The map shears cells most where an axis meets z = 0: a
+// step of 1 / D in u turns by (2, 0) / D in (theta, phi), one in v by (2, pi / 2) / D, so that a corner lies
+// sqrt(4^2 + (pi / 2)^2) = 4.30 away; cells of D = 32 are large enough to bend by a little more.
+constexpr double k_centre_distance = 4.4;
+
+Lanes3 lanes(const Vec3& v) { return {v.x, v.y, v.z}; }
+DVec3 exact(const Lanes3& v) { return {v.x, v.y, v.z}; }
+
+double angle(const DVec3& a, const DVec3& b) { return std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b)); }
+
+DVec3 direction_at(float u, float v) { return exact(scalar::frame_from_square(u, v).c); }
+
+bool same_cell(const CellAddress<float>& a, const CellAddress<float>& b) {
+  return a.u == b.u && a.v == b.v && a.a == b.a && a.b == b.b;
+}
+
+bool same_bits(const Lanes3& a, const Lanes3& b) { return std::memcmp(&a, &b, sizeof(a)) == 0; }
+
+bool in_range(const CellAddress<float>& at, int directions, int plane) {
+  return at.u >= 0 && at.u < directions && at.v >= 0 && at.v < directions && at.a >= 0 && at.a < plane && at.b >= 0 &&
+         at.b < plane;
+}
+
+// Directions where the map folds or divides by little: poles, axes, seams, tiny and denormal components.
+std::vector<Vec3> special_directions() {
+  std::vector<Vec3> all;
+  const std::array<float, 9> tiny = {0.0f, -0.0f, 1e-45f, 1e-40f, 1e-38f, 1e-30f, 1e-20f, 1e-10f, 1e-4f};
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const float sign : {1.0f, -1.0f}) {
+      for (const float a : tiny) {
+        for (const float b : tiny) {
+          for (const float flip : {1.0f, -1.0f}) {
+            Vec3 d(0.0f);
+            d[axis] = sign;  // 1 + 1e-8 rounds to 1, so that these are unit
+            d[(axis + 1) % 3] = a * flip;
+            d[(axis + 2) % 3] = b;
+            all.push_back(d);
+          }
+        }
+      }
+    }
+  }
+  const float h = 0.70710678f;
+  for (const float x : {h, -h}) {
+    for (const float y : {h, -h}) {
+      all.insert(all.end(), {Vec3(x, y, 0.0f), Vec3(x, y, -0.0f), Vec3(x, 0.0f, y), Vec3(0.0f, x, y)});
+    }
+  }
+  return all;
+}
+
+TEST(OrthographicChart, DirectionSurvivesTheRoundTrip) {
+  TestRandom random(1);
+  double worst = 0.0;
+  const auto check = [&](const Vec3& d) {
+    float u, v;
+    scalar::square_from_direction(lanes(d), u, v);
+    ASSERT_LE(std::abs(u), 1.0f);
+    ASSERT_LE(std::abs(v), 1.0f);
+    worst = std::max(worst, angle(direction_at(u, v), DVec3(d)));
+  };
+  for (int i = 0; i < 1000000; ++i) check(random.direction());
+  for (int i = 0; i < 200000; ++i) {
+    // Close to a pole, an axis or a seam: one or two components log-uniform down to 1e-8.
+    DVec3 d(random.direction());
+    d[int(random.index(3))] *= double(random.log_uniform(1e-8f, 1.0f));
+    d[int(random.index(3))] *= double(random.log_uniform(1e-8f, 1.0f));
+    check(Vec3(glm::normalize(d)));
+  }
+  for (const Vec3& d : special_directions()) check(d);
+  EXPECT_LT(worst, k_round_trip_bound);
+}
+
+TEST(OrthographicChart, SquareSurvivesTheRoundTrip) {
+  TestRandom random(2);
+  for (int i = 0; i < 300000; ++i) {
+    const float u = random.uniform(-1.0f, 1.0f), v = random.uniform(-1.0f, 1.0f);
+    float u2, v2;
+    scalar::square_from_direction(scalar::frame_from_square(u, v).c, u2, v2);
+    // Across the fold a point of the border stands for the same direction as its mirror image.
+    const DVec3 d = direction_at(u, v), d2 = direction_at(u2, v2);
+    ASSERT_LT(angle(d, d2), k_round_trip_bound) << u << " " << v;
+    const bool interior = std::max(std::abs(u), std::abs(v)) < 0.999f && std::min(std::abs(u), std::abs(v)) > 0.001f;
+    if (interior) {
+      ASSERT_NEAR(u, u2, 1e-5f) << u << " " << v;
+      ASSERT_NEAR(v, v2, 1e-5f) << u << " " << v;
+    }
+  }
+}
+
+// Solid angle of a triangle (Van Oosterom and Strackee, 1983).
+double solid_angle(const DVec3& a, const DVec3& b, const DVec3& c) {
+  return 2.0 * std::atan2(glm::dot(a, glm::cross(b, c)), 1.0 + glm::dot(a, b) + glm::dot(b, c) + glm::dot(c, a));
+}
+
+TEST(OrthographicChart, CellsHaveEqualAreas) {
+  // The border of a cell as a polygon of 4 * 16 corners, a fan of triangles from its centre. Chords instead of arcs
+  // cost (1/16)^2 of the border's bulge; corners are rounded to 2^-24.
+  constexpr int k_steps = 16;
+  TestRandom random(3);
+  for (const int n : k_directions) {
+    const double expected = 4.0 * double(k_pi) / (double(n) * n);
+    double sum = 0.0;
+    const int count = n == 32 ? n * n : 2000;
+    for (int k = 0; k < count; ++k) {
+      const int i = n == 32 ? k / n : int(random.index(uint32_t(n)));
+      const int j = n == 32 ? k % n : int(random.index(uint32_t(n)));
+      const auto at = [&](double x, double y) {
+        return direction_at(float((i + x) * 2.0 / n - 1.0), float((j + y) * 2.0 / n - 1.0));
+      };
+      const DVec3 centre = at(0.5, 0.5);
+      double area = 0.0;
+      DVec3 before = at(0.0, 0.0);
+      for (int s = 1; s <= 4 * k_steps; ++s) {
+        const double x = double(s % k_steps) / k_steps;
+        const int side = (s / k_steps) % 4;
+        const DVec3 corner = side == 0 ? at(x, 0) : side == 1 ? at(1, x) : side == 2 ? at(1 - x, 1) : at(0, 1 - x);
+        area += solid_angle(centre, before, corner);
+        before = corner;
+      }
+      // The map keeps one orientation over the whole square.
+      ASSERT_NEAR(area / expected, 1.0, 1e-3) << "cell " << i << ", " << j << " of " << n;
+      sum += area;
+    }
+    if (n == 32) {
+      EXPECT_NEAR(sum, 4.0 * double(k_pi), 1e-5);
+    }
+  }
+}
+
+TEST(OrthographicChart, UniformDirectionsFillCellsEvenly) {
+  for (const int n : {32, 64}) {
+    TestRandom random(uint32_t(40 + n));
+    std::vector<int> count(size_t(n) * size_t(n), 0);
+    constexpr int k_per_cell = 300;
+    const int total = k_per_cell * n * n;
+    for (int i = 0; i < total; ++i) {
+      float u, v;
+      scalar::square_from_direction(lanes(random.direction()), u, v);
+      ++count[size_t(scalar::cell_of(u, float(n))) * size_t(n) + size_t(scalar::cell_of(v, float(n)))];
+    }
+    double chi2 = 0.0;
+    for (const int c : count) chi2 += double(c - k_per_cell) * double(c - k_per_cell) / k_per_cell;
+    // Mean and variance of chi-square with n^2 - 1 degrees of freedom; 5 standard deviations.
+    const double freedom = double(n) * n - 1.0;
+    EXPECT_LT(chi2, freedom + 5.0 * std::sqrt(2.0 * freedom));
+    EXPECT_GT(chi2, freedom - 5.0 * std::sqrt(2.0 * freedom));
+  }
+}
+
+TEST(OrthographicChart, SeamsOfTheSquareMeet) {
+  // The lower hemisphere is folded outwards: border points (x, +-1) and (-x, +-1) are one direction; and nothing jumps
+  // where the square is cut by its axes and by the diamond |u| + |v| = 1 (z = 0).
+  TestRandom random(5);
+  constexpr float k_step = 0x1p-20f;
+  for (int i = 0; i < 20000; ++i) {
+    const float x = random.uniform(-1.0f, 1.0f);
+    for (const float side : {1.0f, -1.0f}) {
+      ASSERT_LT(angle(direction_at(x, side), direction_at(-x, side)), k_round_trip_bound) << x;
+      ASSERT_LT(angle(direction_at(side, x), direction_at(side, -x)), k_round_trip_bound) << x;
+      ASSERT_LT(angle(direction_at(x, k_step), direction_at(x, -k_step)), 8.0 * k_step);
+      ASSERT_LT(angle(direction_at(k_step, x), direction_at(-k_step, x)), 8.0 * k_step);
+      const float y = side * (1.0f - std::abs(x));
+      const DVec3 above = direction_at(x, y * (1.0f - k_step)), below = direction_at(x, y * (1.0f + k_step));
+      ASSERT_LT(angle(above, below), 8.0 * k_step) << x;
+      ASSERT_GE(above.z, 0.0);
+      ASSERT_LE(below.z, 0.0);
+    }
+  }
+}
+
+TEST(OrthographicChart, CellCentreIsNearEveryDirectionOfItsCell) {
+  for (const int n : k_directions) {
+    TestRandom random(uint32_t(60 + n));
+    const auto check = [&](const Vec3& d) {
+      const auto at = scalar::address_of_line<float>(lanes(d), {0.0f, 0.0f, 0.0f}, float(n), 64.0f);
+      ASSERT_TRUE(in_range(at, n, 64));
+      ASSERT_LT(angle(exact(at.frame.c), DVec3(d)) * n, k_centre_distance) << d.x << " " << d.y << " " << d.z;
+    };
+    for (int i = 0; i < 200000; ++i) check(random.direction());
+    for (const Vec3& d : special_directions()) check(d);
+    // Pairs that straddle a seam: both are near their own centres, so the centres are near one another.
+    for (int i = 0; i < 20000; ++i) {
+      Vec3 d = random.direction();
+      const int axis = int(random.index(3));
+      d[axis] = 0.0f;
+      d = glm::normalize(d);
+      Vec3 e = d;
+      d[axis] = random.log_uniform(1e-12f, 1e-7f);
+      e[axis] = -d[axis];
+      check(d);
+      check(e);
+    }
+  }
+}
+
+TEST(OrthographicChart, ExactPolesAndAxesGiveFiniteCells) {
+  for (const Vec3& d : special_directions()) {
+    float u, v;
+    scalar::square_from_direction(lanes(d), u, v);
+    ASSERT_TRUE(std::isfinite(u) && std::isfinite(v));
+    ASSERT_LE(std::max(std::abs(u), std::abs(v)), 1.0f);
+    const bool lower = d.z < 0.0f;
+    if (lower) {
+      ASSERT_GE(std::abs(u) + std::abs(v), 1.0f - 1e-6f);
+    } else {
+      ASSERT_LE(std::abs(u) + std::abs(v), 1.0f + 1e-6f);
+    }
+  }
+  float u, v;
+  scalar::square_from_direction<float>({0.0f, 0.0f, 1.0f}, u, v);
+  EXPECT_EQ(u, 0.0f);
+  EXPECT_EQ(v, 0.0f);
+  scalar::square_from_direction<float>({0.0f, 0.0f, -1.0f}, u, v);
+  EXPECT_EQ(std::abs(u), 1.0f);
+  EXPECT_EQ(std::abs(v), 1.0f);
+}
+
+TEST(OrthographicChart, FramesAreOrthonormalAndRightHanded) {
+  double worst = 0.0;
+  for (const int n : k_directions) {
+    for (int i = 0; i < n; ++i) {
+      for (int j = 0; j < n; ++j) {
+        const auto f =
+            scalar::frame_from_square(scalar::centre_of<float>(i, float(n)), scalar::centre_of<float>(j, float(n)));
+        const DVec3 c = exact(f.c), s = exact(f.s), t = exact(f.t);
+        for (const double e : {glm::dot(c, c) - 1.0, glm::dot(s, s) - 1.0, glm::dot(t, t) - 1.0, glm::dot(c, s),
+                               glm::dot(c, t), glm::dot(s, t), glm::length(glm::cross(s, t) - c)}) {
+          worst = std::max(worst, std::abs(e));
+        }
+      }
+    }
+  }
+  // The series' 4e-7 in sine and cosine, twice in a squared length, and a few roundings.
+  EXPECT_LT(worst, 2e-6);
+}
+
+TEST(OrthographicChart, FrameIsAFunctionOfTheCellAlone) {
+  TestRandom random(8);
+  for (const int n : k_directions) {
+    for (int i = 0; i < 50000; ++i) {
+      const auto at = scalar::address_of_line(lanes(random.direction()), lanes(random.in_ball()), float(n), 128.0f);
+      const auto f =
+          scalar::frame_from_square(scalar::centre_of<float>(at.u, float(n)), scalar::centre_of<float>(at.v, float(n)));
+      ASSERT_TRUE(same_bits(f.c, at.frame.c) && same_bits(f.s, at.frame.s) && same_bits(f.t, at.frame.t));
+    }
+  }
+}
+
+TEST(OrthographicChart, CellCentreAddressesItsOwnCell) {
+  TestRandom random(9);
+  for (const int n : k_directions) {
+    for (int i = 0; i < n * n; ++i) {
+      const int u = i / n, v = i % n;
+      const auto f =
+          scalar::frame_from_square(scalar::centre_of<float>(u, float(n)), scalar::centre_of<float>(v, float(n)));
+      for (const int plane : k_planes) {
+        const int a = int(random.index(uint32_t(plane))), b = int(random.index(uint32_t(plane)));
+        const float along = random.uniform(-1.0f, 1.0f);
+        const Lanes3 anchor = f.s * scalar::centre_of<float>(a, float(plane)) +
+                              f.t * scalar::centre_of<float>(b, float(plane)) + f.c * along;
+        const auto at = scalar::address_of_line(f.c, anchor, float(n), float(plane));
+        ASSERT_TRUE(at.u == u && at.v == v && at.a == a && at.b == b) << n << " " << plane << " " << u << " " << v;
+      }
+    }
+  }
+}
+
+TEST(OrthographicChart, RimAndGrazingLinesStayInTheTable) {
+  TestRandom random(10);
+  for (int i = 0; i < 100000; ++i) {
+    const Vec3 d = random.direction();
+    Vec3 side = glm::cross(d, random.direction());
+    if (glm::length(side) < 1e-3f) continue;
+    side = glm::normalize(side);
+    // Offsets from just inside the ball's rim to twice the radius: these are clamped, not wrapped.
+    const float offset = 1.0f + (random.uniform() < 0.5f ? -1.0f : 1.0f) * random.log_uniform(1e-8f, 1.0f);
+    const auto at = scalar::address_of_line(lanes(d), lanes(side * offset), 64.0f, 128.0f);
+    ASSERT_TRUE(in_range(at, 64, 128));
+    if (offset <= 1.0f) {
+      const float x = scalar::centre_of<float>(at.a, 128.0f), y = scalar::centre_of<float>(at.b, 128.0f);
+      // Inside the disk, up to half a cell's diagonal.
+      ASSERT_LE(std::hypot(x, y), 1.0f + 1.5f / 128.0f);
+    }
+  }
+}
+
+constexpr float k_identity[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
+
+TEST(OrthographicChart, AddressIsInvariantUnderSliding) {
+  TestRandom random(11);
+  int moved = 0, total = 0;
+  for (int i = 0; i < 200000; ++i) {
+    const Vec3 d = random.direction() * random.log_uniform(1e-3f, 1e3f);
+    const DVec3 unit = glm::normalize(DVec3(d));
+    const DVec3 through = DVec3(random.in_ball());
+    const double distance = double(random.log_uniform(2.0f, 1e6f));
+    const Vec3 far(through - unit * distance);
+    // The same line entered near the ball: rounded once, from the far origin that is really meant.
+    const Vec3 near(DVec3(far) + unit * (distance - 1.5));
+    const auto s1 = scalar::segment_in_unit_space(k_identity, lanes(far), lanes(d), k_infinity);
+    const auto s2 = scalar::segment_in_unit_space(k_identity, lanes(near), lanes(d), k_infinity);
+    const double ulp = std::ldexp(1.0, std::ilogb(glm::length(far)) - 23);
+    const double near_ulp = 0x1p-22;  // of |near| <= 2.5
+    const DVec3 foot = DVec3(far) - unit * glm::dot(DVec3(far), unit);
+    ASSERT_LE(glm::length(exact(s1.foot) - foot), 4.0 * ulp) << distance;
+    ASSERT_LE(glm::length(exact(s1.foot) - exact(s2.foot)), 4.0 * ulp + 4.0 * near_ulp) << distance;
+    if (distance > 100.0) continue;
+    ++total;
+    moved += !same_cell(scalar::address_of_line(s1.direction, s1.foot, 64.0f, 128.0f),
+                        scalar::address_of_line(s2.direction, s2.foot, 64.0f, 128.0f));
+  }
+  // Up to 100 radii away 4 ulp are 4e-5, and 1/128 of a cell: few lines cross a border by that.
+  EXPECT_LT(moved, total / 200);
+}
+
+TEST(OrthographicChart, FootIsPerpendicularForAnyOrigin) {
+  TestRandom random(12);
+  for (int i = 0; i < 200000; ++i) {
+    const Vec3 d = random.direction();
+    const Vec3 o = random.direction() * random.log_uniform(1e-8f, 1e6f);
+    const auto s = scalar::segment_in_unit_space(k_identity, lanes(o), lanes(d), k_infinity);
+    const double size = glm::length(exact(s.foot));
+    if (size > 1.0) continue;
+    ASSERT_LE(std::abs(glm::dot(exact(s.foot), exact(s.direction))), 4.0 * 0x1p-24 * std::max(size, 1e-30) + 1e-37)
+        << glm::length(o);
+  }
+}
+
+TEST(OrthographicChart, ReverseLinesShareTheVisibilityCell) {
+  // A field without a brick reads as unknown everywhere and names the slice that it would need.
+  const std::vector<int32_t> zeros(size_t(16 * 16 + 32 * 16), 0);
+  const std::vector<uint8_t> bytes(1024, 0);
+  const std::vector<int32_t> words(512, 0);
+  FieldView field;
+  field.directions = 64.0f;
+  field.plane = 128.0f;
+  field.direction_bricks = 16;
+  field.plane_bricks_b = 16;
+  field.plane_bricks = 32 * 16;
+  field.top = zeros.data();
+  field.pages = zeros.data();
+  field.visibility = bytes.data();
+  field.depth = field.certificate = field.primitive = words.data();
+  TestRandom random(13);
+  int different = 0, total = 0;
+  for (int i = 0; i < 200000; ++i) {
+    const Vec3 a = random.direction() * random.uniform(1.1f, 20.0f),
+               b = random.direction() * random.uniform(1.1f, 20.0f);
+    const auto forth = scalar::segment_in_unit_space(k_identity, lanes(a), lanes(b - a), 1.0f);
+    const auto back = scalar::segment_in_unit_space(k_identity, lanes(b), lanes(a - b), 1.0f);
+    if (!forth.crosses || !back.crosses) continue;
+    const auto v1 = scalar::query_segment(field, QueryPolicy{}, forth, false);
+    const auto v2 = scalar::query_segment(field, QueryPolicy{}, back, false);
+    ASSERT_EQ(v1.verdict, scalar::k_verdict_unknown_visibility);
+    ASSERT_EQ(v2.verdict, scalar::k_verdict_unknown_visibility);
+    ++total;
+    different += v1.slice != v2.slice;
+  }
+  ASSERT_GT(total, 1000);
+  // Only lines that rounding pushes over a cell's border differ.
+  EXPECT_LT(different, total / 500);
+}
+
+}  // namespace
+}  // namespace fieldtrace

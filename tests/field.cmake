@@ -1,0 +1,1 @@
+fieldtrace_test(chart_test LABELS quick numerics)
