@@ -12,7 +12,7 @@
 #include "field/bake_full.h"
 #include "field/field_cache.h"
 #include "field/field_file.h"
-#include "hybrid/scene_answerer.h"
+#include "hybrid/shadow_answerer.h"
 
 namespace fieldtrace {
 namespace {

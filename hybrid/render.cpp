@@ -121,9 +121,15 @@ void for_each_field(const Scene& scene, const FieldSet& set, const Use& use) {
   }
 }
 
-void store_fields(const Scene& scene, const FieldSet& set, FieldCache& cache, Stats& stats) {
+// A finished picture is worth more than its fields: what cannot be kept is told, not thrown.
+void store_fields(const Scene& scene, const FieldSet& set, FieldCache& cache, const WarningSink& warning,
+                  Stats& stats) {
   for_each_field(scene, set, [&](const Field& field, const FieldIdentity& identity) {
-    cache.store(field, identity);
+    try {
+      cache.store(field, identity);
+    } catch (const Error& e) {
+      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+    }
     stats.field_bytes_disk += cache.bytes_on_disk(identity);
   });
 }
@@ -279,7 +285,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.interrupted = interrupted;
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
     count_fields(fields, result.stats);
-    if (cache) store_fields(scene, fields, *cache, result.stats);
+    if (cache) store_fields(scene, fields, *cache, callbacks.warning, result.stats);
     if (job.not_finite > 0) {
       warn(callbacks.warning, {},
            std::to_string(job.not_finite) +
