@@ -14,6 +14,7 @@
 
 #include "core/accel.h"
 #include "core/camera.h"
+#include "field/field_cache.h"
 #include "hybrid/aovs.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
@@ -103,6 +104,34 @@ FieldSet make_fields(const Scene& scene, const RenderOptions& options) {
         wanted && wants_field(shape) ? std::make_unique<Field>(field_ball(shape.bounds), set.parameters) : nullptr);
   }
   return set;
+}
+
+// The cache of `options`, null where there is none or nothing is kept in it.
+std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, const FieldSet& set, const WarningSink& warning) {
+  const bool any = std::any_of(set.fields.begin(), set.fields.end(), [](const auto& f) { return f != nullptr; });
+  if (options.field_cache.empty() || !any) return nullptr;
+  return std::make_unique<FieldCache>(options.field_cache, warning);
+}
+
+// Calls use(field, identity) for every field.
+template <class Use>
+void for_each_field(const Scene& scene, const FieldSet& set, const Use& use) {
+  for (size_t s = 0; s < set.fields.size(); ++s) {
+    if (set.fields[s]) use(*set.fields[s], field_identity(scene.shapes[s], set.parameters));
+  }
+}
+
+// A finished picture is worth more than its fields: what cannot be kept is told, not thrown.
+void store_fields(const Scene& scene, const FieldSet& set, FieldCache& cache, const WarningSink& warning,
+                  Stats& stats) {
+  for_each_field(scene, set, [&](const Field& field, const FieldIdentity& identity) {
+    try {
+      cache.store(field, identity);
+    } catch (const Error& e) {
+      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+    }
+    stats.field_bytes_disk += cache.bytes_on_disk(identity);
+  });
 }
 
 void count_fields(const FieldSet& set, Stats& stats) {
@@ -228,6 +257,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Accel accel(scene);
     const CameraSampler camera(scene.camera, scene.film);
     const FieldSet fields = make_fields(scene, options);
+    const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
+    if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
     const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};
     const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
     const TransportContext context(scene, accel, camera, answerer, settings);
@@ -255,6 +286,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.interrupted = interrupted;
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
     count_fields(fields, result.stats);
+    if (cache) store_fields(scene, fields, *cache, callbacks.warning, result.stats);
     if (job.not_finite > 0) {
       warn(callbacks.warning, {},
            std::to_string(job.not_finite) +
