@@ -192,6 +192,12 @@ void print(const std::string& name, const std::string& kind, const FieldParamete
               percent(r.at[0].wrong[0] + r.at[1].wrong[0], r.at[0].answers[0] + r.at[1].answers[0]),
               percent(r.at[0].wrong[1] + r.at[1].wrong[1], r.at[0].answers[1] + r.at[1].answers[1]));
   for (const Tally& t : r.at) std::printf(" %.2f", percent(t.wrong[0] + t.wrong[1], t.answers[0] + t.answers[1]));
+  std::printf(" | ask at class limit");
+  uint64_t given = 0;
+  for (const Tally& t : r.at) {
+    given += t.answers[0] + t.answers[1];
+    std::printf(" %.1f", 100.0 - percent(given, r.queries));
+  }
   std::printf("\n");
 }
 
@@ -305,7 +311,7 @@ int run(int argc, char** argv) {
   }
   std::printf(
       "mesh         D    N   K  segment  | share of asks and wrong answers, %%, for class limits 0 and 1 | wrong "
-      "by verdict (limit 1) | wrong among the answers that class limit 0 1 2 4 8 15 adds\n");
+      "by verdict (limit 1) | wrong among the answers that class limit 0 1 2 4 8 15 adds | asks at these limits\n");
   for (const std::string& name : names) report(name, parameters, clusters);
   return 0;
 }
