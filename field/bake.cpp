@@ -20,6 +20,8 @@ constexpr size_t k_slices_at_once = 16;  // bounds the ray batch: 16 * 32 cells 
 // the plane, in radii (docs/decisions/003-certificates.md).
 constexpr float k_min_normal_cosine = 0.5f;
 constexpr float k_max_residual = 0.005f;
+// ... and at most this many half widths of a plane cell, where cells are small.
+constexpr float k_max_residual_cells = 0.64f;
 
 // A depth cell's lines fan out from its frontmost sheet; a pivot more than this many half widths of a plane cell away
 // is moved there.
@@ -71,7 +73,7 @@ class SliceBaker {
     float member_residual = 0.0f;  // their largest distance from the plane
     float distance(const Vec3& p) const { return glm::dot(normal, p) - offset; }
   };
-  static SheetPlane fit_plane(const SheetCell& cell, int anchor, const Vec3& in_plane, const Vec3& axis);
+  SheetPlane fit_plane(const SheetCell& cell, int anchor, const Vec3& in_plane, const Vec3& axis) const;
 
   void add_line(Round& round, const Line& line, uint32_t cell) {
     const float half_squared = 1.0f - glm::dot(line.foot, line.foot);
@@ -95,6 +97,7 @@ class SliceBaker {
   const Accel& accel_;
   uint32_t shape_;
   BakeCounters& counters_;
+  float max_residual_ = std::min(k_max_residual, k_max_residual_cells / float(parameters_.plane));
 };
 
 void SliceBaker::bake_visibility(std::span<const Claimed> slices) {
@@ -167,11 +170,11 @@ void SliceBaker::trace_sheet_lines(std::vector<SheetCell>& cells, Round& round) 
 }
 
 SliceBaker::SheetPlane SliceBaker::fit_plane(const SheetCell& cell, int anchor, const Vec3& in_plane,
-                                             const Vec3& axis) {
+                                             const Vec3& axis) const {
   SheetPlane plane;
   const auto member = [&](int k) {
     return glm::dot(cell.normals[k], cell.normals[anchor]) >= k_min_normal_cosine &&
-           std::abs(glm::dot(cell.points[k] - cell.points[anchor], cell.normals[anchor])) <= 4.0f * k_max_residual;
+           std::abs(glm::dot(cell.points[k] - cell.points[anchor], cell.normals[anchor])) <= 4.0f * max_residual_;
   };
   Vec3 centroid(0.0f), normal(0.0f);
   for (int k = 0; k < cell.hits; ++k) {
@@ -218,7 +221,7 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const SheetCell& 
     residual = std::max(residual, std::abs(plane.distance(cell.points[k])));
     spread = std::min(spread, glm::dot(cell.normals[k], plane.normal));
   }
-  const bool one_sheet = residual <= k_max_residual && spread >= k_min_normal_cosine && plane.faces;
+  const bool one_sheet = residual <= max_residual_ && spread >= k_min_normal_cosine && plane.faces;
   if (one_sheet && misses == 0) {
     store(plane, scalar::k_kind_sheet, 0, residual);
     return;
@@ -231,10 +234,11 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const SheetCell& 
   const SheetPlane ceiling = fit_plane(cell, front, in_plane, frame.c);
   float above = ceiling.member_residual;
   for (int k = 0; k < cell.hits; ++k) above = std::max(above, ceiling.distance(cell.points[k]));
-  if (ceiling.faces && above <= k_max_residual) {
+  if (ceiling.faces && above <= max_residual_) {
     int behind = 0;  // hits of another surface, which may reach further forward than the lines that met it tell
     for (int k = 0; k < cell.hits; ++k) behind += ceiling.distance(cell.points[k]) < -2.0f * above;
-    const bool mostly_one = 4 * behind < cell.hits;
+    // Nor may it rest on a few lines alone.
+    const bool mostly_one = 4 * behind < cell.hits && 4 * cell.hits >= cell.lines;
     store(ceiling, scalar::k_kind_ceiling, mostly_one ? 0 : disagreeing_class(behind, cell.lines), above);
     return;
   }

@@ -93,11 +93,12 @@ FT_HD inline DirectionFrame<F> frame_from_square(F u, F v) {
   return f;
 }
 
-// Index of the cell that x in [-1, 1] lies in, out of n; values outside go to the nearest cell.
+// Index of the cell that x in [-1, 1] lies in, out of n; values outside go to the nearest cell, NaN to cell 0.
 template <class F>
 FT_HD inline Int_t<F> cell_of(F x, float n) {
   const F scaled = floor((x + splat<F>(1.0f)) * splat<F>(0.5f * n));
-  return to_int(min(max(scaled, splat<F>(0.0f)), splat<F>(n - 1.0f)));
+  // In this order a NaN becomes cell 0: lanes without a query look up whatever their segment left behind.
+  return to_int(min(max(splat<F>(0.0f), scaled), splat<F>(n - 1.0f)));
 }
 
 // Centre of cell i out of n, in [-1, 1].

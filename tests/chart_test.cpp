@@ -312,6 +312,16 @@ TEST(OrthographicChart, RimAndGrazingLinesStayInTheTable) {
   }
 }
 
+TEST(OrthographicChart, CoordinatesOutsideGoToTheNearestCellAndNanToTheFirst) {
+  EXPECT_EQ(scalar::cell_of(-1.0f, 64.0f), 0);
+  EXPECT_EQ(scalar::cell_of(1.0f, 64.0f), 63);
+  EXPECT_EQ(scalar::cell_of(-3.0f, 64.0f), 0);
+  EXPECT_EQ(scalar::cell_of(k_infinity, 64.0f), 63);
+  EXPECT_EQ(scalar::cell_of(-k_infinity, 64.0f), 0);
+  // Lanes without a query hold such values; a look-up must stay inside the table all the same.
+  EXPECT_EQ(scalar::cell_of(std::numeric_limits<float>::quiet_NaN(), 64.0f), 0);
+}
+
 constexpr float k_identity[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
 TEST(OrthographicChart, AddressIsInvariantUnderSliding) {

@@ -86,7 +86,7 @@ class FieldSegments : public ::testing::TestWithParam<size_t> {
 
 TEST_P(FieldSegments, OutsideToOutside) {
   Score score;
-  for (int i = 0; i < 3000; ++i) {
+  for (int i = 0; i < 2000; ++i) {
     const Vec3 through = random.in_ball(), d = random.direction();
     score_points(through - d * random.uniform(2.0f, 50.0f), through + d * random.uniform(2.0f, 50.0f), score);
   }
@@ -95,7 +95,7 @@ TEST_P(FieldSegments, OutsideToOutside) {
 
 TEST_P(FieldSegments, InsideToOutsideAndBack) {
   Score out, in;
-  for (int i = 0; i < 1500; ++i) {
+  for (int i = 0; i < 1000; ++i) {
     const Vec3 p = random.in_ball(), q = outside();
     score_points(p, q, out);
     score_points(q, p, in);
@@ -106,14 +106,14 @@ TEST_P(FieldSegments, InsideToOutsideAndBack) {
 
 TEST_P(FieldSegments, InsideToInside) {
   Score score;
-  for (int i = 0; i < 1500; ++i) score_points(random.in_ball(), random.in_ball(), score);
+  for (int i = 0; i < 1000; ++i) score_points(random.in_ball(), random.in_ball(), score);
   ASSERT_GT(score.answered, 0);
   EXPECT_LE(score.wrong, 2 + test_case().wrong_limit * score.answered) << test_case().name << " of " << score.answered;
 }
 
 TEST_P(FieldSegments, FromTheSurfaceItself) {
   Score away, to_a_point;
-  for (int i = 0; i < 2000; ++i) {
+  for (int i = 0; i < 1200; ++i) {
     const auto r = fixture.receiver(random, test_case().open);
     Vec3 d = random.direction();
     if (glm::dot(d, r.normal) < 0.0f) d = -d;
@@ -133,7 +133,7 @@ TEST_P(FieldSegments, AdversarialLines) {
   // ask often and may err more; the limits only keep them from answering at random.
   Score score;
   const TriangleMesh& mesh = fixture.mesh();
-  for (int i = 0; i < 1500; ++i) {
+  for (int i = 0; i < 1000; ++i) {
     const UVec3 t = mesh.triangles[random.index(uint32_t(mesh.triangles.size()))];
     const Vec3 a = mesh.positions[t.x], b = mesh.positions[t.y];
     const float s = random.uniform() < 0.3f ? 0.0f : random.uniform();
@@ -154,7 +154,7 @@ TEST_P(FieldSegments, AdversarialLines) {
 
 TEST_P(FieldSegments, TinyAndHugeSegments) {
   Score score;
-  for (int i = 0; i < 600; ++i) {
+  for (int i = 0; i < 300; ++i) {
     const Vec3 p = random.in_ball(), d = random.direction();
     score_points(p, p + d * random.log_uniform(1e-7f, 1e-3f), score);
     const float far = random.log_uniform(1e2f, 1e4f);
@@ -224,7 +224,7 @@ TEST_P(FieldSegments, NearestHitsLieWithinTheirBounds) {
       }
     }
   };
-  for (int i = 0; i < 1500; ++i) {
+  for (int i = 0; i < 900; ++i) {
     const Vec3 through = random.in_ball();
     const Vec3 d = random.direction() * (fixture.ball().radius * random.log_uniform(0.1f, 10.0f));
     const float reach = 3.0f * fixture.ball().radius / glm::length(d);
