@@ -94,11 +94,12 @@ FT_HD_INLINE DirectionFrame<F> frame_from_square(F u, F v) {
   return f;
 }
 
-// Index of the cell that x in [-1, 1] lies in; values outside go to the nearest cell.
+// Index of the cell that x in [-1, 1] lies in; values outside go to the nearest cell, NaN to cell 0.
 template <class F>
 FT_HD_INLINE Int_t<F> cell_of(F x, const ChartAxis& axis) {
   const F scaled = floor((x + splat<F>(1.0f)) * splat<F>(axis.half));
-  return small_to_int(min(max(scaled, splat<F>(0.0f)), splat<F>(axis.last)));
+  // In this order a NaN becomes cell 0: lanes without a query look up whatever their segment left behind.
+  return small_to_int(min(max(splat<F>(0.0f), scaled), splat<F>(axis.last)));
 }
 
 // Centre of cell i, in [-1, 1].

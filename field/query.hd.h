@@ -31,6 +31,11 @@ constexpr int k_verdict_ask = 3;
 constexpr int k_verdict_unknown_visibility = 4;
 constexpr int k_verdict_unknown_depth = 5;
 
+// A point counts as in front of a sheet, on the sheet included, up to this share of the error bound behind it: 1.5
+// times the largest residual seen. Receivers on the sheet itself lie within that; what lies further in front of a point
+// may be a blocker (docs/decisions/003-certificates.md).
+constexpr float k_front_share = 0.75f;
+
 template <class F>
 struct SegmentVerdict {
   Int_t<F> verdict;
@@ -97,7 +102,10 @@ struct SheetView {
   F offset;    // plane: dot(normal, x) = offset
   F error;
   F along;  // of p, along the cell's direction from the centre plane
-  Mask_t<F> known, sheet, miss;
+  Mask_t<F> known;
+  Mask_t<F> sheet;  // the plane bounds what lies in front of it
+  Mask_t<F> solid;  // and every line meets it
+  Mask_t<F> miss;
   Int_t<F> slice;
   Int_t<F> primitive_cell;  // index into the primitive layer
 };
@@ -115,7 +123,8 @@ FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolic
   view.known = !(certificate == splat_int<F>(0));
   const Mask_t<F> answers = (shift_right<2>(certificate) & splat_int<F>(63)) < splat_int<F>(policy.depth_max_class + 1);
   const Int_t<F> kind = certificate & splat_int<F>(3);
-  view.sheet = (kind == splat_int<F>(k_kind_sheet)) & answers;
+  view.sheet = (kind > splat_int<F>(k_kind_miss)) & answers;
+  view.solid = policy.answer_all ? view.sheet : view.sheet & (kind == splat_int<F>(k_kind_sheet));
   view.miss = (kind == splat_int<F>(k_kind_miss)) & answers;
   const F depth = decode_depth<F>(word);
   view.normal = decode_normal<F>(word);
@@ -156,9 +165,9 @@ template <class F>
 FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy& policy, const Vec3Lanes<F>& direction,
                                       const Vec3Lanes<F>& p, Mask_t<F> wanted) {
   const F half_cell = half_cell_of<F>(field);
-  // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than half its
-  // width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
-  const F near_distance = half_cell * splat<F>(field.directions.cells * 0.5641896f);
+  // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than a quarter of
+  // its width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
+  const F near_distance = half_cell * splat<F>(field.directions.cells * (0.5f * 0.5641896f));
   FoundSheet<F> found;
   found.view = look_up_sheet(field, policy, direction, p);
   SheetView<F>& view = found.view;
@@ -183,6 +192,7 @@ FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy&
                              (abs(second.distance) <= second.error + view.error + half_cell + half_cell);
     // Where every cell answers, the first one does if the two contradict each other.
     found.decided = policy.answer_all ? found.decided : (and_not(far, found.decided)) | agrees;
+    view.solid = (and_not(agrees, view.solid)) | (agrees & second.solid);
     view.normal = {select(agrees, second.normal.x, view.normal.x), select(agrees, second.normal.y, view.normal.y),
                    select(agrees, second.normal.z, view.normal.z)};
     view.offset = select(agrees, second.offset, view.offset);
@@ -215,10 +225,10 @@ FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPol
   answer.lookups = found.lookups;
   answer.unknown = found.unknown;
   const F margin = view.error + view.error + half_cell_of<F>(field);
-  const F clear_from = policy.answer_all ? zero - margin : zero - view.error;
+  const F clear_from = policy.answer_all ? zero - margin : zero - view.error * splat<F>(k_front_share);
   answer.front = found.decided & (view.distance >= clear_from);
   if (policy.answer_all) answer.front = answer.front | found.miss;
-  answer.behind = found.decided & (view.distance < zero - margin);
+  answer.behind = found.decided & view.solid & (view.distance < zero - margin);
   answer.other_in_front = answer.behind & (dot(view.normal, other) - view.offset > margin);
   return answer;
 }

@@ -80,7 +80,7 @@ TEST(FullBake, ReachesEveryCellThatALineFalls) {
     for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth}) {
       if (layer == FieldLayer::visibility && d.z < 0.0f) d = -d;
       const auto cell = scalar::address_of_line<float>({d.x, d.y, d.z}, {anchor.x, anchor.y, anchor.z},
-                                                       float(p.directions), float(p.plane));
+                                                       make_axis(p.directions), make_axis(p.plane));
       EXPECT_TRUE(slice_reachable(p, layer, {cell.u, cell.v, cell.a / 4 * 4, cell.b / 8 * 8}))
           << d.x << ' ' << d.y << ' ' << d.z;
       ++reached;
