@@ -78,7 +78,7 @@ bool valid_visibility(int32_t code) {
 
 bool valid_certificate(int32_t word) {
   const int kind = word & 3, risk = word >> 2 & 63;
-  return (kind == scalar::k_kind_miss || kind == scalar::k_kind_sheet) && risk <= k_worst_class && word >> 16 == 0;
+  return kind >= scalar::k_kind_miss && kind <= scalar::k_kind_ceiling && risk <= k_worst_class && word >> 16 == 0;
 }
 
 bool valid_cell(GridLayer layer, int32_t value, uint32_t primitive_count) {

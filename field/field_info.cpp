@@ -31,7 +31,7 @@ LayerInfo layer_info(const Field& field, FieldLayer layer, float tolerance) {
       }
       if (layer == FieldLayer::depth && (place.finished >> (slice + 16) & 1) != 0) {
         const int32_t word = view.certificate[cell];
-        count_cell(info, (word & 3) == scalar::k_kind_sheet, word >> 2 & 63, max_class);
+        count_cell(info, (word & 3) != scalar::k_kind_miss, word >> 2 & 63, max_class);
       }
     }
   }

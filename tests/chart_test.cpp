@@ -313,13 +313,13 @@ TEST(OrthographicChart, RimAndGrazingLinesStayInTheTable) {
 }
 
 TEST(OrthographicChart, CoordinatesOutsideGoToTheNearestCellAndNanToTheFirst) {
-  EXPECT_EQ(scalar::cell_of(-1.0f, 64.0f), 0);
-  EXPECT_EQ(scalar::cell_of(1.0f, 64.0f), 63);
-  EXPECT_EQ(scalar::cell_of(-3.0f, 64.0f), 0);
-  EXPECT_EQ(scalar::cell_of(k_infinity, 64.0f), 63);
-  EXPECT_EQ(scalar::cell_of(-k_infinity, 64.0f), 0);
+  EXPECT_EQ(scalar::cell_of(-1.0f, make_axis(64)), 0);
+  EXPECT_EQ(scalar::cell_of(1.0f, make_axis(64)), 63);
+  EXPECT_EQ(scalar::cell_of(-3.0f, make_axis(64)), 0);
+  EXPECT_EQ(scalar::cell_of(k_infinity, make_axis(64)), 63);
+  EXPECT_EQ(scalar::cell_of(-k_infinity, make_axis(64)), 0);
   // Lanes without a query hold such values; a look-up must stay inside the table all the same.
-  EXPECT_EQ(scalar::cell_of(std::numeric_limits<float>::quiet_NaN(), 64.0f), 0);
+  EXPECT_EQ(scalar::cell_of(std::numeric_limits<float>::quiet_NaN(), make_axis(64)), 0);
 }
 
 constexpr float k_identity[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
