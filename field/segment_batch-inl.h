@@ -43,9 +43,9 @@ FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, 
   store_lanes(select(asks, splat_int<F>(candidate_slot), asker), &states.asker[i]);
 }
 
-// Blocks of 16 rays whose lines are looked up before any depth cell is: two short loops, whose vectors the processor
+// Blocks of rays whose lines are looked up before any depth cell is: two short loops, whose vectors the processor
 // overlaps, instead of one long chain of arithmetic. Few enough for the first-level cache.
-constexpr size_t k_blocks_at_once = 16;
+constexpr size_t k_blocks_at_once = 8;
 
 // What the first loop leaves to the second.
 template <class F>
