@@ -24,9 +24,19 @@ const char* isa_name(Isa isa) {
   return "unknown";
 }
 
+namespace {
+
+// Asked once: the instruction that tells costs microseconds on a virtual machine.
+int64_t processor_targets() {
+  static const int64_t targets = hwy::SupportedTargets();
+  return targets;
+}
+
+}  // namespace
+
 std::vector<Isa> supported_isas() {
   std::vector<Isa> isas = {Isa::scalar};
-  const auto targets = hwy::SupportedTargets();
+  const int64_t targets = processor_targets();
   if (targets & (HWY_SSE4 | HWY_NEON)) isas.push_back(Isa::sse4);
   if (targets & HWY_AVX2) isas.push_back(Isa::avx2);
   if (targets & HWY_AVX3) isas.push_back(Isa::avx512);

@@ -115,6 +115,11 @@ HWY_INLINE F32 select(MaskLanes m, F32 a, F32 b) { return {hn::IfThenElse(m.m, a
 HWY_INLINE I32 select(MaskLanes m, I32 a, I32 b) { return {hn::IfThenElse(hn::RebindMask(DI(), m.m), a.v, b.v)}; }
 HWY_INLINE U32 select(MaskLanes m, U32 a, U32 b) { return {hn::IfThenElse(hn::RebindMask(DU(), m.m), a.v, b.v)}; }
 HWY_INLINE I32 to_int(F32 a) { return {hn::ConvertTo(DI(), a.v)}; }
+// A whole number in [0, 2^23): added to 2^23 it stands in the low bits. (ConvertTo also mends overflow, which costs more.)
+HWY_INLINE I32 small_to_int(F32 a) {
+  const auto bits = hn::BitCast(DI(), a.v + hn::Set(DF(), 0x1p23f));
+  return {hn::And(bits, hn::Set(DI(), 0x7fffff))};
+}
 HWY_INLINE F32 to_float(I32 a) { return {hn::ConvertTo(DF(), a.v)}; }
 HWY_INLINE U32 as_uint(I32 a) { return {hn::BitCast(DU(), a.v)}; }
 HWY_INLINE I32 as_int(U32 a) { return {hn::BitCast(DI(), a.v)}; }
@@ -123,6 +128,11 @@ HWY_INLINE bool all(MaskLanes m) { return hn::AllTrue(DF(), m.m); }
 
 HWY_INLINE int count_true(MaskLanes m) { return int(hn::CountTrue(DF(), m.m)); }
 HWY_INLINE int sum_of(I32 a) { return int(hn::GetLane(hn::SumOfLanes(DI(), a.v))); }
+
+// Writes the lanes of `a` where m is set to consecutive places from p; returns how many. p has room for a whole vector.
+HWY_INLINE int compress_store(I32 a, MaskLanes m, int32_t* p) {
+  return int(hn::CompressStore(a.v, hn::RebindMask(DI(), m.m), DI(), p));
+}
 
 template <int k_bits>
 HWY_INLINE U32 shift_left(U32 a) {
@@ -178,6 +188,16 @@ HWY_INLINE U32 load_byte_lanes<F32>(const uint8_t* p) {
 }
 HWY_INLINE void store_lanes(F32 a, float* p) { store(a, p); }
 HWY_INLINE void store_lanes(U32 a, uint32_t* p) { store(a, p); }
+HWY_INLINE void store_lanes(I32 a, int32_t* p) { store(a, p); }
+template <>
+HWY_INLINE I32 load_int_lanes<F32>(const int32_t* p) {
+  return load(p);
+}
+// first, first + 1, ... in the lanes.
+template <>
+HWY_INLINE I32 lane_sequence<F32>(int32_t first) {
+  return {hn::Iota(DI(), first)};
+}
 
 template <>
 struct LanePermutation<F32> {

@@ -55,10 +55,10 @@ FT_HD inline float select(bool m, float a, float b) { return m ? a : b; }
 FT_HD inline int32_t select(bool m, int32_t a, int32_t b) { return m ? a : b; }
 FT_HD inline uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
 FT_HD inline int32_t to_int(float a) { return int32_t(a); }  // truncates; the caller keeps |a| < 2^31
+FT_HD inline int32_t small_to_int(float a) { return int32_t(a); }  // a whole number in [0, 2^23)
 FT_HD inline float to_float(int32_t a) { return float(a); }
 FT_HD inline uint32_t as_uint(int32_t a) { return uint32_t(a); }
 FT_HD inline int32_t as_int(uint32_t a) { return int32_t(a); }
-FT_HD inline void store(int32_t a, int32_t* p) { *p = a; }
 FT_HD inline int count_true(bool m) { return m ? 1 : 0; }
 FT_HD inline int sum_of(int32_t a) { return a; }
 FT_HD inline bool any(bool m) { return m; }
@@ -131,6 +131,21 @@ FT_HD inline Uint_t<F> load_byte_lanes(const uint8_t* p) {
 }
 FT_HD inline void store_lanes(float a, float* p) { *p = a; }
 FT_HD inline void store_lanes(uint32_t a, uint32_t* p) { *p = a; }
+FT_HD inline void store_lanes(int32_t a, int32_t* p) { *p = a; }
+template <class F>
+FT_HD inline Int_t<F> load_int_lanes(const int32_t* p) {
+  return *p;
+}
+// first, first + 1, ... in the lanes.
+template <class F>
+FT_HD inline Int_t<F> lane_sequence(int32_t first) {
+  return first;
+}
+// Writes the lanes of `a` where m is set to consecutive places from p; returns how many. p has room for a whole vector.
+FT_HD inline int compress_store(int32_t a, bool m, int32_t* p) {
+  if (m) *p = a;
+  return m ? 1 : 0;
+}
 
 // Lane l of the result is lane index[l] of the argument, index[l] in [0, lane count).
 template <class F>

@@ -32,7 +32,7 @@ struct ReceiverLanes {
   Uint_t<F> first_index, instance;
 
   template <class Op>
-  ReceiverLanes map(const Op& op) const {
+  FT_HD_INLINE ReceiverLanes map(const Op& op) const {
     return {{op(at.origin), op(at.shading), op(at.delta), op(at.transmits)},
             op(normal),
             op(slip),
@@ -46,9 +46,11 @@ struct ReceiverLanes {
 template <class F>
 struct SpreadLanes {
   LanePermutation<F> permute;
-  F operator()(F a) const { return permute(a); }
-  Uint_t<F> operator()(Uint_t<F> a) const { return permute(a); }
-  Vec3Lanes<F> operator()(const Vec3Lanes<F>& a) const { return {permute(a.x), permute(a.y), permute(a.z)}; }
+  FT_HD_INLINE F operator()(F a) const { return permute(a); }
+  FT_HD_INLINE Uint_t<F> operator()(Uint_t<F> a) const { return permute(a); }
+  FT_HD_INLINE Vec3Lanes<F> operator()(const Vec3Lanes<F>& a) const {
+    return {permute(a.x), permute(a.y), permute(a.z)};
+  }
 };
 
 template <class F, class Kind, bool k_transmits>
@@ -63,7 +65,7 @@ struct LightBatch {
   const size_t slots;
   ShadowBatch& out;
 
-  ReceiverLanes<F> load_receivers(size_t i) const {
+  FT_HD_INLINE ReceiverLanes<F> load_receivers(size_t i) const {
     const ReceiverBatch& b = receivers;
     const auto at = [i](const AlignedVector<float>& v) { return load_lanes<F>(v.data() + i); };
     const Vec3Lanes<F> point = {at(b.px), at(b.py), at(b.pz)};
@@ -92,7 +94,7 @@ struct LightBatch {
   }
 
   // Writes one vector of slots: sample first_index + k of each lane's receiver.
-  void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup, Uint_t<F> k) const {
+  FT_HD_INLINE void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup, Uint_t<F> k) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const Uint_t<F> index = r.first_index + k;
     const UnitPair<F> uv = sample_2d<F>(index, r.seeds);
@@ -132,20 +134,31 @@ struct LightBatch {
 
   void run() const {
     const size_t m = size_t(light_samples);
-    // Per vector of a group: the receiver (lane) and the sample number of each slot.
+    // The specialised loops are compiled for the frequent kinds of light only.
+    constexpr bool k_specialise = Kind::k_frequent && !k_transmits;
+    const bool single = k_specialise && m == 1;
+    const bool whole_vectors = k_specialise && m % k_lanes == 0;
+    // Per vector of a group: the receiver (lane) and the sample number of each slot. For whole vectors: lane[i] of
+    // vector i is i throughout.
     AlignedVector<int32_t> lane;
     AlignedVector<uint32_t> sample;
-    const bool whole_vectors = m % k_lanes == 0;
-    lane.resize(std::max(size_t(k_lanes) * k_lanes, whole_vectors ? 0 : m * k_lanes));
-    sample.resize(m * k_lanes);
-    for (size_t i = 0; i < lane.size(); ++i) lane[i] = int32_t(whole_vectors ? i / k_lanes : i / m);
-    for (size_t i = 0, k = 0; i < sample.size(); ++i, k = k + 1 == m ? 0 : k + 1) sample[i] = uint32_t(k);
+    if (!single) {
+      lane.resize(size_t(k_lanes) * (whole_vectors ? size_t(k_lanes) : m));
+      sample.resize(m * k_lanes);
+      const size_t run_length = whole_vectors ? size_t(k_lanes) : m;
+      for (size_t i = 0, begin = 0; begin < lane.size(); ++i, begin += run_length) {
+        std::fill_n(lane.begin() + ptrdiff_t(begin), run_length, int32_t(i));
+      }
+      for (size_t begin = 0; begin < sample.size(); begin += m) {
+        for (size_t k = 0; k < m; ++k) sample[begin + k] = uint32_t(k);
+      }
+    }
 
     for (size_t group = 0; group < receivers.size; group += k_lanes) {
       const ReceiverLanes<F> r = load_receivers(group);
       const typename Kind::Setup setup = kind.setup(r.at);
       const size_t base = group * m;
-      if (m == 1) {
+      if (single) {
         emit(base, r, setup, splat_uint<F>(0));
       } else if (whole_vectors) {
         const size_t count = std::min(size_t(k_lanes), receivers.size - group);

@@ -46,13 +46,13 @@ struct LightSample {
 };
 
 template <class F>
-FT_HD inline Vec3Lanes<F> splat3(const float* p) {
+FT_HD_INLINE Vec3Lanes<F> splat3(const float* p) {
   return {splat<F>(p[0]), splat<F>(p[1]), splat<F>(p[2])};
 }
 
 // The sample of a surface point at `to_point` from the origin, chosen with density 1 / inverse_area per area.
 template <class F>
-FT_HD inline LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3Lanes<F>& to_point,
+FT_HD_INLINE LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3Lanes<F>& to_point,
                                            const Vec3Lanes<F>& normal, F inverse_density) {
   const F tiny = splat<F>(Tiny::k_smallest_normal);
   const F inverse_length = splat<F>(1.0f) / max(sqrt(dot(to_point, to_point)), r.delta);
@@ -71,7 +71,7 @@ FT_HD inline LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3
 
 template <class F>
 struct SphereLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
   Vec3Lanes<F> centre;
   F radius;
 
@@ -79,7 +79,7 @@ struct SphereLight {
     Vec3Lanes<F> axis, x, y;
     F distance, radius, sine_max, one_minus_cosine, inverse, shading_axis, inverse_pdf, pdf;
     template <class Op>
-    FT_HD Setup map(const Op& op) const {
+    FT_HD_INLINE Setup map(const Op& op) const {
       return {op(axis),
               op(x),
               op(y),
@@ -96,7 +96,7 @@ struct SphereLight {
 
   FT_HD explicit SphereLight(const Light& light) : centre(splat3<F>(light.centre)), radius(splat<F>(light.radius)) {}
 
-  FT_HD Setup setup(const LightReceiver<F>& r) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
     const F one = splat<F>(1.0f), two = splat<F>(2.0f), tiny = splat<F>(Tiny::k_smallest_normal);
     const Vec3Lanes<F> to_centre = centre - r.origin;
     const F target_radius = radius + r.delta;
@@ -120,7 +120,7 @@ struct SphereLight {
             solid_angle, one / solid_angle};
   }
 
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const F one = splat<F>(1.0f), two = splat<F>(2.0f);
     const DiskPoint<F> p = concentric_disk<F>(u, v);
     const F uniform = p.radius * p.radius;
@@ -148,11 +148,15 @@ struct SphereLight {
 
 template <class F>
 struct RectangleLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
   // Below this solid angle (sr) the rectangle is sampled by area. The angle that is inverted below carries a few
   // roundings of values up to 2 pi, some 2^-20 in all; relative to the solid angle that is at most 2^-11 from here on.
   // A rectangle this small is nearly flat on the sphere, so that area sampling loses little.
   static constexpr float k_min_solid_angle = 0x1p-9f;
+
+  // `across` is 1 + cos of the angle between opposite corners, with an absolute error of some 2^-22: from here on its
+  // relative error is below 2^-17.
+  static constexpr float k_cancelled = 0x1p-5f;
 
   Vec3Lanes<F> centre, edge_x, edge_y, normal;
   F half_x, half_y, area;
@@ -162,7 +166,7 @@ struct RectangleLight {
     F x0, x1, y0, y1, z, height;
     F b0, b1, e0, cosine_k, sine_k, turns, inverse_pdf;
     template <class Op>
-    FT_HD Setup map(const Op& op) const {
+    FT_HD_INLINE Setup map(const Op& op) const {
       return {op(x0), op(x1), op(y0),       op(y1),     op(z),     op(height),     op(b0),
               op(b1), op(e0), op(cosine_k), op(sine_k), op(turns), op(inverse_pdf)};
     }
@@ -177,7 +181,7 @@ struct RectangleLight {
         half_y(splat<F>(light.half_size[1])),
         area(splat<F>(light.area)) {}
 
-  FT_HD Setup setup(const LightReceiver<F>& r) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const Vec3Lanes<F> to_centre = centre - r.origin;
     const F cx = dot(to_centre, edge_x), cy = dot(to_centre, edge_y), cz = -dot(to_centre, normal);
@@ -190,41 +194,51 @@ struct RectangleLight {
     const F xx0 = ux0 * ux0, xx1 = ux1 * ux1, yy0 = uy0 * uy0, yy1 = uy1 * uy1, zz = uz * uz;
     const F yz0 = yy0 + zz, yz1 = yy1 + zz;
 
-    // Solid angle: two triangles with the same numerator (twice the area times the height), added as complex numbers.
+    // The planes through the origin and the edges: sines a, b of their elevations over the edges along y and x, and
+    // cosines f, e. One division for all.
+    const F lx0 = sqrt(xx0 + zz), lx1 = sqrt(xx1 + zz), ly0 = sqrt(yz0), ly1 = sqrt(yz1);
+    const F lxx = lx0 * lx1, lyy = ly0 * ly1;
+    const F inverse = one / (lxx * lyy);
+    const F inverse_x = inverse * lyy, inverse_y = inverse * lxx;
+    const F ix0 = inverse_x * lx1, ix1 = inverse_x * lx0, iy0 = inverse_y * ly1, iy1 = inverse_y * ly0;
+    const F a0 = -(ux0 * ix0), a1 = ux1 * ix1, b0 = -(uy0 * iy0), b1 = uy1 * iy1;
+    const F f0 = uz * ix0, f1 = uz * ix1, e0 = uz * iy0, e1 = uz * iy1;
+    // Cosines and sines of the four inner angles; 1 - (a b)^2 = e^2 + b^2 f^2 has no cancellation.
+    const F bb0 = b0 * b0, bb1 = b1 * b1, ee0 = e0 * e0, ee1 = e1 * e1, ff0 = f0 * f0, ff1 = f1 * f1;
+    const F c0 = -(b0 * a1), c1 = -(b1 * a1), c2 = -(b1 * a0), c3 = -(b0 * a0);
+    const F s0 = sqrt(ee0 + bb0 * ff1), s1 = sqrt(ee1 + bb1 * ff1);
+    const F s2 = sqrt(ee1 + bb1 * ff0), s3 = sqrt(ee0 + bb0 * ff0);
+    const F cosine_k = c2 * c3 - s2 * s3, sine_k = -(s2 * c3 + c2 * s3);   // k = 2 pi - g2 - g3
+    const F cosine_end = c0 * c1 - s0 * s1, sine_end = s0 * c1 + c0 * s1;  // k + S = g0 + g1
+
+    // Solid angle S: tan(S / 2) of two triangles with the same numerator, added as complex numbers. Keeps the digits of
+    // small angles, but loses those of lights so long that opposite corners are nearly opposite directions (`across`
+    // cancels); there S is the difference of the angles k + S and k.
     const F r00 = sqrt(xx0 + yz0), r10 = sqrt(xx1 + yz0), r11 = sqrt(xx1 + yz1), r01 = sqrt(xx0 + yz1);
     const F xy = ux0 * ux1 + zz, yx = uy0 * uy1 + zz, diagonal = ux0 * ux1 + yx;
     const F numerator = uz * ((half_x + half_x) * unit) * ((half_y + half_y) * unit);
     const F across = r00 * r11 + diagonal;
     const F d1 = across * r10 + (xy + yy0) * r11 + (yx + xx1) * r00;
     const F d2 = across * r01 + (xy + yy1) * r00 + (yx + xx0) * r11;
-    const F solid_angle = splat<F>(2.0f) * angle_upper<F>(numerator * (d1 + d2), d1 * d2 - numerator * numerator);
-
-    // Elevations of the edges' planes: sines a of those along y, b of those along x; one division for all.
-    const F lx0 = sqrt(xx0 + zz), ly0 = sqrt(yz0), ly1 = sqrt(yz1);
-    const F lxy = ly0 * ly1;
-    const F inverse = one / (lx0 * lxy);
-    const F inverse_ly0 = inverse * lx0 * ly1, inverse_ly1 = inverse * lx0 * ly0;
-    const F a0 = -(ux0 * (inverse * lxy)), b0 = -(uy0 * inverse_ly0), b1 = uy1 * inverse_ly1;
-    // Inner angles 2 and 3 of the spherical rectangle and k = 2 pi - g2 - g3.
-    const F c2 = -(a0 * b1), c3 = -(a0 * b0);
-    const F s2 = sqrt(max((one - c2) * (one + c2), zero)), s3 = sqrt(max((one - c3) * (one + c3), zero));
+    const F triangles_x = d1 * d2 - numerator * numerator, triangles_y = numerator * (d1 + d2);
+    const F cosine_s = cosine_end * cosine_k + sine_end * sine_k;
+    const F sine_s = sine_end * cosine_k - cosine_end * sine_k;
+    // Half of S from its cosine and sine. A small negative sine means either a rounding of 0 or nearly 2 pi.
+    const auto acute = cosine_s > zero;
+    const F turn = select(triangles_x < zero, splat<F>(-1.0f), one);
+    const F half_s_x = select(acute, (one + cosine_s) * turn, sine_s);
+    const F half_s_y = select(acute, max(sine_s * turn, zero), one - cosine_s);
+    const auto opposite = across < r00 * r11 * splat<F>(k_cancelled);
+    const F solid_angle = splat<F>(2.0f) * angle_upper<F>(select(opposite, half_s_y, triangles_y),
+                                                          select(opposite, half_s_x, triangles_x));
     const auto small = solid_angle < splat<F>(k_min_solid_angle);
-    return {x0,
-            x1,
-            y0,
-            y1,
-            z,
-            cz,
-            b0,
-            b1,
-            uz * inverse_ly0,
-            c2 * c3 - s2 * s3,
-            -(s2 * c3 + c2 * s3),
-            select(small, splat<F>(-1.0f), solid_angle * splat<F>(Angle::k_inv_two_pi)),
+    return {x0,         x1,       y0,     y1,
+            z,          cz,       b0,     b1,
+            e0,         cosine_k, sine_k, select(small, splat<F>(-1.0f), solid_angle * splat<F>(Angle::k_inv_two_pi)),
             solid_angle};
   }
 
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f), tiny = splat<F>(Tiny::k_smallest_normal);
     const auto by_area = s.turns < zero;
     // The angle k + u S, and x / z, the tangent of the elevation of the cut through x. With the published f = c / sine

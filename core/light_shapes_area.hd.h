@@ -20,14 +20,14 @@ template <class F>
 struct CentreSetup {
   Vec3Lanes<F> to_centre;
   template <class Op>
-  FT_HD CentreSetup map(const Op& op) const {
+  FT_HD_INLINE CentreSetup map(const Op& op) const {
     return {op(to_centre)};
   }
 };
 
 template <class F>
 struct ParallelogramLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre, axis_x, axis_y, normal;
   F area;
@@ -37,8 +37,8 @@ struct ParallelogramLight {
         axis_y(splat3<F>(light.axis[1])),
         normal(splat3<F>(light.normal)),
         area(splat<F>(light.area)) {}
-  FT_HD Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const F a = splat<F>(2.0f) * u - splat<F>(1.0f), b = splat<F>(2.0f) * v - splat<F>(1.0f);
     return sample_by_area<F>(r, s.to_centre + (axis_x * a + axis_y * b), normal, area);
   }
@@ -46,7 +46,7 @@ struct ParallelogramLight {
 
 template <class F>
 struct DiskLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre, axis_x, axis_y, normal;
   F area;
@@ -56,8 +56,8 @@ struct DiskLight {
         axis_y(splat3<F>(light.axis[1])),
         normal(splat3<F>(light.normal)),
         area(splat<F>(light.area)) {}
-  FT_HD Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const DiskPoint<F> p = concentric_disk<F>(u, v);
     const Vec3Lanes<F> offset = (axis_x * p.cosine + axis_y * p.sine) * p.radius;
     return sample_by_area<F>(r, s.to_centre + offset, normal, area);
@@ -73,8 +73,8 @@ struct AffineShape {
       : axis{splat3<F>(light.axis[0]), splat3<F>(light.axis[1]), splat3<F>(light.axis[2])},
         normal_axis{splat3<F>(light.normal_axis[0]), splat3<F>(light.normal_axis[1]), splat3<F>(light.normal_axis[2])},
         area(splat<F>(light.area)) {}
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Vec3Lanes<F>& to_centre, const Vec3Lanes<F>& point,
-                              const Vec3Lanes<F>& unit_normal) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Vec3Lanes<F>& to_centre,
+                                     const Vec3Lanes<F>& point, const Vec3Lanes<F>& unit_normal) const {
     const Vec3Lanes<F> offset = axis[0] * point.x + axis[1] * point.y + axis[2] * point.z;
     const Vec3Lanes<F> n =
         normal_axis[0] * unit_normal.x + normal_axis[1] * unit_normal.y + normal_axis[2] * unit_normal.z;
@@ -85,13 +85,13 @@ struct AffineShape {
 
 template <class F>
 struct EllipsoidLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre;
   AffineShape<F> shape;
   FT_HD explicit EllipsoidLight(const Light& light) : centre(splat3<F>(light.centre)), shape(light) {}
-  FT_HD Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const Vec3Lanes<F> p = uniform_sphere<F>(u, v);
     return shape.sample(r, s.to_centre, p, p);
   }
@@ -99,13 +99,13 @@ struct EllipsoidLight {
 
 template <class F>
 struct CylinderLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre;
   AffineShape<F> shape;
   FT_HD explicit CylinderLight(const Light& light) : centre(splat3<F>(light.centre)), shape(light) {}
-  FT_HD Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const SinCos<F> angle = sincos_turns<F>(u);
     return shape.sample(r, s.to_centre, {angle.cosine, angle.sine, v}, {angle.cosine, angle.sine, splat<F>(0.0f)});
   }
@@ -113,28 +113,28 @@ struct CylinderLight {
 
 template <class F>
 struct MeshLight {
-  static constexpr bool k_surface = true, k_finite = true, k_third_number = true;
+  static constexpr bool k_surface = true, k_finite = true, k_third_number = true, k_frequent = false;
   struct Setup {
     template <class Op>
-    FT_HD Setup map(const Op&) const {
+    FT_HD_INLINE Setup map(const Op&) const {
       return {};
     }
   };
   const float* triangles;  // of this light, k_light_triangle_floats each
   uint32_t count;
   uint32_t first_step;  // largest power of two <= count
-  FT_HD MeshLight(const Light& light, const LightTriangle* table)
+  FT_HD_INLINE MeshLight(const Light& light, const LightTriangle* table)
       : triangles(table[light.first_triangle].p0), count(light.triangle_count), first_step(1) {
     while (first_step <= count / 2) first_step *= 2;
   }
-  FT_HD Setup setup(const LightReceiver<F>&) const { return {}; }
+  FT_HD_INLINE Setup setup(const LightReceiver<F>&) const { return {}; }
 
-  FT_HD Vec3Lanes<F> gather3(Int_t<F> base, int member) const {
+  FT_HD_INLINE Vec3Lanes<F> gather3(Int_t<F> base, int member) const {
     return {gather(triangles + member, base), gather(triangles + member + 1, base),
             gather(triangles + member + 2, base)};
   }
 
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup&, F u, F v, F w) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup&, F u, F v, F w) const {
     // The last triangle whose cdf is <= w, by steps of halving size.
     const Int_t<F> stride = splat_int<F>(k_light_triangle_floats);
     const Int_t<F> last = splat_int<F>(int32_t(count) - 1);
@@ -155,12 +155,12 @@ struct MeshLight {
 
 template <class F>
 struct PointLight {
-  static constexpr bool k_surface = false, k_finite = true, k_third_number = false;
+  static constexpr bool k_surface = false, k_finite = true, k_third_number = false, k_frequent = true;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre;
   FT_HD explicit PointLight(const Light& light) : centre(splat3<F>(light.centre)) {}
-  FT_HD Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F, F, F) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F, F, F) const {
     const F length = sqrt(dot(s.to_centre, s.to_centre));
     const F inverse_length = splat<F>(1.0f) / max(length, r.delta);
     // Ends delta before the position, so that a surface which the light was put on does not hide it.
@@ -176,12 +176,12 @@ struct PointLight {
 
 template <class F>
 struct DirectionalLight {
-  static constexpr bool k_surface = false, k_finite = false, k_third_number = false;
+  static constexpr bool k_surface = false, k_finite = false, k_third_number = false, k_frequent = true;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> towards;
   FT_HD explicit DirectionalLight(const Light& light) : towards(splat3<F>(light.centre)) {}
-  FT_HD Setup setup(const LightReceiver<F>&) const { return {towards}; }
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup&, F, F, F) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>&) const { return {towards}; }
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup&, F, F, F) const {
     return {towards, towards, splat<F>(0.0f), dot(r.shading, towards), splat<F>(1.0f), splat<F>(0.0f)};
   }
 };
@@ -189,20 +189,20 @@ struct DirectionalLight {
 // Cosine-weighted about the shading normal; uniform over the sphere for receivers that transmit.
 template <class F>
 struct ConstantLight {
-  static constexpr bool k_surface = false, k_finite = false, k_third_number = false;
+  static constexpr bool k_surface = false, k_finite = false, k_third_number = false, k_frequent = true;
   struct Setup {
     Vec3Lanes<F> x, y;
     template <class Op>
-    FT_HD Setup map(const Op& op) const {
+    FT_HD_INLINE Setup map(const Op& op) const {
       return {op(x), op(y)};
     }
   };
   FT_HD explicit ConstantLight(const Light&) {}
-  FT_HD Setup setup(const LightReceiver<F>& r) const {
+  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
     const Basis<F> b = make_basis<F>(r.shading);
     return {b.x, b.y};
   }
-  FT_HD LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const DiskPoint<F> p = concentric_disk<F>(u, v);
     const F rest = (one - p.radius) * (one + p.radius);

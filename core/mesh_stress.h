@@ -1,9 +1,9 @@
 // Meshes that are hard for sampled visibility: thin slats, wires, hair, open sheets, holes, slivers. For tests and
 // benchmarks.
 //
-// All lie in object space around the origin, with default parameters within the unit sphere. They have unit normals and texture coordinates, and are a function of
-// their parameters alone (random ones of the seed). Every function throws UsageError for a parameter outside its range.
-// Thread-safety: pure functions. Memory layout: see core/mesh.h.
+// All lie in object space around the origin, with default parameters within the unit sphere. They have unit normals and
+// texture coordinates, and are a function of their parameters alone (random ones of the seed). Every function throws
+// UsageError for a parameter outside its range. Thread-safety: pure functions. Memory layout: see core/mesh.h.
 #pragma once
 
 #include <cstdint>

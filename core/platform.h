@@ -8,5 +8,14 @@
 #define FT_HD
 #endif
 
+// FT_HD_INLINE marks lane code that must melt into its caller: a call would pass whole vectors through memory.
+#if defined(__CUDACC__)
+#define FT_HD_INLINE __host__ __device__ __forceinline__
+#elif defined(__GNUC__)
+#define FT_HD_INLINE inline __attribute__((always_inline))
+#else
+#define FT_HD_INLINE inline
+#endif
+
 // FT_RESTRICT promises that a pointer is the only way to reach its data inside the function.
 #define FT_RESTRICT __restrict__

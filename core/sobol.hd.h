@@ -26,7 +26,7 @@ FT_LANES_BEGIN
 // An integer hash without low-order bias (C. Wellons' search for two-round multiply-xorshift hashes). A bijection; maps
 // 0 to 0.
 template <class U>
-FT_HD inline U hash_bits(U x, U multiplier0, U multiplier1) {
+FT_HD_INLINE U hash_bits(U x, U multiplier0, U multiplier1) {
   x = x ^ shift_right<16>(x);
   x = x * multiplier0;
   x = x ^ shift_right<15>(x);
@@ -34,18 +34,18 @@ FT_HD inline U hash_bits(U x, U multiplier0, U multiplier1) {
   return x ^ shift_right<15>(x);
 }
 template <class F>
-FT_HD inline Uint_t<F> hash_lanes(Uint_t<F> x) {
+FT_HD_INLINE Uint_t<F> hash_lanes(Uint_t<F> x) {
   return hash_bits(x, splat_uint<F>(0x21f0aaadu), splat_uint<F>(0xd35a2d97u));
 }
-FT_HD inline uint32_t hash_uint(uint32_t x) { return hash_lanes<float>(x); }
+FT_HD_INLINE uint32_t hash_uint(uint32_t x) { return hash_lanes<float>(x); }
 
 // Hash of two words in order; chain it for more.
-FT_HD inline uint32_t hash_combine(uint32_t a, uint32_t b) {
+FT_HD_INLINE uint32_t hash_combine(uint32_t a, uint32_t b) {
   return hash_uint(a ^ (hash_uint(b + 0x9e3779b9u) + 0x9e3779b9u + (a << 6) + (a >> 2)));
 }
 
 // The seed of one pixel's path vertex (0: the camera ray's hit): what ReceiverBatch::seed holds.
-FT_HD inline uint32_t vertex_seed(uint32_t seed, uint32_t pixel_x, uint32_t pixel_y, uint32_t vertex) {
+FT_HD_INLINE uint32_t vertex_seed(uint32_t seed, uint32_t pixel_x, uint32_t pixel_y, uint32_t vertex) {
   return hash_combine(hash_combine(hash_combine(seed, pixel_x), pixel_y), vertex);
 }
 
@@ -57,7 +57,7 @@ struct SobolSeeds {
 
 // Seeds of the pair number `dimension` of the sequence `seed`.
 template <class F>
-FT_HD inline SobolSeeds<F> sobol_seeds(Uint_t<F> seed, uint32_t dimension) {
+FT_HD_INLINE SobolSeeds<F> sobol_seeds(Uint_t<F> seed, uint32_t dimension) {
   const Uint_t<F> order = hash_lanes<F>(seed + splat_uint<F>(hash_uint(dimension + 0x9e3779b9u)));
   const Uint_t<F> x = hash_lanes<F>(order + splat_uint<F>(0x9e3779b9u));
   const Uint_t<F> y = hash_lanes<F>(x + splat_uint<F>(0x9e3779b9u));
@@ -66,7 +66,7 @@ FT_HD inline SobolSeeds<F> sobol_seeds(Uint_t<F> seed, uint32_t dimension) {
 
 // Owen scrambling of a *bit-reversed* fraction: bit k of the result depends on bits 0..k of x only.
 template <class F>
-FT_HD inline Uint_t<F> scramble_reversed(Uint_t<F> x, Uint_t<F> seed) {
+FT_HD_INLINE Uint_t<F> scramble_reversed(Uint_t<F> x, Uint_t<F> seed) {
   x = x ^ (x * splat_uint<F>(0x3d20adeau));
   x = x + seed;
   x = x * (shift_right<16>(seed) | splat_uint<F>(1u));
@@ -77,7 +77,7 @@ FT_HD inline Uint_t<F> scramble_reversed(Uint_t<F> x, Uint_t<F> seed) {
 // The second Sobol dimension of `index`, bit-reversed (the first dimension's is `index` itself): bit j of the result is
 // the sum modulo 2 of the bits k of the index with C(k, j) odd.
 template <class F>
-FT_HD inline Uint_t<F> sobol_second_reversed(Uint_t<F> index) {
+FT_HD_INLINE Uint_t<F> sobol_second_reversed(Uint_t<F> index) {
   index = index ^ shift_right<16>(index);
   index = index ^ shift_right<8>(index & splat_uint<F>(0xff00ff00u));
   index = index ^ shift_right<4>(index & splat_uint<F>(0xf0f0f0f0u));
@@ -92,7 +92,7 @@ struct FractionPair {
 };
 
 template <class F>
-FT_HD inline FractionPair<F> sample_2d_fractions(Uint_t<F> index, const SobolSeeds<F>& seeds) {
+FT_HD_INLINE FractionPair<F> sample_2d_fractions(Uint_t<F> index, const SobolSeeds<F>& seeds) {
   const Uint_t<F> shuffled = reverse_bits(scramble_reversed<F>(reverse_bits(index), seeds.order));
   return {reverse_bits(scramble_reversed<F>(shuffled, seeds.x)),
           reverse_bits(scramble_reversed<F>(sobol_second_reversed<F>(shuffled), seeds.y))};
@@ -105,13 +105,13 @@ struct UnitPair {
 };
 
 template <class F>
-FT_HD inline UnitPair<F> sample_2d(Uint_t<F> index, const SobolSeeds<F>& seeds) {
+FT_HD_INLINE UnitPair<F> sample_2d(Uint_t<F> index, const SobolSeeds<F>& seeds) {
   const FractionPair<F> p = sample_2d_fractions<F>(index, seeds);
   return {unit_float(p.x), unit_float(p.y)};
 }
 
 // Point `index` of the pair number `dimension` of the sequence `seed`, in [0, 1)^2.
-FT_HD inline UnitPair<float> sample_2d(uint32_t index, uint32_t seed, uint32_t dimension) {
+FT_HD_INLINE UnitPair<float> sample_2d(uint32_t index, uint32_t seed, uint32_t dimension) {
   return sample_2d<float>(index, sobol_seeds<float>(seed, dimension));
 }
 

@@ -6,6 +6,11 @@
 namespace fieldtrace {
 namespace {
 
+// Every relative bound is zero for a surface in a coordinate plane, where an origin on the surface is hit at t = 0 (and
+// denormal offsets are flushed to zero). This share of the shape's own size is far below what rounding costs elsewhere
+// (2^-24), and its product with the squared size, as in the triangle test, is a normal float for sizes down to 1e-8.
+constexpr double k_least_share = 0x1p-40;
+
 // What a shape knows about a point on it, in object space.
 struct LocalPoint {
   DVec3 position = DVec3(0.0);
@@ -13,7 +18,7 @@ struct LocalPoint {
   DVec3 shading = DVec3(0.0, 0.0, 1.0);  // any length
   Vec2 uv = Vec2(0.0f);
   // Bound on the error of a ray query's own distance to the surface, along the unit geometric normal.
-  double query_error = 0.0;
+  double query_error = k_least_share;  // the analytic shapes have size 1
 };
 
 DVec3 apply_point(const Affine& a, const DVec3& p) {
@@ -54,7 +59,8 @@ LocalPoint triangle_point(const Shape& shape, uint32_t primitive, float u, float
   local.position = p0 * b0 + p1 * b1 + p2 * b2;
   const DVec3 e1 = p1 - p0, e2 = p2 - p0;
   local.normal = local.shading = glm::cross(e1, e2);
-  local.query_error = triangle_query_error(e1, e2, p0 - local.position, local.normal);
+  local.query_error = triangle_query_error(e1, e2, p0 - local.position, local.normal) +
+                      k_least_share * std::max(glm::length(e1), glm::length(e2));
   if (!mesh.normals.empty()) {
     const DVec3 n =
         DVec3(mesh.normals[index.x]) * b0 + DVec3(mesh.normals[index.y]) * b1 + DVec3(mesh.normals[index.z]) * b2;

@@ -44,7 +44,7 @@ struct SinCos {
 
 // sin and cos of x, |x| <= pi / 4. Absolute error below 2^-23; sin is relative: below 2^-23 |x|.
 template <class F>
-FT_HD inline SinCos<F> sincos_octant(F x) {
+FT_HD_INLINE SinCos<F> sincos_octant(F x) {
   const F xx = x * x;
   const F s = splat<F>(-1.6666654611e-1f) + xx * (splat<F>(8.3321608736e-3f) + xx * splat<F>(-1.9515295891e-4f));
   const F c =
@@ -54,7 +54,7 @@ FT_HD inline SinCos<F> sincos_octant(F x) {
 
 // sin and cos of 2 pi t, 0 <= t <= 1 (t in turns). Absolute error below 2^-22.
 template <class F>
-FT_HD inline SinCos<F> sincos_turns(F t) {
+FT_HD_INLINE SinCos<F> sincos_turns(F t) {
   const F quarters = t * splat<F>(4.0f);
   const F nearest = floor(quarters + splat<F>(0.5f));
   const SinCos<F> p = sincos_octant<F>((quarters - nearest) * splat<F>(Angle::k_half_pi));
@@ -70,7 +70,7 @@ FT_HD inline SinCos<F> sincos_turns(F t) {
 // The angle in [0, pi] of the vector (x, y), y >= 0, not both zero. Relative error below 2^-21 (so small angles keep
 // their digits).
 template <class F>
-FT_HD inline F angle_upper(F y, F x) {
+FT_HD_INLINE F angle_upper(F y, F x) {
   const F ax = abs(x);
   const F small = min(ax, y), large = max(ax, y);
   // Angles between pi/8 and pi/4 are taken relative to pi/4: tan(a - pi/4) = (tan a - 1) / (tan a + 1).
@@ -94,7 +94,7 @@ struct Basis {
 };
 
 template <class F>
-FT_HD inline Basis<F> make_basis(const Vec3Lanes<F>& z) {
+FT_HD_INLINE Basis<F> make_basis(const Vec3Lanes<F>& z) {
   const F sign = copysign(splat<F>(1.0f), z.z);
   const F a = splat<F>(-1.0f) / (sign + z.z);
   const F b = z.x * z.y * a;
@@ -109,7 +109,7 @@ struct DiskPoint {
 
 // The concentric map. (u, v) in [0, 1)^2; uniform over the disk, so radius^2 is uniform in [0, 1].
 template <class F>
-FT_HD inline DiskPoint<F> concentric_disk(F u, F v) {
+FT_HD_INLINE DiskPoint<F> concentric_disk(F u, F v) {
   const F a = splat<F>(2.0f) * u - splat<F>(1.0f);
   const F b = splat<F>(2.0f) * v - splat<F>(1.0f);
   const auto steep = abs(a) < abs(b);
@@ -125,7 +125,7 @@ FT_HD inline DiskPoint<F> concentric_disk(F u, F v) {
 
 // Direction about +z with density cos / pi. (u, v) in [0, 1)^2.
 template <class F>
-FT_HD inline Vec3Lanes<F> cosine_hemisphere(F u, F v) {
+FT_HD_INLINE Vec3Lanes<F> cosine_hemisphere(F u, F v) {
   const DiskPoint<F> p = concentric_disk<F>(u, v);
   const F z = sqrt((splat<F>(1.0f) - p.radius) * (splat<F>(1.0f) + p.radius));
   return {p.radius * p.cosine, p.radius * p.sine, z};
@@ -133,7 +133,7 @@ FT_HD inline Vec3Lanes<F> cosine_hemisphere(F u, F v) {
 
 // Direction with density 1 / (4 pi): Lambert's azimuthal map of the disk.
 template <class F>
-FT_HD inline Vec3Lanes<F> uniform_sphere(F u, F v) {
+FT_HD_INLINE Vec3Lanes<F> uniform_sphere(F u, F v) {
   const DiskPoint<F> p = concentric_disk<F>(u, v);
   const F rest = (splat<F>(1.0f) - p.radius) * (splat<F>(1.0f) + p.radius);  // 1 - r^2 without cancellation
   const F xy = splat<F>(2.0f) * p.radius * sqrt(rest);
@@ -142,7 +142,7 @@ FT_HD inline Vec3Lanes<F> uniform_sphere(F u, F v) {
 
 // Direction about +z with density 1 / (2 pi k), k = one_minus_cosine = 1 - cos(half angle) in (0, 2].
 template <class F>
-FT_HD inline Vec3Lanes<F> uniform_cone(F u, F v, F one_minus_cosine) {
+FT_HD_INLINE Vec3Lanes<F> uniform_cone(F u, F v, F one_minus_cosine) {
   const DiskPoint<F> p = concentric_disk<F>(u, v);
   const F s = p.radius * p.radius * one_minus_cosine;  // 1 - cos of the direction
   const F sine = p.radius * sqrt(one_minus_cosine * (splat<F>(2.0f) - s));
@@ -156,7 +156,7 @@ struct Barycentric {
 
 // Barycentric coordinates of vertices 1 and 2, uniform over a triangle.
 template <class F>
-FT_HD inline Barycentric<F> uniform_triangle(F u, F v) {
+FT_HD_INLINE Barycentric<F> uniform_triangle(F u, F v) {
   const auto above = u < v;
   const F half = select(above, u, v) * splat<F>(0.5f);
   return {select(above, half, u - half), select(above, v - half, half)};

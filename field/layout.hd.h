@@ -25,6 +25,7 @@
 #endif
 
 #include "core/lanes.hd.h"
+#include "core/platform.h"
 #include "field/chart.hd.h"
 #include "field/view.h"
 
@@ -44,7 +45,7 @@ struct CellSlot {
 };
 
 template <class F>
-FT_HD inline CellSlot<F> slot_of(const FieldView& field, const CellAddress<F>& at) {
+FT_HD_INLINE CellSlot<F> slot_of(const FieldView& field, const CellAddress<F>& at) {
   const Int_t<F> three = splat_int<F>(3), seven = splat_int<F>(7);
   const Int_t<F> direction_brick = shift_right<2>(at.u) * splat_int<F>(field.direction_bricks) + shift_right<2>(at.v);
   const Int_t<F> direction_in_brick = shift_left<2>(at.u & three) + (at.v & three);
@@ -63,14 +64,14 @@ FT_HD inline CellSlot<F> slot_of(const FieldView& field, const CellAddress<F>& a
 constexpr float k_depth_quantum = 2.0f / 65535.0f;
 
 template <class F>
-FT_HD inline F decode_depth(Int_t<F> word) {
+FT_HD_INLINE F decode_depth(Int_t<F> word) {
   return to_float(word & splat_int<F>(0xffff)) * splat<F>(k_depth_quantum) - splat<F>(1.0f);
 }
 
 // ---- unit normal as a plain octahedral map of 2 x 8 bits (Cigolle et al., JCGT 2014)
 
 template <class F>
-FT_HD inline Vec3Lanes<F> decode_normal(Int_t<F> word) {
+FT_HD_INLINE Vec3Lanes<F> decode_normal(Int_t<F> word) {
   const Int_t<F> byte = splat_int<F>(0xff);
   const F scale = splat<F>(2.0f / 255.0f), one = splat<F>(1.0f);
   const F x = to_float(shift_right<16>(word) & byte) * scale - one;
@@ -87,7 +88,7 @@ FT_HD inline Vec3Lanes<F> decode_normal(Int_t<F> word) {
 // steps of 3 to 6 %. Powers of two by multiplication rather than exp2, so that all machines agree.
 
 template <class F>
-FT_HD inline F decode_error(Int_t<F> certificate) {
+FT_HD_INLINE F decode_error(Int_t<F> certificate) {
   const Int_t<F> code = shift_right<8>(certificate) & splat_int<F>(0xff);
   const F mantissa = to_float(code & splat_int<F>(15)) * splat<F>(1.0f / 16.0f) + splat<F>(1.0f);
   // 2^(code / 16 - 16), by repeated squaring on the bits of code / 16 (0 ... 15).

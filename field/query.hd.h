@@ -55,7 +55,7 @@ struct UnitSegment {
 
 // Moves a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses nothing.
 template <class F>
-FT_HD inline UnitSegment<F> segment_in_unit_space(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d,
+FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d,
                                                   F tmax) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   UnitSegment<F> s;
@@ -78,13 +78,19 @@ FT_HD inline UnitSegment<F> segment_in_unit_space(const float* to_unit, const Ve
   const F correction = dot(foot, s.direction);
   s.foot = foot - s.direction * correction;
   const F t_foot = along - correction;
-  const F half_squared = one - dot(s.foot, s.foot);
-  const F half = sqrt(max(half_squared, zero));
-  s.crosses = (half_squared > zero) & (s.length > t_foot - half) & (t_foot + half > zero) & (tmax >= zero);
-  s.origin_inside = s.crosses & (t_foot - half < zero);
-  s.end_inside = s.crosses & (s.length < t_foot + half);
+  // Squared distances from the centre: of the line, of the origin and of the end.
+  const F line_squared = dot(s.foot, s.foot);
+  const F to_end = s.length - t_foot;
+  const F origin_squared = line_squared + t_foot * t_foot;
+  const F end_squared = line_squared + to_end * to_end;
+  const Mask_t<F> origin_in = origin_squared < one, end_in = end_squared < one;
+  // With both ends outside, the segment meets the ball where the foot lies between them.
+  const Mask_t<F> spans = (line_squared < one) & (t_foot > zero) & (to_end > zero);
+  s.crosses = (spans | origin_in | end_in) & (tmax >= zero);
+  s.origin_inside = s.crosses & origin_in;
+  s.end_inside = s.crosses & end_in;
   // The end from the foot, not from a far origin.
-  s.end = s.foot + s.direction * (s.length - t_foot);
+  s.end = s.foot + s.direction * to_end;
   return s;
 }
 
@@ -106,7 +112,7 @@ struct SheetView {
 };
 
 template <class F>
-FT_HD inline SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy,
                                         const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p) {
   const CellAddress<F> at = address_of_line(direction, p, field.directions, field.plane);
   const CellSlot<F> slot = slot_of<F>(field, at);
@@ -145,24 +151,24 @@ struct FoundSheet {
 
 // Half a plane cell: what the anchoring leaves uncertain beside a sheet's own error bound.
 template <class F>
-FT_HD inline F half_cell_of(const FieldView& field) {
-  return splat<F>(1.0f / field.plane);
+FT_HD_INLINE F half_cell_of(const FieldView& field) {
+  return splat<F>(0.5f * field.plane.step);
 }
 
 // Distance back along the line from a point at `distance` off the sheet. The cosine is negative because the sheet faces
 // the direction; the floor (2^-20) only keeps the quotient finite.
 template <class F>
-FT_HD inline F distance_back(const SheetView<F>& view, const Vec3Lanes<F>& direction) {
+FT_HD_INLINE F distance_back(const SheetView<F>& view, const Vec3Lanes<F>& direction) {
   return view.distance / min(dot(view.normal, direction), splat<F>(-0x1p-20f));
 }
 
 template <class F>
-FT_HD inline FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy& policy, const Vec3Lanes<F>& direction,
+FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy& policy, const Vec3Lanes<F>& direction,
                                       const Vec3Lanes<F>& p, Mask_t<F> wanted) {
   const F half_cell = half_cell_of<F>(field);
   // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than a quarter of
   // its width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
-  const F near_distance = half_cell * splat<F>(field.directions * (0.5f * 0.5641896f));
+  const F near_distance = half_cell * splat<F>(field.directions.cells * (0.5f * 0.5641896f));
   FoundSheet<F> found;
   found.view = look_up_sheet(field, policy, direction, p);
   SheetView<F>& view = found.view;
@@ -209,7 +215,7 @@ struct DepthAnswer {
 };
 
 template <class F>
-FT_HD inline DepthAnswer<F> compare_depth(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPolicy& policy,
                                           const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p,
                                           const Vec3Lanes<F>& other, Mask_t<F> wanted) {
   const F zero = splat<F>(0.0f);
@@ -237,7 +243,7 @@ struct LineView {
 };
 
 template <class F>
-FT_HD inline LineView<F> look_up_line(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE LineView<F> look_up_line(const FieldView& field, const QueryPolicy& policy,
                                       const UnitSegment<F>& segment) {
   const Int_t<F> one = splat_int<F>(1);
   const Vec3Lanes<F>& d = segment.direction;
@@ -255,71 +261,86 @@ FT_HD inline LineView<F> look_up_line(const FieldView& field, const QueryPolicy&
   return view;
 }
 
-// The verdict for one object. `own`: the receiver lies on this object, so that the line surely meets it and the
-// visibility cell of the whole line has nothing to say.
+// Lanes whose line's cell has something to say. `own`: the receiver lies on this object, so that its line surely meets
+// it.
 template <class F>
-FT_HD inline SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
-                                             const UnitSegment<F>& segment, Mask_t<F> own) {
-  const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
-  const auto verdict_of = [](int v) { return splat_int<F>(v); };
-  SegmentVerdict<F> result;
-  result.verdict = select(segment.crosses, verdict_of(k_verdict_ask), verdict_of(k_verdict_none));
-  result.slice = i_zero;
-  result.lookups = i_zero;
+FT_HD_INLINE Mask_t<F> line_wanted(const UnitSegment<F>& segment, Mask_t<F> own) {
+  return and_not(own & segment.origin_inside, segment.crosses);
+}
 
-  const Mask_t<F> skip_line = own & segment.origin_inside;
-  const Mask_t<F> line_wanted = and_not(skip_line, segment.crosses);
-  Mask_t<F> depth_wanted = segment.crosses & skip_line;
-  if (any(line_wanted)) {
-    const LineView<F> line = look_up_line(field, policy, segment);
-    result.lookups = select(line_wanted, i_one, i_zero);
-    result.slice = line.slice;
-    const Mask_t<F> unknown = line_wanted & line.unknown;
-    const Mask_t<F> end_inside = segment.origin_inside | segment.end_inside;
-    result.verdict = select(line_wanted & line.miss, verdict_of(k_verdict_clear), result.verdict);
-    result.verdict = select(and_not(end_inside, line_wanted & line.hit), verdict_of(k_verdict_blocked), result.verdict);
-    result.verdict = select(unknown, verdict_of(k_verdict_unknown_visibility), result.verdict);
-    // With an end inside, whatever is not a certified miss goes on to the depth cell.
-    const Mask_t<F> go_on = and_not(unknown | line.miss, line_wanted & end_inside);
-    depth_wanted = depth_wanted | go_on;
+// What is left to the depth cells after the line has spoken.
+template <class F>
+struct LineAnswer {
+  SegmentVerdict<F> verdict;
+  Mask_t<F> depth_wanted;
+};
+
+template <class F>
+FT_HD_INLINE LineAnswer<F> answer_by_line(const UnitSegment<F>& segment, Mask_t<F> wanted, const LineView<F>& line) {
+  const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
+  LineAnswer<F> answer;
+  const Mask_t<F> unknown = wanted & line.unknown;
+  const Mask_t<F> end_inside = segment.origin_inside | segment.end_inside;
+  Int_t<F> verdict = select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none));
+  verdict = select(wanted & line.miss, splat_int<F>(k_verdict_clear), verdict);
+  verdict = select(and_not(end_inside, wanted & line.hit), splat_int<F>(k_verdict_blocked), verdict);
+  answer.verdict.verdict = select(unknown, splat_int<F>(k_verdict_unknown_visibility), verdict);
+  answer.verdict.slice = line.slice;
+  answer.verdict.lookups = select(wanted, i_one, i_zero);
+  // With an end inside, whatever is not a certified miss goes on to the depth cell; so do the lanes that had no line.
+  answer.depth_wanted = and_not(wanted, segment.crosses) | and_not(unknown | line.miss, wanted & end_inside);
+  return answer;
+}
+
+// Decides the lanes in `wanted`, each with at least one end inside the ball, by the depth cells.
+template <class F>
+FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& policy, const UnitSegment<F>& segment,
+                                  Mask_t<F> wanted, SegmentVerdict<F>& result) {
+  const Mask_t<F> from_origin = wanted & segment.origin_inside;
+  const Vec3Lanes<F> p = {select(from_origin, segment.origin.x, segment.end.x),
+                          select(from_origin, segment.origin.y, segment.end.y),
+                          select(from_origin, segment.origin.z, segment.end.z)};
+  const Vec3Lanes<F> other = {select(from_origin, segment.end.x, segment.origin.x),
+                              select(from_origin, segment.end.y, segment.origin.y),
+                              select(from_origin, segment.end.z, segment.origin.z)};
+  const Vec3Lanes<F> direction = {select(from_origin, -segment.direction.x, segment.direction.x),
+                                  select(from_origin, -segment.direction.y, segment.direction.y),
+                                  select(from_origin, -segment.direction.z, segment.direction.z)};
+  const Mask_t<F> both_inside = wanted & segment.origin_inside & segment.end_inside;
+  const DepthAnswer<F> first = compare_depth(field, policy, direction, p, other, wanted);
+  result.lookups = result.lookups + first.lookups;
+  result.slice = select(first.unknown, first.slice, result.slice);
+  Mask_t<F> clear = first.front;
+  Mask_t<F> blocked = (and_not(both_inside, first.behind)) | (both_inside & first.other_in_front);
+  Mask_t<F> unknown = first.unknown;
+  const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
+  if (any(undecided)) {
+    // Both ends inside and the surface lies beyond the far end: look from the other side.
+    const DepthAnswer<F> second =
+        compare_depth(field, policy, segment.direction, segment.end, segment.origin, undecided);
+    result.lookups = result.lookups + second.lookups;
+    result.slice = select(second.unknown, second.slice, result.slice);
+    clear = clear | second.front;
+    blocked = blocked | second.other_in_front;
+    unknown = unknown | second.unknown;
   }
-  if (any(depth_wanted)) {
-    const Mask_t<F> from_origin = depth_wanted & segment.origin_inside;
-    const Vec3Lanes<F> p = {select(from_origin, segment.origin.x, segment.end.x),
-                            select(from_origin, segment.origin.y, segment.end.y),
-                            select(from_origin, segment.origin.z, segment.end.z)};
-    const Vec3Lanes<F> other = {select(from_origin, segment.end.x, segment.origin.x),
-                                select(from_origin, segment.end.y, segment.origin.y),
-                                select(from_origin, segment.end.z, segment.origin.z)};
-    const Vec3Lanes<F> direction = {select(from_origin, -segment.direction.x, segment.direction.x),
-                                    select(from_origin, -segment.direction.y, segment.direction.y),
-                                    select(from_origin, -segment.direction.z, segment.direction.z)};
-    const Mask_t<F> both_inside = depth_wanted & segment.origin_inside & segment.end_inside;
-    const DepthAnswer<F> first = compare_depth(field, policy, direction, p, other, depth_wanted);
-    result.lookups = result.lookups + first.lookups;
-    result.slice = select(first.unknown, first.slice, result.slice);
-    Mask_t<F> clear = first.front;
-    Mask_t<F> blocked = (and_not(both_inside, first.behind)) | (both_inside & first.other_in_front);
-    Mask_t<F> unknown = first.unknown;
-    const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
-    if (any(undecided)) {
-      // Both ends inside and the surface lies beyond the far end: look from the other side.
-      const DepthAnswer<F> second =
-          compare_depth(field, policy, segment.direction, segment.end, segment.origin, undecided);
-      result.lookups = result.lookups + second.lookups;
-      result.slice = select(second.unknown, second.slice, result.slice);
-      clear = clear | second.front;
-      blocked = blocked | second.other_in_front;
-      unknown = unknown | second.unknown;
-    }
-    // Neither side sees a surface between the ends: nothing speaks for a blocker.
-    if (policy.answer_all) clear = clear | (and_not(blocked, depth_wanted));
-    result.verdict = select(depth_wanted, verdict_of(k_verdict_ask), result.verdict);
-    result.verdict = select(clear, verdict_of(k_verdict_clear), result.verdict);
-    result.verdict = select(blocked, verdict_of(k_verdict_blocked), result.verdict);
-    result.verdict = select(unknown, verdict_of(k_verdict_unknown_depth), result.verdict);
-  }
-  return result;
+  // Neither side sees a surface between the ends: nothing speaks for a blocker.
+  if (policy.answer_all) clear = clear | (and_not(blocked, wanted));
+  result.verdict = select(wanted, splat_int<F>(k_verdict_ask), result.verdict);
+  result.verdict = select(clear, splat_int<F>(k_verdict_clear), result.verdict);
+  result.verdict = select(blocked, splat_int<F>(k_verdict_blocked), result.verdict);
+  result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_depth), result.verdict);
+}
+
+// The verdict for one object: the three steps above for one segment. Batches run each step over many segments before
+// the next, so that a processor can overlap them (field/segment_batch-inl.h).
+template <class F>
+FT_HD_INLINE SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
+                                             const UnitSegment<F>& segment, Mask_t<F> own) {
+  const Mask_t<F> wanted = line_wanted(segment, own);
+  LineAnswer<F> answer = answer_by_line(segment, wanted, look_up_line(field, policy, segment));
+  if (any(answer.depth_wanted)) answer_by_depth(field, policy, segment, answer.depth_wanted, answer.verdict);
+  return answer.verdict;
 }
 
 FT_LANES_END

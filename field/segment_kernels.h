@@ -1,48 +1,87 @@
 // Batch loops over segment queries, one table of functions per instruction set.
 //
-// Thread-safety: the kernels are pure apart from what they write. Memory layout: ray arrays as in core/rays.h; outputs
-// are padded and aligned likewise.
+// A batch of rays is shown to one candidate object after another; what they say is combined per ray in RayStates.
+// Ranges [begin, end) are multiples of 16 rays, or the batch's padded size. Thread-safety: the kernels are pure apart
+// from what they write. Memory layout: ray arrays as in core/rays.h; states are padded and aligned likewise.
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "core/isa.h"
 #include "core/rays.h"
+#include "core/receivers.h"
 #include "field/view.h"
 
 namespace fieldtrace {
+
+// What the candidates have said of each ray so far.
+struct RayStates {
+  static constexpr int32_t k_crosses = 1;  // meets some candidate's bounds
+  static constexpr int32_t k_blocked = 2;  // some field says so
+  static constexpr int32_t k_ask = 4;      // added once for each candidate that asks for an exact ray
+
+  AlignedVector<int32_t> state;
+  AlignedVector<int32_t> asker;  // candidate_slot of the last one that asked
+  // Blocks of 16 rays that met cells not baked yet, as their first ray; their states are untouched. And the slices.
+  std::vector<uint32_t> unknown_blocks, unknown_visibility, unknown_depth;
+  // Verdict per ray (k_verdict_* of field/query.hd.h) of the last candidate; filled if `keep_verdicts`.
+  AlignedVector<int32_t> verdict;
+  bool keep_verdicts = false;
+
+  void reset(size_t rays) {
+    state.assign(padded(rays), 0);
+    asker.resize(padded(rays));
+    if (keep_verdicts) verdict.resize(padded(rays));
+  }
+};
 
 // One candidate object for a batch of rays.
 struct SegmentTask {
   FieldView field;
   QueryPolicy policy;
-  float to_unit[12];      // world -> unit space of the object, 3 x 4, column-major
-  uint32_t instance = 0;  // rays whose receiver lies on this instance are `own`
+  float to_unit[12];             // world -> unit space of the object, 3 x 4, column-major
+  float to_unit_stretch = 0.0f;  // bound on the length of to_unit's image of a unit vector
+  uint32_t instance = 0;         // rays whose receiver lies on this instance are `own`
 };
 
 // An object without a field: its bounds decide which rays must be traced.
 struct BoxTask {
-  float to_object[12];       // world -> object space, 3 x 4, column-major
+  float to_object[12];  // world -> object space, 3 x 4, column-major
+  float to_object_stretch = 0.0f;
   float lower[3], upper[3];  // object space
   uint32_t instance = 0;
   bool skip_own = false;  // flat objects cannot block rays that leave them
 };
 
 struct SegmentCounts {
-  uint64_t crossings = 0;
-  uint64_t lookups = 0;
+  uint64_t crossings = 0;  // rays that meet the bounds
+  uint64_t lookups = 0;    // cells read
+};
+
+// The rays left to trace, by index, after all candidates have spoken.
+struct ExactLists {
+  AlignedVector<int32_t> one_asker, many_askers;
+  size_t one_count = 0, many_count = 0;
+  uint64_t crossing = 0;  // rays that met at least one candidate's bounds
 };
 
 struct SegmentKernels {
-  // verdict[i] (k_verdict_* of field/query.hd.h) and, where it is unknown_*, slice[i], for i in [begin, end); begin and
-  // end are multiples of 16 or the batch's padded size. receiver_instance[i] names the instance that ray i leaves.
+  // Adds what the field of `task` says of rays [begin, end).
   SegmentCounts (*query)(const SegmentTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
-                         size_t end, int32_t* verdict, int32_t* slice);
-  // verdict[i] = k_verdict_ask where ray i meets the ball, whatever the field says: for exact rendering.
-  SegmentCounts (*cross_ball)(const SegmentTask&, const RayBatch&, size_t begin, size_t end, int32_t* verdict);
+                         size_t end, int32_t candidate_slot, RayStates&);
+  // Every ray that meets the ball asks, whatever the field says: for exact rendering.
+  SegmentCounts (*cross_ball)(const SegmentTask&, const RayBatch&, size_t begin, size_t end, int32_t candidate_slot,
+                              RayStates&);
   // The same for the bounding box of an object without a field.
   SegmentCounts (*cross_box)(const BoxTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
-                             size_t end, int32_t* verdict);
+                             size_t end, int32_t candidate_slot, RayStates&);
+  // flags[r] |= 1 where the hull of receiver r and a sphere about the light meets the object's ball or box.
+  // Conservative.
+  void (*hull_meets_ball)(const SegmentTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
+  void (*hull_meets_box)(const BoxTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
+  // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
+  void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
 };
 
 // The kernels of a resolved instruction set (not Isa::automatic; unchecked).

@@ -105,6 +105,22 @@ void DirectLight::count(std::span<const PathVertex> vertices, std::span<const Pa
   }
 }
 
+void DirectLight::split_receivers(std::span<const PathVertex> vertices, const LightExtent& light, size_t begin,
+                                  size_t end) {
+  candidates_.light = light;
+  places_.resize(end - begin);
+  for (size_t r = 0; r < places_.size; ++r) {
+    const SurfacePoint& s = vertices[lit_[begin + r]].surface;
+    places_.px[r] = s.position.x, places_.py[r] = s.position.y, places_.pz[r] = s.position.z;
+    places_.error[r] = s.error;
+    places_.instance[r] = s.instance;
+  }
+  context_.answerer.find_candidates(places_, candidates_);
+  for (size_t r = 0; r < places_.size; ++r) {
+    (candidates_.may_shadow[r] ? shadowed_ : free_).push_back(lit_[begin + r]);
+  }
+}
+
 void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
                          std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
   lit_.clear();
@@ -114,15 +130,31 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
   }
   const size_t group_size = size_t(std::max(k_shadow_batch / light_samples, 1));
   for (size_t begin = 0; begin < lit_.size(); begin += group_size) {
-    group_.assign(lit_.begin() + begin, lit_.begin() + std::min(begin + group_size, lit_.size()));
-    fill_receivers(vertices, paths);
+    const size_t end = std::min(begin + group_size, lit_.size());
     for (uint32_t light = 0; light < context_.lights.size(); ++light) {
       if (context_.lights.lights[light].kind == LightKind::none) continue;
+      shadowed_.clear();
+      free_.clear();
+      {
+        const ScopedTimer timer(stats.time_secondary);
+        split_receivers(vertices, context_.light_extents[light], begin, end);
+      }
+      // Receivers that nothing can shadow send no shadow rays: their light samples are part of shading.
+      group_.swap(free_);
+      if (!group_.empty()) {
+        fill_receivers(vertices, paths);
+        sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
+        accumulate(light, vertices, light_samples, arriving);
+        count(vertices, paths, light_samples, firsts, stats);
+      }
+      group_.swap(shadowed_);
+      if (group_.empty()) continue;
+      fill_receivers(vertices, paths);
       const double bake_before = stats.time_bake;
       {
         const ScopedTimer timer(stats.time_secondary);
         sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
-        context_.answerer.answer({light, context_.light_bounds[light], receivers_, light_samples, shadows_}, stats);
+        context_.answerer.answer(candidates_, shadows_, stats);
       }
       stats.time_secondary -= stats.time_bake - bake_before;
       accumulate(light, vertices, light_samples, arriving);

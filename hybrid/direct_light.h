@@ -25,6 +25,8 @@ class DirectLight {
               std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats);
 
  private:
+  // Sorts lit_[begin, end) into those that some object may shadow and those that nothing can.
+  void split_receivers(std::span<const PathVertex> vertices, const LightExtent& light, size_t begin, size_t end);
   void fill_receivers(std::span<const PathVertex> vertices, std::span<const PathState> paths);
   void accumulate(uint32_t light, std::span<const PathVertex> vertices, int light_samples, std::span<Rgb> arriving);
   void count(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
@@ -35,6 +37,9 @@ class DirectLight {
   ShadowBatch shadows_;
   std::vector<uint32_t> lit_;    // vertices that take light samples
   std::vector<uint32_t> group_;  // those of the current batch
+  std::vector<uint32_t> shadowed_, free_;
+  ReceiverBatch places_;  // positions, errors and instances only
+  ShadowGroup candidates_;
 };
 
 }  // namespace fieldtrace

@@ -1,6 +1,7 @@
 #include "hybrid/render.h"
 
 #include <tbb/enumerable_thread_specific.h>
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -13,8 +14,9 @@
 
 #include "core/accel.h"
 #include "core/camera.h"
+#include "field/field_cache.h"
 #include "hybrid/aovs.h"
-#include "hybrid/shadow_answer.h"
+#include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
 #include "hybrid/transport.h"
 
@@ -80,10 +82,68 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   return s;
 }
 
-std::unique_ptr<ShadowAnswerer> make_answerer(const RenderOptions& options, const Accel& accel) {
-  if (options.method == Method::hybrid)
-    throw UsageError("the hybrid method is not available yet; use the method montecarlo");
-  return std::make_unique<ExactAnswerer>(accel);
+// The fields of a hybrid render, one per shape that wants one; all null for Monte Carlo and at tolerance 0.
+struct FieldSet {
+  std::vector<std::unique_ptr<Field>> fields;
+  FieldParameters parameters;
+
+  std::vector<Field*> pointers() const {
+    std::vector<Field*> p;
+    for (const auto& f : fields) p.push_back(f.get());
+    return p;
+  }
+};
+
+FieldSet make_fields(const Scene& scene, const RenderOptions& options) {
+  FieldSet set;
+  if (options.directions) set.parameters.directions = options.directions;
+  if (options.plane) set.parameters.plane = options.plane;
+  const bool wanted = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
+  for (const Shape& shape : scene.shapes) {
+    set.fields.push_back(
+        wanted && wants_field(shape) ? std::make_unique<Field>(field_ball(shape.bounds), set.parameters) : nullptr);
+  }
+  return set;
+}
+
+// The cache of `options`, null where there is none or nothing is kept in it.
+std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, const FieldSet& set, const WarningSink& warning) {
+  const bool any = std::any_of(set.fields.begin(), set.fields.end(), [](const auto& f) { return f != nullptr; });
+  if (options.field_cache.empty() || !any) return nullptr;
+  return std::make_unique<FieldCache>(options.field_cache, warning);
+}
+
+// Calls use(field, identity) for every field.
+template <class Use>
+void for_each_field(const Scene& scene, const FieldSet& set, const Use& use) {
+  for (size_t s = 0; s < set.fields.size(); ++s) {
+    if (set.fields[s]) use(*set.fields[s], field_identity(scene.shapes[s], set.parameters));
+  }
+}
+
+// A finished picture is worth more than its fields: what cannot be kept is told, not thrown.
+void store_fields(const Scene& scene, const FieldSet& set, FieldCache& cache, const WarningSink& warning,
+                  Stats& stats) {
+  for_each_field(scene, set, [&](const Field& field, const FieldIdentity& identity) {
+    try {
+      cache.store(field, identity);
+    } catch (const Error& e) {
+      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+    }
+    stats.field_bytes_disk += cache.bytes_on_disk(identity);
+  });
+}
+
+void count_fields(const FieldSet& set, Stats& stats) {
+  for (const auto& field : set.fields) {
+    if (!field) continue;
+    stats.field_objects += 1;
+    stats.field_cells_baked += field->cells_baked();
+    stats.field_cells_full += field->cells_full();
+    stats.field_bytes_memory += field->bytes();
+    stats.field_directions = set.parameters.directions;
+    stats.field_plane = set.parameters.plane;
+  }
 }
 
 // Reports at most ten times a second, from whichever thread has just finished a tile.
@@ -188,12 +248,20 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
   RenderResult result;
+  // TBB starts no more workers than there are hardware threads unless told so.
+  std::optional<tbb::global_control> more_threads;
+  if (threads > int(std::thread::hardware_concurrency()))
+    more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
     const Accel accel(scene);
     const CameraSampler camera(scene.camera, scene.film);
-    const std::unique_ptr<ShadowAnswerer> answerer = make_answerer(options, accel);
-    const TransportContext context(scene, accel, camera, *answerer, settings);
+    const FieldSet fields = make_fields(scene, options);
+    const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
+    if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
+    const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};
+    const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
+    const TransportContext context(scene, accel, camera, answerer, settings);
 
     result.image = make_image(window, aovs);
     Job job{context, aovs, window, spp, result.image};
@@ -209,13 +277,16 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
               interrupted = true;
               return;
             }
-            render_tile(job, tiles[i], workers.local());
+            // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
+            tbb::this_task_arena::isolate([&] { render_tile(job, tiles[i], workers.local()); });
             progress.tile_done();
           }
         },
         tbb::simple_partitioner());
     result.interrupted = interrupted;
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
+    count_fields(fields, result.stats);
+    if (cache) store_fields(scene, fields, *cache, callbacks.warning, result.stats);
     if (job.not_finite > 0) {
       warn(callbacks.warning, {},
            std::to_string(job.not_finite) +

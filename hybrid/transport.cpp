@@ -24,20 +24,6 @@ float largest(const Rgb& c) { return std::max({c.x, c.y, c.z}); }
 
 bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || kind == EmitterKind::constant; }
 
-Bounds3 bounds_of(const Scene& scene, const Emitter& emitter) {
-  Bounds3 bounds;
-  if (emitter.kind == EmitterKind::point) bounds.extend(emitter.position);
-  if (emitter.kind != EmitterKind::area || emitter.instance == k_none) return bounds;
-  const Instance& instance = scene.instances[emitter.instance];
-  const Bounds3& b = scene.shapes[instance.shape].bounds;
-  for (int corner = 0; corner < 8; ++corner) {
-    bounds.extend(transform_point(
-        instance.to_world,
-        {corner & 1 ? b.upper.x : b.lower.x, corner & 2 ? b.upper.y : b.lower.y, corner & 4 ? b.upper.z : b.lower.z}));
-  }
-  return bounds;
-}
-
 }  // namespace
 
 TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraSampler& c, const ShadowAnswerer& sa,
@@ -46,7 +32,7 @@ TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraS
   for (uint32_t i = 0; i < s.emitters.size(); ++i) {
     const Emitter& emitter = s.emitters[i];
     const bool closed = sampled_in_closed_form(lights.lights[i]);
-    light_bounds.push_back(bounds_of(s, emitter));
+    light_extents.push_back(light_extent(s, i));
     closed_form.push_back(closed);
     if (emitter.kind == EmitterKind::constant) backgrounds.push_back(i);
     emission_can_be_hit |= can_be_hit(emitter.kind);

@@ -19,7 +19,7 @@
 #include "core/light_sampling.h"
 #include "hybrid/aovs.h"
 #include "hybrid/path_batch.h"
-#include "hybrid/shadow_answer.h"
+#include "hybrid/shadow_answerer.h"
 #include "hybrid/stats.h"
 
 namespace fieldtrace {
@@ -49,11 +49,11 @@ struct TransportContext {
   const ShadowAnswerer& answerer;
   TransportSettings settings;
   LightTable lights;
-  std::vector<Bounds3> light_bounds;  // world space, empty at infinity
-  std::vector<uint8_t> closed_form;   // per light: sampled_in_closed_form
-  std::vector<uint32_t> backgrounds;  // constant emitters
-  bool emission_can_be_hit = false;   // some emitter has an area or surrounds the scene
-  bool open_form_can_be_hit = false;  // one of those is not sampled in closed form
+  std::vector<LightExtent> light_extents;  // where each light's rays end
+  std::vector<uint8_t> closed_form;        // per light: sampled_in_closed_form
+  std::vector<uint32_t> backgrounds;       // constant emitters
+  bool emission_can_be_hit = false;        // some emitter has an area or surrounds the scene
+  bool open_form_can_be_hit = false;       // one of those is not sampled in closed form
 };
 
 struct CameraSample {

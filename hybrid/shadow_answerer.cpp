@@ -1,0 +1,272 @@
+#include "hybrid/shadow_answerer.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "field/bake.h"
+#include "field/query.hd.h"
+#include "field/risk.h"
+
+namespace fieldtrace {
+namespace {
+
+// How many rounds of baking one batch can need: the line's cell, the anchored cell, the re-anchored one, and the last
+// two again from the other end of the segment.
+constexpr int k_most_bake_rounds = 6;
+
+// world -> unit space of a ball in object space, composed in double.
+void write_unit_transform(const Instance& instance, const Sphere& ball, float out[12]) {
+  const double inverse_radius = 1.0 / double(ball.radius);
+  for (int column = 0; column < 4; ++column) {
+    for (int row = 0; row < 3; ++row) {
+      const double shift = column == 3 ? double(ball.centre[row]) : 0.0;
+      out[column * 3 + row] = float((double(instance.to_object[column][row]) - shift) * inverse_radius);
+    }
+  }
+}
+
+// Bound on how much the linear part lengthens a vector: the Frobenius norm.
+float stretch_bound(const float m[12]) {
+  double sum = 0.0;
+  for (int i = 0; i < 9; ++i) sum += double(m[i]) * double(m[i]);
+  return float(std::sqrt(sum)) * (1.0f + gamma_bound(4));
+}
+
+std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t count) {
+  return {reinterpret_cast<const uint32_t*>(list.data()), count};
+}
+
+}  // namespace
+
+bool is_flat(const Shape& shape) {
+  if (shape.kind == ShapeKind::disk || shape.kind == ShapeKind::rectangle) return true;
+  if (shape.kind != ShapeKind::mesh || shape.mesh.triangles.empty()) return false;
+  const std::vector<Vec3>& p = shape.mesh.positions;
+  // The plane of the largest triangle; every vertex must lie in it but for the rounding of the test itself.
+  DVec3 normal(0.0);
+  double largest = 0.0;
+  for (const UVec3& t : shape.mesh.triangles) {
+    const DVec3 n = glm::cross(DVec3(p[t.y]) - DVec3(p[t.x]), DVec3(p[t.z]) - DVec3(p[t.x]));
+    if (glm::dot(n, n) > largest) {
+      largest = glm::dot(n, n);
+      normal = n;
+    }
+  }
+  if (largest == 0.0) return true;
+  normal = glm::normalize(normal);
+  const DVec3 base = DVec3(p[shape.mesh.triangles[0].x]);
+  const Vec3 extent = glm::max(glm::abs(shape.bounds.lower), glm::abs(shape.bounds.upper));
+  const double slack = double(gamma_bound(1)) * double(glm::length(extent));
+  return std::all_of(p.begin(), p.end(),
+                     [&](const Vec3& v) { return std::abs(glm::dot(DVec3(v) - base, normal)) <= slack; });
+}
+
+bool wants_field(const Shape& shape) {
+  return shape.kind == ShapeKind::mesh && shape.triangle_count() >= k_fewest_field_triangles && !is_flat(shape);
+}
+
+struct ShadowAnswerer::Occluder {
+  bool in_ball = false;    // culled by the field's ball, else by the bounding box
+  Field* field = nullptr;  // answers within the ball; null: exact rays
+  SegmentTask ball;
+  BoxTask box;
+};
+
+struct ShadowAnswerer::Workspace {
+  RayStates states;
+  ExactLists exact;
+  std::vector<uint32_t> indices;
+  std::vector<uint8_t> exact_blocked;
+};
+
+ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vector<Field*> fields,
+                               const AnswererSettings& settings)
+    : scene_(scene),
+      accel_(accel),
+      kernels_(segment_kernels(settings.isa)),
+      settings_(settings),
+      candidates_(scene),
+      workspaces_([] { return std::make_unique<Workspace>(); }) {
+  QueryPolicy policy;
+  policy.visibility_max_class = policy.depth_max_class = settings.force_ask ? -1 : max_class_at(settings.tolerance);
+  policy.answer_all = settings.tolerance >= 1.0f;
+  std::vector<char> flat, wanted;
+  for (const Shape& shape : scene.shapes) {
+    flat.push_back(is_flat(shape));
+    wanted.push_back(wants_field(shape));
+  }
+  occluders_.resize(scene.instances.size());
+  for (uint32_t i = 0; i < scene.instances.size(); ++i) {
+    const Instance& instance = scene.instances[i];
+    const Shape& shape = scene.shapes[instance.shape];
+    Occluder& o = occluders_[i];
+    o.field = fields[instance.shape];
+    o.in_ball = wanted[instance.shape];
+    o.ball.instance = o.box.instance = i;
+    o.ball.policy = policy;
+    if (o.field) o.ball.field = o.field->view();
+    write_unit_transform(instance, field_ball(shape.bounds), o.ball.to_unit);
+    o.ball.to_unit_stretch = stretch_bound(o.ball.to_unit);
+    std::memcpy(o.box.to_object, &instance.to_object, sizeof o.box.to_object);
+    o.box.to_object_stretch = stretch_bound(o.box.to_object);
+    // The transform of a ray into object space rounds; the box grows by as much.
+    const Vec3 extent = glm::max(glm::abs(shape.bounds.lower), glm::abs(shape.bounds.upper));
+    const float slack = gamma_bound(8) * glm::length(extent);
+    for (int axis = 0; axis < 3; ++axis) {
+      o.box.lower[axis] = shape.bounds.lower[axis] - slack;
+      o.box.upper[axis] = shape.bounds.upper[axis] + slack;
+    }
+    o.box.skip_own = flat[instance.shape];
+  }
+}
+
+ShadowAnswerer::~ShadowAnswerer() = default;
+
+void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup& group) const {
+  Bounds3 bounds;
+  for (size_t r = 0; r < receivers.size; ++r) {
+    const float e = receivers.error[r];
+    const Vec3 p(receivers.px[r], receivers.py[r], receivers.pz[r]);
+    bounds.extend(p - Vec3(e));
+    bounds.extend(p + Vec3(e));
+  }
+  candidates_.select(bounds, group.light, k_most_candidates, group.candidates);
+  const bool test_each = group.light.kind == LightExtent::Kind::bounded && group.candidates.size() <= k_most_candidates;
+  group.may_shadow.assign(padded(receivers.size), !group.candidates.empty() && !test_each);
+  if (!test_each) return;
+  Sphere light = group.light.ball;
+  // The origin of a ray lies up to `error` beside the receiver.
+  for (size_t r = 0; r < receivers.size; ++r) light.radius = std::max(light.radius, receivers.error[r]);
+  for (const uint32_t candidate : group.candidates) {
+    const Occluder& o = occluders_[candidate];
+    if (o.in_ball) {
+      kernels_.hull_meets_ball(o.ball, receivers, light, group.may_shadow.data());
+    } else {
+      kernels_.hull_meets_box(o.box, receivers, light, group.may_shadow.data());
+    }
+  }
+}
+
+void ShadowAnswerer::bake_unknown(const Occluder& o, int32_t slot, const ShadowBatch& batch, Workspace& work,
+                                  Stats& stats) const {
+  const uint32_t shape = scene_.instances[o.ball.instance].shape;
+  RayStates& states = work.states;
+  SegmentTask task = o.ball;
+  for (int round = 0; !states.unknown_blocks.empty(); ++round) {
+    BakeCounters counters;
+    const auto bake = [&](FieldLayer layer, std::vector<uint32_t>& slices) {
+      std::sort(slices.begin(), slices.end());
+      slices.erase(std::unique(slices.begin(), slices.end()), slices.end());
+      bake_slices(*o.field, layer, slices, accel_, shape, counters);
+      slices.clear();
+    };
+    bake(FieldLayer::visibility, states.unknown_visibility);
+    bake(FieldLayer::depth, states.unknown_depth);
+    stats.bake_rays += counters.rays;
+    stats.time_bake += counters.seconds;
+    std::vector<uint32_t> blocks;
+    blocks.swap(states.unknown_blocks);
+    const bool give_up = o.field->pool_full() || round >= k_most_bake_rounds;
+    for (const uint32_t begin : blocks) {
+      const size_t end = begin + k_batch_padding;
+      // No room to bake: all rays of such a block are traced.
+      const SegmentCounts again =
+          give_up ? kernels_.cross_ball(task, batch.rays, begin, end, slot, states)
+                  : kernels_.query(task, batch.rays, batch.instance.data(), begin, end, slot, states);
+      stats.lookups += again.lookups;
+      stats.sphere_crossings += again.crossings;
+    }
+  }
+}
+
+void ShadowAnswerer::check_answers(const Occluder& o, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
+  const auto& verdict = work.states.verdict;
+  work.indices.clear();
+  for (size_t i = 0; i < batch.rays.size; ++i) {
+    if (verdict[i] == scalar::k_verdict_clear || verdict[i] == scalar::k_verdict_blocked) {
+      work.indices.push_back(uint32_t(i));
+    }
+  }
+  work.exact_blocked.assign(batch.rays.size, 0);
+  accel_.occluded_by(o.ball.instance, batch.rays, work.indices, work.exact_blocked.data());
+  for (const uint32_t i : work.indices) {
+    const bool blocked = verdict[i] == scalar::k_verdict_blocked;
+    const bool own = batch.instance[i] == o.ball.instance;
+    const bool wrong = blocked != (work.exact_blocked[i] != 0);
+    stats.check_answers += 1;
+    stats.check_wrong += wrong;
+    stats.check_by[blocked][own].answers += 1;
+    stats.check_by[blocked][own].wrong += wrong;
+  }
+}
+
+void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
+  const size_t n = padded(batch.rays.size);
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    const Occluder& o = occluders_[group.candidates[slot]];
+    SegmentCounts counts;
+    if (!o.in_ball) {
+      counts = kernels_.cross_box(o.box, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
+    } else if (!o.field) {
+      counts = kernels_.cross_ball(o.ball, batch.rays, 0, n, int32_t(slot), work.states);
+    } else {
+      counts = kernels_.query(o.ball, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
+      bake_unknown(o, int32_t(slot), batch, work, stats);
+      if (settings_.check) check_answers(o, batch, work, stats);
+    }
+    stats.sphere_crossings += counts.crossings;
+    stats.lookups += counts.lookups;
+  }
+}
+
+void ShadowAnswerer::trace(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const {
+  const auto one = as_indices(work.exact.one_asker, work.exact.one_count);
+  const auto many = as_indices(work.exact.many_askers, work.exact.many_count);
+  stats.rays_exact += one.size() + many.size();
+  for (const uint32_t i : one) batch.exact[i] = 1;
+  for (const uint32_t i : many) batch.exact[i] = 1;
+  accel_.occluded(batch.rays, many, batch.blocked.data());
+  if (group.candidates.size() == 1) {
+    accel_.occluded_by(group.candidates[0], batch.rays, one, batch.blocked.data());
+    return;
+  }
+  if (one.empty()) return;
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    work.indices.clear();
+    for (const uint32_t i : one) {
+      if (work.states.asker[i] == int32_t(slot)) work.indices.push_back(i);
+    }
+    if (!work.indices.empty())
+      accel_.occluded_by(group.candidates[slot], batch.rays, work.indices, batch.blocked.data());
+  }
+}
+
+void ShadowAnswerer::trace_all(ShadowBatch& batch, Workspace& work, Stats& stats) const {
+  work.indices.clear();
+  for (size_t i = 0; i < batch.rays.size; ++i) {
+    if (batch.rays.tmax[i] < 0.0f) continue;
+    work.indices.push_back(uint32_t(i));
+    batch.exact[i] = 1;
+  }
+  stats.rays_crossing += work.indices.size();
+  stats.sphere_crossings += work.indices.size();
+  stats.rays_exact += work.indices.size();
+  accel_.occluded(batch.rays, work.indices, batch.blocked.data());
+}
+
+void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {
+  if (group.candidates.empty()) return;
+  Workspace& work = *workspaces_.local();
+  if (group.candidates.size() > k_most_candidates) {
+    trace_all(batch, work, stats);
+    return;
+  }
+  work.states.keep_verdicts = settings_.check;
+  work.states.reset(batch.rays.size);
+  classify(group, batch, work, stats);
+  kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);
+  stats.rays_crossing += work.exact.crossing;
+  trace(group, batch, work, stats);
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,87 @@
+// Answers shadow rays: candidate culling, field look-ups where a candidate has a field, exact rays for the rest. The
+// one place where Monte Carlo and the hybrid method differ: Monte Carlo is the same code with no fields, so that it
+// gets the same culling and the same packets.
+//
+// Two steps. find_candidates() names the objects that may stand between a group of receivers and a light, and the
+// receivers that any of them may shadow; the others need no shadow rays. answer() then decides every ray of the
+// receivers that are left. A ray that only one candidate asks for is traced against that candidate alone, others
+// against the whole scene; a group with more candidates than k_most_candidates goes to the whole scene without further
+// culling. Thread-safety: const functions may be called from any number of threads; fields grow by demand meanwhile.
+// Determinism: a ray's answer depends on nothing but the ray, its group's receivers and light, and the objects.
+#pragma once
+
+#include <tbb/enumerable_thread_specific.h>
+
+#include <memory>
+#include <vector>
+
+#include "core/accel.h"
+#include "core/receivers.h"
+#include "field/field.h"
+#include "field/segment_kernels.h"
+#include "hybrid/shadow_candidates.h"
+#include "hybrid/stats.h"
+
+namespace fieldtrace {
+
+struct AnswererSettings {
+  Isa isa = Isa::scalar;   // resolved
+  float tolerance = 0.1f;  // [0, 1]
+  bool check = false;      // trace an exact ray beside every certified answer
+  bool force_ask = false;  // look up, then ask all the same
+};
+
+// Objects with fewer triangles are left to exact rays, which cost little more than a look-up there.
+inline constexpr size_t k_fewest_field_triangles = 256;
+
+// Beyond this many candidates for one group, one traversal of the whole scene costs less than their tests.
+inline constexpr size_t k_most_candidates = 32;
+
+// Whether all of a shape lies in one plane: such a shape cannot block rays that leave it, and gets no field.
+bool is_flat(const Shape& shape);
+// Whether a shape is worth a field at all.
+bool wants_field(const Shape& shape);
+
+// The light that a group asks for, and what find_candidates() found. Kept by the caller between the two steps.
+struct ShadowGroup {
+  LightExtent light;
+  std::vector<uint32_t> candidates;   // instances; more than k_most_candidates: too many to test one by one
+  AlignedVector<int32_t> may_shadow;  // per receiver: not 0 if some candidate may
+};
+
+class ShadowAnswerer {
+ public:
+  // fields[s] is the field of shape s, or null: then its instances are answered by exact rays. All must outlive this.
+  ShadowAnswerer(const Scene& scene, const Accel& accel, std::vector<Field*> fields, const AnswererSettings& settings);
+  ~ShadowAnswerer();
+
+  // Fills `group` for the receivers' positions, errors and instances; group.light is set by the caller.
+  void find_candidates(const ReceiverBatch& receivers, ShadowGroup& group) const;
+
+  // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both are 0 on entry, and stay 0 for
+  // inactive slots. The rays leave receivers that `group` was made for, or some of them. Adds what it did to `stats`
+  // (rays_exact, rays_crossing, look-ups, checks; not rays_shadow); time spent baking goes to stats.time_bake and is
+  // left out of time.secondary by the caller.
+  void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
+
+ private:
+  struct Occluder;
+  struct Workspace;
+
+  void classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
+  void bake_unknown(const Occluder& occluder, int32_t slot, const ShadowBatch& batch, Workspace& work,
+                    Stats& stats) const;
+  void check_answers(const Occluder& occluder, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
+  void trace(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const;
+  void trace_all(ShadowBatch& batch, Workspace& work, Stats& stats) const;
+
+  const Scene& scene_;
+  const Accel& accel_;
+  const SegmentKernels& kernels_;
+  AnswererSettings settings_;
+  ShadowCandidates candidates_;
+  std::vector<Occluder> occluders_;  // one per instance
+  mutable tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces_;
+};
+
+}  // namespace fieldtrace

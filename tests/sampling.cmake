@@ -1,0 +1,3 @@
+fieldtrace_test(sampling_test LABELS quick)
+fieldtrace_test(lights_test LABELS quick)
+fieldtrace_test(light_density_test LABELS quick)

@@ -1,0 +1,5 @@
+fieldtrace_test(bsdf_test LABELS quick)
+fieldtrace_test(texture_test LABELS quick)
+fieldtrace_test(surface_test LABELS quick)
+fieldtrace_test(camera_test LABELS quick)
+fieldtrace_test(transport_test LABELS quick)

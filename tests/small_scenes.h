@@ -1,0 +1,106 @@
+// Scenes of a few shapes, made by hand for tests.
+#pragma once
+
+#include "core/scene.h"
+
+namespace fieldtrace::test {
+
+inline Affine translation(const Vec3& t) {
+  Affine a(1.0f);
+  a[3] = t;
+  return a;
+}
+inline Affine scaling(const Vec3& s) { return Affine(Vec3(s.x, 0, 0), Vec3(0, s.y, 0), Vec3(0, 0, s.z), Vec3(0)); }
+
+// A camera at `from` that looks at `to` (Mitsuba's look-at: +x points to the left of the picture).
+inline Affine look_at(const Vec3& from, const Vec3& to, const Vec3& up) {
+  const Vec3 z = glm::normalize(to - from), x = glm::normalize(glm::cross(up, z));
+  return Affine(x, glm::cross(z, x), z, from);
+}
+
+struct SceneMaker {
+  Scene scene;
+
+  SceneMaker() {
+    scene.film.width = scene.film.height = 16;
+    scene.film.crop = {0, 0, 16, 16};
+    scene.film.filter = FilterKind::box;
+    scene.film.filter_radius = 0.5f;
+    scene.integrator.max_depth = 2;
+    scene.sample_count = 4;
+  }
+
+  void film(int width, int height) {
+    scene.film.width = width;
+    scene.film.height = height;
+    scene.film.crop = {0, 0, width, height};
+  }
+
+  uint32_t constant(const Rgb& value) {
+    Texture t;
+    t.color0 = value;
+    scene.textures.push_back(t);
+    return uint32_t(scene.textures.size() - 1);
+  }
+
+  uint32_t bsdf(BsdfKind kind, const Rgb& reflectance) {
+    Bsdf b;
+    b.kind = kind;
+    b.reflectance = b.transmittance = constant(reflectance);
+    scene.bsdfs.push_back(b);
+    return uint32_t(scene.bsdfs.size() - 1);
+  }
+
+  uint32_t shape(ShapeKind kind) {
+    Shape s;
+    s.kind = kind;
+    s.name = "shape";
+    s.bounds.extend(Vec3(-1, -1, kind == ShapeKind::sphere ? -1 : 0));
+    s.bounds.extend(Vec3(1, 1, kind == ShapeKind::sphere || kind == ShapeKind::cylinder ? 1 : 0));
+    if (kind == ShapeKind::rectangle) {
+      s.mesh.positions = {{-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0}};
+      s.mesh.texcoords = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+      s.mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+    }
+    scene.shapes.push_back(s);
+    return uint32_t(scene.shapes.size() - 1);
+  }
+
+  uint32_t mesh(const TriangleMesh& m) {
+    Shape s;
+    s.name = "mesh";
+    s.mesh = m;
+    s.bounds = m.bounds();
+    scene.shapes.push_back(s);
+    return uint32_t(scene.shapes.size() - 1);
+  }
+
+  uint32_t instance(uint32_t shape_index, uint32_t bsdf_index, const Affine& to_world) {
+    Instance i;
+    i.shape = shape_index;
+    i.bsdf = bsdf_index;
+    i.to_world = to_world;
+    i.to_object = Affine(inverse_affine(DAffine(to_world)));
+    scene.instances.push_back(i);
+    return uint32_t(scene.instances.size() - 1);
+  }
+
+  void area_light(uint32_t instance_index, const Rgb& radiance) {
+    Emitter e;
+    e.value = radiance;
+    e.instance = instance_index;
+    scene.instances[instance_index].emitter = uint32_t(scene.emitters.size());
+    scene.emitters.push_back(e);
+  }
+
+  void light(EmitterKind kind, const Rgb& value, const Vec3& place = Vec3(0.0f)) {
+    Emitter e;
+    e.kind = kind;
+    e.value = value;
+    if (kind == EmitterKind::point) e.position = place;
+    if (kind == EmitterKind::directional) e.direction = place;
+    scene.emitters.push_back(e);
+  }
+};
+
+}  // namespace fieldtrace::test

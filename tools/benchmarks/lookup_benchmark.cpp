@@ -1,0 +1,149 @@
+// Field look-ups against Embree's occlusion rays, per core, over the same rays: all cross the object's ball.
+//
+// Arguments: MESH.obj|MESH.ply (default: the bunny of Debian's glmark2-data). Rays from points outside the ball, and from
+// points on the object itself, towards a sphere light of 4 degrees; baked beforehand.
+#include <benchmark/benchmark.h>
+
+#include <random>
+
+#include "core/accel.h"
+#include "core/mesh_io.h"
+#include "field/bake.h"
+#include "field/query.hd.h"
+#include "field/risk.h"
+#include "field/segment_kernels.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr size_t k_rays = 1 << 18;
+
+struct Setup {
+  Scene scene;
+  std::unique_ptr<Accel> accel;
+  std::unique_ptr<Field> field;
+  SegmentTask task;
+
+  explicit Setup(const char* path) {
+    Shape shape;
+    MeshLoadOptions options;
+    shape.mesh = load_mesh(path, options, {});
+    shape.bounds = shape.mesh.bounds();
+    scene.shapes.push_back(std::move(shape));
+    scene.instances.emplace_back();
+    accel = std::make_unique<Accel>(scene);
+    const Sphere ball = field_ball(scene.shapes[0].bounds);
+    field = std::make_unique<Field>(ball, FieldParameters{});
+    task.field = field->view();
+    task.policy = query_policy(0.1f);
+    const float s = 1.0f / ball.radius;
+    const float m[12] = {s, 0, 0, 0, s, 0, 0, 0, s, -ball.centre.x * s, -ball.centre.y * s, -ball.centre.z * s};
+    std::copy(m, m + 12, task.to_unit);
+  }
+
+  // 64 rays from each receiver towards a ball about a light 4.6 radii away; receivers on a plane beside the ball or on
+  // the mesh. Only rays that cross the ball are kept.
+  RayBatch make_rays(bool own) const {
+    std::mt19937 generator(7);
+    std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
+    const Sphere ball = field->ball();
+    const TriangleMesh& mesh = scene.shapes[0].mesh;
+    const Vec3 to_light = glm::normalize(Vec3(0.5f, 0.8f, 0.3f));
+    RayBatch rays;
+    rays.resize(k_rays);
+    size_t n = 0;
+    const auto inside = [&](const Vec3& o, const Vec3& d) {
+      const Vec3 c = ball.centre - o;
+      const Vec3 gap = c - d * (glm::dot(c, d) / glm::dot(d, d));
+      return glm::dot(gap, gap) < ball.radius * ball.radius;
+    };
+    while (n < k_rays) {
+      Vec3 p, normal(0.0f);
+      if (own) {
+        const UVec3 t = mesh.triangles[size_t(uniform(generator) * float(mesh.triangles.size() - 1))];
+        p = (mesh.positions[t.x] + mesh.positions[t.y] + mesh.positions[t.z]) / 3.0f;
+        normal = glm::normalize(glm::cross(mesh.positions[t.y] - mesh.positions[t.x],
+                                           mesh.positions[t.z] - mesh.positions[t.x]));
+        if (glm::dot(normal, to_light) < 0.0f) continue;
+        p += normal * (1e-5f * ball.radius);
+      } else {
+        p = ball.centre - to_light * (2.0f * ball.radius) +
+            Vec3(2.0f * uniform(generator) - 1.0f, 0.0f, 2.0f * uniform(generator) - 1.0f) * (1.5f * ball.radius);
+      }
+      for (int k = 0; k < 64 && n < k_rays; ++k) {
+        const Vec3 q = 2.0f * Vec3(uniform(generator), uniform(generator), uniform(generator)) - 1.0f;
+        const Vec3 d = ball.centre + ball.radius * (4.6f * to_light + 0.16f * q) - p;
+        if (inside(p, d)) rays.set(n++, p, d, 1.0f);
+      }
+    }
+    return rays;
+  }
+
+  void bake(const RayBatch& rays, const std::vector<uint32_t>& instances) {
+    RayStates states;
+    for (int round = 0; round < 6; ++round) {
+      states.reset(rays.size);
+      segment_kernels(Isa::scalar).query(task, rays, instances.data(), 0, rays.size, 0, states);
+      BakeCounters counters;
+      bake_slices(*field, FieldLayer::visibility, states.unknown_visibility, *accel, 0, counters);
+      bake_slices(*field, FieldLayer::depth, states.unknown_depth, *accel, 0, counters);
+      if (states.unknown_blocks.empty()) break;
+      states.unknown_blocks.clear();
+      states.unknown_visibility.clear();
+      states.unknown_depth.clear();
+    }
+  }
+};
+
+void run_lookups(benchmark::State& state, Setup& setup, bool own, Isa isa) {
+  const RayBatch rays = setup.make_rays(own);
+  const AlignedVector<uint32_t> instances(padded(rays.size), own ? 0u : 1u);
+  setup.bake(rays, {instances.begin(), instances.end()});
+  RayStates states;
+  uint64_t lookups = 0;
+  // Batches of 8192 rays, as the renderer has them.
+  for (auto _ : state) {
+    states.reset(rays.size);
+    for (size_t begin = 0; begin < rays.size; begin += 8192) {
+      lookups += segment_kernels(isa)
+                     .query(setup.task, rays, instances.data(), begin, std::min(begin + 8192, rays.size), 0, states)
+                     .lookups;
+    }
+  }
+  size_t asks = 0;
+  for (const int32_t s : states.state) asks += s >= RayStates::k_ask;
+  state.counters["rays/s"] =
+      benchmark::Counter(double(rays.size) * double(state.iterations()), benchmark::Counter::kIsRate);
+  state.counters["look-ups/ray"] = double(lookups) / double(state.iterations()) / double(rays.size);
+  state.counters["ask"] = double(asks) / double(rays.size);
+}
+
+void run_rays(benchmark::State& state, Setup& setup, bool own) {
+  const RayBatch rays = setup.make_rays(own);
+  std::vector<uint32_t> indices(rays.size);
+  for (size_t i = 0; i < indices.size(); ++i) indices[i] = uint32_t(i);
+  std::vector<uint8_t> blocked(rays.size);
+  for (auto _ : state) setup.accel->occluded_by(0, rays, indices, blocked.data());
+  state.counters["rays/s"] =
+      benchmark::Counter(double(rays.size) * double(state.iterations()), benchmark::Counter::kIsRate);
+}
+
+}  // namespace
+}  // namespace fieldtrace
+
+int main(int argc, char** argv) {
+  benchmark::Initialize(&argc, argv);
+  using namespace fieldtrace;
+  Setup setup(argc > 1 ? argv[1] : "/usr/share/glmark2/models/bunny.obj");
+  for (const bool own : {false, true}) {
+    const std::string receiver = own ? "own_surface" : "elsewhere";
+    for (const Isa isa : supported_isas()) {
+      benchmark::RegisterBenchmark(("LookUp." + receiver + "." + isa_name(isa)).c_str(),
+                                   [&setup, own, isa](benchmark::State& s) { run_lookups(s, setup, own, isa); });
+    }
+    benchmark::RegisterBenchmark(("EmbreeOccluded." + receiver).c_str(),
+                                 [&setup, own](benchmark::State& s) { run_rays(s, setup, own); });
+  }
+  benchmark::RunSpecifiedBenchmarks();
+  return 0;
+}
