@@ -97,8 +97,8 @@ void outside_outside(const Object&, const Field& field, Random& random, std::vec
   const Vec3 x = glm::normalize(glm::cross(d, side)), y = glm::cross(d, x);
   const float r = std::sqrt(random.uniform()), phi = 2.0f * k_pi * random.uniform();
   const Vec3 foot = (x * std::cos(phi) + y * std::sin(phi)) * r;
-  const auto at =
-      scalar::address_of_line<float>({d.x, d.y, d.z}, {foot.x, foot.y, foot.z}, make_axis(p.directions), make_axis(p.plane));
+  const auto at = scalar::address_of_line<float>({d.x, d.y, d.z}, {foot.x, foot.y, foot.z}, make_axis(p.directions),
+                                                 make_axis(p.plane));
   const CellFrame frame = cell_frame(at.u, at.v, p.directions);
   for (int k = 0; k < k_cluster; ++k) {
     const Line line = foot_line(frame, at.u, at.v, at.a, at.b,
@@ -227,8 +227,8 @@ void print_residuals(const Object& object, Field& field, FieldProbe& probe, int 
     const auto normal = scalar::decode_normal<float>(word);
     const Vec3 n(normal.x, normal.y, normal.z);
     const CellFrame frame = cell_frame(cell.u, cell.v, p.directions);
-    const Vec3 hit = frame.s * scalar::centre_of<float>(cell.a, make_axis(int(p.plane))) +
-                     frame.t * scalar::centre_of<float>(cell.b, make_axis(int(p.plane))) + frame.c * depth;
+    const Vec3 hit = frame.s * scalar::centre_of<float>(cell.a, make_axis(p.plane)) +
+                     frame.t * scalar::centre_of<float>(cell.b, make_axis(p.plane)) + frame.c * depth;
     rays.resize(k_cluster);
     hits.resize(k_cluster);
     std::vector<Line> fresh;
