@@ -7,7 +7,8 @@
 // ends lie outside the ball. With an end inside, the *depth* cell anchored at that end says how far the first surface
 // lies that is seen from outside along the line; the end is in front of it (clear), behind it by more than the margin
 // (blocked), or too near to tell (ask). Where that surface lies far from the anchor the query re-anchors once, at the
-// depth found, because a depth cell's lines fan out from its own hit.
+// depth found, because a depth cell's lines fan out from its own hit. A depth cell that is only a ceiling (the object
+// lies behind its plane, or partly not in the cell at all) can say clear, never blocked.
 // Thread-safety: pure functions over a FieldView.
 
 #if defined(FIELDTRACE_FIELD_QUERY_HD_H_) == defined(HWY_TARGET_TOGGLE)

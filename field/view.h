@@ -34,8 +34,8 @@ struct FieldView {
   const int32_t* primitive = nullptr;
 };
 
-// A cell answers if its risk class is at most this. max_class < 0: none answers. answer_all: depth comparisons that are
-// too near to tell are decided by their sign.
+// A cell answers if its risk class is at most this. max_class < 0: none answers. answer_all: nothing asks; depth
+// comparisons that are too near to tell are decided by their sign, and what no cell sees is clear.
 struct QueryPolicy {
   int visibility_max_class = 0;
   int depth_max_class = 0;

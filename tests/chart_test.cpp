@@ -11,6 +11,7 @@
 #include "core/math.h"
 #include "field/layout.hd.h"
 #include "field/query.hd.h"
+#include "field/view.h"
 #include "tests/random_lines.h"
 
 namespace fieldtrace {
@@ -164,7 +165,8 @@ TEST(OrthographicChart, UniformDirectionsFillCellsEvenly) {
     for (int i = 0; i < total; ++i) {
       float u, v;
       scalar::square_from_direction(lanes(random.direction()), u, v);
-      ++count[size_t(scalar::cell_of(u, make_axis(int(n)))) * size_t(n) + size_t(scalar::cell_of(v, make_axis(int(n))))];
+      ++count[size_t(scalar::cell_of(u, make_axis(int(n)))) * size_t(n) +
+              size_t(scalar::cell_of(v, make_axis(int(n))))];
     }
     double chi2 = 0.0;
     for (const int c : count) chi2 += double(c - k_per_cell) * double(c - k_per_cell) / k_per_cell;
@@ -248,8 +250,8 @@ TEST(OrthographicChart, FramesAreOrthonormalAndRightHanded) {
   for (const int n : k_directions) {
     for (int i = 0; i < n; ++i) {
       for (int j = 0; j < n; ++j) {
-        const auto f =
-            scalar::frame_from_square(scalar::centre_of<float>(i, make_axis(int(n))), scalar::centre_of<float>(j, make_axis(int(n))));
+        const auto f = scalar::frame_from_square(scalar::centre_of<float>(i, make_axis(int(n))),
+                                                 scalar::centre_of<float>(j, make_axis(int(n))));
         const DVec3 c = exact(f.c), s = exact(f.s), t = exact(f.t);
         for (const double e : {glm::dot(c, c) - 1.0, glm::dot(s, s) - 1.0, glm::dot(t, t) - 1.0, glm::dot(c, s),
                                glm::dot(c, t), glm::dot(s, t), glm::length(glm::cross(s, t) - c)}) {
@@ -266,9 +268,10 @@ TEST(OrthographicChart, FrameIsAFunctionOfTheCellAlone) {
   TestRandom random(8);
   for (const int n : k_directions) {
     for (int i = 0; i < 50000; ++i) {
-      const auto at = scalar::address_of_line(lanes(random.direction()), lanes(random.in_ball()), make_axis(n), make_axis(128));
-      const auto f =
-          scalar::frame_from_square(scalar::centre_of<float>(at.u, make_axis(int(n))), scalar::centre_of<float>(at.v, make_axis(int(n))));
+      const auto at =
+          scalar::address_of_line(lanes(random.direction()), lanes(random.in_ball()), make_axis(n), make_axis(128));
+      const auto f = scalar::frame_from_square(scalar::centre_of<float>(at.u, make_axis(int(n))),
+                                               scalar::centre_of<float>(at.v, make_axis(int(n))));
       ASSERT_TRUE(same_bits(f.c, at.frame.c) && same_bits(f.s, at.frame.s) && same_bits(f.t, at.frame.t));
     }
   }
@@ -279,8 +282,8 @@ TEST(OrthographicChart, CellCentreAddressesItsOwnCell) {
   for (const int n : k_directions) {
     for (int i = 0; i < n * n; ++i) {
       const int u = i / n, v = i % n;
-      const auto f =
-          scalar::frame_from_square(scalar::centre_of<float>(u, make_axis(int(n))), scalar::centre_of<float>(v, make_axis(int(n))));
+      const auto f = scalar::frame_from_square(scalar::centre_of<float>(u, make_axis(int(n))),
+                                               scalar::centre_of<float>(v, make_axis(int(n))));
       for (const int plane : k_planes) {
         const int a = int(random.index(uint32_t(plane))), b = int(random.index(uint32_t(plane)));
         const float along = random.uniform(-1.0f, 1.0f);
@@ -305,7 +308,8 @@ TEST(OrthographicChart, RimAndGrazingLinesStayInTheTable) {
     const auto at = scalar::address_of_line(lanes(d), lanes(side * offset), make_axis(64), make_axis(128));
     ASSERT_TRUE(in_range(at, 64, 128));
     if (offset <= 1.0f) {
-      const float x = scalar::centre_of<float>(at.a, make_axis(128)), y = scalar::centre_of<float>(at.b, make_axis(128));
+      const float x = scalar::centre_of<float>(at.a, make_axis(128)),
+                  y = scalar::centre_of<float>(at.b, make_axis(128));
       // Inside the disk, up to half a cell's diagonal.
       ASSERT_LE(std::hypot(x, y), 1.0f + 1.5f / 128.0f);
     }
