@@ -101,8 +101,10 @@ HWY_INLINE MaskLanes operator|(MaskLanes a, MaskLanes b) { return {hn::Or(a.m, b
 HWY_INLINE MaskLanes operator!(MaskLanes a) { return {hn::Not(a.m)}; }
 HWY_INLINE MaskLanes and_not(MaskLanes a, MaskLanes b) { return {hn::AndNot(a.m, b.m)}; }
 
-HWY_INLINE F32 min(F32 a, F32 b) { return {hn::Min(a.v, b.v)}; }
-HWY_INLINE F32 max(F32 a, F32 b) { return {hn::Max(a.v, b.v)}; }
+// The arguments are swapped because x86 returns its second operand for equal zeros (and NaNs): so -0 and +0 come out
+// as in the scalar min and max.
+HWY_INLINE F32 min(F32 a, F32 b) { return {hn::Min(b.v, a.v)}; }
+HWY_INLINE F32 max(F32 a, F32 b) { return {hn::Max(b.v, a.v)}; }
 HWY_INLINE I32 min(I32 a, I32 b) { return {hn::Min(a.v, b.v)}; }
 HWY_INLINE I32 max(I32 a, I32 b) { return {hn::Max(a.v, b.v)}; }
 HWY_INLINE F32 sqrt(F32 a) { return {hn::Sqrt(a.v)}; }
@@ -118,6 +120,9 @@ HWY_INLINE U32 as_uint(I32 a) { return {hn::BitCast(DU(), a.v)}; }
 HWY_INLINE I32 as_int(U32 a) { return {hn::BitCast(DI(), a.v)}; }
 HWY_INLINE bool any(MaskLanes m) { return !hn::AllFalse(DF(), m.m); }
 HWY_INLINE bool all(MaskLanes m) { return hn::AllTrue(DF(), m.m); }
+
+HWY_INLINE int count_true(MaskLanes m) { return int(hn::CountTrue(DF(), m.m)); }
+HWY_INLINE int sum_of(I32 a) { return int(hn::GetLane(hn::SumOfLanes(DI(), a.v))); }
 
 template <int k_bits>
 HWY_INLINE U32 shift_left(U32 a) {
@@ -137,6 +142,51 @@ HWY_INLINE I32 shift_right(I32 a) {
 }
 
 HWY_INLINE F32 unit_float(U32 a) { return to_float(as_int(shift_right<8>(a))) * splat<F32>(0x1p-24f); }
+
+#if HWY_TARGET == HWY_SCALAR  // has no byte vectors
+HWY_INLINE U32 reverse_bits(U32 a) { return {hn::Set(DU(), reverse_bits(hn::GetLane(a.v)))}; }
+#else
+// Bits within each byte by two nibble look-ups, then the bytes of each lane.
+HWY_INLINE U32 reverse_bits(U32 a) {
+  const hn::Repartition<uint8_t, DU> d8;
+  HWY_ALIGN static constexpr uint8_t k_low[16] = {0x00, 0x80, 0x40, 0xc0, 0x20, 0xa0, 0x60, 0xe0,
+                                                  0x10, 0x90, 0x50, 0xd0, 0x30, 0xb0, 0x70, 0xf0};
+  HWY_ALIGN static constexpr uint8_t k_high[16] = {0x0, 0x8, 0x4, 0xc, 0x2, 0xa, 0x6, 0xe,
+                                                   0x1, 0x9, 0x5, 0xd, 0x3, 0xb, 0x7, 0xf};
+  HWY_ALIGN static constexpr uint8_t k_swap[16] = {3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12};
+  const auto nibble = hn::Set(DU(), 0x0f0f0f0fu);
+  const auto low = hn::BitCast(d8, hn::And(a.v, nibble));
+  const auto high = hn::BitCast(d8, hn::And(hn::ShiftRight<4>(a.v), nibble));
+  const auto reversed = hn::Or(hn::TableLookupBytes(hn::LoadDup128(d8, k_low), low),
+                               hn::TableLookupBytes(hn::LoadDup128(d8, k_high), high));
+  return {hn::BitCast(DU(), hn::TableLookupBytes(reversed, hn::LoadDup128(d8, k_swap)))};
+}
+#endif
+
+template <>
+HWY_INLINE F32 load_lanes<F32>(const float* p) {
+  return load(p);
+}
+template <>
+HWY_INLINE U32 load_uint_lanes<F32>(const uint32_t* p) {
+  return load(p);
+}
+template <>
+HWY_INLINE U32 load_byte_lanes<F32>(const uint8_t* p) {
+  const hn::Rebind<uint8_t, DU> d8;
+  return {hn::PromoteTo(DU(), hn::LoadU(d8, p))};
+}
+HWY_INLINE void store_lanes(F32 a, float* p) { store(a, p); }
+HWY_INLINE void store_lanes(U32 a, uint32_t* p) { store(a, p); }
+
+template <>
+struct LanePermutation<F32> {
+  // `index` is aligned to the vector.
+  HWY_INLINE explicit LanePermutation(const int32_t* index) : v(hn::Load(DI(), index)) {}
+  HWY_INLINE F32 operator()(F32 a) const { return {hn::TableLookupLanes(a.v, hn::IndicesFromVec(DF(), v))}; }
+  HWY_INLINE U32 operator()(U32 a) const { return {hn::TableLookupLanes(a.v, hn::IndicesFromVec(DU(), v))}; }
+  hn::Vec<DI> v;
+};
 
 HWY_INLINE I32 gather(const int32_t* base, I32 index) { return {hn::GatherIndex(DI(), base, index.v)}; }
 HWY_INLINE F32 gather(const float* base, I32 index) { return {hn::GatherIndex(DF(), base, index.v)}; }

@@ -58,6 +58,9 @@ FT_HD inline int32_t to_int(float a) { return int32_t(a); }  // truncates; the c
 FT_HD inline float to_float(int32_t a) { return float(a); }
 FT_HD inline uint32_t as_uint(int32_t a) { return uint32_t(a); }
 FT_HD inline int32_t as_int(uint32_t a) { return int32_t(a); }
+FT_HD inline void store(int32_t a, int32_t* p) { *p = a; }
+FT_HD inline int count_true(bool m) { return m ? 1 : 0; }
+FT_HD inline int sum_of(int32_t a) { return a; }
 FT_HD inline bool any(bool m) { return m; }
 FT_HD inline bool all(bool m) { return m; }
 FT_HD inline bool and_not(bool a, bool b) { return !a && b; }  // (not a) and b, Highway's order
@@ -82,6 +85,15 @@ FT_HD inline int32_t shift_right(int32_t a) {
   return a >> k_bits;
 }
 
+// The 32 bits in the opposite order.
+FT_HD inline uint32_t reverse_bits(uint32_t a) {
+  a = ((a & 0x55555555u) << 1) | ((a >> 1) & 0x55555555u);
+  a = ((a & 0x33333333u) << 2) | ((a >> 2) & 0x33333333u);
+  a = ((a & 0x0f0f0f0fu) << 4) | ((a >> 4) & 0x0f0f0f0fu);
+  a = ((a & 0x00ff00ffu) << 8) | ((a >> 8) & 0x00ff00ffu);
+  return (a << 16) | (a >> 16);
+}
+
 FT_HD inline int32_t gather(const int32_t* base, int32_t index) { return base[index]; }
 FT_HD inline float gather(const float* base, int32_t index) { return base[index]; }
 FT_HD inline int32_t gather_bytes(const uint8_t* base, int32_t byte_offset) {
@@ -103,6 +115,30 @@ template <class F>
 FT_HD inline Uint_t<F> splat_uint(uint32_t a) {
   return Uint_t<F>(a);
 }
+
+// One value a lane from consecutive addresses; vectors need a pointer aligned to the vector (bytes: no alignment).
+template <class F>
+FT_HD inline F load_lanes(const float* p) {
+  return *p;
+}
+template <class F>
+FT_HD inline Uint_t<F> load_uint_lanes(const uint32_t* p) {
+  return *p;
+}
+template <class F>
+FT_HD inline Uint_t<F> load_byte_lanes(const uint8_t* p) {
+  return *p;
+}
+FT_HD inline void store_lanes(float a, float* p) { *p = a; }
+FT_HD inline void store_lanes(uint32_t a, uint32_t* p) { *p = a; }
+
+// Lane l of the result is lane index[l] of the argument, index[l] in [0, lane count).
+template <class F>
+struct LanePermutation {
+  FT_HD explicit LanePermutation(const int32_t*) {}
+  FT_HD F operator()(F a) const { return a; }
+  FT_HD Uint_t<F> operator()(Uint_t<F> a) const { return a; }
+};
 
 // Three lanes at once: a vector per component.
 template <class F>

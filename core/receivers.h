@@ -40,6 +40,7 @@ struct ShadowBatch {
   AlignedVector<float> pdf;          // solid-angle density, for multiple importance sampling; 0 for delta emitters
   AlignedVector<uint32_t> instance;  // of the receiver, per slot
   AlignedVector<uint8_t> blocked;    // the answer: 1 if something lies between
+  AlignedVector<uint8_t> exact;      // with the answer: 1 if an exact ray gave it
 
   void resize(size_t n) {
     rays.resize(n);
@@ -47,6 +48,7 @@ struct ShadowBatch {
     pdf.resize(padded(n));
     instance.resize(padded(n), 0xffffffffu);
     blocked.assign(padded(n), 0);
+    exact.assign(padded(n), 0);
   }
 };
 

@@ -21,7 +21,7 @@ inline constexpr uint32_t k_none = 0xffffffffu;
 
 // ---------------------------------------------------------------- textures
 
-// Linear RGB pixels, row 0 at v = 1 (the top of the picture), as Mitsuba reads bitmaps.
+// Linear RGB pixels, row 0 (the top of the picture) at v = 0, as Mitsuba reads bitmaps.
 struct Bitmap {
   int width = 0, height = 0;
   std::vector<Rgb> pixels;  // width * height, row-major from the top

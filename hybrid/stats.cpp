@@ -14,6 +14,7 @@ void Stats::merge_counters(const Stats& o) {
   rays_exact += o.rays_exact;
   rays_crossing += o.rays_crossing;
   lookups += o.lookups;
+  bake_rays += o.bake_rays;
   sphere_crossings += o.sphere_crossings;
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;

@@ -1,0 +1,60 @@
+// One light as plain data in world space, ready for sampling.
+//
+// Memory layout: a flat struct of 4-byte members that refers to its table's triangles by index; the same bytes serve
+// every instruction set and a GPU. Thread-safety: a value, const after make_lights.
+#pragma once
+
+#include <cstdint>
+
+namespace fieldtrace {
+
+// How a light is sampled (not merely its shape).
+enum class LightKind : uint32_t {
+  none,           // emits nothing that can be sampled: black, or of zero area
+  sphere,         // seen from outside: its visible cone
+  sphere_inside,  // a sphere with its normals inwards: by area
+  rectangle,      // unsheared: as a spherical rectangle
+  parallelogram,  // sheared: by area
+  disk,           // and ellipses: by area
+  ellipsoid,      // by area, with the Jacobian of the affine map
+  cylinder,       // likewise
+  mesh,           // triangles by area
+  point,
+  directional,
+  constant,  // the whole sphere of directions
+};
+
+struct Light {
+  LightKind kind = LightKind::none;
+  uint32_t instance = 0xffffffffu;  // of the scene, for area lights
+  float value[3] = {0, 0, 0};       // Emitter::value: radiance, intensity or irradiance
+  float centre[3] = {0, 0, 0};      // of the shape; point: position; directional: unit direction towards the light
+  // Columns of the shape's object-to-world matrix. Rectangle, parallelogram: half edges; disk: half axes.
+  float axis[3][3] = {};
+  // Columns of the inverse transpose, times -1 if normals are flipped: a normal n of the unit shape becomes
+  // n.x normal_axis[0] + n.y normal_axis[1] + n.z normal_axis[2], not normalised.
+  float normal_axis[3][3] = {};
+  float normal[3] = {0, 0, 1};  // planar kinds: unit, on the emitting side
+  float unit_axis[2][3] = {};   // rectangle: unit edges
+  float half_size[2] = {0, 0};  // rectangle: half lengths of the edges
+  float emission_sign = 1;      // -1 if normals are flipped
+  float radius = 0;             // sphere
+  float area = 0;               // world area (ellipsoid, cylinder: |det| times the unit shape's area)
+  // How far a point on the light is moved off its surface, towards the emitting side, so that a ray that ends there
+  // cannot meet the light: error_base + error_slope (|x| + |y| + |z|) with the ray's origin (x, y, z).
+  float error_base = 0, error_slope = 0;
+  uint32_t first_triangle = 0, triangle_count = 0;  // mesh: range of the table's triangles
+};
+
+// One triangle of a mesh light, as 16 floats: the lane code gathers them by index.
+struct LightTriangle {
+  float p0[3], edge1[3], edge2[3];
+  float normal[3];        // unit, on the emitting side
+  float inverse_density;  // area / probability of the triangle: 1 / (density per area)
+  float cdf;              // sum of the probabilities of the triangles before this one
+  float unused[2] = {0, 0};
+};
+inline constexpr int k_light_triangle_floats = sizeof(LightTriangle) / sizeof(float);
+static_assert(sizeof(LightTriangle) == 16 * sizeof(float));
+
+}  // namespace fieldtrace

@@ -1,0 +1,222 @@
+// The loop over receivers and samples behind sample_light, for one lane type.
+//
+// Receivers are taken in groups of one per lane: what depends on the receiver alone is computed for the group at once.
+// The group's N * M ray slots are M vectors; for each the receivers' values are permuted to the lanes that need them:
+// not at all for M = 1, one receiver for a run of vectors if N divides M, by an index table otherwise.
+// Each slot's value depends on its receiver and k only, not on its lane: so all lane counts give the same bits.
+// Thread-safety: writes `out` only.
+
+#if defined(FIELDTRACE_CORE_LIGHT_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_CORE_LIGHT_BATCH_INL_H_
+#undef FIELDTRACE_CORE_LIGHT_BATCH_INL_H_
+#else
+#define FIELDTRACE_CORE_LIGHT_BATCH_INL_H_
+#endif
+
+#include <algorithm>
+#include <limits>
+
+#include "core/light_kernels.h"
+#include "core/light_shapes.hd.h"
+#include "core/light_shapes_area.hd.h"
+#include "core/sobol.hd.h"
+
+FT_LANES_BEGIN
+
+template <class F>
+struct ReceiverLanes {
+  LightReceiver<F> at;
+  Vec3Lanes<F> normal;  // geometric
+  F slip;               // receivers that transmit: the origin's offset, to the side of the direction
+  SobolSeeds<F> seeds, third_seeds;
+  Uint_t<F> first_index, instance;
+
+  template <class Op>
+  ReceiverLanes map(const Op& op) const {
+    return {{op(at.origin), op(at.shading), op(at.delta), op(at.transmits)},
+            op(normal),
+            op(slip),
+            {op(seeds.order), op(seeds.x), op(seeds.y)},
+            {op(third_seeds.order), op(third_seeds.x), op(third_seeds.y)},
+            op(first_index),
+            op(instance)};
+  }
+};
+
+template <class F>
+struct SpreadLanes {
+  LanePermutation<F> permute;
+  F operator()(F a) const { return permute(a); }
+  Uint_t<F> operator()(Uint_t<F> a) const { return permute(a); }
+  Vec3Lanes<F> operator()(const Vec3Lanes<F>& a) const { return {permute(a.x), permute(a.y), permute(a.z)}; }
+};
+
+template <class F, class Kind, bool k_transmits>
+struct LightBatch {
+  static constexpr int k_lanes = Lanes<F>::k_count;
+
+  const Light& light;
+  const Kind kind;
+  const ReceiverBatch& receivers;
+  const uint32_t dimension;
+  const int light_samples;
+  const size_t slots;
+  ShadowBatch& out;
+
+  ReceiverLanes<F> load_receivers(size_t i) const {
+    const ReceiverBatch& b = receivers;
+    const auto at = [i](const AlignedVector<float>& v) { return load_lanes<F>(v.data() + i); };
+    const Vec3Lanes<F> point = {at(b.px), at(b.py), at(b.pz)};
+    ReceiverLanes<F> r;
+    r.normal = {at(b.gx), at(b.gy), at(b.gz)};
+    r.at.shading = {at(b.sx), at(b.sy), at(b.sz)};
+    const F reach = abs(point.x) + abs(point.y) + abs(point.z);
+    const F offset = at(b.error) * splat<F>(k_offset_error_scale) + reach * splat<F>(k_offset_rounding);
+    if constexpr (k_transmits) {
+      r.at.transmits = to_float(as_int(load_byte_lanes<F>(b.transmits.data() + i)));
+      const auto opaque = r.at.transmits == splat<F>(0.0f);
+      r.at.origin = point + r.normal * select(opaque, offset, splat<F>(0.0f));
+      r.slip = select(opaque, splat<F>(0.0f), offset);
+    } else {
+      r.at.transmits = splat<F>(0.0f);
+      r.at.origin = point + r.normal * offset;
+      r.slip = splat<F>(0.0f);
+    }
+    r.at.delta = splat<F>(light.error_base) + splat<F>(light.error_slope) * reach;
+    const Uint_t<F> seed = load_uint_lanes<F>(b.seed.data() + i);
+    r.seeds = sobol_seeds<F>(seed, dimension);
+    r.third_seeds = Kind::k_third_number ? sobol_seeds<F>(seed, dimension + 1) : r.seeds;
+    r.first_index = load_uint_lanes<F>(b.sample.data() + i) * splat_uint<F>(uint32_t(light_samples));
+    r.instance = load_uint_lanes<F>(b.instance.data() + i);
+    return r;
+  }
+
+  // Writes one vector of slots: sample first_index + k of each lane's receiver.
+  void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup, Uint_t<F> k) const {
+    const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+    const Uint_t<F> index = r.first_index + k;
+    const UnitPair<F> uv = sample_2d<F>(index, r.seeds);
+    const F third = Kind::k_third_number ? sample_2d<F>(index, r.third_seeds).x : zero;
+    const LightSample<F> s = kind.sample(r.at, setup, uv.x, uv.y, third);
+
+    Vec3Lanes<F> origin = r.at.origin, d = s.d;
+    const F cos_g = dot(r.normal, d);
+    const auto above = (cos_g > zero) & (s.cos_s > zero);
+    F height = s.height, cos_s = s.cos_s;
+    Mask_t<F> active = above;
+    if constexpr (k_transmits) {
+      const Vec3Lanes<F> shift = r.normal * copysign(r.slip, cos_g);
+      origin = origin + shift;
+      if constexpr (Kind::k_finite) d = d - shift;
+      if constexpr (Kind::k_surface) height = height + dot(s.normal, shift);
+      active = above | (r.at.transmits > zero);
+      cos_s = abs(cos_s);
+    }
+    active = active & (height >= zero);
+    if (slot + k_lanes > slots) {  // the batch's last vector: padding stays inactive
+      const Int_t<F> left = splat_int<F>(int32_t(slots - std::min(slot, slots)));
+      active = active & (as_int(load_uint_lanes<F>(k_iota.data())) < left);
+    }
+
+    const F t_max = Kind::k_finite ? one : splat<F>(std::numeric_limits<float>::infinity());
+    const auto put = [slot](AlignedVector<float>& v, F a) { store_lanes(a, v.data() + slot); };
+    put(out.rays.ox, origin.x), put(out.rays.oy, origin.y), put(out.rays.oz, origin.z);
+    put(out.rays.dx, select(active, d.x, zero));
+    put(out.rays.dy, select(active, d.y, zero));
+    put(out.rays.dz, select(active, d.z, one));
+    put(out.rays.tmax, select(active, t_max, splat<F>(-1.0f)));
+    put(out.weight, select(active, cos_s * s.inverse_pdf, zero));
+    put(out.pdf, select(active, s.pdf, zero));
+    store_lanes(r.instance, out.instance.data() + slot);
+  }
+
+  void run() const {
+    const size_t m = size_t(light_samples);
+    // Per vector of a group: the receiver (lane) and the sample number of each slot.
+    AlignedVector<int32_t> lane;
+    AlignedVector<uint32_t> sample;
+    const bool whole_vectors = m % k_lanes == 0;
+    lane.resize(std::max(size_t(k_lanes) * k_lanes, whole_vectors ? 0 : m * k_lanes));
+    sample.resize(m * k_lanes);
+    for (size_t i = 0; i < lane.size(); ++i) lane[i] = int32_t(whole_vectors ? i / k_lanes : i / m);
+    for (size_t i = 0, k = 0; i < sample.size(); ++i, k = k + 1 == m ? 0 : k + 1) sample[i] = uint32_t(k);
+
+    for (size_t group = 0; group < receivers.size; group += k_lanes) {
+      const ReceiverLanes<F> r = load_receivers(group);
+      const typename Kind::Setup setup = kind.setup(r.at);
+      const size_t base = group * m;
+      if (m == 1) {
+        emit(base, r, setup, splat_uint<F>(0));
+      } else if (whole_vectors) {
+        const size_t count = std::min(size_t(k_lanes), receivers.size - group);
+        for (size_t i = 0; i < count; ++i) {
+          const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + i * k_lanes)};
+          const ReceiverLanes<F> one = r.map(spread);
+          const typename Kind::Setup one_setup = setup.map(spread);
+          for (size_t k = 0; k < m; k += k_lanes) {
+            emit(base + i * m + k, one, one_setup, load_uint_lanes<F>(sample.data() + k));
+          }
+        }
+      } else {
+        for (size_t j = 0; j < m && base + j * k_lanes < slots; ++j) {
+          const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + j * k_lanes)};
+          emit(base + j * k_lanes, r.map(spread), setup.map(spread), load_uint_lanes<F>(sample.data() + j * k_lanes));
+        }
+      }
+    }
+  }
+};
+
+template <class F>
+struct LightLoop {
+  const LightTable& table;
+  uint32_t index;
+  const ReceiverBatch& receivers;
+  int light_samples;
+  ShadowBatch& out;
+
+  template <class Kind, class... Extra>
+  void with(const Extra*... extra) const {
+    const Light& light = table.lights[index];
+    const size_t slots = receivers.size * size_t(light_samples);
+    const uint32_t dimension = k_light_dimension + 2 * index;
+    const auto end = receivers.transmits.begin() + ptrdiff_t(receivers.size);
+    if (std::find_if(receivers.transmits.begin(), end, [](uint8_t t) { return t != 0; }) != end) {
+      LightBatch<F, Kind, true>{light, Kind(light, extra...), receivers, dimension, light_samples, slots, out}.run();
+    } else {
+      LightBatch<F, Kind, false>{light, Kind(light, extra...), receivers, dimension, light_samples, slots, out}.run();
+    }
+  }
+
+  void run() const {
+    switch (table.lights[index].kind) {
+      case LightKind::none:
+        return;  // sample_light has left every slot inactive
+      case LightKind::sphere:
+        return with<SphereLight<F>>();
+      case LightKind::sphere_inside:
+      case LightKind::ellipsoid:
+        return with<EllipsoidLight<F>>();
+      case LightKind::rectangle:
+        return with<RectangleLight<F>>();
+      case LightKind::parallelogram:
+        return with<ParallelogramLight<F>>();
+      case LightKind::disk:
+        return with<DiskLight<F>>();
+      case LightKind::cylinder:
+        return with<CylinderLight<F>>();
+      case LightKind::mesh:
+        return with<MeshLight<F>>(table.triangles.data());
+      case LightKind::point:
+        return with<PointLight<F>>();
+      case LightKind::directional:
+        return with<DirectionalLight<F>>();
+      case LightKind::constant:
+        return with<ConstantLight<F>>();
+    }
+  }
+};
+
+FT_LANES_END
+
+#endif  // toggled guard

@@ -1,0 +1,133 @@
+// The orthographic chart: lines through the unit ball <-> cells addressed by four integers.
+//
+// A direction lies on an equal-area octahedral map of D x D cells (Clarberg, "Fast Equal-Area Mapping of the
+// (Hemi)Sphere using SIMD", JGT 2008). A line's offset lies in the plane through the centre perpendicular to the
+// *cell's* direction, N x N cells over [-1, 1]^2. The plane's frame is a pure function of the direction cell.
+//
+// Space: "unit space", object space moved and scaled so that the bounding sphere is the unit ball about the origin.
+// Exactness: only + - x / sqrt min max floor in the written order, so that every machine finds the same cell.
+// Thread-safety: pure functions. Errors: none; directions must be unit and finite (unchecked).
+
+#if defined(FIELDTRACE_FIELD_CHART_HD_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_FIELD_CHART_HD_H_
+#undef FIELDTRACE_FIELD_CHART_HD_H_
+#else
+#define FIELDTRACE_FIELD_CHART_HD_H_
+#endif
+
+#include "core/lanes.hd.h"
+
+FT_LANES_BEGIN
+
+// atan(a) * 2 / pi for a in [0, 1]: the Taylor series of atan about 0 after one reduction by
+// atan(a) = pi/8 + atan((a - t) / (1 + a t)), t = tan(pi/8). |argument| <= t, terms to the 11th power:
+// truncation below t^13 / 13 = 8e-7 of a radian, below 1e-5 of the narrowest direction cell.
+template <class F>
+FT_HD inline F atan_over_half_pi(F a) {
+  const F t = splat<F>(0.41421356f);
+  const F x = (a - t) / (splat<F>(1.0f) + a * t);
+  const F x2 = x * x;
+  F p = splat<F>(-1.0f / 11.0f);
+  p = p * x2 + splat<F>(1.0f / 9.0f);
+  p = p * x2 + splat<F>(-1.0f / 7.0f);
+  p = p * x2 + splat<F>(1.0f / 5.0f);
+  p = p * x2 + splat<F>(-1.0f / 3.0f);
+  p = p * x2 + splat<F>(1.0f);
+  return splat<F>(0.25f) + p * x * splat<F>(0.63661977f);
+}
+
+// Unit direction -> square [-1, 1]^2. The upper hemisphere (z >= 0) fills the diamond |u| + |v| <= 1.
+template <class F>
+FT_HD inline void square_from_direction(const Vec3Lanes<F>& d, F& u, F& v) {
+  const F ax = abs(d.x), ay = abs(d.y), az = abs(d.z);
+  // sqrt(1 - |z|), written so that it keeps its digits near the poles.
+  const F r = sqrt((ax * ax + ay * ay) / (splat<F>(1.0f) + az));
+  const F big = max(ax, ay), small = min(ax, ay);
+  // 0/0 at a pole becomes 0: r is 0 there, so the angle does not matter.
+  const F a = small / max(big, splat<F>(1e-30f));
+  const F half = atan_over_half_pi(a);  // in [0, 1/2]
+  const F phi = select(ay > ax, splat<F>(1.0f) - half, half);
+  const F inner_v = phi * r;
+  const F inner_u = r - inner_v;
+  const auto lower = d.z < splat<F>(0.0f);
+  u = copysign(select(lower, splat<F>(1.0f) - inner_v, inner_u), d.x);
+  v = copysign(select(lower, splat<F>(1.0f) - inner_u, inner_v), d.y);
+}
+
+// A direction with the frame of the plane perpendicular to it: c, and tangents s and t.
+template <class F>
+struct DirectionFrame {
+  Vec3Lanes<F> c, s, t;
+};
+
+// Square -> direction and frame. Not for the square's centre and corners themselves (the poles, where the frame is
+// undefined): cell centres never lie there.
+template <class F>
+FT_HD inline DirectionFrame<F> frame_from_square(F u, F v) {
+  const F one = splat<F>(1.0f);
+  const F au = abs(u), av = abs(v);
+  const F signed_distance = one - (au + av);
+  const F r = one - abs(signed_distance);
+  // Angle within the quadrant, phi = pi/4 (1 + q) with q in [-1, 1]; cos and sin by their Taylor series about pi/4,
+  // truncation below 4e-7 at |q| = 1.
+  const F q = (av - au) / max(r, splat<F>(1e-30f));
+  const F y = q * splat<F>(0.78539816f);
+  const F y2 = y * y;
+  F sin_y = splat<F>(-1.0f / 5040.0f);
+  sin_y = sin_y * y2 + splat<F>(1.0f / 120.0f);
+  sin_y = sin_y * y2 + splat<F>(-1.0f / 6.0f);
+  sin_y = sin_y * y2 * y + y;
+  F cos_y = splat<F>(1.0f / 40320.0f);
+  cos_y = cos_y * y2 + splat<F>(-1.0f / 720.0f);
+  cos_y = cos_y * y2 + splat<F>(1.0f / 24.0f);
+  cos_y = cos_y * y2 + splat<F>(-0.5f);
+  cos_y = cos_y * y2 + one;
+  const F cos_phi = copysign((cos_y - sin_y) * splat<F>(0.70710678f), u);
+  const F sin_phi = copysign((cos_y + sin_y) * splat<F>(0.70710678f), v);
+  const F cos_theta = copysign(one - r * r, signed_distance);
+  const F sin_theta = r * sqrt(splat<F>(2.0f) - r * r);
+  DirectionFrame<F> f;
+  f.c = {sin_theta * cos_phi, sin_theta * sin_phi, cos_theta};
+  f.s = {cos_theta * cos_phi, cos_theta * sin_phi, -sin_theta};
+  f.t = {-sin_phi, cos_phi, splat<F>(0.0f)};
+  return f;
+}
+
+// Index of the cell that x in [-1, 1] lies in, out of n; values outside go to the nearest cell.
+template <class F>
+FT_HD inline Int_t<F> cell_of(F x, float n) {
+  const F scaled = floor((x + splat<F>(1.0f)) * splat<F>(0.5f * n));
+  return to_int(min(max(scaled, splat<F>(0.0f)), splat<F>(n - 1.0f)));
+}
+
+// Centre of cell i out of n, in [-1, 1].
+template <class F>
+FT_HD inline F centre_of(Int_t<F> i, float n) {
+  return (to_float(i) + splat<F>(0.5f)) * splat<F>(2.0f / n) - splat<F>(1.0f);
+}
+
+// The cell of a line: direction cell (u, v) and plane cell (a, b), with the frame of the direction cell.
+template <class F>
+struct CellAddress {
+  Int_t<F> u, v, a, b;
+  DirectionFrame<F> frame;
+};
+
+// The cell of the line through `anchor` along the unit direction d.
+template <class F>
+FT_HD inline CellAddress<F> address_of_line(const Vec3Lanes<F>& d, const Vec3Lanes<F>& anchor, float directions,
+                                            float plane) {
+  CellAddress<F> cell;
+  F u, v;
+  square_from_direction(d, u, v);
+  cell.u = cell_of(u, directions);
+  cell.v = cell_of(v, directions);
+  cell.frame = frame_from_square(centre_of<F>(cell.u, directions), centre_of<F>(cell.v, directions));
+  cell.a = cell_of(dot(anchor, cell.frame.s), plane);
+  cell.b = cell_of(dot(anchor, cell.frame.t), plane);
+  return cell;
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

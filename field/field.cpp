@@ -1,0 +1,178 @@
+#include "field/field.h"
+
+#include <algorithm>
+#include <bit>
+#include <string>
+
+namespace fieldtrace {
+namespace {
+
+// Cells are addressed by 31-bit offsets into the pool.
+constexpr uint32_t k_max_pool_bricks = (1u << 31) / scalar::k_brick_cells - 1;
+
+uint32_t slice_bit(FieldLayer layer, uint32_t direction_in_brick) {
+  return 1u << (direction_in_brick + (layer == FieldLayer::depth ? 16 : 0));
+}
+
+template <class T>
+std::atomic_ref<T> shared(T& value) {
+  return std::atomic_ref<T>(value);
+}
+template <class T>
+T load_shared(const T& value) {
+  return std::atomic_ref<T>(const_cast<T&>(value)).load(std::memory_order_acquire);
+}
+
+void require_power(const char* name, int value, int low, int high) {
+  if (value < low || value > high || !std::has_single_bit(unsigned(value))) {
+    throw UsageError(std::string(name) + " must be a power of two from " + std::to_string(low) + " to " +
+                     std::to_string(high));
+  }
+}
+
+}  // namespace
+
+Sphere field_ball(const Bounds3& bounds) {
+  Sphere ball;
+  ball.centre = bounds.centre();
+  // Room for the rounding of centre and diagonal and of the transform into unit space, all relative to the largest
+  // coordinate; and a floor for an object that is a point.
+  const float largest = glm::length(glm::max(glm::abs(bounds.lower), glm::abs(bounds.upper)));
+  ball.radius = 0.5f * glm::length(bounds.diagonal()) * (1.0f + gamma_bound(16)) + gamma_bound(8) * largest;
+  ball.radius = std::max(ball.radius, std::numeric_limits<float>::min());
+  return ball;
+}
+
+Field::Field(const Sphere& ball, const FieldParameters& parameters) : ball_(ball), parameters_(parameters) {
+  require_power("directions", parameters.directions, 32, 256);
+  require_power("plane", parameters.plane, 64, 512);
+  if (parameters.lines < 4 || parameters.lines > k_max_lines) throw UsageError("lines per cell must lie in 4 ... 32");
+  const FieldView v = view();
+  const size_t direction_bricks = size_t(v.direction_bricks) * v.direction_bricks;
+  max_bricks_ = uint32_t(std::min<size_t>(direction_bricks * v.plane_bricks + 1, k_max_pool_bricks));
+  const size_t cells = size_t(max_bricks_) * scalar::k_brick_cells;
+  top_ = VirtualBuffer<int32_t>(direction_bricks);
+  pages_ = VirtualBuffer<int32_t>((direction_bricks + 1) * v.plane_bricks);
+  visibility_ = VirtualBuffer<uint8_t>(cells + 4);  // look-ups read whole words
+  depth_ = VirtualBuffer<int32_t>(cells);
+  certificate_ = VirtualBuffer<int32_t>(cells);
+  primitive_ = VirtualBuffer<int32_t>(cells);
+  claimed_ = VirtualBuffer<uint32_t>(max_bricks_);
+  finished_ = VirtualBuffer<uint32_t>(max_bricks_);
+}
+
+FieldView Field::view() const {
+  FieldView v;
+  v.directions = float(parameters_.directions);
+  v.plane = float(parameters_.plane);
+  v.direction_bricks = parameters_.directions / 4;
+  v.plane_bricks_b = parameters_.plane / 8;
+  v.plane_bricks = (parameters_.plane / 4) * (parameters_.plane / 8);
+  v.top = top_.data();
+  v.pages = pages_.data();
+  v.visibility = visibility_.data();
+  v.depth = depth_.data();
+  v.certificate = certificate_.data();
+  v.primitive = primitive_.data();
+  return v;
+}
+
+uint32_t Field::slice_count() const {
+  const FieldView v = view();
+  return uint32_t(parameters_.directions) * uint32_t(parameters_.directions) * uint32_t(v.plane_bricks);
+}
+
+SliceAddress Field::slice_address(uint32_t slice) const {
+  const FieldView v = view();
+  const int plane_brick = int(slice % uint32_t(v.plane_bricks));
+  const int direction = int(slice / uint32_t(v.plane_bricks));
+  const int direction_brick = direction >> 4, in_brick = direction & 15;
+  SliceAddress at;
+  at.u = (direction_brick / v.direction_bricks) * 4 + (in_brick >> 2);
+  at.v = (direction_brick % v.direction_bricks) * 4 + (in_brick & 3);
+  at.a0 = (plane_brick / v.plane_bricks_b) * 4;
+  at.b0 = (plane_brick % v.plane_bricks_b) * 8;
+  return at;
+}
+
+uint32_t Field::brick_at(uint32_t direction_brick, uint32_t plane_brick) const {
+  const int32_t page = load_shared(top_[direction_brick]);
+  return uint32_t(load_shared(pages_[size_t(page) * view().plane_bricks + plane_brick]));
+}
+
+uint32_t Field::brick_of_slice(uint32_t slice) const {
+  const uint32_t plane_bricks = uint32_t(view().plane_bricks);
+  return brick_at(slice / plane_bricks / 16, slice % plane_bricks);
+}
+
+uint32_t Field::brick_for(uint32_t direction_brick, uint32_t plane_brick) {
+  if (const uint32_t brick = brick_at(direction_brick, plane_brick)) return brick;
+  const std::lock_guard lock(growth_);
+  if (const uint32_t brick = brick_at(direction_brick, plane_brick)) return brick;
+  const uint32_t brick = brick_count_.load(std::memory_order_relaxed);
+  if (brick >= max_bricks_) {
+    pool_full_.store(true, std::memory_order_relaxed);
+    return 0;
+  }
+  brick_count_.store(brick + 1, std::memory_order_relaxed);
+  int32_t page = load_shared(top_[direction_brick]);
+  if (page == 0) {
+    page = int32_t(page_count_.fetch_add(1, std::memory_order_relaxed));
+    shared(top_[direction_brick]).store(page, std::memory_order_release);
+    bytes_ += uint64_t(view().plane_bricks) * sizeof(int32_t);
+  }
+  shared(pages_[size_t(page) * view().plane_bricks + plane_brick]).store(int32_t(brick), std::memory_order_release);
+  return brick;
+}
+
+std::optional<uint32_t> Field::claim(FieldLayer layer, uint32_t slice) {
+  const uint32_t plane_bricks = uint32_t(view().plane_bricks);
+  const uint32_t direction = slice / plane_bricks;
+  const uint32_t brick = brick_for(direction / 16, slice % plane_bricks);
+  if (brick == 0) return std::nullopt;
+  const uint32_t bit = slice_bit(layer, direction % 16);
+  const uint32_t before = shared(claimed_[brick]).fetch_or(bit, std::memory_order_acq_rel);
+  if (before & bit) return std::nullopt;
+  return brick * uint32_t(scalar::k_brick_cells) + (direction % 16) * uint32_t(scalar::k_slice_cells);
+}
+
+void Field::finish(FieldLayer layer, uint32_t slice) {
+  const uint32_t direction = slice / uint32_t(view().plane_bricks);
+  const uint32_t bit = slice_bit(layer, direction % 16);
+  shared(finished_[brick_of_slice(slice)]).fetch_or(bit, std::memory_order_release);
+  cells_baked_ += scalar::k_slice_cells;
+  bytes_ += uint64_t(scalar::k_slice_cells) * (layer == FieldLayer::visibility ? 1 : 3 * sizeof(int32_t));
+}
+
+bool Field::finished(FieldLayer layer, uint32_t slice) const {
+  const uint32_t direction = slice / uint32_t(view().plane_bricks);
+  const uint32_t brick = brick_of_slice(slice);
+  return brick != 0 && (load_shared(finished_[brick]) & slice_bit(layer, direction % 16)) != 0;
+}
+
+void Field::store_visibility(uint32_t cell, uint8_t code) {
+  shared(visibility_[cell]).store(code, std::memory_order_relaxed);
+}
+
+void Field::store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate, uint32_t primitive) {
+  shared(primitive_[cell]).store(int32_t(primitive), std::memory_order_relaxed);
+  shared(depth_[cell]).store(int32_t(depth_word), std::memory_order_relaxed);
+  shared(certificate_[cell]).store(int32_t(certificate), std::memory_order_release);
+}
+
+uint64_t Field::bytes() const {
+  return bytes_.load(std::memory_order_relaxed) + uint64_t(view().direction_bricks) * view().direction_bricks * 4;
+}
+
+uint32_t Field::finished_mask(uint32_t brick) const { return load_shared(finished_[brick]); }
+
+void Field::restore_mask(uint32_t brick, uint32_t mask) {
+  shared(claimed_[brick]).fetch_or(mask, std::memory_order_acq_rel);
+  const uint32_t before = shared(finished_[brick]).fetch_or(mask, std::memory_order_acq_rel);
+  const uint32_t added = mask & ~before;
+  const uint64_t visibility = uint64_t(std::popcount(added & 0xffffu)), depth = uint64_t(std::popcount(added >> 16));
+  cells_baked_ += (visibility + depth) * scalar::k_slice_cells;
+  bytes_ += scalar::k_slice_cells * (visibility + depth * 3 * sizeof(int32_t));
+}
+
+}  // namespace fieldtrace

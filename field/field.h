@@ -1,0 +1,96 @@
+// One object's displacement field: a two-level table over a pool of bricks that grows by demand.
+//
+// Memory layout: field/layout.hd.h. Every layer is a VirtualBuffer indexed by brick * 512 + cell, so that a layer that
+// a scene does not need costs nothing. Page 0 and brick 0 stay zero. Thread-safety: view() may be read while other
+// threads bake: a reader sees a cell either as unknown or complete, since cells are written as whole words,
+// certificates last. claim/finish coordinate bakers.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+
+#include "core/math.h"
+#include "core/virtual_buffer.h"
+#include "field/layout.hd.h"
+#include "field/view.h"
+
+namespace fieldtrace {
+
+enum class FieldLayer { visibility, depth };
+
+inline constexpr int k_max_lines = 32;
+
+struct FieldParameters {
+  int directions = 64;  // D: cells along each side of the direction map; 32, 64, 128 or 256
+  int plane = 128;      // N: cells along each side of the plane; 64, 128, 256 or 512
+  int lines = 16;       // K: lines traced to certify a cell; 4 ... k_max_lines
+};
+
+// The ball that a field is defined over: encloses `bounds` with room for rounding, so that the object lies strictly
+// inside.
+Sphere field_ball(const Bounds3& bounds);
+
+// A slice's place in the chart, and its cells in the pool.
+struct SliceAddress {
+  int u = 0, v = 0;    // direction cell
+  int a0 = 0, b0 = 0;  // first plane cell; the slice spans 4 x 8
+};
+
+class Field {
+ public:
+  // Throws Error if address space runs out; UsageError for parameters outside the lists above.
+  Field(const Sphere& ball, const FieldParameters& parameters);
+
+  const FieldParameters& parameters() const { return parameters_; }
+  const Sphere& ball() const { return ball_; }
+  FieldView view() const;
+
+  uint32_t slice_count() const;  // of the whole chart
+  SliceAddress slice_address(uint32_t slice) const;
+
+  // Reserves a slice of a layer for baking by the caller. Empty: another thread has it, or it is baked already, or the
+  // pool is full. Else the pool index of the slice's first cell.
+  std::optional<uint32_t> claim(FieldLayer layer, uint32_t slice);
+  // Publishes a claimed slice after its 32 cells are written.
+  void finish(FieldLayer layer, uint32_t slice);
+  // Whether the slice can be read. False for ever if the pool is full.
+  bool finished(FieldLayer layer, uint32_t slice) const;
+  bool pool_full() const { return pool_full_.load(std::memory_order_relaxed); }
+
+  // Cell storage for the baker that claimed it; relaxed atomic stores.
+  void store_visibility(uint32_t cell, uint8_t code);
+  void store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate, uint32_t primitive);
+
+  uint64_t cells_baked() const { return cells_baked_.load(std::memory_order_relaxed); }
+  uint64_t cells_full() const { return uint64_t(slice_count()) * scalar::k_slice_cells; }
+  // Bytes of bricks and tables that hold data.
+  uint64_t bytes() const;
+
+  // For files: the number of bricks in use, and the pool index of a brick by its place; 0 if it does not exist.
+  uint32_t brick_count() const { return brick_count_.load(std::memory_order_relaxed); }
+  uint32_t brick_at(uint32_t direction_brick, uint32_t plane_brick) const;
+  // Creates the brick if need be; 0 if the pool is full.
+  uint32_t brick_for(uint32_t direction_brick, uint32_t plane_brick);
+  uint32_t finished_mask(uint32_t brick) const;          // bits 0-15 visibility slices, 16-31 depth slices
+  void restore_mask(uint32_t brick, uint32_t finished);  // after loading a brick's cells from a file
+
+ private:
+  uint32_t brick_of_slice(uint32_t slice) const;
+
+  Sphere ball_;
+  FieldParameters parameters_;
+  uint32_t max_bricks_ = 0;
+  VirtualBuffer<int32_t> top_, pages_;
+  VirtualBuffer<uint8_t> visibility_;
+  VirtualBuffer<int32_t> depth_, certificate_, primitive_;
+  VirtualBuffer<uint32_t> claimed_, finished_;  // per brick: bits 0-15 visibility slices, 16-31 depth slices
+  std::mutex growth_;
+  std::atomic<uint32_t> brick_count_ = 1, page_count_ = 1;
+  std::atomic<uint64_t> cells_baked_ = 0, bytes_ = 0;
+  std::atomic<bool> pool_full_ = false;
+};
+
+}  // namespace fieldtrace

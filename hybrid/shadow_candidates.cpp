@@ -1,0 +1,95 @@
+#include "hybrid/shadow_candidates.h"
+
+#include <algorithm>
+
+namespace fieldtrace {
+namespace {
+
+Bounds3 transformed_bounds(const Bounds3& b, const Affine& to_world) {
+  Bounds3 result;
+  for (int corner = 0; corner < 8; ++corner) {
+    result.extend(transform_point(to_world, {corner & 1 ? b.upper.x : b.lower.x, corner & 2 ? b.upper.y : b.lower.y,
+                                             corner & 4 ? b.upper.z : b.lower.z}));
+  }
+  // Rounding of the transform, three products and a sum on each coordinate.
+  const Vec3 slack = gamma_bound(4) * glm::max(glm::abs(result.lower), glm::abs(result.upper));
+  result.lower -= slack;
+  result.upper += slack;
+  return result;
+}
+
+bool overlap(const Bounds3& a, const Bounds3& b) {
+  return glm::all(glm::lessThanEqual(a.lower, b.upper)) && glm::all(glm::lessThanEqual(b.lower, a.upper));
+}
+
+// These shapes are convex and emit outwards: a ray towards a point that faces the receiver meets nothing of them
+// before.
+bool hides_nothing_of_itself(ShapeKind kind) { return kind != ShapeKind::mesh; }
+
+}  // namespace
+
+LightExtent light_extent(const Scene& scene, uint32_t emitter, const Bounds3& bounds) {
+  const Emitter& e = scene.emitters[emitter];
+  LightExtent extent;
+  extent.bounds = bounds;
+  switch (e.kind) {
+    case EmitterKind::area:
+      if (hides_nothing_of_itself(scene.shapes[scene.instances[e.instance].shape].kind)) extent.instance = e.instance;
+      break;
+    case EmitterKind::point:
+      extent.bounds = {e.position, e.position};
+      break;
+    case EmitterKind::directional:
+      extent.kind = LightExtent::Kind::directional;
+      extent.towards = -e.direction;
+      break;
+    case EmitterKind::constant:
+      extent.kind = LightExtent::Kind::everywhere;
+      break;
+  }
+  return extent;
+}
+
+ShadowCandidates::ShadowCandidates(const Scene& scene) {
+  for (const Instance& instance : scene.instances) {
+    const Bounds3 b = transformed_bounds(scene.shapes[instance.shape].bounds, instance.to_world);
+    bounds_.push_back(b);
+    const Vec3 c = b.centre();
+    cx_.push_back(c.x);
+    cy_.push_back(c.y);
+    cz_.push_back(c.z);
+    radius_.push_back(0.5f * glm::length(b.diagonal()) * (1.0f + gamma_bound(8)));
+  }
+}
+
+void ShadowCandidates::select(const Bounds3& receivers, const LightExtent& light, size_t limit,
+                              std::vector<uint32_t>& instances) const {
+  instances.clear();
+  const Vec3 a = receivers.centre();
+  const float receiver_radius = 0.5f * glm::length(receivers.diagonal());
+  const bool bounded = light.kind == LightExtent::Kind::bounded;
+  const Vec3 b = bounded ? light.bounds.centre() : a + light.towards;
+  // The hull lies within this distance of the axis from a to b.
+  const float hull_radius =
+      bounded ? std::max(receiver_radius, 0.5f * glm::length(light.bounds.diagonal())) : receiver_radius;
+  Bounds3 box = receivers;
+  if (bounded) box.extend(light.bounds);
+  const Vec3 axis = b - a;
+  const float axis_squared = glm::dot(axis, axis);
+  const float inverse = axis_squared > 0.0f ? 1.0f / axis_squared : 0.0f;
+  const float t_end = bounded ? 1.0f : k_infinity;
+  for (uint32_t i = 0; i < radius_.size() && instances.size() <= limit; ++i) {
+    if (i == light.instance) continue;
+    if (light.kind != LightExtent::Kind::everywhere) {
+      const Vec3 from_a = Vec3(cx_[i], cy_[i], cz_[i]) - a;
+      const float t = std::clamp(glm::dot(from_a, axis) * inverse, 0.0f, t_end);
+      const Vec3 gap = from_a - t * axis;
+      const float reach = radius_[i] + hull_radius;
+      if (glm::dot(gap, gap) > reach * reach * (1.0f + gamma_bound(16))) continue;
+      if (bounded && !overlap(box, bounds_[i])) continue;
+    }
+    instances.push_back(i);
+  }
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,20 @@
+// Adds the wall time of a scope to a counter. Thread-safety: each counter belongs to one thread.
+#pragma once
+
+#include <chrono>
+
+namespace fieldtrace {
+
+class ScopedTimer {
+ public:
+  explicit ScopedTimer(double& seconds) : seconds_(seconds), begin_(std::chrono::steady_clock::now()) {}
+  ~ScopedTimer() { seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count(); }
+  ScopedTimer(const ScopedTimer&) = delete;
+  ScopedTimer& operator=(const ScopedTimer&) = delete;
+
+ private:
+  double& seconds_;
+  std::chrono::steady_clock::time_point begin_;
+};
+
+}  // namespace fieldtrace

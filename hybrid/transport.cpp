@@ -1,0 +1,315 @@
+#include "hybrid/transport.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+#include "core/sobol.hd.h"
+#include "hybrid/direct_light.h"
+#include "hybrid/stopwatch.h"
+
+namespace fieldtrace {
+namespace {
+
+// Streams of sample points beside those that the lights use, which take the vertex seeds themselves.
+constexpr uint32_t k_camera_stream = 0x43414d00u;
+constexpr uint32_t k_material_stream = 0x42534446u;
+
+Vec2 sample_pair(uint32_t index, uint32_t seed, uint32_t dimension) {
+  const auto p = scalar::sample_2d(index, seed, dimension);
+  return {p.x, p.y};
+}
+
+float largest(const Rgb& c) { return std::max({c.x, c.y, c.z}); }
+
+bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || kind == EmitterKind::constant; }
+
+Bounds3 bounds_of(const Scene& scene, const Emitter& emitter) {
+  Bounds3 bounds;
+  if (emitter.kind == EmitterKind::point) bounds.extend(emitter.position);
+  if (emitter.kind != EmitterKind::area || emitter.instance == k_none) return bounds;
+  const Instance& instance = scene.instances[emitter.instance];
+  const Bounds3& b = scene.shapes[instance.shape].bounds;
+  for (int corner = 0; corner < 8; ++corner) {
+    bounds.extend(transform_point(
+        instance.to_world,
+        {corner & 1 ? b.upper.x : b.lower.x, corner & 2 ? b.upper.y : b.lower.y, corner & 4 ? b.upper.z : b.lower.z}));
+  }
+  return bounds;
+}
+
+}  // namespace
+
+TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraSampler& c, const ShadowAnswerer& sa,
+                                   const TransportSettings& ts)
+    : scene(s), accel(a), camera(c), answerer(sa), settings(ts), lights(make_lights(s)) {
+  for (uint32_t i = 0; i < s.emitters.size(); ++i) {
+    const Emitter& emitter = s.emitters[i];
+    const bool closed = sampled_in_closed_form(lights.lights[i]);
+    light_bounds.push_back(bounds_of(s, emitter));
+    closed_form.push_back(closed);
+    if (emitter.kind == EmitterKind::constant) backgrounds.push_back(i);
+    emission_can_be_hit |= can_be_hit(emitter.kind);
+    open_form_can_be_hit |= can_be_hit(emitter.kind) && !closed;
+  }
+}
+
+struct TransportWorker::Impl {
+  const TransportContext& context;
+  const Scene& scene;
+  const TransportSettings& settings;
+  DirectLight direct;
+  Stats stats;
+
+  RayBatch rays, next_rays;
+  HitBatch hits;
+  std::vector<PathState> paths, next_paths;
+  std::vector<PathVertex> vertices;
+  std::vector<Rgb> arriving;
+  std::vector<FirstHit> firsts;
+  std::vector<float> near_distance;  // per camera ray
+  std::span<SampleResult> results;
+
+  explicit Impl(const TransportContext& c) : context(c), scene(c.scene), settings(c.settings), direct(c) {}
+
+  void generate(std::span<const CameraSample> samples);
+  void pass_hidden_emitters();
+  void intersect(Coherence coherence);
+  void arrive(int vertex_number);
+  void record_first_hit(uint32_t path, const PathVertex& vertex);
+  bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
+  void add_emission(const PathState& path, const Vec3& origin, const Vec3& direction, uint32_t light,
+                    const LightHit& hit);
+  void gather_light(int vertex_number);
+  void scatter(int vertex_number);
+  bool goes_on(const Material& material, int vertex_number) const;
+  void scatter_once(const PathVertex& vertex, const PathState& path, uint32_t index, float share);
+};
+
+void TransportWorker::Impl::generate(std::span<const CameraSample> samples) {
+  const ScopedTimer timer(stats.time_primary);
+  rays.resize(samples.size());
+  paths.assign(samples.size(), PathState{});
+  firsts.assign(samples.size(), FirstHit{});
+  near_distance.resize(samples.size());
+  for (uint32_t i = 0; i < samples.size(); ++i) {
+    const CameraSample& s = samples[i];
+    results[i] = SampleResult{};
+    const uint32_t seed = scalar::vertex_seed(settings.seed, s.x, s.y, k_camera_stream);
+    const Vec2 u_film = sample_pair(s.index, seed, 0);
+    const Vec2 u_lens = scene.camera.aperture_radius > 0.0f ? sample_pair(s.index, seed, 1) : Vec2(0.0f);
+    const CameraRay ray = context.camera.ray(int(s.x), int(s.y), u_film, u_lens);
+    rays.set(i, ray.origin, ray.direction, ray.tmax);
+    near_distance[i] = ray.near_distance;
+    paths[i].slot = i;
+    paths[i].pixel_x = s.x;
+    paths[i].pixel_y = s.y;
+    paths[i].index = s.index;
+  }
+}
+
+void TransportWorker::Impl::intersect(Coherence coherence) {
+  const ScopedTimer timer(stats.time_primary);
+  hits.resize(rays.size);
+  context.accel.intersect(rays, hits, coherence);
+  stats.rays_primary += rays.size;
+}
+
+// Camera rays go through area lights, as if these were not there (only for what the camera sees directly).
+void TransportWorker::Impl::pass_hidden_emitters() {
+  for (int layer = 0; layer < k_longest_path; ++layer) {
+    std::vector<uint32_t> hidden;
+    for (uint32_t i = 0; i < rays.size; ++i) {
+      if (hits.instance[i] != k_none && scene.instances[hits.instance[i]].emitter != k_none) hidden.push_back(i);
+    }
+    if (hidden.empty()) return;
+    RayBatch beyond;
+    beyond.resize(hidden.size());
+    for (uint32_t j = 0; j < hidden.size(); ++j) {
+      const uint32_t i = hidden[j];
+      const SurfacePoint surface = surface_at(scene, rays, hits, i);
+      const Vec3 d = rays.direction(i);
+      beyond.set(j, offset_origin(surface.position, surface.geometric_normal, surface.error, d), d,
+                 rays.tmax[i] - hits.t[i]);
+      near_distance[i] += hits.t[i];
+    }
+    HitBatch beyond_hits;
+    beyond_hits.resize(hidden.size());
+    {
+      const ScopedTimer timer(stats.time_primary);
+      context.accel.intersect(beyond, beyond_hits, Coherence::coherent);
+    }
+    stats.rays_primary += hidden.size();
+    for (uint32_t j = 0; j < hidden.size(); ++j) {
+      const uint32_t i = hidden[j];
+      rays.set(i, beyond.origin(j), beyond.direction(j), beyond.tmax[j]);
+      hits.t[i] = beyond_hits.t[j], hits.u[i] = beyond_hits.u[j], hits.v[i] = beyond_hits.v[j];
+      hits.instance[i] = beyond_hits.instance[j], hits.primitive[i] = beyond_hits.primitive[j];
+    }
+  }
+}
+
+// Emission of `light` found by a path's own ray.
+void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& origin, const Vec3& direction,
+                                         uint32_t light, const LightHit& hit) {
+  float weight = 1.0f;
+  if (!path.unweighted) {
+    if (path.diffuse && context.closed_form[light]) return;
+    const float density = float(path.light_samples) *
+                          light_pdf(context.lights, light, origin, path.normal, path.transmits, direction, hit);
+    // As a quotient, because squares of large densities overflow.
+    const float ratio = density / path.bsdf_density;
+    weight = 1.0f / (1.0f + ratio * ratio);
+  }
+  results[path.slot].radiance += path.throughput * scene.emitters[light].value * weight;
+}
+
+bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, int vertex_number) const {
+  if (vertex_number == 0 || vertex_number < settings.rr_depth) return true;
+  // Paths that refraction has dimmed are not shorter-lived for it; and none lives for ever.
+  constexpr float k_highest_survival = 0.95f;
+  const float q = std::min(largest(path.throughput) * path.eta * path.eta, k_highest_survival);
+  if (!(sample_pair(path.index, scalar::hash_combine(seed, k_material_stream), 1).y < q)) return false;
+  path.throughput /= q;
+  return true;
+}
+
+void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& vertex) {
+  FirstHit& first = firsts[paths[path].slot];
+  first.hit = true;
+  first.albedo = vertex.material.dark ? Rgb(0.0f) : material_albedo(vertex.material);
+  first.normal = vertex.frame.n;
+  first.depth = near_distance[path] + hits.t[path];
+  first.position = DVec3(vertex.surface.position) + scene.origin;
+  first.object = vertex.surface.instance + 1;
+}
+
+// Emission where the rays ended, and the surfaces that their paths go on from.
+void TransportWorker::Impl::arrive(int vertex_number) {
+  const bool emission_counts = !(settings.hide_emitters && vertex_number == 0);
+  const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
+  vertices.clear();
+  for (uint32_t i = 0; i < paths.size(); ++i) {
+    PathState& path = paths[i];
+    const Vec3 d = rays.direction(i);
+    if (hits.instance[i] == k_none) {
+      if (!emission_counts) continue;
+      for (const uint32_t light : context.backgrounds) add_emission(path, rays.origin(i), d, light, {});
+      continue;
+    }
+    const uint32_t emitter = scene.instances[hits.instance[i]].emitter;
+    // The last surface matters only if it glows.
+    if (last && vertex_number > 0 && emitter == k_none) continue;
+    PathVertex v;
+    v.path = i;
+    v.surface = surface_at(scene, rays, hits, i);
+    const float cos_geometric = -glm::dot(v.surface.geometric_normal, d);
+    if (emission_counts && emitter != k_none && cos_geometric > 0.0f) {
+      add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface.geometric_normal, v.surface.primitive});
+    }
+    if (last && vertex_number > 0) continue;
+
+    const Vec3 back = -d;
+    const Instance& instance = scene.instances[v.surface.instance];
+    v.material = resolve_material(scene, instance.bsdf, v.surface.uv, glm::dot(v.surface.shading_normal, back));
+    const Vec3 n = v.material.turned ? -v.surface.shading_normal : v.surface.shading_normal;
+    const bool anisotropic =
+        v.material.kind == BsdfKind::rough_conductor && v.material.microfacet.alpha_u != v.material.microfacet.alpha_v;
+    v.frame = anisotropic ? frame_along(n, surface_tangent(scene, v.surface)) : frame_about(n);
+    v.wi = v.frame.to_local(back);
+    v.facing = cos_geometric < 0.0f ? -v.surface.geometric_normal : v.surface.geometric_normal;
+    v.seed = scalar::vertex_seed(settings.seed, path.pixel_x, path.pixel_y, uint32_t(vertex_number));
+    if (vertex_number == 0) record_first_hit(i, v);
+    if (last || v.material.dark || !survives_roulette(path, v.seed, vertex_number)) continue;
+    // A mirror has one direction only; there is nothing to split.
+    const bool splits =
+        path.may_split && (v.material.kind == BsdfKind::rough_conductor || v.material.kind == BsdfKind::dielectric);
+    v.lobe_samples = splits ? float(settings.lobe_samples) : 1.0f;
+    vertices.push_back(v);
+  }
+}
+
+void TransportWorker::Impl::gather_light(int vertex_number) {
+  arriving.resize(vertices.size());
+  const bool first = vertex_number == 0;
+  direct.gather(vertices, paths, first ? settings.light_samples : 1, first ? std::span(firsts) : std::span<FirstHit>(),
+                arriving, stats);
+  for (size_t i = 0; i < vertices.size(); ++i) {
+    const PathState& path = paths[vertices[i].path];
+    results[path.slot].radiance += path.throughput * arriving[i];
+  }
+}
+
+// Whether a ray sampled from the material can still find light that counts.
+bool TransportWorker::Impl::goes_on(const Material& material, int vertex_number) const {
+  if (vertex_number + 1 >= k_longest_path) return false;
+  if (settings.max_depth < 0 || vertex_number + 2 < settings.max_depth) return true;
+  return material.kind == BsdfKind::diffuse ? context.open_form_can_be_hit : context.emission_can_be_hit;
+}
+
+void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& path, uint32_t index, float share) {
+  const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
+  const Vec2 u = sample_pair(index, seed, 0);
+  const bool needs_lobe = vertex.material.kind == BsdfKind::dielectric;
+  const BsdfSample s = sample_bsdf(vertex.material, vertex.wi, u, needs_lobe ? sample_pair(index, seed, 1).x : 0.0f);
+  if (!(largest(s.weight) > 0.0f)) return;
+  const Vec3 d = vertex.frame.to_world(s.wo);
+  if (!vertex.material.transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
+
+  PathState next = path;
+  next.throughput = path.throughput * s.weight * share;
+  next.eta = path.eta * s.eta;
+  next.index = index;
+  next.may_split = path.may_split && vertex.material.kind == BsdfKind::conductor;
+  next.unweighted = s.delta;
+  next.diffuse = vertex.material.kind == BsdfKind::diffuse;
+  next.transmits = vertex.material.transmits();
+  next.bsdf_density = s.pdf * vertex.lobe_samples;
+  next.normal = vertex.frame.n;
+  const size_t i = next_paths.size();
+  next_paths.push_back(next);
+  next_rays.set(i, offset_origin(vertex.surface.position, vertex.facing, vertex.surface.error, d), d, k_infinity);
+  stats.rays_glossy += vertex.material.kind != BsdfKind::diffuse;
+}
+
+void TransportWorker::Impl::scatter(int vertex_number) {
+  size_t most = 0;
+  for (const PathVertex& v : vertices) most += size_t(v.lobe_samples);
+  next_paths.clear();
+  next_rays.resize(most);
+  for (const PathVertex& v : vertices) {
+    if (!goes_on(v.material, vertex_number)) continue;
+    PathState path = paths[v.path];
+    path.light_samples = vertex_number == 0 ? settings.light_samples : 1;
+    const int lobes = int(v.lobe_samples);
+    for (int l = 0; l < lobes; ++l) {
+      scatter_once(v, path, path.index * uint32_t(lobes) + uint32_t(l), 1.0f / v.lobe_samples);
+    }
+  }
+  next_rays.resize(next_paths.size());
+  std::swap(paths, next_paths);
+  std::swap(rays, next_rays);
+}
+
+TransportWorker::TransportWorker(const TransportContext& context) : impl_(std::make_unique<Impl>(context)) {}
+TransportWorker::~TransportWorker() = default;
+TransportWorker::TransportWorker(TransportWorker&&) noexcept = default;
+
+const Stats& TransportWorker::stats() const { return impl_->stats; }
+
+void TransportWorker::trace(std::span<const CameraSample> samples, std::span<SampleResult> results) {
+  Impl& w = *impl_;
+  w.results = results;
+  w.generate(samples);
+  if (w.settings.max_depth == 0) return;
+  for (int vertex_number = 0; !w.paths.empty(); ++vertex_number) {
+    w.intersect(vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
+    if (vertex_number == 0 && w.settings.hide_emitters) w.pass_hidden_emitters();
+    w.arrive(vertex_number);
+    w.gather_light(vertex_number);
+    w.scatter(vertex_number);
+  }
+  for (size_t i = 0; i < samples.size(); ++i) results[i].first = w.firsts[i];
+}
+
+}  // namespace fieldtrace

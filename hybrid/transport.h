@@ -1,0 +1,86 @@
+// Light transport: paths from the camera through the scene, in wavefronts of a few thousand camera samples.
+//
+// Each surface samples every light (direct_light.h), then the path goes on in a direction sampled from the material
+// (Kajiya, "The Rendering Equation", SIGGRAPH 1986). Emission that both can find is weighted by the power heuristic
+// with sample counts (Veach and Guibas, "Optimally Combining Sampling Techniques", SIGGRAPH 1995), except that
+// diffuse surfaces leave lights sampled in closed form to the light samples. Russian roulette as in Mitsuba's `path`.
+// A path that turns below the *geometric* surface of something opaque ends there, as light samples do.
+// Determinism: a camera sample's result depends on the scene, the settings, its pixel and its index only.
+// Thread-safety: TransportContext is const and shared; each thread has its own TransportWorker.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/accel.h"
+#include "core/camera.h"
+#include "core/isa.h"
+#include "core/light_sampling.h"
+#include "hybrid/aovs.h"
+#include "hybrid/path_batch.h"
+#include "hybrid/shadow_answer.h"
+#include "hybrid/stats.h"
+
+namespace fieldtrace {
+
+struct TransportSettings {
+  int light_samples = 1;  // shadow rays per light at a camera path's first surface; later ones send one
+  int lobe_samples = 1;   // directions sampled at a camera path's first surface that is not diffuse
+  int max_depth = -1;     // as IntegratorSettings
+  int rr_depth = 5;
+  bool hide_emitters = false;
+  uint32_t seed = 0;
+  Isa isa = Isa::automatic;  // resolved
+};
+
+// Surfaces on one path, whatever max_depth says. Roulette ends a path with at least 5 % at each surface after
+// rr_depth, so that only 1 path in 10^17 comes this far from rr_depth = 5.
+inline constexpr int k_longest_path = 768;
+
+// Everything that workers share. References must outlive it.
+struct TransportContext {
+  TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera, const ShadowAnswerer& answerer,
+                   const TransportSettings& settings);
+
+  const Scene& scene;
+  const Accel& accel;
+  const CameraSampler& camera;
+  const ShadowAnswerer& answerer;
+  TransportSettings settings;
+  LightTable lights;
+  std::vector<Bounds3> light_bounds;  // world space, empty at infinity
+  std::vector<uint8_t> closed_form;   // per light: sampled_in_closed_form
+  std::vector<uint32_t> backgrounds;  // constant emitters
+  bool emission_can_be_hit = false;   // some emitter has an area or surrounds the scene
+  bool open_form_can_be_hit = false;  // one of those is not sampled in closed form
+};
+
+struct CameraSample {
+  uint32_t x = 0, y = 0;  // pixel of the whole film
+  uint32_t index = 0;     // of the camera sample in its pixel
+};
+
+struct SampleResult {
+  Rgb radiance = Rgb(0.0f);
+  FirstHit first;
+};
+
+class TransportWorker {
+ public:
+  explicit TransportWorker(const TransportContext& context);
+  ~TransportWorker();
+  TransportWorker(TransportWorker&&) noexcept;
+
+  // results[i] receives what camera sample i sees. Any number of samples; about 4096 / lobe_samples is best.
+  void trace(std::span<const CameraSample> samples, std::span<SampleResult> results);
+
+  // Counters and this thread's times; time_primary and time_secondary are sums over calls.
+  const Stats& stats() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace fieldtrace
