@@ -180,7 +180,10 @@ struct Job {
   Rect window;
   int spp = 1;
   Image& image;
+  const std::atomic<bool>* stop = nullptr;
   std::atomic<uint64_t> not_finite = 0;
+
+  bool stopped() const { return stop && stop->load(std::memory_order_relaxed); }
 };
 
 struct PixelSums {
@@ -195,7 +198,8 @@ void write_pixel(const Job& job, const PixelPosition& p, const PixelSums& sums) 
 }
 
 // A pixel's samples are added in the order of their indices, whatever the batches.
-void render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
+// False if it was stopped: the tile is then left black.
+bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const std::vector<PixelPosition> pixels = tile_pixels(tile);
   std::vector<PixelSums> sums(pixels.size());
   const size_t total = pixels.size() * size_t(job.spp);
@@ -203,6 +207,7 @@ void render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   std::vector<CameraSample> samples;
   std::vector<SampleResult> results(std::min(batch, total));
   for (size_t begin = 0; begin < total; begin += batch) {
+    if (job.stopped()) return false;
     const size_t end = std::min(begin + batch, total);
     samples.clear();
     for (size_t i = begin; i < end; ++i) {
@@ -222,6 +227,7 @@ void render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
     }
   }
   for (size_t i = 0; i < pixels.size(); ++i) write_pixel(job, pixels[i], sums[i]);
+  return true;
 }
 
 Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
@@ -264,7 +270,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const TransportContext context(scene, accel, camera, answerer, settings);
 
     result.image = make_image(window, aovs);
-    Job job{context, aovs, window, spp, result.image};
+    Job job{context, aovs, window, spp, result.image, callbacks.stop};
     const std::vector<Rect> tiles = make_tiles(window, k_tile_size);
     Progress progress(callbacks, tiles.size());
     std::atomic<bool> interrupted = false;
@@ -273,12 +279,13 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
         tbb::blocked_range<size_t>(0, tiles.size(), 1),
         [&](const tbb::blocked_range<size_t>& range) {
           for (size_t i = range.begin(); i < range.end(); ++i) {
-            if (callbacks.stop && callbacks.stop->load(std::memory_order_relaxed)) {
+            bool done = false;
+            // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
+            tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
+            if (!done) {
               interrupted = true;
               return;
             }
-            // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
-            tbb::this_task_arena::isolate([&] { render_tile(job, tiles[i], workers.local()); });
             progress.tile_done();
           }
         },
