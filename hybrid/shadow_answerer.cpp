@@ -89,7 +89,7 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
       workspaces_([] { return std::make_unique<Workspace>(); }) {
   QueryPolicy policy;
   policy.visibility_max_class = policy.depth_max_class = settings.force_ask ? -1 : max_class_at(settings.tolerance);
-  policy.answer_all = settings.tolerance >= 1.0f;
+  policy.answer_all = settings.tolerance >= 1.0f && !settings.force_ask;
   std::vector<char> flat, wanted;
   for (const Shape& shape : scene.shapes) {
     flat.push_back(is_flat(shape));
