@@ -19,6 +19,7 @@
 #include "core/light_kernels.h"
 #include "core/light_shapes.hd.h"
 #include "core/light_shapes_area.hd.h"
+#include "core/point_sets.hd.h"
 #include "core/sobol.hd.h"
 
 FT_LANES_BEGIN
@@ -28,7 +29,8 @@ struct ReceiverLanes {
   LightReceiver<F> at;
   Vec3Lanes<F> normal;  // geometric
   F slip;               // receivers that transmit: the origin's offset, to the side of the direction
-  SobolSeeds<F> seeds, third_seeds;
+  SetSequence<F> points;
+  SobolSeeds<F> third_seeds;
   Uint_t<F> first_index, instance;
 
   template <class Op>
@@ -36,7 +38,7 @@ struct ReceiverLanes {
     return {{op(at.origin), op(at.shading), op(at.delta), op(at.transmits)},
             op(normal),
             op(slip),
-            {op(seeds.order), op(seeds.x), op(seeds.y)},
+            {op(points.set), op(points.shift_x), op(points.shift_y)},
             {op(third_seeds.order), op(third_seeds.x), op(third_seeds.y)},
             op(first_index),
             op(instance)};
@@ -58,6 +60,7 @@ struct LightBatch {
   static constexpr int k_lanes = Lanes<F>::k_count;
 
   const Light& light;
+  const int32_t* const point_sets;
   const Kind kind;
   const ReceiverBatch& receivers;
   const uint32_t dimension;
@@ -86,8 +89,12 @@ struct LightBatch {
     }
     r.at.delta = splat<F>(light.error_base) + splat<F>(light.error_slope) * reach;
     const Uint_t<F> seed = load_uint_lanes<F>(b.seed.data() + i);
-    r.seeds = sobol_seeds<F>(seed, dimension);
-    r.third_seeds = Kind::k_third_number ? sobol_seeds<F>(seed, dimension + 1) : r.seeds;
+    r.points = set_sequence<F>(seed, dimension);
+    if constexpr (Kind::k_third_number) {
+      r.third_seeds = sobol_seeds<F>(seed, dimension + 1);
+    } else {
+      r.third_seeds = {seed, seed, seed};
+    }
     r.first_index = load_uint_lanes<F>(b.sample.data() + i) * splat_uint<F>(uint32_t(light_samples));
     r.instance = load_uint_lanes<F>(b.instance.data() + i);
     return r;
@@ -95,11 +102,16 @@ struct LightBatch {
 
   // Writes one vector of slots: sample first_index + k of each lane's receiver.
   FT_HD_INLINE void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup, Uint_t<F> k) const {
-    const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const Uint_t<F> index = r.first_index + k;
-    const UnitPair<F> uv = sample_2d<F>(index, r.seeds);
-    const F third = Kind::k_third_number ? sample_2d<F>(index, r.third_seeds).x : zero;
-    const LightSample<F> s = kind.sample(r.at, setup, uv.x, uv.y, third);
+    F third = splat<F>(0.0f);
+    if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
+    emit(slot, r, setup, gather_point<F>(point_sets, r.points, index), third);
+  }
+
+  FT_HD_INLINE void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+                         const CentredPair<F>& point, F third) const {
+    const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+    const LightSample<F> s = kind.sample(r.at, setup, point.x, point.y, third);
 
     Vec3Lanes<F> origin = r.at.origin, d = s.d;
     const F cos_g = dot(r.normal, d);
@@ -135,16 +147,17 @@ struct LightBatch {
   void run() const {
     const size_t m = size_t(light_samples);
     // The specialised loops are compiled for the frequent kinds of light only.
-    constexpr bool k_specialise = Kind::k_frequent && !k_transmits;
+    constexpr bool k_specialise = Kind::k_frequent && !Kind::k_third_number && !k_transmits;
     const bool single = k_specialise && m == 1;
     const bool whole_vectors = k_specialise && m % k_lanes == 0;
     // Per vector of a group: the receiver (lane) and the sample number of each slot. For whole vectors: lane[i] of
     // vector i is i throughout.
     AlignedVector<int32_t> lane;
     AlignedVector<uint32_t> sample;
+    alignas(64) uint32_t set[k_lanes], first_index[k_lanes];  // whole vectors: of each receiver of the group
     if (!single) {
       lane.resize(size_t(k_lanes) * (whole_vectors ? size_t(k_lanes) : m));
-      sample.resize(m * k_lanes);
+      if (!whole_vectors) sample.resize(m * k_lanes);
       const size_t run_length = whole_vectors ? size_t(k_lanes) : m;
       for (size_t i = 0, begin = 0; begin < lane.size(); ++i, begin += run_length) {
         std::fill_n(lane.begin() + ptrdiff_t(begin), run_length, int32_t(i));
@@ -162,12 +175,15 @@ struct LightBatch {
         emit(base, r, setup, splat_uint<F>(0));
       } else if (whole_vectors) {
         const size_t count = std::min(size_t(k_lanes), receivers.size - group);
+        store_lanes(r.points.set, set);
+        store_lanes(r.first_index, first_index);
         for (size_t i = 0; i < count; ++i) {
           const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + i * k_lanes)};
           const ReceiverLanes<F> one = r.map(spread);
           const typename Kind::Setup one_setup = setup.map(spread);
           for (size_t k = 0; k < m; k += k_lanes) {
-            emit(base + i * m + k, one, one_setup, load_uint_lanes<F>(sample.data() + k));
+            const auto points = load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
+            emit(base + i * m + k, one, one_setup, points, splat<F>(0.0f));
           }
         }
       } else {
@@ -195,9 +211,13 @@ struct LightLoop {
     const uint32_t dimension = k_light_dimension + 2 * index;
     const auto end = receivers.transmits.begin() + ptrdiff_t(receivers.size);
     if (std::find_if(receivers.transmits.begin(), end, [](uint8_t t) { return t != 0; }) != end) {
-      LightBatch<F, Kind, true>{light, Kind(light, extra...), receivers, dimension, light_samples, slots, out}.run();
+      LightBatch<F, Kind, true>{
+          light, table.point_sets.data(), Kind(light, extra...), receivers, dimension, light_samples, slots, out}
+          .run();
     } else {
-      LightBatch<F, Kind, false>{light, Kind(light, extra...), receivers, dimension, light_samples, slots, out}.run();
+      LightBatch<F, Kind, false>{
+          light, table.point_sets.data(), Kind(light, extra...), receivers, dimension, light_samples, slots, out}
+          .run();
     }
   }
 
