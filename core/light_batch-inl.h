@@ -55,6 +55,23 @@ struct SpreadLanes {
   }
 };
 
+// Where the slots' values go: copies of the pointers, which the compiler need not load again after each store.
+struct Slots {
+  float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *weight, *pdf;
+  uint32_t* instance;
+  explicit Slots(ShadowBatch& out)
+      : ox(out.rays.ox.data()),
+        oy(out.rays.oy.data()),
+        oz(out.rays.oz.data()),
+        dx(out.rays.dx.data()),
+        dy(out.rays.dy.data()),
+        dz(out.rays.dz.data()),
+        tmax(out.rays.tmax.data()),
+        weight(out.weight.data()),
+        pdf(out.pdf.data()),
+        instance(out.instance.data()) {}
+};
+
 template <class F, class Kind, bool k_transmits>
 struct LightBatch {
   static constexpr int k_lanes = Lanes<F>::k_count;
@@ -63,7 +80,8 @@ struct LightBatch {
   const int32_t* const point_sets;
   const Kind kind;
   const ReceiverBatch& receivers;
-  const uint32_t dimension;
+  const uint32_t dimension;  // of the light's first pair
+  const uint32_t stream;     // set_stream(dimension)
   const int light_samples;
   const size_t slots;
   ShadowBatch& out;
@@ -89,7 +107,7 @@ struct LightBatch {
     }
     r.at.delta = splat<F>(light.error_base) + splat<F>(light.error_slope) * reach;
     const Uint_t<F> seed = load_uint_lanes<F>(b.seed.data() + i);
-    r.points = set_sequence<F>(seed, dimension);
+    r.points = set_sequence<F>(seed, stream);
     if constexpr (Kind::k_third_number) {
       r.third_seeds = sobol_seeds<F>(seed, dimension + 1);
     } else {
@@ -101,14 +119,15 @@ struct LightBatch {
   }
 
   // Writes one vector of slots: sample first_index + k of each lane's receiver.
-  FT_HD_INLINE void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup, Uint_t<F> k) const {
+  FT_HD_INLINE void emit(const Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+                         Uint_t<F> k) const {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    emit(slot, r, setup, gather_point<F>(point_sets, r.points, index), third);
+    emit(to, slot, r, setup, gather_point<F>(point_sets, r.points, index), third);
   }
 
-  FT_HD_INLINE void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+  FT_HD_INLINE void emit(const Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
                          const CentredPair<F>& point, F third) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const LightSample<F> s = kind.sample(r.at, setup, point.x, point.y, third);
@@ -133,66 +152,80 @@ struct LightBatch {
     }
 
     const F t_max = Kind::k_finite ? one : splat<F>(std::numeric_limits<float>::infinity());
-    const auto put = [slot](AlignedVector<float>& v, F a) { store_lanes(a, v.data() + slot); };
-    put(out.rays.ox, origin.x), put(out.rays.oy, origin.y), put(out.rays.oz, origin.z);
-    put(out.rays.dx, select(active, d.x, zero));
-    put(out.rays.dy, select(active, d.y, zero));
-    put(out.rays.dz, select(active, d.z, one));
-    put(out.rays.tmax, select(active, t_max, splat<F>(-1.0f)));
-    put(out.weight, select(active, cos_s * s.inverse_pdf, zero));
-    put(out.pdf, select(active, s.pdf, zero));
-    store_lanes(r.instance, out.instance.data() + slot);
+    store_lanes(origin.x, to.ox + slot);
+    store_lanes(origin.y, to.oy + slot);
+    store_lanes(origin.z, to.oz + slot);
+    store_lanes(select(active, d.x, zero), to.dx + slot);
+    store_lanes(select(active, d.y, zero), to.dy + slot);
+    store_lanes(select(active, d.z, one), to.dz + slot);
+    store_lanes(select(active, t_max, splat<F>(-1.0f)), to.tmax + slot);
+    store_lanes(select(active, cos_s * s.inverse_pdf, zero), to.weight + slot);
+    store_lanes(select(active, s.pdf, zero), to.pdf + slot);
+    store_lanes(r.instance, to.instance + slot);
   }
 
-  void run() const {
+  // One sample a receiver: the group's lanes are the slots.
+  void run_single() const {
+    const Slots to(out);
+    for (size_t group = 0; group < receivers.size; group += k_lanes) {
+      const ReceiverLanes<F> r = load_receivers(group);
+      emit(to, group, r, kind.setup(r.at), splat_uint<F>(0));
+    }
+  }
+
+  // Sample counts that fill whole vectors: each vector has one receiver, and consecutive points of one set.
+  void run_whole_vectors() const {
+    const Slots to(out);
     const size_t m = size_t(light_samples);
-    // The specialised loops are compiled for the frequent kinds of light only.
-    constexpr bool k_specialise = Kind::k_frequent && !Kind::k_third_number && !k_transmits;
-    const bool single = k_specialise && m == 1;
-    const bool whole_vectors = k_specialise && m % k_lanes == 0;
-    // Per vector of a group: the receiver (lane) and the sample number of each slot. For whole vectors: lane[i] of
-    // vector i is i throughout.
-    AlignedVector<int32_t> lane;
-    AlignedVector<uint32_t> sample;
-    alignas(64) uint32_t set[k_lanes], first_index[k_lanes];  // whole vectors: of each receiver of the group
-    if (!single) {
-      lane.resize(size_t(k_lanes) * (whole_vectors ? size_t(k_lanes) : m));
-      if (!whole_vectors) sample.resize(m * k_lanes);
-      const size_t run_length = whole_vectors ? size_t(k_lanes) : m;
-      for (size_t i = 0, begin = 0; begin < lane.size(); ++i, begin += run_length) {
-        std::fill_n(lane.begin() + ptrdiff_t(begin), run_length, int32_t(i));
-      }
-      for (size_t begin = 0; begin < sample.size(); begin += m) {
-        for (size_t k = 0; k < m; ++k) sample[begin + k] = uint32_t(k);
+    alignas(64) int32_t lane[k_lanes * k_lanes];  // lane i, k_lanes times, for each i
+    for (int i = 0; i < k_lanes; ++i) std::fill_n(lane + i * k_lanes, k_lanes, i);
+    alignas(64) uint32_t set[k_lanes], first_index[k_lanes];
+    for (size_t group = 0; group < receivers.size; group += k_lanes) {
+      const ReceiverLanes<F> r = load_receivers(group);
+      const typename Kind::Setup setup = kind.setup(r.at);
+      store_lanes(r.points.set, set);
+      store_lanes(r.first_index, first_index);
+      const size_t count = std::min(size_t(k_lanes), receivers.size - group);
+      for (size_t i = 0; i < count; ++i) {
+        const SpreadLanes<F> spread = {LanePermutation<F>(lane + i * k_lanes)};
+        const ReceiverLanes<F> one = r.map(spread);
+        const typename Kind::Setup one_setup = setup.map(spread);
+        for (size_t k = 0; k < m; k += k_lanes) {
+          const auto points = load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
+          emit(to, (group + i) * m + k, one, one_setup, points, splat<F>(0.0f));
+        }
       }
     }
+  }
 
+  void run_mixed() const {
+    const Slots to(out);
+    const size_t m = size_t(light_samples);
+    // Per vector of a group: the receiver (lane) and the sample number of each slot.
+    AlignedVector<int32_t> lane(m * k_lanes);
+    AlignedVector<uint32_t> sample(m * k_lanes);
+    for (size_t i = 0; i < lane.size(); ++i) {
+      lane[i] = int32_t(i / m);
+      sample[i] = uint32_t(i % m);
+    }
     for (size_t group = 0; group < receivers.size; group += k_lanes) {
       const ReceiverLanes<F> r = load_receivers(group);
       const typename Kind::Setup setup = kind.setup(r.at);
       const size_t base = group * m;
-      if (single) {
-        emit(base, r, setup, splat_uint<F>(0));
-      } else if (whole_vectors) {
-        const size_t count = std::min(size_t(k_lanes), receivers.size - group);
-        store_lanes(r.points.set, set);
-        store_lanes(r.first_index, first_index);
-        for (size_t i = 0; i < count; ++i) {
-          const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + i * k_lanes)};
-          const ReceiverLanes<F> one = r.map(spread);
-          const typename Kind::Setup one_setup = setup.map(spread);
-          for (size_t k = 0; k < m; k += k_lanes) {
-            const auto points = load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
-            emit(base + i * m + k, one, one_setup, points, splat<F>(0.0f));
-          }
-        }
-      } else {
-        for (size_t j = 0; j < m && base + j * k_lanes < slots; ++j) {
-          const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + j * k_lanes)};
-          emit(base + j * k_lanes, r.map(spread), setup.map(spread), load_uint_lanes<F>(sample.data() + j * k_lanes));
-        }
+      for (size_t j = 0; j < m && base + j * k_lanes < slots; ++j) {
+        const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + j * k_lanes)};
+        emit(to, base + j * k_lanes, r.map(spread), setup.map(spread), load_uint_lanes<F>(sample.data() + j * k_lanes));
       }
     }
+  }
+
+  void run() const {
+    // The specialised loops are compiled for the frequent kinds of light only.
+    if constexpr (Kind::k_frequent && !Kind::k_third_number && !k_transmits) {
+      if (light_samples == 1) return run_single();
+      if (light_samples % k_lanes == 0) return run_whole_vectors();
+    }
+    run_mixed();
   }
 };
 
@@ -209,14 +242,17 @@ struct LightLoop {
     const Light& light = table.lights[index];
     const size_t slots = receivers.size * size_t(light_samples);
     const uint32_t dimension = k_light_dimension + 2 * index;
-    const auto end = receivers.transmits.begin() + ptrdiff_t(receivers.size);
-    if (std::find_if(receivers.transmits.begin(), end, [](uint8_t t) { return t != 0; }) != end) {
-      LightBatch<F, Kind, true>{
-          light, table.point_sets.data(), Kind(light, extra...), receivers, dimension, light_samples, slots, out}
+    uint8_t transmits = 0;  // without an early exit the loop runs in vectors
+    for (size_t i = 0; i < receivers.size; ++i) transmits |= receivers.transmits[i];
+    if (transmits != 0) {
+      LightBatch<F, Kind, true>{light,     table.point_sets.data(), Kind(light, extra...), receivers,
+                                dimension, set_stream(dimension),   light_samples,         slots,
+                                out}
           .run();
     } else {
-      LightBatch<F, Kind, false>{
-          light, table.point_sets.data(), Kind(light, extra...), receivers, dimension, light_samples, slots, out}
+      LightBatch<F, Kind, false>{light,     table.point_sets.data(), Kind(light, extra...), receivers,
+                                 dimension, set_stream(dimension),   light_samples,         slots,
+                                 out}
           .run();
     }
   }

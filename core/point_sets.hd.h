@@ -27,11 +27,13 @@ struct SetSequence {
   Uint_t<F> set, shift_x, shift_y;
 };
 
-// The sequence number `dimension` of `seed`.
+// What set_sequence takes for the sequence number `dimension` of any seed.
+FT_HD_INLINE uint32_t set_stream(uint32_t dimension) { return hash_uint(dimension + 0x9e3779b9u); }
+
 template <class F>
-FT_HD_INLINE SetSequence<F> set_sequence(Uint_t<F> seed, uint32_t dimension) {
+FT_HD_INLINE SetSequence<F> set_sequence(Uint_t<F> seed, uint32_t stream) {
   const Uint_t<F> shift_mask = splat_uint<F>(0xffffff00u);  // 24 digits: what a float's mantissa holds
-  const Uint_t<F> x = hash_lanes<F>(seed + splat_uint<F>(hash_uint(dimension + 0x9e3779b9u)));
+  const Uint_t<F> x = hash_lanes<F>(seed + splat_uint<F>(stream));
   const Uint_t<F> y = hash_lanes<F>(x + splat_uint<F>(0x9e3779b9u));
   return {(y & splat_uint<F>(k_point_sets - 1)) * splat_uint<F>(k_set_words), x & shift_mask, y & shift_mask};
 }
