@@ -86,7 +86,7 @@ struct SphereLight {
     Vec3Lanes<F> axis, x, y;
     F distance, radius, sine_max, one_minus_cosine;
     F beta_base, gamma_base, slope;  // see sample()
-    F shading_axis, shading_x, shading_y, inverse_pdf, pdf;
+    F shading_axis, inverse_pdf, pdf;
     template <class Op>
     FT_HD_INLINE Setup map(const Op& op) const {
       return {op(axis),
@@ -100,8 +100,6 @@ struct SphereLight {
               op(gamma_base),
               op(slope),
               op(shading_axis),
-              op(shading_x),
-              op(shading_y),
               op(inverse_pdf),
               op(pdf)};
     }
@@ -143,13 +141,11 @@ struct SphereLight {
             beta_base - slope,
             slope,
             dot(r.shading, axis),
-            dot(r.shading, basis.x),
-            dot(r.shading, basis.y),
             splat<F>(Angle::k_two_pi) * m,
             pdf};
   }
 
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>&, const Setup& s, F a, F b, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
     const F one = splat<F>(1.0f);
     const DiskPoint<F> p = concentric_disk_centred<F>(a, b);
     const F uniform = p.radius * p.radius;
@@ -169,7 +165,7 @@ struct SphereLight {
     return {s.axis * along + e * across,
             e * sin_alpha - s.axis * cos_alpha,
             cos_alpha * s.distance - s.radius,
-            cosine * s.shading_axis + sine * (s.shading_x * p.cosine + s.shading_y * p.sine),
+            cosine * s.shading_axis + sine * dot(r.shading, e),
             s.inverse_pdf,
             s.pdf};
   }
