@@ -59,6 +59,7 @@ struct SpreadLanes {
 struct Slots {
   float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *weight, *pdf;
   uint32_t* instance;
+  size_t active = 0;  // so far
   explicit Slots(ShadowBatch& out)
       : ox(out.rays.ox.data()),
         oy(out.rays.oy.data()),
@@ -119,7 +120,7 @@ struct LightBatch {
   }
 
   // Writes one vector of slots: sample first_index + k of each lane's receiver.
-  FT_HD_INLINE void emit(const Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+  FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
                          Uint_t<F> k) const {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
@@ -127,7 +128,7 @@ struct LightBatch {
     emit(to, slot, r, setup, gather_point<F>(point_sets, r.points, index), third);
   }
 
-  FT_HD_INLINE void emit(const Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+  FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
                          const CentredPair<F>& point, F third) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const LightSample<F> s = kind.sample(r.at, setup, point.x, point.y, third);
@@ -152,6 +153,7 @@ struct LightBatch {
     }
 
     const F t_max = Kind::k_finite ? one : splat<F>(std::numeric_limits<float>::infinity());
+    to.active += size_t(count_true(active));
     store_lanes(origin.x, to.ox + slot);
     store_lanes(origin.y, to.oy + slot);
     store_lanes(origin.z, to.oz + slot);
@@ -169,7 +171,7 @@ struct LightBatch {
   void run_single() const {
     constexpr size_t k_block = 256;
     alignas(64) float x[k_block], y[k_block];
-    const Slots to(out);
+    Slots to(out);
     for (size_t block = 0; block < receivers.size; block += k_block) {
       const size_t end = std::min(block + k_block, receivers.size);
       for (size_t group = block; group < end; group += k_lanes) {
@@ -184,11 +186,12 @@ struct LightBatch {
         emit(to, group, r, kind.setup(r.at), point, splat<F>(0.0f));
       }
     }
+    out.active = to.active;
   }
 
   // Sample counts that fill whole vectors: each vector has one receiver, and consecutive points of one set.
   void run_whole_vectors() const {
-    const Slots to(out);
+    Slots to(out);
     const size_t m = size_t(light_samples);
     alignas(64) int32_t lane[k_lanes * k_lanes];  // lane i, k_lanes times, for each i
     for (int i = 0; i < k_lanes; ++i) std::fill_n(lane + i * k_lanes, k_lanes, i);
@@ -209,10 +212,11 @@ struct LightBatch {
         }
       }
     }
+    out.active = to.active;
   }
 
   void run_mixed() const {
-    const Slots to(out);
+    Slots to(out);
     const size_t m = size_t(light_samples);
     // Per vector of a group: the receiver (lane) and the sample number of each slot.
     AlignedVector<int32_t> lane(m * k_lanes);
@@ -230,6 +234,7 @@ struct LightBatch {
         emit(to, base + j * k_lanes, r.map(spread), setup.map(spread), load_uint_lanes<F>(sample.data() + j * k_lanes));
       }
     }
+    out.active = to.active;
   }
 
   void run() const {

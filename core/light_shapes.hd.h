@@ -130,18 +130,8 @@ struct SphereLight {
     const F beta_base = inverse_cosine + inverse_cosine;
     const F radii = distance * inverse_radius;
     const F pdf = min(one_plus_cosine * splat<F>(Angle::k_inv_two_pi) * radii * radii, splat<F>(k_most_density));
-    return {axis,
-            basis.x,
-            basis.y,
-            length,
-            target_radius,
-            sine_max,
-            m,
-            beta_base,
-            beta_base - slope,
-            slope,
-            dot(r.shading, axis),
-            splat<F>(Angle::k_two_pi) * m,
+    return {axis, basis.x,   basis.y,           length, target_radius,        sine_max,
+            m,    beta_base, beta_base - slope, slope,  dot(r.shading, axis), splat<F>(Angle::k_two_pi) * m,
             pdf};
   }
 
