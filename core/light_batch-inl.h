@@ -19,6 +19,7 @@
 #include "core/light_kernels.h"
 #include "core/light_shapes.hd.h"
 #include "core/light_shapes_area.hd.h"
+#include "core/point_sets.hd.h"
 #include "core/sobol.hd.h"
 
 FT_LANES_BEGIN
@@ -28,7 +29,8 @@ struct ReceiverLanes {
   LightReceiver<F> at;
   Vec3Lanes<F> normal;  // geometric
   F slip;               // receivers that transmit: the origin's offset, to the side of the direction
-  SobolSeeds<F> seeds, third_seeds;
+  SetSequence<F> points;
+  SobolSeeds<F> third_seeds;
   Uint_t<F> first_index, instance;
 
   template <class Op>
@@ -36,7 +38,7 @@ struct ReceiverLanes {
     return {{op(at.origin), op(at.shading), op(at.delta), op(at.transmits)},
             op(normal),
             op(slip),
-            {op(seeds.order), op(seeds.x), op(seeds.y)},
+            {op(points.set), op(points.shift_x), op(points.shift_y)},
             {op(third_seeds.order), op(third_seeds.x), op(third_seeds.y)},
             op(first_index),
             op(instance)};
@@ -53,14 +55,34 @@ struct SpreadLanes {
   }
 };
 
+// Where the slots' values go: copies of the pointers, which the compiler need not load again after each store.
+struct Slots {
+  float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *weight, *pdf;
+  uint32_t* instance;
+  size_t active = 0;  // so far
+  explicit Slots(ShadowBatch& out)
+      : ox(out.rays.ox.data()),
+        oy(out.rays.oy.data()),
+        oz(out.rays.oz.data()),
+        dx(out.rays.dx.data()),
+        dy(out.rays.dy.data()),
+        dz(out.rays.dz.data()),
+        tmax(out.rays.tmax.data()),
+        weight(out.weight.data()),
+        pdf(out.pdf.data()),
+        instance(out.instance.data()) {}
+};
+
 template <class F, class Kind, bool k_transmits>
 struct LightBatch {
   static constexpr int k_lanes = Lanes<F>::k_count;
 
   const Light& light;
+  const int32_t* const point_sets;
   const Kind kind;
   const ReceiverBatch& receivers;
-  const uint32_t dimension;
+  const uint32_t dimension;  // of the light's first pair
+  const uint32_t stream;     // set_stream(dimension)
   const int light_samples;
   const size_t slots;
   ShadowBatch& out;
@@ -86,20 +108,30 @@ struct LightBatch {
     }
     r.at.delta = splat<F>(light.error_base) + splat<F>(light.error_slope) * reach;
     const Uint_t<F> seed = load_uint_lanes<F>(b.seed.data() + i);
-    r.seeds = sobol_seeds<F>(seed, dimension);
-    r.third_seeds = Kind::k_third_number ? sobol_seeds<F>(seed, dimension + 1) : r.seeds;
+    r.points = set_sequence<F>(seed, stream);
+    if constexpr (Kind::k_third_number) {
+      r.third_seeds = sobol_seeds<F>(seed, dimension + 1);
+    } else {
+      r.third_seeds = {seed, seed, seed};
+    }
     r.first_index = load_uint_lanes<F>(b.sample.data() + i) * splat_uint<F>(uint32_t(light_samples));
     r.instance = load_uint_lanes<F>(b.instance.data() + i);
     return r;
   }
 
   // Writes one vector of slots: sample first_index + k of each lane's receiver.
-  FT_HD_INLINE void emit(size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup, Uint_t<F> k) const {
-    const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+                         Uint_t<F> k) const {
     const Uint_t<F> index = r.first_index + k;
-    const UnitPair<F> uv = sample_2d<F>(index, r.seeds);
-    const F third = Kind::k_third_number ? sample_2d<F>(index, r.third_seeds).x : zero;
-    const LightSample<F> s = kind.sample(r.at, setup, uv.x, uv.y, third);
+    F third = splat<F>(0.0f);
+    if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
+    emit(to, slot, r, setup, gather_point<F>(point_sets, r.points, index), third);
+  }
+
+  FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+                         const CentredPair<F>& point, F third) const {
+    const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+    const LightSample<F> s = kind.sample(r.at, setup, point.x, point.y, third);
 
     Vec3Lanes<F> origin = r.at.origin, d = s.d;
     const F cos_g = dot(r.normal, d);
@@ -121,62 +153,97 @@ struct LightBatch {
     }
 
     const F t_max = Kind::k_finite ? one : splat<F>(std::numeric_limits<float>::infinity());
-    const auto put = [slot](AlignedVector<float>& v, F a) { store_lanes(a, v.data() + slot); };
-    put(out.rays.ox, origin.x), put(out.rays.oy, origin.y), put(out.rays.oz, origin.z);
-    put(out.rays.dx, select(active, d.x, zero));
-    put(out.rays.dy, select(active, d.y, zero));
-    put(out.rays.dz, select(active, d.z, one));
-    put(out.rays.tmax, select(active, t_max, splat<F>(-1.0f)));
-    put(out.weight, select(active, cos_s * s.inverse_pdf, zero));
-    put(out.pdf, select(active, s.pdf, zero));
-    store_lanes(r.instance, out.instance.data() + slot);
+    to.active += size_t(count_true(active));
+    store_lanes(origin.x, to.ox + slot);
+    store_lanes(origin.y, to.oy + slot);
+    store_lanes(origin.z, to.oz + slot);
+    store_lanes(select(active, d.x, zero), to.dx + slot);
+    store_lanes(select(active, d.y, zero), to.dy + slot);
+    store_lanes(select(active, d.z, one), to.dz + slot);
+    store_lanes(select(active, t_max, splat<F>(-1.0f)), to.tmax + slot);
+    store_lanes(select(active, cos_s * s.inverse_pdf, zero), to.weight + slot);
+    store_lanes(select(active, s.pdf, zero), to.pdf + slot);
+    store_lanes(r.instance, to.instance + slot);
   }
 
-  void run() const {
-    const size_t m = size_t(light_samples);
-    // The specialised loops are compiled for the frequent kinds of light only.
-    constexpr bool k_specialise = Kind::k_frequent && !k_transmits;
-    const bool single = k_specialise && m == 1;
-    const bool whole_vectors = k_specialise && m % k_lanes == 0;
-    // Per vector of a group: the receiver (lane) and the sample number of each slot. For whole vectors: lane[i] of
-    // vector i is i throughout.
-    AlignedVector<int32_t> lane;
-    AlignedVector<uint32_t> sample;
-    if (!single) {
-      lane.resize(size_t(k_lanes) * (whole_vectors ? size_t(k_lanes) : m));
-      sample.resize(m * k_lanes);
-      const size_t run_length = whole_vectors ? size_t(k_lanes) : m;
-      for (size_t i = 0, begin = 0; begin < lane.size(); ++i, begin += run_length) {
-        std::fill_n(lane.begin() + ptrdiff_t(begin), run_length, int32_t(i));
+  // One sample a receiver: the group's lanes are the slots. The points of a block come first, in a loop of their own:
+  // two short loops keep more vectors in flight than a long one.
+  void run_single() const {
+    constexpr size_t k_block = 256;
+    alignas(64) float x[k_block], y[k_block];
+    Slots to(out);
+    for (size_t block = 0; block < receivers.size; block += k_block) {
+      const size_t end = std::min(block + k_block, receivers.size);
+      for (size_t group = block; group < end; group += k_lanes) {
+        const ReceiverLanes<F> r = load_receivers(group);
+        const CentredPair<F> point = gather_point<F>(point_sets, r.points, r.first_index);
+        store_lanes(point.x, x + (group - block));
+        store_lanes(point.y, y + (group - block));
       }
-      for (size_t begin = 0; begin < sample.size(); begin += m) {
-        for (size_t k = 0; k < m; ++k) sample[begin + k] = uint32_t(k);
+      for (size_t group = block; group < end; group += k_lanes) {
+        const ReceiverLanes<F> r = load_receivers(group);
+        const CentredPair<F> point = {load_lanes<F>(x + (group - block)), load_lanes<F>(y + (group - block))};
+        emit(to, group, r, kind.setup(r.at), point, splat<F>(0.0f));
       }
     }
+    out.active = to.active;
+  }
 
+  // Sample counts that fill whole vectors: each vector has one receiver, and consecutive points of one set.
+  void run_whole_vectors() const {
+    Slots to(out);
+    const size_t m = size_t(light_samples);
+    alignas(64) int32_t lane[k_lanes * k_lanes];  // lane i, k_lanes times, for each i
+    for (int i = 0; i < k_lanes; ++i) std::fill_n(lane + i * k_lanes, k_lanes, i);
+    alignas(64) uint32_t set[k_lanes], first_index[k_lanes];
+    for (size_t group = 0; group < receivers.size; group += k_lanes) {
+      const ReceiverLanes<F> r = load_receivers(group);
+      const typename Kind::Setup setup = kind.setup(r.at);
+      store_lanes(r.points.set, set);
+      store_lanes(r.first_index, first_index);
+      const size_t count = std::min(size_t(k_lanes), receivers.size - group);
+      for (size_t i = 0; i < count; ++i) {
+        const SpreadLanes<F> spread = {LanePermutation<F>(lane + i * k_lanes)};
+        const ReceiverLanes<F> one = r.map(spread);
+        const typename Kind::Setup one_setup = setup.map(spread);
+        for (size_t k = 0; k < m; k += k_lanes) {
+          const auto points = load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
+          emit(to, (group + i) * m + k, one, one_setup, points, splat<F>(0.0f));
+        }
+      }
+    }
+    out.active = to.active;
+  }
+
+  void run_mixed() const {
+    Slots to(out);
+    const size_t m = size_t(light_samples);
+    // Per vector of a group: the receiver (lane) and the sample number of each slot.
+    AlignedVector<int32_t> lane(m * k_lanes);
+    AlignedVector<uint32_t> sample(m * k_lanes);
+    for (size_t i = 0; i < lane.size(); ++i) {
+      lane[i] = int32_t(i / m);
+      sample[i] = uint32_t(i % m);
+    }
     for (size_t group = 0; group < receivers.size; group += k_lanes) {
       const ReceiverLanes<F> r = load_receivers(group);
       const typename Kind::Setup setup = kind.setup(r.at);
       const size_t base = group * m;
-      if (single) {
-        emit(base, r, setup, splat_uint<F>(0));
-      } else if (whole_vectors) {
-        const size_t count = std::min(size_t(k_lanes), receivers.size - group);
-        for (size_t i = 0; i < count; ++i) {
-          const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + i * k_lanes)};
-          const ReceiverLanes<F> one = r.map(spread);
-          const typename Kind::Setup one_setup = setup.map(spread);
-          for (size_t k = 0; k < m; k += k_lanes) {
-            emit(base + i * m + k, one, one_setup, load_uint_lanes<F>(sample.data() + k));
-          }
-        }
-      } else {
-        for (size_t j = 0; j < m && base + j * k_lanes < slots; ++j) {
-          const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + j * k_lanes)};
-          emit(base + j * k_lanes, r.map(spread), setup.map(spread), load_uint_lanes<F>(sample.data() + j * k_lanes));
-        }
+      for (size_t j = 0; j < m && base + j * k_lanes < slots; ++j) {
+        const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + j * k_lanes)};
+        emit(to, base + j * k_lanes, r.map(spread), setup.map(spread), load_uint_lanes<F>(sample.data() + j * k_lanes));
       }
     }
+    out.active = to.active;
+  }
+
+  void run() const {
+    // The specialised loops are compiled for the frequent kinds of light only.
+    if constexpr (Kind::k_frequent && !Kind::k_third_number && !k_transmits) {
+      if (light_samples == 1) return run_single();
+      if (light_samples % k_lanes == 0) return run_whole_vectors();
+    }
+    run_mixed();
   }
 };
 
@@ -193,11 +260,18 @@ struct LightLoop {
     const Light& light = table.lights[index];
     const size_t slots = receivers.size * size_t(light_samples);
     const uint32_t dimension = k_light_dimension + 2 * index;
-    const auto end = receivers.transmits.begin() + ptrdiff_t(receivers.size);
-    if (std::find_if(receivers.transmits.begin(), end, [](uint8_t t) { return t != 0; }) != end) {
-      LightBatch<F, Kind, true>{light, Kind(light, extra...), receivers, dimension, light_samples, slots, out}.run();
+    uint8_t transmits = 0;  // without an early exit the loop runs in vectors
+    for (size_t i = 0; i < receivers.size; ++i) transmits |= receivers.transmits[i];
+    if (transmits != 0) {
+      LightBatch<F, Kind, true>{light,     table.point_sets.data(), Kind(light, extra...), receivers,
+                                dimension, set_stream(dimension),   light_samples,         slots,
+                                out}
+          .run();
     } else {
-      LightBatch<F, Kind, false>{light, Kind(light, extra...), receivers, dimension, light_samples, slots, out}.run();
+      LightBatch<F, Kind, false>{light,     table.point_sets.data(), Kind(light, extra...), receivers,
+                                 dimension, set_stream(dimension),   light_samples,         slots,
+                                 out}
+          .run();
     }
   }
 

@@ -11,6 +11,7 @@ void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch&
                   ShadowBatch& out) {
   const LightKernel kernel = light_kernel_for(resolve_isa(isa));
   out.resize(receivers.size * size_t(light_samples));
+  out.active = 0;
   if (lights.lights[light].kind == LightKind::none) {
     std::fill(out.rays.tmax.begin(), out.rays.tmax.end(), -1.0f);
     std::fill(out.rays.dz.begin(), out.rays.dz.end(), 1.0f);

@@ -13,6 +13,7 @@
 
 #include "core/isa.h"
 #include "core/light.hd.h"
+#include "core/point_sets.h"
 #include "core/receivers.h"
 #include "core/scene.h"
 
@@ -22,6 +23,7 @@ namespace fieldtrace {
 struct LightTable {
   std::vector<Light> lights;
   std::vector<LightTriangle> triangles;  // of all mesh lights
+  AlignedVector<int32_t> point_sets;     // make_point_sets()
 
   size_t size() const { return lights.size(); }
 };
@@ -31,7 +33,8 @@ LightTable make_lights(const Scene& scene);
 
 // Fills `out` (resized to receivers.size * light_samples) with one shadow ray per receiver and sample towards light
 // `light`; the meaning of each member is at ShadowBatch. Sample k of receiver r is point
-// receivers.sample[r] * light_samples + k of the scrambled Sobol sequence of receivers.seed[r] and the light.
+// receivers.sample[r] * light_samples + k of the scrambled Sobol sequence of receivers.seed[r] and the light
+// (point_sets.h; the third number of mesh lights: sobol.hd.h).
 //
 // The ray starts at the point moved by receivers.error along the geometric normal to the side that the ray leaves on,
 // plus a bound on the rounding of that sum. The sampled densities are those seen from there (for receivers that

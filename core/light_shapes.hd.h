@@ -8,10 +8,11 @@
 // the solid angle from A. van Oosterom and J. Strackee, "The Solid Angle of a Plane Triangle", 1983, and angles kept as
 // sine and cosine. Others: uniform by area.
 //
-// Each kind's sample() returns the vector from the receiver's origin to the displaced target, see LightSample.
-// Displacing the target by delta along the emitting normal keeps the ray off the light: a planar or convex light lies
-// on the other side of the target's tangent plane, the ray arrives from this side (height >= 0), so it stays delta
-// away. Thread-safety: pure functions; the mesh kind reads its table's triangles.
+// Each kind's sample() takes a point (a, b) of [-1, 1)^2, and a third number in [0, 1) where k_third_number says so,
+// and returns the vector from the receiver's origin to the displaced target, see LightSample. Displacing the target by
+// delta along the emitting normal keeps the ray off the light: a planar or convex light lies on the other side of the
+// target's tangent plane, the ray arrives from this side (height >= 0), so it stays delta away. Thread-safety: pure
+// functions; the mesh kind reads its table's triangles.
 
 #if defined(FIELDTRACE_CORE_LIGHT_SHAPES_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_LIGHT_SHAPES_HD_H_
@@ -50,6 +51,12 @@ FT_HD_INLINE Vec3Lanes<F> splat3(const float* p) {
   return {splat<F>(p[0]), splat<F>(p[1]), splat<F>(p[2])};
 }
 
+// [-1, 1) to [0, 1).
+template <class F>
+FT_HD_INLINE F from_centred(F a) {
+  return a * splat<F>(0.5f) + splat<F>(0.5f);
+}
+
 // The sample of a surface point at `to_point` from the origin, chosen with density 1 / inverse_area per area.
 template <class F>
 FT_HD_INLINE LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3Lanes<F>& to_point,
@@ -73,11 +80,13 @@ template <class F>
 struct SphereLight {
   static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
   Vec3Lanes<F> centre;
-  F radius;
+  F radius, inverse_radius;
 
   struct Setup {
     Vec3Lanes<F> axis, x, y;
-    F distance, radius, sine_max, one_minus_cosine, inverse, shading_axis, inverse_pdf, pdf;
+    F distance, radius, sine_max, one_minus_cosine;
+    F beta_base, gamma_base, slope;  // see sample()
+    F shading_axis, inverse_pdf, pdf;
     template <class Op>
     FT_HD_INLINE Setup map(const Op& op) const {
       return {op(axis),
@@ -87,54 +96,62 @@ struct SphereLight {
               op(radius),
               op(sine_max),
               op(one_minus_cosine),
-              op(inverse),
+              op(beta_base),
+              op(gamma_base),
+              op(slope),
               op(shading_axis),
               op(inverse_pdf),
               op(pdf)};
     }
   };
 
-  FT_HD explicit SphereLight(const Light& light) : centre(splat3<F>(light.centre)), radius(splat<F>(light.radius)) {}
+  FT_HD explicit SphereLight(const Light& light)
+      : centre(splat3<F>(light.centre)), radius(splat<F>(light.radius)), inverse_radius(splat<F>(1.0f) / radius) {}
 
   FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
-    const F one = splat<F>(1.0f), two = splat<F>(2.0f), tiny = splat<F>(Tiny::k_smallest_normal);
+    const F one = splat<F>(1.0f), tiny = splat<F>(Tiny::k_smallest_normal);
     const Vec3Lanes<F> to_centre = centre - r.origin;
     const F target_radius = radius + r.delta;
-    // Origins closer than the displacement count as inside: sample() finds them below the tangent plane.
+    // Origins closer than the displacement count as inside: sample() finds them below the tangent plane, whatever the
+    // rest, for which they are taken to lie on the target.
     const F length = sqrt(dot(to_centre, to_centre));
     const F distance = max(length, target_radius);
     const F inverse_distance = one / distance;
-    const F inverse_length = one / max(length, tiny);
-    const auto degenerate = length < tiny;
-    const Vec3Lanes<F> axis = {select(degenerate, splat<F>(0.0f), to_centre.x * inverse_length),
-                               select(degenerate, splat<F>(0.0f), to_centre.y * inverse_length),
-                               select(degenerate, one, to_centre.z * inverse_length)};
+    const Vec3Lanes<F> axis = to_centre * inverse_distance;
     const F sine_max = radius * inverse_distance;
     const F cosine_max = sqrt((distance - radius) * (distance + radius)) * inverse_distance;
-    const F m = max(sine_max * sine_max / (one + cosine_max), tiny);
-    const Basis<F> basis = make_basis<F>(axis);
-    const F solid_angle = splat<F>(Angle::k_two_pi) * m;
-    return {axis,        basis.x,          basis.y,
-            length,      target_radius,    sine_max,
-            m,           one / (two - m),  dot(r.shading, axis),
-            solid_angle, one / solid_angle};
+    // 1 / (1 + cosine_max) and the basis' 1 / (1 + |axis.z|) by one division.
+    const F one_plus_cosine = one + cosine_max, one_plus_z = one + abs(axis.z);
+    const F inverse = one / (one_plus_cosine * one_plus_z);
+    const F inverse_cosine = inverse * one_plus_z;
+    const Basis<F> basis = make_basis<F>(axis, inverse * one_plus_cosine);
+    const F m = max(sine_max * sine_max * inverse_cosine, tiny);  // 1 - cosine_max
+    const F slope = m * inverse_cosine;
+    const F beta_base = inverse_cosine + inverse_cosine;
+    const F radii = distance * inverse_radius;
+    const F pdf = min(one_plus_cosine * splat<F>(Angle::k_inv_two_pi) * radii * radii, splat<F>(k_most_density));
+    return {axis, basis.x,   basis.y,           length, target_radius,        sine_max,
+            m,    beta_base, beta_base - slope, slope,  dot(r.shading, axis), splat<F>(Angle::k_two_pi) * m,
+            pdf};
   }
 
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
-    const F one = splat<F>(1.0f), two = splat<F>(2.0f);
-    const DiskPoint<F> p = concentric_disk<F>(u, v);
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+    const F one = splat<F>(1.0f);
+    const DiskPoint<F> p = concentric_disk_centred<F>(a, b);
     const F uniform = p.radius * p.radius;
     const F rest = (one - p.radius) * (one + p.radius);  // 1 - uniform
-    // Ratio of the sines of the direction and the cone, and its complement: the sine and cosine at the light.
-    const F beta = p.radius * sqrt((two - uniform * s.one_minus_cosine) * s.inverse);
-    const F gamma = sqrt(rest * (two - s.one_minus_cosine * (one + uniform)) * s.inverse);
+    // Ratio of the sines of the direction and the cone, and its complement: the sine and cosine at the light. With
+    // slope = m / (2 - m) the bases are (2, 2 - m) / (2 - m).
+    const F fall = uniform * s.slope;
+    const F beta = p.radius * sqrt(s.beta_base - fall);
+    const F gamma = sqrt(rest * (s.gamma_base - fall));
     const F sine = beta * s.sine_max;
     const F cosine = one - uniform * s.one_minus_cosine;
     const F cos_alpha = gamma * cosine + beta * sine;  // of the angle at the sphere's centre
     const F sin_alpha = beta * cosine - gamma * sine;
-    const Vec3Lanes<F> e = s.x * p.cosine + s.y * p.sine;
     const F along = s.distance - cos_alpha * s.radius;
     const F across = sin_alpha * s.radius;
+    const Vec3Lanes<F> e = s.x * p.cosine + s.y * p.sine;
     return {s.axis * along + e * across,
             e * sin_alpha - s.axis * cos_alpha,
             cos_alpha * s.distance - s.radius,
@@ -142,6 +159,9 @@ struct SphereLight {
             s.inverse_pdf,
             s.pdf};
   }
+
+  // The density of the smallest cone that setup() returns.
+  static constexpr float k_most_density = Angle::k_inv_two_pi / Tiny::k_smallest_normal;
 };
 
 // ---------------------------------------------------------------- rectangle
@@ -238,8 +258,9 @@ struct RectangleLight {
             solid_angle};
   }
 
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f), tiny = splat<F>(Tiny::k_smallest_normal);
+    const F u = from_centred(a), v = from_centred(b);
     const auto by_area = s.turns < zero;
     // The angle k + u S, and x / z, the tangent of the elevation of the cut through x. With the published f = c / sine
     // its sine is 1 / sqrt(f^2 + b0^2), so the tangent is sine / sqrt(c^2 - (1 - b0^2) sine^2): no quotient by the

@@ -38,8 +38,7 @@ struct ParallelogramLight {
         normal(splat3<F>(light.normal)),
         area(splat<F>(light.area)) {}
   FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
-    const F a = splat<F>(2.0f) * u - splat<F>(1.0f), b = splat<F>(2.0f) * v - splat<F>(1.0f);
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
     return sample_by_area<F>(r, s.to_centre + (axis_x * a + axis_y * b), normal, area);
   }
 };
@@ -57,8 +56,8 @@ struct DiskLight {
         normal(splat3<F>(light.normal)),
         area(splat<F>(light.area)) {}
   FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
-    const DiskPoint<F> p = concentric_disk<F>(u, v);
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+    const DiskPoint<F> p = concentric_disk_centred<F>(a, b);
     const Vec3Lanes<F> offset = (axis_x * p.cosine + axis_y * p.sine) * p.radius;
     return sample_by_area<F>(r, s.to_centre + offset, normal, area);
   }
@@ -91,8 +90,8 @@ struct EllipsoidLight {
   AffineShape<F> shape;
   FT_HD explicit EllipsoidLight(const Light& light) : centre(splat3<F>(light.centre)), shape(light) {}
   FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
-    const Vec3Lanes<F> p = uniform_sphere<F>(u, v);
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+    const Vec3Lanes<F> p = uniform_sphere<F>(from_centred(a), from_centred(b));
     return shape.sample(r, s.to_centre, p, p);
   }
 };
@@ -105,9 +104,10 @@ struct CylinderLight {
   AffineShape<F> shape;
   FT_HD explicit CylinderLight(const Light& light) : centre(splat3<F>(light.centre)), shape(light) {}
   FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
-    const SinCos<F> angle = sincos_turns<F>(u);
-    return shape.sample(r, s.to_centre, {angle.cosine, angle.sine, v}, {angle.cosine, angle.sine, splat<F>(0.0f)});
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+    const SinCos<F> angle = sincos_turns<F>(from_centred(a));
+    return shape.sample(r, s.to_centre, {angle.cosine, angle.sine, from_centred(b)},
+                        {angle.cosine, angle.sine, splat<F>(0.0f)});
   }
 };
 
@@ -134,7 +134,7 @@ struct MeshLight {
             gather(triangles + member + 2, base)};
   }
 
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup&, F u, F v, F w) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup&, F a, F b, F w) const {
     // The last triangle whose cdf is <= w, by steps of halving size.
     const Int_t<F> stride = splat_int<F>(k_light_triangle_floats);
     const Int_t<F> last = splat_int<F>(int32_t(count) - 1);
@@ -145,8 +145,8 @@ struct MeshLight {
       index = select(cdf <= w, max(next, index), index);
     }
     const Int_t<F> base = index * stride;
-    const Barycentric<F> b = uniform_triangle<F>(u, v);
-    const Vec3Lanes<F> point = gather3(base, 0) + (gather3(base, 3) * b.b1 + gather3(base, 6) * b.b2);
+    const Barycentric<F> p = uniform_triangle<F>(from_centred(a), from_centred(b));
+    const Vec3Lanes<F> point = gather3(base, 0) + (gather3(base, 3) * p.b1 + gather3(base, 6) * p.b2);
     return sample_by_area<F>(r, point - r.origin, gather3(base, 9), gather(triangles + k_inverse_density, base));
   }
 
@@ -202,9 +202,9 @@ struct ConstantLight {
     const Basis<F> b = make_basis<F>(r.shading);
     return {b.x, b.y};
   }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F u, F v, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-    const DiskPoint<F> p = concentric_disk<F>(u, v);
+    const DiskPoint<F> p = concentric_disk_centred<F>(a, b);
     const F rest = (one - p.radius) * (one + p.radius);
     const F root = sqrt(rest);
     const auto whole = r.transmits > zero;

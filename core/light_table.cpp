@@ -163,6 +163,7 @@ void set_area_light(LightTable& table, Light& light, const Scene& scene, uint32_
 
 LightTable make_lights(const Scene& scene) {
   LightTable table;
+  table.point_sets = make_point_sets();
   table.lights.resize(scene.emitters.size());
   for (size_t i = 0; i < scene.emitters.size(); ++i) {
     const Emitter& emitter = scene.emitters[i];

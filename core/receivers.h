@@ -35,6 +35,7 @@ struct ShadowBatch {
   // tmax lies below 1 by the light's own error bound. Directional and constant emitters: d is unit, tmax infinite.
   // Slots whose sample cannot contribute (below the horizon, behind the light) are inactive: tmax < 0, weight 0.
   RayBatch rays;
+  size_t active = 0;                 // slots that are not inactive, counted by sample_light
   AlignedVector<float> weight;       // |cos at the shading normal| / pdf of the direction (solid angle); for point
                                      // and directional emitters |cos| times the geometric fall-off
   AlignedVector<float> pdf;          // solid-angle density, for multiple importance sampling; 0 for delta emitters

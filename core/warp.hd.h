@@ -93,12 +93,18 @@ struct Basis {
   Vec3Lanes<F> x, y;
 };
 
+// `inverse` is 1 / (1 + |z.z|).
 template <class F>
-FT_HD_INLINE Basis<F> make_basis(const Vec3Lanes<F>& z) {
+FT_HD_INLINE Basis<F> make_basis(const Vec3Lanes<F>& z, F inverse) {
   const F sign = copysign(splat<F>(1.0f), z.z);
-  const F a = splat<F>(-1.0f) / (sign + z.z);
+  const F a = -copysign(inverse, z.z);
   const F b = z.x * z.y * a;
   return {{splat<F>(1.0f) + sign * z.x * z.x * a, sign * b, -sign * z.x}, {b, sign + z.y * z.y * a, -z.y}};
+}
+
+template <class F>
+FT_HD_INLINE Basis<F> make_basis(const Vec3Lanes<F>& z) {
+  return make_basis<F>(z, splat<F>(1.0f) / (splat<F>(1.0f) + abs(z.z)));
 }
 
 // A point of the unit disk in polar form: the unit vector (cosine, sine) and the radius in [0, 1].
@@ -107,20 +113,23 @@ struct DiskPoint {
   F cosine, sine, radius;
 };
 
-// The concentric map. (u, v) in [0, 1)^2; uniform over the disk, so radius^2 is uniform in [0, 1].
+// The concentric map of [-1, 1]^2; uniform over the disk, so radius^2 is uniform in [0, 1].
+template <class F>
+FT_HD_INLINE DiskPoint<F> concentric_disk_centred(F a, F b) {
+  const F aa = abs(a), bb = abs(b);
+  const auto steep = aa < bb;
+  const F radius = max(aa, bb);
+  // The angle from the nearest axis, which lies on the side of the larger coordinate. At the centre both are zero.
+  const F small = select(steep, a, b) / max(radius, splat<F>(Tiny::k_smallest_normal));
+  const SinCos<F> p = sincos_octant<F>(small * splat<F>(Angle::k_quarter_pi));
+  const F along = copysign(p.cosine, select(steep, b, a));
+  return {select(steep, p.sine, along), select(steep, along, p.sine), radius};
+}
+
+// The same from [0, 1)^2.
 template <class F>
 FT_HD_INLINE DiskPoint<F> concentric_disk(F u, F v) {
-  const F a = splat<F>(2.0f) * u - splat<F>(1.0f);
-  const F b = splat<F>(2.0f) * v - splat<F>(1.0f);
-  const auto steep = abs(a) < abs(b);
-  const F large = select(steep, b, a);
-  const F small = select(steep, a, b);
-  // At the centre both are zero, and any direction will do.
-  const F divisor = select(large == splat<F>(0.0f), splat<F>(1.0f), large);
-  const SinCos<F> p = sincos_octant<F>(small / divisor * splat<F>(Angle::k_quarter_pi));
-  // The radius is |large|; its sign turns the unit vector around.
-  const F sign = copysign(splat<F>(1.0f), large);
-  return {sign * select(steep, p.sine, p.cosine), sign * select(steep, p.cosine, p.sine), abs(large)};
+  return concentric_disk_centred<F>(splat<F>(2.0f) * u - splat<F>(1.0f), splat<F>(2.0f) * v - splat<F>(1.0f));
 }
 
 // Direction about +z with density cos / pi. (u, v) in [0, 1)^2.

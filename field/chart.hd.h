@@ -115,18 +115,31 @@ struct CellAddress {
   DirectionFrame<F> frame;
 };
 
+// The two steps of addressing a line, for loops that run each over many lines: the direction's cell, then its frame and the
+// plane cell of `anchor`.
+template <class F>
+FT_HD_INLINE void find_direction_cell(const Vec3Lanes<F>& d, const ChartAxis& directions, CellAddress<F>& cell) {
+  F u, v;
+  square_from_direction(d, u, v);
+  cell.u = cell_of(u, directions);
+  cell.v = cell_of(v, directions);
+}
+
+template <class F>
+FT_HD_INLINE void find_plane_cell(const Vec3Lanes<F>& anchor, const ChartAxis& directions, const ChartAxis& plane,
+                                  CellAddress<F>& cell) {
+  cell.frame = frame_from_square(centre_of<F>(cell.u, directions), centre_of<F>(cell.v, directions));
+  cell.a = cell_of(dot(anchor, cell.frame.s), plane);
+  cell.b = cell_of(dot(anchor, cell.frame.t), plane);
+}
+
 // The cell of the line through `anchor` along the unit direction d.
 template <class F>
 FT_HD_INLINE CellAddress<F> address_of_line(const Vec3Lanes<F>& d, const Vec3Lanes<F>& anchor,
                                             const ChartAxis& directions, const ChartAxis& plane) {
   CellAddress<F> cell;
-  F u, v;
-  square_from_direction(d, u, v);
-  cell.u = cell_of(u, directions);
-  cell.v = cell_of(v, directions);
-  cell.frame = frame_from_square(centre_of<F>(cell.u, directions), centre_of<F>(cell.v, directions));
-  cell.a = cell_of(dot(anchor, cell.frame.s), plane);
-  cell.b = cell_of(dot(anchor, cell.frame.t), plane);
+  find_direction_cell(d, directions, cell);
+  find_plane_cell(anchor, directions, plane, cell);
   return cell;
 }
 

@@ -54,11 +54,11 @@ struct UnitSegment {
 };
 
 // Moves a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses nothing.
+// Written in place: a copy of the whole would read the masks, which are short, by wide loads that must wait for them.
 template <class F>
-FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d,
-                                                  F tmax) {
+FT_HD_INLINE void write_segment(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d, F tmax,
+                                UnitSegment<F>& s) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  UnitSegment<F> s;
   const F m0 = splat<F>(to_unit[0]), m1 = splat<F>(to_unit[1]), m2 = splat<F>(to_unit[2]);
   const F m3 = splat<F>(to_unit[3]), m4 = splat<F>(to_unit[4]), m5 = splat<F>(to_unit[5]);
   const F m6 = splat<F>(to_unit[6]), m7 = splat<F>(to_unit[7]), m8 = splat<F>(to_unit[8]);
@@ -91,7 +91,14 @@ FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Ve
   s.end_inside = s.crosses & end_in;
   // The end from the foot, not from a far origin.
   s.end = s.foot + s.direction * to_end;
-  return s;
+}
+
+template <class F>
+FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d,
+                                                  F tmax) {
+  UnitSegment<F> segment;
+  write_segment(to_unit, o, d, tmax, segment);
+  return segment;
 }
 
 // What a depth cell says about a point p: the sheet's signed distance (positive: p is on the side that is seen from
@@ -111,10 +118,10 @@ struct SheetView {
   Int_t<F> primitive_cell;  // index into the primitive layer
 };
 
+// `at` is the address of the line through p.
 template <class F>
-FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy,
-                                        const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p) {
-  const CellAddress<F> at = address_of_line(direction, p, field.directions, field.plane);
+FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy, const CellAddress<F>& at,
+                                        const Vec3Lanes<F>& p) {
   const CellSlot<F> slot = slot_of<F>(field, at);
   const Int_t<F> word = gather(field.depth, slot.cell);
   const Int_t<F> certificate = gather(field.certificate, slot.cell);
@@ -163,14 +170,14 @@ FT_HD_INLINE F distance_back(const SheetView<F>& view, const Vec3Lanes<F>& direc
 }
 
 template <class F>
-FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy& policy, const Vec3Lanes<F>& direction,
-                                      const Vec3Lanes<F>& p, Mask_t<F> wanted) {
+FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy& policy, const CellAddress<F>& at,
+                                      const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p, Mask_t<F> wanted) {
   const F half_cell = half_cell_of<F>(field);
   // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than a quarter of
   // its width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
   const F near_distance = half_cell * splat<F>(field.directions.cells * (0.5f * 0.5641896f));
   FoundSheet<F> found;
-  found.view = look_up_sheet(field, policy, direction, p);
+  found.view = look_up_sheet(field, policy, at, p);
   SheetView<F>& view = found.view;
   found.slice = view.slice;
   found.lookups = select(wanted, splat_int<F>(1), splat_int<F>(0));
@@ -183,7 +190,8 @@ FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy&
   if (any(far)) {
     const Vec3Lanes<F> anchor = p - direction * found.back;
     const Mask_t<F> inside = far & (dot(anchor, anchor) < splat<F>(1.0f));
-    const SheetView<F> second = look_up_sheet(field, policy, direction, anchor);
+    const SheetView<F> second = look_up_sheet(
+        field, policy, address_of_line(direction, anchor, field.directions, field.plane), anchor);
     const Mask_t<F> missing = inside & !second.known;
     found.lookups = found.lookups + select(inside, splat_int<F>(1), splat_int<F>(0));
     found.unknown = found.unknown | missing;
@@ -215,11 +223,11 @@ struct DepthAnswer {
 };
 
 template <class F>
-FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPolicy& policy,
+FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPolicy& policy, const CellAddress<F>& at,
                                           const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p,
                                           const Vec3Lanes<F>& other, Mask_t<F> wanted) {
   const F zero = splat<F>(0.0f);
-  const FoundSheet<F> found = find_sheet(field, policy, direction, p, wanted);
+  const FoundSheet<F> found = find_sheet(field, policy, at, direction, p, wanted);
   const SheetView<F>& view = found.view;
   DepthAnswer<F> answer;
   answer.slice = found.slice;
@@ -234,22 +242,25 @@ FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPol
   return answer;
 }
 
-// What the visibility cell of the segment's whole line says. A line and its reverse share a cell: the one that points
-// up.
+// What the visibility cell of a segment's whole line says.
 template <class F>
 struct LineView {
   Mask_t<F> unknown, miss, hit;  // none of them: the cell may not answer
   Int_t<F> slice;
 };
 
+// A line and its reverse share a visibility cell: the one of the direction that points up.
 template <class F>
-FT_HD_INLINE LineView<F> look_up_line(const FieldView& field, const QueryPolicy& policy,
-                                      const UnitSegment<F>& segment) {
-  const Int_t<F> one = splat_int<F>(1);
-  const Vec3Lanes<F>& d = segment.direction;
+FT_HD_INLINE Vec3Lanes<F> upward(const Vec3Lanes<F>& d) {
   const Mask_t<F> down = d.z < splat<F>(0.0f);
-  const Vec3Lanes<F> up = {select(down, -d.x, d.x), select(down, -d.y, d.y), select(down, -d.z, d.z)};
-  const CellSlot<F> slot = slot_of<F>(field, address_of_line(up, segment.foot, field.directions, field.plane));
+  return {select(down, -d.x, d.x), select(down, -d.y, d.y), select(down, -d.z, d.z)};
+}
+
+// `at` is the address of the line through the segment's foot, in its upward direction.
+template <class F>
+FT_HD_INLINE LineView<F> look_up_line(const FieldView& field, const QueryPolicy& policy, const CellAddress<F>& at) {
+  const Int_t<F> one = splat_int<F>(1);
+  const CellSlot<F> slot = slot_of<F>(field, at);
   const Int_t<F> code = gather_bytes(field.visibility, slot.cell) & splat_int<F>(0xff);
   const Int_t<F> bits = code - one;
   LineView<F> view;
@@ -259,6 +270,13 @@ FT_HD_INLINE LineView<F> look_up_line(const FieldView& field, const QueryPolicy&
   view.hit = answers & ((bits & one) == one);
   view.miss = and_not(view.hit, answers);
   return view;
+}
+
+template <class F>
+FT_HD_INLINE LineView<F> look_up_line(const FieldView& field, const QueryPolicy& policy,
+                                      const UnitSegment<F>& segment) {
+  return look_up_line(field, policy,
+                      address_of_line(upward(segment.direction), segment.foot, field.directions, field.plane));
 }
 
 // Lanes whose line's cell has something to say. `own`: the receiver lies on this object, so that its line surely meets
@@ -292,22 +310,30 @@ FT_HD_INLINE LineAnswer<F> answer_by_line(const UnitSegment<F>& segment, Mask_t<
   return answer;
 }
 
-// Decides the lanes in `wanted`, each with at least one end inside the ball, by the depth cells.
+// Where the depth cells are asked about a segment: at its end p inside the ball (its origin, if that lies inside), looking
+// from outside along `direction`; `other` is the segment's other end.
+template <class F>
+struct DepthAnchor {
+  Vec3Lanes<F> p, other, direction;
+};
+
+template <class F>
+FT_HD_INLINE DepthAnchor<F> depth_anchor(const UnitSegment<F>& segment) {
+  const Mask_t<F> from_origin = segment.origin_inside;
+  const Vec3Lanes<F>&o = segment.origin, &e = segment.end, &d = segment.direction;
+  return {{select(from_origin, o.x, e.x), select(from_origin, o.y, e.y), select(from_origin, o.z, e.z)},
+          {select(from_origin, e.x, o.x), select(from_origin, e.y, o.y), select(from_origin, e.z, o.z)},
+          {select(from_origin, -d.x, d.x), select(from_origin, -d.y, d.y), select(from_origin, -d.z, d.z)}};
+}
+
+// Decides the lanes in `wanted`, each with at least one end inside the ball, by the depth cells. `at` is the address of the
+// line through the anchor's p.
 template <class F>
 FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& policy, const UnitSegment<F>& segment,
-                                  Mask_t<F> wanted, SegmentVerdict<F>& result) {
-  const Mask_t<F> from_origin = wanted & segment.origin_inside;
-  const Vec3Lanes<F> p = {select(from_origin, segment.origin.x, segment.end.x),
-                          select(from_origin, segment.origin.y, segment.end.y),
-                          select(from_origin, segment.origin.z, segment.end.z)};
-  const Vec3Lanes<F> other = {select(from_origin, segment.end.x, segment.origin.x),
-                              select(from_origin, segment.end.y, segment.origin.y),
-                              select(from_origin, segment.end.z, segment.origin.z)};
-  const Vec3Lanes<F> direction = {select(from_origin, -segment.direction.x, segment.direction.x),
-                                  select(from_origin, -segment.direction.y, segment.direction.y),
-                                  select(from_origin, -segment.direction.z, segment.direction.z)};
+                                  const DepthAnchor<F>& anchor, const CellAddress<F>& at, Mask_t<F> wanted,
+                                  SegmentVerdict<F>& result) {
   const Mask_t<F> both_inside = wanted & segment.origin_inside & segment.end_inside;
-  const DepthAnswer<F> first = compare_depth(field, policy, direction, p, other, wanted);
+  const DepthAnswer<F> first = compare_depth(field, policy, at, anchor.direction, anchor.p, anchor.other, wanted);
   result.lookups = result.lookups + first.lookups;
   result.slice = select(first.unknown, first.slice, result.slice);
   Mask_t<F> clear = first.front;
@@ -316,8 +342,9 @@ FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& pol
   const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
   if (any(undecided)) {
     // Both ends inside and the surface lies beyond the far end: look from the other side.
-    const DepthAnswer<F> second =
-        compare_depth(field, policy, segment.direction, segment.end, segment.origin, undecided);
+    const DepthAnswer<F> second = compare_depth(
+        field, policy, address_of_line(segment.direction, segment.end, field.directions, field.plane),
+        segment.direction, segment.end, segment.origin, undecided);
     result.lookups = result.lookups + second.lookups;
     result.slice = select(second.unknown, second.slice, result.slice);
     clear = clear | second.front;
@@ -339,7 +366,12 @@ FT_HD_INLINE SegmentVerdict<F> query_segment(const FieldView& field, const Query
                                              const UnitSegment<F>& segment, Mask_t<F> own) {
   const Mask_t<F> wanted = line_wanted(segment, own);
   LineAnswer<F> answer = answer_by_line(segment, wanted, look_up_line(field, policy, segment));
-  if (any(answer.depth_wanted)) answer_by_depth(field, policy, segment, answer.depth_wanted, answer.verdict);
+  if (any(answer.depth_wanted)) {
+    const DepthAnchor<F> anchor = depth_anchor(segment);
+    answer_by_depth(field, policy, segment, anchor,
+                    address_of_line(anchor.direction, anchor.p, field.directions, field.plane), answer.depth_wanted,
+                    answer.verdict);
+  }
   return answer.verdict;
 }
 

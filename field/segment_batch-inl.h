@@ -43,18 +43,20 @@ FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, 
   store_lanes(select(asks, splat_int<F>(candidate_slot), asker), &states.asker[i]);
 }
 
-// Blocks of rays whose lines are looked up before any depth cell is: two short loops, whose vectors the processor
-// overlaps, instead of one long chain of arithmetic. Few enough for the first-level cache.
-constexpr size_t k_blocks_at_once = 8;
+// Blocks of rays that go through a query step by step: each step is a short loop, whose vectors the processor overlaps,
+// where a whole query at once would be one chain of arithmetic longer than its reorder window
+// (docs/decisions/006-two-chains.md). Few enough for the first-level cache.
+constexpr size_t k_blocks_at_once = 4;
 
-// What the first loop leaves to the second.
+// What the steps hand on: the vectors that meet the ball, packed to the front, then those of them that want depth cells.
 template <class F>
 struct QueryScratch {
   static constexpr int k_vectors = int(k_blocks_at_once * k_block) / Lanes<F>::k_count;
-  UnitSegment<F> segment[k_vectors];  // of the first `deep` entries: those that want depth cells
+  UnitSegment<F> segment[k_vectors];
   Mask_t<F> wanted[k_vectors];
-  int vector[k_vectors];
-  SegmentVerdict<F> result[k_vectors];  // of every vector
+  CellAddress<F> at[k_vectors];
+  int vector[k_vectors];                // the place in the batch
+  SegmentVerdict<F> result[k_vectors];  // by place in the batch
 };
 
 // Adds the verdicts of one block of rays to its states, or puts the block aside if it met cells that are not baked.
@@ -93,41 +95,91 @@ inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t
   }
 }
 
+// Segments in unit space; returns how many vectors meet the ball.
+template <class F>
+inline int transform_step(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance, size_t first,
+                          int vectors, QueryScratch<F>& s) {
+  const Uint_t<F> instance = splat_uint<F>(task.instance);
+  int crossing = 0;
+  for (int v = 0; v < vectors; ++v) {
+    const size_t i = first + size_t(v * Lanes<F>::k_count);
+    const RayLanes<F> r = load_rays<F>(rays, i);
+    UnitSegment<F>& segment = s.segment[crossing];
+    write_segment(task.to_unit, r.o, r.d, r.tmax, segment);
+    s.wanted[crossing] = line_wanted(segment, load_uint_lanes<F>(receiver_instance + i) == instance);
+    s.vector[crossing] = v;
+    s.result[v].verdict = splat_int<F>(k_verdict_none);
+    crossing += any(segment.crosses);
+  }
+  return crossing;
+}
+
+// Addresses of the lines that are wanted; returns how many rays will read one.
+template <class F>
+inline size_t line_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
+  size_t lookups = 0;
+  for (int k = 0; k < count; ++k) {
+    if (!any(s.wanted[k])) continue;
+    lookups += size_t(count_true(s.wanted[k]));
+    find_direction_cell(upward(s.segment[k].direction), task.field.directions, s.at[k]);
+  }
+  for (int k = 0; k < count; ++k) {
+    if (any(s.wanted[k])) find_plane_cell(s.segment[k].foot, task.field.directions, task.field.plane, s.at[k]);
+  }
+  return lookups;
+}
+
+// Verdicts by the lines' cells; returns how many vectors want depth cells, packed to the front with their masks in `wanted`.
+template <class F>
+inline int answer_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
+  int deep = 0;
+  for (int k = 0; k < count; ++k) {
+    const Mask_t<F> wanted = s.wanted[k];
+    // A vector that wants no line has an empty `wanted`, which is then what the line says too.
+    LineView<F> line = {wanted, wanted, wanted, splat_int<F>(0)};
+    if (any(wanted)) line = look_up_line(task.field, task.policy, s.at[k]);
+    const LineAnswer<F> answer = answer_by_line(s.segment[k], wanted, line);
+    s.result[s.vector[k]] = answer.verdict;
+    if (!any(answer.depth_wanted)) continue;
+    s.segment[deep] = s.segment[k];
+    s.wanted[deep] = answer.depth_wanted;
+    s.vector[deep++] = s.vector[k];
+  }
+  return deep;
+}
+
+// Verdicts by depth cells; returns the look-ups.
+template <class F>
+inline size_t depth_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
+  size_t lookups = 0;
+  for (int k = 0; k < count; ++k) {
+    find_direction_cell(depth_anchor(s.segment[k]).direction, task.field.directions, s.at[k]);
+  }
+  for (int k = 0; k < count; ++k) {
+    find_plane_cell(depth_anchor(s.segment[k]).p, task.field.directions, task.field.plane, s.at[k]);
+  }
+  for (int k = 0; k < count; ++k) {
+    SegmentVerdict<F>& result = s.result[s.vector[k]];
+    result.lookups = splat_int<F>(0);
+    answer_by_depth(task.field, task.policy, s.segment[k], depth_anchor(s.segment[k]), s.at[k], s.wanted[k], result);
+    lookups += size_t(sum_of(result.lookups));
+  }
+  return lookups;
+}
+
 template <class F>
 inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
                                  size_t begin, size_t end, int32_t candidate_slot, RayStates& states) {
   SegmentCounts counts;
   constexpr size_t k_count = size_t(Lanes<F>::k_count);
-  const Uint_t<F> instance = splat_uint<F>(task.instance);
   QueryScratch<F> s;
   for (size_t first = begin; first < end; first += k_blocks_at_once * k_block) {
     const size_t last = end - first < k_blocks_at_once * k_block ? end : first + k_blocks_at_once * k_block;
     const int vectors = int((last - first) / k_count);
-    int deep = 0;
-    for (int v = 0; v < vectors; ++v) {
-      const size_t i = first + size_t(v) * k_count;
-      const RayLanes<F> r = load_rays<F>(rays, i);
-      const UnitSegment<F> segment = segment_in_unit_space(task.to_unit, r.o, r.d, r.tmax);
-      s.result[v].verdict = splat_int<F>(k_verdict_none);
-      if (!any(segment.crosses)) continue;
-      const Mask_t<F> wanted = line_wanted(segment, load_uint_lanes<F>(receiver_instance + i) == instance);
-      // A vector that wants no line has an empty `wanted`, which is then what the line says too.
-      LineView<F> line = {wanted, wanted, wanted, splat_int<F>(0)};
-      if (any(wanted)) line = look_up_line(task.field, task.policy, segment);
-      const LineAnswer<F> answer = answer_by_line(segment, wanted, line);
-      s.result[v] = answer.verdict;
-      counts.lookups += size_t(count_true(wanted));
-      if (!any(answer.depth_wanted)) continue;
-      s.segment[deep] = segment;
-      s.wanted[deep] = answer.depth_wanted;
-      s.vector[deep++] = v;
-    }
-    for (int k = 0; k < deep; ++k) {
-      SegmentVerdict<F>& result = s.result[s.vector[k]];
-      counts.lookups -= size_t(sum_of(result.lookups));
-      answer_by_depth(task.field, task.policy, s.segment[k], s.wanted[k], result);
-      counts.lookups += size_t(sum_of(result.lookups));
-    }
+    const int crossing = transform_step(task, rays, receiver_instance, first, vectors, s);
+    counts.lookups += line_step(task, crossing, s);
+    const int deep = answer_step(task, crossing, s);
+    counts.lookups += depth_step(task, deep, s);
     for (size_t block = first; block < last; block += k_block) {
       finish_block(&s.result[(block - first) / k_count], block, candidate_slot, states, counts);
     }

@@ -90,9 +90,7 @@ void DirectLight::accumulate(uint32_t light, std::span<const PathVertex> vertice
 
 void DirectLight::count(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
                         std::span<FirstHit> firsts, Stats& stats) {
-  uint64_t active = 0;
-  for (size_t i = 0; i < shadows_.rays.size; ++i) active += shadows_.rays.tmax[i] >= 0.0f;
-  stats.rays_shadow += active;
+  stats.rays_shadow += shadows_.active;
   if (firsts.empty()) return;
   for (size_t r = 0; r < group_.size(); ++r) {
     FirstHit& first = firsts[paths[vertices[group_[r]].path].slot];

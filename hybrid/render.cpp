@@ -70,7 +70,7 @@ Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
   return r;
 }
 
-TransportSettings make_settings(const Scene& scene, const RenderOptions& options) {
+TransportSettings make_settings(const Scene& scene, const RenderOptions& options, const std::vector<Aov>& aovs) {
   TransportSettings s;
   s.light_samples = options.light_samples;
   s.lobe_samples = options.lobe_samples;
@@ -79,6 +79,8 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.hide_emitters = scene.integrator.hide_emitters;
   s.seed = options.seed.value_or(scene.seed);
   s.isa = resolve_isa(options.isa);
+  s.count_first_hits =
+      std::any_of(aovs.begin(), aovs.end(), [](Aov aov) { return aov == Aov::visibility || aov == Aov::exact; });
   return s;
 }
 
@@ -250,7 +252,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   check_options(options, spp);
   const std::vector<Aov> aovs = parse_aovs(options.aovs);
   const Rect window = crop_window(scene.film, options.crop);
-  const TransportSettings settings = make_settings(scene, options);
+  const TransportSettings settings = make_settings(scene, options, aovs);
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
   RenderResult result;

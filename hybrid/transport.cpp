@@ -218,7 +218,8 @@ void TransportWorker::Impl::arrive(int vertex_number) {
 void TransportWorker::Impl::gather_light(int vertex_number) {
   arriving.resize(vertices.size());
   const bool first = vertex_number == 0;
-  direct.gather(vertices, paths, first ? settings.light_samples : 1, first ? std::span(firsts) : std::span<FirstHit>(),
+  const bool counts = first && settings.count_first_hits;
+  direct.gather(vertices, paths, first ? settings.light_samples : 1, counts ? std::span(firsts) : std::span<FirstHit>(),
                 arriving, stats);
   for (size_t i = 0; i < vertices.size(); ++i) {
     const PathState& path = paths[vertices[i].path];

@@ -30,6 +30,7 @@ struct TransportSettings {
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
+  bool count_first_hits = false;  // fill the shadow ray counts of FirstHit: some AOV shows them
   uint32_t seed = 0;
   Isa isa = Isa::automatic;  // resolved
 };

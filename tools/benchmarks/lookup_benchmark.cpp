@@ -16,7 +16,8 @@
 namespace fieldtrace {
 namespace {
 
-constexpr size_t k_rays = 1 << 18;
+// One batch of the renderer: it fits the second-level cache, as it does there.
+constexpr size_t k_rays = 1 << 13;
 
 struct Setup {
   Scene scene;
