@@ -23,3 +23,6 @@ if(FIELDTRACE_SANITIZE)
     add_compile_options(-fno-sanitize-recover=all)
   endif()
 endif()
+
+# OpenImageIO and OpenVDB bring some 250 shared libraries; a program that calls neither need not load them at start.
+add_link_options(-Wl,--as-needed)

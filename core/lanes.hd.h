@@ -55,6 +55,7 @@ FT_HD inline float select(bool m, float a, float b) { return m ? a : b; }
 FT_HD inline int32_t select(bool m, int32_t a, int32_t b) { return m ? a : b; }
 FT_HD inline uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
 FT_HD inline int32_t to_int(float a) { return int32_t(a); }  // truncates; the caller keeps |a| < 2^31
+FT_HD inline int32_t small_to_int(float a) { return int32_t(a); }  // a whole number in [0, 2^23)
 FT_HD inline float to_float(int32_t a) { return float(a); }
 FT_HD inline uint32_t as_uint(int32_t a) { return uint32_t(a); }
 FT_HD inline int32_t as_int(uint32_t a) { return int32_t(a); }

@@ -125,14 +125,22 @@ void throw_not_available(const SceneNode& node) {
               "<" + node.tag + " type=\"" + node.type + "\"> is not available yet; docs/scenes.md lists what is");
 }
 
-uint32_t build_default_bsdf(SceneBuilder& builder) {
-  if (builder.default_bsdf == k_none) {
+namespace {
+
+// The diffuse surface of the given albedo, made when it is first needed.
+uint32_t shared_diffuse(SceneBuilder& builder, uint32_t& index, float albedo) {
+  if (index == k_none) {
     Bsdf bsdf;
-    bsdf.reflectance = add_constant_texture(builder, Rgb(0.5f));
-    builder.default_bsdf = add_bsdf(builder, bsdf);
+    bsdf.reflectance = add_constant_texture(builder, Rgb(albedo));
+    index = add_bsdf(builder, bsdf);
   }
-  return builder.default_bsdf;
+  return index;
 }
+
+}  // namespace
+
+uint32_t build_default_bsdf(SceneBuilder& builder) { return shared_diffuse(builder, builder.default_bsdf, 0.5f); }
+uint32_t build_emitter_bsdf(SceneBuilder& builder) { return shared_diffuse(builder, builder.emitter_bsdf, 0.0f); }
 
 uint32_t build_bsdf(SceneBuilder& builder, const SceneNode& node) {
   const auto known = builder.bsdfs.find(&node);

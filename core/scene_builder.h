@@ -39,7 +39,7 @@ struct SceneBuilder {
   std::map<const SceneNode*, std::vector<ShapePart>> groups;
   std::map<std::string, uint32_t> shapes, bitmaps;
   std::map<std::string, bool> own_normals;  // mesh files: do they bring normals
-  uint32_t default_bsdf = k_none;
+  uint32_t default_bsdf = k_none, emitter_bsdf = k_none;
   std::set<const SceneNode*> open;  // BSDFs under construction: a reference to one is a cycle
 
   Properties properties(const SceneNode& node) const { return Properties(node, tree, diagnostics); }
@@ -55,6 +55,8 @@ uint32_t build_texture(SceneBuilder& builder, Properties& properties, const std:
 // Index into Scene::bsdfs. An unknown type is reported and becomes the default, a diffuse surface of albedo 0.5.
 uint32_t build_bsdf(SceneBuilder& builder, const SceneNode& node);
 uint32_t build_default_bsdf(SceneBuilder& builder);
+// What a shape that glows and names no BSDF gets, as in Mitsuba: it reflects nothing.
+uint32_t build_emitter_bsdf(SceneBuilder& builder);
 
 // Adds the instance (or those of the shapegroup's members) and area lights that a <shape> stands for. A shapegroup by
 // itself adds nothing.

@@ -38,7 +38,9 @@ bool parse_part(SceneBuilder& builder, const SceneNode& node, ShapePart& part) {
   properties.ignore({"silhouette_sampling_weight"});
   const SceneNode* bsdf = properties.object("bsdf");
   part.emitter = properties.object("emitter");
-  part.bsdf = bsdf ? build_bsdf(builder, *bsdf) : build_default_bsdf(builder);
+  part.bsdf = bsdf           ? build_bsdf(builder, *bsdf)
+              : part.emitter ? build_emitter_bsdf(builder)
+                             : build_default_bsdf(builder);
   properties.finish();
   return true;
 }

@@ -16,10 +16,16 @@ constexpr int k_cells = scalar::k_slice_cells;
 constexpr int k_first_round = 4;         // lines a cell traces before it may stop
 constexpr size_t k_slices_at_once = 16;  // bounds the ray batch: 16 * 32 cells * 12 lines = 6144 rays
 
-// A sheet's normals may spread by this much about their mean (cosine of 37 degrees), and its points lie this far off
-// the plane, in radii (prototype figures of the design).
-constexpr float k_min_normal_cosine = 0.8f;
-constexpr float k_max_residual = 0.01f;
+// A sheet's normals may spread by this much about their mean (cosine of 60 degrees), and its points lie this far off
+// the plane, in radii (docs/decisions/003-certificates.md).
+constexpr float k_min_normal_cosine = 0.5f;
+constexpr float k_max_residual = 0.005f;
+// ... and at most this many half widths of a plane cell, where cells are small.
+constexpr float k_max_residual_cells = 0.64f;
+
+// A depth cell's lines fan out from its frontmost sheet; a pivot more than this many half widths of a plane cell away
+// is moved there.
+constexpr float k_near_pivot = 4.0f;
 
 struct Claimed {
   uint32_t slice;
@@ -51,13 +57,23 @@ class SliceBaker {
 
  private:
   struct SheetCell {
-    bool centre_hit = false;
-    bool active = false;
-    float depth = 0.0f;  // of the centre line's hit; 0, the centre plane, on a miss
+    float depth = 0.0f;  // that the lines fan out from; 0, the centre plane, until a line has hit
     uint32_t primitive = k_none;
     int lines = 0, hits = 0;
     std::array<Vec3, k_max_lines> points, normals;  // of the lines that hit, in unit space
   };
+
+  // The plane through the sheet that hit `anchor` lies on, as the cell will store it.
+  struct SheetPlane {
+    uint32_t word = 0;             // depth and normal, encoded
+    Vec3 normal = Vec3(0.0f);      // decoded
+    float offset = 0.0f;           // dot(normal, x) = offset
+    bool faces = false;            // the plane is seen from the lines' origin
+    int members = 0;               // hits taken for the sheet's
+    float member_residual = 0.0f;  // their largest distance from the plane
+    float distance(const Vec3& p) const { return glm::dot(normal, p) - offset; }
+  };
+  SheetPlane fit_plane(const SheetCell& cell, int anchor, const Vec3& in_plane, const Vec3& axis) const;
 
   void add_line(Round& round, const Line& line, uint32_t cell) {
     const float half_squared = 1.0f - glm::dot(line.foot, line.foot);
@@ -81,6 +97,7 @@ class SliceBaker {
   const Accel& accel_;
   uint32_t shape_;
   BakeCounters& counters_;
+  float max_residual_ = std::min(k_max_residual, k_max_residual_cells / float(parameters_.plane));
 };
 
 void SliceBaker::bake_visibility(std::span<const Claimed> slices) {
@@ -152,55 +169,86 @@ void SliceBaker::trace_sheet_lines(std::vector<SheetCell>& cells, Round& round) 
   }
 }
 
+SliceBaker::SheetPlane SliceBaker::fit_plane(const SheetCell& cell, int anchor, const Vec3& in_plane,
+                                             const Vec3& axis) const {
+  SheetPlane plane;
+  const auto member = [&](int k) {
+    return glm::dot(cell.normals[k], cell.normals[anchor]) >= k_min_normal_cosine &&
+           std::abs(glm::dot(cell.points[k] - cell.points[anchor], cell.normals[anchor])) <= 4.0f * max_residual_;
+  };
+  Vec3 centroid(0.0f), normal(0.0f);
+  for (int k = 0; k < cell.hits; ++k) {
+    if (!member(k)) continue;
+    centroid += cell.points[k];
+    normal += cell.normals[k];
+    ++plane.members;
+  }
+  centroid *= 1.0f / float(plane.members);
+  // Quantise the normal first, then choose the depth at which the quantised plane passes through the centroid.
+  const uint32_t normal_bits = encode_normal(glm::normalize(normal));
+  const auto decoded = scalar::decode_normal<float>(int32_t(normal_bits));
+  plane.normal = Vec3(decoded.x, decoded.y, decoded.z);
+  const float cosine = glm::dot(plane.normal, axis);
+  plane.faces = cosine < 0.0f;
+  // dot(n, in_plane + axis depth - centroid) = 0. A plane along the line has no such depth; its cell will ask.
+  const uint32_t depth_bits = encode_depth(plane.faces ? glm::dot(plane.normal, centroid - in_plane) / cosine : 1.0f);
+  plane.word = depth_bits | normal_bits;
+  plane.offset = glm::dot(plane.normal, in_plane + axis * scalar::decode_depth<float>(int32_t(depth_bits)));
+  for (int k = 0; k < cell.hits; ++k) {
+    if (member(k)) plane.member_residual = std::max(plane.member_residual, std::abs(plane.distance(cell.points[k])));
+  }
+  return plane;
+}
+
 void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const SheetCell& cell, const CellFrame& frame) {
   const uint32_t target = slice.first_cell + i % k_cells;
   const int misses = cell.lines - cell.hits;
-  if (cell.hits == 0 || misses > cell.hits) {
-    const int risk = cell.hits == 0 ? 0 : disagreeing_class(cell.hits, cell.lines);
-    field_.store_sheet(target, 0, encode_certificate(scalar::k_kind_miss, risk, 255), k_none);
+  if (cell.hits == 0) {
+    field_.store_sheet(target, 0, encode_certificate(scalar::k_kind_miss, 0, 255), k_none);
     return;
   }
-  // The sheet nearest to the centre line, or to the first hit where the centre line misses.
-  const Vec3 anchor = cell.points[0], anchor_normal = cell.normals[0];
-  Vec3 centroid(0.0f), normal(0.0f);
-  int members = 0;
-  for (int k = 0; k < cell.hits; ++k) {
-    if (glm::dot(cell.normals[k], anchor_normal) < k_min_normal_cosine) continue;
-    if (std::abs(glm::dot(cell.points[k] - anchor, anchor_normal)) > 4.0f * k_max_residual) continue;
-    centroid += cell.points[k];
-    normal += cell.normals[k];
-    ++members;
-  }
-  centroid *= 1.0f / float(members);
-  normal = glm::normalize(normal);
-  const float plane = float(parameters_.plane);
-  const Vec3 in_plane = frame.s * ((float(cell_a(slice, i)) + 0.5f) * (2.0f / plane) - 1.0f) +
-                        frame.t * ((float(cell_b(slice, i)) + 0.5f) * (2.0f / plane) - 1.0f);
-  // Quantise the normal first, then choose the depth at which the quantised plane passes through the centroid.
-  const uint32_t normal_bits = encode_normal(normal);
-  const auto decoded = scalar::decode_normal<float>(int32_t(normal_bits));
-  const Vec3 n(decoded.x, decoded.y, decoded.z);
-  const float cosine = glm::dot(n, frame.c);
-  // dot(n, in_plane + c depth - centroid) = 0. A plane along the line has no such depth; its cell will ask.
-  const uint32_t depth_bits = encode_depth(cosine < 0.0f ? glm::dot(n, centroid - in_plane) / cosine : 1.0f);
-  const float stored = scalar::decode_depth<float>(int32_t(depth_bits));
-  const Vec3 hit = in_plane + frame.c * stored;
+  const float plane_cells = float(parameters_.plane);
+  const Vec3 in_plane = frame.s * ((float(cell_a(slice, i)) + 0.5f) * (2.0f / plane_cells) - 1.0f) +
+                        frame.t * ((float(cell_b(slice, i)) + 0.5f) * (2.0f / plane_cells) - 1.0f);
+  const auto store = [&](const SheetPlane& plane, int kind, int risk, float residual) {
+    const float error = k_residual_factor * residual + scalar::k_depth_quantum;
+    field_.store_sheet(target, plane.word, encode_certificate(kind, risk, encode_error(error)), cell.primitive);
+  };
+
+  const SheetPlane plane = fit_plane(cell, 0, in_plane, frame.c);
   float residual = 0.0f, spread = 1.0f;
   for (int k = 0; k < cell.hits; ++k) {
-    residual = std::max(residual, std::abs(glm::dot(cell.points[k] - hit, n)));
-    spread = std::min(spread, glm::dot(cell.normals[k], n));
+    residual = std::max(residual, std::abs(plane.distance(cell.points[k])));
+    spread = std::min(spread, glm::dot(cell.normals[k], plane.normal));
   }
-  const float error = k_residual_factor * residual + scalar::k_depth_quantum;
-  int risk = 0;
-  if (misses > 0) {
-    risk = disagreeing_class(misses, cell.lines);
-  } else if (residual > k_max_residual || spread < k_min_normal_cosine || cosine >= 0.0f) {
-    risk = disagreeing_class(std::max(cell.lines - members, 1), cell.lines);
-  } else if (cell.lines < parameters_.lines) {
-    risk = 2;
+  const bool one_sheet = residual <= max_residual_ && spread >= k_min_normal_cosine && plane.faces;
+  if (one_sheet && misses == 0) {
+    store(plane, scalar::k_kind_sheet, 0, residual);
+    return;
   }
-  field_.store_sheet(target, depth_bits | normal_bits,
-                     encode_certificate(scalar::k_kind_sheet, risk, encode_error(error)), cell.primitive);
+  // What the frontmost hit's sheet leaves uncovered lies behind it: still a bound for whatever lies in front.
+  int front = 0;
+  for (int k = 1; k < cell.hits; ++k) {
+    if (glm::dot(cell.points[k] - cell.points[front], frame.c) < 0.0f) front = k;
+  }
+  const SheetPlane ceiling = fit_plane(cell, front, in_plane, frame.c);
+  float above = ceiling.member_residual;
+  for (int k = 0; k < cell.hits; ++k) above = std::max(above, ceiling.distance(cell.points[k]));
+  if (ceiling.faces && above <= max_residual_) {
+    int behind = 0;  // hits of another surface, which may reach further forward than the lines that met it tell
+    for (int k = 0; k < cell.hits; ++k) behind += ceiling.distance(cell.points[k]) < -2.0f * above;
+    // Nor may it rest on a few lines alone.
+    const bool mostly_one = 4 * behind < cell.hits && 4 * cell.hits >= cell.lines;
+    store(ceiling, scalar::k_kind_ceiling, mostly_one ? 0 : disagreeing_class(behind, cell.lines), above);
+    return;
+  }
+  if (misses > cell.hits) {
+    field_.store_sheet(target, 0,
+                       encode_certificate(scalar::k_kind_miss, disagreeing_class(cell.hits, cell.lines), 255), k_none);
+    return;
+  }
+  const int minority = misses > 0 ? misses : std::max(cell.lines - plane.members, 1);
+  store(plane, scalar::k_kind_sheet, disagreeing_class(minority, cell.lines), residual);
 }
 
 void SliceBaker::bake_depth(std::span<const Claimed> slices) {
@@ -218,35 +266,44 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
     cells[i].lines = 1;
   }
   trace_sheet_lines(cells, round);
+  // Lines fan out from the frontmost surface that the first ones met: receivers lie there. Where the first round meets
+  // something far in front of its own pivot, or after a miss, it starts again from there.
+  const float near_depth = k_near_pivot / float(parameters_.plane);
+  const auto frontmost = [&](uint32_t i) {
+    float depth = k_infinity;
+    for (int k = 0; k < cells[i].hits; ++k) {
+      depth = std::min(depth, glm::dot(cells[i].points[k], frames[i / k_cells].c));
+    }
+    return depth;
+  };
   for (uint32_t i = 0; i < cell_count; ++i) {
-    cells[i].centre_hit = cells[i].hits == 1;
-    cells[i].active = true;
-    if (cells[i].centre_hit) cells[i].depth = glm::dot(cells[i].points[0], frames[i / k_cells].c);
+    if (cells[i].hits == 1) cells[i].depth = frontmost(i);
   }
-  for (int begin = 1; begin < parameters_.lines;) {
-    const int end = begin == 1 ? k_first_round : parameters_.lines;
+  const auto trace_round = [&](int begin, int end) {
     round.begin(cell_count * size_t(end - begin));
     for (uint32_t i = 0; i < cell_count; ++i) {
-      SheetCell& cell = cells[i];
-      cell.active = cell.active && (cell.hits == 0 || cell.hits == cell.lines);
-      for (int k = 1; k < cell.hits && cell.active; ++k) {
-        const float off_plane = glm::dot(cell.points[k] - cell.points[0], cell.normals[0]);
-        cell.active = std::abs(off_plane) <= 4.0f * k_max_residual &&
-                      glm::dot(cell.normals[k], cell.normals[0]) >= k_min_normal_cosine;
-      }
-      if (!cell.active) continue;
+      if (cells[i].lines >= end) continue;
       const Claimed& s = slices[i / k_cells];
-      for (int k = begin; k < end; ++k) {
+      for (int k = cells[i].lines; k < end; ++k) {
         add_line(round,
-                 depth_line(frames[i / k_cells], s.at.u, s.at.v, cell_a(s, i), cell_b(s, i), cell.depth,
+                 depth_line(frames[i / k_cells], s.at.u, s.at.v, cell_a(s, i), cell_b(s, i), cells[i].depth,
                             cell_point(cell_seed(s, i), k), parameters_),
                  i);
       }
-      cell.lines = end;
+      cells[i].lines = end;
     }
     trace_sheet_lines(cells, round);
-    begin = end;
+  };
+  trace_round(1, k_first_round);
+  for (uint32_t i = 0; i < cell_count; ++i) {
+    SheetCell& cell = cells[i];
+    if (cell.hits == 0) continue;
+    const float depth = frontmost(i);
+    if (std::abs(depth - cell.depth) <= near_depth) continue;
+    cell.depth = depth;
+    cell.lines = cell.hits = 0;
   }
+  trace_round(0, parameters_.lines);
   for (uint32_t i = 0; i < cell_count; ++i) store_sheet(slices[i / k_cells], i, cells[i], frames[i / k_cells]);
 }
 

@@ -23,14 +23,23 @@ T load_shared(const T& value) {
   return std::atomic_ref<T>(const_cast<T&>(value)).load(std::memory_order_acquire);
 }
 
+bool power_between(int value, int low, int high) {
+  return value >= low && value <= high && std::has_single_bit(unsigned(value));
+}
+
 void require_power(const char* name, int value, int low, int high) {
-  if (value < low || value > high || !std::has_single_bit(unsigned(value))) {
+  if (!power_between(value, low, high)) {
     throw UsageError(std::string(name) + " must be a power of two from " + std::to_string(low) + " to " +
                      std::to_string(high));
   }
 }
 
 }  // namespace
+
+bool valid_parameters(const FieldParameters& p) {
+  return power_between(p.directions, 32, 256) && power_between(p.plane, 64, 512) && p.lines >= 4 &&
+         p.lines <= k_max_lines;
+}
 
 Sphere field_ball(const Bounds3& bounds) {
   Sphere ball;
@@ -63,8 +72,8 @@ Field::Field(const Sphere& ball, const FieldParameters& parameters) : ball_(ball
 
 FieldView Field::view() const {
   FieldView v;
-  v.directions = float(parameters_.directions);
-  v.plane = float(parameters_.plane);
+  v.directions = make_axis(parameters_.directions);
+  v.plane = make_axis(parameters_.plane);
   v.direction_bricks = parameters_.directions / 4;
   v.plane_bricks_b = parameters_.plane / 8;
   v.plane_bricks = (parameters_.plane / 4) * (parameters_.plane / 8);
@@ -98,6 +107,21 @@ SliceAddress Field::slice_address(uint32_t slice) const {
 uint32_t Field::brick_at(uint32_t direction_brick, uint32_t plane_brick) const {
   const int32_t page = load_shared(top_[direction_brick]);
   return uint32_t(load_shared(pages_[size_t(page) * view().plane_bricks + plane_brick]));
+}
+
+std::vector<BrickPlace> Field::bricks() const {
+  std::vector<BrickPlace> places;
+  const FieldView v = view();
+  for (int d = 0; d < v.direction_bricks * v.direction_bricks; ++d) {
+    const int32_t page = load_shared(top_[d]);
+    if (page == 0) continue;
+    for (int p = 0; p < v.plane_bricks; ++p) {
+      const uint32_t brick = uint32_t(load_shared(pages_[size_t(page) * v.plane_bricks + p]));
+      if (brick == 0) continue;
+      if (const uint32_t mask = finished_mask(brick)) places.push_back({uint32_t(d), uint32_t(p), brick, mask});
+    }
+  }
+  return places;
 }
 
 uint32_t Field::brick_of_slice(uint32_t slice) const {

@@ -11,6 +11,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <vector>
 
 #include "core/math.h"
 #include "core/virtual_buffer.h"
@@ -29,6 +30,9 @@ struct FieldParameters {
   int lines = 16;       // K: lines traced to certify a cell; 4 ... k_max_lines
 };
 
+// Whether a Field can have these parameters.
+bool valid_parameters(const FieldParameters& parameters);
+
 // The ball that a field is defined over: encloses `bounds` with room for rounding, so that the object lies strictly
 // inside.
 Sphere field_ball(const Bounds3& bounds);
@@ -37,6 +41,14 @@ Sphere field_ball(const Bounds3& bounds);
 struct SliceAddress {
   int u = 0, v = 0;    // direction cell
   int a0 = 0, b0 = 0;  // first plane cell; the slice spans 4 x 8
+};
+
+// A brick in use: its place in the chart, its number in the pool, and which of its slices are finished (bits 0-15
+// visibility, 16-31 depth, by direction in the brick).
+struct BrickPlace {
+  uint32_t direction_brick = 0, plane_brick = 0;
+  uint32_t brick = 0;
+  uint32_t finished = 0;
 };
 
 class Field {
@@ -74,6 +86,8 @@ class Field {
   uint32_t brick_at(uint32_t direction_brick, uint32_t plane_brick) const;
   // Creates the brick if need be; 0 if the pool is full.
   uint32_t brick_for(uint32_t direction_brick, uint32_t plane_brick);
+  // The bricks with at least one finished slice, by direction brick and then plane brick.
+  std::vector<BrickPlace> bricks() const;
   uint32_t finished_mask(uint32_t brick) const;          // bits 0-15 visibility slices, 16-31 depth slices
   void restore_mask(uint32_t brick, uint32_t finished);  // after loading a brick's cells from a file
 

@@ -68,7 +68,7 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     result.lookups = result.lookups + last.lookups;
     result.slice = select(last.unknown, last.slice, result.slice);
     conclude(from_inside & last.unknown, k_verdict_unknown_depth);
-    const Mask_t<F> behind = last.decided & (last.view.distance >= zero - last.view.error);
+    const Mask_t<F> behind = last.decided & (last.view.distance >= zero - last.view.error * splat<F>(k_front_share));
     conclude(from_inside & and_not(last.unknown, behind | last.miss), k_verdict_clear);
   }
 
@@ -85,7 +85,8 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     const F error = first.view.error / cosine;
     const F distance = dot(anchor - segment.origin, segment.direction) - first.back;
     // A sheet within the error bound of the origin may lie on either side of it.
-    Mask_t<F> ahead = open & first.decided & (and_not(inside, open) | (first.view.distance > first.view.error));
+    Mask_t<F> ahead =
+        open & first.decided & first.view.solid & (and_not(inside, open) | (first.view.distance > first.view.error));
     if (policy.answer_all) ahead = open & first.decided & (distance >= zero);
     const F slack = policy.answer_all ? zero : error;
     const Mask_t<F> hit = ahead & (distance + slack <= segment.length);

@@ -7,7 +7,8 @@
 // ends lie outside the ball. With an end inside, the *depth* cell anchored at that end says how far the first surface
 // lies that is seen from outside along the line; the end is in front of it (clear), behind it by more than the margin
 // (blocked), or too near to tell (ask). Where that surface lies far from the anchor the query re-anchors once, at the
-// depth found, because a depth cell's lines fan out from its own hit.
+// depth found, because a depth cell's lines fan out from its own hit. A depth cell that is only a ceiling (the object
+// lies behind its plane, or partly not in the cell at all) can say clear, never blocked.
 // Thread-safety: pure functions over a FieldView.
 
 #if defined(FIELDTRACE_FIELD_QUERY_HD_H_) == defined(HWY_TARGET_TOGGLE)
@@ -30,6 +31,11 @@ constexpr int k_verdict_blocked = 2;
 constexpr int k_verdict_ask = 3;
 constexpr int k_verdict_unknown_visibility = 4;
 constexpr int k_verdict_unknown_depth = 5;
+
+// A point counts as in front of a sheet, on the sheet included, up to this share of the error bound behind it: 1.5
+// times the largest residual seen. Receivers on the sheet itself lie within that; what lies further in front of a point
+// may be a blocker (docs/decisions/003-certificates.md).
+constexpr float k_front_share = 0.75f;
 
 template <class F>
 struct SegmentVerdict {
@@ -72,13 +78,19 @@ FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Ve
   const F correction = dot(foot, s.direction);
   s.foot = foot - s.direction * correction;
   const F t_foot = along - correction;
-  const F half_squared = one - dot(s.foot, s.foot);
-  const F half = sqrt(max(half_squared, zero));
-  s.crosses = (half_squared > zero) & (s.length > t_foot - half) & (t_foot + half > zero) & (tmax >= zero);
-  s.origin_inside = s.crosses & (t_foot - half < zero);
-  s.end_inside = s.crosses & (s.length < t_foot + half);
+  // Squared distances from the centre: of the line, of the origin and of the end.
+  const F line_squared = dot(s.foot, s.foot);
+  const F to_end = s.length - t_foot;
+  const F origin_squared = line_squared + t_foot * t_foot;
+  const F end_squared = line_squared + to_end * to_end;
+  const Mask_t<F> origin_in = origin_squared < one, end_in = end_squared < one;
+  // With both ends outside, the segment meets the ball where the foot lies between them.
+  const Mask_t<F> spans = (line_squared < one) & (t_foot > zero) & (to_end > zero);
+  s.crosses = (spans | origin_in | end_in) & (tmax >= zero);
+  s.origin_inside = s.crosses & origin_in;
+  s.end_inside = s.crosses & end_in;
   // The end from the foot, not from a far origin.
-  s.end = s.foot + s.direction * (s.length - t_foot);
+  s.end = s.foot + s.direction * to_end;
   return s;
 }
 
@@ -91,7 +103,10 @@ struct SheetView {
   F offset;    // plane: dot(normal, x) = offset
   F error;
   F along;  // of p, along the cell's direction from the centre plane
-  Mask_t<F> known, sheet, miss;
+  Mask_t<F> known;
+  Mask_t<F> sheet;  // the plane bounds what lies in front of it
+  Mask_t<F> solid;  // and every line meets it
+  Mask_t<F> miss;
   Int_t<F> slice;
   Int_t<F> primitive_cell;  // index into the primitive layer
 };
@@ -109,7 +124,8 @@ FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolic
   view.known = !(certificate == splat_int<F>(0));
   const Mask_t<F> answers = (shift_right<2>(certificate) & splat_int<F>(63)) < splat_int<F>(policy.depth_max_class + 1);
   const Int_t<F> kind = certificate & splat_int<F>(3);
-  view.sheet = (kind == splat_int<F>(k_kind_sheet)) & answers;
+  view.sheet = (kind > splat_int<F>(k_kind_miss)) & answers;
+  view.solid = policy.answer_all ? view.sheet : view.sheet & (kind == splat_int<F>(k_kind_sheet));
   view.miss = (kind == splat_int<F>(k_kind_miss)) & answers;
   const F depth = decode_depth<F>(word);
   view.normal = decode_normal<F>(word);
@@ -136,7 +152,7 @@ struct FoundSheet {
 // Half a plane cell: what the anchoring leaves uncertain beside a sheet's own error bound.
 template <class F>
 FT_HD_INLINE F half_cell_of(const FieldView& field) {
-  return splat<F>(1.0f / field.plane);
+  return splat<F>(0.5f * field.plane.step);
 }
 
 // Distance back along the line from a point at `distance` off the sheet. The cosine is negative because the sheet faces
@@ -150,9 +166,9 @@ template <class F>
 FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy& policy, const Vec3Lanes<F>& direction,
                                       const Vec3Lanes<F>& p, Mask_t<F> wanted) {
   const F half_cell = half_cell_of<F>(field);
-  // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than half its
-  // width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
-  const F near_distance = half_cell * splat<F>(field.directions * 0.5641896f);
+  // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than a quarter of
+  // its width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
+  const F near_distance = half_cell * splat<F>(field.directions.cells * (0.5f * 0.5641896f));
   FoundSheet<F> found;
   found.view = look_up_sheet(field, policy, direction, p);
   SheetView<F>& view = found.view;
@@ -177,6 +193,7 @@ FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy&
                              (abs(second.distance) <= second.error + view.error + half_cell + half_cell);
     // Where every cell answers, the first one does if the two contradict each other.
     found.decided = policy.answer_all ? found.decided : (and_not(far, found.decided)) | agrees;
+    view.solid = (and_not(agrees, view.solid)) | (agrees & second.solid);
     view.normal = {select(agrees, second.normal.x, view.normal.x), select(agrees, second.normal.y, view.normal.y),
                    select(agrees, second.normal.z, view.normal.z)};
     view.offset = select(agrees, second.offset, view.offset);
@@ -209,10 +226,10 @@ FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPol
   answer.lookups = found.lookups;
   answer.unknown = found.unknown;
   const F margin = view.error + view.error + half_cell_of<F>(field);
-  const F clear_from = policy.answer_all ? zero - margin : zero - view.error;
+  const F clear_from = policy.answer_all ? zero - margin : zero - view.error * splat<F>(k_front_share);
   answer.front = found.decided & (view.distance >= clear_from);
   if (policy.answer_all) answer.front = answer.front | found.miss;
-  answer.behind = found.decided & (view.distance < zero - margin);
+  answer.behind = found.decided & view.solid & (view.distance < zero - margin);
   answer.other_in_front = answer.behind & (dot(view.normal, other) - view.offset > margin);
   return answer;
 }

@@ -1,8 +1,9 @@
 // Risk classes: how likely a cell's answer is wrong, and which classes a tolerance lets answer.
 //
-// A cell whose K lines all agree has class 0 if the cells around it (within its slice) agree with it too, else class 1.
-// A cell whose lines disagree has class 2 ... k_worst_class by the share of the minority. The wrong shares behind the
-// classes were measured on held-out lines: docs/decisions/003-certificates.md.
+// A visibility cell whose K lines all agree has class 0 if the cells around it (within its slice) agree with it too,
+// else class 1; a depth cell (sheet, ceiling, miss) whose lines all agree has class 0. A cell whose lines disagree has
+// class 2 ... k_worst_class by the share of the minority. The wrong shares behind the classes were measured on held-out
+// lines: docs/decisions/003-certificates.md.
 // Thread-safety: pure functions.
 #pragma once
 
@@ -12,7 +13,7 @@
 
 namespace fieldtrace {
 
-// The error bound stored with a sheet is this multiple of the largest residual seen: chosen so that 99.9 % of fresh
+// The error bound stored with a sheet is this multiple of the largest residual seen: at 2, 99.3 to 99.7 % of fresh
 // lines lie within it (docs/decisions/003-certificates.md).
 inline constexpr float k_residual_factor = 2.0f;
 

@@ -43,19 +43,18 @@ FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, 
   store_lanes(select(asks, splat_int<F>(candidate_slot), asker), &states.asker[i]);
 }
 
-// Blocks of 16 rays that go through the steps of a query together: enough that the processor overlaps the long chain of
-// one vector's arithmetic with its neighbours', few enough for the first-level cache.
-constexpr size_t k_blocks_at_once = 16;
+// Blocks of rays whose lines are looked up before any depth cell is: two short loops, whose vectors the processor
+// overlaps, instead of one long chain of arithmetic. Few enough for the first-level cache.
+constexpr size_t k_blocks_at_once = 8;
 
-// Segments of the vectors that meet the ball, between the steps.
+// What the first loop leaves to the second.
 template <class F>
 struct QueryScratch {
   static constexpr int k_vectors = int(k_blocks_at_once * k_block) / Lanes<F>::k_count;
-  UnitSegment<F> segment[k_vectors];
+  UnitSegment<F> segment[k_vectors];  // of the first `deep` entries: those that want depth cells
   Mask_t<F> wanted[k_vectors];
-  LineView<F> line[k_vectors];
-  SegmentVerdict<F> result[k_vectors];
-  int active[k_vectors];  // vectors with something to do, `count` of them
+  int vector[k_vectors];
+  SegmentVerdict<F> result[k_vectors];  // of every vector
 };
 
 // Adds the verdicts of one block of rays to its states, or puts the block aside if it met cells that are not baked.
@@ -104,37 +103,30 @@ inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, 
   for (size_t first = begin; first < end; first += k_blocks_at_once * k_block) {
     const size_t last = end - first < k_blocks_at_once * k_block ? end : first + k_blocks_at_once * k_block;
     const int vectors = int((last - first) / k_count);
-    int active = 0;
+    int deep = 0;
     for (int v = 0; v < vectors; ++v) {
       const size_t i = first + size_t(v) * k_count;
       const RayLanes<F> r = load_rays<F>(rays, i);
-      s.segment[v] = segment_in_unit_space(task.to_unit, r.o, r.d, r.tmax);
-      s.wanted[v] = line_wanted(s.segment[v], load_uint_lanes<F>(receiver_instance + i) == instance);
+      const UnitSegment<F> segment = segment_in_unit_space(task.to_unit, r.o, r.d, r.tmax);
       s.result[v].verdict = splat_int<F>(k_verdict_none);
-      s.active[active] = v;
-      active += any(s.segment[v].crosses);
-    }
-    for (int a = 0; a < active; ++a) {
-      const int v = s.active[a];
+      if (!any(segment.crosses)) continue;
+      const Mask_t<F> wanted = line_wanted(segment, load_uint_lanes<F>(receiver_instance + i) == instance);
       // A vector that wants no line has an empty `wanted`, which is then what the line says too.
-      s.line[v] = {s.wanted[v], s.wanted[v], s.wanted[v], splat_int<F>(0)};
-      if (any(s.wanted[v])) s.line[v] = look_up_line(task.field, task.policy, s.segment[v]);
-    }
-    int deep = 0;
-    for (int a = 0; a < active; ++a) {
-      const int v = s.active[a];
-      const LineAnswer<F> answer = answer_by_line(s.segment[v], s.wanted[v], s.line[v]);
+      LineView<F> line = {wanted, wanted, wanted, splat_int<F>(0)};
+      if (any(wanted)) line = look_up_line(task.field, task.policy, segment);
+      const LineAnswer<F> answer = answer_by_line(segment, wanted, line);
       s.result[v] = answer.verdict;
-      s.wanted[v] = answer.depth_wanted;
-      counts.lookups += size_t(sum_of(answer.verdict.lookups));
-      s.active[deep] = v;
-      deep += any(answer.depth_wanted);
+      counts.lookups += size_t(count_true(wanted));
+      if (!any(answer.depth_wanted)) continue;
+      s.segment[deep] = segment;
+      s.wanted[deep] = answer.depth_wanted;
+      s.vector[deep++] = v;
     }
-    for (int a = 0; a < deep; ++a) {
-      const int v = s.active[a];
-      counts.lookups -= size_t(sum_of(s.result[v].lookups));
-      answer_by_depth(task.field, task.policy, s.segment[v], s.wanted[v], s.result[v]);
-      counts.lookups += size_t(sum_of(s.result[v].lookups));
+    for (int k = 0; k < deep; ++k) {
+      SegmentVerdict<F>& result = s.result[s.vector[k]];
+      counts.lookups -= size_t(sum_of(result.lookups));
+      answer_by_depth(task.field, task.policy, s.segment[k], s.wanted[k], result);
+      counts.lookups += size_t(sum_of(result.lookups));
     }
     for (size_t block = first; block < last; block += k_block) {
       finish_block(&s.result[(block - first) / k_count], block, candidate_slot, states, counts);

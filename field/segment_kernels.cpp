@@ -8,6 +8,7 @@
 // clang-format on
 
 #include "core/lanes-inl.h"
+#include "core/lanes_pair-inl.h"
 #include "field/segment_batch-inl.h"
 #include "field/segment_kernels_scalar.h"
 
@@ -16,7 +17,7 @@ FT_LANES_BEGIN
 
 // The kernels' addresses are taken inside the target's own namespace, so that no instance is shared between targets.
 const SegmentKernels& segment_kernels_of_target() {
-  static constexpr SegmentKernels k_kernels = make_segment_kernels<F32>();
+  static constexpr SegmentKernels k_kernels = make_segment_kernels<F32x2>();
   return k_kernels;
 }
 

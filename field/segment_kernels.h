@@ -1,7 +1,7 @@
 // Batch loops over segment queries, one table of functions per instruction set.
 //
 // A batch of rays is shown to one candidate object after another; what they say is combined per ray in RayStates.
-// Ranges [begin, end) are multiples of 16 rays, or the batch's padded size. Thread-safety: the kernels are pure apart
+// Ranges [begin, end) are multiples of k_batch_padding rays. Thread-safety: the kernels are pure apart
 // from what they write. Memory layout: ray arrays as in core/rays.h; states are padded and aligned likewise.
 #pragma once
 
@@ -23,7 +23,7 @@ struct RayStates {
 
   AlignedVector<int32_t> state;
   AlignedVector<int32_t> asker;  // candidate_slot of the last one that asked
-  // Blocks of 16 rays that met cells not baked yet, as their first ray; their states are untouched. And the slices.
+  // Blocks of k_batch_padding rays that met cells not baked yet, as their first ray; their states are untouched. And the slices.
   std::vector<uint32_t> unknown_blocks, unknown_visibility, unknown_depth;
   // Verdict per ray (k_verdict_* of field/query.hd.h) of the last candidate; filled if `keep_verdicts`.
   AlignedVector<int32_t> verdict;

@@ -8,11 +8,24 @@
 
 namespace fieldtrace {
 
+// [-1, 1] cut into n cells, as the constants that look-ups use: all exact, n being a power of two.
+struct ChartAxis {
+  float cells = 0.0f;  // n
+  float half = 0.0f;   // n / 2
+  float last = 0.0f;   // n - 1
+  float step = 0.0f;   // 2 / n
+  float start = 0.0f;  // centre of the first cell, 1 / n - 1
+};
+
+constexpr ChartAxis make_axis(int n) {
+  return {float(n), 0.5f * float(n), float(n) - 1.0f, 2.0f / float(n), 1.0f / float(n) - 1.0f};
+}
+
 struct FieldView {
-  float directions = 0.0f, plane = 0.0f;  // D and N as floats: they only enter float arithmetic
-  int direction_bricks = 0;               // D / 4
-  int plane_bricks_b = 0;                 // N / 8
-  int plane_bricks = 0;                   // (N / 4) (N / 8)
+  ChartAxis directions, plane;  // D and N cells
+  int direction_bricks = 0;     // D / 4
+  int plane_bricks_b = 0;       // N / 8
+  int plane_bricks = 0;         // (N / 4) (N / 8)
   const int32_t* top = nullptr;           // (D / 4)^2
   const int32_t* pages = nullptr;         // page * plane_bricks + plane brick
   const uint8_t* visibility = nullptr;
@@ -21,8 +34,8 @@ struct FieldView {
   const int32_t* primitive = nullptr;
 };
 
-// A cell answers if its risk class is at most this. max_class < 0: none answers. answer_all: depth comparisons that are
-// too near to tell are decided by their sign.
+// A cell answers if its risk class is at most this. max_class < 0: none answers. answer_all: nothing asks; depth
+// comparisons that are too near to tell are decided by their sign, and what no cell sees is clear.
 struct QueryPolicy {
   int visibility_max_class = 0;
   int depth_max_class = 0;

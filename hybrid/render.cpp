@@ -14,6 +14,7 @@
 
 #include "core/accel.h"
 #include "core/camera.h"
+#include "field/field_cache.h"
 #include "hybrid/aovs.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
@@ -107,6 +108,34 @@ FieldSet make_fields(const Scene& scene, const RenderOptions& options) {
   return set;
 }
 
+// The cache of `options`, null where there is none or nothing is kept in it.
+std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, const FieldSet& set, const WarningSink& warning) {
+  const bool any = std::any_of(set.fields.begin(), set.fields.end(), [](const auto& f) { return f != nullptr; });
+  if (options.field_cache.empty() || !any) return nullptr;
+  return std::make_unique<FieldCache>(options.field_cache, warning);
+}
+
+// Calls use(field, identity) for every field.
+template <class Use>
+void for_each_field(const Scene& scene, const FieldSet& set, const Use& use) {
+  for (size_t s = 0; s < set.fields.size(); ++s) {
+    if (set.fields[s]) use(*set.fields[s], field_identity(scene.shapes[s], set.parameters));
+  }
+}
+
+// A finished picture is worth more than its fields: what cannot be kept is told, not thrown.
+void store_fields(const Scene& scene, const FieldSet& set, FieldCache& cache, const WarningSink& warning,
+                  Stats& stats) {
+  for_each_field(scene, set, [&](const Field& field, const FieldIdentity& identity) {
+    try {
+      cache.store(field, identity);
+    } catch (const Error& e) {
+      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+    }
+    stats.field_bytes_disk += cache.bytes_on_disk(identity);
+  });
+}
+
 void count_fields(const FieldSet& set, Stats& stats) {
   for (const auto& field : set.fields) {
     if (!field) continue;
@@ -153,7 +182,10 @@ struct Job {
   Rect window;
   int spp = 1;
   Image& image;
+  const std::atomic<bool>* stop = nullptr;
   std::atomic<uint64_t> not_finite = 0;
+
+  bool stopped() const { return stop && stop->load(std::memory_order_relaxed); }
 };
 
 struct PixelSums {
@@ -168,7 +200,8 @@ void write_pixel(const Job& job, const PixelPosition& p, const PixelSums& sums) 
 }
 
 // A pixel's samples are added in the order of their indices, whatever the batches.
-void render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
+// False if it was stopped: the tile is then left black.
+bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const std::vector<PixelPosition> pixels = tile_pixels(tile);
   std::vector<PixelSums> sums(pixels.size());
   const size_t total = pixels.size() * size_t(job.spp);
@@ -176,6 +209,7 @@ void render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   std::vector<CameraSample> samples;
   std::vector<SampleResult> results(std::min(batch, total));
   for (size_t begin = 0; begin < total; begin += batch) {
+    if (job.stopped()) return false;
     const size_t end = std::min(begin + batch, total);
     samples.clear();
     for (size_t i = begin; i < end; ++i) {
@@ -195,6 +229,7 @@ void render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
     }
   }
   for (size_t i = 0; i < pixels.size(); ++i) write_pixel(job, pixels[i], sums[i]);
+  return true;
 }
 
 Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
@@ -230,12 +265,14 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Accel accel(scene);
     const CameraSampler camera(scene.camera, scene.film);
     const FieldSet fields = make_fields(scene, options);
+    const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
+    if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
     const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};
     const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
     const TransportContext context(scene, accel, camera, answerer, settings);
 
     result.image = make_image(window, aovs);
-    Job job{context, aovs, window, spp, result.image};
+    Job job{context, aovs, window, spp, result.image, callbacks.stop};
     const std::vector<Rect> tiles = make_tiles(window, k_tile_size);
     Progress progress(callbacks, tiles.size());
     std::atomic<bool> interrupted = false;
@@ -244,11 +281,13 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
         tbb::blocked_range<size_t>(0, tiles.size(), 1),
         [&](const tbb::blocked_range<size_t>& range) {
           for (size_t i = range.begin(); i < range.end(); ++i) {
-            if (callbacks.stop && callbacks.stop->load(std::memory_order_relaxed)) {
+            bool done = false;
+            // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
+            tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
+            if (!done) {
               interrupted = true;
               return;
             }
-            render_tile(job, tiles[i], workers.local());
             progress.tile_done();
           }
         },
@@ -256,6 +295,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.interrupted = interrupted;
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
     count_fields(fields, result.stats);
+    if (cache) store_fields(scene, fields, *cache, callbacks.warning, result.stats);
     if (job.not_finite > 0) {
       warn(callbacks.warning, {},
            std::to_string(job.not_finite) +

@@ -11,6 +11,7 @@
 #include "core/math.h"
 #include "field/layout.hd.h"
 #include "field/query.hd.h"
+#include "field/view.h"
 #include "tests/random_lines.h"
 
 namespace fieldtrace {
@@ -164,7 +165,8 @@ TEST(OrthographicChart, UniformDirectionsFillCellsEvenly) {
     for (int i = 0; i < total; ++i) {
       float u, v;
       scalar::square_from_direction(lanes(random.direction()), u, v);
-      ++count[size_t(scalar::cell_of(u, float(n))) * size_t(n) + size_t(scalar::cell_of(v, float(n)))];
+      ++count[size_t(scalar::cell_of(u, make_axis(int(n)))) * size_t(n) +
+              size_t(scalar::cell_of(v, make_axis(int(n))))];
     }
     double chi2 = 0.0;
     for (const int c : count) chi2 += double(c - k_per_cell) * double(c - k_per_cell) / k_per_cell;
@@ -200,7 +202,7 @@ TEST(OrthographicChart, CellCentreIsNearEveryDirectionOfItsCell) {
   for (const int n : k_directions) {
     TestRandom random(uint32_t(60 + n));
     const auto check = [&](const Vec3& d) {
-      const auto at = scalar::address_of_line<float>(lanes(d), {0.0f, 0.0f, 0.0f}, float(n), 64.0f);
+      const auto at = scalar::address_of_line<float>(lanes(d), {0.0f, 0.0f, 0.0f}, make_axis(n), make_axis(64));
       ASSERT_TRUE(in_range(at, n, 64));
       ASSERT_LT(angle(exact(at.frame.c), DVec3(d)) * n, k_centre_distance) << d.x << " " << d.y << " " << d.z;
     };
@@ -248,8 +250,8 @@ TEST(OrthographicChart, FramesAreOrthonormalAndRightHanded) {
   for (const int n : k_directions) {
     for (int i = 0; i < n; ++i) {
       for (int j = 0; j < n; ++j) {
-        const auto f =
-            scalar::frame_from_square(scalar::centre_of<float>(i, float(n)), scalar::centre_of<float>(j, float(n)));
+        const auto f = scalar::frame_from_square(scalar::centre_of<float>(i, make_axis(int(n))),
+                                                 scalar::centre_of<float>(j, make_axis(int(n))));
         const DVec3 c = exact(f.c), s = exact(f.s), t = exact(f.t);
         for (const double e : {glm::dot(c, c) - 1.0, glm::dot(s, s) - 1.0, glm::dot(t, t) - 1.0, glm::dot(c, s),
                                glm::dot(c, t), glm::dot(s, t), glm::length(glm::cross(s, t) - c)}) {
@@ -266,9 +268,10 @@ TEST(OrthographicChart, FrameIsAFunctionOfTheCellAlone) {
   TestRandom random(8);
   for (const int n : k_directions) {
     for (int i = 0; i < 50000; ++i) {
-      const auto at = scalar::address_of_line(lanes(random.direction()), lanes(random.in_ball()), float(n), 128.0f);
-      const auto f =
-          scalar::frame_from_square(scalar::centre_of<float>(at.u, float(n)), scalar::centre_of<float>(at.v, float(n)));
+      const auto at =
+          scalar::address_of_line(lanes(random.direction()), lanes(random.in_ball()), make_axis(n), make_axis(128));
+      const auto f = scalar::frame_from_square(scalar::centre_of<float>(at.u, make_axis(int(n))),
+                                               scalar::centre_of<float>(at.v, make_axis(int(n))));
       ASSERT_TRUE(same_bits(f.c, at.frame.c) && same_bits(f.s, at.frame.s) && same_bits(f.t, at.frame.t));
     }
   }
@@ -279,14 +282,14 @@ TEST(OrthographicChart, CellCentreAddressesItsOwnCell) {
   for (const int n : k_directions) {
     for (int i = 0; i < n * n; ++i) {
       const int u = i / n, v = i % n;
-      const auto f =
-          scalar::frame_from_square(scalar::centre_of<float>(u, float(n)), scalar::centre_of<float>(v, float(n)));
+      const auto f = scalar::frame_from_square(scalar::centre_of<float>(u, make_axis(int(n))),
+                                               scalar::centre_of<float>(v, make_axis(int(n))));
       for (const int plane : k_planes) {
         const int a = int(random.index(uint32_t(plane))), b = int(random.index(uint32_t(plane)));
         const float along = random.uniform(-1.0f, 1.0f);
-        const Lanes3 anchor = f.s * scalar::centre_of<float>(a, float(plane)) +
-                              f.t * scalar::centre_of<float>(b, float(plane)) + f.c * along;
-        const auto at = scalar::address_of_line(f.c, anchor, float(n), float(plane));
+        const Lanes3 anchor = f.s * scalar::centre_of<float>(a, make_axis(int(plane))) +
+                              f.t * scalar::centre_of<float>(b, make_axis(int(plane))) + f.c * along;
+        const auto at = scalar::address_of_line(f.c, anchor, make_axis(n), make_axis(plane));
         ASSERT_TRUE(at.u == u && at.v == v && at.a == a && at.b == b) << n << " " << plane << " " << u << " " << v;
       }
     }
@@ -302,14 +305,25 @@ TEST(OrthographicChart, RimAndGrazingLinesStayInTheTable) {
     side = glm::normalize(side);
     // Offsets from just inside the ball's rim to twice the radius: these are clamped, not wrapped.
     const float offset = 1.0f + (random.uniform() < 0.5f ? -1.0f : 1.0f) * random.log_uniform(1e-8f, 1.0f);
-    const auto at = scalar::address_of_line(lanes(d), lanes(side * offset), 64.0f, 128.0f);
+    const auto at = scalar::address_of_line(lanes(d), lanes(side * offset), make_axis(64), make_axis(128));
     ASSERT_TRUE(in_range(at, 64, 128));
     if (offset <= 1.0f) {
-      const float x = scalar::centre_of<float>(at.a, 128.0f), y = scalar::centre_of<float>(at.b, 128.0f);
+      const float x = scalar::centre_of<float>(at.a, make_axis(128)),
+                  y = scalar::centre_of<float>(at.b, make_axis(128));
       // Inside the disk, up to half a cell's diagonal.
       ASSERT_LE(std::hypot(x, y), 1.0f + 1.5f / 128.0f);
     }
   }
+}
+
+TEST(OrthographicChart, CoordinatesOutsideGoToTheNearestCellAndNanToTheFirst) {
+  EXPECT_EQ(scalar::cell_of(-1.0f, make_axis(64)), 0);
+  EXPECT_EQ(scalar::cell_of(1.0f, make_axis(64)), 63);
+  EXPECT_EQ(scalar::cell_of(-3.0f, make_axis(64)), 0);
+  EXPECT_EQ(scalar::cell_of(k_infinity, make_axis(64)), 63);
+  EXPECT_EQ(scalar::cell_of(-k_infinity, make_axis(64)), 0);
+  // Lanes without a query hold such values; a look-up must stay inside the table all the same.
+  EXPECT_EQ(scalar::cell_of(std::numeric_limits<float>::quiet_NaN(), make_axis(64)), 0);
 }
 
 constexpr float k_identity[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
@@ -334,8 +348,8 @@ TEST(OrthographicChart, AddressIsInvariantUnderSliding) {
     ASSERT_LE(glm::length(exact(s1.foot) - exact(s2.foot)), 4.0 * ulp + 4.0 * near_ulp) << distance;
     if (distance > 100.0) continue;
     ++total;
-    moved += !same_cell(scalar::address_of_line(s1.direction, s1.foot, 64.0f, 128.0f),
-                        scalar::address_of_line(s2.direction, s2.foot, 64.0f, 128.0f));
+    moved += !same_cell(scalar::address_of_line(s1.direction, s1.foot, make_axis(64), make_axis(128)),
+                        scalar::address_of_line(s2.direction, s2.foot, make_axis(64), make_axis(128)));
   }
   // Up to 100 radii away 4 ulp are 4e-5, and 1/128 of a cell: few lines cross a border by that.
   EXPECT_LT(moved, total / 200);
@@ -360,8 +374,8 @@ TEST(OrthographicChart, ReverseLinesShareTheVisibilityCell) {
   const std::vector<uint8_t> bytes(1024, 0);
   const std::vector<int32_t> words(512, 0);
   FieldView field;
-  field.directions = 64.0f;
-  field.plane = 128.0f;
+  field.directions = make_axis(64);
+  field.plane = make_axis(128);
   field.direction_bricks = 16;
   field.plane_bricks_b = 16;
   field.plane_bricks = 32 * 16;

@@ -192,6 +192,9 @@ TEST_F(SceneXml, DefaultsAreMitsubas) {
   EXPECT_EQ(s.sample_count, 4);
   EXPECT_EQ(s.camera.focus_distance, 1e4f);
   EXPECT_EQ(s.textures[s.bsdfs[s.instances[0].bsdf].reflectance].color0, Rgb(0.5f));
+  // What glows reflects nothing unless told to.
+  const Scene lit = load(k_sensor + shape("sphere", "<emitter type=\"area\"/>"));
+  EXPECT_EQ(lit.textures[lit.bsdfs[lit.instances[0].bsdf].reflectance].color0, Rgb(0.0f));
 }
 
 TEST_F(SceneXml, SceneWithoutSensorGetsOneThatSeesIt) {

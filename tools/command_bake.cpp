@@ -1,6 +1,16 @@
 // `fieldtrace bake`: the field of one object, or of a scene's objects, ahead of rendering.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+
+#include "core/mesh_io.h"
+#include "hybrid/bake_scene.h"
 #include "tools/command.h"
+#include "tools/interrupt.h"
 #include "tools/options.h"
+#include "tools/progress.h"
 
 namespace fieldtrace {
 
@@ -9,9 +19,50 @@ namespace {
 struct BakeArguments {
   SceneArguments input;
   std::string output;
-  bool full = false;
-  RenderOptions options;
+  BakeOptions options;
 };
+
+bool is_mesh(const std::string& path) {
+  std::string ending = std::filesystem::path(path).extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  return ending == ".obj" || ending == ".ply";
+}
+
+// OpenVDB programs go by the ending; a folder is a field cache.
+void check_output(const std::string& path) {
+  if (std::filesystem::is_directory(path) || std::filesystem::path(path).extension() == ".vdb") return;
+  throw UsageError("-o " + path + ": name a file ending in .vdb, or a folder that exists");
+}
+
+int run_bake(const BakeArguments& arguments) {
+  check_output(arguments.output);
+  const bool mesh = is_mesh(arguments.input.path);
+  if (mesh && !arguments.options.full) {
+    throw UsageError("a mesh alone demands no cells; bake it with --full, or name a scene");
+  }
+  const std::atomic<bool>& stop = stop_on_interrupt();
+  ProgressLine progress(true);
+  RenderCallbacks callbacks;
+  callbacks.progress = [&progress](float share, const char* stage) { progress.update(share, stage); };
+  callbacks.warning = print_warnings(progress);
+  callbacks.stop = &stop;
+  progress.update(0.0, "loading");
+  const Scene scene = mesh ? scene_of_mesh(load_mesh(arguments.input.path, {}, callbacks.warning),
+                                           std::filesystem::path(arguments.input.path).filename().string())
+                           : load_scene(arguments.input, progress);
+  const BakeResult result = bake_scene(scene, arguments.output, arguments.options, callbacks);
+  progress.clear();
+  for (const BakedField& field : result.fields) {
+    const FieldFileInfo& info = field.info;
+    const FieldParameters& p = info.header.identity.parameters;
+    fmt::print("{}: {}, {} x {} cells, {} baked, {:.1f} MB\n", field.path, field.object, p.directions, p.plane,
+               info.visibility.cells_baked + info.depth.cells_baked, double(info.bytes_disk) * 1e-6);
+  }
+  if (result.fields.empty()) fmt::print("nothing written: the scene's shadow rays demand no field\n");
+  if (!result.interrupted) return k_exit_success;
+  fmt::print(stderr, "fieldtrace: interrupted; the finished cells were written\n");
+  return k_exit_interrupted;
+}
 
 }  // namespace
 
@@ -19,18 +70,24 @@ void add_bake_command(CommandLine& line) {
   const auto arguments = std::make_shared<BakeArguments>();
   CLI::App& command = *line.app.add_subcommand("bake", "Bake displacement fields ahead of rendering");
   command.add_option("input", arguments->input.path, "Scene or mesh")->required()->type_name("SCENE.xml|MESH");
-  command.add_option("-o", arguments->output, "Field to write")->required()->type_name("FIELD.vdb");
-  command.add_flag("--full", arguments->full, "Bake every cell, not only those that the scene demands");
-  command.add_option("--directions", arguments->options.directions, "Direction cells D")
+  command
+      .add_option("-o", arguments->output,
+                  "Field to write, further objects as FIELD.2.vdb and so on; or a folder for render --field-cache")
+      ->required()
+      ->type_name("FIELD.vdb|DIR");
+  command.add_flag("--full", arguments->options.full, "Bake every cell, not only those that the scene demands");
+  command.add_option("--directions", arguments->options.fields.directions, "Direction cells D (default: 64)")
       ->check(field_directions())
       ->type_name("D");
-  command.add_option("--plane", arguments->options.plane, "Plane cells N")->check(field_plane())->type_name("N");
-  command.add_option("--chart", "How rays are cut into cells")->type_name("C");
+  command.add_option("--plane", arguments->options.fields.plane, "Plane cells N (default: 128)")
+      ->check(field_plane())
+      ->type_name("N");
+  add_chart_option(command);
+  command.add_option("--threads", arguments->options.threads, "Threads (default: 0, all)")
+      ->check(thread_count())
+      ->type_name("N");
   add_scene_reading_options(command, arguments->input);
-  // Fields are baked while rendering, and kept by --field-cache; there is no separate bake to call yet.
-  command.callback([arguments, &line] {
-    line.action = []() -> int { throw not_available_yet("the bake command (use render --field-cache DIR)"); };
-  });
+  command.callback([arguments, &line] { line.action = [arguments] { return run_bake(*arguments); }; });
 }
 
 }  // namespace fieldtrace

@@ -8,6 +8,7 @@
 
 #include "core/image.h"
 #include "core/mesh_io.h"
+#include "field/field_info.h"
 #include "tools/command.h"
 #include "tools/options.h"
 #include "tools/progress.h"
@@ -94,11 +95,38 @@ void print_scene(const SceneArguments& arguments) {
   }
 }
 
+void print_layer(const char* name, const LayerInfo& layer, uint64_t cells_full, const char* clear,
+                 const char* blocked) {
+  const auto percent = [](uint64_t part, uint64_t whole) { return whole ? 100.0 * double(part) / double(whole) : 0.0; };
+  fmt::print("{:<10} {} of {} cells ({:.2f} %), {:.2f} % of the {} that queries reach\n", name, layer.cells_baked,
+             cells_full, percent(layer.cells_baked, cells_full), percent(layer.cells_baked, layer.cells_reachable),
+             layer.cells_reachable);
+  fmt::print("           {} {:.1f} %, {} {:.1f} %, ask {:.1f} %, at tolerance {}\n", clear,
+             percent(layer.clear, layer.cells_baked), blocked, percent(layer.blocked, layer.cells_baked),
+             percent(layer.ask, layer.cells_baked), k_info_tolerance);
+}
+
+void print_field(const std::string& path) {
+  const FieldFileInfo info = field_info(path);
+  const FieldIdentity& identity = info.header.identity;
+  const FieldParameters& p = identity.parameters;
+  fmt::print("field      {}\nchart      {}\ncells      D {}, N {}, K {}\n", path, identity.chart, p.directions, p.plane,
+             p.lines);
+  fmt::print("sphere     centre {}, R {:.6g}\n", vector_text(info.header.ball.centre), info.header.ball.radius);
+  fmt::print("mesh       {}, {} primitives\nformat     {}\n", identity.geometry.hex(), identity.primitive_count,
+             identity.format_version);
+  fmt::print("cache name {}\n", identity.file_name());
+  print_layer("visibility", info.visibility, info.cells_full, "clear", "blocked");
+  print_layer("depth", info.depth, info.cells_full, "miss", "sheet");
+  fmt::print("bytes      {} on disk, {} in memory, {} bricks\n", info.bytes_disk, info.bytes_memory, info.bricks);
+}
+
 int run_info(const SceneArguments& arguments) {
   std::string ending = std::filesystem::path(arguments.path).extension().string();
   std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
-  if (ending == ".vdb") throw not_available_yet("info of a field");
-  if (ending == ".xml") {
+  if (ending == ".vdb") {
+    print_field(arguments.path);
+  } else if (ending == ".xml") {
     print_scene(arguments);
   } else if (ending == ".obj" || ending == ".ply") {
     print_mesh(arguments.path);

@@ -69,6 +69,18 @@ CLI::Validator field_directions() { return one_of({"32", "64", "128", "256"}); }
 CLI::Validator field_plane() { return one_of({"64", "128", "256", "512"}); }
 CLI::Validator thread_count() { return whole_number_between(0, k_max_threads); }
 
+void add_chart_option(CLI::App& command) {
+  command
+      .add_option_function<std::string>(
+          "--chart",
+          [](const std::string& name) {
+            if (name == "thesis") throw not_available_yet("--chart thesis");
+          },
+          "How rays are cut into cells (default: orthographic)")
+      ->check(one_of({"orthographic", "thesis"}))
+      ->type_name("NAME");
+}
+
 void add_scene_reading_options(CLI::App& command, SceneArguments& arguments) {
   command.add_option("-D", arguments.definitions, "Value for $name in the scene file; may be repeated")
       ->type_name("name=value")
@@ -140,15 +152,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
   command.add_option("--plane", options.plane, "Plane cells N of a field (default: from the scene)")
       ->check(field_plane())
       ->type_name("N");
-  command
-      .add_option_function<std::string>(
-          "--chart",
-          [](const std::string& name) {
-            if (name == "thesis") throw not_available_yet("--chart thesis");
-          },
-          "How rays are cut into cells (default: orthographic)")
-      ->check(one_of({"orthographic", "thesis"}))
-      ->type_name("NAME");
+  add_chart_option(command);
   command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
       ->type_name("DIR");
   command.add_option("--threads", options.threads, "Threads (default: 0, all)")->check(thread_count())->type_name("N");

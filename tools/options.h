@@ -29,6 +29,9 @@ CLI::Validator field_plane();
 // Threads to use: 0 (all) to 4096.
 CLI::Validator thread_count();
 
+// --chart, read and checked; there is one chart so far.
+void add_chart_option(CLI::App& command);
+
 // Where a scene comes from and how it is read.
 struct SceneArguments {
   std::string path;

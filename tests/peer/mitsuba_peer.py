@@ -2,8 +2,8 @@
 """Compares the Monte Carlo renderer with Mitsuba 3 on the scene files that both read.
 
 Every scene is rendered with several seeds by both programs. The spread over the seeds gives the noise of each mean, and
-the test fails where the programs differ by more than 1 % beyond five standard errors: in the mean of the picture, or in
-a block of 16 x 16 pixels. On failure both pictures and their difference are left in the output folder.
+the test fails where the programs differ beyond it: by more than 0.1 % and three standard errors in the mean of the
+picture, or by more than 1 % and five standard errors in a block of 16 x 16 pixels. On failure both pictures and their difference are left in the output folder.
 
 Needs the Python package `mitsuba`; without it the test is skipped (exit code 77).
 """
@@ -16,9 +16,10 @@ import tempfile
 
 SKIPPED = 77
 BLOCK = 16
-TOLERATED = 0.01  # relative difference that is accepted beyond noise
-SIGMAS = 5.0      # with some 500 blocks in all, chance exceeds this about once in 3,000 runs
-FLOOR = 0.01      # of the picture's mean: darker blocks are compared relative to this
+# Accepted beyond noise, relative; and how many standard errors count as noise (there are many more blocks than means).
+MEAN_TOLERANCE, MEAN_SIGMAS = 0.001, 3.0
+BLOCK_TOLERANCE, BLOCK_SIGMAS = 0.01, 5.0
+FLOOR = 0.01  # of the picture's mean: darker blocks are compared relative to this
 
 try:
     import mitsuba as mi
@@ -59,14 +60,14 @@ def compare(ours, theirs):
     """Returns the excess over noise of the picture's mean and of the worst block, relative, and that block."""
     mean_a, variance_a = mean_and_variance([p.mean() for p in ours])
     mean_b, variance_b = mean_and_variance([p.mean() for p in theirs])
-    excess_mean = max(abs(mean_a - mean_b) - SIGMAS * np.sqrt(variance_a + variance_b), 0.0) / mean_b
+    excess_mean = max(abs(mean_a - mean_b) - MEAN_SIGMAS * np.sqrt(variance_a + variance_b), 0.0) / mean_b
 
     block_a, noise_a = mean_and_variance([blocks(p) for p in ours])
     block_b, noise_b = mean_and_variance([blocks(p) for p in theirs])
     # A variance from a few seeds is itself uncertain: half of it is taken from the picture's average.
     noise = noise_a + noise_b
     noise = 0.5 * (noise + noise.mean())
-    excess = np.maximum(np.abs(block_a - block_b) - SIGMAS * np.sqrt(noise), 0.0)
+    excess = np.maximum(np.abs(block_a - block_b) - BLOCK_SIGMAS * np.sqrt(noise), 0.0)
     excess /= np.maximum(block_b, FLOOR * mean_b)
     worst = np.unravel_index(np.argmax(excess), excess.shape)
     difference = mean_a / mean_b - 1.0
@@ -102,7 +103,7 @@ def main():
                     for seed in range(1, arguments.seeds + 1)]
             theirs = [render_theirs(scene, arguments, seed) for seed in range(101, 101 + arguments.seeds)]
             difference, noise, excess_mean, excess_block, worst = compare(ours, theirs)
-            good = excess_mean < TOLERATED and excess_block < TOLERATED
+            good = excess_mean < MEAN_TOLERANCE and excess_block < BLOCK_TOLERANCE
             print(f"{'ok    ' if good else 'FAILED'} {scene.stem:32s} mean {100 * difference:+.3f} % "
                   f"(standard error {100 * noise:.3f} %), beyond noise: mean {100 * excess_mean:.2f} %, "
                   f"worst block {tuple(int(i) for i in worst)} {100 * excess_block:.2f} %", flush=True)

@@ -1,7 +1,7 @@
 // certificate_report: how often fields answer and how often certified answers are wrong, per mesh, risk class and
 // kind of segment. The figures of docs/decisions/003-certificates.md.
 //
-// certificate_report [MESH ...] [--directions D] [--plane N] [--lines K] [--clusters M]
+// certificate_report [MESH ...] [--directions D] [--plane N] [--lines K] [--clusters M] [--seed S]
 // Each query kind draws M random lines; a cluster of 8 lines from the same cell's extent shares what one bake costs.
 // Answers are compared with Embree on the same segment. Lines are held out: the bake never sees them.
 #include <cstdio>
@@ -97,8 +97,8 @@ void outside_outside(const Object&, const Field& field, Random& random, std::vec
   const Vec3 x = glm::normalize(glm::cross(d, side)), y = glm::cross(d, x);
   const float r = std::sqrt(random.uniform()), phi = 2.0f * k_pi * random.uniform();
   const Vec3 foot = (x * std::cos(phi) + y * std::sin(phi)) * r;
-  const auto at =
-      scalar::address_of_line<float>({d.x, d.y, d.z}, {foot.x, foot.y, foot.z}, float(p.directions), float(p.plane));
+  const auto at = scalar::address_of_line<float>({d.x, d.y, d.z}, {foot.x, foot.y, foot.z}, make_axis(p.directions),
+                                                 make_axis(p.plane));
   const CellFrame frame = cell_frame(at.u, at.v, p.directions);
   for (int k = 0; k < k_cluster; ++k) {
     const Line line = foot_line(frame, at.u, at.v, at.a, at.b,
@@ -192,6 +192,12 @@ void print(const std::string& name, const std::string& kind, const FieldParamete
               percent(r.at[0].wrong[0] + r.at[1].wrong[0], r.at[0].answers[0] + r.at[1].answers[0]),
               percent(r.at[0].wrong[1] + r.at[1].wrong[1], r.at[0].answers[1] + r.at[1].answers[1]));
   for (const Tally& t : r.at) std::printf(" %.2f", percent(t.wrong[0] + t.wrong[1], t.answers[0] + t.answers[1]));
+  std::printf(" | ask at class limit");
+  uint64_t given = 0;
+  for (const Tally& t : r.at) {
+    given += t.answers[0] + t.answers[1];
+    std::printf(" %.1f", 100.0 - percent(given, r.queries));
+  }
   std::printf("\n");
 }
 
@@ -210,7 +216,7 @@ void print_residuals(const Object& object, Field& field, FieldProbe& probe, int 
     probe.nearest({}, at.position - d, d, 0.0f, k_infinity, false);
     const Vec3 o = (at.position - field.ball().centre) * (1.0f / field.ball().radius);
     const auto cell =
-        scalar::address_of_line<float>({d.x, d.y, d.z}, {o.x, o.y, o.z}, float(p.directions), float(p.plane));
+        scalar::address_of_line<float>({d.x, d.y, d.z}, {o.x, o.y, o.z}, make_axis(p.directions), make_axis(p.plane));
     const FieldView view = field.view();
     const auto slot = scalar::slot_of<float>(view, cell);
     const int32_t certificate = view.certificate[slot.cell], word = view.depth[slot.cell];
@@ -221,8 +227,8 @@ void print_residuals(const Object& object, Field& field, FieldProbe& probe, int 
     const auto normal = scalar::decode_normal<float>(word);
     const Vec3 n(normal.x, normal.y, normal.z);
     const CellFrame frame = cell_frame(cell.u, cell.v, p.directions);
-    const Vec3 hit = frame.s * scalar::centre_of<float>(cell.a, float(p.plane)) +
-                     frame.t * scalar::centre_of<float>(cell.b, float(p.plane)) + frame.c * depth;
+    const Vec3 hit = frame.s * scalar::centre_of<float>(cell.a, make_axis(p.plane)) +
+                     frame.t * scalar::centre_of<float>(cell.b, make_axis(p.plane)) + frame.c * depth;
     rays.resize(k_cluster);
     hits.resize(k_cluster);
     std::vector<Line> fresh;
@@ -259,12 +265,12 @@ TriangleMesh mesh_by_name(const std::string& name) {
   return load_mesh(name == "bunny" ? "/usr/share/glmark2/models/bunny.obj" : name);
 }
 
-void report(const std::string& name, const FieldParameters& parameters, int clusters) {
+void report(const std::string& name, const FieldParameters& parameters, int clusters, uint32_t seed) {
   const Object object(mesh_by_name(name));
   Field field(field_ball(object.scene.shapes[0].bounds), parameters);
   FieldProbe probe(field, *object.accel, 0);
   const bool open = name == "sheet" || name == "holes" || name == "slivers";
-  print(name, "out-out", parameters, measure(object, field, probe, outside_outside, clusters, 1));
+  print(name, "out-out", parameters, measure(object, field, probe, outside_outside, clusters, seed));
   const double rays_line = double(probe.counters().rays) / double(std::max<uint64_t>(field.cells_baked(), 1));
   const uint64_t cells = field.cells_baked(), rays = probe.counters().rays;
   print(name, "surface", parameters,
@@ -273,10 +279,10 @@ void report(const std::string& name, const FieldParameters& parameters, int clus
             [open](const Object& o, const Field& f, Random& r, std::vector<Segment>& out) {
               from_surface(o, f, r, out, open);
             },
-            clusters, 2));
+            clusters, seed + 1));
   const double rays_depth =
       double(probe.counters().rays - rays) / double(std::max<uint64_t>(field.cells_baked() - cells, 1));
-  print(name, "in-out", parameters, measure(object, field, probe, inside_outside, clusters, 3));
+  print(name, "in-out", parameters, measure(object, field, probe, inside_outside, clusters, seed + 2));
   print_residuals(object, field, probe, clusters);
   std::printf("          bake rays per cell: visibility %.1f, depth %.1f; %.2f s\n", rays_line, rays_depth,
               probe.counters().seconds);
@@ -285,14 +291,15 @@ void report(const std::string& name, const FieldParameters& parameters, int clus
 
 int run(int argc, char** argv) {
   FieldParameters parameters;
-  int clusters = 4000;
+  int clusters = 4000, seed = 1;
   std::vector<std::string> names;
   for (int i = 1; i < argc; ++i) {
     const std::string arg = argv[i];
     const std::map<std::string, int*> options = {{"--directions", &parameters.directions},
                                                  {"--plane", &parameters.plane},
                                                  {"--lines", &parameters.lines},
-                                                 {"--clusters", &clusters}};
+                                                 {"--clusters", &clusters},
+                                                 {"--seed", &seed}};
     const auto option = options.find(arg);
     if (option == options.end()) {
       names.push_back(arg);
@@ -305,8 +312,8 @@ int run(int argc, char** argv) {
   }
   std::printf(
       "mesh         D    N   K  segment  | share of asks and wrong answers, %%, for class limits 0 and 1 | wrong "
-      "by verdict (limit 1) | wrong among the answers that class limit 0 1 2 4 8 15 adds\n");
-  for (const std::string& name : names) report(name, parameters, clusters);
+      "by verdict (limit 1) | wrong among the answers that class limit 0 1 2 4 8 15 adds | asks at these limits\n");
+  for (const std::string& name : names) report(name, parameters, clusters, uint32_t(seed));
   return 0;
 }
 

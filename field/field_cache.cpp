@@ -1,0 +1,99 @@
+#include "field/field_cache.h"
+
+#include <filesystem>
+#include <new>
+
+#include "core/atomic_file.h"
+#include "core/file_lock.h"
+#include "field/field_file.h"
+
+namespace fieldtrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool has_slices_of(const Field& all, const Field& some) {
+  for (const BrickPlace& place : some.bricks()) {
+    const uint32_t brick = all.brick_at(place.direction_brick, place.plane_brick);
+    if (brick == 0 || (place.finished & ~all.finished_mask(brick)) != 0) return false;
+  }
+  return true;
+}
+
+uint64_t size_of_file(const std::string& path) {
+  std::error_code failed;
+  const uint64_t bytes = fs::file_size(path, failed);
+  return failed ? 0 : bytes;
+}
+
+}  // namespace
+
+FieldCache::FieldCache(const std::string& folder, WarningSink warning) : folder_(folder), warning_(std::move(warning)) {
+  std::error_code failed;
+  fs::create_directories(folder, failed);
+  if (!fs::is_directory(folder)) {
+    throw Error({folder}, "cannot be made a folder for fields" + (failed ? ": " + failed.message() : std::string()) +
+                              "; name a folder that you may write to");
+  }
+  require_writable((fs::path(folder) / "fields").string());
+}
+
+std::string FieldCache::path_of(const FieldIdentity& identity) const {
+  return (fs::path(folder_) / identity.file_name()).string();
+}
+
+uint64_t FieldCache::bytes_on_disk(const FieldIdentity& identity) const { return size_of_file(path_of(identity)); }
+
+void FieldCache::tell_unusable(const std::string& path, const std::string& reason) {
+  const std::lock_guard lock(mutex_);
+  warn(warning_, {path}, reason + "; it is not used and will be baked again");
+}
+
+bool FieldCache::known_complete(const Hash128& slices, const FieldIdentity& identity) {
+  const std::lock_guard lock(mutex_);
+  const auto known = known_.find(identity.file_name());
+  return known != known_.end() && known->second.slices == slices &&
+         known->second.bytes == size_of_file(path_of(identity));
+}
+
+void FieldCache::remember(const Hash128& slices, const FieldIdentity& identity) {
+  const std::lock_guard lock(mutex_);
+  known_[identity.file_name()] = {slices, size_of_file(path_of(identity))};
+}
+
+bool FieldCache::load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path) {
+  try {
+    remember(load_field(field, identity, path), identity);
+    return true;
+  } catch (const FieldFileError& e) {
+    tell_unusable(path, e.reason());
+  } catch (const std::bad_alloc&) {
+    tell_unusable(path, "is larger than memory allows");
+  }
+  return false;
+}
+
+bool FieldCache::load(Field& field, const FieldIdentity& identity) {
+  const std::string path = path_of(identity);
+  std::error_code failed;
+  if (!fs::exists(path, failed)) return false;
+  return load_or_tell(field, identity, path);
+}
+
+void FieldCache::store(const Field& field, const FieldIdentity& identity) {
+  const Hash128 slices = slices_hash(field);
+  if (field.cells_baked() == 0 || known_complete(slices, identity)) return;
+  const std::string path = path_of(identity);
+  const FileLock lock(path + ".lock");
+  // What others have added since this field was loaded.
+  Field held(field.ball(), field.parameters());
+  std::error_code failed;
+  if (fs::exists(path, failed)) load_or_tell(held, identity, path);
+  if (!has_slices_of(held, field)) {
+    const Field* const both[] = {&field, &held};
+    save_fields(both, identity, path);
+  }
+  remember(slices, identity);
+}
+
+}  // namespace fieldtrace

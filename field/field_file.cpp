@@ -1,0 +1,336 @@
+#include "field/field_file.h"
+
+#include <openvdb/io/File.h>
+#include <openvdb/io/Stream.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <sstream>
+#include <tuple>
+
+#include "core/atomic_file.h"
+#include "field/field_grids.h"
+#include "field/field_trailer.h"
+#include "field/risk.h"
+
+namespace fieldtrace {
+namespace {
+
+using openvdb::Int32Grid;
+using GridArray = std::array<Int32Grid::Ptr, k_grid_count>;
+
+constexpr uint32_t k_visibility_slices = 0xffff;
+
+// ---- metadata
+
+void write_metadata(openvdb::MetaMap& map, const FieldIdentity& identity, const Sphere& ball) {
+  map.insertMeta("fieldtrace_format", openvdb::Int32Metadata(identity.format_version));
+  map.insertMeta("chart", openvdb::StringMetadata(identity.chart));
+  map.insertMeta("directions", openvdb::Int32Metadata(identity.parameters.directions));
+  map.insertMeta("plane", openvdb::Int32Metadata(identity.parameters.plane));
+  map.insertMeta("lines", openvdb::Int32Metadata(identity.parameters.lines));
+  map.insertMeta("centre", openvdb::Vec3SMetadata({ball.centre.x, ball.centre.y, ball.centre.z}));
+  map.insertMeta("radius", openvdb::FloatMetadata(ball.radius));
+  map.insertMeta("mesh_hash", openvdb::StringMetadata(identity.geometry.hex()));
+  map.insertMeta("primitive_count", openvdb::Int64Metadata(identity.primitive_count));
+}
+
+template <class T>
+T metadata_value(const openvdb::MetaMap& map, const std::string& path, const char* name) {
+  const auto entry = map.getMetadata<openvdb::TypedMetadata<T>>(name);
+  if (!entry) throw FieldFileError(path, std::string("has no ") + name + " of a field");
+  return entry->value();
+}
+
+FieldFileHeader read_metadata(const openvdb::MetaMap& map, const std::string& path) {
+  FieldFileHeader h;
+  FieldIdentity& i = h.identity;
+  i.format_version = metadata_value<int32_t>(map, path, "fieldtrace_format");
+  if (i.format_version != k_field_format_version) {
+    throw FieldFileError(path, "has format version " + std::to_string(i.format_version) + ", not " +
+                                   std::to_string(k_field_format_version));
+  }
+  i.chart = metadata_value<std::string>(map, path, "chart");
+  i.parameters.directions = metadata_value<int32_t>(map, path, "directions");
+  i.parameters.plane = metadata_value<int32_t>(map, path, "plane");
+  i.parameters.lines = metadata_value<int32_t>(map, path, "lines");
+  const openvdb::Vec3s centre = metadata_value<openvdb::Vec3s>(map, path, "centre");
+  h.ball.centre = {centre[0], centre[1], centre[2]};
+  h.ball.radius = metadata_value<float>(map, path, "radius");
+  const int64_t primitives = metadata_value<int64_t>(map, path, "primitive_count");
+  i.primitive_count = uint32_t(primitives);
+  const bool finite = std::isfinite(h.ball.centre.x) && std::isfinite(h.ball.centre.y) &&
+                      std::isfinite(h.ball.centre.z) && std::isfinite(h.ball.radius);
+  bool sound = finite && h.ball.radius > 0.0f && primitives == int64_t(i.primitive_count);
+  sound = sound && parse_hash(metadata_value<std::string>(map, path, "mesh_hash"), i.geometry);
+  sound = sound && i.chart == k_chart_orthographic && valid_parameters(i.parameters);
+  if (!sound) throw FieldFileError(path, "has metadata that no field of this program has");
+  return h;
+}
+
+// ---- cells
+
+bool valid_visibility(int32_t code) {
+  // 1 + verdict + 2 * class.
+  return code >= 1 && code <= 1 + 1 + 2 * k_worst_class;
+}
+
+bool valid_certificate(int32_t word) {
+  const int kind = word & 3, risk = word >> 2 & 63;
+  return kind >= scalar::k_kind_miss && kind <= scalar::k_kind_ceiling && risk <= k_worst_class && word >> 16 == 0;
+}
+
+bool valid_cell(GridLayer layer, int32_t value, uint32_t primitive_count) {
+  switch (layer) {
+    case k_grid_visibility:
+      return valid_visibility(value);
+    case k_grid_certificate:
+      return valid_certificate(value);
+    case k_grid_primitive:
+      return uint32_t(value) < primitive_count || uint32_t(value) == k_none;
+    default:
+      return true;  // every depth and normal code decodes to something in range
+  }
+}
+
+// A brick of all layers, as the grids hold it.
+struct BrickData {
+  std::array<BrickCells, k_grid_count> cells;
+  uint32_t finished = 0;  // as BrickPlace::finished
+};
+
+// Adds the slices of `source` that `brick` lacks.
+void add_slices(const FieldView& source, const BrickPlace& place, BrickData& brick) {
+  const uint32_t wanted = place.finished & ~brick.finished;
+  const size_t first = size_t(place.brick) * scalar::k_brick_cells;
+  for (size_t i = 0; i < size_t(scalar::k_brick_cells); ++i) {
+    const size_t slice = i / scalar::k_slice_cells;
+    if (wanted >> slice & 1) brick.cells[k_grid_visibility][i] = source.visibility[first + i];
+    if (wanted >> (slice + 16) & 1) {
+      brick.cells[k_grid_depth][i] = source.depth[first + i];
+      brick.cells[k_grid_certificate][i] = source.certificate[first + i];
+      brick.cells[k_grid_primitive][i] = source.primitive[first + i];
+    }
+  }
+  brick.finished |= place.finished;
+}
+
+GridArray make_grids(std::span<const Field* const> fields, const FieldIdentity& identity, const Sphere& ball) {
+  GridArray grids;
+  for (int g = 0; g < k_grid_count; ++g) {
+    grids[g] = Int32Grid::create(0);
+    grids[g]->setName(k_grid_names[g]);
+    write_metadata(*grids[g], identity, ball);
+  }
+  struct Source {
+    BrickPlace place;
+    size_t field;
+  };
+  std::vector<Source> sources;
+  for (size_t f = 0; f < fields.size(); ++f) {
+    for (const BrickPlace& place : fields[f]->bricks()) sources.push_back({place, f});
+  }
+  const auto where = [](const Source& s) { return std::tuple(s.place.direction_brick, s.place.plane_brick); };
+  std::sort(sources.begin(), sources.end(), [&](const Source& a, const Source& b) {
+    return std::tuple_cat(where(a), std::tuple(a.field)) < std::tuple_cat(where(b), std::tuple(b.field));
+  });
+  for (size_t i = 0; i < sources.size();) {
+    BrickData brick{};
+    const BrickPlace& place = sources[i].place;
+    const auto at = where(sources[i]);
+    for (; i < sources.size() && where(sources[i]) == at; ++i) {
+      add_slices(fields[sources[i].field]->view(), sources[i].place, brick);
+    }
+    const openvdb::Coord origin = brick_origin(identity.parameters, place.direction_brick, place.plane_brick);
+    add_brick(*grids[k_grid_visibility], origin, brick.cells[k_grid_visibility], brick.finished & k_visibility_slices);
+    for (const GridLayer g : {k_grid_depth, k_grid_certificate, k_grid_primitive}) {
+      add_brick(*grids[g], origin, brick.cells[g], brick.finished >> 16);
+    }
+  }
+  return grids;
+}
+
+void write_grids(const GridArray& grids, const openvdb::MetaMap& metadata, const std::string& target,
+                 const std::string& name) {
+  openvdb::GridCPtrVec written;
+  for (const Int32Grid::Ptr& grid : grids) {
+    if (!grid->empty()) written.push_back(grid);
+  }
+  try {
+    openvdb::io::File file(target);
+    file.setCompression(
+        openvdb::io::COMPRESS_ACTIVE_MASK |
+        (openvdb::io::Archive::hasBloscCompression() ? openvdb::io::COMPRESS_BLOSC : openvdb::io::COMPRESS_ZIP));
+    file.write(written, metadata);
+    file.close();
+  } catch (const openvdb::Exception& e) {
+    throw Error({name}, std::string("cannot be written: ") + e.what());
+  }
+}
+
+void add_slices_to(Hasher& hasher, uint32_t direction_brick, uint32_t plane_brick, uint32_t finished) {
+  for (const uint32_t value : {direction_brick, plane_brick, finished}) hasher.add_value(value);
+}
+
+bool same_ball(const Sphere& a, const Sphere& b) { return a.centre == b.centre && a.radius == b.radius; }
+
+bool same_parameters(const FieldParameters& a, const FieldParameters& b) {
+  return a.directions == b.directions && a.plane == b.plane && a.lines == b.lines;
+}
+
+}  // namespace
+
+// ---- reading
+
+struct FieldFile::Grids {
+  GridArray grids;  // null where the file has none of that layer
+  // Bricks of either layer, ascending.
+  std::vector<openvdb::Coord> origins;
+
+  Int32Grid::Ptr take(const openvdb::GridPtrVec& all, GridLayer layer, const std::string& path) const;
+  bool read(const openvdb::Coord& origin, BrickData& brick) const;
+  // Finds the origins and checks every brick; returns the slices' hash.
+  Hash128 validate(const FieldFileHeader& header, const std::string& path);
+};
+
+Int32Grid::Ptr FieldFile::Grids::take(const openvdb::GridPtrVec& all, GridLayer layer, const std::string& path) const {
+  Int32Grid::Ptr found;
+  for (const openvdb::GridBase::Ptr& grid : all) {
+    if (grid->getName() != k_grid_names[layer]) continue;
+    if (found) throw FieldFileError(path, std::string("has two grids named ") + k_grid_names[layer]);
+    found = openvdb::GridBase::grid<Int32Grid>(grid);
+    if (!found) throw FieldFileError(path, std::string("has a grid ") + k_grid_names[layer] + " of another type");
+  }
+  return found;
+}
+
+// False if a brick has a slice of which only some cells, or only some of the depth layers, are there.
+bool FieldFile::Grids::read(const openvdb::Coord& origin, BrickData& brick) const {
+  uint32_t slices[k_grid_count] = {};
+  for (int g = 0; g < k_grid_count; ++g) {
+    if (grids[g] && !read_brick(grids[g]->getConstAccessor(), origin, brick.cells[g], slices[g])) return false;
+  }
+  brick.finished = slices[k_grid_visibility] | slices[k_grid_depth] << 16;
+  return slices[k_grid_depth] == slices[k_grid_certificate] && slices[k_grid_depth] == slices[k_grid_primitive];
+}
+
+Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::string& path) {
+  for (const Int32Grid::Ptr& grid : grids) {
+    if (!grid) continue;
+    std::vector<openvdb::Coord> some;
+    if (!brick_origins(*grid, some)) throw FieldFileError(path, "has tiles that are not bricks");
+    origins.insert(origins.end(), some.begin(), some.end());
+  }
+  std::sort(origins.begin(), origins.end());
+  origins.erase(std::unique(origins.begin(), origins.end()), origins.end());
+  Hasher hasher;
+  BrickData brick{};
+  for (const openvdb::Coord& origin : origins) {
+    uint32_t direction_brick = 0, plane_brick = 0;
+    bool sound = place_of_origin(header.identity.parameters, origin, direction_brick, plane_brick);
+    sound = sound && read(origin, brick);
+    for (int g = 0; sound && g < k_grid_count; ++g) {
+      const uint32_t slices = g == k_grid_visibility ? brick.finished & k_visibility_slices : brick.finished >> 16;
+      for (size_t i = 0; i < brick.cells[g].size(); ++i) {
+        if ((slices >> (i / scalar::k_slice_cells) & 1) == 0) continue;
+        sound = sound && valid_cell(GridLayer(g), brick.cells[g][i], header.identity.primitive_count);
+      }
+    }
+    if (!sound) throw FieldFileError(path, "has cells that no bake writes");
+    add_slices_to(hasher, direction_brick, plane_brick, brick.finished);
+  }
+  return hasher.result();
+}
+
+FieldFile::FieldFile(const std::string& path) : grids_(std::make_unique<Grids>()) {
+  std::string contents = read_checked(path);
+  std::error_code failed;
+  bytes_ = std::filesystem::file_size(path, failed);
+  openvdb::initialize();
+  try {
+    std::istringstream in(std::move(contents), std::ios::binary);
+    openvdb::io::Stream stream(in, /*delayLoad=*/false);
+    header_ = read_metadata(*stream.getMetadata(), path);
+    const openvdb::GridPtrVecPtr all = stream.getGrids();
+    for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = grids_->take(*all, GridLayer(g), path);
+    slices_ = grids_->validate(header_, path);
+  } catch (const FieldFileError&) {
+    throw;
+  } catch (const std::exception& e) {
+    throw FieldFileError(path, std::string("is not a field that OpenVDB can read (") + e.what() + ")");
+  }
+}
+
+FieldFile::~FieldFile() = default;
+
+bool FieldFile::copy_to(Field& field) const {
+  if (!same_ball(field.ball(), header_.ball)) return false;
+  if (!same_parameters(field.parameters(), header_.identity.parameters)) return false;
+  const uint32_t plane_bricks = uint32_t(field.view().plane_bricks);
+  BrickData brick{};
+  for (const openvdb::Coord& origin : grids_->origins) {
+    uint32_t direction_brick, plane_brick;
+    place_of_origin(field.parameters(), origin, direction_brick, plane_brick);
+    grids_->read(origin, brick);
+    for (uint32_t bit = 0; bit < 32; ++bit) {
+      if ((brick.finished >> bit & 1) == 0) continue;
+      const FieldLayer layer = bit < 16 ? FieldLayer::visibility : FieldLayer::depth;
+      const uint32_t slice = (direction_brick * 16 + bit % 16) * plane_bricks + plane_brick;
+      const std::optional<uint32_t> first = field.claim(layer, slice);
+      if (!first) {
+        if (field.pool_full()) return true;
+        continue;  // baked already, or by another thread just now
+      }
+      const size_t in_brick = size_t(bit % 16) * scalar::k_slice_cells;
+      for (size_t i = 0; i < size_t(scalar::k_slice_cells); ++i) {
+        const auto value = [&](GridLayer g) { return uint32_t(brick.cells[g][in_brick + i]); };
+        if (layer == FieldLayer::visibility) {
+          field.store_visibility(*first + uint32_t(i), uint8_t(value(k_grid_visibility)));
+        } else {
+          field.store_sheet(*first + uint32_t(i), value(k_grid_depth), value(k_grid_certificate),
+                            value(k_grid_primitive));
+        }
+      }
+      field.finish(layer, slice);
+    }
+  }
+  return true;
+}
+
+Hash128 slices_hash(const Field& field) {
+  Hasher hasher;
+  for (const BrickPlace& p : field.bricks()) add_slices_to(hasher, p.direction_brick, p.plane_brick, p.finished);
+  return hasher.result();
+}
+
+Hash128 load_field(Field& field, const FieldIdentity& identity, const std::string& path) {
+  const FieldFile file(path);
+  const FieldIdentity& held = file.header().identity;
+  if (held.geometry != identity.geometry || held.primitive_count != identity.primitive_count) {
+    throw FieldFileError(path, "belongs to another mesh");
+  }
+  if (!(held == identity)) throw FieldFileError(path, "has another chart or other parameters");
+  if (!file.copy_to(field)) throw FieldFileError(path, "has another bounding sphere");
+  return file.slices();
+}
+
+// ---- writing
+
+void save_fields(std::span<const Field* const> fields, const FieldIdentity& identity, const std::string& path) {
+  openvdb::initialize();
+  AtomicFile file(path);
+  const Sphere& ball = fields.front()->ball();
+  openvdb::MetaMap metadata;
+  write_metadata(metadata, identity, ball);
+  write_grids(make_grids(fields, identity, ball), metadata, file.temporary_path(), path);
+  append_trailer(file.temporary_path(), path);
+  file.commit();
+}
+
+void save_field(const Field& field, const FieldIdentity& identity, const std::string& path) {
+  const Field* const one[] = {&field};
+  save_fields(one, identity, path);
+}
+
+}  // namespace fieldtrace

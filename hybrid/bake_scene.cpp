@@ -1,0 +1,165 @@
+#include "hybrid/bake_scene.h"
+
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <thread>
+
+#include "core/accel.h"
+#include "core/atomic_file.h"
+#include "field/bake_full.h"
+#include "field/field_cache.h"
+#include "field/field_file.h"
+#include "hybrid/shadow_answerer.h"
+
+namespace fieldtrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A folder that only this process uses, removed with the object.
+class ScratchFolder {
+ public:
+  explicit ScratchFolder(const std::string& beside) {
+    const fs::path parent = fs::absolute(beside).parent_path();
+    for (unsigned i = 0; path_.empty(); ++i) {
+      const fs::path name = parent / (".fieldtrace-bake-" + std::to_string(uintptr_t(this)) + "-" + std::to_string(i));
+      std::error_code failed;
+      if (fs::create_directory(name, failed)) path_ = name;
+      if (failed) throw Error({parent.string()}, "cannot hold a temporary folder: " + failed.message());
+    }
+  }
+  ~ScratchFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
+  std::string path() const { return path_.string(); }
+
+ private:
+  fs::path path_;
+};
+
+// Saves fields one after another, as the header of this unit says.
+class Output {
+ public:
+  Output(const std::string& path, const WarningSink& warning) : path_(path) {
+    if (fs::is_directory(path)) {
+      cache_ = std::make_unique<FieldCache>(path, warning);
+    } else {
+      require_writable(path);
+    }
+  }
+
+  void save(const Field& field, const FieldIdentity& identity, const std::string& object, BakeResult& result) {
+    BakedField baked;
+    baked.object = object;
+    if (cache_) {
+      cache_->store(field, identity);
+      baked.path = cache_->path_of(identity);
+    } else {
+      baked.path = numbered_path(path_, result.fields.size());
+      save_field(field, identity, baked.path);
+    }
+    baked.info = field_info(baked.path);
+    result.fields.push_back(std::move(baked));
+  }
+
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+  std::unique_ptr<FieldCache> cache_;
+};
+
+std::vector<uint32_t> shapes_to_bake(const Scene& scene, bool full) {
+  std::vector<uint32_t> shapes;
+  for (uint32_t s = 0; s < scene.shapes.size(); ++s) {
+    const bool only_one = full && scene.shapes.size() == 1;
+    if (wants_field(scene.shapes[s]) || only_one) shapes.push_back(s);
+  }
+  if (shapes.empty()) {
+    throw Error("no object of the scene gets a field: all are flat or have fewer than " +
+                std::to_string(k_fewest_field_triangles) + " triangles, and are left to exact rays");
+  }
+  return shapes;
+}
+
+void bake_fully(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
+                const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
+  const Accel accel(scene);
+  for (size_t i = 0; i < shapes.size() && !result.interrupted; ++i) {
+    const Shape& shape = scene.shapes[shapes[i]];
+    Field field(field_ball(shape.bounds), options.fields);
+    FullBakeCallbacks full;
+    full.stop = callbacks.stop;
+    if (callbacks.progress) {
+      full.progress = [&](double share) {
+        callbacks.progress(float((double(i) + share) / double(shapes.size())), "bake");
+      };
+    }
+    BakeCounters counters;
+    result.interrupted = !bake_full(field, accel, shapes[i], counters, full);
+    output.save(field, field_identity(shape, options.fields), shape.name, result);
+  }
+}
+
+void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
+                 const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
+  const ScratchFolder scratch(output.path());
+  RenderOptions render_options;
+  render_options.method = Method::hybrid;
+  render_options.spp = 1;
+  render_options.directions = options.fields.directions;
+  render_options.plane = options.fields.plane;
+  render_options.threads = options.threads;
+  render_options.field_cache = scratch.path();
+  result.interrupted = render(scene, render_options, callbacks).interrupted;
+  FieldCache cache(scratch.path(), callbacks.warning);
+  for (const uint32_t s : shapes) {
+    const Shape& shape = scene.shapes[s];
+    const FieldIdentity identity = field_identity(shape, options.fields);
+    Field field(field_ball(shape.bounds), options.fields);
+    // No file: nothing of this object was demanded.
+    if (cache.load(field, identity)) output.save(field, identity, shape.name, result);
+  }
+}
+
+}  // namespace
+
+std::string numbered_path(const std::string& path, size_t index) {
+  if (index == 0) return path;
+  fs::path numbered(path);
+  const std::string ending = numbered.extension().string();
+  numbered.replace_extension();
+  return numbered.string() + "." + std::to_string(index + 1) + ending;
+}
+
+Scene scene_of_mesh(TriangleMesh mesh, const std::string& name) {
+  Scene scene;
+  scene.textures.emplace_back();
+  scene.bsdfs.emplace_back();
+  Shape& shape = scene.shapes.emplace_back();
+  shape.name = name;
+  shape.mesh = std::move(mesh);
+  shape.bounds = shape.mesh.bounds();
+  scene.instances.emplace_back();
+  scene.film.crop = {0, 0, scene.film.width, scene.film.height};
+  return scene;
+}
+
+BakeResult bake_scene(const Scene& scene, const std::string& path, const BakeOptions& options,
+                      const RenderCallbacks& callbacks) {
+  const std::vector<uint32_t> shapes = shapes_to_bake(scene, options.full);
+  Output output(path, callbacks.warning);
+  BakeResult result;
+  const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
+  tbb::task_arena arena(threads);
+  arena.execute([&] { (options.full ? bake_fully : bake_demand)(scene, shapes, options, callbacks, output, result); });
+  return result;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,6 @@
+fieldtrace_test(field_file_test LABELS quick)
+fieldtrace_test(field_cache_test LABELS quick)
+fieldtrace_test(bake_scene_test LABELS quick)
+fieldtrace_test(command_bake_test LABELS quick)
+target_compile_definitions(command_bake_test PRIVATE FIELDTRACE_PROGRAM="$<TARGET_FILE:fieldtrace>")
+add_dependencies(command_bake_test fieldtrace)
