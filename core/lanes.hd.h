@@ -54,7 +54,7 @@ FT_HD inline float copysign(float magnitude, float sign) { return ::copysignf(ma
 FT_HD inline float select(bool m, float a, float b) { return m ? a : b; }
 FT_HD inline int32_t select(bool m, int32_t a, int32_t b) { return m ? a : b; }
 FT_HD inline uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
-FT_HD inline int32_t to_int(float a) { return int32_t(a); }  // truncates; the caller keeps |a| < 2^31
+FT_HD inline int32_t to_int(float a) { return int32_t(a); }        // truncates; the caller keeps |a| < 2^31
 FT_HD inline int32_t small_to_int(float a) { return int32_t(a); }  // a whole number in [0, 2^23)
 FT_HD inline float to_float(int32_t a) { return float(a); }
 FT_HD inline uint32_t as_uint(int32_t a) { return uint32_t(a); }
@@ -134,6 +134,11 @@ FT_HD inline void store_lanes(uint32_t a, uint32_t* p) { *p = a; }
 FT_HD inline void store_lanes(int32_t a, int32_t* p) { *p = a; }
 template <class F>
 FT_HD inline Int_t<F> load_int_lanes(const int32_t* p) {
+  return *p;
+}
+// The same from any address.
+template <class F>
+FT_HD inline Int_t<F> load_int_lanes_unaligned(const int32_t* p) {
   return *p;
 }
 // first, first + 1, ... in the lanes.
