@@ -165,6 +165,11 @@ template <class F>
 FT_HD inline Int_t<F> load_int_lanes(const int32_t* p) {
   return *p;
 }
+// The same from any address.
+template <class F>
+FT_HD inline Int_t<F> load_int_lanes_unaligned(const int32_t* p) {
+  return *p;
+}
 // first, first + 1, ... in the lanes.
 template <class F>
 FT_HD inline Int_t<F> lane_sequence(int32_t first) {
