@@ -70,6 +70,22 @@ Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
   return r;
 }
 
+// The pixels that are traced for a window. Which objects a ray is tested against one by one depends on its group where
+// there are too many, and the groups on the tile: whole tiles of the film are traced then, so that a pixel is the same
+// in every window.
+Rect traced_window(const Scene& scene, const Rect& window) {
+  if (scene.instances.size() <= k_most_candidates) return window;
+  const auto floor_to_tile = [](int v) { return v / k_tile_size * k_tile_size; };
+  const auto end = [&](int last, int film) { return std::min(floor_to_tile(last) + k_tile_size, film); };
+  const int x = floor_to_tile(window.x), y = floor_to_tile(window.y);
+  return {x, y, end(window.x + window.width - 1, scene.film.width) - x,
+          end(window.y + window.height - 1, scene.film.height) - y};
+}
+
+bool contains(const Rect& r, const PixelPosition& p) {
+  return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
+}
+
 TransportSettings make_settings(const Scene& scene, const RenderOptions& options, const std::vector<Aov>& aovs) {
   TransportSettings s;
   s.light_samples = options.light_samples;
@@ -228,7 +244,9 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
       pixel.aovs.add(r.first);
     }
   }
-  for (size_t i = 0; i < pixels.size(); ++i) write_pixel(job, pixels[i], sums[i]);
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    if (contains(job.window, pixels[i])) write_pixel(job, pixels[i], sums[i]);
+  }
   return true;
 }
 
@@ -273,7 +291,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
 
     result.image = make_image(window, aovs);
     Job job{context, aovs, window, spp, result.image, callbacks.stop};
-    const std::vector<Rect> tiles = make_tiles(window, k_tile_size);
+    const std::vector<Rect> tiles = make_tiles(traced_window(scene, window), k_tile_size);
     Progress progress(callbacks, tiles.size());
     std::atomic<bool> interrupted = false;
     tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });

@@ -1,8 +1,10 @@
 // The renderer: one scene in, one picture and its statistics out, by Monte Carlo or by the hybrid method.
 //
 // The two methods share every line except how a batch of shadow rays is answered (hybrid/shadow_answer.h).
-// Determinism: for one scene, options and seed the picture is bit-identical for any thread count, with or
-// without a field cache. Thread-safety: render() may be called from several threads with different scenes.
+// Determinism: for one scene, options and seed the picture is bit-identical for any thread count and
+// instruction set, with or without a field cache, and the same in every crop window (scenes of more than
+// k_most_candidates instances trace whole tiles for that, and count these rays). Thread-safety: render() may be called
+// from several threads with different scenes.
 #pragma once
 
 #include <atomic>

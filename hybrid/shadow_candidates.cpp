@@ -33,9 +33,21 @@ bool keeps_right_angles(const Affine& m) {
   return std::max({cosine(0, 1), cosine(1, 2), cosine(2, 0)}) < k_right_angle_cosine;
 }
 
-// These shapes are convex and emit outwards: a ray towards a point that faces the receiver meets nothing of them
-// before.
-bool hides_nothing_of_itself(ShapeKind kind) { return kind != ShapeKind::mesh; }
+// Whether a ray towards a point that faces the receiver meets nothing of the light before: planes, and convex shapes
+// that emit outwards. Turned inwards, a sphere or cylinder hides its inside from receivers outside.
+bool hides_nothing_of_itself(ShapeKind kind, bool flipped) {
+  switch (kind) {
+    case ShapeKind::rectangle:
+    case ShapeKind::disk:
+      return true;
+    case ShapeKind::sphere:
+    case ShapeKind::cylinder:
+      return !flipped;
+    case ShapeKind::mesh:
+      break;
+  }
+  return false;
+}
 
 }  // namespace
 
@@ -53,7 +65,7 @@ LightExtent light_extent(const Scene& scene, uint32_t emitter) {
         const Affine& m = instance.to_world;
         extent.ball.radius = std::max({glm::length(m[0]), glm::length(m[1]), glm::length(m[2])}) * (1.0f + 0x1p-10f);
       }
-      if (hides_nothing_of_itself(shape.kind)) extent.instance = e.instance;
+      if (hides_nothing_of_itself(shape.kind, instance.flip_normals)) extent.instance = e.instance;
       break;
     }
     case EmitterKind::point:
