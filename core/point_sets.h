@@ -15,7 +15,7 @@
 
 #include <cstdint>
 
-#include "core/rays.h"
+#include "core/aligned_vector.h"
 
 namespace fieldtrace {
 

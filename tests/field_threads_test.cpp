@@ -53,7 +53,8 @@ TEST(FieldThreads, ReaderSeesWholeCells) {
     const CellLine line = line_of(view, field.slice_address(i / scalar::k_slice_cells), int(i % scalar::k_slice_cells));
     reading.store(i, std::memory_order_relaxed);
     for (;;) {
-      const auto seen = scalar::look_up_sheet<float>(view, policy, line.direction, line.point);
+      const auto at = scalar::address_of_line(line.direction, line.point, view.directions, view.plane);
+      const auto seen = scalar::look_up_sheet<float>(view, policy, at, line.point);
       if (!seen.known) continue;
       const auto normal = scalar::decode_normal<float>(int32_t(word));
       const auto centre = line.point + line.direction * depth;
