@@ -16,6 +16,7 @@
 #include "core/camera.h"
 #include "field/field_cache.h"
 #include "hybrid/aovs.h"
+#include "hybrid/field_resolution.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
 #include "hybrid/transport.h"
@@ -112,8 +113,9 @@ struct FieldSet {
   }
 };
 
-FieldSet make_fields(const Scene& scene, const RenderOptions& options) {
+FieldSet make_fields(const Scene& scene, const RenderOptions& options, uint64_t rays_per_light) {
   FieldSet set;
+  set.parameters = choose_resolution(scene, rays_per_light);
   if (options.directions) set.parameters.directions = options.directions;
   if (options.plane) set.parameters.plane = options.plane;
   const bool wanted = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
@@ -282,7 +284,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   arena.execute([&] {
     const Accel accel(scene);
     const CameraSampler camera(scene.camera, scene.film);
-    const FieldSet fields = make_fields(scene, options);
+    const uint64_t rays_per_light = uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
+    const FieldSet fields = make_fields(scene, options, rays_per_light);
     const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
     if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
     const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};

@@ -7,6 +7,7 @@
 
 #include "core/mesh_io.h"
 #include "hybrid/bake_scene.h"
+#include "hybrid/field_resolution.h"
 #include "tools/command.h"
 #include "tools/interrupt.h"
 #include "tools/options.h"
@@ -20,6 +21,7 @@ struct BakeArguments {
   SceneArguments input;
   std::string output;
   BakeOptions options;
+  int directions = 0, plane = 0;  // 0: as `render` would choose for a large picture of the scene
 };
 
 bool is_mesh(const std::string& path) {
@@ -50,7 +52,11 @@ int run_bake(const BakeArguments& arguments) {
   const Scene scene = mesh ? scene_of_mesh(load_mesh(arguments.input.path, {}, callbacks.warning),
                                            std::filesystem::path(arguments.input.path).filename().string())
                            : load_scene(arguments.input, progress);
-  const BakeResult result = bake_scene(scene, arguments.output, arguments.options, callbacks);
+  BakeOptions options = arguments.options;
+  options.fields = choose_resolution(scene, std::numeric_limits<uint64_t>::max());
+  if (arguments.directions) options.fields.directions = arguments.directions;
+  if (arguments.plane) options.fields.plane = arguments.plane;
+  const BakeResult result = bake_scene(scene, arguments.output, options, callbacks);
   progress.clear();
   for (const BakedField& field : result.fields) {
     const FieldFileInfo& info = field.info;
@@ -76,10 +82,10 @@ void add_bake_command(CommandLine& line) {
       ->required()
       ->type_name("FIELD.vdb|DIR");
   command.add_flag("--full", arguments->options.full, "Bake every cell, not only those that the scene demands");
-  command.add_option("--directions", arguments->options.fields.directions, "Direction cells D (default: 64)")
+  command.add_option("--directions", arguments->directions, "Direction cells D (default: from the scene's lights)")
       ->check(field_directions())
       ->type_name("D");
-  command.add_option("--plane", arguments->options.fields.plane, "Plane cells N (default: 128)")
+  command.add_option("--plane", arguments->plane, "Plane cells N (default: from the scene's lights)")
       ->check(field_plane())
       ->type_name("N");
   add_chart_option(command);

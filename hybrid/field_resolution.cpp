@@ -1,0 +1,46 @@
+#include "hybrid/field_resolution.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "hybrid/shadow_answerer.h"
+#include "hybrid/shadow_candidates.h"
+
+namespace fieldtrace {
+namespace {
+
+float degrees_from(const Vec3& point, const LightExtent& light) {
+  if (light.kind == LightExtent::Kind::everywhere) return 180.0f;
+  if (light.kind == LightExtent::Kind::directional) return 0.0f;
+  const float distance = glm::length(light.ball.centre - point);
+  if (distance <= light.ball.radius) return 180.0f;
+  return 2.0f * std::asin(light.ball.radius / distance) * (180.0f / k_pi);
+}
+
+}  // namespace
+
+float narrowest_light_degrees(const Scene& scene) {
+  std::vector<char> wanted;
+  for (const Shape& shape : scene.shapes) wanted.push_back(wants_field(shape));
+  float narrowest = k_infinity;
+  for (uint32_t light = 0; light < scene.emitters.size(); ++light) {
+    const LightExtent extent = light_extent(scene, light);
+    for (const Instance& instance : scene.instances) {
+      if (!wanted[instance.shape]) continue;
+      const Vec3 centre = transform_point(instance.to_world, scene.shapes[instance.shape].bounds.centre());
+      narrowest = std::min(narrowest, degrees_from(centre, extent));
+    }
+  }
+  return narrowest == k_infinity ? 0.0f : narrowest;
+}
+
+FieldParameters choose_resolution(const Scene& scene, uint64_t rays_per_light) {
+  FieldParameters parameters;
+  if (rays_per_light < k_fine_field_rays || narrowest_light_degrees(scene) >= k_wide_light_degrees) {
+    parameters.directions = 32;
+    parameters.plane = 64;
+  }
+  return parameters;
+}
+
+}  // namespace fieldtrace
