@@ -47,7 +47,7 @@ double mean(const Image& image) {
 struct Sampling {
   int light_samples, max_depth;
 };
-constexpr Sampling k_samplings[] = {{1, 5}, {3, 2}, {16, 5}, {64, 2}};
+constexpr Sampling k_samplings[] = {{1, 5}, {3, 2}, {16, 2}, {64, 2}};
 
 TEST(Hybrid, ToleranceZeroIsMonteCarlo) {
   uint32_t seed = 1;
@@ -72,35 +72,38 @@ TEST(Hybrid, ToleranceZeroIsMonteCarlo) {
 TEST(Hybrid, AskingEveryCellIsMonteCarlo) {
   uint32_t seed = 100;
   for (const HybridScene& s : hybrid_scenes(24)) {
-    uint64_t lookups = 0;
-    for (const Sampling& sampling : {k_samplings[seed % 3], k_samplings[3]}) {
-      RenderOptions o = options_for(Method::monte_carlo, sampling.light_samples, seed++);
+    // Many samples make small groups: then even a crowd's are few enough to be looked up.
+    const bool all = s.name == "object_over_floor";
+    const bool crowd = s.name == "crowd";
+    for (const Sampling& sampling : k_samplings) {
+      if (!all && &sampling != &k_samplings[crowd ? 3 : seed % 4]) continue;
+      RenderOptions o = options_for(Method::monte_carlo, sampling.light_samples, seed);
       use_small_fields(o);
       o.max_depth = sampling.max_depth;
       const RenderResult expected = render(s.scene, o);
       o.method = Method::hybrid;
       o.force_ask = true;
-      if (seed % 4 == 0) o.tolerance = 1.0f;
+      if (seed % 2 == 0) o.tolerance = 1.0f;
       const RenderResult r = render(s.scene, o);
       EXPECT_EQ(differing(r.image, expected.image), 0u) << s.name << " " << sampling.light_samples;
       EXPECT_EQ(r.stats.rays_exact, expected.stats.rays_exact) << s.name;
       EXPECT_EQ(r.stats.rays_crossing, expected.stats.rays_crossing) << s.name;
-      lookups += r.stats.lookups;
+      EXPECT_GT(r.stats.lookups, 100u) << s.name;
     }
-    EXPECT_GT(lookups, 1000u) << s.name;
+    ++seed;
   }
 }
 
 class HybridPicture : public testing::TestWithParam<const char*> {
  protected:
   // Several tiles, odd in size.
-  static constexpr int k_size = 45;
+  static constexpr int k_size = 40;
   const Scene scene_ = hybrid_scene(GetParam(), k_size).scene;
 
   RenderOptions options() const {
-    RenderOptions o = options_for(Method::hybrid, 5, 3);
+    RenderOptions o = options_for(Method::hybrid, 4, 3);
     use_small_fields(o);
-    o.max_depth = 3;
+    o.max_depth = std::string(GetParam()) == "materials" ? 4 : 2;
     o.aovs = {"visibility", "exact"};
     return o;
   }
@@ -149,7 +152,7 @@ TEST_P(HybridPicture, DoesNotDependOnTheFieldCache) {
 TEST_P(HybridPicture, CropIsThatPartOfTheWhole) {
   RenderOptions o = options();
   const Image whole = render(scene_, o).image;
-  o.crop = Rect{5, 9, 33, 30};
+  o.crop = Rect{5, 9, 33, 26};
   const Image part = render(scene_, o).image;
   size_t different = 0;
   for (int y = 0; y < part.height; ++y) {
