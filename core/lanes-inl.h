@@ -115,7 +115,8 @@ HWY_INLINE F32 select(MaskLanes m, F32 a, F32 b) { return {hn::IfThenElse(m.m, a
 HWY_INLINE I32 select(MaskLanes m, I32 a, I32 b) { return {hn::IfThenElse(hn::RebindMask(DI(), m.m), a.v, b.v)}; }
 HWY_INLINE U32 select(MaskLanes m, U32 a, U32 b) { return {hn::IfThenElse(hn::RebindMask(DU(), m.m), a.v, b.v)}; }
 HWY_INLINE I32 to_int(F32 a) { return {hn::ConvertTo(DI(), a.v)}; }
-// A whole number in [0, 2^23): added to 2^23 it stands in the low bits. (ConvertTo also mends overflow, which costs more.)
+// A whole number in [0, 2^23): added to 2^23 it stands in the low bits. (ConvertTo also mends overflow, which costs
+// more.)
 HWY_INLINE I32 small_to_int(F32 a) {
   const auto bits = hn::BitCast(DI(), a.v + hn::Set(DF(), 0x1p23f));
   return {hn::And(bits, hn::Set(DI(), 0x7fffff))};
@@ -192,6 +193,10 @@ HWY_INLINE void store_lanes(I32 a, int32_t* p) { store(a, p); }
 template <>
 HWY_INLINE I32 load_int_lanes<F32>(const int32_t* p) {
   return load(p);
+}
+template <>
+HWY_INLINE I32 load_int_lanes_unaligned<F32>(const int32_t* p) {
+  return {hn::LoadU(DI(), p)};
 }
 // first, first + 1, ... in the lanes.
 template <>

@@ -17,6 +17,7 @@
 #define FIELDTRACE_CORE_LANES_HD_H_
 #endif
 
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -54,7 +55,7 @@ FT_HD inline float copysign(float magnitude, float sign) { return ::copysignf(ma
 FT_HD inline float select(bool m, float a, float b) { return m ? a : b; }
 FT_HD inline int32_t select(bool m, int32_t a, int32_t b) { return m ? a : b; }
 FT_HD inline uint32_t select(bool m, uint32_t a, uint32_t b) { return m ? a : b; }
-FT_HD inline int32_t to_int(float a) { return int32_t(a); }  // truncates; the caller keeps |a| < 2^31
+FT_HD inline int32_t to_int(float a) { return int32_t(a); }        // truncates; the caller keeps |a| < 2^31
 FT_HD inline int32_t small_to_int(float a) { return int32_t(a); }  // a whole number in [0, 2^23)
 FT_HD inline float to_float(int32_t a) { return float(a); }
 FT_HD inline uint32_t as_uint(int32_t a) { return uint32_t(a); }
@@ -94,11 +95,39 @@ FT_HD inline uint32_t reverse_bits(uint32_t a) {
   return (a << 16) | (a >> 16);
 }
 
-FT_HD inline int32_t gather(const int32_t* base, int32_t index) { return base[index]; }
-FT_HD inline float gather(const float* base, int32_t index) { return base[index]; }
+// Look-ups read tables that other threads may be filling. A thread sanitizer cannot tell such a read from a mistake
+// unless it is atomic; elsewhere it is an ordinary load, as the gathers of vectors are.
+template <class T>
+FT_HD inline T load_element(const T* p) {
+#if defined(FT_THREAD_SANITIZER)
+  T value;
+  __atomic_load(p, &value, __ATOMIC_RELAXED);
+  return value;
+#else
+  return *p;
+#endif
+}
+// What is read before this call was not read later than what is read after it. No instruction on x86, which never
+// reorders loads, and none on a GPU, whose fields do not change while it reads them.
+FT_HD inline void order_loads() {
+#if defined(FT_THREAD_SANITIZER)
+  std::atomic_signal_fence(std::memory_order_acquire);  // the sanitizer knows no other fence
+#elif !defined(__CUDA_ARCH__)
+  std::atomic_thread_fence(std::memory_order_acquire);
+#endif
+}
+
+FT_HD inline int32_t gather(const int32_t* base, int32_t index) { return load_element(base + index); }
+FT_HD inline float gather(const float* base, int32_t index) { return load_element(base + index); }
 FT_HD inline int32_t gather_bytes(const uint8_t* base, int32_t byte_offset) {
   int32_t word;
+#if defined(FT_THREAD_SANITIZER)
+  uint8_t bytes[4];  // bakers write single bytes
+  for (int i = 0; i < 4; ++i) bytes[i] = load_element(base + byte_offset + i);
+  memcpy(&word, bytes, 4);
+#else
   memcpy(&word, base + byte_offset, 4);
+#endif
   return word;
 }
 
@@ -134,6 +163,11 @@ FT_HD inline void store_lanes(uint32_t a, uint32_t* p) { *p = a; }
 FT_HD inline void store_lanes(int32_t a, int32_t* p) { *p = a; }
 template <class F>
 FT_HD inline Int_t<F> load_int_lanes(const int32_t* p) {
+  return *p;
+}
+// The same from any address.
+template <class F>
+FT_HD inline Int_t<F> load_int_lanes_unaligned(const int32_t* p) {
   return *p;
 }
 // first, first + 1, ... in the lanes.

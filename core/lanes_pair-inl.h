@@ -1,7 +1,7 @@
 // Pairs of vectors as one lane type: twice the lanes, and two independent chains of arithmetic in flight.
 //
-// A field query is one long chain: each step waits for the one before. A processor overlaps neighbouring vectors only as
-// far as its reorder window reaches, which is less than one query; two chains side by side use what would stand idle
+// A field query is one long chain: each step waits for the one before. A processor overlaps neighbouring vectors only
+// as far as its reorder window reaches, which is less than one query; two chains side by side use what would stand idle
 // (docs/decisions/006-two-chains.md). Everything that lanes.hd.h asks of a lane type, by applying it to both halves.
 // Include only after lanes-inl.h. Thread-safety: values.
 

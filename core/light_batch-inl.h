@@ -166,6 +166,21 @@ struct LightBatch {
     store_lanes(r.instance, to.instance + slot);
   }
 
+  // The points of a group of one sample a receiver. Where the receivers are samples of one pixel, one after the other,
+  // the gather is saved.
+  FT_HD_INLINE CentredPair<F> group_points(size_t group, const ReceiverLanes<F>& r) const {
+    if constexpr (k_lanes > 1) {
+      const uint32_t seed = receivers.seed[group], index = receivers.sample[group];
+      const auto run = as_uint(lane_sequence<F>(0)) + splat_uint<F>(index) == r.first_index;
+      const auto pixel = load_uint_lanes<F>(receivers.seed.data() + group) == splat_uint<F>(seed);
+      if ((index & 255) <= 256 - k_lanes && all(run & pixel)) {
+        const uint32_t set = set_sequence<float>(seed, stream).set;
+        return load_points<F>(point_sets, set, r.points, index);
+      }
+    }
+    return gather_point<F>(point_sets, r.points, r.first_index);
+  }
+
   // One sample a receiver: the group's lanes are the slots. The points of a block come first, in a loop of their own:
   // two short loops keep more vectors in flight than a long one.
   void run_single() const {
@@ -176,7 +191,7 @@ struct LightBatch {
       const size_t end = std::min(block + k_block, receivers.size);
       for (size_t group = block; group < end; group += k_lanes) {
         const ReceiverLanes<F> r = load_receivers(group);
-        const CentredPair<F> point = gather_point<F>(point_sets, r.points, r.first_index);
+        const CentredPair<F> point = group_points(group, r);
         store_lanes(point.x, x + (group - block));
         store_lanes(point.y, y + (group - block));
       }

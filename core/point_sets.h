@@ -6,7 +6,7 @@
 // every estimate, as Owen's nested scramble (A. Owen, "Variance with Alternative Scramblings of Digital Nets", ACM
 // TOMACS 13(4), 2003). Because all of it is linear over bits, point i is the exclusive or of one word for each byte of
 // i. Each set has its own two matrices; a sequence takes a set and a shift by hash (point_sets.hd.h). How many sets are
-// enough, and what other ways cost: docs/decisions/005-sample-points.md.
+// enough, and what other ways cost: docs/decisions/006-sample-points.md.
 //
 // Memory layout: set s is k_set_words words from s * k_set_words: the 256 words of an index' low byte, then those of
 // the next byte. A word holds 16 binary digits of x in its lower half and 16 of y in its upper half, the first digit
@@ -15,7 +15,7 @@
 
 #include <cstdint>
 
-#include "core/rays.h"
+#include "core/aligned_vector.h"
 
 namespace fieldtrace {
 

@@ -75,12 +75,12 @@ FT_HD_INLINE CentredPair<F> gather_point(const int32_t* sets, SetSequence<F> s, 
   return centred_point<F>(word, s.shift_x, s.shift_y);
 }
 
-// Points index, index + 1, ... of one sequence, index a multiple of the lane count. `set` is s.set, the same in all
-// lanes.
+// Points index, index + 1, ... of one sequence, which may not leave index's block of 256. `set` is s.set, the same in
+// all lanes.
 template <class F>
 FT_HD_INLINE CentredPair<F> load_points(const int32_t* sets, uint32_t set, SetSequence<F> s, uint32_t index) {
   const int32_t* words = sets + set;
-  Uint_t<F> word = as_uint(load_int_lanes<F>(words + (index & 255)));
+  Uint_t<F> word = as_uint(load_int_lanes_unaligned<F>(words + (index & 255)));
   if (index >= 256) {
     word = word ^ splat_uint<F>(uint32_t(words[256 + ((index >> 8) & 255)]));
     if (index >= 65536) shift_block<F>(splat_uint<F>(index >> 16), s);

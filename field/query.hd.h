@@ -123,8 +123,10 @@ template <class F>
 FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy, const CellAddress<F>& at,
                                         const Vec3Lanes<F>& p) {
   const CellSlot<F> slot = slot_of<F>(field, at);
-  const Int_t<F> word = gather(field.depth, slot.cell);
+  // The certificate first: a baker writes it last, so that where it is known the rest is there.
   const Int_t<F> certificate = gather(field.certificate, slot.cell);
+  order_loads();
+  const Int_t<F> word = gather(field.depth, slot.cell);
   SheetView<F> view;
   view.slice = slot.slice;
   view.primitive_cell = slot.cell;

@@ -79,6 +79,26 @@ TEST(LightSampling, EveryInstructionSetGivesTheSameBits) {
   }
 }
 
+// Camera samples of one pixel share a sequence, which the vector loops exploit.
+TEST(LightSampling, SamplesOfOnePixelAreTheSamePointsHoweverTheyAreBatched) {
+  const LightTable lights = make_lights(area_scene(ShapeKind::sphere, scaled(0.7, DVec3(0.2, 0.3, 3))));
+  for (const uint32_t first : {0u, 5u, 250u, 65530u}) {
+    ReceiverBatch pixel = batch_of(std::vector<Receiver>(64), 3);
+    for (uint32_t i = 0; i < 64; ++i) pixel.seed[i] = 9, pixel.sample[i] = first + i, pixel.instance[i] = 0;
+    for (const Isa isa : supported_isas()) {
+      ShadowBatch together, alone;
+      sample_light(lights, 0, pixel, 1, isa, together);
+      ASSERT_EQ(together.active, 64u);
+      for (uint32_t i = 0; i < 64; ++i) {
+        ReceiverBatch one = batch_of({Receiver{}}, 3);
+        one.seed[0] = 9, one.sample[0] = first + i;
+        sample_light(lights, 0, one, 1, isa, alone);
+        ASSERT_EQ(together.rays.direction(i), alone.rays.direction(0)) << isa_name(isa) << " " << first + i;
+      }
+    }
+  }
+}
+
 TEST(LightSampling, SlotsAreFiniteAndPaddingInactive) {
   for (const NamedLight& light : all_lights()) {
     for (bool transmitting : {false, true}) {

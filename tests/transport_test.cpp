@@ -255,7 +255,9 @@ TEST(Transport, SeedChangesThePictureButNotItsMean) {
   o.seed = 2;
   const Image b = render(scene, o).image;
   EXPECT_NE(a.data, b.data);
-  EXPECT_NEAR(mean(a), mean(b), 0.01 * mean(a));
+  // Over seeds the mean's standard deviation is 0.55 % (paths through glass to the lights dominate): five times that
+  // of a difference.
+  EXPECT_NEAR(mean(a), mean(b), 0.04 * mean(a));
 }
 
 TEST(Transport, ValuesAreFinite) {
