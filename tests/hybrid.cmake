@@ -1,2 +1,5 @@
 fieldtrace_test(hybrid_test LABELS quick)
 target_sources(hybrid_test PRIVATE hybrid_scenes.cpp)
+fieldtrace_test(hybrid_error_test LABELS quick)
+target_sources(hybrid_error_test PRIVATE hybrid_scenes.cpp)
+fieldtrace_test(shadow_candidates_test LABELS quick)

@@ -167,9 +167,9 @@ std::vector<HybridScene> hybrid_scenes(int size) {
   scenes.push_back({"object_over_floor", object_over_floor(size)});
   scenes.push_back({"overlapping", overlapping(size)});
   scenes.push_back({"crowd", crowd(size), true, false});
-  scenes.push_back({"lights_within", lights_within(size), false, false});
+  scenes.push_back({"lights_within", lights_within(size), false});
   scenes.push_back({"nested_balls", nested_balls(size), false});
-  scenes.push_back({"open_sheet", open_sheet(size), false});
+  scenes.push_back({"open_sheet", open_sheet(size), false, false});
   scenes.push_back({"odd_transforms", odd_transforms(size)});
   scenes.push_back({"resized_meshes", resized_meshes(size)});
   scenes.push_back({"tiny_world", resized(odd_transforms(size), 1e-3f)});

@@ -47,7 +47,7 @@ double mean(const Image& image) {
 struct Sampling {
   int light_samples, max_depth;
 };
-constexpr Sampling k_samplings[] = {{1, 5}, {3, 2}, {16, 5}, {64, 2}};
+constexpr Sampling k_samplings[] = {{1, 5}, {3, 2}, {16, 2}, {64, 2}};
 
 TEST(Hybrid, ToleranceZeroIsMonteCarlo) {
   uint32_t seed = 1;
@@ -71,36 +71,39 @@ TEST(Hybrid, ToleranceZeroIsMonteCarlo) {
 // Every ray goes through look-up, baking and compaction, and is traced in the end.
 TEST(Hybrid, AskingEveryCellIsMonteCarlo) {
   uint32_t seed = 100;
-  for (const HybridScene& s : hybrid_scenes(32)) {
-    uint64_t lookups = 0;
-    for (const Sampling& sampling : {k_samplings[seed % 3], k_samplings[3]}) {
-      RenderOptions o = options_for(Method::monte_carlo, sampling.light_samples, seed++);
+  for (const HybridScene& s : hybrid_scenes(24)) {
+    // Many samples make small groups: then even a crowd's are few enough to be looked up.
+    const bool all = s.name == "object_over_floor";
+    const bool crowd = s.name == "crowd";
+    for (const Sampling& sampling : k_samplings) {
+      if (!all && &sampling != &k_samplings[crowd ? 3 : seed % 4]) continue;
+      RenderOptions o = options_for(Method::monte_carlo, sampling.light_samples, seed);
       use_small_fields(o);
       o.max_depth = sampling.max_depth;
       const RenderResult expected = render(s.scene, o);
       o.method = Method::hybrid;
       o.force_ask = true;
-      if (seed % 4 == 0) o.tolerance = 1.0f;
+      if (seed % 2 == 0) o.tolerance = 1.0f;
       const RenderResult r = render(s.scene, o);
       EXPECT_EQ(differing(r.image, expected.image), 0u) << s.name << " " << sampling.light_samples;
       EXPECT_EQ(r.stats.rays_exact, expected.stats.rays_exact) << s.name;
       EXPECT_EQ(r.stats.rays_crossing, expected.stats.rays_crossing) << s.name;
-      lookups += r.stats.lookups;
+      EXPECT_GT(r.stats.lookups, 100u) << s.name;
     }
-    EXPECT_GT(lookups, 1000u) << s.name;
+    ++seed;
   }
 }
 
 class HybridPicture : public testing::TestWithParam<const char*> {
  protected:
   // Several tiles, odd in size.
-  static constexpr int k_size = 70;
+  static constexpr int k_size = 40;
   const Scene scene_ = hybrid_scene(GetParam(), k_size).scene;
 
   RenderOptions options() const {
-    RenderOptions o = options_for(Method::hybrid, 9, 3);
+    RenderOptions o = options_for(Method::hybrid, 4, 3);
     use_small_fields(o);
-    o.max_depth = 3;
+    o.max_depth = std::string(GetParam()) == "materials" ? 4 : 2;
     o.aovs = {"visibility", "exact"};
     return o;
   }
@@ -111,17 +114,17 @@ TEST_P(HybridPicture, DoesNotDependOnThreads) {
   o.threads = 1;
   const RenderResult one = render(scene_, o);
   EXPECT_LT(one.stats.rays_exact, one.stats.rays_crossing);
-  for (const int threads : {2, 5}) {
-    o.threads = threads;
-    const RenderResult r = render(scene_, o);
-    EXPECT_EQ(differing(one.image, r.image), 0u) << threads;
-    EXPECT_EQ(one.stats.rays_exact, r.stats.rays_exact) << threads;
-    EXPECT_EQ(one.stats.field_cells_baked, r.stats.field_cells_baked) << threads;
-  }
+  o.threads = 5;
+  const RenderResult five = render(scene_, o);
+  EXPECT_EQ(differing(one.image, five.image), 0u);
+  EXPECT_EQ(one.stats.rays_exact, five.stats.rays_exact);
+  EXPECT_EQ(one.stats.field_cells_baked, five.stats.field_cells_baked);
 }
 
 TEST_P(HybridPicture, DoesNotDependOnTheInstructionSet) {
   RenderOptions o = options();
+  const test::TemporaryFolder folder;  // saves the time to bake again
+  o.field_cache = folder.path();
   o.isa = Isa::scalar;
   const RenderResult scalar = render(scene_, o);
   for (const Isa isa : supported_isas()) {
@@ -149,13 +152,13 @@ TEST_P(HybridPicture, DoesNotDependOnTheFieldCache) {
 TEST_P(HybridPicture, CropIsThatPartOfTheWhole) {
   RenderOptions o = options();
   const Image whole = render(scene_, o).image;
-  o.crop = Rect{11, 17, 45, 40};
+  o.crop = Rect{5, 9, 33, 26};
   const Image part = render(scene_, o).image;
   size_t different = 0;
   for (int y = 0; y < part.height; ++y) {
     for (int x = 0; x < part.width; ++x) {
       for (size_t c = 0; c < part.channel_count(); ++c)
-        different += part.pixel(x, y)[c] != whole.pixel(x + 11, y + 17)[c];
+        different += part.pixel(x, y)[c] != whole.pixel(x + 5, y + 9)[c];
     }
   }
   EXPECT_EQ(different, 0u);
