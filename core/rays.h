@@ -6,16 +6,11 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <vector>
 
-#include <tbb/cache_aligned_allocator.h>
-
+#include "core/aligned_vector.h"
 #include "core/math.h"
 
 namespace fieldtrace {
-
-template <class T>
-using AlignedVector = std::vector<T, tbb::cache_aligned_allocator<T>>;
 
 // Two of the widest SIMD vectors in floats: some loops run over pairs.
 inline constexpr size_t k_batch_padding = 32;
