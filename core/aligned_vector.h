@@ -1,18 +1,40 @@
-// Arrays aligned to cache lines, and padded so that SIMD loops need no tail.
+// Vectors whose elements start on a cache line, for loops that load whole SIMD vectors.
+//
+// The memory comes from operator new rather than from a pool such as TBB's, so that a memory or thread sanitizer sees
+// every allocation, its bounds and its end. Thread-safety: as std::vector.
 #pragma once
 
 #include <cstddef>
+#include <new>
 #include <vector>
-
-#include <tbb/cache_aligned_allocator.h>
 
 namespace fieldtrace {
 
-template <class T>
-using AlignedVector = std::vector<T, tbb::cache_aligned_allocator<T>>;
+// The widest SIMD vector and the cache line of every processor that is built for.
+inline constexpr size_t k_cache_line = 64;
 
-// Two of the widest SIMD vectors in floats: some loops run over pairs.
-inline constexpr size_t k_batch_padding = 32;
-constexpr size_t padded(size_t n) { return (n + k_batch_padding - 1) / k_batch_padding * k_batch_padding; }
+// Throws std::bad_alloc as std::allocator does.
+template <class T>
+struct CacheLineAllocator {
+  using value_type = T;
+
+  CacheLineAllocator() = default;
+  template <class U>
+  CacheLineAllocator(const CacheLineAllocator<U>&) {}
+
+  T* allocate(size_t count) {
+    if (count > size_t(-1) / sizeof(T)) throw std::bad_array_new_length();
+    return static_cast<T*>(::operator new(count * sizeof(T), std::align_val_t(k_cache_line)));
+  }
+  void deallocate(T* p, size_t) { ::operator delete(p, std::align_val_t(k_cache_line)); }
+
+  template <class U>
+  bool operator==(const CacheLineAllocator<U>&) const {
+    return true;
+  }
+};
+
+template <class T>
+using AlignedVector = std::vector<T, CacheLineAllocator<T>>;
 
 }  // namespace fieldtrace

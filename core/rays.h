@@ -12,6 +12,10 @@
 
 namespace fieldtrace {
 
+// Two of the widest SIMD vectors in floats: some loops run over pairs.
+inline constexpr size_t k_batch_padding = 32;
+constexpr size_t padded(size_t n) { return (n + k_batch_padding - 1) / k_batch_padding * k_batch_padding; }
+
 // Rays o + t d with t in [0, tmax], world space; d is not normalised. tmax < 0: inactive.
 struct RayBatch {
   size_t size = 0;

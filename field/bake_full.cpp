@@ -1,10 +1,10 @@
 #include "field/bake_full.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <mutex>
 #include <vector>
+
+#include "core/parallel.h"
 
 namespace fieldtrace {
 namespace {
@@ -58,7 +58,7 @@ bool bake_full(Field& field, const Accel& accel, uint32_t shape, BakeCounters& c
   std::atomic<bool> stopped = false;
   for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth}) {
     const size_t tasks = (field.slice_count() + k_slices_per_task - 1) / k_slices_per_task;
-    tbb::parallel_for(size_t(0), tasks, [&](size_t task) {
+    parallel_for(tasks, [&](size_t task) {
       if (stopped || field.pool_full()) return;
       if (callbacks.stop && callbacks.stop->load(std::memory_order_relaxed)) {
         stopped = true;

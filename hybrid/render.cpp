@@ -2,7 +2,6 @@
 
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/global_control.h>
-#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -14,6 +13,7 @@
 
 #include "core/accel.h"
 #include "core/camera.h"
+#include "core/parallel.h"
 #include "field/field_cache.h"
 #include "hybrid/aovs.h"
 #include "hybrid/field_resolution.h"
@@ -298,21 +298,17 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     Progress progress(callbacks, tiles.size());
     std::atomic<bool> interrupted = false;
     tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
-    tbb::parallel_for(
-        tbb::blocked_range<size_t>(0, tiles.size(), 1),
-        [&](const tbb::blocked_range<size_t>& range) {
-          for (size_t i = range.begin(); i < range.end(); ++i) {
-            bool done = false;
-            // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
-            tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
-            if (!done) {
-              interrupted = true;
-              return;
-            }
-            progress.tile_done();
-          }
-        },
-        tbb::simple_partitioner());
+    parallel_for(tiles.size(), [&](size_t i) {
+      if (interrupted) return;
+      bool done = false;
+      // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
+      tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
+      if (done) {
+        progress.tile_done();
+      } else {
+        interrupted = true;
+      }
+    });
     result.interrupted = interrupted;
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
     count_fields(fields, result.stats);

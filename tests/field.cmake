@@ -1,6 +1,7 @@
 fieldtrace_test(chart_test LABELS quick numerics)
 fieldtrace_test(chart_parity_test LABELS quick numerics)
 target_sources(chart_parity_test PRIVATE chart_parity_kernels.cpp)
+fieldtrace_vector_kernels(chart_parity_kernels.cpp)
 fieldtrace_test(layout_test LABELS quick)
 fieldtrace_test(field_query_test LABELS quick)
 fieldtrace_test(field_threads_test LABELS quick)
