@@ -1,0 +1,1 @@
+fieldtrace_test(shadow_candidates_test LABELS quick numerics)
