@@ -2,7 +2,7 @@
 //
 // A field query is one long chain: each step waits for the one before. A processor overlaps neighbouring vectors only
 // as far as its reorder window reaches, which is less than one query; two chains side by side use what would stand idle
-// (docs/decisions/006-two-chains.md). Everything that lanes.hd.h asks of a lane type, by applying it to both halves.
+// (docs/decisions/008-two-chains.md). Everything that lanes.hd.h asks of a lane type, by applying it to both halves.
 // Include only after lanes-inl.h. Thread-safety: values.
 
 #if defined(FIELDTRACE_CORE_LANES_PAIR_INL_H_) == defined(HWY_TARGET_TOGGLE)

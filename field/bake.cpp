@@ -307,34 +307,65 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
   for (uint32_t i = 0; i < cell_count; ++i) store_sheet(slices[i / k_cells], i, cells[i], frames[i / k_cells]);
 }
 
+// The slices that a call has claimed, in order. Those not finished when it ends, by an exception, are given back: other
+// threads wait for them.
+struct Claims {
+  Field& field;
+  FieldLayer layer;
+  std::vector<Claimed> list;
+  size_t finished = 0;
+
+  Claims(Field& f, FieldLayer l) : field(f), layer(l) {}
+  Claims(const Claims&) = delete;
+  ~Claims() {
+    for (const Claimed& c : std::span(list).subspan(finished)) field.give_back(layer, c.slice);
+  }
+  // The list must have room.
+  bool take(uint32_t slice) {
+    const auto cell = field.claim(layer, slice);
+    if (cell) list.push_back({slice, *cell, field.slice_address(slice)});
+    return cell.has_value();
+  }
+  std::span<const Claimed> next(size_t most) const {
+    return std::span(list).subspan(finished, std::min(most, list.size() - finished));
+  }
+  void finish(size_t count) {
+    for (; count > 0; --count) field.finish(layer, list[finished++].slice);
+  }
+};
+
 }  // namespace
 
 void bake_slices(Field& field, FieldLayer layer, std::span<const uint32_t> slices, const Accel& accel, uint32_t shape,
                  BakeCounters& counters) {
   const auto start = std::chrono::steady_clock::now();
-  std::vector<Claimed> claimed;
+  Claims claims(field, layer);
+  claims.list.reserve(slices.size());
   std::vector<uint32_t> elsewhere;
+  elsewhere.reserve(slices.size());
+  SliceBaker baker(field, accel, shape, counters);
+  const auto bake_claims = [&] {
+    while (claims.finished < claims.list.size()) {
+      const auto part = claims.next(k_slices_at_once);
+      if (layer == FieldLayer::visibility) {
+        baker.bake_visibility(part);
+      } else {
+        baker.bake_depth(part);
+      }
+      claims.finish(part.size());
+    }
+  };
   for (const uint32_t slice : slices) {
     if (field.finished(layer, slice)) continue;
-    if (const auto cell = field.claim(layer, slice)) {
-      claimed.push_back({slice, *cell, field.slice_address(slice)});
-    } else if (!field.pool_full()) {
-      elsewhere.push_back(slice);
-    }
+    if (!claims.take(slice) && !field.pool_full()) elsewhere.push_back(slice);
   }
-  SliceBaker baker(field, accel, shape, counters);
-  for (size_t begin = 0; begin < claimed.size(); begin += k_slices_at_once) {
-    const auto part = std::span(claimed).subspan(begin, std::min(k_slices_at_once, claimed.size() - begin));
-    if (layer == FieldLayer::visibility) {
-      baker.bake_visibility(part);
-    } else {
-      baker.bake_depth(part);
-    }
-    for (const Claimed& c : part) field.finish(layer, c.slice);
-  }
-  // Whoever claimed these holds no other wait, so this ends.
+  bake_claims();
+  // Whoever claimed these holds no other wait, so this ends; who failed gave them back, and they are baked here.
   for (const uint32_t slice : elsewhere) {
-    while (!field.finished(layer, slice)) std::this_thread::yield();
+    while (!field.finished(layer, slice)) {
+      std::this_thread::yield();
+      if (claims.take(slice)) bake_claims();
+    }
   }
   counters.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }

@@ -168,6 +168,11 @@ void Field::finish(FieldLayer layer, uint32_t slice) {
   bytes_ += uint64_t(scalar::k_slice_cells) * (layer == FieldLayer::visibility ? 1 : 3 * sizeof(int32_t));
 }
 
+void Field::give_back(FieldLayer layer, uint32_t slice) {
+  const uint32_t direction = slice / uint32_t(view().plane_bricks);
+  shared(claimed_[brick_of_slice(slice)]).fetch_and(~slice_bit(layer, direction % 16), std::memory_order_acq_rel);
+}
+
 bool Field::finished(FieldLayer layer, uint32_t slice) const {
   const uint32_t direction = slice / uint32_t(view().plane_bricks);
   const uint32_t brick = brick_of_slice(slice);

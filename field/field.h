@@ -68,6 +68,8 @@ class Field {
   std::optional<uint32_t> claim(FieldLayer layer, uint32_t slice);
   // Publishes a claimed slice after its 32 cells are written.
   void finish(FieldLayer layer, uint32_t slice);
+  // Undoes the claim of a slice that could not be baked: another thread may claim it then.
+  void give_back(FieldLayer layer, uint32_t slice);
   // Whether the slice can be read. False for ever if the pool is full.
   bool finished(FieldLayer layer, uint32_t slice) const;
   bool pool_full() const { return pool_full_.load(std::memory_order_relaxed); }

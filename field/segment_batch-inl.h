@@ -45,7 +45,7 @@ FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, 
 
 // Blocks of rays that go through a query step by step: each step is a short loop, whose vectors the processor overlaps,
 // where a whole query at once would be one chain of arithmetic longer than its reorder window
-// (docs/decisions/006-two-chains.md). Few enough for the first-level cache.
+// (docs/decisions/008-two-chains.md). Few enough for the first-level cache.
 constexpr size_t k_blocks_at_once = 4;
 
 // What the steps hand on: the vectors that meet the ball, packed to the front, then those of them that want depth cells.

@@ -101,12 +101,11 @@ void ShadowCandidates::select(const Bounds3& receivers, const LightExtent& light
   const Vec3 a = receivers.centre();
   const float receiver_radius = 0.5f * glm::length(receivers.diagonal());
   const bool bounded = light.kind == LightExtent::Kind::bounded;
-  const Vec3 b = bounded ? light.ball.centre : a + light.towards;
-  // The hull lies within this distance of the axis from a to b.
+  // The hull lies within this distance of the axis from a.
   const float hull_radius = bounded ? std::max(receiver_radius, light.ball.radius) : receiver_radius;
   Bounds3 box = receivers;
   if (bounded) box.extend(light.bounds);
-  const Vec3 axis = b - a;
+  const Vec3 axis = bounded ? light.ball.centre - a : light.towards;
   const float axis_squared = glm::dot(axis, axis);
   const float inverse = axis_squared > 0.0f ? 1.0f / axis_squared : 0.0f;
   const float t_end = bounded ? 1.0f : k_infinity;
