@@ -1,2 +1,2 @@
-fieldtrace_test(shadow_candidates_test LABELS quick numerics)
+fieldtrace_test(culling_bounds_test LABELS quick)
 fieldtrace_test(bake_failure_test LABELS quick)
