@@ -92,11 +92,11 @@ TEST_F(CommandLine, HelpAndVersionSucceed) {
 
 TEST_F(CommandLine, WrongUseExitsWith2AndPointsToHelp) {
   expect_failure(2, "subcommand", {});
-  expect_failure(2, "", {"frobnicate"});
+  expect_failure(2, "'frobnicate'", {"frobnicate"});
   expect_failure(2, "render --help", {"render"});
   expect_failure(2, "-o", {"render", "scene.xml"});
   expect_failure(2, "--frobnicate", {"render", "scene.xml", "-o", "a.exr", "--frobnicate"});
-  expect_failure(2, "", {"mesh", "teapot", "-o", "a.ply"});
+  expect_failure(2, "'teapot'", {"mesh", "teapot", "-o", "a.ply"});
 }
 
 // Reads `arguments` in this process as the render command does; returns the complaint, or nothing.

@@ -5,10 +5,11 @@ set -euo pipefail
 packages=(
   g++ cmake ninja-build pkg-config ccache
   libembree-dev libtbb-dev libglm-dev libfmt-dev libhwy-dev libpugixml-dev libtinyobjloader-dev
-  libopenimageio-dev libopenexr-dev openimageio-tools
-  libopenvdb-dev libnanovdb-dev libboost-iostreams-dev libblosc-dev libopenvdb-tools
-  libcli11-dev nlohmann-json3-dev libgtest-dev libbenchmark-dev
-  glmark2-data python3 python3-venv clang-format
+  libopenimageio-dev libopenexr-dev openimageio-tools                # Debian's CMake files of OpenImageIO want the tools
+  libopenvdb-dev libnanovdb-dev libboost-iostreams-dev libblosc-dev
+  libcli11-dev nlohmann-json3-dev
+  libgtest-dev libopenvdb-tools glmark2-data python3 python3-venv    # tests; the demo's bunny
+  libbenchmark-dev clang-format                                      # -DFIELDTRACE_BENCHMARKS=ON; changing the code
 )
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then

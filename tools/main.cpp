@@ -2,6 +2,8 @@
 #include <cstdio>
 #include <exception>
 #include <new>
+#include <string>
+#include <vector>
 
 #include "tools/command.h"
 
@@ -17,6 +19,16 @@ std::string help_hint(const CLI::App& app) {
     name += " " + at->get_name();
   }
   return "(see `" + name + " --help`)";
+}
+
+// CLI11 asks for a command where a wrong one was typed; this names it.
+std::string complaint(const CLI::App& app, const CLI::ParseError& error) {
+  const CLI::App* at = &app;
+  while (!at->get_subcommands().empty()) at = at->get_subcommands().front();
+  const bool lacks_command = !at->get_subcommands([](const CLI::App*) { return true; }).empty();
+  const std::vector<std::string> unread = app.remaining(true);
+  if (lacks_command && !unread.empty()) return "'" + unread.front() + "' is not one of the commands";
+  return error.what();
 }
 
 int report(int code, const std::string& message) {
@@ -51,7 +63,7 @@ int run(int argc, char** argv) {
   } catch (const CLI::Success& help_or_version) {
     return app.exit(help_or_version);
   } catch (const CLI::ParseError& e) {
-    return report(k_exit_usage, std::string(e.what()) + " " + help_hint(app));
+    return report(k_exit_usage, complaint(app, e) + " " + help_hint(app));
   } catch (const UsageError& e) {
     return report(k_exit_usage, std::string(e.what()) + " " + help_hint(app));
   }

@@ -177,7 +177,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->allow_extra_args(false)
       ->check([](const std::string& name) {
         if (std::find(aovs.begin(), aovs.end(), name) != aovs.end()) return std::string();
-        return fmt::format("'{}' is not available yet; there are {}", name, fmt::join(aovs, ", "));
+        return fmt::format("'{}' is not one of {}", name, fmt::join(aovs, ", "));
       })
       ->type_name("LIST");
   command

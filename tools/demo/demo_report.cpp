@@ -86,10 +86,9 @@ void print_table(const std::vector<TradeoffRow>& rows, double load_seconds) {
                hybrid ? factor(equal, row.seconds_cold) + " / " + factor(equal, row.seconds_warm) : "-");
   }
   fmt::print(
-      "\nSeconds are wall time. Exact: share of the shadow rays near an object that Embree answered. Speed-up: time "
-      "that\n"
-      "Monte Carlo needs for the same RMSE / time of the hybrid, loading left out; cold with the bake, warm with the\n"
-      "fields of an earlier render.\n");
+      "\nSeconds are wall time; the total is more than the sum, mostly by shading. Exact: share of the shadow rays\n"
+      "near an object that Embree answered. Speed-up: time that Monte Carlo needs for the same RMSE / time of the\n"
+      "hybrid, loading left out; cold with the bake, warm with the fields of an earlier render. Below 1: slower.\n");
 }
 
 void write_pictures(const fs::path& folder, const TradeoffRow& row, const Image& image) {
