@@ -20,8 +20,9 @@
 // FT_RESTRICT promises that a pointer is the only way to reach its data inside the function.
 #define FT_RESTRICT __restrict__
 
-// FT_THREAD_SANITIZER is defined in builds with -fsanitize=thread.
-#if defined(__SANITIZE_THREAD__)
+// FT_THREAD_SANITIZER is defined in host code built with -fsanitize=thread.
+#if defined(__CUDA_ARCH__)
+#elif defined(__SANITIZE_THREAD__)
 #define FT_THREAD_SANITIZER
 #elif defined(__has_feature)
 #if __has_feature(thread_sanitizer)

@@ -1,5 +1,6 @@
 // Drives the built program: exit codes, messages, files.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -40,7 +41,8 @@ class CommandLine : public testing::Test {
  protected:
   void SetUp() override {
     const auto* info = testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = fs::temp_directory_path() / (std::string("fieldtrace_command_") + info->name());
+    folder_ = fs::temp_directory_path() /
+              (std::string("fieldtrace_command_") + info->name() + "_" + std::to_string(getpid()));
     fs::remove_all(folder_);
     fs::create_directories(folder_);
     std::ofstream(folder_ / "scene.xml") << k_scene;

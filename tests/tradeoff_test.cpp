@@ -1,6 +1,7 @@
 #include "hybrid/tradeoff.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -116,7 +117,8 @@ class TradeoffRun : public testing::Test {
  protected:
   void SetUp() override {
     const auto* info = testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = fs::temp_directory_path() / (std::string("fieldtrace_tradeoff_") + info->name());
+    folder_ = fs::temp_directory_path() /
+              (std::string("fieldtrace_tradeoff_") + info->name() + "_" + std::to_string(getpid()));
     fs::remove_all(folder_);
     fs::create_directories(folder_);
     plan_.reference.method = Method::monte_carlo;

@@ -367,6 +367,7 @@ TEST(Transport, RefusesWrongOptions) {
   refused([](RenderOptions& o) { o.threads = -2; });
   refused([](RenderOptions& o) { o.tolerance = 1.5f; });
   refused([](RenderOptions& o) { o.crop = Rect{60, 0, 20, 10}; });
+  refused([](RenderOptions& o) { o.crop = Rect{1, 1, std::numeric_limits<int>::max(), 4}; });
   refused([](RenderOptions& o) { o.max_depth = -2; });
   refused([](RenderOptions& o) { o.aovs = {"colour"}; });
 }
