@@ -62,6 +62,27 @@ void set_valid(int (&valid)[k_width], int count) {
   for (int i = 0; i < k_width; ++i) valid[i] = i < count ? -1 : 0;
 }
 
+// Shared by both nearest-hit queries: store(packet, lane, ray, hit) is called for every ray.
+template <class Store>
+void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays, const Store& store) {
+  RTCIntersectContext context = make_context(coherence);
+  alignas(64) int valid[k_width];
+  RTCRayHit16 packet;
+  for (size_t begin = 0; begin < rays.size; begin += k_width) {
+    const int count = int(std::min(rays.size - begin, size_t(k_width)));
+    for (int lane = 0; lane < count; ++lane) {
+      set_ray(packet.ray, lane, rays, begin + lane);
+      packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
+      packet.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
+    }
+    set_valid(valid, count);
+    rtcIntersect16(valid, scene, &context, &packet);
+    for (int lane = 0; lane < count; ++lane) {
+      store(packet, lane, begin + lane, packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID);
+    }
+  }
+}
+
 // Shared by both occlusion queries: packs 16 listed rays at a time, and marks those that Embree finds blocked.
 void occluded_packets(RTCScene scene, const Affine* to_object, const RayBatch& rays, std::span<const uint32_t> indices,
                       uint8_t* blocked) {
@@ -173,28 +194,13 @@ Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>(scene)) {}
 Accel::~Accel() = default;
 
 void Accel::intersect(const RayBatch& rays, HitBatch& hits, Coherence coherence) const {
-  RTCIntersectContext context = make_context(coherence);
-  alignas(64) int valid[k_width];
-  RTCRayHit16 packet;
-  for (size_t begin = 0; begin < rays.size; begin += k_width) {
-    const int count = int(std::min(rays.size - begin, size_t(k_width)));
-    for (int lane = 0; lane < count; ++lane) {
-      set_ray(packet.ray, lane, rays, begin + lane);
-      packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
-      packet.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
-    }
-    set_valid(valid, count);
-    rtcIntersect16(valid, impl_->top.get(), &context, &packet);
-    for (int lane = 0; lane < count; ++lane) {
-      const size_t i = begin + lane;
-      const bool hit = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID;
-      hits.instance[i] = hit ? packet.hit.instID[0][lane] : k_none;
-      hits.primitive[i] = packet.hit.primID[lane];
-      hits.t[i] = packet.ray.tfar[lane];
-      hits.u[i] = packet.hit.u[lane];
-      hits.v[i] = packet.hit.v[lane];
-    }
-  }
+  intersect_packets(impl_->top.get(), coherence, rays, [&](const RTCRayHit16& packet, int lane, size_t i, bool hit) {
+    hits.instance[i] = hit ? packet.hit.instID[0][lane] : k_none;
+    hits.primitive[i] = packet.hit.primID[lane];
+    hits.t[i] = packet.ray.tfar[lane];
+    hits.u[i] = packet.hit.u[lane];
+    hits.v[i] = packet.hit.v[lane];
+  });
 }
 
 void Accel::occluded(const RayBatch& rays, std::span<const uint32_t> indices, uint8_t* blocked) const {
@@ -208,28 +214,14 @@ void Accel::occluded_by(uint32_t instance, const RayBatch& rays, std::span<const
 }
 
 void Accel::shape_intersect(uint32_t shape, const RayBatch& rays, ShapeHits& hits) const {
-  RTCIntersectContext context = make_context(Coherence::incoherent);
-  alignas(64) int valid[k_width];
-  RTCRayHit16 packet;
-  for (size_t begin = 0; begin < rays.size; begin += k_width) {
-    const int count = int(std::min(rays.size - begin, size_t(k_width)));
-    for (int lane = 0; lane < count; ++lane) {
-      set_ray(packet.ray, lane, rays, begin + lane);
-      packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
-      packet.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
-    }
-    set_valid(valid, count);
-    rtcIntersect16(valid, impl_->shapes[shape].get(), &context, &packet);
-    for (int lane = 0; lane < count; ++lane) {
-      const size_t i = begin + lane;
-      const bool hit = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID;
-      hits.t[i] = hit ? packet.ray.tfar[lane] : -1.0f;
-      hits.nx[i] = packet.hit.Ng_x[lane];
-      hits.ny[i] = packet.hit.Ng_y[lane];
-      hits.nz[i] = packet.hit.Ng_z[lane];
-      hits.primitive[i] = hit ? packet.hit.primID[lane] : k_none;
-    }
-  }
+  intersect_packets(impl_->shapes[shape].get(), Coherence::incoherent, rays,
+                    [&](const RTCRayHit16& packet, int lane, size_t i, bool hit) {
+                      hits.t[i] = hit ? packet.ray.tfar[lane] : -1.0f;
+                      hits.nx[i] = packet.hit.Ng_x[lane];
+                      hits.ny[i] = packet.hit.Ng_y[lane];
+                      hits.nz[i] = packet.hit.Ng_z[lane];
+                      hits.primitive[i] = hit ? packet.hit.primID[lane] : k_none;
+                    });
 }
 
 void Accel::shape_occluded(uint32_t shape, const RayBatch& rays, uint8_t* blocked) const {
