@@ -73,6 +73,10 @@ struct Bounds3 {
   }
   Vec3 centre() const { return 0.5f * (lower + upper); }
   Vec3 diagonal() const { return upper - lower; }
+  // Corner 0 ... 7: bit i of `index` chooses the upper end along axis i.
+  Vec3 corner(int index) const {
+    return {index & 1 ? upper.x : lower.x, index & 2 ? upper.y : lower.y, index & 4 ? upper.z : lower.z};
+  }
 };
 
 struct Sphere {

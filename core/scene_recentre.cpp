@@ -23,9 +23,10 @@ DBounds world_bounds(const Scene& scene, const ScenePlacement& placement) {
   for (size_t i = 0; i < scene.instances.size(); ++i) {
     const Bounds3& b = scene.shapes[scene.instances[i].shape].bounds;
     const DAffine& t = placement.instances[i];
-    for (int c = 0; c < 8; ++c)
-      result.extend(t[0] * double(c & 1 ? b.upper.x : b.lower.x) + t[1] * double(c & 2 ? b.upper.y : b.lower.y) +
-                    t[2] * double(c & 4 ? b.upper.z : b.lower.z) + t[3]);
+    for (int c = 0; c < 8; ++c) {
+      const DVec3 corner(b.corner(c));
+      result.extend(t[0] * corner.x + t[1] * corner.y + t[2] * corner.z + t[3]);
+    }
   }
   return result;
 }

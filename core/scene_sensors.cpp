@@ -157,7 +157,7 @@ void build_default_sensor(SceneBuilder& builder) {
     const Bounds3& b = scene.shapes[scene.instances[i].shape].bounds;
     const DAffine& t = builder.placement.instances[i];
     for (int c = 0; c < 8; ++c) {
-      const DVec3 corner(c & 1 ? b.upper.x : b.lower.x, c & 2 ? b.upper.y : b.lower.y, c & 4 ? b.upper.z : b.lower.z);
+      const DVec3 corner(b.corner(c));
       const DVec3 p = t[0] * corner.x + t[1] * corner.y + t[2] * corner.z + t[3];
       lower = glm::min(lower, p);
       upper = glm::max(upper, p);

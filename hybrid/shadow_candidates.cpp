@@ -7,10 +7,7 @@ namespace {
 
 Bounds3 transformed_bounds(const Bounds3& b, const Affine& to_world) {
   Bounds3 result;
-  for (int corner = 0; corner < 8; ++corner) {
-    result.extend(transform_point(to_world, {corner & 1 ? b.upper.x : b.lower.x, corner & 2 ? b.upper.y : b.lower.y,
-                                             corner & 4 ? b.upper.z : b.lower.z}));
-  }
+  for (int c = 0; c < 8; ++c) result.extend(transform_point(to_world, b.corner(c)));
   // Rounding of the transform, three products and a sum on each coordinate.
   const Vec3 slack = gamma_bound(4) * glm::max(glm::abs(result.lower), glm::abs(result.upper));
   result.lower -= slack;
