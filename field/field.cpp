@@ -34,6 +34,13 @@ void require_power(const char* name, int value, int low, int high) {
   }
 }
 
+const FieldParameters& checked(const FieldParameters& p) {
+  require_power("directions", p.directions, 32, 256);
+  require_power("plane", p.plane, 64, 512);
+  if (p.lines < 4 || p.lines > k_max_lines) throw UsageError("lines per cell must lie in 4 ... 32");
+  return p;
+}
+
 }  // namespace
 
 bool valid_parameters(const FieldParameters& p) {
@@ -52,10 +59,8 @@ Sphere field_ball(const Bounds3& bounds) {
   return ball;
 }
 
-Field::Field(const Sphere& ball, const FieldParameters& parameters) : ball_(ball), parameters_(parameters) {
-  require_power("directions", parameters.directions, 32, 256);
-  require_power("plane", parameters.plane, 64, 512);
-  if (parameters.lines < 4 || parameters.lines > k_max_lines) throw UsageError("lines per cell must lie in 4 ... 32");
+Field::Field(const Sphere& ball, const FieldParameters& parameters)
+    : ball_(ball), parameters_(checked(parameters)), coverage_(parameters.directions, parameters.plane) {
   const FieldView v = view();
   const size_t direction_bricks = size_t(v.direction_bricks) * v.direction_bricks;
   max_bricks_ = uint32_t(std::min<size_t>(direction_bricks * v.plane_bricks + 1, k_max_pool_bricks));
@@ -83,6 +88,7 @@ FieldView Field::view() const {
   v.depth = depth_.data();
   v.certificate = certificate_.data();
   v.primitive = primitive_.data();
+  v.coverage = coverage_.view();
   return v;
 }
 
@@ -190,7 +196,8 @@ void Field::store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate
 }
 
 uint64_t Field::bytes() const {
-  return bytes_.load(std::memory_order_relaxed) + uint64_t(view().direction_bricks) * view().direction_bricks * 4;
+  return bytes_.load(std::memory_order_relaxed) + uint64_t(view().direction_bricks) * view().direction_bricks * 4 +
+         coverage_.bytes();
 }
 
 uint32_t Field::finished_mask(uint32_t brick) const { return load_shared(finished_[brick]); }

@@ -15,6 +15,7 @@
 
 #include "core/math.h"
 #include "core/virtual_buffer.h"
+#include "field/coverage.h"
 #include "field/layout.hd.h"
 #include "field/view.h"
 
@@ -59,6 +60,8 @@ class Field {
   const FieldParameters& parameters() const { return parameters_; }
   const Sphere& ball() const { return ball_; }
   FieldView view() const;
+  CoverageTiles& coverage() { return coverage_; }
+  const CoverageTiles& coverage() const { return coverage_; }
 
   uint32_t slice_count() const;  // of the whole chart
   SliceAddress slice_address(uint32_t slice) const;
@@ -107,6 +110,7 @@ class Field {
   std::atomic<uint32_t> brick_count_ = 1, page_count_ = 1;
   std::atomic<uint64_t> cells_baked_ = 0, bytes_ = 0;
   std::atomic<bool> pool_full_ = false;
+  CoverageTiles coverage_;
 };
 
 }  // namespace fieldtrace

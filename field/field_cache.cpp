@@ -1,5 +1,6 @@
 #include "field/field_cache.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <new>
 
@@ -12,12 +13,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool has_slices_of(const Field& all, const Field& some) {
+bool holds_all_of(const Field& all, const Field& some) {
   for (const BrickPlace& place : some.bricks()) {
     const uint32_t brick = all.brick_at(place.direction_brick, place.plane_brick);
     if (brick == 0 || (place.finished & ~all.finished_mask(brick)) != 0) return false;
   }
-  return true;
+  const std::vector<uint32_t> tiles = some.coverage().baked();
+  return std::all_of(tiles.begin(), tiles.end(), [&](uint32_t slot) { return all.coverage().finished(slot); });
 }
 
 uint64_t size_of_file(const std::string& path) {
@@ -82,14 +84,14 @@ bool FieldCache::load(Field& field, const FieldIdentity& identity) {
 
 void FieldCache::store(const Field& field, const FieldIdentity& identity) {
   const Hash128 slices = slices_hash(field);
-  if (field.cells_baked() == 0 || known_complete(slices, identity)) return;
+  if (field.cells_baked() + field.coverage().lines_baked() == 0 || known_complete(slices, identity)) return;
   const std::string path = path_of(identity);
   const FileLock lock(path + ".lock");
   // What others have added since this field was loaded.
   Field held(field.ball(), field.parameters());
   std::error_code failed;
   if (fs::exists(path, failed)) load_or_tell(held, identity, path);
-  if (!has_slices_of(held, field)) {
+  if (!holds_all_of(held, field)) {
     const Field* const both[] = {&field, &held};
     save_fields(both, identity, path);
   }

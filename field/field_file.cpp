@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "core/atomic_file.h"
+#include "field/coverage_grid.h"
 #include "field/field_grids.h"
 #include "field/field_trailer.h"
 #include "field/risk.h"
@@ -151,7 +152,18 @@ GridArray make_grids(std::span<const Field* const> fields, const FieldIdentity& 
   return grids;
 }
 
-void write_grids(const GridArray& grids, const openvdb::MetaMap& metadata, const std::string& target,
+Int32Grid::Ptr make_coverage_grid(std::span<const Field* const> fields, const FieldIdentity& identity,
+                                  const Sphere& ball) {
+  const Int32Grid::Ptr grid = Int32Grid::create(0);
+  grid->setName(k_coverage_grid_name);
+  write_metadata(*grid, identity, ball);
+  std::vector<const CoverageTiles*> sources;
+  for (const Field* field : fields) sources.push_back(&field->coverage());
+  write_coverage(sources, *grid);
+  return grid;
+}
+
+void write_grids(std::span<const Int32Grid::Ptr> grids, const openvdb::MetaMap& metadata, const std::string& target,
                  const std::string& name) {
   openvdb::GridCPtrVec written;
   for (const Int32Grid::Ptr& grid : grids) {
@@ -173,6 +185,10 @@ void add_slices_to(Hasher& hasher, uint32_t direction_brick, uint32_t plane_bric
   for (const uint32_t value : {direction_brick, plane_brick, finished}) hasher.add_value(value);
 }
 
+void add_tiles_to(Hasher& hasher, std::span<const uint32_t> slots) {
+  for (const uint32_t slot : slots) hasher.add_value(slot);
+}
+
 bool same_ball(const Sphere& a, const Sphere& b) { return a.centre == b.centre && a.radius == b.radius; }
 
 bool same_parameters(const FieldParameters& a, const FieldParameters& b) {
@@ -187,20 +203,22 @@ struct FieldFile::Grids {
   GridArray grids;  // null where the file has none of that layer
   // Bricks of either layer, ascending.
   std::vector<openvdb::Coord> origins;
+  CoverageData coverage;
 
-  Int32Grid::Ptr take(const openvdb::GridPtrVec& all, GridLayer layer, const std::string& path) const;
+  Int32Grid::Ptr take(const openvdb::GridPtrVec& all, const char* name, const std::string& path) const;
   bool read(const openvdb::Coord& origin, BrickData& brick) const;
   // Finds the origins and checks every brick; returns the slices' hash.
   Hash128 validate(const FieldFileHeader& header, const std::string& path);
 };
 
-Int32Grid::Ptr FieldFile::Grids::take(const openvdb::GridPtrVec& all, GridLayer layer, const std::string& path) const {
+Int32Grid::Ptr FieldFile::Grids::take(const openvdb::GridPtrVec& all, const char* name,
+                                           const std::string& path) const {
   Int32Grid::Ptr found;
   for (const openvdb::GridBase::Ptr& grid : all) {
-    if (grid->getName() != k_grid_names[layer]) continue;
-    if (found) throw FieldFileError(path, std::string("has two grids named ") + k_grid_names[layer]);
+    if (grid->getName() != name) continue;
+    if (found) throw FieldFileError(path, std::string("has two grids named ") + name);
     found = openvdb::GridBase::grid<Int32Grid>(grid);
-    if (!found) throw FieldFileError(path, std::string("has a grid ") + k_grid_names[layer] + " of another type");
+    if (!found) throw FieldFileError(path, std::string("has a grid ") + name + " of another type");
   }
   return found;
 }
@@ -240,6 +258,7 @@ Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::str
     if (!sound) throw FieldFileError(path, "has cells that no bake writes");
     add_slices_to(hasher, direction_brick, plane_brick, brick.finished);
   }
+  add_tiles_to(hasher, coverage.slots);
   return hasher.result();
 }
 
@@ -253,7 +272,12 @@ FieldFile::FieldFile(const std::string& path) : grids_(std::make_unique<Grids>()
     openvdb::io::Stream stream(in, /*delayLoad=*/false);
     header_ = read_metadata(*stream.getMetadata(), path);
     const openvdb::GridPtrVecPtr all = stream.getGrids();
-    for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = grids_->take(*all, GridLayer(g), path);
+    for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = grids_->take(*all, k_grid_names[g], path);
+    const Int32Grid::Ptr coverage = grids_->take(*all, k_coverage_grid_name, path);
+    const FieldParameters& p = header_.identity.parameters;
+    if (coverage && !read_coverage(*coverage, p.directions, p.plane, grids_->coverage)) {
+      throw FieldFileError(path, "has coverage tiles that no bake writes");
+    }
     slices_ = grids_->validate(header_, path);
   } catch (const FieldFileError&) {
     throw;
@@ -295,12 +319,17 @@ bool FieldFile::copy_to(Field& field) const {
       field.finish(layer, slice);
     }
   }
+  for (size_t i = 0; i < grids_->coverage.slots.size(); ++i) {
+    const uint32_t slot = grids_->coverage.slots[i];
+    if (field.coverage().claim(slot)) field.coverage().finish(slot, grids_->coverage.tile(i));
+  }
   return true;
 }
 
 Hash128 slices_hash(const Field& field) {
   Hasher hasher;
   for (const BrickPlace& p : field.bricks()) add_slices_to(hasher, p.direction_brick, p.plane_brick, p.finished);
+  add_tiles_to(hasher, field.coverage().baked());
   return hasher.result();
 }
 
@@ -323,7 +352,10 @@ void save_fields(std::span<const Field* const> fields, const FieldIdentity& iden
   const Sphere& ball = fields.front()->ball();
   openvdb::MetaMap metadata;
   write_metadata(metadata, identity, ball);
-  write_grids(make_grids(fields, identity, ball), metadata, file.temporary_path(), path);
+  const GridArray bricks = make_grids(fields, identity, ball);
+  std::vector<Int32Grid::Ptr> grids(bricks.begin(), bricks.end());
+  grids.push_back(make_coverage_grid(fields, identity, ball));
+  write_grids(grids, metadata, file.temporary_path(), path);
   append_trailer(file.temporary_path(), path);
   file.commit();
 }

@@ -53,6 +53,12 @@ struct UnitSegment {
   Mask_t<F> crosses, origin_inside, end_inside;
 };
 
+// Row `axis` of a 3 x 4 transform, column-major, applied to a vector; points add m[9 + axis].
+template <class F>
+FT_HD_INLINE F transformed(const float* m, int axis, const Vec3Lanes<F>& v) {
+  return splat<F>(m[axis]) * v.x + splat<F>(m[3 + axis]) * v.y + splat<F>(m[6 + axis]) * v.z;
+}
+
 // Moves a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses nothing.
 // Written in place: a copy of the whole would read the masks, which are short, by wide loads that must wait for them.
 template <class F>

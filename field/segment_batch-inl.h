@@ -8,6 +8,7 @@
 #define FIELDTRACE_FIELD_SEGMENT_BATCH_INL_H_
 #endif
 
+#include "field/cone_batch-inl.h"
 #include "field/query.hd.h"
 #include "field/segment_kernels.h"
 
@@ -215,12 +216,6 @@ FT_HD_INLINE void clip_slab(F o, F d, float lower, float upper, F& enter, F& lea
   leave = min(leave, max(a, b) * widen);
 }
 
-// Row `axis` of a 3 x 4 transform applied to a point and to a vector.
-template <class F>
-FT_HD_INLINE F transformed(const float* m, int axis, const Vec3Lanes<F>& v) {
-  return splat<F>(m[axis]) * v.x + splat<F>(m[3 + axis]) * v.y + splat<F>(m[6 + axis]) * v.z;
-}
-
 template <class F>
 inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
                                      size_t begin, size_t end, int32_t candidate_slot, RayStates& states) {
@@ -250,7 +245,7 @@ FT_HD_INLINE Vec3Lanes<F> load_points(const ReceiverBatch& r, size_t i) {
 template <class F>
 FT_HD_INLINE void raise_flags(Mask_t<F> raised, int32_t* flags) {
   const Int_t<F> old = load_int_lanes<F>(flags);
-  store_lanes(old | select(raised, splat_int<F>(1), splat_int<F>(0)), flags);
+  store_lanes(old | select(raised, splat_int<F>(k_may_shadow), splat_int<F>(0)), flags);
 }
 
 template <class F>
@@ -330,7 +325,7 @@ inline void collect_batch(const RayStates& states, size_t rays, uint8_t* blocked
 template <class F>
 constexpr SegmentKernels make_segment_kernels() {
   return {&query_batch<F>,           &cross_ball_batch<F>,     &cross_box_batch<F>,
-          &hull_meets_ball_batch<F>, &hull_meets_box_batch<F>, &collect_batch<F>};
+          &hull_meets_ball_batch<F>, &hull_meets_box_batch<F>, &light_cones_batch<F>, &collect_batch<F>};
 }
 
 FT_LANES_END

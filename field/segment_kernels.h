@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "core/isa.h"
@@ -23,7 +24,8 @@ struct RayStates {
 
   AlignedVector<int32_t> state;
   AlignedVector<int32_t> asker;  // candidate_slot of the last one that asked
-  // Blocks of k_batch_padding rays that met cells not baked yet, as their first ray; their states are untouched. And the slices.
+  // Blocks of k_batch_padding rays that met cells not baked yet, as their first ray; their states are untouched. And
+  // the slices.
   std::vector<uint32_t> unknown_blocks, unknown_visibility, unknown_depth;
   // Verdict per ray (k_verdict_* of field/query.hd.h) of the last candidate; filled if `keep_verdicts`.
   AlignedVector<int32_t> verdict;
@@ -59,6 +61,29 @@ struct SegmentCounts {
   uint64_t lookups = 0;    // cells read
 };
 
+// Bits of a receiver's flag: what stands between it and a light.
+inline constexpr int32_t k_may_shadow = 1;     // some object may: single rays must tell
+inline constexpr int32_t k_light_blocked = 2;  // the whole light is hidden
+
+// One candidate object asked about whole lights (field/cone.hd.h).
+struct ConeTask {
+  SegmentTask segment;
+  float from_unit[9];    // unit space -> world, linear part, column-major
+  float half_extent[3];  // of the object's bounds, a box about the origin of unit space
+  int sheet_side = 0;    // directions tried for receivers on the object: sheet_side^2; 0: none are asked about
+};
+
+// What light_cones() met that is not baked: receivers' blocks of k_batch_padding, as their first index, and what to
+// bake.
+struct ConeUnknowns {
+  std::vector<uint32_t> blocks, tiles, slices;
+};
+
+struct ConeCounts {
+  uint64_t clear = 0, blocked = 0;  // receivers answered
+  uint64_t lookups = 0;
+};
+
 // The rays left to trace, by index, after all candidates have spoken.
 struct ExactLists {
   AlignedVector<int32_t> one_asker, many_askers;
@@ -76,10 +101,14 @@ struct SegmentKernels {
   // The same for the bounding box of an object without a field.
   SegmentCounts (*cross_box)(const BoxTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
                              size_t end, int32_t candidate_slot, RayStates&);
-  // flags[r] |= 1 where the hull of receiver r and a sphere about the light meets the object's ball or box.
+  // flags[r] |= k_may_shadow where the hull of receiver r and a sphere about the light meets the object's ball or box.
   // Conservative.
   void (*hull_meets_ball)(const SegmentTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
   void (*hull_meets_box)(const BoxTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
+  // For receivers in `blocks` whose flag is k_may_shadow: the flag becomes 0 where the object leaves the whole ball
+  // `light` clear, k_light_blocked where it hides all of it.
+  ConeCounts (*light_cones)(const ConeTask&, const ReceiverBatch&, const Sphere& light,
+                            std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&);
   // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
   void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
 };

@@ -21,17 +21,26 @@ constexpr ChartAxis make_axis(int n) {
   return {float(n), 0.5f * float(n), float(n) - 1.0f, 2.0f / float(n), 1.0f / float(n) - 1.0f};
 }
 
+// Parallel lines of each direction cell (field/coverage.hd.h).
+struct CoverageView {
+  int tiles = 0;                     // along each side of a plane
+  float half_lines = 0.0f;           // L / 2
+  const int32_t* tile_of = nullptr;  // direction * tiles^2 + tile
+  const int32_t* sums = nullptr;     // tile * k_tile_words
+};
+
 struct FieldView {
-  ChartAxis directions, plane;  // D and N cells
-  int direction_bricks = 0;     // D / 4
-  int plane_bricks_b = 0;       // N / 8
-  int plane_bricks = 0;         // (N / 4) (N / 8)
-  const int32_t* top = nullptr;           // (D / 4)^2
-  const int32_t* pages = nullptr;         // page * plane_bricks + plane brick
+  ChartAxis directions, plane;     // D and N cells
+  int direction_bricks = 0;        // D / 4
+  int plane_bricks_b = 0;          // N / 8
+  int plane_bricks = 0;            // (N / 4) (N / 8)
+  const int32_t* top = nullptr;    // (D / 4)^2
+  const int32_t* pages = nullptr;  // page * plane_bricks + plane brick
   const uint8_t* visibility = nullptr;
   const int32_t* depth = nullptr;
   const int32_t* certificate = nullptr;
   const int32_t* primitive = nullptr;
+  CoverageView coverage;
 };
 
 // A cell answers if its risk class is at most this. max_class < 0: none answers. answer_all: nothing asks; depth

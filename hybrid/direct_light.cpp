@@ -39,6 +39,16 @@ float visible_sum_weighted(const float* weight, const float* pdf, const uint8_t*
   return sum;
 }
 
+// How many samples of each receiver are answered first, where whole lights may be answered at once: if they all agree,
+// the rest is taken to agree too. The smallest divisor of light_samples from 2 sqrt(light_samples) on: a penumbra then
+// gets about an eighth more variance, whatever the number of samples (docs/decisions/009-cones.md). 0: none.
+int first_samples(int light_samples) {
+  for (int n = 1; 2 * n <= light_samples; ++n) {
+    if (n * n >= 4 * light_samples && light_samples % n == 0) return n;
+  }
+  return 0;
+}
+
 }  // namespace
 
 void DirectLight::fill_receivers(std::span<const PathVertex> vertices, std::span<const PathState> paths) {
@@ -103,20 +113,109 @@ void DirectLight::count(std::span<const PathVertex> vertices, std::span<const Pa
   }
 }
 
-void DirectLight::split_receivers(std::span<const PathVertex> vertices, const LightExtent& light, size_t begin,
-                                  size_t end) {
+void DirectLight::check_split(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
+                              int light_samples, Stats& stats) {
+  for (const bool blocked : {false, true}) {
+    group_ = blocked ? dark_ : free_;
+    if (group_.empty()) continue;
+    sample(light, vertices, paths, light_samples);
+    context_.answerer.check_whole(candidates_, blocked, shadows_, stats);
+  }
+}
+
+void DirectLight::split_receivers(std::span<const PathVertex> vertices, const LightExtent& light, int light_samples,
+                                  size_t begin, size_t end, Stats& stats) {
+  shadowed_.clear();
+  free_.clear();
+  dark_.clear();
   candidates_.light = light;
+  candidates_.light_samples = light_samples;
   places_.resize(end - begin);
   for (size_t r = 0; r < places_.size; ++r) {
     const SurfacePoint& s = vertices[lit_[begin + r]].surface;
     places_.px[r] = s.position.x, places_.py[r] = s.position.y, places_.pz[r] = s.position.z;
+    const Vec3& facing = vertices[lit_[begin + r]].facing;
+    places_.gx[r] = facing.x, places_.gy[r] = facing.y, places_.gz[r] = facing.z;
     places_.error[r] = s.error;
     places_.instance[r] = s.instance;
   }
-  context_.answerer.find_candidates(places_, candidates_);
+  context_.answerer.find_candidates(places_, candidates_, stats);
   for (size_t r = 0; r < places_.size; ++r) {
-    (candidates_.may_shadow[r] ? shadowed_ : free_).push_back(lit_[begin + r]);
+    const int32_t shadow = candidates_.shadow[r];
+    (shadow & k_light_blocked ? dark_ : shadow ? shadowed_ : free_).push_back(lit_[begin + r]);
   }
+}
+
+void DirectLight::sample(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
+                         int light_samples) {
+  fill_receivers(vertices, paths);
+  sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
+}
+
+void DirectLight::sort_by_first_samples(uint32_t light, std::span<const PathVertex> vertices,
+                                        std::span<const PathState> paths, int light_samples, int first_samples,
+                                        Stats& stats) {
+  group_.swap(shadowed_);
+  shadowed_.clear();
+  fill_receivers(vertices, paths);
+  // The first samples of each receiver's own.
+  for (size_t r = 0; r < group_.size(); ++r) receivers_.sample[r] *= uint32_t(light_samples / first_samples);
+  sample_light(context_.lights, light, receivers_, first_samples, context_.settings.isa, shadows_);
+  context_.answerer.answer(candidates_, shadows_, stats);
+  for (size_t r = 0; r < group_.size(); ++r) {
+    const size_t begin = r * size_t(first_samples), end = begin + size_t(first_samples);
+    int active = 0, blocked = 0;
+    for (size_t i = begin; i < end; ++i) {
+      active += shadows_.rays.tmax[i] >= 0.0f;
+      blocked += shadows_.blocked[i];
+    }
+    const bool mixed = active == 0 || (blocked != 0 && blocked != active);
+    (mixed ? shadowed_ : blocked ? dark_ : free_).push_back(group_[r]);
+    stats.samples_spared += mixed ? 0 : uint64_t(light_samples - first_samples);
+  }
+}
+
+void DirectLight::gather_free(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
+                              int light_samples, std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
+  group_.swap(free_);
+  if (group_.empty()) return;
+  sample(light, vertices, paths, light_samples);
+  accumulate(light, vertices, light_samples, arriving);
+  count(vertices, paths, light_samples, firsts, stats);
+}
+
+void DirectLight::gather_from(uint32_t light, size_t begin, size_t end, std::span<const PathVertex> vertices,
+                              std::span<const PathState> paths, int light_samples, std::span<FirstHit> firsts,
+                              std::span<Rgb> arriving, Stats& stats) {
+  const ShadowAnswerer& answerer = context_.answerer;
+  const double bake_before = stats.time_bake;
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    split_receivers(vertices, context_.light_extents[light], light_samples, begin, end, stats);
+  }
+  if (answerer.checks()) check_split(light, vertices, paths, light_samples, stats);
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    const int first = answerer.answers_cones() ? first_samples(light_samples) : 0;
+    if (first > 0 && !shadowed_.empty()) {
+      sort_by_first_samples(light, vertices, paths, light_samples, first, stats);
+    }
+  }
+  for (const uint32_t i : dark_) {
+    if (!firsts.empty()) firsts[paths[vertices[i].path].slot].shadow_rays += uint32_t(light_samples);
+  }
+  gather_free(light, vertices, paths, light_samples, firsts, arriving, stats);
+  group_.swap(shadowed_);
+  if (!group_.empty()) {
+    {
+      const ScopedTimer timer(stats.time_secondary);
+      sample(light, vertices, paths, light_samples);
+      answerer.answer(candidates_, shadows_, stats);
+    }
+    accumulate(light, vertices, light_samples, arriving);
+    count(vertices, paths, light_samples, firsts, stats);
+  }
+  stats.time_secondary -= stats.time_bake - bake_before;
 }
 
 void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
@@ -131,32 +230,7 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
     const size_t end = std::min(begin + group_size, lit_.size());
     for (uint32_t light = 0; light < context_.lights.size(); ++light) {
       if (context_.lights.lights[light].kind == LightKind::none) continue;
-      shadowed_.clear();
-      free_.clear();
-      {
-        const ScopedTimer timer(stats.time_secondary);
-        split_receivers(vertices, context_.light_extents[light], begin, end);
-      }
-      // Receivers that nothing can shadow send no shadow rays: their light samples are part of shading.
-      group_.swap(free_);
-      if (!group_.empty()) {
-        fill_receivers(vertices, paths);
-        sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
-        accumulate(light, vertices, light_samples, arriving);
-        count(vertices, paths, light_samples, firsts, stats);
-      }
-      group_.swap(shadowed_);
-      if (group_.empty()) continue;
-      fill_receivers(vertices, paths);
-      const double bake_before = stats.time_bake;
-      {
-        const ScopedTimer timer(stats.time_secondary);
-        sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
-        context_.answerer.answer(candidates_, shadows_, stats);
-      }
-      stats.time_secondary -= stats.time_bake - bake_before;
-      accumulate(light, vertices, light_samples, arriving);
-      count(vertices, paths, light_samples, firsts, stats);
+      gather_from(light, begin, end, vertices, paths, light_samples, firsts, arriving, stats);
     }
   }
 }

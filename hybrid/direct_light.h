@@ -25,8 +25,23 @@ class DirectLight {
               std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats);
 
  private:
-  // Sorts lit_[begin, end) into those that some object may shadow and those that nothing can.
-  void split_receivers(std::span<const PathVertex> vertices, const LightExtent& light, size_t begin, size_t end);
+  void gather_from(uint32_t light, size_t begin, size_t end, std::span<const PathVertex> vertices,
+                   std::span<const PathState> paths, int light_samples, std::span<FirstHit> firsts,
+                   std::span<Rgb> arriving, Stats& stats);
+  void gather_free(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
+                   int light_samples, std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats);
+  // Sorts lit_[begin, end) into those that some object may shadow, those that nothing can, and those that see nothing
+  // of the light.
+  void split_receivers(std::span<const PathVertex> vertices, const LightExtent& light, int light_samples, size_t begin,
+                       size_t end, Stats& stats);
+  void check_split(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
+                   int light_samples, Stats& stats);
+  // Moves those of shadowed_ whose first samples agree to free_ or dark_.
+  void sort_by_first_samples(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
+                             int light_samples, int first_samples, Stats& stats);
+  // Shadow rays of group_.
+  void sample(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
+              int light_samples);
   void fill_receivers(std::span<const PathVertex> vertices, std::span<const PathState> paths);
   void accumulate(uint32_t light, std::span<const PathVertex> vertices, int light_samples, std::span<Rgb> arriving);
   void count(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
@@ -37,8 +52,8 @@ class DirectLight {
   ShadowBatch shadows_;
   std::vector<uint32_t> lit_;    // vertices that take light samples
   std::vector<uint32_t> group_;  // those of the current batch
-  std::vector<uint32_t> shadowed_, free_;
-  ReceiverBatch places_;  // positions, errors and instances only
+  std::vector<uint32_t> shadowed_, free_, dark_;
+  ReceiverBatch places_;  // without what light sampling needs
   ShadowGroup candidates_;
 };
 

@@ -288,7 +288,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const FieldSet fields = make_fields(scene, options, rays_per_light);
     const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
     if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
-    const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask};
+    const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask,
+                                             options.whole_lights};
     const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
     const TransportContext context(scene, accel, camera, answerer, settings);
 

@@ -40,6 +40,7 @@ struct RenderOptions {
   std::optional<int> max_depth;   // overrides the integrator's
   bool check = false;             // trace an exact ray beside every certified answer, count disagreements
   bool force_ask = false;         // test aid: look up, then treat every cell as one that asks
+  bool whole_lights = true;       // ask fields about whole lights first; false: about single rays only
   std::vector<std::string> aovs;  // albedo normal depth position visibility exact object
 };
 

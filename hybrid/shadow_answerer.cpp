@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include "field/bake.h"
+#include "field/bake_coverage.h"
 #include "field/query.hd.h"
 #include "field/risk.h"
 
@@ -25,11 +27,30 @@ void write_unit_transform(const Instance& instance, const Sphere& ball, float ou
   }
 }
 
-// Bound on how much the linear part lengthens a vector: the Frobenius norm.
+// Bound on how much the linear part A lengthens a vector: the root of the largest eigenvalue of A^T A (Smith,
+// "Eigenvalues of a symmetric 3 x 3 matrix", CACM 1961), and a thousandth for its rounding.
 float stretch_bound(const float m[12]) {
-  double sum = 0.0;
-  for (int i = 0; i < 9; ++i) sum += double(m[i]) * double(m[i]);
-  return float(std::sqrt(sum)) * (1.0f + gamma_bound(4));
+  const auto column = [&](int i) { return DVec3(m[3 * i], m[3 * i + 1], m[3 * i + 2]); };
+  const DVec3 diagonal(glm::dot(column(0), column(0)), glm::dot(column(1), column(1)), glm::dot(column(2), column(2)));
+  const DVec3 beside(glm::dot(column(0), column(1)), glm::dot(column(1), column(2)), glm::dot(column(2), column(0)));
+  const double mean = (diagonal.x + diagonal.y + diagonal.z) / 3.0;
+  const DVec3 d = diagonal - DVec3(mean);
+  const double p = std::sqrt((glm::dot(d, d) + 2.0 * glm::dot(beside, beside)) / 6.0);
+  double largest = mean;
+  if (p > 0.0) {
+    const DVec3 b = d / p, c = beside / p;
+    const double half_determinant =
+        0.5 * (b.x * (b.y * b.z - c.y * c.y) - c.x * (c.x * b.z - c.y * c.z) + c.z * (c.x * c.y - b.y * c.z));
+    largest = mean + 2.0 * p * std::cos(std::acos(std::clamp(half_determinant, -1.0, 1.0)) / 3.0);
+  }
+  return float(std::sqrt(largest) * (1.0 + 0x1p-10));
+}
+
+// Directions tried along each side of a light as seen from receivers on the object: so many that neighbours lie less
+// than 3/4 of a direction cell's mean width (2 sqrt(pi) / D) apart.
+int sheet_side_for(float half_angle, int directions) {
+  const float cell = 2.0f * std::sqrt(k_pi) / float(directions);
+  return std::max(1, int(std::ceil(2.0f * half_angle / (0.75f * cell))));
 }
 
 std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t count) {
@@ -66,9 +87,11 @@ bool wants_field(const Shape& shape) {
 }
 
 struct ShadowAnswerer::Occluder {
-  bool in_ball = false;    // culled by the field's ball, else by the bounding box
-  Field* field = nullptr;  // answers within the ball; null: exact rays
-  SegmentTask ball;
+  bool in_ball = false;        // culled by the field's ball, else by the bounding box
+  bool answers_cones = false;  // of whole lights
+  Field* field = nullptr;      // answers within the ball; null: exact rays
+  ConeTask cone;               // for the ball
+  Sphere world_ball;           // encloses the ball
   BoxTask box;
 };
 
@@ -77,6 +100,8 @@ struct ShadowAnswerer::Workspace {
   ExactLists exact;
   std::vector<uint32_t> indices;
   std::vector<uint8_t> exact_blocked;
+  AlignedVector<int32_t> flags;
+  ConeUnknowns unknowns;
 };
 
 ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vector<Field*> fields,
@@ -102,11 +127,18 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
     Occluder& o = occluders_[i];
     o.field = fields[instance.shape];
     o.in_ball = wanted[instance.shape];
-    o.ball.instance = o.box.instance = i;
-    o.ball.policy = policy;
-    if (o.field) o.ball.field = o.field->view();
-    write_unit_transform(instance, field_ball(shape.bounds), o.ball.to_unit);
-    o.ball.to_unit_stretch = stretch_bound(o.ball.to_unit);
+    o.cone.segment.instance = o.box.instance = i;
+    o.cone.segment.policy = policy;
+    if (o.field) o.cone.segment.field = o.field->view();
+    write_unit_transform(instance, field_ball(shape.bounds), o.cone.segment.to_unit);
+    o.cone.segment.to_unit_stretch = stretch_bound(o.cone.segment.to_unit);
+    const Sphere ball = field_ball(shape.bounds);
+    float from_unit[12] = {};
+    for (int e = 0; e < 9; ++e) from_unit[e] = o.cone.from_unit[e] = instance.to_world[e / 3][e % 3] * ball.radius;
+    for (int a = 0; a < 3; ++a) o.cone.half_extent[a] = 0.5f * shape.bounds.diagonal()[a] / ball.radius;
+    o.world_ball = {transform_point(instance.to_world, ball.centre), stretch_bound(from_unit)};
+    o.answers_cones = o.field && settings.whole_lights && settings.tolerance > 0.0f && !settings.force_ask;
+    answers_cones_ |= o.answers_cones;
     std::memcpy(o.box.to_object, &instance.to_object, sizeof o.box.to_object);
     o.box.to_object_stretch = stretch_bound(o.box.to_object);
     // The transform of a ray into object space rounds; the box grows by as much.
@@ -122,7 +154,7 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
 
 ShadowAnswerer::~ShadowAnswerer() = default;
 
-void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup& group) const {
+void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup& group, Stats& stats) const {
   Bounds3 bounds;
   for (size_t r = 0; r < receivers.size; ++r) {
     const float e = receivers.error[r];
@@ -132,26 +164,68 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
   }
   candidates_.select(bounds, group.light, k_most_candidates, group.candidates);
   const bool test_each = group.light.kind == LightExtent::Kind::bounded && group.candidates.size() <= k_most_candidates;
-  group.may_shadow.assign(padded(receivers.size), !group.candidates.empty() && !test_each);
+  group.shadow.assign(padded(receivers.size), !group.candidates.empty() && !test_each ? k_may_shadow : 0);
   if (!test_each) return;
+  Workspace& work = *workspaces_.local();
   Sphere light = group.light.ball;
   // The origin of a ray lies up to `error` beside the receiver.
   for (size_t r = 0; r < receivers.size; ++r) light.radius = std::max(light.radius, receivers.error[r]);
   for (const uint32_t candidate : group.candidates) {
     const Occluder& o = occluders_[candidate];
+    work.flags.assign(padded(receivers.size), 0);
     if (o.in_ball) {
-      kernels_.hull_meets_ball(o.ball, receivers, light, group.may_shadow.data());
+      kernels_.hull_meets_ball(o.cone.segment, receivers, light, work.flags.data());
     } else {
-      kernels_.hull_meets_box(o.box, receivers, light, group.may_shadow.data());
+      kernels_.hull_meets_box(o.box, receivers, light, work.flags.data());
     }
+    std::fill(work.flags.begin() + std::ptrdiff_t(receivers.size), work.flags.end(), 0);
+    if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) ask_cones(o, receivers, group, work, stats);
+    for (size_t r = 0; r < work.flags.size(); ++r) group.shadow[r] |= work.flags[r];
+  }
+}
+
+void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers, const ShadowGroup& group,
+                               Workspace& work, Stats& stats) const {
+  const Sphere& light = group.light.ball;
+  ConeTask task = o.cone;
+  const float gap = glm::length(light.centre - o.world_ball.centre) - o.world_ball.radius;
+  const float sine = light.radius / gap;
+  if (gap > 0.0f && sine < 1.0f) {
+    const int side = sheet_side_for(std::asin(sine), o.field->parameters().directions);
+    if (side * side <= group.light_samples) task.sheet_side = side;
+  }
+  const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
+  ConeUnknowns& unknowns = work.unknowns;
+  unknowns.blocks.clear();
+  for (size_t r = 0; r < receivers.size; r += k_batch_padding) unknowns.blocks.push_back(uint32_t(r));
+  std::vector<uint32_t> blocks;
+  for (int round = 0; !unknowns.blocks.empty() && round <= k_most_bake_rounds; ++round) {
+    BakeCounters counters;
+    const auto take = [](std::vector<uint32_t>& list) {
+      std::sort(list.begin(), list.end());
+      list.erase(std::unique(list.begin(), list.end()), list.end());
+      return std::exchange(list, {});
+    };
+    bake_coverage(*o.field, take(unknowns.tiles), accel_, shape, counters);
+    bake_slices(*o.field, FieldLayer::depth, take(unknowns.slices), accel_, shape, counters);
+    stats.bake_rays += counters.rays;
+    stats.time_bake += counters.seconds;
+    if (o.field->pool_full() || o.field->coverage().full()) return;  // the rest is left to single rays
+    blocks.swap(unknowns.blocks);
+    unknowns.blocks.clear();
+    const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
+    stats.cones_clear += counts.clear;
+    stats.cones_blocked += counts.blocked;
+    stats.lookups += counts.lookups;
+    stats.samples_spared += (counts.clear + counts.blocked) * uint64_t(group.light_samples);
   }
 }
 
 void ShadowAnswerer::bake_unknown(const Occluder& o, int32_t slot, const ShadowBatch& batch, Workspace& work,
                                   Stats& stats) const {
-  const uint32_t shape = scene_.instances[o.ball.instance].shape;
+  const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
   RayStates& states = work.states;
-  SegmentTask task = o.ball;
+  SegmentTask task = o.cone.segment;
   for (int round = 0; !states.unknown_blocks.empty(); ++round) {
     BakeCounters counters;
     const auto bake = [&](FieldLayer layer, std::vector<uint32_t>& slices) {
@@ -179,6 +253,33 @@ void ShadowAnswerer::bake_unknown(const Occluder& o, int32_t slot, const ShadowB
   }
 }
 
+void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const {
+  Workspace& work = *workspaces_.local();
+  std::vector<uint8_t> hidden(batch.rays.size, 0), asked(batch.rays.size, 0);
+  for (const uint32_t candidate : group.candidates) {
+    const Occluder& o = occluders_[candidate];
+    if (!o.answers_cones) continue;
+    work.states.keep_verdicts = false;
+    work.states.reset(batch.rays.size);
+    kernels_.cross_ball(o.cone.segment, batch.rays, 0, padded(batch.rays.size), 0, work.states);
+    work.indices.clear();
+    for (uint32_t i = 0; i < batch.rays.size; ++i) {
+      if (work.states.state[i] & RayStates::k_crosses) work.indices.push_back(i);
+    }
+    for (const uint32_t i : work.indices) asked[i] = 1;
+    accel_.occluded_by(candidate, batch.rays, work.indices, hidden.data());
+  }
+  for (size_t i = 0; i < batch.rays.size; ++i) {
+    if (!asked[i]) continue;
+    const bool wrong = blocked != (hidden[i] != 0);
+    const bool own = occluders_[batch.instance[i]].answers_cones;
+    stats.check_answers += 1;
+    stats.check_wrong += wrong;
+    stats.check_by[blocked][own].answers += 1;
+    stats.check_by[blocked][own].wrong += wrong;
+  }
+}
+
 void ShadowAnswerer::check_answers(const Occluder& o, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
   const auto& verdict = work.states.verdict;
   work.indices.clear();
@@ -188,10 +289,10 @@ void ShadowAnswerer::check_answers(const Occluder& o, const ShadowBatch& batch, 
     }
   }
   work.exact_blocked.assign(batch.rays.size, 0);
-  accel_.occluded_by(o.ball.instance, batch.rays, work.indices, work.exact_blocked.data());
+  accel_.occluded_by(o.cone.segment.instance, batch.rays, work.indices, work.exact_blocked.data());
   for (const uint32_t i : work.indices) {
     const bool blocked = verdict[i] == scalar::k_verdict_blocked;
-    const bool own = batch.instance[i] == o.ball.instance;
+    const bool own = batch.instance[i] == o.cone.segment.instance;
     const bool wrong = blocked != (work.exact_blocked[i] != 0);
     stats.check_answers += 1;
     stats.check_wrong += wrong;
@@ -208,9 +309,9 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
     if (!o.in_ball) {
       counts = kernels_.cross_box(o.box, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
     } else if (!o.field) {
-      counts = kernels_.cross_ball(o.ball, batch.rays, 0, n, int32_t(slot), work.states);
+      counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
     } else {
-      counts = kernels_.query(o.ball, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
+      counts = kernels_.query(o.cone.segment, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
       bake_unknown(o, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);
     }

@@ -25,10 +25,11 @@
 namespace fieldtrace {
 
 struct AnswererSettings {
-  Isa isa = Isa::scalar;   // resolved
-  float tolerance = 0.1f;  // [0, 1]
-  bool check = false;      // trace an exact ray beside every certified answer
-  bool force_ask = false;  // look up, then ask all the same
+  Isa isa = Isa::scalar;     // resolved
+  float tolerance = 0.1f;    // [0, 1]
+  bool check = false;        // trace an exact ray beside every certified answer
+  bool force_ask = false;    // look up, then ask all the same
+  bool whole_lights = true;  // ask for whole lights before single rays, where a tolerance allows it
 };
 
 // Objects with fewer triangles are left to exact rays, which cost little more than a look-up there.
@@ -42,11 +43,15 @@ bool is_flat(const Shape& shape);
 // Whether a shape is worth a field at all.
 bool wants_field(const Shape& shape);
 
+// With fewer light samples a receiver, looking up its single rays costs no more than asking about the whole light.
+inline constexpr int k_fewest_cone_samples = 4;
+
 // The light that a group asks for, and what find_candidates() found. Kept by the caller between the two steps.
 struct ShadowGroup {
   LightExtent light;
-  std::vector<uint32_t> candidates;   // instances; more than k_most_candidates: too many to test one by one
-  AlignedVector<int32_t> may_shadow;  // per receiver: not 0 if some candidate may
+  std::vector<uint32_t> candidates;  // instances; more than k_most_candidates: too many to test one by one
+  int light_samples = 1;             // that each receiver would send
+  AlignedVector<int32_t> shadow;     // per receiver: k_may_shadow, k_light_blocked; 0: nothing stands between
 };
 
 class ShadowAnswerer {
@@ -55,8 +60,15 @@ class ShadowAnswerer {
   ShadowAnswerer(const Scene& scene, const Accel& accel, std::vector<Field*> fields, const AnswererSettings& settings);
   ~ShadowAnswerer();
 
-  // Fills `group` for the receivers' positions, errors and instances; group.light is set by the caller.
-  void find_candidates(const ReceiverBatch& receivers, ShadowGroup& group) const;
+  // Fills `group` for the receivers' positions, geometric normals, errors and instances; group.light and light_samples
+  // are set by the caller. With fields, whole lights are answered where that is certain: such receivers need no rays.
+  void find_candidates(const ReceiverBatch& receivers, ShadowGroup& group, Stats& stats) const;
+
+  // Whether some receivers' whole lights may be answered at once.
+  bool answers_cones() const { return answers_cones_; }
+  bool checks() const { return settings_.check; }
+  // For --check: traces the rays of receivers whose whole light find_candidates() called `blocked`, or clear.
+  void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
 
   // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both are 0 on entry, and stay 0 for
   // inactive slots. The rays leave receivers that `group` was made for, or some of them. Adds what it did to `stats`
@@ -68,6 +80,8 @@ class ShadowAnswerer {
   struct Occluder;
   struct Workspace;
 
+  void ask_cones(const Occluder& occluder, const ReceiverBatch& receivers, const ShadowGroup& group, Workspace& work,
+                 Stats& stats) const;
   void classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void bake_unknown(const Occluder& occluder, int32_t slot, const ShadowBatch& batch, Workspace& work,
                     Stats& stats) const;
@@ -79,6 +93,7 @@ class ShadowAnswerer {
   const Accel& accel_;
   const SegmentKernels& kernels_;
   AnswererSettings settings_;
+  bool answers_cones_ = false;
   ShadowCandidates candidates_;
   std::vector<Occluder> occluders_;  // one per instance
   mutable tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces_;

@@ -16,6 +16,9 @@ void Stats::merge_counters(const Stats& o) {
   lookups += o.lookups;
   bake_rays += o.bake_rays;
   sphere_crossings += o.sphere_crossings;
+  samples_spared += o.samples_spared;
+  cones_clear += o.cones_clear;
+  cones_blocked += o.cones_blocked;
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
   for (int verdict = 0; verdict < 2; ++verdict) {
@@ -45,11 +48,9 @@ std::string Stats::to_json() const {
                {"primary", time_primary},
                {"secondary", time_secondary},
                {"total", time_total}};
-  j["rays"] = {{"primary", rays_primary},
-               {"shadow", rays_shadow},
-               {"glossy", rays_glossy},
-               {"exact", rays_exact},
-               {"crossing", rays_crossing}};
+  j["rays"] = {{"primary", rays_primary}, {"shadow", rays_shadow},     {"glossy", rays_glossy},
+               {"exact", rays_exact},     {"crossing", rays_crossing}, {"spared", samples_spared}};
+  j["cones"] = {{"clear", cones_clear}, {"blocked", cones_blocked}};
   j["lookups"] = lookups;
   j["exact_fraction"] = exact_fraction();
   j["spheres_per_ray"] = spheres_per_ray();

@@ -28,6 +28,9 @@ struct Stats {
   uint64_t rays_crossing = 0;     // shadow rays that cross at least one candidate's bounds
   uint64_t lookups = 0;           // ray-field look-ups
   uint64_t sphere_crossings = 0;  // ray-candidate pairs whose bounds are crossed
+  uint64_t cones_clear = 0, cones_blocked = 0;  // receiver-candidate pairs whose whole light was answered at once
+  // Light samples that were answered with their whole light, or by a receiver's first samples: no rays were sent.
+  uint64_t samples_spared = 0;
   uint64_t check_answers = 0, check_wrong = 0;
   // check_by[verdict][receiver]: verdict 0 clear, 1 blocked; receiver 0 another object, 1 the object itself.
   struct CheckCount {
@@ -42,8 +45,11 @@ struct Stats {
   uint64_t memory_peak_bytes = 0;
   std::string version;
 
-  // Share of the sphere-crossing shadow rays that were traced exactly; 0 when none crossed.
-  double exact_fraction() const { return rays_crossing ? double(rays_exact) / double(rays_crossing) : 0.0; }
+  // Share of the sphere-crossing light samples, sent as rays or spared, that were traced exactly; 0 when none crossed.
+  double exact_fraction() const {
+    const uint64_t all = rays_crossing + samples_spared;
+    return all ? double(rays_exact) / double(all) : 0.0;
+  }
   // Mean number of candidates' bounds that a crossing ray crosses.
   double spheres_per_ray() const { return rays_crossing ? double(sphere_crossings) / double(rays_crossing) : 0.0; }
 

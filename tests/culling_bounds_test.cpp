@@ -73,10 +73,11 @@ void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const 
   ShadowGroup group;
   group.light = light_extent(scene, emitter);
   const ReceiverBatch batch = receivers_at(points, gamma_bound(3));
-  answerer.find_candidates(batch, group);
+  Stats stats;
+  answerer.find_candidates(batch, group, stats);
   const bool found = std::find(group.candidates.begin(), group.candidates.end(), occluder) != group.candidates.end();
   ASSERT_TRUE(found) << what;
-  for (size_t r = 0; r < batch.size; ++r) ASSERT_TRUE(group.may_shadow[r] != 0) << what << ", receiver " << r;
+  for (size_t r = 0; r < batch.size; ++r) ASSERT_TRUE(group.shadow[r] == k_may_shadow) << what << ", receiver " << r;
 }
 
 TEST(CullingBounds, DirectionalLightFindsOccludersFarFromTheOrigin) {

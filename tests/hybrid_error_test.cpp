@@ -129,11 +129,13 @@ TEST(HybridError, CheckingChangesNothing) {
   use_small_fields(o);
   const RenderResult plain = render(scene, o);
   o.check = true;
-  const RenderResult checked = render(scene, o);
+  RenderResult checked = render(scene, o);
   EXPECT_EQ(plain.image.data, checked.image.data);
   EXPECT_EQ(plain.stats.rays_exact, checked.stats.rays_exact);
   EXPECT_EQ(plain.stats.check_answers, 0u);
   // One object: every ray that crosses its ball is answered by its field or traced.
+  o.whole_lights = false;
+  checked = render(scene, o);
   EXPECT_EQ(checked.stats.check_answers + checked.stats.rays_exact, checked.stats.rays_crossing);
 }
 
@@ -145,6 +147,7 @@ TEST(HybridStats, CountersAgree) {
     use_small_fields(o);
     const Stats mc = render(s.scene, o).stats;
     o.method = Method::hybrid;
+    o.whole_lights = false;
     const Stats hybrid = render(s.scene, o).stats;
 
     EXPECT_EQ(mc.method, "montecarlo");

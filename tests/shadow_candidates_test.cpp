@@ -109,7 +109,8 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
                  uint32_t light, const ReceiverBatch& receivers, Tally& tally) {
   ShadowGroup group;
   group.light = light_extent(scene, light);
-  answerer.find_candidates(receivers, group);
+  Stats unused;
+  answerer.find_candidates(receivers, group, unused);
   ShadowBatch batch;
   sample_light(lights, light, receivers, k_rays, Isa::scalar, batch);
   std::vector<uint32_t> active;
@@ -125,7 +126,7 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
       if (!blocked[i]) continue;
       tally.blocked += 1;
       tally.missing += !chosen;
-      tally.unflagged += !group.may_shadow[i / k_rays];
+      tally.unflagged += !group.shadow[i / k_rays];
     }
   }
   blocked.assign(batch.rays.size, 0);
@@ -204,7 +205,8 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
     group.light = light_extent(maker.scene, 0);
     ShadowCandidates(maker.scene).select(bounds, group.light, balls.size(), group.candidates);
     chosen += group.candidates.size();
-    answerer.find_candidates(receivers, group);
+    Stats unused;
+    answerer.find_candidates(receivers, group, unused);
     std::vector<uint8_t> is_near(balls.size(), 0);
     for (size_t r = 0; r < receivers.size; ++r) {
       const Vec3 p(receivers.px[r], receivers.py[r], receivers.pz[r]), axis = light - p;
@@ -216,7 +218,7 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
         any = true;
       }
       near_receiver += any;
-      flagged += group.may_shadow[r] != 0;
+      flagged += group.shadow[r] != 0;
     }
     near += size_t(std::ranges::count(is_near, 1));
   }

@@ -1,0 +1,147 @@
+// Whole lights answered at once: is all of a ball clear of one object, as seen from a point, or wholly hidden by it?
+//
+// Two questions, both answered for the bundle of rays from the receiver to the ball ("cone"), never for single rays:
+//  - through_lines: for receivers and lights that have the object between them, a segment is blocked where its whole
+//    line is. All rays of the cone lie, within the object's ball, inside a tube about the cone's axis; seen along the
+//    direction c of the axis' direction cell the tube is a disc, whose radius accounts for the cone's width and for the
+//    angle between axis and c. If no parallel line in the disc's square meets the object, the light is clear; if every
+//    one does, it is hidden.
+//  - from_sheet: for receivers on the object itself, the depth cells at the receiver, one for each of a grid of
+//    directions over the ball that is finer than the direction cells, must all say that nothing lies before it.
+// Anything else stays open, and is left to single rays. A cone answer speaks of the object between its sampled lines
+// only as far as these resolve it (docs/decisions/009-cones.md).
+//
+// Space: unit space of the object (field/chart.hd.h). Thread-safety: pure functions over a FieldView.
+
+#if defined(FIELDTRACE_FIELD_CONE_HD_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_FIELD_CONE_HD_H_
+#undef FIELDTRACE_FIELD_CONE_HD_H_
+#else
+#define FIELDTRACE_FIELD_CONE_HD_H_
+#endif
+
+#include "core/lanes.hd.h"
+#include "field/chart.hd.h"
+#include "field/coverage.hd.h"
+#include "field/query.hd.h"
+
+FT_LANES_BEGIN
+
+// The bundle of rays from p to a ball: unit axis, distance to the ball's centre, and tangent of the half angle.
+template <class F>
+struct LightCone {
+  Vec3Lanes<F> p, axis;
+  F distance, sine, tangent;
+  Mask_t<F> narrow;  // the half angle is below k_widest_cone_sine's
+};
+
+// Wider cones are not answered whole.
+constexpr float k_widest_cone_sine = 0.6f;
+
+// `to_centre`: from p to the ball's centre; `radius`: of the ball.
+template <class F>
+FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& to_centre, F radius) {
+  const F one = splat<F>(1.0f);
+  LightCone<F> cone;
+  cone.p = p;
+  cone.distance = max(sqrt(dot(to_centre, to_centre)), splat<F>(1e-30f));
+  cone.axis = to_centre * (one / cone.distance);
+  cone.sine = min(radius / cone.distance, one);
+  cone.narrow = cone.sine < splat<F>(k_widest_cone_sine);
+  cone.tangent = cone.sine / sqrt(max(one - cone.sine * cone.sine, splat<F>(0.25f)));
+  return cone;
+}
+
+template <class F>
+struct ConeAnswer {
+  Mask_t<F> clear, blocked, unknown;  // none of them: open
+  Int_t<F> missing;                   // unknown: the coverage tile or depth slice to bake
+};
+
+// Discs wider than this are not asked about: 1/2 of the ball's radius.
+constexpr float k_widest_disc = 0.5f;
+
+// Whether the light's own end of the cone lies beyond the object's ball: then whole lines speak for its segments, if
+// the receiver has the object before it.
+template <class F>
+FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
+  const F one = splat<F>(1.0f);
+  const F t_foot = splat<F>(0.0f) - dot(cone.p, cone.axis);
+  return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one);
+}
+
+template <class F>
+FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, const LightCone<F>& cone, Mask_t<F> wanted) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  const F t_foot = zero - dot(cone.p, cone.axis);
+  const Vec3Lanes<F> foot = cone.p + cone.axis * t_foot;
+  CellAddress<F> cell;
+  find_direction_cell(cone.axis, field.directions, cell);
+  cell.frame = frame_from_square(centre_of<F>(cell.u, field.directions), centre_of<F>(cell.v, field.directions));
+  // Half the length of the longest chord of the ball that a ray of the cone can have.
+  const F nearest = max(sqrt(dot(foot, foot)) - max(t_foot + one, zero) * cone.tangent, zero);
+  const F half_chord = sqrt(max(one - nearest * nearest, zero));
+  const F cosine = dot(cone.axis, cell.frame.c);
+  const Vec3Lanes<F> across = cone.axis - cell.frame.c * cosine;
+  const F radius = max(t_foot + half_chord, zero) * cone.tangent + half_chord * sqrt(dot(across, across));
+
+  const F lines = splat<F>(field.coverage.half_lines + field.coverage.half_lines);
+  const F half = splat<F>(field.coverage.half_lines);
+  const F x = (dot(foot, cell.frame.s) + one) * half, y = (dot(foot, cell.frame.t) + one) * half, r = radius * half;
+  const auto texel = [&](F value) { return small_to_int(min(max(zero, value), lines)); };
+  const TexelRect<F> rect = {texel(floor(x - r)), texel(floor(x + r) + one), texel(floor(y - r)),
+                             texel(floor(y + r) + one)};
+  const Mask_t<F> asked = wanted & (radius < splat<F>(k_widest_disc));
+  const Int_t<F> direction = cell.u * splat_int<F>(int32_t(field.directions.cells)) + cell.v;
+  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, direction, rect, asked);
+  const Int_t<F> texels = (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
+  ConeAnswer<F> answer;
+  answer.unknown = sum.unknown;
+  answer.missing = sum.tile;
+  answer.clear = and_not(sum.unknown, asked & (sum.count == splat_int<F>(0)));
+  answer.blocked = and_not(sum.unknown | answer.clear, asked & (sum.count == texels));
+  return answer;
+}
+
+// `side`: directions are tried on a grid of side x side over the cone, those in its corners left out.
+template <class F>
+FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
+                                      int side, Mask_t<F> wanted) {
+  const F one = splat<F>(1.0f);
+  // Two directions across the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
+  const F sign = copysign(one, cone.axis.z);
+  const F a = splat<F>(-1.0f) / (sign + cone.axis.z);
+  const F b = cone.axis.x * cone.axis.y * a;
+  const Vec3Lanes<F> across_x = {one + sign * cone.axis.x * cone.axis.x * a, sign * b,
+                                 splat<F>(0.0f) - sign * cone.axis.x};
+  const Vec3Lanes<F> across_y = {b, sign + cone.axis.y * cone.axis.y * a, splat<F>(0.0f) - cone.axis.y};
+  ConeAnswer<F> answer;
+  answer.clear = answer.blocked = wanted;
+  answer.unknown = and_not(wanted, wanted);
+  answer.missing = splat_int<F>(0);
+  const float step = 2.0f / float(side);
+  for (int i = 0; i < side * side; ++i) {
+    const float x = (float(i % side) + 0.5f) * step - 1.0f, y = (float(i / side) + 0.5f) * step - 1.0f;
+    if (side > 1 && x * x + y * y > 1.0f + step * 0.25f) continue;
+    if (!any(answer.clear | answer.blocked)) break;
+    Vec3Lanes<F> d = cone.axis + across_x * (cone.tangent * splat<F>(x)) + across_y * (cone.tangent * splat<F>(y));
+    d = d * (one / sqrt(dot(d, d)));
+    const Vec3Lanes<F> back = {-d.x, -d.y, -d.z};
+    const Vec3Lanes<F> end = cone.p + d * cone.distance;
+    const Mask_t<F> asked = answer.clear | answer.blocked | answer.unknown;
+    const DepthAnswer<F> depth = compare_depth(
+        field, policy, address_of_line(back, cone.p, field.directions, field.plane), back, cone.p, end, asked);
+    answer.missing = select(depth.unknown, depth.slice, answer.missing);
+    answer.unknown = answer.unknown | depth.unknown;
+    answer.clear = answer.clear & (depth.front | depth.unknown);
+    answer.blocked = answer.blocked & (depth.behind | depth.unknown);
+  }
+  answer.unknown = answer.unknown & (answer.clear | answer.blocked);
+  answer.clear = and_not(answer.unknown, answer.clear);
+  answer.blocked = and_not(answer.unknown, answer.blocked);
+  return answer;
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

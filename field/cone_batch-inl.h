@@ -1,0 +1,100 @@
+// The loop over receivers behind SegmentKernels::light_cones. Included once per Highway target and once for floats.
+
+#if defined(FIELDTRACE_FIELD_CONE_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_FIELD_CONE_BATCH_INL_H_
+#undef FIELDTRACE_FIELD_CONE_BATCH_INL_H_
+#else
+#define FIELDTRACE_FIELD_CONE_BATCH_INL_H_
+#endif
+
+#include "field/cone.hd.h"
+#include "field/segment_kernels.h"
+
+FT_LANES_BEGIN
+
+template <class F>
+inline void append_missing(const ConeAnswer<F>& answer, std::vector<uint32_t>& list) {
+  if (!any(answer.unknown)) return;
+  alignas(64) int32_t missing[2 * Lanes<F>::k_count];
+  const int n = compress_store(answer.missing, answer.unknown, missing);
+  list.insert(list.end(), missing, missing + n);
+}
+
+// Whether the whole object lies before the receiver's tangent plane, to the breadth of a line: then its rays meet the
+// object only where their lines do. The object's bounds are a box about the origin.
+template <class F>
+FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& world_normal) {
+  const float* m = task.from_unit;
+  const auto along_column = [&](int i) {
+    return splat<F>(m[i]) * world_normal.x + splat<F>(m[i + 1]) * world_normal.y + splat<F>(m[i + 2]) * world_normal.z;
+  };
+  const Vec3Lanes<F> n = {along_column(0), along_column(3), along_column(6)};
+  const F reach = abs(n.x) * splat<F>(task.half_extent[0]) + abs(n.y) * splat<F>(task.half_extent[1]) +
+                  abs(n.z) * splat<F>(task.half_extent[2]);
+  const F slack = sqrt(dot(n, n)) / splat<F>(task.segment.field.coverage.half_lines);
+  return dot(n, p) + reach <= slack;
+}
+
+template <class F>
+inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& receivers, const Sphere& light,
+                                    std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns& unknowns) {
+  ConeCounts counts;
+  const float* m = task.segment.to_unit;
+  const FieldView& field = task.segment.field;
+  const Vec3Lanes<F> centre = {splat<F>(light.centre.x), splat<F>(light.centre.y), splat<F>(light.centre.z)};
+  const F stretch = splat<F>(task.segment.to_unit_stretch);
+  const F one = splat<F>(1.0f);
+  const Int_t<F> may = splat_int<F>(k_may_shadow);
+  const Uint_t<F> instance = splat_uint<F>(task.segment.instance);
+  for (const uint32_t block : blocks) {
+    bool missing = false;
+    for (size_t i = block; i < block + k_batch_padding; i += size_t(Lanes<F>::k_count)) {
+      const Int_t<F> flag = load_int_lanes<F>(flags + i);
+      const Mask_t<F> asked = (flag & may) == may;
+      if (!any(asked)) continue;
+      const Vec3Lanes<F> world = {load_lanes<F>(&receivers.px[i]), load_lanes<F>(&receivers.py[i]),
+                                  load_lanes<F>(&receivers.pz[i])};
+      const Vec3Lanes<F> normal = {load_lanes<F>(&receivers.gx[i]), load_lanes<F>(&receivers.gy[i]),
+                                   load_lanes<F>(&receivers.gz[i])};
+      const Vec3Lanes<F> p = {transformed(m, 0, world) + splat<F>(m[9]), transformed(m, 1, world) + splat<F>(m[10]),
+                              transformed(m, 2, world) + splat<F>(m[11])};
+      const Vec3Lanes<F> to_light = centre - world;
+      // The origin of a ray lies up to `error` beside the receiver.
+      const F radius = max(splat<F>(light.radius), load_lanes<F>(&receivers.error[i])) * stretch;
+      const LightCone<F> cone = make_cone<F>(
+          p, {transformed(m, 0, to_light), transformed(m, 1, to_light), transformed(m, 2, to_light)}, radius);
+      const Mask_t<F> inside = dot(p, p) < one;
+      const Mask_t<F> own = asked & (load_uint_lanes<F>(&receivers.instance[i]) == instance);
+      const Mask_t<F> before = (!inside) & (dot(p, cone.axis) < splat<F>(0.0f));
+      const Mask_t<F> beyond = light_beyond_ball(cone);
+      const Mask_t<F> by_lines = and_not(own, asked & beyond & (before | faces_object<F>(task, p, normal)));
+      const Mask_t<F> by_sheet = own & inside & beyond;
+      ConeAnswer<F> answer;
+      answer.clear = answer.blocked = answer.unknown = and_not(asked, asked);
+      if (any(by_lines)) {
+        answer = through_lines<F>(field, cone, by_lines);
+        append_missing<F>(answer, unknowns.tiles);
+        counts.lookups += uint64_t(count_true(by_lines));
+      }
+      if (task.sheet_side > 0 && any(by_sheet)) {
+        const ConeAnswer<F> sheet = from_sheet<F>(field, task.segment.policy, cone, task.sheet_side, by_sheet);
+        append_missing<F>(sheet, unknowns.slices);
+        answer.clear = answer.clear | sheet.clear;
+        answer.blocked = answer.blocked | sheet.blocked;
+        answer.unknown = answer.unknown | sheet.unknown;
+        counts.lookups += uint64_t(count_true(by_sheet) * task.sheet_side * task.sheet_side);
+      }
+      missing = missing || any(answer.unknown);
+      counts.clear += uint64_t(count_true(answer.clear));
+      counts.blocked += uint64_t(count_true(answer.blocked));
+      const Int_t<F> found = select(answer.blocked, splat_int<F>(k_light_blocked), flag);
+      store_lanes(select(answer.clear, splat_int<F>(0), found), flags + i);
+    }
+    if (missing) unknowns.blocks.push_back(block);
+  }
+  return counts;
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

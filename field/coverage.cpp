@@ -1,0 +1,102 @@
+#include "field/coverage.h"
+
+#include <algorithm>
+
+namespace fieldtrace {
+namespace {
+
+constexpr int k_side = scalar::k_tile_lines;
+constexpr int32_t k_unknown = 0, k_empty = 1, k_claimed = -1;
+// Words are addressed by 31-bit offsets.
+constexpr uint64_t k_most_tiles = (uint64_t(1) << 31) / scalar::k_tile_words - 1;
+
+// Two lines for each cell along each side of the plane, so that a cell's worth of detail is seen.
+int lines_for(int plane) { return std::clamp(2 * plane, 128, 512); }
+
+std::atomic_ref<int32_t> shared(const int32_t& value) { return std::atomic_ref<int32_t>(const_cast<int32_t&>(value)); }
+
+int32_t line_word(uint16_t line) { return line == 0 ? 0 : 1 + (int32_t(line - 1) << scalar::k_count_bits); }
+
+}  // namespace
+
+CoverageTiles::CoverageTiles(int directions, int plane)
+    : directions_(directions), lines_(lines_for(plane)), tiles_(lines_ / k_side) {
+  const uint64_t slots = uint64_t(directions) * directions * tiles_ * tiles_;
+  max_tiles_ = uint32_t(std::min(slots + 2, k_most_tiles));
+  tile_of_ = VirtualBuffer<int32_t>(slots);
+  sums_ = VirtualBuffer<int32_t>(size_t(max_tiles_) * scalar::k_tile_words);
+}
+
+CoverageView CoverageTiles::view() const { return {tiles_, 0.5f * float(lines_), tile_of_.data(), sums_.data()}; }
+
+CoverageTiles::Place CoverageTiles::place(uint32_t slot) const {
+  const uint32_t per_plane = uint32_t(tiles_ * tiles_), tile = slot % per_plane;
+  return {slot / per_plane, int(tile) % tiles_ * k_side, int(tile) / tiles_ * k_side};
+}
+
+bool CoverageTiles::claim(uint32_t slot) {
+  if (full()) return false;
+  int32_t expected = k_unknown;
+  return shared(tile_of_[slot]).compare_exchange_strong(expected, k_claimed, std::memory_order_acq_rel);
+}
+
+void CoverageTiles::give_back(uint32_t slot) { shared(tile_of_[slot]).store(k_unknown, std::memory_order_release); }
+
+bool CoverageTiles::finished(uint32_t slot) const {
+  return shared(tile_of_[slot]).load(std::memory_order_acquire) > k_unknown;
+}
+
+bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines) {
+  int32_t tile = k_empty;
+  if (std::any_of(lines.begin(), lines.end(), [](uint16_t l) { return l != 0; })) {
+    {
+      const std::lock_guard lock(growth_);
+      if (tile_count_ >= max_tiles_) {
+        full_.store(true, std::memory_order_relaxed);
+        give_back(slot);
+        return false;
+      }
+      tile = int32_t(tile_count_++);
+    }
+    int32_t* sums = &sums_[size_t(tile) * scalar::k_tile_words];
+    for (int y = 0; y < k_side; ++y) {
+      int32_t row = 0;
+      const int32_t* below = sums + y * scalar::k_tile_corners + 1;
+      int32_t* corner = sums + (y + 1) * scalar::k_tile_corners + 1;
+      for (int x = 0; x < k_side; ++x) {
+        row += line_word(lines[size_t(y * k_side + x)]);
+        shared(corner[x]).store(below[x] + row, std::memory_order_relaxed);
+      }
+    }
+    stored_.fetch_add(1, std::memory_order_relaxed);
+  }
+  baked_.fetch_add(1, std::memory_order_relaxed);
+  shared(tile_of_[slot]).store(tile, std::memory_order_release);
+  return true;
+}
+
+std::vector<uint32_t> CoverageTiles::baked() const {
+  std::vector<uint32_t> slots;
+  for (uint32_t s = 0; s < slot_count(); ++s) {
+    if (finished(s)) slots.push_back(s);
+  }
+  return slots;
+}
+
+void CoverageTiles::read(uint32_t slot, std::span<uint16_t> lines) const {
+  const int32_t* sums = &sums_[size_t(shared(tile_of_[slot]).load(std::memory_order_acquire)) * scalar::k_tile_words];
+  for (int y = 0; y < k_side; ++y) {
+    for (int x = 0; x < k_side; ++x) {
+      const int32_t* c = sums + y * scalar::k_tile_corners + x;
+      const int32_t word = (c[scalar::k_tile_corners + 1] - c[scalar::k_tile_corners]) - (c[1] - c[0]);
+      lines[size_t(y * k_side + x)] = word == 0 ? uint16_t(0) : uint16_t((word >> scalar::k_count_bits) + 1);
+    }
+  }
+}
+
+uint64_t CoverageTiles::bytes() const {
+  return stored_.load(std::memory_order_relaxed) * scalar::k_tile_words * sizeof(int32_t) +
+         uint64_t(tiles_ * tiles_) * sizeof(int32_t) * uint64_t(directions_);
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,65 @@
+// The coverage tiles of one field (field/coverage.hd.h): a table over a pool that grows by demand.
+//
+// Thread-safety: view() may be read while other threads bake: a tile's number appears in the table after its sums.
+// claim, finish and give_back coordinate bakers.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/virtual_buffer.h"
+#include "field/coverage.hd.h"
+#include "field/view.h"
+
+namespace fieldtrace {
+
+// What a line of a tile meets: its depth code + 1, or 0 for nothing.
+using TileLines = std::vector<uint16_t>;  // 32 x 32, row by row
+
+class CoverageTiles {
+ public:
+  CoverageTiles() = default;
+  // For D x D directions and planes of N x N cells. Throws Error if address space runs out.
+  CoverageTiles(int directions, int plane);
+
+  CoverageView view() const;
+  int lines() const { return lines_; }  // L
+  // A tile's place: its direction cell (u * D + v) and first texel.
+  struct Place {
+    uint32_t direction = 0;
+    int x = 0, y = 0;
+  };
+  Place place(uint32_t slot) const;
+  uint32_t slot_count() const { return uint32_t(directions_) * uint32_t(directions_) * uint32_t(tiles_ * tiles_); }
+
+  // Reserves a tile for the caller to bake; false if another thread has it, it is baked, or the pool is full.
+  bool claim(uint32_t slot);
+  // Publishes a claimed tile of 32 x 32 lines. False, and given back, if the pool is full.
+  bool finish(uint32_t slot, std::span<const uint16_t> lines);
+  void give_back(uint32_t slot);
+  bool finished(uint32_t slot) const;
+  bool full() const { return full_.load(std::memory_order_relaxed); }
+
+  // Slots that are baked, ascending; and their lines as they were given to finish().
+  std::vector<uint32_t> baked() const;
+  void read(uint32_t slot, std::span<uint16_t> lines) const;
+  uint64_t lines_baked() const { return baked_.load(std::memory_order_relaxed) * k_lines_per_tile; }
+  uint64_t bytes() const;
+
+  static constexpr uint64_t k_lines_per_tile = uint64_t(scalar::k_tile_lines) * scalar::k_tile_lines;
+
+ private:
+  int directions_ = 0, lines_ = 0, tiles_ = 0;
+  uint32_t max_tiles_ = 0;
+  VirtualBuffer<int32_t> tile_of_, sums_;
+  std::mutex growth_;
+  uint32_t tile_count_ = 2;  // 0 and 1 are all zero
+  std::atomic<uint64_t> baked_ = 0, stored_ = 0;
+  std::atomic<bool> full_ = false;
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,237 @@
+// Whole lights answered at once: against single exact rays, on every instruction set, and what they may not change.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/accel.h"
+#include "core/isa.h"
+#include "core/mesh_procedural.h"
+#include "hybrid/shadow_answerer.h"
+#include "small_scenes.h"
+#include "tests/random_lines.h"
+
+namespace fieldtrace {
+namespace {
+
+using test::SceneMaker;
+
+constexpr uint32_t k_object = 0;
+
+// An object under a placement, and a sphere light.
+struct ConeScene {
+  SceneMaker maker;
+  Sphere light;
+  std::unique_ptr<Accel> accel;
+  std::unique_ptr<Field> field;
+
+  ConeScene(const TriangleMesh& mesh, const Affine& place, const Sphere& light_ball) : light(light_ball) {
+    const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+    maker.instance(maker.mesh(mesh), bsdf, place);
+    const Affine at(Vec3(light.radius, 0, 0), Vec3(0, light.radius, 0), Vec3(0, 0, light.radius), light.centre);
+    maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), bsdf, at), Rgb(1.0f));
+    accel = std::make_unique<Accel>(maker.scene);
+    field = std::make_unique<Field>(field_ball(maker.scene.shapes[0].bounds),
+                                    FieldParameters{.directions = 32, .plane = 64});
+  }
+
+  ShadowGroup ask(const ReceiverBatch& receivers, Isa isa, float tolerance, Stats& stats) {
+    const ShadowAnswerer answerer(maker.scene, *accel, {field.get(), nullptr},
+                                  {.isa = resolve_isa(isa), .tolerance = tolerance});
+    ShadowGroup group;
+    group.light = light_extent(maker.scene, 0);
+    group.light_samples = 256;
+    answerer.find_candidates(receivers, group, stats);
+    return group;
+  }
+
+  // Of `count` exact rays from p to points of the light's ball, how many are blocked by the object.
+  int blocked_rays(const Vec3& p, int count, TestRandom& random) const {
+    RayBatch rays;
+    rays.resize(size_t(count));
+    std::vector<uint32_t> all;
+    for (int i = 0; i < count; ++i) {
+      rays.set(size_t(i), p, light.centre + light.radius * random.in_ball() - p, 1.0f);
+      all.push_back(uint32_t(i));
+    }
+    std::vector<uint8_t> blocked(size_t(count), 0);
+    accel->occluded_by(k_object, rays, all, blocked.data());
+    return int(std::count(blocked.begin(), blocked.end(), 1));
+  }
+};
+
+// Turned, stretched along one axis by up to `stretch`, of about the given size.
+Affine random_place(TestRandom& random, float size, float stretch) {
+  const Vec3 x = random.direction(), z = glm::normalize(glm::cross(x, random.direction())), y = glm::cross(z, x);
+  return Affine(x * size, y * size * random.uniform(1.0f / stretch, 1.0f), z * size, size * random.direction());
+}
+
+void set_receiver(ReceiverBatch& batch, size_t r, const Vec3& p, const Vec3& normal, uint32_t instance) {
+  batch.px[r] = p.x, batch.py[r] = p.y, batch.pz[r] = p.z;
+  batch.gx[r] = normal.x, batch.gy[r] = normal.y, batch.gz[r] = normal.z;
+  batch.sx[r] = normal.x, batch.sy[r] = normal.y, batch.sz[r] = normal.z;
+  batch.error[r] = gamma_bound(3) * (std::abs(p.x) + std::abs(p.y) + std::abs(p.z));
+  batch.instance[r] = instance;
+}
+
+// Receivers beyond the object as seen from the light, so that its shadow falls among them.
+ReceiverBatch shadowed_receivers(const ConeScene& s, const Sphere& world, int count, TestRandom& random) {
+  ReceiverBatch batch;
+  batch.resize(size_t(count));
+  for (int r = 0; r < count; ++r) {
+    const Vec3 through = world.centre + world.radius * random.in_ball();
+    const Vec3 away = glm::normalize(through - s.light.centre);
+    const Vec3 p = through + away * (world.radius * random.uniform(0.2f, 3.0f));
+    set_receiver(batch, size_t(r), p, -away, k_none);
+  }
+  return batch;
+}
+
+// Receivers on the object's triangles, turned to the light.
+ReceiverBatch own_receivers(const ConeScene& s, int count, TestRandom& random) {
+  const TriangleMesh& mesh = s.maker.scene.shapes[0].mesh;
+  const Affine& place = s.maker.scene.instances[k_object].to_world;
+  ReceiverBatch batch;
+  batch.resize(size_t(count));
+  for (int r = 0; r < count;) {
+    const UVec3 t = mesh.triangles[random.index(uint32_t(mesh.triangles.size()))];
+    const Vec3 a = transform_point(place, mesh.positions[t.x]), b = transform_point(place, mesh.positions[t.y]),
+               c = transform_point(place, mesh.positions[t.z]);
+    const Vec3 cross = glm::cross(b - a, c - a);
+    const Vec3 p = (a + b + c) / 3.0f;
+    const Vec3 normal = glm::dot(cross, s.light.centre - p) > 0.0f ? glm::normalize(cross) : -glm::normalize(cross);
+    // Where the light is cut by the horizon, rays below it leave no shadow ray.
+    if (glm::dot(normal, s.light.centre - p) < 1.5f * s.light.radius) continue;
+    set_receiver(batch, size_t(r++), p + normal * gamma_bound(64) * glm::length(p), normal, k_object);
+  }
+  return batch;
+}
+
+Sphere world_ball(const ConeScene& s) {
+  const Sphere ball = field_ball(s.maker.scene.shapes[0].bounds);
+  const Affine& m = s.maker.scene.instances[k_object].to_world;
+  return {transform_point(m, ball.centre),
+          ball.radius * std::max({glm::length(m[0]), glm::length(m[1]), glm::length(m[2])})};
+}
+
+struct Counts {
+  int clear = 0, blocked = 0, open = 0;
+  int64_t rays = 0, wrong = 0;
+};
+
+void count_answers(const ConeScene& s, const ReceiverBatch& batch, const ShadowGroup& group, TestRandom& random,
+                   Counts& counts) {
+  constexpr int k_rays = 32;
+  for (size_t r = 0; r < batch.size; ++r) {
+    const int32_t shadow = group.shadow[r];
+    if (shadow == k_may_shadow) {
+      ++counts.open;
+      continue;
+    }
+    const int blocked = s.blocked_rays({batch.px[r], batch.py[r], batch.pz[r]}, k_rays, random);
+    ++(shadow == 0 ? counts.clear : counts.blocked);
+    counts.rays += k_rays;
+    counts.wrong += shadow == 0 ? blocked : k_rays - blocked;
+  }
+}
+
+std::vector<TriangleMesh> solid_meshes() {
+  return {make_sphere({.around = 96, .along = 48}), make_knot({.along = 256, .around = 24}), make_supershape({})};
+}
+
+TEST(Cones, AnswersThroughTheObjectAreThoseOfExactRays) {
+  TestRandom random(5);
+  Counts counts;
+  for (const TriangleMesh& mesh : solid_meshes()) {
+    for (int i = 0; i < 12; ++i) {
+      const float size = random.log_uniform(1e-3f, 1e3f);
+      const Affine place = random_place(random, size, 3.0f);
+      const float distance = size * random.uniform(3.0f, 9.0f);
+      ConeScene s(mesh, place,
+                  {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.15f)});
+      const ReceiverBatch batch = shadowed_receivers(s, world_ball(s), 200, random);
+      Stats stats;
+      count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+    }
+  }
+  EXPECT_GT(counts.clear, 1000);
+  EXPECT_GT(counts.blocked, 400);
+  EXPECT_GT(counts.open, 500);  // penumbrae
+  EXPECT_LE(double(counts.wrong), 0.001 * double(counts.rays));
+}
+
+TEST(Cones, AnswersOnTheObjectAreThoseOfExactRays) {
+  TestRandom random(6);
+  Counts counts;
+  for (const TriangleMesh& mesh : solid_meshes()) {
+    for (int i = 0; i < 12; ++i) {
+      const float size = random.log_uniform(1e-3f, 1e3f);
+      const Affine place = random_place(random, size, 2.0f);
+      const float distance = size * random.uniform(4.0f, 9.0f);
+      ConeScene s(mesh, place,
+                  {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.1f)});
+      const ReceiverBatch batch = own_receivers(s, 150, random);
+      Stats stats;
+      count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+    }
+  }
+  EXPECT_GT(counts.clear, 1000);
+  EXPECT_LE(double(counts.wrong), 0.002 * double(counts.rays));
+}
+
+TEST(Cones, AreTheSameOnEveryInstructionSet) {
+  TestRandom random(7);
+  for (const TriangleMesh& mesh : solid_meshes()) {
+    const Affine place = random_place(random, 1.0f, 3.0f);
+    ConeScene s(mesh, place, {Vec3(place[3]) + 4.0f * random.direction(), 0.2f});
+    for (const bool own : {false, true}) {
+      const ReceiverBatch batch =
+          own ? own_receivers(s, 333, random) : shadowed_receivers(s, world_ball(s), 333, random);
+      Stats scalar_stats;
+      const ShadowGroup scalar = s.ask(batch, Isa::scalar, 0.1f, scalar_stats);
+      for (const Isa isa : supported_isas()) {
+        Stats stats;
+        const ShadowGroup other = s.ask(batch, isa, 0.1f, stats);
+        EXPECT_EQ(scalar.shadow, other.shadow) << isa_name(isa);
+        EXPECT_EQ(scalar_stats.cones_clear, stats.cones_clear) << isa_name(isa);
+        EXPECT_EQ(scalar_stats.cones_blocked, stats.cones_blocked) << isa_name(isa);
+      }
+    }
+  }
+}
+
+TEST(Cones, AreNotAskedAtToleranceZero) {
+  TestRandom random(8);
+  ConeScene s(make_sphere({}), random_place(random, 1.0f, 1.5f), {Vec3(0, 6, 0), 0.1f});
+  const ReceiverBatch batch = shadowed_receivers(s, world_ball(s), 100, random);
+  Stats stats;
+  const ShadowGroup group = s.ask(batch, Isa::automatic, 0.0f, stats);
+  EXPECT_EQ(stats.lookups, 0u);
+  EXPECT_TRUE(std::all_of(group.shadow.begin(), group.shadow.begin() + 100,
+                          [](int32_t flag) { return flag == 0 || flag == k_may_shadow; }));
+}
+
+// Lights around the receiver, within the object, or behind it, and objects around both: no crash, and nothing claimed.
+TEST(Cones, LeaveWhatTheyCannotJudge) {
+  TestRandom random(9);
+  for (int i = 0; i < 300; ++i) {
+    const Affine place = random_place(random, random.log_uniform(1e-2f, 1e2f), 4.0f);
+    const float size = glm::length(place[0]);
+    const Sphere light = {Vec3(place[3]) + size * random.log_uniform(1e-3f, 3.0f) * random.direction(),
+                          size * random.log_uniform(1e-3f, 3.0f)};
+    ConeScene s(make_knot({.along = 96, .around = 12}), place, light);
+    ReceiverBatch batch;
+    batch.resize(40);
+    for (size_t r = 0; r < batch.size; ++r) {
+      set_receiver(batch, r, Vec3(place[3]) + size * random.uniform(0.0f, 2.0f) * random.direction(),
+                   random.direction(), k_none);
+    }
+    Stats stats;
+    Counts counts;
+    count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+    ASSERT_LE(double(counts.wrong), 0.02 * double(counts.rays) + 1.0) << i;
+  }
+}
+
+}  // namespace
+}  // namespace fieldtrace

@@ -1,0 +1,153 @@
+// Coverage tiles: summed-area tables against the lines they were made of, demand, and files.
+#include "field/coverage.h"
+
+#include <gtest/gtest.h>
+
+#include <thread>
+
+#include "core/mesh_procedural.h"
+#include "field/bake_coverage.h"
+#include "field_checks.h"
+#include "tests/field_fixture.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr int k_side = scalar::k_tile_lines;
+
+// Lines of a tile: each hits with probability `share`.
+TileLines random_lines(TestRandom& random, float share) {
+  TileLines lines(CoverageTiles::k_lines_per_tile);
+  for (uint16_t& l : lines) {
+    l = random.uniform() < share ? uint16_t(1 + random.index(scalar::k_coverage_depths)) : uint16_t(0);
+  }
+  return lines;
+}
+
+TEST(Coverage, SumsAreThoseOfTheLines) {
+  TestRandom random(1);
+  CoverageTiles tiles(32, 64);
+  const int side = tiles.view().tiles, lines = tiles.lines();
+  const uint32_t direction = 77, first = direction * uint32_t(side * side);
+  std::vector<TileLines> all;
+  for (int t = 0; t < side * side; ++t) {
+    all.push_back(random_lines(random, t % 3 == 0 ? 0.0f : t % 3 == 1 ? 1.0f : 0.4f));
+    ASSERT_TRUE(tiles.claim(first + uint32_t(t)));
+    ASSERT_TRUE(tiles.finish(first + uint32_t(t), all.back()));
+  }
+  for (int i = 0; i < 2000; ++i) {
+    int x[2] = {int(random.index(uint32_t(lines + 1))), int(random.index(uint32_t(lines + 1)))};
+    int y[2] = {int(random.index(uint32_t(lines + 1))), int(random.index(uint32_t(lines + 1)))};
+    if (x[0] > x[1]) std::swap(x[0], x[1]);
+    if (y[0] > y[1]) std::swap(y[0], y[1]);
+    int64_t count = 0, depths = 0;
+    for (int b = y[0]; b < y[1]; ++b) {
+      for (int a = x[0]; a < x[1]; ++a) {
+        const uint16_t l = all[size_t(b / k_side * side + a / k_side)][size_t(b % k_side * k_side + a % k_side)];
+        count += l != 0;
+        depths += l != 0 ? l - 1 : 0;
+      }
+    }
+    const auto sum = scalar::sum_coverage<float>(tiles.view(), int32_t(direction), {x[0], x[1], y[0], y[1]}, true);
+    EXPECT_FALSE(sum.unknown);
+    ASSERT_EQ(sum.count, count);
+    ASSERT_EQ(sum.depths, depths);
+  }
+}
+
+TEST(Coverage, TilesThatAreNotBakedAreNamed) {
+  CoverageTiles tiles(32, 64);
+  const CoverageView view = tiles.view();
+  const uint32_t slot = 5u * uint32_t(view.tiles * view.tiles) + 1;
+  const scalar::TexelRect<float> rect = {k_side - 1, k_side + 1, 0, 1};
+  auto sum = scalar::sum_coverage<float>(view, 5, rect, true);
+  EXPECT_TRUE(sum.unknown);
+  ASSERT_TRUE(tiles.claim(slot - 1));
+  EXPECT_FALSE(tiles.claim(slot - 1));
+  EXPECT_TRUE(scalar::sum_coverage<float>(view, 5, rect, true).unknown);  // claimed is not baked
+  ASSERT_TRUE(tiles.finish(slot - 1, TileLines(CoverageTiles::k_lines_per_tile)));
+  sum = scalar::sum_coverage<float>(view, 5, rect, true);
+  EXPECT_TRUE(sum.unknown);
+  EXPECT_EQ(uint32_t(sum.tile), slot);
+  ASSERT_TRUE(tiles.claim(slot));
+  tiles.give_back(slot);
+  ASSERT_TRUE(tiles.claim(slot));
+  ASSERT_TRUE(tiles.finish(slot, TileLines(CoverageTiles::k_lines_per_tile, 1)));
+  sum = scalar::sum_coverage<float>(view, 5, rect, true);
+  EXPECT_FALSE(sum.unknown);
+  EXPECT_EQ(sum.count, 1);
+  EXPECT_EQ(tiles.baked(), (std::vector<uint32_t>{slot - 1, slot}));
+}
+
+TEST(Coverage, ReadsBackTheLines) {
+  TestRandom random(2);
+  CoverageTiles tiles(32, 64);
+  const TileLines lines = random_lines(random, 0.5f);
+  ASSERT_TRUE(tiles.claim(1234));
+  ASSERT_TRUE(tiles.finish(1234, lines));
+  TileLines read(CoverageTiles::k_lines_per_tile);
+  tiles.read(1234, read);
+  EXPECT_EQ(read, lines);
+}
+
+// Of a ball, the parallel lines of any direction meet a disc, at the depth of the sphere.
+TEST(Coverage, OfASphereIsADisc) {
+  FieldFixture f(make_sphere({.around = 128, .along = 64}), {.directions = 32, .plane = 64});
+  CoverageTiles& tiles = f.field().coverage();
+  TestRandom random(3);
+  // The mesh touches its ball's inside at a distance that the bounding box leaves: its own radius over the ball's.
+  const float radius = glm::length(f.mesh().positions[0] - f.ball().centre) / f.ball().radius;
+  const float step = 2.0f / float(tiles.lines());
+  int hits = 0;
+  for (int i = 0; i < 40; ++i) {
+    const uint32_t slot = random.index(tiles.slot_count());
+    BakeCounters counters;
+    bake_coverage(f.field(), std::span(&slot, 1), f.accel(), 0, counters);
+    ASSERT_TRUE(tiles.finished(slot));
+    TileLines lines(CoverageTiles::k_lines_per_tile);
+    tiles.read(slot, lines);
+    const CoverageTiles::Place place = tiles.place(slot);
+    for (int t = 0; t < k_side * k_side; ++t) {
+      const float x = (float(place.x + t % k_side) + 0.5f) * step - 1.0f;
+      const float y = (float(place.y + t / k_side) + 0.5f) * step - 1.0f;
+      const float across = std::sqrt(x * x + y * y);
+      if (std::abs(across - radius) < 0.01f) continue;  // the mesh is no perfect sphere
+      ASSERT_EQ(lines[size_t(t)] != 0, across < radius) << x << " " << y;
+      if (lines[size_t(t)] == 0) continue;
+      ++hits;
+      const float depth = float(lines[size_t(t)] - 1) * scalar::k_coverage_depth_step - 1.0f;
+      const float expected = std::sqrt(radius * radius - across * across);
+      // Chords of 128 facets lie up to 2 (pi / 128)^2 inside, more along a grazing line.
+      ASSERT_NEAR(depth, expected, scalar::k_coverage_depth_step + 0.003f / std::max(expected, 0.1f)) << x << " " << y;
+    }
+  }
+  EXPECT_GT(hits, 2000);
+}
+
+TEST(Coverage, ThreadsBakeEachTileOnce) {
+  FieldFixture f(make_sphere({.around = 32, .along = 16}), {.directions = 32, .plane = 64});
+  std::vector<uint32_t> slots;
+  for (uint32_t s = 0; s < 400; ++s) slots.push_back(s * 7);
+  std::vector<BakeCounters> counters(4);
+  std::vector<std::thread> threads;
+  for (BakeCounters& c : counters) {
+    threads.emplace_back([&] { bake_coverage(f.field(), slots, f.accel(), 0, c); });
+  }
+  for (std::thread& t : threads) t.join();
+  for (const uint32_t s : slots) ASSERT_TRUE(f.field().coverage().finished(s));
+  uint64_t rays = 0;
+  for (const BakeCounters& c : counters) rays += c.rays;
+  FieldFixture alone(make_sphere({.around = 32, .along = 16}), {.directions = 32, .plane = 64});
+  BakeCounters once;
+  bake_coverage(alone.field(), slots, alone.accel(), 0, once);
+  EXPECT_EQ(rays, once.rays);
+  TileLines a(CoverageTiles::k_lines_per_tile), b(a);
+  for (const uint32_t s : slots) {
+    f.field().coverage().read(s, a);
+    alone.field().coverage().read(s, b);
+    ASSERT_EQ(a, b);
+  }
+}
+
+}  // namespace
+}  // namespace fieldtrace
