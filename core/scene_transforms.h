@@ -31,8 +31,8 @@ DMat3 frame_from_normal(const DVec3& n);
 // Throws Error unless `transform` and its inverse are finite in single precision and its linear part has full rank.
 void require_invertible(const DAffine& transform, const SourceLocation& where);
 
-// `transform` without its uniform scale, which is left out with a warning; it may mirror. `owner` ("the camera") is whom
-// messages speak of. Throws Error where the transform is singular, scales its axes unequally or shears.
+// `transform` without its uniform scale, which is left out with a warning; it may mirror. `owner` ("the camera") is
+// whom messages speak of. Throws Error where the transform is singular, scales its axes unequally or shears.
 DAffine rigid_part(const DAffine& transform, const std::string& owner, const SourceLocation& where,
                    const Diagnostics& diagnostics);
 
