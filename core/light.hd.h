@@ -21,15 +21,19 @@ enum class LightKind : uint32_t {
   mesh,           // triangles by area
   point,
   directional,
-  constant,  // the whole sphere of directions
+  constant,     // the whole sphere of directions
+  environment,  // likewise, by the brightness of an image
 };
 
 struct Light {
   LightKind kind = LightKind::none;
   uint32_t instance = 0xffffffffu;  // of the scene, for area lights
-  float value[3] = {0, 0, 0};       // Emitter::value: radiance, intensity or irradiance
-  float centre[3] = {0, 0, 0};      // of the shape; point: position; directional: unit direction towards the light
-  // Columns of the shape's object-to-world matrix. Rectangle, parallelogram: half edges; disk: half axes.
+  // Emitter::value: radiance, intensity or irradiance; environment: times what EnvironmentTable::texels were divided
+  // by.
+  float value[3] = {0, 0, 0};
+  float centre[3] = {0, 0, 0};  // of the shape; point: position; directional: unit direction towards the light
+  // Columns of the shape's object-to-world matrix. Rectangle, parallelogram: half edges; disk: half axes; environment:
+  // the rotation from the map to the world.
   float axis[3][3] = {};
   // Columns of the inverse transpose, times -1 if normals are flipped: a normal n of the unit shape becomes
   // n.x normal_axis[0] + n.y normal_axis[1] + n.z normal_axis[2], not normalised.
@@ -44,6 +48,8 @@ struct Light {
   // cannot meet the light: error_base + error_slope (|x| + |y| + |z|) with the ray's origin (x, y, z).
   float error_base = 0, error_slope = 0;
   uint32_t first_triangle = 0, triangle_count = 0;  // mesh: range of the table's triangles
+  uint32_t width = 0, height = 0;                   // environment: texels
+  float luminance[3] = {0, 0, 0};                   // environment: density (1/sr) for 1 in each of a texel's channels
 };
 
 // One triangle of a mesh light, as 16 floats: the lane code gathers them by index.
@@ -56,5 +62,18 @@ struct LightTriangle {
 };
 inline constexpr int k_light_triangle_floats = sizeof(LightTriangle) / sizeof(float);
 static_assert(sizeof(LightTriangle) == 16 * sizeof(float));
+
+// One row of an environment's texels, as 8 floats. Row y lies at the polar angle theta = pi y / (height - 1); the
+// strip below it reaches to row y + 1 (the last row has none: its start, delta and scale are not read).
+struct EnvironmentRow {
+  float start;         // probability of all strips above this row
+  float sum;           // of the row's densities
+  float north, south;  // 1 - cos theta and 1 + cos theta
+  float delta;         // of cos theta over the strip
+  float scale;         // width / (2 pi delta): probability within the strip to the integral of `sum` over it
+  float unused[2] = {0, 0};
+};
+inline constexpr int k_environment_row_floats = sizeof(EnvironmentRow) / sizeof(float);
+static_assert(sizeof(EnvironmentRow) == 8 * sizeof(float));
 
 }  // namespace fieldtrace

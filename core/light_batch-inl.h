@@ -16,6 +16,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "core/light_environment.hd.h"
 #include "core/light_kernels.h"
 #include "core/light_shapes.hd.h"
 #include "core/light_shapes_area.hd.h"
@@ -57,7 +58,7 @@ struct SpreadLanes {
 
 // Where the slots' values go: copies of the pointers, which the compiler need not load again after each store.
 struct Slots {
-  float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *weight, *pdf;
+  float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *weight, *pdf, *red, *green, *blue;
   uint32_t* instance;
   size_t active = 0;  // so far
   explicit Slots(ShadowBatch& out)
@@ -70,6 +71,9 @@ struct Slots {
         tmax(out.rays.tmax.data()),
         weight(out.weight.data()),
         pdf(out.pdf.data()),
+        red(out.red.data()),
+        green(out.green.data()),
+        blue(out.blue.data()),
         instance(out.instance.data()) {}
 };
 
@@ -131,7 +135,7 @@ struct LightBatch {
   FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
                          const CentredPair<F>& point, F third) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-    const LightSample<F> s = kind.sample(r.at, setup, point.x, point.y, third);
+    const auto s = kind.sample(r.at, setup, point.x, point.y, third);
 
     Vec3Lanes<F> origin = r.at.origin, d = s.d;
     const F cos_g = dot(r.normal, d);
@@ -164,6 +168,11 @@ struct LightBatch {
     store_lanes(select(active, cos_s * s.inverse_pdf, zero), to.weight + slot);
     store_lanes(select(active, s.pdf, zero), to.pdf + slot);
     store_lanes(r.instance, to.instance + slot);
+    if constexpr (Kind::k_varies) {
+      store_lanes(s.radiance.x, to.red + slot);
+      store_lanes(s.radiance.y, to.green + slot);
+      store_lanes(s.radiance.z, to.blue + slot);
+    }
   }
 
   // The points of a group of one sample a receiver. Where the receivers are samples of one pixel, one after the other,
@@ -315,6 +324,9 @@ struct LightLoop {
         return with<DirectionalLight<F>>();
       case LightKind::constant:
         return with<ConstantLight<F>>();
+      case LightKind::environment:
+        return with<EnvironmentLight<F>>(table.environment.rows.data(), table.environment.sums.data(),
+                                         table.environment.texels.data());
     }
   }
 };

@@ -21,7 +21,17 @@ void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch&
     for (size_t i = 0; i < out.rays.size; ++i) out.instance[i] = receivers.instance[i / size_t(light_samples)];
     return;
   }
+  if (lights.lights[light].kind == LightKind::environment) {
+    for (auto* v : {&out.red, &out.green, &out.blue}) v->resize(padded(out.rays.size));
+  }
   kernel(lights, light, receivers, light_samples, out);
+}
+
+Rgb emitted_radiance(const LightTable& lights, uint32_t index, const Vec3& direction) {
+  const Light& light = lights.lights[index];
+  const Rgb value(light.value[0], light.value[1], light.value[2]);
+  if (light.kind != LightKind::environment) return value;
+  return value * environment_radiance(lights.environment, light, direction);
 }
 
 bool sampled_in_closed_form(const Light& light) {
@@ -78,6 +88,8 @@ float light_pdf(const LightTable& lights, uint32_t index, const Vec3& from, cons
       if (transmits) return scalar::Angle::k_inv_four_pi;
       return std::max(glm::dot(shading_normal, direction) / glm::length(direction), 0.0f) * scalar::Angle::k_inv_pi;
     }
+    case LightKind::environment:
+      return environment_density(lights.environment, light, direction);
     case LightKind::sphere:
       if (glm::length(centre - from) < light.radius + receiver.delta) return 0.0f;
       return scalar::SphereLight<float>(light).setup(receiver).pdf;

@@ -13,6 +13,7 @@
 
 #include "core/isa.h"
 #include "core/light.hd.h"
+#include "core/light_environment.h"
 #include "core/point_sets.h"
 #include "core/receivers.h"
 #include "core/scene.h"
@@ -23,12 +24,14 @@ namespace fieldtrace {
 struct LightTable {
   std::vector<Light> lights;
   std::vector<LightTriangle> triangles;  // of all mesh lights
+  EnvironmentTable environment;          // of the only light of that kind
   AlignedVector<int32_t> point_sets;     // make_point_sets()
 
   size_t size() const { return lights.size(); }
 };
 
-// Precomputes every emitter of the scene. Throws Error if an area light names no instance.
+// Precomputes every emitter of the scene. Throws Error if an area light names no instance, an environment no map that
+// make_environment takes, or if there are two environments.
 LightTable make_lights(const Scene& scene);
 
 // Fills `out` (resized to receivers.size * light_samples) with one shadow ray per receiver and sample towards light
@@ -44,6 +47,10 @@ LightTable make_lights(const Scene& scene);
 // Throws UsageError if this processor cannot run `isa`.
 void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers, int light_samples, Isa isa,
                   ShadowBatch& out);
+
+// Radiance of a light that a ray meets (on the side that emits). `direction` is the ray's, in world space, of any
+// length but 0; it matters for environments only.
+Rgb emitted_radiance(const LightTable& lights, uint32_t light, const Vec3& direction);
 
 // Where a ray that was not sampled from the light meets it. World space.
 struct LightHit {

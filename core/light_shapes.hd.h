@@ -79,6 +79,7 @@ FT_HD_INLINE LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3
 template <class F>
 struct SphereLight {
   static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
+  static constexpr bool k_varies = false;
   Vec3Lanes<F> centre;
   F radius, inverse_radius;
 
@@ -169,6 +170,7 @@ struct SphereLight {
 template <class F>
 struct RectangleLight {
   static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
+  static constexpr bool k_varies = false;
   // Below this solid angle (sr) the rectangle is sampled by area. The angle that is inverted below carries a few
   // roundings of values up to 2 pi, some 2^-20 in all; relative to the solid angle that is at most 2^-11 from here on.
   // A rectangle this small is nearly flat on the sphere, so that area sampling loses little.

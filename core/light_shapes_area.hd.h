@@ -28,6 +28,7 @@ struct CentreSetup {
 template <class F>
 struct ParallelogramLight {
   static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = false;
+  static constexpr bool k_varies = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre, axis_x, axis_y, normal;
   F area;
@@ -46,6 +47,7 @@ struct ParallelogramLight {
 template <class F>
 struct DiskLight {
   static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = true;
+  static constexpr bool k_varies = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre, axis_x, axis_y, normal;
   F area;
@@ -85,6 +87,7 @@ struct AffineShape {
 template <class F>
 struct EllipsoidLight {
   static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = false;
+  static constexpr bool k_varies = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre;
   AffineShape<F> shape;
@@ -99,6 +102,7 @@ struct EllipsoidLight {
 template <class F>
 struct CylinderLight {
   static constexpr bool k_surface = true, k_finite = true, k_third_number = false, k_frequent = false;
+  static constexpr bool k_varies = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre;
   AffineShape<F> shape;
@@ -114,6 +118,7 @@ struct CylinderLight {
 template <class F>
 struct MeshLight {
   static constexpr bool k_surface = true, k_finite = true, k_third_number = true, k_frequent = false;
+  static constexpr bool k_varies = false;
   struct Setup {
     template <class Op>
     FT_HD_INLINE Setup map(const Op&) const {
@@ -156,6 +161,7 @@ struct MeshLight {
 template <class F>
 struct PointLight {
   static constexpr bool k_surface = false, k_finite = true, k_third_number = false, k_frequent = true;
+  static constexpr bool k_varies = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre;
   FT_HD explicit PointLight(const Light& light) : centre(splat3<F>(light.centre)) {}
@@ -177,6 +183,7 @@ struct PointLight {
 template <class F>
 struct DirectionalLight {
   static constexpr bool k_surface = false, k_finite = false, k_third_number = false, k_frequent = true;
+  static constexpr bool k_varies = false;
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> towards;
   FT_HD explicit DirectionalLight(const Light& light) : towards(splat3<F>(light.centre)) {}
@@ -190,6 +197,7 @@ struct DirectionalLight {
 template <class F>
 struct ConstantLight {
   static constexpr bool k_surface = false, k_finite = false, k_third_number = false, k_frequent = true;
+  static constexpr bool k_varies = false;
   struct Setup {
     Vec3Lanes<F> x, y;
     template <class Op>

@@ -159,6 +159,13 @@ void set_area_light(LightTable& table, Light& light, const Scene& scene, uint32_
   if (!(light.area > 0)) light.kind = LightKind::none;
 }
 
+void set_environment(LightTable& table, Light& light, const Scene& scene, const Emitter& emitter) {
+  if (!table.environment.rows.empty()) throw Error("the scene has two environment maps; remove one");
+  if (emitter.bitmap >= scene.bitmaps.size()) throw Error("the environment map has no image");
+  light.kind = LightKind::environment;
+  make_environment(scene.bitmaps[emitter.bitmap], emitter.rotation, table.environment, light);
+}
+
 }  // namespace
 
 LightTable make_lights(const Scene& scene) {
@@ -179,6 +186,9 @@ LightTable make_lights(const Scene& scene) {
       case EmitterKind::constant:
         light.kind = LightKind::constant;
         break;
+      case EmitterKind::environment:
+        set_environment(table, light, scene, emitter);
+        break;
       case EmitterKind::point:
         light.kind = LightKind::point;
         set(light.centre, DVec3(emitter.position));
@@ -189,7 +199,7 @@ LightTable make_lights(const Scene& scene) {
         set(light.centre, -glm::normalize(DVec3(emitter.direction)));
         break;
     }
-    if (emitter.value == Rgb(0.0f)) light.kind = LightKind::none;
+    if (std::all_of(light.value, light.value + 3, [](float v) { return v == 0.0f; })) light.kind = LightKind::none;
   }
   return table;
 }

@@ -32,16 +32,17 @@ struct ReceiverBatch {
 
 struct ShadowBatch {
   // From the offset point towards the light sample; d reaches from the origin to the sample, so t = 1 there, and
-  // tmax lies below 1 by the light's own error bound. Directional and constant emitters: d is unit, tmax infinite.
+  // tmax lies below 1 by the light's own error bound. Lights at infinity: d is unit, tmax infinite.
   // Slots whose sample cannot contribute (below the horizon, behind the light) are inactive: tmax < 0, weight 0.
   RayBatch rays;
-  size_t active = 0;                 // slots that are not inactive, counted by sample_light
-  AlignedVector<float> weight;       // |cos at the shading normal| / pdf of the direction (solid angle); for point
-                                     // and directional emitters |cos| times the geometric fall-off
-  AlignedVector<float> pdf;          // solid-angle density, for multiple importance sampling; 0 for delta emitters
-  AlignedVector<uint32_t> instance;  // of the receiver, per slot
-  AlignedVector<uint8_t> blocked;    // the answer: 1 if something lies between
-  AlignedVector<uint8_t> exact;      // with the answer: 1 if an exact ray gave it
+  size_t active = 0;                      // slots that are not inactive, counted by sample_light
+  AlignedVector<float> weight;            // |cos at the shading normal| / pdf of the direction (solid angle); for point
+                                          // and directional emitters |cos| times the geometric fall-off
+  AlignedVector<float> pdf;               // solid-angle density, for multiple importance sampling; 0 for delta emitters
+  AlignedVector<float> red, green, blue;  // environments only: the map's radiance there, to multiply Light::value
+  AlignedVector<uint32_t> instance;       // of the receiver, per slot
+  AlignedVector<uint8_t> blocked;         // the answer: 1 if something lies between
+  AlignedVector<uint8_t> exact;           // with the answer: 1 if an exact ray gave it
 
   void resize(size_t n) {
     rays.resize(n);

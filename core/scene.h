@@ -89,16 +89,18 @@ struct Instance {
 
 // ---------------------------------------------------------------- emitters
 
-enum class EmitterKind : uint8_t { area, constant, point, directional };
+enum class EmitterKind : uint8_t { area, constant, environment, point, directional };
 
 struct Emitter {
   EmitterKind kind = EmitterKind::area;
-  // area: radiance (W m^-2 sr^-1, emitted on the side of the normal); constant: radiance;
-  // point: intensity (W sr^-1); directional: irradiance on a facing plane (W m^-2).
+  // area: radiance (W m^-2 sr^-1, emitted on the side of the normal); constant: radiance; environment: factor of the
+  // map's radiance; point: intensity (W sr^-1); directional: irradiance on a facing plane (W m^-2).
   Rgb value = Rgb(1.0f);
   uint32_t instance = k_none;               // area: the instance that glows
   Vec3 position = Vec3(0.0f);               // point
   Vec3 direction = Vec3(0.0f, 0.0f, 1.0f);  // directional: the unit direction that light travels in
+  uint32_t bitmap = k_none;                 // environment: the map, an index into Scene::bitmaps
+  Mat3 rotation = Mat3(1.0f);               // environment: orthonormal columns, the map's axes in world space
 };
 
 // ---------------------------------------------------------------- camera, film, settings

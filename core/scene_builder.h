@@ -52,6 +52,10 @@ uint32_t add_constant_texture(SceneBuilder& builder, const Rgb& value);
 // The texture property `name` (a colour or a <texture>) as an index into Scene::textures; a constant if it is absent.
 uint32_t build_texture(SceneBuilder& builder, Properties& properties, const std::string& name, const Rgb& missing);
 
+// The image at `path` as an index into Scene::bitmaps, read once for all that use it. `raw`: 8-bit values are taken as
+// they are, not as sRGB. Throws Error naming `where` if it cannot be read or a pixel is not finite.
+uint32_t build_bitmap(SceneBuilder& builder, const std::string& path, bool raw, const SourceLocation& where);
+
 // Index into Scene::bsdfs. An unknown type is reported and becomes the default, a diffuse surface of albedo 0.5.
 uint32_t build_bsdf(SceneBuilder& builder, const SceneNode& node);
 uint32_t build_default_bsdf(SceneBuilder& builder);

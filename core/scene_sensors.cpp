@@ -16,9 +16,6 @@ constexpr int k_max_samples = 1 << 24;
 // Mitsuba's cameras without fov have a 50 mm lens in front of 36 mm x 24 mm film.
 constexpr double k_film_diagonal_mm = 43.266615305567875;
 constexpr const char* k_default_lens = "50mm";
-// Scene files carry rotations with as few as 4 decimals: each entry is off by up to 5e-5, and a product of two columns
-// by up to 2 * 3 * 5e-5. Three times that is still far from any intended scale or shear.
-constexpr double k_rigid_tolerance = 1e-3;
 
 Film parse_film(const SceneBuilder& builder, const SceneNode& node) {
   Film film;
@@ -93,25 +90,6 @@ double parse_field_of_view(Properties& properties, double aspect) {
   return result;
 }
 
-// The camera's transform, rigid: a uniform scale is taken out.
-DAffine parse_camera_transform(SceneBuilder& builder, Properties& properties) {
-  DAffine t = properties.transform("to_world");
-  const SourceLocation where = properties.where("to_world");
-  require_invertible(t, where);
-  const double scale = glm::length(t[0]);
-  for (int i = 0; i < 3; ++i) {
-    t[i] /= scale;
-    if (std::abs(glm::length(t[i]) - 1) > k_rigid_tolerance)
-      throw Error(where, "the camera's to_world scales its axes unequally; use rotations and translations only");
-  }
-  for (int i = 0; i < 3; ++i)
-    if (std::abs(glm::dot(t[i], t[(i + 1) % 3])) > k_rigid_tolerance)
-      throw Error(where, "the camera's to_world is sheared; use rotations and translations only");
-  if (std::abs(scale - 1) > k_rigid_tolerance)
-    builder.diagnostics.warning(where, "the scale of the camera's to_world is left out");
-  return t;
-}
-
 }  // namespace
 
 void build_sensor(SceneBuilder& builder, const SceneNode& node) {
@@ -141,7 +119,8 @@ void build_sensor(SceneBuilder& builder, const SceneNode& node) {
       throw Error(node.where, "<sensor type=\"thinlens\"> lacks its aperture_radius");
     camera.aperture_radius = float(properties.number("aperture_radius", 0, k_not_negative));
   }
-  builder.placement.camera = parse_camera_transform(builder, properties);
+  builder.placement.camera =
+      rigid_part(properties.transform("to_world"), "the camera", properties.where("to_world"), builder.diagnostics);
   // Nothing moves, so the shutter's times make no difference.
   properties.ignore({"shutter_open", "shutter_close"});
   properties.finish();

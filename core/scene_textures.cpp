@@ -62,15 +62,6 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
   return bitmap;
 }
 
-uint32_t share_bitmap(SceneBuilder& builder, const std::string& path, bool raw, const SourceLocation& where) {
-  const auto [found, inserted] = builder.bitmaps.emplace((raw ? "raw " : "") + path, k_none);
-  if (inserted) {
-    builder.scene.bitmaps.push_back(load_bitmap(path, raw, where));
-    found->second = uint32_t(builder.scene.bitmaps.size() - 1);
-  }
-  return found->second;
-}
-
 Texture parse_bitmap(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
   Texture texture;
   texture.kind = TextureKind::bitmap;
@@ -84,7 +75,7 @@ Texture parse_bitmap(SceneBuilder& builder, const SceneNode& node, Properties& p
                        : TextureFilter::bilinear;
   texture.uv_transform = parse_uv_transform(properties);
   properties.ignore({"format", "accel"});
-  texture.bitmap = share_bitmap(builder, resolve_file(node, filename), raw, properties.where("filename"));
+  texture.bitmap = build_bitmap(builder, resolve_file(node, filename), raw, properties.where("filename"));
   return texture;
 }
 
@@ -98,6 +89,15 @@ Texture parse_checkerboard(Properties& properties) {
 }
 
 }  // namespace
+
+uint32_t build_bitmap(SceneBuilder& builder, const std::string& path, bool raw, const SourceLocation& where) {
+  const auto [found, inserted] = builder.bitmaps.emplace((raw ? "raw " : "") + path, k_none);
+  if (inserted) {
+    builder.scene.bitmaps.push_back(load_bitmap(path, raw, where));
+    found->second = uint32_t(builder.scene.bitmaps.size() - 1);
+  }
+  return found->second;
+}
 
 uint32_t add_constant_texture(SceneBuilder& builder, const Rgb& value) {
   Texture texture;

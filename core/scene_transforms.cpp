@@ -12,6 +12,10 @@ namespace {
 // the determinant itself, the rest for the columns' own products. Below that it cannot be told from 0.
 constexpr double k_singular = 16 * 0x1p-53;
 
+// Scene files carry rotations with as few as 4 decimals: each entry is off by up to 5e-5, and a product of two columns
+// by up to 2 * 3 * 5e-5. Three times that is still far from any intended scale or shear.
+constexpr double k_rigid_tolerance = 1e-3;
+
 // `value="x"` or `value="x y z"`, or the attributes x, y, z with a default for those left out.
 DVec3 parse_components(const SceneNode& node, double missing) {
   const bool split = node.attribute("x") || node.attribute("y") || node.attribute("z");
@@ -149,6 +153,24 @@ void require_invertible(const DAffine& transform, const SourceLocation& where) {
     throw Error(where, "the transform is singular (it flattens the shape); use a matrix of full rank");
   if (!fits(inverse_affine(transform)))
     throw Error(where, "the transform's inverse is beyond single precision; use larger scale factors");
+}
+
+DAffine rigid_part(const DAffine& transform, const std::string& owner, const SourceLocation& where,
+                   const Diagnostics& diagnostics) {
+  require_invertible(transform, where);
+  DAffine t = transform;
+  const double scale = glm::length(t[0]);
+  for (int i = 0; i < 3; ++i) {
+    t[i] /= scale;
+    if (std::abs(glm::length(t[i]) - 1) > k_rigid_tolerance)
+      throw Error(where, owner + "'s to_world scales its axes unequally; use rotations and translations only");
+  }
+  for (int i = 0; i < 3; ++i)
+    if (std::abs(glm::dot(t[i], t[(i + 1) % 3])) > k_rigid_tolerance)
+      throw Error(where, owner + "'s to_world is sheared; use rotations and translations only");
+  if (std::abs(scale - 1) > k_rigid_tolerance)
+    diagnostics.warning(where, "the scale of " + owner + "'s to_world is left out");
+  return t;
 }
 
 bool is_mirrored(const DAffine& transform) {

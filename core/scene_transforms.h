@@ -4,6 +4,8 @@
 // one multiplies from the left. Thread-safety: pure functions.
 #pragma once
 
+#include <string>
+
 #include "core/error.h"
 #include "core/math.h"
 #include "core/scene_tree.h"
@@ -28,6 +30,11 @@ DMat3 frame_from_normal(const DVec3& n);
 
 // Throws Error unless `transform` and its inverse are finite in single precision and its linear part has full rank.
 void require_invertible(const DAffine& transform, const SourceLocation& where);
+
+// `transform` without its uniform scale, which is left out with a warning; it may mirror. `owner` ("the camera") is
+// whom messages speak of. Throws Error where the transform is singular, scales its axes unequally or shears.
+DAffine rigid_part(const DAffine& transform, const std::string& owner, const SourceLocation& where,
+                   const Diagnostics& diagnostics);
 
 // The linear part's determinant is negative.
 bool is_mirrored(const DAffine& transform);

@@ -13,9 +13,10 @@ struct AovEntry {
   const char* channels;  // one letter each
 };
 constexpr AovEntry k_entries[] = {
-    {Aov::albedo, "albedo", "RGB"},     {Aov::normal, "normal", "XYZ"},       {Aov::depth, "depth", "Z"},
-    {Aov::position, "position", "XYZ"}, {Aov::visibility, "visibility", "Y"}, {Aov::exact, "exact", "Y"},
-    {Aov::object, "object", "Y"},
+    {Aov::albedo, "albedo", "RGB"},       {Aov::normal, "normal", "XYZ"},
+    {Aov::depth, "depth", "Z"},           {Aov::position, "position", "XYZ"},
+    {Aov::visibility, "visibility", "Y"}, {Aov::exact, "exact", "Y"},
+    {Aov::object, "object", "Y"},         {Aov::ao, "ao", "Y"},
 };
 
 float* put(float* out, const Vec3& v) {
@@ -61,6 +62,7 @@ void AovSums::add(const FirstHit& first) {
   }
   visibility += first.shadow_rays ? double(first.shadow_clear) / first.shadow_rays : 1.0;
   exact += first.shadow_rays ? double(first.shadow_exact) / first.shadow_rays : 0.0;
+  occlusion += first.occlusion_rays ? double(first.occlusion_clear) / first.occlusion_rays : 1.0;
 }
 
 float* AovSums::write(const std::vector<Aov>& aovs, float* out) const {
@@ -88,6 +90,9 @@ float* AovSums::write(const std::vector<Aov>& aovs, float* out) const {
         break;
       case Aov::object:
         *out++ = float(object);
+        break;
+      case Aov::ao:
+        *out++ = float(occlusion) * per_sample;
         break;
     }
   }

@@ -49,6 +49,18 @@ int first_samples(int light_samples) {
   return 0;
 }
 
+// The same sum for a light whose radiance differs from sample to sample. `begin`: the first slot.
+Rgb visible_radiance(const ShadowBatch& batch, size_t begin, int n, float lobe_samples) {
+  Rgb sum(0.0f);
+  for (size_t k = begin; k < begin + size_t(n); ++k) {
+    if (batch.blocked[k] || !(batch.pdf[k] > 0.0f)) continue;
+    const float bsdf_density = lobe_samples * batch.weight[k] * batch.pdf[k] / k_pi;
+    sum += Rgb(batch.red[k], batch.green[k], batch.blue[k]) *
+           (batch.weight[k] * power_weight(float(n) * batch.pdf[k], bsdf_density));
+  }
+  return sum;
+}
+
 }  // namespace
 
 void DirectLight::fill_receivers(std::span<const PathVertex> vertices, std::span<const PathState> paths) {
@@ -70,12 +82,18 @@ void DirectLight::fill_receivers(std::span<const PathVertex> vertices, std::span
 void DirectLight::accumulate(uint32_t light, std::span<const PathVertex> vertices, int light_samples,
                              std::span<Rgb> arriving) {
   const Rgb value = light_value(context_.lights.lights[light]) / float(light_samples);
+  const bool varies = context_.lights.lights[light].kind == LightKind::environment;
   for (size_t r = 0; r < group_.size(); ++r) {
     const PathVertex& v = vertices[group_[r]];
     const size_t begin = r * size_t(light_samples);
     const float* weight = &shadows_.weight[begin];
     const float* pdf = &shadows_.pdf[begin];
     const uint8_t* blocked = &shadows_.blocked[begin];
+    if (v.material.kind == BsdfKind::diffuse && varies) {
+      const Rgb sum = visible_radiance(shadows_, begin, light_samples, v.lobe_samples);
+      arriving[group_[r]] += v.material.reflectance * value * (sum / k_pi);
+      continue;
+    }
     if (v.material.kind == BsdfKind::diffuse) {
       const float sum = context_.closed_form[light]
                             ? visible_sum(weight, blocked, light_samples)
@@ -92,7 +110,9 @@ void DirectLight::accumulate(uint32_t light, std::span<const PathVertex> vertice
           pdf[k] > 0.0f ? power_weight(float(light_samples) * pdf[k], v.lobe_samples * bsdf_pdf(v.material, v.wi, wo))
                         : 1.0f;
       // evaluate_bsdf and weight both hold the cosine.
-      sum += evaluate_bsdf(v.material, v.wi, wo) * (weight[k] / wo.z * mis);
+      const Rgb reflected = evaluate_bsdf(v.material, v.wi, wo) * (weight[k] / wo.z * mis);
+      const size_t slot = begin + size_t(k);
+      sum += varies ? reflected * Rgb(shadows_.red[slot], shadows_.green[slot], shadows_.blue[slot]) : reflected;
     }
     arriving[group_[r]] += sum * value;
   }

@@ -51,6 +51,9 @@ void check_options(const RenderOptions& o, int spp) {
   check_range("the number of threads", o.threads, 0, 4096);
   if (!(o.tolerance >= 0.0f && o.tolerance <= 1.0f))
     throw UsageError("the tolerance is " + std::to_string(o.tolerance) + "; it must lie between 0 and 1");
+  if (!(o.ao_distance > 0.0f))
+    throw UsageError("the distance of ambient occlusion is " + std::to_string(o.ao_distance) +
+                     "; it must be greater than 0");
   if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
 }
 
@@ -98,6 +101,8 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.isa = resolve_isa(options.isa);
   s.count_first_hits =
       std::any_of(aovs.begin(), aovs.end(), [](Aov aov) { return aov == Aov::visibility || aov == Aov::exact; });
+  s.occlusion = std::find(aovs.begin(), aovs.end(), Aov::ao) != aovs.end();
+  s.occlusion_distance = options.ao_distance;
   return s;
 }
 
@@ -284,7 +289,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   arena.execute([&] {
     const Accel accel(scene);
     const CameraSampler camera(scene.camera, scene.film);
-    const uint64_t rays_per_light = uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
+    const uint64_t rays_per_light =
+        uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
     const FieldSet fields = make_fields(scene, options, rays_per_light);
     const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
     if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });

@@ -36,12 +36,13 @@ struct RenderOptions {
   std::string field_cache;       // directory; empty: fields live in memory only
   int threads = 0;               // 0: all hardware threads
   Isa isa = Isa::automatic;
-  std::optional<Rect> crop;       // within the film's crop window
-  std::optional<int> max_depth;   // overrides the integrator's
-  bool check = false;             // trace an exact ray beside every certified answer, count disagreements
-  bool force_ask = false;         // test aid: look up, then treat every cell as one that asks
-  bool whole_lights = true;       // ask fields about whole lights first; false: about single rays only
-  std::vector<std::string> aovs;  // albedo normal depth position visibility exact object
+  std::optional<Rect> crop;        // within the film's crop window
+  std::optional<int> max_depth;    // overrides the integrator's
+  bool check = false;              // trace an exact ray beside every certified answer, count disagreements
+  bool force_ask = false;          // test aid: look up, then treat every cell as one that asks
+  bool whole_lights = true;        // ask fields about whole lights first; false: about single rays only
+  std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao
+  float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude the layer ao
 };
 
 struct RenderCallbacks {

@@ -74,6 +74,7 @@ LightExtent light_extent(const Scene& scene, uint32_t emitter) {
       extent.towards = -e.direction;
       break;
     case EmitterKind::constant:
+    case EmitterKind::environment:
       extent.kind = LightExtent::Kind::everywhere;
       break;
   }

@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "core/sobol.hd.h"
+#include "hybrid/ambient_occlusion.h"
 #include "hybrid/direct_light.h"
 #include "hybrid/stopwatch.h"
 
@@ -22,7 +23,8 @@ Vec2 sample_pair(uint32_t index, uint32_t seed, uint32_t dimension) {
 
 float largest(const Rgb& c) { return std::max({c.x, c.y, c.z}); }
 
-bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || kind == EmitterKind::constant; }
+bool surrounds(EmitterKind kind) { return kind == EmitterKind::constant || kind == EmitterKind::environment; }
+bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || surrounds(kind); }
 
 }  // namespace
 
@@ -34,7 +36,7 @@ TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraS
     const bool closed = sampled_in_closed_form(lights.lights[i]);
     light_extents.push_back(light_extent(s, i));
     closed_form.push_back(closed);
-    if (emitter.kind == EmitterKind::constant) backgrounds.push_back(i);
+    if (surrounds(emitter.kind)) backgrounds.push_back(i);
     emission_can_be_hit |= can_be_hit(emitter.kind);
     open_form_can_be_hit |= can_be_hit(emitter.kind) && !closed;
   }
@@ -45,6 +47,7 @@ struct TransportWorker::Impl {
   const Scene& scene;
   const TransportSettings& settings;
   DirectLight direct;
+  AmbientOcclusion occlusion;
   Stats stats;
 
   RayBatch rays, next_rays;
@@ -56,7 +59,8 @@ struct TransportWorker::Impl {
   std::vector<float> near_distance;  // per camera ray
   std::span<SampleResult> results;
 
-  explicit Impl(const TransportContext& c) : context(c), scene(c.scene), settings(c.settings), direct(c) {}
+  explicit Impl(const TransportContext& c)
+      : context(c), scene(c.scene), settings(c.settings), direct(c), occlusion(c) {}
 
   void generate(std::span<const CameraSample> samples);
   void pass_hidden_emitters();
@@ -147,7 +151,7 @@ void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& orig
     const float ratio = density / path.bsdf_density;
     weight = 1.0f / (1.0f + ratio * ratio);
   }
-  results[path.slot].radiance += path.throughput * scene.emitters[light].value * weight;
+  results[path.slot].radiance += path.throughput * emitted_radiance(context.lights, light, direction) * weight;
 }
 
 bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, int vertex_number) const {
@@ -168,6 +172,7 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
   first.depth = near_distance[path] + hits.t[path];
   first.position = DVec3(vertex.surface.position) + scene.origin;
   first.object = vertex.surface.instance + 1;
+  if (settings.occlusion) occlusion.add(vertex, paths[path].slot, paths[path].index);
 }
 
 // Emission where the rays ended, and the surfaces that their paths go on from.
@@ -287,12 +292,14 @@ const Stats& TransportWorker::stats() const { return impl_->stats; }
 void TransportWorker::trace(std::span<const CameraSample> samples, std::span<SampleResult> results) {
   Impl& w = *impl_;
   w.results = results;
+  w.occlusion.clear();
   w.generate(samples);
   if (w.settings.max_depth == 0) return;
   for (int vertex_number = 0; !w.paths.empty(); ++vertex_number) {
     w.intersect(vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
     if (vertex_number == 0 && w.settings.hide_emitters) w.pass_hidden_emitters();
     w.arrive(vertex_number);
+    if (vertex_number == 0 && w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
     w.gather_light(vertex_number);
     w.scatter(vertex_number);
   }

@@ -30,7 +30,9 @@ struct TransportSettings {
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
-  bool count_first_hits = false;  // fill the shadow ray counts of FirstHit: some AOV shows them
+  bool count_first_hits = false;          // fill the shadow ray counts of FirstHit: some AOV shows them
+  bool occlusion = false;                 // fill the occlusion counts of FirstHit, with light_samples rays each
+  float occlusion_distance = k_infinity;  // world units, > 0: what lies farther does not occlude
   uint32_t seed = 0;
   Isa isa = Isa::automatic;  // resolved
 };
@@ -52,7 +54,7 @@ struct TransportContext {
   LightTable lights;
   std::vector<LightExtent> light_extents;  // where each light's rays end
   std::vector<uint8_t> closed_form;        // per light: sampled_in_closed_form
-  std::vector<uint32_t> backgrounds;       // constant emitters
+  std::vector<uint32_t> backgrounds;       // constant emitters and environment maps
   bool emission_can_be_hit = false;        // some emitter has an area or surrounds the scene
   bool open_form_can_be_hit = false;       // one of those is not sampled in closed form
 };

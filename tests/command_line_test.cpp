@@ -131,6 +131,7 @@ TEST(RenderOptionsText, ValuesOutOfRangeNameTheOption) {
       {"--chart", {"pie", "thesis"}},
       {"--max-depth", {"-2"}},
       {"--aov", {"beauty", "depth,beauty"}},
+      {"--ao-distance", {"0", "-1", "nan", "1e-60", "1x", ""}},
   };
   for (const auto& [option, values] : bad) {
     for (const std::string& value : values) {
@@ -161,6 +162,11 @@ TEST(RenderOptionsText, ValuesInRangeArrive) {
             "");
   EXPECT_EQ(o.max_depth, -1);
   EXPECT_EQ(o.aovs, (std::vector<std::string>{"depth", "normal"}));
+  EXPECT_EQ(o.ao_distance, k_infinity);
+  EXPECT_EQ(complaint({"--aov", "ao", "--ao-distance", "2.5"}, o), "");
+  EXPECT_EQ(o.ao_distance, 2.5f);
+  EXPECT_EQ(complaint({"--ao-distance", "inf"}, o), "");
+  EXPECT_EQ(o.ao_distance, k_infinity);
 }
 
 TEST_F(CommandLine, ValuesOutOfRangeExitWith2) {

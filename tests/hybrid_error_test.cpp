@@ -58,6 +58,7 @@ constexpr ErrorBounds k_bounds[] = {
     {"tiny_world", 0.0175, 0.027, 0.25, 0.44},
     {"huge_world", 0.0175, 0.027, 0.25, 0.44},
     {"environment", 0.0063, 0.0085, 0.041, 0.053},
+    {"environment_map", 0.0107, 0.0146, 0.097, 0.171},
     {"materials", 0.0046, 0.0086, 0.044, 0.072},
 };
 

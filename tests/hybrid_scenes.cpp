@@ -134,6 +134,17 @@ Scene environment(int size) {
   return s.scene;
 }
 
+// A sky with a sun over dark ground, its up turned to +z.
+Scene environment_map(int size) {
+  Stage s(size);
+  s.instance(s.mesh(supershape()), s.grey, placed({0, 0, 1.05f}));
+  const auto sky = [](int x, int y) {
+    return x / 2 == 9 && y / 2 == 3 ? Rgb(30.0f, 28.0f, 25.0f) : y < 9 ? Rgb(0.3f, 0.4f, 0.6f) : Rgb(0.1f);
+  };
+  s.environment(32, 17, sky, Mat3(Vec3(1, 0, 0), Vec3(0, 0, 1), Vec3(0, -1, 0)));
+  return s.scene;
+}
+
 // Glass, metal, and objects without fields beside one with.
 Scene materials(int size) {
   Stage s(size);
@@ -175,6 +186,7 @@ std::vector<HybridScene> hybrid_scenes(int size) {
   scenes.push_back({"tiny_world", resized(odd_transforms(size), 1e-3f)});
   scenes.push_back({"huge_world", resized(odd_transforms(size), 1e3f)});
   scenes.push_back({"environment", environment(size), true, false});
+  scenes.push_back({"environment_map", environment_map(size), true, false});
   scenes.push_back({"materials", materials(size), true, false});
   return scenes;
 }

@@ -41,6 +41,26 @@ inline Scene emitter_scene(EmitterKind kind) {
   return scene;
 }
 
+// A map of `width` x `height` texels, each `texel(x, y)`, as the only light.
+inline Scene environment_scene(int width, int height, const std::function<Rgb(int, int)>& texel,
+                               const Mat3& rotation = Mat3(1.0f)) {
+  Scene scene = emitter_scene(EmitterKind::environment);
+  scene.emitters[0].bitmap = 0;
+  scene.emitters[0].rotation = rotation;
+  Bitmap map;
+  map.width = width;
+  map.height = height;
+  for (int i = 0; i < width * height; ++i) map.pixels.push_back(texel(i % width, i / width));
+  scene.bitmaps.push_back(map);
+  return scene;
+}
+
+// Dark noise with a bright spot, coloured.
+inline Rgb spotted_texel(int x, int y) {
+  const float noise = float(scalar::hash_uint(uint32_t(x * 977 + y + 1)) >> 8) * 0x1p-24f;
+  return x == 5 && y == 3 ? Rgb(80.0f, 60.0f, 40.0f) : Rgb(noise, 0.5f * noise, 1.0f - noise);
+}
+
 inline DAffine affine(const DVec3& x, const DVec3& y, const DVec3& z, const DVec3& origin) {
   return DAffine(x, y, z, origin);
 }

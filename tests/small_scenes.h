@@ -93,6 +93,21 @@ struct SceneMaker {
     scene.emitters.push_back(e);
   }
 
+  // A map of `width` x `height` texels, each `texel(x, y)`.
+  template <class Texel>
+  void environment(int width, int height, const Texel& texel, const Mat3& rotation = Mat3(1.0f)) {
+    Emitter e;
+    e.kind = EmitterKind::environment;
+    e.rotation = rotation;
+    e.bitmap = uint32_t(scene.bitmaps.size());
+    Bitmap map;
+    map.width = width;
+    map.height = height;
+    for (int i = 0; i < width * height; ++i) map.pixels.push_back(texel(i % width, i / width));
+    scene.bitmaps.push_back(map);
+    scene.emitters.push_back(e);
+  }
+
   void light(EmitterKind kind, const Rgb& value, const Vec3& place = Vec3(0.0f)) {
     Emitter e;
     e.kind = kind;

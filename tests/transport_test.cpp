@@ -120,6 +120,77 @@ TEST(Transport, ConvexBodyInUniformLightShowsItsAlbedo) {
   }
 }
 
+constexpr BsdfKind k_all_bsdfs[] = {BsdfKind::diffuse, BsdfKind::conductor, BsdfKind::rough_conductor,
+                                    BsdfKind::dielectric};
+
+// The same under a white map, which both the light samples and the material's find.
+TEST(Transport, ConvexBodyUnderAWhiteMapShowsItsAlbedo) {
+  for (const BsdfKind kind : k_all_bsdfs) {
+    SceneMaker maker;
+    const uint32_t bsdf = maker.bsdf(kind, Rgb(kind == BsdfKind::diffuse ? 0.7f : 1.0f));
+    maker.instance(maker.shape(ShapeKind::sphere), bsdf, translation(Vec3(0.1f, 0.2f, 0.0f)));
+    SceneMaker constant = maker;
+    maker.environment(8, 5, [](int, int) { return Rgb(1.0f, 0.5f, 0.25f); });
+    constant.light(EmitterKind::constant, Rgb(1.0f, 0.5f, 0.25f));
+    for (SceneMaker* m : {&maker, &constant}) {
+      m->scene.camera.to_world = look_at({0, 0, 5}, Vec3(0), {0, 1, 0});
+      m->scene.camera.fov_x_degrees = 10.0f;
+      m->scene.integrator.max_depth = kind == BsdfKind::dielectric ? -1 : 2;
+    }
+    const Image a = render(maker.scene, options_for(64, 4)).image, b = render(constant.scene, options_for(64, 4)).image;
+    for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(mean(a, c), mean(b, c), 4e-3 * mean(b, c)) << int(kind) << " " << c;
+    if (kind == BsdfKind::diffuse) {
+      EXPECT_NEAR(mean(a), 0.7, 3e-3);
+    }
+  }
+}
+
+TEST(Transport, CameraSeesTheMapUnlessEmittersAreHidden) {
+  SceneMaker maker;
+  // Each texel its own colour; seen along -z, the view from the seam between the last column and the first.
+  maker.environment(8, 5, [](int x, int y) { return Rgb(float(x), float(y), 1.0f); });
+  maker.scene.camera.to_world = look_at({3, 4, 5}, {3, 4, 4}, {0, 1, 0});
+  maker.scene.camera.fov_x_degrees = 1e-3f;
+  maker.scene.integrator.max_depth = 1;
+  const Image image = render(maker.scene, options_for(1)).image;
+  EXPECT_NEAR(mean(image, 0), 3.5, 1e-3);
+  EXPECT_NEAR(mean(image, 1), 2.0, 1e-3);
+  EXPECT_EQ(mean(image, 2), 1.0);
+  maker.scene.integrator.hide_emitters = true;
+  EXPECT_EQ(mean(render(maker.scene, options_for(1)).image, 2), 0.0);
+  // Hidden from the camera it goes on to light surfaces.
+  SceneMaker plane = plane_seen_from_above();
+  plane.environment(8, 5, [](int, int) { return Rgb(1.0f); });
+  plane.scene.integrator.hide_emitters = true;
+  EXPECT_NEAR(mean(render(plane.scene, options_for(64, 4)).image), k_albedo, 3e-3);
+}
+
+// Light and material samples share the work in any proportion; what they find together is the irradiance.
+TEST(Transport, PlaneUnderAMapReceivesItsIrradiance) {
+  const Mat3 up(Vec3(1, 0, 0), Vec3(0, 0, 1), Vec3(0, -1, 0));  // the map's +y is the plane's +z
+  const auto texel = [](int x, int y) { return y < 4 ? Rgb(x == 3 && y == 2 ? 20.0f : 0.5f) : Rgb(9.0f); };
+  // Midpoints of the definition in theta and phi: texel rows every 18 degrees, columns every 45.
+  double expected = 0.0;
+  constexpr int k_n = 720;
+  for (int i = 0; i < k_n; ++i) {
+    for (int j = 0; j < k_n; ++j) {
+      const double theta = 0.5 * M_PI * (i + 0.5) / k_n, v = 5.0 * (i + 0.5) / k_n, u = 8.0 * (j + 0.5) / k_n - 0.5;
+      const int y = int(v), x = int(std::floor(u));
+      const auto value = [&](int column, int row) { return double(texel((column + 8) % 8, row).x); };
+      const double s = u - x, t = v - y;
+      const double radiance = (1 - t) * ((1 - s) * value(x, y) + s * value(x + 1, y)) +
+                              t * ((1 - s) * value(x, y + 1) + s * value(x + 1, y + 1));
+      expected += radiance * std::cos(theta) * std::sin(theta) * 0.5 * M_PI / k_n * 2 * M_PI / k_n;
+    }
+  }
+  for (const int light_samples : {1, 4, 16}) {
+    SceneMaker maker = plane_seen_from_above(10.0f);
+    maker.environment(8, 11, texel, up);
+    const double got = mean(render(maker.scene, options_for(128, light_samples)).image);
+    EXPECT_NEAR(got, k_albedo / M_PI * expected, 3e-3 * got) << light_samples;
+  }
+}
+
 // Inside a closed shell that glows and reflects, radiance is Le / (1 - albedo): every bounce, multiple importance
 // sampling and Russian roulette must balance.
 TEST(Transport, ClosedShellReachesEquilibrium) {

@@ -61,6 +61,8 @@ const char* kind_text(EmitterKind kind) {
       return "area";
     case EmitterKind::constant:
       return "constant";
+    case EmitterKind::environment:
+      return "envmap";
     case EmitterKind::point:
       return "point";
     case EmitterKind::directional:

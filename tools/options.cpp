@@ -55,6 +55,16 @@ CLI::Validator number_between(double least, double most) {
       fmt::format("in [{}, {}]", least, most));
 }
 
+CLI::Validator positive_number() {
+  return CLI::Validator(
+      [](std::string& text) {
+        const auto value = whole_parse<double>(text);
+        if (value && float(*value) > 0.0f) return std::string();
+        return fmt::format("'{}' is not a number greater than 0", text);
+      },
+      "> 0");
+}
+
 CLI::Validator whole_number_between(int64_t least, int64_t most) {
   return CLI::Validator(
       [=](std::string& text) {
@@ -122,8 +132,8 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
                                                   {"sse4", Isa::sse4},
                                                   {"avx2", Isa::avx2},
                                                   {"avx512", Isa::avx512}};
-  static const std::vector<std::string> aovs = {"albedo",     "normal", "depth", "position",
-                                                "visibility", "exact",  "object"};
+  static const std::vector<std::string> aovs = {"albedo",     "normal", "depth",  "position",
+                                                "visibility", "exact",  "object", "ao"};
   const auto whole = [&](const char* name, int& target, int64_t least, int64_t most, const char* help) {
     command.add_option(name, target, help)->check(whole_number_between(least, most))->type_name("N");
   };
@@ -180,6 +190,12 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
         return fmt::format("'{}' is not one of {}", name, fmt::join(aovs, ", "));
       })
       ->type_name("LIST");
+  command
+      .add_option_function<float>(
+          "--ao-distance", [&options](const float& distance) { options.ao_distance = distance; },
+          "World units beyond which nothing occludes the layer ao (default: inf)")
+      ->check(positive_number())
+      ->type_name("D");
   command
       .add_option_function<int>(
           "--max-depth", [&options](const int& depth) { options.max_depth = depth; },

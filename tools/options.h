@@ -19,6 +19,9 @@ class ProgressLine;
 // A number in [least, most]; NaN and anything that is not wholly a number is refused.
 CLI::Validator number_between(double least, double most);
 
+// A number that is greater than 0 in single precision, "inf" included.
+CLI::Validator positive_number();
+
 // A whole number in [least, most].
 CLI::Validator whole_number_between(int64_t least, int64_t most);
 
