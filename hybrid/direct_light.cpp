@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "hybrid/halves.h"
 #include "hybrid/stopwatch.h"
 
 namespace fieldtrace {
@@ -119,6 +120,56 @@ void DirectLight::split_receivers(std::span<const PathVertex> vertices, const Li
   }
 }
 
+bool DirectLight::halve(std::span<const PathVertex> vertices, const Part& part, int light_samples) {
+  const size_t smallest = size_t(std::max(k_smallest_part_rays / light_samples, 1));
+  if (light_samples < k_fewest_halving_samples || part.end - part.begin <= smallest) return false;
+  if (!context_.answerer.gains_by_halving(candidates_)) return false;
+  if (!in_halves_) {
+    // The first time: the part is the whole batch.
+    placed_.clear();
+    for (size_t i = part.begin; i < part.end; ++i) placed_.push_back({vertices[lit_[i]].surface.position, lit_[i]});
+    order_by_halves(placed_, smallest);
+    for (size_t i = part.begin; i < part.end; ++i) lit_[i] = placed_[i - part.begin].index;
+    in_halves_ = true;
+  }
+  const size_t middle = middle_of(part.begin, part.end);
+  parts_.push_back({middle, part.end});
+  parts_.push_back({part.begin, middle});
+  return true;
+}
+
+void DirectLight::gather_part(const Part& part, uint32_t light, std::span<const PathVertex> vertices,
+                              std::span<const PathState> paths, int light_samples, std::span<FirstHit> firsts,
+                              std::span<Rgb> arriving, Stats& stats) {
+  shadowed_.clear();
+  free_.clear();
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    split_receivers(vertices, context_.light_extents[light], part.begin, part.end);
+    if (halve(vertices, part, light_samples)) return;
+  }
+  // Receivers that nothing can shadow send no shadow rays: their light samples are part of shading.
+  group_.swap(free_);
+  if (!group_.empty()) {
+    fill_receivers(vertices, paths);
+    sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
+    accumulate(light, vertices, light_samples, arriving);
+    count(vertices, paths, light_samples, firsts, stats);
+  }
+  group_.swap(shadowed_);
+  if (group_.empty()) return;
+  fill_receivers(vertices, paths);
+  const double bake_before = stats.time_bake;
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
+    context_.answerer.answer(candidates_, shadows_, stats);
+  }
+  stats.time_secondary -= stats.time_bake - bake_before;
+  accumulate(light, vertices, light_samples, arriving);
+  count(vertices, paths, light_samples, firsts, stats);
+}
+
 void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
                          std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
   lit_.clear();
@@ -129,34 +180,15 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
   const size_t group_size = size_t(std::max(k_shadow_batch / light_samples, 1));
   for (size_t begin = 0; begin < lit_.size(); begin += group_size) {
     const size_t end = std::min(begin + group_size, lit_.size());
+    in_halves_ = false;
     for (uint32_t light = 0; light < context_.lights.size(); ++light) {
       if (context_.lights.lights[light].kind == LightKind::none) continue;
-      shadowed_.clear();
-      free_.clear();
-      {
-        const ScopedTimer timer(stats.time_secondary);
-        split_receivers(vertices, context_.light_extents[light], begin, end);
+      parts_.assign(1, {begin, end});
+      while (!parts_.empty()) {
+        const Part part = parts_.back();
+        parts_.pop_back();
+        gather_part(part, light, vertices, paths, light_samples, firsts, arriving, stats);
       }
-      // Receivers that nothing can shadow send no shadow rays: their light samples are part of shading.
-      group_.swap(free_);
-      if (!group_.empty()) {
-        fill_receivers(vertices, paths);
-        sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
-        accumulate(light, vertices, light_samples, arriving);
-        count(vertices, paths, light_samples, firsts, stats);
-      }
-      group_.swap(shadowed_);
-      if (group_.empty()) continue;
-      fill_receivers(vertices, paths);
-      const double bake_before = stats.time_bake;
-      {
-        const ScopedTimer timer(stats.time_secondary);
-        sample_light(context_.lights, light, receivers_, light_samples, context_.settings.isa, shadows_);
-        context_.answerer.answer(candidates_, shadows_, stats);
-      }
-      stats.time_secondary -= stats.time_bake - bake_before;
-      accumulate(light, vertices, light_samples, arriving);
-      count(vertices, paths, light_samples, firsts, stats);
     }
   }
 }

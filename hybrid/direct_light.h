@@ -8,12 +8,18 @@
 #include <vector>
 
 #include "hybrid/aovs.h"
+#include "hybrid/halves.h"
 #include "hybrid/path_batch.h"
 #include "hybrid/transport.h"
 
 namespace fieldtrace {
 
 inline constexpr int k_shadow_batch = 8192;
+
+// A part of a batch with too many objects about it is halved if its receivers send this many rays each to a light, and
+// the part more than that many: with fewer, searching costs more than is saved (docs/decisions/010-crowds.md).
+inline constexpr int k_fewest_halving_samples = 16;
+inline constexpr int k_smallest_part_rays = 512;
 
 class DirectLight {
  public:
@@ -28,6 +34,16 @@ class DirectLight {
   // Sorts lit_[begin, end) into those that some object may shadow and those that nothing can.
   void split_receivers(std::span<const PathVertex> vertices, const LightExtent& light, size_t begin, size_t end);
   void fill_receivers(std::span<const PathVertex> vertices, std::span<const PathState> paths);
+  // A part of lit_, [begin, end).
+  struct Part {
+    size_t begin = 0, end = 0;
+  };
+  // Lights one part by one light. Leaves it undone, and its halves in parts_, if halve() says so.
+  void gather_part(const Part& part, uint32_t light, std::span<const PathVertex> vertices,
+                   std::span<const PathState> paths, int light_samples, std::span<FirstHit> firsts,
+                   std::span<Rgb> arriving, Stats& stats);
+  // Where candidates_ are too many for the part and halves may have fewer: pushes the halves onto parts_, true.
+  bool halve(std::span<const PathVertex> vertices, const Part& part, int light_samples);
   void accumulate(uint32_t light, std::span<const PathVertex> vertices, int light_samples, std::span<Rgb> arriving);
   void count(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
              std::span<FirstHit> firsts, Stats& stats);
@@ -40,6 +56,9 @@ class DirectLight {
   std::vector<uint32_t> shadowed_, free_;
   ReceiverBatch places_;  // positions, errors and instances only
   ShadowGroup candidates_;
+  std::vector<Part> parts_;  // of the batch, not lit yet by the current light
+  bool in_halves_ = false;   // the batch's part of lit_ is in the order of order_by_halves
+  std::vector<PlacedIndex> placed_;
 };
 
 }  // namespace fieldtrace

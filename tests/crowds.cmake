@@ -1,0 +1,1 @@
+fieldtrace_test(instance_tree_test LABELS quick)
