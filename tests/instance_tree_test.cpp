@@ -113,6 +113,7 @@ TEST(InstanceTree, HugeBoundsAreFound) {
   compare_sets(201, 500, 200, 1e30f, 1e-3f, 1.0f);
   TestRandom random(7);
   Scene scene = random_scene(random, 100, 1.0f, 1e-3f, 1e-2f);
+  scene.instances[42].shape = 0;  // a sphere
   scene.instances[42].to_world = test::scaling(Vec3(3.4e38f));
   scene.instances[42].to_world[3] = Vec3(3.4e38f);
   const InstanceTree tree(scene);
