@@ -49,7 +49,7 @@ struct ErrorBounds {
 constexpr ErrorBounds k_bounds[] = {
     {"object_over_floor", 0.0056, 0.0111, 0.13, 0.23},
     {"overlapping", 0.020, 0.060, 0.13, 0.25},
-    {"crowd", 0.0082, 0.0150, 0.21, 0.29},
+    {"crowd", 0.0054, 0.0108, 0.21, 0.29},
     {"lights_within", 0.029, 0.055, 0.61, 0.93},
     {"nested_balls", 0.043, 0.064, 0.24, 0.38},
     {"open_sheet", 0.0083, 0.015, 0.14, 0.21},
