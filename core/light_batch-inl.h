@@ -87,7 +87,7 @@ struct LightBatch {
   const ReceiverBatch& receivers;
   const uint32_t dimension;  // of the light's first pair
   const uint32_t stream;     // set_stream(dimension)
-  const int light_samples;
+  const LightSampleRange range;
   const size_t slots;
   ShadowBatch& out;
 
@@ -118,7 +118,8 @@ struct LightBatch {
     } else {
       r.third_seeds = {seed, seed, seed};
     }
-    r.first_index = load_uint_lanes<F>(b.sample.data() + i) * splat_uint<F>(uint32_t(light_samples));
+    r.first_index = load_uint_lanes<F>(b.sample.data() + i) * splat_uint<F>(uint32_t(range.total)) +
+                    splat_uint<F>(uint32_t(range.first));
     r.instance = load_uint_lanes<F>(b.instance.data() + i);
     return r;
   }
@@ -216,7 +217,7 @@ struct LightBatch {
   // Sample counts that fill whole vectors: each vector has one receiver, and consecutive points of one set.
   void run_whole_vectors() const {
     Slots to(out);
-    const size_t m = size_t(light_samples);
+    const size_t m = size_t(range.count);
     alignas(64) int32_t lane[k_lanes * k_lanes];  // lane i, k_lanes times, for each i
     for (int i = 0; i < k_lanes; ++i) std::fill_n(lane + i * k_lanes, k_lanes, i);
     alignas(64) uint32_t set[k_lanes], first_index[k_lanes];
@@ -241,7 +242,7 @@ struct LightBatch {
 
   void run_mixed() const {
     Slots to(out);
-    const size_t m = size_t(light_samples);
+    const size_t m = size_t(range.count);
     // Per vector of a group: the receiver (lane) and the sample number of each slot.
     AlignedVector<int32_t> lane(m * k_lanes);
     AlignedVector<uint32_t> sample(m * k_lanes);
@@ -264,8 +265,9 @@ struct LightBatch {
   void run() const {
     // The specialised loops are compiled for the frequent kinds of light only.
     if constexpr (Kind::k_frequent && !Kind::k_third_number && !k_transmits) {
-      if (light_samples == 1) return run_single();
-      if (light_samples % k_lanes == 0) return run_whole_vectors();
+      if (range.total == 1) return run_single();
+      // Whole vectors of points must begin at multiples of their length.
+      if ((range.total | range.first | range.count) % k_lanes == 0) return run_whole_vectors();
     }
     run_mixed();
   }
@@ -276,24 +278,36 @@ struct LightLoop {
   const LightTable& table;
   uint32_t index;
   const ReceiverBatch& receivers;
-  int light_samples;
+  LightSampleRange range;
   ShadowBatch& out;
 
   template <class Kind, class... Extra>
   void with(const Extra*... extra) const {
     const Light& light = table.lights[index];
-    const size_t slots = receivers.size * size_t(light_samples);
+    const size_t slots = receivers.size * size_t(range.count);
     const uint32_t dimension = k_light_dimension + 2 * index;
     uint8_t transmits = 0;  // without an early exit the loop runs in vectors
     for (size_t i = 0; i < receivers.size; ++i) transmits |= receivers.transmits[i];
     if (transmits != 0) {
-      LightBatch<F, Kind, true>{light,     table.point_sets.data(), Kind(light, extra...), receivers,
-                                dimension, set_stream(dimension),   light_samples,         slots,
+      LightBatch<F, Kind, true>{light,
+                                table.point_sets.data(),
+                                Kind(light, extra...),
+                                receivers,
+                                dimension,
+                                set_stream(dimension),
+                                range,
+                                slots,
                                 out}
           .run();
     } else {
-      LightBatch<F, Kind, false>{light,     table.point_sets.data(), Kind(light, extra...), receivers,
-                                 dimension, set_stream(dimension),   light_samples,         slots,
+      LightBatch<F, Kind, false>{light,
+                                 table.point_sets.data(),
+                                 Kind(light, extra...),
+                                 receivers,
+                                 dimension,
+                                 set_stream(dimension),
+                                 range,
+                                 slots,
                                  out}
           .run();
     }

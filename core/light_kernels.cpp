@@ -14,8 +14,8 @@
 FT_LANES_BEGIN
 
 inline void sample_light_lanes(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
-                               int light_samples, ShadowBatch& out) {
-  LightLoop<F32>{lights, light, receivers, light_samples, out}.run();
+                               const LightSampleRange& range, ShadowBatch& out) {
+  LightLoop<F32>{lights, light, receivers, range, out}.run();
 }
 
 FT_LANES_END

@@ -23,12 +23,12 @@ alignas(64) inline constexpr std::array<uint32_t, k_batch_padding> k_iota = {0, 
 
 // `out` is resized by the caller and all slots of a light of kind `none` are inactive already.
 using LightKernel = void (*)(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
-                             int light_samples, ShadowBatch& out);
+                             const LightSampleRange& range, ShadowBatch& out);
 
 // `isa` is resolved: supported by this processor and not `automatic`.
 LightKernel light_kernel_for(Isa isa);
 
-void sample_light_scalar(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers, int light_samples,
-                         ShadowBatch& out);
+void sample_light_scalar(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+                         const LightSampleRange& range, ShadowBatch& out);
 
 }  // namespace fieldtrace

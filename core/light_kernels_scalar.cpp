@@ -2,9 +2,9 @@
 
 namespace fieldtrace {
 
-void sample_light_scalar(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers, int light_samples,
-                         ShadowBatch& out) {
-  scalar::LightLoop<float>{lights, light, receivers, light_samples, out}.run();
+void sample_light_scalar(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+                         const LightSampleRange& range, ShadowBatch& out) {
+  scalar::LightLoop<float>{lights, light, receivers, range, out}.run();
 }
 
 }  // namespace fieldtrace

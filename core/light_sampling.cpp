@@ -9,8 +9,13 @@ namespace fieldtrace {
 
 void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers, int light_samples, Isa isa,
                   ShadowBatch& out) {
+  sample_light(lights, light, receivers, {light_samples, 0, light_samples}, isa, out);
+}
+
+void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+                  const LightSampleRange& range, Isa isa, ShadowBatch& out) {
   const LightKernel kernel = light_kernel_for(resolve_isa(isa));
-  out.resize(receivers.size * size_t(light_samples));
+  out.resize(receivers.size * size_t(range.count));
   out.active = 0;
   if (lights.lights[light].kind == LightKind::none) {
     std::fill(out.rays.tmax.begin(), out.rays.tmax.end(), -1.0f);
@@ -18,13 +23,13 @@ void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch&
     for (auto* v : {&out.rays.ox, &out.rays.oy, &out.rays.oz, &out.rays.dx, &out.rays.dy, &out.weight, &out.pdf}) {
       std::fill(v->begin(), v->end(), 0.0f);
     }
-    for (size_t i = 0; i < out.rays.size; ++i) out.instance[i] = receivers.instance[i / size_t(light_samples)];
+    for (size_t i = 0; i < out.rays.size; ++i) out.instance[i] = receivers.instance[i / size_t(range.count)];
     return;
   }
   if (lights.lights[light].kind == LightKind::environment) {
     for (auto* v : {&out.red, &out.green, &out.blue}) v->resize(padded(out.rays.size));
   }
-  kernel(lights, light, receivers, light_samples, out);
+  kernel(lights, light, receivers, range, out);
 }
 
 Rgb emitted_radiance(const LightTable& lights, uint32_t index, const Vec3& direction) {

@@ -34,6 +34,11 @@ struct LightTable {
 // make_environment takes, or if there are two environments.
 LightTable make_lights(const Scene& scene);
 
+// Which of each receiver's samples a batch holds: numbers first ... first + count - 1 of `total`.
+struct LightSampleRange {
+  int total = 1, first = 0, count = 1;
+};
+
 // Fills `out` (resized to receivers.size * light_samples) with one shadow ray per receiver and sample towards light
 // `light`; the meaning of each member is at ShadowBatch. Sample k of receiver r is point
 // receivers.sample[r] * light_samples + k of the scrambled Sobol sequence of receivers.seed[r] and the light
@@ -47,6 +52,9 @@ LightTable make_lights(const Scene& scene);
 // Throws UsageError if this processor cannot run `isa`.
 void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers, int light_samples, Isa isa,
                   ShadowBatch& out);
+// The same for some of the samples: slot r * range.count + k is sample range.first + k of range.total.
+void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+                  const LightSampleRange& range, Isa isa, ShadowBatch& out);
 
 // Radiance of a light that a ray meets (on the side that emits). `direction` is the ray's, in world space, of any
 // length but 0; it matters for environments only.

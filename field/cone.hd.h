@@ -55,7 +55,6 @@ FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& t
 template <class F>
 struct ConeAnswer {
   Mask_t<F> clear, blocked, unknown;  // none of them: open
-  Int_t<F> missing;                   // unknown: the coverage tile or depth slice to bake
 };
 
 // Discs wider than this are not asked about: 1/2 of the ball's radius.
@@ -70,8 +69,10 @@ FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
   return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one);
 }
 
-template <class F>
-FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, const LightCone<F>& cone, Mask_t<F> wanted) {
+// tell_missing(slots, mask): as for sum_coverage.
+template <class F, class TellMissing>
+FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, const LightCone<F>& cone, Mask_t<F> wanted,
+                                         const TellMissing& tell_missing) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   const F t_foot = zero - dot(cone.p, cone.axis);
   const Vec3Lanes<F> foot = cone.p + cone.axis * t_foot;
@@ -93,20 +94,20 @@ FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, const LightCone
                              texel(floor(y + r) + one)};
   const Mask_t<F> asked = wanted & (radius < splat<F>(k_widest_disc));
   const Int_t<F> direction = cell.u * splat_int<F>(int32_t(field.directions.cells)) + cell.v;
-  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, direction, rect, asked);
+  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, direction, rect, asked, tell_missing);
   const Int_t<F> texels = (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
   ConeAnswer<F> answer;
   answer.unknown = sum.unknown;
-  answer.missing = sum.tile;
   answer.clear = and_not(sum.unknown, asked & (sum.count == splat_int<F>(0)));
   answer.blocked = and_not(sum.unknown | answer.clear, asked & (sum.count == texels));
   return answer;
 }
 
-// `side`: directions are tried on a grid of side x side over the cone, those in its corners left out.
-template <class F>
+// tell_missing(slices, mask) is called with the depth slices that are not baked. `side`: directions are tried on a grid
+// of side x side over the cone, those in its corners left out.
+template <class F, class TellMissing>
 FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
-                                      int side, Mask_t<F> wanted) {
+                                      int side, Mask_t<F> wanted, const TellMissing& tell_missing) {
   const F one = splat<F>(1.0f);
   // Two directions across the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
   const F sign = copysign(one, cone.axis.z);
@@ -118,7 +119,6 @@ FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy&
   ConeAnswer<F> answer;
   answer.clear = answer.blocked = wanted;
   answer.unknown = and_not(wanted, wanted);
-  answer.missing = splat_int<F>(0);
   const float step = 2.0f / float(side);
   for (int i = 0; i < side * side; ++i) {
     const float x = (float(i % side) + 0.5f) * step - 1.0f, y = (float(i / side) + 0.5f) * step - 1.0f;
@@ -128,11 +128,13 @@ FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy&
     d = d * (one / sqrt(dot(d, d)));
     const Vec3Lanes<F> back = {-d.x, -d.y, -d.z};
     const Vec3Lanes<F> end = cone.p + d * cone.distance;
-    const Mask_t<F> asked = answer.clear | answer.blocked | answer.unknown;
+    const Mask_t<F> asked = answer.clear | answer.blocked;
     const DepthAnswer<F> depth = compare_depth(
         field, policy, address_of_line(back, cone.p, field.directions, field.plane), back, cone.p, end, asked);
-    answer.missing = select(depth.unknown, depth.slice, answer.missing);
-    answer.unknown = answer.unknown | depth.unknown;
+    if (any(depth.unknown)) {
+      answer.unknown = answer.unknown | depth.unknown;
+      tell_missing(depth.slice, depth.unknown);
+    }
     answer.clear = answer.clear & (depth.front | depth.unknown);
     answer.blocked = answer.blocked & (depth.behind | depth.unknown);
   }

@@ -12,13 +12,16 @@
 
 FT_LANES_BEGIN
 
+// Collects the numbers of what is not baked.
 template <class F>
-inline void append_missing(const ConeAnswer<F>& answer, std::vector<uint32_t>& list) {
-  if (!any(answer.unknown)) return;
-  alignas(64) int32_t missing[2 * Lanes<F>::k_count];
-  const int n = compress_store(answer.missing, answer.unknown, missing);
-  list.insert(list.end(), missing, missing + n);
-}
+struct MissingList {
+  std::vector<uint32_t>& list;
+  void operator()(Int_t<F> numbers, Mask_t<F> missing) const {
+    alignas(64) int32_t chosen[2 * Lanes<F>::k_count];
+    const int n = compress_store(numbers, missing, chosen);
+    list.insert(list.end(), chosen, chosen + n);
+  }
+};
 
 // Whether the whole object lies before the receiver's tangent plane, to the breadth of a line: then its rays meet the
 // object only where their lines do. The object's bounds are a box about the origin.
@@ -72,13 +75,12 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
       ConeAnswer<F> answer;
       answer.clear = answer.blocked = answer.unknown = and_not(asked, asked);
       if (any(by_lines)) {
-        answer = through_lines<F>(field, cone, by_lines);
-        append_missing<F>(answer, unknowns.tiles);
+        answer = through_lines<F>(field, cone, by_lines, MissingList<F>{unknowns.tiles});
         counts.lookups += uint64_t(count_true(by_lines));
       }
       if (task.sheet_side > 0 && any(by_sheet)) {
-        const ConeAnswer<F> sheet = from_sheet<F>(field, task.segment.policy, cone, task.sheet_side, by_sheet);
-        append_missing<F>(sheet, unknowns.slices);
+        const ConeAnswer<F> sheet =
+            from_sheet<F>(field, task.segment.policy, cone, task.sheet_side, by_sheet, MissingList<F>{unknowns.slices});
         answer.clear = answer.clear | sheet.clear;
         answer.blocked = answer.blocked | sheet.blocked;
         answer.unknown = answer.unknown | sheet.unknown;

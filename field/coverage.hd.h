@@ -40,7 +40,6 @@ template <class F>
 struct CoverageSum {
   Int_t<F> count, depths;  // lines that hit, and the sum of their depth codes
   Mask_t<F> unknown;       // some tile is not baked
-  Int_t<F> tile;           // one that is not
 };
 
 // The part of [begin, end) in tile `number` of its axis, relative to the tile; empty: not (begin < end).
@@ -51,14 +50,15 @@ FT_HD_INLINE void clip_to_tile(Int_t<F> number, Int_t<F>& begin, Int_t<F>& end) 
   end = min(end - base, splat_int<F>(k_tile_lines));
 }
 
-// Sums over the rectangles of the wanted lanes; rectangles lie within [0, L]^2 (unchecked).
-template <class F>
+// Sums over the rectangles of the wanted lanes; rectangles lie within [0, L]^2 (unchecked). tell_missing(slots, mask)
+// is called with the slots of tiles that are not baked.
+template <class F, class TellMissing>
 FT_HD_INLINE CoverageSum<F> sum_coverage(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
-                                         Mask_t<F> wanted) {
+                                         Mask_t<F> wanted, const TellMissing& tell_missing) {
   const Int_t<F> zero = splat_int<F>(0), row = splat_int<F>(k_tile_corners);
   const Int_t<F> first_x = shift_right<5>(rect.x0), first_y = shift_right<5>(rect.y0);
   const Int_t<F> plane = direction * splat_int<F>(view.tiles * view.tiles);
-  CoverageSum<F> sum = {zero, zero, and_not(wanted, wanted), zero};
+  CoverageSum<F> sum = {zero, zero, and_not(wanted, wanted)};
   for (int j = 0; j < view.tiles; ++j) {
     const Int_t<F> tile_y = first_y + splat_int<F>(j);
     Int_t<F> y0 = rect.y0, y1 = rect.y1;
@@ -75,8 +75,10 @@ FT_HD_INLINE CoverageSum<F> sum_coverage(const CoverageView& view, Int_t<F> dire
       const Int_t<F> tile = gather(view.tile_of, slot);
       order_loads();  // a baker publishes the number last
       const Mask_t<F> missing = inside & (tile < splat_int<F>(1));
-      sum.unknown = sum.unknown | missing;
-      sum.tile = select(missing, slot, sum.tile);
+      if (any(missing)) {
+        sum.unknown = sum.unknown | missing;
+        tell_missing(slot, missing);
+      }
       const Mask_t<F> filled = inside & (tile > splat_int<F>(1));
       if (!any(filled)) continue;
       const Int_t<F> base = tile * splat_int<F>(k_tile_words);

@@ -90,7 +90,7 @@ void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
     {
       const ScopedTimer timer(stats.time_secondary);
       candidates_.light = reach();
-      context_.answerer.find_candidates(receivers_, candidates_);
+      context_.answerer.find_candidates(receivers_, candidates_, stats);
       sample_light(sky_, 0, receivers_, settings.light_samples, settings.isa, rays_);
       for (size_t i = 0; i < rays_.rays.size; ++i) {
         if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;

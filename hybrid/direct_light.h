@@ -8,12 +8,24 @@
 #include <vector>
 
 #include "hybrid/aovs.h"
+#include "hybrid/halves.h"
 #include "hybrid/path_batch.h"
+#include "hybrid/reflected_light.h"
 #include "hybrid/transport.h"
 
 namespace fieldtrace {
 
 inline constexpr int k_shadow_batch = 8192;
+
+// A part of a batch with too many objects about it is halved if its receivers send this many rays each to a light, and
+// the part more than that many: with fewer, searching costs more than is saved (docs/decisions/010-crowds.md).
+inline constexpr int k_fewest_halving_samples = 16;
+inline constexpr int k_smallest_part_rays = 512;
+
+// How many samples of each receiver are answered first, where whole lights may be answered at once: if they all agree,
+// the rest is taken to agree too. The smallest divisor of light_samples from 2 sqrt(light_samples) on: a penumbra then
+// gets about an eighth more variance, whatever the number of samples (docs/decisions/009-cones.md). 0: none.
+int first_light_samples(int light_samples);
 
 class DirectLight {
  public:
@@ -25,27 +37,41 @@ class DirectLight {
               std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats);
 
  private:
-  void gather_from(uint32_t light, size_t begin, size_t end, std::span<const PathVertex> vertices,
-                   std::span<const PathState> paths, int light_samples, std::span<FirstHit> firsts,
-                   std::span<Rgb> arriving, Stats& stats);
-  void gather_free(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
-                   int light_samples, std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats);
-  // Sorts lit_[begin, end) into those that some object may shadow, those that nothing can, and those that see nothing
-  // of the light.
-  void split_receivers(std::span<const PathVertex> vertices, const LightExtent& light, int light_samples, size_t begin,
-                       size_t end, Stats& stats);
-  void check_split(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
-                   int light_samples, Stats& stats);
-  // Moves those of shadowed_ whose first samples agree to free_ or dark_.
-  void sort_by_first_samples(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
-                             int light_samples, int first_samples, Stats& stats);
-  // Shadow rays of group_.
-  void sample(uint32_t light, std::span<const PathVertex> vertices, std::span<const PathState> paths,
-              int light_samples);
-  void fill_receivers(std::span<const PathVertex> vertices, std::span<const PathState> paths);
-  void accumulate(uint32_t light, std::span<const PathVertex> vertices, int light_samples, std::span<Rgb> arriving);
-  void count(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
-             std::span<FirstHit> firsts, Stats& stats);
+  // What gather() was given, and the light that it is at.
+  struct Job {
+    std::span<const PathVertex> vertices;
+    std::span<const PathState> paths;
+    int light_samples = 1;
+    std::span<FirstHit> firsts;
+    std::span<Rgb> arriving;
+    Stats& stats;
+    uint32_t light = 0;
+  };
+  // A part of lit_, [begin, end).
+  struct Part {
+    size_t begin = 0, end = 0;
+  };
+
+  // Lights one part by one light. Leaves it undone, and its halves in parts_, if halve() says so.
+  void gather_part(const Job& job, const Part& part);
+  // Sorts a part of lit_ into those that some object may shadow, those that nothing can, and those that see nothing of
+  // the light.
+  void split_receivers(const Job& job, const Part& part);
+  // Where candidates_ are too many for the part and halves may have fewer: pushes the halves onto parts_, true.
+  bool halve(const Job& job, const Part& part);
+  // For --check: traces what split_receivers() took for certain.
+  void check_split(const Job& job);
+  // Has the first samples of shadowed_ answered. Where they agree the receiver goes to free_ or dark_; else they are
+  // added up, and the receiver stays for the other samples.
+  void ask_first_samples(const Job& job, int count);
+  // Samples of group_ answered and added up; free receivers' without asking.
+  void gather_samples(const Job& job, const LightSampleRange& range);
+  void gather_free(const Job& job);
+
+  void sample_group(const Job& job, const LightSampleRange& range);
+  LightEstimate estimate_of(const Job& job) const;
+  // Adds up and counts the rays of receiver r of group_, `samples` of them.
+  void add_receiver(const Job& job, const LightEstimate& light, size_t r, int samples);
 
   const TransportContext& context_;
   ReceiverBatch receivers_;
@@ -55,6 +81,9 @@ class DirectLight {
   std::vector<uint32_t> shadowed_, free_, dark_;
   ReceiverBatch places_;  // without what light sampling needs
   ShadowGroup candidates_;
+  std::vector<Part> parts_;  // of the batch, not lit yet by the current light
+  bool in_halves_ = false;   // the batch's part of lit_ is in the order of order_by_halves
+  std::vector<PlacedIndex> placed_;
 };
 
 }  // namespace fieldtrace

@@ -221,6 +221,13 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
   }
 }
 
+bool ShadowAnswerer::gains_by_halving(const ShadowGroup& group) const {
+  // Where every cell asks, the groups are those of Monte Carlo, so that both trace the same rays.
+  if (settings_.force_ask || group.candidates.size() <= k_most_candidates) return false;
+  return std::any_of(group.candidates.begin(), group.candidates.end(),
+                     [this](uint32_t candidate) { return occluders_[candidate].field != nullptr; });
+}
+
 void ShadowAnswerer::bake_unknown(const Occluder& o, int32_t slot, const ShadowBatch& batch, Workspace& work,
                                   Stats& stats) const {
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
@@ -352,6 +359,7 @@ void ShadowAnswerer::trace_all(ShadowBatch& batch, Workspace& work, Stats& stats
   stats.rays_crossing += work.indices.size();
   stats.sphere_crossings += work.indices.size();
   stats.rays_exact += work.indices.size();
+  stats.rays_crowded += work.indices.size();
   accel_.occluded(batch.rays, work.indices, batch.blocked.data());
 }
 

@@ -35,8 +35,9 @@ struct AnswererSettings {
 // Objects with fewer triangles are left to exact rays, which cost little more than a look-up there.
 inline constexpr size_t k_fewest_field_triangles = 256;
 
-// Beyond this many candidates for one group, one traversal of the whole scene costs less than their tests.
-inline constexpr size_t k_most_candidates = 32;
+// Beyond this many candidates for one group, one traversal of the whole scene costs less than their tests
+// (docs/decisions/010-crowds.md).
+inline constexpr size_t k_most_candidates = 16;
 
 // Whether all of a shape lies in one plane: such a shape cannot block rays that leave it, and gets no field.
 bool is_flat(const Shape& shape);
@@ -69,6 +70,10 @@ class ShadowAnswerer {
   bool checks() const { return settings_.check; }
   // For --check: traces the rays of receivers whose whole light find_candidates() called `blocked`, or clear.
   void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
+
+  // Whether a group has too many candidates, and parts of it are worth a search of their own before they are traced
+  // against the whole scene: where fields could answer. Monte Carlo gains nothing by it (docs/decisions/010-crowds.md).
+  bool gains_by_halving(const ShadowGroup& group) const;
 
   // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both are 0 on entry, and stay 0 for
   // inactive slots. The rays leave receivers that `group` was made for, or some of them. Adds what it did to `stats`

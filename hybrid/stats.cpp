@@ -13,6 +13,7 @@ void Stats::merge_counters(const Stats& o) {
   rays_glossy += o.rays_glossy;
   rays_exact += o.rays_exact;
   rays_crossing += o.rays_crossing;
+  rays_crowded += o.rays_crowded;
   lookups += o.lookups;
   bake_rays += o.bake_rays;
   sphere_crossings += o.sphere_crossings;
@@ -49,7 +50,8 @@ std::string Stats::to_json() const {
                {"secondary", time_secondary},
                {"total", time_total}};
   j["rays"] = {{"primary", rays_primary}, {"shadow", rays_shadow},     {"glossy", rays_glossy},
-               {"exact", rays_exact},     {"crossing", rays_crossing}, {"spared", samples_spared}};
+               {"exact", rays_exact},     {"crossing", rays_crossing}, {"crowded", rays_crowded},
+               {"spared", samples_spared}};
   j["cones"] = {{"clear", cones_clear}, {"blocked", cones_blocked}};
   j["lookups"] = lookups;
   j["exact_fraction"] = exact_fraction();

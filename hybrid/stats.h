@@ -26,6 +26,7 @@ struct Stats {
   uint64_t rays_glossy = 0;       // rays that left a surface along a specular or glossy lobe
   uint64_t rays_exact = 0;        // shadow rays traced through Embree
   uint64_t rays_crossing = 0;     // shadow rays that cross at least one candidate's bounds
+  uint64_t rays_crowded = 0;      // those of rays_exact whose group had too many candidates to ask one by one
   uint64_t lookups = 0;           // ray-field look-ups
   uint64_t sphere_crossings = 0;  // ray-candidate pairs whose bounds are crossed
   uint64_t cones_clear = 0, cones_blocked = 0;  // receiver-candidate pairs whose whole light was answered at once

@@ -117,11 +117,22 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
   for (uint32_t i = 0; i < batch.rays.size; ++i) {
     if (batch.rays.tmax[i] >= 0.0f) active.push_back(i);
   }
+  // Beyond the limit a group goes to the whole scene, but what culling would have chosen holds the blockers too.
+  std::vector<uint32_t> candidates = group.candidates;
+  if (candidates.size() > k_most_candidates) {
+    Bounds3 bounds;
+    for (size_t r = 0; r < receivers.size; ++r) {
+      const Vec3 p(receivers.px[r], receivers.py[r], receivers.pz[r]);
+      bounds.extend(p - Vec3(receivers.error[r]));
+      bounds.extend(p + Vec3(receivers.error[r]));
+    }
+    ShadowCandidates(scene).select(bounds, group.light, scene.instances.size(), candidates);
+  }
   std::vector<uint8_t> blocked;
   for (uint32_t instance = 0; instance < scene.instances.size(); ++instance) {
     blocked.assign(batch.rays.size, 0);
     accel.occluded_by(instance, batch.rays, active, blocked.data());
-    const bool chosen = std::ranges::find(group.candidates, instance) != group.candidates.end();
+    const bool chosen = std::ranges::find(candidates, instance) != candidates.end();
     for (const uint32_t i : active) {
       if (!blocked[i]) continue;
       tally.blocked += 1;

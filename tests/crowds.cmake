@@ -1,0 +1,2 @@
+fieldtrace_test(instance_tree_test LABELS quick)
+fieldtrace_test(crowd_test LABELS quick)
