@@ -159,7 +159,9 @@ void DirectLight::gather_part(const Job& job, const Part& part) {
     if (halve(job, part)) return;  // with so many candidates nothing was baked
   }
   if (context_.answerer.checks()) check_split(job);
-  if (context_.answerer.answers_cones() && !shadowed_.empty()) {
+  // Of a light all about, most receivers see a little less than all: agreement of a few samples would brighten them.
+  const bool has_edges = candidates_.light.kind == LightExtent::Kind::bounded;
+  if (context_.answerer.answers_cones() && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);
     rest.first = first_light_samples(job.light_samples);
     rest.count -= rest.first;
