@@ -16,8 +16,8 @@
 #endif
 
 #include "core/lanes.hd.h"
-#include "field/view.h"
 #include "core/platform.h"
+#include "field/view.h"
 
 FT_LANES_BEGIN
 
@@ -115,8 +115,8 @@ struct CellAddress {
   DirectionFrame<F> frame;
 };
 
-// The two steps of addressing a line, for loops that run each over many lines: the direction's cell, then its frame and the
-// plane cell of `anchor`.
+// The two steps of addressing a line, for loops that run each over many lines: the direction's cell, then its frame and
+// the plane cell of `anchor`.
 template <class F>
 FT_HD_INLINE void find_direction_cell(const Vec3Lanes<F>& d, const ChartAxis& directions, CellAddress<F>& cell) {
   F u, v;

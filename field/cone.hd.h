@@ -57,8 +57,9 @@ struct ConeAnswer {
   Mask_t<F> clear, blocked, unknown;  // none of them: open
 };
 
-// Surfaces at the ends of a chord lie at the ball's rim and are rare: widening the disc for the middle part of the chord
-// alone leaves a quarter fewer lights open, and fewer than 1 answer in 10,000 more is wrong (docs/decisions/009-cones.md).
+// Surfaces at the ends of a chord lie at the ball's rim and are rare: widening the disc for the middle part of the
+// chord alone leaves a quarter fewer lights open, and fewer than 1 answer in 10,000 more is wrong
+// (docs/decisions/009-cones.md).
 constexpr float k_chord_share = 0.5f;
 
 // Discs wider than this are not asked about: 1/2 of the ball's radius.

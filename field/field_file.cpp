@@ -211,8 +211,7 @@ struct FieldFile::Grids {
   Hash128 validate(const FieldFileHeader& header, const std::string& path);
 };
 
-Int32Grid::Ptr FieldFile::Grids::take(const openvdb::GridPtrVec& all, const char* name,
-                                           const std::string& path) const {
+Int32Grid::Ptr FieldFile::Grids::take(const openvdb::GridPtrVec& all, const char* name, const std::string& path) const {
   Int32Grid::Ptr found;
   for (const openvdb::GridBase::Ptr& grid : all) {
     if (grid->getName() != name) continue;

@@ -64,9 +64,9 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
   const Mask_t<F> from_inside = open & inside;
   if (any(from_inside)) {
     const Vec3Lanes<F> reverse = {-segment.direction.x, -segment.direction.y, -segment.direction.z};
-    const FoundSheet<F> last = find_sheet(
-        field, policy, address_of_line(reverse, segment.origin, field.directions, field.plane), reverse, segment.origin,
-        from_inside);
+    const FoundSheet<F> last =
+        find_sheet(field, policy, address_of_line(reverse, segment.origin, field.directions, field.plane), reverse,
+                   segment.origin, from_inside);
     result.lookups = result.lookups + last.lookups;
     result.slice = select(last.unknown, last.slice, result.slice);
     conclude(from_inside & last.unknown, k_verdict_unknown_depth);
@@ -78,9 +78,9 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     const Vec3Lanes<F> anchor = {select(inside, segment.origin.x, segment.foot.x),
                                  select(inside, segment.origin.y, segment.foot.y),
                                  select(inside, segment.origin.z, segment.foot.z)};
-    const FoundSheet<F> first = find_sheet(
-        field, policy, address_of_line(segment.direction, anchor, field.directions, field.plane), segment.direction,
-        anchor, open);
+    const FoundSheet<F> first =
+        find_sheet(field, policy, address_of_line(segment.direction, anchor, field.directions, field.plane),
+                   segment.direction, anchor, open);
     result.lookups = result.lookups + first.lookups;
     result.slice = select(first.unknown, first.slice, result.slice);
     conclude(open & first.unknown, k_verdict_unknown_depth);

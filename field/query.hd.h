@@ -198,8 +198,8 @@ FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy&
   if (any(far)) {
     const Vec3Lanes<F> anchor = p - direction * found.back;
     const Mask_t<F> inside = far & (dot(anchor, anchor) < splat<F>(1.0f));
-    const SheetView<F> second = look_up_sheet(
-        field, policy, address_of_line(direction, anchor, field.directions, field.plane), anchor);
+    const SheetView<F> second =
+        look_up_sheet(field, policy, address_of_line(direction, anchor, field.directions, field.plane), anchor);
     const Mask_t<F> missing = inside & !second.known;
     found.lookups = found.lookups + select(inside, splat_int<F>(1), splat_int<F>(0));
     found.unknown = found.unknown | missing;
@@ -318,8 +318,8 @@ FT_HD_INLINE LineAnswer<F> answer_by_line(const UnitSegment<F>& segment, Mask_t<
   return answer;
 }
 
-// Where the depth cells are asked about a segment: at its end p inside the ball (its origin, if that lies inside), looking
-// from outside along `direction`; `other` is the segment's other end.
+// Where the depth cells are asked about a segment: at its end p inside the ball (its origin, if that lies inside),
+// looking from outside along `direction`; `other` is the segment's other end.
 template <class F>
 struct DepthAnchor {
   Vec3Lanes<F> p, other, direction;
@@ -334,8 +334,8 @@ FT_HD_INLINE DepthAnchor<F> depth_anchor(const UnitSegment<F>& segment) {
           {select(from_origin, -d.x, d.x), select(from_origin, -d.y, d.y), select(from_origin, -d.z, d.z)}};
 }
 
-// Decides the lanes in `wanted`, each with at least one end inside the ball, by the depth cells. `at` is the address of the
-// line through the anchor's p.
+// Decides the lanes in `wanted`, each with at least one end inside the ball, by the depth cells. `at` is the address of
+// the line through the anchor's p.
 template <class F>
 FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& policy, const UnitSegment<F>& segment,
                                   const DepthAnchor<F>& anchor, const CellAddress<F>& at, Mask_t<F> wanted,
@@ -350,9 +350,9 @@ FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& pol
   const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
   if (any(undecided)) {
     // Both ends inside and the surface lies beyond the far end: look from the other side.
-    const DepthAnswer<F> second = compare_depth(
-        field, policy, address_of_line(segment.direction, segment.end, field.directions, field.plane),
-        segment.direction, segment.end, segment.origin, undecided);
+    const DepthAnswer<F> second =
+        compare_depth(field, policy, address_of_line(segment.direction, segment.end, field.directions, field.plane),
+                      segment.direction, segment.end, segment.origin, undecided);
     result.lookups = result.lookups + second.lookups;
     result.slice = select(second.unknown, second.slice, result.slice);
     clear = clear | second.front;

@@ -49,7 +49,8 @@ FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, 
 // (docs/decisions/008-two-chains.md). Few enough for the first-level cache.
 constexpr size_t k_blocks_at_once = 4;
 
-// What the steps hand on: the vectors that meet the ball, packed to the front, then those of them that want depth cells.
+// What the steps hand on: the vectors that meet the ball, packed to the front, then those of them that want depth
+// cells.
 template <class F>
 struct QueryScratch {
   static constexpr int k_vectors = int(k_blocks_at_once * k_block) / Lanes<F>::k_count;
@@ -98,8 +99,8 @@ inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t
 
 // Segments in unit space; returns how many vectors meet the ball.
 template <class F>
-inline int transform_step(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance, size_t first,
-                          int vectors, QueryScratch<F>& s) {
+inline int transform_step(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
+                          size_t first, int vectors, QueryScratch<F>& s) {
   const Uint_t<F> instance = splat_uint<F>(task.instance);
   int crossing = 0;
   for (int v = 0; v < vectors; ++v) {
@@ -130,7 +131,8 @@ inline size_t line_step(const SegmentTask& task, int count, QueryScratch<F>& s) 
   return lookups;
 }
 
-// Verdicts by the lines' cells; returns how many vectors want depth cells, packed to the front with their masks in `wanted`.
+// Verdicts by the lines' cells; returns how many vectors want depth cells, packed to the front with their masks in
+// `wanted`.
 template <class F>
 inline int answer_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   int deep = 0;
@@ -324,8 +326,8 @@ inline void collect_batch(const RayStates& states, size_t rays, uint8_t* blocked
 
 template <class F>
 constexpr SegmentKernels make_segment_kernels() {
-  return {&query_batch<F>,           &cross_ball_batch<F>,     &cross_box_batch<F>,
-          &hull_meets_ball_batch<F>, &hull_meets_box_batch<F>, &light_cones_batch<F>, &collect_batch<F>};
+  return {&query_batch<F>,          &cross_ball_batch<F>,  &cross_box_batch<F>, &hull_meets_ball_batch<F>,
+          &hull_meets_box_batch<F>, &light_cones_batch<F>, &collect_batch<F>};
 }
 
 FT_LANES_END

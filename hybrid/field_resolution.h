@@ -1,8 +1,8 @@
 // D and N from what a scene asks of its fields: the lights' widths and the number of rays that will be looked up.
 //
-// A cell costs about 16 rays to bake. Wide lights touch many cells, and a small or quick picture sends few rays to each;
-// coarser cells then cost less time in all, though more of them ask (docs/decisions/007-field-resolution.md). The choice
-// uses counts and the scene only, never clocks or the state of a cache, so that pictures can be repeated.
+// A cell costs about 16 rays to bake. Wide lights touch many cells, and a small or quick picture sends few rays to
+// each; coarser cells then cost less time in all, though more of them ask (docs/decisions/007-field-resolution.md). The
+// choice uses counts and the scene only, never clocks or the state of a cache, so that pictures can be repeated.
 // Thread-safety: pure.
 #pragma once
 
@@ -18,8 +18,8 @@ inline constexpr float k_wide_light_degrees = 12.0f;
 // Fewer shadow rays than this to each light get coarse cells: a picture of 512 x 512 at 64 samples has 16.8 million.
 inline constexpr uint64_t k_fine_field_rays = 12'000'000;
 
-// The angular diameter in degrees of the narrowest light, seen from the centre of any instance whose shape wants a field;
-// 0 for point and directional lights, 180 for a constant one. 0 if there is no light or no such instance.
+// The angular diameter in degrees of the narrowest light, seen from the centre of any instance whose shape wants a
+// field; 0 for point and directional lights, 180 for a constant one. 0 if there is no light or no such instance.
 float narrowest_light_degrees(const Scene& scene);
 
 // `rays_per_light`: pixels x camera samples x light samples.

@@ -47,10 +47,12 @@ float stretch_bound(const float m[12]) {
 }
 
 // Directions tried along each side of a light as seen from receivers on the object: so many that neighbours lie less
-// than 3/4 of a direction cell's mean width (2 sqrt(pi) / D) apart.
+// than this share of a direction cell's mean width (2 sqrt(pi) / D) apart. A cell speaks for lines all over it, so
+// closer directions find nothing more (docs/decisions/009-cones.md).
+constexpr float k_sheet_spacing = 1.1f;
 int sheet_side_for(float half_angle, int directions) {
   const float cell = 2.0f * std::sqrt(k_pi) / float(directions);
-  return std::max(1, int(std::ceil(2.0f * half_angle / (0.75f * cell))));
+  return std::max(1, int(std::ceil(2.0f * half_angle / (k_sheet_spacing * cell))));
 }
 
 std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t count) {

@@ -49,9 +49,8 @@ std::string Stats::to_json() const {
                {"primary", time_primary},
                {"secondary", time_secondary},
                {"total", time_total}};
-  j["rays"] = {{"primary", rays_primary}, {"shadow", rays_shadow},     {"glossy", rays_glossy},
-               {"exact", rays_exact},     {"crossing", rays_crossing}, {"crowded", rays_crowded},
-               {"spared", samples_spared}};
+  j["rays"] = {{"primary", rays_primary},   {"shadow", rays_shadow},   {"glossy", rays_glossy},   {"exact", rays_exact},
+               {"crossing", rays_crossing}, {"crowded", rays_crowded}, {"spared", samples_spared}};
   j["cones"] = {{"clear", cones_clear}, {"blocked", cones_blocked}};
   j["lookups"] = lookups;
   j["exact_fraction"] = exact_fraction();
