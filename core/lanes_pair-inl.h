@@ -141,6 +141,10 @@ HWY_INLINE F32x2 load_lanes<F32x2>(const float* p) {
   return {load(p), load(p + Lanes<F32>::k_count)};
 }
 template <>
+HWY_INLINE U32x2 load_byte_lanes<F32x2>(const uint8_t* p) {
+  return {load_byte_lanes<F32>(p), load_byte_lanes<F32>(p + Lanes<F32>::k_count)};
+}
+template <>
 HWY_INLINE U32x2 load_uint_lanes<F32x2>(const uint32_t* p) {
   return {load(p), load(p + Lanes<F32>::k_count)};
 }

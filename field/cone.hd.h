@@ -7,7 +7,7 @@
 //    angle between axis and c. If no parallel line in the disc's square meets the object, the light is clear; if every
 //    one does, it is hidden.
 //  - from_sheet: for receivers on the object itself, the depth cells at the receiver, one for each of a grid of
-//    directions over the ball that is finer than the direction cells, must all say that nothing lies before it.
+//    directions over the ball about as fine as the direction cells, must all say that nothing lies before it.
 // Anything else stays open, and is left to single rays. A cone answer speaks of the object between its sampled lines
 // only as far as these resolve it (docs/decisions/009-cones.md).
 //
@@ -32,7 +32,7 @@ template <class F>
 struct LightCone {
   Vec3Lanes<F> p, axis;
   F distance, sine, tangent;
-  Mask_t<F> narrow;  // the half angle is below k_widest_cone_sine's
+  Mask_t<F> narrow;  // sine < k_widest_cone_sine
 };
 
 // Wider cones are not answered whole.
@@ -55,6 +55,7 @@ FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& t
 template <class F>
 struct ConeAnswer {
   Mask_t<F> clear, blocked, unknown;  // none of them: open
+  Int_t<F> lookups;
 };
 
 // Surfaces at the ends of a chord lie at the ball's rim and are rare: widening the disc for the middle part of the
@@ -74,39 +75,56 @@ FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
   return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one);
 }
 
-// tell_missing(slots, mask): as for sum_coverage.
-template <class F, class TellMissing>
-FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, const LightCone<F>& cone, Mask_t<F> wanted,
-                                         const TellMissing& tell_missing) {
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+// The part of the cone's axis before the receiver and within the ball: its middle, as a distance from p, and half its
+// length, that of the longest chord of the ball that a ray of the cone can have.
+template <class F>
+struct ConeSpan {
+  F middle, half;
+};
+
+template <class F>
+FT_HD_INLINE ConeSpan<F> span_in_ball(const LightCone<F>& cone) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f);
   const F t_foot = zero - dot(cone.p, cone.axis);
   const Vec3Lanes<F> foot = cone.p + cone.axis * t_foot;
+  const F nearest = max(sqrt(dot(foot, foot)) - max(t_foot + one, zero) * cone.tangent, zero);
+  const F half_chord = sqrt(max(one - nearest * nearest, zero));
+  const F begin = max(t_foot - half_chord, zero), end = max(t_foot + half_chord, zero);
+  return {(begin + end) * half, (end - begin) * half};
+}
+
+// For receivers outside the ball, or `within` it with the whole object before their tangent plane. chord_share: how
+// much of the span surfaces are looked for in (within: all of it). tell_missing(slots, mask): as for sum_coverage.
+template <class F, class TellMissing>
+FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_share, const LightCone<F>& cone,
+                                         Mask_t<F> within, Mask_t<F> wanted, const TellMissing& tell_missing) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   CellAddress<F> cell;
   find_direction_cell(cone.axis, field.directions, cell);
   cell.frame = frame_from_square(centre_of<F>(cell.u, field.directions), centre_of<F>(cell.v, field.directions));
-  // Half the length of the longest chord of the ball that a ray of the cone can have, and the reach to either side of
-  // the foot within which surfaces are taken to lie.
-  const F nearest = max(sqrt(dot(foot, foot)) - max(t_foot + one, zero) * cone.tangent, zero);
-  const F half_chord = sqrt(max(one - nearest * nearest, zero));
-  const F reach = half_chord * splat<F>(k_chord_share);
+  const ConeSpan<F> span = span_in_ball(cone);
+  const Vec3Lanes<F> middle = cone.p + cone.axis * span.middle;
+  const F reach = select(within, span.half, span.half * splat<F>(chord_share));
   const F cosine = dot(cone.axis, cell.frame.c);
   const Vec3Lanes<F> across = cone.axis - cell.frame.c * cosine;
-  const F radius = max(t_foot + reach, zero) * cone.tangent + reach * sqrt(dot(across, across));
+  const F radius = (span.middle + reach) * cone.tangent + reach * sqrt(dot(across, across));
 
-  const F lines = splat<F>(field.coverage.half_lines + field.coverage.half_lines);
-  const F half = splat<F>(field.coverage.half_lines);
-  const F x = (dot(foot, cell.frame.s) + one) * half, y = (dot(foot, cell.frame.t) + one) * half, r = radius * half;
+  const F half = splat<F>(field.coverage.half_lines), lines = half + half;
+  const F x = (dot(middle, cell.frame.s) + one) * half, y = (dot(middle, cell.frame.t) + one) * half, r = radius * half;
+  const F x0 = floor(x - r), x1 = floor(x + r) + one, y0 = floor(y - r), y1 = floor(y + r) + one;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, value), lines)); };
-  const TexelRect<F> rect = {texel(floor(x - r)), texel(floor(x + r) + one), texel(floor(y - r)),
-                             texel(floor(y + r) + one)};
+  const TexelRect<F> rect = {texel(x0), texel(x1), texel(y0), texel(y1)};
   const Mask_t<F> asked = wanted & (radius < splat<F>(k_widest_disc));
   const Int_t<F> direction = cell.u * splat_int<F>(int32_t(field.directions.cells)) + cell.v;
   const CoverageSum<F> sum = sum_coverage<F>(field.coverage, direction, rect, asked, tell_missing);
   const Int_t<F> texels = (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
+  // What lies beyond the square meets nothing.
+  const Mask_t<F> whole = (x0 >= zero) & (x1 <= lines) & (y0 >= zero) & (y1 <= lines);
   ConeAnswer<F> answer;
   answer.unknown = sum.unknown;
   answer.clear = and_not(sum.unknown, asked & (sum.count == splat_int<F>(0)));
-  answer.blocked = and_not(sum.unknown | answer.clear, asked & (sum.count == texels));
+  answer.blocked = and_not(sum.unknown | answer.clear, asked & whole & (sum.count == texels));
+  answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
   return answer;
 }
 
@@ -126,6 +144,7 @@ FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy&
   ConeAnswer<F> answer;
   answer.clear = answer.blocked = wanted;
   answer.unknown = and_not(wanted, wanted);
+  answer.lookups = splat_int<F>(0);
   const float step = 2.0f / float(side);
   for (int i = 0; i < side * side; ++i) {
     const float x = (float(i % side) + 0.5f) * step - 1.0f, y = (float(i / side) + 0.5f) * step - 1.0f;
@@ -138,6 +157,7 @@ FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy&
     const Mask_t<F> asked = answer.clear | answer.blocked;
     const DepthAnswer<F> depth = compare_depth(
         field, policy, address_of_line(back, cone.p, field.directions, field.plane), back, cone.p, end, asked);
+    answer.lookups = answer.lookups + depth.lookups;
     if (any(depth.unknown)) {
       answer.unknown = answer.unknown | depth.unknown;
       tell_missing(depth.slice, depth.unknown);

@@ -23,10 +23,11 @@ struct MissingList {
   }
 };
 
-// Whether the whole object lies before the receiver's tangent plane, to the breadth of a line: then its rays meet the
-// object only where their lines do. The object's bounds are a box about the origin.
+// Whether the whole object lies before the receiver's tangent plane, and the light's whole cone too: then the backward
+// part of its lines meets nothing. The object's bounds are a box about the origin; it may reach below the plane by one
+// line's breadth, which the lines do not resolve.
 template <class F>
-FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& world_normal) {
+FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const LightCone<F>& cone, const Vec3Lanes<F>& world_normal) {
   const float* m = task.from_unit;
   const auto along_column = [&](int i) {
     return splat<F>(m[i]) * world_normal.x + splat<F>(m[i + 1]) * world_normal.y + splat<F>(m[i + 2]) * world_normal.z;
@@ -34,8 +35,11 @@ FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const Vec3Lanes<F>& p,
   const Vec3Lanes<F> n = {along_column(0), along_column(3), along_column(6)};
   const F reach = abs(n.x) * splat<F>(task.half_extent[0]) + abs(n.y) * splat<F>(task.half_extent[1]) +
                   abs(n.z) * splat<F>(task.half_extent[2]);
-  const F slack = sqrt(dot(n, n)) / splat<F>(task.segment.field.coverage.half_lines);
-  return dot(n, p) + reach <= slack;
+  const FieldView& field = task.segment.field;
+  const F length = sqrt(dot(n, n));
+  // A direction and its cell's differ by less than the cell's diagonal, of the mean cell 2 sqrt(2 pi) / D.
+  const F turn = cone.sine + splat<F>(5.1f / field.directions.cells);
+  return (dot(n, cone.p) + reach <= length / splat<F>(field.coverage.half_lines)) & (dot(n, cone.axis) > length * turn);
 }
 
 template <class F>
@@ -62,7 +66,8 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
       const Vec3Lanes<F> p = {transformed(m, 0, world) + splat<F>(m[9]), transformed(m, 1, world) + splat<F>(m[10]),
                               transformed(m, 2, world) + splat<F>(m[11])};
       const Vec3Lanes<F> to_light = centre - world;
-      // The origin of a ray lies up to `error` beside the receiver.
+      // A ray's origin lies up to `error` beside the receiver: a few roundings, far below a line's breadth, which count
+      // only where the light is a point.
       const F radius = max(splat<F>(light.radius), load_lanes<F>(&receivers.error[i])) * stretch;
       const LightCone<F> cone = make_cone<F>(
           p, {transformed(m, 0, to_light), transformed(m, 1, to_light), transformed(m, 2, to_light)}, radius);
@@ -70,13 +75,15 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
       const Mask_t<F> own = asked & (load_uint_lanes<F>(&receivers.instance[i]) == instance);
       const Mask_t<F> before = (!inside) & (dot(p, cone.axis) < splat<F>(0.0f));
       const Mask_t<F> beyond = light_beyond_ball(cone);
-      const Mask_t<F> by_lines = and_not(own, asked & beyond & (before | faces_object<F>(task, p, normal)));
-      const Mask_t<F> by_sheet = own & inside & beyond;
+      const Mask_t<F> within = inside & faces_object<F>(task, cone, normal);
+      const Mask_t<F> opaque = load_byte_lanes<F>(&receivers.transmits[i]) == splat_uint<F>(0);
+      const Mask_t<F> by_lines = and_not(own, asked & beyond & opaque & (before | within));
+      const Mask_t<F> by_sheet = own & inside & beyond & opaque;
       ConeAnswer<F> answer;
       answer.clear = answer.blocked = answer.unknown = and_not(asked, asked);
       if (any(by_lines)) {
-        answer = through_lines<F>(field, cone, by_lines, MissingList<F>{unknowns.tiles});
-        counts.lookups += uint64_t(count_true(by_lines));
+        answer = through_lines<F>(field, task.chord_share, cone, within, by_lines, MissingList<F>{unknowns.tiles});
+        counts.lookups += uint64_t(sum_of(answer.lookups));
       }
       if (task.sheet_side > 0 && any(by_sheet)) {
         const ConeAnswer<F> sheet =
@@ -84,7 +91,7 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
         answer.clear = answer.clear | sheet.clear;
         answer.blocked = answer.blocked | sheet.blocked;
         answer.unknown = answer.unknown | sheet.unknown;
-        counts.lookups += uint64_t(count_true(by_sheet) * task.sheet_side * task.sheet_side);
+        counts.lookups += uint64_t(sum_of(sheet.lookups));
       }
       missing = missing || any(answer.unknown);
       counts.clear += uint64_t(count_true(answer.clear));

@@ -96,7 +96,7 @@ void CoverageTiles::read(uint32_t slot, std::span<uint16_t> lines) const {
 
 uint64_t CoverageTiles::bytes() const {
   return stored_.load(std::memory_order_relaxed) * scalar::k_tile_words * sizeof(int32_t) +
-         uint64_t(tiles_ * tiles_) * sizeof(int32_t) * uint64_t(directions_);
+         uint64_t(slot_count()) * sizeof(int32_t);
 }
 
 }  // namespace fieldtrace

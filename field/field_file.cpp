@@ -186,6 +186,7 @@ void add_slices_to(Hasher& hasher, uint32_t direction_brick, uint32_t plane_bric
 }
 
 void add_tiles_to(Hasher& hasher, std::span<const uint32_t> slots) {
+  hasher.add_value(uint32_t(slots.size()));
   for (const uint32_t slot : slots) hasher.add_value(slot);
 }
 

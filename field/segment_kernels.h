@@ -68,9 +68,10 @@ inline constexpr int32_t k_light_blocked = 2;  // the whole light is hidden
 // One candidate object asked about whole lights (field/cone.hd.h).
 struct ConeTask {
   SegmentTask segment;
-  float from_unit[9];    // unit space -> world, linear part, column-major
-  float half_extent[3];  // of the object's bounds, a box about the origin of unit space
-  int sheet_side = 0;    // directions tried for receivers on the object: sheet_side^2; 0: none are asked about
+  float from_unit[9];        // unit space -> world, linear part, column-major
+  float chord_share = 1.0f;  // of half a chord, on which surfaces are looked for (field/cone.hd.h)
+  float half_extent[3];      // of the object's bounds, a box about the origin of unit space
+  int sheet_side = 0;        // directions tried for receivers on the object: sheet_side^2; 0: none are asked about
 };
 
 // What light_cones() met that is not baked: receivers' blocks of k_batch_padding, as their first index, and what to

@@ -5,6 +5,25 @@
 #include "hybrid/stopwatch.h"
 
 namespace fieldtrace {
+namespace {
+
+// chosen[i] = all[indices[i]].
+void select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indices, ReceiverBatch& chosen) {
+  chosen.resize(indices.size());
+  const auto select = [&](auto member) {
+    const auto& from = all.*member;
+    auto& to = chosen.*member;
+    for (size_t i = 0; i < indices.size(); ++i) to[i] = from[indices[i]];
+  };
+  using B = ReceiverBatch;
+  for (const auto member : {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error}) {
+    select(member);
+  }
+  for (const auto member : {&B::seed, &B::sample, &B::instance}) select(member);
+  select(&B::transmits);
+}
+
+}  // namespace
 
 int first_light_samples(int light_samples) {
   for (int n = 1; 2 * n <= light_samples; ++n) {
@@ -21,27 +40,34 @@ LightEstimate DirectLight::estimate_of(const Job& job) const {
           light.kind == LightKind::environment};
 }
 
-void DirectLight::sample_group(const Job& job, const LightSampleRange& range) {
-  receivers_.resize(group_.size());
-  for (size_t r = 0; r < group_.size(); ++r) {
-    const PathVertex& v = job.vertices[group_[r]];
+void DirectLight::place_receivers(const Job& job, const Part& part) {
+  if (part.begin == places_part_.begin && part.end == places_part_.end) return;
+  places_part_ = part;
+  places_.resize(part.end - part.begin);
+  for (size_t r = 0; r < places_.size; ++r) {
+    const PathVertex& v = job.vertices[lit_[part.begin + r]];
     const Vec3& p = v.surface.position;
-    receivers_.px[r] = p.x, receivers_.py[r] = p.y, receivers_.pz[r] = p.z;
-    receivers_.gx[r] = v.facing.x, receivers_.gy[r] = v.facing.y, receivers_.gz[r] = v.facing.z;
-    receivers_.sx[r] = v.frame.n.x, receivers_.sy[r] = v.frame.n.y, receivers_.sz[r] = v.frame.n.z;
-    receivers_.error[r] = v.surface.error;
-    receivers_.seed[r] = v.seed;
-    receivers_.sample[r] = job.paths[v.path].index;
-    receivers_.instance[r] = v.surface.instance;
-    receivers_.transmits[r] = v.material.transmits();
+    places_.px[r] = p.x, places_.py[r] = p.y, places_.pz[r] = p.z;
+    places_.gx[r] = v.facing.x, places_.gy[r] = v.facing.y, places_.gz[r] = v.facing.z;
+    places_.sx[r] = v.frame.n.x, places_.sy[r] = v.frame.n.y, places_.sz[r] = v.frame.n.z;
+    places_.error[r] = v.surface.error;
+    places_.seed[r] = v.seed;
+    places_.sample[r] = job.paths[v.path].index;
+    places_.instance[r] = v.surface.instance;
+    places_.transmits[r] = v.material.transmits();
   }
-  sample_light(context_.lights, job.light, receivers_, range, context_.settings.isa, shadows_);
+}
+
+void DirectLight::sample_group(const Job& job, const LightSampleRange& range) {
+  const bool is_whole = group_.size() == places_.size && std::is_sorted(group_.begin(), group_.end());
+  if (!is_whole) select_receivers(places_, group_, receivers_);
+  sample_light(context_.lights, job.light, is_whole ? places_ : receivers_, range, context_.settings.isa, shadows_);
 }
 
 void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_t r, int samples) {
-  const PathVertex& v = job.vertices[group_[r]];
+  const PathVertex& v = vertex_of(job, group_[r]);
   const size_t begin = r * size_t(samples), end = begin + size_t(samples);
-  job.arriving[group_[r]] += reflected_light(shadows_, begin, samples, light, v);
+  job.arriving[lit_[places_part_.begin + group_[r]]] += reflected_light(shadows_, begin, samples, light, v);
   if (job.firsts.empty()) return;
   FirstHit& first = job.firsts[job.paths[v.path].slot];
   for (size_t i = begin; i < end; ++i) {
@@ -52,25 +78,16 @@ void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_
   }
 }
 
-void DirectLight::split_receivers(const Job& job, const Part& part) {
+void DirectLight::split_receivers(const Job& job) {
   shadowed_.clear();
   free_.clear();
   dark_.clear();
   candidates_.light = context_.light_extents[job.light];
   candidates_.light_samples = job.light_samples;
-  places_.resize(part.end - part.begin);
-  for (size_t r = 0; r < places_.size; ++r) {
-    const PathVertex& v = job.vertices[lit_[part.begin + r]];
-    const SurfacePoint& s = v.surface;
-    places_.px[r] = s.position.x, places_.py[r] = s.position.y, places_.pz[r] = s.position.z;
-    places_.gx[r] = v.facing.x, places_.gy[r] = v.facing.y, places_.gz[r] = v.facing.z;
-    places_.error[r] = s.error;
-    places_.instance[r] = s.instance;
-  }
   context_.answerer.find_candidates(places_, candidates_, job.stats);
-  for (size_t r = 0; r < places_.size; ++r) {
+  for (uint32_t r = 0; r < places_.size; ++r) {
     const int32_t shadow = candidates_.shadow[r];
-    (shadow & k_light_blocked ? dark_ : shadow ? shadowed_ : free_).push_back(lit_[part.begin + r]);
+    (shadow & k_light_blocked ? dark_ : shadow ? shadowed_ : free_).push_back(r);
   }
 }
 
@@ -87,6 +104,7 @@ bool DirectLight::halve(const Job& job, const Part& part) {
     order_by_halves(placed_, smallest);
     for (size_t i = part.begin; i < part.end; ++i) lit_[i] = placed_[i - part.begin].index;
     in_halves_ = true;
+    places_part_ = {};
   }
   const size_t middle = middle_of(part.begin, part.end);
   parts_.push_back({middle, part.end});
@@ -115,13 +133,14 @@ void DirectLight::ask_first_samples(const Job& job, int count) {
       active += shadows_.rays.tmax[i] >= 0.0f;
       blocked += shadows_.blocked[i];
     }
+    const bool is_free = active != 0 && blocked == 0;
+    if (!is_free) job.stats.rays_shadow += uint64_t(active);  // free receivers' samples are counted as a whole
     if (active == 0 || (blocked != 0 && blocked != active)) {
       shadowed_.push_back(group_[r]);
       add_receiver(job, light, r, count);
-      job.stats.rays_shadow += uint64_t(active);
       continue;
     }
-    (blocked ? dark_ : free_).push_back(group_[r]);
+    (is_free ? free_ : dark_).push_back(group_[r]);
     job.stats.samples_spared += uint64_t(job.light_samples - count);
   }
 }
@@ -149,19 +168,33 @@ void DirectLight::gather_free(const Job& job) {
   for (size_t r = 0; r < group_.size(); ++r) add_receiver(job, light, r, job.light_samples);
 }
 
+// Which of their samples would have made rays is known only by sampling them.
+void DirectLight::count_dark(const Job& job) {
+  group_.swap(dark_);
+  if (group_.empty()) return;
+  sample_group(job, {job.light_samples, 0, job.light_samples});
+  for (size_t r = 0; r < group_.size(); ++r) {
+    FirstHit& first = job.firsts[job.paths[vertex_of(job, group_[r]).path].slot];
+    for (size_t i = r * size_t(job.light_samples); i < (r + 1) * size_t(job.light_samples); ++i) {
+      first.shadow_rays += shadows_.rays.tmax[i] >= 0.0f;
+    }
+  }
+}
+
 void DirectLight::gather_part(const Job& job, const Part& part) {
   Stats& stats = job.stats;
   const double bake_before = stats.time_bake;
   LightSampleRange rest{job.light_samples, 0, job.light_samples};
+  place_receivers(job, part);
   {
     const ScopedTimer timer(stats.time_secondary);
-    split_receivers(job, part);
+    split_receivers(job);
     if (halve(job, part)) return;  // with so many candidates nothing was baked
   }
   if (context_.answerer.checks()) check_split(job);
   // Of a light all about, most receivers see a little less than all: agreement of a few samples would brighten them.
   const bool has_edges = candidates_.light.kind == LightExtent::Kind::bounded;
-  if (context_.answerer.answers_cones() && has_edges && !shadowed_.empty()) {
+  if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);
     rest.first = first_light_samples(job.light_samples);
     rest.count -= rest.first;
@@ -170,9 +203,7 @@ void DirectLight::gather_part(const Job& job, const Part& part) {
   gather_samples(job, rest);
   stats.time_secondary -= stats.time_bake - bake_before;
   gather_free(job);
-  if (job.firsts.empty()) return;
-  for (const uint32_t i : dark_)
-    job.firsts[job.paths[job.vertices[i].path].slot].shadow_rays += uint32_t(job.light_samples);
+  if (!job.firsts.empty()) count_dark(job);
 }
 
 void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
@@ -182,6 +213,7 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
     arriving[i] = Rgb(0.0f);
     if (!vertices[i].material.delta()) lit_.push_back(i);
   }
+  places_part_ = {};
   Job job{vertices, paths, light_samples, firsts, arriving, stats};
   const size_t group_size = size_t(std::max(k_shadow_batch / light_samples, 1));
   for (size_t begin = 0; begin < lit_.size(); begin += group_size) {

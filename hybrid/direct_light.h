@@ -54,9 +54,9 @@ class DirectLight {
 
   // Lights one part by one light. Leaves it undone, and its halves in parts_, if halve() says so.
   void gather_part(const Job& job, const Part& part);
-  // Sorts a part of lit_ into those that some object may shadow, those that nothing can, and those that see nothing of
-  // the light.
-  void split_receivers(const Job& job, const Part& part);
+  // Sorts places_ into those that some object may shadow, those that nothing can, and those that see nothing of the
+  // light.
+  void split_receivers(const Job& job);
   // Where candidates_ are too many for the part and halves may have fewer: pushes the halves onto parts_, true.
   bool halve(const Job& job, const Part& part);
   // For --check: traces what split_receivers() took for certain.
@@ -67,19 +67,27 @@ class DirectLight {
   // Samples of group_ answered and added up; free receivers' without asking.
   void gather_samples(const Job& job, const LightSampleRange& range);
   void gather_free(const Job& job);
+  // For the layers: counts the rays of receivers that see nothing of the light.
+  void count_dark(const Job& job);
 
+  // Fills places_ for a part, unless they are there already.
+  void place_receivers(const Job& job, const Part& part);
+  const PathVertex& vertex_of(const Job& job, uint32_t place) const {
+    return job.vertices[lit_[places_part_.begin + place]];
+  }
   void sample_group(const Job& job, const LightSampleRange& range);
   LightEstimate estimate_of(const Job& job) const;
   // Adds up and counts the rays of receiver r of group_, `samples` of them.
   void add_receiver(const Job& job, const LightEstimate& light, size_t r, int samples);
 
   const TransportContext& context_;
-  ReceiverBatch receivers_;
+  ReceiverBatch receivers_;  // group_
   ShadowBatch shadows_;
-  std::vector<uint32_t> lit_;    // vertices that take light samples
-  std::vector<uint32_t> group_;  // those of the current batch
-  std::vector<uint32_t> shadowed_, free_, dark_;
-  ReceiverBatch places_;  // without what light sampling needs
+  std::vector<uint32_t> lit_;  // vertices that take light samples
+  ReceiverBatch places_;       // the current part of them
+  Part places_part_;
+  // Of these, as indices into places_: those of the current batch, and how split_receivers() sorted them.
+  std::vector<uint32_t> group_, shadowed_, free_, dark_;
   ShadowGroup candidates_;
   std::vector<Part> parts_;  // of the batch, not lit yet by the current light
   bool in_halves_ = false;   // the batch's part of lit_ is in the order of order_by_halves

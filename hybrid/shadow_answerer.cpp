@@ -6,6 +6,7 @@
 
 #include "field/bake.h"
 #include "field/bake_coverage.h"
+#include "field/cone.hd.h"
 #include "field/query.hd.h"
 #include "field/risk.h"
 
@@ -13,7 +14,7 @@ namespace fieldtrace {
 namespace {
 
 // How many rounds of baking one batch can need: the line's cell, the anchored cell, the re-anchored one, and the last
-// two again from the other end of the segment.
+// two again from the other end of the segment. Cones need fewer: tiles, and two for sheets.
 constexpr int k_most_bake_rounds = 6;
 
 // world -> unit space of a ball in object space, composed in double.
@@ -50,9 +51,25 @@ float stretch_bound(const float m[12]) {
 // than this share of a direction cell's mean width (2 sqrt(pi) / D) apart. A cell speaks for lines all over it, so
 // closer directions find nothing more (docs/decisions/009-cones.md).
 constexpr float k_sheet_spacing = 1.1f;
-int sheet_side_for(float half_angle, int directions) {
+// More than any number of light samples: the light is too near or too wide.
+constexpr int k_no_sheet_side = 1 << 12;
+
+int sheet_side_for(const SegmentTask& ball, const Sphere& light, int directions) {
+  const float* m = ball.to_unit;
+  Vec3 centre(m[9], m[10], m[11]);
+  for (int axis = 0; axis < 3; ++axis)
+    centre += Vec3(m[3 * axis], m[3 * axis + 1], m[3 * axis + 2]) * light.centre[axis];
+  // From the nearest point of the ball.
+  const float sine = light.radius * ball.to_unit_stretch / (glm::length(centre) - 1.0f);
+  if (!(sine > 0.0f && sine < scalar::k_widest_cone_sine)) return sine == 0.0f ? 1 : k_no_sheet_side;
+  const float tangent = sine / std::sqrt(1.0f - sine * sine);
   const float cell = 2.0f * std::sqrt(k_pi) / float(directions);
-  return std::max(1, int(std::ceil(2.0f * half_angle / (k_sheet_spacing * cell))));
+  return std::max(1, int(std::ceil(2.0f * tangent / (k_sheet_spacing * cell))));
+}
+
+void sort_unique(std::vector<uint32_t>& list) {
+  std::sort(list.begin(), list.end());
+  list.erase(std::unique(list.begin(), list.end()), list.end());
 }
 
 std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t count) {
@@ -93,7 +110,6 @@ struct ShadowAnswerer::Occluder {
   bool answers_cones = false;  // of whole lights
   Field* field = nullptr;      // answers within the ball; null: exact rays
   ConeTask cone;               // for the ball
-  Sphere world_ball;           // encloses the ball
   BoxTask box;
 };
 
@@ -135,12 +151,10 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
     write_unit_transform(instance, field_ball(shape.bounds), o.cone.segment.to_unit);
     o.cone.segment.to_unit_stretch = stretch_bound(o.cone.segment.to_unit);
     const Sphere ball = field_ball(shape.bounds);
-    float from_unit[12] = {};
-    for (int e = 0; e < 9; ++e) from_unit[e] = o.cone.from_unit[e] = instance.to_world[e / 3][e % 3] * ball.radius;
+    for (int e = 0; e < 9; ++e) o.cone.from_unit[e] = instance.to_world[e / 3][e % 3] * ball.radius;
     for (int a = 0; a < 3; ++a) o.cone.half_extent[a] = 0.5f * shape.bounds.diagonal()[a] / ball.radius;
-    o.world_ball = {transform_point(instance.to_world, ball.centre), stretch_bound(from_unit)};
     o.answers_cones = o.field && settings.whole_lights && settings.tolerance > 0.0f && !settings.force_ask;
-    answers_cones_ |= o.answers_cones;
+    o.cone.chord_share = settings.tolerance < k_estimating_tolerance ? 1.0f : scalar::k_chord_share;
     std::memcpy(o.box.to_object, &instance.to_object, sizeof o.box.to_object);
     o.box.to_object_stretch = stretch_bound(o.box.to_object);
     // The transform of a ray into object space rounds; the box grows by as much.
@@ -166,6 +180,7 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
   }
   candidates_.select(bounds, group.light, k_most_candidates, group.candidates);
   const bool test_each = group.light.kind == LightExtent::Kind::bounded && group.candidates.size() <= k_most_candidates;
+  group.met.assign(padded(receivers.size), 0);
   group.shadow.assign(padded(receivers.size), !group.candidates.empty() && !test_each ? k_may_shadow : 0);
   if (!test_each) return;
   Workspace& work = *workspaces_.local();
@@ -181,46 +196,58 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
       kernels_.hull_meets_box(o.box, receivers, light, work.flags.data());
     }
     std::fill(work.flags.begin() + std::ptrdiff_t(receivers.size), work.flags.end(), 0);
+    for (size_t r = 0; r < work.flags.size(); ++r) {
+      group.met[r] |= work.flags[r];
+      if (group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // nothing more to learn
+    }
     if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) ask_cones(o, receivers, group, work, stats);
     for (size_t r = 0; r < work.flags.size(); ++r) group.shadow[r] |= work.flags[r];
   }
+  const auto is_spared = [&](size_t r) {
+    return group.met[r] && (!group.shadow[r] || group.shadow[r] & k_light_blocked);
+  };
+  for (size_t r = 0; r < receivers.size; ++r) stats.samples_spared += is_spared(r) ? uint64_t(group.light_samples) : 0;
 }
 
 void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers, const ShadowGroup& group,
                                Workspace& work, Stats& stats) const {
-  const Sphere& light = group.light.ball;
   ConeTask task = o.cone;
-  const float gap = glm::length(light.centre - o.world_ball.centre) - o.world_ball.radius;
-  const float sine = light.radius / gap;
-  if (gap > 0.0f && sine < 1.0f) {
-    const int side = sheet_side_for(std::asin(sine), o.field->parameters().directions);
-    if (side * side <= group.light_samples) task.sheet_side = side;
-  }
+  const Sphere& light = group.light.ball;
+  const int side = sheet_side_for(task.segment, light, o.field->parameters().directions);
+  if (side * side <= group.light_samples) task.sheet_side = side;
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
   ConeUnknowns& unknowns = work.unknowns;
+  unknowns.tiles.clear();
+  unknowns.slices.clear();
   unknowns.blocks.clear();
   for (size_t r = 0; r < receivers.size; r += k_batch_padding) unknowns.blocks.push_back(uint32_t(r));
   std::vector<uint32_t> blocks;
-  for (int round = 0; !unknowns.blocks.empty() && round <= k_most_bake_rounds; ++round) {
-    BakeCounters counters;
-    const auto take = [](std::vector<uint32_t>& list) {
-      std::sort(list.begin(), list.end());
-      list.erase(std::unique(list.begin(), list.end()), list.end());
-      return std::exchange(list, {});
-    };
-    bake_coverage(*o.field, take(unknowns.tiles), accel_, shape, counters);
-    bake_slices(*o.field, FieldLayer::depth, take(unknowns.slices), accel_, shape, counters);
-    stats.bake_rays += counters.rays;
-    stats.time_bake += counters.seconds;
-    if (o.field->pool_full() || o.field->coverage().full()) return;  // the rest is left to single rays
+  bool is_full = false;
+  for (int round = 0; !unknowns.blocks.empty() && !is_full && round <= k_most_bake_rounds; ++round) {
     blocks.swap(unknowns.blocks);
     unknowns.blocks.clear();
     const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
     stats.cones_clear += counts.clear;
     stats.cones_blocked += counts.blocked;
     stats.lookups += counts.lookups;
-    stats.samples_spared += (counts.clear + counts.blocked) * uint64_t(group.light_samples);
+    if (unknowns.blocks.empty()) break;
+    is_full = o.field->pool_full() || o.field->coverage().full();  // the rest is left to single rays
+    BakeCounters counters;
+    sort_unique(unknowns.tiles);
+    sort_unique(unknowns.slices);
+    if (!unknowns.tiles.empty()) bake_coverage(*o.field, unknowns.tiles, accel_, shape, counters);
+    if (!unknowns.slices.empty()) bake_slices(*o.field, FieldLayer::depth, unknowns.slices, accel_, shape, counters);
+    unknowns.tiles.clear();
+    unknowns.slices.clear();
+    stats.bake_rays += counters.rays;
+    stats.time_bake += counters.seconds;
   }
+}
+
+bool ShadowAnswerer::extrapolates(const ShadowGroup& group) const {
+  if (settings_.tolerance < k_estimating_tolerance || group.candidates.size() > k_most_candidates) return false;
+  return std::any_of(group.candidates.begin(), group.candidates.end(),
+                     [this](uint32_t candidate) { return occluders_[candidate].answers_cones; });
 }
 
 bool ShadowAnswerer::gains_by_halving(const ShadowGroup& group) const {
@@ -238,8 +265,7 @@ void ShadowAnswerer::bake_unknown(const Occluder& o, int32_t slot, const ShadowB
   for (int round = 0; !states.unknown_blocks.empty(); ++round) {
     BakeCounters counters;
     const auto bake = [&](FieldLayer layer, std::vector<uint32_t>& slices) {
-      std::sort(slices.begin(), slices.end());
-      slices.erase(std::unique(slices.begin(), slices.end()), slices.end());
+      sort_unique(slices);
       bake_slices(*o.field, layer, slices, accel_, shape, counters);
       slices.clear();
     };

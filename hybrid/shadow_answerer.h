@@ -47,11 +47,17 @@ bool wants_field(const Shape& shape);
 // With fewer light samples a receiver, looking up its single rays costs no more than asking about the whole light.
 inline constexpr int k_fewest_cone_samples = 4;
 
+// From this tolerance on (the default) answers are estimates where that saves much: cones look for surfaces in the
+// middle half of a chord only, and a receiver's first samples may stand for all. Below, only what cells certify is
+// answered.
+inline constexpr float k_estimating_tolerance = 0.1f;
+
 // The light that a group asks for, and what find_candidates() found. Kept by the caller between the two steps.
 struct ShadowGroup {
   LightExtent light;
   std::vector<uint32_t> candidates;  // instances; more than k_most_candidates: too many to test one by one
   int light_samples = 1;             // that each receiver would send
+  AlignedVector<int32_t> met;        // per receiver: not 0 if its cone meets some candidate's bounds
   AlignedVector<int32_t> shadow;     // per receiver: k_may_shadow, k_light_blocked; 0: nothing stands between
 };
 
@@ -65,8 +71,9 @@ class ShadowAnswerer {
   // are set by the caller. With fields, whole lights are answered where that is certain: such receivers need no rays.
   void find_candidates(const ReceiverBatch& receivers, ShadowGroup& group, Stats& stats) const;
 
-  // Whether some receivers' whole lights may be answered at once.
-  bool answers_cones() const { return answers_cones_; }
+  // Whether agreement of a receiver's first samples may stand for the rest: where some candidate of the group answers
+  // by a field, at a tolerance from which on all answers are estimates.
+  bool extrapolates(const ShadowGroup& group) const;
   bool checks() const { return settings_.check; }
   // For --check: traces the rays of receivers whose whole light find_candidates() called `blocked`, or clear.
   void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
@@ -98,7 +105,6 @@ class ShadowAnswerer {
   const Accel& accel_;
   const SegmentKernels& kernels_;
   AnswererSettings settings_;
-  bool answers_cones_ = false;
   ShadowCandidates candidates_;
   std::vector<Occluder> occluders_;  // one per instance
   mutable tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces_;

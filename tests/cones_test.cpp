@@ -211,6 +211,82 @@ TEST(Cones, AreNotAskedAtToleranceZero) {
                           [](int32_t flag) { return flag == 0 || flag == k_may_shadow; }));
 }
 
+// A box of half extents h about the origin, over a floor that touches it, and one receiver on the floor, in units of
+// the box's ball. Where the light is cut by the floor the rays are those above it.
+int32_t shadow_on_floor(const Vec3& h, const Vec2& at, const Sphere& light, int& blocked, int& rays) {
+  TriangleMesh box = make_cube({});
+  const Vec3 size = 0.5f * box.bounds().diagonal(), centre = box.bounds().centre();
+  for (Vec3& p : box.positions) p = (p - centre) / size * h;
+  ConeScene s(box, Affine(1.0f), light);
+  ReceiverBatch batch;
+  batch.resize(1);
+  const Vec3 p(at.x, at.y, -h.z - 1e-5f);
+  set_receiver(batch, 0, p, Vec3(0, 0, 1), k_none);
+  Stats stats;
+  const int32_t shadow = s.ask(batch, Isa::automatic, 0.1f, stats).shadow[0];
+  TestRandom random(10);
+  RayBatch one;
+  one.resize(1);
+  const std::vector<uint32_t> index = {0};
+  for (int i = 0; i < 1000; ++i) {
+    const Vec3 d = light.centre + light.radius * random.direction() - p;
+    if (d.z <= 0.0f) continue;
+    one.set(0, p, d, 1.0f);
+    uint8_t hit = 0;
+    s.accel->occluded_by(k_object, one, index, &hit);
+    blocked += hit;
+    ++rays;
+  }
+  return shadow;
+}
+
+// Lights that the receiver's own plane cuts, boxes behind and beside the receiver: nothing wrong may be claimed.
+TEST(Cones, OfReceiversBesideTheObjectClaimNothingWrong) {
+  struct Case {
+    Vec3 box;
+    Vec2 at;
+    Vec3 light;
+    float radius;
+  };
+  const Case cases[] = {
+      {{0.6f, 0.6f, 0.5f}, {0.75f, 0.0f}, {4.5f, 0.0f, -0.7f}, 1.5f},
+      {{0.6f, 0.6f, 0.5f}, {1.0f, 0.0f}, {4.5f, 0.0f, -0.8f}, 1.5f},
+      {{0.6f, 0.6f, 0.5f}, {0.7f, 0.0f}, {6.0f, 0.0f, -0.6f}, 0.5f},
+      {{0.95f, 0.1f, 0.25f}, {0.5f, 0.12f}, {6.0f, 0.3f, 1.0f}, 2.0f},
+      {{0.95f, 0.1f, 0.25f}, {0.5f, 0.12f}, {6.0f, 0.6f, 1.0f}, 2.0f},
+      {{0.95f, 0.1f, 0.25f}, {0.5f, 0.12f}, {6.0f, 1.2f, 1.0f}, 2.0f},
+      {{0.6f, 0.6f, 0.5f}, {0.62f, 0.0f}, {6.0f, 0.0f, 0.25f}, 0.1f},
+      {{0.9922f, 0.12f, 0.02f}, {1.5f, 0.0f}, {-6.0f, 0.0f, 0.6f}, 0.3f},
+  };
+  for (const Case& c : cases) {
+    int blocked = 0, rays = 0;
+    const int32_t shadow = shadow_on_floor(c.box, c.at, {c.light, c.radius}, blocked, rays);
+    SCOPED_TRACE(std::to_string(c.at.x) + " " + std::to_string(c.light.y) + ": " + std::to_string(blocked) + " of " +
+                 std::to_string(rays));
+    if (shadow == 0) {
+      EXPECT_EQ(blocked, 0);
+    } else if (shadow == k_light_blocked) {
+      EXPECT_EQ(blocked, rays);
+    }
+  }
+}
+
+// An object squeezed along one axis: the light is wider there, seen from its unit ball.
+TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
+  TestRandom random(11);
+  Counts counts;
+  for (int i = 0; i < 12; ++i) {
+    const Vec3 x = random.direction(), z = glm::normalize(glm::cross(x, random.direction())), y = glm::cross(z, x);
+    const Affine place(x, y, z * 0.15f, Vec3(0.0f));
+    ConeScene s(make_knot({.along = 256, .around = 24}), place, {4.0f * random.direction(), 0.4f});
+    const ReceiverBatch batch = own_receivers(s, 150, random);
+    Stats stats;
+    count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+  }
+  EXPECT_GT(counts.clear, 100);
+  EXPECT_LE(double(counts.wrong), 0.004 * double(counts.rays));
+}
+
 // Lights around the receiver, within the object, or behind it, and objects around both: no crash, and nothing claimed.
 TEST(Cones, LeaveWhatTheyCannotJudge) {
   TestRandom random(9);
