@@ -283,34 +283,25 @@ struct LightLoop {
 
   template <class Kind, class... Extra>
   void with(const Extra*... extra) const {
-    const Light& light = table.lights[index];
-    const size_t slots = receivers.size * size_t(range.count);
-    const uint32_t dimension = k_light_dimension + 2 * index;
     uint8_t transmits = 0;  // without an early exit the loop runs in vectors
     for (size_t i = 0; i < receivers.size; ++i) transmits |= receivers.transmits[i];
-    if (transmits != 0) {
-      LightBatch<F, Kind, true>{light,
-                                table.point_sets.data(),
-                                Kind(light, extra...),
-                                receivers,
-                                dimension,
-                                set_stream(dimension),
-                                range,
-                                slots,
-                                out}
-          .run();
-    } else {
-      LightBatch<F, Kind, false>{light,
-                                 table.point_sets.data(),
-                                 Kind(light, extra...),
-                                 receivers,
-                                 dimension,
-                                 set_stream(dimension),
-                                 range,
-                                 slots,
-                                 out}
-          .run();
-    }
+    const Kind kind(table.lights[index], extra...);
+    transmits != 0 ? run_batch<true>(kind) : run_batch<false>(kind);
+  }
+
+  template <bool k_transmits, class Kind>
+  void run_batch(const Kind& kind) const {
+    const uint32_t dimension = k_light_dimension + 2 * index;
+    LightBatch<F, Kind, k_transmits>{table.lights[index],
+                                     table.point_sets.data(),
+                                     kind,
+                                     receivers,
+                                     dimension,
+                                     set_stream(dimension),
+                                     range,
+                                     receivers.size * size_t(range.count),
+                                     out}
+        .run();
   }
 
   void run() const {

@@ -12,6 +12,11 @@
 
 FT_LANES_BEGIN
 
+template <class F>
+FT_HD_INLINE Vec3Lanes<F> load_points(const ReceiverBatch& r, size_t i) {
+  return {load_lanes<F>(&r.px[i]), load_lanes<F>(&r.py[i]), load_lanes<F>(&r.pz[i])};
+}
+
 // Collects the numbers of what is not baked.
 template <class F>
 struct MissingList {
@@ -59,18 +64,14 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
       const Int_t<F> flag = load_int_lanes<F>(flags + i);
       const Mask_t<F> asked = (flag & may) == may;
       if (!any(asked)) continue;
-      const Vec3Lanes<F> world = {load_lanes<F>(&receivers.px[i]), load_lanes<F>(&receivers.py[i]),
-                                  load_lanes<F>(&receivers.pz[i])};
+      const Vec3Lanes<F> world = load_points<F>(receivers, i);
       const Vec3Lanes<F> normal = {load_lanes<F>(&receivers.gx[i]), load_lanes<F>(&receivers.gy[i]),
                                    load_lanes<F>(&receivers.gz[i])};
-      const Vec3Lanes<F> p = {transformed(m, 0, world) + splat<F>(m[9]), transformed(m, 1, world) + splat<F>(m[10]),
-                              transformed(m, 2, world) + splat<F>(m[11])};
-      const Vec3Lanes<F> to_light = centre - world;
+      const Vec3Lanes<F> p = transformed_point(m, world);
       // A ray's origin lies up to `error` beside the receiver: a few roundings, far below a line's breadth, which count
       // only where the light is a point.
       const F radius = max(splat<F>(light.radius), load_lanes<F>(&receivers.error[i])) * stretch;
-      const LightCone<F> cone = make_cone<F>(
-          p, {transformed(m, 0, to_light), transformed(m, 1, to_light), transformed(m, 2, to_light)}, radius);
+      const LightCone<F> cone = make_cone<F>(p, transformed_vector(m, centre - world), radius);
       const Mask_t<F> inside = dot(p, p) < one;
       const Mask_t<F> own = asked & (load_uint_lanes<F>(&receivers.instance[i]) == instance);
       const Mask_t<F> before = (!inside) & (dot(p, cone.axis) < splat<F>(0.0f));

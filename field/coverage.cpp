@@ -10,14 +10,13 @@ constexpr int32_t k_unknown = 0, k_empty = 1, k_claimed = -1;
 // Words are addressed by 31-bit offsets.
 constexpr uint64_t k_most_tiles = (uint64_t(1) << 31) / scalar::k_tile_words - 1;
 
-// Two lines for each cell along each side of the plane, so that a cell's worth of detail is seen.
-int lines_for(int plane) { return std::clamp(2 * plane, 128, 512); }
-
 std::atomic_ref<int32_t> shared(const int32_t& value) { return std::atomic_ref<int32_t>(const_cast<int32_t&>(value)); }
 
 int32_t line_word(uint16_t line) { return line == 0 ? 0 : 1 + (int32_t(line - 1) << scalar::k_count_bits); }
 
 }  // namespace
+
+int CoverageTiles::lines_for(int plane) { return std::clamp(2 * plane, 128, 512); }
 
 CoverageTiles::CoverageTiles(int directions, int plane)
     : directions_(directions), lines_(lines_for(plane)), tiles_(lines_ / k_side) {

@@ -26,6 +26,9 @@ class CoverageTiles {
   // For D x D directions and planes of N x N cells. Throws Error if address space runs out.
   CoverageTiles(int directions, int plane);
 
+  // L for planes of N x N cells: two lines for each cell along each side, within limits.
+  static int lines_for(int plane);
+
   CoverageView view() const;
   int lines() const { return lines_; }  // L
   // A tile's place: its direction cell (u * D + v) and first texel.

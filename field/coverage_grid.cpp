@@ -67,12 +67,11 @@ void write_coverage(std::span<const CoverageTiles* const> sources, openvdb::Int3
 }
 
 bool read_coverage(const openvdb::Int32Grid& grid, int directions, int plane, CoverageData& data) {
-  const CoverageTiles layout(directions, plane);
-  const CoverageView view = layout.view();
+  const int lines = CoverageTiles::lines_for(plane), tiles_along = lines / scalar::k_tile_lines;
   std::map<uint32_t, Parts> tiles;
   for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
     const openvdb::Coord origin = leaf->origin();
-    const int limit[3] = {directions * directions, layout.lines(), layout.lines()};
+    const int limit[3] = {directions * directions, lines, lines};
     for (int axis = 0; axis < 3; ++axis) {
       if (origin[axis] < 0 || origin[axis] >= limit[axis]) return false;
     }
@@ -81,7 +80,7 @@ bool read_coverage(const openvdb::Int32Grid& grid, int directions, int plane, Co
     const uint32_t part = uint32_t(y0 / k_leaf_side * k_leaves_per_tile + x0 / k_leaf_side);
     for (int layer = 0; layer < k_leaf_side; ++layer) {
       if (!has_layer(*leaf, layer)) continue;
-      const uint32_t slot = uint32_t(((origin.x() + layer) * view.tiles + tile_y) * view.tiles + tile_x);
+      const uint32_t slot = uint32_t(((origin.x() + layer) * tiles_along + tile_y) * tiles_along + tile_x);
       if (!read_part(*leaf, layer, x0, y0, part, tiles[slot])) return false;
     }
   }

@@ -53,10 +53,18 @@ struct UnitSegment {
   Mask_t<F> crosses, origin_inside, end_inside;
 };
 
-// Row `axis` of a 3 x 4 transform, column-major, applied to a vector; points add m[9 + axis].
+// Row `axis` of a 3 x 4 transform, column-major, applied to a vector; then all rows, to a vector and to a point.
 template <class F>
 FT_HD_INLINE F transformed(const float* m, int axis, const Vec3Lanes<F>& v) {
   return splat<F>(m[axis]) * v.x + splat<F>(m[3 + axis]) * v.y + splat<F>(m[6 + axis]) * v.z;
+}
+template <class F>
+FT_HD_INLINE Vec3Lanes<F> transformed_vector(const float* m, const Vec3Lanes<F>& v) {
+  return {transformed(m, 0, v), transformed(m, 1, v), transformed(m, 2, v)};
+}
+template <class F>
+FT_HD_INLINE Vec3Lanes<F> transformed_point(const float* m, const Vec3Lanes<F>& p) {
+  return transformed_vector(m, p) + Vec3Lanes<F>{splat<F>(m[9]), splat<F>(m[10]), splat<F>(m[11])};
 }
 
 // Moves a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses nothing.

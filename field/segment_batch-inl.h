@@ -240,11 +240,6 @@ inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, 
 }
 
 template <class F>
-FT_HD_INLINE Vec3Lanes<F> load_points(const ReceiverBatch& r, size_t i) {
-  return {load_lanes<F>(&r.px[i]), load_lanes<F>(&r.py[i]), load_lanes<F>(&r.pz[i])};
-}
-
-template <class F>
 FT_HD_INLINE void raise_flags(Mask_t<F> raised, int32_t* flags) {
   const Int_t<F> old = load_int_lanes<F>(flags);
   store_lanes(old | select(raised, splat_int<F>(k_may_shadow), splat_int<F>(0)), flags);
@@ -260,9 +255,7 @@ inline void hull_meets_ball_batch(const SegmentTask& task, const ReceiverBatch& 
   for (size_t i = 0; i < padded(receivers.size); i += size_t(Lanes<F>::k_count)) {
     const Vec3Lanes<F> world = load_points<F>(receivers, i);
     const Vec3Lanes<F> to_light = centre - world;
-    const Vec3Lanes<F> p = {transformed(m, 0, world) + splat<F>(m[9]), transformed(m, 1, world) + splat<F>(m[10]),
-                            transformed(m, 2, world) + splat<F>(m[11])};
-    const Vec3Lanes<F> axis = {transformed(m, 0, to_light), transformed(m, 1, to_light), transformed(m, 2, to_light)};
+    const Vec3Lanes<F> p = transformed_point(m, world), axis = transformed_vector(m, to_light);
     const F length_squared = max(dot(axis, axis), splat<F>(1e-30f));
     // The hull within the ball's reach of the axis point nearest to the ball's centre is no wider than at the far end
     // of that reach: t + (1 + radius) / length.

@@ -22,7 +22,8 @@ LightTable constant_light() {
 
 }  // namespace
 
-AmbientOcclusion::AmbientOcclusion(const TransportContext& context) : context_(context), sky_(constant_light()) {}
+AmbientOcclusion::AmbientOcclusion(const TransportContext& context)
+    : context_(context), sky_(context.settings.occlusion ? constant_light() : LightTable{}) {}
 
 void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t index) {
   // A shading normal that points away from the camera has no hemisphere of its own.

@@ -41,7 +41,7 @@ class AmbientOcclusion {
   void count(size_t begin, std::span<FirstHit> firsts, Stats& stats) const;
 
   const TransportContext& context_;
-  LightTable sky_;  // one constant light
+  LightTable sky_;  // one constant light; empty where the settings want no occlusion
   std::vector<Point> points_;
   ReceiverBatch receivers_;
   ShadowBatch rays_;

@@ -78,6 +78,12 @@ void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_
   }
 }
 
+void DirectLight::add_group(const Job& job, int samples) {
+  job.stats.rays_shadow += shadows_.active;
+  const LightEstimate light = estimate_of(job);
+  for (size_t r = 0; r < group_.size(); ++r) add_receiver(job, light, r, samples);
+}
+
 void DirectLight::split_receivers(const Job& job) {
   shadowed_.clear();
   free_.clear();
@@ -116,7 +122,7 @@ void DirectLight::check_split(const Job& job) {
   for (const bool blocked : {false, true}) {
     group_ = blocked ? dark_ : free_;
     if (group_.empty()) continue;
-    sample_group(job, {job.light_samples, 0, job.light_samples});
+    sample_group(job, all_samples(job));
     context_.answerer.check_whole(candidates_, blocked, shadows_, job.stats);
   }
 }
@@ -153,26 +159,22 @@ void DirectLight::gather_samples(const Job& job, const LightSampleRange& range) 
     sample_group(job, range);
     context_.answerer.answer(candidates_, shadows_, job.stats);
   }
-  job.stats.rays_shadow += shadows_.active;
-  const LightEstimate light = estimate_of(job);
-  for (size_t r = 0; r < group_.size(); ++r) add_receiver(job, light, r, range.count);
+  add_group(job, range.count);
 }
 
 // Receivers that nothing shadows send no shadow rays: their light samples are part of shading.
 void DirectLight::gather_free(const Job& job) {
   group_.swap(free_);
   if (group_.empty()) return;
-  sample_group(job, {job.light_samples, 0, job.light_samples});
-  job.stats.rays_shadow += shadows_.active;
-  const LightEstimate light = estimate_of(job);
-  for (size_t r = 0; r < group_.size(); ++r) add_receiver(job, light, r, job.light_samples);
+  sample_group(job, all_samples(job));
+  add_group(job, job.light_samples);
 }
 
 // Which of their samples would have made rays is known only by sampling them.
 void DirectLight::count_dark(const Job& job) {
   group_.swap(dark_);
   if (group_.empty()) return;
-  sample_group(job, {job.light_samples, 0, job.light_samples});
+  sample_group(job, all_samples(job));
   for (size_t r = 0; r < group_.size(); ++r) {
     FirstHit& first = job.firsts[job.paths[vertex_of(job, group_[r]).path].slot];
     for (size_t i = r * size_t(job.light_samples); i < (r + 1) * size_t(job.light_samples); ++i) {
@@ -184,7 +186,7 @@ void DirectLight::count_dark(const Job& job) {
 void DirectLight::gather_part(const Job& job, const Part& part) {
   Stats& stats = job.stats;
   const double bake_before = stats.time_bake;
-  LightSampleRange rest{job.light_samples, 0, job.light_samples};
+  LightSampleRange rest = all_samples(job);
   place_receivers(job, part);
   {
     const ScopedTimer timer(stats.time_secondary);

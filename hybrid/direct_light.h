@@ -75,10 +75,12 @@ class DirectLight {
   const PathVertex& vertex_of(const Job& job, uint32_t place) const {
     return job.vertices[lit_[places_part_.begin + place]];
   }
+  static LightSampleRange all_samples(const Job& job) { return {job.light_samples, 0, job.light_samples}; }
   void sample_group(const Job& job, const LightSampleRange& range);
   LightEstimate estimate_of(const Job& job) const;
-  // Adds up and counts the rays of receiver r of group_, `samples` of them.
+  // Adds up and counts the rays of receiver r of group_, `samples` of them; and of all of group_.
   void add_receiver(const Job& job, const LightEstimate& light, size_t r, int samples);
+  void add_group(const Job& job, int samples);
 
   const TransportContext& context_;
   ReceiverBatch receivers_;  // group_

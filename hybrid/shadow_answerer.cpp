@@ -308,10 +308,7 @@ void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, const S
     if (!asked[i]) continue;
     const bool wrong = blocked != (hidden[i] != 0);
     const bool own = occluders_[batch.instance[i]].answers_cones;
-    stats.check_answers += 1;
-    stats.check_wrong += wrong;
-    stats.check_by[blocked][own].answers += 1;
-    stats.check_by[blocked][own].wrong += wrong;
+    stats.add_check(blocked, own, wrong);
   }
 }
 
@@ -329,10 +326,7 @@ void ShadowAnswerer::check_answers(const Occluder& o, const ShadowBatch& batch, 
     const bool blocked = verdict[i] == scalar::k_verdict_blocked;
     const bool own = batch.instance[i] == o.cone.segment.instance;
     const bool wrong = blocked != (work.exact_blocked[i] != 0);
-    stats.check_answers += 1;
-    stats.check_wrong += wrong;
-    stats.check_by[blocked][own].answers += 1;
-    stats.check_by[blocked][own].wrong += wrong;
+    stats.add_check(blocked, own, wrong);
   }
 }
 

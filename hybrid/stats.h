@@ -54,6 +54,13 @@ struct Stats {
   // Mean number of candidates' bounds that a crossing ray crosses.
   double spheres_per_ray() const { return rays_crossing ? double(sphere_crossings) / double(rays_crossing) : 0.0; }
 
+  // One checked answer: its verdict, and whether the receiver lies on the object itself.
+  void add_check(bool blocked, bool own, bool wrong) {
+    check_answers += 1;
+    check_wrong += wrong;
+    check_by[blocked][own].answers += 1;
+    check_by[blocked][own].wrong += wrong;
+  }
   void merge_counters(const Stats& other);  // adds rays, look-ups, checks and stage times
   std::string to_json() const;              // nested by the dots of the documented keys
 };

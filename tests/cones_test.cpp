@@ -135,6 +135,11 @@ void count_answers(const ConeScene& s, const ReceiverBatch& batch, const ShadowG
   }
 }
 
+void ask_and_count(ConeScene& s, const ReceiverBatch& batch, TestRandom& random, Counts& counts) {
+  Stats stats;
+  count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+}
+
 std::vector<TriangleMesh> solid_meshes() {
   return {make_sphere({.around = 96, .along = 48}), make_knot({.along = 256, .around = 24}), make_supershape({})};
 }
@@ -149,9 +154,7 @@ TEST(Cones, AnswersThroughTheObjectAreThoseOfExactRays) {
       const float distance = size * random.uniform(3.0f, 9.0f);
       ConeScene s(mesh, place,
                   {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.15f)});
-      const ReceiverBatch batch = shadowed_receivers(s, world_ball(s), 200, random);
-      Stats stats;
-      count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+      ask_and_count(s, shadowed_receivers(s, world_ball(s), 200, random), random, counts);
     }
   }
   EXPECT_GT(counts.clear, 1000);
@@ -170,9 +173,7 @@ TEST(Cones, AnswersOnTheObjectAreThoseOfExactRays) {
       const float distance = size * random.uniform(4.0f, 9.0f);
       ConeScene s(mesh, place,
                   {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.1f)});
-      const ReceiverBatch batch = own_receivers(s, 150, random);
-      Stats stats;
-      count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+      ask_and_count(s, own_receivers(s, 150, random), random, counts);
     }
   }
   EXPECT_GT(counts.clear, 1000);
@@ -279,9 +280,7 @@ TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
     const Vec3 x = random.direction(), z = glm::normalize(glm::cross(x, random.direction())), y = glm::cross(z, x);
     const Affine place(x, y, z * 0.15f, Vec3(0.0f));
     ConeScene s(make_knot({.along = 256, .around = 24}), place, {4.0f * random.direction(), 0.4f});
-    const ReceiverBatch batch = own_receivers(s, 150, random);
-    Stats stats;
-    count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+    ask_and_count(s, own_receivers(s, 150, random), random, counts);
   }
   EXPECT_GT(counts.clear, 100);
   EXPECT_LE(double(counts.wrong), 0.004 * double(counts.rays));
@@ -302,9 +301,8 @@ TEST(Cones, LeaveWhatTheyCannotJudge) {
       set_receiver(batch, r, Vec3(place[3]) + size * random.uniform(0.0f, 2.0f) * random.direction(),
                    random.direction(), k_none);
     }
-    Stats stats;
     Counts counts;
-    count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+    ask_and_count(s, batch, random, counts);
     ASSERT_LE(double(counts.wrong), 0.02 * double(counts.rays) + 1.0) << i;
   }
 }
