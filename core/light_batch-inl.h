@@ -124,13 +124,19 @@ struct LightBatch {
     return r;
   }
 
+  FT_HD_INLINE CentredPair<F> centre_of_cell(Uint_t<F> k) const {
+    return grid_point<F>(k, range.columns, range.total / range.columns);
+  }
+
   // Writes one vector of slots: sample first_index + k of each lane's receiver.
   FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
                          Uint_t<F> k) const {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    emit(to, slot, r, setup, gather_point<F>(point_sets, r.points, index), third);
+    const CentredPair<F> point = range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
+                                                   : gather_point<F>(point_sets, r.points, index);
+    emit(to, slot, r, setup, point, third);
   }
 
   FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
@@ -232,7 +238,10 @@ struct LightBatch {
         const ReceiverLanes<F> one = r.map(spread);
         const typename Kind::Setup one_setup = setup.map(spread);
         for (size_t k = 0; k < m; k += k_lanes) {
-          const auto points = load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
+          const auto number = as_uint(lane_sequence<F>(range.first + int32_t(k)));
+          const auto points = range.columns > 0
+                                  ? centre_of_cell(number)
+                                  : load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
           emit(to, (group + i) * m + k, one, one_setup, points, splat<F>(0.0f));
         }
       }

@@ -34,9 +34,12 @@ struct LightTable {
 // make_environment takes, or if there are two environments.
 LightTable make_lights(const Scene& scene);
 
-// Which of each receiver's samples a batch holds: numbers first ... first + count - 1 of `total`.
+// Which of each receiver's samples a batch holds: numbers first ... first + count - 1 of `total`. columns > 0: instead
+// of a sequence's points, the centres of the cells of a grid of that many columns and total / columns rows (which must
+// be whole; total >= 2), row by row.
 struct LightSampleRange {
   int total = 1, first = 0, count = 1;
+  int columns = 0;
 };
 
 // Fills `out` (resized to receivers.size * light_samples) with one shadow ray per receiver and sample towards light

@@ -53,6 +53,17 @@ FT_HD_INLINE CentredPair<F> centred_point(Uint_t<F> word, Uint_t<F> shift_x, Uin
   return {to_float(as_int(x)) * splat<F>(0x1p-31f), to_float(as_int(y)) * splat<F>(0x1p-31f)};
 }
 
+// Centre of cell k of a grid of so many columns and rows over [-1, 1)^2, row by row. k < 2^20.
+template <class F>
+FT_HD_INLINE CentredPair<F> grid_point(Uint_t<F> k, int columns, int rows) {
+  const F number = to_float(as_int(k)), one = splat<F>(1.0f);
+  // Half a cell from the next whole number: no rounding reaches it.
+  const F row = floor((number + splat<F>(0.5f)) * splat<F>(1.0f / float(columns)));
+  const F column = number - row * splat<F>(float(columns));
+  return {(column + column + one) * splat<F>(1.0f / float(columns)) - one,
+          (row + row + one) * splat<F>(1.0f / float(rows)) - one};
+}
+
 // Further shifts for block index >> 16 of a long sequence; none for block 0.
 template <class F>
 FT_HD_INLINE void shift_block(Uint_t<F> block, SetSequence<F>& s) {

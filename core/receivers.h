@@ -43,6 +43,8 @@ struct ShadowBatch {
   AlignedVector<uint32_t> instance;       // of the receiver, per slot
   AlignedVector<uint8_t> blocked;         // the answer: 1 if something lies between
   AlignedVector<uint8_t> exact;           // with the answer: 1 if an exact ray gave it
+  bool in_shares = false;                 // the answer is `clear` instead of `blocked`
+  AlignedVector<float> clear;             // the share of the slot's part of the light that nothing hides, [0, 1]
 
   void resize(size_t n) {
     rays.resize(n);
@@ -51,6 +53,7 @@ struct ShadowBatch {
     instance.resize(padded(n), 0xffffffffu);
     blocked.assign(padded(n), 0);
     exact.assign(padded(n), 0);
+    in_shares = false;
   }
 };
 

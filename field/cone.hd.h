@@ -93,37 +93,67 @@ FT_HD_INLINE ConeSpan<F> span_in_ball(const LightCone<F>& cone) {
   return {(begin + end) * half, (end - begin) * half};
 }
 
+// The lines of the direction cell about a direction, as a picture of L x L texels.
+template <class F>
+struct LinePicture {
+  Int_t<F> direction;  // the cell's number
+  DirectionFrame<F> frame;
+  F half_lines;  // L / 2
+
+  // The place of a point in the picture along s or t, in texels.
+  FT_HD_INLINE F texels(const Vec3Lanes<F>& point, const Vec3Lanes<F>& along) const {
+    return (dot(point, along) + splat<F>(1.0f)) * half_lines;
+  }
+};
+
+template <class F>
+FT_HD_INLINE LinePicture<F> picture_along(const FieldView& field, const Vec3Lanes<F>& direction) {
+  CellAddress<F> cell;
+  find_direction_cell(direction, field.directions, cell);
+  return {cell.u * splat_int<F>(int32_t(field.directions.cells)) + cell.v,
+          frame_from_square(centre_of<F>(cell.u, field.directions), centre_of<F>(cell.v, field.directions)),
+          splat<F>(field.coverage.half_lines)};
+}
+
+// Whole texels that hold a square about a point, as far as they lie in the picture. whole: all of them do. What lies
+// beyond meets nothing.
+template <class F>
+struct PictureSquare {
+  TexelRect<F> rect;
+  Mask_t<F> whole;
+};
+
+template <class F>
+FT_HD_INLINE PictureSquare<F> square_about(const LinePicture<F>& picture, const Vec3Lanes<F>& point, F radius) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), lines = picture.half_lines + picture.half_lines;
+  const F x = picture.texels(point, picture.frame.s), y = picture.texels(point, picture.frame.t);
+  const F r = radius * picture.half_lines;
+  const F x0 = floor(x - r), x1 = floor(x + r) + one, y0 = floor(y - r), y1 = floor(y + r) + one;
+  const auto texel = [&](F value) { return small_to_int(min(max(zero, value), lines)); };
+  const Mask_t<F> whole = (x0 >= zero) & (x1 <= lines) & (y0 >= zero) & (y1 <= lines);
+  return {{texel(x0), texel(x1), texel(y0), texel(y1)}, whole};
+}
+
 // For receivers outside the ball, or `within` it with the whole object before their tangent plane. chord_share: how
 // much of the span surfaces are looked for in (within: all of it). tell_missing(slots, mask): as for sum_coverage.
 template <class F, class TellMissing>
 FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_share, const LightCone<F>& cone,
                                          Mask_t<F> within, Mask_t<F> wanted, const TellMissing& tell_missing) {
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  CellAddress<F> cell;
-  find_direction_cell(cone.axis, field.directions, cell);
-  cell.frame = frame_from_square(centre_of<F>(cell.u, field.directions), centre_of<F>(cell.v, field.directions));
+  const LinePicture<F> picture = picture_along(field, cone.axis);
   const ConeSpan<F> span = span_in_ball(cone);
   const Vec3Lanes<F> middle = cone.p + cone.axis * span.middle;
   const F reach = select(within, span.half, span.half * splat<F>(chord_share));
-  const F cosine = dot(cone.axis, cell.frame.c);
-  const Vec3Lanes<F> across = cone.axis - cell.frame.c * cosine;
+  const Vec3Lanes<F> across = cone.axis - picture.frame.c * dot(cone.axis, picture.frame.c);
   const F radius = (span.middle + reach) * cone.tangent + reach * sqrt(dot(across, across));
-
-  const F half = splat<F>(field.coverage.half_lines), lines = half + half;
-  const F x = (dot(middle, cell.frame.s) + one) * half, y = (dot(middle, cell.frame.t) + one) * half, r = radius * half;
-  const F x0 = floor(x - r), x1 = floor(x + r) + one, y0 = floor(y - r), y1 = floor(y + r) + one;
-  const auto texel = [&](F value) { return small_to_int(min(max(zero, value), lines)); };
-  const TexelRect<F> rect = {texel(x0), texel(x1), texel(y0), texel(y1)};
+  const PictureSquare<F> square = square_about(picture, middle, radius);
   const Mask_t<F> asked = wanted & (radius < splat<F>(k_widest_disc));
-  const Int_t<F> direction = cell.u * splat_int<F>(int32_t(field.directions.cells)) + cell.v;
-  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, direction, rect, asked, tell_missing);
+  const TexelRect<F>& rect = square.rect;
+  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, picture.direction, rect, asked, tell_missing);
   const Int_t<F> texels = (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
-  // What lies beyond the square meets nothing.
-  const Mask_t<F> whole = (x0 >= zero) & (x1 <= lines) & (y0 >= zero) & (y1 <= lines);
   ConeAnswer<F> answer;
   answer.unknown = sum.unknown;
   answer.clear = and_not(sum.unknown, asked & (sum.count == splat_int<F>(0)));
-  answer.blocked = and_not(sum.unknown | answer.clear, asked & whole & (sum.count == texels));
+  answer.blocked = and_not(sum.unknown | answer.clear, asked & square.whole & (sum.count == texels));
   answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
   return answer;
 }

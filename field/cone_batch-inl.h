@@ -8,6 +8,7 @@
 #endif
 
 #include "field/cone.hd.h"
+#include "field/leaf.hd.h"
 #include "field/segment_kernels.h"
 
 FT_LANES_BEGIN
@@ -97,10 +98,66 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
       missing = missing || any(answer.unknown);
       counts.clear += uint64_t(count_true(answer.clear));
       counts.blocked += uint64_t(count_true(answer.blocked));
-      const Int_t<F> found = select(answer.blocked, splat_int<F>(k_light_blocked), flag);
+      // Leaves are asked of whoever has the object before it; where the light ends is seen leaf by leaf.
+      const Mask_t<F> by_leaves = and_not(own, asked & opaque & ((!inside) | within));
+      const Int_t<F> open = select(by_leaves, flag | splat_int<F>(k_by_leaves), flag);
+      const Int_t<F> found = select(answer.blocked, splat_int<F>(k_light_blocked), open);
       store_lanes(select(answer.clear, splat_int<F>(0), found), flags + i);
     }
     if (missing) unknowns.blocks.push_back(block);
+  }
+  return counts;
+}
+
+template <class F>
+inline LeafCounts filter_leaves_batch(const LeafTask& task, const RayBatch& rays, const float* pdf,
+                                      const int32_t* wanted, std::span<const uint32_t> blocks, float* clear,
+                                      int32_t* refused, ConeUnknowns& unknowns) {
+  LeafCounts counts;
+  constexpr size_t k_vectors = k_batch_padding / size_t(Lanes<F>::k_count);
+  const float* m = task.segment.to_unit;
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  const F stretch = splat<F>(0.5f * task.segment.to_unit_stretch), share = splat<F>(task.share);
+  for (const uint32_t block : blocks) {
+    F found[k_vectors];
+    Mask_t<F> failed[k_vectors];
+    bool missing = false;
+    uint64_t lookups = 0;
+    for (size_t v = 0; v < k_vectors; ++v) {
+      const size_t i = block + v * size_t(Lanes<F>::k_count);
+      const F tmax = load_lanes<F>(&rays.tmax[i]);
+      const Mask_t<F> asked = (load_int_lanes<F>(wanted + i) > splat_int<F>(0)) & (tmax >= zero);
+      found[v] = one;
+      failed[v] = and_not(asked, asked);
+      if (!any(asked)) continue;
+      const Vec3Lanes<F> o = {load_lanes<F>(&rays.ox[i]), load_lanes<F>(&rays.oy[i]), load_lanes<F>(&rays.oz[i])};
+      const Vec3Lanes<F> d = {load_lanes<F>(&rays.dx[i]), load_lanes<F>(&rays.dy[i]), load_lanes<F>(&rays.dz[i])};
+      const Vec3Lanes<F> q = transformed_vector(m, d);
+      const F scale = sqrt(dot(q, q)), density = load_lanes<F>(pdf + i);
+      LightLeaf<F> leaf;
+      leaf.p = transformed_point(m, o);
+      leaf.direction = q * (one / scale);
+      leaf.length = tmax * scale;
+      // The leaf's solid angle is share / density; squares of that area are taken.
+      const F side = select(density > zero, sqrt(share / max(density, splat<F>(1e-30f))), zero);
+      leaf.width = side * stretch * sqrt(dot(d, d)) / scale;
+      const LeafAnswer<F> answer =
+          filter_leaf<F>(task.segment.field, task.least_disc, leaf, asked, MissingList<F>{unknowns.tiles});
+      found[v] = select(asked, answer.clear, one);
+      failed[v] = answer.refused;
+      missing = missing || any(answer.unknown);
+      lookups += uint64_t(sum_of(answer.lookups));
+    }
+    if (missing) {
+      unknowns.blocks.push_back(block);
+      continue;
+    }
+    counts.lookups += lookups;
+    for (size_t v = 0; v < k_vectors; ++v) {
+      const size_t i = block + v * size_t(Lanes<F>::k_count);
+      store_lanes(load_lanes<F>(clear + i) * found[v], clear + i);
+      store_lanes(select(failed[v], splat_int<F>(1), load_int_lanes<F>(refused + i)), refused + i);
+    }
   }
   return counts;
 }

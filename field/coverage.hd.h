@@ -25,10 +25,15 @@ FT_LANES_BEGIN
 
 constexpr int k_tile_lines = 32;
 constexpr int k_tile_corners = k_tile_lines + 1;
-constexpr int k_tile_words = 1104;  // 33 * 33, to whole cache lines
+constexpr int k_tile_words = 1104;  // 33 * 33 and the grain, to whole cache lines
 constexpr int k_coverage_depths = 1024;
 constexpr float k_coverage_depth_step = 2.0f / float(k_coverage_depths - 1);
 constexpr int k_count_bits = 11;
+// The word after a tile's sums: its grain, the share of its outlines that belongs to features one texel wide (of its
+// texels, those that differ from both neighbours along an axis, over the pairs of neighbours that differ), in steps.
+// Where that is much, the lines do not resolve the object.
+constexpr int k_tile_grain = k_tile_corners * k_tile_corners;
+constexpr float k_grain_steps = 256.0f;
 
 // Texels [x0, x1) x [y0, y1) of one direction cell's plane.
 template <class F>
@@ -42,54 +47,137 @@ struct CoverageSum {
   Mask_t<F> unknown;       // some tile is not baked
 };
 
-// The part of [begin, end) in tile `number` of its axis, relative to the tile; empty: not (begin < end).
-template <class F>
-FT_HD_INLINE void clip_to_tile(Int_t<F> number, Int_t<F>& begin, Int_t<F>& end) {
-  const Int_t<F> base = shift_left<5>(number);
-  begin = max(begin - base, splat_int<F>(0));
-  end = min(end - base, splat_int<F>(k_tile_lines));
-}
-
-// Sums over the rectangles of the wanted lanes; rectangles lie within [0, L]^2 (unchecked). tell_missing(slots, mask)
-// is called with the slots of tiles that are not baked.
-template <class F, class TellMissing>
-FT_HD_INLINE CoverageSum<F> sum_coverage(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
-                                         Mask_t<F> wanted, const TellMissing& tell_missing) {
-  const Int_t<F> zero = splat_int<F>(0), row = splat_int<F>(k_tile_corners);
+// Calls add_tile(lanes, first word, first column, first row) for each tile that the rectangles of the wanted lanes
+// touch and that is not empty. Rectangles lie within [0, L]^2 (unchecked). Returns the lanes that met tiles that are
+// not baked; tell_missing(slots, mask) is called with their slots.
+template <class F, class TellMissing, class AddTile>
+FT_HD_INLINE Mask_t<F> visit_tiles(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
+                                   Mask_t<F> wanted, const TellMissing& tell_missing, const AddTile& add_tile) {
+  const Int_t<F> zero = splat_int<F>(0);
   const Int_t<F> first_x = shift_right<5>(rect.x0), first_y = shift_right<5>(rect.y0);
   const Int_t<F> plane = direction * splat_int<F>(view.tiles * view.tiles);
-  CoverageSum<F> sum = {zero, zero, and_not(wanted, wanted)};
+  Mask_t<F> unknown = and_not(wanted, wanted);
   for (int j = 0; j < view.tiles; ++j) {
-    const Int_t<F> tile_y = first_y + splat_int<F>(j);
-    Int_t<F> y0 = rect.y0, y1 = rect.y1;
-    clip_to_tile<F>(tile_y, y0, y1);
-    const Mask_t<F> in_row = wanted & (y0 < y1);
+    const Int_t<F> tile_y = first_y + splat_int<F>(j), row = shift_left<5>(tile_y);
+    const Mask_t<F> in_row = wanted & (max(rect.y0, row) < min(rect.y1, row + splat_int<F>(k_tile_lines)));
     if (!any(in_row)) break;
     for (int i = 0; i < view.tiles; ++i) {
-      const Int_t<F> tile_x = first_x + splat_int<F>(i);
-      Int_t<F> x0 = rect.x0, x1 = rect.x1;
-      clip_to_tile<F>(tile_x, x0, x1);
-      const Mask_t<F> inside = in_row & (x0 < x1);
+      const Int_t<F> tile_x = first_x + splat_int<F>(i), column = shift_left<5>(tile_x);
+      const Mask_t<F> inside = in_row & (max(rect.x0, column) < min(rect.x1, column + splat_int<F>(k_tile_lines)));
       if (!any(inside)) break;
       const Int_t<F> slot = select(inside, plane + tile_y * splat_int<F>(view.tiles) + tile_x, zero);
       const Int_t<F> tile = gather(view.tile_of, slot);
       order_loads();  // a baker publishes the number last
       const Mask_t<F> missing = inside & (tile < splat_int<F>(1));
       if (any(missing)) {
-        sum.unknown = sum.unknown | missing;
+        unknown = unknown | missing;
         tell_missing(slot, missing);
       }
       const Mask_t<F> filled = inside & (tile > splat_int<F>(1));
-      if (!any(filled)) continue;
-      const Int_t<F> base = tile * splat_int<F>(k_tile_words);
-      const Int_t<F> low = base + y0 * row, high = base + y1 * row;
-      const auto corner = [&](Int_t<F> index) { return gather(view.sums, select(filled, index, zero)); };
-      const Int_t<F> word = (corner(high + x1) - corner(high + x0)) - (corner(low + x1) - corner(low + x0));
-      sum.count = sum.count + select(filled, word & splat_int<F>((1 << k_count_bits) - 1), zero);
-      sum.depths = sum.depths + select(filled, shift_right<k_count_bits>(word), zero);
+      if (any(filled)) add_tile(filled, tile * splat_int<F>(k_tile_words), column, row);
     }
   }
+  return unknown;
+}
+
+// Sums over the rectangles of the wanted lanes.
+template <class F, class TellMissing>
+FT_HD_INLINE CoverageSum<F> sum_coverage(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
+                                         Mask_t<F> wanted, const TellMissing& tell_missing) {
+  const Int_t<F> zero = splat_int<F>(0), length = splat_int<F>(k_tile_corners), side = splat_int<F>(k_tile_lines);
+  CoverageSum<F> sum = {zero, zero, wanted};
+  const auto add_tile = [&](Mask_t<F> filled, Int_t<F> base, Int_t<F> column, Int_t<F> row) {
+    const Int_t<F> x0 = max(rect.x0 - column, zero), x1 = min(rect.x1 - column, side);
+    const Int_t<F> low = base + max(rect.y0 - row, zero) * length, high = base + min(rect.y1 - row, side) * length;
+    const auto corner = [&](Int_t<F> index) { return gather(view.sums, select(filled, index, zero)); };
+    const Int_t<F> word = (corner(high + x1) - corner(high + x0)) - (corner(low + x1) - corner(low + x0));
+    sum.count = sum.count + select(filled, word & splat_int<F>((1 << k_count_bits) - 1), zero);
+    sum.depths = sum.depths + select(filled, shift_right<k_count_bits>(word), zero);
+  };
+  sum.unknown = visit_tiles<F>(view, direction, rect, wanted, tell_missing, add_tile);
   return sum;
+}
+
+// A rectangle that may begin and end within texels, in texels.
+template <class F>
+struct PlaneRect {
+  F x0, x1, y0, y1;
+};
+
+// Sums over the rectangle's area, texels at its rim by the part of them that lies within.
+template <class F>
+struct CoverageArea {
+  F count, depths;
+  Mask_t<F> unknown;
+};
+
+// One axis of a tile's sums between two places, of which the tile holds [begin, end): four corners and their weights.
+template <class F>
+struct TileSpan {
+  Int_t<F> corner[4];
+  F weight[4];
+};
+
+template <class F>
+FT_HD_INLINE TileSpan<F> span_in_tile(F begin, F end, Int_t<F> base) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), first = to_float(base);
+  const auto clipped = [&](F x) { return min(max(x - first, zero), splat<F>(float(k_tile_lines))); };
+  const auto texel = [](F x) { return min(floor(x), splat<F>(float(k_tile_lines - 1))); };
+  const F low = clipped(begin), high = clipped(end), low_texel = texel(low), high_texel = texel(high);
+  TileSpan<F> span;
+  span.corner[0] = small_to_int(low_texel);
+  span.corner[1] = span.corner[0] + splat_int<F>(1);
+  span.corner[2] = small_to_int(high_texel);
+  span.corner[3] = span.corner[2] + splat_int<F>(1);
+  span.weight[1] = low_texel - low;
+  span.weight[0] = (zero - one) - span.weight[1];
+  span.weight[3] = high - high_texel;
+  span.weight[2] = one - span.weight[3];
+  return span;
+}
+
+// Rectangles lie within [0, L]^2 and are not empty (unchecked).
+template <class F, class TellMissing>
+FT_HD_INLINE CoverageArea<F> sum_coverage_area(const CoverageView& view, Int_t<F> direction, const PlaneRect<F>& rect,
+                                               Mask_t<F> wanted, const TellMissing& tell_missing) {
+  const F zero = splat<F>(0.0f);
+  const Int_t<F> one = splat_int<F>(1);
+  const auto texel = [](F x) { return small_to_int(floor(x)); };
+  const TexelRect<F> outer = {texel(rect.x0), texel(rect.x1) + one, texel(rect.y0), texel(rect.y1) + one};
+  CoverageArea<F> area = {zero, zero, wanted};
+  // The last row or column of `outer` may lie beyond the plane, where no tile is: it has no weight.
+  const Int_t<F> lines = splat_int<F>(view.tiles * k_tile_lines);
+  const TexelRect<F> within = {outer.x0, min(outer.x1, lines), outer.y0, min(outer.y1, lines)};
+  const auto add_tile = [&](Mask_t<F> filled, Int_t<F> base, Int_t<F> column, Int_t<F> row) {
+    const TileSpan<F> x = span_in_tile<F>(rect.x0, rect.x1, column), y = span_in_tile<F>(rect.y0, rect.y1, row);
+    F count = zero, depths = zero;
+    for (int j = 0; j < 4; ++j) {
+      const Int_t<F> line = base + y.corner[j] * splat_int<F>(k_tile_corners);
+      F row_count = zero, row_depths = zero;
+      for (int i = 0; i < 4; ++i) {
+        const Int_t<F> word = gather(view.sums, select(filled, line + x.corner[i], splat_int<F>(0)));
+        row_count = row_count + to_float(word & splat_int<F>((1 << k_count_bits) - 1)) * x.weight[i];
+        row_depths = row_depths + to_float(shift_right<k_count_bits>(word)) * x.weight[i];
+      }
+      count = count + row_count * y.weight[j];
+      depths = depths + row_depths * y.weight[j];
+    }
+    area.count = area.count + select(filled, count, zero);
+    area.depths = area.depths + select(filled, depths, zero);
+  };
+  area.unknown = visit_tiles<F>(view, direction, within, wanted, tell_missing, add_tile);
+  return area;
+}
+
+// Grain (k_tile_grain) of the tile that holds a texel; 0 where it is empty or not baked.
+template <class F>
+FT_HD_INLINE F grain_at(const CoverageView& view, Int_t<F> direction, Int_t<F> x, Int_t<F> y, Mask_t<F> wanted) {
+  const Int_t<F> zero = splat_int<F>(0), tiles = splat_int<F>(view.tiles);
+  const Int_t<F> slot = (direction * tiles + shift_right<5>(y)) * tiles + shift_right<5>(x);
+  const Int_t<F> tile = max(gather(view.tile_of, select(wanted, slot, zero)), zero);
+  order_loads();
+  const Int_t<F> grain = gather(view.sums, tile * splat_int<F>(k_tile_words) + splat_int<F>(k_tile_grain));
+  return to_float(grain) * splat<F>(1.0f / k_grain_steps);
 }
 
 FT_LANES_END

@@ -64,6 +64,7 @@ struct SegmentCounts {
 // Bits of a receiver's flag: what stands between it and a light.
 inline constexpr int32_t k_may_shadow = 1;     // some object may: single rays must tell
 inline constexpr int32_t k_light_blocked = 2;  // the whole light is hidden
+inline constexpr int32_t k_by_leaves = 4;      // the object may be asked about parts of the light (field/leaf.hd.h)
 
 // One candidate object asked about whole lights (field/cone.hd.h).
 struct ConeTask {
@@ -74,8 +75,19 @@ struct ConeTask {
   int sheet_side = 0;        // directions tried for receivers on the object: sheet_side^2; 0: none are asked about
 };
 
-// What light_cones() met that is not baked: receivers' blocks of k_batch_padding, as their first index, and what to
-// bake.
+// One candidate object asked about parts of lights (field/leaf.hd.h).
+struct LeafTask {
+  SegmentTask segment;
+  float share = 1.0f;       // of the light's samples that one leaf is: 1 / number of leaves
+  float least_disc = 0.5f;  // half width of a leaf at the blocker, in texels, below which it is refused
+};
+
+struct LeafCounts {
+  uint64_t lookups = 0;
+};
+
+// What light_cones() and filter_leaves() met that is not baked: receivers' or rays' blocks of k_batch_padding, as their
+// first index, and what to bake.
 struct ConeUnknowns {
   std::vector<uint32_t> blocks, tiles, slices;
 };
@@ -107,9 +119,15 @@ struct SegmentKernels {
   void (*hull_meets_ball)(const SegmentTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
   void (*hull_meets_box)(const BoxTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
   // For receivers in `blocks` whose flag is k_may_shadow: the flag becomes 0 where the object leaves the whole ball
-  // `light` clear, k_light_blocked where it hides all of it.
+  // `light` clear, k_light_blocked where it hides all of it; where neither is known and parts of the light may be asked
+  // about, k_by_leaves is added.
   ConeCounts (*light_cones)(const ConeTask&, const ReceiverBatch&, const Sphere& light,
                             std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&);
+  // For rays in `blocks` with wanted[i] != 0 and tmax >= 0, each the centre of a leaf of density pdf[i] (1/sr):
+  // clear[i] is multiplied by the share of the leaf that the object leaves clear, refused[i] set to 1 where it cannot
+  // tell.
+  LeafCounts (*filter_leaves)(const LeafTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
+                              std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
   // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
   void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
 };

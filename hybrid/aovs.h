@@ -31,7 +31,8 @@ struct FirstHit {
   float depth = 0.0f;
   DVec3 position = DVec3(0.0);  // the file's world coordinates
   uint32_t object = 0;          // instance index + 1
-  uint32_t shadow_rays = 0, shadow_clear = 0, shadow_exact = 0;
+  uint32_t shadow_rays = 0, shadow_exact = 0;
+  float shadow_clear = 0.0f;  // rays, or shares of them
   uint32_t occlusion_rays = 0, occlusion_clear = 0;
 };
 

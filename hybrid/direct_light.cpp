@@ -1,7 +1,9 @@
 #include "hybrid/direct_light.h"
 
 #include <algorithm>
+#include <cmath>
 
+#include "core/light_irradiance.h"
 #include "hybrid/stopwatch.h"
 
 namespace fieldtrace {
@@ -32,10 +34,18 @@ int first_light_samples(int light_samples) {
   return 0;
 }
 
-LightEstimate DirectLight::estimate_of(const Job& job) const {
+LightSampleRange leaf_grid(int light_samples) {
+  const int most = std::min(std::max(light_samples / k_samples_per_leaf, k_fewest_leaves), light_samples);
+  const int columns = int(std::sqrt(float(std::min(most, k_most_grid_leaves))));
+  const int leaves = std::min(most, k_most_grid_leaves) / columns * columns;
+  return {leaves, 0, leaves, columns};
+}
+
+LightEstimate DirectLight::estimate_of(const Job& job, int mean_of) const {
   const Light& light = context_.lights.lights[job.light];
   return {{light.value[0], light.value[1], light.value[2]},
           job.light_samples,
+          mean_of,
           context_.closed_form[job.light] != 0,
           light.kind == LightKind::environment};
 }
@@ -73,14 +83,14 @@ void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_
   for (size_t i = begin; i < end; ++i) {
     const bool is_active = shadows_.rays.tmax[i] >= 0.0f;
     first.shadow_rays += is_active;
-    first.shadow_clear += is_active && !shadows_.blocked[i];
+    if (is_active) first.shadow_clear += shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]);
     first.shadow_exact += is_active && shadows_.exact[i];
   }
 }
 
 void DirectLight::add_group(const Job& job, int samples) {
   job.stats.rays_shadow += shadows_.active;
-  const LightEstimate light = estimate_of(job);
+  const LightEstimate light = estimate_of(job, job.light_samples);
   for (size_t r = 0; r < group_.size(); ++r) add_receiver(job, light, r, samples);
 }
 
@@ -127,10 +137,70 @@ void DirectLight::check_split(const Job& job) {
   }
 }
 
+void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, bool last) {
+  group_.swap(filtered_);
+  filtered_.clear();
+  if (group_.empty()) return;
+  const size_t count = size_t(leaves.count);
+  sample_group(job, leaves);
+  context_.answerer.filter(candidates_, group_, leaves.count, shadows_, refused_, job.stats);
+  job.stats.leaves += shadows_.active;
+  const LightEstimate light = estimate_of(job, leaves.total);
+  for (size_t r = 0; r < group_.size(); ++r) {
+    if (refused_[r]) {
+      shadowed_.push_back(group_[r]);
+      job.stats.leaves_refused += count;
+      continue;
+    }
+    int active = 0, clear = 0, hidden = 0;
+    for (size_t i = r * count; i < (r + 1) * count; ++i) {
+      if (shadows_.rays.tmax[i] < 0.0f) continue;
+      ++active;
+      clear += shadows_.clear[i] == 1.0f;
+      hidden += shadows_.clear[i] == 0.0f;
+    }
+    const bool agrees = active != 0 && (clear == active || hidden == active);
+    if (!agrees && !last) {
+      filtered_.push_back(group_[r]);
+      continue;
+    }
+    job.stats.samples_spared += uint64_t(job.light_samples);
+    if (agrees) {
+      (clear != 0 ? free_ : dark_).push_back(group_[r]);
+    } else {
+      add_receiver(job, light, r, leaves.count);
+    }
+    if (clear != active) job.stats.rays_shadow += uint64_t(active);  // free receivers' samples are counted as a whole
+  }
+}
+
+void DirectLight::ask_leaves(const Job& job) {
+  std::vector<uint32_t> lobed;  // a lobe may be narrower than the cells of a grid
+  size_t kept = 0;
+  for (const uint32_t r : shadowed_) {
+    if (candidates_.by_rays[r]) {
+      shadowed_[kept++] = r;
+    } else {
+      (vertex_of(job, r).material.kind == BsdfKind::diffuse ? filtered_ : lobed).push_back(r);
+    }
+  }
+  if (kept == shadowed_.size()) return;
+  shadowed_.resize(kept);
+  // Points of mesh lights take a third number: no grid cuts them into parts.
+  const bool is_plane = context_.lights.lights[job.light].kind != LightKind::mesh;
+  const LightSampleRange grid = leaf_grid(job.light_samples), first = leaf_grid(k_first_leaves);
+  const bool on_grid = is_plane && job.light_samples >= k_fewest_grid_samples;
+  if (on_grid && 3 * first.total <= 2 * grid.total) filter_leaves(job, first, false);
+  filter_leaves(job, on_grid ? grid : all_samples(job), true);
+  filtered_.swap(lobed);
+  filter_leaves(job, all_samples(job), true);
+  std::sort(shadowed_.begin(), shadowed_.end());
+}
+
 void DirectLight::ask_first_samples(const Job& job, int count) {
   group_.swap(shadowed_);
   shadowed_.clear();
-  const LightEstimate light = estimate_of(job);
+  const LightEstimate light = estimate_of(job, job.light_samples);
   sample_group(job, {job.light_samples, 0, count});
   context_.answerer.answer(candidates_, shadows_, job.stats);
   for (size_t r = 0; r < group_.size(); ++r) {
@@ -162,8 +232,33 @@ void DirectLight::gather_samples(const Job& job, const LightSampleRange& range) 
   add_group(job, range.count);
 }
 
+void DirectLight::gather_closed(const Job& job) {
+  if (!context_.closed_form[job.light]) return;
+  const Light& light = context_.lights.lights[job.light];
+  const Rgb value(light.value[0], light.value[1], light.value[2]);
+  size_t kept = 0;
+  for (const uint32_t r : free_) {
+    const PathVertex& v = vertex_of(job, r);
+    std::optional<float> irradiance;
+    if (v.material.kind == BsdfKind::diffuse && !v.material.transmits()) {
+      irradiance = whole_irradiance(light, v.surface.position, v.facing, v.frame.n);
+    }
+    if (!irradiance) {
+      free_[kept++] = r;
+      continue;
+    }
+    job.arriving[lit_[places_part_.begin + r]] += value * v.material.reflectance * (*irradiance / k_pi);
+    if (job.firsts.empty()) continue;
+    FirstHit& first = job.firsts[job.paths[v.path].slot];
+    first.shadow_rays += uint32_t(job.light_samples);
+    first.shadow_clear += float(job.light_samples);
+  }
+  free_.resize(kept);
+}
+
 // Receivers that nothing shadows send no shadow rays: their light samples are part of shading.
 void DirectLight::gather_free(const Job& job) {
+  gather_closed(job);
   group_.swap(free_);
   if (group_.empty()) return;
   sample_group(job, all_samples(job));
@@ -198,9 +293,10 @@ void DirectLight::gather_part(const Job& job, const Part& part) {
   const bool has_edges = candidates_.light.kind == LightExtent::Kind::bounded;
   if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);
+    ask_leaves(job);
     rest.first = first_light_samples(job.light_samples);
     rest.count -= rest.first;
-    if (rest.first > 0) ask_first_samples(job, rest.first);
+    if (rest.first > 0 && !shadowed_.empty()) ask_first_samples(job, rest.first);
   }
   gather_samples(job, rest);
   stats.time_secondary -= stats.time_bake - bake_before;

@@ -27,6 +27,17 @@ inline constexpr int k_smallest_part_rays = 512;
 // gets about an eighth more variance, whatever the number of samples (docs/decisions/009-cones.md). 0: none.
 int first_light_samples(int light_samples);
 
+// The parts ("leaves") that a light is cut into for so many samples, where fields may answer for parts: a grid about as
+// wide as high, of no more cells than samples.
+LightSampleRange leaf_grid(int light_samples);
+// With fewer samples single points of the light stand for leaves: so few cells would show.
+inline constexpr int k_fewest_grid_samples = 9;
+inline constexpr int k_most_grid_leaves = 256;
+// A leaf tells as much as this many rays or more (docs/decisions/011-leaves.md).
+inline constexpr int k_samples_per_leaf = 4;
+// Lights are tried in this many leaves first, if that is fewer by a third or more: most are found clear or hidden.
+inline constexpr int k_first_leaves = 16;
+
 class DirectLight {
  public:
   explicit DirectLight(const TransportContext& context) : context_(context) {}
@@ -61,12 +72,20 @@ class DirectLight {
   bool halve(const Job& job, const Part& part);
   // For --check: traces what split_receivers() took for certain.
   void check_split(const Job& job);
+  // Has parts of the light filtered for those of shadowed_ whose candidates allow it. They go to free_ or dark_, or are
+  // added up; what fields cannot tell of stays in shadowed_.
+  void ask_leaves(const Job& job);
+  // The same for filtered_ by one set of leaves; receivers that see a part of the light stay in filtered_ unless
+  // `last`.
+  void filter_leaves(const Job& job, const LightSampleRange& leaves, bool last);
   // Has the first samples of shadowed_ answered. Where they agree the receiver goes to free_ or dark_; else they are
   // added up, and the receiver stays for the other samples.
   void ask_first_samples(const Job& job, int count);
   // Samples of group_ answered and added up; free receivers' without asking.
   void gather_samples(const Job& job, const LightSampleRange& range);
   void gather_free(const Job& job);
+  // Takes the receivers out of free_ whose light has a closed form, and lights them by it.
+  void gather_closed(const Job& job);
   // For the layers: counts the rays of receivers that see nothing of the light.
   void count_dark(const Job& job);
 
@@ -77,7 +96,8 @@ class DirectLight {
   }
   static LightSampleRange all_samples(const Job& job) { return {job.light_samples, 0, job.light_samples}; }
   void sample_group(const Job& job, const LightSampleRange& range);
-  LightEstimate estimate_of(const Job& job) const;
+  // mean_of: over how many samples the mean is taken.
+  LightEstimate estimate_of(const Job& job, int mean_of) const;
   // Adds up and counts the rays of receiver r of group_, `samples` of them; and of all of group_.
   void add_receiver(const Job& job, const LightEstimate& light, size_t r, int samples);
   void add_group(const Job& job, int samples);
@@ -89,7 +109,8 @@ class DirectLight {
   ReceiverBatch places_;       // the current part of them
   Part places_part_;
   // Of these, as indices into places_: those of the current batch, and how split_receivers() sorted them.
-  std::vector<uint32_t> group_, shadowed_, free_, dark_;
+  std::vector<uint32_t> group_, shadowed_, free_, dark_, filtered_;
+  std::vector<uint8_t> refused_;  // per receiver of group_
   ShadowGroup candidates_;
   std::vector<Part> parts_;  // of the batch, not lit yet by the current light
   bool in_halves_ = false;   // the batch's part of lit_ is in the order of order_by_halves

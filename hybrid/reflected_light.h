@@ -13,6 +13,7 @@ namespace fieldtrace {
 struct LightEstimate {
   Rgb value = Rgb(0.0f);     // Light::value
   int light_samples = 1;     // of each receiver in all, whether in one batch or in several
+  int mean_of = 0;           // the samples that the mean is taken over, if not light_samples
   bool closed_form = false;  // sampled_in_closed_form: diffuse surfaces leave the light to its samples
   bool varies = false;       // each sample has its own radiance (ShadowBatch::red, green, blue)
 };

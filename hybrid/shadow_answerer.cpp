@@ -118,7 +118,7 @@ struct ShadowAnswerer::Workspace {
   ExactLists exact;
   std::vector<uint32_t> indices;
   std::vector<uint8_t> exact_blocked;
-  AlignedVector<int32_t> flags;
+  AlignedVector<int32_t> flags, refused;
   ConeUnknowns unknowns;
 };
 
@@ -181,14 +181,17 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
   candidates_.select(bounds, group.light, k_most_candidates, group.candidates);
   const bool test_each = group.light.kind == LightExtent::Kind::bounded && group.candidates.size() <= k_most_candidates;
   group.met.assign(padded(receivers.size), 0);
-  group.shadow.assign(padded(receivers.size), !group.candidates.empty() && !test_each ? k_may_shadow : 0);
+  const int32_t all = !group.candidates.empty() && !test_each ? k_may_shadow : 0;
+  group.shadow.assign(padded(receivers.size), all);
+  group.by_rays.assign(padded(receivers.size), all);
+  group.by_leaves.assign(padded(receivers.size), 0);
   if (!test_each) return;
   Workspace& work = *workspaces_.local();
   Sphere light = group.light.ball;
   // The origin of a ray lies up to `error` beside the receiver.
   for (size_t r = 0; r < receivers.size; ++r) light.radius = std::max(light.radius, receivers.error[r]);
-  for (const uint32_t candidate : group.candidates) {
-    const Occluder& o = occluders_[candidate];
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    const Occluder& o = occluders_[group.candidates[slot]];
     work.flags.assign(padded(receivers.size), 0);
     if (o.in_ball) {
       kernels_.hull_meets_ball(o.cone.segment, receivers, light, work.flags.data());
@@ -201,7 +204,12 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
       if (group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // nothing more to learn
     }
     if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) ask_cones(o, receivers, group, work, stats);
-    for (size_t r = 0; r < work.flags.size(); ++r) group.shadow[r] |= work.flags[r];
+    for (size_t r = 0; r < work.flags.size(); ++r) {
+      const int32_t flag = work.flags[r];
+      group.shadow[r] |= flag & ~k_by_leaves;
+      group.by_leaves[r] |= flag & k_by_leaves ? 1 << slot : 0;
+      group.by_rays[r] |= (flag & (k_may_shadow | k_by_leaves)) == k_may_shadow;
+    }
   }
   const auto is_spared = [&](size_t r) {
     return group.met[r] && (!group.shadow[r] || group.shadow[r] & k_light_blocked);
@@ -215,21 +223,31 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
   const Sphere& light = group.light.ball;
   const int side = sheet_side_for(task.segment, light, o.field->parameters().directions);
   if (side * side <= group.light_samples) task.sheet_side = side;
-  const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
   ConeUnknowns& unknowns = work.unknowns;
+  bake_and_repeat(o, receivers.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+    const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
+    stats.cones_clear += counts.clear;
+    stats.cones_blocked += counts.blocked;
+    stats.lookups += counts.lookups;
+  });
+}
+
+// Calls ask(blocks) for all blocks of k_batch_padding among `size` entries, bakes what it reports in `unknowns`, and
+// calls it again for the blocks that met it. Blocks that are still unknown in the end are left in `unknowns`.
+template <class Ask>
+void ShadowAnswerer::bake_and_repeat(const Occluder& o, size_t size, ConeUnknowns& unknowns, Stats& stats,
+                                     const Ask& ask) const {
+  const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
   unknowns.tiles.clear();
   unknowns.slices.clear();
   unknowns.blocks.clear();
-  for (size_t r = 0; r < receivers.size; r += k_batch_padding) unknowns.blocks.push_back(uint32_t(r));
+  for (size_t i = 0; i < size; i += k_batch_padding) unknowns.blocks.push_back(uint32_t(i));
   std::vector<uint32_t> blocks;
   bool is_full = false;
   for (int round = 0; !unknowns.blocks.empty() && !is_full && round <= k_most_bake_rounds; ++round) {
     blocks.swap(unknowns.blocks);
     unknowns.blocks.clear();
-    const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
-    stats.cones_clear += counts.clear;
-    stats.cones_blocked += counts.blocked;
-    stats.lookups += counts.lookups;
+    ask(blocks);
     if (unknowns.blocks.empty()) break;
     is_full = o.field->pool_full() || o.field->coverage().full();  // the rest is left to single rays
     BakeCounters counters;
@@ -241,6 +259,43 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
     unknowns.slices.clear();
     stats.bake_rays += counters.rays;
     stats.time_bake += counters.seconds;
+  }
+}
+
+void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> receivers, int leaves,
+                            ShadowBatch& batch, std::vector<uint8_t>& refused, Stats& stats) const {
+  Workspace& work = *workspaces_.local();
+  batch.in_shares = true;
+  batch.clear.assign(padded(batch.rays.size), 1.0f);
+  work.refused.assign(padded(batch.rays.size), 0);
+  ConeUnknowns& unknowns = work.unknowns;
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    const Occluder& o = occluders_[group.candidates[slot]];
+    if (!o.answers_cones) continue;
+    work.flags.assign(padded(batch.rays.size), 0);
+    bool is_asked = false;
+    for (size_t r = 0; r < receivers.size(); ++r) {
+      if (!(group.by_leaves[receivers[r]] >> slot & 1)) continue;
+      is_asked = true;
+      std::fill_n(work.flags.begin() + std::ptrdiff_t(r * size_t(leaves)), leaves, 1);
+    }
+    if (!is_asked) continue;
+    LeafTask task;
+    task.segment = o.cone.segment;
+    task.least_disc = k_least_light_disc / std::sqrt(float(std::max(leaves, k_fewest_leaves)));
+    task.share = 1.0f / float(std::max(leaves, k_fewest_leaves));
+    bake_and_repeat(o, batch.rays.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+      const LeafCounts counts = kernels_.filter_leaves(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
+                                                       batch.clear.data(), work.refused.data(), unknowns);
+      stats.lookups += counts.lookups;
+    });
+    // What no pool has room for is left to rays.
+    for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
+  }
+  refused.assign(receivers.size(), 0);
+  for (size_t r = 0; r < receivers.size(); ++r) {
+    const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(leaves));
+    refused[r] = std::find(begin, begin + leaves, 1) != begin + leaves;
   }
 }
 

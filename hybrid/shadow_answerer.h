@@ -47,6 +47,13 @@ bool wants_field(const Shape& shape);
 // With fewer light samples a receiver, looking up its single rays costs no more than asking about the whole light.
 inline constexpr int k_fewest_cone_samples = 4;
 
+// Leaves of a light are no wider than a light cut into this many parts, with fewer samples too: wider ones blur.
+inline constexpr int k_fewest_leaves = 16;
+
+// Half width, in texels, of a light's disc at the blocker below which its leaves are refused: contact shadows, which
+// single rays answer better (docs/decisions/011-leaves.md).
+inline constexpr float k_least_light_disc = 2.0f;
+
 // From this tolerance on (the default) answers are estimates where that saves much: cones look for surfaces in the
 // middle half of a chord only, and a receiver's first samples may stand for all. Below, only what cells certify is
 // answered.
@@ -59,6 +66,9 @@ struct ShadowGroup {
   int light_samples = 1;             // that each receiver would send
   AlignedVector<int32_t> met;        // per receiver: not 0 if its cone meets some candidate's bounds
   AlignedVector<int32_t> shadow;     // per receiver: k_may_shadow, k_light_blocked; 0: nothing stands between
+  // Per receiver that may be shadowed: the candidates, as bits, that may be asked about parts of the light; and whether
+  // others must be asked ray by ray.
+  AlignedVector<int32_t> by_leaves, by_rays;
 };
 
 class ShadowAnswerer {
@@ -75,6 +85,12 @@ class ShadowAnswerer {
   // by a field, at a tolerance from which on all answers are estimates.
   bool extrapolates(const ShadowGroup& group) const;
   bool checks() const { return settings_.check; }
+  // For leaves of a light, `leaves` for each of `receivers` (indices into the group's; by_rays must be 0) as
+  // sample_light() laid them out in `batch`: sets batch.clear. refused[i] is set to 1 for receivers that some field
+  // cannot tell about; their shares are then of no use.
+  void filter(const ShadowGroup& group, std::span<const uint32_t> receivers, int leaves, ShadowBatch& batch,
+              std::vector<uint8_t>& refused, Stats& stats) const;
+
   // For --check: traces the rays of receivers whose whole light find_candidates() called `blocked`, or clear.
   void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
 
@@ -94,6 +110,9 @@ class ShadowAnswerer {
 
   void ask_cones(const Occluder& occluder, const ReceiverBatch& receivers, const ShadowGroup& group, Workspace& work,
                  Stats& stats) const;
+  template <class Ask>
+  void bake_and_repeat(const Occluder& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
+                       const Ask& ask) const;
   void classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void bake_unknown(const Occluder& occluder, int32_t slot, const ShadowBatch& batch, Workspace& work,
                     Stats& stats) const;

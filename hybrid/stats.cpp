@@ -20,6 +20,8 @@ void Stats::merge_counters(const Stats& o) {
   samples_spared += o.samples_spared;
   cones_clear += o.cones_clear;
   cones_blocked += o.cones_blocked;
+  leaves += o.leaves;
+  leaves_refused += o.leaves_refused;
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
   for (int verdict = 0; verdict < 2; ++verdict) {
@@ -51,7 +53,8 @@ std::string Stats::to_json() const {
                {"total", time_total}};
   j["rays"] = {{"primary", rays_primary},   {"shadow", rays_shadow},   {"glossy", rays_glossy},   {"exact", rays_exact},
                {"crossing", rays_crossing}, {"crowded", rays_crowded}, {"spared", samples_spared}};
-  j["cones"] = {{"clear", cones_clear}, {"blocked", cones_blocked}};
+  j["cones"] = {
+      {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", leaves}, {"leaves_refused", leaves_refused}};
   j["lookups"] = lookups;
   j["exact_fraction"] = exact_fraction();
   j["spheres_per_ray"] = spheres_per_ray();

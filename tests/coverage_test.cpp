@@ -70,6 +70,67 @@ TEST(Coverage, SumsAreThoseOfTheLines) {
   }
 }
 
+// Rectangles that begin and end within texels count these by the part that lies within.
+TEST(Coverage, AreasWeighTexelsByWhatLiesWithin) {
+  TestRandom random(4);
+  CoverageTiles tiles(32, 64);
+  const int side = tiles.view().tiles, lines = tiles.lines();
+  const uint32_t direction = 31, first = direction * uint32_t(side * side);
+  std::vector<TileLines> all;
+  for (int t = 0; t < side * side; ++t) {
+    all.push_back(random_lines(random, t % 3 == 0 ? 0.0f : t % 3 == 1 ? 1.0f : 0.4f));
+    ASSERT_TRUE(tiles.claim(first + uint32_t(t)));
+    ASSERT_TRUE(tiles.finish(first + uint32_t(t), all.back()));
+  }
+  const auto within = [](float begin, float end, int texel) {
+    return double(std::max(0.0f, std::min(end, float(texel + 1)) - std::max(begin, float(texel))));
+  };
+  for (int i = 0; i < 500; ++i) {
+    const float size = random.log_uniform(0.5f, float(lines));
+    const auto span = [&](float& begin, float& end) {
+      begin = random.index(8) == 0 ? float(random.index(uint32_t(lines))) : random.uniform() * float(lines) * 0.999f;
+      end = random.index(8) == 0 ? float(lines) : std::min(begin + size, float(lines));
+    };
+    scalar::PlaneRect<float> rect;
+    span(rect.x0, rect.x1);
+    span(rect.y0, rect.y1);
+    double count = 0.0, depths = 0.0;
+    for (int b = int(rect.y0); b < std::min(int(rect.y1) + 1, lines); ++b) {
+      for (int a = int(rect.x0); a < std::min(int(rect.x1) + 1, lines); ++a) {
+        const uint16_t l = all[size_t(b / k_side * side + a / k_side)][size_t(b % k_side * k_side + a % k_side)];
+        const double share = within(rect.x0, rect.x1, a) * within(rect.y0, rect.y1, b);
+        count += l != 0 ? share : 0.0;
+        depths += l != 0 ? share * (l - 1) : 0.0;
+      }
+    }
+    const auto area = scalar::sum_coverage_area<float>(tiles.view(), int32_t(direction), rect, true, [](int, bool) {});
+    ASSERT_FALSE(area.unknown);
+    // A tile's sums reach 2^10 and 2^20 and are taken with 24 bits, four by four, for every tile.
+    ASSERT_NEAR(area.count, count, 16.0 * 1024 * 0x1p-24 * side * side);
+    ASSERT_NEAR(area.depths, depths, 16.0 * 1048576 * 0x1p-24 * side * side);
+  }
+}
+
+TEST(Coverage, GrainTellsThinFromSolid) {
+  CoverageTiles tiles(32, 64);
+  TestRandom random(5);
+  TileLines half(CoverageTiles::k_lines_per_tile), stripes(half), noise = random_lines(random, 0.5f);
+  for (int i = 0; i < k_side * k_side; ++i) {
+    half[size_t(i)] = i % k_side < k_side / 2 ? 9 : 0;
+    stripes[size_t(i)] = i % 2 ? 9 : 0;
+  }
+  float grain[3];
+  const TileLines* const lines[] = {&half, &stripes, &noise};
+  for (uint32_t t = 0; t < 3; ++t) {
+    ASSERT_TRUE(tiles.claim(t));
+    ASSERT_TRUE(tiles.finish(t, *lines[t]));
+    grain[t] = scalar::grain_at<float>(tiles.view(), 0, int32_t(t) * k_side, 0, true);
+  }
+  EXPECT_EQ(grain[0], 0.0f);
+  EXPECT_GT(grain[1], 0.9f);
+  EXPECT_GT(grain[2], 0.3f);
+}
+
 TEST(Coverage, TilesThatAreNotBakedAreNamed) {
   CoverageTiles tiles(32, 64);
   const CoverageView view = tiles.view();
