@@ -53,8 +53,10 @@ def write_instances(path, count, seed, objects):
             z = (n // columns + rng.uniform(0.3, 0.7)) * cell - HALF_WIDTH
             size = cell * rng.uniform(0.25, 0.6)
             axis = [rng.uniform(-1.0, 1.0) for _ in range(3)]
+            length = math.hypot(*axis)  # Mitsuba takes axes as unit vectors without asking
+            axis = [a / length for a in axis]
             out.write(f'  <shape type="instance"><transform name="to_world">'
-                      f'<rotate value="{axis[0]:.4f} {axis[1]:.4f} {axis[2]:.4f}" angle="{rng.uniform(0, 360):.3f}"/>'
+                      f'<rotate value="{axis[0]:.7f} {axis[1]:.7f} {axis[2]:.7f}" angle="{rng.uniform(0, 360):.3f}"/>'
                       f'<scale value="{size:.5f}"/><translate x="{x:.5f}" y="{size:.5f}" z="{z:.5f}"/></transform>'
                       f'<ref id="group_{rng.randrange(objects)}"/></shape>\n')
         out.write("</scene>\n")

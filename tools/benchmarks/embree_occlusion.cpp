@@ -40,10 +40,14 @@ size_t blocked_in(const Packet& packet, const int* valid, int width) {
 
 const char* packets_name(OcclusionPackets packets) {
   switch (packets) {
-    case OcclusionPackets::single: return "single";
-    case OcclusionPackets::eight_incoherent: return "8_incoherent";
-    case OcclusionPackets::sixteen_coherent: return "16_coherent";
-    case OcclusionPackets::sixteen_incoherent: return "16_incoherent";
+    case OcclusionPackets::single:
+      return "single";
+    case OcclusionPackets::eight_incoherent:
+      return "8_incoherent";
+    case OcclusionPackets::sixteen_coherent:
+      return "16_coherent";
+    case OcclusionPackets::sixteen_incoherent:
+      return "16_incoherent";
   }
   return "";
 }
@@ -56,9 +60,8 @@ struct EmbreeOcclusion::Impl {
     if (!device) throw Error("Embree could not create a device");
     scene = rtcNewScene(device);
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* vertices =
-        static_cast<Vec3*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                   sizeof(Vec3), mesh.positions.size()));
+    auto* vertices = static_cast<Vec3*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                                sizeof(Vec3), mesh.positions.size()));
     auto* indices = static_cast<UVec3*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                                                                 sizeof(UVec3), mesh.triangles.size()));
     if (vertices && indices) {

@@ -5,7 +5,8 @@
 //
 // How: light transport is given an answerer for a scene without objects. It finds no candidates anywhere, so that
 // every receiver is free: its light samples are drawn, weighted and added up, which is shading, and no ray is made.
-// time.secondary is what is left of that stage: asking for candidates and finding none. The tiles are those of render().
+// time.secondary is what is left of that stage: asking for candidates and finding none. The tiles are those of
+// render().
 #include <fmt/format.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/task_arena.h>
@@ -97,10 +98,11 @@ void run(const Arguments& arguments) {
     for (const TransportWorker& worker : workers) stats.merge_counters(worker.stats());
   });
   if (stats.rays_exact != 0 || stats.lookups != 0) throw Error("some shadow rays were not answered for free");
-  fmt::print("{{\"time\": {{\"build\": {}, \"primary\": {}, \"secondary\": {}, \"total\": {}}}, \"rays\": "
-             "{{\"primary\": {}, \"shadow\": {}}}}}\n",
-             stats.time_build, stats.time_primary / arguments.threads, stats.time_secondary / arguments.threads,
-             stats.time_total, stats.rays_primary, stats.rays_shadow);
+  fmt::print(
+      "{{\"time\": {{\"build\": {}, \"primary\": {}, \"secondary\": {}, \"total\": {}}}, \"rays\": "
+      "{{\"primary\": {}, \"shadow\": {}}}}}\n",
+      stats.time_build, stats.time_primary / arguments.threads, stats.time_secondary / arguments.threads,
+      stats.time_total, stats.rays_primary, stats.rays_shadow);
 }
 
 }  // namespace

@@ -1,8 +1,8 @@
 // Field look-ups against Embree's occlusion rays, per core, over the same rays: all cross the object's ball.
 //
-// Arguments: MESH.obj|MESH.ply (default: the bunny of Debian's glmark2-data). Rays from points outside the ball, and from
-// points on the object itself, towards a sphere light of 4 degrees; baked beforehand. Embree answers them in each of its
-// packet forms; the fastest is the yardstick. Rates are per second of this thread's processor time.
+// Arguments: MESH.obj|MESH.ply (default: the bunny of Debian's glmark2-data). Rays from points outside the ball, and
+// from points on the object itself, towards a sphere light of 4 degrees; baked beforehand. Embree answers them in each
+// of its packet forms; the fastest is the yardstick. Rates are per second of this thread's processor time.
 #include <benchmark/benchmark.h>
 
 #include <cstdio>
@@ -69,8 +69,8 @@ struct Setup {
       if (own) {
         const UVec3 t = mesh.triangles[size_t(uniform(generator) * float(mesh.triangles.size() - 1))];
         p = (mesh.positions[t.x] + mesh.positions[t.y] + mesh.positions[t.z]) / 3.0f;
-        normal = glm::normalize(glm::cross(mesh.positions[t.y] - mesh.positions[t.x],
-                                           mesh.positions[t.z] - mesh.positions[t.x]));
+        normal = glm::normalize(
+            glm::cross(mesh.positions[t.y] - mesh.positions[t.x], mesh.positions[t.z] - mesh.positions[t.x]));
         if (glm::dot(normal, to_light) < 0.0f) continue;
         p += normal * (1e-5f * ball.radius);
       } else {
@@ -159,12 +159,10 @@ int main(int argc, char** argv) {
       benchmark::RegisterBenchmark(("LookUp." + receiver + "." + isa_name(isa)).c_str(),
                                    [&setup, own, isa](benchmark::State& s) { run_lookups(s, *setup, own, isa); });
     }
-    for (const OcclusionPackets packets :
-         {OcclusionPackets::single, OcclusionPackets::eight_incoherent, OcclusionPackets::sixteen_coherent,
-          OcclusionPackets::sixteen_incoherent}) {
-      benchmark::RegisterBenchmark(
-          ("EmbreeOccluded." + receiver + "." + packets_name(packets)).c_str(),
-          [&setup, own, packets](benchmark::State& s) { run_rays(s, *setup, own, packets); });
+    for (const OcclusionPackets packets : {OcclusionPackets::single, OcclusionPackets::eight_incoherent,
+                                           OcclusionPackets::sixteen_coherent, OcclusionPackets::sixteen_incoherent}) {
+      benchmark::RegisterBenchmark(("EmbreeOccluded." + receiver + "." + packets_name(packets)).c_str(),
+                                   [&setup, own, packets](benchmark::State& s) { run_rays(s, *setup, own, packets); });
     }
   }
   benchmark::RunSpecifiedBenchmarks();

@@ -29,8 +29,8 @@ def parse(words):
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/bin/fieldtrace",
                         help="the command line program; the benchmark programs lie beside it")
     parser.add_argument("--repeats", type=int, metavar="N", help="of every timing (default: 5, quick: 2)")
-    parser.add_argument("--rows", default="", metavar="LIST", help="names or numbers, separated by commas (default: all)")
-    parser.add_argument("--quick", action="store_true", help="tiny pictures: shows that the rows work, measures nothing")
+    parser.add_argument("--rows", default="", metavar="LIST", help="names or numbers with commas (default: all)")
+    parser.add_argument("--quick", action="store_true", help="tiny pictures: shows that rows work, measures nothing")
     parser.add_argument("--resolution", type=int, metavar="N", help="of all pictures (default: each row's own)")
     parser.add_argument("--peer-python", metavar="PATH", help="a Python with mitsuba and numpy")
     parser.add_argument("--meshes", type=pathlib.Path, default=Context.meshes, metavar="FILE.json",
@@ -85,8 +85,9 @@ def main(words):
     programs.drop_caches()
     log = lambda text: print(text, file=sys.stderr, flush=True)
     missing = find_peer(arguments.peer_python)
+    version = None if missing else peer_version(arguments.peer_python)
     context = Context(programs, arguments.repeats, arguments.quick, arguments.resolution, arguments.peer_python, missing,
-                      None if missing else peer_version(arguments.peer_python), arguments.meshes.resolve(), log)
+                      version, arguments.meshes.resolve(), log)
     now = datetime.datetime.now()
     head = {"date": now.isoformat(timespec="seconds"), "command": shlex.join(["tools/benchmarks/measure.py", *words]),
             "version": programs.version(), "machine": machine.describe(programs.program, ROOT),

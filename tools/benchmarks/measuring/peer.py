@@ -44,7 +44,7 @@ class Peer:
         return json.loads(line)
 
     def render(self, spp, seed=0, integrator="direct", picture=None):
-        """Seconds of one render; the first of its kind is warmed up by the worker."""
+        """Seconds of one render, the compilation of its kernels left out; with a picture they may be counted."""
         job = {"spp": spp, "seed": seed, "integrator": integrator, "picture": str(picture) if picture else None}
         try:
             print(json.dumps(job), file=self.process.stdin, flush=True)

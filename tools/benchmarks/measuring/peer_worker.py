@@ -3,8 +3,9 @@
 compiling kernels happen once and are left out. Run by measure.py with a Python that has `mitsuba` and `numpy`.
 
 Reads one JSON object a line from stdin, {"spp", "seed", "integrator", "picture"}; answers with one, {"seconds"}. The
+seconds mean something only where `picture` is null. The
 integrator is "path" (max_depth 2: one light sample and one sample of the material per camera sample, weighted) or
-"direct" (one light sample only, as Fieldtrace's own for diffuse surfaces). `picture` may be null.
+"direct" (one light sample only, as Fieldtrace's own for diffuse surfaces).
 """
 
 import json
@@ -42,8 +43,8 @@ def main():
     for line in sys.stdin:
         job = json.loads(line)
         kernel = (job["spp"], job["integrator"])
-        if kernel not in compiled:
-            # The first render of its kind compiles.
+        if kernel not in compiled and not job["picture"]:
+            # The first render of its kind compiles; who wants a picture does not ask for its time.
             render(job["spp"], 12345, job["integrator"])
             compiled.add(kernel)
         picture, seconds = render(job["spp"], job["seed"], job["integrator"])

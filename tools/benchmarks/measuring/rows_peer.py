@@ -1,7 +1,7 @@
 """Rows beside Mitsuba 3: the baseline at equal samples, and whole frames to an error.
 
-Ours: the wall time of the frame (programs.frame_seconds). Mitsuba: one mi.render() call in a process that has loaded the
-scene and compiled its kernels. Errors are against our own converged Monte Carlo picture with another seed, which
+Ours: the wall time of the frame (programs.frame_seconds). Mitsuba: one mi.render() call in a process that has loaded
+the scene and compiled its kernels. Errors are against our own converged Monte Carlo picture with another seed, which
 averages the camera rays too; how far Mitsuba's mean is from it is in the details.
 """
 
@@ -27,7 +27,7 @@ def baseline_under(context, angle):
     programs = context.programs
     spp = 64
     shot = context.shot("bunny_floor.xml", 512, light(angle), spp=spp)
-    reference = programs.reference(shot.with_(spp=context.samples(1024), light_samples=8, seed=OTHER_SEED))
+    reference = programs.reference(shot.with_(spp=context.samples(1024), light_samples=4, seed=OTHER_SEED))
     with Peer(context.peer_python, "llvm_ad_rgb", shot.scene, shot.defines) as peer:
         jobs = {"ours": lambda: frame_seconds(programs.render(shot))}
         for integrator in INTEGRATORS:
@@ -68,28 +68,52 @@ def cheapest(context, base, reference, aim, is_warm):
         shot = base.with_(spp=spp, light_samples=light_samples)
         cache = programs.cache_for(shot) if is_warm else None
         error, stats = programs.error(shot, reference, cache)
-        return error, frame_seconds(stats)
+        seconds = frame_seconds(stats)
+        context.log(f"  {base.method}, {spp} x {light_samples}: RMSE {error:.5f}, {seconds:.3f} s")
+        return error, seconds
 
     reached = staircase(measure, aim, 16 if context.quick else 512, 8 if context.quick else 64)
     return reached[0] if reached else None
 
 
-def peer_jobs(context, stack, shot, folders, reference, aim):
-    """Mitsuba's variants and integrators at their fewest samples for the error: {name: (job, details)}."""
-    jobs = {}
+def start_peers(context, stack, shot, folders):
+    """Mitsuba's variants on the shot's scene: {variant: Peer}, and what failed: {name: {"error": text}}."""
+    peers, failed = {}, {}
     for variant in VARIANTS:
         try:
             peer = stack.enter_context(Peer(context.peer_python, variant, shot.scene, shot.defines, folders))
-            for integrator in INTEGRATORS:
-                spp, errors = fewest(
-                    lambda n: peer_error(context, peer, n, integrator, reference)["rmse"], aim, LADDER[6])
-                if spp is None:
-                    continue
-                job = lambda peer=peer, spp=spp, integrator=integrator: peer.render(spp, integrator=integrator)
-                jobs[f"{variant} {integrator}"] = (job, {"spp": spp, "rmse": errors[spp]})
+            peer.render(1)  # an LLVM that is too old fails here
+            peers[variant] = peer
         except BenchmarkError as e:
             context.log(f"  {variant}: {e}")
-            jobs[f"{variant} failed"] = (None, {"error": str(e)})
+            failed[f"{variant} failed"] = {"error": str(e)}
+    return peers, failed
+
+
+def peer_jobs(context, peers, reference, aim):
+    """Each variant and integrator at the fewest samples for the error: {name: (job, details)}.
+
+    The variants draw the same samples, so the search is made in the quickest one (kernels of large scenes compile for
+    half a minute).
+    """
+    jobs = {}
+    for integrator in INTEGRATORS:
+        if not peers:
+            break
+        first = LADDER[6]
+        quickest = min(peers.values(), key=lambda peer: peer.render(first, integrator=integrator))
+
+        def error_of(spp, peer=quickest, integrator=integrator):
+            error = peer_error(context, peer, spp, integrator, reference)["rmse"]
+            context.log(f"  {peer.variant} {integrator}, {spp} samples: RMSE {error:.5f}")
+            return error
+
+        spp, errors = fewest(error_of, aim, first)
+        if spp is None:
+            continue
+        for variant, peer in peers.items():
+            job = lambda peer=peer, spp=spp, integrator=integrator: peer.render(spp, integrator=integrator)
+            jobs[f"{variant} {integrator}"] = (job, {"spp": spp, "rmse": errors[spp], "searched": peer is quickest})
     return jobs
 
 
@@ -100,10 +124,11 @@ def frame_to_error(context, shot, reference_shot, aim, is_warm, folders=()):
     methods, jobs = {}, {}
     with contextlib.ExitStack() as stack:
         if not context.peer_missing:
-            for name, (job, details) in peer_jobs(context, stack, shot, folders, reference, aim).items():
+            peers, failed = start_peers(context, stack, shot, folders)
+            methods.update(failed)
+            for name, (job, details) in peer_jobs(context, peers, reference, aim).items():
                 methods[name] = details
-                if job:
-                    jobs[name] = job
+                jobs[name] = job
         for method in ("montecarlo", "hybrid"):
             warm = is_warm and method == "hybrid"
             chosen = cheapest(context, shot.with_(method=method), reference, aim, warm)
@@ -138,7 +163,7 @@ def three_objects(context):
     """Three objects, three lights, 56,832 triangles: the whole frame to an RMSE of .005, fields warm."""
     shot = context.shot("three_objects.xml", 512, context.three_objects())
     aim = 0.05 if context.quick else 0.005
-    reference = shot.with_(spp=context.samples(512), light_samples=8, seed=OTHER_SEED)
+    reference = shot.with_(spp=context.samples(256), light_samples=8, seed=OTHER_SEED)
     methods = frame_to_error(context, shot, reference, aim, is_warm=True)
     figures = [Figure("own Monte Carlo / hybrid, warm", against(methods, ["montecarlo"]), AT_LEAST, 5.0, "x", methods)]
     if not context.peer_missing:
@@ -150,16 +175,16 @@ def three_objects(context):
 
 def crowd(context):
     """400 instances of a knot of 100 k triangles, a light of 20 degrees: to an RMSE of .01, the bake counted."""
-    words = "knot --along 256 --around 16" if context.quick else "knot --along 1562 --around 32"
-    folder = context.programs.work / ("crowd-quick" if context.quick else "crowd-400")
+    count, words = (36, "knot --along 256 --around 16") if context.quick else (400, "knot --along 1562 --around 32")
+    folder = context.programs.work / f"crowd-{count}"
     if not (folder / "instances.xml").is_file():
-        run([ROOT / "tools/make_crowd.py", "--program", context.programs.program, "-o", folder, "--instances", "400",
-             "--mesh", words])
+        run([ROOT / "tools/make_crowd.py", "--program", context.programs.program, "-o", folder, "--mesh", words,
+             "--instances", str(count)])
     # The light is about 108 away.
     shot = context.shot("crowd.xml", 512, (("crowd", (folder / "instances.xml").resolve()), ("light_radius", 19),
                                            ("light_radiance", 17.7)))
     aim = 0.05 if context.quick else 0.01
-    reference = shot.with_(spp=context.samples(512), light_samples=8, seed=OTHER_SEED)
+    reference = shot.with_(spp=context.samples(256), light_samples=8, seed=OTHER_SEED)
     methods = frame_to_error(context, shot, reference, aim, is_warm=False, folders=[folder.resolve()])
     figures = [Figure("own Monte Carlo / hybrid, cold", against(methods, ["montecarlo"]), None, None, "x", methods)]
     if not context.peer_missing:

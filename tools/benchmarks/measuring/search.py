@@ -5,13 +5,17 @@ the error crosses the aim. Steps are at most a half (mostly a third): time is ov
 method alike.
 """
 
+# Over this many steps up the ladder the samples grow by four and errors should halve. Where they fall by less than this
+# share, something else than noise is left: more samples would not help.
+FLOOR_STEPS, FLOOR_SHARE = 4, 0.1
+
 LADDER = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096]
 
 
 def fewest(error_of, aim, start):
     """The smallest count of LADDER whose error is at most `aim`, found from `start` on; and all errors seen.
 
-    Returns (None, errors) if none reaches it.
+    Returns (None, errors) if none reaches it, or if the error has stopped falling above the aim.
     """
     errors = {}
 
@@ -28,6 +32,9 @@ def fewest(error_of, aim, start):
         i += 1
         if reaches(i):
             return LADDER[i], errors
+        before = errors.get(LADDER[i - FLOOR_STEPS]) if i >= FLOOR_STEPS else None
+        if before is not None and errors[LADDER[i]] > (1.0 - FLOOR_SHARE) * before:
+            break
     return None, errors
 
 
