@@ -86,8 +86,8 @@ def main(words):
     log = lambda text: print(text, file=sys.stderr, flush=True)
     missing = find_peer(arguments.peer_python)
     version = None if missing else peer_version(arguments.peer_python)
-    context = Context(programs, arguments.repeats, arguments.quick, arguments.resolution, arguments.peer_python, missing,
-                      version, arguments.meshes.resolve(), log)
+    context = Context(programs, arguments.repeats, arguments.quick, arguments.resolution, arguments.peer_python,
+                      missing, version, arguments.meshes.resolve(), log)
     now = datetime.datetime.now()
     head = {"date": now.isoformat(timespec="seconds"), "command": shlex.join(["tools/benchmarks/measure.py", *words]),
             "version": programs.version(), "machine": machine.describe(programs.program, ROOT),

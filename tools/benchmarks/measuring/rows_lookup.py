@@ -41,8 +41,8 @@ def lookups(context):
         figures.append(Figure(f"{name}, receivers elsewhere", elsewhere["ratio"]["value"], AT_LEAST, target, "x",
                               elsewhere))
         figures.append(Figure(f"{name}, receivers on the object", own["ratio"]["value"], None, None, "x", own))
-    return RowResult(figures, ["Rays a second of one core's processor time; 8,192 rays that stay in cache; rays that ask "
-                               "are counted as answered (their share is in the details)."])
+    return RowResult(figures, ["Rays a second of one core's processor time; 8,192 rays that stay in cache; rays that "
+                               "ask are counted as answered (their share is in the details)."])
 
 
 def size(context):

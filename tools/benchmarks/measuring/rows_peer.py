@@ -6,6 +6,7 @@ averages the camera rays too; how far Mitsuba's mean is from it is in the detail
 """
 
 import contextlib
+import hashlib
 
 from .context import AT_LEAST, AT_MOST, ROOT, Figure, RowResult, light
 from .peer import VARIANTS, Peer
@@ -176,9 +177,11 @@ def three_objects(context):
 def crowd(context):
     """400 instances of a knot of 100 k triangles, a light of 20 degrees: to an RMSE of .01, the bake counted."""
     count, words = (36, "knot --along 256 --around 16") if context.quick else (400, "knot --along 1562 --around 32")
-    folder = context.programs.work / f"crowd-{count}"
+    script = ROOT / "tools/make_crowd.py"
+    version = hashlib.sha256(script.read_bytes() + words.encode()).hexdigest()[:8]
+    folder = context.programs.work / f"crowd-{count}-{version}"
     if not (folder / "instances.xml").is_file():
-        run([ROOT / "tools/make_crowd.py", "--program", context.programs.program, "-o", folder, "--mesh", words,
+        run([script, "--program", context.programs.program, "-o", folder, "--mesh", words,
              "--instances", str(count)])
     # The light is about 108 away.
     shot = context.shot("crowd.xml", 512, (("crowd", (folder / "instances.xml").resolve()), ("light_radius", 19),
