@@ -32,6 +32,7 @@ def parse(words):
     parser.add_argument("--rows", default="", metavar="LIST", help="names or numbers with commas (default: all)")
     parser.add_argument("--quick", action="store_true", help="tiny pictures: shows that rows work, measures nothing")
     parser.add_argument("--resolution", type=int, metavar="N", help="of all pictures (default: each row's own)")
+    parser.add_argument("--tolerance", type=float, metavar="T", help="of the hybrid in rows 3 to 6 (default: its own)")
     parser.add_argument("--peer-python", metavar="PATH", help="a Python with mitsuba and numpy")
     parser.add_argument("--meshes", type=pathlib.Path, default=Context.meshes, metavar="FILE.json",
                         help="meshes of the row `converged`")
@@ -49,6 +50,8 @@ def parse(words):
         value = getattr(arguments, name)
         if value is not None and value < least:
             parser.error(f"--{name} is {value}; it must be {least} or more")
+    if arguments.tolerance is not None and not 0.0 <= arguments.tolerance <= 1.0:
+        parser.error(f"--tolerance is {arguments.tolerance}; it must lie between 0 and 1")
     return arguments
 
 
@@ -86,12 +89,13 @@ def main(words):
     log = lambda text: print(text, file=sys.stderr, flush=True)
     missing = find_peer(arguments.peer_python)
     version = None if missing else peer_version(arguments.peer_python)
-    context = Context(programs, arguments.repeats, arguments.quick, arguments.resolution, arguments.peer_python,
-                      missing, version, arguments.meshes.resolve(), log)
+    context = Context(programs, arguments.repeats, arguments.quick, arguments.tolerance, arguments.resolution,
+                      arguments.peer_python, missing, version, arguments.meshes.resolve(), log)
     now = datetime.datetime.now()
     head = {"date": now.isoformat(timespec="seconds"), "command": shlex.join(["tools/benchmarks/measure.py", *words]),
             "version": programs.version(), "machine": machine.describe(programs.program, ROOT),
             "settings": {"repeats": context.repeats, "quick": context.quick, "resolution": context.resolution,
+                         "tolerance": context.tolerance,
                          "peer_version": context.peer_version, "peer_missing": missing}}
     head["machine"]["isa"] = programs.render(context.shot("bunny_floor.xml", 16))["isa"]
     results = measure(arguments.rows, context)

@@ -49,6 +49,7 @@ class Context:
     programs: Programs
     repeats: int
     quick: bool
+    tolerance: float | None = None  # of the hybrid in the rows of equal error; None: the program's default
     resolution: int | None = None  # for all scenes; None: each row's own
     peer_python: str | None = None
     peer_missing: str | None = None  # why there is no peer; None: there is one

@@ -40,7 +40,8 @@ def equal_error(context, scene, angle, samples, size=1024):
     aim, _ = programs.error(monte_carlo, reference)
 
     def hybrid(m):
-        return monte_carlo.with_(method="hybrid", light_samples=m)
+        options = () if context.tolerance is None else ("--tolerance", str(context.tolerance))
+        return monte_carlo.with_(method="hybrid", light_samples=m, options=options)
 
     def error_of(m):
         error, stats = programs.error(hybrid(m), reference, programs.cache_for(hybrid(m)))
