@@ -287,13 +287,17 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
+    const Clock::time_point build_begin = Clock::now();
     const Accel accel(scene);
+    result.stats.time_build = seconds_since(build_begin);
     const CameraSampler camera(scene.camera, scene.film);
     const uint64_t rays_per_light =
         uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
     const FieldSet fields = make_fields(scene, options, rays_per_light);
+    const Clock::time_point cache_begin = Clock::now();
     const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
     if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
+    result.stats.time_cache = seconds_since(cache_begin);
     const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask,
                                              options.whole_lights};
     const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
@@ -319,7 +323,9 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.interrupted = interrupted;
     for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
     count_fields(fields, result.stats);
+    const Clock::time_point store_begin = Clock::now();
     if (cache) store_fields(scene, fields, *cache, callbacks.warning, result.stats);
+    result.stats.time_cache += seconds_since(store_begin);
     if (job.not_finite > 0) {
       warn(callbacks.warning, {},
            std::to_string(job.not_finite) +

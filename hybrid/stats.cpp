@@ -46,11 +46,8 @@ std::string Stats::to_json() const {
   j["triangles"] = triangles;
   j["instances"] = instances;
   j["lights"] = lights;
-  j["time"] = {{"load", time_load},
-               {"bake", time_bake},
-               {"primary", time_primary},
-               {"secondary", time_secondary},
-               {"total", time_total}};
+  j["time"] = {{"load", time_load},       {"build", time_build},         {"cache", time_cache}, {"bake", time_bake},
+               {"primary", time_primary}, {"secondary", time_secondary}, {"write", time_write}, {"total", time_total}};
   j["rays"] = {{"primary", rays_primary},   {"shadow", rays_shadow},   {"glossy", rays_glossy},   {"exact", rays_exact},
                {"crossing", rays_crossing}, {"crowded", rays_crowded}, {"spared", samples_spared}};
   j["cones"] = {

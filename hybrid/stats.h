@@ -20,6 +20,9 @@ struct Stats {
   uint64_t triangles = 0, instances = 0, lights = 0;
 
   double time_load = 0, time_bake = 0, time_primary = 0, time_secondary = 0, time_total = 0;
+  double time_build = 0;  // Embree's acceleration structures
+  double time_cache = 0;  // reading fields from the cache before the picture, and storing them after it
+  double time_write = 0;  // writing the images
 
   uint64_t rays_primary = 0;      // camera rays and the bounces that follow them
   uint64_t rays_shadow = 0;       // shadow rays generated (those that cross no candidate's bounds included)

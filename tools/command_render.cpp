@@ -27,6 +27,7 @@ struct RenderArguments {
   std::string crop;
   std::string stats_file;
   float exposure = 0.0f;
+  bool float32 = false;
   bool quiet = false;
 };
 
@@ -40,6 +41,7 @@ void require_outputs_writable(const RenderArguments& arguments) {
 void write_outputs(const RenderArguments& arguments, const RenderResult& result, const std::string& command) {
   ImageWriteOptions options;
   options.exposure = arguments.exposure;
+  options.half = !arguments.float32;
   options.metadata = {{"fieldtrace:command", command},
                       {"fieldtrace:version", FIELDTRACE_VERSION},
                       {"fieldtrace:seed", std::to_string(result.stats.seed)},
@@ -104,8 +106,10 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   RenderResult result = render(scene, options, callbacks);
   progress.clear();
 
-  write_outputs(arguments, result, command);
   Stats& stats = result.stats;
+  const Clock::time_point write_begin = Clock::now();
+  write_outputs(arguments, result, command);
+  stats.time_write = seconds_since(write_begin);
   stats.version = FIELDTRACE_VERSION;
   stats.time_load = load_seconds;
   stats.time_total = seconds_since(start);
@@ -144,6 +148,7 @@ void add_render_command(CommandLine& line) {
   command.add_option("--exposure", arguments->exposure, "Exposure of a PNG in stops (default: 0)")
       ->check(number_between(-k_max_exposure, k_max_exposure))
       ->type_name("EV");
+  command.add_flag("--float32", arguments->float32, "Write EXR as 32-bit float instead of 16-bit half");
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
   add_unavailable_options(command);
   command.callback(

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
-"""Makes what scenes/crowd.xml includes: ten meshes, and a file of instances of them scattered over the floor.
+"""Makes what scenes/crowd.xml includes: meshes, and a file of instances of them scattered over the floor.
 
     tools/make_crowd.py [--program build/release/bin/fieldtrace] [-o crowd] [--instances 10000] [--seed 1]
+        [--mesh "knot --along 1562 --around 32" ...]
 
-writes crowd/object_0.ply ... crowd/object_9.ply and crowd/instances.xml. The same numbers give the same files.
+writes crowd/object_0.ply, crowd/object_1.ply ... and crowd/instances.xml: ten meshes, or those that --mesh names in the
+words of `fieldtrace mesh`. The same arguments give the same files.
 """
 
 import argparse
@@ -30,19 +32,19 @@ HALF_WIDTH = 50.0  # of the square that is filled, as in scenes/crowd.xml
 COLOURS = ["ochre", "slate", "moss"]
 
 
-def make_meshes(program, folder):
-    for i, words in enumerate(OBJECTS):
+def make_meshes(program, folder, objects):
+    for i, words in enumerate(objects):
         subprocess.run([program, "mesh", *words.split(), "-o", str(folder / f"object_{i}.ply")], check=True)
 
 
-def write_instances(path, count, seed):
+def write_instances(path, count, seed, objects):
     rng = random.Random(seed)
     # One instance in each cell of a square grid, away from the cell's rim: none covers another wholly.
     columns = max(math.ceil(math.sqrt(count)), 1)
     cell = 2.0 * HALF_WIDTH / columns
     with open(path, "w", encoding="utf-8") as out:
         out.write('<?xml version="1.0" encoding="utf-8"?>\n<scene version="3.0.0">\n')
-        for i in range(len(OBJECTS)):
+        for i in range(objects):
             out.write(f'  <shape type="shapegroup" id="group_{i}"><shape type="ply">'
                       f'<string name="filename" value="object_{i}.ply"/><ref id="{COLOURS[i % len(COLOURS)]}"/>'
                       f"</shape></shape>\n")
@@ -51,10 +53,12 @@ def write_instances(path, count, seed):
             z = (n // columns + rng.uniform(0.3, 0.7)) * cell - HALF_WIDTH
             size = cell * rng.uniform(0.25, 0.6)
             axis = [rng.uniform(-1.0, 1.0) for _ in range(3)]
+            length = math.hypot(*axis)  # Mitsuba takes axes as unit vectors without asking
+            axis = [a / length for a in axis]
             out.write(f'  <shape type="instance"><transform name="to_world">'
-                      f'<rotate value="{axis[0]:.4f} {axis[1]:.4f} {axis[2]:.4f}" angle="{rng.uniform(0, 360):.3f}"/>'
+                      f'<rotate value="{axis[0]:.7f} {axis[1]:.7f} {axis[2]:.7f}" angle="{rng.uniform(0, 360):.3f}"/>'
                       f'<scale value="{size:.5f}"/><translate x="{x:.5f}" y="{size:.5f}" z="{z:.5f}"/></transform>'
-                      f'<ref id="group_{rng.randrange(len(OBJECTS))}"/></shape>\n')
+                      f'<ref id="group_{rng.randrange(objects)}"/></shape>\n')
         out.write("</scene>\n")
 
 
@@ -64,17 +68,19 @@ def main():
     parser.add_argument("-o", dest="folder", default="crowd", type=pathlib.Path)
     parser.add_argument("--instances", default=10000, type=int)
     parser.add_argument("--seed", default=1, type=int)
+    parser.add_argument("--mesh", action="append", metavar="WORDS", help="may be repeated (default: ten meshes)")
     arguments = parser.parse_args()
     if arguments.instances < 1:
         sys.exit(f"make_crowd: --instances is {arguments.instances}; it must be 1 or more")
+    objects = arguments.mesh or OBJECTS
     arguments.folder.mkdir(parents=True, exist_ok=True)
     try:
-        make_meshes(arguments.program, arguments.folder)
+        make_meshes(arguments.program, arguments.folder, objects)
     except FileNotFoundError:
         sys.exit(f"make_crowd: {arguments.program} is missing; build it (tools/build.sh) or name it with --program")
     except subprocess.CalledProcessError as e:
         sys.exit(f"make_crowd: {e.cmd[0]} failed; see its message above")
-    write_instances(arguments.folder / "instances.xml", arguments.instances, arguments.seed)
+    write_instances(arguments.folder / "instances.xml", arguments.instances, arguments.seed, len(objects))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,13 @@
 // Field look-ups against Embree's occlusion rays, per core, over the same rays: all cross the object's ball.
 //
-// Arguments: MESH.obj|MESH.ply (default: the bunny of Debian's glmark2-data). Rays from points outside the ball, and from
-// points on the object itself, towards a sphere light of 4 degrees; baked beforehand.
+// Arguments: MESH.obj|MESH.ply (default: the bunny of Debian's glmark2-data). Rays from points outside the ball, and
+// from points on the object itself, towards a sphere light of 4 degrees; baked beforehand. Embree answers them in each
+// of its packet forms; the fastest is the yardstick. Rates are per second of this thread's processor time.
 #include <benchmark/benchmark.h>
 
+#include <cstdio>
 #include <random>
+#include <string>
 
 #include "core/accel.h"
 #include "core/mesh_io.h"
@@ -12,6 +15,7 @@
 #include "field/query.hd.h"
 #include "field/risk.h"
 #include "field/segment_kernels.h"
+#include "tools/benchmarks/embree_occlusion.h"
 
 namespace fieldtrace {
 namespace {
@@ -21,7 +25,8 @@ constexpr size_t k_rays = 1 << 13;
 
 struct Setup {
   Scene scene;
-  std::unique_ptr<Accel> accel;
+  std::unique_ptr<Accel> accel;  // for the bake
+  std::unique_ptr<EmbreeOcclusion> embree;
   std::unique_ptr<Field> field;
   SegmentTask task;
 
@@ -33,6 +38,7 @@ struct Setup {
     scene.shapes.push_back(std::move(shape));
     scene.instances.emplace_back();
     accel = std::make_unique<Accel>(scene);
+    embree = std::make_unique<EmbreeOcclusion>(scene.shapes[0].mesh);
     const Sphere ball = field_ball(scene.shapes[0].bounds);
     field = std::make_unique<Field>(ball, FieldParameters{});
     task.field = field->view();
@@ -63,8 +69,8 @@ struct Setup {
       if (own) {
         const UVec3 t = mesh.triangles[size_t(uniform(generator) * float(mesh.triangles.size() - 1))];
         p = (mesh.positions[t.x] + mesh.positions[t.y] + mesh.positions[t.z]) / 3.0f;
-        normal = glm::normalize(glm::cross(mesh.positions[t.y] - mesh.positions[t.x],
-                                           mesh.positions[t.z] - mesh.positions[t.x]));
+        normal = glm::normalize(
+            glm::cross(mesh.positions[t.y] - mesh.positions[t.x], mesh.positions[t.z] - mesh.positions[t.x]));
         if (glm::dot(normal, to_light) < 0.0f) continue;
         p += normal * (1e-5f * ball.radius);
       } else {
@@ -119,14 +125,13 @@ void run_lookups(benchmark::State& state, Setup& setup, bool own, Isa isa) {
   state.counters["ask"] = double(asks) / double(rays.size);
 }
 
-void run_rays(benchmark::State& state, Setup& setup, bool own) {
+void run_rays(benchmark::State& state, Setup& setup, bool own, OcclusionPackets packets) {
   const RayBatch rays = setup.make_rays(own);
-  std::vector<uint32_t> indices(rays.size);
-  for (size_t i = 0; i < indices.size(); ++i) indices[i] = uint32_t(i);
-  std::vector<uint8_t> blocked(rays.size);
-  for (auto _ : state) setup.accel->occluded_by(0, rays, indices, blocked.data());
+  size_t blocked = 0;
+  for (auto _ : state) blocked = setup.embree->count_blocked(rays, packets);
   state.counters["rays/s"] =
       benchmark::Counter(double(rays.size) * double(state.iterations()), benchmark::Counter::kIsRate);
+  state.counters["blocked"] = double(blocked) / double(rays.size);
 }
 
 }  // namespace
@@ -135,15 +140,30 @@ void run_rays(benchmark::State& state, Setup& setup, bool own) {
 int main(int argc, char** argv) {
   benchmark::Initialize(&argc, argv);
   using namespace fieldtrace;
-  Setup setup(argc > 1 ? argv[1] : "/usr/share/glmark2/models/bunny.obj");
+  if (argc > 2 || (argc == 2 && argv[1][0] == '-')) {
+    std::fprintf(stderr, "lookup_benchmark: %s is not known; arguments: [MESH.obj|MESH.ply] [--benchmark_...]\n",
+                 argv[argc - 1]);
+    return 2;
+  }
+  std::unique_ptr<Setup> setup;
+  try {
+    setup = std::make_unique<Setup>(argc > 1 ? argv[1] : "/usr/share/glmark2/models/bunny.obj");
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "lookup_benchmark: %s\n", e.what());
+    return 1;
+  }
+  benchmark::AddCustomContext("triangles", std::to_string(setup->scene.shapes[0].triangle_count()));
   for (const bool own : {false, true}) {
     const std::string receiver = own ? "own_surface" : "elsewhere";
     for (const Isa isa : supported_isas()) {
       benchmark::RegisterBenchmark(("LookUp." + receiver + "." + isa_name(isa)).c_str(),
-                                   [&setup, own, isa](benchmark::State& s) { run_lookups(s, setup, own, isa); });
+                                   [&setup, own, isa](benchmark::State& s) { run_lookups(s, *setup, own, isa); });
     }
-    benchmark::RegisterBenchmark(("EmbreeOccluded." + receiver).c_str(),
-                                 [&setup, own](benchmark::State& s) { run_rays(s, setup, own); });
+    for (const OcclusionPackets packets : {OcclusionPackets::single, OcclusionPackets::eight_incoherent,
+                                           OcclusionPackets::sixteen_coherent, OcclusionPackets::sixteen_incoherent}) {
+      benchmark::RegisterBenchmark(("EmbreeOccluded." + receiver + "." + packets_name(packets)).c_str(),
+                                   [&setup, own, packets](benchmark::State& s) { run_rays(s, *setup, own, packets); });
+    }
   }
   benchmark::RunSpecifiedBenchmarks();
   return 0;

@@ -1,0 +1,34 @@
+// Embree's occlusion query in each of its packet forms over one mesh, for choosing the fastest as the yardstick.
+//
+// Kept apart from core/accel.h, which offers only the form that the renderer uses: here the mesh is a scene by itself,
+// without instances and transforms, as favourable to Embree as can be. Thread-safety: count_blocked() is const.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "core/mesh.h"
+#include "core/rays.h"
+
+namespace fieldtrace {
+
+enum class OcclusionPackets { single, eight_incoherent, sixteen_coherent, sixteen_incoherent };
+const char* packets_name(OcclusionPackets packets);
+
+class EmbreeOcclusion {
+ public:
+  // Throws Error if Embree cannot build.
+  explicit EmbreeOcclusion(const TriangleMesh& mesh);
+  ~EmbreeOcclusion();
+
+  // How many of the rays meet the mesh. Rays are in the mesh's space; all forms give the same count but for rays that
+  // graze an edge.
+  size_t count_blocked(const RayBatch& rays, OcclusionPackets packets) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace fieldtrace

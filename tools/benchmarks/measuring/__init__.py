@@ -1,0 +1,1 @@
+"""The parts of tools/benchmarks/measure.py. Standard library only."""

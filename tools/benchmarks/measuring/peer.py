@@ -1,0 +1,64 @@
+"""Mitsuba 3 beside the project's own methods, through peer_worker.py."""
+
+import json
+import pathlib
+import subprocess
+import tempfile
+
+from .programs import BenchmarkError
+
+VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
+
+
+class Peer:
+    """One scene in one variant of Mitsuba; a context manager. Raises BenchmarkError if the process ends early."""
+
+    def __init__(self, python, variant, scene, defines, folders=()):
+        settings = json.dumps([variant, str(scene), [str(f) for f in folders], {k: str(v) for k, v in defines}])
+        worker = pathlib.Path(__file__).with_name("peer_worker.py")
+        self.variant = variant
+        self.said = tempfile.TemporaryFile(mode="w+")
+        self.process = subprocess.Popen([python, str(worker), settings], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                        stderr=self.said, text=True)
+        self.version = self._answer()["version"]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.stdin.close()
+        self.process.wait(timeout=60)
+        self.process.stdout.close()
+        self.said.close()
+
+    def _answer(self):
+        line = self.process.stdout.readline()
+        if not line:
+            self.process.wait(timeout=60)
+            self.said.seek(0)
+            said = self.said.read().strip().splitlines()[:1] or ["nothing"]
+            hint = ""
+            if self.variant.startswith("llvm"):
+                hint = "; LLVM 16 or later is needed, named by the environment variable DRJIT_LIBLLVM_PATH"
+            raise BenchmarkError(f"Mitsuba ({self.variant}) stopped; it said: {said[0]}{hint}")
+        return json.loads(line)
+
+    def render(self, spp, seed=0, integrator="direct", picture=None):
+        """Seconds of one render, the compilation of its kernels left out; with a picture they may be counted."""
+        job = {"spp": spp, "seed": seed, "integrator": integrator, "picture": str(picture) if picture else None}
+        try:
+            print(json.dumps(job), file=self.process.stdin, flush=True)
+        except BrokenPipeError:
+            pass  # _answer() says what happened
+        return self._answer()["seconds"]
+
+
+def find_peer(python):
+    """None if `python` can import what the worker needs, else why not."""
+    if not python:
+        return "no --peer-python was given"
+    try:
+        done = subprocess.run([python, "-c", "import mitsuba, numpy"], capture_output=True, text=True, timeout=120)
+    except (OSError, subprocess.TimeoutExpired) as e:
+        return f"{python} cannot be run: {e}"
+    return None if done.returncode == 0 else f"{python} lacks the packages mitsuba and numpy"

@@ -1,0 +1,159 @@
+"""Runs the project's programs: renders with their statistics, errors against references, meshes, micro-benchmarks.
+
+A Shot names everything that a picture depends on. Pictures lie in the work folder and are written as 32-bit float, so
+that rounding does not count as error. Every failure is a BenchmarkError that names the command.
+"""
+
+import dataclasses
+import hashlib
+import json
+import pathlib
+import shlex
+import shutil
+import subprocess
+
+LONGEST_RUN = 3600  # seconds, of one command
+
+
+class BenchmarkError(Exception):
+    """A command failed, or something that it needs is missing; the text says which and what to do."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Shot:
+    """One picture. `defines` are -D values, as a tuple of (name, value); `options` are further words of the command."""
+
+    scene: pathlib.Path
+    method: str = "montecarlo"
+    spp: int = 1
+    light_samples: int = 1
+    seed: int = 0
+    defines: tuple = ()
+    options: tuple = ()
+
+    def with_(self, **changes):
+        return dataclasses.replace(self, **changes)
+
+    def words(self):
+        words = ["render", str(self.scene), "--method", self.method, "--spp", str(self.spp),
+                 "--light-samples", str(self.light_samples), "--seed", str(self.seed), *self.options]
+        for name, value in self.defines:
+            words += ["-D", f"{name}={value}"]
+        return words
+
+    def key(self):
+        return hashlib.sha256(repr(self.words()).encode()).hexdigest()[:16]
+
+
+def run(words, **options):
+    """Runs a command; returns what it printed to stdout."""
+    try:
+        done = subprocess.run([str(w) for w in words], check=True, capture_output=True, text=True, timeout=LONGEST_RUN,
+                              **options)
+    except FileNotFoundError as e:
+        raise BenchmarkError(f"{words[0]} is missing; build it (cmake --preset release -DFIELDTRACE_BENCHMARKS=ON && "
+                             "cmake --build build/release), or name the program with --program") from e
+    except subprocess.CalledProcessError as e:
+        raise BenchmarkError(f"{shlex.join(map(str, words))} failed with {e.returncode}: {e.stderr.strip()}") from e
+    except subprocess.TimeoutExpired as e:
+        raise BenchmarkError(f"{shlex.join(map(str, words))} took more than {LONGEST_RUN} s") from e
+    return done.stdout
+
+
+def frame_seconds(stats):
+    """The whole frame: everything but reading the scene, building Embree's trees, and writing the picture."""
+    t = stats["time"]
+    return t["total"] - t["load"] - t["build"] - t["write"]
+
+
+class Programs:
+    """The executables beside `program`, and the work folder, where references are kept between runs."""
+
+    def __init__(self, program, work):
+        self.program = pathlib.Path(program)
+        self.work = pathlib.Path(work)
+        self.folder = self.program.parent
+        self.last_command = ""
+        if not self.program.is_file():
+            raise BenchmarkError(f"{program} is missing; build it (tools/build.sh) or name it with --program")
+        self.work.mkdir(parents=True, exist_ok=True)
+        self.identity = hashlib.sha256(self.program.read_bytes()).hexdigest()[:16]
+
+    def version(self):
+        return run([self.program, "--version"]).strip()
+
+    def render(self, shot, picture=None, cache=None):
+        """Renders a shot; returns its statistics. `picture`: where to, else a file that is thrown away."""
+        target = picture or self.work / "thrown_away.exr"
+        stats = self.work / "stats.json"
+        words = [self.program, *shot.words(), "--quiet", "--float32", "-o", target, "--stats", stats]
+        if cache is not None:
+            words += ["--field-cache", cache]
+        run(words)
+        self.last_command = shlex.join(["fieldtrace", *shot.words()])
+        return json.loads(stats.read_text(encoding="utf-8"))
+
+    def cache_for(self, shot):
+        """A field cache that holds what the shot needs: warm is the second render with it."""
+        cache = self.work / f"cache-{shot.with_(seed=0).key()}"
+        if not cache.is_dir():
+            filling = cache.with_suffix(".filling")
+            shutil.rmtree(filling, ignore_errors=True)
+            filling.mkdir()
+            self.render(shot, cache=filling)
+            filling.rename(cache)
+        return cache
+
+    def drop_caches(self):
+        """Caches belong to one run: the fields of another version must not count as warm."""
+        for cache in self.work.glob("cache-*"):
+            shutil.rmtree(cache, ignore_errors=True)
+
+    def reference(self, shot):
+        """The picture of a shot, kept under a name that changes with the shot and with the program."""
+        path = self.work / f"reference-{self.identity}-{shot.key()}.exr"
+        if not path.is_file():
+            temporary = path.with_name("new-" + path.name)
+            self.render(shot, picture=temporary)
+            temporary.rename(path)
+        return path
+
+    def compare(self, picture, reference):
+        """The figures of `fieldtrace compare`."""
+        return json.loads(run([self.program, "compare", picture, reference, "--json"]))
+
+    def error(self, shot, reference, cache=None):
+        """RMSE of a shot against a reference, and the shot's statistics."""
+        picture = self.work / "picture.exr"
+        stats = self.render(shot, picture=picture, cache=cache)
+        return self.compare(picture, reference)["rmse"], stats
+
+    def mesh(self, name, words):
+        """A mesh made by `fieldtrace mesh` once for all runs; `words` as a string."""
+        path = self.work / f"{name.replace(chr(32), chr(95))}-{hashlib.sha256(words.encode()).hexdigest()[:8]}.ply"
+        if not path.is_file():
+            run([self.program, "mesh", *words.split(), "-o", path])
+        return path
+
+    def stress_mesh(self, name):
+        """A mesh of core/mesh_stress.h."""
+        folder = self.work / "stress"
+        if not (folder / f"{name}.ply").is_file():
+            run([self.folder / "stress_meshes", folder])
+        if not (folder / f"{name}.ply").is_file():
+            raise BenchmarkError(f"stress_meshes makes no mesh named {name}; see core/mesh_stress.h for those it makes")
+        return folder / f"{name}.ply"
+
+    def lookup_benchmark(self, mesh, quick):
+        """One run of lookup_benchmark; returns {name: counters} and the command."""
+        out = self.work / "lookup.json"
+        words = [self.folder / "lookup_benchmark", mesh, f"--benchmark_min_time={0.01 if quick else 0.3}",
+                 f"--benchmark_out={out}", "--benchmark_out_format=json"]
+        run(words)
+        result = json.loads(out.read_text(encoding="utf-8"))
+        return {b["name"]: b for b in result["benchmarks"]}
+
+    def free_visibility(self, shot, threads):
+        """Times of a frame whose visibility is free (tools/benchmarks/free_visibility.cpp)."""
+        words = [self.folder / "free_visibility", shot.scene, shot.spp, shot.light_samples, threads]
+        return json.loads(run(words + [f"{name}={value}" for name, value in shot.defines]))

@@ -1,0 +1,27 @@
+"""Repeated measurements in turn, and their summaries."""
+
+import statistics
+
+
+def summary(values):
+    """Median and spread of repeated measurements."""
+    values = list(values)
+    return {"median": statistics.median(values), "least": min(values), "most": max(values), "values": values}
+
+
+def in_turn(jobs, repeats):
+    """Runs the jobs A B C A B C ...: returns {name: [result of each repeat]}.
+
+    A machine's speed drifts; in turn, the drift meets all jobs alike.
+    """
+    results = {name: [] for name in jobs}
+    for _ in range(repeats):
+        for name, job in jobs.items():
+            results[name].append(job())
+    return results
+
+
+def ratio(above, below):
+    """Quotient of two summaries' medians, with the quotients of the single repeats as its spread."""
+    return {"value": above["median"] / below["median"],
+            "repeats": [a / b for a, b in zip(above["values"], below["values"])]}
