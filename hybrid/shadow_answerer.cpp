@@ -170,6 +170,11 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
 
 ShadowAnswerer::~ShadowAnswerer() = default;
 
+FieldUse& ShadowAnswerer::use_of(const Occluder& o, Stats& stats) const {
+  stats.field_uses.resize(scene_.shapes.size());
+  return stats.field_uses[scene_.instances[o.cone.segment.instance].shape];
+}
+
 void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup& group, Stats& stats) const {
   Bounds3 bounds;
   for (size_t r = 0; r < receivers.size; ++r) {
@@ -229,6 +234,9 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
     const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
     stats.cones_clear += counts.clear;
     stats.cones_blocked += counts.blocked;
+    if (settings_.count_uses) {
+      use_of(o, stats).answered += (counts.clear + counts.blocked) * uint64_t(group.light_samples);
+    }
     stats.lookups += counts.lookups;
     if (unknowns.blocks.empty()) break;
     is_full = o.field->pool_full() || o.field->coverage().full();  // the rest is left to single rays
@@ -330,6 +338,16 @@ void ShadowAnswerer::check_answers(const Occluder& o, const ShadowBatch& batch, 
   }
 }
 
+void ShadowAnswerer::count_uses(const Occluder& o, const ShadowBatch& batch, const Workspace& work,
+                                Stats& stats) const {
+  FieldUse& use = use_of(o, stats);
+  for (size_t i = 0; i < batch.rays.size; ++i) {
+    const int32_t verdict = work.states.verdict[i];
+    use.asked += verdict == scalar::k_verdict_ask;
+    use.answered += verdict == scalar::k_verdict_clear || verdict == scalar::k_verdict_blocked;
+  }
+}
+
 void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
   const size_t n = padded(batch.rays.size);
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
@@ -343,6 +361,7 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
       counts = kernels_.query(o.cone.segment, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
       bake_unknown(o, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);
+      if (settings_.count_uses) count_uses(o, batch, work, stats);
     }
     stats.sphere_crossings += counts.crossings;
     stats.lookups += counts.lookups;
@@ -392,7 +411,7 @@ void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats&
     trace_all(batch, work, stats);
     return;
   }
-  work.states.keep_verdicts = settings_.check;
+  work.states.keep_verdicts = settings_.check || settings_.count_uses;
   work.states.reset(batch.rays.size);
   classify(group, batch, work, stats);
   kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);

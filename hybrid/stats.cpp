@@ -1,5 +1,6 @@
 #include "hybrid/stats.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 namespace fieldtrace {
@@ -20,6 +21,11 @@ void Stats::merge_counters(const Stats& o) {
   samples_spared += o.samples_spared;
   cones_clear += o.cones_clear;
   cones_blocked += o.cones_blocked;
+  field_uses.resize(std::max(field_uses.size(), o.field_uses.size()));
+  for (size_t s = 0; s < o.field_uses.size(); ++s) {
+    field_uses[s].answered += o.field_uses[s].answered;
+    field_uses[s].asked += o.field_uses[s].asked;
+  }
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
   for (int verdict = 0; verdict < 2; ++verdict) {
@@ -62,7 +68,8 @@ std::string Stats::to_json() const {
                 {"wrong", check_wrong},
                 {"clear", {{"other", count(check_by[0][0])}, {"own", count(check_by[0][1])}}},
                 {"blocked", {{"other", count(check_by[1][0])}, {"own", count(check_by[1][1])}}}};
-  j["field"] = {{"objects", field_objects},       {"directions", field_directions},
+  j["field"] = {{"objects", field_objects},       {"left_to_rays", field_left_to_rays},
+                {"survey_rays", survey_rays},     {"directions", field_directions},
                 {"plane", field_plane},           {"cells_baked", field_cells_baked},
                 {"cells_full", field_cells_full}, {"bytes_memory", field_bytes_memory},
                 {"bytes_disk", field_bytes_disk}};

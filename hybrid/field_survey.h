@@ -1,0 +1,38 @@
+// Which objects are left to exact rays: a small part of the picture is traced before it, and what each object's field
+// answered and left open there is counted.
+//
+// Blocks of pixels spread evenly over the whole film, whatever the crop window, send the very rays that the picture
+// will: first camera samples, all their light samples. So nothing is baked in vain for the fields that stay, and the
+// decision rests on counts that neither threads nor the state of a cache change. Thread-safety: a pure function but for
+// the fields, which grow by demand.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <vector>
+
+#include "hybrid/stats.h"
+#include "hybrid/transport.h"
+
+namespace fieldtrace {
+
+// An object that a field answers less than half of the rays for, among at least this many of the survey, is left to
+// exact rays: a ray that asks costs a look-up and a ray that grazes the object, which takes longest to trace
+// (docs/decisions/012-left-to-rays.md).
+inline constexpr uint64_t k_fewest_surveyed = 256;
+
+// Whether an object of which the survey counted `use` is left to exact rays. `scale`: rays of the picture for one of
+// the survey. `fewest_answers`: an object whose field would answer fewer rays of the whole picture is left too.
+bool leaves_to_rays(const FieldUse& use, double scale, uint64_t fewest_answers);
+
+struct FieldSurvey {
+  std::vector<FieldUse> uses;  // per shape of the scene
+  double scale = 1.0;          // camera samples of the picture for one of the survey
+  Stats stats;                 // what the survey did
+  bool interrupted = false;    // by `stop`; the counts are then of no use
+};
+
+// `context.answerer` must count uses (AnswererSettings::count_uses). `film` is the crop window of the scene's film.
+FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int spp, const std::atomic<bool>* stop);
+
+}  // namespace fieldtrace
