@@ -47,8 +47,14 @@ std::vector<Rect> survey_blocks(const Rect& film, int light_samples) {
 }  // namespace
 
 bool leaves_to_rays(const FieldUse& use, double scale, uint64_t fewest_answers) {
-  if (use.answered + use.asked >= k_fewest_surveyed && use.asked > use.answered) return true;
+  const uint64_t asked = use.asked - use.own_asked, answered = use.answered - use.own_answered;
+  const bool mostly_asks = asked + answered >= k_fewest_surveyed && asked > answered;
+  if (mostly_asks) return true;
   return double(use.answered) * scale < double(fewest_answers);
+}
+
+bool leaves_own_to_rays(const FieldUse& use) {
+  return use.own_answered + use.own_asked >= k_fewest_surveyed && use.own_asked > use.own_answered;
 }
 
 FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int spp, const std::atomic<bool>* stop) {

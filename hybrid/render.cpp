@@ -111,6 +111,7 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
 struct FieldSet {
   std::vector<std::unique_ptr<Field>> fields;
   std::vector<uint8_t> left_to_rays;  // per shape: has a field, which is not asked
+  std::vector<uint8_t> own_to_rays;   // per shape: is not asked about its own receivers
   FieldParameters parameters;
 
   std::vector<Field*> pointers() const {
@@ -131,6 +132,7 @@ FieldSet make_fields(const Scene& scene, const RenderOptions& options, uint64_t 
         wanted && wants_field(shape) ? std::make_unique<Field>(field_ball(shape.bounds), set.parameters) : nullptr);
   }
   set.left_to_rays.assign(set.fields.size(), 0);
+  set.own_to_rays.assign(set.fields.size(), 0);
   return set;
 }
 
@@ -167,6 +169,7 @@ void count_fields(const FieldSet& set, Stats& stats) {
     if (!field) continue;
     const bool is_left = set.left_to_rays[size_t(&field - set.fields.data())] != 0;
     (is_left ? stats.field_left_to_rays : stats.field_objects) += 1;
+    stats.field_own_to_rays += !is_left && set.own_to_rays[size_t(&field - set.fields.data())];
     stats.field_cells_baked += field->cells_baked();
     stats.field_cells_full += field->cells_full();
     stats.field_bytes_memory += field->bytes();
@@ -279,6 +282,7 @@ bool leave_to_rays(const Scene& scene, const Accel& accel, const CameraSampler& 
   if (survey.interrupted) return false;
   for (size_t s = 0; s < set.fields.size(); ++s) {
     set.left_to_rays[s] = set.fields[s] && leaves_to_rays(survey.uses[s], survey.scale, options.fewest_answers);
+    set.own_to_rays[s] = set.fields[s] && leaves_own_to_rays(survey.uses[s]);
   }
   return true;
 }
@@ -320,9 +324,11 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     FieldSet fields = make_fields(scene, options, rays_per_light);
     const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
     if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
-    const bool surveyed = leave_to_rays(scene, accel, camera, options, settings, spp, callbacks.stop, fields, result.stats);
-    const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask,
-                                             options.whole_lights};
+    const bool surveyed =
+        leave_to_rays(scene, accel, camera, options, settings, spp, callbacks.stop, fields, result.stats);
+    AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask,
+                                       options.whole_lights};
+    answerer_settings.own_to_rays = fields.own_to_rays;
     const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
     const TransportContext context(scene, accel, camera, answerer, settings);
 

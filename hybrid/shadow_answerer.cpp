@@ -108,6 +108,7 @@ bool wants_field(const Shape& shape) {
 struct ShadowAnswerer::Occluder {
   bool in_ball = false;        // culled by the field's ball, else by the bounding box
   bool answers_cones = false;  // of whole lights
+  bool asks_sheets = true;     // depth cells may answer
   Field* field = nullptr;      // answers within the ball; null: exact rays
   ConeTask cone;               // for the ball
   BoxTask box;
@@ -147,6 +148,9 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
     o.in_ball = wanted[instance.shape];
     o.cone.segment.instance = o.box.instance = i;
     o.cone.segment.policy = policy;
+    // Receivers on an object are answered by depth cells alone.
+    o.asks_sheets = settings.own_to_rays.empty() || !settings.own_to_rays[instance.shape];
+    if (!o.asks_sheets) o.cone.segment.policy.depth_max_class = -1;
     if (o.field) o.cone.segment.field = o.field->view();
     write_unit_transform(instance, field_ball(shape.bounds), o.cone.segment.to_unit);
     o.cone.segment.to_unit_stretch = stretch_bound(o.cone.segment.to_unit);
@@ -205,7 +209,18 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
       group.met[r] |= work.flags[r];
       if (group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // nothing more to learn
     }
-    if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) ask_cones(o, receivers, group, work, stats);
+    if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) {
+      const auto own_open = [&] {
+        uint64_t n = 0;
+        for (size_t r = 0; r < receivers.size; ++r) {
+          n += receivers.instance[r] == candidate && work.flags[r] == k_may_shadow;
+        }
+        return n;
+      };
+      const uint64_t before = settings_.count_uses ? own_open() : 0;
+      ask_cones(o, receivers, group, work, stats);
+      if (settings_.count_uses) use_of(o, stats).own_answered += (before - own_open()) * uint64_t(group.light_samples);
+    }
     for (size_t r = 0; r < work.flags.size(); ++r) group.shadow[r] |= work.flags[r];
   }
   const auto is_spared = [&](size_t r) {
@@ -219,7 +234,7 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
   const int side = sheet_side_for(task.segment, light, o.field->parameters().directions);
-  if (side * side <= group.light_samples) task.sheet_side = side;
+  if (o.asks_sheets && side * side <= group.light_samples) task.sheet_side = side;
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
   ConeUnknowns& unknowns = work.unknowns;
   unknowns.tiles.clear();
@@ -343,8 +358,13 @@ void ShadowAnswerer::count_uses(const Occluder& o, const ShadowBatch& batch, con
   FieldUse& use = use_of(o, stats);
   for (size_t i = 0; i < batch.rays.size; ++i) {
     const int32_t verdict = work.states.verdict[i];
-    use.asked += verdict == scalar::k_verdict_ask;
-    use.answered += verdict == scalar::k_verdict_clear || verdict == scalar::k_verdict_blocked;
+    const bool own = batch.instance[i] == o.cone.segment.instance;
+    const bool asked = verdict == scalar::k_verdict_ask;
+    const bool answered = verdict == scalar::k_verdict_clear || verdict == scalar::k_verdict_blocked;
+    use.asked += asked;
+    use.answered += answered;
+    use.own_asked += own && asked;
+    use.own_answered += own && answered;
   }
 }
 

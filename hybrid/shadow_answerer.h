@@ -31,6 +31,8 @@ struct AnswererSettings {
   bool force_ask = false;    // look up, then ask all the same
   bool whole_lights = true;  // ask for whole lights before single rays, where a tolerance allows it
   bool count_uses = false;   // fill Stats::field_uses
+  // Per shape: its receivers are not answered by its own field. Empty: none.
+  std::vector<uint8_t> own_to_rays = {};
 };
 
 // Objects with fewer triangles are left to exact rays, which cost little more than a look-up there.
