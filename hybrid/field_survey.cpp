@@ -44,18 +44,19 @@ std::vector<Rect> survey_blocks(const Rect& film, int light_samples) {
   return blocks;
 }
 
+bool mostly_asks(uint64_t answered, uint64_t asked) {
+  const uint64_t all = answered + asked;
+  return all >= k_fewest_surveyed && double(asked) > k_most_asked * double(all);
+}
+
 }  // namespace
 
 bool leaves_to_rays(const FieldUse& use, double scale, uint64_t fewest_answers) {
-  const uint64_t asked = use.asked - use.own_asked, answered = use.answered - use.own_answered;
-  const bool mostly_asks = asked + answered >= k_fewest_surveyed && asked > answered;
-  if (mostly_asks) return true;
+  if (mostly_asks(use.answered - use.own_answered, use.asked - use.own_asked)) return true;
   return double(use.answered) * scale < double(fewest_answers);
 }
 
-bool leaves_own_to_rays(const FieldUse& use) {
-  return use.own_answered + use.own_asked >= k_fewest_surveyed && use.own_asked > use.own_answered;
-}
+bool leaves_own_to_rays(const FieldUse& use) { return mostly_asks(use.own_answered, use.own_asked); }
 
 FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int spp, const std::atomic<bool>* stop) {
   FieldSurvey survey;

@@ -16,17 +16,18 @@
 
 namespace fieldtrace {
 
-// An object whose field answers less than half of the rays from elsewhere, among at least this many of the survey, is
-// left to exact rays: a ray that asks costs a look-up and a ray that grazes the object, which takes longest to trace
-// (docs/decisions/012-left-to-rays.md).
+// An object whose field leaves more than this share of the rays from elsewhere open, among at least so many rays of the
+// survey, is left to exact rays: a ray that asks costs a look-up and a ray that grazes the object, which takes longest
+// to trace (docs/decisions/012-left-to-rays.md).
+inline constexpr double k_most_asked = 0.75;
 inline constexpr uint64_t k_fewest_surveyed = 256;
 
 // Whether an object of which the survey counted `use` is left to exact rays. `scale`: rays of the picture for one of
 // the survey. `fewest_answers`: an object whose field would answer fewer rays of the whole picture is left too.
 bool leaves_to_rays(const FieldUse& use, double scale, uint64_t fewest_answers);
 
-// Whether only receivers on the object itself are left to exact rays: where their own field answers less than half of
-// them. What certificates still promise there is wrong more often than elsewhere.
+// Whether only receivers on the object itself are left to exact rays: where their own field leaves more than
+// k_most_asked of them open. What certificates still promise there is wrong more often than elsewhere.
 bool leaves_own_to_rays(const FieldUse& use);
 
 struct FieldSurvey {

@@ -34,7 +34,7 @@ OBJECTS = {
     "fan": ([("fan --slivers 2000 --aspect 0.002", '<rotate z="1" angle="50"/><translate y="0.9"/>')], False),
     "hyperboloid": ([("hyperboloid", UP + '<translate y="0.8"/>')], False),
 }
-LIGHTS = {4: "0.16", 20: "0.72"}
+LIGHTS = {4: ("0.16", "2800"), 20: ("0.72", "138")}  # radius and radiance: the same flux
 
 
 def make_objects(program, folder, name):
@@ -60,7 +60,7 @@ def render(arguments, objects, light, out, more):
     stats = out.with_suffix(".json")
     subprocess.run([arguments.program, "render", str(scene), "-o", str(out), "--stats", str(stats), "--quiet", "--spp", "1",
                     "--light-samples", str(arguments.light_samples), "-D", f"objects={objects}",
-                    "-D", f"light_radius={LIGHTS[light]}", "-D", f"resolution={arguments.resolution}", *more], check=True)
+                    "-D", f"light_radius={LIGHTS[light][0]}", "-D", f"radiance={LIGHTS[light][1]}", "-D", f"resolution={arguments.resolution}", *more], check=True)
     return json.loads(stats.read_text())
 
 
