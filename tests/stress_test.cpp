@@ -92,15 +92,10 @@ TEST_P(StressObjects, PictureAndCertificatesMeetTheAims) {
   const ImageDifference d = compare_images(fields.image, exact);
   const Stats& s = fields.stats;
   const double wrong = double(s.check_wrong) / double(std::max<uint64_t>(s.check_answers, 1));
-  std::printf(
-      "%s, %d degrees: rmse %.5f, worst block %.4f, exact %.1f %%, wrong %.3f %% of %llu, left %llu, own %llu\n",
-      object.name, GetParam().degrees, d.rmse, d.worst_block_rmse, 100.0 * s.exact_fraction(), 100.0 * wrong,
-      (unsigned long long)s.check_answers, (unsigned long long)s.field_left_to_rays,
-      (unsigned long long)s.field_own_to_rays);
   EXPECT_LE(d.rmse, k_rmse);
   EXPECT_LE(d.worst_block_rmse, k_block);
   EXPECT_LE(wrong, object.solid ? k_wrong_solid : k_wrong_thin);
-  EXPECT_GT(s.check_answers + 1000 * s.field_left_to_rays, 1000u);
+  EXPECT_GT(s.check_answers, 100000u);
 }
 
 // What asks nearly always, or hardly ever has anything to answer, is left to exact rays; the picture is then exact.
