@@ -57,10 +57,12 @@ def make_objects(program, folder, name):
 
 def render(arguments, objects, light, out, more):
     scene = pathlib.Path(__file__).resolve().parent.parent / "scenes" / "stress.xml"
-    stats = out.with_suffix(".json")
-    subprocess.run([arguments.program, "render", str(scene), "-o", str(out), "--stats", str(stats), "--quiet", "--spp", "1",
+    # Kept under its name only when all went well: a picture cut short must not be used again.
+    unfinished, stats = out.with_suffix(".tmp"), out.with_suffix(".json")
+    subprocess.run([arguments.program, "render", str(scene), "-o", str(out), "--stats", str(unfinished), "--quiet", "--spp", "1",
                     "--light-samples", str(arguments.light_samples), "-D", f"objects={objects}",
                     "-D", f"light_radius={LIGHTS[light][0]}", "-D", f"radiance={LIGHTS[light][1]}", "-D", f"resolution={arguments.resolution}", *more], check=True)
+    unfinished.replace(stats)
     return json.loads(stats.read_text())
 
 
