@@ -1,5 +1,7 @@
 #include "field/lines.h"
 
+#include <algorithm>
+
 #include "field/chart.hd.h"
 
 namespace fieldtrace {
@@ -38,6 +40,13 @@ std::array<float, 4> cell_point(uint32_t cell, int k) {
     h = mix(h + 0x9e3779b9u);
     x[i] = float((h + alpha[i] * uint32_t(k)) >> 8) * 0x1p-24f;
   }
+  return x;
+}
+
+std::array<float, 4> widened(std::array<float, 4> x, int u, int v, int directions, float width) {
+  for (float& coordinate : x) coordinate = 0.5f + (coordinate - 0.5f) * width;
+  x[0] = std::clamp(x[0], -float(u), float(directions - u));
+  x[1] = std::clamp(x[1], -float(v), float(directions - v));
   return x;
 }
 

@@ -27,6 +27,10 @@ CellFrame cell_frame(int u, int v, int directions);
 // phi_4 the root of x^5 = x + 1), shifted modulo 1 by a hash of `cell`.
 std::array<float, 4> cell_point(uint32_t cell, int k);
 
+// The point `x` of direction cell (u, v), spread about the middle of the cell to `width` (>= 1) cells in all four
+// dimensions; directions stay within the map's square, beyond whose edge there is nothing.
+std::array<float, 4> widened(std::array<float, 4> x, int u, int v, int directions, float width);
+
 // The line of the visibility cell (u, v, a, b) at point x of the cell: direction within the direction cell, foot within
 // the plane cell.
 Line foot_line(const CellFrame& frame, int u, int v, int a, int b, const std::array<float, 4>& x,

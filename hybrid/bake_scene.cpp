@@ -113,6 +113,7 @@ void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const 
   RenderOptions render_options;
   render_options.method = Method::hybrid;
   render_options.spp = 1;
+  render_options.leave_to_rays = false;  // another light or more samples may make what is few here many
   render_options.directions = options.fields.directions;
   render_options.plane = options.fields.plane;
   render_options.threads = options.threads;

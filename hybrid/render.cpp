@@ -17,6 +17,7 @@
 #include "field/field_cache.h"
 #include "hybrid/aovs.h"
 #include "hybrid/field_resolution.h"
+#include "hybrid/field_survey.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
 #include "hybrid/transport.h"
@@ -109,11 +110,13 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
 // The fields of a hybrid render, one per shape that wants one; all null for Monte Carlo and at tolerance 0.
 struct FieldSet {
   std::vector<std::unique_ptr<Field>> fields;
+  std::vector<uint8_t> left_to_rays;  // per shape: has a field, which is not asked
+  std::vector<uint8_t> own_to_rays;   // per shape: is not asked about its own receivers
   FieldParameters parameters;
 
   std::vector<Field*> pointers() const {
     std::vector<Field*> p;
-    for (const auto& f : fields) p.push_back(f.get());
+    for (size_t s = 0; s < fields.size(); ++s) p.push_back(left_to_rays[s] ? nullptr : fields[s].get());
     return p;
   }
 };
@@ -128,6 +131,8 @@ FieldSet make_fields(const Scene& scene, const RenderOptions& options, uint64_t 
     set.fields.push_back(
         wanted && wants_field(shape) ? std::make_unique<Field>(field_ball(shape.bounds), set.parameters) : nullptr);
   }
+  set.left_to_rays.assign(set.fields.size(), 0);
+  set.own_to_rays.assign(set.fields.size(), 0);
   return set;
 }
 
@@ -162,7 +167,9 @@ void store_fields(const Scene& scene, const FieldSet& set, FieldCache& cache, co
 void count_fields(const FieldSet& set, Stats& stats) {
   for (const auto& field : set.fields) {
     if (!field) continue;
-    stats.field_objects += 1;
+    const bool is_left = set.left_to_rays[size_t(&field - set.fields.data())] != 0;
+    (is_left ? stats.field_left_to_rays : stats.field_objects) += 1;
+    stats.field_own_to_rays += !is_left && set.own_to_rays[size_t(&field - set.fields.data())];
     stats.field_cells_baked += field->cells_baked();
     stats.field_cells_full += field->cells_full();
     stats.field_bytes_memory += field->bytes();
@@ -257,6 +264,29 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   return true;
 }
 
+// Finds out which fields are not worth asking. False if it was stopped.
+bool leave_to_rays(const Scene& scene, const Accel& accel, const CameraSampler& camera, const RenderOptions& options,
+                   const TransportSettings& settings, int spp, const std::atomic<bool>* stop, FieldSet& set,
+                   Stats& stats) {
+  const bool any = std::any_of(set.fields.begin(), set.fields.end(), [](const auto& f) { return f != nullptr; });
+  // Where every cell answers, or none by request, there is nothing to find out.
+  if (!any || !options.leave_to_rays || options.force_ask || options.tolerance >= 1.0f) return true;
+  AnswererSettings counting{settings.isa, options.tolerance, false, false, options.whole_lights};
+  counting.count_uses = true;
+  const ShadowAnswerer answerer(scene, accel, set.pointers(), counting);
+  const TransportContext context(scene, accel, camera, answerer, settings);
+  const FieldSurvey survey = survey_fields(context, crop_window(scene.film, {}), spp, stop);
+  stats.survey_rays = survey.stats.rays_exact;
+  stats.bake_rays += survey.stats.bake_rays;
+  stats.time_bake += survey.stats.time_bake;
+  if (survey.interrupted) return false;
+  for (size_t s = 0; s < set.fields.size(); ++s) {
+    set.left_to_rays[s] = set.fields[s] && leaves_to_rays(survey.uses[s], survey.scale, options.fewest_answers);
+    set.own_to_rays[s] = set.fields[s] && leaves_own_to_rays(survey.uses[s]);
+  }
+  return true;
+}
+
 Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
   Image image;
   image.width = window.width;
@@ -293,13 +323,16 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const CameraSampler camera(scene.camera, scene.film);
     const uint64_t rays_per_light =
         uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
-    const FieldSet fields = make_fields(scene, options, rays_per_light);
+    FieldSet fields = make_fields(scene, options, rays_per_light);
     const Clock::time_point cache_begin = Clock::now();
     const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
     if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
     result.stats.time_cache = seconds_since(cache_begin);
-    const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask,
-                                             options.whole_lights};
+    const bool surveyed =
+        leave_to_rays(scene, accel, camera, options, settings, spp, callbacks.stop, fields, result.stats);
+    AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask,
+                                       options.whole_lights};
+    answerer_settings.own_to_rays = fields.own_to_rays;
     const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
     const TransportContext context(scene, accel, camera, answerer, settings);
 
@@ -307,7 +340,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     Job job{context, aovs, window, spp, result.image, callbacks.stop};
     const std::vector<Rect> tiles = make_tiles(traced_window(scene, window), k_tile_size);
     Progress progress(callbacks, tiles.size());
-    std::atomic<bool> interrupted = false;
+    std::atomic<bool> interrupted = !surveyed;
     tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
     parallel_for(tiles.size(), [&](size_t i) {
       if (interrupted) return;

@@ -41,6 +41,8 @@ struct RenderOptions {
   bool check = false;              // trace an exact ray beside every certified answer, count disagreements
   bool force_ask = false;          // test aid: look up, then treat every cell as one that asks
   bool whole_lights = true;        // ask fields about whole lights first; false: about single rays only
+  bool leave_to_rays = true;       // leave objects to exact rays whose fields a survey finds not worth it
+  uint64_t fewest_answers = 0;     // leave those too whose field would answer fewer rays of the film
   std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao
   float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude the layer ao
 };

@@ -108,6 +108,7 @@ bool wants_field(const Shape& shape) {
 struct ShadowAnswerer::Occluder {
   bool in_ball = false;        // culled by the field's ball, else by the bounding box
   bool answers_cones = false;  // of whole lights
+  bool asks_sheets = true;     // depth cells may answer
   Field* field = nullptr;      // answers within the ball; null: exact rays
   ConeTask cone;               // for the ball
   BoxTask box;
@@ -147,6 +148,9 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
     o.in_ball = wanted[instance.shape];
     o.cone.segment.instance = o.box.instance = i;
     o.cone.segment.policy = policy;
+    // Receivers on an object are answered by depth cells alone.
+    o.asks_sheets = settings.own_to_rays.empty() || !settings.own_to_rays[instance.shape];
+    if (!o.asks_sheets) o.cone.segment.policy.depth_max_class = -1;
     if (o.field) o.cone.segment.field = o.field->view();
     write_unit_transform(instance, field_ball(shape.bounds), o.cone.segment.to_unit);
     o.cone.segment.to_unit_stretch = stretch_bound(o.cone.segment.to_unit);
@@ -169,6 +173,11 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
 }
 
 ShadowAnswerer::~ShadowAnswerer() = default;
+
+FieldUse& ShadowAnswerer::use_of(const Occluder& o, Stats& stats) const {
+  stats.field_uses.resize(scene_.shapes.size());
+  return stats.field_uses[scene_.instances[o.cone.segment.instance].shape];
+}
 
 void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup& group, Stats& stats) const {
   Bounds3 bounds;
@@ -203,7 +212,18 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
       group.met[r] |= work.flags[r];
       if (group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // nothing more to learn
     }
-    if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) ask_cones(o, receivers, group, work, stats);
+    if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) {
+      const auto own_open = [&] {
+        uint64_t n = 0;
+        for (size_t r = 0; r < receivers.size; ++r) {
+          n += receivers.instance[r] == group.candidates[slot] && work.flags[r] == k_may_shadow;
+        }
+        return n;
+      };
+      const uint64_t before = settings_.count_uses ? own_open() : 0;
+      ask_cones(o, receivers, group, work, stats);
+      if (settings_.count_uses) use_of(o, stats).own_answered += (before - own_open()) * uint64_t(group.light_samples);
+    }
     for (size_t r = 0; r < work.flags.size(); ++r) {
       const int32_t flag = work.flags[r];
       group.shadow[r] |= flag & ~k_by_leaves;
@@ -222,13 +242,16 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
   const int side = sheet_side_for(task.segment, light, o.field->parameters().directions);
-  if (side * side <= group.light_samples) task.sheet_side = side;
+  if (o.asks_sheets && side * side <= group.light_samples) task.sheet_side = side;
   ConeUnknowns& unknowns = work.unknowns;
   bake_and_repeat(o, receivers.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
     const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
     stats.cones_clear += counts.clear;
     stats.cones_blocked += counts.blocked;
     stats.lookups += counts.lookups;
+    if (settings_.count_uses) {
+      use_of(o, stats).answered += (counts.clear + counts.blocked) * uint64_t(group.light_samples);
+    }
   });
 }
 
@@ -296,6 +319,11 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
   for (size_t r = 0; r < receivers.size(); ++r) {
     const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(leaves));
     refused[r] = std::find(begin, begin + leaves, 1) != begin + leaves;
+    if (refused[r] || !settings_.count_uses) continue;
+    for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+      if (!(group.by_leaves[receivers[r]] >> slot & 1)) continue;
+      use_of(occluders_[group.candidates[slot]], stats).answered += uint64_t(group.light_samples);
+    }
   }
 }
 
@@ -385,6 +413,21 @@ void ShadowAnswerer::check_answers(const Occluder& o, const ShadowBatch& batch, 
   }
 }
 
+void ShadowAnswerer::count_uses(const Occluder& o, const ShadowBatch& batch, const Workspace& work,
+                                Stats& stats) const {
+  FieldUse& use = use_of(o, stats);
+  for (size_t i = 0; i < batch.rays.size; ++i) {
+    const int32_t verdict = work.states.verdict[i];
+    const bool own = batch.instance[i] == o.cone.segment.instance;
+    const bool asked = verdict == scalar::k_verdict_ask;
+    const bool answered = verdict == scalar::k_verdict_clear || verdict == scalar::k_verdict_blocked;
+    use.asked += asked;
+    use.answered += answered;
+    use.own_asked += own && asked;
+    use.own_answered += own && answered;
+  }
+}
+
 void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
   const size_t n = padded(batch.rays.size);
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
@@ -398,6 +441,7 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
       counts = kernels_.query(o.cone.segment, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
       bake_unknown(o, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);
+      if (settings_.count_uses) count_uses(o, batch, work, stats);
     }
     stats.sphere_crossings += counts.crossings;
     stats.lookups += counts.lookups;
@@ -447,7 +491,7 @@ void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats&
     trace_all(batch, work, stats);
     return;
   }
-  work.states.keep_verdicts = settings_.check;
+  work.states.keep_verdicts = settings_.check || settings_.count_uses;
   work.states.reset(batch.rays.size);
   classify(group, batch, work, stats);
   kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);

@@ -30,6 +30,9 @@ struct AnswererSettings {
   bool check = false;        // trace an exact ray beside every certified answer
   bool force_ask = false;    // look up, then ask all the same
   bool whole_lights = true;  // ask for whole lights before single rays, where a tolerance allows it
+  bool count_uses = false;   // fill Stats::field_uses
+  // Per shape: its receivers are not answered by its own field. Empty: none.
+  std::vector<uint8_t> own_to_rays = {};
 };
 
 // Objects with fewer triangles are left to exact rays, which cost little more than a look-up there.
@@ -116,6 +119,8 @@ class ShadowAnswerer {
   void classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void bake_unknown(const Occluder& occluder, int32_t slot, const ShadowBatch& batch, Workspace& work,
                     Stats& stats) const;
+  FieldUse& use_of(const Occluder& occluder, Stats& stats) const;
+  void count_uses(const Occluder& occluder, const ShadowBatch& batch, const Workspace& work, Stats& stats) const;
   void check_answers(const Occluder& occluder, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void trace(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void trace_all(ShadowBatch& batch, Workspace& work, Stats& stats) const;

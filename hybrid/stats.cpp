@@ -1,5 +1,6 @@
 #include "hybrid/stats.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 namespace fieldtrace {
@@ -22,6 +23,13 @@ void Stats::merge_counters(const Stats& o) {
   cones_blocked += o.cones_blocked;
   leaves += o.leaves;
   leaves_refused += o.leaves_refused;
+  field_uses.resize(std::max(field_uses.size(), o.field_uses.size()));
+  for (size_t s = 0; s < o.field_uses.size(); ++s) {
+    field_uses[s].answered += o.field_uses[s].answered;
+    field_uses[s].asked += o.field_uses[s].asked;
+    field_uses[s].own_answered += o.field_uses[s].own_answered;
+    field_uses[s].own_asked += o.field_uses[s].own_asked;
+  }
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
   for (int verdict = 0; verdict < 2; ++verdict) {
@@ -62,10 +70,11 @@ std::string Stats::to_json() const {
                 {"wrong", check_wrong},
                 {"clear", {{"other", count(check_by[0][0])}, {"own", count(check_by[0][1])}}},
                 {"blocked", {{"other", count(check_by[1][0])}, {"own", count(check_by[1][1])}}}};
-  j["field"] = {{"objects", field_objects},       {"directions", field_directions},
-                {"plane", field_plane},           {"cells_baked", field_cells_baked},
-                {"cells_full", field_cells_full}, {"bytes_memory", field_bytes_memory},
-                {"bytes_disk", field_bytes_disk}};
+  j["field"] = {{"objects", field_objects},           {"left_to_rays", field_left_to_rays},
+                {"own_to_rays", field_own_to_rays},   {"survey_rays", survey_rays},
+                {"directions", field_directions},     {"plane", field_plane},
+                {"cells_baked", field_cells_baked},   {"cells_full", field_cells_full},
+                {"bytes_memory", field_bytes_memory}, {"bytes_disk", field_bytes_disk}};
   j["bake"] = {{"rays", bake_rays}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};
   j["version"] = version;

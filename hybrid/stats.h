@@ -7,8 +7,16 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 namespace fieldtrace {
+
+// What the field of one object did: rays that cross its bounds and light samples spared, by whether it answered; in
+// all, and for receivers on the object itself.
+struct FieldUse {
+  uint64_t answered = 0, asked = 0;
+  uint64_t own_answered = 0, own_asked = 0;
+};
 
 struct Stats {
   std::string method;
@@ -44,7 +52,11 @@ struct Stats {
   CheckCount check_by[2][2];
 
   int field_directions = 0, field_plane = 0;
-  uint64_t field_objects = 0;  // objects answered by fields
+  uint64_t field_objects = 0;        // objects answered by fields
+  uint64_t field_left_to_rays = 0;   // objects that could have a field, and are left to exact rays
+  uint64_t field_own_to_rays = 0;    // objects whose field is not asked about receivers on the object itself
+  uint64_t survey_rays = 0;          // shadow rays traced to find those out, not in rays_exact
+  std::vector<FieldUse> field_uses;  // per shape; empty unless counted (hybrid/field_survey.h)
   uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
   uint64_t bake_rays = 0;
   uint64_t memory_peak_bytes = 0;

@@ -6,6 +6,7 @@
 #include "core/atomic_file.h"
 #include "core/mesh_io.h"
 #include "core/mesh_procedural.h"
+#include "core/mesh_stress.h"
 #include "tools/command.h"
 
 namespace fieldtrace {
@@ -70,6 +71,47 @@ void add_parameters(CLI::App& command, CubeParams& p) {
   parameter(command, "divisions", p.divisions, "Cells along an edge, 1 to 2048");
 }
 
+void add_parameters(CLI::App& command, CombParams& p) {
+  parameter(command, "slats", p.slats, "Slats, 1 to 100000");
+  parameter(command, "solid-share", p.solid_share, "Thickness of a slat / their distance, 0.0001 to below 1");
+}
+
+void add_parameters(CLI::App& command, WireGlobeParams& p) {
+  parameter(command, "meridians", p.meridians, "Great circles through the poles, 0 to 1000");
+  parameter(command, "parallels", p.parallels, "Circles of latitude, 0 to 1000");
+  parameter(command, "wire-radius", p.wire_radius, "Radius of a wire / of the globe, 1e-5 to 0.1");
+  parameter(command, "along", p.along, "Cells along a wire, 8 to 32768");
+  parameter(command, "around", p.around, "Cells around a wire, 3 to 256");
+}
+
+void add_parameters(CLI::App& command, HairBallParams& p) {
+  parameter(command, "hairs", p.hairs, "Hairs, 1 to 1000000");
+  parameter(command, "segments", p.segments, "Segments of a hair, 1 to 64");
+  parameter(command, "hair-radius", p.hair_radius, "Radius of a hair at its root, 1e-5 to 0.05");
+  parameter(command, "ball-radius", p.ball_radius, "Distance of the roots from the centre, 0.05 to 0.9");
+  parameter(command, "bend", p.bend, "Sideways drift of the tip / length, 0 to 1");
+  parameter(command, "seed", p.seed, "Seed of the hairs' directions");
+}
+
+void add_parameters(CLI::App& command, WavySheetParams& p) {
+  parameter(command, "half-size", p.half_size, "Half an edge, 0.01 to 0.7");
+  parameter(command, "amplitude", p.amplitude, "Height of the waves, 0 to 0.15");
+  parameter(command, "waves", p.waves, "Waves along an edge, 0 to 1000");
+  parameter(command, "cells", p.cells, "Cells along an edge, 1 to 4096");
+}
+
+void add_parameters(CLI::App& command, HolySphereParams& p) {
+  parameter(command, "holes", p.holes, "Holes, 0 to 1000");
+  parameter(command, "hole-radius", p.hole_radius_degrees, "Radius of a hole in degrees, 0 to 60");
+  parameter(command, "around", p.around, "Cells around the axis, 3 to 32768");
+  parameter(command, "along", p.along, "Cells from pole to pole, 2 to 32768");
+}
+
+void add_parameters(CLI::App& command, SliverFanParams& p) {
+  parameter(command, "slivers", p.slivers, "Slivers, 1 to 1000000");
+  parameter(command, "aspect", p.aspect, "Width / length of a sliver, 1e-7 to 0.1");
+}
+
 int write_mesh(const std::string& path, const TriangleMesh& mesh) {
   save_ply(path, mesh);
   fmt::print(stderr, "{}: {} triangles, {} vertices\n", path, mesh.triangles.size(), mesh.positions.size());
@@ -111,6 +153,12 @@ void add_mesh_command(CommandLine& line) {
   add_generator(mesh, line, "sphere", "Sphere of latitudes and longitudes", make_sphere);
   add_generator(mesh, line, "plane", "Square grid", make_plane);
   add_generator(mesh, line, "cube", "Cube", make_cube);
+  add_generator(mesh, line, "comb", "Parallel thin slats", make_comb);
+  add_generator(mesh, line, "globe", "Globe of wires", make_wire_globe);
+  add_generator(mesh, line, "hairs", "Hairs that grow out of a ball", make_hair_ball);
+  add_generator(mesh, line, "sheet", "Open wavy sheet", make_wavy_sheet);
+  add_generator(mesh, line, "holes", "Sphere with round holes", make_holy_sphere);
+  add_generator(mesh, line, "fan", "Fan of slivers", make_sliver_fan);
 }
 
 }  // namespace fieldtrace

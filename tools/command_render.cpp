@@ -72,8 +72,16 @@ void print_summary(const Stats& s) {
     fmt::print(stderr, "fields  {} object{}, {} x {} cells, {} of {} baked, {} in memory\n", s.field_objects,
                s.field_objects == 1 ? "" : "s", s.field_directions, s.field_plane, count(s.field_cells_baked),
                count(s.field_cells_full), megabytes(s.field_bytes_memory));
-  } else if (s.method == "hybrid" && s.tolerance > 0) {
+  } else if (s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {
     fmt::print(stderr, "fields  none: every object is too simple to gain from one\n");
+  }
+  if (s.field_left_to_rays > 0) {
+    fmt::print(stderr, "left    {} object{} to exact rays: fields would answer too little\n", s.field_left_to_rays,
+               s.field_left_to_rays == 1 ? "" : "s");
+  }
+  if (s.field_own_to_rays > 0) {
+    fmt::print(stderr, "left    {} object{} to exact rays for shadows on themselves\n", s.field_own_to_rays,
+               s.field_own_to_rays == 1 ? "" : "s");
   }
   fmt::print(stderr, "exact   {:.1f} % of the shadow rays near an object, {:.2f} objects a ray\n",
              100.0 * s.exact_fraction(), s.spheres_per_ray());

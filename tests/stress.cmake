@@ -1,0 +1,1 @@
+fieldtrace_test(stress_test LABELS slow)
