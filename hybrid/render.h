@@ -34,6 +34,8 @@ struct RenderOptions {
   int directions = 0;            // D: 32, 64, 128, 256; 0: chosen from the scene
   int plane = 0;                 // N: 64, 128, 256, 512; 0: chosen from the scene
   std::string field_cache;       // directory; empty: fields live in memory only
+  uint64_t field_cache_limit = 0;  // bytes of field files in that directory; 0: no limit
+  uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's
   int threads = 0;               // 0: all hardware threads
   Isa isa = Isa::automatic;
   std::optional<Rect> crop;        // within the film's crop window

@@ -42,6 +42,9 @@ struct Stats {
   int field_directions = 0, field_plane = 0;
   uint64_t field_objects = 0;  // objects answered by fields
   uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
+  uint64_t field_tiles_baked = 0;  // coverage tiles
+  uint64_t field_bytes_budget = 0, field_bytes_peak = 0;
+  uint64_t field_restarts = 0;  // attempts that outgrew the budget
   uint64_t bake_rays = 0;
   uint64_t memory_peak_bytes = 0;
   std::string version;
@@ -60,6 +63,10 @@ struct Stats {
     check_wrong += wrong;
     check_by[blocked][own].answers += 1;
     check_by[blocked][own].wrong += wrong;
+  }
+  void add_bake(const Stats& other) {  // its cost alone: for work that was thrown away
+    bake_rays += other.bake_rays;
+    time_bake += other.time_bake;
   }
   void merge_counters(const Stats& other);  // adds rays, look-ups, checks and stage times
   std::string to_json() const;              // nested by the dots of the documented keys
