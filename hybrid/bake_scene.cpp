@@ -132,8 +132,14 @@ void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const 
   render_options.threads = options.threads;
   render_options.field_cache = scratch.path();
   render_options.field_memory = options.field_memory;
-  const RenderResult rendered = render(scene, render_options, callbacks);
-  result.interrupted = rendered.interrupted;
+  // Single rays demand slices; where there are more samples, whole lights come first and demand coverage tiles.
+  RenderResult rendered;
+  for (const int light_samples : {1, k_fewest_cone_samples}) {
+    render_options.light_samples = light_samples;
+    rendered = render(scene, render_options, callbacks);
+    result.interrupted = rendered.interrupted;
+    if (result.interrupted) break;
+  }
   FieldParameters fields = options.fields;
   if (rendered.stats.field_objects > 0) {
     fields.directions = rendered.stats.field_directions;
