@@ -3,7 +3,8 @@
 // The two methods share every line except how a batch of shadow rays is answered (hybrid/shadow_answer.h).
 // Determinism: for one scene, options and seed the picture is bit-identical for any thread count and
 // instruction set, with or without a field cache, and the same in every crop window (scenes of more than
-// k_most_candidates instances trace whole tiles for that, and count these rays). Thread-safety: render() may be called
+// k_most_candidates instances trace whole tiles for that, and count these rays). Where fields outgrow their memory the
+// render begins again with less (hybrid/field_set.h), and the picture is that of the memory and the crop window, too. Thread-safety: render() may be called
 // from several threads with different scenes.
 #pragma once
 
@@ -33,7 +34,7 @@ struct RenderOptions {
   float tolerance = 0.1f;        // [0, 1]: 0 traces every ray, 1 lets every cell answer
   int directions = 0;            // D: 32, 64, 128, 256; 0: chosen from the scene
   int plane = 0;                 // N: 64, 128, 256, 512; 0: chosen from the scene
-  std::string field_cache;       // directory; empty: fields live in memory only
+  std::string field_cache;         // directory; empty: fields live in memory only
   uint64_t field_cache_limit = 0;  // bytes of field files in that directory; 0: no limit
   uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's
   int threads = 0;               // 0: all hardware threads
