@@ -84,8 +84,8 @@ class FullBaker {
             const FullBakeCallbacks& callbacks)
       : field_(field), accel_(accel), shape_(shape), counters_(counters), callbacks_(callbacks) {
     const FieldParameters& p = field.parameters();
-    total_ = double(p.lines) *
-             double(reachable_cells(p, FieldLayer::visibility) + reachable_cells(p, FieldLayer::depth));
+    total_ =
+        double(p.lines) * double(reachable_cells(p, FieldLayer::visibility) + reachable_cells(p, FieldLayer::depth));
     total_ += double(field.coverage().slot_count()) * CoverageTiles::k_lines_per_tile;
   }
 

@@ -34,9 +34,9 @@ struct FullBakeCallbacks {
 };
 
 // Bakes every reachable slice of both layers, then the coverage tiles in the order of their slots, as many as the
-// field's budget has room for, on the threads of the current TBB arena. Throws Error, before it starts, if the slices do
-// not fit.
+// field's budget has room for, on the threads of the current TBB arena. Throws Error, before it starts, if the slices
+// do not fit.
 FullBakeResult bake_full(Field& field, const Accel& accel, uint32_t shape, BakeCounters& counters,
-               const FullBakeCallbacks& callbacks = {});
+                         const FullBakeCallbacks& callbacks = {});
 
 }  // namespace fieldtrace

@@ -37,9 +37,7 @@ Coord patch_origin(int tiles, uint32_t octet, uint32_t tile, int patch) {
 
 struct Place {
   uint32_t octet = 0, tile = 0, layer = 0;
-  bool operator<(const Place& o) const {
-    return std::tie(octet, tile, layer) < std::tie(o.octet, o.tile, o.layer);
-  }
+  bool operator<(const Place& o) const { return std::tie(octet, tile, layer) < std::tie(o.octet, o.tile, o.layer); }
 };
 
 Place place_of(uint32_t slot, int tiles) {

@@ -95,7 +95,8 @@ uint64_t Field::most_bytes(const FieldParameters& p) {
   const uint64_t bricks = direction_bricks * uint64_t(p.plane / 4) * uint64_t(p.plane / 8);
   const uint64_t tiles_along = uint64_t(CoverageTiles::lines_for(p.plane) / scalar::k_tile_lines);
   const uint64_t tiles = uint64_t(p.directions) * uint64_t(p.directions) * tiles_along * tiles_along;
-  return sizeof(int32_t) * (direction_bricks + bricks + tiles) + bricks * (brick_bytes(FieldLayer::visibility) + brick_bytes(FieldLayer::depth)) +
+  return sizeof(int32_t) * (direction_bricks + bricks + tiles) +
+         bricks * (brick_bytes(FieldLayer::visibility) + brick_bytes(FieldLayer::depth)) +
          tiles * CoverageTiles::k_tile_bytes;
 }
 

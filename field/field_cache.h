@@ -24,7 +24,8 @@ class FieldCache {
  public:
   // Makes the folder if need be. Throws Error if it cannot be made or files cannot be made in it: long work learns this
   // before it starts. `warning` is called from the threads that load and store, one at a time.
-  explicit FieldCache(const std::string& folder, WarningSink warning = {}) : FieldCache(folder, 0, std::move(warning)) {}
+  explicit FieldCache(const std::string& folder, WarningSink warning = {})
+      : FieldCache(folder, 0, std::move(warning)) {}
   // `most_bytes`: of the field files in the folder; 0: no limit.
   FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning = {});
 

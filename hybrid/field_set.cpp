@@ -14,7 +14,8 @@ constexpr int k_fewest_directions = 32, k_fewest_plane = 64;
 // Shapes that want a field, in the order in which they get one.
 std::vector<uint32_t> shapes_by_gain(const Scene& scene) {
   std::vector<uint64_t> gain(scene.shapes.size(), 0);
-  for (const Instance& instance : scene.instances) gain[instance.shape] += scene.shapes[instance.shape].triangle_count();
+  for (const Instance& instance : scene.instances)
+    gain[instance.shape] += scene.shapes[instance.shape].triangle_count();
   std::vector<uint32_t> order(scene.shapes.size());
   std::iota(order.begin(), order.end(), 0u);
   std::erase_if(order, [&](uint32_t s) { return !wants_field(scene.shapes[s]); });

@@ -5,10 +5,11 @@
 //   2. with half of D and N, again and again, down to 32 x 64;
 //   3. with fields for so few shapes that complete ones fit, those with the most triangles times instances; the others
 //      are left to exact rays.
-// Every step is chosen from constants, the scene and the budget, and each attempt's need is a matter of what the picture
-// demands. So the picture does not depend on threads, tiles or the state of a cache here either, as long as the need of
-// an attempt does not end within about a thousandth of the budget: there a few cells that threads bake in vain, ahead of
-// an answer that makes them needless, may decide. Thread-safety: FieldSet by one thread; its fields by any number.
+// Every step is chosen from constants, the scene and the budget, and each attempt's need is a matter of what the
+// picture demands. So the picture does not depend on threads, tiles or the state of a cache here either, as long as the
+// need of an attempt does not end within about a thousandth of the budget: there a few cells that threads bake in vain,
+// ahead of an answer that makes them needless, may decide. Thread-safety: FieldSet by one thread; its fields by any
+// number.
 #pragma once
 
 #include <memory>

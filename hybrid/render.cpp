@@ -242,8 +242,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const CameraSampler camera(scene.camera, scene.film);
     const uint64_t rays_per_light =
         uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
-    const bool wants_fields =
-        options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
+    const bool wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
     const uint64_t budget = options.field_memory ? options.field_memory : default_field_memory();
     const AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask,
                                              options.whole_lights};

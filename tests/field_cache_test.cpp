@@ -275,7 +275,7 @@ TEST_F(LimitedCache, ForeignFilesAreNeitherCountedNorRemoved) {
   const std::string hex(32, 'a'), big(1 << 20, 'x');
   write("notes.txt", big);
   write("volume.vdb", big);
-  write(hex + ".vdb", big);         // named like a field, but none
+  write(hex + ".vdb", big);  // named like a field, but none
   write(hex + ".png", big);
   fs::copy_file(own, folder_ / "kept.vdb");  // a field under a name of the user's
   fs::create_directory(folder_ / (std::string(32, 'b') + ".vdb"));

@@ -49,11 +49,25 @@ class SharedCache : public testing::Test {
   }
   Program render_in(const std::string& folder, const std::string& crop, int lamp,
                     const std::vector<std::string>& more = {}) {
-    std::vector<std::string> arguments = {"render",   "../scene.xml",   "-o",           "out.exr",
-                                          "--quiet",  "--stats",        "stats.json",   "--crop",
-                                          crop,       "-D",             "lamp=" + std::to_string(lamp),
-                                          "--light-samples", "4",       "--directions", "32",
-                                          "--plane",  "64",             "--threads",    "2"};
+    std::vector<std::string> arguments = {"render",
+                                          "../scene.xml",
+                                          "-o",
+                                          "out.exr",
+                                          "--quiet",
+                                          "--stats",
+                                          "stats.json",
+                                          "--crop",
+                                          crop,
+                                          "-D",
+                                          "lamp=" + std::to_string(lamp),
+                                          "--light-samples",
+                                          "4",
+                                          "--directions",
+                                          "32",
+                                          "--plane",
+                                          "64",
+                                          "--threads",
+                                          "2"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return in(folder, arguments);
   }

@@ -141,7 +141,8 @@ void print_field_json(const std::string& path) {
   const FieldIdentity& identity = info.header.identity;
   const Vec3& centre = info.header.ball.centre;
   const auto layer = [&](const LayerInfo& l) {
-    return Json{{"cells_baked", l.cells_baked}, {"cells_reachable", l.cells_reachable}, {"cells_full", info.cells_full}};
+    return Json{
+        {"cells_baked", l.cells_baked}, {"cells_reachable", l.cells_reachable}, {"cells_full", info.cells_full}};
   };
   const LayerInfo &v = info.visibility, &d = info.depth;
   Json visibility = layer(v), depth = layer(d);

@@ -110,8 +110,9 @@ void add_memory_option(CLI::App& command, uint64_t& bytes) {
 }
 
 CLI::Option* add_cache_limit_option(CLI::App& command, uint64_t& bytes) {
-  return add_megabytes(command, "--field-cache-limit", bytes,
-                       "Size that the folder of fields is kept below by removing the least recently used (default: none)");
+  return add_megabytes(
+      command, "--field-cache-limit", bytes,
+      "Size that the folder of fields is kept below by removing the least recently used (default: none)");
 }
 
 void add_scene_reading_options(CLI::App& command, SceneArguments& arguments) {
