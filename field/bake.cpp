@@ -372,9 +372,10 @@ void bake_slices(Field& field, FieldLayer layer, std::span<const uint32_t> slice
     if (!claims.take(slice) && !field.pool_full()) elsewhere.push_back(slice);
   }
   bake_claims();
-  // Whoever claimed these holds no other wait, so this ends; who failed gave them back, and they are baked here.
+  // Whoever claimed these holds no other wait, so this ends; who failed gave them back, and they are baked here. Who
+  // found no room gave them back too: then nobody can bake them.
   for (const uint32_t slice : elsewhere) {
-    while (!field.finished(layer, slice)) {
+    while (!field.finished(layer, slice) && !field.pool_full()) {
       std::this_thread::yield();
       if (claims.take(slice)) bake_claims();
     }

@@ -2,15 +2,21 @@
 
 #include <algorithm>
 #include <mutex>
+#include <numeric>
 #include <vector>
 
 #include "core/parallel.h"
+#include "field/bake_coverage.h"
 
 namespace fieldtrace {
 namespace {
 
 // Slices that one task bakes: some milliseconds of work, so that stopping is prompt.
 constexpr size_t k_slices_per_task = 64;
+
+// Tiles between two looks at the budget, and in one task of these.
+constexpr uint32_t k_tiles_at_once = 1024;
+constexpr uint32_t k_tiles_per_task = 16;
 
 // Cells between cell i of n and the middle of its axis: 0 for the two in the middle.
 int cells_from_middle(int i, int n) { return i >= n / 2 ? i - n / 2 : n / 2 - 1 - i; }
@@ -49,37 +55,128 @@ uint64_t reachable_cells(const FieldParameters& p, FieldLayer layer) {
   return directions * slices * uint64_t(scalar::k_slice_cells);
 }
 
-bool bake_full(Field& field, const Accel& accel, uint32_t shape, BakeCounters& counters,
-               const FullBakeCallbacks& callbacks) {
-  const double total = double(reachable_cells(field.parameters(), FieldLayer::visibility) +
-                              reachable_cells(field.parameters(), FieldLayer::depth));
-  std::mutex mutex;
-  double done = 0.0;
-  std::atomic<bool> stopped = false;
-  for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth}) {
-    const size_t tasks = (field.slice_count() + k_slices_per_task - 1) / k_slices_per_task;
-    parallel_for(tasks, [&](size_t task) {
-      if (stopped || field.pool_full()) return;
-      if (callbacks.stop && callbacks.stop->load(std::memory_order_relaxed)) {
-        stopped = true;
-        return;
+uint64_t full_brick_bytes(const FieldParameters& p) {
+  uint64_t plane_bricks = 0;
+  for (int a = 0; a < p.plane; a += 4) {
+    for (int b = 0; b < p.plane; b += 8) plane_bricks += plane_reachable(p, a, b);
+  }
+  const uint64_t tables_of_page = uint64_t(p.plane / 4) * uint64_t(p.plane / 8) * sizeof(int32_t);
+  uint64_t bytes = 0;
+  for (int u = 0; u < p.directions; u += 4) {
+    for (int v = 0; v < p.directions; v += 4) {
+      bool has_visibility = false;
+      for (int i = 0; i < 16; ++i) {
+        has_visibility = has_visibility || direction_reachable(p, FieldLayer::visibility, u + i / 4, v + i % 4);
       }
+      bytes += sizeof(int32_t) + tables_of_page + plane_bricks * Field::brick_bytes(FieldLayer::depth);
+      if (has_visibility) bytes += plane_bricks * Field::brick_bytes(FieldLayer::visibility);
+    }
+  }
+  return bytes;
+}
+
+namespace {
+
+// One full bake; progress is measured in lines of slices' cells.
+class FullBaker {
+ public:
+  FullBaker(Field& field, const Accel& accel, uint32_t shape, BakeCounters& counters,
+            const FullBakeCallbacks& callbacks)
+      : field_(field), accel_(accel), shape_(shape), counters_(counters), callbacks_(callbacks) {
+    const FieldParameters& p = field.parameters();
+    total_ =
+        double(p.lines) * double(reachable_cells(p, FieldLayer::visibility) + reachable_cells(p, FieldLayer::depth));
+    total_ += double(field.coverage().slot_count()) * CoverageTiles::k_lines_per_tile;
+  }
+
+  void bake_layer(FieldLayer layer) {
+    const size_t tasks = (field_.slice_count() + k_slices_per_task - 1) / k_slices_per_task;
+    parallel_for(tasks, [&](size_t task) {
+      if (is_stopped() || field_.pool_full()) return;
       std::vector<uint32_t> slices;
-      const size_t end = std::min<size_t>((task + 1) * k_slices_per_task, field.slice_count());
+      const size_t end = std::min<size_t>((task + 1) * k_slices_per_task, field_.slice_count());
       for (size_t s = task * k_slices_per_task; s < end; ++s) {
-        if (slice_reachable(field.parameters(), layer, field.slice_address(uint32_t(s)))) slices.push_back(uint32_t(s));
+        if (slice_reachable(field_.parameters(), layer, field_.slice_address(uint32_t(s)))) {
+          slices.push_back(uint32_t(s));
+        }
       }
       BakeCounters mine;
-      bake_slices(field, layer, slices, accel, shape, mine);
-      const std::lock_guard lock(mutex);
-      counters.rays += mine.rays;
-      counters.seconds += mine.seconds;
-      done += double(slices.size()) * scalar::k_slice_cells;
-      if (callbacks.progress) callbacks.progress(done / total);
+      bake_slices(field_, layer, slices, accel_, shape_, mine);
+      add(mine, double(slices.size()) * scalar::k_slice_cells * field_.parameters().lines);
     });
   }
-  if (field.pool_full()) throw Error("a field of this size does not fit; use a smaller --directions or --plane");
-  return !stopped;
+
+  // Returns how many tiles were left out for want of memory.
+  uint64_t bake_tiles() {
+    const uint32_t count = field_.coverage().slot_count();
+    for (uint32_t begin = 0; begin < count; begin += k_tiles_at_once) {
+      const uint32_t end = std::min(begin + k_tiles_at_once, count);
+      // Whether each of them takes room is known only afterwards; all of them together decide, so that what is baked
+      // does not depend on threads.
+      if (!has_room(uint64_t(end - begin) * (CoverageTiles::k_tile_bytes + sizeof(int32_t)))) return count - begin;
+      parallel_for((end - begin + k_tiles_per_task - 1) / k_tiles_per_task, [&](size_t task) {
+        if (is_stopped()) return;
+        const uint32_t first = begin + uint32_t(task) * k_tiles_per_task;
+        std::vector<uint32_t> slots(std::min(k_tiles_per_task, end - first));
+        std::iota(slots.begin(), slots.end(), first);
+        BakeCounters mine;
+        bake_coverage(field_, slots, accel_, shape_, mine);
+        add(mine, double(slots.size()) * CoverageTiles::k_lines_per_tile);
+      });
+      if (stopped_) return 0;
+    }
+    return 0;
+  }
+
+  bool stopped() const { return stopped_; }
+
+ private:
+  bool is_stopped() {
+    if (callbacks_.stop && callbacks_.stop->load(std::memory_order_relaxed)) stopped_ = true;
+    return stopped_;
+  }
+  bool has_room(uint64_t bytes) const {
+    const FieldBudget* const budget = field_.budget();
+    return !field_.coverage().full() && (!budget || bytes <= budget->limit() - budget->used());
+  }
+  void add(const BakeCounters& mine, double lines) {
+    const std::lock_guard lock(mutex_);
+    counters_.rays += mine.rays;
+    counters_.seconds += mine.seconds;
+    done_ += lines;
+    if (callbacks_.progress) callbacks_.progress(done_ / total_);
+  }
+
+  Field& field_;
+  const Accel& accel_;
+  uint32_t shape_;
+  BakeCounters& counters_;
+  const FullBakeCallbacks& callbacks_;
+  std::mutex mutex_;
+  double done_ = 0.0, total_ = 0.0;
+  std::atomic<bool> stopped_ = false;
+};
+
+}  // namespace
+
+FullBakeResult bake_full(Field& field, const Accel& accel, uint32_t shape, BakeCounters& counters,
+                         const FullBakeCallbacks& callbacks) {
+  const uint64_t needed = full_brick_bytes(field.parameters());
+  const FieldBudget* const budget = field.budget();
+  const auto fail = [&] {
+    throw Error("all cells of a field of this size take " + std::to_string((needed + 999999) / 1000000) +
+                " MB of memory, more than there is for them; use a smaller --directions or --plane, or raise "
+                "--field-memory");
+  };
+  if (budget && needed > budget->limit()) fail();
+  FullBaker baker(field, accel, shape, counters, callbacks);
+  baker.bake_layer(FieldLayer::visibility);
+  baker.bake_layer(FieldLayer::depth);
+  if (field.pool_full()) fail();
+  FullBakeResult result;
+  result.tiles_left_out = baker.bake_tiles();
+  result.stopped = baker.stopped();
+  return result;
 }
 
 }  // namespace fieldtrace

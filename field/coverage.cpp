@@ -10,7 +10,10 @@ constexpr int32_t k_unknown = 0, k_empty = 1, k_claimed = -1;
 // Words are addressed by 31-bit offsets.
 constexpr uint64_t k_most_tiles = (uint64_t(1) << 31) / scalar::k_tile_words - 1;
 
-std::atomic_ref<int32_t> shared(const int32_t& value) { return std::atomic_ref<int32_t>(const_cast<int32_t&>(value)); }
+template <class T>
+std::atomic_ref<T> shared(const T& value) {
+  return std::atomic_ref<T>(const_cast<T&>(value));
+}
 
 int32_t grain_of(std::span<const uint16_t> lines) {
   int thin = 0, edges = 0;
@@ -33,12 +36,13 @@ int32_t line_word(uint16_t line) { return line == 0 ? 0 : 1 + (int32_t(line - 1)
 
 int CoverageTiles::lines_for(int plane) { return std::clamp(2 * plane, 128, 512); }
 
-CoverageTiles::CoverageTiles(int directions, int plane)
-    : directions_(directions), lines_(lines_for(plane)), tiles_(lines_ / k_side) {
+CoverageTiles::CoverageTiles(int directions, int plane, FieldBudget* budget)
+    : directions_(directions), lines_(lines_for(plane)), tiles_(lines_ / k_side), budget_(budget) {
   const uint64_t slots = uint64_t(directions) * directions * tiles_ * tiles_;
   max_tiles_ = uint32_t(std::min(slots + 2, k_most_tiles));
   tile_of_ = VirtualBuffer<int32_t>(slots);
   sums_ = VirtualBuffer<int32_t>(size_t(max_tiles_) * scalar::k_tile_words);
+  touched_ = VirtualBuffer<uint8_t>((slots + k_part_slots - 1) / k_part_slots);
 }
 
 CoverageView CoverageTiles::view() const { return {tiles_, 0.5f * float(lines_), tile_of_.data(), sums_.data()}; }
@@ -48,8 +52,24 @@ CoverageTiles::Place CoverageTiles::place(uint32_t slot) const {
   return {slot / per_plane, int(tile) % tiles_ * k_side, int(tile) / tiles_ * k_side};
 }
 
+bool CoverageTiles::charge(uint64_t bytes) {
+  if (budget_ && !budget_->take(bytes)) {
+    full_.store(true, std::memory_order_relaxed);
+    return false;
+  }
+  committed_.fetch_add(bytes, std::memory_order_relaxed);
+  return true;
+}
+
+// Before a slot is written for the first time.
+bool CoverageTiles::touch_part(uint32_t slot) {
+  const auto part = shared(touched_[slot / k_part_slots]);
+  if (part.load(std::memory_order_relaxed) != 0 || part.exchange(1, std::memory_order_relaxed) != 0) return true;
+  return charge(uint64_t(std::min(k_part_slots, slot_count())) * sizeof(int32_t));
+}
+
 bool CoverageTiles::claim(uint32_t slot) {
-  if (full()) return false;
+  if (full() || !touch_part(slot)) return false;
   int32_t expected = k_unknown;
   return shared(tile_of_[slot]).compare_exchange_strong(expected, k_claimed, std::memory_order_acq_rel);
 }
@@ -65,7 +85,9 @@ bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines) {
   if (std::any_of(lines.begin(), lines.end(), [](uint16_t l) { return l != 0; })) {
     {
       const std::lock_guard lock(growth_);
-      if (tile_count_ >= max_tiles_) {
+      const bool is_last = tile_count_ >= max_tiles_;
+      if (is_last && budget_) budget_->refuse();
+      if (is_last || !charge(k_tile_bytes)) {
         full_.store(true, std::memory_order_relaxed);
         give_back(slot);
         return false;
@@ -92,8 +114,13 @@ bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines) {
 
 std::vector<uint32_t> CoverageTiles::baked() const {
   std::vector<uint32_t> slots;
-  for (uint32_t s = 0; s < slot_count(); ++s) {
-    if (finished(s)) slots.push_back(s);
+  slots.reserve(tiles_baked());
+  for (uint32_t begin = 0; begin < slot_count(); begin += k_part_slots) {
+    if (shared(touched_[begin / k_part_slots]).load(std::memory_order_relaxed) == 0) continue;
+    const uint32_t end = std::min(begin + k_part_slots, slot_count());
+    for (uint32_t s = begin; s < end; ++s) {
+      if (finished(s)) slots.push_back(s);
+    }
   }
   return slots;
 }
@@ -107,11 +134,6 @@ void CoverageTiles::read(uint32_t slot, std::span<uint16_t> lines) const {
       lines[size_t(y * k_side + x)] = word == 0 ? uint16_t(0) : uint16_t((word >> scalar::k_count_bits) + 1);
     }
   }
-}
-
-uint64_t CoverageTiles::bytes() const {
-  return stored_.load(std::memory_order_relaxed) * scalar::k_tile_words * sizeof(int32_t) +
-         uint64_t(slot_count()) * sizeof(int32_t);
 }
 
 }  // namespace fieldtrace

@@ -13,6 +13,7 @@
 
 #include "core/virtual_buffer.h"
 #include "field/coverage.hd.h"
+#include "field/field_budget.h"
 #include "field/view.h"
 
 namespace fieldtrace {
@@ -23,8 +24,9 @@ using TileLines = std::vector<uint16_t>;  // 32 x 32, row by row
 class CoverageTiles {
  public:
   CoverageTiles() = default;
-  // For D x D directions and planes of N x N cells. Throws Error if address space runs out.
-  CoverageTiles(int directions, int plane);
+  // For D x D directions and planes of N x N cells. `budget`, if not null, is charged for what is baked, and must
+  // outlive the tiles. Throws Error if address space runs out.
+  CoverageTiles(int directions, int plane, FieldBudget* budget = nullptr);
 
   // L for planes of N x N cells: two lines for each cell along each side, within limits.
   static int lines_for(int plane);
@@ -47,21 +49,34 @@ class CoverageTiles {
   bool finished(uint32_t slot) const;
   bool full() const { return full_.load(std::memory_order_relaxed); }
 
-  // Slots that are baked, ascending; and their lines as they were given to finish().
+  // Slots that are baked, ascending; and their lines as they were given to finish(). Looks at the parts of the table
+  // that anything was claimed in, not at all of it.
   std::vector<uint32_t> baked() const;
   void read(uint32_t slot, std::span<uint16_t> lines) const;
-  uint64_t lines_baked() const { return baked_.load(std::memory_order_relaxed) * k_lines_per_tile; }
-  uint64_t bytes() const;
+  uint64_t tiles_baked() const { return baked_.load(std::memory_order_relaxed); }
+  uint64_t tiles_stored() const { return stored_.load(std::memory_order_relaxed); }  // those that meet something
+  uint64_t lines_baked() const { return tiles_baked() * k_lines_per_tile; }
+  // Memory in use: sums, and the parts of the table that were written.
+  uint64_t bytes() const { return committed_.load(std::memory_order_relaxed); }
 
   static constexpr uint64_t k_lines_per_tile = uint64_t(scalar::k_tile_lines) * scalar::k_tile_lines;
+  static constexpr uint64_t k_tile_bytes = uint64_t(scalar::k_tile_words) * sizeof(int32_t);
 
  private:
+  // Part of the table that one page of memory holds.
+  static constexpr uint32_t k_part_slots = 1024;
+
+  bool charge(uint64_t bytes);
+  bool touch_part(uint32_t slot);
+
   int directions_ = 0, lines_ = 0, tiles_ = 0;
   uint32_t max_tiles_ = 0;
+  FieldBudget* budget_ = nullptr;
   VirtualBuffer<int32_t> tile_of_, sums_;
+  VirtualBuffer<uint8_t> touched_;  // per part of the table: not 0 once a slot of it was claimed
   std::mutex growth_;
   uint32_t tile_count_ = 2;  // 0 and 1 are all zero
-  std::atomic<uint64_t> baked_ = 0, stored_ = 0;
+  std::atomic<uint64_t> baked_ = 0, stored_ = 0, committed_ = 0;
   std::atomic<bool> full_ = false;
 };
 

@@ -10,6 +10,9 @@ namespace {
 // Cells are addressed by 31-bit offsets into the pool.
 constexpr uint32_t k_max_pool_bricks = (1u << 31) / scalar::k_brick_cells - 1;
 
+// The bits of a layer's slices in a brick's masks.
+uint32_t layer_bits(FieldLayer layer) { return layer == FieldLayer::depth ? 0xffff0000u : 0xffffu; }
+
 uint32_t slice_bit(FieldLayer layer, uint32_t direction_in_brick) {
   return 1u << (direction_in_brick + (layer == FieldLayer::depth ? 16 : 0));
 }
@@ -59,8 +62,11 @@ Sphere field_ball(const Bounds3& bounds) {
   return ball;
 }
 
-Field::Field(const Sphere& ball, const FieldParameters& parameters)
-    : ball_(ball), parameters_(checked(parameters)), coverage_(parameters.directions, parameters.plane) {
+Field::Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget* budget)
+    : ball_(ball),
+      parameters_(checked(parameters)),
+      budget_(budget),
+      coverage_(parameters.directions, parameters.plane, budget) {
   const FieldView v = view();
   const size_t direction_bricks = size_t(v.direction_bricks) * v.direction_bricks;
   max_bricks_ = uint32_t(std::min<size_t>(direction_bricks * v.plane_bricks + 1, k_max_pool_bricks));
@@ -73,6 +79,34 @@ Field::Field(const Sphere& ball, const FieldParameters& parameters)
   primitive_ = VirtualBuffer<int32_t>(cells);
   claimed_ = VirtualBuffer<uint32_t>(max_bricks_);
   finished_ = VirtualBuffer<uint32_t>(max_bricks_);
+  charge(direction_bricks * sizeof(int32_t));
+}
+
+Field::~Field() {
+  if (budget_) budget_->give_back(bytes());
+}
+
+uint64_t Field::brick_bytes(FieldLayer layer) {
+  return uint64_t(scalar::k_brick_cells) * (layer == FieldLayer::visibility ? 1 : 3 * sizeof(int32_t));
+}
+
+uint64_t Field::most_bytes(const FieldParameters& p) {
+  const uint64_t direction_bricks = uint64_t(p.directions / 4) * uint64_t(p.directions / 4);
+  const uint64_t bricks = direction_bricks * uint64_t(p.plane / 4) * uint64_t(p.plane / 8);
+  const uint64_t tiles_along = uint64_t(CoverageTiles::lines_for(p.plane) / scalar::k_tile_lines);
+  const uint64_t tiles = uint64_t(p.directions) * uint64_t(p.directions) * tiles_along * tiles_along;
+  return sizeof(int32_t) * (direction_bricks + bricks + tiles) +
+         bricks * (brick_bytes(FieldLayer::visibility) + brick_bytes(FieldLayer::depth)) +
+         tiles * CoverageTiles::k_tile_bytes;
+}
+
+bool Field::charge(uint64_t bytes) {
+  if (budget_ && !budget_->take(bytes)) {
+    pool_full_.store(true, std::memory_order_relaxed);
+    return false;
+  }
+  committed_.fetch_add(bytes, std::memory_order_relaxed);
+  return true;
 }
 
 FieldView Field::view() const {
@@ -142,15 +176,16 @@ uint32_t Field::brick_for(uint32_t direction_brick, uint32_t plane_brick) {
   const uint32_t brick = brick_count_.load(std::memory_order_relaxed);
   if (brick >= max_bricks_) {
     pool_full_.store(true, std::memory_order_relaxed);
+    if (budget_) budget_->refuse();
     return 0;
   }
-  brick_count_.store(brick + 1, std::memory_order_relaxed);
   int32_t page = load_shared(top_[direction_brick]);
   if (page == 0) {
+    if (!charge(uint64_t(view().plane_bricks) * sizeof(int32_t))) return 0;
     page = int32_t(page_count_.fetch_add(1, std::memory_order_relaxed));
     shared(top_[direction_brick]).store(page, std::memory_order_release);
-    bytes_ += uint64_t(view().plane_bricks) * sizeof(int32_t);
   }
+  brick_count_.store(brick + 1, std::memory_order_relaxed);
   shared(pages_[size_t(page) * view().plane_bricks + plane_brick]).store(int32_t(brick), std::memory_order_release);
   return brick;
 }
@@ -163,6 +198,11 @@ std::optional<uint32_t> Field::claim(FieldLayer layer, uint32_t slice) {
   const uint32_t bit = slice_bit(layer, direction % 16);
   const uint32_t before = shared(claimed_[brick]).fetch_or(bit, std::memory_order_acq_rel);
   if (before & bit) return std::nullopt;
+  const bool is_first = (before & layer_bits(layer)) == 0;  // of this layer in the brick
+  if (is_first && !charge(brick_bytes(layer))) {
+    give_back(layer, slice);
+    return std::nullopt;
+  }
   return brick * uint32_t(scalar::k_brick_cells) + (direction % 16) * uint32_t(scalar::k_slice_cells);
 }
 
@@ -171,7 +211,6 @@ void Field::finish(FieldLayer layer, uint32_t slice) {
   const uint32_t bit = slice_bit(layer, direction % 16);
   shared(finished_[brick_of_slice(slice)]).fetch_or(bit, std::memory_order_release);
   cells_baked_ += scalar::k_slice_cells;
-  bytes_ += uint64_t(scalar::k_slice_cells) * (layer == FieldLayer::visibility ? 1 : 3 * sizeof(int32_t));
 }
 
 void Field::give_back(FieldLayer layer, uint32_t slice) {
@@ -195,20 +234,6 @@ void Field::store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate
   shared(certificate_[cell]).store(int32_t(certificate), std::memory_order_release);
 }
 
-uint64_t Field::bytes() const {
-  return bytes_.load(std::memory_order_relaxed) + uint64_t(view().direction_bricks) * view().direction_bricks * 4 +
-         coverage_.bytes();
-}
-
 uint32_t Field::finished_mask(uint32_t brick) const { return load_shared(finished_[brick]); }
-
-void Field::restore_mask(uint32_t brick, uint32_t mask) {
-  shared(claimed_[brick]).fetch_or(mask, std::memory_order_acq_rel);
-  const uint32_t before = shared(finished_[brick]).fetch_or(mask, std::memory_order_acq_rel);
-  const uint32_t added = mask & ~before;
-  const uint64_t visibility = uint64_t(std::popcount(added & 0xffffu)), depth = uint64_t(std::popcount(added >> 16));
-  cells_baked_ += (visibility + depth) * scalar::k_slice_cells;
-  bytes_ += scalar::k_slice_cells * (visibility + depth * 3 * sizeof(int32_t));
-}
 
 }  // namespace fieldtrace

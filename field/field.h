@@ -54,11 +54,16 @@ struct BrickPlace {
 
 class Field {
  public:
-  // Throws Error if address space runs out; UsageError for parameters outside the lists above.
-  Field(const Sphere& ball, const FieldParameters& parameters);
+  // `budget`, if not null, is charged for what is baked, and must outlive the field. Throws Error if address space runs
+  // out; UsageError for parameters outside the lists above.
+  Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget* budget = nullptr);
+  ~Field();
+  Field(const Field&) = delete;
+  Field& operator=(const Field&) = delete;
 
   const FieldParameters& parameters() const { return parameters_; }
   const Sphere& ball() const { return ball_; }
+  const FieldBudget* budget() const { return budget_; }
   FieldView view() const;
   CoverageTiles& coverage() { return coverage_; }
   const CoverageTiles& coverage() const { return coverage_; }
@@ -83,8 +88,12 @@ class Field {
 
   uint64_t cells_baked() const { return cells_baked_.load(std::memory_order_relaxed); }
   uint64_t cells_full() const { return uint64_t(slice_count()) * scalar::k_slice_cells; }
-  // Bytes of bricks and tables that hold data.
-  uint64_t bytes() const;
+  // Memory in use: tables, bricks of the layers that anything was claimed in, and coverage tiles.
+  uint64_t bytes() const { return committed_.load(std::memory_order_relaxed) + coverage_.bytes(); }
+  // What bytes() can become at most, with these parameters.
+  static uint64_t most_bytes(const FieldParameters& parameters);
+  // Of one brick's cells of a layer.
+  static uint64_t brick_bytes(FieldLayer layer);
 
   // For files: the number of bricks in use, and the pool index of a brick by its place; 0 if it does not exist.
   uint32_t brick_count() const { return brick_count_.load(std::memory_order_relaxed); }
@@ -93,14 +102,15 @@ class Field {
   uint32_t brick_for(uint32_t direction_brick, uint32_t plane_brick);
   // The bricks with at least one finished slice, by direction brick and then plane brick.
   std::vector<BrickPlace> bricks() const;
-  uint32_t finished_mask(uint32_t brick) const;          // bits 0-15 visibility slices, 16-31 depth slices
-  void restore_mask(uint32_t brick, uint32_t finished);  // after loading a brick's cells from a file
+  uint32_t finished_mask(uint32_t brick) const;  // bits 0-15 visibility slices, 16-31 depth slices
 
  private:
   uint32_t brick_of_slice(uint32_t slice) const;
+  bool charge(uint64_t bytes);
 
   Sphere ball_;
   FieldParameters parameters_;
+  FieldBudget* budget_ = nullptr;
   uint32_t max_bricks_ = 0;
   VirtualBuffer<int32_t> top_, pages_;
   VirtualBuffer<uint8_t> visibility_;
@@ -108,7 +118,7 @@ class Field {
   VirtualBuffer<uint32_t> claimed_, finished_;  // per brick: bits 0-15 visibility slices, 16-31 depth slices
   std::mutex growth_;
   std::atomic<uint32_t> brick_count_ = 1, page_count_ = 1;
-  std::atomic<uint64_t> cells_baked_ = 0, bytes_ = 0;
+  std::atomic<uint64_t> cells_baked_ = 0, committed_ = 0;
   std::atomic<bool> pool_full_ = false;
   CoverageTiles coverage_;
 };

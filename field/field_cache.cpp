@@ -6,6 +6,7 @@
 
 #include "core/atomic_file.h"
 #include "core/file_lock.h"
+#include "field/cache_limit.h"
 #include "field/field_file.h"
 
 namespace fieldtrace {
@@ -30,7 +31,8 @@ uint64_t size_of_file(const std::string& path) {
 
 }  // namespace
 
-FieldCache::FieldCache(const std::string& folder, WarningSink warning) : folder_(folder), warning_(std::move(warning)) {
+FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning)
+    : folder_(folder), most_bytes_(most_bytes), warning_(std::move(warning)) {
   std::error_code failed;
   fs::create_directories(folder, failed);
   if (!fs::is_directory(folder)) {
@@ -63,6 +65,14 @@ void FieldCache::remember(const Hash128& slices, const FieldIdentity& identity) 
   known_[identity.file_name()] = {slices, size_of_file(path_of(identity))};
 }
 
+// The time of the last use is the file's modification time: times of access are often not kept.
+void FieldCache::mark_used(const FieldIdentity& identity) {
+  const std::lock_guard lock(mutex_);
+  used_.insert(identity.file_name());
+  std::error_code ignored;  // there may be no file yet, or one that only others may change
+  fs::last_write_time(path_of(identity), fs::file_time_type::clock::now(), ignored);
+}
+
 bool FieldCache::load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path) {
   try {
     remember(load_field(field, identity, path), identity);
@@ -79,14 +89,18 @@ bool FieldCache::load(Field& field, const FieldIdentity& identity) {
   const std::string path = path_of(identity);
   std::error_code failed;
   if (!fs::exists(path, failed)) return false;
+  mark_used(identity);
   return load_or_tell(field, identity, path);
 }
 
 void FieldCache::store(const Field& field, const FieldIdentity& identity) {
   const Hash128 slices = slices_hash(field);
-  if (field.cells_baked() + field.coverage().lines_baked() == 0 || known_complete(slices, identity)) return;
+  if (field.cells_baked() + field.coverage().lines_baked() == 0) return;
+  mark_used(identity);
+  if (known_complete(slices, identity)) return;
   const std::string path = path_of(identity);
   const FileLock lock(path + ".lock");
+  remove_abandoned_writes(path);
   // What others have added since this field was loaded.
   Field held(field.ball(), field.parameters());
   std::error_code failed;
@@ -96,6 +110,16 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
     save_fields(both, identity, path);
   }
   remember(slices, identity);
+}
+
+void FieldCache::trim() {
+  if (most_bytes_ == 0) return;
+  const std::lock_guard lock(mutex_);
+  const TrimmedCache left = trim_cache(folder_, most_bytes_, used_);
+  if (left.bytes <= most_bytes_) return;
+  warn(warning_, {folder_},
+       "holds " + std::to_string(left.bytes) + " bytes of fields that are in use, more than its limit of " +
+           std::to_string(most_bytes_) + "; raise --field-cache-limit, or use another folder");
 }
 
 }  // namespace fieldtrace

@@ -2,13 +2,17 @@
 //
 // A file is named by its field's identity. Demand adds bricks to it: a store writes the union of what the file and the
 // field hold, and replaces the file by renaming. Writers of one file exclude one another with an advisory lock on a
-// file beside it (NAME.lock, kept); readers need none. A file that cannot be used is told about and replaced.
+// file beside it (NAME.lock, kept); readers need none: what they open is whole, and stays so when it is replaced or
+// removed. A process that is killed lets go of its locks, and what it left half written the next writer removes. A file
+// that cannot be used is told about and replaced. With a limit, the least recently used files go when a store finds the
+// folder too large (field/cache_limit.h), never those that this object has loaded or stored.
 // Thread-safety: every function may be called from any thread, and any number of processes may share the folder.
 #pragma once
 
 #include <cstdint>
 #include <map>
 #include <mutex>
+#include <set>
 #include <string>
 
 #include "core/error.h"
@@ -20,7 +24,10 @@ class FieldCache {
  public:
   // Makes the folder if need be. Throws Error if it cannot be made or files cannot be made in it: long work learns this
   // before it starts. `warning` is called from the threads that load and store, one at a time.
-  explicit FieldCache(const std::string& folder, WarningSink warning = {});
+  explicit FieldCache(const std::string& folder, WarningSink warning = {})
+      : FieldCache(folder, 0, std::move(warning)) {}
+  // `most_bytes`: of the field files in the folder; 0: no limit.
+  FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning = {});
 
   // Adds what the cache holds of the field to `field`. False, with the field unchanged, if there is no file, or none
   // that can be used; the latter is told to the warning sink. Never throws for what a file holds.
@@ -29,6 +36,10 @@ class FieldCache {
   // Adds the field's finished slices to the cache. Writes nothing if the file is known to hold all of them. Throws
   // Error if the file cannot be written.
   void store(const Field& field, const FieldIdentity& identity);
+
+  // Removes files until the folder keeps its limit; does nothing without one. To be called when all is stored. Warns if
+  // the files of this object alone are more.
+  void trim();
 
   std::string path_of(const FieldIdentity& identity) const;
   uint64_t bytes_on_disk(const FieldIdentity& identity) const;  // 0 if there is no file
@@ -41,13 +52,16 @@ class FieldCache {
   };
   bool load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path);
   bool known_complete(const Hash128& slices, const FieldIdentity& identity);
+  void mark_used(const FieldIdentity& identity);
   void remember(const Hash128& slices, const FieldIdentity& identity);
   void tell_unusable(const std::string& path, const std::string& reason);
 
   std::string folder_;
+  uint64_t most_bytes_ = 0;
   WarningSink warning_;
   std::mutex mutex_;
   std::map<std::string, Known> known_;  // by file name
+  std::set<std::string> used_;          // file names
 };
 
 }  // namespace fieldtrace

@@ -204,7 +204,7 @@ struct FieldFile::Grids {
   GridArray grids;  // null where the file has none of that layer
   // Bricks of either layer, ascending.
   std::vector<openvdb::Coord> origins;
-  CoverageData coverage;
+  CoverageGrid coverage;
 
   Int32Grid::Ptr take(const openvdb::GridPtrVec& all, const char* name, const std::string& path) const;
   bool read(const openvdb::Coord& origin, BrickData& brick) const;
@@ -258,7 +258,7 @@ Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::str
     if (!sound) throw FieldFileError(path, "has cells that no bake writes");
     add_slices_to(hasher, direction_brick, plane_brick, brick.finished);
   }
-  add_tiles_to(hasher, coverage.slots);
+  add_tiles_to(hasher, coverage.slots());
   return hasher.result();
 }
 
@@ -275,7 +275,7 @@ FieldFile::FieldFile(const std::string& path) : grids_(std::make_unique<Grids>()
     for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = grids_->take(*all, k_grid_names[g], path);
     const Int32Grid::Ptr coverage = grids_->take(*all, k_coverage_grid_name, path);
     const FieldParameters& p = header_.identity.parameters;
-    if (coverage && !read_coverage(*coverage, p.directions, p.plane, grids_->coverage)) {
+    if (coverage && !grids_->coverage.open(coverage, p.directions, p.plane)) {
       throw FieldFileError(path, "has coverage tiles that no bake writes");
     }
     slices_ = grids_->validate(header_, path);
@@ -319,9 +319,11 @@ bool FieldFile::copy_to(Field& field) const {
       field.finish(layer, slice);
     }
   }
-  for (size_t i = 0; i < grids_->coverage.slots.size(); ++i) {
-    const uint32_t slot = grids_->coverage.slots[i];
-    if (field.coverage().claim(slot)) field.coverage().finish(slot, grids_->coverage.tile(i));
+  TileLines lines(CoverageTiles::k_lines_per_tile);
+  for (const uint32_t slot : grids_->coverage.slots()) {
+    if (!field.coverage().claim(slot)) continue;
+    grids_->coverage.read(slot, lines);
+    field.coverage().finish(slot, lines);
   }
   return true;
 }

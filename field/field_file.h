@@ -6,10 +6,11 @@
 //   depth_normal  depth, bits 0-15, and octahedral normal, 16-31
 //   certificate   kind, risk class, error bound
 //   primitive     triangle, -1 for none
-// with the bits of field/layout.hd.h. One leaf of 8^3 voxels is one brick. The brick of direction brick (U, V), U and V
-// in [0, D/4), and plane brick (A, B), A in [0, N/4), B in [0, N/8), is the leaf of index (U D/4 + V, A, B): its voxels
-// begin at eight times that. The voxel at offset i of the leaf, i = 64 x + 8 y + z, is cell i of the brick, so that
-// with (u, v, a, b) the cell's address in the field:
+//   coverage      lines of coverage tiles (field/coverage_grid.h)
+// the first four with the bits of field/layout.hd.h. Of these, one leaf of 8^3 voxels is one brick. The brick of
+// direction brick (U, V), U and V in [0, D/4), and plane brick (A, B), A in [0, N/4), B in [0, N/8), is the leaf of
+// index (U D/4 + V, A, B): its voxels begin at eight times that. The voxel at offset i of the leaf, i = 64 x + 8 y + z,
+// is cell i of the brick, so that with (u, v, a, b) the cell's address in the field:
 //   x = 8 (U D/4 + V) + 2 (u mod 4) + (v mod 4) div 2,   y = 8 A + 4 (v mod 2) + a mod 4,   z = b.
 // A voxel is active if its slice is baked; the three grids of the depth layer have the same active voxels. A brick all
 // of whose 512 cells are baked and equal (all misses of class 0, mostly) is an active tile of 8^3 instead of a leaf.

@@ -1,5 +1,7 @@
 #include "field/field_info.h"
 
+#include <algorithm>
+
 #include "field/bake_full.h"
 #include "field/risk.h"
 
@@ -31,9 +33,26 @@ LayerInfo layer_info(const Field& field, FieldLayer layer, float tolerance) {
       }
       if (layer == FieldLayer::depth && (place.finished >> (slice + 16) & 1) != 0) {
         const int32_t word = view.certificate[cell];
-        count_cell(info, (word & 3) != scalar::k_kind_miss, word >> 2 & 63, max_class);
+        const int kind = word & 3, risk = word >> 2 & 63;
+        count_cell(info, kind != scalar::k_kind_miss, risk, max_class);
+        info.ceilings += kind == scalar::k_kind_ceiling && risk <= max_class;
       }
     }
+  }
+  return info;
+}
+
+CoverageInfo coverage_info(const CoverageTiles& tiles) {
+  CoverageInfo info;
+  info.lines_across = tiles.lines();
+  info.tiles_baked = tiles.tiles_baked();
+  info.tiles_full = tiles.slot_count();
+  info.tiles_empty = tiles.tiles_baked() - tiles.tiles_stored();
+  info.lines_baked = tiles.lines_baked();
+  TileLines lines(CoverageTiles::k_lines_per_tile);
+  for (const uint32_t slot : tiles.baked()) {
+    tiles.read(slot, lines);
+    info.lines_hit += lines.size() - size_t(std::count(lines.begin(), lines.end(), uint16_t(0)));
   }
   return info;
 }
@@ -50,6 +69,12 @@ FieldFileInfo field_info(const std::string& path, float tolerance) {
   info.cells_full = field.cells_full();
   info.visibility = layer_info(field, FieldLayer::visibility, tolerance);
   info.depth = layer_info(field, FieldLayer::depth, tolerance);
+  info.coverage = coverage_info(field.coverage());
+  for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth}) {
+    const LayerInfo& cells = layer == FieldLayer::visibility ? info.visibility : info.depth;
+    info.bytes_cells += cells.cells_baked * (Field::brick_bytes(layer) / scalar::k_brick_cells);
+  }
+  info.bytes_coverage = (info.coverage.tiles_baked - info.coverage.tiles_empty) * CoverageTiles::k_tile_bytes;
   return info;
 }
 

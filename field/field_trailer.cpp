@@ -1,5 +1,6 @@
 #include "field/field_trailer.h"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
@@ -44,6 +45,18 @@ void append_trailer(const std::string& path, const std::string& name) {
   out.write(trailer.data(), trailer.size());
   out.close();
   if (in.bad() || !out) throw Error({name}, std::string("cannot be written: ") + std::strerror(errno));
+}
+
+bool has_trailer(const std::string& path) {
+  std::ifstream in(path, std::ios::binary | std::ios::ate);
+  const std::streamoff bytes = in ? std::streamoff(in.tellg()) : 0;
+  if (bytes < std::streamoff(k_trailer_bytes)) return false;
+  std::array<char, k_trailer_bytes> found;
+  in.seekg(bytes - std::streamoff(k_trailer_bytes));
+  in.read(found.data(), found.size());
+  // The hash is not checked: that would take reading all of the file.
+  const auto expected = make_trailer(uint64_t(bytes) - k_trailer_bytes, {});
+  return in && std::equal(expected.begin(), expected.begin() + sizeof k_magic + 8, found.begin());
 }
 
 std::string read_checked(const std::string& path) {

@@ -15,4 +15,7 @@ void append_trailer(const std::string& path, const std::string& name);
 // missing or does not fit.
 std::string read_checked(const std::string& path);
 
+// Whether `path` is a file that ends as append_trailer() ends it, for its size; the rest is not read.
+bool has_trailer(const std::string& path);
+
 }  // namespace fieldtrace

@@ -12,6 +12,7 @@
 #include "field/bake_full.h"
 #include "field/field_cache.h"
 #include "field/field_file.h"
+#include "hybrid/field_set.h"
 #include "hybrid/shadow_answerer.h"
 
 namespace fieldtrace {
@@ -46,9 +47,9 @@ class ScratchFolder {
 // Saves fields one after another, as the header of this unit says.
 class Output {
  public:
-  Output(const std::string& path, const WarningSink& warning) : path_(path) {
+  Output(const std::string& path, uint64_t cache_limit, const WarningSink& warning) : path_(path) {
     if (fs::is_directory(path)) {
-      cache_ = std::make_unique<FieldCache>(path, warning);
+      cache_ = std::make_unique<FieldCache>(path, cache_limit, warning);
     } else {
       require_writable(path);
     }
@@ -66,6 +67,11 @@ class Output {
     }
     baked.info = field_info(baked.path);
     result.fields.push_back(std::move(baked));
+  }
+
+  // When all is saved.
+  void finish() {
+    if (cache_) cache_->trim();
   }
 
   const std::string& path() const { return path_; }
@@ -93,7 +99,8 @@ void bake_fully(const Scene& scene, const std::vector<uint32_t>& shapes, const B
   const Accel accel(scene);
   for (size_t i = 0; i < shapes.size() && !result.interrupted; ++i) {
     const Shape& shape = scene.shapes[shapes[i]];
-    Field field(field_ball(shape.bounds), options.fields);
+    FieldBudget budget(options.field_memory ? options.field_memory : default_field_memory());
+    Field field(field_ball(shape.bounds), options.fields, &budget);
     FullBakeCallbacks full;
     full.stop = callbacks.stop;
     if (callbacks.progress) {
@@ -102,7 +109,14 @@ void bake_fully(const Scene& scene, const std::vector<uint32_t>& shapes, const B
       };
     }
     BakeCounters counters;
-    result.interrupted = !bake_full(field, accel, shapes[i], counters, full);
+    const FullBakeResult baked = bake_full(field, accel, shapes[i], counters, full);
+    result.interrupted = baked.stopped;
+    if (baked.tiles_left_out > 0) {
+      warn(callbacks.warning, {},
+           shape.name + ": its memory has no room for the last " + std::to_string(baked.tiles_left_out) + " of " +
+               std::to_string(field.coverage().slot_count()) +
+               " coverage tiles; they will be baked when a render demands them (or raise --field-memory)");
+    }
     output.save(field, field_identity(shape, options.fields), shape.name, result);
   }
 }
@@ -118,12 +132,25 @@ void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const 
   render_options.plane = options.fields.plane;
   render_options.threads = options.threads;
   render_options.field_cache = scratch.path();
-  result.interrupted = render(scene, render_options, callbacks).interrupted;
+  render_options.field_memory = options.field_memory;
+  // Single rays demand slices; where there are more samples, whole lights come first and demand coverage tiles.
+  RenderResult rendered;
+  for (const int light_samples : {1, k_fewest_cone_samples}) {
+    render_options.light_samples = light_samples;
+    rendered = render(scene, render_options, callbacks);
+    result.interrupted = rendered.interrupted;
+    if (result.interrupted) break;
+  }
+  FieldParameters fields = options.fields;
+  if (rendered.stats.field_objects > 0) {
+    fields.directions = rendered.stats.field_directions;
+    fields.plane = rendered.stats.field_plane;
+  }
   FieldCache cache(scratch.path(), callbacks.warning);
   for (const uint32_t s : shapes) {
     const Shape& shape = scene.shapes[s];
-    const FieldIdentity identity = field_identity(shape, options.fields);
-    Field field(field_ball(shape.bounds), options.fields);
+    const FieldIdentity identity = field_identity(shape, fields);
+    Field field(field_ball(shape.bounds), fields);
     // No file: nothing of this object was demanded.
     if (cache.load(field, identity)) output.save(field, identity, shape.name, result);
   }
@@ -155,11 +182,12 @@ Scene scene_of_mesh(TriangleMesh mesh, const std::string& name) {
 BakeResult bake_scene(const Scene& scene, const std::string& path, const BakeOptions& options,
                       const RenderCallbacks& callbacks) {
   const std::vector<uint32_t> shapes = shapes_to_bake(scene, options.full);
-  Output output(path, callbacks.warning);
+  Output output(path, options.cache_limit, callbacks.warning);
   BakeResult result;
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
   tbb::task_arena arena(threads);
   arena.execute([&] { (options.full ? bake_fully : bake_demand)(scene, shapes, options, callbacks, output, result); });
+  output.finish();
   return result;
 }
 

@@ -1,7 +1,9 @@
 // Baking ahead of rendering: fields of a mesh, or of a scene's objects, into files.
 //
-// A full bake traces every reachable slice (field/bake_full.h). Without it, a scene is rendered at one sample a pixel,
-// the picture thrown away, and what its shadow rays demanded is kept.
+// A full bake traces every reachable slice and every coverage tile (field/bake_full.h), one object after another. What
+// the memory for fields leaves no room for, it tells. Without it, a scene is rendered at one sample a pixel, the
+// picture thrown away, and what its shadow rays demanded is kept; where that outgrows its memory, of the coarser fields
+// that the render turned to (hybrid/field_set.h).
 //
 // Where fields go. A path that is a folder is a field cache: each field is merged into the file that `--field-cache`
 // would use. Any other path is one file for each object: PATH itself for the first, then PATH with .2, .3, ... before
@@ -20,9 +22,11 @@
 namespace fieldtrace {
 
 struct BakeOptions {
-  bool full = false;       // every cell, not only those that the scene demands
-  FieldParameters fields;  // D, N, K
-  int threads = 0;         // 0: all hardware threads
+  bool full = false;          // every cell, not only those that the scene demands
+  FieldParameters fields;     // D, N, K
+  int threads = 0;            // 0: all hardware threads
+  uint64_t field_memory = 0;  // bytes of fields in memory at once; 0: half of the machine's
+  uint64_t cache_limit = 0;   // bytes of field files in a folder that is written to; 0: no limit
 };
 
 struct BakedField {

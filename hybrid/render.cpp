@@ -14,9 +14,9 @@
 #include "core/accel.h"
 #include "core/camera.h"
 #include "core/parallel.h"
-#include "field/field_cache.h"
 #include "hybrid/aovs.h"
 #include "hybrid/field_resolution.h"
+#include "hybrid/field_set.h"
 #include "hybrid/field_survey.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
@@ -107,75 +107,19 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   return s;
 }
 
-// The fields of a hybrid render, one per shape that wants one; all null for Monte Carlo and at tolerance 0.
-struct FieldSet {
-  std::vector<std::unique_ptr<Field>> fields;
-  std::vector<uint8_t> left_to_rays;  // per shape: has a field, which is not asked
-  std::vector<uint8_t> own_to_rays;   // per shape: is not asked about its own receivers
-  FieldParameters parameters;
-
-  std::vector<Field*> pointers() const {
-    std::vector<Field*> p;
-    for (size_t s = 0; s < fields.size(); ++s) p.push_back(left_to_rays[s] ? nullptr : fields[s].get());
-    return p;
-  }
-};
-
-FieldSet make_fields(const Scene& scene, const RenderOptions& options, uint64_t rays_per_light) {
-  FieldSet set;
-  set.parameters = choose_resolution(scene, rays_per_light);
-  if (options.directions) set.parameters.directions = options.directions;
-  if (options.plane) set.parameters.plane = options.plane;
-  const bool wanted = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
-  for (const Shape& shape : scene.shapes) {
-    set.fields.push_back(
-        wanted && wants_field(shape) ? std::make_unique<Field>(field_ball(shape.bounds), set.parameters) : nullptr);
-  }
-  set.left_to_rays.assign(set.fields.size(), 0);
-  set.own_to_rays.assign(set.fields.size(), 0);
-  return set;
+FieldPlan first_plan(const Scene& scene, const RenderOptions& options, uint64_t rays_per_light) {
+  FieldPlan plan;
+  plan.parameters = choose_resolution(scene, rays_per_light);
+  if (options.directions) plan.parameters.directions = options.directions;
+  if (options.plane) plan.parameters.plane = options.plane;
+  return plan;
 }
 
 // The cache of `options`, null where there is none or nothing is kept in it.
-std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, const FieldSet& set, const WarningSink& warning) {
-  const bool any = std::any_of(set.fields.begin(), set.fields.end(), [](const auto& f) { return f != nullptr; });
-  if (options.field_cache.empty() || !any) return nullptr;
-  return std::make_unique<FieldCache>(options.field_cache, warning);
-}
-
-// Calls use(field, identity) for every field.
-template <class Use>
-void for_each_field(const Scene& scene, const FieldSet& set, const Use& use) {
-  for (size_t s = 0; s < set.fields.size(); ++s) {
-    if (set.fields[s]) use(*set.fields[s], field_identity(scene.shapes[s], set.parameters));
-  }
-}
-
-// A finished picture is worth more than its fields: what cannot be kept is told, not thrown.
-void store_fields(const Scene& scene, const FieldSet& set, FieldCache& cache, const WarningSink& warning,
-                  Stats& stats) {
-  for_each_field(scene, set, [&](const Field& field, const FieldIdentity& identity) {
-    try {
-      cache.store(field, identity);
-    } catch (const Error& e) {
-      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
-    }
-    stats.field_bytes_disk += cache.bytes_on_disk(identity);
-  });
-}
-
-void count_fields(const FieldSet& set, Stats& stats) {
-  for (const auto& field : set.fields) {
-    if (!field) continue;
-    const bool is_left = set.left_to_rays[size_t(&field - set.fields.data())] != 0;
-    (is_left ? stats.field_left_to_rays : stats.field_objects) += 1;
-    stats.field_own_to_rays += !is_left && set.own_to_rays[size_t(&field - set.fields.data())];
-    stats.field_cells_baked += field->cells_baked();
-    stats.field_cells_full += field->cells_full();
-    stats.field_bytes_memory += field->bytes();
-    stats.field_directions = set.parameters.directions;
-    stats.field_plane = set.parameters.plane;
-  }
+std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, const FieldSet& fields,
+                                       const WarningSink& warning) {
+  if (options.field_cache.empty() || fields.empty()) return nullptr;
+  return std::make_unique<FieldCache>(options.field_cache, options.field_cache_limit, warning);
 }
 
 // Reports at most ten times a second, from whichever thread has just finished a tile.
@@ -213,6 +157,7 @@ struct Job {
   int spp = 1;
   Image& image;
   const std::atomic<bool>* stop = nullptr;
+  const FieldBudget* budget = nullptr;
   std::atomic<uint64_t> not_finite = 0;
 
   bool stopped() const { return stop && stop->load(std::memory_order_relaxed); }
@@ -239,7 +184,7 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   std::vector<CameraSample> samples;
   std::vector<SampleResult> results(std::min(batch, total));
   for (size_t begin = 0; begin < total; begin += batch) {
-    if (job.stopped()) return false;
+    if (job.stopped() || job.budget->exceeded()) return false;
     const size_t end = std::min(begin + batch, total);
     samples.clear();
     for (size_t i = begin; i < end; ++i) {
@@ -264,26 +209,31 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   return true;
 }
 
+struct SurveyJob {
+  const Scene& scene;
+  const Accel& accel;
+  const CameraSampler& camera;
+  const RenderOptions& options;
+  const TransportSettings& settings;
+  int spp;
+  const std::atomic<bool>* stop;
+};
+
 // Finds out which fields are not worth asking. False if it was stopped.
-bool leave_to_rays(const Scene& scene, const Accel& accel, const CameraSampler& camera, const RenderOptions& options,
-                   const TransportSettings& settings, int spp, const std::atomic<bool>* stop, FieldSet& set,
-                   Stats& stats) {
-  const bool any = std::any_of(set.fields.begin(), set.fields.end(), [](const auto& f) { return f != nullptr; });
+bool leave_to_rays(const SurveyJob& job, FieldSet& fields, Stats& stats) {
+  const RenderOptions& options = job.options;
   // Where every cell answers, or none by request, there is nothing to find out.
-  if (!any || !options.leave_to_rays || options.force_ask || options.tolerance >= 1.0f) return true;
-  AnswererSettings counting{settings.isa, options.tolerance, false, false, options.whole_lights};
+  if (fields.empty() || !options.leave_to_rays || options.force_ask || options.tolerance >= 1.0f) return true;
+  AnswererSettings counting{job.settings.isa, options.tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
-  const ShadowAnswerer answerer(scene, accel, set.pointers(), counting);
-  const TransportContext context(scene, accel, camera, answerer, settings);
-  const FieldSurvey survey = survey_fields(context, crop_window(scene.film, {}), spp, stop);
-  stats.survey_rays = survey.stats.rays_exact;
+  const ShadowAnswerer answerer(job.scene, job.accel, fields.pointers(), counting);
+  const TransportContext context(job.scene, job.accel, job.camera, answerer, job.settings);
+  const FieldSurvey survey = survey_fields(context, crop_window(job.scene.film, {}), job.spp, job.stop);
+  stats.survey_rays += survey.stats.rays_exact;
   stats.bake_rays += survey.stats.bake_rays;
   stats.time_bake += survey.stats.time_bake;
   if (survey.interrupted) return false;
-  for (size_t s = 0; s < set.fields.size(); ++s) {
-    set.left_to_rays[s] = set.fields[s] && leaves_to_rays(survey.uses[s], survey.scale, options.fewest_answers);
-    set.own_to_rays[s] = set.fields[s] && leaves_own_to_rays(survey.uses[s]);
-  }
+  fields.leave_to_rays(survey, options.fewest_answers);
   return true;
 }
 
@@ -323,47 +273,67 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const CameraSampler camera(scene.camera, scene.film);
     const uint64_t rays_per_light =
         uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
-    FieldSet fields = make_fields(scene, options, rays_per_light);
-    const Clock::time_point cache_begin = Clock::now();
-    const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
-    if (cache) for_each_field(scene, fields, [&](Field& f, const FieldIdentity& id) { cache->load(f, id); });
-    result.stats.time_cache = seconds_since(cache_begin);
-    const bool surveyed =
-        leave_to_rays(scene, accel, camera, options, settings, spp, callbacks.stop, fields, result.stats);
-    AnswererSettings answerer_settings{settings.isa, options.tolerance, options.check, options.force_ask,
-                                       options.whole_lights};
-    answerer_settings.own_to_rays = fields.own_to_rays;
-    const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
-    const TransportContext context(scene, accel, camera, answerer, settings);
-
-    result.image = make_image(window, aovs);
-    Job job{context, aovs, window, spp, result.image, callbacks.stop};
+    const bool wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
+    const uint64_t budget = options.field_memory ? options.field_memory : default_field_memory();
+    const AnswererSettings usual_settings{settings.isa, options.tolerance, options.check, options.force_ask,
+                                          options.whole_lights};
+    const SurveyJob survey_job{scene, accel, camera, options, settings, spp, callbacks.stop};
     const std::vector<Rect> tiles = make_tiles(traced_window(scene, window), k_tile_size);
-    Progress progress(callbacks, tiles.size());
-    std::atomic<bool> interrupted = !surveyed;
-    tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
-    parallel_for(tiles.size(), [&](size_t i) {
-      if (interrupted) return;
-      bool done = false;
-      // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
-      tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
-      if (done) {
-        progress.tile_done();
-      } else {
-        interrupted = true;
+    FieldPlan plan = first_plan(scene, options, rays_per_light);
+    for (bool is_done = false; !is_done;) {
+      FieldSet fields(scene, plan, budget, wants_fields);
+      const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
+      const Clock::time_point cache_begin = Clock::now();
+      if (cache) fields.load(*cache);
+      result.stats.time_cache += seconds_since(cache_begin);
+      const bool surveyed = leave_to_rays(survey_job, fields, result.stats);
+      AnswererSettings answerer_settings = usual_settings;
+      answerer_settings.own_to_rays = fields.own_to_rays();
+      const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
+      const TransportContext context(scene, accel, camera, answerer, settings);
+
+      result.image = make_image(window, aovs);
+      Job job{context, aovs, window, spp, result.image, callbacks.stop, &fields.budget()};
+      Progress progress(callbacks, tiles.size());
+      std::atomic<bool> interrupted = !surveyed;
+      tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
+      parallel_for(tiles.size(), [&](size_t i) {
+        if (interrupted) return;
+        bool done = false;
+        // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
+        tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
+        if (done) {
+          progress.tile_done();
+        } else {
+          interrupted = true;
+        }
+      });
+      // The last tiles may reach the budget and be done all the same: that must not be a matter of luck.
+      is_done = !fields.budget().exceeded() || job.stopped();
+      result.stats.field_bytes_peak = std::max(result.stats.field_bytes_peak, fields.budget().used());
+      if (!is_done) {
+        for (const TransportWorker& worker : workers) result.stats.add_bake(worker.stats());
+        result.stats.field_restarts += 1;
+        std::string change;
+        plan = fields.next_plan(change);
+        warn(callbacks.warning, {},
+             "the fields outgrew their " + std::to_string(budget / 1000000) + " MB; the render " + change +
+                 " (raise --field-memory to avoid it)");
+        continue;
       }
-    });
-    result.interrupted = interrupted;
-    for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
-    count_fields(fields, result.stats);
-    const Clock::time_point store_begin = Clock::now();
-    if (cache) store_fields(scene, fields, *cache, callbacks.warning, result.stats);
-    result.stats.time_cache += seconds_since(store_begin);
-    if (job.not_finite > 0) {
-      warn(callbacks.warning, {},
-           std::to_string(job.not_finite) +
-               " camera samples were not finite and count as black; please report the scene");
+      result.interrupted = interrupted;
+      for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
+      fields.count(result.stats);
+      const Clock::time_point store_begin = Clock::now();
+      if (cache) fields.store(*cache, callbacks.warning, result.stats);
+      result.stats.time_cache += seconds_since(store_begin);
+      if (job.not_finite > 0) {
+        warn(callbacks.warning, {},
+             std::to_string(job.not_finite) +
+                 " camera samples were not finite and count as black; please report the scene");
+      }
     }
+    result.stats.field_bytes_budget = wants_fields ? budget : 0;
   });
 
   Stats& stats = result.stats;

@@ -3,8 +3,9 @@
 // The two methods share every line except how a batch of shadow rays is answered (hybrid/shadow_answer.h).
 // Determinism: for one scene, options and seed the picture is bit-identical for any thread count and
 // instruction set, with or without a field cache, and the same in every crop window (scenes of more than
-// k_most_candidates instances trace whole tiles for that, and count these rays). Thread-safety: render() may be called
-// from several threads with different scenes.
+// k_most_candidates instances trace whole tiles for that, and count these rays). Where fields outgrow their memory the
+// render begins again with less (hybrid/field_set.h), and the picture depends on that memory and the crop window, too.
+// Thread-safety: render() may be called from several threads with different scenes.
 #pragma once
 
 #include <atomic>
@@ -26,15 +27,17 @@ enum class Method { monte_carlo, hybrid };
 
 struct RenderOptions {
   Method method = Method::hybrid;
-  int spp = 0;                   // camera samples a pixel; 0: the scene file's sampler
-  int light_samples = 1;         // shadow rays per light and hit
-  int lobe_samples = 1;          // rays per glossy hit of the camera path
-  std::optional<uint32_t> seed;  // default: the scene file's
-  float tolerance = 0.1f;        // [0, 1]: 0 traces every ray, 1 lets every cell answer
-  int directions = 0;            // D: 32, 64, 128, 256; 0: chosen from the scene
-  int plane = 0;                 // N: 64, 128, 256, 512; 0: chosen from the scene
-  std::string field_cache;       // directory; empty: fields live in memory only
-  int threads = 0;               // 0: all hardware threads
+  int spp = 0;                     // camera samples a pixel; 0: the scene file's sampler
+  int light_samples = 1;           // shadow rays per light and hit
+  int lobe_samples = 1;            // rays per glossy hit of the camera path
+  std::optional<uint32_t> seed;    // default: the scene file's
+  float tolerance = 0.1f;          // [0, 1]: 0 traces every ray, 1 lets every cell answer
+  int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene
+  int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene
+  std::string field_cache;         // directory; empty: fields live in memory only
+  uint64_t field_cache_limit = 0;  // bytes of field files in that directory; 0: no limit
+  uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's
+  int threads = 0;                 // 0: all hardware threads
   Isa isa = Isa::automatic;
   std::optional<Rect> crop;        // within the film's crop window
   std::optional<int> max_depth;    // overrides the integrator's

@@ -54,7 +54,7 @@ inline constexpr int k_fewest_cone_samples = 4;
 inline constexpr int k_fewest_leaves = 16;
 
 // Half width, in texels, of a light's disc at the blocker below which its leaves are refused: contact shadows, which
-// single rays answer better (docs/decisions/011-leaves.md).
+// single rays answer better (docs/decisions/014-leaves.md).
 inline constexpr float k_least_light_disc = 2.0f;
 
 // From this tolerance on (the default) answers are estimates where that saves much: cones look for surfaces in the

@@ -6,7 +6,6 @@
 namespace fieldtrace {
 
 void Stats::merge_counters(const Stats& o) {
-  time_bake += o.time_bake;
   time_primary += o.time_primary;
   time_secondary += o.time_secondary;
   rays_primary += o.rays_primary;
@@ -16,7 +15,7 @@ void Stats::merge_counters(const Stats& o) {
   rays_crossing += o.rays_crossing;
   rays_crowded += o.rays_crowded;
   lookups += o.lookups;
-  bake_rays += o.bake_rays;
+  add_bake(o);
   sphere_crossings += o.sphere_crossings;
   samples_spared += o.samples_spared;
   cones_clear += o.cones_clear;
@@ -70,11 +69,12 @@ std::string Stats::to_json() const {
                 {"wrong", check_wrong},
                 {"clear", {{"other", count(check_by[0][0])}, {"own", count(check_by[0][1])}}},
                 {"blocked", {{"other", count(check_by[1][0])}, {"own", count(check_by[1][1])}}}};
-  j["field"] = {{"objects", field_objects},           {"left_to_rays", field_left_to_rays},
-                {"own_to_rays", field_own_to_rays},   {"survey_rays", survey_rays},
-                {"directions", field_directions},     {"plane", field_plane},
-                {"cells_baked", field_cells_baked},   {"cells_full", field_cells_full},
-                {"bytes_memory", field_bytes_memory}, {"bytes_disk", field_bytes_disk}};
+  j["field"] = {
+      {"objects", field_objects},           {"left_to_rays", field_left_to_rays}, {"own_to_rays", field_own_to_rays},
+      {"survey_rays", survey_rays},         {"directions", field_directions},     {"plane", field_plane},
+      {"cells_baked", field_cells_baked},   {"cells_full", field_cells_full},     {"tiles_baked", field_tiles_baked},
+      {"bytes_memory", field_bytes_memory}, {"bytes_disk", field_bytes_disk},     {"bytes_budget", field_bytes_budget},
+      {"bytes_peak", field_bytes_peak},     {"restarts", field_restarts}};
   j["bake"] = {{"rays", bake_rays}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};
   j["version"] = version;

@@ -58,6 +58,9 @@ struct Stats {
   uint64_t survey_rays = 0;          // shadow rays traced to find those out, not in rays_exact
   std::vector<FieldUse> field_uses;  // per shape; empty unless counted (hybrid/field_survey.h)
   uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
+  uint64_t field_tiles_baked = 0;  // coverage tiles
+  uint64_t field_bytes_budget = 0, field_bytes_peak = 0;
+  uint64_t field_restarts = 0;  // attempts that outgrew the budget
   uint64_t bake_rays = 0;
   uint64_t memory_peak_bytes = 0;
   std::string version;
@@ -76,6 +79,10 @@ struct Stats {
     check_wrong += wrong;
     check_by[blocked][own].answers += 1;
     check_by[blocked][own].wrong += wrong;
+  }
+  void add_bake(const Stats& other) {  // its cost alone: for work that was thrown away
+    bake_rays += other.bake_rays;
+    time_bake += other.time_bake;
   }
   void merge_counters(const Stats& other);  // adds rays, look-ups, checks and stage times
   std::string to_json() const;              // nested by the dots of the documented keys

@@ -2,7 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
+#include "field/field_file.h"
+#include "field/field_info.h"
 #include "field_checks.h"
 #include "program.h"
 
@@ -38,6 +41,54 @@ TEST_F(CommandBake, AnInterruptedFullBakeKeepsWhatIsFinished) {
   }
 }
 
+TEST_F(CommandBake, InfoTellsAllOfAFieldAsTextAndAsJson) {
+  constexpr FieldParameters p = {32, 64, 8};
+  Field field(test_ball(), p);
+  fill_random_slices(field, 1, 300);
+  ASSERT_TRUE(field.coverage().claim(7) && field.coverage().claim(900));
+  TileLines lines(CoverageTiles::k_lines_per_tile, 0);
+  ASSERT_TRUE(field.coverage().finish(7, lines));
+  std::fill_n(lines.begin(), 256, uint16_t(5));
+  ASSERT_TRUE(field.coverage().finish(900, lines));
+  save_field(field, test_identity(p), folder_ / "f.vdb");
+  const LayerInfo visibility = layer_info(field, FieldLayer::visibility), depth = layer_info(field, FieldLayer::depth);
+
+  const Outcome text = run({"info", "f.vdb"}), o = run({"info", "f.vdb", "--json"});
+  ASSERT_EQ(o.code, 0) << o.err;
+  const nlohmann::json j = nlohmann::json::parse(o.out);
+  EXPECT_EQ(j["directions"], 32);
+  EXPECT_EQ(j["plane"], 64);
+  EXPECT_EQ(j["lines"], 8);
+  const auto number = [&](const char* group, const char* key) { return j[group][key].get<uint64_t>(); };
+  EXPECT_EQ(number("visibility", "cells_baked"), visibility.cells_baked);
+  EXPECT_EQ(number("visibility", "cells_full"), 32u * 32u * 64u * 64u);
+  EXPECT_EQ(number("visibility", "clear"), visibility.clear);
+  EXPECT_EQ(number("visibility", "blocked"), visibility.blocked);
+  EXPECT_EQ(number("visibility", "ask"), visibility.ask);
+  EXPECT_EQ(number("depth", "cells_baked"), depth.cells_baked);
+  EXPECT_EQ(number("depth", "miss") + number("depth", "sheet") + number("depth", "ask"), depth.cells_baked);
+  EXPECT_GT(number("depth", "sheet"), 0u);
+  EXPECT_EQ(number("depth", "ceiling"), 0u);
+  EXPECT_EQ(number("coverage", "tiles_baked"), 2u);
+  EXPECT_EQ(number("coverage", "tiles_empty"), 1u);
+  EXPECT_EQ(number("coverage", "tiles_full"), 32u * 32u * 4u * 4u);
+  EXPECT_EQ(number("coverage", "lines_baked"), 2048u);
+  EXPECT_EQ(number("coverage", "lines_hit"), 256u);
+  EXPECT_EQ(number("bytes", "disk"), fs::file_size(folder_ / "f.vdb"));
+  EXPECT_EQ(number("bytes", "memory"), field.bytes());
+  EXPECT_EQ(number("bytes", "cells"), visibility.cells_baked + 12 * depth.cells_baked);
+  EXPECT_EQ(number("bytes", "coverage"), CoverageTiles::k_tile_bytes);
+  EXPECT_NEAR(j["compression"].get<double>(),
+              double(number("bytes", "cells") + number("bytes", "coverage")) / double(number("bytes", "disk")), 1e-9);
+  for (const char* part : {"ceiling 0.0 %", "coverage   2 of 16384 tiles", "128 x 128 lines a direction",
+                           "2048 lines, 12.5 % hit, 1 tiles empty", "to 1 on disk"}) {
+    EXPECT_NE(text.out.find(part), std::string::npos) << part << " in\n" << text.out;
+  }
+  const Outcome mesh = run({"info", "ball.ply", "--json"});
+  EXPECT_EQ(mesh.code, 2);
+  EXPECT_NE(mesh.err.find("--json"), std::string::npos) << mesh.err;
+}
+
 TEST_F(CommandBake, RefusesWhatItCannotBake) {
   const auto expect = [&](int code, const char* part, const std::vector<std::string>& arguments) {
     const Outcome o = run(arguments);
@@ -47,6 +98,8 @@ TEST_F(CommandBake, RefusesWhatItCannotBake) {
   expect(2, "--full", {"bake", "ball.ply", "-o", "f.vdb"});
   expect(2, ".vdb", {"bake", "ball.ply", "--full", "-o", "f.ply"});
   expect(2, "not available yet", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--chart", "thesis"});
+  expect(2, "--field-cache-limit", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--field-cache-limit", "10"});
+  expect(1, "--field-memory", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--field-memory", "1"});
   expect(1, "no/f.vdb", {"bake", "ball.ply", "--full", "-o", "no/f.vdb"});
   expect(1, "missing.ply", {"bake", "missing.ply", "--full", "-o", "f.vdb"});
   expect(1, "missing.vdb", {"info", "missing.vdb"});

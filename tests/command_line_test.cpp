@@ -131,6 +131,8 @@ TEST(RenderOptionsText, ValuesOutOfRangeNameTheOption) {
       {"--chart", {"pie", "thesis"}},
       {"--max-depth", {"-2"}},
       {"--aov", {"beauty", "depth,beauty"}},
+      {"--field-memory", {"0", "-1", "1.5", "1e3", "1000000000001"}},
+      {"--field-cache-limit", {"0", "x"}},
       {"--ao-distance", {"0", "-1", "nan", "1e-60", "1x", ""}},
   };
   for (const auto& [option, values] : bad) {
@@ -153,6 +155,12 @@ TEST(RenderOptionsText, ValuesInRangeArrive) {
   EXPECT_EQ(o.directions, 128);
   EXPECT_EQ(o.plane, 512);
   EXPECT_EQ(o.field_cache, "c");
+  EXPECT_EQ(o.field_memory, 0u);
+  EXPECT_EQ(complaint({"--field-memory", "1500", "--field-cache", "c", "--field-cache-limit", "20"}, o), "");
+  EXPECT_EQ(o.field_memory, 1500000000u);
+  EXPECT_EQ(o.field_cache_limit, 20000000u);
+  RenderOptions no_cache;
+  EXPECT_NE(complaint({"--field-cache-limit", "20"}, no_cache).find("--field-cache"), std::string::npos);
   EXPECT_EQ(complaint({"--threads", "3", "--isa", "avx2", "--method", "montecarlo", "--check"}, o), "");
   EXPECT_EQ(o.threads, 3);
   EXPECT_EQ(o.isa, Isa::avx2);

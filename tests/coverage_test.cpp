@@ -3,10 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <set>
 #include <thread>
 
 #include "core/mesh_procedural.h"
 #include "field/bake_coverage.h"
+#include "field/field_file.h"
+#include "field/field_info.h"
 #include "field_checks.h"
 #include "tests/field_fixture.h"
 
@@ -152,6 +156,88 @@ TEST(Coverage, TilesThatAreNotBakedAreNamed) {
   EXPECT_EQ(sum.missing, -1);
   EXPECT_EQ(sum.count, 1);
   EXPECT_EQ(tiles.baked(), (std::vector<uint32_t>{slot - 1, slot}));
+}
+
+// The list of what is baked is made from the parts of the table that were written: it must be whole all the same.
+TEST(Coverage, ListsWhatIsBakedAllOverTheTable) {
+  TestRandom random(8);
+  CoverageTiles tiles(64, 128);
+  std::set<uint32_t> expected = {0, 1023, 1024, tiles.slot_count() - 1};
+  for (int i = 0; i < 50; ++i) expected.insert(random.index(tiles.slot_count()));
+  std::set<uint32_t> parts;
+  uint64_t stored = 0;
+  for (const uint32_t slot : expected) {
+    ASSERT_TRUE(tiles.claim(slot));
+    ASSERT_TRUE(tiles.finish(slot, TileLines(CoverageTiles::k_lines_per_tile, uint16_t(slot % 2))));
+    stored += slot % 2;
+    parts.insert(slot / 1024);
+  }
+  ASSERT_TRUE(tiles.claim(5000));  // but not finished
+  parts.insert(5000 / 1024);
+  EXPECT_EQ(tiles.baked(), std::vector<uint32_t>(expected.begin(), expected.end()));
+  EXPECT_EQ(tiles.tiles_baked(), expected.size());
+  EXPECT_EQ(tiles.tiles_stored(), stored);
+  EXPECT_EQ(tiles.bytes(), parts.size() * 4096 + stored * CoverageTiles::k_tile_bytes);
+}
+
+// A full budget: no tile appears without its lines.
+TEST(Coverage, ATileThatFindsNoRoomIsNotBaked) {
+  FieldBudget budget(4096 + 2 * CoverageTiles::k_tile_bytes);
+  CoverageTiles tiles(32, 64, &budget);
+  const TileLines lines(CoverageTiles::k_lines_per_tile, 7), none(CoverageTiles::k_lines_per_tile, 0);
+  for (uint32_t slot = 0; slot < 2; ++slot) {
+    ASSERT_TRUE(tiles.claim(slot));
+    EXPECT_TRUE(tiles.finish(slot, lines));
+  }
+  ASSERT_TRUE(tiles.claim(2));
+  EXPECT_TRUE(tiles.finish(2, none));  // takes no room
+  ASSERT_TRUE(tiles.claim(3));
+  EXPECT_FALSE(tiles.finish(3, lines));
+  EXPECT_FALSE(tiles.finished(3));
+  EXPECT_TRUE(tiles.full());
+  EXPECT_FALSE(tiles.claim(4));
+  EXPECT_EQ(tiles.baked(), (std::vector<uint32_t>{0, 1, 2}));
+}
+
+TEST(Coverage, FilesHoldTheTiles) {
+  const test::TemporaryFolder folder;
+  constexpr FieldParameters p = {32, 64, 8};
+  const FieldIdentity identity = test::test_identity(p);
+  TestRandom random(9);
+  Field field(test::test_ball(), p), other(test::test_ball(), p);
+  const uint32_t per_plane = uint32_t(field.coverage().view().tiles * field.coverage().view().tiles);
+  const auto bake = [&](Field& f, uint32_t slot, float share) {
+    ASSERT_TRUE(f.coverage().claim(slot));
+    ASSERT_TRUE(f.coverage().finish(slot, random_lines(random, share)));
+  };
+  // Eight directions in a row that meet nothing, eight of which one does, seven, and some anywhere.
+  for (uint32_t d = 0; d < 8; ++d) {
+    bake(field, d * per_plane + 3, 0.0f);
+    bake(field, d * per_plane + 4, d == 5 ? 0.3f : 0.0f);
+    if (d != 2) bake(field, (d + 16) * per_plane, 0.0f);
+    bake(field, (d * 101 + 40) * per_plane + d, 0.5f);
+  }
+  bake(other, 3, 1.0f);  // the first field's counts
+  bake(other, 900 * per_plane, 0.7f);
+  const Field* const both[] = {&field, &other};
+  save_fields(both, identity, folder / "a.vdb");
+  Field loaded(test::test_ball(), p);
+  load_field(loaded, identity, folder / "a.vdb");
+  std::vector<uint32_t> expected = field.coverage().baked();
+  expected.insert(std::lower_bound(expected.begin(), expected.end(), 900 * per_plane), 900 * per_plane);
+  ASSERT_EQ(loaded.coverage().baked(), expected);
+  TileLines a(CoverageTiles::k_lines_per_tile), b(a);
+  for (const uint32_t slot : expected) {
+    (slot == 900 * per_plane ? other : field).coverage().read(slot, a);
+    loaded.coverage().read(slot, b);
+    ASSERT_EQ(a, b) << slot;
+  }
+  const CoverageInfo info = coverage_info(loaded.coverage());
+  EXPECT_EQ(info.tiles_baked, expected.size());
+  EXPECT_EQ(info.tiles_full, loaded.coverage().slot_count());
+  EXPECT_EQ(info.tiles_empty, 8u + 7u + 7u);
+  EXPECT_EQ(info.lines_baked, expected.size() * 1024);
+  EXPECT_NEAR(double(info.lines_hit) / 1024, 0.3 + 8 * 0.5 + 0.7, 0.3);
 }
 
 TEST(Coverage, ReadsBackTheLines) {

@@ -3,10 +3,16 @@
 
 #include <gtest/gtest.h>
 
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include <filesystem>
 #include <fstream>
 #include <thread>
 
+#include "core/atomic_file.h"
+#include "core/file_lock.h"
 #include "field/field_file.h"
 #include "field_checks.h"
 
@@ -194,6 +200,168 @@ TEST(FieldCache, StoringWhileBakingKeepsWholeSlices) {
   Field complete = make_field();
   EXPECT_TRUE(cache.load(complete, identity));
   EXPECT_EQ(differing_slices(complete, field), 0u);
+}
+
+// ---- the limit of size
+
+class LimitedCache : public testing::Test {
+ protected:
+  // A file that was used `hours` ago.
+  std::string add(uint64_t number, int hours) {
+    const FieldIdentity identity = identity_of(number);
+    FieldCache cache(folder_.path());
+    Field field = make_field();
+    test::fill_random_slices(field, uint32_t(number), 100);
+    cache.store(field, identity);
+    fs::last_write_time(cache.path_of(identity), fs::file_time_type::clock::now() - std::chrono::hours(hours));
+    return cache.path_of(identity);
+  }
+  static FieldIdentity identity_of(uint64_t number) {
+    FieldIdentity identity = test::test_identity(k_small);
+    identity.geometry.low = number;
+    return identity;
+  }
+  // Stores field 9 in a cache of this limit, as a render does.
+  void store_and_trim(uint64_t most_bytes, uint64_t number = 9) {
+    FieldCache cache(folder_.path(), most_bytes, warnings_.sink());
+    Field field = make_field();
+    test::fill_random_slices(field, uint32_t(number), 100);
+    cache.store(field, identity_of(number));
+    cache.trim();
+  }
+
+  const TemporaryFolder folder_;
+  Warnings warnings_;
+};
+
+TEST_F(LimitedCache, TheLeastRecentlyUsedFilesGo) {
+  const std::string a = add(1, 40), b = add(2, 50), c = add(3, 10), d = add(4, 30);
+  const uint64_t some = fs::file_size(a) + fs::file_size(b) + fs::file_size(c) + fs::file_size(d);
+  store_and_trim(some * 10);
+  EXPECT_TRUE(fs::exists(a) && fs::exists(b) && fs::exists(c) && fs::exists(d));
+  // Loading counts as use.
+  FieldCache user(folder_.path());
+  Field loaded = make_field();
+  EXPECT_TRUE(user.load(loaded, identity_of(2)));
+  const std::string e = FieldCache(folder_.path()).path_of(identity_of(9));
+  store_and_trim(fs::file_size(b) + fs::file_size(c) + fs::file_size(e));
+  EXPECT_FALSE(fs::exists(a));
+  EXPECT_FALSE(fs::exists(d));
+  EXPECT_TRUE(fs::exists(b) && fs::exists(c) && fs::exists(e));
+  store_and_trim(fs::file_size(e) + fs::file_size(b));
+  EXPECT_FALSE(fs::exists(c));
+  EXPECT_TRUE(fs::exists(b) && fs::exists(e));
+  EXPECT_TRUE(warnings_.lines.empty());
+}
+
+TEST_F(LimitedCache, FilesInUseStayAndAreToldAbout) {
+  const std::string old = add(1, 40), used = add(2, 90);
+  FieldCache cache(folder_.path(), 1, warnings_.sink());
+  Field field = make_field();
+  EXPECT_TRUE(cache.load(field, identity_of(2)));
+  cache.trim();
+  EXPECT_FALSE(fs::exists(old));
+  EXPECT_TRUE(fs::exists(used));
+  ASSERT_EQ(warnings_.lines.size(), 1u);
+  EXPECT_NE(warnings_.lines[0].find("--field-cache-limit"), std::string::npos) << warnings_.lines[0];
+}
+
+TEST_F(LimitedCache, ForeignFilesAreNeitherCountedNorRemoved) {
+  const std::string own = add(1, 40);
+  const auto write = [&](const std::string& name, const std::string& text) {
+    std::ofstream(folder_ / name, std::ios::binary) << text;
+    fs::last_write_time(folder_ / name, fs::file_time_type::clock::now() - std::chrono::hours(1000));
+  };
+  const std::string hex(32, 'a'), big(1 << 20, 'x');
+  write("notes.txt", big);
+  write("volume.vdb", big);
+  write(hex + ".vdb", big);  // named like a field, but none
+  write(hex + ".png", big);
+  fs::copy_file(own, folder_ / "kept.vdb");  // a field under a name of the user's
+  fs::create_directory(folder_ / (std::string(32, 'b') + ".vdb"));
+  const size_t before = size_t(std::distance(fs::directory_iterator(folder_.path()), fs::directory_iterator()));
+  store_and_trim(1);
+  EXPECT_FALSE(fs::exists(own));
+  // One field and its lock have come, one field has gone.
+  EXPECT_EQ(size_t(std::distance(fs::directory_iterator(folder_.path()), fs::directory_iterator())), before + 1);
+  warnings_.lines.clear();
+  const std::string e = FieldCache(folder_.path()).path_of(identity_of(9));
+  store_and_trim(fs::file_size(e));  // no warning: the foreign ones do not count
+  EXPECT_TRUE(warnings_.lines.empty());
+}
+
+TEST_F(LimitedCache, AFileThatIsBeingWrittenStays) {
+  const std::string a = add(1, 40), b = add(2, 30);
+  const FileLock writer(a + ".lock");
+  store_and_trim(1);
+  EXPECT_TRUE(fs::exists(a));
+  EXPECT_FALSE(fs::exists(b));
+}
+
+TEST_F(LimitedCache, OfManyWhoStoreAndTrimAtOnceNoneFails) {
+  std::vector<std::thread> threads;
+  for (uint64_t t = 0; t < 4; ++t) {
+    threads.emplace_back([&, t] {
+      for (uint64_t round = 0; round < 4; ++round) {
+        FieldCache cache(folder_.path(), 60000, [](const std::string&) {});
+        Field field = make_field(), loaded = make_field();
+        test::fill_random_slices(field, uint32_t(10 * t + round), 60);
+        cache.store(field, identity_of((t + round) % 5));
+        cache.trim();
+        // Removed by another, or whole.
+        Warnings warnings;
+        FieldCache reader(folder_.path(), warnings.sink());
+        reader.load(loaded, identity_of((t + round + 1) % 5));
+        EXPECT_TRUE(warnings.lines.empty()) << warnings.lines[0];
+      }
+    });
+  }
+  for (std::thread& t : threads) t.join();
+  uint64_t bytes = 0;
+  for (const auto& entry : fs::directory_iterator(folder_.path())) {
+    EXPECT_NE(entry.path().extension(), ".tmp");
+    if (entry.path().extension() == ".vdb") bytes += entry.file_size();
+  }
+  EXPECT_GT(bytes, 0u);
+}
+
+// ---- processes that are killed
+
+TEST(FieldCache, AKilledWriterHoldsNobodyUp) {
+  const TemporaryFolder folder;
+  const FieldIdentity identity = test::test_identity(k_small);
+  FieldCache cache(folder.path());
+  const std::string path = cache.path_of(identity);
+  int ready[2];
+  ASSERT_EQ(pipe(ready), 0);
+  const pid_t child = fork();
+  if (child == 0) {
+    const FileLock lock(path + ".lock");
+    const AtomicFile half(path);
+    if (write(ready[1], "x", 1) != 1) _exit(1);
+    pause();
+    _exit(0);
+  }
+  char byte;
+  ASSERT_EQ(read(ready[0], &byte, 1), 1);
+  EXPECT_FALSE(FileLock(path + ".lock", LockWait::none).held());
+  ASSERT_EQ(kill(child, SIGKILL), 0);
+  ASSERT_EQ(waitpid(child, nullptr, 0), child);
+  close(ready[0]);
+  close(ready[1]);
+  std::ofstream(folder / "other.vdb.1-0.tmp") << "another program's";
+  const auto temporaries = [&] {
+    size_t n = 0;
+    for (const auto& entry : fs::directory_iterator(folder.path())) n += entry.path().extension() == ".tmp";
+    return n;
+  };
+  EXPECT_EQ(temporaries(), 2u);
+  Field field = make_field(), loaded = make_field();
+  test::fill_random_slices(field, 1, 50);
+  cache.store(field, identity);
+  EXPECT_TRUE(cache.load(loaded, identity));
+  EXPECT_EQ(differing_slices(field, loaded), 0u);
+  EXPECT_EQ(temporaries(), 1u);  // what the killed one left is gone
 }
 
 TEST(FieldCache, AFolderThatCannotBeWrittenIsAnError) {

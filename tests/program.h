@@ -58,6 +58,8 @@ class Program {
     return outcome;
   }
 
+  void kill_now() const { kill(child_, SIGKILL); }
+
   // Waits until the program handles SIGINT itself, then sends it. False if that does not happen within 20 s.
   bool interrupt() const {
     for (int i = 0; i < 2000; ++i) {

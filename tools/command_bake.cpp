@@ -36,8 +36,14 @@ void check_output(const std::string& path) {
   throw UsageError("-o " + path + ": name a file ending in .vdb, or a folder that exists");
 }
 
+void check_limit(const BakeArguments& arguments) {
+  if (arguments.options.cache_limit == 0 || std::filesystem::is_directory(arguments.output)) return;
+  throw UsageError("--field-cache-limit: -o must name a folder that exists, " + arguments.output + " is none");
+}
+
 int run_bake(const BakeArguments& arguments) {
   check_output(arguments.output);
+  check_limit(arguments);
   const bool mesh = is_mesh(arguments.input.path);
   if (mesh && !arguments.options.full) {
     throw UsageError("a mesh alone demands no cells; bake it with --full, or name a scene");
@@ -61,8 +67,9 @@ int run_bake(const BakeArguments& arguments) {
   for (const BakedField& field : result.fields) {
     const FieldFileInfo& info = field.info;
     const FieldParameters& p = info.header.identity.parameters;
-    fmt::print("{}: {}, {} x {} cells, {} baked, {:.1f} MB\n", field.path, field.object, p.directions, p.plane,
-               info.visibility.cells_baked + info.depth.cells_baked, double(info.bytes_disk) * 1e-6);
+    fmt::print("{}: {}, {} x {} cells, {} baked, {} coverage tiles, {:.1f} MB\n", field.path, field.object,
+               p.directions, p.plane, info.visibility.cells_baked + info.depth.cells_baked, info.coverage.tiles_baked,
+               double(info.bytes_disk) * 1e-6);
   }
   if (result.fields.empty()) fmt::print("nothing written: the scene's shadow rays demand no field\n");
   if (!result.interrupted) return k_exit_success;
@@ -89,6 +96,8 @@ void add_bake_command(CommandLine& line) {
       ->check(field_plane())
       ->type_name("N");
   add_chart_option(command);
+  add_memory_option(command, arguments->options.field_memory);
+  add_cache_limit_option(command, arguments->options.cache_limit);
   command.add_option("--threads", arguments->options.threads, "Threads (default: 0, all)")
       ->check(thread_count())
       ->type_name("N");

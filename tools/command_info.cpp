@@ -5,6 +5,7 @@
 #include <cctype>
 #include <cmath>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
 #include "core/image.h"
 #include "core/mesh_io.h"
@@ -97,15 +98,12 @@ void print_scene(const SceneArguments& arguments) {
   }
 }
 
-void print_layer(const char* name, const LayerInfo& layer, uint64_t cells_full, const char* clear,
-                 const char* blocked) {
-  const auto percent = [](uint64_t part, uint64_t whole) { return whole ? 100.0 * double(part) / double(whole) : 0.0; };
+double percent(uint64_t part, uint64_t whole) { return whole ? 100.0 * double(part) / double(whole) : 0.0; }
+
+void print_baked(const char* name, const LayerInfo& layer, uint64_t cells_full) {
   fmt::print("{:<10} {} of {} cells ({:.2f} %), {:.2f} % of the {} that queries reach\n", name, layer.cells_baked,
              cells_full, percent(layer.cells_baked, cells_full), percent(layer.cells_baked, layer.cells_reachable),
              layer.cells_reachable);
-  fmt::print("           {} {:.1f} %, {} {:.1f} %, ask {:.1f} %, at tolerance {}\n", clear,
-             percent(layer.clear, layer.cells_baked), blocked, percent(layer.blocked, layer.cells_baked),
-             percent(layer.ask, layer.cells_baked), k_info_tolerance);
 }
 
 void print_field(const std::string& path) {
@@ -118,22 +116,90 @@ void print_field(const std::string& path) {
   fmt::print("mesh       {}, {} primitives\nformat     {}\n", identity.geometry.hex(), identity.primitive_count,
              identity.format_version);
   fmt::print("cache name {}\n", identity.file_name());
-  print_layer("visibility", info.visibility, info.cells_full, "clear", "blocked");
-  print_layer("depth", info.depth, info.cells_full, "miss", "sheet");
+  const auto share = [](const LayerInfo& layer, uint64_t cells) { return percent(cells, layer.cells_baked); };
+  const LayerInfo &v = info.visibility, &d = info.depth;
+  print_baked("visibility", v, info.cells_full);
+  fmt::print("           clear {:.1f} %, blocked {:.1f} %, ask {:.1f} %, at tolerance {}\n", share(v, v.clear),
+             share(v, v.blocked), share(v, v.ask), k_info_tolerance);
+  print_baked("depth", d, info.cells_full);
+  fmt::print("           miss {:.1f} %, sheet {:.1f} %, ceiling {:.1f} %, ask {:.1f} %, at tolerance {}\n",
+             share(d, d.clear), share(d, d.blocked - d.ceilings), share(d, d.ceilings), share(d, d.ask),
+             k_info_tolerance);
+  const CoverageInfo& c = info.coverage;
+  fmt::print("coverage   {} of {} tiles ({:.2f} %), {} x {} lines a direction\n", c.tiles_baked, c.tiles_full,
+             percent(c.tiles_baked, c.tiles_full), c.lines_across, c.lines_across);
+  fmt::print("           {} lines, {:.1f} % hit, {} tiles empty\n", c.lines_baked, percent(c.lines_hit, c.lines_baked),
+             c.tiles_empty);
   fmt::print("bytes      {} on disk, {} in memory, {} bricks\n", info.bytes_disk, info.bytes_memory, info.bricks);
+  fmt::print("           {} of cells and {} of coverage, {:.2f} to 1 on disk\n", info.bytes_cells, info.bytes_coverage,
+             info.compression());
 }
 
-int run_info(const SceneArguments& arguments) {
-  std::string ending = std::filesystem::path(arguments.path).extension().string();
+void print_field_json(const std::string& path) {
+  using Json = nlohmann::ordered_json;
+  const FieldFileInfo info = field_info(path);
+  const FieldIdentity& identity = info.header.identity;
+  const Vec3& centre = info.header.ball.centre;
+  const auto layer = [&](const LayerInfo& l) {
+    return Json{
+        {"cells_baked", l.cells_baked}, {"cells_reachable", l.cells_reachable}, {"cells_full", info.cells_full}};
+  };
+  const LayerInfo &v = info.visibility, &d = info.depth;
+  Json visibility = layer(v), depth = layer(d);
+  visibility.update(Json{{"clear", v.clear}, {"blocked", v.blocked}, {"ask", v.ask}});
+  depth.update(Json{{"miss", d.clear}, {"sheet", d.blocked - d.ceilings}, {"ceiling", d.ceilings}, {"ask", d.ask}});
+  const CoverageInfo& c = info.coverage;
+  const Json json = {{"file", path},
+                     {"chart", identity.chart},
+                     {"directions", identity.parameters.directions},
+                     {"plane", identity.parameters.plane},
+                     {"lines", identity.parameters.lines},
+                     {"centre", {centre.x, centre.y, centre.z}},
+                     {"radius", info.header.ball.radius},
+                     {"mesh_hash", identity.geometry.hex()},
+                     {"primitives", identity.primitive_count},
+                     {"format", identity.format_version},
+                     {"cache_name", identity.file_name()},
+                     {"tolerance", std::round(double(k_info_tolerance) * 1e6) / 1e6},
+                     {"visibility", visibility},
+                     {"depth", depth},
+                     {"coverage",
+                      {{"tiles_baked", c.tiles_baked},
+                       {"tiles_full", c.tiles_full},
+                       {"tiles_empty", c.tiles_empty},
+                       {"lines_across", c.lines_across},
+                       {"lines_baked", c.lines_baked},
+                       {"lines_hit", c.lines_hit}}},
+                     {"bricks", info.bricks},
+                     {"bytes",
+                      {{"disk", info.bytes_disk},
+                       {"memory", info.bytes_memory},
+                       {"cells", info.bytes_cells},
+                       {"coverage", info.bytes_coverage}}},
+                     {"compression", info.compression()}};
+  fmt::print("{}\n", json.dump(2));
+}
+
+struct InfoArguments {
+  SceneArguments file;
+  bool json = false;
+};
+
+int run_info(const InfoArguments& arguments) {
+  const std::string& path = arguments.file.path;
+  std::string ending = std::filesystem::path(path).extension().string();
   std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  if (arguments.json && ending != ".vdb") {
+    throw UsageError("--json: only of fields; " + path + " does not end in .vdb");
+  }
   if (ending == ".vdb") {
-    print_field(arguments.path);
+    (arguments.json ? print_field_json : print_field)(path);
   } else if (ending == ".xml") {
-    print_scene(arguments);
+    print_scene(arguments.file);
   } else if (ending == ".obj" || ending == ".ply") {
-    print_mesh(arguments.path);
+    print_mesh(path);
   } else {
-    print_image(arguments.path);
+    print_image(path);
   }
   return k_exit_success;
 }
@@ -141,12 +207,13 @@ int run_info(const SceneArguments& arguments) {
 }  // namespace
 
 void add_info_command(CommandLine& line) {
-  const auto arguments = std::make_shared<SceneArguments>();
+  const auto arguments = std::make_shared<InfoArguments>();
   CLI::App& command = *line.app.add_subcommand("info", "Say what is in a scene, a mesh, an image or a field");
-  command.add_option("file", arguments->path, "Scene (.xml), mesh (.obj, .ply), field (.vdb) or image")
+  command.add_option("file", arguments->file.path, "Scene (.xml), mesh (.obj, .ply), field (.vdb) or image")
       ->required()
       ->type_name("FILE");
-  add_scene_reading_options(command, *arguments);
+  command.add_flag("--json", arguments->json, "Print JSON (fields only)");
+  add_scene_reading_options(command, arguments->file);
   command.callback([arguments, &line] { line.action = [arguments] { return run_info(*arguments); }; });
 }
 

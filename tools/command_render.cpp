@@ -72,6 +72,8 @@ void print_summary(const Stats& s) {
     fmt::print(stderr, "fields  {} object{}, {} x {} cells, {} of {} baked, {} in memory\n", s.field_objects,
                s.field_objects == 1 ? "" : "s", s.field_directions, s.field_plane, count(s.field_cells_baked),
                count(s.field_cells_full), megabytes(s.field_bytes_memory));
+  } else if (s.field_restarts > 0) {
+    fmt::print(stderr, "fields  none: {} are too little for any\n", megabytes(s.field_bytes_budget));
   } else if (s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {
     fmt::print(stderr, "fields  none: every object is too simple to gain from one\n");
   }

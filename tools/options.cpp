@@ -20,6 +20,8 @@ namespace {
 // Chosen so that products with the pixels of a large film stay far below 2^63.
 constexpr int k_max_samples = 1 << 20;
 constexpr int k_max_threads = 4096;
+// 10^18 bytes.
+constexpr int64_t k_max_megabytes = int64_t(1000) * 1000 * 1000 * 1000;
 
 template <class T>
 std::optional<T> whole_parse(const std::string& text) {
@@ -89,6 +91,28 @@ void add_chart_option(CLI::App& command) {
           "How rays are cut into cells (default: orthographic)")
       ->check(one_of({"orthographic", "thesis"}))
       ->type_name("NAME");
+}
+
+namespace {
+
+CLI::Option* add_megabytes(CLI::App& command, const char* name, uint64_t& bytes, const char* help) {
+  return command
+      .add_option_function<uint64_t>(
+          name, [&bytes](const uint64_t& megabytes) { bytes = megabytes * 1000000; }, help)
+      ->check(whole_number_between(1, k_max_megabytes))
+      ->type_name("MB");
+}
+
+}  // namespace
+
+void add_memory_option(CLI::App& command, uint64_t& bytes) {
+  add_megabytes(command, "--field-memory", bytes, "Memory that fields may take (default: half of the machine's)");
+}
+
+CLI::Option* add_cache_limit_option(CLI::App& command, uint64_t& bytes) {
+  return add_megabytes(
+      command, "--field-cache-limit", bytes,
+      "Size that the folder of fields is kept below by removing the least recently used (default: none)");
 }
 
 void add_scene_reading_options(CLI::App& command, SceneArguments& arguments) {
@@ -163,8 +187,11 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->check(field_plane())
       ->type_name("N");
   add_chart_option(command);
-  command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
-      ->type_name("DIR");
+  CLI::Option* const cache =
+      command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
+          ->type_name("DIR");
+  add_cache_limit_option(command, options.field_cache_limit)->needs(cache);
+  add_memory_option(command, options.field_memory);
   command.add_option("--threads", options.threads, "Threads (default: 0, all)")->check(thread_count())->type_name("N");
   command
       .add_option_function<std::string>(

@@ -35,6 +35,10 @@ CLI::Validator thread_count();
 // --chart, read and checked; there is one chart so far.
 void add_chart_option(CLI::App& command);
 
+// --field-memory and --field-cache-limit, given in units of 10^6 bytes; the targets are in bytes.
+void add_memory_option(CLI::App& command, uint64_t& bytes);
+CLI::Option* add_cache_limit_option(CLI::App& command, uint64_t& bytes);
+
 // Where a scene comes from and how it is read.
 struct SceneArguments {
   std::string path;

@@ -1,0 +1,116 @@
+#include "hybrid/field_set.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "core/machine_memory.h"
+#include "hybrid/shadow_answerer.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr int k_fewest_directions = 32, k_fewest_plane = 64;
+
+// Shapes that want a field, in the order in which they get one.
+std::vector<uint32_t> shapes_by_gain(const Scene& scene) {
+  std::vector<uint64_t> gain(scene.shapes.size(), 0);
+  for (const Instance& instance : scene.instances)
+    gain[instance.shape] += scene.shapes[instance.shape].triangle_count();
+  std::vector<uint32_t> order(scene.shapes.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::erase_if(order, [&](uint32_t s) { return !wants_field(scene.shapes[s]); });
+  std::stable_sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return gain[a] > gain[b]; });
+  return order;
+}
+
+}  // namespace
+
+uint64_t default_field_memory() { return machine_memory_bytes() / 2; }
+
+FieldSet::FieldSet(const Scene& scene, const FieldPlan& plan, uint64_t budget_bytes, bool wanted)
+    : scene_(scene),
+      plan_(plan),
+      budget_(std::make_unique<FieldBudget>(budget_bytes)),
+      fields_(scene.shapes.size()),
+      left_to_rays_(scene.shapes.size(), 0),
+      own_to_rays_(scene.shapes.size(), 0) {
+  if (!wanted) return;
+  for (const uint32_t s : shapes_by_gain(scene)) {
+    if (count_ == plan.most_fields) break;
+    fields_[s] = std::make_unique<Field>(field_ball(scene.shapes[s].bounds), plan.parameters, budget_.get());
+    ++count_;
+  }
+}
+
+std::vector<Field*> FieldSet::pointers() const {
+  std::vector<Field*> pointers;
+  for (size_t s = 0; s < fields_.size(); ++s) pointers.push_back(left_to_rays_[s] ? nullptr : fields_[s].get());
+  return pointers;
+}
+
+void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers) {
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, fewest_answers);
+    own_to_rays_[s] = fields_[s] && leaves_own_to_rays(survey.uses[s]);
+  }
+}
+
+void FieldSet::load(FieldCache& cache) {
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (!fields_[s] || !plan_.read_cache || budget_->exceeded()) continue;
+    has_loaded_ |= cache.load(*fields_[s], field_identity(scene_.shapes[s], plan_.parameters));
+  }
+}
+
+void FieldSet::store(FieldCache& cache, const WarningSink& warning, Stats& stats) const {
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (!fields_[s]) continue;
+    const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
+    try {
+      cache.store(*fields_[s], identity);
+    } catch (const Error& e) {
+      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+    }
+    stats.field_bytes_disk += cache.bytes_on_disk(identity);
+  }
+  cache.trim();
+}
+
+void FieldSet::count(Stats& stats) const {
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    const auto& field = fields_[s];
+    if (!field) continue;
+    (left_to_rays_[s] ? stats.field_left_to_rays : stats.field_objects) += 1;
+    stats.field_own_to_rays += !left_to_rays_[s] && own_to_rays_[s];
+    stats.field_cells_baked += field->cells_baked();
+    stats.field_cells_full += field->cells_full();
+    stats.field_bytes_memory += field->bytes();
+    stats.field_tiles_baked += field->coverage().tiles_baked();
+    stats.field_directions = plan_.parameters.directions;
+    stats.field_plane = plan_.parameters.plane;
+  }
+}
+
+FieldPlan FieldSet::next_plan(std::string& change) const {
+  FieldPlan next = plan_;
+  if (has_loaded_) {
+    next.read_cache = false;
+    change = "begins again without what the cache holds";
+    return next;
+  }
+  next.read_cache = true;
+  FieldParameters& p = next.parameters;
+  if (p.directions > k_fewest_directions || p.plane > k_fewest_plane) {
+    p.directions = std::max(p.directions / 2, k_fewest_directions);
+    p.plane = std::max(p.plane / 2, k_fewest_plane);
+    change = "begins again with fields of " + std::to_string(p.directions) + " x " + std::to_string(p.plane) + " cells";
+    return next;
+  }
+  // Complete fields of these fit: there is no further attempt.
+  next.most_fields = size_t(budget_->limit() / Field::most_bytes(p));
+  change = "begins again with fields for " + std::to_string(next.most_fields) + " of " + std::to_string(count_) +
+           " objects, and exact rays for the others";
+  return next;
+}
+
+}  // namespace fieldtrace
