@@ -31,8 +31,11 @@ constexpr float k_near_pivot = 4.0f;
 // of a light for many receivers at once. Where direction cells are fine, visibility cells do without, which saves exact
 // rays (docs/decisions/011-hard-meshes.md).
 constexpr int k_fine_directions = 64;
-constexpr float k_coarse_footprint = 1.5f;
-constexpr float k_fine_depth_footprint = 1.4f, k_fine_visibility_footprint = 1.0f;
+struct Footprint {
+  float coarse, fine;
+};
+constexpr Footprint k_visibility_footprint = {1.5f, 1.0f};
+constexpr Footprint k_depth_footprint = {1.5f, 1.15f};
 
 struct Claimed {
   uint32_t slice;
@@ -96,9 +99,9 @@ class SliceBaker {
   // Seeds the cell's line pattern: depends on nothing but the cell's place.
   uint32_t cell_seed(const Claimed& s, uint32_t i) const { return s.slice * uint32_t(k_cells) + i % k_cells; }
 
-  std::array<float, 4> point_of(const Claimed& s, uint32_t i, int k, float fine_footprint) const {
-    const float footprint = parameters_.directions < k_fine_directions ? k_coarse_footprint : fine_footprint;
-    return widened(cell_point(cell_seed(s, i), k), s.at.u, s.at.v, parameters_.directions, footprint);
+  std::array<float, 4> point_of(const Claimed& s, uint32_t i, int k, const Footprint& footprint) const {
+    const float width = parameters_.directions < k_fine_directions ? footprint.coarse : footprint.fine;
+    return widened(cell_point(cell_seed(s, i), k), s.at.u, s.at.v, parameters_.directions, width);
   }
 
   void trace_sheet_lines(std::vector<SheetCell>& cells, Round& round);
@@ -128,7 +131,7 @@ void SliceBaker::bake_visibility(std::span<const Claimed> slices) {
       for (int k = begin; k < end; ++k) {
         add_line(round,
                  foot_line(frames[i / k_cells], s.at.u, s.at.v, cell_a(s, i), cell_b(s, i),
-                           point_of(s, i, k, k_fine_visibility_footprint), parameters_),
+                           point_of(s, i, k, k_visibility_footprint), parameters_),
                  i);
       }
       lines[i] = end;
@@ -299,7 +302,7 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
       for (int k = cells[i].lines; k < end; ++k) {
         add_line(round,
                  depth_line(frames[i / k_cells], s.at.u, s.at.v, cell_a(s, i), cell_b(s, i), cells[i].depth,
-                            point_of(s, i, k, k_fine_depth_footprint), parameters_),
+                            point_of(s, i, k, k_depth_footprint), parameters_),
                  i);
       }
       cells[i].lines = end;
