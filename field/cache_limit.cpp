@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "core/error.h"
@@ -65,6 +66,13 @@ bool remove_unused(const CachedFile& file) {
 }  // namespace
 
 TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep) {
+  // One at a time: two who count the same files would both remove what one of them has to.
+  std::optional<FileLock> trimming;
+  try {
+    trimming.emplace((fs::path(folder) / "trim.lock").string());
+  } catch (const Error&) {
+    return {};  // a folder that cannot be written to
+  }
   std::vector<CachedFile> files = cached_files(folder);
   std::sort(files.begin(), files.end(), [](const CachedFile& a, const CachedFile& b) {
     return a.used != b.used ? a.used < b.used : a.path < b.path;

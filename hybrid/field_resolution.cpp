@@ -1,24 +1,11 @@
 #include "hybrid/field_resolution.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/shadow_candidates.h"
 
 namespace fieldtrace {
-namespace {
-
-float degrees_from(const Vec3& point, const LightExtent& light) {
-  if (light.kind == LightExtent::Kind::everywhere) return 180.0f;
-  if (light.kind == LightExtent::Kind::directional) return 0.0f;
-  const float distance = glm::length(light.ball.centre - point);
-  if (distance <= light.ball.radius) return 180.0f;
-  return 2.0f * std::asin(light.ball.radius / distance) * (180.0f / k_pi);
-}
-
-}  // namespace
-
 float narrowest_light_degrees(const Scene& scene) {
   std::vector<char> wanted;
   for (const Shape& shape : scene.shapes) wanted.push_back(wants_field(shape));
@@ -28,7 +15,7 @@ float narrowest_light_degrees(const Scene& scene) {
     for (const Instance& instance : scene.instances) {
       if (!wanted[instance.shape]) continue;
       const Vec3 centre = transform_point(instance.to_world, scene.shapes[instance.shape].bounds.centre());
-      narrowest = std::min(narrowest, degrees_from(centre, extent));
+      narrowest = std::min(narrowest, angular_diameter(extent, centre));
     }
   }
   return narrowest == k_infinity ? 0.0f : narrowest;

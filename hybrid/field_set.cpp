@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "core/machine_memory.h"
+#include "hybrid/bake_estimate.h"
 #include "hybrid/shadow_answerer.h"
 
 namespace fieldtrace {
@@ -35,8 +36,13 @@ FieldSet::FieldSet(const Scene& scene, const FieldPlan& plan, uint64_t budget_by
       left_to_rays_(scene.shapes.size(), 0),
       own_to_rays_(scene.shapes.size(), 0) {
   if (!wanted) return;
+  bake_rays_ = estimated_bake_rays(scene, plan.parameters);
   for (const uint32_t s : shapes_by_gain(scene)) {
     if (count_ == plan.most_fields) break;
+    if (bake_rays_[s] > std::max(plan.light_samples, k_costly_bake_rays)) {
+      left_to_rays_[s] = 1;
+      continue;
+    }
     fields_[s] = std::make_unique<Field>(field_ball(scene.shapes[s].bounds), plan.parameters, budget_.get());
     ++count_;
   }
@@ -50,7 +56,9 @@ std::vector<Field*> FieldSet::pointers() const {
 
 void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers) {
   for (size_t s = 0; s < fields_.size(); ++s) {
-    left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, fewest_answers);
+    if (left_to_rays_[s]) continue;
+    const uint64_t fewest = bake_rays_[s] > k_costly_bake_rays ? uint64_t(bake_rays_[s]) : 0;
+    left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, std::max(fewest, fewest_answers));
     own_to_rays_[s] = fields_[s] && leaves_own_to_rays(survey.uses[s]);
   }
 }
@@ -79,8 +87,9 @@ void FieldSet::store(FieldCache& cache, const WarningSink& warning, Stats& stats
 void FieldSet::count(Stats& stats) const {
   for (size_t s = 0; s < fields_.size(); ++s) {
     const auto& field = fields_[s];
+    stats.field_left_to_rays += left_to_rays_[s];
     if (!field) continue;
-    (left_to_rays_[s] ? stats.field_left_to_rays : stats.field_objects) += 1;
+    stats.field_objects += !left_to_rays_[s];
     stats.field_own_to_rays += !left_to_rays_[s] && own_to_rays_[s];
     stats.field_cells_baked += field->cells_baked();
     stats.field_cells_full += field->cells_full();

@@ -28,6 +28,9 @@ struct FieldPlan {
   FieldParameters parameters;
   size_t most_fields = std::numeric_limits<size_t>::max();
   bool read_cache = true;
+  // Light samples of the whole picture, towards all lights. A shape whose bake would cost more rays (and is costly at
+  // all: hybrid/bake_estimate.h) is left to exact rays, for its field cannot answer as many.
+  double light_samples = std::numeric_limits<double>::infinity();
 };
 
 // The budget of fields where none is asked for: half of the machine's memory.
@@ -42,7 +45,8 @@ class FieldSet {
   std::vector<Field*> pointers() const;  // by shape; null: exact rays
   // By shape: not 0 where the field is not asked about receivers on the object itself.
   const std::vector<uint8_t>& own_to_rays() const { return own_to_rays_; }
-  // Leaves objects to exact rays, as the counts of a survey say.
+  // Leaves objects to exact rays, as the counts of a survey say; those with a costly bake if their answers would not
+  // outnumber its rays.
   void leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers);
   const FieldBudget& budget() const { return *budget_; }
 
@@ -60,6 +64,7 @@ class FieldSet {
   FieldPlan plan_;
   std::unique_ptr<FieldBudget> budget_;  // outlives the fields
   std::vector<std::unique_ptr<Field>> fields_;
+  std::vector<double> bake_rays_;                    // by shape: estimated
   std::vector<uint8_t> left_to_rays_, own_to_rays_;  // by shape: has a field that is not asked, or not by itself
   size_t count_ = 0;
   bool has_loaded_ = false;

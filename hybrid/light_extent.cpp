@@ -1,6 +1,7 @@
 #include "hybrid/light_extent.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace fieldtrace {
 namespace {
@@ -75,6 +76,14 @@ LightExtent light_extent(const Scene& scene, uint32_t emitter) {
       break;
   }
   return extent;
+}
+
+float angular_diameter(const LightExtent& light, const Vec3& point) {
+  if (light.kind == LightExtent::Kind::everywhere) return 180.0f;
+  if (light.kind == LightExtent::Kind::directional) return 0.0f;
+  const float distance = glm::length(light.ball.centre - point);
+  if (distance <= light.ball.radius) return 180.0f;
+  return 2.0f * std::asin(light.ball.radius / distance) * (180.0f / k_pi);
 }
 
 }  // namespace fieldtrace

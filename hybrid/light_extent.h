@@ -22,6 +22,10 @@ struct LightExtent {
 
 LightExtent light_extent(const Scene& scene, uint32_t emitter);
 
+// The angular diameter in degrees of a light's ball, seen from a point; 0 for directional lights, 180 for those all
+// about and from within the ball.
+float angular_diameter(const LightExtent& light, const Vec3& point);
+
 // The box about a transformed box, widened by the rounding of the transform.
 Bounds3 world_bounds(const Bounds3& object_space, const Affine& to_world);
 

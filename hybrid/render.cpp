@@ -112,6 +112,9 @@ FieldPlan first_plan(const Scene& scene, const RenderOptions& options, uint64_t 
   plan.parameters = choose_resolution(scene, rays_per_light);
   if (options.directions) plan.parameters.directions = options.directions;
   if (options.plane) plan.parameters.plane = options.plane;
+  // Where fields alone answer, or are asked by request, none is left out.
+  if (options.leave_to_rays && !options.force_ask && options.tolerance < 1.0f)
+    plan.light_samples = double(rays_per_light) * double(scene.emitters.size());
   return plan;
 }
 

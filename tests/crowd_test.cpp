@@ -52,7 +52,26 @@ RenderOptions options_for(Method method) {
   o.threads = 2;
   o.directions = 32;
   o.plane = 64;
+  o.leave_to_rays = false;
   return o;
+}
+
+// A bake that costs more rays than the picture sends is not begun, nor is it where a survey finds too few answers.
+TEST(Crowd, IsLeftToRaysWhereItsFieldsCannotPay) {
+  const Scene scene = crowd();
+  RenderOptions o = options_for(Method::monte_carlo);
+  o.light_samples = 4;
+  const RenderResult exact = render(scene, o);
+  o.method = Method::hybrid;
+  o.leave_to_rays = true;
+  const RenderResult left = render(scene, o);
+  EXPECT_GT(left.stats.field_left_to_rays, 0u);
+  EXPECT_EQ(left.stats.field_objects, 0u);
+  EXPECT_EQ(left.stats.bake_rays, 0u);
+  EXPECT_EQ(left.stats.survey_rays, 0u);
+  EXPECT_EQ(left.image.data, exact.image.data);
+  o.tolerance = 1.0f;  // fields alone
+  EXPECT_EQ(render(scene, o).stats.field_left_to_rays, 0u);
 }
 
 TEST(Crowd, FieldsAnswerForTenThousandInstances) {
