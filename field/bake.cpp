@@ -27,15 +27,13 @@ constexpr float k_max_residual_cells = 0.64f;
 // is moved there.
 constexpr float k_near_pivot = 4.0f;
 
-// Lines spread over this many widths of their cell: an edge that no line met leaves a whole cell wrong, a sizeable part
-// of a light for many receivers at once. Where direction cells are fine, visibility cells do without, which saves exact
-// rays (docs/decisions/011-hard-meshes.md).
-constexpr int k_fine_directions = 64;
-struct Footprint {
-  float coarse, fine;
-};
-constexpr Footprint k_visibility_footprint = {1.5f, 1.0f};
-constexpr Footprint k_depth_footprint = {1.5f, 1.15f};
+// Lines of depth cells spread over this many widths of their cell: an edge that no line met leaves a whole cell wrong,
+// a sizeable part of a light for many receivers at once (docs/decisions/011-hard-meshes.md).
+constexpr float k_depth_footprint = 1.4f;
+
+// A depth cell asks where a line of a cell beside it meets something further in front of its sheet than this many plane
+// cells: an edge passes there, which its own lines may have missed (docs/decisions/011-hard-meshes.md).
+constexpr float k_front_cells = 2.0f;
 
 struct Claimed {
   uint32_t slice;
@@ -99,13 +97,14 @@ class SliceBaker {
   // Seeds the cell's line pattern: depends on nothing but the cell's place.
   uint32_t cell_seed(const Claimed& s, uint32_t i) const { return s.slice * uint32_t(k_cells) + i % k_cells; }
 
-  std::array<float, 4> point_of(const Claimed& s, uint32_t i, int k, const Footprint& footprint) const {
-    const float width = parameters_.directions < k_fine_directions ? footprint.coarse : footprint.fine;
-    return widened(cell_point(cell_seed(s, i), k), s.at.u, s.at.v, parameters_.directions, width);
+  std::array<float, 4> depth_point(const Claimed& s, uint32_t i, int k) const {
+    return widened(cell_point(cell_seed(s, i), k), s.at.u, s.at.v, parameters_.directions, k_depth_footprint);
   }
 
   void trace_sheet_lines(std::vector<SheetCell>& cells, Round& round);
-  void store_sheet(const Claimed& slice, uint32_t i, const SheetCell& cell, const CellFrame& frame);
+  template <class Counts>
+  static bool meets_beside(const std::vector<SheetCell>& cells, uint32_t i, const Counts& counts);
+  void store_sheet(const Claimed& slice, uint32_t i, const std::vector<SheetCell>& cells, const CellFrame& frame);
 
   Field& field_;
   const FieldParameters& parameters_;
@@ -131,7 +130,7 @@ void SliceBaker::bake_visibility(std::span<const Claimed> slices) {
       for (int k = begin; k < end; ++k) {
         add_line(round,
                  foot_line(frames[i / k_cells], s.at.u, s.at.v, cell_a(s, i), cell_b(s, i),
-                           point_of(s, i, k, k_visibility_footprint), parameters_),
+                           cell_point(cell_seed(s, i), k), parameters_),
                  i);
       }
       lines[i] = end;
@@ -215,11 +214,27 @@ SliceBaker::SheetPlane SliceBaker::fit_plane(const SheetCell& cell, int anchor, 
   return plane;
 }
 
-void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const SheetCell& cell, const CellFrame& frame) {
+// Whether a line of this cell or of one beside it, within its slice, meets a point for which `counts` holds.
+template <class Counts>
+bool SliceBaker::meets_beside(const std::vector<SheetCell>& cells, uint32_t i, const Counts& counts) {
+  const int a = int(i % k_cells) / 8, b = int(i % k_cells) % 8;
+  for (int na = std::max(a - 1, 0); na <= std::min(a + 1, 3); ++na) {
+    for (int nb = std::max(b - 1, 0); nb <= std::min(b + 1, 7); ++nb) {
+      const SheetCell& beside = cells[i / k_cells * k_cells + uint32_t(na * 8 + nb)];
+      if (std::any_of(beside.points.begin(), beside.points.begin() + beside.hits, counts)) return true;
+    }
+  }
+  return false;
+}
+
+void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const std::vector<SheetCell>& cells,
+                             const CellFrame& frame) {
+  const SheetCell& cell = cells[i];
   const uint32_t target = slice.first_cell + i % k_cells;
   const int misses = cell.lines - cell.hits;
   if (cell.hits == 0) {
-    field_.store_sheet(target, 0, encode_certificate(scalar::k_kind_miss, 0, 255), k_none);
+    const int risk = meets_beside(cells, i, [](const Vec3&) { return true; }) ? k_edge_class : 0;
+    field_.store_sheet(target, 0, encode_certificate(scalar::k_kind_miss, risk, 255), k_none);
     return;
   }
   const float plane_cells = float(parameters_.plane);
@@ -230,6 +245,11 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const SheetCell& 
     field_.store_sheet(target, plane.word, encode_certificate(kind, risk, encode_error(error)), cell.primitive);
   };
 
+  const float well_in_front = k_front_cells * 2.0f / plane_cells;
+  const auto edge_class = [&](const SheetPlane& plane) {
+    return meets_beside(cells, i, [&](const Vec3& p) { return plane.distance(p) > well_in_front; }) ? k_edge_class : 0;
+  };
+
   const SheetPlane plane = fit_plane(cell, 0, in_plane, frame.c);
   float residual = 0.0f, spread = 1.0f;
   for (int k = 0; k < cell.hits; ++k) {
@@ -238,7 +258,7 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const SheetCell& 
   }
   const bool one_sheet = residual <= max_residual_ && spread >= k_min_normal_cosine && plane.faces;
   if (one_sheet && misses == 0) {
-    store(plane, scalar::k_kind_sheet, 0, residual);
+    store(plane, scalar::k_kind_sheet, edge_class(plane), residual);
     return;
   }
   // What the frontmost hit's sheet leaves uncovered lies behind it: still a bound for whatever lies in front.
@@ -254,7 +274,8 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const SheetCell& 
     for (int k = 0; k < cell.hits; ++k) behind += ceiling.distance(cell.points[k]) < -2.0f * above;
     // Nor may it rest on a few lines alone.
     const bool mostly_one = 4 * behind < cell.hits && 4 * cell.hits >= cell.lines;
-    store(ceiling, scalar::k_kind_ceiling, mostly_one ? 0 : disagreeing_class(behind, cell.lines), above);
+    store(ceiling, scalar::k_kind_ceiling, mostly_one ? edge_class(ceiling) : disagreeing_class(behind, cell.lines),
+          above);
     return;
   }
   if (misses > cell.hits) {
@@ -302,7 +323,7 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
       for (int k = cells[i].lines; k < end; ++k) {
         add_line(round,
                  depth_line(frames[i / k_cells], s.at.u, s.at.v, cell_a(s, i), cell_b(s, i), cells[i].depth,
-                            point_of(s, i, k, k_depth_footprint), parameters_),
+                            depth_point(s, i, k), parameters_),
                  i);
       }
       cells[i].lines = end;
@@ -319,7 +340,7 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
     cell.lines = cell.hits = 0;
   }
   trace_round(0, parameters_.lines);
-  for (uint32_t i = 0; i < cell_count; ++i) store_sheet(slices[i / k_cells], i, cells[i], frames[i / k_cells]);
+  for (uint32_t i = 0; i < cell_count; ++i) store_sheet(slices[i / k_cells], i, cells, frames[i / k_cells]);
 }
 
 // The slices that a call has claimed, in order. Those not finished when it ends, by an exception, are given back: other

@@ -63,7 +63,7 @@ TEST(Cones, AnswersOnTheObjectAreThoseOfExactRays) {
       const float distance = size * random.uniform(4.0f, 9.0f);
       ConeScene s(mesh, place,
                   {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.1f)});
-      ask_and_count(s, own_receivers(s, 150, random), random, counts);
+      ask_and_count(s, own_receivers(s, 600, random), random, counts);
     }
   }
   EXPECT_GT(counts.clear, 1000);
