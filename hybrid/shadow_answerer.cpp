@@ -308,9 +308,8 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
     task.least_disc = k_least_light_disc / std::sqrt(float(std::max(leaves, k_fewest_leaves)));
     task.share = 1.0f / float(std::max(leaves, k_fewest_leaves));
     bake_and_repeat(o, batch.rays.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
-      const LeafCounts counts = kernels_.filter_leaves(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
-                                                       batch.clear.data(), work.refused.data(), unknowns);
-      stats.lookups += counts.lookups;
+      stats.lookups += kernels_.filter_leaves(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
+                                              batch.clear.data(), work.refused.data(), unknowns);
     });
     // What no pool has room for is left to rays.
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
