@@ -107,9 +107,10 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   return s;
 }
 
-FieldPlan first_plan(const Scene& scene, const RenderOptions& options, uint64_t rays_per_light) {
+FieldPlan first_plan(const Scene& scene, std::span<const ShapeTraits> traits, const RenderOptions& options,
+                     uint64_t rays_per_light) {
   FieldPlan plan;
-  plan.parameters = choose_resolution(scene, rays_per_light);
+  plan.parameters = choose_resolution(scene, traits, rays_per_light);
   if (options.directions) plan.parameters.directions = options.directions;
   if (options.plane) plan.parameters.plane = options.plane;
   // Where fields alone answer, or are asked by request, none is left out.
@@ -215,6 +216,7 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
 struct SurveyJob {
   const Scene& scene;
   const Accel& accel;
+  std::span<const ShapeTraits> traits;
   const CameraSampler& camera;
   const RenderOptions& options;
   const TransportSettings& settings;
@@ -229,7 +231,7 @@ bool leave_to_rays(const SurveyJob& job, FieldSet& fields, Stats& stats) {
   if (fields.empty() || !options.leave_to_rays || options.force_ask || options.tolerance >= 1.0f) return true;
   AnswererSettings counting{job.settings.isa, options.tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
-  const ShadowAnswerer answerer(job.scene, job.accel, fields.pointers(), counting);
+  const ShadowAnswerer answerer(job.scene, job.accel, job.traits, fields.pointers(), counting);
   const TransportContext context(job.scene, job.accel, job.camera, answerer, job.settings);
   const FieldSurvey survey = survey_fields(context, crop_window(job.scene.film, {}), job.spp, job.stop);
   stats.survey_rays += survey.stats.rays_exact;
@@ -273,6 +275,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Clock::time_point build_begin = Clock::now();
     const Accel accel(scene);
     result.stats.time_build = seconds_since(build_begin);
+    const std::vector<ShapeTraits> traits = shape_traits(scene);
     const CameraSampler camera(scene.camera, scene.film);
     const uint64_t rays_per_light =
         uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
@@ -280,11 +283,11 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const uint64_t budget = options.field_memory ? options.field_memory : default_field_memory();
     const AnswererSettings usual_settings{settings.isa, options.tolerance, options.check, options.force_ask,
                                           options.whole_lights};
-    const SurveyJob survey_job{scene, accel, camera, options, settings, spp, callbacks.stop};
+    const SurveyJob survey_job{scene, accel, traits, camera, options, settings, spp, callbacks.stop};
     const std::vector<Rect> tiles = make_tiles(traced_window(scene, window), k_tile_size);
-    FieldPlan plan = first_plan(scene, options, rays_per_light);
+    FieldPlan plan = first_plan(scene, traits, options, rays_per_light);
     for (bool is_done = false; !is_done;) {
-      FieldSet fields(scene, plan, budget, wants_fields);
+      FieldSet fields(scene, traits, plan, budget, wants_fields);
       const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
       const Clock::time_point cache_begin = Clock::now();
       if (cache) fields.load(*cache);
@@ -292,7 +295,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       const bool surveyed = leave_to_rays(survey_job, fields, result.stats);
       AnswererSettings answerer_settings = usual_settings;
       answerer_settings.own_to_rays = fields.own_to_rays();
-      const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
+      const ShadowAnswerer answerer(scene, accel, traits, fields.pointers(), answerer_settings);
       const TransportContext context(scene, accel, camera, answerer, settings);
 
       result.image = make_image(window, aovs);

@@ -78,33 +78,6 @@ std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t 
 
 }  // namespace
 
-bool is_flat(const Shape& shape) {
-  if (shape.kind == ShapeKind::disk || shape.kind == ShapeKind::rectangle) return true;
-  if (shape.kind != ShapeKind::mesh || shape.mesh.triangles.empty()) return false;
-  const std::vector<Vec3>& p = shape.mesh.positions;
-  // The plane of the largest triangle; every vertex must lie in it but for the rounding of the test itself.
-  DVec3 normal(0.0);
-  double largest = 0.0;
-  for (const UVec3& t : shape.mesh.triangles) {
-    const DVec3 n = glm::cross(DVec3(p[t.y]) - DVec3(p[t.x]), DVec3(p[t.z]) - DVec3(p[t.x]));
-    if (glm::dot(n, n) > largest) {
-      largest = glm::dot(n, n);
-      normal = n;
-    }
-  }
-  if (largest == 0.0) return true;
-  normal = glm::normalize(normal);
-  const DVec3 base = DVec3(p[shape.mesh.triangles[0].x]);
-  const Vec3 extent = glm::max(glm::abs(shape.bounds.lower), glm::abs(shape.bounds.upper));
-  const double slack = double(gamma_bound(1)) * double(glm::length(extent));
-  return std::all_of(p.begin(), p.end(),
-                     [&](const Vec3& v) { return std::abs(glm::dot(DVec3(v) - base, normal)) <= slack; });
-}
-
-bool wants_field(const Shape& shape) {
-  return shape.kind == ShapeKind::mesh && shape.triangle_count() >= k_fewest_field_triangles && !is_flat(shape);
-}
-
 struct ShadowAnswerer::Occluder {
   bool in_ball = false;        // culled by the field's ball, else by the bounding box
   bool answers_cones = false;  // of whole lights
@@ -123,8 +96,8 @@ struct ShadowAnswerer::Workspace {
   ConeUnknowns unknowns;
 };
 
-ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vector<Field*> fields,
-                               const AnswererSettings& settings)
+ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+                               const std::vector<Field*>& fields, const AnswererSettings& settings)
     : scene_(scene),
       accel_(accel),
       kernels_(segment_kernels(settings.isa)),
@@ -134,18 +107,13 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
   QueryPolicy policy;
   policy.visibility_max_class = policy.depth_max_class = settings.force_ask ? -1 : max_class_at(settings.tolerance);
   policy.answer_all = settings.tolerance >= 1.0f && !settings.force_ask;
-  std::vector<char> flat, wanted;
-  for (const Shape& shape : scene.shapes) {
-    flat.push_back(is_flat(shape));
-    wanted.push_back(wants_field(shape));
-  }
   occluders_.resize(scene.instances.size());
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
     const Instance& instance = scene.instances[i];
     const Shape& shape = scene.shapes[instance.shape];
     Occluder& o = occluders_[i];
     o.field = fields[instance.shape];
-    o.in_ball = wanted[instance.shape];
+    o.in_ball = traits[instance.shape].wants_field;
     o.cone.segment.instance = o.box.instance = i;
     o.cone.segment.policy = policy;
     // Receivers on an object are answered by depth cells alone.
@@ -168,7 +136,7 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::vect
       o.box.lower[axis] = shape.bounds.lower[axis] - slack;
       o.box.upper[axis] = shape.bounds.upper[axis] + slack;
     }
-    o.box.skip_own = flat[instance.shape];
+    o.box.skip_own = traits[instance.shape].is_flat;
   }
 }
 

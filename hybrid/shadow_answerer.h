@@ -13,6 +13,7 @@
 #include <tbb/enumerable_thread_specific.h>
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "core/accel.h"
@@ -20,6 +21,7 @@
 #include "field/field.h"
 #include "field/segment_kernels.h"
 #include "hybrid/shadow_candidates.h"
+#include "hybrid/shape_traits.h"
 #include "hybrid/stats.h"
 
 namespace fieldtrace {
@@ -35,17 +37,9 @@ struct AnswererSettings {
   std::vector<uint8_t> own_to_rays = {};
 };
 
-// Objects with fewer triangles are left to exact rays, which cost little more than a look-up there.
-inline constexpr size_t k_fewest_field_triangles = 256;
-
 // Beyond this many candidates for one group, one traversal of the whole scene costs less than their tests
 // (docs/decisions/010-crowds.md).
 inline constexpr size_t k_most_candidates = 16;
-
-// Whether all of a shape lies in one plane: such a shape cannot block rays that leave it, and gets no field.
-bool is_flat(const Shape& shape);
-// Whether a shape is worth a field at all.
-bool wants_field(const Shape& shape);
 
 // With fewer light samples a receiver, looking up its single rays costs no more than asking about the whole light.
 inline constexpr int k_fewest_cone_samples = 4;
@@ -76,8 +70,10 @@ struct ShadowGroup {
 
 class ShadowAnswerer {
  public:
-  // fields[s] is the field of shape s, or null: then its instances are answered by exact rays. All must outlive this.
-  ShadowAnswerer(const Scene& scene, const Accel& accel, std::vector<Field*> fields, const AnswererSettings& settings);
+  // traits[s] are those of shape s. fields[s] is its field, or null: then its instances are answered by exact rays. The
+  // scene, `accel` and the fields must outlive this.
+  ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+                 const std::vector<Field*>& fields, const AnswererSettings& settings);
   ~ShadowAnswerer();
 
   // Fills `group` for the receivers' positions, geometric normals, errors and instances; group.light and light_samples

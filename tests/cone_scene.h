@@ -35,7 +35,7 @@ struct ConeScene {
   }
 
   ShadowAnswerer answerer(Isa isa, float tolerance) const {
-    return ShadowAnswerer(maker.scene, *accel, {field.get(), nullptr},
+    return ShadowAnswerer(maker.scene, *accel, shape_traits(maker.scene), {field.get(), nullptr},
                           {.isa = resolve_isa(isa), .tolerance = tolerance});
   }
   // What is found for lights of so many samples.

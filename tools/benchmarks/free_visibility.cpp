@@ -90,7 +90,7 @@ void run(const Arguments& arguments) {
     settings.hide_emitters = scene.integrator.hide_emitters;
     settings.isa = resolve_isa(Isa::automatic);
     const Scene nothing;
-    const ShadowAnswerer answerer(nothing, *accel, {}, AnswererSettings{.isa = settings.isa});
+    const ShadowAnswerer answerer(nothing, *accel, {}, {}, AnswererSettings{.isa = settings.isa});
     const TransportContext context(scene, *accel, camera, answerer, settings);
     const std::vector<Rect> tiles = make_tiles({0, 0, scene.film.width, scene.film.height}, k_tile_size);
     tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
