@@ -20,16 +20,13 @@
 #include "hybrid/field_survey.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/tiles.h"
+#include "hybrid/trace_pixels.h"
 #include "hybrid/transport.h"
 
 namespace fieldtrace {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-constexpr int k_tile_size = 32;
-// Camera samples in one batch: enough for full packets and queues, few enough for the second-level cache.
-constexpr int k_batch_samples = 4096;
 
 double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
 
@@ -178,35 +175,20 @@ void write_pixel(const Job& job, const PixelPosition& p, const PixelSums& sums) 
   sums.aovs.write(job.aovs, out);
 }
 
-// A pixel's samples are added in the order of their indices, whatever the batches.
 // False if it was stopped: the tile is then left black.
 bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const std::vector<PixelPosition> pixels = tile_pixels(tile);
   std::vector<PixelSums> sums(pixels.size());
-  const size_t total = pixels.size() * size_t(job.spp);
-  const size_t batch = std::max(k_batch_samples / job.context.settings.lobe_samples, 16);
-  std::vector<CameraSample> samples;
-  std::vector<SampleResult> results(std::min(batch, total));
-  for (size_t begin = 0; begin < total; begin += batch) {
-    if (job.stopped() || job.budget->exceeded()) return false;
-    const size_t end = std::min(begin + batch, total);
-    samples.clear();
-    for (size_t i = begin; i < end; ++i) {
-      const PixelPosition& p = pixels[i / size_t(job.spp)];
-      samples.push_back({uint32_t(p.x), uint32_t(p.y), uint32_t(i % size_t(job.spp))});
+  const auto goes_on = [&] { return !job.stopped() && !job.budget->exceeded(); };
+  const auto add = [&](size_t pixel, const SampleResult& r) {
+    if (is_finite(r.radiance)) {
+      sums[pixel].radiance += DVec3(r.radiance);
+    } else {
+      ++job.not_finite;
     }
-    worker.trace(samples, {results.data(), samples.size()});
-    for (size_t i = begin; i < end; ++i) {
-      const SampleResult& r = results[i - begin];
-      PixelSums& pixel = sums[i / size_t(job.spp)];
-      if (is_finite(r.radiance)) {
-        pixel.radiance += DVec3(r.radiance);
-      } else {
-        ++job.not_finite;
-      }
-      pixel.aovs.add(r.first);
-    }
-  }
+    sums[pixel].aovs.add(r.first);
+  };
+  if (!trace_pixels(pixels, job.spp, job.context.settings.lobe_samples, worker, goes_on, add)) return false;
   for (size_t i = 0; i < pixels.size(); ++i) {
     if (contains(job.window, pixels[i])) write_pixel(job, pixels[i], sums[i]);
   }
