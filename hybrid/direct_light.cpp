@@ -165,6 +165,7 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
       continue;
     }
     job.stats.samples_spared += uint64_t(job.light_samples);
+    context_.answerer.count_filtered(candidates_, group_[r], job.stats);
     if (agrees) {
       (clear != 0 ? free_ : dark_).push_back(group_[r]);
     } else {

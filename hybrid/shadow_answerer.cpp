@@ -286,11 +286,14 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
   for (size_t r = 0; r < receivers.size(); ++r) {
     const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(leaves));
     refused[r] = std::find(begin, begin + leaves, 1) != begin + leaves;
-    if (refused[r] || !settings_.count_uses) continue;
-    for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
-      if (!(group.by_leaves[receivers[r]] >> slot & 1)) continue;
-      use_of(occluders_[group.candidates[slot]], stats).answered += uint64_t(group.light_samples);
-    }
+  }
+}
+
+void ShadowAnswerer::count_filtered(const ShadowGroup& group, uint32_t receiver, Stats& stats) const {
+  if (!settings_.count_uses) return;
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    if (!(group.by_leaves[receiver] >> slot & 1)) continue;
+    use_of(occluders_[group.candidates[slot]], stats).answered += uint64_t(group.light_samples);
   }
 }
 

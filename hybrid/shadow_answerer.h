@@ -89,6 +89,9 @@ class ShadowAnswerer {
   // cannot tell about; their shares are then of no use.
   void filter(const ShadowGroup& group, std::span<const uint32_t> receivers, int leaves, ShadowBatch& batch,
               std::vector<uint8_t>& refused, Stats& stats) const;
+  // To be called once for a receiver (an index into the group's) whose light is settled by what filter() found: counts
+  // the use of the fields that told, where uses are counted.
+  void count_filtered(const ShadowGroup& group, uint32_t receiver, Stats& stats) const;
 
   // For --check: traces the rays of receivers whose whole light find_candidates() called `blocked`, or clear.
   void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
