@@ -80,11 +80,12 @@ void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_
   job.arriving[lit_[places_part_.begin + group_[r]]] += reflected_light(shadows_, begin, samples, light, v);
   if (job.firsts.empty()) return;
   FirstHit& first = job.firsts[job.paths[v.path].slot];
+  const float weight = shadows_.in_shares ? float(job.light_samples) / float(samples) : 1.0f;
   for (size_t i = begin; i < end; ++i) {
-    const bool is_active = shadows_.rays.tmax[i] >= 0.0f;
-    first.shadow_rays += is_active;
-    if (is_active) first.shadow_clear += shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]);
-    first.shadow_exact += is_active && shadows_.exact[i];
+    if (shadows_.rays.tmax[i] < 0.0f) continue;
+    first.shadow_rays += weight;
+    first.shadow_clear += weight * (shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]));
+    first.shadow_exact += float(shadows_.exact[i]);
   }
 }
 
@@ -251,7 +252,7 @@ void DirectLight::gather_closed(const Job& job) {
     job.arriving[lit_[places_part_.begin + r]] += value * v.material.reflectance * (*irradiance / k_pi);
     if (job.firsts.empty()) continue;
     FirstHit& first = job.firsts[job.paths[v.path].slot];
-    first.shadow_rays += uint32_t(job.light_samples);
+    first.shadow_rays += float(job.light_samples);
     first.shadow_clear += float(job.light_samples);
   }
   free_.resize(kept);
@@ -274,7 +275,7 @@ void DirectLight::count_dark(const Job& job) {
   for (size_t r = 0; r < group_.size(); ++r) {
     FirstHit& first = job.firsts[job.paths[vertex_of(job, group_[r]).path].slot];
     for (size_t i = r * size_t(job.light_samples); i < (r + 1) * size_t(job.light_samples); ++i) {
-      first.shadow_rays += shadows_.rays.tmax[i] >= 0.0f;
+      first.shadow_rays += float(shadows_.rays.tmax[i] >= 0.0f);
     }
   }
 }

@@ -3,7 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "core/mesh_procedural.h"
+#include "hybrid/render.h"
 #include "hybrid/trace_pixels.h"
 #include "tests/small_scenes.h"
 
@@ -58,6 +61,37 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
   EXPECT_GT(stats.rays_crossing, 1000u);
   ASSERT_FALSE(stats.field_uses.empty());
   EXPECT_EQ(stats.field_uses[0].answered + stats.field_uses[0].asked, stats.samples_spared + stats.rays_crossing);
+}
+
+// Where parts of one light are filtered and another light sends rays, both weigh the same in the layer.
+TEST(DirectLight, LightsWeighTheSameInVisibility) {
+  const Scene scene = lit_knot(1.0f, {{{2, -2, 4}, 0.9f}, {{-2, -3, 5}, 0.05f}});
+  RenderOptions o;
+  o.light_samples = 64;
+  o.threads = 2;
+  o.directions = 32;
+  o.plane = 64;
+  o.leave_to_rays = false;
+  o.aovs = {"visibility"};
+  o.method = Method::monte_carlo;
+  const Image exact = render(scene, o).image;
+  o.method = Method::hybrid;
+  const RenderResult fields = render(scene, o);
+  EXPECT_GT(fields.stats.leaves, 10000u);
+  double squares = 0.0;
+  int partial = 0;
+  for (int y = 0; y < exact.height; ++y) {
+    for (int x = 0; x < exact.width; ++x) {
+      const float visible = exact.pixel(x, y)[3];
+      const double error = double(fields.image.pixel(x, y)[3]) - double(visible);
+      // The first light partly hidden, the other one seen.
+      if (visible <= 0.55f || visible >= 0.95f) continue;
+      squares += error * error;
+      ++partial;
+    }
+  }
+  EXPECT_GT(partial, 100);
+  EXPECT_LE(std::sqrt(squares / partial), 0.03);
 }
 
 }  // namespace
