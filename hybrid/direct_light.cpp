@@ -148,17 +148,17 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
   job.stats.leaves += shadows_.active;
   const LightEstimate light = estimate_of(job, leaves.total);
   for (size_t r = 0; r < group_.size(); ++r) {
-    if (refused_[r]) {
-      shadowed_.push_back(group_[r]);
-      job.stats.leaves_refused += count;
-      continue;
-    }
     int active = 0, clear = 0, hidden = 0;
     for (size_t i = r * count; i < (r + 1) * count; ++i) {
       if (shadows_.rays.tmax[i] < 0.0f) continue;
       ++active;
       clear += shadows_.clear[i] == 1.0f;
       hidden += shadows_.clear[i] == 0.0f;
+    }
+    if (refused_[r]) {
+      shadowed_.push_back(group_[r]);
+      job.stats.leaves_refused += uint64_t(active);
+      continue;
     }
     const bool agrees = active != 0 && (clear == active || hidden == active);
     if (!agrees && !last) {

@@ -94,5 +94,20 @@ TEST(DirectLight, LightsWeighTheSameInVisibility) {
   EXPECT_LE(std::sqrt(squares / partial), 0.03);
 }
 
+// Of a light that the floor cuts in halves, and that is too narrow to be told apart from a point: half of the leaves
+// lie below the horizon of the floor's receivers, and nearly all others are refused.
+TEST(DirectLight, LeavesBelowTheHorizonAreNotRefused) {
+  const Scene scene = lit_knot(0.0f, {{{-5, 0, 0}, 0.02f}});
+  RenderOptions o;
+  o.light_samples = 64;
+  o.threads = 2;
+  o.directions = 32;
+  o.plane = 64;
+  o.leave_to_rays = false;
+  const Stats stats = render(scene, o).stats;
+  EXPECT_GT(stats.leaves_refused, 500u);
+  EXPECT_LE(stats.leaves_refused, stats.leaves);
+}
+
 }  // namespace
 }  // namespace fieldtrace
