@@ -35,9 +35,10 @@ int first_light_samples(int light_samples) {
 }
 
 LightSampleRange leaf_grid(int light_samples) {
-  const int most = std::min(std::max(light_samples / k_samples_per_leaf, k_fewest_leaves), light_samples);
-  const int columns = int(std::sqrt(float(std::min(most, k_most_grid_leaves))));
-  const int leaves = std::min(most, k_most_grid_leaves) / columns * columns;
+  const int wanted = std::max(light_samples / k_samples_per_leaf, k_fewest_leaves);
+  const int most = std::min({wanted, light_samples, k_most_grid_leaves});
+  const int columns = int(std::sqrt(float(most)));
+  const int leaves = most / columns * columns;
   return {leaves, 0, leaves, columns};
 }
 
