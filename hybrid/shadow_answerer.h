@@ -6,7 +6,11 @@
 // receivers that any of them may shadow; the others need no shadow rays. answer() then decides every ray of the
 // receivers that are left. A ray that only one candidate asks for is traced against that candidate alone, others
 // against the whole scene; a group with more candidates than k_most_candidates goes to the whole scene without further
-// culling. Thread-safety: const functions may be called from any number of threads; fields grow by demand meanwhile.
+// culling.
+//
+// Its parts: shadow_answerer.cpp culls; shadow_answerer_lights.cpp asks fields for whole lights and parts of them,
+// shadow_answerer_rays.cpp for single rays, and traces the rest; shadow_answerer_checks.cpp counts beside them.
+// Thread-safety: const functions may be called from any number of threads; fields grow by demand meanwhile.
 // Determinism: a ray's answer depends on nothing but the ray, its group's receivers and light, and the objects.
 #pragma once
 
@@ -68,6 +72,8 @@ struct ShadowGroup {
   AlignedVector<int32_t> by_leaves, by_rays;
 };
 
+struct Occluder;  // hybrid/occluder.h
+
 class ShadowAnswerer {
  public:
   // traits[s] are those of shape s. fields[s] is its field, or null: then its instances are answered by exact rays. The
@@ -107,8 +113,7 @@ class ShadowAnswerer {
   void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
 
  private:
-  struct Occluder;
-  struct Workspace;
+  struct Workspace;  // hybrid/shadow_workspace.h
 
   void ask_cones(const Occluder& occluder, const ReceiverBatch& receivers, const ShadowGroup& group, Workspace& work,
                  Stats& stats) const;
