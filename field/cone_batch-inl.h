@@ -110,10 +110,10 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
 }
 
 template <class F>
-inline LeafCounts filter_leaves_batch(const LeafTask& task, const RayBatch& rays, const float* pdf,
-                                      const int32_t* wanted, std::span<const uint32_t> blocks, float* clear,
-                                      int32_t* refused, ConeUnknowns& unknowns) {
-  LeafCounts counts;
+inline uint64_t filter_leaves_batch(const LeafTask& task, const RayBatch& rays, const float* pdf, const int32_t* wanted,
+                                    std::span<const uint32_t> blocks, float* clear, int32_t* refused,
+                                    ConeUnknowns& unknowns) {
+  uint64_t all_lookups = 0;
   constexpr size_t k_vectors = k_batch_padding / size_t(Lanes<F>::k_count);
   const float* m = task.segment.to_unit;
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
@@ -152,14 +152,14 @@ inline LeafCounts filter_leaves_batch(const LeafTask& task, const RayBatch& rays
       unknowns.blocks.push_back(block);
       continue;
     }
-    counts.lookups += lookups;
+    all_lookups += lookups;
     for (size_t v = 0; v < k_vectors; ++v) {
       const size_t i = block + v * size_t(Lanes<F>::k_count);
       store_lanes(load_lanes<F>(clear + i) * found[v], clear + i);
       store_lanes(select(failed[v], splat_int<F>(1), load_int_lanes<F>(refused + i)), refused + i);
     }
   }
-  return counts;
+  return all_lookups;
 }
 
 FT_LANES_END

@@ -82,10 +82,6 @@ struct LeafTask {
   float least_disc = 0.5f;  // half width of a leaf at the blocker, in texels, below which it is refused
 };
 
-struct LeafCounts {
-  uint64_t lookups = 0;
-};
-
 // What light_cones() and filter_leaves() met that is not baked: receivers' or rays' blocks of k_batch_padding, as their
 // first index, and what to bake.
 struct ConeUnknowns {
@@ -125,9 +121,9 @@ struct SegmentKernels {
                             std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&);
   // For rays in `blocks` with wanted[i] != 0 and tmax >= 0, each the centre of a leaf of density pdf[i] (1/sr):
   // clear[i] is multiplied by the share of the leaf that the object leaves clear, refused[i] set to 1 where it cannot
-  // tell.
-  LeafCounts (*filter_leaves)(const LeafTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
-                              std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
+  // tell. Returns the number of look-ups.
+  uint64_t (*filter_leaves)(const LeafTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
+                            std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
   // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
   void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
 };

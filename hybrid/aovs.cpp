@@ -60,8 +60,8 @@ void AovSums::add(const FirstHit& first) {
     depth += first.depth;
     position += first.position;
   }
-  visibility += first.shadow_rays ? double(first.shadow_clear) / first.shadow_rays : 1.0;
-  exact += first.shadow_rays ? double(first.shadow_exact) / first.shadow_rays : 0.0;
+  visibility += first.shadow_rays > 0.0f ? double(first.shadow_clear) / double(first.shadow_rays) : 1.0;
+  exact += first.shadow_rays > 0.0f ? double(first.shadow_exact) / double(first.shadow_rays) : 0.0;
   occlusion += first.occlusion_rays ? double(first.occlusion_clear) / first.occlusion_rays : 1.0;
 }
 

@@ -31,8 +31,9 @@ struct FirstHit {
   float depth = 0.0f;
   DVec3 position = DVec3(0.0);  // the file's world coordinates
   uint32_t object = 0;          // instance index + 1
-  uint32_t shadow_rays = 0, shadow_exact = 0;
-  float shadow_clear = 0.0f;  // rays, or shares of them
+  // Shadow rays, those that were traced, and those that got through. A part of a light counts for as many rays as its
+  // light has samples for each part, so that lights weigh the same.
+  float shadow_rays = 0.0f, shadow_exact = 0.0f, shadow_clear = 0.0f;
   uint32_t occlusion_rays = 0, occlusion_clear = 0;
 };
 

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "hybrid/light_extent.h"
-#include "hybrid/shadow_answerer.h"
 
 namespace fieldtrace {
 
@@ -16,10 +15,7 @@ std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameter
   std::vector<double> rays(scene.shapes.size(), 0.0);
   std::vector<LightExtent> lights;
   for (uint32_t i = 0; i < scene.emitters.size(); ++i) lights.push_back(light_extent(scene, i));
-  std::vector<char> wanted;  // looked up for thousands of instances
-  for (const Shape& shape : scene.shapes) wanted.push_back(wants_field(shape));
   for (const Instance& instance : scene.instances) {
-    if (!wanted[instance.shape]) continue;
     const Vec3 centre = transform_point(instance.to_world, scene.shapes[instance.shape].bounds.centre());
     for (const LightExtent& light : lights) {
       const double half = double(angular_diameter(light, centre)) * pi / 360.0;

@@ -16,7 +16,7 @@ namespace fieldtrace {
 // back.
 inline constexpr double k_costly_bake_rays = 32e6;
 
-// By shape: rays that a picture of all instances will have baked for its field; 0 for shapes that want none. Within a
+// By shape: rays that a picture of all instances will have baked for its field, whether or not it wants one. Within a
 // factor of two for one instance under one light (docs/decisions/012-left-to-rays.md).
 std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameters& parameters);
 

@@ -13,7 +13,7 @@
 #include "field/field_cache.h"
 #include "field/field_file.h"
 #include "hybrid/field_set.h"
-#include "hybrid/shadow_answerer.h"
+#include "hybrid/shape_traits.h"
 
 namespace fieldtrace {
 namespace {
@@ -82,10 +82,11 @@ class Output {
 };
 
 std::vector<uint32_t> shapes_to_bake(const Scene& scene, bool full) {
+  const std::vector<ShapeTraits> traits = shape_traits(scene);
   std::vector<uint32_t> shapes;
   for (uint32_t s = 0; s < scene.shapes.size(); ++s) {
     const bool only_one = full && scene.shapes.size() == 1;
-    if (wants_field(scene.shapes[s]) || only_one) shapes.push_back(s);
+    if (traits[s].wants_field || only_one) shapes.push_back(s);
   }
   if (shapes.empty()) {
     throw Error("no object of the scene gets a field: all are flat or have fewer than " +

@@ -40,9 +40,9 @@ struct BakeResult {
   bool interrupted = false;        // the fields hold what was finished
 };
 
-// Bakes every object of `scene` that gets a field in a render (wants_field()); with `full`, one that is too simple for
-// that too if it is the scene's only one. Callbacks as render()'s. Throws Error if nothing can have a field or a file
-// cannot be written; the outputs are checked before the work starts.
+// Bakes every object of `scene` that gets a field in a render (ShapeTraits::wants_field); with `full`, one that is too
+// simple for that too if it is the scene's only one. Callbacks as render()'s. Throws Error if nothing can have a field
+// or a file cannot be written; the outputs are checked before the work starts.
 BakeResult bake_scene(const Scene& scene, const std::string& path, const BakeOptions& options,
                       const RenderCallbacks& callbacks = {});
 

@@ -35,9 +35,10 @@ int first_light_samples(int light_samples) {
 }
 
 LightSampleRange leaf_grid(int light_samples) {
-  const int most = std::min(std::max(light_samples / k_samples_per_leaf, k_fewest_leaves), light_samples);
-  const int columns = int(std::sqrt(float(std::min(most, k_most_grid_leaves))));
-  const int leaves = std::min(most, k_most_grid_leaves) / columns * columns;
+  const int wanted = std::max(light_samples / k_samples_per_leaf, k_fewest_leaves);
+  const int most = std::min({wanted, light_samples, k_most_grid_leaves});
+  const int columns = int(std::sqrt(float(most)));
+  const int leaves = most / columns * columns;
   return {leaves, 0, leaves, columns};
 }
 
@@ -80,11 +81,12 @@ void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_
   job.arriving[lit_[places_part_.begin + group_[r]]] += reflected_light(shadows_, begin, samples, light, v);
   if (job.firsts.empty()) return;
   FirstHit& first = job.firsts[job.paths[v.path].slot];
+  const float weight = shadows_.in_shares ? float(job.light_samples) / float(samples) : 1.0f;
   for (size_t i = begin; i < end; ++i) {
-    const bool is_active = shadows_.rays.tmax[i] >= 0.0f;
-    first.shadow_rays += is_active;
-    if (is_active) first.shadow_clear += shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]);
-    first.shadow_exact += is_active && shadows_.exact[i];
+    if (shadows_.rays.tmax[i] < 0.0f) continue;
+    first.shadow_rays += weight;
+    first.shadow_clear += weight * (shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]));
+    first.shadow_exact += float(shadows_.exact[i]);
   }
 }
 
@@ -147,11 +149,6 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
   job.stats.leaves += shadows_.active;
   const LightEstimate light = estimate_of(job, leaves.total);
   for (size_t r = 0; r < group_.size(); ++r) {
-    if (refused_[r]) {
-      shadowed_.push_back(group_[r]);
-      job.stats.leaves_refused += count;
-      continue;
-    }
     int active = 0, clear = 0, hidden = 0;
     for (size_t i = r * count; i < (r + 1) * count; ++i) {
       if (shadows_.rays.tmax[i] < 0.0f) continue;
@@ -159,12 +156,18 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
       clear += shadows_.clear[i] == 1.0f;
       hidden += shadows_.clear[i] == 0.0f;
     }
+    if (refused_[r]) {
+      shadowed_.push_back(group_[r]);
+      job.stats.leaves_refused += uint64_t(active);
+      continue;
+    }
     const bool agrees = active != 0 && (clear == active || hidden == active);
     if (!agrees && !last) {
       filtered_.push_back(group_[r]);
       continue;
     }
     job.stats.samples_spared += uint64_t(job.light_samples);
+    context_.answerer.count_filtered(candidates_, group_[r], job.stats);
     if (agrees) {
       (clear != 0 ? free_ : dark_).push_back(group_[r]);
     } else {
@@ -250,7 +253,7 @@ void DirectLight::gather_closed(const Job& job) {
     job.arriving[lit_[places_part_.begin + r]] += value * v.material.reflectance * (*irradiance / k_pi);
     if (job.firsts.empty()) continue;
     FirstHit& first = job.firsts[job.paths[v.path].slot];
-    first.shadow_rays += uint32_t(job.light_samples);
+    first.shadow_rays += float(job.light_samples);
     first.shadow_clear += float(job.light_samples);
   }
   free_.resize(kept);
@@ -273,7 +276,7 @@ void DirectLight::count_dark(const Job& job) {
   for (size_t r = 0; r < group_.size(); ++r) {
     FirstHit& first = job.firsts[job.paths[vertex_of(job, group_[r]).path].slot];
     for (size_t i = r * size_t(job.light_samples); i < (r + 1) * size_t(job.light_samples); ++i) {
-      first.shadow_rays += shadows_.rays.tmax[i] >= 0.0f;
+      first.shadow_rays += float(shadows_.rays.tmax[i] >= 0.0f);
     }
   }
 }

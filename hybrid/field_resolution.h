@@ -7,9 +7,11 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include "core/scene.h"
 #include "field/field.h"
+#include "hybrid/shape_traits.h"
 
 namespace fieldtrace {
 
@@ -20,9 +22,9 @@ inline constexpr uint64_t k_fine_field_rays = 12'000'000;
 
 // The angular diameter in degrees of the narrowest light, seen from the centre of any instance whose shape wants a
 // field; 0 for point and directional lights, 180 for a constant one. 0 if there is no light or no such instance.
-float narrowest_light_degrees(const Scene& scene);
+float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> traits);
 
 // `rays_per_light`: pixels x camera samples x light samples.
-FieldParameters choose_resolution(const Scene& scene, uint64_t rays_per_light);
+FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light);
 
 }  // namespace fieldtrace

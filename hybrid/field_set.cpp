@@ -5,7 +5,6 @@
 
 #include "core/machine_memory.h"
 #include "hybrid/bake_estimate.h"
-#include "hybrid/shadow_answerer.h"
 
 namespace fieldtrace {
 namespace {
@@ -13,13 +12,13 @@ namespace {
 constexpr int k_fewest_directions = 32, k_fewest_plane = 64;
 
 // Shapes that want a field, in the order in which they get one.
-std::vector<uint32_t> shapes_by_gain(const Scene& scene) {
+std::vector<uint32_t> shapes_by_gain(const Scene& scene, std::span<const ShapeTraits> traits) {
   std::vector<uint64_t> gain(scene.shapes.size(), 0);
   for (const Instance& instance : scene.instances)
     gain[instance.shape] += scene.shapes[instance.shape].triangle_count();
   std::vector<uint32_t> order(scene.shapes.size());
   std::iota(order.begin(), order.end(), 0u);
-  std::erase_if(order, [&](uint32_t s) { return !wants_field(scene.shapes[s]); });
+  std::erase_if(order, [&](uint32_t s) { return !traits[s].wants_field; });
   std::stable_sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return gain[a] > gain[b]; });
   return order;
 }
@@ -28,7 +27,8 @@ std::vector<uint32_t> shapes_by_gain(const Scene& scene) {
 
 uint64_t default_field_memory() { return machine_memory_bytes() / 2; }
 
-FieldSet::FieldSet(const Scene& scene, const FieldPlan& plan, uint64_t budget_bytes, bool wanted)
+FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, const FieldPlan& plan,
+                   uint64_t budget_bytes, bool wanted)
     : scene_(scene),
       plan_(plan),
       budget_(std::make_unique<FieldBudget>(budget_bytes)),
@@ -37,7 +37,7 @@ FieldSet::FieldSet(const Scene& scene, const FieldPlan& plan, uint64_t budget_by
       own_to_rays_(scene.shapes.size(), 0) {
   if (!wanted) return;
   bake_rays_ = estimated_bake_rays(scene, plan.parameters);
-  for (const uint32_t s : shapes_by_gain(scene)) {
+  for (const uint32_t s : shapes_by_gain(scene, traits)) {
     if (count_ == plan.most_fields) break;
     if (bake_rays_[s] > std::max(plan.light_samples, k_costly_bake_rays)) {
       left_to_rays_[s] = 1;

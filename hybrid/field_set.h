@@ -13,12 +13,14 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "core/scene.h"
 #include "field/field.h"
 #include "field/field_cache.h"
 #include "hybrid/field_survey.h"
+#include "hybrid/shape_traits.h"
 #include "hybrid/stats.h"
 
 namespace fieldtrace {
@@ -39,7 +41,8 @@ uint64_t default_field_memory();
 class FieldSet {
  public:
   // Makes empty fields for the shapes of `scene` that want one, as many as the plan allows; none unless `wanted`.
-  FieldSet(const Scene& scene, const FieldPlan& plan, uint64_t budget_bytes, bool wanted);
+  FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, const FieldPlan& plan, uint64_t budget_bytes,
+           bool wanted);
 
   bool empty() const { return count_ == 0; }
   std::vector<Field*> pointers() const;  // by shape; null: exact rays

@@ -19,17 +19,15 @@
 #include "hybrid/field_set.h"
 #include "hybrid/field_survey.h"
 #include "hybrid/shadow_answerer.h"
+#include "hybrid/stopwatch.h"
 #include "hybrid/tiles.h"
+#include "hybrid/trace_pixels.h"
 #include "hybrid/transport.h"
 
 namespace fieldtrace {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-constexpr int k_tile_size = 32;
-// Camera samples in one batch: enough for full packets and queues, few enough for the second-level cache.
-constexpr int k_batch_samples = 4096;
 
 double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
 
@@ -107,9 +105,10 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   return s;
 }
 
-FieldPlan first_plan(const Scene& scene, const RenderOptions& options, uint64_t rays_per_light) {
+FieldPlan first_plan(const Scene& scene, std::span<const ShapeTraits> traits, const RenderOptions& options,
+                     uint64_t rays_per_light) {
   FieldPlan plan;
-  plan.parameters = choose_resolution(scene, rays_per_light);
+  plan.parameters = choose_resolution(scene, traits, rays_per_light);
   if (options.directions) plan.parameters.directions = options.directions;
   if (options.plane) plan.parameters.plane = options.plane;
   // Where fields alone answer, or are asked by request, none is left out.
@@ -152,18 +151,51 @@ class Progress {
 
 bool is_finite(const Rgb& c) { return std::isfinite(c.x) && std::isfinite(c.y) && std::isfinite(c.z); }
 
-// Everything that tiles share.
-struct Job {
-  const TransportContext& context;
-  const std::vector<Aov>& aovs;
-  Rect window;
+// A picture to make: what all attempts at it share.
+struct Picture {
+  const Scene& scene;
+  const RenderOptions& options;
+  const RenderCallbacks& callbacks;
   int spp = 1;
-  Image& image;
-  const std::atomic<bool>* stop = nullptr;
-  const FieldBudget* budget = nullptr;
-  std::atomic<uint64_t> not_finite = 0;
+  std::vector<Aov> aovs;
+  Rect window;
+  TransportSettings settings;
+  bool wants_fields = false;
+  uint64_t field_memory = 0;  // the budget
 
-  bool stopped() const { return stop && stop->load(std::memory_order_relaxed); }
+  Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
+
+  bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
+  uint64_t rays_per_light() const {
+    return uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
+  }
+};
+
+Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c)
+    : scene(s), options(o), callbacks(c), spp(o.spp == 0 ? s.sample_count : o.spp) {
+  check_options(options, spp);
+  aovs = parse_aovs(options.aovs);
+  window = crop_window(scene.film, options.crop);
+  settings = make_settings(scene, options, aovs);
+  wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
+  field_memory = options.field_memory ? options.field_memory : default_field_memory();
+}
+
+// What is made of a picture's scene.
+struct Stage {
+  const Accel& accel;
+  CameraSampler camera;
+  std::vector<ShapeTraits> traits;
+};
+
+// Everything that the tiles of one attempt share.
+struct Job {
+  const Picture& picture;
+  const TransportContext& context;
+  const FieldBudget& budget;
+  Image& image;
+  std::atomic<bool> interrupted = false;
+  std::atomic<uint64_t> not_finite = 0;
 };
 
 struct PixelSums {
@@ -172,71 +204,28 @@ struct PixelSums {
 };
 
 void write_pixel(const Job& job, const PixelPosition& p, const PixelSums& sums) {
-  float* out = job.image.pixel(p.x - job.window.x, p.y - job.window.y);
-  for (int c = 0; c < 3; ++c) *out++ = float(sums.radiance[c] / job.spp);
-  sums.aovs.write(job.aovs, out);
+  float* out = job.image.pixel(p.x - job.picture.window.x, p.y - job.picture.window.y);
+  for (int c = 0; c < 3; ++c) *out++ = float(sums.radiance[c] / job.picture.spp);
+  sums.aovs.write(job.picture.aovs, out);
 }
 
-// A pixel's samples are added in the order of their indices, whatever the batches.
 // False if it was stopped: the tile is then left black.
 bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const std::vector<PixelPosition> pixels = tile_pixels(tile);
   std::vector<PixelSums> sums(pixels.size());
-  const size_t total = pixels.size() * size_t(job.spp);
-  const size_t batch = std::max(k_batch_samples / job.context.settings.lobe_samples, 16);
-  std::vector<CameraSample> samples;
-  std::vector<SampleResult> results(std::min(batch, total));
-  for (size_t begin = 0; begin < total; begin += batch) {
-    if (job.stopped() || job.budget->exceeded()) return false;
-    const size_t end = std::min(begin + batch, total);
-    samples.clear();
-    for (size_t i = begin; i < end; ++i) {
-      const PixelPosition& p = pixels[i / size_t(job.spp)];
-      samples.push_back({uint32_t(p.x), uint32_t(p.y), uint32_t(i % size_t(job.spp))});
+  const auto goes_on = [&] { return !job.picture.stopped() && !job.budget.exceeded(); };
+  const auto add = [&](size_t pixel, const SampleResult& r) {
+    if (is_finite(r.radiance)) {
+      sums[pixel].radiance += DVec3(r.radiance);
+    } else {
+      ++job.not_finite;
     }
-    worker.trace(samples, {results.data(), samples.size()});
-    for (size_t i = begin; i < end; ++i) {
-      const SampleResult& r = results[i - begin];
-      PixelSums& pixel = sums[i / size_t(job.spp)];
-      if (is_finite(r.radiance)) {
-        pixel.radiance += DVec3(r.radiance);
-      } else {
-        ++job.not_finite;
-      }
-      pixel.aovs.add(r.first);
-    }
-  }
+    sums[pixel].aovs.add(r.first);
+  };
+  if (!trace_pixels(pixels, job.picture.spp, job.picture.settings.lobe_samples, worker, goes_on, add)) return false;
   for (size_t i = 0; i < pixels.size(); ++i) {
-    if (contains(job.window, pixels[i])) write_pixel(job, pixels[i], sums[i]);
+    if (contains(job.picture.window, pixels[i])) write_pixel(job, pixels[i], sums[i]);
   }
-  return true;
-}
-
-struct SurveyJob {
-  const Scene& scene;
-  const Accel& accel;
-  const CameraSampler& camera;
-  const RenderOptions& options;
-  const TransportSettings& settings;
-  int spp;
-  const std::atomic<bool>* stop;
-};
-
-// Finds out which fields are not worth asking. False if it was stopped.
-bool leave_to_rays(const SurveyJob& job, FieldSet& fields, Stats& stats) {
-  const RenderOptions& options = job.options;
-  // Where every cell answers, or none by request, there is nothing to find out.
-  if (fields.empty() || !options.leave_to_rays || options.force_ask || options.tolerance >= 1.0f) return true;
-  AnswererSettings counting{job.settings.isa, options.tolerance, false, false, options.whole_lights};
-  counting.count_uses = true;
-  const ShadowAnswerer answerer(job.scene, job.accel, fields.pointers(), counting);
-  const TransportContext context(job.scene, job.accel, job.camera, answerer, job.settings);
-  const FieldSurvey survey = survey_fields(context, crop_window(job.scene.film, {}), job.spp, job.stop);
-  stats.survey_rays += survey.stats.rays_exact;
-  stats.bake_rays += survey.stats.bake_rays;
-  stats.time_bake += survey.stats.time_bake;
-  if (survey.interrupted) return false;
-  fields.leave_to_rays(survey, options.fewest_answers);
   return true;
 }
 
@@ -252,15 +241,99 @@ Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
   return image;
 }
 
+// Renders all tiles, or as many as the budget and an interrupt leave. Returns what the workers did.
+Stats render_tiles(Job& job) {
+  const std::vector<Rect> tiles = make_tiles(traced_window(job.picture.scene, job.picture.window), k_tile_size);
+  Progress progress(job.picture.callbacks, tiles.size());
+  tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(job.context); });
+  parallel_for(tiles.size(), [&](size_t i) {
+    if (job.interrupted) return;
+    bool done = false;
+    // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
+    tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
+    if (done) {
+      progress.tile_done();
+    } else {
+      job.interrupted = true;
+    }
+  });
+  Stats stats;
+  for (const TransportWorker& worker : workers) stats.merge_counters(worker.stats());
+  return stats;
+}
+
+// Finds out which fields are not worth asking. False if it was stopped.
+bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, Stats& stats) {
+  const RenderOptions& options = picture.options;
+  // Where every cell answers, or none by request, there is nothing to find out.
+  if (fields.empty() || !options.leave_to_rays || options.force_ask || options.tolerance >= 1.0f) return true;
+  AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
+  counting.count_uses = true;
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
+  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings);
+  const FieldSurvey survey =
+      survey_fields(context, crop_window(picture.scene.film, {}), picture.spp, picture.callbacks.stop);
+  stats.survey_rays += survey.stats.rays_exact;
+  stats.bake_rays += survey.stats.bake_rays;
+  stats.time_bake += survey.stats.time_bake;
+  if (survey.interrupted) return false;
+  fields.leave_to_rays(survey, options.fewest_answers);
+  return true;
+}
+
+// One attempt with the fields of `plan`. False if they outgrew their memory: `plan` is then that of the next attempt.
+bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, RenderResult& result) {
+  const RenderOptions& options = picture.options;
+  const WarningSink& warning = picture.callbacks.warning;
+  Stats& stats = result.stats;
+  FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, picture.wants_fields);
+  const std::unique_ptr<FieldCache> cache = open_cache(options, fields, warning);
+  if (cache) {
+    const ScopedTimer timer(stats.time_cache);
+    fields.load(*cache);
+  }
+  const bool surveyed = leave_to_rays(picture, stage, fields, stats);
+  AnswererSettings settings{picture.settings.isa, options.tolerance, options.check, options.force_ask,
+                            options.whole_lights};
+  settings.own_to_rays = fields.own_to_rays();
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
+  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings);
+  result.image = make_image(picture.window, picture.aovs);
+  Job job{picture, context, fields.budget(), result.image};
+  job.interrupted = !surveyed;
+  const Stats done = render_tiles(job);
+  stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
+  // The last tiles may reach the budget and be done all the same: that must not be a matter of luck.
+  if (fields.budget().exceeded() && !picture.stopped()) {
+    stats.add_bake(done);
+    stats.field_restarts += 1;
+    std::string change;
+    plan = fields.next_plan(change);
+    warn(warning, {},
+         "the fields outgrew their " + std::to_string(picture.field_memory / 1000000) + " MB; the render " + change +
+             " (raise --field-memory to avoid it)");
+    return false;
+  }
+  result.interrupted = job.interrupted;
+  stats.merge_counters(done);
+  fields.count(stats);
+  if (cache) {
+    const ScopedTimer timer(stats.time_cache);
+    fields.store(*cache, warning, stats);
+  }
+  if (job.not_finite > 0) {
+    warn(
+        warning, {},
+        std::to_string(job.not_finite) + " camera samples were not finite and count as black; please report the scene");
+  }
+  return true;
+}
+
 }  // namespace
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
   const Clock::time_point begin = Clock::now();
-  const int spp = options.spp > 0 ? options.spp : options.spp == 0 ? scene.sample_count : -1;
-  check_options(options, spp);
-  const std::vector<Aov> aovs = parse_aovs(options.aovs);
-  const Rect window = crop_window(scene.film, options.crop);
-  const TransportSettings settings = make_settings(scene, options, aovs);
+  const Picture picture(scene, options, callbacks);
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
   RenderResult result;
@@ -273,85 +346,26 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Clock::time_point build_begin = Clock::now();
     const Accel accel(scene);
     result.stats.time_build = seconds_since(build_begin);
-    const CameraSampler camera(scene.camera, scene.film);
-    const uint64_t rays_per_light =
-        uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
-    const bool wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
-    const uint64_t budget = options.field_memory ? options.field_memory : default_field_memory();
-    const AnswererSettings usual_settings{settings.isa, options.tolerance, options.check, options.force_ask,
-                                          options.whole_lights};
-    const SurveyJob survey_job{scene, accel, camera, options, settings, spp, callbacks.stop};
-    const std::vector<Rect> tiles = make_tiles(traced_window(scene, window), k_tile_size);
-    FieldPlan plan = first_plan(scene, options, rays_per_light);
-    for (bool is_done = false; !is_done;) {
-      FieldSet fields(scene, plan, budget, wants_fields);
-      const std::unique_ptr<FieldCache> cache = open_cache(options, fields, callbacks.warning);
-      const Clock::time_point cache_begin = Clock::now();
-      if (cache) fields.load(*cache);
-      result.stats.time_cache += seconds_since(cache_begin);
-      const bool surveyed = leave_to_rays(survey_job, fields, result.stats);
-      AnswererSettings answerer_settings = usual_settings;
-      answerer_settings.own_to_rays = fields.own_to_rays();
-      const ShadowAnswerer answerer(scene, accel, fields.pointers(), answerer_settings);
-      const TransportContext context(scene, accel, camera, answerer, settings);
-
-      result.image = make_image(window, aovs);
-      Job job{context, aovs, window, spp, result.image, callbacks.stop, &fields.budget()};
-      Progress progress(callbacks, tiles.size());
-      std::atomic<bool> interrupted = !surveyed;
-      tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
-      parallel_for(tiles.size(), [&](size_t i) {
-        if (interrupted) return;
-        bool done = false;
-        // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
-        tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
-        if (done) {
-          progress.tile_done();
-        } else {
-          interrupted = true;
-        }
-      });
-      // The last tiles may reach the budget and be done all the same: that must not be a matter of luck.
-      is_done = !fields.budget().exceeded() || job.stopped();
-      result.stats.field_bytes_peak = std::max(result.stats.field_bytes_peak, fields.budget().used());
-      if (!is_done) {
-        for (const TransportWorker& worker : workers) result.stats.add_bake(worker.stats());
-        result.stats.field_restarts += 1;
-        std::string change;
-        plan = fields.next_plan(change);
-        warn(callbacks.warning, {},
-             "the fields outgrew their " + std::to_string(budget / 1000000) + " MB; the render " + change +
-                 " (raise --field-memory to avoid it)");
-        continue;
-      }
-      result.interrupted = interrupted;
-      for (const TransportWorker& worker : workers) result.stats.merge_counters(worker.stats());
-      fields.count(result.stats);
-      const Clock::time_point store_begin = Clock::now();
-      if (cache) fields.store(*cache, callbacks.warning, result.stats);
-      result.stats.time_cache += seconds_since(store_begin);
-      if (job.not_finite > 0) {
-        warn(callbacks.warning, {},
-             std::to_string(job.not_finite) +
-                 " camera samples were not finite and count as black; please report the scene");
-      }
+    const Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene)};
+    FieldPlan plan = first_plan(scene, stage.traits, options, picture.rays_per_light());
+    while (!attempt(picture, stage, plan, result)) {
     }
-    result.stats.field_bytes_budget = wants_fields ? budget : 0;
   });
 
   Stats& stats = result.stats;
+  stats.field_bytes_budget = picture.wants_fields ? picture.field_memory : 0;
   stats.time_primary /= threads;
   stats.time_secondary /= threads;
   stats.time_bake /= threads;
   stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
-  stats.spp = spp;
+  stats.spp = picture.spp;
   stats.light_samples = options.light_samples;
   stats.tolerance = options.tolerance;
-  stats.width = window.width;
-  stats.height = window.height;
+  stats.width = picture.window.width;
+  stats.height = picture.window.height;
   stats.threads = threads;
-  stats.isa = isa_name(settings.isa);
-  stats.seed = settings.seed;
+  stats.isa = isa_name(picture.settings.isa);
+  stats.seed = picture.settings.seed;
   stats.triangles = scene.triangle_count();
   stats.instances = scene.instances.size();
   stats.lights = scene.emitters.size();

@@ -6,13 +6,18 @@
 // receivers that any of them may shadow; the others need no shadow rays. answer() then decides every ray of the
 // receivers that are left. A ray that only one candidate asks for is traced against that candidate alone, others
 // against the whole scene; a group with more candidates than k_most_candidates goes to the whole scene without further
-// culling. Thread-safety: const functions may be called from any number of threads; fields grow by demand meanwhile.
+// culling.
+//
+// Its parts: shadow_answerer.cpp culls; shadow_answerer_lights.cpp asks fields for whole lights and parts of them,
+// shadow_answerer_rays.cpp for single rays, and traces the rest; shadow_answerer_checks.cpp counts beside them.
+// Thread-safety: const functions may be called from any number of threads; fields grow by demand meanwhile.
 // Determinism: a ray's answer depends on nothing but the ray, its group's receivers and light, and the objects.
 #pragma once
 
 #include <tbb/enumerable_thread_specific.h>
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "core/accel.h"
@@ -20,6 +25,7 @@
 #include "field/field.h"
 #include "field/segment_kernels.h"
 #include "hybrid/shadow_candidates.h"
+#include "hybrid/shape_traits.h"
 #include "hybrid/stats.h"
 
 namespace fieldtrace {
@@ -35,17 +41,9 @@ struct AnswererSettings {
   std::vector<uint8_t> own_to_rays = {};
 };
 
-// Objects with fewer triangles are left to exact rays, which cost little more than a look-up there.
-inline constexpr size_t k_fewest_field_triangles = 256;
-
 // Beyond this many candidates for one group, one traversal of the whole scene costs less than their tests
 // (docs/decisions/010-crowds.md).
 inline constexpr size_t k_most_candidates = 16;
-
-// Whether all of a shape lies in one plane: such a shape cannot block rays that leave it, and gets no field.
-bool is_flat(const Shape& shape);
-// Whether a shape is worth a field at all.
-bool wants_field(const Shape& shape);
 
 // With fewer light samples a receiver, looking up its single rays costs no more than asking about the whole light.
 inline constexpr int k_fewest_cone_samples = 4;
@@ -74,10 +72,14 @@ struct ShadowGroup {
   AlignedVector<int32_t> by_leaves, by_rays;
 };
 
+struct Occluder;  // hybrid/occluder.h
+
 class ShadowAnswerer {
  public:
-  // fields[s] is the field of shape s, or null: then its instances are answered by exact rays. All must outlive this.
-  ShadowAnswerer(const Scene& scene, const Accel& accel, std::vector<Field*> fields, const AnswererSettings& settings);
+  // traits[s] are those of shape s. fields[s] is its field, or null: then its instances are answered by exact rays. The
+  // scene, `accel` and the fields must outlive this.
+  ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+                 const std::vector<Field*>& fields, const AnswererSettings& settings);
   ~ShadowAnswerer();
 
   // Fills `group` for the receivers' positions, geometric normals, errors and instances; group.light and light_samples
@@ -93,6 +95,9 @@ class ShadowAnswerer {
   // cannot tell about; their shares are then of no use.
   void filter(const ShadowGroup& group, std::span<const uint32_t> receivers, int leaves, ShadowBatch& batch,
               std::vector<uint8_t>& refused, Stats& stats) const;
+  // To be called once for a receiver (an index into the group's) whose light is settled by what filter() found: counts
+  // the use of the fields that told, where uses are counted.
+  void count_filtered(const ShadowGroup& group, uint32_t receiver, Stats& stats) const;
 
   // For --check: traces the rays of receivers whose whole light find_candidates() called `blocked`, or clear.
   void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
@@ -108,8 +113,7 @@ class ShadowAnswerer {
   void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
 
  private:
-  struct Occluder;
-  struct Workspace;
+  struct Workspace;  // hybrid/shadow_workspace.h
 
   void ask_cones(const Occluder& occluder, const ReceiverBatch& receivers, const ShadowGroup& group, Workspace& work,
                  Stats& stats) const;

@@ -41,7 +41,9 @@ struct Stats {
   uint64_t lookups = 0;           // ray-field look-ups
   uint64_t sphere_crossings = 0;  // ray-candidate pairs whose bounds are crossed
   uint64_t cones_clear = 0, cones_blocked = 0;  // receiver-candidate pairs whose whole light was answered at once
-  uint64_t leaves = 0, leaves_refused = 0;      // parts of lights: filtered, and those that a field could not tell of
+  // Parts of lights above their receivers' horizons: asked of fields, and those of receivers that a field could not
+  // tell about.
+  uint64_t leaves = 0, leaves_refused = 0;
   // Light samples that were answered with their whole light, or by a receiver's first samples: no rays were sent.
   uint64_t samples_spared = 0;
   uint64_t check_answers = 0, check_wrong = 0;

@@ -7,6 +7,9 @@
 
 namespace fieldtrace {
 
+// Pixels along each side of a render's tiles.
+inline constexpr int k_tile_size = 32;
+
 // Tiles of at most size x size pixels that cover `window`, row by row. size >= 1; an empty window has no tiles.
 std::vector<Rect> make_tiles(const Rect& window, int size);
 

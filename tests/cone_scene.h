@@ -35,7 +35,7 @@ struct ConeScene {
   }
 
   ShadowAnswerer answerer(Isa isa, float tolerance) const {
-    return ShadowAnswerer(maker.scene, *accel, {field.get(), nullptr},
+    return ShadowAnswerer(maker.scene, *accel, shape_traits(maker.scene), {field.get(), nullptr},
                           {.isa = resolve_isa(isa), .tolerance = tolerance});
   }
   // What is found for lights of so many samples.
@@ -117,6 +117,28 @@ inline Sphere world_ball(const ConeScene& s) {
   const Affine& m = s.maker.scene.instances[k_object].to_world;
   return {transform_point(m, ball.centre),
           ball.radius * std::max({glm::length(m[0]), glm::length(m[1]), glm::length(m[2])})};
+}
+
+// A knot and a light that may lie around the receivers, within the object or behind them: nothing that can be judged.
+inline ConeScene tangled_scene(TestRandom& random) {
+  const Affine place = random_place(random, random.log_uniform(1e-2f, 1e2f), 4.0f);
+  const float size = glm::length(place[0]);
+  const Sphere light = {Vec3(place[3]) + size * random.log_uniform(1e-3f, 3.0f) * random.direction(),
+                        size * random.log_uniform(1e-3f, 3.0f)};
+  return ConeScene(make_knot({.along = 96, .around = 12}), place, light);
+}
+
+// Receivers about such a scene's object, and within it, turned anywhere.
+inline ReceiverBatch tangled_receivers(const ConeScene& s, int count, TestRandom& random) {
+  const Affine& place = s.maker.scene.instances[k_object].to_world;
+  const float size = glm::length(place[0]);
+  ReceiverBatch batch;
+  batch.resize(size_t(count));
+  for (size_t r = 0; r < batch.size; ++r) {
+    set_receiver(batch, r, Vec3(place[3]) + size * random.uniform(0.0f, 2.0f) * random.direction(), random.direction(),
+                 k_none);
+  }
+  return batch;
 }
 
 inline std::vector<TriangleMesh> solid_meshes() {

@@ -180,17 +180,8 @@ TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
 TEST(Cones, LeaveWhatTheyCannotJudge) {
   TestRandom random(9);
   for (int i = 0; i < 300; ++i) {
-    const Affine place = random_place(random, random.log_uniform(1e-2f, 1e2f), 4.0f);
-    const float size = glm::length(place[0]);
-    const Sphere light = {Vec3(place[3]) + size * random.log_uniform(1e-3f, 3.0f) * random.direction(),
-                          size * random.log_uniform(1e-3f, 3.0f)};
-    ConeScene s(make_knot({.along = 96, .around = 12}), place, light);
-    ReceiverBatch batch;
-    batch.resize(40);
-    for (size_t r = 0; r < batch.size; ++r) {
-      set_receiver(batch, r, Vec3(place[3]) + size * random.uniform(0.0f, 2.0f) * random.direction(),
-                   random.direction(), k_none);
-    }
+    ConeScene s = tangled_scene(random);
+    const ReceiverBatch batch = tangled_receivers(s, 40, random);
     Counts counts;
     ask_and_count(s, batch, random, counts);
     ASSERT_LE(double(counts.wrong), 0.02 * double(counts.rays) + 1.0) << i;

@@ -28,6 +28,27 @@ TileLines random_lines(TestRandom& random, float share) {
   return lines;
 }
 
+// Tiles of which one direction's plane is baked: a third of it empty, a third full, a third between.
+struct RandomPlane {
+  CoverageTiles tiles{32, 64};
+  std::vector<TileLines> all;  // of the plane, row by row
+
+  RandomPlane(int32_t direction, TestRandom& random) {
+    const int count = tiles.view().tiles * tiles.view().tiles;
+    for (int t = 0; t < count; ++t) {
+      const uint32_t slot = uint32_t(direction * count + t);
+      all.push_back(random_lines(random, t % 3 == 0 ? 0.0f : t % 3 == 1 ? 1.0f : 0.4f));
+      EXPECT_TRUE(tiles.claim(slot));
+      EXPECT_TRUE(tiles.finish(slot, all.back()));
+    }
+  }
+
+  uint16_t line(int x, int y) const {
+    const TileLines& tile = all[size_t(y / k_side * tiles.view().tiles + x / k_side)];
+    return tile[size_t(y % k_side * k_side + x % k_side)];
+  }
+};
+
 // Sums in plain floats, with the last tile that is missing.
 struct Sum {
   int32_t count = 0, depths = 0, missing = -1;
@@ -45,15 +66,10 @@ Sum sum_of_rect(const CoverageView& view, int32_t direction, const scalar::Texel
 
 TEST(Coverage, SumsAreThoseOfTheLines) {
   TestRandom random(1);
-  CoverageTiles tiles(32, 64);
-  const int side = tiles.view().tiles, lines = tiles.lines();
-  const uint32_t direction = 77, first = direction * uint32_t(side * side);
-  std::vector<TileLines> all;
-  for (int t = 0; t < side * side; ++t) {
-    all.push_back(random_lines(random, t % 3 == 0 ? 0.0f : t % 3 == 1 ? 1.0f : 0.4f));
-    ASSERT_TRUE(tiles.claim(first + uint32_t(t)));
-    ASSERT_TRUE(tiles.finish(first + uint32_t(t), all.back()));
-  }
+  constexpr int32_t k_direction = 77;
+  const RandomPlane plane(k_direction, random);
+  const CoverageView view = plane.tiles.view();
+  const int lines = plane.tiles.lines();
   for (int i = 0; i < 2000; ++i) {
     int x[2] = {int(random.index(uint32_t(lines + 1))), int(random.index(uint32_t(lines + 1)))};
     int y[2] = {int(random.index(uint32_t(lines + 1))), int(random.index(uint32_t(lines + 1)))};
@@ -62,12 +78,12 @@ TEST(Coverage, SumsAreThoseOfTheLines) {
     int64_t count = 0, depths = 0;
     for (int b = y[0]; b < y[1]; ++b) {
       for (int a = x[0]; a < x[1]; ++a) {
-        const uint16_t l = all[size_t(b / k_side * side + a / k_side)][size_t(b % k_side * k_side + a % k_side)];
+        const uint16_t l = plane.line(a, b);
         count += l != 0;
         depths += l != 0 ? l - 1 : 0;
       }
     }
-    const Sum sum = sum_of_rect(tiles.view(), int32_t(direction), {x[0], x[1], y[0], y[1]});
+    const Sum sum = sum_of_rect(view, k_direction, {x[0], x[1], y[0], y[1]});
     ASSERT_EQ(sum.missing, -1);
     ASSERT_EQ(sum.count, count);
     ASSERT_EQ(sum.depths, depths);
@@ -77,15 +93,10 @@ TEST(Coverage, SumsAreThoseOfTheLines) {
 // Rectangles that begin and end within texels count these by the part that lies within.
 TEST(Coverage, AreasWeighTexelsByWhatLiesWithin) {
   TestRandom random(4);
-  CoverageTiles tiles(32, 64);
-  const int side = tiles.view().tiles, lines = tiles.lines();
-  const uint32_t direction = 31, first = direction * uint32_t(side * side);
-  std::vector<TileLines> all;
-  for (int t = 0; t < side * side; ++t) {
-    all.push_back(random_lines(random, t % 3 == 0 ? 0.0f : t % 3 == 1 ? 1.0f : 0.4f));
-    ASSERT_TRUE(tiles.claim(first + uint32_t(t)));
-    ASSERT_TRUE(tiles.finish(first + uint32_t(t), all.back()));
-  }
+  constexpr int32_t k_direction = 31;
+  const RandomPlane plane(k_direction, random);
+  const CoverageView view = plane.tiles.view();
+  const int side = view.tiles, lines = plane.tiles.lines();
   const auto within = [](float begin, float end, int texel) {
     return double(std::max(0.0f, std::min(end, float(texel + 1)) - std::max(begin, float(texel))));
   };
@@ -101,13 +112,13 @@ TEST(Coverage, AreasWeighTexelsByWhatLiesWithin) {
     double count = 0.0, depths = 0.0;
     for (int b = int(rect.y0); b < std::min(int(rect.y1) + 1, lines); ++b) {
       for (int a = int(rect.x0); a < std::min(int(rect.x1) + 1, lines); ++a) {
-        const uint16_t l = all[size_t(b / k_side * side + a / k_side)][size_t(b % k_side * k_side + a % k_side)];
+        const uint16_t l = plane.line(a, b);
         const double share = within(rect.x0, rect.x1, a) * within(rect.y0, rect.y1, b);
         count += l != 0 ? share : 0.0;
         depths += l != 0 ? share * (l - 1) : 0.0;
       }
     }
-    const auto area = scalar::sum_coverage_area<float>(tiles.view(), int32_t(direction), rect, true, [](int, bool) {});
+    const auto area = scalar::sum_coverage_area<float>(view, k_direction, rect, true, [](int, bool) {});
     ASSERT_FALSE(area.unknown);
     // A tile's sums reach 2^10 and 2^20 and are taken with 24 bits, four by four, for every tile.
     ASSERT_NEAR(area.count, count, 16.0 * 1024 * 0x1p-24 * side * side);

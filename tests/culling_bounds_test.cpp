@@ -68,7 +68,7 @@ ReceiverBatch receivers_at(const std::vector<DVec3>& points, float relative_erro
 void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const std::vector<DVec3>& points,
                  const std::string& what) {
   const Accel accel(scene);
-  const ShadowAnswerer answerer(scene, accel, std::vector<Field*>(scene.shapes.size(), nullptr),
+  const ShadowAnswerer answerer(scene, accel, shape_traits(scene), std::vector<Field*>(scene.shapes.size(), nullptr),
                                 {.isa = resolve_isa(Isa::automatic), .tolerance = 0.0f});
   ShadowGroup group;
   group.light = light_extent(scene, emitter);

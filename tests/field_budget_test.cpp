@@ -220,26 +220,27 @@ TEST(FieldSet, StepsDownToFewerObjects) {
   }
   for (int i = 0; i < 3; ++i) scene.instances.emplace_back().shape = 0;  // together as many as the second's
   scene.instances.emplace_back().shape = 0;
+  const std::vector<ShapeTraits> traits = shape_traits(scene);
   const uint64_t budget = Field::most_bytes({32, 64, 16}) * 5 / 2;
   FieldPlan plan;
   plan.parameters = {128, 64, 16};
   std::string change;
   for (const int directions : {64, 32}) {
-    plan = FieldSet(scene, plan, budget, true).next_plan(change);
+    plan = FieldSet(scene, traits, plan, budget, true).next_plan(change);
     EXPECT_EQ(plan.parameters.directions, directions);
     EXPECT_EQ(plan.parameters.plane, 64);
     EXPECT_NE(change.find(std::to_string(directions) + " x 64"), std::string::npos) << change;
   }
-  plan = FieldSet(scene, plan, budget, true).next_plan(change);
+  plan = FieldSet(scene, traits, plan, budget, true).next_plan(change);
   EXPECT_EQ(plan.most_fields, 2u);
   EXPECT_NE(change.find("2 of 3"), std::string::npos) << change;
-  const std::vector<Field*> kept = FieldSet(scene, plan, budget, true).pointers();
+  const std::vector<Field*> kept = FieldSet(scene, traits, plan, budget, true).pointers();
   ASSERT_EQ(kept.size(), 4u);
   EXPECT_NE(kept[0], nullptr);  // five small instances
   EXPECT_NE(kept[1], nullptr);
   EXPECT_EQ(kept[2], nullptr);
   EXPECT_EQ(kept[3], nullptr);
-  EXPECT_TRUE(FieldSet(scene, plan, budget, false).empty());
+  EXPECT_TRUE(FieldSet(scene, traits, plan, budget, false).empty());
 }
 
 }  // namespace

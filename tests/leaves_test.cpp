@@ -102,15 +102,21 @@ ConeScene lit_scene(const TriangleMesh& mesh, TestRandom& random, float half_ang
   return ConeScene(mesh, place, {Vec3(place[3]) + distance * random.direction(), distance * std::tan(half_angle)});
 }
 
-TEST(Leaves, OfWideLightsAreAsGoodAsSixtyFourRays) {
-  TestRandom random(21);
+// Over placements of all meshes, under lights of the given half angle.
+Errors errors_under(float half_angle, int rays, uint32_t seed) {
+  TestRandom random(seed);
   Errors errors;
   for (const TriangleMesh& mesh : solid_meshes()) {
     for (int i = 0; i < 8; ++i) {
-      ConeScene s = lit_scene(mesh, random, 0.17f);
-      add_errors(s, shadowed_receivers(s, world_ball(s), 150, random), 64, errors);
+      const ConeScene s = lit_scene(mesh, random, half_angle);
+      add_errors(s, shadowed_receivers(s, world_ball(s), 150, random), rays, errors);
     }
   }
+  return errors;
+}
+
+TEST(Leaves, OfWideLightsAreAsGoodAsSixtyFourRays) {
+  const Errors errors = errors_under(0.17f, 64, 21);
   EXPECT_GT(errors.partial, 500);
   EXPECT_LT(errors.refused, errors.receivers / 4);
   EXPECT_LE(errors.leaves, errors.rays);
@@ -118,14 +124,7 @@ TEST(Leaves, OfWideLightsAreAsGoodAsSixtyFourRays) {
 }
 
 TEST(Leaves, OfNarrowLightsAreBetterThanSixteenRays) {
-  TestRandom random(22);
-  Errors errors;
-  for (const TriangleMesh& mesh : solid_meshes()) {
-    for (int i = 0; i < 8; ++i) {
-      ConeScene s = lit_scene(mesh, random, 0.06f);
-      add_errors(s, shadowed_receivers(s, world_ball(s), 150, random), 16, errors);
-    }
-  }
+  const Errors errors = errors_under(0.06f, 16, 22);
   EXPECT_GT(errors.partial, 300);
   EXPECT_LE(errors.leaves, errors.rays);
   EXPECT_LE(std::abs(errors.bias) / errors.receivers, 0.003);
@@ -170,17 +169,8 @@ TEST(Leaves, LeaveWhatTheyCannotJudge) {
   double wrong = 0.0;
   int receivers = 0;
   for (int i = 0; i < 200; ++i) {
-    const Affine place = random_place(random, random.log_uniform(1e-2f, 1e2f), 4.0f);
-    const float size = glm::length(place[0]);
-    const Sphere light = {Vec3(place[3]) + size * random.log_uniform(1e-3f, 3.0f) * random.direction(),
-                          size * random.log_uniform(1e-3f, 3.0f)};
-    ConeScene s(make_knot({.along = 96, .around = 12}), place, light);
-    ReceiverBatch batch;
-    batch.resize(160);
-    for (size_t r = 0; r < batch.size; ++r) {
-      set_receiver(batch, r, Vec3(place[3]) + size * random.uniform(0.0f, 2.0f) * random.direction(),
-                   random.direction(), k_none);
-    }
+    const ConeScene s = tangled_scene(random);
+    const ReceiverBatch batch = tangled_receivers(s, 160, random);
     const LightTable lights = make_lights(s.maker.scene);
     const Leaves leaves = ask_leaves(s, lights, batch, k_sixteen, Isa::automatic);
     const std::vector<double> truth = exact_shares(s, lights, leaves.chosen, 256);

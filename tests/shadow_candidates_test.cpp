@@ -155,7 +155,8 @@ Tally tally_of(Isa isa) {
     const Scene& scene = s.maker.scene;
     const Accel accel(scene);
     const LightTable lights = make_lights(scene);
-    const ShadowAnswerer answerer(scene, accel, std::vector<Field*>(scene.shapes.size(), nullptr), {.isa = isa});
+    const ShadowAnswerer answerer(scene, accel, shape_traits(scene), std::vector<Field*>(scene.shapes.size(), nullptr),
+                                  {.isa = isa});
     for (int round = 0; round < 6; ++round) {
       const ReceiverBatch receivers = random_receivers(s, accel, 48);
       if (receivers.size == 0) continue;
@@ -211,7 +212,7 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
       bounds.extend(p);
     }
     const Accel accel(maker.scene);
-    const ShadowAnswerer answerer(maker.scene, accel, {nullptr}, {.isa = Isa::scalar});
+    const ShadowAnswerer answerer(maker.scene, accel, shape_traits(maker.scene), {nullptr}, {.isa = Isa::scalar});
     ShadowGroup group;
     group.light = light_extent(maker.scene, 0);
     ShadowCandidates(maker.scene).select(bounds, group.light, balls.size(), group.candidates);

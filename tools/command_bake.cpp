@@ -59,7 +59,7 @@ int run_bake(const BakeArguments& arguments) {
                                            std::filesystem::path(arguments.input.path).filename().string())
                            : load_scene(arguments.input, progress);
   BakeOptions options = arguments.options;
-  options.fields = choose_resolution(scene, std::numeric_limits<uint64_t>::max());
+  options.fields = choose_resolution(scene, shape_traits(scene), std::numeric_limits<uint64_t>::max());
   if (arguments.directions) options.fields.directions = arguments.directions;
   if (arguments.plane) options.fields.plane = arguments.plane;
   const BakeResult result = bake_scene(scene, arguments.output, options, callbacks);

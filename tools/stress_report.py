@@ -4,10 +4,11 @@
     tools/stress_report.py [--program build/release/bin/fieldtrace] [-o stress] [--only NAME ...]
                            [--light-samples 1024] [--resolution 256] [-- OPTIONS OF render]
 
-Makes the meshes and STRESS/NAME.xml for scenes/stress.xml, renders each object under lights of 4 and 20 degrees by Monte
-Carlo and by fields with the same samples, and prints one Markdown row for each: root mean square error, worst 16 x 16
-block, share of the rays near an object that were traced, rays of the bake and traced ones against Monte Carlo's, and the
-wrong share of certified answers per verdict and receiver. Pictures of Monte Carlo are kept and used again.
+Makes the meshes and STRESS/NAME.xml for scenes/stress.xml, renders each object under lights of 4 and 20 degrees by
+Monte Carlo and by fields with the same samples, and prints one Markdown row for each: root mean square error, worst
+16 x 16 block, share of the rays near an object that were traced, rays of the bake and traced ones against Monte
+Carlo's, and the wrong share of certified answers per verdict and receiver. Pictures of Monte Carlo are kept and used
+again.
 """
 
 import argparse
@@ -59,9 +60,11 @@ def render(arguments, objects, light, out, more):
     scene = pathlib.Path(__file__).resolve().parent.parent / "scenes" / "stress.xml"
     # Kept under its name only when all went well: a picture cut short must not be used again.
     unfinished, stats = out.with_suffix(".tmp"), out.with_suffix(".json")
-    subprocess.run([arguments.program, "render", str(scene), "-o", str(out), "--stats", str(unfinished), "--quiet", "--spp", "1",
-                    "--light-samples", str(arguments.light_samples), "-D", f"objects={objects}",
-                    "-D", f"light_radius={LIGHTS[light][0]}", "-D", f"radiance={LIGHTS[light][1]}", "-D", f"resolution={arguments.resolution}", *more], check=True)
+    radius, radiance = LIGHTS[light]
+    subprocess.run([arguments.program, "render", str(scene), "-o", str(out), "--stats", str(unfinished), "--quiet",
+                    "--spp", "1", "--light-samples", str(arguments.light_samples), "-D", f"objects={objects}",
+                    "-D", f"light_radius={radius}", "-D", f"radiance={radiance}",
+                    "-D", f"resolution={arguments.resolution}", *more], check=True)
     unfinished.replace(stats)
     return json.loads(stats.read_text())
 
@@ -83,7 +86,8 @@ def report(arguments, name, light):
                               capture_output=True, text=True)
     d = json.loads(compared.stdout)
     check = s["check"]
-    wrong = [percent(check[v][r]["wrong"], check[v][r]["answers"]) for v in ("clear", "blocked") for r in ("other", "own")]
+    kinds = [check[verdict][receiver] for verdict in ("clear", "blocked") for receiver in ("other", "own")]
+    wrong = [percent(kind["wrong"], kind["answers"]) for kind in kinds]
     print(f"| {name} | {light} | {s['field']['directions']} x {s['field']['plane']} | {d['rmse']:.5f} "
           f"| {d['worst_block']['rmse']:.4f} | {100 * s['exact_fraction']:.1f} "
           f"| {s['bake']['rays'] / 1e6:.2f} + {s['rays']['exact'] / 1e6:.2f} / {carlo['rays']['exact'] / 1e6:.2f} "
@@ -100,8 +104,8 @@ def main():
     parser.add_argument("options", nargs="*", help="further options of render, after --")
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    print("| object | light | D x N | RMSE | worst block | exact % | million rays: bake + exact / Monte Carlo | wrong % "
-          "| clear other / own, blocked other / own |\n" + "|---" * 9 + "|", flush=True)
+    print("| object | light | D x N | RMSE | worst block | exact % | million rays: bake + exact / Monte Carlo "
+          "| wrong % | clear other / own, blocked other / own |\n" + "|---" * 9 + "|", flush=True)
     try:
         for name in arguments.only:
             for light in LIGHTS:

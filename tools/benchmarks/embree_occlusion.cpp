@@ -36,6 +36,20 @@ size_t blocked_in(const Packet& packet, const int* valid, int width) {
   return n;
 }
 
+// How many of the rays are blocked, asked in packets by rtcOccluded8 or rtcOccluded16.
+template <class Packet, class Occluded>
+size_t count_in_packets(const RayBatch& rays, int width, const Occluded& occluded) {
+  alignas(64) int valid[16];
+  Packet packet;
+  size_t blocked = 0;
+  for (size_t begin = 0; begin < rays.size; begin += size_t(width)) {
+    fill(packet, valid, width, rays, begin);
+    occluded(valid, packet);
+    blocked += blocked_in(packet, valid, width);
+  }
+  return blocked;
+}
+
 }  // namespace
 
 const char* packets_name(OcclusionPackets packets) {
@@ -89,34 +103,23 @@ size_t EmbreeOcclusion::count_blocked(const RayBatch& rays, OcclusionPackets pac
   rtcInitIntersectContext(&context);
   context.flags = packets == OcclusionPackets::sixteen_coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT
                                                                 : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-  size_t blocked = 0;
-  if (packets == OcclusionPackets::single) {
-    for (size_t i = 0; i < rays.size; ++i) {
-      RTCRay ray;
-      ray.org_x = rays.ox[i], ray.org_y = rays.oy[i], ray.org_z = rays.oz[i];
-      ray.dir_x = rays.dx[i], ray.dir_y = rays.dy[i], ray.dir_z = rays.dz[i];
-      ray.tnear = 0.0f, ray.tfar = rays.tmax[i], ray.time = 0.0f;
-      ray.mask = 0xffffffffu, ray.id = 0, ray.flags = 0;
-      rtcOccluded1(impl_->scene, &context, &ray);
-      blocked += ray.tfar < 0.0f;
-    }
-    return blocked;
-  }
-  alignas(64) int valid[16];
   if (packets == OcclusionPackets::eight_incoherent) {
-    RTCRay8 packet;
-    for (size_t begin = 0; begin < rays.size; begin += 8) {
-      fill(packet, valid, 8, rays, begin);
-      rtcOccluded8(valid, impl_->scene, &context, &packet);
-      blocked += blocked_in(packet, valid, 8);
-    }
-    return blocked;
+    return count_in_packets<RTCRay8>(
+        rays, 8, [&](const int* valid, RTCRay8& packet) { rtcOccluded8(valid, impl_->scene, &context, &packet); });
   }
-  RTCRay16 packet;
-  for (size_t begin = 0; begin < rays.size; begin += 16) {
-    fill(packet, valid, 16, rays, begin);
-    rtcOccluded16(valid, impl_->scene, &context, &packet);
-    blocked += blocked_in(packet, valid, 16);
+  if (packets != OcclusionPackets::single) {
+    return count_in_packets<RTCRay16>(
+        rays, 16, [&](const int* valid, RTCRay16& packet) { rtcOccluded16(valid, impl_->scene, &context, &packet); });
+  }
+  size_t blocked = 0;
+  for (size_t i = 0; i < rays.size; ++i) {
+    RTCRay ray;
+    ray.org_x = rays.ox[i], ray.org_y = rays.oy[i], ray.org_z = rays.oz[i];
+    ray.dir_x = rays.dx[i], ray.dir_y = rays.dy[i], ray.dir_z = rays.dz[i];
+    ray.tnear = 0.0f, ray.tfar = rays.tmax[i], ray.time = 0.0f;
+    ray.mask = 0xffffffffu, ray.id = 0, ray.flags = 0;
+    rtcOccluded1(impl_->scene, &context, &ray);
+    blocked += ray.tfar < 0.0f;
   }
   return blocked;
 }

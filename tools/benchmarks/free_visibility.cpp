@@ -5,8 +5,8 @@
 //
 // How: light transport is given an answerer for a scene without objects. It finds no candidates anywhere, so that
 // every receiver is free: its light samples are drawn, weighted and added up, which is shading, and no ray is made.
-// time.secondary is what is left of that stage: asking for candidates and finding none. The tiles are those of
-// render().
+// time.secondary is what is left of that stage: asking for candidates and finding none. Tiles and batches are
+// those of render().
 #include <fmt/format.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/task_arena.h>
@@ -18,15 +18,10 @@
 #include "core/parallel.h"
 #include "core/scene_xml.h"
 #include "hybrid/stopwatch.h"
-#include "hybrid/tiles.h"
-#include "hybrid/transport.h"
+#include "hybrid/trace_pixels.h"
 
 namespace fieldtrace {
 namespace {
-
-// As in render.cpp.
-constexpr int k_tile_size = 32;
-constexpr size_t k_batch_samples = 4096;
 
 struct Arguments {
   std::string scene;
@@ -55,22 +50,6 @@ Arguments parse(int argc, char** argv) {
   return a;
 }
 
-void trace_tile(const Rect& tile, int spp, TransportWorker& worker) {
-  const std::vector<PixelPosition> pixels = tile_pixels(tile);
-  const size_t total = pixels.size() * size_t(spp);
-  std::vector<CameraSample> samples;
-  std::vector<SampleResult> results(std::min(k_batch_samples, total));
-  for (size_t begin = 0; begin < total; begin += k_batch_samples) {
-    const size_t end = std::min(begin + k_batch_samples, total);
-    samples.clear();
-    for (size_t i = begin; i < end; ++i) {
-      const PixelPosition& p = pixels[i / size_t(spp)];
-      samples.push_back({uint32_t(p.x), uint32_t(p.y), uint32_t(i % size_t(spp))});
-    }
-    worker.trace(samples, {results.data(), samples.size()});
-  }
-}
-
 void run(const Arguments& arguments) {
   const Scene scene = load_scene(arguments.scene, arguments.load);
   Stats stats;
@@ -90,11 +69,15 @@ void run(const Arguments& arguments) {
     settings.hide_emitters = scene.integrator.hide_emitters;
     settings.isa = resolve_isa(Isa::automatic);
     const Scene nothing;
-    const ShadowAnswerer answerer(nothing, *accel, {}, AnswererSettings{.isa = settings.isa});
+    const ShadowAnswerer answerer(nothing, *accel, {}, {}, AnswererSettings{.isa = settings.isa});
     const TransportContext context(scene, *accel, camera, answerer, settings);
     const std::vector<Rect> tiles = make_tiles({0, 0, scene.film.width, scene.film.height}, k_tile_size);
     tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
-    parallel_for(tiles.size(), [&](size_t i) { trace_tile(tiles[i], arguments.spp, workers.local()); });
+    parallel_for(tiles.size(), [&](size_t i) {
+      trace_pixels(
+          tile_pixels(tiles[i]), arguments.spp, settings.lobe_samples, workers.local(), [] { return true; },
+          [](size_t, const SampleResult&) {});
+    });
     for (const TransportWorker& worker : workers) stats.merge_counters(worker.stats());
   });
   if (stats.rays_exact != 0 || stats.lookups != 0) throw Error("some shadow rays were not answered for free");

@@ -1,0 +1,25 @@
+// An instance as the shadow answerer sees it: what the kernels need to ask about it. Plain data.
+#pragma once
+
+#include "field/field.h"
+#include "field/segment_kernels.h"
+#include "hybrid/shape_traits.h"
+
+namespace fieldtrace {
+
+struct AnswererSettings;
+
+struct Occluder {
+  bool in_ball = false;        // culled by the field's ball, else by the bounding box
+  bool answers_cones = false;  // of whole lights
+  bool asks_sheets = true;     // depth cells may answer
+  Field* field = nullptr;      // answers within the ball; null: exact rays
+  ConeTask cone;               // for the ball
+  BoxTask box;
+};
+
+// `traits` are those of the instance's shape. `field` is its field, or null.
+Occluder make_occluder(const Scene& scene, uint32_t instance, const ShapeTraits& traits, Field* field,
+                       const AnswererSettings& settings);
+
+}  // namespace fieldtrace

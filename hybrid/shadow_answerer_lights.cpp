@@ -1,0 +1,118 @@
+// Whole lights and parts of lights, asked of fields.
+#include <cmath>
+
+#include "field/bake.h"
+#include "field/bake_coverage.h"
+#include "field/cone.hd.h"
+#include "hybrid/shadow_workspace.h"
+
+namespace fieldtrace {
+namespace {
+
+// Directions tried along each side of a light as seen from receivers on the object: so many that neighbours lie less
+// than this share of a direction cell's mean width (2 sqrt(pi) / D) apart. A cell speaks for lines all over it, so
+// closer directions find nothing more (docs/decisions/009-cones.md).
+constexpr float k_sheet_spacing = 1.1f;
+// More than any number of light samples: the light is too near or too wide.
+constexpr int k_no_sheet_side = 1 << 12;
+
+int sheet_side_for(const SegmentTask& ball, const Sphere& light, int directions) {
+  const float* m = ball.to_unit;
+  Vec3 centre(m[9], m[10], m[11]);
+  for (int axis = 0; axis < 3; ++axis)
+    centre += Vec3(m[3 * axis], m[3 * axis + 1], m[3 * axis + 2]) * light.centre[axis];
+  // From the nearest point of the ball.
+  const float sine = light.radius * ball.to_unit_stretch / (glm::length(centre) - 1.0f);
+  if (!(sine > 0.0f && sine < scalar::k_widest_cone_sine)) return sine == 0.0f ? 1 : k_no_sheet_side;
+  const float tangent = sine / std::sqrt(1.0f - sine * sine);
+  const float cell = 2.0f * std::sqrt(k_pi) / float(directions);
+  return std::max(1, int(std::ceil(2.0f * tangent / (k_sheet_spacing * cell))));
+}
+
+}  // namespace
+
+// Calls ask(blocks) for all blocks of k_batch_padding among `size` entries, bakes what it reports in `unknowns`, and
+// calls it again for the blocks that met it. Blocks that are still unknown in the end are left in `unknowns`.
+template <class Ask>
+void ShadowAnswerer::bake_and_repeat(const Occluder& o, size_t size, ConeUnknowns& unknowns, Stats& stats,
+                                     const Ask& ask) const {
+  const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
+  unknowns.tiles.clear();
+  unknowns.slices.clear();
+  unknowns.blocks.clear();
+  for (size_t i = 0; i < size; i += k_batch_padding) unknowns.blocks.push_back(uint32_t(i));
+  std::vector<uint32_t> blocks;
+  bool is_full = false;
+  for (int round = 0; !unknowns.blocks.empty() && !is_full && round <= k_most_bake_rounds; ++round) {
+    blocks.swap(unknowns.blocks);
+    unknowns.blocks.clear();
+    ask(blocks);
+    if (unknowns.blocks.empty()) break;
+    is_full = o.field->pool_full() || o.field->coverage().full();  // the rest is left to single rays
+    BakeCounters counters;
+    sort_unique(unknowns.tiles);
+    sort_unique(unknowns.slices);
+    if (!unknowns.tiles.empty()) bake_coverage(*o.field, unknowns.tiles, accel_, shape, counters);
+    if (!unknowns.slices.empty()) bake_slices(*o.field, FieldLayer::depth, unknowns.slices, accel_, shape, counters);
+    unknowns.tiles.clear();
+    unknowns.slices.clear();
+    stats.bake_rays += counters.rays;
+    stats.time_bake += counters.seconds;
+  }
+}
+
+void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers, const ShadowGroup& group,
+                               Workspace& work, Stats& stats) const {
+  ConeTask task = o.cone;
+  const Sphere& light = group.light.ball;
+  const int side = sheet_side_for(task.segment, light, o.field->parameters().directions);
+  if (o.asks_sheets && side * side <= group.light_samples) task.sheet_side = side;
+  ConeUnknowns& unknowns = work.unknowns;
+  bake_and_repeat(o, receivers.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+    const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
+    stats.cones_clear += counts.clear;
+    stats.cones_blocked += counts.blocked;
+    stats.lookups += counts.lookups;
+    if (settings_.count_uses) {
+      use_of(o, stats).answered += (counts.clear + counts.blocked) * uint64_t(group.light_samples);
+    }
+  });
+}
+
+void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> receivers, int leaves,
+                            ShadowBatch& batch, std::vector<uint8_t>& refused, Stats& stats) const {
+  Workspace& work = *workspaces_.local();
+  batch.in_shares = true;
+  batch.clear.assign(padded(batch.rays.size), 1.0f);
+  work.refused.assign(padded(batch.rays.size), 0);
+  ConeUnknowns& unknowns = work.unknowns;
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    const Occluder& o = occluders_[group.candidates[slot]];
+    if (!o.answers_cones) continue;
+    work.flags.assign(padded(batch.rays.size), 0);
+    bool is_asked = false;
+    for (size_t r = 0; r < receivers.size(); ++r) {
+      if (!(group.by_leaves[receivers[r]] >> slot & 1)) continue;
+      is_asked = true;
+      std::fill_n(work.flags.begin() + std::ptrdiff_t(r * size_t(leaves)), leaves, 1);
+    }
+    if (!is_asked) continue;
+    LeafTask task;
+    task.segment = o.cone.segment;
+    task.least_disc = k_least_light_disc / std::sqrt(float(std::max(leaves, k_fewest_leaves)));
+    task.share = 1.0f / float(std::max(leaves, k_fewest_leaves));
+    bake_and_repeat(o, batch.rays.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+      stats.lookups += kernels_.filter_leaves(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
+                                              batch.clear.data(), work.refused.data(), unknowns);
+    });
+    // What no pool has room for is left to rays.
+    for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
+  }
+  refused.assign(receivers.size(), 0);
+  for (size_t r = 0; r < receivers.size(); ++r) {
+    const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(leaves));
+    refused[r] = std::find(begin, begin + leaves, 1) != begin + leaves;
+  }
+}
+
+}  // namespace fieldtrace

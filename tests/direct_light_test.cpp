@@ -1,0 +1,113 @@
+// What direct light counts while it asks fields for whole lights, parts of lights and single rays.
+#include "hybrid/direct_light.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/mesh_procedural.h"
+#include "hybrid/render.h"
+#include "hybrid/trace_pixels.h"
+#include "tests/small_scenes.h"
+
+namespace fieldtrace {
+namespace {
+
+struct Light {
+  Vec3 at;
+  float radius;
+};
+// A knot over a floor, or through it, under sphere lights.
+Scene lit_knot(float height, const std::vector<Light>& lights) {
+  test::SceneMaker s;
+  s.film(64, 64);
+  s.scene.sample_count = 1;
+  s.scene.camera.to_world = test::look_at({2.5f, -6, 3}, {0, 0, 0.3f}, {0, 0, 1});
+  s.scene.camera.fov_x_degrees = 35.0f;
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  s.instance(s.mesh(make_knot({.along = 256, .around = 24})), grey, test::translation({0, 0, height}));
+  s.instance(s.shape(ShapeKind::rectangle), grey, test::scaling(Vec3(6.0f)));
+  for (const Light& light : lights) {
+    Affine place = test::scaling(Vec3(light.radius));
+    place[3] = light.at;
+    s.area_light(s.instance(s.shape(ShapeKind::sphere), grey, place), Rgb(50.0f / (light.radius * light.radius)));
+  }
+  return s.scene;
+}
+
+// So many samples have no divisor, so that no receiver's first samples stand for the rest, and grids of 64 leaves are
+// tried in 16 first. Each light sample near the only object is then spared by an answer of its field, or a ray that the
+// field answers or that asks.
+TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
+  constexpr int k_samples = 257;
+  ASSERT_EQ(first_light_samples(k_samples), 0);
+  ASSERT_LE(3 * k_first_leaves, 2 * leaf_grid(k_samples).total);
+  const Scene scene = lit_knot(1.0f, {{{2, -2, 4}, 0.6f}});
+  const Accel accel(scene);
+  Field field(field_ball(scene.shapes[0].bounds), {.directions = 32, .plane = 64});
+  const ShadowAnswerer answerer(scene, accel, shape_traits(scene), {&field, nullptr, nullptr},
+                                {.isa = resolve_isa(Isa::automatic), .count_uses = true});
+  const CameraSampler camera(scene.camera, scene.film);
+  TransportSettings settings;
+  settings.light_samples = k_samples;
+  settings.max_depth = 2;
+  settings.isa = resolve_isa(Isa::automatic);
+  const TransportContext context(scene, accel, camera, answerer, settings);
+  TransportWorker worker(context);
+  trace_pixels(
+      tile_pixels(scene.film.crop), 1, 1, worker, [] { return true; }, [](size_t, const SampleResult&) {});
+  const Stats& stats = worker.stats();
+  EXPECT_GT(stats.leaves, 10000u);
+  EXPECT_GT(stats.rays_crossing, 1000u);
+  ASSERT_FALSE(stats.field_uses.empty());
+  EXPECT_EQ(stats.field_uses[0].answered + stats.field_uses[0].asked, stats.samples_spared + stats.rays_crossing);
+}
+
+// Where parts of one light are filtered and another light sends rays, both weigh the same in the layer.
+TEST(DirectLight, LightsWeighTheSameInVisibility) {
+  const Scene scene = lit_knot(1.0f, {{{2, -2, 4}, 0.9f}, {{-2, -3, 5}, 0.05f}});
+  RenderOptions o;
+  o.light_samples = 64;
+  o.threads = 2;
+  o.directions = 32;
+  o.plane = 64;
+  o.leave_to_rays = false;
+  o.aovs = {"visibility"};
+  o.method = Method::monte_carlo;
+  const Image exact = render(scene, o).image;
+  o.method = Method::hybrid;
+  const RenderResult fields = render(scene, o);
+  EXPECT_GT(fields.stats.leaves, 10000u);
+  double squares = 0.0;
+  int partial = 0;
+  for (int y = 0; y < exact.height; ++y) {
+    for (int x = 0; x < exact.width; ++x) {
+      const float visible = exact.pixel(x, y)[3];
+      const double error = double(fields.image.pixel(x, y)[3]) - double(visible);
+      // The first light partly hidden, the other one seen.
+      if (visible <= 0.55f || visible >= 0.95f) continue;
+      squares += error * error;
+      ++partial;
+    }
+  }
+  EXPECT_GT(partial, 100);
+  EXPECT_LE(std::sqrt(squares / partial), 0.03);
+}
+
+// Of a light that the floor cuts in halves, and that is too narrow to be told apart from a point: half of the leaves
+// lie below the horizon of the floor's receivers, and nearly all others are refused.
+TEST(DirectLight, LeavesBelowTheHorizonAreNotRefused) {
+  const Scene scene = lit_knot(0.0f, {{{-5, 0, 0}, 0.02f}});
+  RenderOptions o;
+  o.light_samples = 64;
+  o.threads = 2;
+  o.directions = 32;
+  o.plane = 64;
+  o.leave_to_rays = false;
+  const Stats stats = render(scene, o).stats;
+  EXPECT_GT(stats.leaves_refused, 500u);
+  EXPECT_LE(stats.leaves_refused, stats.leaves);
+}
+
+}  // namespace
+}  // namespace fieldtrace
