@@ -36,16 +36,20 @@ int32_t line_word(uint16_t line) { return line == 0 ? 0 : 1 + (int32_t(line - 1)
 
 int CoverageTiles::lines_for(int plane) { return std::clamp(2 * plane, 128, 512); }
 
-CoverageTiles::CoverageTiles(int directions, int plane, FieldBudget* budget)
+CoverageTiles::CoverageTiles(int directions, int plane, FieldBudget* budget, TilePayload payload)
     : directions_(directions), lines_(lines_for(plane)), tiles_(lines_ / k_side), budget_(budget) {
   const uint64_t slots = uint64_t(directions) * directions * tiles_ * tiles_;
-  max_tiles_ = uint32_t(std::min(slots + 2, k_most_tiles));
+  const bool has_radiance = payload == TilePayload::radiance;
+  max_tiles_ = uint32_t(std::min(slots + 2, has_radiance ? k_most_tiles / 3 : k_most_tiles));
   tile_of_ = VirtualBuffer<int32_t>(slots);
   sums_ = VirtualBuffer<int32_t>(size_t(max_tiles_) * scalar::k_tile_words);
+  if (has_radiance) radiance_ = VirtualBuffer<float>(size_t(max_tiles_) * 3 * scalar::k_tile_words);
   touched_ = VirtualBuffer<uint8_t>((slots + k_part_slots - 1) / k_part_slots);
 }
 
-CoverageView CoverageTiles::view() const { return {tiles_, 0.5f * float(lines_), tile_of_.data(), sums_.data()}; }
+CoverageView CoverageTiles::view() const {
+  return {tiles_, 0.5f * float(lines_), tile_of_.data(), sums_.data(), radiance_.data()};
+}
 
 CoverageTiles::Place CoverageTiles::place(uint32_t slot) const {
   const uint32_t per_plane = uint32_t(tiles_ * tiles_), tile = slot % per_plane;
@@ -80,14 +84,30 @@ bool CoverageTiles::finished(uint32_t slot) const {
   return shared(tile_of_[slot]).load(std::memory_order_acquire) > k_unknown;
 }
 
-bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines) {
+void CoverageTiles::store_radiance(int32_t tile, std::span<const Rgb> radiance) {
+  for (int c = 0; c < 3; ++c) {
+    float* sums = &radiance_[(size_t(tile) * 3 + size_t(c)) * scalar::k_tile_words];
+    double below[k_side] = {};
+    for (int y = 0; y < k_side; ++y) {
+      double row = 0.0;
+      float* corner = sums + (y + 1) * scalar::k_tile_corners + 1;
+      for (int x = 0; x < k_side; ++x) {
+        row += double(radiance[size_t(y * k_side + x)][c]);
+        below[x] += row;
+        shared(corner[x]).store(float(below[x]), std::memory_order_relaxed);
+      }
+    }
+  }
+}
+
+bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines, std::span<const Rgb> radiance) {
   int32_t tile = k_empty;
   if (std::any_of(lines.begin(), lines.end(), [](uint16_t l) { return l != 0; })) {
     {
       const std::lock_guard lock(growth_);
       const bool is_last = tile_count_ >= max_tiles_;
       if (is_last && budget_) budget_->refuse();
-      if (is_last || !charge(k_tile_bytes)) {
+      if (is_last || !charge(k_tile_bytes + (radiance.empty() ? 0 : k_radiance_bytes))) {
         full_.store(true, std::memory_order_relaxed);
         give_back(slot);
         return false;
@@ -104,6 +124,7 @@ bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines) {
         shared(corner[x]).store(below[x] + row, std::memory_order_relaxed);
       }
     }
+    if (!radiance.empty()) store_radiance(tile, radiance);
     shared(sums[scalar::k_tile_grain]).store(grain_of(lines), std::memory_order_relaxed);
     stored_.fetch_add(1, std::memory_order_relaxed);
   }

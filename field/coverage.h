@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "core/math.h"
 #include "core/virtual_buffer.h"
 #include "field/coverage.hd.h"
 #include "field/field_budget.h"
@@ -21,12 +22,15 @@ namespace fieldtrace {
 // What a line of a tile meets: its depth code + 1, or 0 for nothing.
 using TileLines = std::vector<uint16_t>;  // 32 x 32, row by row
 
+// What the tiles keep beside hits and depths.
+enum class TilePayload { none, radiance };
+
 class CoverageTiles {
  public:
   CoverageTiles() = default;
   // For D x D directions and planes of N x N cells. `budget`, if not null, is charged for what is baked, and must
   // outlive the tiles. Throws Error if address space runs out.
-  CoverageTiles(int directions, int plane, FieldBudget* budget = nullptr);
+  CoverageTiles(int directions, int plane, FieldBudget* budget = nullptr, TilePayload payload = TilePayload::none);
 
   // L for planes of N x N cells: two lines for each cell along each side, within limits.
   static int lines_for(int plane);
@@ -43,8 +47,9 @@ class CoverageTiles {
 
   // Reserves a tile for the caller to bake; false if another thread has it, it is baked, or the pool is full.
   bool claim(uint32_t slot);
-  // Publishes a claimed tile of 32 x 32 lines. False, and given back, if the pool is full.
-  bool finish(uint32_t slot, std::span<const uint16_t> lines);
+  // Publishes a claimed tile of 32 x 32 lines. False, and given back, if the pool is full. `radiance`: with that
+  // payload, of each line that hits, 0 elsewhere.
+  bool finish(uint32_t slot, std::span<const uint16_t> lines, std::span<const Rgb> radiance = {});
   void give_back(uint32_t slot);
   bool finished(uint32_t slot) const;
   bool full() const { return full_.load(std::memory_order_relaxed); }
@@ -61,18 +66,21 @@ class CoverageTiles {
 
   static constexpr uint64_t k_lines_per_tile = uint64_t(scalar::k_tile_lines) * scalar::k_tile_lines;
   static constexpr uint64_t k_tile_bytes = uint64_t(scalar::k_tile_words) * sizeof(int32_t);
+  static constexpr uint64_t k_radiance_bytes = 3 * uint64_t(scalar::k_tile_words) * sizeof(float);
 
  private:
   // Part of the table that one page of memory holds.
   static constexpr uint32_t k_part_slots = 1024;
 
   bool charge(uint64_t bytes);
+  void store_radiance(int32_t tile, std::span<const Rgb> radiance);
   bool touch_part(uint32_t slot);
 
   int directions_ = 0, lines_ = 0, tiles_ = 0;
   uint32_t max_tiles_ = 0;
   FieldBudget* budget_ = nullptr;
   VirtualBuffer<int32_t> tile_of_, sums_;
+  VirtualBuffer<float> radiance_;
   VirtualBuffer<uint8_t> touched_;  // per part of the table: not 0 once a slot of it was claimed
   std::mutex growth_;
   uint32_t tile_count_ = 2;  // 0 and 1 are all zero

@@ -6,9 +6,10 @@
 // "Summed-Area Tables for Texture Mapping", SIGGRAPH 1984) of 33 x 33 words, row y, column x: the sum over all texels
 // of the tile below and left of corner (x, y), bits 0-10 the count of lines that hit, bits 11-30 the sum of their
 // depths in steps of k_coverage_depth_step from depth -1 (depth: coordinate along c). Sums of a whole tile stay below
-// 2^31, so the four corners of any rectangle combine by integer arithmetic on whole words. Table: tile_of[direction *
-// tiles^2 + tile row * tiles + tile column] -> tile; 0: not baked; 1: baked, meets nothing. Thread-safety: pure
-// functions over a CoverageView.
+// 2^31, so the four corners of any rectangle combine by integer arithmetic on whole words. Where radiance is kept too,
+// a tile has three more such tables of floats: sums over the lines that hit of the radiance that meets them. Table:
+// tile_of[direction * tiles^2 + tile row * tiles + tile column] -> tile; 0: not baked; 1: baked, meets nothing.
+// Thread-safety: pure functions over a CoverageView.
 
 #if defined(FIELDTRACE_FIELD_COVERAGE_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_FIELD_COVERAGE_HD_H_
@@ -167,6 +168,44 @@ FT_HD_INLINE CoverageArea<F> sum_coverage_area(const CoverageView& view, Int_t<F
   };
   area.unknown = visit_tiles<F>(view, direction, within, wanted, tell_missing, add_tile);
   return area;
+}
+
+// Radiance summed over a rectangle's area, texels at its rim by the part of them that lies within. The tiles must be
+// baked, as those of sum_coverage_area() over the same rectangle.
+template <class F>
+struct RadianceSum {
+  F red, green, blue;
+};
+
+template <class F>
+FT_HD_INLINE RadianceSum<F> sum_radiance_area(const CoverageView& view, Int_t<F> direction, const PlaneRect<F>& rect,
+                                              Mask_t<F> wanted) {
+  const F zero = splat<F>(0.0f);
+  const Int_t<F> one = splat_int<F>(1), lines = splat_int<F>(view.tiles * k_tile_lines);
+  const auto texel = [](F x) { return small_to_int(floor(x)); };
+  const TexelRect<F> within = {texel(rect.x0), min(texel(rect.x1) + one, lines), texel(rect.y0),
+                               min(texel(rect.y1) + one, lines)};
+  RadianceSum<F> sum = {zero, zero, zero};
+  const auto add_tile = [&](Mask_t<F> filled, Int_t<F> base, Int_t<F> column, Int_t<F> row) {
+    const TileSpan<F> x = span_in_tile<F>(rect.x0, rect.x1, column), y = span_in_tile<F>(rect.y0, rect.y1, row);
+    const Int_t<F> first = base + base + base;  // three tables a tile
+    F* const colours[3] = {&sum.red, &sum.green, &sum.blue};
+    for (int c = 0; c < 3; ++c) {
+      F colour = zero;
+      for (int j = 0; j < 4; ++j) {
+        const Int_t<F> line = first + splat_int<F>(c * k_tile_words) + y.corner[j] * splat_int<F>(k_tile_corners);
+        F row_sum = zero;
+        for (int i = 0; i < 4; ++i) {
+          row_sum = row_sum + gather(view.radiance, select(filled, line + x.corner[i], splat_int<F>(0))) * x.weight[i];
+        }
+        colour = colour + row_sum * y.weight[j];
+      }
+      *colours[c] = *colours[c] + select(filled, colour, zero);
+    }
+  };
+  visit_tiles<F>(
+      view, direction, within, wanted, [](Int_t<F>, Mask_t<F>) {}, add_tile);
+  return sum;
 }
 
 // Grain (k_tile_grain) of the tile that holds a texel; 0 where it is empty or not baked.

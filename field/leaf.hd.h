@@ -43,17 +43,96 @@ constexpr float k_leaf_drift = 0.5f;
 constexpr float k_coarse_grain = 0.15f;
 constexpr float k_coarse_disc = 4.0f;
 
+// A leaf's tube in the picture of its direction cell, and all that it can meet there.
+template <class F>
+struct LeafTube {
+  ConeSpan<F> span;
+  LinePicture<F> picture;
+  F cosine, slope;  // of the angle between the leaf's ray and the cell's direction; its sine
+  F middle_depth;   // of the span's middle
+  PictureSquare<F> square;
+  CoverageSum<F> sum;
+
+  // Distance from p at which the centre ray reaches the mean of `depths` of `count` lines.
+  FT_HD_INLINE F reach_of(F depths, F count) const {
+    const F depth = splat<F>(k_coverage_depth_step) * (depths / max(count, splat<F>(1e-6f))) - splat<F>(1.0f);
+    const F t = span.middle + (depth - middle_depth) / max(cosine, splat<F>(0.5f));
+    return min(max(t, span.middle - span.half), span.middle + span.half);
+  }
+};
+
+template <class F>
+FT_HD_INLINE ConeSpan<F> span_of_leaf(const LightLeaf<F>& leaf) {
+  LightCone<F> tube;
+  tube.p = leaf.p;
+  tube.axis = leaf.direction;
+  tube.tangent = leaf.width;
+  return span_in_ball(tube);
+}
+
+template <class F, class TellMissing>
+FT_HD_INLINE LeafTube<F> tube_of_leaf(const FieldView& field, const LightLeaf<F>& leaf, const ConeSpan<F>& span,
+                                      Mask_t<F> asked, const TellMissing& tell_missing) {
+  LeafTube<F> tube;
+  tube.span = span;
+  tube.picture = picture_along(field, leaf.direction);
+  const Vec3Lanes<F> middle = leaf.p + leaf.direction * span.middle;
+  tube.cosine = dot(leaf.direction, tube.picture.frame.c);
+  const Vec3Lanes<F> across = leaf.direction - tube.picture.frame.c * tube.cosine;
+  tube.slope = sqrt(dot(across, across));
+  tube.middle_depth = dot(middle, tube.picture.frame.c);
+  const F radius = (span.middle + span.half) * leaf.width + span.half * tube.slope;
+  tube.square = square_about(tube.picture, middle, radius);
+  tube.sum = sum_coverage<F>(field.coverage, tube.picture.direction, tube.square.rect, asked, tell_missing);
+  return tube;
+}
+
+// The disc of a leaf where its tube meets something, laid twice, and what the picture holds there.
+template <class F>
+struct LeafDisc {
+  F t;                 // distance from p
+  F half_width, x, y;  // in texels
+  PlaneRect<F> rect;   // of the picture, [0, L]^2
+  Mask_t<F> read;      // it is not empty
+  CoverageArea<F> area;
+  Mask_t<F> unknown;
+  F drift;  // how far the disc would move if it were laid once more, in texels
+};
+
+template <class F, class TellMissing>
+FT_HD_INLINE LeafDisc<F> place_disc(const FieldView& field, const LightLeaf<F>& leaf, const LeafTube<F>& tube,
+                                    Mask_t<F> open, const TellMissing& tell_missing) {
+  const F zero = splat<F>(0.0f), half = splat<F>(0.5f);
+  const LinePicture<F>& picture = tube.picture;
+  const F scale = splat<F>(field.coverage.half_lines);
+  const auto disc_at = [&](F t) { return max(leaf.width * t * scale, half) / scale; };
+  const F first = tube.reach_of(to_float(tube.sum.depths), to_float(tube.sum.count));
+  const PictureSquare<F> found = square_about(picture, leaf.p + leaf.direction * first, disc_at(first));
+  const CoverageSum<F> near = sum_coverage<F>(field.coverage, picture.direction, found.rect, open, tell_missing);
+  const Mask_t<F> hit = open & (near.count > splat_int<F>(0));
+  LeafDisc<F> disc;
+  disc.t = select(hit, tube.reach_of(to_float(near.depths), to_float(near.count)), first);
+  disc.half_width = disc_at(disc.t) * scale;
+  const Vec3Lanes<F> centre = leaf.p + leaf.direction * disc.t;
+  disc.x = picture.texels(centre, picture.frame.s);
+  disc.y = picture.texels(centre, picture.frame.t);
+  const F lines = scale + scale, w = disc.half_width;
+  const auto within = [&](F value) { return min(max(zero, value), lines); };
+  disc.rect = {within(disc.x - w), within(disc.x + w), within(disc.y - w), within(disc.y + w)};
+  disc.read = hit & (disc.rect.x0 < disc.rect.x1) & (disc.rect.y0 < disc.rect.y1);
+  disc.area = sum_coverage_area<F>(field.coverage, picture.direction, disc.rect, disc.read, tell_missing);
+  disc.unknown = near.unknown | disc.area.unknown;
+  disc.drift = abs(tube.reach_of(disc.area.depths, disc.area.count) - disc.t) * tube.slope * scale;
+  return disc;
+}
+
 // The receiver has the object before it and lies outside the ball, or within it with the whole object before its
 // tangent plane. least_disc: half width in texels below which discs are not read.
 template <class F, class TellMissing>
 FT_HD_INLINE LeafAnswer<F> filter_leaf(const FieldView& field, float least_disc, const LightLeaf<F>& leaf,
                                        Mask_t<F> wanted, const TellMissing& tell_missing) {
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f);
-  LightCone<F> tube;
-  tube.p = leaf.p;
-  tube.axis = leaf.direction;
-  tube.tangent = leaf.width;
-  const ConeSpan<F> span = span_in_ball(tube);
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  const ConeSpan<F> span = span_of_leaf(leaf);
   LeafAnswer<F> answer;
   answer.clear = one;
   answer.unknown = and_not(wanted, wanted);
@@ -63,57 +142,30 @@ FT_HD_INLINE LeafAnswer<F> filter_leaf(const FieldView& field, float least_disc,
   answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
   if (!any(asked)) return answer;
 
-  const LinePicture<F> picture = picture_along(field, leaf.direction);
-  const Vec3Lanes<F> middle = leaf.p + leaf.direction * span.middle;
-  const F cosine = dot(leaf.direction, picture.frame.c);
-  const Vec3Lanes<F> across = leaf.direction - picture.frame.c * cosine;
-  const F slope = sqrt(dot(across, across));
-  const F radius = (span.middle + span.half) * leaf.width + span.half * slope;
-  const PictureSquare<F> all = square_about(picture, middle, radius);
-  const CoverageSum<F> tube_sum = sum_coverage<F>(field.coverage, picture.direction, all.rect, asked, tell_missing);
-  answer.unknown = tube_sum.unknown;
-  const Int_t<F> texels = (all.rect.x1 - all.rect.x0) * (all.rect.y1 - all.rect.y0);
-  const Mask_t<F> blocked = asked & all.whole & (tube_sum.count == texels);
+  const LeafTube<F> tube = tube_of_leaf<F>(field, leaf, span, asked, tell_missing);
+  answer.unknown = tube.sum.unknown;
+  const TexelRect<F>& all = tube.square.rect;
+  const Int_t<F> texels = (all.x1 - all.x0) * (all.y1 - all.y0);
+  const Mask_t<F> blocked = asked & tube.square.whole & (tube.sum.count == texels);
   answer.clear = select(blocked, zero, one);
-  const Mask_t<F> open = and_not(answer.unknown | blocked | (tube_sum.count == splat_int<F>(0)), asked);
+  const Mask_t<F> open = and_not(answer.unknown | blocked | (tube.sum.count == splat_int<F>(0)), asked);
   if (!any(open)) return answer;
 
-  // Distance from p at which the centre ray reaches the mean of `depths` of `count` lines.
-  const F middle_depth = dot(middle, picture.frame.c);
-  const auto reach_of = [&](F depths, F count) {
-    const F depth = splat<F>(k_coverage_depth_step) * (depths / max(count, splat<F>(1e-6f))) - one;
-    const F t = span.middle + (depth - middle_depth) / max(cosine, half);
-    return min(max(t, span.middle - span.half), span.middle + span.half);
-  };
-  const F scale = splat<F>(field.coverage.half_lines);
-  const auto disc_at = [&](F t) { return max(leaf.width * t * scale, half) / scale; };
-  const F first = reach_of(to_float(tube_sum.depths), to_float(tube_sum.count));
-  const PictureSquare<F> found = square_about(picture, leaf.p + leaf.direction * first, disc_at(first));
-  const CoverageSum<F> near = sum_coverage<F>(field.coverage, picture.direction, found.rect, open, tell_missing);
-  const Mask_t<F> hit = open & (near.count > splat_int<F>(0));
-  const F t = select(hit, reach_of(to_float(near.depths), to_float(near.count)), first);
-  const F disc = disc_at(t) * scale;
-  const Vec3Lanes<F> centre = leaf.p + leaf.direction * t;
-  const F x = picture.texels(centre, picture.frame.s), y = picture.texels(centre, picture.frame.t);
-  const F lines = scale + scale;
-  const auto within = [&](F value) { return min(max(zero, value), lines); };
-  const PlaneRect<F> rect = {within(x - disc), within(x + disc), within(y - disc), within(y + disc)};
-  const Mask_t<F> read = hit & (rect.x0 < rect.x1) & (rect.y0 < rect.y1);
-  const CoverageArea<F> area = sum_coverage_area<F>(field.coverage, picture.direction, rect, read, tell_missing);
-  answer.lookups =
-      answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) + select(read, splat_int<F>(1), splat_int<F>(0));
-  answer.unknown = answer.unknown | near.unknown | area.unknown;
+  const LeafDisc<F> disc = place_disc<F>(field, leaf, tube, open, tell_missing);
+  answer.lookups = answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) +
+                   select(disc.read, splat_int<F>(1), splat_int<F>(0));
+  answer.unknown = answer.unknown | disc.unknown;
   // Sums of floats: a few roundings beside 0 and 1.
-  const F hidden = area.count / (splat<F>(4.0f) * disc * disc);
-  const Mask_t<F> some = read & (hidden > splat<F>(1e-4f)), full = read & (hidden > splat<F>(1.0f - 1e-4f));
+  const F hidden = disc.area.count / (splat<F>(4.0f) * disc.half_width * disc.half_width);
+  const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
 
-  const F drift = abs(reach_of(area.depths, area.count) - t) * slope * scale;
-  const Mask_t<F> unsettled = and_not(full, some & (drift > disc * splat<F>(k_leaf_drift)));
+  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc.half_width * splat<F>(k_leaf_drift)));
+  const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F grain = grain_at<F>(field.coverage, picture.direction, texel(x), texel(y), open);
+  const F grain = grain_at<F>(field.coverage, tube.picture.direction, texel(disc.x), texel(disc.y), open);
   const F least = select(grain > splat<F>(k_coarse_grain), splat<F>(k_coarse_disc), splat<F>(least_disc));
-  const Mask_t<F> small = open & (leaf.width * t * scale < least);
+  const Mask_t<F> small = open & (leaf.width * disc.t * scale < least);
   answer.refused = answer.refused | and_not(answer.unknown, small | unsettled);
   return answer;
 }
