@@ -51,4 +51,10 @@ Rgb evaluate_texture(const Scene& scene, uint32_t index, const Vec2& uv) {
   return lookup_bitmap(scene.bitmaps[texture.bitmap], texture, p);
 }
 
+float evaluate_scalar_texture(const Scene& scene, uint32_t index, const Vec2& uv) {
+  const Rgb value = evaluate_texture(scene, index, uv);
+  if (scene.textures[index].kind != TextureKind::bitmap) return (value.x + value.y + value.z) / 3.0f;
+  return glm::dot(value, Rgb(0.212671f, 0.715160f, 0.072169f));  // ITU-R BT.709
+}
+
 }  // namespace fieldtrace
