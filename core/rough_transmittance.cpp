@@ -36,7 +36,7 @@ float transmitted_share(const Microfacet& microfacet, const Vec3& wi, float ior)
   return mean_over_visible(microfacet, wi, [&](const Vec3& m) {
     const DielectricFresnel f = fresnel_dielectric(glm::dot(wi, m), ior);
     const Vec3 wo = refract(wi, m, f);
-    return wo.z < 0.0f ? (1.0f - f.reflectance) * microfacet.g1(-wo, -m) : 0.0f;
+    return wo.z < 0.0f ? (1.0f - f.reflectance) * microfacet.g1(-wo, m) : 0.0f;
   });
 }
 

@@ -1,7 +1,9 @@
 // Materials made by hand, directions and random numbers for the tests of materials.
 #pragma once
 
+#include <memory>
 #include <random>
+#include <vector>
 
 #include "core/bsdf.h"
 #include "core/rough_transmittance.h"
@@ -94,6 +96,16 @@ inline Material principled(float base, float roughness, float metallic, float cl
   m.clearcoat = clearcoat;
   m.relative_ior = 1.5f;
   return m;
+}
+
+// The share of arriving flux that goes on, by `n` samples. (Radiance changes with the index; flux does not.)
+inline double mean_flux(const Material& m, const Vec3& wi, Random& random, int n) {
+  double sum = 0.0;
+  for (int i = 0; i < n; ++i) {
+    const BsdfSample s = sample_bsdf(m, wi, random.pair(), random());
+    if (s.pdf > 0.0f) sum += double(s.weight.x) * s.eta * s.eta;
+  }
+  return sum / n;
 }
 
 inline Material masked(Material m, float opacity) {

@@ -178,5 +178,85 @@ TEST_F(BsdfReference, ValuesAndDensitiesAgreeWithMitsuba) {
   }
 }
 
+// Shares of arriving flux that go on, in white materials: what single scattering keeps. Mitsuba 3.9.1, 100,000 samples
+// each (standard error at most 0.0015); as many here.
+constexpr int k_flux_samples = 100000;
+constexpr double k_flux_tolerance = 0.008;
+
+TEST(BsdfReferenceFlux, RoughPlastic) {
+  struct Case {
+    MicrofacetKind kind;
+    float alpha, cos_theta, flux;
+  };
+  const Case cases[] = {
+      {MicrofacetKind::ggx, 0.05f, 0.8f, 0.9574f},      {MicrofacetKind::ggx, 0.05f, 0.3f, 0.9575f},
+      {MicrofacetKind::ggx, 0.2f, 0.8f, 0.7944f},       {MicrofacetKind::ggx, 0.2f, 0.3f, 0.7705f},
+      {MicrofacetKind::ggx, 0.6f, 0.8f, 0.4748f},       {MicrofacetKind::ggx, 0.6f, 0.3f, 0.4027f},
+      {MicrofacetKind::beckmann, 0.05f, 0.8f, 0.9774f}, {MicrofacetKind::beckmann, 0.05f, 0.3f, 0.9807f},
+      {MicrofacetKind::beckmann, 0.2f, 0.8f, 0.9314f},  {MicrofacetKind::beckmann, 0.2f, 0.3f, 0.9059f},
+      {MicrofacetKind::beckmann, 0.6f, 0.8f, 0.6761f},  {MicrofacetKind::beckmann, 0.6f, 0.3f, 0.6677f},
+  };
+  test::Random random(41);
+  for (const Case& c : cases) {
+    const Material m = test::rough_plastic(c.kind, c.alpha, 1.0f, 1.49f);
+    EXPECT_NEAR(test::mean_flux(m, test::direction(c.cos_theta, 0.3f), random, k_flux_samples), c.flux,
+                k_flux_tolerance)
+        << int(c.kind) << " " << c.alpha << " " << c.cos_theta;
+  }
+}
+
+TEST(BsdfReferenceFlux, RoughDielectricFromBothSides) {
+  struct Case {
+    MicrofacetKind kind;
+    float alpha_u, alpha_v, ior, cos_theta, flux;
+  };
+  const Case cases[] = {
+      {MicrofacetKind::ggx, 0.4f, 0.4f, 1.5f, 0.9f, 0.9728f},
+      {MicrofacetKind::ggx, 0.4f, 0.4f, 1.5f, 0.3f, 0.8663f},
+      {MicrofacetKind::ggx, 0.4f, 0.4f, 1.5f, -0.9f, 0.8047f},
+      {MicrofacetKind::ggx, 0.4f, 0.4f, 1.5f, -0.4f, 0.6916f},
+      {MicrofacetKind::ggx, 0.2f, 0.6f, 1.8f, 0.9f, 0.9546f},
+      {MicrofacetKind::ggx, 0.2f, 0.6f, 1.8f, 0.3f, 0.8648f},
+      {MicrofacetKind::ggx, 0.2f, 0.6f, 1.8f, -0.9f, 0.7383f},
+      {MicrofacetKind::ggx, 0.2f, 0.6f, 1.8f, -0.4f, 0.7045f},
+      {MicrofacetKind::beckmann, 0.5f, 0.5f, 1.33f, 0.9f, 0.9955f},
+      {MicrofacetKind::beckmann, 0.5f, 0.5f, 1.33f, 0.3f, 0.9562f},
+      {MicrofacetKind::beckmann, 0.5f, 0.5f, 1.33f, -0.9f, 0.9249f},
+      {MicrofacetKind::beckmann, 0.5f, 0.5f, 1.33f, -0.4f, 0.7176f},
+      {MicrofacetKind::beckmann, 0.8f, 0.3f, 2.4f, 0.9f, 0.9656f},
+      {MicrofacetKind::beckmann, 0.8f, 0.3f, 2.4f, 0.3f, 0.9558f},
+      {MicrofacetKind::beckmann, 0.8f, 0.3f, 2.4f, -0.9f, 0.8380f},
+      {MicrofacetKind::beckmann, 0.8f, 0.3f, 2.4f, -0.4f, 0.8434f},
+      {MicrofacetKind::ggx, 0.5f, 0.5f, 0.7f, 0.9f, 0.7467f},
+      {MicrofacetKind::ggx, 0.5f, 0.5f, 0.7f, 0.3f, 0.5994f},
+      {MicrofacetKind::ggx, 0.5f, 0.5f, 0.7f, -0.9f, 0.9624f},
+      {MicrofacetKind::ggx, 0.5f, 0.5f, 0.7f, -0.4f, 0.8514f},
+  };
+  test::Random random(42);
+  for (const Case& c : cases) {
+    const Material m = test::rough_glass(c.kind, c.alpha_u, c.alpha_v, c.ior);
+    EXPECT_NEAR(test::mean_flux(m, test::direction(c.cos_theta, 0.3f), random, k_flux_samples), c.flux,
+                k_flux_tolerance)
+        << int(c.kind) << " " << c.alpha_u << " " << c.cos_theta;
+  }
+}
+
+TEST(BsdfReferenceFlux, Principled) {
+  struct Case {
+    float roughness, metallic, clearcoat, cos_theta, flux;
+  };
+  const Case cases[] = {
+      {0.5f, 0.0f, 0.0f, 0.9f, 0.8416f}, {0.5f, 0.0f, 0.0f, 0.3f, 0.9186f}, {0.6f, 1.0f, 0.0f, 0.9f, 0.6523f},
+      {0.6f, 1.0f, 0.0f, 0.3f, 0.6323f}, {0.7f, 0.3f, 1.0f, 0.9f, 0.7795f}, {0.7f, 0.3f, 1.0f, 0.3f, 0.8296f},
+  };
+  test::Random random(43);
+  for (const Case& c : cases) {
+    const Material m = test::principled(0.8f, c.roughness, c.metallic, c.clearcoat);
+    EXPECT_NEAR(test::mean_flux(m, test::direction(c.cos_theta, 0.3f), random, k_flux_samples), c.flux,
+                k_flux_tolerance)
+        << c.roughness << " " << c.cos_theta;
+  }
+}
+
 }  // namespace
 }  // namespace fieldtrace
