@@ -306,7 +306,7 @@ TEST(Transport, LightThroughAMaskIsFoundByPaths) {
                      Affine(Vec3(9, 0, 0), Vec3(0, 9, 0), Vec3(0, 0, 1), Vec3(0, 0, 1)));
       const Affine down(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1), Vec3(0, 0, 2.5f));
       maker.area_light(maker.instance(maker.shape(kind), black, down), Rgb(3.0f));
-      maker.scene.integrator.max_depth = 4;
+      maker.scene.integrator.max_depth = 3;  // the floor, the veil, the light
       RenderOptions o = options_for(1024, 2);
       o.method = method;
       const double sin2 = kind == ShapeKind::sphere ? 1.0 / 6.25 : 1.0 / 7.25;
@@ -314,6 +314,21 @@ TEST(Transport, LightThroughAMaskIsFoundByPaths) {
       // A path finds the light with chance 0.7 sin2: 512 x 512 of them.
       EXPECT_NEAR(mean(render(maker.scene, o).image), expected, 5.0 * expected / std::sqrt(0.7 * sin2 * 256 * 1024));
     }
+  }
+}
+
+// A masked surface scatters its opacity's share, by light samples and by paths that find lights, large ones too.
+TEST(Transport, MaskedSurfacesScatterTheirShare) {
+  for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::disk}) {
+    SceneMaker maker = plane_seen_from_above(0.5f);
+    const uint32_t black = maker.bsdf(BsdfKind::diffuse, Rgb(0.0f));
+    maker.scene.instances[0].bsdf = maker.masked(0, 0.4f);
+    const Affine down(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1),
+                      Vec3(0, 0, kind == ShapeKind::sphere ? 1.6f : 1.0f));
+    maker.area_light(maker.instance(maker.shape(kind), black, down), Rgb(3.0f));
+    maker.scene.integrator.max_depth = 3;
+    const double sin2 = kind == ShapeKind::sphere ? 1.0 / 2.56 : 0.5, expected = 0.4 * k_albedo * 3.0 * sin2;
+    EXPECT_NEAR(mean(render(maker.scene, options_for(256, 1)).image), expected, 0.01 * expected) << int(kind);
   }
 }
 
