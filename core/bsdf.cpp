@@ -3,43 +3,65 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/bsdf_families.h"
 #include "core/fresnel.h"
 #include "core/texture.h"
 #include "core/warp.hd.h"
 
 namespace fieldtrace {
+
+namespace bsdf {
+
+Vec3 sample_cosine(const Vec2& u) {
+  const scalar::Vec3Lanes<float> wo = scalar::cosine_hemisphere(u.x, u.y);
+  return {wo.x, wo.y, wo.z};
+}
+
+}  // namespace bsdf
+
 namespace {
 
-Vec3 mirror(const Vec3& w) { return {-w.x, -w.y, w.z}; }
+// Whether light scatters from wi to wo at all, mask aside.
+bool connects(const Material& material, const Vec3& wi, const Vec3& wo) {
+  if (material.delta()) return false;
+  return material.transmits() || (wi.z > 0.0f && wo.z > 0.0f);
+}
 
-BsdfSample sample_rough_conductor(const Material& material, const Vec3& wi, const Vec2& u) {
+BsdfSample sample_diffuse(const Material& material, const Vec2& u) {
   BsdfSample s;
-  const Vec3 m = material.microfacet.sample_visible(wi, u);
-  const float wi_m = glm::dot(wi, m);
-  s.wo = glm::normalize(2.0f * wi_m * m - wi);
-  if (!(s.wo.z > 0.0f) || !(wi_m > 0.0f)) return s;
-  s.pdf = bsdf_pdf(material, wi, s.wo);
-  if (!(s.pdf > 0.0f)) return s;
-  s.weight = material.reflectance * fresnel_conductor(wi_m, material.eta, material.k) * material.microfacet.g1(s.wo, m);
+  s.wo = bsdf::sample_cosine(u);
+  s.pdf = s.wo.z / k_pi;
+  if (s.pdf > 0.0f) s.weight = material.reflectance;
   return s;
 }
 
-BsdfSample sample_dielectric(const Material& material, const Vec3& wi, float u_lobe) {
-  BsdfSample s;
-  s.delta = true;
-  const DielectricFresnel f = fresnel_dielectric(wi.z, material.relative_ior);
-  if (u_lobe < f.reflectance) {
-    s.wo = mirror(wi);
-    s.pdf = f.reflectance;
-    s.weight = material.reflectance;
-    return s;
+BsdfSample sample_unmasked(const Material& material, const Vec3& wi, const Vec2& u, float u_lobe) {
+  if (!material.transmits() && !(wi.z > 0.0f)) return {};
+  switch (material.kind) {
+    case BsdfKind::diffuse:
+      return sample_diffuse(material, u);
+    case BsdfKind::conductor:
+      return bsdf::sample_conductor(material, wi);
+    case BsdfKind::rough_conductor:
+      return bsdf::sample_rough_conductor(material, wi, u);
+    case BsdfKind::dielectric:
+      return bsdf::sample_dielectric(material, wi, u_lobe);
+    case BsdfKind::rough_dielectric:
+      return bsdf::sample_rough_dielectric(material, wi, u, u_lobe);
+    case BsdfKind::thin_dielectric:
+      return bsdf::sample_thin_dielectric(material, wi, u_lobe);
+    case BsdfKind::plastic:
+      return bsdf::sample_plastic(material, wi, u, u_lobe);
+    case BsdfKind::rough_plastic:
+      return bsdf::sample_rough_plastic(material, wi, u, u_lobe);
+    case BsdfKind::principled:
+      return bsdf::sample_principled(material, wi, u, u_lobe);
   }
-  const float ratio = f.eta_incident_over_transmitted;
-  s.wo = glm::normalize(Vec3(-ratio * wi.x, -ratio * wi.y, f.cos_transmitted));
-  s.pdf = 1.0f - f.reflectance;
-  s.weight = material.transmittance * (ratio * ratio);
-  s.eta = 1.0f / ratio;
-  return s;
+  return {};
+}
+
+Microfacet microfacet_of(const Bsdf& bsdf) {
+  return {bsdf.microfacet, std::max(bsdf.alpha_u, k_min_alpha), std::max(bsdf.alpha_v, k_min_alpha)};
 }
 
 }  // namespace
@@ -47,71 +69,126 @@ BsdfSample sample_dielectric(const Material& material, const Vec3& wi, float u_l
 Material resolve_material(const Scene& scene, uint32_t index, const Vec2& uv, float cos_wi) {
   const Bsdf* bsdf = &scene.bsdfs[index];
   Material m;
+  if (bsdf->opacity != k_none) m.opacity = std::clamp(evaluate_scalar_texture(scene, bsdf->opacity, uv), 0.0f, 1.0f);
   if (bsdf->two_sided && cos_wi < 0.0f) {
     m.turned = true;
     if (bsdf->back != k_none) bsdf = &scene.bsdfs[bsdf->back];
   }
   m.kind = bsdf->kind;
-  m.dark = m.kind != BsdfKind::dielectric && !m.turned && !(cos_wi > 0.0f);
+  m.dark = !m.transmits() && !m.turned && !(cos_wi > 0.0f);
   m.reflectance = evaluate_texture(scene, bsdf->reflectance, uv);
+  if (m.kind == BsdfKind::diffuse) return m;
+  m.relative_ior = bsdf->int_ior / bsdf->ext_ior;
   switch (m.kind) {
     case BsdfKind::diffuse:
       break;
     case BsdfKind::rough_conductor:
-      m.microfacet = {bsdf->microfacet, std::max(bsdf->alpha_u, k_min_alpha), std::max(bsdf->alpha_v, k_min_alpha)};
+      m.microfacet = microfacet_of(*bsdf);
       [[fallthrough]];
     case BsdfKind::conductor:
       m.eta = bsdf->eta;
       m.k = bsdf->k;
       break;
+    case BsdfKind::rough_dielectric:
+      m.microfacet = microfacet_of(*bsdf);
+      [[fallthrough]];
     case BsdfKind::dielectric:
+    case BsdfKind::thin_dielectric:
       m.transmittance = evaluate_texture(scene, bsdf->transmittance, uv);
-      m.relative_ior = bsdf->int_ior / bsdf->ext_ior;
+      break;
+    case BsdfKind::rough_plastic:
+      m.microfacet = microfacet_of(*bsdf);
+      m.rough_transmittance = &scene.rough_transmittances[bsdf->rough_transmittance];
+      [[fallthrough]];
+    case BsdfKind::plastic:
+      m.diffuse_reflectance = evaluate_texture(scene, bsdf->diffuse_reflectance, uv);
+      m.nonlinear = bsdf->nonlinear;
+      break;
+    case BsdfKind::principled:
+      m.microfacet = microfacet_of(*bsdf);
+      m.roughness = bsdf->roughness;
+      m.metallic = bsdf->metallic;
+      m.clearcoat = bsdf->clearcoat;
+      m.clearcoat_alpha = bsdf->clearcoat_alpha;
       break;
   }
   return m;
 }
 
 Rgb material_albedo(const Material& m) {
+  if (m.dark) return Rgb(0.0f);
   if (m.kind == BsdfKind::conductor || m.kind == BsdfKind::rough_conductor)
-    return m.reflectance * fresnel_conductor(1.0f, m.eta, m.k);
-  return m.reflectance;
+    return m.reflectance * fresnel_conductor(1.0f, m.eta, m.k) * m.opacity;
+  const bool is_plastic = m.kind == BsdfKind::plastic || m.kind == BsdfKind::rough_plastic;
+  return (is_plastic ? m.diffuse_reflectance : m.reflectance) * m.opacity;
+}
+
+float lobe_alpha(const Material& m) {
+  if (m.kind == BsdfKind::diffuse) return k_diffuse_alpha;
+  if (m.delta() || m.kind == BsdfKind::plastic) return 0.0f;
+  return std::sqrt(m.microfacet.alpha_u * m.microfacet.alpha_v);
 }
 
 Rgb evaluate_bsdf(const Material& material, const Vec3& wi, const Vec3& wo) {
-  if (material.delta() || !(wi.z > 0.0f) || !(wo.z > 0.0f)) return Rgb(0.0f);
-  if (material.kind == BsdfKind::diffuse) return material.reflectance * (wo.z / k_pi);
-  const Vec3 h = glm::normalize(wi + wo);
-  const float d = material.microfacet.d(h);
-  if (!(d > 0.0f)) return Rgb(0.0f);
-  const float g = material.microfacet.g1(wi, h) * material.microfacet.g1(wo, h);
-  return material.reflectance * fresnel_conductor(glm::dot(wi, h), material.eta, material.k) * (d * g / (4.0f * wi.z));
+  if (!connects(material, wi, wo)) return Rgb(0.0f);
+  switch (material.kind) {
+    case BsdfKind::diffuse:
+      return material.reflectance * (material.opacity * wo.z / k_pi);
+    case BsdfKind::rough_conductor:
+      return bsdf::evaluate_rough_conductor(material, wi, wo) * material.opacity;
+    case BsdfKind::rough_dielectric:
+      return bsdf::evaluate_rough_dielectric(material, wi, wo) * material.opacity;
+    case BsdfKind::plastic:
+      return bsdf::evaluate_plastic(material, wi, wo) * material.opacity;
+    case BsdfKind::rough_plastic:
+      return bsdf::evaluate_rough_plastic(material, wi, wo) * material.opacity;
+    case BsdfKind::principled:
+      return bsdf::evaluate_principled(material, wi, wo) * material.opacity;
+    case BsdfKind::conductor:
+    case BsdfKind::dielectric:
+    case BsdfKind::thin_dielectric:
+      break;
+  }
+  return Rgb(0.0f);
 }
 
 float bsdf_pdf(const Material& material, const Vec3& wi, const Vec3& wo) {
-  if (material.delta() || !(wi.z > 0.0f) || !(wo.z > 0.0f)) return 0.0f;
-  if (material.kind == BsdfKind::diffuse) return wo.z / k_pi;
-  const Vec3 h = glm::normalize(wi + wo);
-  // visible_pdf / (4 wi.h), with wi.h cancelled.
-  return material.microfacet.g1(wi, h) * material.microfacet.d(h) / (4.0f * wi.z);
+  if (!connects(material, wi, wo)) return 0.0f;
+  switch (material.kind) {
+    case BsdfKind::diffuse:
+      return material.opacity * wo.z / k_pi;
+    case BsdfKind::rough_conductor:
+      return material.opacity * bsdf::rough_conductor_pdf(material, wi, wo);
+    case BsdfKind::rough_dielectric:
+      return material.opacity * bsdf::rough_dielectric_pdf(material, wi, wo);
+    case BsdfKind::plastic:
+      return material.opacity * bsdf::plastic_pdf(material, wi, wo);
+    case BsdfKind::rough_plastic:
+      return material.opacity * bsdf::rough_plastic_pdf(material, wi, wo);
+    case BsdfKind::principled:
+      return material.opacity * bsdf::principled_pdf(material, wi, wo);
+    case BsdfKind::conductor:
+    case BsdfKind::dielectric:
+    case BsdfKind::thin_dielectric:
+      break;
+  }
+  return 0.0f;
 }
 
 BsdfSample sample_bsdf(const Material& material, const Vec3& wi, const Vec2& u, float u_lobe) {
-  if (material.kind == BsdfKind::dielectric) return sample_dielectric(material, wi, u_lobe);
+  if (!material.masked()) return sample_unmasked(material, wi, u, u_lobe);
   BsdfSample s;
-  if (!(wi.z > 0.0f)) return s;
-  if (material.kind == BsdfKind::rough_conductor) return sample_rough_conductor(material, wi, u);
-  if (material.kind == BsdfKind::conductor) {
-    s.wo = mirror(wi);
-    s.weight = material.reflectance * fresnel_conductor(wi.z, material.eta, material.k);
-    s.pdf = 1.0f;
-    s.delta = true;
+  if (!(u_lobe < material.opacity)) {
+    s.wo = -wi;
+    s.weight = Rgb(1.0f);
+    s.pdf = 1.0f - material.opacity;
+    s.delta = s.straight = true;
     return s;
   }
-  const scalar::Vec3Lanes<float> wo = scalar::cosine_hemisphere(u.x, u.y);
-  s.wo = {wo.x, wo.y, wo.z};
-  s.pdf = s.wo.z / k_pi;
-  if (s.pdf > 0.0f) s.weight = material.reflectance;
+  // What is left of the number below the opacity is uniform again.
+  constexpr float k_below_one = 1.0f - 0x1p-24f;
+  s = sample_unmasked(material, wi, u, std::min(u_lobe / material.opacity, k_below_one));
+  s.pdf *= material.opacity;
   return s;
 }
 

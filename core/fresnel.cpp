@@ -37,4 +37,10 @@ Rgb fresnel_conductor(float cos_incident, const Rgb& eta, const Rgb& k) {
   return result;
 }
 
+float fresnel_diffuse_reflectance(float eta) {
+  const float r = 1.0f / eta;
+  if (eta < 1.0f) return ((-1.4399f * eta + 0.7099f) * eta + 0.6681f) + 0.0636f * r;
+  return 0.919317f + r * (-3.4793f + r * (6.75335f + r * (-7.80989f + r * (4.98554f - r * 1.36881f))));
+}
+
 }  // namespace fieldtrace

@@ -44,21 +44,48 @@ struct Texture {
 
 // ---------------------------------------------------------------- materials
 
-enum class BsdfKind : uint8_t { diffuse, conductor, rough_conductor, dielectric };
+enum class BsdfKind : uint8_t {
+  diffuse,
+  conductor,
+  rough_conductor,
+  dielectric,
+  rough_dielectric,
+  thin_dielectric,
+  plastic,
+  rough_plastic,
+  principled
+};
+// Light crosses surfaces of this kind.
+inline bool transmits(BsdfKind kind) {
+  return kind == BsdfKind::dielectric || kind == BsdfKind::rough_dielectric || kind == BsdfKind::thin_dielectric;
+}
 enum class MicrofacetKind : uint8_t { beckmann, ggx };
 
-// Every texture index refers to Scene::textures and is valid.
+// What a rough interface lets through, hemispherically, for one distribution and index; see rough_transmittance.h.
+struct RoughTransmittance {
+  static constexpr int k_nodes = 64;
+  std::array<float, k_nodes> outside = {};  // from outside, at cosines i / (k_nodes - 1)
+  float internal_reflectance = 0.0f;        // of diffuse light from inside
+};
+
+// Every texture index refers to Scene::textures and is valid, but for `opacity`, which may be k_none.
 struct Bsdf {
   std::string id;  // the scene file's id, may be empty
   BsdfKind kind = BsdfKind::diffuse;
   bool two_sided = false;
   uint32_t back = k_none;              // two-sided: another Bsdf for the back side; k_none: the same on both sides
-  uint32_t reflectance = 0;            // diffuse: albedo; conductors: specular_reflectance; dielectric: likewise
-  uint32_t transmittance = 0;          // dielectric: specular_transmittance
+  uint32_t opacity = k_none;           // mask: the share that does not pass straight on; k_none: all of it
+  uint32_t reflectance = 0;            // diffuse: albedo; principled: base_color; others: specular_reflectance
+  uint32_t transmittance = 0;          // dielectrics: specular_transmittance
+  uint32_t diffuse_reflectance = 0;    // plastics
+  bool nonlinear = false;              // plastics: whether internal reflection shifts colours
   Rgb eta = Rgb(0.0f), k = Rgb(1.0f);  // conductors: complex index of refraction, relative to ext_eta
-  float int_ior = 1.5046f, ext_ior = 1.000277f;  // dielectric (Mitsuba's defaults: bk7 and air)
-  MicrofacetKind microfacet = MicrofacetKind::beckmann;
+  float int_ior = 1.5046f, ext_ior = 1.000277f;          // all others but diffuse (Mitsuba's defaults: bk7 and air)
+  MicrofacetKind microfacet = MicrofacetKind::beckmann;  // rough kinds and principled
   float alpha_u = 0.1f, alpha_v = 0.1f;
+  uint32_t rough_transmittance = k_none;  // rough plastic: index into Scene::rough_transmittances
+  // Principled:
+  float roughness = 0.5f, metallic = 0.0f, clearcoat = 0.0f, clearcoat_alpha = 0.1f;
 };
 
 // ---------------------------------------------------------------- shapes
@@ -140,6 +167,7 @@ struct Scene {
   std::vector<Bitmap> bitmaps;
   std::vector<Texture> textures;
   std::vector<Bsdf> bsdfs;
+  std::vector<RoughTransmittance> rough_transmittances;
   std::vector<Shape> shapes;
   std::vector<Instance> instances;
   std::vector<Emitter> emitters;

@@ -1,6 +1,10 @@
 // Materials of scene files (build_bsdf() of scene_builder.h).
 
+#include <algorithm>
+#include <cmath>
+
 #include "core/named_materials.h"
+#include "core/rough_transmittance.h"
 #include "core/scene_builder.h"
 
 namespace fieldtrace {
@@ -9,6 +13,20 @@ namespace {
 uint32_t add_bsdf(SceneBuilder& builder, Bsdf bsdf) {
   builder.scene.bsdfs.push_back(std::move(bsdf));
   return uint32_t(builder.scene.bsdfs.size() - 1);
+}
+
+// The table of a rough plastic's interface, made once for equal interfaces.
+uint32_t add_rough_transmittance(SceneBuilder& builder, const Bsdf& bsdf) {
+  const Microfacet microfacet{bsdf.microfacet, std::max(bsdf.alpha_u, k_min_alpha),
+                              std::max(bsdf.alpha_v, k_min_alpha)};
+  const float relative_ior = bsdf.int_ior / bsdf.ext_ior;
+  const auto [found, inserted] =
+      builder.rough_transmittances.emplace(std::tuple(microfacet.kind, microfacet.alpha_u, relative_ior), k_none);
+  if (inserted) {
+    builder.scene.rough_transmittances.push_back(make_rough_transmittance(microfacet, relative_ior));
+    found->second = uint32_t(builder.scene.rough_transmittances.size() - 1);
+  }
+  return found->second;
 }
 
 Bsdf parse_diffuse(SceneBuilder& builder, const SceneNode&, Properties& properties) {
@@ -48,17 +66,25 @@ Bsdf parse_conductor(SceneBuilder& builder, const SceneNode&, Properties& proper
   return bsdf;
 }
 
-Bsdf parse_rough_conductor(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
-  Bsdf bsdf = parse_conductor(builder, node, properties);
-  bsdf.kind = BsdfKind::rough_conductor;
-  bsdf.microfacet = properties.choice("distribution", "beckmann", {"beckmann", "ggx"}) == "ggx"
-                        ? MicrofacetKind::ggx
-                        : MicrofacetKind::beckmann;
-  for (const char* name : {"alpha", "alpha_u", "alpha_v"}) {
+void refuse_textures(Properties& properties, std::initializer_list<const char*> names) {
+  for (const char* name : names) {
     const SceneNode* value = properties.find(name);
     if (value && value->tag == "texture")
       throw Error(value->where, "a texture for '" + std::string(name) + "' is not available yet; give a number");
   }
+}
+
+void parse_distribution(Properties& properties, Bsdf& bsdf) {
+  bsdf.microfacet = properties.choice("distribution", "beckmann", {"beckmann", "ggx"}) == "ggx"
+                        ? MicrofacetKind::ggx
+                        : MicrofacetKind::beckmann;
+  properties.ignore({"sample_visible"});
+}
+
+// The distribution and its roughness, equal along both axes or not.
+void parse_microfacet(const SceneNode& node, Properties& properties, Bsdf& bsdf) {
+  parse_distribution(properties, bsdf);
+  refuse_textures(properties, {"alpha", "alpha_u", "alpha_v"});
   const bool split = properties.has("alpha_u") || properties.has("alpha_v");
   if (split && properties.has("alpha"))
     throw Error(properties.where("alpha"), "both alpha and alpha_u, alpha_v are given; use one of them");
@@ -67,17 +93,120 @@ Bsdf parse_rough_conductor(SceneBuilder& builder, const SceneNode& node, Propert
   const double alpha = properties.number("alpha", 0.1, k_positive);
   bsdf.alpha_u = float(properties.number("alpha_u", alpha, k_positive));
   bsdf.alpha_v = float(properties.number("alpha_v", alpha, k_positive));
-  properties.ignore({"sample_visible"});
+}
+
+Bsdf parse_rough_conductor(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
+  Bsdf bsdf = parse_conductor(builder, node, properties);
+  bsdf.kind = BsdfKind::rough_conductor;
+  parse_microfacet(node, properties, bsdf);
   return bsdf;
+}
+
+void parse_indices(Properties& properties, const std::string& inside, Bsdf& bsdf) {
+  bsdf.int_ior = parse_index(properties, "int_ior", inside);
+  bsdf.ext_ior = parse_index(properties, "ext_ior", "air");
+}
+
+// Rough interfaces between equal indices have no half vectors.
+void demand_different_indices(const SceneNode& node, const Bsdf& bsdf) {
+  if (bsdf.int_ior == bsdf.ext_ior)
+    throw Error(node.where, "int_ior and ext_ior must differ for <bsdf type=\"" + node.type + "\">");
 }
 
 Bsdf parse_dielectric(SceneBuilder& builder, const SceneNode&, Properties& properties) {
   Bsdf bsdf;
   bsdf.kind = BsdfKind::dielectric;
-  bsdf.int_ior = parse_index(properties, "int_ior", "bk7");
-  bsdf.ext_ior = parse_index(properties, "ext_ior", "air");
+  parse_indices(properties, "bk7", bsdf);
   bsdf.reflectance = build_texture(builder, properties, "specular_reflectance", Rgb(1.0f));
   bsdf.transmittance = build_texture(builder, properties, "specular_transmittance", Rgb(1.0f));
+  return bsdf;
+}
+
+Bsdf parse_thin_dielectric(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
+  Bsdf bsdf = parse_dielectric(builder, node, properties);
+  bsdf.kind = BsdfKind::thin_dielectric;
+  return bsdf;
+}
+
+Bsdf parse_rough_dielectric(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
+  Bsdf bsdf = parse_dielectric(builder, node, properties);
+  bsdf.kind = BsdfKind::rough_dielectric;
+  demand_different_indices(node, bsdf);
+  parse_microfacet(node, properties, bsdf);
+  return bsdf;
+}
+
+Bsdf parse_plastic(SceneBuilder& builder, const SceneNode&, Properties& properties) {
+  Bsdf bsdf;
+  bsdf.kind = BsdfKind::plastic;
+  parse_indices(properties, "polypropylene", bsdf);
+  bsdf.diffuse_reflectance = build_texture(builder, properties, "diffuse_reflectance", Rgb(0.5f));
+  bsdf.reflectance = build_texture(builder, properties, "specular_reflectance", Rgb(1.0f));
+  bsdf.nonlinear = properties.boolean("nonlinear", false);
+  return bsdf;
+}
+
+Bsdf parse_rough_plastic(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
+  Bsdf bsdf = parse_plastic(builder, node, properties);
+  bsdf.kind = BsdfKind::rough_plastic;
+  demand_different_indices(node, bsdf);
+  parse_distribution(properties, bsdf);
+  for (const char* name : {"alpha_u", "alpha_v"})
+    if (properties.has(name))
+      throw Error(properties.where(name), "<bsdf type=\"roughplastic\"> has one roughness for all directions, alpha");
+  refuse_textures(properties, {"alpha"});
+  bsdf.alpha_u = bsdf.alpha_v = float(properties.number("alpha", 0.1, k_positive));
+  bsdf.rough_transmittance = add_rough_transmittance(builder, bsdf);
+  return bsdf;
+}
+
+// Relative index of refraction whose reflectance at normal incidence is 0.08 x specular (Burley 2012, section 5.3).
+float index_of_specular(double specular) { return float(2.0 / (1.0 - std::sqrt(0.08 * specular)) - 1.0); }
+
+// The lobes that bsdf_principled.cpp has; the others are reported where the file asks for them.
+Bsdf parse_principled(SceneBuilder& builder, const SceneNode&, Properties& properties) {
+  constexpr Range k_share = {0.0, 1.0};
+  Bsdf bsdf;
+  bsdf.kind = BsdfKind::principled;
+  bsdf.microfacet = MicrofacetKind::ggx;
+  bsdf.reflectance = build_texture(builder, properties, "base_color", Rgb(0.5f));
+  refuse_textures(properties, {"roughness", "anisotropic", "metallic", "clearcoat", "clearcoat_gloss"});
+  bsdf.roughness = float(properties.number("roughness", 0.5, k_share));
+  bsdf.metallic = float(properties.number("metallic", 0.0, k_share));
+  bsdf.clearcoat = float(properties.number("clearcoat", 0.0, k_share));
+  // From rough to glossy (Burley 2012, section 5.3: a linear map).
+  const double gloss = properties.number("clearcoat_gloss", 0.0, k_share);
+  bsdf.clearcoat_alpha = float(0.1 + (0.001 - 0.1) * gloss);
+  if (properties.has("eta") && properties.has("specular"))
+    throw Error(properties.where("eta"), "both eta and specular are given; use one of them");
+  bsdf.ext_ior = 1.0f;
+  bsdf.int_ior =
+      float(properties.number("eta", index_of_specular(properties.number("specular", 0.5, k_share)), k_positive));
+  const float aspect = std::sqrt(1.0f - 0.9f * float(properties.number("anisotropic", 0.0, k_share)));
+  constexpr float k_least_alpha = 0.001f;  // Mitsuba's
+  bsdf.alpha_u = std::max(bsdf.roughness * bsdf.roughness / aspect, k_least_alpha);
+  bsdf.alpha_v = std::max(bsdf.roughness * bsdf.roughness * aspect, k_least_alpha);
+  for (const char* name : {"spec_trans", "sheen", "flatness", "spec_tint"}) {
+    const SceneNode* value = properties.find(name);
+    if (value && (value->tag == "texture" || properties.number(name, 0.0) != 0.0))
+      builder.diagnostics.unknown(value->where,
+                                  "'" + std::string(name) + "' of <bsdf type=\"principled\"> is left out");
+  }
+  properties.ignore(
+      {"sheen_tint", "diffuse_reflectance_sampling_rate", "main_specular_sampling_rate", "clearcoat_sampling_rate"});
+  return bsdf;
+}
+
+// The nested material with an opacity of its own.
+Bsdf parse_mask(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
+  const uint32_t opacity = build_texture(builder, properties, "opacity", Rgb(0.5f));
+  const std::vector<const SceneNode*> nested = properties.objects("bsdf");
+  if (nested.size() != 1)
+    throw Error(node.where, "<bsdf type=\"mask\"> needs one <bsdf> inside, not " + std::to_string(nested.size()));
+  Bsdf bsdf = builder.scene.bsdfs[build_bsdf(builder, *nested[0])];
+  if (bsdf.opacity != k_none)
+    throw Error(nested[0]->where, "a mask cannot be inside 'mask'; multiply the opacities and use one of them");
+  bsdf.opacity = opacity;
   return bsdf;
 }
 
@@ -90,9 +219,12 @@ Bsdf parse_two_sided(SceneBuilder& builder, const SceneNode& node, Properties& p
   uint32_t sides[2];
   for (size_t i = 0; i < nested.size(); ++i) {
     sides[i] = build_bsdf(builder, *nested[i]);
-    if (builder.scene.bsdfs[sides[i]].kind == BsdfKind::dielectric)
+    const Bsdf& side = builder.scene.bsdfs[sides[i]];
+    if (transmits(side.kind))
       throw Error(nested[i]->where,
                   "a dielectric cannot be inside 'twosided': it has two sides of its own; take it out");
+    if (side.opacity != k_none)
+      throw Error(nested[i]->where, "a mask cannot be inside 'twosided'; put the 'twosided' inside the mask");
   }
   Bsdf bsdf = builder.scene.bsdfs[sides[0]];
   bsdf.two_sided = true;
@@ -102,7 +234,7 @@ Bsdf parse_two_sided(SceneBuilder& builder, const SceneNode& node, Properties& p
 
 struct BsdfParser {
   const char* type;
-  Bsdf (*parse)(SceneBuilder&, const SceneNode&, Properties&);  // null: not available yet
+  Bsdf (*parse)(SceneBuilder&, const SceneNode&, Properties&);
 };
 constexpr BsdfParser k_parsers[] = {
     {"diffuse", parse_diffuse},
@@ -110,22 +242,13 @@ constexpr BsdfParser k_parsers[] = {
     {"roughconductor", parse_rough_conductor},
     {"dielectric", parse_dielectric},
     {"twosided", parse_two_sided},
-    {"plastic", nullptr},
-    {"roughplastic", nullptr},
-    {"roughdielectric", nullptr},
-    {"thindielectric", nullptr},
-    {"mask", nullptr},
-    {"principled", nullptr},
+    {"roughdielectric", parse_rough_dielectric},
+    {"thindielectric", parse_thin_dielectric},
+    {"plastic", parse_plastic},
+    {"roughplastic", parse_rough_plastic},
+    {"principled", parse_principled},
+    {"mask", parse_mask},
 };
-
-}  // namespace
-
-void throw_not_available(const SceneNode& node) {
-  throw Error(node.where,
-              "<" + node.tag + " type=\"" + node.type + "\"> is not available yet; docs/scenes.md lists what is");
-}
-
-namespace {
 
 // The diffuse surface of the given albedo, made when it is first needed.
 uint32_t shared_diffuse(SceneBuilder& builder, uint32_t& index, float albedo) {
@@ -147,7 +270,6 @@ uint32_t build_bsdf(SceneBuilder& builder, const SceneNode& node) {
   if (known != builder.bsdfs.end()) return known->second;
   for (const BsdfParser& parser : k_parsers) {
     if (node.type != parser.type) continue;
-    if (!parser.parse) throw_not_available(node);
     if (!builder.open.insert(&node).second)
       throw Error(node.where, "the <bsdf> contains itself by a <ref>; remove the cycle");
     Properties properties = builder.properties(node);

@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "core/scene.h"
@@ -38,15 +39,13 @@ struct SceneBuilder {
   std::map<const SceneNode*, uint32_t> bsdfs, textures;
   std::map<const SceneNode*, std::vector<ShapePart>> groups;
   std::map<std::string, uint32_t> shapes, bitmaps;
+  std::map<std::tuple<MicrofacetKind, float, float>, uint32_t> rough_transmittances;  // by roughness and index
   std::map<std::string, bool> own_normals;  // mesh files: do they bring normals
   uint32_t default_bsdf = k_none, emitter_bsdf = k_none;
   std::set<const SceneNode*> open;  // BSDFs under construction: a reference to one is a cycle
 
   Properties properties(const SceneNode& node) const { return Properties(node, tree, diagnostics); }
 };
-
-// Plugins of the full scene format that this version cannot render yet.
-[[noreturn]] void throw_not_available(const SceneNode& node);
 
 uint32_t add_constant_texture(SceneBuilder& builder, const Rgb& value);
 // The texture property `name` (a colour or a <texture>) as an index into Scene::textures; a constant if it is absent.

@@ -37,18 +37,35 @@ Rgb lookup_bitmap(const Bitmap& bitmap, const Texture& texture, const Vec2& uv) 
          fy * ((1.0f - fx) * texel(i, j + 1) + fx * texel(i + 1, j + 1));
 }
 
+Vec2 place_on(const Texture& texture, const Vec2& uv) {
+  const Vec2 p = texture.uv_transform * Vec3(uv, 1.0f);
+  return {sanitise(p.x), sanitise(p.y)};
+}
+
+// The checkerboard's squares at the origin, and all that touch them with a corner.
+bool on_first_squares(const Vec2& p) {
+  const bool right = p.x - std::floor(p.x) > 0.5f, upper = p.y - std::floor(p.y) > 0.5f;
+  return right == upper;
+}
+
 }  // namespace
 
 Rgb evaluate_texture(const Scene& scene, uint32_t index, const Vec2& uv) {
   const Texture& texture = scene.textures[index];
   if (texture.kind == TextureKind::constant) return texture.color0;
-  Vec2 p = texture.uv_transform * Vec3(uv, 1.0f);
-  p = {sanitise(p.x), sanitise(p.y)};
-  if (texture.kind == TextureKind::checkerboard) {
-    const bool right = p.x - std::floor(p.x) > 0.5f, upper = p.y - std::floor(p.y) > 0.5f;
-    return right == upper ? texture.color0 : texture.color1;
-  }
+  const Vec2 p = place_on(texture, uv);
+  if (texture.kind == TextureKind::checkerboard) return on_first_squares(p) ? texture.color0 : texture.color1;
   return lookup_bitmap(scene.bitmaps[texture.bitmap], texture, p);
+}
+
+float evaluate_scalar_texture(const Scene& scene, uint32_t index, const Vec2& uv) {
+  const Texture& texture = scene.textures[index];
+  if (texture.kind == TextureKind::bitmap) {
+    return glm::dot(evaluate_texture(scene, index, uv), Rgb(0.212671f, 0.715160f, 0.072169f));  // ITU-R BT.709
+  }
+  const bool is_second = texture.kind == TextureKind::checkerboard && on_first_squares(place_on(texture, uv));
+  const Rgb value = is_second ? texture.color1 : texture.color0;
+  return (value.x + value.y + value.z) / 3.0f;
 }
 
 }  // namespace fieldtrace

@@ -184,7 +184,7 @@ void DirectLight::ask_leaves(const Job& job) {
     if (candidates_.by_rays[r]) {
       shadowed_[kept++] = r;
     } else {
-      (vertex_of(job, r).material.kind == BsdfKind::diffuse ? filtered_ : lobed).push_back(r);
+      (vertex_of(job, r).material.plain_diffuse() ? filtered_ : lobed).push_back(r);
     }
   }
   if (kept == shadowed_.size()) return;
@@ -243,7 +243,7 @@ void DirectLight::gather_closed(const Job& job) {
   for (const uint32_t r : free_) {
     const PathVertex& v = vertex_of(job, r);
     std::optional<float> irradiance;
-    if (v.material.kind == BsdfKind::diffuse && !v.material.transmits()) {
+    if (v.material.plain_diffuse()) {
       irradiance = whole_irradiance(light, v.surface.position, v.facing, v.frame.n);
     }
     if (!irradiance) {
@@ -312,7 +312,8 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
   lit_.clear();
   for (uint32_t i = 0; i < vertices.size(); ++i) {
     arriving[i] = Rgb(0.0f);
-    if (!vertices[i].material.delta()) lit_.push_back(i);
+    const Material& material = vertices[i].material;
+    if (!material.delta() && !material.dark) lit_.push_back(i);
   }
   places_part_ = {};
   Job job{vertices, paths, light_samples, firsts, arriving, stats};

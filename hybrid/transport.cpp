@@ -167,7 +167,7 @@ bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, in
 void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& vertex) {
   FirstHit& first = firsts[paths[path].slot];
   first.hit = true;
-  first.albedo = vertex.material.dark ? Rgb(0.0f) : material_albedo(vertex.material);
+  first.albedo = material_albedo(vertex.material);
   first.normal = vertex.frame.n;
   first.depth = near_distance[path] + hits.t[path];
   first.position = DVec3(vertex.surface.position) + scene.origin;
@@ -204,18 +204,14 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     const Instance& instance = scene.instances[v.surface.instance];
     v.material = resolve_material(scene, instance.bsdf, v.surface.uv, glm::dot(v.surface.shading_normal, back));
     const Vec3 n = v.material.turned ? -v.surface.shading_normal : v.surface.shading_normal;
-    const bool anisotropic =
-        v.material.kind == BsdfKind::rough_conductor && v.material.microfacet.alpha_u != v.material.microfacet.alpha_v;
+    const bool anisotropic = v.material.microfacet.alpha_u != v.material.microfacet.alpha_v;
     v.frame = anisotropic ? frame_along(n, surface_tangent(scene, v.surface)) : frame_about(n);
     v.wi = v.frame.to_local(back);
     v.facing = cos_geometric < 0.0f ? -v.surface.geometric_normal : v.surface.geometric_normal;
     v.seed = scalar::vertex_seed(settings.seed, path.pixel_x, path.pixel_y, uint32_t(vertex_number));
     if (vertex_number == 0) record_first_hit(i, v);
-    if (last || v.material.dark || !survives_roulette(path, v.seed, vertex_number)) continue;
-    // A mirror has one direction only; there is nothing to split.
-    const bool splits =
-        path.may_split && (v.material.kind == BsdfKind::rough_conductor || v.material.kind == BsdfKind::dielectric);
-    v.lobe_samples = splits ? float(settings.lobe_samples) : 1.0f;
+    if (last || v.material.absorbs() || !survives_roulette(path, v.seed, vertex_number)) continue;
+    v.lobe_samples = path.may_split && v.material.glossy() ? float(settings.lobe_samples) : 1.0f;
     vertices.push_back(v);
   }
 }
@@ -236,32 +232,34 @@ void TransportWorker::Impl::gather_light(int vertex_number) {
 bool TransportWorker::Impl::goes_on(const Material& material, int vertex_number) const {
   if (vertex_number + 1 >= k_longest_path) return false;
   if (settings.max_depth < 0 || vertex_number + 2 < settings.max_depth) return true;
-  return material.kind == BsdfKind::diffuse ? context.open_form_can_be_hit : context.emission_can_be_hit;
+  return material.plain_diffuse() ? context.open_form_can_be_hit : context.emission_can_be_hit;
 }
 
 void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& path, uint32_t index, float share) {
   const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
   const Vec2 u = sample_pair(index, seed, 0);
-  const bool needs_lobe = vertex.material.kind == BsdfKind::dielectric;
-  const BsdfSample s = sample_bsdf(vertex.material, vertex.wi, u, needs_lobe ? sample_pair(index, seed, 1).x : 0.0f);
+  const float u_lobe = vertex.material.several_lobes() ? sample_pair(index, seed, 1).x : 0.0f;
+  const BsdfSample s = sample_bsdf(vertex.material, vertex.wi, u, u_lobe);
   if (!(largest(s.weight) > 0.0f)) return;
-  const Vec3 d = vertex.frame.to_world(s.wo);
-  if (!vertex.material.transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
+  // What passes straight on keeps its direction bit for bit.
+  const Vec3 d = s.straight ? rays.direction(vertex.path) : vertex.frame.to_world(s.wo);
+  if (!s.straight && !vertex.material.transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
 
   PathState next = path;
   next.throughput = path.throughput * s.weight * share;
   next.eta = path.eta * s.eta;
   next.index = index;
-  next.may_split = path.may_split && vertex.material.kind == BsdfKind::conductor;
+  // Mirrors and masks send one direction on; there was nothing to split.
+  next.may_split = path.may_split && s.delta && !vertex.material.glossy();
   next.unweighted = s.delta;
-  next.diffuse = vertex.material.kind == BsdfKind::diffuse;
+  next.diffuse = vertex.material.plain_diffuse();
   next.transmits = vertex.material.transmits();
   next.bsdf_density = s.pdf * vertex.lobe_samples;
   next.normal = vertex.frame.n;
   const size_t i = next_paths.size();
   next_paths.push_back(next);
   next_rays.set(i, offset_origin(vertex.surface.position, vertex.facing, vertex.surface.error, d), d, k_infinity);
-  stats.rays_glossy += vertex.material.kind != BsdfKind::diffuse;
+  stats.rays_glossy += !vertex.material.plain_diffuse();
 }
 
 void TransportWorker::Impl::scatter(int vertex_number) {

@@ -4,61 +4,17 @@
 
 #include <gtest/gtest.h>
 
-#include <random>
-
+#include "bsdf_checks.h"
 #include "chi_square.h"
 #include "core/fresnel.h"
 
 namespace fieldtrace {
 namespace {
 
-using test::chi_square_deviation;
-using test::SphereHistogram;
+using namespace test;
 
 // 40 tests run at once: 4.5 deviations are exceeded by chance in fewer than 1 in 5,000 runs (and seeds are fixed).
 constexpr double k_deviations = 4.5;
-
-Material diffuse(float albedo) {
-  Material m;
-  m.reflectance = Rgb(albedo);
-  return m;
-}
-
-// A perfect reflector (eta = 0, k = 1: Fresnel reflectance 1 at every angle).
-Material rough(MicrofacetKind kind, float alpha_u, float alpha_v) {
-  Material m;
-  m.kind = BsdfKind::rough_conductor;
-  m.reflectance = Rgb(1.0f);
-  m.microfacet = {kind, alpha_u, alpha_v};
-  return m;
-}
-
-Material glass(float ior) {
-  Material m;
-  m.kind = BsdfKind::dielectric;
-  m.reflectance = m.transmittance = Rgb(1.0f);
-  m.relative_ior = ior;
-  return m;
-}
-
-Vec3 direction(float cos_theta, float phi) {
-  const float s = std::sqrt(std::max(1.0f - cos_theta * cos_theta, 0.0f));
-  return {s * std::cos(phi), s * std::sin(phi), cos_theta};
-}
-
-struct Random {
-  std::mt19937 engine;
-  explicit Random(uint32_t seed) : engine(seed) {}
-  float operator()() { return float(engine() >> 8) * 0x1p-24f; }
-  Vec2 pair() {
-    const float x = (*this)();
-    return {x, (*this)()};
-  }
-  Vec3 upper() {
-    const float z = (*this)();
-    return direction(std::max(z, 0x1p-20f), 2.0f * k_pi * (*this)());
-  }
-};
 
 std::vector<Material> smooth_density_materials() {
   return {diffuse(0.7f),

@@ -158,6 +158,20 @@ Scene materials(int size) {
   return s.scene;
 }
 
+// Rough glass, which takes light from both its sides, a mask and rough plastic, all with fields.
+Scene coatings(int size) {
+  Stage s(size);
+  const uint32_t glass = s.bsdf(BsdfKind::rough_dielectric, Rgb(1.0f));
+  s.scene.bsdfs[glass].alpha_u = s.scene.bsdfs[glass].alpha_v = 0.4f;
+  s.instance(s.mesh(supershape()), glass, placed({-1.1f, 0.2f, 1.0f}));
+  s.instance(s.mesh(knot()), s.masked(s.grey, 0.6f), placed({1.2f, -0.6f, 0.9f}, scale(Vec3(0.8f)), {0, -1, 1}));
+  s.instance(s.mesh(supershape()), s.bsdf(BsdfKind::rough_plastic, Rgb(0.5f)),
+             placed({0.8f, 1.6f, 0.9f}, scale(Vec3(0.8f)), {1, 0, 2}));
+  s.sphere_light({2.0f, -1.5f, 5.0f}, 0.5f);
+  s.flat_light(ShapeKind::rectangle, {-2.0f, -1.0f, 4.0f}, 0.5f);
+  return s.scene;
+}
+
 // A scene made larger or smaller as a whole: the picture changes only by rounding and the fall-off of point lights.
 Scene resized(Scene scene, float factor) {
   for (Instance& i : scene.instances) {
@@ -188,6 +202,7 @@ std::vector<HybridScene> hybrid_scenes(int size) {
   scenes.push_back({"environment", environment(size), true, false});
   scenes.push_back({"environment_map", environment_map(size), true, false});
   scenes.push_back({"materials", materials(size), true, false});
+  scenes.push_back({"coatings", coatings(size)});
   return scenes;
 }
 

@@ -1,6 +1,7 @@
 // Scenes of a few shapes, made by hand for tests.
 #pragma once
 
+#include "core/rough_transmittance.h"
 #include "core/scene.h"
 
 namespace fieldtrace::test {
@@ -46,7 +47,20 @@ struct SceneMaker {
   uint32_t bsdf(BsdfKind kind, const Rgb& reflectance) {
     Bsdf b;
     b.kind = kind;
-    b.reflectance = b.transmittance = constant(reflectance);
+    b.reflectance = b.transmittance = b.diffuse_reflectance = constant(reflectance);
+    if (kind == BsdfKind::rough_plastic) {
+      b.rough_transmittance = uint32_t(scene.rough_transmittances.size());
+      scene.rough_transmittances.push_back(
+          make_rough_transmittance({b.microfacet, b.alpha_u, b.alpha_v}, b.int_ior / b.ext_ior));
+    }
+    scene.bsdfs.push_back(b);
+    return uint32_t(scene.bsdfs.size() - 1);
+  }
+
+  // A copy of a material with that opacity.
+  uint32_t masked(uint32_t bsdf_index, float opacity) {
+    Bsdf b = scene.bsdfs[bsdf_index];
+    b.opacity = constant(Rgb(opacity));
     scene.bsdfs.push_back(b);
     return uint32_t(scene.bsdfs.size() - 1);
   }

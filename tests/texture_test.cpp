@@ -73,6 +73,25 @@ TEST(Texture, CheckerboardAgreesWithReference) {
   EXPECT_EQ(evaluate_texture(scene, 0, {-.1f, .1f}).x, .2f);
 }
 
+// Values of Mitsuba 3.9.1 for the opacity of a mask.
+TEST(Texture, OneNumberIsTheMeanOrTheLuminance) {
+  Scene scene;
+  Texture t;
+  t.color0 = Rgb(0.2f, 0.5f, 0.7f);
+  scene.textures.push_back(t);
+  EXPECT_FLOAT_EQ(evaluate_scalar_texture(scene, 0, {}), 1.4f / 3.0f);
+  t.kind = TextureKind::checkerboard;
+  t.color1 = Rgb(0.1f);
+  scene.textures.push_back(t);
+  EXPECT_FLOAT_EQ(evaluate_scalar_texture(scene, 1, {0.2f, 0.2f}), 0.1f);
+  EXPECT_FLOAT_EQ(evaluate_scalar_texture(scene, 1, {0.2f, 0.7f}), 1.4f / 3.0f);
+  t.kind = TextureKind::bitmap;
+  t.bitmap = 0;
+  scene.bitmaps.push_back({1, 1, {Rgb(0.2f, 0.5f, 0.7f)}});
+  scene.textures.push_back(t);
+  EXPECT_NEAR(evaluate_scalar_texture(scene, 2, {0.3f, 0.4f}), 1.0f - 0.549367f, 1e-6f);
+}
+
 TEST(Texture, AnyCoordinateIsAccepted) {
   for (const WrapMode wrap : {WrapMode::repeat, WrapMode::mirror, WrapMode::clamp}) {
     for (const TextureFilter filter : {TextureFilter::nearest, TextureFilter::bilinear}) {

@@ -120,8 +120,9 @@ TEST(Transport, ConvexBodyInUniformLightShowsItsAlbedo) {
   }
 }
 
-constexpr BsdfKind k_all_bsdfs[] = {BsdfKind::diffuse, BsdfKind::conductor, BsdfKind::rough_conductor,
-                                    BsdfKind::dielectric};
+constexpr BsdfKind k_all_bsdfs[] = {BsdfKind::diffuse,    BsdfKind::conductor,        BsdfKind::rough_conductor,
+                                    BsdfKind::dielectric, BsdfKind::rough_dielectric, BsdfKind::thin_dielectric,
+                                    BsdfKind::plastic,    BsdfKind::rough_plastic,    BsdfKind::principled};
 
 // The same under a white map, which both the light samples and the material's find.
 TEST(Transport, ConvexBodyUnderAWhiteMapShowsItsAlbedo) {
@@ -135,7 +136,7 @@ TEST(Transport, ConvexBodyUnderAWhiteMapShowsItsAlbedo) {
     for (SceneMaker* m : {&maker, &constant}) {
       m->scene.camera.to_world = look_at({0, 0, 5}, Vec3(0), {0, 1, 0});
       m->scene.camera.fov_x_degrees = 10.0f;
-      m->scene.integrator.max_depth = kind == BsdfKind::dielectric ? -1 : 2;
+      m->scene.integrator.max_depth = transmits(kind) ? -1 : 2;
     }
     const Image a = render(maker.scene, options_for(64, 4)).image, b = render(constant.scene, options_for(64, 4)).image;
     for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(mean(a, c), mean(b, c), 4e-3 * mean(b, c)) << int(kind) << " " << c;
@@ -227,12 +228,19 @@ TEST(Transport, MirrorBoxLosesNothing) {
   for (size_t i = 0; i < r.image.data.size(); ++i) ASSERT_NEAR(r.image.data[i], 1.0f, 1e-4f);
 }
 
-// The same expectation for any split of the work between light samples and lobe samples.
-TEST(Transport, GlossyEstimatesAgree) {
+// The same expectation for any split of the work between light samples and lobe samples, light from below included.
+void expect_estimates_agree(BsdfKind kind, float opacity) {
   SceneMaker maker;
+  uint32_t glossy = maker.bsdf(kind, Rgb(0.9f));
+  for (Bsdf& b : maker.scene.bsdfs) {
+    b.microfacet = MicrofacetKind::ggx, b.alpha_u = 0.15f, b.alpha_v = 0.4f;
+    if (kind == BsdfKind::rough_plastic) b.alpha_u = b.alpha_v = 0.2f;
+  }
+  if (opacity < 1.0f) glossy = maker.masked(glossy, opacity);
   const uint32_t metal = maker.bsdf(BsdfKind::rough_conductor, Rgb(0.9f));
-  for (Bsdf& b : maker.scene.bsdfs) b.microfacet = MicrofacetKind::ggx, b.alpha_u = 0.15f, b.alpha_v = 0.4f;
-  maker.instance(maker.shape(ShapeKind::rectangle), metal, scaling(Vec3(50.0f)));
+  maker.instance(maker.shape(ShapeKind::rectangle), glossy, scaling(Vec3(50.0f)));
+  const Affine up(Vec3(2, 0, 0), Vec3(0, 2, 0), Vec3(0, 0, 2), Vec3(0, 1, -2));
+  maker.area_light(maker.instance(maker.shape(ShapeKind::disk), metal, up), Rgb(3.0f));
   maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), metal, translation({0, 4, 3})), Rgb(5.0f));
   Affine down(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1), Vec3(1, 3, 5));
   maker.area_light(maker.instance(maker.shape(ShapeKind::disk), metal, down), Rgb(8.0f));
@@ -246,8 +254,94 @@ TEST(Transport, GlossyEstimatesAgree) {
     RenderOptions o = options_for(128, light);
     o.lobe_samples = lobe;
     o.seed = 5;
-    EXPECT_NEAR(mean(render(maker.scene, o).image), expected, 0.01 * expected) << light << " " << lobe;
+    EXPECT_NEAR(mean(render(maker.scene, o).image), expected, 0.01 * expected)
+        << int(kind) << " " << opacity << ": " << light << " " << lobe;
   }
+}
+
+TEST(Transport, GlossyEstimatesAgree) {
+  for (const BsdfKind kind : {BsdfKind::rough_conductor, BsdfKind::rough_dielectric, BsdfKind::plastic,
+                              BsdfKind::rough_plastic, BsdfKind::principled})
+    expect_estimates_agree(kind, 1.0f);
+}
+
+TEST(Transport, MaskedEstimatesAgree) {
+  for (const BsdfKind kind : {BsdfKind::diffuse, BsdfKind::conductor, BsdfKind::rough_dielectric, BsdfKind::plastic})
+    expect_estimates_agree(kind, 0.4f);
+}
+
+// Veils of black that let 3 / 4 through, one behind the other: what is seen through them is dimmed so often.
+TEST(Transport, MasksDimWhatLiesBehind) {
+  for (const int veils : {1, 3}) {
+    SceneMaker maker;
+    const uint32_t veil = maker.masked(maker.bsdf(BsdfKind::diffuse, Rgb(0.0f)), 0.25f);
+    const uint32_t rectangle = maker.shape(ShapeKind::rectangle);
+    for (int i = 0; i < veils; ++i) {
+      // Some show their backs.
+      Affine place = scaling(Vec3(5.0f, i % 2 ? -5.0f : 5.0f, 1.0f));
+      if (i % 2) place[2] = -place[2];
+      place[3] = Vec3(0, 0, float(i));
+      maker.instance(rectangle, veil, place);
+    }
+    maker.light(EmitterKind::constant, Rgb(2.0f));
+    maker.scene.integrator.max_depth = veils + 1;
+    maker.scene.camera.to_world = look_at({0.3f, 0, 8}, Vec3(0), {0, 1, 0});
+    maker.scene.camera.fov_x_degrees = 10.0f;
+    const double expected = 2.0 * std::pow(0.75, veils), deviation = 2.0 / std::sqrt(256.0 * 64.0);
+    EXPECT_NEAR(mean(render(maker.scene, options_for(64)).image), expected, 3.0 * deviation) << veils;
+    // One surface less and the last veil's passage is cut off.
+    maker.scene.integrator.max_depth = veils;
+    EXPECT_LT(mean(render(maker.scene, options_for(64)).image), 1e-6) << veils;
+  }
+}
+
+// Masks block shadow rays whole, and paths that pass through find the light instead: on average its whole share.
+TEST(Transport, LightThroughAMaskIsFoundByPaths) {
+  for (const Method method : {Method::monte_carlo, Method::hybrid}) {
+    for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::disk}) {
+      SceneMaker maker = plane_seen_from_above(0.5f);
+      const uint32_t black = maker.bsdf(BsdfKind::diffuse, Rgb(0.0f));
+      const uint32_t veil = maker.masked(black, 0.3f);
+      maker.instance(maker.shape(ShapeKind::rectangle), veil,
+                     Affine(Vec3(9, 0, 0), Vec3(0, 9, 0), Vec3(0, 0, 1), Vec3(0, 0, 1)));
+      const Affine down(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1), Vec3(0, 0, 2.5f));
+      maker.area_light(maker.instance(maker.shape(kind), black, down), Rgb(3.0f));
+      maker.scene.integrator.max_depth = 3;  // the floor, the veil, the light
+      RenderOptions o = options_for(1024, 2);
+      o.method = method;
+      const double sin2 = kind == ShapeKind::sphere ? 1.0 / 6.25 : 1.0 / 7.25;
+      const double expected = 0.7 * k_albedo * 3.0 * sin2;
+      // A path finds the light with chance 0.7 sin2: 512 x 512 of them.
+      EXPECT_NEAR(mean(render(maker.scene, o).image), expected, 5.0 * expected / std::sqrt(0.7 * sin2 * 256 * 1024));
+    }
+  }
+}
+
+// A masked surface scatters its opacity's share, by light samples and by paths that find lights, large ones too.
+TEST(Transport, MaskedSurfacesScatterTheirShare) {
+  for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::disk}) {
+    SceneMaker maker = plane_seen_from_above(0.5f);
+    const uint32_t black = maker.bsdf(BsdfKind::diffuse, Rgb(0.0f));
+    maker.scene.instances[0].bsdf = maker.masked(0, 0.4f);
+    const Affine down(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1),
+                      Vec3(0, 0, kind == ShapeKind::sphere ? 1.6f : 1.0f));
+    maker.area_light(maker.instance(maker.shape(kind), black, down), Rgb(3.0f));
+    maker.scene.integrator.max_depth = 3;
+    const double sin2 = kind == ShapeKind::sphere ? 1.0 / 2.56 : 0.5, expected = 0.4 * k_albedo * 3.0 * sin2;
+    EXPECT_NEAR(mean(render(maker.scene, options_for(256, 1)).image), expected, 0.01 * expected) << int(kind);
+  }
+}
+
+// Seen through a pane of thin glass, all light arrives: what is reflected comes from the same sky.
+TEST(Transport, ThinGlassInUniformLightIsInvisible) {
+  SceneMaker maker;
+  maker.instance(maker.shape(ShapeKind::sphere), maker.bsdf(BsdfKind::thin_dielectric, Rgb(1.0f)), Affine(1.0f));
+  maker.light(EmitterKind::constant, Rgb(1.0f));
+  maker.scene.integrator.max_depth = -1;
+  maker.scene.integrator.rr_depth = 1000;
+  maker.scene.camera.to_world = look_at({0, 0, 5}, Vec3(0), {0, 1, 0});
+  const Image image = render(maker.scene, options_for(16)).image;
+  for (const float v : image.data) ASSERT_NEAR(v, 1.0f, 1e-5f);
 }
 
 // A picture with everything in it: textures, glass, metal, several lights.
@@ -259,10 +353,14 @@ Scene busy_scene() {
   const uint32_t grey = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
   const uint32_t glass = maker.bsdf(BsdfKind::dielectric, Rgb(1.0f));
   const uint32_t metal = maker.bsdf(BsdfKind::rough_conductor, Rgb(0.9f));
+  const uint32_t rough_glass = maker.bsdf(BsdfKind::rough_dielectric, Rgb(0.9f));
+  const uint32_t veil = maker.masked(maker.bsdf(BsdfKind::rough_plastic, Rgb(0.4f)), 0.5f);
   const uint32_t sphere = maker.shape(ShapeKind::sphere);
   maker.instance(maker.shape(ShapeKind::rectangle), grey, scaling(Vec3(10.0f)));
   maker.instance(sphere, glass, translation({-1.2f, 0, 1}));
   maker.instance(sphere, metal, translation({1.2f, 0, 1}));
+  maker.instance(sphere, rough_glass, translation({-3.4f, 0.5f, 1}));
+  maker.instance(sphere, veil, translation({3.4f, 0.5f, 1}));
   maker.area_light(maker.instance(sphere, grey, translation({0, 3, 5})), Rgb(6.0f));
   const Affine down(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1), Vec3(-3, 0, 5));
   maker.area_light(maker.instance(maker.shape(ShapeKind::disk), grey, down), Rgb(8.0f));
