@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <cstring>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -122,7 +123,9 @@ struct Accel::Impl {
         },
         this);
     for (uint32_t i = 0; i < s.shapes.size(); ++i) shapes.push_back(build_shape(s.shapes[i]));
-    build_top();
+    std::vector<uint32_t> all(s.instances.size());
+    std::iota(all.begin(), all.end(), 0u);
+    top = build_instances(all);
   }
 
   ~Impl() {
@@ -174,33 +177,52 @@ struct Accel::Impl {
     return result;
   }
 
-  void build_top() {
-    top = new_scene();
-    for (uint32_t i = 0; i < scene.instances.size(); ++i) {
+  ScenePtr build_instances(std::span<const uint32_t> instances) const {
+    ScenePtr result = new_scene();
+    for (const uint32_t i : instances) {
       const Instance& instance = scene.instances[i];
       RTCGeometry geometry = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_INSTANCE);
       rtcSetGeometryInstancedScene(geometry, shapes[instance.shape].get());
       rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, &instance.to_world);
       rtcCommitGeometry(geometry);
-      rtcAttachGeometryByID(top.get(), geometry, i);
+      rtcAttachGeometryByID(result.get(), geometry, i);
       rtcReleaseGeometry(geometry);
     }
-    rtcCommitScene(top.get());
+    rtcCommitScene(result.get());
     check("the scene");
+    return result;
   }
+
+  static void intersect(RTCScene of, const RayBatch& rays, HitBatch& hits, Coherence coherence) {
+    intersect_packets(of, coherence, rays, [&](const RTCRayHit16& packet, int lane, size_t i, bool hit) {
+      hits.instance[i] = hit ? packet.hit.instID[0][lane] : k_none;
+      hits.primitive[i] = packet.hit.primID[lane];
+      hits.t[i] = packet.ray.tfar[lane];
+      hits.u[i] = packet.hit.u[lane];
+      hits.v[i] = packet.hit.v[lane];
+    });
+  }
+};
+
+class Accel::Group {
+ public:
+  explicit Group(ScenePtr s) : scene(std::move(s)) {}
+  ScenePtr scene;
 };
 
 Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>(scene)) {}
 Accel::~Accel() = default;
 
 void Accel::intersect(const RayBatch& rays, HitBatch& hits, Coherence coherence) const {
-  intersect_packets(impl_->top.get(), coherence, rays, [&](const RTCRayHit16& packet, int lane, size_t i, bool hit) {
-    hits.instance[i] = hit ? packet.hit.instID[0][lane] : k_none;
-    hits.primitive[i] = packet.hit.primID[lane];
-    hits.t[i] = packet.ray.tfar[lane];
-    hits.u[i] = packet.hit.u[lane];
-    hits.v[i] = packet.hit.v[lane];
-  });
+  Impl::intersect(impl_->top.get(), rays, hits, coherence);
+}
+
+std::shared_ptr<const Accel::Group> Accel::group(std::span<const uint32_t> instances) const {
+  return std::make_shared<const Group>(impl_->build_instances(instances));
+}
+
+void Accel::intersect(const Group& group, const RayBatch& rays, HitBatch& hits, Coherence coherence) const {
+  Impl::intersect(group.scene.get(), rays, hits, coherence);
 }
 
 void Accel::occluded(const RayBatch& rays, std::span<const uint32_t> indices, uint8_t* blocked) const {

@@ -51,6 +51,12 @@ class Accel {
   void shape_intersect(uint32_t shape, const RayBatch& rays, ShapeHits& hits) const;
   void shape_occluded(uint32_t shape, const RayBatch& rays, uint8_t* blocked) const;
 
+  // Some of the scene's instances, made by group(). Must not outlive the Accel.
+  class Group;
+  std::shared_ptr<const Group> group(std::span<const uint32_t> instances) const;
+  // Nearest hits of a group alone, as of the whole scene.
+  void intersect(const Group& group, const RayBatch& rays, HitBatch& hits, Coherence coherence) const;
+
   size_t memory_bytes() const;  // as Embree reports it
 
  private:

@@ -34,7 +34,7 @@ int32_t line_word(uint16_t line) { return line == 0 ? 0 : 1 + (int32_t(line - 1)
 
 }  // namespace
 
-int CoverageTiles::lines_for(int plane) { return std::clamp(2 * plane, 128, 512); }
+int CoverageTiles::lines_for(int plane) { return std::clamp(2 * plane, 64, 512); }
 
 CoverageTiles::CoverageTiles(int directions, int plane, FieldBudget* budget, TilePayload payload)
     : directions_(directions), lines_(lines_for(plane)), tiles_(lines_ / k_side), budget_(budget) {
@@ -85,17 +85,15 @@ bool CoverageTiles::finished(uint32_t slot) const {
 }
 
 void CoverageTiles::store_radiance(int32_t tile, std::span<const Rgb> radiance) {
-  for (int c = 0; c < 3; ++c) {
-    float* sums = &radiance_[(size_t(tile) * 3 + size_t(c)) * scalar::k_tile_words];
-    double below[k_side] = {};
-    for (int y = 0; y < k_side; ++y) {
-      double row = 0.0;
-      float* corner = sums + (y + 1) * scalar::k_tile_corners + 1;
-      for (int x = 0; x < k_side; ++x) {
-        row += double(radiance[size_t(y * k_side + x)][c]);
-        below[x] += row;
-        shared(corner[x]).store(float(below[x]), std::memory_order_relaxed);
-      }
+  float* sums = &radiance_[size_t(tile) * 3 * scalar::k_tile_words];
+  DVec3 below[k_side] = {};
+  for (int y = 0; y < k_side; ++y) {
+    DVec3 row(0.0);
+    float* corner = sums + 3 * ((y + 1) * scalar::k_tile_corners + 1);
+    for (int x = 0; x < k_side; ++x) {
+      row += DVec3(radiance[size_t(y * k_side + x)]);
+      below[x] += row;
+      for (int c = 0; c < 3; ++c) shared(corner[3 * x + c]).store(float(below[x][c]), std::memory_order_relaxed);
     }
   }
 }

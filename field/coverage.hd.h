@@ -188,20 +188,21 @@ FT_HD_INLINE RadianceSum<F> sum_radiance_area(const CoverageView& view, Int_t<F>
   RadianceSum<F> sum = {zero, zero, zero};
   const auto add_tile = [&](Mask_t<F> filled, Int_t<F> base, Int_t<F> column, Int_t<F> row) {
     const TileSpan<F> x = span_in_tile<F>(rect.x0, rect.x1, column), y = span_in_tile<F>(rect.y0, rect.y1, row);
-    const Int_t<F> first = base + base + base;  // three tables a tile
-    F* const colours[3] = {&sum.red, &sum.green, &sum.blue};
-    for (int c = 0; c < 3; ++c) {
-      F colour = zero;
-      for (int j = 0; j < 4; ++j) {
-        const Int_t<F> line = first + splat_int<F>(c * k_tile_words) + y.corner[j] * splat_int<F>(k_tile_corners);
-        F row_sum = zero;
-        for (int i = 0; i < 4; ++i) {
-          row_sum = row_sum + gather(view.radiance, select(filled, line + x.corner[i], splat_int<F>(0))) * x.weight[i];
-        }
-        colour = colour + row_sum * y.weight[j];
+    RadianceSum<F> part = {zero, zero, zero};
+    for (int j = 0; j < 4; ++j) {
+      const Int_t<F> line = base + y.corner[j] * splat_int<F>(k_tile_corners);
+      for (int i = 0; i < 4; ++i) {
+        const Int_t<F> corner = select(filled, line + x.corner[i], splat_int<F>(0));
+        const Int_t<F> first = corner + corner + corner;
+        const F weight = x.weight[i] * y.weight[j];
+        part.red = part.red + gather(view.radiance, first) * weight;
+        part.green = part.green + gather(view.radiance, first + splat_int<F>(1)) * weight;
+        part.blue = part.blue + gather(view.radiance, first + splat_int<F>(2)) * weight;
       }
-      *colours[c] = *colours[c] + select(filled, colour, zero);
     }
+    sum.red = sum.red + select(filled, part.red, zero);
+    sum.green = sum.green + select(filled, part.green, zero);
+    sum.blue = sum.blue + select(filled, part.blue, zero);
   };
   visit_tiles<F>(
       view, direction, within, wanted, [](Int_t<F>, Mask_t<F>) {}, add_tile);

@@ -43,12 +43,17 @@ constexpr float k_leaf_drift = 0.5f;
 constexpr float k_coarse_grain = 0.15f;
 constexpr float k_coarse_disc = 4.0f;
 
+// Which picture of an object is read along a ray: as the ray's end sees it, or as its origin does. They differ in which
+// surface a line meets first, and so in depth, not in what lines meet.
+enum class SeenFrom { end, origin };
+
 // A leaf's tube in the picture of its direction cell, and all that it can meet there.
 template <class F>
 struct LeafTube {
   ConeSpan<F> span;
   LinePicture<F> picture;
   F cosine, slope;  // of the angle between the leaf's ray and the cell's direction; its sine
+  float sign;       // of the cosine
   F middle_depth;   // of the span's middle
   PictureSquare<F> square;
   CoverageSum<F> sum;
@@ -56,7 +61,8 @@ struct LeafTube {
   // Distance from p at which the centre ray reaches the mean of `depths` of `count` lines.
   FT_HD_INLINE F reach_of(F depths, F count) const {
     const F depth = splat<F>(k_coverage_depth_step) * (depths / max(count, splat<F>(1e-6f))) - splat<F>(1.0f);
-    const F t = span.middle + (depth - middle_depth) / max(cosine, splat<F>(0.5f));
+    const F along = (depth - middle_depth) * splat<F>(sign);
+    const F t = span.middle + along / max(cosine * splat<F>(sign), splat<F>(0.5f));
     return min(max(t, span.middle - span.half), span.middle + span.half);
   }
 };
@@ -71,11 +77,12 @@ FT_HD_INLINE ConeSpan<F> span_of_leaf(const LightLeaf<F>& leaf) {
 }
 
 template <class F, class TellMissing>
-FT_HD_INLINE LeafTube<F> tube_of_leaf(const FieldView& field, const LightLeaf<F>& leaf, const ConeSpan<F>& span,
-                                      Mask_t<F> asked, const TellMissing& tell_missing) {
+FT_HD_INLINE LeafTube<F> tube_of_leaf(const FieldView& field, SeenFrom seen, const LightLeaf<F>& leaf,
+                                      const ConeSpan<F>& span, Mask_t<F> asked, const TellMissing& tell_missing) {
   LeafTube<F> tube;
   tube.span = span;
-  tube.picture = picture_along(field, leaf.direction);
+  tube.sign = seen == SeenFrom::end ? 1.0f : -1.0f;
+  tube.picture = picture_along(field, leaf.direction * splat<F>(tube.sign));
   const Vec3Lanes<F> middle = leaf.p + leaf.direction * span.middle;
   tube.cosine = dot(leaf.direction, tube.picture.frame.c);
   const Vec3Lanes<F> across = leaf.direction - tube.picture.frame.c * tube.cosine;
@@ -142,7 +149,7 @@ FT_HD_INLINE LeafAnswer<F> filter_leaf(const FieldView& field, float least_disc,
   answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
   if (!any(asked)) return answer;
 
-  const LeafTube<F> tube = tube_of_leaf<F>(field, leaf, span, asked, tell_missing);
+  const LeafTube<F> tube = tube_of_leaf<F>(field, SeenFrom::end, leaf, span, asked, tell_missing);
   answer.unknown = tube.sum.unknown;
   const TexelRect<F>& all = tube.square.rect;
   const Int_t<F> texels = (all.x1 - all.x0) * (all.y1 - all.y0);

@@ -1,9 +1,9 @@
 // A small part of a reflected lobe as seen from a point: the radiance that it meets on one object, filtered from
 // pictures of the object's radiance, and the share of it that passes by.
 //
-// As for parts of lights (field/leaf.hd.h): seen along the direction of its cell, the tube of rays about a sample of
-// the lobe is a disc at the depth of what it meets; the mean of the lines in that disc is what a sample of that solid
-// angle sees. Filtering a sample to its share of the lobe is ray footprint estimation (Igehy, "Tracing Ray
+// As for parts of lights (field/leaf.hd.h), but in the picture that the ray's origin sees: the tube of rays about a
+// sample of the lobe is a disc at the depth of what it meets; the mean of the lines in that disc is what a sample of
+// that solid angle sees. Filtering a sample to its share of the lobe is ray footprint estimation (Igehy, "Tracing Ray
 // Differentials", SIGGRAPH 1999) with a pre-shaded object. What the pictures do not resolve is refused: discs that one
 // texel would blur by too much of the lobe, features as thin as the texels where discs are small.
 //
@@ -22,9 +22,9 @@ FT_LANES_BEGIN
 
 template <class F>
 struct LobeAnswer {
-  F clear;                   // share of the tube that meets nothing, [0, 1]
-  RadianceSum<F> radiance;   // mean over the whole tube: what meets nothing counts as black
-  F distance;                // of what it meets
+  F clear;                  // share of the tube that meets nothing, [0, 1]
+  RadianceSum<F> radiance;  // mean over the whole tube: what meets nothing counts as black
+  F distance;               // of what it meets
   Mask_t<F> unknown, refused;
   Int_t<F> lookups;
 };
@@ -44,8 +44,11 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightLeaf<F
   const Mask_t<F> asked = wanted & (span.half > zero);
   answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
   if (!any(asked)) return answer;
-  const LeafTube<F> tube = tube_of_leaf<F>(field, leaf, span, asked, tell_missing);
+  const LeafTube<F> tube = tube_of_leaf<F>(field, SeenFrom::origin, leaf, span, asked, tell_missing);
   answer.unknown = tube.sum.unknown;
+  // An outline may pass between two lines: what is too narrow for a texel wherever it ends is not told clear either.
+  const F half_texel = half / splat<F>(field.coverage.half_lines);
+  answer.refused = asked & (half_texel > blur * (span.middle + span.half));
   const Mask_t<F> open = and_not(answer.unknown | (tube.sum.count == splat_int<F>(0)), asked);
   if (!any(open)) return answer;
 
@@ -66,9 +69,9 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightLeaf<F
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F grain = grain_at<F>(field.coverage, tube.picture.direction, texel(disc.x), texel(disc.y), open);
-  const Mask_t<F> blurred = half / scale > blur * disc.t;
+  const Mask_t<F> blurred = half_texel > blur * disc.t;
   const Mask_t<F> thin = (grain > splat<F>(k_coarse_grain)) & (disc.half_width < splat<F>(k_coarse_disc));
-  answer.refused = open & (blurred | thin);
+  answer.refused = answer.refused | (open & (blurred | thin));
   return answer;
 }
 

@@ -93,6 +93,32 @@ struct ConeCounts {
   uint64_t lookups = 0;
 };
 
+// Samples of reflected lobes, and what filter_lobes() says of one object along each (field/lobe.hd.h). Rays are unit
+// and endless; all arrays are padded like RayBatch.
+struct LobeBatch {
+  RayBatch rays;
+  AlignedVector<float> nx, ny, nz;  // geometric normal of the surface that the ray leaves, on the ray's side
+  AlignedVector<float> density;     // samples x solid-angle density: a sample stands for its inverse
+  AlignedVector<float> blur;        // tangent that half a texel may take
+  AlignedVector<uint32_t> instance;
+
+  void resize(size_t n) {
+    rays.resize(n);
+    for (auto* v : {&nx, &ny, &nz, &density, &blur}) v->resize(padded(n));
+    instance.resize(padded(n));
+  }
+};
+
+struct LobeAnswers {
+  AlignedVector<float> clear, red, green, blue, distance;  // distance: as t of the ray
+  AlignedVector<int32_t> refused;
+
+  void resize(size_t n) {
+    for (auto* v : {&clear, &red, &green, &blue, &distance}) v->resize(padded(n));
+    refused.resize(padded(n));
+  }
+};
+
 // The rays left to trace, by index, after all candidates have spoken.
 struct ExactLists {
   AlignedVector<int32_t> one_asker, many_askers;
@@ -124,6 +150,10 @@ struct SegmentKernels {
   // tell. Returns the number of look-ups.
   uint64_t (*filter_leaves)(const LeafTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
                             std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
+  // For samples in `blocks`: what the object of `task` sends along each. Its field needs directions and coverage with
+  // radiance only. Returns the number of look-ups.
+  uint64_t (*filter_lobes)(const ConeTask&, const LobeBatch&, std::span<const uint32_t> blocks, LobeAnswers&,
+                           ConeUnknowns&);
   // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
   void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
 };

@@ -27,7 +27,7 @@ struct CoverageView {
   float half_lines = 0.0f;           // L / 2
   const int32_t* tile_of = nullptr;  // direction * tiles^2 + tile
   const int32_t* sums = nullptr;     // tile * k_tile_words
-  const float* radiance = nullptr;   // tile * 3 k_tile_words: sums of red, green, blue; null: none is kept
+  const float* radiance = nullptr;   // 3 (tile * k_tile_words + corner): sums of red, green, blue; null: none kept
 };
 
 struct FieldView {

@@ -14,7 +14,7 @@ namespace fieldtrace {
 
 // Estimates below this many rays decide nothing: such a bake takes seconds, and a cache or a larger picture pays it
 // back.
-inline constexpr double k_costly_bake_rays = 32e6;
+inline constexpr double k_costly_bake_rays = 8e6;
 
 // By shape: rays that a picture of all instances will have baked for its field, whether or not it wants one. Within a
 // factor of two for one instance under one light (docs/decisions/012-left-to-rays.md).

@@ -34,7 +34,7 @@ LightSampleRange leaf_grid(int light_samples);
 inline constexpr int k_fewest_grid_samples = 9;
 inline constexpr int k_most_grid_leaves = 256;
 // A leaf tells as much as this many rays or more (docs/decisions/014-leaves.md).
-inline constexpr int k_samples_per_leaf = 4;
+inline constexpr int k_samples_per_leaf = 3;
 // Lights are tried in this many leaves first, if that is fewer by a third or more: most are found clear or hidden.
 inline constexpr int k_first_leaves = 16;
 

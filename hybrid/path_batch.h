@@ -29,6 +29,10 @@ struct PathState {
   float bsdf_density = 0.0f;  // samples x solid-angle density of the chosen direction
   int light_samples = 1;
   Vec3 normal = Vec3(0.0f, 0.0f, 1.0f);  // shading
+  // Of a glossy ray, for answers by pictures of radiance: roughness of its lobe (0: not glossy), and the surface.
+  float alpha = 0.0f;
+  Vec3 side = Vec3(0.0f, 0.0f, 1.0f);  // geometric normal on the ray's side
+  uint32_t instance = 0xffffffffu;
 };
 
 // A surface that a path has reached and from which it goes on.

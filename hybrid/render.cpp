@@ -18,6 +18,7 @@
 #include "hybrid/field_resolution.h"
 #include "hybrid/field_set.h"
 #include "hybrid/field_survey.h"
+#include "hybrid/lobe_answerer.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/stopwatch.h"
 #include "hybrid/tiles.h"
@@ -281,6 +282,37 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   return true;
 }
 
+// What answers glossy rays, empty where nothing sends any or they are to be exact. Radiance is shaded by exact rays:
+// receivers all over an object would have its field baked for few rays each.
+struct GlossyStage {
+  std::vector<Field*> no_fields;
+  ShadowAnswerer exact;
+  TransportContext shading;
+  LobeAnswerer lobes;
+
+  GlossyStage(const Picture& picture, const Stage& stage, uint64_t most_rays)
+      : no_fields(picture.scene.shapes.size(), nullptr),
+        exact(picture.scene, stage.accel, stage.traits, no_fields, {picture.settings.isa, 0.0f}),
+        shading(picture.scene, stage.accel, stage.camera, exact, picture.settings),
+        lobes(shading, picture.options.tolerance, most_rays) {}
+};
+
+std::unique_ptr<GlossyStage> make_glossy_stage(const Picture& picture, const Stage& stage) {
+  const RenderOptions& options = picture.options;
+  if (!picture.wants_fields || options.force_ask || picture.settings.max_depth < 3) return nullptr;
+  const std::vector<Bsdf>& bsdfs = picture.scene.bsdfs;
+  const auto is_rough = [](const Bsdf& b) {
+    return b.kind == BsdfKind::rough_conductor || b.kind == BsdfKind::rough_dielectric ||
+           b.kind == BsdfKind::rough_plastic || b.kind == BsdfKind::principled;
+  };
+  if (std::none_of(bsdfs.begin(), bsdfs.end(), is_rough)) return nullptr;
+  // Of the film, so that a pixel is the same in every window.
+  const Rect film = crop_window(picture.scene.film, {});
+  const uint64_t most_rays =
+      uint64_t(film.width) * uint64_t(film.height) * uint64_t(picture.spp) * uint64_t(options.lobe_samples);
+  return std::make_unique<GlossyStage>(picture, stage, most_rays);
+}
+
 // One attempt with the fields of `plan`. False if they outgrew their memory: `plan` is then that of the next attempt.
 bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, RenderResult& result) {
   const RenderOptions& options = picture.options;
@@ -297,7 +329,9 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
                             options.whole_lights};
   settings.own_to_rays = fields.own_to_rays();
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
-  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings);
+  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings);
+  const std::unique_ptr<GlossyStage> glossy = make_glossy_stage(picture, stage);
+  if (glossy) context.lobes = &glossy->lobes;
   result.image = make_image(picture.window, picture.aovs);
   Job job{picture, context, fields.budget(), result.image};
   job.interrupted = !surveyed;

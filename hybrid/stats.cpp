@@ -11,6 +11,7 @@ void Stats::merge_counters(const Stats& o) {
   rays_primary += o.rays_primary;
   rays_shadow += o.rays_shadow;
   rays_glossy += o.rays_glossy;
+  rays_glossy_exact += o.rays_glossy_exact;
   rays_exact += o.rays_exact;
   rays_crossing += o.rays_crossing;
   rays_crowded += o.rays_crowded;
@@ -55,8 +56,9 @@ std::string Stats::to_json() const {
   j["lights"] = lights;
   j["time"] = {{"load", time_load},       {"build", time_build},         {"cache", time_cache}, {"bake", time_bake},
                {"primary", time_primary}, {"secondary", time_secondary}, {"write", time_write}, {"total", time_total}};
-  j["rays"] = {{"primary", rays_primary},   {"shadow", rays_shadow},   {"glossy", rays_glossy},   {"exact", rays_exact},
-               {"crossing", rays_crossing}, {"crowded", rays_crowded}, {"spared", samples_spared}};
+  j["rays"] = {{"primary", rays_primary},           {"shadow", rays_shadow},   {"glossy", rays_glossy},
+               {"glossy_exact", rays_glossy_exact}, {"exact", rays_exact},     {"crossing", rays_crossing},
+               {"crowded", rays_crowded},           {"spared", samples_spared}};
   j["cones"] = {
       {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", leaves}, {"leaves_refused", leaves_refused}};
   j["lookups"] = lookups;

@@ -32,14 +32,15 @@ struct Stats {
   double time_cache = 0;  // reading fields from the cache before the picture, and storing them after it
   double time_write = 0;  // writing the images
 
-  uint64_t rays_primary = 0;      // camera rays and the bounces that follow them
-  uint64_t rays_shadow = 0;       // shadow rays generated (those that cross no candidate's bounds included)
-  uint64_t rays_glossy = 0;       // rays that left a surface along a specular or glossy lobe
-  uint64_t rays_exact = 0;        // shadow rays traced through Embree
-  uint64_t rays_crossing = 0;     // shadow rays that cross at least one candidate's bounds
-  uint64_t rays_crowded = 0;      // those of rays_exact whose group had too many candidates to ask one by one
-  uint64_t lookups = 0;           // ray-field look-ups
-  uint64_t sphere_crossings = 0;  // ray-candidate pairs whose bounds are crossed
+  uint64_t rays_primary = 0;       // camera rays and the bounces that follow them
+  uint64_t rays_shadow = 0;        // shadow rays generated (those that cross no candidate's bounds included)
+  uint64_t rays_glossy = 0;        // rays that left a surface along a specular or glossy lobe
+  uint64_t rays_glossy_exact = 0;  // bounce rays traced where others were answered by pictures of radiance
+  uint64_t rays_exact = 0;         // shadow rays traced through Embree
+  uint64_t rays_crossing = 0;      // shadow rays that cross at least one candidate's bounds
+  uint64_t rays_crowded = 0;       // those of rays_exact whose group had too many candidates to ask one by one
+  uint64_t lookups = 0;            // ray-field look-ups
+  uint64_t sphere_crossings = 0;   // ray-candidate pairs whose bounds are crossed
   uint64_t cones_clear = 0, cones_blocked = 0;  // receiver-candidate pairs whose whole light was answered at once
   // Parts of lights above their receivers' horizons: asked of fields, and those of receivers that a field could not
   // tell about.

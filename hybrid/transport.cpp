@@ -7,6 +7,7 @@
 #include "core/sobol.hd.h"
 #include "hybrid/ambient_occlusion.h"
 #include "hybrid/direct_light.h"
+#include "hybrid/lobe_answerer.h"
 #include "hybrid/stopwatch.h"
 
 namespace fieldtrace {
@@ -57,6 +58,10 @@ struct TransportWorker::Impl {
   std::vector<Rgb> arriving;
   std::vector<FirstHit> firsts;
   std::vector<float> near_distance;  // per camera ray
+  // Of a wave of bounce rays that pictures of radiance are asked about.
+  std::vector<LobeRay> lobe_rays;
+  std::vector<Rgb> lobe_radiance;
+  std::vector<float> lobe_clear;
   std::span<SampleResult> results;
 
   explicit Impl(const TransportContext& c)
@@ -64,7 +69,9 @@ struct TransportWorker::Impl {
 
   void generate(std::span<const CameraSample> samples);
   void pass_hidden_emitters();
-  void intersect(Coherence coherence);
+  void intersect(int vertex_number);
+  bool answers_lobes(int vertex_number) const;
+  void intersect_lobes();
   void arrive(int vertex_number);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
@@ -98,11 +105,40 @@ void TransportWorker::Impl::generate(std::span<const CameraSample> samples) {
   }
 }
 
-void TransportWorker::Impl::intersect(Coherence coherence) {
-  const ScopedTimer timer(stats.time_primary);
-  hits.resize(rays.size);
-  context.accel.intersect(rays, hits, coherence);
+void TransportWorker::Impl::intersect(int vertex_number) {
   stats.rays_primary += rays.size;
+  if (answers_lobes(vertex_number)) {
+    intersect_lobes();
+    return;
+  }
+  const ScopedTimer timer(vertex_number == 0 ? stats.time_primary : stats.time_secondary);
+  hits.resize(rays.size);
+  context.accel.intersect(rays, hits, vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
+}
+
+// Pictures of radiance hold direct light: they speak for surfaces that are lit and send nothing on.
+bool TransportWorker::Impl::answers_lobes(int vertex_number) const {
+  return context.lobes && !context.lobes->empty() && vertex_number > 0 && settings.max_depth == vertex_number + 2;
+}
+
+void TransportWorker::Impl::intersect_lobes() {
+  const double bake_before = stats.time_bake;
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    lobe_rays.resize(paths.size());
+    for (size_t i = 0; i < paths.size(); ++i) {
+      const PathState& path = paths[i];
+      const bool asks = path.alpha > 0.0f && !path.unweighted;
+      lobe_rays[i] = {path.side, path.instance, asks ? path.bsdf_density : 0.0f, path.alpha};
+    }
+    LobeResults lobe_results{hits, lobe_radiance, lobe_clear};
+    context.lobes->answer(rays, lobe_rays, lobe_results, stats);
+  }
+  stats.time_secondary -= stats.time_bake - bake_before;
+  for (size_t i = 0; i < paths.size(); ++i) {
+    results[paths[i].slot].radiance += paths[i].throughput * lobe_radiance[i];
+    paths[i].throughput *= lobe_clear[i];
+  }
 }
 
 // Camera rays go through area lights, as if these were not there (only for what the camera sees directly).
@@ -256,6 +292,9 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   next.transmits = vertex.material.transmits();
   next.bsdf_density = s.pdf * vertex.lobe_samples;
   next.normal = vertex.frame.n;
+  next.alpha = vertex.material.glossy() ? lobe_alpha(vertex.material) : 0.0f;
+  next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
+  next.instance = vertex.surface.instance;
   const size_t i = next_paths.size();
   next_paths.push_back(next);
   next_rays.set(i, offset_origin(vertex.surface.position, vertex.facing, vertex.surface.error, d), d, k_infinity);
@@ -294,7 +333,7 @@ void TransportWorker::trace(std::span<const CameraSample> samples, std::span<Sam
   w.generate(samples);
   if (w.settings.max_depth == 0) return;
   for (int vertex_number = 0; !w.paths.empty(); ++vertex_number) {
-    w.intersect(vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
+    w.intersect(vertex_number);
     if (vertex_number == 0 && w.settings.hide_emitters) w.pass_hidden_emitters();
     w.arrive(vertex_number);
     if (vertex_number == 0 && w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);

@@ -41,6 +41,8 @@ struct TransportSettings {
 // rr_depth, so that only 1 path in 10^17 comes this far from rr_depth = 5.
 inline constexpr int k_longest_path = 768;
 
+class LobeAnswerer;
+
 // Everything that workers share. References must outlive it.
 struct TransportContext {
   TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera, const ShadowAnswerer& answerer,
@@ -50,6 +52,8 @@ struct TransportContext {
   const Accel& accel;
   const CameraSampler& camera;
   const ShadowAnswerer& answerer;
+  const LobeAnswerer* lobes =
+      nullptr;  // answers glossy rays whose hit is lit and sends nothing on; null: exact rays do
   TransportSettings settings;
   LightTable lights;
   std::vector<LightExtent> light_extents;  // where each light's rays end

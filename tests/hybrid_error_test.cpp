@@ -32,6 +32,12 @@ void use_small_fields(RenderOptions& o) {
   o.plane = 64;
 }
 
+// Crowds, skies and lights near by: so small a picture does not pay for their fields, which are to be tested all the
+// same.
+bool is_costly(const HybridScene& s) {
+  return s.name == "crowd" || s.name == "lights_within" || s.name.starts_with("environment");
+}
+
 double mean(const Image& image) {
   double sum = 0.0;
   for (const float v : image.data) sum += v;
@@ -78,7 +84,7 @@ TEST_P(HybridErrorTest, ConvergedPicturesAreNearMonteCarlo) {
   const HybridScene s = hybrid_scene(bounds.scene, 32);
   RenderOptions o = options_for(Method::monte_carlo, k_converged_samples);
   use_small_fields(o);
-  o.leave_to_rays = s.name != "crowd";
+  o.leave_to_rays = !is_costly(s);
   const Image expected = render(s.scene, o).image;
   const double level = mean(expected);
   const test::TemporaryFolder folder;  // the second picture need not bake again
@@ -114,7 +120,7 @@ TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
     RenderOptions o = options_for(Method::hybrid, 32);
     use_small_fields(o);
     o.check = true;
-    o.leave_to_rays = s.name != "crowd";  // so small a picture does not pay for its fields
+    o.leave_to_rays = !is_costly(s);
     const Stats stats = render(s.scene, o).stats;
     EXPECT_GT(stats.check_answers, 1000u);
     if (s.solid) answers += stats.check_answers, wrong += stats.check_wrong;
@@ -166,7 +172,7 @@ TEST(HybridStats, CountersAgree) {
     // With few samples all groups of the crowd have too many candidates to ask fields.
     RenderOptions o = options_for(Method::monte_carlo, s.name == "crowd" ? 64 : 16);
     use_small_fields(o);
-    o.leave_to_rays = s.name != "crowd";
+    o.leave_to_rays = !is_costly(s);
     const Stats mc = render(s.scene, o).stats;
     o.method = Method::hybrid;
     o.whole_lights = false;

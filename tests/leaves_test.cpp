@@ -203,7 +203,7 @@ TEST(Leaves, GridsAreAboutAsWideAsHighAndNeverOfMoreCellsThanSamples) {
     ASSERT_LE(grid.columns, rows);
     ASSERT_LE(rows, grid.columns + 2);
   }
-  EXPECT_EQ(leaf_grid(64).total, 16);
+  EXPECT_EQ(leaf_grid(64).total, 20);
   EXPECT_EQ(leaf_grid(1024).total, 256);
 }
 

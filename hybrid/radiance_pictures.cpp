@@ -1,0 +1,87 @@
+#include "hybrid/radiance_pictures.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include "field/field.h"
+#include "field/tile_lines.h"
+#include "hybrid/occluder.h"
+#include "hybrid/shadow_answerer.h"
+
+namespace fieldtrace {
+namespace {
+
+// Patches about as wide as the distance between lines.
+float patch_of(const Scene& scene, uint32_t instance, int lines) {
+  const Instance& placed = scene.instances[instance];
+  const Sphere ball = field_ball(scene.shapes[placed.shape].bounds);
+  float narrowest = k_infinity;
+  for (int axis = 0; axis < 3; ++axis) narrowest = std::min(narrowest, glm::length(Vec3(placed.to_world[axis])));
+  return 2.0f * ball.radius * narrowest / float(lines);
+}
+
+// Barycentric coordinates of vertices 1 and 2 of the point of a triangle's plane nearest to `p`, brought into the
+// triangle where rounding has put them outside.
+Vec2 barycentric(const Vec3& p0, const Vec3& e1, const Vec3& e2, const Vec3& p) {
+  const Vec3 n = glm::cross(e1, e2), d = p - p0;
+  const float area = glm::dot(n, n);
+  if (!(area > 0.0f)) return Vec2(1.0f / 3.0f);
+  const float u = std::clamp(glm::dot(glm::cross(d, e2), n) / area, 0.0f, 1.0f);
+  return {u, std::clamp(glm::dot(glm::cross(e1, d), n) / area, 0.0f, 1.0f - u)};
+}
+
+}  // namespace
+
+RadiancePictures::RadiancePictures(const Scene& scene, uint32_t instance, uint64_t most_rays)
+    : scene_(scene),
+      ball_(field_ball(scene.shapes[scene.instances[instance].shape].bounds)),
+      tiles_(k_directions, most_rays >= k_many_rays ? k_plane : k_plane / 2, nullptr, TilePayload::radiance),
+      radiance_(scene, instance, patch_of(scene, instance, tiles_.lines())) {
+  AnswererSettings settings;
+  settings.tolerance = 1.0f;
+  task_ = make_occluder(scene, instance, {}, nullptr, settings).cone;
+  task_.segment.field.directions = make_axis(k_directions);
+  task_.segment.field.coverage = tiles_.view();
+}
+
+void RadiancePictures::bake(std::span<const uint32_t> slots, const TransportContext& shading, Stats& stats) {
+  const auto start = std::chrono::steady_clock::now();
+  const Instance& placed = scene_.instances[instance()];
+  const TriangleMesh& mesh = scene_.shapes[placed.shape].mesh;
+  TileRays rays;
+  ShapeHits hits;
+  TileLines lines;
+  std::vector<SurfaceRadiance::Side> sides;
+  std::vector<int> texels;  // of sides
+  std::vector<Rgb> colours;
+  Stats shaded;
+  bake_tiles(tiles_, slots, [&](uint32_t slot) {
+    rays.lay(tiles_, slot, ball_, k_directions);
+    const size_t count = rays.texels.size();
+    lines.assign(CoverageTiles::k_lines_per_tile, 0);
+    sides.clear();
+    texels.clear();
+    hits.resize(count);
+    if (count > 0) shading.accel.shape_intersect(placed.shape, rays.rays, hits);
+    stats.bake_rays += count;
+    for (size_t r = 0; r < count; ++r) {
+      if (hits.t[r] < 0.0f) continue;
+      lines[size_t(rays.texels[r])] = rays.line_at(r, hits.t[r]);
+      const UVec3 t = mesh.triangles[hits.primitive[r]];
+      const Vec3 p0 = mesh.positions[t.x], e1 = mesh.positions[t.y] - p0, e2 = mesh.positions[t.z] - p0;
+      const Vec3 d = rays.rays.direction(r), p = rays.rays.origin(r) + d * hits.t[r];
+      const bool behind = (glm::dot(glm::cross(e1, e2), d) > 0.0f) != placed.flip_normals;
+      const Vec2 uv = barycentric(p0, e1, e2, p);
+      sides.push_back(radiance_.side_at(hits.primitive[r], uv.x, uv.y, behind));
+      texels.push_back(rays.texels[r]);
+    }
+    radiance_.shade(sides, shading, shaded);
+    colours.assign(CoverageTiles::k_lines_per_tile, Rgb(0.0f));
+    for (size_t k = 0; k < sides.size(); ++k) colours[size_t(texels[k])] = radiance_.radiance(sides[k]);
+    tiles_.finish(slot, lines, colours);
+  });
+  stats.bake_rays += shaded.rays_exact;
+  stats.time_bake += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace fieldtrace

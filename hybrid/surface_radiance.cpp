@@ -1,0 +1,134 @@
+#include "hybrid/surface_radiance.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "core/sobol.hd.h"
+#include "hybrid/direct_light.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr uint32_t k_patch_stream = 0x50544348u;
+constexpr int k_most_divisions = 64;
+
+template <class T>
+std::atomic_ref<T> shared(const T& value) {
+  return std::atomic_ref<T>(const_cast<T&>(value));
+}
+
+// Of a triangle cut into n x n patches, patch (i, j, lower) lies at row-major place (i, j), and the upper one of the
+// same square, which touches the far edge's side, at the place mirrored through the square's middle: those are free,
+// for lower ones have i + j < n and upper ones i + j < n - 1.
+size_t patch_place(int n, int i, int j, bool upper) {
+  return upper ? size_t((n - 1 - i) * n + (n - 1 - j)) : size_t(i * n + j);
+}
+
+struct PatchCentre {
+  float u, v;
+};
+PatchCentre patch_centre(int n, size_t place) {
+  const int i = int(place) / n, j = int(place) % n;
+  const float step = 1.0f / float(n);
+  if (i + j < n) return {(float(i) + 1.0f / 3.0f) * step, (float(j) + 1.0f / 3.0f) * step};
+  return {(float(n - 1 - i) + 2.0f / 3.0f) * step, (float(n - 1 - j) + 2.0f / 3.0f) * step};
+}
+
+}  // namespace
+
+bool SurfaceRadiance::suits(const Scene& scene, uint32_t index) {
+  const Instance& instance = scene.instances[index];
+  if (instance.emitter != k_none || scene.shapes[instance.shape].kind != ShapeKind::mesh) return false;
+  for (uint32_t b = instance.bsdf; b != k_none; b = scene.bsdfs[b].two_sided ? scene.bsdfs[b].back : k_none) {
+    const Bsdf& bsdf = scene.bsdfs[b];
+    if (bsdf.kind != BsdfKind::diffuse || scene.textures[bsdf.reflectance].kind != TextureKind::constant) return false;
+    if (resolve_material(scene, b, Vec2(0.5f), 1.0f).masked()) return false;
+  }
+  return true;
+}
+
+SurfaceRadiance::SurfaceRadiance(const Scene& scene, uint32_t index, float patch) : scene_(scene), instance_(index) {
+  const Instance& instance = scene.instances[index];
+  const TriangleMesh& mesh = scene.shapes[instance.shape].mesh;
+  first_.reserve(mesh.triangles.size() + 1);
+  divisor_.reserve(mesh.triangles.size());
+  uint64_t count = 0;
+  for (const UVec3& t : mesh.triangles) {
+    const auto edge = [&](uint32_t a, uint32_t b) {
+      return glm::length(transform_vector(instance.to_world, mesh.positions[a] - mesh.positions[b]));
+    };
+    const float longest = std::max({edge(t.x, t.y), edge(t.y, t.z), edge(t.z, t.x)});
+    const int n = std::clamp(int(std::ceil(std::min(longest / patch, float(k_most_divisions)))), 1, k_most_divisions);
+    first_.push_back(uint32_t(count));
+    divisor_.push_back(uint16_t(n));
+    count += uint64_t(n) * uint64_t(n);
+  }
+  first_.push_back(uint32_t(count));
+  radiance_.assign(2 * count, Rgb(0.0f));
+  shaded_.assign(2 * count, 0);
+}
+
+PathVertex SurfaceRadiance::vertex_of(Side side, const TransportContext& context) const {
+  const uint32_t patch = side / 2;
+  const bool back = side % 2 != 0;
+  const auto triangle = uint32_t(std::upper_bound(first_.begin(), first_.end(), patch) - first_.begin() - 1);
+  const PatchCentre centre = patch_centre(divisor_[triangle], patch - first_[triangle]);
+  const RayBatch rays;  // meshes do not ask for the ray
+  HitBatch hits;
+  hits.resize(1);
+  hits.instance[0] = instance_;
+  hits.primitive[0] = triangle;
+  hits.u[0] = centre.u, hits.v[0] = centre.v;
+  PathVertex v;
+  v.surface = surface_at(scene_, rays, hits, 0);
+  v.facing = back ? -v.surface.geometric_normal : v.surface.geometric_normal;
+  const bool turned = glm::dot(v.facing, v.surface.shading_normal) < 0.0f;
+  v.material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, back ? -1.0f : 1.0f);
+  v.frame = frame_about(turned ? -v.surface.shading_normal : v.surface.shading_normal);
+  v.seed = scalar::vertex_seed(context.settings.seed, side, instance_, k_patch_stream);
+  v.lobe_samples = 0.0f;  // lights are found by their own samples alone
+  return v;
+}
+
+void SurfaceRadiance::shade(std::span<const Side> sides, const TransportContext& context, Stats& stats) {
+  std::vector<Side> missing;
+  std::vector<PathVertex> vertices;
+  for (const Side side : sides) {
+    if (shared(shaded_[side]).load(std::memory_order_acquire)) continue;
+    PathVertex v = vertex_of(side, context);
+    if (v.material.dark) {  // its radiance is zero
+      shared(shaded_[side]).store(1, std::memory_order_release);
+      continue;
+    }
+    missing.push_back(side);
+    vertices.push_back(v);
+  }
+  if (missing.empty()) return;
+  const std::vector<PathState> paths(1);
+  std::vector<Rgb> arriving(missing.size());
+  DirectLight direct(context);
+  direct.gather(vertices, paths, k_light_samples, {}, arriving, stats);
+  for (size_t i = 0; i < missing.size(); ++i) {
+    for (int c = 0; c < 3; ++c) shared(radiance_[missing[i]][c]).store(arriving[i][c], std::memory_order_relaxed);
+    shared(shaded_[missing[i]]).store(1, std::memory_order_release);
+  }
+}
+
+Rgb SurfaceRadiance::radiance(Side side) const {
+  Rgb value;
+  for (int c = 0; c < 3; ++c) value[c] = shared(radiance_[side][c]).load(std::memory_order_relaxed);
+  return value;
+}
+
+SurfaceRadiance::Side SurfaceRadiance::side_at(uint32_t triangle, float u, float v, bool back) const {
+  const int n = divisor_[triangle];
+  const auto cell = [n](float x) { return std::clamp(int(x * float(n)), 0, n - 1); };
+  int i = cell(u), j = cell(v);
+  if (i + j > n - 1) j = n - 1 - i;  // beyond the far edge by rounding
+  const float fu = u * float(n) - float(i), fv = v * float(n) - float(j);
+  const bool upper = fu + fv > 1.0f && i + j < n - 1;
+  return 2 * (first_[triangle] + uint32_t(patch_place(n, i, j, upper))) + (back ? 1 : 0);
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,54 @@
+// The diffuse radiance that leaves an instance's surface by direct light, shaded once for small patches of its
+// triangles, those that are asked for.
+//
+// Lights and objects stand still during a picture, and what a diffuse surface sends out is the same in all directions:
+// every glossy ray that meets the object may share it. A triangle is cut into n x n patches, n from its longest edge.
+// Light samples alone, no bounces. Space: world for lengths, linear radiance. Thread-safety: any number of threads may
+// shade and read at once; a patch that two of them shade comes out the same.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "hybrid/transport.h"
+
+namespace fieldtrace {
+
+class SurfaceRadiance {
+ public:
+  // Light samples of each patch, towards every light.
+  static constexpr int k_light_samples = 16;
+
+  // A side of a patch: 2 patch + 1 on the side that the geometric normal points away from, else 2 patch.
+  using Side = uint32_t;
+
+  // Whether an instance's radiance is the same in all directions and depends on nothing that patches do not resolve: a
+  // mesh of one diffuse colour that does not glow.
+  static bool suits(const Scene& scene, uint32_t instance);
+
+  // `patch`: the longest edge of a patch, world units, > 0.
+  SurfaceRadiance(const Scene& scene, uint32_t instance, float patch);
+
+  uint32_t instance() const { return instance_; }
+  size_t patch_count() const { return first_.empty() ? 0 : first_.back(); }
+  uint64_t bytes() const { return radiance_.size() * sizeof(Rgb) + shaded_.size() + first_.size() * sizeof(uint32_t); }
+
+  // At barycentric coordinates of vertices 1 and 2, within rounding of the triangle.
+  Side side_at(uint32_t triangle, float u, float v, bool back) const;
+  // Shades those of `sides` that are not shaded yet, by the lights of `context`, whose answerer decides what they see.
+  void shade(std::span<const Side> sides, const TransportContext& context, Stats& stats);
+  // Unchecked: shaded.
+  Rgb radiance(Side side) const;
+
+ private:
+  PathVertex vertex_of(Side side, const TransportContext& context) const;
+
+  const Scene& scene_;
+  uint32_t instance_;
+  std::vector<uint32_t> first_;    // per triangle and one more: its first patch
+  std::vector<uint16_t> divisor_;  // per triangle: n
+  std::vector<Rgb> radiance_;      // per side
+  std::vector<uint8_t> shaded_;    // per side: 1 once its radiance is there
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,247 @@
+// Glossy rays answered by pictures of radiance: what the pictures hold, how they are filtered, and whole renders
+// against Monte Carlo.
+
+#include "hybrid/lobe_answerer.h"
+
+#include <gtest/gtest.h>
+
+#include "core/mesh_procedural.h"
+#include "hybrid/compare.h"
+#include "hybrid/render.h"
+#include "hybrid/shadow_answerer.h"
+#include "tests/field_checks.h"
+#include "tests/random_lines.h"
+#include "tests/small_scenes.h"
+
+namespace fieldtrace {
+namespace {
+
+using test::SceneMaker;
+
+constexpr float k_albedo = 0.5f;
+
+// A rough metal floor under a knot, lit by a lamp and, if asked, the sky.
+SceneMaker glossy_scene(float alpha, bool sky, int resolution = 48) {
+  SceneMaker m;
+  m.film(resolution, resolution);
+  m.scene.camera.to_world = test::look_at({3, 3, 5}, {0, 0.4f, 0}, {0, 1, 0});
+  m.scene.integrator.max_depth = 3;
+  const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(k_albedo, 0.4f, 0.3f));
+  m.scene.bsdfs[clay].two_sided = true;
+  const uint32_t metal = m.bsdf(BsdfKind::rough_conductor, Rgb(0.9f));
+  m.scene.bsdfs[metal].microfacet = MicrofacetKind::ggx;
+  m.scene.bsdfs[metal].alpha_u = m.scene.bsdfs[metal].alpha_v = alpha;
+  const uint32_t knot = m.mesh(make_knot({.along = 256, .around = 24}));
+  m.instance(knot, clay, test::translation({0, 1.2f, 0}));
+  const Affine floor(Vec3(6, 0, 0), Vec3(0, 0, -6), Vec3(0, 6, 0), Vec3(0));
+  m.instance(m.shape(ShapeKind::rectangle), metal, floor);
+  const Affine lamp(Vec3(0.4f, 0, 0), Vec3(0, 0.4f, 0), Vec3(0, 0, 0.4f), Vec3(2, 4, 2));
+  m.area_light(m.instance(m.shape(ShapeKind::sphere), clay, lamp), Rgb(60.0f));
+  if (sky) m.light(EmitterKind::constant, Rgb(0.3f));
+  return m;
+}
+
+RenderOptions options_for(Method method, int lobe_samples) {
+  RenderOptions o;
+  o.method = method;
+  o.spp = 1;
+  o.light_samples = 4;
+  o.lobe_samples = lobe_samples;
+  o.seed = 3;
+  o.threads = 2;
+  return o;
+}
+
+TEST(GlossyLobes, AreThoseOfMonteCarloWhenConverged) {
+  for (const float alpha : {0.15f, 0.4f}) {
+    for (const bool sky : {false, true}) {
+      const Scene scene = glossy_scene(alpha, sky).scene;
+      const Image expected = render(scene, options_for(Method::monte_carlo, 1024)).image;
+      const RenderResult fields = render(scene, options_for(Method::hybrid, 1024));
+      EXPECT_GT(fields.stats.rays_glossy_exact, 0u);
+      EXPECT_GT(fields.stats.rays_glossy, 2 * fields.stats.rays_glossy_exact) << alpha;
+      const ImageDifference d = compare_images(fields.image, expected);
+      EXPECT_LE(d.rmse, 0.006) << alpha << " " << sky;
+      EXPECT_LE(std::abs(d.bias), 0.0015) << alpha << " " << sky;
+      EXPECT_LE(d.worst_block_rmse, 0.02) << alpha << " " << sky;
+    }
+  }
+}
+
+// Filtered samples make up for what filtering blurs.
+TEST(GlossyLobes, FewSamplesAreNoWorseThanRays) {
+  // A part of a film large enough for pictures to pay.
+  const Scene scene = glossy_scene(0.3f, false, 512).scene;
+  const auto picture = [&](Method method, int lobe_samples) {
+    RenderOptions o = options_for(method, lobe_samples);
+    o.crop = Rect{220, 300, 64, 32};
+    return render(scene, o);
+  };
+  // The same camera rays: their noise would hide the lobes'.
+  const Image expected = picture(Method::monte_carlo, 4096).image;
+  const RenderResult fields = picture(Method::hybrid, 16);
+  EXPECT_GT(fields.stats.rays_glossy_exact, 0u);
+  EXPECT_LE(compare_images(fields.image, expected).rmse,
+            compare_images(picture(Method::monte_carlo, 16).image, expected).rmse);
+}
+
+TEST(GlossyLobes, AtToleranceZeroAreMonteCarlo) {
+  const Scene scene = glossy_scene(0.2f, true).scene;
+  RenderOptions o = options_for(Method::hybrid, 8);
+  o.tolerance = 0.0f;
+  const RenderResult r = render(scene, o);
+  EXPECT_EQ(r.image.data, render(scene, options_for(Method::monte_carlo, 8)).image.data);
+  EXPECT_EQ(r.stats.rays_glossy_exact, 0u);
+}
+
+TEST(GlossyLobes, AreTheSameOnEveryMachine) {
+  const Scene scene = glossy_scene(0.15f, false, 32).scene;
+  RenderOptions o = options_for(Method::hybrid, 1024);
+  o.isa = Isa::scalar;
+  o.threads = 1;
+  const RenderResult expected = render(scene, o);
+  EXPECT_GT(expected.stats.rays_glossy_exact, 0u);  // pictures were asked
+  EXPECT_GT(expected.stats.rays_glossy, 2 * expected.stats.rays_glossy_exact);
+  for (const Isa isa : supported_isas()) {
+    o.isa = isa;
+    o.threads = 3;
+    EXPECT_EQ(render(scene, o).image.data, expected.image.data) << isa_name(isa);
+  }
+  o.crop = Rect{5, 7, 9, 11};
+  const Image part = render(scene, o).image;
+  for (int y = 0; y < 11; ++y) {
+    for (int x = 0; x < 9; ++x) {
+      for (int c = 0; c < 3; ++c) EXPECT_EQ(part.pixel(x, y)[c], expected.image.pixel(x + 5, y + 7)[c]);
+    }
+  }
+}
+
+// Lobes narrower than the pictures' texels are left to rays; the rougher they are the more pictures answer.
+TEST(GlossyLobes, SmoothOnesAreLeftToRays) {
+  double last = 1.0;
+  for (const float alpha : {0.001f, 0.03f, 0.1f, 0.3f}) {
+    const Scene scene = glossy_scene(alpha, false, 32).scene;
+    const RenderResult r = render(scene, options_for(Method::hybrid, 512));
+    const double exact = double(r.stats.rays_glossy_exact) / double(r.stats.rays_glossy);
+    EXPECT_GT(r.stats.lookups, 0u) << alpha;
+    EXPECT_LE(exact, last) << alpha;
+    last = exact;
+    if (alpha > 0.001f) continue;
+    RenderOptions o = options_for(Method::monte_carlo, 512);
+    EXPECT_LE(compare_images(r.image, render(scene, o).image).rmse, 0.002);
+  }
+  EXPECT_LT(last, 0.1);
+}
+
+// A convex object in a white furnace sends out albedo x radiance everywhere, outside and, one-sided, nothing inside.
+TEST(SurfaceRadiance, OfAConvexObjectInAFurnace) {
+  SceneMaker m;
+  const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(k_albedo, 0.4f, 0.3f));
+  const uint32_t ball = m.instance(m.mesh(make_sphere({.around = 24, .along = 12})), clay, test::scaling({2, 1, 3}));
+  m.light(EmitterKind::constant, Rgb(2.0f));
+  const Accel accel(m.scene);
+  const CameraSampler camera(m.scene.camera, m.scene.film);
+  const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()), {});
+  TransportSettings settings;
+  settings.isa = resolve_isa(Isa::automatic);
+  const TransportContext context(m.scene, accel, camera, exact, settings);
+  SurfaceRadiance radiance(m.scene, ball, 0.1f);
+  TestRandom random(4);
+  const auto triangles = uint32_t(m.scene.shapes[0].mesh.triangles.size());
+  EXPECT_GT(radiance.patch_count(), size_t(triangles) * 4);
+  double mean = 0.0;
+  for (int i = 0; i < 1000; ++i) {
+    float u = random.uniform(0.0f, 1.0f), v = random.uniform(0.0f, 1.0f);
+    if (u + v > 1.0f) u = 1.0f - u, v = 1.0f - v;
+    const uint32_t t = random.index(triangles);
+    const SurfaceRadiance::Side sides[] = {radiance.side_at(t, u, v, false), radiance.side_at(t, u, v, true)};
+    Stats stats;
+    radiance.shade(sides, context, stats);
+    const Rgb front = radiance.radiance(sides[0]);
+    // At most an eighth of the 16 stratified samples about a smooth normal lie below the facet.
+    EXPECT_NEAR(front.x, 2.0f * k_albedo, 0.13f);
+    mean += front.x / 1000.0;
+    EXPECT_NEAR(front.y / front.x, 0.8f, 1e-5f);
+    EXPECT_EQ(radiance.radiance(sides[1]), Rgb(0.0f));
+  }
+  EXPECT_NEAR(mean, 2.0f * k_albedo, 0.02);
+}
+
+// Every point of a triangle belongs to the patch about whose centre it lies.
+TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
+  SceneMaker m;
+  const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(1.0f));
+  TriangleMesh mesh;
+  mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  mesh.triangles = {{0, 1, 2}};
+  const uint32_t plate = m.instance(m.mesh(mesh), clay, Affine(1.0f));
+  // Irradiance from this point light falls with the distance from the corner at the origin.
+  m.light(EmitterKind::point, Rgb(1.0f), {0, 0, 0.5f});
+  const Accel accel(m.scene);
+  const CameraSampler camera(m.scene.camera, m.scene.film);
+  const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()), {});
+  TransportSettings settings;
+  settings.isa = resolve_isa(Isa::automatic);
+  const TransportContext context(m.scene, accel, camera, exact, settings);
+  const float patch = 0.05f;
+  SurfaceRadiance radiance(m.scene, plate, patch);
+  const auto analytic = [](float u, float v) {
+    const float r2 = u * u + v * v + 0.25f;
+    return 0.5f / (r2 * std::sqrt(r2)) / k_pi;
+  };
+  for (float u = 0.0f; u <= 1.0f; u += 0.01f) {
+    for (float v = 0.0f; u + v <= 1.0f; v += 0.01f) {
+      // No further than a patch's edge from its centre; the gradient is below 2.5 times the value there.
+      const float expected = analytic(u, v);
+      const SurfaceRadiance::Side side[] = {radiance.side_at(0, u, v, false)};
+      Stats stats;
+      radiance.shade(side, context, stats);
+      EXPECT_NEAR(radiance.radiance(side[0]).x, expected, patch * 2.5f * expected) << u << " " << v;
+    }
+  }
+}
+
+// Sums over any rectangle are those of its texels.
+TEST(RadianceTiles, SumsAreThoseOfTheirTexels) {
+  CoverageTiles tiles(32, 64, nullptr, TilePayload::radiance);
+  TestRandom random(9);
+  const int side = tiles.lines();
+  std::vector<Rgb> plane(size_t(side) * side, Rgb(0.0f));
+  const uint32_t direction = 77;
+  for (uint32_t slot = 0; slot < tiles.slot_count(); ++slot) {
+    const CoverageTiles::Place place = tiles.place(slot);
+    if (place.direction != direction) continue;
+    TileLines lines(CoverageTiles::k_lines_per_tile);
+    std::vector<Rgb> colours(CoverageTiles::k_lines_per_tile, Rgb(0.0f));
+    for (int i = 0; i < int(lines.size()); ++i) {
+      if (random.uniform(0.0f, 1.0f) < 0.5f) continue;
+      lines[size_t(i)] = uint16_t(1 + random.index(1000));
+      colours[size_t(i)] = Rgb(random.log_uniform(1e-3f, 1e3f), random.uniform(0.0f, 1.0f), 1.0f);
+      plane[size_t(place.y + i / 32) * size_t(side) + size_t(place.x + i % 32)] = colours[size_t(i)];
+    }
+    ASSERT_TRUE(tiles.claim(slot));
+    ASSERT_TRUE(tiles.finish(slot, lines, colours));
+  }
+  for (int k = 0; k < 300; ++k) {
+    scalar::PlaneRect<float> r;
+    const float w = random.log_uniform(0.1f, 60.0f), h = random.log_uniform(0.1f, 60.0f);
+    r.x0 = random.uniform(0.0f, float(side) - w), r.x1 = r.x0 + w;
+    r.y0 = random.uniform(0.0f, float(side) - h), r.y1 = r.y0 + h;
+    double expected[3] = {};
+    for (int y = int(r.y0); y < side && float(y) < r.y1; ++y) {
+      for (int x = int(r.x0); x < side && float(x) < r.x1; ++x) {
+        const double part = double(std::min(r.x1, float(x + 1)) - std::max(r.x0, float(x))) *
+                            double(std::min(r.y1, float(y + 1)) - std::max(r.y0, float(y)));
+        for (int c = 0; c < 3; ++c) expected[c] += part * double(plane[size_t(y) * size_t(side) + size_t(x)][c]);
+      }
+    }
+    const auto sum = scalar::sum_radiance_area<float>(tiles.view(), int32_t(direction), r, true);
+    // Differences of sums of up to 1024 texels of up to 1000.
+    EXPECT_NEAR(sum.red, expected[0], 1e-4 * expected[0] + 1.0) << w << " " << h;
+    EXPECT_NEAR(sum.green, expected[1], 1e-4 * expected[1] + 1e-3);
+    EXPECT_NEAR(sum.blue, expected[2], 1e-4 * expected[2] + 1e-3);
+  }
+}
+
+}  // namespace
+}  // namespace fieldtrace
