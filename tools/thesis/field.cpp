@@ -1,0 +1,137 @@
+#include "tools/thesis/field.h"
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+
+#include "core/parallel.h"
+#include "field/chart_thesis.hd.h"
+
+namespace fieldtrace {
+namespace {
+
+// Normal at a point of a triangle: the mesh's, interpolated, or else the triangle's own. Not normalised.
+DVec3 normal_at(const TriangleMesh& mesh, uint32_t primitive, const DVec3& geometric, const DVec3& at) {
+  if (mesh.normals.empty()) return geometric;
+  const UVec3 t = mesh.triangles[primitive];
+  const DVec3 p0(mesh.positions[t.x]), e1 = DVec3(mesh.positions[t.y]) - p0, e2 = DVec3(mesh.positions[t.z]) - p0;
+  const DVec3 n = glm::cross(e1, e2), q = at - p0;
+  const double area = glm::dot(n, n);
+  if (!(area > 0.0)) return geometric;
+  const double u = glm::dot(glm::cross(q, e2), n) / area, v = glm::dot(glm::cross(e1, q), n) / area;
+  return DVec3(mesh.normals[t.x]) * (1.0 - u - v) + DVec3(mesh.normals[t.y]) * u + DVec3(mesh.normals[t.z]) * v;
+}
+
+uint8_t encode_component(double x) {
+  return uint8_t(std::lround(std::clamp(x, -1.0, 1.0) * k_thesis_normal_zero) + k_thesis_normal_zero);
+}
+
+struct Workspace {
+  RayBatch rays;
+  ShapeHits hits;
+};
+
+void bake_position(const Accel& accel, const Scene& scene, uint32_t shape, uint32_t position, Workspace& work,
+                   ThesisField& field) {
+  const int m = field.m();
+  const ChartAxis axis = make_axis(m);
+  const Sphere& ball = field.ball();
+  const size_t count = size_t(m) * size_t(m);
+  work.rays.resize(count);
+  work.hits.resize(count);
+  for (int v = 0; v < m; ++v) {
+    for (int u = 0; u < m; ++u) {
+      const auto ray = scalar::ray_of_address<float>({int32_t(position), u, v}, axis);
+      const Vec3 point(ray.point.x, ray.point.y, ray.point.z), d(ray.direction.x, ray.direction.y, ray.direction.z);
+      // Directions of length R: t comes out in unit space.
+      work.rays.set(size_t(v) * size_t(m) + size_t(u), ball.centre + ball.radius * point, ball.radius * d, k_infinity);
+    }
+  }
+  accel.shape_intersect(shape, work.rays, work.hits);
+  uint8_t* distance = field.distances_of(position);
+  uint8_t* normal = field.normals_of(position);
+  for (size_t i = 0; i < count; ++i) {
+    const float t = work.hits.t[i];
+    if (!(t >= 0.0f)) continue;
+    distance[i] = uint8_t(std::min(std::lround(double(t) * (0.5 * k_thesis_steps)), long(k_thesis_steps)));
+    const DVec3 geometric(work.hits.nx[i], work.hits.ny[i], work.hits.nz[i]), d(work.rays.direction(i));
+    const DVec3 at = DVec3(work.rays.origin(i)) + d * double(t);
+    DVec3 n = glm::normalize(normal_at(scene.shapes[shape].mesh, work.hits.primitive[i], geometric, at));
+    if ((glm::dot(geometric, d) > 0.0) == (glm::dot(geometric, n) > 0.0)) n = -n;
+    for (int axis_index = 0; axis_index < 3; ++axis_index)
+      normal[3 * i + size_t(axis_index)] = encode_component(n[axis_index]);
+  }
+}
+
+}  // namespace
+
+ThesisField::ThesisField(const Sphere& ball, int m) : ball_(ball), m_(m) {
+  distance_.assign(samples() + k_field_padding, uint8_t(k_thesis_miss));
+  normal_.assign(3 * samples() + k_field_padding, uint8_t(k_thesis_normal_zero));
+}
+
+size_t ThesisField::samples() const { return size_t(scalar::k_thesis_positions) * size_t(m_) * size_t(m_); }
+
+ThesisFieldView ThesisField::view() const {
+  ThesisFieldView view;
+  view.directions = make_axis(m_);
+  view.m = m_;
+  view.distance = distance_.data();
+  view.normal = normal_.data();
+  return view;
+}
+
+Sphere thesis_ball(const TriangleMesh& mesh) {
+  Sphere ball;
+  ball.centre = mesh.bounds().centre();
+  for (const Vec3& p : mesh.positions) ball.radius = std::max(ball.radius, glm::length(p - ball.centre));
+  // The distance's rounding, and that of entry points: centre + radius * point, a few operations each.
+  ball.radius *= 1.0f + gamma_bound(32);
+  return ball;
+}
+
+std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& scene, uint32_t shape, int m,
+                                             const ThesisBakeCallbacks& callbacks) {
+  ThesisField field(thesis_ball(scene.shapes[shape].mesh), m);
+  constexpr uint32_t k_per_task = 32;
+  const uint32_t tasks = (uint32_t(scalar::k_thesis_positions) + k_per_task - 1) / k_per_task;
+  std::mutex mutex;
+  uint32_t done = 0;
+  parallel_for(tasks, [&](size_t task) {
+    if (callbacks.stop && *callbacks.stop) return;
+    Workspace work;
+    const uint32_t begin = uint32_t(task) * k_per_task;
+    const uint32_t end = std::min(begin + k_per_task, uint32_t(scalar::k_thesis_positions));
+    for (uint32_t position = begin; position < end; ++position)
+      bake_position(accel, scene, shape, position, work, field);
+    const std::lock_guard lock(mutex);
+    ++done;
+    if (callbacks.progress) callbacks.progress(float(done) / float(tasks));
+  });
+  if (callbacks.stop && *callbacks.stop) return std::nullopt;
+  return field;
+}
+
+float thesis_slack(int m) {
+  constexpr float k_entry_radius = 0.0427f, k_half_diagonal = 1.41421356f, k_half_step = 1.0f / float(k_thesis_steps);
+  return k_entry_radius + k_half_diagonal / float(m) + k_half_step;
+}
+
+ThesisInstanceView thesis_instance_view(const ThesisField& field, const Instance& instance, uint32_t index) {
+  ThesisInstanceView view;
+  view.field = field.view();
+  view.slack = thesis_slack(field.m());
+  view.instance = index;
+  const DVec3 centre(field.ball().centre);
+  const double inverse = 1.0 / double(field.ball().radius);
+  for (int column = 0; column < 4; ++column) {
+    const DVec3 c = (DVec3(instance.to_object[column]) - (column == 3 ? centre : DVec3(0.0))) * inverse;
+    for (int row = 0; row < 3; ++row) view.to_unit[3 * column + row] = float(c[row]);
+  }
+  for (int column = 0; column < 3; ++column) {
+    for (int row = 0; row < 3; ++row) view.to_normal[3 * column + row] = instance.to_object[row][column];
+  }
+  return view;
+}
+
+}  // namespace fieldtrace
