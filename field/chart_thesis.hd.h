@@ -230,13 +230,33 @@ struct ThesisRay {
   Vec3Lanes<F> point, direction;
 };
 
+// All rays of a position share its point and frame, all rays of a direction cell their direction in that frame.
+template <class F>
+struct ThesisPosition {
+  Vec3Lanes<F> point;
+  Basis<F> frame;
+};
+
+template <class F>
+FT_HD_INLINE ThesisPosition<F> thesis_position(Int_t<F> index) {
+  const ThesisVertex<F> vertex = thesis_vertex_of_index<F>(index);
+  const Vec3Lanes<F> p = thesis_point(vertex);
+  return {p, thesis_frame(p, vertex.lower)};
+}
+
+template <class F>
+FT_HD_INLINE Vec3Lanes<F> thesis_inward(Int_t<F> u, Int_t<F> v, const ChartAxis& directions) {
+  return inward_from_square(centre_of<F>(u, directions), centre_of<F>(v, directions));
+}
+
+template <class F>
+FT_HD_INLINE ThesisRay<F> thesis_ray(const ThesisPosition<F>& at, const Vec3Lanes<F>& inward) {
+  return {at.point, at.frame.x * inward.x + at.frame.y * inward.y - at.point * inward.z};
+}
+
 template <class F>
 FT_HD_INLINE ThesisRay<F> ray_of_address(const ThesisAddress<F>& at, const ChartAxis& directions) {
-  const ThesisVertex<F> vertex = thesis_vertex_of_index<F>(at.position);
-  const Vec3Lanes<F> p = thesis_point(vertex);
-  const Basis<F> frame = thesis_frame(p, vertex.lower);
-  const Vec3Lanes<F> d = inward_from_square(centre_of<F>(at.u, directions), centre_of<F>(at.v, directions));
-  return {p, frame.x * d.x + frame.y * d.y - p * d.z};
+  return thesis_ray(thesis_position<F>(at.position), thesis_inward<F>(at.u, at.v, directions));
 }
 
 FT_LANES_END

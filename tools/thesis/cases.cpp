@@ -28,14 +28,17 @@ PhongMaterial mirror(const Rgb& colour, float share) {
 constexpr Rgb k_red{0.95f, 0.45f, 0.35f}, k_green{0.45f, 0.85f, 0.5f}, k_blue{0.45f, 0.6f, 0.95f};
 constexpr Rgb k_sand{0.9f, 0.8f, 0.6f}, k_grey{0.75f, 0.75f, 0.78f};
 
+// What mirrors see where nothing is.
+constexpr Rgb k_sky{0.3f, 0.36f, 0.45f};
+
 const PhongLight k_key = {{3.0f, -4.0f, 4.0f}, Rgb(1.0f)};
 
-// One object, seen from the front and somewhat above.
-ThesisCase single(const char* name, const char* title, TriangleMesh mesh, const Rgb& colour) {
+// One object, whose name says which mesh it is, seen from the front and somewhat above.
+ThesisCase single(const char* name, const char* title, const char* object, TriangleMesh mesh, const Rgb& colour) {
   ThesisCase c;
   c.scene.name = name;
   c.scene.title = title;
-  add_phong_instance(c.scene, add_phong_shape(c.scene, name, std::move(mesh)), coloured(colour));
+  add_phong_instance(c.scene, add_phong_shape(c.scene, object, std::move(mesh)), coloured(colour));
   c.scene.camera.eye = {0.6f, -3.0f, 1.4f};
   c.scene.camera.fov_degrees = 36.0f;
   c.scene.lights = {k_key};
@@ -58,7 +61,7 @@ TriangleMesh upright_bunny(const std::string& path) {
 ThesisCase bunny_case(const std::string& path, bool two_lights) {
   const bool found = std::filesystem::exists(path);
   const char* name = two_lights ? "bunny_two_lights" : "bunny";
-  ThesisCase c = single(name, two_lights ? "Bunny, two lights" : "Bunny",
+  ThesisCase c = single(name, two_lights ? "Bunny, two lights" : "Bunny", "bunny",
                         found ? upright_bunny(path) : make_knot({.along = 1088, .around = 32}), k_sand);
   if (!found) c.scene.title = std::string("Torus knot in place of the bunny") + (two_lights ? ", two lights" : "");
   if (two_lights) {
@@ -70,7 +73,7 @@ ThesisCase bunny_case(const std::string& path, bool two_lights) {
 }
 
 ThesisCase hyperboloid_case() {
-  ThesisCase c = single("hyperboloid", "Hyperboloid", make_hyperboloid(), k_blue);
+  ThesisCase c = single("hyperboloid", "Hyperboloid", "hyperboloid", make_hyperboloid(), k_blue);
   c.thesis_triangles = 16384;
   c.figures = {{32, 12.38, 11.30, 37}, {64, 8.58, 7.18, 37}, {128, 6.68, 5.28, 40}};
   return c;
@@ -83,10 +86,11 @@ ThesisCase reflection_1() {
   c.thesis_triangles = 32512;
   const uint32_t hyperboloid = add_phong_shape(c.scene, "hyperboloid", make_hyperboloid());
   const uint32_t supershape = add_phong_shape(c.scene, "supershape 1", thesis_supershape_1());
-  add_phong_instance(c.scene, hyperboloid, mirror(k_grey, 0.6f), {-0.75f, 0.2f, 0.0f});
-  add_phong_instance(c.scene, supershape, coloured(k_red), {0.85f, -0.3f, 0.0f}, 0.8f);
+  add_phong_instance(c.scene, hyperboloid, mirror(k_grey, 0.6f), {-0.6f, 0.3f, 0.0f});
+  add_phong_instance(c.scene, supershape, coloured(k_red), {0.55f, -0.6f, -0.1f}, 0.75f);
+  c.scene.background = k_sky;
   c.scene.camera.eye = {-0.4f, -4.2f, 1.2f};
-  c.scene.camera.fov_degrees = 40.0f;
+  c.scene.camera.fov_degrees = 38.0f;
   c.scene.lights = {k_key};
   c.scene.reflections = 2;
   return c;
@@ -100,9 +104,10 @@ ThesisCase reflection_2() {
   c.thesis_triangles = 19384;
   c.polished = true;
   const uint32_t hyperboloid = add_phong_shape(c.scene, "hyperboloid", make_hyperboloid());
-  const uint32_t sphere = add_phong_shape(c.scene, "sphere", make_sphere({.around = 50, .along = 31}));
-  add_phong_instance(c.scene, hyperboloid, mirror(k_blue, 0.5f), {-0.7f, 0.0f, 0.0f});
-  add_phong_instance(c.scene, sphere, mirror(k_sand, 0.4f), {0.75f, -0.2f, -0.1f}, 0.7f);
+  const uint32_t sphere = add_phong_shape(c.scene, "sphere of 3,000", make_sphere({.around = 50, .along = 31}));
+  add_phong_instance(c.scene, hyperboloid, mirror(k_blue, 0.5f), {-0.6f, 0.0f, 0.0f});
+  add_phong_instance(c.scene, sphere, mirror(k_sand, 0.4f), {0.6f, -0.4f, -0.1f}, 0.6f);
+  c.scene.background = k_sky;
   c.scene.camera.eye = {0.2f, -4.2f, 1.3f};
   c.scene.camera.fov_degrees = 38.0f;
   c.scene.lights = {k_key};
@@ -128,7 +133,7 @@ ThesisCase shadow_scene() {
   const uint32_t first = add_phong_shape(c.scene, "supershape 1", thesis_supershape_1());
   const uint32_t second = add_phong_shape(c.scene, "supershape 2", thesis_supershape_2());
   const uint32_t hyperboloid = add_phong_shape(c.scene, "hyperboloid", make_hyperboloid());
-  const uint32_t sphere = add_phong_shape(c.scene, "sphere", make_sphere({.around = 65, .along = 48}));
+  const uint32_t sphere = add_phong_shape(c.scene, "sphere of 6,110", make_sphere({.around = 65, .along = 48}));
   add_phong_instance(c.scene, ground, coloured(k_grey), {0.0f, 0.0f, -0.75f});
   add_phong_instance(c.scene, first, coloured(k_red), {-0.8f, 0.5f, 0.0f}, 0.65f);
   add_phong_instance(c.scene, second, coloured(k_green), {0.85f, 0.6f, 0.05f}, 0.7f);
@@ -160,12 +165,12 @@ TriangleMesh thesis_supershape_2(int around, int along) {
 
 std::vector<ThesisCase> thesis_cases(const std::string& bunny) {
   std::vector<ThesisCase> cases;
-  cases.push_back(single("supershape_1", "Supershape 1", thesis_supershape_1(), k_red));
+  cases.push_back(single("supershape_1", "Supershape 1", "supershape 1", thesis_supershape_1(), k_red));
   cases.back().thesis_triangles = 16128;
   cases.push_back(hyperboloid_case());
   cases.push_back(bunny_case(bunny, false));
   cases.push_back(bunny_case(bunny, true));
-  cases.push_back(single("supershape_2", "Supershape 2", thesis_supershape_2(), k_green));
+  cases.push_back(single("supershape_2", "Supershape 2", "supershape 2", thesis_supershape_2(), k_green));
   cases.back().thesis_triangles = 16128;
   cases.back().scene.lights = {{{3.0f, -4.0f, 4.0f}, Rgb(0.6f)},
                                {{-4.0f, -2.0f, 2.0f}, Rgb(0.5f, 0.3f, 0.3f)},
@@ -180,7 +185,8 @@ PhongScene thesis_growing_scene(size_t triangles) {
   // 2 * around * (along - 1) with around = 2 * along.
   int along = 64;
   while (4 * size_t(along) * size_t(along - 1) < triangles) ++along;
-  return single("growing", "Supershape 1, finer", thesis_supershape_1(2 * along, along), k_red).scene;
+  return single("growing", "Supershape 1, finer", "supershape 1, finer", thesis_supershape_1(2 * along, along), k_red)
+      .scene;
 }
 
 }  // namespace fieldtrace

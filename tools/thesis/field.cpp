@@ -26,28 +26,40 @@ uint8_t encode_component(double x) {
   return uint8_t(std::lround(std::clamp(x, -1.0, 1.0) * k_thesis_normal_zero) + k_thesis_normal_zero);
 }
 
+// The direction cells' directions, v-major, in the frame of any position.
+std::vector<scalar::Vec3Lanes<float>> inward_directions(int m) {
+  std::vector<scalar::Vec3Lanes<float>> all;
+  for (int v = 0; v < m; ++v) {
+    for (int u = 0; u < m; ++u) all.push_back(scalar::thesis_inward<float>(u, v, make_axis(m)));
+  }
+  return all;
+}
+
 struct Workspace {
   RayBatch rays;
   ShapeHits hits;
 };
 
-void bake_position(const Accel& accel, const Scene& scene, uint32_t shape, uint32_t position, Workspace& work,
-                   ThesisField& field) {
-  const int m = field.m();
-  const ChartAxis axis = make_axis(m);
+struct BakeInput {
+  const Accel& accel;
+  const TriangleMesh& mesh;
+  uint32_t shape;
+  std::vector<scalar::Vec3Lanes<float>> inwards;
+};
+
+void bake_position(const BakeInput& input, uint32_t position, Workspace& work, ThesisField& field) {
   const Sphere& ball = field.ball();
-  const size_t count = size_t(m) * size_t(m);
+  const size_t count = input.inwards.size();
   work.rays.resize(count);
   work.hits.resize(count);
-  for (int v = 0; v < m; ++v) {
-    for (int u = 0; u < m; ++u) {
-      const auto ray = scalar::ray_of_address<float>({int32_t(position), u, v}, axis);
-      const Vec3 point(ray.point.x, ray.point.y, ray.point.z), d(ray.direction.x, ray.direction.y, ray.direction.z);
-      // Directions of length R: t comes out in unit space.
-      work.rays.set(size_t(v) * size_t(m) + size_t(u), ball.centre + ball.radius * point, ball.radius * d, k_infinity);
-    }
+  const auto at = scalar::thesis_position<float>(int32_t(position));
+  const Vec3 origin = ball.centre + ball.radius * Vec3(at.point.x, at.point.y, at.point.z);
+  for (size_t i = 0; i < count; ++i) {
+    const auto d = scalar::thesis_ray(at, input.inwards[i]).direction;
+    // Directions of length R: t comes out in unit space.
+    work.rays.set(i, origin, ball.radius * Vec3(d.x, d.y, d.z), k_infinity);
   }
-  accel.shape_intersect(shape, work.rays, work.hits);
+  input.accel.shape_intersect(input.shape, work.rays, work.hits);
   uint8_t* distance = field.distances_of(position);
   uint8_t* normal = field.normals_of(position);
   for (size_t i = 0; i < count; ++i) {
@@ -55,11 +67,10 @@ void bake_position(const Accel& accel, const Scene& scene, uint32_t shape, uint3
     if (!(t >= 0.0f)) continue;
     distance[i] = uint8_t(std::min(std::lround(double(t) * (0.5 * k_thesis_steps)), long(k_thesis_steps)));
     const DVec3 geometric(work.hits.nx[i], work.hits.ny[i], work.hits.nz[i]), d(work.rays.direction(i));
-    const DVec3 at = DVec3(work.rays.origin(i)) + d * double(t);
-    DVec3 n = glm::normalize(normal_at(scene.shapes[shape].mesh, work.hits.primitive[i], geometric, at));
+    const DVec3 hit = DVec3(origin) + d * double(t);
+    DVec3 n = glm::normalize(normal_at(input.mesh, work.hits.primitive[i], geometric, hit));
     if ((glm::dot(geometric, d) > 0.0) == (glm::dot(geometric, n) > 0.0)) n = -n;
-    for (int axis_index = 0; axis_index < 3; ++axis_index)
-      normal[3 * i + size_t(axis_index)] = encode_component(n[axis_index]);
+    for (int axis = 0; axis < 3; ++axis) normal[3 * i + size_t(axis)] = encode_component(n[axis]);
   }
 }
 
@@ -93,6 +104,7 @@ Sphere thesis_ball(const TriangleMesh& mesh) {
 std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& scene, uint32_t shape, int m,
                                              const ThesisBakeCallbacks& callbacks) {
   ThesisField field(thesis_ball(scene.shapes[shape].mesh), m);
+  const BakeInput input = {accel, scene.shapes[shape].mesh, shape, inward_directions(m)};
   constexpr uint32_t k_per_task = 32;
   const uint32_t tasks = (uint32_t(scalar::k_thesis_positions) + k_per_task - 1) / k_per_task;
   std::mutex mutex;
@@ -102,8 +114,7 @@ std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& sc
     Workspace work;
     const uint32_t begin = uint32_t(task) * k_per_task;
     const uint32_t end = std::min(begin + k_per_task, uint32_t(scalar::k_thesis_positions));
-    for (uint32_t position = begin; position < end; ++position)
-      bake_position(accel, scene, shape, position, work, field);
+    for (uint32_t position = begin; position < end; ++position) bake_position(input, position, work, field);
     const std::lock_guard lock(mutex);
     ++done;
     if (callbacks.progress) callbacks.progress(float(done) / float(tasks));
