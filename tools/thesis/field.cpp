@@ -24,8 +24,8 @@ DVec3 normal_at(const TriangleMesh& mesh, uint32_t primitive, const DVec3& geome
 
 // Symmetric objects have edges in the very planes that entry points lie in, and a ray that meets an edge exactly may
 // slip through between its triangles (docs/decisions/002-embree-packets.md): one sample in 5,000 of a sphere did. So
-// rays begin beside their entry points by an odd step, in unit space, a hundredth of the distance between these: 2^-12
-// is far above the rounding of positions and far below what a picture shows.
+// rays begin beside their entry points by an odd step, in unit space, less than a hundredth of the distance between
+// these: 2^-12 is far above the rounding of positions and far below what a picture shows.
 constexpr float k_nudge_x = 0.61803399f * 0x1p-12f, k_nudge_y = 0.27639320f * 0x1p-12f;
 
 uint8_t encode_component(double x) {

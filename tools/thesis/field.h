@@ -1,7 +1,7 @@
 // The thesis' displacement field of one object: for 4,226 entry points times M x M directions the distance to the
 // surface and the normal there, baked whole with Embree.
 //
-// Source: A. Andreadis, 2008, sections 3.1 and 3.2. Memory layout: tools/thesis/field_view.h. Thread-safety: const
+// Source: A. Andreadis, 2008. Memory layout: tools/thesis/field_view.h. Thread-safety: const
 // after baking.
 #pragma once
 

@@ -1,6 +1,6 @@
 // Look-ups in a thesis field: the nearest sample's distance and normal. Written once for a float and a SIMD vector.
 //
-// Source: A. Andreadis, 2008, sections 3.2.1 (field look-up) and 3.2.3 (shadows). Thread-safety: pure functions.
+// Source: A. Andreadis, 2008, algorithms 1 to 7 and section 3.2.3 (shadows). Thread-safety: pure functions.
 
 #if defined(FIELDTRACE_TOOLS_THESIS_LOOK_UP_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_TOOLS_THESIS_LOOK_UP_HD_H_

@@ -23,7 +23,7 @@ struct ThesisRunOptions {
 
   int size() const { return quick ? 96 : 512; }
   std::vector<int> resolutions() const { return quick ? std::vector{32} : std::vector{32, 64, 128}; }
-  int repeats() const { return quick ? 1 : 5; }
+  int repeats() const { return quick ? 1 : 9; }
 };
 
 // One case at one M.

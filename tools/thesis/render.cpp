@@ -35,7 +35,7 @@ struct CameraRays {
   }
 };
 
-// Algorithms 3 and 4: the light equation at one surface, for one light that reaches it.
+// Phong's light equation at one surface, for one light that reaches it.
 Rgb lit_colour(const PhongMaterial& material, const PhongLight& light, const PhongSurface& s, const Vec3& view) {
   const Vec3 to_light = glm::normalize(light.position - s.position);
   const float facing = glm::dot(s.normal, to_light);
@@ -104,7 +104,7 @@ class TileRenderer {
     return reflects ? 1.0f - scene_.materials[s.instance].mirror : 1.0f;
   }
 
-  // Algorithms 2 to 5: own light of what the rays met, or the background; all lights with their shadows.
+  // Own light of what the rays met, or the background; all lights with their shadows.
   void shade(bool reflects) {
     reflects_ = reflects;
     for (size_t i = 0; i < batch_.rays.size; ++i) {
@@ -136,7 +136,7 @@ class TileRenderer {
     }
   }
 
-  // Algorithms 6 and 7: the mirrors' rays become the next batch.
+  // Reflection: the mirrors' rays become the next batch.
   void reflect(uint32_t depth) {
     next_paths_.clear();
     origins_.clear();

@@ -1,7 +1,7 @@
 // Scenes of the thesis: meshes and their instances, Phong materials, point lights, a pinhole camera.
 //
 // Geometry is a fieldtrace::Scene, so that Embree and the fields see the same triangles. Its cameras, emitters and
-// materials are not used: the thesis' light equation (its section 3.3) knows neither falloff nor energy.
+// materials are not used: the thesis' light equation knows neither falloff nor energy.
 // Space: world. Colours are display values in [0, 1], shown as they are (0 ... 255), without a transfer curve.
 // Thread-safety: values, const during rendering.
 #pragma once
