@@ -1,6 +1,7 @@
 // Runs the thesis' test cases: fields of every M and references by exact rays, with errors, times and memory.
 //
-// Times are the median of several renders, in milliseconds of wall clock, pictures only: without loading and baking.
+// Times are the least of several renders, in milliseconds of wall clock, pictures only: without loading and baking. The
+// least, because whatever else the machine does can only add to it.
 // Thread-safety: uses all threads that the caller's TBB arena allows; run one at a time, else times disturb each other.
 #pragma once
 

@@ -50,7 +50,8 @@ std::string main_table(const ThesisReport& report) {
   std::string html =
       "<h2>Test cases</h2>\n<p>Grey in brackets: the thesis' own figures, of its views, lights and 2008's GPU. RMS on "
       "0 ... 255 "
-      "against exact rays, plain and with the field's picture blurred (5 x 5 Gaussian, 1 pixel). ms: median, one "
+      "against exact rays, plain and with the field's picture blurred (5 x 5 Gaussian, 1 pixel). ms: least of several, "
+      "one "
       "picture, baking not counted. MB: 2<sup>20</sup> bytes, all objects of the case.</p>\n<table><tr><th "
       "class=\"l\">case</th>"
       "<th>triangles</th><th>lights</th><th>M</th><th>RMS</th><th>blurred</th><th>RMS, polished</th><th>blurred</th>"
