@@ -199,7 +199,6 @@ TEST_F(CommandLine, WhatIsNotBuiltSaysSo) {
     all.insert(all.end(), option.begin(), option.end());
     expect_failure(2, "not available yet", all);
   }
-  expect_failure(2, "not available yet", {"thesis", "-o", "out"});
 }
 
 TEST_F(CommandLine, BadInputExitsWith1AndNamesTheFile) {

@@ -1,0 +1,174 @@
+#include <fmt/format.h>
+
+#include "tools/thesis/claims.h"
+#include "tools/thesis/plots.h"
+#include "tools/thesis/report.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr double k_mb = 1.0 / (1024.0 * 1024.0);
+
+constexpr const char* k_style =
+    "body{font:15px/1.45 sans-serif;max-width:1180px;margin:2em auto;padding:0 1em;color:#222}"
+    "table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #ccc;padding:3px 8px;text-align:right}"
+    "th{background:#f2f2f2}td.l,th.l{text-align:left}.t{color:#777}figure{display:inline-block;margin:0 8px 12px 0}"
+    "figcaption{font-size:13px;color:#555}img{width:270px;height:270px;image-rendering:auto;background:#000}";
+
+// Ours, and the thesis' in grey behind it.
+std::string beside(double ours, double thesis, const char* format) {
+  if (ours < 0) return "";
+  std::string text = fmt::format(fmt::runtime(format), ours);
+  if (thesis >= 0) text += fmt::format(" <span class=\"t\">({:g})</span>", thesis);
+  return text;
+}
+
+ThesisFigures figures_at(const std::vector<ThesisFigures>& all, int m) {
+  for (const ThesisFigures& f : all) {
+    if (f.m == m) return f;
+  }
+  return {};
+}
+
+std::string image(const std::string& uri, const std::string& caption) {
+  if (uri.empty()) return "";
+  return fmt::format("<figure><img src=\"{}\" alt=\"{}\"><figcaption>{}</figcaption></figure>\n", uri,
+                     html_text(caption), html_text(caption));
+}
+
+std::string claims_table(const ThesisReport& report) {
+  std::string html =
+      "<h2>Claims</h2>\n<table><tr><th class=\"l\">thesis</th><th class=\"l\">here</th><th>holds</th></tr>\n";
+  for (const ThesisClaim& c : thesis_claims(report)) {
+    html += fmt::format("<tr><td class=\"l\">{}</td><td class=\"l\">{}</td><td>{}</td></tr>\n", html_text(c.claim),
+                        html_text(c.measured), c.holds ? "yes" : "no");
+  }
+  return html + "</table>\n";
+}
+
+std::string main_table(const ThesisReport& report) {
+  std::string html =
+      "<h2>Test cases</h2>\n<p>Grey in brackets: the thesis' own figures, of its views, lights and 2008's GPU. RMS on "
+      "0 ... 255 "
+      "against exact rays, plain and with the field's picture blurred (5 x 5 Gaussian, 1 pixel). ms: least of several, "
+      "one "
+      "picture, baking not counted. MB: 2<sup>20</sup> bytes, all objects of the case.</p>\n<table><tr><th "
+      "class=\"l\">case</th>"
+      "<th>triangles</th><th>lights</th><th>M</th><th>RMS</th><th>blurred</th><th>RMS, polished</th><th>blurred</th>"
+      "<th>fields ms</th><th>Embree ms</th><th>Embree, polished ms</th><th>bake s</th><th>distances MB</th>"
+      "<th>normals MB</th><th>OpenVDB MB</th></tr>\n";
+  for (const ThesisCaseResult& c : report.cases) {
+    const ThesisCase& d = c.description;
+    for (const ThesisRow& r : c.rows) {
+      const ThesisFigures f = figures_at(d.figures, r.m), p = figures_at(d.polished_figures, r.m);
+      html += fmt::format(
+          "<tr><td class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>"
+          "<td>{}</td><td>{}</td><td>{}</td><td>{:.1f}</td><td>{:.2f}</td><td>{:.2f}</td><td>{:.2f}</td></tr>\n",
+          html_text(c.title), c.triangles, c.lights, r.m, beside(r.rms, f.rms, "{:.2f}"),
+          beside(r.rms_blurred, f.rms_blurred, "{:.2f}"), beside(r.rms_polished, p.rms, "{:.2f}"),
+          beside(r.rms_polished_blurred, p.rms_blurred, "{:.2f}"), beside(r.milliseconds, f.milliseconds, "{:.1f}"),
+          beside(c.exact_ms, d.thesis_gpu_ms, "{:.1f}"), beside(c.polished_ms, d.polished_gpu_ms, "{:.1f}"),
+          r.bake_seconds, double(r.bytes_distance) * k_mb, double(r.bytes_normal) * k_mb, double(r.bytes_vdb) * k_mb);
+    }
+  }
+  return html +
+         "</table>\n<p>Exact rays of reflection scene 2 on the thesis' CPU: 5,097 ms, polished 92,192 ms. Its memory "
+         "of "
+         "one object: 4.16 + 12.38, 16.05 + 49.5 and 66 + 198 MB for M = 32, 64, 128; 4,226 M<sup>2</sup> samples "
+         "are 4.13 + 12.38, 16.51 + 49.52 and 66.03 + 198.09.</p>\n";
+}
+
+std::string hybrid_table(const ThesisReport& report) {
+  if (report.hybrid.empty()) return "";
+  std::string html =
+      "<h2>The same geometry by this program's renderers</h2>\n<p>Diffuse surfaces, point lights that fall off, direct "
+      "light; RMS on 0 ... 255 against Monte Carlo with many samples a pixel, so within this table only. ms: whole "
+      "renders, the "
+      "building of Embree's structures included; warm: with the field cache that the cold render left.</p>\n<table><tr>"
+      "<th class=\"l\">scene</th><th class=\"l\">method</th><th>samples a pixel</th><th>tolerance</th><th>RMS</th>"
+      "<th>cold ms</th><th>warm ms</th><th>fields MB</th></tr>\n";
+  for (const ThesisHybridRow& r : report.hybrid) {
+    const bool fields = r.method == "hybrid";
+    html += fmt::format(
+        "<tr><td class=\"l\">{}</td><td class=\"l\">{}</td><td>{}</td><td>{}</td><td>{:.2f}</td><td>{:.0f}</td>"
+        "<td>{:.0f}</td><td>{}</td></tr>\n",
+        html_text(r.scene), r.method, r.spp, fields ? fmt::format("{:g}", r.tolerance) : "", r.rms, r.cold_milliseconds,
+        r.milliseconds, fields ? fmt::format("{:.1f}", double(r.bytes) * k_mb) : "");
+  }
+  return html + "</table>\n";
+}
+
+std::string growth_table(const ThesisReport& report) {
+  std::string html =
+      "<table><tr><th>triangles</th><th>M</th><th>fields ms</th><th>Embree ms</th><th>bake s</th></tr>\n";
+  for (const ThesisGrowth& g : report.growth) {
+    html += fmt::format("<tr><td>{}</td><td>{}</td><td>{:.1f}</td><td>{:.1f}</td><td>{:.1f}</td></tr>\n", g.triangles,
+                        g.m, g.field_ms, g.exact_ms, g.bake_seconds);
+  }
+  return html + "</table>\n";
+}
+
+std::string plots(const ThesisReport& report) {
+  Plot error{"Error against the directions", "M", "RMS, 0 ... 255", true, false, {}};
+  Plot memory{"Error against memory", "MB of distances and normals", "RMS, 0 ... 255", true, false, {}};
+  for (const ThesisCaseResult& c : report.cases) {
+    PlotSeries by_m{c.title, {}}, by_memory{c.title, {}};
+    for (const ThesisRow& r : c.rows) {
+      by_m.points.emplace_back(r.m, r.rms);
+      by_memory.points.emplace_back(double(r.bytes_distance + r.bytes_normal) * k_mb, r.rms);
+    }
+    error.series.push_back(by_m);
+    memory.series.push_back(by_memory);
+  }
+  for (const ThesisCaseResult& c : report.cases) {
+    PlotSeries thesis{c.title + ", thesis", {}, true};
+    for (const ThesisFigures& f : c.description.figures) thesis.points.emplace_back(f.m, f.rms);
+    if (!thesis.points.empty()) error.series.push_back(thesis);
+  }
+  Plot time{"Time against triangles", "triangles", "milliseconds", true, false, {{"fields", {}}, {"Embree", {}}}};
+  for (const ThesisGrowth& g : report.growth) {
+    time.series[0].points.emplace_back(double(g.triangles), g.field_ms);
+    time.series[1].points.emplace_back(double(g.triangles), g.exact_ms);
+  }
+  Plot own{"This program's renderers", "milliseconds, warm", "RMS, 0 ... 255", true, true, {}};
+  for (const ThesisHybridRow& r : report.hybrid) {
+    const std::string label = r.scene + ", " + r.method;
+    if (own.series.empty() || own.series.back().label != label) own.series.push_back({label, {}, r.method == "hybrid"});
+    own.series.back().points.emplace_back(r.milliseconds, r.rms);
+  }
+  std::string html = "<h2>Plots</h2>\n" + svg_plot(error) + svg_plot(memory) + svg_plot(time);
+  if (!report.hybrid.empty()) html += svg_plot(own);
+  return html + growth_table(report);
+}
+
+std::string pictures(const ThesisReport& report) {
+  std::string html = "<h2>Pictures</h2>\n<p>Differences are shown four times as strong.</p>\n";
+  for (const ThesisCaseResult& c : report.cases) {
+    html += fmt::format("<h3 id=\"{}\">{}</h3>\n", c.name, html_text(c.title));
+    html += image(c.reference_picture, "exact rays");
+    html += image(c.polished_picture, "exact rays, polished");
+    for (const ThesisRow& r : c.rows) html += image(r.picture, fmt::format("fields, M = {}, RMS {:.2f}", r.m, r.rms));
+    html += "<br>\n";
+    for (const ThesisRow& r : c.rows) html += image(r.difference_picture, fmt::format("difference, M = {}", r.m));
+  }
+  return html;
+}
+
+}  // namespace
+
+std::string thesis_page(const ThesisReport& report, const std::string& command, const std::string& version) {
+  std::string html = fmt::format(
+      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Displacement fields of 2008, "
+      "today</title><style>{}</style></head><body>\n<h1>The thesis' section 4 on today's machine</h1>\n"
+      "<p>A. Andreadis, <i>Ray Tracing Acceleration using Displacement Fields on GPU</i>, MSc thesis, Athens "
+      "University "
+      "of Economics and Business, 2008: its chart, its field and its pipeline, rebuilt, beside exact rays by Embree. "
+      "What was changed and why: docs/thesis.md.</p>\n<p>{} x {} pixels, {} threads, {}, version {}{}. Made by "
+      "<code>{}</code></p>\n",
+      k_style, report.size, report.size, report.threads, report.isa, version, report.quick ? ", quick" : "",
+      html_text(command));
+  html += claims_table(report) + main_table(report) + hybrid_table(report) + plots(report) + pictures(report);
+  return html + "</body></html>\n";
+}
+
+}  // namespace fieldtrace

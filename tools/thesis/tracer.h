@@ -1,0 +1,56 @@
+// How the thesis' pipeline asks for hits and shadows: of fields or of Embree. Everything else of the two is shared.
+//
+// Thread-safety: tracers are const and may be asked from any number of threads; batches belong to one thread.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "core/accel.h"
+#include "core/isa.h"
+#include "tools/thesis/field.h"
+#include "tools/thesis/scene.h"
+
+namespace fieldtrace {
+
+// Surfaces that a batch of rays ended on, world space. instance k_none: a miss.
+struct PhongSurface {
+  Vec3 position = Vec3(0.0f);
+  Vec3 normal = Vec3(0.0f, 0.0f, 1.0f);  // unit, on the ray's side
+  Vec3 geometric =
+      Vec3(0.0f, 0.0f, 1.0f);  // that of the triangle, on the ray's side; a field knows no other than `normal`
+  float error = 0.0f;          // how far along `geometric` an exact ray must leave (core/surface.h)
+  uint32_t instance = k_none;
+};
+
+struct TracerBatch {
+  RayBatch rays;
+  std::vector<uint32_t> skip;  // padded: the instance that the ray leaves, or k_none
+  std::vector<PhongSurface> surfaces;
+  // Shadows: which surfaces to ask for, and what came of it (1: the light does not reach it).
+  std::vector<uint32_t> receivers;
+  AlignedVector<uint32_t> hidden;
+  // Working memory of the tracer.
+  ThesisHits field_hits;
+  HitBatch exact_hits;
+  RayBatch shadow_rays;
+  std::vector<uint8_t> blocked;
+  std::vector<uint32_t> indices;
+};
+
+class PhongTracer {
+ public:
+  virtual ~PhongTracer() = default;
+  // Fills batch.surfaces for batch.rays (unit directions).
+  virtual void nearest(TracerBatch& batch, bool primary) const = 0;
+  // Fills batch.hidden for batch.receivers, one light.
+  virtual void shadow(TracerBatch& batch, const Vec3& light) const = 0;
+};
+
+// fields: one a shape of the scene, which may be shared by several instances. All must outlive the tracer.
+std::unique_ptr<PhongTracer> make_field_tracer(const PhongScene& scene, const std::vector<const ThesisField*>& fields,
+                                               Isa isa = Isa::automatic);
+std::unique_ptr<PhongTracer> make_exact_tracer(const PhongScene& scene, const Accel& accel);
+
+}  // namespace fieldtrace
