@@ -51,6 +51,11 @@ CoverageView CoverageTiles::view() const {
   return {tiles_, 0.5f * float(lines_), tile_of_.data(), sums_.data(), radiance_.data()};
 }
 
+uint64_t CoverageTiles::bytes_when_full() const {
+  const uint64_t tile = k_tile_bytes + (radiance_.data() ? k_radiance_bytes : 0);
+  return uint64_t(slot_count()) * sizeof(int32_t) + uint64_t(max_tiles_) * tile;
+}
+
 CoverageTiles::Place CoverageTiles::place(uint32_t slot) const {
   const uint32_t per_plane = uint32_t(tiles_ * tiles_), tile = slot % per_plane;
   return {slot / per_plane, int(tile) % tiles_ * k_side, int(tile) / tiles_ * k_side};

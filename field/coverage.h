@@ -62,6 +62,7 @@ class CoverageTiles {
   uint64_t tiles_stored() const { return stored_.load(std::memory_order_relaxed); }  // those that meet something
   uint64_t lines_baked() const { return tiles_baked() * k_lines_per_tile; }
   // Memory in use: sums, and the parts of the table that were written.
+  uint64_t bytes_when_full() const;  // with every tile that the table can name
   uint64_t bytes() const { return committed_.load(std::memory_order_relaxed); }
 
   static constexpr uint64_t k_lines_per_tile = uint64_t(scalar::k_tile_lines) * scalar::k_tile_lines;

@@ -65,7 +65,7 @@ float compose(std::vector<Layer>& layers, size_t i, float end, Rgb& arriving) {
 
 }  // namespace
 
-LobeAnswerer::LobeAnswerer(const TransportContext& shading, float tolerance, uint64_t most_rays)
+LobeAnswerer::LobeAnswerer(const TransportContext& shading, float tolerance, uint64_t most_rays, uint64_t most_bytes)
     : shading_(shading), kernels_(segment_kernels(shading.settings.isa)), blur_(k_blur_of_tolerance * tolerance) {
   const Scene& scene = shading.scene;
   const std::vector<ShapeTraits> traits = shape_traits(scene);
@@ -79,10 +79,12 @@ LobeAnswerer::LobeAnswerer(const TransportContext& shading, float tolerance, uin
     auto pictures = std::make_unique<RadiancePictures>(scene, i, most_rays);
     const uint64_t samples =
         uint64_t(pictures->radiance().patch_count()) * SurfaceRadiance::k_light_samples * scene.emitters.size();
-    if (samples > most_rays) {
+    const uint64_t bytes = pictures->radiance().bytes() + pictures->tiles().bytes_when_full();
+    if (samples > most_rays || bytes > most_bytes) {
       others.push_back(i);
       continue;
     }
+    most_bytes -= bytes;
     pictures_.push_back(std::move(pictures));
   }
   has_others_ = !others.empty();

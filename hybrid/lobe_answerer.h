@@ -40,8 +40,9 @@ class LobeAnswerer {
   static constexpr size_t k_most_objects = 16;
 
   // The objects' radiance is shaded by the lights of `shading`, which must outlive this. `most_rays`: glossy rays that
-  // the picture will send at most; objects that could take more light samples are left out.
-  LobeAnswerer(const TransportContext& shading, float tolerance, uint64_t most_rays);
+  // the picture will send at most; objects that could take more light samples are left out, and those whose pictures
+  // could outgrow `most_bytes` together with those before them.
+  LobeAnswerer(const TransportContext& shading, float tolerance, uint64_t most_rays, uint64_t most_bytes);
   ~LobeAnswerer();
 
   bool empty() const { return pictures_.empty(); }

@@ -282,6 +282,9 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   return true;
 }
 
+// Pictures of radiance may take this part of what fields may, beside them.
+constexpr uint64_t k_picture_share = 4;
+
 // What answers glossy rays, empty where nothing sends any or they are to be exact. Radiance is shaded by exact rays:
 // receivers all over an object would have its field baked for few rays each.
 struct GlossyStage {
@@ -294,7 +297,7 @@ struct GlossyStage {
       : no_fields(picture.scene.shapes.size(), nullptr),
         exact(picture.scene, stage.accel, stage.traits, no_fields, {picture.settings.isa, 0.0f}),
         shading(picture.scene, stage.accel, stage.camera, exact, picture.settings),
-        lobes(shading, picture.options.tolerance, most_rays) {}
+        lobes(shading, picture.options.tolerance, most_rays, picture.field_memory / k_picture_share) {}
 };
 
 std::unique_ptr<GlossyStage> make_glossy_stage(const Picture& picture, const Stage& stage) {
@@ -351,6 +354,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   result.interrupted = job.interrupted;
   stats.merge_counters(done);
   fields.count(stats);
+  if (glossy) stats.field_bytes_pictures = glossy->lobes.bytes();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.store(*cache, warning, stats);

@@ -71,12 +71,21 @@ std::string Stats::to_json() const {
                 {"wrong", check_wrong},
                 {"clear", {{"other", count(check_by[0][0])}, {"own", count(check_by[0][1])}}},
                 {"blocked", {{"other", count(check_by[1][0])}, {"own", count(check_by[1][1])}}}};
-  j["field"] = {
-      {"objects", field_objects},           {"left_to_rays", field_left_to_rays}, {"own_to_rays", field_own_to_rays},
-      {"survey_rays", survey_rays},         {"directions", field_directions},     {"plane", field_plane},
-      {"cells_baked", field_cells_baked},   {"cells_full", field_cells_full},     {"tiles_baked", field_tiles_baked},
-      {"bytes_memory", field_bytes_memory}, {"bytes_disk", field_bytes_disk},     {"bytes_budget", field_bytes_budget},
-      {"bytes_peak", field_bytes_peak},     {"restarts", field_restarts}};
+  j["field"] = {{"objects", field_objects},
+                {"left_to_rays", field_left_to_rays},
+                {"own_to_rays", field_own_to_rays},
+                {"survey_rays", survey_rays},
+                {"directions", field_directions},
+                {"plane", field_plane},
+                {"cells_baked", field_cells_baked},
+                {"cells_full", field_cells_full},
+                {"tiles_baked", field_tiles_baked},
+                {"bytes_memory", field_bytes_memory},
+                {"bytes_pictures", field_bytes_pictures},
+                {"bytes_disk", field_bytes_disk},
+                {"bytes_budget", field_bytes_budget},
+                {"bytes_peak", field_bytes_peak},
+                {"restarts", field_restarts}};
   j["bake"] = {{"rays", bake_rays}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};
   j["version"] = version;
