@@ -1,9 +1,9 @@
 #include "hybrid/surface_radiance.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 
+#include "core/shared_value.h"
 #include "core/sobol.hd.h"
 #include "hybrid/direct_light.h"
 
@@ -12,11 +12,6 @@ namespace {
 
 constexpr uint32_t k_patch_stream = 0x50544348u;
 constexpr int k_most_divisions = 64;
-
-template <class T>
-std::atomic_ref<T> shared(const T& value) {
-  return std::atomic_ref<T>(const_cast<T&>(value));
-}
 
 // Of a triangle cut into n x n patches, patch (i, j, lower) lies at row-major place (i, j), and the upper one of the
 // same square, which touches the far edge's side, at the place mirrored through the square's middle: those are free,
