@@ -271,6 +271,7 @@ bool TransportWorker::Impl::goes_on(const Material& material, int vertex_number)
   return material.plain_diffuse() ? context.open_form_can_be_hit : context.emission_can_be_hit;
 }
 
+// `path`: as it came to the vertex, but for what tells of the surface that it leaves.
 void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& path, uint32_t index, float share) {
   const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
   const Vec2 u = sample_pair(index, seed, 0);
@@ -288,13 +289,8 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   // Mirrors and masks send one direction on; there was nothing to split.
   next.may_split = path.may_split && s.delta && !vertex.material.glossy();
   next.unweighted = s.delta;
-  next.diffuse = vertex.material.plain_diffuse();
-  next.transmits = vertex.material.transmits();
   next.bsdf_density = s.pdf * vertex.lobe_samples;
-  next.normal = vertex.frame.n;
-  next.alpha = vertex.material.glossy() ? lobe_alpha(vertex.material) : 0.0f;
   next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
-  next.instance = vertex.surface.instance;
   const size_t i = next_paths.size();
   next_paths.push_back(next);
   next_rays.set(i, offset_origin(vertex.surface.position, vertex.facing, vertex.surface.error, d), d, k_infinity);
@@ -310,6 +306,11 @@ void TransportWorker::Impl::scatter(int vertex_number) {
     if (!goes_on(v.material, vertex_number)) continue;
     PathState path = paths[v.path];
     path.light_samples = vertex_number == 0 ? settings.light_samples : 1;
+    path.diffuse = v.material.plain_diffuse();
+    path.transmits = v.material.transmits();
+    path.normal = v.frame.n;
+    path.alpha = v.material.glossy() ? lobe_alpha(v.material) : 0.0f;
+    path.instance = v.surface.instance;
     const int lobes = int(v.lobe_samples);
     for (int l = 0; l < lobes; ++l) {
       scatter_once(v, path, path.index * uint32_t(lobes) + uint32_t(l), 1.0f / v.lobe_samples);
