@@ -1,5 +1,4 @@
-// Metals. Rough: Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, equation 20, with
-// the conductor's Fresnel term and visible normals.
+// Metals. Rough: reflection by microfacets with the conductor's Fresnel term and visible normals.
 
 #include "core/bsdf_families.h"
 #include "core/conductor.hd.h"
@@ -36,16 +35,13 @@ BsdfSample sample_conductor(const Material& material, const Vec3& wi) {
 
 Rgb evaluate_rough_conductor(const Material& material, const Vec3& wi, const Vec3& wo) {
   const Vec3 h = glm::normalize(wi + wo);
-  const float d = material.microfacet.d(h);
-  if (!(d > 0.0f)) return Rgb(0.0f);
-  const float g = material.microfacet.g1(wi, h) * material.microfacet.g1(wo, h);
-  return material.reflectance * fresnel_conductor(glm::dot(wi, h), material.eta, material.k) * (d * g / (4.0f * wi.z));
+  const float value = reflection_value(material.microfacet, wi, wo, h);
+  if (!(value > 0.0f)) return Rgb(0.0f);
+  return material.reflectance * fresnel_conductor(glm::dot(wi, h), material.eta, material.k) * value;
 }
 
 float rough_conductor_pdf(const Material& material, const Vec3& wi, const Vec3& wo) {
-  const Vec3 h = glm::normalize(wi + wo);
-  // visible_pdf / (4 wi.h), with wi.h cancelled.
-  return material.microfacet.g1(wi, h) * material.microfacet.d(h) / (4.0f * wi.z);
+  return reflection_pdf(material.microfacet, wi, glm::normalize(wi + wo));
 }
 
 BsdfSample sample_rough_conductor(const Material& material, const Vec3& wi, const Vec2& u) {

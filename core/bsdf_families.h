@@ -36,4 +36,20 @@ BsdfSample sample_principled(const Material& material, const Vec3& wi, const Vec
 // A direction about +z with density z / pi.
 Vec3 sample_cosine(const Vec2& u);
 
+// Reflection by microfacets: h is the unit half vector of wi and wo, with wi.h > 0. Walter et al., "Microfacet Models
+// for Refraction through Rough Surfaces", EGSR 2007, equation 20, times |wo.z|. `fresnel`: the share that h reflects.
+inline float reflection_value(const Microfacet& microfacet, const Vec3& wi, const Vec3& wo, const Vec3& h,
+                              float fresnel = 1.0f) {
+  const float d = microfacet.d(h);
+  if (!(d > 0.0f)) return 0.0f;
+  const float g = microfacet.g1(wi, h) * microfacet.g1(wo, h);
+  return fresnel * d * g / (4.0f * wi.z);
+}
+
+// Solid-angle density of wo where h is a visible normal of wi: visible_pdf / (4 wi.h), with wi.h cancelled.
+// `probability`: of sampling the lobe at all.
+inline float reflection_pdf(const Microfacet& microfacet, const Vec3& wi, const Vec3& h, float probability = 1.0f) {
+  return probability * microfacet.g1(wi, h) * microfacet.d(h) / (4.0f * wi.z);
+}
+
 }  // namespace fieldtrace::bsdf

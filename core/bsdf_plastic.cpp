@@ -70,18 +70,13 @@ Rgb evaluate_rough_plastic(const Material& material, const Vec3& wi, const Vec3&
   const float through = transmittance_at(table, wi.z) * transmittance_at(table, wo.z);
   const Rgb diffuse = body_value(material, table.internal_reflectance) * (through * wo.z);
   const Vec3 h = glm::normalize(wi + wo);
-  const float d = material.microfacet.d(h);
-  if (!(d > 0.0f)) return diffuse;
-  const float g = material.microfacet.g1(wi, h) * material.microfacet.g1(wo, h);
   const float f = fresnel_dielectric(glm::dot(wi, h), material.relative_ior).reflectance;
-  return diffuse + material.reflectance * (f * d * g / (4.0f * wi.z));
+  return diffuse + material.reflectance * reflection_value(material.microfacet, wi, wo, h, f);
 }
 
 float rough_plastic_pdf(const Material& material, const Vec3& wi, const Vec3& wo) {
   const float specular = specular_probability(material, 1.0f - transmittance_at(*material.rough_transmittance, wi.z));
-  const Vec3 h = glm::normalize(wi + wo);
-  // visible_pdf / (4 wi.h), with wi.h cancelled.
-  const float lobe = material.microfacet.g1(wi, h) * material.microfacet.d(h) / (4.0f * wi.z);
+  const float lobe = reflection_pdf(material.microfacet, wi, glm::normalize(wi + wo));
   return specular * lobe + (1.0f - specular) * wo.z / k_pi;
 }
 

@@ -97,8 +97,7 @@ float principled_pdf(const Material& material, const Vec3& wi, const Vec3& wo) {
   float pdf = p.diffuse * wo.z / k_pi;
   const float wi_h = glm::dot(wi, h);
   if (!(wi_h > 0.0f)) return pdf;
-  // visible_pdf / (4 wi.h), with wi.h cancelled.
-  pdf += p.specular * material.microfacet.g1(wi, h) * material.microfacet.d(h) / (4.0f * wi.z);
+  pdf += reflection_pdf(material.microfacet, wi, h, p.specular);
   if (p.clearcoat > 0.0f) pdf += p.clearcoat * clearcoat_d(material.clearcoat_alpha, h.z) * h.z / (4.0f * wi_h);
   return pdf;
 }

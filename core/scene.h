@@ -59,6 +59,11 @@ enum class BsdfKind : uint8_t {
 inline bool transmits(BsdfKind kind) {
   return kind == BsdfKind::dielectric || kind == BsdfKind::rough_dielectric || kind == BsdfKind::thin_dielectric;
 }
+// Surfaces of this kind have a lobe about the mirrored or refracted direction that is wider than that direction alone.
+inline bool is_rough(BsdfKind kind) {
+  return kind == BsdfKind::rough_conductor || kind == BsdfKind::rough_dielectric || kind == BsdfKind::rough_plastic ||
+         kind == BsdfKind::principled;
+}
 enum class MicrofacetKind : uint8_t { beckmann, ggx };
 
 // What a rough interface lets through, hemispherically, for one distribution and index; see rough_transmittance.h.

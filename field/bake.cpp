@@ -55,6 +55,18 @@ struct Round {
   void end() { rays.resize(count); }
 };
 
+// Whether `holds` for cell i of a batch or for one beside it, within its slice.
+template <class Holds>
+bool any_beside(uint32_t i, const Holds& holds) {
+  const int a = int(i % k_cells) / 8, b = int(i % k_cells) % 8;
+  for (int na = std::max(a - 1, 0); na <= std::min(a + 1, 3); ++na) {
+    for (int nb = std::max(b - 1, 0); nb <= std::min(b + 1, 7); ++nb) {
+      if (holds(i / k_cells * k_cells + uint32_t(na * 8 + nb))) return true;
+    }
+  }
+  return false;
+}
+
 class SliceBaker {
  public:
   SliceBaker(Field& field, const Accel& accel, uint32_t shape, BakeCounters& counters)
@@ -102,8 +114,14 @@ class SliceBaker {
   }
 
   void trace_sheet_lines(std::vector<SheetCell>& cells, Round& round);
+  // Whether a line of this cell or of one beside it meets a point for which `counts` holds.
   template <class Counts>
-  static bool meets_beside(const std::vector<SheetCell>& cells, uint32_t i, const Counts& counts);
+  static bool meets_beside(const std::vector<SheetCell>& cells, uint32_t i, const Counts& counts) {
+    return any_beside(i, [&](uint32_t j) {
+      const auto begin = cells[j].points.begin();
+      return std::any_of(begin, begin + cells[j].hits, counts);
+    });
+  }
   void store_sheet(const Claimed& slice, uint32_t i, const std::vector<SheetCell>& cells, const CellFrame& frame);
 
   Field& field_;
@@ -148,14 +166,8 @@ void SliceBaker::bake_visibility(std::span<const Claimed> slices) {
     int risk = 0;
     if (!unanimous(i)) {
       risk = disagreeing_class(std::min(hits[i], lines[i] - hits[i]), lines[i]);
-    } else {
-      const int a = int(i % k_cells) / 8, b = int(i % k_cells) % 8;
-      for (int da = std::max(a - 1, 0); da <= std::min(a + 1, 3); ++da) {
-        for (int db = std::max(b - 1, 0); db <= std::min(b + 1, 7); ++db) {
-          const uint32_t j = i / k_cells * k_cells + uint32_t(da * 8 + db);
-          if (!unanimous(j) || (hits[j] > 0) != hit) risk = 1;
-        }
-      }
+    } else if (any_beside(i, [&](uint32_t j) { return !unanimous(j) || (hits[j] > 0) != hit; })) {
+      risk = 1;
     }
     field_.store_visibility(slices[i / k_cells].first_cell + i % k_cells, encode_visibility(hit, risk));
   }
@@ -212,19 +224,6 @@ SliceBaker::SheetPlane SliceBaker::fit_plane(const SheetCell& cell, int anchor, 
     if (member(k)) plane.member_residual = std::max(plane.member_residual, std::abs(plane.distance(cell.points[k])));
   }
   return plane;
-}
-
-// Whether a line of this cell or of one beside it, within its slice, meets a point for which `counts` holds.
-template <class Counts>
-bool SliceBaker::meets_beside(const std::vector<SheetCell>& cells, uint32_t i, const Counts& counts) {
-  const int a = int(i % k_cells) / 8, b = int(i % k_cells) % 8;
-  for (int na = std::max(a - 1, 0); na <= std::min(a + 1, 3); ++na) {
-    for (int nb = std::max(b - 1, 0); nb <= std::min(b + 1, 7); ++nb) {
-      const SheetCell& beside = cells[i / k_cells * k_cells + uint32_t(na * 8 + nb)];
-      if (std::any_of(beside.points.begin(), beside.points.begin() + beside.hits, counts)) return true;
-    }
-  }
-  return false;
 }
 
 void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const std::vector<SheetCell>& cells,

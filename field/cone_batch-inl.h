@@ -137,12 +137,11 @@ inline uint64_t filter_leaves_batch(const LeafTask& task, const RayBatch& rays, 
       LightLeaf<F> leaf;
       leaf.p = transformed_point(m, o);
       leaf.direction = q * (one / scale);
-      leaf.length = tmax * scale;
       // The leaf's solid angle is share / density; squares of that area are taken.
       const F side = select(density > zero, sqrt(share / max(density, splat<F>(1e-30f))), zero);
       leaf.width = side * stretch * sqrt(dot(d, d)) / scale;
-      const LeafAnswer<F> answer =
-          filter_leaf<F>(task.segment.field, task.least_disc, leaf, asked, MissingList<F>{unknowns.tiles});
+      const LeafAnswer<F> answer = filter_leaf<F>(task.segment.field, task.least_disc, leaf, tmax * scale, asked,
+                                                  MissingList<F>{unknowns.tiles});
       found[v] = select(asked, answer.clear, one);
       failed[v] = answer.refused;
       missing = missing || any(answer.unknown);

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "core/shared_value.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -9,11 +11,6 @@ constexpr int k_side = scalar::k_tile_lines;
 constexpr int32_t k_unknown = 0, k_empty = 1, k_claimed = -1;
 // Words are addressed by 31-bit offsets.
 constexpr uint64_t k_most_tiles = (uint64_t(1) << 31) / scalar::k_tile_words - 1;
-
-template <class T>
-std::atomic_ref<T> shared(const T& value) {
-  return std::atomic_ref<T>(const_cast<T&>(value));
-}
 
 int32_t grain_of(std::span<const uint16_t> lines) {
   int thin = 0, edges = 0;

@@ -4,6 +4,8 @@
 #include <bit>
 #include <string>
 
+#include "core/shared_value.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -18,12 +20,8 @@ uint32_t slice_bit(FieldLayer layer, uint32_t direction_in_brick) {
 }
 
 template <class T>
-std::atomic_ref<T> shared(T& value) {
-  return std::atomic_ref<T>(value);
-}
-template <class T>
 T load_shared(const T& value) {
-  return std::atomic_ref<T>(const_cast<T&>(value)).load(std::memory_order_acquire);
+  return shared(value).load(std::memory_order_acquire);
 }
 
 bool power_between(int value, int low, int high) {

@@ -27,7 +27,7 @@ FT_LANES_BEGIN
 template <class F>
 struct LightLeaf {
   Vec3Lanes<F> p, direction;
-  F length, width;
+  F width;
 };
 
 template <class F>
@@ -134,9 +134,10 @@ FT_HD_INLINE LeafDisc<F> place_disc(const FieldView& field, const LightLeaf<F>& 
 }
 
 // The receiver has the object before it and lies outside the ball, or within it with the whole object before its
-// tangent plane. least_disc: half width in texels below which discs are not read.
+// tangent plane. least_disc: half width in texels below which discs are not read. length: distance from p at which the
+// leaf's rays end.
 template <class F, class TellMissing>
-FT_HD_INLINE LeafAnswer<F> filter_leaf(const FieldView& field, float least_disc, const LightLeaf<F>& leaf,
+FT_HD_INLINE LeafAnswer<F> filter_leaf(const FieldView& field, float least_disc, const LightLeaf<F>& leaf, F length,
                                        Mask_t<F> wanted, const TellMissing& tell_missing) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   const ConeSpan<F> span = span_of_leaf(leaf);
@@ -144,7 +145,7 @@ FT_HD_INLINE LeafAnswer<F> filter_leaf(const FieldView& field, float least_disc,
   answer.clear = one;
   answer.unknown = and_not(wanted, wanted);
   // A light that ends within the ball is no line's end.
-  answer.refused = wanted & (span.half > zero) & (span.middle + span.half > leaf.length);
+  answer.refused = wanted & (span.half > zero) & (span.middle + span.half > length);
   const Mask_t<F> asked = and_not(answer.refused, wanted & (span.half > zero));
   answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
   if (!any(asked)) return answer;

@@ -40,7 +40,6 @@ FT_HD_INLINE LobeLanes<F> load_lobes(const ConeTask& task, const LobeBatch& lobe
   const F side = sqrt(one / max(load_lanes<F>(&lobes.density[i]), splat<F>(1e-30f)));
   const F stretch = splat<F>(task.segment.to_unit_stretch) / lobe.scale;
   lobe.leaf.width = min(side * splat<F>(k_lobe_share) * stretch, splat<F>(k_widest_lobe));
-  lobe.leaf.length = splat<F>(3.4e38f);
   lobe.blur = load_lanes<F>(&lobes.blur[i]) / max(stretch, one);
 
   LightCone<F> cone;

@@ -304,11 +304,7 @@ std::unique_ptr<GlossyStage> make_glossy_stage(const Picture& picture, const Sta
   const RenderOptions& options = picture.options;
   if (!picture.wants_fields || options.force_ask || picture.settings.max_depth < 3) return nullptr;
   const std::vector<Bsdf>& bsdfs = picture.scene.bsdfs;
-  const auto is_rough = [](const Bsdf& b) {
-    return b.kind == BsdfKind::rough_conductor || b.kind == BsdfKind::rough_dielectric ||
-           b.kind == BsdfKind::rough_plastic || b.kind == BsdfKind::principled;
-  };
-  if (std::none_of(bsdfs.begin(), bsdfs.end(), is_rough)) return nullptr;
+  if (std::none_of(bsdfs.begin(), bsdfs.end(), [](const Bsdf& b) { return is_rough(b.kind); })) return nullptr;
   // Of the film, so that a pixel is the same in every window.
   const Rect film = crop_window(picture.scene.film, {});
   const uint64_t most_rays =

@@ -1,9 +1,9 @@
 #include "hybrid/surface_radiance.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 
+#include "core/shared_value.h"
 #include "core/sobol.hd.h"
 #include "hybrid/direct_light.h"
 
@@ -12,11 +12,6 @@ namespace {
 
 constexpr uint32_t k_patch_stream = 0x50544348u;
 constexpr int k_most_divisions = 64;
-
-template <class T>
-std::atomic_ref<T> shared(const T& value) {
-  return std::atomic_ref<T>(const_cast<T&>(value));
-}
 
 // Of a triangle cut into n x n patches, patch (i, j, lower) lies at row-major place (i, j), and the upper one of the
 // same square, which touches the far edge's side, at the place mirrored through the square's middle: those are free,
@@ -69,19 +64,27 @@ SurfaceRadiance::SurfaceRadiance(const Scene& scene, uint32_t index, float patch
   shaded_.assign(2 * count, 0);
 }
 
-PathVertex SurfaceRadiance::vertex_of(Side side, const TransportContext& context) const {
-  const uint32_t patch = side / 2;
-  const bool back = side % 2 != 0;
-  const auto triangle = uint32_t(std::upper_bound(first_.begin(), first_.end(), patch) - first_.begin() - 1);
-  const PatchCentre centre = patch_centre(divisor_[triangle], patch - first_[triangle]);
-  const RayBatch rays;  // meshes do not ask for the ray
+HitBatch SurfaceRadiance::centres_of(std::span<const Side> sides) const {
   HitBatch hits;
-  hits.resize(1);
-  hits.instance[0] = instance_;
-  hits.primitive[0] = triangle;
-  hits.u[0] = centre.u, hits.v[0] = centre.v;
+  hits.resize(sides.size());
+  for (size_t i = 0; i < sides.size(); ++i) {
+    const uint32_t patch = sides[i] / 2;
+    const auto triangle = uint32_t(std::upper_bound(first_.begin(), first_.end(), patch) - first_.begin() - 1);
+    const PatchCentre centre = patch_centre(divisor_[triangle], patch - first_[triangle]);
+    hits.instance[i] = instance_;
+    hits.primitive[i] = triangle;
+    hits.u[i] = centre.u, hits.v[i] = centre.v;
+  }
+  return hits;
+}
+
+// On side `side` of the patch whose centre is entry i.
+PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side side,
+                                      const TransportContext& context) const {
+  const bool back = side % 2 != 0;
+  const RayBatch rays;  // meshes do not ask for the ray
   PathVertex v;
-  v.surface = surface_at(scene_, rays, hits, 0);
+  v.surface = surface_at(scene_, rays, centres, i);
   v.facing = back ? -v.surface.geometric_normal : v.surface.geometric_normal;
   const bool turned = glm::dot(v.facing, v.surface.shading_normal) < 0.0f;
   v.material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, back ? -1.0f : 1.0f);
@@ -93,25 +96,29 @@ PathVertex SurfaceRadiance::vertex_of(Side side, const TransportContext& context
 
 void SurfaceRadiance::shade(std::span<const Side> sides, const TransportContext& context, Stats& stats) {
   std::vector<Side> missing;
-  std::vector<PathVertex> vertices;
   for (const Side side : sides) {
-    if (shared(shaded_[side]).load(std::memory_order_acquire)) continue;
-    PathVertex v = vertex_of(side, context);
+    if (!shared(shaded_[side]).load(std::memory_order_acquire)) missing.push_back(side);
+  }
+  const HitBatch centres = centres_of(missing);
+  std::vector<Side> lit;
+  std::vector<PathVertex> vertices;
+  for (size_t i = 0; i < missing.size(); ++i) {
+    const PathVertex v = vertex_at(centres, i, missing[i], context);
     if (v.material.dark) {  // its radiance is zero
-      shared(shaded_[side]).store(1, std::memory_order_release);
+      shared(shaded_[missing[i]]).store(1, std::memory_order_release);
       continue;
     }
-    missing.push_back(side);
+    lit.push_back(missing[i]);
     vertices.push_back(v);
   }
-  if (missing.empty()) return;
+  if (lit.empty()) return;
   const std::vector<PathState> paths(1);
-  std::vector<Rgb> arriving(missing.size());
+  std::vector<Rgb> arriving(lit.size());
   DirectLight direct(context);
   direct.gather(vertices, paths, k_light_samples, {}, arriving, stats);
-  for (size_t i = 0; i < missing.size(); ++i) {
-    for (int c = 0; c < 3; ++c) shared(radiance_[missing[i]][c]).store(arriving[i][c], std::memory_order_relaxed);
-    shared(shaded_[missing[i]]).store(1, std::memory_order_release);
+  for (size_t i = 0; i < lit.size(); ++i) {
+    for (int c = 0; c < 3; ++c) shared(radiance_[lit[i]][c]).store(arriving[i][c], std::memory_order_relaxed);
+    shared(shaded_[lit[i]]).store(1, std::memory_order_release);
   }
 }
 

@@ -30,7 +30,7 @@ class SurfaceRadiance {
   SurfaceRadiance(const Scene& scene, uint32_t instance, float patch);
 
   uint32_t instance() const { return instance_; }
-  size_t patch_count() const { return first_.empty() ? 0 : first_.back(); }
+  size_t patch_count() const { return first_.back(); }
   uint64_t bytes() const { return radiance_.size() * sizeof(Rgb) + shaded_.size() + first_.size() * sizeof(uint32_t); }
 
   // At barycentric coordinates of vertices 1 and 2, within rounding of the triangle.
@@ -41,7 +41,8 @@ class SurfaceRadiance {
   Rgb radiance(Side side) const;
 
  private:
-  PathVertex vertex_of(Side side, const TransportContext& context) const;
+  HitBatch centres_of(std::span<const Side> sides) const;
+  PathVertex vertex_at(const HitBatch& centres, size_t i, Side side, const TransportContext& context) const;
 
   const Scene& scene_;
   uint32_t instance_;

@@ -35,6 +35,17 @@ Scene lit_knot(float height, const std::vector<Light>& lights) {
   return s.scene;
 }
 
+// 64 light samples, and the coarsest field.
+RenderOptions coarse_fields() {
+  RenderOptions o;
+  o.light_samples = 64;
+  o.threads = 2;
+  o.directions = 32;
+  o.plane = 64;
+  o.leave_to_rays = false;
+  return o;
+}
+
 // So many samples have no divisor, so that no receiver's first samples stand for the rest, and grids of 64 leaves are
 // tried in 16 first. Each light sample near the only object is then spared by an answer of its field, or a ray that the
 // field answers or that asks.
@@ -66,12 +77,7 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
 // Where parts of one light are filtered and another light sends rays, both weigh the same in the layer.
 TEST(DirectLight, LightsWeighTheSameInVisibility) {
   const Scene scene = lit_knot(1.0f, {{{2, -2, 4}, 0.9f}, {{-2, -3, 5}, 0.05f}});
-  RenderOptions o;
-  o.light_samples = 64;
-  o.threads = 2;
-  o.directions = 32;
-  o.plane = 64;
-  o.leave_to_rays = false;
+  RenderOptions o = coarse_fields();
   o.aovs = {"visibility"};
   o.method = Method::monte_carlo;
   const Image exact = render(scene, o).image;
@@ -98,13 +104,7 @@ TEST(DirectLight, LightsWeighTheSameInVisibility) {
 // lie below the horizon of the floor's receivers, and nearly all others are refused.
 TEST(DirectLight, LeavesBelowTheHorizonAreNotRefused) {
   const Scene scene = lit_knot(0.0f, {{{-5, 0, 0}, 0.02f}});
-  RenderOptions o;
-  o.light_samples = 64;
-  o.threads = 2;
-  o.directions = 32;
-  o.plane = 64;
-  o.leave_to_rays = false;
-  const Stats stats = render(scene, o).stats;
+  const Stats stats = render(scene, coarse_fields()).stats;
   EXPECT_GT(stats.leaves_refused, 500u);
   EXPECT_LE(stats.leaves_refused, stats.leaves);
 }
