@@ -150,6 +150,9 @@ struct SegmentKernels {
   // tell. Returns the number of look-ups.
   uint64_t (*filter_leaves)(const LeafTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
                             std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
+  // met[i] = 1 where a sample of a lobe (unit and endless; density > 0, per solid angle; both padded) may meet the
+  // object; others stay as they are.
+  void (*lobes_meet)(const ConeTask&, const RayBatch&, const float* density, int32_t* met);
   // For samples in `blocks`: what the object of `task` sends along each. Its field needs directions and coverage with
   // radiance only. Returns the number of look-ups.
   uint64_t (*filter_lobes)(const ConeTask&, const LobeBatch&, std::span<const uint32_t> blocks, LobeAnswers&,

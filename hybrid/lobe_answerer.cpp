@@ -4,7 +4,8 @@
 #include <numeric>
 
 #include "field/chart.hd.h"
-#include "hybrid/shape_traits.h"
+#include "hybrid/ask_and_bake.h"
+#include "hybrid/radiance_pictures.h"
 
 namespace fieldtrace {
 namespace {
@@ -12,10 +13,10 @@ namespace {
 // At the default tolerance half a texel may take an eighth of alpha: the slopes of a lobe's microfacets are spread by
 // about alpha, reflected directions by twice that.
 constexpr float k_blur_of_tolerance = 1.25f;
-// How many rounds of baking a batch can need: the tube, the first disc and the second.
-constexpr int k_most_rounds = 4;
 // Shares of a ray smaller than this are not followed.
 constexpr float k_least_share = 0x1p-12f;
+// Surfaces that a path from a patch may visit beyond it, in the estimate of what shading it takes.
+constexpr uint64_t k_further_surfaces = 2;
 
 void copy_ray(const RayBatch& from, size_t i, RayBatch& to, size_t j) {
   to.set(j, from.origin(i), from.direction(i), from.tmax[i]);
@@ -27,21 +28,22 @@ void copy_hit(const HitBatch& from, size_t i, HitBatch& to, size_t j) {
 }
 
 // Rays of one direction cell one after another: their look-ups then read the same pictures.
-void order_by_direction(const RayBatch& rays, std::vector<uint32_t>& indices) {
+void order_by_direction(const RayBatch& rays, LobeWorkspace& work) {
   constexpr int k_cells = RadiancePictures::k_directions;
   constexpr ChartAxis k_axis = make_axis(k_cells);
-  std::vector<uint32_t> begin(size_t(k_cells) * k_cells + 1, 0), sorted(indices.size());
-  std::vector<uint16_t> keys(indices.size());
-  for (size_t j = 0; j < indices.size(); ++j) {
-    const Vec3 d = rays.direction(indices[j]);
+  work.cell_begin.assign(size_t(k_cells) * k_cells + 1, 0);
+  work.cells.resize(work.asked.size());
+  work.sorted.resize(work.asked.size());
+  for (size_t j = 0; j < work.asked.size(); ++j) {
+    const Vec3 d = rays.direction(work.asked[j]);
     scalar::CellAddress<float> cell;
     scalar::find_direction_cell<float>({d.x, d.y, d.z}, k_axis, cell);
-    keys[j] = uint16_t(cell.u * k_cells + cell.v);
-    ++begin[keys[j] + 1u];
+    work.cells[j] = uint16_t(cell.u * k_cells + cell.v);
+    ++work.cell_begin[work.cells[j] + 1u];
   }
-  std::partial_sum(begin.begin(), begin.end(), begin.begin());
-  for (size_t j = 0; j < indices.size(); ++j) sorted[begin[keys[j]]++] = indices[j];
-  indices.swap(sorted);
+  std::partial_sum(work.cell_begin.begin(), work.cell_begin.end(), work.cell_begin.begin());
+  for (size_t j = 0; j < work.asked.size(); ++j) work.sorted[work.cell_begin[work.cells[j]]++] = work.asked[j];
+  work.asked.swap(work.sorted);
 }
 
 // One object's share in a ray.
@@ -50,45 +52,57 @@ struct Layer {
   const LobeAnswers* answers;
 };
 
-// Objects front to back, those before the hit at `end`; returns the share that none of them stops.
-float compose(std::vector<Layer>& layers, size_t i, float end, Rgb& arriving) {
+// Objects front to back, those before the hit at `end`.
+void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) {
   std::sort(layers.begin(), layers.end(), [](const Layer& a, const Layer& b) { return a.distance < b.distance; });
-  float clear = 1.0f;
   for (const Layer& layer : layers) {
     if (layer.distance >= end) break;
     const LobeAnswers& a = *layer.answers;
-    arriving += Rgb(a.red[i], a.green[i], a.blue[i]) * clear;
-    clear *= a.clear[i];
+    ray.radiance += Rgb(a.red[i], a.green[i], a.blue[i]) * ray.clear;
+    ray.clear *= a.clear[i];
   }
-  return clear;
+}
+
+// Rays that shading a surface patch takes, about.
+uint64_t rays_per_patch(const TransportContext& shading) {
+  const uint64_t lights = shading.scene.emitters.size();
+  const bool goes_on = shading.settings.max_depth < 0 || shading.settings.max_depth > 2;
+  return SurfaceRadiance::k_samples * (lights + (goes_on ? k_further_surfaces * (lights + 1) : 0));
 }
 
 }  // namespace
 
-LobeAnswerer::LobeAnswerer(const TransportContext& shading, float tolerance, uint64_t most_rays, uint64_t most_bytes)
+std::vector<uint32_t> LobeAnswerer::suited_instances(const Scene& scene, std::span<const ShapeTraits> traits) {
+  std::vector<uint32_t> suited;
+  for (uint32_t i = 0; i < scene.instances.size(); ++i) {
+    if (!traits[scene.instances[i].shape].wants_field || !SurfaceRadiance::suits(scene, i)) continue;
+    suited.push_back(i);
+    if (suited.size() > k_most_objects) return {};
+  }
+  return suited;
+}
+
+LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, float tolerance,
+                           uint64_t most_rays, uint64_t most_bytes)
     : shading_(shading), kernels_(segment_kernels(shading.settings.isa)), blur_(k_blur_of_tolerance * tolerance) {
   const Scene& scene = shading.scene;
-  const std::vector<ShapeTraits> traits = shape_traits(scene);
-  std::vector<uint32_t> suited, others;
-  for (uint32_t i = 0; i < scene.instances.size(); ++i) {
-    const bool suits = traits[scene.instances[i].shape].wants_field && SurfaceRadiance::suits(scene, i);
-    (suits ? suited : others).push_back(i);
-  }
-  if (suited.size() > k_most_objects) return;
+  const uint64_t most_patches = most_rays / std::max<uint64_t>(rays_per_patch(shading), 1);
+  std::vector<uint8_t> has_pictures(scene.instances.size(), 0);
   for (const uint32_t i : suited) {
-    auto pictures = std::make_unique<RadiancePictures>(scene, i, most_rays);
-    const uint64_t samples =
-        uint64_t(pictures->radiance().patch_count()) * SurfaceRadiance::k_light_samples * scene.emitters.size();
+    if (scene.shapes[scene.instances[i].shape].triangle_count() > most_patches) continue;
+    auto pictures = std::make_unique<RadiancePictures>(shading, i, most_rays);
     const uint64_t bytes = pictures->radiance().bytes() + pictures->tiles().bytes_when_full();
-    if (samples > most_rays || bytes > most_bytes) {
-      others.push_back(i);
-      continue;
-    }
+    if (pictures->radiance().patch_count() > most_patches || bytes > most_bytes) continue;
     most_bytes -= bytes;
     pictures_.push_back(std::move(pictures));
+    has_pictures[i] = 1;
   }
-  has_others_ = !others.empty();
-  if (!pictures_.empty() && has_others_) others_ = shading_.accel.group(others);
+  if (pictures_.empty()) return;
+  std::vector<uint32_t> others;
+  for (uint32_t i = 0; i < scene.instances.size(); ++i) {
+    if (!has_pictures[i]) others.push_back(i);
+  }
+  if (!others.empty()) others_ = shading_.accel.group(others);
 }
 
 LobeAnswerer::~LobeAnswerer() = default;
@@ -99,89 +113,122 @@ uint64_t LobeAnswerer::bytes() const {
   return sum;
 }
 
-void LobeAnswerer::ask(RadiancePictures& pictures, const LobeBatch& lobes, LobeAnswers& answers, ConeUnknowns& unknowns,
-                       Stats& stats) const {
-  const size_t n = lobes.rays.size;
-  answers.resize(n);
-  unknowns.blocks.clear();
-  for (size_t i = 0; i < n; i += k_batch_padding) unknowns.blocks.push_back(uint32_t(i));
-  std::vector<uint32_t> blocks;
-  for (int round = 0; round < k_most_rounds && !unknowns.blocks.empty(); ++round) {
-    blocks.swap(unknowns.blocks);
-    unknowns.blocks.clear();
-    unknowns.tiles.clear();
-    stats.lookups += kernels_.filter_lobes(pictures.task(), lobes, blocks, answers, unknowns);
-    if (unknowns.tiles.empty()) break;
-    std::sort(unknowns.tiles.begin(), unknowns.tiles.end());
-    unknowns.tiles.erase(std::unique(unknowns.tiles.begin(), unknowns.tiles.end()), unknowns.tiles.end());
-    pictures.bake(unknowns.tiles, shading_, stats);
+void LobeAnswerer::find_asked(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const {
+  const size_t n = rays.size;
+  work.exact.clear();
+  work.asked.clear();
+  work.density.assign(padded(n), 0.0f);
+  work.met.assign(padded(n), 0);
+  for (uint32_t i = 0; i < n; ++i) {
+    const PathState& path = paths[i];
+    if (path.alpha > 0.0f && !path.unweighted && path.bsdf_density > 0.0f) {
+      work.density[i] = path.bsdf_density;
+    } else {
+      work.exact.push_back(i);
+    }
   }
-  for (const uint32_t block : unknowns.blocks) std::fill_n(answers.refused.begin() + block, k_batch_padding, 1);
+  if (work.exact.size() == n) return;
+  for (const auto& p : pictures_) kernels_.lobes_meet(p->task(), rays, work.density.data(), work.met.data());
+  for (uint32_t i = 0; i < n; ++i) {
+    if (work.met[i]) work.asked.push_back(i);
+  }
 }
 
-void LobeAnswerer::answer(const RayBatch& rays, std::span<const LobeRay> lobes, LobeResults& results,
-                          Stats& stats) const {
+// All glossy rays: those that meet no object with pictures end there.
+void LobeAnswerer::trace_others(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const {
   const size_t n = rays.size;
-  results.hits.resize(n);
-  results.arriving.assign(n, Rgb(0.0f));
-  results.clear.assign(n, 1.0f);
+  if (!others_ || work.exact.size() == n) {
+    std::fill_n(hits.instance.begin(), n, k_none);
+    return;
+  }
+  if (work.exact.empty()) {
+    shading_.accel.intersect(*others_, rays, hits, Coherence::incoherent);
+    return;
+  }
+  work.rays = rays;
+  for (const uint32_t i : work.exact) work.rays.tmax[i] = -1.0f;
+  shading_.accel.intersect(*others_, work.rays, hits, Coherence::incoherent);
+}
 
-  std::vector<uint32_t> asked, exact;
-  for (uint32_t i = 0; i < n; ++i) (lobes[i].density > 0.0f ? asked : exact).push_back(i);
-  order_by_direction(rays, asked);
-  LobeBatch batch;
-  batch.resize(asked.size());
-  for (size_t j = 0; j < asked.size(); ++j) {
-    const LobeRay& lobe = lobes[asked[j]];
-    copy_ray(rays, asked[j], batch.rays, j);
-    batch.nx[j] = lobe.normal.x, batch.ny[j] = lobe.normal.y, batch.nz[j] = lobe.normal.z;
-    batch.density[j] = lobe.density;
-    batch.blur[j] = blur_ * lobe.alpha;
-    batch.instance[j] = lobe.instance;
+void LobeAnswerer::ask(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work,
+                       Stats& stats) const {
+  order_by_direction(rays, work);
+  LobeBatch& batch = work.batch;
+  batch.resize(work.asked.size());
+  std::fill(batch.density.begin(), batch.density.end(), 0.0f);
+  for (size_t j = 0; j < work.asked.size(); ++j) {
+    const PathState& path = paths[work.asked[j]];
+    copy_ray(rays, work.asked[j], batch.rays, j);
+    batch.nx[j] = path.side.x, batch.ny[j] = path.side.y, batch.nz[j] = path.side.z;
+    batch.density[j] = path.bsdf_density;
+    batch.blur[j] = blur_ * path.alpha;
+    batch.instance[j] = path.instance;
   }
-  std::vector<LobeAnswers> answers(pictures_.size());
-  ConeUnknowns unknowns;
-  for (size_t p = 0; p < pictures_.size() && !asked.empty(); ++p) {
-    ask(*pictures_[p], batch, answers[p], unknowns, stats);
+  work.answers.resize(pictures_.size());
+  ConeUnknowns& unknowns = work.unknowns;
+  for (size_t p = 0; p < pictures_.size(); ++p) {
+    LobeAnswers& answers = work.answers[p];
+    answers.resize(batch.rays.size);
+    ask_and_bake(
+        batch.rays.size, unknowns,
+        [&](std::span<const uint32_t> blocks) {
+          stats.lookups += kernels_.filter_lobes(pictures_[p]->task(), batch, blocks, answers, unknowns);
+        },
+        [&] {
+          pictures_[p]->bake(unknowns.tiles, stats);
+          return true;
+        });
+    for (const uint32_t block : unknowns.blocks) std::fill_n(answers.refused.begin() + block, k_batch_padding, 1);
   }
+}
 
-  HitBatch rest;
-  rest.resize(asked.size());
-  if (has_others_) {
-    shading_.accel.intersect(*others_, batch.rays, rest, Coherence::incoherent);
-  } else {
-    std::fill(rest.instance.begin(), rest.instance.end(), k_none);
-  }
+void LobeAnswerer::put_together(const HitBatch& hits, LobeWorkspace& work) const {
   std::vector<Layer> layers;
-  for (size_t j = 0; j < asked.size(); ++j) {
-    const uint32_t i = asked[j];
+  for (size_t j = 0; j < work.asked.size(); ++j) {
+    const uint32_t i = work.asked[j];
     layers.clear();
     bool refused = false;
-    for (const LobeAnswers& a : answers) {
+    for (const LobeAnswers& a : work.answers) {
       refused = refused || a.refused[j] != 0;
       if (a.clear[j] < 1.0f) layers.push_back({a.distance[j], &a});
     }
     if (refused) {
-      exact.push_back(i);
-      continue;
-    }
-    const float end = rest.instance[j] == k_none ? k_infinity : rest.t[j];
-    results.clear[i] = compose(layers, j, end, results.arriving[i]);
-    copy_hit(rest, j, results.hits, i);
-    if (results.clear[i] < k_least_share) {
-      results.clear[i] = 0.0f;
-      results.hits.instance[i] = k_none;
+      work.exact.push_back(i);
+    } else if (!layers.empty()) {
+      FilteredRay& ray = work.filtered.emplace_back();
+      ray.ray = i;
+      compose(layers, j, hits.instance[i] == k_none ? k_infinity : hits.t[i], ray);
     }
   }
-  stats.rays_glossy_exact += exact.size();
+}
+
+void LobeAnswerer::trace_exact(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const {
+  const std::vector<uint32_t>& exact = work.exact;
   if (exact.empty()) return;
-  RayBatch traced;
-  traced.resize(exact.size());
-  for (size_t j = 0; j < exact.size(); ++j) copy_ray(rays, exact[j], traced, j);
-  HitBatch found;
-  found.resize(exact.size());
-  shading_.accel.intersect(traced, found, Coherence::incoherent);
-  for (size_t j = 0; j < exact.size(); ++j) copy_hit(found, j, results.hits, exact[j]);
+  work.rays.resize(exact.size());
+  for (size_t j = 0; j < exact.size(); ++j) copy_ray(rays, exact[j], work.rays, j);
+  work.hits.resize(exact.size());
+  shading_.accel.intersect(work.rays, work.hits, Coherence::incoherent);
+  for (size_t j = 0; j < exact.size(); ++j) copy_hit(work.hits, j, hits, exact[j]);
+}
+
+void LobeAnswerer::answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
+                          Stats& stats) const {
+  hits.resize(rays.size);
+  work.filtered.clear();
+  find_asked(rays, paths, work);
+  trace_others(rays, hits, work);
+  if (!work.asked.empty()) {
+    ask(rays, paths, work, stats);
+    put_together(hits, work);
+    for (FilteredRay& ray : work.filtered) {
+      if (ray.clear >= k_least_share) continue;
+      ray.clear = 0.0f;
+      hits.instance[ray.ray] = k_none;
+    }
+  }
+  for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
+  trace_exact(rays, hits, work);
 }
 
 }  // namespace fieldtrace

@@ -5,7 +5,8 @@
 // back, with the share that each leaves to those behind it; the ray goes on with what is left, among the objects
 // without pictures. So a sample is filtered, and neither shading nor shadow rays are needed where it ends. Which
 // objects have pictures follows from the scene and constants; a ray's answer depends on the ray, the scene and the
-// settings. Thread-safety: const functions may be called from any number of threads; pictures grow by demand meanwhile.
+// settings. Thread-safety: const functions may be called from any number of threads, each with a workspace of its own;
+// pictures grow by demand meanwhile.
 #pragma once
 
 #include <memory>
@@ -14,24 +15,37 @@
 
 #include "core/accel.h"
 #include "field/segment_kernels.h"
-#include "hybrid/radiance_pictures.h"
+#include "hybrid/path_batch.h"
+#include "hybrid/shape_traits.h"
 #include "hybrid/stats.h"
 
 namespace fieldtrace {
 
-// What a wave of bounce rays is to be answered into, by ray.
-struct LobeResults {
-  HitBatch& hits;              // where the rest of the ray ends
-  std::vector<Rgb>& arriving;  // radiance found on the way
-  std::vector<float>& clear;   // share of the ray that goes on to the hit
+class RadiancePictures;
+struct TransportContext;
+
+// What pictures say of one ray of a wave.
+struct FilteredRay {
+  uint32_t ray = 0;          // its index
+  Rgb radiance = Rgb(0.0f);  // that arrives along it from objects with pictures
+  float clear = 1.0f;        // share of it that goes on to its hit
 };
 
-// Of a glossy ray: what it needs to know of the surface that it left.
-struct LobeRay {
-  Vec3 normal = Vec3(0.0f, 0.0f, 1.0f);  // geometric, on the ray's side
-  uint32_t instance = k_none;
-  float density = 0.0f;  // samples x solid-angle density of the direction; 0: not glossy, an exact ray
-  float alpha = 0.0f;    // roughness of the lobe
+// What a thread works in, and what it was told.
+struct LobeWorkspace {
+  std::vector<FilteredRay> filtered;
+
+  // Of all rays of the wave: samples x density (0: not glossy), and whether they may meet an object with pictures.
+  AlignedVector<float> density;
+  AlignedVector<int32_t> met;
+  std::vector<uint32_t> asked, exact;
+  std::vector<uint32_t> cell_begin, sorted;  // of asked, by direction cell
+  std::vector<uint16_t> cells;
+  LobeBatch batch;                   // asked
+  std::vector<LobeAnswers> answers;  // by object
+  ConeUnknowns unknowns;
+  RayBatch rays;
+  HitBatch hits;
 };
 
 class LobeAnswerer {
@@ -39,29 +53,36 @@ class LobeAnswerer {
   // With more objects than this that could have pictures none has: their tests would cost more than a ray.
   static constexpr size_t k_most_objects = 16;
 
-  // The objects' radiance is shaded by the lights of `shading`, which must outlive this. `most_rays`: glossy rays that
-  // the picture will send at most; objects that could take more light samples are left out, and those whose pictures
-  // could outgrow `most_bytes` together with those before them.
-  LobeAnswerer(const TransportContext& shading, float tolerance, uint64_t most_rays, uint64_t most_bytes);
+  // The instances that may have pictures: none where there are more than k_most_objects.
+  static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits);
+
+  // Pictures of `suited`, shaded by paths of `shading` (SurfaceRadiance), which must outlive this. `most_rays`: glossy
+  // rays that the picture will send at most; objects whose shading could take more are left out, and those whose
+  // pictures could outgrow `most_bytes` together with those before them.
+  LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, float tolerance, uint64_t most_rays,
+               uint64_t most_bytes);
   ~LobeAnswerer();
 
   bool empty() const { return pictures_.empty(); }
   uint64_t bytes() const;
 
-  // rays[i] belongs to lobes[i]; rays are unit and endless. Results are resized by this.
-  void answer(const RayBatch& rays, std::span<const LobeRay> lobes, LobeResults& results, Stats& stats) const;
+  // hits (resized by this) receives where each ray ends, those of glossy paths beyond what work.filtered says of them.
+  // rays[i] belongs to paths[i]; rays are unit and endless.
+  void answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
+              Stats& stats) const;
 
  private:
-  struct Workspace;
-  void ask(RadiancePictures& pictures, const LobeBatch& lobes, LobeAnswers& answers, ConeUnknowns& unknowns,
-           Stats& stats) const;
+  void find_asked(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const;
+  void trace_others(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const;
+  void ask(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work, Stats& stats) const;
+  void put_together(const HitBatch& hits, LobeWorkspace& work) const;
+  void trace_exact(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const;
 
   const TransportContext& shading_;
   const SegmentKernels& kernels_;
   float blur_;  // tangent that half a texel may take, for each unit of alpha
   std::vector<std::unique_ptr<RadiancePictures>> pictures_;
-  std::shared_ptr<const Accel::Group> others_;  // instances without pictures
-  bool has_others_ = false;
+  std::shared_ptr<const Accel::Group> others_;  // instances without pictures; null: there are none
 };
 
 }  // namespace fieldtrace

@@ -32,19 +32,20 @@ Vec2 barycentric(const Vec3& p0, const Vec3& e1, const Vec3& e2, const Vec3& p) 
 
 }  // namespace
 
-RadiancePictures::RadiancePictures(const Scene& scene, uint32_t instance, uint64_t most_rays)
-    : scene_(scene),
-      ball_(field_ball(scene.shapes[scene.instances[instance].shape].bounds)),
+RadiancePictures::RadiancePictures(const TransportContext& shading, uint32_t instance, uint64_t most_rays)
+    : scene_(shading.scene),
+      accel_(shading.accel),
+      ball_(field_ball(scene_.shapes[scene_.instances[instance].shape].bounds)),
       tiles_(k_directions, most_rays >= k_many_rays ? k_plane : k_plane / 2, nullptr, TilePayload::radiance),
-      radiance_(scene, instance, patch_of(scene, instance, tiles_.lines())) {
+      radiance_(shading, instance, patch_of(scene_, instance, tiles_.lines())) {
   AnswererSettings settings;
   settings.tolerance = 1.0f;
-  task_ = make_occluder(scene, instance, {}, nullptr, settings).cone;
+  task_ = make_occluder(scene_, instance, {}, nullptr, settings).cone;
   task_.segment.field.directions = make_axis(k_directions);
   task_.segment.field.coverage = tiles_.view();
 }
 
-void RadiancePictures::bake(std::span<const uint32_t> slots, const TransportContext& shading, Stats& stats) {
+void RadiancePictures::bake(std::span<const uint32_t> slots, Stats& stats) {
   const auto start = std::chrono::steady_clock::now();
   const Instance& placed = scene_.instances[instance()];
   const TriangleMesh& mesh = scene_.shapes[placed.shape].mesh;
@@ -54,7 +55,7 @@ void RadiancePictures::bake(std::span<const uint32_t> slots, const TransportCont
   std::vector<SurfaceRadiance::Side> sides;
   std::vector<int> texels;  // of sides
   std::vector<Rgb> colours;
-  Stats shaded;
+  uint64_t bake_rays = 0;
   bake_tiles(tiles_, slots, [&](uint32_t slot) {
     rays.lay(tiles_, slot, ball_, k_directions);
     const size_t count = rays.texels.size();
@@ -62,8 +63,8 @@ void RadiancePictures::bake(std::span<const uint32_t> slots, const TransportCont
     sides.clear();
     texels.clear();
     hits.resize(count);
-    if (count > 0) shading.accel.shape_intersect(placed.shape, rays.rays, hits);
-    stats.bake_rays += count;
+    if (count > 0) accel_.shape_intersect(placed.shape, rays.rays, hits);
+    bake_rays += count;
     for (size_t r = 0; r < count; ++r) {
       if (hits.t[r] < 0.0f) continue;
       lines[size_t(rays.texels[r])] = rays.line_at(r, hits.t[r]);
@@ -75,12 +76,12 @@ void RadiancePictures::bake(std::span<const uint32_t> slots, const TransportCont
       sides.push_back(radiance_.side_at(hits.primitive[r], uv.x, uv.y, behind));
       texels.push_back(rays.texels[r]);
     }
-    radiance_.shade(sides, shading, shaded);
+    bake_rays += radiance_.shade(sides);
     colours.assign(CoverageTiles::k_lines_per_tile, Rgb(0.0f));
     for (size_t k = 0; k < sides.size(); ++k) colours[size_t(texels[k])] = radiance_.radiance(sides[k]);
     tiles_.finish(slot, lines, colours);
   });
-  stats.bake_rays += shaded.rays_exact;
+  stats.bake_rays += bake_rays;
   stats.time_bake += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 

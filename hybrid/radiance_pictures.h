@@ -23,7 +23,8 @@ class RadiancePictures {
   static constexpr int k_plane = 64;
   static constexpr uint64_t k_many_rays = uint64_t(1) << 25;
 
-  RadiancePictures(const Scene& scene, uint32_t instance, uint64_t most_rays);
+  // `shading` must outlive this: SurfaceRadiance.
+  RadiancePictures(const TransportContext& shading, uint32_t instance, uint64_t most_rays);
 
   uint32_t instance() const { return radiance_.instance(); }
   const SurfaceRadiance& radiance() const { return radiance_; }
@@ -31,12 +32,12 @@ class RadiancePictures {
   // The object, its pictures as a field of coverage alone.
   const ConeTask& task() const { return task_; }
 
-  // As bake_coverage(); the surface that the lines meet is shaded by the lights of `shading`, which is counted in
-  // `stats` with the bake.
-  void bake(std::span<const uint32_t> slots, const TransportContext& shading, Stats& stats);
+  // As bake_coverage(); the surface that the lines meet is shaded, which is counted in `stats` with the bake.
+  void bake(std::span<const uint32_t> slots, Stats& stats);
 
  private:
   const Scene& scene_;
+  const Accel& accel_;
   Sphere ball_;
   CoverageTiles tiles_;
   SurfaceRadiance radiance_;

@@ -19,6 +19,7 @@
 #include "hybrid/field_set.h"
 #include "hybrid/field_survey.h"
 #include "hybrid/lobe_answerer.h"
+#include "hybrid/radiance_pictures.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/stopwatch.h"
 #include "hybrid/tiles.h"
@@ -187,6 +188,7 @@ struct Stage {
   const Accel& accel;
   CameraSampler camera;
   std::vector<ShapeTraits> traits;
+  std::shared_ptr<const LightTable> lights;
 };
 
 // Everything that the tiles of one attempt share.
@@ -271,7 +273,7 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
-  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings);
+  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
   const FieldSurvey survey =
       survey_fields(context, crop_window(picture.scene.film, {}), picture.spp, picture.callbacks.stop);
   stats.survey_rays += survey.stats.rays_exact;
@@ -285,31 +287,45 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
 // Pictures of radiance may take this part of what fields may, beside them.
 constexpr uint64_t k_picture_share = 4;
 
-// What answers glossy rays, empty where nothing sends any or they are to be exact. Radiance is shaded by exact rays:
-// receivers all over an object would have its field baked for few rays each.
+// What answers glossy rays. Radiance is shaded by exact rays: receivers all over an object would have its field baked
+// for few rays each.
 struct GlossyStage {
   std::vector<Field*> no_fields;
   ShadowAnswerer exact;
   TransportContext shading;
   LobeAnswerer lobes;
 
-  GlossyStage(const Picture& picture, const Stage& stage, uint64_t most_rays)
+  GlossyStage(const Picture& picture, const Stage& stage, std::span<const uint32_t> suited, uint64_t most_rays)
       : no_fields(picture.scene.shapes.size(), nullptr),
         exact(picture.scene, stage.accel, stage.traits, no_fields, {picture.settings.isa, 0.0f}),
-        shading(picture.scene, stage.accel, stage.camera, exact, picture.settings),
-        lobes(shading, picture.options.tolerance, most_rays, picture.field_memory / k_picture_share) {}
+        shading(picture.scene, stage.accel, stage.camera, exact, shading_settings(picture.settings), stage.lights),
+        lobes(shading, suited, picture.options.tolerance, most_rays, picture.field_memory / k_picture_share) {}
+
+  // Of paths that begin at a path's second surface.
+  static TransportSettings shading_settings(TransportSettings settings) {
+    settings.light_samples = SurfaceRadiance::k_samples;
+    settings.lobe_samples = 1;
+    if (settings.max_depth > 0) settings.max_depth -= 1;
+    settings.count_first_hits = settings.occlusion = false;
+    return settings;
+  }
 };
 
+// Null where nothing sends glossy rays, or they are to be exact, or no object can have pictures.
 std::unique_ptr<GlossyStage> make_glossy_stage(const Picture& picture, const Stage& stage) {
   const RenderOptions& options = picture.options;
-  if (!picture.wants_fields || options.force_ask || picture.settings.max_depth < 3) return nullptr;
+  const int max_depth = picture.settings.max_depth;
+  if (!picture.wants_fields || options.force_ask || (max_depth >= 0 && max_depth < 3)) return nullptr;
   const std::vector<Bsdf>& bsdfs = picture.scene.bsdfs;
   if (std::none_of(bsdfs.begin(), bsdfs.end(), [](const Bsdf& b) { return is_rough(b.kind); })) return nullptr;
+  const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(picture.scene, stage.traits);
+  if (suited.empty()) return nullptr;
   // Of the film, so that a pixel is the same in every window.
   const Rect film = crop_window(picture.scene.film, {});
   const uint64_t most_rays =
       uint64_t(film.width) * uint64_t(film.height) * uint64_t(picture.spp) * uint64_t(options.lobe_samples);
-  return std::make_unique<GlossyStage>(picture, stage, most_rays);
+  auto glossy = std::make_unique<GlossyStage>(picture, stage, suited, most_rays);
+  return glossy->lobes.empty() ? nullptr : std::move(glossy);
 }
 
 // One attempt with the fields of `plan`. False if they outgrew their memory: `plan` is then that of the next attempt.
@@ -328,7 +344,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
                             options.whole_lights};
   settings.own_to_rays = fields.own_to_rays();
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
-  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings);
+  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
   const std::unique_ptr<GlossyStage> glossy = make_glossy_stage(picture, stage);
   if (glossy) context.lobes = &glossy->lobes;
   result.image = make_image(picture.window, picture.aovs);
@@ -380,7 +396,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Clock::time_point build_begin = Clock::now();
     const Accel accel(scene);
     result.stats.time_build = seconds_since(build_begin);
-    const Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene)};
+    const Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
+                      std::make_shared<const LightTable>(make_lights(scene))};
     FieldPlan plan = first_plan(scene, stage.traits, options, picture.rays_per_light());
     while (!attempt(picture, stage, plan, result)) {
     }

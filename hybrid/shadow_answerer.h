@@ -117,6 +117,7 @@ class ShadowAnswerer {
 
   void ask_cones(const Occluder& occluder, const ReceiverBatch& receivers, const ShadowGroup& group, Workspace& work,
                  Stats& stats) const;
+  // ask_and_bake() with the occluder's field.
   template <class Ask>
   void bake_and_repeat(const Occluder& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
                        const Ask& ask) const;

@@ -31,34 +31,20 @@ int sheet_side_for(const SegmentTask& ball, const Sphere& light, int directions)
 
 }  // namespace
 
-// Calls ask(blocks) for all blocks of k_batch_padding among `size` entries, bakes what it reports in `unknowns`, and
-// calls it again for the blocks that met it. Blocks that are still unknown in the end are left in `unknowns`.
 template <class Ask>
 void ShadowAnswerer::bake_and_repeat(const Occluder& o, size_t size, ConeUnknowns& unknowns, Stats& stats,
                                      const Ask& ask) const {
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
-  unknowns.tiles.clear();
-  unknowns.slices.clear();
-  unknowns.blocks.clear();
-  for (size_t i = 0; i < size; i += k_batch_padding) unknowns.blocks.push_back(uint32_t(i));
-  std::vector<uint32_t> blocks;
-  bool is_full = false;
-  for (int round = 0; !unknowns.blocks.empty() && !is_full && round <= k_most_bake_rounds; ++round) {
-    blocks.swap(unknowns.blocks);
-    unknowns.blocks.clear();
-    ask(blocks);
-    if (unknowns.blocks.empty()) break;
-    is_full = o.field->pool_full() || o.field->coverage().full();  // the rest is left to single rays
+  ask_and_bake(size, unknowns, ask, [&] {
+    // The last round: what is left is for single rays.
+    const bool is_full = o.field->pool_full() || o.field->coverage().full();
     BakeCounters counters;
-    sort_unique(unknowns.tiles);
-    sort_unique(unknowns.slices);
     if (!unknowns.tiles.empty()) bake_coverage(*o.field, unknowns.tiles, accel_, shape, counters);
     if (!unknowns.slices.empty()) bake_slices(*o.field, FieldLayer::depth, unknowns.slices, accel_, shape, counters);
-    unknowns.tiles.clear();
-    unknowns.slices.clear();
     stats.bake_rays += counters.rays;
     stats.time_bake += counters.seconds;
-  }
+    return !is_full;
+  });
 }
 
 void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers, const ShadowGroup& group,

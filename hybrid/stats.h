@@ -61,7 +61,7 @@ struct Stats {
   uint64_t survey_rays = 0;          // shadow rays traced to find those out, not in rays_exact
   std::vector<FieldUse> field_uses;  // per shape; empty unless counted (hybrid/field_survey.h)
   uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
-  uint64_t field_tiles_baked = 0;  // coverage tiles
+  uint64_t field_tiles_baked = 0;     // coverage tiles
   uint64_t field_bytes_pictures = 0;  // pictures of radiance (hybrid/lobe_answerer.h)
   uint64_t field_bytes_budget = 0, field_bytes_peak = 0;
   uint64_t field_restarts = 0;  // attempts that outgrew the budget

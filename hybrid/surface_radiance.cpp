@@ -5,7 +5,6 @@
 
 #include "core/shared_value.h"
 #include "core/sobol.hd.h"
-#include "hybrid/direct_light.h"
 
 namespace fieldtrace {
 namespace {
@@ -43,9 +42,13 @@ bool SurfaceRadiance::suits(const Scene& scene, uint32_t index) {
   return true;
 }
 
-SurfaceRadiance::SurfaceRadiance(const Scene& scene, uint32_t index, float patch) : scene_(scene), instance_(index) {
-  const Instance& instance = scene.instances[index];
-  const TriangleMesh& mesh = scene.shapes[instance.shape].mesh;
+SurfaceRadiance::SurfaceRadiance(const TransportContext& shading, uint32_t index, float patch)
+    : scene_(shading.scene),
+      seed_(shading.settings.seed),
+      instance_(index),
+      workers_([&shading] { return TransportWorker(shading); }) {
+  const Instance& instance = scene_.instances[index];
+  const TriangleMesh& mesh = scene_.shapes[instance.shape].mesh;
   first_.reserve(mesh.triangles.size() + 1);
   divisor_.reserve(mesh.triangles.size());
   uint64_t count = 0;
@@ -79,8 +82,7 @@ HitBatch SurfaceRadiance::centres_of(std::span<const Side> sides) const {
 }
 
 // On side `side` of the patch whose centre is entry i.
-PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side side,
-                                      const TransportContext& context) const {
+PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side side) const {
   const bool back = side % 2 != 0;
   const RayBatch rays;  // meshes do not ask for the ray
   PathVertex v;
@@ -89,12 +91,12 @@ PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side si
   const bool turned = glm::dot(v.facing, v.surface.shading_normal) < 0.0f;
   v.material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, back ? -1.0f : 1.0f);
   v.frame = frame_about(turned ? -v.surface.shading_normal : v.surface.shading_normal);
-  v.seed = scalar::vertex_seed(context.settings.seed, side, instance_, k_patch_stream);
-  v.lobe_samples = 0.0f;  // lights are found by their own samples alone
+  v.seed = scalar::vertex_seed(seed_, side, instance_, k_patch_stream);
+  v.lobe_samples = float(k_samples);
   return v;
 }
 
-void SurfaceRadiance::shade(std::span<const Side> sides, const TransportContext& context, Stats& stats) {
+uint64_t SurfaceRadiance::shade(std::span<const Side> sides) {
   std::vector<Side> missing;
   for (const Side side : sides) {
     if (!shared(shaded_[side]).load(std::memory_order_acquire)) missing.push_back(side);
@@ -102,24 +104,28 @@ void SurfaceRadiance::shade(std::span<const Side> sides, const TransportContext&
   const HitBatch centres = centres_of(missing);
   std::vector<Side> lit;
   std::vector<PathVertex> vertices;
+  std::vector<PathState> paths;
   for (size_t i = 0; i < missing.size(); ++i) {
-    const PathVertex v = vertex_at(centres, i, missing[i], context);
+    const PathVertex v = vertex_at(centres, i, missing[i]);
     if (v.material.dark) {  // its radiance is zero
       shared(shaded_[missing[i]]).store(1, std::memory_order_release);
       continue;
     }
     lit.push_back(missing[i]);
     vertices.push_back(v);
+    // The seeds of further surfaces on its paths are those of such a pixel.
+    PathState& path = paths.emplace_back();
+    path.pixel_x = missing[i];
+    path.pixel_y = scalar::hash_combine(instance_, k_patch_stream);
   }
-  if (lit.empty()) return;
-  const std::vector<PathState> paths(1);
-  std::vector<Rgb> arriving(lit.size());
-  DirectLight direct(context);
-  direct.gather(vertices, paths, k_light_samples, {}, arriving, stats);
+  if (lit.empty()) return 0;
+  std::vector<Rgb> leaving(lit.size());
+  const uint64_t rays = workers_.local().follow(vertices, paths, leaving);
   for (size_t i = 0; i < lit.size(); ++i) {
-    for (int c = 0; c < 3; ++c) shared(radiance_[lit[i]][c]).store(arriving[i][c], std::memory_order_relaxed);
+    for (int c = 0; c < 3; ++c) shared(radiance_[lit[i]][c]).store(leaving[i][c], std::memory_order_relaxed);
     shared(shaded_[lit[i]]).store(1, std::memory_order_release);
   }
+  return rays;
 }
 
 Rgb SurfaceRadiance::radiance(Side side) const {

@@ -1,11 +1,14 @@
-// The diffuse radiance that leaves an instance's surface by direct light, shaded once for small patches of its
-// triangles, those that are asked for.
+// The diffuse radiance that leaves an instance's surface, shaded once for small patches of its triangles, those that
+// are asked for.
 //
 // Lights and objects stand still during a picture, and what a diffuse surface sends out is the same in all directions:
-// every glossy ray that meets the object may share it. A triangle is cut into n x n patches, n from its longest edge.
-// Light samples alone, no bounces. Space: world for lengths, linear radiance. Thread-safety: any number of threads may
-// shade and read at once; a patch that two of them shade comes out the same.
+// every glossy ray that meets the object may share it. A triangle is cut into n x n patches, n from its longest edge; a
+// patch is shaded at its middle, by light samples and by paths that go on from there. Space: world for lengths, linear
+// radiance. Thread-safety: any number of threads may shade and read at once; a patch that two of them shade comes out
+// the same.
 #pragma once
+
+#include <tbb/enumerable_thread_specific.h>
 
 #include <span>
 #include <vector>
@@ -16,8 +19,8 @@ namespace fieldtrace {
 
 class SurfaceRadiance {
  public:
-  // Light samples of each patch, towards every light.
-  static constexpr int k_light_samples = 16;
+  // Light samples of each patch, towards every light, and paths that go on from it.
+  static constexpr int k_samples = 16;
 
   // A side of a patch: 2 patch + 1 on the side that the geometric normal points away from, else 2 patch.
   using Side = uint32_t;
@@ -26,8 +29,9 @@ class SurfaceRadiance {
   // mesh of one diffuse colour that does not glow.
   static bool suits(const Scene& scene, uint32_t instance);
 
-  // `patch`: the longest edge of a patch, world units, > 0.
-  SurfaceRadiance(const Scene& scene, uint32_t instance, float patch);
+  // Patches are the first surfaces of paths of `shading`, which must outlive this: its max_depth counts from them, and
+  // its light_samples must be k_samples.
+  SurfaceRadiance(const TransportContext& shading, uint32_t instance, float patch);
 
   uint32_t instance() const { return instance_; }
   size_t patch_count() const { return first_.back(); }
@@ -35,21 +39,23 @@ class SurfaceRadiance {
 
   // At barycentric coordinates of vertices 1 and 2, within rounding of the triangle.
   Side side_at(uint32_t triangle, float u, float v, bool back) const;
-  // Shades those of `sides` that are not shaded yet, by the lights of `context`, whose answerer decides what they see.
-  void shade(std::span<const Side> sides, const TransportContext& context, Stats& stats);
+  // Shades those of `sides` that are not shaded yet. Returns how many rays that took.
+  uint64_t shade(std::span<const Side> sides);
   // Unchecked: shaded.
   Rgb radiance(Side side) const;
 
  private:
   HitBatch centres_of(std::span<const Side> sides) const;
-  PathVertex vertex_at(const HitBatch& centres, size_t i, Side side, const TransportContext& context) const;
+  PathVertex vertex_at(const HitBatch& centres, size_t i, Side side) const;
 
   const Scene& scene_;
+  uint32_t seed_;
   uint32_t instance_;
   std::vector<uint32_t> first_;    // per triangle and one more: its first patch
   std::vector<uint16_t> divisor_;  // per triangle: n
   std::vector<Rgb> radiance_;      // per side
   std::vector<uint8_t> shaded_;    // per side: 1 once its radiance is there
+  tbb::enumerable_thread_specific<TransportWorker> workers_;
 };
 
 }  // namespace fieldtrace

@@ -33,8 +33,14 @@ bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || surround
 }  // namespace
 
 TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraSampler& c, const ShadowAnswerer& sa,
-                                   const TransportSettings& ts)
-    : scene(s), accel(a), camera(c), answerer(sa), settings(ts), lights(make_lights(s)) {
+                                   const TransportSettings& ts, std::shared_ptr<const LightTable> made)
+    : scene(s),
+      accel(a),
+      camera(c),
+      answerer(sa),
+      settings(ts),
+      shared_lights(made ? std::move(made) : std::make_shared<const LightTable>(make_lights(s))),
+      lights(*shared_lights) {
   for (uint32_t i = 0; i < s.emitters.size(); ++i) {
     const Emitter& emitter = s.emitters[i];
     const bool closed = sampled_in_closed_form(lights.lights[i]);
@@ -62,11 +68,9 @@ struct TransportWorker::Impl {
   std::vector<Rgb> arriving;
   std::vector<FirstHit> firsts;
   std::vector<float> near_distance;  // per camera ray
-  // Of a wave of bounce rays that pictures of radiance are asked about.
-  std::vector<LobeRay> lobe_rays;
-  std::vector<Rgb> lobe_radiance;
-  std::vector<float> lobe_clear;
+  LobeWorkspace lobe_work;
   std::span<SampleResult> results;
+  std::vector<SampleResult> follow_results;
 
   explicit Impl(const TransportContext& c)
       : context(c), scene(c.scene), settings(c.settings), direct(c), occlusion(c) {}
@@ -83,6 +87,7 @@ struct TransportWorker::Impl {
                     const LightHit& hit);
   void gather_light(int vertex_number);
   void scatter(int vertex_number);
+  void go_on(int vertex_number);
   bool goes_on(const Material& material, int vertex_number) const;
   PathState leave(const PathVertex& vertex, int vertex_number) const;
   void send(const PathVertex& vertex, PathState next, const Vec3& direction);
@@ -123,28 +128,22 @@ void TransportWorker::Impl::intersect(int vertex_number) {
   context.accel.intersect(rays, hits, vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
 }
 
-// Pictures of radiance hold direct light: they speak for surfaces that are lit and send nothing on.
+// Pictures hold what leaves the second surface of a path: paths of any length have that at every surface.
 bool TransportWorker::Impl::answers_lobes(int vertex_number) const {
-  return context.lobes && !context.lobes->empty() && vertex_number > 0 && settings.max_depth == vertex_number + 2;
+  return context.lobes && (vertex_number == 1 || (vertex_number > 1 && settings.max_depth < 0));
 }
 
 void TransportWorker::Impl::intersect_lobes() {
   const double bake_before = stats.time_bake;
   {
     const ScopedTimer timer(stats.time_secondary);
-    lobe_rays.resize(paths.size());
-    for (size_t i = 0; i < paths.size(); ++i) {
-      const PathState& path = paths[i];
-      const bool asks = path.alpha > 0.0f && !path.unweighted;
-      lobe_rays[i] = {path.side, path.instance, asks ? path.bsdf_density : 0.0f, path.alpha};
-    }
-    LobeResults lobe_results{hits, lobe_radiance, lobe_clear};
-    context.lobes->answer(rays, lobe_rays, lobe_results, stats);
+    context.lobes->answer(rays, paths, hits, lobe_work, stats);
   }
   stats.time_secondary -= stats.time_bake - bake_before;
-  for (size_t i = 0; i < paths.size(); ++i) {
-    results[paths[i].slot].radiance += paths[i].throughput * lobe_radiance[i];
-    paths[i].throughput *= lobe_clear[i];
+  for (const FilteredRay& filtered : lobe_work.filtered) {
+    PathState& path = paths[filtered.ray];
+    results[path.slot].radiance += path.throughput * filtered.radiance;
+    path.throughput *= filtered.clear;
   }
 }
 
@@ -365,21 +364,52 @@ TransportWorker::TransportWorker(TransportWorker&&) noexcept = default;
 
 const Stats& TransportWorker::stats() const { return impl_->stats; }
 
+// All that follows from the vertices of number `vertex_number`.
+void TransportWorker::Impl::go_on(int vertex_number) {
+  gather_light(vertex_number);
+  scatter(vertex_number);
+  while (!paths.empty()) {
+    ++vertex_number;
+    intersect(vertex_number);
+    arrive(vertex_number);
+    gather_light(vertex_number);
+    scatter(vertex_number);
+  }
+}
+
 void TransportWorker::trace(std::span<const CameraSample> samples, std::span<SampleResult> results) {
   Impl& w = *impl_;
   w.results = results;
   w.occlusion.clear();
   w.generate(samples);
-  if (w.settings.max_depth == 0) return;
-  for (int vertex_number = 0; !w.paths.empty(); ++vertex_number) {
-    w.intersect(vertex_number);
-    if (vertex_number == 0 && w.settings.hide_emitters) w.pass_hidden_emitters();
-    w.arrive(vertex_number);
-    if (vertex_number == 0 && w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
-    w.gather_light(vertex_number);
-    w.scatter(vertex_number);
-  }
+  if (w.settings.max_depth == 0 || samples.empty()) return;
+  w.intersect(0);
+  if (w.settings.hide_emitters) w.pass_hidden_emitters();
+  w.arrive(0);
+  if (w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
+  w.go_on(0);
   for (size_t i = 0; i < samples.size(); ++i) results[i].first = w.firsts[i];
+}
+
+uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths,
+                                 std::span<Rgb> radiance) {
+  Impl& w = *impl_;
+  const uint64_t before = w.stats.rays_primary + w.stats.rays_exact;
+  w.follow_results.assign(vertices.size(), SampleResult{});
+  w.results = w.follow_results;
+  for (uint32_t i = 0; i < vertices.size(); ++i) {
+    vertices[i].path = paths[i].slot = i;
+    paths[i].may_split = false;
+  }
+  w.vertices.swap(vertices);
+  w.paths.swap(paths);
+  if (w.settings.max_depth != 0) w.go_on(0);
+  for (size_t i = 0; i < radiance.size(); ++i) {
+    const Rgb& sum = w.follow_results[i].radiance;
+    const bool is_finite = std::isfinite(sum.x) && std::isfinite(sum.y) && std::isfinite(sum.z);
+    radiance[i] = is_finite ? sum : Rgb(0.0f);
+  }
+  return w.stats.rays_primary + w.stats.rays_exact - before;
 }
 
 }  // namespace fieldtrace

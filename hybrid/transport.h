@@ -45,8 +45,9 @@ class LobeAnswerer;
 
 // Everything that workers share. References must outlive it.
 struct TransportContext {
+  // `lights`: those of the scene, where they are made already.
   TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera, const ShadowAnswerer& answerer,
-                   const TransportSettings& settings);
+                   const TransportSettings& settings, std::shared_ptr<const LightTable> lights = nullptr);
 
   const Scene& scene;
   const Accel& accel;
@@ -55,7 +56,8 @@ struct TransportContext {
   const LobeAnswerer* lobes =
       nullptr;  // answers glossy rays whose hit is lit and sends nothing on; null: exact rays do
   TransportSettings settings;
-  LightTable lights;
+  std::shared_ptr<const LightTable> shared_lights;
+  const LightTable& lights;
   std::vector<LightExtent> light_extents;  // where each light's rays end
   std::vector<uint8_t> closed_form;        // per light: sampled_in_closed_form
   std::vector<uint32_t> backgrounds;       // constant emitters and environment maps
@@ -81,6 +83,12 @@ class TransportWorker {
 
   // results[i] receives what camera sample i sees. Any number of samples; about 4096 / lobe_samples is best.
   void trace(std::span<const CameraSample> samples, std::span<SampleResult> results);
+
+  // The same for paths that begin at surfaces: radiance[i] receives what leaves vertices[i] on the side that it was
+  // shaded from, its own emission left out, by paths of which vertices[i].lobe_samples go on from there. paths[i] gives
+  // the seeds and the place in the sequence; `vertices` and `paths` are changed. Not-finite values count as black.
+  // Returns how many rays that took. Unchecked: materials without straight passage.
+  uint64_t follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths, std::span<Rgb> radiance);
 
   // Counters and this thread's times; time_primary and time_secondary are sums over calls.
   const Stats& stats() const;

@@ -7,6 +7,7 @@
 
 #include "core/mesh_procedural.h"
 #include "hybrid/compare.h"
+#include "hybrid/radiance_pictures.h"
 #include "hybrid/render.h"
 #include "hybrid/shadow_answerer.h"
 #include "tests/field_checks.h"
@@ -144,8 +145,9 @@ TEST(SurfaceRadiance, OfAConvexObjectInAFurnace) {
   const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()), {});
   TransportSettings settings;
   settings.isa = resolve_isa(Isa::automatic);
+  settings.light_samples = SurfaceRadiance::k_samples;
   const TransportContext context(m.scene, accel, camera, exact, settings);
-  SurfaceRadiance radiance(m.scene, ball, 0.1f);
+  SurfaceRadiance radiance(context, ball, 0.1f);
   TestRandom random(4);
   const auto triangles = uint32_t(m.scene.shapes[0].mesh.triangles.size());
   EXPECT_GT(radiance.patch_count(), size_t(triangles) * 4);
@@ -155,8 +157,7 @@ TEST(SurfaceRadiance, OfAConvexObjectInAFurnace) {
     if (u + v > 1.0f) u = 1.0f - u, v = 1.0f - v;
     const uint32_t t = random.index(triangles);
     const SurfaceRadiance::Side sides[] = {radiance.side_at(t, u, v, false), radiance.side_at(t, u, v, true)};
-    Stats stats;
-    radiance.shade(sides, context, stats);
+    radiance.shade(sides);
     const Rgb front = radiance.radiance(sides[0]);
     // At most an eighth of the 16 stratified samples about a smooth normal lie below the facet.
     EXPECT_NEAR(front.x, 2.0f * k_albedo, 0.13f);
@@ -182,9 +183,10 @@ TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
   const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()), {});
   TransportSettings settings;
   settings.isa = resolve_isa(Isa::automatic);
+  settings.light_samples = SurfaceRadiance::k_samples;
   const TransportContext context(m.scene, accel, camera, exact, settings);
   const float patch = 0.05f;
-  SurfaceRadiance radiance(m.scene, plate, patch);
+  SurfaceRadiance radiance(context, plate, patch);
   const auto analytic = [](float u, float v) {
     const float r2 = u * u + v * v + 0.25f;
     return 0.5f / (r2 * std::sqrt(r2)) / k_pi;
@@ -194,8 +196,7 @@ TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
       // No further than a patch's edge from its centre; the gradient is below 2.5 times the value there.
       const float expected = analytic(u, v);
       const SurfaceRadiance::Side side[] = {radiance.side_at(0, u, v, false)};
-      Stats stats;
-      radiance.shade(side, context, stats);
+      radiance.shade(side);
       EXPECT_NEAR(radiance.radiance(side[0]).x, expected, patch * 2.5f * expected) << u << " " << v;
     }
   }
