@@ -13,10 +13,17 @@ struct AovEntry {
   const char* channels;  // one letter each
 };
 constexpr AovEntry k_entries[] = {
-    {Aov::albedo, "albedo", "RGB"},       {Aov::normal, "normal", "XYZ"},
-    {Aov::depth, "depth", "Z"},           {Aov::position, "position", "XYZ"},
-    {Aov::visibility, "visibility", "Y"}, {Aov::exact, "exact", "Y"},
-    {Aov::object, "object", "Y"},         {Aov::ao, "ao", "Y"},
+    {Aov::albedo, "albedo", "RGB"},
+    {Aov::normal, "normal", "XYZ"},
+    {Aov::depth, "depth", "Z"},
+    {Aov::position, "position", "XYZ"},
+    {Aov::visibility, "visibility", "Y"},
+    {Aov::exact, "exact", "Y"},
+    {Aov::object, "object", "Y"},
+    {Aov::ao, "ao", "Y"},
+    {Aov::reflected_depth, "reflected_depth", "Z"},
+    {Aov::reflected_object, "reflected_object", "Y"},
+    {Aov::glossy_exact, "glossy_exact", "Y"},
 };
 
 float* put(float* out, const Vec3& v) {
@@ -62,6 +69,11 @@ void AovSums::add(const FirstHit& first) {
   }
   visibility += first.shadow_rays > 0.0f ? double(first.shadow_clear) / double(first.shadow_rays) : 1.0;
   exact += first.shadow_rays > 0.0f ? double(first.shadow_exact) / double(first.shadow_rays) : 0.0;
+  if (glossy_rays == 0) reflected_object = first.reflected_object;
+  glossy_rays += first.glossy_rays;
+  glossy_exact += first.glossy_exact;
+  reflected_hits += first.reflected_hits;
+  reflected_depth += first.reflected_depth;
   occlusion += first.occlusion_rays ? double(first.occlusion_clear) / first.occlusion_rays : 1.0;
 }
 
@@ -93,6 +105,15 @@ float* AovSums::write(const std::vector<Aov>& aovs, float* out) const {
         break;
       case Aov::ao:
         *out++ = float(occlusion) * per_sample;
+        break;
+      case Aov::reflected_depth:
+        *out++ = reflected_hits ? float(reflected_depth / double(reflected_hits)) : 0.0f;
+        break;
+      case Aov::reflected_object:
+        *out++ = float(reflected_object);
+        break;
+      case Aov::glossy_exact:
+        *out++ = glossy_rays ? float(double(glossy_exact) / double(glossy_rays)) : 0.0f;
         break;
     }
   }

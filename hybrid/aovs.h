@@ -4,7 +4,10 @@
 // visibility.Y, exact.Y, ao.Y (ambient_occlusion.h): means over all camera samples of a pixel (a miss has albedo 0,
 // normal 0, visibility 1, exact 0, ao 1). depth.Z (distance from the lens along the ray), position.X/Y/Z (the file's
 // world coordinates): means over the samples that hit something; 0 if none did. object.Y: instance index + 1 of the
-// pixel's first camera sample, 0 on a miss. Thread-safety: values; each pixel belongs to one thread.
+// pixel's first camera sample, 0 on a miss. Of the rays that leave first hits of anything but diffuse surfaces:
+// reflected_depth.Z (mean length of those that met something), reflected_object.Y (as object, of the first of them),
+// glossy_exact.Y (share that was traced, 0 if there were none). Thread-safety: values; each pixel belongs to one
+// thread.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +18,19 @@
 
 namespace fieldtrace {
 
-enum class Aov : uint8_t { albedo, normal, depth, position, visibility, exact, object, ao };
+enum class Aov : uint8_t {
+  albedo,
+  normal,
+  depth,
+  position,
+  visibility,
+  exact,
+  object,
+  ao,
+  reflected_depth,
+  reflected_object,
+  glossy_exact
+};
 
 // Throws UsageError for an unknown name; a name given twice counts once.
 std::vector<Aov> parse_aovs(const std::vector<std::string>& names);
@@ -35,6 +50,20 @@ struct FirstHit {
   // light has samples for each part, so that lights weigh the same.
   float shadow_rays = 0.0f, shadow_exact = 0.0f, shadow_clear = 0.0f;
   uint32_t occlusion_rays = 0, occlusion_clear = 0;
+  // Rays that leave the hit, if its surface is not diffuse.
+  uint32_t glossy_rays = 0, glossy_exact = 0, reflected_hits = 0;
+  float reflected_depth = 0.0f;   // sum over those that met something
+  uint32_t reflected_object = 0;  // that the first of them met: instance index + 1
+
+  // One such ray, that met `instance` (or nothing: `met` is false) at a distance.
+  void add_reflection(bool met, uint32_t instance, float distance, bool is_exact) {
+    if (glossy_rays == 0 && met) reflected_object = instance + 1;
+    ++glossy_rays;
+    glossy_exact += is_exact;
+    if (!met) return;
+    ++reflected_hits;
+    reflected_depth += distance;
+  }
 };
 
 // Sums over one pixel's camera samples, added in the order of their indices.
@@ -46,6 +75,9 @@ struct AovSums {
   DVec3 position = DVec3(0.0);
   double visibility = 0.0, exact = 0.0, occlusion = 0.0;
   uint32_t object = 0;
+  uint64_t glossy_rays = 0, glossy_exact = 0, reflected_hits = 0;
+  double reflected_depth = 0.0;
+  uint32_t reflected_object = 0;
 
   void add(const FirstHit& first);
   // Writes the channels of `aovs` in order, and returns the end.

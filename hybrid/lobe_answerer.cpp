@@ -50,11 +50,14 @@ void order_by_direction(const RayBatch& rays, LobeWorkspace& work) {
 struct Layer {
   float distance;
   const LobeAnswers* answers;
+  uint32_t instance;
 };
 
 // Objects front to back, those before the hit at `end`.
 void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) {
   std::sort(layers.begin(), layers.end(), [](const Layer& a, const Layer& b) { return a.distance < b.distance; });
+  ray.instance = layers.front().instance;
+  ray.distance = layers.front().distance;
   for (const Layer& layer : layers) {
     if (layer.distance >= end) break;
     const LobeAnswers& a = *layer.answers;
@@ -188,9 +191,10 @@ void LobeAnswerer::put_together(const HitBatch& hits, LobeWorkspace& work) const
     const uint32_t i = work.asked[j];
     layers.clear();
     bool refused = false;
-    for (const LobeAnswers& a : work.answers) {
+    for (size_t p = 0; p < pictures_.size(); ++p) {
+      const LobeAnswers& a = work.answers[p];
       refused = refused || a.refused[j] != 0;
-      if (a.clear[j] < 1.0f) layers.push_back({a.distance[j], &a});
+      if (a.clear[j] < 1.0f) layers.push_back({a.distance[j], &a, pictures_[p]->instance()});
     }
     if (refused) {
       work.exact.push_back(i);

@@ -29,6 +29,8 @@ struct FilteredRay {
   uint32_t ray = 0;          // its index
   Rgb radiance = Rgb(0.0f);  // that arrives along it from objects with pictures
   float clear = 1.0f;        // share of it that goes on to its hit
+  uint32_t instance = 0;     // the nearest of those objects
+  float distance = 0.0f;
 };
 
 // What a thread works in, and what it was told.

@@ -102,6 +102,9 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.isa = resolve_isa(options.isa);
   s.count_first_hits =
       std::any_of(aovs.begin(), aovs.end(), [](Aov aov) { return aov == Aov::visibility || aov == Aov::exact; });
+  s.count_reflections = std::any_of(aovs.begin(), aovs.end(), [](Aov aov) {
+    return aov == Aov::reflected_depth || aov == Aov::reflected_object || aov == Aov::glossy_exact;
+  });
   s.occlusion = std::find(aovs.begin(), aovs.end(), Aov::ao) != aovs.end();
   s.occlusion_distance = options.ao_distance;
   return s;
@@ -306,7 +309,7 @@ struct GlossyStage {
     settings.light_samples = SurfaceRadiance::k_samples;
     settings.lobe_samples = 1;
     if (settings.max_depth > 0) settings.max_depth -= 1;
-    settings.count_first_hits = settings.occlusion = false;
+    settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
     return settings;
   }
 };

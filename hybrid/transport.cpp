@@ -79,6 +79,8 @@ struct TransportWorker::Impl {
   void pass_hidden_emitters();
   void intersect(int vertex_number);
   bool answers_lobes(int vertex_number) const;
+  void record_reflections();
+  void intersect_all(int vertex_number);
   void intersect_lobes();
   void arrive(int vertex_number);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
@@ -121,8 +123,13 @@ void TransportWorker::Impl::intersect(int vertex_number) {
   stats.rays_primary += rays.size;
   if (answers_lobes(vertex_number)) {
     intersect_lobes();
-    return;
+  } else {
+    intersect_all(vertex_number);
   }
+  if (settings.count_reflections && vertex_number == 1) record_reflections();
+}
+
+void TransportWorker::Impl::intersect_all(int vertex_number) {
   const ScopedTimer timer(vertex_number == 0 ? stats.time_primary : stats.time_secondary);
   hits.resize(rays.size);
   context.accel.intersect(rays, hits, vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
@@ -144,6 +151,26 @@ void TransportWorker::Impl::intersect_lobes() {
     PathState& path = paths[filtered.ray];
     results[path.slot].radiance += path.throughput * filtered.radiance;
     path.throughput *= filtered.clear;
+  }
+}
+
+// For the layers: what rays from first hits met, of pictures where those hide half of the ray or more.
+void TransportWorker::Impl::record_reflections() {
+  const bool asked = answers_lobes(1);
+  std::vector<const FilteredRay*> filtered(paths.size(), nullptr);
+  std::vector<uint8_t> is_exact(paths.size(), asked ? 0 : 1);
+  if (asked) {
+    for (const FilteredRay& f : lobe_work.filtered) filtered[f.ray] = &f;
+    for (const uint32_t i : lobe_work.exact) is_exact[i] = 1;
+  }
+  for (size_t i = 0; i < paths.size(); ++i) {
+    if (paths[i].diffuse) continue;
+    FirstHit& first = firsts[paths[i].slot];
+    if (filtered[i] && filtered[i]->clear < 0.5f) {
+      first.add_reflection(true, filtered[i]->instance, filtered[i]->distance, false);
+    } else {
+      first.add_reflection(hits.instance[i] != k_none, hits.instance[i], hits.t[i], is_exact[i] != 0);
+    }
   }
 }
 

@@ -31,6 +31,7 @@ struct TransportSettings {
   int rr_depth = 5;
   bool hide_emitters = false;
   bool count_first_hits = false;          // fill the shadow ray counts of FirstHit: some AOV shows them
+  bool count_reflections = false;         // fill its counts of glossy rays
   bool occlusion = false;                 // fill the occlusion counts of FirstHit, with light_samples rays each
   float occlusion_distance = k_infinity;  // world units, > 0: what lies farther does not occlude
   uint32_t seed = 0;
