@@ -19,6 +19,9 @@ size_t patch_place(int n, int i, int j, bool upper) {
   return upper ? size_t((n - 1 - i) * n + (n - 1 - j)) : size_t(i * n + j);
 }
 
+// Points of a patch at which its texture is looked up: the middles of the patches that it would be cut into.
+constexpr int k_texture_divisions = 4;
+
 struct PatchCentre {
   float u, v;
 };
@@ -29,6 +32,22 @@ PatchCentre patch_centre(int n, size_t place) {
   return {(float(n - 1 - i) + 2.0f / 3.0f) * step, (float(n - 1 - j) + 2.0f / 3.0f) * step};
 }
 
+bool has_texture(const Scene& scene, uint32_t bsdf) {
+  for (uint32_t b = bsdf; b != k_none; b = scene.bsdfs[b].two_sided ? scene.bsdfs[b].back : k_none) {
+    if (scene.textures[scene.bsdfs[b].reflectance].kind != TextureKind::constant) return true;
+  }
+  return false;
+}
+
+// Of the patch at that place the k-th point of k_texture_divisions^2.
+PatchCentre texture_point(int n, size_t place, size_t k) {
+  const PatchCentre within = patch_centre(k_texture_divisions, k);
+  const int i = int(place) / n, j = int(place) % n;
+  const float step = 1.0f / float(n);
+  if (i + j < n) return {(float(i) + within.u) * step, (float(j) + within.v) * step};
+  return {(float(n - i) - within.u) * step, (float(n - j) - within.v) * step};
+}
+
 }  // namespace
 
 bool SurfaceRadiance::suits(const Scene& scene, uint32_t index) {
@@ -36,8 +55,10 @@ bool SurfaceRadiance::suits(const Scene& scene, uint32_t index) {
   if (instance.emitter != k_none || scene.shapes[instance.shape].kind != ShapeKind::mesh) return false;
   for (uint32_t b = instance.bsdf; b != k_none; b = scene.bsdfs[b].two_sided ? scene.bsdfs[b].back : k_none) {
     const Bsdf& bsdf = scene.bsdfs[b];
-    if (bsdf.kind != BsdfKind::diffuse || scene.textures[bsdf.reflectance].kind != TextureKind::constant) return false;
-    if (resolve_material(scene, b, Vec2(0.5f), 1.0f).masked()) return false;
+    if (bsdf.kind != BsdfKind::diffuse) return false;
+    if (bsdf.opacity == k_none) continue;
+    const Texture& opacity = scene.textures[bsdf.opacity];
+    if (opacity.kind != TextureKind::constant || opacity.color0 != Rgb(1.0f)) return false;
   }
   return true;
 }
@@ -46,6 +67,7 @@ SurfaceRadiance::SurfaceRadiance(const TransportContext& shading, uint32_t index
     : scene_(shading.scene),
       seed_(shading.settings.seed),
       instance_(index),
+      is_textured_(has_texture(shading.scene, shading.scene.instances[index].bsdf)),
       workers_([&shading] { return TransportWorker(shading); }) {
   const Instance& instance = scene_.instances[index];
   const TriangleMesh& mesh = scene_.shapes[instance.shape].mesh;
@@ -67,18 +89,42 @@ SurfaceRadiance::SurfaceRadiance(const TransportContext& shading, uint32_t index
   shaded_.assign(2 * count, 0);
 }
 
+SurfaceRadiance::PatchPlace SurfaceRadiance::place_of(Side side) const {
+  const uint32_t patch = side / 2;
+  const auto triangle = uint32_t(std::upper_bound(first_.begin(), first_.end(), patch) - first_.begin() - 1);
+  return {triangle, divisor_[triangle], patch - first_[triangle]};
+}
+
 HitBatch SurfaceRadiance::centres_of(std::span<const Side> sides) const {
   HitBatch hits;
   hits.resize(sides.size());
   for (size_t i = 0; i < sides.size(); ++i) {
-    const uint32_t patch = sides[i] / 2;
-    const auto triangle = uint32_t(std::upper_bound(first_.begin(), first_.end(), patch) - first_.begin() - 1);
-    const PatchCentre centre = patch_centre(divisor_[triangle], patch - first_[triangle]);
+    const PatchPlace at = place_of(sides[i]);
+    const PatchCentre centre = patch_centre(at.divisor, at.place);
     hits.instance[i] = instance_;
-    hits.primitive[i] = triangle;
+    hits.primitive[i] = at.triangle;
     hits.u[i] = centre.u, hits.v[i] = centre.v;
   }
   return hits;
+}
+
+// The mean of the texture over a patch: what a tube wider than the patch sees.
+Rgb SurfaceRadiance::mean_reflectance(Side side) const {
+  constexpr size_t k_points = size_t(k_texture_divisions) * k_texture_divisions;
+  const PatchPlace at = place_of(side);
+  const RayBatch rays;
+  HitBatch hits;
+  hits.resize(k_points);
+  Rgb sum(0.0f);
+  for (size_t k = 0; k < k_points; ++k) {
+    const PatchCentre point = texture_point(at.divisor, at.place, k);
+    hits.instance[k] = instance_;
+    hits.primitive[k] = at.triangle;
+    hits.u[k] = point.u, hits.v[k] = point.v;
+    const Vec2 uv = surface_at(scene_, rays, hits, k).uv;
+    sum += resolve_material(scene_, scene_.instances[instance_].bsdf, uv, side % 2 ? -1.0f : 1.0f).reflectance;
+  }
+  return sum / float(k_points);
 }
 
 // On side `side` of the patch whose centre is entry i.
@@ -90,6 +136,7 @@ PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side si
   v.facing = back ? -v.surface.geometric_normal : v.surface.geometric_normal;
   const bool turned = glm::dot(v.facing, v.surface.shading_normal) < 0.0f;
   v.material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, back ? -1.0f : 1.0f);
+  if (is_textured_) v.material.reflectance = mean_reflectance(side);
   v.frame = frame_about(turned ? -v.surface.shading_normal : v.surface.shading_normal);
   v.seed = scalar::vertex_seed(seed_, side, instance_, k_patch_stream);
   v.lobe_samples = float(k_samples);

@@ -25,8 +25,7 @@ class SurfaceRadiance {
   // A side of a patch: 2 patch + 1 on the side that the geometric normal points away from, else 2 patch.
   using Side = uint32_t;
 
-  // Whether an instance's radiance is the same in all directions and depends on nothing that patches do not resolve: a
-  // mesh of one diffuse colour that does not glow.
+  // Whether an instance's radiance is the same in all directions: a diffuse mesh, textured or not, that does not glow.
   static bool suits(const Scene& scene, uint32_t instance);
 
   // Patches are the first surfaces of paths of `shading`, which must outlive this: its max_depth counts from them, and
@@ -45,12 +44,20 @@ class SurfaceRadiance {
   Rgb radiance(Side side) const;
 
  private:
+  struct PatchPlace {
+    uint32_t triangle;
+    int divisor;   // of the triangle
+    size_t place;  // within it
+  };
+  PatchPlace place_of(Side side) const;
+  Rgb mean_reflectance(Side side) const;
   HitBatch centres_of(std::span<const Side> sides) const;
   PathVertex vertex_at(const HitBatch& centres, size_t i, Side side) const;
 
   const Scene& scene_;
   uint32_t seed_;
   uint32_t instance_;
+  bool is_textured_;
   std::vector<uint32_t> first_;    // per triangle and one more: its first patch
   std::vector<uint16_t> divisor_;  // per triangle: n
   std::vector<Rgb> radiance_;      // per side

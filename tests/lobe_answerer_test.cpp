@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "core/mesh_procedural.h"
+#include "core/texture.h"
 #include "hybrid/compare.h"
 #include "hybrid/radiance_pictures.h"
 #include "hybrid/render.h"
@@ -279,6 +280,53 @@ TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
       EXPECT_NEAR(radiance.radiance(side[0]).x, expected, patch * 2.5f * expected) << u << " " << v;
     }
   }
+}
+
+// A patch shows its texture's mean over it: in a furnace, one colour within a check and a mixture across its edge.
+TEST(SurfaceRadiance, PatchesShowTheMeanOfTheirTexture) {
+  SceneMaker m;
+  const uint32_t tiles = m.bsdf(BsdfKind::diffuse, Rgb(1.0f));
+  Texture& checks = m.scene.textures[m.scene.bsdfs[tiles].reflectance];
+  checks.kind = TextureKind::checkerboard;
+  checks.color0 = Rgb(0.2f);
+  checks.color1 = Rgb(0.8f);
+  TriangleMesh mesh;
+  mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  mesh.texcoords = {{0, 0}, {2, 0}, {0, 2}};  // checks a quarter wide
+  mesh.triangles = {{0, 1, 2}};
+  const uint32_t plate = m.instance(m.mesh(mesh), tiles, Affine(1.0f));
+  m.light(EmitterKind::constant, Rgb(1.0f));
+  EXPECT_TRUE(SurfaceRadiance::suits(m.scene, plate));
+  const Accel accel(m.scene);
+  const CameraSampler camera(m.scene.camera, m.scene.film);
+  const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()), {});
+  TransportSettings settings;
+  settings.isa = resolve_isa(Isa::automatic);
+  settings.light_samples = SurfaceRadiance::k_samples;
+  const TransportContext context(m.scene, accel, camera, exact, settings);
+  SurfaceRadiance radiance(context, plate, 0.1f);
+  TestRandom random(6);
+  double mean = 0.0;
+  int dark = 0, light = 0, mixed = 0;
+  for (int i = 0; i < 4000; ++i) {
+    float u = random.uniform(0.0f, 1.0f), v = random.uniform(0.0f, 1.0f);
+    if (u + v > 1.0f) u = 1.0f - u, v = 1.0f - v;
+    const SurfaceRadiance::Side side[] = {radiance.side_at(0, u, v, false)};
+    radiance.shade(side);
+    const float value = radiance.radiance(side[0]).x;
+    const float colour = evaluate_texture(m.scene, m.scene.bsdfs[tiles].reflectance, {2 * u, 2 * v}).x;
+    mean += (value - colour) / 4000.0;
+    (std::abs(value - 0.2f) < 1e-4f ? dark : std::abs(value - 0.8f) < 1e-4f ? light : mixed) += 1;
+    // A patch's edge is 0.14 at most: beyond that from a check's edge there is no mixture.
+    const auto from_edge = [](float x) { return std::abs(4.0f * x - std::round(4.0f * x)) / 4.0f; };
+    if (std::min(from_edge(u), from_edge(v)) > 0.1f) {
+      EXPECT_NEAR(value, colour, 1e-4f) << u << " " << v;
+    }
+  }
+  EXPECT_NEAR(mean, 0.0, 0.01);
+  EXPECT_GT(dark, 500);
+  EXPECT_GT(light, 500);
+  EXPECT_GT(mixed, 100);
 }
 
 // Sums over any rectangle are those of its texels.
