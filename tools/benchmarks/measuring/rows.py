@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from . import rows_error, rows_frame, rows_lookup, rows_peer, rows_quality
+from . import rows_error, rows_frame, rows_glossy, rows_lookup, rows_peer, rows_quality
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +31,8 @@ ROWS = [
     Row(12, "cells", rows_quality.cells),
     Row(13, "second-light", rows_frame.second_light),
     Row(14, "threads", rows_frame.threads),
+    Row(15, "glossy", rows_glossy.glossy),
+    Row(16, "glossy-converged", rows_glossy.glossy_converged),
 ]
 
 
