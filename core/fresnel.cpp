@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/conductor.hd.h"
+
 namespace fieldtrace {
 
 DielectricFresnel fresnel_dielectric(float cos_incident, float eta) {
@@ -19,21 +21,8 @@ DielectricFresnel fresnel_dielectric(float cos_incident, float eta) {
 }
 
 Rgb fresnel_conductor(float cos_incident, const Rgb& eta, const Rgb& k) {
-  const double c = std::clamp(double(cos_incident), 0.0, 1.0);
-  const double c2 = c * c, s2 = 1.0 - c2;
   Rgb result;
-  for (int i = 0; i < 3; ++i) {
-    // Double: a2b2 - t is a difference of nearly equal numbers for strong absorbers.
-    const double eta2 = double(eta[i]) * eta[i], k2 = double(k[i]) * k[i];
-    const double t = eta2 - k2 - s2;
-    const double a2b2 = std::sqrt(std::max(t * t + 4.0 * eta2 * k2, 0.0));
-    const double a = std::sqrt(std::max(0.5 * (a2b2 + t), 0.0));
-    const double rs_up = a2b2 + c2 - 2.0 * a * c, rs_down = a2b2 + c2 + 2.0 * a * c;
-    const double rs = rs_down > 0.0 ? rs_up / rs_down : 1.0;
-    const double rp_up = c2 * a2b2 + s2 * s2 - 2.0 * a * c * s2, rp_down = c2 * a2b2 + s2 * s2 + 2.0 * a * c * s2;
-    const double rp = rp_down > 0.0 ? rs * rp_up / rp_down : rs;
-    result[i] = float(std::clamp(0.5 * (rs + rp), 0.0, 1.0));
-  }
+  for (int i = 0; i < 3; ++i) result[i] = scalar::conductor_reflectance<float>(cos_incident, eta[i], k[i]);
   return result;
 }
 

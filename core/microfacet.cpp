@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/frame.h"
+#include "core/conductor.hd.h"
 
 namespace fieldtrace {
 namespace {
@@ -73,38 +73,27 @@ Vec2 visible_beckmann_slopes(float cos_theta, float sin_theta, const Vec2& u) {
   return {visible_beckmann_slope(cos_theta, sin_theta, u.x), erf_inverse(2.0f * u.y - 1.0f)};
 }
 
-Vec3 sample_visible_ggx(const Vec3& stretched, const Vec2& u) {
-  const float length2 = stretched.x * stretched.x + stretched.y * stretched.y;
-  const Vec3 t1 = length2 > 0.0f ? Vec3(-stretched.y, stretched.x, 0.0f) / std::sqrt(length2) : Vec3(1.0f, 0.0f, 0.0f);
-  const Vec3 t2 = glm::cross(stretched, t1);
-  const float r = std::sqrt(u.x), phi = 2.0f * k_pi * u.y;
-  const float p1 = r * std::cos(phi);
-  const float blend = 0.5f * (1.0f + stretched.z);
-  const float p2 = (1.0f - blend) * std::sqrt(std::max(1.0f - p1 * p1, 0.0f)) + blend * r * std::sin(phi);
-  const float p3 = std::sqrt(std::max(1.0f - p1 * p1 - p2 * p2, 0.0f));
-  return p1 * t1 + p2 * t2 + p3 * stretched;
-}
+scalar::Vec3Lanes<float> lanes(const Vec3& v) { return {v.x, v.y, v.z}; }
 
 }  // namespace
 
 float Microfacet::d(const Vec3& m) const {
   if (!(m.z > 0.0f)) return 0.0f;
-  const float x = m.x / alpha_u, y = m.y / alpha_v;
-  const float slope2 = x * x + y * y, z2 = m.z * m.z;
   if (kind == MicrofacetKind::beckmann) {
+    const float x = m.x / alpha_u, y = m.y / alpha_v;
+    const float slope2 = x * x + y * y, z2 = m.z * m.z;
     const float value = std::exp(-slope2 / z2) / (k_pi * alpha_u * alpha_v * z2 * z2);
     // z2 * z2 may underflow where the exponential is 0 already.
     return std::isfinite(value) ? value : 0.0f;
   }
-  const float k = slope2 + z2;
-  return 1.0f / (k_pi * alpha_u * alpha_v * k * k);
+  return scalar::ggx_density(alpha_u, alpha_v, lanes(m));
 }
 
 float Microfacet::g1(const Vec3& w, const Vec3& m) const {
   if (!(w.z > 0.0f) || !(glm::dot(w, m) > 0.0f)) return 0.0f;
+  if (kind == MicrofacetKind::ggx) return scalar::ggx_masking(alpha_u, alpha_v, lanes(w));
   const float x = w.x * alpha_u, y = w.y * alpha_v;
   const float tan2 = (x * x + y * y) / (w.z * w.z);  // alpha^2 tan^2
-  if (kind == MicrofacetKind::ggx) return 2.0f / (1.0f + std::sqrt(1.0f + tan2));
   if (!(tan2 > 0.0f)) return 1.0f;
   const double a = 1.0 / std::sqrt(double(tan2));
   const double lambda = 0.5 * (std::exp(-a * a) / (a * k_sqrt_pi) - std::erfc(a));
@@ -117,11 +106,11 @@ float Microfacet::visible_pdf(const Vec3& w, const Vec3& m) const {
 }
 
 Vec3 Microfacet::sample_visible(const Vec3& w, const Vec2& u) const {
-  const Vec3 stretched = glm::normalize(Vec3(alpha_u * w.x, alpha_v * w.y, w.z));
   if (kind == MicrofacetKind::ggx) {
-    const Vec3 n = sample_visible_ggx(stretched, u);
-    return glm::normalize(Vec3(alpha_u * n.x, alpha_v * n.y, std::max(n.z, 0.0f)));
+    const auto m = scalar::sample_visible_ggx<float>(scalar::ggx_view(alpha_u, alpha_v, lanes(w)), {u.x, u.y});
+    return {m.x, m.y, m.z};
   }
+  const Vec3 stretched = glm::normalize(Vec3(alpha_u * w.x, alpha_v * w.y, w.z));
   const float sin_theta = std::sqrt(stretched.x * stretched.x + stretched.y * stretched.y);
   const Vec2 slope = visible_beckmann_slopes(stretched.z, sin_theta, u);
   const Vec2 azimuth = sin_theta > 0.0f ? Vec2(stretched.x, stretched.y) / sin_theta : Vec2(1.0f, 0.0f);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "hybrid/bake_estimate.h"
 #include "hybrid/light_extent.h"
 
 namespace fieldtrace {
@@ -19,9 +20,25 @@ float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> t
   return narrowest == k_infinity ? 0.0f : narrowest;
 }
 
+namespace {
+
+// Whether fine cells of the scene's costliest field would take more rays to bake than they are worth.
+bool is_costly(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light) {
+  const std::vector<double> rays = estimated_bake_rays(scene, FieldParameters());
+  double most = 0.0;
+  for (size_t s = 0; s < rays.size(); ++s) most = std::max(most, traits[s].wants_field ? rays[s] : 0.0);
+  const double light_samples = double(rays_per_light) * double(scene.emitters.size());
+  return most > std::max(k_costly_bake_rays, k_most_bake_share * light_samples);
+}
+
+}  // namespace
+
 FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light) {
   FieldParameters parameters;
-  if (rays_per_light < k_fine_field_rays || narrowest_light_degrees(scene, traits) >= k_wide_light_degrees) {
+  const bool is_fine = rays_per_light >= k_fine_field_rays &&
+                       narrowest_light_degrees(scene, traits) < k_wide_light_degrees &&
+                       !is_costly(scene, traits, rays_per_light);
+  if (!is_fine) {
     parameters.directions = 32;
     parameters.plane = 64;
   }

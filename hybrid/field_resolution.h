@@ -19,6 +19,9 @@ namespace fieldtrace {
 inline constexpr float k_wide_light_degrees = 12.0f;
 // Fewer shadow rays than this to each light get coarse cells: a picture of 512 x 512 at 64 samples has 16.8 million.
 inline constexpr uint64_t k_fine_field_rays = 12'000'000;
+// Fine cells whose bake is costly (hybrid/bake_estimate.h) and takes more than this part of the picture's light samples
+// give way to coarse ones: a narrow light beside wide ones, or many lights.
+inline constexpr double k_most_bake_share = 0.05;
 
 // The angular diameter in degrees of the narrowest light, seen from the centre of any instance whose shape wants a
 // field; 0 for point and directional lights, 180 for a constant one. 0 if there is no light or no such instance.

@@ -1,9 +1,11 @@
 #include "hybrid/field_set.h"
 
 #include <algorithm>
+#include <atomic>
 #include <numeric>
 
 #include "core/machine_memory.h"
+#include "core/parallel.h"
 #include "hybrid/bake_estimate.h"
 
 namespace fieldtrace {
@@ -64,22 +66,31 @@ void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers)
 }
 
 void FieldSet::load(FieldCache& cache) {
-  for (size_t s = 0; s < fields_.size(); ++s) {
-    if (!fields_[s] || !plan_.read_cache || budget_->exceeded()) continue;
-    has_loaded_ |= cache.load(*fields_[s], field_identity(scene_.shapes[s], plan_.parameters));
-  }
+  if (!plan_.read_cache) return;
+  std::atomic<bool> has_loaded = has_loaded_;
+  parallel_for(fields_.size(), [&](size_t s) {
+    if (!fields_[s] || budget_->exceeded()) return;
+    if (cache.load(*fields_[s], field_identity(scene_.shapes[s], plan_.parameters))) has_loaded = true;
+  });
+  has_loaded_ = has_loaded;
 }
 
 void FieldSet::store(FieldCache& cache, const WarningSink& warning, Stats& stats) const {
-  for (size_t s = 0; s < fields_.size(); ++s) {
-    if (!fields_[s]) continue;
+  std::atomic<uint64_t> bytes_on_disk = 0;
+  std::vector<std::string> failures(fields_.size());
+  parallel_for(fields_.size(), [&](size_t s) {
+    if (!fields_[s]) return;
     const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
     try {
       cache.store(*fields_[s], identity);
     } catch (const Error& e) {
-      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+      failures[s] = e.what();
     }
-    stats.field_bytes_disk += cache.bytes_on_disk(identity);
+    bytes_on_disk += cache.bytes_on_disk(identity);
+  });
+  stats.field_bytes_disk += bytes_on_disk;
+  for (const std::string& failure : failures) {
+    if (!failure.empty()) warn(warning, {}, failure + "; the field is not kept");
   }
   cache.trim();
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 
+#include "core/conductor_samples.h"
 #include "core/sobol.hd.h"
 #include "hybrid/ambient_occlusion.h"
 #include "hybrid/direct_light.h"
@@ -16,6 +17,8 @@ namespace {
 // Streams of sample points beside those that the lights use, which take the vertex seeds themselves.
 constexpr uint32_t k_camera_stream = 0x43414d00u;
 constexpr uint32_t k_material_stream = 0x42534446u;
+// With fewer samples at a surface the lanes would mostly be empty.
+constexpr uint32_t k_fewest_lane_samples = 4;
 
 Vec2 sample_pair(uint32_t index, uint32_t seed, uint32_t dimension) {
   const auto p = scalar::sample_2d(index, seed, dimension);
@@ -55,6 +58,7 @@ struct TransportWorker::Impl {
   HitBatch hits;
   std::vector<PathState> paths, next_paths;
   std::vector<PathVertex> vertices;
+  LobeSamples lobe_samples;
   std::vector<Rgb> arriving;
   std::vector<FirstHit> firsts;
   std::vector<float> near_distance;  // per camera ray
@@ -80,7 +84,10 @@ struct TransportWorker::Impl {
   void gather_light(int vertex_number);
   void scatter(int vertex_number);
   bool goes_on(const Material& material, int vertex_number) const;
-  void scatter_once(const PathVertex& vertex, const PathState& path, uint32_t index, float share);
+  PathState leave(const PathVertex& vertex, int vertex_number) const;
+  void send(const PathVertex& vertex, PathState next, const Vec3& direction);
+  void scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index);
+  void scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first);
 };
 
 void TransportWorker::Impl::generate(std::span<const CameraSample> samples) {
@@ -271,8 +278,28 @@ bool TransportWorker::Impl::goes_on(const Material& material, int vertex_number)
   return material.plain_diffuse() ? context.open_form_can_be_hit : context.emission_can_be_hit;
 }
 
-// `path`: as it came to the vertex, but for what tells of the surface that it leaves.
-void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& path, uint32_t index, float share) {
+// What all paths that go on from a vertex have in common.
+PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_number) const {
+  PathState next = paths[vertex.path];
+  next.light_samples = vertex_number == 0 ? settings.light_samples : 1;
+  next.diffuse = vertex.material.plain_diffuse();
+  next.transmits = vertex.material.transmits();
+  next.normal = vertex.frame.n;
+  next.alpha = vertex.material.glossy() ? lobe_alpha(vertex.material) : 0.0f;
+  next.instance = vertex.surface.instance;
+  return next;
+}
+
+// `next` is the path that goes on in the world direction `d`, with what sets it apart filled in.
+void TransportWorker::Impl::send(const PathVertex& vertex, PathState next, const Vec3& d) {
+  next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
+  next_rays.set(next_paths.size(), offset_origin(vertex.surface.position, vertex.facing, vertex.surface.error, d), d,
+                k_infinity);
+  next_paths.push_back(next);
+  stats.rays_glossy += !next.diffuse;
+}
+
+void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index) {
   const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
   const Vec2 u = sample_pair(index, seed, 0);
   const float u_lobe = vertex.material.several_lobes() ? sample_pair(index, seed, 1).x : 0.0f;
@@ -282,19 +309,33 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   const Vec3 d = s.straight ? rays.direction(vertex.path) : vertex.frame.to_world(s.wo);
   if (!s.straight && !vertex.material.transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
 
-  PathState next = path;
-  next.throughput = path.throughput * s.weight * share;
-  next.eta = path.eta * s.eta;
+  PathState next = leaving;
+  next.throughput *= s.weight / vertex.lobe_samples;
+  next.eta *= s.eta;
   next.index = index;
   // Mirrors and masks send one direction on; there was nothing to split.
-  next.may_split = path.may_split && s.delta && !vertex.material.glossy();
+  next.may_split = next.may_split && s.delta && !vertex.material.glossy();
   next.unweighted = s.delta;
   next.bsdf_density = s.pdf * vertex.lobe_samples;
-  next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
-  const size_t i = next_paths.size();
-  next_paths.push_back(next);
-  next_rays.set(i, offset_origin(vertex.surface.position, vertex.facing, vertex.surface.error, d), d, k_infinity);
-  stats.rays_glossy += !vertex.material.plain_diffuse();
+  send(vertex, next, d);
+}
+
+// All samples of a lobe that can be sampled in lanes.
+void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first) {
+  const int count = int(vertex.lobe_samples);
+  const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
+  sample_conductor(vertex.material, vertex.frame, vertex.wi, seed, first, count, settings.isa, lobe_samples);
+  leaving.may_split = leaving.unweighted = false;
+  for (int l = 0; l < count; ++l) {
+    const Vec3 d = lobe_samples.direction(size_t(l));
+    const Rgb weight = lobe_samples.weight(size_t(l));
+    if (!(lobe_samples.pdf[size_t(l)] > 0.0f && largest(weight) > 0.0f && glm::dot(vertex.facing, d) > 0.0f)) continue;
+    PathState next = leaving;
+    next.throughput *= weight / vertex.lobe_samples;
+    next.index = first + uint32_t(l);
+    next.bsdf_density = lobe_samples.pdf[size_t(l)] * vertex.lobe_samples;
+    send(vertex, next, d);
+  }
 }
 
 void TransportWorker::Impl::scatter(int vertex_number) {
@@ -304,17 +345,14 @@ void TransportWorker::Impl::scatter(int vertex_number) {
   next_rays.resize(most);
   for (const PathVertex& v : vertices) {
     if (!goes_on(v.material, vertex_number)) continue;
-    PathState path = paths[v.path];
-    path.light_samples = vertex_number == 0 ? settings.light_samples : 1;
-    path.diffuse = v.material.plain_diffuse();
-    path.transmits = v.material.transmits();
-    path.normal = v.frame.n;
-    path.alpha = v.material.glossy() ? lobe_alpha(v.material) : 0.0f;
-    path.instance = v.surface.instance;
-    const int lobes = int(v.lobe_samples);
-    for (int l = 0; l < lobes; ++l) {
-      scatter_once(v, path, path.index * uint32_t(lobes) + uint32_t(l), 1.0f / v.lobe_samples);
+    const PathState leaving = leave(v, vertex_number);
+    const auto lobes = uint32_t(v.lobe_samples);
+    const uint32_t first = leaving.index * lobes;
+    if (lobes >= k_fewest_lane_samples && samples_in_lanes(v.material)) {
+      if (v.wi.z > 0.0f) scatter_lobe(v, leaving, first);
+      continue;
     }
+    for (uint32_t l = 0; l < lobes; ++l) scatter_once(v, leaving, first + l);
   }
   next_rays.resize(next_paths.size());
   std::swap(paths, next_paths);

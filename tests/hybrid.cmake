@@ -1,3 +1,4 @@
+fieldtrace_test(field_resolution_test LABELS quick)
 fieldtrace_test(hybrid_test LABELS quick)
 target_sources(hybrid_test PRIVATE hybrid_scenes.cpp)
 fieldtrace_test(hybrid_error_test LABELS quick)

@@ -1,5 +1,6 @@
 fieldtrace_test(bsdf_test LABELS quick)
 fieldtrace_test(bsdf_families_test LABELS quick)
+fieldtrace_test(conductor_samples_test LABELS quick)
 fieldtrace_test(bsdf_reference_test LABELS quick)
 fieldtrace_test(texture_test LABELS quick)
 fieldtrace_test(surface_test LABELS quick)

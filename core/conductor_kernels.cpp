@@ -1,0 +1,49 @@
+// The sampling loop of rough metals for every Highway target.
+
+// clang-format off: foreach_target.h includes this file again for each target and must come first.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/conductor_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+// clang-format on
+
+#include "core/conductor_batch-inl.h"
+#include "core/lanes-inl.h"
+
+#if HWY_TARGET != HWY_SCALAR  // sample_conductor_scalar serves that
+FT_LANES_BEGIN
+
+inline void sample_conductor_lanes(const ConductorTask& task, LobeSamples& out) {
+  sample_conductor_batch<F32>(task, out);
+}
+
+FT_LANES_END
+#endif
+
+#if HWY_ONCE
+namespace fieldtrace {
+
+ConductorKernel conductor_kernel_for(Isa isa) {
+  switch (isa) {
+#if HWY_TARGETS & HWY_AVX3
+    case Isa::avx512:
+      return N_AVX3::sample_conductor_lanes;
+#endif
+#if HWY_TARGETS & HWY_AVX2
+    case Isa::avx2:
+      return N_AVX2::sample_conductor_lanes;
+#endif
+#if HWY_TARGETS & HWY_SSE4
+    case Isa::sse4:
+      return N_SSE4::sample_conductor_lanes;
+#elif HWY_TARGETS & HWY_NEON
+    case Isa::sse4:
+      return N_NEON::sample_conductor_lanes;
+#endif
+    default:
+      return sample_conductor_scalar;
+  }
+}
+
+}  // namespace fieldtrace
+#endif

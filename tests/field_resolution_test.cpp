@@ -1,0 +1,57 @@
+// The resolution of fields follows the lights' widths, the number of rays and the cost of the bake.
+#include "hybrid/field_resolution.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/mesh_procedural.h"
+#include "hybrid/bake_estimate.h"
+#include "tests/small_scenes.h"
+
+namespace fieldtrace::test {
+namespace {
+
+constexpr uint64_t k_plenty = 100'000'000;
+
+// A ball of radius 1 under sphere lights of these angular diameters in degrees.
+Scene lit_ball(const std::vector<float>& degrees) {
+  SceneMaker maker;
+  const uint32_t grey = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  maker.instance(maker.mesh(make_sphere()), grey, Affine(1.0f));
+  for (const float d : degrees) {
+    const float radius = 20.0f * std::sin(0.5f * d * k_pi / 180.0f);
+    const Affine at(Vec3(radius, 0, 0), Vec3(0, radius, 0), Vec3(0, 0, radius), Vec3(0, 0, 20));
+    maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), grey, at), Rgb(1.0f));
+  }
+  return maker.scene;
+}
+
+int directions_for(const Scene& scene, uint64_t rays_per_light) {
+  return choose_resolution(scene, shape_traits(scene), rays_per_light).directions;
+}
+
+TEST(FieldResolution, NarrowLightsWantFineCells) {
+  EXPECT_NEAR(narrowest_light_degrees(lit_ball({30.0f, 4.0f}), shape_traits(lit_ball({4.0f}))), 4.0f, 0.1f);
+  EXPECT_EQ(directions_for(lit_ball({4.0f}), k_plenty), 64);
+  EXPECT_EQ(directions_for(lit_ball({20.0f}), k_plenty), 32);
+}
+
+TEST(FieldResolution, FewRaysWantCoarseCells) {
+  EXPECT_EQ(directions_for(lit_ball({4.0f}), k_fine_field_rays), 64);
+  EXPECT_EQ(directions_for(lit_ball({4.0f}), k_fine_field_rays - 1), 32);
+}
+
+// A narrow light beside wide ones: fine cells would have to be baked for all of them.
+TEST(FieldResolution, CostlyBakesWantManyRays) {
+  const Scene scene = lit_ball({4.0f, 25.0f, 30.0f});
+  const double fine_rays = estimated_bake_rays(scene, FieldParameters())[0];
+  ASSERT_GT(fine_rays, k_costly_bake_rays);
+  const auto enough = uint64_t(std::ceil(fine_rays / k_most_bake_share / double(scene.emitters.size())));
+  ASSERT_GT(enough, 2 * k_fine_field_rays);
+  EXPECT_EQ(directions_for(scene, enough - 2), 32);
+  EXPECT_EQ(directions_for(scene, enough), 64);
+}
+
+}  // namespace
+}  // namespace fieldtrace::test
