@@ -216,7 +216,7 @@ Bsdf parse_two_sided(SceneBuilder& builder, const SceneNode& node, Properties& p
   if (nested.empty() || nested.size() > 2)
     throw Error(node.where,
                 "<bsdf type=\"twosided\"> needs one or two <bsdf> inside, not " + std::to_string(nested.size()));
-  uint32_t sides[2];
+  uint32_t sides[2] = {k_none, k_none};
   for (size_t i = 0; i < nested.size(); ++i) {
     sides[i] = build_bsdf(builder, *nested[i]);
     const Bsdf& side = builder.scene.bsdfs[sides[i]];
@@ -228,7 +228,7 @@ Bsdf parse_two_sided(SceneBuilder& builder, const SceneNode& node, Properties& p
   }
   Bsdf bsdf = builder.scene.bsdfs[sides[0]];
   bsdf.two_sided = true;
-  bsdf.back = nested.size() == 2 ? sides[1] : k_none;
+  bsdf.back = sides[1];
   return bsdf;
 }
 

@@ -47,8 +47,8 @@ void check_options(const RenderOptions& o, int spp) {
   check_range("the number of camera samples", spp, 1, 1 << 24);
   check_range("the number of light samples", o.light_samples, 1, 1 << 16);
   check_range("the number of lobe samples", o.lobe_samples, 1, 1 << 12);
-  check_range("camera samples x light samples", (long long)(spp)*o.light_samples, 1, k_most_samples);
-  check_range("camera samples x lobe samples", (long long)(spp)*o.lobe_samples, 1, k_most_samples);
+  check_range("camera samples x light samples", int64_t(spp) * o.light_samples, 1, k_most_samples);
+  check_range("camera samples x lobe samples", int64_t(spp) * o.lobe_samples, 1, k_most_samples);
   check_range("the number of threads", o.threads, 0, 4096);
   if (!(o.tolerance >= 0.0f && o.tolerance <= 1.0f))
     throw UsageError("the tolerance is " + std::to_string(o.tolerance) + "; it must lie between 0 and 1");
