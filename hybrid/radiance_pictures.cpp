@@ -39,7 +39,7 @@ RadiancePictures::RadiancePictures(const Scene& scene, uint32_t instance, uint64
       radiance_(scene, instance, patch_of(scene, instance, tiles_.lines())) {
   AnswererSettings settings;
   settings.tolerance = 1.0f;
-  task_ = make_occluder(scene, instance, {}, nullptr, settings).cone;
+  task_ = make_occluder(scene, instance, {}, nullptr, nullptr, settings).cone;
   task_.segment.field.directions = make_axis(k_directions);
   task_.segment.field.coverage = tiles_.view();
 }
