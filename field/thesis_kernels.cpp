@@ -8,6 +8,7 @@
 // clang-format on
 
 #include "core/lanes-inl.h"
+#include "core/lanes_pair-inl.h"
 #include "field/thesis_batch-inl.h"
 
 #if HWY_TARGET != HWY_SCALAR  // thesis_kernels_scalar() serves that
@@ -15,7 +16,7 @@ FT_LANES_BEGIN
 
 // The kernels' addresses are taken inside the target's own namespace, so that no instance is shared between targets.
 const ThesisKernels& thesis_kernels_of_target() {
-  static constexpr ThesisKernels k_kernels = make_thesis_kernels<F32>();
+  static constexpr ThesisKernels k_kernels = make_thesis_kernels<F32x2>();
   return k_kernels;
 }
 

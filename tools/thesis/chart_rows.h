@@ -5,8 +5,8 @@
 // chart reads visibility cells alone (a byte each), and on the object itself, where it reads depth cells, too (12 bytes
 // each). Bytes are those of complete fields, of what such rays read. The orthographic field is the largest that takes
 // no more bytes than the thesis' at the same M; there is none for small M where depth cells count. It is baked by
-// demand, which does not change its cells. Times are of one thread and its warm field: the least of several runs over
-// the rays that meet the object's ball. Thread-safety: as run_thesis().
+// demand, which does not change its cells. Times are processor time of one thread with a warm field: the least of
+// several runs. Thread-safety: as run_thesis().
 #pragma once
 
 #include <string>
