@@ -145,7 +145,8 @@ std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& sc
 
 float thesis_slack(int m) {
   constexpr float k_entry_radius = 0.0427f, k_half_diagonal = 1.41421356f, k_half_step = 1.0f / float(k_thesis_steps);
-  return k_entry_radius + k_half_diagonal / float(m) + k_half_step;
+  constexpr float k_least_slope = 0.5f;
+  return (k_entry_radius + k_half_diagonal / float(m)) / k_least_slope + k_half_step;
 }
 
 ThesisInstanceView thesis_instance_view(const ThesisField& field, const Instance& instance, uint32_t index) {

@@ -66,10 +66,10 @@ std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& sc
                                              const ThesisBakeCallbacks& callbacks = {},
                                              ThesisLayers layers = ThesisLayers::distance_normal);
 
-// The nearest of a field's samples lies up to this far from a ray, in unit space: where the ray enters by the radius of
-// the widest circle around a triangle of entry points, .0427, and at the hit, about 1 from there, by half the diagonal
-// of a direction cell of 2 / M; the stored distance is off by half a step of 2 / 254. Surfaces that a light sees at 45
-// degrees or steeper are off by that much in depth, too, which is what a shadow look-up forgives.
+// What a shadow look-up forgives, in unit space. The nearest of a field's samples lies up to this far from a ray: where
+// the ray enters by the radius of the widest circle around a triangle of entry points, .0427, and at the hit, about 1
+// from there, by half the diagonal of a direction cell of 2 / M. Surfaces that a light sees at a slope of 1/2 (27
+// degrees) or steeper are off by up to twice that in depth; the stored distance is off by half a step of 2 / 254, too.
 float thesis_slack(int m);
 
 // One instance of the scene with its shape's field.

@@ -50,10 +50,10 @@ void add_object(ThesisCase& c, const char* name, TriangleMesh mesh, const PhongM
   add_phong_instance(c.scene, add_phong_shape(c.scene, name, std::move(mesh)), material, shift, scale);
 }
 
-// One object, seen from the side: from above, the open ends of the hyperboloid show its inside and both rims, and its
-// error is that of outlines (docs/thesis.md).
+// One object, seen from a little above: from farther up the open ends of the hyperboloid show its inside and both rims,
+// and its error is that of outlines (docs/thesis.md).
 ThesisCase single(const char* name, const char* title, const char* object, TriangleMesh mesh, const Rgb& colour) {
-  ThesisCase c = empty_case(name, title, {0.6f, -3.0f, 0.0f}, 36.0f);
+  ThesisCase c = empty_case(name, title, {0.6f, -3.0f, 0.7f}, 36.0f);
   add_object(c, object, std::move(mesh), coloured(colour));
   return c;
 }
