@@ -110,7 +110,7 @@ TEST(FullBake, MakesEveryReachableCellAndCanBeStopped) {
   EXPECT_FALSE(result.interrupted);
   EXPECT_NEAR(last, 1.0f, 1e-5f);
   ASSERT_EQ(result.fields.size(), 1u);
-  const FieldFileInfo& info = result.fields[0].info;
+  const FieldFileInfo& info = std::get<FieldFileInfo>(result.fields[0].info);
   EXPECT_EQ(info.visibility.cells_baked, info.visibility.cells_reachable);
   EXPECT_EQ(info.depth.cells_baked, info.depth.cells_reachable);
   EXPECT_EQ(info.visibility.cells_reachable, reachable_cells(k_small, FieldLayer::visibility));
@@ -151,7 +151,7 @@ TEST(FullBake, KeepsToItsMemory) {
     options.threads = threads;
     const BakeResult result = bake_scene(scene, folder / "a.vdb", options, callbacks);
     ASSERT_EQ(result.fields.size(), 1u);
-    const FieldFileInfo& info = result.fields[0].info;
+    const FieldFileInfo& info = std::get<FieldFileInfo>(result.fields[0].info);
     EXPECT_EQ(info.depth.cells_baked, info.depth.cells_reachable);
     EXPECT_LE(info.bytes_memory, options.field_memory);
     EXPECT_GE(info.coverage.tiles_baked, 2048u);

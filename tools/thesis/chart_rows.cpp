@@ -8,7 +8,6 @@
 #include <numeric>
 #include <optional>
 #include <random>
-#include <utility>
 
 #include "field/bake_full.h"
 #include "field/risk.h"
@@ -134,19 +133,16 @@ uint64_t complete_bytes(const FieldParameters& p, Receivers where) {
   return bytes(FieldLayer::visibility) + (where == Receivers::on_object ? bytes(FieldLayer::depth) : 0);
 }
 
-// The resolution of most bytes within `limit`; of those with the same, the one nearest to N = 2 D, the default's shape.
-std::optional<FieldParameters> largest_within(uint64_t limit, Receivers where) {
-  std::optional<FieldParameters> best;
-  const auto rank = [&](const FieldParameters& p) {
-    return std::pair(complete_bytes(p, where), -std::abs(std::log2(p.plane / (2.0 * p.directions))));
-  };
+// The finest resolution of the shapes N = D and N = 2 D, the default's, that takes no more bytes than `limit`.
+std::optional<FieldParameters> finest_within(uint64_t limit, Receivers where) {
+  std::optional<FieldParameters> finest;
   for (const int directions : {32, 64, 128, 256}) {
-    for (const int plane : {64, 128, 256, 512}) {
+    for (const int plane : {directions, 2 * directions}) {
       const FieldParameters p = {.directions = directions, .plane = plane};
-      if (complete_bytes(p, where) <= limit && (!best || rank(p) > rank(*best))) best = p;
+      if (valid_parameters(p) && complete_bytes(p, where) <= limit) finest = p;
     }
   }
-  return best;
+  return finest;
 }
 
 class Comparison {
@@ -228,7 +224,7 @@ void compare_charts(const std::string& title, const Scene& scene, const Accel& a
       rows.push_back(std::move(row));
     };
     add(comparison.by_thesis(field, probe));
-    const std::optional<FieldParameters> p = largest_within(field.bytes_distance(), where);
+    const std::optional<FieldParameters> p = finest_within(field.bytes_distance(), where);
     if (!p) continue;
     Field orthographic(field_ball(shape.bounds), *p);
     for (const float tolerance : {0.1f, 1.0f}) {
