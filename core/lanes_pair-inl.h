@@ -164,6 +164,10 @@ HWY_INLINE void store_lanes(I32x2 a, int32_t* p) {
   store(a.lo, p);
   store(a.hi, p + Lanes<F32>::k_count);
 }
+HWY_INLINE void store_lanes(U32x2 a, uint32_t* p) {
+  store(a.lo, p);
+  store(a.hi, p + Lanes<F32>::k_count);
+}
 HWY_INLINE I32x2 gather(const int32_t* base, I32x2 index) { return {gather(base, index.lo), gather(base, index.hi)}; }
 HWY_INLINE F32x2 gather(const float* base, I32x2 index) { return {gather(base, index.lo), gather(base, index.hi)}; }
 HWY_INLINE I32x2 gather_bytes(const uint8_t* base, I32x2 offset) {

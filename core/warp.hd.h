@@ -132,12 +132,18 @@ FT_HD_INLINE DiskPoint<F> concentric_disk(F u, F v) {
   return concentric_disk_centred<F>(splat<F>(2.0f) * u - splat<F>(1.0f), splat<F>(2.0f) * v - splat<F>(1.0f));
 }
 
-// Direction about +z with density cos / pi. (u, v) in [0, 1)^2.
+// Direction about +z with density cos / pi. (a, b) in [-1, 1]^2.
 template <class F>
-FT_HD_INLINE Vec3Lanes<F> cosine_hemisphere(F u, F v) {
-  const DiskPoint<F> p = concentric_disk<F>(u, v);
+FT_HD_INLINE Vec3Lanes<F> cosine_hemisphere_centred(F a, F b) {
+  const DiskPoint<F> p = concentric_disk_centred<F>(a, b);
   const F z = sqrt((splat<F>(1.0f) - p.radius) * (splat<F>(1.0f) + p.radius));
   return {p.radius * p.cosine, p.radius * p.sine, z};
+}
+
+// The same from [0, 1)^2.
+template <class F>
+FT_HD_INLINE Vec3Lanes<F> cosine_hemisphere(F u, F v) {
+  return cosine_hemisphere_centred<F>(splat<F>(2.0f) * u - splat<F>(1.0f), splat<F>(2.0f) * v - splat<F>(1.0f));
 }
 
 // Direction with density 1 / (4 pi): Lambert's azimuthal map of the disk.

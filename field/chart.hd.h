@@ -108,6 +108,23 @@ FT_HD_INLINE F centre_of(Int_t<F> i, const ChartAxis& axis) {
   return to_float(i) * splat<F>(axis.step) + splat<F>(axis.start);
 }
 
+// The foot of the perpendicular from the centre to a line.
+template <class F>
+struct LineFoot {
+  Vec3Lanes<F> point;
+  F along;  // of the point, from the line's origin
+};
+
+// `direction` is unit. In two steps, of which the second removes what the first lost to cancellation when the origin is
+// far away (Haines et al., Ray Tracing Gems, 2019, chapter 7).
+template <class F>
+FT_HD_INLINE LineFoot<F> foot_of_line(const Vec3Lanes<F>& origin, const Vec3Lanes<F>& direction) {
+  const F along = splat<F>(0.0f) - dot(origin, direction);
+  const Vec3Lanes<F> first = origin + direction * along;
+  const F correction = dot(first, direction);
+  return {first - direction * correction, along - correction};
+}
+
 // The cell of a line: direction cell (u, v) and plane cell (a, b), with the frame of the direction cell.
 template <class F>
 struct CellAddress {

@@ -175,14 +175,6 @@ FT_HD_INLINE void square_from_disk(F x, F y, F& u, F& v) {
   v = copysign(select(steep, r, along), y);
 }
 
-// Square -> direction in the frame: z towards the inside.
-template <class F>
-FT_HD_INLINE Vec3Lanes<F> inward_from_square(F u, F v) {
-  const DiskPoint<F> p = concentric_disk_centred<F>(u, v);
-  const F z = sqrt((splat<F>(1.0f) - p.radius) * (splat<F>(1.0f) + p.radius));
-  return {p.radius * p.cosine, p.radius * p.sine, z};
-}
-
 // ---------------------------------------------------------------- rays
 
 // Where a line enters the unit ball.
@@ -193,18 +185,14 @@ struct ThesisEntry {
   Mask_t<F> crosses;
 };
 
-// `direction` is unit. The foot of the perpendicular is found in two steps, so that far origins keep their digits
-// (Haines et al., Ray Tracing Gems, 2019, chapter 7).
+// `direction` is unit.
 template <class F>
 FT_HD_INLINE ThesisEntry<F> enter_ball(const Vec3Lanes<F>& origin, const Vec3Lanes<F>& direction) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  const F towards = zero - dot(origin, direction);
-  const Vec3Lanes<F> first = origin + direction * towards;
-  const F correction = dot(first, direction);
-  const Vec3Lanes<F> foot = first - direction * correction;
-  const F squared = dot(foot, foot);
+  const LineFoot<F> foot = foot_of_line(origin, direction);
+  const F squared = dot(foot.point, foot.point);
   const F half_chord = sqrt(max(zero, one - squared));
-  return {foot - direction * half_chord, (towards - correction) - half_chord, squared < one};
+  return {foot.point - direction * half_chord, foot.along - half_chord, squared < one};
 }
 
 // A sample: position and direction cell.
@@ -244,9 +232,10 @@ FT_HD_INLINE ThesisPosition<F> thesis_position(Int_t<F> index) {
   return {p, thesis_frame(p, vertex.lower)};
 }
 
+// The direction of a cell in the frame of any position: z towards the inside.
 template <class F>
 FT_HD_INLINE Vec3Lanes<F> thesis_inward(Int_t<F> u, Int_t<F> v, const ChartAxis& directions) {
-  return inward_from_square(centre_of<F>(u, directions), centre_of<F>(v, directions));
+  return cosine_hemisphere_centred(centre_of<F>(u, directions), centre_of<F>(v, directions));
 }
 
 template <class F>

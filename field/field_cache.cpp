@@ -8,6 +8,7 @@
 #include "core/file_lock.h"
 #include "field/cache_limit.h"
 #include "field/field_file.h"
+#include "field/thesis_file.h"
 
 namespace fieldtrace {
 namespace {
@@ -110,6 +111,29 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
     save_fields(both, identity, path);
   }
   remember(slices, identity);
+}
+
+std::optional<ThesisField> FieldCache::load_thesis(const FieldIdentity& identity) {
+  const std::string path = path_of(identity);
+  std::error_code failed;
+  if (!fs::exists(path, failed)) return std::nullopt;
+  mark_used(identity);
+  try {
+    return load_thesis_field(identity, path);
+  } catch (const FieldFileError& e) {
+    tell_unusable(path, e.reason());
+  } catch (const std::bad_alloc&) {
+    tell_unusable(path, "is larger than memory allows");
+  }
+  return std::nullopt;
+}
+
+void FieldCache::store(const ThesisField& field, const FieldIdentity& identity) {
+  mark_used(identity);
+  const std::string path = path_of(identity);
+  const FileLock lock(path + ".lock");
+  remove_abandoned_writes(path);
+  save_thesis_field(field, identity, path);
 }
 
 void FieldCache::trim() {

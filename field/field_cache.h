@@ -12,11 +12,13 @@
 #include <cstdint>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <string>
 
 #include "core/error.h"
 #include "field/field_identity.h"
+#include "field/thesis_field.h"
 
 namespace fieldtrace {
 
@@ -36,6 +38,11 @@ class FieldCache {
   // Adds the field's finished slices to the cache. Writes nothing if the file is known to hold all of them. Throws
   // Error if the file cannot be written.
   void store(const Field& field, const FieldIdentity& identity);
+
+  // The same for a field of the thesis' chart, which is always whole: nothing if there is no file that can be used.
+  // What was loaded need not be stored.
+  std::optional<ThesisField> load_thesis(const FieldIdentity& identity);
+  void store(const ThesisField& field, const FieldIdentity& identity);
 
   // Removes files until the folder keeps its limit; does nothing without one. To be called when all is stored. Warns if
   // the files of this object alone are more.

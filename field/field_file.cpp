@@ -1,18 +1,12 @@
 #include "field/field_file.h"
 
-#include <openvdb/io/File.h>
-#include <openvdb/io/Stream.h>
-
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
-#include <sstream>
 #include <tuple>
 
-#include "core/atomic_file.h"
 #include "field/coverage_grid.h"
 #include "field/field_grids.h"
-#include "field/field_trailer.h"
+#include "field/field_vdb.h"
 #include "field/risk.h"
 
 namespace fieldtrace {
@@ -22,53 +16,6 @@ using openvdb::Int32Grid;
 using GridArray = std::array<Int32Grid::Ptr, k_grid_count>;
 
 constexpr uint32_t k_visibility_slices = 0xffff;
-
-// ---- metadata
-
-void write_metadata(openvdb::MetaMap& map, const FieldIdentity& identity, const Sphere& ball) {
-  map.insertMeta("fieldtrace_format", openvdb::Int32Metadata(identity.format_version));
-  map.insertMeta("chart", openvdb::StringMetadata(identity.chart));
-  map.insertMeta("directions", openvdb::Int32Metadata(identity.parameters.directions));
-  map.insertMeta("plane", openvdb::Int32Metadata(identity.parameters.plane));
-  map.insertMeta("lines", openvdb::Int32Metadata(identity.parameters.lines));
-  map.insertMeta("centre", openvdb::Vec3SMetadata({ball.centre.x, ball.centre.y, ball.centre.z}));
-  map.insertMeta("radius", openvdb::FloatMetadata(ball.radius));
-  map.insertMeta("mesh_hash", openvdb::StringMetadata(identity.geometry.hex()));
-  map.insertMeta("primitive_count", openvdb::Int64Metadata(identity.primitive_count));
-}
-
-template <class T>
-T metadata_value(const openvdb::MetaMap& map, const std::string& path, const char* name) {
-  const auto entry = map.getMetadata<openvdb::TypedMetadata<T>>(name);
-  if (!entry) throw FieldFileError(path, std::string("has no ") + name + " of a field");
-  return entry->value();
-}
-
-FieldFileHeader read_metadata(const openvdb::MetaMap& map, const std::string& path) {
-  FieldFileHeader h;
-  FieldIdentity& i = h.identity;
-  i.format_version = metadata_value<int32_t>(map, path, "fieldtrace_format");
-  if (i.format_version != k_field_format_version) {
-    throw FieldFileError(path, "has format version " + std::to_string(i.format_version) + ", not " +
-                                   std::to_string(k_field_format_version));
-  }
-  i.chart = metadata_value<std::string>(map, path, "chart");
-  i.parameters.directions = metadata_value<int32_t>(map, path, "directions");
-  i.parameters.plane = metadata_value<int32_t>(map, path, "plane");
-  i.parameters.lines = metadata_value<int32_t>(map, path, "lines");
-  const openvdb::Vec3s centre = metadata_value<openvdb::Vec3s>(map, path, "centre");
-  h.ball.centre = {centre[0], centre[1], centre[2]};
-  h.ball.radius = metadata_value<float>(map, path, "radius");
-  const int64_t primitives = metadata_value<int64_t>(map, path, "primitive_count");
-  i.primitive_count = uint32_t(primitives);
-  const bool finite = std::isfinite(h.ball.centre.x) && std::isfinite(h.ball.centre.y) &&
-                      std::isfinite(h.ball.centre.z) && std::isfinite(h.ball.radius);
-  bool sound = finite && h.ball.radius > 0.0f && primitives == int64_t(i.primitive_count);
-  sound = sound && parse_hash(metadata_value<std::string>(map, path, "mesh_hash"), i.geometry);
-  sound = sound && i.chart == k_chart_orthographic && valid_parameters(i.parameters);
-  if (!sound) throw FieldFileError(path, "has metadata that no field of this program has");
-  return h;
-}
 
 // ---- cells
 
@@ -163,24 +110,6 @@ Int32Grid::Ptr make_coverage_grid(std::span<const Field* const> fields, const Fi
   return grid;
 }
 
-void write_grids(std::span<const Int32Grid::Ptr> grids, const openvdb::MetaMap& metadata, const std::string& target,
-                 const std::string& name) {
-  openvdb::GridCPtrVec written;
-  for (const Int32Grid::Ptr& grid : grids) {
-    if (!grid->empty()) written.push_back(grid);
-  }
-  try {
-    openvdb::io::File file(target);
-    file.setCompression(
-        openvdb::io::COMPRESS_ACTIVE_MASK |
-        (openvdb::io::Archive::hasBloscCompression() ? openvdb::io::COMPRESS_BLOSC : openvdb::io::COMPRESS_ZIP));
-    file.write(written, metadata);
-    file.close();
-  } catch (const openvdb::Exception& e) {
-    throw Error({name}, std::string("cannot be written: ") + e.what());
-  }
-}
-
 void add_slices_to(Hasher& hasher, uint32_t direction_brick, uint32_t plane_brick, uint32_t finished) {
   for (const uint32_t value : {direction_brick, plane_brick, finished}) hasher.add_value(value);
 }
@@ -206,22 +135,10 @@ struct FieldFile::Grids {
   std::vector<openvdb::Coord> origins;
   CoverageGrid coverage;
 
-  Int32Grid::Ptr take(const openvdb::GridPtrVec& all, const char* name, const std::string& path) const;
   bool read(const openvdb::Coord& origin, BrickData& brick) const;
   // Finds the origins and checks every brick; returns the slices' hash.
   Hash128 validate(const FieldFileHeader& header, const std::string& path);
 };
-
-Int32Grid::Ptr FieldFile::Grids::take(const openvdb::GridPtrVec& all, const char* name, const std::string& path) const {
-  Int32Grid::Ptr found;
-  for (const openvdb::GridBase::Ptr& grid : all) {
-    if (grid->getName() != name) continue;
-    if (found) throw FieldFileError(path, std::string("has two grids named ") + name);
-    found = openvdb::GridBase::grid<Int32Grid>(grid);
-    if (!found) throw FieldFileError(path, std::string("has a grid ") + name + " of another type");
-  }
-  return found;
-}
 
 // False if a brick has a slice of which only some cells, or only some of the depth layers, are there.
 bool FieldFile::Grids::read(const openvdb::Coord& origin, BrickData& brick) const {
@@ -263,27 +180,18 @@ Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::str
 }
 
 FieldFile::FieldFile(const std::string& path) : grids_(std::make_unique<Grids>()) {
-  std::string contents = read_checked(path);
+  const FieldVdb file = read_field_vdb(path);
   std::error_code failed;
   bytes_ = std::filesystem::file_size(path, failed);
-  openvdb::initialize();
-  try {
-    std::istringstream in(std::move(contents), std::ios::binary);
-    openvdb::io::Stream stream(in, /*delayLoad=*/false);
-    header_ = read_metadata(*stream.getMetadata(), path);
-    const openvdb::GridPtrVecPtr all = stream.getGrids();
-    for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = grids_->take(*all, k_grid_names[g], path);
-    const Int32Grid::Ptr coverage = grids_->take(*all, k_coverage_grid_name, path);
-    const FieldParameters& p = header_.identity.parameters;
-    if (coverage && !grids_->coverage.open(coverage, p.directions, p.plane)) {
-      throw FieldFileError(path, "has coverage tiles that no bake writes");
-    }
-    slices_ = grids_->validate(header_, path);
-  } catch (const FieldFileError&) {
-    throw;
-  } catch (const std::exception& e) {
-    throw FieldFileError(path, std::string("is not a field that OpenVDB can read (") + e.what() + ")");
+  header_ = file.header;
+  require_chart(header_, k_chart_orthographic, path);
+  for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = take_grid(file.grids, k_grid_names[g], path);
+  const Int32Grid::Ptr coverage = take_grid(file.grids, k_coverage_grid_name, path);
+  const FieldParameters& p = header_.identity.parameters;
+  if (coverage && !grids_->coverage.open(coverage, p.directions, p.plane)) {
+    throw FieldFileError(path, "has coverage tiles that no bake writes");
   }
+  slices_ = grids_->validate(header_, path);
 }
 
 FieldFile::~FieldFile() = default;
@@ -350,16 +258,11 @@ Hash128 load_field(Field& field, const FieldIdentity& identity, const std::strin
 
 void save_fields(std::span<const Field* const> fields, const FieldIdentity& identity, const std::string& path) {
   openvdb::initialize();
-  AtomicFile file(path);
   const Sphere& ball = fields.front()->ball();
-  openvdb::MetaMap metadata;
-  write_metadata(metadata, identity, ball);
   const GridArray bricks = make_grids(fields, identity, ball);
   std::vector<Int32Grid::Ptr> grids(bricks.begin(), bricks.end());
   grids.push_back(make_coverage_grid(fields, identity, ball));
-  write_grids(grids, metadata, file.temporary_path(), path);
-  append_trailer(file.temporary_path(), path);
-  file.commit();
+  write_field_vdb(grids, identity, ball, path);
 }
 
 void save_field(const Field& field, const FieldIdentity& identity, const std::string& path) {

@@ -21,6 +21,7 @@
 // before, and its 128-bit hash. Nothing is decoded before these fit: OpenVDB trusts the sizes that it reads, and
 // crashes on many a damaged file. So damage of any kind is an error; a file forged together with its checksum is not
 // defended against. Other programs' copies of the grids lack the 32 bytes and are refused.
+// Fields of the thesis' chart have the same frame around other grids: field/thesis_file.h.
 //
 // Thread-safety: distinct objects are independent. A field may be baked while it is saved or loaded into.
 #pragma once
@@ -51,8 +52,9 @@ struct FieldFileHeader {
   Sphere ball;  // object space
 };
 
-// A field file in memory, completely checked: the constructor throws FieldFileError for a file that is missing,
-// damaged, cut short, not a field, of another format version, or that holds values that no bake writes.
+// A field file of the orthographic chart in memory, completely checked: the constructor throws FieldFileError for a
+// file that is missing, damaged, cut short, not a field, of another chart or format version, or that holds values that
+// no bake writes.
 class FieldFile {
  public:
   explicit FieldFile(const std::string& path);

@@ -17,6 +17,7 @@ namespace fieldtrace {
 inline constexpr int k_field_format_version = 6;
 
 inline constexpr const char* k_chart_orthographic = "orthographic";
+inline constexpr const char* k_chart_thesis = "thesis";
 
 struct FieldIdentity {
   Hash128 geometry;              // of what the lines are traced against

@@ -85,21 +85,16 @@ FT_HD_INLINE void write_segment(const float* to_unit, const Vec3Lanes<F>& o, con
   s.direction = q * (one / scale);
   s.length = tmax * scale;
   s.scale = scale;
-  // Foot of the perpendicular from the centre; the second step removes what the first lost to cancellation when the
-  // origin is far away (Haines et al., Ray Tracing Gems, 2019, chapter 7).
-  const F along = zero - dot(s.origin, s.direction);
-  Vec3Lanes<F> foot = s.origin + s.direction * along;
-  const F correction = dot(foot, s.direction);
-  s.foot = foot - s.direction * correction;
-  const F t_foot = along - correction;
+  const LineFoot<F> foot = foot_of_line(s.origin, s.direction);
+  s.foot = foot.point;
   // Squared distances from the centre: of the line, of the origin and of the end.
   const F line_squared = dot(s.foot, s.foot);
-  const F to_end = s.length - t_foot;
-  const F origin_squared = line_squared + t_foot * t_foot;
+  const F to_end = s.length - foot.along;
+  const F origin_squared = line_squared + foot.along * foot.along;
   const F end_squared = line_squared + to_end * to_end;
   const Mask_t<F> origin_in = origin_squared < one, end_in = end_squared < one;
   // With both ends outside, the segment meets the ball where the foot lies between them.
-  const Mask_t<F> spans = (line_squared < one) & (t_foot > zero) & (to_end > zero);
+  const Mask_t<F> spans = (line_squared < one) & (foot.along > zero) & (to_end > zero);
   s.crosses = (spans | origin_in | end_in) & (tmax >= zero);
   s.origin_inside = s.crosses & origin_in;
   s.end_inside = s.crosses & end_in;

@@ -14,6 +14,7 @@
 #include "field/field_file.h"
 #include "hybrid/field_set.h"
 #include "hybrid/shape_traits.h"
+#include "hybrid/thesis_fields.h"
 
 namespace fieldtrace {
 namespace {
@@ -56,17 +57,23 @@ class Output {
   }
 
   void save(const Field& field, const FieldIdentity& identity, const std::string& object, BakeResult& result) {
-    BakedField baked;
-    baked.object = object;
+    const std::string path = path_of(identity, result);
     if (cache_) {
       cache_->store(field, identity);
-      baked.path = cache_->path_of(identity);
     } else {
-      baked.path = numbered_path(path_, result.fields.size());
-      save_field(field, identity, baked.path);
+      save_field(field, identity, path);
     }
-    baked.info = field_info(baked.path);
-    result.fields.push_back(std::move(baked));
+    result.fields.push_back({object, path, field_info(path)});
+  }
+
+  void save(const ThesisField& field, const FieldIdentity& identity, const std::string& object, BakeResult& result) {
+    const std::string path = path_of(identity, result);
+    if (cache_) {
+      cache_->store(field, identity);
+    } else {
+      save_thesis_field(field, identity, path);
+    }
+    result.fields.push_back({object, path, thesis_file_info(path)});
   }
 
   // When all is saved.
@@ -77,6 +84,10 @@ class Output {
   const std::string& path() const { return path_; }
 
  private:
+  std::string path_of(const FieldIdentity& identity, const BakeResult& result) const {
+    return cache_ ? cache_->path_of(identity) : numbered_path(path_, result.fields.size());
+  }
+
   std::string path_;
   std::unique_ptr<FieldCache> cache_;
 };
@@ -119,6 +130,25 @@ void bake_fully(const Scene& scene, const std::vector<uint32_t>& shapes, const B
                " coverage tiles; they will be baked when a render demands them (or raise --field-memory)");
     }
     output.save(field, field_identity(shape, options.fields), shape.name, result);
+  }
+}
+
+void bake_by_thesis(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
+                    const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
+  const int m = options.thesis_directions;
+  require_thesis_memory(1, m, options.field_memory ? options.field_memory : default_field_memory());
+  const Accel accel(scene);
+  for (size_t i = 0; i < shapes.size() && !result.interrupted; ++i) {
+    const Shape& shape = scene.shapes[shapes[i]];
+    if (shape.kind != ShapeKind::mesh) throw Error(shape.name + ": the chart thesis is for meshes only");
+    ThesisBakeCallbacks bake;
+    bake.stop = callbacks.stop;
+    if (callbacks.progress) {
+      bake.progress = [&](float share) { callbacks.progress((float(i) + share) / float(shapes.size()), "bake"); };
+    }
+    const auto field = bake_thesis_field(accel, scene, shapes[i], m, bake, ThesisLayers::distance);
+    result.interrupted = !field;
+    if (field) output.save(*field, thesis_identity(shape, m), shape.name, result);
   }
 }
 
@@ -182,12 +212,14 @@ Scene scene_of_mesh(TriangleMesh mesh, const std::string& name) {
 
 BakeResult bake_scene(const Scene& scene, const std::string& path, const BakeOptions& options,
                       const RenderCallbacks& callbacks) {
-  const std::vector<uint32_t> shapes = shapes_to_bake(scene, options.full);
+  const bool by_thesis = options.chart == Chart::thesis;
+  const std::vector<uint32_t> shapes = shapes_to_bake(scene, options.full || by_thesis);
   Output output(path, options.cache_limit, callbacks.warning);
   BakeResult result;
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
   tbb::task_arena arena(threads);
-  arena.execute([&] { (options.full ? bake_fully : bake_demand)(scene, shapes, options, callbacks, output, result); });
+  const auto bake = by_thesis ? bake_by_thesis : options.full ? bake_fully : bake_demand;
+  arena.execute([&] { bake(scene, shapes, options, callbacks, output, result); });
   output.finish();
   return result;
 }

@@ -13,17 +13,21 @@
 
 #include <functional>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "core/scene.h"
 #include "field/field_info.h"
+#include "field/thesis_file.h"
 #include "hybrid/render.h"
 
 namespace fieldtrace {
 
 struct BakeOptions {
+  Chart chart = Chart::orthographic;
   bool full = false;          // every cell, not only those that the scene demands
   FieldParameters fields;     // D, N, K
+  int thesis_directions = 0;  // M of the thesis' chart, instead of `fields`
   int threads = 0;            // 0: all hardware threads
   uint64_t field_memory = 0;  // bytes of fields in memory at once; 0: half of the machine's
   uint64_t cache_limit = 0;   // bytes of field files in a folder that is written to; 0: no limit
@@ -32,7 +36,7 @@ struct BakeOptions {
 struct BakedField {
   std::string object;  // the shape's name
   std::string path;
-  FieldFileInfo info;
+  std::variant<FieldFileInfo, ThesisFileInfo> info;
 };
 
 struct BakeResult {
@@ -41,7 +45,8 @@ struct BakeResult {
 };
 
 // Bakes every object of `scene` that gets a field in a render (ShapeTraits::wants_field); with `full`, one that is too
-// simple for that too if it is the scene's only one. Callbacks as render()'s. Throws Error if nothing can have a field
+// simple for that too if it is the scene's only one. An interrupted bake by the thesis' chart leaves out the object it
+// was at. Callbacks as render()'s. Throws Error if nothing can have a field
 // or a file cannot be written; the outputs are checked before the work starts.
 BakeResult bake_scene(const Scene& scene, const std::string& path, const BakeOptions& options,
                       const RenderCallbacks& callbacks = {});

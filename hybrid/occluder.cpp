@@ -44,7 +44,7 @@ float stretch_bound(const float m[12]) {
 }  // namespace
 
 Occluder make_occluder(const Scene& scene, uint32_t index, const ShapeTraits& traits, Field* field,
-                       const AnswererSettings& settings) {
+                       const ThesisField* thesis, const AnswererSettings& settings) {
   const Instance& instance = scene.instances[index];
   const Shape& shape = scene.shapes[instance.shape];
   const Sphere ball = field_ball(shape.bounds);
@@ -57,6 +57,7 @@ Occluder make_occluder(const Scene& scene, uint32_t index, const ShapeTraits& tr
   o.asks_sheets = settings.own_to_rays.empty() || !settings.own_to_rays[instance.shape];
   if (!o.asks_sheets) o.cone.segment.policy.depth_max_class = -1;
   if (field) o.cone.segment.field = field->view();
+  if (thesis) o.thesis = thesis_instance_view(*thesis, instance, index);
   write_unit_transform(instance, ball, o.cone.segment.to_unit);
   o.cone.segment.to_unit_stretch = stretch_bound(o.cone.segment.to_unit);
   for (int e = 0; e < 9; ++e) o.cone.from_unit[e] = instance.to_world[e / 3][e % 3] * ball.radius;

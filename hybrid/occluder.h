@@ -1,8 +1,11 @@
 // An instance as the shadow answerer sees it: what the kernels need to ask about it. Plain data.
 #pragma once
 
+#include <optional>
+
 #include "field/field.h"
 #include "field/segment_kernels.h"
+#include "field/thesis_field.h"
 #include "hybrid/shape_traits.h"
 
 namespace fieldtrace {
@@ -14,12 +17,14 @@ struct Occluder {
   bool answers_cones = false;  // of whole lights
   bool asks_sheets = true;     // depth cells may answer
   Field* field = nullptr;      // answers within the ball; null: exact rays
-  ConeTask cone;               // for the ball
+  // By the thesis' chart: answers every ray; then `field` is null.
+  std::optional<ThesisInstanceView> thesis;
+  ConeTask cone;  // for the ball
   BoxTask box;
 };
 
-// `traits` are those of the instance's shape. `field` is its field, or null.
+// `traits` are those of the instance's shape. `field` is its field, or null; `thesis` likewise.
 Occluder make_occluder(const Scene& scene, uint32_t instance, const ShapeTraits& traits, Field* field,
-                       const AnswererSettings& settings);
+                       const ThesisField* thesis, const AnswererSettings& settings);
 
 }  // namespace fieldtrace

@@ -40,7 +40,7 @@ RadiancePictures::RadiancePictures(const TransportContext& shading, uint32_t ins
       radiance_(shading, instance, patch_of(scene_, instance, tiles_.lines())) {
   AnswererSettings settings;
   settings.tolerance = 1.0f;
-  task_ = make_occluder(scene_, instance, {}, nullptr, settings).cone;
+  task_ = make_occluder(scene_, instance, {}, nullptr, nullptr, settings).cone;
   task_.segment.field.directions = make_axis(k_directions);
   task_.segment.field.coverage = tiles_.view();
 }

@@ -22,6 +22,7 @@
 #include "hybrid/radiance_pictures.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/stopwatch.h"
+#include "hybrid/thesis_fields.h"
 #include "hybrid/tiles.h"
 #include "hybrid/trace_pixels.h"
 #include "hybrid/transport.h"
@@ -55,6 +56,7 @@ void check_options(const RenderOptions& o, int spp) {
   if (!(o.ao_distance > 0.0f))
     throw UsageError("the distance of ambient occlusion is " + std::to_string(o.ao_distance) +
                      "; it must be greater than 0");
+  if (o.chart == Chart::thesis) thesis_directions(o.directions, o.plane);
   if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
 }
 
@@ -123,9 +125,8 @@ FieldPlan first_plan(const Scene& scene, std::span<const ShapeTraits> traits, co
 }
 
 // The cache of `options`, null where there is none or nothing is kept in it.
-std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, const FieldSet& fields,
-                                       const WarningSink& warning) {
-  if (options.field_cache.empty() || fields.empty()) return nullptr;
+std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const WarningSink& warning) {
+  if (options.field_cache.empty() || no_fields) return nullptr;
   return std::make_unique<FieldCache>(options.field_cache, options.field_cache_limit, warning);
 }
 
@@ -331,13 +332,19 @@ std::unique_ptr<GlossyStage> make_glossy_stage(const Picture& picture, const Sta
   return glossy->lobes.empty() ? nullptr : std::move(glossy);
 }
 
+void warn_of_not_finite(const Job& job) {
+  if (job.not_finite == 0) return;
+  warn(job.picture.callbacks.warning, {},
+       std::to_string(job.not_finite) + " camera samples were not finite and count as black; please report the scene");
+}
+
 // One attempt with the fields of `plan`. False if they outgrew their memory: `plan` is then that of the next attempt.
 bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, RenderResult& result) {
   const RenderOptions& options = picture.options;
   const WarningSink& warning = picture.callbacks.warning;
   Stats& stats = result.stats;
   FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, picture.wants_fields);
-  const std::unique_ptr<FieldCache> cache = open_cache(options, fields, warning);
+  const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), warning);
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
@@ -374,12 +381,33 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
     const ScopedTimer timer(stats.time_cache);
     fields.store(*cache, warning, stats);
   }
-  if (job.not_finite > 0) {
-    warn(
-        warning, {},
-        std::to_string(job.not_finite) + " camera samples were not finite and count as black; please report the scene");
-  }
+  warn_of_not_finite(job);
   return true;
+}
+
+// The picture by the thesis' fields.
+void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& result) {
+  const RenderOptions& options = picture.options;
+  const RenderCallbacks& callbacks = picture.callbacks;
+  const int m = thesis_directions(options.directions, options.plane);
+  ThesisFieldSet fields(picture.scene, stage.traits, m, picture.field_memory);
+  const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), callbacks.warning);
+  ThesisBakeCallbacks bake;
+  bake.stop = callbacks.stop;
+  if (callbacks.progress) bake.progress = [&](float share) { callbacks.progress(share, "bake"); };
+  const bool complete = fields.make(stage.accel, cache.get(), bake, callbacks.warning, result.stats);
+  AnswererSettings settings{picture.settings.isa, options.tolerance, options.check};
+  const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, none, settings, fields.pointers());
+  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings);
+  const FieldBudget no_limit;
+  result.image = make_image(picture.window, picture.aovs);
+  Job job{picture, context, no_limit, result.image};
+  job.interrupted = !complete;
+  result.stats.merge_counters(render_tiles(job));
+  result.interrupted = job.interrupted;
+  fields.count(result.stats);
+  warn_of_not_finite(job);
 }
 
 }  // namespace
@@ -401,6 +429,10 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.stats.time_build = seconds_since(build_begin);
     const Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
                       std::make_shared<const LightTable>(make_lights(scene))};
+    if (options.chart == Chart::thesis && picture.wants_fields) {
+      render_by_thesis(picture, stage, result);
+      return;
+    }
     FieldPlan plan = first_plan(scene, stage.traits, options, picture.rays_per_light());
     while (!attempt(picture, stage, plan, result)) {
     }

@@ -25,15 +25,20 @@ namespace fieldtrace {
 
 enum class Method { monte_carlo, hybrid };
 
+// How rays are cut into cells. By the thesis' chart, fields are baked whole and answer every shadow ray that meets them
+// by its nearest cell: nothing certifies the answers, and only a tolerance of 0 traces exact rays instead.
+enum class Chart { orthographic, thesis };
+
 struct RenderOptions {
   Method method = Method::hybrid;
-  int spp = 0;                     // camera samples a pixel; 0: the scene file's sampler
-  int light_samples = 1;           // shadow rays per light and hit
-  int lobe_samples = 1;            // rays per glossy hit of the camera path
-  std::optional<uint32_t> seed;    // default: the scene file's
-  float tolerance = 0.1f;          // [0, 1]: 0 traces every ray, 1 lets every cell answer
-  int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene
-  int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene
+  int spp = 0;                   // camera samples a pixel; 0: the scene file's sampler
+  int light_samples = 1;         // shadow rays per light and hit
+  int lobe_samples = 1;          // rays per glossy hit of the camera path
+  std::optional<uint32_t> seed;  // default: the scene file's
+  float tolerance = 0.1f;        // [0, 1]: 0 traces every ray, 1 lets every cell answer
+  Chart chart = Chart::orthographic;
+  int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene. Thesis: M, 32, 64 or 128; 0: 64
+  int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene. Thesis: 0
   std::string field_cache;         // directory; empty: fields live in memory only
   uint64_t field_cache_limit = 0;  // bytes of field files in that directory; 0: no limit
   uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's

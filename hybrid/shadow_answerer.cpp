@@ -7,17 +7,20 @@
 namespace fieldtrace {
 
 ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                               const std::vector<Field*>& fields, const AnswererSettings& settings)
+                               const std::vector<Field*>& fields, const AnswererSettings& settings,
+                               const std::vector<const ThesisField*>& thesis_fields)
     : scene_(scene),
       accel_(accel),
       kernels_(segment_kernels(settings.isa)),
+      thesis_kernels_(thesis_kernels(settings.isa)),
       settings_(settings),
       candidates_(scene),
       workspaces_([] { return std::make_unique<Workspace>(); }) {
   occluders_.reserve(scene.instances.size());
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
-    const uint32_t shape = scene.instances[i].shape;
-    occluders_.push_back(make_occluder(scene, i, traits[shape], fields[shape], settings));
+    const uint32_t s = scene.instances[i].shape;
+    const ThesisField* thesis = thesis_fields.empty() ? nullptr : thesis_fields[s];
+    occluders_.push_back(make_occluder(scene, i, traits[s], fields[s], thesis, settings));
   }
 }
 

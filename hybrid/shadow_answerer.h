@@ -24,6 +24,8 @@
 #include "core/receivers.h"
 #include "field/field.h"
 #include "field/segment_kernels.h"
+#include "field/thesis_field.h"
+#include "field/thesis_kernels.h"
 #include "hybrid/shadow_candidates.h"
 #include "hybrid/shape_traits.h"
 #include "hybrid/stats.h"
@@ -76,10 +78,12 @@ struct Occluder;  // hybrid/occluder.h
 
 class ShadowAnswerer {
  public:
-  // traits[s] are those of shape s. fields[s] is its field, or null: then its instances are answered by exact rays. The
-  // scene, `accel` and the fields must outlive this.
+  // traits[s] are those of shape s. fields[s] is its field, or null: then its instances are answered by exact rays. Of
+  // thesis_fields, by the thesis' chart, a shape may have one instead, which answers every single ray that meets it,
+  // whatever the tolerance; empty: none. The scene, `accel` and the fields must outlive this.
   ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                 const std::vector<Field*>& fields, const AnswererSettings& settings);
+                 const std::vector<Field*>& fields, const AnswererSettings& settings,
+                 const std::vector<const ThesisField*>& thesis_fields = {});
   ~ShadowAnswerer();
 
   // Fills `group` for the receivers' positions, geometric normals, errors and instances; group.light and light_samples
@@ -133,6 +137,7 @@ class ShadowAnswerer {
   const Scene& scene_;
   const Accel& accel_;
   const SegmentKernels& kernels_;
+  const ThesisKernels& thesis_kernels_;
   AnswererSettings settings_;
   ShadowCandidates candidates_;
   std::vector<Occluder> occluders_;  // one per instance

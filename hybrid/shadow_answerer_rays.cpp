@@ -49,6 +49,9 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
     SegmentCounts counts;
     if (!o.in_ball) {
       counts = kernels_.cross_box(o.box, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
+    } else if (o.thesis) {
+      counts = thesis_kernels_.shadow(*o.thesis, batch.rays, 0, n, int32_t(slot), work.states);
+      if (settings_.check) check_answers(o, batch, work, stats);
     } else if (!o.field) {
       counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
     } else {

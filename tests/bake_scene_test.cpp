@@ -110,7 +110,7 @@ TEST(FullBake, MakesEveryReachableCellAndCanBeStopped) {
   EXPECT_FALSE(result.interrupted);
   EXPECT_NEAR(last, 1.0f, 1e-5f);
   ASSERT_EQ(result.fields.size(), 1u);
-  const FieldFileInfo& info = result.fields[0].info;
+  const FieldFileInfo& info = std::get<FieldFileInfo>(result.fields[0].info);
   EXPECT_EQ(info.visibility.cells_baked, info.visibility.cells_reachable);
   EXPECT_EQ(info.depth.cells_baked, info.depth.cells_reachable);
   EXPECT_EQ(info.visibility.cells_reachable, reachable_cells(k_small, FieldLayer::visibility));
@@ -125,8 +125,8 @@ TEST(FullBake, MakesEveryReachableCellAndCanBeStopped) {
   const BakeResult part = bake_scene(scene, folder / "part.vdb", options, callbacks);
   EXPECT_TRUE(part.interrupted);
   ASSERT_EQ(part.fields.size(), 1u);
-  EXPECT_GT(part.fields[0].info.visibility.cells_baked, 0u);
-  EXPECT_LT(part.fields[0].info.visibility.cells_baked, info.visibility.cells_reachable);
+  EXPECT_GT(std::get<FieldFileInfo>(part.fields[0].info).visibility.cells_baked, 0u);
+  EXPECT_LT(std::get<FieldFileInfo>(part.fields[0].info).visibility.cells_baked, info.visibility.cells_reachable);
 }
 
 TEST(FullBake, KeepsToItsMemory) {
@@ -151,7 +151,7 @@ TEST(FullBake, KeepsToItsMemory) {
     options.threads = threads;
     const BakeResult result = bake_scene(scene, folder / "a.vdb", options, callbacks);
     ASSERT_EQ(result.fields.size(), 1u);
-    const FieldFileInfo& info = result.fields[0].info;
+    const FieldFileInfo& info = std::get<FieldFileInfo>(result.fields[0].info);
     EXPECT_EQ(info.depth.cells_baked, info.depth.cells_reachable);
     EXPECT_LE(info.bytes_memory, options.field_memory);
     EXPECT_GE(info.coverage.tiles_baked, 2048u);
@@ -172,7 +172,7 @@ TEST(BakeScene, ServesRendersOfAnyNumberOfLightSamples) {
   bake.fields = {32, 64, 16};
   const BakeResult result = bake_scene(scene, folder.path(), bake);
   ASSERT_EQ(result.fields.size(), 2u);
-  EXPECT_GT(result.fields[0].info.coverage.tiles_baked, 0u);
+  EXPECT_GT(std::get<FieldFileInfo>(result.fields[0].info).coverage.tiles_baked, 0u);
   RenderOptions options;
   options.spp = 1;
   options.directions = 32;
@@ -196,7 +196,7 @@ TEST(BakeScene, KeepsTheFieldsThatFit) {
   options.field_memory = render(small_scene(), roomy).stats.field_bytes_peak * 9 / 10;
   const BakeResult result = bake_scene(small_scene(), folder / "f.vdb", options);
   ASSERT_FALSE(result.fields.empty());
-  for (const BakedField& field : result.fields) EXPECT_EQ(field.info.header.identity.parameters.directions, 32);
+  for (const BakedField& field : result.fields) EXPECT_EQ(std::get<FieldFileInfo>(field.info).header.identity.parameters.directions, 32);
 }
 
 TEST(BakeScene, WritesOneFileForEachObject) {
@@ -212,7 +212,7 @@ TEST(BakeScene, WritesOneFileForEachObject) {
   EXPECT_EQ(result.fields[0].path, folder / "f.vdb");
   EXPECT_EQ(result.fields[1].object, "knot");
   EXPECT_EQ(result.fields[1].path, folder / "f.2.vdb");
-  for (const BakedField& field : result.fields) EXPECT_GT(field.info.visibility.cells_baked, 0u);
+  for (const BakedField& field : result.fields) EXPECT_GT(std::get<FieldFileInfo>(field.info).visibility.cells_baked, 0u);
   // Nothing else is left behind.
   size_t files = 0;
   for ([[maybe_unused]] const auto& entry : fs::directory_iterator(folder.path())) ++files;

@@ -12,29 +12,27 @@
 #include "field/layout.hd.h"
 #include "field/query.hd.h"
 #include "field/view.h"
+#include "tests/chart_checks.h"
 #include "tests/random_lines.h"
 
 namespace fieldtrace {
 namespace {
 
 using scalar::CellAddress;
-using Lanes3 = scalar::Vec3Lanes<float>;
+using test::angle;
+using test::exact;
+using test::k_round_trip_bound;
+using test::lanes;
+using test::Lanes3;
+using test::special_directions;
 
 constexpr std::array<int, 4> k_directions = {32, 64, 128, 256};
 constexpr std::array<int, 4> k_planes = {64, 128, 256, 512};
 
-// Round trip: the arctangent's series is off by 8e-7 rad, the sines' by 4e-7, and each way rounds a dozen times by
-// 2^-24; the sum stays below this.
-constexpr double k_round_trip_bound = 2e-6;
 // Distance from a direction to the centre of its cell, times D. The map shears cells most where an axis meets z = 0: a
 // step of 1 / D in u turns by (2, 0) / D in (theta, phi), one in v by (2, pi / 2) / D, so that a corner lies
 // sqrt(4^2 + (pi / 2)^2) = 4.30 away; cells of D = 32 are large enough to bend by a little more.
 constexpr double k_centre_distance = 4.4;
-
-Lanes3 lanes(const Vec3& v) { return {v.x, v.y, v.z}; }
-DVec3 exact(const Lanes3& v) { return {v.x, v.y, v.z}; }
-
-double angle(const DVec3& a, const DVec3& b) { return std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b)); }
 
 DVec3 direction_at(float u, float v) { return exact(scalar::frame_from_square(u, v).c); }
 
@@ -47,34 +45,6 @@ bool same_bits(const Lanes3& a, const Lanes3& b) { return std::memcmp(&a, &b, si
 bool in_range(const CellAddress<float>& at, int directions, int plane) {
   return at.u >= 0 && at.u < directions && at.v >= 0 && at.v < directions && at.a >= 0 && at.a < plane && at.b >= 0 &&
          at.b < plane;
-}
-
-// Directions where the map folds or divides by little: poles, axes, seams, tiny and denormal components.
-std::vector<Vec3> special_directions() {
-  std::vector<Vec3> all;
-  const std::array<float, 9> tiny = {0.0f, -0.0f, 1e-45f, 1e-40f, 1e-38f, 1e-30f, 1e-20f, 1e-10f, 1e-4f};
-  for (int axis = 0; axis < 3; ++axis) {
-    for (const float sign : {1.0f, -1.0f}) {
-      for (const float a : tiny) {
-        for (const float b : tiny) {
-          for (const float flip : {1.0f, -1.0f}) {
-            Vec3 d(0.0f);
-            d[axis] = sign;  // 1 + 1e-8 rounds to 1, so that these are unit
-            d[(axis + 1) % 3] = a * flip;
-            d[(axis + 2) % 3] = b;
-            all.push_back(d);
-          }
-        }
-      }
-    }
-  }
-  const float h = 0.70710678f;
-  for (const float x : {h, -h}) {
-    for (const float y : {h, -h}) {
-      all.insert(all.end(), {Vec3(x, y, 0.0f), Vec3(x, y, -0.0f), Vec3(x, 0.0f, y), Vec3(0.0f, x, y)});
-    }
-  }
-  return all;
 }
 
 TEST(OrthographicChart, DirectionSurvivesTheRoundTrip) {
@@ -133,19 +103,10 @@ TEST(OrthographicChart, CellsHaveEqualAreas) {
     for (int k = 0; k < count; ++k) {
       const int i = n == 32 ? k / n : int(random.index(uint32_t(n)));
       const int j = n == 32 ? k % n : int(random.index(uint32_t(n)));
-      const auto at = [&](double x, double y) {
-        return direction_at(float((i + x) * 2.0 / n - 1.0), float((j + y) * 2.0 / n - 1.0));
-      };
-      const DVec3 centre = at(0.5, 0.5);
+      const DVec3 centre = direction_at(float((i + 0.5) * 2.0 / n - 1.0), float((j + 0.5) * 2.0 / n - 1.0));
+      const std::vector<DVec3> border = test::cell_border(i, j, n, k_steps, direction_at);
       double area = 0.0;
-      DVec3 before = at(0.0, 0.0);
-      for (int s = 1; s <= 4 * k_steps; ++s) {
-        const double x = double(s % k_steps) / k_steps;
-        const int side = (s / k_steps) % 4;
-        const DVec3 corner = side == 0 ? at(x, 0) : side == 1 ? at(1, x) : side == 2 ? at(1 - x, 1) : at(0, 1 - x);
-        area += solid_angle(centre, before, corner);
-        before = corner;
-      }
+      for (size_t s = 1; s < border.size(); ++s) area += solid_angle(centre, border[s - 1], border[s]);
       // The map keeps one orientation over the whole square.
       ASSERT_NEAR(area / expected, 1.0, 1e-3) << "cell " << i << ", " << j << " of " << n;
       sum += area;
@@ -168,12 +129,7 @@ TEST(OrthographicChart, UniformDirectionsFillCellsEvenly) {
       ++count[size_t(scalar::cell_of(u, make_axis(int(n)))) * size_t(n) +
               size_t(scalar::cell_of(v, make_axis(int(n))))];
     }
-    double chi2 = 0.0;
-    for (const int c : count) chi2 += double(c - k_per_cell) * double(c - k_per_cell) / k_per_cell;
-    // Mean and variance of chi-square with n^2 - 1 degrees of freedom; 5 standard deviations.
-    const double freedom = double(n) * n - 1.0;
-    EXPECT_LT(chi2, freedom + 5.0 * std::sqrt(2.0 * freedom));
-    EXPECT_GT(chi2, freedom - 5.0 * std::sqrt(2.0 * freedom));
+    test::expect_even(count, k_per_cell);
   }
 }
 
@@ -252,11 +208,7 @@ TEST(OrthographicChart, FramesAreOrthonormalAndRightHanded) {
       for (int j = 0; j < n; ++j) {
         const auto f = scalar::frame_from_square(scalar::centre_of<float>(i, make_axis(int(n))),
                                                  scalar::centre_of<float>(j, make_axis(int(n))));
-        const DVec3 c = exact(f.c), s = exact(f.s), t = exact(f.t);
-        for (const double e : {glm::dot(c, c) - 1.0, glm::dot(s, s) - 1.0, glm::dot(t, t) - 1.0, glm::dot(c, s),
-                               glm::dot(c, t), glm::dot(s, t), glm::length(glm::cross(s, t) - c)}) {
-          worst = std::max(worst, std::abs(e));
-        }
+        worst = std::max(worst, test::frame_error(exact(f.s), exact(f.t), exact(f.c)));
       }
     }
   }
@@ -341,7 +293,7 @@ TEST(OrthographicChart, AddressIsInvariantUnderSliding) {
     const Vec3 near(DVec3(far) + unit * (distance - 1.5));
     const auto s1 = scalar::segment_in_unit_space(k_identity, lanes(far), lanes(d), k_infinity);
     const auto s2 = scalar::segment_in_unit_space(k_identity, lanes(near), lanes(d), k_infinity);
-    const double ulp = std::ldexp(1.0, std::ilogb(glm::length(far)) - 23);
+    const double ulp = test::ulp_of(far);
     const double near_ulp = 0x1p-22;  // of |near| <= 2.5
     const DVec3 foot = DVec3(far) - unit * glm::dot(DVec3(far), unit);
     ASSERT_LE(glm::length(exact(s1.foot) - foot), 4.0 * ulp) << distance;

@@ -11,24 +11,23 @@
 
 #include "core/math.h"
 #include "field/view.h"
+#include "tests/chart_checks.h"
 #include "tests/random_lines.h"
 
 namespace fieldtrace {
 namespace {
 
-using Lanes3 = scalar::Vec3Lanes<float>;
 using scalar::ThesisAddress;
 using scalar::ThesisVertex;
+using test::angle;
+using test::exact;
+using test::k_round_trip_bound;
+using test::lanes;
+using test::Lanes3;
+using test::special_directions;
 
 constexpr std::array<int, 3> k_directions = {32, 64, 128};
 constexpr int k_positions = scalar::k_thesis_positions;
-
-// As for the orthographic map: series of 8e-7 and 2^-23, and a dozen roundings each way.
-constexpr double k_round_trip_bound = 2e-6;
-
-Lanes3 lanes(const Vec3& v) { return {v.x, v.y, v.z}; }
-DVec3 exact(const Lanes3& v) { return {v.x, v.y, v.z}; }
-double angle(const DVec3& a, const DVec3& b) { return std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b)); }
 
 DVec3 point_of_index(int index) { return exact(scalar::thesis_point(scalar::thesis_vertex_of_index<float>(index))); }
 int index_of_point(const Vec3& p) { return scalar::index_of_thesis_vertex(scalar::nearest_thesis_vertex(lanes(p))); }
@@ -56,25 +55,6 @@ void subdivide(const DVec3& a, const DVec3& b, const DVec3& c, int level, std::v
   subdivide(ab, b, bc, level - 1, corners);
   subdivide(ca, bc, c, level - 1, corners);
   subdivide(ab, bc, ca, level - 1, corners);
-}
-
-// Poles, axes, seams, tiny and denormal components.
-std::vector<Vec3> special_directions() {
-  std::vector<Vec3> all;
-  for (int axis = 0; axis < 3; ++axis) {
-    for (const float sign : {1.0f, -1.0f}) {
-      for (const float a : {0.0f, -0.0f, 1e-45f, 1e-38f, 1e-30f, 1e-10f, 1e-4f}) {
-        for (const float b : {0.0f, -0.0f, 1e-45f, -1e-38f, 1e-20f, -1e-10f, 1e-4f}) {
-          Vec3 d(0.0f);
-          d[axis] = sign;
-          d[(axis + 1) % 3] = a;
-          d[(axis + 2) % 3] = b;
-          all.push_back(d);
-        }
-      }
-    }
-  }
-  return all;
 }
 
 TEST(ThesisChart, HasTheThesisNumberOfSamples) {
@@ -188,7 +168,7 @@ TEST(ThesisChart, DirectionsSurviveTheRoundTrip) {
     float u, v;
     scalar::square_from_disk(d.x, d.y, u, v);
     ASSERT_LE(std::max(std::abs(u), std::abs(v)), 1.0f + 3e-7f);
-    const DVec3 back = exact(scalar::inward_from_square(std::clamp(u, -1.0f, 1.0f), std::clamp(v, -1.0f, 1.0f)));
+    const DVec3 back = exact(scalar::cosine_hemisphere_centred(std::clamp(u, -1.0f, 1.0f), std::clamp(v, -1.0f, 1.0f)));
     // The projection onto the disk keeps the digits of the offset, not of the height near the rim.
     worst = std::max(worst, glm::length(DVec3(back.x, back.y, 0) - DVec3(d.x, d.y, 0)));
     if (d.z > 0.1f) {
@@ -204,7 +184,7 @@ TEST(ThesisChart, SquareSurvivesTheRoundTrip) {
   TestRandom random(5);
   for (int i = 0; i < 300000; ++i) {
     const float u = random.uniform(-1.0f, 1.0f), v = random.uniform(-1.0f, 1.0f);
-    const Lanes3 d = scalar::inward_from_square(u, v);
+    const Lanes3 d = scalar::cosine_hemisphere_centred(u, v);
     ASSERT_GE(d.z, 0.0f);
     ASSERT_NEAR(glm::length(exact(d)), 1.0, 1e-6);
     float u2, v2;
@@ -220,17 +200,11 @@ TEST(ThesisChart, DirectionCellsHaveEqualProjectedAreas) {
     constexpr int k_steps = 8;
     for (int j = 0; j < n; ++j) {
       for (int i = 0; i < n; ++i) {
-        const auto at = [&](double x, double y) {
-          return exact(scalar::inward_from_square(float((i + x) * 2.0 / n - 1.0), float((j + y) * 2.0 / n - 1.0)));
-        };
+        const std::vector<DVec3> border = test::cell_border(
+            i, j, n, k_steps, [](float u, float v) { return exact(scalar::cosine_hemisphere_centred(u, v)); });
         double area = 0.0;
-        DVec3 before = at(0, 0);
-        for (int s = 1; s <= 4 * k_steps; ++s) {
-          const double x = double(s % k_steps) / k_steps;
-          const int side = (s / k_steps) % 4;
-          const DVec3 corner = side == 0 ? at(x, 0) : side == 1 ? at(1, x) : side == 2 ? at(1 - x, 1) : at(0, 1 - x);
-          area += 0.5 * (before.x * corner.y - before.y * corner.x);
-          before = corner;
+        for (size_t s = 1; s < border.size(); ++s) {
+          area += 0.5 * (border[s - 1].x * border[s].y - border[s - 1].y * border[s].x);
         }
         ASSERT_NEAR(area * n * n / double(k_pi), 1.0, 2e-3) << i << " " << j << " of " << n;
       }
@@ -249,10 +223,7 @@ TEST(ThesisChart, CosineWeightedDirectionsFillCellsEvenly) {
       scalar::square_from_disk(r * std::cos(phi), r * std::sin(phi), u, v);
       ++count[size_t(scalar::cell_of(v, make_axis(n))) * size_t(n) + size_t(scalar::cell_of(u, make_axis(n)))];
     }
-    double chi2 = 0.0;
-    for (const int c : count) chi2 += double(c - k_per_cell) * double(c - k_per_cell) / k_per_cell;
-    const double freedom = double(n) * n - 1.0;
-    EXPECT_LT(std::abs(chi2 - freedom), 5.0 * std::sqrt(2.0 * freedom));
+    test::expect_even(count, k_per_cell);
   }
 }
 
@@ -265,15 +236,11 @@ TEST(ThesisChart, FramesAreOrthonormalRightHandedAndInward) {
     p = Vec3(glm::normalize(DVec3(p)));
     const bool lower = p.z < 0.0f;
     const auto f = scalar::thesis_frame(lanes(p), lower);
-    const DVec3 x = exact(f.x), y = exact(f.y), z = -DVec3(p);
-    for (const double e : {glm::dot(x, x) - 1.0, glm::dot(y, y) - 1.0, glm::dot(x, y), glm::dot(x, z), glm::dot(y, z),
-                           glm::length(glm::cross(x, y) - z)}) {
-      worst = std::max(worst, std::abs(e));
-    }
+    worst = std::max(worst, test::frame_error(exact(f.x), exact(f.y), -DVec3(p)));
     // Continuous: a small step turns the frame by little, up to the rim itself.
     const Vec3 q = glm::normalize(p + 1e-3f * random.direction());
     if ((q.z < 0.0f) == lower) {
-      farthest_turn = std::max(farthest_turn, glm::length(exact(scalar::thesis_frame(lanes(q), lower).x) - x));
+      farthest_turn = std::max(farthest_turn, glm::length(exact(scalar::thesis_frame(lanes(q), lower).x) - exact(f.x)));
     }
   }
   EXPECT_LT(worst, 1e-6);
@@ -310,7 +277,7 @@ TEST(ThesisChart, EntryLiesOnTheBallAndTheLine) {
     const Vec3 origin = through - d * distance;
     const auto entry = scalar::enter_ball(lanes(origin), lanes(d));
     if (!entry.crosses) continue;
-    const double ulp = std::ldexp(1.0, std::ilogb(glm::length(origin)) - 23);
+    const double ulp = test::ulp_of(origin);
     ASSERT_NEAR(glm::length(exact(entry.point)), 1.0, 1e-6);
     ASSERT_LE(glm::dot(exact(entry.point), unit), 1e-6);
     const DVec3 off = exact(entry.point) - DVec3(origin);
@@ -334,7 +301,7 @@ TEST(ThesisChart, AddressIsInvariantUnderSliding) {
     const Vec3 near(DVec3(far) + unit * (distance - 1.5));
     const auto e1 = scalar::enter_ball(lanes(far), lanes(d)), e2 = scalar::enter_ball(lanes(near), lanes(d));
     if (!e1.crosses || !e2.crosses) continue;
-    const double ulp = std::ldexp(1.0, std::ilogb(glm::length(far)) - 23);
+    const double ulp = test::ulp_of(far);
     // An offset of the line moves its entry along the ball by that over the cosine: twice as much at most here. The
     // near line's own origin is rounded by 2^-22.
     const double chord = glm::dot(exact(e1.point), unit);

@@ -89,6 +89,26 @@ TEST_F(CommandBake, InfoTellsAllOfAFieldAsTextAndAsJson) {
   EXPECT_NE(mesh.err.find("--json"), std::string::npos) << mesh.err;
 }
 
+TEST_F(CommandBake, FieldsOfTheThesisChartAreWhole) {
+  // The ball fills its bounding sphere: no ray misses it.
+  ASSERT_EQ(run({"mesh", "hyperboloid", "-o", "h.ply", "--around", "16", "--along", "8"}).code, 0);
+  const Outcome o = run({"bake", "h.ply", "-o", "f.vdb", "--chart", "thesis", "--directions", "32"});
+  ASSERT_EQ(o.code, 0) << o.err;
+  EXPECT_NE(o.out.find("f.vdb: h.ply, M = 32, 4327424 samples"), std::string::npos) << o.out;
+  const Outcome text = run({"info", "f.vdb"}), json = run({"info", "f.vdb", "--json"});
+  for (const char* part : {"thesis", "M 32", "4327424", "% miss", "cache name", "on disk"}) {
+    EXPECT_NE(text.out.find(part), std::string::npos) << part << " in\n" << text.out;
+  }
+  const nlohmann::json j = nlohmann::json::parse(json.out);
+  EXPECT_EQ(j["chart"], "thesis");
+  EXPECT_EQ(j["directions"], 32);
+  EXPECT_EQ(j["samples"], 4327424);
+  EXPECT_GT(j["misses"], 0);
+  EXPECT_LT(j["misses"], j["samples"]);
+  EXPECT_EQ(j["bytes"]["disk"], fs::file_size(folder_ / "f.vdb"));
+  EXPECT_EQ(j["bytes"]["memory"], 4327424);
+}
+
 TEST_F(CommandBake, RefusesWhatItCannotBake) {
   const auto expect = [&](int code, const char* part, const std::vector<std::string>& arguments) {
     const Outcome o = run(arguments);
@@ -97,7 +117,9 @@ TEST_F(CommandBake, RefusesWhatItCannotBake) {
   };
   expect(2, "--full", {"bake", "ball.ply", "-o", "f.vdb"});
   expect(2, ".vdb", {"bake", "ball.ply", "--full", "-o", "f.ply"});
-  expect(2, "not available yet", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--chart", "thesis"});
+  expect(2, "--plane", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--plane", "64"});
+  expect(2, "--directions 256", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--directions", "256"});
+  expect(1, "--field-memory", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--field-memory", "1"});
   expect(2, "--field-cache-limit", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--field-cache-limit", "10"});
   expect(1, "--field-memory", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--field-memory", "1"});
   expect(1, "no/f.vdb", {"bake", "ball.ply", "--full", "-o", "no/f.vdb"});

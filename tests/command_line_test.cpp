@@ -128,7 +128,7 @@ TEST(RenderOptionsText, ValuesOutOfRangeNameTheOption) {
       {"--isa", {"mmx"}},
       {"--method", {"bidirectional"}},
       {"--device", {"toaster", "cuda"}},
-      {"--chart", {"pie", "thesis"}},
+      {"--chart", {"pie"}},
       {"--max-depth", {"-2"}},
       {"--aov", {"beauty", "depth,beauty"}},
       {"--field-memory", {"0", "-1", "1.5", "1e3", "1000000000001"}},
@@ -169,6 +169,9 @@ TEST(RenderOptionsText, ValuesInRangeArrive) {
   EXPECT_EQ(complaint({"--max-depth", "-1", "--device", "cpu", "--chart", "orthographic", "--aov", "depth,normal"}, o),
             "");
   EXPECT_EQ(o.max_depth, -1);
+  EXPECT_EQ(o.chart, Chart::orthographic);
+  EXPECT_EQ(complaint({"--chart", "thesis"}, o), "");
+  EXPECT_EQ(o.chart, Chart::thesis);
   EXPECT_EQ(o.aovs, (std::vector<std::string>{"depth", "normal"}));
   EXPECT_EQ(o.ao_distance, k_infinity);
   EXPECT_EQ(complaint({"--aov", "ao", "--ao-distance", "2.5"}, o), "");

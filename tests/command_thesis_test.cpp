@@ -1,4 +1,4 @@
-// `fieldtrace thesis` as a user runs it.
+// `fieldtrace thesis` as a user runs it, and its page as a browser shows it.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "browser.h"
 #include "field_checks.h"
 #include "program.h"
 
@@ -26,7 +27,8 @@ TEST(CommandThesis, QuickRunWritesThePageAndTheTables) {
   const Outcome o = Program(folder.path(), {"thesis", "-o", "out", "--quick"}).wait();
   ASSERT_EQ(o.code, 0) << o.err;
   // No scratch file stays.
-  EXPECT_EQ(files_of(folder / "out"), (std::set<std::string>{"thesis.html", "thesis.csv", "growth.csv", "hybrid.csv"}));
+  EXPECT_EQ(files_of(folder / "out"),
+            (std::set<std::string>{"thesis.html", "thesis.csv", "growth.csv", "charts.csv", "hybrid.csv"}));
   const std::string page = read_text(folder / "out/thesis.html");
   std::istringstream csv(read_text(folder / "out/thesis.csv"));
   std::string line;
@@ -55,6 +57,36 @@ TEST(CommandThesis, QuickRunWritesThePageAndTheTables) {
   EXPECT_EQ(images, 8u * 3u + 1u);
   EXPECT_EQ(page.find("src=\"http"), std::string::npos);
   EXPECT_NE(page.find("</html>"), std::string::npos);
+}
+
+// The page of a quick run, then the same page broken in each way that the browser is to find.
+TEST(CommandThesis, ABrowserFindsNothingMissingOnThePage) {
+  if (!has_browser()) GTEST_SKIP() << "chromium is not installed";
+  const TemporaryFolder folder;
+  const Outcome o = Program(folder.path(), {"thesis", "-o", "out", "--quick"}).wait();
+  ASSERT_EQ(o.code, 0) << o.err;
+  const std::string page = read_text(folder / "out/thesis.html");
+  const PageFindings whole = open_page(page, folder.path());
+  EXPECT_EQ(whole.images, 8 * 3 + 1);
+  EXPECT_EQ(whole.missing_images, std::vector<std::string>());
+  EXPECT_EQ(whole.errors, std::vector<std::string>());
+
+  const auto with = [&](const std::string& before, const std::string& text) {
+    std::string broken = page;
+    broken.insert(broken.find(before), text);
+    return open_page(broken, folder.path());
+  };
+  const PageFindings absent = with("</body>", "<img src=\"absent.png\" alt=\"absent\">");
+  EXPECT_EQ(absent.images, whole.images + 1);
+  EXPECT_EQ(absent.missing_images, std::vector<std::string>({"absent"}));
+  EXPECT_EQ(absent.errors.size(), 1u);
+  std::string damaged = page;
+  const std::string signature = "base64,iVBORw0KGgo";
+  damaged.replace(damaged.find(signature), signature.size(), "base64,AAAAAAAAAAA");
+  EXPECT_EQ(open_page(damaged, folder.path()).missing_images.size(), 1u);
+  EXPECT_EQ(with("</body>", "<script>absent();</script>").errors.size(), 1u);
+  EXPECT_EQ(with("</body>", "<script>console.error('no');</script>").errors, std::vector<std::string>({"no"}));
+  EXPECT_EQ(with("</head>", "<link rel=\"stylesheet\" href=\"absent.css\">").errors.size(), 1u);
 }
 
 TEST(CommandThesis, InterruptedRunKeepsWhatIsFinished) {

@@ -30,11 +30,13 @@ struct Outcome {
 
 class Program {
  public:
-  // Starts the program in `folder`, which also receives what it prints (in files that begin with a dot).
-  Program(const std::filesystem::path& folder, const std::vector<std::string>& arguments) : folder_(folder) {
+  // Starts the program, or the one at `path`, in `folder`, which also receives what it prints (in files that begin with
+  // a dot).
+  Program(const std::filesystem::path& folder, const std::vector<std::string>& arguments,
+          std::string path = FIELDTRACE_PROGRAM)
+      : folder_(folder) {
     std::vector<char*> argv;
-    static std::string name = FIELDTRACE_PROGRAM;
-    argv.push_back(name.data());
+    argv.push_back(path.data());
     for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
     argv.push_back(nullptr);
     const std::string out = (folder / ".out").string(), err = (folder / ".err").string();

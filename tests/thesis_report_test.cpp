@@ -50,6 +50,8 @@ ThesisReport made_up() {
     report.cases.push_back(r);
   }
   report.growth = {{16128, 64, 20, 50, 1}, {2000000, 64, 21, 90, 1}};
+  report.charts = {{"Bunny", "behind", "thesis, M = 32", 4327424, -1, 0.05, 0.0, 1.0, 20.0},
+                   {"Bunny", "behind", "orthographic, 32 x 64", 1000000, 0.1, 0.01, 0.05, 1.0, 10.0}};
   report.hybrid = {{"Bunny", "hybrid", 4, 0.1, 3.5, 100, 200, 1000}};
   return report;
 }
@@ -108,6 +110,9 @@ TEST(ThesisReport, TablesHaveEveryCaseAndColumn) {
   }
   EXPECT_EQ(occurrences(thesis_growth_csv(report), "\n"), 3u);
   EXPECT_EQ(occurrences(thesis_hybrid_csv(report), "\n"), 2u);
+  const std::string charts = thesis_charts_csv(report);
+  EXPECT_NE(charts.find("\"Bunny\",behind,\"thesis, M = 32\",4327424,,0.05,0,1,20\n"), std::string::npos) << charts;
+  EXPECT_NE(charts.find("\"orthographic, 32 x 64\",1000000,0.1,0.01,0.05,1,10\n"), std::string::npos) << charts;
 }
 
 TEST(ThesisReport, PageStandsAlone) {
@@ -132,6 +137,7 @@ TEST(ThesisReport, PageOfAnInterruptedRunIsWhole) {
   report.cases.resize(1);
   report.cases[0].rows.clear();
   report.growth.clear();
+  report.charts.clear();
   report.hybrid.clear();
   EXPECT_TRUE(thesis_claims(report).empty());
   EXPECT_EQ(occurrences(thesis_page(report, "c", "1"), "nan"), 0u);

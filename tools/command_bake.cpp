@@ -8,6 +8,7 @@
 #include "core/mesh_io.h"
 #include "hybrid/bake_scene.h"
 #include "hybrid/field_resolution.h"
+#include "hybrid/thesis_fields.h"
 #include "tools/command.h"
 #include "tools/interrupt.h"
 #include "tools/options.h"
@@ -41,11 +42,24 @@ void check_limit(const BakeArguments& arguments) {
   throw UsageError("--field-cache-limit: -o must name a folder that exists, " + arguments.output + " is none");
 }
 
+std::string summary(const FieldFileInfo& info) {
+  const FieldParameters& p = info.header.identity.parameters;
+  return fmt::format("{} x {} cells, {} baked, {} coverage tiles, {:.1f} MB", p.directions, p.plane,
+                     info.visibility.cells_baked + info.depth.cells_baked, info.coverage.tiles_baked,
+                     double(info.bytes_disk) * 1e-6);
+}
+
+std::string summary(const ThesisFileInfo& info) {
+  return fmt::format("M = {}, {} samples of the chart thesis, {:.1f} MB", info.header.identity.parameters.directions,
+                     info.samples, double(info.bytes_disk) * 1e-6);
+}
+
 int run_bake(const BakeArguments& arguments) {
   check_output(arguments.output);
   check_limit(arguments);
   const bool mesh = is_mesh(arguments.input.path);
-  if (mesh && !arguments.options.full) {
+  const bool by_thesis = arguments.options.chart == Chart::thesis;
+  if (mesh && !arguments.options.full && !by_thesis) {
     throw UsageError("a mesh alone demands no cells; bake it with --full, or name a scene");
   }
   const std::atomic<bool>& stop = stop_on_interrupt();
@@ -59,17 +73,15 @@ int run_bake(const BakeArguments& arguments) {
                                            std::filesystem::path(arguments.input.path).filename().string())
                            : load_scene(arguments.input, progress);
   BakeOptions options = arguments.options;
+  if (by_thesis) options.thesis_directions = thesis_directions(arguments.directions, arguments.plane);
   options.fields = choose_resolution(scene, shape_traits(scene), std::numeric_limits<uint64_t>::max());
   if (arguments.directions) options.fields.directions = arguments.directions;
   if (arguments.plane) options.fields.plane = arguments.plane;
   const BakeResult result = bake_scene(scene, arguments.output, options, callbacks);
   progress.clear();
   for (const BakedField& field : result.fields) {
-    const FieldFileInfo& info = field.info;
-    const FieldParameters& p = info.header.identity.parameters;
-    fmt::print("{}: {}, {} x {} cells, {} baked, {} coverage tiles, {:.1f} MB\n", field.path, field.object,
-               p.directions, p.plane, info.visibility.cells_baked + info.depth.cells_baked, info.coverage.tiles_baked,
-               double(info.bytes_disk) * 1e-6);
+    fmt::print("{}: {}, {}\n", field.path, field.object,
+               std::visit([](const auto& info) { return summary(info); }, field.info));
   }
   if (result.fields.empty()) fmt::print("nothing written: the scene's shadow rays demand no field\n");
   if (!result.interrupted) return k_exit_success;
@@ -88,14 +100,15 @@ void add_bake_command(CommandLine& line) {
                   "Field to write, further objects as FIELD.2.vdb and so on; or a folder for render --field-cache")
       ->required()
       ->type_name("FIELD.vdb|DIR");
-  command.add_flag("--full", arguments->options.full, "Bake every cell, not only those that the scene demands");
+  command.add_flag("--full", arguments->options.full,
+                   "Bake every cell, not only those that the scene demands (thesis: always)");
   command.add_option("--directions", arguments->directions, "Direction cells D (default: from the scene's lights)")
       ->check(field_directions())
       ->type_name("D");
   command.add_option("--plane", arguments->plane, "Plane cells N (default: from the scene's lights)")
       ->check(field_plane())
       ->type_name("N");
-  add_chart_option(command);
+  add_chart_option(command, arguments->options.chart);
   add_memory_option(command, arguments->options.field_memory);
   add_cache_limit_option(command, arguments->options.cache_limit);
   command.add_option("--threads", arguments->options.threads, "Threads (default: 0, all)")

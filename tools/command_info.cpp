@@ -10,6 +10,7 @@
 #include "core/image.h"
 #include "core/mesh_io.h"
 #include "field/field_info.h"
+#include "field/thesis_file.h"
 #include "tools/command.h"
 #include "tools/options.h"
 #include "tools/progress.h"
@@ -106,16 +107,28 @@ void print_baked(const char* name, const LayerInfo& layer, uint64_t cells_full) 
              layer.cells_reachable);
 }
 
-void print_field(const std::string& path) {
-  const FieldFileInfo info = field_info(path);
-  const FieldIdentity& identity = info.header.identity;
-  const FieldParameters& p = identity.parameters;
-  fmt::print("field      {}\nchart      {}\ncells      D {}, N {}, K {}\n", path, identity.chart, p.directions, p.plane,
-             p.lines);
-  fmt::print("sphere     centre {}, R {:.6g}\n", vector_text(info.header.ball.centre), info.header.ball.radius);
+// `cells`: how many, in the chart's terms.
+void print_header(const std::string& path, const FieldFileHeader& header, const std::string& cells) {
+  const FieldIdentity& identity = header.identity;
+  fmt::print("field      {}\nchart      {}\ncells      {}\n", path, identity.chart, cells);
+  fmt::print("sphere     centre {}, R {:.6g}\n", vector_text(header.ball.centre), header.ball.radius);
   fmt::print("mesh       {}, {} primitives\nformat     {}\n", identity.geometry.hex(), identity.primitive_count,
              identity.format_version);
   fmt::print("cache name {}\n", identity.file_name());
+}
+
+void print_thesis_field(const std::string& path) {
+  const ThesisFileInfo info = thesis_file_info(path);
+  print_header(path, info.header, fmt::format("M {}", info.header.identity.parameters.directions));
+  fmt::print("samples    {}, {:.1f} % miss, {} normals\n", info.samples, percent(info.misses, info.samples),
+             info.has_normals ? "with" : "no");
+  fmt::print("bytes      {} on disk, {} in memory\n", info.bytes_disk, info.bytes_memory);
+}
+
+void print_field(const std::string& path) {
+  const FieldFileInfo info = field_info(path);
+  const FieldParameters& p = info.header.identity.parameters;
+  print_header(path, info.header, fmt::format("D {}, N {}, K {}", p.directions, p.plane, p.lines));
   const auto share = [](const LayerInfo& layer, uint64_t cells) { return percent(cells, layer.cells_baked); };
   const LayerInfo &v = info.visibility, &d = info.depth;
   print_baked("visibility", v, info.cells_full);
@@ -135,11 +148,36 @@ void print_field(const std::string& path) {
              info.compression());
 }
 
+using Json = nlohmann::ordered_json;
+
+// What fields of all charts have in common; `cells`: the chart's parameters.
+Json header_json(const std::string& path, const FieldFileHeader& header, const Json& cells) {
+  const FieldIdentity& identity = header.identity;
+  const Vec3& centre = header.ball.centre;
+  Json json = {{"file", path}, {"chart", identity.chart}};
+  json.update(cells);
+  json.update(Json{{"centre", {centre.x, centre.y, centre.z}},
+                   {"radius", header.ball.radius},
+                   {"mesh_hash", identity.geometry.hex()},
+                   {"primitives", identity.primitive_count},
+                   {"format", identity.format_version},
+                   {"cache_name", identity.file_name()}});
+  return json;
+}
+
+void print_thesis_field_json(const std::string& path) {
+  const ThesisFileInfo info = thesis_file_info(path);
+  Json json = header_json(path, info.header, {{"directions", info.header.identity.parameters.directions}});
+  json.update(Json{{"samples", info.samples},
+                   {"misses", info.misses},
+                   {"normals", info.has_normals},
+                   {"bytes", {{"disk", info.bytes_disk}, {"memory", info.bytes_memory}}}});
+  fmt::print("{}\n", json.dump(2));
+}
+
 void print_field_json(const std::string& path) {
-  using Json = nlohmann::ordered_json;
   const FieldFileInfo info = field_info(path);
-  const FieldIdentity& identity = info.header.identity;
-  const Vec3& centre = info.header.ball.centre;
+  const FieldParameters& p = info.header.identity.parameters;
   const auto layer = [&](const LayerInfo& l) {
     return Json{
         {"cells_baked", l.cells_baked}, {"cells_reachable", l.cells_reachable}, {"cells_full", info.cells_full}};
@@ -149,34 +187,24 @@ void print_field_json(const std::string& path) {
   visibility.update(Json{{"clear", v.clear}, {"blocked", v.blocked}, {"ask", v.ask}});
   depth.update(Json{{"miss", d.clear}, {"sheet", d.blocked - d.ceilings}, {"ceiling", d.ceilings}, {"ask", d.ask}});
   const CoverageInfo& c = info.coverage;
-  const Json json = {{"file", path},
-                     {"chart", identity.chart},
-                     {"directions", identity.parameters.directions},
-                     {"plane", identity.parameters.plane},
-                     {"lines", identity.parameters.lines},
-                     {"centre", {centre.x, centre.y, centre.z}},
-                     {"radius", info.header.ball.radius},
-                     {"mesh_hash", identity.geometry.hex()},
-                     {"primitives", identity.primitive_count},
-                     {"format", identity.format_version},
-                     {"cache_name", identity.file_name()},
-                     {"tolerance", std::round(double(k_info_tolerance) * 1e6) / 1e6},
-                     {"visibility", visibility},
-                     {"depth", depth},
-                     {"coverage",
-                      {{"tiles_baked", c.tiles_baked},
-                       {"tiles_full", c.tiles_full},
-                       {"tiles_empty", c.tiles_empty},
-                       {"lines_across", c.lines_across},
-                       {"lines_baked", c.lines_baked},
-                       {"lines_hit", c.lines_hit}}},
-                     {"bricks", info.bricks},
-                     {"bytes",
-                      {{"disk", info.bytes_disk},
-                       {"memory", info.bytes_memory},
-                       {"cells", info.bytes_cells},
-                       {"coverage", info.bytes_coverage}}},
-                     {"compression", info.compression()}};
+  Json json = header_json(path, info.header, {{"directions", p.directions}, {"plane", p.plane}, {"lines", p.lines}});
+  json.update(Json{{"tolerance", std::round(double(k_info_tolerance) * 1e6) / 1e6},
+                   {"visibility", visibility},
+                   {"depth", depth},
+                   {"coverage",
+                    {{"tiles_baked", c.tiles_baked},
+                     {"tiles_full", c.tiles_full},
+                     {"tiles_empty", c.tiles_empty},
+                     {"lines_across", c.lines_across},
+                     {"lines_baked", c.lines_baked},
+                     {"lines_hit", c.lines_hit}}},
+                   {"bricks", info.bricks},
+                   {"bytes",
+                    {{"disk", info.bytes_disk},
+                     {"memory", info.bytes_memory},
+                     {"cells", info.bytes_cells},
+                     {"coverage", info.bytes_coverage}}},
+                   {"compression", info.compression()}});
   fmt::print("{}\n", json.dump(2));
 }
 
@@ -192,7 +220,9 @@ int run_info(const InfoArguments& arguments) {
   if (arguments.json && ending != ".vdb") {
     throw UsageError("--json: only of fields; " + path + " does not end in .vdb");
   }
-  if (ending == ".vdb") {
+  if (ending == ".vdb" && field_file_chart(path) == k_chart_thesis) {
+    (arguments.json ? print_thesis_field_json : print_thesis_field)(path);
+  } else if (ending == ".vdb") {
     (arguments.json ? print_field_json : print_field)(path);
   } else if (ending == ".xml") {
     print_scene(arguments.file);

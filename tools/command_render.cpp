@@ -69,9 +69,12 @@ void print_summary(const Stats& s) {
   fmt::print(stderr, "rays    {} primary, {} shadow ({} near an object), {} glossy\n", count(s.rays_primary),
              count(s.rays_shadow), count(s.rays_crossing), count(s.rays_glossy));
   if (s.field_objects > 0) {
-    fmt::print(stderr, "fields  {} object{}, {} x {} cells, {} of {} baked, {} in memory\n", s.field_objects,
-               s.field_objects == 1 ? "" : "s", s.field_directions, s.field_plane, count(s.field_cells_baked),
-               count(s.field_cells_full), megabytes(s.field_bytes_memory));
+    // The thesis' chart has no plane.
+    const std::string cells = s.field_plane == 0 ? fmt::format("chart thesis, M = {}", s.field_directions)
+                                                 : fmt::format("{} x {} cells", s.field_directions, s.field_plane);
+    fmt::print(stderr, "fields  {} object{}, {}, {} of {} baked, {} in memory\n", s.field_objects,
+               s.field_objects == 1 ? "" : "s", cells, count(s.field_cells_baked), count(s.field_cells_full),
+               megabytes(s.field_bytes_memory));
   } else if (s.field_restarts > 0) {
     fmt::print(stderr, "fields  none: {} are too little for any\n", megabytes(s.field_bytes_budget));
   } else if (s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {

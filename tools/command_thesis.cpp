@@ -50,6 +50,7 @@ int run_command(const ThesisArguments& arguments, const std::string& command) {
 
   write_text_file((folder / "thesis.csv").string(), thesis_csv(report));
   write_text_file((folder / "growth.csv").string(), thesis_growth_csv(report));
+  write_text_file((folder / "charts.csv").string(), thesis_charts_csv(report));
   write_text_file((folder / "hybrid.csv").string(), thesis_hybrid_csv(report));
   write_text_file(page, thesis_page(report, command, FIELDTRACE_VERSION));
   if (!complete) {

@@ -9,6 +9,7 @@ packages=(
   libopenvdb-dev libnanovdb-dev libboost-iostreams-dev libblosc-dev
   libcli11-dev nlohmann-json3-dev
   libgtest-dev libopenvdb-tools glmark2-data python3 python3-venv    # tests; the demo's bunny
+  chromium                                                           # tests: pages as a browser shows them
   libbenchmark-dev clang-format                                      # -DFIELDTRACE_BENCHMARKS=ON; changing the code
 )
 

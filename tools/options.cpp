@@ -81,14 +81,14 @@ CLI::Validator field_directions() { return one_of({"32", "64", "128", "256"}); }
 CLI::Validator field_plane() { return one_of({"64", "128", "256", "512"}); }
 CLI::Validator thread_count() { return whole_number_between(0, k_max_threads); }
 
-void add_chart_option(CLI::App& command) {
+void add_chart_option(CLI::App& command, Chart& chart) {
+  static const std::map<std::string, Chart> charts = {{"orthographic", Chart::orthographic}, {"thesis", Chart::thesis}};
   command
       .add_option_function<std::string>(
-          "--chart",
-          [](const std::string& name) {
-            if (name == "thesis") throw not_available_yet("--chart thesis");
-          },
-          "How rays are cut into cells (default: orthographic)")
+          "--chart", [&chart](const std::string& name) { chart = charts.at(name); },
+          "How rays are cut into cells (default: orthographic); thesis: whole fields of nearest cells, M = "
+          "--directions "
+          "(32, 64, 128; default: 64), no --plane")
       ->check(one_of({"orthographic", "thesis"}))
       ->type_name("NAME");
 }
@@ -186,7 +186,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
   command.add_option("--plane", options.plane, "Plane cells N of a field (default: from the scene)")
       ->check(field_plane())
       ->type_name("N");
-  add_chart_option(command);
+  add_chart_option(command, options.chart);
   CLI::Option* const cache =
       command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
           ->type_name("DIR");

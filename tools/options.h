@@ -32,8 +32,8 @@ CLI::Validator field_plane();
 // Threads to use: 0 (all) to 4096.
 CLI::Validator thread_count();
 
-// --chart, read and checked; there is one chart so far.
-void add_chart_option(CLI::App& command);
+// --chart.
+void add_chart_option(CLI::App& command, Chart& chart);
 
 // --field-memory and --field-cache-limit, given in units of 10^6 bytes; the targets are in bytes.
 void add_memory_option(CLI::App& command, uint64_t& bytes);
@@ -56,7 +56,7 @@ Scene load_scene(const SceneArguments& arguments, ProgressLine& progress);
 // Prints "fieldtrace: warning: ..." to stderr, past the progress line, which must outlive the sink.
 WarningSink print_warnings(ProgressLine& progress);
 
-// Options of RenderOptions as the render command spells them; --chart and --device are read and checked too.
+// Options of RenderOptions as the render command spells them; --device is read and checked too.
 void add_render_options(CLI::App& command, RenderOptions& options);
 
 // "x,y,w,h". Throws UsageError unless these are four whole numbers and lie within `film`'s crop window.

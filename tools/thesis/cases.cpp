@@ -33,15 +33,36 @@ constexpr Rgb k_sky{0.3f, 0.36f, 0.45f};
 
 const PhongLight k_key = {{3.0f, -4.0f, 4.0f}, Rgb(1.0f)};
 
-// One object, whose name says which mesh it is, seen from the front and somewhat above.
-ThesisCase single(const char* name, const char* title, const char* object, TriangleMesh mesh, const Rgb& colour) {
+// A case without objects, under the key light.
+ThesisCase empty_case(const char* name, const char* title, const Vec3& eye, float fov_degrees) {
   ThesisCase c;
   c.scene.name = name;
   c.scene.title = title;
-  add_phong_instance(c.scene, add_phong_shape(c.scene, object, std::move(mesh)), coloured(colour));
-  c.scene.camera.eye = {0.6f, -3.0f, 1.4f};
-  c.scene.camera.fov_degrees = 36.0f;
+  c.scene.camera.eye = eye;
+  c.scene.camera.fov_degrees = fov_degrees;
   c.scene.lights = {k_key};
+  return c;
+}
+
+// A new shape and its only instance. The name says which mesh it is.
+void add_object(ThesisCase& c, const char* name, TriangleMesh mesh, const PhongMaterial& material,
+                const Vec3& shift = Vec3(0.0f), float scale = 1.0f) {
+  add_phong_instance(c.scene, add_phong_shape(c.scene, name, std::move(mesh)), material, shift, scale);
+}
+
+// One object, seen from a little above: from farther up the open ends of the hyperboloid show its inside and both rims,
+// and its error is that of outlines (docs/thesis.md).
+ThesisCase single(const char* name, const char* title, const char* object, TriangleMesh mesh, const Rgb& colour) {
+  ThesisCase c = empty_case(name, title, {0.6f, -3.0f, 0.7f}, 36.0f);
+  add_object(c, object, std::move(mesh), coloured(colour));
+  return c;
+}
+
+// Two objects under a sky, some of them mirrors.
+ThesisCase mirror_case(const char* name, const char* title, const Vec3& eye) {
+  ThesisCase c = empty_case(name, title, eye, 38.0f);
+  c.scene.background = k_sky;
+  c.scene.reflections = 2;
   return c;
 }
 
@@ -80,38 +101,21 @@ ThesisCase hyperboloid_case() {
 }
 
 ThesisCase reflection_1() {
-  ThesisCase c;
-  c.scene.name = "reflection_1";
-  c.scene.title = "Reflection scene 1";
+  ThesisCase c = mirror_case("reflection_1", "Reflection scene 1", {-0.4f, -4.2f, 1.2f});
   c.thesis_triangles = 32512;
-  const uint32_t hyperboloid = add_phong_shape(c.scene, "hyperboloid", make_hyperboloid());
-  const uint32_t supershape = add_phong_shape(c.scene, "supershape 1", thesis_supershape_1());
-  add_phong_instance(c.scene, hyperboloid, mirror(k_grey, 0.6f), {-0.6f, 0.3f, 0.0f});
-  add_phong_instance(c.scene, supershape, coloured(k_red), {0.55f, -0.6f, -0.1f}, 0.75f);
-  c.scene.background = k_sky;
-  c.scene.camera.eye = {-0.4f, -4.2f, 1.2f};
-  c.scene.camera.fov_degrees = 38.0f;
-  c.scene.lights = {k_key};
-  c.scene.reflections = 2;
+  add_object(c, "hyperboloid", make_hyperboloid(), mirror(k_grey, 0.6f), {-0.6f, 0.3f, 0.0f});
+  add_object(c, "supershape 1", thesis_supershape_1(), coloured(k_red), {0.55f, -0.6f, -0.1f}, 0.75f);
   return c;
 }
 
 // Two mirrors that see one another, so that reflection recurs.
 ThesisCase reflection_2() {
-  ThesisCase c;
-  c.scene.name = "reflection_2";
-  c.scene.title = "Reflection scene 2";
+  ThesisCase c = mirror_case("reflection_2", "Reflection scene 2", {0.2f, -4.2f, 1.3f});
   c.thesis_triangles = 19384;
   c.polished = true;
-  const uint32_t hyperboloid = add_phong_shape(c.scene, "hyperboloid", make_hyperboloid());
-  const uint32_t sphere = add_phong_shape(c.scene, "sphere of 3,000", make_sphere({.around = 50, .along = 31}));
-  add_phong_instance(c.scene, hyperboloid, mirror(k_blue, 0.5f), {-0.6f, 0.0f, 0.0f});
-  add_phong_instance(c.scene, sphere, mirror(k_sand, 0.4f), {0.6f, -0.4f, -0.1f}, 0.6f);
-  c.scene.background = k_sky;
-  c.scene.camera.eye = {0.2f, -4.2f, 1.3f};
-  c.scene.camera.fov_degrees = 38.0f;
-  c.scene.lights = {k_key};
-  c.scene.reflections = 2;
+  add_object(c, "hyperboloid", make_hyperboloid(), mirror(k_blue, 0.5f), {-0.6f, 0.0f, 0.0f});
+  add_object(c, "sphere of 3,000", make_sphere({.around = 50, .along = 31}), mirror(k_sand, 0.4f), {0.6f, -0.4f, -0.1f},
+             0.6f);
   c.figures = {{64, 7.15, 5.79, 62}};
   c.polished_figures = {{64, 6.76, 5.19, 62}};
   c.thesis_gpu_ms = 4024;
@@ -123,31 +127,30 @@ ThesisCase reflection_2() {
 
 // 56,317 triangles: two supershapes, a hyperboloid, a sphere of 6,110 and a floor of 1,568 less one at its corner.
 ThesisCase shadow_scene() {
-  ThesisCase c;
-  c.scene.name = "shadow";
-  c.scene.title = "Shadow scene";
+  ThesisCase c = empty_case("shadow", "Shadow scene", {0.3f, -4.6f, 3.0f}, 40.0f);
   c.thesis_triangles = 56317;
   TriangleMesh floor = make_plane({.half_size = 2.0f, .columns = 28, .rows = 28});
   floor.triangles.pop_back();
-  const uint32_t ground = add_phong_shape(c.scene, "floor", std::move(floor));
-  const uint32_t first = add_phong_shape(c.scene, "supershape 1", thesis_supershape_1());
-  const uint32_t second = add_phong_shape(c.scene, "supershape 2", thesis_supershape_2());
-  const uint32_t hyperboloid = add_phong_shape(c.scene, "hyperboloid", make_hyperboloid());
-  const uint32_t sphere = add_phong_shape(c.scene, "sphere of 6,110", make_sphere({.around = 65, .along = 48}));
-  add_phong_instance(c.scene, ground, coloured(k_grey), {0.0f, 0.0f, -0.75f});
-  add_phong_instance(c.scene, first, coloured(k_red), {-0.8f, 0.5f, 0.0f}, 0.65f);
-  add_phong_instance(c.scene, second, coloured(k_green), {0.85f, 0.6f, 0.05f}, 0.7f);
-  add_phong_instance(c.scene, hyperboloid, coloured(k_blue), {0.05f, -0.7f, -0.3f}, 0.5f);
-  add_phong_instance(c.scene, sphere, coloured(k_sand), {-0.95f, -0.8f, -0.4f}, 0.35f);
-  c.scene.camera.eye = {0.3f, -4.6f, 3.0f};
+  add_object(c, "floor", std::move(floor), coloured(k_grey), {0.0f, 0.0f, -0.75f});
+  add_object(c, "supershape 1", thesis_supershape_1(), coloured(k_red), {-0.8f, 0.5f, 0.0f}, 0.65f);
+  add_object(c, "supershape 2", thesis_supershape_2(), coloured(k_green), {0.85f, 0.6f, 0.05f}, 0.7f);
+  add_object(c, "hyperboloid", make_hyperboloid(), coloured(k_blue), {0.05f, -0.7f, -0.3f}, 0.5f);
+  add_object(c, "sphere of 6,110", make_sphere({.around = 65, .along = 48}), coloured(k_sand), {-0.95f, -0.8f, -0.4f},
+             0.35f);
   c.scene.camera.target = {0.0f, 0.0f, -0.3f};
-  c.scene.camera.fov_degrees = 40.0f;
   c.scene.lights = {
       {{3.0f, -3.0f, 4.0f}, Rgb(0.55f)}, {{-4.0f, -1.0f, 4.0f}, Rgb(0.4f)}, {{0.5f, 4.0f, 4.5f}, Rgb(0.35f)}};
   return c;
 }
 
 }  // namespace
+
+ThesisFigures figures_at(const std::vector<ThesisFigures>& all, int m) {
+  for (const ThesisFigures& f : all) {
+    if (f.m == m) return f;
+  }
+  return {};
+}
 
 TriangleMesh thesis_supershape_1(int around, int along) {
   return make_supershape({.longitude = {.m = 6.0, .n1 = 1.0, .n2 = 1.0, .n3 = 1.0},

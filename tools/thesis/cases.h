@@ -18,6 +18,9 @@ struct ThesisFigures {
   double rms = -1, rms_blurred = -1, milliseconds = -1;
 };
 
+// Of `all`, what is said at this M; nothing if that is not among them.
+ThesisFigures figures_at(const std::vector<ThesisFigures>& all, int m);
+
 struct ThesisCase {
   PhongScene scene;
   size_t thesis_triangles = 0;  // as the thesis counts them; 0: it does not say

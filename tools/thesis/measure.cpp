@@ -8,10 +8,11 @@
 #include <map>
 #include <memory>
 
+#include "field/thesis_file.h"
+#include "tools/thesis/chart_rows.h"
 #include "tools/thesis/hybrid_rows.h"
 #include "tools/thesis/picture.h"
 #include "tools/thesis/render.h"
-#include "tools/thesis/vdb_file.h"
 
 namespace fieldtrace {
 namespace {
@@ -60,6 +61,7 @@ class ThesisRun {
     for (const int m : options_.resolutions()) {
       objects_.clear();  // those of M = 128 are a quarter of a gigabyte each
       for (size_t i = 0; i < prepared.size(); ++i) measure(prepared[i], m, report_.cases[i]);
+      for (const PreparedCase& p : prepared) compare(p, m);
     }
     objects_.clear();
     prepared.clear();
@@ -145,10 +147,10 @@ class ThesisRun {
     return {std::move(*field), 1e-3 * milliseconds_since(start), 0};
   }
 
-  uint64_t vdb_bytes(const ThesisField& field) const {
+  uint64_t vdb_bytes(const ThesisField& field, const Shape& shape) const {
     check_stop();
     const std::string path = (std::filesystem::path(options_.scratch_folder) / ".field.vdb").string();
-    const uint64_t bytes = write_thesis_vdb(field, path);
+    const uint64_t bytes = save_thesis_field(field, thesis_identity(shape, field.m()), path);
     std::filesystem::remove(path);
     return bytes;
   }
@@ -159,7 +161,7 @@ class ThesisRun {
     const auto found = objects_.find(scene.shapes[shape].name);
     if (found != objects_.end()) return found->second;
     BakedObject baked = bake(*p.accel, scene, shape, m);
-    baked.bytes_vdb = vdb_bytes(baked.field);
+    baked.bytes_vdb = vdb_bytes(baked.field, scene.shapes[shape]);
     return objects_.emplace(scene.shapes[shape].name, std::move(baked)).first->second;
   }
 
@@ -189,6 +191,16 @@ class ThesisRun {
     row.picture = uri(picture);
     row.difference_picture = uri(difference(picture, p.reference, k_difference_gain));
     result.rows.push_back(std::move(row));
+  }
+
+  // By both charts, where there is one object that other cases do not repeat.
+  void compare(const PreparedCase& p, int m) {
+    const PhongScene& scene = p.description.scene;
+    if (scene.geometry.instances.size() != 1 || scene.lights.size() != 1) return;
+    stage_ = scene.title + ", both charts, M = " + std::to_string(m);
+    check_stop();
+    report(0.0);
+    compare_charts(scene.title, scene.geometry, *p.accel, object(p, 0, m).field, options_, report_.charts);
   }
 
   void grow(size_t triangles, int m) {

@@ -62,12 +62,23 @@ struct ThesisHybridRow {
   uint64_t bytes = 0;
 };
 
+// One chart's look-ups for one object and set of receivers (tools/thesis/chart_rows.h).
+struct ThesisChartRow {
+  std::string object, receivers, chart;
+  uint64_t bytes = 0;      // of the complete field
+  double tolerance = -1;   // orthographic chart only
+  double rmse = 0;         // of receivers' visibility, in [0, 1]
+  double exact_share = 0;  // of the rays that meet the ball
+  double look_ups_per_ray = 0, ns_per_look_up = 0;
+};
+
 struct ThesisReport {
   int size = 0, threads = 0;
   std::string isa;
   bool quick = false;
   std::vector<ThesisCaseResult> cases;
   std::vector<ThesisGrowth> growth;
+  std::vector<ThesisChartRow> charts;
   std::vector<ThesisHybridRow> hybrid;
 };
 

@@ -12,6 +12,7 @@ namespace fieldtrace {
 // One line a case and M. Empty fields: the thesis gives no figure, or the case is not polished.
 std::string thesis_csv(const ThesisReport& report);
 std::string thesis_growth_csv(const ThesisReport& report);
+std::string thesis_charts_csv(const ThesisReport& report);
 std::string thesis_hybrid_csv(const ThesisReport& report);
 
 // Images as data: URIs, plots as inline SVG. `command`: as typed.

@@ -7,13 +7,6 @@ namespace {
 
 std::string known(double value) { return value >= 0 ? fmt::format("{:.6g}", value) : std::string(); }
 
-ThesisFigures figures_at(const std::vector<ThesisFigures>& all, int m) {
-  for (const ThesisFigures& f : all) {
-    if (f.m == m) return f;
-  }
-  return {};
-}
-
 }  // namespace
 
 std::string thesis_csv(const ThesisReport& report) {
@@ -42,6 +35,15 @@ std::string thesis_growth_csv(const ThesisReport& report) {
   std::string csv = "triangles,m,field_ms,embree_ms,bake_seconds\n";
   for (const ThesisGrowth& g : report.growth) {
     csv += fmt::format("{},{},{:.6g},{:.6g},{:.6g}\n", g.triangles, g.m, g.field_ms, g.exact_ms, g.bake_seconds);
+  }
+  return csv;
+}
+
+std::string thesis_charts_csv(const ThesisReport& report) {
+  std::string csv = "object,receivers,chart,bytes,tolerance,rmse,exact_share,look_ups_per_ray,ns_per_look_up\n";
+  for (const ThesisChartRow& r : report.charts) {
+    csv += fmt::format("\"{}\",{},\"{}\",{},{},{:.6g},{:.6g},{:.6g},{:.6g}\n", r.object, r.receivers, r.chart, r.bytes,
+                       known(r.tolerance), r.rmse, r.exact_share, r.look_ups_per_ray, r.ns_per_look_up);
   }
   return csv;
 }

@@ -9,7 +9,8 @@
 
 #include "core/accel.h"
 #include "core/isa.h"
-#include "tools/thesis/field.h"
+#include "field/segment_kernels.h"
+#include "field/thesis_field.h"
 #include "tools/thesis/scene.h"
 
 namespace fieldtrace {
@@ -35,6 +36,7 @@ struct TracerBatch {
   ThesisHits field_hits;
   HitBatch exact_hits;
   RayBatch shadow_rays;
+  RayStates states;
   std::vector<uint8_t> blocked;
   std::vector<uint32_t> indices;
 };

@@ -1,5 +1,7 @@
 // Answers by fields alone.
-#include "tools/thesis/look_up_kernels.h"
+#include <algorithm>
+
+#include "field/thesis_kernels.h"
 #include "tools/thesis/tracer.h"
 
 namespace fieldtrace {
@@ -37,10 +39,15 @@ class FieldTracer final : public PhongTracer {
     const size_t count = batch.receivers.size();
     batch.shadow_rays.resize(count);
     for (size_t k = 0; k < count; ++k) {
-      batch.shadow_rays.set(k, light, batch.surfaces[batch.receivers[k]].position - light, 1.0f);
+      const Vec3& p = batch.surfaces[batch.receivers[k]].position;
+      batch.shadow_rays.set(k, p, light - p, 1.0f);
     }
-    batch.hidden.assign(padded(count), 0u);
-    for (const ThesisInstanceView& view : views_) kernels_.hide(view, batch.shadow_rays, batch.hidden.data());
+    batch.states.reset(count);
+    for (const ThesisInstanceView& view : views_) {
+      kernels_.shadow(view, batch.shadow_rays, 0, padded(count), 0, batch.states);
+    }
+    batch.hidden.resize(padded(count));
+    for (size_t k = 0; k < count; ++k) batch.hidden[k] = (batch.states.state[k] & RayStates::k_blocked) != 0;
   }
 
  private:

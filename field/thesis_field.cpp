@@ -1,6 +1,7 @@
-#include "tools/thesis/field.h"
+#include "field/thesis_field.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <mutex>
 
@@ -68,34 +69,40 @@ void bake_position(const BakeInput& input, uint32_t position, Workspace& work, T
   }
   input.accel.shape_intersect(input.shape, work.rays, work.hits);
   uint8_t* distance = field.distances_of(position);
-  uint8_t* normal = field.normals_of(position);
   for (size_t i = 0; i < count; ++i) {
     const float t = work.hits.t[i];
     if (!(t >= 0.0f)) continue;
     distance[i] = uint8_t(std::min(std::lround(double(t) * (0.5 * k_thesis_steps)), long(k_thesis_steps)));
+    if (!field.has_normals()) continue;
+    uint8_t* normal = field.normals_of(position) + 3 * i;
     const DVec3 geometric(work.hits.nx[i], work.hits.ny[i], work.hits.nz[i]), d(work.rays.direction(i));
     const DVec3 hit = DVec3(origin) + d * double(t);
     DVec3 n = glm::normalize(normal_at(input.mesh, work.hits.primitive[i], geometric, hit));
     if ((glm::dot(geometric, d) > 0.0) == (glm::dot(geometric, n) > 0.0)) n = -n;
-    for (int axis = 0; axis < 3; ++axis) normal[3 * i + size_t(axis)] = encode_component(n[axis]);
+    for (int axis = 0; axis < 3; ++axis) normal[axis] = encode_component(n[axis]);
   }
 }
 
 }  // namespace
 
-ThesisField::ThesisField(const Sphere& ball, int m) : ball_(ball), m_(m) {
+bool valid_thesis_parameters(const FieldParameters& p) {
+  return (p.directions == 32 || p.directions == 64 || p.directions == 128) && p.plane == 0 && p.lines == 0;
+}
+
+ThesisField::ThesisField(const Sphere& ball, int m, ThesisLayers layers) : ball_(ball), m_(m), layers_(layers) {
   distance_.assign(samples() + k_field_padding, uint8_t(k_thesis_miss));
+  if (!has_normals()) return;
   normal_.assign(3 * samples() + k_field_padding, uint8_t(k_thesis_normal_zero));
 }
 
-size_t ThesisField::samples() const { return size_t(scalar::k_thesis_positions) * size_t(m_) * size_t(m_); }
+size_t thesis_samples(int m) { return size_t(scalar::k_thesis_positions) * size_t(m) * size_t(m); }
 
 ThesisFieldView ThesisField::view() const {
   ThesisFieldView view;
   view.directions = make_axis(m_);
   view.m = m_;
   view.distance = distance_.data();
-  view.normal = normal_.data();
+  view.normal = has_normals() ? normal_.data() : nullptr;
   return view;
 }
 
@@ -109,8 +116,8 @@ Sphere thesis_ball(const TriangleMesh& mesh) {
 }
 
 std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& scene, uint32_t shape, int m,
-                                             const ThesisBakeCallbacks& callbacks) {
-  ThesisField field(thesis_ball(scene.shapes[shape].mesh), m);
+                                             const ThesisBakeCallbacks& callbacks, ThesisLayers layers) {
+  ThesisField field(thesis_ball(scene.shapes[shape].mesh), m, layers);
   const BakeInput input = {accel, scene.shapes[shape].mesh, shape, inward_directions(m)};
   constexpr uint32_t k_per_task = 32;
   const uint32_t tasks = (uint32_t(scalar::k_thesis_positions) + k_per_task - 1) / k_per_task;
@@ -118,11 +125,17 @@ std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& sc
   uint32_t done = 0;
   parallel_for(tasks, [&](size_t task) {
     if (callbacks.stop && *callbacks.stop) return;
+    const auto start = std::chrono::steady_clock::now();
     Workspace work;
     const uint32_t begin = uint32_t(task) * k_per_task;
     const uint32_t end = std::min(begin + k_per_task, uint32_t(scalar::k_thesis_positions));
     for (uint32_t position = begin; position < end; ++position) bake_position(input, position, work, field);
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     const std::lock_guard lock(mutex);
+    if (callbacks.counters) {
+      callbacks.counters->rays += uint64_t(end - begin) * input.inwards.size();
+      callbacks.counters->seconds += seconds;
+    }
     ++done;
     if (callbacks.progress) callbacks.progress(float(done) / float(tasks));
   });
@@ -132,7 +145,8 @@ std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& sc
 
 float thesis_slack(int m) {
   constexpr float k_entry_radius = 0.0427f, k_half_diagonal = 1.41421356f, k_half_step = 1.0f / float(k_thesis_steps);
-  return k_entry_radius + k_half_diagonal / float(m) + k_half_step;
+  constexpr float k_least_slope = 0.5f;
+  return (k_entry_radius + k_half_diagonal / float(m)) / k_least_slope + k_half_step;
 }
 
 ThesisInstanceView thesis_instance_view(const ThesisField& field, const Instance& instance, uint32_t index) {

@@ -6,7 +6,8 @@
 #include <cstdint>
 
 #include "core/isa.h"
-#include "tools/thesis/field_view.h"
+#include "field/segment_kernels.h"
+#include "field/thesis_view.h"
 
 namespace fieldtrace {
 
@@ -14,9 +15,12 @@ struct ThesisKernels {
   // Moves `hits` to this instance where its field says that it is nearer. A ray i with skip[i] == view.instance passes
   // through, as does an inactive one. `skip` is padded like the batch.
   void (*nearest)(const ThesisInstanceView& view, const RayBatch& rays, const uint32_t* skip, ThesisHits& hits);
-  // Rays run from a light, o, through a receiver at o + tmax d. Sets hidden[i] to 1 where the field says that this
-  // instance lies in front of the receiver by more than view.slack; leaves it else. Padded like the batch.
-  void (*hide)(const ThesisInstanceView& view, const RayBatch& rays, uint32_t* hidden);
+  // Rays [begin, end) run from receivers to lights at t = tmax, infinity included; both are multiples of
+  // k_batch_padding. They are looked up from the light to the receiver (section 3.2.3). Adds to `states` which of them
+  // this instance hides: those whose first surface lies between the light and the receiver, in front of the latter by
+  // more than view.slack. No ray asks. crossings, lookups: rays that meet the ball there.
+  SegmentCounts (*shadow)(const ThesisInstanceView& view, const RayBatch& rays, size_t begin, size_t end,
+                          int32_t candidate_slot, RayStates& states);
 };
 
 // For an instruction set of this processor (resolve_isa).

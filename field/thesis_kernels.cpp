@@ -2,20 +2,21 @@
 
 // clang-format off: foreach_target.h includes this file again for each target and must come first.
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "tools/thesis/look_up_kernels.cpp"
+#define HWY_TARGET_INCLUDE "field/thesis_kernels.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 // clang-format on
 
 #include "core/lanes-inl.h"
-#include "tools/thesis/look_up_batch-inl.h"
+#include "core/lanes_pair-inl.h"
+#include "field/thesis_batch-inl.h"
 
 #if HWY_TARGET != HWY_SCALAR  // thesis_kernels_scalar() serves that
 FT_LANES_BEGIN
 
 // The kernels' addresses are taken inside the target's own namespace, so that no instance is shared between targets.
 const ThesisKernels& thesis_kernels_of_target() {
-  static constexpr ThesisKernels k_kernels = make_thesis_kernels<F32>();
+  static constexpr ThesisKernels k_kernels = make_thesis_kernels<F32x2>();
   return k_kernels;
 }
 

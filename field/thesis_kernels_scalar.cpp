@@ -1,4 +1,4 @@
-#include "tools/thesis/look_up_batch-inl.h"
+#include "field/thesis_batch-inl.h"
 
 namespace fieldtrace {
 

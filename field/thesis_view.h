@@ -23,7 +23,7 @@ struct ThesisFieldView {
   ChartAxis directions;               // M cells
   int m = 0;                          // M
   const uint8_t* distance = nullptr;  // 4,226 M^2
-  const uint8_t* normal = nullptr;    // 3 a sample
+  const uint8_t* normal = nullptr;    // 3 a sample; null: not kept
 };
 
 // One instance of an object with a field.

@@ -1,0 +1,238 @@
+#include "tools/thesis/chart_rows.h"
+
+#include <fmt/format.h>
+#include <time.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <random>
+
+#include "field/bake_full.h"
+#include "field/risk.h"
+#include "field/thesis_kernels.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr int k_light_rays = 64;       // a receiver
+constexpr size_t k_batch_rays = 8192;  // as the renderer has them: one batch stays in the second-level cache
+constexpr float k_light_distance = 4.6f, k_light_radius = 0.3f;  // in R, from the object's centre: about 7 degrees
+constexpr int k_most_rounds = 6;                                 // of baking: hybrid/shadow_workspace.h
+
+enum class Receivers { behind, on_object };
+
+// Rays of k_light_rays a receiver.
+struct Probe {
+  RayBatch rays;
+  AlignedVector<uint32_t> instances;  // of the receivers
+  std::vector<uint8_t> blocked;       // by Embree
+};
+
+class Points {
+ public:
+  explicit Points(uint32_t seed) : engine_(seed) {}
+  float uniform() { return float(engine_() >> 8) * 0x1p-24f; }
+  Vec3 in_ball() {
+    for (;;) {
+      const Vec3 p = 2.0f * Vec3(uniform(), uniform(), uniform()) - 1.0f;
+      if (glm::dot(p, p) < 1.0f) return p;
+    }
+  }
+
+ private:
+  std::mt19937 engine_;
+};
+
+Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& accel, Receivers where, size_t receivers) {
+  const Vec3 to_light = glm::normalize(Vec3(0.4f, -0.6f, 0.7f));
+  const Vec3 across = glm::normalize(glm::cross(to_light, Vec3(0.0f, 0.0f, 1.0f))), up = glm::cross(across, to_light);
+  Points points(1);
+  Probe probe;
+  probe.rays.resize(receivers * k_light_rays);
+  probe.instances.assign(padded(probe.rays.size), where == Receivers::on_object ? 0u : 1u);
+  for (size_t r = 0; r < receivers;) {
+    Vec3 p;
+    if (where == Receivers::behind) {
+      const float x = 2.0f * points.uniform() - 1.0f, y = 2.0f * points.uniform() - 1.0f;
+      p = ball.centre + ball.radius * (1.2f * (x * across + y * up) - 2.0f * to_light);
+    } else {
+      const UVec3 t = mesh.triangles[size_t(points.uniform() * float(mesh.triangles.size()))];
+      const Vec3 a = mesh.positions[t.x], b = mesh.positions[t.y], c = mesh.positions[t.z];
+      const Vec3 n = glm::cross(b - a, c - a);
+      if (!(glm::dot(n, to_light) > 0.0f)) continue;
+      // Far enough that no ray meets its own triangle, near enough not to matter: a thousandth of a depth step.
+      p = (a + b + c) / 3.0f + glm::normalize(n) * (1e-5f * ball.radius);
+    }
+    for (int k = 0; k < k_light_rays; ++k) {
+      const Vec3 at = ball.centre + ball.radius * (k_light_distance * to_light + k_light_radius * points.in_ball());
+      probe.rays.set(r * k_light_rays + size_t(k), p, at - p, 1.0f);
+    }
+    ++r;
+  }
+  std::vector<uint32_t> all(probe.rays.size);
+  std::iota(all.begin(), all.end(), 0u);
+  probe.blocked.assign(padded(probe.rays.size), 0);
+  accel.occluded(probe.rays, all, probe.blocked.data());
+  return probe;
+}
+
+// RMSE of the receivers' visibility; `states` by the field, rays that ask are Embree's.
+void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& row) {
+  double sum = 0.0;
+  size_t asks = 0, crossing = 0;
+  const size_t receivers = probe.rays.size / k_light_rays;
+  for (size_t r = 0; r < receivers; ++r) {
+    int difference = 0;
+    for (size_t i = r * k_light_rays; i < (r + 1) * k_light_rays; ++i) {
+      const int32_t s = states.state[i];
+      const bool hides = (s & RayStates::k_blocked) != 0, asked = s >= RayStates::k_ask;
+      crossing += (s & RayStates::k_crosses) != 0;
+      asks += asked;
+      if (!asked) difference += int(hides) - int(probe.blocked[i]);
+    }
+    sum += double(difference) * difference;
+  }
+  row.rmse = std::sqrt(sum / double(receivers)) / k_light_rays;
+  row.exact_share = crossing ? double(asks) / double(crossing) : 0.0;
+}
+
+// Of this thread's processor time: other work on the machine counts less in it than in wall time.
+double thread_nanoseconds() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return 1e9 * double(t.tv_sec) + double(t.tv_nsec);
+}
+
+// The least nanoseconds of `repeats` runs over all batches. ask(begin, end) returns its counts.
+template <class Ask>
+void time_look_ups(const Probe& probe, int repeats, ThesisChartRow& row, RayStates& states, const Ask& ask) {
+  double least = 0.0;
+  SegmentCounts counts;
+  for (int k = 0; k <= repeats; ++k) {
+    states.reset(probe.rays.size);
+    counts = {};
+    const double start = thread_nanoseconds();
+    for (size_t begin = 0; begin < probe.rays.size; begin += k_batch_rays) {
+      const SegmentCounts c = ask(begin, std::min(begin + k_batch_rays, padded(probe.rays.size)));
+      counts.crossings += c.crossings;
+      counts.lookups += c.lookups;
+    }
+    const double ns = thread_nanoseconds() - start;
+    if (k == 1 || ns < least) least = ns;  // the first run warms up
+  }
+  row.look_ups_per_ray = double(counts.lookups) / double(std::max<uint64_t>(counts.crossings, 1));
+  row.ns_per_look_up = least / double(std::max<uint64_t>(counts.lookups, 1));
+}
+
+uint64_t complete_bytes(const FieldParameters& p, Receivers where) {
+  const auto bytes = [&](FieldLayer layer) {
+    return reachable_cells(p, layer) * (Field::brick_bytes(layer) / uint64_t(scalar::k_brick_cells));
+  };
+  return bytes(FieldLayer::visibility) + (where == Receivers::on_object ? bytes(FieldLayer::depth) : 0);
+}
+
+// The finest resolution of the shapes N = D and N = 2 D, the default's, that takes no more bytes than `limit`.
+std::optional<FieldParameters> finest_within(uint64_t limit, Receivers where) {
+  std::optional<FieldParameters> finest;
+  for (const int directions : {32, 64, 128, 256}) {
+    for (const int plane : {directions, 2 * directions}) {
+      const FieldParameters p = {.directions = directions, .plane = plane};
+      if (valid_parameters(p) && complete_bytes(p, where) <= limit) finest = p;
+    }
+  }
+  return finest;
+}
+
+class Comparison {
+ public:
+  Comparison(const Scene& scene, const Accel& accel, const ThesisRunOptions& options)
+      : scene_(scene), accel_(accel), options_(options) {}
+
+  ThesisChartRow by_thesis(const ThesisField& field, const Probe& probe) const {
+    ThesisChartRow row;
+    row.chart = fmt::format("thesis, M = {}", field.m());
+    row.bytes = field.bytes_distance();
+    const ThesisInstanceView view = thesis_instance_view(field, scene_.instances[0], 0);
+    const ThesisKernels& kernels = thesis_kernels(resolve_isa(options_.isa));
+    RayStates states;
+    time_look_ups(probe, options_.repeats(), row, states,
+                  [&](size_t begin, size_t end) { return kernels.shadow(view, probe.rays, begin, end, 0, states); });
+    count_errors(probe, states, row);
+    return row;
+  }
+
+  ThesisChartRow by_orthographic(Field& field, const Probe& probe, float tolerance) const {
+    ThesisChartRow row;
+    const FieldParameters& p = field.parameters();
+    row.chart = fmt::format("orthographic, {} x {}", p.directions, p.plane);
+    row.tolerance = tolerance;
+    SegmentTask task;
+    task.field = field.view();
+    task.policy = query_policy(tolerance);
+    const double scale = 1.0 / double(field.ball().radius);
+    for (int e = 0; e < 12; ++e) task.to_unit[e] = e % 4 == 0 && e < 9 ? float(scale) : 0.0f;
+    for (int axis = 0; axis < 3; ++axis) task.to_unit[9 + axis] = float(-double(field.ball().centre[axis]) * scale);
+    const SegmentKernels& kernels = segment_kernels(resolve_isa(options_.isa));
+    RayStates states;
+    const auto ask = [&](size_t begin, size_t end) {
+      return kernels.query(task, probe.rays, probe.instances.data(), begin, end, 0, states);
+    };
+    bake(field, probe, states, ask);
+    time_look_ups(probe, options_.repeats(), row, states, ask);
+    count_errors(probe, states, row);
+    return row;
+  }
+
+ private:
+  template <class Ask>
+  void bake(Field& field, const Probe& probe, RayStates& states, const Ask& ask) const {
+    for (int round = 0; round < k_most_rounds; ++round) {
+      states.reset(probe.rays.size);
+      ask(0, padded(probe.rays.size));
+      if (states.unknown_blocks.empty()) return;
+      BakeCounters counters;
+      for (auto* list : {&states.unknown_visibility, &states.unknown_depth}) {
+        std::sort(list->begin(), list->end());
+        list->erase(std::unique(list->begin(), list->end()), list->end());
+      }
+      bake_slices(field, FieldLayer::visibility, states.unknown_visibility, accel_, 0, counters);
+      bake_slices(field, FieldLayer::depth, states.unknown_depth, accel_, 0, counters);
+      states.unknown_blocks.clear();
+      states.unknown_visibility.clear();
+      states.unknown_depth.clear();
+    }
+  }
+
+  const Scene& scene_;
+  const Accel& accel_;
+  const ThesisRunOptions& options_;
+};
+
+}  // namespace
+
+void compare_charts(const std::string& title, const Scene& scene, const Accel& accel, const ThesisField& field,
+                    const ThesisRunOptions& options, std::vector<ThesisChartRow>& rows) {
+  const Comparison comparison(scene, accel, options);
+  const Shape& shape = scene.shapes[0];
+  for (const Receivers where : {Receivers::behind, Receivers::on_object}) {
+    const Probe probe = make_probe(shape.mesh, field.ball(), accel, where, options.quick ? 64 : 1024);
+    const auto add = [&](ThesisChartRow row) {
+      row.object = title;
+      row.receivers = where == Receivers::behind ? "behind" : "on the object";
+      rows.push_back(std::move(row));
+    };
+    add(comparison.by_thesis(field, probe));
+    const std::optional<FieldParameters> p = finest_within(field.bytes_distance(), where);
+    if (!p) continue;
+    Field orthographic(field_ball(shape.bounds), *p);
+    for (const float tolerance : {0.1f, 1.0f}) {
+      ThesisChartRow row = comparison.by_orthographic(orthographic, probe, tolerance);
+      row.bytes = complete_bytes(*p, where);
+      add(std::move(row));
+    }
+  }
+}
+
+}  // namespace fieldtrace
