@@ -6,10 +6,22 @@
 #include <cstdint>
 
 #include "core/isa.h"
+#include "core/rays.h"
 #include "field/segment_kernels.h"
 #include "field/thesis_view.h"
 
 namespace fieldtrace {
+
+// Nearest hits of a batch: t in units of the rays' directions, unit normals. instance k_none: a miss.
+struct ThesisHits {
+  AlignedVector<float> t, nx, ny, nz;
+  AlignedVector<uint32_t> instance;
+
+  void resize(size_t n) {
+    for (auto* a : {&t, &nx, &ny, &nz}) a->resize(padded(n));
+    instance.resize(padded(n));
+  }
+};
 
 struct ThesisKernels {
   // Moves `hits` to this instance where its field says that it is nearer. A ray i with skip[i] == view.instance passes

@@ -1,4 +1,4 @@
-// A thesis field as plain pointers, and the batches of its look-ups. Shared by every instruction set.
+// A thesis field as plain pointers. Shared by every instruction set and the GPU.
 //
 // Memory layout: sample = (position * M + v) * M + u; a byte of distance each, and three of normal. Both tables are
 // followed by k_field_padding bytes, because vectors gather four bytes at a time.
@@ -7,7 +7,6 @@
 
 #include <cstdint>
 
-#include "core/rays.h"
 #include "field/view.h"
 
 namespace fieldtrace {
@@ -33,17 +32,6 @@ struct ThesisInstanceView {
   float to_normal[9] = {};  // object normals to world: the inverse transpose, column-major
   float slack = 0.0f;       // of shadow look-ups, in unit space
   uint32_t instance = 0;
-};
-
-// Nearest hits of a batch: t in units of the rays' directions, unit normals. instance k_none: a miss.
-struct ThesisHits {
-  AlignedVector<float> t, nx, ny, nz;
-  AlignedVector<uint32_t> instance;
-
-  void resize(size_t n) {
-    for (auto* a : {&t, &nx, &ny, &nz}) a->resize(padded(n));
-    instance.resize(padded(n));
-  }
 };
 
 }  // namespace fieldtrace

@@ -399,7 +399,7 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   AnswererSettings settings{picture.settings.isa, options.tolerance, options.check};
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, none, settings, fields.pointers());
-  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings);
+  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
   const FieldBudget no_limit;
   result.image = make_image(picture.window, picture.aovs);
   Job job{picture, context, no_limit, result.image};

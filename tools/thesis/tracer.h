@@ -11,6 +11,7 @@
 #include "core/isa.h"
 #include "field/segment_kernels.h"
 #include "field/thesis_field.h"
+#include "field/thesis_kernels.h"
 #include "tools/thesis/scene.h"
 
 namespace fieldtrace {
