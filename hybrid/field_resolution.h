@@ -27,7 +27,7 @@ inline constexpr double k_most_bake_share = 0.05;
 // field; 0 for point and directional lights, 180 for a constant one. 0 if there is no light or no such instance.
 float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> traits);
 
-// `rays_per_light`: pixels x camera samples x light samples.
+// `rays_per_light`: pixels of the film x camera samples x light samples.
 FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light);
 
 }  // namespace fieldtrace

@@ -75,22 +75,19 @@ void FieldSet::load(FieldCache& cache) {
   has_loaded_ = has_loaded;
 }
 
+// One after another: each holds a second copy of its field for a while.
 void FieldSet::store(FieldCache& cache, const WarningSink& warning, Stats& stats) const {
-  std::atomic<uint64_t> bytes_on_disk = 0;
-  std::vector<std::string> failures(fields_.size());
-  parallel_for(fields_.size(), [&](size_t s) {
-    if (!fields_[s]) return;
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (!fields_[s]) continue;
     const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
     try {
       cache.store(*fields_[s], identity);
     } catch (const Error& e) {
-      failures[s] = e.what();
+      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+    } catch (const std::bad_alloc&) {
+      warn(warning, {}, "not enough memory to keep the field of " + scene_.shapes[s].name);
     }
-    bytes_on_disk += cache.bytes_on_disk(identity);
-  });
-  stats.field_bytes_disk += bytes_on_disk;
-  for (const std::string& failure : failures) {
-    if (!failure.empty()) warn(warning, {}, failure + "; the field is not kept");
+    stats.field_bytes_disk += cache.bytes_on_disk(identity);
   }
   cache.trim();
 }

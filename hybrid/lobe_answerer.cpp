@@ -56,13 +56,16 @@ struct Layer {
 // Objects front to back, those before the hit at `end`.
 void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) {
   std::sort(layers.begin(), layers.end(), [](const Layer& a, const Layer& b) { return a.distance < b.distance; });
-  ray.instance = layers.front().instance;
-  ray.distance = layers.front().distance;
   for (const Layer& layer : layers) {
     if (layer.distance >= end) break;
+    const bool was_seen = ray.clear >= 0.5f;
     const LobeAnswers& a = *layer.answers;
     ray.radiance += Rgb(a.red[i], a.green[i], a.blue[i]) * ray.clear;
     ray.clear *= a.clear[i];
+    if (was_seen && ray.clear < 0.5f) {
+      ray.instance = layer.instance;
+      ray.distance = layer.distance;
+    }
   }
 }
 
@@ -89,13 +92,14 @@ LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint
                            uint64_t most_rays, uint64_t most_bytes)
     : shading_(shading), kernels_(segment_kernels(shading.settings.isa)), blur_(k_blur_of_tolerance * tolerance) {
   const Scene& scene = shading.scene;
-  const uint64_t most_patches = most_rays / std::max<uint64_t>(rays_per_patch(shading), 1);
+  const uint64_t most_patches = std::min(most_rays / std::max<uint64_t>(rays_per_patch(shading), 1),
+                                         std::min(most_bytes / sizeof(Rgb), SurfaceRadiance::k_most_patches - 1));
   std::vector<uint8_t> has_pictures(scene.instances.size(), 0);
   for (const uint32_t i : suited) {
-    if (scene.shapes[scene.instances[i].shape].triangle_count() > most_patches) continue;
+    if (RadiancePictures::count_patches(scene, i, most_rays) > most_patches) continue;
     auto pictures = std::make_unique<RadiancePictures>(shading, i, most_rays);
     const uint64_t bytes = pictures->radiance().bytes() + pictures->tiles().bytes_when_full();
-    if (pictures->radiance().patch_count() > most_patches || bytes > most_bytes) continue;
+    if (bytes > most_bytes) continue;
     most_bytes -= bytes;
     pictures_.push_back(std::move(pictures));
     has_pictures[i] = 1;

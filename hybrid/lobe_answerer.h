@@ -4,9 +4,9 @@
 // A glossy sample stands for a part of its lobe. The pictures give that part's mean radiance on each object, front to
 // back, with the share that each leaves to those behind it; the ray goes on with what is left, among the objects
 // without pictures. So a sample is filtered, and neither shading nor shadow rays are needed where it ends. Which
-// objects have pictures follows from the scene and constants; a ray's answer depends on the ray, the scene and the
-// settings. Thread-safety: const functions may be called from any number of threads, each with a workspace of its own;
-// pictures grow by demand meanwhile.
+// objects have pictures follows from the scene, constants and the memory that they may take; a ray's answer depends on
+// the ray, the scene and the settings. Thread-safety: const functions may be called from any number of threads, each
+// with a workspace of its own; pictures grow by demand meanwhile.
 #pragma once
 
 #include <memory>
@@ -29,7 +29,8 @@ struct FilteredRay {
   uint32_t ray = 0;          // its index
   Rgb radiance = Rgb(0.0f);  // that arrives along it from objects with pictures
   float clear = 1.0f;        // share of it that goes on to its hit
-  uint32_t instance = 0;     // the nearest of those objects
+  // The object behind which less than half of the ray goes on, if clear < 0.5.
+  uint32_t instance = 0;
   float distance = 0.0f;
 };
 

@@ -11,6 +11,10 @@
 namespace fieldtrace {
 namespace {
 
+int plane_for(uint64_t most_rays) {
+  return most_rays >= RadiancePictures::k_many_rays ? RadiancePictures::k_plane : RadiancePictures::k_plane / 2;
+}
+
 // Patches about as wide as the distance between lines.
 float patch_of(const Scene& scene, uint32_t instance, int lines) {
   const Instance& placed = scene.instances[instance];
@@ -32,11 +36,15 @@ Vec2 barycentric(const Vec3& p0, const Vec3& e1, const Vec3& e2, const Vec3& p) 
 
 }  // namespace
 
+uint64_t RadiancePictures::count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays) {
+  return SurfaceRadiance::count_patches(scene, instance, patch_of(scene, instance, 2 * plane_for(most_rays)));
+}
+
 RadiancePictures::RadiancePictures(const TransportContext& shading, uint32_t instance, uint64_t most_rays)
     : scene_(shading.scene),
       accel_(shading.accel),
       ball_(field_ball(scene_.shapes[scene_.instances[instance].shape].bounds)),
-      tiles_(k_directions, most_rays >= k_many_rays ? k_plane : k_plane / 2, nullptr, TilePayload::radiance),
+      tiles_(k_directions, plane_for(most_rays), nullptr, TilePayload::radiance),
       radiance_(shading, instance, patch_of(scene_, instance, tiles_.lines())) {
   AnswererSettings settings;
   settings.tolerance = 1.0f;

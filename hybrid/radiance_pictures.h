@@ -24,6 +24,8 @@ class RadiancePictures {
   static constexpr uint64_t k_many_rays = uint64_t(1) << 25;
 
   // `shading` must outlive this: SurfaceRadiance.
+  // Surface patches that the constructor will make.
+  static uint64_t count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays);
   RadiancePictures(const TransportContext& shading, uint32_t instance, uint64_t most_rays);
 
   uint32_t instance() const { return radiance_.instance(); }

@@ -172,9 +172,12 @@ struct Picture {
   Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
 
   bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
-  uint64_t rays_per_light() const {
-    return uint64_t(window.width) * uint64_t(window.height) * uint64_t(spp) * uint64_t(options.light_samples);
+  // Of the film, so that fields, and with them a pixel, are the same in every window.
+  uint64_t film_samples() const {
+    const Rect film = crop_window(scene.film, {});
+    return uint64_t(film.width) * uint64_t(film.height) * uint64_t(spp);
   }
+  uint64_t rays_per_light() const { return film_samples() * uint64_t(options.light_samples); }
 };
 
 Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c)
@@ -301,9 +304,16 @@ struct GlossyStage {
 
   GlossyStage(const Picture& picture, const Stage& stage, std::span<const uint32_t> suited, uint64_t most_rays)
       : no_fields(picture.scene.shapes.size(), nullptr),
-        exact(picture.scene, stage.accel, stage.traits, no_fields, {picture.settings.isa, 0.0f}),
+        exact(picture.scene, stage.accel, stage.traits, no_fields, answerer_settings(picture.settings.isa)),
         shading(picture.scene, stage.accel, stage.camera, exact, shading_settings(picture.settings), stage.lights),
         lobes(shading, suited, picture.options.tolerance, most_rays, picture.field_memory / k_picture_share) {}
+
+  // Which patches are shaded together is a matter of demand: their light must not depend on it.
+  static AnswererSettings answerer_settings(Isa isa) {
+    AnswererSettings settings{isa, 0.0f};
+    settings.whole_scene = true;
+    return settings;
+  }
 
   // Of paths that begin at a path's second surface.
   static TransportSettings shading_settings(TransportSettings settings) {
@@ -324,10 +334,7 @@ std::unique_ptr<GlossyStage> make_glossy_stage(const Picture& picture, const Sta
   if (std::none_of(bsdfs.begin(), bsdfs.end(), [](const Bsdf& b) { return is_rough(b.kind); })) return nullptr;
   const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(picture.scene, stage.traits);
   if (suited.empty()) return nullptr;
-  // Of the film, so that a pixel is the same in every window.
-  const Rect film = crop_window(picture.scene.film, {});
-  const uint64_t most_rays =
-      uint64_t(film.width) * uint64_t(film.height) * uint64_t(picture.spp) * uint64_t(options.lobe_samples);
+  const uint64_t most_rays = picture.film_samples() * uint64_t(options.lobe_samples);
   auto glossy = std::make_unique<GlossyStage>(picture, stage, suited, most_rays);
   return glossy->lobes.empty() ? nullptr : std::move(glossy);
 }

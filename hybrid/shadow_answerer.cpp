@@ -34,7 +34,11 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
     bounds.extend(p - Vec3(e));
     bounds.extend(p + Vec3(e));
   }
-  candidates_.select(bounds, group.light, k_most_candidates, group.candidates);
+  if (settings_.whole_scene) {
+    group.candidates.assign(k_most_candidates + 1, 0);  // too many to test one by one
+  } else {
+    candidates_.select(bounds, group.light, k_most_candidates, group.candidates);
+  }
   const bool test_each = group.light.kind == LightExtent::Kind::bounded && group.candidates.size() <= k_most_candidates;
   group.met.assign(padded(receivers.size), 0);
   const int32_t all = !group.candidates.empty() && !test_each ? k_may_shadow : 0;
@@ -93,8 +97,9 @@ bool ShadowAnswerer::extrapolates(const ShadowGroup& group) const {
 bool ShadowAnswerer::gains_by_halving(const ShadowGroup& group) const {
   // Where every cell asks, the groups are those of Monte Carlo, so that both trace the same rays.
   if (settings_.force_ask || group.candidates.size() <= k_most_candidates) return false;
-  return std::any_of(group.candidates.begin(), group.candidates.end(),
-                     [this](uint32_t candidate) { return occluders_[candidate].field != nullptr; });
+  return std::any_of(group.candidates.begin(), group.candidates.end(), [this](uint32_t candidate) {
+    return occluders_[candidate].field != nullptr || occluders_[candidate].thesis;
+  });
 }
 
 void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {

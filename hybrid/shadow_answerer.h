@@ -39,6 +39,9 @@ struct AnswererSettings {
   bool force_ask = false;    // look up, then ask all the same
   bool whole_lights = true;  // ask for whole lights before single rays, where a tolerance allows it
   bool count_uses = false;   // fill Stats::field_uses
+  // Trace every shadow ray against the whole scene: then a receiver's light depends in no way on its group, which
+  // decides otherwise whether its light is sampled or, where nothing can stand before it, known in closed form.
+  bool whole_scene = false;
   // Per shape: its receivers are not answered by its own field. Empty: none.
   std::vector<uint8_t> own_to_rays = {};
 };

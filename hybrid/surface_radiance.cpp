@@ -5,6 +5,7 @@
 
 #include "core/shared_value.h"
 #include "core/sobol.hd.h"
+#include "hybrid/ask_and_bake.h"
 
 namespace fieldtrace {
 namespace {
@@ -30,6 +31,15 @@ PatchCentre patch_centre(int n, size_t place) {
   const float step = 1.0f / float(n);
   if (i + j < n) return {(float(i) + 1.0f / 3.0f) * step, (float(j) + 1.0f / 3.0f) * step};
   return {(float(n - 1 - i) + 2.0f / 3.0f) * step, (float(n - 1 - j) + 2.0f / 3.0f) * step};
+}
+
+// Along each edge of a triangle, for patches with edges of `patch` or less in world space.
+int divisions(const Affine& to_world, const TriangleMesh& mesh, const UVec3& t, float patch) {
+  const auto edge = [&](uint32_t a, uint32_t b) {
+    return glm::length(transform_vector(to_world, mesh.positions[a] - mesh.positions[b]));
+  };
+  const float longest = std::max({edge(t.x, t.y), edge(t.y, t.z), edge(t.z, t.x)});
+  return std::clamp(int(std::ceil(std::min(longest / patch, float(k_most_divisions)))), 1, k_most_divisions);
 }
 
 bool has_texture(const Scene& scene, uint32_t bsdf) {
@@ -63,6 +73,17 @@ bool SurfaceRadiance::suits(const Scene& scene, uint32_t index) {
   return true;
 }
 
+uint64_t SurfaceRadiance::count_patches(const Scene& scene, uint32_t index, float patch) {
+  const Instance& instance = scene.instances[index];
+  const TriangleMesh& mesh = scene.shapes[instance.shape].mesh;
+  uint64_t count = 0;
+  for (const UVec3& t : mesh.triangles) {
+    const auto n = uint64_t(divisions(instance.to_world, mesh, t, patch));
+    count += n * n;
+  }
+  return count;
+}
+
 SurfaceRadiance::SurfaceRadiance(const TransportContext& shading, uint32_t index, float patch)
     : scene_(shading.scene),
       seed_(shading.settings.seed),
@@ -75,11 +96,7 @@ SurfaceRadiance::SurfaceRadiance(const TransportContext& shading, uint32_t index
   divisor_.reserve(mesh.triangles.size());
   uint64_t count = 0;
   for (const UVec3& t : mesh.triangles) {
-    const auto edge = [&](uint32_t a, uint32_t b) {
-      return glm::length(transform_vector(instance.to_world, mesh.positions[a] - mesh.positions[b]));
-    };
-    const float longest = std::max({edge(t.x, t.y), edge(t.y, t.z), edge(t.z, t.x)});
-    const int n = std::clamp(int(std::ceil(std::min(longest / patch, float(k_most_divisions)))), 1, k_most_divisions);
+    const int n = divisions(instance.to_world, mesh, t, patch);
     first_.push_back(uint32_t(count));
     divisor_.push_back(uint16_t(n));
     count += uint64_t(n) * uint64_t(n);
@@ -109,7 +126,7 @@ HitBatch SurfaceRadiance::centres_of(std::span<const Side> sides) const {
 }
 
 // The mean of the texture over a patch: what a tube wider than the patch sees.
-Rgb SurfaceRadiance::mean_reflectance(Side side) const {
+Rgb SurfaceRadiance::mean_reflectance(Side side, bool behind) const {
   constexpr size_t k_points = size_t(k_texture_divisions) * k_texture_divisions;
   const PatchPlace at = place_of(side);
   const RayBatch rays;
@@ -122,7 +139,7 @@ Rgb SurfaceRadiance::mean_reflectance(Side side) const {
     hits.primitive[k] = at.triangle;
     hits.u[k] = point.u, hits.v[k] = point.v;
     const Vec2 uv = surface_at(scene_, rays, hits, k).uv;
-    sum += resolve_material(scene_, scene_.instances[instance_].bsdf, uv, side % 2 ? -1.0f : 1.0f).reflectance;
+    sum += resolve_material(scene_, scene_.instances[instance_].bsdf, uv, behind ? -1.0f : 1.0f).reflectance;
   }
   return sum / float(k_points);
 }
@@ -135,8 +152,8 @@ PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side si
   v.surface = surface_at(scene_, rays, centres, i);
   v.facing = back ? -v.surface.geometric_normal : v.surface.geometric_normal;
   const bool turned = glm::dot(v.facing, v.surface.shading_normal) < 0.0f;
-  v.material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, back ? -1.0f : 1.0f);
-  if (is_textured_) v.material.reflectance = mean_reflectance(side);
+  v.material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, turned ? -1.0f : 1.0f);
+  if (is_textured_) v.material.reflectance = mean_reflectance(side, turned);
   v.frame = frame_about(turned ? -v.surface.shading_normal : v.surface.shading_normal);
   v.seed = scalar::vertex_seed(seed_, side, instance_, k_patch_stream);
   v.lobe_samples = float(k_samples);
@@ -148,6 +165,7 @@ uint64_t SurfaceRadiance::shade(std::span<const Side> sides) {
   for (const Side side : sides) {
     if (!shared(shaded_[side]).load(std::memory_order_acquire)) missing.push_back(side);
   }
+  sort_unique(missing);
   const HitBatch centres = centres_of(missing);
   std::vector<Side> lit;
   std::vector<PathVertex> vertices;

@@ -28,8 +28,14 @@ class SurfaceRadiance {
   // Whether an instance's radiance is the same in all directions: a diffuse mesh, textured or not, that does not glow.
   static bool suits(const Scene& scene, uint32_t instance);
 
-  // Patches are the first surfaces of paths of `shading`, which must outlive this: its max_depth counts from them, and
-  // its light_samples must be k_samples.
+  // How many patches with edges of `patch` (world units, > 0) or less cover an instance; fewer than k_most_patches may
+  // be made.
+  static uint64_t count_patches(const Scene& scene, uint32_t instance, float patch);
+  static constexpr uint64_t k_most_patches = uint64_t(1) << 31;
+
+  // Patches are the first surfaces of paths of `shading`, which must outlive this: its max_depth counts from them, its
+  // light_samples must be k_samples, and its answerer must trace whole scenes (AnswererSettings::whole_scene), so that
+  // a patch comes out the same whichever are shaded beside it.
   SurfaceRadiance(const TransportContext& shading, uint32_t instance, float patch);
 
   uint32_t instance() const { return instance_; }
@@ -50,7 +56,7 @@ class SurfaceRadiance {
     size_t place;  // within it
   };
   PatchPlace place_of(Side side) const;
-  Rgb mean_reflectance(Side side) const;
+  Rgb mean_reflectance(Side side, bool behind) const;
   HitBatch centres_of(std::span<const Side> sides) const;
   PathVertex vertex_at(const HitBatch& centres, size_t i, Side side) const;
 

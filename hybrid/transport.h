@@ -54,8 +54,7 @@ struct TransportContext {
   const Accel& accel;
   const CameraSampler& camera;
   const ShadowAnswerer& answerer;
-  const LobeAnswerer* lobes =
-      nullptr;  // answers glossy rays whose hit is lit and sends nothing on; null: exact rays do
+  const LobeAnswerer* lobes = nullptr;  // answers glossy rays; null: exact rays do
   TransportSettings settings;
   std::shared_ptr<const LightTable> shared_lights;
   const LightTable& lights;

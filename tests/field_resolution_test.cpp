@@ -32,7 +32,8 @@ int directions_for(const Scene& scene, uint64_t rays_per_light) {
 }
 
 TEST(FieldResolution, NarrowLightsWantFineCells) {
-  EXPECT_NEAR(narrowest_light_degrees(lit_ball({30.0f, 4.0f}), shape_traits(lit_ball({4.0f}))), 4.0f, 0.1f);
+  const Scene two_lights = lit_ball({30.0f, 4.0f});
+  EXPECT_NEAR(narrowest_light_degrees(two_lights, shape_traits(two_lights)), 4.0f, 0.1f);
   EXPECT_EQ(directions_for(lit_ball({4.0f}), k_plenty), 64);
   EXPECT_EQ(directions_for(lit_ball({20.0f}), k_plenty), 32);
 }

@@ -169,5 +169,24 @@ INSTANTIATE_TEST_SUITE_P(Scenes, HybridPicture,
                          testing::Values("overlapping", "crowd", "nested_balls", "odd_transforms", "materials"),
                          [](const auto& instance) { return std::string(instance.param); });
 
+// Which fields there are follows from the film: a pixel must not know the window that it is rendered in.
+TEST(Hybrid, FieldsAreThoseOfTheFilmInEveryWindow) {
+  Scene scene = hybrid_scene("object_over_floor", 2048).scene;
+  // A light of 3 degrees: fine cells where there are rays for them.
+  Instance& lamp = scene.instances[scene.emitters[0].instance];
+  for (int axis = 0; axis < 3; ++axis) lamp.to_world[axis] *= 0.25f;
+  for (int column = 0; column < 4; ++column) lamp.to_object[column] *= 4.0f;
+  RenderOptions o;
+  o.method = Method::hybrid;
+  o.spp = 1;
+  o.light_samples = 4;  // 16.8 million rays of the film, a thousand of the window
+  o.crop = Rect{1000, 1000, 16, 16};
+  EXPECT_EQ(render(scene, o).stats.field_directions, 64);
+  scene.film.width = scene.film.height = 1024;
+  scene.film.crop = {0, 0, 1024, 1024};
+  o.crop = Rect{500, 500, 16, 16};
+  EXPECT_EQ(render(scene, o).stats.field_directions, 32);
+}
+
 }  // namespace
 }  // namespace fieldtrace

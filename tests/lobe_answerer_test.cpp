@@ -126,6 +126,34 @@ TEST(GlossyLobes, AreTheSameOnEveryMachine) {
   }
 }
 
+// Among more objects than can be tested one by one, which patches are shaded side by side is a matter of threads and
+// windows: what they show must not be.
+TEST(GlossyLobes, AreTheSameInACrowd) {
+  SceneMaker m = glossy_scene(0.3f, false, 64);
+  const uint32_t chalk = m.bsdf(BsdfKind::diffuse, Rgb(0.8f));
+  const uint32_t ball = m.shape(ShapeKind::sphere);
+  TestRandom random(21);
+  for (int i = 0; i < 40; ++i) {
+    const Vec3 at(random.uniform(-2.0f, 2.0f), random.uniform(0.1f, 3.0f), random.uniform(-2.0f, 2.0f));
+    m.instance(ball, chalk, Affine(Vec3(0.05f, 0, 0), Vec3(0, 0.05f, 0), Vec3(0, 0, 0.05f), at));
+  }
+  RenderOptions o = options_for(Method::hybrid, 256);
+  o.threads = 1;
+  o.crop = Rect{16, 24, 24, 24};
+  const RenderResult expected = render(m.scene, o);
+  ASSERT_GT(expected.stats.field_bytes_pictures, 0u);
+  o.threads = 3;
+  EXPECT_EQ(render(m.scene, o).image.data, expected.image.data);
+  o.crop = Rect{21, 31, 9, 5};
+  const Image part = render(m.scene, o).image;
+  for (int y = 0; y < 5; ++y) {
+    for (int x = 0; x < 9; ++x) {
+      for (int c = 0; c < 3; ++c)
+        EXPECT_EQ(part.pixel(x, y)[c], expected.image.pixel(x + 5, y + 7)[c]) << x << " " << y;
+    }
+  }
+}
+
 // Lobes narrower than the pictures' texels are left to rays; the rougher they are the more pictures answer.
 TEST(GlossyLobes, SmoothOnesAreLeftToRays) {
   double last = 1.0;
