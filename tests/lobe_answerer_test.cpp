@@ -126,34 +126,6 @@ TEST(GlossyLobes, AreTheSameOnEveryMachine) {
   }
 }
 
-// Among more objects than can be tested one by one, which patches are shaded side by side is a matter of threads and
-// windows: what they show must not be.
-TEST(GlossyLobes, AreTheSameInACrowd) {
-  SceneMaker m = glossy_scene(0.3f, false, 64);
-  const uint32_t chalk = m.bsdf(BsdfKind::diffuse, Rgb(0.8f));
-  const uint32_t ball = m.shape(ShapeKind::sphere);
-  TestRandom random(21);
-  for (int i = 0; i < 40; ++i) {
-    const Vec3 at(random.uniform(-2.0f, 2.0f), random.uniform(0.1f, 3.0f), random.uniform(-2.0f, 2.0f));
-    m.instance(ball, chalk, Affine(Vec3(0.05f, 0, 0), Vec3(0, 0.05f, 0), Vec3(0, 0, 0.05f), at));
-  }
-  RenderOptions o = options_for(Method::hybrid, 256);
-  o.threads = 1;
-  o.crop = Rect{16, 24, 24, 24};
-  const RenderResult expected = render(m.scene, o);
-  ASSERT_GT(expected.stats.field_bytes_pictures, 0u);
-  o.threads = 3;
-  EXPECT_EQ(render(m.scene, o).image.data, expected.image.data);
-  o.crop = Rect{21, 31, 9, 5};
-  const Image part = render(m.scene, o).image;
-  for (int y = 0; y < 5; ++y) {
-    for (int x = 0; x < 9; ++x) {
-      for (int c = 0; c < 3; ++c)
-        EXPECT_EQ(part.pixel(x, y)[c], expected.image.pixel(x + 5, y + 7)[c]) << x << " " << y;
-    }
-  }
-}
-
 // Lobes narrower than the pictures' texels are left to rays; the rougher they are the more pictures answer.
 TEST(GlossyLobes, SmoothOnesAreLeftToRays) {
   double last = 1.0;
@@ -306,6 +278,53 @@ TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
       const SurfaceRadiance::Side side[] = {radiance.side_at(0, u, v, false)};
       radiance.shade(side);
       EXPECT_NEAR(radiance.radiance(side[0]).x, expected, patch * 2.5f * expected) << u << " " << v;
+    }
+  }
+}
+
+// Among more objects than can be tested one by one, which patches are shaded side by side is a matter of threads and
+// windows: what they show must not be.
+TEST(SurfaceRadiance, DoesNotDependOnWhatIsShadedBesideIt) {
+  SceneMaker m;
+  const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(k_albedo));
+  const uint32_t globe = m.instance(m.mesh(make_sphere({.around = 24, .along = 12})), clay, Affine(1.0f));
+  const uint32_t bead = m.shape(ShapeKind::sphere);
+  const Affine floor(Vec3(8, 0, 0), Vec3(0, 8, 0), Vec3(0, 0, 1), Vec3(0, 0, -1.5f));
+  m.instance(m.shape(ShapeKind::rectangle), clay, floor);
+  for (int i = 0; i < 40; ++i) {  // a ring between globe and lamp
+    const float angle = 2.0f * k_pi * float(i) / 40.0f;
+    const Vec3 at(0.6f * std::cos(angle), 0.6f * std::sin(angle), 1.6f);
+    m.instance(bead, clay, Affine(Vec3(0.02f, 0, 0), Vec3(0, 0.02f, 0), Vec3(0, 0, 0.02f), at));
+  }
+  const Affine lamp(Vec3(0.3f, 0, 0), Vec3(0, 0.3f, 0), Vec3(0, 0, 0.3f), Vec3(0, 0, 6));
+  m.area_light(m.instance(bead, clay, lamp), Rgb(100.0f));
+  const Accel accel(m.scene);
+  const CameraSampler camera(m.scene.camera, m.scene.film);
+  TransportSettings settings;
+  settings.isa = resolve_isa(Isa::automatic);
+  settings.light_samples = SurfaceRadiance::k_samples;
+  settings.max_depth = 4;  // paths go on to the floor, of which the lamp is in full sight nearly everywhere
+  for (const bool whole_scene : {false, true}) {
+    AnswererSettings answering;
+    answering.isa = settings.isa;
+    answering.whole_scene = whole_scene;
+    const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()),
+                               answering);
+    const TransportContext context(m.scene, accel, camera, exact, settings);
+    SurfaceRadiance alone(context, globe, 0.2f), together(context, globe, 0.2f);
+    std::vector<SurfaceRadiance::Side> sides;
+    const auto triangles = uint32_t(m.scene.shapes[0].mesh.triangles.size());
+    for (uint32_t t = 0; t < triangles; ++t) sides.push_back(together.side_at(t, 0.3f, 0.3f, false));
+    together.shade(sides);
+    int different = 0;
+    for (const SurfaceRadiance::Side side : sides) {
+      alone.shade({&side, 1});
+      different += alone.radiance(side) != together.radiance(side);
+    }
+    if (whole_scene) {
+      EXPECT_EQ(different, 0);
+    } else {
+      EXPECT_GT(different, 0);  // sampled in company, known in closed form alone
     }
   }
 }
