@@ -221,11 +221,7 @@ class ThesisRun {
   // Only scenes without mirrors can be told to the renderer, and one each of the kinds is enough.
   std::vector<PhongScene> cases_for_hybrid() const {
     std::vector<PhongScene> scenes;
-    for (ThesisCase& c : thesis_cases(options_.bunny)) {
-      if (c.scene.name == "hyperboloid" || c.scene.name == "bunny" || c.scene.name == "shadow") {
-        scenes.push_back(std::move(c.scene));
-      }
-    }
+    for (ThesisCase& c : thesis_cases(options_.bunny)) scenes.push_back(std::move(c.scene));
     return scenes;
   }
 
