@@ -3,22 +3,22 @@
 #include "core/bsdf_families.h"
 #include "core/conductor.hd.h"
 #include "core/refraction.h"
+#include "core/vec_lanes.h"
 
 namespace fieldtrace::bsdf {
 namespace {
 
 // As a batch does it (core/conductor_samples.h), bit for bit.
 BsdfSample sample_ggx(const Material& material, const Vec3& wi, const Vec2& u) {
-  const auto lanes = [](const Vec3& v) { return scalar::Vec3Lanes<float>{v.x, v.y, v.z}; };
   const Microfacet& microfacet = material.microfacet;
   const auto view = scalar::ggx_view(microfacet.alpha_u, microfacet.alpha_v, lanes(wi));
   const auto sampled =
       scalar::sample_conductor_lobe<float>(view, lanes(wi), lanes(material.eta), lanes(material.k), {u.x, u.y});
   BsdfSample s;
   if (!(sampled.pdf > 0.0f)) return s;
-  s.wo = {sampled.wo.x, sampled.wo.y, sampled.wo.z};
+  s.wo = to_vec(sampled.wo);
   s.pdf = sampled.pdf;
-  s.weight = material.reflectance * Rgb(sampled.weight.x, sampled.weight.y, sampled.weight.z);
+  s.weight = material.reflectance * to_vec(sampled.weight);
   return s;
 }
 

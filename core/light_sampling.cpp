@@ -4,6 +4,7 @@
 
 #include "core/light_kernels.h"
 #include "core/light_shapes.hd.h"
+#include "core/vec_lanes.h"
 
 namespace fieldtrace {
 
@@ -45,8 +46,6 @@ bool sampled_in_closed_form(const Light& light) {
 }
 
 namespace {
-
-scalar::Vec3Lanes<float> lanes(const Vec3& v) { return {v.x, v.y, v.z}; }
 
 // The density of choosing a surface point by area, seen from a distance.
 float area_pdf(const Vec3& direction, const LightHit& hit, float density) {

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "core/finite.h"
 #include "core/mesh_readers.h"
 
 namespace fieldtrace {
@@ -50,8 +51,6 @@ std::string lower_extension(const std::string& path) {
   return e;
 }
 
-bool finite(const Vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
-
 const char* plural(uint64_t n) { return n == 1 ? "" : "s"; }
 
 void check_arrays(const TriangleMesh& mesh, const SourceLocation& where) {
@@ -65,7 +64,7 @@ void check_arrays(const TriangleMesh& mesh, const SourceLocation& where) {
   }
   if (mesh.triangles.empty()) throw Error(where, "has no triangles, nothing to render");
   for (size_t i = 0; i < n; ++i) {
-    if (!finite(mesh.positions[i])) throw Error(where, fmt::format("vertex {} is not finite, mend the mesh", i));
+    if (!is_finite(mesh.positions[i])) throw Error(where, fmt::format("vertex {} is not finite, mend the mesh", i));
   }
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
     const UVec3& t = mesh.triangles[i];

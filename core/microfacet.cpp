@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/conductor.hd.h"
+#include "core/vec_lanes.h"
 
 namespace fieldtrace {
 namespace {
@@ -73,8 +74,6 @@ Vec2 visible_beckmann_slopes(float cos_theta, float sin_theta, const Vec2& u) {
   return {visible_beckmann_slope(cos_theta, sin_theta, u.x), erf_inverse(2.0f * u.y - 1.0f)};
 }
 
-scalar::Vec3Lanes<float> lanes(const Vec3& v) { return {v.x, v.y, v.z}; }
-
 }  // namespace
 
 float Microfacet::d(const Vec3& m) const {
@@ -108,7 +107,7 @@ float Microfacet::visible_pdf(const Vec3& w, const Vec3& m) const {
 Vec3 Microfacet::sample_visible(const Vec3& w, const Vec2& u) const {
   if (kind == MicrofacetKind::ggx) {
     const auto m = scalar::sample_visible_ggx<float>(scalar::ggx_view(alpha_u, alpha_v, lanes(w)), {u.x, u.y});
-    return {m.x, m.y, m.z};
+    return to_vec(m);
   }
   const Vec3 stretched = glm::normalize(Vec3(alpha_u * w.x, alpha_v * w.y, w.z));
   const float sin_theta = std::sqrt(stretched.x * stretched.x + stretched.y * stretched.y);

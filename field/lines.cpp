@@ -2,12 +2,11 @@
 
 #include <algorithm>
 
+#include "core/vec_lanes.h"
 #include "field/chart.hd.h"
 
 namespace fieldtrace {
 namespace {
-
-Vec3 to_vec(const scalar::Vec3Lanes<float>& v) { return {v.x, v.y, v.z}; }
 
 float in_cell(int i, float x, int n) { return (float(i) + x) * (2.0f / float(n)) - 1.0f; }
 

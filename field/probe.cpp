@@ -1,5 +1,6 @@
 #include "field/probe.h"
 
+#include "core/vec_lanes.h"
 #include "field/nearest.hd.h"
 
 namespace fieldtrace {
@@ -11,8 +12,6 @@ using scalar::k_verdict_clear;
 using scalar::k_verdict_none;
 using scalar::k_verdict_unknown_depth;
 using scalar::k_verdict_unknown_visibility;
-
-scalar::Vec3Lanes<float> lanes(const Vec3& v) { return {v.x, v.y, v.z}; }
 
 FieldVerdict public_verdict(int verdict) {
   if (verdict == k_verdict_clear || verdict == k_verdict_none) return FieldVerdict::clear;

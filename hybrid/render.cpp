@@ -13,6 +13,7 @@
 
 #include "core/accel.h"
 #include "core/camera.h"
+#include "core/finite.h"
 #include "core/parallel.h"
 #include "hybrid/aovs.h"
 #include "hybrid/field_resolution.h"
@@ -154,8 +155,6 @@ class Progress {
   Clock::time_point last_ = Clock::now();
   float reported_ = 0.0f;
 };
-
-bool is_finite(const Rgb& c) { return std::isfinite(c.x) && std::isfinite(c.y) && std::isfinite(c.z); }
 
 // A picture to make: what all attempts at it share.
 struct Picture {

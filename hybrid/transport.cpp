@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "core/conductor_samples.h"
+#include "core/finite.h"
 #include "core/sobol.hd.h"
 #include "hybrid/ambient_occlusion.h"
 #include "hybrid/direct_light.h"
@@ -433,8 +434,7 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   if (w.settings.max_depth != 0) w.go_on(0);
   for (size_t i = 0; i < radiance.size(); ++i) {
     const Rgb& sum = w.follow_results[i].radiance;
-    const bool is_finite = std::isfinite(sum.x) && std::isfinite(sum.y) && std::isfinite(sum.z);
-    radiance[i] = is_finite ? sum : Rgb(0.0f);
+    radiance[i] = is_finite(sum) ? sum : Rgb(0.0f);
   }
   return w.stats.rays_primary + w.stats.rays_exact - before;
 }

@@ -214,20 +214,42 @@ TEST(GlossyLobes, LayersTellWhatIsReflected) {
   EXPECT_LT(exact, 0.5 * floor_pixels);
 }
 
+// What shades patches, by exact rays.
+struct ExactShading {
+  const Accel accel;
+  const CameraSampler camera;
+  const ShadowAnswerer exact;
+  const TransportContext context;
+
+  explicit ExactShading(const Scene& scene, bool whole_scene = true, int max_depth = -1)
+      : accel(scene),
+        camera(scene.camera, scene.film),
+        exact(scene, accel, shape_traits(scene), std::vector<Field*>(scene.shapes.size()), answering(whole_scene)),
+        context(scene, accel, camera, exact, transport(max_depth)) {}
+
+  static AnswererSettings answering(bool whole_scene) {
+    AnswererSettings settings;
+    settings.isa = resolve_isa(Isa::automatic);
+    settings.whole_scene = whole_scene;
+    return settings;
+  }
+  static TransportSettings transport(int max_depth) {
+    TransportSettings settings;
+    settings.isa = resolve_isa(Isa::automatic);
+    settings.light_samples = SurfaceRadiance::k_samples;
+    settings.max_depth = max_depth;
+    return settings;
+  }
+};
+
 // A convex object in a white furnace sends out albedo x radiance everywhere, outside and, one-sided, nothing inside.
 TEST(SurfaceRadiance, OfAConvexObjectInAFurnace) {
   SceneMaker m;
   const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(k_albedo, 0.4f, 0.3f));
   const uint32_t ball = m.instance(m.mesh(make_sphere({.around = 24, .along = 12})), clay, test::scaling({2, 1, 3}));
   m.light(EmitterKind::constant, Rgb(2.0f));
-  const Accel accel(m.scene);
-  const CameraSampler camera(m.scene.camera, m.scene.film);
-  const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()), {});
-  TransportSettings settings;
-  settings.isa = resolve_isa(Isa::automatic);
-  settings.light_samples = SurfaceRadiance::k_samples;
-  const TransportContext context(m.scene, accel, camera, exact, settings);
-  SurfaceRadiance radiance(context, ball, 0.1f);
+  const ExactShading shading(m.scene);
+  SurfaceRadiance radiance(shading.context, ball, 0.1f);
   TestRandom random(4);
   const auto triangles = uint32_t(m.scene.shapes[0].mesh.triangles.size());
   EXPECT_GT(radiance.patch_count(), size_t(triangles) * 4);
@@ -258,15 +280,9 @@ TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
   const uint32_t plate = m.instance(m.mesh(mesh), clay, Affine(1.0f));
   // Irradiance from this point light falls with the distance from the corner at the origin.
   m.light(EmitterKind::point, Rgb(1.0f), {0, 0, 0.5f});
-  const Accel accel(m.scene);
-  const CameraSampler camera(m.scene.camera, m.scene.film);
-  const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()), {});
-  TransportSettings settings;
-  settings.isa = resolve_isa(Isa::automatic);
-  settings.light_samples = SurfaceRadiance::k_samples;
-  const TransportContext context(m.scene, accel, camera, exact, settings);
+  const ExactShading shading(m.scene);
   const float patch = 0.05f;
-  SurfaceRadiance radiance(context, plate, patch);
+  SurfaceRadiance radiance(shading.context, plate, patch);
   const auto analytic = [](float u, float v) {
     const float r2 = u * u + v * v + 0.25f;
     return 0.5f / (r2 * std::sqrt(r2)) / k_pi;
@@ -298,20 +314,10 @@ TEST(SurfaceRadiance, DoesNotDependOnWhatIsShadedBesideIt) {
   }
   const Affine lamp(Vec3(0.3f, 0, 0), Vec3(0, 0.3f, 0), Vec3(0, 0, 0.3f), Vec3(0, 0, 6));
   m.area_light(m.instance(bead, clay, lamp), Rgb(100.0f));
-  const Accel accel(m.scene);
-  const CameraSampler camera(m.scene.camera, m.scene.film);
-  TransportSettings settings;
-  settings.isa = resolve_isa(Isa::automatic);
-  settings.light_samples = SurfaceRadiance::k_samples;
-  settings.max_depth = 4;  // paths go on to the floor, of which the lamp is in full sight nearly everywhere
   for (const bool whole_scene : {false, true}) {
-    AnswererSettings answering;
-    answering.isa = settings.isa;
-    answering.whole_scene = whole_scene;
-    const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()),
-                               answering);
-    const TransportContext context(m.scene, accel, camera, exact, settings);
-    SurfaceRadiance alone(context, globe, 0.2f), together(context, globe, 0.2f);
+    // Paths go on to the floor, of which the lamp is in full sight nearly everywhere.
+    const ExactShading shading(m.scene, whole_scene, 4);
+    SurfaceRadiance alone(shading.context, globe, 0.2f), together(shading.context, globe, 0.2f);
     std::vector<SurfaceRadiance::Side> sides;
     const auto triangles = uint32_t(m.scene.shapes[0].mesh.triangles.size());
     for (uint32_t t = 0; t < triangles; ++t) sides.push_back(together.side_at(t, 0.3f, 0.3f, false));
@@ -344,14 +350,8 @@ TEST(SurfaceRadiance, PatchesShowTheMeanOfTheirTexture) {
   const uint32_t plate = m.instance(m.mesh(mesh), tiles, Affine(1.0f));
   m.light(EmitterKind::constant, Rgb(1.0f));
   EXPECT_TRUE(SurfaceRadiance::suits(m.scene, plate));
-  const Accel accel(m.scene);
-  const CameraSampler camera(m.scene.camera, m.scene.film);
-  const ShadowAnswerer exact(m.scene, accel, shape_traits(m.scene), std::vector<Field*>(m.scene.shapes.size()), {});
-  TransportSettings settings;
-  settings.isa = resolve_isa(Isa::automatic);
-  settings.light_samples = SurfaceRadiance::k_samples;
-  const TransportContext context(m.scene, accel, camera, exact, settings);
-  SurfaceRadiance radiance(context, plate, 0.1f);
+  const ExactShading shading(m.scene);
+  SurfaceRadiance radiance(shading.context, plate, 0.1f);
   TestRandom random(6);
   double mean = 0.0;
   int dark = 0, light = 0, mixed = 0;
