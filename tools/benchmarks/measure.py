@@ -55,8 +55,8 @@ def parse(words):
     return arguments
 
 
-def measure(rows, context):
-    """Measures the rows one by one; a row that fails does not stop the others."""
+def measure(rows, context, keep):
+    """Measures the rows one by one; a row that fails does not stop the others. keep(results) after each."""
     results = []
     for row in rows:
         context.log(f"{row.number} {row.name}: {row.title()}")
@@ -72,6 +72,7 @@ def measure(rows, context):
             context.log(f"  {figure.what}: {report.with_unit(report.number(figure.measured), figure.unit)} {met}")
         if result and result.skipped:
             context.log(f"  left out: {result.skipped}")
+        keep(results)
     return results
 
 
@@ -98,13 +99,17 @@ def main(words):
                          "tolerance": context.tolerance,
                          "peer_version": context.peer_version, "peer_missing": missing}}
     head["machine"]["isa"] = programs.render(context.shot("bunny_floor.xml", 16))["isa"]
-    results = measure(arguments.rows, context)
-    head["machine"]["load_after"] = os.getloadavg()[0]
-    programs.drop_caches()
-
     name = now.strftime("%Y-%m-%d-%H%M-") + ("quick" if context.quick else "measure")
-    for ending, text in ((".json", report.as_json(head, results)), (".md", report.as_markdown(head, results))):
-        report.write_atomically(arguments.output / (name + ending), text)
+
+    def keep(results):
+        """Both reports, as far as they go: a run that is interrupted leaves the rows that it finished."""
+        head["machine"]["load_after"] = os.getloadavg()[0]
+        for ending, text in ((".json", report.as_json(head, results)), (".md", report.as_markdown(head, results))):
+            report.write_atomically(arguments.output / (name + ending), text)
+
+    results = measure(arguments.rows, context, keep)
+    programs.drop_caches()
+    for ending in (".json", ".md"):
         print(arguments.output / (name + ending))
     return 1 if any(error for *_, error in results) else 0
 
