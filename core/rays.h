@@ -33,6 +33,7 @@ struct RayBatch {
   }
   Vec3 origin(size_t i) const { return {ox[i], oy[i], oz[i]}; }
   Vec3 direction(size_t i) const { return {dx[i], dy[i], dz[i]}; }
+  void copy(size_t i, const RayBatch& from, size_t j) { set(i, from.origin(j), from.direction(j), from.tmax[j]); }
   void set(size_t i, const Vec3& o, const Vec3& d, float t_max) {
     ox[i] = o.x, oy[i] = o.y, oz[i] = o.z;
     dx[i] = d.x, dy[i] = d.y, dz[i] = d.z;
@@ -49,6 +50,10 @@ struct HitBatch {
   void resize(size_t n) {
     for (auto* a : {&t, &u, &v}) a->resize(padded(n));
     for (auto* a : {&instance, &primitive}) a->resize(padded(n));
+  }
+  void copy(size_t i, const HitBatch& from, size_t j) {
+    t[i] = from.t[j], u[i] = from.u[j], v[i] = from.v[j];
+    instance[i] = from.instance[j], primitive[i] = from.primitive[j];
   }
 };
 

@@ -11,6 +11,9 @@ namespace {
 // (2^-24), and its product with the squared size, as in the triangle test, is a normal float for sizes down to 1e-8.
 constexpr double k_least_share = 0x1p-40;
 
+// Texture coordinates near a triangle are continued by this many of its edges at most: slivers say nothing farther away.
+constexpr double k_most_edges = 8.0;
+
 // What a shape knows about a point on it, in object space.
 struct LocalPoint {
   DVec3 position = DVec3(0.0);
@@ -99,6 +102,26 @@ LocalPoint analytic_point(ShapeKind kind, const DVec3& q) {
   return local;
 }
 
+// Bound on what rounding makes of a point on the surface along its unit normal, `world` being its position.
+// normal_length: of the image of local.normal.
+double rounding_error(const Instance& instance, const LocalPoint& local, const DVec3& world, const DVec3& unit_normal,
+                      double normal_length) {
+  // World: the position is rounded once, and the offset origin once more in product and sum.
+  double error = double(gamma_bound(3)) * glm::dot(glm::abs(unit_normal), glm::abs(world));
+  // Object: 3 products and 3 sums with a matrix that the query inverted itself: its entries are off by a few roundings
+  // of magnitudes that |to_object| and |to_world| bound, hence twice the roundings of one transform on both ways.
+  const double local_length = glm::length(local.normal);
+  if (local_length > 0.0 && normal_length > 0.0) {
+    const DVec3 into_object = magnitude(instance.to_object, world);
+    const double local_error =
+        double(gamma_bound(12)) * glm::dot(glm::abs(local.normal), into_object) / local_length + local.query_error;
+    // A plane that lies d away in object space lies d |n| / |A^-T n| away in world space.
+    error += local_error * local_length / normal_length;
+    error += double(gamma_bound(6)) * glm::dot(glm::abs(unit_normal), magnitude(instance.to_world, local.position));
+  }
+  return error;
+}
+
 bool is_meshed(ShapeKind kind) { return kind == ShapeKind::mesh || kind == ShapeKind::rectangle; }
 
 }  // namespace
@@ -128,21 +151,37 @@ SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch
   s.geometric_normal = Vec3(sign * unit_normal);
   s.shading_normal = shading_length > 0.0 ? Vec3(sign * shading / shading_length) : s.geometric_normal;
   s.uv = local.uv;
-
-  // World: the position is rounded once, and the offset origin once more in product and sum.
-  double error = double(gamma_bound(3)) * glm::dot(glm::abs(unit_normal), glm::abs(world));
-  // Object: 3 products and 3 sums with a matrix that the query inverted itself: its entries are off by a few roundings
-  // of magnitudes that |to_object| and |to_world| bound, hence twice the roundings of one transform on both ways.
-  const double local_length = glm::length(local.normal);
-  if (local_length > 0.0 && normal_length > 0.0) {
-    const DVec3 into_object = magnitude(instance.to_object, world);
-    const double local_error =
-        double(gamma_bound(12)) * glm::dot(glm::abs(local.normal), into_object) / local_length + local.query_error;
-    // A plane that lies d away in object space lies d |n| / |A^-T n| away in world space.
-    error += local_error * local_length / normal_length;
-    error += double(gamma_bound(6)) * glm::dot(glm::abs(unit_normal), magnitude(instance.to_world, local.position));
-  }
+  const double error = rounding_error(instance, local, world, unit_normal, normal_length);
   s.error = std::nextafter(float(error), k_infinity);
+  return s;
+}
+
+SurfacePoint surface_near(const Scene& scene, uint32_t instance_index, uint32_t primitive, const Vec3& position,
+                          const Vec3& normal, float error) {
+  const Instance& instance = scene.instances[instance_index];
+  const Shape& shape = scene.shapes[instance.shape];
+  const UVec3 index = shape.mesh.triangles[primitive];
+  const DVec3 p0 = shape.mesh.positions[index.x];
+  const DVec3 e1 = DVec3(shape.mesh.positions[index.y]) - p0, e2 = DVec3(shape.mesh.positions[index.z]) - p0;
+  const DVec3 plane = glm::cross(e1, e2), beside = apply_point(instance.to_object, position) - p0;
+  const double squared = glm::dot(plane, plane);
+  const auto edges = [&](const DVec3& across) {
+    const double n = squared > 0.0 ? glm::dot(across, plane) / squared : 0.0;
+    return float(std::clamp(n, -k_most_edges, k_most_edges));
+  };
+  const LocalPoint local =
+      triangle_point(shape, primitive, edges(glm::cross(beside, e2)), edges(glm::cross(e1, beside)));
+  const DVec3 world_normal = apply_normal(instance.to_object, local.normal);
+  const bool outside = (glm::dot(world_normal, DVec3(normal)) > 0.0) != instance.flip_normals;
+
+  SurfacePoint s;
+  s.instance = instance_index;
+  s.primitive = primitive;
+  s.position = position;
+  s.geometric_normal = s.shading_normal = outside ? normal : -normal;
+  s.uv = local.uv;
+  const double rounding = rounding_error(instance, local, position, normal, glm::length(world_normal));
+  s.error = std::nextafter(float(double(error) + rounding), k_infinity);
   return s;
 }
 

@@ -74,11 +74,11 @@ class SliceBaker {
 
   void bake_visibility(std::span<const Claimed> slices);
   void bake_depth(std::span<const Claimed> slices);
+  void bake_primitive(std::span<const Claimed> slices);
 
  private:
   struct SheetCell {
     float depth = 0.0f;  // that the lines fan out from; 0, the centre plane, until a line has hit
-    uint32_t primitive = k_none;
     int lines = 0, hits = 0;
     std::array<Vec3, k_max_lines> points, normals;  // of the lines that hit, in unit space
   };
@@ -103,6 +103,11 @@ class SliceBaker {
     const Vec3 origin = field_.ball().centre + (line.foot - line.direction * half) * radius;
     round.rays.set(round.count, origin, line.direction * radius, 2.0f * half);
     round.cell[round.count++] = cell;
+  }
+  // The line through the cell's centre.
+  void add_centre_line(Round& round, const Claimed& s, uint32_t i, const CellFrame& frame) {
+    constexpr std::array<float, 4> centre = {0.5f, 0.5f, 0.5f, 0.5f};
+    add_line(round, foot_line(frame, s.at.u, s.at.v, cell_a(s, i), cell_b(s, i), centre, parameters_), i);
   }
   static int cell_a(const Claimed& s, uint32_t i) { return s.at.a0 + int(i % k_cells) / 8; }
   static int cell_b(const Claimed& s, uint32_t i) { return s.at.b0 + int(i % k_cells) % 8; }
@@ -190,7 +195,6 @@ void SliceBaker::trace_sheet_lines(std::vector<SheetCell>& cells, Round& round) 
     if (glm::dot(normal, direction) > 0.0f) normal = -normal;
     cell.points[cell.hits] = origin + direction * hits.t[r];
     cell.normals[cell.hits] = normal;
-    if (cell.hits == 0) cell.primitive = hits.primitive[r];
     ++cell.hits;
   }
 }
@@ -233,7 +237,7 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const std::vector
   const int misses = cell.lines - cell.hits;
   if (cell.hits == 0) {
     const int risk = meets_beside(cells, i, [](const Vec3&) { return true; }) ? k_edge_class : 0;
-    field_.store_sheet(target, 0, encode_certificate(scalar::k_kind_miss, risk, 255), k_none);
+    field_.store_sheet(target, 0, encode_certificate(scalar::k_kind_miss, risk, 255));
     return;
   }
   const float plane_cells = float(parameters_.plane);
@@ -241,7 +245,7 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const std::vector
                         frame.t * ((float(cell_b(slice, i)) + 0.5f) * (2.0f / plane_cells) - 1.0f);
   const auto store = [&](const SheetPlane& plane, int kind, int risk, float residual) {
     const float error = k_residual_factor * residual + scalar::k_depth_quantum;
-    field_.store_sheet(target, plane.word, encode_certificate(kind, risk, encode_error(error)), cell.primitive);
+    field_.store_sheet(target, plane.word, encode_certificate(kind, risk, encode_error(error)));
   };
 
   const float well_in_front = k_front_cells * 2.0f / plane_cells;
@@ -279,7 +283,7 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const std::vector
   }
   if (misses > cell.hits) {
     field_.store_sheet(target, 0,
-                       encode_certificate(scalar::k_kind_miss, disagreeing_class(cell.hits, cell.lines), 255), k_none);
+                       encode_certificate(scalar::k_kind_miss, disagreeing_class(cell.hits, cell.lines), 255));
     return;
   }
   const int minority = misses > 0 ? misses : std::max(cell.lines - plane.members, 1);
@@ -292,12 +296,10 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
   for (const Claimed& s : slices) frames.push_back(cell_frame(s.at.u, s.at.v, parameters_.directions));
   std::vector<SheetCell> cells(cell_count);
   Round round;
-  constexpr std::array<float, 4> centre = {0.5f, 0.5f, 0.5f, 0.5f};
 
   round.begin(cell_count);
   for (uint32_t i = 0; i < cell_count; ++i) {
-    const Claimed& s = slices[i / k_cells];
-    add_line(round, foot_line(frames[i / k_cells], s.at.u, s.at.v, cell_a(s, i), cell_b(s, i), centre, parameters_), i);
+    add_centre_line(round, slices[i / k_cells], i, frames[i / k_cells]);
     cells[i].lines = 1;
   }
   trace_sheet_lines(cells, round);
@@ -342,6 +344,30 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
   for (uint32_t i = 0; i < cell_count; ++i) store_sheet(slices[i / k_cells], i, cells, frames[i / k_cells]);
 }
 
+void SliceBaker::bake_primitive(std::span<const Claimed> slices) {
+  const size_t cell_count = slices.size() * k_cells;
+  Round round;
+  round.begin(cell_count);
+  for (size_t s = 0; s < slices.size(); ++s) {
+    const CellFrame frame = cell_frame(slices[s].at.u, slices[s].at.v, parameters_.directions);
+    for (uint32_t i = 0; i < uint32_t(k_cells); ++i) {
+      add_centre_line(round, slices[s], uint32_t(s) * k_cells + i, frame);
+    }
+  }
+  round.end();
+  ShapeHits hits;
+  hits.resize(round.count);
+  accel_.shape_intersect(shape_, round.rays, hits);
+  counters_.rays += round.count;
+  std::vector<uint32_t> primitives(cell_count, k_none);
+  for (size_t r = 0; r < round.count; ++r) {
+    if (hits.t[r] >= 0.0f) primitives[round.cell[r]] = hits.primitive[r];
+  }
+  for (uint32_t i = 0; i < cell_count; ++i) {
+    field_.store_primitive(slices[i / k_cells].first_cell + i % k_cells, primitives[i]);
+  }
+}
+
 // The slices that a call has claimed, in order. Those not finished when it ends, by an exception, are given back: other
 // threads wait for them.
 struct Claims {
@@ -382,10 +408,16 @@ void bake_slices(Field& field, FieldLayer layer, std::span<const uint32_t> slice
   const auto bake_claims = [&] {
     while (claims.finished < claims.list.size()) {
       const auto part = claims.next(k_slices_at_once);
-      if (layer == FieldLayer::visibility) {
-        baker.bake_visibility(part);
-      } else {
-        baker.bake_depth(part);
+      switch (layer) {
+        case FieldLayer::visibility:
+          baker.bake_visibility(part);
+          break;
+        case FieldLayer::depth:
+          baker.bake_depth(part);
+          break;
+        case FieldLayer::primitive:
+          baker.bake_primitive(part);
+          break;
       }
       claims.finish(part.size());
     }

@@ -12,11 +12,8 @@ namespace {
 // Cells are addressed by 31-bit offsets into the pool.
 constexpr uint32_t k_max_pool_bricks = (1u << 31) / scalar::k_brick_cells - 1;
 
-// The bits of a layer's slices in a brick's masks.
-uint32_t layer_bits(FieldLayer layer) { return layer == FieldLayer::depth ? 0xffff0000u : 0xffffu; }
-
-uint32_t slice_bit(FieldLayer layer, uint32_t direction_in_brick) {
-  return 1u << (direction_in_brick + (layer == FieldLayer::depth ? 16 : 0));
+SliceMask slice_bit(FieldLayer layer, uint32_t direction_in_brick) {
+  return SliceMask(1) << (direction_in_brick + 16 * uint32_t(layer));
 }
 
 template <class T>
@@ -75,8 +72,8 @@ Field::Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget*
   depth_ = VirtualBuffer<int32_t>(cells);
   certificate_ = VirtualBuffer<int32_t>(cells);
   primitive_ = VirtualBuffer<int32_t>(cells);
-  claimed_ = VirtualBuffer<uint32_t>(max_bricks_);
-  finished_ = VirtualBuffer<uint32_t>(max_bricks_);
+  claimed_ = VirtualBuffer<SliceMask>(max_bricks_);
+  finished_ = VirtualBuffer<SliceMask>(max_bricks_);
   charge(direction_bricks * sizeof(int32_t));
 }
 
@@ -85,7 +82,8 @@ Field::~Field() {
 }
 
 uint64_t Field::brick_bytes(FieldLayer layer) {
-  return uint64_t(scalar::k_brick_cells) * (layer == FieldLayer::visibility ? 1 : 3 * sizeof(int32_t));
+  constexpr uint64_t k_cell_bytes[k_field_layers] = {1, 2 * sizeof(int32_t), sizeof(int32_t)};
+  return uint64_t(scalar::k_brick_cells) * k_cell_bytes[int(layer)];
 }
 
 uint64_t Field::most_bytes(const FieldParameters& p) {
@@ -93,8 +91,9 @@ uint64_t Field::most_bytes(const FieldParameters& p) {
   const uint64_t bricks = direction_bricks * uint64_t(p.plane / 4) * uint64_t(p.plane / 8);
   const uint64_t tiles_along = uint64_t(CoverageTiles::lines_for(p.plane) / scalar::k_tile_lines);
   const uint64_t tiles = uint64_t(p.directions) * uint64_t(p.directions) * tiles_along * tiles_along;
-  return sizeof(int32_t) * (direction_bricks + bricks + tiles) +
-         bricks * (brick_bytes(FieldLayer::visibility) + brick_bytes(FieldLayer::depth)) +
+  uint64_t brick_bytes_of_all = 0;
+  for (int layer = 0; layer < k_field_layers; ++layer) brick_bytes_of_all += brick_bytes(FieldLayer(layer));
+  return sizeof(int32_t) * (direction_bricks + bricks + tiles) + bricks * brick_bytes_of_all +
          tiles * CoverageTiles::k_tile_bytes;
 }
 
@@ -156,7 +155,7 @@ std::vector<BrickPlace> Field::bricks() const {
     for (int p = 0; p < v.plane_bricks; ++p) {
       const uint32_t brick = uint32_t(load_shared(pages_[size_t(page) * v.plane_bricks + p]));
       if (brick == 0) continue;
-      if (const uint32_t mask = finished_mask(brick)) places.push_back({uint32_t(d), uint32_t(p), brick, mask});
+      if (const SliceMask mask = finished_mask(brick)) places.push_back({uint32_t(d), uint32_t(p), brick, mask});
     }
   }
   return places;
@@ -193,10 +192,10 @@ std::optional<uint32_t> Field::claim(FieldLayer layer, uint32_t slice) {
   const uint32_t direction = slice / plane_bricks;
   const uint32_t brick = brick_for(direction / 16, slice % plane_bricks);
   if (brick == 0) return std::nullopt;
-  const uint32_t bit = slice_bit(layer, direction % 16);
-  const uint32_t before = shared(claimed_[brick]).fetch_or(bit, std::memory_order_acq_rel);
+  const SliceMask bit = slice_bit(layer, direction % 16);
+  const SliceMask before = shared(claimed_[brick]).fetch_or(bit, std::memory_order_acq_rel);
   if (before & bit) return std::nullopt;
-  const bool is_first = (before & layer_bits(layer)) == 0;  // of this layer in the brick
+  const bool is_first = slices_of_layer(before, layer) == 0;  // in the brick
   if (is_first && !charge(brick_bytes(layer))) {
     give_back(layer, slice);
     return std::nullopt;
@@ -206,9 +205,9 @@ std::optional<uint32_t> Field::claim(FieldLayer layer, uint32_t slice) {
 
 void Field::finish(FieldLayer layer, uint32_t slice) {
   const uint32_t direction = slice / uint32_t(view().plane_bricks);
-  const uint32_t bit = slice_bit(layer, direction % 16);
+  const SliceMask bit = slice_bit(layer, direction % 16);
   shared(finished_[brick_of_slice(slice)]).fetch_or(bit, std::memory_order_release);
-  cells_baked_ += scalar::k_slice_cells;
+  if (layer != FieldLayer::primitive) cells_baked_ += scalar::k_slice_cells;
 }
 
 void Field::give_back(FieldLayer layer, uint32_t slice) {
@@ -226,12 +225,16 @@ void Field::store_visibility(uint32_t cell, uint8_t code) {
   shared(visibility_[cell]).store(code, std::memory_order_relaxed);
 }
 
-void Field::store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate, uint32_t primitive) {
-  shared(primitive_[cell]).store(int32_t(primitive), std::memory_order_relaxed);
+void Field::store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate) {
   shared(depth_[cell]).store(int32_t(depth_word), std::memory_order_relaxed);
   shared(certificate_[cell]).store(int32_t(certificate), std::memory_order_release);
 }
 
-uint32_t Field::finished_mask(uint32_t brick) const { return load_shared(finished_[brick]); }
+void Field::store_primitive(uint32_t cell, uint32_t primitive) {
+  const int32_t word = primitive == k_none ? scalar::k_no_primitive : int32_t(primitive) + scalar::k_first_primitive;
+  shared(primitive_[cell]).store(word, std::memory_order_relaxed);
+}
+
+SliceMask Field::finished_mask(uint32_t brick) const { return load_shared(finished_[brick]); }
 
 }  // namespace fieldtrace

@@ -21,7 +21,13 @@
 
 namespace fieldtrace {
 
-enum class FieldLayer { visibility, depth };
+// The layers of cells, each baked by demand. `primitive` is read where a depth cell's sheet is a hit that will be shaded.
+enum class FieldLayer { visibility, depth, primitive };
+inline constexpr int k_field_layers = 3;
+
+// Which slices of a brick are in some state: bit 16 * layer + direction in the brick.
+using SliceMask = uint64_t;
+constexpr SliceMask slices_of_layer(SliceMask mask, FieldLayer layer) { return mask >> (16 * int(layer)) & 0xffffu; }
 
 inline constexpr int k_max_lines = 32;
 
@@ -44,12 +50,11 @@ struct SliceAddress {
   int a0 = 0, b0 = 0;  // first plane cell; the slice spans 4 x 8
 };
 
-// A brick in use: its place in the chart, its number in the pool, and which of its slices are finished (bits 0-15
-// visibility, 16-31 depth, by direction in the brick).
+// A brick in use: its place in the chart, its number in the pool, and which of its slices are finished.
 struct BrickPlace {
   uint32_t direction_brick = 0, plane_brick = 0;
   uint32_t brick = 0;
-  uint32_t finished = 0;
+  SliceMask finished = 0;
 };
 
 class Field {
@@ -84,8 +89,10 @@ class Field {
 
   // Cell storage for the baker that claimed it; relaxed atomic stores.
   void store_visibility(uint32_t cell, uint8_t code);
-  void store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate, uint32_t primitive);
+  void store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate);
+  void store_primitive(uint32_t cell, uint32_t primitive);  // k_none: none
 
+  // Of the layers visibility and depth.
   uint64_t cells_baked() const { return cells_baked_.load(std::memory_order_relaxed); }
   uint64_t cells_full() const { return uint64_t(slice_count()) * scalar::k_slice_cells; }
   // Memory in use: tables, bricks of the layers that anything was claimed in, and coverage tiles.
@@ -102,7 +109,7 @@ class Field {
   uint32_t brick_for(uint32_t direction_brick, uint32_t plane_brick);
   // The bricks with at least one finished slice, by direction brick and then plane brick.
   std::vector<BrickPlace> bricks() const;
-  uint32_t finished_mask(uint32_t brick) const;  // bits 0-15 visibility slices, 16-31 depth slices
+  SliceMask finished_mask(uint32_t brick) const;
 
  private:
   uint32_t brick_of_slice(uint32_t slice) const;
@@ -115,7 +122,7 @@ class Field {
   VirtualBuffer<int32_t> top_, pages_;
   VirtualBuffer<uint8_t> visibility_;
   VirtualBuffer<int32_t> depth_, certificate_, primitive_;
-  VirtualBuffer<uint32_t> claimed_, finished_;  // per brick: bits 0-15 visibility slices, 16-31 depth slices
+  VirtualBuffer<SliceMask> claimed_, finished_;  // per brick
   std::mutex growth_;
   std::atomic<uint32_t> brick_count_ = 1, page_count_ = 1;
   std::atomic<uint64_t> cells_baked_ = 0, committed_ = 0;

@@ -15,7 +15,8 @@ namespace {
 using openvdb::Int32Grid;
 using GridArray = std::array<Int32Grid::Ptr, k_grid_count>;
 
-constexpr uint32_t k_visibility_slices = 0xffff;
+constexpr FieldLayer k_layer_of_grid[k_grid_count] = {FieldLayer::visibility, FieldLayer::depth, FieldLayer::depth,
+                                                      FieldLayer::primitive};
 
 // ---- cells
 
@@ -45,20 +46,25 @@ bool valid_cell(GridLayer layer, int32_t value, uint32_t primitive_count) {
 // A brick of all layers, as the grids hold it.
 struct BrickData {
   std::array<BrickCells, k_grid_count> cells;
-  uint32_t finished = 0;  // as BrickPlace::finished
+  SliceMask finished = 0;
 };
+
+int32_t primitive_in_file(int32_t word) { return word - scalar::k_first_primitive; }
 
 // Adds the slices of `source` that `brick` lacks.
 void add_slices(const FieldView& source, const BrickPlace& place, BrickData& brick) {
-  const uint32_t wanted = place.finished & ~brick.finished;
+  const SliceMask wanted = place.finished & ~brick.finished;
   const size_t first = size_t(place.brick) * scalar::k_brick_cells;
   for (size_t i = 0; i < size_t(scalar::k_brick_cells); ++i) {
     const size_t slice = i / scalar::k_slice_cells;
-    if (wanted >> slice & 1) brick.cells[k_grid_visibility][i] = source.visibility[first + i];
-    if (wanted >> (slice + 16) & 1) {
+    const auto is_wanted = [&](FieldLayer layer) { return (slices_of_layer(wanted, layer) >> slice & 1) != 0; };
+    if (is_wanted(FieldLayer::visibility)) brick.cells[k_grid_visibility][i] = source.visibility[first + i];
+    if (is_wanted(FieldLayer::depth)) {
       brick.cells[k_grid_depth][i] = source.depth[first + i];
       brick.cells[k_grid_certificate][i] = source.certificate[first + i];
-      brick.cells[k_grid_primitive][i] = source.primitive[first + i];
+    }
+    if (is_wanted(FieldLayer::primitive)) {
+      brick.cells[k_grid_primitive][i] = primitive_in_file(source.primitive[first + i]);
     }
   }
   brick.finished |= place.finished;
@@ -91,9 +97,8 @@ GridArray make_grids(std::span<const Field* const> fields, const FieldIdentity& 
       add_slices(fields[sources[i].field]->view(), sources[i].place, brick);
     }
     const openvdb::Coord origin = brick_origin(identity.parameters, place.direction_brick, place.plane_brick);
-    add_brick(*grids[k_grid_visibility], origin, brick.cells[k_grid_visibility], brick.finished & k_visibility_slices);
-    for (const GridLayer g : {k_grid_depth, k_grid_certificate, k_grid_primitive}) {
-      add_brick(*grids[g], origin, brick.cells[g], brick.finished >> 16);
+    for (int g = 0; g < k_grid_count; ++g) {
+      add_brick(*grids[g], origin, brick.cells[g], uint32_t(slices_of_layer(brick.finished, k_layer_of_grid[g])));
     }
   }
   return grids;
@@ -110,8 +115,9 @@ Int32Grid::Ptr make_coverage_grid(std::span<const Field* const> fields, const Fi
   return grid;
 }
 
-void add_slices_to(Hasher& hasher, uint32_t direction_brick, uint32_t plane_brick, uint32_t finished) {
-  for (const uint32_t value : {direction_brick, plane_brick, finished}) hasher.add_value(value);
+void add_slices_to(Hasher& hasher, uint32_t direction_brick, uint32_t plane_brick, SliceMask finished) {
+  for (const uint32_t value : {direction_brick, plane_brick}) hasher.add_value(value);
+  hasher.add_value(finished);
 }
 
 void add_tiles_to(Hasher& hasher, std::span<const uint32_t> slots) {
@@ -131,7 +137,7 @@ bool same_parameters(const FieldParameters& a, const FieldParameters& b) {
 
 struct FieldFile::Grids {
   GridArray grids;  // null where the file has none of that layer
-  // Bricks of either layer, ascending.
+  // Bricks of any layer, ascending.
   std::vector<openvdb::Coord> origins;
   CoverageGrid coverage;
 
@@ -140,14 +146,15 @@ struct FieldFile::Grids {
   Hash128 validate(const FieldFileHeader& header, const std::string& path);
 };
 
-// False if a brick has a slice of which only some cells, or only some of the depth layers, are there.
+// False if a brick has a slice of which only some cells, or only one of the two depth grids, are there.
 bool FieldFile::Grids::read(const openvdb::Coord& origin, BrickData& brick) const {
   uint32_t slices[k_grid_count] = {};
   for (int g = 0; g < k_grid_count; ++g) {
     if (grids[g] && !read_brick(grids[g]->getConstAccessor(), origin, brick.cells[g], slices[g])) return false;
   }
-  brick.finished = slices[k_grid_visibility] | slices[k_grid_depth] << 16;
-  return slices[k_grid_depth] == slices[k_grid_certificate] && slices[k_grid_depth] == slices[k_grid_primitive];
+  brick.finished = 0;
+  for (int g = 0; g < k_grid_count; ++g) brick.finished |= SliceMask(slices[g]) << (16 * int(k_layer_of_grid[g]));
+  return slices[k_grid_depth] == slices[k_grid_certificate];
 }
 
 Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::string& path) {
@@ -166,7 +173,7 @@ Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::str
     bool sound = place_of_origin(header.identity.parameters, origin, direction_brick, plane_brick);
     sound = sound && read(origin, brick);
     for (int g = 0; sound && g < k_grid_count; ++g) {
-      const uint32_t slices = g == k_grid_visibility ? brick.finished & k_visibility_slices : brick.finished >> 16;
+      const SliceMask slices = slices_of_layer(brick.finished, k_layer_of_grid[g]);
       for (size_t i = 0; i < brick.cells[g].size(); ++i) {
         if ((slices >> (i / scalar::k_slice_cells) & 1) == 0) continue;
         sound = sound && valid_cell(GridLayer(g), brick.cells[g][i], header.identity.primitive_count);
@@ -205,9 +212,9 @@ bool FieldFile::copy_to(Field& field) const {
     uint32_t direction_brick, plane_brick;
     place_of_origin(field.parameters(), origin, direction_brick, plane_brick);
     grids_->read(origin, brick);
-    for (uint32_t bit = 0; bit < 32; ++bit) {
+    for (uint32_t bit = 0; bit < 16 * k_field_layers; ++bit) {
       if ((brick.finished >> bit & 1) == 0) continue;
-      const FieldLayer layer = bit < 16 ? FieldLayer::visibility : FieldLayer::depth;
+      const auto layer = FieldLayer(bit / 16);
       const uint32_t slice = (direction_brick * 16 + bit % 16) * plane_bricks + plane_brick;
       const std::optional<uint32_t> first = field.claim(layer, slice);
       if (!first) {
@@ -217,11 +224,17 @@ bool FieldFile::copy_to(Field& field) const {
       const size_t in_brick = size_t(bit % 16) * scalar::k_slice_cells;
       for (size_t i = 0; i < size_t(scalar::k_slice_cells); ++i) {
         const auto value = [&](GridLayer g) { return uint32_t(brick.cells[g][in_brick + i]); };
-        if (layer == FieldLayer::visibility) {
-          field.store_visibility(*first + uint32_t(i), uint8_t(value(k_grid_visibility)));
-        } else {
-          field.store_sheet(*first + uint32_t(i), value(k_grid_depth), value(k_grid_certificate),
-                            value(k_grid_primitive));
+        const uint32_t cell = *first + uint32_t(i);
+        switch (layer) {
+          case FieldLayer::visibility:
+            field.store_visibility(cell, uint8_t(value(k_grid_visibility)));
+            break;
+          case FieldLayer::depth:
+            field.store_sheet(cell, value(k_grid_depth), value(k_grid_certificate));
+            break;
+          case FieldLayer::primitive:
+            field.store_primitive(cell, value(k_grid_primitive));
+            break;
         }
       }
       field.finish(layer, slice);

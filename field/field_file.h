@@ -5,14 +5,14 @@
 //   visibility    the byte of a visibility cell
 //   depth_normal  depth, bits 0-15, and octahedral normal, 16-31
 //   certificate   kind, risk class, error bound
-//   primitive     triangle, -1 for none
+//   primitive     triangle that the line through the cell's centre meets, -1 for none; only where hits were shaded
 //   coverage      lines of coverage tiles (field/coverage_grid.h)
 // the first four with the bits of field/layout.hd.h. Of these, one leaf of 8^3 voxels is one brick. The brick of
 // direction brick (U, V), U and V in [0, D/4), and plane brick (A, B), A in [0, N/4), B in [0, N/8), is the leaf of
 // index (U D/4 + V, A, B): its voxels begin at eight times that. The voxel at offset i of the leaf, i = 64 x + 8 y + z,
 // is cell i of the brick, so that with (u, v, a, b) the cell's address in the field:
 //   x = 8 (U D/4 + V) + 2 (u mod 4) + (v mod 4) div 2,   y = 8 A + 4 (v mod 2) + a mod 4,   z = b.
-// A voxel is active if its slice is baked; the three grids of the depth layer have the same active voxels. A brick all
+// A voxel is active if its slice is baked; depth_normal and certificate have the same active voxels. A brick all
 // of whose 512 cells are baked and equal (all misses of class 0, mostly) is an active tile of 8^3 instead of a leaf.
 // Compression: Blosc where OpenVDB has it, else zip; only active voxels are stored.
 // Metadata of the file and of each grid: fieldtrace_format, chart, directions, plane, lines, centre, radius,

@@ -1,6 +1,7 @@
 #include "field/field_info.h"
 
 #include <algorithm>
+#include <bit>
 
 #include "field/bake_full.h"
 #include "field/risk.h"
@@ -27,11 +28,11 @@ LayerInfo layer_info(const Field& field, FieldLayer layer, float tolerance) {
   for (const BrickPlace& place : field.bricks()) {
     for (size_t i = 0; i < size_t(scalar::k_brick_cells); ++i) {
       const size_t slice = i / scalar::k_slice_cells, cell = size_t(place.brick) * scalar::k_brick_cells + i;
-      if (layer == FieldLayer::visibility && (place.finished >> slice & 1) != 0) {
+      if ((slices_of_layer(place.finished, layer) >> slice & 1) == 0) continue;
+      if (layer == FieldLayer::visibility) {
         const int bits = view.visibility[cell] - 1;
         count_cell(info, (bits & 1) != 0, bits >> 1, max_class);
-      }
-      if (layer == FieldLayer::depth && (place.finished >> (slice + 16) & 1) != 0) {
+      } else {
         const int32_t word = view.certificate[cell];
         const int kind = word & 3, risk = word >> 2 & 63;
         count_cell(info, kind != scalar::k_kind_miss, risk, max_class);
@@ -40,6 +41,14 @@ LayerInfo layer_info(const Field& field, FieldLayer layer, float tolerance) {
     }
   }
   return info;
+}
+
+uint64_t primitives_baked(const Field& field) {
+  uint64_t slices = 0;
+  for (const BrickPlace& place : field.bricks()) {
+    slices += uint64_t(std::popcount(slices_of_layer(place.finished, FieldLayer::primitive)));
+  }
+  return slices * scalar::k_slice_cells;
 }
 
 CoverageInfo coverage_info(const CoverageTiles& tiles) {
@@ -70,9 +79,10 @@ FieldFileInfo field_info(const std::string& path, float tolerance) {
   info.visibility = layer_info(field, FieldLayer::visibility, tolerance);
   info.depth = layer_info(field, FieldLayer::depth, tolerance);
   info.coverage = coverage_info(field.coverage());
-  for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth}) {
-    const LayerInfo& cells = layer == FieldLayer::visibility ? info.visibility : info.depth;
-    info.bytes_cells += cells.cells_baked * (Field::brick_bytes(layer) / scalar::k_brick_cells);
+  info.primitives_baked = primitives_baked(field);
+  const uint64_t cells[k_field_layers] = {info.visibility.cells_baked, info.depth.cells_baked, info.primitives_baked};
+  for (int layer = 0; layer < k_field_layers; ++layer) {
+    info.bytes_cells += cells[layer] * (Field::brick_bytes(FieldLayer(layer)) / scalar::k_brick_cells);
   }
   info.bytes_coverage = (info.coverage.tiles_baked - info.coverage.tiles_empty) * CoverageTiles::k_tile_bytes;
   return info;

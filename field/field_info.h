@@ -36,6 +36,7 @@ struct FieldFileInfo {
   uint64_t bricks = 0;
   uint64_t cells_full = 0;  // D^2 N^2, of each layer
   LayerInfo visibility, depth;
+  uint64_t primitives_baked = 0;  // cells
   CoverageInfo coverage;
 
   // Bytes of baked data in memory for each byte on disk.

@@ -14,7 +14,7 @@
 //   certificate 4 bytes  0 unknown, else bits 0-1 kind, 2-7 risk class, 8-15 error bound. Kinds: 1 miss; 2 sheet: every
 //                        line meets the plane within the error bound; 3 ceiling: no line meets anything in front of the
 //                        plane by more than the error bound, but some meet something behind it, or nothing
-//   primitive   4 bytes  triangle met by the line through the cell's centre
+//   primitive   4 bytes  0 unknown, 1 none, else 2 + the triangle met by the line through the cell's centre
 // Thread-safety: pure functions.
 
 #if defined(FIELDTRACE_FIELD_LAYOUT_HD_H_) == defined(HWY_TARGET_TOGGLE)
@@ -33,6 +33,8 @@ FT_LANES_BEGIN
 
 constexpr int k_brick_cells = 512;
 constexpr int k_slice_cells = 32;
+constexpr int k_no_primitive = 1;
+constexpr int k_first_primitive = 2;
 constexpr int k_kind_miss = 1;
 constexpr int k_kind_sheet = 2;
 constexpr int k_kind_ceiling = 3;

@@ -28,7 +28,7 @@ struct NearestAnswer {
   F distance;           // of the hit from the segment's origin, unit space
   F error;              // bound on its error, unit space
   Vec3Lanes<F> normal;  // of the sheet, unit, unit space, on the side that the ray comes from
-  Int_t<F> primitive;   // triangle met by the line through the cell's centre
+  Int_t<F> primitive;   // triangle met by the line through the cell's centre; -1: none
   Int_t<F> slice;       // the slice to bake where the verdict is unknown_*
   Int_t<F> lookups;     // cells read
 };
@@ -98,8 +98,12 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     result.error = select(hit, error, result.error);
     result.normal = {select(hit, first.view.normal.x, zero), select(hit, first.view.normal.y, zero),
                      select(hit, first.view.normal.z, zero)};
-    result.primitive = gather(field.primitive, select(hit, first.view.primitive_cell, i_zero));
-    conclude(hit, k_verdict_blocked);
+    const Int_t<F> primitive = gather(field.primitive, select(hit, first.view.primitive_cell, i_zero));
+    result.primitive = select(hit, primitive - splat_int<F>(k_first_primitive), i_zero);
+    const Mask_t<F> not_baked = hit & (primitive == i_zero);
+    result.slice = select(not_baked, first.view.slice, result.slice);
+    conclude(not_baked, k_verdict_unknown_primitive);
+    conclude(and_not(not_baked, hit), k_verdict_blocked);
     conclude(ahead & (distance > segment.length + slack), k_verdict_clear);
     // Every cell answers: what no cell sees ahead is not there.
     if (policy.answer_all) conclude(open, k_verdict_clear);

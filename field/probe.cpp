@@ -1,5 +1,7 @@
 #include "field/probe.h"
 
+#include <optional>
+
 #include "core/vec_lanes.h"
 #include "field/nearest.hd.h"
 
@@ -11,7 +13,22 @@ using scalar::k_verdict_blocked;
 using scalar::k_verdict_clear;
 using scalar::k_verdict_none;
 using scalar::k_verdict_unknown_depth;
+using scalar::k_verdict_unknown_primitive;
 using scalar::k_verdict_unknown_visibility;
+
+// What must be baked before there is another verdict.
+std::optional<FieldLayer> unknown_layer(int verdict) {
+  switch (verdict) {
+    case k_verdict_unknown_visibility:
+      return FieldLayer::visibility;
+    case k_verdict_unknown_depth:
+      return FieldLayer::depth;
+    case k_verdict_unknown_primitive:
+      return FieldLayer::primitive;
+    default:
+      return std::nullopt;
+  }
+}
 
 FieldVerdict public_verdict(int verdict) {
   if (verdict == k_verdict_clear || verdict == k_verdict_none) return FieldVerdict::clear;
@@ -30,10 +47,10 @@ FieldProbe::FieldProbe(Field& field, const Accel& accel, uint32_t shape)
     : field_(field), accel_(accel), shape_(shape), to_unit_(field.ball()) {}
 
 bool FieldProbe::bake(int verdict, uint32_t slice) {
-  if (verdict != k_verdict_unknown_visibility && verdict != k_verdict_unknown_depth) return false;
-  const FieldLayer layer = verdict == k_verdict_unknown_depth ? FieldLayer::depth : FieldLayer::visibility;
-  bake_slices(field_, layer, std::span(&slice, 1), accel_, shape_, counters_);
-  return field_.finished(layer, slice);
+  const std::optional<FieldLayer> layer = unknown_layer(verdict);
+  if (!layer) return false;
+  bake_slices(field_, *layer, std::span(&slice, 1), accel_, shape_, counters_);
+  return field_.finished(*layer, slice);
 }
 
 FieldVerdict FieldProbe::occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool own) {

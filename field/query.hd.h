@@ -31,6 +31,7 @@ constexpr int k_verdict_blocked = 2;
 constexpr int k_verdict_ask = 3;
 constexpr int k_verdict_unknown_visibility = 4;
 constexpr int k_verdict_unknown_depth = 5;
+constexpr int k_verdict_unknown_primitive = 6;  // of nearest queries only
 
 // A point counts as in front of a sheet, on the sheet included, up to this share of the error bound behind it: 1.5
 // times the largest residual seen. Receivers on the sheet itself lie within that; what lies further in front of a point
@@ -218,6 +219,7 @@ FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy&
     view.offset = select(agrees, second.offset, view.offset);
     view.error = select(agrees, second.error, view.error);
     view.primitive_cell = select(agrees, second.primitive_cell, view.primitive_cell);
+    view.slice = select(agrees, second.slice, view.slice);
     view.distance = select(agrees, dot(view.normal, p) - view.offset, view.distance);
     found.back = select(agrees, distance_back(view, direction), found.back);
   }

@@ -9,6 +9,7 @@
 #endif
 
 #include "field/cone_batch-inl.h"
+#include "field/hit_batch-inl.h"
 #include "field/lobe_batch-inl.h"
 #include "field/query.hd.h"
 #include "field/ray_states-inl.h"
@@ -296,7 +297,7 @@ template <class F>
 constexpr SegmentKernels make_segment_kernels() {
   return {&query_batch<F>,          &cross_ball_batch<F>,  &cross_box_batch<F>,     &hull_meets_ball_batch<F>,
           &hull_meets_box_batch<F>, &light_cones_batch<F>, &filter_leaves_batch<F>, &lobes_meet_batch<F>,
-          &filter_lobes_batch<F>,   &collect_batch<F>};
+          &filter_lobes_batch<F>,   &nearest_hits_batch<F>, &collect_batch<F>};
 }
 
 FT_LANES_END

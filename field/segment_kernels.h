@@ -5,6 +5,7 @@
 // from what they write. Memory layout: ray arrays as in core/rays.h; states are padded and aligned likewise.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "core/isa.h"
 #include "core/rays.h"
 #include "core/receivers.h"
+#include "field/hit_batch.h"
 #include "field/view.h"
 
 namespace fieldtrace {
@@ -86,6 +88,7 @@ struct LeafTask {
 // first index, and what to bake.
 struct ConeUnknowns {
   std::vector<uint32_t> blocks, tiles, slices;
+  std::array<std::vector<uint32_t>*, 2> lists() { return {&tiles, &slices}; }
 };
 
 struct ConeCounts {
@@ -157,6 +160,10 @@ struct SegmentKernels {
   // radiance only. Returns the number of look-ups.
   uint64_t (*filter_lobes)(const ConeTask&, const LobeBatch&, std::span<const uint32_t> blocks, LobeAnswers&,
                            ConeUnknowns&);
+  // For rays in `blocks` (tmax < 0: inactive) that enter the object's ball at limit[i] or before: its nearest surface.
+  // ray_instance: that a ray leaves. Returns the number of look-ups.
+  uint64_t (*nearest_hits)(const SegmentTask&, const RayBatch&, const uint32_t* ray_instance, const float* limit,
+                           std::span<const uint32_t> blocks, HitAnswers&, HitUnknowns&);
   // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
   void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
 };

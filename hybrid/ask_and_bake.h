@@ -12,7 +12,8 @@
 namespace fieldtrace {
 
 // How many rounds of baking one batch can need: the line's cell, the anchored cell, the re-anchored one, and the last
-// two again from the other end of the segment. Cones and lobes need fewer: tiles, and two for sheets or discs.
+// two again from the other end of the segment; nearest hits also the primitive's. Cones and lobes need fewer: tiles, and
+// two for sheets or discs.
 inline constexpr int k_most_bake_rounds = 6;
 
 inline void sort_unique(std::vector<uint32_t>& list) {
@@ -21,13 +22,12 @@ inline void sort_unique(std::vector<uint32_t>& list) {
 }
 
 // Calls ask(blocks) for all blocks of k_batch_padding among `size` entries, and again for those that it put into
-// unknowns.blocks, after bake() has baked the tiles and slices (sorted, once each) that it reported beside them. Ends
-// when nothing is unknown, or with the round in which bake() returned false. Blocks still unknown then stay in
-// unknowns.blocks.
-template <class Ask, class Bake>
-void ask_and_bake(size_t size, ConeUnknowns& unknowns, const Ask& ask, const Bake& bake) {
-  unknowns.tiles.clear();
-  unknowns.slices.clear();
+// unknowns.blocks, after bake() has baked what it reported beside them (unknowns.lists(), sorted, once each). Ends when
+// nothing is unknown, or with the round in which bake() returned false. Blocks still unknown then stay in
+// unknowns.blocks. Unknowns: ConeUnknowns or HitUnknowns.
+template <class Unknowns, class Ask, class Bake>
+void ask_and_bake(size_t size, Unknowns& unknowns, const Ask& ask, const Bake& bake) {
+  for (std::vector<uint32_t>* list : unknowns.lists()) list->clear();
   unknowns.blocks.clear();
   for (size_t i = 0; i < size; i += k_batch_padding) unknowns.blocks.push_back(uint32_t(i));
   std::vector<uint32_t> blocks;
@@ -37,11 +37,9 @@ void ask_and_bake(size_t size, ConeUnknowns& unknowns, const Ask& ask, const Bak
     unknowns.blocks.clear();
     ask(blocks);
     if (unknowns.blocks.empty()) break;
-    sort_unique(unknowns.tiles);
-    sort_unique(unknowns.slices);
+    for (std::vector<uint32_t>* list : unknowns.lists()) sort_unique(*list);
     goes_on = bake();
-    unknowns.tiles.clear();
-    unknowns.slices.clear();
+    for (std::vector<uint32_t>* list : unknowns.lists()) list->clear();
   }
 }
 

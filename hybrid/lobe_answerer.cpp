@@ -1,50 +1,19 @@
 #include "hybrid/lobe_answerer.h"
 
 #include <algorithm>
-#include <numeric>
 
-#include "field/chart.hd.h"
 #include "hybrid/ask_and_bake.h"
+#include "hybrid/direction_order.h"
+#include "hybrid/hit_answerer.h"
 #include "hybrid/radiance_pictures.h"
 
 namespace fieldtrace {
 namespace {
 
-// At the default tolerance half a texel may take an eighth of alpha: the slopes of a lobe's microfacets are spread by
-// about alpha, reflected directions by twice that.
-constexpr float k_blur_of_tolerance = 1.25f;
 // Shares of a ray smaller than this are not followed.
 constexpr float k_least_share = 0x1p-12f;
 // Surfaces that a path from a patch may visit beyond it, in the estimate of what shading it takes.
 constexpr uint64_t k_further_surfaces = 2;
-
-void copy_ray(const RayBatch& from, size_t i, RayBatch& to, size_t j) {
-  to.set(j, from.origin(i), from.direction(i), from.tmax[i]);
-}
-
-void copy_hit(const HitBatch& from, size_t i, HitBatch& to, size_t j) {
-  to.t[j] = from.t[i], to.u[j] = from.u[i], to.v[j] = from.v[i];
-  to.instance[j] = from.instance[i], to.primitive[j] = from.primitive[i];
-}
-
-// Rays of one direction cell one after another: their look-ups then read the same pictures.
-void order_by_direction(const RayBatch& rays, LobeWorkspace& work) {
-  constexpr int k_cells = RadiancePictures::k_directions;
-  constexpr ChartAxis k_axis = make_axis(k_cells);
-  work.cell_begin.assign(size_t(k_cells) * k_cells + 1, 0);
-  work.cells.resize(work.asked.size());
-  work.sorted.resize(work.asked.size());
-  for (size_t j = 0; j < work.asked.size(); ++j) {
-    const Vec3 d = rays.direction(work.asked[j]);
-    scalar::CellAddress<float> cell;
-    scalar::find_direction_cell<float>({d.x, d.y, d.z}, k_axis, cell);
-    work.cells[j] = uint16_t(cell.u * k_cells + cell.v);
-    ++work.cell_begin[work.cells[j] + 1u];
-  }
-  std::partial_sum(work.cell_begin.begin(), work.cell_begin.end(), work.cell_begin.begin());
-  for (size_t j = 0; j < work.asked.size(); ++j) work.sorted[work.cell_begin[work.cells[j]]++] = work.asked[j];
-  work.asked.swap(work.sorted);
-}
 
 // One object's share in a ray.
 struct Layer {
@@ -89,8 +58,11 @@ std::vector<uint32_t> LobeAnswerer::suited_instances(const Scene& scene, std::sp
 }
 
 LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, float tolerance,
-                           uint64_t most_rays, uint64_t most_bytes)
-    : shading_(shading), kernels_(segment_kernels(shading.settings.isa)), blur_(k_blur_of_tolerance * tolerance) {
+                           uint64_t most_rays, uint64_t most_bytes, const HitAnswerer* hits)
+    : shading_(shading),
+      kernels_(segment_kernels(shading.settings.isa)),
+      hits_(hits),
+      blur_(k_blur_of_tolerance * tolerance) {
   const Scene& scene = shading.scene;
   const uint64_t most_patches = std::min(most_rays / std::max<uint64_t>(rays_per_patch(shading), 1),
                                          std::min(most_bytes / sizeof(Rgb), SurfaceRadiance::k_most_patches - 1));
@@ -152,20 +124,20 @@ void LobeAnswerer::trace_others(const RayBatch& rays, HitBatch& hits, LobeWorksp
     shading_.accel.intersect(*others_, rays, hits, Coherence::incoherent);
     return;
   }
-  work.rays = rays;
-  for (const uint32_t i : work.exact) work.rays.tmax[i] = -1.0f;
-  shading_.accel.intersect(*others_, work.rays, hits, Coherence::incoherent);
+  work.some.rays = rays;
+  for (const uint32_t i : work.exact) work.some.rays.tmax[i] = -1.0f;
+  shading_.accel.intersect(*others_, work.some.rays, hits, Coherence::incoherent);
 }
 
 void LobeAnswerer::ask(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work,
                        Stats& stats) const {
-  order_by_direction(rays, work);
+  order_by_direction(rays, work.asked, work.order);
   LobeBatch& batch = work.batch;
   batch.resize(work.asked.size());
   std::fill(batch.density.begin(), batch.density.end(), 0.0f);
   for (size_t j = 0; j < work.asked.size(); ++j) {
     const PathState& path = paths[work.asked[j]];
-    copy_ray(rays, work.asked[j], batch.rays, j);
+    batch.rays.copy(j, rays, work.asked[j]);
     batch.nx[j] = path.side.x, batch.ny[j] = path.side.y, batch.nz[j] = path.side.z;
     batch.density[j] = path.bsdf_density;
     batch.blur[j] = blur_ * path.alpha;
@@ -210,14 +182,15 @@ void LobeAnswerer::put_together(const HitBatch& hits, LobeWorkspace& work) const
   }
 }
 
-void LobeAnswerer::trace_exact(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const {
-  const std::vector<uint32_t>& exact = work.exact;
-  if (exact.empty()) return;
-  work.rays.resize(exact.size());
-  for (size_t j = 0; j < exact.size(); ++j) copy_ray(rays, exact[j], work.rays, j);
-  work.hits.resize(exact.size());
-  shading_.accel.intersect(work.rays, work.hits, Coherence::incoherent);
-  for (size_t j = 0; j < exact.size(); ++j) copy_hit(work.hits, j, hits, exact[j]);
+// The rays that pictures leave.
+void LobeAnswerer::trace_exact(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits,
+                               LobeWorkspace& work, Stats& stats) const {
+  if (hits_) {
+    hits_->intersect(rays, paths, work.exact, hits, work.hits, stats);
+    return;
+  }
+  for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
+  intersect_some(shading_.accel, rays, work.exact, hits, work.some);
 }
 
 void LobeAnswerer::answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
@@ -235,8 +208,7 @@ void LobeAnswerer::answer(const RayBatch& rays, std::span<const PathState> paths
       hits.instance[ray.ray] = k_none;
     }
   }
-  for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
-  trace_exact(rays, hits, work);
+  trace_exact(rays, paths, hits, work, stats);
 }
 
 }  // namespace fieldtrace

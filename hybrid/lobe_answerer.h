@@ -15,6 +15,8 @@
 
 #include "core/accel.h"
 #include "field/segment_kernels.h"
+#include "hybrid/direction_order.h"
+#include "hybrid/hit_answerer.h"
 #include "hybrid/path_batch.h"
 #include "hybrid/shape_traits.h"
 #include "hybrid/stats.h"
@@ -42,13 +44,12 @@ struct LobeWorkspace {
   AlignedVector<float> density;
   AlignedVector<int32_t> met;
   std::vector<uint32_t> asked, exact;
-  std::vector<uint32_t> cell_begin, sorted;  // of asked, by direction cell
-  std::vector<uint16_t> cells;
+  DirectionOrder order;
   LobeBatch batch;                   // asked
   std::vector<LobeAnswers> answers;  // by object
   ConeUnknowns unknowns;
-  RayBatch rays;
-  HitBatch hits;
+  SomeRays some;
+  HitWorkspace hits;
 };
 
 class LobeAnswerer {
@@ -61,15 +62,17 @@ class LobeAnswerer {
 
   // Pictures of `suited`, shaded by paths of `shading` (SurfaceRadiance), which must outlive this. `most_rays`: glossy
   // rays that the picture will send at most; objects whose shading could take more are left out, and those whose
-  // pictures could outgrow `most_bytes` together with those before them.
+  // pictures could outgrow `most_bytes` together with those before them. `hits`, if not null, is asked about the rays
+  // that pictures leave, and must outlive this.
   LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, float tolerance, uint64_t most_rays,
-               uint64_t most_bytes);
+               uint64_t most_bytes, const HitAnswerer* hits = nullptr);
   ~LobeAnswerer();
 
   bool empty() const { return pictures_.empty(); }
   uint64_t bytes() const;
 
-  // hits (resized by this) receives where each ray ends, those of glossy paths beyond what work.filtered says of them.
+  // hits (resized by this) receives where each ray ends, those of glossy paths beyond what work.filtered says of them;
+  // work.hits.certified tells which hits are known within errors only.
   // rays[i] belongs to paths[i]; rays are unit and endless.
   void answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
               Stats& stats) const;
@@ -79,10 +82,12 @@ class LobeAnswerer {
   void trace_others(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const;
   void ask(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work, Stats& stats) const;
   void put_together(const HitBatch& hits, LobeWorkspace& work) const;
-  void trace_exact(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const;
+  void trace_exact(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
+                   Stats& stats) const;
 
   const TransportContext& shading_;
   const SegmentKernels& kernels_;
+  const HitAnswerer* hits_;
   float blur_;  // tangent that half a texel may take, for each unit of alpha
   std::vector<std::unique_ptr<RadiancePictures>> pictures_;
   std::shared_ptr<const Accel::Group> others_;  // instances without pictures; null: there are none

@@ -19,8 +19,8 @@
 #include "hybrid/field_resolution.h"
 #include "hybrid/field_set.h"
 #include "hybrid/field_survey.h"
+#include "hybrid/glossy_stage.h"
 #include "hybrid/lobe_answerer.h"
-#include "hybrid/radiance_pictures.h"
 #include "hybrid/shadow_answerer.h"
 #include "hybrid/stopwatch.h"
 #include "hybrid/thesis_fields.h"
@@ -293,51 +293,6 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
 // Pictures of radiance may take this part of what fields may, beside them.
 constexpr uint64_t k_picture_share = 4;
 
-// What answers glossy rays. Radiance is shaded by exact rays: receivers all over an object would have its field baked
-// for few rays each.
-struct GlossyStage {
-  std::vector<Field*> no_fields;
-  ShadowAnswerer exact;
-  TransportContext shading;
-  LobeAnswerer lobes;
-
-  GlossyStage(const Picture& picture, const Stage& stage, std::span<const uint32_t> suited, uint64_t most_rays)
-      : no_fields(picture.scene.shapes.size(), nullptr),
-        exact(picture.scene, stage.accel, stage.traits, no_fields, answerer_settings(picture.settings.isa)),
-        shading(picture.scene, stage.accel, stage.camera, exact, shading_settings(picture.settings), stage.lights),
-        lobes(shading, suited, picture.options.tolerance, most_rays, picture.field_memory / k_picture_share) {}
-
-  // Which patches are shaded together is a matter of demand: their light must not depend on it.
-  static AnswererSettings answerer_settings(Isa isa) {
-    AnswererSettings settings{isa, 0.0f};
-    settings.whole_scene = true;
-    return settings;
-  }
-
-  // Of paths that begin at a path's second surface.
-  static TransportSettings shading_settings(TransportSettings settings) {
-    settings.light_samples = SurfaceRadiance::k_samples;
-    settings.lobe_samples = 1;
-    if (settings.max_depth > 0) settings.max_depth -= 1;
-    settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
-    return settings;
-  }
-};
-
-// Null where nothing sends glossy rays, or they are to be exact, or no object can have pictures.
-std::unique_ptr<GlossyStage> make_glossy_stage(const Picture& picture, const Stage& stage) {
-  const RenderOptions& options = picture.options;
-  const int max_depth = picture.settings.max_depth;
-  if (!picture.wants_fields || options.force_ask || (max_depth >= 0 && max_depth < 3)) return nullptr;
-  const std::vector<Bsdf>& bsdfs = picture.scene.bsdfs;
-  if (std::none_of(bsdfs.begin(), bsdfs.end(), [](const Bsdf& b) { return is_rough(b.kind); })) return nullptr;
-  const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(picture.scene, stage.traits);
-  if (suited.empty()) return nullptr;
-  const uint64_t most_rays = picture.film_samples() * uint64_t(options.lobe_samples);
-  auto glossy = std::make_unique<GlossyStage>(picture, stage, suited, most_rays);
-  return glossy->lobes.empty() ? nullptr : std::move(glossy);
-}
-
 void warn_of_not_finite(const Job& job) {
   if (job.not_finite == 0) return;
   warn(job.picture.callbacks.warning, {},
@@ -361,8 +316,14 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   settings.own_to_rays = fields.own_to_rays();
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
-  const std::unique_ptr<GlossyStage> glossy = make_glossy_stage(picture, stage);
-  if (glossy) context.lobes = &glossy->lobes;
+  const std::vector<Field*> pointers = fields.pointers();
+  std::optional<GlossyStage> glossy;
+  if (picture.wants_fields) {
+    glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
+                               options, pointers, picture.film_samples(), picture.field_memory / k_picture_share});
+    context.lobes = glossy->lobes();
+    context.hits = glossy->hits();
+  }
   result.image = make_image(picture.window, picture.aovs);
   Job job{picture, context, fields.budget(), result.image};
   job.interrupted = !surveyed;
@@ -382,7 +343,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   result.interrupted = job.interrupted;
   stats.merge_counters(done);
   fields.count(stats);
-  if (glossy) stats.field_bytes_pictures = glossy->lobes.bytes();
+  if (context.lobes) stats.field_bytes_pictures = context.lobes->bytes();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.store(*cache, warning, stats);

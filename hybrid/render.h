@@ -29,6 +29,10 @@ enum class Method { monte_carlo, hybrid };
 // by its nearest cell: nothing certifies the answers, and only a tolerance of 0 traces exact rays instead.
 enum class Chart { orthographic, thesis };
 
+// Whether fields answer glossy rays by certified hits: where they are sent so many rays that the bake is paid (automatic),
+// wherever they can, or never.
+enum class FieldHits { automatic, always, never };
+
 struct RenderOptions {
   Method method = Method::hybrid;
   int spp = 0;                   // camera samples a pixel; 0: the scene file's sampler
@@ -50,6 +54,7 @@ struct RenderOptions {
   bool force_ask = false;          // test aid: look up, then treat every cell as one that asks
   bool whole_lights = true;        // ask fields about whole lights first; false: about single rays only
   bool leave_to_rays = true;       // leave objects to exact rays whose fields a survey finds not worth it
+  FieldHits field_hits = FieldHits::automatic;
   uint64_t fewest_answers = 0;     // leave those too whose field would answer fewer rays of the film
   std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao
   float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude the layer ao

@@ -3,6 +3,11 @@
 #include "hybrid/shadow_workspace.h"
 
 namespace fieldtrace {
+namespace {
+
+CheckedVerdict checked_verdict(bool blocked) { return blocked ? CheckedVerdict::blocked : CheckedVerdict::clear; }
+
+}  // namespace
 
 void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const {
   Workspace& work = *workspaces_.local();
@@ -24,7 +29,7 @@ void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, const S
     if (!asked[i]) continue;
     const bool wrong = blocked != (hidden[i] != 0);
     const bool own = occluders_[batch.instance[i]].answers_cones;
-    stats.add_check(blocked, own, wrong);
+    stats.add_check(checked_verdict(blocked), own, wrong);
   }
 }
 
@@ -42,7 +47,7 @@ void ShadowAnswerer::check_answers(const Occluder& o, const ShadowBatch& batch, 
     const bool blocked = verdict[i] == scalar::k_verdict_blocked;
     const bool own = batch.instance[i] == o.cone.segment.instance;
     const bool wrong = blocked != (work.exact_blocked[i] != 0);
-    stats.add_check(blocked, own, wrong);
+    stats.add_check(checked_verdict(blocked), own, wrong);
   }
 }
 

@@ -12,6 +12,7 @@ void Stats::merge_counters(const Stats& o) {
   rays_shadow += o.rays_shadow;
   rays_glossy += o.rays_glossy;
   rays_glossy_exact += o.rays_glossy_exact;
+  rays_glossy_hits += o.rays_glossy_hits;
   rays_exact += o.rays_exact;
   rays_crossing += o.rays_crossing;
   rays_crowded += o.rays_crowded;
@@ -32,7 +33,7 @@ void Stats::merge_counters(const Stats& o) {
   }
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
-  for (int verdict = 0; verdict < 2; ++verdict) {
+  for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
     for (int receiver = 0; receiver < 2; ++receiver) {
       check_by[verdict][receiver].answers += o.check_by[verdict][receiver].answers;
       check_by[verdict][receiver].wrong += o.check_by[verdict][receiver].wrong;
@@ -56,9 +57,15 @@ std::string Stats::to_json() const {
   j["lights"] = lights;
   j["time"] = {{"load", time_load},       {"build", time_build},         {"cache", time_cache}, {"bake", time_bake},
                {"primary", time_primary}, {"secondary", time_secondary}, {"write", time_write}, {"total", time_total}};
-  j["rays"] = {{"primary", rays_primary},           {"shadow", rays_shadow},   {"glossy", rays_glossy},
-               {"glossy_exact", rays_glossy_exact}, {"exact", rays_exact},     {"crossing", rays_crossing},
-               {"crowded", rays_crowded},           {"spared", samples_spared}};
+  j["rays"] = {{"primary", rays_primary},
+               {"shadow", rays_shadow},
+               {"glossy", rays_glossy},
+               {"glossy_exact", rays_glossy_exact},
+               {"glossy_hits", rays_glossy_hits},
+               {"exact", rays_exact},
+               {"crossing", rays_crossing},
+               {"crowded", rays_crowded},
+               {"spared", samples_spared}};
   j["cones"] = {
       {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", leaves}, {"leaves_refused", leaves_refused}};
   j["lookups"] = lookups;
@@ -67,10 +74,10 @@ std::string Stats::to_json() const {
   const auto count = [](const CheckCount& c) {
     return nlohmann::ordered_json{{"answers", c.answers}, {"wrong", c.wrong}};
   };
-  j["check"] = {{"answers", check_answers},
-                {"wrong", check_wrong},
-                {"clear", {{"other", count(check_by[0][0])}, {"own", count(check_by[0][1])}}},
-                {"blocked", {{"other", count(check_by[1][0])}, {"own", count(check_by[1][1])}}}};
+  j["check"] = {{"answers", check_answers}, {"wrong", check_wrong}};
+  for (int v = 0; v < k_checked_verdicts; ++v) {
+    j["check"][k_checked_verdict_names[v]] = {{"other", count(check_by[v][0])}, {"own", count(check_by[v][1])}};
+  }
   j["field"] = {{"objects", field_objects},
                 {"left_to_rays", field_left_to_rays},
                 {"own_to_rays", field_own_to_rays},

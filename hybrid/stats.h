@@ -18,6 +18,11 @@ struct FieldUse {
   uint64_t own_answered = 0, own_asked = 0;
 };
 
+// Verdicts that --check counts: of shadow rays, and of reflected rays.
+enum class CheckedVerdict { clear, blocked, miss, hit };
+inline constexpr int k_checked_verdicts = 4;
+inline constexpr const char* k_checked_verdict_names[k_checked_verdicts] = {"clear", "blocked", "miss", "hit"};
+
 struct Stats {
   std::string method;
   int spp = 0, light_samples = 0;
@@ -35,7 +40,8 @@ struct Stats {
   uint64_t rays_primary = 0;       // camera rays and the bounces that follow them
   uint64_t rays_shadow = 0;        // shadow rays generated (those that cross no candidate's bounds included)
   uint64_t rays_glossy = 0;        // rays that left a surface along a specular or glossy lobe
-  uint64_t rays_glossy_exact = 0;  // bounce rays traced where others were answered by pictures of radiance
+  uint64_t rays_glossy_exact = 0;  // those traced where pictures of radiance or certified hits answered others
+  uint64_t rays_glossy_hits = 0;   // those answered by certified hits, misses included
   uint64_t rays_exact = 0;         // shadow rays traced through Embree
   uint64_t rays_crossing = 0;      // shadow rays that cross at least one candidate's bounds
   uint64_t rays_crowded = 0;       // those of rays_exact whose group had too many candidates to ask one by one
@@ -48,11 +54,11 @@ struct Stats {
   // Light samples that were answered with their whole light, or by a receiver's first samples: no rays were sent.
   uint64_t samples_spared = 0;
   uint64_t check_answers = 0, check_wrong = 0;
-  // check_by[verdict][receiver]: verdict 0 clear, 1 blocked; receiver 0 another object, 1 the object itself.
+  // check_by[CheckedVerdict][receiver]: receiver 0 another object, 1 the object itself.
   struct CheckCount {
     uint64_t answers = 0, wrong = 0;
   };
-  CheckCount check_by[2][2];
+  CheckCount check_by[k_checked_verdicts][2];
 
   int field_directions = 0, field_plane = 0;
   uint64_t field_objects = 0;        // objects answered by fields
@@ -78,11 +84,12 @@ struct Stats {
   double spheres_per_ray() const { return rays_crossing ? double(sphere_crossings) / double(rays_crossing) : 0.0; }
 
   // One checked answer: its verdict, and whether the receiver lies on the object itself.
-  void add_check(bool blocked, bool own, bool wrong) {
+  void add_check(CheckedVerdict verdict, bool own, bool wrong) {
     check_answers += 1;
     check_wrong += wrong;
-    check_by[blocked][own].answers += 1;
-    check_by[blocked][own].wrong += wrong;
+    CheckCount& count = check_by[int(verdict)][own];
+    count.answers += 1;
+    count.wrong += wrong;
   }
   void add_bake(const Stats& other) {  // its cost alone: for work that was thrown away
     bake_rays += other.bake_rays;

@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numeric>
 
 #include "core/conductor_samples.h"
 #include "core/finite.h"
 #include "core/sobol.hd.h"
 #include "hybrid/ambient_occlusion.h"
 #include "hybrid/direct_light.h"
+#include "hybrid/hit_answerer.h"
 #include "hybrid/lobe_answerer.h"
 #include "hybrid/stopwatch.h"
 
@@ -70,6 +72,8 @@ struct TransportWorker::Impl {
   std::vector<FirstHit> firsts;
   std::vector<float> near_distance;  // per camera ray
   LobeWorkspace lobe_work;
+  std::vector<uint32_t> all_rays;
+  std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
   std::span<SampleResult> results;
   std::vector<SampleResult> follow_results;
 
@@ -83,6 +87,8 @@ struct TransportWorker::Impl {
   void record_reflections();
   void intersect_all(int vertex_number);
   void intersect_lobes();
+  void intersect_by_hits();
+  void mark_certified();
   void arrive(int vertex_number);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
@@ -122,11 +128,15 @@ void TransportWorker::Impl::generate(std::span<const CameraSample> samples) {
 
 void TransportWorker::Impl::intersect(int vertex_number) {
   stats.rays_primary += rays.size;
+  lobe_work.hits.certified.clear();
   if (answers_lobes(vertex_number)) {
     intersect_lobes();
+  } else if (context.hits && vertex_number > 0) {
+    intersect_by_hits();
   } else {
     intersect_all(vertex_number);
   }
+  mark_certified();
   if (settings.count_reflections && vertex_number == 1) record_reflections();
 }
 
@@ -134,6 +144,23 @@ void TransportWorker::Impl::intersect_all(int vertex_number) {
   const ScopedTimer timer(vertex_number == 0 ? stats.time_primary : stats.time_secondary);
   hits.resize(rays.size);
   context.accel.intersect(rays, hits, vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
+}
+
+void TransportWorker::Impl::intersect_by_hits() {
+  const double bake_before = stats.time_bake;
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    hits.resize(rays.size);
+    all_rays.resize(rays.size);
+    std::iota(all_rays.begin(), all_rays.end(), 0u);
+    context.hits->intersect(rays, paths, all_rays, hits, lobe_work.hits, stats);
+  }
+  stats.time_secondary -= stats.time_bake - bake_before;
+}
+
+void TransportWorker::Impl::mark_certified() {
+  certified.assign(context.hits ? rays.size : 0, nullptr);
+  for (const CertifiedHit& hit : lobe_work.hits.certified) certified[hit.ray] = &hit;
 }
 
 // Pictures hold what leaves the second surface of a path: paths of any length have that at every surface.
@@ -157,12 +184,15 @@ void TransportWorker::Impl::intersect_lobes() {
 
 // For the layers: what rays from first hits met, of pictures where those hide half of the ray or more.
 void TransportWorker::Impl::record_reflections() {
-  const bool asked = answers_lobes(1);
+  const bool by_pictures = answers_lobes(1);
   std::vector<const FilteredRay*> filtered(paths.size(), nullptr);
-  std::vector<uint8_t> is_exact(paths.size(), asked ? 0 : 1);
-  if (asked) {
+  if (by_pictures) {
     for (const FilteredRay& f : lobe_work.filtered) filtered[f.ray] = &f;
-    for (const uint32_t i : lobe_work.exact) is_exact[i] = 1;
+  }
+  std::vector<uint8_t> is_exact(paths.size(), by_pictures || context.hits ? 0 : 1);
+  const std::vector<uint32_t>& exact = context.hits ? lobe_work.hits.exact : lobe_work.exact;
+  if (by_pictures || context.hits) {
+    for (const uint32_t i : exact) is_exact[i] = 1;
   }
   for (size_t i = 0; i < paths.size(); ++i) {
     if (paths[i].diffuse) continue;
@@ -263,7 +293,8 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     if (last && vertex_number > 0 && emitter == k_none) continue;
     PathVertex v;
     v.path = i;
-    v.surface = surface_at(scene, rays, hits, i);
+    const CertifiedHit* known = certified.empty() ? nullptr : certified[i];
+    v.surface = known ? surface_of(scene, rays, hits, *known) : surface_at(scene, rays, hits, i);
     const float cos_geometric = -glm::dot(v.surface.geometric_normal, d);
     if (emission_counts && emitter != k_none && cos_geometric > 0.0f) {
       add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface.geometric_normal, v.surface.primitive});

@@ -42,6 +42,7 @@ struct TransportSettings {
 // rr_depth, so that only 1 path in 10^17 comes this far from rr_depth = 5.
 inline constexpr int k_longest_path = 768;
 
+class HitAnswerer;
 class LobeAnswerer;
 
 // Everything that workers share. References must outlive it.
@@ -54,7 +55,8 @@ struct TransportContext {
   const Accel& accel;
   const CameraSampler& camera;
   const ShadowAnswerer& answerer;
-  const LobeAnswerer* lobes = nullptr;  // answers glossy rays; null: exact rays do
+  const LobeAnswerer* lobes = nullptr;  // answers glossy rays by pictures of radiance; null: none does
+  const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: exact rays do
   TransportSettings settings;
   std::shared_ptr<const LightTable> shared_lights;
   const LightTable& lights;

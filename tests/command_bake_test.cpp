@@ -76,7 +76,9 @@ TEST_F(CommandBake, InfoTellsAllOfAFieldAsTextAndAsJson) {
   EXPECT_EQ(number("coverage", "lines_hit"), 256u);
   EXPECT_EQ(number("bytes", "disk"), fs::file_size(folder_ / "f.vdb"));
   EXPECT_EQ(number("bytes", "memory"), field.bytes());
-  EXPECT_EQ(number("bytes", "cells"), visibility.cells_baked + 12 * depth.cells_baked);
+  EXPECT_GT(j["primitives_baked"], 0u);
+  EXPECT_EQ(number("bytes", "cells"),
+            visibility.cells_baked + 8 * depth.cells_baked + 4 * j["primitives_baked"].get<uint64_t>());
   EXPECT_EQ(number("bytes", "coverage"), CoverageTiles::k_tile_bytes);
   EXPECT_NEAR(j["compression"].get<double>(),
               double(number("bytes", "cells") + number("bytes", "coverage")) / double(number("bytes", "disk")), 1e-9);

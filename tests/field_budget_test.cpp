@@ -54,10 +54,12 @@ TEST(FieldBudget, AFieldChargesBricksOnceAndGivesThemBack) {
     const uint64_t empty = budget.used();
     test::fill_slice(field, FieldLayer::depth, 0);
     const uint64_t page = uint64_t(field.view().plane_bricks) * sizeof(int32_t);
-    EXPECT_EQ(budget.used(), empty + page + 512 * 12);
+    EXPECT_EQ(budget.used(), empty + page + 512 * 8);
     test::fill_slice(field, FieldLayer::depth, uint32_t(field.view().plane_bricks));  // another direction of the brick
-    EXPECT_EQ(budget.used(), empty + page + 512 * 12);
+    EXPECT_EQ(budget.used(), empty + page + 512 * 8);
     test::fill_slice(field, FieldLayer::visibility, 0);
+    EXPECT_EQ(budget.used(), empty + page + 512 * 9);
+    test::fill_slice(field, FieldLayer::primitive, 0);
     EXPECT_EQ(budget.used(), empty + page + 512 * 13);
     ASSERT_TRUE(field.coverage().claim(5));
     ASSERT_TRUE(field.coverage().finish(5, TileLines(CoverageTiles::k_lines_per_tile, 3)));
@@ -78,7 +80,7 @@ TEST(FieldBudget, AFullFieldRefusesClaims) {
       ++filled;
     }
   }
-  EXPECT_EQ(filled, 3u);  // of 6144 bytes each
+  EXPECT_EQ(filled, 4u);  // of 4096 bytes each
   EXPECT_TRUE(field.pool_full());
   EXPECT_TRUE(budget.exceeded());
   EXPECT_LE(budget.used(), 20000u);

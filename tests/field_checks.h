@@ -56,18 +56,19 @@ inline FieldIdentity test_identity(const FieldParameters& parameters) {
 inline void fill_slice(Field& field, FieldLayer layer, uint32_t slice) {
   const auto first = field.claim(layer, slice);
   if (!first) return;
-  std::mt19937 random(slice * 2 + (layer == FieldLayer::depth));
+  std::mt19937 random(slice * k_field_layers + uint32_t(layer));
   const bool miss = slice % 3 == 0;
   for (uint32_t i = 0; i < uint32_t(scalar::k_slice_cells); ++i) {
     const int risk = miss ? 0 : int(random() % (k_worst_class + 1));
     if (layer == FieldLayer::visibility) {
       field.store_visibility(*first + i, encode_visibility(!miss && random() % 2 == 0, risk));
+    } else if (layer == FieldLayer::primitive) {
+      field.store_primitive(*first + i, miss ? k_none : uint32_t(random() % k_test_primitives));
     } else if (miss || random() % 4 == 0) {
-      field.store_sheet(*first + i, 0, encode_certificate(scalar::k_kind_miss, risk, 255), k_none);
+      field.store_sheet(*first + i, 0, encode_certificate(scalar::k_kind_miss, risk, 255));
     } else {
       field.store_sheet(*first + i, uint32_t(random()),
-                        encode_certificate(scalar::k_kind_sheet, risk, uint32_t(random() % 256)),
-                        uint32_t(random() % k_test_primitives));
+                        encode_certificate(scalar::k_kind_sheet, risk, uint32_t(random() % 256)));
     }
   }
   field.finish(layer, slice);
@@ -79,7 +80,7 @@ inline void fill_random_slices(Field& field, uint32_t seed, int count) {
   for (int i = 0; i < count; ++i) {
     const uint32_t plane_bricks = uint32_t(field.view().plane_bricks);
     const uint32_t slice = uint32_t(random() % 64) * plane_bricks + uint32_t(random() % 8);
-    fill_slice(field, random() % 2 == 0 ? FieldLayer::visibility : FieldLayer::depth,
+    fill_slice(field, FieldLayer(random() % k_field_layers),
                random() % 8 == 0 ? uint32_t(random() % field.slice_count()) : slice);
   }
 }
@@ -101,7 +102,7 @@ inline size_t differing_slices(const Field& a, const Field& b) {
   const uint32_t plane_bricks = uint32_t(a.view().plane_bricks);
   for (uint32_t slice = 0; slice < a.slice_count(); ++slice) {
     const uint32_t direction = slice / plane_bricks;
-    for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth}) {
+    for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth, FieldLayer::primitive}) {
       const bool in_a = a.finished(layer, slice), in_b = b.finished(layer, slice);
       bool same = in_a == in_b;
       for (uint32_t i = 0; same && in_a && i < 32; ++i) {
@@ -109,10 +110,9 @@ inline size_t differing_slices(const Field& a, const Field& b) {
         const size_t at = size_t(a.brick_at(direction / 16, slice % plane_bricks)) * 512 + cell;
         const size_t bt = size_t(b.brick_at(direction / 16, slice % plane_bricks)) * 512 + cell;
         const FieldView va = a.view(), vb = b.view();
-        same = layer == FieldLayer::visibility
-                   ? va.visibility[at] == vb.visibility[bt]
-                   : va.depth[at] == vb.depth[bt] && va.certificate[at] == vb.certificate[bt] &&
-                         va.primitive[at] == vb.primitive[bt];
+        if (layer == FieldLayer::visibility) same = va.visibility[at] == vb.visibility[bt];
+        if (layer == FieldLayer::depth) same = va.depth[at] == vb.depth[bt] && va.certificate[at] == vb.certificate[bt];
+        if (layer == FieldLayer::primitive) same = va.primitive[at] == vb.primitive[bt];
       }
       differing += !same;
     }

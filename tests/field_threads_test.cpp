@@ -43,7 +43,7 @@ TEST(FieldThreads, ReaderSeesWholeCells) {
         // Not before the reader polls this very cell.
         while (reading.load(std::memory_order_relaxed) < slice * scalar::k_slice_cells + cell) {
         }
-        field.store_sheet(*first + cell, word, certificate, 7);
+        field.store_sheet(*first + cell, word, certificate);
       }
       field.finish(FieldLayer::depth, slice);
     }

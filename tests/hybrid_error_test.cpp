@@ -138,8 +138,8 @@ TEST(HybridError, FewCheckedAnswersAreWrong) {
   EXPECT_GT(s.check_answers, 20000u);
   EXPECT_LE(double(s.check_wrong), k_wrong_share * double(s.check_answers));
   uint64_t answers = 0, wrong = 0;
-  for (const auto& verdict : s.check_by) {
-    for (const Stats::CheckCount& c : verdict) {
+  for (const CheckedVerdict verdict : {CheckedVerdict::clear, CheckedVerdict::blocked}) {
+    for (const Stats::CheckCount& c : s.check_by[int(verdict)]) {
       EXPECT_GT(c.answers, 50u);
       answers += c.answers;
       wrong += c.wrong;

@@ -138,6 +138,7 @@ void print_field(const std::string& path) {
   fmt::print("           miss {:.1f} %, sheet {:.1f} %, ceiling {:.1f} %, ask {:.1f} %, at tolerance {}\n",
              share(d, d.clear), share(d, d.blocked - d.ceilings), share(d, d.ceilings), share(d, d.ask),
              k_info_tolerance);
+  fmt::print("primitive  {} cells\n", info.primitives_baked);
   const CoverageInfo& c = info.coverage;
   fmt::print("coverage   {} of {} tiles ({:.2f} %), {} x {} lines a direction\n", c.tiles_baked, c.tiles_full,
              percent(c.tiles_baked, c.tiles_full), c.lines_across, c.lines_across);
@@ -191,6 +192,7 @@ void print_field_json(const std::string& path) {
   json.update(Json{{"tolerance", std::round(double(k_info_tolerance) * 1e6) / 1e6},
                    {"visibility", visibility},
                    {"depth", depth},
+                   {"primitives_baked", info.primitives_baked},
                    {"coverage",
                     {{"tiles_baked", c.tiles_baked},
                      {"tiles_full", c.tiles_full},

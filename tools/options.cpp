@@ -187,6 +187,12 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->check(field_plane())
       ->type_name("N");
   add_chart_option(command, options.chart);
+  command
+      .add_option_function<std::string>(
+          "--field-hits", [&options](const std::string& name) { options.field_hits = hits.at(name); },
+          "Whether fields answer glossy rays by certified hits (default: auto, where their bake pays)")
+      ->check(one_of({"auto", "always", "never"}))
+      ->type_name("WHEN");
   CLI::Option* const cache =
       command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
           ->type_name("DIR");

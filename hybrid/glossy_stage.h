@@ -1,0 +1,52 @@
+// What answers the glossy rays of one picture: pictures of radiance, certified hits, or neither.
+//
+// Thread-safety: made by one thread; its answerers may be asked from any number.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "core/camera.h"
+#include "hybrid/hit_answerer.h"
+#include "hybrid/lobe_answerer.h"
+#include "hybrid/render.h"
+#include "hybrid/shadow_answerer.h"
+#include "hybrid/transport.h"
+
+namespace fieldtrace {
+
+// All must outlive the stage.
+struct GlossyInput {
+  const Scene& scene;
+  const Accel& accel;
+  const CameraSampler& camera;
+  const std::vector<ShapeTraits>& traits;
+  const std::shared_ptr<const LightTable>& lights;
+  const TransportSettings& settings;
+  const RenderOptions& options;
+  const std::vector<Field*>& fields;  // by shape; null: exact rays
+  uint64_t camera_samples = 0;        // of the film
+  uint64_t most_picture_bytes = 0;
+};
+
+class GlossyStage {
+ public:
+  explicit GlossyStage(const GlossyInput& input);
+  ~GlossyStage();
+
+  const LobeAnswerer* lobes() const { return lobes_.get(); }  // null: no pictures
+  const HitAnswerer* hits() const { return hits_.get(); }     // null: no certified hits
+
+ private:
+  void make_hits(const GlossyInput& input, uint64_t most_rays);
+  void make_pictures(const GlossyInput& input, uint64_t most_rays);
+
+  std::unique_ptr<HitAnswerer> hits_;
+  // Radiance is shaded by exact rays: receivers all over an object would have its field baked for few rays each.
+  std::vector<Field*> no_fields_;
+  std::unique_ptr<ShadowAnswerer> exact_;
+  std::unique_ptr<TransportContext> shading_;
+  std::unique_ptr<LobeAnswerer> lobes_;
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,98 @@
+// Answers glossy rays by certified nearest hits of fields: a miss, or a surface known within an error that is small
+// against the lobe's footprint. What no certificate settles, and all rays that are not glossy, are traced.
+//
+// All objects with fields that a ray's ball test admits are asked, each within the distance of what is nearest so far,
+// and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Objects
+// without fields are traced. An answer depends on the ray, the scene and the settings alone.
+// Thread-safety: const functions may be called from any number of threads, each with a workspace of its own; fields
+// grow by demand meanwhile.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/accel.h"
+#include "field/field.h"
+#include "field/segment_kernels.h"
+#include "hybrid/direction_order.h"
+#include "hybrid/path_batch.h"
+#include "hybrid/shape_traits.h"
+#include "hybrid/some_rays.h"
+#include "hybrid/stats.h"
+
+namespace fieldtrace {
+
+// How far a lobe may be blurred: half widths of what is read, or errors of hits, as a tangent seen from the surface, for
+// each unit of the lobe's alpha and of tolerance. At the default an eighth of alpha: the slopes of a lobe's microfacets
+// are spread by about alpha, reflected directions by twice that.
+inline constexpr float k_blur_of_tolerance = 1.25f;
+
+// What is known of a hit beside its entry in a HitBatch: t, instance and primitive, a triangle near it. World space.
+struct CertifiedHit {
+  uint32_t ray = 0;
+  Vec3 normal = Vec3(0.0f);  // unit, on the side that the ray comes from
+  float error = 0.0f;        // bound on the point's distance from the surface, along the normal
+};
+
+struct HitWorkspace {
+  std::vector<CertifiedHit> certified;  // by ray, ascending
+
+  std::vector<uint32_t> asked, exact;  // exact: those that were traced
+  DirectionOrder order;
+  RayBatch rays;  // asked
+  AlignedVector<uint32_t> instance;
+  AlignedVector<float> limit;
+  HitBatch others, found;
+  std::vector<HitAnswers> answers;  // by object
+  HitUnknowns unknowns;
+  SomeRays some;
+};
+
+// The surface there. Not for exact hits.
+SurfacePoint surface_of(const Scene& scene, const RayBatch& rays, const HitBatch& hits, const CertifiedHit& hit);
+
+class HitAnswerer {
+ public:
+  // With more objects than this a ray through all of them costs less than their tests.
+  static constexpr size_t k_most_objects = 16;
+
+  // Instances of shapes with fields; none if they are too many. fields[s] is that of shape s, or null.
+  static std::vector<uint32_t> suited_instances(const Scene& scene, const std::vector<Field*>& fields);
+
+  // Rays that fields of these parameters will have baked for hits from all about.
+  static double estimated_bake_rays(const FieldParameters& parameters);
+
+  // Unchecked: `instances` are suited. All references must outlive this.
+  HitAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+              const std::vector<Field*>& fields, std::span<const uint32_t> instances, Isa isa, float tolerance,
+              bool check);
+  ~HitAnswerer();
+
+  // For each i of `which`: where rays[i] (unit, endless), which belongs to paths[i], ends. Other entries of `hits` stay
+  // as they are. work.certified receives those that are not exact. With --check, answers are counted in `stats`.
+  void intersect(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
+                 HitBatch& hits, HitWorkspace& work, Stats& stats) const;
+
+ private:
+  struct Object;
+  enum class Verdict { miss, hit, ask };
+  struct Nearest;
+
+  void ask(HitWorkspace& work, Stats& stats) const;
+  void bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const;
+  Nearest put_together(const HitWorkspace& work, size_t j, float blur) const;
+  void check_answers(std::span<const PathState> paths, HitWorkspace& work, Stats& stats) const;
+  bool is_wrong(const HitWorkspace& work, size_t j, const Nearest& nearest, float alpha) const;
+
+  const Scene& scene_;
+  const Accel& accel_;
+  const SegmentKernels& kernels_;
+  float blur_;  // tangent that an error may take, for each unit of alpha
+  bool check_;
+  std::vector<Object> objects_;
+  std::vector<uint8_t> is_object_;  // by instance
+  std::shared_ptr<const Accel::Group> others_;  // the other instances; null: there are none
+};
+
+}  // namespace fieldtrace
