@@ -4,6 +4,7 @@
 #include <bit>
 #include <string>
 
+#include "core/scene.h"
 #include "core/shared_value.h"
 
 namespace fieldtrace {

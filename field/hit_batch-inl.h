@@ -68,6 +68,7 @@ inline uint64_t nearest_hits_batch(const SegmentTask& task, const RayBatch& rays
       const Vec3Lanes<F> normal = world_normal(task.to_unit, answer.normal);
       store_lanes(answer.distance / segment.scale, &out.t[i]);
       store_lanes(answer.error / segment.scale, &out.error[i]);
+      store_lanes(answer.bend, &out.bend[i]);
       store_lanes(normal.x, &out.nx[i]);
       store_lanes(normal.y, &out.ny[i]);
       store_lanes(normal.z, &out.nz[i]);

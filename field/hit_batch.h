@@ -16,11 +16,12 @@ struct HitAnswers {
   AlignedVector<int32_t> verdict;    // k_verdict_none, _clear, _ask or _blocked: a hit (field/query.hd.h)
   AlignedVector<float> entry;        // where the ray enters the object's ball; unspecified for none
   AlignedVector<float> t, error;     // of a hit, and the bound on its error
+  AlignedVector<float> bend;         // of a hit: that error bound, taken along the normal, in half widths of its cell
   AlignedVector<float> nx, ny, nz;   // of a hit: unit normal of its sheet, on the side that the ray comes from
   AlignedVector<int32_t> primitive;  // of a hit: a triangle near it; -1: none is known
 
   void resize(size_t n) {
-    for (auto* v : {&entry, &t, &error, &nx, &ny, &nz}) v->resize(padded(n));
+    for (auto* v : {&entry, &t, &error, &bend, &nx, &ny, &nz}) v->resize(padded(n));
     for (auto* v : {&verdict, &primitive}) v->resize(padded(n));
   }
 };

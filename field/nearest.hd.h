@@ -27,6 +27,7 @@ struct NearestAnswer {
   Int_t<F> verdict;
   F distance;           // of the hit from the segment's origin, unit space
   F error;              // bound on its error, unit space
+  F bend;               // the sheet's error bound in half widths of its cell: how far the surface's normals may differ
   Vec3Lanes<F> normal;  // of the sheet, unit, unit space, on the side that the ray comes from
   Int_t<F> primitive;   // triangle met by the line through the cell's centre; -1: none
   Int_t<F> slice;       // the slice to bake where the verdict is unknown_*
@@ -41,7 +42,7 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
   const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
   NearestAnswer<F> result;
   result.verdict = select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none));
-  result.distance = result.error = zero;
+  result.distance = result.error = result.bend = zero;
   result.normal = {zero, zero, zero};
   result.primitive = result.slice = result.lookups = i_zero;
 
@@ -96,6 +97,7 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     const Mask_t<F> hit = ahead & (distance + slack <= segment.length);
     result.distance = select(hit, distance, result.distance);
     result.error = select(hit, error, result.error);
+    result.bend = select(hit, first.view.error / half_cell_of<F>(field), result.bend);
     result.normal = {select(hit, first.view.normal.x, zero), select(hit, first.view.normal.y, zero),
                      select(hit, first.view.normal.z, zero)};
     const Int_t<F> primitive = gather(field.primitive, select(hit, first.view.primitive_cell, i_zero));

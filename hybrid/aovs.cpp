@@ -33,6 +33,12 @@ float* put(float* out, const Vec3& v) {
 
 }  // namespace
 
+std::vector<std::string> aov_names() {
+  std::vector<std::string> names;
+  for (const AovEntry& entry : k_entries) names.push_back(entry.name);
+  return names;
+}
+
 std::vector<Aov> parse_aovs(const std::vector<std::string>& names) {
   std::vector<Aov> result;
   for (const std::string& name : names) {

@@ -32,6 +32,9 @@ enum class Aov : uint8_t {
   glossy_exact
 };
 
+// Of all layers, as parse_aovs() takes them.
+std::vector<std::string> aov_names();
+
 // Throws UsageError for an unknown name; a name given twice counts once.
 std::vector<Aov> parse_aovs(const std::vector<std::string>& names);
 

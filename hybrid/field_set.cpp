@@ -43,7 +43,7 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
     if (count_ == plan.most_fields) break;
     if (bake_rays_[s] > std::max(plan.light_samples, k_costly_bake_rays)) {
       left_to_rays_[s] = 1;
-      continue;
+      if (!plan.for_hits) continue;
     }
     fields_[s] = std::make_unique<Field>(field_ball(scene.shapes[s].bounds), plan.parameters, budget_.get());
     ++count_;
@@ -56,10 +56,18 @@ std::vector<Field*> FieldSet::pointers() const {
   return pointers;
 }
 
+std::vector<Field*> FieldSet::hit_pointers() const {
+  std::vector<Field*> pointers(fields_.size(), nullptr);
+  if (!plan_.for_hits) return pointers;
+  for (size_t s = 0; s < fields_.size(); ++s) pointers[s] = fields_[s].get();
+  return pointers;
+}
+
 void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers) {
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (left_to_rays_[s]) continue;
-    const uint64_t fewest = bake_rays_[s] > k_costly_bake_rays ? uint64_t(bake_rays_[s]) : 0;
+    const bool cost_decides = plan_.light_samples < std::numeric_limits<double>::infinity();
+    const uint64_t fewest = cost_decides && bake_rays_[s] > k_costly_bake_rays ? uint64_t(bake_rays_[s]) : 0;
     left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, std::max(fewest, fewest_answers));
     own_to_rays_[s] = fields_[s] && leaves_own_to_rays(survey.uses[s]);
   }

@@ -31,8 +31,9 @@ struct FieldPlan {
   size_t most_fields = std::numeric_limits<size_t>::max();
   bool read_cache = true;
   // Light samples of the whole picture, towards all lights. A shape whose bake would cost more rays (and is costly at
-  // all: hybrid/bake_estimate.h) is left to exact rays, for its field cannot answer as many.
+  // all: hybrid/bake_estimate.h) is left to exact rays, for its field cannot answer as many. Infinite: none is.
   double light_samples = std::numeric_limits<double>::infinity();
+  bool for_hits = false;  // fields answer glossy rays: all shapes have one, whatever their shadow rays gain
 };
 
 // The budget of fields where none is asked for: half of the machine's memory.
@@ -45,7 +46,8 @@ class FieldSet {
            bool wanted);
 
   bool empty() const { return count_ == 0; }
-  std::vector<Field*> pointers() const;  // by shape; null: exact rays
+  std::vector<Field*> pointers() const;      // by shape, for shadow rays; null: exact rays
+  std::vector<Field*> hit_pointers() const;  // by shape, for glossy rays; null: exact rays
   // By shape: not 0 where the field is not asked about receivers on the object itself.
   const std::vector<uint8_t>& own_to_rays() const { return own_to_rays_; }
   // Leaves objects to exact rays, as the counts of a survey say; those with a costly bake if their answers would not

@@ -15,6 +15,11 @@
 
 namespace fieldtrace {
 
+// Whether certified hits are to answer glossy rays: by request, or where meshes are large and these rays more than the
+// bake of all fields of `parameters` would take. camera_samples: of the film.
+bool wants_hits(const Scene& scene, std::span<const ShapeTraits> traits, const TransportSettings& settings,
+                const RenderOptions& options, const FieldParameters& parameters, uint64_t camera_samples);
+
 // All must outlive the stage.
 struct GlossyInput {
   const Scene& scene;
@@ -24,7 +29,7 @@ struct GlossyInput {
   const std::shared_ptr<const LightTable>& lights;
   const TransportSettings& settings;
   const RenderOptions& options;
-  const std::vector<Field*>& fields;  // by shape; null: exact rays
+  const std::vector<Field*>& hit_fields;  // by shape; null: no certified hits
   uint64_t camera_samples = 0;        // of the film
   uint64_t most_picture_bytes = 0;
 };
@@ -38,8 +43,8 @@ class GlossyStage {
   const HitAnswerer* hits() const { return hits_.get(); }     // null: no certified hits
 
  private:
-  void make_hits(const GlossyInput& input, uint64_t most_rays);
-  void make_pictures(const GlossyInput& input, uint64_t most_rays);
+  void make_hits(const GlossyInput& input);
+  void make_pictures(const GlossyInput& input);
 
   std::unique_ptr<HitAnswerer> hits_;
   // Radiance is shaded by exact rays: receivers all over an object would have its field baked for few rays each.

@@ -1,7 +1,7 @@
 // Answers glossy rays by certified nearest hits of fields: a miss, or a surface known within an error that is small
 // against the lobe's footprint. What no certificate settles, and all rays that are not glossy, are traced.
 //
-// All objects with fields that a ray's ball test admits are asked, each within the distance of what is nearest so far,
+// Objects with fields whose ball a ray meets are asked front to back, until the nearest hit lies before the next ball,
 // and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Objects
 // without fields are traced. An answer depends on the ray, the scene and the settings alone.
 // Thread-safety: const functions may be called from any number of threads, each with a workspace of its own; fields
@@ -44,6 +44,7 @@ struct HitWorkspace {
   AlignedVector<uint32_t> instance;
   AlignedVector<float> limit;
   HitBatch others, found;
+  std::vector<uint32_t> front_to_back;
   std::vector<HitAnswers> answers;  // by object
   HitUnknowns unknowns;
   SomeRays some;
@@ -59,6 +60,9 @@ class HitAnswerer {
 
   // Instances of shapes with fields; none if they are too many. fields[s] is that of shape s, or null.
   static std::vector<uint32_t> suited_instances(const Scene& scene, const std::vector<Field*>& fields);
+
+  // Below this number of triangles a ray costs no more than the look-ups (docs/decisions/016-certified-hits.md).
+  static constexpr size_t k_fewest_triangles = 1000000;
 
   // Rays that fields of these parameters will have baked for hits from all about.
   static double estimated_bake_rays(const FieldParameters& parameters);
@@ -79,16 +83,19 @@ class HitAnswerer {
   enum class Verdict { miss, hit, ask };
   struct Nearest;
 
+  void choose_asked(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
+                    HitWorkspace& work) const;
+  void settle(std::span<const PathState> paths, HitBatch& hits, HitWorkspace& work, Stats& stats) const;
   void ask(HitWorkspace& work, Stats& stats) const;
   void bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const;
-  Nearest put_together(const HitWorkspace& work, size_t j, float blur) const;
+  Nearest put_together(const HitWorkspace& work, size_t j, float alpha) const;
   void check_answers(std::span<const PathState> paths, HitWorkspace& work, Stats& stats) const;
   bool is_wrong(const HitWorkspace& work, size_t j, const Nearest& nearest, float alpha) const;
 
   const Scene& scene_;
   const Accel& accel_;
   const SegmentKernels& kernels_;
-  float blur_;  // tangent that an error may take, for each unit of alpha
+  float tolerance_;
   bool check_;
   std::vector<Object> objects_;
   std::vector<uint8_t> is_object_;  // by instance

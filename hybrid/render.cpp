@@ -113,18 +113,6 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   return s;
 }
 
-FieldPlan first_plan(const Scene& scene, std::span<const ShapeTraits> traits, const RenderOptions& options,
-                     uint64_t rays_per_light) {
-  FieldPlan plan;
-  plan.parameters = choose_resolution(scene, traits, rays_per_light);
-  if (options.directions) plan.parameters.directions = options.directions;
-  if (options.plane) plan.parameters.plane = options.plane;
-  // Where fields alone answer, or are asked by request, none is left out.
-  if (options.leave_to_rays && !options.force_ask && options.tolerance < 1.0f)
-    plan.light_samples = double(rays_per_light) * double(scene.emitters.size());
-  return plan;
-}
-
 // The cache of `options`, null where there is none or nothing is kept in it.
 std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const WarningSink& warning) {
   if (options.field_cache.empty() || no_fields) return nullptr;
@@ -196,6 +184,23 @@ struct Stage {
   std::vector<ShapeTraits> traits;
   std::shared_ptr<const LightTable> lights;
 };
+
+FieldPlan first_plan(const Picture& picture, const Stage& stage) {
+  const Scene& scene = picture.scene;
+  const RenderOptions& options = picture.options;
+  FieldPlan plan;
+  plan.parameters = choose_resolution(scene, stage.traits, picture.rays_per_light());
+  if (options.directions) plan.parameters.directions = options.directions;
+  if (options.plane) plan.parameters.plane = options.plane;
+  // Where fields alone answer, or are asked by request, and where cells of some size are asked for, none is left out for
+  // what it costs.
+  const bool by_request = options.force_ask || options.directions || options.plane;
+  if (options.leave_to_rays && !by_request && options.tolerance < 1.0f)
+    plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
+  plan.for_hits =
+      wants_hits(scene, stage.traits, picture.settings, options, plan.parameters, picture.film_samples());
+  return plan;
+}
 
 // Everything that the tiles of one attempt share.
 struct Job {
@@ -316,11 +321,11 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   settings.own_to_rays = fields.own_to_rays();
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
-  const std::vector<Field*> pointers = fields.pointers();
+  const std::vector<Field*> hit_fields = fields.hit_pointers();
   std::optional<GlossyStage> glossy;
   if (picture.wants_fields) {
     glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
-                               options, pointers, picture.film_samples(), picture.field_memory / k_picture_share});
+                               options, hit_fields, picture.film_samples(), picture.field_memory / k_picture_share});
     context.lobes = glossy->lobes();
     context.hits = glossy->hits();
   }
@@ -400,7 +405,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       render_by_thesis(picture, stage, result);
       return;
     }
-    FieldPlan plan = first_plan(scene, stage.traits, options, picture.rays_per_light());
+    FieldPlan plan = first_plan(picture, stage);
     while (!attempt(picture, stage, plan, result)) {
     }
   });

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "core/image.h"
+#include "hybrid/aovs.h"
 #include "program.h"
 #include "tools/options.h"
 
@@ -131,6 +132,7 @@ TEST(RenderOptionsText, ValuesOutOfRangeNameTheOption) {
       {"--chart", {"pie"}},
       {"--max-depth", {"-2"}},
       {"--aov", {"beauty", "depth,beauty"}},
+      {"--field-hits", {"sometimes"}},
       {"--field-memory", {"0", "-1", "1.5", "1e3", "1000000000001"}},
       {"--field-cache-limit", {"0", "x"}},
       {"--ao-distance", {"0", "-1", "nan", "1e-60", "1x", ""}},
@@ -174,6 +176,9 @@ TEST(RenderOptionsText, ValuesInRangeArrive) {
   EXPECT_EQ(o.chart, Chart::thesis);
   EXPECT_EQ(o.aovs, (std::vector<std::string>{"depth", "normal"}));
   EXPECT_EQ(o.ao_distance, k_infinity);
+  for (const std::string& name : aov_names()) EXPECT_EQ(complaint({"--aov", name}, o), "");
+  EXPECT_EQ(complaint({"--field-hits", "never"}, o), "");
+  EXPECT_EQ(o.field_hits, FieldHits::never);
   EXPECT_EQ(complaint({"--aov", "ao", "--ao-distance", "2.5"}, o), "");
   EXPECT_EQ(o.ao_distance, 2.5f);
   EXPECT_EQ(complaint({"--ao-distance", "inf"}, o), "");

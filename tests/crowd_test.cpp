@@ -64,6 +64,7 @@ TEST(Crowd, IsLeftToRaysWhereItsFieldsCannotPay) {
   const RenderResult exact = render(scene, o);
   o.method = Method::hybrid;
   o.leave_to_rays = true;
+  o.directions = o.plane = 0;
   const RenderResult left = render(scene, o);
   EXPECT_GT(left.stats.field_left_to_rays, 0u);
   EXPECT_EQ(left.stats.field_objects, 0u);
@@ -71,6 +72,9 @@ TEST(Crowd, IsLeftToRaysWhereItsFieldsCannotPay) {
   EXPECT_EQ(left.stats.survey_rays, 0u);
   EXPECT_EQ(left.image.data, exact.image.data);
   o.tolerance = 1.0f;  // fields alone
+  EXPECT_EQ(render(scene, o).stats.field_left_to_rays, 0u);
+  o.tolerance = 0.1f;
+  o.plane = 64;  // cells of some size, by request
   EXPECT_EQ(render(scene, o).stats.field_left_to_rays, 0u);
 }
 

@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "core/scene_xml.h"
+#include "hybrid/aovs.h"
 #include "tools/command.h"
 #include "tools/progress.h"
 
@@ -156,8 +157,9 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
                                                   {"sse4", Isa::sse4},
                                                   {"avx2", Isa::avx2},
                                                   {"avx512", Isa::avx512}};
-  static const std::vector<std::string> aovs = {"albedo",     "normal", "depth",  "position",
-                                                "visibility", "exact",  "object", "ao"};
+  static const std::map<std::string, FieldHits> hits = {
+      {"auto", FieldHits::automatic}, {"always", FieldHits::always}, {"never", FieldHits::never}};
+  static const std::vector<std::string> aovs = aov_names();
   const auto whole = [&](const char* name, int& target, int64_t least, int64_t most, const char* help) {
     command.add_option(name, target, help)->check(whole_number_between(least, most))->type_name("N");
   };
