@@ -154,6 +154,13 @@ struct Rect {
   int x = 0, y = 0, width = 0, height = 0;
 };
 
+// Whether `inner` has pixels, all of them in `outer`.
+constexpr bool is_inside(const Rect& inner, const Rect& outer) {
+  return inner.width >= 1 && inner.height >= 1 && inner.x >= outer.x && inner.y >= outer.y &&
+         int64_t(inner.x) + inner.width <= int64_t(outer.x) + outer.width &&
+         int64_t(inner.y) + inner.height <= int64_t(outer.y) + outer.height;
+}
+
 struct Film {
   int width = 768, height = 576;
   Rect crop;  // always set; the whole film by default

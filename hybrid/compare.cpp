@@ -61,10 +61,10 @@ struct Sums {
   double rmse() const { return std::sqrt(squared / double(values)); }
 };
 
-Sums sum_block(const Image& image, const Image& reference, const ChannelPairs& pairs, int x0, int y0) {
+Sums sum_block(const Image& image, const Image& reference, const ChannelPairs& pairs, const Rect& block) {
   Sums sums;
-  for (int y = y0; y < std::min(y0 + k_difference_block, image.height); ++y) {
-    for (int x = x0; x < std::min(x0 + k_difference_block, image.width); ++x) {
+  for (int y = block.y; y < block.y + block.height; ++y) {
+    for (int x = block.x; x < block.x + block.width; ++x) {
       const float* a = image.pixel(x, y);
       const float* b = reference.pixel(x, y);
       for (const auto& [ca, cb] : pairs) sums.add(a[ca], b[cb]);
@@ -75,20 +75,25 @@ Sums sum_block(const Image& image, const Image& reference, const ChannelPairs& p
 
 }  // namespace
 
-ImageDifference compare_images(const Image& image, const Image& reference) {
+ImageDifference compare_images(const Image& image, const Image& reference, const std::optional<Rect>& window) {
   if (image.width != reference.width || image.height != reference.height) {
     const auto size = [](const Image& i) { return std::to_string(i.width) + "x" + std::to_string(i.height); };
     throw Error("the image is " + size(image) + " and the reference " + size(reference) +
                 " pixels; render both at one size");
   }
   const ChannelPairs pairs = channels_to_compare(image, reference);
-  if (image.width <= 0 || image.height <= 0 || pairs.empty()) throw Error("there are no pixels to compare");
+  const Rect all = {0, 0, image.width, image.height};
+  const Rect w = window.value_or(all);
+  if (w.width <= 0 || w.height <= 0 || pairs.empty()) throw Error("there are no pixels to compare");
+  if (!is_inside(w, all)) throw Error("the window to compare is not inside the images");
 
   ImageDifference result;
   Sums total;
-  for (int y = 0; y < image.height; y += k_difference_block) {
-    for (int x = 0; x < image.width; x += k_difference_block) {
-      const Sums block = sum_block(image, reference, pairs, x, y);
+  const int end_x = w.x + w.width, end_y = w.y + w.height;
+  for (int y = w.y; y < end_y; y += k_difference_block) {
+    for (int x = w.x; x < end_x; x += k_difference_block) {
+      const Rect part = {x, y, std::min(k_difference_block, end_x - x), std::min(k_difference_block, end_y - y)};
+      const Sums block = sum_block(image, reference, pairs, part);
       const double rmse = block.rmse();
       // A block that is not a number is the worst that can be; the first such block is reported.
       const bool worse = std::isnan(rmse) ? !std::isnan(result.worst_block_rmse) : rmse > result.worst_block_rmse;

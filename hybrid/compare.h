@@ -7,9 +7,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "core/image.h"
+#include "core/scene.h"
 
 namespace fieldtrace {
 
@@ -34,7 +36,8 @@ struct ImageDifference {
   uint64_t not_finite = 0;  // values of either image that are NaN or infinite
 };
 
-// Throws Error if the sizes differ, if there are no pixels, or if there are no channels to compare.
-ImageDifference compare_images(const Image& image, const Image& reference);
+// Compares the pixels of `window`, all without one; blocks begin at its upper left pixel. Throws Error if the sizes
+// differ, if there are no pixels, if there are no channels to compare, or if the window is not inside the images.
+ImageDifference compare_images(const Image& image, const Image& reference, const std::optional<Rect>& window = {});
 
 }  // namespace fieldtrace

@@ -66,10 +66,7 @@ Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
       film.crop.width > 0 && film.crop.height > 0 ? film.crop : Rect{0, 0, film.width, film.height};
   if (!requested) return film_window;
   const Rect& r = *requested;
-  const bool inside = r.width >= 1 && r.height >= 1 && r.x >= film_window.x && r.y >= film_window.y &&
-                      int64_t(r.x) + r.width <= int64_t(film_window.x) + film_window.width &&
-                      int64_t(r.y) + r.height <= int64_t(film_window.y) + film_window.height;
-  if (!inside) {
+  if (!is_inside(r, film_window)) {
     throw UsageError("the crop window " + std::to_string(r.x) + "," + std::to_string(r.y) + "," +
                      std::to_string(r.width) + "," + std::to_string(r.height) + " must lie within the film's " +
                      std::to_string(film_window.x) + "," + std::to_string(film_window.y) + "," +

@@ -232,9 +232,9 @@ TEST(Crop, LiesInsideTheFilmOrIsRefused) {
   film.crop = {4, 0, 28, 24};
   for (const char* crop : {"4,0,29,24", "5,0,28,24", "3,0,8,8", "4,-1,8,8", "4,0,0,8", "4,0,8", "4,0,8,8,8", "a,0,8,8",
                            "", ",,,", "4,0,8,8x", "2147483647,0,2147483647,8"}) {
-    EXPECT_THROW(parse_crop(crop, film), UsageError) << crop;
+    EXPECT_THROW(parse_crop(crop, film.crop, "film"), UsageError) << crop;
   }
-  const Rect crop = parse_crop("4,2,28,22", film);
+  const Rect crop = parse_crop("4,2,28,22", film.crop, "film");
   EXPECT_EQ(crop.x, 4);
   EXPECT_EQ(crop.y, 2);
   EXPECT_EQ(crop.width, 28);

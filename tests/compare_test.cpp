@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -114,6 +115,30 @@ TEST(Compare, MismatchesAreErrors) {
   EXPECT_THROW(compare_images(filled(4, 4, 0, {"Y"}), filled(4, 4, 0, {"Y", "A"})), Error);
   EXPECT_THROW(compare_images(Image{}, Image{}), Error);
   EXPECT_EQ(compare_images(filled(4, 4, 1, {"Y"}), filled(4, 4, 1, {"Y"})).rmse, 0.0);
+}
+
+TEST(Compare, AWindowIsComparedAsIfItWereAll) {
+  const Image a = noisy(70, 50, 6), b = noisy(70, 50, 7);
+  const Rect window = {9, 21, 37, 20};
+  const auto cut = [&](const Image& image) {
+    Image part = filled(window.width, window.height, 0.0f);
+    for (int y = 0; y < window.height; ++y) {
+      for (int x = 0; x < window.width; ++x) {
+        std::copy_n(image.pixel(window.x + x, window.y + y), 3, part.pixel(x, y));
+      }
+    }
+    return part;
+  };
+  const ImageDifference d = compare_images(a, b, window), expected = compare_images(cut(a), cut(b));
+  EXPECT_EQ(d.rmse, expected.rmse);
+  EXPECT_EQ(d.relmse, expected.relmse);
+  EXPECT_EQ(d.bias, expected.bias);
+  EXPECT_EQ(d.worst_block_rmse, expected.worst_block_rmse);
+  EXPECT_EQ(d.worst_block_x, expected.worst_block_x + window.x);
+  EXPECT_EQ(d.worst_block_y, expected.worst_block_y + window.y);
+  for (const Rect& bad : {Rect{0, 0, 71, 50}, Rect{-1, 0, 5, 5}, Rect{0, 45, 5, 6}, Rect{3, 3, 0, 4}}) {
+    EXPECT_THROW(compare_images(a, b, bad), Error);
+  }
 }
 
 }  // namespace

@@ -111,7 +111,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   const double load_seconds = seconds_since(start);
 
   RenderOptions options = arguments.options;
-  if (!arguments.crop.empty()) options.crop = parse_crop(arguments.crop, scene.film);
+  if (!arguments.crop.empty()) options.crop = parse_crop(arguments.crop, scene.film.crop, "film");
   RenderCallbacks callbacks;
   callbacks.progress = [&progress](float share, const char* stage) { progress.update(share, stage); };
   callbacks.warning = print_warnings(progress);

@@ -239,7 +239,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->type_name("N");
 }
 
-Rect parse_crop(const std::string& text, const Film& film) {
+Rect parse_crop(const std::string& text, const Rect& whole, const std::string& of) {
   Rect crop;
   int* const fields[4] = {&crop.x, &crop.y, &crop.width, &crop.height};
   size_t begin = 0;
@@ -250,13 +250,9 @@ Rect parse_crop(const std::string& text, const Film& film) {
     *fields[i] = *value;
     begin = end + 1;
   }
-  const Rect& f = film.crop;
-  const bool inside = crop.width > 0 && crop.height > 0 && crop.x >= f.x && crop.y >= f.y &&
-                      int64_t(crop.x) + crop.width <= int64_t(f.x) + f.width &&
-                      int64_t(crop.y) + crop.height <= int64_t(f.y) + f.height;
-  if (!inside) {
-    throw UsageError(
-        fmt::format("--crop {}: not inside the film, which covers {},{},{},{}", text, f.x, f.y, f.width, f.height));
+  if (!is_inside(crop, whole)) {
+    throw UsageError(fmt::format("--crop {}: not inside the {}, which covers {},{},{},{}", text, of, whole.x, whole.y,
+                                 whole.width, whole.height));
   }
   return crop;
 }

@@ -20,7 +20,8 @@ class Peer:
         self.said = tempfile.TemporaryFile(mode="w+")
         self.process = subprocess.Popen([python, str(worker), settings], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                         stderr=self.said, text=True)
-        self.version = self._answer()["version"]
+        about = self._answer()
+        self.version, self.denoises = about["version"], about["denoises"]
 
     def __enter__(self):
         return self

@@ -4,8 +4,9 @@ compiling kernels happen once and are left out. Run by measure.py with a Python 
 
 Reads one JSON object a line from stdin, {"spp", "seed", "integrator", "picture"}; answers with one, {"seconds"}. The
 seconds mean something only where `picture` is null. The
-integrator is "path" (max_depth 2: one light sample and one sample of the material per camera sample, weighted) or
-"direct" (one light sample only, as Fieldtrace's own for diffuse surfaces).
+integrator is "path" (max_depth 2: one light sample and one sample of the material per camera sample, weighted),
+"direct" (one light sample only, as Fieldtrace's own for diffuse surfaces), "path:N" (max_depth N), or "denoised:N": that
+with Open Image Denoise behind it (the package pyoidn), which sees albedo and shading normal too; its time counts.
 """
 
 import json
@@ -26,20 +27,37 @@ def main():
     for folder in folders:
         mi.file_resolver().append(folder)
     scene = mi.load_file(scene_file, **defines)
-    integrators = {
-        "path": mi.load_dict({"type": "path", "max_depth": 2}),
-        "direct": mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}),
-    }
+    try:
+        import numpy
+        import pyoidn
+    except ImportError:
+        pyoidn = None
+    integrators = {"direct": mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": 0})}
+
+    def integrator_for(name):
+        if name not in integrators:
+            kind, _, depth = name.partition(":")
+            path = {"type": "path", "max_depth": int(depth or 2)}
+            layers = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "path": path}
+            integrators[name] = mi.load_dict(layers if kind == "denoised" else path)
+        return integrators[name]
+
+    def denoised(picture):
+        layers = numpy.ascontiguousarray(numpy.array(picture), dtype=numpy.float32)
+        colour, albedo, normal = (numpy.ascontiguousarray(layers[:, :, i:i + 3]) for i in (0, 3, 6))
+        return pyoidn.denoise(colour, albedo=albedo, normal=normal, hdr=True)
 
     def render(spp, seed, integrator):
         begin = time.perf_counter()
-        picture = mi.render(scene, spp=spp, seed=seed, integrator=integrators[integrator])
+        picture = mi.render(scene, spp=spp, seed=seed, integrator=integrator_for(integrator))
         dr.eval(picture)
         dr.sync_thread()
+        if integrator.startswith("denoised"):
+            picture = denoised(picture)
         return picture, time.perf_counter() - begin
 
     compiled = set()
-    print(json.dumps({"version": mi.__version__}), file=answers, flush=True)
+    print(json.dumps({"version": mi.__version__, "denoises": pyoidn is not None}), file=answers, flush=True)
     for line in sys.stdin:
         job = json.loads(line)
         kernel = (job["spp"], job["integrator"])

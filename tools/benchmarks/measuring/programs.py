@@ -118,15 +118,16 @@ class Programs:
             temporary.rename(path)
         return path
 
-    def compare(self, picture, reference):
-        """The figures of `fieldtrace compare`."""
-        return json.loads(run([self.program, "compare", picture, reference, "--json"]))
+    def compare(self, picture, reference, crop=None):
+        """The figures of `fieldtrace compare`, within `crop` (X,Y,W,H) if given."""
+        window = ["--crop", ",".join(map(str, crop))] if crop else []
+        return json.loads(run([self.program, "compare", picture, reference, "--json", *window]))
 
-    def error(self, shot, reference, cache=None):
+    def error(self, shot, reference, cache=None, crop=None):
         """RMSE of a shot against a reference, and the shot's statistics."""
         picture = self.work / "picture.exr"
         stats = self.render(shot, picture=picture, cache=cache)
-        return self.compare(picture, reference)["rmse"], stats
+        return self.compare(picture, reference, crop)["rmse"], stats
 
     def mesh(self, name, words):
         """A mesh made by `fieldtrace mesh` once for all runs; `words` as a string."""

@@ -33,6 +33,7 @@ ROWS = [
     Row(14, "threads", rows_frame.threads),
     Row(15, "glossy", rows_glossy.glossy),
     Row(16, "glossy-converged", rows_glossy.glossy_converged),
+    Row(17, "reflection", rows_glossy.reflection),
 ]
 
 

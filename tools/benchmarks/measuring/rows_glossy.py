@@ -1,17 +1,25 @@
 """Rows about glossy reflection.
 
-Error is that of the lobe samples alone, as in rows_error: references have the same camera rays and many times the lobe
-samples.
+In the first two, error is that of the lobe samples alone, as in rows_error: references have the same camera rays and
+many times the lobe samples. In the last it is that of the whole frame, as in rows_peer.
 """
 
+import contextlib
+
 from .context import AT_LEAST, AT_MOST, Figure, RowResult
-from .programs import frame_seconds
-from .search import fewest
+from .peer import Peer
+from .programs import BenchmarkError, frame_seconds
+from .rows_peer import OTHER_SEED, against, frame_notes
+from .search import fewest, staircase
 from .timing import in_turn, ratio, summary
 
 REFERENCE_FACTOR = 16
 IDENTICAL_DB = 200.0  # stands for the PSNR of a picture against itself
 SAMPLES = 64
+# Of scenes/reflection_1.xml: depth of its paths, and the part of the film (x, y, width, height) that the hyperboloid
+# fills.
+REFLECTION_DEPTH = 4
+REFLECTOR = (0.2, 0.3, 0.2, 0.4)
 
 
 def lobes(shot, count, *options):
@@ -75,3 +83,72 @@ def glossy_converged(context):
         figures.append(Figure(f"tolerance {tolerance}: PSNR", psnr, AT_LEAST, target, "dB",
                               {**found, "command": programs.last_command}))
     return RowResult(figures)
+
+
+def our_jobs(context, shot, reference, crop, aim):
+    """Each of our methods at its quickest pair of camera and lobe samples for the error: {name: (job, details)}."""
+    programs = context.programs
+    jobs = {}
+    for method in ("montecarlo", "hybrid"):
+        def measure(spp, count, method=method):
+            error, stats = programs.error(lobes(shot.with_(method=method, spp=spp), count), reference, crop=crop)
+            context.log(f"  {method}, {spp} x {count}: RMSE {error:.5f}, {frame_seconds(stats):.3f} s")
+            return error, frame_seconds(stats)
+
+        reached = staircase(measure, aim, 16 if context.quick else 64, 8 if context.quick else 64)
+        if reached:
+            spp, count = reached[0]["spp"], reached[0]["light_samples"]
+            best = lobes(shot.with_(method=method, spp=spp), count)
+            jobs[method] = (lambda best=best: frame_seconds(programs.render(best)),
+                            {"spp": spp, "lobe_samples": count, "rmse": reached[0]["rmse"]})
+    return jobs
+
+
+def peer_jobs(context, peer, reference, crop, aim):
+    """Mitsuba's paths at the fewest samples for the error, as they are and denoised: {name: (job, details)}."""
+    picture = context.programs.work / "peer.exr"
+    jobs = {}
+    for kind in ("path", "denoised") if peer.denoises else ("path",):
+        integrator = f"{kind}:{REFLECTION_DEPTH}"
+
+        def error_of(spp, integrator=integrator):
+            peer.render(spp, seed=1, integrator=integrator, picture=picture)
+            error = context.programs.compare(picture, reference, crop)["rmse"]
+            context.log(f"  {peer.variant} {integrator}, {spp} samples: RMSE {error:.5f}")
+            return error
+
+        spp, errors = fewest(error_of, aim, 16)
+        if spp is not None:
+            jobs[kind] = (lambda spp=spp, integrator=integrator: peer.render(spp, integrator=integrator),
+                          {"spp": spp, "rmse": errors[spp]})
+    return jobs
+
+
+def reflection(context):
+    """A hyperboloid of rough metal (GGX .2) mirrors a supershape: the frame to an RMSE of .01 on the hyperboloid."""
+    programs = context.programs
+    meshes = (("hyperboloid", programs.mesh("hyperboloid", "hyperboloid")),
+              ("supershape", programs.mesh("supershape6", "supershape --m 6")))
+    shot = context.shot("reflection_1.xml", 512, meshes, light_samples=1)
+    size = dict(shot.defines)["resolution"]
+    crop = [int(share * size) for share in REFLECTOR]
+    aim = 0.1 if context.quick else 0.01
+    reference = programs.reference(lobes(shot.with_(spp=context.samples(64), seed=OTHER_SEED), 64))
+    methods, notes = {}, frame_notes(context)
+    with contextlib.ExitStack() as stack:
+        jobs = our_jobs(context, shot, reference, crop, aim)
+        if not context.peer_missing:
+            try:
+                peer = stack.enter_context(Peer(context.peer_python, "llvm_ad_rgb", shot.scene, shot.defines))
+                jobs.update(peer_jobs(context, peer, reference, crop, aim))
+                if not peer.denoises:
+                    notes.append("Denoising left out: --peer-python lacks the package pyoidn")
+            except BenchmarkError as e:
+                notes.append(f"Mitsuba left out: {e}")
+        for name, seconds in in_turn({name: job for name, (job, _) in jobs.items()}, context.repeats).items():
+            methods[name] = {**jobs[name][1], "seconds": summary(seconds)}
+    figures = [Figure("own Monte Carlo / hybrid", against(methods, ["montecarlo"]), None, None, "x", methods)]
+    if not context.peer_missing:
+        figures.append(Figure("Mitsuba / hybrid", against(methods, ["path"]), AT_LEAST, 8.0, "x"))
+        figures.append(Figure("Mitsuba, denoised / hybrid", against(methods, ["denoised"]), AT_LEAST, 1.5, "x"))
+    return RowResult(figures, notes)
