@@ -66,6 +66,19 @@ Microfacet microfacet_of(const Bsdf& bsdf) {
 
 }  // namespace
 
+bool is_textured(const Scene& scene, uint32_t bsdf) {
+  const auto varies = [&](uint32_t texture) {
+    return texture != k_none && scene.textures[texture].kind != TextureKind::constant;
+  };
+  for (uint32_t b = bsdf; b != k_none; b = scene.bsdfs[b].back) {
+    const Bsdf& side = scene.bsdfs[b];
+    for (const uint32_t texture : {side.reflectance, side.transmittance, side.diffuse_reflectance, side.opacity}) {
+      if (varies(texture)) return true;
+    }
+  }
+  return false;
+}
+
 Material resolve_material(const Scene& scene, uint32_t index, const Vec2& uv, float cos_wi) {
   const Bsdf* bsdf = &scene.bsdfs[index];
   Material m;

@@ -57,6 +57,9 @@ struct BsdfSample {
 // normal; a two-sided Bsdf takes its back side's material where the cosine is negative.
 Material resolve_material(const Scene& scene, uint32_t bsdf, const Vec2& uv, float cos_wi);
 
+// Whether resolve_material() looks at uv: some texture of the Bsdf or of its back side is not constant.
+bool is_textured(const Scene& scene, uint32_t bsdf);
+
 // The albedo shown as an AOV, times the opacity: diffuse albedo (plastics too), base colour, specular reflectance
 // (times Fresnel at normal incidence for conductors); zero for dark materials.
 Rgb material_albedo(const Material& material);

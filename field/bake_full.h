@@ -1,4 +1,4 @@
-// Baking a whole field ahead of rendering: every slice that a query can reach, and every coverage tile.
+// Baking a whole field ahead of rendering: every slice that a shadow ray can reach, and every coverage tile.
 //
 // A visibility cell is reached by lines that point up only (a line and its reverse share a cell), and feet and depths
 // lie within the unit ball: the rest of the octahedral square, and the corners of the plane, are never looked up.

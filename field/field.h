@@ -21,7 +21,7 @@
 
 namespace fieldtrace {
 
-// The layers of cells, each baked by demand. `primitive` is read where a depth cell's sheet is a hit that will be shaded.
+// The layers of cells, each baked by demand. `primitive` is read where a depth cell's sheet answers a nearest query.
 enum class FieldLayer { visibility, depth, primitive };
 inline constexpr int k_field_layers = 3;
 

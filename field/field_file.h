@@ -5,7 +5,7 @@
 //   visibility    the byte of a visibility cell
 //   depth_normal  depth, bits 0-15, and octahedral normal, 16-31
 //   certificate   kind, risk class, error bound
-//   primitive     triangle that the line through the cell's centre meets, -1 for none; only where hits were shaded
+//   primitive     triangle that the line through the cell's centre meets, -1 for none; only where hits needed it
 //   coverage      lines of coverage tiles (field/coverage_grid.h)
 // the first four with the bits of field/layout.hd.h. Of these, one leaf of 8^3 voxels is one brick. The brick of
 // direction brick (U, V), U and V in [0, D/4), and plane brick (A, B), A in [0, N/4), B in [0, N/8), is the leaf of

@@ -1,4 +1,4 @@
-// What a field says of a batch of rays about the nearest surface of its object, and what it lacks to say so.
+// What a field is asked about the nearest surface of its object along rays, what it says, and what it lacks to say so.
 //
 // Memory layout: structures of arrays, padded like RayBatch. Thread-safety: values.
 #pragma once
@@ -11,17 +11,31 @@
 
 namespace fieldtrace {
 
-// Of one object, in world space; t in units of the rays' directions. What lies beyond a ray's limit is not told.
-struct HitAnswers {
-  AlignedVector<int32_t> verdict;    // k_verdict_none, _clear, _ask or _blocked: a hit (field/query.hd.h)
-  AlignedVector<float> entry;        // where the ray enters the object's ball; unspecified for none
-  AlignedVector<float> t, error;     // of a hit, and the bound on its error
-  AlignedVector<float> bend;         // of a hit: that error bound, taken along the normal, in half widths of its cell
-  AlignedVector<float> nx, ny, nz;   // of a hit: unit normal of its sheet, on the side that the ray comes from
-  AlignedVector<int32_t> primitive;  // of a hit: a triangle near it; -1: none is known
+// World space; rays are unit and endless, those with tmax < 0 inactive.
+struct HitQueries {
+  RayBatch rays;
+  AlignedVector<uint32_t> instance;  // that the ray leaves
+  AlignedVector<float> limit;        // what lies beyond this distance does not matter
+  AlignedVector<float> most_error;   // of a hit's distance, for each unit of the distance
+  AlignedVector<float> most_bend;    // by which its normal may differ from the surface's, about: a tangent
 
   void resize(size_t n) {
-    for (auto* v : {&entry, &t, &error, &bend, &nx, &ny, &nz}) v->resize(padded(n));
+    rays.resize(n);
+    instance.assign(padded(n), 0xffffffffu);
+    for (auto* v : {&limit, &most_error, &most_bend}) v->assign(padded(n), 0.0f);
+  }
+};
+
+// Of one object, in world space.
+struct HitAnswers {
+  AlignedVector<int32_t> verdict;    // k_verdict_none (nothing within the limit), _clear, _ask or _blocked: a hit
+  AlignedVector<float> from;         // of ask and hits: nothing of the object lies before this distance
+  AlignedVector<float> t, error;     // of a hit, and the bound on its error
+  AlignedVector<float> nx, ny, nz;   // of a hit: unit normal of its sheet, on the side that the ray comes from
+  AlignedVector<int32_t> primitive;  // of a hit: a triangle near it
+
+  void resize(size_t n) {
+    for (auto* v : {&from, &t, &error, &nx, &ny, &nz}) v->resize(padded(n));
     for (auto* v : {&verdict, &primitive}) v->resize(padded(n));
   }
 };

@@ -21,6 +21,9 @@
 
 FT_LANES_BEGIN
 
+constexpr int k_none_found = k_no_primitive - k_first_primitive;
+constexpr int k_not_baked = -k_first_primitive;
+
 template <class F>
 struct NearestAnswer {
   // k_verdict_clear: a miss; k_verdict_blocked: a hit; k_verdict_none, _ask, _unknown_* as for segments.
@@ -29,8 +32,10 @@ struct NearestAnswer {
   F error;              // bound on its error, unit space
   F bend;               // the sheet's error bound in half widths of its cell: how far the surface's normals may differ
   Vec3Lanes<F> normal;  // of the sheet, unit, unit space, on the side that the ray comes from
-  Int_t<F> primitive;   // triangle met by the line through the cell's centre; -1: none
-  Int_t<F> slice;       // the slice to bake where the verdict is unknown_*
+  // Of a hit: the triangle met by the line through the cell's centre; k_none_found: it meets none; k_not_baked: the
+  // primitive layer's slice is to be baked first.
+  Int_t<F> primitive;
+  Int_t<F> slice;       // of a hit its cell's; else the slice to bake where the verdict is unknown_*
   Int_t<F> lookups;     // cells read
 };
 
@@ -86,12 +91,14 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     result.slice = select(first.unknown, first.slice, result.slice);
     conclude(open & first.unknown, k_verdict_unknown_depth);
     conclude(open & first.miss, k_verdict_clear);
-    const F cosine = max(abs(dot(first.view.normal, segment.direction)), splat<F>(0x1p-20f));
+    const F facing = zero - dot(first.view.normal, segment.direction);
+    const F cosine = max(facing, splat<F>(0x1p-20f));
     const F error = first.view.error / cosine;
     const F distance = dot(anchor - segment.origin, segment.direction) - first.back;
     // A sheet within the error bound of the origin may lie on either side of it.
     Mask_t<F> ahead =
         open & first.decided & first.view.solid & (and_not(inside, open) | (first.view.distance > first.view.error));
+    ahead = ahead & (facing > splat<F>(0x1p-20f));  // a sheet along the ray is no surface that it can tell a distance to
     if (policy.answer_all) ahead = open & first.decided & (distance >= zero);
     const F slack = policy.answer_all ? zero : error;
     const Mask_t<F> hit = ahead & (distance + slack <= segment.length);
@@ -102,10 +109,8 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
                      select(hit, first.view.normal.z, zero)};
     const Int_t<F> primitive = gather(field.primitive, select(hit, first.view.primitive_cell, i_zero));
     result.primitive = select(hit, primitive - splat_int<F>(k_first_primitive), i_zero);
-    const Mask_t<F> not_baked = hit & (primitive == i_zero);
-    result.slice = select(not_baked, first.view.slice, result.slice);
-    conclude(not_baked, k_verdict_unknown_primitive);
-    conclude(and_not(not_baked, hit), k_verdict_blocked);
+    result.slice = select(hit, first.view.slice, result.slice);
+    conclude(hit, k_verdict_blocked);
     conclude(ahead & (distance > segment.length + slack), k_verdict_clear);
     // Every cell answers: what no cell sees ahead is not there.
     if (policy.answer_all) conclude(open, k_verdict_clear);

@@ -1,7 +1,5 @@
 #include "field/probe.h"
 
-#include <optional>
-
 #include "core/vec_lanes.h"
 #include "field/nearest.hd.h"
 
@@ -13,21 +11,13 @@ using scalar::k_verdict_blocked;
 using scalar::k_verdict_clear;
 using scalar::k_verdict_none;
 using scalar::k_verdict_unknown_depth;
-using scalar::k_verdict_unknown_primitive;
 using scalar::k_verdict_unknown_visibility;
 
 // What must be baked before there is another verdict.
 std::optional<FieldLayer> unknown_layer(int verdict) {
-  switch (verdict) {
-    case k_verdict_unknown_visibility:
-      return FieldLayer::visibility;
-    case k_verdict_unknown_depth:
-      return FieldLayer::depth;
-    case k_verdict_unknown_primitive:
-      return FieldLayer::primitive;
-    default:
-      return std::nullopt;
-  }
+  if (verdict == k_verdict_unknown_visibility) return FieldLayer::visibility;
+  if (verdict == k_verdict_unknown_depth) return FieldLayer::depth;
+  return std::nullopt;
 }
 
 FieldVerdict public_verdict(int verdict) {
@@ -46,8 +36,7 @@ UnitTransform::UnitTransform(const Sphere& ball) : m{} {
 FieldProbe::FieldProbe(Field& field, const Accel& accel, uint32_t shape)
     : field_(field), accel_(accel), shape_(shape), to_unit_(field.ball()) {}
 
-bool FieldProbe::bake(int verdict, uint32_t slice) {
-  const std::optional<FieldLayer> layer = unknown_layer(verdict);
+bool FieldProbe::bake(std::optional<FieldLayer> layer, uint32_t slice) {
   if (!layer) return false;
   bake_slices(field_, *layer, std::span(&slice, 1), accel_, shape_, counters_);
   return field_.finished(*layer, slice);
@@ -58,7 +47,7 @@ FieldVerdict FieldProbe::occluded(const QueryPolicy& policy, const Vec3& o, cons
   for (;;) {
     const auto answer = scalar::query_segment(field_.view(), policy, segment, own);
     lookups_ += uint64_t(answer.lookups);
-    if (!bake(answer.verdict, uint32_t(answer.slice))) return public_verdict(answer.verdict);
+    if (!bake(unknown_layer(answer.verdict), uint32_t(answer.slice))) return public_verdict(answer.verdict);
   }
 }
 
@@ -68,14 +57,16 @@ FieldHit FieldProbe::nearest(const QueryPolicy& policy, const Vec3& o, const Vec
   for (;;) {
     const auto answer = scalar::nearest_on_segment(field_.view(), policy, segment, own);
     lookups_ += uint64_t(answer.lookups);
-    if (bake(answer.verdict, uint32_t(answer.slice))) continue;
+    const bool lacks_primitive = answer.verdict == k_verdict_blocked && answer.primitive == scalar::k_not_baked;
+    const auto layer = lacks_primitive ? FieldLayer::primitive : unknown_layer(answer.verdict);
+    if (bake(layer, uint32_t(answer.slice))) continue;
     FieldHit hit;
     hit.verdict = public_verdict(answer.verdict);
     if (hit.verdict == FieldVerdict::blocked) {
       hit.t = t_min + answer.distance / segment.scale;
       hit.t_error = answer.error / segment.scale;
       hit.normal = {answer.normal.x, answer.normal.y, answer.normal.z};
-      hit.primitive = uint32_t(answer.primitive);
+      if (answer.primitive >= 0) hit.primitive = uint32_t(answer.primitive);
     }
     return hit;
   }

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "core/accel.h"
 #include "field/bake.h"
@@ -26,7 +27,7 @@ struct FieldHit {
   float t = 0.0f;               // in units of the ray's direction
   float t_error = 0.0f;         // bound on the error of t
   Vec3 normal = Vec3(0.0f);     // of the sheet, unit, on the side that the ray comes from
-  uint32_t primitive = k_none;  // a triangle near the hit: the one that the cell's centre line meets
+  uint32_t primitive = k_none;  // a triangle near the hit: the one that the cell's centre line meets, if any
 };
 
 // Unit space <- object space of the field's ball, 3 x 4, column-major.
@@ -51,7 +52,7 @@ class FieldProbe {
   uint64_t lookups() const { return lookups_; }
 
  private:
-  bool bake(int verdict, uint32_t slice);
+  bool bake(std::optional<FieldLayer> layer, uint32_t slice);
 
   Field& field_;
   const Accel& accel_;

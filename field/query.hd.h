@@ -31,7 +31,6 @@ constexpr int k_verdict_blocked = 2;
 constexpr int k_verdict_ask = 3;
 constexpr int k_verdict_unknown_visibility = 4;
 constexpr int k_verdict_unknown_depth = 5;
-constexpr int k_verdict_unknown_primitive = 6;  // of nearest queries only
 
 // A point counts as in front of a sheet, on the sheet included, up to this share of the error bound behind it: 1.5
 // times the largest residual seen. Receivers on the sheet itself lie within that; what lies further in front of a point

@@ -160,10 +160,10 @@ struct SegmentKernels {
   // radiance only. Returns the number of look-ups.
   uint64_t (*filter_lobes)(const ConeTask&, const LobeBatch&, std::span<const uint32_t> blocks, LobeAnswers&,
                            ConeUnknowns&);
-  // For rays in `blocks` (tmax < 0: inactive) that enter the object's ball at limit[i] or before: its nearest surface.
-  // ray_instance: that a ray leaves. Returns the number of look-ups.
-  uint64_t (*nearest_hits)(const SegmentTask&, const RayBatch&, const uint32_t* ray_instance, const float* limit,
-                           std::span<const uint32_t> blocks, HitAnswers&, HitUnknowns&);
+  // For queries in `blocks`: the object's nearest surface. Blocks put among the unknowns have no answers yet: a lane's
+  // verdict there is one of these, or unknown_*. Returns the number of look-ups.
+  uint64_t (*nearest_hits)(const SegmentTask&, const HitQueries&, std::span<const uint32_t> blocks, HitAnswers&,
+                           HitUnknowns&);
   // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
   void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
 };

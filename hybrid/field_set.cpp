@@ -36,14 +36,16 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
       budget_(std::make_unique<FieldBudget>(budget_bytes)),
       fields_(scene.shapes.size()),
       left_to_rays_(scene.shapes.size(), 0),
-      own_to_rays_(scene.shapes.size(), 0) {
+      own_to_rays_(scene.shapes.size(), 0),
+      for_hits_(scene.shapes.size(), 0) {
   if (!wanted) return;
   bake_rays_ = estimated_bake_rays(scene, plan.parameters);
+  for (const uint32_t i : plan.hit_instances) for_hits_[scene.instances[i].shape] = 1;
   for (const uint32_t s : shapes_by_gain(scene, traits)) {
     if (count_ == plan.most_fields) break;
     if (bake_rays_[s] > std::max(plan.light_samples, k_costly_bake_rays)) {
       left_to_rays_[s] = 1;
-      if (!plan.for_hits) continue;
+      if (!for_hits_[s]) continue;
     }
     fields_[s] = std::make_unique<Field>(field_ball(scene.shapes[s].bounds), plan.parameters, budget_.get());
     ++count_;
@@ -56,10 +58,9 @@ std::vector<Field*> FieldSet::pointers() const {
   return pointers;
 }
 
-std::vector<Field*> FieldSet::hit_pointers() const {
-  std::vector<Field*> pointers(fields_.size(), nullptr);
-  if (!plan_.for_hits) return pointers;
-  for (size_t s = 0; s < fields_.size(); ++s) pointers[s] = fields_[s].get();
+std::vector<Field*> FieldSet::all_pointers() const {
+  std::vector<Field*> pointers;
+  for (const auto& field : fields_) pointers.push_back(field.get());
   return pointers;
 }
 
@@ -105,7 +106,7 @@ void FieldSet::count(Stats& stats) const {
     const auto& field = fields_[s];
     stats.field_left_to_rays += left_to_rays_[s];
     if (!field) continue;
-    stats.field_objects += !left_to_rays_[s];
+    stats.field_objects += !left_to_rays_[s] || for_hits_[s];
     stats.field_own_to_rays += !left_to_rays_[s] && own_to_rays_[s];
     stats.field_cells_baked += field->cells_baked();
     stats.field_cells_full += field->cells_full();
@@ -124,6 +125,11 @@ FieldPlan FieldSet::next_plan(std::string& change) const {
     return next;
   }
   next.read_cache = true;
+  if (!next.hit_instances.empty()) {
+    next.hit_instances.clear();
+    change = "begins again with exact rays for what glossy rays meet";
+    return next;
+  }
   FieldParameters& p = next.parameters;
   if (p.directions > k_fewest_directions || p.plane > k_fewest_plane) {
     p.directions = std::max(p.directions / 2, k_fewest_directions);

@@ -2,8 +2,9 @@
 //
 // All fields of a render share one budget (field/field_budget.h). A render that reaches it is begun again with less:
 //   1. without what a cache held, if it held anything;
-//   2. with half of D and N, again and again, down to 32 x 64;
-//   3. with fields for so few shapes that complete ones fit, those with the most triangles times instances; the others
+//   2. without certified hits for glossy rays, if there were to be any;
+//   3. with half of D and N, again and again, down to 32 x 64;
+//   4. with fields for so few shapes that complete ones fit, those with the most triangles times instances; the others
 //      are left to exact rays.
 // Every step is chosen from constants, the scene and the budget, and each attempt's need is a matter of what the
 // picture demands. So the picture does not depend on threads, tiles or the state of a cache here either, as long as the
@@ -33,7 +34,7 @@ struct FieldPlan {
   // Light samples of the whole picture, towards all lights. A shape whose bake would cost more rays (and is costly at
   // all: hybrid/bake_estimate.h) is left to exact rays, for its field cannot answer as many. Infinite: none is.
   double light_samples = std::numeric_limits<double>::infinity();
-  bool for_hits = false;  // fields answer glossy rays: all shapes have one, whatever their shadow rays gain
+  std::vector<uint32_t> hit_instances;  // their shapes have fields for glossy rays, whatever shadow rays gain by these
 };
 
 // The budget of fields where none is asked for: half of the machine's memory.
@@ -47,7 +48,7 @@ class FieldSet {
 
   bool empty() const { return count_ == 0; }
   std::vector<Field*> pointers() const;      // by shape, for shadow rays; null: exact rays
-  std::vector<Field*> hit_pointers() const;  // by shape, for glossy rays; null: exact rays
+  std::vector<Field*> all_pointers() const;  // by shape, those too that answer glossy rays alone; null: none
   // By shape: not 0 where the field is not asked about receivers on the object itself.
   const std::vector<uint8_t>& own_to_rays() const { return own_to_rays_; }
   // Leaves objects to exact rays, as the counts of a survey say; those with a costly bake if their answers would not
@@ -70,7 +71,8 @@ class FieldSet {
   std::unique_ptr<FieldBudget> budget_;  // outlives the fields
   std::vector<std::unique_ptr<Field>> fields_;
   std::vector<double> bake_rays_;                    // by shape: estimated
-  std::vector<uint8_t> left_to_rays_, own_to_rays_;  // by shape: has a field that is not asked, or not by itself
+  // By shape: shadow rays do not ask its field, or not from the object itself; glossy rays ask it.
+  std::vector<uint8_t> left_to_rays_, own_to_rays_, for_hits_;
   size_t count_ = 0;
   bool has_loaded_ = false;
 };

@@ -1,6 +1,7 @@
 #include "hybrid/glossy_stage.h"
 
 #include <algorithm>
+#include <set>
 
 #include "hybrid/surface_radiance.h"
 
@@ -31,19 +32,20 @@ bool sends_glossy_rays(const Scene& scene, const TransportSettings& settings, co
 
 }  // namespace
 
-bool wants_hits(const Scene& scene, std::span<const ShapeTraits> traits, const TransportSettings& settings,
-                const RenderOptions& options, const FieldParameters& parameters, uint64_t camera_samples) {
-  if (!sends_glossy_rays(scene, settings, options)) return false;
-  if (options.field_hits != FieldHits::automatic) return options.field_hits == FieldHits::always;
-  size_t fields = 0, triangles = 0;
-  for (size_t s = 0; s < traits.size(); ++s) {
-    if (!traits[s].wants_field) continue;
-    ++fields;
-    triangles += scene.shapes[s].triangle_count();
-  }
-  if (triangles < fields * HitAnswerer::k_fewest_triangles) return false;
-  const uint64_t rays = camera_samples * uint64_t(options.lobe_samples);
-  return double(fields) * HitAnswerer::estimated_bake_rays(parameters) < double(rays);
+std::vector<uint32_t> choose_hit_instances(const Scene& scene, std::span<const ShapeTraits> traits,
+                                           const TransportSettings& settings, const RenderOptions& options,
+                                           const FieldParameters& parameters, uint64_t camera_samples) {
+  // At tolerance 1 cells answer that know no bound of their error.
+  if (options.field_hits == FieldHits::never || options.tolerance >= 1.0f) return {};
+  if (!sends_glossy_rays(scene, settings, options)) return {};
+  const bool by_request = options.field_hits == FieldHits::always;
+  std::vector<uint32_t> suited = HitAnswerer::suited_instances(scene, traits, parameters,
+                                                               by_request ? 0 : HitAnswerer::k_fewest_triangles);
+  std::set<uint32_t> shapes;
+  for (const uint32_t i : suited) shapes.insert(scene.instances[i].shape);
+  const double rays = double(camera_samples) * options.lobe_samples;
+  if (!by_request && double(shapes.size()) * HitAnswerer::estimated_bake_rays(parameters) > rays) return {};
+  return suited;
 }
 
 GlossyStage::GlossyStage(const GlossyInput& input) {
@@ -55,10 +57,10 @@ GlossyStage::GlossyStage(const GlossyInput& input) {
 GlossyStage::~GlossyStage() = default;
 
 void GlossyStage::make_hits(const GlossyInput& input) {
-  const std::vector<uint32_t> suited = HitAnswerer::suited_instances(input.scene, input.hit_fields);
-  if (suited.empty()) return;
-  hits_ = std::make_unique<HitAnswerer>(input.scene, input.accel, input.traits, input.hit_fields, suited,
-                                        input.settings.isa, input.options.tolerance, input.options.check);
+  if (input.hit_instances.empty()) return;
+  const AnswererSettings settings{input.settings.isa, input.options.tolerance, input.options.check};
+  hits_ = std::make_unique<HitAnswerer>(input.scene, input.accel, input.traits, input.fields, input.hit_instances,
+                                        settings);
 }
 
 void GlossyStage::make_pictures(const GlossyInput& input) {

@@ -15,10 +15,12 @@
 
 namespace fieldtrace {
 
-// Whether certified hits are to answer glossy rays: by request, or where meshes are large and these rays more than the
-// bake of all fields of `parameters` would take. camera_samples: of the film.
-bool wants_hits(const Scene& scene, std::span<const ShapeTraits> traits, const TransportSettings& settings,
-                const RenderOptions& options, const FieldParameters& parameters, uint64_t camera_samples);
+// The instances that certified hits are to answer glossy rays about. By request: all that suit; else those with large
+// meshes, if the picture may send more glossy rays than the bake of their fields would take. camera_samples: of the
+// film.
+std::vector<uint32_t> choose_hit_instances(const Scene& scene, std::span<const ShapeTraits> traits,
+                                           const TransportSettings& settings, const RenderOptions& options,
+                                           const FieldParameters& parameters, uint64_t camera_samples);
 
 // All must outlive the stage.
 struct GlossyInput {
@@ -29,8 +31,9 @@ struct GlossyInput {
   const std::shared_ptr<const LightTable>& lights;
   const TransportSettings& settings;
   const RenderOptions& options;
-  const std::vector<Field*>& hit_fields;  // by shape; null: no certified hits
-  uint64_t camera_samples = 0;        // of the film
+  const std::vector<Field*>& fields;  // by shape, those of hit_instances at least
+  std::span<const uint32_t> hit_instances;
+  uint64_t camera_samples = 0;  // of the film
   uint64_t most_picture_bytes = 0;
 };
 

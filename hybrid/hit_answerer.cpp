@@ -22,12 +22,33 @@ constexpr float k_lobe_spread = 2.0f;
 // default .2 % of hits are then off by more than the lobe's spread (docs/decisions/016-certified-hits.md).
 constexpr float k_bend_of_tolerance = 8.0f;
 
+// A cell's corner lies this many of a textured mesh's edges from its middle at most.
+constexpr double k_texture_edges = 4.0;
+
 // Half the angle over which a lobe reflects.
 float spread_of(float alpha) { return std::min(k_lobe_spread * std::atan(alpha), 0.5f * k_pi * (1.0f - 0x1p-10f)); }
 
-bool is_masked(const Scene& scene, const Instance& instance) {
-  const Bsdf& bsdf = scene.bsdfs[instance.bsdf];
-  return bsdf.opacity != k_none || (bsdf.back != k_none && scene.bsdfs[bsdf.back].opacity != k_none);
+// Of one side or the other.
+bool lets_light_through(const Scene& scene, uint32_t bsdf) {
+  for (uint32_t b = bsdf; b != k_none; b = scene.bsdfs[b].back) {
+    if (scene.bsdfs[b].opacity != k_none || transmits(scene.bsdfs[b].kind)) return true;
+  }
+  return false;
+}
+
+double mean_edge(const TriangleMesh& mesh) {
+  double area = 0.0;
+  for (const UVec3& t : mesh.triangles) {
+    const Vec3 a = mesh.positions[t.x];
+    area += 0.5 * double(glm::length(glm::cross(mesh.positions[t.y] - a, mesh.positions[t.z] - a)));
+  }
+  return std::sqrt(2.0 * area / double(std::max<size_t>(mesh.triangles.size(), 1)));
+}
+
+// Whether texture coordinates found at the middle of a cell can be continued to its corners.
+bool cells_resolve_textures(const Shape& shape, const FieldParameters& parameters) {
+  const double corner = double(field_ball(shape.bounds).radius) * std::sqrt(2.0) / parameters.plane;
+  return corner <= k_texture_edges * mean_edge(shape.mesh);
 }
 
 }  // namespace
@@ -52,11 +73,15 @@ struct HitAnswerer::Nearest {
   bool crossed = false;  // some object's ball
 };
 
-std::vector<uint32_t> HitAnswerer::suited_instances(const Scene& scene, const std::vector<Field*>& fields) {
+std::vector<uint32_t> HitAnswerer::suited_instances(const Scene& scene, std::span<const ShapeTraits> traits,
+                                                    const FieldParameters& parameters, size_t fewest_triangles) {
   std::vector<uint32_t> suited;
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
     const Instance& instance = scene.instances[i];
-    if (!fields[instance.shape] || instance.emitter != k_none || is_masked(scene, instance)) continue;
+    const Shape& shape = scene.shapes[instance.shape];
+    if (!traits[instance.shape].wants_field || shape.triangle_count() < fewest_triangles) continue;
+    if (instance.emitter != k_none || lets_light_through(scene, instance.bsdf)) continue;
+    if (is_textured(scene, instance.bsdf) && !cells_resolve_textures(shape, parameters)) continue;
     suited.push_back(i);
     if (suited.size() > k_most_objects) return {};
   }
@@ -69,17 +94,14 @@ double HitAnswerer::estimated_bake_rays(const FieldParameters& p) {
 }
 
 HitAnswerer::HitAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                         const std::vector<Field*>& fields, std::span<const uint32_t> instances, Isa isa,
-                         float tolerance, bool check)
+                         const std::vector<Field*>& fields, std::span<const uint32_t> instances,
+                         const AnswererSettings& settings)
     : scene_(scene),
       accel_(accel),
-      kernels_(segment_kernels(isa)),
-      tolerance_(tolerance),
-      check_(check) {
-  AnswererSettings settings;
-  settings.isa = isa;
-  settings.tolerance = tolerance;
-  is_object_.resize(scene.instances.size(), 0);
+      kernels_(segment_kernels(settings.isa)),
+      tolerance_(settings.tolerance),
+      check_(settings.check),
+      is_object_(scene.instances.size(), 0) {
   for (const uint32_t i : instances) {
     const uint32_t shape = scene.instances[i].shape;
     Field* field = fields[shape];
@@ -109,90 +131,98 @@ void HitAnswerer::bake(const Object& object, const HitUnknowns& unknowns, Stats&
   stats.time_bake += counters.seconds;
 }
 
-void HitAnswerer::ask(HitWorkspace& work, Stats& stats) const {
-  const size_t n = work.rays.size;
-  work.limit.assign(padded(n), k_infinity);
-  if (others_) {
-    work.others.resize(n);
-    accel_.intersect(*others_, work.rays, work.others, Coherence::incoherent);
-    for (size_t j = 0; j < n; ++j) {
-      if (work.others.instance[j] != k_none) work.limit[j] = work.others.t[j];
-    }
-  }
-  // Front to back, about: what lies behind a hit is not looked up. The answers do not depend on it.
-  work.front_to_back.resize(objects_.size());
-  std::iota(work.front_to_back.begin(), work.front_to_back.end(), 0u);
-  const auto distance = [&](uint32_t k) { return glm::length(objects_[k].centre - work.rays.origin(0)); };
-  std::sort(work.front_to_back.begin(), work.front_to_back.end(),
-            [&](uint32_t a, uint32_t b) { return distance(a) < distance(b); });
-  work.answers.resize(objects_.size());
-  for (const uint32_t k : work.front_to_back) {
-    const Object& object = objects_[k];
-    HitAnswers& answers = work.answers[k];
-    answers.resize(n);
-    ask_and_bake(
-        n, work.unknowns,
-        [&](std::span<const uint32_t> blocks) {
-          stats.lookups += kernels_.nearest_hits(object.task, work.rays, work.instance.data(), work.limit.data(),
-                                                 blocks, answers, work.unknowns);
-        },
-        [&] {
-          bake(object, work.unknowns, stats);
-          return !object.field->pool_full();
-        });
-    for (const uint32_t block : work.unknowns.blocks) {
-      for (uint32_t j = block; j < block + k_batch_padding; ++j) {
-        if (answers.verdict[j] != scalar::k_verdict_none) answers.verdict[j] = scalar::k_verdict_ask;
-      }
-    }
-    for (size_t j = 0; j < n; ++j) {
-      if (answers.verdict[j] != scalar::k_verdict_blocked) continue;
-      work.limit[j] = std::min(work.limit[j], answers.t[j] + answers.error[j]);
-    }
+void HitAnswerer::trace_others(HitWorkspace& work) const {
+  HitQueries& queries = work.queries;
+  const size_t n = queries.rays.size;
+  std::fill(queries.limit.begin(), queries.limit.end(), k_infinity);
+  work.others.resize(n);
+  std::fill_n(work.others.instance.begin(), n, k_none);
+  if (!others_) return;
+  accel_.intersect(*others_, queries.rays, work.others, Coherence::incoherent);
+  for (size_t j = 0; j < n; ++j) {
+    if (work.others.instance[j] != k_none) queries.limit[j] = work.others.t[j];
   }
 }
 
-HitAnswerer::Nearest HitAnswerer::put_together(const HitWorkspace& work, size_t j, float alpha) const {
-  const float limit = work.limit[j];  // the nearest surface lies there or before
+// By their balls' distance from one ray's origin. The answers do not depend on it, only what is looked up in vain.
+void HitAnswerer::order_objects(HitWorkspace& work) const {
+  const Vec3 origin = work.queries.rays.origin(0);
+  work.front_to_back.resize(objects_.size());
+  std::iota(work.front_to_back.begin(), work.front_to_back.end(), 0u);
+  const auto distance = [&](uint32_t k) { return glm::length(objects_[k].centre - origin); };
+  std::sort(work.front_to_back.begin(), work.front_to_back.end(),
+            [&](uint32_t a, uint32_t b) { return distance(a) < distance(b); });
+}
+
+void HitAnswerer::ask_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const {
+  HitQueries& queries = work.queries;
+  const size_t n = queries.rays.size;
+  answers.resize(n);
+  ask_and_bake(
+      n, work.unknowns,
+      [&](std::span<const uint32_t> blocks) {
+        stats.lookups += kernels_.nearest_hits(object.task, queries, blocks, answers, work.unknowns);
+      },
+      [&] {
+        bake(object, work.unknowns, stats);
+        return !object.field->pool_full();
+      });
+  for (const uint32_t block : work.unknowns.blocks) {
+    for (uint32_t j = block; j < block + k_batch_padding; ++j) {
+      if (answers.verdict[j] != scalar::k_verdict_none) answers.verdict[j] = scalar::k_verdict_ask;
+    }
+  }
+  for (size_t j = 0; j < n; ++j) {
+    if (answers.verdict[j] != scalar::k_verdict_blocked) continue;
+    queries.limit[j] = std::min(queries.limit[j], std::max(answers.t[j] + answers.error[j], answers.from[j]));
+  }
+}
+
+void HitAnswerer::ask(HitWorkspace& work, Stats& stats) const {
+  trace_others(work);
+  order_objects(work);
+  work.answers.resize(objects_.size());
+  for (const uint32_t k : work.front_to_back) ask_object(objects_[k], work.answers[k], work, stats);
+}
+
+HitAnswerer::Nearest HitAnswerer::put_together(const HitWorkspace& work, size_t j) const {
+  const float limit = work.queries.limit[j];  // the nearest surface lies there or before
   Nearest nearest;
-  int candidates = others_ && work.others.instance[j] != k_none && work.others.t[j] <= limit ? 1 : 0;
+  int candidates = work.others.instance[j] != k_none && work.others.t[j] <= limit ? 1 : 0;
   for (size_t k = 0; k < objects_.size(); ++k) {
     const HitAnswers& a = work.answers[k];
-    nearest.crossed = nearest.crossed || a.verdict[j] != scalar::k_verdict_none;
-    if (a.verdict[j] == scalar::k_verdict_ask && a.entry[j] <= limit) nearest.verdict = Verdict::ask;
-    if (a.verdict[j] != scalar::k_verdict_blocked || std::max(a.t[j] - a.error[j], a.entry[j]) > limit) continue;
+    if (a.verdict[j] == scalar::k_verdict_none) continue;
+    nearest.crossed = true;
+    if (a.verdict[j] == scalar::k_verdict_clear || a.from[j] > limit) continue;
+    if (a.verdict[j] == scalar::k_verdict_ask) nearest.verdict = Verdict::ask;
     nearest.object = int(k);
     ++candidates;
   }
   if (candidates > 1) nearest.verdict = Verdict::ask;  // they may lie either way round
-  if (nearest.verdict == Verdict::ask || nearest.object < 0) return nearest;
-  const HitAnswers& a = work.answers[size_t(nearest.object)];
-  const bool is_near = a.error[j] <= k_blur_of_tolerance * tolerance_ * alpha * a.t[j];
-  const bool is_flat = a.bend[j] <= k_bend_of_tolerance * tolerance_ * std::tan(spread_of(alpha));
-  nearest.verdict = is_near && is_flat && a.primitive[j] >= 0 ? Verdict::hit : Verdict::ask;
+  if (nearest.verdict != Verdict::ask && nearest.object >= 0) nearest.verdict = Verdict::hit;
   return nearest;
 }
 
 bool HitAnswerer::is_wrong(const HitWorkspace& work, size_t j, const Nearest& nearest, float alpha) const {
   const uint32_t found = work.found.instance[j];
-  if (nearest.object < 0) return found != k_none && is_object_[found];
+  if (nearest.verdict == Verdict::miss) return found != k_none && is_object_[found];
   const HitAnswers& a = work.answers[size_t(nearest.object)];
   if (found != objects_[size_t(nearest.object)].task.instance) return true;
   if (std::abs(work.found.t[j] - a.t[j]) > k_wrong_errors * a.error[j]) return true;
-  const Vec3 normal = surface_at(scene_, work.rays, work.found, j).geometric_normal;
+  const Vec3 normal = surface_at(scene_, work.queries.rays, work.found, j).geometric_normal;
   const float cosine = std::abs(glm::dot(normal, Vec3(a.nx[j], a.ny[j], a.nz[j])));
   return cosine < std::cos(spread_of(alpha));
 }
 
 void HitAnswerer::check_answers(std::span<const PathState> paths, HitWorkspace& work, Stats& stats) const {
-  const size_t n = work.rays.size;
+  const size_t n = work.asked.size();
   work.found.resize(n);
-  accel_.intersect(work.rays, work.found, Coherence::incoherent);
+  accel_.intersect(work.queries.rays, work.found, Coherence::incoherent);
   for (size_t j = 0; j < n; ++j) {
     const PathState& path = paths[work.asked[j]];
-    const Nearest nearest = put_together(work, j, path.alpha);
+    const Nearest nearest = put_together(work, j);
     if (nearest.verdict == Verdict::ask || !nearest.crossed) continue;
-    const bool is_hit = nearest.object >= 0;
+    const bool is_hit = nearest.verdict == Verdict::hit;
     const bool own = is_hit ? objects_[size_t(nearest.object)].task.instance == path.instance
                             : path.instance != k_none && is_object_[path.instance];
     stats.add_check(is_hit ? CheckedVerdict::hit : CheckedVerdict::miss, own, is_wrong(work, j, nearest, path.alpha));
@@ -206,12 +236,14 @@ void HitAnswerer::choose_asked(const RayBatch& rays, std::span<const PathState> 
   work.exact.clear();
   for (const uint32_t i : which) (paths[i].alpha > 0.0f && !paths[i].unweighted ? work.asked : work.exact).push_back(i);
   order_by_direction(rays, work.asked, work.order);
-  const size_t n = work.asked.size();
-  work.rays.resize(n);
-  work.instance.assign(padded(n), k_none);
-  for (size_t j = 0; j < n; ++j) {
-    work.rays.copy(j, rays, work.asked[j]);
-    work.instance[j] = paths[work.asked[j]].instance;
+  HitQueries& queries = work.queries;
+  queries.resize(work.asked.size());
+  for (size_t j = 0; j < work.asked.size(); ++j) {
+    const PathState& path = paths[work.asked[j]];
+    queries.rays.copy(j, rays, work.asked[j]);
+    queries.instance[j] = path.instance;
+    queries.most_error[j] = k_blur_of_tolerance * tolerance_ * path.alpha;
+    queries.most_bend[j] = k_bend_of_tolerance * tolerance_ * std::tan(spread_of(path.alpha));
   }
 }
 
@@ -219,15 +251,15 @@ void HitAnswerer::choose_asked(const RayBatch& rays, std::span<const PathState> 
 void HitAnswerer::settle(std::span<const PathState> paths, HitBatch& hits, HitWorkspace& work, Stats& stats) const {
   for (size_t j = 0; j < work.asked.size(); ++j) {
     const uint32_t i = work.asked[j];
-    const Nearest nearest = put_together(work, j, paths[i].alpha);
+    const Nearest nearest = put_together(work, j);
     if (nearest.verdict == Verdict::ask) {
       work.exact.push_back(i);
       continue;
     }
     stats.rays_glossy_hits += nearest.crossed;
+    stats.rays_glossy_exact += !nearest.crossed && !paths[i].diffuse;  // traced among the others
     if (nearest.verdict == Verdict::miss) {
-      hits.instance[i] = k_none;
-      if (others_) hits.copy(i, work.others, j);
+      hits.copy(i, work.others, j);
       continue;
     }
     const HitAnswers& a = work.answers[size_t(nearest.object)];
@@ -235,10 +267,8 @@ void HitAnswerer::settle(std::span<const PathState> paths, HitBatch& hits, HitWo
     hits.t[i] = a.t[j];
     hits.instance[i] = objects_[size_t(nearest.object)].task.instance;
     hits.primitive[i] = uint32_t(a.primitive[j]);
-    work.certified.push_back({i, normal, a.error[j] * std::abs(glm::dot(normal, work.rays.direction(j)))});
+    work.certified.push_back({i, normal, a.error[j] * std::abs(glm::dot(normal, work.queries.rays.direction(j)))});
   }
-  std::sort(work.certified.begin(), work.certified.end(),
-            [](const CertifiedHit& a, const CertifiedHit& b) { return a.ray < b.ray; });
 }
 
 void HitAnswerer::intersect(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,

@@ -2,8 +2,8 @@
 // against the lobe's footprint. What no certificate settles, and all rays that are not glossy, are traced.
 //
 // Objects with fields whose ball a ray meets are asked front to back, until the nearest hit lies before the next ball,
-// and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Objects
-// without fields are traced. An answer depends on the ray, the scene and the settings alone.
+// and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Other objects
+// are traced. An answer depends on the ray, the scene and the settings alone.
 // Thread-safety: const functions may be called from any number of threads, each with a workspace of its own; fields
 // grow by demand meanwhile.
 #pragma once
@@ -17,6 +17,7 @@
 #include "field/segment_kernels.h"
 #include "hybrid/direction_order.h"
 #include "hybrid/path_batch.h"
+#include "hybrid/shadow_answerer.h"
 #include "hybrid/shape_traits.h"
 #include "hybrid/some_rays.h"
 #include "hybrid/stats.h"
@@ -36,13 +37,11 @@ struct CertifiedHit {
 };
 
 struct HitWorkspace {
-  std::vector<CertifiedHit> certified;  // by ray, ascending
+  std::vector<CertifiedHit> certified;
 
   std::vector<uint32_t> asked, exact;  // exact: those that were traced
   DirectionOrder order;
-  RayBatch rays;  // asked
-  AlignedVector<uint32_t> instance;
-  AlignedVector<float> limit;
+  HitQueries queries;  // asked
   HitBatch others, found;
   std::vector<uint32_t> front_to_back;
   std::vector<HitAnswers> answers;  // by object
@@ -57,20 +56,21 @@ class HitAnswerer {
  public:
   // With more objects than this a ray through all of them costs less than their tests.
   static constexpr size_t k_most_objects = 16;
-
-  // Instances of shapes with fields; none if they are too many. fields[s] is that of shape s, or null.
-  static std::vector<uint32_t> suited_instances(const Scene& scene, const std::vector<Field*>& fields);
-
   // Below this number of triangles a ray costs no more than the look-ups (docs/decisions/016-certified-hits.md).
   static constexpr size_t k_fewest_triangles = 1000000;
 
-  // Rays that fields of these parameters will have baked for hits from all about.
+  // Instances that can be answered by fields of these parameters; none if they are too many. Their meshes have that many
+  // triangles or more; light neither passes through them, whole or in part, nor leaves them; where they are textured,
+  // cells are no wider than a few of their triangles.
+  static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits,
+                                                const FieldParameters& parameters, size_t fewest_triangles);
+
+  // Rays that a field of these parameters will have baked for hits from all about.
   static double estimated_bake_rays(const FieldParameters& parameters);
 
-  // Unchecked: `instances` are suited. All references must outlive this.
+  // fields[s] is that of shape s, not null for `instances`, which must be suited. All references must outlive this.
   HitAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-              const std::vector<Field*>& fields, std::span<const uint32_t> instances, Isa isa, float tolerance,
-              bool check);
+              const std::vector<Field*>& fields, std::span<const uint32_t> instances, const AnswererSettings& settings);
   ~HitAnswerer();
 
   // For each i of `which`: where rays[i] (unit, endless), which belongs to paths[i], ends. Other entries of `hits` stay
@@ -85,10 +85,13 @@ class HitAnswerer {
 
   void choose_asked(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
                     HitWorkspace& work) const;
-  void settle(std::span<const PathState> paths, HitBatch& hits, HitWorkspace& work, Stats& stats) const;
   void ask(HitWorkspace& work, Stats& stats) const;
+  void trace_others(HitWorkspace& work) const;
+  void order_objects(HitWorkspace& work) const;
+  void ask_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const;
   void bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const;
-  Nearest put_together(const HitWorkspace& work, size_t j, float alpha) const;
+  Nearest put_together(const HitWorkspace& work, size_t j) const;
+  void settle(std::span<const PathState> paths, HitBatch& hits, HitWorkspace& work, Stats& stats) const;
   void check_answers(std::span<const PathState> paths, HitWorkspace& work, Stats& stats) const;
   bool is_wrong(const HitWorkspace& work, size_t j, const Nearest& nearest, float alpha) const;
 
@@ -98,7 +101,7 @@ class HitAnswerer {
   float tolerance_;
   bool check_;
   std::vector<Object> objects_;
-  std::vector<uint8_t> is_object_;  // by instance
+  std::vector<uint8_t> is_object_;              // by instance
   std::shared_ptr<const Accel::Group> others_;  // the other instances; null: there are none
 };
 

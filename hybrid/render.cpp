@@ -194,8 +194,9 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   const bool by_request = options.force_ask || options.directions || options.plane;
   if (options.leave_to_rays && !by_request && options.tolerance < 1.0f)
     plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
-  plan.for_hits =
-      wants_hits(scene, stage.traits, picture.settings, options, plan.parameters, picture.film_samples());
+  if (picture.wants_fields)
+    plan.hit_instances = choose_hit_instances(scene, stage.traits, picture.settings, options, plan.parameters,
+                                              picture.film_samples());
   return plan;
 }
 
@@ -318,11 +319,12 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   settings.own_to_rays = fields.own_to_rays();
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
-  const std::vector<Field*> hit_fields = fields.hit_pointers();
+  const std::vector<Field*> all_fields = fields.all_pointers();
   std::optional<GlossyStage> glossy;
   if (picture.wants_fields) {
     glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
-                               options, hit_fields, picture.film_samples(), picture.field_memory / k_picture_share});
+                               options, all_fields, plan.hit_instances, picture.film_samples(),
+                               picture.field_memory / k_picture_share});
     context.lobes = glossy->lobes();
     context.hits = glossy->hits();
   }

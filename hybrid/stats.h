@@ -41,7 +41,7 @@ struct Stats {
   uint64_t rays_shadow = 0;        // shadow rays generated (those that cross no candidate's bounds included)
   uint64_t rays_glossy = 0;        // rays that left a surface along a specular or glossy lobe
   uint64_t rays_glossy_exact = 0;  // those traced where pictures of radiance or certified hits answered others
-  uint64_t rays_glossy_hits = 0;   // those answered by certified hits, misses included
+  uint64_t rays_glossy_hits = 0;   // those for which fields answered about at least one object, by a hit or a miss
   uint64_t rays_exact = 0;         // shadow rays traced through Embree
   uint64_t rays_crossing = 0;      // shadow rays that cross at least one candidate's bounds
   uint64_t rays_crowded = 0;       // those of rays_exact whose group had too many candidates to ask one by one
@@ -61,8 +61,8 @@ struct Stats {
   CheckCount check_by[k_checked_verdicts][2];
 
   int field_directions = 0, field_plane = 0;
-  uint64_t field_objects = 0;        // objects answered by fields
-  uint64_t field_left_to_rays = 0;   // objects that could have a field, and are left to exact rays
+  uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
+  uint64_t field_left_to_rays = 0;   // objects that could have a field, and are left to exact rays for shadows
   uint64_t field_own_to_rays = 0;    // objects whose field is not asked about receivers on the object itself
   uint64_t survey_rays = 0;          // shadow rays traced to find those out, not in rays_exact
   std::vector<FieldUse> field_uses;  // per shape; empty unless counted (hybrid/field_survey.h)

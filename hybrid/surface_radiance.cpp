@@ -42,13 +42,6 @@ int divisions(const Affine& to_world, const TriangleMesh& mesh, const UVec3& t, 
   return std::clamp(int(std::ceil(std::min(longest / patch, float(k_most_divisions)))), 1, k_most_divisions);
 }
 
-bool has_texture(const Scene& scene, uint32_t bsdf) {
-  for (uint32_t b = bsdf; b != k_none; b = scene.bsdfs[b].two_sided ? scene.bsdfs[b].back : k_none) {
-    if (scene.textures[scene.bsdfs[b].reflectance].kind != TextureKind::constant) return true;
-  }
-  return false;
-}
-
 // Of the patch at that place the k-th point of k_texture_divisions^2.
 PatchCentre texture_point(int n, size_t place, size_t k) {
   const PatchCentre within = patch_centre(k_texture_divisions, k);
@@ -88,7 +81,7 @@ SurfaceRadiance::SurfaceRadiance(const TransportContext& shading, uint32_t index
     : scene_(shading.scene),
       seed_(shading.settings.seed),
       instance_(index),
-      is_textured_(has_texture(shading.scene, shading.scene.instances[index].bsdf)),
+      is_textured_(is_textured(shading.scene, shading.scene.instances[index].bsdf)),
       workers_([&shading] { return TransportWorker(shading); }) {
   const Instance& instance = scene_.instances[index];
   const TriangleMesh& mesh = scene_.shapes[instance.shape].mesh;

@@ -16,7 +16,8 @@ namespace fieldtrace {
 namespace {
 
 struct CompareArguments {
-  std::string image, reference, crop;
+  std::string image, reference;
+  std::optional<std::string> crop;
   bool json = false;
   std::optional<double> limit;
 };
@@ -46,7 +47,7 @@ std::string to_text(const ImageDifference& d) {
 int run_compare(const CompareArguments& arguments) {
   const Image image = read_image(arguments.image);
   std::optional<Rect> window;
-  if (!arguments.crop.empty()) window = parse_crop(arguments.crop, {0, 0, image.width, image.height}, "image");
+  if (arguments.crop) window = parse_crop(*arguments.crop, {0, 0, image.width, image.height}, "image");
   const ImageDifference d = compare_images(image, read_image(arguments.reference), window);
   fmt::print("{}", arguments.json ? to_json(d) : to_text(d));
   std::fflush(stdout);
@@ -65,7 +66,11 @@ void add_compare_command(CommandLine& line) {
   CLI::App& command = *line.app.add_subcommand("compare", "Measure the difference of two images");
   command.add_option("image", arguments->image, "Image to judge")->required()->type_name("IMAGE");
   command.add_option("reference", arguments->reference, "Image to judge it by")->required()->type_name("REFERENCE");
-  command.add_option("--crop", arguments->crop, "Pixels to compare (default: all)")->type_name("X,Y,W,H");
+  command
+      .add_option_function<std::string>(
+          "--crop", [arguments](const std::string& text) { arguments->crop = text; },
+          "Pixels to compare (default: all)")
+      ->type_name("X,Y,W,H");
   command.add_flag("--json", arguments->json, "Print JSON");
   command
       .add_option_function<double>(

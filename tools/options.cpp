@@ -239,7 +239,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->type_name("N");
 }
 
-Rect parse_crop(const std::string& text, const Rect& whole, const std::string& of) {
+Rect parse_crop(const std::string& text, const Rect& whole, const std::string& name) {
   Rect crop;
   int* const fields[4] = {&crop.x, &crop.y, &crop.width, &crop.height};
   size_t begin = 0;
@@ -251,8 +251,8 @@ Rect parse_crop(const std::string& text, const Rect& whole, const std::string& o
     begin = end + 1;
   }
   if (!is_inside(crop, whole)) {
-    throw UsageError(fmt::format("--crop {}: not inside the {}, which covers {},{},{},{}", text, of, whole.x, whole.y,
-                                 whole.width, whole.height));
+    throw UsageError(fmt::format("--crop {}: not inside the {}, which covers {},{},{},{}", text, name, whole.x,
+                                 whole.y, whole.width, whole.height));
   }
   return crop;
 }

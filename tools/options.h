@@ -59,8 +59,9 @@ WarningSink print_warnings(ProgressLine& progress);
 // Options of RenderOptions as the render command spells them; --device is read and checked too.
 void add_render_options(CLI::App& command, RenderOptions& options);
 
-// "x,y,w,h". Throws UsageError unless these are four whole numbers and lie within `whole`, the pixels of `of` ("film").
-Rect parse_crop(const std::string& text, const Rect& whole, const std::string& of);
+// "x,y,w,h". Throws UsageError unless these are four whole numbers and lie within `whole`, the pixels of what `name`
+// says ("film").
+Rect parse_crop(const std::string& text, const Rect& whole, const std::string& name);
 
 // Peak resident memory of the process so far, in bytes.
 uint64_t peak_memory_bytes();

@@ -27,8 +27,8 @@ def main():
     for folder in folders:
         mi.file_resolver().append(folder)
     scene = mi.load_file(scene_file, **defines)
+    import numpy
     try:
-        import numpy
         import pyoidn
     except ImportError:
         pyoidn = None
@@ -43,7 +43,9 @@ def main():
         return integrators[name]
 
     def denoised(picture):
-        layers = numpy.ascontiguousarray(numpy.array(picture), dtype=numpy.float32)
+        layers = numpy.array(picture, dtype=numpy.float32)
+        if layers.shape[2] != 9:
+            sys.exit(f"the picture has {layers.shape[2]} channels, not 9: colour, albedo and normal")
         colour, albedo, normal = (numpy.ascontiguousarray(layers[:, :, i:i + 3]) for i in (0, 3, 6))
         return pyoidn.denoise(colour, albedo=albedo, normal=normal, hdr=True)
 
