@@ -11,7 +11,8 @@ namespace {
 // (2^-24), and its product with the squared size, as in the triangle test, is a normal float for sizes down to 1e-8.
 constexpr double k_least_share = 0x1p-40;
 
-// Texture coordinates near a triangle are continued by this many of its edges at most: slivers say nothing farther away.
+// Texture coordinates near a triangle are continued by this many of its edges at most: slivers say nothing farther
+// away.
 constexpr double k_most_edges = 8.0;
 
 // What a shape knows about a point on it, in object space.

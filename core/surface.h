@@ -29,8 +29,8 @@ struct SurfacePoint {
 // The surface at hit `i` of `hits`, found by ray `i` of `rays`. Unchecked: the caller guarantees a hit there.
 SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch& hits, size_t i);
 
-// The surface of a mesh's instance at a point that lies within `error` of it along the unit `normal`, which stands for the
-// surface's own on either side; `primitive` is a triangle near it, whose texture coordinates are continued over its
+// The surface of a mesh's instance at a point that lies within `error` of it along the unit `normal`, which stands for
+// the surface's own on either side; `primitive` is a triangle near it, whose texture coordinates are continued over its
 // plane. For surfaces known by their fields (hybrid/hit_answerer.h). Unchecked: the instance is a mesh's.
 SurfacePoint surface_near(const Scene& scene, uint32_t instance, uint32_t primitive, const Vec3& position,
                           const Vec3& normal, float error);

@@ -98,7 +98,7 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     // A sheet within the error bound of the origin may lie on either side of it.
     Mask_t<F> ahead =
         open & first.decided & first.view.solid & (and_not(inside, open) | (first.view.distance > first.view.error));
-    ahead = ahead & (facing > splat<F>(0x1p-20f));  // a sheet along the ray is no surface that it can tell a distance to
+    ahead = ahead & (facing > splat<F>(0x1p-20f));  // no distance follows from a sheet along the ray
     if (policy.answer_all) ahead = open & first.decided & (distance >= zero);
     const F slack = policy.answer_all ? zero : error;
     const Mask_t<F> hit = ahead & (distance + slack <= segment.length);

@@ -12,8 +12,8 @@
 namespace fieldtrace {
 
 // How many rounds of baking one batch can need: the line's cell, the anchored cell, the re-anchored one, and the last
-// two again from the other end of the segment; nearest hits also the primitive's. Cones and lobes need fewer: tiles, and
-// two for sheets or discs.
+// two again from the other end of the segment; nearest hits also the primitive's. Cones and lobes need fewer: tiles,
+// and two for sheets or discs.
 inline constexpr int k_most_bake_rounds = 6;
 
 inline void sort_unique(std::vector<uint32_t>& list) {

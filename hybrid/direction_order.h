@@ -16,8 +16,8 @@ struct DirectionOrder {
   std::vector<uint16_t> cells;
 };
 
-// Sorts `which` (indices into `rays`, which are unit) by the rays' cells of a direction map of 32 x 32 (field/chart.hd.h);
-// within a cell the order stays.
+// Sorts `which` (indices into `rays`, which are unit) by the rays' cells of a direction map of 32 x 32
+// (field/chart.hd.h), as coarse as fields have it; within a cell the order stays.
 void order_by_direction(const RayBatch& rays, std::vector<uint32_t>& which, DirectionOrder& work);
 
 }  // namespace fieldtrace

@@ -70,7 +70,7 @@ class FieldSet {
   FieldPlan plan_;
   std::unique_ptr<FieldBudget> budget_;  // outlives the fields
   std::vector<std::unique_ptr<Field>> fields_;
-  std::vector<double> bake_rays_;                    // by shape: estimated
+  std::vector<double> bake_rays_;  // by shape: estimated
   // By shape: shadow rays do not ask its field, or not from the object itself; glossy rays ask it.
   std::vector<uint8_t> left_to_rays_, own_to_rays_, for_hits_;
   size_t count_ = 0;

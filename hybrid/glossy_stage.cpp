@@ -39,8 +39,8 @@ std::vector<uint32_t> choose_hit_instances(const Scene& scene, std::span<const S
   if (options.field_hits == FieldHits::never || options.tolerance >= 1.0f) return {};
   if (!sends_glossy_rays(scene, settings, options)) return {};
   const bool by_request = options.field_hits == FieldHits::always;
-  std::vector<uint32_t> suited = HitAnswerer::suited_instances(scene, traits, parameters,
-                                                               by_request ? 0 : HitAnswerer::k_fewest_triangles);
+  std::vector<uint32_t> suited =
+      HitAnswerer::suited_instances(scene, traits, parameters, by_request ? 0 : HitAnswerer::k_fewest_triangles);
   std::set<uint32_t> shapes;
   for (const uint32_t i : suited) shapes.insert(scene.instances[i].shape);
   const double rays = double(camera_samples) * options.lobe_samples;

@@ -24,9 +24,9 @@
 
 namespace fieldtrace {
 
-// How far a lobe may be blurred: half widths of what is read, or errors of hits, as a tangent seen from the surface, for
-// each unit of the lobe's alpha and of tolerance. At the default an eighth of alpha: the slopes of a lobe's microfacets
-// are spread by about alpha, reflected directions by twice that.
+// How far a lobe may be blurred: half widths of what is read, or errors of hits, as a tangent seen from the surface,
+// for each unit of the lobe's alpha and of tolerance. At the default an eighth of alpha: the slopes of a lobe's
+// microfacets are spread by about alpha, reflected directions by twice that.
 inline constexpr float k_blur_of_tolerance = 1.25f;
 
 // What is known of a hit beside its entry in a HitBatch: t, instance and primitive, a triangle near it. World space.
@@ -59,9 +59,9 @@ class HitAnswerer {
   // Below this number of triangles a ray costs no more than the look-ups (docs/decisions/016-certified-hits.md).
   static constexpr size_t k_fewest_triangles = 1000000;
 
-  // Instances that can be answered by fields of these parameters; none if they are too many. Their meshes have that many
-  // triangles or more; light neither passes through them, whole or in part, nor leaves them; where they are textured,
-  // cells are no wider than a few of their triangles.
+  // Instances that can be answered by fields of these parameters; none if they are too many. Their meshes have that
+  // many triangles or more; light neither passes through them, whole or in part, nor leaves them; where they are
+  // textured, cells are no wider than a few of their triangles.
   static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits,
                                                 const FieldParameters& parameters, size_t fewest_triangles);
 

@@ -189,14 +189,14 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   plan.parameters = choose_resolution(scene, stage.traits, picture.rays_per_light());
   if (options.directions) plan.parameters.directions = options.directions;
   if (options.plane) plan.parameters.plane = options.plane;
-  // Where fields alone answer, or are asked by request, and where cells of some size are asked for, none is left out for
-  // what it costs.
+  // Where fields alone answer, or are asked by request, and where cells of some size are asked for, none is left out
+  // for what it costs.
   const bool by_request = options.force_ask || options.directions || options.plane;
   if (options.leave_to_rays && !by_request && options.tolerance < 1.0f)
     plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
   if (picture.wants_fields)
-    plan.hit_instances = choose_hit_instances(scene, stage.traits, picture.settings, options, plan.parameters,
-                                              picture.film_samples());
+    plan.hit_instances =
+        choose_hit_instances(scene, stage.traits, picture.settings, options, plan.parameters, picture.film_samples());
   return plan;
 }
 

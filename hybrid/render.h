@@ -29,8 +29,8 @@ enum class Method { monte_carlo, hybrid };
 // by its nearest cell: nothing certifies the answers, and only a tolerance of 0 traces exact rays instead.
 enum class Chart { orthographic, thesis };
 
-// Whether fields answer glossy rays by certified hits: for large meshes that are sent so many rays that the bake is paid
-// (automatic), wherever they can, or never.
+// Whether fields answer glossy rays by certified hits: about large meshes where the rays may pay the bake (automatic),
+// wherever they can, or never.
 enum class FieldHits { automatic, always, never };
 
 struct RenderOptions {

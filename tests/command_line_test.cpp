@@ -294,6 +294,12 @@ TEST_F(CommandLine, CompareMeasuresAndJudges) {
   expect_failure(1, "above the limit", {"compare", "b.exr", "a.exr", "--fail-above", "0"});
   ASSERT_EQ(run({"render", "scene.xml", "-o", "c.exr", "--quiet", "--crop", "0,0,8,8"}).code, 0);
   expect_failure(1, "one size", {"compare", "c.exr", "a.exr"});
+  const auto part = nlohmann::json::parse(run({"compare", "b.exr", "a.exr", "--json", "--crop", "3,5,8,9"}).out);
+  EXPECT_NE(part["rmse"], j["rmse"]);
+  EXPECT_EQ(part["worst_block"]["x"], 3);
+  EXPECT_EQ(part["worst_block"]["y"], 5);
+  expect_failure(2, "not inside the image", {"compare", "b.exr", "a.exr", "--crop", "0,0,1000,1"});
+  expect_failure(2, "four whole numbers", {"compare", "b.exr", "a.exr", "--crop", ""});
 }
 
 TEST_F(CommandLine, MeshesAreWrittenAndDescribed) {

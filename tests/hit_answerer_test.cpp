@@ -17,7 +17,7 @@ namespace {
 
 using test::SceneMaker;
 
-// A rough metal floor and a rough metal ball under a checkered knot, partly before each other, lit by a lamp and the sky.
+// A rough metal floor under a checkered knot and a rough metal ball that cuts it, lit by a lamp and the sky.
 SceneMaker reflecting_scene(float alpha, int resolution = 48) {
   SceneMaker m;
   m.film(resolution, resolution);
@@ -36,7 +36,7 @@ SceneMaker reflecting_scene(float alpha, int resolution = 48) {
   m.instance(knot, tiles, test::translation({0, 1.2f, 0}));
   const uint32_t ball = m.mesh(make_sphere({.around = 96, .along = 48}));
   Affine at = test::scaling(Vec3(0.5f));
-  at[3] = Vec3(0.9f, 0.6f, 1.2f);
+  at[3] = Vec3(0.5f, 0.8f, 0.6f);
   m.instance(ball, metal, at);
   const Affine floor(Vec3(6, 0, 0), Vec3(0, 0, -6), Vec3(0, 6, 0), Vec3(0));
   m.instance(m.shape(ShapeKind::rectangle), metal, floor);
@@ -84,9 +84,10 @@ TEST(CertifiedHits, AreThoseOfExactRays) {
 TEST(CertifiedHits, ConvergeToMonteCarlo) {
   const Scene scene = reflecting_scene(0.3f, 32).scene;
   RenderOptions o = options_with(FieldHits::always, 512);
-  const Image fields = render(scene, o).image;
+  const RenderResult fields = render(scene, o);
+  EXPECT_GT(fields.stats.rays_glossy_hits, fields.stats.rays_glossy / 10);
   o.method = Method::monte_carlo;
-  const ImageDifference d = compare_images(fields, render(scene, o).image);
+  const ImageDifference d = compare_images(fields.image, render(scene, o).image);
   EXPECT_LE(d.rmse, 0.006);
   EXPECT_LE(std::abs(d.bias), 0.001);
   EXPECT_LE(d.worst_block_rmse, 0.02);
@@ -116,6 +117,68 @@ TEST(CertifiedHits, AreTheSameForThreadsInstructionSetsAndCaches) {
   EXPECT_EQ(expect_same(o, "a full cache").bake_rays, 0u);
 }
 
+TEST(CertifiedHits, AreTheSameInEveryCropWindow) {
+  const Scene scene = reflecting_scene(0.3f, 96).scene;
+  RenderOptions o = options_with(FieldHits::always, 4);
+  const Image whole = render(scene, o).image;
+  o.crop = Rect{37, 41, 30, 23};
+  const RenderResult part = render(scene, o);
+  EXPECT_GT(part.stats.rays_glossy_hits, 0u);
+  for (int y = 0; y < o.crop->height; ++y) {
+    for (int x = 0; x < o.crop->width; ++x) {
+      const float* const expected = whole.pixel(o.crop->x + x, o.crop->y + y);
+      ASSERT_TRUE(std::equal(expected, expected + 3, part.image.pixel(x, y))) << x << " " << y;
+    }
+  }
+}
+
+// What pictures of radiance leave is asked of fields.
+TEST(CertifiedHits, AnswerBesidePictures) {
+  const Scene scene = reflecting_scene(0.3f, 160).scene;
+  RenderOptions o = options_with(FieldHits::always, 64);
+  o.crop = Rect{50, 70, 32, 32};
+  o.aovs = {"glossy_exact"};
+  const RenderResult both = render(scene, o);
+  EXPECT_GT(both.stats.field_bytes_pictures, 0u);
+  EXPECT_GT(both.stats.rays_glossy_hits, 0u);
+  o.field_hits = FieldHits::never;
+  const RenderResult pictures = render(scene, o);
+  EXPECT_EQ(pictures.stats.rays_glossy_hits, 0u);
+  EXPECT_LT(both.stats.rays_glossy_exact, pictures.stats.rays_glossy_exact);
+  const auto traced = [](const Image& image) {
+    const int channel = image.channel_index("glossy_exact.Y");
+    double sum = 0.0;
+    for (int y = 0; y < image.height; ++y) {
+      for (int x = 0; x < image.width; ++x) sum += image.pixel(x, y)[channel];
+    }
+    return sum;
+  };
+  EXPECT_LT(traced(both.image), traced(pictures.image));
+  EXPECT_GT(traced(both.image), 0.0);
+  const ImageDifference d = compare_images(both.image, pictures.image);
+  EXPECT_LE(d.rmse, 0.004);
+  EXPECT_LE(std::abs(d.bias), 0.001);
+}
+
+// Shadows keep their fields where those for glossy rays do not fit.
+TEST(CertifiedHits, AreGivenUpFirstWhereMemoryEnds) {
+  const Scene scene = reflecting_scene(0.3f, 32).scene;
+  RenderOptions o = options_with(FieldHits::never, 4);
+  o.leave_to_rays = false;
+  const RenderResult never = render(scene, o);
+  o.field_hits = FieldHits::always;
+  const RenderResult all = render(scene, o);
+  ASSERT_GT(all.stats.field_bytes_memory, 2 * never.stats.field_bytes_memory);
+  o.field_memory = (all.stats.field_bytes_memory + never.stats.field_bytes_memory) / 2;
+  RenderCallbacks callbacks;
+  std::string warnings;
+  callbacks.warning = [&](const std::string& line) { warnings += line; };
+  const RenderResult bounded = render(scene, o, callbacks);
+  EXPECT_EQ(bounded.stats.field_restarts, 1u);
+  EXPECT_NE(warnings.find("what glossy rays meet"), std::string::npos) << warnings;
+  EXPECT_EQ(bounded.image.data, never.image.data);
+}
+
 // Near-mirrors: no error is small against such a lobe.
 TEST(CertifiedHits, NarrowLobesAreTraced) {
   const Scene scene = reflecting_scene(0.002f, 32).scene;
@@ -135,27 +198,49 @@ TEST(CertifiedHits, AreNotAskedForBySmallPictures) {
   EXPECT_EQ(automatic.image.data, never.image.data);
 }
 
-// What the renderer would ask: few samples of a small film, or many of a large one, of meshes of some size.
+// Which instances are asked about: few samples of a small film, or many of a large one, of meshes of some size.
 TEST(CertifiedHits, AreWantedWhereLargeMeshesAreSentManyRays) {
+  const std::vector<ShapeTraits> traits = {{false, true}, {false, true}, {true, false}, {false, false}};
+  const FieldParameters parameters = {32, 64, 16};
+  const SceneMaker small = reflecting_scene(0.3f);
+  SceneMaker large = small;
+  large.scene.shapes[0].mesh = make_knot({.along = 16384, .around = 32});
   TransportSettings settings;
   RenderOptions o;
   o.lobe_samples = 64;
-  const FieldParameters parameters = {32, 64, 16};
-  const auto wanted = [&](int along, uint64_t camera_samples) {
-    SceneMaker m = reflecting_scene(0.3f);
-    m.scene.shapes[0].mesh = make_knot({.along = along, .around = 32});
-    const std::vector<ShapeTraits> traits = {{false, true}, {false, false}, {true, false}, {false, false}};
-    return wants_hits(m.scene, traits, settings, o, parameters, camera_samples);
+  constexpr uint64_t k_few = 256 * 256, k_many = 2048 * 2048;
+  const auto chosen = [&](const Scene& scene, uint64_t camera_samples) {
+    return choose_hit_instances(scene, traits, settings, o, parameters, camera_samples);
   };
-  EXPECT_TRUE(wanted(16384, 2048 * 2048));
-  EXPECT_FALSE(wanted(16384, 256 * 256));
-  EXPECT_FALSE(wanted(256, 2048 * 2048));
+  const std::vector<uint32_t> none, knot = {0}, both = {0, 1};
+  // A mesh so fine that texture coordinates cannot be continued to a cell's corners.
+  EXPECT_EQ(chosen(large.scene, k_many), none);
+  large.scene.instances[0].bsdf = large.scene.instances[1].bsdf;
+  EXPECT_EQ(chosen(large.scene, k_many), knot);
+  EXPECT_EQ(chosen(large.scene, k_few), none);
+  EXPECT_EQ(chosen(small.scene, k_many), none);
   o.field_hits = FieldHits::never;
-  EXPECT_FALSE(wanted(16384, 2048 * 2048));
+  EXPECT_EQ(chosen(large.scene, k_many), none);
   o.field_hits = FieldHits::always;
-  EXPECT_TRUE(wanted(256, 16));
+  EXPECT_EQ(chosen(small.scene, k_few), both);
+  const auto without_knot = [&](auto&& change) {
+    SceneMaker m = small;
+    change(m);
+    return chosen(m.scene, k_few) == std::vector<uint32_t>{1};
+  };
+  EXPECT_TRUE(without_knot([](SceneMaker& m) { m.scene.instances[0].bsdf = m.masked(0, 0.5f); }));
+  EXPECT_TRUE(without_knot([](SceneMaker& m) { m.scene.bsdfs[0].back = m.masked(0, 0.5f); }));
+  EXPECT_TRUE(
+      without_knot([](SceneMaker& m) { m.scene.instances[0].bsdf = m.bsdf(BsdfKind::rough_dielectric, Rgb(1.0f)); }));
+  EXPECT_TRUE(without_knot([](SceneMaker& m) { m.area_light(0, Rgb(1.0f)); }));
+  SceneMaker crowd = small;
+  for (size_t i = 0; i < HitAnswerer::k_most_objects; ++i) crowd.instance(0, 0, Affine(1.0f));
+  EXPECT_EQ(chosen(crowd.scene, k_few), none);
+  o.tolerance = 1.0f;
+  EXPECT_EQ(chosen(small.scene, k_few), none);
+  o.tolerance = 0.1f;
   settings.max_depth = 2;  // what reflections meet is not lit
-  EXPECT_FALSE(wanted(16384, 2048 * 2048));
+  EXPECT_EQ(chosen(small.scene, k_few), none);
 }
 
 // ---- surface_near

@@ -251,8 +251,8 @@ Rect parse_crop(const std::string& text, const Rect& whole, const std::string& n
     begin = end + 1;
   }
   if (!is_inside(crop, whole)) {
-    throw UsageError(fmt::format("--crop {}: not inside the {}, which covers {},{},{},{}", text, name, whole.x,
-                                 whole.y, whole.width, whole.height));
+    throw UsageError(fmt::format("--crop {}: not inside the {}, which covers {},{},{},{}", text, name, whole.x, whole.y,
+                                 whole.width, whole.height));
   }
   return crop;
 }
