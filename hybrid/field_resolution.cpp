@@ -1,6 +1,7 @@
 #include "hybrid/field_resolution.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "hybrid/bake_estimate.h"
 #include "hybrid/light_extent.h"
@@ -31,7 +32,33 @@ bool is_costly(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t
   return most > std::max(k_costly_bake_rays, k_most_bake_share * light_samples);
 }
 
+// Whether all fields of these parameters together take few bake rays for what falls on their objects.
+bool are_worth(const FieldParameters& parameters, const Scene& scene, std::span<const ShapeTraits> traits,
+               uint64_t rays_per_light) {
+  double share = 0.0, bake_rays = 0.0;
+  for (const Instance& instance : scene.instances) {
+    if (traits[instance.shape].wants_field) share += double(projected_share(scene, instance));
+  }
+  const std::vector<double> rays = estimated_bake_rays(scene, parameters);
+  for (size_t s = 0; s < rays.size(); ++s) bake_rays += traits[s].wants_field ? rays[s] : 0.0;
+  const double light_samples = double(rays_per_light) * double(scene.emitters.size()) * std::min(share, 1.0);
+  return bake_rays <= k_finer_bake_share * light_samples;
+}
+
 }  // namespace
+
+float projected_share(const Scene& scene, const Instance& instance) {
+  const Bounds3 bounds = world_bounds(scene.shapes[instance.shape].bounds, instance.to_world);
+  const Affine& camera = scene.camera.to_world;
+  const Vec3 to_centre = bounds.centre() - camera[3];
+  const float radius = 0.5f * glm::length(bounds.diagonal()), distance = glm::length(to_centre);
+  if (distance <= radius) return 1.0f;
+  if (glm::dot(to_centre, glm::normalize(camera[2])) < -radius) return 0.0f;
+  const float disc = k_pi * radius * radius / (distance * distance - radius * radius);
+  const float half_width = std::tan(scene.camera.fov_x_degrees * (k_pi / 360.0f));
+  const float film = 4.0f * half_width * half_width * float(scene.film.height) / float(scene.film.width);
+  return std::min(disc / film, 1.0f);
+}
 
 FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light) {
   FieldParameters parameters;
@@ -41,6 +68,12 @@ FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTrait
   if (!is_fine) {
     parameters.directions = 32;
     parameters.plane = 64;
+  }
+  if (rays_per_light < k_fine_field_rays) return parameters;
+  for (const FieldParameters& finer : {FieldParameters{64, 128}, FieldParameters{64, 256}, FieldParameters{128, 256}}) {
+    if (finer.plane < parameters.plane || !are_worth(finer, scene, traits, rays_per_light)) continue;
+    parameters.directions = finer.directions;
+    parameters.plane = finer.plane;
   }
   return parameters;
 }

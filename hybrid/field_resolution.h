@@ -1,7 +1,9 @@
-// D and N from what a scene asks of its fields: the lights' widths and the number of rays that will be looked up.
+// D and N from what a scene asks of its fields: the lights' widths, the objects' size in the picture and the number of
+// rays that will be looked up.
 //
 // A cell costs about 16 rays to bake. Wide lights touch many cells, and a small or quick picture sends few rays to
-// each; coarser cells then cost less time in all, though more of them ask (docs/decisions/007-field-resolution.md). The
+// each; coarser cells then cost less time in all, though more of them ask. Objects that fill the picture under many
+// samples are worth finer ones, which also err less (docs/decisions/007-field-resolution.md). The
 // choice uses counts and the scene only, never clocks or the state of a cache, so that pictures can be repeated.
 // Thread-safety: pure.
 #pragma once
@@ -22,10 +24,15 @@ inline constexpr uint64_t k_fine_field_rays = 12'000'000;
 // Fine cells whose bake is costly (hybrid/bake_estimate.h) and takes more than this part of the picture's light samples
 // give way to coarse ones: a narrow light beside wide ones, or many lights.
 inline constexpr double k_most_bake_share = 0.05;
+// Finer cells are taken where their bake takes no more than this part of the light samples that fall on the objects.
+inline constexpr double k_finer_bake_share = 0.1;
 
 // The angular diameter in degrees of the narrowest light, seen from the centre of any instance whose shape wants a
 // field; 0 for point and directional lights, 180 for a constant one. 0 if there is no light or no such instance.
 float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> traits);
+
+// The part of the film that the ball about an instance's bounds covers, about: 0 behind the camera, 1 around it.
+float projected_share(const Scene& scene, const Instance& instance);
 
 // `rays_per_light`: pixels of the film x camera samples x light samples.
 FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light);

@@ -14,9 +14,10 @@ namespace {
 
 constexpr uint64_t k_plenty = 100'000'000;
 
-// A ball of radius 1 under sphere lights of these angular diameters in degrees.
+// A ball of radius 1 under sphere lights of these angular diameters in degrees, far from the camera.
 Scene lit_ball(const std::vector<float>& degrees) {
   SceneMaker maker;
+  maker.scene.camera.to_world = look_at({500, 0, 0}, {0, 0, 0}, {0, 0, 1});
   const uint32_t grey = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
   maker.instance(maker.mesh(make_sphere()), grey, Affine(1.0f));
   for (const float d : degrees) {
@@ -52,6 +53,42 @@ TEST(FieldResolution, CostlyBakesWantManyRays) {
   ASSERT_GT(enough, 2 * k_fine_field_rays);
   EXPECT_EQ(directions_for(scene, enough - 2), 32);
   EXPECT_EQ(directions_for(scene, enough), 64);
+}
+
+// An object that fills the picture under many samples gets finer cells than one far away.
+TEST(FieldResolution, LargeObjectsInThePictureWantFinerCells) {
+  Scene scene = lit_ball({4.0f});
+  scene.camera.fov_x_degrees = 40.0f;
+  const auto chosen = [&](float distance, uint64_t rays_per_light) {
+    scene.camera.to_world = look_at({distance, 0, 0}, {0, 0, 0}, {0, 0, 1});
+    const FieldParameters p = choose_resolution(scene, shape_traits(scene), rays_per_light);
+    return std::pair(p.directions, p.plane);
+  };
+  EXPECT_EQ(chosen(3.0f, k_fine_field_rays), std::pair(64, 128));
+  EXPECT_EQ(chosen(3.0f, 6 * k_fine_field_rays), std::pair(64, 256));
+  EXPECT_EQ(chosen(3.0f, 20 * k_fine_field_rays), std::pair(128, 256));
+  EXPECT_EQ(chosen(30.0f, 20 * k_fine_field_rays), std::pair(64, 128));
+  scene = lit_ball({20.0f});
+  scene.camera.fov_x_degrees = 40.0f;
+  EXPECT_EQ(chosen(3.0f, 2 * k_fine_field_rays), std::pair(32, 64));
+  EXPECT_EQ(chosen(3.0f, 20 * k_fine_field_rays), std::pair(64, 128));
+}
+
+TEST(FieldResolution, ProjectedShareIsThatOfTheDisc) {
+  Scene scene = lit_ball({});
+  const Instance& ball = scene.instances[0];
+  scene.film.width = 200, scene.film.height = 100;
+  scene.camera.fov_x_degrees = 90.0f;
+  const float radius = std::sqrt(3.0f);  // of the ball about the bounds
+  const auto share = [&](float distance) {
+    scene.camera.to_world = look_at({distance, 0, 0}, {0, 0, 0}, {0, 0, 1});
+    return projected_share(scene, ball);
+  };
+  EXPECT_NEAR(share(10.0f), k_pi * radius * radius / (100.0f - radius * radius) / 2.0f, 1e-3f);
+  EXPECT_EQ(share(1.0f), 1.0f);
+  EXPECT_EQ(share(2.0f), 1.0f);
+  scene.camera.to_world = look_at({10, 0, 0}, {20, 0, 0}, {0, 0, 1});
+  EXPECT_EQ(projected_share(scene, ball), 0.0f);
 }
 
 }  // namespace
