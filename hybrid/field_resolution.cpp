@@ -42,7 +42,7 @@ bool are_worth(const FieldParameters& parameters, const Scene& scene, std::span<
   const std::vector<double> rays = estimated_bake_rays(scene, parameters);
   for (size_t s = 0; s < rays.size(); ++s) bake_rays += traits[s].wants_field ? rays[s] : 0.0;
   const double light_samples = double(rays_per_light) * double(scene.emitters.size()) * std::min(share, 1.0);
-  return bake_rays <= k_finer_bake_share * light_samples;
+  return bake_rays > 0.0 && bake_rays <= k_finer_bake_share * light_samples;
 }
 
 }  // namespace

@@ -68,6 +68,7 @@ TEST(FieldResolution, LargeObjectsInThePictureWantFinerCells) {
   EXPECT_EQ(chosen(3.0f, 6 * k_fine_field_rays), std::pair(64, 256));
   EXPECT_EQ(chosen(3.0f, 20 * k_fine_field_rays), std::pair(128, 256));
   EXPECT_EQ(chosen(30.0f, 20 * k_fine_field_rays), std::pair(64, 128));
+  EXPECT_EQ(directions_for(lit_ball({}), 1000 * k_fine_field_rays), 64);  // no light, nothing to weigh
   scene = lit_ball({20.0f});
   scene.camera.fov_x_degrees = 40.0f;
   EXPECT_EQ(chosen(3.0f, 2 * k_fine_field_rays), std::pair(32, 64));

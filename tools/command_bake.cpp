@@ -18,11 +18,14 @@ namespace fieldtrace {
 
 namespace {
 
+// Of 1024 x 1024 pixels with 64 light samples.
+constexpr uint64_t k_large_picture_rays = uint64_t(1024) * 1024 * 64;
+
 struct BakeArguments {
   SceneArguments input;
   std::string output;
   BakeOptions options;
-  int directions = 0, plane = 0;  // 0: as `render` would choose for a large picture of the scene
+  int directions = 0, plane = 0;  // 0: as `render` would choose for k_large_picture_rays
 };
 
 bool is_mesh(const std::string& path) {
@@ -74,7 +77,7 @@ int run_bake(const BakeArguments& arguments) {
                            : load_scene(arguments.input, progress);
   BakeOptions options = arguments.options;
   if (by_thesis) options.thesis_directions = thesis_directions(arguments.directions, arguments.plane);
-  options.fields = choose_resolution(scene, shape_traits(scene), std::numeric_limits<uint64_t>::max());
+  options.fields = choose_resolution(scene, shape_traits(scene), k_large_picture_rays);
   if (arguments.directions) options.fields.directions = arguments.directions;
   if (arguments.plane) options.fields.plane = arguments.plane;
   const BakeResult result = bake_scene(scene, arguments.output, options, callbacks);
