@@ -19,7 +19,7 @@ SAMPLES = 64
 # Of scenes/reflection_1.xml: depth of its paths, and the part of the film (x, y, width, height) that the hyperboloid
 # fills.
 REFLECTION_DEPTH = 4
-REFLECTOR = (0.2, 0.3, 0.2, 0.4)
+REFLECTOR = (0.21, 0.3, 0.18, 0.4)
 
 
 def lobes(shot, count, *options):
