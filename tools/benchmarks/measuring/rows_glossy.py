@@ -133,7 +133,7 @@ def reflection(context):
     size = dict(shot.defines)["resolution"]
     crop = [int(share * size) for share in REFLECTOR]
     aim = 0.1 if context.quick else 0.01
-    reference = programs.reference(lobes(shot.with_(spp=context.samples(128), seed=OTHER_SEED), 64))
+    reference = programs.reference(lobes(shot.with_(spp=context.samples(96), seed=OTHER_SEED), 64))
     methods, notes = {}, frame_notes(context)
     with contextlib.ExitStack() as stack:
         jobs = our_jobs(context, shot, reference, crop, aim)
