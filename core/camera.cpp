@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/camera_batch-inl.h"
 #include "core/error.h"
-#include "core/warp.hd.h"
+#include "core/vec_lanes.h"
 
 namespace fieldtrace {
 namespace {
@@ -41,9 +42,21 @@ std::vector<float> tabulate_gaussian(double radius, double stddev) {
   return table;
 }
 
+int lens_filter(FilterKind kind) {
+  switch (kind) {
+    case FilterKind::box:
+      return CameraLens::k_box;
+    case FilterKind::tent:
+      return CameraLens::k_tent;
+    case FilterKind::gaussian:
+      break;
+  }
+  return CameraLens::k_gaussian;
+}
+
 }  // namespace
 
-CameraSampler::CameraSampler(const Camera& camera, const Film& film) : camera_(camera), film_(film) {
+CameraSampler::CameraSampler(const Camera& camera, const Film& film) {
   if (film.width < 1 || film.height < 1)
     throw Error("the film has no pixels (" + std::to_string(film.width) + " x " + std::to_string(film.height) +
                 "); give it a width and a height of at least 1");
@@ -55,55 +68,48 @@ CameraSampler::CameraSampler(const Camera& camera, const Film& film) : camera_(c
   if (camera.aperture_radius > 0.0f && !(camera.focus_distance > 0.0f))
     throw Error("a thin lens needs a focus_distance above 0");
   if (!(film.filter_radius > 0.0f)) throw Error("the reconstruction filter needs a radius above 0");
-  tan_x_ = float(std::tan(0.5 * double(camera.fov_x_degrees) * 3.14159265358979323846 / 180.0));
-  tan_y_ = tan_x_ * float(film.height) / float(film.width);
-  scale_ = glm::length(camera.to_world[2]);
+  for (int i = 0; i < 4; ++i) {
+    for (int k = 0; k < 3; ++k) lens_.to_world[i][k] = camera.to_world[i][k];
+  }
+  lens_.width = float(film.width);
+  lens_.height = float(film.height);
+  lens_.principal_offset[0] = camera.principal_offset.x;
+  lens_.principal_offset[1] = camera.principal_offset.y;
+  lens_.tan_x = float(std::tan(0.5 * double(camera.fov_x_degrees) * 3.14159265358979323846 / 180.0));
+  lens_.tan_y = lens_.tan_x * lens_.height / lens_.width;
+  lens_.near_clip = camera.near_clip;
+  lens_.far_clip = camera.far_clip;
+  lens_.aperture_radius = camera.aperture_radius;
+  lens_.focus_distance = camera.focus_distance;
+  lens_.scale = glm::length(camera.to_world[2]);
+  lens_.filter = lens_filter(film.filter);
+  lens_.filter_radius = film.filter_radius;
   if (film.filter == FilterKind::gaussian) {
     if (!(film.gaussian_stddev > 0.0f)) throw Error("the gaussian filter needs a stddev above 0");
     gaussian_ = tabulate_gaussian(film.filter_radius, film.gaussian_stddev);
+    lens_.gaussian = gaussian_.data();
+    lens_.gaussian_steps = k_gaussian_steps;
   }
 }
 
-float CameraSampler::filter_offset(float u) const {
-  const float centred = 2.0f * u - 1.0f;  // exact: u is a multiple of 2^-24
-  const float r = film_.filter_radius;
-  switch (film_.filter) {
-    case FilterKind::box:
-      return r * centred;
-    case FilterKind::tent:
-      return std::copysign(r * (1.0f - std::sqrt(1.0f - std::abs(centred))), centred);
-    case FilterKind::gaussian:
-      break;
-  }
-  const float position = std::abs(centred) * float(k_gaussian_steps);
-  const int k = std::min(int(position), k_gaussian_steps - 1);
-  const float f = position - float(k);
-  return std::copysign((1.0f - f) * gaussian_[k] + f * gaussian_[k + 1], centred);
-}
-
-CameraRay CameraSampler::ray(int x, int y, const Vec2& u_film, const Vec2& u_lens) const {
-  return ray_at({float(x) + 0.5f + filter_offset(u_film.x), float(y) + 0.5f + filter_offset(u_film.y)}, u_lens);
-}
+float CameraSampler::filter_offset(float u) const { return scalar::filter_offset<float>(lens_, u); }
 
 CameraRay CameraSampler::ray_at(const Vec2& p, const Vec2& u_lens) const {
-  const float fx = p.x / float(film_.width) + camera_.principal_offset.x;
-  const float fy = p.y / float(film_.height) + camera_.principal_offset.y;
-  const Vec3 through((1.0f - 2.0f * fx) * tan_x_, (1.0f - 2.0f * fy) * tan_y_, 1.0f);
-  Vec3 lens(0.0f);
-  Vec3 d = through;
-  if (camera_.aperture_radius > 0.0f) {
-    const scalar::DiskPoint<float> disk = scalar::concentric_disk(u_lens.x, u_lens.y);
-    lens = Vec3(disk.cosine, disk.sine, 0.0f) * (disk.radius * camera_.aperture_radius);
-    d = through * camera_.focus_distance - lens;
-  }
-  d = glm::normalize(d);
-  const float near_t = camera_.near_clip / d.z;
-  CameraRay ray;
-  ray.origin = transform_point(camera_.to_world, lens + d * near_t);
-  ray.direction = glm::normalize(transform_vector(camera_.to_world, d));
-  ray.near_distance = near_t * scale_;
-  ray.tmax = (camera_.far_clip / d.z - near_t) * scale_;
-  return ray;
+  const scalar::CameraRayLanes<float> ray = scalar::camera_ray<float>(lens_, p.x, p.y, u_lens.x, u_lens.y);
+  return {to_vec(ray.origin), to_vec(ray.direction), ray.tmax, ray.near_distance};
+}
+
+void CameraSampler::sample(const CameraSamples& samples, uint32_t seed, Isa isa, RayBatch& rays,
+                           AlignedVector<float>& near_distance) const {
+  rays.resize(samples.size);
+  near_distance.resize(padded(samples.size));
+  camera_kernel_for(resolve_isa(isa))(lens_, samples, seed, rays, near_distance.data());
+  rays.resize(samples.size);  // the kernel has written into the padding
+}
+
+void sample_camera_scalar(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,
+                          float* near_distance) {
+  scalar::sample_camera_batch<float>(lens, samples, seed, rays, near_distance);
 }
 
 }  // namespace fieldtrace

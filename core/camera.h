@@ -11,6 +11,9 @@
 
 #include <vector>
 
+#include "core/camera_lens.h"
+#include "core/camera_samples.h"
+#include "core/isa.h"
 #include "core/scene.h"
 
 namespace fieldtrace {
@@ -28,21 +31,23 @@ class CameraSampler {
   // ...).
   CameraSampler(const Camera& camera, const Film& film);
 
-  // A ray through pixel (x, y) of the whole film. u_film and u_lens lie in [0, 1)^2.
-  CameraRay ray(int x, int y, const Vec2& u_film, const Vec2& u_lens) const;
+  CameraSampler(const CameraSampler&) = delete;
+  CameraSampler& operator=(const CameraSampler&) = delete;
 
-  // The ray through the film position p in pixels: (0, 0) is the film's top left corner.
+  // Rays of camera samples, in SIMD lanes, with their parts as in CameraRay: the same bits for every instruction set.
+  // `rays` and near_distance are resized. Throws UsageError if this processor cannot run `isa`.
+  void sample(const CameraSamples& samples, uint32_t seed, Isa isa, RayBatch& rays,
+              AlignedVector<float>& near_distance) const;
+
+  // The ray through the film position p in pixels: (0, 0) is the film's top left corner. u_lens lies in [0, 1)^2.
   CameraRay ray_at(const Vec2& p, const Vec2& u_lens) const;
 
   // Offset from the pixel's centre in pixels, distributed as the filter along one axis.
   float filter_offset(float u) const;
 
  private:
-  Camera camera_;
-  Film film_;
-  float tan_x_ = 1.0f, tan_y_ = 1.0f;  // half the picture's size at distance 1
-  float scale_ = 1.0f;                 // length of a camera-space unit in the world
-  std::vector<float> gaussian_;        // inverse distribution function at k / k_gaussian_steps
+  CameraLens lens_;  // points into gaussian_
+  std::vector<float> gaussian_;
 };
 
 }  // namespace fieldtrace

@@ -99,6 +99,7 @@ struct Bsdf {
 // The analytic kinds have no mesh: sphere: unit sphere about the origin. Disk: unit disk in z = 0, normal +z.
 // Cylinder: radius 1 about the z axis from z = 0 to z = 1, open at both ends, normal outwards.
 enum class ShapeKind : uint8_t { mesh, rectangle, sphere, disk, cylinder };
+inline bool is_meshed(ShapeKind kind) { return kind == ShapeKind::mesh || kind == ShapeKind::rectangle; }
 
 struct Shape {
   ShapeKind kind = ShapeKind::mesh;

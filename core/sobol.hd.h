@@ -40,13 +40,21 @@ FT_HD_INLINE Uint_t<F> hash_lanes(Uint_t<F> x) {
 FT_HD_INLINE uint32_t hash_uint(uint32_t x) { return hash_lanes<float>(x); }
 
 // Hash of two words in order; chain it for more.
-FT_HD_INLINE uint32_t hash_combine(uint32_t a, uint32_t b) {
-  return hash_uint(a ^ (hash_uint(b + 0x9e3779b9u) + 0x9e3779b9u + (a << 6) + (a >> 2)));
+template <class F>
+FT_HD_INLINE Uint_t<F> hash_combine_lanes(Uint_t<F> a, Uint_t<F> b) {
+  const Uint_t<F> golden = splat_uint<F>(0x9e3779b9u);
+  return hash_lanes<F>(a ^ (hash_lanes<F>(b + golden) + golden + shift_left<6>(a) + shift_right<2>(a)));
 }
+FT_HD_INLINE uint32_t hash_combine(uint32_t a, uint32_t b) { return hash_combine_lanes<float>(a, b); }
 
 // The seed of one pixel's path vertex (0: the camera ray's hit): what ReceiverBatch::seed holds.
+template <class F>
+FT_HD_INLINE Uint_t<F> vertex_seed_lanes(uint32_t seed, Uint_t<F> pixel_x, Uint_t<F> pixel_y, uint32_t vertex) {
+  const Uint_t<F> of_pixel = hash_combine_lanes<F>(hash_combine_lanes<F>(splat_uint<F>(seed), pixel_x), pixel_y);
+  return hash_combine_lanes<F>(of_pixel, splat_uint<F>(vertex));
+}
 FT_HD_INLINE uint32_t vertex_seed(uint32_t seed, uint32_t pixel_x, uint32_t pixel_y, uint32_t vertex) {
-  return hash_combine(hash_combine(hash_combine(seed, pixel_x), pixel_y), vertex);
+  return vertex_seed_lanes<float>(seed, pixel_x, pixel_y, vertex);
 }
 
 // The three independent scrambles of one pair of dimensions.

@@ -29,6 +29,9 @@ struct SurfacePoint {
 // The surface at hit `i` of `hits`, found by ray `i` of `rays`. Unchecked: the caller guarantees a hit there.
 SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch& hits, size_t i);
 
+// Texture coordinates at the barycentric coordinates (u, v) of vertices 1 and 2. `shape` is_meshed().
+Vec2 triangle_uv(const Shape& shape, uint32_t primitive, float u, float v);
+
 // The surface of a mesh's instance at a point that lies within `error` of it along the unit `normal`, which stands for
 // the surface's own on either side; `primitive` is a triangle near it, whose texture coordinates are continued over its
 // plane. For surfaces known by their fields (hybrid/hit_answerer.h). Unchecked: the instance is a mesh's.

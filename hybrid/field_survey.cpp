@@ -68,11 +68,13 @@ FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int
       interrupted = true;
       return;
     }
-    std::vector<CameraSample> samples;
-    for (const PixelPosition& p : tile_pixels(blocks[i])) samples.push_back({uint32_t(p.x), uint32_t(p.y), 0});
-    std::vector<SampleResult> results(samples.size());
+    const std::vector<PixelPosition> pixels = tile_pixels(blocks[i]);
+    CameraSamples samples;
+    samples.resize(pixels.size());
+    for (size_t p = 0; p < pixels.size(); ++p) samples.set(p, uint32_t(pixels[p].x), uint32_t(pixels[p].y), 0);
+    std::vector<Rgb> radiance(samples.size);
     // Isolated: as the tiles of the picture are.
-    tbb::this_task_arena::isolate([&] { workers.local().trace(samples, results); });
+    tbb::this_task_arena::isolate([&] { workers.local().trace(samples, radiance); });
   });
   survey.interrupted = interrupted;
   uint64_t pixels = 0;

@@ -100,6 +100,7 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.hide_emitters = scene.integrator.hide_emitters;
   s.seed = options.seed.value_or(scene.seed);
   s.isa = resolve_isa(options.isa);
+  s.first_hits = !aovs.empty();
   s.count_first_hits =
       std::any_of(aovs.begin(), aovs.end(), [](Aov aov) { return aov == Aov::visibility || aov == Aov::exact; });
   s.count_reflections = std::any_of(aovs.begin(), aovs.end(), [](Aov aov) {
@@ -226,13 +227,13 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const std::vector<PixelPosition> pixels = tile_pixels(tile);
   std::vector<PixelSums> sums(pixels.size());
   const auto goes_on = [&] { return !job.picture.stopped() && !job.budget.exceeded(); };
-  const auto add = [&](size_t pixel, const SampleResult& r) {
-    if (is_finite(r.radiance)) {
-      sums[pixel].radiance += DVec3(r.radiance);
+  const auto add = [&](size_t pixel, const Rgb& radiance, const FirstHit* first) {
+    if (is_finite(radiance)) {
+      sums[pixel].radiance += DVec3(radiance);
     } else {
       ++job.not_finite;
     }
-    sums[pixel].aovs.add(r.first);
+    if (first) sums[pixel].aovs.add(*first);
   };
   if (!trace_pixels(pixels, job.picture.spp, job.picture.settings.lobe_samples, worker, goes_on, add)) return false;
   for (size_t i = 0; i < pixels.size(); ++i) {

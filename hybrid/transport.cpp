@@ -8,6 +8,7 @@
 #include "core/conductor_samples.h"
 #include "core/finite.h"
 #include "core/sobol.hd.h"
+#include "core/surfaces.h"
 #include "hybrid/ambient_occlusion.h"
 #include "hybrid/direct_light.h"
 #include "hybrid/hit_answerer.h"
@@ -17,8 +18,7 @@
 namespace fieldtrace {
 namespace {
 
-// Streams of sample points beside those that the lights use, which take the vertex seeds themselves.
-constexpr uint32_t k_camera_stream = 0x43414d00u;
+// A stream of sample points beside those that the lights use, which take the vertex seeds themselves.
 constexpr uint32_t k_material_stream = 0x42534446u;
 // With fewer samples at a surface the lanes would mostly be empty.
 constexpr uint32_t k_fewest_lane_samples = 4;
@@ -59,6 +59,7 @@ struct TransportWorker::Impl {
   const TransportContext& context;
   const Scene& scene;
   const TransportSettings& settings;
+  Surfaces surfaces;
   DirectLight direct;
   AmbientOcclusion occlusion;
   Stats stats;
@@ -70,17 +71,17 @@ struct TransportWorker::Impl {
   LobeSamples lobe_samples;
   std::vector<Rgb> arriving;
   std::vector<FirstHit> firsts;
-  std::vector<float> near_distance;  // per camera ray
+  AlignedVector<float> near_distance;  // per camera ray
   LobeWorkspace lobe_work;
   std::vector<uint32_t> all_rays;
   std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
-  std::span<SampleResult> results;
-  std::vector<SampleResult> follow_results;
+  std::span<Rgb> radiance;  // by slot
+  std::vector<Rgb> follow_radiance;
 
   explicit Impl(const TransportContext& c)
-      : context(c), scene(c.scene), settings(c.settings), direct(c), occlusion(c) {}
+      : context(c), scene(c.scene), settings(c.settings), surfaces(c.scene, c.settings.isa), direct(c), occlusion(c) {}
 
-  void generate(std::span<const CameraSample> samples);
+  void generate(const CameraSamples& samples);
   void pass_hidden_emitters();
   void intersect(int vertex_number);
   bool answers_lobes(int vertex_number) const;
@@ -104,25 +105,17 @@ struct TransportWorker::Impl {
   void scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first);
 };
 
-void TransportWorker::Impl::generate(std::span<const CameraSample> samples) {
+void TransportWorker::Impl::generate(const CameraSamples& samples) {
   const ScopedTimer timer(stats.time_primary);
-  rays.resize(samples.size());
-  paths.assign(samples.size(), PathState{});
-  firsts.assign(samples.size(), FirstHit{});
-  near_distance.resize(samples.size());
-  for (uint32_t i = 0; i < samples.size(); ++i) {
-    const CameraSample& s = samples[i];
-    results[i] = SampleResult{};
-    const uint32_t seed = scalar::vertex_seed(settings.seed, s.x, s.y, k_camera_stream);
-    const Vec2 u_film = sample_pair(s.index, seed, 0);
-    const Vec2 u_lens = scene.camera.aperture_radius > 0.0f ? sample_pair(s.index, seed, 1) : Vec2(0.0f);
-    const CameraRay ray = context.camera.ray(int(s.x), int(s.y), u_film, u_lens);
-    rays.set(i, ray.origin, ray.direction, ray.tmax);
-    near_distance[i] = ray.near_distance;
-    paths[i].slot = i;
-    paths[i].pixel_x = s.x;
-    paths[i].pixel_y = s.y;
-    paths[i].index = s.index;
+  context.camera.sample(samples, settings.seed, settings.isa, rays, near_distance);
+  paths.assign(samples.size, PathState{});
+  firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
+  for (uint32_t i = 0; i < samples.size; ++i) {
+    PathState& path = paths[i];
+    path.slot = i;
+    path.pixel_x = samples.x[i];
+    path.pixel_y = samples.y[i];
+    path.index = samples.index[i];
   }
 }
 
@@ -177,7 +170,7 @@ void TransportWorker::Impl::intersect_lobes() {
   stats.time_secondary -= stats.time_bake - bake_before;
   for (const FilteredRay& filtered : lobe_work.filtered) {
     PathState& path = paths[filtered.ray];
-    results[path.slot].radiance += path.throughput * filtered.radiance;
+    radiance[path.slot] += path.throughput * filtered.radiance;
     path.throughput *= filtered.clear;
   }
 }
@@ -251,7 +244,7 @@ void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& orig
     const float ratio = density / path.bsdf_density;
     weight = 1.0f / (1.0f + ratio * ratio);
   }
-  results[path.slot].radiance += path.throughput * emitted_radiance(context.lights, light, direction) * weight;
+  radiance[path.slot] += path.throughput * emitted_radiance(context.lights, light, direction) * weight;
 }
 
 bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, int vertex_number) const {
@@ -280,6 +273,7 @@ void TransportWorker::Impl::arrive(int vertex_number) {
   const bool emission_counts = !(settings.hide_emitters && vertex_number == 0);
   const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
   vertices.clear();
+  surfaces.evaluate(rays, hits);
   for (uint32_t i = 0; i < paths.size(); ++i) {
     PathState& path = paths[i];
     const Vec3 d = rays.direction(i);
@@ -294,7 +288,7 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     PathVertex v;
     v.path = i;
     const CertifiedHit* known = certified.empty() ? nullptr : certified[i];
-    v.surface = known ? surface_of(scene, rays, hits, *known) : surface_at(scene, rays, hits, i);
+    v.surface = known ? surface_of(scene, rays, hits, *known) : surfaces.at(i);
     const float cos_geometric = -glm::dot(v.surface.geometric_normal, d);
     if (emission_counts && emitter != k_none && cos_geometric > 0.0f) {
       add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface.geometric_normal, v.surface.primitive});
@@ -310,7 +304,7 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     v.wi = v.frame.to_local(back);
     v.facing = cos_geometric < 0.0f ? -v.surface.geometric_normal : v.surface.geometric_normal;
     v.seed = scalar::vertex_seed(settings.seed, path.pixel_x, path.pixel_y, uint32_t(vertex_number));
-    if (vertex_number == 0) record_first_hit(i, v);
+    if (vertex_number == 0 && settings.first_hits) record_first_hit(i, v);
     if (last || v.material.absorbs() || !survives_roulette(path, v.seed, vertex_number)) continue;
     v.lobe_samples = path.may_split && v.material.glossy() ? float(settings.lobe_samples) : 1.0f;
     vertices.push_back(v);
@@ -325,7 +319,7 @@ void TransportWorker::Impl::gather_light(int vertex_number) {
                 arriving, stats);
   for (size_t i = 0; i < vertices.size(); ++i) {
     const PathState& path = paths[vertices[i].path];
-    results[path.slot].radiance += path.throughput * arriving[i];
+    radiance[path.slot] += path.throughput * arriving[i];
   }
 }
 
@@ -436,26 +430,28 @@ void TransportWorker::Impl::go_on(int vertex_number) {
   }
 }
 
-void TransportWorker::trace(std::span<const CameraSample> samples, std::span<SampleResult> results) {
+void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radiance) {
   Impl& w = *impl_;
-  w.results = results;
+  w.radiance = radiance;
+  std::fill(radiance.begin(), radiance.end(), Rgb(0.0f));
   w.occlusion.clear();
   w.generate(samples);
-  if (w.settings.max_depth == 0 || samples.empty()) return;
+  if (w.settings.max_depth == 0 || samples.size == 0) return;
   w.intersect(0);
   if (w.settings.hide_emitters) w.pass_hidden_emitters();
   w.arrive(0);
   if (w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
   w.go_on(0);
-  for (size_t i = 0; i < samples.size(); ++i) results[i].first = w.firsts[i];
 }
+
+std::span<const FirstHit> TransportWorker::first_hits() const { return impl_->firsts; }
 
 uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths,
                                  std::span<Rgb> radiance) {
   Impl& w = *impl_;
   const uint64_t before = w.stats.rays_primary + w.stats.rays_exact;
-  w.follow_results.assign(vertices.size(), SampleResult{});
-  w.results = w.follow_results;
+  w.follow_radiance.assign(vertices.size(), Rgb(0.0f));
+  w.radiance = w.follow_radiance;
   for (uint32_t i = 0; i < vertices.size(); ++i) {
     vertices[i].path = paths[i].slot = i;
     paths[i].may_split = false;
@@ -464,7 +460,7 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   w.paths.swap(paths);
   if (w.settings.max_depth != 0) w.go_on(0);
   for (size_t i = 0; i < radiance.size(); ++i) {
-    const Rgb& sum = w.follow_results[i].radiance;
+    const Rgb& sum = w.follow_radiance[i];
     radiance[i] = is_finite(sum) ? sum : Rgb(0.0f);
   }
   return w.stats.rays_primary + w.stats.rays_exact - before;

@@ -30,9 +30,10 @@ struct TransportSettings {
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
-  bool count_first_hits = false;          // fill the shadow ray counts of FirstHit: some AOV shows them
-  bool count_reflections = false;         // fill its counts of glossy rays
-  bool occlusion = false;                 // fill the occlusion counts of FirstHit, with light_samples rays each
+  bool first_hits = false;                // keep what camera rays met: some AOV shows it
+  bool count_first_hits = false;          // with first_hits: fill the shadow ray counts of FirstHit
+  bool count_reflections = false;         // with first_hits: fill its counts of glossy rays
+  bool occlusion = false;                 // with first_hits: fill its occlusion counts, with light_samples rays each
   float occlusion_distance = k_infinity;  // world units, > 0: what lies farther does not occlude
   uint32_t seed = 0;
   Isa isa = Isa::automatic;  // resolved
@@ -67,24 +68,17 @@ struct TransportContext {
   bool open_form_can_be_hit = false;       // one of those is not sampled in closed form
 };
 
-struct CameraSample {
-  uint32_t x = 0, y = 0;  // pixel of the whole film
-  uint32_t index = 0;     // of the camera sample in its pixel
-};
-
-struct SampleResult {
-  Rgb radiance = Rgb(0.0f);
-  FirstHit first;
-};
-
 class TransportWorker {
  public:
   explicit TransportWorker(const TransportContext& context);
   ~TransportWorker();
   TransportWorker(TransportWorker&&) noexcept;
 
-  // results[i] receives what camera sample i sees. Any number of samples; about 4096 / lobe_samples is best.
-  void trace(std::span<const CameraSample> samples, std::span<SampleResult> results);
+  // radiance[i] receives what camera sample i sees. Any number of samples; about 4096 / lobe_samples is best.
+  void trace(const CameraSamples& samples, std::span<Rgb> radiance);
+
+  // Of the samples of the last trace(); empty unless the settings ask for first hits.
+  std::span<const FirstHit> first_hits() const;
 
   // The same for paths that begin at surfaces: radiance[i] receives what leaves vertices[i] on the side that it was
   // shaded from, its own emission left out, by paths of which vertices[i].lobe_samples go on from there. paths[i] gives

@@ -1,0 +1,83 @@
+// Double-precision lane types over Highway vectors: F64, with the operators and functions of double_lanes.hd.h.
+//
+// Include only after foreach_target.h, once per target. k_count is half of what vectors of floats have: 8 on AVX-512, 4
+// on AVX2, 2 on SSE4 and NEON. Loads and stores need no alignment. Thread-safety: values.
+
+#if defined(FIELDTRACE_CORE_DOUBLE_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_CORE_DOUBLE_LANES_INL_H_
+#undef FIELDTRACE_CORE_DOUBLE_LANES_INL_H_
+#else
+#define FIELDTRACE_CORE_DOUBLE_LANES_INL_H_
+#endif
+
+#include <hwy/highway.h>
+
+#include "core/double_lanes.hd.h"
+#include "core/lanes-inl.h"
+
+FT_LANES_BEGIN
+
+using DD = hn::CappedTag<double, 8>;
+using DHalfF = hn::Rebind<float, DD>;
+using DHalfI = hn::Rebind<int32_t, DD>;
+
+struct MaskDoubles {
+  hn::Mask<DD> m;
+};
+struct F64 {
+  hn::Vec<DD> v;
+};
+struct HalfI32 {
+  hn::Vec<DHalfI> v;
+};
+
+template <>
+struct DoubleLanes<F64> {
+  using Index = HalfI32;
+  static constexpr int k_count = int(hn::MaxLanes(DD()));
+};
+
+HWY_INLINE F64 operator+(F64 a, F64 b) { return {a.v + b.v}; }
+HWY_INLINE F64 operator-(F64 a, F64 b) { return {a.v - b.v}; }
+HWY_INLINE F64 operator*(F64 a, F64 b) { return {a.v * b.v}; }
+HWY_INLINE F64 operator/(F64 a, F64 b) { return {a.v / b.v}; }
+HWY_INLINE MaskDoubles operator<(F64 a, F64 b) { return {hn::Lt(a.v, b.v)}; }
+HWY_INLINE MaskDoubles operator>(F64 a, F64 b) { return {hn::Gt(a.v, b.v)}; }
+HWY_INLINE MaskDoubles operator&(MaskDoubles a, MaskDoubles b) { return {hn::And(a.m, b.m)}; }
+HWY_INLINE HalfI32 operator+(HalfI32 a, HalfI32 b) { return {a.v + b.v}; }
+
+HWY_INLINE F64 max(F64 a, F64 b) { return {hn::Max(b.v, a.v)}; }
+HWY_INLINE F64 sqrt(F64 a) { return {hn::Sqrt(a.v)}; }
+HWY_INLINE F64 abs(F64 a) { return {hn::Abs(a.v)}; }
+HWY_INLINE F64 select(MaskDoubles m, F64 a, F64 b) { return {hn::IfThenElse(m.m, a.v, b.v)}; }
+
+template <>
+HWY_INLINE F64 splat_double<F64>(double a) {
+  return {hn::Set(DD(), a)};
+}
+template <>
+HWY_INLINE F64 load_floats<F64>(const float* p) {
+  return {hn::PromoteTo(DD(), hn::LoadU(DHalfF(), p))};
+}
+template <>
+HWY_INLINE HalfI32 load_indices<F64>(const int32_t* p) {
+  return {hn::LoadU(DHalfI(), p)};
+}
+template <>
+HWY_INLINE F64 gather_floats<F64>(const float* base, HalfI32 index) {
+  return {hn::PromoteTo(DD(), hn::GatherIndex(DHalfF(), base, index.v))};
+}
+template <>
+HWY_INLINE HalfI32 gather_indices<F64>(const int32_t* base, HalfI32 index) {
+  return {hn::GatherIndex(DHalfI(), base, index.v)};
+}
+HWY_INLINE void store_floats(F64 a, float* p) { hn::StoreU(hn::DemoteTo(DHalfF(), a.v), DHalfF(), p); }
+HWY_INLINE void store_next_floats(F64 a, float* p) {
+  const auto bits = hn::BitCast(DHalfI(), hn::DemoteTo(DHalfF(), a.v));
+  const auto one = hn::IfThenElseZero(hn::Lt(bits, hn::Set(DHalfI(), 0x7f800000)), hn::Set(DHalfI(), 1));
+  hn::StoreU(hn::BitCast(DHalfF(), hn::Add(bits, one)), DHalfF(), p);
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

@@ -1,0 +1,68 @@
+// Lane types in double precision, for what single precision cannot tell: error bounds and points on surfaces.
+//
+// As core/lanes.hd.h: generic code is a template over a lane type D and uses only the operators + - * / < > and the
+// functions below, which are correctly rounded or exact. Here they are given for plain `double`; core/double_lanes-inl.h
+// gives them for Highway vectors, of half as many lanes as vectors of floats have. Thread-safety: pure functions.
+
+#if defined(FIELDTRACE_CORE_DOUBLE_LANES_HD_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_CORE_DOUBLE_LANES_HD_H_
+#undef FIELDTRACE_CORE_DOUBLE_LANES_HD_H_
+#else
+#define FIELDTRACE_CORE_DOUBLE_LANES_HD_H_
+#endif
+
+#include "core/lanes.hd.h"
+
+FT_LANES_BEGIN
+
+// Lane count, and the companion type of 32-bit indices.
+template <class D>
+struct DoubleLanes;
+template <>
+struct DoubleLanes<double> {
+  using Index = int32_t;
+  static constexpr int k_count = 1;
+};
+template <class D>
+using Index_t = typename DoubleLanes<D>::Index;
+
+FT_HD inline double max(double a, double b) { return a < b ? b : a; }
+FT_HD inline double sqrt(double a) { return ::sqrt(a); }
+FT_HD inline double abs(double a) { return ::fabs(a); }
+FT_HD inline double select(bool m, double a, double b) { return m ? a : b; }
+
+template <class D>
+FT_HD inline D splat_double(double a) {
+  return D(a);
+}
+// One value a lane: from consecutive addresses, and base[index] of each.
+template <class D>
+FT_HD inline D load_floats(const float* p) {
+  return D(*p);
+}
+template <class D>
+FT_HD inline Index_t<D> load_indices(const int32_t* p) {
+  return *p;
+}
+template <class D>
+FT_HD inline D gather_floats(const float* base, Index_t<D> index) {
+  return D(base[index]);
+}
+template <class D>
+FT_HD inline Index_t<D> gather_indices(const int32_t* base, Index_t<D> index) {
+  return base[index];
+}
+// Rounded to floats, to consecutive addresses.
+FT_HD inline void store_floats(double a, float* p) { *p = float(a); }
+// Finite and at least 0: the next float above its float.
+FT_HD inline void store_next_floats(double a, float* p) {
+  const float rounded = float(a);
+  uint32_t bits;
+  memcpy(&bits, &rounded, 4);
+  bits += bits < 0x7f800000u ? 1u : 0u;
+  memcpy(p, &bits, 4);
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

@@ -1,0 +1,49 @@
+// The loop over hits for every Highway target.
+
+// clang-format off: foreach_target.h includes this file again for each target and must come first.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/surface_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+// clang-format on
+
+#include "core/double_lanes-inl.h"
+#include "core/surface_batch-inl.h"
+
+#if HWY_TARGET != HWY_SCALAR  // evaluate_surfaces_scalar serves that
+FT_LANES_BEGIN
+
+inline void evaluate_surfaces_lanes(const SurfaceTask& task, SurfacePoint* result) {
+  evaluate_surfaces<F64>(task, result);
+}
+
+FT_LANES_END
+#endif
+
+#if HWY_ONCE
+namespace fieldtrace {
+
+SurfaceKernel surface_kernel_for(Isa isa) {
+  switch (isa) {
+#if HWY_TARGETS & HWY_AVX3
+    case Isa::avx512:
+      return N_AVX3::evaluate_surfaces_lanes;
+#endif
+#if HWY_TARGETS & HWY_AVX2
+    case Isa::avx2:
+      return N_AVX2::evaluate_surfaces_lanes;
+#endif
+#if HWY_TARGETS & HWY_SSE4
+    case Isa::sse4:
+      return N_SSE4::evaluate_surfaces_lanes;
+#elif HWY_TARGETS & HWY_NEON
+    case Isa::sse4:
+      return N_NEON::evaluate_surfaces_lanes;
+#endif
+    default:
+      return evaluate_surfaces_scalar;
+  }
+}
+
+}  // namespace fieldtrace
+#endif
