@@ -71,8 +71,8 @@ void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays
   RTCRayHit16 packet;
   for (size_t begin = 0; begin < rays.size; begin += k_width) {
     const int count = int(std::min(rays.size - begin, size_t(k_width)));
-    for (int lane = 0; lane < count; ++lane) {
-      set_ray(packet.ray, lane, rays, begin + lane);
+    for (int lane = 0; lane < k_width; ++lane) {  // beyond `count` lies padding
+      set_ray(packet.ray, lane, rays, begin + size_t(lane));
       packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
       packet.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
     }

@@ -27,13 +27,9 @@ struct MaskDoubles {
 struct F64 {
   hn::Vec<DD> v;
 };
-struct HalfI32 {
-  hn::Vec<DHalfI> v;
-};
 
 template <>
 struct DoubleLanes<F64> {
-  using Index = HalfI32;
   static constexpr int k_count = int(hn::MaxLanes(DD()));
 };
 
@@ -44,7 +40,6 @@ HWY_INLINE F64 operator/(F64 a, F64 b) { return {a.v / b.v}; }
 HWY_INLINE MaskDoubles operator<(F64 a, F64 b) { return {hn::Lt(a.v, b.v)}; }
 HWY_INLINE MaskDoubles operator>(F64 a, F64 b) { return {hn::Gt(a.v, b.v)}; }
 HWY_INLINE MaskDoubles operator&(MaskDoubles a, MaskDoubles b) { return {hn::And(a.m, b.m)}; }
-HWY_INLINE HalfI32 operator+(HalfI32 a, HalfI32 b) { return {a.v + b.v}; }
 
 HWY_INLINE F64 max(F64 a, F64 b) { return {hn::Max(b.v, a.v)}; }
 HWY_INLINE F64 sqrt(F64 a) { return {hn::Sqrt(a.v)}; }
@@ -58,18 +53,6 @@ HWY_INLINE F64 splat_double<F64>(double a) {
 template <>
 HWY_INLINE F64 load_floats<F64>(const float* p) {
   return {hn::PromoteTo(DD(), hn::LoadU(DHalfF(), p))};
-}
-template <>
-HWY_INLINE HalfI32 load_indices<F64>(const int32_t* p) {
-  return {hn::LoadU(DHalfI(), p)};
-}
-template <>
-HWY_INLINE F64 gather_floats<F64>(const float* base, HalfI32 index) {
-  return {hn::PromoteTo(DD(), hn::GatherIndex(DHalfF(), base, index.v))};
-}
-template <>
-HWY_INLINE HalfI32 gather_indices<F64>(const int32_t* base, HalfI32 index) {
-  return {hn::GatherIndex(DHalfI(), base, index.v)};
 }
 HWY_INLINE void store_floats(F64 a, float* p) { hn::StoreU(hn::DemoteTo(DHalfF(), a.v), DHalfF(), p); }
 HWY_INLINE void store_next_floats(F64 a, float* p) {

@@ -15,16 +15,12 @@
 
 FT_LANES_BEGIN
 
-// Lane count, and the companion type of 32-bit indices.
 template <class D>
 struct DoubleLanes;
 template <>
 struct DoubleLanes<double> {
-  using Index = int32_t;
   static constexpr int k_count = 1;
 };
-template <class D>
-using Index_t = typename DoubleLanes<D>::Index;
 
 FT_HD inline double max(double a, double b) { return a < b ? b : a; }
 FT_HD inline double sqrt(double a) { return ::sqrt(a); }
@@ -35,22 +31,10 @@ template <class D>
 FT_HD inline D splat_double(double a) {
   return D(a);
 }
-// One value a lane: from consecutive addresses, and base[index] of each.
+// One float a lane from consecutive addresses.
 template <class D>
 FT_HD inline D load_floats(const float* p) {
   return D(*p);
-}
-template <class D>
-FT_HD inline Index_t<D> load_indices(const int32_t* p) {
-  return *p;
-}
-template <class D>
-FT_HD inline D gather_floats(const float* base, Index_t<D> index) {
-  return D(base[index]);
-}
-template <class D>
-FT_HD inline Index_t<D> gather_indices(const int32_t* base, Index_t<D> index) {
-  return base[index];
 }
 // Rounded to floats, to consecutive addresses.
 FT_HD inline void store_floats(double a, float* p) { *p = float(a); }

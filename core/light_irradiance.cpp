@@ -12,7 +12,7 @@ std::optional<float> of_sphere(const Light& light, const DVec3& point, const DVe
   const double squared = glm::dot(to_centre, to_centre), radius = double(light.radius);
   const double height = glm::dot(shading, to_centre);
   if (!(squared > radius * radius) || !(height > radius) || !(glm::dot(geometric, to_centre) > radius)) return {};
-  return float(double(k_pi) * (radius * radius / squared) * height / std::sqrt(squared));
+  return float(double(k_pi) * radius * radius * height / (squared * std::sqrt(squared)));
 }
 
 std::optional<float> of_rectangle(const Light& light, const DVec3& point, const DVec3& geometric,

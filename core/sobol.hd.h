@@ -47,15 +47,15 @@ FT_HD_INLINE Uint_t<F> hash_combine_lanes(Uint_t<F> a, Uint_t<F> b) {
 }
 FT_HD_INLINE uint32_t hash_combine(uint32_t a, uint32_t b) { return hash_combine_lanes<float>(a, b); }
 
-// The seed of one pixel's path vertex (0: the camera ray's hit): what ReceiverBatch::seed holds.
+// The seed of one pixel.
 template <class F>
-FT_HD_INLINE Uint_t<F> vertex_seed_lanes(uint32_t seed, Uint_t<F> pixel_x, Uint_t<F> pixel_y, uint32_t vertex) {
-  const Uint_t<F> of_pixel = hash_combine_lanes<F>(hash_combine_lanes<F>(splat_uint<F>(seed), pixel_x), pixel_y);
-  return hash_combine_lanes<F>(of_pixel, splat_uint<F>(vertex));
+FT_HD_INLINE Uint_t<F> pixel_seed_lanes(uint32_t seed, Uint_t<F> x, Uint_t<F> y) {
+  return hash_combine_lanes<F>(hash_combine_lanes<F>(splat_uint<F>(seed), x), y);
 }
-FT_HD_INLINE uint32_t vertex_seed(uint32_t seed, uint32_t pixel_x, uint32_t pixel_y, uint32_t vertex) {
-  return vertex_seed_lanes<float>(seed, pixel_x, pixel_y, vertex);
-}
+FT_HD_INLINE uint32_t pixel_seed(uint32_t seed, uint32_t x, uint32_t y) { return pixel_seed_lanes<float>(seed, x, y); }
+
+// The seed of one path vertex (0: the camera ray's hit) in a pixel: what ReceiverBatch::seed holds.
+FT_HD_INLINE uint32_t vertex_seed(uint32_t of_pixel, uint32_t vertex) { return hash_combine(of_pixel, vertex); }
 
 // The three independent scrambles of one pair of dimensions.
 template <class F>

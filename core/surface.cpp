@@ -25,8 +25,16 @@ float turn_fraction(double y, double x) {
 }
 
 LocalSurface triangle_point(const Shape& shape, uint32_t primitive, float u, float v) {
-  const UVec3& corner = shape.mesh.triangles[primitive];
-  return scalar::mesh_surface<double>(shape.mesh, int32_t(corner.x), int32_t(corner.y), int32_t(corner.z), u, v);
+  const UVec3& index = shape.mesh.triangles[primitive];
+  const auto corners = [&](const std::vector<Vec3>& of) {
+    const auto at = [&](uint32_t i) { return lanes(DVec3(of[i])); };
+    return scalar::TriangleCorners<double>{at(index.x), at(index.y), at(index.z)};
+  };
+  LocalSurface local = scalar::triangle_surface<double>(corners(shape.mesh.positions), u, v);
+  if (!shape.mesh.normals.empty()) {
+    local.shading = scalar::interpolated_normal<double>(corners(shape.mesh.normals), u, v, local.normal);
+  }
+  return local;
 }
 
 struct AnalyticPoint {
@@ -105,7 +113,7 @@ SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch
 }
 
 void evaluate_surfaces_scalar(const SurfaceTask& task, SurfacePoint* result) {
-  scalar::evaluate_surfaces<double>(task, result);
+  scalar::evaluate_surfaces<float, double>(task, result);
 }
 
 SurfacePoint surface_near(const Scene& scene, uint32_t instance_index, uint32_t primitive, const Vec3& position,

@@ -14,68 +14,91 @@
 
 FT_LANES_BEGIN
 
-// Rows of three numbers a corner, as meshes hold positions and normals.
-template <class D>
-FT_HD_INLINE Vec3Lanes<D> gather_vectors(const std::vector<Vec3>& from, Index_t<D> corner) {
+// Hits are taken in blocks: their triangles are gathered first, and calculated with afterwards, because a processor
+// cannot look ahead over both. A multiple of all lane counts.
+constexpr size_t k_surface_block = 64;
+
+struct alignas(64) SurfaceBlock {
+  size_t used = 0;                  // hits; the lanes beyond them repeat the last, whose mesh is the same
+  int32_t place[k_surface_block];   // in the batch
+  float u[k_surface_block], v[k_surface_block];
+  float position[9][k_surface_block], normal[9][k_surface_block];  // of the corners, coordinate by coordinate
+  float surface[10][k_surface_block];                              // position, normal, shading normal, error
+};
+
+// Gathers rows of three numbers at the three corners.
+template <class F>
+FT_HD_INLINE void gather_corners(const std::vector<Vec3>& from, const Int_t<F> (&row)[3], size_t i,
+                                 float (&to)[9][k_surface_block]) {
   const float* base = &from.data()->x;
-  const Index_t<D> row = corner + corner + corner;
-  return {gather_floats<D>(base, row), gather_floats<D>(base + 1, row), gather_floats<D>(base + 2, row)};
+  for (int corner = 0; corner < 3; ++corner) {
+    for (int k = 0; k < 3; ++k) store_lanes(gather(base + k, row[corner]), to[3 * corner + k] + i);
+  }
 }
 
-// The surface of a triangle given by its corners' indices.
-template <class D>
-FT_HD_INLINE LocalSurface<D> mesh_surface(const TriangleMesh& mesh, Index_t<D> i0, Index_t<D> i1, Index_t<D> i2, D b1,
-                                          D b2) {
-  const auto corners = [&](const std::vector<Vec3>& from) {
-    return TriangleCorners<D>{gather_vectors<D>(from, i0), gather_vectors<D>(from, i1), gather_vectors<D>(from, i2)};
-  };
-  LocalSurface<D> local = triangle_surface<D>(corners(mesh.positions), b1, b2);
-  if (!mesh.normals.empty()) {
-    const TriangleCorners<D> n = corners(mesh.normals);
-    const Vec3Lanes<D> shading = n.p0 * (splat_double<D>(1.0) - b1 - b2) + n.p1 * b1 + n.p2 * b2;
-    const auto found = dot(shading, shading) > splat_double<D>(0.0);
-    local.shading = {select(found, shading.x, local.shading.x), select(found, shading.y, local.shading.y),
-                     select(found, shading.z, local.shading.z)};
+template <class F>
+inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, SurfaceBlock& block) {
+  const auto* const corners = reinterpret_cast<const int32_t*>(mesh.triangles.data());
+  const auto* const primitives = reinterpret_cast<const int32_t*>(hits.primitive.data());
+  const auto times_three = [](Int_t<F> a) { return a + a + a; };
+  for (size_t i = 0; i < block.used; i += size_t(Lanes<F>::k_count)) {
+    const Int_t<F> place = load_int_lanes<F>(block.place + i);
+    const Int_t<F> triangle = times_three(gather(primitives, place));
+    const Int_t<F> row[3] = {times_three(gather(corners, triangle)), times_three(gather(corners + 1, triangle)),
+                             times_three(gather(corners + 2, triangle))};
+    store_lanes(gather(hits.u.data(), place), block.u + i);
+    store_lanes(gather(hits.v.data(), place), block.v + i);
+    gather_corners<F>(mesh.positions, row, i, block.position);
+    if (!mesh.normals.empty()) gather_corners<F>(mesh.normals, row, i, block.normal);
   }
+}
+
+// The surface of the triangles from place i of a block on.
+template <class D>
+FT_HD_INLINE LocalSurface<D> block_surface(const SurfaceBlock& block, bool has_normals, size_t i) {
+  const auto corners = [&](const float (&from)[9][k_surface_block]) {
+    const auto at = [&](int k) {
+      return Vec3Lanes<D>{load_floats<D>(from[k] + i), load_floats<D>(from[k + 1] + i), load_floats<D>(from[k + 2] + i)};
+    };
+    return TriangleCorners<D>{at(0), at(3), at(6)};
+  };
+  const D b1 = load_floats<D>(block.u + i), b2 = load_floats<D>(block.v + i);
+  LocalSurface<D> local = triangle_surface<D>(corners(block.position), b1, b2);
+  if (has_normals) local.shading = interpolated_normal<D>(corners(block.normal), b1, b2, local.normal);
   return local;
 }
 
-template <class D>
+template <class F, class D>
 inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
-  constexpr size_t k_lanes = DoubleLanes<D>::k_count;
   const Instance& instance = task.scene.instances[task.instance];
   const TriangleMesh& mesh = task.scene.shapes[instance.shape].mesh;
   const AffineLanes<D> to_world = splat_affine<D>(&instance.to_world[0][0]);
   const AffineLanes<D> to_object = splat_affine<D>(&instance.to_object[0][0]);
   const D sign = splat_double<D>(instance.flip_normals ? -1.0 : 1.0);
-  const auto* const corners = reinterpret_cast<const int32_t*>(mesh.triangles.data());
-  const auto* const primitives = reinterpret_cast<const int32_t*>(task.hits.primitive.data());
-  float out[10][k_most_double_lanes];
-  for (size_t begin = 0; begin < task.count; begin += k_lanes) {
-    const size_t used = std::min(task.count - begin, k_lanes);
-    int32_t places[k_most_double_lanes];
-    // Lanes beyond the last hit repeat it: what follows in the list lies on another mesh.
-    for (size_t l = 0; l < k_lanes; ++l) places[l] = task.places[begin + std::min(l, used - 1)];
-    const Index_t<D> place = load_indices<D>(places);
-    const Index_t<D> primitive = gather_indices<D>(primitives, place);
-    const Index_t<D> row = primitive + primitive + primitive;
-    const auto corner = [&](int i) { return gather_indices<D>(corners + i, row); };
-    const D b1 = gather_floats<D>(task.hits.u.data(), place), b2 = gather_floats<D>(task.hits.v.data(), place);
-    const LocalSurface<D> local = mesh_surface<D>(mesh, corner(0), corner(1), corner(2), b1, b2);
-    const WorldSurface<D> s = to_world_surface<D>(to_world, to_object, sign, local);
-    const D* const values[9] = {&s.position.x, &s.position.y, &s.position.z, &s.normal.x, &s.normal.y,
-                                &s.normal.z,   &s.shading.x,  &s.shading.y,  &s.shading.z};
-    for (int i = 0; i < 9; ++i) store_floats(*values[i], out[i]);
-    store_next_floats(s.error, out[9]);
-    for (size_t l = 0; l < used; ++l) {
-      const auto at = uint32_t(places[l]);
-      SurfacePoint& p = result[at];
-      p.position = {out[0][l], out[1][l], out[2][l]};
-      p.geometric_normal = {out[3][l], out[4][l], out[5][l]};
-      p.shading_normal = {out[6][l], out[7][l], out[8][l]};
-      p.error = out[9][l];
+  SurfaceBlock block;
+  for (size_t begin = 0; begin < task.count; begin += k_surface_block) {
+    block.used = std::min(task.count - begin, k_surface_block);
+    std::copy_n(task.places + begin, block.used, block.place);
+    std::fill(block.place + block.used, block.place + k_surface_block, block.place[block.used - 1]);
+    gather_block<F>(mesh, task.hits, block);
+    for (size_t i = 0; i < block.used; i += size_t(DoubleLanes<D>::k_count)) {
+      const WorldSurface<D> s =
+          to_world_surface<D>(to_world, to_object, sign, block_surface<D>(block, !mesh.normals.empty(), i));
+      const D values[9] = {s.position.x, s.position.y, s.position.z, s.normal.x, s.normal.y,
+                           s.normal.z,   s.shading.x,  s.shading.y,  s.shading.z};
+      for (int k = 0; k < 9; ++k) store_floats(values[k], block.surface[k] + i);
+      store_next_floats(s.error, block.surface[9] + i);
+    }
+    for (size_t i = 0; i < block.used; ++i) {
+      const auto at = [&](int k) { return Vec3(block.surface[k][i], block.surface[k + 1][i], block.surface[k + 2][i]); };
+      const auto place = size_t(block.place[i]);
+      SurfacePoint& p = result[place];
+      p.position = at(0);
+      p.geometric_normal = at(3);
+      p.shading_normal = at(6);
+      p.error = block.surface[9][i];
       p.instance = task.instance;
-      p.primitive = task.hits.primitive[at];
+      p.primitive = task.hits.primitive[place];
     }
   }
 }

@@ -14,7 +14,7 @@
 FT_LANES_BEGIN
 
 inline void evaluate_surfaces_lanes(const SurfaceTask& task, SurfacePoint* result) {
-  evaluate_surfaces<F64>(task, result);
+  evaluate_surfaces<F32, F64>(task, result);
 }
 
 FT_LANES_END

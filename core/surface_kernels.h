@@ -9,8 +9,6 @@
 
 namespace fieldtrace {
 
-inline constexpr size_t k_most_double_lanes = 8;
-
 // Hits on one instance of a mesh.
 struct SurfaceTask {
   const Scene& scene;

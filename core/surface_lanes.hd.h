@@ -40,6 +40,7 @@ struct LocalSurface {
   D query_error;
 };
 
+// Of positions or of normals.
 template <class D>
 struct TriangleCorners {
   Vec3Lanes<D> p0, p1, p2;
@@ -70,6 +71,15 @@ FT_HD_INLINE LocalSurface<D> triangle_surface(const TriangleCorners<D>& t, D b1,
   local.normal_length = sqrt(dot(local.normal, local.normal));
   local.query_error = triangle_query_error(e1, e2, t.p0 - local.position, local.normal_length);
   return local;
+}
+
+// The shading normal between the corners' normals; `geometric` where these cancel out.
+template <class D>
+FT_HD_INLINE Vec3Lanes<D> interpolated_normal(const TriangleCorners<D>& n, D b1, D b2, const Vec3Lanes<D>& geometric) {
+  const Vec3Lanes<D> shading = n.p0 * (splat_double<D>(1.0) - b1 - b2) + n.p1 * b1 + n.p2 * b2;
+  const auto found = dot(shading, shading) > splat_double<D>(0.0);
+  return {select(found, shading.x, geometric.x), select(found, shading.y, geometric.y),
+          select(found, shading.z, geometric.z)};
 }
 
 template <class D>

@@ -20,6 +20,7 @@ class Surfaces {
   void evaluate(const RayBatch& rays, const HitBatch& hits);
 
   const SurfacePoint& at(size_t i) const { return surfaces_[i]; }
+  size_t count() const { return places_.size(); }  // of the rays that hit something
 
  private:
   void group_by_instance(size_t count, const HitBatch& hits);

@@ -65,7 +65,7 @@ void DirectLight::place_receivers(const Job& job, const Part& part) {
     places_.seed[r] = v.seed;
     places_.sample[r] = job.paths[v.path].index;
     places_.instance[r] = v.surface.instance;
-    places_.transmits[r] = v.material.transmits();
+    places_.transmits[r] = v.material->transmits();
   }
 }
 
@@ -184,7 +184,7 @@ void DirectLight::ask_leaves(const Job& job) {
     if (candidates_.by_rays[r]) {
       shadowed_[kept++] = r;
     } else {
-      (vertex_of(job, r).material.plain_diffuse() ? filtered_ : lobed).push_back(r);
+      (vertex_of(job, r).material->plain_diffuse() ? filtered_ : lobed).push_back(r);
     }
   }
   if (kept == shadowed_.size()) return;
@@ -243,14 +243,14 @@ void DirectLight::gather_closed(const Job& job) {
   for (const uint32_t r : free_) {
     const PathVertex& v = vertex_of(job, r);
     std::optional<float> irradiance;
-    if (v.material.plain_diffuse()) {
+    if (v.material->plain_diffuse()) {
       irradiance = whole_irradiance(light, v.surface.position, v.facing, v.frame.n);
     }
     if (!irradiance) {
       free_[kept++] = r;
       continue;
     }
-    job.arriving[lit_[places_part_.begin + r]] += value * v.material.reflectance * (*irradiance / k_pi);
+    job.arriving[lit_[places_part_.begin + r]] += value * v.material->reflectance * (*irradiance / k_pi);
     if (job.firsts.empty()) continue;
     FirstHit& first = job.firsts[job.paths[v.path].slot];
     first.shadow_rays += float(job.light_samples);
@@ -312,7 +312,7 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
   lit_.clear();
   for (uint32_t i = 0; i < vertices.size(); ++i) {
     arriving[i] = Rgb(0.0f);
-    const Material& material = vertices[i].material;
+    const Material& material = *vertices[i].material;
     if (!material.delta() && !material.dark) lit_.push_back(i);
   }
   places_part_ = {};

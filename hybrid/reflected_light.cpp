@@ -68,7 +68,7 @@ Rgb visible_radiance(const ShadowBatch& batch, const Seen& seen, size_t begin, i
 template <class Seen>
 Rgb diffuse_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int count, const LightEstimate& light,
                   const PathVertex& v) {
-  const Rgb albedo = v.material.reflectance / k_pi;
+  const Rgb albedo = v.material->reflectance / k_pi;
   if (light.varies) return albedo * visible_radiance(batch, seen, begin, count, light.light_samples, v.lobe_samples);
   const float* weight = &batch.weight[begin];
   if (light.closed_form) return albedo * visible_sum(weight, seen, count);
@@ -78,19 +78,19 @@ Rgb diffuse_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int 
 template <class Seen>
 Rgb visible_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int count, const LightEstimate& light,
                   const PathVertex& v) {
-  if (v.material.plain_diffuse()) return diffuse_light(batch, seen, begin, count, light, v);
+  if (v.material->plain_diffuse()) return diffuse_light(batch, seen, begin, count, light, v);
   Rgb sum(0.0f);
   for (size_t i = begin; i < begin + size_t(count); ++i) {
     const float visible = seen.of(batch.weight[i], i - begin);
     if (!(visible > 0.0f)) continue;
     const Vec3 wo = v.frame.to_local(glm::normalize(batch.rays.direction(i)));
-    const float cosine = v.material.transmits() ? std::abs(wo.z) : wo.z;
+    const float cosine = v.material->transmits() ? std::abs(wo.z) : wo.z;
     if (!(cosine > 0.0f)) continue;
     const float mis = batch.pdf[i] > 0.0f ? power_weight(float(light.light_samples) * batch.pdf[i],
-                                                         v.lobe_samples * bsdf_pdf(v.material, v.wi, wo))
+                                                         v.lobe_samples * bsdf_pdf(*v.material, v.wi, wo))
                                           : 1.0f;
     // evaluate_bsdf and weight both hold the cosine.
-    const Rgb reflected = evaluate_bsdf(v.material, v.wi, wo) * (visible / cosine * mis);
+    const Rgb reflected = evaluate_bsdf(*v.material, v.wi, wo) * (visible / cosine * mis);
     sum += light.varies ? reflected * Rgb(batch.red[i], batch.green[i], batch.blue[i]) : reflected;
   }
   return sum;

@@ -122,33 +122,29 @@ HitBatch SurfaceRadiance::centres_of(std::span<const Side> sides) const {
 Rgb SurfaceRadiance::mean_reflectance(Side side, bool behind) const {
   constexpr size_t k_points = size_t(k_texture_divisions) * k_texture_divisions;
   const PatchPlace at = place_of(side);
-  const RayBatch rays;
-  HitBatch hits;
-  hits.resize(k_points);
+  const Instance& instance = scene_.instances[instance_];
   Rgb sum(0.0f);
   for (size_t k = 0; k < k_points; ++k) {
     const PatchCentre point = texture_point(at.divisor, at.place, k);
-    hits.instance[k] = instance_;
-    hits.primitive[k] = at.triangle;
-    hits.u[k] = point.u, hits.v[k] = point.v;
-    const Vec2 uv = surface_at(scene_, rays, hits, k).uv;
-    sum += resolve_material(scene_, scene_.instances[instance_].bsdf, uv, behind ? -1.0f : 1.0f).reflectance;
+    const Vec2 uv = triangle_uv(scene_.shapes[instance.shape], at.triangle, point.u, point.v);
+    sum += resolve_material(scene_, instance.bsdf, uv, behind ? -1.0f : 1.0f).reflectance;
   }
   return sum / float(k_points);
 }
 
-// On side `side` of the patch whose centre is entry i.
-PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side side) const {
+// On side `side` of the patch whose centre is entry i. `material`: where the vertex finds its material.
+PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side side, Material& material) const {
   const bool back = side % 2 != 0;
   const RayBatch rays;  // meshes do not ask for the ray
   PathVertex v;
   v.surface = surface_at(scene_, rays, centres, i);
   v.facing = back ? -v.surface.geometric_normal : v.surface.geometric_normal;
   const bool turned = glm::dot(v.facing, v.surface.shading_normal) < 0.0f;
-  v.material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, turned ? -1.0f : 1.0f);
-  if (is_textured_) v.material.reflectance = mean_reflectance(side, turned);
+  material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, turned ? -1.0f : 1.0f);
+  if (is_textured_) material.reflectance = mean_reflectance(side, turned);
+  v.material = &material;
   v.frame = frame_about(turned ? -v.surface.shading_normal : v.surface.shading_normal);
-  v.seed = scalar::vertex_seed(seed_, side, instance_, k_patch_stream);
+  v.seed = scalar::vertex_seed(scalar::pixel_seed(seed_, side, instance_), k_patch_stream);
   v.lobe_samples = float(k_samples);
   return v;
 }
@@ -163,18 +159,18 @@ uint64_t SurfaceRadiance::shade(std::span<const Side> sides) {
   std::vector<Side> lit;
   std::vector<PathVertex> vertices;
   std::vector<PathState> paths;
+  std::vector<Material> materials(missing.size());  // of the vertices
   for (size_t i = 0; i < missing.size(); ++i) {
-    const PathVertex v = vertex_at(centres, i, missing[i]);
-    if (v.material.dark) {  // its radiance is zero
+    const PathVertex v = vertex_at(centres, i, missing[i], materials[i]);
+    if (v.material->dark) {  // its radiance is zero
       shared(shaded_[missing[i]]).store(1, std::memory_order_release);
       continue;
     }
     lit.push_back(missing[i]);
     vertices.push_back(v);
     // The seeds of further surfaces on its paths are those of such a pixel.
-    PathState& path = paths.emplace_back();
-    path.pixel_x = missing[i];
-    path.pixel_y = scalar::hash_combine(instance_, k_patch_stream);
+    const uint32_t row = scalar::hash_combine(instance_, k_patch_stream);
+    paths.emplace_back().pixel_seed = scalar::pixel_seed(seed_, missing[i], row);
   }
   if (lit.empty()) return 0;
   std::vector<Rgb> leaving(lit.size());

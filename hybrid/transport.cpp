@@ -41,6 +41,7 @@ TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraS
       accel(a),
       camera(c),
       answerer(sa),
+      materials(s),
       settings(ts),
       shared_lights(made ? std::move(made) : std::make_shared<const LightTable>(make_lights(s))),
       lights(*shared_lights) {
@@ -68,6 +69,7 @@ struct TransportWorker::Impl {
   HitBatch hits;
   std::vector<PathState> paths, next_paths;
   std::vector<PathVertex> vertices;
+  std::vector<Material> resolved;  // of vertices on textured surfaces
   LobeSamples lobe_samples;
   std::vector<Rgb> arriving;
   std::vector<FirstHit> firsts;
@@ -91,6 +93,7 @@ struct TransportWorker::Impl {
   void intersect_by_hits();
   void mark_certified();
   void arrive(int vertex_number);
+  void shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
   void add_emission(const PathState& path, const Vec3& origin, const Vec3& direction, uint32_t light,
@@ -110,11 +113,14 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
   context.camera.sample(samples, settings.seed, settings.isa, rays, near_distance);
   paths.assign(samples.size, PathState{});
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
+  uint32_t pixel_seed = 0;
   for (uint32_t i = 0; i < samples.size; ++i) {
+    const uint32_t x = samples.x[i], y = samples.y[i];
+    const bool same_pixel = i > 0 && x == samples.x[i - 1] && y == samples.y[i - 1];
+    if (!same_pixel) pixel_seed = scalar::pixel_seed(settings.seed, x, y);
     PathState& path = paths[i];
     path.slot = i;
-    path.pixel_x = samples.x[i];
-    path.pixel_y = samples.y[i];
+    path.pixel_seed = pixel_seed;
     path.index = samples.index[i];
   }
 }
@@ -260,7 +266,7 @@ bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, in
 void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& vertex) {
   FirstHit& first = firsts[paths[path].slot];
   first.hit = true;
-  first.albedo = material_albedo(vertex.material);
+  first.albedo = material_albedo(*vertex.material);
   first.normal = vertex.frame.n;
   first.depth = near_distance[path] + hits.t[path];
   first.position = DVec3(vertex.surface.position) + scene.origin;
@@ -272,8 +278,11 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
 void TransportWorker::Impl::arrive(int vertex_number) {
   const bool emission_counts = !(settings.hide_emitters && vertex_number == 0);
   const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
-  vertices.clear();
+  resolved.clear();
+  resolved.reserve(paths.size());  // vertices point into it
   surfaces.evaluate(rays, hits);
+  vertices.resize(surfaces.count());
+  size_t count = 0;
   for (uint32_t i = 0; i < paths.size(); ++i) {
     PathState& path = paths[i];
     const Vec3 d = rays.direction(i);
@@ -285,30 +294,47 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     const uint32_t emitter = scene.instances[hits.instance[i]].emitter;
     // The last surface matters only if it glows.
     if (last && vertex_number > 0 && emitter == k_none) continue;
-    PathVertex v;
+    PathVertex& v = vertices[count];  // what an earlier one has left there is written over
     v.path = i;
-    const CertifiedHit* known = certified.empty() ? nullptr : certified[i];
-    v.surface = known ? surface_of(scene, rays, hits, *known) : surfaces.at(i);
+    if (certified.empty() || !certified[i]) {
+      v.surface = surfaces.at(i);
+    } else {
+      v.surface = surface_of(scene, rays, hits, *certified[i]);
+    }
     const float cos_geometric = -glm::dot(v.surface.geometric_normal, d);
     if (emission_counts && emitter != k_none && cos_geometric > 0.0f) {
       add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface.geometric_normal, v.surface.primitive});
     }
     if (last && vertex_number > 0) continue;
-
-    const Vec3 back = -d;
-    const Instance& instance = scene.instances[v.surface.instance];
-    v.material = resolve_material(scene, instance.bsdf, v.surface.uv, glm::dot(v.surface.shading_normal, back));
-    const Vec3 n = v.material.turned ? -v.surface.shading_normal : v.surface.shading_normal;
-    const bool anisotropic = v.material.microfacet.alpha_u != v.material.microfacet.alpha_v;
-    v.frame = anisotropic ? frame_along(n, surface_tangent(scene, v.surface)) : frame_about(n);
-    v.wi = v.frame.to_local(back);
-    v.facing = cos_geometric < 0.0f ? -v.surface.geometric_normal : v.surface.geometric_normal;
-    v.seed = scalar::vertex_seed(settings.seed, path.pixel_x, path.pixel_y, uint32_t(vertex_number));
+    shade_vertex(v, d, cos_geometric, vertex_number);
+    v.seed = scalar::vertex_seed(path.pixel_seed, uint32_t(vertex_number));
     if (vertex_number == 0 && settings.first_hits) record_first_hit(i, v);
-    if (last || v.material.absorbs() || !survives_roulette(path, v.seed, vertex_number)) continue;
-    v.lobe_samples = path.may_split && v.material.glossy() ? float(settings.lobe_samples) : 1.0f;
-    vertices.push_back(v);
+    if (last || v.material->absorbs() || !survives_roulette(path, v.seed, vertex_number)) continue;
+    v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
+    ++count;
   }
+  vertices.resize(count);
+}
+
+// The material of a vertex and what it is seen in, from its surface and the arriving ray's direction.
+void TransportWorker::Impl::shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number) {
+  const Vec3 back = -d;
+  const uint32_t bsdf = scene.instances[v.surface.instance].bsdf;
+  const float cosine = glm::dot(v.surface.shading_normal, back);
+  v.material = context.materials.find(bsdf, cosine);
+  if (!v.material) {
+    resolved.push_back(resolve_material(scene, bsdf, v.surface.uv, cosine));
+    v.material = &resolved.back();
+  }
+  const Vec3 n = v.material->turned ? -v.surface.shading_normal : v.surface.shading_normal;
+  v.facing = cos_geometric < 0.0f ? -v.surface.geometric_normal : v.surface.geometric_normal;
+  if (v.material->plain_diffuse() && !goes_on(*v.material, vertex_number)) {
+    v.frame.n = n;  // all that light samples ask of a diffuse surface
+    return;
+  }
+  const bool anisotropic = v.material->microfacet.alpha_u != v.material->microfacet.alpha_v;
+  v.frame = anisotropic ? frame_along(n, surface_tangent(scene, v.surface)) : frame_about(n);
+  v.wi = v.frame.to_local(back);
 }
 
 void TransportWorker::Impl::gather_light(int vertex_number) {
@@ -334,10 +360,10 @@ bool TransportWorker::Impl::goes_on(const Material& material, int vertex_number)
 PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_number) const {
   PathState next = paths[vertex.path];
   next.light_samples = vertex_number == 0 ? settings.light_samples : 1;
-  next.diffuse = vertex.material.plain_diffuse();
-  next.transmits = vertex.material.transmits();
+  next.diffuse = vertex.material->plain_diffuse();
+  next.transmits = vertex.material->transmits();
   next.normal = vertex.frame.n;
-  next.alpha = vertex.material.glossy() ? lobe_alpha(vertex.material) : 0.0f;
+  next.alpha = vertex.material->glossy() ? lobe_alpha(*vertex.material) : 0.0f;
   next.instance = vertex.surface.instance;
   return next;
 }
@@ -354,19 +380,19 @@ void TransportWorker::Impl::send(const PathVertex& vertex, PathState next, const
 void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index) {
   const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
   const Vec2 u = sample_pair(index, seed, 0);
-  const float u_lobe = vertex.material.several_lobes() ? sample_pair(index, seed, 1).x : 0.0f;
-  const BsdfSample s = sample_bsdf(vertex.material, vertex.wi, u, u_lobe);
+  const float u_lobe = vertex.material->several_lobes() ? sample_pair(index, seed, 1).x : 0.0f;
+  const BsdfSample s = sample_bsdf(*vertex.material, vertex.wi, u, u_lobe);
   if (!(largest(s.weight) > 0.0f)) return;
   // What passes straight on keeps its direction bit for bit.
   const Vec3 d = s.straight ? rays.direction(vertex.path) : vertex.frame.to_world(s.wo);
-  if (!s.straight && !vertex.material.transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
+  if (!s.straight && !vertex.material->transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
 
   PathState next = leaving;
   next.throughput *= s.weight / vertex.lobe_samples;
   next.eta *= s.eta;
   next.index = index;
   // Mirrors and masks send one direction on; there was nothing to split.
-  next.may_split = next.may_split && s.delta && !vertex.material.glossy();
+  next.may_split = next.may_split && s.delta && !vertex.material->glossy();
   next.unweighted = s.delta;
   next.bsdf_density = s.pdf * vertex.lobe_samples;
   send(vertex, next, d);
@@ -376,7 +402,7 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
 void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first) {
   const int count = int(vertex.lobe_samples);
   const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
-  sample_conductor(vertex.material, vertex.frame, vertex.wi, seed, first, count, settings.isa, lobe_samples);
+  sample_conductor(*vertex.material, vertex.frame, vertex.wi, seed, first, count, settings.isa, lobe_samples);
   leaving.may_split = leaving.unweighted = false;
   for (int l = 0; l < count; ++l) {
     const Vec3 d = lobe_samples.direction(size_t(l));
@@ -396,11 +422,11 @@ void TransportWorker::Impl::scatter(int vertex_number) {
   next_paths.clear();
   next_rays.resize(most);
   for (const PathVertex& v : vertices) {
-    if (!goes_on(v.material, vertex_number)) continue;
+    if (!goes_on(*v.material, vertex_number)) continue;
     const PathState leaving = leave(v, vertex_number);
     const auto lobes = uint32_t(v.lobe_samples);
     const uint32_t first = leaving.index * lobes;
-    if (lobes >= k_fewest_lane_samples && samples_in_lanes(v.material)) {
+    if (lobes >= k_fewest_lane_samples && samples_in_lanes(*v.material)) {
       if (v.wi.z > 0.0f) scatter_lobe(v, leaving, first);
       continue;
     }

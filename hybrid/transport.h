@@ -17,6 +17,7 @@
 #include "core/camera.h"
 #include "core/isa.h"
 #include "core/light_sampling.h"
+#include "core/material_table.h"
 #include "hybrid/aovs.h"
 #include "hybrid/path_batch.h"
 #include "hybrid/shadow_answerer.h"
@@ -56,6 +57,7 @@ struct TransportContext {
   const Accel& accel;
   const CameraSampler& camera;
   const ShadowAnswerer& answerer;
+  MaterialTable materials;
   const LobeAnswerer* lobes = nullptr;  // answers glossy rays by pictures of radiance; null: none does
   const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: exact rays do
   TransportSettings settings;
