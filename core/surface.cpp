@@ -104,7 +104,7 @@ SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch
     s.uv = point.uv;
   }
   const auto world = scalar::to_world_surface<double>(scalar::splat_affine<double>(&instance.to_world[0][0]), to_object,
-                                                      instance.flip_normals ? -1.0 : 1.0, local);
+                                                      instance.flip_normals ? -1.0 : 1.0, local, true);
   s.position = Vec3(to_vec(world.position));
   s.geometric_normal = Vec3(to_vec(world.normal));
   s.shading_normal = Vec3(to_vec(world.shading));

@@ -75,6 +75,7 @@ inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
   const AffineLanes<D> to_world = splat_affine<D>(&instance.to_world[0][0]);
   const AffineLanes<D> to_object = splat_affine<D>(&instance.to_object[0][0]);
   const D sign = splat_double<D>(instance.flip_normals ? -1.0 : 1.0);
+  const bool is_shaded = !mesh.normals.empty();
   SurfaceBlock block;
   for (size_t begin = 0; begin < task.count; begin += k_surface_block) {
     block.used = std::min(task.count - begin, k_surface_block);
@@ -83,7 +84,7 @@ inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
     gather_block<F>(mesh, task.hits, block);
     for (size_t i = 0; i < block.used; i += size_t(DoubleLanes<D>::k_count)) {
       const WorldSurface<D> s =
-          to_world_surface<D>(to_world, to_object, sign, block_surface<D>(block, !mesh.normals.empty(), i));
+          to_world_surface<D>(to_world, to_object, sign, block_surface<D>(block, is_shaded, i), is_shaded);
       const D values[9] = {s.position.x, s.position.y, s.position.z, s.normal.x, s.normal.y,
                            s.normal.z,   s.shading.x,  s.shading.y,  s.shading.z};
       for (int k = 0; k < 9; ++k) store_floats(values[k], block.surface[k] + i);

@@ -133,9 +133,10 @@ struct WorldSurface {
 };
 
 // sign: -1 where the instance's normals point the other way.
+// is_shaded: local.shading differs from local.normal, or may do so.
 template <class D>
 FT_HD_INLINE WorldSurface<D> to_world_surface(const AffineLanes<D>& to_world, const AffineLanes<D>& to_object, D sign,
-                                              const LocalSurface<D>& local) {
+                                              const LocalSurface<D>& local, bool is_shaded) {
   const D zero = splat_double<D>(0.0), one = splat_double<D>(1.0);
   const auto unit = [&](const Vec3Lanes<D>& v, D length, const Vec3Lanes<D>& otherwise) {
     const auto found = length > zero;
@@ -145,12 +146,17 @@ FT_HD_INLINE WorldSurface<D> to_world_surface(const AffineLanes<D>& to_world, co
   };
   WorldSurface<D> s;
   s.position = to_world.point(local.position);
-  const Vec3Lanes<D> normal = to_object.normal(local.normal), shading = to_object.normal(local.shading);
-  const D normal_length = sqrt(dot(normal, normal)), shading_length = sqrt(dot(shading, shading));
+  const Vec3Lanes<D> normal = to_object.normal(local.normal);
+  const D normal_length = sqrt(dot(normal, normal));
   s.normal = unit(normal, normal_length, {zero, zero, one});
-  s.shading = unit(shading, shading_length, s.normal) * sign;
   s.error = rounding_error<D>(to_world, to_object, local, s.position, s.normal, normal_length);
+  s.shading = s.normal;
+  if (is_shaded) {
+    const Vec3Lanes<D> shading = to_object.normal(local.shading);
+    s.shading = unit(shading, sqrt(dot(shading, shading)), s.normal);
+  }
   s.normal = s.normal * sign;
+  s.shading = s.shading * sign;
   return s;
 }
 

@@ -19,7 +19,9 @@ class Surfaces {
   // uv only where the instance's material looks at it.
   void evaluate(const RayBatch& rays, const HitBatch& hits);
 
-  const SurfacePoint& at(size_t i) const { return surfaces_[i]; }
+  const SurfacePoint& at(size_t i) const { return surfaces_[i]; }  // until the next evaluate()
+  // For what is known of a hit better than from the scene.
+  void put(size_t i, const SurfacePoint& surface) { surfaces_[i] = surface; }
   size_t count() const { return places_.size(); }  // of the rays that hit something
 
  private:

@@ -28,9 +28,9 @@ AmbientOcclusion::AmbientOcclusion(const TransportContext& context)
 void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t index) {
   // A shading normal that points away from the camera has no hemisphere of its own.
   const bool turned = glm::dot(vertex.frame.n, vertex.facing) < 0.0f;
-  points_.push_back({vertex.surface.position, vertex.facing, turned ? -vertex.frame.n : vertex.frame.n,
-                     vertex.surface.error, scalar::hash_combine(vertex.seed, k_occlusion_stream), index,
-                     vertex.surface.instance, slot});
+  points_.push_back({vertex.surface->position, vertex.facing, turned ? -vertex.frame.n : vertex.frame.n,
+                     vertex.surface->error, scalar::hash_combine(vertex.seed, k_occlusion_stream), index,
+                     vertex.surface->instance, slot});
 }
 
 void AmbientOcclusion::fill_receivers(size_t begin, size_t end) {

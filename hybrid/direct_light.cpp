@@ -57,14 +57,14 @@ void DirectLight::place_receivers(const Job& job, const Part& part) {
   places_.resize(part.end - part.begin);
   for (size_t r = 0; r < places_.size; ++r) {
     const PathVertex& v = job.vertices[lit_[part.begin + r]];
-    const Vec3& p = v.surface.position;
+    const Vec3& p = v.surface->position;
     places_.px[r] = p.x, places_.py[r] = p.y, places_.pz[r] = p.z;
     places_.gx[r] = v.facing.x, places_.gy[r] = v.facing.y, places_.gz[r] = v.facing.z;
     places_.sx[r] = v.frame.n.x, places_.sy[r] = v.frame.n.y, places_.sz[r] = v.frame.n.z;
-    places_.error[r] = v.surface.error;
+    places_.error[r] = v.surface->error;
     places_.seed[r] = v.seed;
     places_.sample[r] = job.paths[v.path].index;
-    places_.instance[r] = v.surface.instance;
+    places_.instance[r] = v.surface->instance;
     places_.transmits[r] = v.material->transmits();
   }
 }
@@ -117,7 +117,7 @@ bool DirectLight::halve(const Job& job, const Part& part) {
     // The first time: the part is the whole batch.
     placed_.clear();
     for (size_t i = part.begin; i < part.end; ++i) {
-      placed_.push_back({job.vertices[lit_[i]].surface.position, lit_[i]});
+      placed_.push_back({job.vertices[lit_[i]].surface->position, lit_[i]});
     }
     order_by_halves(placed_, smallest);
     for (size_t i = part.begin; i < part.end; ++i) lit_[i] = placed_[i - part.begin].index;
@@ -244,7 +244,7 @@ void DirectLight::gather_closed(const Job& job) {
     const PathVertex& v = vertex_of(job, r);
     std::optional<float> irradiance;
     if (v.material->plain_diffuse()) {
-      irradiance = whole_irradiance(light, v.surface.position, v.facing, v.frame.n);
+      irradiance = whole_irradiance(light, v.surface->position, v.facing, v.frame.n);
     }
     if (!irradiance) {
       free_[kept++] = r;

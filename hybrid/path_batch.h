@@ -38,11 +38,11 @@ struct PathState {
 // A surface that a path has reached and from which it goes on.
 struct PathVertex {
   uint32_t path = 0;  // index of the PathState
-  SurfacePoint surface;
-  Frame frame;                           // shading; n on the side that the material scatters to
+  const SurfacePoint* surface = nullptr;  // lives as long as the batch, as the material
+  Frame frame;  // shading; n on the side that the material scatters to. Of diffuse surfaces that end paths n alone
   Vec3 facing = Vec3(0.0f, 0.0f, 1.0f);  // geometric normal on the side of the arriving ray
-  Vec3 wi = Vec3(0.0f, 0.0f, 1.0f);      // back along the arriving ray, in the frame
-  const Material* material = nullptr;  // lives as long as the batch
+  Vec3 wi = Vec3(0.0f, 0.0f, 1.0f);      // back along the arriving ray, in the frame; as s and t of that
+  const Material* material = nullptr;
   uint32_t seed = 0;          // of the pixel and vertex
   float lobe_samples = 1.0f;  // directions that will be sampled from the material
 };

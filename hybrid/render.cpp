@@ -227,13 +227,17 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const std::vector<PixelPosition> pixels = tile_pixels(tile);
   std::vector<PixelSums> sums(pixels.size());
   const auto goes_on = [&] { return !job.picture.stopped() && !job.budget.exceeded(); };
-  const auto add = [&](size_t pixel, const Rgb& radiance, const FirstHit* first) {
-    if (is_finite(radiance)) {
-      sums[pixel].radiance += DVec3(radiance);
-    } else {
-      ++job.not_finite;
+  const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
+    DVec3 sum = sums[pixel].radiance;
+    for (const Rgb& r : radiance) {
+      if (is_finite(r)) {
+        sum += DVec3(r);
+      } else {
+        ++job.not_finite;
+      }
     }
-    if (first) sums[pixel].aovs.add(*first);
+    sums[pixel].radiance = sum;
+    for (const FirstHit& first : firsts) sums[pixel].aovs.add(first);
   };
   if (!trace_pixels(pixels, job.picture.spp, job.picture.settings.lobe_samples, worker, goes_on, add)) return false;
   for (size_t i = 0; i < pixels.size(); ++i) {

@@ -6,6 +6,41 @@
 
 namespace fieldtrace {
 
+namespace {
+
+// Bounds of position -/+ error along one axis. Eight running bounds let the compiler use vectors.
+void bound_axis(const AlignedVector<float>& position, const AlignedVector<float>& error, size_t count, float& lower,
+                float& upper) {
+  constexpr size_t k_chains = 8;
+  float low[k_chains], high[k_chains];
+  std::fill_n(low, k_chains, k_infinity);
+  std::fill_n(high, k_chains, -k_infinity);
+  size_t r = 0;
+  for (; r + k_chains <= count; r += k_chains) {
+    for (size_t j = 0; j < k_chains; ++j) {
+      low[j] = std::min(low[j], position[r + j] - error[r + j]);
+      high[j] = std::max(high[j], position[r + j] + error[r + j]);
+    }
+  }
+  for (size_t j = 0; r < count; ++r, ++j) {
+    low[j] = std::min(low[j], position[r] - error[r]);
+    high[j] = std::max(high[j], position[r] + error[r]);
+  }
+  lower = *std::min_element(low, low + k_chains);
+  upper = *std::max_element(high, high + k_chains);
+}
+
+// Of all points that rays may leave from.
+Bounds3 bounds_of(const ReceiverBatch& receivers) {
+  Bounds3 b;
+  bound_axis(receivers.px, receivers.error, receivers.size, b.lower.x, b.upper.x);
+  bound_axis(receivers.py, receivers.error, receivers.size, b.lower.y, b.upper.y);
+  bound_axis(receivers.pz, receivers.error, receivers.size, b.lower.z, b.upper.z);
+  return b;
+}
+
+}  // namespace
+
 ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                                const std::vector<Field*>& fields, const AnswererSettings& settings,
                                const std::vector<const ThesisField*>& thesis_fields)
@@ -27,13 +62,7 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
 ShadowAnswerer::~ShadowAnswerer() = default;
 
 void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup& group, Stats& stats) const {
-  Bounds3 bounds;
-  for (size_t r = 0; r < receivers.size; ++r) {
-    const float e = receivers.error[r];
-    const Vec3 p(receivers.px[r], receivers.py[r], receivers.pz[r]);
-    bounds.extend(p - Vec3(e));
-    bounds.extend(p + Vec3(e));
-  }
+  const Bounds3 bounds = bounds_of(receivers);
   if (settings_.whole_scene) {
     group.candidates.assign(k_most_candidates + 1, 0);  // too many to test one by one
   } else {

@@ -132,18 +132,17 @@ Rgb SurfaceRadiance::mean_reflectance(Side side, bool behind) const {
   return sum / float(k_points);
 }
 
-// On side `side` of the patch whose centre is entry i. `material`: where the vertex finds its material.
-PathVertex SurfaceRadiance::vertex_at(const HitBatch& centres, size_t i, Side side, Material& material) const {
+// On side `side` of the patch whose centre is `surface`. `material`: where the vertex finds its material.
+PathVertex SurfaceRadiance::vertex_at(Side side, const SurfacePoint& surface, Material& material) const {
   const bool back = side % 2 != 0;
-  const RayBatch rays;  // meshes do not ask for the ray
   PathVertex v;
-  v.surface = surface_at(scene_, rays, centres, i);
-  v.facing = back ? -v.surface.geometric_normal : v.surface.geometric_normal;
-  const bool turned = glm::dot(v.facing, v.surface.shading_normal) < 0.0f;
-  material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface.uv, turned ? -1.0f : 1.0f);
+  v.surface = &surface;
+  v.facing = back ? -v.surface->geometric_normal : v.surface->geometric_normal;
+  const bool turned = glm::dot(v.facing, v.surface->shading_normal) < 0.0f;
+  material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface->uv, turned ? -1.0f : 1.0f);
   if (is_textured_) material.reflectance = mean_reflectance(side, turned);
   v.material = &material;
-  v.frame = frame_about(turned ? -v.surface.shading_normal : v.surface.shading_normal);
+  v.frame = frame_about(turned ? -v.surface->shading_normal : v.surface->shading_normal);
   v.seed = scalar::vertex_seed(scalar::pixel_seed(seed_, side, instance_), k_patch_stream);
   v.lobe_samples = float(k_samples);
   return v;
@@ -159,9 +158,13 @@ uint64_t SurfaceRadiance::shade(std::span<const Side> sides) {
   std::vector<Side> lit;
   std::vector<PathVertex> vertices;
   std::vector<PathState> paths;
-  std::vector<Material> materials(missing.size());  // of the vertices
+  // Of the vertices:
+  std::vector<SurfacePoint> surfaces(missing.size());
+  std::vector<Material> materials(missing.size());
+  const RayBatch rays;  // meshes do not ask for the ray
   for (size_t i = 0; i < missing.size(); ++i) {
-    const PathVertex v = vertex_at(centres, i, missing[i], materials[i]);
+    surfaces[i] = surface_at(scene_, rays, centres, i);
+    const PathVertex v = vertex_at(missing[i], surfaces[i], materials[i]);
     if (v.material->dark) {  // its radiance is zero
       shared(shaded_[missing[i]]).store(1, std::memory_order_release);
       continue;
@@ -174,12 +177,12 @@ uint64_t SurfaceRadiance::shade(std::span<const Side> sides) {
   }
   if (lit.empty()) return 0;
   std::vector<Rgb> leaving(lit.size());
-  const uint64_t rays = workers_.local().follow(vertices, paths, leaving);
+  const uint64_t traced = workers_.local().follow(vertices, paths, leaving);
   for (size_t i = 0; i < lit.size(); ++i) {
     for (int c = 0; c < 3; ++c) shared(radiance_[lit[i]][c]).store(leaving[i][c], std::memory_order_relaxed);
     shared(shaded_[lit[i]]).store(1, std::memory_order_release);
   }
-  return rays;
+  return traced;
 }
 
 Rgb SurfaceRadiance::radiance(Side side) const {

@@ -58,7 +58,7 @@ class SurfaceRadiance {
   PatchPlace place_of(Side side) const;
   Rgb mean_reflectance(Side side, bool behind) const;
   HitBatch centres_of(std::span<const Side> sides) const;
-  PathVertex vertex_at(const HitBatch& centres, size_t i, Side side, Material& material) const;
+  PathVertex vertex_at(Side side, const SurfacePoint& surface, Material& material) const;
 
   const Scene& scene_;
   uint32_t seed_;

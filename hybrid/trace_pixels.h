@@ -14,8 +14,8 @@ namespace fieldtrace {
 inline constexpr int k_batch_samples = 4096;
 inline constexpr int k_fewest_batch_samples = 16;
 
-// Calls add(i, radiance, first) for every sample of pixels[i], in the order of pixels and of sample indices whatever
-// the batches; `first` points to what the camera ray met, null unless the worker's settings ask for that.
+// Calls add(i, radiance, firsts) for runs of samples of pixels[i], in the order of pixels and of sample indices whatever
+// the batches; `firsts` are what the camera rays met, empty unless the worker's settings ask for that.
 // lobe_samples: as in these settings; each camera sample becomes so many rays. goes_on() is asked before each batch:
 // where it says no, the rest is left, and false is returned.
 template <class GoesOn, class Add>
@@ -29,19 +29,25 @@ bool trace_pixels(std::span<const PixelPosition> pixels, int spp, int lobe_sampl
     if (!goes_on()) return false;
     const size_t end = std::min(begin + batch, total);
     samples.resize(end - begin);
-    size_t pixel = begin / size_t(spp), index = begin % size_t(spp);
-    const auto step = [&] {
-      if (++index == size_t(spp)) index = 0, ++pixel;
+    // Calls with each pixel of the batch and the part [from, to) of the batch that is its.
+    const auto each_pixel = [&](const auto& call) {
+      for (size_t i = begin; i < end;) {
+        const size_t pixel = i / size_t(spp), next = std::min((pixel + 1) * size_t(spp), end);
+        call(pixel, i - begin, next - begin);
+        i = next;
+      }
     };
-    for (size_t i = 0; i < samples.size; ++i, step()) {
-      samples.set(i, uint32_t(pixels[pixel].x), uint32_t(pixels[pixel].y), uint32_t(index));
-    }
+    each_pixel([&](size_t pixel, size_t from, size_t to) {
+      const PixelPosition& p = pixels[pixel];
+      const size_t first_index = begin + from - pixel * size_t(spp);
+      for (size_t i = from; i < to; ++i) samples.set(i, uint32_t(p.x), uint32_t(p.y), uint32_t(first_index + i - from));
+    });
     worker.trace(samples, {radiance.data(), samples.size});
     const std::span<const FirstHit> firsts = worker.first_hits();
-    pixel = begin / size_t(spp), index = begin % size_t(spp);
-    for (size_t i = 0; i < samples.size; ++i, step()) {
-      add(pixel, radiance[i], firsts.empty() ? nullptr : &firsts[i]);
-    }
+    each_pixel([&](size_t pixel, size_t from, size_t to) {
+      add(pixel, std::span(radiance).subspan(from, to - from),
+          firsts.empty() ? firsts : firsts.subspan(from, to - from));
+    });
   }
   return true;
 }

@@ -269,8 +269,8 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
   first.albedo = material_albedo(*vertex.material);
   first.normal = vertex.frame.n;
   first.depth = near_distance[path] + hits.t[path];
-  first.position = DVec3(vertex.surface.position) + scene.origin;
-  first.object = vertex.surface.instance + 1;
+  first.position = DVec3(vertex.surface->position) + scene.origin;
+  first.object = vertex.surface->instance + 1;
   if (settings.occlusion) occlusion.add(vertex, paths[path].slot, paths[path].index);
 }
 
@@ -296,14 +296,11 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     if (last && vertex_number > 0 && emitter == k_none) continue;
     PathVertex& v = vertices[count];  // what an earlier one has left there is written over
     v.path = i;
-    if (certified.empty() || !certified[i]) {
-      v.surface = surfaces.at(i);
-    } else {
-      v.surface = surface_of(scene, rays, hits, *certified[i]);
-    }
-    const float cos_geometric = -glm::dot(v.surface.geometric_normal, d);
+    if (!certified.empty() && certified[i]) surfaces.put(i, surface_of(scene, rays, hits, *certified[i]));
+    v.surface = &surfaces.at(i);
+    const float cos_geometric = -glm::dot(v.surface->geometric_normal, d);
     if (emission_counts && emitter != k_none && cos_geometric > 0.0f) {
-      add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface.geometric_normal, v.surface.primitive});
+      add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface->geometric_normal, v.surface->primitive});
     }
     if (last && vertex_number > 0) continue;
     shade_vertex(v, d, cos_geometric, vertex_number);
@@ -319,21 +316,21 @@ void TransportWorker::Impl::arrive(int vertex_number) {
 // The material of a vertex and what it is seen in, from its surface and the arriving ray's direction.
 void TransportWorker::Impl::shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number) {
   const Vec3 back = -d;
-  const uint32_t bsdf = scene.instances[v.surface.instance].bsdf;
-  const float cosine = glm::dot(v.surface.shading_normal, back);
+  const uint32_t bsdf = scene.instances[v.surface->instance].bsdf;
+  const float cosine = glm::dot(v.surface->shading_normal, back);
   v.material = context.materials.find(bsdf, cosine);
   if (!v.material) {
-    resolved.push_back(resolve_material(scene, bsdf, v.surface.uv, cosine));
+    resolved.push_back(resolve_material(scene, bsdf, v.surface->uv, cosine));
     v.material = &resolved.back();
   }
-  const Vec3 n = v.material->turned ? -v.surface.shading_normal : v.surface.shading_normal;
-  v.facing = cos_geometric < 0.0f ? -v.surface.geometric_normal : v.surface.geometric_normal;
+  const Vec3 n = v.material->turned ? -v.surface->shading_normal : v.surface->shading_normal;
+  v.facing = cos_geometric < 0.0f ? -v.surface->geometric_normal : v.surface->geometric_normal;
   if (v.material->plain_diffuse() && !goes_on(*v.material, vertex_number)) {
     v.frame.n = n;  // all that light samples ask of a diffuse surface
     return;
   }
   const bool anisotropic = v.material->microfacet.alpha_u != v.material->microfacet.alpha_v;
-  v.frame = anisotropic ? frame_along(n, surface_tangent(scene, v.surface)) : frame_about(n);
+  v.frame = anisotropic ? frame_along(n, surface_tangent(scene, *v.surface)) : frame_about(n);
   v.wi = v.frame.to_local(back);
 }
 
@@ -364,14 +361,14 @@ PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_numb
   next.transmits = vertex.material->transmits();
   next.normal = vertex.frame.n;
   next.alpha = vertex.material->glossy() ? lobe_alpha(*vertex.material) : 0.0f;
-  next.instance = vertex.surface.instance;
+  next.instance = vertex.surface->instance;
   return next;
 }
 
 // `next` is the path that goes on in the world direction `d`, with what sets it apart filled in.
 void TransportWorker::Impl::send(const PathVertex& vertex, PathState next, const Vec3& d) {
   next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
-  next_rays.set(next_paths.size(), offset_origin(vertex.surface.position, vertex.facing, vertex.surface.error, d), d,
+  next_rays.set(next_paths.size(), offset_origin(vertex.surface->position, vertex.facing, vertex.surface->error, d), d,
                 k_infinity);
   next_paths.push_back(next);
   stats.rays_glossy += !next.diffuse;
@@ -418,10 +415,11 @@ void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, PathState lea
 
 void TransportWorker::Impl::scatter(int vertex_number) {
   size_t most = 0;
-  for (const PathVertex& v : vertices) most += size_t(v.lobe_samples);
+  for (const PathVertex& v : vertices) most += goes_on(*v.material, vertex_number) ? size_t(v.lobe_samples) : 0;
   next_paths.clear();
   next_rays.resize(most);
-  for (const PathVertex& v : vertices) {
+  for (size_t i = 0; most > 0 && i < vertices.size(); ++i) {
+    const PathVertex& v = vertices[i];
     if (!goes_on(*v.material, vertex_number)) continue;
     const PathState leaving = leave(v, vertex_number);
     const auto lobes = uint32_t(v.lobe_samples);
