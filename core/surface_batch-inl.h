@@ -26,6 +26,16 @@ struct alignas(64) SurfaceBlock {
   float surface[10][k_surface_block];                              // position, normal, shading normal, error
 };
 
+// The same three rows for all lanes.
+template <class F>
+FT_HD_INLINE void splat_corners(const std::vector<Vec3>& from, const UVec3& row, size_t i,
+                                float (&to)[9][k_surface_block]) {
+  for (int corner = 0; corner < 3; ++corner) {
+    const Vec3& v = from[row[corner]];
+    for (int k = 0; k < 3; ++k) store_lanes(splat<F>(v[k]), to[3 * corner + k] + i);
+  }
+}
+
 // Gathers rows of three numbers at the three corners.
 template <class F>
 FT_HD_INLINE void gather_corners(const std::vector<Vec3>& from, const Int_t<F> (&row)[3], size_t i,
@@ -43,11 +53,19 @@ inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, Surface
   const auto times_three = [](Int_t<F> a) { return a + a + a; };
   for (size_t i = 0; i < block.used; i += size_t(Lanes<F>::k_count)) {
     const Int_t<F> place = load_int_lanes<F>(block.place + i);
-    const Int_t<F> triangle = times_three(gather(primitives, place));
-    const Int_t<F> row[3] = {times_three(gather(corners, triangle)), times_three(gather(corners + 1, triangle)),
-                             times_three(gather(corners + 2, triangle))};
+    const Int_t<F> primitive = gather(primitives, place);
     store_lanes(gather(hits.u.data(), place), block.u + i);
     store_lanes(gather(hits.v.data(), place), block.v + i);
+    const int32_t first = primitives[block.place[i]];
+    if (all(primitive == splat_int<F>(first))) {  // usual on large triangles
+      const UVec3& row = mesh.triangles[size_t(first)];
+      splat_corners<F>(mesh.positions, row, i, block.position);
+      if (!mesh.normals.empty()) splat_corners<F>(mesh.normals, row, i, block.normal);
+      continue;
+    }
+    const Int_t<F> triangle = times_three(primitive);
+    const Int_t<F> row[3] = {times_three(gather(corners, triangle)), times_three(gather(corners + 1, triangle)),
+                             times_three(gather(corners + 2, triangle))};
     gather_corners<F>(mesh.positions, row, i, block.position);
     if (!mesh.normals.empty()) gather_corners<F>(mesh.normals, row, i, block.normal);
   }
