@@ -1,4 +1,5 @@
-// The loop over camera samples behind CameraSampler::sample(), for one lane type. Thread-safety: writes its outputs only.
+// The loop over camera samples behind CameraSampler::sample(), for one lane type.
+// Thread-safety: writes its outputs only.
 
 #if defined(FIELDTRACE_CORE_CAMERA_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_CAMERA_BATCH_INL_H_

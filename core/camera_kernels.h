@@ -1,4 +1,5 @@
-// The compiled forms of the loop behind CameraSampler::sample(), one per instruction set. Thread-safety: pure functions.
+// The compiled forms of the loop behind CameraSampler::sample(), one per instruction set.
+// Thread-safety: pure functions.
 #pragma once
 
 #include "core/camera_lens.h"

@@ -1,8 +1,9 @@
 // Lane types in double precision, for what single precision cannot tell: error bounds and points on surfaces.
 //
-// As core/lanes.hd.h: generic code is a template over a lane type D and uses only the operators + - * / < > and the
-// functions below, which are correctly rounded or exact. Here they are given for plain `double`; core/double_lanes-inl.h
-// gives them for Highway vectors, of half as many lanes as vectors of floats have. Thread-safety: pure functions.
+// As core/lanes.hd.h: generic code is a template over a lane type D and uses only the operators + - * / < > & and the
+// functions below, which are correctly rounded or exact. Here they are given for plain `double`, and in
+// core/double_lanes-inl.h for Highway vectors, of half as many lanes as vectors of floats have.
+// Thread-safety: pure functions.
 
 #if defined(FIELDTRACE_CORE_DOUBLE_LANES_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_DOUBLE_LANES_HD_H_

@@ -1,4 +1,5 @@
-// The materials of a scene that are the same all over a surface, resolved once. Thread-safety: const after construction.
+// The materials of a scene that are the same all over a surface, resolved once.
+// Thread-safety: const after construction.
 #pragma once
 
 #include <vector>

@@ -142,8 +142,9 @@ SurfacePoint surface_near(const Scene& scene, uint32_t instance_index, uint32_t 
   s.position = position;
   s.geometric_normal = s.shading_normal = outside ? normal : -normal;
   s.uv = triangle_uv(shape, primitive, u, v);
-  s.error = next_float(double(error) + scalar::rounding_error<double>(to_world, to_object, local, lanes(DVec3(position)),
-                                                                      lanes(DVec3(normal)), glm::length(world_normal)));
+  const double rounding = scalar::rounding_error<double>(to_world, to_object, local, lanes(DVec3(position)),
+                                                         lanes(DVec3(normal)), glm::length(world_normal));
+  s.error = next_float(double(error) + rounding);
   return s;
 }
 

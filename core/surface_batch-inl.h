@@ -18,12 +18,13 @@ FT_LANES_BEGIN
 // cannot look ahead over both. A multiple of all lane counts.
 constexpr size_t k_surface_block = 64;
 
+// Every array is aligned to the widest vectors.
 struct alignas(64) SurfaceBlock {
-  size_t used = 0;                  // hits; the lanes beyond them repeat the last, whose mesh is the same
-  int32_t place[k_surface_block];   // in the batch
+  int32_t place[k_surface_block];  // in the batch
   float u[k_surface_block], v[k_surface_block];
   float position[9][k_surface_block], normal[9][k_surface_block];  // of the corners, coordinate by coordinate
   float surface[10][k_surface_block];                              // position, normal, shading normal, error
+  size_t used = 0;  // hits; the lanes beyond them repeat the last, whose mesh is the same
 };
 
 // The same three rows for all lanes.
@@ -76,7 +77,8 @@ template <class D>
 FT_HD_INLINE LocalSurface<D> block_surface(const SurfaceBlock& block, bool has_normals, size_t i) {
   const auto corners = [&](const float (&from)[9][k_surface_block]) {
     const auto at = [&](int k) {
-      return Vec3Lanes<D>{load_floats<D>(from[k] + i), load_floats<D>(from[k + 1] + i), load_floats<D>(from[k + 2] + i)};
+      return Vec3Lanes<D>{load_floats<D>(from[k] + i), load_floats<D>(from[k + 1] + i),
+                          load_floats<D>(from[k + 2] + i)};
     };
     return TriangleCorners<D>{at(0), at(3), at(6)};
   };
@@ -109,7 +111,9 @@ inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
       store_next_floats(s.error, block.surface[9] + i);
     }
     for (size_t i = 0; i < block.used; ++i) {
-      const auto at = [&](int k) { return Vec3(block.surface[k][i], block.surface[k + 1][i], block.surface[k + 2][i]); };
+      const auto at = [&](int k) {
+        return Vec3(block.surface[k][i], block.surface[k + 1][i], block.surface[k + 2][i]);
+      };
       const auto place = size_t(block.place[i]);
       SurfacePoint& p = result[place];
       p.position = at(0);

@@ -32,17 +32,21 @@ bool is_costly(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t
   return most > std::max(k_costly_bake_rays, k_most_bake_share * light_samples);
 }
 
-// Whether all fields of these parameters together take few bake rays for what falls on their objects.
-bool are_worth(const FieldParameters& parameters, const Scene& scene, std::span<const ShapeTraits> traits,
-               uint64_t rays_per_light) {
-  double share = 0.0, bake_rays = 0.0;
+// Light samples that fall on objects with fields, about.
+double samples_on_objects(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light) {
+  double share = 0.0;
   for (const Instance& instance : scene.instances) {
     if (traits[instance.shape].wants_field) share += double(projected_share(scene, instance));
   }
+  return double(rays_per_light) * double(scene.emitters.size()) * std::min(share, 1.0);
+}
+
+// What all fields of these parameters together take to bake.
+double all_bake_rays(const FieldParameters& parameters, const Scene& scene, std::span<const ShapeTraits> traits) {
   const std::vector<double> rays = estimated_bake_rays(scene, parameters);
-  for (size_t s = 0; s < rays.size(); ++s) bake_rays += traits[s].wants_field ? rays[s] : 0.0;
-  const double light_samples = double(rays_per_light) * double(scene.emitters.size()) * std::min(share, 1.0);
-  return bake_rays > 0.0 && bake_rays <= k_finer_bake_share * light_samples;
+  double sum = 0.0;
+  for (size_t s = 0; s < rays.size(); ++s) sum += traits[s].wants_field ? rays[s] : 0.0;
+  return sum;
 }
 
 }  // namespace
@@ -70,8 +74,12 @@ FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTrait
     parameters.plane = 64;
   }
   if (rays_per_light < k_fine_field_rays) return parameters;
+  const double most = k_finer_bake_share * samples_on_objects(scene, traits, rays_per_light);
   for (const FieldParameters& finer : {FieldParameters{64, 128}, FieldParameters{64, 256}, FieldParameters{128, 256}}) {
-    if (finer.plane < parameters.plane || !are_worth(finer, scene, traits, rays_per_light)) continue;
+    const bool is_finer = finer.plane > parameters.plane || finer.directions > parameters.directions;
+    if (finer.plane < parameters.plane || !is_finer) continue;
+    const double bake_rays = all_bake_rays(finer, scene, traits);
+    if (!(bake_rays > 0.0 && bake_rays <= most)) break;  // the next ones take more
     parameters.directions = finer.directions;
     parameters.plane = finer.plane;
   }

@@ -127,8 +127,7 @@ void HitAnswerer::bake(const Object& object, const HitUnknowns& unknowns, Stats&
   bake_layer(FieldLayer::visibility, unknowns.visibility);
   bake_layer(FieldLayer::depth, unknowns.depth);
   bake_layer(FieldLayer::primitive, unknowns.primitive);
-  stats.bake_rays += counters.rays;
-  stats.time_bake += counters.seconds;
+  stats.add_bake(counters);
 }
 
 void HitAnswerer::trace_others(HitWorkspace& work) const {

@@ -291,8 +291,7 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   const FieldSurvey survey =
       survey_fields(context, crop_window(picture.scene.film, {}), picture.spp, picture.callbacks.stop);
   stats.survey_rays += survey.stats.rays_exact;
-  stats.bake_rays += survey.stats.bake_rays;
-  stats.time_bake += survey.stats.time_bake;
+  stats.add_bake(survey.stats);
   if (survey.interrupted) return false;
   fields.leave_to_rays(survey, options.fewest_answers);
   return true;

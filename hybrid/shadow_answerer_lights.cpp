@@ -41,8 +41,7 @@ void ShadowAnswerer::bake_and_repeat(const Occluder& o, size_t size, ConeUnknown
     BakeCounters counters;
     if (!unknowns.tiles.empty()) bake_coverage(*o.field, unknowns.tiles, accel_, shape, counters);
     if (!unknowns.slices.empty()) bake_slices(*o.field, FieldLayer::depth, unknowns.slices, accel_, shape, counters);
-    stats.bake_rays += counters.rays;
-    stats.time_bake += counters.seconds;
+    stats.add_bake(counters);
     return !is_full;
   });
 }

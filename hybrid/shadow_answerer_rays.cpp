@@ -25,8 +25,7 @@ void ShadowAnswerer::bake_unknown(const Occluder& o, int32_t slot, const ShadowB
     };
     bake(FieldLayer::visibility, states.unknown_visibility);
     bake(FieldLayer::depth, states.unknown_depth);
-    stats.bake_rays += counters.rays;
-    stats.time_bake += counters.seconds;
+    stats.add_bake(counters);
     std::vector<uint32_t> blocks;
     blocks.swap(states.unknown_blocks);
     const bool give_up = o.field->pool_full() || round >= k_most_bake_rounds;

@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "field/bake.h"
+
 namespace fieldtrace {
 
 // What the field of one object did: rays that cross its bounds and light samples spared, by whether it answered; in
@@ -91,9 +93,12 @@ struct Stats {
     count.answers += 1;
     count.wrong += wrong;
   }
+  void add_bake(const BakeCounters& counters) {
+    bake_rays += counters.rays;
+    time_bake += counters.seconds;
+  }
   void add_bake(const Stats& other) {  // its cost alone: for work that was thrown away
-    bake_rays += other.bake_rays;
-    time_bake += other.time_bake;
+    add_bake(BakeCounters{other.bake_rays, other.time_bake});
   }
   void merge_counters(const Stats& other);  // adds rays, look-ups, checks and stage times
   std::string to_json() const;              // nested by the dots of the documented keys

@@ -143,7 +143,7 @@ PathVertex SurfaceRadiance::vertex_at(Side side, const SurfacePoint& surface, Ma
   if (is_textured_) material.reflectance = mean_reflectance(side, turned);
   v.material = &material;
   v.frame = frame_about(turned ? -v.surface->shading_normal : v.surface->shading_normal);
-  v.seed = scalar::vertex_seed(scalar::pixel_seed(seed_, side, instance_), k_patch_stream);
+  v.seed = scalar::vertex_seed(seed_, side, instance_, k_patch_stream);
   v.lobe_samples = float(k_samples);
   return v;
 }

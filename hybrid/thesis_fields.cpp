@@ -67,8 +67,7 @@ bool ThesisFieldSet::make(const Accel& accel, FieldCache* cache, const ThesisBak
     if (cache) stats.field_bytes_disk += cache->bytes_on_disk(thesis_identity(scene_.shapes[shapes_[i]], m_));
   }
   if (cache) cache->trim();
-  stats.bake_rays += counters.rays;
-  stats.time_bake += counters.seconds;
+  stats.add_bake(counters);
   return complete;
 }
 

@@ -14,8 +14,8 @@ namespace fieldtrace {
 inline constexpr int k_batch_samples = 4096;
 inline constexpr int k_fewest_batch_samples = 16;
 
-// Calls add(i, radiance, firsts) for runs of samples of pixels[i], in the order of pixels and of sample indices whatever
-// the batches; `firsts` are what the camera rays met, empty unless the worker's settings ask for that.
+// Calls add(i, radiance, firsts) for runs of samples of pixels[i], in the order of pixels and of sample indices
+// whatever the batches; `firsts` are what the camera rays met, empty unless the worker's settings ask for that.
 // lobe_samples: as in these settings; each camera sample becomes so many rays. goes_on() is asked before each batch:
 // where it says no, the rest is left, and false is returned.
 template <class GoesOn, class Add>

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "core/error.h"
+#include "core/sobol.hd.h"
 
 namespace fieldtrace {
 namespace {
@@ -100,6 +101,45 @@ TEST(Camera, FilterOffsetsFollowTheFilter) {
     EXPECT_LE(std::abs(sampler.filter_offset(0.0f)), film.filter_radius);
     EXPECT_LE(std::abs(sampler.filter_offset(1.0f - 0x1p-24f)), film.filter_radius);
     EXPECT_NEAR(sampler.filter_offset(0.5f), 0.0f, 1e-6f);
+  }
+}
+
+// Every filter, with and without a lens, in batches that fill vectors and batches that do not.
+TEST(Camera, RaysOfABatchAreThoseOfSinglePointsOnEveryMachine) {
+  Camera camera = small_camera();
+  camera.to_world = Affine(Vec3(0, 2, 0), Vec3(-2, 0, 0), Vec3(0, 0, 2), Vec3(1, -2, 3));
+  Film film = small_film();
+  constexpr uint32_t k_seed = 77;
+  for (const FilterKind kind : {FilterKind::box, FilterKind::tent, FilterKind::gaussian}) {
+    for (const float aperture : {0.0f, 0.3f}) {
+      film.filter = kind;
+      camera.aperture_radius = aperture;
+      const CameraSampler sampler(camera, film);
+      for (const size_t count : {size_t(1), size_t(16), size_t(45)}) {
+        CameraSamples samples;
+        samples.resize(count);
+        for (size_t i = 0; i < count; ++i) samples.set(i, uint32_t(i * 7 % 32), uint32_t(i * 5 % 20), uint32_t(i * i));
+        for (const Isa isa : supported_isas()) {
+          RayBatch rays;
+          AlignedVector<float> near_distance;
+          sampler.sample(samples, k_seed, isa, rays, near_distance);
+          ASSERT_EQ(rays.size, count);
+          for (size_t i = 0; i < count; ++i) {
+            const uint32_t seed = scalar::vertex_seed(k_seed, samples.x[i], samples.y[i], k_camera_stream);
+            const auto u = scalar::sample_2d(samples.index[i], seed, 0);
+            const auto v = scalar::sample_2d(samples.index[i], seed, 1);
+            const Vec2 at(float(samples.x[i]) + 0.5f + sampler.filter_offset(u.x),
+                          float(samples.y[i]) + 0.5f + sampler.filter_offset(u.y));
+            const CameraRay expected = sampler.ray_at(at, {v.x, v.y});
+            ASSERT_EQ(rays.origin(i), expected.origin) << isa_name(isa);
+            ASSERT_EQ(rays.direction(i), expected.direction) << isa_name(isa);
+            ASSERT_EQ(rays.tmax[i], expected.tmax) << isa_name(isa);
+            ASSERT_EQ(near_distance[i], expected.near_distance) << isa_name(isa);
+          }
+          for (size_t i = count; i < padded(count); ++i) ASSERT_LT(rays.tmax[i], 0.0f);
+        }
+      }
+    }
   }
 }
 

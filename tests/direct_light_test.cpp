@@ -66,7 +66,8 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
   const TransportContext context(scene, accel, camera, answerer, settings);
   TransportWorker worker(context);
   trace_pixels(
-      tile_pixels(scene.film.crop), 1, 1, worker, [] { return true; }, [](size_t, std::span<const Rgb>, std::span<const FirstHit>) {});
+      tile_pixels(scene.film.crop), 1, 1, worker, [] { return true; },
+      [](size_t, std::span<const Rgb>, std::span<const FirstHit>) {});
   const Stats& stats = worker.stats();
   EXPECT_GT(stats.leaves, 10000u);
   EXPECT_GT(stats.rays_crossing, 1000u);

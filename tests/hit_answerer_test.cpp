@@ -29,19 +29,14 @@ SceneMaker reflecting_scene(float alpha, int resolution = 48) {
   checks.color0 = Rgb(0.7f, 0.5f, 0.4f);
   checks.color1 = Rgb(0.3f, 0.4f, 0.5f);
   m.scene.bsdfs[tiles].two_sided = true;
-  const uint32_t metal = m.bsdf(BsdfKind::rough_conductor, Rgb(0.9f));
-  m.scene.bsdfs[metal].microfacet = MicrofacetKind::ggx;
-  m.scene.bsdfs[metal].alpha_u = m.scene.bsdfs[metal].alpha_v = alpha;
+  const uint32_t metal = m.metal(alpha);
   const uint32_t knot = m.mesh(make_knot({.along = 256, .around = 24}));
   m.instance(knot, tiles, test::translation({0, 1.2f, 0}));
   const uint32_t ball = m.mesh(make_sphere({.around = 96, .along = 48}));
   Affine at = test::scaling(Vec3(0.5f));
   at[3] = Vec3(0.5f, 0.8f, 0.6f);
   m.instance(ball, metal, at);
-  const Affine floor(Vec3(6, 0, 0), Vec3(0, 0, -6), Vec3(0, 6, 0), Vec3(0));
-  m.instance(m.shape(ShapeKind::rectangle), metal, floor);
-  const Affine lamp(Vec3(0.4f, 0, 0), Vec3(0, 0.4f, 0), Vec3(0, 0, 0.4f), Vec3(2, 4, 2));
-  m.area_light(m.instance(m.shape(ShapeKind::sphere), tiles, lamp), Rgb(60.0f));
+  m.lit_floor(metal, tiles);
   m.light(EmitterKind::constant, Rgb(0.3f));
   return m;
 }

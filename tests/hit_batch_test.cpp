@@ -9,10 +9,12 @@
 
 #include "core/mesh_procedural.h"
 #include "field/query.hd.h"
-#include "field/risk.h"
 #include "hybrid/ask_and_bake.h"
+#include "hybrid/occluder.h"
+#include "hybrid/shadow_answerer.h"
 #include "tests/field_fixture.h"
 #include "tests/random_lines.h"
+#include "tests/small_scenes.h"
 
 namespace fieldtrace {
 namespace {
@@ -31,17 +33,11 @@ class HitBatches : public testing::Test {
   // The object's transform: sheared, mirrored, and moved there.
   void place(const Vec3& at) {
     to_world_ = Affine(Vec3(1.5f, 0.4f, 0.1f), Vec3(-0.3f, 0.8f, 0.5f), Vec3(0.2f, 0.1f, -1.2f), at);
-    to_object_ = Affine(inverse_affine(DAffine(to_world_)));
-    const Sphere& ball = fixture_.ball();
-    for (int c = 0; c < 4; ++c) {
-      for (int r = 0; r < 3; ++r) {
-        const double shift = c == 3 ? double(ball.centre[r]) : 0.0;
-        task_.to_unit[3 * c + r] = float((double(to_object_[c][r]) - shift) / double(ball.radius));
-      }
-    }
-    task_.field = fixture_.field().view();
-    task_.policy = query_policy(0.1f);
-    task_.instance = 7;
+    test::SceneMaker maker;
+    const uint32_t instance = maker.instance(maker.mesh(fixture_.mesh()), 0, to_world_);
+    to_object_ = maker.scene.instances[instance].to_object;
+    const ShapeTraits traits = {.is_flat = false, .wants_field = true};
+    task_ = make_occluder(maker.scene, instance, traits, &fixture_.field(), nullptr, {}).cone.segment;
   }
 
   // Unit rays from all about through the ball, a fifth of them from within it.

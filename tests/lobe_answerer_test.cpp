@@ -30,15 +30,10 @@ SceneMaker glossy_scene(float alpha, bool sky, int resolution = 48) {
   m.scene.integrator.max_depth = 3;
   const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(k_albedo, 0.4f, 0.3f));
   m.scene.bsdfs[clay].two_sided = true;
-  const uint32_t metal = m.bsdf(BsdfKind::rough_conductor, Rgb(0.9f));
-  m.scene.bsdfs[metal].microfacet = MicrofacetKind::ggx;
-  m.scene.bsdfs[metal].alpha_u = m.scene.bsdfs[metal].alpha_v = alpha;
+  const uint32_t metal = m.metal(alpha);
   const uint32_t knot = m.mesh(make_knot({.along = 256, .around = 24}));
   m.instance(knot, clay, test::translation({0, 1.2f, 0}));
-  const Affine floor(Vec3(6, 0, 0), Vec3(0, 0, -6), Vec3(0, 6, 0), Vec3(0));
-  m.instance(m.shape(ShapeKind::rectangle), metal, floor);
-  const Affine lamp(Vec3(0.4f, 0, 0), Vec3(0, 0.4f, 0), Vec3(0, 0, 0.4f), Vec3(2, 4, 2));
-  m.area_light(m.instance(m.shape(ShapeKind::sphere), clay, lamp), Rgb(60.0f));
+  m.lit_floor(metal, clay);
   if (sky) m.light(EmitterKind::constant, Rgb(0.3f));
   return m;
 }

@@ -57,6 +57,15 @@ struct SceneMaker {
     return uint32_t(scene.bsdfs.size() - 1);
   }
 
+  // Metal of GGX roughness alpha.
+  uint32_t metal(float alpha) {
+    const uint32_t index = bsdf(BsdfKind::rough_conductor, Rgb(0.9f));
+    Bsdf& b = scene.bsdfs[index];
+    b.microfacet = MicrofacetKind::ggx;
+    b.alpha_u = b.alpha_v = alpha;
+    return index;
+  }
+
   // A copy of a material with that opacity.
   uint32_t masked(uint32_t bsdf_index, float opacity) {
     Bsdf b = scene.bsdfs[bsdf_index];
@@ -97,6 +106,13 @@ struct SceneMaker {
     i.to_object = Affine(inverse_affine(DAffine(to_world)));
     scene.instances.push_back(i);
     return uint32_t(scene.instances.size() - 1);
+  }
+
+  // A floor of half width 6 at y = 0, facing up, under a small bright lamp.
+  void lit_floor(uint32_t floor_bsdf, uint32_t lamp_bsdf) {
+    instance(shape(ShapeKind::rectangle), floor_bsdf, Affine(Vec3(6, 0, 0), Vec3(0, 0, -6), Vec3(0, 6, 0), Vec3(0)));
+    const Affine lamp(Vec3(0.4f, 0, 0), Vec3(0, 0.4f, 0), Vec3(0, 0, 0.4f), Vec3(2, 4, 2));
+    area_light(instance(shape(ShapeKind::sphere), lamp_bsdf, lamp), Rgb(60.0f));
   }
 
   void area_light(uint32_t instance_index, const Rgb& radiance) {

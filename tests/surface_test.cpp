@@ -7,6 +7,9 @@
 #include <random>
 
 #include "core/accel.h"
+#include "core/material_table.h"
+#include "core/mesh_procedural.h"
+#include "core/surfaces.h"
 #include "small_scenes.h"
 
 namespace fieldtrace {
@@ -185,6 +188,94 @@ TEST(Surface, ErrorIsAFewUlps) {
     const float size = glm::length(bounds.diagonal()) + glm::length(bounds.centre());
     for (const SurfacePoint& p : shoot(s.maker.scene, accel, random, 16)) EXPECT_LT(p.error, size * 0x1p-14f);
   }
+}
+
+void expect_same(const SurfacePoint& a, const SurfacePoint& b, const char* what) {
+  ASSERT_EQ(a.position, b.position) << what;
+  ASSERT_EQ(a.error, b.error) << what;
+  ASSERT_EQ(a.geometric_normal, b.geometric_normal) << what;
+  ASSERT_EQ(a.shading_normal, b.shading_normal) << what;
+  ASSERT_EQ(a.instance, b.instance) << what;
+  ASSERT_EQ(a.primitive, b.primitive) << what;
+}
+
+// Meshes with and without normals, rectangles and analytic shapes, sheared and mirrored, some with flipped normals, in
+// one batch with misses: groups of all sizes.
+TEST(Surface, BatchesAreSingleSurfacesOnEveryMachine) {
+  Random random(5);
+  SceneMaker maker;
+  const uint32_t plain = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f)), checked = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  maker.scene.textures[maker.scene.bsdfs[checked].reflectance].kind = TextureKind::checkerboard;
+  TriangleMesh smooth = make_sphere({.around = 24, .along = 12});
+  ASSERT_FALSE(smooth.normals.empty());
+  TriangleMesh faceted = smooth;
+  faceted.normals.clear();
+  faceted.texcoords.clear();
+  const uint32_t shapes[] = {maker.mesh(smooth), maker.mesh(faceted), maker.shape(ShapeKind::rectangle),
+                             maker.shape(ShapeKind::sphere), maker.shape(ShapeKind::disk)};
+  for (int i = 0; i < 40; ++i) {
+    Affine at = random.transform(1.0f);
+    const float size = std::cbrt(std::abs(glm::determinant(Mat3(at))));
+    at = Affine(at[0] / size, at[1] / size, at[2] / size, random.direction() * random.between(0.0f, 12.0f));
+    const uint32_t placed = maker.instance(shapes[size_t(i) % 5], i % 3 == 0 ? checked : plain, at);
+    maker.scene.instances[placed].flip_normals = i % 4 == 1;
+  }
+  const Accel accel(maker.scene);
+  for (const size_t count : {size_t(1), size_t(7), size_t(3000)}) {
+    RayBatch rays;
+    rays.resize(count);
+    for (size_t i = 0; i < count; ++i) rays.set(i, random.direction() * 30.0f, random.direction(), k_infinity);
+    for (size_t i = 0; i < count; i += 2) {
+      const Vec3 o = rays.origin(i);
+      rays.set(i, o, random.direction() * random.between(0.0f, 12.0f) - o, k_infinity);
+    }
+    HitBatch hits;
+    hits.resize(count);
+    accel.intersect(rays, hits, Coherence::incoherent);
+    for (const Isa isa : supported_isas()) {
+      Surfaces surfaces(maker.scene, isa);
+      for (int again = 0; again < 2; ++again) surfaces.evaluate(rays, hits);
+      size_t found = 0;
+      for (size_t i = 0; i < count; ++i) {
+        if (hits.instance[i] == k_none) continue;
+        ++found;
+        const SurfacePoint expected = surface_at(maker.scene, rays, hits, i);
+        expect_same(surfaces.at(i), expected, isa_name(isa));
+        if (maker.scene.instances[expected.instance].bsdf == checked) {
+          ASSERT_EQ(surfaces.at(i).uv, expected.uv);
+        }
+      }
+      EXPECT_EQ(surfaces.count(), found);
+      EXPECT_LE(found, count);
+      if (count > 1000) {
+        EXPECT_GT(found, count / 4);
+        EXPECT_LT(found, count);
+      }
+    }
+  }
+}
+
+TEST(Surface, MaterialsOfTheTableAreTheResolvedOnes) {
+  SceneMaker maker;
+  const uint32_t one = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f)), two = maker.bsdf(BsdfKind::diffuse, Rgb(0.2f));
+  maker.scene.bsdfs[two].two_sided = true;
+  maker.scene.bsdfs[two].back = one;
+  const uint32_t textured = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  maker.scene.textures[maker.scene.bsdfs[textured].reflectance].kind = TextureKind::checkerboard;
+  const MaterialTable table(maker.scene);
+  for (const uint32_t bsdf : {one, two}) {
+    for (const float cosine : {0.3f, -0.3f}) {
+      const Material expected = resolve_material(maker.scene, bsdf, Vec2(0.7f), cosine);
+      const Material* found = table.find(bsdf, cosine);
+      ASSERT_NE(found, nullptr);
+      EXPECT_EQ(found->dark, expected.dark);
+      EXPECT_EQ(found->turned, expected.turned);
+      EXPECT_EQ(found->reflectance, expected.reflectance);
+    }
+    EXPECT_EQ(table.find(bsdf, 0.0f), nullptr);
+    EXPECT_EQ(table.find(bsdf, std::numeric_limits<float>::quiet_NaN()), nullptr);
+  }
+  EXPECT_EQ(table.find(textured, 1.0f), nullptr);
 }
 
 SurfacePoint hit_at(SceneMaker& maker, const Vec3& o, const Vec3& d) {
