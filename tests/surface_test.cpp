@@ -248,7 +248,7 @@ TEST(Surface, BatchesAreSingleSurfacesOnEveryMachine) {
       EXPECT_EQ(surfaces.count(), found);
       EXPECT_LE(found, count);
       if (count > 1000) {
-        EXPECT_GT(found, count / 4);
+        EXPECT_GT(found, count / 5);
         EXPECT_LT(found, count);
       }
     }
