@@ -71,7 +71,7 @@ void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays
   RTCRayHit16 packet;
   for (size_t begin = 0; begin < rays.size; begin += k_width) {
     const int count = int(std::min(rays.size - begin, size_t(k_width)));
-    for (int lane = 0; lane < k_width; ++lane) {  // beyond `count` lies padding
+    for (int lane = 0; lane < k_width; ++lane) {  // the batch's padding too: whole vectors are copied
       set_ray(packet.ray, lane, rays, begin + size_t(lane));
       packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
       packet.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
@@ -155,7 +155,7 @@ struct Accel::Impl {
   ScenePtr build_shape(const Shape& shape) {
     ScenePtr result = new_scene();
     RTCGeometry geometry;
-    if (is_analytic(shape.kind)) {
+    if (!is_meshed(shape.kind)) {
       geometry = new_analytic_geometry(device.get(), shape.kind);
     } else {
       geometry = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE);

@@ -76,10 +76,6 @@ void occluded_callback(const RTCOccludedFunctionNArguments* args) {
 
 }  // namespace
 
-bool is_analytic(ShapeKind kind) {
-  return kind == ShapeKind::sphere || kind == ShapeKind::disk || kind == ShapeKind::cylinder;
-}
-
 double intersect_analytic(ShapeKind kind, const DVec3& o, const DVec3& d, double t_min, double t_max, DVec3& normal) {
   const auto inside = [&](double t) { return t >= t_min && t <= t_max; };
   if (kind == ShapeKind::disk) {

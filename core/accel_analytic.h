@@ -11,9 +11,7 @@
 
 namespace fieldtrace {
 
-bool is_analytic(ShapeKind kind);
-
-// A geometry with one primitive, not yet committed. Unchecked: is_analytic(kind).
+// A geometry with one primitive, not yet committed. Unchecked: not is_meshed(kind).
 RTCGeometry new_analytic_geometry(RTCDevice device, ShapeKind kind);
 
 // The first t in [t_min, t_max] at which o + t d meets the shape, or -1. `normal` (not normalised, pointing as

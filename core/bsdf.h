@@ -27,6 +27,8 @@ struct Material {
   const RoughTransmittance* rough_transmittance = nullptr;                            // rough plastic
   float roughness = 0.5f, metallic = 0.0f, clearcoat = 0.0f, clearcoat_alpha = 0.1f;  // principled
 
+  bool operator==(const Material&) const = default;
+
   // All that it scatters goes into single directions: light samples find nothing.
   bool delta() const {
     return kind == BsdfKind::conductor || kind == BsdfKind::dielectric || kind == BsdfKind::thin_dielectric;

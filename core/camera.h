@@ -35,7 +35,8 @@ class CameraSampler {
   CameraSampler& operator=(const CameraSampler&) = delete;
 
   // Rays of camera samples, in SIMD lanes, with their parts as in CameraRay: the same bits for every instruction set.
-  // `rays` and near_distance are resized. Throws UsageError if this processor cannot run `isa`.
+  // Sample points are those of `seed`'s k_camera_stream (core/sobol.hd.h). `rays` and near_distance are resized, the
+  // latter to whole vectors. Throws UsageError if this processor cannot run `isa`.
   void sample(const CameraSamples& samples, uint32_t seed, Isa isa, RayBatch& rays,
               AlignedVector<float>& near_distance) const;
 

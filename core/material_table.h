@@ -13,8 +13,11 @@ class MaterialTable {
   // `scene` must outlive the object.
   explicit MaterialTable(const Scene& scene);
 
-  // What resolve_material() says of Scene::bsdfs[bsdf] anywhere; null where that depends on texture coordinates, or
-  // cos_wi is 0 or not a number.
+  // Whether what resolve_material() says of Scene::bsdfs[bsdf] depends on texture coordinates.
+  bool varies(uint32_t bsdf) const { return textured_[bsdf]; }
+
+  // What resolve_material() says of Scene::bsdfs[bsdf] anywhere; null where that varies, or cos_wi is 0 or not a
+  // number.
   const Material* find(uint32_t bsdf, float cos_wi) const {
     if (!(cos_wi < 0.0f || cos_wi > 0.0f) || textured_[bsdf]) return nullptr;
     return &sides_[2 * bsdf + (cos_wi < 0.0f ? 1 : 0)];

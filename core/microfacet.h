@@ -21,6 +21,8 @@ struct Microfacet {
   MicrofacetKind kind = MicrofacetKind::ggx;
   float alpha_u = 0.1f, alpha_v = 0.1f;  // along local x and y, >= k_min_alpha
 
+  bool operator==(const Microfacet&) const = default;
+
   // Density of microfacet normals per projected solid angle: the integral of D(m) m.z over the hemisphere is 1.
   float d(const Vec3& m) const;
 

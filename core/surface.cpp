@@ -70,19 +70,26 @@ AnalyticPoint analytic_point(ShapeKind kind, const DVec3& q) {
   return {{lanes(position), lanes(normal), lanes(normal), glm::length(normal), scalar::k_least_share}, uv};
 }
 
-float next_float(double a) { return std::nextafter(float(a), k_infinity); }
+float next_float(double a) {
+  float next;
+  scalar::store_next_floats(a, &next);
+  return next;
+}
 
 }  // namespace
 
 Vec2 triangle_uv(const Shape& shape, uint32_t primitive, float u, float v) {
   const TriangleMesh& mesh = shape.mesh;
   const UVec3& corner = mesh.triangles[primitive];
+  const double b0 = 1.0 - double(u) - double(v);
   if (shape.kind == ShapeKind::rectangle) {
-    const DVec3Lanes p = triangle_point(shape, primitive, u, v).position;
-    return Vec2(0.5 * (p.x + 1.0), 0.5 * (p.y + 1.0));
+    const auto coordinate = [&](int axis) {
+      const auto at = [&](uint32_t i) { return double(mesh.positions[i][axis]); };
+      return float(0.5 * (at(corner.x) * b0 + at(corner.y) * double(u) + at(corner.z) * double(v) + 1.0));
+    };
+    return {coordinate(0), coordinate(1)};
   }
   if (mesh.texcoords.empty()) return {u, v};
-  const double b0 = 1.0 - double(u) - double(v);
   return mesh.texcoords[corner.x] * float(b0) + mesh.texcoords[corner.y] * u + mesh.texcoords[corner.z] * v;
 }
 

@@ -97,9 +97,9 @@ inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
   const D sign = splat_double<D>(instance.flip_normals ? -1.0 : 1.0);
   const bool is_shaded = !mesh.normals.empty();
   SurfaceBlock block;
-  for (size_t begin = 0; begin < task.count; begin += k_surface_block) {
-    block.used = std::min(task.count - begin, k_surface_block);
-    std::copy_n(task.places + begin, block.used, block.place);
+  for (size_t begin = 0; begin < task.places.size(); begin += k_surface_block) {
+    block.used = std::min(task.places.size() - begin, k_surface_block);
+    std::copy_n(task.places.data() + begin, block.used, block.place);
     std::fill(block.place + block.used, block.place + k_surface_block, block.place[block.used - 1]);
     gather_block<F>(mesh, task.hits, block);
     for (size_t i = 0; i < block.used; i += size_t(DoubleLanes<D>::k_count)) {

@@ -1,21 +1,20 @@
 // The compiled forms of the loop behind Surfaces::evaluate(), one per instruction set. Thread-safety: pure functions.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "core/isa.h"
 #include "core/surface.h"
 
 namespace fieldtrace {
 
-// Hits on one instance of a mesh.
+// Hits on one instance of a mesh, whose triangles and positions are no more than 2^31 / 3.
 struct SurfaceTask {
   const Scene& scene;
   uint32_t instance = 0;
   const HitBatch& hits;
-  const int32_t* places = nullptr;  // of the hits, in `hits`
-  size_t count = 0;
+  std::span<const int32_t> places;  // of the hits, in `hits`
 };
 
 // result[place] = the surface there, uv left as it is.

@@ -12,8 +12,11 @@
 
 FT_LANES_BEGIN
 
-// Bound on the relative error of n rounded float operations in a row, as gamma_bound() of core/math.h.
-constexpr double rounded(int n) { return n * 0x1p-24 / (1.0 - n * 0x1p-24); }
+// Bounds on the relative error of 3, 6, 8 and 12 rounded float operations in a row, as gamma_bound() of core/math.h.
+constexpr double k_gamma_3 = 3 * 0x1p-24 / (1.0 - 3 * 0x1p-24);
+constexpr double k_gamma_6 = 6 * 0x1p-24 / (1.0 - 6 * 0x1p-24);
+constexpr double k_gamma_8 = 8 * 0x1p-24 / (1.0 - 8 * 0x1p-24);
+constexpr double k_gamma_12 = 12 * 0x1p-24 / (1.0 - 12 * 0x1p-24);
 
 // Every relative bound is zero for a surface in a coordinate plane, where an origin on the surface is hit at t = 0 (and
 // denormal offsets are flushed to zero). This share of the shape's own size is far below what rounding costs elsewhere
@@ -55,7 +58,7 @@ FT_HD_INLINE D triangle_query_error(const Vec3Lanes<D>& e1, const Vec3Lanes<D>& 
   const D zero = splat_double<D>(0.0);
   const Vec3Lanes<D> a = magnitudes(e1), b = magnitudes(e2);
   const Vec3Lanes<D> terms = {a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x};
-  const D of_terms = splat_double<D>(rounded(8)) * dot(terms, magnitudes(to_p0)) / normal_length;
+  const D of_terms = splat_double<D>(k_gamma_8) * dot(terms, magnitudes(to_p0)) / normal_length;
   const D of_size = splat_double<D>(k_least_share) * sqrt(max(dot(e1, e1), dot(e2, e2)));
   return select(normal_length > zero, of_terms, zero) + of_size;
 }
@@ -114,13 +117,13 @@ FT_HD_INLINE D rounding_error(const AffineLanes<D>& to_world, const AffineLanes<
   const D zero = splat_double<D>(0.0);
   const Vec3Lanes<D> n = magnitudes(unit_normal);
   // World: the position is rounded once, and the offset origin once more in product and sum.
-  const D in_world = splat_double<D>(rounded(3)) * dot(n, magnitudes(world));
+  const D in_world = splat_double<D>(k_gamma_3) * dot(n, magnitudes(world));
   // Object: 3 products and 3 sums with a matrix that the query inverted itself: its entries are off by a few roundings
   // of magnitudes that |to_object| and |to_world| bound, hence twice the roundings of one transform on both ways.
-  const D in_object = splat_double<D>(rounded(12)) * dot(magnitudes(local.normal), to_object.magnitude(world));
+  const D in_object = splat_double<D>(k_gamma_12) * dot(magnitudes(local.normal), to_object.magnitude(world));
   // A plane that lies d away in object space lies d |n| / |A^-T n| away in world space.
   const D carried = (in_object + local.query_error * local.normal_length) / normal_length;
-  const D on_the_way = splat_double<D>(rounded(6)) * dot(n, to_world.magnitude(local.position));
+  const D on_the_way = splat_double<D>(k_gamma_6) * dot(n, to_world.magnitude(local.position));
   const auto has_normal = (local.normal_length > zero) & (normal_length > zero);
   return in_world + select(has_normal, carried + on_the_way, zero);
 }

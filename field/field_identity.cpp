@@ -30,8 +30,6 @@ auto tied(const FieldIdentity& i) {
                     i.parameters.plane, i.parameters.lines, i.format_version);
 }
 
-bool has_triangles(const Shape& shape) { return shape.kind == ShapeKind::mesh || shape.kind == ShapeKind::rectangle; }
-
 }  // namespace
 
 bool FieldIdentity::operator==(const FieldIdentity& other) const { return tied(*this) == tied(other); }
@@ -53,7 +51,7 @@ std::string FieldIdentity::file_name() const { return hash().hex() + ".vdb"; }
 Hash128 geometry_hash(const Shape& shape) {
   Hasher hasher;
   add_text(hasher, kind_name(shape.kind));
-  if (has_triangles(shape)) {
+  if (is_meshed(shape.kind)) {
     const TriangleMesh& mesh = shape.mesh;
     static_assert(sizeof(Vec3) == 12 && sizeof(UVec3) == 12, "hashed as packed arrays");
     hasher.add_value(uint64_t(mesh.positions.size()));
@@ -67,7 +65,7 @@ Hash128 geometry_hash(const Shape& shape) {
 FieldIdentity field_identity(const Shape& shape, const FieldParameters& parameters) {
   FieldIdentity identity;
   identity.geometry = geometry_hash(shape);
-  identity.primitive_count = has_triangles(shape) ? uint32_t(shape.mesh.triangles.size()) : 1;
+  identity.primitive_count = is_meshed(shape.kind) ? uint32_t(shape.mesh.triangles.size()) : 1;
   identity.parameters = parameters;
   return identity;
 }

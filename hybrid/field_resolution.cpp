@@ -76,8 +76,6 @@ FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTrait
   if (rays_per_light < k_fine_field_rays) return parameters;
   const double most = k_finer_bake_share * samples_on_objects(scene, traits, rays_per_light);
   for (const FieldParameters& finer : {FieldParameters{64, 128}, FieldParameters{64, 256}, FieldParameters{128, 256}}) {
-    const bool is_finer = finer.plane > parameters.plane || finer.directions > parameters.directions;
-    if (finer.plane < parameters.plane || !is_finer) continue;
     const double bake_rays = all_bake_rays(finer, scene, traits);
     if (!(bake_rays > 0.0 && bake_rays <= most)) break;  // the next ones take more
     parameters.directions = finer.directions;

@@ -38,11 +38,14 @@ struct PathState {
 // A surface that a path has reached and from which it goes on.
 struct PathVertex {
   uint32_t path = 0;  // index of the PathState
-  const SurfacePoint* surface = nullptr;  // lives as long as the batch, as the material
-  Frame frame;  // shading; n on the side that the material scatters to. Of diffuse surfaces that end paths n alone
+  // Where the worker that reached the surface keeps it until its next wave; for TransportWorker::follow() the caller's.
+  const SurfacePoint* surface = nullptr;
+  const Material* material = nullptr;  // likewise
+  // Shading; n lies on the side that the material scatters to. frame.s, frame.t and wi are not specified where the
+  // material is a cosine lobe and nothing else and no path goes on: light samples ask for n alone.
+  Frame frame;
   Vec3 facing = Vec3(0.0f, 0.0f, 1.0f);  // geometric normal on the side of the arriving ray
-  Vec3 wi = Vec3(0.0f, 0.0f, 1.0f);      // back along the arriving ray, in the frame; as s and t of that
-  const Material* material = nullptr;
+  Vec3 wi = Vec3(0.0f, 0.0f, 1.0f);      // back along the arriving ray, in the frame
   uint32_t seed = 0;          // of the pixel and vertex
   float lobe_samples = 1.0f;  // directions that will be sampled from the material
 };

@@ -89,8 +89,7 @@ void RadiancePictures::bake(std::span<const uint32_t> slots, Stats& stats) {
     for (size_t k = 0; k < sides.size(); ++k) colours[size_t(texels[k])] = radiance_.radiance(sides[k]);
     tiles_.finish(slot, lines, colours);
   });
-  stats.bake_rays += bake_rays;
-  stats.time_bake += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  stats.add_bake({bake_rays, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
 }
 
 }  // namespace fieldtrace

@@ -75,13 +75,18 @@ struct TransportWorker::Impl {
   std::vector<FirstHit> firsts;
   AlignedVector<float> near_distance;  // per camera ray
   LobeWorkspace lobe_work;
-  std::vector<uint32_t> all_rays;
+  std::vector<uint32_t> all_rays, met;  // met: rays whose surface is looked up
   std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
   std::span<Rgb> radiance;  // by slot
   std::vector<Rgb> follow_radiance;
 
   explicit Impl(const TransportContext& c)
-      : context(c), scene(c.scene), settings(c.settings), surfaces(c.scene, c.settings.isa), direct(c), occlusion(c) {}
+      : context(c),
+        scene(c.scene),
+        settings(c.settings),
+        surfaces(c.scene, c.materials, c.settings.isa),
+        direct(c),
+        occlusion(c) {}
 
   void generate(const CameraSamples& samples);
   void pass_hidden_emitters();
@@ -92,6 +97,7 @@ struct TransportWorker::Impl {
   void intersect_lobes();
   void intersect_by_hits();
   void mark_certified();
+  void find_surfaces(bool only_emission);
   void arrive(int vertex_number);
   void shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
@@ -136,7 +142,7 @@ void TransportWorker::Impl::intersect(int vertex_number) {
     intersect_all(vertex_number);
   }
   mark_certified();
-  if (settings.count_reflections && vertex_number == 1) record_reflections();
+  if (settings.first_hits && settings.count_reflections && vertex_number == 1) record_reflections();
 }
 
 void TransportWorker::Impl::intersect_all(int vertex_number) {
@@ -274,14 +280,33 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
   if (settings.occlusion) occlusion.add(vertex, paths[path].slot, paths[path].index);
 }
 
+// Fills `surfaces` where rays ended, with only_emission on emitters alone, and makes room for vertices there.
+void TransportWorker::Impl::find_surfaces(bool only_emission) {
+  met.clear();
+  size_t count = 0;
+  for (uint32_t i = 0; i < paths.size(); ++i) {
+    if (hits.instance[i] == k_none) continue;
+    if (only_emission && scene.instances[hits.instance[i]].emitter == k_none) continue;
+    ++count;
+    if (certified.empty() || !certified[i]) met.push_back(i);
+  }
+  surfaces.evaluate(rays, hits, met);
+  for (uint32_t i = 0; i < certified.size(); ++i) {
+    if (certified[i]) surfaces.put(i, surface_of(scene, rays, hits, *certified[i]));
+  }
+  vertices.resize(count);
+  resolved.clear();
+  resolved.reserve(count);  // vertices point into it
+}
+
 // Emission where the rays ended, and the surfaces that their paths go on from.
 void TransportWorker::Impl::arrive(int vertex_number) {
   const bool emission_counts = !(settings.hide_emitters && vertex_number == 0);
+  const bool shows_first_hit = vertex_number == 0 && settings.first_hits;
+  // The last surface matters only if it glows, or is shown.
   const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
-  resolved.clear();
-  resolved.reserve(paths.size());  // vertices point into it
-  surfaces.evaluate(rays, hits);
-  vertices.resize(surfaces.count());
+  const bool only_emission = last && !shows_first_hit;
+  find_surfaces(only_emission);
   size_t count = 0;
   for (uint32_t i = 0; i < paths.size(); ++i) {
     PathState& path = paths[i];
@@ -292,20 +317,18 @@ void TransportWorker::Impl::arrive(int vertex_number) {
       continue;
     }
     const uint32_t emitter = scene.instances[hits.instance[i]].emitter;
-    // The last surface matters only if it glows.
-    if (last && vertex_number > 0 && emitter == k_none) continue;
+    if (only_emission && emitter == k_none) continue;
     PathVertex& v = vertices[count];  // what an earlier one has left there is written over
     v.path = i;
-    if (!certified.empty() && certified[i]) surfaces.put(i, surface_of(scene, rays, hits, *certified[i]));
     v.surface = &surfaces.at(i);
     const float cos_geometric = -glm::dot(v.surface->geometric_normal, d);
     if (emission_counts && emitter != k_none && cos_geometric > 0.0f) {
       add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface->geometric_normal, v.surface->primitive});
     }
-    if (last && vertex_number > 0) continue;
+    if (only_emission) continue;
     shade_vertex(v, d, cos_geometric, vertex_number);
     v.seed = scalar::vertex_seed(path.pixel_seed, uint32_t(vertex_number));
-    if (vertex_number == 0 && settings.first_hits) record_first_hit(i, v);
+    if (shows_first_hit) record_first_hit(i, v);
     if (last || v.material->absorbs() || !survives_roulette(path, v.seed, vertex_number)) continue;
     v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
     ++count;
@@ -337,7 +360,7 @@ void TransportWorker::Impl::shade_vertex(PathVertex& v, const Vec3& d, float cos
 void TransportWorker::Impl::gather_light(int vertex_number) {
   arriving.resize(vertices.size());
   const bool first = vertex_number == 0;
-  const bool counts = first && settings.count_first_hits;
+  const bool counts = first && settings.first_hits && settings.count_first_hits;
   direct.gather(vertices, paths, first ? settings.light_samples : 1, counts ? std::span(firsts) : std::span<FirstHit>(),
                 arriving, stats);
   for (size_t i = 0; i < vertices.size(); ++i) {
@@ -464,7 +487,7 @@ void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radianc
   w.intersect(0);
   if (w.settings.hide_emitters) w.pass_hidden_emitters();
   w.arrive(0);
-  if (w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
+  if (w.settings.first_hits && w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
   w.go_on(0);
 }
 

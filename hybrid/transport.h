@@ -82,10 +82,11 @@ class TransportWorker {
   // Of the samples of the last trace(); empty unless the settings ask for first hits.
   std::span<const FirstHit> first_hits() const;
 
-  // The same for paths that begin at surfaces: radiance[i] receives what leaves vertices[i] on the side that it was
+  // trace() for paths that begin at surfaces: radiance[i] receives what leaves vertices[i] on the side that it was
   // shaded from, its own emission left out, by paths of which vertices[i].lobe_samples go on from there. paths[i] gives
-  // the seeds and the place in the sequence; `vertices` and `paths` are changed. Not-finite values count as black.
-  // Returns how many rays that took. Unchecked: materials without straight passage.
+  // the seeds and the place in the sequence; `vertices` and `paths` are not specified afterwards, and what vertices
+  // point to must live until then. Not-finite values count as black. Returns how many rays that took. Unchecked:
+  // materials without straight passage.
   uint64_t follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths, std::span<Rgb> radiance);
 
   // Counters and this thread's times; time_primary and time_secondary are sums over calls.

@@ -108,6 +108,7 @@ TEST(Camera, FilterOffsetsFollowTheFilter) {
 TEST(Camera, RaysOfABatchAreThoseOfSinglePointsOnEveryMachine) {
   Camera camera = small_camera();
   camera.to_world = Affine(Vec3(0, 2, 0), Vec3(-2, 0, 0), Vec3(0, 0, 2), Vec3(1, -2, 3));
+  camera.principal_offset = {0.1f, -0.2f};
   Film film = small_film();
   constexpr uint32_t k_seed = 77;
   for (const FilterKind kind : {FilterKind::box, FilterKind::tent, FilterKind::gaussian}) {

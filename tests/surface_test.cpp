@@ -190,92 +190,132 @@ TEST(Surface, ErrorIsAFewUlps) {
   }
 }
 
-void expect_same(const SurfacePoint& a, const SurfacePoint& b, const char* what) {
-  ASSERT_EQ(a.position, b.position) << what;
-  ASSERT_EQ(a.error, b.error) << what;
-  ASSERT_EQ(a.geometric_normal, b.geometric_normal) << what;
-  ASSERT_EQ(a.shading_normal, b.shading_normal) << what;
-  ASSERT_EQ(a.instance, b.instance) << what;
-  ASSERT_EQ(a.primitive, b.primitive) << what;
+::testing::AssertionResult same(const SurfacePoint& a, const SurfacePoint& b, bool with_uv) {
+  if (a.position != b.position) return ::testing::AssertionFailure() << "position";
+  if (a.error != b.error) return ::testing::AssertionFailure() << "error " << a.error << " " << b.error;
+  if (a.geometric_normal != b.geometric_normal) return ::testing::AssertionFailure() << "geometric normal";
+  if (a.shading_normal != b.shading_normal) return ::testing::AssertionFailure() << "shading normal";
+  if (a.instance != b.instance || a.primitive != b.primitive) return ::testing::AssertionFailure() << "identity";
+  if (with_uv && a.uv != b.uv) return ::testing::AssertionFailure() << "uv";
+  return ::testing::AssertionSuccess();
 }
 
-// Meshes with and without normals, rectangles and analytic shapes, sheared and mirrored, some with flipped normals, in
-// one batch with misses: groups of all sizes.
+// A triangle without an area, one whose corners' normals cancel out at its middle, and one with ordinary normals.
+TriangleMesh odd_triangles() {
+  TriangleMesh m;
+  m.positions = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {0, 1, 0}, {1, 1, 0}, {0, 2, 0.5f}};
+  m.normals = {{0, 0, 1}, {0, 0, -1}, {0, 0, 1}, {0, 0, 1}, {0, 0, -1}, {0, 0.6f, 0.8f}};
+  m.triangles = {{0, 1, 2}, {0, 4, 3}, {2, 3, 5}};
+  return m;
+}
+
+// Meshes with and without normals, odd triangles, rectangles and analytic shapes, sheared, mirrored and of all sizes,
+// some with flipped normals and textures.
+struct ManySurfaces {
+  SceneMaker maker;
+  uint32_t checked;
+
+  explicit ManySurfaces(Random& random) {
+    const uint32_t plain = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+    checked = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+    maker.scene.textures[maker.scene.bsdfs[checked].reflectance].kind = TextureKind::checkerboard;
+    const TriangleMesh smooth = make_sphere({.around = 24, .along = 12});
+    TriangleMesh faceted = smooth;
+    faceted.normals.clear();
+    faceted.texcoords.clear();
+    const uint32_t shapes[] = {maker.mesh(smooth),           maker.mesh(faceted),
+                               maker.mesh(odd_triangles()),  maker.shape(ShapeKind::rectangle),
+                               maker.shape(ShapeKind::disk), maker.shape(ShapeKind::sphere),
+                               maker.shape(ShapeKind::cylinder)};
+    for (int i = 0; i < 35; ++i) {
+      const uint32_t bsdf = i % 3 == 0 ? checked : plain;
+      const uint32_t placed = maker.instance(shapes[size_t(i) % 7], bsdf, random.transform(10.0f));
+      maker.scene.instances[placed].flip_normals = i % 4 == 1;
+    }
+  }
+
+  // `count` rays, four in five of which hit something; most of them the first instance.
+  void shoot(Random& random, size_t count, RayBatch& rays, HitBatch& hits, std::vector<uint32_t>& indices) const {
+    const Scene& scene = maker.scene;
+    rays.resize(count);
+    hits.resize(count);
+    indices.clear();
+    const auto pick = [&](size_t n) { return uint32_t(random.unit() * float(n)); };
+    for (uint32_t i = 0; i < count; ++i) {
+      hits.instance[i] = k_none;
+      if (random.unit() < 0.2f) continue;
+      hits.instance[i] = random.unit() < 0.6f ? 0 : pick(scene.instances.size());
+      const Shape& shape = scene.shapes[scene.instances[hits.instance[i]].shape];
+      hits.primitive[i] = is_meshed(shape.kind) ? pick(shape.triangle_count()) : 0;
+      hits.u[i] = i % 5 == 0 ? 0.5f : random.unit();
+      hits.v[i] = i % 5 == 0 ? 0.0f : random.unit() * (1.0f - hits.u[i]);
+      hits.t[i] = random.log_uniform(1e-3f, 1e3f);
+      rays.set(i, random.log_vector(1e-3f, 1e3f), random.direction(), k_infinity);
+      indices.push_back(i);
+    }
+  }
+};
+
+// One object asked for batches that grow and shrink.
 TEST(Surface, BatchesAreSingleSurfacesOnEveryMachine) {
   Random random(5);
-  SceneMaker maker;
-  const uint32_t plain = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f)), checked = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
-  maker.scene.textures[maker.scene.bsdfs[checked].reflectance].kind = TextureKind::checkerboard;
-  TriangleMesh smooth = make_sphere({.around = 24, .along = 12});
-  ASSERT_FALSE(smooth.normals.empty());
-  TriangleMesh faceted = smooth;
-  faceted.normals.clear();
-  faceted.texcoords.clear();
-  const uint32_t shapes[] = {maker.mesh(smooth), maker.mesh(faceted), maker.shape(ShapeKind::rectangle),
-                             maker.shape(ShapeKind::sphere), maker.shape(ShapeKind::disk)};
-  for (int i = 0; i < 40; ++i) {
-    Affine at = random.transform(1.0f);
-    const float size = std::cbrt(std::abs(glm::determinant(Mat3(at))));
-    at = Affine(at[0] / size, at[1] / size, at[2] / size, random.direction() * random.between(0.0f, 12.0f));
-    const uint32_t placed = maker.instance(shapes[size_t(i) % 5], i % 3 == 0 ? checked : plain, at);
-    maker.scene.instances[placed].flip_normals = i % 4 == 1;
-  }
-  const Accel accel(maker.scene);
-  for (const size_t count : {size_t(1), size_t(7), size_t(3000)}) {
-    RayBatch rays;
-    rays.resize(count);
-    for (size_t i = 0; i < count; ++i) rays.set(i, random.direction() * 30.0f, random.direction(), k_infinity);
-    for (size_t i = 0; i < count; i += 2) {
-      const Vec3 o = rays.origin(i);
-      rays.set(i, o, random.direction() * random.between(0.0f, 12.0f) - o, k_infinity);
-    }
-    HitBatch hits;
-    hits.resize(count);
-    accel.intersect(rays, hits, Coherence::incoherent);
-    for (const Isa isa : supported_isas()) {
-      Surfaces surfaces(maker.scene, isa);
-      for (int again = 0; again < 2; ++again) surfaces.evaluate(rays, hits);
-      size_t found = 0;
-      for (size_t i = 0; i < count; ++i) {
-        if (hits.instance[i] == k_none) continue;
-        ++found;
-        const SurfacePoint expected = surface_at(maker.scene, rays, hits, i);
-        expect_same(surfaces.at(i), expected, isa_name(isa));
-        if (maker.scene.instances[expected.instance].bsdf == checked) {
-          ASSERT_EQ(surfaces.at(i).uv, expected.uv);
-        }
+  const ManySurfaces many(random);
+  const Scene& scene = many.maker.scene;
+  const MaterialTable materials(scene);
+  for (const Isa isa : supported_isas()) {
+    Surfaces surfaces(scene, materials, isa);
+    for (const size_t count : {size_t(7), size_t(3001), size_t(1), size_t(700)}) {
+      RayBatch rays;
+      HitBatch hits;
+      std::vector<uint32_t> indices;
+      many.shoot(random, count, rays, hits, indices);
+      surfaces.evaluate(rays, hits, indices);
+      for (const uint32_t i : indices) {
+        const bool with_uv = scene.instances[hits.instance[i]].bsdf == many.checked;
+        ASSERT_TRUE(same(surfaces.at(i), surface_at(scene, rays, hits, i), with_uv)) << isa_name(isa) << " " << i;
       }
-      EXPECT_EQ(surfaces.count(), found);
-      EXPECT_LE(found, count);
-      if (count > 1000) {
-        EXPECT_GT(found, count / 5);
-        EXPECT_LT(found, count);
-      }
+      if (indices.empty()) continue;
+      const SurfacePoint other = {.position = Vec3(1, 2, 3), .uv = Vec2(4, 5)};
+      surfaces.put(indices[0], other);
+      EXPECT_TRUE(same(surfaces.at(indices[0]), other, true));
     }
   }
 }
 
 TEST(Surface, MaterialsOfTheTableAreTheResolvedOnes) {
   SceneMaker maker;
-  const uint32_t one = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f)), two = maker.bsdf(BsdfKind::diffuse, Rgb(0.2f));
-  maker.scene.bsdfs[two].two_sided = true;
-  maker.scene.bsdfs[two].back = one;
-  const uint32_t textured = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
-  maker.scene.textures[maker.scene.bsdfs[textured].reflectance].kind = TextureKind::checkerboard;
+  std::vector<uint32_t> constant;
+  for (const BsdfKind kind : {BsdfKind::diffuse, BsdfKind::rough_conductor, BsdfKind::rough_plastic,
+                              BsdfKind::rough_dielectric, BsdfKind::principled}) {
+    constant.push_back(maker.bsdf(kind, Rgb(0.5f, 0.4f, 0.3f)));
+    constant.push_back(maker.masked(constant.back(), 0.7f));
+  }
+  const uint32_t two_sided = maker.bsdf(BsdfKind::diffuse, Rgb(0.2f));
+  maker.scene.bsdfs[two_sided].two_sided = true;
+  maker.scene.bsdfs[two_sided].back = constant[2];
+  constant.push_back(two_sided);
+  // Textured on the front, on the back alone, and in its opacity alone.
+  const uint32_t front = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  maker.scene.textures[maker.scene.bsdfs[front].reflectance].kind = TextureKind::checkerboard;
+  const uint32_t back = maker.bsdf(BsdfKind::diffuse, Rgb(0.2f)), holes = maker.masked(constant[0], 0.5f);
+  maker.scene.bsdfs[back].two_sided = true;
+  maker.scene.bsdfs[back].back = front;
+  maker.scene.textures[maker.scene.bsdfs[holes].opacity].kind = TextureKind::checkerboard;
   const MaterialTable table(maker.scene);
-  for (const uint32_t bsdf : {one, two}) {
+  for (const uint32_t bsdf : constant) {
+    EXPECT_FALSE(table.varies(bsdf));
     for (const float cosine : {0.3f, -0.3f}) {
-      const Material expected = resolve_material(maker.scene, bsdf, Vec2(0.7f), cosine);
       const Material* found = table.find(bsdf, cosine);
       ASSERT_NE(found, nullptr);
-      EXPECT_EQ(found->dark, expected.dark);
-      EXPECT_EQ(found->turned, expected.turned);
-      EXPECT_EQ(found->reflectance, expected.reflectance);
+      EXPECT_EQ(*found, resolve_material(maker.scene, bsdf, Vec2(0.7f), cosine)) << bsdf << " " << cosine;
     }
     EXPECT_EQ(table.find(bsdf, 0.0f), nullptr);
     EXPECT_EQ(table.find(bsdf, std::numeric_limits<float>::quiet_NaN()), nullptr);
   }
-  EXPECT_EQ(table.find(textured, 1.0f), nullptr);
+  for (const uint32_t bsdf : {front, back, holes}) {
+    EXPECT_TRUE(table.varies(bsdf));
+    EXPECT_EQ(table.find(bsdf, 1.0f), nullptr);
+  }
 }
 
 SurfacePoint hit_at(SceneMaker& maker, const Vec3& o, const Vec3& d) {

@@ -4,7 +4,9 @@
 
 #include <atomic>
 
+#include "core/accel.h"
 #include "hybrid/render.h"
+#include "hybrid/trace_pixels.h"
 #include "small_scenes.h"
 
 namespace fieldtrace {
@@ -398,6 +400,59 @@ TEST(Transport, PictureDoesNotDependOnTheInstructionSet) {
     o.isa = isa;
     EXPECT_EQ(scalar.data, render(scene, o).image.data) << isa_name(isa);
   }
+}
+
+// What the camera sees is kept only for layers.
+TEST(Transport, PictureDoesNotDependOnItsLayers) {
+  Scene scene = busy_scene();
+  scene.textures[scene.bsdfs[0].reflectance].kind = TextureKind::checkerboard;
+  for (const int max_depth : {1, 2, 6}) {
+    scene.integrator.max_depth = max_depth;
+    RenderOptions o = busy_options();
+    const Image layered = render(scene, o).image;
+    o.aovs.clear();
+    const Image plain = render(scene, o).image;
+    ASSERT_EQ(plain.channel_count(), 3u);
+    for (int y = 0; y < plain.height; ++y) {
+      for (int x = 0; x < plain.width; ++x) {
+        for (size_t c = 0; c < 3; ++c) ASSERT_EQ(plain.pixel(x, y)[c], layered.pixel(x, y)[c]) << x << " " << y;
+      }
+    }
+  }
+}
+
+// Batches that hold many pixels, and pixels that hold many batches.
+TEST(Transport, SamplesArriveInOrderWhateverTheBatches) {
+  const Scene scene = busy_scene();
+  const Accel accel(scene);
+  const CameraSampler camera(scene.camera, scene.film);
+  TransportSettings settings;
+  settings.max_depth = 2;
+  settings.first_hits = true;
+  settings.isa = resolve_isa(Isa::automatic);
+  const Scene nothing;
+  const ShadowAnswerer answerer(nothing, accel, {}, {}, {.isa = settings.isa});
+  const TransportContext context(scene, accel, camera, answerer, settings);
+  const std::vector<PixelPosition> pixels = {{20, 20}, {35, 22}, {50, 30}};
+  constexpr int k_spp = 1700;
+  const auto samples_of = [&](int lobe_samples) {
+    TransportWorker worker(context);
+    std::vector<std::vector<Rgb>> radiance(pixels.size());
+    std::vector<float> depths;
+    trace_pixels(
+        pixels, k_spp, lobe_samples, worker, [] { return true; },
+        [&](size_t pixel, std::span<const Rgb> values, std::span<const FirstHit> firsts) {
+          EXPECT_EQ(values.size(), firsts.size());
+          radiance[pixel].insert(radiance[pixel].end(), values.begin(), values.end());
+          for (const FirstHit& first : firsts) depths.push_back(first.depth);
+        });
+    return std::pair(radiance, depths);
+  };
+  const auto in_large_batches = samples_of(1), in_small_batches = samples_of(100);
+  for (const auto& values : in_large_batches.first) EXPECT_EQ(values.size(), size_t(k_spp));
+  EXPECT_EQ(in_large_batches.first, in_small_batches.first);
+  EXPECT_EQ(in_large_batches.second, in_small_batches.second);
+  EXPECT_NE(in_large_batches.first[0], in_large_batches.first[1]);
 }
 
 TEST(Transport, CropIsThatPartOfTheWholePicture) {
