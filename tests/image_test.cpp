@@ -78,18 +78,21 @@ TEST_F(ImageFile, HalfExrIsWithinHalfAnUlpOfHalf) {
 }
 
 TEST_F(ImageFile, LayersKeepTheirNamesAndPrecision) {
-  const std::vector<std::string> channels = {"R", "G", "B", "normal.X", "normal.Y", "normal.Z", "depth.Z", "object.id"};
+  const std::vector<std::string> channels = {"R",        "G",       "B",         "normal.X",          "normal.Y",
+                                             "normal.Z", "depth.Z", "object.id", "reflected_depth.Z", "reflected_object.Y"};
   Image image = random_image(9, 5, channels, 3);
   for (int y = 0; y < 5; ++y) {
     for (int x = 0; x < 9; ++x) {
       image.pixel(x, y)[6] = 1000.0f + 0x1p-10f * float(x);  // lost in half
       image.pixel(x, y)[7] = 4097.0f;                        // lost in half
+      image.pixel(x, y)[8] = image.pixel(x, y)[6];
+      image.pixel(x, y)[9] = 4097.0f;
     }
   }
   write_image(path("a.exr"), image);
   const Image back = read_image(path("a.exr"));
   ASSERT_EQ(back.channel_count(), channels.size());
-  for (const char* exact : {"depth.Z", "object.id"}) {
+  for (const char* exact : {"depth.Z", "object.id", "reflected_depth.Z", "reflected_object.Y"}) {
     const int from = image.channel_index(exact), to = back.channel_index(exact);
     ASSERT_GE(to, 0) << exact;
     for (int y = 0; y < 5; ++y) {
