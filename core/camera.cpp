@@ -42,18 +42,6 @@ std::vector<float> tabulate_gaussian(double radius, double stddev) {
   return table;
 }
 
-int lens_filter(FilterKind kind) {
-  switch (kind) {
-    case FilterKind::box:
-      return CameraLens::k_box;
-    case FilterKind::tent:
-      return CameraLens::k_tent;
-    case FilterKind::gaussian:
-      break;
-  }
-  return CameraLens::k_gaussian;
-}
-
 }  // namespace
 
 CameraSampler::CameraSampler(const Camera& camera, const Film& film) {
@@ -82,7 +70,7 @@ CameraSampler::CameraSampler(const Camera& camera, const Film& film) {
   lens_.aperture_radius = camera.aperture_radius;
   lens_.focus_distance = camera.focus_distance;
   lens_.scale = glm::length(camera.to_world[2]);
-  lens_.filter = lens_filter(film.filter);
+  lens_.filter = film.filter;
   lens_.filter_radius = film.filter_radius;
   if (film.filter == FilterKind::gaussian) {
     if (!(film.gaussian_stddev > 0.0f)) throw Error("the gaussian filter needs a stddev above 0");

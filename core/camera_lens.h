@@ -1,11 +1,14 @@
-// A camera and its film as plain numbers: what core/camera_rays.hd.h works on. Thread-safety: a value.
+// A camera and its film as plain numbers, for host and device code: what core/camera_rays.hd.h works on.
+// Thread-safety: a value.
 #pragma once
+
+#include <cstdint>
 
 namespace fieldtrace {
 
-struct CameraLens {
-  static constexpr int k_box = 0, k_tent = 1, k_gaussian = 2;
+enum class FilterKind : uint8_t { box, tent, gaussian };
 
+struct CameraLens {
   float to_world[4][3] = {};  // columns
   float width = 1.0f, height = 1.0f;
   float principal_offset[2] = {};
@@ -13,7 +16,7 @@ struct CameraLens {
   float near_clip = 1e-2f, far_clip = 1e4f;
   float aperture_radius = 0.0f, focus_distance = 1.0f;
   float scale = 1.0f;  // length of a camera-space unit in the world
-  int filter = k_box;
+  FilterKind filter = FilterKind::box;
   float filter_radius = 0.5f;
   const float* gaussian = nullptr;  // inverse distribution function at k / gaussian_steps, gaussian_steps + 1 values
   int gaussian_steps = 0;

@@ -19,8 +19,8 @@ FT_HD_INLINE F filter_offset(const CameraLens& lens, F u) {
   const F one = splat<F>(1.0f);
   const F centred = splat<F>(2.0f) * u - one;  // exact: u is a multiple of 2^-24
   const F r = splat<F>(lens.filter_radius);
-  if (lens.filter == CameraLens::k_box) return r * centred;
-  if (lens.filter == CameraLens::k_tent) return copysign(r * (one - sqrt(one - abs(centred))), centred);
+  if (lens.filter == FilterKind::box) return r * centred;
+  if (lens.filter == FilterKind::tent) return copysign(r * (one - sqrt(one - abs(centred))), centred);
   const F position = abs(centred) * splat<F>(float(lens.gaussian_steps));
   const Int_t<F> k = min(to_int(position), splat_int<F>(lens.gaussian_steps - 1));
   const F f = position - to_float(k);

@@ -22,28 +22,12 @@ FT_LANES_END
 #endif
 
 #if HWY_ONCE
+#include "core/isa_dispatch.h"
+
 namespace fieldtrace {
 
 LightKernel light_kernel_for(Isa isa) {
-  switch (isa) {
-#if HWY_TARGETS & HWY_AVX3
-    case Isa::avx512:
-      return N_AVX3::sample_light_lanes;
-#endif
-#if HWY_TARGETS & HWY_AVX2
-    case Isa::avx2:
-      return N_AVX2::sample_light_lanes;
-#endif
-#if HWY_TARGETS & HWY_SSE4
-    case Isa::sse4:
-      return N_SSE4::sample_light_lanes;
-#elif HWY_TARGETS & HWY_NEON
-    case Isa::sse4:
-      return N_NEON::sample_light_lanes;
-#endif
-    default:
-      return sample_light_scalar;
-  }
+  FT_RETURN_FORM_FOR(isa, sample_light_lanes, sample_light_scalar)
 }
 
 }  // namespace fieldtrace

@@ -1,4 +1,5 @@
-// Compiler-dependent macros. Every macro of the project (FT_*) is defined here and nowhere else.
+// Compiler-dependent macros. The project's other macros (FT_*) are those of core/lane_namespace.h and
+// core/isa_dispatch.h.
 #pragma once
 
 // FT_HD marks a function that is compiled for the host and, by a CUDA compiler, for the device too.

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "core/camera_lens.h"
 #include "core/math.h"
 #include "core/mesh.h"
 
@@ -147,8 +148,6 @@ struct Camera {
   float aperture_radius = 0.0f;  // 0: pinhole
   float focus_distance = 1.0f;
 };
-
-enum class FilterKind : uint8_t { box, tent, gaussian };
 
 // Pixel rectangle, x to the right and y down.
 struct Rect {

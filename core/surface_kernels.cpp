@@ -21,28 +21,12 @@ FT_LANES_END
 #endif
 
 #if HWY_ONCE
+#include "core/isa_dispatch.h"
+
 namespace fieldtrace {
 
 SurfaceKernel surface_kernel_for(Isa isa) {
-  switch (isa) {
-#if HWY_TARGETS & HWY_AVX3
-    case Isa::avx512:
-      return N_AVX3::evaluate_surfaces_lanes;
-#endif
-#if HWY_TARGETS & HWY_AVX2
-    case Isa::avx2:
-      return N_AVX2::evaluate_surfaces_lanes;
-#endif
-#if HWY_TARGETS & HWY_SSE4
-    case Isa::sse4:
-      return N_SSE4::evaluate_surfaces_lanes;
-#elif HWY_TARGETS & HWY_NEON
-    case Isa::sse4:
-      return N_NEON::evaluate_surfaces_lanes;
-#endif
-    default:
-      return evaluate_surfaces_scalar;
-  }
+  FT_RETURN_FORM_FOR(isa, evaluate_surfaces_lanes, evaluate_surfaces_scalar)
 }
 
 }  // namespace fieldtrace

@@ -32,6 +32,11 @@ FT_HD_INLINE Vec3Lanes<D> magnitudes(const Vec3Lanes<D>& a) {
   return {abs(a.x), abs(a.y), abs(a.z)};
 }
 
+template <class M, class D>
+FT_HD_INLINE Vec3Lanes<D> select_vector(const M& m, const Vec3Lanes<D>& a, const Vec3Lanes<D>& b) {
+  return {select(m, a.x, b.x), select(m, a.y, b.y), select(m, a.z, b.z)};
+}
+
 // What a shape knows about a point on it, in object space.
 template <class D>
 struct LocalSurface {
@@ -80,9 +85,7 @@ FT_HD_INLINE LocalSurface<D> triangle_surface(const TriangleCorners<D>& t, D b1,
 template <class D>
 FT_HD_INLINE Vec3Lanes<D> interpolated_normal(const TriangleCorners<D>& n, D b1, D b2, const Vec3Lanes<D>& geometric) {
   const Vec3Lanes<D> shading = n.p0 * (splat_double<D>(1.0) - b1 - b2) + n.p1 * b1 + n.p2 * b2;
-  const auto found = dot(shading, shading) > splat_double<D>(0.0);
-  return {select(found, shading.x, geometric.x), select(found, shading.y, geometric.y),
-          select(found, shading.z, geometric.z)};
+  return select_vector(dot(shading, shading) > splat_double<D>(0.0), shading, geometric);
 }
 
 template <class D>
@@ -142,10 +145,7 @@ FT_HD_INLINE WorldSurface<D> to_world_surface(const AffineLanes<D>& to_world, co
                                               const LocalSurface<D>& local, bool is_shaded) {
   const D zero = splat_double<D>(0.0), one = splat_double<D>(1.0);
   const auto unit = [&](const Vec3Lanes<D>& v, D length, const Vec3Lanes<D>& otherwise) {
-    const auto found = length > zero;
-    const Vec3Lanes<D> u = v * (one / length);
-    return Vec3Lanes<D>{select(found, u.x, otherwise.x), select(found, u.y, otherwise.y),
-                        select(found, u.z, otherwise.z)};
+    return select_vector(length > zero, v * (one / length), otherwise);
   };
   WorldSurface<D> s;
   s.position = to_world.point(local.position);

@@ -25,28 +25,12 @@ FT_LANES_END
 #endif
 
 #if HWY_ONCE
+#include "core/isa_dispatch.h"
+
 namespace fieldtrace {
 
 const SegmentKernels& segment_kernels(Isa isa) {
-  switch (isa) {
-#if HWY_TARGETS & HWY_AVX3
-    case Isa::avx512:
-      return N_AVX3::segment_kernels_of_target();
-#endif
-#if HWY_TARGETS & HWY_AVX2
-    case Isa::avx2:
-      return N_AVX2::segment_kernels_of_target();
-#endif
-#if HWY_TARGETS & HWY_SSE4
-    case Isa::sse4:
-      return N_SSE4::segment_kernels_of_target();
-#elif HWY_TARGETS & HWY_NEON
-    case Isa::sse4:
-      return N_NEON::segment_kernels_of_target();
-#endif
-    default:
-      return segment_kernels_scalar();
-  }
+  FT_RETURN_FORM_FOR(isa, segment_kernels_of_target(), segment_kernels_scalar())
 }
 
 }  // namespace fieldtrace

@@ -24,28 +24,12 @@ FT_LANES_END
 #endif
 
 #if HWY_ONCE
+#include "core/isa_dispatch.h"
+
 namespace fieldtrace {
 
 const ThesisKernels& thesis_kernels(Isa isa) {
-  switch (isa) {
-#if HWY_TARGETS & HWY_AVX3
-    case Isa::avx512:
-      return N_AVX3::thesis_kernels_of_target();
-#endif
-#if HWY_TARGETS & HWY_AVX2
-    case Isa::avx2:
-      return N_AVX2::thesis_kernels_of_target();
-#endif
-#if HWY_TARGETS & HWY_SSE4
-    case Isa::sse4:
-      return N_SSE4::thesis_kernels_of_target();
-#elif HWY_TARGETS & HWY_NEON
-    case Isa::sse4:
-      return N_NEON::thesis_kernels_of_target();
-#endif
-    default:
-      return thesis_kernels_scalar();
-  }
+  FT_RETURN_FORM_FOR(isa, thesis_kernels_of_target(), thesis_kernels_scalar())
 }
 
 }  // namespace fieldtrace

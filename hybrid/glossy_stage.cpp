@@ -20,7 +20,7 @@ TransportSettings patch_settings(TransportSettings settings) {
   settings.light_samples = SurfaceRadiance::k_samples;
   settings.lobe_samples = 1;
   if (settings.max_depth > 0) settings.max_depth -= 1;
-  settings.first_hits = settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
+  settings.first_hits = false;
   return settings;
 }
 

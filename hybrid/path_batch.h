@@ -17,11 +17,11 @@ namespace fieldtrace {
 // One path whose next ray is ray i of a batch (i: the path's own place).
 struct PathState {
   Rgb throughput = Rgb(1.0f);
-  float eta = 1.0f;   // product of the relative indices passed so far: undoes radiance scaling in roulette
-  uint32_t slot = 0;  // the camera sample that the path belongs to, within the batch
+  float eta = 1.0f;         // product of the relative indices passed so far: undoes radiance scaling in roulette
+  uint32_t slot = 0;        // the camera sample that the path belongs to, within the batch
   uint32_t pixel_seed = 0;  // see core/sobol.hd.h
-  uint32_t index = 0;     // place in the pixel's sample sequence
-  bool may_split = true;  // no diffuse or split surface met yet
+  uint32_t index = 0;       // place in the pixel's sample sequence
+  bool may_split = true;    // no diffuse or split surface met yet
   // Of the surface that the ray left, for weighting emission that the ray finds:
   bool unweighted = true;  // camera rays and delta lobes: nothing else samples this emission
   bool diffuse = false;    // lights sampled in closed form count by their light samples alone
@@ -46,8 +46,8 @@ struct PathVertex {
   Frame frame;
   Vec3 facing = Vec3(0.0f, 0.0f, 1.0f);  // geometric normal on the side of the arriving ray
   Vec3 wi = Vec3(0.0f, 0.0f, 1.0f);      // back along the arriving ray, in the frame
-  uint32_t seed = 0;          // of the pixel and vertex
-  float lobe_samples = 1.0f;  // directions that will be sampled from the material
+  uint32_t seed = 0;                     // of the pixel and vertex
+  float lobe_samples = 1.0f;             // directions that will be sampled from the material
 };
 
 }  // namespace fieldtrace

@@ -45,6 +45,7 @@ TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraS
       settings(ts),
       shared_lights(made ? std::move(made) : std::make_shared<const LightTable>(make_lights(s))),
       lights(*shared_lights) {
+  if (!settings.first_hits) settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
   for (uint32_t i = 0; i < s.emitters.size(); ++i) {
     const Emitter& emitter = s.emitters[i];
     const bool closed = sampled_in_closed_form(lights.lights[i]);
@@ -75,9 +76,9 @@ struct TransportWorker::Impl {
   std::vector<FirstHit> firsts;
   AlignedVector<float> near_distance;  // per camera ray
   LobeWorkspace lobe_work;
-  std::vector<uint32_t> all_rays, met;  // met: rays whose surface is looked up
+  std::vector<uint32_t> all_rays, met;         // met: rays whose surface is looked up
   std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
-  std::span<Rgb> radiance;  // by slot
+  std::span<Rgb> radiance;                     // by slot
   std::vector<Rgb> follow_radiance;
 
   explicit Impl(const TransportContext& c)
@@ -142,7 +143,7 @@ void TransportWorker::Impl::intersect(int vertex_number) {
     intersect_all(vertex_number);
   }
   mark_certified();
-  if (settings.first_hits && settings.count_reflections && vertex_number == 1) record_reflections();
+  if (settings.count_reflections && vertex_number == 1) record_reflections();
 }
 
 void TransportWorker::Impl::intersect_all(int vertex_number) {
@@ -360,7 +361,7 @@ void TransportWorker::Impl::shade_vertex(PathVertex& v, const Vec3& d, float cos
 void TransportWorker::Impl::gather_light(int vertex_number) {
   arriving.resize(vertices.size());
   const bool first = vertex_number == 0;
-  const bool counts = first && settings.first_hits && settings.count_first_hits;
+  const bool counts = first && settings.count_first_hits;
   direct.gather(vertices, paths, first ? settings.light_samples : 1, counts ? std::span(firsts) : std::span<FirstHit>(),
                 arriving, stats);
   for (size_t i = 0; i < vertices.size(); ++i) {
@@ -438,11 +439,10 @@ void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, PathState lea
 
 void TransportWorker::Impl::scatter(int vertex_number) {
   size_t most = 0;
-  for (const PathVertex& v : vertices) most += goes_on(*v.material, vertex_number) ? size_t(v.lobe_samples) : 0;
+  for (const PathVertex& v : vertices) most += size_t(v.lobe_samples);
   next_paths.clear();
   next_rays.resize(most);
-  for (size_t i = 0; most > 0 && i < vertices.size(); ++i) {
-    const PathVertex& v = vertices[i];
+  for (const PathVertex& v : vertices) {
     if (!goes_on(*v.material, vertex_number)) continue;
     const PathState leaving = leave(v, vertex_number);
     const auto lobes = uint32_t(v.lobe_samples);
@@ -487,7 +487,7 @@ void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radianc
   w.intersect(0);
   if (w.settings.hide_emitters) w.pass_hidden_emitters();
   w.arrive(0);
-  if (w.settings.first_hits && w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
+  if (w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
   w.go_on(0);
 }
 

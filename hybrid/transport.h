@@ -31,10 +31,11 @@ struct TransportSettings {
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
-  bool first_hits = false;                // keep what camera rays met: some AOV shows it
-  bool count_first_hits = false;          // with first_hits: fill the shadow ray counts of FirstHit
-  bool count_reflections = false;         // with first_hits: fill its counts of glossy rays
-  bool occlusion = false;                 // with first_hits: fill its occlusion counts, with light_samples rays each
+  bool first_hits = false;  // keep what camera rays met: some AOV shows it
+  // These count with first_hits alone:
+  bool count_first_hits = false;          // fill the shadow ray counts of FirstHit
+  bool count_reflections = false;         // fill its counts of glossy rays
+  bool occlusion = false;                 // fill its occlusion counts, with light_samples rays each
   float occlusion_distance = k_infinity;  // world units, > 0: what lies farther does not occlude
   uint32_t seed = 0;
   Isa isa = Isa::automatic;  // resolved

@@ -42,28 +42,12 @@ FT_LANES_END
 #endif
 
 #if HWY_ONCE
+#include "core/isa_dispatch.h"
+
 namespace fieldtrace {
 
 ParityTrace parity_trace(Isa isa) {
-  switch (isa) {
-#if HWY_TARGETS & HWY_AVX3
-    case Isa::avx512:
-      return &N_AVX3::trace_parity;
-#endif
-#if HWY_TARGETS & HWY_AVX2
-    case Isa::avx2:
-      return &N_AVX2::trace_parity;
-#endif
-#if HWY_TARGETS & HWY_SSE4
-    case Isa::sse4:
-      return &N_SSE4::trace_parity;
-#elif HWY_TARGETS & HWY_NEON
-    case Isa::sse4:
-      return &N_NEON::trace_parity;
-#endif
-    default:
-      return nullptr;
-  }
+  FT_RETURN_FORM_FOR(isa, trace_parity, nullptr)
 }
 
 }  // namespace fieldtrace

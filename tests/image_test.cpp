@@ -78,8 +78,9 @@ TEST_F(ImageFile, HalfExrIsWithinHalfAnUlpOfHalf) {
 }
 
 TEST_F(ImageFile, LayersKeepTheirNamesAndPrecision) {
-  const std::vector<std::string> channels = {"R",        "G",       "B",         "normal.X",          "normal.Y",
-                                             "normal.Z", "depth.Z", "object.id", "reflected_depth.Z", "reflected_object.Y"};
+  const std::vector<std::string> channels = {
+      "R",        "G",       "B",         "normal.X",          "normal.Y",
+      "normal.Z", "depth.Z", "object.id", "reflected_depth.Z", "reflected_object.Y"};
   Image image = random_image(9, 5, channels, 3);
   for (int y = 0; y < 5; ++y) {
     for (int x = 0; x < 9; ++x) {

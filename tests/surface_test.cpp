@@ -223,9 +223,12 @@ struct ManySurfaces {
     TriangleMesh faceted = smooth;
     faceted.normals.clear();
     faceted.texcoords.clear();
-    const uint32_t shapes[] = {maker.mesh(smooth),           maker.mesh(faceted),
-                               maker.mesh(odd_triangles()),  maker.shape(ShapeKind::rectangle),
-                               maker.shape(ShapeKind::disk), maker.shape(ShapeKind::sphere),
+    const uint32_t shapes[] = {maker.mesh(smooth),
+                               maker.mesh(faceted),
+                               maker.mesh(odd_triangles()),
+                               maker.shape(ShapeKind::rectangle),
+                               maker.shape(ShapeKind::disk),
+                               maker.shape(ShapeKind::sphere),
                                maker.shape(ShapeKind::cylinder)};
     for (int i = 0; i < 35; ++i) {
       const uint32_t bsdf = i % 3 == 0 ? checked : plain;
