@@ -125,7 +125,8 @@ struct LightBatch {
   }
 
   FT_HD_INLINE CentredPair<F> centre_of_cell(Uint_t<F> k) const {
-    return grid_point<F>(k, range.columns, range.total / range.columns);
+    const CentredPair<F> centre = grid_point<F>(k, range.columns, range.total / range.columns);
+    return {centre.x * splat<F>(range.stretch), centre.y * splat<F>(range.stretch)};
   }
 
   // Writes one vector of slots: sample first_index + k of each lane's receiver.

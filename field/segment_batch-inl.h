@@ -158,7 +158,7 @@ inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, 
     const int crossing = transform_step(task, rays, receiver_instance, first, vectors, s);
     counts.lookups += line_step(task, crossing, s);
     const int deep = answer_step(task, crossing, s);
-    counts.lookups += depth_step(task, deep, s);
+    if (task.reads_depth) counts.lookups += depth_step(task, deep, s);
     for (size_t block = first; block < last; block += k_block) {
       finish_block(&s.result[(block - first) / k_count], block, candidate_slot, states, counts);
     }

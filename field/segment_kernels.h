@@ -47,6 +47,7 @@ struct SegmentTask {
   float to_unit[12];             // world -> unit space of the object, 3 x 4, column-major
   float to_unit_stretch = 0.0f;  // bound on the length of to_unit's image of a unit vector
   uint32_t instance = 0;         // rays whose receiver lies on this instance are `own`
+  bool reads_depth = true;       // false: what a line's cell does not settle asks
 };
 
 // An object without a field: its bounds decide which rays must be traced.

@@ -27,11 +27,12 @@ void select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indice
 
 }  // namespace
 
-int first_light_samples(int light_samples) {
-  for (int n = 1; 2 * n <= light_samples; ++n) {
-    if (n * n >= 4 * light_samples && light_samples % n == 0) return n;
-  }
-  return 0;
+LightSampleRange first_samples(LightKind kind, int light_samples) {
+  const int side = int(std::lround(std::sqrt(2.0 * std::sqrt(double(light_samples)))));
+  const int n = side * side;
+  if (side < k_least_lattice || 5 * n > 3 * light_samples) return {0, 0, 0};
+  if (kind == LightKind::mesh) return {light_samples, 0, n};
+  return {n, 0, n, side, k_lattice_extent * float(side) / float(side - 1)};
 }
 
 LightSampleRange leaf_grid(int light_samples) {
@@ -200,39 +201,40 @@ void DirectLight::ask_leaves(const Job& job) {
   std::sort(shadowed_.begin(), shadowed_.end());
 }
 
-void DirectLight::ask_first_samples(const Job& job, int count) {
+void DirectLight::ask_first_samples(const Job& job, const LightSampleRange& samples) {
   group_.swap(shadowed_);
   shadowed_.clear();
-  const LightEstimate light = estimate_of(job, job.light_samples);
-  sample_group(job, {job.light_samples, 0, count});
-  context_.answerer.answer(candidates_, shadows_, job.stats);
+  const size_t count = size_t(samples.count);
+  sample_group(job, samples);
+  context_.answerer.answer(candidates_, LightSeen::unknown, shadows_, job.stats);
   for (size_t r = 0; r < group_.size(); ++r) {
-    int active = 0, blocked = 0;
-    for (size_t i = r * size_t(count); i < (r + 1) * size_t(count); ++i) {
+    size_t active = 0, blocked = 0;
+    for (size_t i = r * count; i < (r + 1) * count; ++i) {
       active += shadows_.rays.tmax[i] >= 0.0f;
       blocked += shadows_.blocked[i];
     }
     const bool is_free = active != 0 && blocked == 0;
-    if (!is_free) job.stats.rays_shadow += uint64_t(active);  // free receivers' samples are counted as a whole
+    if (!is_free) job.stats.rays_shadow += active;  // free receivers' samples are counted as a whole
     if (active == 0 || (blocked != 0 && blocked != active)) {
       shadowed_.push_back(group_[r]);
-      add_receiver(job, light, r, count);
       continue;
     }
     (is_free ? free_ : dark_).push_back(group_[r]);
-    job.stats.samples_spared += uint64_t(job.light_samples - count);
+    const auto rest = uint64_t(job.light_samples - samples.count);
+    job.stats.samples_spared += rest;
+    job.stats.samples_extrapolated += rest;
   }
 }
 
-void DirectLight::gather_samples(const Job& job, const LightSampleRange& range) {
+void DirectLight::gather_shadowed(const Job& job, LightSeen seen) {
   group_.swap(shadowed_);
   if (group_.empty()) return;
   {
     const ScopedTimer timer(job.stats.time_secondary);
-    sample_group(job, range);
-    context_.answerer.answer(candidates_, shadows_, job.stats);
+    sample_group(job, all_samples(job));
+    context_.answerer.answer(candidates_, seen, shadows_, job.stats);
   }
-  add_group(job, range.count);
+  add_group(job, job.light_samples);
 }
 
 void DirectLight::gather_closed(const Job& job) {
@@ -284,7 +286,7 @@ void DirectLight::count_dark(const Job& job) {
 void DirectLight::gather_part(const Job& job, const Part& part) {
   Stats& stats = job.stats;
   const double bake_before = stats.time_bake;
-  LightSampleRange rest = all_samples(job);
+  LightSeen seen = LightSeen::unknown;
   place_receivers(job, part);
   {
     const ScopedTimer timer(stats.time_secondary);
@@ -297,11 +299,13 @@ void DirectLight::gather_part(const Job& job, const Part& part) {
   if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);
     ask_leaves(job);
-    rest.first = first_light_samples(job.light_samples);
-    rest.count -= rest.first;
-    if (rest.first > 0 && !shadowed_.empty()) ask_first_samples(job, rest.first);
+    const LightSampleRange first = first_samples(context_.lights.lights[job.light].kind, job.light_samples);
+    if (first.count > 0 && !shadowed_.empty()) {
+      ask_first_samples(job, first);
+      seen = LightSeen::in_part;
+    }
   }
-  gather_samples(job, rest);
+  gather_shadowed(job, seen);
   stats.time_secondary -= stats.time_bake - bake_before;
   gather_free(job);
   if (!job.firsts.empty()) count_dark(job);

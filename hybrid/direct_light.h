@@ -22,10 +22,14 @@ inline constexpr int k_shadow_batch = 8192;
 inline constexpr int k_fewest_halving_samples = 16;
 inline constexpr int k_smallest_part_rays = 512;
 
-// How many samples of each receiver are answered first, where whole lights may be answered at once: if they all agree,
-// the rest is taken to agree too. The smallest divisor of light_samples from 2 sqrt(light_samples) on: a penumbra then
-// gets about an eighth more variance, whatever the number of samples (docs/decisions/009-cones.md). 0: none.
-int first_light_samples(int light_samples);
+// The samples of each receiver that are answered first, where whole lights may be answered at once: if they all agree,
+// the rest is taken to agree too. About 2 sqrt(light_samples), on a lattice from edge to edge of the light: an edge that
+// crosses the light hides or shows some of its rim, where most of the points are (docs/decisions/019-penumbrae.md). Of
+// mesh lights, which have no rim, the first of the samples. A count of 0: none.
+LightSampleRange first_samples(LightKind kind, int light_samples);
+inline constexpr int k_least_lattice = 3;  // points along a side
+// Just within the edge, where a light is not seen edge-on.
+inline constexpr float k_lattice_extent = 1.0f - 0x1p-6f;
 
 // The parts ("leaves") that a light is cut into for so many samples, where fields may answer for parts: a grid about as
 // wide as high, of no more cells than samples.
@@ -78,11 +82,10 @@ class DirectLight {
   // The same for filtered_ by one set of leaves; receivers that see a part of the light stay in filtered_ unless
   // `last`.
   void filter_leaves(const Job& job, const LightSampleRange& leaves, bool last);
-  // Has the first samples of shadowed_ answered. Where they agree the receiver goes to free_ or dark_; else they are
-  // added up, and the receiver stays for the other samples.
-  void ask_first_samples(const Job& job, int count);
-  // Samples of group_ answered and added up; free receivers' without asking.
-  void gather_samples(const Job& job, const LightSampleRange& range);
+  // Has those samples of shadowed_ answered. Where they agree the receiver goes to free_ or dark_, else it stays.
+  void ask_first_samples(const Job& job, const LightSampleRange& samples);
+  // All samples of shadowed_ answered and added up; free receivers' without asking.
+  void gather_shadowed(const Job& job, LightSeen seen);
   void gather_free(const Job& job);
   // Takes the receivers out of free_ whose light has a closed form, and lights them by it.
   void gather_closed(const Job& job);

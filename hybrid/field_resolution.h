@@ -25,7 +25,7 @@ inline constexpr uint64_t k_fine_field_rays = 12'000'000;
 // give way to coarse ones: a narrow light beside wide ones, or many lights.
 inline constexpr double k_most_bake_share = 0.05;
 // Finer cells are taken where their bake takes no more than this part of the light samples that fall on the objects.
-inline constexpr double k_finer_bake_share = 0.08;
+inline constexpr double k_finer_bake_share = 0.1;
 
 // The angular diameter in degrees of the narrowest light, seen from the centre of any instance whose shape wants a
 // field; 0 for point and directional lights, 180 for a constant one. 0 if there is no light or no such instance.

@@ -247,7 +247,7 @@ void HitAnswerer::choose_asked(const RayBatch& rays, std::span<const PathState> 
 }
 
 // Of the rays asked about, what is known; the others become exact.
-void HitAnswerer::settle(std::span<const PathState> paths, HitBatch& hits, HitWorkspace& work, Stats& stats) const {
+void HitAnswerer::settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const {
   for (size_t j = 0; j < work.asked.size(); ++j) {
     const uint32_t i = work.asked[j];
     const Nearest nearest = put_together(work, j);
@@ -256,7 +256,6 @@ void HitAnswerer::settle(std::span<const PathState> paths, HitBatch& hits, HitWo
       continue;
     }
     stats.rays_glossy_hits += nearest.crossed;
-    stats.rays_glossy_exact += !nearest.crossed && !paths[i].diffuse;  // traced among the others
     if (nearest.verdict == Verdict::miss) {
       hits.copy(i, work.others, j);
       continue;
@@ -277,7 +276,7 @@ void HitAnswerer::intersect(const RayBatch& rays, std::span<const PathState> pat
   if (!work.asked.empty()) {
     ask(work, stats);
     if (check_) check_answers(paths, work, stats);
-    settle(paths, hits, work, stats);
+    settle(hits, work, stats);
   }
   for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
   intersect_some(accel_, rays, work.exact, hits, work.some);

@@ -91,7 +91,7 @@ class HitAnswerer {
   void ask_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const;
   void bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const;
   Nearest put_together(const HitWorkspace& work, size_t j) const;
-  void settle(std::span<const PathState> paths, HitBatch& hits, HitWorkspace& work, Stats& stats) const;
+  void settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const;
   void check_answers(std::span<const PathState> paths, HitWorkspace& work, Stats& stats) const;
   bool is_wrong(const HitWorkspace& work, size_t j, const Nearest& nearest, float alpha) const;
 

@@ -54,8 +54,7 @@ Occluder make_occluder(const Scene& scene, uint32_t index, const ShapeTraits& tr
   o.cone.segment.instance = o.box.instance = index;
   o.cone.segment.policy = query_policy(settings.force_ask ? 0.0f : settings.tolerance);
   // Receivers on an object are answered by depth cells alone.
-  o.asks_sheets = settings.own_to_rays.empty() || !settings.own_to_rays[instance.shape];
-  if (!o.asks_sheets) o.cone.segment.policy.depth_max_class = -1;
+  o.cone.segment.reads_depth = settings.own_to_rays.empty() || !settings.own_to_rays[instance.shape];
   if (field) o.cone.segment.field = field->view();
   if (thesis) o.thesis = thesis_instance_view(*thesis, instance, index);
   write_unit_transform(instance, ball, o.cone.segment.to_unit);

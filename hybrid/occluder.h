@@ -15,7 +15,6 @@ struct AnswererSettings;
 struct Occluder {
   bool in_ball = false;        // culled by the field's ball, else by the bounding box
   bool answers_cones = false;  // of whole lights
-  bool asks_sheets = true;     // depth cells may answer
   Field* field = nullptr;      // answers within the ball; null: exact rays
   // By the thesis' chart: answers every ray; then `field` is null.
   std::optional<ThesisInstanceView> thesis;

@@ -201,6 +201,12 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   return plan;
 }
 
+void warn_of_no_hits(const Picture& picture) {
+  if (picture.options.field_hits != FieldHits::always) return;
+  warn(picture.callbacks.warning, {},
+       "--field-hits always: fields answer no glossy ray of this picture (docs/command_line.md says which they can)");
+}
+
 // Everything that the tiles of one attempt share.
 struct Job {
   const Picture& picture;
@@ -405,10 +411,12 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
                       std::make_shared<const LightTable>(make_lights(scene))};
     if (options.chart == Chart::thesis && picture.wants_fields) {
+      warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);
       return;
     }
     FieldPlan plan = first_plan(picture, stage);
+    if (plan.hit_instances.empty()) warn_of_no_hits(picture);
     while (!attempt(picture, stage, plan, result)) {
     }
   });

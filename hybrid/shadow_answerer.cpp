@@ -131,7 +131,7 @@ bool ShadowAnswerer::gains_by_halving(const ShadowGroup& group) const {
   });
 }
 
-void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {
+void ShadowAnswerer::answer(const ShadowGroup& group, LightSeen seen, ShadowBatch& batch, Stats& stats) const {
   if (group.candidates.empty()) return;
   Workspace& work = *workspaces_.local();
   if (group.candidates.size() > k_most_candidates) {
@@ -140,7 +140,7 @@ void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats&
   }
   work.states.keep_verdicts = settings_.check || settings_.count_uses;
   work.states.reset(batch.rays.size);
-  classify(group, batch, work, stats);
+  classify(group, seen != LightSeen::in_part || settings_.tolerance > k_estimating_tolerance, batch, work, stats);
   kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);
   stats.rays_crossing += work.exact.crossing;
   trace(group, batch, work, stats);

@@ -77,6 +77,9 @@ struct ShadowGroup {
   AlignedVector<int32_t> by_leaves, by_rays;
 };
 
+// What is known of how much of the light the receivers see whose rays are asked about.
+enum class LightSeen { unknown, in_part };
+
 struct Occluder;  // hybrid/occluder.h
 
 class ShadowAnswerer {
@@ -116,8 +119,10 @@ class ShadowAnswerer {
   // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both are 0 on entry, and stay 0 for
   // inactive slots. The rays leave receivers that `group` was made for, or some of them. Adds what it did to `stats`
   // (rays_exact, rays_crossing, look-ups, checks; not rays_shadow); time spent baking goes to stats.time_bake and is
-  // left out of time.secondary by the caller.
-  void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
+  // left out of time.secondary by the caller. Receivers that see a part of the light and lie within an object's ball
+  // are answered by rays, up to k_estimating_tolerance: certified cells are wrong about few of them, but about many
+  // rays of the same one (docs/decisions/019-penumbrae.md).
+  void answer(const ShadowGroup& group, LightSeen seen, ShadowBatch& batch, Stats& stats) const;
 
  private:
   struct Workspace;  // hybrid/shadow_workspace.h
@@ -128,9 +133,10 @@ class ShadowAnswerer {
   template <class Ask>
   void bake_and_repeat(const Occluder& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
                        const Ask& ask) const;
-  void classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
-  void bake_unknown(const Occluder& occluder, int32_t slot, const ShadowBatch& batch, Workspace& work,
-                    Stats& stats) const;
+  void classify(const ShadowGroup& group, bool reads_depth, const ShadowBatch& batch, Workspace& work,
+                Stats& stats) const;
+  void bake_unknown(const Occluder& occluder, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
+                    Workspace& work, Stats& stats) const;
   FieldUse& use_of(const Occluder& occluder, Stats& stats) const;
   void count_uses(const Occluder& occluder, const ShadowBatch& batch, const Workspace& work, Stats& stats) const;
   void check_answers(const Occluder& occluder, const ShadowBatch& batch, Workspace& work, Stats& stats) const;

@@ -51,7 +51,7 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
   const int side = sheet_side_for(task.segment, light, o.field->parameters().directions);
-  if (o.asks_sheets && side * side <= group.light_samples) task.sheet_side = side;
+  if (task.segment.reads_depth && side * side <= group.light_samples) task.sheet_side = side;
   ConeUnknowns& unknowns = work.unknowns;
   bake_and_repeat(o, receivers.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
     const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);

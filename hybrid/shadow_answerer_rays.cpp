@@ -11,11 +11,10 @@ std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t 
 
 }  // namespace
 
-void ShadowAnswerer::bake_unknown(const Occluder& o, int32_t slot, const ShadowBatch& batch, Workspace& work,
-                                  Stats& stats) const {
+void ShadowAnswerer::bake_unknown(const Occluder& o, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
+                                  Workspace& work, Stats& stats) const {
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
   RayStates& states = work.states;
-  SegmentTask task = o.cone.segment;
   for (int round = 0; !states.unknown_blocks.empty(); ++round) {
     BakeCounters counters;
     const auto bake = [&](FieldLayer layer, std::vector<uint32_t>& slices) {
@@ -41,7 +40,8 @@ void ShadowAnswerer::bake_unknown(const Occluder& o, int32_t slot, const ShadowB
   }
 }
 
-void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
+void ShadowAnswerer::classify(const ShadowGroup& group, bool reads_depth, const ShadowBatch& batch, Workspace& work,
+                              Stats& stats) const {
   const size_t n = padded(batch.rays.size);
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     const Occluder& o = occluders_[group.candidates[slot]];
@@ -54,8 +54,10 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
     } else if (!o.field) {
       counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
     } else {
-      counts = kernels_.query(o.cone.segment, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
-      bake_unknown(o, int32_t(slot), batch, work, stats);
+      SegmentTask task = o.cone.segment;
+      task.reads_depth = task.reads_depth && reads_depth;
+      counts = kernels_.query(task, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
+      bake_unknown(o, task, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);
       if (settings_.count_uses) count_uses(o, batch, work, stats);
     }

@@ -20,6 +20,7 @@ void Stats::merge_counters(const Stats& o) {
   add_bake(o);
   sphere_crossings += o.sphere_crossings;
   samples_spared += o.samples_spared;
+  samples_extrapolated += o.samples_extrapolated;
   cones_clear += o.cones_clear;
   cones_blocked += o.cones_blocked;
   leaves += o.leaves;
@@ -65,7 +66,8 @@ std::string Stats::to_json() const {
                {"exact", rays_exact},
                {"crossing", rays_crossing},
                {"crowded", rays_crowded},
-               {"spared", samples_spared}};
+               {"spared", samples_spared},
+               {"extrapolated", samples_extrapolated}};
   j["cones"] = {
       {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", leaves}, {"leaves_refused", leaves_refused}};
   j["lookups"] = lookups;

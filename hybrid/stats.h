@@ -42,7 +42,7 @@ struct Stats {
   uint64_t rays_primary = 0;       // camera rays and the bounces that follow them
   uint64_t rays_shadow = 0;        // shadow rays generated (those that cross no candidate's bounds included)
   uint64_t rays_glossy = 0;        // rays that left a surface along a specular or glossy lobe
-  uint64_t rays_glossy_exact = 0;  // those traced where pictures of radiance or certified hits answered others
+  uint64_t rays_glossy_exact = 0;  // those traced because no picture of radiance and no certified hit answered them
   uint64_t rays_glossy_hits = 0;   // those for which fields answered about at least one object, by a hit or a miss
   uint64_t rays_exact = 0;         // shadow rays traced through Embree
   uint64_t rays_crossing = 0;      // shadow rays that cross at least one candidate's bounds
@@ -55,6 +55,7 @@ struct Stats {
   uint64_t leaves = 0, leaves_refused = 0;
   // Light samples that were answered with their whole light, or by a receiver's first samples: no rays were sent.
   uint64_t samples_spared = 0;
+  uint64_t samples_extrapolated = 0;  // the latter of them
   uint64_t check_answers = 0, check_wrong = 0;
   // check_by[CheckedVerdict][receiver]: receiver 0 another object, 1 the object itself.
   struct CheckCount {

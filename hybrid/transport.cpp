@@ -150,6 +150,8 @@ void TransportWorker::Impl::intersect_all(int vertex_number) {
   const ScopedTimer timer(vertex_number == 0 ? stats.time_primary : stats.time_secondary);
   hits.resize(rays.size);
   context.accel.intersect(rays, hits, vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
+  if (vertex_number == 0) return;
+  for (const PathState& path : paths) stats.rays_glossy_exact += !path.diffuse;
 }
 
 void TransportWorker::Impl::intersect_by_hits() {

@@ -207,7 +207,8 @@ TEST(Leaves, GridsAreAboutAsWideAsHighAndNeverOfMoreCellsThanSamples) {
   EXPECT_EQ(leaf_grid(1024).total, 256);
 }
 
-// A sheared rectangle is sampled by area: the samples of a grid are the centres of its cells, whatever the seed.
+// A sheared rectangle is sampled by area: the samples of a grid are the centres of its cells, whatever the seed, moved
+// out for a lattice.
 TEST(Leaves, OfAParallelogramAreTheCentresOfAGrid) {
   SceneMaker maker;
   const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
@@ -226,19 +227,56 @@ TEST(Leaves, OfAParallelogramAreTheCentresOfAGrid) {
   }
   for (const Isa isa : supported_isas()) {
     // Whole vectors, and counts that fill none.
-    for (const LightSampleRange& range : {LightSampleRange{64, 0, 64, 8}, LightSampleRange{12, 0, 12, 3}}) {
+    for (const LightSampleRange& range :
+         {LightSampleRange{64, 0, 64, 8}, LightSampleRange{12, 0, 12, 3}, LightSampleRange{16, 0, 16, 4, 1.25f}}) {
       ShadowBatch batch;
       sample_light(lights, 0, receivers, range, isa, batch);
       const int columns = range.columns, rows = range.total / columns;
       for (size_t i = 0; i < receivers.size * size_t(range.count); ++i) {
         const int k = int(i) % range.total;
-        const float x = float(2 * (k % columns) + 1) / float(columns) - 1.0f;
-        const float y = float(2 * (k / columns) + 1) / float(rows) - 1.0f;
+        const float x = range.stretch * (float(2 * (k % columns) + 1) / float(columns) - 1.0f);
+        const float y = range.stretch * (float(2 * (k / columns) + 1) / float(rows) - 1.0f);
         const Vec3 expected = centre + x * edge_x + y * edge_y;
         ASSERT_GE(batch.rays.tmax[i], 0.0f);
         // The end lies off the light by its rounding bound.
         ASSERT_LT(glm::length(batch.rays.origin(i) + batch.rays.direction(i) - expected), 1e-4f) << k;
       }
+    }
+  }
+}
+
+// The outer points of a lattice lie along the rim of a ball or disk, evenly.
+TEST(Leaves, LatticesRunAlongTheRimsOfRoundLights) {
+  constexpr int k_side = 4;
+  constexpr float k_extent = 0.98f;
+  SceneMaker maker;
+  const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  Affine place = test::scaling(Vec3(0.5f));
+  place[3] = {0, 0, 6};
+  maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), bsdf, place), Rgb(1.0f));
+  place[2] = -place[2];
+  maker.area_light(maker.instance(maker.shape(ShapeKind::disk), bsdf, place), Rgb(1.0f));
+  const LightTable lights = make_lights(maker.scene);
+  ReceiverBatch receivers;
+  receivers.resize(1);
+  set_receiver(receivers, 0, Vec3(0, 0, 0), Vec3(0, 0, 1), k_none);
+  for (const uint32_t light : {0u, 1u}) {
+    // Sine of the half angle of the ball, tangent of the disk's.
+    const bool is_ball = light == 0;
+    for (const Isa isa : supported_isas()) {
+      ShadowBatch batch;
+      sample_light(lights, light, receivers, {16, 0, 16, k_side, k_extent * k_side / (k_side - 1)}, isa, batch);
+      std::vector<float> turns;
+      for (size_t i = 0; i < 16; ++i) {
+        ASSERT_GE(batch.rays.tmax[i], 0.0f) << i;
+        const Vec3 d = batch.rays.direction(i);
+        const float across = std::hypot(d.x, d.y) / (is_ball ? glm::length(d) : d.z) / (0.5f / 6.0f);
+        EXPECT_LE(across, 1.001f);
+        if (across > 0.9f) turns.push_back(std::atan2(d.y, d.x));
+      }
+      ASSERT_EQ(turns.size(), 12u) << light;
+      std::sort(turns.begin(), turns.end());
+      for (size_t i = 1; i < turns.size(); ++i) EXPECT_NEAR(turns[i] - turns[i - 1], k_pi / 6.0f, 0.01f) << light;
     }
   }
 }

@@ -59,6 +59,22 @@ std::string count(uint64_t n) {
 
 std::string megabytes(uint64_t bytes) { return fmt::format("{:.1f} MB", double(bytes) * 1e-6); }
 
+std::string percent(uint64_t part, uint64_t all) {
+  return fmt::format("{:.3g} %", all > 0 ? 100.0 * double(part) / double(all) : 0.0);
+}
+
+void print_checks(const Stats& s) {
+  const char* title = "check ";
+  for (int v = 0; v < k_checked_verdicts; ++v) {
+    const uint64_t answers = s.check_by[v][0].answers + s.check_by[v][1].answers;
+    const uint64_t wrong = s.check_by[v][0].wrong + s.check_by[v][1].wrong;
+    if (answers == 0) continue;
+    fmt::print(stderr, "{}  {} of {} certified answers `{}` wrong ({})\n", title, wrong, answers,
+               k_checked_verdict_names[v], percent(wrong, answers));
+    title = "      ";
+  }
+}
+
 void print_summary(const Stats& s) {
   fmt::print(stderr, "{}, {}x{}, {} spp x {} light sample{}, seed {}, {} thread{}, {}\n", s.method, s.width, s.height,
              s.spp, s.light_samples, s.light_samples == 1 ? "" : "s", s.seed, s.threads, s.threads == 1 ? "" : "s",
@@ -81,8 +97,8 @@ void print_summary(const Stats& s) {
     fmt::print(stderr, "fields  none: every object is too simple to gain from one\n");
   }
   if (s.field_left_to_rays > 0) {
-    fmt::print(stderr, "left    {} object{} to exact rays: fields would answer too little\n", s.field_left_to_rays,
-               s.field_left_to_rays == 1 ? "" : "s");
+    fmt::print(stderr, "left    {} object{} to exact rays for shadows: fields would answer too little\n",
+               s.field_left_to_rays, s.field_left_to_rays == 1 ? "" : "s");
   }
   if (s.field_own_to_rays > 0) {
     fmt::print(stderr, "left    {} object{} to exact rays for shadows on themselves\n", s.field_own_to_rays,
@@ -90,10 +106,10 @@ void print_summary(const Stats& s) {
   }
   fmt::print(stderr, "exact   {:.1f} % of the shadow rays near an object, {:.2f} objects a ray\n",
              100.0 * s.exact_fraction(), s.spheres_per_ray());
-  if (s.check_answers > 0) {
-    fmt::print(stderr, "check   {} of {} certified answers wrong ({:.3f} %)\n", s.check_wrong, s.check_answers,
-               100.0 * double(s.check_wrong) / double(s.check_answers));
+  if (s.rays_glossy > 0) {
+    fmt::print(stderr, "        {} of the glossy rays\n", percent(s.rays_glossy_exact, s.rays_glossy));
   }
+  print_checks(s);
   if (s.time_total > 0) {
     fmt::print(stderr, "speed   {}rays/s, peak memory {}\n",
                count(uint64_t(double(s.rays_primary + s.rays_shadow + s.rays_glossy) / s.time_total)) + " ",

@@ -217,7 +217,9 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->check(one_of({"cpu", "cuda"}))
       ->type_name("NAME");
   command.add_flag("--check", options.check, "Trace an exact ray beside every certified answer, count the wrong ones");
-  command.add_option("--aov", options.aovs, "Further layers of the EXR, separated by commas")
+  command
+      .add_option("--aov", options.aovs,
+                  fmt::format("Further layers of the EXR, separated by commas: {}", fmt::join(aovs, ", ")))
       ->delimiter(',')
       ->allow_extra_args(false)
       ->check([](const std::string& name) {
