@@ -25,6 +25,41 @@ constexpr float k_bend_of_tolerance = 8.0f;
 // A cell's corner lies this many of a textured mesh's edges from its middle at most.
 constexpr double k_texture_edges = 4.0;
 
+// Where a line meets the plane of a triangle.
+struct PlaneHit {
+  double t = 0.0, u = 0.0, v = 0.0;  // along the line; of the triangle's second and third corner
+  bool inside = false;
+  double altitude = 0.0;  // the triangle's least
+};
+
+PlaneHit meet_plane(const TriangleMesh& mesh, uint32_t primitive, const DVec3& origin, const DVec3& direction) {
+  const UVec3 index = mesh.triangles[primitive];
+  const DVec3 p0 = mesh.positions[index.x];
+  const DVec3 e1 = DVec3(mesh.positions[index.y]) - p0, e2 = DVec3(mesh.positions[index.z]) - p0, e3 = e2 - e1;
+  const DVec3 normal = glm::cross(e1, e2);
+  const double squared = glm::dot(normal, normal), slope = glm::dot(normal, direction);
+  PlaneHit hit;
+  if (!(squared > 0.0) || slope == 0.0) return hit;
+  hit.altitude = std::sqrt(squared / std::max({glm::dot(e1, e1), glm::dot(e2, e2), glm::dot(e3, e3)}));
+  hit.t = glm::dot(normal, p0 - origin) / slope;
+  const DVec3 beside = origin + hit.t * direction - p0;
+  hit.u = glm::dot(glm::cross(beside, e2), normal) / squared;
+  hit.v = glm::dot(glm::cross(e1, beside), normal) / squared;
+  hit.inside = hit.u >= 0.0 && hit.v >= 0.0 && hit.u + hit.v <= 1.0;
+  return hit;
+}
+
+// World space, unit, on either side.
+Vec3 triangle_normal(const Scene& scene, uint32_t instance_index, uint32_t primitive) {
+  const Instance& instance = scene.instances[instance_index];
+  const TriangleMesh& mesh = scene.shapes[instance.shape].mesh;
+  const UVec3 index = mesh.triangles[primitive];
+  const auto edge = [&](uint32_t corner) {
+    return DVec3(transform_vector(instance.to_world, mesh.positions[corner] - mesh.positions[index.x]));
+  };
+  return Vec3(glm::normalize(glm::cross(edge(index.y), edge(index.z))));
+}
+
 // Half the angle over which a lobe reflects.
 float spread_of(float alpha) { return std::min(k_lobe_spread * std::atan(alpha), 0.5f * k_pi * (1.0f - 0x1p-10f)); }
 
@@ -65,12 +100,16 @@ struct HitAnswerer::Object {
   SegmentTask task;
   Field* field = nullptr;
   Vec3 centre = Vec3(0.0f);  // of its ball, world space
+  double half_cell = 0.0;    // half the width of a cell, object space
 };
 
 struct HitAnswerer::Nearest {
   Verdict verdict = Verdict::miss;
   int object = -1;       // of a certified hit; -1: what is nearest was traced, or nothing
   bool crossed = false;  // some object's ball
+  // Of a certified hit that lies on the triangle which its cell knows: where. It is then as good as a traced one.
+  bool on_triangle = false;
+  float t = 0.0f, u = 0.0f, v = 0.0f;
 };
 
 std::vector<uint32_t> HitAnswerer::suited_instances(const Scene& scene, std::span<const ShapeTraits> traits,
@@ -106,7 +145,8 @@ HitAnswerer::HitAnswerer(const Scene& scene, const Accel& accel, std::span<const
     const uint32_t shape = scene.instances[i].shape;
     Field* field = fields[shape];
     objects_.push_back({make_occluder(scene, i, traits[shape], field, nullptr, settings).cone.segment, field,
-                        transform_point(scene.instances[i].to_world, field->ball().centre)});
+                        transform_point(scene.instances[i].to_world, field->ball().centre),
+                        double(field->ball().radius) / field->parameters().plane});
     is_object_[i] = 1;
   }
   std::vector<uint32_t> others;
@@ -198,8 +238,23 @@ HitAnswerer::Nearest HitAnswerer::put_together(const HitWorkspace& work, size_t 
     ++candidates;
   }
   if (candidates > 1) nearest.verdict = Verdict::ask;  // they may lie either way round
-  if (nearest.verdict != Verdict::ask && nearest.object >= 0) nearest.verdict = Verdict::hit;
+  if (nearest.verdict != Verdict::ask && nearest.object >= 0) find_triangle(work, j, nearest);
   return nearest;
+}
+
+// A triangle that is wider than half a cell must be the one that is met: a sheet over a few such triangles smooths
+// their edges away. Smaller ones vary so much within a cell that its error bound shows it.
+void HitAnswerer::find_triangle(const HitWorkspace& work, size_t j, Nearest& nearest) const {
+  const Object& object = objects_[size_t(nearest.object)];
+  const HitAnswers& a = work.answers[size_t(nearest.object)];
+  const Instance& instance = scene_.instances[object.task.instance];
+  const RayBatch& rays = work.queries.rays;
+  const PlaneHit hit = meet_plane(scene_.shapes[instance.shape].mesh, uint32_t(a.primitive[j]),
+                                  DVec3(transform_point(instance.to_object, rays.origin(j))),
+                                  DVec3(transform_vector(instance.to_object, rays.direction(j))));
+  nearest.on_triangle = hit.inside && hit.t > 0.0 && std::abs(hit.t - double(a.t[j])) <= double(a.error[j]);
+  nearest.t = float(hit.t), nearest.u = float(hit.u), nearest.v = float(hit.v);
+  nearest.verdict = nearest.on_triangle || hit.altitude <= object.half_cell ? Verdict::hit : Verdict::ask;
 }
 
 bool HitAnswerer::is_wrong(const HitWorkspace& work, size_t j, const Nearest& nearest, float alpha) const {
@@ -207,9 +262,12 @@ bool HitAnswerer::is_wrong(const HitWorkspace& work, size_t j, const Nearest& ne
   if (nearest.verdict == Verdict::miss) return found != k_none && is_object_[found];
   const HitAnswers& a = work.answers[size_t(nearest.object)];
   if (found != objects_[size_t(nearest.object)].task.instance) return true;
-  if (std::abs(work.found.t[j] - a.t[j]) > k_wrong_errors * a.error[j]) return true;
+  const float t = nearest.on_triangle ? nearest.t : a.t[j];
+  if (std::abs(work.found.t[j] - t) > k_wrong_errors * a.error[j]) return true;
   const Vec3 normal = surface_at(scene_, work.queries.rays, work.found, j).geometric_normal;
-  const float cosine = std::abs(glm::dot(normal, Vec3(a.nx[j], a.ny[j], a.nz[j])));
+  Vec3 answered(a.nx[j], a.ny[j], a.nz[j]);
+  if (nearest.on_triangle) answered = triangle_normal(scene_, found, uint32_t(a.primitive[j]));
+  const float cosine = std::abs(glm::dot(normal, answered));
   return cosine < std::cos(spread_of(alpha));
 }
 
@@ -262,9 +320,13 @@ void HitAnswerer::settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const
     }
     const HitAnswers& a = work.answers[size_t(nearest.object)];
     const Vec3 normal(a.nx[j], a.ny[j], a.nz[j]);
-    hits.t[i] = a.t[j];
     hits.instance[i] = objects_[size_t(nearest.object)].task.instance;
     hits.primitive[i] = uint32_t(a.primitive[j]);
+    if (nearest.on_triangle) {
+      hits.t[i] = nearest.t, hits.u[i] = nearest.u, hits.v[i] = nearest.v;
+      continue;
+    }
+    hits.t[i] = a.t[j];
     work.certified.push_back({i, normal, a.error[j] * std::abs(glm::dot(normal, work.queries.rays.direction(j)))});
   }
 }

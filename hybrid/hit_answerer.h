@@ -2,10 +2,10 @@
 // against the lobe's footprint. What no certificate settles, and all rays that are not glossy, are traced.
 //
 // Objects with fields whose ball a ray meets are asked front to back, until the nearest hit lies before the next ball,
-// and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Other objects
-// are traced. An answer depends on the ray, the scene and the settings alone.
-// Thread-safety: const functions may be called from any number of threads, each with a workspace of its own; fields
-// grow by demand meanwhile.
+// and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Where it lies
+// on the triangle that its cell knows, it is moved there and is as good as a traced one. Other objects are traced. An
+// answer depends on the ray, the scene and the settings alone. Thread-safety: const functions may be called from any
+// number of threads, each with a workspace of its own; fields grow by demand meanwhile.
 #pragma once
 
 #include <memory>
@@ -90,6 +90,7 @@ class HitAnswerer {
   void order_objects(HitWorkspace& work) const;
   void ask_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const;
   void bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const;
+  void find_triangle(const HitWorkspace& work, size_t j, Nearest& nearest) const;
   Nearest put_together(const HitWorkspace& work, size_t j) const;
   void settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const;
   void check_answers(std::span<const PathState> paths, HitWorkspace& work, Stats& stats) const;
