@@ -27,11 +27,21 @@ void select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indice
 
 }  // namespace
 
-LightSampleRange first_samples(LightKind kind, int light_samples) {
+namespace {
+
+// Whether the edge of the square that its samples are made from is the light's own rim, from wherever it is seen.
+bool has_rim(LightKind kind) {
+  return kind == LightKind::sphere || kind == LightKind::disk || kind == LightKind::rectangle ||
+         kind == LightKind::parallelogram;
+}
+
+}  // namespace
+
+LightSampleRange trial_points(LightKind kind, int light_samples) {
   const int side = int(std::lround(std::sqrt(2.0 * std::sqrt(double(light_samples)))));
   const int n = side * side;
   if (side < k_least_lattice || 5 * n > 3 * light_samples) return {0, 0, 0};
-  if (kind == LightKind::mesh) return {light_samples, 0, n};
+  if (!has_rim(kind)) return {light_samples, 0, n};
   return {n, 0, n, side, k_lattice_extent * float(side) / float(side - 1)};
 }
 
@@ -201,28 +211,45 @@ void DirectLight::ask_leaves(const Job& job) {
   std::sort(shadowed_.begin(), shadowed_.end());
 }
 
-void DirectLight::ask_first_samples(const Job& job, const LightSampleRange& samples) {
-  group_.swap(shadowed_);
-  shadowed_.clear();
-  const size_t count = size_t(samples.count);
-  sample_group(job, samples);
+void DirectLight::ask_trial_points(const Job& job) {
+  const LightSampleRange points = trial_points(context_.lights.lights[job.light].kind, job.light_samples);
+  if (points.count == 0) return;
+  group_.clear();
+  fields_before_.clear();
+  std::erase_if(shadowed_, [&](uint32_t r) {
+    const uint32_t fields = context_.answerer.fields_before(candidates_, places_, r);
+    if (fields == 0) return false;
+    group_.push_back(r);
+    fields_before_.push_back(fields);
+    return true;
+  });
+  if (group_.empty()) return;
+  const size_t count = size_t(points.count);
+  sample_group(job, points);
   context_.answerer.answer(candidates_, LightSeen::unknown, shadows_, job.stats);
   for (size_t r = 0; r < group_.size(); ++r) {
-    size_t active = 0, blocked = 0;
+    size_t active = 0, blocked = 0, exact = 0;
     for (size_t i = r * count; i < (r + 1) * count; ++i) {
       active += shadows_.rays.tmax[i] >= 0.0f;
       blocked += shadows_.blocked[i];
+      exact += shadows_.exact[i];
     }
-    const bool is_free = active != 0 && blocked == 0;
-    if (!is_free) job.stats.rays_shadow += active;  // free receivers' samples are counted as a whole
-    if (active == 0 || (blocked != 0 && blocked != active)) {
-      shadowed_.push_back(group_[r]);
+    const bool agrees = blocked == 0 || blocked == active;
+    // Of a light that sinks below the horizon too little is tried.
+    const bool is_settled = agrees && 2 * active >= count;
+    // Free receivers' samples are counted as a whole.
+    if (!is_settled || blocked != 0) job.stats.rays_shadow += active;
+    if (!is_settled) {
+      (agrees ? shadowed_ : penumbrae_).push_back(group_[r]);
       continue;
     }
-    (is_free ? free_ : dark_).push_back(group_[r]);
-    const auto rest = uint64_t(job.light_samples - samples.count);
+    (blocked == 0 ? free_ : dark_).push_back(group_[r]);
+    const auto rest = uint64_t(job.light_samples - points.count);
     job.stats.samples_spared += rest;
     job.stats.samples_extrapolated += rest;
+    const uint64_t asked = rest * exact / count;
+    context_.answerer.count_extrapolated(candidates_, fields_before_[r], places_.instance[group_[r]], rest - asked,
+                                         asked, job.stats);
   }
 }
 
@@ -286,7 +313,6 @@ void DirectLight::count_dark(const Job& job) {
 void DirectLight::gather_part(const Job& job, const Part& part) {
   Stats& stats = job.stats;
   const double bake_before = stats.time_bake;
-  LightSeen seen = LightSeen::unknown;
   place_receivers(job, part);
   {
     const ScopedTimer timer(stats.time_secondary);
@@ -299,13 +325,12 @@ void DirectLight::gather_part(const Job& job, const Part& part) {
   if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);
     ask_leaves(job);
-    const LightSampleRange first = first_samples(context_.lights.lights[job.light].kind, job.light_samples);
-    if (first.count > 0 && !shadowed_.empty()) {
-      ask_first_samples(job, first);
-      seen = LightSeen::in_part;
-    }
+    ask_trial_points(job);
   }
-  gather_shadowed(job, seen);
+  gather_shadowed(job, LightSeen::unknown);
+  shadowed_.swap(penumbrae_);
+  penumbrae_.clear();
+  gather_shadowed(job, LightSeen::in_part);
   stats.time_secondary -= stats.time_bake - bake_before;
   gather_free(job);
   if (!job.firsts.empty()) count_dark(job);

@@ -22,14 +22,15 @@ inline constexpr int k_shadow_batch = 8192;
 inline constexpr int k_fewest_halving_samples = 16;
 inline constexpr int k_smallest_part_rays = 512;
 
-// The samples of each receiver that are answered first, where whole lights may be answered at once: if they all agree,
-// the rest is taken to agree too. About 2 sqrt(light_samples), on a lattice from edge to edge of the light: an edge that
-// crosses the light hides or shows some of its rim, where most of the points are (docs/decisions/019-penumbrae.md). Of
-// mesh lights, which have no rim, the first of the samples. A count of 0: none.
-LightSampleRange first_samples(LightKind kind, int light_samples);
+// Points of a light that are tried first, where whole lights may be answered at once: if a receiver sees all of them,
+// or none, it is taken to see all of the light, or none. About 2 sqrt(light_samples), on a lattice from edge to edge of
+// the light: an edge that crosses the light hides or shows some of its rim, which the outer points follow
+// (docs/decisions/019-penumbrae.md). Lights that have no rim to speak of are tried at their first samples. The points'
+// answers serve for nothing else. A count of 0: none.
+LightSampleRange trial_points(LightKind kind, int light_samples);
 inline constexpr int k_least_lattice = 3;  // points along a side
-// Just within the edge, where a light is not seen edge-on.
-inline constexpr float k_lattice_extent = 1.0f - 0x1p-6f;
+// Just within the rim: on it, rounding could take points off the light.
+inline constexpr float k_lattice_extent = 1.0f - 0x1p-10f;
 
 // The parts ("leaves") that a light is cut into for so many samples, where fields may answer for parts: a grid about as
 // wide as high, of no more cells than samples.
@@ -82,8 +83,9 @@ class DirectLight {
   // The same for filtered_ by one set of leaves; receivers that see a part of the light stay in filtered_ unless
   // `last`.
   void filter_leaves(const Job& job, const LightSampleRange& leaves, bool last);
-  // Has those samples of shadowed_ answered. Where they agree the receiver goes to free_ or dark_, else it stays.
-  void ask_first_samples(const Job& job, const LightSampleRange& samples);
+  // Tries the light for those of shadowed_ that fields may answer. They go to free_ or dark_ where all points agree, to
+  // penumbrae_ where they do not; whoever has too little of the light above the horizon stays.
+  void ask_trial_points(const Job& job);
   // All samples of shadowed_ answered and added up; free receivers' without asking.
   void gather_shadowed(const Job& job, LightSeen seen);
   void gather_free(const Job& job);
@@ -112,8 +114,9 @@ class DirectLight {
   ReceiverBatch places_;       // the current part of them
   Part places_part_;
   // Of these, as indices into places_: those of the current batch, and how split_receivers() sorted them.
-  std::vector<uint32_t> group_, shadowed_, free_, dark_, filtered_;
-  std::vector<uint8_t> refused_;  // per receiver of group_
+  std::vector<uint32_t> group_, shadowed_, free_, dark_, filtered_, penumbrae_;
+  std::vector<uint32_t> fields_before_;  // per receiver of group_
+  std::vector<uint8_t> refused_;         // per receiver of group_
   ShadowGroup candidates_;
   std::vector<Part> parts_;  // of the batch, not lit yet by the current light
   bool in_halves_ = false;   // the batch's part of lit_ is in the order of order_by_halves

@@ -39,8 +39,9 @@ PlaneHit meet_plane(const TriangleMesh& mesh, uint32_t primitive, const DVec3& o
   const DVec3 normal = glm::cross(e1, e2);
   const double squared = glm::dot(normal, normal), slope = glm::dot(normal, direction);
   PlaneHit hit;
-  if (!(squared > 0.0) || slope == 0.0) return hit;
+  if (!(squared > 0.0)) return hit;
   hit.altitude = std::sqrt(squared / std::max({glm::dot(e1, e1), glm::dot(e2, e2), glm::dot(e3, e3)}));
+  if (slope == 0.0) return hit;
   hit.t = glm::dot(normal, p0 - origin) / slope;
   const DVec3 beside = origin + hit.t * direction - p0;
   hit.u = glm::dot(glm::cross(beside, e2), normal) / squared;
@@ -243,7 +244,7 @@ HitAnswerer::Nearest HitAnswerer::put_together(const HitWorkspace& work, size_t 
 }
 
 // A triangle that is wider than half a cell must be the one that is met: a sheet over a few such triangles smooths
-// their edges away. Smaller ones vary so much within a cell that its error bound shows it.
+// their edges away. Among smaller ones normals vary so much within a cell that its error bound shows it.
 void HitAnswerer::find_triangle(const HitWorkspace& work, size_t j, Nearest& nearest) const {
   const Object& object = objects_[size_t(nearest.object)];
   const HitAnswers& a = work.answers[size_t(nearest.object)];
@@ -252,7 +253,11 @@ void HitAnswerer::find_triangle(const HitWorkspace& work, size_t j, Nearest& nea
   const PlaneHit hit = meet_plane(scene_.shapes[instance.shape].mesh, uint32_t(a.primitive[j]),
                                   DVec3(transform_point(instance.to_object, rays.origin(j))),
                                   DVec3(transform_vector(instance.to_object, rays.direction(j))));
-  nearest.on_triangle = hit.inside && hit.t > 0.0 && std::abs(hit.t - double(a.t[j])) <= double(a.error[j]);
+  // Beside a silhouette a ray could meet the triangle from behind.
+  const Vec3 sheet(a.nx[j], a.ny[j], a.nz[j]);
+  const Vec3 normal = triangle_normal(scene_, object.task.instance, uint32_t(a.primitive[j]));
+  const bool faces = (glm::dot(normal, sheet) > 0.0f) == (glm::dot(normal, rays.direction(j)) < 0.0f);
+  nearest.on_triangle = hit.inside && faces && hit.t > 0.0 && std::abs(hit.t - double(a.t[j])) <= double(a.error[j]);
   nearest.t = float(hit.t), nearest.u = float(hit.u), nearest.v = float(hit.v);
   nearest.verdict = nearest.on_triangle || hit.altitude <= object.half_cell ? Verdict::hit : Verdict::ask;
 }

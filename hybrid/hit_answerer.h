@@ -3,9 +3,10 @@
 //
 // Objects with fields whose ball a ray meets are asked front to back, until the nearest hit lies before the next ball,
 // and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Where it lies
-// on the triangle that its cell knows, it is moved there and is as good as a traced one. Other objects are traced. An
-// answer depends on the ray, the scene and the settings alone. Thread-safety: const functions may be called from any
-// number of threads, each with a workspace of its own; fields grow by demand meanwhile.
+// on the triangle that its cell knows, it is moved there, and is then a traced one's equal but for what may lie within
+// the cell's error bound. Other objects are traced. An answer depends on the ray, the scene and the settings alone.
+// Thread-safety: const functions may be called from any number of threads, each with a workspace of its own; fields
+// grow by demand meanwhile.
 #pragma once
 
 #include <memory>

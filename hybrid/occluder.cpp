@@ -76,4 +76,15 @@ Occluder make_occluder(const Scene& scene, uint32_t index, const ShapeTraits& tr
   return o;
 }
 
+float cells_across(const SegmentTask& segment, const Sphere& light) {
+  const float* m = segment.to_unit;
+  Vec3 centre(m[9], m[10], m[11]);
+  for (int axis = 0; axis < 3; ++axis)
+    centre += Vec3(m[3 * axis], m[3 * axis + 1], m[3 * axis + 2]) * light.centre[axis];
+  const float sine = light.radius * segment.to_unit_stretch / (glm::length(centre) - 1.0f);
+  if (!(sine >= 0.0f && sine < scalar::k_widest_cone_sine)) return k_infinity;
+  const float tangent = sine / std::sqrt(1.0f - sine * sine);
+  return tangent * segment.field.directions.cells / std::sqrt(k_pi);
+}
+
 }  // namespace fieldtrace

@@ -26,4 +26,8 @@ struct Occluder {
 Occluder make_occluder(const Scene& scene, uint32_t instance, const ShapeTraits& traits, Field* field,
                        const ThesisField* thesis, const AnswererSettings& settings);
 
+// The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), from the nearest point of the
+// object's ball; infinity for lights too near or too wide for whole answers.
+float cells_across(const SegmentTask& segment, const Sphere& light);
+
 }  // namespace fieldtrace

@@ -39,6 +39,12 @@ Bounds3 bounds_of(const ReceiverBatch& receivers) {
   return b;
 }
 
+// Of all rays that may leave one receiver.
+Shaft shaft_to(const ReceiverBatch& receivers, size_t r, const LightExtent& light) {
+  const Vec3 p(receivers.px[r], receivers.py[r], receivers.pz[r]), error(receivers.error[r]);
+  return {{p - error, p + error}, light};
+}
+
 }  // namespace
 
 ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
@@ -111,6 +117,8 @@ void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup
       group.by_rays[r] |= (flag & (k_may_shadow | k_by_leaves)) == k_may_shadow;
     }
   }
+  // For fewer samples this costs more than it saves.
+  if (group.light_samples >= k_fewest_cone_samples) forget_distant(receivers, group);
   const auto is_spared = [&](size_t r) {
     return group.met[r] && (!group.shadow[r] || group.shadow[r] & k_light_blocked);
   };
@@ -121,6 +129,29 @@ bool ShadowAnswerer::extrapolates(const ShadowGroup& group) const {
   if (settings_.tolerance < k_estimating_tolerance || group.candidates.size() > k_most_candidates) return false;
   return std::any_of(group.candidates.begin(), group.candidates.end(),
                      [this](uint32_t candidate) { return occluders_[candidate].answers_cones; });
+}
+
+// Receivers that none of the candidates can shadow, by the test that chose these, which is finer than the kernels'.
+// What becomes of a receiver then does not depend on which candidates the others of its group have.
+void ShadowAnswerer::forget_distant(const ReceiverBatch& receivers, ShadowGroup& group) const {
+  for (size_t r = 0; r < receivers.size; ++r) {
+    if (!group.met[r]) continue;
+    const Shaft shaft = shaft_to(receivers, r, group.light);
+    const bool is_met = std::any_of(group.candidates.begin(), group.candidates.end(),
+                                    [&](uint32_t instance) { return candidates_.meets(shaft, instance); });
+    if (!is_met) group.met[r] = group.shadow[r] = group.by_rays[r] = group.by_leaves[r] = 0;
+  }
+}
+
+uint32_t ShadowAnswerer::fields_before(const ShadowGroup& group, const ReceiverBatch& receivers,
+                                       uint32_t receiver) const {
+  const Shaft shaft = shaft_to(receivers, receiver, group.light);
+  uint32_t fields = 0;
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    const uint32_t instance = group.candidates[slot];
+    fields |= occluders_[instance].answers_cones && candidates_.meets(shaft, instance) ? 1u << slot : 0u;
+  }
+  return fields;
 }
 
 bool ShadowAnswerer::gains_by_halving(const ShadowGroup& group) const {
@@ -140,7 +171,7 @@ void ShadowAnswerer::answer(const ShadowGroup& group, LightSeen seen, ShadowBatc
   }
   work.states.keep_verdicts = settings_.check || settings_.count_uses;
   work.states.reset(batch.rays.size);
-  classify(group, seen != LightSeen::in_part || settings_.tolerance > k_estimating_tolerance, batch, work, stats);
+  classify(group, seen, batch, work, stats);
   kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);
   stats.rays_crossing += work.exact.crossing;
   trace(group, batch, work, stats);

@@ -60,6 +60,9 @@ inline constexpr int k_fewest_leaves = 16;
 // single rays answer better (docs/decisions/014-leaves.md).
 inline constexpr float k_least_light_disc = 2.0f;
 
+// A wider light, in direction cells, is seen through so many cells that their mistakes do not gather.
+inline constexpr float k_cells_across = 3.0f;
+
 // From this tolerance on (the default) answers are estimates where that saves much: cones look for surfaces in the
 // middle half of a chord only, and a receiver's first samples may stand for all. Below, only what cells certify is
 // answered.
@@ -109,6 +112,14 @@ class ShadowAnswerer {
   // the use of the fields that told, where uses are counted.
   void count_filtered(const ShadowGroup& group, uint32_t receiver, Stats& stats) const;
 
+  // The candidates, as bits, that answer whole lights and that a receiver (an index into the group's) may have between
+  // itself and the light. Does not depend on the other receivers, as the group's candidates do.
+  uint32_t fields_before(const ShadowGroup& group, const ReceiverBatch& receivers, uint32_t receiver) const;
+  // To be called for a receiver on `instance` with those `fields` before it, many of whose light samples are taken for
+  // what its trial points found: as many `answered` and `asked` as of these.
+  void count_extrapolated(const ShadowGroup& group, uint32_t fields, uint32_t instance, uint64_t answered,
+                          uint64_t asked, Stats& stats) const;
+
   // For --check: traces the rays of receivers whose whole light find_candidates() called `blocked`, or clear.
   void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
 
@@ -119,21 +130,23 @@ class ShadowAnswerer {
   // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both are 0 on entry, and stay 0 for
   // inactive slots. The rays leave receivers that `group` was made for, or some of them. Adds what it did to `stats`
   // (rays_exact, rays_crossing, look-ups, checks; not rays_shadow); time spent baking goes to stats.time_bake and is
-  // left out of time.secondary by the caller. Receivers that see a part of the light and lie within an object's ball
-  // are answered by rays, up to k_estimating_tolerance: certified cells are wrong about few of them, but about many
-  // rays of the same one (docs/decisions/019-penumbrae.md).
+  // left out of time.secondary by the caller. Receivers that see a part of a light no wider than k_cells_across cells
+  // and lie within an object's ball are answered by rays, up to k_estimating_tolerance: certified cells are wrong about
+  // few of them, but about many rays of the same one (docs/decisions/019-penumbrae.md).
   void answer(const ShadowGroup& group, LightSeen seen, ShadowBatch& batch, Stats& stats) const;
 
  private:
   struct Workspace;  // hybrid/shadow_workspace.h
 
+  void forget_distant(const ReceiverBatch& receivers, ShadowGroup& group) const;
   void ask_cones(const Occluder& occluder, const ReceiverBatch& receivers, const ShadowGroup& group, Workspace& work,
                  Stats& stats) const;
   // ask_and_bake() with the occluder's field.
   template <class Ask>
   void bake_and_repeat(const Occluder& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
                        const Ask& ask) const;
-  void classify(const ShadowGroup& group, bool reads_depth, const ShadowBatch& batch, Workspace& work,
+  bool trusts_depth(const Occluder& occluder, const ShadowGroup& group, LightSeen seen) const;
+  void classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
                 Stats& stats) const;
   void bake_unknown(const Occluder& occluder, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
                     Workspace& work, Stats& stats) const;

@@ -79,4 +79,18 @@ void ShadowAnswerer::count_filtered(const ShadowGroup& group, uint32_t receiver,
   }
 }
 
+void ShadowAnswerer::count_extrapolated(const ShadowGroup& group, uint32_t fields, uint32_t instance, uint64_t answered,
+                                        uint64_t asked, Stats& stats) const {
+  if (!settings_.count_uses) return;
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    if (!(fields >> slot & 1)) continue;
+    FieldUse& use = use_of(occluders_[group.candidates[slot]], stats);
+    const bool own = group.candidates[slot] == instance;
+    use.answered += answered;
+    use.asked += asked;
+    use.own_answered += own ? answered : 0;
+    use.own_asked += own ? asked : 0;
+  }
+}
+
 }  // namespace fieldtrace

@@ -10,23 +10,16 @@ namespace fieldtrace {
 namespace {
 
 // Directions tried along each side of a light as seen from receivers on the object: so many that neighbours lie less
-// than this share of a direction cell's mean width (2 sqrt(pi) / D) apart. A cell speaks for lines all over it, so
+// than this share of a direction cell's mean width apart. A cell speaks for lines all over it, so
 // closer directions find nothing more (docs/decisions/009-cones.md).
 constexpr float k_sheet_spacing = 1.1f;
 // More than any number of light samples: the light is too near or too wide.
 constexpr int k_no_sheet_side = 1 << 12;
 
-int sheet_side_for(const SegmentTask& ball, const Sphere& light, int directions) {
-  const float* m = ball.to_unit;
-  Vec3 centre(m[9], m[10], m[11]);
-  for (int axis = 0; axis < 3; ++axis)
-    centre += Vec3(m[3 * axis], m[3 * axis + 1], m[3 * axis + 2]) * light.centre[axis];
-  // From the nearest point of the ball.
-  const float sine = light.radius * ball.to_unit_stretch / (glm::length(centre) - 1.0f);
-  if (!(sine > 0.0f && sine < scalar::k_widest_cone_sine)) return sine == 0.0f ? 1 : k_no_sheet_side;
-  const float tangent = sine / std::sqrt(1.0f - sine * sine);
-  const float cell = 2.0f * std::sqrt(k_pi) / float(directions);
-  return std::max(1, int(std::ceil(2.0f * tangent / (k_sheet_spacing * cell))));
+int sheet_side_for(const SegmentTask& segment, const Sphere& light) {
+  const float cells = cells_across(segment, light);
+  if (cells == k_infinity) return k_no_sheet_side;
+  return std::max(1, int(std::ceil(cells / k_sheet_spacing)));
 }
 
 }  // namespace
@@ -50,7 +43,7 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
                                Workspace& work, Stats& stats) const {
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
-  const int side = sheet_side_for(task.segment, light, o.field->parameters().directions);
+  const int side = sheet_side_for(task.segment, light);
   if (task.segment.reads_depth && side * side <= group.light_samples) task.sheet_side = side;
   ConeUnknowns& unknowns = work.unknowns;
   bake_and_repeat(o, receivers.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {

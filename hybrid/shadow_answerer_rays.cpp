@@ -40,7 +40,12 @@ void ShadowAnswerer::bake_unknown(const Occluder& o, const SegmentTask& task, in
   }
 }
 
-void ShadowAnswerer::classify(const ShadowGroup& group, bool reads_depth, const ShadowBatch& batch, Workspace& work,
+bool ShadowAnswerer::trusts_depth(const Occluder& o, const ShadowGroup& group, LightSeen seen) const {
+  if (seen != LightSeen::in_part || settings_.tolerance > k_estimating_tolerance) return true;
+  return cells_across(o.cone.segment, group.light.ball) > k_cells_across;
+}
+
+void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
                               Stats& stats) const {
   const size_t n = padded(batch.rays.size);
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
@@ -55,7 +60,7 @@ void ShadowAnswerer::classify(const ShadowGroup& group, bool reads_depth, const 
       counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
     } else {
       SegmentTask task = o.cone.segment;
-      task.reads_depth = task.reads_depth && reads_depth;
+      task.reads_depth = task.reads_depth && trusts_depth(o, group, seen);
       counts = kernels_.query(task, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
       bake_unknown(o, task, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);

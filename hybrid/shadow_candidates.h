@@ -23,6 +23,8 @@ class ShadowCandidates {
               std::vector<uint32_t>& instances) const {
     tree_.find(Shaft(receivers, light), light.instance, limit, instances);
   }
+  // Whether select() would name an instance for a shaft; what it names for some of its receivers, it names for all.
+  bool meets(const Shaft& shaft, uint32_t instance) const { return shaft.meets(tree_.bounds(instance)); }
 
  private:
   InstanceTree tree_;

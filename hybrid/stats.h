@@ -53,7 +53,7 @@ struct Stats {
   // Parts of lights above their receivers' horizons: asked of fields, and those of receivers that a field could not
   // tell about.
   uint64_t leaves = 0, leaves_refused = 0;
-  // Light samples that were answered with their whole light, or by a receiver's first samples: no rays were sent.
+  // Light samples that were answered with their whole light, or by trial points that agreed: no rays were sent.
   uint64_t samples_spared = 0;
   uint64_t samples_extrapolated = 0;  // the latter of them
   uint64_t check_answers = 0, check_wrong = 0;
