@@ -64,7 +64,7 @@ inline constexpr float k_least_light_disc = 2.0f;
 inline constexpr float k_cells_across = 3.0f;
 
 // From this tolerance on (the default) answers are estimates where that saves much: cones look for surfaces in the
-// middle half of a chord only, and a receiver's first samples may stand for all. Below, only what cells certify is
+// middle half of a chord only, and a few points of a light may stand for all. Below, only what cells certify is
 // answered.
 inline constexpr float k_estimating_tolerance = 0.1f;
 
@@ -99,7 +99,7 @@ class ShadowAnswerer {
   // are set by the caller. With fields, whole lights are answered where that is certain: such receivers need no rays.
   void find_candidates(const ReceiverBatch& receivers, ShadowGroup& group, Stats& stats) const;
 
-  // Whether agreement of a receiver's first samples may stand for the rest: where some candidate of the group answers
+  // Whether agreement of a light's trial points may stand for all of it: where some candidate of the group answers
   // by a field, at a tolerance from which on all answers are estimates.
   bool extrapolates(const ShadowGroup& group) const;
   bool checks() const { return settings_.check; }
