@@ -129,14 +129,20 @@ struct LightBatch {
     return {centre.x * splat<F>(range.stretch), centre.y * splat<F>(range.stretch)};
   }
 
+  // Of as many receivers from `group` on, which have one each.
+  FT_HD_INLINE CentredPair<F> own_points(size_t group) const {
+    return {load_lanes<F>(range.x + group), load_lanes<F>(range.y + group)};
+  }
+
   // Writes one vector of slots: sample first_index + k of each lane's receiver.
   FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
                          Uint_t<F> k) const {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    const CentredPair<F> point = range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
-                                                   : gather_point<F>(point_sets, r.points, index);
+    const CentredPair<F> point = range.x           ? own_points(slot)
+                                 : range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
+                                                     : gather_point<F>(point_sets, r.points, index);
     emit(to, slot, r, setup, point, third);
   }
 
@@ -208,7 +214,7 @@ struct LightBatch {
       const size_t end = std::min(block + k_block, receivers.size);
       for (size_t group = block; group < end; group += k_lanes) {
         const ReceiverLanes<F> r = load_receivers(group);
-        const CentredPair<F> point = group_points(group, r);
+        const CentredPair<F> point = range.x ? own_points(group) : group_points(group, r);
         store_lanes(point.x, x + (group - block));
         store_lanes(point.y, y + (group - block));
       }

@@ -36,13 +36,15 @@ LightTable make_lights(const Scene& scene);
 
 // Which of each receiver's samples a batch holds: numbers first ... first + count - 1 of `total`. columns > 0: instead
 // of a sequence's points, the centres of the cells of a grid of that many columns and total / columns rows (which must
-// be whole; total >= 2), row by row, moved away from the middle of the light by the factor `stretch`: with n columns and
-// rows and little less than n / (n - 1) a lattice from edge to edge of the square (of which all points must lie within).
-// Not for mesh lights.
+// be whole; total >= 2), row by row, moved away from the middle of the light by the factor `stretch`: with n columns
+// and rows and little less than n / (n - 1) a lattice from edge to edge of the square (of which all points must lie
+// within). Not for mesh lights. x, y: instead of either, one point of [-1, 1]^2 for each receiver (total = count = 1),
+// as many numbers as the receivers' own vectors hold, padding included. Not for mesh lights.
 struct LightSampleRange {
   int total = 1, first = 0, count = 1;
   int columns = 0;
   float stretch = 1.0f;
+  const float *x = nullptr, *y = nullptr;
 };
 
 // Fills `out` (resized to receivers.size * light_samples) with one shadow ray per receiver and sample towards light

@@ -7,10 +7,8 @@
 #include "hybrid/stopwatch.h"
 
 namespace fieldtrace {
-namespace {
 
-// chosen[i] = all[indices[i]].
-void select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indices, ReceiverBatch& chosen) {
+void DirectLight::select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indices, ReceiverBatch& chosen) {
   chosen.resize(indices.size());
   const auto select = [&](auto member) {
     const auto& from = all.*member;
@@ -23,26 +21,6 @@ void select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indice
   }
   for (const auto member : {&B::seed, &B::sample, &B::instance}) select(member);
   select(&B::transmits);
-}
-
-}  // namespace
-
-namespace {
-
-// Whether the edge of the square that its samples are made from is the light's own rim, from wherever it is seen.
-bool has_rim(LightKind kind) {
-  return kind == LightKind::sphere || kind == LightKind::disk || kind == LightKind::rectangle ||
-         kind == LightKind::parallelogram;
-}
-
-}  // namespace
-
-LightSampleRange trial_points(LightKind kind, int light_samples) {
-  const int side = int(std::lround(std::sqrt(2.0 * std::sqrt(double(light_samples)))));
-  const int n = side * side;
-  if (side < k_least_lattice || 5 * n > 3 * light_samples) return {0, 0, 0};
-  if (!has_rim(kind)) return {light_samples, 0, n};
-  return {n, 0, n, side, k_lattice_extent * float(side) / float(side - 1)};
 }
 
 LightSampleRange leaf_grid(int light_samples) {
@@ -209,48 +187,6 @@ void DirectLight::ask_leaves(const Job& job) {
   filtered_.swap(lobed);
   filter_leaves(job, all_samples(job), true);
   std::sort(shadowed_.begin(), shadowed_.end());
-}
-
-void DirectLight::ask_trial_points(const Job& job) {
-  const LightSampleRange points = trial_points(context_.lights.lights[job.light].kind, job.light_samples);
-  if (points.count == 0) return;
-  group_.clear();
-  fields_before_.clear();
-  std::erase_if(shadowed_, [&](uint32_t r) {
-    const uint32_t fields = context_.answerer.fields_before(candidates_, places_, r);
-    if (fields == 0) return false;
-    group_.push_back(r);
-    fields_before_.push_back(fields);
-    return true;
-  });
-  if (group_.empty()) return;
-  const size_t count = size_t(points.count);
-  sample_group(job, points);
-  context_.answerer.answer(candidates_, LightSeen::unknown, shadows_, job.stats);
-  for (size_t r = 0; r < group_.size(); ++r) {
-    size_t active = 0, blocked = 0, exact = 0;
-    for (size_t i = r * count; i < (r + 1) * count; ++i) {
-      active += shadows_.rays.tmax[i] >= 0.0f;
-      blocked += shadows_.blocked[i];
-      exact += shadows_.exact[i];
-    }
-    const bool agrees = blocked == 0 || blocked == active;
-    // Of a light that sinks below the horizon too little is tried.
-    const bool is_settled = agrees && 2 * active >= count;
-    // Free receivers' samples are counted as a whole.
-    if (!is_settled || blocked != 0) job.stats.rays_shadow += active;
-    if (!is_settled) {
-      (agrees ? shadowed_ : penumbrae_).push_back(group_[r]);
-      continue;
-    }
-    (blocked == 0 ? free_ : dark_).push_back(group_[r]);
-    const auto rest = uint64_t(job.light_samples - points.count);
-    job.stats.samples_spared += rest;
-    job.stats.samples_extrapolated += rest;
-    const uint64_t asked = rest * exact / count;
-    context_.answerer.count_extrapolated(candidates_, fields_before_[r], places_.instance[group_[r]], rest - asked,
-                                         asked, job.stats);
-  }
 }
 
 void DirectLight::gather_shadowed(const Job& job, LightSeen seen) {

@@ -9,6 +9,7 @@
 
 #include "hybrid/aovs.h"
 #include "hybrid/halves.h"
+#include "hybrid/light_edge.h"
 #include "hybrid/path_batch.h"
 #include "hybrid/reflected_light.h"
 #include "hybrid/transport.h"
@@ -25,8 +26,8 @@ inline constexpr int k_smallest_part_rays = 512;
 // Points of a light that are tried first, where whole lights may be answered at once: if a receiver sees all of them,
 // or none, it is taken to see all of the light, or none. About 2 sqrt(light_samples), on a lattice from edge to edge of
 // the light: an edge that crosses the light hides or shows some of its rim, which the outer points follow
-// (docs/decisions/019-penumbrae.md). Lights that have no rim to speak of are tried at their first samples. The points'
-// answers serve for nothing else. A count of 0: none.
+// (docs/decisions/019-penumbrae.md). Lights that have no rim to speak of are tried at their first samples. A count of
+// 0: none.
 LightSampleRange trial_points(LightKind kind, int light_samples);
 inline constexpr int k_least_lattice = 3;  // points along a side
 // Just within the rim: on it, rounding could take points off the light.
@@ -86,6 +87,17 @@ class DirectLight {
   // Tries the light for those of shadowed_ that fields may answer. They go to free_ or dark_ where all points agree, to
   // penumbrae_ where they do not; whoever has too little of the light above the horizon stays.
   void ask_trial_points(const Job& job);
+  // Counts the samples that are taken for what `asked` points found, `exact` of them by rays.
+  void count_extrapolated(const Job& job, uint32_t receiver, uint32_t fields, size_t asked, size_t exact);
+  // Lights those of edged_ whose light one edge cuts, and whose points took rays for the most part, by where the edge
+  // crosses the lattice's lines; the others go to penumbrae_ (docs/decisions/020-edges.md).
+  void follow_edges(const Job& job, int side);
+  // Asks those points of lattices again that fields told of, and that only rays are believed about.
+  void ask_lattices_again(const Job& job, int side);
+  // Asks about the cells that no edge crosses; whose edge they contradict is not followed.
+  void ask_witnesses(const Job& job, int side);
+  // Adds up the light of those of edged_ that are followed.
+  void add_edged(const Job& job, int side);
   // All samples of shadowed_ answered and added up; free receivers' without asking.
   void gather_shadowed(const Job& job, LightSeen seen);
   void gather_free(const Job& job);
@@ -101,6 +113,16 @@ class DirectLight {
   }
   static LightSampleRange all_samples(const Job& job) { return {job.light_samples, 0, job.light_samples}; }
   void sample_group(const Job& job, const LightSampleRange& range);
+  // chosen[i] = all[indices[i]].
+  static void select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indices, ReceiverBatch& chosen);
+  // Points of the light for single receivers, asked together: the answer of the i-th placed is slot i of shadows_.
+  void clear_points();
+  void place_point(uint32_t owner, const SquarePoint& at);  // owner: index into edged_
+  void sample_points(const Job& job);
+  void ask_points(const Job& job);
+  bool is_hidden(size_t slot) const { return shadows_.blocked[slot] || shadows_.rays.tmax[slot] < 0.0f; }
+  // How much of the light is above the horizon of the receiver whose lattice begins at that slot.
+  float share_above(size_t begin, int side) const;
   // mean_of: over how many samples the mean is taken.
   LightEstimate estimate_of(const Job& job, int mean_of) const;
   // Adds up and counts the rays of receiver r of group_, `samples` of them; and of all of group_.
@@ -117,6 +139,28 @@ class DirectLight {
   std::vector<uint32_t> group_, shadowed_, free_, dark_, filtered_, penumbrae_;
   std::vector<uint32_t> fields_before_;  // per receiver of group_
   std::vector<uint8_t> refused_;         // per receiver of group_
+  // Receivers whose lattices differ, and that may be lit by following one edge.
+  struct EdgedReceiver {
+    uint32_t receiver = 0, fields = 0;  // of places_; as in fields_before_
+    uint32_t active = 0;                // points of its lattice above the horizon
+    uint32_t asked = 0, exact = 0;      // points so far, and those that rays answered
+    float above = 0;                    // share_above
+    bool is_followed = false;
+  };
+  std::vector<EdgedReceiver> edged_;
+  // Of edged_, one after the other, per point of their lattices: 1: hidden, or below the horizon; k_untraced: a field
+  // said so.
+  static constexpr uint8_t k_untraced = 2;
+  std::vector<uint8_t> lattices_;
+  std::span<const uint8_t> lattice(size_t edged, size_t points) const {
+    return std::span(lattices_).subspan(edged * points, points);
+  }
+  std::vector<EdgeCrossing> crossings_;
+  std::vector<float> places_on_;  // per crossing: where on its line it is asked
+  std::vector<CellSeen> cells_seen_;
+  std::vector<uint32_t> owners_, askers_;  // of each point: index into edged_, into places_
+  AlignedVector<float> point_x_, point_y_;
+  std::vector<size_t> found_;  // of each point: what of lattices_ its answer is about
   ShadowGroup candidates_;
   std::vector<Part> parts_;  // of the batch, not lit yet by the current light
   bool in_halves_ = false;   // the batch's part of lit_ is in the order of order_by_halves

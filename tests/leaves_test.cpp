@@ -281,5 +281,53 @@ TEST(Leaves, LatticesRunAlongTheRimsOfRoundLights) {
   }
 }
 
+// A receiver's own point is sampled as the same point of a grid is.
+TEST(Leaves, OwnPointsAreSampledAsThoseOfGrids) {
+  constexpr int k_side = 4;
+  SceneMaker maker;
+  const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  Affine place = test::scaling(Vec3(0.5f));
+  place[3] = {0, 0, 6};
+  maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), bsdf, place), Rgb(1.0f));
+  place[2] = -place[2];
+  for (const ShapeKind shape : {ShapeKind::disk, ShapeKind::rectangle})
+    maker.area_light(maker.instance(maker.shape(shape), bsdf, place), Rgb(1.0f));
+  place[0] += 0.25f * place[1];
+  maker.area_light(maker.instance(maker.shape(ShapeKind::rectangle), bsdf, place), Rgb(1.0f));
+  const LightTable lights = make_lights(maker.scene);
+  ASSERT_EQ(lights.lights[3].kind, LightKind::parallelogram);
+  for (const size_t n : {size_t(1), size_t(16), size_t(37)}) {
+    for (const uint8_t transmits : {uint8_t(0), uint8_t(1)}) {
+      ReceiverBatch receivers;
+      receivers.resize(n);
+      for (size_t r = 0; r < n; ++r) {
+        set_receiver(receivers, r, Vec3(0.1f * float(r), 0, 0), Vec3(0, 0, 1), k_none);
+        receivers.sample[r] = uint32_t(r);
+        receivers.transmits[r] = r % 3 == 0 ? transmits : 0;
+      }
+      for (uint32_t light = 0; light < lights.size(); ++light) {
+        for (const Isa isa : supported_isas()) {
+          ShadowBatch grid, own;
+          sample_light(lights, light, receivers, {k_side * k_side, 0, k_side * k_side, k_side}, isa, grid);
+          for (int k = 0; k < k_side * k_side; ++k) {
+            const auto centre = [](int i) { return (float(2 * i) + 1.0f) / float(k_side) - 1.0f; };
+            const AlignedVector<float> x(padded(n), centre(k % k_side)), y(padded(n), centre(k / k_side));
+            sample_light(lights, light, receivers, {1, 0, 1, 0, 1.0f, x.data(), y.data()}, isa, own);
+            ASSERT_EQ(own.rays.size, n);
+            for (size_t r = 0; r < n; ++r) {
+              const size_t i = r * k_side * k_side + size_t(k);
+              ASSERT_EQ(own.rays.tmax[r], grid.rays.tmax[i]);
+              ASSERT_EQ(own.rays.direction(r), grid.rays.direction(i)) << light << " " << k;
+              ASSERT_EQ(own.rays.origin(r), grid.rays.origin(i));
+              ASSERT_EQ(own.weight[r], grid.weight[i]);
+              ASSERT_EQ(own.pdf[r], grid.pdf[i]);
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace fieldtrace
