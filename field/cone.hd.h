@@ -52,6 +52,10 @@ FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& t
   return cone;
 }
 
+// Rays that slant past each other by more than this, in texels, over the difference of depths within their disc may pass
+// between surfaces that hide each other from parallel lines (through a hole in front and one behind, not in line).
+constexpr float k_most_chink = 0.5f;
+
 template <class F>
 struct ConeAnswer {
   Mask_t<F> clear, blocked, unknown;  // none of them: open
@@ -134,6 +138,21 @@ FT_HD_INLINE PictureSquare<F> square_about(const LinePicture<F>& picture, const 
   return {{texel(x0), texel(x1), texel(y0), texel(y1)}, whole};
 }
 
+// How much the mean depths of a rectangle's halves differ, in x or in y. `all`: sums over it, whose tiles are baked.
+template <class F>
+FT_HD_INLINE F depth_difference(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
+                                const CoverageSum<F>& all, Mask_t<F> wanted) {
+  const auto none = [](Int_t<F>, Mask_t<F>) {};
+  const auto difference = [&](const TexelRect<F>& half) {
+    const CoverageSum<F> sum = sum_coverage<F>(view, direction, half, wanted, none);
+    const F one = splat<F>(1.0f), n = max(to_float(sum.count), one), m = max(to_float(all.count - sum.count), one);
+    return abs(to_float(sum.depths) / n - to_float(all.depths - sum.depths) / m);
+  };
+  const Int_t<F> x = rect.x0 + shift_right<1>(rect.x1 - rect.x0), y = rect.y0 + shift_right<1>(rect.y1 - rect.y0);
+  const F across = difference({rect.x0, x, rect.y0, rect.y1}), along = difference({rect.x0, rect.x1, rect.y0, y});
+  return max(across, along) * splat<F>(k_coverage_depth_step);
+}
+
 // For receivers outside the ball, or `within` it with the whole object before their tangent plane. chord_share: how
 // much of the span surfaces are looked for in (within: all of it). tell_missing(slots, mask): as for sum_coverage.
 template <class F, class TellMissing>
@@ -155,6 +174,11 @@ FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_sha
   answer.clear = and_not(sum.unknown, asked & (sum.count == splat_int<F>(0)));
   answer.blocked = and_not(sum.unknown | answer.clear, asked & square.whole & (sum.count == texels));
   answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
+  if (any(answer.blocked)) {
+    const F slant = cone.tangent + sqrt(dot(across, across));
+    const F rise = depth_difference<F>(field.coverage, picture.direction, rect, sum, answer.blocked);
+    answer.blocked = answer.blocked & (rise * slant * picture.half_lines < splat<F>(k_most_chink));
+  }
   return answer;
 }
 

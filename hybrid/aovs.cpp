@@ -74,7 +74,7 @@ void AovSums::add(const FirstHit& first) {
     position += first.position;
   }
   visibility += first.shadow_rays > 0.0f ? double(first.shadow_clear) / double(first.shadow_rays) : 1.0;
-  exact += first.shadow_rays > 0.0f ? double(first.shadow_exact) / double(first.shadow_rays) : 0.0;
+  exact += first.shadow_rays > 0.0f ? std::min(double(first.shadow_exact) / double(first.shadow_rays), 1.0) : 0.0;
   if (glossy_rays == 0) reflected_object = first.reflected_object;
   glossy_rays += first.glossy_rays;
   glossy_exact += first.glossy_exact;

@@ -44,6 +44,9 @@ inline constexpr int k_samples_per_leaf = 3;
 // Lights are tried in this many leaves first, if that is fewer by a third or more: most are found clear or hidden.
 inline constexpr int k_first_leaves = 16;
 
+// How much the two means of a light's weight may differ, over either, where its edge is followed.
+inline constexpr float k_most_uneven = 0.15f;
+
 class DirectLight {
  public:
   explicit DirectLight(const TransportContext& context) : context_(context) {}
@@ -84,8 +87,9 @@ class DirectLight {
   // The same for filtered_ by one set of leaves; receivers that see a part of the light stay in filtered_ unless
   // `last`.
   void filter_leaves(const Job& job, const LightSampleRange& leaves, bool last);
-  // Tries the light for those of shadowed_ that fields may answer. They go to free_ or dark_ where all points agree, to
-  // penumbrae_ where they do not; whoever has too little of the light above the horizon stays.
+  // Tries the light for those of shadowed_ that fields may answer. They go to free_ or dark_ where all points agree;
+  // where they do not, they are lit by following an edge, or go to penumbrae_; whoever has too little of the light
+  // above the horizon stays.
   void ask_trial_points(const Job& job);
   // Counts the samples that are taken for what `asked` points found, `exact` of them by rays.
   void count_extrapolated(const Job& job, uint32_t receiver, uint32_t fields, size_t asked, size_t exact);
@@ -94,6 +98,8 @@ class DirectLight {
   void follow_edges(const Job& job, int side);
   // Asks those points of lattices again that fields told of, and that only rays are believed about.
   void ask_lattices_again(const Job& job, int side);
+  // Leaves those to samples whose light weighs too unevenly for one point a cell.
+  void weigh_cells(const Job& job, int side);
   // Asks about the cells that no edge crosses; whose edge they contradict is not followed.
   void ask_witnesses(const Job& job, int side);
   // Adds up the light of those of edged_ that are followed.
@@ -120,9 +126,18 @@ class DirectLight {
   void place_point(uint32_t owner, const SquarePoint& at);  // owner: index into edged_
   void sample_points(const Job& job);
   void ask_points(const Job& job);
+  void count_asked();
   bool is_hidden(size_t slot) const { return shadows_.blocked[slot] || shadows_.rays.tmax[slot] < 0.0f; }
-  // How much of the light is above the horizon of the receiver whose lattice begins at that slot.
-  float share_above(size_t begin, int side) const;
+  // Means over a light: of its samples' weights, and of what lies above the horizon.
+  struct LightMean {
+    float weight = 0, above = 0;
+    void add(const ShadowBatch& batch, size_t slot, float part) {
+      weight += part * batch.weight[slot];
+      above += batch.rays.tmax[slot] >= 0.0f ? part : 0.0f;
+    }
+  };
+  // For the receiver whose lattice begins at that slot.
+  LightMean mean_by_corners(size_t begin, int side) const;
   // mean_of: over how many samples the mean is taken.
   LightEstimate estimate_of(const Job& job, int mean_of) const;
   // Adds up and counts the rays of receiver r of group_, `samples` of them; and of all of group_.
@@ -143,13 +158,13 @@ class DirectLight {
   struct EdgedReceiver {
     uint32_t receiver = 0, fields = 0;  // of places_; as in fields_before_
     uint32_t active = 0;                // points of its lattice above the horizon
-    uint32_t asked = 0, exact = 0;      // points so far, and those that rays answered
-    float above = 0;                    // share_above
+    uint32_t asked = 0, exact = 0;      // points of the light so far, and those that rays answered
+    LightMean by_corners, by_middles;   // of the lattice's cells
     bool is_followed = false;
   };
   std::vector<EdgedReceiver> edged_;
-  // Of edged_, one after the other, per point of their lattices: 1: hidden, or below the horizon; k_untraced: a field
-  // said so.
+  // Of edged_, one after the other, per point of their lattices: 1: hidden, or below the horizon; k_untraced: no ray
+  // says so.
   static constexpr uint8_t k_untraced = 2;
   std::vector<uint8_t> lattices_;
   std::span<const uint8_t> lattice(size_t edged, size_t points) const {

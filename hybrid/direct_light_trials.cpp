@@ -72,7 +72,7 @@ void DirectLight::ask_trial_points(const Job& job) {
       penumbrae_.push_back(group_[r]);  // a material's lobe may be narrower than a lattice's cell
     } else {
       edged_.push_back({group_[r], fields_before_[r], uint32_t(active), uint32_t(count), uint32_t(exact),
-                        share_above(begin, points.columns)});
+                        mean_by_corners(begin, points.columns), LightMean()});
       for (size_t i = begin; i < begin + count; ++i) {
         const bool is_told = shadows_.rays.tmax[i] < 0.0f || shadows_.exact[i];
         lattices_.push_back(uint8_t(is_hidden(i) ? 1 : 0) | (is_told ? uint8_t(0) : k_untraced));
@@ -82,14 +82,13 @@ void DirectLight::ask_trial_points(const Job& job) {
   if (!edged_.empty()) follow_edges(job, points.columns);
 }
 
-// Points on the rim stand for halves of cells, corners for quarters.
-float DirectLight::share_above(size_t begin, int side) const {
-  float above = 0.0f;
-  const auto weight = [side](int i) { return i == 0 || i == side - 1 ? 0.5f : 1.0f; };
-  for (int i = 0; i < side * side; ++i) {
-    if (shadows_.rays.tmax[begin + size_t(i)] >= 0.0f) above += weight(i % side) * weight(i / side);
-  }
-  return above / float((side - 1) * (side - 1));
+// By the trapezoid rule: points on the rim stand for halves of cells, corners for quarters.
+DirectLight::LightMean DirectLight::mean_by_corners(size_t begin, int side) const {
+  LightMean mean;
+  const float cells = float((side - 1) * (side - 1));
+  const auto part = [side](int i) { return i == 0 || i == side - 1 ? 0.5f : 1.0f; };
+  for (int i = 0; i < side * side; ++i) mean.add(shadows_, begin + size_t(i), part(i % side) * part(i / side) / cells);
+  return mean;
 }
 
 void DirectLight::count_extrapolated(const Job& job, uint32_t receiver, uint32_t fields, size_t asked, size_t exact) {
@@ -128,15 +127,19 @@ void DirectLight::ask_points(const Job& job) {
   sample_points(job);
   context_.answerer.answer(candidates_, LightSeen::in_part, shadows_, job.stats);
   job.stats.rays_shadow += shadows_.active;
-  for (size_t i = 0; i < owners_.size(); ++i) {
-    EdgedReceiver& e = edged_[owners_[i]];
-    ++e.asked;
-    e.exact += shadows_.exact[i];
-  }
+  for (size_t i = 0; i < owners_.size(); ++i) edged_[owners_[i]].exact += shadows_.exact[i];
+}
+
+void DirectLight::count_asked() {
+  for (const uint32_t owner : owners_) ++edged_[owner].asked;
 }
 
 // Cells that are right about most rays may be wrong about one receiver's (docs/decisions/019-penumbrae.md).
 void DirectLight::ask_lattices_again(const Job& job, int side) {
+  if (!context_.answerer.doubts_depth(candidates_, LightSeen::in_part)) {
+    for (uint8_t& point : lattices_) point &= uint8_t(~k_untraced);
+    return;
+  }
   const size_t count = size_t(side) * size_t(side);
   clear_points();
   std::vector<size_t>& asked = found_;
@@ -148,6 +151,27 @@ void DirectLight::ask_lattices_again(const Job& job, int side) {
   }
   ask_points(job);
   for (size_t i = 0; i < asked.size(); ++i) lattices_[asked[i]] = is_hidden(i);
+}
+
+// Two rules of integration differ by three times the error of the finer one where a light's weight varies smoothly.
+// Together (Simpson's rule) they tell how much all of the light weighs.
+void DirectLight::weigh_cells(const Job& job, int side) {
+  const size_t count = size_t(side) * size_t(side);
+  const float cells = float((side - 1) * (side - 1));
+  clear_points();
+  for (uint32_t e = 0; e < edged_.size(); ++e) {
+    if (!edged_[e].is_followed) continue;
+    for (int i = 0; i < int(count); ++i) {
+      if (i % side + 1 < side && i / side + 1 < side) place_point(e, point_in(i, side, 0.5f, 0.5f));
+    }
+  }
+  if (owners_.empty()) return;
+  sample_points(job);
+  for (size_t i = 0; i < owners_.size(); ++i) edged_[owners_[i]].by_middles.add(shadows_, i, 1.0f / cells);
+  for (EdgedReceiver& e : edged_) {
+    const float difference = std::abs(e.by_corners.weight - e.by_middles.weight);
+    e.is_followed = e.is_followed && difference <= k_most_uneven * e.by_middles.weight;
+  }
 }
 
 // What passes between the points of a lattice shows at others, or so it is hoped.
@@ -166,6 +190,7 @@ void DirectLight::ask_witnesses(const Job& job, int side) {
     }
   }
   ask_points(job);
+  count_asked();
   for (size_t i = 0; i < corners.size(); ++i) {
     if (is_hidden(i) != (lattices_[corners[i]] != 0)) edged_[owners_[i]].is_followed = false;
   }
@@ -173,12 +198,18 @@ void DirectLight::ask_witnesses(const Job& job, int side) {
 
 void DirectLight::follow_edges(const Job& job, int side) {
   const size_t count = size_t(side) * size_t(side);
+  const int halvings = edge_halvings(side, job.light_samples);
   ask_lattices_again(job, side);
   crossings_.clear();
   for (uint32_t e = 0; e < edged_.size(); ++e) {
+    const size_t begin = crossings_.size();
     const bool asks_rays = 2 * edged_[e].exact >= edged_[e].active;
-    edged_[e].is_followed = asks_rays && find_crossings(lattice(e, count), side, e, crossings_);
+    if (!asks_rays || !find_crossings(lattice(e, count), side, e, crossings_)) continue;
+    // Where all samples cost no more, they are more certain.
+    const size_t points = (crossings_.size() - begin) * size_t(halvings) + even_cells(lattice(e, count), side).size();
+    edged_[e].is_followed = points < size_t(job.light_samples);
   }
+  weigh_cells(job, side);
   ask_witnesses(job, side);
   std::erase_if(crossings_, [this](const EdgeCrossing& c) { return !edged_[c.owner].is_followed; });
   for (const EdgedReceiver& e : edged_) {
@@ -187,7 +218,7 @@ void DirectLight::follow_edges(const Job& job, int side) {
   if (crossings_.empty()) return;
   std::vector<float>& places = places_on_;
   places.resize(crossings_.size());
-  for (int i = 0; i < edge_halvings(side, job.light_samples); ++i) {
+  for (int i = 0; i < halvings; ++i) {
     clear_points();
     for (size_t k = 0; k < crossings_.size(); ++k) {
       const EdgeCrossing& c = crossings_[k];
@@ -196,6 +227,7 @@ void DirectLight::follow_edges(const Job& job, int side) {
       place_point(c.owner, point_on(c, side, places[k]));
     }
     ask_points(job);
+    count_asked();
     for (size_t k = 0; k < crossings_.size(); ++k) crossings_[k].narrow(places[k], is_hidden(k));
   }
   add_edged(job, side);
@@ -223,15 +255,22 @@ void DirectLight::add_edged(const Job& job, int side) {
   for (size_t r = 0; r < edged_.size(); ++r) {
     const EdgedReceiver& e = edged_[r];
     const PathVertex& v = vertex_of(job, e.receiver);
-    job.arriving[lit_[places_part_.begin + e.receiver]] += reflected_light(shadows_, r * cells, int(cells), light, v);
+    const auto by_simpson = [&](float LightMean::*value) {
+      return (2.0f * e.by_middles.*value + e.by_corners.*value) / 3.0f;
+    };
+    // A horizon is no smooth change.
+    const float scale = e.active == points ? by_simpson(&LightMean::weight) / e.by_middles.weight : 1.0f;
+    job.arriving[lit_[places_part_.begin + e.receiver]] +=
+        reflected_light(shadows_, r * cells, int(cells), light, v) * scale;
     count_extrapolated(job, e.receiver, e.fields, e.asked, e.exact);
     if (job.firsts.empty()) continue;
     float seen = 0.0f;
     for (size_t i = r * cells; i < (r + 1) * cells; ++i) seen += cells_seen_[i].share / float(cells);
+    const float above = by_simpson(&LightMean::above), samples = float(job.light_samples);
     FirstHit& first = job.firsts[job.paths[v.path].slot];
-    first.shadow_rays += e.above * float(job.light_samples);
-    first.shadow_clear += std::min(seen, e.above) * float(job.light_samples);
-    first.shadow_exact += float(e.exact);
+    first.shadow_rays += above * samples;
+    first.shadow_clear += std::min(seen, above) * samples;
+    first.shadow_exact += std::min(float(e.exact), above * samples);
   }
 }
 

@@ -53,10 +53,11 @@ struct Piece {
   float dx = 0, dy = 0;              // in cells
 };
 
-// The angle to the left from one to the other; corners are not taken for curves.
+// The angle to the left from one to the other. At corners an arc turns by k_most_turn at most.
+constexpr float k_most_turn = 1.0f;
 float turn(const Piece& from, const Piece& to) {
   const float angle = std::atan2(from.dx * to.dy - from.dy * to.dx, from.dx * to.dx + from.dy * to.dy);
-  return std::clamp(angle, -1.0f, 1.0f);
+  return std::clamp(angle, -k_most_turn, k_most_turn);
 }
 
 }  // namespace

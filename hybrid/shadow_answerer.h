@@ -102,6 +102,8 @@ class ShadowAnswerer {
   // Whether agreement of a light's trial points may stand for all of it: where some candidate of the group answers
   // by a field, at a tolerance from which on all answers are estimates.
   bool extrapolates(const ShadowGroup& group) const;
+  // Whether answer() believes some candidate's depth cells less for what is seen of the light.
+  bool doubts_depth(const ShadowGroup& group, LightSeen seen) const;
   bool checks() const { return settings_.check; }
   // For leaves of a light, `leaves` for each of `receivers` (indices into the group's; by_rays must be 0) as
   // sample_light() laid them out in `batch`: sets batch.clear. refused[i] is set to 1 for receivers that some field

@@ -1,4 +1,6 @@
 // Single shadow rays: look-ups in fields, with what they bake, and exact rays for what is left.
+#include <algorithm>
+
 #include "field/bake.h"
 #include "hybrid/shadow_workspace.h"
 
@@ -43,6 +45,13 @@ void ShadowAnswerer::bake_unknown(const Occluder& o, const SegmentTask& task, in
 bool ShadowAnswerer::trusts_depth(const Occluder& o, const ShadowGroup& group, LightSeen seen) const {
   if (seen != LightSeen::in_part || settings_.tolerance > k_estimating_tolerance) return true;
   return cells_across(o.cone.segment, group.light.ball) > k_cells_across;
+}
+
+bool ShadowAnswerer::doubts_depth(const ShadowGroup& group, LightSeen seen) const {
+  return std::any_of(group.candidates.begin(), group.candidates.end(), [&](uint32_t candidate) {
+    const Occluder& o = occluders_[candidate];
+    return o.field && o.cone.segment.reads_depth && !trusts_depth(o, group, seen);
+  });
 }
 
 void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,

@@ -53,9 +53,10 @@ struct Stats {
   // Parts of lights above their receivers' horizons: asked of fields, and those of receivers that a field could not
   // tell about.
   uint64_t leaves = 0, leaves_refused = 0;
-  // Light samples that were answered with their whole light, or by trial points that agreed: no rays were sent.
+  // Light samples that were answered with their whole light, by trial points that agreed, or by following an edge: no
+  // rays were sent.
   uint64_t samples_spared = 0;
-  uint64_t samples_extrapolated = 0;  // the latter of them
+  uint64_t samples_extrapolated = 0;  // the latter two of them
   uint64_t check_answers = 0, check_wrong = 0;
   // check_by[CheckedVerdict][receiver]: receiver 0 another object, 1 the object itself.
   struct CheckCount {

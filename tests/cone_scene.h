@@ -24,14 +24,15 @@ struct ConeScene {
   std::unique_ptr<Accel> accel;
   std::unique_ptr<Field> field;
 
-  ConeScene(const TriangleMesh& mesh, const Affine& place, const Sphere& light_ball) : light(light_ball) {
+  ConeScene(const TriangleMesh& mesh, const Affine& place, const Sphere& light_ball,
+            const FieldParameters& parameters = {.directions = 32, .plane = 64})
+      : light(light_ball) {
     const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
     maker.instance(maker.mesh(mesh), bsdf, place);
     const Affine at(Vec3(light.radius, 0, 0), Vec3(0, light.radius, 0), Vec3(0, 0, light.radius), light.centre);
     maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), bsdf, at), Rgb(1.0f));
     accel = std::make_unique<Accel>(maker.scene);
-    field = std::make_unique<Field>(field_ball(maker.scene.shapes[0].bounds),
-                                    FieldParameters{.directions = 32, .plane = 64});
+    field = std::make_unique<Field>(field_ball(maker.scene.shapes[0].bounds), parameters);
   }
 
   ShadowAnswerer answerer(Isa isa, float tolerance) const {

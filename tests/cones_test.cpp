@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "cone_scene.h"
+#include "core/mesh_stress.h"
 
 namespace fieldtrace {
 namespace {
@@ -68,6 +69,23 @@ TEST(Cones, AnswersOnTheObjectAreThoseOfExactRays) {
   }
   EXPECT_GT(counts.clear, 1000);
   EXPECT_LE(double(counts.wrong), 0.002 * double(counts.rays));
+}
+
+// A shell with holes: parallel lines through one in front meet the back, and rays that slant pass both.
+TEST(Cones, LeaveChinksBetweenSurfacesThatHideEachOther) {
+  TestRandom random(11);
+  Counts counts;
+  for (int i = 0; i < 16; ++i) {
+    const float size = random.log_uniform(1e-2f, 1e2f);
+    const Affine place = random_place(random, size, 1.0f);
+    const float distance = size * random.uniform(3.0f, 9.0f);
+    ConeScene s(make_holy_sphere({}), place,
+                {Vec3(place[3]) + distance * random.direction(), distance * random.uniform(0.02f, 0.05f)},
+                {.directions = 128, .plane = 256});
+    ask_and_count(s, shadowed_receivers(s, world_ball(s), 2000, random), random, counts);
+  }
+  EXPECT_GT(counts.blocked, 1000);
+  EXPECT_LE(double(counts.wrong), 1e-5 * double(counts.rays));
 }
 
 TEST(Cones, AreTheSameOnEveryInstructionSet) {

@@ -16,8 +16,9 @@ namespace {
 struct Light {
   Vec3 at;
   float radius;
+  ShapeKind shape = ShapeKind::sphere;  // others face the knot
 };
-// A knot over a floor, or through it, under sphere lights.
+// A knot over a floor, or through it, under lights.
 Scene lit_knot(float height, const std::vector<Light>& lights) {
   test::SceneMaker s;
   s.film(64, 64);
@@ -30,7 +31,12 @@ Scene lit_knot(float height, const std::vector<Light>& lights) {
   for (const Light& light : lights) {
     Affine place = test::scaling(Vec3(light.radius));
     place[3] = light.at;
-    s.area_light(s.instance(s.shape(ShapeKind::sphere), grey, place), Rgb(50.0f / (light.radius * light.radius)));
+    if (light.shape != ShapeKind::sphere) {
+      const Affine turned = test::look_at(light.at, {0, 0, height}, {0, 0, 1});
+      for (int i = 0; i < 3; ++i) place[i] = light.radius * turned[i];
+      if (light.shape == ShapeKind::rectangle) place[0] += 0.3f * place[1];  // sampled by its area
+    }
+    s.area_light(s.instance(s.shape(light.shape), grey, place), Rgb(50.0f / (light.radius * light.radius)));
   }
   return s.scene;
 }
@@ -156,10 +162,11 @@ double error_on(uint32_t instance, const Image& image, const Image& truth) {
 
 struct CloseUp {
   double noise = 0.0, error = 0.0;  // of Monte Carlo, of fields, with as many samples
+  double bias = 0.0;                // mean error of fields over the mean, where the light is partly hidden
   Stats stats;                      // of fields
 };
 // On a knot that shadows itself, under one light.
-CloseUp close_up_of_knot(const Light& light) {
+CloseUp close_up_of_knot(const Light& light, int directions = 64) {
   Scene scene = lit_knot(1.0f, {light});
   scene.film.width = scene.film.height = 160;
   scene.film.crop = {0, 0, 160, 160};
@@ -167,11 +174,11 @@ CloseUp close_up_of_knot(const Light& light) {
   scene.camera.to_world = test::look_at({2.5f, -6, 3}, {0, 0, 1}, {0, 0, 1});
   const auto picture = [&](Method method, int light_samples) {
     RenderOptions o = coarse_fields();
-    o.directions = 64;
-    o.plane = 128;
+    o.directions = directions;
+    o.plane = 2 * directions;
     o.method = method;
     o.light_samples = light_samples;
-    o.aovs = {"object"};
+    o.aovs = {"object", "visibility"};
     return render(scene, o);
   };
   const Image truth = picture(Method::monte_carlo, 2048).image;
@@ -180,6 +187,16 @@ CloseUp close_up_of_knot(const Light& light) {
   const RenderResult fields = picture(Method::hybrid, 64);
   result.error = error_on(0, fields.image, truth);
   result.stats = fields.stats;
+  double sum = 0.0;
+  for (int y = 0; y < truth.height; ++y) {
+    for (int x = 0; x < truth.width; ++x) {
+      const float* pixel = truth.pixel(x, y);
+      if (pixel[3] != 1.0f || pixel[4] < 0.05f || pixel[4] > 0.95f) continue;
+      sum += double(pixel[0]);
+      result.bias += double(fields.image.pixel(x, y)[0]) - double(pixel[0]);
+    }
+  }
+  result.bias /= sum;
   EXPECT_GT(result.noise, 0.0);
   return result;
 }
@@ -199,6 +216,17 @@ TEST(DirectLight, LightsCutByTheHorizonErrAsMonteCarloDoes) {
   const CloseUp knot = close_up_of_knot({{3.5f, -2, 1}, 1.5f});
   EXPECT_GT(knot.stats.samples_spared, 3 * knot.stats.rays_exact);
   EXPECT_LE(knot.error, 1.05 * knot.noise);
+}
+
+// The weight of a near light, or of a wide one, differs much over its cells.
+TEST(DirectLight, NearLightsKeepTheirMean) {
+  for (const Light& light :
+       {Light{{2, -3.2f, 2.5f}, 0.9f, ShapeKind::disk}, Light{{-1.8f, -1.6f, 2.4f}, 1.8f, ShapeKind::disk},
+        Light{{-1.8f, -1.6f, 2.4f}, 1.5f, ShapeKind::rectangle}, Light{{-1.6f, -2, 2.6f}, 1.0f}}) {
+    const CloseUp knot = close_up_of_knot(light, 32);  // which asks much
+    EXPECT_LE(std::abs(knot.bias), 0.007) << light.at.x << " " << int(light.shape);
+    EXPECT_LE(knot.error, 1.06 * knot.noise) << light.at.x << " " << int(light.shape);
+  }
 }
 
 }  // namespace

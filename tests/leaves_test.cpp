@@ -314,6 +314,7 @@ TEST(Leaves, OwnPointsAreSampledAsThoseOfGrids) {
             const AlignedVector<float> x(padded(n), centre(k % k_side)), y(padded(n), centre(k / k_side));
             sample_light(lights, light, receivers, {1, 0, 1, 0, 1.0f, x.data(), y.data()}, isa, own);
             ASSERT_EQ(own.rays.size, n);
+            ASSERT_GT(own.active, 0u);
             for (size_t r = 0; r < n; ++r) {
               const size_t i = r * k_side * k_side + size_t(k);
               ASSERT_EQ(own.rays.tmax[r], grid.rays.tmax[i]);

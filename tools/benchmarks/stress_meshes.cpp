@@ -9,7 +9,7 @@
 
 int main(int argc, char** argv) {
   using namespace fieldtrace;
-  if (argc != 2) {
+  if (argc != 2 || argv[1][0] == '-') {
     fmt::print(stderr, "stress_meshes: use: stress_meshes FOLDER\n");
     return 2;
   }
