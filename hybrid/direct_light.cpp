@@ -167,10 +167,17 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
 }
 
 void DirectLight::ask_leaves(const Job& job) {
+  // Without trial points, what becomes of a receiver would depend on its group's candidates.
+  const bool has_trials = trial_points(context_.lights.lights[job.light].kind, job.light_samples).count > 0;
+  const Sphere& ball = candidates_.light.ball;
+  const auto is_wide = [&](uint32_t r) {
+    const Vec3 p(places_.px[r], places_.py[r], places_.pz[r]);
+    return ball.radius > k_widest_leaved_sine * glm::length(ball.centre - p);
+  };
   std::vector<uint32_t> lobed;  // a lobe may be narrower than the cells of a grid
   size_t kept = 0;
   for (const uint32_t r : shadowed_) {
-    if (candidates_.by_rays[r]) {
+    if (candidates_.by_rays[r] || (has_trials && is_wide(r))) {
       shadowed_[kept++] = r;
     } else {
       (vertex_of(job, r).material->plain_diffuse() ? filtered_ : lobed).push_back(r);

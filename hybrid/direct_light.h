@@ -39,6 +39,9 @@ LightSampleRange leaf_grid(int light_samples);
 // With fewer samples single points of the light stand for leaves: so few cells would show.
 inline constexpr int k_fewest_grid_samples = 9;
 inline constexpr int k_most_grid_leaves = 256;
+// Sine of the half angle of lights (23 degrees across) whose parts are left to trial points and rays, where there are
+// any: filtered, the umbrae of wider lights grew light (docs/decisions/014-leaves.md).
+inline constexpr float k_widest_leaved_sine = 0.2f;
 // A leaf tells as much as this many rays or more (docs/decisions/014-leaves.md).
 inline constexpr int k_samples_per_leaf = 3;
 // Lights are tried in this many leaves first, if that is fewer by a third or more: most are found clear or hidden.
