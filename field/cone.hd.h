@@ -138,15 +138,18 @@ FT_HD_INLINE PictureSquare<F> square_about(const LinePicture<F>& picture, const 
   return {{texel(x0), texel(x1), texel(y0), texel(y1)}, whole};
 }
 
-// How much the mean depths of a rectangle's halves differ, in x or in y. `all`: sums over it, whose tiles are baked.
+// How much the mean depths of a rectangle's halves differ, in x or in y; 0 where a half meets nothing. `all`: sums over
+// it, whose tiles are baked.
 template <class F>
 FT_HD_INLINE F depth_difference(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
                                 const CoverageSum<F>& all, Mask_t<F> wanted) {
   const auto none = [](Int_t<F>, Mask_t<F>) {};
   const auto difference = [&](const TexelRect<F>& half) {
     const CoverageSum<F> sum = sum_coverage<F>(view, direction, half, wanted, none);
-    const F one = splat<F>(1.0f), n = max(to_float(sum.count), one), m = max(to_float(all.count - sum.count), one);
-    return abs(to_float(sum.depths) / n - to_float(all.depths - sum.depths) / m);
+    const Int_t<F> rest = all.count - sum.count, zero = splat_int<F>(0);
+    const F n = max(to_float(sum.count), splat<F>(1.0f)), m = max(to_float(rest), splat<F>(1.0f));
+    const F apart = abs(to_float(sum.depths) / n - to_float(all.depths - sum.depths) / m);
+    return select((sum.count > zero) & (rest > zero), apart, splat<F>(0.0f));
   };
   const Int_t<F> x = rect.x0 + shift_right<1>(rect.x1 - rect.x0), y = rect.y0 + shift_right<1>(rect.y1 - rect.y0);
   const F across = difference({rect.x0, x, rect.y0, rect.y1}), along = difference({rect.x0, rect.x1, rect.y0, y});

@@ -8,7 +8,7 @@
 // in the disc laid there; the disc is laid once more, and its area summed to fractions of texels. (Percentage-closer
 // soft shadows, Fernando, SIGGRAPH 2005 sketches, seek the blocker's depth alike, from one picture for a whole light.)
 // Leaves that the pictures do not resolve are refused: discs smaller than about a texel, blockers whose depth does not
-// settle, features as thin as the texels.
+// settle, several layers of blockers, features as thin as the texels.
 //
 // Space: unit space of the object (field/chart.hd.h). Thread-safety: pure functions over a FieldView.
 
@@ -39,6 +39,12 @@ struct LeafAnswer {
 
 // Depths settle: laid at the last depth found, the disc would move by less than this share of its half width.
 constexpr float k_leaf_drift = 0.5f;
+// Surfaces of a disc lie at depths (the means of its halves, field/cone.hd.h) between which the leaf's rays part from the
+// picture's lines by no more than this share of its half width: more, and the lines may tell of one surface behind
+// another where the rays pass between them, or the other way round. The first of discs that are filled in part, the
+// second of those that are filled.
+constexpr float k_most_apart = 1.0f;
+constexpr float k_most_apart_filled = 0.5f;
 // Tiles of more grain than this (field/coverage.hd.h) need discs of the second half width, in texels.
 constexpr float k_coarse_grain = 0.15f;
 constexpr float k_coarse_disc = 4.0f;
@@ -133,6 +139,21 @@ FT_HD_INLINE LeafDisc<F> place_disc(const FieldView& field, const LightLeaf<F>& 
   return disc;
 }
 
+// How far the leaf's rays part from the picture's lines between the depths that a disc holds, in half widths of it.
+template <class F>
+FT_HD_INLINE F depths_apart(const FieldView& field, const LightLeaf<F>& leaf, const LeafTube<F>& tube,
+                            const LeafDisc<F>& disc, Mask_t<F> wanted) {
+  const Int_t<F> one = splat_int<F>(1), lines = splat_int<F>(field.coverage.tiles * k_tile_lines);
+  const auto texel = [](F x) { return small_to_int(floor(x)); };
+  const TexelRect<F> rect = {texel(disc.rect.x0), min(texel(disc.rect.x1) + one, lines), texel(disc.rect.y0),
+                             min(texel(disc.rect.y1) + one, lines)};
+  const CoverageView& view = field.coverage;
+  const CoverageSum<F> all = sum_coverage<F>(
+      view, tube.picture.direction, rect, wanted, [](Int_t<F>, Mask_t<F>) {});
+  const F rise = depth_difference<F>(view, tube.picture.direction, rect, all, wanted);
+  return rise * (tube.slope + leaf.width) * splat<F>(view.half_lines) / disc.half_width;
+}
+
 // The receiver has the object before it and lies outside the ball, or within it with the whole object before its
 // tangent plane. least_disc: half width in texels below which discs are not read. length: distance from p at which the
 // leaf's rays end.
@@ -169,12 +190,15 @@ FT_HD_INLINE LeafAnswer<F> filter_leaf(const FieldView& field, float least_disc,
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
 
   const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc.half_width * splat<F>(k_leaf_drift)));
+  const F apart = depths_apart<F>(field, leaf, tube, disc, some);
+  const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart));
+  const Mask_t<F> layered = some & (apart > most);
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F grain = grain_at<F>(field.coverage, tube.picture.direction, texel(disc.x), texel(disc.y), open);
   const F least = select(grain > splat<F>(k_coarse_grain), splat<F>(k_coarse_disc), splat<F>(least_disc));
   const Mask_t<F> small = open & (leaf.width * disc.t * scale < least);
-  answer.refused = answer.refused | and_not(answer.unknown, small | unsettled);
+  answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered);
   return answer;
 }
 

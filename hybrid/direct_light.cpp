@@ -166,18 +166,17 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
   }
 }
 
+bool DirectLight::is_wide(uint32_t place) const {
+  return angular_diameter(candidates_.light, {places_.px[place], places_.py[place], places_.pz[place]}) > k_wide_light;
+}
+
 void DirectLight::ask_leaves(const Job& job) {
   // Without trial points, what becomes of a receiver would depend on its group's candidates.
-  const bool has_trials = trial_points(context_.lights.lights[job.light].kind, job.light_samples).count > 0;
-  const Sphere& ball = candidates_.light.ball;
-  const auto is_wide = [&](uint32_t r) {
-    const Vec3 p(places_.px[r], places_.py[r], places_.pz[r]);
-    return ball.radius > k_widest_leaved_sine * glm::length(ball.centre - p);
-  };
+  const bool tries_wide = trial_points(context_.lights.lights[job.light].kind, job.light_samples, true).count > 0;
   std::vector<uint32_t> lobed;  // a lobe may be narrower than the cells of a grid
   size_t kept = 0;
   for (const uint32_t r : shadowed_) {
-    if (candidates_.by_rays[r] || (has_trials && is_wide(r))) {
+    if (candidates_.by_rays[r] || (tries_wide && is_wide(r))) {
       shadowed_[kept++] = r;
     } else {
       (vertex_of(job, r).material->plain_diffuse() ? filtered_ : lobed).push_back(r);
@@ -268,7 +267,8 @@ void DirectLight::gather_part(const Job& job, const Part& part) {
   if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);
     ask_leaves(job);
-    ask_trial_points(job);
+    ask_trial_points(job, false);
+    ask_trial_points(job, true);
   }
   gather_shadowed(job, LightSeen::unknown);
   shadowed_.swap(penumbrae_);

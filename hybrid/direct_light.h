@@ -27,9 +27,14 @@ inline constexpr int k_smallest_part_rays = 512;
 // or none, it is taken to see all of the light, or none. About 2 sqrt(light_samples), on a lattice from edge to edge of
 // the light: an edge that crosses the light hides or shows some of its rim, which the outer points follow
 // (docs/decisions/019-penumbrae.md). Lights that have no rim to speak of are tried at their first samples. A count of
-// 0: none.
-LightSampleRange trial_points(LightKind kind, int light_samples);
+// 0: none. is_wide: to receivers that see it wider than k_wide_light.
+LightSampleRange trial_points(LightKind kind, int light_samples, bool is_wide);
 inline constexpr int k_least_lattice = 3;  // points along a side
+inline constexpr int k_least_wide_lattice = 4;
+// Degrees across from which lights are wide. Before an object of several layers more than one edge crosses them: their
+// parts are not filtered where there are trial points, and coarse lattices are not believed
+// (docs/decisions/014-leaves.md).
+inline constexpr float k_wide_light = 23.0f;
 // Just within the rim: on it, rounding could take points off the light.
 inline constexpr float k_lattice_extent = 1.0f - 0x1p-10f;
 
@@ -39,9 +44,6 @@ LightSampleRange leaf_grid(int light_samples);
 // With fewer samples single points of the light stand for leaves: so few cells would show.
 inline constexpr int k_fewest_grid_samples = 9;
 inline constexpr int k_most_grid_leaves = 256;
-// Sine of the half angle of lights (23 degrees across) whose parts are left to trial points and rays, where there are
-// any: filtered, the umbrae of wider lights grew light (docs/decisions/014-leaves.md).
-inline constexpr float k_widest_leaved_sine = 0.2f;
 // A leaf tells as much as this many rays or more (docs/decisions/014-leaves.md).
 inline constexpr int k_samples_per_leaf = 3;
 // Lights are tried in this many leaves first, if that is fewer by a third or more: most are found clear or hidden.
@@ -87,13 +89,15 @@ class DirectLight {
   // Has parts of the light filtered for those of shadowed_ whose candidates allow it. They go to free_ or dark_, or are
   // added up; what fields cannot tell of stays in shadowed_.
   void ask_leaves(const Job& job);
+  bool is_wide(uint32_t place) const;  // the light, as a receiver sees it
   // The same for filtered_ by one set of leaves; receivers that see a part of the light stay in filtered_ unless
   // `last`.
   void filter_leaves(const Job& job, const LightSampleRange& leaves, bool last);
   // Tries the light for those of shadowed_ that fields may answer. They go to free_ or dark_ where all points agree;
   // where they do not, they are lit by following an edge, or go to penumbrae_; whoever has too little of the light
   // above the horizon stays.
-  void ask_trial_points(const Job& job);
+  // Of the receivers, those to which the light is wide, or the others.
+  void ask_trial_points(const Job& job, bool of_wide);
   // Counts the samples that are taken for what `asked` points found, `exact` of them by rays.
   void count_extrapolated(const Job& job, uint32_t receiver, uint32_t fields, size_t asked, size_t exact);
   // Lights those of edged_ whose light one edge cuts, and whose points took rays for the most part, by where the edge
@@ -105,6 +109,11 @@ class DirectLight {
   void weigh_cells(const Job& job, int side);
   // Asks about the cells that no edge crosses; whose edge they contradict is not followed.
   void ask_witnesses(const Job& job, int side);
+  // Where the edges lie, and what they leave of the lattices' cells.
+  void narrow_crossings(const Job& job, int side, int halvings);
+  void measure_edges(int side);
+  // Asks on either side of the edges' pieces; who is contradicted is not followed.
+  void ask_beside_edges(const Job& job, int side, int halvings);
   // Adds up the light of those of edged_ that are followed.
   void add_edged(const Job& job, int side);
   // All samples of shadowed_ answered and added up; free receivers' without asking.

@@ -22,22 +22,26 @@ float drawn(const ReceiverBatch& receivers, uint32_t receiver, int number) {
   return 0.25f + 0.5f * float(hash >> 8) * 0x1p-24f;
 }
 
+// How far off a straight piece of an edge, in cells, it is asked whether the edge is there.
+constexpr float k_edge_margin = 0.2f;
+
 }  // namespace
 
-LightSampleRange trial_points(LightKind kind, int light_samples) {
-  const int side = int(std::lround(std::sqrt(2.0 * std::sqrt(double(light_samples)))));
-  const int n = side * side;
+LightSampleRange trial_points(LightKind kind, int light_samples, bool is_wide) {
+  const int rounded = int(std::lround(std::sqrt(2.0 * std::sqrt(double(light_samples)))));
+  const int side = is_wide ? std::max(rounded, k_least_wide_lattice) : rounded, n = side * side;
   if (side < k_least_lattice || 5 * n > 3 * light_samples) return {0, 0, 0};
   if (!has_rim(kind)) return {light_samples, 0, n};
   return {n, 0, n, side, k_lattice_extent * float(side) / float(side - 1)};
 }
 
-void DirectLight::ask_trial_points(const Job& job) {
-  const LightSampleRange points = trial_points(context_.lights.lights[job.light].kind, job.light_samples);
+void DirectLight::ask_trial_points(const Job& job, bool of_wide) {
+  const LightSampleRange points = trial_points(context_.lights.lights[job.light].kind, job.light_samples, of_wide);
   if (points.count == 0) return;
   group_.clear();
   fields_before_.clear();
   std::erase_if(shadowed_, [&](uint32_t r) {
+    if (is_wide(r) != of_wide) return false;
     const uint32_t fields = context_.answerer.fields_before(candidates_, places_, r);
     if (fields == 0) return false;
     group_.push_back(r);
@@ -69,7 +73,7 @@ void DirectLight::ask_trial_points(const Job& job) {
     } else if (agrees) {
       shadowed_.push_back(group_[r]);
     } else if (points.columns == 0 || !vertex_of(job, group_[r]).material->plain_diffuse()) {
-      penumbrae_.push_back(group_[r]);  // a material's lobe may be narrower than a lattice's cell
+      penumbrae_.push_back(group_[r]);  // a lattice's cell may be wider than a material's lobe
     } else {
       edged_.push_back({group_[r], fields_before_[r], uint32_t(active), uint32_t(count), uint32_t(exact),
                         mean_by_corners(begin, points.columns), LightMean()});
@@ -205,17 +209,25 @@ void DirectLight::follow_edges(const Job& job, int side) {
     const size_t begin = crossings_.size();
     const bool asks_rays = 2 * edged_[e].exact >= edged_[e].active;
     if (!asks_rays || !find_crossings(lattice(e, count), side, e, crossings_)) continue;
-    // Where all samples cost no more, they are more certain.
-    const size_t points = (crossings_.size() - begin) * size_t(halvings) + even_cells(lattice(e, count), side).size();
+    // Where all samples cost no more, they are more certain. A line more is crossed than cells are; those take two
+    // witnesses, the others one.
+    const size_t lines = crossings_.size() - begin, cells = size_t(side - 1) * size_t(side - 1);
+    const size_t points = lines * size_t(halvings) + cells + lines - 1;
     edged_[e].is_followed = points < size_t(job.light_samples);
   }
   weigh_cells(job, side);
   ask_witnesses(job, side);
   std::erase_if(crossings_, [this](const EdgeCrossing& c) { return !edged_[c.owner].is_followed; });
+  narrow_crossings(job, side, halvings);
+  measure_edges(side);
+  ask_beside_edges(job, side, halvings);
+  add_edged(job, side);
   for (const EdgedReceiver& e : edged_) {
     if (!e.is_followed) penumbrae_.push_back(e.receiver);
   }
-  if (crossings_.empty()) return;
+}
+
+void DirectLight::narrow_crossings(const Job& job, int side, int halvings) {
   std::vector<float>& places = places_on_;
   places.resize(crossings_.size());
   for (int i = 0; i < halvings; ++i) {
@@ -230,30 +242,62 @@ void DirectLight::follow_edges(const Job& job, int side) {
     count_asked();
     for (size_t k = 0; k < crossings_.size(); ++k) crossings_[k].narrow(places[k], is_hidden(k));
   }
-  add_edged(job, side);
+}
+
+void DirectLight::measure_edges(int side) {
+  const size_t points = size_t(side) * size_t(side), cells = size_t(side - 1) * size_t(side - 1);
+  cells_seen_.resize(edged_.size() * cells);
+  for (size_t begin = 0, end = 0; begin < crossings_.size(); begin = end) {
+    const uint32_t owner = crossings_[begin].owner;
+    while (end < crossings_.size() && crossings_[end].owner == owner) ++end;
+    measure_cells(lattice(owner, points), side, std::span(crossings_).subspan(begin, end - begin),
+                  std::span(cells_seen_).subspan(owner * cells, cells));
+  }
+}
+
+// Edges with a corner, and second edges through the same cells, lie elsewhere than the straight pieces say.
+void DirectLight::ask_beside_edges(const Job& job, int side, int halvings) {
+  const size_t cells = size_t(side - 1) * size_t(side - 1);
+  const float away = k_edge_margin + 0.75f * std::ldexp(1.0f, -halvings);  // crossings are known to so much
+  clear_points();
+  std::vector<size_t>& expected = found_;  // 1: hidden
+  expected.clear();
+  for (uint32_t e = 0; e < edged_.size(); ++e) {
+    if (!edged_[e].is_followed) continue;
+    for (size_t i = 0; i < cells; ++i) {
+      const CellSeen& cell = cells_seen_[e * cells + i];
+      if (!cell.is_crossed) continue;
+      const int corner = int(i) / (side - 1) * side + int(i) % (side - 1);
+      for (const bool hidden : {false, true}) {
+        const SquarePoint at = cell.beside_middle(hidden ? away : -away);
+        if (std::max(std::abs(at.x - 0.5f), std::abs(at.y - 0.5f)) > 0.5f) continue;
+        place_point(e, point_in(corner, side, at.x, at.y));
+        expected.push_back(hidden);
+      }
+    }
+  }
+  ask_points(job);
+  count_asked();
+  for (size_t i = 0; i < expected.size(); ++i) {
+    if (is_hidden(i) != (expected[i] != 0)) edged_[owners_[i]].is_followed = false;
+  }
 }
 
 void DirectLight::add_edged(const Job& job, int side) {
   const size_t points = size_t(side) * size_t(side), cells = size_t(side - 1) * size_t(side - 1);
-  std::erase_if(edged_, [](const EdgedReceiver& e) { return !e.is_followed; });
-  cells_seen_.resize(edged_.size() * cells);
   clear_points();
-  size_t end = 0;
-  for (uint32_t r = 0; r < edged_.size(); ++r) {
-    const size_t begin = end;
-    while (end < crossings_.size() && crossings_[end].owner == crossings_[begin].owner) ++end;
-    const auto seen = std::span(cells_seen_).subspan(r * cells, cells);
-    measure_cells(lattice(crossings_[begin].owner, points), side, std::span(crossings_).subspan(begin, end - begin),
-                  seen);
-    for (const CellSeen& cell : seen) place_point(r, cell.middle);
+  for (uint32_t e = 0; e < edged_.size(); ++e) {
+    if (!edged_[e].is_followed) continue;
+    for (size_t i = 0; i < cells; ++i) place_point(e, cells_seen_[e * cells + i].middle);
   }
+  if (owners_.empty()) return;
   sample_points(job);
   shadows_.in_shares = true;
   shadows_.clear.resize(shadows_.weight.size());
-  for (size_t i = 0; i < cells_seen_.size(); ++i) shadows_.clear[i] = cells_seen_[i].share;
+  for (size_t i = 0; i < owners_.size(); ++i) shadows_.clear[i] = cells_seen_[owners_[i] * cells + i % cells].share;
   const LightEstimate light = estimate_of(job, int(cells));
-  for (size_t r = 0; r < edged_.size(); ++r) {
-    const EdgedReceiver& e = edged_[r];
+  for (size_t begin = 0; begin < owners_.size(); begin += cells) {
+    const EdgedReceiver& e = edged_[owners_[begin]];
     const PathVertex& v = vertex_of(job, e.receiver);
     const auto by_simpson = [&](float LightMean::*value) {
       return (2.0f * e.by_middles.*value + e.by_corners.*value) / 3.0f;
@@ -261,11 +305,11 @@ void DirectLight::add_edged(const Job& job, int side) {
     // A horizon is no smooth change.
     const float scale = e.active == points ? by_simpson(&LightMean::weight) / e.by_middles.weight : 1.0f;
     job.arriving[lit_[places_part_.begin + e.receiver]] +=
-        reflected_light(shadows_, r * cells, int(cells), light, v) * scale;
+        reflected_light(shadows_, begin, int(cells), light, v) * scale;
     count_extrapolated(job, e.receiver, e.fields, e.asked, e.exact);
     if (job.firsts.empty()) continue;
     float seen = 0.0f;
-    for (size_t i = r * cells; i < (r + 1) * cells; ++i) seen += cells_seen_[i].share / float(cells);
+    for (size_t i = begin; i < begin + cells; ++i) seen += shadows_.clear[i] / float(cells);
     const float above = by_simpson(&LightMean::above), samples = float(job.light_samples);
     FirstHit& first = job.firsts[job.paths[v.path].slot];
     first.shadow_rays += above * samples;

@@ -103,6 +103,12 @@ bool find_crossings(std::span<const uint8_t> hidden, int side, uint32_t owner, s
   return true;
 }
 
+SquarePoint CellSeen::beside_middle(float away) const {
+  const float length = std::sqrt(along.x * along.x + along.y * along.y);
+  const float scale = length > 0.0f ? away / length : 0.0f;
+  return {begin.x + 0.5f * along.x - scale * along.y, begin.y + 0.5f * along.y + scale * along.x};
+}
+
 void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const EdgeCrossing> crossings,
                    std::span<CellSeen> cells) {
   const int columns = side - 1;
@@ -122,7 +128,9 @@ void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const Ed
       const auto in_square = [&](float x, float y) {
         return SquarePoint{(float(column) + x) * width - 1.0f, (float(row) + y) * width - 1.0f};
       };
-      cell = {dark == 0 ? 1.0f : 0.0f, in_square(0.5f, 0.5f)};
+      cell = CellSeen();
+      cell.share = dark == 0 ? 1.0f : 0.0f;
+      cell.middle = in_square(0.5f, 0.5f);
       if (dark == 0 || dark == 4) continue;
       // The hidden part is a polygon of hidden corners and crossings, in the corners' order.
       constexpr SquarePoint k_at[4] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
@@ -142,6 +150,7 @@ void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const Ed
                                 k_at[i].y + place * (k_at[next].y - k_at[i].y)};
         outline[n++] = at;
         (here ? piece.begin : piece.end) = crossing;
+        if (here) cell.begin = at;
         piece.dx += here ? -at.x : at.x;
         piece.dy += here ? -at.y : at.y;
       }
@@ -158,6 +167,8 @@ void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const Ed
         cell.middle = in_square(std::clamp((0.5f - moment_x) / cell.share, 0.0f, 1.0f),
                                 std::clamp((0.5f - moment_y) / cell.share, 0.0f, 1.0f));
       }
+      cell.is_crossed = true;
+      cell.along = {piece.dx, piece.dy};
       begins[size_t(piece.begin)] = ends[size_t(piece.end)] = int(pieces.size());
       pieces.push_back(piece);
     }

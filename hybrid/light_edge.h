@@ -45,6 +45,11 @@ std::vector<int> even_cells(std::span<const uint8_t> hidden, int side);
 struct CellSeen {
   float share = 0.0f;
   SquarePoint middle;
+  bool is_crossed = false;
+  SquarePoint begin, along;  // of a crossed cell's edge, a straight piece, in cells; the hidden part is on its left
+
+  // The place of a crossed cell, in cells, so far off the edge's middle, at a right angle: above 0: on the hidden side.
+  SquarePoint beside_middle(float away) const;
 };
 // Of each cell, row by row, for the crossings that find_crossings() made of these points. Between two crossings the
 // edge is an arc that turns as much as the straight pieces before and after it say; middles are those of straight

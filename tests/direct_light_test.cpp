@@ -120,8 +120,8 @@ TEST(DirectLight, LeavesBelowTheHorizonAreNotRefused) {
 TEST(DirectLight, TrialPointsAreFewAndGrowWithTheSquareRoot) {
   int last = 0;
   for (int m = 1; m < 20000; ++m) {
-    const LightSampleRange lattice = trial_points(LightKind::rectangle, m);
-    const LightSampleRange of_mesh = trial_points(LightKind::mesh, m);
+    const LightSampleRange lattice = trial_points(LightKind::rectangle, m, false);
+    const LightSampleRange of_mesh = trial_points(LightKind::mesh, m, false);
     ASSERT_EQ(lattice.count, of_mesh.count) << m;
     ASSERT_LE(5 * lattice.count, 3 * m) << m;
     ASSERT_GE(lattice.count, last) << m;
@@ -135,13 +135,13 @@ TEST(DirectLight, TrialPointsAreFewAndGrowWithTheSquareRoot) {
     ASSERT_EQ(of_mesh.columns, 0);
   }
   for (const LightKind kind : {LightKind::sphere, LightKind::disk, LightKind::rectangle, LightKind::parallelogram})
-    EXPECT_EQ(trial_points(kind, 64).columns, 4);
+    EXPECT_EQ(trial_points(kind, 64, false).columns, 4);
   // The square's edge is somewhere else on these, as a receiver sees them.
   for (const LightKind kind : {LightKind::sphere_inside, LightKind::ellipsoid, LightKind::cylinder, LightKind::mesh})
-    EXPECT_EQ(trial_points(kind, 64).columns, 0);
-  EXPECT_EQ(trial_points(LightKind::sphere, 14).count, 0);
-  EXPECT_EQ(trial_points(LightKind::sphere, 16).count, 9);
-  EXPECT_EQ(trial_points(LightKind::sphere, 64).count, 16);
+    EXPECT_EQ(trial_points(kind, 64, false).columns, 0);
+  EXPECT_EQ(trial_points(LightKind::sphere, 14, false).count, 0);
+  EXPECT_EQ(trial_points(LightKind::sphere, 16, false).count, 9);
+  EXPECT_EQ(trial_points(LightKind::sphere, 64, false).count, 16);
 }
 
 // RMSE of the red channel over the pixels that show instance `instance`.

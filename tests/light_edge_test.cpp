@@ -25,6 +25,7 @@ struct Followed {
   double seen = 0.0;
   double middle_x = 0.0, middle_y = 0.0;  // of the part that is seen
   std::vector<EdgeCrossing> crossings;
+  std::vector<CellSeen> cells;
 };
 Followed follow(const Hides& hides, int side, int halvings) {
   const std::vector<uint8_t> hidden = ask_lattice(hides, side);
@@ -38,7 +39,8 @@ Followed follow(const Hides& hides, int side, int halvings) {
   measure_cells(hidden, side, result.crossings, cells);
   const float width = 2.0f / float(side - 1);
   for (size_t i = 0; i < cells.size(); ++i) {
-    const auto& [share, middle] = cells[i];
+    const float share = cells[i].share;
+    const SquarePoint& middle = cells[i].middle;
     EXPECT_GE(share, 0.0f);
     EXPECT_LE(share, 1.0f);
     // Within the cell.
@@ -50,6 +52,7 @@ Followed follow(const Hides& hides, int side, int halvings) {
   }
   result.middle_x /= result.seen;
   result.middle_y /= result.seen;
+  result.cells = std::move(cells);
   return result;
 }
 
@@ -97,6 +100,29 @@ TEST(LightEdge, StraightEdgesAreMeasured) {
     ASSERT_NEAR(edge.middle_y, truth.middle_y, 4e-3) << angle << " " << d << " " << side;
   }
   EXPECT_GT(found, 200);
+}
+
+// Places beside a straight edge lie on its sides, so far off it.
+TEST(LightEdge, PlacesBesideAnEdgeLieOnItsSides) {
+  std::mt19937 random(9);
+  std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), offset(-0.9f, 0.9f), distance(0.01f, 0.4f);
+  int crossed = 0;
+  for (int i = 0; i < 200; ++i) {
+    const float angle = turn(random), d = offset(random), away = distance(random);
+    const int side = 3 + i % 5;
+    const auto beyond = [&](SquarePoint p) { return p.x * std::cos(angle) + p.y * std::sin(angle) - d; };
+    const Followed edge = follow([&](SquarePoint p) { return beyond(p) > 0.0f; }, side, 16);
+    for (size_t k = 0; k < edge.cells.size(); ++k) {
+      if (!edge.cells[k].is_crossed) continue;
+      ++crossed;
+      const int corner = int(k) / (side - 1) * side + int(k) % (side - 1);
+      for (const float to_hidden : {away, -away}) {
+        const SquarePoint at = edge.cells[k].beside_middle(to_hidden);
+        ASSERT_NEAR(beyond(point_in(corner, side, at.x, at.y)), to_hidden * 2.0f / float(side - 1), 2e-3f);
+      }
+    }
+  }
+  EXPECT_GT(crossed, 500);
 }
 
 // The halvings that edge_halvings() advises leave less noise than as many samples of the light would: about half.
