@@ -91,12 +91,12 @@ void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
     {
       const ScopedTimer timer(stats.time_secondary);
       candidates_.light = reach();
-      context_.answerer.find_candidates(receivers_, candidates_, stats);
+      context_.occlusion_answerer->find_candidates(receivers_, candidates_, stats);
       sample_light(sky_, 0, receivers_, settings.light_samples, settings.isa, rays_);
       for (size_t i = 0; i < rays_.rays.size; ++i) {
         if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;
       }
-      context_.answerer.answer(candidates_, LightSeen::unknown, rays_, stats);
+      context_.occlusion_answerer->answer(candidates_, LightSeen::unknown, rays_, stats);
     }
     stats.time_secondary -= stats.time_bake - bake_before;
     count(begin, firsts, stats);

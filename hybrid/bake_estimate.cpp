@@ -2,19 +2,20 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "hybrid/light_extent.h"
 
 namespace fieldtrace {
+namespace {
 
-std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameters& parameters) {
+std::vector<double> bake_rays_towards(std::span<const LightExtent> lights, const Scene& scene,
+                                      const FieldParameters& parameters) {
   const double pi = double(k_pi);
   const double directions = double(parameters.directions) * parameters.directions;
   // Of a plane's cells those in the disc of the ball, each by its own line and those that certify it.
   const double rays_per_direction = double(parameters.plane) * parameters.plane * pi / 4.0 * (parameters.lines + 1);
   std::vector<double> rays(scene.shapes.size(), 0.0);
-  std::vector<LightExtent> lights;
-  for (uint32_t i = 0; i < scene.emitters.size(); ++i) lights.push_back(light_extent(scene, i));
   for (const Instance& instance : scene.instances) {
     const Vec3 centre = transform_point(instance.to_world, scene.shapes[instance.shape].bounds.centre());
     for (const LightExtent& light : lights) {
@@ -26,6 +27,20 @@ std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameter
   }
   for (double& r : rays) r = std::min(r, directions * rays_per_direction);
   return rays;
+}
+
+}  // namespace
+
+std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameters& parameters) {
+  std::vector<LightExtent> lights;
+  for (uint32_t i = 0; i < scene.emitters.size(); ++i) lights.push_back(light_extent(scene, i));
+  return bake_rays_towards(lights, scene, parameters);
+}
+
+std::vector<double> estimated_occlusion_bake_rays(const Scene& scene, const FieldParameters& parameters) {
+  LightExtent sky;
+  sky.kind = LightExtent::Kind::everywhere;
+  return bake_rays_towards({&sky, 1}, scene, parameters);
 }
 
 }  // namespace fieldtrace

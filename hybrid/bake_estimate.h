@@ -19,5 +19,7 @@ inline constexpr double k_costly_bake_rays = 8e6;
 // By shape: rays that a picture of all instances will have baked for its field, whether or not it wants one. Within a
 // factor of two for one instance under one light (docs/decisions/012-left-to-rays.md).
 std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameters& parameters);
+// The same for the layer `ao`, whose rays go everywhere.
+std::vector<double> estimated_occlusion_bake_rays(const Scene& scene, const FieldParameters& parameters);
 
 }  // namespace fieldtrace

@@ -34,6 +34,8 @@ struct FieldPlan {
   // Light samples of the whole picture, towards all lights. A shape whose bake would cost more rays (and is costly at
   // all: hybrid/bake_estimate.h) is left to exact rays, for its field cannot answer as many. Infinite: none is.
   double light_samples = std::numeric_limits<double>::infinity();
+  double occlusion_rays =
+      std::numeric_limits<double>::infinity();  // those of the layer `ao`: decide alike, by themselves
   std::vector<uint32_t> hit_instances;  // their shapes have fields for glossy rays, whatever shadow rays gain by these
 };
 
@@ -47,8 +49,9 @@ class FieldSet {
            bool wanted);
 
   bool empty() const { return count_ == 0; }
-  std::vector<Field*> pointers() const;      // by shape, for shadow rays; null: exact rays
-  std::vector<Field*> all_pointers() const;  // by shape, those too that answer glossy rays alone; null: none
+  std::vector<Field*> pointers() const;            // by shape, for shadow rays; null: exact rays
+  std::vector<Field*> occlusion_pointers() const;  // by shape, for the layer `ao`; null: exact rays
+  std::vector<Field*> all_pointers() const;        // by shape, those too that answer glossy rays alone; null: none
   // By shape: not 0 where the field is not asked about receivers on the object itself.
   const std::vector<uint8_t>& own_to_rays() const { return own_to_rays_; }
   // Leaves objects to exact rays, as the counts of a survey say; those with a costly bake if their answers would not
@@ -70,7 +73,8 @@ class FieldSet {
   FieldPlan plan_;
   std::unique_ptr<FieldBudget> budget_;  // outlives the fields
   std::vector<std::unique_ptr<Field>> fields_;
-  std::vector<double> bake_rays_;  // by shape: estimated
+  std::vector<double> bake_rays_;            // by shape: estimated
+  std::vector<double> occlusion_bake_rays_;  // of the layer `ao`
   // By shape: shadow rays do not ask its field, or not from the object itself; glossy rays ask it.
   std::vector<uint8_t> left_to_rays_, own_to_rays_, for_hits_;
   size_t count_ = 0;

@@ -193,8 +193,10 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   // Where fields alone answer, or are asked by request, and where cells of some size are asked for, none is left out
   // for what it costs.
   const bool by_request = options.force_ask || options.directions || options.plane;
-  if (options.leave_to_rays && !by_request && options.tolerance < 1.0f)
+  if (options.leave_to_rays && !by_request && options.tolerance < 1.0f) {
     plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
+    plan.occlusion_rays = double(picture.rays_per_light());
+  }
   if (picture.wants_fields)
     plan.hit_instances =
         choose_hit_instances(scene, stage.traits, picture.settings, options, plan.parameters, picture.film_samples());
@@ -285,6 +287,14 @@ Stats render_tiles(Job& job) {
   return stats;
 }
 
+// For the layer `ao`, which gains by fields only where it has rays enough.
+std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const Stage& stage, const FieldSet& fields,
+                                                   const AnswererSettings& settings) {
+  if (!picture.settings.occlusion || fields.empty()) return nullptr;
+  return std::make_unique<ShadowAnswerer>(picture.scene, stage.accel, stage.traits, fields.occlusion_pointers(),
+                                          settings);
+}
+
 // Finds out which fields are not worth asking. False if it was stopped.
 bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, Stats& stats) {
   const RenderOptions& options = picture.options;
@@ -293,7 +303,9 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
-  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
+  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
+  const auto for_occlusion = occlusion_answerer(picture, stage, fields, counting);
+  if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
   const FieldSurvey survey =
       survey_fields(context, crop_window(picture.scene.film, {}), picture.spp, picture.callbacks.stop);
   stats.survey_rays += survey.stats.rays_exact;
@@ -329,6 +341,8 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   settings.own_to_rays = fields.own_to_rays();
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
+  const auto for_occlusion = occlusion_answerer(picture, stage, fields, settings);
+  if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
   const std::vector<Field*> all_fields = fields.all_pointers();
   std::optional<GlossyStage> glossy;
   if (picture.wants_fields) {

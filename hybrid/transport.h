@@ -59,8 +59,9 @@ struct TransportContext {
   const CameraSampler& camera;
   const ShadowAnswerer& answerer;
   MaterialTable materials;
-  const LobeAnswerer* lobes = nullptr;  // answers glossy rays by pictures of radiance; null: none does
-  const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: exact rays do
+  const ShadowAnswerer* occlusion_answerer = &answerer;  // answers the rays of the layer `ao`
+  const LobeAnswerer* lobes = nullptr;                   // answers glossy rays by pictures of radiance; null: none does
+  const HitAnswerer* hits = nullptr;                     // answers glossy rays by certified hits; null: exact rays do
   TransportSettings settings;
   std::shared_ptr<const LightTable> shared_lights;
   const LightTable& lights;

@@ -194,6 +194,26 @@ TEST_P(OcclusionPicture, CropIsThatPartOfTheWhole) {
 INSTANTIATE_TEST_SUITE_P(Scenes, OcclusionPicture, testing::Values("object_over_floor", "crowd", "odd_transforms"),
                          [](const auto& instance) { return std::string(instance.param); });
 
+// Fields would take far more rays to bake for the layer than a small picture sends; the light's are worth their bake.
+TEST(AmbientOcclusion, BakesNoMoreThanItGains) {
+  const Scene scene = hybrid_scene("object_over_floor", 64).scene;
+  RenderOptions o = options_for(Method::hybrid, 1, 256);
+  o.threads = 1;
+  const RenderResult both = render(scene, o);
+  o.aovs.clear();
+  const RenderResult light = render(scene, o);
+  EXPECT_GT(light.stats.bake_rays, 0u);
+  EXPECT_EQ(both.stats.bake_rays, light.stats.bake_rays);  // on one thread: two may bake a slice each
+  o.aovs = {"ao"};
+  o.method = Method::monte_carlo;
+  const RenderResult exact = render(scene, o);
+  const int channel = exact.image.channel_index("ao.Y");
+  ASSERT_GE(channel, 0);
+  for (size_t i = size_t(channel); i < exact.image.data.size(); i += exact.image.channel_count()) {
+    ASSERT_EQ(both.image.data[i], exact.image.data[i]);
+  }
+}
+
 TEST(AmbientOcclusion, DistanceMustBePositive) {
   for (const float bad : {0.0f, -1.0f, std::nanf("")}) {
     RenderOptions o = options_for(Method::hybrid, 1, 1);
