@@ -1,5 +1,5 @@
-// Choice among the forms of a kernel that a foreach_target.h translation unit has compiled, one for each Highway target.
-// For use under HWY_ONCE.
+// Choice among the forms of a kernel that a foreach_target.h translation unit has compiled, one for each Highway
+// target. For use under HWY_ONCE.
 #pragma once
 
 #include <hwy/highway.h>

@@ -3,7 +3,8 @@
 // Receivers are taken in groups of one per lane: what depends on the receiver alone is computed for the group at once.
 // The group's N * M ray slots are M vectors; for each the receivers' values are permuted to the lanes that need them:
 // not at all for M = 1, one receiver for a run of vectors if N divides M, by an index table otherwise.
-// Each slot's value depends on its receiver, k and the receiver's own point only, not on its lane: so all lane counts give the same bits.
+// Each slot's value depends on its receiver, k and the receiver's own point only, not on its lane: so all lane counts
+// give the same bits.
 // Thread-safety: writes `out` only.
 
 #if defined(FIELDTRACE_CORE_LIGHT_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)

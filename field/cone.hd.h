@@ -52,8 +52,8 @@ FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& t
   return cone;
 }
 
-// Rays that slant past each other by more than this, in texels, over the difference of depths within their disc may pass
-// between surfaces that hide each other from parallel lines (through a hole in front and one behind, not in line).
+// Rays that slant past each other by more than this, in texels, over the difference of depths within their disc may
+// pass between surfaces that hide each other from parallel lines (through a hole in front and one behind, not in line).
 constexpr float k_most_chink = 0.5f;
 
 template <class F>

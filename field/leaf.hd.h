@@ -39,10 +39,9 @@ struct LeafAnswer {
 
 // Depths settle: laid at the last depth found, the disc would move by less than this share of its half width.
 constexpr float k_leaf_drift = 0.5f;
-// Surfaces of a disc lie at depths (the means of its halves, field/cone.hd.h) between which the leaf's rays part from the
-// picture's lines by no more than this share of its half width: more, and the lines may tell of one surface behind
-// another where the rays pass between them, or the other way round. The first of discs that are filled in part, the
-// second of those that are filled.
+// Between the depths that a disc holds (means of its halves: depth_difference()) the leaf's rays part from the
+// picture's lines by no more than these shares of its half width, where it is filled in part, or wholly. Further apart,
+// one surface may hide another from the lines where the rays pass between the two.
 constexpr float k_most_apart = 1.0f;
 constexpr float k_most_apart_filled = 0.5f;
 // Tiles of more grain than this (field/coverage.hd.h) need discs of the second half width, in texels.

@@ -93,10 +93,9 @@ class DirectLight {
   // The same for filtered_ by one set of leaves; receivers that see a part of the light stay in filtered_ unless
   // `last`.
   void filter_leaves(const Job& job, const LightSampleRange& leaves, bool last);
-  // Tries the light for those of shadowed_ that fields may answer. They go to free_ or dark_ where all points agree;
-  // where they do not, they are lit by following an edge, or go to penumbrae_; whoever has too little of the light
-  // above the horizon stays.
-  // Of the receivers, those to which the light is wide, or the others.
+  // Tries the light for those of shadowed_ that fields may answer and to which it is wide, or those to which it is not.
+  // They go to free_ or dark_ where all points agree; where they do not, they are lit by following an edge, or go to
+  // penumbrae_; whoever has too little of the light above the horizon stays.
   void ask_trial_points(const Job& job, bool of_wide);
   // Counts the samples that are taken for what `asked` points found, `exact` of them by rays.
   void count_extrapolated(const Job& job, uint32_t receiver, uint32_t fields, size_t asked, size_t exact);
@@ -176,7 +175,7 @@ class DirectLight {
   };
   std::vector<EdgedReceiver> edged_;
   // Of edged_, one after the other, per point of their lattices: 1: hidden, or below the horizon; k_untraced: no ray
-  // says so.
+  // says so, and fields are doubted.
   static constexpr uint8_t k_untraced = 2;
   std::vector<uint8_t> lattices_;
   std::span<const uint8_t> lattice(size_t edged, size_t points) const {

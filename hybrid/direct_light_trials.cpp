@@ -54,6 +54,7 @@ void DirectLight::ask_trial_points(const Job& job, bool of_wide) {
   context_.answerer.answer(candidates_, LightSeen::unknown, shadows_, job.stats);
   edged_.clear();
   lattices_.clear();
+  const bool doubts_fields = context_.answerer.doubts_depth(candidates_, LightSeen::in_part);
   for (size_t r = 0; r < group_.size(); ++r) {
     const size_t begin = r * count;
     size_t active = 0, blocked = 0, exact = 0;
@@ -78,7 +79,7 @@ void DirectLight::ask_trial_points(const Job& job, bool of_wide) {
       edged_.push_back({group_[r], fields_before_[r], uint32_t(active), uint32_t(count), uint32_t(exact),
                         mean_by_corners(begin, points.columns), LightMean()});
       for (size_t i = begin; i < begin + count; ++i) {
-        const bool is_told = shadows_.rays.tmax[i] < 0.0f || shadows_.exact[i];
+        const bool is_told = !doubts_fields || shadows_.rays.tmax[i] < 0.0f || shadows_.exact[i];
         lattices_.push_back(uint8_t(is_hidden(i) ? 1 : 0) | (is_told ? uint8_t(0) : k_untraced));
       }
     }
@@ -140,10 +141,6 @@ void DirectLight::count_asked() {
 
 // Cells that are right about most rays may be wrong about one receiver's (docs/decisions/019-penumbrae.md).
 void DirectLight::ask_lattices_again(const Job& job, int side) {
-  if (!context_.answerer.doubts_depth(candidates_, LightSeen::in_part)) {
-    for (uint8_t& point : lattices_) point &= uint8_t(~k_untraced);
-    return;
-  }
   const size_t count = size_t(side) * size_t(side);
   clear_points();
   std::vector<size_t>& asked = found_;

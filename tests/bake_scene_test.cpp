@@ -196,7 +196,8 @@ TEST(BakeScene, KeepsTheFieldsThatFit) {
   options.field_memory = render(small_scene(), roomy).stats.field_bytes_peak * 9 / 10;
   const BakeResult result = bake_scene(small_scene(), folder / "f.vdb", options);
   ASSERT_FALSE(result.fields.empty());
-  for (const BakedField& field : result.fields) EXPECT_EQ(std::get<FieldFileInfo>(field.info).header.identity.parameters.directions, 32);
+  for (const BakedField& field : result.fields)
+    EXPECT_EQ(std::get<FieldFileInfo>(field.info).header.identity.parameters.directions, 32);
 }
 
 TEST(BakeScene, WritesOneFileForEachObject) {
@@ -212,7 +213,8 @@ TEST(BakeScene, WritesOneFileForEachObject) {
   EXPECT_EQ(result.fields[0].path, folder / "f.vdb");
   EXPECT_EQ(result.fields[1].object, "knot");
   EXPECT_EQ(result.fields[1].path, folder / "f.2.vdb");
-  for (const BakedField& field : result.fields) EXPECT_GT(std::get<FieldFileInfo>(field.info).visibility.cells_baked, 0u);
+  for (const BakedField& field : result.fields)
+    EXPECT_GT(std::get<FieldFileInfo>(field.info).visibility.cells_baked, 0u);
   // Nothing else is left behind.
   size_t files = 0;
   for ([[maybe_unused]] const auto& entry : fs::directory_iterator(folder.path())) ++files;

@@ -19,17 +19,19 @@ struct Light {
   ShapeKind shape = ShapeKind::sphere;  // others face the knot
 };
 // A knot over a floor, or through it, under lights.
-Scene lit_knot(float height, const std::vector<Light>& lights) {
+Scene lit_knot(float height, const std::vector<Light>& lights, bool upright = false) {
   test::SceneMaker s;
   s.film(64, 64);
   s.scene.sample_count = 1;
   s.scene.camera.to_world = test::look_at({2.5f, -6, 3}, {0, 0, 0.3f}, {0, 0, 1});
   s.scene.camera.fov_x_degrees = 35.0f;
   const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.5f));
-  s.instance(s.mesh(make_knot({.along = 256, .around = 24})), grey, test::translation({0, 0, height}));
+  Affine place = test::translation({0, 0, height});
+  if (upright) place[1] = {0, 0, 1}, place[2] = {0, -1, 0};
+  s.instance(s.mesh(make_knot({.along = 256, .around = 24})), grey, place);
   s.instance(s.shape(ShapeKind::rectangle), grey, test::scaling(Vec3(6.0f)));
   for (const Light& light : lights) {
-    Affine place = test::scaling(Vec3(light.radius));
+    place = test::scaling(Vec3(light.radius));
     place[3] = light.at;
     if (light.shape != ShapeKind::sphere) {
       const Affine turned = test::look_at(light.at, {0, 0, height}, {0, 0, 1});
@@ -158,6 +160,37 @@ double error_on(uint32_t instance, const Image& image, const Image& truth) {
   }
   EXPECT_GT(count, 1000);
   return std::sqrt(squares / std::max(count, 1));
+}
+
+// Where two parts of an object hide a light together, one behind the other, the lines of a picture may pass between
+// them and the rays not.
+TEST(DirectLight, UmbraeOfSeveralLayersStayDark) {
+  for (const Light& light : {Light{{0.5f, 0.5f, 5}, 0.9f}, Light{{0.1f, 0.1f, 6}, 0.8f}, Light{{1, 0, 7}, 1.3f}}) {
+    Scene scene = lit_knot(1.0f, {light}, true);
+    scene.film.width = scene.film.height = 192;
+    scene.film.crop = {0, 0, 192, 192};
+    scene.camera.to_world = test::look_at({0.5f, -5, 4}, {0, 0, 0.3f}, {0, 0, 1});
+    RenderOptions o = coarse_fields();
+    o.directions = 64;
+    o.plane = 128;
+    o.aovs = {"object", "visibility"};
+    const Image fields = render(scene, o).image;
+    o.method = Method::monte_carlo;
+    o.light_samples = 1024;
+    const Image truth = render(scene, o).image;
+    int count = 0;
+    double light_found = 0.0;
+    for (int y = 0; y < truth.height; ++y) {
+      for (int x = 0; x < truth.width; ++x) {
+        const float* pixel = truth.pixel(x, y);
+        if (pixel[3] != 2.0f || pixel[4] > 0.25f) continue;
+        ++count;
+        light_found += double(fields.pixel(x, y)[4]) - double(pixel[4]);
+      }
+    }
+    EXPECT_GT(count, 500);
+    EXPECT_LE(std::abs(light_found / count), 0.0015) << light.at.x;
+  }
 }
 
 struct CloseUp {

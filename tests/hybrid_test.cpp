@@ -121,7 +121,8 @@ TEST_P(HybridPicture, DoesNotDependOnThreads) {
     const RenderResult five = render(scene_, o);
     EXPECT_EQ(differing(one.image, five.image), 0u);
     EXPECT_EQ(one.stats.rays_exact, five.stats.rays_exact);
-    // A whole light is asked about direction by direction, until one of them tells: one that is being baked does not yet.
+    // A whole light is asked about direction by direction, until one of them tells: one that is being baked does not
+    // yet.
     if (light_samples == 4) {
       EXPECT_EQ(one.stats.field_cells_baked, five.stats.field_cells_baked);
     }

@@ -245,18 +245,25 @@ TEST(Leaves, OfAParallelogramAreTheCentresOfAGrid) {
   }
 }
 
-// The outer points of a lattice lie along the rim of a ball or disk, evenly.
-TEST(Leaves, LatticesRunAlongTheRimsOfRoundLights) {
-  constexpr int k_side = 4;
-  constexpr float k_extent = 0.98f;
+// A ball about (0, 0, 6), and lights of other shapes there that face the origin.
+LightTable lights_above(std::initializer_list<ShapeKind> shapes, bool adds_sheared = false) {
   SceneMaker maker;
   const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
   Affine place = test::scaling(Vec3(0.5f));
   place[3] = {0, 0, 6};
   maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), bsdf, place), Rgb(1.0f));
   place[2] = -place[2];
-  maker.area_light(maker.instance(maker.shape(ShapeKind::disk), bsdf, place), Rgb(1.0f));
-  const LightTable lights = make_lights(maker.scene);
+  for (const ShapeKind shape : shapes) maker.area_light(maker.instance(maker.shape(shape), bsdf, place), Rgb(1.0f));
+  place[0] += 0.25f * place[1];
+  if (adds_sheared) maker.area_light(maker.instance(maker.shape(ShapeKind::rectangle), bsdf, place), Rgb(1.0f));
+  return make_lights(maker.scene);
+}
+
+// The outer points of a lattice lie along the rim of a ball or disk, evenly.
+TEST(Leaves, LatticesRunAlongTheRimsOfRoundLights) {
+  constexpr int k_side = 4;
+  constexpr float k_extent = 0.98f;
+  const LightTable lights = lights_above({ShapeKind::disk});
   ReceiverBatch receivers;
   receivers.resize(1);
   set_receiver(receivers, 0, Vec3(0, 0, 0), Vec3(0, 0, 1), k_none);
@@ -284,17 +291,7 @@ TEST(Leaves, LatticesRunAlongTheRimsOfRoundLights) {
 // A receiver's own point is sampled as the same point of a grid is.
 TEST(Leaves, OwnPointsAreSampledAsThoseOfGrids) {
   constexpr int k_side = 4;
-  SceneMaker maker;
-  const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
-  Affine place = test::scaling(Vec3(0.5f));
-  place[3] = {0, 0, 6};
-  maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), bsdf, place), Rgb(1.0f));
-  place[2] = -place[2];
-  for (const ShapeKind shape : {ShapeKind::disk, ShapeKind::rectangle})
-    maker.area_light(maker.instance(maker.shape(shape), bsdf, place), Rgb(1.0f));
-  place[0] += 0.25f * place[1];
-  maker.area_light(maker.instance(maker.shape(ShapeKind::rectangle), bsdf, place), Rgb(1.0f));
-  const LightTable lights = make_lights(maker.scene);
+  const LightTable lights = lights_above({ShapeKind::disk, ShapeKind::rectangle}, true);
   ASSERT_EQ(lights.lights[3].kind, LightKind::parallelogram);
   for (const size_t n : {size_t(1), size_t(16), size_t(37)}) {
     for (const uint8_t transmits : {uint8_t(0), uint8_t(1)}) {

@@ -3,7 +3,8 @@
 
 Every scene is rendered with several seeds by both programs. The spread over the seeds gives the noise of each mean, and
 the test fails where the programs differ beyond it: by more than 0.1 % and three standard errors in the mean of the
-picture, or by more than 1 % and five standard errors in a block of 16 x 16 pixels. On failure both pictures and their difference are left in the output folder.
+picture, or by more than 1 % and five standard errors in a block of 16 x 16 pixels. On failure both pictures and their
+difference are left in the output folder.
 
 Needs the Python package `mitsuba`; without it the test is skipped (exit code 77).
 """
@@ -85,7 +86,8 @@ def save(folder, name, ours, theirs):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--program", required=True, help="the command line program")
-    parser.add_argument("--output", type=pathlib.Path, default=pathlib.Path("peer"), help="folder for pictures on failure")
+    parser.add_argument("--output", type=pathlib.Path, default=pathlib.Path("peer"),
+                        help="folder for pictures on failure")
     parser.add_argument("--seeds", type=int, default=5, help="renders per program and scene (at least 2)")
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--light-samples", type=int, default=2)
