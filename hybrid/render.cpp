@@ -47,8 +47,8 @@ constexpr long long k_most_samples = 1ll << 31;
 
 void check_options(const RenderOptions& o, int spp) {
   check_range("the number of camera samples", spp, 1, 1 << 24);
-  check_range("the number of light samples", o.light_samples, 1, 1 << 16);
-  check_range("the number of lobe samples", o.lobe_samples, 1, 1 << 12);
+  check_range("the number of light samples", o.light_samples, 1, k_most_light_samples);
+  check_range("the number of lobe samples", o.lobe_samples, 1, k_most_lobe_samples);
   check_range("camera samples x light samples", int64_t(spp) * o.light_samples, 1, k_most_samples);
   check_range("camera samples x lobe samples", int64_t(spp) * o.lobe_samples, 1, k_most_samples);
   check_range("the number of threads", o.threads, 0, 4096);

@@ -33,6 +33,10 @@ enum class Chart { orthographic, thesis };
 // wherever they can, or never.
 enum class FieldHits { automatic, always, never };
 
+// At each receiver, and at each glossy hit.
+inline constexpr int k_most_light_samples = 1 << 16;
+inline constexpr int k_most_lobe_samples = 1 << 12;
+
 struct RenderOptions {
   Method method = Method::hybrid;
   int spp = 0;                   // camera samples a pixel; 0: the scene file's sampler
@@ -48,12 +52,12 @@ struct RenderOptions {
   uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's
   int threads = 0;                 // 0: all hardware threads
   Isa isa = Isa::automatic;
-  std::optional<Rect> crop;        // within the film's crop window
-  std::optional<int> max_depth;    // overrides the integrator's
-  bool check = false;              // trace an exact ray beside every certified answer, count disagreements
-  bool force_ask = false;          // test aid: look up, then treat every cell as one that asks
-  bool whole_lights = true;        // ask fields about whole lights first; false: about single rays only
-  bool leave_to_rays = true;       // leave objects to exact rays whose fields a survey finds not worth it
+  std::optional<Rect> crop;      // within the film's crop window
+  std::optional<int> max_depth;  // overrides the integrator's
+  bool check = false;            // trace an exact ray beside every certified answer, count disagreements
+  bool force_ask = false;        // test aid: look up, then treat every cell as one that asks
+  bool whole_lights = true;      // ask fields about whole lights first; false: about single rays only
+  bool leave_to_rays = true;     // leave objects to exact rays whose fields a survey finds not worth it
   FieldHits field_hits = FieldHits::automatic;
   uint64_t fewest_answers = 0;     // leave those too whose field would answer fewer rays of the film
   std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao

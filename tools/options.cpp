@@ -171,8 +171,9 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->check(one_of({"hybrid", "montecarlo"}))
       ->type_name("NAME");
   whole("--spp", options.spp, 1, k_max_samples, "Camera samples a pixel (default: the scene's)");
-  whole("--light-samples", options.light_samples, 1, k_max_samples, "Shadow rays per light and hit (default: 1)");
-  whole("--lobe-samples", options.lobe_samples, 1, k_max_samples, "Rays per glossy hit (default: 1)");
+  whole("--light-samples", options.light_samples, 1, k_most_light_samples,
+        "Shadow rays per light and hit (default: 1)");
+  whole("--lobe-samples", options.lobe_samples, 1, k_most_lobe_samples, "Rays per glossy hit (default: 1)");
   command
       .add_option_function<uint32_t>(
           "--seed", [&options](const uint32_t& seed) { options.seed = seed; }, "Random seed (default: the scene's)")
