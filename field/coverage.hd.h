@@ -105,6 +105,15 @@ struct PlaneRect {
   F x0, x1, y0, y1;
 };
 
+// The whole texels that hold it, as far as they lie in a picture. Rectangles lie within [0, L]^2 (unchecked); the last
+// row or column may begin at L, where no tile is.
+template <class F>
+FT_HD_INLINE TexelRect<F> texels_about(const CoverageView& view, const PlaneRect<F>& rect) {
+  const Int_t<F> one = splat_int<F>(1), lines = splat_int<F>(view.tiles * k_tile_lines);
+  const auto texel = [](F x) { return small_to_int(floor(x)); };
+  return {texel(rect.x0), min(texel(rect.x1) + one, lines), texel(rect.y0), min(texel(rect.y1) + one, lines)};
+}
+
 // Sums over the rectangle's area, texels at its rim by the part of them that lies within.
 template <class F>
 struct CoverageArea {
@@ -142,13 +151,8 @@ template <class F, class TellMissing>
 FT_HD_INLINE CoverageArea<F> sum_coverage_area(const CoverageView& view, Int_t<F> direction, const PlaneRect<F>& rect,
                                                Mask_t<F> wanted, const TellMissing& tell_missing) {
   const F zero = splat<F>(0.0f);
-  const Int_t<F> one = splat_int<F>(1);
-  const auto texel = [](F x) { return small_to_int(floor(x)); };
-  const TexelRect<F> outer = {texel(rect.x0), texel(rect.x1) + one, texel(rect.y0), texel(rect.y1) + one};
   CoverageArea<F> area = {zero, zero, wanted};
-  // The last row or column of `outer` may lie beyond the plane, where no tile is: it has no weight.
-  const Int_t<F> lines = splat_int<F>(view.tiles * k_tile_lines);
-  const TexelRect<F> within = {outer.x0, min(outer.x1, lines), outer.y0, min(outer.y1, lines)};
+  const TexelRect<F> within = texels_about<F>(view, rect);
   const auto add_tile = [&](Mask_t<F> filled, Int_t<F> base, Int_t<F> column, Int_t<F> row) {
     const TileSpan<F> x = span_in_tile<F>(rect.x0, rect.x1, column), y = span_in_tile<F>(rect.y0, rect.y1, row);
     F count = zero, depths = zero;
@@ -181,10 +185,7 @@ template <class F>
 FT_HD_INLINE RadianceSum<F> sum_radiance_area(const CoverageView& view, Int_t<F> direction, const PlaneRect<F>& rect,
                                               Mask_t<F> wanted) {
   const F zero = splat<F>(0.0f);
-  const Int_t<F> one = splat_int<F>(1), lines = splat_int<F>(view.tiles * k_tile_lines);
-  const auto texel = [](F x) { return small_to_int(floor(x)); };
-  const TexelRect<F> within = {texel(rect.x0), min(texel(rect.x1) + one, lines), texel(rect.y0),
-                               min(texel(rect.y1) + one, lines)};
+  const TexelRect<F> within = texels_about<F>(view, rect);
   RadianceSum<F> sum = {zero, zero, zero};
   const auto add_tile = [&](Mask_t<F> filled, Int_t<F> base, Int_t<F> column, Int_t<F> row) {
     const TileSpan<F> x = span_in_tile<F>(rect.x0, rect.x1, column), y = span_in_tile<F>(rect.y0, rect.y1, row);

@@ -142,11 +142,8 @@ FT_HD_INLINE LeafDisc<F> place_disc(const FieldView& field, const LightLeaf<F>& 
 template <class F>
 FT_HD_INLINE F depths_apart(const FieldView& field, const LightLeaf<F>& leaf, const LeafTube<F>& tube,
                             const LeafDisc<F>& disc, Mask_t<F> wanted) {
-  const Int_t<F> one = splat_int<F>(1), lines = splat_int<F>(field.coverage.tiles * k_tile_lines);
-  const auto texel = [](F x) { return small_to_int(floor(x)); };
-  const TexelRect<F> rect = {texel(disc.rect.x0), min(texel(disc.rect.x1) + one, lines), texel(disc.rect.y0),
-                             min(texel(disc.rect.y1) + one, lines)};
   const CoverageView& view = field.coverage;
+  const TexelRect<F> rect = texels_about<F>(view, disc.rect);
   const CoverageSum<F> all = sum_coverage<F>(
       view, tube.picture.direction, rect, wanted, [](Int_t<F>, Mask_t<F>) {});
   const F rise = depth_difference<F>(view, tube.picture.direction, rect, all, wanted);

@@ -167,11 +167,13 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
 }
 
 bool DirectLight::is_wide(uint32_t place) const {
-  return angular_diameter(candidates_.light, {places_.px[place], places_.py[place], places_.pz[place]}) > k_wide_light;
+  return angular_diameter(candidates_.light, {places_.px[place], places_.py[place], places_.pz[place]}) >
+         k_coarse_light_degrees;
 }
 
 void DirectLight::ask_leaves(const Job& job) {
-  // Without trial points, what becomes of a receiver would depend on its group's candidates.
+  // Wide lights of few samples are filtered as others are: no points are worth asking, and leaves err less than
+  // samples.
   const bool tries_wide = trial_points(context_.lights.lights[job.light].kind, job.light_samples, true).count > 0;
   std::vector<uint32_t> lobed;  // a lobe may be narrower than the cells of a grid
   size_t kept = 0;
@@ -267,8 +269,11 @@ void DirectLight::gather_part(const Job& job, const Part& part) {
   if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);
     ask_leaves(job);
-    ask_trial_points(job, false);
-    ask_trial_points(job, true);
+    const LightKind kind = context_.lights.lights[job.light].kind;
+    const LightSampleRange narrow = trial_points(kind, job.light_samples, false);
+    const LightSampleRange wide = trial_points(kind, job.light_samples, true);
+    ask_trial_points(job, narrow, narrow.count == wide.count ? Tried::all : Tried::narrow);
+    if (narrow.count != wide.count) ask_trial_points(job, wide, Tried::wide);
   }
   gather_shadowed(job, LightSeen::unknown);
   shadowed_.swap(penumbrae_);

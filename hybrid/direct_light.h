@@ -27,14 +27,14 @@ inline constexpr int k_smallest_part_rays = 512;
 // or none, it is taken to see all of the light, or none. About 2 sqrt(light_samples), on a lattice from edge to edge of
 // the light: an edge that crosses the light hides or shows some of its rim, which the outer points follow
 // (docs/decisions/019-penumbrae.md). Lights that have no rim to speak of are tried at their first samples. A count of
-// 0: none. is_wide: to receivers that see it wider than k_wide_light.
+// 0: none. is_wide: to receivers that see it wider than k_coarse_light_degrees.
 LightSampleRange trial_points(LightKind kind, int light_samples, bool is_wide);
 inline constexpr int k_least_lattice = 3;  // points along a side
 inline constexpr int k_least_wide_lattice = 4;
 // Degrees across from which lights are wide. Before an object of several layers more than one edge crosses them: their
 // parts are not filtered where there are trial points, and coarse lattices are not believed
 // (docs/decisions/014-leaves.md).
-inline constexpr float k_wide_light = 23.0f;
+inline constexpr float k_coarse_light_degrees = 23.0f;
 // Just within the rim: on it, rounding could take points off the light.
 inline constexpr float k_lattice_extent = 1.0f - 0x1p-10f;
 
@@ -93,10 +93,11 @@ class DirectLight {
   // The same for filtered_ by one set of leaves; receivers that see a part of the light stay in filtered_ unless
   // `last`.
   void filter_leaves(const Job& job, const LightSampleRange& leaves, bool last);
-  // Tries the light for those of shadowed_ that fields may answer and to which it is wide, or those to which it is not.
-  // They go to free_ or dark_ where all points agree; where they do not, they are lit by following an edge, or go to
-  // penumbrae_; whoever has too little of the light above the horizon stays.
-  void ask_trial_points(const Job& job, bool of_wide);
+  // Tries the light at `points` for those of shadowed_ that fields may answer; of these all, or those to which it is
+  // wide, or the others. They go to free_ or dark_ where all points agree; where they do not, they are lit by following
+  // an edge, or go to penumbrae_; whoever has too little of the light above the horizon stays.
+  enum class Tried { all, narrow, wide };
+  void ask_trial_points(const Job& job, const LightSampleRange& points, Tried tried);
   // Counts the samples that are taken for what `asked` points found, `exact` of them by rays.
   void count_extrapolated(const Job& job, uint32_t receiver, uint32_t fields, size_t asked, size_t exact);
   // Lights those of edged_ whose light one edge cuts, and whose points took rays for the most part, by where the edge

@@ -35,13 +35,12 @@ LightSampleRange trial_points(LightKind kind, int light_samples, bool is_wide) {
   return {n, 0, n, side, k_lattice_extent * float(side) / float(side - 1)};
 }
 
-void DirectLight::ask_trial_points(const Job& job, bool of_wide) {
-  const LightSampleRange points = trial_points(context_.lights.lights[job.light].kind, job.light_samples, of_wide);
+void DirectLight::ask_trial_points(const Job& job, const LightSampleRange& points, Tried tried) {
   if (points.count == 0) return;
   group_.clear();
   fields_before_.clear();
   std::erase_if(shadowed_, [&](uint32_t r) {
-    if (is_wide(r) != of_wide) return false;
+    if (tried != Tried::all && is_wide(r) != (tried == Tried::wide)) return false;
     const uint32_t fields = context_.answerer.fields_before(candidates_, places_, r);
     if (fields == 0) return false;
     group_.push_back(r);

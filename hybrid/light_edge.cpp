@@ -105,7 +105,7 @@ bool find_crossings(std::span<const uint8_t> hidden, int side, uint32_t owner, s
 
 SquarePoint CellSeen::beside_middle(float away) const {
   const float length = std::sqrt(along.x * along.x + along.y * along.y);
-  const float scale = length > 0.0f ? away / length : 0.0f;
+  const float scale = away / length;  // crossings lie within their lines: a piece has a length
   return {begin.x + 0.5f * along.x - scale * along.y, begin.y + 0.5f * along.y + scale * along.x};
 }
 

@@ -17,6 +17,13 @@ bool keeps_right_angles(const Affine& m) {
   return std::max({cosine(0, 1), cosine(1, 2), cosine(2, 0)}) < k_right_angle_cosine;
 }
 
+// Of the ball about the centre of a flat shape that spans [-1, 1] along the first two columns, or the unit disk.
+float flat_radius(ShapeKind kind, const Affine& m) {
+  if (kind == ShapeKind::rectangle) return std::max(glm::length(m[0] + m[1]), glm::length(m[0] - m[1]));
+  const float mean = 0.5f * (glm::dot(m[0], m[0]) + glm::dot(m[1], m[1]));
+  return std::sqrt(mean + std::hypot(0.5f * (glm::dot(m[0], m[0]) - glm::dot(m[1], m[1])), glm::dot(m[0], m[1])));
+}
+
 // Whether a ray towards a point that faces the receiver meets nothing of the light before: planes, and convex shapes
 // that emit outwards. Turned inwards, a sphere or cylinder hides its inside from receivers outside.
 bool hides_nothing_of_itself(ShapeKind kind, bool flipped) {
@@ -58,6 +65,12 @@ LightExtent light_extent(const Scene& scene, uint32_t emitter) {
       if (shape.kind == ShapeKind::sphere && keeps_right_angles(instance.to_world)) {
         const Affine& m = instance.to_world;
         extent.ball.radius = std::max({glm::length(m[0]), glm::length(m[1]), glm::length(m[2])}) * (1.0f + 0x1p-10f);
+      }
+      if (shape.kind == ShapeKind::disk || shape.kind == ShapeKind::rectangle) {
+        const float rounding =
+            gamma_bound(8) * glm::length(glm::max(glm::abs(extent.bounds.lower), glm::abs(extent.bounds.upper)));
+        const float radius = flat_radius(shape.kind, instance.to_world) * (1.0f + 0x1p-10f) + rounding;
+        extent.ball.radius = std::min(extent.ball.radius, radius);
       }
       if (hides_nothing_of_itself(shape.kind, instance.flip_normals)) extent.instance = e.instance;
       break;

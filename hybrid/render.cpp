@@ -287,7 +287,8 @@ Stats render_tiles(Job& job) {
   return stats;
 }
 
-// For the layer `ao`, which gains by fields only where it has rays enough.
+// For the layer `ao`, which gains by fields only where it has rays enough; null: no such layer, or no fields. A survey
+// does not count its uses of fields: the layer must not change the picture.
 std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const Stage& stage, const FieldSet& fields,
                                                    const AnswererSettings& settings) {
   if (!picture.settings.occlusion || fields.empty()) return nullptr;
@@ -304,7 +305,9 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   counting.count_uses = true;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
-  const auto for_occlusion = occlusion_answerer(picture, stage, fields, counting);
+  AnswererSettings not_counting = counting;
+  not_counting.count_uses = false;
+  const auto for_occlusion = occlusion_answerer(picture, stage, fields, not_counting);
   if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
   const FieldSurvey survey =
       survey_fields(context, crop_window(picture.scene.film, {}), picture.spp, picture.callbacks.stop);

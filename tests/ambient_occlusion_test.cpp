@@ -114,13 +114,20 @@ TEST(AmbientOcclusion, DoesNotDependOnTheMaterialOrThePaths) {
 
 TEST(AmbientOcclusion, LeavesThePictureAsItIs) {
   const Scene scene = hybrid_scene("object_over_floor", 24).scene;
-  RenderOptions o = options_for(Method::monte_carlo, 2, 3);
-  const Image with = render(scene, o).image;
-  o.aovs.clear();
-  const Image without = render(scene, o).image;
-  for (int y = 0; y < with.height; ++y) {
-    for (int x = 0; x < with.width; ++x) {
-      for (int c = 0; c < 3; ++c) ASSERT_EQ(with.pixel(x, y)[c], without.pixel(x, y)[c]);
+  for (const Method method : {Method::monte_carlo, Method::hybrid}) {
+    for (const int directions : {0, 32}) {  // 32: fields answer the layer too
+      RenderOptions o = options_for(method, 2, 16);
+      o.directions = directions;
+      const RenderResult with = render(scene, o);
+      o.aovs.clear();
+      const RenderResult without = render(scene, o);
+      EXPECT_EQ(with.stats.field_left_to_rays, without.stats.field_left_to_rays);
+      EXPECT_EQ(with.stats.field_own_to_rays, without.stats.field_own_to_rays);
+      for (int y = 0; y < with.image.height; ++y) {
+        for (int x = 0; x < with.image.width; ++x) {
+          for (int c = 0; c < 3; ++c) ASSERT_EQ(with.image.pixel(x, y)[c], without.image.pixel(x, y)[c]);
+        }
+      }
     }
   }
 }

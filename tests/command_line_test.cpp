@@ -119,8 +119,8 @@ std::string complaint(const std::vector<std::string>& arguments, RenderOptions& 
 TEST(RenderOptionsText, ValuesOutOfRangeNameTheOption) {
   const std::vector<std::pair<std::string, std::vector<std::string>>> bad = {
       {"--spp", {"0", "-1", "1.5", "x", "", "99999999999"}},
-      {"--light-samples", {"0"}},
-      {"--lobe-samples", {"0"}},
+      {"--light-samples", {"0", "65537"}},
+      {"--lobe-samples", {"0", "4097"}},
       {"--seed", {"-1", "4294967296"}},
       {"--tolerance", {"nan", "-0.1", "1.0001", "inf", "0.1x"}},
       {"--directions", {"0", "48", "512"}},

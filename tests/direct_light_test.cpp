@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/mesh_procedural.h"
+#include "hybrid/compare.h"
 #include "hybrid/render.h"
 #include "hybrid/trace_pixels.h"
 #include "tests/small_scenes.h"
@@ -144,6 +145,46 @@ TEST(DirectLight, TrialPointsAreFewAndGrowWithTheSquareRoot) {
   EXPECT_EQ(trial_points(LightKind::sphere, 14, false).count, 0);
   EXPECT_EQ(trial_points(LightKind::sphere, 16, false).count, 9);
   EXPECT_EQ(trial_points(LightKind::sphere, 64, false).count, 16);
+}
+
+// Coarse lattices are not believed about wide lights; finer ones are the same for all.
+TEST(DirectLight, WideLightsAreTriedAtMorePointsOrNone) {
+  for (int m = 1; m < 5000; ++m) {
+    const LightSampleRange narrow = trial_points(LightKind::disk, m, false);
+    const LightSampleRange wide = trial_points(LightKind::disk, m, true);
+    ASSERT_LE(5 * wide.count, 3 * m) << m;
+    if (narrow.columns >= k_least_wide_lattice) {
+      ASSERT_EQ(wide.count, narrow.count) << m;
+    } else {
+      ASSERT_TRUE(wide.count == 0 || wide.columns == k_least_wide_lattice) << m;
+    }
+  }
+  EXPECT_EQ(trial_points(LightKind::sphere, 26, true).count, 0);
+  EXPECT_EQ(trial_points(LightKind::sphere, 27, true).count, 16);
+}
+
+// A light that is wide to some receivers and not to others, with two lattices: whatever they are grouped with, on
+// whatever threads.
+TEST(DirectLight, ReceiversOfTwoLatticesAreLitAlone) {
+  Scene scene = lit_knot(1.0f, {{{1, -1, 4}, 0.7f}});
+  RenderOptions o = coarse_fields();
+  o.light_samples = 32;
+  ASSERT_NE(trial_points(LightKind::sphere, 32, true).count, trial_points(LightKind::sphere, 32, false).count);
+  const Image whole = render(scene, o).image;
+  o.method = Method::monte_carlo;
+  o.light_samples = 1024;
+  const Image truth = render(scene, o).image;
+  o.light_samples = 32;
+  EXPECT_LE(compare_images(whole, truth).rmse, compare_images(render(scene, o).image, truth).rmse);
+  o.method = Method::hybrid;
+  o.threads = 1;
+  o.crop = Rect{17, 21, 30, 25};
+  const Image part = render(scene, o).image;
+  for (int y = 0; y < part.height; ++y) {
+    for (int x = 0; x < part.width; ++x) {
+      for (int c = 0; c < 3; ++c) ASSERT_EQ(part.pixel(x, y)[c], whole.pixel(x + 17, y + 21)[c]) << x << " " << y;
+    }
+  }
 }
 
 // RMSE of the red channel over the pixels that show instance `instance`.

@@ -11,6 +11,7 @@ Needs the Python package `mitsuba`; without it the test is skipped (exit code 77
 
 import argparse
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -28,6 +29,19 @@ try:
 except ImportError:
     print("skipped: the Python package 'mitsuba' is not installed")
     sys.exit(SKIPPED)
+
+
+MAKE_REFLECTIONS = pathlib.Path(__file__).resolve().parents[2] / "tools" / "make_reflections.sh"
+
+
+def with_meshes(scene, program, folder):
+    """The scene, or its copy beside the meshes that it takes from ../reflections."""
+    if "../reflections/" not in scene.read_text():
+        return scene
+    if not (folder / "reflections").exists():
+        subprocess.run([MAKE_REFLECTIONS, program, folder / "reflections"], check=True, stdout=subprocess.DEVNULL)
+    (folder / "scenes").mkdir(exist_ok=True)
+    return pathlib.Path(shutil.copy(scene, folder / "scenes"))
 
 
 def render_ours(program, scene, arguments, seed, folder):
@@ -100,8 +114,10 @@ def main():
     mi.set_log_level(mi.LogLevel.Error)
     failed = []
     with tempfile.TemporaryDirectory() as temporary:
-        for scene in arguments.scenes:
-            ours = [render_ours(arguments.program, scene, arguments, seed, pathlib.Path(temporary))
+        folder = pathlib.Path(temporary)
+        for named in arguments.scenes:
+            scene = with_meshes(named, arguments.program, folder)
+            ours = [render_ours(arguments.program, scene, arguments, seed, folder)
                     for seed in range(1, arguments.seeds + 1)]
             theirs = [render_theirs(scene, arguments, seed) for seed in range(101, 101 + arguments.seeds)]
             difference, noise, excess_mean, excess_block, worst = compare(ours, theirs)
