@@ -5,7 +5,8 @@
         [--mesh "knot --along 1562 --around 32" ...]
 
 writes crowd/object_0.ply, crowd/object_1.ply ... and crowd/instances.xml: ten meshes, or those that --mesh names in the
-words of `fieldtrace mesh`. The same arguments give the same files.
+words of `fieldtrace mesh`. The same arguments give the same files. They name the meshes by their full paths: Mitsuba
+looks for relative ones beside the scene, not beside the file that it includes.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import pathlib
 import random
 import subprocess
 import sys
+from xml.sax.saxutils import quoteattr
 
 # About 8,000 triangles each, all within the unit sphere.
 OBJECTS = [
@@ -45,8 +47,9 @@ def write_instances(path, count, seed, objects):
     with open(path, "w", encoding="utf-8") as out:
         out.write('<?xml version="1.0" encoding="utf-8"?>\n<scene version="3.0.0">\n')
         for i in range(objects):
+            mesh = quoteattr(str(path.resolve().parent / f"object_{i}.ply"))
             out.write(f'  <shape type="shapegroup" id="group_{i}"><shape type="ply">'
-                      f'<string name="filename" value="object_{i}.ply"/><ref id="{COLOURS[i % len(COLOURS)]}"/>'
+                      f'<string name="filename" value={mesh}/><ref id="{COLOURS[i % len(COLOURS)]}"/>'
                       f"</shape></shape>\n")
         for n in range(count):
             x = (n % columns + rng.uniform(0.3, 0.7)) * cell - HALF_WIDTH
