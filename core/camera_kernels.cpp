@@ -26,9 +26,7 @@ FT_LANES_END
 
 namespace fieldtrace {
 
-CameraKernel camera_kernel_for(Isa isa) {
-  FT_RETURN_FORM_FOR(isa, sample_camera_lanes, sample_camera_scalar)
-}
+CameraKernel camera_kernel_for(Isa isa) { FT_RETURN_FORM_FOR(isa, sample_camera_lanes, sample_camera_scalar) }
 
 }  // namespace fieldtrace
 #endif

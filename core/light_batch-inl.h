@@ -141,7 +141,7 @@ struct LightBatch {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    const CentredPair<F> point = range.x           ? own_points(slot)
+    const CentredPair<F> point = range.x             ? own_points(slot)
                                  : range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
                                                      : gather_point<F>(point_sets, r.points, index);
     emit(to, slot, r, setup, point, third);

@@ -26,9 +26,7 @@ FT_LANES_END
 
 namespace fieldtrace {
 
-LightKernel light_kernel_for(Isa isa) {
-  FT_RETURN_FORM_FOR(isa, sample_light_lanes, sample_light_scalar)
-}
+LightKernel light_kernel_for(Isa isa) { FT_RETURN_FORM_FOR(isa, sample_light_lanes, sample_light_scalar) }
 
 }  // namespace fieldtrace
 #endif

@@ -75,7 +75,7 @@ inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, Surface
 // The surface of the triangles from place i of a block on.
 template <class D>
 FT_HD_INLINE LocalSurface<D> block_surface(const SurfaceBlock& block, bool has_normals, size_t i) {
-  const auto corners = [&](const float (&from)[9][k_surface_block]) {
+  const auto corners = [&](const float(&from)[9][k_surface_block]) {
     const auto at = [&](int k) {
       return Vec3Lanes<D>{load_floats<D>(from[k] + i), load_floats<D>(from[k + 1] + i),
                           load_floats<D>(from[k + 2] + i)};

@@ -25,9 +25,7 @@ FT_LANES_END
 
 namespace fieldtrace {
 
-SurfaceKernel surface_kernel_for(Isa isa) {
-  FT_RETURN_FORM_FOR(isa, evaluate_surfaces_lanes, evaluate_surfaces_scalar)
-}
+SurfaceKernel surface_kernel_for(Isa isa) { FT_RETURN_FORM_FOR(isa, evaluate_surfaces_lanes, evaluate_surfaces_scalar) }
 
 }  // namespace fieldtrace
 #endif

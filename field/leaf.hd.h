@@ -144,8 +144,7 @@ FT_HD_INLINE F depths_apart(const FieldView& field, const LightLeaf<F>& leaf, co
                             const LeafDisc<F>& disc, Mask_t<F> wanted) {
   const CoverageView& view = field.coverage;
   const TexelRect<F> rect = texels_about<F>(view, disc.rect);
-  const CoverageSum<F> all = sum_coverage<F>(
-      view, tube.picture.direction, rect, wanted, [](Int_t<F>, Mask_t<F>) {});
+  const CoverageSum<F> all = sum_coverage<F>(view, tube.picture.direction, rect, wanted, [](Int_t<F>, Mask_t<F>) {});
   const F rise = depth_difference<F>(view, tube.picture.direction, rect, all, wanted);
   return rise * (tube.slope + leaf.width) * splat<F>(view.half_lines) / disc.half_width;
 }

@@ -35,8 +35,8 @@ struct NearestAnswer {
   // Of a hit: the triangle met by the line through the cell's centre; k_none_found: it meets none; k_not_baked: the
   // primitive layer's slice is to be baked first.
   Int_t<F> primitive;
-  Int_t<F> slice;       // of a hit its cell's; else the slice to bake where the verdict is unknown_*
-  Int_t<F> lookups;     // cells read
+  Int_t<F> slice;    // of a hit its cell's; else the slice to bake where the verdict is unknown_*
+  Int_t<F> lookups;  // cells read
 };
 
 // `own`: the ray leaves this object's surface, so that the line surely meets it.

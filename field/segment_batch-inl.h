@@ -295,8 +295,8 @@ inline void collect_batch(const RayStates& states, size_t rays, uint8_t* blocked
 
 template <class F>
 constexpr SegmentKernels make_segment_kernels() {
-  return {&query_batch<F>,          &cross_ball_batch<F>,  &cross_box_batch<F>,     &hull_meets_ball_batch<F>,
-          &hull_meets_box_batch<F>, &light_cones_batch<F>, &filter_leaves_batch<F>, &lobes_meet_batch<F>,
+  return {&query_batch<F>,          &cross_ball_batch<F>,   &cross_box_batch<F>,     &hull_meets_ball_batch<F>,
+          &hull_meets_box_batch<F>, &light_cones_batch<F>,  &filter_leaves_batch<F>, &lobes_meet_batch<F>,
           &filter_lobes_batch<F>,   &nearest_hits_batch<F>, &collect_batch<F>};
 }
 

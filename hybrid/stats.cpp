@@ -58,16 +58,11 @@ std::string Stats::to_json() const {
   j["lights"] = lights;
   j["time"] = {{"load", time_load},       {"build", time_build},         {"cache", time_cache}, {"bake", time_bake},
                {"primary", time_primary}, {"secondary", time_secondary}, {"write", time_write}, {"total", time_total}};
-  j["rays"] = {{"primary", rays_primary},
-               {"shadow", rays_shadow},
-               {"glossy", rays_glossy},
-               {"glossy_exact", rays_glossy_exact},
-               {"glossy_hits", rays_glossy_hits},
-               {"exact", rays_exact},
-               {"crossing", rays_crossing},
-               {"crowded", rays_crowded},
-               {"spared", samples_spared},
-               {"extrapolated", samples_extrapolated}};
+  j["rays"] = {{"primary", rays_primary},         {"shadow", rays_shadow},
+               {"glossy", rays_glossy},           {"glossy_exact", rays_glossy_exact},
+               {"glossy_hits", rays_glossy_hits}, {"exact", rays_exact},
+               {"crossing", rays_crossing},       {"crowded", rays_crowded},
+               {"spared", samples_spared},        {"extrapolated", samples_extrapolated}};
   j["cones"] = {
       {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", leaves}, {"leaves_refused", leaves_refused}};
   j["lookups"] = lookups;

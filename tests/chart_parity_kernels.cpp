@@ -46,9 +46,7 @@ FT_LANES_END
 
 namespace fieldtrace {
 
-ParityTrace parity_trace(Isa isa) {
-  FT_RETURN_FORM_FOR(isa, trace_parity, nullptr)
-}
+ParityTrace parity_trace(Isa isa) { FT_RETURN_FORM_FOR(isa, trace_parity, nullptr) }
 
 }  // namespace fieldtrace
 #endif
