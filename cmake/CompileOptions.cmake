@@ -27,11 +27,12 @@ endif()
 # OpenImageIO and OpenVDB bring some 250 shared libraries; a program that calls neither need not load them at start.
 add_link_options(-Wl,--as-needed)
 
-# fieldtrace_vector_kernels(FILE): for a file of the calling folder that Highway compiles once per instruction set. The
-# undefined behaviour checks of every inlined vector operation take the compiler ten minutes there; the same templates
-# are checked as scalar code, and the memory checks stay.
-function(fieldtrace_vector_kernels file)
+# fieldtrace_vector_kernels(FILE TARGET): for TARGET's FILE, of the calling folder, that Highway compiles once per
+# instruction set. The undefined behaviour checks of every inlined vector operation take the compiler ten minutes there;
+# the same templates are checked as scalar code, and the memory checks stay.
+function(fieldtrace_vector_kernels file target)
   if(FIELDTRACE_SANITIZE MATCHES "undefined")
-    set_source_files_properties(${file} PROPERTIES COMPILE_OPTIONS "-fno-sanitize=undefined,float-cast-overflow")
+    set_source_files_properties(${file} TARGET_DIRECTORY ${target}
+      PROPERTIES COMPILE_OPTIONS "-fno-sanitize=undefined,float-cast-overflow")
   endif()
 endfunction()

@@ -13,13 +13,13 @@
 #include <string>
 #include <vector>
 
-#include "core/accel.h"
-#include "core/mesh_io.h"
-#include "core/mesh_procedural.h"
-#include "core/mesh_stress.h"
-#include "field/lines.h"
-#include "field/probe.h"
-#include "field/risk.h"
+#include "core/mesh/mesh_io.h"
+#include "core/mesh/mesh_procedural.h"
+#include "core/mesh/mesh_stress.h"
+#include "core/trace/accel.h"
+#include "field/bake/lines.h"
+#include "field/bake/probe.h"
+#include "field/store/risk.h"
 
 namespace fieldtrace {
 namespace {

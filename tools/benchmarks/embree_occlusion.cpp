@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <string>
 
-#include "core/error.h"
+#include "core/platform/error.h"
 
 namespace fieldtrace {
 namespace {

@@ -1,15 +1,15 @@
 // Embree's occlusion query in each of its packet forms over one mesh, for choosing the fastest as the yardstick.
 //
-// Kept apart from core/accel.h, which offers only the form that the renderer uses: here the mesh is a scene by itself,
-// without instances and transforms, as favourable to Embree as can be. Thread-safety: count_blocked() is const.
+// Kept apart from core/trace/accel.h, which offers only the form that the renderer uses: here the mesh is a scene by
+// itself, without instances and transforms, as favourable to Embree as can be. Thread-safety: count_blocked() is const.
 #pragma once
 
 #include <cstddef>
 #include <memory>
 #include <vector>
 
-#include "core/mesh.h"
-#include "core/rays.h"
+#include "core/mesh/mesh.h"
+#include "core/trace/rays.h"
 
 namespace fieldtrace {
 

@@ -14,11 +14,11 @@
 #include <cstdlib>
 #include <thread>
 
-#include "core/error.h"
-#include "core/parallel.h"
-#include "core/scene_xml.h"
-#include "hybrid/stopwatch.h"
-#include "hybrid/trace_pixels.h"
+#include "core/loader/scene_xml.h"
+#include "core/platform/error.h"
+#include "core/platform/parallel.h"
+#include "hybrid/render/trace_pixels.h"
+#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {

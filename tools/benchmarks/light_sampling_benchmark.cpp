@@ -8,8 +8,8 @@
 #include <random>
 #include <string>
 
-#include "core/light_sampling.h"
-#include "core/sobol.hd.h"
+#include "core/light/light_sampling.h"
+#include "core/sampling/sobol.hd.h"
 
 namespace {
 

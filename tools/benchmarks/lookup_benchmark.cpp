@@ -9,12 +9,12 @@
 #include <random>
 #include <string>
 
-#include "core/accel.h"
-#include "core/mesh_io.h"
-#include "field/bake.h"
-#include "field/query.hd.h"
-#include "field/risk.h"
-#include "field/segment_kernels.h"
+#include "core/mesh/mesh_io.h"
+#include "core/trace/accel.h"
+#include "field/bake/bake.h"
+#include "field/query/query.hd.h"
+#include "field/query/segment_kernels.h"
+#include "field/store/risk.h"
 #include "tools/benchmarks/embree_occlusion.h"
 
 namespace fieldtrace {

@@ -1,11 +1,11 @@
-// Writes the meshes of core/mesh_stress.h, with their default parameters, as PLY files: stress_meshes FOLDER.
+// Writes the meshes of core/mesh/mesh_stress.h, with their default parameters, as PLY files: stress_meshes FOLDER.
 #include <fmt/format.h>
 
 #include <exception>
 #include <filesystem>
 
-#include "core/mesh_io.h"
-#include "core/mesh_stress.h"
+#include "core/mesh/mesh_io.h"
+#include "core/mesh/mesh_stress.h"
 
 int main(int argc, char** argv) {
   using namespace fieldtrace;

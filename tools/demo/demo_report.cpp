@@ -10,12 +10,12 @@
 #include <fstream>
 #include <sstream>
 
-#include "core/atomic_file.h"
-#include "hybrid/tradeoff.h"
-#include "tools/command.h"
-#include "tools/interrupt.h"
-#include "tools/options.h"
-#include "tools/progress.h"
+#include "core/io/atomic_file.h"
+#include "hybrid/compare/tradeoff.h"
+#include "tools/cli/command.h"
+#include "tools/cli/interrupt.h"
+#include "tools/cli/options.h"
+#include "tools/cli/progress.h"
 
 namespace fieldtrace {
 

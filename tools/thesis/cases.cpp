@@ -3,9 +3,9 @@
 #include <cmath>
 #include <filesystem>
 
-#include "core/mesh_io.h"
-#include "core/mesh_normals.h"
-#include "core/mesh_procedural.h"
+#include "core/mesh/mesh_io.h"
+#include "core/mesh/mesh_normals.h"
+#include "core/mesh/mesh_procedural.h"
 
 namespace fieldtrace {
 namespace {

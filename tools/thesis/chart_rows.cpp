@@ -9,9 +9,9 @@
 #include <optional>
 #include <random>
 
-#include "field/bake_full.h"
-#include "field/risk.h"
-#include "field/thesis_kernels.h"
+#include "field/bake/bake_full.h"
+#include "field/store/risk.h"
+#include "field/thesis/thesis_kernels.h"
 
 namespace fieldtrace {
 namespace {
@@ -19,7 +19,7 @@ namespace {
 constexpr int k_light_rays = 64;       // a receiver
 constexpr size_t k_batch_rays = 8192;  // as the renderer has them: one batch stays in the second-level cache
 constexpr float k_light_distance = 4.6f, k_light_radius = 0.3f;  // in R, from the object's centre: about 7 degrees
-constexpr int k_most_rounds = 6;                                 // of baking: hybrid/shadow_workspace.h
+constexpr int k_most_rounds = 6;                                 // of baking: hybrid/visibility/shadow_workspace.h
 
 enum class Receivers { behind, on_object };
 

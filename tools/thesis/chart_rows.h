@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "core/accel.h"
-#include "field/thesis_field.h"
+#include "core/trace/accel.h"
+#include "field/thesis/thesis_field.h"
 #include "tools/thesis/measure.h"
 
 namespace fieldtrace {

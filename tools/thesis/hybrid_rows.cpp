@@ -3,7 +3,7 @@
 #include <chrono>
 #include <filesystem>
 
-#include "hybrid/render.h"
+#include "hybrid/render/render.h"
 #include "tools/thesis/picture.h"
 
 namespace fieldtrace {

@@ -8,7 +8,7 @@
 #include <map>
 #include <memory>
 
-#include "field/thesis_file.h"
+#include "field/file/thesis_file.h"
 #include "tools/thesis/chart_rows.h"
 #include "tools/thesis/hybrid_rows.h"
 #include "tools/thesis/picture.h"

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "core/isa.h"
+#include "core/simd/isa.h"
 #include "tools/thesis/cases.h"
 
 namespace fieldtrace {

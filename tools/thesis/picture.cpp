@@ -9,8 +9,8 @@
 #include <fstream>
 #include <iterator>
 
-#include "core/error.h"
-#include "core/image.h"
+#include "core/image/image.h"
+#include "core/platform/error.h"
 
 namespace fieldtrace {
 namespace {

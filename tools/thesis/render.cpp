@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/parallel.h"
-#include "core/surface.h"
-#include "core/warp.hd.h"
+#include "core/platform/parallel.h"
+#include "core/sampling/warp.hd.h"
+#include "core/surface/surface.h"
 
 namespace fieldtrace {
 namespace {

@@ -7,11 +7,11 @@
 #include <memory>
 #include <vector>
 
-#include "core/accel.h"
-#include "core/isa.h"
-#include "field/segment_kernels.h"
-#include "field/thesis_field.h"
-#include "field/thesis_kernels.h"
+#include "core/simd/isa.h"
+#include "core/trace/accel.h"
+#include "field/query/segment_kernels.h"
+#include "field/thesis/thesis_field.h"
+#include "field/thesis/thesis_kernels.h"
 #include "tools/thesis/scene.h"
 
 namespace fieldtrace {
@@ -22,7 +22,7 @@ struct PhongSurface {
   Vec3 normal = Vec3(0.0f, 0.0f, 1.0f);  // unit, on the ray's side
   Vec3 geometric =
       Vec3(0.0f, 0.0f, 1.0f);  // that of the triangle, on the ray's side; a field knows no other than `normal`
-  float error = 0.0f;          // how far along `geometric` an exact ray must leave (core/surface.h)
+  float error = 0.0f;          // how far along `geometric` an exact ray must leave (core/surface/surface.h)
   uint32_t instance = k_none;
 };
 

@@ -1,7 +1,7 @@
 // Answers by Embree: the reference.
 #include <numeric>
 
-#include "core/surface.h"
+#include "core/surface/surface.h"
 #include "tools/thesis/tracer.h"
 
 namespace fieldtrace {

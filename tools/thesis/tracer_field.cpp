@@ -1,7 +1,7 @@
 // Answers by fields alone.
 #include <algorithm>
 
-#include "field/thesis_kernels.h"
+#include "field/thesis/thesis_kernels.h"
 #include "tools/thesis/tracer.h"
 
 namespace fieldtrace {

@@ -137,12 +137,12 @@ class Programs:
         return path
 
     def stress_mesh(self, name):
-        """A mesh of core/mesh_stress.h."""
+        """A mesh of core/mesh/mesh_stress.h."""
         folder = self.work / "stress"
         if not (folder / f"{name}.ply").is_file():
             run([self.folder / "stress_meshes", folder])
         if not (folder / f"{name}.ply").is_file():
-            raise BenchmarkError(f"stress_meshes makes no mesh named {name}; see core/mesh_stress.h for those it makes")
+            raise BenchmarkError(f"stress_meshes makes no mesh named {name}; see core/mesh/mesh_stress.h for those it makes")
         return folder / f"{name}.ply"
 
     def lookup_benchmark(self, mesh, quick):

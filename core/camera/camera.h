@@ -1,0 +1,54 @@
+// Camera rays: pinhole and thin lens, crop windows, and sampling of the pixel filter.
+//
+// Conventions are Mitsuba 3's (plugins `perspective`, `thinlens`, `hdrfilm`): the camera looks along its +z, +y is up,
+// +x points to the left of the picture; rays start on the near clipping plane and end on the far one.
+// Filter: every camera sample belongs to one pixel and is placed by importance sampling of the reconstruction filter
+// (Ernst, Stamminger and Greiner, "Filter Importance Sampling", IEEE RT 2006), with weight 1. The expected picture is
+// the convolution with the filter, and a pixel depends on nothing outside it: tiles, threads and crop windows cannot
+// change it. Box, tent and gaussian are positive, so every sample counts alike.
+// Thread-safety: CameraSampler is const after construction.
+#pragma once
+
+#include <vector>
+
+#include "core/camera/camera_samples.h"
+#include "core/scene/camera_lens.h"
+#include "core/scene/scene.h"
+#include "core/simd/isa.h"
+
+namespace fieldtrace {
+
+struct CameraRay {
+  Vec3 origin = Vec3(0.0f);
+  Vec3 direction = Vec3(0.0f, 0.0f, 1.0f);  // unit, world space
+  float tmax = k_infinity;
+  float near_distance = 0.0f;  // from the lens to `origin`, along the ray
+};
+
+class CameraSampler {
+ public:
+  // Throws Error for a camera or film that defines no picture (empty film, field of view outside (0, 180) degrees,
+  // ...).
+  CameraSampler(const Camera& camera, const Film& film);
+
+  CameraSampler(const CameraSampler&) = delete;
+  CameraSampler& operator=(const CameraSampler&) = delete;
+
+  // Rays of camera samples, in SIMD lanes, with their parts as in CameraRay: the same bits for every instruction set.
+  // Sample points are those of `seed`'s k_camera_stream (core/sampling/sobol.hd.h). `rays` and near_distance are
+  // resized, the latter to whole vectors. Throws UsageError if this processor cannot run `isa`.
+  void sample(const CameraSamples& samples, uint32_t seed, Isa isa, RayBatch& rays,
+              AlignedVector<float>& near_distance) const;
+
+  // The ray through the film position p in pixels: (0, 0) is the film's top left corner. u_lens lies in [0, 1)^2.
+  CameraRay ray_at(const Vec2& p, const Vec2& u_lens) const;
+
+  // Offset from the pixel's centre in pixels, distributed as the filter along one axis.
+  float filter_offset(float u) const;
+
+ private:
+  CameraLens lens_;  // points into gaussian_
+  std::vector<float> gaussian_;
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,45 @@
+// The loop over camera samples behind CameraSampler::sample(), for one lane type.
+// Thread-safety: writes its outputs only.
+
+#if defined(FIELDTRACE_CORE_CAMERA_CAMERA_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_CORE_CAMERA_CAMERA_BATCH_INL_H_
+#undef FIELDTRACE_CORE_CAMERA_CAMERA_BATCH_INL_H_
+#else
+#define FIELDTRACE_CORE_CAMERA_CAMERA_BATCH_INL_H_
+#endif
+
+#include "core/camera/camera_kernels.h"
+#include "core/camera/camera_rays.hd.h"
+#include "core/sampling/sobol.hd.h"
+
+FT_LANES_BEGIN
+
+// Fills `rays` and near_distance for all samples. All of them have room for whole vectors.
+template <class F>
+inline void sample_camera_batch(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,
+                                float* near_distance) {
+  for (size_t i = 0; i < samples.size; i += size_t(Lanes<F>::k_count)) {
+    const Uint_t<F> px = load_uint_lanes<F>(samples.x.data() + i), py = load_uint_lanes<F>(samples.y.data() + i);
+    const Uint_t<F> index = load_uint_lanes<F>(samples.index.data() + i);
+    const Uint_t<F> own = hash_combine_lanes<F>(pixel_seed_lanes<F>(seed, px, py), splat_uint<F>(k_camera_stream));
+    const UnitPair<F> film = sample_2d<F>(index, sobol_seeds<F>(own, 0));
+    UnitPair<F> aperture = {splat<F>(0.0f), splat<F>(0.0f)};
+    if (lens.aperture_radius > 0.0f) aperture = sample_2d<F>(index, sobol_seeds<F>(own, 1));
+    const F half = splat<F>(0.5f);
+    const F x = to_float(as_int(px)) + half + filter_offset<F>(lens, film.x);
+    const F y = to_float(as_int(py)) + half + filter_offset<F>(lens, film.y);
+    const CameraRayLanes<F> ray = camera_ray<F>(lens, x, y, aperture.x, aperture.y);
+    store_lanes(ray.origin.x, rays.ox.data() + i);
+    store_lanes(ray.origin.y, rays.oy.data() + i);
+    store_lanes(ray.origin.z, rays.oz.data() + i);
+    store_lanes(ray.direction.x, rays.dx.data() + i);
+    store_lanes(ray.direction.y, rays.dy.data() + i);
+    store_lanes(ray.direction.z, rays.dz.data() + i);
+    store_lanes(ray.tmax, rays.tmax.data() + i);
+    store_lanes(ray.near_distance, near_distance + i);
+  }
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

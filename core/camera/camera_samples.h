@@ -1,0 +1,29 @@
+// Camera samples as structures of arrays, padded like RayBatch. Thread-safety: values.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "core/trace/rays.h"
+
+namespace fieldtrace {
+
+// The stream of sample points that camera rays take (see vertex_seed in core/sampling/sobol.hd.h).
+inline constexpr uint32_t k_camera_stream = 0x43414d00u;
+
+// Camera samples: the pixel of the whole film that each belongs to, and its index in the pixel's sequence.
+struct CameraSamples {
+  size_t size = 0;
+  AlignedVector<uint32_t> x, y, index;
+
+  // Keeps the capacity; entries below n are unspecified.
+  void resize(size_t n) {
+    size = n;
+    for (auto* v : {&x, &y, &index}) v->resize(padded(n));
+  }
+  void set(size_t i, uint32_t pixel_x, uint32_t pixel_y, uint32_t number) {
+    x[i] = pixel_x, y[i] = pixel_y, index[i] = number;
+  }
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,358 @@
+// The loop over receivers and samples behind sample_light, for one lane type.
+//
+// Receivers are taken in groups of one per lane: what depends on the receiver alone is computed for the group at once.
+// The group's N * M ray slots are M vectors; for each the receivers' values are permuted to the lanes that need them:
+// not at all for M = 1, one receiver for a run of vectors if N divides M, by an index table otherwise.
+// Each slot's value depends on its receiver, k and the receiver's own point only, not on its lane: so all lane counts
+// give the same bits.
+// Thread-safety: writes `out` only.
+
+#if defined(FIELDTRACE_CORE_LIGHT_LIGHT_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_CORE_LIGHT_LIGHT_BATCH_INL_H_
+#undef FIELDTRACE_CORE_LIGHT_LIGHT_BATCH_INL_H_
+#else
+#define FIELDTRACE_CORE_LIGHT_LIGHT_BATCH_INL_H_
+#endif
+
+#include <algorithm>
+#include <limits>
+
+#include "core/light/light_environment.hd.h"
+#include "core/light/light_kernels.h"
+#include "core/light/light_shapes.hd.h"
+#include "core/light/light_shapes_area.hd.h"
+#include "core/sampling/point_sets.hd.h"
+#include "core/sampling/sobol.hd.h"
+
+FT_LANES_BEGIN
+
+template <class F>
+struct ReceiverLanes {
+  LightReceiver<F> at;
+  Vec3Lanes<F> normal;  // geometric
+  F slip;               // receivers that transmit: the origin's offset, to the side of the direction
+  SetSequence<F> points;
+  SobolSeeds<F> third_seeds;
+  Uint_t<F> first_index, instance;
+
+  template <class Op>
+  FT_HD_INLINE ReceiverLanes map(const Op& op) const {
+    return {{op(at.origin), op(at.shading), op(at.delta), op(at.transmits)},
+            op(normal),
+            op(slip),
+            {op(points.set), op(points.shift_x), op(points.shift_y)},
+            {op(third_seeds.order), op(third_seeds.x), op(third_seeds.y)},
+            op(first_index),
+            op(instance)};
+  }
+};
+
+template <class F>
+struct SpreadLanes {
+  LanePermutation<F> permute;
+  FT_HD_INLINE F operator()(F a) const { return permute(a); }
+  FT_HD_INLINE Uint_t<F> operator()(Uint_t<F> a) const { return permute(a); }
+  FT_HD_INLINE Vec3Lanes<F> operator()(const Vec3Lanes<F>& a) const {
+    return {permute(a.x), permute(a.y), permute(a.z)};
+  }
+};
+
+// Where the slots' values go: copies of the pointers, which the compiler need not load again after each store.
+struct Slots {
+  float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *weight, *pdf, *red, *green, *blue;
+  uint32_t* instance;
+  size_t active = 0;  // so far
+  explicit Slots(ShadowBatch& out)
+      : ox(out.rays.ox.data()),
+        oy(out.rays.oy.data()),
+        oz(out.rays.oz.data()),
+        dx(out.rays.dx.data()),
+        dy(out.rays.dy.data()),
+        dz(out.rays.dz.data()),
+        tmax(out.rays.tmax.data()),
+        weight(out.weight.data()),
+        pdf(out.pdf.data()),
+        red(out.red.data()),
+        green(out.green.data()),
+        blue(out.blue.data()),
+        instance(out.instance.data()) {}
+};
+
+template <class F, class Kind, bool k_transmits>
+struct LightBatch {
+  static constexpr int k_lanes = Lanes<F>::k_count;
+
+  const Light& light;
+  const int32_t* const point_sets;
+  const Kind kind;
+  const ReceiverBatch& receivers;
+  const uint32_t dimension;  // of the light's first pair
+  const uint32_t stream;     // set_stream(dimension)
+  const LightSampleRange range;
+  const size_t slots;
+  ShadowBatch& out;
+
+  FT_HD_INLINE ReceiverLanes<F> load_receivers(size_t i) const {
+    const ReceiverBatch& b = receivers;
+    const auto at = [i](const AlignedVector<float>& v) { return load_lanes<F>(v.data() + i); };
+    const Vec3Lanes<F> point = {at(b.px), at(b.py), at(b.pz)};
+    ReceiverLanes<F> r;
+    r.normal = {at(b.gx), at(b.gy), at(b.gz)};
+    r.at.shading = {at(b.sx), at(b.sy), at(b.sz)};
+    const F reach = abs(point.x) + abs(point.y) + abs(point.z);
+    const F offset = at(b.error) * splat<F>(k_offset_error_scale) + reach * splat<F>(k_offset_rounding);
+    if constexpr (k_transmits) {
+      r.at.transmits = to_float(as_int(load_byte_lanes<F>(b.transmits.data() + i)));
+      const auto opaque = r.at.transmits == splat<F>(0.0f);
+      r.at.origin = point + r.normal * select(opaque, offset, splat<F>(0.0f));
+      r.slip = select(opaque, splat<F>(0.0f), offset);
+    } else {
+      r.at.transmits = splat<F>(0.0f);
+      r.at.origin = point + r.normal * offset;
+      r.slip = splat<F>(0.0f);
+    }
+    r.at.delta = splat<F>(light.error_base) + splat<F>(light.error_slope) * reach;
+    const Uint_t<F> seed = load_uint_lanes<F>(b.seed.data() + i);
+    r.points = set_sequence<F>(seed, stream);
+    if constexpr (Kind::k_third_number) {
+      r.third_seeds = sobol_seeds<F>(seed, dimension + 1);
+    } else {
+      r.third_seeds = {seed, seed, seed};
+    }
+    r.first_index = load_uint_lanes<F>(b.sample.data() + i) * splat_uint<F>(uint32_t(range.total)) +
+                    splat_uint<F>(uint32_t(range.first));
+    r.instance = load_uint_lanes<F>(b.instance.data() + i);
+    return r;
+  }
+
+  FT_HD_INLINE CentredPair<F> centre_of_cell(Uint_t<F> k) const {
+    const CentredPair<F> centre = grid_point<F>(k, range.columns, range.total / range.columns);
+    return {centre.x * splat<F>(range.stretch), centre.y * splat<F>(range.stretch)};
+  }
+
+  // Of as many receivers from `group` on, which have one each.
+  FT_HD_INLINE CentredPair<F> own_points(size_t group) const {
+    return {load_lanes<F>(range.x + group), load_lanes<F>(range.y + group)};
+  }
+
+  // Writes one vector of slots: sample first_index + k of each lane's receiver.
+  FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+                         Uint_t<F> k) const {
+    const Uint_t<F> index = r.first_index + k;
+    F third = splat<F>(0.0f);
+    if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
+    const CentredPair<F> point = range.x             ? own_points(slot)
+                                 : range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
+                                                     : gather_point<F>(point_sets, r.points, index);
+    emit(to, slot, r, setup, point, third);
+  }
+
+  FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+                         const CentredPair<F>& point, F third) const {
+    const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+    const auto s = kind.sample(r.at, setup, point.x, point.y, third);
+
+    Vec3Lanes<F> origin = r.at.origin, d = s.d;
+    const F cos_g = dot(r.normal, d);
+    const auto above = (cos_g > zero) & (s.cos_s > zero);
+    F height = s.height, cos_s = s.cos_s;
+    Mask_t<F> active = above;
+    if constexpr (k_transmits) {
+      const Vec3Lanes<F> shift = r.normal * copysign(r.slip, cos_g);
+      origin = origin + shift;
+      if constexpr (Kind::k_finite) d = d - shift;
+      if constexpr (Kind::k_surface) height = height + dot(s.normal, shift);
+      active = above | (r.at.transmits > zero);
+      cos_s = abs(cos_s);
+    }
+    active = active & (height >= zero);
+    if (slot + k_lanes > slots) {  // the batch's last vector: padding stays inactive
+      const Int_t<F> left = splat_int<F>(int32_t(slots - std::min(slot, slots)));
+      active = active & (as_int(load_uint_lanes<F>(k_iota.data())) < left);
+    }
+
+    const F t_max = Kind::k_finite ? one : splat<F>(std::numeric_limits<float>::infinity());
+    to.active += size_t(count_true(active));
+    store_lanes(origin.x, to.ox + slot);
+    store_lanes(origin.y, to.oy + slot);
+    store_lanes(origin.z, to.oz + slot);
+    store_lanes(select(active, d.x, zero), to.dx + slot);
+    store_lanes(select(active, d.y, zero), to.dy + slot);
+    store_lanes(select(active, d.z, one), to.dz + slot);
+    store_lanes(select(active, t_max, splat<F>(-1.0f)), to.tmax + slot);
+    store_lanes(select(active, cos_s * s.inverse_pdf, zero), to.weight + slot);
+    store_lanes(select(active, s.pdf, zero), to.pdf + slot);
+    store_lanes(r.instance, to.instance + slot);
+    if constexpr (Kind::k_varies) {
+      store_lanes(s.radiance.x, to.red + slot);
+      store_lanes(s.radiance.y, to.green + slot);
+      store_lanes(s.radiance.z, to.blue + slot);
+    }
+  }
+
+  // The points of a group of one sample a receiver. Where the receivers are samples of one pixel, one after the other,
+  // the gather is saved.
+  FT_HD_INLINE CentredPair<F> group_points(size_t group, const ReceiverLanes<F>& r) const {
+    if constexpr (k_lanes > 1) {
+      const uint32_t seed = receivers.seed[group], index = receivers.sample[group];
+      const auto run = as_uint(lane_sequence<F>(0)) + splat_uint<F>(index) == r.first_index;
+      const auto pixel = load_uint_lanes<F>(receivers.seed.data() + group) == splat_uint<F>(seed);
+      if ((index & 255) <= 256 - k_lanes && all(run & pixel)) {
+        const uint32_t set = set_sequence<float>(seed, stream).set;
+        return load_points<F>(point_sets, set, r.points, index);
+      }
+    }
+    return gather_point<F>(point_sets, r.points, r.first_index);
+  }
+
+  // One sample a receiver: the group's lanes are the slots. The points of a block come first, in a loop of their own:
+  // two short loops keep more vectors in flight than a long one.
+  void run_single() const {
+    constexpr size_t k_block = 256;
+    alignas(64) float x[k_block], y[k_block];
+    Slots to(out);
+    for (size_t block = 0; block < receivers.size; block += k_block) {
+      const size_t end = std::min(block + k_block, receivers.size);
+      for (size_t group = block; group < end; group += k_lanes) {
+        const ReceiverLanes<F> r = load_receivers(group);
+        const CentredPair<F> point = range.x ? own_points(group) : group_points(group, r);
+        store_lanes(point.x, x + (group - block));
+        store_lanes(point.y, y + (group - block));
+      }
+      for (size_t group = block; group < end; group += k_lanes) {
+        const ReceiverLanes<F> r = load_receivers(group);
+        const CentredPair<F> point = {load_lanes<F>(x + (group - block)), load_lanes<F>(y + (group - block))};
+        emit(to, group, r, kind.setup(r.at), point, splat<F>(0.0f));
+      }
+    }
+    out.active = to.active;
+  }
+
+  // Sample counts that fill whole vectors: each vector has one receiver, and consecutive points of one set.
+  void run_whole_vectors() const {
+    Slots to(out);
+    const size_t m = size_t(range.count);
+    alignas(64) int32_t lane[k_lanes * k_lanes];  // lane i, k_lanes times, for each i
+    for (int i = 0; i < k_lanes; ++i) std::fill_n(lane + i * k_lanes, k_lanes, i);
+    alignas(64) uint32_t set[k_lanes], first_index[k_lanes];
+    for (size_t group = 0; group < receivers.size; group += k_lanes) {
+      const ReceiverLanes<F> r = load_receivers(group);
+      const typename Kind::Setup setup = kind.setup(r.at);
+      store_lanes(r.points.set, set);
+      store_lanes(r.first_index, first_index);
+      const size_t count = std::min(size_t(k_lanes), receivers.size - group);
+      for (size_t i = 0; i < count; ++i) {
+        const SpreadLanes<F> spread = {LanePermutation<F>(lane + i * k_lanes)};
+        const ReceiverLanes<F> one = r.map(spread);
+        const typename Kind::Setup one_setup = setup.map(spread);
+        for (size_t k = 0; k < m; k += k_lanes) {
+          const auto number = as_uint(lane_sequence<F>(range.first + int32_t(k)));
+          const auto points = range.columns > 0
+                                  ? centre_of_cell(number)
+                                  : load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
+          emit(to, (group + i) * m + k, one, one_setup, points, splat<F>(0.0f));
+        }
+      }
+    }
+    out.active = to.active;
+  }
+
+  void run_mixed() const {
+    Slots to(out);
+    const size_t m = size_t(range.count);
+    // Per vector of a group: the receiver (lane) and the sample number of each slot.
+    AlignedVector<int32_t> lane(m * k_lanes);
+    AlignedVector<uint32_t> sample(m * k_lanes);
+    for (size_t i = 0; i < lane.size(); ++i) {
+      lane[i] = int32_t(i / m);
+      sample[i] = uint32_t(i % m);
+    }
+    for (size_t group = 0; group < receivers.size; group += k_lanes) {
+      const ReceiverLanes<F> r = load_receivers(group);
+      const typename Kind::Setup setup = kind.setup(r.at);
+      const size_t base = group * m;
+      for (size_t j = 0; j < m && base + j * k_lanes < slots; ++j) {
+        const SpreadLanes<F> spread = {LanePermutation<F>(lane.data() + j * k_lanes)};
+        emit(to, base + j * k_lanes, r.map(spread), setup.map(spread), load_uint_lanes<F>(sample.data() + j * k_lanes));
+      }
+    }
+    out.active = to.active;
+  }
+
+  void run() const {
+    // The specialised loops are compiled for the frequent kinds of light only.
+    if constexpr (Kind::k_frequent && !Kind::k_third_number && !k_transmits) {
+      if (range.total == 1) return run_single();
+      // Whole vectors of points must begin at multiples of their length.
+      if ((range.total | range.first | range.count) % k_lanes == 0) return run_whole_vectors();
+    }
+    run_mixed();
+  }
+};
+
+template <class F>
+struct LightLoop {
+  const LightTable& table;
+  uint32_t index;
+  const ReceiverBatch& receivers;
+  LightSampleRange range;
+  ShadowBatch& out;
+
+  template <class Kind, class... Extra>
+  void with(const Extra*... extra) const {
+    uint8_t transmits = 0;  // without an early exit the loop runs in vectors
+    for (size_t i = 0; i < receivers.size; ++i) transmits |= receivers.transmits[i];
+    const Kind kind(table.lights[index], extra...);
+    transmits != 0 ? run_batch<true>(kind) : run_batch<false>(kind);
+  }
+
+  template <bool k_transmits, class Kind>
+  void run_batch(const Kind& kind) const {
+    const uint32_t dimension = k_light_dimension + 2 * index;
+    LightBatch<F, Kind, k_transmits>{table.lights[index],
+                                     table.point_sets.data(),
+                                     kind,
+                                     receivers,
+                                     dimension,
+                                     set_stream(dimension),
+                                     range,
+                                     receivers.size * size_t(range.count),
+                                     out}
+        .run();
+  }
+
+  void run() const {
+    switch (table.lights[index].kind) {
+      case LightKind::none:
+        return;  // sample_light has left every slot inactive
+      case LightKind::sphere:
+        return with<SphereLight<F>>();
+      case LightKind::sphere_inside:
+      case LightKind::ellipsoid:
+        return with<EllipsoidLight<F>>();
+      case LightKind::rectangle:
+        return with<RectangleLight<F>>();
+      case LightKind::parallelogram:
+        return with<ParallelogramLight<F>>();
+      case LightKind::disk:
+        return with<DiskLight<F>>();
+      case LightKind::cylinder:
+        return with<CylinderLight<F>>();
+      case LightKind::mesh:
+        return with<MeshLight<F>>(table.triangles.data());
+      case LightKind::point:
+        return with<PointLight<F>>();
+      case LightKind::directional:
+        return with<DirectionalLight<F>>();
+      case LightKind::constant:
+        return with<ConstantLight<F>>();
+      case LightKind::environment:
+        return with<EnvironmentLight<F>>(table.environment.rows.data(), table.environment.sums.data(),
+                                         table.environment.texels.data());
+    }
+  }
+};
+
+FT_LANES_END
+
+#endif  // toggled guard

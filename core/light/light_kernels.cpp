@@ -1,0 +1,32 @@
+// The light sampling loop for every Highway target.
+
+// clang-format off: foreach_target.h includes this file again for each target and must come first.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/light/light_kernels.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+// clang-format on
+
+#include "core/light/light_batch-inl.h"
+#include "core/simd/lanes-inl.h"
+
+#if HWY_TARGET != HWY_SCALAR  // sample_light_scalar serves that
+FT_LANES_BEGIN
+
+inline void sample_light_lanes(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+                               const LightSampleRange& range, ShadowBatch& out) {
+  LightLoop<F32>{lights, light, receivers, range, out}.run();
+}
+
+FT_LANES_END
+#endif
+
+#if HWY_ONCE
+#include "core/simd/isa_dispatch.h"
+
+namespace fieldtrace {
+
+LightKernel light_kernel_for(Isa isa) { FT_RETURN_FORM_FOR(isa, sample_light_lanes, sample_light_scalar) }
+
+}  // namespace fieldtrace
+#endif

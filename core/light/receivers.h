@@ -1,0 +1,60 @@
+// Shading points that ask for light, and the shadow rays that they send: one batch per group of points and light.
+//
+// Memory layout: structures of arrays, padded like RayBatch; ray slot r * light_samples + k belongs to receiver r.
+// Thread-safety: values.
+#pragma once
+
+#include "core/trace/rays.h"
+
+namespace fieldtrace {
+
+// World space. The geometric normal g and shading normal s are unit and lie on the side of the arriving ray.
+struct ReceiverBatch {
+  size_t size = 0;
+  AlignedVector<float> px, py, pz;
+  AlignedVector<float> gx, gy, gz;
+  AlignedVector<float> sx, sy, sz;
+  // Bound on the distance between the computed point and the true surface, measured along g (world units).
+  AlignedVector<float> error;
+  AlignedVector<uint32_t> seed;      // of the pixel and path vertex: the light's dimensions are derived from it
+  AlignedVector<uint32_t> sample;    // the camera sample's index in the pixel: light sample k has sequence index
+                                     // sample * light_samples + k
+  AlignedVector<uint32_t> instance;  // the instance that the point lies on
+  AlignedVector<uint8_t> transmits;  // 1: directions below the surface carry light too (not opaque)
+
+  void resize(size_t n) {
+    size = n;
+    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error}) v->resize(padded(n));
+    for (auto* v : {&seed, &sample, &instance}) v->resize(padded(n));
+    transmits.resize(padded(n));
+  }
+};
+
+struct ShadowBatch {
+  // From the offset point towards the light sample; d reaches from the origin to the sample, so t = 1 there, and
+  // tmax lies below 1 by the light's own error bound. Lights at infinity: d is unit, tmax infinite.
+  // Slots whose sample cannot contribute (below the horizon, behind the light) are inactive: tmax < 0, weight 0.
+  RayBatch rays;
+  size_t active = 0;                      // slots that are not inactive, counted by sample_light
+  AlignedVector<float> weight;            // |cos at the shading normal| / pdf of the direction (solid angle); for point
+                                          // and directional emitters |cos| times the geometric fall-off
+  AlignedVector<float> pdf;               // solid-angle density, for multiple importance sampling; 0 for delta emitters
+  AlignedVector<float> red, green, blue;  // environments only: the map's radiance there, to multiply Light::value
+  AlignedVector<uint32_t> instance;       // of the receiver, per slot
+  AlignedVector<uint8_t> blocked;         // the answer: 1 if something lies between
+  AlignedVector<uint8_t> exact;           // with the answer: 1 if an exact ray gave it
+  bool in_shares = false;                 // the answer is `clear` instead of `blocked`
+  AlignedVector<float> clear;             // the share of the slot's part of the light that nothing hides, [0, 1]
+
+  void resize(size_t n) {
+    rays.resize(n);
+    weight.resize(padded(n));
+    pdf.resize(padded(n));
+    instance.resize(padded(n), 0xffffffffu);
+    blocked.assign(padded(n), 0);
+    exact.assign(padded(n), 0);
+    in_shares = false;
+  }
+};
+
+}  // namespace fieldtrace

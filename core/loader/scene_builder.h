@@ -1,0 +1,82 @@
+// The parts of the scene loader that turn elements of a SceneTree into a Scene; scene_xml.cpp runs them.
+//
+// Source: Mitsuba 3 documentation, plugin reference (names, defaults). All functions throw Error with file and line.
+// Thread-safety: one SceneBuilder per load, used by one thread.
+#pragma once
+
+#include <map>
+#include <set>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "core/loader/scene_recentre.h"
+#include "core/loader/scene_tree.h"
+#include "core/loader/scene_values.h"
+#include "core/scene/scene.h"
+
+namespace fieldtrace {
+
+// A shape without its place in the scene: what a plain shape or one member of a shapegroup holds.
+struct ShapePart {
+  std::string id;
+  uint32_t shape = k_none, bsdf = k_none;
+  bool flip_normals = false;
+  DAffine to_world = DAffine(1.0);
+  const SceneNode* emitter = nullptr;
+};
+
+struct SceneBuilder {
+  const SceneTree& tree;
+  const Diagnostics& diagnostics;
+
+  SceneBuilder(const SceneTree& tree_, const Diagnostics& diagnostics_) : tree(tree_), diagnostics(diagnostics_) {}
+
+  Scene scene;
+  ScenePlacement placement;
+
+  // Objects built before, by what they were built from.
+  std::map<const SceneNode*, uint32_t> bsdfs, textures;
+  std::map<const SceneNode*, std::vector<ShapePart>> groups;
+  std::map<std::string, uint32_t> shapes, bitmaps;
+  std::map<std::tuple<MicrofacetKind, float, float>, uint32_t> rough_transmittances;  // by roughness and index
+  std::map<std::string, bool> own_normals;  // mesh files: do they bring normals
+  uint32_t default_bsdf = k_none, emitter_bsdf = k_none;
+  std::set<const SceneNode*> open;  // BSDFs under construction: a reference to one is a cycle
+
+  Properties properties(const SceneNode& node) const { return Properties(node, tree, diagnostics); }
+};
+
+uint32_t add_constant_texture(SceneBuilder& builder, const Rgb& value);
+// The texture property `name` (a colour or a <texture>) as an index into Scene::textures; a constant if it is absent.
+uint32_t build_texture(SceneBuilder& builder, Properties& properties, const std::string& name, const Rgb& missing);
+
+// The image at `path` as an index into Scene::bitmaps, read once for all that use it. `raw`: 8-bit values are taken as
+// they are, not as sRGB. Throws Error naming `where` if it cannot be read or a pixel is not finite.
+uint32_t build_bitmap(SceneBuilder& builder, const std::string& path, bool raw, const SourceLocation& where);
+
+// Index into Scene::bsdfs. An unknown type is reported and becomes the default, a diffuse surface of albedo 0.5.
+uint32_t build_bsdf(SceneBuilder& builder, const SceneNode& node);
+uint32_t build_default_bsdf(SceneBuilder& builder);
+// What a shape that glows and names no BSDF gets, as in Mitsuba: it reflects nothing.
+uint32_t build_emitter_bsdf(SceneBuilder& builder);
+
+// Adds the instance (or those of the shapegroup's members) and area lights that a <shape> stands for. A shapegroup by
+// itself adds nothing.
+void build_shape(SceneBuilder& builder, const SceneNode& node);
+
+// Geometry of a <shape>: an index into Scene::shapes, shared by equal shapes. `part` holds to_world already and
+// receives the index and the flip; kinds with parameters of their own (sphere, cylinder) fold them into to_world. False
+// if the type is unknown (reported).
+bool build_geometry(SceneBuilder& builder, const SceneNode& node, Properties& properties, ShapePart& part);
+
+// Adds an emitter that is not part of a shape.
+void build_emitter(SceneBuilder& builder, const SceneNode& node);
+void build_area_light(SceneBuilder& builder, const SceneNode& node, uint32_t instance);
+
+void build_sensor(SceneBuilder& builder, const SceneNode& node);
+// A camera that sees the whole scene, as Mitsuba's: for scenes without a sensor.
+void build_default_sensor(SceneBuilder& builder);
+void build_integrator(SceneBuilder& builder, const SceneNode& node);
+
+}  // namespace fieldtrace

@@ -1,0 +1,138 @@
+// Textures of scene files: constants, checkerboards, bitmaps (build_texture() of scene_builder.h).
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/image/image.h"
+#include "core/loader/scene_builder.h"
+#include "core/loader/scene_transforms.h"
+
+namespace fieldtrace {
+namespace {
+
+// Mitsuba's `to_uv`: the two-dimensional part of a transform.
+glm::mat3x2 parse_uv_transform(Properties& properties) {
+  const DAffine t = properties.transform("to_uv");
+  return glm::mat3x2(Vec2(t[0]), Vec2(t[1]), Vec2(t[3]));
+}
+
+// Undoes the linearisation of read_image() (IEC 61966-2-1): the numbers as they are in the file.
+float encode_srgb(float v) { return v <= 0.0031308f ? 12.92f * v : 1.055f * std::pow(v, 1.0f / 2.4f) - 0.055f; }
+
+// Formats whose pixels are linear already.
+bool is_linear_format(const std::string& path) {
+  const size_t dot = path.rfind('.');
+  std::string ending = dot == std::string::npos ? std::string() : path.substr(dot + 1);
+  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  return ending == "exr" || ending == "hdr" || ending == "rgbe" || ending == "pfm";
+}
+
+Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& where) {
+  Image image;
+  try {
+    image = read_image(path);
+  } catch (const Error& error) {
+    throw Error(where, std::string("the bitmap cannot be used: ") + error.what());
+  }
+  const size_t channels = image.channel_count();
+  if (image.width < 1 || image.height < 1 || channels < 1)
+    throw Error(where, "the bitmap '" + path + "' holds no pixels");
+  const auto index_of = [&](const char* name, size_t missing) {
+    const auto found = std::find(image.channels.begin(), image.channels.end(), name);
+    return found == image.channels.end() ? missing : size_t(found - image.channels.begin());
+  };
+  // Grey pictures have one channel, or two with alpha; it serves for all three colours.
+  const bool grey = channels < 3;
+  const size_t red = index_of("R", 0), green = grey ? red : index_of("G", 1), blue = grey ? red : index_of("B", 2);
+  const bool encode = raw && !is_linear_format(path);
+  Bitmap bitmap;
+  bitmap.width = image.width;
+  bitmap.height = image.height;
+  bitmap.pixels.reserve(size_t(image.width) * size_t(image.height));
+  for (size_t i = 0; i < size_t(image.width) * size_t(image.height); ++i) {
+    const float* p = &image.data[i * channels];
+    Rgb pixel(p[red], p[green], p[blue]);
+    for (int c = 0; c < 3; ++c) {
+      if (!std::isfinite(pixel[c]))
+        throw Error(where, "the bitmap '" + path + "' has a pixel that is not finite; repair the picture");
+      if (encode) pixel[c] = encode_srgb(pixel[c]);
+    }
+    bitmap.pixels.push_back(pixel);
+  }
+  return bitmap;
+}
+
+Texture parse_bitmap(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
+  Texture texture;
+  texture.kind = TextureKind::bitmap;
+  const std::string filename = properties.string("filename", "");
+  if (filename.empty()) throw Error(node.where, "<texture type=\"bitmap\"> lacks its filename");
+  const bool raw = properties.boolean("raw", false);
+  const std::string wrap = properties.choice("wrap_mode", "repeat", {"repeat", "mirror", "clamp"});
+  texture.wrap = wrap == "repeat" ? WrapMode::repeat : wrap == "mirror" ? WrapMode::mirror : WrapMode::clamp;
+  texture.filter = properties.choice("filter_type", "bilinear", {"bilinear", "nearest"}) == "nearest"
+                       ? TextureFilter::nearest
+                       : TextureFilter::bilinear;
+  texture.uv_transform = parse_uv_transform(properties);
+  properties.ignore({"format", "accel"});
+  texture.bitmap = build_bitmap(builder, resolve_file(node, filename), raw, properties.where("filename"));
+  return texture;
+}
+
+Texture parse_checkerboard(Properties& properties) {
+  Texture texture;
+  texture.kind = TextureKind::checkerboard;
+  texture.color0 = properties.colour("color0", Rgb(0.4f), ColourRole::reflectance);
+  texture.color1 = properties.colour("color1", Rgb(0.2f), ColourRole::reflectance);
+  texture.uv_transform = parse_uv_transform(properties);
+  return texture;
+}
+
+}  // namespace
+
+uint32_t build_bitmap(SceneBuilder& builder, const std::string& path, bool raw, const SourceLocation& where) {
+  const auto [found, inserted] = builder.bitmaps.emplace((raw ? "raw " : "") + path, k_none);
+  if (inserted) {
+    builder.scene.bitmaps.push_back(load_bitmap(path, raw, where));
+    found->second = uint32_t(builder.scene.bitmaps.size() - 1);
+  }
+  return found->second;
+}
+
+uint32_t add_constant_texture(SceneBuilder& builder, const Rgb& value) {
+  Texture texture;
+  texture.color0 = value;
+  builder.scene.textures.push_back(texture);
+  return uint32_t(builder.scene.textures.size() - 1);
+}
+
+uint32_t build_texture(SceneBuilder& builder, Properties& properties, const std::string& name, const Rgb& missing) {
+  const SceneNode* node = properties.find(name);
+  if (!node) return add_constant_texture(builder, missing);
+  if (is_colour(*node))
+    return add_constant_texture(builder, parse_colour(*node, ColourRole::reflectance, builder.diagnostics));
+  if (node->tag != "texture")
+    throw Error(node->where, "'" + name + "' is a <" + node->tag + "> but must be a colour or a <texture>");
+  const auto known = builder.textures.find(node);
+  if (known != builder.textures.end()) return known->second;
+
+  Texture texture;
+  Properties inner = builder.properties(*node);
+  if (node->type == "bitmap") {
+    texture = parse_bitmap(builder, *node, inner);
+  } else if (node->type == "checkerboard") {
+    texture = parse_checkerboard(inner);
+  } else {
+    builder.diagnostics.unknown(node->where, "unknown texture type '" + node->type + "', replaced by grey 0.5");
+    const uint32_t grey = add_constant_texture(builder, Rgb(0.5f));
+    builder.textures[node] = grey;
+    return grey;
+  }
+  inner.finish();
+  builder.scene.textures.push_back(texture);
+  const uint32_t index = uint32_t(builder.scene.textures.size() - 1);
+  builder.textures[node] = index;
+  return index;
+}
+
+}  // namespace fieldtrace

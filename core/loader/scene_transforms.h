@@ -1,0 +1,42 @@
+// Mitsuba's <transform> blocks in double precision.
+//
+// Source: Mitsuba 3 documentation, "Transformations": operations apply in the order in which they are written, so each
+// one multiplies from the left. Thread-safety: pure functions.
+#pragma once
+
+#include <string>
+
+#include "core/loader/scene_tree.h"
+#include "core/math/math.h"
+#include "core/platform/error.h"
+
+namespace fieldtrace {
+
+// The product of a <transform>'s operations. Throws Error for malformed or missing numbers, a rotation about a null
+// axis, a degenerate lookat, a projective matrix. The result is finite; it may be singular.
+DAffine parse_transform(const SceneNode& transform, const Diagnostics& diagnostics);
+
+DAffine translation(const DVec3& offset);
+DAffine scaling(const DVec3& factors);
+// By `degrees` about `axis` (any length but 0), counter-clockwise seen from its tip.
+DAffine rotation(const DVec3& axis, double degrees);
+// Camera frame at `origin` whose +z points to `target` and +y as near to `up` as can be. Unchecked: the caller
+// guarantees that the three points span a plane.
+DAffine look_at(const DVec3& origin, const DVec3& target, const DVec3& up);
+
+// Orthonormal frame with the unit vector n as third column (Duff et al., "Building an Orthonormal Basis, Revisited",
+// JCGT 6(1), 2017, listing 3), the one that Mitsuba uses.
+DMat3 frame_from_normal(const DVec3& n);
+
+// Throws Error unless `transform` and its inverse are finite in single precision and its linear part has full rank.
+void require_invertible(const DAffine& transform, const SourceLocation& where);
+
+// `transform` without its uniform scale, which is left out with a warning; it may mirror. `owner` ("the camera") is
+// whom messages speak of. Throws Error where the transform is singular, scales its axes unequally or shears.
+DAffine rigid_part(const DAffine& transform, const std::string& owner, const SourceLocation& where,
+                   const Diagnostics& diagnostics);
+
+// The linear part's determinant is negative.
+bool is_mirrored(const DAffine& transform);
+
+}  // namespace fieldtrace

@@ -1,0 +1,67 @@
+// A scene file as a tree of elements: files included, `$name` replaced, every element with its place in the files. The
+// builders (scene_*.cpp) read only this tree and never see the XML library.
+//
+// Source: Mitsuba 3 documentation, "Scene XML file format". Thread-safety: const after load_scene_tree().
+// Memory layout: a tree of values; `SceneTree::ids` points into it, so a SceneTree cannot be copied or moved.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/platform/error.h"
+
+namespace fieldtrace {
+
+// Where the builders' complaints go.
+struct Diagnostics {
+  bool strict = false;
+  WarningSink sink;
+
+  // Worth knowing, but the picture is as the file asks for.
+  void warning(const SourceLocation& where, const std::string& message) const { warn(sink, where, message); }
+  // The file asks for something that is not known here: a warning, an Error in strict mode.
+  void unknown(const SourceLocation& where, const std::string& message) const {
+    if (strict) throw Error(where, message + " (an error because of strict mode)");
+    warn(sink, where, message);
+  }
+};
+
+// Folders in which relative file names are looked for, first to last. Shared by all elements of one file.
+using SearchFolders = std::vector<std::filesystem::path>;
+
+struct SceneNode {
+  std::string tag;             // "shape", "float", "translate", ...
+  std::string type, id, name;  // attributes of those names, empty where absent
+  std::vector<std::pair<std::string, std::string>> attributes;
+  std::vector<SceneNode> children;
+  SourceLocation where;
+  std::shared_ptr<const SearchFolders> folders;
+
+  // The attribute's value, or null if the element does not have it.
+  const std::string* attribute(const std::string& key) const;
+  // The attribute's value. Throws Error where it is missing.
+  const std::string& required(const std::string& key) const;
+};
+
+struct SceneTree {
+  SceneNode root;
+  std::map<std::string, const SceneNode*> ids;
+
+  SceneTree() = default;
+  SceneTree(const SceneTree&) = delete;
+  SceneTree& operator=(const SceneTree&) = delete;
+};
+
+// Fills `tree` from the file at `path`. Throws Error for files that cannot be read, XML that is not well-formed,
+// undefined parameters, include cycles and ids given twice.
+void load_scene_tree(const std::string& path, const std::map<std::string, std::string>& parameters,
+                     const Diagnostics& diagnostics, SceneTree& tree);
+
+// The existing file or folder that `name` means in the file of `node`. Throws Error if there is none.
+std::string resolve_file(const SceneNode& node, const std::string& name);
+
+}  // namespace fieldtrace

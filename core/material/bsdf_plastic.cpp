@@ -1,0 +1,93 @@
+// Plastics: a diffuse body under a dielectric interface. What enters is scattered diffusely and partly reflected back
+// into the body by the interface, any number of times: body / (1 - body R) with the internal diffuse reflectance R, or,
+// where colours are to stay as given ("linear"), body / (1 - R). Entering and leaving, (1 - F) / eta^2 each way counted
+// once.
+//
+// Source: Mitsuba 3 documentation, plugins `plastic` and `roughplastic`; the latter with the rough interface's
+// transmittance (rough_transmittance.h) instead of 1 - F.
+
+#include "core/material/bsdf_families.h"
+#include "core/material/refraction.h"
+#include "core/material/rough_transmittance.h"
+
+namespace fieldtrace::bsdf {
+namespace {
+
+// The body's value / pi for light that enters and leaves whole.
+Rgb body_value(const Material& material, float internal_reflectance) {
+  const Rgb body = material.diffuse_reflectance;
+  const Rgb kept = (material.nonlinear ? body : Rgb(1.0f)) * internal_reflectance;
+  const float ior2 = material.relative_ior * material.relative_ior;
+  return body / ((Rgb(1.0f) - kept) * (k_pi * ior2));
+}
+
+float mean(const Rgb& c) { return (c.x + c.y + c.z) / 3.0f; }
+
+// The probability of sampling the specular lobe where it reflects that share, in proportion to what the lobes may
+// carry.
+float specular_probability(const Material& material, float specular_share) {
+  const float specular = specular_share * mean(material.reflectance);
+  const float diffuse = (1.0f - specular_share) * mean(material.diffuse_reflectance);
+  return specular + diffuse > 0.0f ? specular / (specular + diffuse) : 0.5f;
+}
+
+float smooth_internal_reflectance(const Material& material) {
+  return fresnel_diffuse_reflectance(1.0f / material.relative_ior);
+}
+
+}  // namespace
+
+Rgb evaluate_plastic(const Material& material, const Vec3& wi, const Vec3& wo) {
+  const float f_i = fresnel_dielectric(wi.z, material.relative_ior).reflectance;
+  const float f_o = fresnel_dielectric(wo.z, material.relative_ior).reflectance;
+  return body_value(material, smooth_internal_reflectance(material)) * ((1.0f - f_i) * (1.0f - f_o) * wo.z);
+}
+
+float plastic_pdf(const Material& material, const Vec3& wi, const Vec3& wo) {
+  const float f_i = fresnel_dielectric(wi.z, material.relative_ior).reflectance;
+  return (1.0f - specular_probability(material, f_i)) * wo.z / k_pi;
+}
+
+BsdfSample sample_plastic(const Material& material, const Vec3& wi, const Vec2& u, float u_lobe) {
+  BsdfSample s;
+  const float f_i = fresnel_dielectric(wi.z, material.relative_ior).reflectance;
+  const float specular = specular_probability(material, f_i);
+  if (u_lobe < specular) {
+    s.wo = mirror(wi);
+    s.pdf = specular;
+    s.weight = material.reflectance * (f_i / specular);
+    s.delta = true;
+    return s;
+  }
+  s.wo = sample_cosine(u);
+  s.pdf = (1.0f - specular) * s.wo.z / k_pi;
+  if (s.pdf > 0.0f) s.weight = evaluate_plastic(material, wi, s.wo) / s.pdf;
+  return s;
+}
+
+Rgb evaluate_rough_plastic(const Material& material, const Vec3& wi, const Vec3& wo) {
+  const RoughTransmittance& table = *material.rough_transmittance;
+  const float through = transmittance_at(table, wi.z) * transmittance_at(table, wo.z);
+  const Rgb diffuse = body_value(material, table.internal_reflectance) * (through * wo.z);
+  const Vec3 h = glm::normalize(wi + wo);
+  const float f = fresnel_dielectric(glm::dot(wi, h), material.relative_ior).reflectance;
+  return diffuse + material.reflectance * reflection_value(material.microfacet, wi, wo, h, f);
+}
+
+float rough_plastic_pdf(const Material& material, const Vec3& wi, const Vec3& wo) {
+  const float specular = specular_probability(material, 1.0f - transmittance_at(*material.rough_transmittance, wi.z));
+  const float lobe = reflection_pdf(material.microfacet, wi, glm::normalize(wi + wo));
+  return specular * lobe + (1.0f - specular) * wo.z / k_pi;
+}
+
+BsdfSample sample_rough_plastic(const Material& material, const Vec3& wi, const Vec2& u, float u_lobe) {
+  BsdfSample s;
+  const float specular = specular_probability(material, 1.0f - transmittance_at(*material.rough_transmittance, wi.z));
+  s.wo = u_lobe < specular ? reflect(wi, material.microfacet.sample_visible(wi, u)) : sample_cosine(u);
+  if (!(s.wo.z > 0.0f)) return s;
+  s.pdf = rough_plastic_pdf(material, wi, s.wo);
+  if (s.pdf > 0.0f) s.weight = evaluate_rough_plastic(material, wi, s.wo) / s.pdf;
+  return s;
+}
+
+}  // namespace fieldtrace::bsdf

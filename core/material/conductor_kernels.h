@@ -1,0 +1,25 @@
+// The compiled forms of the loop behind sample_conductor(), one per instruction set. Thread-safety: pure functions.
+#pragma once
+
+#include "core/material/conductor_samples.h"
+
+namespace fieldtrace {
+
+// What a batch of samples has in common.
+struct ConductorTask {
+  const Material& material;
+  const Frame& frame;
+  Vec3 wi;
+  uint32_t seed, first;
+  int count;
+};
+
+// `out` has room for `count` samples and the padding of a batch.
+using ConductorKernel = void (*)(const ConductorTask& task, LobeSamples& out);
+
+// `isa` is resolved: supported by this processor and not `automatic`.
+ConductorKernel conductor_kernel_for(Isa isa);
+
+void sample_conductor_scalar(const ConductorTask& task, LobeSamples& out);
+
+}  // namespace fieldtrace

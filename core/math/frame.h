@@ -1,0 +1,38 @@
+// Local shading frames. Thread-safety: values and pure functions.
+#pragma once
+
+#include <cmath>
+
+#include "core/math/math.h"
+
+namespace fieldtrace {
+
+// An orthonormal right-handed basis: s x t = n. Local z is the shading normal.
+struct Frame {
+  Vec3 s = Vec3(1.0f, 0.0f, 0.0f), t = Vec3(0.0f, 1.0f, 0.0f), n = Vec3(0.0f, 0.0f, 1.0f);
+
+  Vec3 to_local(const Vec3& v) const { return {glm::dot(v, s), glm::dot(v, t), glm::dot(v, n)}; }
+  Vec3 to_world(const Vec3& v) const { return s * v.x + t * v.y + n * v.z; }
+};
+
+// Some frame about the unit vector n (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017).
+inline Frame frame_about(const Vec3& n) {
+  const float sign = std::copysign(1.0f, n.z);
+  const float a = -1.0f / (sign + n.z);
+  const float b = n.x * n.y * a;
+  return {{1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x}, {b, sign + n.y * n.y * a, -n.y}, n};
+}
+
+// The frame about the unit vector n whose s lies in the plane of n and `tangent` (any length). Falls back to
+// frame_about(n) where the tangent is zero or parallel to n.
+inline Frame frame_along(const Vec3& n, const Vec3& tangent) {
+  const Vec3 s = tangent - n * glm::dot(n, tangent);
+  const float length2 = glm::dot(s, s);
+  // Below this share of the tangent's length, s is all rounding error: 3 products and 4 sums on either side.
+  constexpr float k_parallel = gamma_bound(8) * gamma_bound(8);
+  if (!(length2 > k_parallel * glm::dot(tangent, tangent))) return frame_about(n);
+  const Vec3 unit = s / std::sqrt(length2);
+  return {unit, glm::cross(n, unit), n};
+}
+
+}  // namespace fieldtrace

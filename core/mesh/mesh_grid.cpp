@@ -1,0 +1,23 @@
+#include "core/mesh/mesh_grid.h"
+
+#include <fmt/format.h>
+
+namespace fieldtrace::mesh_grid {
+
+void require_range(const char* mesh, const char* parameter, double value, double least, double most) {
+  // In float, which most parameters are: 1e-6f is a little below 1e-6.
+  if (!(float(value) >= float(least) && float(value) <= float(most))) {
+    throw UsageError(
+        fmt::format("{}: {} is {:g}, it must be between {:g} and {:g}", mesh, parameter, value, least, most));
+  }
+}
+
+void append(TriangleMesh& mesh, const TriangleMesh& part) {
+  const uint32_t base = uint32_t(mesh.positions.size());
+  mesh.positions.insert(mesh.positions.end(), part.positions.begin(), part.positions.end());
+  mesh.normals.insert(mesh.normals.end(), part.normals.begin(), part.normals.end());
+  mesh.texcoords.insert(mesh.texcoords.end(), part.texcoords.begin(), part.texcoords.end());
+  for (const UVec3& t : part.triangles) mesh.triangles.push_back(t + UVec3(base));
+}
+
+}  // namespace fieldtrace::mesh_grid

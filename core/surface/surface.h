@@ -1,0 +1,49 @@
+// The surface where a ray ended: position with an error bound, normals, texture coordinates, tangent.
+//
+// The position is computed anew from the primitive in double precision (triangles: from the barycentric coordinates;
+// analytic shapes: by projection onto them) and rounded once, so its error does not grow with the ray's length. The
+// bound covers that rounding and what the *next* ray suffers: its origin's rounding, its way into object space, and
+// the intersection test there (after Pharr, Jakob and Humphreys, "Physically Based Rendering", 4th ed., section 6.8,
+// "Managing Rounding Error"; Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013).
+// Normals follow the instance's transform by its inverse transpose, mirrored or not, as in Mitsuba; flip_normals turns
+// both round. Thread-safety: pure functions of a const scene.
+#pragma once
+
+#include "core/scene/scene.h"
+#include "core/trace/rays.h"
+
+namespace fieldtrace {
+
+// World space. Normals are unit and point to the surface's outside (they are not turned to the ray).
+struct SurfacePoint {
+  Vec3 position = Vec3(0.0f);
+  // An origin moved by this distance along the geometric normal, either way, lies strictly on that side of the
+  // surface, for the ray queries too.
+  float error = 0.0f;
+  Vec3 geometric_normal = Vec3(0.0f, 0.0f, 1.0f);
+  Vec3 shading_normal = Vec3(0.0f, 0.0f, 1.0f);
+  Vec2 uv = Vec2(0.0f);
+  uint32_t instance = k_none, primitive = k_none;
+};
+
+// The surface at hit `i` of `hits`, found by ray `i` of `rays`. Unchecked: the caller guarantees a hit there.
+SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch& hits, size_t i);
+
+// Texture coordinates at the barycentric coordinates (u, v) of vertices 1 and 2. `shape` is_meshed().
+Vec2 triangle_uv(const Shape& shape, uint32_t primitive, float u, float v);
+
+// The surface of a mesh's instance at a point that lies within `error` of it along the unit `normal`, which stands for
+// the surface's own on either side; `primitive` is a triangle near it, whose texture coordinates are continued over its
+// plane. For surfaces known by their fields (hybrid/glossy/hit_answerer.h). Unchecked: the instance is a mesh's.
+SurfacePoint surface_near(const Scene& scene, uint32_t instance, uint32_t primitive, const Vec3& position,
+                          const Vec3& normal, float error);
+
+// The derivative of the position by u (world space, any length): the direction that anisotropic roughness turns with.
+// Zero where no texture coordinates define it.
+Vec3 surface_tangent(const Scene& scene, const SurfacePoint& surface);
+
+// The point from which a ray in direction d leaves the surface without meeting it again: moved by `error` along the
+// geometric normal to the side of d.
+Vec3 offset_origin(const Vec3& position, const Vec3& geometric_normal, float error, const Vec3& d);
+
+}  // namespace fieldtrace

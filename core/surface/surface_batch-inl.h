@@ -1,0 +1,131 @@
+// The loop over hits behind Surfaces::evaluate(), for one lane type. Thread-safety: writes its result only.
+
+#if defined(FIELDTRACE_CORE_SURFACE_SURFACE_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_CORE_SURFACE_SURFACE_BATCH_INL_H_
+#undef FIELDTRACE_CORE_SURFACE_SURFACE_BATCH_INL_H_
+#else
+#define FIELDTRACE_CORE_SURFACE_SURFACE_BATCH_INL_H_
+#endif
+
+#include <algorithm>
+
+#include "core/surface/surface_kernels.h"
+#include "core/surface/surface_lanes.hd.h"
+
+FT_LANES_BEGIN
+
+// Hits are taken in blocks: their triangles are gathered first, and calculated with afterwards, because a processor
+// cannot look ahead over both. A multiple of all lane counts.
+constexpr size_t k_surface_block = 64;
+
+// Every array is aligned to the widest vectors.
+struct alignas(64) SurfaceBlock {
+  int32_t place[k_surface_block];  // in the batch
+  float u[k_surface_block], v[k_surface_block];
+  float position[9][k_surface_block], normal[9][k_surface_block];  // of the corners, coordinate by coordinate
+  float surface[10][k_surface_block];                              // position, normal, shading normal, error
+  size_t used = 0;  // hits; the lanes beyond them repeat the last, whose mesh is the same
+};
+
+// The same three rows for all lanes.
+template <class F>
+FT_HD_INLINE void splat_corners(const std::vector<Vec3>& from, const UVec3& row, size_t i,
+                                float (&to)[9][k_surface_block]) {
+  for (int corner = 0; corner < 3; ++corner) {
+    const Vec3& v = from[row[corner]];
+    for (int k = 0; k < 3; ++k) store_lanes(splat<F>(v[k]), to[3 * corner + k] + i);
+  }
+}
+
+// Gathers rows of three numbers at the three corners.
+template <class F>
+FT_HD_INLINE void gather_corners(const std::vector<Vec3>& from, const Int_t<F> (&row)[3], size_t i,
+                                 float (&to)[9][k_surface_block]) {
+  const float* base = &from.data()->x;
+  for (int corner = 0; corner < 3; ++corner) {
+    for (int k = 0; k < 3; ++k) store_lanes(gather(base + k, row[corner]), to[3 * corner + k] + i);
+  }
+}
+
+template <class F>
+inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, SurfaceBlock& block) {
+  const auto* const corners = reinterpret_cast<const int32_t*>(mesh.triangles.data());
+  const auto* const primitives = reinterpret_cast<const int32_t*>(hits.primitive.data());
+  const auto times_three = [](Int_t<F> a) { return a + a + a; };
+  for (size_t i = 0; i < block.used; i += size_t(Lanes<F>::k_count)) {
+    const Int_t<F> place = load_int_lanes<F>(block.place + i);
+    const Int_t<F> primitive = gather(primitives, place);
+    store_lanes(gather(hits.u.data(), place), block.u + i);
+    store_lanes(gather(hits.v.data(), place), block.v + i);
+    const int32_t first = primitives[block.place[i]];
+    if (all(primitive == splat_int<F>(first))) {  // usual on large triangles
+      const UVec3& row = mesh.triangles[size_t(first)];
+      splat_corners<F>(mesh.positions, row, i, block.position);
+      if (!mesh.normals.empty()) splat_corners<F>(mesh.normals, row, i, block.normal);
+      continue;
+    }
+    const Int_t<F> triangle = times_three(primitive);
+    const Int_t<F> row[3] = {times_three(gather(corners, triangle)), times_three(gather(corners + 1, triangle)),
+                             times_three(gather(corners + 2, triangle))};
+    gather_corners<F>(mesh.positions, row, i, block.position);
+    if (!mesh.normals.empty()) gather_corners<F>(mesh.normals, row, i, block.normal);
+  }
+}
+
+// The surface of the triangles from place i of a block on.
+template <class D>
+FT_HD_INLINE LocalSurface<D> block_surface(const SurfaceBlock& block, bool has_normals, size_t i) {
+  const auto corners = [&](const float(&from)[9][k_surface_block]) {
+    const auto at = [&](int k) {
+      return Vec3Lanes<D>{load_floats<D>(from[k] + i), load_floats<D>(from[k + 1] + i),
+                          load_floats<D>(from[k + 2] + i)};
+    };
+    return TriangleCorners<D>{at(0), at(3), at(6)};
+  };
+  const D b1 = load_floats<D>(block.u + i), b2 = load_floats<D>(block.v + i);
+  LocalSurface<D> local = triangle_surface<D>(corners(block.position), b1, b2);
+  if (has_normals) local.shading = interpolated_normal<D>(corners(block.normal), b1, b2, local.normal);
+  return local;
+}
+
+template <class F, class D>
+inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
+  const Instance& instance = task.scene.instances[task.instance];
+  const TriangleMesh& mesh = task.scene.shapes[instance.shape].mesh;
+  const AffineLanes<D> to_world = splat_affine<D>(&instance.to_world[0][0]);
+  const AffineLanes<D> to_object = splat_affine<D>(&instance.to_object[0][0]);
+  const D sign = splat_double<D>(instance.flip_normals ? -1.0 : 1.0);
+  const bool is_shaded = !mesh.normals.empty();
+  SurfaceBlock block;
+  for (size_t begin = 0; begin < task.places.size(); begin += k_surface_block) {
+    block.used = std::min(task.places.size() - begin, k_surface_block);
+    std::copy_n(task.places.data() + begin, block.used, block.place);
+    std::fill(block.place + block.used, block.place + k_surface_block, block.place[block.used - 1]);
+    gather_block<F>(mesh, task.hits, block);
+    for (size_t i = 0; i < block.used; i += size_t(DoubleLanes<D>::k_count)) {
+      const WorldSurface<D> s =
+          to_world_surface<D>(to_world, to_object, sign, block_surface<D>(block, is_shaded, i), is_shaded);
+      const D values[9] = {s.position.x, s.position.y, s.position.z, s.normal.x, s.normal.y,
+                           s.normal.z,   s.shading.x,  s.shading.y,  s.shading.z};
+      for (int k = 0; k < 9; ++k) store_floats(values[k], block.surface[k] + i);
+      store_next_floats(s.error, block.surface[9] + i);
+    }
+    for (size_t i = 0; i < block.used; ++i) {
+      const auto at = [&](int k) {
+        return Vec3(block.surface[k][i], block.surface[k + 1][i], block.surface[k + 2][i]);
+      };
+      const auto place = size_t(block.place[i]);
+      SurfacePoint& p = result[place];
+      p.position = at(0);
+      p.geometric_normal = at(3);
+      p.shading_normal = at(6);
+      p.error = block.surface[9][i];
+      p.instance = task.instance;
+      p.primitive = task.hits.primitive[place];
+    }
+  }
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

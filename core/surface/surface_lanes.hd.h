@@ -1,0 +1,169 @@
+// Points of triangles and bounds on their rounding errors, in double-precision lanes; see core/surface/surface.h.
+// Thread-safety: pure functions.
+
+#if defined(FIELDTRACE_CORE_SURFACE_SURFACE_LANES_HD_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_CORE_SURFACE_SURFACE_LANES_HD_H_
+#undef FIELDTRACE_CORE_SURFACE_SURFACE_LANES_HD_H_
+#else
+#define FIELDTRACE_CORE_SURFACE_SURFACE_LANES_HD_H_
+#endif
+
+#include "core/simd/double_lanes.hd.h"
+
+FT_LANES_BEGIN
+
+// Bounds on the relative error of 3, 6, 8 and 12 rounded float operations in a row, as gamma_bound() of
+// core/math/math.h.
+constexpr double k_gamma_3 = 3 * 0x1p-24 / (1.0 - 3 * 0x1p-24);
+constexpr double k_gamma_6 = 6 * 0x1p-24 / (1.0 - 6 * 0x1p-24);
+constexpr double k_gamma_8 = 8 * 0x1p-24 / (1.0 - 8 * 0x1p-24);
+constexpr double k_gamma_12 = 12 * 0x1p-24 / (1.0 - 12 * 0x1p-24);
+
+// Every relative bound is zero for a surface in a coordinate plane, where an origin on the surface is hit at t = 0 (and
+// denormal offsets are flushed to zero). This share of the shape's own size is far below what rounding costs elsewhere
+// (2^-24), and its product with the squared size, as in the triangle test, is a normal float for sizes down to 1e-8.
+constexpr double k_least_share = 0x1p-40;
+
+template <class D>
+FT_HD_INLINE Vec3Lanes<D> cross(const Vec3Lanes<D>& a, const Vec3Lanes<D>& b) {
+  return {a.y * b.z - b.y * a.z, a.z * b.x - b.z * a.x, a.x * b.y - b.x * a.y};
+}
+template <class D>
+FT_HD_INLINE Vec3Lanes<D> magnitudes(const Vec3Lanes<D>& a) {
+  return {abs(a.x), abs(a.y), abs(a.z)};
+}
+
+template <class M, class D>
+FT_HD_INLINE Vec3Lanes<D> select_vector(const M& m, const Vec3Lanes<D>& a, const Vec3Lanes<D>& b) {
+  return {select(m, a.x, b.x), select(m, a.y, b.y), select(m, a.z, b.z)};
+}
+
+// What a shape knows about a point on it, in object space.
+template <class D>
+struct LocalSurface {
+  Vec3Lanes<D> position;
+  Vec3Lanes<D> normal;   // geometric, any length
+  Vec3Lanes<D> shading;  // any length
+  D normal_length;
+  // Bound on the error of a ray query's own distance to the surface, along the unit geometric normal.
+  D query_error;
+};
+
+// Of positions or of normals.
+template <class D>
+struct TriangleCorners {
+  Vec3Lanes<D> p0, p1, p2;
+};
+
+// A query computes the triangle's normal as a cross product of rounded edges and projects v0 - o on it: products of
+// three factors, summed 2 x 3 times, each with about 8 roundings. The absolute products bound the terms, so the
+// error is large for slivers only, where cancellation in the normal is real.
+template <class D>
+FT_HD_INLINE D triangle_query_error(const Vec3Lanes<D>& e1, const Vec3Lanes<D>& e2, const Vec3Lanes<D>& to_p0,
+                                    D normal_length) {
+  const D zero = splat_double<D>(0.0);
+  const Vec3Lanes<D> a = magnitudes(e1), b = magnitudes(e2);
+  const Vec3Lanes<D> terms = {a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x};
+  const D of_terms = splat_double<D>(k_gamma_8) * dot(terms, magnitudes(to_p0)) / normal_length;
+  const D of_size = splat_double<D>(k_least_share) * sqrt(max(dot(e1, e1), dot(e2, e2)));
+  return select(normal_length > zero, of_terms, zero) + of_size;
+}
+
+// The point with the barycentric coordinates b1, b2 of p1 and p2; `shading` is the geometric normal.
+template <class D>
+FT_HD_INLINE LocalSurface<D> triangle_surface(const TriangleCorners<D>& t, D b1, D b2) {
+  const D b0 = splat_double<D>(1.0) - b1 - b2;
+  LocalSurface<D> local;
+  local.position = t.p0 * b0 + t.p1 * b1 + t.p2 * b2;
+  const Vec3Lanes<D> e1 = t.p1 - t.p0, e2 = t.p2 - t.p0;
+  local.normal = local.shading = cross(e1, e2);
+  local.normal_length = sqrt(dot(local.normal, local.normal));
+  local.query_error = triangle_query_error(e1, e2, t.p0 - local.position, local.normal_length);
+  return local;
+}
+
+// The shading normal between the corners' normals; `geometric` where these cancel out.
+template <class D>
+FT_HD_INLINE Vec3Lanes<D> interpolated_normal(const TriangleCorners<D>& n, D b1, D b2, const Vec3Lanes<D>& geometric) {
+  const Vec3Lanes<D> shading = n.p0 * (splat_double<D>(1.0) - b1 - b2) + n.p1 * b1 + n.p2 * b2;
+  return select_vector(dot(shading, shading) > splat_double<D>(0.0), shading, geometric);
+}
+
+template <class D>
+struct AffineLanes {
+  Vec3Lanes<D> x, y, z, t;  // columns
+
+  FT_HD_INLINE Vec3Lanes<D> point(const Vec3Lanes<D>& p) const { return x * p.x + y * p.y + z * p.z + t; }
+  // As of the inverse: multiplies by the transpose. Not normalised.
+  FT_HD_INLINE Vec3Lanes<D> normal(const Vec3Lanes<D>& n) const { return {dot(x, n), dot(y, n), dot(z, n)}; }
+  // Componentwise bound |A| |p| + |t|: what rounding errors of A p + t are relative to.
+  FT_HD_INLINE Vec3Lanes<D> magnitude(const Vec3Lanes<D>& p) const {
+    return magnitudes(x) * abs(p.x) + magnitudes(y) * abs(p.y) + magnitudes(z) * abs(p.z) + magnitudes(t);
+  }
+};
+
+// `m`: 12 numbers, column by column.
+template <class D>
+FT_HD_INLINE AffineLanes<D> splat_affine(const float* m) {
+  const auto column = [&](int i) {
+    const float* c = m + 3 * i;
+    return Vec3Lanes<D>{splat_double<D>(double(c[0])), splat_double<D>(double(c[1])), splat_double<D>(double(c[2]))};
+  };
+  return {column(0), column(1), column(2), column(3)};
+}
+
+// Bound on what rounding makes of a point on the surface along its unit normal, `world` being its position.
+// normal_length: of the image of local.normal.
+template <class D>
+FT_HD_INLINE D rounding_error(const AffineLanes<D>& to_world, const AffineLanes<D>& to_object,
+                              const LocalSurface<D>& local, const Vec3Lanes<D>& world, const Vec3Lanes<D>& unit_normal,
+                              D normal_length) {
+  const D zero = splat_double<D>(0.0);
+  const Vec3Lanes<D> n = magnitudes(unit_normal);
+  // World: the position is rounded once, and the offset origin once more in product and sum.
+  const D in_world = splat_double<D>(k_gamma_3) * dot(n, magnitudes(world));
+  // Object: 3 products and 3 sums with a matrix that the query inverted itself: its entries are off by a few roundings
+  // of magnitudes that |to_object| and |to_world| bound, hence twice the roundings of one transform on both ways.
+  const D in_object = splat_double<D>(k_gamma_12) * dot(magnitudes(local.normal), to_object.magnitude(world));
+  // A plane that lies d away in object space lies d |n| / |A^-T n| away in world space.
+  const D carried = (in_object + local.query_error * local.normal_length) / normal_length;
+  const D on_the_way = splat_double<D>(k_gamma_6) * dot(n, to_world.magnitude(local.position));
+  const auto has_normal = (local.normal_length > zero) & (normal_length > zero);
+  return in_world + select(has_normal, carried + on_the_way, zero);
+}
+
+// World space; `normal` and `shading` are unit, on the outside.
+template <class D>
+struct WorldSurface {
+  Vec3Lanes<D> position, normal, shading;
+  D error;
+};
+
+// sign: -1 where the instance's normals point the other way.
+// is_shaded: local.shading differs from local.normal, or may do so.
+template <class D>
+FT_HD_INLINE WorldSurface<D> to_world_surface(const AffineLanes<D>& to_world, const AffineLanes<D>& to_object, D sign,
+                                              const LocalSurface<D>& local, bool is_shaded) {
+  const D zero = splat_double<D>(0.0), one = splat_double<D>(1.0);
+  const auto unit = [&](const Vec3Lanes<D>& v, D length, const Vec3Lanes<D>& otherwise) {
+    return select_vector(length > zero, v * (one / length), otherwise);
+  };
+  WorldSurface<D> s;
+  s.position = to_world.point(local.position);
+  const Vec3Lanes<D> normal = to_object.normal(local.normal);
+  const D normal_length = sqrt(dot(normal, normal));
+  s.normal = unit(normal, normal_length, {zero, zero, one});
+  s.error = rounding_error<D>(to_world, to_object, local, s.position, s.normal, normal_length);
+  s.shading = s.normal;
+  if (is_shaded) {
+    const Vec3Lanes<D> shading = to_object.normal(local.shading);
+    s.shading = unit(shading, sqrt(dot(shading, shading)), s.normal);
+  }
+  s.normal = s.normal * sign;
+  s.shading = s.shading * sign;
+  return s;
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

@@ -1,0 +1,264 @@
+#include "core/trace/accel.h"
+
+#include <embree3/rtcore.h>
+
+#include <atomic>
+#include <cstring>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "core/platform/error.h"
+#include "core/trace/accel_analytic.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr int k_width = 16;  // packet width; Embree splits it where the processor's vectors are narrower
+
+struct DeviceDeleter {
+  void operator()(RTCDevice d) const { rtcReleaseDevice(d); }
+};
+struct SceneDeleter {
+  void operator()(RTCScene s) const { rtcReleaseScene(s); }
+};
+using DevicePtr = std::unique_ptr<std::remove_pointer_t<RTCDevice>, DeviceDeleter>;
+using ScenePtr = std::unique_ptr<std::remove_pointer_t<RTCScene>, SceneDeleter>;
+
+RTCIntersectContext make_context(Coherence coherence) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags =
+      coherence == Coherence::coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  return context;
+}
+
+// Fills packet entry `lane` with ray `i`. An inactive ray gets tnear > tfar, which Embree skips.
+void set_ray(RTCRay16& packet, int lane, const RayBatch& rays, size_t i) {
+  packet.org_x[lane] = rays.ox[i];
+  packet.org_y[lane] = rays.oy[i];
+  packet.org_z[lane] = rays.oz[i];
+  packet.dir_x[lane] = rays.dx[i];
+  packet.dir_y[lane] = rays.dy[i];
+  packet.dir_z[lane] = rays.dz[i];
+  packet.tnear[lane] = 0.0f;
+  packet.tfar[lane] = rays.tmax[i];
+  packet.time[lane] = 0.0f;
+  packet.mask[lane] = 0xffffffffu;
+  packet.id[lane] = unsigned(lane);
+  packet.flags[lane] = 0;
+}
+
+// Carries the first `count` rays of a packet into object space.
+void transform_packet(RTCRay16& p, int count, const Affine& m) {
+  for (int i = 0; i < count; ++i) {
+    const Vec3 o = transform_point(m, {p.org_x[i], p.org_y[i], p.org_z[i]});
+    const Vec3 d = transform_vector(m, {p.dir_x[i], p.dir_y[i], p.dir_z[i]});
+    p.org_x[i] = o.x, p.org_y[i] = o.y, p.org_z[i] = o.z;
+    p.dir_x[i] = d.x, p.dir_y[i] = d.y, p.dir_z[i] = d.z;
+  }
+}
+
+void set_valid(int (&valid)[k_width], int count) {
+  for (int i = 0; i < k_width; ++i) valid[i] = i < count ? -1 : 0;
+}
+
+// Shared by both nearest-hit queries: store(packet, lane, ray, hit) is called for every ray.
+template <class Store>
+void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays, const Store& store) {
+  RTCIntersectContext context = make_context(coherence);
+  alignas(64) int valid[k_width];
+  RTCRayHit16 packet;
+  for (size_t begin = 0; begin < rays.size; begin += k_width) {
+    const int count = int(std::min(rays.size - begin, size_t(k_width)));
+    for (int lane = 0; lane < k_width; ++lane) {  // the batch's padding too: whole vectors are copied
+      set_ray(packet.ray, lane, rays, begin + size_t(lane));
+      packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
+      packet.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
+    }
+    set_valid(valid, count);
+    rtcIntersect16(valid, scene, &context, &packet);
+    for (int lane = 0; lane < count; ++lane) {
+      store(packet, lane, begin + lane, packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID);
+    }
+  }
+}
+
+// Shared by both occlusion queries: packs 16 listed rays at a time, and marks those that Embree finds blocked.
+void occluded_packets(RTCScene scene, const Affine* to_object, const RayBatch& rays, std::span<const uint32_t> indices,
+                      uint8_t* blocked) {
+  RTCIntersectContext context = make_context(Coherence::incoherent);
+  alignas(64) int valid[k_width];
+  RTCRay16 packet;
+  for (size_t begin = 0; begin < indices.size(); begin += k_width) {
+    const int count = int(std::min(indices.size() - begin, size_t(k_width)));
+    for (int lane = 0; lane < count; ++lane) set_ray(packet, lane, rays, indices[begin + lane]);
+    if (to_object) transform_packet(packet, count, *to_object);
+    set_valid(valid, count);
+    rtcOccluded16(valid, scene, &context, &packet);
+    for (int lane = 0; lane < count; ++lane) {
+      if (packet.tfar[lane] == -k_infinity) blocked[indices[begin + lane]] = 1;
+    }
+  }
+}
+
+}  // namespace
+
+struct Accel::Impl {
+  DevicePtr device;
+  std::vector<ScenePtr> shapes;
+  ScenePtr top;
+  const Scene& scene;
+  std::atomic<int64_t> bytes = 0;
+
+  explicit Impl(const Scene& s) : scene(s) {
+    device.reset(rtcNewDevice(nullptr));
+    if (!device)
+      throw Error("Embree could not create a device (error " + std::to_string(rtcGetDeviceError(nullptr)) + ")");
+    rtcSetDeviceMemoryMonitorFunction(
+        device.get(),
+        [](void* user, ssize_t delta, bool) {
+          static_cast<Impl*>(user)->bytes += delta;
+          return true;
+        },
+        this);
+    for (uint32_t i = 0; i < s.shapes.size(); ++i) shapes.push_back(build_shape(s.shapes[i]));
+    std::vector<uint32_t> all(s.instances.size());
+    std::iota(all.begin(), all.end(), 0u);
+    top = build_instances(all);
+  }
+
+  ~Impl() {
+    // Scenes go before the device, and the device before `bytes`, which its monitor still writes to.
+    top.reset();
+    shapes.clear();
+    device.reset();
+  }
+
+  void check(const std::string& what) const {
+    const RTCError code = rtcGetDeviceError(device.get());
+    if (code != RTC_ERROR_NONE) {
+      throw Error("Embree failed while building " + what + " (error " + std::to_string(int(code)) +
+                  (code == RTC_ERROR_OUT_OF_MEMORY ? ", out of memory)" : ")"));
+    }
+  }
+
+  ScenePtr new_scene() const {
+    ScenePtr scene_ptr(rtcNewScene(device.get()));
+    // Not RTC_SCENE_FLAG_ROBUST: it costs a quarter of the speed, and coherent packets through robust instances do not
+    // return in Embree 3.13.5 (docs/decisions/002-embree-packets.md).
+    rtcSetSceneFlags(scene_ptr.get(), RTC_SCENE_FLAG_NONE);
+    rtcSetSceneBuildQuality(scene_ptr.get(), RTC_BUILD_QUALITY_MEDIUM);
+    return scene_ptr;
+  }
+
+  ScenePtr build_shape(const Shape& shape) {
+    ScenePtr result = new_scene();
+    RTCGeometry geometry;
+    if (!is_meshed(shape.kind)) {
+      geometry = new_analytic_geometry(device.get(), shape.kind);
+    } else {
+      geometry = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
+      // Copied, because Embree reads 16 bytes at the last vertex.
+      const TriangleMesh& mesh = shape.mesh;
+      auto* vertices = static_cast<Vec3*>(rtcSetNewGeometryBuffer(
+          geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(Vec3), mesh.positions.size()));
+      auto* indices = static_cast<UVec3*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                                  sizeof(UVec3), mesh.triangles.size()));
+      if (!vertices || !indices) check(shape.name);
+      std::copy(mesh.positions.begin(), mesh.positions.end(), vertices);
+      std::copy(mesh.triangles.begin(), mesh.triangles.end(), indices);
+    }
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometryByID(result.get(), geometry, 0);
+    rtcReleaseGeometry(geometry);
+    rtcCommitScene(result.get());
+    check(shape.name);
+    return result;
+  }
+
+  ScenePtr build_instances(std::span<const uint32_t> instances) const {
+    ScenePtr result = new_scene();
+    for (const uint32_t i : instances) {
+      const Instance& instance = scene.instances[i];
+      RTCGeometry geometry = rtcNewGeometry(device.get(), RTC_GEOMETRY_TYPE_INSTANCE);
+      rtcSetGeometryInstancedScene(geometry, shapes[instance.shape].get());
+      rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, &instance.to_world);
+      rtcCommitGeometry(geometry);
+      rtcAttachGeometryByID(result.get(), geometry, i);
+      rtcReleaseGeometry(geometry);
+    }
+    rtcCommitScene(result.get());
+    check("the scene");
+    return result;
+  }
+
+  static void intersect(RTCScene of, const RayBatch& rays, HitBatch& hits, Coherence coherence) {
+    intersect_packets(of, coherence, rays, [&](const RTCRayHit16& packet, int lane, size_t i, bool hit) {
+      hits.instance[i] = hit ? packet.hit.instID[0][lane] : k_none;
+      hits.primitive[i] = packet.hit.primID[lane];
+      hits.t[i] = packet.ray.tfar[lane];
+      hits.u[i] = packet.hit.u[lane];
+      hits.v[i] = packet.hit.v[lane];
+    });
+  }
+};
+
+class Accel::Group {
+ public:
+  explicit Group(ScenePtr s) : scene(std::move(s)) {}
+  ScenePtr scene;
+};
+
+Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>(scene)) {}
+Accel::~Accel() = default;
+
+void Accel::intersect(const RayBatch& rays, HitBatch& hits, Coherence coherence) const {
+  Impl::intersect(impl_->top.get(), rays, hits, coherence);
+}
+
+std::shared_ptr<const Accel::Group> Accel::group(std::span<const uint32_t> instances) const {
+  return std::make_shared<const Group>(impl_->build_instances(instances));
+}
+
+void Accel::intersect(const Group& group, const RayBatch& rays, HitBatch& hits, Coherence coherence) const {
+  Impl::intersect(group.scene.get(), rays, hits, coherence);
+}
+
+void Accel::occluded(const RayBatch& rays, std::span<const uint32_t> indices, uint8_t* blocked) const {
+  occluded_packets(impl_->top.get(), nullptr, rays, indices, blocked);
+}
+
+void Accel::occluded_by(uint32_t instance, const RayBatch& rays, std::span<const uint32_t> indices,
+                        uint8_t* blocked) const {
+  const Instance& placed = impl_->scene.instances[instance];
+  occluded_packets(impl_->shapes[placed.shape].get(), &placed.to_object, rays, indices, blocked);
+}
+
+void Accel::shape_intersect(uint32_t shape, const RayBatch& rays, ShapeHits& hits) const {
+  intersect_packets(impl_->shapes[shape].get(), Coherence::incoherent, rays,
+                    [&](const RTCRayHit16& packet, int lane, size_t i, bool hit) {
+                      hits.t[i] = hit ? packet.ray.tfar[lane] : -1.0f;
+                      hits.nx[i] = packet.hit.Ng_x[lane];
+                      hits.ny[i] = packet.hit.Ng_y[lane];
+                      hits.nz[i] = packet.hit.Ng_z[lane];
+                      hits.primitive[i] = hit ? packet.hit.primID[lane] : k_none;
+                    });
+}
+
+void Accel::shape_occluded(uint32_t shape, const RayBatch& rays, uint8_t* blocked) const {
+  RTCIntersectContext context = make_context(Coherence::incoherent);
+  alignas(64) int valid[k_width];
+  RTCRay16 packet;
+  for (size_t begin = 0; begin < rays.size; begin += k_width) {
+    const int count = int(std::min(rays.size - begin, size_t(k_width)));
+    for (int lane = 0; lane < count; ++lane) set_ray(packet, lane, rays, begin + lane);
+    set_valid(valid, count);
+    rtcOccluded16(valid, impl_->shapes[shape].get(), &context, &packet);
+    for (int lane = 0; lane < count; ++lane) blocked[begin + lane] = packet.tfar[lane] == -k_infinity;
+  }
+}
+
+size_t Accel::memory_bytes() const { return size_t(std::max<int64_t>(impl_->bytes, 0)); }
+
+}  // namespace fieldtrace

@@ -1,0 +1,75 @@
+#include "field/bake/probe.h"
+
+#include "core/simd/vec_lanes.h"
+#include "field/query/nearest.hd.h"
+
+namespace fieldtrace {
+namespace {
+
+using scalar::k_verdict_ask;
+using scalar::k_verdict_blocked;
+using scalar::k_verdict_clear;
+using scalar::k_verdict_none;
+using scalar::k_verdict_unknown_depth;
+using scalar::k_verdict_unknown_visibility;
+
+// What must be baked before there is another verdict.
+std::optional<FieldLayer> unknown_layer(int verdict) {
+  if (verdict == k_verdict_unknown_visibility) return FieldLayer::visibility;
+  if (verdict == k_verdict_unknown_depth) return FieldLayer::depth;
+  return std::nullopt;
+}
+
+FieldVerdict public_verdict(int verdict) {
+  if (verdict == k_verdict_clear || verdict == k_verdict_none) return FieldVerdict::clear;
+  return verdict == k_verdict_blocked ? FieldVerdict::blocked : FieldVerdict::ask;
+}
+
+}  // namespace
+
+UnitTransform::UnitTransform(const Sphere& ball) : m{} {
+  const double scale = 1.0 / double(ball.radius);
+  m[0] = m[4] = m[8] = float(scale);
+  for (int i = 0; i < 3; ++i) m[9 + i] = float(-double(ball.centre[i]) * scale);
+}
+
+FieldProbe::FieldProbe(Field& field, const Accel& accel, uint32_t shape)
+    : field_(field), accel_(accel), shape_(shape), to_unit_(field.ball()) {}
+
+bool FieldProbe::bake(std::optional<FieldLayer> layer, uint32_t slice) {
+  if (!layer) return false;
+  bake_slices(field_, *layer, std::span(&slice, 1), accel_, shape_, counters_);
+  return field_.finished(*layer, slice);
+}
+
+FieldVerdict FieldProbe::occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool own) {
+  const auto segment = scalar::segment_in_unit_space(to_unit_.m, lanes(o), lanes(d), t_max);
+  for (;;) {
+    const auto answer = scalar::query_segment(field_.view(), policy, segment, own);
+    lookups_ += uint64_t(answer.lookups);
+    if (!bake(unknown_layer(answer.verdict), uint32_t(answer.slice))) return public_verdict(answer.verdict);
+  }
+}
+
+FieldHit FieldProbe::nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max,
+                             bool own) {
+  const auto segment = scalar::segment_in_unit_space(to_unit_.m, lanes(o + d * t_min), lanes(d), t_max - t_min);
+  for (;;) {
+    const auto answer = scalar::nearest_on_segment(field_.view(), policy, segment, own);
+    lookups_ += uint64_t(answer.lookups);
+    const bool lacks_primitive = answer.verdict == k_verdict_blocked && answer.primitive == scalar::k_not_baked;
+    const auto layer = lacks_primitive ? FieldLayer::primitive : unknown_layer(answer.verdict);
+    if (bake(layer, uint32_t(answer.slice))) continue;
+    FieldHit hit;
+    hit.verdict = public_verdict(answer.verdict);
+    if (hit.verdict == FieldVerdict::blocked) {
+      hit.t = t_min + answer.distance / segment.scale;
+      hit.t_error = answer.error / segment.scale;
+      hit.normal = {answer.normal.x, answer.normal.y, answer.normal.z};
+      if (answer.primitive >= 0) hit.primitive = uint32_t(answer.primitive);
+    }
+    return hit;
+  }
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,65 @@
+// Queries of one object's field, a ray at a time, that bake the slices they need: the plain way to ask a field. The
+// renderer does the same in batches (field/query/segment_kernels.h).
+//
+// Space: object space of the shape that the field belongs to. Thread-safety: one probe a thread; any number of probes
+// may share a field.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "core/trace/accel.h"
+#include "field/bake/bake.h"
+#include "field/query/query.hd.h"
+#include "field/store/field.h"
+
+namespace fieldtrace {
+
+enum class FieldVerdict {
+  clear,    // nothing of the object lies on the segment (or it does not meet the ball)
+  blocked,  // something does; of a nearest query: a hit
+  ask       // the field cannot tell: trace a ray. Also if the pool of bricks is full.
+};
+
+struct FieldHit {
+  FieldVerdict verdict = FieldVerdict::ask;
+  // Of a hit only:
+  float t = 0.0f;               // in units of the ray's direction
+  float t_error = 0.0f;         // bound on the error of t
+  Vec3 normal = Vec3(0.0f);     // of the sheet, unit, on the side that the ray comes from
+  uint32_t primitive = k_none;  // a triangle near the hit: the one that the cell's centre line meets, if any
+};
+
+// Unit space <- object space of the field's ball, 3 x 4, column-major.
+struct UnitTransform {
+  explicit UnitTransform(const Sphere& ball);
+  float m[12];
+};
+
+class FieldProbe {
+ public:
+  // `shape` is the field's object in `accel`; both must outlive the probe.
+  FieldProbe(Field& field, const Accel& accel, uint32_t shape);
+
+  // Whether the object meets o + t d, t in [0, t_max]; d need not be unit, t_max may be infinite. `own`: o lies on the
+  // object's surface (up to rounding) and d points away from it.
+  FieldVerdict occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool own);
+
+  // The object's nearest point on o + t d, t in [t_min, t_max].
+  FieldHit nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max, bool own);
+
+  const BakeCounters& counters() const { return counters_; }
+  uint64_t lookups() const { return lookups_; }
+
+ private:
+  bool bake(std::optional<FieldLayer> layer, uint32_t slice);
+
+  Field& field_;
+  const Accel& accel_;
+  uint32_t shape_;
+  UnitTransform to_unit_;
+  BakeCounters counters_;
+  uint64_t lookups_ = 0;
+};
+
+}  // namespace fieldtrace

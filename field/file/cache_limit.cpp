@@ -1,0 +1,106 @@
+#include "field/file/cache_limit.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "core/io/file_lock.h"
+#include "core/platform/error.h"
+#include "field/file/field_trailer.h"
+#include "field/file/hash.h"
+
+namespace fieldtrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct CachedFile {
+  fs::path path = {};
+  uint64_t bytes = 0;
+  fs::file_time_type used = {};
+};
+
+bool is_cached_file(const fs::directory_entry& entry) {
+  Hash128 ignored;
+  std::error_code failed;
+  const fs::path& path = entry.path();
+  return path.extension() == ".vdb" && parse_hash(path.stem().string(), ignored) &&
+         fs::is_regular_file(entry.symlink_status(failed)) && has_trailer(path.string());
+}
+
+bool look_at(CachedFile& file) {
+  std::error_code failed;
+  file.bytes = fs::file_size(file.path, failed);
+  if (!failed) file.used = fs::last_write_time(file.path, failed);
+  return !failed;
+}
+
+std::vector<CachedFile> cached_files(const std::string& folder) {
+  std::vector<CachedFile> files;
+  std::error_code failed;
+  for (fs::directory_iterator entry(folder, failed), end; !failed && entry != end; entry.increment(failed)) {
+    CachedFile file;
+    file.path = entry->path();
+    // Another process may have removed it meanwhile.
+    if (is_cached_file(*entry) && look_at(file)) files.push_back(std::move(file));
+  }
+  return files;
+}
+
+// False if it is in use, or was used since it was looked at.
+bool remove_unused(const CachedFile& file) {
+  try {
+    const FileLock lock(file.path.string() + ".lock", LockWait::none);
+    if (!lock.held()) return false;
+    CachedFile now;
+    now.path = file.path;
+    if (!look_at(now)) return true;  // gone
+    std::error_code failed;
+    return now.used == file.used && fs::remove(file.path, failed);
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+}  // namespace
+
+TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep) {
+  // One at a time: two who count the same files would both remove what one of them has to.
+  std::optional<FileLock> trimming;
+  try {
+    trimming.emplace((fs::path(folder) / "trim.lock").string());
+  } catch (const Error&) {
+    return {};  // a folder that cannot be written to
+  }
+  std::vector<CachedFile> files = cached_files(folder);
+  std::sort(files.begin(), files.end(), [](const CachedFile& a, const CachedFile& b) {
+    return a.used != b.used ? a.used < b.used : a.path < b.path;
+  });
+  TrimmedCache result;
+  for (const CachedFile& file : files) result.bytes += file.bytes;
+  for (const CachedFile& file : files) {
+    if (result.bytes <= most_bytes) break;
+    if (keep.count(file.path.filename().string()) != 0 || !remove_unused(file)) continue;
+    result.bytes -= file.bytes;
+    ++result.removed;
+  }
+  return result;
+}
+
+void remove_abandoned_writes(const std::string& path) {
+  const fs::path target(path);
+  const std::string begin = target.filename().string() + ".";
+  std::vector<fs::path> abandoned;
+  std::error_code failed;
+  for (fs::directory_iterator entry(target.parent_path(), failed), end; !failed && entry != end;
+       entry.increment(failed)) {
+    const std::string name = entry->path().filename().string();
+    if (name.compare(0, begin.size(), begin) == 0 && entry->path().extension() == ".tmp") {
+      abandoned.push_back(entry->path());
+    }
+  }
+  for (const fs::path& file : abandoned) fs::remove(file, failed);
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,149 @@
+#include "field/file/field_cache.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <new>
+
+#include "core/io/atomic_file.h"
+#include "core/io/file_lock.h"
+#include "field/file/cache_limit.h"
+#include "field/file/field_file.h"
+#include "field/file/thesis_file.h"
+
+namespace fieldtrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool holds_all_of(const Field& all, const Field& some) {
+  for (const BrickPlace& place : some.bricks()) {
+    const uint32_t brick = all.brick_at(place.direction_brick, place.plane_brick);
+    if (brick == 0 || (place.finished & ~all.finished_mask(brick)) != 0) return false;
+  }
+  const std::vector<uint32_t> tiles = some.coverage().baked();
+  return std::all_of(tiles.begin(), tiles.end(), [&](uint32_t slot) { return all.coverage().finished(slot); });
+}
+
+uint64_t size_of_file(const std::string& path) {
+  std::error_code failed;
+  const uint64_t bytes = fs::file_size(path, failed);
+  return failed ? 0 : bytes;
+}
+
+}  // namespace
+
+FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning)
+    : folder_(folder), most_bytes_(most_bytes), warning_(std::move(warning)) {
+  std::error_code failed;
+  fs::create_directories(folder, failed);
+  if (!fs::is_directory(folder)) {
+    throw Error({folder}, "cannot be made a folder for fields" + (failed ? ": " + failed.message() : std::string()) +
+                              "; name a folder that you may write to");
+  }
+  require_writable((fs::path(folder) / "fields").string());
+}
+
+std::string FieldCache::path_of(const FieldIdentity& identity) const {
+  return (fs::path(folder_) / identity.file_name()).string();
+}
+
+uint64_t FieldCache::bytes_on_disk(const FieldIdentity& identity) const { return size_of_file(path_of(identity)); }
+
+void FieldCache::tell_unusable(const std::string& path, const std::string& reason) {
+  const std::lock_guard lock(mutex_);
+  warn(warning_, {path}, reason + "; it is not used and will be baked again");
+}
+
+bool FieldCache::known_complete(const Hash128& slices, const FieldIdentity& identity) {
+  const std::lock_guard lock(mutex_);
+  const auto known = known_.find(identity.file_name());
+  return known != known_.end() && known->second.slices == slices &&
+         known->second.bytes == size_of_file(path_of(identity));
+}
+
+void FieldCache::remember(const Hash128& slices, const FieldIdentity& identity) {
+  const std::lock_guard lock(mutex_);
+  known_[identity.file_name()] = {slices, size_of_file(path_of(identity))};
+}
+
+// The time of the last use is the file's modification time: times of access are often not kept.
+void FieldCache::mark_used(const FieldIdentity& identity) {
+  const std::lock_guard lock(mutex_);
+  used_.insert(identity.file_name());
+  std::error_code ignored;  // there may be no file yet, or one that only others may change
+  fs::last_write_time(path_of(identity), fs::file_time_type::clock::now(), ignored);
+}
+
+bool FieldCache::load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path) {
+  try {
+    remember(load_field(field, identity, path), identity);
+    return true;
+  } catch (const FieldFileError& e) {
+    tell_unusable(path, e.reason());
+  } catch (const std::bad_alloc&) {
+    tell_unusable(path, "is larger than memory allows");
+  }
+  return false;
+}
+
+bool FieldCache::load(Field& field, const FieldIdentity& identity) {
+  const std::string path = path_of(identity);
+  std::error_code failed;
+  if (!fs::exists(path, failed)) return false;
+  mark_used(identity);
+  return load_or_tell(field, identity, path);
+}
+
+void FieldCache::store(const Field& field, const FieldIdentity& identity) {
+  const Hash128 slices = slices_hash(field);
+  if (field.cells_baked() + field.coverage().lines_baked() == 0) return;
+  mark_used(identity);
+  if (known_complete(slices, identity)) return;
+  const std::string path = path_of(identity);
+  const FileLock lock(path + ".lock");
+  remove_abandoned_writes(path);
+  // What others have added since this field was loaded.
+  Field held(field.ball(), field.parameters());
+  std::error_code failed;
+  if (fs::exists(path, failed)) load_or_tell(held, identity, path);
+  if (!holds_all_of(held, field)) {
+    const Field* const both[] = {&field, &held};
+    save_fields(both, identity, path);
+  }
+  remember(slices, identity);
+}
+
+std::optional<ThesisField> FieldCache::load_thesis(const FieldIdentity& identity) {
+  const std::string path = path_of(identity);
+  std::error_code failed;
+  if (!fs::exists(path, failed)) return std::nullopt;
+  mark_used(identity);
+  try {
+    return load_thesis_field(identity, path);
+  } catch (const FieldFileError& e) {
+    tell_unusable(path, e.reason());
+  } catch (const std::bad_alloc&) {
+    tell_unusable(path, "is larger than memory allows");
+  }
+  return std::nullopt;
+}
+
+void FieldCache::store(const ThesisField& field, const FieldIdentity& identity) {
+  mark_used(identity);
+  const std::string path = path_of(identity);
+  const FileLock lock(path + ".lock");
+  remove_abandoned_writes(path);
+  save_thesis_field(field, identity, path);
+}
+
+void FieldCache::trim() {
+  if (most_bytes_ == 0) return;
+  const std::lock_guard lock(mutex_);
+  const TrimmedCache left = trim_cache(folder_, most_bytes_, used_);
+  if (left.bytes <= most_bytes_) return;
+  warn(warning_, {folder_},
+       "holds " + std::to_string(left.bytes) + " bytes of fields that are in use, more than its limit of " +
+           std::to_string(most_bytes_) + "; raise --field-cache-limit, or use another folder");
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,74 @@
+// A folder of field files, one per object, that renders share: `--field-cache DIR`.
+//
+// A file is named by its field's identity. Demand adds bricks to it: a store writes the union of what the file and the
+// field hold, and replaces the file by renaming. Writers of one file exclude one another with an advisory lock on a
+// file beside it (NAME.lock, kept); readers need none: what they open is whole, and stays so when it is replaced or
+// removed. A process that is killed lets go of its locks, and what it left half written the next writer removes. A file
+// that cannot be used is told about and replaced. With a limit, the least recently used files go when a store finds the
+// folder too large (field/file/cache_limit.h), never those that this object has loaded or stored.
+// Thread-safety: every function may be called from any thread, and any number of processes may share the folder.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "core/platform/error.h"
+#include "field/file/field_identity.h"
+#include "field/thesis/thesis_field.h"
+
+namespace fieldtrace {
+
+class FieldCache {
+ public:
+  // Makes the folder if need be. Throws Error if it cannot be made or files cannot be made in it: long work learns this
+  // before it starts. `warning` is called from the threads that load and store, one at a time.
+  explicit FieldCache(const std::string& folder, WarningSink warning = {})
+      : FieldCache(folder, 0, std::move(warning)) {}
+  // `most_bytes`: of the field files in the folder; 0: no limit.
+  FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning = {});
+
+  // Adds what the cache holds of the field to `field`. False, with the field unchanged, if there is no file, or none
+  // that can be used; the latter is told to the warning sink. Never throws for what a file holds.
+  bool load(Field& field, const FieldIdentity& identity);
+
+  // Adds the field's finished slices to the cache. Writes nothing if the file is known to hold all of them. Throws
+  // Error if the file cannot be written.
+  void store(const Field& field, const FieldIdentity& identity);
+
+  // The same for a field of the thesis' chart, which is always whole: nothing if there is no file that can be used.
+  // What was loaded need not be stored.
+  std::optional<ThesisField> load_thesis(const FieldIdentity& identity);
+  void store(const ThesisField& field, const FieldIdentity& identity);
+
+  // Removes files until the folder keeps its limit; does nothing without one. To be called when all is stored. Warns if
+  // the files of this object alone are more.
+  void trim();
+
+  std::string path_of(const FieldIdentity& identity) const;
+  uint64_t bytes_on_disk(const FieldIdentity& identity) const;  // 0 if there is no file
+
+ private:
+  // Slices that a file was seen to hold, by their hash, and its size then.
+  struct Known {
+    Hash128 slices;
+    uint64_t bytes = 0;
+  };
+  bool load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path);
+  bool known_complete(const Hash128& slices, const FieldIdentity& identity);
+  void mark_used(const FieldIdentity& identity);
+  void remember(const Hash128& slices, const FieldIdentity& identity);
+  void tell_unusable(const std::string& path, const std::string& reason);
+
+  std::string folder_;
+  uint64_t most_bytes_ = 0;
+  WarningSink warning_;
+  std::mutex mutex_;
+  std::map<std::string, Known> known_;  // by file name
+  std::set<std::string> used_;          // file names
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,286 @@
+#include "field/file/field_file.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <tuple>
+
+#include "field/file/coverage_grid.h"
+#include "field/file/field_grids.h"
+#include "field/file/field_vdb.h"
+#include "field/store/risk.h"
+
+namespace fieldtrace {
+namespace {
+
+using openvdb::Int32Grid;
+using GridArray = std::array<Int32Grid::Ptr, k_grid_count>;
+
+constexpr FieldLayer k_layer_of_grid[k_grid_count] = {FieldLayer::visibility, FieldLayer::depth, FieldLayer::depth,
+                                                      FieldLayer::primitive};
+
+// ---- cells
+
+bool valid_visibility(int32_t code) {
+  // 1 + verdict + 2 * class.
+  return code >= 1 && code <= 1 + 1 + 2 * k_worst_class;
+}
+
+bool valid_certificate(int32_t word) {
+  const int kind = word & 3, risk = word >> 2 & 63;
+  return kind >= scalar::k_kind_miss && kind <= scalar::k_kind_ceiling && risk <= k_worst_class && word >> 16 == 0;
+}
+
+bool valid_cell(GridLayer layer, int32_t value, uint32_t primitive_count) {
+  switch (layer) {
+    case k_grid_visibility:
+      return valid_visibility(value);
+    case k_grid_certificate:
+      return valid_certificate(value);
+    case k_grid_primitive:
+      return uint32_t(value) < primitive_count || uint32_t(value) == k_none;
+    default:
+      return true;  // every depth and normal code decodes to something in range
+  }
+}
+
+// A brick of all layers, as the grids hold it.
+struct BrickData {
+  std::array<BrickCells, k_grid_count> cells;
+  SliceMask finished = 0;
+};
+
+int32_t primitive_in_file(int32_t word) { return word - scalar::k_first_primitive; }
+
+// Adds the slices of `source` that `brick` lacks.
+void add_slices(const FieldView& source, const BrickPlace& place, BrickData& brick) {
+  const SliceMask wanted = place.finished & ~brick.finished;
+  const size_t first = size_t(place.brick) * scalar::k_brick_cells;
+  for (size_t i = 0; i < size_t(scalar::k_brick_cells); ++i) {
+    const size_t slice = i / scalar::k_slice_cells;
+    const auto is_wanted = [&](FieldLayer layer) { return (slices_of_layer(wanted, layer) >> slice & 1) != 0; };
+    if (is_wanted(FieldLayer::visibility)) brick.cells[k_grid_visibility][i] = source.visibility[first + i];
+    if (is_wanted(FieldLayer::depth)) {
+      brick.cells[k_grid_depth][i] = source.depth[first + i];
+      brick.cells[k_grid_certificate][i] = source.certificate[first + i];
+    }
+    if (is_wanted(FieldLayer::primitive)) {
+      brick.cells[k_grid_primitive][i] = primitive_in_file(source.primitive[first + i]);
+    }
+  }
+  brick.finished |= place.finished;
+}
+
+GridArray make_grids(std::span<const Field* const> fields, const FieldIdentity& identity, const Sphere& ball) {
+  GridArray grids;
+  for (int g = 0; g < k_grid_count; ++g) {
+    grids[g] = Int32Grid::create(0);
+    grids[g]->setName(k_grid_names[g]);
+    write_metadata(*grids[g], identity, ball);
+  }
+  struct Source {
+    BrickPlace place;
+    size_t field;
+  };
+  std::vector<Source> sources;
+  for (size_t f = 0; f < fields.size(); ++f) {
+    for (const BrickPlace& place : fields[f]->bricks()) sources.push_back({place, f});
+  }
+  const auto where = [](const Source& s) { return std::tuple(s.place.direction_brick, s.place.plane_brick); };
+  std::sort(sources.begin(), sources.end(), [&](const Source& a, const Source& b) {
+    return std::tuple_cat(where(a), std::tuple(a.field)) < std::tuple_cat(where(b), std::tuple(b.field));
+  });
+  for (size_t i = 0; i < sources.size();) {
+    BrickData brick{};
+    const BrickPlace& place = sources[i].place;
+    const auto at = where(sources[i]);
+    for (; i < sources.size() && where(sources[i]) == at; ++i) {
+      add_slices(fields[sources[i].field]->view(), sources[i].place, brick);
+    }
+    const openvdb::Coord origin = brick_origin(identity.parameters, place.direction_brick, place.plane_brick);
+    for (int g = 0; g < k_grid_count; ++g) {
+      add_brick(*grids[g], origin, brick.cells[g], uint32_t(slices_of_layer(brick.finished, k_layer_of_grid[g])));
+    }
+  }
+  return grids;
+}
+
+Int32Grid::Ptr make_coverage_grid(std::span<const Field* const> fields, const FieldIdentity& identity,
+                                  const Sphere& ball) {
+  const Int32Grid::Ptr grid = Int32Grid::create(0);
+  grid->setName(k_coverage_grid_name);
+  write_metadata(*grid, identity, ball);
+  std::vector<const CoverageTiles*> sources;
+  for (const Field* field : fields) sources.push_back(&field->coverage());
+  write_coverage(sources, *grid);
+  return grid;
+}
+
+void add_slices_to(Hasher& hasher, uint32_t direction_brick, uint32_t plane_brick, SliceMask finished) {
+  for (const uint32_t value : {direction_brick, plane_brick}) hasher.add_value(value);
+  hasher.add_value(finished);
+}
+
+void add_tiles_to(Hasher& hasher, std::span<const uint32_t> slots) {
+  hasher.add_value(uint32_t(slots.size()));
+  for (const uint32_t slot : slots) hasher.add_value(slot);
+}
+
+bool same_ball(const Sphere& a, const Sphere& b) { return a.centre == b.centre && a.radius == b.radius; }
+
+bool same_parameters(const FieldParameters& a, const FieldParameters& b) {
+  return a.directions == b.directions && a.plane == b.plane && a.lines == b.lines;
+}
+
+}  // namespace
+
+// ---- reading
+
+struct FieldFile::Grids {
+  GridArray grids;  // null where the file has none of that layer
+  // Bricks of any layer, ascending.
+  std::vector<openvdb::Coord> origins;
+  CoverageGrid coverage;
+
+  bool read(const openvdb::Coord& origin, BrickData& brick) const;
+  // Finds the origins and checks every brick; returns the slices' hash.
+  Hash128 validate(const FieldFileHeader& header, const std::string& path);
+};
+
+// False if a brick has a slice of which only some cells, or only one of the two depth grids, are there.
+bool FieldFile::Grids::read(const openvdb::Coord& origin, BrickData& brick) const {
+  uint32_t slices[k_grid_count] = {};
+  for (int g = 0; g < k_grid_count; ++g) {
+    if (grids[g] && !read_brick(grids[g]->getConstAccessor(), origin, brick.cells[g], slices[g])) return false;
+  }
+  brick.finished = 0;
+  for (int g = 0; g < k_grid_count; ++g) brick.finished |= SliceMask(slices[g]) << (16 * int(k_layer_of_grid[g]));
+  return slices[k_grid_depth] == slices[k_grid_certificate];
+}
+
+Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::string& path) {
+  for (const Int32Grid::Ptr& grid : grids) {
+    if (!grid) continue;
+    std::vector<openvdb::Coord> some;
+    if (!brick_origins(*grid, some)) throw FieldFileError(path, "has tiles that are not bricks");
+    origins.insert(origins.end(), some.begin(), some.end());
+  }
+  std::sort(origins.begin(), origins.end());
+  origins.erase(std::unique(origins.begin(), origins.end()), origins.end());
+  Hasher hasher;
+  BrickData brick{};
+  for (const openvdb::Coord& origin : origins) {
+    uint32_t direction_brick = 0, plane_brick = 0;
+    bool sound = place_of_origin(header.identity.parameters, origin, direction_brick, plane_brick);
+    sound = sound && read(origin, brick);
+    for (int g = 0; sound && g < k_grid_count; ++g) {
+      const SliceMask slices = slices_of_layer(brick.finished, k_layer_of_grid[g]);
+      for (size_t i = 0; i < brick.cells[g].size(); ++i) {
+        if ((slices >> (i / scalar::k_slice_cells) & 1) == 0) continue;
+        sound = sound && valid_cell(GridLayer(g), brick.cells[g][i], header.identity.primitive_count);
+      }
+    }
+    if (!sound) throw FieldFileError(path, "has cells that no bake writes");
+    add_slices_to(hasher, direction_brick, plane_brick, brick.finished);
+  }
+  add_tiles_to(hasher, coverage.slots());
+  return hasher.result();
+}
+
+FieldFile::FieldFile(const std::string& path) : grids_(std::make_unique<Grids>()) {
+  const FieldVdb file = read_field_vdb(path);
+  std::error_code failed;
+  bytes_ = std::filesystem::file_size(path, failed);
+  header_ = file.header;
+  require_chart(header_, k_chart_orthographic, path);
+  for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = take_grid(file.grids, k_grid_names[g], path);
+  const Int32Grid::Ptr coverage = take_grid(file.grids, k_coverage_grid_name, path);
+  const FieldParameters& p = header_.identity.parameters;
+  if (coverage && !grids_->coverage.open(coverage, p.directions, p.plane)) {
+    throw FieldFileError(path, "has coverage tiles that no bake writes");
+  }
+  slices_ = grids_->validate(header_, path);
+}
+
+FieldFile::~FieldFile() = default;
+
+bool FieldFile::copy_to(Field& field) const {
+  if (!same_ball(field.ball(), header_.ball)) return false;
+  if (!same_parameters(field.parameters(), header_.identity.parameters)) return false;
+  const uint32_t plane_bricks = uint32_t(field.view().plane_bricks);
+  BrickData brick{};
+  for (const openvdb::Coord& origin : grids_->origins) {
+    uint32_t direction_brick, plane_brick;
+    place_of_origin(field.parameters(), origin, direction_brick, plane_brick);
+    grids_->read(origin, brick);
+    for (uint32_t bit = 0; bit < 16 * k_field_layers; ++bit) {
+      if ((brick.finished >> bit & 1) == 0) continue;
+      const auto layer = FieldLayer(bit / 16);
+      const uint32_t slice = (direction_brick * 16 + bit % 16) * plane_bricks + plane_brick;
+      const std::optional<uint32_t> first = field.claim(layer, slice);
+      if (!first) {
+        if (field.pool_full()) return true;
+        continue;  // baked already, or by another thread just now
+      }
+      const size_t in_brick = size_t(bit % 16) * scalar::k_slice_cells;
+      for (size_t i = 0; i < size_t(scalar::k_slice_cells); ++i) {
+        const auto value = [&](GridLayer g) { return uint32_t(brick.cells[g][in_brick + i]); };
+        const uint32_t cell = *first + uint32_t(i);
+        switch (layer) {
+          case FieldLayer::visibility:
+            field.store_visibility(cell, uint8_t(value(k_grid_visibility)));
+            break;
+          case FieldLayer::depth:
+            field.store_sheet(cell, value(k_grid_depth), value(k_grid_certificate));
+            break;
+          case FieldLayer::primitive:
+            field.store_primitive(cell, value(k_grid_primitive));
+            break;
+        }
+      }
+      field.finish(layer, slice);
+    }
+  }
+  TileLines lines(CoverageTiles::k_lines_per_tile);
+  for (const uint32_t slot : grids_->coverage.slots()) {
+    if (!field.coverage().claim(slot)) continue;
+    grids_->coverage.read(slot, lines);
+    field.coverage().finish(slot, lines);
+  }
+  return true;
+}
+
+Hash128 slices_hash(const Field& field) {
+  Hasher hasher;
+  for (const BrickPlace& p : field.bricks()) add_slices_to(hasher, p.direction_brick, p.plane_brick, p.finished);
+  add_tiles_to(hasher, field.coverage().baked());
+  return hasher.result();
+}
+
+Hash128 load_field(Field& field, const FieldIdentity& identity, const std::string& path) {
+  const FieldFile file(path);
+  const FieldIdentity& held = file.header().identity;
+  if (held.geometry != identity.geometry || held.primitive_count != identity.primitive_count) {
+    throw FieldFileError(path, "belongs to another mesh");
+  }
+  if (!(held == identity)) throw FieldFileError(path, "has another chart or other parameters");
+  if (!file.copy_to(field)) throw FieldFileError(path, "has another bounding sphere");
+  return file.slices();
+}
+
+// ---- writing
+
+void save_fields(std::span<const Field* const> fields, const FieldIdentity& identity, const std::string& path) {
+  openvdb::initialize();
+  const Sphere& ball = fields.front()->ball();
+  const GridArray bricks = make_grids(fields, identity, ball);
+  std::vector<Int32Grid::Ptr> grids(bricks.begin(), bricks.end());
+  grids.push_back(make_coverage_grid(fields, identity, ball));
+  write_field_vdb(grids, identity, ball, path);
+}
+
+void save_field(const Field& field, const FieldIdentity& identity, const std::string& path) {
+  const Field* const one[] = {&field};
+  save_fields(one, identity, path);
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,85 @@
+#include "field/file/field_trailer.h"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <vector>
+
+#include "field/file/field_file.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr size_t k_trailer_bytes = 32;
+constexpr char k_magic[8] = {'F', 'T', 'F', 'I', 'E', 'L', 'D', 1};
+
+void put_word(uint64_t value, char* out) {
+  for (int i = 0; i < 8; ++i) out[i] = char(value >> (8 * i));
+}
+
+std::array<char, k_trailer_bytes> make_trailer(uint64_t bytes, const Hash128& hash) {
+  std::array<char, k_trailer_bytes> trailer;
+  std::memcpy(trailer.data(), k_magic, sizeof k_magic);
+  put_word(bytes, trailer.data() + 8);
+  put_word(hash.high, trailer.data() + 16);
+  put_word(hash.low, trailer.data() + 24);
+  return trailer;
+}
+
+}  // namespace
+
+void append_trailer(const std::string& path, const std::string& name) {
+  Hasher hasher;
+  uint64_t bytes = 0;
+  std::ifstream in(path, std::ios::binary);
+  std::vector<char> buffer(1 << 20);
+  while (in.read(buffer.data(), std::streamsize(buffer.size())), in.gcount() > 0) {
+    hasher.add(buffer.data(), size_t(in.gcount()));
+    bytes += uint64_t(in.gcount());
+  }
+  const std::array<char, k_trailer_bytes> trailer = make_trailer(bytes, hasher.result());
+  std::ofstream out(path, std::ios::binary | std::ios::app);
+  out.write(trailer.data(), trailer.size());
+  out.close();
+  if (in.bad() || !out) throw Error({name}, std::string("cannot be written: ") + std::strerror(errno));
+}
+
+bool has_trailer(const std::string& path) {
+  std::ifstream in(path, std::ios::binary | std::ios::ate);
+  const std::streamoff bytes = in ? std::streamoff(in.tellg()) : 0;
+  if (bytes < std::streamoff(k_trailer_bytes)) return false;
+  std::array<char, k_trailer_bytes> found;
+  in.seekg(bytes - std::streamoff(k_trailer_bytes));
+  in.read(found.data(), found.size());
+  // The hash is not checked: that would take reading all of the file.
+  const auto expected = make_trailer(uint64_t(bytes) - k_trailer_bytes, {});
+  return in && std::equal(expected.begin(), expected.begin() + sizeof k_magic + 8, found.begin());
+}
+
+std::string read_checked(const std::string& path) {
+  std::error_code failed;
+  if (!std::filesystem::is_regular_file(path, failed)) throw FieldFileError(path, "there is no such file");
+  std::ifstream in(path, std::ios::binary | std::ios::ate);
+  if (!in) throw FieldFileError(path, std::string("cannot be read: ") + std::strerror(errno));
+  std::string contents(size_t(in.tellg()), '\0');
+  in.seekg(0);
+  in.read(contents.data(), std::streamsize(contents.size()));
+  if (!in) throw FieldFileError(path, "cannot be read to its end");
+  const size_t bytes = contents.size() - k_trailer_bytes;
+  if (contents.size() < k_trailer_bytes || std::memcmp(&contents[bytes], k_magic, sizeof k_magic) != 0) {
+    throw FieldFileError(path, "is cut short, or no field file of this program");
+  }
+  Hasher hasher;
+  hasher.add(contents.data(), bytes);
+  const std::array<char, k_trailer_bytes> expected = make_trailer(bytes, hasher.result());
+  if (std::memcmp(&contents[bytes], expected.data(), k_trailer_bytes) != 0) {
+    throw FieldFileError(path, "is damaged (its checksum does not fit its contents)");
+  }
+  contents.resize(bytes);
+  return contents;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,233 @@
+// Whole lights answered at once: is all of a ball clear of one object, as seen from a point, or wholly hidden by it?
+//
+// Two questions, both answered for the bundle of rays from the receiver to the ball ("cone"), never for single rays:
+//  - through_lines: for receivers and lights that have the object between them, a segment is blocked where its whole
+//    line is. All rays of the cone lie, within the object's ball, inside a tube about the cone's axis; seen along the
+//    direction c of the axis' direction cell the tube is a disc, whose radius accounts for the cone's width and for the
+//    angle between axis and c. If no parallel line in the disc's square meets the object, the light is clear; if every
+//    one does, it is hidden.
+//  - from_sheet: for receivers on the object itself, the depth cells at the receiver, one for each of a grid of
+//    directions over the ball about as fine as the direction cells, must all say that nothing lies before it.
+// Anything else stays open, and is left to single rays. A cone answer speaks of the object between its sampled lines
+// only as far as these resolve it (docs/decisions/009-cones.md).
+//
+// Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
+
+#if defined(FIELDTRACE_FIELD_QUERY_CONE_HD_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_FIELD_QUERY_CONE_HD_H_
+#undef FIELDTRACE_FIELD_QUERY_CONE_HD_H_
+#else
+#define FIELDTRACE_FIELD_QUERY_CONE_HD_H_
+#endif
+
+#include "core/simd/lanes.hd.h"
+#include "field/chart/chart.hd.h"
+#include "field/query/query.hd.h"
+#include "field/store/coverage.hd.h"
+
+FT_LANES_BEGIN
+
+// The bundle of rays from p to a ball: unit axis, distance to the ball's centre, and tangent of the half angle.
+template <class F>
+struct LightCone {
+  Vec3Lanes<F> p, axis;
+  F distance, sine, tangent;
+  Mask_t<F> narrow;  // sine < k_widest_cone_sine
+};
+
+// Wider cones are not answered whole.
+constexpr float k_widest_cone_sine = 0.6f;
+
+// `to_centre`: from p to the ball's centre; `radius`: of the ball.
+template <class F>
+FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& to_centre, F radius) {
+  const F one = splat<F>(1.0f);
+  LightCone<F> cone;
+  cone.p = p;
+  cone.distance = max(sqrt(dot(to_centre, to_centre)), splat<F>(1e-30f));
+  cone.axis = to_centre * (one / cone.distance);
+  cone.sine = min(radius / cone.distance, one);
+  cone.narrow = cone.sine < splat<F>(k_widest_cone_sine);
+  cone.tangent = cone.sine / sqrt(max(one - cone.sine * cone.sine, splat<F>(0.25f)));
+  return cone;
+}
+
+// Rays that slant past each other by more than this, in texels, over the difference of depths within their disc may
+// pass between surfaces that hide each other from parallel lines (through a hole in front and one behind, not in line).
+constexpr float k_most_chink = 0.5f;
+
+template <class F>
+struct ConeAnswer {
+  Mask_t<F> clear, blocked, unknown;  // none of them: open
+  Int_t<F> lookups;
+};
+
+// Surfaces at the ends of a chord lie at the ball's rim and are rare: widening the disc for the middle part of the
+// chord alone leaves a quarter fewer lights open, and fewer than 1 answer in 10,000 more is wrong
+// (docs/decisions/009-cones.md).
+constexpr float k_chord_share = 0.5f;
+
+// Discs wider than this are not asked about: 1/2 of the ball's radius.
+constexpr float k_widest_disc = 0.5f;
+
+// Whether the light's own end of the cone lies beyond the object's ball: then whole lines speak for its segments, if
+// the receiver has the object before it.
+template <class F>
+FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
+  const F one = splat<F>(1.0f);
+  const F t_foot = splat<F>(0.0f) - dot(cone.p, cone.axis);
+  return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one);
+}
+
+// The part of the cone's axis before the receiver and within the ball: its middle, as a distance from p, and half its
+// length, that of the longest chord of the ball that a ray of the cone can have.
+template <class F>
+struct ConeSpan {
+  F middle, half;
+};
+
+template <class F>
+FT_HD_INLINE ConeSpan<F> span_in_ball(const LightCone<F>& cone) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f);
+  const F t_foot = zero - dot(cone.p, cone.axis);
+  const Vec3Lanes<F> foot = cone.p + cone.axis * t_foot;
+  const F nearest = max(sqrt(dot(foot, foot)) - max(t_foot + one, zero) * cone.tangent, zero);
+  const F half_chord = sqrt(max(one - nearest * nearest, zero));
+  const F begin = max(t_foot - half_chord, zero), end = max(t_foot + half_chord, zero);
+  return {(begin + end) * half, (end - begin) * half};
+}
+
+// The lines of the direction cell about a direction, as a picture of L x L texels.
+template <class F>
+struct LinePicture {
+  Int_t<F> direction;  // the cell's number
+  DirectionFrame<F> frame;
+  F half_lines;  // L / 2
+
+  // The place of a point in the picture along s or t, in texels.
+  FT_HD_INLINE F texels(const Vec3Lanes<F>& point, const Vec3Lanes<F>& along) const {
+    return (dot(point, along) + splat<F>(1.0f)) * half_lines;
+  }
+};
+
+template <class F>
+FT_HD_INLINE LinePicture<F> picture_along(const FieldView& field, const Vec3Lanes<F>& direction) {
+  CellAddress<F> cell;
+  find_direction_cell(direction, field.directions, cell);
+  return {cell.u * splat_int<F>(int32_t(field.directions.cells)) + cell.v,
+          frame_from_square(centre_of<F>(cell.u, field.directions), centre_of<F>(cell.v, field.directions)),
+          splat<F>(field.coverage.half_lines)};
+}
+
+// Whole texels that hold a square about a point, as far as they lie in the picture. whole: all of them do. What lies
+// beyond meets nothing.
+template <class F>
+struct PictureSquare {
+  TexelRect<F> rect;
+  Mask_t<F> whole;
+};
+
+template <class F>
+FT_HD_INLINE PictureSquare<F> square_about(const LinePicture<F>& picture, const Vec3Lanes<F>& point, F radius) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), lines = picture.half_lines + picture.half_lines;
+  const F x = picture.texels(point, picture.frame.s), y = picture.texels(point, picture.frame.t);
+  const F r = radius * picture.half_lines;
+  const F x0 = floor(x - r), x1 = floor(x + r) + one, y0 = floor(y - r), y1 = floor(y + r) + one;
+  const auto texel = [&](F value) { return small_to_int(min(max(zero, value), lines)); };
+  const Mask_t<F> whole = (x0 >= zero) & (x1 <= lines) & (y0 >= zero) & (y1 <= lines);
+  return {{texel(x0), texel(x1), texel(y0), texel(y1)}, whole};
+}
+
+// How much the mean depths of a rectangle's halves differ, in x or in y; 0 where a half meets nothing. `all`: sums over
+// it, whose tiles are baked.
+template <class F>
+FT_HD_INLINE F depth_difference(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
+                                const CoverageSum<F>& all, Mask_t<F> wanted) {
+  const auto none = [](Int_t<F>, Mask_t<F>) {};
+  const auto difference = [&](const TexelRect<F>& half) {
+    const CoverageSum<F> sum = sum_coverage<F>(view, direction, half, wanted, none);
+    const Int_t<F> rest = all.count - sum.count, zero = splat_int<F>(0);
+    const F n = max(to_float(sum.count), splat<F>(1.0f)), m = max(to_float(rest), splat<F>(1.0f));
+    const F apart = abs(to_float(sum.depths) / n - to_float(all.depths - sum.depths) / m);
+    return select((sum.count > zero) & (rest > zero), apart, splat<F>(0.0f));
+  };
+  const Int_t<F> x = rect.x0 + shift_right<1>(rect.x1 - rect.x0), y = rect.y0 + shift_right<1>(rect.y1 - rect.y0);
+  const F across = difference({rect.x0, x, rect.y0, rect.y1}), along = difference({rect.x0, rect.x1, rect.y0, y});
+  return max(across, along) * splat<F>(k_coverage_depth_step);
+}
+
+// For receivers outside the ball, or `within` it with the whole object before their tangent plane. chord_share: how
+// much of the span surfaces are looked for in (within: all of it). tell_missing(slots, mask): as for sum_coverage.
+template <class F, class TellMissing>
+FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_share, const LightCone<F>& cone,
+                                         Mask_t<F> within, Mask_t<F> wanted, const TellMissing& tell_missing) {
+  const LinePicture<F> picture = picture_along(field, cone.axis);
+  const ConeSpan<F> span = span_in_ball(cone);
+  const Vec3Lanes<F> middle = cone.p + cone.axis * span.middle;
+  const F reach = select(within, span.half, span.half * splat<F>(chord_share));
+  const Vec3Lanes<F> across = cone.axis - picture.frame.c * dot(cone.axis, picture.frame.c);
+  const F radius = (span.middle + reach) * cone.tangent + reach * sqrt(dot(across, across));
+  const PictureSquare<F> square = square_about(picture, middle, radius);
+  const Mask_t<F> asked = wanted & (radius < splat<F>(k_widest_disc));
+  const TexelRect<F>& rect = square.rect;
+  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, picture.direction, rect, asked, tell_missing);
+  const Int_t<F> texels = (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
+  ConeAnswer<F> answer;
+  answer.unknown = sum.unknown;
+  answer.clear = and_not(sum.unknown, asked & (sum.count == splat_int<F>(0)));
+  answer.blocked = and_not(sum.unknown | answer.clear, asked & square.whole & (sum.count == texels));
+  answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
+  if (any(answer.blocked)) {
+    const F slant = cone.tangent + sqrt(dot(across, across));
+    const F rise = depth_difference<F>(field.coverage, picture.direction, rect, sum, answer.blocked);
+    answer.blocked = answer.blocked & (rise * slant * picture.half_lines < splat<F>(k_most_chink));
+  }
+  return answer;
+}
+
+// tell_missing(slices, mask) is called with the depth slices that are not baked. `side`: directions are tried on a grid
+// of side x side over the cone, those in its corners left out.
+template <class F, class TellMissing>
+FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
+                                      int side, Mask_t<F> wanted, const TellMissing& tell_missing) {
+  const F one = splat<F>(1.0f);
+  // Two directions across the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
+  const F sign = copysign(one, cone.axis.z);
+  const F a = splat<F>(-1.0f) / (sign + cone.axis.z);
+  const F b = cone.axis.x * cone.axis.y * a;
+  const Vec3Lanes<F> across_x = {one + sign * cone.axis.x * cone.axis.x * a, sign * b,
+                                 splat<F>(0.0f) - sign * cone.axis.x};
+  const Vec3Lanes<F> across_y = {b, sign + cone.axis.y * cone.axis.y * a, splat<F>(0.0f) - cone.axis.y};
+  ConeAnswer<F> answer;
+  answer.clear = answer.blocked = wanted;
+  answer.unknown = and_not(wanted, wanted);
+  answer.lookups = splat_int<F>(0);
+  const float step = 2.0f / float(side);
+  for (int i = 0; i < side * side; ++i) {
+    const float x = (float(i % side) + 0.5f) * step - 1.0f, y = (float(i / side) + 0.5f) * step - 1.0f;
+    if (side > 1 && x * x + y * y > 1.0f + step * 0.25f) continue;
+    if (!any(answer.clear | answer.blocked)) break;
+    Vec3Lanes<F> d = cone.axis + across_x * (cone.tangent * splat<F>(x)) + across_y * (cone.tangent * splat<F>(y));
+    d = d * (one / sqrt(dot(d, d)));
+    const Vec3Lanes<F> back = {-d.x, -d.y, -d.z};
+    const Vec3Lanes<F> end = cone.p + d * cone.distance;
+    const Mask_t<F> asked = answer.clear | answer.blocked;
+    const DepthAnswer<F> depth = compare_depth(
+        field, policy, address_of_line(back, cone.p, field.directions, field.plane), back, cone.p, end, asked);
+    answer.lookups = answer.lookups + depth.lookups;
+    if (any(depth.unknown)) {
+      answer.unknown = answer.unknown | depth.unknown;
+      tell_missing(depth.slice, depth.unknown);
+    }
+    answer.clear = answer.clear & (depth.front | depth.unknown);
+    answer.blocked = answer.blocked & (depth.behind | depth.unknown);
+  }
+  answer.unknown = answer.unknown & (answer.clear | answer.blocked);
+  answer.clear = and_not(answer.unknown, answer.clear);
+  answer.blocked = and_not(answer.unknown, answer.blocked);
+  return answer;
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

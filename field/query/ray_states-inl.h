@@ -1,0 +1,46 @@
+// Rays of a batch as lanes, and what candidates say of them, for the loops of every kind of field.
+//
+// Included once per Highway target and once for plain floats. Thread-safety: writes the given states only.
+
+#if defined(FIELDTRACE_FIELD_QUERY_RAY_STATES_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_FIELD_QUERY_RAY_STATES_INL_H_
+#undef FIELDTRACE_FIELD_QUERY_RAY_STATES_INL_H_
+#else
+#define FIELDTRACE_FIELD_QUERY_RAY_STATES_INL_H_
+#endif
+
+#include "core/simd/lanes.hd.h"
+#include "field/query/segment_kernels.h"
+
+FT_LANES_BEGIN
+
+template <class F>
+struct RayLanes {
+  Vec3Lanes<F> o, d;
+  F tmax;
+};
+
+template <class F>
+FT_HD_INLINE RayLanes<F> load_rays(const RayBatch& r, size_t i) {
+  return {{load_lanes<F>(&r.ox[i]), load_lanes<F>(&r.oy[i]), load_lanes<F>(&r.oz[i])},
+          {load_lanes<F>(&r.dx[i]), load_lanes<F>(&r.dy[i]), load_lanes<F>(&r.dz[i])},
+          load_lanes<F>(&r.tmax[i])};
+}
+
+// Adds one candidate's word about the rays at i: whether they meet its bounds, are blocked by it, or ask.
+template <class F>
+FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, Mask_t<F> blocked, Mask_t<F> asks,
+                                int32_t candidate_slot) {
+  const Int_t<F> zero = splat_int<F>(0);
+  Int_t<F> state = load_int_lanes<F>(&states.state[i]);
+  state = state | select(crosses, splat_int<F>(RayStates::k_crosses), zero);
+  state = state | select(blocked, splat_int<F>(RayStates::k_blocked), zero);
+  state = state + select(asks, splat_int<F>(RayStates::k_ask), zero);
+  store_lanes(state, &states.state[i]);
+  const Int_t<F> asker = load_int_lanes<F>(&states.asker[i]);
+  store_lanes(select(asks, splat_int<F>(candidate_slot), asker), &states.asker[i]);
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

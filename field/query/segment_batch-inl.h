@@ -1,0 +1,305 @@
+// The loops behind segment_kernels.h, generic over the lane type: one lane for the scalar table, vectors otherwise.
+// Included once per Highway target and once for plain floats.
+
+#if defined(FIELDTRACE_FIELD_QUERY_SEGMENT_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_FIELD_QUERY_SEGMENT_BATCH_INL_H_
+#undef FIELDTRACE_FIELD_QUERY_SEGMENT_BATCH_INL_H_
+#else
+#define FIELDTRACE_FIELD_QUERY_SEGMENT_BATCH_INL_H_
+#endif
+
+#include "field/query/cone_batch-inl.h"
+#include "field/query/hit_batch-inl.h"
+#include "field/query/lobe_batch-inl.h"
+#include "field/query/query.hd.h"
+#include "field/query/ray_states-inl.h"
+#include "field/query/segment_kernels.h"
+
+FT_LANES_BEGIN
+
+// Rays handled as one block when something in them must be repeated: k_batch_padding, whatever the vector's length.
+constexpr size_t k_block = k_batch_padding;
+
+// Blocks of rays that go through a query step by step: each step is a short loop, whose vectors the processor overlaps,
+// where a whole query at once would be one chain of arithmetic longer than its reorder window
+// (docs/decisions/008-two-chains.md). Few enough for the first-level cache.
+constexpr size_t k_blocks_at_once = 4;
+
+// What the steps hand on: the vectors that meet the ball, packed to the front, then those of them that want depth
+// cells.
+template <class F>
+struct QueryScratch {
+  static constexpr int k_vectors = int(k_blocks_at_once * k_block) / Lanes<F>::k_count;
+  UnitSegment<F> segment[k_vectors];
+  Mask_t<F> wanted[k_vectors];
+  CellAddress<F> at[k_vectors];
+  int vector[k_vectors];                // the place in the batch
+  SegmentVerdict<F> result[k_vectors];  // by place in the batch
+};
+
+// Adds the verdicts of one block of rays to its states, or puts the block aside if it met cells that are not baked.
+template <class F>
+inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t candidate_slot, RayStates& states,
+                         SegmentCounts& counts) {
+  constexpr int k_vectors = int(k_block) / Lanes<F>::k_count;
+  bool crossed = false, unknown = false;
+  for (int part = 0; part < k_vectors; ++part) {
+    const Int_t<F> verdict = results[part].verdict;
+    crossed = crossed || any(!(verdict == splat_int<F>(k_verdict_none)));
+    unknown = unknown || any(verdict > splat_int<F>(k_verdict_ask));
+    if (states.keep_verdicts) store_lanes(verdict, &states.verdict[block + size_t(part * Lanes<F>::k_count)]);
+  }
+  if (!crossed) return;
+  if (unknown) {
+    states.unknown_blocks.push_back(uint32_t(block));
+    for (int part = 0; part < k_vectors; ++part) {
+      alignas(64) int32_t slices[Lanes<F>::k_count];
+      const auto append = [&](int verdict, std::vector<uint32_t>& list) {
+        const int n = compress_store(results[part].slice, results[part].verdict == splat_int<F>(verdict), slices);
+        list.insert(list.end(), slices, slices + n);
+      };
+      append(k_verdict_unknown_visibility, states.unknown_visibility);
+      append(k_verdict_unknown_depth, states.unknown_depth);
+    }
+    return;
+  }
+  for (int part = 0; part < k_vectors; ++part) {
+    const Int_t<F> verdict = results[part].verdict;
+    const Mask_t<F> crosses = !(verdict == splat_int<F>(k_verdict_none));
+    counts.crossings += size_t(count_true(crosses));
+    update_states<F>(states, block + size_t(part * Lanes<F>::k_count), crosses,
+                     verdict == splat_int<F>(k_verdict_blocked), verdict == splat_int<F>(k_verdict_ask),
+                     candidate_slot);
+  }
+}
+
+// Segments in unit space; returns how many vectors meet the ball.
+template <class F>
+inline int transform_step(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
+                          size_t first, int vectors, QueryScratch<F>& s) {
+  const Uint_t<F> instance = splat_uint<F>(task.instance);
+  int crossing = 0;
+  for (int v = 0; v < vectors; ++v) {
+    const size_t i = first + size_t(v * Lanes<F>::k_count);
+    const RayLanes<F> r = load_rays<F>(rays, i);
+    UnitSegment<F>& segment = s.segment[crossing];
+    write_segment(task.to_unit, r.o, r.d, r.tmax, segment);
+    s.wanted[crossing] = line_wanted(segment, load_uint_lanes<F>(receiver_instance + i) == instance);
+    s.vector[crossing] = v;
+    s.result[v].verdict = splat_int<F>(k_verdict_none);
+    crossing += any(segment.crosses);
+  }
+  return crossing;
+}
+
+// Addresses of the lines that are wanted; returns how many rays will read one.
+template <class F>
+inline size_t line_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
+  size_t lookups = 0;
+  for (int k = 0; k < count; ++k) {
+    if (!any(s.wanted[k])) continue;
+    lookups += size_t(count_true(s.wanted[k]));
+    find_direction_cell(upward(s.segment[k].direction), task.field.directions, s.at[k]);
+  }
+  for (int k = 0; k < count; ++k) {
+    if (any(s.wanted[k])) find_plane_cell(s.segment[k].foot, task.field.directions, task.field.plane, s.at[k]);
+  }
+  return lookups;
+}
+
+// Verdicts by the lines' cells; returns how many vectors want depth cells, packed to the front with their masks in
+// `wanted`.
+template <class F>
+inline int answer_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
+  int deep = 0;
+  for (int k = 0; k < count; ++k) {
+    const Mask_t<F> wanted = s.wanted[k];
+    // A vector that wants no line has an empty `wanted`, which is then what the line says too.
+    LineView<F> line = {wanted, wanted, wanted, splat_int<F>(0)};
+    if (any(wanted)) line = look_up_line(task.field, task.policy, s.at[k]);
+    const LineAnswer<F> answer = answer_by_line(s.segment[k], wanted, line);
+    s.result[s.vector[k]] = answer.verdict;
+    if (!any(answer.depth_wanted)) continue;
+    s.segment[deep] = s.segment[k];
+    s.wanted[deep] = answer.depth_wanted;
+    s.vector[deep++] = s.vector[k];
+  }
+  return deep;
+}
+
+// Verdicts by depth cells; returns the look-ups.
+template <class F>
+inline size_t depth_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
+  size_t lookups = 0;
+  for (int k = 0; k < count; ++k) {
+    find_direction_cell(depth_anchor(s.segment[k]).direction, task.field.directions, s.at[k]);
+  }
+  for (int k = 0; k < count; ++k) {
+    find_plane_cell(depth_anchor(s.segment[k]).p, task.field.directions, task.field.plane, s.at[k]);
+  }
+  for (int k = 0; k < count; ++k) {
+    SegmentVerdict<F>& result = s.result[s.vector[k]];
+    result.lookups = splat_int<F>(0);
+    answer_by_depth(task.field, task.policy, s.segment[k], depth_anchor(s.segment[k]), s.at[k], s.wanted[k], result);
+    lookups += size_t(sum_of(result.lookups));
+  }
+  return lookups;
+}
+
+template <class F>
+inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
+                                 size_t begin, size_t end, int32_t candidate_slot, RayStates& states) {
+  SegmentCounts counts;
+  constexpr size_t k_count = size_t(Lanes<F>::k_count);
+  QueryScratch<F> s;
+  for (size_t first = begin; first < end; first += k_blocks_at_once * k_block) {
+    const size_t last = end - first < k_blocks_at_once * k_block ? end : first + k_blocks_at_once * k_block;
+    const int vectors = int((last - first) / k_count);
+    const int crossing = transform_step(task, rays, receiver_instance, first, vectors, s);
+    counts.lookups += line_step(task, crossing, s);
+    const int deep = answer_step(task, crossing, s);
+    if (task.reads_depth) counts.lookups += depth_step(task, deep, s);
+    for (size_t block = first; block < last; block += k_block) {
+      finish_block(&s.result[(block - first) / k_count], block, candidate_slot, states, counts);
+    }
+  }
+  return counts;
+}
+
+template <class F>
+inline SegmentCounts cross_ball_batch(const SegmentTask& task, const RayBatch& rays, size_t begin, size_t end,
+                                      int32_t candidate_slot, RayStates& states) {
+  SegmentCounts counts;
+  for (size_t i = begin; i < end; i += size_t(Lanes<F>::k_count)) {
+    const RayLanes<F> r = load_rays<F>(rays, i);
+    const UnitSegment<F> segment = segment_in_unit_space(task.to_unit, r.o, r.d, r.tmax);
+    if (!any(segment.crosses)) continue;
+    counts.crossings += size_t(count_true(segment.crosses));
+    const Mask_t<F> never = and_not(segment.crosses, segment.crosses);
+    update_states<F>(states, i, segment.crosses, never, segment.crosses, candidate_slot);
+  }
+  return counts;
+}
+
+// Distance at which a slab is entered and left, widened by the rounding of the subtraction, the reciprocal and the
+// product (pbrt, section 6.8.2: factor 1 + 2 gamma(3)).
+template <class F>
+FT_HD_INLINE void clip_slab(F o, F d, float lower, float upper, F& enter, F& leave) {
+  // A component too small to divide by becomes a tiny one of the same sign: the slab is then met nowhere or everywhere.
+  const F inverse = splat<F>(1.0f) / copysign(max(abs(d), splat<F>(1e-30f)), d);
+  const F a = (splat<F>(lower) - o) * inverse;
+  const F b = (splat<F>(upper) - o) * inverse;
+  const F widen = splat<F>(1.0f + 2.0f * (3.0f * 0x1p-24f) / (1.0f - 3.0f * 0x1p-24f));
+  enter = max(enter, min(a, b));
+  leave = min(leave, max(a, b) * widen);
+}
+
+template <class F>
+inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
+                                     size_t begin, size_t end, int32_t candidate_slot, RayStates& states) {
+  SegmentCounts counts;
+  const Uint_t<F> instance = splat_uint<F>(task.skip_own ? task.instance : 0xfffffffeu);
+  for (size_t i = begin; i < end; i += size_t(Lanes<F>::k_count)) {
+    const RayLanes<F> r = load_rays<F>(rays, i);
+    F enter = splat<F>(0.0f), leave = r.tmax;
+    for (int axis = 0; axis < 3; ++axis) {
+      clip_slab(transformed(task.to_object, axis, r.o) + splat<F>(task.to_object[9 + axis]),
+                transformed(task.to_object, axis, r.d), task.lower[axis], task.upper[axis], enter, leave);
+    }
+    const Mask_t<F> own = load_uint_lanes<F>(receiver_instance + i) == instance;
+    const Mask_t<F> crosses = and_not(own, (enter <= leave) & (r.tmax >= splat<F>(0.0f)));
+    if (!any(crosses)) continue;
+    counts.crossings += size_t(count_true(crosses));
+    update_states<F>(states, i, crosses, and_not(crosses, crosses), crosses, candidate_slot);
+  }
+  return counts;
+}
+
+template <class F>
+FT_HD_INLINE void raise_flags(Mask_t<F> raised, int32_t* flags) {
+  const Int_t<F> old = load_int_lanes<F>(flags);
+  store_lanes(old | select(raised, splat_int<F>(k_may_shadow), splat_int<F>(0)), flags);
+}
+
+template <class F>
+inline void hull_meets_ball_batch(const SegmentTask& task, const ReceiverBatch& receivers, const Sphere& light,
+                                  int32_t* flags) {
+  const float* m = task.to_unit;
+  const Vec3Lanes<F> centre = {splat<F>(light.centre.x), splat<F>(light.centre.y), splat<F>(light.centre.z)};
+  const F radius = splat<F>(light.radius * task.to_unit_stretch);
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  for (size_t i = 0; i < padded(receivers.size); i += size_t(Lanes<F>::k_count)) {
+    const Vec3Lanes<F> world = load_points<F>(receivers, i);
+    const Vec3Lanes<F> to_light = centre - world;
+    const Vec3Lanes<F> p = transformed_point(m, world), axis = transformed_vector(m, to_light);
+    const F length_squared = max(dot(axis, axis), splat<F>(1e-30f));
+    // The hull within the ball's reach of the axis point nearest to the ball's centre is no wider than at the far end
+    // of that reach: t + (1 + radius) / length.
+    const F length = sqrt(length_squared);
+    const F t = (zero - dot(p, axis)) / length_squared;
+    const F t_near = min(max(t, zero), one);
+    const F t_far = min(max(t + (one + radius) / length, zero), one);
+    const Vec3Lanes<F> gap = p + axis * t_near;
+    // A few thousandths cover the rounding of this test many times over.
+    const F reach =
+        (one + radius * t_far) * splat<F>(1.0f + 0x1p-9f) + (abs(p.x) + abs(p.y) + abs(p.z)) * splat<F>(0x1p-20f);
+    raise_flags<F>(dot(gap, gap) <= reach * reach, flags + i);
+  }
+}
+
+template <class F>
+inline void hull_meets_box_batch(const BoxTask& task, const ReceiverBatch& receivers, const Sphere& light,
+                                 int32_t* flags) {
+  const float* m = task.to_object;
+  const Vec3Lanes<F> centre = {splat<F>(light.centre.x), splat<F>(light.centre.y), splat<F>(light.centre.z)};
+  const float margin = light.radius * task.to_object_stretch * (1.0f + 0x1p-9f);
+  const Uint_t<F> instance = splat_uint<F>(task.skip_own ? task.instance : 0xfffffffeu);
+  for (size_t i = 0; i < padded(receivers.size); i += size_t(Lanes<F>::k_count)) {
+    const Vec3Lanes<F> world = load_points<F>(receivers, i);
+    const Vec3Lanes<F> to_light = centre - world;
+    F enter = splat<F>(0.0f), leave = splat<F>(1.0f);
+    for (int axis = 0; axis < 3; ++axis) {
+      const F p = transformed(m, axis, world) + splat<F>(m[9 + axis]);
+      // The receiver's offset from the surface, and rounding.
+      const float lower = task.lower[axis] - margin, upper = task.upper[axis] + margin;
+      clip_slab(p, transformed(m, axis, to_light), lower, upper, enter, leave);
+    }
+    const Mask_t<F> own = load_uint_lanes<F>(&receivers.instance[i]) == instance;
+    raise_flags<F>(and_not(own, enter <= leave), flags + i);
+  }
+}
+
+template <class F>
+inline void collect_batch(const RayStates& states, size_t rays, uint8_t* blocked, ExactLists& lists) {
+  lists.one_asker.resize(padded(rays) + k_block);
+  lists.many_askers.resize(padded(rays) + k_block);
+  lists.one_count = lists.many_count = 0;
+  lists.crossing = 0;
+  const Int_t<F> zero = splat_int<F>(0), k_blocked = splat_int<F>(RayStates::k_blocked);
+  const Int_t<F> one_ask = splat_int<F>(RayStates::k_ask);
+  for (size_t i = 0; i < padded(rays); i += size_t(Lanes<F>::k_count)) {
+    const Int_t<F> state = load_int_lanes<F>(&states.state[i]);
+    const Mask_t<F> touched = !(state == zero);
+    if (!any(touched)) continue;
+    lists.crossing += size_t(count_true(touched));
+    const Mask_t<F> is_blocked = (state & k_blocked) == k_blocked;
+    const Int_t<F> asks = state & splat_int<F>(~(RayStates::k_ask - 1));
+    const Mask_t<F> one = and_not(is_blocked, asks == one_ask);
+    const Mask_t<F> many = and_not(is_blocked, asks > one_ask);
+    const Int_t<F> index = lane_sequence<F>(int32_t(i));
+    lists.one_count += size_t(compress_store(index, one, lists.one_asker.data() + lists.one_count));
+    lists.many_count += size_t(compress_store(index, many, lists.many_askers.data() + lists.many_count));
+  }
+  for (size_t i = 0; i < rays; ++i) blocked[i] = uint8_t((states.state[i] / RayStates::k_blocked) & 1);
+}
+
+template <class F>
+constexpr SegmentKernels make_segment_kernels() {
+  return {&query_batch<F>,          &cross_ball_batch<F>,   &cross_box_batch<F>,     &hull_meets_ball_batch<F>,
+          &hull_meets_box_batch<F>, &light_cones_batch<F>,  &filter_leaves_batch<F>, &lobes_meet_batch<F>,
+          &filter_lobes_batch<F>,   &nearest_hits_batch<F>, &collect_batch<F>};
+}
+
+FT_LANES_END
+
+#endif  // toggled guard

@@ -1,0 +1,175 @@
+// Batch loops over segment queries, one table of functions per instruction set.
+//
+// A batch of rays is shown to one candidate object after another; what they say is combined per ray in RayStates.
+// Ranges [begin, end) are multiples of k_batch_padding rays. Thread-safety: the kernels are pure apart
+// from what they write. Memory layout: ray arrays as in core/trace/rays.h; states are padded and aligned likewise.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/light/receivers.h"
+#include "core/simd/isa.h"
+#include "core/trace/rays.h"
+#include "field/query/hit_batch.h"
+#include "field/store/view.h"
+
+namespace fieldtrace {
+
+// What the candidates have said of each ray so far.
+struct RayStates {
+  static constexpr int32_t k_crosses = 1;  // meets some candidate's bounds
+  static constexpr int32_t k_blocked = 2;  // some field says so
+  static constexpr int32_t k_ask = 4;      // added once for each candidate that asks for an exact ray
+
+  AlignedVector<int32_t> state;
+  AlignedVector<int32_t> asker;  // candidate_slot of the last one that asked
+  // Blocks of k_batch_padding rays that met cells not baked yet, as their first ray; their states are untouched. And
+  // the slices.
+  std::vector<uint32_t> unknown_blocks, unknown_visibility, unknown_depth;
+  // Verdict per ray (k_verdict_* of field/query/query.hd.h) of the last candidate; filled if `keep_verdicts`.
+  AlignedVector<int32_t> verdict;
+  bool keep_verdicts = false;
+
+  void reset(size_t rays) {
+    state.assign(padded(rays), 0);
+    asker.resize(padded(rays));
+    if (keep_verdicts) verdict.resize(padded(rays));
+  }
+};
+
+// One candidate object for a batch of rays.
+struct SegmentTask {
+  FieldView field;
+  QueryPolicy policy;
+  float to_unit[12];             // world -> unit space of the object, 3 x 4, column-major
+  float to_unit_stretch = 0.0f;  // bound on the length of to_unit's image of a unit vector
+  uint32_t instance = 0;         // rays whose receiver lies on this instance are `own`
+  bool reads_depth = true;       // false: what a line's cell does not settle asks
+};
+
+// An object without a field: its bounds decide which rays must be traced.
+struct BoxTask {
+  float to_object[12];  // world -> object space, 3 x 4, column-major
+  float to_object_stretch = 0.0f;
+  float lower[3], upper[3];  // object space
+  uint32_t instance = 0;
+  bool skip_own = false;  // flat objects cannot block rays that leave them
+};
+
+struct SegmentCounts {
+  uint64_t crossings = 0;  // rays that meet the bounds
+  uint64_t lookups = 0;    // cells read
+};
+
+// Bits of a receiver's flag: what stands between it and a light.
+inline constexpr int32_t k_may_shadow = 1;     // some object may: single rays must tell
+inline constexpr int32_t k_light_blocked = 2;  // the whole light is hidden
+inline constexpr int32_t k_by_leaves = 4;  // the object may be asked about parts of the light (field/query/leaf.hd.h)
+
+// One candidate object asked about whole lights (field/query/cone.hd.h).
+struct ConeTask {
+  SegmentTask segment;
+  float from_unit[9];        // unit space -> world, linear part, column-major
+  float chord_share = 1.0f;  // of half a chord, on which surfaces are looked for (field/query/cone.hd.h)
+  float half_extent[3];      // of the object's bounds, a box about the origin of unit space
+  int sheet_side = 0;        // directions tried for receivers on the object: sheet_side^2; 0: none are asked about
+};
+
+// One candidate object asked about parts of lights (field/query/leaf.hd.h).
+struct LeafTask {
+  SegmentTask segment;
+  float share = 1.0f;       // of the light's samples that one leaf is: 1 / number of leaves
+  float least_disc = 0.5f;  // half width of a leaf at the blocker, in texels, below which it is refused
+};
+
+// What light_cones() and filter_leaves() met that is not baked: receivers' or rays' blocks of k_batch_padding, as their
+// first index, and what to bake.
+struct ConeUnknowns {
+  std::vector<uint32_t> blocks, tiles, slices;
+  std::array<std::vector<uint32_t>*, 2> lists() { return {&tiles, &slices}; }
+};
+
+struct ConeCounts {
+  uint64_t clear = 0, blocked = 0;  // receivers answered
+  uint64_t lookups = 0;
+};
+
+// Samples of reflected lobes, and what filter_lobes() says of one object along each (field/query/lobe.hd.h). Rays are
+// unit and endless; all arrays are padded like RayBatch.
+struct LobeBatch {
+  RayBatch rays;
+  AlignedVector<float> nx, ny, nz;  // geometric normal of the surface that the ray leaves, on the ray's side
+  AlignedVector<float> density;     // samples x solid-angle density: a sample stands for its inverse
+  AlignedVector<float> blur;        // tangent that half a texel may take
+  AlignedVector<uint32_t> instance;
+
+  void resize(size_t n) {
+    rays.resize(n);
+    for (auto* v : {&nx, &ny, &nz, &density, &blur}) v->resize(padded(n));
+    instance.resize(padded(n));
+  }
+};
+
+struct LobeAnswers {
+  AlignedVector<float> clear, red, green, blue, distance;  // distance: as t of the ray
+  AlignedVector<int32_t> refused;
+
+  void resize(size_t n) {
+    for (auto* v : {&clear, &red, &green, &blue, &distance}) v->resize(padded(n));
+    refused.resize(padded(n));
+  }
+};
+
+// The rays left to trace, by index, after all candidates have spoken.
+struct ExactLists {
+  AlignedVector<int32_t> one_asker, many_askers;
+  size_t one_count = 0, many_count = 0;
+  uint64_t crossing = 0;  // rays that met at least one candidate's bounds
+};
+
+struct SegmentKernels {
+  // Adds what the field of `task` says of rays [begin, end).
+  SegmentCounts (*query)(const SegmentTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
+                         size_t end, int32_t candidate_slot, RayStates&);
+  // Every ray that meets the ball asks, whatever the field says: for exact rendering.
+  SegmentCounts (*cross_ball)(const SegmentTask&, const RayBatch&, size_t begin, size_t end, int32_t candidate_slot,
+                              RayStates&);
+  // The same for the bounding box of an object without a field.
+  SegmentCounts (*cross_box)(const BoxTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
+                             size_t end, int32_t candidate_slot, RayStates&);
+  // flags[r] |= k_may_shadow where the hull of receiver r and a sphere about the light meets the object's ball or box.
+  // Conservative.
+  void (*hull_meets_ball)(const SegmentTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
+  void (*hull_meets_box)(const BoxTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
+  // For receivers in `blocks` whose flag is k_may_shadow: the flag becomes 0 where the object leaves the whole ball
+  // `light` clear, k_light_blocked where it hides all of it; where neither is known and parts of the light may be asked
+  // about, k_by_leaves is added.
+  ConeCounts (*light_cones)(const ConeTask&, const ReceiverBatch&, const Sphere& light,
+                            std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&);
+  // For rays in `blocks` with wanted[i] != 0 and tmax >= 0, each the centre of a leaf of density pdf[i] (1/sr):
+  // clear[i] is multiplied by the share of the leaf that the object leaves clear, refused[i] set to 1 where it cannot
+  // tell. Returns the number of look-ups.
+  uint64_t (*filter_leaves)(const LeafTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
+                            std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
+  // met[i] = 1 where a sample of a lobe (unit and endless; density > 0, per solid angle; both padded) may meet the
+  // object; others stay as they are.
+  void (*lobes_meet)(const ConeTask&, const RayBatch&, const float* density, int32_t* met);
+  // For samples in `blocks`: what the object of `task` sends along each. Its field needs directions and coverage with
+  // radiance only. Returns the number of look-ups.
+  uint64_t (*filter_lobes)(const ConeTask&, const LobeBatch&, std::span<const uint32_t> blocks, LobeAnswers&,
+                           ConeUnknowns&);
+  // For queries in `blocks`: the object's nearest surface. Blocks put among the unknowns have no answers yet: a lane's
+  // verdict there is one of these, or unknown_*. Returns the number of look-ups.
+  uint64_t (*nearest_hits)(const SegmentTask&, const HitQueries&, std::span<const uint32_t> blocks, HitAnswers&,
+                           HitUnknowns&);
+  // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
+  void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
+};
+
+// The kernels of a resolved instruction set (not Isa::automatic; unchecked).
+const SegmentKernels& segment_kernels(Isa isa);
+
+}  // namespace fieldtrace

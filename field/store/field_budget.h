@@ -1,0 +1,44 @@
+// How many bytes the fields of one render may take together, and how many they do.
+//
+// Fields charge memory before they touch it: a brick's layer (field/store/layout.hd.h) with its first slice, a coverage
+// tile with its sums, tables by the page. Whether a render reaches its budget is a matter of what it demands, not of
+// who comes first: charges only grow, and the first that does not fit refuses all that follow. What a render does then
+// is the renderer's affair (hybrid/fields/field_set.h). Thread-safety: every function may be called from any thread.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <limits>
+
+namespace fieldtrace {
+
+class FieldBudget {
+ public:
+  static constexpr uint64_t k_no_limit = std::numeric_limits<uint64_t>::max();
+
+  explicit FieldBudget(uint64_t bytes = k_no_limit) : limit_(bytes) {}
+
+  // Charges `bytes`. False, with nothing charged, if they do not fit, or if anything has been refused before.
+  bool take(uint64_t bytes) {
+    if (exceeded()) return false;
+    const uint64_t after = used_.fetch_add(bytes, std::memory_order_relaxed) + bytes;
+    if (after <= limit_) return true;
+    used_.fetch_sub(bytes, std::memory_order_relaxed);
+    refuse();
+    return false;
+  }
+  void give_back(uint64_t bytes) { used_.fetch_sub(bytes, std::memory_order_relaxed); }
+  // For a field that cannot grow for another reason: its addresses are used up.
+  void refuse() { exceeded_.store(true, std::memory_order_relaxed); }
+
+  uint64_t limit() const { return limit_; }
+  uint64_t used() const { return used_.load(std::memory_order_relaxed); }
+  bool exceeded() const { return exceeded_.load(std::memory_order_relaxed); }
+
+ private:
+  const uint64_t limit_;
+  std::atomic<uint64_t> used_ = 0;
+  std::atomic<bool> exceeded_ = false;
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,70 @@
+// The trade between speed and accuracy, measured: one scene rendered by both methods over sample counts, tolerances and
+// field resolutions, each picture compared with a reference that the same renderer made by Monte Carlo.
+//
+// Cold means with an empty field cache, warm a second render with the cache that the first one left. Times are wall
+// seconds of render() alone: loading the scene and writing images are the same for all rows.
+// Thread-safety: functions may run concurrently on different scenes; times then disturb one another.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "core/image/image.h"
+#include "core/scene/scene.h"
+#include "hybrid/compare/compare.h"
+#include "hybrid/render/render.h"
+
+namespace fieldtrace {
+
+struct TradeoffRow {
+  RenderOptions options;
+  Stats cold, warm;                           // warm equals cold for Monte Carlo, which has no cache
+  double seconds_cold = 0, seconds_warm = 0;  // of the whole render() call
+  ImageDifference difference;                 // of the cold picture from the reference
+};
+
+struct TradeoffPlan {
+  RenderOptions reference;  // how the reference is made: Monte Carlo, many samples, a seed of its own
+  // The configurations to measure. `field_cache` is ignored: each gets a temporary folder of its own.
+  std::vector<RenderOptions> cases;
+};
+
+// The cases of the command line. Quick: few samples, one field resolution, a reference of 256 samples. Full: Monte
+// Carlo with 1 to 256 samples; hybrid with 1 to 64 samples x tolerances 0, 0.05, 0.1, 0.25, 0.5, 1 at the scene's own
+// field resolution, and 16 samples x D in {32, 64, 128} x N in {64, 128, 256}; a reference of 4096 samples. `base`
+// gives threads, instruction set, light samples and the seed; the reference takes the next seed.
+struct TradeoffPlanOptions {
+  bool quick = false;
+  RenderOptions base;
+};
+TradeoffPlan make_tradeoff_plan(const Scene& scene, const TradeoffPlanOptions& options = {});
+
+struct TradeoffCallbacks {
+  RenderCallbacks render;  // progress is over the whole plan
+  // Called after each case, in order, with its cold picture.
+  std::function<void(const TradeoffRow& row, const Image& image)> row;
+};
+
+// Renders the reference unless `reference` already holds it, then each case cold and warm. Returns true if all were
+// measured, false if callbacks.render.stop ended it early: a case that was cut short yields no row. Temporary caches
+// lie in `scratch_folder`, which must exist, and are removed. Throws what render() and compare_images() throw.
+bool run_tradeoff(const Scene& scene, const TradeoffPlan& plan, const std::string& scratch_folder, Image& reference,
+                  const TradeoffCallbacks& callbacks);
+
+// The header and the rows of the table, as lines of CSV without the newline.
+std::string tradeoff_csv_header();
+std::string tradeoff_csv_row(const TradeoffRow& row);
+
+// (seconds, rmse) of one render.
+struct ErrorPoint {
+  double seconds = 0, rmse = 0;
+};
+
+// Seconds that Monte Carlo needs for `rmse`, from measured points: linear between neighbours in log-log, beyond the
+// ends by the law rmse ~ samples^-1/2, hence seconds ~ rmse^-2. Points need not be sorted; those without a positive
+// finite time and error are left out. NaN if none is left or `rmse` is not positive and finite.
+double seconds_at_error(std::vector<ErrorPoint> points, double rmse);
+
+}  // namespace fieldtrace

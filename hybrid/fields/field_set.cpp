@@ -1,0 +1,156 @@
+#include "hybrid/fields/field_set.h"
+
+#include <algorithm>
+#include <atomic>
+#include <numeric>
+
+#include "core/platform/machine_memory.h"
+#include "core/platform/parallel.h"
+#include "hybrid/fields/bake_estimate.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr int k_fewest_directions = 32, k_fewest_plane = 64;
+
+// Shapes that want a field, in the order in which they get one.
+std::vector<uint32_t> shapes_by_gain(const Scene& scene, std::span<const ShapeTraits> traits) {
+  std::vector<uint64_t> gain(scene.shapes.size(), 0);
+  for (const Instance& instance : scene.instances)
+    gain[instance.shape] += scene.shapes[instance.shape].triangle_count();
+  std::vector<uint32_t> order(scene.shapes.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::erase_if(order, [&](uint32_t s) { return !traits[s].wants_field; });
+  std::stable_sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return gain[a] > gain[b]; });
+  return order;
+}
+
+}  // namespace
+
+uint64_t default_field_memory() { return machine_memory_bytes() / 2; }
+
+FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, const FieldPlan& plan,
+                   uint64_t budget_bytes, bool wanted)
+    : scene_(scene),
+      plan_(plan),
+      budget_(std::make_unique<FieldBudget>(budget_bytes)),
+      fields_(scene.shapes.size()),
+      left_to_rays_(scene.shapes.size(), 0),
+      own_to_rays_(scene.shapes.size(), 0),
+      for_hits_(scene.shapes.size(), 0) {
+  if (!wanted) return;
+  bake_rays_ = estimated_bake_rays(scene, plan.parameters);
+  occlusion_bake_rays_ = estimated_occlusion_bake_rays(scene, plan.parameters);
+  for (const uint32_t i : plan.hit_instances) for_hits_[scene.instances[i].shape] = 1;
+  for (const uint32_t s : shapes_by_gain(scene, traits)) {
+    if (count_ == plan.most_fields) break;
+    if (bake_rays_[s] > std::max(plan.light_samples, k_costly_bake_rays)) {
+      left_to_rays_[s] = 1;
+      if (!for_hits_[s]) continue;
+    }
+    fields_[s] = std::make_unique<Field>(field_ball(scene.shapes[s].bounds), plan.parameters, budget_.get());
+    ++count_;
+  }
+}
+
+std::vector<Field*> FieldSet::pointers() const {
+  std::vector<Field*> pointers;
+  for (size_t s = 0; s < fields_.size(); ++s) pointers.push_back(left_to_rays_[s] ? nullptr : fields_[s].get());
+  return pointers;
+}
+
+std::vector<Field*> FieldSet::occlusion_pointers() const {
+  std::vector<Field*> wanted = pointers();
+  for (size_t s = 0; s < wanted.size(); ++s) {
+    if (wanted[s] && occlusion_bake_rays_[s] > std::max(plan_.occlusion_rays, k_costly_bake_rays)) wanted[s] = nullptr;
+  }
+  return wanted;
+}
+
+std::vector<Field*> FieldSet::all_pointers() const {
+  std::vector<Field*> pointers;
+  for (const auto& field : fields_) pointers.push_back(field.get());
+  return pointers;
+}
+
+void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers) {
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (left_to_rays_[s]) continue;
+    const bool cost_decides = plan_.light_samples < std::numeric_limits<double>::infinity();
+    const uint64_t fewest = cost_decides && bake_rays_[s] > k_costly_bake_rays ? uint64_t(bake_rays_[s]) : 0;
+    left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, std::max(fewest, fewest_answers));
+    own_to_rays_[s] = fields_[s] && leaves_own_to_rays(survey.uses[s]);
+  }
+}
+
+void FieldSet::load(FieldCache& cache) {
+  if (!plan_.read_cache) return;
+  std::atomic<bool> has_loaded = has_loaded_;
+  parallel_for(fields_.size(), [&](size_t s) {
+    if (!fields_[s] || budget_->exceeded()) return;
+    if (cache.load(*fields_[s], field_identity(scene_.shapes[s], plan_.parameters))) has_loaded = true;
+  });
+  has_loaded_ = has_loaded;
+}
+
+// One after another: each holds a second copy of its field for a while.
+void FieldSet::store(FieldCache& cache, const WarningSink& warning, Stats& stats) const {
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (!fields_[s]) continue;
+    const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
+    try {
+      cache.store(*fields_[s], identity);
+    } catch (const Error& e) {
+      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+    } catch (const std::bad_alloc&) {
+      warn(warning, {}, "not enough memory to keep the field of " + scene_.shapes[s].name);
+    }
+    stats.field_bytes_disk += cache.bytes_on_disk(identity);
+  }
+  cache.trim();
+}
+
+void FieldSet::count(Stats& stats) const {
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    const auto& field = fields_[s];
+    stats.field_left_to_rays += left_to_rays_[s];
+    if (!field) continue;
+    stats.field_objects += !left_to_rays_[s] || for_hits_[s];
+    stats.field_own_to_rays += !left_to_rays_[s] && own_to_rays_[s];
+    stats.field_cells_baked += field->cells_baked();
+    stats.field_cells_full += field->cells_full();
+    stats.field_bytes_memory += field->bytes();
+    stats.field_tiles_baked += field->coverage().tiles_baked();
+    stats.field_directions = plan_.parameters.directions;
+    stats.field_plane = plan_.parameters.plane;
+  }
+}
+
+FieldPlan FieldSet::next_plan(std::string& change) const {
+  FieldPlan next = plan_;
+  if (has_loaded_) {
+    next.read_cache = false;
+    change = "begins again without what the cache holds";
+    return next;
+  }
+  next.read_cache = true;
+  if (!next.hit_instances.empty()) {
+    next.hit_instances.clear();
+    change = "begins again with exact rays for what glossy rays meet";
+    return next;
+  }
+  FieldParameters& p = next.parameters;
+  if (p.directions > k_fewest_directions || p.plane > k_fewest_plane) {
+    p.directions = std::max(p.directions / 2, k_fewest_directions);
+    p.plane = std::max(p.plane / 2, k_fewest_plane);
+    change = "begins again with fields of " + std::to_string(p.directions) + " x " + std::to_string(p.plane) + " cells";
+    return next;
+  }
+  // Complete fields of these fit: there is no further attempt.
+  next.most_fields = size_t(budget_->limit() / Field::most_bytes(p));
+  change = "begins again with fields for " + std::to_string(next.most_fields) + " of " + std::to_string(count_) +
+           " objects, and exact rays for the others";
+  return next;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,85 @@
+// The fields of one render, one per shape that wants one, their cache, and what happens when they outgrow their memory.
+//
+// All fields of a render share one budget (field/store/field_budget.h). A render that reaches it is begun again with
+// less:
+//   1. without what a cache held, if it held anything;
+//   2. without certified hits for glossy rays, if there were to be any;
+//   3. with half of D and N, again and again, down to 32 x 64;
+//   4. with fields for so few shapes that complete ones fit, those with the most triangles times instances; the others
+//      are left to exact rays.
+// Every step is chosen from constants, the scene and the budget, and each attempt's need is a matter of what the
+// picture demands. So the picture does not depend on threads, tiles or the state of a cache here either, as long as the
+// need of an attempt does not end within about a thousandth of the budget: there a few cells that threads bake in vain,
+// ahead of an answer that makes them needless, may decide. Thread-safety: FieldSet by one thread; its fields by any
+// number.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/scene/scene.h"
+#include "field/file/field_cache.h"
+#include "field/store/field.h"
+#include "hybrid/fields/left_to_rays.h"
+#include "hybrid/stats/stats.h"
+#include "hybrid/visibility/shape_traits.h"
+
+namespace fieldtrace {
+
+// What one attempt at a render may use.
+struct FieldPlan {
+  FieldParameters parameters;
+  size_t most_fields = std::numeric_limits<size_t>::max();
+  bool read_cache = true;
+  // Light samples of the whole picture, towards all lights. A shape whose bake would cost more rays (and is costly at
+  // all: hybrid/fields/bake_estimate.h) is left to exact rays, for its field cannot answer as many. Infinite: none is.
+  double light_samples = std::numeric_limits<double>::infinity();
+  double occlusion_rays =
+      std::numeric_limits<double>::infinity();  // those of the layer `ao`: decide alike, by themselves
+  std::vector<uint32_t> hit_instances;  // their shapes have fields for glossy rays, whatever shadow rays gain by these
+};
+
+// The budget of fields where none is asked for: half of the machine's memory.
+uint64_t default_field_memory();
+
+class FieldSet {
+ public:
+  // Makes empty fields for the shapes of `scene` that want one, as many as the plan allows; none unless `wanted`.
+  FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, const FieldPlan& plan, uint64_t budget_bytes,
+           bool wanted);
+
+  bool empty() const { return count_ == 0; }
+  std::vector<Field*> pointers() const;            // by shape, for shadow rays; null: exact rays
+  std::vector<Field*> occlusion_pointers() const;  // by shape, for the layer `ao`; null: exact rays
+  std::vector<Field*> all_pointers() const;        // by shape, those too that answer glossy rays alone; null: none
+  // By shape: not 0 where the field is not asked about receivers on the object itself.
+  const std::vector<uint8_t>& own_to_rays() const { return own_to_rays_; }
+  // Leaves objects to exact rays, as the counts of a survey say; those with a costly bake if their answers would not
+  // outnumber its rays.
+  void leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers);
+  const FieldBudget& budget() const { return *budget_; }
+
+  // Adds what the cache holds, if the plan reads it.
+  void load(FieldCache& cache);
+  // A finished picture is worth more than its fields: what cannot be kept is told, not thrown.
+  void store(FieldCache& cache, const WarningSink& warning, Stats& stats) const;
+  void count(Stats& stats) const;
+
+  // The plan of the next attempt, after one that outgrew the budget. `change` says what is different, for a warning.
+  FieldPlan next_plan(std::string& change) const;
+
+ private:
+  const Scene& scene_;
+  FieldPlan plan_;
+  std::unique_ptr<FieldBudget> budget_;  // outlives the fields
+  std::vector<std::unique_ptr<Field>> fields_;
+  std::vector<double> bake_rays_;            // by shape: estimated
+  std::vector<double> occlusion_bake_rays_;  // of the layer `ao`
+  // By shape: shadow rays do not ask its field, or not from the object itself; glossy rays ask it.
+  std::vector<uint8_t> left_to_rays_, own_to_rays_, for_hits_;
+  size_t count_ = 0;
+  bool has_loaded_ = false;
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,110 @@
+// Answers glossy rays by certified nearest hits of fields: a miss, or a surface known within an error that is small
+// against the lobe's footprint. What no certificate settles, and all rays that are not glossy, are traced.
+//
+// Objects with fields whose ball a ray meets are asked front to back, until the nearest hit lies before the next ball,
+// and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Where it lies
+// on the triangle that its cell knows, it is moved there, and is then a traced one's equal but for what may lie within
+// the cell's error bound. Other objects are traced. An answer depends on the ray, the scene and the settings alone.
+// Thread-safety: const functions may be called from any number of threads, each with a workspace of its own; fields
+// grow by demand meanwhile.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/trace/accel.h"
+#include "field/query/segment_kernels.h"
+#include "field/store/field.h"
+#include "hybrid/path/path_batch.h"
+#include "hybrid/stats/stats.h"
+#include "hybrid/visibility/direction_order.h"
+#include "hybrid/visibility/shadow_answerer.h"
+#include "hybrid/visibility/shape_traits.h"
+#include "hybrid/visibility/some_rays.h"
+
+namespace fieldtrace {
+
+// How far a lobe may be blurred: half widths of what is read, or errors of hits, as a tangent seen from the surface,
+// for each unit of the lobe's alpha and of tolerance. At the default an eighth of alpha: the slopes of a lobe's
+// microfacets are spread by about alpha, reflected directions by twice that.
+inline constexpr float k_blur_of_tolerance = 1.25f;
+
+// What is known of a hit beside its entry in a HitBatch: t, instance and primitive, a triangle near it. World space.
+struct CertifiedHit {
+  uint32_t ray = 0;
+  Vec3 normal = Vec3(0.0f);  // unit, on the side that the ray comes from
+  float error = 0.0f;        // bound on the point's distance from the surface, along the normal
+};
+
+struct HitWorkspace {
+  std::vector<CertifiedHit> certified;
+
+  std::vector<uint32_t> asked, exact;  // exact: those that were traced
+  DirectionOrder order;
+  HitQueries queries;  // asked
+  HitBatch others, found;
+  std::vector<uint32_t> front_to_back;
+  std::vector<HitAnswers> answers;  // by object
+  HitUnknowns unknowns;
+  SomeRays some;
+};
+
+// The surface there. Not for exact hits.
+SurfacePoint surface_of(const Scene& scene, const RayBatch& rays, const HitBatch& hits, const CertifiedHit& hit);
+
+class HitAnswerer {
+ public:
+  // With more objects than this a ray through all of them costs less than their tests.
+  static constexpr size_t k_most_objects = 16;
+  // Below this number of triangles a ray costs no more than the look-ups (docs/decisions/016-certified-hits.md).
+  static constexpr size_t k_fewest_triangles = 1000000;
+
+  // Instances that can be answered by fields of these parameters; none if they are too many. Their meshes have that
+  // many triangles or more; light neither passes through them, whole or in part, nor leaves them; where they are
+  // textured, cells are no wider than a few of their triangles.
+  static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits,
+                                                const FieldParameters& parameters, size_t fewest_triangles);
+
+  // Rays that a field of these parameters will have baked for hits from all about.
+  static double estimated_bake_rays(const FieldParameters& parameters);
+
+  // fields[s] is that of shape s, not null for `instances`, which must be suited. All references must outlive this.
+  HitAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+              const std::vector<Field*>& fields, std::span<const uint32_t> instances, const AnswererSettings& settings);
+  ~HitAnswerer();
+
+  // For each i of `which`: where rays[i] (unit, endless), which belongs to paths[i], ends. Other entries of `hits` stay
+  // as they are. work.certified receives those that are not exact. With --check, answers are counted in `stats`.
+  void intersect(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
+                 HitBatch& hits, HitWorkspace& work, Stats& stats) const;
+
+ private:
+  struct Object;
+  enum class Verdict { miss, hit, ask };
+  struct Nearest;
+
+  void choose_asked(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
+                    HitWorkspace& work) const;
+  void ask(HitWorkspace& work, Stats& stats) const;
+  void trace_others(HitWorkspace& work) const;
+  void order_objects(HitWorkspace& work) const;
+  void ask_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const;
+  void bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const;
+  void find_triangle(const HitWorkspace& work, size_t j, Nearest& nearest) const;
+  Nearest put_together(const HitWorkspace& work, size_t j) const;
+  void settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const;
+  void check_answers(std::span<const PathState> paths, HitWorkspace& work, Stats& stats) const;
+  bool is_wrong(const HitWorkspace& work, size_t j, const Nearest& nearest, float alpha) const;
+
+  const Scene& scene_;
+  const Accel& accel_;
+  const SegmentKernels& kernels_;
+  float tolerance_;
+  bool check_;
+  std::vector<Object> objects_;
+  std::vector<uint8_t> is_object_;              // by instance
+  std::shared_ptr<const Accel::Group> others_;  // the other instances; null: there are none
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,214 @@
+#include "hybrid/glossy/lobe_answerer.h"
+
+#include <algorithm>
+
+#include "hybrid/glossy/hit_answerer.h"
+#include "hybrid/glossy/radiance_pictures.h"
+#include "hybrid/visibility/ask_and_bake.h"
+#include "hybrid/visibility/direction_order.h"
+
+namespace fieldtrace {
+namespace {
+
+// Shares of a ray smaller than this are not followed.
+constexpr float k_least_share = 0x1p-12f;
+// Surfaces that a path from a patch may visit beyond it, in the estimate of what shading it takes.
+constexpr uint64_t k_further_surfaces = 2;
+
+// One object's share in a ray.
+struct Layer {
+  float distance;
+  const LobeAnswers* answers;
+  uint32_t instance;
+};
+
+// Objects front to back, those before the hit at `end`.
+void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) {
+  std::sort(layers.begin(), layers.end(), [](const Layer& a, const Layer& b) { return a.distance < b.distance; });
+  for (const Layer& layer : layers) {
+    if (layer.distance >= end) break;
+    const bool was_seen = ray.clear >= 0.5f;
+    const LobeAnswers& a = *layer.answers;
+    ray.radiance += Rgb(a.red[i], a.green[i], a.blue[i]) * ray.clear;
+    ray.clear *= a.clear[i];
+    if (was_seen && ray.clear < 0.5f) {
+      ray.instance = layer.instance;
+      ray.distance = layer.distance;
+    }
+  }
+}
+
+// Rays that shading a surface patch takes, about.
+uint64_t rays_per_patch(const TransportContext& shading) {
+  const uint64_t lights = shading.scene.emitters.size();
+  const bool goes_on = shading.settings.max_depth < 0 || shading.settings.max_depth > 2;
+  return SurfaceRadiance::k_samples * (lights + (goes_on ? k_further_surfaces * (lights + 1) : 0));
+}
+
+}  // namespace
+
+std::vector<uint32_t> LobeAnswerer::suited_instances(const Scene& scene, std::span<const ShapeTraits> traits) {
+  std::vector<uint32_t> suited;
+  for (uint32_t i = 0; i < scene.instances.size(); ++i) {
+    if (!traits[scene.instances[i].shape].wants_field || !SurfaceRadiance::suits(scene, i)) continue;
+    suited.push_back(i);
+    if (suited.size() > k_most_objects) return {};
+  }
+  return suited;
+}
+
+LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, float tolerance,
+                           uint64_t most_rays, uint64_t most_bytes, const HitAnswerer* hits)
+    : shading_(shading),
+      kernels_(segment_kernels(shading.settings.isa)),
+      hits_(hits),
+      blur_(k_blur_of_tolerance * tolerance) {
+  const Scene& scene = shading.scene;
+  const uint64_t most_patches = std::min(most_rays / std::max<uint64_t>(rays_per_patch(shading), 1),
+                                         std::min(most_bytes / sizeof(Rgb), SurfaceRadiance::k_most_patches - 1));
+  std::vector<uint8_t> has_pictures(scene.instances.size(), 0);
+  for (const uint32_t i : suited) {
+    if (RadiancePictures::count_patches(scene, i, most_rays) > most_patches) continue;
+    auto pictures = std::make_unique<RadiancePictures>(shading, i, most_rays);
+    const uint64_t bytes = pictures->radiance().bytes() + pictures->tiles().bytes_when_full();
+    if (bytes > most_bytes) continue;
+    most_bytes -= bytes;
+    pictures_.push_back(std::move(pictures));
+    has_pictures[i] = 1;
+  }
+  if (pictures_.empty()) return;
+  std::vector<uint32_t> others;
+  for (uint32_t i = 0; i < scene.instances.size(); ++i) {
+    if (!has_pictures[i]) others.push_back(i);
+  }
+  if (!others.empty()) others_ = shading_.accel.group(others);
+}
+
+LobeAnswerer::~LobeAnswerer() = default;
+
+uint64_t LobeAnswerer::bytes() const {
+  uint64_t sum = 0;
+  for (const auto& p : pictures_) sum += p->radiance().bytes() + p->tiles().bytes();
+  return sum;
+}
+
+void LobeAnswerer::find_asked(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const {
+  const size_t n = rays.size;
+  work.exact.clear();
+  work.asked.clear();
+  work.density.assign(padded(n), 0.0f);
+  work.met.assign(padded(n), 0);
+  for (uint32_t i = 0; i < n; ++i) {
+    const PathState& path = paths[i];
+    if (path.alpha > 0.0f && !path.unweighted && path.bsdf_density > 0.0f) {
+      work.density[i] = path.bsdf_density;
+    } else {
+      work.exact.push_back(i);
+    }
+  }
+  if (work.exact.size() == n) return;
+  for (const auto& p : pictures_) kernels_.lobes_meet(p->task(), rays, work.density.data(), work.met.data());
+  for (uint32_t i = 0; i < n; ++i) {
+    if (work.met[i]) work.asked.push_back(i);
+  }
+}
+
+// All glossy rays: those that meet no object with pictures end there.
+void LobeAnswerer::trace_others(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const {
+  const size_t n = rays.size;
+  if (!others_ || work.exact.size() == n) {
+    std::fill_n(hits.instance.begin(), n, k_none);
+    return;
+  }
+  if (work.exact.empty()) {
+    shading_.accel.intersect(*others_, rays, hits, Coherence::incoherent);
+    return;
+  }
+  work.some.rays = rays;
+  for (const uint32_t i : work.exact) work.some.rays.tmax[i] = -1.0f;
+  shading_.accel.intersect(*others_, work.some.rays, hits, Coherence::incoherent);
+}
+
+void LobeAnswerer::ask(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work,
+                       Stats& stats) const {
+  order_by_direction(rays, work.asked, work.order);
+  LobeBatch& batch = work.batch;
+  batch.resize(work.asked.size());
+  std::fill(batch.density.begin(), batch.density.end(), 0.0f);
+  for (size_t j = 0; j < work.asked.size(); ++j) {
+    const PathState& path = paths[work.asked[j]];
+    batch.rays.copy(j, rays, work.asked[j]);
+    batch.nx[j] = path.side.x, batch.ny[j] = path.side.y, batch.nz[j] = path.side.z;
+    batch.density[j] = path.bsdf_density;
+    batch.blur[j] = blur_ * path.alpha;
+    batch.instance[j] = path.instance;
+  }
+  work.answers.resize(pictures_.size());
+  ConeUnknowns& unknowns = work.unknowns;
+  for (size_t p = 0; p < pictures_.size(); ++p) {
+    LobeAnswers& answers = work.answers[p];
+    answers.resize(batch.rays.size);
+    ask_and_bake(
+        batch.rays.size, unknowns,
+        [&](std::span<const uint32_t> blocks) {
+          stats.lookups += kernels_.filter_lobes(pictures_[p]->task(), batch, blocks, answers, unknowns);
+        },
+        [&] {
+          pictures_[p]->bake(unknowns.tiles, stats);
+          return true;
+        });
+    for (const uint32_t block : unknowns.blocks) std::fill_n(answers.refused.begin() + block, k_batch_padding, 1);
+  }
+}
+
+void LobeAnswerer::put_together(const HitBatch& hits, LobeWorkspace& work) const {
+  std::vector<Layer> layers;
+  for (size_t j = 0; j < work.asked.size(); ++j) {
+    const uint32_t i = work.asked[j];
+    layers.clear();
+    bool refused = false;
+    for (size_t p = 0; p < pictures_.size(); ++p) {
+      const LobeAnswers& a = work.answers[p];
+      refused = refused || a.refused[j] != 0;
+      if (a.clear[j] < 1.0f) layers.push_back({a.distance[j], &a, pictures_[p]->instance()});
+    }
+    if (refused) {
+      work.exact.push_back(i);
+    } else if (!layers.empty()) {
+      FilteredRay& ray = work.filtered.emplace_back();
+      ray.ray = i;
+      compose(layers, j, hits.instance[i] == k_none ? k_infinity : hits.t[i], ray);
+    }
+  }
+}
+
+// The rays that pictures leave.
+void LobeAnswerer::trace_exact(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits,
+                               LobeWorkspace& work, Stats& stats) const {
+  if (hits_) {
+    hits_->intersect(rays, paths, work.exact, hits, work.hits, stats);
+    return;
+  }
+  for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
+  intersect_some(shading_.accel, rays, work.exact, hits, work.some);
+}
+
+void LobeAnswerer::answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
+                          Stats& stats) const {
+  hits.resize(rays.size);
+  work.filtered.clear();
+  find_asked(rays, paths, work);
+  trace_others(rays, hits, work);
+  if (!work.asked.empty()) {
+    ask(rays, paths, work, stats);
+    put_together(hits, work);
+    for (FilteredRay& ray : work.filtered) {
+      if (ray.clear >= k_least_share) continue;
+      ray.clear = 0.0f;
+      hits.instance[ray.ray] = k_none;
+    }
+  }
+  trace_exact(rays, paths, hits, work, stats);
+}
+
+}  // namespace fieldtrace

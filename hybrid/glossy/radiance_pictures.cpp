@@ -1,0 +1,95 @@
+#include "hybrid/glossy/radiance_pictures.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include "field/bake/tile_lines.h"
+#include "field/store/field.h"
+#include "hybrid/visibility/occluder.h"
+#include "hybrid/visibility/shadow_answerer.h"
+
+namespace fieldtrace {
+namespace {
+
+int plane_for(uint64_t most_rays) {
+  return most_rays >= RadiancePictures::k_many_rays ? RadiancePictures::k_plane : RadiancePictures::k_plane / 2;
+}
+
+// Patches about as wide as the distance between lines.
+float patch_of(const Scene& scene, uint32_t instance, int lines) {
+  const Instance& placed = scene.instances[instance];
+  const Sphere ball = field_ball(scene.shapes[placed.shape].bounds);
+  float narrowest = k_infinity;
+  for (int axis = 0; axis < 3; ++axis) narrowest = std::min(narrowest, glm::length(Vec3(placed.to_world[axis])));
+  return 2.0f * ball.radius * narrowest / float(lines);
+}
+
+// Barycentric coordinates of vertices 1 and 2 of the point of a triangle's plane nearest to `p`, brought into the
+// triangle where rounding has put them outside.
+Vec2 barycentric(const Vec3& p0, const Vec3& e1, const Vec3& e2, const Vec3& p) {
+  const Vec3 n = glm::cross(e1, e2), d = p - p0;
+  const float area = glm::dot(n, n);
+  if (!(area > 0.0f)) return Vec2(1.0f / 3.0f);
+  const float u = std::clamp(glm::dot(glm::cross(d, e2), n) / area, 0.0f, 1.0f);
+  return {u, std::clamp(glm::dot(glm::cross(e1, d), n) / area, 0.0f, 1.0f - u)};
+}
+
+}  // namespace
+
+uint64_t RadiancePictures::count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays) {
+  return SurfaceRadiance::count_patches(scene, instance, patch_of(scene, instance, 2 * plane_for(most_rays)));
+}
+
+RadiancePictures::RadiancePictures(const TransportContext& shading, uint32_t instance, uint64_t most_rays)
+    : scene_(shading.scene),
+      accel_(shading.accel),
+      ball_(field_ball(scene_.shapes[scene_.instances[instance].shape].bounds)),
+      tiles_(k_directions, plane_for(most_rays), nullptr, TilePayload::radiance),
+      radiance_(shading, instance, patch_of(scene_, instance, tiles_.lines())) {
+  AnswererSettings settings;
+  settings.tolerance = 1.0f;
+  task_ = make_occluder(scene_, instance, {}, nullptr, nullptr, settings).cone;
+  task_.segment.field.directions = make_axis(k_directions);
+  task_.segment.field.coverage = tiles_.view();
+}
+
+void RadiancePictures::bake(std::span<const uint32_t> slots, Stats& stats) {
+  const auto start = std::chrono::steady_clock::now();
+  const Instance& placed = scene_.instances[instance()];
+  const TriangleMesh& mesh = scene_.shapes[placed.shape].mesh;
+  TileRays rays;
+  ShapeHits hits;
+  TileLines lines;
+  std::vector<SurfaceRadiance::Side> sides;
+  std::vector<int> texels;  // of sides
+  std::vector<Rgb> colours;
+  uint64_t bake_rays = 0;
+  bake_tiles(tiles_, slots, [&](uint32_t slot) {
+    rays.lay(tiles_, slot, ball_, k_directions);
+    const size_t count = rays.texels.size();
+    lines.assign(CoverageTiles::k_lines_per_tile, 0);
+    sides.clear();
+    texels.clear();
+    hits.resize(count);
+    if (count > 0) accel_.shape_intersect(placed.shape, rays.rays, hits);
+    bake_rays += count;
+    for (size_t r = 0; r < count; ++r) {
+      if (hits.t[r] < 0.0f) continue;
+      lines[size_t(rays.texels[r])] = rays.line_at(r, hits.t[r]);
+      const UVec3 t = mesh.triangles[hits.primitive[r]];
+      const Vec3 p0 = mesh.positions[t.x], e1 = mesh.positions[t.y] - p0, e2 = mesh.positions[t.z] - p0;
+      const Vec3 d = rays.rays.direction(r), p = rays.rays.origin(r) + d * hits.t[r];
+      const bool behind = (glm::dot(glm::cross(e1, e2), d) > 0.0f) != placed.flip_normals;
+      const Vec2 uv = barycentric(p0, e1, e2, p);
+      sides.push_back(radiance_.side_at(hits.primitive[r], uv.x, uv.y, behind));
+      texels.push_back(rays.texels[r]);
+    }
+    bake_rays += radiance_.shade(sides);
+    colours.assign(CoverageTiles::k_lines_per_tile, Rgb(0.0f));
+    for (size_t k = 0; k < sides.size(); ++k) colours[size_t(texels[k])] = radiance_.radiance(sides[k]);
+    tiles_.finish(slot, lines, colours);
+  });
+  stats.add_bake({bake_rays, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
+}
+
+}  // namespace fieldtrace

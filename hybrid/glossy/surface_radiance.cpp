@@ -1,0 +1,204 @@
+#include "hybrid/glossy/surface_radiance.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/platform/shared_value.h"
+#include "core/sampling/sobol.hd.h"
+#include "hybrid/visibility/ask_and_bake.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr uint32_t k_patch_stream = 0x50544348u;
+constexpr int k_most_divisions = 64;
+
+// Of a triangle cut into n x n patches, patch (i, j, lower) lies at row-major place (i, j), and the upper one of the
+// same square, which touches the far edge's side, at the place mirrored through the square's middle: those are free,
+// for lower ones have i + j < n and upper ones i + j < n - 1.
+size_t patch_place(int n, int i, int j, bool upper) {
+  return upper ? size_t((n - 1 - i) * n + (n - 1 - j)) : size_t(i * n + j);
+}
+
+// Points of a patch at which its texture is looked up: the middles of the patches that it would be cut into.
+constexpr int k_texture_divisions = 4;
+
+struct PatchCentre {
+  float u, v;
+};
+PatchCentre patch_centre(int n, size_t place) {
+  const int i = int(place) / n, j = int(place) % n;
+  const float step = 1.0f / float(n);
+  if (i + j < n) return {(float(i) + 1.0f / 3.0f) * step, (float(j) + 1.0f / 3.0f) * step};
+  return {(float(n - 1 - i) + 2.0f / 3.0f) * step, (float(n - 1 - j) + 2.0f / 3.0f) * step};
+}
+
+// Along each edge of a triangle, for patches with edges of `patch` or less in world space.
+int divisions(const Affine& to_world, const TriangleMesh& mesh, const UVec3& t, float patch) {
+  const auto edge = [&](uint32_t a, uint32_t b) {
+    return glm::length(transform_vector(to_world, mesh.positions[a] - mesh.positions[b]));
+  };
+  const float longest = std::max({edge(t.x, t.y), edge(t.y, t.z), edge(t.z, t.x)});
+  return std::clamp(int(std::ceil(std::min(longest / patch, float(k_most_divisions)))), 1, k_most_divisions);
+}
+
+// Of the patch at that place the k-th point of k_texture_divisions^2.
+PatchCentre texture_point(int n, size_t place, size_t k) {
+  const PatchCentre within = patch_centre(k_texture_divisions, k);
+  const int i = int(place) / n, j = int(place) % n;
+  const float step = 1.0f / float(n);
+  if (i + j < n) return {(float(i) + within.u) * step, (float(j) + within.v) * step};
+  return {(float(n - i) - within.u) * step, (float(n - j) - within.v) * step};
+}
+
+}  // namespace
+
+bool SurfaceRadiance::suits(const Scene& scene, uint32_t index) {
+  const Instance& instance = scene.instances[index];
+  if (instance.emitter != k_none || scene.shapes[instance.shape].kind != ShapeKind::mesh) return false;
+  for (uint32_t b = instance.bsdf; b != k_none; b = scene.bsdfs[b].two_sided ? scene.bsdfs[b].back : k_none) {
+    const Bsdf& bsdf = scene.bsdfs[b];
+    if (bsdf.kind != BsdfKind::diffuse) return false;
+    if (bsdf.opacity == k_none) continue;
+    const Texture& opacity = scene.textures[bsdf.opacity];
+    if (opacity.kind != TextureKind::constant || opacity.color0 != Rgb(1.0f)) return false;
+  }
+  return true;
+}
+
+uint64_t SurfaceRadiance::count_patches(const Scene& scene, uint32_t index, float patch) {
+  const Instance& instance = scene.instances[index];
+  const TriangleMesh& mesh = scene.shapes[instance.shape].mesh;
+  uint64_t count = 0;
+  for (const UVec3& t : mesh.triangles) {
+    const auto n = uint64_t(divisions(instance.to_world, mesh, t, patch));
+    count += n * n;
+  }
+  return count;
+}
+
+SurfaceRadiance::SurfaceRadiance(const TransportContext& shading, uint32_t index, float patch)
+    : scene_(shading.scene),
+      seed_(shading.settings.seed),
+      instance_(index),
+      is_textured_(is_textured(shading.scene, shading.scene.instances[index].bsdf)),
+      followers_([&shading] { return shading.make_follower(shading); }) {
+  const Instance& instance = scene_.instances[index];
+  const TriangleMesh& mesh = scene_.shapes[instance.shape].mesh;
+  first_.reserve(mesh.triangles.size() + 1);
+  divisor_.reserve(mesh.triangles.size());
+  uint64_t count = 0;
+  for (const UVec3& t : mesh.triangles) {
+    const int n = divisions(instance.to_world, mesh, t, patch);
+    first_.push_back(uint32_t(count));
+    divisor_.push_back(uint16_t(n));
+    count += uint64_t(n) * uint64_t(n);
+  }
+  first_.push_back(uint32_t(count));
+  radiance_.assign(2 * count, Rgb(0.0f));
+  shaded_.assign(2 * count, 0);
+}
+
+SurfaceRadiance::PatchPlace SurfaceRadiance::place_of(Side side) const {
+  const uint32_t patch = side / 2;
+  const auto triangle = uint32_t(std::upper_bound(first_.begin(), first_.end(), patch) - first_.begin() - 1);
+  return {triangle, divisor_[triangle], patch - first_[triangle]};
+}
+
+HitBatch SurfaceRadiance::centres_of(std::span<const Side> sides) const {
+  HitBatch hits;
+  hits.resize(sides.size());
+  for (size_t i = 0; i < sides.size(); ++i) {
+    const PatchPlace at = place_of(sides[i]);
+    const PatchCentre centre = patch_centre(at.divisor, at.place);
+    hits.instance[i] = instance_;
+    hits.primitive[i] = at.triangle;
+    hits.u[i] = centre.u, hits.v[i] = centre.v;
+  }
+  return hits;
+}
+
+// The mean of the texture over a patch: what a tube wider than the patch sees.
+Rgb SurfaceRadiance::mean_reflectance(Side side, bool behind) const {
+  constexpr size_t k_points = size_t(k_texture_divisions) * k_texture_divisions;
+  const PatchPlace at = place_of(side);
+  const Instance& instance = scene_.instances[instance_];
+  Rgb sum(0.0f);
+  for (size_t k = 0; k < k_points; ++k) {
+    const PatchCentre point = texture_point(at.divisor, at.place, k);
+    const Vec2 uv = triangle_uv(scene_.shapes[instance.shape], at.triangle, point.u, point.v);
+    sum += resolve_material(scene_, instance.bsdf, uv, behind ? -1.0f : 1.0f).reflectance;
+  }
+  return sum / float(k_points);
+}
+
+// On side `side` of the patch whose centre is `surface`. `material`: where the vertex finds its material.
+PathVertex SurfaceRadiance::vertex_at(Side side, const SurfacePoint& surface, Material& material) const {
+  const bool back = side % 2 != 0;
+  PathVertex v;
+  v.surface = &surface;
+  v.facing = back ? -v.surface->geometric_normal : v.surface->geometric_normal;
+  const bool turned = glm::dot(v.facing, v.surface->shading_normal) < 0.0f;
+  material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface->uv, turned ? -1.0f : 1.0f);
+  if (is_textured_) material.reflectance = mean_reflectance(side, turned);
+  v.material = &material;
+  v.frame = frame_about(turned ? -v.surface->shading_normal : v.surface->shading_normal);
+  v.seed = scalar::vertex_seed(seed_, side, instance_, k_patch_stream);
+  v.lobe_samples = float(k_samples);
+  return v;
+}
+
+uint64_t SurfaceRadiance::shade(std::span<const Side> sides) {
+  std::vector<Side> missing;
+  for (const Side side : sides) {
+    if (!shared(shaded_[side]).load(std::memory_order_acquire)) missing.push_back(side);
+  }
+  sort_unique(missing);
+  const HitBatch centres = centres_of(missing);
+  std::vector<Side> lit;
+  std::vector<PathVertex> vertices;
+  std::vector<PathState> paths;
+  // Of the vertices:
+  std::vector<SurfacePoint> surfaces(missing.size());
+  std::vector<Material> materials(missing.size());
+  const RayBatch rays;  // meshes do not ask for the ray
+  for (size_t i = 0; i < missing.size(); ++i) {
+    surfaces[i] = surface_at(scene_, rays, centres, i);
+    const PathVertex v = vertex_at(missing[i], surfaces[i], materials[i]);
+    if (v.material->dark) {  // its radiance is zero
+      shared(shaded_[missing[i]]).store(1, std::memory_order_release);
+      continue;
+    }
+    lit.push_back(missing[i]);
+    vertices.push_back(v);
+    // The seeds of further surfaces on its paths are those of such a pixel.
+    const uint32_t row = scalar::hash_combine(instance_, k_patch_stream);
+    paths.emplace_back().pixel_seed = scalar::pixel_seed(seed_, missing[i], row);
+  }
+  if (lit.empty()) return 0;
+  std::vector<Rgb> leaving(lit.size());
+  const uint64_t traced = followers_.local()->follow(vertices, paths, leaving);
+  for (size_t i = 0; i < lit.size(); ++i) {
+    for (int c = 0; c < 3; ++c) shared(radiance_[lit[i]][c]).store(leaving[i][c], std::memory_order_relaxed);
+    shared(shaded_[lit[i]]).store(1, std::memory_order_release);
+  }
+  return traced;
+}
+
+Rgb SurfaceRadiance::radiance(Side side) const {
+  Rgb value;
+  for (int c = 0; c < 3; ++c) value[c] = shared(radiance_[side][c]).load(std::memory_order_relaxed);
+  return value;
+}
+
+SurfaceRadiance::Side SurfaceRadiance::side_at(uint32_t triangle, float u, float v, bool back) const {
+  const int n = divisor_[triangle];
+  const auto cell = [n](float x) { return std::clamp(int(x * float(n)), 0, n - 1); };
+  int i = cell(u), j = cell(v);
+  if (i + j > n - 1) j = n - 1 - i;  // beyond the far edge by rounding
+  const float fu = u * float(n) - float(i), fv = v * float(n) - float(j);
+  const bool upper = fu + fv > 1.0f && i + j < n - 1;
+  return 2 * (first_[triangle] + uint32_t(patch_place(n, i, j, upper))) + (back ? 1 : 0);
+}
+
+}  // namespace fieldtrace

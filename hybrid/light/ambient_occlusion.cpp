@@ -1,0 +1,106 @@
+#include "hybrid/light/ambient_occlusion.h"
+
+#include <algorithm>
+
+#include "core/sampling/sobol.hd.h"
+#include "hybrid/light/direct_light.h"
+#include "hybrid/stats/stopwatch.h"
+
+namespace fieldtrace {
+namespace {
+
+// Keeps the points apart from those of the scene's lights, which take the vertex seeds themselves.
+constexpr uint32_t k_occlusion_stream = 0x414f0000u;
+
+LightTable constant_light() {
+  Scene scene;
+  Emitter emitter;
+  emitter.kind = EmitterKind::constant;
+  scene.emitters.push_back(emitter);
+  return make_lights(scene);
+}
+
+}  // namespace
+
+AmbientOcclusion::AmbientOcclusion(const TransportContext& context)
+    : context_(context), sky_(context.settings.occlusion ? constant_light() : LightTable{}) {}
+
+void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t index) {
+  // A shading normal that points away from the camera has no hemisphere of its own.
+  const bool turned = glm::dot(vertex.frame.n, vertex.facing) < 0.0f;
+  points_.push_back({vertex.surface->position, vertex.facing, turned ? -vertex.frame.n : vertex.frame.n,
+                     vertex.surface->error, scalar::hash_combine(vertex.seed, k_occlusion_stream), index,
+                     vertex.surface->instance, slot});
+}
+
+void AmbientOcclusion::fill_receivers(size_t begin, size_t end) {
+  receivers_.resize(end - begin);
+  for (size_t r = 0; r < receivers_.size; ++r) {
+    const Point& p = points_[begin + r];
+    receivers_.px[r] = p.position.x, receivers_.py[r] = p.position.y, receivers_.pz[r] = p.position.z;
+    receivers_.gx[r] = p.facing.x, receivers_.gy[r] = p.facing.y, receivers_.gz[r] = p.facing.z;
+    receivers_.sx[r] = p.shading.x, receivers_.sy[r] = p.shading.y, receivers_.sz[r] = p.shading.z;
+    receivers_.error[r] = p.error;
+    receivers_.seed[r] = p.seed;
+    receivers_.sample[r] = p.index;
+    receivers_.instance[r] = p.instance;
+    receivers_.transmits[r] = 0;
+  }
+}
+
+LightExtent AmbientOcclusion::reach() const {
+  LightExtent extent;
+  extent.kind = LightExtent::Kind::everywhere;
+  const float distance = context_.settings.occlusion_distance;
+  if (!(distance < k_infinity)) return extent;
+  float error = 0.0f;
+  Bounds3 bounds;
+  for (size_t r = 0; r < receivers_.size; ++r) {
+    bounds.extend({receivers_.px[r], receivers_.py[r], receivers_.pz[r]});
+    error = std::max(error, receivers_.error[r]);
+  }
+  // Rays start up to `error` beside their points, rounded once more (light_kernels.h), and unit directions are off by a
+  // few roundings.
+  const Vec3 largest = glm::max(glm::abs(bounds.lower), glm::abs(bounds.upper));
+  const float slack = error + gamma_bound(16) * (largest.x + largest.y + largest.z + distance + error);
+  extent.kind = LightExtent::Kind::bounded;
+  extent.ball = {bounds.centre(), 0.5f * glm::length(bounds.diagonal()) + distance + slack};
+  extent.bounds = {extent.ball.centre - extent.ball.radius, extent.ball.centre + extent.ball.radius};
+  return extent;
+}
+
+void AmbientOcclusion::count(size_t begin, std::span<FirstHit> firsts, Stats& stats) const {
+  stats.rays_shadow += rays_.active;
+  const size_t samples = size_t(context_.settings.light_samples);
+  for (size_t r = 0; r < receivers_.size; ++r) {
+    FirstHit& first = firsts[points_[begin + r].slot];
+    for (size_t i = r * samples; i < (r + 1) * samples; ++i) {
+      const bool is_active = rays_.rays.tmax[i] >= 0.0f;
+      first.occlusion_rays += is_active;
+      first.occlusion_clear += is_active && !rays_.blocked[i];
+    }
+  }
+}
+
+void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
+  const TransportSettings& settings = context_.settings;
+  const size_t group_size = size_t(std::max(k_shadow_batch / settings.light_samples, 1));
+  for (size_t begin = 0; begin < points_.size(); begin += group_size) {
+    fill_receivers(begin, std::min(begin + group_size, points_.size()));
+    const double bake_before = stats.time_bake;
+    {
+      const ScopedTimer timer(stats.time_secondary);
+      candidates_.light = reach();
+      context_.occlusion_answerer->find_candidates(receivers_, candidates_, stats);
+      sample_light(sky_, 0, receivers_, settings.light_samples, settings.isa, rays_);
+      for (size_t i = 0; i < rays_.rays.size; ++i) {
+        if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;
+      }
+      context_.occlusion_answerer->answer(candidates_, LightSeen::unknown, rays_, stats);
+    }
+    stats.time_secondary -= stats.time_bake - bake_before;
+    count(begin, firsts, stats);
+  }
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,51 @@
+// Ambient occlusion at the camera samples' first hits: the share of cosine-distributed rays that meet nothing nearby.
+//
+// Source: S. Zhukov, A. Iones, G. Kronin, "An Ambient Light Illumination Model", EGWR 1998, with the cosine of H.
+// Landis, "Production-Ready Global Illumination", SIGGRAPH 2002 course notes, and a sharp end at the distance. The rays
+// are those of a constant light's samples (the same low-discrepancy points, a stream of their own), cut off at the
+// distance, and the same ShadowAnswerer answers them: by fields in the hybrid method. Thread-safety: an
+// AmbientOcclusion belongs to one thread.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "hybrid/path/aovs.h"
+#include "hybrid/path/path_batch.h"
+#include "hybrid/path/transport_context.h"
+
+namespace fieldtrace {
+
+class AmbientOcclusion {
+ public:
+  explicit AmbientOcclusion(const TransportContext& context);
+
+  // Forgets the points added so far.
+  void clear() { points_.clear(); }
+  // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`. Any material will
+  // do: the rays leave on the side of the geometric normal that the camera sees.
+  void add(const PathVertex& vertex, uint32_t slot, uint32_t index);
+  // Adds the counts of all points to firsts[slot]; time and rays count as those of shadow rays.
+  void gather(std::span<FirstHit> firsts, Stats& stats);
+
+ private:
+  struct Point {
+    Vec3 position, facing, shading;
+    float error;
+    uint32_t seed, index, instance, slot;
+  };
+
+  void fill_receivers(size_t begin, size_t end);
+  // Where rays of the points in receivers_ can end.
+  LightExtent reach() const;
+  void count(size_t begin, std::span<FirstHit> firsts, Stats& stats) const;
+
+  const TransportContext& context_;
+  LightTable sky_;  // one constant light; empty where the settings want no occlusion
+  std::vector<Point> points_;
+  ReceiverBatch receivers_;
+  ShadowBatch rays_;
+  ShadowGroup candidates_;
+};
+
+}  // namespace fieldtrace

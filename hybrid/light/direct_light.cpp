@@ -1,0 +1,313 @@
+#include "hybrid/light/direct_light.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/light/light_irradiance.h"
+#include "hybrid/stats/stopwatch.h"
+
+namespace fieldtrace {
+
+void DirectLight::select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indices, ReceiverBatch& chosen) {
+  chosen.resize(indices.size());
+  const auto select = [&](auto member) {
+    const auto& from = all.*member;
+    auto& to = chosen.*member;
+    for (size_t i = 0; i < indices.size(); ++i) to[i] = from[indices[i]];
+  };
+  using B = ReceiverBatch;
+  for (const auto member : {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error}) {
+    select(member);
+  }
+  for (const auto member : {&B::seed, &B::sample, &B::instance}) select(member);
+  select(&B::transmits);
+}
+
+LightSampleRange leaf_grid(int light_samples) {
+  const int wanted = std::max(light_samples / k_samples_per_leaf, k_fewest_leaves);
+  const int most = std::min({wanted, light_samples, k_most_grid_leaves});
+  const int columns = int(std::sqrt(float(most)));
+  const int leaves = most / columns * columns;
+  return {leaves, 0, leaves, columns};
+}
+
+LightEstimate DirectLight::estimate_of(const Job& job, int mean_of) const {
+  const Light& light = context_.lights.lights[job.light];
+  return {{light.value[0], light.value[1], light.value[2]},
+          job.light_samples,
+          mean_of,
+          context_.closed_form[job.light] != 0,
+          light.kind == LightKind::environment};
+}
+
+void DirectLight::place_receivers(const Job& job, const Part& part) {
+  if (part.begin == places_part_.begin && part.end == places_part_.end) return;
+  places_part_ = part;
+  places_.resize(part.end - part.begin);
+  for (size_t r = 0; r < places_.size; ++r) {
+    const PathVertex& v = job.vertices[lit_[part.begin + r]];
+    const Vec3& p = v.surface->position;
+    places_.px[r] = p.x, places_.py[r] = p.y, places_.pz[r] = p.z;
+    places_.gx[r] = v.facing.x, places_.gy[r] = v.facing.y, places_.gz[r] = v.facing.z;
+    places_.sx[r] = v.frame.n.x, places_.sy[r] = v.frame.n.y, places_.sz[r] = v.frame.n.z;
+    places_.error[r] = v.surface->error;
+    places_.seed[r] = v.seed;
+    places_.sample[r] = job.paths[v.path].index;
+    places_.instance[r] = v.surface->instance;
+    places_.transmits[r] = v.material->transmits();
+  }
+}
+
+void DirectLight::sample_group(const Job& job, const LightSampleRange& range) {
+  const bool is_whole = group_.size() == places_.size && std::is_sorted(group_.begin(), group_.end());
+  if (!is_whole) select_receivers(places_, group_, receivers_);
+  sample_light(context_.lights, job.light, is_whole ? places_ : receivers_, range, context_.settings.isa, shadows_);
+}
+
+void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_t r, int samples) {
+  const PathVertex& v = vertex_of(job, group_[r]);
+  const size_t begin = r * size_t(samples), end = begin + size_t(samples);
+  job.arriving[lit_[places_part_.begin + group_[r]]] += reflected_light(shadows_, begin, samples, light, v);
+  if (job.firsts.empty()) return;
+  FirstHit& first = job.firsts[job.paths[v.path].slot];
+  const float weight = shadows_.in_shares ? float(job.light_samples) / float(samples) : 1.0f;
+  for (size_t i = begin; i < end; ++i) {
+    if (shadows_.rays.tmax[i] < 0.0f) continue;
+    first.shadow_rays += weight;
+    first.shadow_clear += weight * (shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]));
+    first.shadow_exact += float(shadows_.exact[i]);
+  }
+}
+
+void DirectLight::add_group(const Job& job, int samples) {
+  job.stats.rays_shadow += shadows_.active;
+  const LightEstimate light = estimate_of(job, job.light_samples);
+  for (size_t r = 0; r < group_.size(); ++r) add_receiver(job, light, r, samples);
+}
+
+void DirectLight::split_receivers(const Job& job) {
+  shadowed_.clear();
+  free_.clear();
+  dark_.clear();
+  candidates_.light = context_.light_extents[job.light];
+  candidates_.light_samples = job.light_samples;
+  context_.answerer.find_candidates(places_, candidates_, job.stats);
+  for (uint32_t r = 0; r < places_.size; ++r) {
+    const int32_t shadow = candidates_.shadow[r];
+    (shadow & k_light_blocked ? dark_ : shadow ? shadowed_ : free_).push_back(r);
+  }
+}
+
+bool DirectLight::halve(const Job& job, const Part& part) {
+  const size_t smallest = size_t(std::max(k_smallest_part_rays / job.light_samples, 1));
+  if (job.light_samples < k_fewest_halving_samples || part.end - part.begin <= smallest) return false;
+  if (!context_.answerer.gains_by_halving(candidates_)) return false;
+  if (!in_halves_) {
+    // The first time: the part is the whole batch.
+    placed_.clear();
+    for (size_t i = part.begin; i < part.end; ++i) {
+      placed_.push_back({job.vertices[lit_[i]].surface->position, lit_[i]});
+    }
+    order_by_halves(placed_, smallest);
+    for (size_t i = part.begin; i < part.end; ++i) lit_[i] = placed_[i - part.begin].index;
+    in_halves_ = true;
+    places_part_ = {};
+  }
+  const size_t middle = middle_of(part.begin, part.end);
+  parts_.push_back({middle, part.end});
+  parts_.push_back({part.begin, middle});
+  return true;
+}
+
+void DirectLight::check_split(const Job& job) {
+  for (const bool blocked : {false, true}) {
+    group_ = blocked ? dark_ : free_;
+    if (group_.empty()) continue;
+    sample_group(job, all_samples(job));
+    context_.answerer.check_whole(candidates_, blocked, shadows_, job.stats);
+  }
+}
+
+void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, bool last) {
+  group_.swap(filtered_);
+  filtered_.clear();
+  if (group_.empty()) return;
+  const size_t count = size_t(leaves.count);
+  sample_group(job, leaves);
+  context_.answerer.filter(candidates_, group_, leaves.count, shadows_, refused_, job.stats);
+  job.stats.leaves += shadows_.active;
+  const LightEstimate light = estimate_of(job, leaves.total);
+  for (size_t r = 0; r < group_.size(); ++r) {
+    int active = 0, clear = 0, hidden = 0;
+    for (size_t i = r * count; i < (r + 1) * count; ++i) {
+      if (shadows_.rays.tmax[i] < 0.0f) continue;
+      ++active;
+      clear += shadows_.clear[i] == 1.0f;
+      hidden += shadows_.clear[i] == 0.0f;
+    }
+    if (refused_[r]) {
+      shadowed_.push_back(group_[r]);
+      job.stats.leaves_refused += uint64_t(active);
+      continue;
+    }
+    const bool agrees = active != 0 && (clear == active || hidden == active);
+    if (!agrees && !last) {
+      filtered_.push_back(group_[r]);
+      continue;
+    }
+    job.stats.samples_spared += uint64_t(job.light_samples);
+    context_.answerer.count_filtered(candidates_, group_[r], job.stats);
+    if (agrees) {
+      (clear != 0 ? free_ : dark_).push_back(group_[r]);
+    } else {
+      add_receiver(job, light, r, leaves.count);
+    }
+    if (clear != active) job.stats.rays_shadow += uint64_t(active);  // free receivers' samples are counted as a whole
+  }
+}
+
+bool DirectLight::is_wide(uint32_t place) const {
+  return angular_diameter(candidates_.light, {places_.px[place], places_.py[place], places_.pz[place]}) >
+         k_coarse_light_degrees;
+}
+
+void DirectLight::ask_leaves(const Job& job) {
+  // Wide lights of few samples are filtered as others are: no points are worth asking, and leaves err less than
+  // samples.
+  const bool tries_wide = trial_points(context_.lights.lights[job.light].kind, job.light_samples, true).count > 0;
+  std::vector<uint32_t> lobed;  // a lobe may be narrower than the cells of a grid
+  size_t kept = 0;
+  for (const uint32_t r : shadowed_) {
+    if (candidates_.by_rays[r] || (tries_wide && is_wide(r))) {
+      shadowed_[kept++] = r;
+    } else {
+      (vertex_of(job, r).material->plain_diffuse() ? filtered_ : lobed).push_back(r);
+    }
+  }
+  if (kept == shadowed_.size()) return;
+  shadowed_.resize(kept);
+  // Points of mesh lights take a third number: no grid cuts them into parts.
+  const bool is_plane = context_.lights.lights[job.light].kind != LightKind::mesh;
+  const LightSampleRange grid = leaf_grid(job.light_samples), first = leaf_grid(k_first_leaves);
+  const bool on_grid = is_plane && job.light_samples >= k_fewest_grid_samples;
+  if (on_grid && 3 * first.total <= 2 * grid.total) filter_leaves(job, first, false);
+  filter_leaves(job, on_grid ? grid : all_samples(job), true);
+  filtered_.swap(lobed);
+  filter_leaves(job, all_samples(job), true);
+  std::sort(shadowed_.begin(), shadowed_.end());
+}
+
+void DirectLight::gather_shadowed(const Job& job, LightSeen seen) {
+  group_.swap(shadowed_);
+  if (group_.empty()) return;
+  {
+    const ScopedTimer timer(job.stats.time_secondary);
+    sample_group(job, all_samples(job));
+    context_.answerer.answer(candidates_, seen, shadows_, job.stats);
+  }
+  add_group(job, job.light_samples);
+}
+
+void DirectLight::gather_closed(const Job& job) {
+  if (!context_.closed_form[job.light]) return;
+  const Light& light = context_.lights.lights[job.light];
+  const Rgb value(light.value[0], light.value[1], light.value[2]);
+  size_t kept = 0;
+  for (const uint32_t r : free_) {
+    const PathVertex& v = vertex_of(job, r);
+    std::optional<float> irradiance;
+    if (v.material->plain_diffuse()) {
+      irradiance = whole_irradiance(light, v.surface->position, v.facing, v.frame.n);
+    }
+    if (!irradiance) {
+      free_[kept++] = r;
+      continue;
+    }
+    job.arriving[lit_[places_part_.begin + r]] += value * v.material->reflectance * (*irradiance / k_pi);
+    if (job.firsts.empty()) continue;
+    FirstHit& first = job.firsts[job.paths[v.path].slot];
+    first.shadow_rays += float(job.light_samples);
+    first.shadow_clear += float(job.light_samples);
+  }
+  free_.resize(kept);
+}
+
+// Receivers that nothing shadows send no shadow rays: their light samples are part of shading.
+void DirectLight::gather_free(const Job& job) {
+  gather_closed(job);
+  group_.swap(free_);
+  if (group_.empty()) return;
+  sample_group(job, all_samples(job));
+  add_group(job, job.light_samples);
+}
+
+// Which of their samples would have made rays is known only by sampling them.
+void DirectLight::count_dark(const Job& job) {
+  group_.swap(dark_);
+  if (group_.empty()) return;
+  sample_group(job, all_samples(job));
+  for (size_t r = 0; r < group_.size(); ++r) {
+    FirstHit& first = job.firsts[job.paths[vertex_of(job, group_[r]).path].slot];
+    for (size_t i = r * size_t(job.light_samples); i < (r + 1) * size_t(job.light_samples); ++i) {
+      first.shadow_rays += float(shadows_.rays.tmax[i] >= 0.0f);
+    }
+  }
+}
+
+void DirectLight::gather_part(const Job& job, const Part& part) {
+  Stats& stats = job.stats;
+  const double bake_before = stats.time_bake;
+  place_receivers(job, part);
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    split_receivers(job);
+    if (halve(job, part)) return;  // with so many candidates nothing was baked
+  }
+  if (context_.answerer.checks()) check_split(job);
+  // Of a light all about, most receivers see a little less than all: agreement of a few samples would brighten them.
+  const bool has_edges = candidates_.light.kind == LightExtent::Kind::bounded;
+  if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
+    const ScopedTimer timer(stats.time_secondary);
+    ask_leaves(job);
+    const LightKind kind = context_.lights.lights[job.light].kind;
+    const LightSampleRange narrow = trial_points(kind, job.light_samples, false);
+    const LightSampleRange wide = trial_points(kind, job.light_samples, true);
+    ask_trial_points(job, narrow, narrow.count == wide.count ? Tried::all : Tried::narrow);
+    if (narrow.count != wide.count) ask_trial_points(job, wide, Tried::wide);
+  }
+  gather_shadowed(job, LightSeen::unknown);
+  shadowed_.swap(penumbrae_);
+  penumbrae_.clear();
+  gather_shadowed(job, LightSeen::in_part);
+  stats.time_secondary -= stats.time_bake - bake_before;
+  gather_free(job);
+  if (!job.firsts.empty()) count_dark(job);
+}
+
+void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
+                         std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
+  lit_.clear();
+  for (uint32_t i = 0; i < vertices.size(); ++i) {
+    arriving[i] = Rgb(0.0f);
+    const Material& material = *vertices[i].material;
+    if (!material.delta() && !material.dark) lit_.push_back(i);
+  }
+  places_part_ = {};
+  Job job{vertices, paths, light_samples, firsts, arriving, stats};
+  const size_t group_size = size_t(std::max(k_shadow_batch / light_samples, 1));
+  for (size_t begin = 0; begin < lit_.size(); begin += group_size) {
+    const size_t end = std::min(begin + group_size, lit_.size());
+    in_halves_ = false;
+    for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
+      if (context_.lights.lights[job.light].kind == LightKind::none) continue;
+      parts_.assign(1, {begin, end});
+      while (!parts_.empty()) {
+        const Part part = parts_.back();
+        parts_.pop_back();
+        gather_part(job, part);
+      }
+    }
+  }
+}
+
+}  // namespace fieldtrace

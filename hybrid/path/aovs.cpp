@@ -1,0 +1,129 @@
+#include "hybrid/path/aovs.h"
+
+#include <algorithm>
+
+#include "core/platform/error.h"
+
+namespace fieldtrace {
+namespace {
+
+struct AovEntry {
+  Aov aov;
+  const char* name;
+  const char* channels;  // one letter each
+};
+constexpr AovEntry k_entries[] = {
+    {Aov::albedo, "albedo", "RGB"},
+    {Aov::normal, "normal", "XYZ"},
+    {Aov::depth, "depth", "Z"},
+    {Aov::position, "position", "XYZ"},
+    {Aov::visibility, "visibility", "Y"},
+    {Aov::exact, "exact", "Y"},
+    {Aov::object, "object", "Y"},
+    {Aov::ao, "ao", "Y"},
+    {Aov::reflected_depth, "reflected_depth", "Z"},
+    {Aov::reflected_object, "reflected_object", "Y"},
+    {Aov::glossy_exact, "glossy_exact", "Y"},
+};
+
+float* put(float* out, const Vec3& v) {
+  for (int c = 0; c < 3; ++c) *out++ = v[c];
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::string> aov_names() {
+  std::vector<std::string> names;
+  for (const AovEntry& entry : k_entries) names.push_back(entry.name);
+  return names;
+}
+
+std::vector<Aov> parse_aovs(const std::vector<std::string>& names) {
+  std::vector<Aov> result;
+  for (const std::string& name : names) {
+    const auto* entry =
+        std::find_if(std::begin(k_entries), std::end(k_entries), [&](const AovEntry& e) { return name == e.name; });
+    if (entry == std::end(k_entries)) {
+      std::string known;
+      for (const AovEntry& e : k_entries) known += std::string(known.empty() ? "" : ", ") + e.name;
+      throw UsageError("unknown AOV '" + name + "'; known are " + known);
+    }
+    if (std::find(result.begin(), result.end(), entry->aov) == result.end()) result.push_back(entry->aov);
+  }
+  return result;
+}
+
+std::vector<std::string> aov_channels(Aov aov) {
+  std::vector<std::string> channels;
+  for (const AovEntry& e : k_entries) {
+    if (e.aov != aov) continue;
+    for (const char* c = e.channels; *c; ++c) channels.push_back(std::string(e.name) + "." + *c);
+  }
+  return channels;
+}
+
+void AovSums::add(const FirstHit& first) {
+  if (samples == 0) object = first.object;
+  ++samples;
+  if (first.hit) {
+    ++hits;
+    albedo += first.albedo;
+    normal += first.normal;
+    depth += first.depth;
+    position += first.position;
+  }
+  visibility += first.shadow_rays > 0.0f ? double(first.shadow_clear) / double(first.shadow_rays) : 1.0;
+  exact += first.shadow_rays > 0.0f ? std::min(double(first.shadow_exact) / double(first.shadow_rays), 1.0) : 0.0;
+  if (glossy_rays == 0) reflected_object = first.reflected_object;
+  glossy_rays += first.glossy_rays;
+  glossy_exact += first.glossy_exact;
+  reflected_hits += first.reflected_hits;
+  reflected_depth += first.reflected_depth;
+  occlusion += first.occlusion_rays ? double(first.occlusion_clear) / first.occlusion_rays : 1.0;
+}
+
+float* AovSums::write(const std::vector<Aov>& aovs, float* out) const {
+  const float per_sample = samples ? 1.0f / float(samples) : 0.0f;
+  const double per_hit = hits ? 1.0 / hits : 0.0;
+  for (const Aov aov : aovs) {
+    switch (aov) {
+      case Aov::albedo:
+        out = put(out, albedo * per_sample);
+        break;
+      case Aov::normal:
+        out = put(out, normal * per_sample);
+        break;
+      case Aov::depth:
+        *out++ = float(depth * per_hit);
+        break;
+      case Aov::position:
+        out = put(out, Vec3(position * per_hit));
+        break;
+      case Aov::visibility:
+        *out++ = float(visibility) * per_sample;
+        break;
+      case Aov::exact:
+        *out++ = float(exact) * per_sample;
+        break;
+      case Aov::object:
+        *out++ = float(object);
+        break;
+      case Aov::ao:
+        *out++ = float(occlusion) * per_sample;
+        break;
+      case Aov::reflected_depth:
+        *out++ = reflected_hits ? float(reflected_depth / double(reflected_hits)) : 0.0f;
+        break;
+      case Aov::reflected_object:
+        *out++ = float(reflected_object);
+        break;
+      case Aov::glossy_exact:
+        *out++ = glossy_rays ? float(double(glossy_exact) / double(glossy_rays)) : 0.0f;
+        break;
+    }
+  }
+  return out;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,22 @@
+// Cuts the picture into tiles, the unit of parallel work. Pure functions.
+#pragma once
+
+#include <vector>
+
+#include "core/scene/scene.h"
+
+namespace fieldtrace {
+
+// Pixels along each side of a render's tiles.
+inline constexpr int k_tile_size = 32;
+
+// Tiles of at most size x size pixels that cover `window`, row by row. size >= 1; an empty window has no tiles.
+std::vector<Rect> make_tiles(const Rect& window, int size);
+
+// The pixels of a tile in blocks of 4 x 4, so that 16 consecutive camera rays are neighbours in both directions.
+struct PixelPosition {
+  int x = 0, y = 0;
+};
+std::vector<PixelPosition> tile_pixels(const Rect& tile);
+
+}  // namespace fieldtrace

@@ -1,0 +1,33 @@
+#include "hybrid/path/transport_context.h"
+
+namespace fieldtrace {
+namespace {
+
+bool surrounds(EmitterKind kind) { return kind == EmitterKind::constant || kind == EmitterKind::environment; }
+bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || surrounds(kind); }
+
+}  // namespace
+
+TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraSampler& c, const ShadowAnswerer& sa,
+                                   const TransportSettings& ts, std::shared_ptr<const LightTable> made)
+    : scene(s),
+      accel(a),
+      camera(c),
+      answerer(sa),
+      materials(s),
+      settings(ts),
+      shared_lights(made ? std::move(made) : std::make_shared<const LightTable>(make_lights(s))),
+      lights(*shared_lights) {
+  if (!settings.first_hits) settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
+  for (uint32_t i = 0; i < s.emitters.size(); ++i) {
+    const Emitter& emitter = s.emitters[i];
+    const bool closed = sampled_in_closed_form(lights.lights[i]);
+    light_extents.push_back(light_extent(s, i));
+    closed_form.push_back(closed);
+    if (surrounds(emitter.kind)) backgrounds.push_back(i);
+    emission_can_be_hit |= can_be_hit(emitter.kind);
+    open_form_can_be_hit |= can_be_hit(emitter.kind) && !closed;
+  }
+}
+
+}  // namespace fieldtrace

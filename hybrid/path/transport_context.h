@@ -1,0 +1,83 @@
+// What the workers of one picture's light transport share, and what they need of each other.
+//
+// Thread-safety: TransportContext is const once it is set up, and shared.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/camera/camera.h"
+#include "core/light/light_sampling.h"
+#include "core/material/material_table.h"
+#include "core/simd/isa.h"
+#include "core/trace/accel.h"
+#include "hybrid/path/path_batch.h"
+#include "hybrid/visibility/shadow_answerer.h"
+
+namespace fieldtrace {
+
+struct TransportSettings {
+  int light_samples = 1;  // shadow rays per light at a camera path's first surface; later ones send one
+  int lobe_samples = 1;   // directions sampled at a camera path's first surface that is not diffuse
+  int max_depth = -1;     // as IntegratorSettings
+  int rr_depth = 5;
+  bool hide_emitters = false;
+  bool first_hits = false;  // keep what camera rays met: some AOV shows it
+  // These count with first_hits alone:
+  bool count_first_hits = false;          // fill the shadow ray counts of FirstHit
+  bool count_reflections = false;         // fill its counts of glossy rays
+  bool occlusion = false;                 // fill its occlusion counts, with light_samples rays each
+  float occlusion_distance = k_infinity;  // world units, > 0: what lies farther does not occlude
+  uint32_t seed = 0;
+  Isa isa = Isa::automatic;  // resolved
+};
+
+// Surfaces on one path, whatever max_depth says. Roulette ends a path with at least 5 % at each surface after
+// rr_depth, so that only 1 path in 10^17 comes this far from rr_depth = 5.
+inline constexpr int k_longest_path = 768;
+
+// Traces paths that begin at surfaces. Thread-safety: each thread has its own.
+class PathFollower {
+ public:
+  virtual ~PathFollower() = default;
+
+  // radiance[i] receives what leaves vertices[i] on the side that it was shaded from, its own emission left out, by
+  // paths of which vertices[i].lobe_samples go on from there. paths[i] gives the seeds and the place in the sequence;
+  // `vertices` and `paths` are not specified afterwards, and what vertices point to must live until then. Not-finite
+  // values count as black. Returns how many rays that took. Unchecked: materials without straight passage.
+  virtual uint64_t follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths,
+                          std::span<Rgb> radiance) = 0;
+};
+
+class HitAnswerer;
+class LobeAnswerer;
+
+// Everything that workers share. References must outlive it.
+struct TransportContext {
+  // `lights`: those of the scene, where they are made already.
+  TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera, const ShadowAnswerer& answerer,
+                   const TransportSettings& settings, std::shared_ptr<const LightTable> lights = nullptr);
+
+  const Scene& scene;
+  const Accel& accel;
+  const CameraSampler& camera;
+  const ShadowAnswerer& answerer;
+  MaterialTable materials;
+  const ShadowAnswerer* occlusion_answerer = &answerer;  // answers the rays of the layer `ao`
+  const LobeAnswerer* lobes = nullptr;                   // answers glossy rays by pictures of radiance; null: none does
+  const HitAnswerer* hits = nullptr;                     // answers glossy rays by certified hits; null: exact rays do
+  TransportSettings settings;
+  // Makes what shades surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null where lobes is.
+  std::function<std::unique_ptr<PathFollower>(const TransportContext&)> make_follower;
+  std::shared_ptr<const LightTable> shared_lights;
+  const LightTable& lights;
+  std::vector<LightExtent> light_extents;  // where each light's rays end
+  std::vector<uint8_t> closed_form;        // per light: sampled_in_closed_form
+  std::vector<uint32_t> backgrounds;       // constant emitters and environment maps
+  bool emission_can_be_hit = false;        // some emitter has an area or surrounds the scene
+  bool open_form_can_be_hit = false;       // one of those is not sampled in closed form
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,227 @@
+#include "hybrid/render/bake_scene.h"
+
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <thread>
+
+#include "core/io/atomic_file.h"
+#include "core/trace/accel.h"
+#include "field/bake/bake_full.h"
+#include "field/file/field_cache.h"
+#include "field/file/field_file.h"
+#include "hybrid/fields/field_set.h"
+#include "hybrid/fields/thesis_fields.h"
+#include "hybrid/visibility/shape_traits.h"
+
+namespace fieldtrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A folder that only this process uses, removed with the object.
+class ScratchFolder {
+ public:
+  explicit ScratchFolder(const std::string& beside) {
+    const fs::path parent = fs::absolute(beside).parent_path();
+    for (unsigned i = 0; path_.empty(); ++i) {
+      const fs::path name = parent / (".fieldtrace-bake-" + std::to_string(uintptr_t(this)) + "-" + std::to_string(i));
+      std::error_code failed;
+      if (fs::create_directory(name, failed)) path_ = name;
+      if (failed) throw Error({parent.string()}, "cannot hold a temporary folder: " + failed.message());
+    }
+  }
+  ~ScratchFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
+  std::string path() const { return path_.string(); }
+
+ private:
+  fs::path path_;
+};
+
+// Saves fields one after another, as the header of this unit says.
+class Output {
+ public:
+  Output(const std::string& path, uint64_t cache_limit, const WarningSink& warning) : path_(path) {
+    if (fs::is_directory(path)) {
+      cache_ = std::make_unique<FieldCache>(path, cache_limit, warning);
+    } else {
+      require_writable(path);
+    }
+  }
+
+  void save(const Field& field, const FieldIdentity& identity, const std::string& object, BakeResult& result) {
+    const std::string path = path_of(identity, result);
+    if (cache_) {
+      cache_->store(field, identity);
+    } else {
+      save_field(field, identity, path);
+    }
+    result.fields.push_back({object, path, field_info(path)});
+  }
+
+  void save(const ThesisField& field, const FieldIdentity& identity, const std::string& object, BakeResult& result) {
+    const std::string path = path_of(identity, result);
+    if (cache_) {
+      cache_->store(field, identity);
+    } else {
+      save_thesis_field(field, identity, path);
+    }
+    result.fields.push_back({object, path, thesis_file_info(path)});
+  }
+
+  // When all is saved.
+  void finish() {
+    if (cache_) cache_->trim();
+  }
+
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_of(const FieldIdentity& identity, const BakeResult& result) const {
+    return cache_ ? cache_->path_of(identity) : numbered_path(path_, result.fields.size());
+  }
+
+  std::string path_;
+  std::unique_ptr<FieldCache> cache_;
+};
+
+std::vector<uint32_t> shapes_to_bake(const Scene& scene, bool full) {
+  const std::vector<ShapeTraits> traits = shape_traits(scene);
+  std::vector<uint32_t> shapes;
+  for (uint32_t s = 0; s < scene.shapes.size(); ++s) {
+    const bool only_one = full && scene.shapes.size() == 1;
+    if (traits[s].wants_field || only_one) shapes.push_back(s);
+  }
+  if (shapes.empty()) {
+    throw Error("no object of the scene gets a field: all are flat or have fewer than " +
+                std::to_string(k_fewest_field_triangles) + " triangles, and are left to exact rays");
+  }
+  return shapes;
+}
+
+void bake_fully(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
+                const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
+  const Accel accel(scene);
+  for (size_t i = 0; i < shapes.size() && !result.interrupted; ++i) {
+    const Shape& shape = scene.shapes[shapes[i]];
+    FieldBudget budget(options.field_memory ? options.field_memory : default_field_memory());
+    Field field(field_ball(shape.bounds), options.fields, &budget);
+    FullBakeCallbacks full;
+    full.stop = callbacks.stop;
+    if (callbacks.progress) {
+      full.progress = [&](double share) {
+        callbacks.progress(float((double(i) + share) / double(shapes.size())), "bake");
+      };
+    }
+    BakeCounters counters;
+    const FullBakeResult baked = bake_full(field, accel, shapes[i], counters, full);
+    result.interrupted = baked.stopped;
+    if (baked.tiles_left_out > 0) {
+      warn(callbacks.warning, {},
+           shape.name + ": its memory has no room for the last " + std::to_string(baked.tiles_left_out) + " of " +
+               std::to_string(field.coverage().slot_count()) +
+               " coverage tiles; they will be baked when a render demands them (or raise --field-memory)");
+    }
+    output.save(field, field_identity(shape, options.fields), shape.name, result);
+  }
+}
+
+void bake_by_thesis(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
+                    const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
+  const int m = options.thesis_directions;
+  require_thesis_memory(1, m, options.field_memory ? options.field_memory : default_field_memory());
+  const Accel accel(scene);
+  for (size_t i = 0; i < shapes.size() && !result.interrupted; ++i) {
+    const Shape& shape = scene.shapes[shapes[i]];
+    if (shape.kind != ShapeKind::mesh) throw Error(shape.name + ": the chart thesis is for meshes only");
+    ThesisBakeCallbacks bake;
+    bake.stop = callbacks.stop;
+    if (callbacks.progress) {
+      bake.progress = [&](float share) { callbacks.progress((float(i) + share) / float(shapes.size()), "bake"); };
+    }
+    const auto field = bake_thesis_field(accel, scene, shapes[i], m, bake, ThesisLayers::distance);
+    result.interrupted = !field;
+    if (field) output.save(*field, thesis_identity(shape, m), shape.name, result);
+  }
+}
+
+void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
+                 const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
+  const ScratchFolder scratch(output.path());
+  RenderOptions render_options;
+  render_options.method = Method::hybrid;
+  render_options.spp = 1;
+  render_options.leave_to_rays = false;  // another light or more samples may make what is few here many
+  render_options.directions = options.fields.directions;
+  render_options.plane = options.fields.plane;
+  render_options.threads = options.threads;
+  render_options.field_cache = scratch.path();
+  render_options.field_memory = options.field_memory;
+  // Single rays demand slices; where there are more samples, whole lights come first and demand coverage tiles.
+  RenderResult rendered;
+  for (const int light_samples : {1, k_fewest_cone_samples}) {
+    render_options.light_samples = light_samples;
+    rendered = render(scene, render_options, callbacks);
+    result.interrupted = rendered.interrupted;
+    if (result.interrupted) break;
+  }
+  FieldParameters fields = options.fields;
+  if (rendered.stats.field_objects > 0) {
+    fields.directions = rendered.stats.field_directions;
+    fields.plane = rendered.stats.field_plane;
+  }
+  FieldCache cache(scratch.path(), callbacks.warning);
+  for (const uint32_t s : shapes) {
+    const Shape& shape = scene.shapes[s];
+    const FieldIdentity identity = field_identity(shape, fields);
+    Field field(field_ball(shape.bounds), fields);
+    // No file: nothing of this object was demanded.
+    if (cache.load(field, identity)) output.save(field, identity, shape.name, result);
+  }
+}
+
+}  // namespace
+
+std::string numbered_path(const std::string& path, size_t index) {
+  if (index == 0) return path;
+  fs::path numbered(path);
+  const std::string ending = numbered.extension().string();
+  numbered.replace_extension();
+  return numbered.string() + "." + std::to_string(index + 1) + ending;
+}
+
+Scene scene_of_mesh(TriangleMesh mesh, const std::string& name) {
+  Scene scene;
+  scene.textures.emplace_back();
+  scene.bsdfs.emplace_back();
+  Shape& shape = scene.shapes.emplace_back();
+  shape.name = name;
+  shape.mesh = std::move(mesh);
+  shape.bounds = shape.mesh.bounds();
+  scene.instances.emplace_back();
+  scene.film.crop = {0, 0, scene.film.width, scene.film.height};
+  return scene;
+}
+
+BakeResult bake_scene(const Scene& scene, const std::string& path, const BakeOptions& options,
+                      const RenderCallbacks& callbacks) {
+  const bool by_thesis = options.chart == Chart::thesis;
+  const std::vector<uint32_t> shapes = shapes_to_bake(scene, options.full || by_thesis);
+  Output output(path, options.cache_limit, callbacks.warning);
+  BakeResult result;
+  const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
+  tbb::task_arena arena(threads);
+  const auto bake = by_thesis ? bake_by_thesis : options.full ? bake_fully : bake_demand;
+  arena.execute([&] { bake(scene, shapes, options, callbacks, output, result); });
+  output.finish();
+  return result;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,77 @@
+#include "hybrid/render/field_survey.h"
+
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+
+#include "core/platform/parallel.h"
+#include "hybrid/path/tiles.h"
+
+namespace fieldtrace {
+namespace {
+
+// At most this many blocks along each side of the film, and no more than one block in three along a side.
+constexpr int k_most_blocks = 16;
+constexpr int k_block_distance = 3;
+// With so many light samples a quarter of the blocks sends enough rays.
+constexpr int k_many_light_samples = 128;
+
+// So many pixels that a block's rays fill a few packets, whatever the light samples.
+int block_side(int light_samples) { return light_samples >= 16 ? 4 : light_samples >= 4 ? 8 : 16; }
+
+int blocks_along(int pixels, int side, int light_samples) {
+  const int most = light_samples >= k_many_light_samples ? k_most_blocks / 2 : k_most_blocks;
+  return std::clamp(pixels / (side * k_block_distance), 1, most);
+}
+
+// The blocks, each about the middle of its share of the film, at multiples of 4 pixels as the picture's own blocks.
+std::vector<Rect> survey_blocks(const Rect& film, int light_samples) {
+  const int side = block_side(light_samples);
+  const int columns = blocks_along(film.width, side, light_samples);
+  const int rows = blocks_along(film.height, side, light_samples);
+  const auto place = [side](int i, int count, int pixels) {
+    const int middle = int((2 * int64_t(i) + 1) * pixels / (2 * int64_t(count)));
+    return std::clamp(middle - side / 2, 0, std::max(pixels - side, 0)) / 4 * 4;
+  };
+  std::vector<Rect> blocks;
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < columns; ++i) {
+      const int x = place(i, columns, film.width), y = place(j, rows, film.height);
+      blocks.push_back({film.x + x, film.y + y, std::min(side, film.width - x), std::min(side, film.height - y)});
+    }
+  }
+  return blocks;
+}
+
+}  // namespace
+
+FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int spp, const std::atomic<bool>* stop) {
+  FieldSurvey survey;
+  const std::vector<Rect> blocks = survey_blocks(film, context.settings.light_samples);
+  std::atomic<bool> interrupted = false;
+  tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
+  parallel_for(blocks.size(), [&](size_t i) {
+    if (interrupted || (stop && stop->load(std::memory_order_relaxed))) {
+      interrupted = true;
+      return;
+    }
+    const std::vector<PixelPosition> pixels = tile_pixels(blocks[i]);
+    CameraSamples samples;
+    samples.resize(pixels.size());
+    for (size_t p = 0; p < pixels.size(); ++p) samples.set(p, uint32_t(pixels[p].x), uint32_t(pixels[p].y), 0);
+    std::vector<Rgb> radiance(samples.size);
+    // Isolated: as the tiles of the picture are.
+    tbb::this_task_arena::isolate([&] { workers.local().trace(samples, radiance); });
+  });
+  survey.interrupted = interrupted;
+  uint64_t pixels = 0;
+  for (const Rect& b : blocks) pixels += uint64_t(b.width) * uint64_t(b.height);
+  survey.scale = double(film.width) * double(film.height) * double(spp) / double(pixels);
+  for (const TransportWorker& worker : workers) survey.stats.merge_counters(worker.stats());
+  survey.uses = survey.stats.field_uses;
+  survey.uses.resize(context.scene.shapes.size());
+  return survey;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,81 @@
+#include "hybrid/render/glossy_stage.h"
+
+#include <algorithm>
+#include <set>
+
+#include "hybrid/glossy/surface_radiance.h"
+
+namespace fieldtrace {
+namespace {
+
+// Which patches are shaded together is a matter of demand: their light must not depend on it.
+AnswererSettings patch_answerer_settings(Isa isa) {
+  AnswererSettings settings{isa, 0.0f};
+  settings.whole_scene = true;
+  return settings;
+}
+
+// Of paths that begin at a path's second surface.
+TransportSettings patch_settings(TransportSettings settings) {
+  settings.light_samples = SurfaceRadiance::k_samples;
+  settings.lobe_samples = 1;
+  if (settings.max_depth > 0) settings.max_depth -= 1;
+  settings.first_hits = false;
+  return settings;
+}
+
+// Some that may meet a surface which is lit.
+bool sends_glossy_rays(const Scene& scene, const TransportSettings& settings, const RenderOptions& options) {
+  if (options.force_ask || (settings.max_depth >= 0 && settings.max_depth < 3)) return false;
+  return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), [](const Bsdf& b) { return is_rough(b.kind); });
+}
+
+}  // namespace
+
+std::vector<uint32_t> choose_hit_instances(const Scene& scene, std::span<const ShapeTraits> traits,
+                                           const TransportSettings& settings, const RenderOptions& options,
+                                           const FieldParameters& parameters, uint64_t camera_samples) {
+  // At tolerance 1 cells answer that know no bound of their error.
+  if (options.field_hits == FieldHits::never || options.tolerance >= 1.0f) return {};
+  if (!sends_glossy_rays(scene, settings, options)) return {};
+  const bool by_request = options.field_hits == FieldHits::always;
+  std::vector<uint32_t> suited =
+      HitAnswerer::suited_instances(scene, traits, parameters, by_request ? 0 : HitAnswerer::k_fewest_triangles);
+  std::set<uint32_t> shapes;
+  for (const uint32_t i : suited) shapes.insert(scene.instances[i].shape);
+  const double rays = double(camera_samples) * options.lobe_samples;
+  if (!by_request && double(shapes.size()) * HitAnswerer::estimated_bake_rays(parameters) > rays) return {};
+  return suited;
+}
+
+GlossyStage::GlossyStage(const GlossyInput& input) {
+  if (!sends_glossy_rays(input.scene, input.settings, input.options)) return;
+  make_hits(input);
+  make_pictures(input);
+}
+
+GlossyStage::~GlossyStage() = default;
+
+void GlossyStage::make_hits(const GlossyInput& input) {
+  if (input.hit_instances.empty()) return;
+  const AnswererSettings settings{input.settings.isa, input.options.tolerance, input.options.check};
+  hits_ = std::make_unique<HitAnswerer>(input.scene, input.accel, input.traits, input.fields, input.hit_instances,
+                                        settings);
+}
+
+void GlossyStage::make_pictures(const GlossyInput& input) {
+  const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(input.scene, input.traits);
+  if (suited.empty()) return;
+  const uint64_t most_rays = input.camera_samples * uint64_t(input.options.lobe_samples);
+  no_fields_.assign(input.scene.shapes.size(), nullptr);
+  exact_ = std::make_unique<ShadowAnswerer>(input.scene, input.accel, input.traits, no_fields_,
+                                            patch_answerer_settings(input.settings.isa));
+  shading_ = std::make_unique<TransportContext>(input.scene, input.accel, input.camera, *exact_,
+                                                patch_settings(input.settings), input.lights);
+  shading_->make_follower = make_path_follower;
+  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, input.options.tolerance, most_rays,
+                                          input.most_picture_bytes, hits_.get());
+  if (lobes_->empty()) lobes_.reset();
+}
+
+}  // namespace fieldtrace

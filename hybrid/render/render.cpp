@@ -1,0 +1,462 @@
+#include "hybrid/render/render.h"
+
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <mutex>
+#include <thread>
+
+#include "core/camera/camera.h"
+#include "core/math/finite.h"
+#include "core/platform/parallel.h"
+#include "core/trace/accel.h"
+#include "hybrid/fields/field_resolution.h"
+#include "hybrid/fields/field_set.h"
+#include "hybrid/fields/thesis_fields.h"
+#include "hybrid/glossy/lobe_answerer.h"
+#include "hybrid/path/aovs.h"
+#include "hybrid/path/tiles.h"
+#include "hybrid/render/field_survey.h"
+#include "hybrid/render/glossy_stage.h"
+#include "hybrid/render/trace_pixels.h"
+#include "hybrid/render/transport.h"
+#include "hybrid/stats/stopwatch.h"
+#include "hybrid/visibility/shadow_answerer.h"
+
+namespace fieldtrace {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
+
+void check_range(const char* option, long long value, long long low, long long high) {
+  if (value < low || value > high) {
+    throw UsageError(std::string(option) + " is " + std::to_string(value) + "; it must lie between " +
+                     std::to_string(low) + " and " + std::to_string(high));
+  }
+}
+
+// Sequence indices are 32 bits wide: camera samples x samples at a hit stay below that.
+constexpr long long k_most_samples = 1ll << 31;
+
+void check_options(const RenderOptions& o, int spp) {
+  check_range("the number of camera samples", spp, 1, 1 << 24);
+  check_range("the number of light samples", o.light_samples, 1, k_most_light_samples);
+  check_range("the number of lobe samples", o.lobe_samples, 1, k_most_lobe_samples);
+  check_range("camera samples x light samples", int64_t(spp) * o.light_samples, 1, k_most_samples);
+  check_range("camera samples x lobe samples", int64_t(spp) * o.lobe_samples, 1, k_most_samples);
+  check_range("the number of threads", o.threads, 0, 4096);
+  if (!(o.tolerance >= 0.0f && o.tolerance <= 1.0f))
+    throw UsageError("the tolerance is " + std::to_string(o.tolerance) + "; it must lie between 0 and 1");
+  if (!(o.ao_distance > 0.0f))
+    throw UsageError("the distance of ambient occlusion is " + std::to_string(o.ao_distance) +
+                     "; it must be greater than 0");
+  if (o.chart == Chart::thesis) thesis_directions(o.directions, o.plane);
+  if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
+}
+
+Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
+  const Rect film_window =
+      film.crop.width > 0 && film.crop.height > 0 ? film.crop : Rect{0, 0, film.width, film.height};
+  if (!requested) return film_window;
+  const Rect& r = *requested;
+  if (!is_inside(r, film_window)) {
+    throw UsageError("the crop window " + std::to_string(r.x) + "," + std::to_string(r.y) + "," +
+                     std::to_string(r.width) + "," + std::to_string(r.height) + " must lie within the film's " +
+                     std::to_string(film_window.x) + "," + std::to_string(film_window.y) + "," +
+                     std::to_string(film_window.width) + "," + std::to_string(film_window.height));
+  }
+  return r;
+}
+
+// The pixels that are traced for a window. Which objects a ray is tested against one by one depends on its group where
+// there are too many, and the groups on the tile: whole tiles of the film are traced then, so that a pixel is the same
+// in every window.
+Rect traced_window(const Scene& scene, const Rect& window) {
+  if (scene.instances.size() <= k_most_candidates) return window;
+  const auto floor_to_tile = [](int v) { return v / k_tile_size * k_tile_size; };
+  const auto end = [&](int last, int film) { return std::min(floor_to_tile(last) + k_tile_size, film); };
+  const int x = floor_to_tile(window.x), y = floor_to_tile(window.y);
+  return {x, y, end(window.x + window.width - 1, scene.film.width) - x,
+          end(window.y + window.height - 1, scene.film.height) - y};
+}
+
+bool contains(const Rect& r, const PixelPosition& p) {
+  return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
+}
+
+TransportSettings make_settings(const Scene& scene, const RenderOptions& options, const std::vector<Aov>& aovs) {
+  TransportSettings s;
+  s.light_samples = options.light_samples;
+  s.lobe_samples = options.lobe_samples;
+  s.max_depth = options.max_depth.value_or(scene.integrator.max_depth);
+  s.rr_depth = scene.integrator.rr_depth;
+  s.hide_emitters = scene.integrator.hide_emitters;
+  s.seed = options.seed.value_or(scene.seed);
+  s.isa = resolve_isa(options.isa);
+  s.first_hits = !aovs.empty();
+  s.count_first_hits =
+      std::any_of(aovs.begin(), aovs.end(), [](Aov aov) { return aov == Aov::visibility || aov == Aov::exact; });
+  s.count_reflections = std::any_of(aovs.begin(), aovs.end(), [](Aov aov) {
+    return aov == Aov::reflected_depth || aov == Aov::reflected_object || aov == Aov::glossy_exact;
+  });
+  s.occlusion = std::find(aovs.begin(), aovs.end(), Aov::ao) != aovs.end();
+  s.occlusion_distance = options.ao_distance;
+  return s;
+}
+
+// The cache of `options`, null where there is none or nothing is kept in it.
+std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const WarningSink& warning) {
+  if (options.field_cache.empty() || no_fields) return nullptr;
+  return std::make_unique<FieldCache>(options.field_cache, options.field_cache_limit, warning);
+}
+
+// Reports at most ten times a second, from whichever thread has just finished a tile.
+class Progress {
+ public:
+  Progress(const RenderCallbacks& callbacks, size_t total) : callbacks_(callbacks), total_(total) {}
+
+  void tile_done() {
+    const size_t done = ++done_;
+    if (!callbacks_.progress) return;
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (!lock || (done < total_ && seconds_since(last_) < 0.1)) return;
+    last_ = Clock::now();
+    // A thread that waited may come with an older count.
+    reported_ = std::max(reported_, float(double(done) / double(total_)));
+    callbacks_.progress(reported_, "render");
+  }
+
+ private:
+  const RenderCallbacks& callbacks_;
+  size_t total_;
+  std::atomic<size_t> done_ = 0;
+  std::mutex mutex_;
+  Clock::time_point last_ = Clock::now();
+  float reported_ = 0.0f;
+};
+
+// A picture to make: what all attempts at it share.
+struct Picture {
+  const Scene& scene;
+  const RenderOptions& options;
+  const RenderCallbacks& callbacks;
+  int spp = 1;
+  std::vector<Aov> aovs;
+  Rect window;
+  TransportSettings settings;
+  bool wants_fields = false;
+  uint64_t field_memory = 0;  // the budget
+
+  Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
+
+  bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
+  // Of the film, so that fields, and with them a pixel, are the same in every window.
+  uint64_t film_samples() const {
+    const Rect film = crop_window(scene.film, {});
+    return uint64_t(film.width) * uint64_t(film.height) * uint64_t(spp);
+  }
+  uint64_t rays_per_light() const { return film_samples() * uint64_t(options.light_samples); }
+};
+
+Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c)
+    : scene(s), options(o), callbacks(c), spp(o.spp == 0 ? s.sample_count : o.spp) {
+  check_options(options, spp);
+  aovs = parse_aovs(options.aovs);
+  window = crop_window(scene.film, options.crop);
+  settings = make_settings(scene, options, aovs);
+  wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
+  field_memory = options.field_memory ? options.field_memory : default_field_memory();
+}
+
+// What is made of a picture's scene.
+struct Stage {
+  const Accel& accel;
+  CameraSampler camera;
+  std::vector<ShapeTraits> traits;
+  std::shared_ptr<const LightTable> lights;
+};
+
+FieldPlan first_plan(const Picture& picture, const Stage& stage) {
+  const Scene& scene = picture.scene;
+  const RenderOptions& options = picture.options;
+  FieldPlan plan;
+  plan.parameters = choose_resolution(scene, stage.traits, picture.rays_per_light());
+  if (options.directions) plan.parameters.directions = options.directions;
+  if (options.plane) plan.parameters.plane = options.plane;
+  // Where fields alone answer, or are asked by request, and where cells of some size are asked for, none is left out
+  // for what it costs.
+  const bool by_request = options.force_ask || options.directions || options.plane;
+  if (options.leave_to_rays && !by_request && options.tolerance < 1.0f) {
+    plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
+    plan.occlusion_rays = double(picture.rays_per_light());
+  }
+  if (picture.wants_fields)
+    plan.hit_instances =
+        choose_hit_instances(scene, stage.traits, picture.settings, options, plan.parameters, picture.film_samples());
+  return plan;
+}
+
+void warn_of_no_hits(const Picture& picture) {
+  if (picture.options.field_hits != FieldHits::always) return;
+  warn(picture.callbacks.warning, {},
+       "--field-hits always: fields answer no glossy ray of this picture (docs/command_line.md says which they can)");
+}
+
+// Everything that the tiles of one attempt share.
+struct Job {
+  const Picture& picture;
+  const TransportContext& context;
+  const FieldBudget& budget;
+  Image& image;
+  std::atomic<bool> interrupted = false;
+  std::atomic<uint64_t> not_finite = 0;
+};
+
+struct PixelSums {
+  DVec3 radiance = DVec3(0.0);
+  AovSums aovs;
+};
+
+void write_pixel(const Job& job, const PixelPosition& p, const PixelSums& sums) {
+  float* out = job.image.pixel(p.x - job.picture.window.x, p.y - job.picture.window.y);
+  for (int c = 0; c < 3; ++c) *out++ = float(sums.radiance[c] / job.picture.spp);
+  sums.aovs.write(job.picture.aovs, out);
+}
+
+// False if it was stopped: the tile is then left black.
+bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
+  const std::vector<PixelPosition> pixels = tile_pixels(tile);
+  std::vector<PixelSums> sums(pixels.size());
+  const auto goes_on = [&] { return !job.picture.stopped() && !job.budget.exceeded(); };
+  const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
+    DVec3 sum = sums[pixel].radiance;
+    for (const Rgb& r : radiance) {
+      if (is_finite(r)) {
+        sum += DVec3(r);
+      } else {
+        ++job.not_finite;
+      }
+    }
+    sums[pixel].radiance = sum;
+    for (const FirstHit& first : firsts) sums[pixel].aovs.add(first);
+  };
+  if (!trace_pixels(pixels, job.picture.spp, job.picture.settings.lobe_samples, worker, goes_on, add)) return false;
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    if (contains(job.picture.window, pixels[i])) write_pixel(job, pixels[i], sums[i]);
+  }
+  return true;
+}
+
+Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
+  Image image;
+  image.width = window.width;
+  image.height = window.height;
+  image.channels = {"R", "G", "B"};
+  for (const Aov aov : aovs) {
+    for (std::string& name : aov_channels(aov)) image.channels.push_back(std::move(name));
+  }
+  image.data.assign(size_t(window.width) * window.height * image.channel_count(), 0.0f);
+  return image;
+}
+
+// Renders all tiles, or as many as the budget and an interrupt leave. Returns what the workers did.
+Stats render_tiles(Job& job) {
+  const std::vector<Rect> tiles = make_tiles(traced_window(job.picture.scene, job.picture.window), k_tile_size);
+  Progress progress(job.picture.callbacks, tiles.size());
+  tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(job.context); });
+  parallel_for(tiles.size(), [&](size_t i) {
+    if (job.interrupted) return;
+    bool done = false;
+    // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
+    tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
+    if (done) {
+      progress.tile_done();
+    } else {
+      job.interrupted = true;
+    }
+  });
+  Stats stats;
+  for (const TransportWorker& worker : workers) stats.merge_counters(worker.stats());
+  return stats;
+}
+
+// For the layer `ao`, which gains by fields only where it has rays enough; null: no such layer, or no fields. A survey
+// does not count its uses of fields: the layer must not change the picture.
+std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const Stage& stage, const FieldSet& fields,
+                                                   const AnswererSettings& settings) {
+  if (!picture.settings.occlusion || fields.empty()) return nullptr;
+  return std::make_unique<ShadowAnswerer>(picture.scene, stage.accel, stage.traits, fields.occlusion_pointers(),
+                                          settings);
+}
+
+// Finds out which fields are not worth asking. False if it was stopped.
+bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, Stats& stats) {
+  const RenderOptions& options = picture.options;
+  // Where every cell answers, or none by request, there is nothing to find out.
+  if (fields.empty() || !options.leave_to_rays || options.force_ask || options.tolerance >= 1.0f) return true;
+  AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
+  counting.count_uses = true;
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
+  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
+  AnswererSettings not_counting = counting;
+  not_counting.count_uses = false;
+  const auto for_occlusion = occlusion_answerer(picture, stage, fields, not_counting);
+  if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
+  const FieldSurvey survey =
+      survey_fields(context, crop_window(picture.scene.film, {}), picture.spp, picture.callbacks.stop);
+  stats.survey_rays += survey.stats.rays_exact;
+  stats.add_bake(survey.stats);
+  if (survey.interrupted) return false;
+  fields.leave_to_rays(survey, options.fewest_answers);
+  return true;
+}
+
+// Pictures of radiance may take this part of what fields may, beside them.
+constexpr uint64_t k_picture_share = 4;
+
+void warn_of_not_finite(const Job& job) {
+  if (job.not_finite == 0) return;
+  warn(job.picture.callbacks.warning, {},
+       std::to_string(job.not_finite) + " camera samples were not finite and count as black; please report the scene");
+}
+
+// One attempt with the fields of `plan`. False if they outgrew their memory: `plan` is then that of the next attempt.
+bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, RenderResult& result) {
+  const RenderOptions& options = picture.options;
+  const WarningSink& warning = picture.callbacks.warning;
+  Stats& stats = result.stats;
+  FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, picture.wants_fields);
+  const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), warning);
+  if (cache) {
+    const ScopedTimer timer(stats.time_cache);
+    fields.load(*cache);
+  }
+  const bool surveyed = leave_to_rays(picture, stage, fields, stats);
+  AnswererSettings settings{picture.settings.isa, options.tolerance, options.check, options.force_ask,
+                            options.whole_lights};
+  settings.own_to_rays = fields.own_to_rays();
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
+  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
+  const auto for_occlusion = occlusion_answerer(picture, stage, fields, settings);
+  if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
+  const std::vector<Field*> all_fields = fields.all_pointers();
+  std::optional<GlossyStage> glossy;
+  if (picture.wants_fields) {
+    glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
+                               options, all_fields, plan.hit_instances, picture.film_samples(),
+                               picture.field_memory / k_picture_share});
+    context.lobes = glossy->lobes();
+    context.hits = glossy->hits();
+  }
+  result.image = make_image(picture.window, picture.aovs);
+  Job job{picture, context, fields.budget(), result.image};
+  job.interrupted = !surveyed;
+  const Stats done = render_tiles(job);
+  stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
+  // The last tiles may reach the budget and be done all the same: that must not be a matter of luck.
+  if (fields.budget().exceeded() && !picture.stopped()) {
+    stats.add_bake(done);
+    stats.field_restarts += 1;
+    std::string change;
+    plan = fields.next_plan(change);
+    warn(warning, {},
+         "the fields outgrew their " + std::to_string(picture.field_memory / 1000000) + " MB; the render " + change +
+             " (raise --field-memory to avoid it)");
+    return false;
+  }
+  result.interrupted = job.interrupted;
+  stats.merge_counters(done);
+  fields.count(stats);
+  if (context.lobes) stats.field_bytes_pictures = context.lobes->bytes();
+  if (cache) {
+    const ScopedTimer timer(stats.time_cache);
+    fields.store(*cache, warning, stats);
+  }
+  warn_of_not_finite(job);
+  return true;
+}
+
+// The picture by the thesis' fields.
+void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& result) {
+  const RenderOptions& options = picture.options;
+  const RenderCallbacks& callbacks = picture.callbacks;
+  const int m = thesis_directions(options.directions, options.plane);
+  ThesisFieldSet fields(picture.scene, stage.traits, m, picture.field_memory);
+  const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), callbacks.warning);
+  ThesisBakeCallbacks bake;
+  bake.stop = callbacks.stop;
+  if (callbacks.progress) bake.progress = [&](float share) { callbacks.progress(share, "bake"); };
+  const bool complete = fields.make(stage.accel, cache.get(), bake, callbacks.warning, result.stats);
+  AnswererSettings settings{picture.settings.isa, options.tolerance, options.check};
+  const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, none, settings, fields.pointers());
+  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
+  const FieldBudget no_limit;
+  result.image = make_image(picture.window, picture.aovs);
+  Job job{picture, context, no_limit, result.image};
+  job.interrupted = !complete;
+  result.stats.merge_counters(render_tiles(job));
+  result.interrupted = job.interrupted;
+  fields.count(result.stats);
+  warn_of_not_finite(job);
+}
+
+}  // namespace
+
+RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
+  const Clock::time_point begin = Clock::now();
+  const Picture picture(scene, options, callbacks);
+  const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
+
+  RenderResult result;
+  // TBB starts no more workers than there are hardware threads unless told so.
+  std::optional<tbb::global_control> more_threads;
+  if (threads > int(std::thread::hardware_concurrency()))
+    more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));
+  tbb::task_arena arena(threads);
+  arena.execute([&] {
+    const Clock::time_point build_begin = Clock::now();
+    const Accel accel(scene);
+    result.stats.time_build = seconds_since(build_begin);
+    const Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
+                      std::make_shared<const LightTable>(make_lights(scene))};
+    if (options.chart == Chart::thesis && picture.wants_fields) {
+      warn_of_no_hits(picture);
+      render_by_thesis(picture, stage, result);
+      return;
+    }
+    FieldPlan plan = first_plan(picture, stage);
+    if (plan.hit_instances.empty()) warn_of_no_hits(picture);
+    while (!attempt(picture, stage, plan, result)) {
+    }
+  });
+
+  Stats& stats = result.stats;
+  stats.field_bytes_budget = picture.wants_fields ? picture.field_memory : 0;
+  stats.time_primary /= threads;
+  stats.time_secondary /= threads;
+  stats.time_bake /= threads;
+  stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
+  stats.spp = picture.spp;
+  stats.light_samples = options.light_samples;
+  stats.tolerance = options.tolerance;
+  stats.width = picture.window.width;
+  stats.height = picture.window.height;
+  stats.threads = threads;
+  stats.isa = isa_name(picture.settings.isa);
+  stats.seed = picture.settings.seed;
+  stats.triangles = scene.triangle_count();
+  stats.instances = scene.instances.size();
+  stats.lights = scene.emitters.size();
+  stats.time_total = seconds_since(begin);
+  return result;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,55 @@
+// Traces all camera samples of a tile's pixels with one worker, batch by batch. Thread-safety: that of the worker.
+#pragma once
+
+#include <algorithm>
+#include <span>
+#include <vector>
+
+#include "hybrid/path/tiles.h"
+#include "hybrid/render/transport.h"
+
+namespace fieldtrace {
+
+// Camera samples in one batch: enough for full packets and queues, few enough for the second-level cache.
+inline constexpr int k_batch_samples = 4096;
+inline constexpr int k_fewest_batch_samples = 16;
+
+// Calls add(i, radiance, firsts) for runs of samples of pixels[i], in the order of pixels and of sample indices
+// whatever the batches; `firsts` are what the camera rays met, empty unless the worker's settings ask for that.
+// lobe_samples: as in these settings; each camera sample becomes so many rays. goes_on() is asked before each batch:
+// where it says no, the rest is left, and false is returned.
+template <class GoesOn, class Add>
+bool trace_pixels(std::span<const PixelPosition> pixels, int spp, int lobe_samples, TransportWorker& worker,
+                  const GoesOn& goes_on, const Add& add) {
+  const size_t total = pixels.size() * size_t(spp);
+  const size_t batch = size_t(std::max(k_batch_samples / lobe_samples, k_fewest_batch_samples));
+  CameraSamples samples;
+  std::vector<Rgb> radiance(std::min(batch, total));
+  for (size_t begin = 0; begin < total; begin += batch) {
+    if (!goes_on()) return false;
+    const size_t end = std::min(begin + batch, total);
+    samples.resize(end - begin);
+    // Calls with each pixel of the batch and the part [from, to) of the batch that is its.
+    const auto each_pixel = [&](const auto& call) {
+      for (size_t i = begin; i < end;) {
+        const size_t pixel = i / size_t(spp), next = std::min((pixel + 1) * size_t(spp), end);
+        call(pixel, i - begin, next - begin);
+        i = next;
+      }
+    };
+    each_pixel([&](size_t pixel, size_t from, size_t to) {
+      const PixelPosition& p = pixels[pixel];
+      const size_t first_index = begin + from - pixel * size_t(spp);
+      for (size_t i = from; i < to; ++i) samples.set(i, uint32_t(p.x), uint32_t(p.y), uint32_t(first_index + i - from));
+    });
+    worker.trace(samples, {radiance.data(), samples.size});
+    const std::span<const FirstHit> firsts = worker.first_hits();
+    each_pixel([&](size_t pixel, size_t from, size_t to) {
+      add(pixel, std::span(radiance).subspan(from, to - from),
+          firsts.empty() ? firsts : firsts.subspan(from, to - from));
+    });
+  }
+  return true;
+}
+
+}  // namespace fieldtrace

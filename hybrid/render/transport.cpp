@@ -1,0 +1,497 @@
+#include "hybrid/render/transport.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numeric>
+
+#include "core/material/conductor_samples.h"
+#include "core/math/finite.h"
+#include "core/sampling/sobol.hd.h"
+#include "core/surface/surfaces.h"
+#include "hybrid/glossy/hit_answerer.h"
+#include "hybrid/glossy/lobe_answerer.h"
+#include "hybrid/light/ambient_occlusion.h"
+#include "hybrid/light/direct_light.h"
+#include "hybrid/stats/stopwatch.h"
+
+namespace fieldtrace {
+namespace {
+
+// A stream of sample points beside those that the lights use, which take the vertex seeds themselves.
+constexpr uint32_t k_material_stream = 0x42534446u;
+// With fewer samples at a surface the lanes would mostly be empty.
+constexpr uint32_t k_fewest_lane_samples = 4;
+
+Vec2 sample_pair(uint32_t index, uint32_t seed, uint32_t dimension) {
+  const auto p = scalar::sample_2d(index, seed, dimension);
+  return {p.x, p.y};
+}
+
+float largest(const Rgb& c) { return std::max({c.x, c.y, c.z}); }
+
+}  // namespace
+
+struct TransportWorker::Impl {
+  const TransportContext& context;
+  const Scene& scene;
+  const TransportSettings& settings;
+  Surfaces surfaces;
+  DirectLight direct;
+  AmbientOcclusion occlusion;
+  Stats stats;
+
+  RayBatch rays, next_rays;
+  HitBatch hits;
+  std::vector<PathState> paths, next_paths;
+  std::vector<PathVertex> vertices;
+  std::vector<Material> resolved;  // of vertices on textured surfaces
+  LobeSamples lobe_samples;
+  std::vector<Rgb> arriving;
+  std::vector<FirstHit> firsts;
+  AlignedVector<float> near_distance;  // per camera ray
+  LobeWorkspace lobe_work;
+  std::vector<uint32_t> all_rays, met;         // met: rays whose surface is looked up
+  std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
+  std::span<Rgb> radiance;                     // by slot
+  std::vector<Rgb> follow_radiance;
+
+  explicit Impl(const TransportContext& c)
+      : context(c),
+        scene(c.scene),
+        settings(c.settings),
+        surfaces(c.scene, c.materials, c.settings.isa),
+        direct(c),
+        occlusion(c) {}
+
+  void generate(const CameraSamples& samples);
+  void pass_hidden_emitters();
+  void intersect(int vertex_number);
+  bool answers_lobes(int vertex_number) const;
+  void record_reflections();
+  void intersect_all(int vertex_number);
+  void intersect_lobes();
+  void intersect_by_hits();
+  void mark_certified();
+  void find_surfaces(bool only_emission);
+  void arrive(int vertex_number);
+  void shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number);
+  void record_first_hit(uint32_t path, const PathVertex& vertex);
+  bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
+  void add_emission(const PathState& path, const Vec3& origin, const Vec3& direction, uint32_t light,
+                    const LightHit& hit);
+  void gather_light(int vertex_number);
+  void scatter(int vertex_number);
+  void go_on(int vertex_number);
+  bool goes_on(const Material& material, int vertex_number) const;
+  PathState leave(const PathVertex& vertex, int vertex_number) const;
+  void send(const PathVertex& vertex, PathState next, const Vec3& direction);
+  void scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index);
+  void scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first);
+};
+
+void TransportWorker::Impl::generate(const CameraSamples& samples) {
+  const ScopedTimer timer(stats.time_primary);
+  context.camera.sample(samples, settings.seed, settings.isa, rays, near_distance);
+  paths.assign(samples.size, PathState{});
+  firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
+  uint32_t pixel_seed = 0;
+  for (uint32_t i = 0; i < samples.size; ++i) {
+    const uint32_t x = samples.x[i], y = samples.y[i];
+    const bool same_pixel = i > 0 && x == samples.x[i - 1] && y == samples.y[i - 1];
+    if (!same_pixel) pixel_seed = scalar::pixel_seed(settings.seed, x, y);
+    PathState& path = paths[i];
+    path.slot = i;
+    path.pixel_seed = pixel_seed;
+    path.index = samples.index[i];
+  }
+}
+
+void TransportWorker::Impl::intersect(int vertex_number) {
+  stats.rays_primary += rays.size;
+  lobe_work.hits.certified.clear();
+  if (answers_lobes(vertex_number)) {
+    intersect_lobes();
+  } else if (context.hits && vertex_number > 0) {
+    intersect_by_hits();
+  } else {
+    intersect_all(vertex_number);
+  }
+  mark_certified();
+  if (settings.count_reflections && vertex_number == 1) record_reflections();
+}
+
+void TransportWorker::Impl::intersect_all(int vertex_number) {
+  const ScopedTimer timer(vertex_number == 0 ? stats.time_primary : stats.time_secondary);
+  hits.resize(rays.size);
+  context.accel.intersect(rays, hits, vertex_number == 0 ? Coherence::coherent : Coherence::incoherent);
+  if (vertex_number == 0) return;
+  for (const PathState& path : paths) stats.rays_glossy_exact += !path.diffuse;
+}
+
+void TransportWorker::Impl::intersect_by_hits() {
+  const double bake_before = stats.time_bake;
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    hits.resize(rays.size);
+    all_rays.resize(rays.size);
+    std::iota(all_rays.begin(), all_rays.end(), 0u);
+    context.hits->intersect(rays, paths, all_rays, hits, lobe_work.hits, stats);
+  }
+  stats.time_secondary -= stats.time_bake - bake_before;
+}
+
+void TransportWorker::Impl::mark_certified() {
+  certified.assign(context.hits ? rays.size : 0, nullptr);
+  for (const CertifiedHit& hit : lobe_work.hits.certified) certified[hit.ray] = &hit;
+}
+
+// Pictures hold what leaves the second surface of a path: paths of any length have that at every surface.
+bool TransportWorker::Impl::answers_lobes(int vertex_number) const {
+  return context.lobes && (vertex_number == 1 || (vertex_number > 1 && settings.max_depth < 0));
+}
+
+void TransportWorker::Impl::intersect_lobes() {
+  const double bake_before = stats.time_bake;
+  {
+    const ScopedTimer timer(stats.time_secondary);
+    context.lobes->answer(rays, paths, hits, lobe_work, stats);
+  }
+  stats.time_secondary -= stats.time_bake - bake_before;
+  for (const FilteredRay& filtered : lobe_work.filtered) {
+    PathState& path = paths[filtered.ray];
+    radiance[path.slot] += path.throughput * filtered.radiance;
+    path.throughput *= filtered.clear;
+  }
+}
+
+// For the layers: what rays from first hits met, of pictures where those hide half of the ray or more.
+void TransportWorker::Impl::record_reflections() {
+  const bool by_pictures = answers_lobes(1);
+  std::vector<const FilteredRay*> filtered(paths.size(), nullptr);
+  if (by_pictures) {
+    for (const FilteredRay& f : lobe_work.filtered) filtered[f.ray] = &f;
+  }
+  std::vector<uint8_t> is_exact(paths.size(), by_pictures || context.hits ? 0 : 1);
+  const std::vector<uint32_t>& exact = context.hits ? lobe_work.hits.exact : lobe_work.exact;
+  if (by_pictures || context.hits) {
+    for (const uint32_t i : exact) is_exact[i] = 1;
+  }
+  for (size_t i = 0; i < paths.size(); ++i) {
+    if (paths[i].diffuse) continue;
+    FirstHit& first = firsts[paths[i].slot];
+    if (filtered[i] && filtered[i]->clear < 0.5f) {
+      first.add_reflection(true, filtered[i]->instance, filtered[i]->distance, false);
+    } else {
+      first.add_reflection(hits.instance[i] != k_none, hits.instance[i], hits.t[i], is_exact[i] != 0);
+    }
+  }
+}
+
+// Camera rays go through area lights, as if these were not there (only for what the camera sees directly).
+void TransportWorker::Impl::pass_hidden_emitters() {
+  for (int layer = 0; layer < k_longest_path; ++layer) {
+    std::vector<uint32_t> hidden;
+    for (uint32_t i = 0; i < rays.size; ++i) {
+      if (hits.instance[i] != k_none && scene.instances[hits.instance[i]].emitter != k_none) hidden.push_back(i);
+    }
+    if (hidden.empty()) return;
+    RayBatch beyond;
+    beyond.resize(hidden.size());
+    for (uint32_t j = 0; j < hidden.size(); ++j) {
+      const uint32_t i = hidden[j];
+      const SurfacePoint surface = surface_at(scene, rays, hits, i);
+      const Vec3 d = rays.direction(i);
+      beyond.set(j, offset_origin(surface.position, surface.geometric_normal, surface.error, d), d,
+                 rays.tmax[i] - hits.t[i]);
+      near_distance[i] += hits.t[i];
+    }
+    HitBatch beyond_hits;
+    beyond_hits.resize(hidden.size());
+    {
+      const ScopedTimer timer(stats.time_primary);
+      context.accel.intersect(beyond, beyond_hits, Coherence::coherent);
+    }
+    stats.rays_primary += hidden.size();
+    for (uint32_t j = 0; j < hidden.size(); ++j) {
+      const uint32_t i = hidden[j];
+      rays.set(i, beyond.origin(j), beyond.direction(j), beyond.tmax[j]);
+      hits.t[i] = beyond_hits.t[j], hits.u[i] = beyond_hits.u[j], hits.v[i] = beyond_hits.v[j];
+      hits.instance[i] = beyond_hits.instance[j], hits.primitive[i] = beyond_hits.primitive[j];
+    }
+  }
+}
+
+// Emission of `light` found by a path's own ray.
+void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& origin, const Vec3& direction,
+                                         uint32_t light, const LightHit& hit) {
+  float weight = 1.0f;
+  if (!path.unweighted) {
+    if (path.diffuse && context.closed_form[light]) return;
+    const float density = float(path.light_samples) *
+                          light_pdf(context.lights, light, origin, path.normal, path.transmits, direction, hit);
+    // As a quotient, because squares of large densities overflow.
+    const float ratio = density / path.bsdf_density;
+    weight = 1.0f / (1.0f + ratio * ratio);
+  }
+  radiance[path.slot] += path.throughput * emitted_radiance(context.lights, light, direction) * weight;
+}
+
+bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, int vertex_number) const {
+  if (vertex_number == 0 || vertex_number < settings.rr_depth) return true;
+  // Paths that refraction has dimmed are not shorter-lived for it; and none lives for ever.
+  constexpr float k_highest_survival = 0.95f;
+  const float q = std::min(largest(path.throughput) * path.eta * path.eta, k_highest_survival);
+  if (!(sample_pair(path.index, scalar::hash_combine(seed, k_material_stream), 1).y < q)) return false;
+  path.throughput /= q;
+  return true;
+}
+
+void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& vertex) {
+  FirstHit& first = firsts[paths[path].slot];
+  first.hit = true;
+  first.albedo = material_albedo(*vertex.material);
+  first.normal = vertex.frame.n;
+  first.depth = near_distance[path] + hits.t[path];
+  first.position = DVec3(vertex.surface->position) + scene.origin;
+  first.object = vertex.surface->instance + 1;
+  if (settings.occlusion) occlusion.add(vertex, paths[path].slot, paths[path].index);
+}
+
+// Fills `surfaces` where rays ended, with only_emission on emitters alone, and makes room for vertices there.
+void TransportWorker::Impl::find_surfaces(bool only_emission) {
+  met.clear();
+  size_t count = 0;
+  for (uint32_t i = 0; i < paths.size(); ++i) {
+    if (hits.instance[i] == k_none) continue;
+    if (only_emission && scene.instances[hits.instance[i]].emitter == k_none) continue;
+    ++count;
+    if (certified.empty() || !certified[i]) met.push_back(i);
+  }
+  surfaces.evaluate(rays, hits, met);
+  for (uint32_t i = 0; i < certified.size(); ++i) {
+    if (certified[i]) surfaces.put(i, surface_of(scene, rays, hits, *certified[i]));
+  }
+  vertices.resize(count);
+  resolved.clear();
+  resolved.reserve(count);  // vertices point into it
+}
+
+// Emission where the rays ended, and the surfaces that their paths go on from.
+void TransportWorker::Impl::arrive(int vertex_number) {
+  const bool emission_counts = !(settings.hide_emitters && vertex_number == 0);
+  const bool shows_first_hit = vertex_number == 0 && settings.first_hits;
+  // The last surface matters only if it glows, or is shown.
+  const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
+  const bool only_emission = last && !shows_first_hit;
+  find_surfaces(only_emission);
+  size_t count = 0;
+  for (uint32_t i = 0; i < paths.size(); ++i) {
+    PathState& path = paths[i];
+    const Vec3 d = rays.direction(i);
+    if (hits.instance[i] == k_none) {
+      if (!emission_counts) continue;
+      for (const uint32_t light : context.backgrounds) add_emission(path, rays.origin(i), d, light, {});
+      continue;
+    }
+    const uint32_t emitter = scene.instances[hits.instance[i]].emitter;
+    if (only_emission && emitter == k_none) continue;
+    PathVertex& v = vertices[count];  // what an earlier one has left there is written over
+    v.path = i;
+    v.surface = &surfaces.at(i);
+    const float cos_geometric = -glm::dot(v.surface->geometric_normal, d);
+    if (emission_counts && emitter != k_none && cos_geometric > 0.0f) {
+      add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface->geometric_normal, v.surface->primitive});
+    }
+    if (only_emission) continue;
+    shade_vertex(v, d, cos_geometric, vertex_number);
+    v.seed = scalar::vertex_seed(path.pixel_seed, uint32_t(vertex_number));
+    if (shows_first_hit) record_first_hit(i, v);
+    if (last || v.material->absorbs() || !survives_roulette(path, v.seed, vertex_number)) continue;
+    v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
+    ++count;
+  }
+  vertices.resize(count);
+}
+
+// The material of a vertex and what it is seen in, from its surface and the arriving ray's direction.
+void TransportWorker::Impl::shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number) {
+  const Vec3 back = -d;
+  const uint32_t bsdf = scene.instances[v.surface->instance].bsdf;
+  const float cosine = glm::dot(v.surface->shading_normal, back);
+  v.material = context.materials.find(bsdf, cosine);
+  if (!v.material) {
+    resolved.push_back(resolve_material(scene, bsdf, v.surface->uv, cosine));
+    v.material = &resolved.back();
+  }
+  const Vec3 n = v.material->turned ? -v.surface->shading_normal : v.surface->shading_normal;
+  v.facing = cos_geometric < 0.0f ? -v.surface->geometric_normal : v.surface->geometric_normal;
+  if (v.material->plain_diffuse() && !goes_on(*v.material, vertex_number)) {
+    v.frame.n = n;  // all that light samples ask of a diffuse surface
+    return;
+  }
+  const bool anisotropic = v.material->microfacet.alpha_u != v.material->microfacet.alpha_v;
+  v.frame = anisotropic ? frame_along(n, surface_tangent(scene, *v.surface)) : frame_about(n);
+  v.wi = v.frame.to_local(back);
+}
+
+void TransportWorker::Impl::gather_light(int vertex_number) {
+  arriving.resize(vertices.size());
+  const bool first = vertex_number == 0;
+  const bool counts = first && settings.count_first_hits;
+  direct.gather(vertices, paths, first ? settings.light_samples : 1, counts ? std::span(firsts) : std::span<FirstHit>(),
+                arriving, stats);
+  for (size_t i = 0; i < vertices.size(); ++i) {
+    const PathState& path = paths[vertices[i].path];
+    radiance[path.slot] += path.throughput * arriving[i];
+  }
+}
+
+// Whether a ray sampled from the material can still find light that counts.
+bool TransportWorker::Impl::goes_on(const Material& material, int vertex_number) const {
+  if (vertex_number + 1 >= k_longest_path) return false;
+  if (settings.max_depth < 0 || vertex_number + 2 < settings.max_depth) return true;
+  return material.plain_diffuse() ? context.open_form_can_be_hit : context.emission_can_be_hit;
+}
+
+// What all paths that go on from a vertex have in common.
+PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_number) const {
+  PathState next = paths[vertex.path];
+  next.light_samples = vertex_number == 0 ? settings.light_samples : 1;
+  next.diffuse = vertex.material->plain_diffuse();
+  next.transmits = vertex.material->transmits();
+  next.normal = vertex.frame.n;
+  next.alpha = vertex.material->glossy() ? lobe_alpha(*vertex.material) : 0.0f;
+  next.instance = vertex.surface->instance;
+  return next;
+}
+
+// `next` is the path that goes on in the world direction `d`, with what sets it apart filled in.
+void TransportWorker::Impl::send(const PathVertex& vertex, PathState next, const Vec3& d) {
+  next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
+  next_rays.set(next_paths.size(), offset_origin(vertex.surface->position, vertex.facing, vertex.surface->error, d), d,
+                k_infinity);
+  next_paths.push_back(next);
+  stats.rays_glossy += !next.diffuse;
+}
+
+void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index) {
+  const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
+  const Vec2 u = sample_pair(index, seed, 0);
+  const float u_lobe = vertex.material->several_lobes() ? sample_pair(index, seed, 1).x : 0.0f;
+  const BsdfSample s = sample_bsdf(*vertex.material, vertex.wi, u, u_lobe);
+  if (!(largest(s.weight) > 0.0f)) return;
+  // What passes straight on keeps its direction bit for bit.
+  const Vec3 d = s.straight ? rays.direction(vertex.path) : vertex.frame.to_world(s.wo);
+  if (!s.straight && !vertex.material->transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
+
+  PathState next = leaving;
+  next.throughput *= s.weight / vertex.lobe_samples;
+  next.eta *= s.eta;
+  next.index = index;
+  // Mirrors and masks send one direction on; there was nothing to split.
+  next.may_split = next.may_split && s.delta && !vertex.material->glossy();
+  next.unweighted = s.delta;
+  next.bsdf_density = s.pdf * vertex.lobe_samples;
+  send(vertex, next, d);
+}
+
+// All samples of a lobe that can be sampled in lanes.
+void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first) {
+  const int count = int(vertex.lobe_samples);
+  const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
+  sample_conductor(*vertex.material, vertex.frame, vertex.wi, seed, first, count, settings.isa, lobe_samples);
+  leaving.may_split = leaving.unweighted = false;
+  for (int l = 0; l < count; ++l) {
+    const Vec3 d = lobe_samples.direction(size_t(l));
+    const Rgb weight = lobe_samples.weight(size_t(l));
+    if (!(lobe_samples.pdf[size_t(l)] > 0.0f && largest(weight) > 0.0f && glm::dot(vertex.facing, d) > 0.0f)) continue;
+    PathState next = leaving;
+    next.throughput *= weight / vertex.lobe_samples;
+    next.index = first + uint32_t(l);
+    next.bsdf_density = lobe_samples.pdf[size_t(l)] * vertex.lobe_samples;
+    send(vertex, next, d);
+  }
+}
+
+void TransportWorker::Impl::scatter(int vertex_number) {
+  size_t most = 0;
+  for (const PathVertex& v : vertices) most += size_t(v.lobe_samples);
+  next_paths.clear();
+  next_rays.resize(most);
+  for (const PathVertex& v : vertices) {
+    if (!goes_on(*v.material, vertex_number)) continue;
+    const PathState leaving = leave(v, vertex_number);
+    const auto lobes = uint32_t(v.lobe_samples);
+    const uint32_t first = leaving.index * lobes;
+    if (lobes >= k_fewest_lane_samples && samples_in_lanes(*v.material)) {
+      if (v.wi.z > 0.0f) scatter_lobe(v, leaving, first);
+      continue;
+    }
+    for (uint32_t l = 0; l < lobes; ++l) scatter_once(v, leaving, first + l);
+  }
+  next_rays.resize(next_paths.size());
+  std::swap(paths, next_paths);
+  std::swap(rays, next_rays);
+}
+
+TransportWorker::TransportWorker(const TransportContext& context) : impl_(std::make_unique<Impl>(context)) {}
+TransportWorker::~TransportWorker() = default;
+TransportWorker::TransportWorker(TransportWorker&&) noexcept = default;
+
+const Stats& TransportWorker::stats() const { return impl_->stats; }
+
+// All that follows from the vertices of number `vertex_number`.
+void TransportWorker::Impl::go_on(int vertex_number) {
+  gather_light(vertex_number);
+  scatter(vertex_number);
+  while (!paths.empty()) {
+    ++vertex_number;
+    intersect(vertex_number);
+    arrive(vertex_number);
+    gather_light(vertex_number);
+    scatter(vertex_number);
+  }
+}
+
+void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radiance) {
+  Impl& w = *impl_;
+  w.radiance = radiance;
+  std::fill(radiance.begin(), radiance.end(), Rgb(0.0f));
+  w.occlusion.clear();
+  w.generate(samples);
+  if (w.settings.max_depth == 0 || samples.size == 0) return;
+  w.intersect(0);
+  if (w.settings.hide_emitters) w.pass_hidden_emitters();
+  w.arrive(0);
+  if (w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
+  w.go_on(0);
+}
+
+std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context) {
+  return std::make_unique<TransportWorker>(context);
+}
+
+std::span<const FirstHit> TransportWorker::first_hits() const { return impl_->firsts; }
+
+uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths,
+                                 std::span<Rgb> radiance) {
+  Impl& w = *impl_;
+  const uint64_t before = w.stats.rays_primary + w.stats.rays_exact;
+  w.follow_radiance.assign(vertices.size(), Rgb(0.0f));
+  w.radiance = w.follow_radiance;
+  for (uint32_t i = 0; i < vertices.size(); ++i) {
+    vertices[i].path = paths[i].slot = i;
+    paths[i].may_split = false;
+  }
+  w.vertices.swap(vertices);
+  w.paths.swap(paths);
+  if (w.settings.max_depth != 0) w.go_on(0);
+  for (size_t i = 0; i < radiance.size(); ++i) {
+    const Rgb& sum = w.follow_radiance[i];
+    radiance[i] = is_finite(sum) ? sum : Rgb(0.0f);
+  }
+  return w.stats.rays_primary + w.stats.rays_exact - before;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,99 @@
+#include "hybrid/stats/stats.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace fieldtrace {
+
+void Stats::merge_counters(const Stats& o) {
+  time_primary += o.time_primary;
+  time_secondary += o.time_secondary;
+  rays_primary += o.rays_primary;
+  rays_shadow += o.rays_shadow;
+  rays_glossy += o.rays_glossy;
+  rays_glossy_exact += o.rays_glossy_exact;
+  rays_glossy_hits += o.rays_glossy_hits;
+  rays_exact += o.rays_exact;
+  rays_crossing += o.rays_crossing;
+  rays_crowded += o.rays_crowded;
+  lookups += o.lookups;
+  add_bake(o);
+  sphere_crossings += o.sphere_crossings;
+  samples_spared += o.samples_spared;
+  samples_extrapolated += o.samples_extrapolated;
+  cones_clear += o.cones_clear;
+  cones_blocked += o.cones_blocked;
+  leaves += o.leaves;
+  leaves_refused += o.leaves_refused;
+  field_uses.resize(std::max(field_uses.size(), o.field_uses.size()));
+  for (size_t s = 0; s < o.field_uses.size(); ++s) {
+    field_uses[s].answered += o.field_uses[s].answered;
+    field_uses[s].asked += o.field_uses[s].asked;
+    field_uses[s].own_answered += o.field_uses[s].own_answered;
+    field_uses[s].own_asked += o.field_uses[s].own_asked;
+  }
+  check_answers += o.check_answers;
+  check_wrong += o.check_wrong;
+  for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
+    for (int receiver = 0; receiver < 2; ++receiver) {
+      check_by[verdict][receiver].answers += o.check_by[verdict][receiver].answers;
+      check_by[verdict][receiver].wrong += o.check_by[verdict][receiver].wrong;
+    }
+  }
+}
+
+std::string Stats::to_json() const {
+  nlohmann::ordered_json j;
+  j["method"] = method;
+  j["spp"] = spp;
+  j["light_samples"] = light_samples;
+  j["tolerance"] = tolerance;
+  j["width"] = width;
+  j["height"] = height;
+  j["threads"] = threads;
+  j["isa"] = isa;
+  j["seed"] = seed;
+  j["triangles"] = triangles;
+  j["instances"] = instances;
+  j["lights"] = lights;
+  j["time"] = {{"load", time_load},       {"build", time_build},         {"cache", time_cache}, {"bake", time_bake},
+               {"primary", time_primary}, {"secondary", time_secondary}, {"write", time_write}, {"total", time_total}};
+  j["rays"] = {{"primary", rays_primary},         {"shadow", rays_shadow},
+               {"glossy", rays_glossy},           {"glossy_exact", rays_glossy_exact},
+               {"glossy_hits", rays_glossy_hits}, {"exact", rays_exact},
+               {"crossing", rays_crossing},       {"crowded", rays_crowded},
+               {"spared", samples_spared},        {"extrapolated", samples_extrapolated}};
+  j["cones"] = {
+      {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", leaves}, {"leaves_refused", leaves_refused}};
+  j["lookups"] = lookups;
+  j["exact_fraction"] = exact_fraction();
+  j["spheres_per_ray"] = spheres_per_ray();
+  const auto count = [](const CheckCount& c) {
+    return nlohmann::ordered_json{{"answers", c.answers}, {"wrong", c.wrong}};
+  };
+  j["check"] = {{"answers", check_answers}, {"wrong", check_wrong}};
+  for (int v = 0; v < k_checked_verdicts; ++v) {
+    j["check"][k_checked_verdict_names[v]] = {{"other", count(check_by[v][0])}, {"own", count(check_by[v][1])}};
+  }
+  j["field"] = {{"objects", field_objects},
+                {"left_to_rays", field_left_to_rays},
+                {"own_to_rays", field_own_to_rays},
+                {"survey_rays", survey_rays},
+                {"directions", field_directions},
+                {"plane", field_plane},
+                {"cells_baked", field_cells_baked},
+                {"cells_full", field_cells_full},
+                {"tiles_baked", field_tiles_baked},
+                {"bytes_memory", field_bytes_memory},
+                {"bytes_pictures", field_bytes_pictures},
+                {"bytes_disk", field_bytes_disk},
+                {"bytes_budget", field_bytes_budget},
+                {"bytes_peak", field_bytes_peak},
+                {"restarts", field_restarts}};
+  j["bake"] = {{"rays", bake_rays}};
+  j["memory"] = {{"peak_bytes", memory_peak_bytes}};
+  j["version"] = version;
+  return j.dump(2) + "\n";
+}
+
+}  // namespace fieldtrace

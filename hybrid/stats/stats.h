@@ -1,0 +1,109 @@
+// What a render did: the counters and times behind `--stats` (keys: see to_json in stats.cpp).
+//
+// Times are wall seconds. Stages that run inside parallel tiles are measured per thread, added up and divided by the
+// number of threads, so that time.primary + time.secondary + time.bake stay below time.total.
+// Thread-safety: each worker fills its own Stats; merge() adds them on one thread.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "field/bake/bake.h"
+
+namespace fieldtrace {
+
+// What the field of one object did: rays that cross its bounds and light samples spared, by whether it answered; in
+// all, and for receivers on the object itself.
+struct FieldUse {
+  uint64_t answered = 0, asked = 0;
+  uint64_t own_answered = 0, own_asked = 0;
+};
+
+// Verdicts that --check counts: of shadow rays, and of reflected rays.
+enum class CheckedVerdict { clear, blocked, miss, hit };
+inline constexpr int k_checked_verdicts = 4;
+inline constexpr const char* k_checked_verdict_names[k_checked_verdicts] = {"clear", "blocked", "miss", "hit"};
+
+struct Stats {
+  std::string method;
+  int spp = 0, light_samples = 0;
+  float tolerance = 0.0f;
+  int width = 0, height = 0, threads = 0;
+  std::string isa;
+  uint32_t seed = 0;
+  uint64_t triangles = 0, instances = 0, lights = 0;
+
+  double time_load = 0, time_bake = 0, time_primary = 0, time_secondary = 0, time_total = 0;
+  double time_build = 0;  // Embree's acceleration structures
+  double time_cache = 0;  // reading fields from the cache before the picture, and storing them after it
+  double time_write = 0;  // writing the images
+
+  uint64_t rays_primary = 0;       // camera rays and the bounces that follow them
+  uint64_t rays_shadow = 0;        // shadow rays generated (those that cross no candidate's bounds included)
+  uint64_t rays_glossy = 0;        // rays that left a surface along a specular or glossy lobe
+  uint64_t rays_glossy_exact = 0;  // those traced because no picture of radiance and no certified hit answered them
+  uint64_t rays_glossy_hits = 0;   // those for which fields answered about at least one object, by a hit or a miss
+  uint64_t rays_exact = 0;         // shadow rays traced through Embree
+  uint64_t rays_crossing = 0;      // shadow rays that cross at least one candidate's bounds
+  uint64_t rays_crowded = 0;       // those of rays_exact whose group had too many candidates to ask one by one
+  uint64_t lookups = 0;            // ray-field look-ups
+  uint64_t sphere_crossings = 0;   // ray-candidate pairs whose bounds are crossed
+  uint64_t cones_clear = 0, cones_blocked = 0;  // receiver-candidate pairs whose whole light was answered at once
+  // Parts of lights above their receivers' horizons: asked of fields, and those of receivers that a field could not
+  // tell about.
+  uint64_t leaves = 0, leaves_refused = 0;
+  // Light samples that were answered with their whole light, by trial points that agreed, or by following an edge: no
+  // rays were sent.
+  uint64_t samples_spared = 0;
+  uint64_t samples_extrapolated = 0;  // the latter two of them
+  uint64_t check_answers = 0, check_wrong = 0;
+  // check_by[CheckedVerdict][receiver]: receiver 0 another object, 1 the object itself.
+  struct CheckCount {
+    uint64_t answers = 0, wrong = 0;
+  };
+  CheckCount check_by[k_checked_verdicts][2];
+
+  int field_directions = 0, field_plane = 0;
+  uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
+  uint64_t field_left_to_rays = 0;   // objects that could have a field, and are left to exact rays for shadows
+  uint64_t field_own_to_rays = 0;    // objects whose field is not asked about receivers on the object itself
+  uint64_t survey_rays = 0;          // shadow rays traced to find those out, not in rays_exact
+  std::vector<FieldUse> field_uses;  // per shape; empty unless counted (hybrid/render/field_survey.h)
+  uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
+  uint64_t field_tiles_baked = 0;     // coverage tiles
+  uint64_t field_bytes_pictures = 0;  // pictures of radiance (hybrid/glossy/lobe_answerer.h)
+  uint64_t field_bytes_budget = 0, field_bytes_peak = 0;
+  uint64_t field_restarts = 0;  // attempts that outgrew the budget
+  uint64_t bake_rays = 0;
+  uint64_t memory_peak_bytes = 0;
+  std::string version;
+
+  // Share of the sphere-crossing light samples, sent as rays or spared, that were traced exactly; 0 when none crossed.
+  double exact_fraction() const {
+    const uint64_t all = rays_crossing + samples_spared;
+    return all ? double(rays_exact) / double(all) : 0.0;
+  }
+  // Mean number of candidates' bounds that a crossing ray crosses.
+  double spheres_per_ray() const { return rays_crossing ? double(sphere_crossings) / double(rays_crossing) : 0.0; }
+
+  // One checked answer: its verdict, and whether the receiver lies on the object itself.
+  void add_check(CheckedVerdict verdict, bool own, bool wrong) {
+    check_answers += 1;
+    check_wrong += wrong;
+    CheckCount& count = check_by[int(verdict)][own];
+    count.answers += 1;
+    count.wrong += wrong;
+  }
+  void add_bake(const BakeCounters& counters) {
+    bake_rays += counters.rays;
+    time_bake += counters.seconds;
+  }
+  void add_bake(const Stats& other) {  // its cost alone: for work that was thrown away
+    add_bake(BakeCounters{other.bake_rays, other.time_bake});
+  }
+  void merge_counters(const Stats& other);  // adds rays, look-ups, checks and stage times
+  std::string to_json() const;              // nested by the dots of the documented keys
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,46 @@
+// Asking fields about blocks of a batch until all that the answers need is baked.
+//
+// Thread-safety: as that of what is called.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "core/trace/rays.h"
+#include "field/query/segment_kernels.h"
+
+namespace fieldtrace {
+
+// How many rounds of baking one batch can need: the line's cell, the anchored cell, the re-anchored one, and the last
+// two again from the other end of the segment; nearest hits also the primitive's. Cones and lobes need fewer: tiles,
+// and two for sheets or discs.
+inline constexpr int k_most_bake_rounds = 6;
+
+inline void sort_unique(std::vector<uint32_t>& list) {
+  std::sort(list.begin(), list.end());
+  list.erase(std::unique(list.begin(), list.end()), list.end());
+}
+
+// Calls ask(blocks) for all blocks of k_batch_padding among `size` entries, and again for those that it put into
+// unknowns.blocks, after bake() has baked what it reported beside them (unknowns.lists(), sorted, once each). Ends when
+// nothing is unknown, or with the round in which bake() returned false. Blocks still unknown then stay in
+// unknowns.blocks. Unknowns: ConeUnknowns or HitUnknowns.
+template <class Unknowns, class Ask, class Bake>
+void ask_and_bake(size_t size, Unknowns& unknowns, const Ask& ask, const Bake& bake) {
+  for (std::vector<uint32_t>* list : unknowns.lists()) list->clear();
+  unknowns.blocks.clear();
+  for (size_t i = 0; i < size; i += k_batch_padding) unknowns.blocks.push_back(uint32_t(i));
+  std::vector<uint32_t> blocks;
+  bool goes_on = true;
+  for (int round = 0; !unknowns.blocks.empty() && goes_on && round <= k_most_bake_rounds; ++round) {
+    blocks.swap(unknowns.blocks);
+    unknowns.blocks.clear();
+    ask(blocks);
+    if (unknowns.blocks.empty()) break;
+    for (std::vector<uint32_t>* list : unknowns.lists()) sort_unique(*list);
+    goes_on = bake();
+    for (std::vector<uint32_t>* list : unknowns.lists()) list->clear();
+  }
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,33 @@
+// An instance as the shadow answerer sees it: what the kernels need to ask about it. Plain data.
+#pragma once
+
+#include <optional>
+
+#include "field/query/segment_kernels.h"
+#include "field/store/field.h"
+#include "field/thesis/thesis_field.h"
+#include "hybrid/visibility/shape_traits.h"
+
+namespace fieldtrace {
+
+struct AnswererSettings;
+
+struct Occluder {
+  bool in_ball = false;        // culled by the field's ball, else by the bounding box
+  bool answers_cones = false;  // of whole lights
+  Field* field = nullptr;      // answers within the ball; null: exact rays
+  // By the thesis' chart: answers every ray; then `field` is null.
+  std::optional<ThesisInstanceView> thesis;
+  ConeTask cone;  // for the ball
+  BoxTask box;
+};
+
+// `traits` are those of the instance's shape. `field` is its field, or null; `thesis` likewise.
+Occluder make_occluder(const Scene& scene, uint32_t instance, const ShapeTraits& traits, Field* field,
+                       const ThesisField* thesis, const AnswererSettings& settings);
+
+// The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), from the nearest point of the
+// object's ball; infinity for lights too near or too wide for whole answers.
+float cells_across(const SegmentTask& segment, const Sphere& light);
+
+}  // namespace fieldtrace

@@ -1,0 +1,96 @@
+// Whole lights and parts of lights, asked of fields.
+#include <cmath>
+
+#include "field/bake/bake.h"
+#include "field/bake/bake_coverage.h"
+#include "field/query/cone.hd.h"
+#include "hybrid/visibility/shadow_workspace.h"
+
+namespace fieldtrace {
+namespace {
+
+// Directions tried along each side of a light as seen from receivers on the object: so many that neighbours lie less
+// than this share of a direction cell's mean width apart. A cell speaks for lines all over it, so
+// closer directions find nothing more (docs/decisions/009-cones.md).
+constexpr float k_sheet_spacing = 1.1f;
+// More than any number of light samples: the light is too near or too wide.
+constexpr int k_no_sheet_side = 1 << 12;
+
+int sheet_side_for(const SegmentTask& segment, const Sphere& light) {
+  const float cells = cells_across(segment, light);
+  if (cells == k_infinity) return k_no_sheet_side;
+  return std::max(1, int(std::ceil(cells / k_sheet_spacing)));
+}
+
+}  // namespace
+
+template <class Ask>
+void ShadowAnswerer::bake_and_repeat(const Occluder& o, size_t size, ConeUnknowns& unknowns, Stats& stats,
+                                     const Ask& ask) const {
+  const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
+  ask_and_bake(size, unknowns, ask, [&] {
+    // The last round: what is left is for single rays.
+    const bool is_full = o.field->pool_full() || o.field->coverage().full();
+    BakeCounters counters;
+    if (!unknowns.tiles.empty()) bake_coverage(*o.field, unknowns.tiles, accel_, shape, counters);
+    if (!unknowns.slices.empty()) bake_slices(*o.field, FieldLayer::depth, unknowns.slices, accel_, shape, counters);
+    stats.add_bake(counters);
+    return !is_full;
+  });
+}
+
+void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers, const ShadowGroup& group,
+                               Workspace& work, Stats& stats) const {
+  ConeTask task = o.cone;
+  const Sphere& light = group.light.ball;
+  const int side = sheet_side_for(task.segment, light);
+  if (task.segment.reads_depth && side * side <= group.light_samples) task.sheet_side = side;
+  ConeUnknowns& unknowns = work.unknowns;
+  bake_and_repeat(o, receivers.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+    const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
+    stats.cones_clear += counts.clear;
+    stats.cones_blocked += counts.blocked;
+    stats.lookups += counts.lookups;
+    if (settings_.count_uses) {
+      use_of(o, stats).answered += (counts.clear + counts.blocked) * uint64_t(group.light_samples);
+    }
+  });
+}
+
+void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> receivers, int leaves,
+                            ShadowBatch& batch, std::vector<uint8_t>& refused, Stats& stats) const {
+  Workspace& work = *workspaces_.local();
+  batch.in_shares = true;
+  batch.clear.assign(padded(batch.rays.size), 1.0f);
+  work.refused.assign(padded(batch.rays.size), 0);
+  ConeUnknowns& unknowns = work.unknowns;
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    const Occluder& o = occluders_[group.candidates[slot]];
+    if (!o.answers_cones) continue;
+    work.flags.assign(padded(batch.rays.size), 0);
+    bool is_asked = false;
+    for (size_t r = 0; r < receivers.size(); ++r) {
+      if (!(group.by_leaves[receivers[r]] >> slot & 1)) continue;
+      is_asked = true;
+      std::fill_n(work.flags.begin() + std::ptrdiff_t(r * size_t(leaves)), leaves, 1);
+    }
+    if (!is_asked) continue;
+    LeafTask task;
+    task.segment = o.cone.segment;
+    task.least_disc = k_least_light_disc / std::sqrt(float(std::max(leaves, k_fewest_leaves)));
+    task.share = 1.0f / float(std::max(leaves, k_fewest_leaves));
+    bake_and_repeat(o, batch.rays.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+      stats.lookups += kernels_.filter_leaves(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
+                                              batch.clear.data(), work.refused.data(), unknowns);
+    });
+    // What no pool has room for is left to rays.
+    for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
+  }
+  refused.assign(receivers.size(), 0);
+  for (size_t r = 0; r < receivers.size(); ++r) {
+    const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(leaves));
+    refused[r] = std::find(begin, begin + leaves, 1) != begin + leaves;
+  }
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,119 @@
+// Single shadow rays: look-ups in fields, with what they bake, and exact rays for what is left.
+#include <algorithm>
+
+#include "field/bake/bake.h"
+#include "hybrid/visibility/shadow_workspace.h"
+
+namespace fieldtrace {
+namespace {
+
+std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t count) {
+  return {reinterpret_cast<const uint32_t*>(list.data()), count};
+}
+
+}  // namespace
+
+void ShadowAnswerer::bake_unknown(const Occluder& o, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
+                                  Workspace& work, Stats& stats) const {
+  const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
+  RayStates& states = work.states;
+  for (int round = 0; !states.unknown_blocks.empty(); ++round) {
+    BakeCounters counters;
+    const auto bake = [&](FieldLayer layer, std::vector<uint32_t>& slices) {
+      sort_unique(slices);
+      bake_slices(*o.field, layer, slices, accel_, shape, counters);
+      slices.clear();
+    };
+    bake(FieldLayer::visibility, states.unknown_visibility);
+    bake(FieldLayer::depth, states.unknown_depth);
+    stats.add_bake(counters);
+    std::vector<uint32_t> blocks;
+    blocks.swap(states.unknown_blocks);
+    const bool give_up = o.field->pool_full() || round >= k_most_bake_rounds;
+    for (const uint32_t begin : blocks) {
+      const size_t end = begin + k_batch_padding;
+      // No room to bake: all rays of such a block are traced.
+      const SegmentCounts again =
+          give_up ? kernels_.cross_ball(task, batch.rays, begin, end, slot, states)
+                  : kernels_.query(task, batch.rays, batch.instance.data(), begin, end, slot, states);
+      stats.lookups += again.lookups;
+      stats.sphere_crossings += again.crossings;
+    }
+  }
+}
+
+bool ShadowAnswerer::trusts_depth(const Occluder& o, const ShadowGroup& group, LightSeen seen) const {
+  if (seen != LightSeen::in_part || settings_.tolerance > k_estimating_tolerance) return true;
+  return cells_across(o.cone.segment, group.light.ball) > k_cells_across;
+}
+
+bool ShadowAnswerer::doubts_depth(const ShadowGroup& group, LightSeen seen) const {
+  return std::any_of(group.candidates.begin(), group.candidates.end(), [&](uint32_t candidate) {
+    const Occluder& o = occluders_[candidate];
+    return o.field && o.cone.segment.reads_depth && !trusts_depth(o, group, seen);
+  });
+}
+
+void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
+                              Stats& stats) const {
+  const size_t n = padded(batch.rays.size);
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    const Occluder& o = occluders_[group.candidates[slot]];
+    SegmentCounts counts;
+    if (!o.in_ball) {
+      counts = kernels_.cross_box(o.box, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
+    } else if (o.thesis) {
+      counts = thesis_kernels_.shadow(*o.thesis, batch.rays, 0, n, int32_t(slot), work.states);
+      if (settings_.check) check_answers(o, batch, work, stats);
+    } else if (!o.field) {
+      counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
+    } else {
+      SegmentTask task = o.cone.segment;
+      task.reads_depth = task.reads_depth && trusts_depth(o, group, seen);
+      counts = kernels_.query(task, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
+      bake_unknown(o, task, int32_t(slot), batch, work, stats);
+      if (settings_.check) check_answers(o, batch, work, stats);
+      if (settings_.count_uses) count_uses(o, batch, work, stats);
+    }
+    stats.sphere_crossings += counts.crossings;
+    stats.lookups += counts.lookups;
+  }
+}
+
+void ShadowAnswerer::trace(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const {
+  const auto one = as_indices(work.exact.one_asker, work.exact.one_count);
+  const auto many = as_indices(work.exact.many_askers, work.exact.many_count);
+  stats.rays_exact += one.size() + many.size();
+  for (const uint32_t i : one) batch.exact[i] = 1;
+  for (const uint32_t i : many) batch.exact[i] = 1;
+  accel_.occluded(batch.rays, many, batch.blocked.data());
+  if (group.candidates.size() == 1) {
+    accel_.occluded_by(group.candidates[0], batch.rays, one, batch.blocked.data());
+    return;
+  }
+  if (one.empty()) return;
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    work.indices.clear();
+    for (const uint32_t i : one) {
+      if (work.states.asker[i] == int32_t(slot)) work.indices.push_back(i);
+    }
+    if (!work.indices.empty())
+      accel_.occluded_by(group.candidates[slot], batch.rays, work.indices, batch.blocked.data());
+  }
+}
+
+void ShadowAnswerer::trace_all(ShadowBatch& batch, Workspace& work, Stats& stats) const {
+  work.indices.clear();
+  for (size_t i = 0; i < batch.rays.size; ++i) {
+    if (batch.rays.tmax[i] < 0.0f) continue;
+    work.indices.push_back(uint32_t(i));
+    batch.exact[i] = 1;
+  }
+  stats.rays_crossing += work.indices.size();
+  stats.sphere_crossings += work.indices.size();
+  stats.rays_exact += work.indices.size();
+  stats.rays_crowded += work.indices.size();
+  accel_.occluded(batch.rays, work.indices, batch.blocked.data());
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,21 @@
+// What a thread of the shadow answerer works in.
+#pragma once
+
+#include <vector>
+
+#include "hybrid/visibility/ask_and_bake.h"
+#include "hybrid/visibility/occluder.h"
+#include "hybrid/visibility/shadow_answerer.h"
+
+namespace fieldtrace {
+
+struct ShadowAnswerer::Workspace {
+  RayStates states;
+  ExactLists exact;
+  std::vector<uint32_t> indices;
+  std::vector<uint8_t> exact_blocked;
+  AlignedVector<int32_t> flags, refused;
+  ConeUnknowns unknowns;
+};
+
+}  // namespace fieldtrace

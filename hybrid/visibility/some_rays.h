@@ -1,0 +1,29 @@
+// Exact rays for some of a batch.
+//
+// Thread-safety: as that of Accel; a work space belongs to one thread.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "core/trace/accel.h"
+
+namespace fieldtrace {
+
+struct SomeRays {
+  RayBatch rays;
+  HitBatch hits;
+};
+
+// hits[i] becomes the nearest hit of rays[i] in the whole scene for each i of `which`; others stay as they are.
+inline void intersect_some(const Accel& accel, const RayBatch& rays, std::span<const uint32_t> which, HitBatch& hits,
+                           SomeRays& work) {
+  if (which.empty()) return;
+  work.rays.resize(which.size());
+  for (size_t j = 0; j < which.size(); ++j) work.rays.copy(j, rays, which[j]);
+  work.hits.resize(which.size());
+  accel.intersect(work.rays, work.hits, Coherence::incoherent);
+  for (size_t j = 0; j < which.size(); ++j) hits.copy(which[j], work.hits, j);
+}
+
+}  // namespace fieldtrace

@@ -1,1 +1,0 @@
-fieldtrace_test(compare_test LABELS quick)

@@ -1,2 +1,0 @@
-fieldtrace_test(instance_tree_test LABELS quick)
-fieldtrace_test(crowd_test LABELS quick)

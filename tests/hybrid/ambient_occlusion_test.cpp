@@ -1,0 +1,233 @@
+// The layer `ao` against scenes with known answers, between the two methods, and its invariances.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "hybrid/render/render.h"
+#include "tests/support/hybrid_scenes.h"
+#include "tests/support/small_scenes.h"
+
+namespace fieldtrace {
+namespace {
+
+using test::hybrid_scene;
+using test::look_at;
+using test::scaling;
+using test::SceneMaker;
+using test::translation;
+
+RenderOptions options_for(Method method, int spp, int light_samples) {
+  RenderOptions o;
+  o.method = method;
+  o.spp = spp;
+  o.light_samples = light_samples;
+  o.threads = 2;
+  o.aovs = {"ao"};
+  return o;
+}
+
+double mean_occlusion(const Image& image) {
+  const int channel = image.channel_index("ao.Y");
+  EXPECT_GE(channel, 0);
+  double sum = 0.0;
+  for (size_t i = size_t(channel); i < image.data.size(); i += image.channel_count()) sum += double(image.data[i]);
+  return sum / double(image.width * image.height);
+}
+
+// Every pixel sees the origin of the plane z = 0, from a side that nothing hides.
+SceneMaker origin_of_a_plane(float size = 500.0f) {
+  SceneMaker maker;
+  const uint32_t grey = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  maker.instance(maker.shape(ShapeKind::rectangle), grey, scaling(Vec3(size)));
+  maker.scene.camera.fov_x_degrees = 1e-3f;
+  maker.scene.camera.to_world = look_at({0, -8, 2}, Vec3(0), {0, 0, 1});
+  return maker;
+}
+
+double render_occlusion(const Scene& scene, float distance, Method method = Method::monte_carlo, int spp = 16) {
+  RenderOptions o = options_for(method, spp, 64);
+  o.ao_distance = distance;
+  return mean_occlusion(render(scene, o).image);
+}
+
+constexpr double k_tolerance = 1e-3;  // 256 pixels x 16 x 64 low-discrepancy points: measured below 3e-4
+
+TEST(AmbientOcclusion, OpenPlaneAndEmptySceneAreOpen) {
+  SceneMaker maker = origin_of_a_plane();
+  EXPECT_EQ(render_occlusion(maker.scene, k_infinity), 1.0);
+  SceneMaker empty;
+  empty.scene.camera.to_world = look_at({0, -8, 2}, Vec3(0), {0, 0, 1});
+  EXPECT_EQ(render_occlusion(empty.scene, k_infinity), 1.0);
+}
+
+// A sphere of radius R at height h over the point: it hides the cone of sin = R / h, so (R / h)^2 of the cosine. Within
+// a distance D there are the directions whose nearer intersection lies at D or less: D^2 + h^2 - 2 D h cos = R^2.
+TEST(AmbientOcclusion, PointUnderASphere) {
+  constexpr float k_radius = 1.0f, k_height = 1.5f;
+  SceneMaker maker = origin_of_a_plane();
+  maker.instance(maker.shape(ShapeKind::sphere), 0, translation({0, 0, k_height}));
+  // The camera looks from under the sphere's side: at 2 / 8 the ray passes below it.
+  const double cone = (k_radius / k_height) * (k_radius / k_height);
+  EXPECT_NEAR(render_occlusion(maker.scene, k_infinity), 1.0 - cone, k_tolerance);
+  EXPECT_NEAR(render_occlusion(maker.scene, 50.0f), 1.0 - cone, k_tolerance);
+  for (const double distance : {0.6, 0.8, 1.0}) {
+    const double cosine =
+        (distance * distance + k_height * k_height - k_radius * k_radius) / (2.0 * distance * k_height);
+    EXPECT_NEAR(render_occlusion(maker.scene, float(distance)), cosine * cosine, k_tolerance) << distance;
+  }
+  EXPECT_EQ(render_occlusion(maker.scene, 0.49f), 1.0);
+}
+
+// A wall at distance w: directions whose part along its normal is at least w / D, a segment of the unit disk that the
+// cosine-weighted hemisphere projects to.
+TEST(AmbientOcclusion, PointBesideAWall) {
+  SceneMaker maker = origin_of_a_plane();
+  constexpr float k_wall = 2.0f;
+  // Seen along the wall, which faces the point.
+  maker.instance(maker.shape(ShapeKind::rectangle), 0,
+                 Affine(Vec3(0, 0, 500), Vec3(0, 500, 0), Vec3(-1, 0, 0), Vec3(k_wall, 0, 0)));
+  for (const double distance : {2.5, 4.0, 20.0}) {
+    const double c = double(k_wall) / distance;
+    const double hidden = (std::acos(c) - c * std::sqrt(1.0 - c * c)) / M_PI;
+    EXPECT_NEAR(render_occlusion(maker.scene, float(distance)), 1.0 - hidden, k_tolerance) << distance;
+  }
+  EXPECT_EQ(render_occlusion(maker.scene, 1.9f), 1.0);
+  // The rectangle ends 500 away: less than 1 % of its half of the sky is seen past it.
+  EXPECT_NEAR(render_occlusion(maker.scene, k_infinity), 0.5, 5e-3);
+}
+
+// Every kind of material has it, whatever the depth of the paths.
+TEST(AmbientOcclusion, DoesNotDependOnTheMaterialOrThePaths) {
+  for (const BsdfKind kind : {BsdfKind::diffuse, BsdfKind::conductor, BsdfKind::dielectric}) {
+    for (const int depth : {1, 2, -1}) {
+      SceneMaker maker = origin_of_a_plane();
+      maker.scene.bsdfs[0].kind = kind;
+      maker.instance(maker.shape(ShapeKind::sphere), 0, translation({0, 0, 1.5f}));
+      maker.light(EmitterKind::constant, Rgb(1.0f));
+      maker.scene.integrator.max_depth = depth;
+      EXPECT_NEAR(render_occlusion(maker.scene, k_infinity, Method::monte_carlo, 4), 1.0 - 4.0 / 9.0, 4 * k_tolerance)
+          << int(kind) << " " << depth;
+    }
+  }
+}
+
+TEST(AmbientOcclusion, LeavesThePictureAsItIs) {
+  const Scene scene = hybrid_scene("object_over_floor", 24).scene;
+  for (const Method method : {Method::monte_carlo, Method::hybrid}) {
+    for (const int directions : {0, 32}) {  // 32: fields answer the layer too
+      RenderOptions o = options_for(method, 2, 16);
+      o.directions = directions;
+      const RenderResult with = render(scene, o);
+      o.aovs.clear();
+      const RenderResult without = render(scene, o);
+      EXPECT_EQ(with.stats.field_left_to_rays, without.stats.field_left_to_rays);
+      EXPECT_EQ(with.stats.field_own_to_rays, without.stats.field_own_to_rays);
+      for (int y = 0; y < with.image.height; ++y) {
+        for (int x = 0; x < with.image.width; ++x) {
+          for (int c = 0; c < 3; ++c) ASSERT_EQ(with.image.pixel(x, y)[c], without.image.pixel(x, y)[c]);
+        }
+      }
+    }
+  }
+}
+
+class OcclusionPicture : public testing::TestWithParam<const char*> {
+ protected:
+  static constexpr int k_size = 24;
+  const Scene scene_ = hybrid_scene(GetParam(), k_size).scene;
+
+  static RenderOptions options(Method method, float distance) {
+    RenderOptions o = options_for(method, 1, 16);
+    o.directions = 32;
+    o.plane = 64;
+    o.ao_distance = distance;
+    return o;
+  }
+};
+constexpr float k_near = 1.3f;
+constexpr float k_distances[] = {k_infinity, k_near};
+
+TEST_P(OcclusionPicture, ToleranceZeroIsMonteCarlo) {
+  for (const float distance : k_distances) {
+    RenderOptions o = options(Method::monte_carlo, distance);
+    const RenderResult expected = render(scene_, o);
+    EXPECT_LT(mean_occlusion(expected.image), 0.995);
+    o.method = Method::hybrid;
+    o.tolerance = 0.0f;
+    EXPECT_EQ(render(scene_, o).image.data, expected.image.data) << distance;
+    if (distance == k_infinity) continue;
+    // Through look-ups and baking, every ray traced in the end.
+    o.force_ask = true;
+    EXPECT_EQ(render(scene_, o).image.data, expected.image.data);
+  }
+}
+
+TEST_P(OcclusionPicture, FieldsAnswerNearMonteCarlo) {
+  for (const float distance : k_distances) {
+    const RenderResult expected = render(scene_, options(Method::monte_carlo, distance));
+    RenderOptions o = options(Method::hybrid, distance);
+    o.check = true;
+    const RenderResult r = render(scene_, o);
+    EXPECT_NEAR(mean_occlusion(r.image), mean_occlusion(expected.image), 3e-3) << distance;
+    // Groups among a crowd have too many candidates for fields.
+    EXPECT_TRUE(r.stats.check_answers > 1000u || std::string(GetParam()) == "crowd") << r.stats.check_answers;
+    EXPECT_LE(double(r.stats.check_wrong), 0.01 * double(r.stats.check_answers));
+  }
+}
+
+TEST_P(OcclusionPicture, DoesNotDependOnThreadsOrInstructionSet) {
+  RenderOptions o = options(Method::hybrid, k_near);
+  o.threads = 1;
+  o.isa = Isa::scalar;
+  const Image one = render(scene_, o).image;
+  o.threads = 3;
+  o.isa = Isa::automatic;
+  EXPECT_EQ(render(scene_, o).image.data, one.data);
+}
+
+TEST_P(OcclusionPicture, CropIsThatPartOfTheWhole) {
+  RenderOptions o = options(Method::hybrid, k_near);
+  const Image whole = render(scene_, o).image;
+  o.crop = Rect{5, 9, 17, 11};
+  const Image part = render(scene_, o).image;
+  for (int y = 0; y < part.height; ++y) {
+    for (int x = 0; x < part.width; ++x) {
+      for (size_t c = 0; c < part.channel_count(); ++c) ASSERT_EQ(part.pixel(x, y)[c], whole.pixel(x + 5, y + 9)[c]);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenes, OcclusionPicture, testing::Values("object_over_floor", "crowd", "odd_transforms"),
+                         [](const auto& instance) { return std::string(instance.param); });
+
+// Fields would take far more rays to bake for the layer than a small picture sends; the light's are worth their bake.
+TEST(AmbientOcclusion, BakesNoMoreThanItGains) {
+  const Scene scene = hybrid_scene("object_over_floor", 64).scene;
+  RenderOptions o = options_for(Method::hybrid, 1, 256);
+  o.threads = 1;
+  const RenderResult both = render(scene, o);
+  o.aovs.clear();
+  const RenderResult light = render(scene, o);
+  EXPECT_GT(light.stats.bake_rays, 0u);
+  EXPECT_EQ(both.stats.bake_rays, light.stats.bake_rays);  // on one thread: two may bake a slice each
+  o.aovs = {"ao"};
+  o.method = Method::monte_carlo;
+  const RenderResult exact = render(scene, o);
+  const int channel = exact.image.channel_index("ao.Y");
+  ASSERT_GE(channel, 0);
+  for (size_t i = size_t(channel); i < exact.image.data.size(); i += exact.image.channel_count()) {
+    ASSERT_EQ(both.image.data[i], exact.image.data[i]);
+  }
+}
+
+TEST(AmbientOcclusion, DistanceMustBePositive) {
+  for (const float bad : {0.0f, -1.0f, std::nanf("")}) {
+    RenderOptions o = options_for(Method::hybrid, 1, 1);
+    o.ao_distance = bad;
+    EXPECT_THROW(render(origin_of_a_plane().scene, o), UsageError);
+  }
+}
+
+}  // namespace
+}  // namespace fieldtrace

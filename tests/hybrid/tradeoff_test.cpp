@@ -1,0 +1,192 @@
+#include "hybrid/compare/tradeoff.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <filesystem>
+#include <set>
+
+namespace fieldtrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double k_rounding = 1e-12;  // a few operations in double
+
+TEST(SecondsAtError, MeetsThePointsAndTheLawBeyondThem) {
+  const std::vector<ErrorPoint> points = {{4.0, 0.01}, {1.0, 0.02}, {16.0, 0.005}};
+  for (const ErrorPoint& p : points) EXPECT_NEAR(seconds_at_error(points, p.rmse), p.seconds, k_rounding * p.seconds);
+  EXPECT_NEAR(seconds_at_error(points, 0.04), 0.25, k_rounding);
+  EXPECT_NEAR(seconds_at_error(points, 0.0025), 64.0, 64.0 * k_rounding);
+}
+
+TEST(SecondsAtError, IsLinearInLogLogBetweenPoints) {
+  // Slope -3 instead of -2: halving the error costs eight times the time.
+  const std::vector<ErrorPoint> points = {{1.0, 0.08}, {8.0, 0.04}, {64.0, 0.02}};
+  const double between = 0.08 / std::sqrt(2.0);
+  EXPECT_NEAR(seconds_at_error(points, between), std::sqrt(8.0), 100 * k_rounding);
+}
+
+TEST(SecondsAtError, DecreasesWithTheError) {
+  const std::vector<ErrorPoint> points = {{1.0, 0.03}, {3.0, 0.02}, {30.0, 0.004}};
+  double last = std::numeric_limits<double>::infinity();
+  for (double rmse = 0.001; rmse < 0.1; rmse *= 1.1) {
+    const double seconds = seconds_at_error(points, rmse);
+    EXPECT_LT(seconds, last) << rmse;
+    last = seconds;
+  }
+}
+
+TEST(SecondsAtError, WithoutUsablePointsThereIsNoAnswer) {
+  EXPECT_TRUE(std::isnan(seconds_at_error({}, 0.1)));
+  EXPECT_TRUE(std::isnan(seconds_at_error({{0.0, 0.1}, {1.0, 0.0}, {1.0, NAN}}, 0.1)));
+  EXPECT_TRUE(std::isnan(seconds_at_error({{1.0, 0.1}}, 0.0)));
+  EXPECT_TRUE(std::isnan(seconds_at_error({{1.0, 0.1}}, NAN)));
+  EXPECT_NEAR(seconds_at_error({{1.0, 0.1}, {2.0, NAN}}, 0.1), 1.0, k_rounding);
+}
+
+TEST(TradeoffCsv, RowsHaveTheColumnsOfTheHeader) {
+  const auto columns = [](const std::string& line) { return std::count(line.begin(), line.end(), ',') + 1; };
+  TradeoffRow row;
+  EXPECT_EQ(columns(tradeoff_csv_row(row)), columns(tradeoff_csv_header()));
+  EXPECT_EQ(tradeoff_csv_row(row).rfind("hybrid,", 0), 0u);
+  row.options.method = Method::monte_carlo;
+  EXPECT_EQ(tradeoff_csv_row(row).rfind("montecarlo,", 0), 0u);
+}
+
+TEST(TradeoffPlan, TheReferenceHasItsOwnSeedAndMoreSamples) {
+  Scene scene;
+  scene.seed = 5;
+  for (const bool quick : {false, true}) {
+    TradeoffPlanOptions options;
+    options.quick = quick;
+    const TradeoffPlan plan = make_tradeoff_plan(scene, options);
+    EXPECT_EQ(plan.reference.method, Method::monte_carlo);
+    std::set<Method> methods;
+    for (const RenderOptions& c : plan.cases) {
+      methods.insert(c.method);
+      EXPECT_LT(c.spp, plan.reference.spp);
+      EXPECT_NE(c.seed, plan.reference.seed);
+    }
+    EXPECT_EQ(methods.size(), 2u);
+  }
+}
+
+// A floor under a rectangular light, 24 x 16 pixels.
+Scene small_scene() {
+  Scene scene;
+  scene.textures.push_back({});
+  scene.bsdfs.push_back({});
+  Shape rectangle;
+  rectangle.kind = ShapeKind::rectangle;
+  rectangle.name = "rectangle";
+  rectangle.mesh.positions = {{-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0}};
+  rectangle.mesh.normals.assign(4, Vec3(0, 0, 1));
+  rectangle.mesh.texcoords = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+  rectangle.mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+  rectangle.bounds = rectangle.mesh.bounds();
+  scene.shapes.push_back(rectangle);
+  const auto place = [&](const DAffine& to_world, uint32_t emitter) {
+    Instance instance;
+    instance.emitter = emitter;
+    instance.to_world = Affine(to_world);
+    instance.to_object = Affine(inverse_affine(to_world));
+    scene.instances.push_back(instance);
+  };
+  place(DAffine(DVec3(4, 0, 0), DVec3(0, 4, 0), DVec3(0, 0, 4), DVec3(0)), k_none);
+  // Turned around x by half a turn: the light's normal points down.
+  place(DAffine(DVec3(0.5, 0, 0), DVec3(0, -0.5, 0), DVec3(0, 0, -0.5), DVec3(0, 0, 2)), 0);
+  Emitter light;
+  light.instance = 1;
+  light.value = Rgb(5.0f);
+  scene.emitters.push_back(light);
+  // From above, looking down: +z of the camera is -z of the world.
+  scene.camera.to_world = Affine(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1), Vec3(0.2f, 0.1f, 6.0f));
+  scene.film.width = 24;
+  scene.film.height = 16;
+  scene.film.crop = {0, 0, 24, 16};
+  scene.film.filter = FilterKind::box;
+  scene.film.filter_radius = 0.5f;
+  return scene;
+}
+
+class TradeoffRun : public testing::Test {
+ protected:
+  void SetUp() override {
+    const auto* info = testing::UnitTest::GetInstance()->current_test_info();
+    folder_ = fs::temp_directory_path() /
+              (std::string("fieldtrace_tradeoff_") + info->name() + "_" + std::to_string(getpid()));
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+    plan_.reference.method = Method::monte_carlo;
+    plan_.reference.spp = 64;
+    plan_.reference.seed = 9;
+    for (const Method method : {Method::monte_carlo, Method::hybrid}) {
+      RenderOptions options;
+      options.method = method;
+      options.spp = 2;
+      plan_.cases.push_back(options);
+    }
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  fs::path folder_;
+  TradeoffPlan plan_;
+};
+
+TEST_F(TradeoffRun, MeasuresEveryCaseAndLeavesNoCache) {
+  std::vector<TradeoffRow> rows;
+  float last_share = 0.0f;
+  TradeoffCallbacks callbacks;
+  callbacks.row = [&](const TradeoffRow& row, const Image& image) {
+    rows.push_back(row);
+    EXPECT_EQ(image.width, 24);
+  };
+  callbacks.render.progress = [&](float share, const char*) {
+    EXPECT_GE(share, last_share);
+    EXPECT_LE(share, 1.0f);
+    last_share = share;
+  };
+  Image reference;
+  EXPECT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
+  EXPECT_EQ(reference.height, 16);
+  ASSERT_EQ(rows.size(), 2u);
+  for (const TradeoffRow& row : rows) {
+    EXPECT_GT(row.difference.rmse, 0.0);
+    EXPECT_GT(row.seconds_cold, 0.0);
+    EXPECT_GT(row.seconds_warm, 0.0);
+  }
+  EXPECT_TRUE(rows[0].options.field_cache.empty());
+  EXPECT_FALSE(rows[1].options.field_cache.empty());
+  EXPECT_TRUE(fs::is_empty(folder_));
+}
+
+TEST_F(TradeoffRun, KeepsTheReferenceThatItIsGiven) {
+  Image reference;
+  TradeoffCallbacks callbacks;
+  EXPECT_TRUE(run_tradeoff(small_scene(), {plan_.reference, {}}, folder_.string(), reference, callbacks));
+  const std::vector<float> before = reference.data;
+  EXPECT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
+  EXPECT_EQ(reference.data, before);
+}
+
+TEST_F(TradeoffRun, AStoppedRunKeepsTheRowsSoFar) {
+  std::atomic<bool> stop{false};
+  size_t rows = 0;
+  TradeoffCallbacks callbacks;
+  callbacks.render.stop = &stop;
+  callbacks.row = [&](const TradeoffRow&, const Image&) {
+    ++rows;
+    stop = true;
+  };
+  Image reference;
+  EXPECT_FALSE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
+  EXPECT_EQ(rows, 1u);
+  EXPECT_TRUE(fs::is_empty(folder_));
+}
+
+}  // namespace
+}  // namespace fieldtrace

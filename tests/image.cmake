@@ -1,1 +1,0 @@
-fieldtrace_test(image_test LABELS quick)

@@ -1,5 +1,0 @@
-fieldtrace_test(scene_xml_test LABELS quick)
-fieldtrace_test(scene_bsdfs_test LABELS quick)
-fieldtrace_test(scene_environment_test LABELS quick)
-fieldtrace_test(scene_errors_test LABELS quick)
-fieldtrace_test(scene_recentre_test LABELS quick numerics)

@@ -1,0 +1,139 @@
+#!/usr/bin/env python3
+"""Runs tools/benchmarks/measure.py on a few rows at a tiny size and checks what it writes; checks the searches and
+figures on numbers that are known. No timing is judged."""
+
+import argparse
+import json
+import math
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+MEASURE = ROOT / "tools/benchmarks/measure.py"
+sys.path.insert(0, str(MEASURE.parent))
+
+from measuring import report, search, timing
+from measuring.context import AT_LEAST, AT_MOST, Figure, RowResult
+from measuring.rows import ROWS, choose
+
+PROGRAM = None
+
+
+def run(*words):
+    return subprocess.run([sys.executable, MEASURE, "--program", PROGRAM, *words], capture_output=True, text=True)
+
+
+class Search(unittest.TestCase):
+    def test_finds_the_fewest_from_both_sides(self):
+        error_of = lambda n: 1.0 / n
+        for start in (1, 64, 4096):
+            found, errors = search.fewest(error_of, 1.0 / 40, start)
+            self.assertEqual(found, 48)
+            self.assertGreater(errors[32], 1.0 / 40)
+
+    def test_says_when_the_error_stops_falling(self):
+        asked = []
+
+        def error_of(n):
+            asked.append(n)
+            return 0.5 + 0.01 / n
+
+        self.assertIsNone(search.fewest(error_of, 0.1, 8)[0])
+        self.assertLess(max(asked), 100)
+
+    def test_staircase_finds_the_quickest_pair(self):
+        # 100 samples are needed in all, at least 4 of them camera samples, which cost three times as much.
+        measure = lambda s, m: (0.0 if s * m >= 100 and s >= 4 else 1.0, 3.0 * s + s * m)
+        best = search.staircase(measure, 0.5, 512, 64)[0]
+        self.assertEqual((best["spp"], best["light_samples"]), (4, 32))
+        self.assertEqual(search.staircase(lambda s, m: (1.0, 1.0), 0.5, 8, 8), [])
+
+
+class Figures(unittest.TestCase):
+    def test_met(self):
+        self.assertTrue(Figure("a", 2.0, AT_LEAST, 2.0).met())
+        self.assertFalse(Figure("a", 1.9, AT_LEAST, 2.0).met())
+        self.assertTrue(Figure("a", 1.9, AT_MOST, 2.0).met())
+        self.assertFalse(Figure("a", None, AT_MOST, 2.0).met())
+        self.assertIsNone(Figure("a", 1.0).met())
+
+    def test_ratio_is_of_medians(self):
+        a, b = timing.summary([1.0, 9.0, 3.0]), timing.summary([2.0, 1.0, 1.5])
+        self.assertEqual(timing.ratio(a, b)["value"], 2.0)
+
+    def test_in_turn(self):
+        order = []
+        timing.in_turn({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
+        self.assertEqual(order, ["a", "b", "a", "b"])
+
+    def test_table_is_honest(self):
+        result = RowResult([Figure("slow", 1.0, AT_LEAST, 4.0, "x"), Figure("never", None, AT_LEAST, 4.0, "x")])
+        lines = report.table([(ROWS[0], result, 1.0, None)])
+        self.assertIn("**no**", lines[2])
+        self.assertIn("not reached | **no**", lines[3])
+        self.assertIn("failed", report.table([(ROWS[0], None, 1.0, "why")])[2])
+
+    def test_rows_have_numbers_names_and_titles(self):
+        self.assertEqual([row.number for row in ROWS], list(range(18)))
+        self.assertEqual(len({row.name for row in ROWS}), 18)
+        self.assertTrue(all(row.title() for row in ROWS))
+        self.assertEqual([row.name for row in choose(["cells", "1"])], ["lookups", "cells"])
+
+
+class Command(unittest.TestCase):
+    def test_writes_json_and_table(self):
+        with tempfile.TemporaryDirectory() as folder:
+            folder = pathlib.Path(folder)
+            out = folder / "out"
+            done = run("--quick", "--repeats", "2", "--resolution", "32", "--work", folder / "work", "--output", out,
+                       "--rows", "ceiling,secondary-warm,baseline,cells")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            names = sorted(path.name for path in out.iterdir())
+            self.assertEqual([name.rsplit(".", 1)[1] for name in names], ["json", "md"], names)
+            result = json.loads((out / names[0]).read_text(encoding="utf-8"))
+            rows = {row["name"]: row for row in result["rows"]}
+            self.assertEqual(list(rows), ["ceiling", "secondary-warm", "baseline", "cells"])
+            # No peer was named: its row is left out, and says so.
+            self.assertEqual(rows["baseline"]["figures"], [])
+            self.assertIn("--peer-python", rows["baseline"]["skipped"])
+            for name in ("ceiling", "secondary-warm", "cells"):
+                self.assertIsNone(rows[name]["error"])
+                self.assertTrue(rows[name]["figures"])
+                for figure in rows[name]["figures"]:
+                    if figure["measured"] is not None:
+                        self.assertTrue(math.isfinite(figure["measured"]) and figure["measured"] > 0.0, figure)
+            monte_carlo = rows["secondary-warm"]["figures"][0]["details"]["monte_carlo"]
+            self.assertGreater(monte_carlo["rmse"], 0.0)
+            self.assertEqual(len(monte_carlo["secondary"]["values"]), 2)
+            cells = rows["cells"]["figures"][0]
+            field = cells["details"]["field"]
+            self.assertEqual((field["directions"], field["plane"]), (64, 128))
+            self.assertAlmostEqual(cells["measured"], 100.0 * field["cells_baked"] / field["cells_full"])
+            free = rows["ceiling"]["figures"][0]["details"]["secondary"]
+            self.assertLess(free["free"]["median"], free["monte_carlo"]["median"])
+            self.assertTrue(result["machine"]["cpu"] and result["machine"]["isa"] and result["settings"]["quick"])
+            table = (out / names[1]).read_text(encoding="utf-8")
+            self.assertIn("| 3 secondary-warm | light of 4 degrees | at least 15 x |", table)
+            self.assertIn("A quick run", table)
+
+    def test_wrong_use(self):
+        self.assertEqual(run("--rows", "nonsense").returncode, 2)
+        self.assertEqual(run("--repeats", "0").returncode, 2)
+
+    def test_missing_program(self):
+        with tempfile.TemporaryDirectory() as folder:
+            done = subprocess.run([sys.executable, MEASURE, "--program", f"{folder}/none", "--output", folder, "--work",
+                                   f"{folder}/work"], capture_output=True, text=True)
+            self.assertEqual(done.returncode, 1)
+            self.assertIn("is missing; build it", done.stderr)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--program", required=True)
+    arguments, rest = parser.parse_known_args()
+    PROGRAM = arguments.program
+    unittest.main(argv=[sys.argv[0], *rest])

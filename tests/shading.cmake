@@ -1,8 +1,0 @@
-fieldtrace_test(bsdf_test LABELS quick)
-fieldtrace_test(bsdf_families_test LABELS quick)
-fieldtrace_test(conductor_samples_test LABELS quick)
-fieldtrace_test(bsdf_reference_test LABELS quick)
-fieldtrace_test(texture_test LABELS quick)
-fieldtrace_test(surface_test LABELS quick)
-fieldtrace_test(camera_test LABELS quick)
-fieldtrace_test(transport_test LABELS quick)

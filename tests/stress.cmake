@@ -1,1 +1,0 @@
-fieldtrace_test(stress_test LABELS slow)

@@ -1,0 +1,149 @@
+// An object under a placement and a sphere light, with receivers about it: for tests of whole lights and their parts.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "core/mesh/mesh_procedural.h"
+#include "core/simd/isa.h"
+#include "core/trace/accel.h"
+#include "hybrid/visibility/shadow_answerer.h"
+#include "tests/support/random_lines.h"
+#include "tests/support/small_scenes.h"
+
+namespace fieldtrace::test {
+
+inline constexpr uint32_t k_object = 0;
+
+// An object under a placement, and a sphere light.
+struct ConeScene {
+  SceneMaker maker;
+  Sphere light;
+  std::unique_ptr<Accel> accel;
+  std::unique_ptr<Field> field;
+
+  ConeScene(const TriangleMesh& mesh, const Affine& place, const Sphere& light_ball,
+            const FieldParameters& parameters = {.directions = 32, .plane = 64})
+      : light(light_ball) {
+    const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+    maker.instance(maker.mesh(mesh), bsdf, place);
+    const Affine at(Vec3(light.radius, 0, 0), Vec3(0, light.radius, 0), Vec3(0, 0, light.radius), light.centre);
+    maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), bsdf, at), Rgb(1.0f));
+    accel = std::make_unique<Accel>(maker.scene);
+    field = std::make_unique<Field>(field_ball(maker.scene.shapes[0].bounds), parameters);
+  }
+
+  ShadowAnswerer answerer(Isa isa, float tolerance) const {
+    return ShadowAnswerer(maker.scene, *accel, shape_traits(maker.scene), {field.get(), nullptr},
+                          {.isa = resolve_isa(isa), .tolerance = tolerance});
+  }
+  // What is found for lights of so many samples.
+  ShadowGroup find(const ShadowAnswerer& from, const ReceiverBatch& receivers, int light_samples, Stats& stats) const {
+    ShadowGroup group;
+    group.light = light_extent(maker.scene, 0);
+    group.light_samples = light_samples;
+    from.find_candidates(receivers, group, stats);
+    return group;
+  }
+  ShadowGroup ask(const ReceiverBatch& receivers, Isa isa, float tolerance, Stats& stats) const {
+    return find(answerer(isa, tolerance), receivers, 256, stats);
+  }
+
+  // Of `count` exact rays from p to points of the light's ball, how many are blocked by the object.
+  int blocked_rays(const Vec3& p, int count, TestRandom& random) const {
+    RayBatch rays;
+    rays.resize(size_t(count));
+    std::vector<uint32_t> all;
+    for (int i = 0; i < count; ++i) {
+      rays.set(size_t(i), p, light.centre + light.radius * random.in_ball() - p, 1.0f);
+      all.push_back(uint32_t(i));
+    }
+    std::vector<uint8_t> blocked(size_t(count), 0);
+    accel->occluded_by(k_object, rays, all, blocked.data());
+    return int(std::count(blocked.begin(), blocked.end(), 1));
+  }
+};
+
+// Turned, stretched along one axis by up to `stretch`, of about the given size.
+inline Affine random_place(TestRandom& random, float size, float stretch) {
+  const Vec3 x = random.direction(), z = glm::normalize(glm::cross(x, random.direction())), y = glm::cross(z, x);
+  return Affine(x * size, y * size * random.uniform(1.0f / stretch, 1.0f), z * size, size * random.direction());
+}
+
+inline void set_receiver(ReceiverBatch& batch, size_t r, const Vec3& p, const Vec3& normal, uint32_t instance) {
+  batch.px[r] = p.x, batch.py[r] = p.y, batch.pz[r] = p.z;
+  batch.gx[r] = normal.x, batch.gy[r] = normal.y, batch.gz[r] = normal.z;
+  batch.sx[r] = normal.x, batch.sy[r] = normal.y, batch.sz[r] = normal.z;
+  batch.error[r] = gamma_bound(3) * (std::abs(p.x) + std::abs(p.y) + std::abs(p.z));
+  batch.instance[r] = instance;
+}
+
+// Receivers beyond the object as seen from the light, so that its shadow falls among them.
+inline ReceiverBatch shadowed_receivers(const ConeScene& s, const Sphere& world, int count, TestRandom& random) {
+  ReceiverBatch batch;
+  batch.resize(size_t(count));
+  for (int r = 0; r < count; ++r) {
+    const Vec3 through = world.centre + world.radius * random.in_ball();
+    const Vec3 away = glm::normalize(through - s.light.centre);
+    const Vec3 p = through + away * (world.radius * random.uniform(0.2f, 3.0f));
+    set_receiver(batch, size_t(r), p, -away, k_none);
+  }
+  return batch;
+}
+
+// Receivers on the object's triangles, turned to the light.
+inline ReceiverBatch own_receivers(const ConeScene& s, int count, TestRandom& random) {
+  const TriangleMesh& mesh = s.maker.scene.shapes[0].mesh;
+  const Affine& place = s.maker.scene.instances[k_object].to_world;
+  ReceiverBatch batch;
+  batch.resize(size_t(count));
+  for (int r = 0; r < count;) {
+    const UVec3 t = mesh.triangles[random.index(uint32_t(mesh.triangles.size()))];
+    const Vec3 a = transform_point(place, mesh.positions[t.x]), b = transform_point(place, mesh.positions[t.y]),
+               c = transform_point(place, mesh.positions[t.z]);
+    const Vec3 cross = glm::cross(b - a, c - a);
+    const Vec3 p = (a + b + c) / 3.0f;
+    const Vec3 normal = glm::dot(cross, s.light.centre - p) > 0.0f ? glm::normalize(cross) : -glm::normalize(cross);
+    // Where the light is cut by the horizon, rays below it leave no shadow ray.
+    if (glm::dot(normal, s.light.centre - p) < 1.5f * s.light.radius) continue;
+    set_receiver(batch, size_t(r++), p + normal * gamma_bound(64) * glm::length(p), normal, k_object);
+  }
+  return batch;
+}
+
+inline Sphere world_ball(const ConeScene& s) {
+  const Sphere ball = field_ball(s.maker.scene.shapes[0].bounds);
+  const Affine& m = s.maker.scene.instances[k_object].to_world;
+  return {transform_point(m, ball.centre),
+          ball.radius * std::max({glm::length(m[0]), glm::length(m[1]), glm::length(m[2])})};
+}
+
+// A knot and a light that may lie around the receivers, within the object or behind them: nothing that can be judged.
+inline ConeScene tangled_scene(TestRandom& random) {
+  const Affine place = random_place(random, random.log_uniform(1e-2f, 1e2f), 4.0f);
+  const float size = glm::length(place[0]);
+  const Sphere light = {Vec3(place[3]) + size * random.log_uniform(1e-3f, 3.0f) * random.direction(),
+                        size * random.log_uniform(1e-3f, 3.0f)};
+  return ConeScene(make_knot({.along = 96, .around = 12}), place, light);
+}
+
+// Receivers about such a scene's object, and within it, turned anywhere.
+inline ReceiverBatch tangled_receivers(const ConeScene& s, int count, TestRandom& random) {
+  const Affine& place = s.maker.scene.instances[k_object].to_world;
+  const float size = glm::length(place[0]);
+  ReceiverBatch batch;
+  batch.resize(size_t(count));
+  for (size_t r = 0; r < batch.size; ++r) {
+    set_receiver(batch, r, Vec3(place[3]) + size * random.uniform(0.0f, 2.0f) * random.direction(), random.direction(),
+                 k_none);
+  }
+  return batch;
+}
+
+inline std::vector<TriangleMesh> solid_meshes() {
+  return {make_sphere({.around = 96, .along = 48}), make_knot({.along = 256, .around = 24}), make_supershape({})};
+}
+
+}  // namespace fieldtrace::test

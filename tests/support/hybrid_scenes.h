@@ -1,0 +1,27 @@
+// Small scenes that are hard for fields, each with its name, for the tests of the whole hybrid method: overlapping and
+// crowded instances, lights and receivers inside bounding balls, open surfaces, every kind of light, odd transforms.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/scene/scene.h"
+
+namespace fieldtrace::test {
+
+struct HybridScene {
+  std::string name;
+  Scene scene;
+  // Every mesh with a field is closed and thick: the aim of wrong answers is stated for these.
+  bool solid = true;
+  // Whatever can block a shadow ray has a field, and no group has too many candidates to ask them.
+  bool fields_only = true;
+};
+
+// The pictures are `size` pixels wide and high, with one object of radius 1 or several about the origin, over a floor.
+std::vector<HybridScene> hybrid_scenes(int size);
+
+// One of them.
+HybridScene hybrid_scene(const std::string& name, int size);
+
+}  // namespace fieldtrace::test

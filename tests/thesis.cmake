@@ -1,6 +1,0 @@
-fieldtrace_test(thesis_field_test LABELS quick LIBRARIES fieldtrace_thesis)
-fieldtrace_test(thesis_render_test LABELS slow image LIBRARIES fieldtrace_thesis)
-fieldtrace_test(thesis_report_test LABELS quick LIBRARIES fieldtrace_thesis)
-fieldtrace_test(command_thesis_test LABELS slow TIMEOUT 300 LIBRARIES fieldtrace_tools)
-target_compile_definitions(command_thesis_test PRIVATE FIELDTRACE_PROGRAM="$<TARGET_FILE:fieldtrace>")
-add_dependencies(command_thesis_test fieldtrace)

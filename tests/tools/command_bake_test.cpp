@@ -1,0 +1,136 @@
+// The commands bake and info as a user runs them on fields.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "field/file/field_file.h"
+#include "field/file/field_info.h"
+#include "tests/support/field_checks.h"
+#include "tests/support/program.h"
+
+namespace fieldtrace::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+class CommandBake : public testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_EQ(run({"mesh", "sphere", "-o", "ball.ply", "--around", "16", "--along", "10"}).code, 0);
+  }
+  Outcome run(const std::vector<std::string>& arguments) { return Program(folder_.path(), arguments).wait(); }
+  bool exists(const std::string& name) const { return fs::exists(folder_ / name); }
+
+  TemporaryFolder folder_;
+};
+
+TEST_F(CommandBake, AnInterruptedFullBakeKeepsWhatIsFinished) {
+  // 64 x 256 cells take minutes.
+  Program program(folder_.path(), {"bake", "ball.ply", "-o", "f.vdb", "--full", "--plane", "256"});
+  ASSERT_TRUE(program.interrupt());
+  const Outcome o = program.wait();
+  EXPECT_EQ(o.code, 130) << o.err;
+  EXPECT_NE(o.err.find("interrupted"), std::string::npos) << o.err;
+  EXPECT_NE(o.out.find("f.vdb: ball.ply, 64 x 256 cells"), std::string::npos) << o.out;
+  const Outcome info = run({"info", "f.vdb"});
+  EXPECT_EQ(info.code, 0) << info.err;
+  for (const char* part :
+       {"orthographic", "D 64, N 256, K 16", "visibility", "depth", "on disk", "ask", "cache name"}) {
+    EXPECT_NE(info.out.find(part), std::string::npos) << part << " in\n" << info.out;
+  }
+}
+
+TEST_F(CommandBake, InfoTellsAllOfAFieldAsTextAndAsJson) {
+  constexpr FieldParameters p = {32, 64, 8};
+  Field field(test_ball(), p);
+  fill_random_slices(field, 1, 300);
+  ASSERT_TRUE(field.coverage().claim(7) && field.coverage().claim(900));
+  TileLines lines(CoverageTiles::k_lines_per_tile, 0);
+  ASSERT_TRUE(field.coverage().finish(7, lines));
+  std::fill_n(lines.begin(), 256, uint16_t(5));
+  ASSERT_TRUE(field.coverage().finish(900, lines));
+  save_field(field, test_identity(p), folder_ / "f.vdb");
+  const LayerInfo visibility = layer_info(field, FieldLayer::visibility), depth = layer_info(field, FieldLayer::depth);
+
+  const Outcome text = run({"info", "f.vdb"}), o = run({"info", "f.vdb", "--json"});
+  ASSERT_EQ(o.code, 0) << o.err;
+  const nlohmann::json j = nlohmann::json::parse(o.out);
+  EXPECT_EQ(j["directions"], 32);
+  EXPECT_EQ(j["plane"], 64);
+  EXPECT_EQ(j["lines"], 8);
+  const auto number = [&](const char* group, const char* key) { return j[group][key].get<uint64_t>(); };
+  EXPECT_EQ(number("visibility", "cells_baked"), visibility.cells_baked);
+  EXPECT_EQ(number("visibility", "cells_full"), 32u * 32u * 64u * 64u);
+  EXPECT_EQ(number("visibility", "clear"), visibility.clear);
+  EXPECT_EQ(number("visibility", "blocked"), visibility.blocked);
+  EXPECT_EQ(number("visibility", "ask"), visibility.ask);
+  EXPECT_EQ(number("depth", "cells_baked"), depth.cells_baked);
+  EXPECT_EQ(number("depth", "miss") + number("depth", "sheet") + number("depth", "ask"), depth.cells_baked);
+  EXPECT_GT(number("depth", "sheet"), 0u);
+  EXPECT_EQ(number("depth", "ceiling"), 0u);
+  EXPECT_EQ(number("coverage", "tiles_baked"), 2u);
+  EXPECT_EQ(number("coverage", "tiles_empty"), 1u);
+  EXPECT_EQ(number("coverage", "tiles_full"), 32u * 32u * 4u * 4u);
+  EXPECT_EQ(number("coverage", "lines_baked"), 2048u);
+  EXPECT_EQ(number("coverage", "lines_hit"), 256u);
+  EXPECT_EQ(number("bytes", "disk"), fs::file_size(folder_ / "f.vdb"));
+  EXPECT_EQ(number("bytes", "memory"), field.bytes());
+  EXPECT_GT(j["primitives_baked"], 0u);
+  EXPECT_EQ(number("bytes", "cells"),
+            visibility.cells_baked + 8 * depth.cells_baked + 4 * j["primitives_baked"].get<uint64_t>());
+  EXPECT_EQ(number("bytes", "coverage"), CoverageTiles::k_tile_bytes);
+  EXPECT_NEAR(j["compression"].get<double>(),
+              double(number("bytes", "cells") + number("bytes", "coverage")) / double(number("bytes", "disk")), 1e-9);
+  for (const char* part : {"ceiling 0.0 %", "coverage   2 of 16384 tiles", "128 x 128 lines a direction",
+                           "2048 lines, 12.5 % hit, 1 tiles empty", "to 1 on disk"}) {
+    EXPECT_NE(text.out.find(part), std::string::npos) << part << " in\n" << text.out;
+  }
+  const Outcome mesh = run({"info", "ball.ply", "--json"});
+  EXPECT_EQ(mesh.code, 2);
+  EXPECT_NE(mesh.err.find("--json"), std::string::npos) << mesh.err;
+}
+
+TEST_F(CommandBake, FieldsOfTheThesisChartAreWhole) {
+  // The ball fills its bounding sphere: no ray misses it.
+  ASSERT_EQ(run({"mesh", "hyperboloid", "-o", "h.ply", "--around", "16", "--along", "8"}).code, 0);
+  const Outcome o = run({"bake", "h.ply", "-o", "f.vdb", "--chart", "thesis", "--directions", "32"});
+  ASSERT_EQ(o.code, 0) << o.err;
+  EXPECT_NE(o.out.find("f.vdb: h.ply, M = 32, 4327424 samples"), std::string::npos) << o.out;
+  const Outcome text = run({"info", "f.vdb"}), json = run({"info", "f.vdb", "--json"});
+  for (const char* part : {"thesis", "M 32", "4327424", "% miss", "cache name", "on disk"}) {
+    EXPECT_NE(text.out.find(part), std::string::npos) << part << " in\n" << text.out;
+  }
+  const nlohmann::json j = nlohmann::json::parse(json.out);
+  EXPECT_EQ(j["chart"], "thesis");
+  EXPECT_EQ(j["directions"], 32);
+  EXPECT_EQ(j["samples"], 4327424);
+  EXPECT_GT(j["misses"], 0);
+  EXPECT_LT(j["misses"], j["samples"]);
+  EXPECT_EQ(j["bytes"]["disk"], fs::file_size(folder_ / "f.vdb"));
+  EXPECT_EQ(j["bytes"]["memory"], 4327424);
+}
+
+TEST_F(CommandBake, RefusesWhatItCannotBake) {
+  const auto expect = [&](int code, const char* part, const std::vector<std::string>& arguments) {
+    const Outcome o = run(arguments);
+    EXPECT_EQ(o.code, code) << o.err;
+    EXPECT_NE(o.err.find(part), std::string::npos) << o.err;
+  };
+  expect(2, "--full", {"bake", "ball.ply", "-o", "f.vdb"});
+  expect(2, ".vdb", {"bake", "ball.ply", "--full", "-o", "f.ply"});
+  expect(2, "--plane", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--plane", "64"});
+  expect(2, "--directions 256", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--directions", "256"});
+  expect(1, "--field-memory", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--field-memory", "1"});
+  expect(2, "--field-cache-limit", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--field-cache-limit", "10"});
+  expect(1, "--field-memory", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--field-memory", "1"});
+  expect(1, "no/f.vdb", {"bake", "ball.ply", "--full", "-o", "no/f.vdb"});
+  expect(1, "missing.ply", {"bake", "missing.ply", "--full", "-o", "f.vdb"});
+  expect(1, "missing.vdb", {"info", "missing.vdb"});
+  fs::copy_file(folder_ / "ball.ply", folder_ / "foreign.vdb");
+  expect(1, "foreign.vdb: is cut short, or no field file", {"info", "foreign.vdb"});
+  EXPECT_FALSE(exists("f.vdb"));
+}
+
+}  // namespace
+}  // namespace fieldtrace::test

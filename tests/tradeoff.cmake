@@ -1,1 +1,0 @@
-fieldtrace_test(tradeoff_test LABELS quick)

@@ -1,0 +1,124 @@
+// `fieldtrace bake`: the field of one object, or of a scene's objects, ahead of rendering.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+
+#include "core/mesh/mesh_io.h"
+#include "hybrid/fields/field_resolution.h"
+#include "hybrid/fields/thesis_fields.h"
+#include "hybrid/render/bake_scene.h"
+#include "tools/cli/command.h"
+#include "tools/cli/interrupt.h"
+#include "tools/cli/options.h"
+#include "tools/cli/progress.h"
+
+namespace fieldtrace {
+
+namespace {
+
+// Of 1024 x 1024 pixels with 64 light samples.
+constexpr uint64_t k_large_picture_rays = uint64_t(1024) * 1024 * 64;
+
+struct BakeArguments {
+  SceneArguments input;
+  std::string output;
+  BakeOptions options;
+  int directions = 0, plane = 0;  // 0: as `render` would choose for k_large_picture_rays
+};
+
+bool is_mesh(const std::string& path) {
+  std::string ending = std::filesystem::path(path).extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  return ending == ".obj" || ending == ".ply";
+}
+
+// OpenVDB programs go by the ending; a folder is a field cache.
+void check_output(const std::string& path) {
+  if (std::filesystem::is_directory(path) || std::filesystem::path(path).extension() == ".vdb") return;
+  throw UsageError("-o " + path + ": name a file ending in .vdb, or a folder that exists");
+}
+
+void check_limit(const BakeArguments& arguments) {
+  if (arguments.options.cache_limit == 0 || std::filesystem::is_directory(arguments.output)) return;
+  throw UsageError("--field-cache-limit: -o must name a folder that exists, " + arguments.output + " is none");
+}
+
+std::string summary(const FieldFileInfo& info) {
+  const FieldParameters& p = info.header.identity.parameters;
+  return fmt::format("{} x {} cells, {} baked, {} coverage tiles, {:.1f} MB", p.directions, p.plane,
+                     info.visibility.cells_baked + info.depth.cells_baked, info.coverage.tiles_baked,
+                     double(info.bytes_disk) * 1e-6);
+}
+
+std::string summary(const ThesisFileInfo& info) {
+  return fmt::format("M = {}, {} samples of the chart thesis, {:.1f} MB", info.header.identity.parameters.directions,
+                     info.samples, double(info.bytes_disk) * 1e-6);
+}
+
+int run_bake(const BakeArguments& arguments) {
+  check_output(arguments.output);
+  check_limit(arguments);
+  const bool mesh = is_mesh(arguments.input.path);
+  const bool by_thesis = arguments.options.chart == Chart::thesis;
+  if (mesh && !arguments.options.full && !by_thesis) {
+    throw UsageError("a mesh alone demands no cells; bake it with --full, or name a scene");
+  }
+  const std::atomic<bool>& stop = stop_on_interrupt();
+  ProgressLine progress(true);
+  RenderCallbacks callbacks;
+  callbacks.progress = [&progress](float share, const char* stage) { progress.update(share, stage); };
+  callbacks.warning = print_warnings(progress);
+  callbacks.stop = &stop;
+  progress.update(0.0, "loading");
+  const Scene scene = mesh ? scene_of_mesh(load_mesh(arguments.input.path, {}, callbacks.warning),
+                                           std::filesystem::path(arguments.input.path).filename().string())
+                           : load_scene(arguments.input, progress);
+  BakeOptions options = arguments.options;
+  if (by_thesis) options.thesis_directions = thesis_directions(arguments.directions, arguments.plane);
+  options.fields = choose_resolution(scene, shape_traits(scene), k_large_picture_rays);
+  if (arguments.directions) options.fields.directions = arguments.directions;
+  if (arguments.plane) options.fields.plane = arguments.plane;
+  const BakeResult result = bake_scene(scene, arguments.output, options, callbacks);
+  progress.clear();
+  for (const BakedField& field : result.fields) {
+    fmt::print("{}: {}, {}\n", field.path, field.object,
+               std::visit([](const auto& info) { return summary(info); }, field.info));
+  }
+  if (result.fields.empty()) fmt::print("nothing written: the scene's shadow rays demand no field\n");
+  if (!result.interrupted) return k_exit_success;
+  fmt::print(stderr, "fieldtrace: interrupted; the finished cells were written\n");
+  return k_exit_interrupted;
+}
+
+}  // namespace
+
+void add_bake_command(CommandLine& line) {
+  const auto arguments = std::make_shared<BakeArguments>();
+  CLI::App& command = *line.app.add_subcommand("bake", "Bake displacement fields ahead of rendering");
+  command.add_option("input", arguments->input.path, "Scene or mesh")->required()->type_name("SCENE.xml|MESH");
+  command
+      .add_option("-o", arguments->output,
+                  "Field to write, further objects as FIELD.2.vdb and so on; or a folder for render --field-cache")
+      ->required()
+      ->type_name("FIELD.vdb|DIR");
+  command.add_flag("--full", arguments->options.full,
+                   "Bake every cell, not only those that the scene demands (thesis: always)");
+  command.add_option("--directions", arguments->directions, "Direction cells D (default: from the scene's lights)")
+      ->check(field_directions())
+      ->type_name("D");
+  command.add_option("--plane", arguments->plane, "Plane cells N (default: from the scene's lights)")
+      ->check(field_plane())
+      ->type_name("N");
+  add_chart_option(command, arguments->options.chart);
+  add_memory_option(command, arguments->options.field_memory);
+  add_cache_limit_option(command, arguments->options.cache_limit);
+  command.add_option("--threads", arguments->options.threads, "Threads (default: 0, all)")
+      ->check(thread_count())
+      ->type_name("N");
+  add_scene_reading_options(command, arguments->input);
+  command.callback([arguments, &line] { line.action = [arguments] { return run_bake(*arguments); }; });
+}
+
+}  // namespace fieldtrace

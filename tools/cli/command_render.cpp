@@ -1,0 +1,187 @@
+// `fieldtrace render`: one scene to images and statistics.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+
+#include "core/io/atomic_file.h"
+#include "tools/cli/command.h"
+#include "tools/cli/interrupt.h"
+#include "tools/cli/options.h"
+#include "tools/cli/progress.h"
+
+namespace fieldtrace {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+// Stops beyond which every finite float becomes 0 or infinite.
+constexpr double k_max_exposure = 126.0;
+
+struct RenderArguments {
+  SceneArguments scene;
+  RenderOptions options;
+  std::vector<std::string> outputs;
+  std::string crop;
+  std::string stats_file;
+  float exposure = 0.0f;
+  bool float32 = false;
+  bool quiet = false;
+};
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+void require_outputs_writable(const RenderArguments& arguments) {
+  for (const std::string& path : arguments.outputs) require_image_writable(path);
+  if (!arguments.stats_file.empty()) require_writable(arguments.stats_file);
+}
+
+void write_outputs(const RenderArguments& arguments, const RenderResult& result, const std::string& command) {
+  ImageWriteOptions options;
+  options.exposure = arguments.exposure;
+  options.half = !arguments.float32;
+  options.metadata = {{"fieldtrace:command", command},
+                      {"fieldtrace:version", FIELDTRACE_VERSION},
+                      {"fieldtrace:seed", std::to_string(result.stats.seed)},
+                      {"fieldtrace:spp", std::to_string(result.stats.spp)}};
+  if (result.interrupted) options.metadata["fieldtrace:interrupted"] = "1";
+  for (const std::string& path : arguments.outputs) write_image(path, result.image, options);
+}
+
+std::string count(uint64_t n) {
+  if (n < 10000) return std::to_string(n);
+  if (n < 10000000) return fmt::format("{:.1f} k", double(n) * 1e-3);
+  if (n < 10000000000) return fmt::format("{:.1f} M", double(n) * 1e-6);
+  return fmt::format("{:.1f} G", double(n) * 1e-9);
+}
+
+std::string megabytes(uint64_t bytes) { return fmt::format("{:.1f} MB", double(bytes) * 1e-6); }
+
+std::string percent(uint64_t part, uint64_t all) {
+  return fmt::format("{:.3g} %", all > 0 ? 100.0 * double(part) / double(all) : 0.0);
+}
+
+void print_checks(const Stats& s) {
+  const char* title = "check ";
+  for (int v = 0; v < k_checked_verdicts; ++v) {
+    const uint64_t answers = s.check_by[v][0].answers + s.check_by[v][1].answers;
+    const uint64_t wrong = s.check_by[v][0].wrong + s.check_by[v][1].wrong;
+    if (answers == 0) continue;
+    fmt::print(stderr, "{}  {} of {} certified answers `{}` wrong ({})\n", title, wrong, answers,
+               k_checked_verdict_names[v], percent(wrong, answers));
+    title = "      ";
+  }
+}
+
+void print_summary(const Stats& s) {
+  fmt::print(stderr, "{}, {}x{}, {} spp x {} light sample{}, seed {}, {} thread{}, {}\n", s.method, s.width, s.height,
+             s.spp, s.light_samples, s.light_samples == 1 ? "" : "s", s.seed, s.threads, s.threads == 1 ? "" : "s",
+             s.isa);
+  fmt::print(stderr, "scene   {} triangles, {} instances, {} lights\n", count(s.triangles), s.instances, s.lights);
+  fmt::print(stderr, "time    {:.2f} s: load {:.2f}, bake {:.2f}, primary {:.2f}, secondary {:.2f}\n", s.time_total,
+             s.time_load, s.time_bake, s.time_primary, s.time_secondary);
+  fmt::print(stderr, "rays    {} primary, {} shadow ({} near an object), {} glossy\n", count(s.rays_primary),
+             count(s.rays_shadow), count(s.rays_crossing), count(s.rays_glossy));
+  if (s.field_objects > 0) {
+    // The thesis' chart has no plane.
+    const std::string cells = s.field_plane == 0 ? fmt::format("chart thesis, M = {}", s.field_directions)
+                                                 : fmt::format("{} x {} cells", s.field_directions, s.field_plane);
+    fmt::print(stderr, "fields  {} object{}, {}, {} of {} baked, {} in memory\n", s.field_objects,
+               s.field_objects == 1 ? "" : "s", cells, count(s.field_cells_baked), count(s.field_cells_full),
+               megabytes(s.field_bytes_memory));
+  } else if (s.field_restarts > 0) {
+    fmt::print(stderr, "fields  none: {} are too little for any\n", megabytes(s.field_bytes_budget));
+  } else if (s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {
+    fmt::print(stderr, "fields  none: every object is too simple to gain from one\n");
+  }
+  if (s.field_left_to_rays > 0) {
+    fmt::print(stderr, "left    {} object{} to exact rays for shadows: fields would answer too little\n",
+               s.field_left_to_rays, s.field_left_to_rays == 1 ? "" : "s");
+  }
+  if (s.field_own_to_rays > 0) {
+    fmt::print(stderr, "left    {} object{} to exact rays for shadows on themselves\n", s.field_own_to_rays,
+               s.field_own_to_rays == 1 ? "" : "s");
+  }
+  fmt::print(stderr, "exact   {:.1f} % of the shadow rays near an object, {:.2f} objects a ray\n",
+             100.0 * s.exact_fraction(), s.spheres_per_ray());
+  if (s.rays_glossy > 0) {
+    fmt::print(stderr, "        {} of the glossy rays\n", percent(s.rays_glossy_exact, s.rays_glossy));
+  }
+  print_checks(s);
+  if (s.time_total > 0) {
+    fmt::print(stderr, "speed   {}rays/s, peak memory {}\n",
+               count(uint64_t(double(s.rays_primary + s.rays_shadow + s.rays_glossy) / s.time_total)) + " ",
+               megabytes(s.memory_peak_bytes));
+  }
+}
+
+int run_render(const RenderArguments& arguments, const std::string& command) {
+  const Clock::time_point start = Clock::now();
+  require_outputs_writable(arguments);
+  const std::atomic<bool>& stop = stop_on_interrupt();
+  ProgressLine progress(!arguments.quiet);
+  progress.update(0.0, "loading");
+  const Scene scene = load_scene(arguments.scene, progress);
+  const double load_seconds = seconds_since(start);
+
+  RenderOptions options = arguments.options;
+  if (!arguments.crop.empty()) options.crop = parse_crop(arguments.crop, scene.film.crop, "film");
+  RenderCallbacks callbacks;
+  callbacks.progress = [&progress](float share, const char* stage) { progress.update(share, stage); };
+  callbacks.warning = print_warnings(progress);
+  callbacks.stop = &stop;
+  RenderResult result = render(scene, options, callbacks);
+  progress.clear();
+
+  Stats& stats = result.stats;
+  const Clock::time_point write_begin = Clock::now();
+  write_outputs(arguments, result, command);
+  stats.time_write = seconds_since(write_begin);
+  stats.version = FIELDTRACE_VERSION;
+  stats.time_load = load_seconds;
+  stats.time_total = seconds_since(start);
+  stats.memory_peak_bytes = peak_memory_bytes();
+  if (!arguments.stats_file.empty()) write_text_file(arguments.stats_file, stats.to_json());
+  if (!arguments.quiet) print_summary(stats);
+  if (!result.interrupted) return k_exit_success;
+  fmt::print(stderr, "fieldtrace: interrupted; the finished tiles were written\n");
+  return k_exit_interrupted;
+}
+
+// Options that are documented but not built: accepted by name so that the message can say so.
+void add_unavailable_options(CLI::App& command) {
+  for (const auto& [name, type] : {std::pair{"--time-limit", "S"}, {"--target-error", "E"}, {"--resume", "FILE"}}) {
+    command
+        .add_option_function<std::string>(
+            name, [name = std::string(name)](const std::string&) { throw not_available_yet(name); },
+            "Not available yet")
+        ->type_name(type);
+  }
+}
+
+}  // namespace
+
+void add_render_command(CommandLine& line) {
+  const auto arguments = std::make_shared<RenderArguments>();
+  CLI::App& command = *line.app.add_subcommand("render", "Render a scene");
+  add_scene_options(command, arguments->scene);
+  command.add_option("-o", arguments->outputs, "Image to write, .exr or .png; may be repeated")
+      ->required()
+      ->type_name("OUT")
+      ->allow_extra_args(false);
+  add_render_options(command, arguments->options);
+  command.add_option("--crop", arguments->crop, "Pixels of the film to render")->type_name("X,Y,W,H");
+  command.add_option("--stats", arguments->stats_file, "Write the statistics as JSON")->type_name("FILE.json");
+  command.add_option("--exposure", arguments->exposure, "Exposure of a PNG in stops (default: 0)")
+      ->check(number_between(-k_max_exposure, k_max_exposure))
+      ->type_name("EV");
+  command.add_flag("--float32", arguments->float32, "Write EXR as 32-bit float instead of 16-bit half");
+  command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
+  add_unavailable_options(command);
+  command.callback(
+      [arguments, &line] { line.action = [arguments, &line] { return run_render(*arguments, line.text); }; });
+}
+
+}  // namespace fieldtrace

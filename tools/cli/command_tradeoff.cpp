@@ -1,0 +1,108 @@
+// `fieldtrace tradeoff`: speed against accuracy of one scene, as a table.
+#include <fmt/format.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include "core/io/atomic_file.h"
+#include "hybrid/compare/tradeoff.h"
+#include "tools/cli/command.h"
+#include "tools/cli/interrupt.h"
+#include "tools/cli/options.h"
+#include "tools/cli/progress.h"
+
+namespace fieldtrace {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TradeoffArguments {
+  SceneArguments scene;
+  std::string folder;
+  TradeoffPlanOptions plan;
+  bool quiet = false;
+};
+
+void make_folder(const std::string& folder) {
+  std::error_code failed;
+  fs::create_directories(folder, failed);
+  if (failed) throw Error({folder}, "the folder cannot be made: " + failed.message());
+}
+
+// Grows line by line under a name that says it is not complete; flushed, so that nothing is lost with the program.
+class GrowingTable {
+ public:
+  explicit GrowingTable(const fs::path& final_path)
+      : final_path_(final_path), partial_path_(final_path.string() + ".partial"), out_(partial_path_) {
+    add(tradeoff_csv_header());
+  }
+  void add(const std::string& line) {
+    out_ << line << std::endl;
+    if (!out_) throw Error({partial_path_.string()}, std::string("cannot be written: ") + std::strerror(errno));
+  }
+  void finish() {
+    out_.close();
+    std::error_code failed;
+    fs::rename(partial_path_, final_path_, failed);
+    if (failed) throw Error({final_path_.string()}, "cannot be written: " + failed.message());
+  }
+  std::string partial_path() const { return partial_path_.string(); }
+  std::string final_path() const { return final_path_.string(); }
+
+ private:
+  fs::path final_path_, partial_path_;
+  std::ofstream out_;
+};
+
+int run_command(const TradeoffArguments& arguments) {
+  make_folder(arguments.folder);
+  const fs::path folder = arguments.folder;
+  const std::string reference_path = (folder / "reference.exr").string();
+  require_writable(reference_path);
+  ProgressLine progress(!arguments.quiet);
+  const Scene scene = load_scene(arguments.scene, progress);
+  GrowingTable table(folder / "tradeoff.csv");
+
+  TradeoffCallbacks callbacks;
+  callbacks.render.stop = &stop_on_interrupt();
+  callbacks.render.warning = print_warnings(progress);
+  callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
+  callbacks.row = [&](const TradeoffRow& row, const Image&) { table.add(tradeoff_csv_row(row)); };
+  Image reference;
+  const bool complete =
+      run_tradeoff(scene, make_tradeoff_plan(scene, arguments.plan), arguments.folder, reference, callbacks);
+  progress.clear();
+
+  if (!reference.data.empty()) {
+    ImageWriteOptions options;
+    options.half = false;
+    write_image(reference_path, reference, options);
+  }
+  if (!complete) {
+    fmt::print(stderr, "fieldtrace: interrupted; the rows so far are in {}\n", table.partial_path());
+    return k_exit_interrupted;
+  }
+  table.finish();
+  if (!arguments.quiet) fmt::print(stderr, "{} and {} written\n", table.final_path(), reference_path);
+  return k_exit_success;
+}
+
+}  // namespace
+
+void add_tradeoff_command(CommandLine& line) {
+  const auto arguments = std::make_shared<TradeoffArguments>();
+  CLI::App& command = *line.app.add_subcommand("tradeoff", "Measure speed against accuracy over one scene");
+  add_scene_options(command, arguments->scene);
+  command.add_option("-o", arguments->folder, "Folder to write, made if missing")->required()->type_name("DIR");
+  command.add_flag("--quick", arguments->plan.quick, "Few samples, one field resolution, a coarser reference");
+  command.add_option("--threads", arguments->plan.base.threads, "Threads (default: 0, all)")
+      ->check(thread_count())
+      ->type_name("N");
+  command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
+  command.callback([arguments, &line] { line.action = [arguments] { return run_command(*arguments); }; });
+}
+
+}  // namespace fieldtrace

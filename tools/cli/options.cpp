@@ -1,0 +1,269 @@
+#include "tools/cli/options.h"
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <optional>
+
+#include "core/loader/scene_xml.h"
+#include "hybrid/path/aovs.h"
+#include "tools/cli/command.h"
+#include "tools/cli/progress.h"
+
+namespace fieldtrace {
+
+namespace {
+
+// Chosen so that products with the pixels of a large film stay far below 2^63.
+constexpr int k_max_samples = 1 << 20;
+constexpr int k_max_threads = 4096;
+// 10^18 bytes.
+constexpr int64_t k_max_megabytes = int64_t(1000) * 1000 * 1000 * 1000;
+
+template <class T>
+std::optional<T> whole_parse(const std::string& text) {
+  T value{};
+  const char* end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc() || stop != end) return std::nullopt;
+  return value;
+}
+
+CLI::Validator one_of(std::vector<std::string> values) {
+  const std::string list = fmt::format("{}", fmt::join(values, ", "));
+  return CLI::Validator(
+      [values, list](std::string& text) {
+        for (const std::string& value : values) {
+          if (text == value) return std::string();
+        }
+        return fmt::format("'{}' is not one of {}", text, list);
+      },
+      "{" + list + "}");
+}
+
+}  // namespace
+
+CLI::Validator number_between(double least, double most) {
+  return CLI::Validator(
+      [=](std::string& text) {
+        const auto value = whole_parse<double>(text);
+        // Written so that NaN, which compares false with everything, is refused.
+        if (value && *value >= least && *value <= most) return std::string();
+        return fmt::format("'{}' is not a number between {} and {}", text, least, most);
+      },
+      fmt::format("in [{}, {}]", least, most));
+}
+
+CLI::Validator positive_number() {
+  return CLI::Validator(
+      [](std::string& text) {
+        const auto value = whole_parse<double>(text);
+        if (value && float(*value) > 0.0f) return std::string();
+        return fmt::format("'{}' is not a number greater than 0", text);
+      },
+      "> 0");
+}
+
+CLI::Validator whole_number_between(int64_t least, int64_t most) {
+  return CLI::Validator(
+      [=](std::string& text) {
+        const auto value = whole_parse<int64_t>(text);
+        if (value && *value >= least && *value <= most) return std::string();
+        return fmt::format("'{}' is not a whole number between {} and {}", text, least, most);
+      },
+      fmt::format("in [{}, {}]", least, most));
+}
+
+CLI::Validator field_directions() { return one_of({"32", "64", "128", "256"}); }
+CLI::Validator field_plane() { return one_of({"64", "128", "256", "512"}); }
+CLI::Validator thread_count() { return whole_number_between(0, k_max_threads); }
+
+void add_chart_option(CLI::App& command, Chart& chart) {
+  static const std::map<std::string, Chart> charts = {{"orthographic", Chart::orthographic}, {"thesis", Chart::thesis}};
+  command
+      .add_option_function<std::string>(
+          "--chart", [&chart](const std::string& name) { chart = charts.at(name); },
+          "How rays are cut into cells (default: orthographic); thesis: whole fields of nearest cells, M = "
+          "--directions "
+          "(32, 64, 128; default: 64), no --plane")
+      ->check(one_of({"orthographic", "thesis"}))
+      ->type_name("NAME");
+}
+
+namespace {
+
+CLI::Option* add_megabytes(CLI::App& command, const char* name, uint64_t& bytes, const char* help) {
+  return command
+      .add_option_function<uint64_t>(
+          name, [&bytes](const uint64_t& megabytes) { bytes = megabytes * 1000000; }, help)
+      ->check(whole_number_between(1, k_max_megabytes))
+      ->type_name("MB");
+}
+
+}  // namespace
+
+void add_memory_option(CLI::App& command, uint64_t& bytes) {
+  add_megabytes(command, "--field-memory", bytes, "Memory that fields may take (default: half of the machine's)");
+}
+
+CLI::Option* add_cache_limit_option(CLI::App& command, uint64_t& bytes) {
+  return add_megabytes(
+      command, "--field-cache-limit", bytes,
+      "Size that the folder of fields is kept below by removing the least recently used (default: none)");
+}
+
+void add_scene_reading_options(CLI::App& command, SceneArguments& arguments) {
+  command.add_option("-D", arguments.definitions, "Value for $name in the scene file; may be repeated")
+      ->type_name("name=value")
+      ->allow_extra_args(false);
+  command.add_flag("--strict", arguments.strict, "Treat what the scene loader would warn about as an error");
+}
+
+void add_scene_options(CLI::App& command, SceneArguments& arguments) {
+  command.add_option("scene", arguments.path, "Scene file (Mitsuba 3 XML subset)")->required()->type_name("SCENE.xml");
+  add_scene_reading_options(command, arguments);
+}
+
+WarningSink print_warnings(ProgressLine& progress) {
+  return [&progress](const std::string& message) {
+    progress.clear();
+    fmt::print(stderr, "fieldtrace: warning: {}\n", message);
+  };
+}
+
+Scene load_scene(const SceneArguments& arguments, ProgressLine& progress) {
+  SceneLoadOptions options;
+  for (const std::string& definition : arguments.definitions) {
+    const size_t equals = definition.find('=');
+    if (equals == 0 || equals == std::string::npos) {
+      throw UsageError("-D " + definition + ": write -D name=value");
+    }
+    options.parameters[definition.substr(0, equals)] = definition.substr(equals + 1);
+  }
+  options.strict = arguments.strict;
+  options.warning = print_warnings(progress);
+  return load_scene(arguments.path, options);
+}
+
+void add_render_options(CLI::App& command, RenderOptions& options) {
+  static const std::map<std::string, Method> methods = {{"hybrid", Method::hybrid},
+                                                        {"montecarlo", Method::monte_carlo}};
+  static const std::map<std::string, Isa> isas = {{"auto", Isa::automatic},
+                                                  {"scalar", Isa::scalar},
+                                                  {"sse4", Isa::sse4},
+                                                  {"avx2", Isa::avx2},
+                                                  {"avx512", Isa::avx512}};
+  static const std::map<std::string, FieldHits> hits = {
+      {"auto", FieldHits::automatic}, {"always", FieldHits::always}, {"never", FieldHits::never}};
+  static const std::vector<std::string> aovs = aov_names();
+  const auto whole = [&](const char* name, int& target, int64_t least, int64_t most, const char* help) {
+    command.add_option(name, target, help)->check(whole_number_between(least, most))->type_name("N");
+  };
+
+  command
+      .add_option_function<std::string>(
+          "--method", [&options](const std::string& name) { options.method = methods.at(name); },
+          "How secondary rays are answered (default: hybrid)")
+      ->check(one_of({"hybrid", "montecarlo"}))
+      ->type_name("NAME");
+  whole("--spp", options.spp, 1, k_max_samples, "Camera samples a pixel (default: the scene's)");
+  whole("--light-samples", options.light_samples, 1, k_most_light_samples,
+        "Shadow rays per light and hit (default: 1)");
+  whole("--lobe-samples", options.lobe_samples, 1, k_most_lobe_samples, "Rays per glossy hit (default: 1)");
+  command
+      .add_option_function<uint32_t>(
+          "--seed", [&options](const uint32_t& seed) { options.seed = seed; }, "Random seed (default: the scene's)")
+      ->check(whole_number_between(0, std::numeric_limits<uint32_t>::max()))
+      ->type_name("S");
+  command
+      .add_option("--tolerance", options.tolerance, "From 0 (every ray exact) to 1 (every cell answers) (default: 0.1)")
+      ->check(number_between(0.0, 1.0))
+      ->type_name("T");
+  command.add_option("--directions", options.directions, "Direction cells D of a field (default: from the scene)")
+      ->check(field_directions())
+      ->type_name("D");
+  command.add_option("--plane", options.plane, "Plane cells N of a field (default: from the scene)")
+      ->check(field_plane())
+      ->type_name("N");
+  add_chart_option(command, options.chart);
+  command
+      .add_option_function<std::string>(
+          "--field-hits", [&options](const std::string& name) { options.field_hits = hits.at(name); },
+          "Whether fields answer glossy rays by certified hits (default: auto, where their bake pays)")
+      ->check(one_of({"auto", "always", "never"}))
+      ->type_name("WHEN");
+  CLI::Option* const cache =
+      command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
+          ->type_name("DIR");
+  add_cache_limit_option(command, options.field_cache_limit)->needs(cache);
+  add_memory_option(command, options.field_memory);
+  command.add_option("--threads", options.threads, "Threads (default: 0, all)")->check(thread_count())->type_name("N");
+  command
+      .add_option_function<std::string>(
+          "--isa", [&options](const std::string& name) { options.isa = isas.at(name); },
+          "Instruction set of the look-ups (default: auto)")
+      ->check(one_of({"auto", "scalar", "sse4", "avx2", "avx512"}))
+      ->type_name("NAME");
+  command
+      .add_option_function<std::string>(
+          "--device",
+          [](const std::string& name) {
+            if (name == "cuda") throw not_available_yet("--device cuda");
+          },
+          "Machine that answers secondary rays (default: cpu)")
+      ->check(one_of({"cpu", "cuda"}))
+      ->type_name("NAME");
+  command.add_flag("--check", options.check, "Trace an exact ray beside every certified answer, count the wrong ones");
+  command
+      .add_option("--aov", options.aovs,
+                  fmt::format("Further layers of the EXR, separated by commas: {}", fmt::join(aovs, ", ")))
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check([](const std::string& name) {
+        if (std::find(aovs.begin(), aovs.end(), name) != aovs.end()) return std::string();
+        return fmt::format("'{}' is not one of {}", name, fmt::join(aovs, ", "));
+      })
+      ->type_name("LIST");
+  command
+      .add_option_function<float>(
+          "--ao-distance", [&options](const float& distance) { options.ao_distance = distance; },
+          "World units beyond which nothing occludes the layer ao (default: inf)")
+      ->check(positive_number())
+      ->type_name("D");
+  command
+      .add_option_function<int>(
+          "--max-depth", [&options](const int& depth) { options.max_depth = depth; },
+          "Longest path, -1 for no limit, 1: emission only, 2: direct light (default: the scene's)")
+      ->check(whole_number_between(-1, 1 << 16))
+      ->type_name("N");
+}
+
+Rect parse_crop(const std::string& text, const Rect& whole, const std::string& name) {
+  Rect crop;
+  int* const fields[4] = {&crop.x, &crop.y, &crop.width, &crop.height};
+  size_t begin = 0;
+  for (int i = 0; i < 4; ++i) {
+    const size_t end = i < 3 ? text.find(',', begin) : text.size();
+    const auto value = end == std::string::npos ? std::nullopt : whole_parse<int>(text.substr(begin, end - begin));
+    if (!value) throw UsageError("--crop " + text + ": write four whole numbers X,Y,W,H");
+    *fields[i] = *value;
+    begin = end + 1;
+  }
+  if (!is_inside(crop, whole)) {
+    throw UsageError(fmt::format("--crop {}: not inside the {}, which covers {},{},{},{}", text, name, whole.x, whole.y,
+                                 whole.width, whole.height));
+  }
+  return crop;
+}
+
+uint64_t peak_memory_bytes() {
+  rusage usage{};
+  if (getrusage(RUSAGE_SELF, &usage) != 0) return 0;
+  return uint64_t(usage.ru_maxrss) * 1024;  // Linux counts in units of 1024 bytes
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,69 @@
+// Options that several commands share, and the checks of their ranges.
+//
+// Every check happens while the command line is read; a value out of range is a usage error (exit code 2) that names
+// the option, the value and the range. Thread-safety: none needed.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/scene/scene.h"
+#include "hybrid/render/render.h"
+
+namespace fieldtrace {
+
+class ProgressLine;
+
+// A number in [least, most]; NaN and anything that is not wholly a number is refused.
+CLI::Validator number_between(double least, double most);
+
+// A number that is greater than 0 in single precision, "inf" included.
+CLI::Validator positive_number();
+
+// A whole number in [least, most].
+CLI::Validator whole_number_between(int64_t least, int64_t most);
+
+// D in {32, 64, 128, 256} and N in {64, 128, 256, 512}: few values, so that caches are reused.
+CLI::Validator field_directions();
+CLI::Validator field_plane();
+
+// Threads to use: 0 (all) to 4096.
+CLI::Validator thread_count();
+
+// --chart.
+void add_chart_option(CLI::App& command, Chart& chart);
+
+// --field-memory and --field-cache-limit, given in units of 10^6 bytes; the targets are in bytes.
+void add_memory_option(CLI::App& command, uint64_t& bytes);
+CLI::Option* add_cache_limit_option(CLI::App& command, uint64_t& bytes);
+
+// Where a scene comes from and how it is read.
+struct SceneArguments {
+  std::string path;
+  std::vector<std::string> definitions;  // "name=value"
+  bool strict = false;
+};
+void add_scene_options(CLI::App& command, SceneArguments& arguments);
+
+// -D name=value and --strict alone, for commands whose positional argument need not be a scene.
+void add_scene_reading_options(CLI::App& command, SceneArguments& arguments);
+
+// Loads the scene. Warnings go to stderr, past the progress line. Throws Error, and UsageError for a malformed -D.
+Scene load_scene(const SceneArguments& arguments, ProgressLine& progress);
+
+// Prints "fieldtrace: warning: ..." to stderr, past the progress line, which must outlive the sink.
+WarningSink print_warnings(ProgressLine& progress);
+
+// Options of RenderOptions as the render command spells them; --device is read and checked too.
+void add_render_options(CLI::App& command, RenderOptions& options);
+
+// "x,y,w,h". Throws UsageError unless these are four whole numbers and lie within `whole`, the pixels of what `name`
+// says ("film").
+Rect parse_crop(const std::string& text, const Rect& whole, const std::string& name);
+
+// Peak resident memory of the process so far, in bytes.
+uint64_t peak_memory_bytes();
+
+}  // namespace fieldtrace
