@@ -29,7 +29,7 @@ std::vector<float> tabulate_gaussian(double radius, double stddev) {
     const double target = total * k / k_gaussian_steps;
     double high = radius;
     double a = low;
-    // 40 halvings of the radius reach 1e-12 of it.
+    // 40 bisection steps of the radius reach 1e-12 of it.
     for (int step = 0; step < 40; ++step) {
       const double middle = 0.5 * (a + high);
       (gaussian_integral(middle, radius, stddev) < target ? a : high) = middle;

@@ -1,11 +1,10 @@
-// The loop over receivers and samples behind sample_light, for one lane type.
+// The loop over shading points and samples behind sample_light, for one lane type.
 //
-// Receivers are taken in groups of one per lane: what depends on the receiver alone is computed for the group at once.
-// The group's N * M ray slots are M vectors; for each the receivers' values are permuted to the lanes that need them:
-// not at all for M = 1, one receiver for a run of vectors if N divides M, by an index table otherwise.
-// Each slot's value depends on its receiver, k and the receiver's own point only, not on its lane: so all lane counts
-// give the same bits.
-// Thread-safety: writes `out` only.
+// Shading points are taken in groups of one per lane: what depends on the shading point alone is computed for the group
+// at once. The group's N * M ray slots are M vectors; for each the shading points' values are permuted to the lanes
+// that need them: not at all for M = 1, one shading point for a run of vectors if N divides M, by an index table
+// otherwise. Each slot's value depends on its shading point, k and the shading point's own point only, not on its lane:
+// so all lane counts give the same bits. Thread-safety: writes `out` only.
 
 #if defined(FIELDTRACE_CORE_LIGHT_LIGHT_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_LIGHT_LIGHT_BATCH_INL_H_
@@ -27,16 +26,16 @@
 FT_LANES_BEGIN
 
 template <class F>
-struct ReceiverLanes {
-  LightReceiver<F> at;
+struct ShadingPointLanes {
+  LightShadingPoint<F> at;
   Vec3Lanes<F> normal;  // geometric
-  F slip;               // receivers that transmit: the origin's offset, to the side of the direction
+  F slip;               // shading points that transmit: the origin's offset, to the side of the direction
   SetSequence<F> points;
   SobolSeeds<F> third_seeds;
   Uint_t<F> first_index, instance;
 
   template <class Op>
-  FT_HD_INLINE ReceiverLanes map(const Op& op) const {
+  FT_HD_INLINE ShadingPointLanes map(const Op& op) const {
     return {{op(at.origin), op(at.shading), op(at.delta), op(at.transmits)},
             op(normal),
             op(slip),
@@ -85,18 +84,18 @@ struct LightBatch {
   const Light& light;
   const int32_t* const point_sets;
   const Kind kind;
-  const ReceiverBatch& receivers;
+  const ShadingPointBatch& shading_points;
   const uint32_t dimension;  // of the light's first pair
   const uint32_t stream;     // set_stream(dimension)
   const LightSampleRange range;
   const size_t slots;
   ShadowBatch& out;
 
-  FT_HD_INLINE ReceiverLanes<F> load_receivers(size_t i) const {
-    const ReceiverBatch& b = receivers;
+  FT_HD_INLINE ShadingPointLanes<F> load_shading_points(size_t i) const {
+    const ShadingPointBatch& b = shading_points;
     const auto at = [i](const AlignedVector<float>& v) { return load_lanes<F>(v.data() + i); };
     const Vec3Lanes<F> point = {at(b.px), at(b.py), at(b.pz)};
-    ReceiverLanes<F> r;
+    ShadingPointLanes<F> r;
     r.normal = {at(b.gx), at(b.gy), at(b.gz)};
     r.at.shading = {at(b.sx), at(b.sy), at(b.sz)};
     const F reach = abs(point.x) + abs(point.y) + abs(point.z);
@@ -130,13 +129,13 @@ struct LightBatch {
     return {centre.x * splat<F>(range.stretch), centre.y * splat<F>(range.stretch)};
   }
 
-  // Of as many receivers from `group` on, which have one each.
+  // Of as many shading points from `group` on, which have one each.
   FT_HD_INLINE CentredPair<F> own_points(size_t group) const {
     return {load_lanes<F>(range.x + group), load_lanes<F>(range.y + group)};
   }
 
-  // Writes one vector of slots: sample first_index + k of each lane's receiver.
-  FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+  // Writes one vector of slots: sample first_index + k of each lane's shading point.
+  FT_HD_INLINE void emit(Slots& to, size_t slot, const ShadingPointLanes<F>& r, const typename Kind::Setup& setup,
                          Uint_t<F> k) const {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
@@ -147,7 +146,7 @@ struct LightBatch {
     emit(to, slot, r, setup, point, third);
   }
 
-  FT_HD_INLINE void emit(Slots& to, size_t slot, const ReceiverLanes<F>& r, const typename Kind::Setup& setup,
+  FT_HD_INLINE void emit(Slots& to, size_t slot, const ShadingPointLanes<F>& r, const typename Kind::Setup& setup,
                          const CentredPair<F>& point, F third) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const auto s = kind.sample(r.at, setup, point.x, point.y, third);
@@ -190,13 +189,13 @@ struct LightBatch {
     }
   }
 
-  // The points of a group of one sample a receiver. Where the receivers are samples of one pixel, one after the other,
-  // the gather is saved.
-  FT_HD_INLINE CentredPair<F> group_points(size_t group, const ReceiverLanes<F>& r) const {
+  // The points of a group of one sample a shading point. Where the shading points are samples of one pixel, one after
+  // the other, the gather is saved.
+  FT_HD_INLINE CentredPair<F> group_points(size_t group, const ShadingPointLanes<F>& r) const {
     if constexpr (k_lanes > 1) {
-      const uint32_t seed = receivers.seed[group], index = receivers.sample[group];
+      const uint32_t seed = shading_points.seed[group], index = shading_points.sample[group];
       const auto run = as_uint(lane_sequence<F>(0)) + splat_uint<F>(index) == r.first_index;
-      const auto pixel = load_uint_lanes<F>(receivers.seed.data() + group) == splat_uint<F>(seed);
+      const auto pixel = load_uint_lanes<F>(shading_points.seed.data() + group) == splat_uint<F>(seed);
       if ((index & 255) <= 256 - k_lanes && all(run & pixel)) {
         const uint32_t set = set_sequence<float>(seed, stream).set;
         return load_points<F>(point_sets, set, r.points, index);
@@ -205,22 +204,22 @@ struct LightBatch {
     return gather_point<F>(point_sets, r.points, r.first_index);
   }
 
-  // One sample a receiver: the group's lanes are the slots. The points of a block come first, in a loop of their own:
-  // two short loops keep more vectors in flight than a long one.
+  // One sample a shading point: the group's lanes are the slots. The points of a block come first, in a loop of their
+  // own: two short loops keep more vectors in flight than a long one.
   void run_single() const {
     constexpr size_t k_block = 256;
     alignas(64) float x[k_block], y[k_block];
     Slots to(out);
-    for (size_t block = 0; block < receivers.size; block += k_block) {
-      const size_t end = std::min(block + k_block, receivers.size);
+    for (size_t block = 0; block < shading_points.size; block += k_block) {
+      const size_t end = std::min(block + k_block, shading_points.size);
       for (size_t group = block; group < end; group += k_lanes) {
-        const ReceiverLanes<F> r = load_receivers(group);
+        const ShadingPointLanes<F> r = load_shading_points(group);
         const CentredPair<F> point = range.x ? own_points(group) : group_points(group, r);
         store_lanes(point.x, x + (group - block));
         store_lanes(point.y, y + (group - block));
       }
       for (size_t group = block; group < end; group += k_lanes) {
-        const ReceiverLanes<F> r = load_receivers(group);
+        const ShadingPointLanes<F> r = load_shading_points(group);
         const CentredPair<F> point = {load_lanes<F>(x + (group - block)), load_lanes<F>(y + (group - block))};
         emit(to, group, r, kind.setup(r.at), point, splat<F>(0.0f));
       }
@@ -228,22 +227,22 @@ struct LightBatch {
     out.active = to.active;
   }
 
-  // Sample counts that fill whole vectors: each vector has one receiver, and consecutive points of one set.
+  // Sample counts that fill whole vectors: each vector has one shading point, and consecutive points of one set.
   void run_whole_vectors() const {
     Slots to(out);
     const size_t m = size_t(range.count);
     alignas(64) int32_t lane[k_lanes * k_lanes];  // lane i, k_lanes times, for each i
     for (int i = 0; i < k_lanes; ++i) std::fill_n(lane + i * k_lanes, k_lanes, i);
     alignas(64) uint32_t set[k_lanes], first_index[k_lanes];
-    for (size_t group = 0; group < receivers.size; group += k_lanes) {
-      const ReceiverLanes<F> r = load_receivers(group);
+    for (size_t group = 0; group < shading_points.size; group += k_lanes) {
+      const ShadingPointLanes<F> r = load_shading_points(group);
       const typename Kind::Setup setup = kind.setup(r.at);
       store_lanes(r.points.set, set);
       store_lanes(r.first_index, first_index);
-      const size_t count = std::min(size_t(k_lanes), receivers.size - group);
+      const size_t count = std::min(size_t(k_lanes), shading_points.size - group);
       for (size_t i = 0; i < count; ++i) {
         const SpreadLanes<F> spread = {LanePermutation<F>(lane + i * k_lanes)};
-        const ReceiverLanes<F> one = r.map(spread);
+        const ShadingPointLanes<F> one = r.map(spread);
         const typename Kind::Setup one_setup = setup.map(spread);
         for (size_t k = 0; k < m; k += k_lanes) {
           const auto number = as_uint(lane_sequence<F>(range.first + int32_t(k)));
@@ -260,15 +259,15 @@ struct LightBatch {
   void run_mixed() const {
     Slots to(out);
     const size_t m = size_t(range.count);
-    // Per vector of a group: the receiver (lane) and the sample number of each slot.
+    // Per vector of a group: the shading point (lane) and the sample number of each slot.
     AlignedVector<int32_t> lane(m * k_lanes);
     AlignedVector<uint32_t> sample(m * k_lanes);
     for (size_t i = 0; i < lane.size(); ++i) {
       lane[i] = int32_t(i / m);
       sample[i] = uint32_t(i % m);
     }
-    for (size_t group = 0; group < receivers.size; group += k_lanes) {
-      const ReceiverLanes<F> r = load_receivers(group);
+    for (size_t group = 0; group < shading_points.size; group += k_lanes) {
+      const ShadingPointLanes<F> r = load_shading_points(group);
       const typename Kind::Setup setup = kind.setup(r.at);
       const size_t base = group * m;
       for (size_t j = 0; j < m && base + j * k_lanes < slots; ++j) {
@@ -294,14 +293,14 @@ template <class F>
 struct LightLoop {
   const LightTable& table;
   uint32_t index;
-  const ReceiverBatch& receivers;
+  const ShadingPointBatch& shading_points;
   LightSampleRange range;
   ShadowBatch& out;
 
   template <class Kind, class... Extra>
   void with(const Extra*... extra) const {
     uint8_t transmits = 0;  // without an early exit the loop runs in vectors
-    for (size_t i = 0; i < receivers.size; ++i) transmits |= receivers.transmits[i];
+    for (size_t i = 0; i < shading_points.size; ++i) transmits |= shading_points.transmits[i];
     const Kind kind(table.lights[index], extra...);
     transmits != 0 ? run_batch<true>(kind) : run_batch<false>(kind);
   }
@@ -312,11 +311,11 @@ struct LightLoop {
     LightBatch<F, Kind, k_transmits>{table.lights[index],
                                      table.point_sets.data(),
                                      kind,
-                                     receivers,
+                                     shading_points,
                                      dimension,
                                      set_stream(dimension),
                                      range,
-                                     receivers.size * size_t(range.count),
+                                     shading_points.size * size_t(range.count),
                                      out}
         .run();
   }

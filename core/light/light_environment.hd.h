@@ -76,7 +76,7 @@ struct EnvironmentLight {
     while (first_column_step <= width / 2) first_column_step *= 2;
   }
 
-  FT_HD_INLINE Setup setup(const LightReceiver<F>&) const { return {}; }
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>&) const { return {}; }
 
   // The last strip that starts at or below v.
   FT_HD_INLINE Int_t<F> find_strip(F v) const {
@@ -110,7 +110,7 @@ struct EnvironmentLight {
     return {gather(texels, base), gather(texels + 1, base), gather(texels + 2, base)};
   }
 
-  FT_HD_INLINE EnvironmentSample<F> sample(const LightReceiver<F>& r, const Setup&, F a, F b, F) const {
+  FT_HD_INLINE EnvironmentSample<F> sample(const LightShadingPoint<F>& r, const Setup&, F a, F b, F) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const F u = from_centred(a), v = from_centred(b);
 

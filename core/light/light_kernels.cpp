@@ -13,9 +13,9 @@
 #if HWY_TARGET != HWY_SCALAR  // sample_light_scalar serves that
 FT_LANES_BEGIN
 
-inline void sample_light_lanes(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+inline void sample_light_lanes(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,
                                const LightSampleRange& range, ShadowBatch& out) {
-  LightLoop<F32>{lights, light, receivers, range, out}.run();
+  LightLoop<F32>{lights, light, shading_points, range, out}.run();
 }
 
 FT_LANES_END

@@ -22,13 +22,13 @@ alignas(64) inline constexpr std::array<uint32_t, k_batch_padding> k_iota = {0, 
                                                                              8, 9, 10, 11, 12, 13, 14, 15};
 
 // `out` is resized by the caller and all slots of a light of kind `none` are inactive already.
-using LightKernel = void (*)(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+using LightKernel = void (*)(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,
                              const LightSampleRange& range, ShadowBatch& out);
 
 // `isa` is resolved: supported by this processor and not `automatic`.
 LightKernel light_kernel_for(Isa isa);
 
-void sample_light_scalar(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+void sample_light_scalar(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,
                          const LightSampleRange& range, ShadowBatch& out);
 
 }  // namespace fieldtrace

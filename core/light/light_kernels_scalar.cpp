@@ -2,9 +2,9 @@
 
 namespace fieldtrace {
 
-void sample_light_scalar(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+void sample_light_scalar(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,
                          const LightSampleRange& range, ShadowBatch& out) {
-  scalar::LightLoop<float>{lights, light, receivers, range, out}.run();
+  scalar::LightLoop<float>{lights, light, shading_points, range, out}.run();
 }
 
 }  // namespace fieldtrace

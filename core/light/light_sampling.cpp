@@ -8,15 +8,15 @@
 
 namespace fieldtrace {
 
-void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers, int light_samples, Isa isa,
-                  ShadowBatch& out) {
-  sample_light(lights, light, receivers, {light_samples, 0, light_samples}, isa, out);
+void sample_light(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points, int light_samples,
+                  Isa isa, ShadowBatch& out) {
+  sample_light(lights, light, shading_points, {light_samples, 0, light_samples}, isa, out);
 }
 
-void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch& receivers,
+void sample_light(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,
                   const LightSampleRange& range, Isa isa, ShadowBatch& out) {
   const LightKernel kernel = light_kernel_for(resolve_isa(isa));
-  out.resize(receivers.size * size_t(range.count));
+  out.resize(shading_points.size * size_t(range.count));
   out.active = 0;
   if (lights.lights[light].kind == LightKind::none) {
     std::fill(out.rays.tmax.begin(), out.rays.tmax.end(), -1.0f);
@@ -24,13 +24,13 @@ void sample_light(const LightTable& lights, uint32_t light, const ReceiverBatch&
     for (auto* v : {&out.rays.ox, &out.rays.oy, &out.rays.oz, &out.rays.dx, &out.rays.dy, &out.weight, &out.pdf}) {
       std::fill(v->begin(), v->end(), 0.0f);
     }
-    for (size_t i = 0; i < out.rays.size; ++i) out.instance[i] = receivers.instance[i / size_t(range.count)];
+    for (size_t i = 0; i < out.rays.size; ++i) out.instance[i] = shading_points.instance[i / size_t(range.count)];
     return;
   }
   if (lights.lights[light].kind == LightKind::environment) {
     for (auto* v : {&out.red, &out.green, &out.blue}) v->resize(padded(out.rays.size));
   }
-  kernel(lights, light, receivers, range, out);
+  kernel(lights, light, shading_points, range, out);
 }
 
 Rgb emitted_radiance(const LightTable& lights, uint32_t index, const Vec3& direction) {
@@ -79,8 +79,9 @@ float affine_pdf(const Light& light, const Vec3& from_centre, const Vec3& direct
 float light_pdf(const LightTable& lights, uint32_t index, const Vec3& from, const Vec3& shading_normal, bool transmits,
                 const Vec3& direction, const LightHit& hit) {
   const Light& light = lights.lights[index];
-  scalar::LightReceiver<float> receiver = {lanes(from), lanes(shading_normal), 0.0f, transmits ? 1.0f : 0.0f};
-  receiver.delta = light.error_base + light.error_slope * (std::fabs(from.x) + std::fabs(from.y) + std::fabs(from.z));
+  scalar::LightShadingPoint<float> shading_point = {lanes(from), lanes(shading_normal), 0.0f, transmits ? 1.0f : 0.0f};
+  shading_point.delta =
+      light.error_base + light.error_slope * (std::fabs(from.x) + std::fabs(from.y) + std::fabs(from.z));
   const Vec3 centre(light.centre[0], light.centre[1], light.centre[2]);
   const Vec3 plane_normal(light.normal[0], light.normal[1], light.normal[2]);
   switch (light.kind) {
@@ -95,17 +96,17 @@ float light_pdf(const LightTable& lights, uint32_t index, const Vec3& from, cons
     case LightKind::environment:
       return environment_density(lights.environment, light, direction);
     case LightKind::sphere:
-      if (glm::length(centre - from) < light.radius + receiver.delta) return 0.0f;
-      return scalar::SphereLight<float>(light).setup(receiver).pdf;
+      if (glm::length(centre - from) < light.radius + shading_point.delta) return 0.0f;
+      return scalar::SphereLight<float>(light).setup(shading_point).pdf;
     case LightKind::rectangle: {
-      const auto setup = scalar::RectangleLight<float>(light).setup(receiver);
-      if (setup.height < receiver.delta) return 0.0f;
+      const auto setup = scalar::RectangleLight<float>(light).setup(shading_point);
+      if (setup.height < shading_point.delta) return 0.0f;
       if (setup.turns < 0.0f) return area_pdf(direction, hit, 1.0f / light.area);
       return 1.0f / setup.inverse_pdf;
     }
     case LightKind::parallelogram:
     case LightKind::disk:
-      if (glm::dot(plane_normal, from - centre) < receiver.delta) return 0.0f;
+      if (glm::dot(plane_normal, from - centre) < shading_point.delta) return 0.0f;
       return area_pdf(direction, hit, 1.0f / light.area);
     case LightKind::sphere_inside:
     case LightKind::ellipsoid:

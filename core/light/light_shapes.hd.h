@@ -9,10 +9,10 @@
 // sine and cosine. Others: uniform by area.
 //
 // Each kind's sample() takes a point (a, b) of [-1, 1)^2, and a third number in [0, 1) where k_third_number says so,
-// and returns the vector from the receiver's origin to the displaced target, see LightSample. Displacing the target by
-// delta along the emitting normal keeps the ray off the light: a planar or convex light lies on the other side of the
-// target's tangent plane, the ray arrives from this side (height >= 0), so it stays delta away. Thread-safety: pure
-// functions; the mesh kind reads its table's triangles.
+// and returns the vector from the shading point's origin to the displaced target, see LightSample. Displacing the
+// target by delta along the emitting normal keeps the ray off the light: a planar or convex light lies on the other
+// side of the target's tangent plane, the ray arrives from this side (height >= 0), so it stays delta away.
+// Thread-safety: pure functions; the mesh kind reads its table's triangles.
 
 #if defined(FIELDTRACE_CORE_LIGHT_LIGHT_SHAPES_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_LIGHT_LIGHT_SHAPES_HD_H_
@@ -29,8 +29,8 @@ FT_LANES_BEGIN
 
 // Where a sample is wanted. World space.
 template <class F>
-struct LightReceiver {
-  Vec3Lanes<F> origin;   // of the ray; for receivers that transmit, before the offset
+struct LightShadingPoint {
+  Vec3Lanes<F> origin;   // of the ray; for shading points that transmit, before the offset
   Vec3Lanes<F> shading;  // unit shading normal
   F delta;               // the light's displacement for this origin (Light::error_base)
   F transmits;           // 1 or 0
@@ -59,7 +59,7 @@ FT_HD_INLINE F from_centred(F a) {
 
 // The sample of a surface point at `to_point` from the origin, chosen with density 1 / inverse_area per area.
 template <class F>
-FT_HD_INLINE LightSample<F> sample_by_area(const LightReceiver<F>& r, const Vec3Lanes<F>& to_point,
+FT_HD_INLINE LightSample<F> sample_by_area(const LightShadingPoint<F>& r, const Vec3Lanes<F>& to_point,
                                            const Vec3Lanes<F>& normal, F inverse_density) {
   const F tiny = splat<F>(Tiny::k_smallest_normal);
   const F inverse_length = splat<F>(1.0f) / max(sqrt(dot(to_point, to_point)), r.delta);
@@ -109,7 +109,7 @@ struct SphereLight {
   FT_HD explicit SphereLight(const Light& light)
       : centre(splat3<F>(light.centre)), radius(splat<F>(light.radius)), inverse_radius(splat<F>(1.0f) / radius) {}
 
-  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>& r) const {
     const F one = splat<F>(1.0f), tiny = splat<F>(Tiny::k_smallest_normal);
     const Vec3Lanes<F> to_centre = centre - r.origin;
     const F target_radius = radius + r.delta;
@@ -136,7 +136,7 @@ struct SphereLight {
             pdf};
   }
 
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F a, F b, F) const {
     const F one = splat<F>(1.0f);
     const DiskPoint<F> p = concentric_disk_centred<F>(a, b);
     const F uniform = p.radius * p.radius;
@@ -203,7 +203,7 @@ struct RectangleLight {
         half_y(splat<F>(light.half_size[1])),
         area(splat<F>(light.area)) {}
 
-  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>& r) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const Vec3Lanes<F> to_centre = centre - r.origin;
     const F cx = dot(to_centre, edge_x), cy = dot(to_centre, edge_y), cz = -dot(to_centre, normal);
@@ -260,7 +260,7 @@ struct RectangleLight {
             solid_angle};
   }
 
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F a, F b, F) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f), tiny = splat<F>(Tiny::k_smallest_normal);
     const F u = from_centred(a), v = from_centred(b);
     const auto by_area = s.turns < zero;

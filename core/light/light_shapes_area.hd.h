@@ -38,8 +38,8 @@ struct ParallelogramLight {
         axis_y(splat3<F>(light.axis[1])),
         normal(splat3<F>(light.normal)),
         area(splat<F>(light.area)) {}
-  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F a, F b, F) const {
     return sample_by_area<F>(r, s.to_centre + (axis_x * a + axis_y * b), normal, area);
   }
 };
@@ -57,8 +57,8 @@ struct DiskLight {
         axis_y(splat3<F>(light.axis[1])),
         normal(splat3<F>(light.normal)),
         area(splat<F>(light.area)) {}
-  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F a, F b, F) const {
     const DiskPoint<F> p = concentric_disk_centred<F>(a, b);
     const Vec3Lanes<F> offset = (axis_x * p.cosine + axis_y * p.sine) * p.radius;
     return sample_by_area<F>(r, s.to_centre + offset, normal, area);
@@ -74,7 +74,7 @@ struct AffineShape {
       : axis{splat3<F>(light.axis[0]), splat3<F>(light.axis[1]), splat3<F>(light.axis[2])},
         normal_axis{splat3<F>(light.normal_axis[0]), splat3<F>(light.normal_axis[1]), splat3<F>(light.normal_axis[2])},
         area(splat<F>(light.area)) {}
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Vec3Lanes<F>& to_centre,
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Vec3Lanes<F>& to_centre,
                                      const Vec3Lanes<F>& point, const Vec3Lanes<F>& unit_normal) const {
     const Vec3Lanes<F> offset = axis[0] * point.x + axis[1] * point.y + axis[2] * point.z;
     const Vec3Lanes<F> n =
@@ -92,8 +92,8 @@ struct EllipsoidLight {
   Vec3Lanes<F> centre;
   AffineShape<F> shape;
   FT_HD explicit EllipsoidLight(const Light& light) : centre(splat3<F>(light.centre)), shape(light) {}
-  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F a, F b, F) const {
     const Vec3Lanes<F> p = uniform_sphere<F>(from_centred(a), from_centred(b));
     return shape.sample(r, s.to_centre, p, p);
   }
@@ -107,8 +107,8 @@ struct CylinderLight {
   Vec3Lanes<F> centre;
   AffineShape<F> shape;
   FT_HD explicit CylinderLight(const Light& light) : centre(splat3<F>(light.centre)), shape(light) {}
-  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F a, F b, F) const {
     const SinCos<F> angle = sincos_turns<F>(from_centred(a));
     return shape.sample(r, s.to_centre, {angle.cosine, angle.sine, from_centred(b)},
                         {angle.cosine, angle.sine, splat<F>(0.0f)});
@@ -132,14 +132,14 @@ struct MeshLight {
       : triangles(table[light.first_triangle].p0), count(light.triangle_count), first_step(1) {
     while (first_step <= count / 2) first_step *= 2;
   }
-  FT_HD_INLINE Setup setup(const LightReceiver<F>&) const { return {}; }
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>&) const { return {}; }
 
   FT_HD_INLINE Vec3Lanes<F> gather3(Int_t<F> base, int member) const {
     return {gather(triangles + member, base), gather(triangles + member + 1, base),
             gather(triangles + member + 2, base)};
   }
 
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup&, F a, F b, F w) const {
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup&, F a, F b, F w) const {
     // The last triangle whose cdf is <= w, by steps of halving size.
     const Int_t<F> stride = splat_int<F>(k_light_triangle_floats);
     const Int_t<F> last = splat_int<F>(int32_t(count) - 1);
@@ -165,8 +165,8 @@ struct PointLight {
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> centre;
   FT_HD explicit PointLight(const Light& light) : centre(splat3<F>(light.centre)) {}
-  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const { return {centre - r.origin}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F, F, F) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>& r) const { return {centre - r.origin}; }
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F, F, F) const {
     const F length = sqrt(dot(s.to_centre, s.to_centre));
     const F inverse_length = splat<F>(1.0f) / max(length, r.delta);
     // Ends delta before the position, so that a surface which the light was put on does not hide it.
@@ -187,13 +187,13 @@ struct DirectionalLight {
   using Setup = CentreSetup<F>;
   Vec3Lanes<F> towards;
   FT_HD explicit DirectionalLight(const Light& light) : towards(splat3<F>(light.centre)) {}
-  FT_HD_INLINE Setup setup(const LightReceiver<F>&) const { return {towards}; }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup&, F, F, F) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>&) const { return {towards}; }
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup&, F, F, F) const {
     return {towards, towards, splat<F>(0.0f), dot(r.shading, towards), splat<F>(1.0f), splat<F>(0.0f)};
   }
 };
 
-// Cosine-weighted about the shading normal; uniform over the sphere for receivers that transmit.
+// Cosine-weighted about the shading normal; uniform over the sphere for shading points that transmit.
 template <class F>
 struct ConstantLight {
   static constexpr bool k_surface = false, k_finite = false, k_third_number = false, k_frequent = true;
@@ -206,11 +206,11 @@ struct ConstantLight {
     }
   };
   FT_HD explicit ConstantLight(const Light&) {}
-  FT_HD_INLINE Setup setup(const LightReceiver<F>& r) const {
+  FT_HD_INLINE Setup setup(const LightShadingPoint<F>& r) const {
     const Basis<F> b = make_basis<F>(r.shading);
     return {b.x, b.y};
   }
-  FT_HD_INLINE LightSample<F> sample(const LightReceiver<F>& r, const Setup& s, F a, F b, F) const {
+  FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F a, F b, F) const {
     const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
     const DiskPoint<F> p = concentric_disk_centred<F>(a, b);
     const F rest = (one - p.radius) * (one + p.radius);

@@ -54,7 +54,7 @@ FT_HD_INLINE Uint_t<F> pixel_seed_lanes(uint32_t seed, Uint_t<F> x, Uint_t<F> y)
 }
 FT_HD_INLINE uint32_t pixel_seed(uint32_t seed, uint32_t x, uint32_t y) { return pixel_seed_lanes<float>(seed, x, y); }
 
-// The seed of one path vertex (0: the camera ray's hit) in a pixel: what ReceiverBatch::seed holds.
+// The seed of one path vertex (0: the camera ray's hit) in a pixel: what ShadingPointBatch::seed holds.
 FT_HD_INLINE uint32_t vertex_seed(uint32_t of_pixel, uint32_t vertex) { return hash_combine(of_pixel, vertex); }
 FT_HD_INLINE uint32_t vertex_seed(uint32_t seed, uint32_t pixel_x, uint32_t pixel_y, uint32_t vertex) {
   return vertex_seed(pixel_seed(seed, pixel_x, pixel_y), vertex);

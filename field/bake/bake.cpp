@@ -5,9 +5,9 @@
 #include <thread>
 #include <vector>
 
-#include "field/bake/lines.h"
+#include "field/bake/cell_lines.h"
 #include "field/store/encode.h"
-#include "field/store/risk.h"
+#include "field/store/risk_classes.h"
 
 namespace fieldtrace {
 namespace {
@@ -16,23 +16,23 @@ constexpr int k_cells = scalar::k_slice_cells;
 constexpr int k_first_round = 4;         // lines a cell traces before it may stop
 constexpr size_t k_slices_at_once = 16;  // bounds the ray batch: 16 * 32 cells * 12 lines = 6144 rays
 
-// A sheet's normals may spread by this much about their mean (cosine of 60 degrees), and its points lie this far off
-// the plane, in radii (docs/decisions/003-certificates.md).
+// A plane fit's normals may spread by this much about their mean (cosine of 60 degrees), and its points lie this far
+// off the plane, in radii (docs/decisions/003-certificates.md).
 constexpr float k_min_normal_cosine = 0.5f;
 constexpr float k_max_residual = 0.005f;
 // ... and at most this many half widths of a plane cell, where cells are small.
 constexpr float k_max_residual_cells = 0.64f;
 
-// A depth cell's lines fan out from its frontmost sheet; a pivot more than this many half widths of a plane cell away
-// is moved there.
+// A depth cell's lines fan out from its frontmost plane fit; a pivot more than this many half widths of a plane cell
+// away is moved there.
 constexpr float k_near_pivot = 4.0f;
 
 // Lines of depth cells spread over this many widths of their cell: an edge that no line met leaves a whole cell wrong,
-// a sizeable part of a light for many receivers at once (docs/decisions/011-hard-meshes.md).
+// a sizeable part of a light for many shading points at once (docs/decisions/011-hard-meshes.md).
 constexpr float k_depth_footprint = 1.4f;
 
-// A depth cell asks where a line of a cell beside it meets something further in front of its sheet than this many plane
-// cells: an edge passes there, which its own lines may have missed (docs/decisions/011-hard-meshes.md).
+// A depth cell asks where a line of a cell beside it meets something further in front of its plane fit than this many
+// plane cells: an edge passes there, which its own lines may have missed (docs/decisions/011-hard-meshes.md).
 constexpr float k_front_cells = 2.0f;
 
 struct Claimed {
@@ -77,23 +77,23 @@ class SliceBaker {
   void bake_primitive(std::span<const Claimed> slices);
 
  private:
-  struct SheetCell {
+  struct DepthCellFit {
     float depth = 0.0f;  // that the lines fan out from; 0, the centre plane, until a line has hit
     int lines = 0, hits = 0;
     std::array<Vec3, k_max_lines> points, normals;  // of the lines that hit, in unit space
   };
 
-  // The plane through the sheet that hit `anchor` lies on, as the cell will store it.
-  struct SheetPlane {
+  // The plane through the plane fit that hit `anchor` lies on, as the cell will store it.
+  struct FittedPlane {
     uint32_t word = 0;             // depth and normal, encoded
     Vec3 normal = Vec3(0.0f);      // decoded
     float offset = 0.0f;           // dot(normal, x) = offset
     bool faces = false;            // the plane is seen from the lines' origin
-    int members = 0;               // hits taken for the sheet's
+    int members = 0;               // hits taken for the plane fit's
     float member_residual = 0.0f;  // their largest distance from the plane
     float distance(const Vec3& p) const { return glm::dot(normal, p) - offset; }
   };
-  SheetPlane fit_plane(const SheetCell& cell, int anchor, const Vec3& in_plane, const Vec3& axis) const;
+  FittedPlane fit_plane(const DepthCellFit& cell, int anchor, const Vec3& in_plane, const Vec3& axis) const;
 
   void add_line(Round& round, const Line& line, uint32_t cell) {
     const float half_squared = 1.0f - glm::dot(line.foot, line.foot);
@@ -118,16 +118,17 @@ class SliceBaker {
     return widened(cell_point(cell_seed(s, i), k), s.at.u, s.at.v, parameters_.directions, k_depth_footprint);
   }
 
-  void trace_sheet_lines(std::vector<SheetCell>& cells, Round& round);
+  void trace_depth_lines(std::vector<DepthCellFit>& cells, Round& round);
   // Whether a line of this cell or of one beside it meets a point for which `counts` holds.
   template <class Counts>
-  static bool meets_beside(const std::vector<SheetCell>& cells, uint32_t i, const Counts& counts) {
+  static bool meets_beside(const std::vector<DepthCellFit>& cells, uint32_t i, const Counts& counts) {
     return any_beside(i, [&](uint32_t j) {
       const auto begin = cells[j].points.begin();
       return std::any_of(begin, begin + cells[j].hits, counts);
     });
   }
-  void store_sheet(const Claimed& slice, uint32_t i, const std::vector<SheetCell>& cells, const CellFrame& frame);
+  void store_plane_fit(const Claimed& slice, uint32_t i, const std::vector<DepthCellFit>& cells,
+                       const CellFrame& frame);
 
   Field& field_;
   const FieldParameters& parameters_;
@@ -178,7 +179,7 @@ void SliceBaker::bake_visibility(std::span<const Claimed> slices) {
   }
 }
 
-void SliceBaker::trace_sheet_lines(std::vector<SheetCell>& cells, Round& round) {
+void SliceBaker::trace_depth_lines(std::vector<DepthCellFit>& cells, Round& round) {
   round.end();
   ShapeHits hits;
   hits.resize(round.count);
@@ -187,7 +188,7 @@ void SliceBaker::trace_sheet_lines(std::vector<SheetCell>& cells, Round& round) 
   const float inverse_radius = 1.0f / field_.ball().radius;
   for (size_t r = 0; r < round.count; ++r) {
     if (hits.t[r] < 0.0f) continue;
-    SheetCell& cell = cells[round.cell[r]];
+    DepthCellFit& cell = cells[round.cell[r]];
     const Vec3 direction = round.rays.direction(r) * inverse_radius;
     const Vec3 origin = (round.rays.origin(r) - field_.ball().centre) * inverse_radius;
     // Normals are turned to the side that the line comes from: open and two-sided meshes need no inside.
@@ -199,9 +200,9 @@ void SliceBaker::trace_sheet_lines(std::vector<SheetCell>& cells, Round& round) 
   }
 }
 
-SliceBaker::SheetPlane SliceBaker::fit_plane(const SheetCell& cell, int anchor, const Vec3& in_plane,
-                                             const Vec3& axis) const {
-  SheetPlane plane;
+SliceBaker::FittedPlane SliceBaker::fit_plane(const DepthCellFit& cell, int anchor, const Vec3& in_plane,
+                                              const Vec3& axis) const {
+  FittedPlane plane;
   const auto member = [&](int k) {
     return glm::dot(cell.normals[k], cell.normals[anchor]) >= k_min_normal_cosine &&
            std::abs(glm::dot(cell.points[k] - cell.points[anchor], cell.normals[anchor])) <= 4.0f * max_residual_;
@@ -230,46 +231,46 @@ SliceBaker::SheetPlane SliceBaker::fit_plane(const SheetCell& cell, int anchor, 
   return plane;
 }
 
-void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const std::vector<SheetCell>& cells,
-                             const CellFrame& frame) {
-  const SheetCell& cell = cells[i];
+void SliceBaker::store_plane_fit(const Claimed& slice, uint32_t i, const std::vector<DepthCellFit>& cells,
+                                 const CellFrame& frame) {
+  const DepthCellFit& cell = cells[i];
   const uint32_t target = slice.first_cell + i % k_cells;
   const int misses = cell.lines - cell.hits;
   if (cell.hits == 0) {
     const int risk = meets_beside(cells, i, [](const Vec3&) { return true; }) ? k_edge_class : 0;
-    field_.store_sheet(target, 0, encode_certificate(scalar::k_kind_miss, risk, 255));
+    field_.store_plane_fit(target, 0, encode_certificate(scalar::k_kind_miss, risk, 255));
     return;
   }
   const float plane_cells = float(parameters_.plane);
   const Vec3 in_plane = frame.s * ((float(cell_a(slice, i)) + 0.5f) * (2.0f / plane_cells) - 1.0f) +
                         frame.t * ((float(cell_b(slice, i)) + 0.5f) * (2.0f / plane_cells) - 1.0f);
-  const auto store = [&](const SheetPlane& plane, int kind, int risk, float residual) {
+  const auto store = [&](const FittedPlane& plane, int kind, int risk, float residual) {
     const float error = k_residual_factor * residual + scalar::k_depth_quantum;
-    field_.store_sheet(target, plane.word, encode_certificate(kind, risk, encode_error(error)));
+    field_.store_plane_fit(target, plane.word, encode_certificate(kind, risk, encode_error(error)));
   };
 
   const float well_in_front = k_front_cells * 2.0f / plane_cells;
-  const auto edge_class = [&](const SheetPlane& plane) {
+  const auto edge_class = [&](const FittedPlane& plane) {
     return meets_beside(cells, i, [&](const Vec3& p) { return plane.distance(p) > well_in_front; }) ? k_edge_class : 0;
   };
 
-  const SheetPlane plane = fit_plane(cell, 0, in_plane, frame.c);
+  const FittedPlane plane = fit_plane(cell, 0, in_plane, frame.c);
   float residual = 0.0f, spread = 1.0f;
   for (int k = 0; k < cell.hits; ++k) {
     residual = std::max(residual, std::abs(plane.distance(cell.points[k])));
     spread = std::min(spread, glm::dot(cell.normals[k], plane.normal));
   }
-  const bool one_sheet = residual <= max_residual_ && spread >= k_min_normal_cosine && plane.faces;
-  if (one_sheet && misses == 0) {
-    store(plane, scalar::k_kind_sheet, edge_class(plane), residual);
+  const bool is_one_surface = residual <= max_residual_ && spread >= k_min_normal_cosine && plane.faces;
+  if (is_one_surface && misses == 0) {
+    store(plane, scalar::k_kind_plane_fit, edge_class(plane), residual);
     return;
   }
-  // What the frontmost hit's sheet leaves uncovered lies behind it: still a bound for whatever lies in front.
+  // What the frontmost hit's plane fit leaves uncovered lies behind it: still a bound for whatever lies in front.
   int front = 0;
   for (int k = 1; k < cell.hits; ++k) {
     if (glm::dot(cell.points[k] - cell.points[front], frame.c) < 0.0f) front = k;
   }
-  const SheetPlane ceiling = fit_plane(cell, front, in_plane, frame.c);
+  const FittedPlane ceiling = fit_plane(cell, front, in_plane, frame.c);
   float above = ceiling.member_residual;
   for (int k = 0; k < cell.hits; ++k) above = std::max(above, ceiling.distance(cell.points[k]));
   if (ceiling.faces && above <= max_residual_) {
@@ -277,24 +278,24 @@ void SliceBaker::store_sheet(const Claimed& slice, uint32_t i, const std::vector
     for (int k = 0; k < cell.hits; ++k) behind += ceiling.distance(cell.points[k]) < -2.0f * above;
     // Nor may it rest on a few lines alone.
     const bool mostly_one = 4 * behind < cell.hits && 4 * cell.hits >= cell.lines;
-    store(ceiling, scalar::k_kind_ceiling, mostly_one ? edge_class(ceiling) : disagreeing_class(behind, cell.lines),
+    store(ceiling, scalar::k_kind_one_sided, mostly_one ? edge_class(ceiling) : disagreeing_class(behind, cell.lines),
           above);
     return;
   }
   if (misses > cell.hits) {
-    field_.store_sheet(target, 0,
-                       encode_certificate(scalar::k_kind_miss, disagreeing_class(cell.hits, cell.lines), 255));
+    field_.store_plane_fit(target, 0,
+                           encode_certificate(scalar::k_kind_miss, disagreeing_class(cell.hits, cell.lines), 255));
     return;
   }
   const int minority = misses > 0 ? misses : std::max(cell.lines - plane.members, 1);
-  store(plane, scalar::k_kind_sheet, disagreeing_class(minority, cell.lines), residual);
+  store(plane, scalar::k_kind_plane_fit, disagreeing_class(minority, cell.lines), residual);
 }
 
 void SliceBaker::bake_depth(std::span<const Claimed> slices) {
   const size_t cell_count = slices.size() * k_cells;
   std::vector<CellFrame> frames;
   for (const Claimed& s : slices) frames.push_back(cell_frame(s.at.u, s.at.v, parameters_.directions));
-  std::vector<SheetCell> cells(cell_count);
+  std::vector<DepthCellFit> cells(cell_count);
   Round round;
 
   round.begin(cell_count);
@@ -302,9 +303,9 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
     add_centre_line(round, slices[i / k_cells], i, frames[i / k_cells]);
     cells[i].lines = 1;
   }
-  trace_sheet_lines(cells, round);
-  // Lines fan out from the frontmost surface that the first ones met: receivers lie there. Where the first round meets
-  // something far in front of its own pivot, or after a miss, it starts again from there.
+  trace_depth_lines(cells, round);
+  // Lines fan out from the frontmost surface that the first ones met: shading points lie there. Where the first round
+  // meets something far in front of its own pivot, or after a miss, it starts again from there.
   const float near_depth = k_near_pivot / float(parameters_.plane);
   const auto frontmost = [&](uint32_t i) {
     float depth = k_infinity;
@@ -329,11 +330,11 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
       }
       cells[i].lines = end;
     }
-    trace_sheet_lines(cells, round);
+    trace_depth_lines(cells, round);
   };
   trace_round(1, k_first_round);
   for (uint32_t i = 0; i < cell_count; ++i) {
-    SheetCell& cell = cells[i];
+    DepthCellFit& cell = cells[i];
     if (cell.hits == 0) continue;
     const float depth = frontmost(i);
     if (std::abs(depth - cell.depth) <= near_depth) continue;
@@ -341,7 +342,7 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
     cell.lines = cell.hits = 0;
   }
   trace_round(0, parameters_.lines);
-  for (uint32_t i = 0; i < cell_count; ++i) store_sheet(slices[i / k_cells], i, cells, frames[i / k_cells]);
+  for (uint32_t i = 0; i < cell_count; ++i) store_plane_fit(slices[i / k_cells], i, cells, frames[i / k_cells]);
 }
 
 void SliceBaker::bake_primitive(std::span<const Claimed> slices) {

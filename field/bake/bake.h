@@ -2,10 +2,10 @@
 //
 // A visibility cell traces K lines spread over its directions and over the feet of their perpendiculars. All lines must
 // agree, else the cell asks; it stops at the first round that disagrees. A depth cell first traces the line through its
-// centre and then lines that fan out from the depth of the frontmost hit: all on one plane make a sheet, all on it or
-// behind it a ceiling, none at all a miss. A primitive's cell traces the line through its centre. The result is a pure
-// function of mesh, chart, D, N and K.
-// Thread-safety: any number of threads may bake one field at once; each slice is baked by one of them.
+// centre and then lines that fan out from the depth of the frontmost hit: all on one plane make a plane fit, all on it
+// or behind it a one-sided bound, none at all a miss. A primitive's cell traces the line through its centre. The result
+// is a pure function of mesh, chart, D, N and K. Thread-safety: any number of threads may bake one field at once; each
+// slice is baked by one of them.
 #pragma once
 
 #include <cstdint>

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <thread>
 
-#include "field/bake/lines.h"
+#include "field/bake/cell_lines.h"
 
 namespace fieldtrace {
 namespace {

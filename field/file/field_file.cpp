@@ -7,7 +7,7 @@
 #include "field/file/coverage_grid.h"
 #include "field/file/field_grids.h"
 #include "field/file/field_vdb.h"
-#include "field/store/risk.h"
+#include "field/store/risk_classes.h"
 
 namespace fieldtrace {
 namespace {
@@ -27,7 +27,7 @@ bool valid_visibility(int32_t code) {
 
 bool valid_certificate(int32_t word) {
   const int kind = word & 3, risk = word >> 2 & 63;
-  return kind >= scalar::k_kind_miss && kind <= scalar::k_kind_ceiling && risk <= k_worst_class && word >> 16 == 0;
+  return kind >= scalar::k_kind_miss && kind <= scalar::k_kind_one_sided && risk <= k_worst_class && word >> 16 == 0;
 }
 
 bool valid_cell(GridLayer layer, int32_t value, uint32_t primitive_count) {
@@ -230,7 +230,7 @@ bool FieldFile::copy_to(Field& field) const {
             field.store_visibility(cell, uint8_t(value(k_grid_visibility)));
             break;
           case FieldLayer::depth:
-            field.store_sheet(cell, value(k_grid_depth), value(k_grid_certificate));
+            field.store_plane_fit(cell, value(k_grid_depth), value(k_grid_certificate));
             break;
           case FieldLayer::primitive:
             field.store_primitive(cell, value(k_grid_primitive));

@@ -4,7 +4,7 @@
 #include <bit>
 
 #include "field/bake/bake_full.h"
-#include "field/store/risk.h"
+#include "field/store/risk_classes.h"
 
 namespace fieldtrace {
 namespace {
@@ -12,7 +12,7 @@ namespace {
 void count_cell(LayerInfo& info, bool hit, int risk, int max_class) {
   ++info.cells_baked;
   if (risk > max_class) {
-    ++info.ask;
+    ++info.undecided;
   } else {
     ++(hit ? info.blocked : info.clear);
   }
@@ -36,7 +36,7 @@ LayerInfo layer_info(const Field& field, FieldLayer layer, float tolerance) {
         const int32_t word = view.certificate[cell];
         const int kind = word & 3, risk = word >> 2 & 63;
         count_cell(info, kind != scalar::k_kind_miss, risk, max_class);
-        info.ceilings += kind == scalar::k_kind_ceiling && risk <= max_class;
+        info.one_sided += kind == scalar::k_kind_one_sided && risk <= max_class;
       }
     }
   }

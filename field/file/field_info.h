@@ -11,13 +11,13 @@
 namespace fieldtrace {
 
 // Cells of one layer. The shares of the verdicts are those of the baked cells at a tolerance: a cell answers clear (or
-// miss) or blocked (or sheet), or it asks for an exact ray.
+// miss) or blocked (or plane fit), or it asks for an exact ray.
 struct LayerInfo {
   uint64_t cells_baked = 0;
   uint64_t cells_reachable = 0;  // what a full bake makes
-  uint64_t clear = 0, blocked = 0, ask = 0;
-  // Of the depth layer's `blocked`: ceilings, which say what lies in front of them, not behind.
-  uint64_t ceilings = 0;
+  uint64_t clear = 0, blocked = 0, undecided = 0;
+  // Of the depth layer's `blocked`: one-sided bounds, which say what lies in front of them, not behind.
+  uint64_t one_sided = 0;
 };
 
 // Coverage tiles.

@@ -1,12 +1,15 @@
 // Whole lights answered at once: is all of a ball clear of one object, as seen from a point, or wholly hidden by it?
 //
-// Two questions, both answered for the bundle of rays from the receiver to the ball ("cone"), never for single rays:
-//  - through_lines: for receivers and lights that have the object between them, a segment is blocked where its whole
+// Two questions, both answered for the bundle of rays from the shading point to the ball ("cone"), never for single
+// rays:
+//  - through_lines: for shading points and lights that have the object between them, a segment is blocked where its
+//  whole
 //    line is. All rays of the cone lie, within the object's ball, inside a tube about the cone's axis; seen along the
 //    direction c of the axis' direction cell the tube is a disc, whose radius accounts for the cone's width and for the
 //    angle between axis and c. If no parallel line in the disc's square meets the object, the light is clear; if every
 //    one does, it is hidden.
-//  - from_sheet: for receivers on the object itself, the depth cells at the receiver, one for each of a grid of
+//  - from_plane_fit: for shading points on the object itself, the depth cells at the shading point, one for each of a
+//  grid of
 //    directions over the ball about as fine as the direction cells, must all say that nothing lies before it.
 // Anything else stays open, and is left to single rays. A cone answer speaks of the object between its sampled lines
 // only as far as these resolve it (docs/decisions/009-cones.md).
@@ -54,7 +57,7 @@ FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& t
 
 // Rays that slant past each other by more than this, in texels, over the difference of depths within their disc may
 // pass between surfaces that hide each other from parallel lines (through a hole in front and one behind, not in line).
-constexpr float k_most_chink = 0.5f;
+constexpr float k_most_light_leak = 0.5f;
 
 template <class F>
 struct ConeAnswer {
@@ -71,7 +74,7 @@ constexpr float k_chord_share = 0.5f;
 constexpr float k_widest_disc = 0.5f;
 
 // Whether the light's own end of the cone lies beyond the object's ball: then whole lines speak for its segments, if
-// the receiver has the object before it.
+// the shading point has the object before it.
 template <class F>
 FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
   const F one = splat<F>(1.0f);
@@ -79,8 +82,8 @@ FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
   return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one);
 }
 
-// The part of the cone's axis before the receiver and within the ball: its middle, as a distance from p, and half its
-// length, that of the longest chord of the ball that a ray of the cone can have.
+// The part of the cone's axis before the shading point and within the ball: its middle, as a distance from p, and half
+// its length, that of the longest chord of the ball that a ray of the cone can have.
 template <class F>
 struct ConeSpan {
   F middle, half;
@@ -99,7 +102,7 @@ FT_HD_INLINE ConeSpan<F> span_in_ball(const LightCone<F>& cone) {
 
 // The lines of the direction cell about a direction, as a picture of L x L texels.
 template <class F>
-struct LinePicture {
+struct CoverageMap {
   Int_t<F> direction;  // the cell's number
   DirectionFrame<F> frame;
   F half_lines;  // L / 2
@@ -111,7 +114,7 @@ struct LinePicture {
 };
 
 template <class F>
-FT_HD_INLINE LinePicture<F> picture_along(const FieldView& field, const Vec3Lanes<F>& direction) {
+FT_HD_INLINE CoverageMap<F> map_along(const FieldView& field, const Vec3Lanes<F>& direction) {
   CellAddress<F> cell;
   find_direction_cell(direction, field.directions, cell);
   return {cell.u * splat_int<F>(int32_t(field.directions.cells)) + cell.v,
@@ -122,16 +125,16 @@ FT_HD_INLINE LinePicture<F> picture_along(const FieldView& field, const Vec3Lane
 // Whole texels that hold a square about a point, as far as they lie in the picture. whole: all of them do. What lies
 // beyond meets nothing.
 template <class F>
-struct PictureSquare {
+struct MapSquare {
   TexelRect<F> rect;
   Mask_t<F> whole;
 };
 
 template <class F>
-FT_HD_INLINE PictureSquare<F> square_about(const LinePicture<F>& picture, const Vec3Lanes<F>& point, F radius) {
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), lines = picture.half_lines + picture.half_lines;
-  const F x = picture.texels(point, picture.frame.s), y = picture.texels(point, picture.frame.t);
-  const F r = radius * picture.half_lines;
+FT_HD_INLINE MapSquare<F> square_about(const CoverageMap<F>& map, const Vec3Lanes<F>& point, F radius) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), lines = map.half_lines + map.half_lines;
+  const F x = map.texels(point, map.frame.s), y = map.texels(point, map.frame.t);
+  const F r = radius * map.half_lines;
   const F x0 = floor(x - r), x1 = floor(x + r) + one, y0 = floor(y - r), y1 = floor(y + r) + one;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, value), lines)); };
   const Mask_t<F> whole = (x0 >= zero) & (x1 <= lines) & (y0 >= zero) & (y1 <= lines);
@@ -156,31 +159,31 @@ FT_HD_INLINE F depth_difference(const CoverageView& view, Int_t<F> direction, co
   return max(across, along) * splat<F>(k_coverage_depth_step);
 }
 
-// For receivers outside the ball, or `within` it with the whole object before their tangent plane. chord_share: how
-// much of the span surfaces are looked for in (within: all of it). tell_missing(slots, mask): as for sum_coverage.
+// For shading points outside the ball, or `within` it with the whole object before their tangent plane. chord_share:
+// how much of the span surfaces are looked for in (within: all of it). tell_missing(slots, mask): as for sum_coverage.
 template <class F, class TellMissing>
 FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_share, const LightCone<F>& cone,
                                          Mask_t<F> within, Mask_t<F> wanted, const TellMissing& tell_missing) {
-  const LinePicture<F> picture = picture_along(field, cone.axis);
+  const CoverageMap<F> map = map_along(field, cone.axis);
   const ConeSpan<F> span = span_in_ball(cone);
   const Vec3Lanes<F> middle = cone.p + cone.axis * span.middle;
   const F reach = select(within, span.half, span.half * splat<F>(chord_share));
-  const Vec3Lanes<F> across = cone.axis - picture.frame.c * dot(cone.axis, picture.frame.c);
+  const Vec3Lanes<F> across = cone.axis - map.frame.c * dot(cone.axis, map.frame.c);
   const F radius = (span.middle + reach) * cone.tangent + reach * sqrt(dot(across, across));
-  const PictureSquare<F> square = square_about(picture, middle, radius);
-  const Mask_t<F> asked = wanted & (radius < splat<F>(k_widest_disc));
+  const MapSquare<F> square = square_about(map, middle, radius);
+  const Mask_t<F> queried = wanted & (radius < splat<F>(k_widest_disc));
   const TexelRect<F>& rect = square.rect;
-  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, picture.direction, rect, asked, tell_missing);
+  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, map.direction, rect, queried, tell_missing);
   const Int_t<F> texels = (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
   ConeAnswer<F> answer;
   answer.unknown = sum.unknown;
-  answer.clear = and_not(sum.unknown, asked & (sum.count == splat_int<F>(0)));
-  answer.blocked = and_not(sum.unknown | answer.clear, asked & square.whole & (sum.count == texels));
-  answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
+  answer.clear = and_not(sum.unknown, queried & (sum.count == splat_int<F>(0)));
+  answer.blocked = and_not(sum.unknown | answer.clear, queried & square.whole & (sum.count == texels));
+  answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
   if (any(answer.blocked)) {
     const F slant = cone.tangent + sqrt(dot(across, across));
-    const F rise = depth_difference<F>(field.coverage, picture.direction, rect, sum, answer.blocked);
-    answer.blocked = answer.blocked & (rise * slant * picture.half_lines < splat<F>(k_most_chink));
+    const F rise = depth_difference<F>(field.coverage, map.direction, rect, sum, answer.blocked);
+    answer.blocked = answer.blocked & (rise * slant * map.half_lines < splat<F>(k_most_light_leak));
   }
   return answer;
 }
@@ -188,8 +191,8 @@ FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_sha
 // tell_missing(slices, mask) is called with the depth slices that are not baked. `side`: directions are tried on a grid
 // of side x side over the cone, those in its corners left out.
 template <class F, class TellMissing>
-FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
-                                      int side, Mask_t<F> wanted, const TellMissing& tell_missing) {
+FT_HD_INLINE ConeAnswer<F> from_plane_fit(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
+                                          int side, Mask_t<F> wanted, const TellMissing& tell_missing) {
   const F one = splat<F>(1.0f);
   // Two directions across the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
   const F sign = copysign(one, cone.axis.z);
@@ -211,9 +214,9 @@ FT_HD_INLINE ConeAnswer<F> from_sheet(const FieldView& field, const QueryPolicy&
     d = d * (one / sqrt(dot(d, d)));
     const Vec3Lanes<F> back = {-d.x, -d.y, -d.z};
     const Vec3Lanes<F> end = cone.p + d * cone.distance;
-    const Mask_t<F> asked = answer.clear | answer.blocked;
+    const Mask_t<F> queried = answer.clear | answer.blocked;
     const DepthAnswer<F> depth = compare_depth(
-        field, policy, address_of_line(back, cone.p, field.directions, field.plane), back, cone.p, end, asked);
+        field, policy, address_of_line(back, cone.p, field.directions, field.plane), back, cone.p, end, queried);
     answer.lookups = answer.lookups + depth.lookups;
     if (any(depth.unknown)) {
       answer.unknown = answer.unknown | depth.unknown;

@@ -1,4 +1,5 @@
-// The loop over receivers behind SegmentKernels::light_cones. Included once per Highway target and once for floats.
+// The loop over shading points behind SegmentKernels::light_cones. Included once per Highway target and once for
+// floats.
 
 #if defined(FIELDTRACE_FIELD_QUERY_CONE_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_FIELD_QUERY_CONE_BATCH_INL_H_
@@ -8,13 +9,13 @@
 #endif
 
 #include "field/query/cone.hd.h"
-#include "field/query/leaf.hd.h"
 #include "field/query/segment_kernels.h"
+#include "field/query/stratum.hd.h"
 
 FT_LANES_BEGIN
 
 template <class F>
-FT_HD_INLINE Vec3Lanes<F> load_points(const ReceiverBatch& r, size_t i) {
+FT_HD_INLINE Vec3Lanes<F> load_points(const ShadingPointBatch& r, size_t i) {
   return {load_lanes<F>(&r.px[i]), load_lanes<F>(&r.py[i]), load_lanes<F>(&r.pz[i])};
 }
 
@@ -29,9 +30,9 @@ struct MissingList {
   }
 };
 
-// Whether the whole object lies before the receiver's tangent plane, and the light's whole cone too: then the backward
-// part of its lines meets nothing. The object's bounds are a box about the origin; it may reach below the plane by one
-// line's breadth, which the lines do not resolve.
+// Whether the whole object lies before the shading point's tangent plane, and the light's whole cone too: then the
+// backward part of its lines meets nothing. The object's bounds are a box about the origin; it may reach below the
+// plane by one line's breadth, which the lines do not resolve.
 template <class F>
 FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const LightCone<F>& cone, const Vec3Lanes<F>& world_normal) {
   const float* m = task.from_unit;
@@ -49,7 +50,7 @@ FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const LightCone<F>& co
 }
 
 template <class F>
-inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& receivers, const Sphere& light,
+inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatch& shading_points, const Sphere& light,
                                     std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns& unknowns) {
   ConeCounts counts;
   const float* m = task.segment.to_unit;
@@ -63,44 +64,44 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
     bool missing = false;
     for (size_t i = block; i < block + k_batch_padding; i += size_t(Lanes<F>::k_count)) {
       const Int_t<F> flag = load_int_lanes<F>(flags + i);
-      const Mask_t<F> asked = (flag & may) == may;
-      if (!any(asked)) continue;
-      const Vec3Lanes<F> world = load_points<F>(receivers, i);
-      const Vec3Lanes<F> normal = {load_lanes<F>(&receivers.gx[i]), load_lanes<F>(&receivers.gy[i]),
-                                   load_lanes<F>(&receivers.gz[i])};
+      const Mask_t<F> queried = (flag & may) == may;
+      if (!any(queried)) continue;
+      const Vec3Lanes<F> world = load_points<F>(shading_points, i);
+      const Vec3Lanes<F> normal = {load_lanes<F>(&shading_points.gx[i]), load_lanes<F>(&shading_points.gy[i]),
+                                   load_lanes<F>(&shading_points.gz[i])};
       const Vec3Lanes<F> p = transformed_point(m, world);
-      // A ray's origin lies up to `error` beside the receiver: a few roundings, far below a line's breadth, which count
-      // only where the light is a point.
-      const F radius = max(splat<F>(light.radius), load_lanes<F>(&receivers.error[i])) * stretch;
+      // A ray's origin lies up to `error` beside the shading point: a few roundings, far below a line's breadth, which
+      // count only where the light is a point.
+      const F radius = max(splat<F>(light.radius), load_lanes<F>(&shading_points.error[i])) * stretch;
       const LightCone<F> cone = make_cone<F>(p, transformed_vector(m, centre - world), radius);
       const Mask_t<F> inside = dot(p, p) < one;
-      const Mask_t<F> own = asked & (load_uint_lanes<F>(&receivers.instance[i]) == instance);
+      const Mask_t<F> self = queried & (load_uint_lanes<F>(&shading_points.instance[i]) == instance);
       const Mask_t<F> before = (!inside) & (dot(p, cone.axis) < splat<F>(0.0f));
       const Mask_t<F> beyond = light_beyond_ball(cone);
       const Mask_t<F> within = inside & faces_object<F>(task, cone, normal);
-      const Mask_t<F> opaque = load_byte_lanes<F>(&receivers.transmits[i]) == splat_uint<F>(0);
-      const Mask_t<F> by_lines = and_not(own, asked & beyond & opaque & (before | within));
-      const Mask_t<F> by_sheet = own & inside & beyond & opaque;
+      const Mask_t<F> opaque = load_byte_lanes<F>(&shading_points.transmits[i]) == splat_uint<F>(0);
+      const Mask_t<F> by_lines = and_not(self, queried & beyond & opaque & (before | within));
+      const Mask_t<F> by_plane_fit = self & inside & beyond & opaque;
       ConeAnswer<F> answer;
-      answer.clear = answer.blocked = answer.unknown = and_not(asked, asked);
+      answer.clear = answer.blocked = answer.unknown = and_not(queried, queried);
       if (any(by_lines)) {
         answer = through_lines<F>(field, task.chord_share, cone, within, by_lines, MissingList<F>{unknowns.tiles});
         counts.lookups += uint64_t(sum_of(answer.lookups));
       }
-      if (task.sheet_side > 0 && any(by_sheet)) {
-        const ConeAnswer<F> sheet =
-            from_sheet<F>(field, task.segment.policy, cone, task.sheet_side, by_sheet, MissingList<F>{unknowns.slices});
-        answer.clear = answer.clear | sheet.clear;
-        answer.blocked = answer.blocked | sheet.blocked;
-        answer.unknown = answer.unknown | sheet.unknown;
-        counts.lookups += uint64_t(sum_of(sheet.lookups));
+      if (task.plane_fit_side > 0 && any(by_plane_fit)) {
+        const ConeAnswer<F> plane_fit = from_plane_fit<F>(field, task.segment.policy, cone, task.plane_fit_side,
+                                                          by_plane_fit, MissingList<F>{unknowns.slices});
+        answer.clear = answer.clear | plane_fit.clear;
+        answer.blocked = answer.blocked | plane_fit.blocked;
+        answer.unknown = answer.unknown | plane_fit.unknown;
+        counts.lookups += uint64_t(sum_of(plane_fit.lookups));
       }
       missing = missing || any(answer.unknown);
       counts.clear += uint64_t(count_true(answer.clear));
       counts.blocked += uint64_t(count_true(answer.blocked));
-      // Leaves are asked of whoever has the object before it; where the light ends is seen leaf by leaf.
-      const Mask_t<F> by_leaves = and_not(own, asked & opaque & ((!inside) | within));
-      const Int_t<F> open = select(by_leaves, flag | splat_int<F>(k_by_leaves), flag);
+      // Strata are asked of whoever has the object before it; where the light ends is seen stratum by stratum.
+      const Mask_t<F> by_strata = and_not(self, queried & opaque & ((!inside) | within));
+      const Int_t<F> open = select(by_strata, flag | splat_int<F>(k_by_strata), flag);
       const Int_t<F> found = select(answer.blocked, splat_int<F>(k_light_blocked), open);
       store_lanes(select(answer.clear, splat_int<F>(0), found), flags + i);
     }
@@ -110,9 +111,9 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ReceiverBatch& r
 }
 
 template <class F>
-inline uint64_t filter_leaves_batch(const LeafTask& task, const RayBatch& rays, const float* pdf, const int32_t* wanted,
-                                    std::span<const uint32_t> blocks, float* clear, int32_t* refused,
-                                    ConeUnknowns& unknowns) {
+inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& rays, const float* pdf,
+                                    const int32_t* wanted, std::span<const uint32_t> blocks, float* clear,
+                                    int32_t* refused, ConeUnknowns& unknowns) {
   uint64_t all_lookups = 0;
   constexpr size_t k_vectors = k_batch_padding / size_t(Lanes<F>::k_count);
   const float* m = task.segment.to_unit;
@@ -126,23 +127,23 @@ inline uint64_t filter_leaves_batch(const LeafTask& task, const RayBatch& rays, 
     for (size_t v = 0; v < k_vectors; ++v) {
       const size_t i = block + v * size_t(Lanes<F>::k_count);
       const F tmax = load_lanes<F>(&rays.tmax[i]);
-      const Mask_t<F> asked = (load_int_lanes<F>(wanted + i) > splat_int<F>(0)) & (tmax >= zero);
+      const Mask_t<F> queried = (load_int_lanes<F>(wanted + i) > splat_int<F>(0)) & (tmax >= zero);
       found[v] = one;
-      failed[v] = and_not(asked, asked);
-      if (!any(asked)) continue;
+      failed[v] = and_not(queried, queried);
+      if (!any(queried)) continue;
       const Vec3Lanes<F> o = {load_lanes<F>(&rays.ox[i]), load_lanes<F>(&rays.oy[i]), load_lanes<F>(&rays.oz[i])};
       const Vec3Lanes<F> d = {load_lanes<F>(&rays.dx[i]), load_lanes<F>(&rays.dy[i]), load_lanes<F>(&rays.dz[i])};
       const Vec3Lanes<F> q = transformed_vector(m, d);
       const F scale = sqrt(dot(q, q)), density = load_lanes<F>(pdf + i);
-      LightLeaf<F> leaf;
-      leaf.p = transformed_point(m, o);
-      leaf.direction = q * (one / scale);
-      // The leaf's solid angle is share / density; squares of that area are taken.
+      LightStratum<F> stratum;
+      stratum.p = transformed_point(m, o);
+      stratum.direction = q * (one / scale);
+      // The stratum's solid angle is share / density; squares of that area are taken.
       const F side = select(density > zero, sqrt(share / max(density, splat<F>(1e-30f))), zero);
-      leaf.width = side * stretch * sqrt(dot(d, d)) / scale;
-      const LeafAnswer<F> answer = filter_leaf<F>(task.segment.field, task.least_disc, leaf, tmax * scale, asked,
-                                                  MissingList<F>{unknowns.tiles});
-      found[v] = select(asked, answer.clear, one);
+      stratum.width = side * stretch * sqrt(dot(d, d)) / scale;
+      const StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.least_disc, stratum, tmax * scale,
+                                                        queried, MissingList<F>{unknowns.tiles});
+      found[v] = select(queried, answer.clear, one);
       failed[v] = answer.refused;
       missing = missing || any(answer.unknown);
       lookups += uint64_t(sum_of(answer.lookups));

@@ -65,8 +65,8 @@ FT_HD_INLINE bool answer_hits(const SegmentTask& task, const HitQueries& queries
   }
   segment.origin_inside = segment.origin_inside & segment.crosses;
   segment.end_inside = segment.end_inside & segment.crosses;
-  const Mask_t<F> own = load_uint_lanes<F>(&queries.instance[i]) == splat_uint<F>(task.instance);
-  const NearestAnswer<F> answer = nearest_on_segment(task.field, task.policy, segment, own);
+  const Mask_t<F> self = load_uint_lanes<F>(&queries.instance[i]) == splat_uint<F>(task.instance);
+  const NearestAnswer<F> answer = nearest_on_segment(task.field, task.policy, segment, self);
   lookups += uint64_t(sum_of(answer.lookups));
 
   const F one = splat<F>(1.0f);
@@ -82,7 +82,7 @@ FT_HD_INLINE bool answer_hits(const SegmentTask& task, const HitQueries& queries
   const Mask_t<F> lacks_primitive = fine & (answer.primitive == splat_int<F>(k_not_baked));
   const Mask_t<F> known = fine & (answer.primitive > splat_int<F>(k_none_found));
   Int_t<F> verdict = select(hit, splat_int<F>(k_verdict_none), answer.verdict);
-  verdict = select(within, splat_int<F>(k_verdict_ask), verdict);
+  verdict = select(within, splat_int<F>(k_verdict_undecided), verdict);
   store_lanes(select(known, splat_int<F>(k_verdict_blocked), verdict), &out.verdict[i]);
   const Vec3Lanes<F> normal = world_normal(task.to_unit, answer.normal);
   store_lanes(from, &out.from[i]);

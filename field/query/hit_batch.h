@@ -31,7 +31,7 @@ struct HitAnswers {
   AlignedVector<int32_t> verdict;    // k_verdict_none (nothing within the limit), _clear, _ask or _blocked: a hit
   AlignedVector<float> from;         // of ask and hits: nothing of the object lies before this distance
   AlignedVector<float> t, error;     // of a hit, and the bound on its error
-  AlignedVector<float> nx, ny, nz;   // of a hit: unit normal of its sheet, on the side that the ray comes from
+  AlignedVector<float> nx, ny, nz;   // of a hit: unit normal of its plane fit, on the side that the ray comes from
   AlignedVector<int32_t> primitive;  // of a hit: a triangle near it
 
   void resize(size_t n) {

@@ -1,11 +1,11 @@
 // A small part of a reflected lobe as seen from a point: the radiance that it meets on one object, filtered from
-// pictures of the object's radiance, and the share of it that passes by.
+// maps of the object's radiance, and the share of it that passes by.
 //
-// As for parts of lights (field/query/leaf.hd.h), but in the picture that the ray's origin sees: the tube of rays about
-// a sample of the lobe is a disc at the depth of what it meets; the mean of the lines in that disc is what a sample of
-// that solid angle sees. Filtering a sample to its share of the lobe is ray footprint estimation (Igehy, "Tracing Ray
-// Differentials", SIGGRAPH 1999) with a pre-shaded object. What the pictures do not resolve is refused: discs that one
-// texel would blur by too much of the lobe, features as thin as the texels where discs are small.
+// As for parts of lights (field/query/stratum.hd.h), but in the picture that the ray's origin sees: the tube of rays
+// about a sample of the lobe is a disc at the depth of what it meets; the mean of the lines in that disc is what a
+// sample of that solid angle sees. Filtering a sample to its share of the lobe is ray footprint estimation (Igehy,
+// "Tracing Ray Differentials", SIGGRAPH 1999) with a pre-shaded object. What the maps do not resolve is refused: discs
+// that one texel would blur by too much of the lobe, features as thin as the texels where discs are small.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
 
@@ -16,7 +16,7 @@
 #define FIELDTRACE_FIELD_QUERY_LOBE_HD_H_
 #endif
 
-#include "field/query/leaf.hd.h"
+#include "field/query/stratum.hd.h"
 
 FT_LANES_BEGIN
 
@@ -29,30 +29,30 @@ struct LobeAnswer {
   Int_t<F> lookups;
 };
 
-// `blur`: half a texel may take this tangent, as seen from p. The receiver lies outside the ball, or within it with the
-// whole object before its tangent plane.
+// `blur`: half a texel may take this tangent, as seen from p. The shading point lies outside the ball, or within it
+// with the whole object before its tangent plane.
 template <class F, class TellMissing>
-FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightLeaf<F>& leaf, F blur, Mask_t<F> wanted,
+FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratum<F>& stratum, F blur, Mask_t<F> wanted,
                                        const TellMissing& tell_missing) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f);
-  const ConeSpan<F> span = span_of_leaf(leaf);
+  const ConeSpan<F> span = span_of_stratum(stratum);
   LobeAnswer<F> answer;
   answer.clear = one;
   answer.radiance = {zero, zero, zero};
   answer.distance = zero;
   answer.unknown = answer.refused = and_not(wanted, wanted);
-  const Mask_t<F> asked = wanted & (span.half > zero);
-  answer.lookups = select(asked, splat_int<F>(1), splat_int<F>(0));
-  if (!any(asked)) return answer;
-  const LeafTube<F> tube = tube_of_leaf<F>(field, SeenFrom::origin, leaf, span, asked, tell_missing);
+  const Mask_t<F> queried = wanted & (span.half > zero);
+  answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
+  if (!any(queried)) return answer;
+  const StratumTube<F> tube = tube_of_stratum<F>(field, SeenFrom::origin, stratum, span, queried, tell_missing);
   answer.unknown = tube.sum.unknown;
   // An outline may pass between two lines: what is too narrow for a texel wherever it ends is not told clear either.
   const F half_texel = half / splat<F>(field.coverage.half_lines);
-  answer.refused = asked & (half_texel > blur * (span.middle + span.half));
-  const Mask_t<F> open = and_not(answer.unknown | (tube.sum.count == splat_int<F>(0)), asked);
+  answer.refused = queried & (half_texel > blur * (span.middle + span.half));
+  const Mask_t<F> open = and_not(answer.unknown | (tube.sum.count == splat_int<F>(0)), queried);
   if (!any(open)) return answer;
 
-  const LeafDisc<F> disc = place_disc<F>(field, leaf, tube, open, tell_missing);
+  const StratumDisc<F> disc = place_disc<F>(field, stratum, tube, open, tell_missing);
   answer.lookups = answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) +
                    select(disc.read, splat_int<F>(1), splat_int<F>(0));
   answer.unknown = answer.unknown | disc.unknown;
@@ -61,16 +61,17 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightLeaf<F
   const Mask_t<F> read = and_not(answer.unknown, disc.read & (disc.area.count * inverse_area > splat<F>(1e-4f)));
   if (any(read)) {
     answer.clear = select(read, min(max(one - disc.area.count * inverse_area, zero), one), one);
-    const RadianceSum<F> sum = sum_radiance_area<F>(field.coverage, tube.picture.direction, disc.rect, read);
+    const RadianceSum<F> sum = sum_radiance_area<F>(field.coverage, tube.map.direction, disc.rect, read);
     // Differences of sums: a black object may come out below zero by a rounding.
     const auto mean = [&](F s) { return select(read, max(s * inverse_area, zero), zero); };
     answer.radiance = {mean(sum.red), mean(sum.green), mean(sum.blue)};
   }
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F grain = grain_at<F>(field.coverage, tube.picture.direction, texel(disc.x), texel(disc.y), open);
+  const F thin_features =
+      thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const Mask_t<F> blurred = half_texel > blur * disc.t;
-  const Mask_t<F> thin = (grain > splat<F>(k_coarse_grain)) & (disc.half_width < splat<F>(k_coarse_disc));
+  const Mask_t<F> thin = (thin_features > splat<F>(k_most_thin_features)) & (disc.half_width < splat<F>(k_coarse_disc));
   answer.refused = answer.refused | (open & (blurred | thin));
   return answer;
 }

@@ -21,7 +21,7 @@ constexpr float k_widest_lobe = 0.12f;
 
 template <class F>
 struct LobeLanes {
-  LightLeaf<F> leaf;
+  LightStratum<F> stratum;
   F scale, stretch;  // unit-space length of the world ray's own direction; bound on that of others beside it
   Mask_t<F> meets;   // the object's ball
 };
@@ -34,29 +34,29 @@ FT_HD_INLINE LobeLanes<F> load_lobes(const ConeTask& task, const RayBatch& r, co
   const Vec3Lanes<F> q = transformed_vector(m, d);
   LobeLanes<F> lobe;
   lobe.scale = sqrt(dot(q, q));
-  lobe.leaf.direction = q * (one / lobe.scale);
-  lobe.leaf.p = transformed_point<F>(m, {load_lanes<F>(&r.ox[i]), load_lanes<F>(&r.oy[i]), load_lanes<F>(&r.oz[i])});
+  lobe.stratum.direction = q * (one / lobe.scale);
+  lobe.stratum.p = transformed_point<F>(m, {load_lanes<F>(&r.ox[i]), load_lanes<F>(&r.oy[i]), load_lanes<F>(&r.oz[i])});
   // A square of about the sample's solid angle.
   const F given = load_lanes<F>(&density[i]);
   const F side = sqrt(one / max(given, splat<F>(1e-30f)));
   lobe.stretch = splat<F>(task.segment.to_unit_stretch) / lobe.scale;
-  lobe.leaf.width = min(side * splat<F>(k_lobe_share) * lobe.stretch, splat<F>(k_widest_lobe));
+  lobe.stratum.width = min(side * splat<F>(k_lobe_share) * lobe.stretch, splat<F>(k_widest_lobe));
   const Mask_t<F> active = (load_lanes<F>(&r.tmax[i]) >= zero) & (given > zero);
-  lobe.meets = active & (span_of_leaf(lobe.leaf).half > zero);
+  lobe.meets = active & (span_of_stratum(lobe.stratum).half > zero);
   return lobe;
 }
 
-// Those whose receiver has the whole object before it, or lies outside its ball.
+// Those whose shading point has the whole object before it, or lies outside its ball.
 template <class F>
 FT_HD_INLINE Mask_t<F> suited_lobes(const ConeTask& task, const LobeBatch& lobes, const LobeLanes<F>& lobe, size_t i) {
   LightCone<F> cone;
-  cone.p = lobe.leaf.p;
-  cone.axis = lobe.leaf.direction;
-  cone.sine = lobe.leaf.width;
-  const Mask_t<F> own = load_uint_lanes<F>(&lobes.instance[i]) == splat_uint<F>(task.segment.instance);
-  const Mask_t<F> outside = !(dot(lobe.leaf.p, lobe.leaf.p) < splat<F>(1.0f));
+  cone.p = lobe.stratum.p;
+  cone.axis = lobe.stratum.direction;
+  cone.sine = lobe.stratum.width;
+  const Mask_t<F> self = load_uint_lanes<F>(&lobes.instance[i]) == splat_uint<F>(task.segment.instance);
+  const Mask_t<F> outside = !(dot(lobe.stratum.p, lobe.stratum.p) < splat<F>(1.0f));
   const Vec3Lanes<F> normal = {load_lanes<F>(&lobes.nx[i]), load_lanes<F>(&lobes.ny[i]), load_lanes<F>(&lobes.nz[i])};
-  return and_not(own, lobe.meets & (outside | faces_object<F>(task, cone, normal)));
+  return and_not(self, lobe.meets & (outside | faces_object<F>(task, cone, normal)));
 }
 
 template <class F>
@@ -84,7 +84,7 @@ inline uint64_t filter_lobes_batch(const ConeTask& task, const LobeBatch& lobes,
       if (!any(wanted)) continue;
       const F blur = load_lanes<F>(&lobes.blur[i]) / max(lobe.stretch, one);
       const LobeAnswer<F> answer =
-          filter_lobe<F>(task.segment.field, lobe.leaf, blur, wanted, MissingList<F>{unknowns.tiles});
+          filter_lobe<F>(task.segment.field, lobe.stratum, blur, wanted, MissingList<F>{unknowns.tiles});
       missing = missing || any(answer.unknown);
       lookups += uint64_t(sum_of(answer.lookups));
       store_lanes(answer.clear, &out.clear[i]);

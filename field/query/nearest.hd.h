@@ -6,7 +6,7 @@
 // perpendicular and once more at the depth it found. From inside: the cell of the reverse direction, anchored at the
 // origin, tells whether the last surface along the ray lies behind the origin (a miss); else the cell of the direction
 // itself, if its surface lies ahead by more than the error bound, is the hit; what lies between cannot be told by these
-// two cells (ask). The distance is the one to the sheet's plane, in error by at most the bound e / |cos| that comes
+// two cells (ask). The distance is the one to the plane fit's plane, in error by at most the bound e / |cos| that comes
 // with it. Thread-safety: pure functions over a FieldView.
 
 #if defined(FIELDTRACE_FIELD_QUERY_NEAREST_HD_H_) == defined(HWY_TARGET_TOGGLE)
@@ -28,10 +28,10 @@ template <class F>
 struct NearestAnswer {
   // k_verdict_clear: a miss; k_verdict_blocked: a hit; k_verdict_none, _ask, _unknown_* as for segments.
   Int_t<F> verdict;
-  F distance;           // of the hit from the segment's origin, unit space
-  F error;              // bound on its error, unit space
-  F bend;               // the sheet's error bound in half widths of its cell: how far the surface's normals may differ
-  Vec3Lanes<F> normal;  // of the sheet, unit, unit space, on the side that the ray comes from
+  F distance;  // of the hit from the segment's origin, unit space
+  F error;     // bound on its error, unit space
+  F bend;      // the plane fit's error bound in half widths of its cell: how far the surface's normals may differ
+  Vec3Lanes<F> normal;  // of the plane fit, unit, unit space, on the side that the ray comes from
   // Of a hit: the triangle met by the line through the cell's centre; k_none_found: it meets none; k_not_baked: the
   // primitive layer's slice is to be baked first.
   Int_t<F> primitive;
@@ -42,11 +42,11 @@ struct NearestAnswer {
 // `own`: the ray leaves this object's surface, so that the line surely meets it.
 template <class F>
 FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const QueryPolicy& policy,
-                                                 const UnitSegment<F>& segment, Mask_t<F> own) {
+                                                 const UnitSegment<F>& segment, Mask_t<F> self) {
   const F zero = splat<F>(0.0f);
   const Int_t<F> i_zero = splat_int<F>(0), i_one = splat_int<F>(1);
   NearestAnswer<F> result;
-  result.verdict = select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none));
+  result.verdict = select(segment.crosses, splat_int<F>(k_verdict_undecided), splat_int<F>(k_verdict_none));
   result.distance = result.error = result.bend = zero;
   result.normal = {zero, zero, zero};
   result.primitive = result.slice = result.lookups = i_zero;
@@ -58,7 +58,7 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     open = and_not(which, open);
   };
 
-  const Mask_t<F> line_wanted = and_not(own & inside, segment.crosses);
+  const Mask_t<F> line_wanted = and_not(self & inside, segment.crosses);
   if (any(line_wanted)) {
     const LineView<F> line = look_up_line(field, policy, segment);
     result.lookups = select(line_wanted, i_one, i_zero);
@@ -70,9 +70,9 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
   const Mask_t<F> from_inside = open & inside;
   if (any(from_inside)) {
     const Vec3Lanes<F> reverse = {-segment.direction.x, -segment.direction.y, -segment.direction.z};
-    const FoundSheet<F> last =
-        find_sheet(field, policy, address_of_line(reverse, segment.origin, field.directions, field.plane), reverse,
-                   segment.origin, from_inside);
+    const FoundPlaneFit<F> last =
+        find_plane_fit(field, policy, address_of_line(reverse, segment.origin, field.directions, field.plane), reverse,
+                       segment.origin, from_inside);
     result.lookups = result.lookups + last.lookups;
     result.slice = select(last.unknown, last.slice, result.slice);
     conclude(from_inside & last.unknown, k_verdict_unknown_depth);
@@ -84,9 +84,9 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     const Vec3Lanes<F> anchor = {select(inside, segment.origin.x, segment.foot.x),
                                  select(inside, segment.origin.y, segment.foot.y),
                                  select(inside, segment.origin.z, segment.foot.z)};
-    const FoundSheet<F> first =
-        find_sheet(field, policy, address_of_line(segment.direction, anchor, field.directions, field.plane),
-                   segment.direction, anchor, open);
+    const FoundPlaneFit<F> first =
+        find_plane_fit(field, policy, address_of_line(segment.direction, anchor, field.directions, field.plane),
+                       segment.direction, anchor, open);
     result.lookups = result.lookups + first.lookups;
     result.slice = select(first.unknown, first.slice, result.slice);
     conclude(open & first.unknown, k_verdict_unknown_depth);
@@ -95,10 +95,10 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     const F cosine = max(facing, splat<F>(0x1p-20f));
     const F error = first.view.error / cosine;
     const F distance = dot(anchor - segment.origin, segment.direction) - first.back;
-    // A sheet within the error bound of the origin may lie on either side of it.
+    // A plane fit within the error bound of the origin may lie on either side of it.
     Mask_t<F> ahead =
         open & first.decided & first.view.solid & (and_not(inside, open) | (first.view.distance > first.view.error));
-    ahead = ahead & (facing > splat<F>(0x1p-20f));  // no distance follows from a sheet along the ray
+    ahead = ahead & (facing > splat<F>(0x1p-20f));  // no distance follows from a plane fit along the ray
     if (policy.answer_all) ahead = open & first.decided & (distance >= zero);
     const F slack = policy.answer_all ? zero : error;
     const Mask_t<F> hit = ahead & (distance + slack <= segment.length);

@@ -7,9 +7,9 @@
 // if both ends lie outside the ball. With an end inside, the *depth* cell anchored at that end says how far the first
 // surface lies that is seen from outside along the line; the end is in front of it (clear), behind it by more than the
 // margin (blocked), or too near to tell (ask). Where that surface lies far from the anchor the query re-anchors once,
-// at the depth found, because a depth cell's lines fan out from its own hit. A depth cell that is only a ceiling (the
-// object lies behind its plane, or partly not in the cell at all) can say clear, never blocked. Thread-safety: pure
-// functions over a FieldView.
+// at the depth found, because a depth cell's lines fan out from its own hit. A depth cell that is only a one-sided
+// bound (the object lies behind its plane, or partly not in the cell at all) can say clear, never blocked.
+// Thread-safety: pure functions over a FieldView.
 
 #if defined(FIELDTRACE_FIELD_QUERY_QUERY_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_FIELD_QUERY_QUERY_HD_H_
@@ -28,13 +28,13 @@ FT_LANES_BEGIN
 constexpr int k_verdict_none = 0;
 constexpr int k_verdict_clear = 1;
 constexpr int k_verdict_blocked = 2;
-constexpr int k_verdict_ask = 3;
+constexpr int k_verdict_undecided = 3;
 constexpr int k_verdict_unknown_visibility = 4;
 constexpr int k_verdict_unknown_depth = 5;
 
-// A point counts as in front of a sheet, on the sheet included, up to this share of the error bound behind it: 1.5
-// times the largest residual seen. Receivers on the sheet itself lie within that; what lies further in front of a point
-// may be a blocker (docs/decisions/003-certificates.md).
+// A point counts as in front of a plane fit, on the plane fit included, up to this share of the error bound behind
+// it: 1.5 times the largest residual seen. Shading points on the plane fit itself lie within that; what lies further in
+// front of a point may be a blocker (docs/decisions/003-certificates.md).
 constexpr float k_front_share = 0.75f;
 
 template <class F>
@@ -110,18 +110,18 @@ FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Ve
   return segment;
 }
 
-// What a depth cell says about a point p: the sheet's signed distance (positive: p is on the side that is seen from
+// What a depth cell says about a point p: the plane fit's signed distance (positive: p is on the side that is seen from
 // outside along the cell's direction), the error bound, and whether the cell may answer.
 template <class F>
-struct SheetView {
+struct PlaneFitView {
   Vec3Lanes<F> normal;
   F distance;  // of p
   F offset;    // plane: dot(normal, x) = offset
   F error;
   F along;  // of p, along the cell's direction from the centre plane
   Mask_t<F> known;
-  Mask_t<F> sheet;  // the plane bounds what lies in front of it
-  Mask_t<F> solid;  // and every line meets it
+  Mask_t<F> plane_fit;  // the plane bounds what lies in front of it
+  Mask_t<F> solid;      // and every line meets it
   Mask_t<F> miss;
   Int_t<F> slice;
   Int_t<F> primitive_cell;  // index into the primitive layer
@@ -129,21 +129,21 @@ struct SheetView {
 
 // `at` is the address of the line through p.
 template <class F>
-FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolicy& policy, const CellAddress<F>& at,
-                                        const Vec3Lanes<F>& p) {
+FT_HD_INLINE PlaneFitView<F> look_up_plane_fit(const FieldView& field, const QueryPolicy& policy,
+                                               const CellAddress<F>& at, const Vec3Lanes<F>& p) {
   const CellSlot<F> slot = slot_of<F>(field, at);
   // The certificate first: a baker writes it last, so that where it is known the rest is there.
   const Int_t<F> certificate = gather(field.certificate, slot.cell);
   order_loads();
   const Int_t<F> word = gather(field.depth, slot.cell);
-  SheetView<F> view;
+  PlaneFitView<F> view;
   view.slice = slot.slice;
   view.primitive_cell = slot.cell;
   view.known = !(certificate == splat_int<F>(0));
   const Mask_t<F> answers = (shift_right<2>(certificate) & splat_int<F>(63)) < splat_int<F>(policy.depth_max_class + 1);
   const Int_t<F> kind = certificate & splat_int<F>(3);
-  view.sheet = (kind > splat_int<F>(k_kind_miss)) & answers;
-  view.solid = policy.answer_all ? view.sheet : view.sheet & (kind == splat_int<F>(k_kind_sheet));
+  view.plane_fit = (kind > splat_int<F>(k_kind_miss)) & answers;
+  view.solid = policy.answer_all ? view.plane_fit : view.plane_fit & (kind == splat_int<F>(k_kind_plane_fit));
   view.miss = (kind == splat_int<F>(k_kind_miss)) & answers;
   const F depth = decode_depth<F>(word);
   view.normal = decode_normal<F>(word);
@@ -156,44 +156,45 @@ FT_HD_INLINE SheetView<F> look_up_sheet(const FieldView& field, const QueryPolic
   return view;
 }
 
-// The first sheet along a line, seen from outside, as the depth cells near the point p of the line tell it.
+// The first plane fit along a line, seen from outside, as the depth cells near the point p of the line tell it.
 template <class F>
-struct FoundSheet {
-  SheetView<F> view;
-  F back;                   // distance along the line from p back to the sheet
-  Mask_t<F> decided;        // the sheet may be relied on
+struct FoundPlaneFit {
+  PlaneFitView<F> view;
+  F back;                   // distance along the line from p back to the plane fit
+  Mask_t<F> decided;        // the plane fit may be relied on
   Mask_t<F> miss;           // no line of the cell meets the object: the lines of a miss fan out from the centre plane
   Mask_t<F> unknown;        // a slice is not baked yet
   Int_t<F> slice, lookups;  // `slice`: the one to bake, or the one that was read first
 };
 
-// Half a plane cell: what the anchoring leaves uncertain beside a sheet's own error bound.
+// Half a plane cell: what the anchoring leaves uncertain beside a plane fit's own error bound.
 template <class F>
 FT_HD_INLINE F half_cell_of(const FieldView& field) {
   return splat<F>(0.5f * field.plane.step);
 }
 
-// Distance back along the line from a point at `distance` off the sheet. The cosine is negative because the sheet faces
-// the direction; the floor (2^-20) only keeps the quotient finite.
+// Distance back along the line from a point at `distance` off the plane fit. The cosine is negative because the plane
+// fit faces the direction; the floor (2^-20) only keeps the quotient finite.
 template <class F>
-FT_HD_INLINE F distance_back(const SheetView<F>& view, const Vec3Lanes<F>& direction) {
+FT_HD_INLINE F distance_back(const PlaneFitView<F>& view, const Vec3Lanes<F>& direction) {
   return view.distance / min(dot(view.normal, direction), splat<F>(-0x1p-20f));
 }
 
 template <class F>
-FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy& policy, const CellAddress<F>& at,
-                                      const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p, Mask_t<F> wanted) {
+FT_HD_INLINE FoundPlaneFit<F> find_plane_fit(const FieldView& field, const QueryPolicy& policy,
+                                             const CellAddress<F>& at, const Vec3Lanes<F>& direction,
+                                             const Vec3Lanes<F>& p, Mask_t<F> wanted) {
   const F half_cell = half_cell_of<F>(field);
-  // How far a sheet may lie from the anchor before a line of the cell leaves the plane cell by more than a quarter of
-  // its width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
+  // How far a plane fit may lie from the anchor before a line of the cell leaves the plane cell by more than a quarter
+  // of its width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
   const F near_distance = half_cell * splat<F>(field.directions.cells * (0.5f * 0.5641896f));
-  FoundSheet<F> found;
-  found.view = look_up_sheet(field, policy, at, p);
-  SheetView<F>& view = found.view;
+  FoundPlaneFit<F> found;
+  found.view = look_up_plane_fit(field, policy, at, p);
+  PlaneFitView<F>& view = found.view;
   found.slice = view.slice;
   found.lookups = select(wanted, splat_int<F>(1), splat_int<F>(0));
   found.unknown = wanted & !view.known;
-  found.decided = wanted & view.known & view.sheet;
+  found.decided = wanted & view.known & view.plane_fit;
   found.miss = wanted & view.miss;
   if (!policy.answer_all) found.miss = found.miss & (abs(view.along) <= near_distance);
   found.back = distance_back(view, direction);
@@ -201,14 +202,14 @@ FT_HD_INLINE FoundSheet<F> find_sheet(const FieldView& field, const QueryPolicy&
   if (any(far)) {
     const Vec3Lanes<F> anchor = p - direction * found.back;
     const Mask_t<F> inside = far & (dot(anchor, anchor) < splat<F>(1.0f));
-    const SheetView<F> second =
-        look_up_sheet(field, policy, address_of_line(direction, anchor, field.directions, field.plane), anchor);
+    const PlaneFitView<F> second =
+        look_up_plane_fit(field, policy, address_of_line(direction, anchor, field.directions, field.plane), anchor);
     const Mask_t<F> missing = inside & !second.known;
     found.lookups = found.lookups + select(inside, splat_int<F>(1), splat_int<F>(0));
     found.unknown = found.unknown | missing;
     found.slice = select(missing, second.slice, found.slice);
-    // The second cell must see a sheet where the first one did.
-    const Mask_t<F> agrees = inside & second.known & second.sheet &
+    // The second cell must see a plane fit where the first one did.
+    const Mask_t<F> agrees = inside & second.known & second.plane_fit &
                              (abs(second.distance) <= second.error + view.error + half_cell + half_cell);
     // Where every cell answers, the first one does if the two contradict each other.
     found.decided = policy.answer_all ? found.decided : (and_not(far, found.decided)) | agrees;
@@ -239,8 +240,8 @@ FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPol
                                           const Vec3Lanes<F>& direction, const Vec3Lanes<F>& p,
                                           const Vec3Lanes<F>& other, Mask_t<F> wanted) {
   const F zero = splat<F>(0.0f);
-  const FoundSheet<F> found = find_sheet(field, policy, at, direction, p, wanted);
-  const SheetView<F>& view = found.view;
+  const FoundPlaneFit<F> found = find_plane_fit(field, policy, at, direction, p, wanted);
+  const PlaneFitView<F>& view = found.view;
   DepthAnswer<F> answer;
   answer.slice = found.slice;
   answer.lookups = found.lookups;
@@ -291,11 +292,11 @@ FT_HD_INLINE LineView<F> look_up_line(const FieldView& field, const QueryPolicy&
                       address_of_line(upward(segment.direction), segment.foot, field.directions, field.plane));
 }
 
-// Lanes whose line's cell has something to say. `own`: the receiver lies on this object, so that its line surely meets
-// it.
+// Lanes whose line's cell has something to say. `own`: the shading point lies on this object, so that its line surely
+// meets it.
 template <class F>
-FT_HD_INLINE Mask_t<F> line_wanted(const UnitSegment<F>& segment, Mask_t<F> own) {
-  return and_not(own & segment.origin_inside, segment.crosses);
+FT_HD_INLINE Mask_t<F> line_wanted(const UnitSegment<F>& segment, Mask_t<F> self) {
+  return and_not(self & segment.origin_inside, segment.crosses);
 }
 
 // What is left to the depth cells after the line has spoken.
@@ -311,7 +312,7 @@ FT_HD_INLINE LineAnswer<F> answer_by_line(const UnitSegment<F>& segment, Mask_t<
   LineAnswer<F> answer;
   const Mask_t<F> unknown = wanted & line.unknown;
   const Mask_t<F> end_inside = segment.origin_inside | segment.end_inside;
-  Int_t<F> verdict = select(segment.crosses, splat_int<F>(k_verdict_ask), splat_int<F>(k_verdict_none));
+  Int_t<F> verdict = select(segment.crosses, splat_int<F>(k_verdict_undecided), splat_int<F>(k_verdict_none));
   verdict = select(wanted & line.miss, splat_int<F>(k_verdict_clear), verdict);
   verdict = select(and_not(end_inside, wanted & line.hit), splat_int<F>(k_verdict_blocked), verdict);
   answer.verdict.verdict = select(unknown, splat_int<F>(k_verdict_unknown_visibility), verdict);
@@ -365,7 +366,7 @@ FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& pol
   }
   // Neither side sees a surface between the ends: nothing speaks for a blocker.
   if (policy.answer_all) clear = clear | (and_not(blocked, wanted));
-  result.verdict = select(wanted, splat_int<F>(k_verdict_ask), result.verdict);
+  result.verdict = select(wanted, splat_int<F>(k_verdict_undecided), result.verdict);
   result.verdict = select(clear, splat_int<F>(k_verdict_clear), result.verdict);
   result.verdict = select(blocked, splat_int<F>(k_verdict_blocked), result.verdict);
   result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_depth), result.verdict);
@@ -375,8 +376,8 @@ FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& pol
 // the next, so that a processor can overlap them (field/query/segment_batch-inl.h).
 template <class F>
 FT_HD_INLINE SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
-                                             const UnitSegment<F>& segment, Mask_t<F> own) {
-  const Mask_t<F> wanted = line_wanted(segment, own);
+                                             const UnitSegment<F>& segment, Mask_t<F> self) {
+  const Mask_t<F> wanted = line_wanted(segment, self);
   LineAnswer<F> answer = answer_by_line(segment, wanted, look_up_line(field, policy, segment));
   if (any(answer.depth_wanted)) {
     const DepthAnchor<F> anchor = depth_anchor(segment);

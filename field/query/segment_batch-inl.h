@@ -46,7 +46,7 @@ inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t
   for (int part = 0; part < k_vectors; ++part) {
     const Int_t<F> verdict = results[part].verdict;
     crossed = crossed || any(!(verdict == splat_int<F>(k_verdict_none)));
-    unknown = unknown || any(verdict > splat_int<F>(k_verdict_ask));
+    unknown = unknown || any(verdict > splat_int<F>(k_verdict_undecided));
     if (states.keep_verdicts) store_lanes(verdict, &states.verdict[block + size_t(part * Lanes<F>::k_count)]);
   }
   if (!crossed) return;
@@ -68,14 +68,14 @@ inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t
     const Mask_t<F> crosses = !(verdict == splat_int<F>(k_verdict_none));
     counts.crossings += size_t(count_true(crosses));
     update_states<F>(states, block + size_t(part * Lanes<F>::k_count), crosses,
-                     verdict == splat_int<F>(k_verdict_blocked), verdict == splat_int<F>(k_verdict_ask),
+                     verdict == splat_int<F>(k_verdict_blocked), verdict == splat_int<F>(k_verdict_undecided),
                      candidate_slot);
   }
 }
 
 // Segments in unit space; returns how many vectors meet the ball.
 template <class F>
-inline int transform_step(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
+inline int transform_step(const SegmentTask& task, const RayBatch& rays, const uint32_t* shading_point_instance,
                           size_t first, int vectors, QueryScratch<F>& s) {
   const Uint_t<F> instance = splat_uint<F>(task.instance);
   int crossing = 0;
@@ -84,7 +84,7 @@ inline int transform_step(const SegmentTask& task, const RayBatch& rays, const u
     const RayLanes<F> r = load_rays<F>(rays, i);
     UnitSegment<F>& segment = s.segment[crossing];
     write_segment(task.to_unit, r.o, r.d, r.tmax, segment);
-    s.wanted[crossing] = line_wanted(segment, load_uint_lanes<F>(receiver_instance + i) == instance);
+    s.wanted[crossing] = line_wanted(segment, load_uint_lanes<F>(shading_point_instance + i) == instance);
     s.vector[crossing] = v;
     s.result[v].verdict = splat_int<F>(k_verdict_none);
     crossing += any(segment.crosses);
@@ -147,7 +147,7 @@ inline size_t depth_step(const SegmentTask& task, int count, QueryScratch<F>& s)
 }
 
 template <class F>
-inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
+inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, const uint32_t* shading_point_instance,
                                  size_t begin, size_t end, int32_t candidate_slot, RayStates& states) {
   SegmentCounts counts;
   constexpr size_t k_count = size_t(Lanes<F>::k_count);
@@ -155,7 +155,7 @@ inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, 
   for (size_t first = begin; first < end; first += k_blocks_at_once * k_block) {
     const size_t last = end - first < k_blocks_at_once * k_block ? end : first + k_blocks_at_once * k_block;
     const int vectors = int((last - first) / k_count);
-    const int crossing = transform_step(task, rays, receiver_instance, first, vectors, s);
+    const int crossing = transform_step(task, rays, shading_point_instance, first, vectors, s);
     counts.lookups += line_step(task, crossing, s);
     const int deep = answer_step(task, crossing, s);
     if (task.reads_depth) counts.lookups += depth_step(task, deep, s);
@@ -195,10 +195,10 @@ FT_HD_INLINE void clip_slab(F o, F d, float lower, float upper, F& enter, F& lea
 }
 
 template <class F>
-inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, const uint32_t* receiver_instance,
+inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, const uint32_t* shading_point_instance,
                                      size_t begin, size_t end, int32_t candidate_slot, RayStates& states) {
   SegmentCounts counts;
-  const Uint_t<F> instance = splat_uint<F>(task.skip_own ? task.instance : 0xfffffffeu);
+  const Uint_t<F> instance = splat_uint<F>(task.skip_self ? task.instance : 0xfffffffeu);
   for (size_t i = begin; i < end; i += size_t(Lanes<F>::k_count)) {
     const RayLanes<F> r = load_rays<F>(rays, i);
     F enter = splat<F>(0.0f), leave = r.tmax;
@@ -206,8 +206,8 @@ inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, 
       clip_slab(transformed(task.to_object, axis, r.o) + splat<F>(task.to_object[9 + axis]),
                 transformed(task.to_object, axis, r.d), task.lower[axis], task.upper[axis], enter, leave);
     }
-    const Mask_t<F> own = load_uint_lanes<F>(receiver_instance + i) == instance;
-    const Mask_t<F> crosses = and_not(own, (enter <= leave) & (r.tmax >= splat<F>(0.0f)));
+    const Mask_t<F> self = load_uint_lanes<F>(shading_point_instance + i) == instance;
+    const Mask_t<F> crosses = and_not(self, (enter <= leave) & (r.tmax >= splat<F>(0.0f)));
     if (!any(crosses)) continue;
     counts.crossings += size_t(count_true(crosses));
     update_states<F>(states, i, crosses, and_not(crosses, crosses), crosses, candidate_slot);
@@ -222,14 +222,14 @@ FT_HD_INLINE void raise_flags(Mask_t<F> raised, int32_t* flags) {
 }
 
 template <class F>
-inline void hull_meets_ball_batch(const SegmentTask& task, const ReceiverBatch& receivers, const Sphere& light,
+inline void hull_meets_ball_batch(const SegmentTask& task, const ShadingPointBatch& shading_points, const Sphere& light,
                                   int32_t* flags) {
   const float* m = task.to_unit;
   const Vec3Lanes<F> centre = {splat<F>(light.centre.x), splat<F>(light.centre.y), splat<F>(light.centre.z)};
   const F radius = splat<F>(light.radius * task.to_unit_stretch);
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  for (size_t i = 0; i < padded(receivers.size); i += size_t(Lanes<F>::k_count)) {
-    const Vec3Lanes<F> world = load_points<F>(receivers, i);
+  for (size_t i = 0; i < padded(shading_points.size); i += size_t(Lanes<F>::k_count)) {
+    const Vec3Lanes<F> world = load_points<F>(shading_points, i);
     const Vec3Lanes<F> to_light = centre - world;
     const Vec3Lanes<F> p = transformed_point(m, world), axis = transformed_vector(m, to_light);
     const F length_squared = max(dot(axis, axis), splat<F>(1e-30f));
@@ -248,47 +248,47 @@ inline void hull_meets_ball_batch(const SegmentTask& task, const ReceiverBatch& 
 }
 
 template <class F>
-inline void hull_meets_box_batch(const BoxTask& task, const ReceiverBatch& receivers, const Sphere& light,
+inline void hull_meets_box_batch(const BoxTask& task, const ShadingPointBatch& shading_points, const Sphere& light,
                                  int32_t* flags) {
   const float* m = task.to_object;
   const Vec3Lanes<F> centre = {splat<F>(light.centre.x), splat<F>(light.centre.y), splat<F>(light.centre.z)};
   const float margin = light.radius * task.to_object_stretch * (1.0f + 0x1p-9f);
-  const Uint_t<F> instance = splat_uint<F>(task.skip_own ? task.instance : 0xfffffffeu);
-  for (size_t i = 0; i < padded(receivers.size); i += size_t(Lanes<F>::k_count)) {
-    const Vec3Lanes<F> world = load_points<F>(receivers, i);
+  const Uint_t<F> instance = splat_uint<F>(task.skip_self ? task.instance : 0xfffffffeu);
+  for (size_t i = 0; i < padded(shading_points.size); i += size_t(Lanes<F>::k_count)) {
+    const Vec3Lanes<F> world = load_points<F>(shading_points, i);
     const Vec3Lanes<F> to_light = centre - world;
     F enter = splat<F>(0.0f), leave = splat<F>(1.0f);
     for (int axis = 0; axis < 3; ++axis) {
       const F p = transformed(m, axis, world) + splat<F>(m[9 + axis]);
-      // The receiver's offset from the surface, and rounding.
+      // The shading point's offset from the surface, and rounding.
       const float lower = task.lower[axis] - margin, upper = task.upper[axis] + margin;
       clip_slab(p, transformed(m, axis, to_light), lower, upper, enter, leave);
     }
-    const Mask_t<F> own = load_uint_lanes<F>(&receivers.instance[i]) == instance;
-    raise_flags<F>(and_not(own, enter <= leave), flags + i);
+    const Mask_t<F> self = load_uint_lanes<F>(&shading_points.instance[i]) == instance;
+    raise_flags<F>(and_not(self, enter <= leave), flags + i);
   }
 }
 
 template <class F>
 inline void collect_batch(const RayStates& states, size_t rays, uint8_t* blocked, ExactLists& lists) {
-  lists.one_asker.resize(padded(rays) + k_block);
-  lists.many_askers.resize(padded(rays) + k_block);
+  lists.one_undecided_slot.resize(padded(rays) + k_block);
+  lists.many_undecided_slots.resize(padded(rays) + k_block);
   lists.one_count = lists.many_count = 0;
   lists.crossing = 0;
   const Int_t<F> zero = splat_int<F>(0), k_blocked = splat_int<F>(RayStates::k_blocked);
-  const Int_t<F> one_ask = splat_int<F>(RayStates::k_ask);
+  const Int_t<F> one_undecided = splat_int<F>(RayStates::k_undecided);
   for (size_t i = 0; i < padded(rays); i += size_t(Lanes<F>::k_count)) {
     const Int_t<F> state = load_int_lanes<F>(&states.state[i]);
     const Mask_t<F> touched = !(state == zero);
     if (!any(touched)) continue;
     lists.crossing += size_t(count_true(touched));
     const Mask_t<F> is_blocked = (state & k_blocked) == k_blocked;
-    const Int_t<F> asks = state & splat_int<F>(~(RayStates::k_ask - 1));
-    const Mask_t<F> one = and_not(is_blocked, asks == one_ask);
-    const Mask_t<F> many = and_not(is_blocked, asks > one_ask);
+    const Int_t<F> undecided = state & splat_int<F>(~(RayStates::k_undecided - 1));
+    const Mask_t<F> one = and_not(is_blocked, undecided == one_undecided);
+    const Mask_t<F> many = and_not(is_blocked, undecided > one_undecided);
     const Int_t<F> index = lane_sequence<F>(int32_t(i));
-    lists.one_count += size_t(compress_store(index, one, lists.one_asker.data() + lists.one_count));
-    lists.many_count += size_t(compress_store(index, many, lists.many_askers.data() + lists.many_count));
+    lists.one_count += size_t(compress_store(index, one, lists.one_undecided_slot.data() + lists.one_count));
+    lists.many_count += size_t(compress_store(index, many, lists.many_undecided_slots.data() + lists.many_count));
   }
   for (size_t i = 0; i < rays; ++i) blocked[i] = uint8_t((states.state[i] / RayStates::k_blocked) & 1);
 }
@@ -296,7 +296,7 @@ inline void collect_batch(const RayStates& states, size_t rays, uint8_t* blocked
 template <class F>
 constexpr SegmentKernels make_segment_kernels() {
   return {&query_batch<F>,          &cross_ball_batch<F>,   &cross_box_batch<F>,     &hull_meets_ball_batch<F>,
-          &hull_meets_box_batch<F>, &light_cones_batch<F>,  &filter_leaves_batch<F>, &lobes_meet_batch<F>,
+          &hull_meets_box_batch<F>, &light_cones_batch<F>,  &filter_strata_batch<F>, &lobes_meet_batch<F>,
           &filter_lobes_batch<F>,   &nearest_hits_batch<F>, &collect_batch<F>};
 }
 

@@ -10,7 +10,7 @@
 #include <span>
 #include <vector>
 
-#include "core/light/receivers.h"
+#include "core/light/shading_points.h"
 #include "core/simd/isa.h"
 #include "core/trace/rays.h"
 #include "field/query/hit_batch.h"
@@ -20,12 +20,12 @@ namespace fieldtrace {
 
 // What the candidates have said of each ray so far.
 struct RayStates {
-  static constexpr int32_t k_crosses = 1;  // meets some candidate's bounds
-  static constexpr int32_t k_blocked = 2;  // some field says so
-  static constexpr int32_t k_ask = 4;      // added once for each candidate that asks for an exact ray
+  static constexpr int32_t k_crosses = 1;    // meets some candidate's bounds
+  static constexpr int32_t k_blocked = 2;    // some field says so
+  static constexpr int32_t k_undecided = 4;  // added once for each candidate that asks for an exact ray
 
   AlignedVector<int32_t> state;
-  AlignedVector<int32_t> asker;  // candidate_slot of the last one that asked
+  AlignedVector<int32_t> undecided_slot;  // candidate_slot of the last one that asked
   // Blocks of k_batch_padding rays that met cells not baked yet, as their first ray; their states are untouched. And
   // the slices.
   std::vector<uint32_t> unknown_blocks, unknown_visibility, unknown_depth;
@@ -35,7 +35,7 @@ struct RayStates {
 
   void reset(size_t rays) {
     state.assign(padded(rays), 0);
-    asker.resize(padded(rays));
+    undecided_slot.resize(padded(rays));
     if (keep_verdicts) verdict.resize(padded(rays));
   }
 };
@@ -46,7 +46,7 @@ struct SegmentTask {
   QueryPolicy policy;
   float to_unit[12];             // world -> unit space of the object, 3 x 4, column-major
   float to_unit_stretch = 0.0f;  // bound on the length of to_unit's image of a unit vector
-  uint32_t instance = 0;         // rays whose receiver lies on this instance are `own`
+  uint32_t instance = 0;         // rays whose shading point lies on this instance are `own`
   bool reads_depth = true;       // false: what a line's cell does not settle asks
 };
 
@@ -56,7 +56,7 @@ struct BoxTask {
   float to_object_stretch = 0.0f;
   float lower[3], upper[3];  // object space
   uint32_t instance = 0;
-  bool skip_own = false;  // flat objects cannot block rays that leave them
+  bool skip_self = false;  // flat objects cannot block rays that leave them
 };
 
 struct SegmentCounts {
@@ -64,10 +64,11 @@ struct SegmentCounts {
   uint64_t lookups = 0;    // cells read
 };
 
-// Bits of a receiver's flag: what stands between it and a light.
+// Bits of a shading point's flag: what stands between it and a light.
 inline constexpr int32_t k_may_shadow = 1;     // some object may: single rays must tell
 inline constexpr int32_t k_light_blocked = 2;  // the whole light is hidden
-inline constexpr int32_t k_by_leaves = 4;  // the object may be asked about parts of the light (field/query/leaf.hd.h)
+inline constexpr int32_t k_by_strata =
+    4;  // the object may be asked about parts of the light (field/query/stratum.hd.h)
 
 // One candidate object asked about whole lights (field/query/cone.hd.h).
 struct ConeTask {
@@ -75,25 +76,26 @@ struct ConeTask {
   float from_unit[9];        // unit space -> world, linear part, column-major
   float chord_share = 1.0f;  // of half a chord, on which surfaces are looked for (field/query/cone.hd.h)
   float half_extent[3];      // of the object's bounds, a box about the origin of unit space
-  int sheet_side = 0;        // directions tried for receivers on the object: sheet_side^2; 0: none are asked about
+  int plane_fit_side =
+      0;  // directions tried for shading points on the object: plane_fit_side^2; 0: none are asked about
 };
 
-// One candidate object asked about parts of lights (field/query/leaf.hd.h).
-struct LeafTask {
+// One candidate object asked about parts of lights (field/query/stratum.hd.h).
+struct StratumTask {
   SegmentTask segment;
-  float share = 1.0f;       // of the light's samples that one leaf is: 1 / number of leaves
-  float least_disc = 0.5f;  // half width of a leaf at the blocker, in texels, below which it is refused
+  float share = 1.0f;       // of the light's samples that one stratum is: 1 / number of strata
+  float least_disc = 0.5f;  // half width of a stratum at the blocker, in texels, below which it is refused
 };
 
-// What light_cones() and filter_leaves() met that is not baked: receivers' or rays' blocks of k_batch_padding, as their
-// first index, and what to bake.
+// What light_cones() and filter_strata() met that is not baked: shading points' or rays' blocks of k_batch_padding, as
+// their first index, and what to bake.
 struct ConeUnknowns {
   std::vector<uint32_t> blocks, tiles, slices;
   std::array<std::vector<uint32_t>*, 2> lists() { return {&tiles, &slices}; }
 };
 
 struct ConeCounts {
-  uint64_t clear = 0, blocked = 0;  // receivers answered
+  uint64_t clear = 0, blocked = 0;  // shading points answered
   uint64_t lookups = 0;
 };
 
@@ -125,34 +127,34 @@ struct LobeAnswers {
 
 // The rays left to trace, by index, after all candidates have spoken.
 struct ExactLists {
-  AlignedVector<int32_t> one_asker, many_askers;
+  AlignedVector<int32_t> one_undecided_slot, many_undecided_slots;
   size_t one_count = 0, many_count = 0;
   uint64_t crossing = 0;  // rays that met at least one candidate's bounds
 };
 
 struct SegmentKernels {
   // Adds what the field of `task` says of rays [begin, end).
-  SegmentCounts (*query)(const SegmentTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
+  SegmentCounts (*query)(const SegmentTask&, const RayBatch&, const uint32_t* shading_point_instance, size_t begin,
                          size_t end, int32_t candidate_slot, RayStates&);
   // Every ray that meets the ball asks, whatever the field says: for exact rendering.
   SegmentCounts (*cross_ball)(const SegmentTask&, const RayBatch&, size_t begin, size_t end, int32_t candidate_slot,
                               RayStates&);
   // The same for the bounding box of an object without a field.
-  SegmentCounts (*cross_box)(const BoxTask&, const RayBatch&, const uint32_t* receiver_instance, size_t begin,
+  SegmentCounts (*cross_box)(const BoxTask&, const RayBatch&, const uint32_t* shading_point_instance, size_t begin,
                              size_t end, int32_t candidate_slot, RayStates&);
-  // flags[r] |= k_may_shadow where the hull of receiver r and a sphere about the light meets the object's ball or box.
-  // Conservative.
-  void (*hull_meets_ball)(const SegmentTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
-  void (*hull_meets_box)(const BoxTask&, const ReceiverBatch&, const Sphere& light, int32_t* flags);
-  // For receivers in `blocks` whose flag is k_may_shadow: the flag becomes 0 where the object leaves the whole ball
-  // `light` clear, k_light_blocked where it hides all of it; where neither is known and parts of the light may be asked
-  // about, k_by_leaves is added.
-  ConeCounts (*light_cones)(const ConeTask&, const ReceiverBatch&, const Sphere& light,
+  // flags[r] |= k_may_shadow where the hull of shading point r and a sphere about the light meets the object's ball or
+  // box. Conservative.
+  void (*hull_meets_ball)(const SegmentTask&, const ShadingPointBatch&, const Sphere& light, int32_t* flags);
+  void (*hull_meets_box)(const BoxTask&, const ShadingPointBatch&, const Sphere& light, int32_t* flags);
+  // For shading points in `blocks` whose flag is k_may_shadow: the flag becomes 0 where the object leaves the whole
+  // ball `light` clear, k_light_blocked where it hides all of it; where neither is known and parts of the light may be
+  // asked about, k_by_strata is added.
+  ConeCounts (*light_cones)(const ConeTask&, const ShadingPointBatch&, const Sphere& light,
                             std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&);
-  // For rays in `blocks` with wanted[i] != 0 and tmax >= 0, each the centre of a leaf of density pdf[i] (1/sr):
-  // clear[i] is multiplied by the share of the leaf that the object leaves clear, refused[i] set to 1 where it cannot
-  // tell. Returns the number of look-ups.
-  uint64_t (*filter_leaves)(const LeafTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
+  // For rays in `blocks` with wanted[i] != 0 and tmax >= 0, each the centre of a stratum of density pdf[i] (1/sr):
+  // clear[i] is multiplied by the share of the stratum that the object leaves clear, refused[i] set to 1 where it
+  // cannot tell. Returns the number of look-ups.
+  uint64_t (*filter_strata)(const StratumTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
                             std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
   // met[i] = 1 where a sample of a lobe (unit and endless; density > 0, per solid angle; both padded) may meet the
   // object; others stay as they are.

@@ -226,7 +226,7 @@ void Field::store_visibility(uint32_t cell, uint8_t code) {
   shared(visibility_[cell]).store(code, std::memory_order_relaxed);
 }
 
-void Field::store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate) {
+void Field::store_plane_fit(uint32_t cell, uint32_t depth_word, uint32_t certificate) {
   shared(depth_[cell]).store(int32_t(depth_word), std::memory_order_relaxed);
   shared(certificate_[cell]).store(int32_t(certificate), std::memory_order_release);
 }

@@ -21,7 +21,8 @@
 
 namespace fieldtrace {
 
-// The layers of cells, each baked by demand. `primitive` is read where a depth cell's sheet answers a nearest query.
+// The layers of cells, each baked by demand. `primitive` is read where a depth cell's plane fit answers a nearest
+// query.
 enum class FieldLayer { visibility, depth, primitive };
 inline constexpr int k_field_layers = 3;
 
@@ -89,7 +90,7 @@ class Field {
 
   // Cell storage for the baker that claimed it; relaxed atomic stores.
   void store_visibility(uint32_t cell, uint8_t code);
-  void store_sheet(uint32_t cell, uint32_t depth_word, uint32_t certificate);
+  void store_plane_fit(uint32_t cell, uint32_t depth_word, uint32_t certificate);
   void store_primitive(uint32_t cell, uint32_t primitive);  // k_none: none
 
   // Of the layers visibility and depth.

@@ -11,9 +11,10 @@
 //                        Only lines of the upper half of the directions are stored: a line and its reverse share a
 //                        cell.
 //   depth       4 bytes  bits 0-15 depth along the cell's direction, [-1, 1]; 16-23 and 24-31 octahedral normal
-//   certificate 4 bytes  0 unknown, else bits 0-1 kind, 2-7 risk class, 8-15 error bound. Kinds: 1 miss; 2 sheet: every
-//                        line meets the plane within the error bound; 3 ceiling: no line meets anything in front of the
-//                        plane by more than the error bound, but some meet something behind it, or nothing
+//   certificate 4 bytes  0 unknown, else bits 0-1 kind, 2-7 risk class, 8-15 error bound. Kinds: 1 miss; 2 plane fit:
+//   every
+//                        line meets the plane within the error bound; 3 one-sided bound: no line meets anything in
+//                        front of the plane by more than the error bound, but some meet something behind it, or nothing
 //   primitive   4 bytes  0 unknown, 1 none, else 2 + the triangle met by the line through the cell's centre
 // Thread-safety: pure functions.
 
@@ -36,8 +37,8 @@ constexpr int k_slice_cells = 32;
 constexpr int k_no_primitive = 1;
 constexpr int k_first_primitive = 2;
 constexpr int k_kind_miss = 1;
-constexpr int k_kind_sheet = 2;
-constexpr int k_kind_ceiling = 3;
+constexpr int k_kind_plane_fit = 2;
+constexpr int k_kind_one_sided = 3;
 
 // Where a cell is stored, and the number of its slice.
 template <class F>

@@ -17,10 +17,10 @@ FT_LANES_BEGIN
 
 template <class F>
 void thesis_nearest(const ThesisInstanceView& view, const RayBatch& rays, const uint32_t* skip, ThesisHits& hits) {
-  const Uint_t<F> own = splat_uint<F>(view.instance);
+  const Uint_t<F> self = splat_uint<F>(view.instance);
   for (size_t i = 0; i < rays.size; i += size_t(Lanes<F>::k_count)) {
     const RayLanes<F> r = load_rays<F>(rays, i);
-    const Mask_t<F> active = and_not(load_uint_lanes<F>(&skip[i]) == own, r.tmax >= splat<F>(0.0f));
+    const Mask_t<F> active = and_not(load_uint_lanes<F>(&skip[i]) == self, r.tmax >= splat<F>(0.0f));
     const ThesisUnitRay<F> ray = thesis_unit_ray(view, r.o, r.d);
     const F end = splat<F>(k_infinity);
     const ThesisFound<F> found = look_up_thesis(view.field, ray.origin, ray.direction, splat<F>(0.0f), end, active);
@@ -33,11 +33,11 @@ void thesis_nearest(const ThesisInstanceView& view, const RayBatch& rays, const 
     store_lanes(select(nearer, n.x, load_lanes<F>(&hits.nx[i])), &hits.nx[i]);
     store_lanes(select(nearer, n.y, load_lanes<F>(&hits.ny[i])), &hits.ny[i]);
     store_lanes(select(nearer, n.z, load_lanes<F>(&hits.nz[i])), &hits.nz[i]);
-    store_lanes(select(nearer, own, load_uint_lanes<F>(&hits.instance[i])), &hits.instance[i]);
+    store_lanes(select(nearer, self, load_uint_lanes<F>(&hits.instance[i])), &hits.instance[i]);
   }
 }
 
-// Seen from the receiver, the light lies at -length along the reversed ray; what hides it lies before -slack.
+// Seen from the shading point, the light lies at -length along the reversed ray; what hides it lies before -slack.
 template <class F>
 SegmentCounts thesis_shadow(const ThesisInstanceView& view, const RayBatch& rays, size_t begin, size_t end,
                             int32_t candidate_slot, RayStates& states) {
@@ -47,8 +47,9 @@ SegmentCounts thesis_shadow(const ThesisInstanceView& view, const RayBatch& rays
     const RayLanes<F> r = load_rays<F>(rays, i);
     const ThesisUnitRay<F> ray = thesis_unit_ray(view, r.o, r.d);
     const Vec3Lanes<F> from_light = {zero - ray.direction.x, zero - ray.direction.y, zero - ray.direction.z};
-    const F light = zero - r.tmax * ray.scale, receiver = splat<F>(-view.slack);
-    const ThesisFound<F> found = look_up_thesis(view.field, ray.origin, from_light, light, receiver, r.tmax >= zero);
+    const F light = zero - r.tmax * ray.scale, shading_point = splat<F>(-view.slack);
+    const ThesisFound<F> found =
+        look_up_thesis(view.field, ray.origin, from_light, light, shading_point, r.tmax >= zero);
     if (states.keep_verdicts) {
       const Int_t<F> clear = select(found.crosses, splat_int<F>(k_verdict_clear), splat_int<F>(k_verdict_none));
       store_lanes(select(found.hit, splat_int<F>(k_verdict_blocked), clear), &states.verdict[i]);

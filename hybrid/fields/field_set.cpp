@@ -36,7 +36,7 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
       budget_(std::make_unique<FieldBudget>(budget_bytes)),
       fields_(scene.shapes.size()),
       left_to_rays_(scene.shapes.size(), 0),
-      own_to_rays_(scene.shapes.size(), 0),
+      self_to_rays_(scene.shapes.size(), 0),
       for_hits_(scene.shapes.size(), 0) {
   if (!wanted) return;
   bake_rays_ = estimated_bake_rays(scene, plan.parameters);
@@ -79,7 +79,7 @@ void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers)
     const bool cost_decides = plan_.light_samples < std::numeric_limits<double>::infinity();
     const uint64_t fewest = cost_decides && bake_rays_[s] > k_costly_bake_rays ? uint64_t(bake_rays_[s]) : 0;
     left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, std::max(fewest, fewest_answers));
-    own_to_rays_[s] = fields_[s] && leaves_own_to_rays(survey.uses[s]);
+    self_to_rays_[s] = fields_[s] && leaves_self_to_rays(survey.uses[s]);
   }
 }
 
@@ -116,7 +116,7 @@ void FieldSet::count(Stats& stats) const {
     stats.field_left_to_rays += left_to_rays_[s];
     if (!field) continue;
     stats.field_objects += !left_to_rays_[s] || for_hits_[s];
-    stats.field_own_to_rays += !left_to_rays_[s] && own_to_rays_[s];
+    stats.field_self_to_rays += !left_to_rays_[s] && self_to_rays_[s];
     stats.field_cells_baked += field->cells_baked();
     stats.field_cells_full += field->cells_full();
     stats.field_bytes_memory += field->bytes();

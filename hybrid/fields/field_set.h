@@ -53,8 +53,8 @@ class FieldSet {
   std::vector<Field*> pointers() const;            // by shape, for shadow rays; null: exact rays
   std::vector<Field*> occlusion_pointers() const;  // by shape, for the layer `ao`; null: exact rays
   std::vector<Field*> all_pointers() const;        // by shape, those too that answer glossy rays alone; null: none
-  // By shape: not 0 where the field is not asked about receivers on the object itself.
-  const std::vector<uint8_t>& own_to_rays() const { return own_to_rays_; }
+  // By shape: not 0 where the field is not asked about shading points on the object itself.
+  const std::vector<uint8_t>& self_to_rays() const { return self_to_rays_; }
   // Leaves objects to exact rays, as the counts of a survey say; those with a costly bake if their answers would not
   // outnumber its rays.
   void leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers);
@@ -77,7 +77,7 @@ class FieldSet {
   std::vector<double> bake_rays_;            // by shape: estimated
   std::vector<double> occlusion_bake_rays_;  // of the layer `ao`
   // By shape: shadow rays do not ask its field, or not from the object itself; glossy rays ask it.
-  std::vector<uint8_t> left_to_rays_, own_to_rays_, for_hits_;
+  std::vector<uint8_t> left_to_rays_, self_to_rays_, for_hits_;
   size_t count_ = 0;
   bool has_loaded_ = false;
 };

@@ -3,18 +3,18 @@
 namespace fieldtrace {
 namespace {
 
-bool mostly_asks(uint64_t answered, uint64_t asked) {
-  const uint64_t all = answered + asked;
-  return all >= k_fewest_surveyed && double(asked) > k_most_asked * double(all);
+bool mostly_undecided(uint64_t answered, uint64_t undecided) {
+  const uint64_t all = answered + undecided;
+  return all >= k_fewest_surveyed && double(undecided) > k_most_undecided * double(all);
 }
 
 }  // namespace
 
 bool leaves_to_rays(const FieldUse& use, double scale, uint64_t fewest_answers) {
-  if (mostly_asks(use.answered - use.own_answered, use.asked - use.own_asked)) return true;
+  if (mostly_undecided(use.answered - use.self_answered, use.undecided - use.self_undecided)) return true;
   return double(use.answered) * scale < double(fewest_answers);
 }
 
-bool leaves_own_to_rays(const FieldUse& use) { return mostly_asks(use.own_answered, use.own_asked); }
+bool leaves_self_to_rays(const FieldUse& use) { return mostly_undecided(use.self_answered, use.self_undecided); }
 
 }  // namespace fieldtrace

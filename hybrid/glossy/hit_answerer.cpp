@@ -7,9 +7,9 @@
 #include "field/bake/bake.h"
 #include "field/bake/bake_full.h"
 #include "field/query/query.hd.h"
-#include "hybrid/visibility/ask_and_bake.h"
-#include "hybrid/visibility/occluder.h"
+#include "hybrid/visibility/query_and_bake.h"
 #include "hybrid/visibility/shadow_answerer.h"
+#include "hybrid/visibility/shadow_instance.h"
 
 namespace fieldtrace {
 namespace {
@@ -18,8 +18,8 @@ namespace {
 constexpr float k_wrong_errors = 4.0f;
 constexpr float k_lobe_spread = 2.0f;
 
-// The tangent by which a sheet's normal may differ from the surface's, of a lobe's, for each unit of tolerance: at the
-// default .2 % of hits are then off by more than the lobe's spread (docs/decisions/016-certified-hits.md).
+// The tangent by which a plane fit's normal may differ from the surface's, of a lobe's, for each unit of tolerance: at
+// the default .2 % of hits are then off by more than the lobe's spread (docs/decisions/016-certified-hits.md).
 constexpr float k_bend_of_tolerance = 8.0f;
 
 // A cell's corner lies this many of a textured mesh's edges from its middle at most.
@@ -145,7 +145,7 @@ HitAnswerer::HitAnswerer(const Scene& scene, const Accel& accel, std::span<const
   for (const uint32_t i : instances) {
     const uint32_t shape = scene.instances[i].shape;
     Field* field = fields[shape];
-    objects_.push_back({make_occluder(scene, i, traits[shape], field, nullptr, settings).cone.segment, field,
+    objects_.push_back({make_shadow_instance(scene, i, traits[shape], field, nullptr, settings).cone.segment, field,
                         transform_point(scene.instances[i].to_world, field->ball().centre),
                         double(field->ball().radius) / field->parameters().plane});
     is_object_[i] = 1;
@@ -194,11 +194,11 @@ void HitAnswerer::order_objects(HitWorkspace& work) const {
             [&](uint32_t a, uint32_t b) { return distance(a) < distance(b); });
 }
 
-void HitAnswerer::ask_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const {
+void HitAnswerer::query_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const {
   HitQueries& queries = work.queries;
   const size_t n = queries.rays.size;
   answers.resize(n);
-  ask_and_bake(
+  query_and_bake(
       n, work.unknowns,
       [&](std::span<const uint32_t> blocks) {
         stats.lookups += kernels_.nearest_hits(object.task, queries, blocks, answers, work.unknowns);
@@ -209,7 +209,7 @@ void HitAnswerer::ask_object(const Object& object, HitAnswers& answers, HitWorks
       });
   for (const uint32_t block : work.unknowns.blocks) {
     for (uint32_t j = block; j < block + k_batch_padding; ++j) {
-      if (answers.verdict[j] != scalar::k_verdict_none) answers.verdict[j] = scalar::k_verdict_ask;
+      if (answers.verdict[j] != scalar::k_verdict_none) answers.verdict[j] = scalar::k_verdict_undecided;
     }
   }
   for (size_t j = 0; j < n; ++j) {
@@ -218,11 +218,11 @@ void HitAnswerer::ask_object(const Object& object, HitAnswers& answers, HitWorks
   }
 }
 
-void HitAnswerer::ask(HitWorkspace& work, Stats& stats) const {
+void HitAnswerer::query(HitWorkspace& work, Stats& stats) const {
   trace_others(work);
   order_objects(work);
   work.answers.resize(objects_.size());
-  for (const uint32_t k : work.front_to_back) ask_object(objects_[k], work.answers[k], work, stats);
+  for (const uint32_t k : work.front_to_back) query_object(objects_[k], work.answers[k], work, stats);
 }
 
 HitAnswerer::Nearest HitAnswerer::put_together(const HitWorkspace& work, size_t j) const {
@@ -234,16 +234,16 @@ HitAnswerer::Nearest HitAnswerer::put_together(const HitWorkspace& work, size_t 
     if (a.verdict[j] == scalar::k_verdict_none) continue;
     nearest.crossed = true;
     if (a.verdict[j] == scalar::k_verdict_clear || a.from[j] > limit) continue;
-    if (a.verdict[j] == scalar::k_verdict_ask) nearest.verdict = Verdict::ask;
+    if (a.verdict[j] == scalar::k_verdict_undecided) nearest.verdict = Verdict::undecided;
     nearest.object = int(k);
     ++candidates;
   }
-  if (candidates > 1) nearest.verdict = Verdict::ask;  // they may lie either way round
-  if (nearest.verdict != Verdict::ask && nearest.object >= 0) find_triangle(work, j, nearest);
+  if (candidates > 1) nearest.verdict = Verdict::undecided;  // they may lie either way round
+  if (nearest.verdict != Verdict::undecided && nearest.object >= 0) find_triangle(work, j, nearest);
   return nearest;
 }
 
-// A triangle that is wider than half a cell must be the one that is met: a sheet over a few such triangles smooths
+// A triangle that is wider than half a cell must be the one that is met: a plane fit over a few such triangles smooths
 // their edges away. Among smaller ones normals vary so much within a cell that its error bound shows it.
 void HitAnswerer::find_triangle(const HitWorkspace& work, size_t j, Nearest& nearest) const {
   const Object& object = objects_[size_t(nearest.object)];
@@ -254,12 +254,12 @@ void HitAnswerer::find_triangle(const HitWorkspace& work, size_t j, Nearest& nea
                                   DVec3(transform_point(instance.to_object, rays.origin(j))),
                                   DVec3(transform_vector(instance.to_object, rays.direction(j))));
   // Beside a silhouette a ray could meet the triangle from behind.
-  const Vec3 sheet(a.nx[j], a.ny[j], a.nz[j]);
+  const Vec3 plane_fit(a.nx[j], a.ny[j], a.nz[j]);
   const Vec3 normal = triangle_normal(scene_, object.task.instance, uint32_t(a.primitive[j]));
-  const bool faces = (glm::dot(normal, sheet) > 0.0f) == (glm::dot(normal, rays.direction(j)) < 0.0f);
+  const bool faces = (glm::dot(normal, plane_fit) > 0.0f) == (glm::dot(normal, rays.direction(j)) < 0.0f);
   nearest.on_triangle = hit.inside && faces && hit.t > 0.0 && std::abs(hit.t - double(a.t[j])) <= double(a.error[j]);
   nearest.t = float(hit.t), nearest.u = float(hit.u), nearest.v = float(hit.v);
-  nearest.verdict = nearest.on_triangle || hit.altitude <= object.half_cell ? Verdict::hit : Verdict::ask;
+  nearest.verdict = nearest.on_triangle || hit.altitude <= object.half_cell ? Verdict::hit : Verdict::undecided;
 }
 
 bool HitAnswerer::is_wrong(const HitWorkspace& work, size_t j, const Nearest& nearest, float alpha) const {
@@ -277,32 +277,33 @@ bool HitAnswerer::is_wrong(const HitWorkspace& work, size_t j, const Nearest& ne
 }
 
 void HitAnswerer::check_answers(std::span<const PathState> paths, HitWorkspace& work, Stats& stats) const {
-  const size_t n = work.asked.size();
+  const size_t n = work.queried.size();
   work.found.resize(n);
   accel_.intersect(work.queries.rays, work.found, Coherence::incoherent);
   for (size_t j = 0; j < n; ++j) {
-    const PathState& path = paths[work.asked[j]];
+    const PathState& path = paths[work.queried[j]];
     const Nearest nearest = put_together(work, j);
-    if (nearest.verdict == Verdict::ask || !nearest.crossed) continue;
+    if (nearest.verdict == Verdict::undecided || !nearest.crossed) continue;
     const bool is_hit = nearest.verdict == Verdict::hit;
-    const bool own = is_hit ? objects_[size_t(nearest.object)].task.instance == path.instance
-                            : path.instance != k_none && is_object_[path.instance];
-    stats.add_check(is_hit ? CheckedVerdict::hit : CheckedVerdict::miss, own, is_wrong(work, j, nearest, path.alpha));
+    const bool self = is_hit ? objects_[size_t(nearest.object)].task.instance == path.instance
+                             : path.instance != k_none && is_object_[path.instance];
+    stats.add_check(is_hit ? CheckedVerdict::hit : CheckedVerdict::miss, self, is_wrong(work, j, nearest, path.alpha));
   }
 }
 
 // The glossy ones of `which`, in an order that suits look-ups; the others are exact.
-void HitAnswerer::choose_asked(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
-                               HitWorkspace& work) const {
-  work.asked.clear();
+void HitAnswerer::choose_queried(const RayBatch& rays, std::span<const PathState> paths,
+                                 std::span<const uint32_t> which, HitWorkspace& work) const {
+  work.queried.clear();
   work.exact.clear();
-  for (const uint32_t i : which) (paths[i].alpha > 0.0f && !paths[i].unweighted ? work.asked : work.exact).push_back(i);
-  order_by_direction(rays, work.asked, work.order);
+  for (const uint32_t i : which)
+    (paths[i].alpha > 0.0f && !paths[i].unweighted ? work.queried : work.exact).push_back(i);
+  order_by_direction(rays, work.queried, work.order);
   HitQueries& queries = work.queries;
-  queries.resize(work.asked.size());
-  for (size_t j = 0; j < work.asked.size(); ++j) {
-    const PathState& path = paths[work.asked[j]];
-    queries.rays.copy(j, rays, work.asked[j]);
+  queries.resize(work.queried.size());
+  for (size_t j = 0; j < work.queried.size(); ++j) {
+    const PathState& path = paths[work.queried[j]];
+    queries.rays.copy(j, rays, work.queried[j]);
     queries.instance[j] = path.instance;
     queries.most_error[j] = k_blur_of_tolerance * tolerance_ * path.alpha;
     queries.most_bend[j] = k_bend_of_tolerance * tolerance_ * std::tan(spread_of(path.alpha));
@@ -311,10 +312,10 @@ void HitAnswerer::choose_asked(const RayBatch& rays, std::span<const PathState> 
 
 // Of the rays asked about, what is known; the others become exact.
 void HitAnswerer::settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const {
-  for (size_t j = 0; j < work.asked.size(); ++j) {
-    const uint32_t i = work.asked[j];
+  for (size_t j = 0; j < work.queried.size(); ++j) {
+    const uint32_t i = work.queried[j];
     const Nearest nearest = put_together(work, j);
-    if (nearest.verdict == Verdict::ask) {
+    if (nearest.verdict == Verdict::undecided) {
       work.exact.push_back(i);
       continue;
     }
@@ -339,14 +340,14 @@ void HitAnswerer::settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const
 void HitAnswerer::intersect(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
                             HitBatch& hits, HitWorkspace& work, Stats& stats) const {
   work.certified.clear();
-  choose_asked(rays, paths, which, work);
-  if (!work.asked.empty()) {
-    ask(work, stats);
+  choose_queried(rays, paths, which, work);
+  if (!work.queried.empty()) {
+    query(work, stats);
     if (check_) check_answers(paths, work, stats);
     settle(hits, work, stats);
   }
   for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
-  intersect_some(accel_, rays, work.exact, hits, work.some);
+  intersect_subset(accel_, rays, work.exact, hits, work.some);
 }
 
 }  // namespace fieldtrace

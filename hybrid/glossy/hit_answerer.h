@@ -19,9 +19,9 @@
 #include "hybrid/path/path_batch.h"
 #include "hybrid/stats/stats.h"
 #include "hybrid/visibility/direction_order.h"
+#include "hybrid/visibility/ray_subset.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "hybrid/visibility/shape_traits.h"
-#include "hybrid/visibility/some_rays.h"
 
 namespace fieldtrace {
 
@@ -40,14 +40,14 @@ struct CertifiedHit {
 struct HitWorkspace {
   std::vector<CertifiedHit> certified;
 
-  std::vector<uint32_t> asked, exact;  // exact: those that were traced
+  std::vector<uint32_t> queried, exact;  // exact: those that were traced
   DirectionOrder order;
   HitQueries queries;  // asked
   HitBatch others, found;
   std::vector<uint32_t> front_to_back;
   std::vector<HitAnswers> answers;  // by object
   HitUnknowns unknowns;
-  SomeRays some;
+  RaySubset some;
 };
 
 // The surface there. Not for exact hits.
@@ -81,15 +81,15 @@ class HitAnswerer {
 
  private:
   struct Object;
-  enum class Verdict { miss, hit, ask };
+  enum class Verdict { miss, hit, undecided };
   struct Nearest;
 
-  void choose_asked(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
-                    HitWorkspace& work) const;
-  void ask(HitWorkspace& work, Stats& stats) const;
+  void choose_queried(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
+                      HitWorkspace& work) const;
+  void query(HitWorkspace& work, Stats& stats) const;
   void trace_others(HitWorkspace& work) const;
   void order_objects(HitWorkspace& work) const;
-  void ask_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const;
+  void query_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const;
   void bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const;
   void find_triangle(const HitWorkspace& work, size_t j, Nearest& nearest) const;
   Nearest put_together(const HitWorkspace& work, size_t j) const;

@@ -3,9 +3,9 @@
 #include <algorithm>
 
 #include "hybrid/glossy/hit_answerer.h"
-#include "hybrid/glossy/radiance_pictures.h"
-#include "hybrid/visibility/ask_and_bake.h"
+#include "hybrid/glossy/radiance_maps.h"
 #include "hybrid/visibility/direction_order.h"
+#include "hybrid/visibility/query_and_bake.h"
 
 namespace fieldtrace {
 namespace {
@@ -66,20 +66,20 @@ LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint
   const Scene& scene = shading.scene;
   const uint64_t most_patches = std::min(most_rays / std::max<uint64_t>(rays_per_patch(shading), 1),
                                          std::min(most_bytes / sizeof(Rgb), SurfaceRadiance::k_most_patches - 1));
-  std::vector<uint8_t> has_pictures(scene.instances.size(), 0);
+  std::vector<uint8_t> has_maps(scene.instances.size(), 0);
   for (const uint32_t i : suited) {
-    if (RadiancePictures::count_patches(scene, i, most_rays) > most_patches) continue;
-    auto pictures = std::make_unique<RadiancePictures>(shading, i, most_rays);
-    const uint64_t bytes = pictures->radiance().bytes() + pictures->tiles().bytes_when_full();
+    if (RadianceMaps::count_patches(scene, i, most_rays) > most_patches) continue;
+    auto maps = std::make_unique<RadianceMaps>(shading, i, most_rays);
+    const uint64_t bytes = maps->radiance().bytes() + maps->tiles().bytes_when_full();
     if (bytes > most_bytes) continue;
     most_bytes -= bytes;
-    pictures_.push_back(std::move(pictures));
-    has_pictures[i] = 1;
+    maps_.push_back(std::move(maps));
+    has_maps[i] = 1;
   }
-  if (pictures_.empty()) return;
+  if (maps_.empty()) return;
   std::vector<uint32_t> others;
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
-    if (!has_pictures[i]) others.push_back(i);
+    if (!has_maps[i]) others.push_back(i);
   }
   if (!others.empty()) others_ = shading_.accel.group(others);
 }
@@ -88,14 +88,14 @@ LobeAnswerer::~LobeAnswerer() = default;
 
 uint64_t LobeAnswerer::bytes() const {
   uint64_t sum = 0;
-  for (const auto& p : pictures_) sum += p->radiance().bytes() + p->tiles().bytes();
+  for (const auto& p : maps_) sum += p->radiance().bytes() + p->tiles().bytes();
   return sum;
 }
 
-void LobeAnswerer::find_asked(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const {
+void LobeAnswerer::find_queried(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const {
   const size_t n = rays.size;
   work.exact.clear();
-  work.asked.clear();
+  work.queried.clear();
   work.density.assign(padded(n), 0.0f);
   work.met.assign(padded(n), 0);
   for (uint32_t i = 0; i < n; ++i) {
@@ -107,13 +107,13 @@ void LobeAnswerer::find_asked(const RayBatch& rays, std::span<const PathState> p
     }
   }
   if (work.exact.size() == n) return;
-  for (const auto& p : pictures_) kernels_.lobes_meet(p->task(), rays, work.density.data(), work.met.data());
+  for (const auto& p : maps_) kernels_.lobes_meet(p->task(), rays, work.density.data(), work.met.data());
   for (uint32_t i = 0; i < n; ++i) {
-    if (work.met[i]) work.asked.push_back(i);
+    if (work.met[i]) work.queried.push_back(i);
   }
 }
 
-// All glossy rays: those that meet no object with pictures end there.
+// All glossy rays: those that meet no object with maps end there.
 void LobeAnswerer::trace_others(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const {
   const size_t n = rays.size;
   if (!others_ || work.exact.size() == n) {
@@ -129,32 +129,32 @@ void LobeAnswerer::trace_others(const RayBatch& rays, HitBatch& hits, LobeWorksp
   shading_.accel.intersect(*others_, work.some.rays, hits, Coherence::incoherent);
 }
 
-void LobeAnswerer::ask(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work,
-                       Stats& stats) const {
-  order_by_direction(rays, work.asked, work.order);
+void LobeAnswerer::query(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work,
+                         Stats& stats) const {
+  order_by_direction(rays, work.queried, work.order);
   LobeBatch& batch = work.batch;
-  batch.resize(work.asked.size());
+  batch.resize(work.queried.size());
   std::fill(batch.density.begin(), batch.density.end(), 0.0f);
-  for (size_t j = 0; j < work.asked.size(); ++j) {
-    const PathState& path = paths[work.asked[j]];
-    batch.rays.copy(j, rays, work.asked[j]);
+  for (size_t j = 0; j < work.queried.size(); ++j) {
+    const PathState& path = paths[work.queried[j]];
+    batch.rays.copy(j, rays, work.queried[j]);
     batch.nx[j] = path.side.x, batch.ny[j] = path.side.y, batch.nz[j] = path.side.z;
     batch.density[j] = path.bsdf_density;
     batch.blur[j] = blur_ * path.alpha;
     batch.instance[j] = path.instance;
   }
-  work.answers.resize(pictures_.size());
+  work.answers.resize(maps_.size());
   ConeUnknowns& unknowns = work.unknowns;
-  for (size_t p = 0; p < pictures_.size(); ++p) {
+  for (size_t p = 0; p < maps_.size(); ++p) {
     LobeAnswers& answers = work.answers[p];
     answers.resize(batch.rays.size);
-    ask_and_bake(
+    query_and_bake(
         batch.rays.size, unknowns,
         [&](std::span<const uint32_t> blocks) {
-          stats.lookups += kernels_.filter_lobes(pictures_[p]->task(), batch, blocks, answers, unknowns);
+          stats.lookups += kernels_.filter_lobes(maps_[p]->task(), batch, blocks, answers, unknowns);
         },
         [&] {
-          pictures_[p]->bake(unknowns.tiles, stats);
+          maps_[p]->bake(unknowns.tiles, stats);
           return true;
         });
     for (const uint32_t block : unknowns.blocks) std::fill_n(answers.refused.begin() + block, k_batch_padding, 1);
@@ -163,14 +163,14 @@ void LobeAnswerer::ask(const RayBatch& rays, std::span<const PathState> paths, L
 
 void LobeAnswerer::put_together(const HitBatch& hits, LobeWorkspace& work) const {
   std::vector<Layer> layers;
-  for (size_t j = 0; j < work.asked.size(); ++j) {
-    const uint32_t i = work.asked[j];
+  for (size_t j = 0; j < work.queried.size(); ++j) {
+    const uint32_t i = work.queried[j];
     layers.clear();
     bool refused = false;
-    for (size_t p = 0; p < pictures_.size(); ++p) {
+    for (size_t p = 0; p < maps_.size(); ++p) {
       const LobeAnswers& a = work.answers[p];
       refused = refused || a.refused[j] != 0;
-      if (a.clear[j] < 1.0f) layers.push_back({a.distance[j], &a, pictures_[p]->instance()});
+      if (a.clear[j] < 1.0f) layers.push_back({a.distance[j], &a, maps_[p]->instance()});
     }
     if (refused) {
       work.exact.push_back(i);
@@ -182,7 +182,7 @@ void LobeAnswerer::put_together(const HitBatch& hits, LobeWorkspace& work) const
   }
 }
 
-// The rays that pictures leave.
+// The rays that maps leave.
 void LobeAnswerer::trace_exact(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits,
                                LobeWorkspace& work, Stats& stats) const {
   if (hits_) {
@@ -190,17 +190,17 @@ void LobeAnswerer::trace_exact(const RayBatch& rays, std::span<const PathState> 
     return;
   }
   for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
-  intersect_some(shading_.accel, rays, work.exact, hits, work.some);
+  intersect_subset(shading_.accel, rays, work.exact, hits, work.some);
 }
 
 void LobeAnswerer::answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
                           Stats& stats) const {
   hits.resize(rays.size);
   work.filtered.clear();
-  find_asked(rays, paths, work);
+  find_queried(rays, paths, work);
   trace_others(rays, hits, work);
-  if (!work.asked.empty()) {
-    ask(rays, paths, work, stats);
+  if (!work.queried.empty()) {
+    query(rays, paths, work, stats);
     put_together(hits, work);
     for (FilteredRay& ray : work.filtered) {
       if (ray.clear >= k_least_share) continue;

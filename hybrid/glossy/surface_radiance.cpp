@@ -5,7 +5,7 @@
 
 #include "core/platform/shared_value.h"
 #include "core/sampling/sobol.hd.h"
-#include "hybrid/visibility/ask_and_bake.h"
+#include "hybrid/visibility/query_and_bake.h"
 
 namespace fieldtrace {
 namespace {

@@ -33,18 +33,18 @@ void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t ind
                      vertex.surface->instance, slot});
 }
 
-void AmbientOcclusion::fill_receivers(size_t begin, size_t end) {
-  receivers_.resize(end - begin);
-  for (size_t r = 0; r < receivers_.size; ++r) {
+void AmbientOcclusion::fill_shading_points(size_t begin, size_t end) {
+  shading_points_.resize(end - begin);
+  for (size_t r = 0; r < shading_points_.size; ++r) {
     const Point& p = points_[begin + r];
-    receivers_.px[r] = p.position.x, receivers_.py[r] = p.position.y, receivers_.pz[r] = p.position.z;
-    receivers_.gx[r] = p.facing.x, receivers_.gy[r] = p.facing.y, receivers_.gz[r] = p.facing.z;
-    receivers_.sx[r] = p.shading.x, receivers_.sy[r] = p.shading.y, receivers_.sz[r] = p.shading.z;
-    receivers_.error[r] = p.error;
-    receivers_.seed[r] = p.seed;
-    receivers_.sample[r] = p.index;
-    receivers_.instance[r] = p.instance;
-    receivers_.transmits[r] = 0;
+    shading_points_.px[r] = p.position.x, shading_points_.py[r] = p.position.y, shading_points_.pz[r] = p.position.z;
+    shading_points_.gx[r] = p.facing.x, shading_points_.gy[r] = p.facing.y, shading_points_.gz[r] = p.facing.z;
+    shading_points_.sx[r] = p.shading.x, shading_points_.sy[r] = p.shading.y, shading_points_.sz[r] = p.shading.z;
+    shading_points_.error[r] = p.error;
+    shading_points_.seed[r] = p.seed;
+    shading_points_.sample[r] = p.index;
+    shading_points_.instance[r] = p.instance;
+    shading_points_.transmits[r] = 0;
   }
 }
 
@@ -55,9 +55,9 @@ LightExtent AmbientOcclusion::reach() const {
   if (!(distance < k_infinity)) return extent;
   float error = 0.0f;
   Bounds3 bounds;
-  for (size_t r = 0; r < receivers_.size; ++r) {
-    bounds.extend({receivers_.px[r], receivers_.py[r], receivers_.pz[r]});
-    error = std::max(error, receivers_.error[r]);
+  for (size_t r = 0; r < shading_points_.size; ++r) {
+    bounds.extend({shading_points_.px[r], shading_points_.py[r], shading_points_.pz[r]});
+    error = std::max(error, shading_points_.error[r]);
   }
   // Rays start up to `error` beside their points, rounded once more (light_kernels.h), and unit directions are off by a
   // few roundings.
@@ -72,7 +72,7 @@ LightExtent AmbientOcclusion::reach() const {
 void AmbientOcclusion::count(size_t begin, std::span<FirstHit> firsts, Stats& stats) const {
   stats.rays_shadow += rays_.active;
   const size_t samples = size_t(context_.settings.light_samples);
-  for (size_t r = 0; r < receivers_.size; ++r) {
+  for (size_t r = 0; r < shading_points_.size; ++r) {
     FirstHit& first = firsts[points_[begin + r].slot];
     for (size_t i = r * samples; i < (r + 1) * samples; ++i) {
       const bool is_active = rays_.rays.tmax[i] >= 0.0f;
@@ -86,13 +86,13 @@ void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
   const TransportSettings& settings = context_.settings;
   const size_t group_size = size_t(std::max(k_shadow_batch / settings.light_samples, 1));
   for (size_t begin = 0; begin < points_.size(); begin += group_size) {
-    fill_receivers(begin, std::min(begin + group_size, points_.size()));
+    fill_shading_points(begin, std::min(begin + group_size, points_.size()));
     const double bake_before = stats.time_bake;
     {
       const ScopedTimer timer(stats.time_secondary);
       candidates_.light = reach();
-      context_.occlusion_answerer->find_candidates(receivers_, candidates_, stats);
-      sample_light(sky_, 0, receivers_, settings.light_samples, settings.isa, rays_);
+      context_.occlusion_answerer->find_candidates(shading_points_, candidates_, stats);
+      sample_light(sky_, 0, shading_points_, settings.light_samples, settings.isa, rays_);
       for (size_t i = 0; i < rays_.rays.size; ++i) {
         if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;
       }

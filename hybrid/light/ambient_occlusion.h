@@ -35,15 +35,15 @@ class AmbientOcclusion {
     uint32_t seed, index, instance, slot;
   };
 
-  void fill_receivers(size_t begin, size_t end);
-  // Where rays of the points in receivers_ can end.
+  void fill_shading_points(size_t begin, size_t end);
+  // Where rays of the points in shading_points_ can end.
   LightExtent reach() const;
   void count(size_t begin, std::span<FirstHit> firsts, Stats& stats) const;
 
   const TransportContext& context_;
   LightTable sky_;  // one constant light; empty where the settings want no occlusion
   std::vector<Point> points_;
-  ReceiverBatch receivers_;
+  ShadingPointBatch shading_points_;
   ShadowBatch rays_;
   ShadowGroup candidates_;
 };

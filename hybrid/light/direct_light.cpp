@@ -8,14 +8,15 @@
 
 namespace fieldtrace {
 
-void DirectLight::select_receivers(const ReceiverBatch& all, std::span<const uint32_t> indices, ReceiverBatch& chosen) {
+void DirectLight::select_shading_points(const ShadingPointBatch& all, std::span<const uint32_t> indices,
+                                        ShadingPointBatch& chosen) {
   chosen.resize(indices.size());
   const auto select = [&](auto member) {
     const auto& from = all.*member;
     auto& to = chosen.*member;
     for (size_t i = 0; i < indices.size(); ++i) to[i] = from[indices[i]];
   };
-  using B = ReceiverBatch;
+  using B = ShadingPointBatch;
   for (const auto member : {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error}) {
     select(member);
   }
@@ -23,12 +24,12 @@ void DirectLight::select_receivers(const ReceiverBatch& all, std::span<const uin
   select(&B::transmits);
 }
 
-LightSampleRange leaf_grid(int light_samples) {
-  const int wanted = std::max(light_samples / k_samples_per_leaf, k_fewest_leaves);
-  const int most = std::min({wanted, light_samples, k_most_grid_leaves});
+LightSampleRange stratum_grid(int light_samples) {
+  const int wanted = std::max(light_samples / k_samples_per_stratum, k_fewest_strata);
+  const int most = std::min({wanted, light_samples, k_most_grid_strata});
   const int columns = int(std::sqrt(float(most)));
-  const int leaves = most / columns * columns;
-  return {leaves, 0, leaves, columns};
+  const int strata = most / columns * columns;
+  return {strata, 0, strata, columns};
 }
 
 LightEstimate DirectLight::estimate_of(const Job& job, int mean_of) const {
@@ -40,7 +41,7 @@ LightEstimate DirectLight::estimate_of(const Job& job, int mean_of) const {
           light.kind == LightKind::environment};
 }
 
-void DirectLight::place_receivers(const Job& job, const Part& part) {
+void DirectLight::place_shading_points(const Job& job, const Part& part) {
   if (part.begin == places_part_.begin && part.end == places_part_.end) return;
   places_part_ = part;
   places_.resize(part.end - part.begin);
@@ -60,11 +61,12 @@ void DirectLight::place_receivers(const Job& job, const Part& part) {
 
 void DirectLight::sample_group(const Job& job, const LightSampleRange& range) {
   const bool is_whole = group_.size() == places_.size && std::is_sorted(group_.begin(), group_.end());
-  if (!is_whole) select_receivers(places_, group_, receivers_);
-  sample_light(context_.lights, job.light, is_whole ? places_ : receivers_, range, context_.settings.isa, shadows_);
+  if (!is_whole) select_shading_points(places_, group_, shading_points_);
+  sample_light(context_.lights, job.light, is_whole ? places_ : shading_points_, range, context_.settings.isa,
+               shadows_);
 }
 
-void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_t r, int samples) {
+void DirectLight::add_shading_point(const Job& job, const LightEstimate& light, size_t r, int samples) {
   const PathVertex& v = vertex_of(job, group_[r]);
   const size_t begin = r * size_t(samples), end = begin + size_t(samples);
   job.arriving[lit_[places_part_.begin + group_[r]]] += reflected_light(shadows_, begin, samples, light, v);
@@ -82,10 +84,10 @@ void DirectLight::add_receiver(const Job& job, const LightEstimate& light, size_
 void DirectLight::add_group(const Job& job, int samples) {
   job.stats.rays_shadow += shadows_.active;
   const LightEstimate light = estimate_of(job, job.light_samples);
-  for (size_t r = 0; r < group_.size(); ++r) add_receiver(job, light, r, samples);
+  for (size_t r = 0; r < group_.size(); ++r) add_shading_point(job, light, r, samples);
 }
 
-void DirectLight::split_receivers(const Job& job) {
+void DirectLight::split_shading_points(const Job& job) {
   shadowed_.clear();
   free_.clear();
   dark_.clear();
@@ -98,19 +100,19 @@ void DirectLight::split_receivers(const Job& job) {
   }
 }
 
-bool DirectLight::halve(const Job& job, const Part& part) {
+bool DirectLight::split(const Job& job, const Part& part) {
   const size_t smallest = size_t(std::max(k_smallest_part_rays / job.light_samples, 1));
-  if (job.light_samples < k_fewest_halving_samples || part.end - part.begin <= smallest) return false;
-  if (!context_.answerer.gains_by_halving(candidates_)) return false;
-  if (!in_halves_) {
+  if (job.light_samples < k_fewest_splitting_samples || part.end - part.begin <= smallest) return false;
+  if (!context_.answerer.gains_by_splitting(candidates_)) return false;
+  if (!in_split_order_) {
     // The first time: the part is the whole batch.
     placed_.clear();
     for (size_t i = part.begin; i < part.end; ++i) {
       placed_.push_back({job.vertices[lit_[i]].surface->position, lit_[i]});
     }
-    order_by_halves(placed_, smallest);
+    order_by_median_splits(placed_, smallest);
     for (size_t i = part.begin; i < part.end; ++i) lit_[i] = placed_[i - part.begin].index;
-    in_halves_ = true;
+    in_split_order_ = true;
     places_part_ = {};
   }
   const size_t middle = middle_of(part.begin, part.end);
@@ -128,15 +130,15 @@ void DirectLight::check_split(const Job& job) {
   }
 }
 
-void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, bool last) {
+void DirectLight::filter_strata(const Job& job, const LightSampleRange& strata, bool last) {
   group_.swap(filtered_);
   filtered_.clear();
   if (group_.empty()) return;
-  const size_t count = size_t(leaves.count);
-  sample_group(job, leaves);
-  context_.answerer.filter(candidates_, group_, leaves.count, shadows_, refused_, job.stats);
-  job.stats.leaves += shadows_.active;
-  const LightEstimate light = estimate_of(job, leaves.total);
+  const size_t count = size_t(strata.count);
+  sample_group(job, strata);
+  context_.answerer.filter(candidates_, group_, strata.count, shadows_, refused_, job.stats);
+  job.stats.strata += shadows_.active;
+  const LightEstimate light = estimate_of(job, strata.total);
   for (size_t r = 0; r < group_.size(); ++r) {
     int active = 0, clear = 0, hidden = 0;
     for (size_t i = r * count; i < (r + 1) * count; ++i) {
@@ -147,7 +149,7 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
     }
     if (refused_[r]) {
       shadowed_.push_back(group_[r]);
-      job.stats.leaves_refused += uint64_t(active);
+      job.stats.strata_refused += uint64_t(active);
       continue;
     }
     const bool agrees = active != 0 && (clear == active || hidden == active);
@@ -160,9 +162,10 @@ void DirectLight::filter_leaves(const Job& job, const LightSampleRange& leaves, 
     if (agrees) {
       (clear != 0 ? free_ : dark_).push_back(group_[r]);
     } else {
-      add_receiver(job, light, r, leaves.count);
+      add_shading_point(job, light, r, strata.count);
     }
-    if (clear != active) job.stats.rays_shadow += uint64_t(active);  // free receivers' samples are counted as a whole
+    if (clear != active)
+      job.stats.rays_shadow += uint64_t(active);  // free shading points' samples are counted as a whole
   }
 }
 
@@ -171,10 +174,10 @@ bool DirectLight::is_wide(uint32_t place) const {
          k_coarse_light_degrees;
 }
 
-void DirectLight::ask_leaves(const Job& job) {
-  // Wide lights of few samples are filtered as others are: no points are worth asking, and leaves err less than
+void DirectLight::query_strata(const Job& job) {
+  // Wide lights of few samples are filtered as others are: no points are worth asking, and strata err less than
   // samples.
-  const bool tries_wide = trial_points(context_.lights.lights[job.light].kind, job.light_samples, true).count > 0;
+  const bool tries_wide = probe_rays(context_.lights.lights[job.light].kind, job.light_samples, true).count > 0;
   std::vector<uint32_t> lobed;  // a lobe may be narrower than the cells of a grid
   size_t kept = 0;
   for (const uint32_t r : shadowed_) {
@@ -188,12 +191,12 @@ void DirectLight::ask_leaves(const Job& job) {
   shadowed_.resize(kept);
   // Points of mesh lights take a third number: no grid cuts them into parts.
   const bool is_plane = context_.lights.lights[job.light].kind != LightKind::mesh;
-  const LightSampleRange grid = leaf_grid(job.light_samples), first = leaf_grid(k_first_leaves);
+  const LightSampleRange grid = stratum_grid(job.light_samples), first = stratum_grid(k_first_strata);
   const bool on_grid = is_plane && job.light_samples >= k_fewest_grid_samples;
-  if (on_grid && 3 * first.total <= 2 * grid.total) filter_leaves(job, first, false);
-  filter_leaves(job, on_grid ? grid : all_samples(job), true);
+  if (on_grid && 3 * first.total <= 2 * grid.total) filter_strata(job, first, false);
+  filter_strata(job, on_grid ? grid : all_samples(job), true);
   filtered_.swap(lobed);
-  filter_leaves(job, all_samples(job), true);
+  filter_strata(job, all_samples(job), true);
   std::sort(shadowed_.begin(), shadowed_.end());
 }
 
@@ -232,7 +235,7 @@ void DirectLight::gather_closed(const Job& job) {
   free_.resize(kept);
 }
 
-// Receivers that nothing shadows send no shadow rays: their light samples are part of shading.
+// Shading points that nothing shadows send no shadow rays: their light samples are part of shading.
 void DirectLight::gather_free(const Job& job) {
   gather_closed(job);
   group_.swap(free_);
@@ -257,23 +260,24 @@ void DirectLight::count_dark(const Job& job) {
 void DirectLight::gather_part(const Job& job, const Part& part) {
   Stats& stats = job.stats;
   const double bake_before = stats.time_bake;
-  place_receivers(job, part);
+  place_shading_points(job, part);
   {
     const ScopedTimer timer(stats.time_secondary);
-    split_receivers(job);
-    if (halve(job, part)) return;  // with so many candidates nothing was baked
+    split_shading_points(job);
+    if (split(job, part)) return;  // with so many candidates nothing was baked
   }
   if (context_.answerer.checks()) check_split(job);
-  // Of a light all about, most receivers see a little less than all: agreement of a few samples would brighten them.
+  // Of a light all about, most shading points see a little less than all: agreement of a few samples would brighten
+  // them.
   const bool has_edges = candidates_.light.kind == LightExtent::Kind::bounded;
   if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);
-    ask_leaves(job);
+    query_strata(job);
     const LightKind kind = context_.lights.lights[job.light].kind;
-    const LightSampleRange narrow = trial_points(kind, job.light_samples, false);
-    const LightSampleRange wide = trial_points(kind, job.light_samples, true);
-    ask_trial_points(job, narrow, narrow.count == wide.count ? Tried::all : Tried::narrow);
-    if (narrow.count != wide.count) ask_trial_points(job, wide, Tried::wide);
+    const LightSampleRange narrow = probe_rays(kind, job.light_samples, false);
+    const LightSampleRange wide = probe_rays(kind, job.light_samples, true);
+    query_probe_rays(job, narrow, narrow.count == wide.count ? Probed::all : Probed::narrow);
+    if (narrow.count != wide.count) query_probe_rays(job, wide, Probed::wide);
   }
   gather_shadowed(job, LightSeen::unknown);
   shadowed_.swap(penumbrae_);
@@ -297,7 +301,7 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
   const size_t group_size = size_t(std::max(k_shadow_batch / light_samples, 1));
   for (size_t begin = 0; begin < lit_.size(); begin += group_size) {
     const size_t end = std::min(begin + group_size, lit_.size());
-    in_halves_ = false;
+    in_split_order_ = false;
     for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
       if (context_.lights.lights[job.light].kind == LightKind::none) continue;
       parts_.assign(1, {begin, end});

@@ -184,7 +184,7 @@ void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const Ed
   }
 }
 
-int edge_halvings(int side, int light_samples) {
+int edge_bisection_steps(int side, int light_samples) {
   const double spacing = std::sqrt(double(light_samples)) / double(side - 1);
   return std::max(int(std::lround(1.5 * std::log2(spacing))), 0) + 1;
 }

@@ -1,5 +1,5 @@
-// One edge across a light: the part of it that a receiver sees, from a lattice of points seen or hidden and from where
-// the edge crosses the lattice's lines.
+// One edge across a light: the part of it that a shading point sees, from a lattice of points seen or hidden and from
+// where the edge crosses the lattice's lines.
 //
 // The lattice has side x side points, row by row, from edge to edge of the square [-1, 1]^2 that the light is sampled
 // from; its cells are the (side - 1)^2 squares between. docs/decisions/020-edges.md.
@@ -58,9 +58,9 @@ void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const Ed
                    std::span<CellSeen> cells);
 
 // How often each crossing is to be narrowed down by halves. An edge crosses about 1.6 (side - 1) lines and errs by
-// h^2 / (2^halvings sqrt 12) at each, where h is a cell's width: as much as `light_samples` samples of the light, .42
-// M^-.75 (docs/decisions/009-cones.md), if 2^halvings is (h sqrt M)^1.5. One halving more: it costs one point of
-// every line, and halves the noise.
-int edge_halvings(int side, int light_samples);
+// h^2 / (2^bisection steps sqrt 12) at each, where h is a cell's width: as much as `light_samples` samples of the
+// light, .42 M^-.75 (docs/decisions/009-cones.md), if 2^bisection steps is (h sqrt M)^1.5. One bisection step more: it
+// costs one point of every line, and halves the noise.
+int edge_bisection_steps(int side, int light_samples);
 
 }  // namespace fieldtrace

@@ -15,8 +15,8 @@ struct SeenShare {
   float of(float weight, size_t k) const { return weight * clear[k]; }
 };
 
-// Sum of weight x visibility over the slots of one receiver. Eight running sums let the compiler use vectors; their
-// order is fixed, so the result is the same on every machine.
+// Sum of weight x visibility over the slots of one shading point. Eight running sums let the compiler use vectors;
+// their order is fixed, so the result is the same on every machine.
 template <class Seen>
 float visible_sum(const float* weight, const Seen& seen, int n) {
   float sums[8] = {};

@@ -4,7 +4,7 @@
 // SIGGRAPH 1995). Thread-safety: pure functions.
 #pragma once
 
-#include "core/light/receivers.h"
+#include "core/light/shading_points.h"
 #include "hybrid/path/path_batch.h"
 
 namespace fieldtrace {
@@ -12,7 +12,7 @@ namespace fieldtrace {
 // What the samples of one light have in common.
 struct LightEstimate {
   Rgb value = Rgb(0.0f);     // Light::value
-  int light_samples = 1;     // of each receiver in all, whether in one batch or in several
+  int light_samples = 1;     // of each shading point in all, whether in one batch or in several
   int mean_of = 0;           // the samples that the mean is taken over, if not light_samples
   bool closed_form = false;  // sampled_in_closed_form: diffuse surfaces leave the light to its samples
   bool varies = false;       // each sample has its own radiance (ShadowBatch::red, green, blue)

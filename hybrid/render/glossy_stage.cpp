@@ -26,7 +26,7 @@ TransportSettings patch_settings(TransportSettings settings) {
 
 // Some that may meet a surface which is lit.
 bool sends_glossy_rays(const Scene& scene, const TransportSettings& settings, const RenderOptions& options) {
-  if (options.force_ask || (settings.max_depth >= 0 && settings.max_depth < 3)) return false;
+  if (options.force_undecided || (settings.max_depth >= 0 && settings.max_depth < 3)) return false;
   return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), [](const Bsdf& b) { return is_rough(b.kind); });
 }
 
@@ -51,7 +51,7 @@ std::vector<uint32_t> choose_hit_instances(const Scene& scene, std::span<const S
 GlossyStage::GlossyStage(const GlossyInput& input) {
   if (!sends_glossy_rays(input.scene, input.settings, input.options)) return;
   make_hits(input);
-  make_pictures(input);
+  make_maps(input);
 }
 
 GlossyStage::~GlossyStage() = default;
@@ -63,7 +63,7 @@ void GlossyStage::make_hits(const GlossyInput& input) {
                                         settings);
 }
 
-void GlossyStage::make_pictures(const GlossyInput& input) {
+void GlossyStage::make_maps(const GlossyInput& input) {
   const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(input.scene, input.traits);
   if (suited.empty()) return;
   const uint64_t most_rays = input.camera_samples * uint64_t(input.options.lobe_samples);
@@ -73,8 +73,8 @@ void GlossyStage::make_pictures(const GlossyInput& input) {
   shading_ = std::make_unique<TransportContext>(input.scene, input.accel, input.camera, *exact_,
                                                 patch_settings(input.settings), input.lights);
   shading_->make_follower = make_path_follower;
-  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, input.options.tolerance, most_rays,
-                                          input.most_picture_bytes, hits_.get());
+  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, input.options.tolerance, most_rays, input.most_map_bytes,
+                                          hits_.get());
   if (lobes_->empty()) lobes_.reset();
 }
 

@@ -1,4 +1,4 @@
-// What answers the glossy rays of one picture: pictures of radiance, certified hits, or neither.
+// What answers the glossy rays of one picture: prefiltered radiance maps, certified hits, or neither.
 //
 // Thread-safety: made by one thread; its answerers may be asked from any number.
 #pragma once
@@ -34,7 +34,7 @@ struct GlossyInput {
   const std::vector<Field*>& fields;  // by shape, those of hit_instances at least
   std::span<const uint32_t> hit_instances;
   uint64_t camera_samples = 0;  // of the film
-  uint64_t most_picture_bytes = 0;
+  uint64_t most_map_bytes = 0;
 };
 
 class GlossyStage {
@@ -42,15 +42,15 @@ class GlossyStage {
   explicit GlossyStage(const GlossyInput& input);
   ~GlossyStage();
 
-  const LobeAnswerer* lobes() const { return lobes_.get(); }  // null: no pictures
+  const LobeAnswerer* lobes() const { return lobes_.get(); }  // null: no maps
   const HitAnswerer* hits() const { return hits_.get(); }     // null: no certified hits
 
  private:
   void make_hits(const GlossyInput& input);
-  void make_pictures(const GlossyInput& input);
+  void make_maps(const GlossyInput& input);
 
   std::unique_ptr<HitAnswerer> hits_;
-  // Radiance is shaded by exact rays: receivers all over an object would have its field baked for few rays each.
+  // Radiance is shaded by exact rays: shading points all over an object would have its field baked for few rays each.
   std::vector<Field*> no_fields_;
   std::unique_ptr<ShadowAnswerer> exact_;
   std::unique_ptr<TransportContext> shading_;

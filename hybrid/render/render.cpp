@@ -171,7 +171,7 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
   aovs = parse_aovs(options.aovs);
   window = crop_window(scene.film, options.crop);
   settings = make_settings(scene, options, aovs);
-  wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_ask);
+  wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_undecided);
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
 }
 
@@ -192,7 +192,7 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   if (options.plane) plan.parameters.plane = options.plane;
   // Where fields alone answer, or are asked by request, and where cells of some size are asked for, none is left out
   // for what it costs.
-  const bool by_request = options.force_ask || options.directions || options.plane;
+  const bool by_request = options.force_undecided || options.directions || options.plane;
   if (options.leave_to_rays && !by_request && options.tolerance < 1.0f) {
     plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
     plan.occlusion_rays = double(picture.rays_per_light());
@@ -300,7 +300,7 @@ std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const
 bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, Stats& stats) {
   const RenderOptions& options = picture.options;
   // Where every cell answers, or none by request, there is nothing to find out.
-  if (fields.empty() || !options.leave_to_rays || options.force_ask || options.tolerance >= 1.0f) return true;
+  if (fields.empty() || !options.leave_to_rays || options.force_undecided || options.tolerance >= 1.0f) return true;
   AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
@@ -319,7 +319,7 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
 }
 
 // Pictures of radiance may take this part of what fields may, beside them.
-constexpr uint64_t k_picture_share = 4;
+constexpr uint64_t k_map_share = 4;
 
 void warn_of_not_finite(const Job& job) {
   if (job.not_finite == 0) return;
@@ -339,9 +339,9 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
     fields.load(*cache);
   }
   const bool surveyed = leave_to_rays(picture, stage, fields, stats);
-  AnswererSettings settings{picture.settings.isa, options.tolerance, options.check, options.force_ask,
+  AnswererSettings settings{picture.settings.isa, options.tolerance, options.check, options.force_undecided,
                             options.whole_lights};
-  settings.own_to_rays = fields.own_to_rays();
+  settings.self_to_rays = fields.self_to_rays();
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
   const auto for_occlusion = occlusion_answerer(picture, stage, fields, settings);
@@ -351,7 +351,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   if (picture.wants_fields) {
     glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
                                options, all_fields, plan.hit_instances, picture.film_samples(),
-                               picture.field_memory / k_picture_share});
+                               picture.field_memory / k_map_share});
     context.lobes = glossy->lobes();
     context.hits = glossy->hits();
   }
@@ -374,7 +374,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   result.interrupted = job.interrupted;
   stats.merge_counters(done);
   fields.count(stats);
-  if (context.lobes) stats.field_bytes_pictures = context.lobes->bytes();
+  if (context.lobes) stats.field_bytes_maps = context.lobes->bytes();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.store(*cache, warning, stats);

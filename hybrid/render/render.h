@@ -33,7 +33,7 @@ enum class Chart { orthographic, thesis };
 // wherever they can, or never.
 enum class FieldHits { automatic, always, never };
 
-// At each receiver, and at each glossy hit.
+// At each shading point, and at each glossy hit.
 inline constexpr int k_most_light_samples = 1 << 16;
 inline constexpr int k_most_lobe_samples = 1 << 12;
 
@@ -55,7 +55,7 @@ struct RenderOptions {
   std::optional<Rect> crop;      // within the film's crop window
   std::optional<int> max_depth;  // overrides the integrator's
   bool check = false;            // trace an exact ray beside every certified answer, count disagreements
-  bool force_ask = false;        // test aid: look up, then treat every cell as one that asks
+  bool force_undecided = false;  // test aid: look up, then treat every cell as one that asks
   bool whole_lights = true;      // ask fields about whole lights first; false: about single rays only
   bool leave_to_rays = true;     // leave objects to exact rays whose fields a survey finds not worth it
   FieldHits field_hits = FieldHits::automatic;

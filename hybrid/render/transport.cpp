@@ -167,14 +167,14 @@ void TransportWorker::Impl::intersect_lobes() {
 
 // For the layers: what rays from first hits met, of pictures where those hide half of the ray or more.
 void TransportWorker::Impl::record_reflections() {
-  const bool by_pictures = answers_lobes(1);
+  const bool by_maps = answers_lobes(1);
   std::vector<const FilteredRay*> filtered(paths.size(), nullptr);
-  if (by_pictures) {
+  if (by_maps) {
     for (const FilteredRay& f : lobe_work.filtered) filtered[f.ray] = &f;
   }
-  std::vector<uint8_t> is_exact(paths.size(), by_pictures || context.hits ? 0 : 1);
+  std::vector<uint8_t> is_exact(paths.size(), by_maps || context.hits ? 0 : 1);
   const std::vector<uint32_t>& exact = context.hits ? lobe_work.hits.exact : lobe_work.exact;
-  if (by_pictures || context.hits) {
+  if (by_maps || context.hits) {
     for (const uint32_t i : exact) is_exact[i] = 1;
   }
   for (size_t i = 0; i < paths.size(); ++i) {

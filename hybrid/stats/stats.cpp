@@ -15,7 +15,7 @@ void Stats::merge_counters(const Stats& o) {
   rays_glossy_hits += o.rays_glossy_hits;
   rays_exact += o.rays_exact;
   rays_crossing += o.rays_crossing;
-  rays_crowded += o.rays_crowded;
+  rays_candidate_overflow += o.rays_candidate_overflow;
   lookups += o.lookups;
   add_bake(o);
   sphere_crossings += o.sphere_crossings;
@@ -23,21 +23,21 @@ void Stats::merge_counters(const Stats& o) {
   samples_extrapolated += o.samples_extrapolated;
   cones_clear += o.cones_clear;
   cones_blocked += o.cones_blocked;
-  leaves += o.leaves;
-  leaves_refused += o.leaves_refused;
+  strata += o.strata;
+  strata_refused += o.strata_refused;
   field_uses.resize(std::max(field_uses.size(), o.field_uses.size()));
   for (size_t s = 0; s < o.field_uses.size(); ++s) {
     field_uses[s].answered += o.field_uses[s].answered;
-    field_uses[s].asked += o.field_uses[s].asked;
-    field_uses[s].own_answered += o.field_uses[s].own_answered;
-    field_uses[s].own_asked += o.field_uses[s].own_asked;
+    field_uses[s].undecided += o.field_uses[s].undecided;
+    field_uses[s].self_answered += o.field_uses[s].self_answered;
+    field_uses[s].self_undecided += o.field_uses[s].self_undecided;
   }
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
   for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
-    for (int receiver = 0; receiver < 2; ++receiver) {
-      check_by[verdict][receiver].answers += o.check_by[verdict][receiver].answers;
-      check_by[verdict][receiver].wrong += o.check_by[verdict][receiver].wrong;
+    for (int shading_point = 0; shading_point < 2; ++shading_point) {
+      check_by[verdict][shading_point].answers += o.check_by[verdict][shading_point].answers;
+      check_by[verdict][shading_point].wrong += o.check_by[verdict][shading_point].wrong;
     }
   }
 }
@@ -61,10 +61,10 @@ std::string Stats::to_json() const {
   j["rays"] = {{"primary", rays_primary},         {"shadow", rays_shadow},
                {"glossy", rays_glossy},           {"glossy_exact", rays_glossy_exact},
                {"glossy_hits", rays_glossy_hits}, {"exact", rays_exact},
-               {"crossing", rays_crossing},       {"crowded", rays_crowded},
+               {"crossing", rays_crossing},       {"crowded", rays_candidate_overflow},
                {"spared", samples_spared},        {"extrapolated", samples_extrapolated}};
   j["cones"] = {
-      {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", leaves}, {"leaves_refused", leaves_refused}};
+      {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", strata}, {"leaves_refused", strata_refused}};
   j["lookups"] = lookups;
   j["exact_fraction"] = exact_fraction();
   j["spheres_per_ray"] = spheres_per_ray();
@@ -75,21 +75,12 @@ std::string Stats::to_json() const {
   for (int v = 0; v < k_checked_verdicts; ++v) {
     j["check"][k_checked_verdict_names[v]] = {{"other", count(check_by[v][0])}, {"own", count(check_by[v][1])}};
   }
-  j["field"] = {{"objects", field_objects},
-                {"left_to_rays", field_left_to_rays},
-                {"own_to_rays", field_own_to_rays},
-                {"survey_rays", survey_rays},
-                {"directions", field_directions},
-                {"plane", field_plane},
-                {"cells_baked", field_cells_baked},
-                {"cells_full", field_cells_full},
-                {"tiles_baked", field_tiles_baked},
-                {"bytes_memory", field_bytes_memory},
-                {"bytes_pictures", field_bytes_pictures},
-                {"bytes_disk", field_bytes_disk},
-                {"bytes_budget", field_bytes_budget},
-                {"bytes_peak", field_bytes_peak},
-                {"restarts", field_restarts}};
+  j["field"] = {
+      {"objects", field_objects},           {"left_to_rays", field_left_to_rays}, {"own_to_rays", field_self_to_rays},
+      {"survey_rays", survey_rays},         {"directions", field_directions},     {"plane", field_plane},
+      {"cells_baked", field_cells_baked},   {"cells_full", field_cells_full},     {"tiles_baked", field_tiles_baked},
+      {"bytes_memory", field_bytes_memory}, {"bytes_pictures", field_bytes_maps}, {"bytes_disk", field_bytes_disk},
+      {"bytes_budget", field_bytes_budget}, {"bytes_peak", field_bytes_peak},     {"restarts", field_restarts}};
   j["bake"] = {{"rays", bake_rays}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};
   j["version"] = version;

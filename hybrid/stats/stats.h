@@ -14,10 +14,10 @@
 namespace fieldtrace {
 
 // What the field of one object did: rays that cross its bounds and light samples spared, by whether it answered; in
-// all, and for receivers on the object itself.
+// all, and for shading points on the object itself.
 struct FieldUse {
-  uint64_t answered = 0, asked = 0;
-  uint64_t own_answered = 0, own_asked = 0;
+  uint64_t answered = 0, undecided = 0;
+  uint64_t self_answered = 0, self_undecided = 0;
 };
 
 // Verdicts that --check counts: of shadow rays, and of reflected rays.
@@ -46,19 +46,19 @@ struct Stats {
   uint64_t rays_glossy_hits = 0;   // those for which fields answered about at least one object, by a hit or a miss
   uint64_t rays_exact = 0;         // shadow rays traced through Embree
   uint64_t rays_crossing = 0;      // shadow rays that cross at least one candidate's bounds
-  uint64_t rays_crowded = 0;       // those of rays_exact whose group had too many candidates to ask one by one
-  uint64_t lookups = 0;            // ray-field look-ups
-  uint64_t sphere_crossings = 0;   // ray-candidate pairs whose bounds are crossed
-  uint64_t cones_clear = 0, cones_blocked = 0;  // receiver-candidate pairs whose whole light was answered at once
-  // Parts of lights above their receivers' horizons: asked of fields, and those of receivers that a field could not
-  // tell about.
-  uint64_t leaves = 0, leaves_refused = 0;
-  // Light samples that were answered with their whole light, by trial points that agreed, or by following an edge: no
+  uint64_t rays_candidate_overflow = 0;  // those of rays_exact whose group had too many candidates to ask one by one
+  uint64_t lookups = 0;                  // ray-field look-ups
+  uint64_t sphere_crossings = 0;         // ray-candidate pairs whose bounds are crossed
+  uint64_t cones_clear = 0, cones_blocked = 0;  // shading point-candidate pairs whose whole light was answered at once
+  // Parts of lights above their shading points' horizons: asked of fields, and those of shading points that a field
+  // could not tell about.
+  uint64_t strata = 0, strata_refused = 0;
+  // Light samples that were answered with their whole light, by probe rays that agreed, or by following an edge: no
   // rays were sent.
   uint64_t samples_spared = 0;
   uint64_t samples_extrapolated = 0;  // the latter two of them
   uint64_t check_answers = 0, check_wrong = 0;
-  // check_by[CheckedVerdict][receiver]: receiver 0 another object, 1 the object itself.
+  // check_by[CheckedVerdict][shading point]: shading point 0 another object, 1 the object itself.
   struct CheckCount {
     uint64_t answers = 0, wrong = 0;
   };
@@ -67,12 +67,12 @@ struct Stats {
   int field_directions = 0, field_plane = 0;
   uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
   uint64_t field_left_to_rays = 0;   // objects that could have a field, and are left to exact rays for shadows
-  uint64_t field_own_to_rays = 0;    // objects whose field is not asked about receivers on the object itself
+  uint64_t field_self_to_rays = 0;   // objects whose field is not asked about shading points on the object itself
   uint64_t survey_rays = 0;          // shadow rays traced to find those out, not in rays_exact
   std::vector<FieldUse> field_uses;  // per shape; empty unless counted (hybrid/render/field_survey.h)
   uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
-  uint64_t field_tiles_baked = 0;     // coverage tiles
-  uint64_t field_bytes_pictures = 0;  // pictures of radiance (hybrid/glossy/lobe_answerer.h)
+  uint64_t field_tiles_baked = 0;  // coverage tiles
+  uint64_t field_bytes_maps = 0;   // pictures of radiance (hybrid/glossy/lobe_answerer.h)
   uint64_t field_bytes_budget = 0, field_bytes_peak = 0;
   uint64_t field_restarts = 0;  // attempts that outgrew the budget
   uint64_t bake_rays = 0;
@@ -87,11 +87,11 @@ struct Stats {
   // Mean number of candidates' bounds that a crossing ray crosses.
   double spheres_per_ray() const { return rays_crossing ? double(sphere_crossings) / double(rays_crossing) : 0.0; }
 
-  // One checked answer: its verdict, and whether the receiver lies on the object itself.
-  void add_check(CheckedVerdict verdict, bool own, bool wrong) {
+  // One checked answer: its verdict, and whether the shading point lies on the object itself.
+  void add_check(CheckedVerdict verdict, bool self, bool wrong) {
     check_answers += 1;
     check_wrong += wrong;
-    CheckCount& count = check_by[int(verdict)][own];
+    CheckCount& count = check_by[int(verdict)][self];
     count.answers += 1;
     count.wrong += wrong;
   }

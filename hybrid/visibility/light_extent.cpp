@@ -24,8 +24,8 @@ float flat_radius(ShapeKind kind, const Affine& m) {
   return std::sqrt(mean + std::hypot(0.5f * (glm::dot(m[0], m[0]) - glm::dot(m[1], m[1])), glm::dot(m[0], m[1])));
 }
 
-// Whether a ray towards a point that faces the receiver meets nothing of the light before: planes, and convex shapes
-// that emit outwards. Turned inwards, a sphere or cylinder hides its inside from receivers outside.
+// Whether a ray towards a point that faces the shading point meets nothing of the light before: planes, and convex
+// shapes that emit outwards. Turned inwards, a sphere or cylinder hides its inside from shading points outside.
 bool hides_nothing_of_itself(ShapeKind kind, bool flipped) {
   switch (kind) {
     case ShapeKind::rectangle:

@@ -16,7 +16,7 @@ struct LightExtent {
   Kind kind = Kind::bounded;
   Bounds3 bounds;              // bounded
   Sphere ball;                 // bounded: encloses the light too, and tighter for a sphere
-  Vec3 towards = Vec3(0.0f);   // directional: unit, from the receivers to the light
+  Vec3 towards = Vec3(0.0f);   // directional: unit, from the shading points to the light
   uint32_t instance = k_none;  // the light's own instance where it cannot block its own samples, else none
 };
 

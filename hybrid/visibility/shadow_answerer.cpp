@@ -31,17 +31,17 @@ void bound_axis(const AlignedVector<float>& position, const AlignedVector<float>
 }
 
 // Of all points that rays may leave from.
-Bounds3 bounds_of(const ReceiverBatch& receivers) {
+Bounds3 bounds_of(const ShadingPointBatch& shading_points) {
   Bounds3 b;
-  bound_axis(receivers.px, receivers.error, receivers.size, b.lower.x, b.upper.x);
-  bound_axis(receivers.py, receivers.error, receivers.size, b.lower.y, b.upper.y);
-  bound_axis(receivers.pz, receivers.error, receivers.size, b.lower.z, b.upper.z);
+  bound_axis(shading_points.px, shading_points.error, shading_points.size, b.lower.x, b.upper.x);
+  bound_axis(shading_points.py, shading_points.error, shading_points.size, b.lower.y, b.upper.y);
+  bound_axis(shading_points.pz, shading_points.error, shading_points.size, b.lower.z, b.upper.z);
   return b;
 }
 
-// Of all rays that may leave one receiver.
-Shaft shaft_to(const ReceiverBatch& receivers, size_t r, const LightExtent& light) {
-  const Vec3 p(receivers.px[r], receivers.py[r], receivers.pz[r]), error(receivers.error[r]);
+// Of all rays that may leave one shading point.
+Shaft shaft_to(const ShadingPointBatch& shading_points, size_t r, const LightExtent& light) {
+  const Vec3 p(shading_points.px[r], shading_points.py[r], shading_points.pz[r]), error(shading_points.error[r]);
   return {{p - error, p + error}, light};
 }
 
@@ -57,108 +57,110 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
       settings_(settings),
       candidates_(scene),
       workspaces_([] { return std::make_unique<Workspace>(); }) {
-  occluders_.reserve(scene.instances.size());
+  instances_.reserve(scene.instances.size());
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
     const uint32_t s = scene.instances[i].shape;
     const ThesisField* thesis = thesis_fields.empty() ? nullptr : thesis_fields[s];
-    occluders_.push_back(make_occluder(scene, i, traits[s], fields[s], thesis, settings));
+    instances_.push_back(make_shadow_instance(scene, i, traits[s], fields[s], thesis, settings));
   }
 }
 
 ShadowAnswerer::~ShadowAnswerer() = default;
 
-void ShadowAnswerer::find_candidates(const ReceiverBatch& receivers, ShadowGroup& group, Stats& stats) const {
-  const Bounds3 bounds = bounds_of(receivers);
+void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const {
+  const Bounds3 bounds = bounds_of(shading_points);
   if (settings_.whole_scene) {
     group.candidates.assign(k_most_candidates + 1, 0);  // too many to test one by one
   } else {
     candidates_.select(bounds, group.light, k_most_candidates, group.candidates);
   }
   const bool test_each = group.light.kind == LightExtent::Kind::bounded && group.candidates.size() <= k_most_candidates;
-  group.met.assign(padded(receivers.size), 0);
+  group.met.assign(padded(shading_points.size), 0);
   const int32_t all = !group.candidates.empty() && !test_each ? k_may_shadow : 0;
-  group.shadow.assign(padded(receivers.size), all);
-  group.by_rays.assign(padded(receivers.size), all);
-  group.by_leaves.assign(padded(receivers.size), 0);
+  group.shadow.assign(padded(shading_points.size), all);
+  group.by_rays.assign(padded(shading_points.size), all);
+  group.by_strata.assign(padded(shading_points.size), 0);
   if (!test_each) return;
   Workspace& work = *workspaces_.local();
   Sphere light = group.light.ball;
-  // The origin of a ray lies up to `error` beside the receiver.
-  for (size_t r = 0; r < receivers.size; ++r) light.radius = std::max(light.radius, receivers.error[r]);
+  // The origin of a ray lies up to `error` beside the shading point.
+  for (size_t r = 0; r < shading_points.size; ++r) light.radius = std::max(light.radius, shading_points.error[r]);
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
-    const Occluder& o = occluders_[group.candidates[slot]];
-    work.flags.assign(padded(receivers.size), 0);
+    const ShadowInstance& o = instances_[group.candidates[slot]];
+    work.flags.assign(padded(shading_points.size), 0);
     if (o.in_ball) {
-      kernels_.hull_meets_ball(o.cone.segment, receivers, light, work.flags.data());
+      kernels_.hull_meets_ball(o.cone.segment, shading_points, light, work.flags.data());
     } else {
-      kernels_.hull_meets_box(o.box, receivers, light, work.flags.data());
+      kernels_.hull_meets_box(o.box, shading_points, light, work.flags.data());
     }
-    std::fill(work.flags.begin() + std::ptrdiff_t(receivers.size), work.flags.end(), 0);
+    std::fill(work.flags.begin() + std::ptrdiff_t(shading_points.size), work.flags.end(), 0);
     for (size_t r = 0; r < work.flags.size(); ++r) {
       group.met[r] |= work.flags[r];
       if (group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // nothing more to learn
     }
     if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) {
-      const auto own_open = [&] {
+      const auto self_undecided = [&] {
         uint64_t n = 0;
-        for (size_t r = 0; r < receivers.size; ++r) {
-          n += receivers.instance[r] == group.candidates[slot] && work.flags[r] == k_may_shadow;
+        for (size_t r = 0; r < shading_points.size; ++r) {
+          n += shading_points.instance[r] == group.candidates[slot] && work.flags[r] == k_may_shadow;
         }
         return n;
       };
-      const uint64_t before = settings_.count_uses ? own_open() : 0;
-      ask_cones(o, receivers, group, work, stats);
-      if (settings_.count_uses) use_of(o, stats).own_answered += (before - own_open()) * uint64_t(group.light_samples);
+      const uint64_t before = settings_.count_uses ? self_undecided() : 0;
+      query_cones(o, shading_points, group, work, stats);
+      if (settings_.count_uses)
+        use_of(o, stats).self_answered += (before - self_undecided()) * uint64_t(group.light_samples);
     }
     for (size_t r = 0; r < work.flags.size(); ++r) {
       const int32_t flag = work.flags[r];
-      group.shadow[r] |= flag & ~k_by_leaves;
-      group.by_leaves[r] |= flag & k_by_leaves ? 1 << slot : 0;
-      group.by_rays[r] |= (flag & (k_may_shadow | k_by_leaves)) == k_may_shadow;
+      group.shadow[r] |= flag & ~k_by_strata;
+      group.by_strata[r] |= flag & k_by_strata ? 1 << slot : 0;
+      group.by_rays[r] |= (flag & (k_may_shadow | k_by_strata)) == k_may_shadow;
     }
   }
   // For fewer samples this costs more than it saves.
-  if (group.light_samples >= k_fewest_cone_samples) forget_distant(receivers, group);
+  if (group.light_samples >= k_fewest_cone_samples) forget_distant(shading_points, group);
   const auto is_spared = [&](size_t r) {
     return group.met[r] && (!group.shadow[r] || group.shadow[r] & k_light_blocked);
   };
-  for (size_t r = 0; r < receivers.size; ++r) stats.samples_spared += is_spared(r) ? uint64_t(group.light_samples) : 0;
+  for (size_t r = 0; r < shading_points.size; ++r)
+    stats.samples_spared += is_spared(r) ? uint64_t(group.light_samples) : 0;
 }
 
 bool ShadowAnswerer::extrapolates(const ShadowGroup& group) const {
   if (settings_.tolerance < k_estimating_tolerance || group.candidates.size() > k_most_candidates) return false;
   return std::any_of(group.candidates.begin(), group.candidates.end(),
-                     [this](uint32_t candidate) { return occluders_[candidate].answers_cones; });
+                     [this](uint32_t candidate) { return instances_[candidate].answers_cones; });
 }
 
-// Receivers that none of the candidates can shadow, by the test that chose these, which is finer than the kernels'.
-// What becomes of a receiver then does not depend on which candidates the others of its group have.
-void ShadowAnswerer::forget_distant(const ReceiverBatch& receivers, ShadowGroup& group) const {
-  for (size_t r = 0; r < receivers.size; ++r) {
+// Shading points that none of the candidates can shadow, by the test that chose these, which is finer than the
+// kernels'. What becomes of a shading point then does not depend on which candidates the others of its group have.
+void ShadowAnswerer::forget_distant(const ShadingPointBatch& shading_points, ShadowGroup& group) const {
+  for (size_t r = 0; r < shading_points.size; ++r) {
     if (!group.met[r]) continue;
-    const Shaft shaft = shaft_to(receivers, r, group.light);
+    const Shaft shaft = shaft_to(shading_points, r, group.light);
     const bool is_met = std::any_of(group.candidates.begin(), group.candidates.end(),
                                     [&](uint32_t instance) { return candidates_.meets(shaft, instance); });
-    if (!is_met) group.met[r] = group.shadow[r] = group.by_rays[r] = group.by_leaves[r] = 0;
+    if (!is_met) group.met[r] = group.shadow[r] = group.by_rays[r] = group.by_strata[r] = 0;
   }
 }
 
-uint32_t ShadowAnswerer::fields_before(const ShadowGroup& group, const ReceiverBatch& receivers,
-                                       uint32_t receiver) const {
-  const Shaft shaft = shaft_to(receivers, receiver, group.light);
+uint32_t ShadowAnswerer::fields_before(const ShadowGroup& group, const ShadingPointBatch& shading_points,
+                                       uint32_t shading_point) const {
+  const Shaft shaft = shaft_to(shading_points, shading_point, group.light);
   uint32_t fields = 0;
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     const uint32_t instance = group.candidates[slot];
-    fields |= occluders_[instance].answers_cones && candidates_.meets(shaft, instance) ? 1u << slot : 0u;
+    fields |= instances_[instance].answers_cones && candidates_.meets(shaft, instance) ? 1u << slot : 0u;
   }
   return fields;
 }
 
-bool ShadowAnswerer::gains_by_halving(const ShadowGroup& group) const {
+bool ShadowAnswerer::gains_by_splitting(const ShadowGroup& group) const {
   // Where every cell asks, the groups are those of Monte Carlo, so that both trace the same rays.
-  if (settings_.force_ask || group.candidates.size() <= k_most_candidates) return false;
+  if (settings_.force_undecided || group.candidates.size() <= k_most_candidates) return false;
   return std::any_of(group.candidates.begin(), group.candidates.end(), [this](uint32_t candidate) {
-    return occluders_[candidate].field != nullptr || occluders_[candidate].thesis;
+    return instances_[candidate].field != nullptr || instances_[candidate].thesis;
   });
 }
 

@@ -9,26 +9,26 @@
 namespace fieldtrace {
 namespace {
 
-// Directions tried along each side of a light as seen from receivers on the object: so many that neighbours lie less
-// than this share of a direction cell's mean width apart. A cell speaks for lines all over it, so
-// closer directions find nothing more (docs/decisions/009-cones.md).
-constexpr float k_sheet_spacing = 1.1f;
+// Directions tried along each side of a light as seen from shading points on the object: so many that neighbours lie
+// less than this share of a direction cell's mean width apart. A cell speaks for lines all over it, so closer
+// directions find nothing more (docs/decisions/009-cones.md).
+constexpr float k_plane_fit_spacing = 1.1f;
 // More than any number of light samples: the light is too near or too wide.
-constexpr int k_no_sheet_side = 1 << 12;
+constexpr int k_no_plane_fit_side = 1 << 12;
 
-int sheet_side_for(const SegmentTask& segment, const Sphere& light) {
+int plane_fit_side_for(const SegmentTask& segment, const Sphere& light) {
   const float cells = cells_across(segment, light);
-  if (cells == k_infinity) return k_no_sheet_side;
-  return std::max(1, int(std::ceil(cells / k_sheet_spacing)));
+  if (cells == k_infinity) return k_no_plane_fit_side;
+  return std::max(1, int(std::ceil(cells / k_plane_fit_spacing)));
 }
 
 }  // namespace
 
-template <class Ask>
-void ShadowAnswerer::bake_and_repeat(const Occluder& o, size_t size, ConeUnknowns& unknowns, Stats& stats,
-                                     const Ask& ask) const {
+template <class Query>
+void ShadowAnswerer::bake_and_repeat(const ShadowInstance& o, size_t size, ConeUnknowns& unknowns, Stats& stats,
+                                     const Query& query) const {
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
-  ask_and_bake(size, unknowns, ask, [&] {
+  query_and_bake(size, unknowns, query, [&] {
     // The last round: what is left is for single rays.
     const bool is_full = o.field->pool_full() || o.field->coverage().full();
     BakeCounters counters;
@@ -39,15 +39,15 @@ void ShadowAnswerer::bake_and_repeat(const Occluder& o, size_t size, ConeUnknown
   });
 }
 
-void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers, const ShadowGroup& group,
-                               Workspace& work, Stats& stats) const {
+void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatch& shading_points,
+                                 const ShadowGroup& group, Workspace& work, Stats& stats) const {
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
-  const int side = sheet_side_for(task.segment, light);
-  if (task.segment.reads_depth && side * side <= group.light_samples) task.sheet_side = side;
+  const int side = plane_fit_side_for(task.segment, light);
+  if (task.segment.reads_depth && side * side <= group.light_samples) task.plane_fit_side = side;
   ConeUnknowns& unknowns = work.unknowns;
-  bake_and_repeat(o, receivers.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
-    const ConeCounts counts = kernels_.light_cones(task, receivers, light, blocks, work.flags.data(), unknowns);
+  bake_and_repeat(o, shading_points.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+    const ConeCounts counts = kernels_.light_cones(task, shading_points, light, blocks, work.flags.data(), unknowns);
     stats.cones_clear += counts.clear;
     stats.cones_blocked += counts.blocked;
     stats.lookups += counts.lookups;
@@ -57,7 +57,7 @@ void ShadowAnswerer::ask_cones(const Occluder& o, const ReceiverBatch& receivers
   });
 }
 
-void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> receivers, int leaves,
+void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> shading_points, int strata,
                             ShadowBatch& batch, std::vector<uint8_t>& refused, Stats& stats) const {
   Workspace& work = *workspaces_.local();
   batch.in_shares = true;
@@ -65,31 +65,31 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
   work.refused.assign(padded(batch.rays.size), 0);
   ConeUnknowns& unknowns = work.unknowns;
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
-    const Occluder& o = occluders_[group.candidates[slot]];
+    const ShadowInstance& o = instances_[group.candidates[slot]];
     if (!o.answers_cones) continue;
     work.flags.assign(padded(batch.rays.size), 0);
-    bool is_asked = false;
-    for (size_t r = 0; r < receivers.size(); ++r) {
-      if (!(group.by_leaves[receivers[r]] >> slot & 1)) continue;
-      is_asked = true;
-      std::fill_n(work.flags.begin() + std::ptrdiff_t(r * size_t(leaves)), leaves, 1);
+    bool is_queried = false;
+    for (size_t r = 0; r < shading_points.size(); ++r) {
+      if (!(group.by_strata[shading_points[r]] >> slot & 1)) continue;
+      is_queried = true;
+      std::fill_n(work.flags.begin() + std::ptrdiff_t(r * size_t(strata)), strata, 1);
     }
-    if (!is_asked) continue;
-    LeafTask task;
+    if (!is_queried) continue;
+    StratumTask task;
     task.segment = o.cone.segment;
-    task.least_disc = k_least_light_disc / std::sqrt(float(std::max(leaves, k_fewest_leaves)));
-    task.share = 1.0f / float(std::max(leaves, k_fewest_leaves));
+    task.least_disc = k_least_light_disc / std::sqrt(float(std::max(strata, k_fewest_strata)));
+    task.share = 1.0f / float(std::max(strata, k_fewest_strata));
     bake_and_repeat(o, batch.rays.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
-      stats.lookups += kernels_.filter_leaves(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
+      stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
                                               batch.clear.data(), work.refused.data(), unknowns);
     });
     // What no pool has room for is left to rays.
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
   }
-  refused.assign(receivers.size(), 0);
-  for (size_t r = 0; r < receivers.size(); ++r) {
-    const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(leaves));
-    refused[r] = std::find(begin, begin + leaves, 1) != begin + leaves;
+  refused.assign(shading_points.size(), 0);
+  for (size_t r = 0; r < shading_points.size(); ++r) {
+    const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(strata));
+    refused[r] = std::find(begin, begin + strata, 1) != begin + strata;
   }
 }
 

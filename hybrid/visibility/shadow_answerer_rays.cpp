@@ -13,8 +13,8 @@ std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t 
 
 }  // namespace
 
-void ShadowAnswerer::bake_unknown(const Occluder& o, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
-                                  Workspace& work, Stats& stats) const {
+void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& task, int32_t slot,
+                                  const ShadowBatch& batch, Workspace& work, Stats& stats) const {
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
   RayStates& states = work.states;
   for (int round = 0; !states.unknown_blocks.empty(); ++round) {
@@ -42,14 +42,14 @@ void ShadowAnswerer::bake_unknown(const Occluder& o, const SegmentTask& task, in
   }
 }
 
-bool ShadowAnswerer::trusts_depth(const Occluder& o, const ShadowGroup& group, LightSeen seen) const {
+bool ShadowAnswerer::trusts_depth(const ShadowInstance& o, const ShadowGroup& group, LightSeen seen) const {
   if (seen != LightSeen::in_part || settings_.tolerance > k_estimating_tolerance) return true;
   return cells_across(o.cone.segment, group.light.ball) > k_cells_across;
 }
 
 bool ShadowAnswerer::doubts_depth(const ShadowGroup& group, LightSeen seen) const {
   return std::any_of(group.candidates.begin(), group.candidates.end(), [&](uint32_t candidate) {
-    const Occluder& o = occluders_[candidate];
+    const ShadowInstance& o = instances_[candidate];
     return o.field && o.cone.segment.reads_depth && !trusts_depth(o, group, seen);
   });
 }
@@ -58,7 +58,7 @@ void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const Sh
                               Stats& stats) const {
   const size_t n = padded(batch.rays.size);
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
-    const Occluder& o = occluders_[group.candidates[slot]];
+    const ShadowInstance& o = instances_[group.candidates[slot]];
     SegmentCounts counts;
     if (!o.in_ball) {
       counts = kernels_.cross_box(o.box, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
@@ -81,8 +81,8 @@ void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const Sh
 }
 
 void ShadowAnswerer::trace(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const {
-  const auto one = as_indices(work.exact.one_asker, work.exact.one_count);
-  const auto many = as_indices(work.exact.many_askers, work.exact.many_count);
+  const auto one = as_indices(work.exact.one_undecided_slot, work.exact.one_count);
+  const auto many = as_indices(work.exact.many_undecided_slots, work.exact.many_count);
   stats.rays_exact += one.size() + many.size();
   for (const uint32_t i : one) batch.exact[i] = 1;
   for (const uint32_t i : many) batch.exact[i] = 1;
@@ -95,7 +95,7 @@ void ShadowAnswerer::trace(const ShadowGroup& group, ShadowBatch& batch, Workspa
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     work.indices.clear();
     for (const uint32_t i : one) {
-      if (work.states.asker[i] == int32_t(slot)) work.indices.push_back(i);
+      if (work.states.undecided_slot[i] == int32_t(slot)) work.indices.push_back(i);
     }
     if (!work.indices.empty())
       accel_.occluded_by(group.candidates[slot], batch.rays, work.indices, batch.blocked.data());
@@ -112,7 +112,7 @@ void ShadowAnswerer::trace_all(ShadowBatch& batch, Workspace& work, Stats& stats
   stats.rays_crossing += work.indices.size();
   stats.sphere_crossings += work.indices.size();
   stats.rays_exact += work.indices.size();
-  stats.rays_crowded += work.indices.size();
+  stats.rays_candidate_overflow += work.indices.size();
   accel_.occluded(batch.rays, work.indices, batch.blocked.data());
 }
 

@@ -1,4 +1,5 @@
-// Which instances can stand between a group of receivers and a light: conservative culling for whole batches of rays.
+// Which instances can stand between a group of shading points and a light: conservative culling for whole batches of
+// rays.
 //
 // Space: world. Thread-safety: const after construction.
 #pragma once
@@ -17,13 +18,14 @@ class ShadowCandidates {
  public:
   explicit ShadowCandidates(const Scene& scene) : tree_(scene) {}
 
-  // Instances whose bounding ball and box meet the hull of `receivers` and the light, in index order. Stops after
+  // Instances whose bounding ball and box meet the hull of `shading points` and the light, in index order. Stops after
   // `limit` + 1 of them: the caller then treats the batch as having too many.
-  void select(const Bounds3& receivers, const LightExtent& light, size_t limit,
+  void select(const Bounds3& shading_points, const LightExtent& light, size_t limit,
               std::vector<uint32_t>& instances) const {
-    tree_.find(Shaft(receivers, light), light.instance, limit, instances);
+    tree_.find(Shaft(shading_points, light), light.instance, limit, instances);
   }
-  // Whether select() would name an instance for a shaft; what it names for some of its receivers, it names for all.
+  // Whether select() would name an instance for a shaft; what it names for some of its shading points, it names for
+  // all.
   bool meets(const Shaft& shaft, uint32_t instance) const { return shaft.meets(tree_.bounds(instance)); }
 
  private:

@@ -3,9 +3,9 @@
 
 #include <vector>
 
-#include "hybrid/visibility/ask_and_bake.h"
-#include "hybrid/visibility/occluder.h"
+#include "hybrid/visibility/query_and_bake.h"
 #include "hybrid/visibility/shadow_answerer.h"
+#include "hybrid/visibility/shadow_instance.h"
 
 namespace fieldtrace {
 

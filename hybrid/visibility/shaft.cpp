@@ -16,8 +16,8 @@ bool overlap(const Bounds3& a, const Bounds3& b) {
 
 }  // namespace
 
-Shaft::Shaft(const Bounds3& receivers, const LightExtent& light) : kind_(light.kind) {
-  const DVec3 lower(receivers.lower), upper(receivers.upper);
+Shaft::Shaft(const Bounds3& shading_points, const LightExtent& light) : kind_(light.kind) {
+  const DVec3 lower(shading_points.lower), upper(shading_points.upper);
   origin_ = 0.5 * (lower + upper);
   radius_ = 0.5 * glm::length(upper - lower);
   if (kind_ == LightExtent::Kind::directional) {
@@ -27,7 +27,7 @@ Shaft::Shaft(const Bounds3& receivers, const LightExtent& light) : kind_(light.k
     extent_ = radius_;
   }
   if (kind_ != LightExtent::Kind::bounded) return;
-  box_ = receivers;
+  box_ = shading_points;
   box_.extend(light.bounds);
   const DVec3 axis = DVec3(light.ball.centre) - origin_;
   const double light_radius = double(light.ball.radius);

@@ -1,9 +1,10 @@
-// The space that shadow rays from a group of receivers to a light can go through, and whether objects reach into it.
+// The space that shadow rays from a group of shading points to a light can go through, and whether objects reach into
+// it.
 //
-// A shaft is the hull of two balls, one about the receivers and one about the light; for a directional light a cylinder
-// without end; for light from everywhere all of space. Towards a bounded light, the box about both bounds it too.
-// Space: world, computed in double: coordinates are floats, so no square overflows, and rounding is far below theirs.
-// Thread-safety: const after construction.
+// A shaft is the hull of two balls, one about the shading points and one about the light; for a directional light a
+// cylinder without end; for light from everywhere all of space. Towards a bounded light, the box about both bounds it
+// too. Space: world, computed in double: coordinates are floats, so no square overflows, and rounding is far below
+// theirs. Thread-safety: const after construction.
 #pragma once
 
 #include "core/math/math.h"
@@ -20,7 +21,7 @@ struct BallAndBox {
 
 class Shaft {
  public:
-  Shaft(const Bounds3& receivers, const LightExtent& light);
+  Shaft(const Bounds3& shading_points, const LightExtent& light);
 
   // Whether an object's ball and box both reach into the shaft. Never false for an object that meets a ray.
   bool meets(const BallAndBox& object) const { return meets(object, k_rounding); }
@@ -36,9 +37,9 @@ class Shaft {
   bool meets(const BallAndBox& object, double rounding) const;
 
   LightExtent::Kind kind_;
-  DVec3 origin_, along_ = DVec3(0.0);  // centre of the receivers' ball; unit vector to the light
+  DVec3 origin_, along_ = DVec3(0.0);  // centre of the shading points' ball; unit vector to the light
   double length_ = 0.0;                // from ball to ball
-  double radius_ = 0.0;                // of the receivers' ball
+  double radius_ = 0.0;                // of the shading points' ball
   double widening_ = 0.0;              // growth of the radius per length along the axis, in (-1, 1)
   double lean_ = 0.0;                  // how far up the axis the nearest ball lies, per distance from the axis
   double extent_ = 0.0;                // sum of the shaft's own distances, for rounding

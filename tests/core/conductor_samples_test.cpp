@@ -24,13 +24,13 @@ Material metal(float alpha_u, float alpha_v) {
 
 TEST(ConductorSamples, AreThoseOfSingleSamplesOnEveryMachine) {
   TestRandom random(11);
-  for (int trial = 0; trial < 200; ++trial) {
+  for (int probe = 0; probe < 200; ++probe) {
     const Material m = metal(random.log_uniform(k_min_alpha, 1.0f), random.log_uniform(k_min_alpha, 1.0f));
     const Frame frame = frame_about(random.direction());
     Vec3 wi = random.direction();
     wi.z = std::abs(wi.z);
-    if (trial % 10 == 0) wi = Vec3(0.0f, 0.0f, 1.0f);
-    if (trial % 10 == 1) wi = glm::normalize(Vec3(1.0f, 0.5f, 1e-4f));
+    if (probe % 10 == 0) wi = Vec3(0.0f, 0.0f, 1.0f);
+    if (probe % 10 == 1) wi = glm::normalize(Vec3(1.0f, 0.5f, 1e-4f));
     const uint32_t seed = random.index(1u << 31), first = random.index(1u << 20);
     const int count = 1 + int(random.index(70));
     for (const Isa isa : supported_isas()) {
@@ -51,7 +51,7 @@ TEST(ConductorSamples, AreThoseOfSingleSamplesOnEveryMachine) {
 // The density that a sample brings along is the one that its direction has.
 TEST(ConductorSamples, DensitiesAreThoseOfTheirDirections) {
   TestRandom random(12);
-  for (int trial = 0; trial < 200; ++trial) {
+  for (int probe = 0; probe < 200; ++probe) {
     const Material m = metal(random.log_uniform(1e-2f, 1.0f), random.log_uniform(1e-2f, 1.0f));
     Vec3 wi = random.direction();
     wi.z = std::abs(wi.z);
@@ -81,8 +81,8 @@ double reflectance_in_double(double c, double eta, double k) {
 
 TEST(ConductorReflectance, HoldsInSinglePrecision) {
   TestRandom random(13);
-  for (int trial = 0; trial < 200000; ++trial) {
-    const float c = trial % 5 == 0 ? random.log_uniform(1e-4f, 1.0f) : random.uniform(0.0f, 1.0f);
+  for (int probe = 0; probe < 200000; ++probe) {
+    const float c = probe % 5 == 0 ? random.log_uniform(1e-4f, 1.0f) : random.uniform(0.0f, 1.0f);
     const float eta = random.log_uniform(0.02f, 20.0f), k = random.log_uniform(1e-3f, 50.0f);
     const double expected = reflectance_in_double(c, eta, k);
     const double bound = k >= 0.1f ? 0x1p-20 : 0x1p-14;

@@ -154,10 +154,10 @@ TEST(EnvironmentSampling, SamplesFollowTheDensity) {
   constexpr size_t k_count = 200000;
   for (const NamedMap& m : maps()) {
     const LightTable lights = make_lights(m.scene);
-    Receiver receiver;
-    receiver.transmits = true;  // no horizon
+    ShadingPoint shading_point;
+    shading_point.transmits = true;  // no horizon
     ShadowBatch out;
-    sample_light(lights, 0, batch_of(std::vector<Receiver>(k_count, receiver), 31), 1, Isa::automatic, out);
+    sample_light(lights, 0, batch_of(std::vector<ShadingPoint>(k_count, shading_point), 31), 1, Isa::automatic, out);
     ASSERT_EQ(out.active, k_count) << m.name;
     test::SphereHistogram observed, expected;
     for (size_t i = 0; i < k_count; ++i) observed.add(out.rays.direction(i));
@@ -172,8 +172,8 @@ TEST(EnvironmentSampling, SamplesCarryTheirDensityAndRadiance) {
     const Vec3 shading = glm::normalize(Vec3(0.3f, 0.1f, 1.0f));
     for (const bool transmits : {false, true}) {
       ShadowBatch out;
-      const Receiver receiver = {Vec3(1, 2, 3), Vec3(0, 0, 1), shading, 0.0f, transmits};
-      sample_light(lights, 0, batch_of(std::vector<Receiver>(300, receiver), 8), 7, Isa::automatic, out);
+      const ShadingPoint shading_point = {Vec3(1, 2, 3), Vec3(0, 0, 1), shading, 0.0f, transmits};
+      sample_light(lights, 0, batch_of(std::vector<ShadingPoint>(300, shading_point), 8), 7, Isa::automatic, out);
       for (size_t i = 0; i < out.rays.size; ++i) {
         if (out.rays.tmax[i] < 0.0f) continue;
         const Vec3 d = out.rays.direction(i);
@@ -211,10 +211,10 @@ TEST(EnvironmentSampling, IrradianceOfAPlane) {
       }
       constexpr int k_samples = 1 << 12, k_seeds = 64;
       ShadowBatch out;
-      ReceiverBatch b = batch_of(std::vector<Receiver>(k_seeds, {Vec3(0), normal, normal}), 5);
+      ShadingPointBatch b = batch_of(std::vector<ShadingPoint>(k_seeds, {Vec3(0), normal, normal}), 5);
       std::fill(b.sample.begin(), b.sample.end(), 0);
       sample_light(lights, 0, b, k_samples, Isa::automatic, out);
-      DVec3 sum(0.0), squares(0.0);  // over the receivers' means
+      DVec3 sum(0.0), squares(0.0);  // over the shading points' means
       for (size_t r = 0; r < k_seeds; ++r) {
         DVec3 mean(0.0);
         for (size_t k = r * k_samples; k < (r + 1) * k_samples; ++k)

@@ -86,8 +86,8 @@ TEST(LightDensity, DescribesTheSamples) {
   constexpr int k_side = 12, k_fine = 24, k_count = 40000;
   for (const Parametrised& light : parametrised_lights()) {
     const LightTable lights = make_lights(area_scene(light.kind, light.to_world, light.flip));
-    Receiver receiver;
-    receiver.transmits = true;  // no horizon: every direction of the density counts
+    ShadingPoint shading_point;
+    shading_point.transmits = true;  // no horizon: every direction of the density counts
 
     // Probability of each bin: integral of the density over the solid angle of the bin's visible part.
     std::vector<double> expected(k_side * k_side, 0.0);
@@ -101,7 +101,7 @@ TEST(LightDensity, DescribesTheSamples) {
         LightHit hit;
         hit.t = 1;
         hit.normal = Vec3(glm::normalize(n));
-        const float pdf = light_pdf(lights, 0, receiver.point, receiver.shading, true, Vec3(d), hit);
+        const float pdf = light_pdf(lights, 0, shading_point.point, shading_point.shading, true, Vec3(d), hit);
         expected[size_t(i / k_fine * k_side + j / k_fine)] += double(pdf) * facing / (r * r * r) / (k_n * k_n);
       }
     }
@@ -109,7 +109,7 @@ TEST(LightDensity, DescribesTheSamples) {
     for (double e : expected) total += e;
 
     ShadowBatch out;
-    sample_light(lights, 0, batch_of(std::vector<Receiver>(k_count, receiver), 31), 1, Isa::automatic, out);
+    sample_light(lights, 0, batch_of(std::vector<ShadingPoint>(k_count, shading_point), 31), 1, Isa::automatic, out);
     std::vector<double> observed(expected.size(), 0.0);
     double kept = 0.0;
     for (size_t i = 0; i < k_count; ++i) {
@@ -123,8 +123,8 @@ TEST(LightDensity, DescribesTheSamples) {
       LightHit hit;
       hit.t = 1;
       hit.normal = Vec3(glm::normalize(light.area_normal(ab.x, ab.y)));
-      const float pdf = light_pdf(lights, 0, out.rays.origin(i), receiver.shading, true, Vec3(d), hit);
-      const double cosine = std::fabs(glm::dot(d, DVec3(receiver.shading))) / glm::length(d);
+      const float pdf = light_pdf(lights, 0, out.rays.origin(i), shading_point.shading, true, Vec3(d), hit);
+      const double cosine = std::fabs(glm::dot(d, DVec3(shading_point.shading))) / glm::length(d);
       ASSERT_NEAR(double(out.weight[i]) * double(out.pdf[i]), cosine, 1e-4) << light.name;
       const double facing = -glm::dot(DVec3(hit.normal), d) / glm::length(d);
       ASSERT_TRUE(facing < 0.05 || std::fabs(pdf - out.pdf[i]) < 2e-3f * out.pdf[i])
@@ -150,7 +150,7 @@ TEST(LightDensity, DescribesTheSamples) {
 TEST(LightDensity, ConstantLight) {
   const LightTable lights = make_lights(emitter_scene(EmitterKind::constant));
   for (bool transmits : {false, true}) {
-    Receiver r;
+    ShadingPoint r;
     r.shading = glm::normalize(Vec3(0.3f, 0.1f, 1.0f));
     r.transmits = transmits;
     ShadowBatch out;
@@ -167,7 +167,7 @@ TEST(LightDensity, ConstantLight) {
 
 TEST(LightDensity, MeshTrianglesShareByArea) {
   const LightTable lights = make_lights(area_scene(mesh_shape(), scaled(1, DVec3(0, 0, 3)), true));
-  Receiver r;
+  ShadingPoint r;
   for (uint32_t i = 0; i < lights.lights[0].triangle_count; ++i) {
     const LightTriangle& t = lights.triangles[i];
     const Vec3 p0(t.p0[0], t.p0[1], t.p0[2]), e1(t.edge1[0], t.edge1[1], t.edge1[2]);
@@ -221,13 +221,13 @@ TEST(SphereLight, RaysStayOffTheSphere) {
   std::mt19937 random(42);
   size_t active = 0;
   for (const ExtremeCase& c : extreme_cases()) {
-    // `distance` is that of the receiver to the surface, so small ones almost touch.
+    // `distance` is that of the shading point to the surface, so small ones almost touch.
     const DVec3 direction = random_rotation(random)[0];
     const LightTable lights = make_lights(area_scene(ShapeKind::sphere, scaled(c.size, c.position)));
     const DVec3 centre(Vec3(c.position));
     const double radius = double(float(c.size));
     for (bool transmits : {false, true}) {
-      Receiver r;
+      ShadingPoint r;
       r.point = Vec3(c.position - direction * (c.size + c.distance));
       r.normal = r.shading = Vec3(direction);
       r.error = 1e-6f * (std::fabs(r.point.x) + std::fabs(r.point.y) + std::fabs(r.point.z));
@@ -260,7 +260,7 @@ TEST(PlaneLights, RaysStayOffThePlane) {
       const LightTable lights = make_lights(scene);
       const Affine& placed = scene.instances[0].to_world;  // as rounded: what a tracer sees
       const DVec3 normal = glm::normalize(glm::cross(DVec3(placed[0]), DVec3(placed[1])));
-      Receiver r;
+      ShadingPoint r;
       r.point = Vec3(c.position + (m[2] + 0.3 * m[0]) * c.distance);
       r.normal = r.shading = Vec3(-m[2]);
       r.error = 1e-6f * (std::fabs(r.point.x) + std::fabs(r.point.y) + std::fabs(r.point.z));

@@ -10,10 +10,10 @@ namespace {
 
 using namespace light_test;
 
-// A receiver at a distance of a few sizes to many, turned anyhow; the shading normal leans from the geometric one.
-Receiver random_receiver(std::mt19937& random, double size, const DVec3& centre) {
+// A shading point at a distance of a few sizes to many, turned anyhow; the shading normal leans from the geometric one.
+ShadingPoint random_shading_point(std::mt19937& random, double size, const DVec3& centre) {
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
-  Receiver r;
+  ShadingPoint r;
   const double distance = size * std::pow(10.0, 2.0 * uniform(random) + 0.1);
   r.point = Vec3(centre + distance * random_rotation(random)[0]);
   const DVec3 to_light = glm::normalize(centre - DVec3(r.point));
@@ -33,7 +33,7 @@ void compare_with_samples(ShapeKind kind, bool flip) {
     const double wide = kind == ShapeKind::rectangle ? 0.2 : 1.0;
     const LightTable lights = make_lights(area_scene(kind, affine(turn[0], turn[1] * wide, turn[2], centre), flip));
     ASSERT_TRUE(sampled_in_closed_form(lights.lights[0]));
-    const Receiver r = random_receiver(random, size, centre);
+    const ShadingPoint r = random_shading_point(random, size, centre);
     const std::optional<float> whole = whole_irradiance(lights.lights[0], r.point, r.normal, r.shading);
     ShadowBatch batch;
     sample_light(lights, 0, batch_of({r}, 5), 256, Isa::automatic, batch);

@@ -37,12 +37,12 @@ std::vector<NamedLight> all_lights() {
           {"environment", make_lights(environment_scene(17, 9, spotted_texel))}};
 }
 
-std::vector<Receiver> random_receivers(size_t count, uint32_t seed, bool transmitting) {
+std::vector<ShadingPoint> random_shading_points(size_t count, uint32_t seed, bool transmitting) {
   std::mt19937 random(seed);
   std::normal_distribution<float> normal;
   std::uniform_real_distribution<float> exponent(-6.0f, 6.0f);
-  std::vector<Receiver> receivers(count);
-  for (Receiver& r : receivers) {
+  std::vector<ShadingPoint> shading_points(count);
+  for (ShadingPoint& r : shading_points) {
     const float scale = std::pow(10.0f, exponent(random) * (random() % 4 == 0 ? 1.0f : 0.1f));
     r.point = scale * Vec3(normal(random), normal(random), normal(random));
     r.normal = glm::normalize(Vec3(normal(random), normal(random), normal(random)));
@@ -50,7 +50,7 @@ std::vector<Receiver> random_receivers(size_t count, uint32_t seed, bool transmi
     r.error = scale * 1e-6f;
     r.transmits = transmitting && random() % 2 == 0;
   }
-  return receivers;
+  return shading_points;
 }
 
 // ---------------------------------------------------------------- parity and validity
@@ -58,13 +58,13 @@ std::vector<Receiver> random_receivers(size_t count, uint32_t seed, bool transmi
 TEST(LightSampling, EveryInstructionSetGivesTheSameBits) {
   for (const NamedLight& light : all_lights()) {
     for (bool transmitting : {false, true}) {
-      const ReceiverBatch receivers = batch_of(random_receivers(77, 11, transmitting), 12);
+      const ShadingPointBatch shading_points = batch_of(random_shading_points(77, 11, transmitting), 12);
       for (int m : {1, 2, 3, 4, 8, 16, 17, 64}) {
         ShadowBatch reference;
-        sample_light(light.table, 0, receivers, m, Isa::scalar, reference);
+        sample_light(light.table, 0, shading_points, m, Isa::scalar, reference);
         for (Isa isa : supported_isas()) {
           ShadowBatch other;
-          sample_light(light.table, 0, receivers, m, isa, other);
+          sample_light(light.table, 0, shading_points, m, isa, other);
           const auto same = [&](const auto& a, const auto& b) {
             return std::memcmp(a.data(), b.data(), reference.rays.size * sizeof(a[0])) == 0;
           };
@@ -88,14 +88,14 @@ TEST(LightSampling, EveryInstructionSetGivesTheSameBits) {
 TEST(LightSampling, SamplesOfOnePixelAreTheSamePointsHoweverTheyAreBatched) {
   const LightTable lights = make_lights(area_scene(ShapeKind::sphere, scaled(0.7, DVec3(0.2, 0.3, 3))));
   for (const uint32_t first : {0u, 5u, 250u, 65530u}) {
-    ReceiverBatch pixel = batch_of(std::vector<Receiver>(64), 3);
+    ShadingPointBatch pixel = batch_of(std::vector<ShadingPoint>(64), 3);
     for (uint32_t i = 0; i < 64; ++i) pixel.seed[i] = 9, pixel.sample[i] = first + i, pixel.instance[i] = 0;
     for (const Isa isa : supported_isas()) {
       ShadowBatch together, alone;
       sample_light(lights, 0, pixel, 1, isa, together);
       ASSERT_EQ(together.active, 64u);
       for (uint32_t i = 0; i < 64; ++i) {
-        ReceiverBatch one = batch_of({Receiver{}}, 3);
+        ShadingPointBatch one = batch_of({ShadingPoint{}}, 3);
         one.seed[0] = 9, one.sample[0] = first + i;
         sample_light(lights, 0, one, 1, isa, alone);
         ASSERT_EQ(together.rays.direction(i), alone.rays.direction(0)) << isa_name(isa) << " " << first + i;
@@ -107,10 +107,10 @@ TEST(LightSampling, SamplesOfOnePixelAreTheSamePointsHoweverTheyAreBatched) {
 TEST(LightSampling, SlotsAreFiniteAndPaddingInactive) {
   for (const NamedLight& light : all_lights()) {
     for (bool transmitting : {false, true}) {
-      const std::vector<Receiver> list = random_receivers(501, 13, transmitting);
-      const ReceiverBatch receivers = batch_of(list, 14);
+      const std::vector<ShadingPoint> list = random_shading_points(501, 13, transmitting);
+      const ShadingPointBatch shading_points = batch_of(list, 14);
       ShadowBatch out;
-      sample_light(light.table, 0, receivers, 3, Isa::automatic, out);
+      sample_light(light.table, 0, shading_points, 3, Isa::automatic, out);
       size_t active = 0;
       for (size_t i = 0; i < out.rays.size; ++i) {
         const bool on = out.rays.tmax[i] >= 0.0f;
@@ -134,13 +134,13 @@ TEST(LightSampling, SlotsAreFiniteAndPaddingInactive) {
 }
 
 TEST(LightSampling, OriginLeavesTheSurfaceOnTheSideOfTheDirection) {
-  const std::vector<Receiver> list = random_receivers(200, 15, true);
+  const std::vector<ShadingPoint> list = random_shading_points(200, 15, true);
   for (const NamedLight& light : all_lights()) {
     ShadowBatch out;
     sample_light(light.table, 0, batch_of(list, 16), 4, Isa::automatic, out);
     for (size_t i = 0; i < out.rays.size; ++i) {
       if (out.rays.tmax[i] < 0.0f) continue;
-      const Receiver& r = list[i / 4];
+      const ShadingPoint& r = list[i / 4];
       const DVec3 offset = DVec3(out.rays.origin(i)) - DVec3(r.point);
       const double side = glm::dot(DVec3(out.rays.direction(i)), DVec3(r.normal));
       const double moved = glm::dot(offset, DVec3(r.normal)) * (side > 0 ? 1.0 : -1.0);
@@ -154,18 +154,18 @@ TEST(LightSampling, OriginLeavesTheSurfaceOnTheSideOfTheDirection) {
 TEST(SphereLight, IrradianceAtAllScales) {
   std::mt19937 random(21);
   std::uniform_real_distribution<double> exponent(-6.0, 6.0), unit(0.0, 1.0);
-  for (int trial = 0; trial < 300; ++trial) {
+  for (int probe = 0; probe < 300; ++probe) {
     const double distance = std::pow(10.0, exponent(random));
     double radius = std::pow(10.0, exponent(random));
     if (radius >= distance) radius = distance * (0.02 + 0.9 * unit(random));
     const DVec3 direction = glm::normalize(DVec3(0.3, -0.2, 1.0));
-    Receiver r;
+    ShadingPoint r;
     // Tilted so that the whole sphere stays above the horizon.
     r.normal = r.shading = Vec3(radius < 0.5 * distance ? DVec3(0, 0, 1) : direction);
     const LightTable lights = make_lights(area_scene(ShapeKind::sphere, scaled(radius, distance * direction)));
     const double expected = M_PI * std::pow(radius / distance, 2.0) * glm::dot(direction, DVec3(r.normal));
     // Measured: below 1e-4 at 4,096 samples of a scrambled net; float sums of positions cost up to 1e-5 more.
-    EXPECT_NEAR(irradiance(lights, r, 4096, uint32_t(trial)), expected, 2e-4 * expected)
+    EXPECT_NEAR(irradiance(lights, r, 4096, uint32_t(probe)), expected, 2e-4 * expected)
         << "radius " << radius << " distance " << distance;
   }
 }
@@ -173,16 +173,16 @@ TEST(SphereLight, IrradianceAtAllScales) {
 TEST(SphereLight, TouchingInsideAndFlipped) {
   const LightTable outside = make_lights(area_scene(ShapeKind::sphere, scaled(2.0, DVec3(0, 0, 2))));
   const LightTable inside = make_lights(area_scene(ShapeKind::sphere, scaled(2.0, DVec3(0, 0, 2)), true));
-  Receiver touching;
+  ShadingPoint touching;
   EXPECT_GE(irradiance(outside, touching, 256, 1), 0.0);
-  Receiver near;
+  ShadingPoint near;
   near.point = Vec3(0, 0, -1e-4f);
   EXPECT_NEAR(irradiance(outside, near, 4096, 1), M_PI * std::pow(2.0 / 2.0001, 2.0), 2e-3);
-  Receiver centre;
+  ShadingPoint centre;
   centre.point = Vec3(0.3f, 0.2f, 1.5f);
   EXPECT_EQ(irradiance(outside, centre, 256, 1), 0.0) << "a sphere does not shine inwards";
   EXPECT_NEAR(irradiance(inside, centre, 16384, 1), M_PI, 2e-3);
-  EXPECT_EQ(irradiance(inside, Receiver{Vec3(0, 0, 5), Vec3(0, 0, 1), Vec3(0, 0, 1)}, 256, 1), 0.0);
+  EXPECT_EQ(irradiance(inside, ShadingPoint{Vec3(0, 0, 5), Vec3(0, 0, 1), Vec3(0, 0, 1)}, 256, 1), 0.0);
 }
 
 std::vector<DVec3> corners(const DAffine& t) {
@@ -195,17 +195,17 @@ std::vector<DVec3> corners(const DAffine& t) {
 TEST(RectangleLight, IrradianceAtAllScales) {
   std::mt19937 random(22);
   std::uniform_real_distribution<double> exponent(-6.0, 6.0), unit(-1.0, 1.0);
-  for (int trial = 0; trial < 400; ++trial) {
+  for (int probe = 0; probe < 400; ++probe) {
     const double distance = std::pow(10.0, exponent(random));
     const double w = distance * std::pow(10.0, exponent(random) * 0.5),
                  h = distance * std::pow(10.0, exponent(random) * 0.5);
     const DVec3 centre = distance * DVec3(unit(random), unit(random), 1.0);
     const DAffine t = affine(DVec3(w, 0, 0), DVec3(0, -h, 0), DVec3(0, 0, -distance), centre);
-    Receiver r;
+    ShadingPoint r;
     const LightTable lights = make_lights(area_scene(ShapeKind::rectangle, t));
     ASSERT_EQ(lights.lights[0].kind, LightKind::rectangle);
     const double expected = polygon_irradiance(corners(t), DVec3(0), DVec3(0, 0, 1));
-    EXPECT_NEAR(irradiance(lights, r, 4096, uint32_t(trial)), expected, 2e-3 * expected)
+    EXPECT_NEAR(irradiance(lights, r, 4096, uint32_t(probe)), expected, 2e-3 * expected)
         << "distance " << distance << " half size " << w << " " << h;
   }
 }
@@ -214,14 +214,14 @@ TEST(RectangleLight, GrazingBehindAndTouching) {
   const DAffine t = affine(DVec3(1, 0, 0), DVec3(0, -1, 0), DVec3(0, 0, -1), DVec3(0, 0, 0));
   const LightTable lights = make_lights(area_scene(ShapeKind::rectangle, t));
   for (double height : {1e-5, 1e-4, 1e-3, 0.1}) {
-    Receiver r{Vec3(0.2f, 0.1f, float(-height)), Vec3(0, 0, 1), Vec3(0, 0, 1)};
+    ShadingPoint r{Vec3(0.2f, 0.1f, float(-height)), Vec3(0, 0, 1), Vec3(0, 0, 1)};
     const double facing = polygon_irradiance(corners(t), DVec3(r.point), DVec3(0, 0, 1));
     EXPECT_NEAR(irradiance(lights, r, 4096, 3), facing, 2e-3 * facing) << height;
   }
-  EXPECT_EQ(irradiance(lights, Receiver{Vec3(0, 0, 1)}, 64, 3), 0.0);
-  EXPECT_EQ(irradiance(lights, Receiver{Vec3(0, 0, 1), Vec3(0, 0, -1), Vec3(0, 0, -1)}, 64, 3), 0.0);
-  EXPECT_EQ(irradiance(lights, Receiver{Vec3(0, 0, 0)}, 64, 3), 0.0);
-  EXPECT_EQ(irradiance(lights, Receiver{Vec3(3, 0, 0)}, 64, 3), 0.0);
+  EXPECT_EQ(irradiance(lights, ShadingPoint{Vec3(0, 0, 1)}, 64, 3), 0.0);
+  EXPECT_EQ(irradiance(lights, ShadingPoint{Vec3(0, 0, 1), Vec3(0, 0, -1), Vec3(0, 0, -1)}, 64, 3), 0.0);
+  EXPECT_EQ(irradiance(lights, ShadingPoint{Vec3(0, 0, 0)}, 64, 3), 0.0);
+  EXPECT_EQ(irradiance(lights, ShadingPoint{Vec3(3, 0, 0)}, 64, 3), 0.0);
 }
 
 TEST(AreaLights, IrradianceAgainstPolygonsAndQuadrature) {
@@ -229,7 +229,7 @@ TEST(AreaLights, IrradianceAgainstPolygonsAndQuadrature) {
   const auto at = [&](double x, double y, double z) {
     return skewed[0] * x + skewed[1] * y + skewed[2] * z + skewed[3];
   };
-  const Receiver r{Vec3(0.5f, 0.2f, -0.1f), Vec3(0, 0, 1), glm::normalize(Vec3(0.1f, 0.2f, 1.0f))};
+  const ShadingPoint r{Vec3(0.5f, 0.2f, -0.1f), Vec3(0, 0, 1), glm::normalize(Vec3(0.1f, 0.2f, 1.0f))};
   const DVec3 p(r.point), n(r.shading);
   const auto expect = [&](const Scene& scene, double expected, const char* name) {
     EXPECT_NEAR(irradiance(make_lights(scene), r, 16384, 5), expected, 1e-3 * expected) << name;
@@ -267,7 +267,7 @@ TEST(AreaLights, MirroringKeepsTheNormalOfTheInverseTranspose) {
   // Mirrored in x: the plane's normal (0, 0, 1) stays; mirrored in z: it turns.
   const DAffine x = affine(DVec3(-1, 0, 0), DVec3(0, 1, 0), DVec3(0, 0, 1), DVec3(0, 0, 0));
   const DAffine z = affine(DVec3(1, 0, 0), DVec3(0, 1, 0), DVec3(0, 0, -1), DVec3(0, 0, 0));
-  const Receiver above{Vec3(0, 0, 2), Vec3(0, 0, -1), Vec3(0, 0, -1)}, below{Vec3(0, 0, -2)};
+  const ShadingPoint above{Vec3(0, 0, 2), Vec3(0, 0, -1), Vec3(0, 0, -1)}, below{Vec3(0, 0, -2)};
   Shape triangle = mesh_shape();
   triangle.mesh.triangles.resize(1);
   for (const Shape& shape : {Shape{ShapeKind::rectangle, "", {}, {}}, Shape{ShapeKind::disk, "", {}, {}}, triangle}) {
@@ -281,7 +281,7 @@ TEST(AreaLights, MirroringKeepsTheNormalOfTheInverseTranspose) {
 }
 
 TEST(DeltaLights, FallOff) {
-  Receiver r;
+  ShadingPoint r;
   const Vec3 position(0.5f, -0.25f, 3.0f);
   const double d2 = glm::dot(DVec3(position), DVec3(position));
   EXPECT_NEAR(irradiance(make_lights(emitter_scene(EmitterKind::point)), r, 4, 1), 3.0 / std::pow(d2, 1.5), 1e-6);
@@ -291,7 +291,7 @@ TEST(DeltaLights, FallOff) {
 
 TEST(ConstantLight, FurnaceForOpaqueAndTransmitting) {
   const LightTable lights = make_lights(emitter_scene(EmitterKind::constant));
-  Receiver r;
+  ShadingPoint r;
   EXPECT_NEAR(irradiance(lights, r, 1024, 1), M_PI, 1e-5);
   r.transmits = true;
   EXPECT_NEAR(irradiance(lights, r, 4096, 1), 2.0 * M_PI, 2e-3);
@@ -310,7 +310,7 @@ TEST(LightTable, BlackAndDegenerateLightsAreNotSampled) {
   Shape line = mesh_shape();
   line.mesh.triangles = {{0, 1, 1}};
   const LightTable degenerate = make_lights(area_scene(line, scaled(1.0, DVec3(0, 0, 2))));
-  EXPECT_EQ(irradiance(degenerate, Receiver{}, 16, 1), 0.0);
+  EXPECT_EQ(irradiance(degenerate, ShadingPoint{}, 16, 1), 0.0);
   Scene orphan = emitter_scene(EmitterKind::area);
   EXPECT_THROW(make_lights(orphan), Error);
 }

@@ -26,7 +26,7 @@ using PointSets = Sets;
 
 TEST_F(PointSets, AlignedBlocksAreNets) {
   std::mt19937 random(1);
-  for (int trial = 0; trial < 200; ++trial) {
+  for (int probe = 0; probe < 200; ++probe) {
     const uint32_t seed = uint32_t(random());
     for (int m = 0; m <= 10; ++m) {
       const uint32_t count = 1u << m, first = (uint32_t(random()) >> 12) << m;
@@ -100,11 +100,11 @@ struct Penumbra {
 // Error of camera_samples x light_samples points a pixel, over random pixels: half the mean squared difference of two
 // independent estimates is the variance.
 template <class Point>
-double rms_error(int camera_samples, int light_samples, int trials, Point light_point) {
+double rms_error(int camera_samples, int light_samples, int probes, Point light_point) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> uniform;
   double squares = 0.0;
-  for (int trial = 0; trial < trials; ++trial) {
+  for (int probe = 0; probe < probes; ++probe) {
     const double angle = 2.0 * M_PI * uniform(random);
     const Penumbra penumbra = {std::cos(angle), std::sin(angle), 1.6 * uniform(random) - 0.8};
     double estimate[2] = {};
@@ -123,19 +123,19 @@ double rms_error(int camera_samples, int light_samples, int trials, Point light_
     }
     squares += 0.5 * (estimate[0] - estimate[1]) * (estimate[0] - estimate[1]);
   }
-  return std::sqrt(squares / trials);
+  return std::sqrt(squares / probes);
 }
 
 TEST_F(PointSets, ErrorsAreThoseOfOwenScrambling) {
   for (int count : {16, 64, 256}) {
     // The standard error of a quotient is below 0.9 %.
-    const int trials = count == 256 ? 12000 : 24000;
+    const int probes = count == 256 ? 12000 : 24000;
     for (int light_samples : {count, 4, 1}) {
-      const double owen = rms_error(count / light_samples, light_samples, trials, [](uint32_t i, uint32_t seed) {
+      const double owen = rms_error(count / light_samples, light_samples, probes, [](uint32_t i, uint32_t seed) {
         const UnitPair<float> p = sample_2d(i, seed, 9);
         return concentric_disk<float>(p.x, p.y);
       });
-      const double set = rms_error(count / light_samples, light_samples, trials, [&](uint32_t i, uint32_t seed) {
+      const double set = rms_error(count / light_samples, light_samples, probes, [&](uint32_t i, uint32_t seed) {
         const CentredPair<float> p = point(i, seed, 9);
         return concentric_disk_centred<float>(p.x, p.y);
       });

@@ -46,8 +46,8 @@ TEST(Sobol, SecondDimensionMatchesDirectionNumbers) {
 
 TEST(Sobol, AlignedBlocksAreNets) {
   std::mt19937 random(3);
-  for (int trial = 0; trial < 40; ++trial) {
-    const SobolSeeds<float> seeds = sobol_seeds<float>(uint32_t(random()), uint32_t(trial));
+  for (int probe = 0; probe < 40; ++probe) {
+    const SobolSeeds<float> seeds = sobol_seeds<float>(uint32_t(random()), uint32_t(probe));
     for (int m = 0; m <= 10; ++m) {
       const uint32_t count = 1u << m;
       const uint32_t first = (uint32_t(random()) >> 12) << m;

@@ -17,7 +17,7 @@ FT_LANES_BEGIN
 inline F32 lanes_at(const AlignedVector<float>& v, size_t i) { return load(&v[i]); }
 
 // What chart_parity_test.cpp's scalar loop does, a vector at a time.
-void trace_parity(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool own,
+void trace_parity(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool self,
                   ParityResults& out) {
   for (size_t i = 0; i < rays.size; i += size_t(Lanes<F32>::k_count)) {
     const Vec3Lanes<F32> o = {lanes_at(rays.ox, i), lanes_at(rays.oy, i), lanes_at(rays.oz, i)};
@@ -28,10 +28,11 @@ void trace_parity(const FieldView& field, const QueryPolicy& policy, const RayBa
     store(at.v, &out.v[i]);
     store(at.a, &out.a[i]);
     store(at.b, &out.b[i]);
-    const MaskLanes is_own = own ? s.crosses : and_not(s.crosses, s.crosses);
+    const MaskLanes is_own = self ? s.crosses : and_not(s.crosses, s.crosses);
     const auto segment = query_segment(field, policy, s, is_own);
     store(segment.verdict, &out.verdict[i]);
-    store(select(segment.verdict > splat_int<F32>(k_verdict_ask), segment.slice, splat_int<F32>(0)), &out.slice[i]);
+    store(select(segment.verdict > splat_int<F32>(k_verdict_undecided), segment.slice, splat_int<F32>(0)),
+          &out.slice[i]);
     const auto nearest = nearest_on_segment(field, policy, s, is_own);
     store(nearest.verdict, &out.nearest[i]);
     store(nearest.distance, &out.distance[i]);

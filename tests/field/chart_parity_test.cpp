@@ -14,17 +14,17 @@ namespace fieldtrace {
 namespace {
 
 // The reference, a float at a time.
-void trace_parity_scalar(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool own,
+void trace_parity_scalar(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool self,
                          ParityResults& out) {
   for (size_t i = 0; i < rays.size; ++i) {
     const auto s = scalar::segment_in_unit_space<float>(k_parity_transform, {rays.ox[i], rays.oy[i], rays.oz[i]},
                                                         {rays.dx[i], rays.dy[i], rays.dz[i]}, rays.tmax[i]);
     const auto at = scalar::address_of_line(s.direction, s.foot, field.directions, field.plane);
     out.u[i] = at.u, out.v[i] = at.v, out.a[i] = at.a, out.b[i] = at.b;
-    const auto segment = scalar::query_segment(field, policy, s, own && s.crosses);
+    const auto segment = scalar::query_segment(field, policy, s, self && s.crosses);
     out.verdict[i] = segment.verdict;
-    out.slice[i] = segment.verdict > scalar::k_verdict_ask ? segment.slice : 0;
-    const auto nearest = scalar::nearest_on_segment(field, policy, s, own && s.crosses);
+    out.slice[i] = segment.verdict > scalar::k_verdict_undecided ? segment.slice : 0;
+    const auto nearest = scalar::nearest_on_segment(field, policy, s, self && s.crosses);
     out.nearest[i] = nearest.verdict;
     out.distance[i] = nearest.distance;
   }
@@ -54,7 +54,7 @@ void expect_same(const AlignedVector<T>& a, const AlignedVector<T>& b, const cha
   EXPECT_EQ(different, 0u) << what << " on " << isa_name(isa) << ", of " << a.size();
 }
 
-void compare(const FieldView& field, const QueryPolicy& policy, bool own, int batches, uint32_t seed) {
+void compare(const FieldView& field, const QueryPolicy& policy, bool self, int batches, uint32_t seed) {
   constexpr size_t k_batch = 1 << 16;
   TestRandom random(seed);
   RayBatch rays;
@@ -62,11 +62,11 @@ void compare(const FieldView& field, const QueryPolicy& policy, bool own, int ba
   ParityResults reference(k_batch), result(k_batch);
   for (int b = 0; b < batches; ++b) {
     fill_rays(random, rays);
-    trace_parity_scalar(field, policy, rays, own, reference);
+    trace_parity_scalar(field, policy, rays, self, reference);
     for (const Isa isa : supported_isas()) {
       const ParityTrace trace = parity_trace(isa);
       if (trace == nullptr) continue;
-      trace(field, policy, rays, own, result);
+      trace(field, policy, rays, self, result);
       expect_same(reference.u, result.u, "u", isa);
       expect_same(reference.v, result.v, "v", isa);
       expect_same(reference.a, result.a, "a", isa);
@@ -95,8 +95,8 @@ TEST(ChartParity, AnswersAgreeOnEveryInstructionSet) {
     fixture.probe().nearest(query_policy(0.1f), p, random.direction(), 0.0f, k_infinity, i % 2 == 0);
   }
   for (const float tolerance : {0.0f, 0.1f, 0.5f, 1.0f}) {
-    for (const bool own : {false, true}) {
-      compare(fixture.field().view(), query_policy(tolerance), own, 2, 7);
+    for (const bool self : {false, true}) {
+      compare(fixture.field().view(), query_policy(tolerance), self, 2, 7);
     }
   }
 }

@@ -14,7 +14,7 @@ struct Counts {
   int64_t rays = 0, wrong = 0;
 };
 
-void count_answers(const ConeScene& s, const ReceiverBatch& batch, const ShadowGroup& group, TestRandom& random,
+void count_answers(const ConeScene& s, const ShadingPointBatch& batch, const ShadowGroup& group, TestRandom& random,
                    Counts& counts) {
   constexpr int k_rays = 32;
   for (size_t r = 0; r < batch.size; ++r) {
@@ -30,9 +30,9 @@ void count_answers(const ConeScene& s, const ReceiverBatch& batch, const ShadowG
   }
 }
 
-void ask_and_count(ConeScene& s, const ReceiverBatch& batch, TestRandom& random, Counts& counts) {
+void query_and_count(ConeScene& s, const ShadingPointBatch& batch, TestRandom& random, Counts& counts) {
   Stats stats;
-  count_answers(s, batch, s.ask(batch, Isa::automatic, 0.1f, stats), random, counts);
+  count_answers(s, batch, s.query(batch, Isa::automatic, 0.1f, stats), random, counts);
 }
 
 TEST(Cones, AnswersThroughTheObjectAreThoseOfExactRays) {
@@ -45,7 +45,7 @@ TEST(Cones, AnswersThroughTheObjectAreThoseOfExactRays) {
       const float distance = size * random.uniform(3.0f, 9.0f);
       ConeScene s(mesh, place,
                   {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.15f)});
-      ask_and_count(s, shadowed_receivers(s, world_ball(s), 200, random), random, counts);
+      query_and_count(s, shadowed_shading_points(s, world_ball(s), 200, random), random, counts);
     }
   }
   EXPECT_GT(counts.clear, 1000);
@@ -64,7 +64,7 @@ TEST(Cones, AnswersOnTheObjectAreThoseOfExactRays) {
       const float distance = size * random.uniform(4.0f, 9.0f);
       ConeScene s(mesh, place,
                   {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.1f)});
-      ask_and_count(s, own_receivers(s, 600, random), random, counts);
+      query_and_count(s, self_shading_points(s, 600, random), random, counts);
     }
   }
   EXPECT_GT(counts.clear, 1000);
@@ -72,7 +72,7 @@ TEST(Cones, AnswersOnTheObjectAreThoseOfExactRays) {
 }
 
 // A shell with holes: parallel lines through one in front meet the back, and rays that slant pass both.
-TEST(Cones, LeaveChinksBetweenSurfacesThatHideEachOther) {
+TEST(Cones, LeaveLightLeaksBetweenSurfacesThatHideEachOther) {
   TestRandom random(11);
   Counts counts;
   for (int i = 0; i < 16; ++i) {
@@ -82,7 +82,7 @@ TEST(Cones, LeaveChinksBetweenSurfacesThatHideEachOther) {
     ConeScene s(make_holy_sphere({}), place,
                 {Vec3(place[3]) + distance * random.direction(), distance * random.uniform(0.02f, 0.05f)},
                 {.directions = 128, .plane = 256});
-    ask_and_count(s, shadowed_receivers(s, world_ball(s), 2000, random), random, counts);
+    query_and_count(s, shadowed_shading_points(s, world_ball(s), 2000, random), random, counts);
   }
   EXPECT_GT(counts.blocked, 1000);
   EXPECT_LE(double(counts.wrong), 1e-5 * double(counts.rays));
@@ -93,14 +93,14 @@ TEST(Cones, AreTheSameOnEveryInstructionSet) {
   for (const TriangleMesh& mesh : solid_meshes()) {
     const Affine place = random_place(random, 1.0f, 3.0f);
     ConeScene s(mesh, place, {Vec3(place[3]) + 4.0f * random.direction(), 0.2f});
-    for (const bool own : {false, true}) {
-      const ReceiverBatch batch =
-          own ? own_receivers(s, 333, random) : shadowed_receivers(s, world_ball(s), 333, random);
+    for (const bool self : {false, true}) {
+      const ShadingPointBatch batch =
+          self ? self_shading_points(s, 333, random) : shadowed_shading_points(s, world_ball(s), 333, random);
       Stats scalar_stats;
-      const ShadowGroup scalar = s.ask(batch, Isa::scalar, 0.1f, scalar_stats);
+      const ShadowGroup scalar = s.query(batch, Isa::scalar, 0.1f, scalar_stats);
       for (const Isa isa : supported_isas()) {
         Stats stats;
-        const ShadowGroup other = s.ask(batch, isa, 0.1f, stats);
+        const ShadowGroup other = s.query(batch, isa, 0.1f, stats);
         EXPECT_EQ(scalar.shadow, other.shadow) << isa_name(isa);
         EXPECT_EQ(scalar_stats.cones_clear, stats.cones_clear) << isa_name(isa);
         EXPECT_EQ(scalar_stats.cones_blocked, stats.cones_blocked) << isa_name(isa);
@@ -112,27 +112,27 @@ TEST(Cones, AreTheSameOnEveryInstructionSet) {
 TEST(Cones, AreNotAskedAtToleranceZero) {
   TestRandom random(8);
   ConeScene s(make_sphere({}), random_place(random, 1.0f, 1.5f), {Vec3(0, 6, 0), 0.1f});
-  const ReceiverBatch batch = shadowed_receivers(s, world_ball(s), 100, random);
+  const ShadingPointBatch batch = shadowed_shading_points(s, world_ball(s), 100, random);
   Stats stats;
-  const ShadowGroup group = s.ask(batch, Isa::automatic, 0.0f, stats);
+  const ShadowGroup group = s.query(batch, Isa::automatic, 0.0f, stats);
   EXPECT_EQ(stats.lookups, 0u);
   EXPECT_TRUE(std::all_of(group.shadow.begin(), group.shadow.begin() + 100,
                           [](int32_t flag) { return flag == 0 || flag == k_may_shadow; }));
 }
 
-// A box of half extents h about the origin, over a floor that touches it, and one receiver on the floor, in units of
-// the box's ball. Where the light is cut by the floor the rays are those above it.
+// A box of half extents h about the origin, over a floor that touches it, and one shading point on the floor, in units
+// of the box's ball. Where the light is cut by the floor the rays are those above it.
 int32_t shadow_on_floor(const Vec3& h, const Vec2& at, const Sphere& light, int& blocked, int& rays) {
   TriangleMesh box = make_cube({});
   const Vec3 size = 0.5f * box.bounds().diagonal(), centre = box.bounds().centre();
   for (Vec3& p : box.positions) p = (p - centre) / size * h;
   ConeScene s(box, Affine(1.0f), light);
-  ReceiverBatch batch;
+  ShadingPointBatch batch;
   batch.resize(1);
   const Vec3 p(at.x, at.y, -h.z - 1e-5f);
-  set_receiver(batch, 0, p, Vec3(0, 0, 1), k_none);
+  set_shading_point(batch, 0, p, Vec3(0, 0, 1), k_none);
   Stats stats;
-  const int32_t shadow = s.ask(batch, Isa::automatic, 0.1f, stats).shadow[0];
+  const int32_t shadow = s.query(batch, Isa::automatic, 0.1f, stats).shadow[0];
   TestRandom random(10);
   RayBatch one;
   one.resize(1);
@@ -149,8 +149,9 @@ int32_t shadow_on_floor(const Vec3& h, const Vec2& at, const Sphere& light, int&
   return shadow;
 }
 
-// Lights that the receiver's own plane cuts, boxes behind and beside the receiver: nothing wrong may be claimed.
-TEST(Cones, OfReceiversBesideTheObjectClaimNothingWrong) {
+// Lights that the shading point's own plane cuts, boxes behind and beside the shading point: nothing wrong may be
+// claimed.
+TEST(Cones, OfShadingPointsBesideTheObjectClaimNothingWrong) {
   struct Case {
     Vec3 box;
     Vec2 at;
@@ -188,20 +189,21 @@ TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
     const Vec3 x = random.direction(), z = glm::normalize(glm::cross(x, random.direction())), y = glm::cross(z, x);
     const Affine place(x, y, z * 0.15f, Vec3(0.0f));
     ConeScene s(make_knot({.along = 256, .around = 24}), place, {4.0f * random.direction(), 0.4f});
-    ask_and_count(s, own_receivers(s, 150, random), random, counts);
+    query_and_count(s, self_shading_points(s, 150, random), random, counts);
   }
   EXPECT_GT(counts.clear, 100);
   EXPECT_LE(double(counts.wrong), 0.004 * double(counts.rays));
 }
 
-// Lights around the receiver, within the object, or behind it, and objects around both: no crash, and nothing claimed.
+// Lights around the shading point, within the object, or behind it, and objects around both: no crash, and nothing
+// claimed.
 TEST(Cones, LeaveWhatTheyCannotJudge) {
   TestRandom random(9);
   for (int i = 0; i < 300; ++i) {
     ConeScene s = tangled_scene(random);
-    const ReceiverBatch batch = tangled_receivers(s, 40, random);
+    const ShadingPointBatch batch = tangled_shading_points(s, 40, random);
     Counts counts;
-    ask_and_count(s, batch, random, counts);
+    query_and_count(s, batch, random, counts);
     ASSERT_LE(double(counts.wrong), 0.02 * double(counts.rays) + 1.0) << i;
   }
 }

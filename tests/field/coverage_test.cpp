@@ -126,7 +126,7 @@ TEST(Coverage, AreasWeighTexelsByWhatLiesWithin) {
   }
 }
 
-TEST(Coverage, GrainTellsThinFromSolid) {
+TEST(Coverage, ThinFeatureRatioTellsThinFromSolid) {
   CoverageTiles tiles(32, 64);
   TestRandom random(5);
   TileLines half(CoverageTiles::k_lines_per_tile), stripes(half), noise = random_lines(random, 0.5f);
@@ -134,16 +134,16 @@ TEST(Coverage, GrainTellsThinFromSolid) {
     half[size_t(i)] = i % k_side < k_side / 2 ? 9 : 0;
     stripes[size_t(i)] = i % 2 ? 9 : 0;
   }
-  float grain[3];
+  float thin_features[3];
   const TileLines* const lines[] = {&half, &stripes, &noise};
   for (uint32_t t = 0; t < 3; ++t) {
     ASSERT_TRUE(tiles.claim(t));
     ASSERT_TRUE(tiles.finish(t, *lines[t]));
-    grain[t] = scalar::grain_at<float>(tiles.view(), 0, int32_t(t) * k_side, 0, true);
+    thin_features[t] = scalar::thin_feature_ratio_at<float>(tiles.view(), 0, int32_t(t) * k_side, 0, true);
   }
-  EXPECT_EQ(grain[0], 0.0f);
-  EXPECT_GT(grain[1], 0.9f);
-  EXPECT_GT(grain[2], 0.3f);
+  EXPECT_EQ(thin_features[0], 0.0f);
+  EXPECT_GT(thin_features[1], 0.9f);
+  EXPECT_GT(thin_features[2], 0.3f);
 }
 
 TEST(Coverage, TilesThatAreNotBakedAreNamed) {

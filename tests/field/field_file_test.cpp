@@ -245,12 +245,12 @@ TEST(FieldFile, RefusesCellsThatNoBakeWrites) {
     EXPECT_EQ(target.bricks().empty(), !reason.empty());
     return reason;
   };
-  const uint32_t sheet = encode_certificate(scalar::k_kind_sheet, 0, 0);
+  const uint32_t plane_fit = encode_certificate(scalar::k_kind_plane_fit, 0, 0);
   const auto set_visibility = [](uint8_t code) {
     return [code](Field& f, uint32_t cell) { f.store_visibility(cell, code); };
   };
-  const auto set_sheet = [](uint32_t certificate) {
-    return [=](Field& f, uint32_t cell) { f.store_sheet(cell, 1, certificate); };
+  const auto set_plane_fit = [](uint32_t certificate) {
+    return [=](Field& f, uint32_t cell) { f.store_plane_fit(cell, 1, certificate); };
   };
   const auto set_primitive = [](uint32_t primitive) {
     return [=](Field& f, uint32_t cell) { f.store_primitive(cell, primitive); };
@@ -261,11 +261,11 @@ TEST(FieldFile, RefusesCellsThatNoBakeWrites) {
   EXPECT_EQ(reason_for(set_primitive(test::k_test_primitives - 1), FieldLayer::primitive), "");
   EXPECT_EQ(reason_for(set_primitive(k_none), FieldLayer::primitive), "");
   EXPECT_NE(reason_for(set_primitive(test::k_test_primitives), FieldLayer::primitive), "");
-  EXPECT_EQ(reason_for(set_sheet(sheet), FieldLayer::depth), "");
-  EXPECT_NE(reason_for(set_sheet(0), FieldLayer::depth), "");
-  EXPECT_EQ(reason_for(set_sheet(scalar::k_kind_ceiling), FieldLayer::depth), "");
-  EXPECT_NE(reason_for(set_sheet(sheet | 16 << 2), FieldLayer::depth), "");
-  EXPECT_NE(reason_for(set_sheet(sheet | 1 << 16), FieldLayer::depth), "");
+  EXPECT_EQ(reason_for(set_plane_fit(plane_fit), FieldLayer::depth), "");
+  EXPECT_NE(reason_for(set_plane_fit(0), FieldLayer::depth), "");
+  EXPECT_EQ(reason_for(set_plane_fit(scalar::k_kind_one_sided), FieldLayer::depth), "");
+  EXPECT_NE(reason_for(set_plane_fit(plane_fit | 16 << 2), FieldLayer::depth), "");
+  EXPECT_NE(reason_for(set_plane_fit(plane_fit | 1 << 16), FieldLayer::depth), "");
 }
 
 TEST(FieldFile, DamageIsFoundAndLeavesTheFieldAsItWas) {
@@ -354,13 +354,13 @@ TEST(FieldInfo, CountsCells) {
   EXPECT_EQ(info.bytes_disk, read_bytes(folder / "a.vdb").size());
   EXPECT_EQ(info.cells_full, uint64_t(32 * 32 * 64 * 64));
   EXPECT_EQ(info.visibility.cells_baked, 64u);
-  EXPECT_EQ(info.visibility.clear + info.visibility.blocked + info.visibility.ask, 64u);
+  EXPECT_EQ(info.visibility.clear + info.visibility.blocked + info.visibility.undecided, 64u);
   EXPECT_GE(info.visibility.clear, 32u);
-  EXPECT_GT(info.visibility.ask, 0u);
+  EXPECT_GT(info.visibility.undecided, 0u);
   EXPECT_EQ(info.depth.cells_baked, 32u);
   EXPECT_EQ(info.depth.clear, 32u);
-  EXPECT_EQ(field_info(folder / "a.vdb", 0.0f).visibility.ask, 64u);
-  EXPECT_EQ(field_info(folder / "a.vdb", 1.0f).visibility.ask, 0u);
+  EXPECT_EQ(field_info(folder / "a.vdb", 0.0f).visibility.undecided, 64u);
+  EXPECT_EQ(field_info(folder / "a.vdb", 1.0f).visibility.undecided, 0u);
 }
 
 }  // namespace

@@ -29,9 +29,9 @@ TriangleMesh crossing_plates() {
 struct Case {
   const char* name;
   TriangleMesh (*make)();
-  bool open;            // both sides are seen, so that receivers lie on either
-  double wrong_limit;   // share of certified answers that may differ from Embree
-  double asking_limit;  // share of segments that may ask
+  bool open;               // both sides are seen, so that shading points lie on either
+  double wrong_limit;      // share of certified answers that may differ from Embree
+  double undecided_limit;  // share of segments that may ask
 };
 
 // Limits: two to three times what docs/decisions/003-certificates.md measured; the thin and rough ones ask more.
@@ -46,27 +46,27 @@ const std::vector<Case> k_cases = {
 };
 
 struct Score {
-  int segments = 0, asked = 0, answered = 0, wrong = 0;
+  int segments = 0, queried = 0, answered = 0, wrong = 0;
 };
 
 // One segment against Embree at the default tolerance, and the two ends of the tolerance scale on the same segment.
-void score_segment(FieldFixture& f, const Vec3& o, const Vec3& d, float t_max, bool own, Score& score) {
-  const FieldVerdict verdict = f.probe().occluded(query_policy(0.1f), o, d, t_max, own);
+void score_segment(FieldFixture& f, const Vec3& o, const Vec3& d, float t_max, bool self, Score& score) {
+  const FieldVerdict verdict = f.probe().occluded(query_policy(0.1f), o, d, t_max, self);
   ++score.segments;
-  if (verdict == FieldVerdict::ask) {
-    ++score.asked;
+  if (verdict == FieldVerdict::undecided) {
+    ++score.queried;
   } else {
     ++score.answered;
     score.wrong += (verdict == FieldVerdict::blocked) != f.embree_blocked(o, d, t_max);
   }
-  ASSERT_NE(f.probe().occluded(query_policy(1.0f), o, d, t_max, own), FieldVerdict::ask)
+  ASSERT_NE(f.probe().occluded(query_policy(1.0f), o, d, t_max, self), FieldVerdict::undecided)
       << "tolerance 1 answers everything";
 }
 
 void expect_within(const Score& score, const Case& c, const char* kind) {
   ASSERT_GT(score.answered, 0) << c.name << " " << kind;
   EXPECT_LE(score.wrong, 2 + c.wrong_limit * score.answered) << c.name << " " << kind << ": of " << score.answered;
-  EXPECT_LE(score.asked, c.asking_limit * score.segments) << c.name << " " << kind << ": of " << score.segments;
+  EXPECT_LE(score.queried, c.undecided_limit * score.segments) << c.name << " " << kind << ": of " << score.segments;
 }
 
 // Points given in units of the ball, about its centre.
@@ -114,7 +114,7 @@ TEST_P(FieldSegments, InsideToInside) {
 TEST_P(FieldSegments, FromTheSurfaceItself) {
   Score away, to_a_point;
   for (int i = 0; i < 1200; ++i) {
-    const auto r = fixture.receiver(random, test_case().open);
+    const auto r = fixture.shading_point(random, test_case().open);
     Vec3 d = random.direction();
     if (glm::dot(d, r.normal) < 0.0f) d = -d;
     score_segment(fixture, r.position, d, k_infinity, true, away);
@@ -123,7 +123,7 @@ TEST_P(FieldSegments, FromTheSurfaceItself) {
       score_segment(fixture, r.position, q - r.position, 1.0f, true, to_a_point);
     }
   }
-  // Receivers of a mesh of few large triangles and thin slats lie in creases more often than the others.
+  // Shading points of a mesh of few large triangles and thin slats lie in creases more often than the others.
   expect_within(away, test_case(), "surface, any direction");
   expect_within(to_a_point, test_case(), "surface, to a point");
 }
@@ -171,9 +171,9 @@ TEST_P(FieldSegments, ToleranceZeroAnswersNothing) {
   for (int i = 0; i < 300; ++i) {
     const Vec3 through = random.in_ball(), d = random.direction() * 3.0f;
     EXPECT_EQ(fixture.probe().occluded(query_policy(0.0f), at(through - d), d * fixture.ball().radius, 2.0f, false),
-              FieldVerdict::ask);
+              FieldVerdict::undecided);
     EXPECT_EQ(fixture.probe().nearest(query_policy(0.0f), at(through - d), d, 0.0f, k_infinity, false).verdict,
-              FieldVerdict::ask);
+              FieldVerdict::undecided);
   }
 }
 
@@ -198,15 +198,15 @@ TEST_P(FieldSegments, BakingIsAPureFunctionOfTheCell) {
 }
 
 TEST_P(FieldSegments, NearestHitsLieWithinTheirBounds) {
-  int hits = 0, beyond = 0, misses = 0, wrong_misses = 0, wrong_hits = 0, queries = 0, asks = 0, odd_normals = 0;
-  const auto check = [&](const Vec3& o, const Vec3& d, float t_min, float t_max, bool own) {
-    const FieldHit hit = fixture.probe().nearest(query_policy(0.1f), o, d, t_min, t_max, own);
-    ASSERT_NE(fixture.probe().nearest(query_policy(1.0f), o, d, t_min, t_max, own).verdict, FieldVerdict::ask);
+  int hits = 0, beyond = 0, misses = 0, wrong_misses = 0, wrong_hits = 0, queries = 0, undecided = 0, odd_normals = 0;
+  const auto check = [&](const Vec3& o, const Vec3& d, float t_min, float t_max, bool self) {
+    const FieldHit hit = fixture.probe().nearest(query_policy(0.1f), o, d, t_min, t_max, self);
+    ASSERT_NE(fixture.probe().nearest(query_policy(1.0f), o, d, t_min, t_max, self).verdict, FieldVerdict::undecided);
     Vec3 normal;
     const float exact = fixture.embree_nearest(o + d * t_min, d, t_max - t_min, &normal);
     ++queries;
-    if (hit.verdict == FieldVerdict::ask) {
-      ++asks;
+    if (hit.verdict == FieldVerdict::undecided) {
+      ++undecided;
     } else if (hit.verdict == FieldVerdict::clear) {
       ++misses;
       wrong_misses += exact >= 0.0f;
@@ -232,7 +232,7 @@ TEST_P(FieldSegments, NearestHitsLieWithinTheirBounds) {
     check(at(through) - d * reach, d, 0.0f, random.uniform(0.5f, 1.5f) * reach, false);
   }
   for (int i = 0; i < 1000; ++i) {
-    const auto r = fixture.receiver(random, test_case().open);
+    const auto r = fixture.shading_point(random, test_case().open);
     Vec3 d = random.direction();
     if (glm::dot(d, r.normal) < 0.0f) d = -d;
     check(r.position, d, 0.0f, k_infinity, true);
@@ -243,7 +243,7 @@ TEST_P(FieldSegments, NearestHitsLieWithinTheirBounds) {
   EXPECT_LE(wrong_hits, 3 + test_case().wrong_limit * hits) << test_case().name << " of " << hits;
   EXPECT_LE(beyond, 3 + 0.01 * hits) << test_case().name << " of " << hits;
   EXPECT_LE(odd_normals, 3 + 0.01 * hits) << test_case().name << " of " << hits;
-  EXPECT_LE(asks, 0.7 * queries) << test_case().name << " of " << queries;
+  EXPECT_LE(undecided, 0.7 * queries) << test_case().name << " of " << queries;
 }
 
 INSTANTIATE_TEST_SUITE_P(Meshes, FieldSegments, ::testing::Range(size_t(0), k_cases.size()),

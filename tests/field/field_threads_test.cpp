@@ -32,7 +32,7 @@ TEST(FieldThreads, ReaderSeesWholeCells) {
   const QueryPolicy policy{.visibility_max_class = 63, .depth_max_class = 63};
   const uint32_t word = encode_depth(0.75f) | encode_normal(Vec3(0.0f, 0.0f, 1.0f));
   const float depth = scalar::decode_depth<float>(int32_t(word));
-  const uint32_t certificate = encode_certificate(scalar::k_kind_sheet, 3, 100);
+  const uint32_t certificate = encode_certificate(scalar::k_kind_plane_fit, 3, 100);
 
   std::atomic<uint32_t> reading = 0;
   std::thread writer([&] {
@@ -43,7 +43,7 @@ TEST(FieldThreads, ReaderSeesWholeCells) {
         // Not before the reader polls this very cell.
         while (reading.load(std::memory_order_relaxed) < slice * scalar::k_slice_cells + cell) {
         }
-        field.store_sheet(*first + cell, word, certificate);
+        field.store_plane_fit(*first + cell, word, certificate);
       }
       field.finish(FieldLayer::depth, slice);
     }
@@ -54,7 +54,7 @@ TEST(FieldThreads, ReaderSeesWholeCells) {
     reading.store(i, std::memory_order_relaxed);
     for (;;) {
       const auto at = scalar::address_of_line(line.direction, line.point, view.directions, view.plane);
-      const auto seen = scalar::look_up_sheet<float>(view, policy, at, line.point);
+      const auto seen = scalar::look_up_plane_fit<float>(view, policy, at, line.point);
       if (!seen.known) continue;
       const auto normal = scalar::decode_normal<float>(int32_t(word));
       const auto centre = line.point + line.direction * depth;

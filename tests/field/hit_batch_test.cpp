@@ -9,9 +9,9 @@
 
 #include "core/mesh/mesh_procedural.h"
 #include "field/query/query.hd.h"
-#include "hybrid/visibility/ask_and_bake.h"
-#include "hybrid/visibility/occluder.h"
+#include "hybrid/visibility/query_and_bake.h"
 #include "hybrid/visibility/shadow_answerer.h"
+#include "hybrid/visibility/shadow_instance.h"
 #include "tests/support/field_fixture.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
@@ -19,10 +19,10 @@
 namespace fieldtrace {
 namespace {
 
-using scalar::k_verdict_ask;
 using scalar::k_verdict_blocked;
 using scalar::k_verdict_clear;
 using scalar::k_verdict_none;
+using scalar::k_verdict_undecided;
 
 constexpr size_t k_rays = 20000;
 
@@ -37,7 +37,7 @@ class HitBatches : public testing::Test {
     const uint32_t instance = maker.instance(maker.mesh(fixture_.mesh()), 0, to_world_);
     to_object_ = maker.scene.instances[instance].to_object;
     const ShapeTraits traits = {.is_flat = false, .wants_field = true};
-    task_ = make_occluder(maker.scene, instance, traits, &fixture_.field(), nullptr, {}).cone.segment;
+    task_ = make_shadow_instance(maker.scene, instance, traits, &fixture_.field(), nullptr, {}).cone.segment;
   }
 
   // Unit rays from all about through the ball, a fifth of them from within it.
@@ -55,7 +55,7 @@ class HitBatches : public testing::Test {
     return queries;
   }
 
-  HitAnswers ask(const HitQueries& queries, Isa isa) {
+  HitAnswers query(const HitQueries& queries, Isa isa) {
     HitAnswers answers;
     answers.resize(queries.rays.size);
     HitUnknowns unknowns;
@@ -63,7 +63,7 @@ class HitBatches : public testing::Test {
     const auto bake = [&](FieldLayer layer, const std::vector<uint32_t>& slices) {
       bake_slices(fixture_.field(), layer, slices, fixture_.accel(), 0, counters);
     };
-    ask_and_bake(
+    query_and_bake(
         queries.rays.size, unknowns,
         [&](std::span<const uint32_t> blocks) {
           segment_kernels(isa).nearest_hits(task_, queries, blocks, answers, unknowns);
@@ -100,7 +100,7 @@ TEST_F(HitBatches, AgreeWithExactRays) {
   // From farther away the reference loses as much by rounding as the queries.
   for (const float reach : {4.0f, 400.0f}) {
     const HitQueries queries = random_queries(1, reach);
-    const HitAnswers a = ask(queries, Isa::scalar);
+    const HitAnswers a = query(queries, Isa::scalar);
     size_t hits = 0, misses = 0, wrong_hits = 0, wrong_misses = 0, odd_normals = 0, before = 0;
     for (size_t i = 0; i < k_rays; ++i) {
       Vec3 normal;
@@ -109,7 +109,8 @@ TEST_F(HitBatches, AgreeWithExactRays) {
         ++misses;
         wrong_misses += t >= 0.0f;
       }
-      if (a.verdict[i] == k_verdict_blocked || a.verdict[i] == k_verdict_ask) before += t >= 0.0f && t < a.from[i];
+      if (a.verdict[i] == k_verdict_blocked || a.verdict[i] == k_verdict_undecided)
+        before += t >= 0.0f && t < a.from[i];
       if (a.verdict[i] != k_verdict_blocked) continue;
       ++hits;
       const Vec3 n(a.nx[i], a.ny[i], a.nz[i]);
@@ -139,12 +140,12 @@ TEST_F(HitBatches, AreTheSameOnEveryInstructionSet) {
     if (i % 11 == 0) queries.rays.tmax[i] = -1.0f;
     if (i % 7 == 0) queries.instance[i] = task_.instance;
   }
-  const HitAnswers expected = ask(queries, Isa::scalar);
-  for (const int verdict : {k_verdict_none, k_verdict_clear, k_verdict_ask, k_verdict_blocked}) {
+  const HitAnswers expected = query(queries, Isa::scalar);
+  for (const int verdict : {k_verdict_none, k_verdict_clear, k_verdict_undecided, k_verdict_blocked}) {
     EXPECT_GT(count(expected, verdict), 100u) << verdict;
   }
   for (const Isa isa : supported_isas()) {
-    const HitAnswers a = ask(queries, isa);
+    const HitAnswers a = query(queries, isa);
     size_t different = 0;
     for (size_t i = 0; i < k_rays; ++i) {
       bool same = a.verdict[i] == expected.verdict[i];
@@ -162,19 +163,19 @@ TEST_F(HitBatches, AreTheSameOnEveryInstructionSet) {
 // Each of the bounds alone turns hits into questions, and nothing else.
 TEST_F(HitBatches, RefuseWhatIsTooInexactOrTooBent) {
   const HitQueries all = random_queries(4, 4.0f);
-  const HitAnswers free = ask(all, Isa::scalar);
+  const HitAnswers free = query(all, Isa::scalar);
   const size_t hits = count(free, k_verdict_blocked);
   for (const auto bound : {&HitQueries::most_error, &HitQueries::most_bend}) {
     HitQueries queries = all;
     std::fill((queries.*bound).begin(), (queries.*bound).end(), 0.0f);
-    EXPECT_EQ(count(ask(queries, Isa::scalar), k_verdict_blocked), 0u);
+    EXPECT_EQ(count(query(queries, Isa::scalar), k_verdict_blocked), 0u);
     const float some = bound == &HitQueries::most_error ? 1e-3f : 0.2f;
     std::fill((queries.*bound).begin(), (queries.*bound).end(), some);
-    const HitAnswers a = ask(queries, Isa::scalar);
+    const HitAnswers a = query(queries, Isa::scalar);
     EXPECT_GT(count(a, k_verdict_blocked), 0u);
     EXPECT_LT(count(a, k_verdict_blocked), hits);
     EXPECT_EQ(count(a, k_verdict_clear), count(free, k_verdict_clear));
-    EXPECT_EQ(count(a, k_verdict_blocked) + count(a, k_verdict_ask), hits + count(free, k_verdict_ask));
+    EXPECT_EQ(count(a, k_verdict_blocked) + count(a, k_verdict_undecided), hits + count(free, k_verdict_undecided));
     for (size_t i = 0; i < k_rays; ++i) {
       if (a.verdict[i] == k_verdict_blocked && bound == &HitQueries::most_error) {
         EXPECT_LE(a.error[i], some * a.t[i]);
@@ -186,13 +187,13 @@ TEST_F(HitBatches, RefuseWhatIsTooInexactOrTooBent) {
 // Beyond a limit nothing is told, and what is told before it does not change.
 TEST_F(HitBatches, TellNothingBeyondTheLimit) {
   const HitQueries all = random_queries(5, 4.0f);
-  const HitAnswers free = ask(all, Isa::scalar);
+  const HitAnswers free = query(all, Isa::scalar);
   HitQueries queries = all;
   TestRandom random(6);
   for (size_t i = 0; i < k_rays; ++i) {
     if (free.verdict[i] == k_verdict_blocked) queries.limit[i] = free.t[i] * random.uniform(0.5f, 1.5f);
   }
-  const HitAnswers a = ask(queries, Isa::scalar);
+  const HitAnswers a = query(queries, Isa::scalar);
   size_t within = 0, beyond = 0;
   for (size_t i = 0; i < k_rays; ++i) {
     if (free.verdict[i] != k_verdict_blocked) continue;

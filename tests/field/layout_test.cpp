@@ -96,7 +96,7 @@ TEST(Layout, ErrorBoundsAreMonotoneAndKept) {
 }
 
 TEST(Layout, CertificateFieldsDoNotDisturbOneAnother) {
-  for (const int kind : {scalar::k_kind_miss, scalar::k_kind_sheet, scalar::k_kind_ceiling}) {
+  for (const int kind : {scalar::k_kind_miss, scalar::k_kind_plane_fit, scalar::k_kind_one_sided}) {
     for (int risk = 0; risk <= 15; ++risk) {
       for (uint32_t error = 0; error < 256; error += 5) {
         const uint32_t c = encode_certificate(kind, risk, error);

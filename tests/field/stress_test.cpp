@@ -100,13 +100,13 @@ TEST_P(StressObjects, PictureAndCertificatesMeetTheAims) {
 
 // What asks nearly always, or hardly ever has anything to answer, is left to exact rays; the picture is then exact.
 TEST(Stress, ObjectsNotWorthAFieldAreLeftToRays) {
-  EXPECT_FALSE(leaves_to_rays({.answered = 200, .asked = 600}, 1.0, 0));
-  EXPECT_TRUE(leaves_to_rays({.answered = 200, .asked = 601}, 1.0, 0));
-  EXPECT_FALSE(leaves_to_rays({.answered = 0, .asked = k_fewest_surveyed - 1}, 1.0, 0));
-  // Own receivers are judged by themselves.
-  EXPECT_FALSE(leaves_to_rays({.answered = 300, .asked = 1000, .own_asked = 900}, 1.0, 0));
-  EXPECT_TRUE(leaves_own_to_rays({.answered = 300, .asked = 1000, .own_asked = 900}));
-  EXPECT_FALSE(leaves_own_to_rays({.answered = 300, .asked = 1000, .own_answered = 300, .own_asked = 900}));
+  EXPECT_FALSE(leaves_to_rays({.answered = 200, .undecided = 600}, 1.0, 0));
+  EXPECT_TRUE(leaves_to_rays({.answered = 200, .undecided = 601}, 1.0, 0));
+  EXPECT_FALSE(leaves_to_rays({.answered = 0, .queried = k_fewest_surveyed - 1}, 1.0, 0));
+  // Own shading points are judged by themselves.
+  EXPECT_FALSE(leaves_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}, 1.0, 0));
+  EXPECT_TRUE(leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}));
+  EXPECT_FALSE(leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_answered = 300, .self_undecided = 900}));
   EXPECT_TRUE(leaves_to_rays({.answered = 10}, 10.0, 101));
   EXPECT_FALSE(leaves_to_rays({.answered = 10}, 10.0, 100));
 

@@ -122,7 +122,7 @@ TEST(AmbientOcclusion, LeavesThePictureAsItIs) {
       o.aovs.clear();
       const RenderResult without = render(scene, o);
       EXPECT_EQ(with.stats.field_left_to_rays, without.stats.field_left_to_rays);
-      EXPECT_EQ(with.stats.field_own_to_rays, without.stats.field_own_to_rays);
+      EXPECT_EQ(with.stats.field_self_to_rays, without.stats.field_self_to_rays);
       for (int y = 0; y < with.image.height; ++y) {
         for (int x = 0; x < with.image.width; ++x) {
           for (int c = 0; c < 3; ++c) ASSERT_EQ(with.image.pixel(x, y)[c], without.image.pixel(x, y)[c]);
@@ -158,7 +158,7 @@ TEST_P(OcclusionPicture, ToleranceZeroIsMonteCarlo) {
     EXPECT_EQ(render(scene_, o).image.data, expected.image.data) << distance;
     if (distance == k_infinity) continue;
     // Through look-ups and baking, every ray traced in the end.
-    o.force_ask = true;
+    o.force_undecided = true;
     EXPECT_EQ(render(scene_, o).image.data, expected.image.data);
   }
 }

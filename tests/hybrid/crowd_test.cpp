@@ -1,5 +1,5 @@
-// Ten thousand instances of ten meshes: fields answer where groups of receivers are cut small enough, and the picture
-// stays what it must be.
+// Ten thousand instances of ten meshes: fields answer where groups of shading points are cut small enough, and the
+// picture stays what it must be.
 
 #include <gtest/gtest.h>
 
@@ -84,16 +84,16 @@ TEST(Crowd, FieldsAnswerForTenThousandInstances) {
   const RenderResult exact = render(scene, o);
   EXPECT_EQ(exact.stats.instances, 10002u);
   // Monte Carlo does not cut groups: most have too many candidates.
-  EXPECT_GT(2 * exact.stats.rays_crowded, exact.stats.rays_exact);
-  EXPECT_LE(exact.stats.rays_crowded, exact.stats.rays_exact);
+  EXPECT_GT(2 * exact.stats.rays_candidate_overflow, exact.stats.rays_exact);
+  EXPECT_LE(exact.stats.rays_candidate_overflow, exact.stats.rays_exact);
   o.method = Method::hybrid;
   o.tolerance = 0.0f;
   const RenderResult zero = render(scene, o);
   EXPECT_EQ(zero.image.data, exact.image.data);
-  EXPECT_EQ(zero.stats.rays_crowded, exact.stats.rays_crowded);
+  EXPECT_EQ(zero.stats.rays_candidate_overflow, exact.stats.rays_candidate_overflow);
   o.tolerance = 0.1f;
   const RenderResult hybrid = render(scene, o);
-  EXPECT_LT(4 * hybrid.stats.rays_crowded, exact.stats.rays_crowded);
+  EXPECT_LT(4 * hybrid.stats.rays_candidate_overflow, exact.stats.rays_candidate_overflow);
   EXPECT_LT(2 * hybrid.stats.rays_exact, exact.stats.rays_exact);
   EXPECT_GT(hybrid.stats.lookups, 0u);
   o.threads = 1;

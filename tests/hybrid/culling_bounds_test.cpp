@@ -51,8 +51,8 @@ DVec3 apply(const Affine& a, const DVec3& p) {
   return DVec3(a[0]) * p.x + DVec3(a[1]) * p.y + DVec3(a[2]) * p.z + DVec3(a[3]);
 }
 
-ReceiverBatch receivers_at(const std::vector<DVec3>& points, float relative_error) {
-  ReceiverBatch r;
+ShadingPointBatch shading_points_at(const std::vector<DVec3>& points, float relative_error) {
+  ShadingPointBatch r;
   r.resize(points.size());
   for (size_t i = 0; i < padded(points.size()); ++i) {
     const Vec3 p(points[std::min(i, points.size() - 1)]);
@@ -63,8 +63,8 @@ ReceiverBatch receivers_at(const std::vector<DVec3>& points, float relative_erro
   return r;
 }
 
-// A receiver whose ray to a point of the light goes through a point well inside the occluder must see it as a
-// candidate: groups of one receiver, so that nothing but the bounds themselves leaves room.
+// A shading point whose ray to a point of the light goes through a point well inside the occluder must see it as a
+// candidate: groups of one shading point, so that nothing but the bounds themselves leaves room.
 void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const std::vector<DVec3>& points,
                  const std::string& what) {
   const Accel accel(scene);
@@ -72,12 +72,12 @@ void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const 
                                 {.isa = resolve_isa(Isa::automatic), .tolerance = 0.0f});
   ShadowGroup group;
   group.light = light_extent(scene, emitter);
-  const ReceiverBatch batch = receivers_at(points, gamma_bound(3));
+  const ShadingPointBatch batch = shading_points_at(points, gamma_bound(3));
   Stats stats;
   answerer.find_candidates(batch, group, stats);
   const bool found = std::find(group.candidates.begin(), group.candidates.end(), occluder) != group.candidates.end();
   ASSERT_TRUE(found) << what;
-  for (size_t r = 0; r < batch.size; ++r) ASSERT_TRUE(group.shadow[r] == k_may_shadow) << what << ", receiver " << r;
+  for (size_t r = 0; r < batch.size; ++r) ASSERT_TRUE(group.shadow[r] == k_may_shadow) << what << ", shading point " << r;
 }
 
 TEST(CullingBounds, DirectionalLightFindsOccludersFarFromTheOrigin) {
@@ -134,7 +134,7 @@ TEST(CullingBounds, BoundedLightsFindOccludersOfAllSizes) {
     const DVec3 p = q + (q - l) * random.size(1e-3, 1e3);
     check_group(m.scene, emitter, occluder, {p},
                 "kind " + std::to_string(kind) + ", unit " + std::to_string(unit) + ", radius " +
-                    std::to_string(radius / unit) + ", receiver " + std::to_string(glm::length(p - q) / unit) +
+                    std::to_string(radius / unit) + ", shading point " + std::to_string(glm::length(p - q) / unit) +
                     (ball ? ", ball" : ", box"));
   }
 }
@@ -158,7 +158,7 @@ TEST(CullingBounds, PointLightsFindTinyOccluders) {
     if (glm::length(gap - along * glm::dot(gap, along)) > 0.45 * radius) continue;
     check_group(m.scene, 0, occluder, {p},
                 "radius " + std::to_string(radius) + ", light " + std::to_string(glm::length(l - q) / radius) +
-                    ", receiver " + std::to_string(glm::length(p - q) / radius) + ", at " +
+                    ", shading point " + std::to_string(glm::length(p - q) / radius) + ", at " +
                     std::to_string(glm::length(DVec3(place[3])) / radius));
   }
 }

@@ -55,11 +55,11 @@ RenderOptions coarse_fields() {
   return o;
 }
 
-// Grids of 64 leaves are tried in 16 first. Each light sample near the only object is spared by an answer of its field
+// Grids of 64 strata are tried in 16 first. Each light sample near the only object is spared by an answer of its field
 // or because others agree, or is a ray that the field answers or that asks.
 TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
   constexpr int k_samples = 256;
-  ASSERT_LE(3 * k_first_leaves, 2 * leaf_grid(k_samples).total);
+  ASSERT_LE(3 * k_first_strata, 2 * stratum_grid(k_samples).total);
   const Scene scene = lit_knot(1.0f, {{{2, -2, 4}, 0.6f}});
   const Accel accel(scene);
   Field field(field_ball(scene.shapes[0].bounds), {.directions = 32, .plane = 64});
@@ -76,11 +76,11 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
       tile_pixels(scene.film.crop), 1, 1, worker, [] { return true; },
       [](size_t, std::span<const Rgb>, std::span<const FirstHit>) {});
   const Stats& stats = worker.stats();
-  EXPECT_GT(stats.leaves, 10000u);
+  EXPECT_GT(stats.strata, 10000u);
   EXPECT_GT(stats.rays_crossing, 1000u);
   ASSERT_FALSE(stats.field_uses.empty());
   EXPECT_GT(stats.samples_extrapolated, 0u);
-  EXPECT_EQ(stats.field_uses[0].answered + stats.field_uses[0].asked, stats.samples_spared + stats.rays_crossing);
+  EXPECT_EQ(stats.field_uses[0].answered + stats.field_uses[0].queried, stats.samples_spared + stats.rays_crossing);
 }
 
 // Where parts of one light are filtered and another light sends rays, both weigh the same in the layer.
@@ -92,7 +92,7 @@ TEST(DirectLight, LightsWeighTheSameInVisibility) {
   const Image exact = render(scene, o).image;
   o.method = Method::hybrid;
   const RenderResult fields = render(scene, o);
-  EXPECT_GT(fields.stats.leaves, 10000u);
+  EXPECT_GT(fields.stats.strata, 10000u);
   double squares = 0.0;
   int partial = 0;
   for (int y = 0; y < exact.height; ++y) {
@@ -109,22 +109,22 @@ TEST(DirectLight, LightsWeighTheSameInVisibility) {
   EXPECT_LE(std::sqrt(squares / partial), 0.03);
 }
 
-// Of a light that the floor cuts in halves, and that is too narrow to be told apart from a point: half of the leaves
-// lie below the horizon of the floor's receivers, and nearly all others are refused.
+// Of a light that the floor cuts in halves, and that is too narrow to be told apart from a point: half of the strata
+// lie below the horizon of the floor's shading points, and nearly all others are refused.
 TEST(DirectLight, LeavesBelowTheHorizonAreNotRefused) {
   const Scene scene = lit_knot(0.0f, {{{-5, 0, 0}, 0.02f}});
   const Stats stats = render(scene, coarse_fields()).stats;
-  EXPECT_GT(stats.leaves_refused, 500u);
-  EXPECT_LE(stats.leaves_refused, stats.leaves);
+  EXPECT_GT(stats.strata_refused, 500u);
+  EXPECT_LE(stats.strata_refused, stats.strata);
 }
 
 // First samples lie on a square lattice that is well worth asking, and are never so many as to cost more than they
 // save.
-TEST(DirectLight, TrialPointsAreFewAndGrowWithTheSquareRoot) {
+TEST(DirectLight, ProbeRaysAreFewAndGrowWithTheSquareRoot) {
   int last = 0;
   for (int m = 1; m < 20000; ++m) {
-    const LightSampleRange lattice = trial_points(LightKind::rectangle, m, false);
-    const LightSampleRange of_mesh = trial_points(LightKind::mesh, m, false);
+    const LightSampleRange lattice = probe_rays(LightKind::rectangle, m, false);
+    const LightSampleRange of_mesh = probe_rays(LightKind::mesh, m, false);
     ASSERT_EQ(lattice.count, of_mesh.count) << m;
     ASSERT_LE(5 * lattice.count, 3 * m) << m;
     ASSERT_GE(lattice.count, last) << m;
@@ -138,20 +138,20 @@ TEST(DirectLight, TrialPointsAreFewAndGrowWithTheSquareRoot) {
     ASSERT_EQ(of_mesh.columns, 0);
   }
   for (const LightKind kind : {LightKind::sphere, LightKind::disk, LightKind::rectangle, LightKind::parallelogram})
-    EXPECT_EQ(trial_points(kind, 64, false).columns, 4);
-  // The square's edge is somewhere else on these, as a receiver sees them.
+    EXPECT_EQ(probe_rays(kind, 64, false).columns, 4);
+  // The square's edge is somewhere else on these, as a shading point sees them.
   for (const LightKind kind : {LightKind::sphere_inside, LightKind::ellipsoid, LightKind::cylinder, LightKind::mesh})
-    EXPECT_EQ(trial_points(kind, 64, false).columns, 0);
-  EXPECT_EQ(trial_points(LightKind::sphere, 14, false).count, 0);
-  EXPECT_EQ(trial_points(LightKind::sphere, 16, false).count, 9);
-  EXPECT_EQ(trial_points(LightKind::sphere, 64, false).count, 16);
+    EXPECT_EQ(probe_rays(kind, 64, false).columns, 0);
+  EXPECT_EQ(probe_rays(LightKind::sphere, 14, false).count, 0);
+  EXPECT_EQ(probe_rays(LightKind::sphere, 16, false).count, 9);
+  EXPECT_EQ(probe_rays(LightKind::sphere, 64, false).count, 16);
 }
 
 // Coarse lattices are not believed about wide lights; finer ones are the same for all.
 TEST(DirectLight, WideLightsAreTriedAtMorePointsOrNone) {
   for (int m = 1; m < 5000; ++m) {
-    const LightSampleRange narrow = trial_points(LightKind::disk, m, false);
-    const LightSampleRange wide = trial_points(LightKind::disk, m, true);
+    const LightSampleRange narrow = probe_rays(LightKind::disk, m, false);
+    const LightSampleRange wide = probe_rays(LightKind::disk, m, true);
     ASSERT_LE(5 * wide.count, 3 * m) << m;
     if (narrow.columns >= k_least_wide_lattice) {
       ASSERT_EQ(wide.count, narrow.count) << m;
@@ -159,17 +159,17 @@ TEST(DirectLight, WideLightsAreTriedAtMorePointsOrNone) {
       ASSERT_TRUE(wide.count == 0 || wide.columns == k_least_wide_lattice) << m;
     }
   }
-  EXPECT_EQ(trial_points(LightKind::sphere, 26, true).count, 0);
-  EXPECT_EQ(trial_points(LightKind::sphere, 27, true).count, 16);
+  EXPECT_EQ(probe_rays(LightKind::sphere, 26, true).count, 0);
+  EXPECT_EQ(probe_rays(LightKind::sphere, 27, true).count, 16);
 }
 
-// A light that is wide to some receivers and not to others, with two lattices: whatever they are grouped with, on
+// A light that is wide to some shading points and not to others, with two lattices: whatever they are grouped with, on
 // whatever threads.
-TEST(DirectLight, ReceiversOfTwoLatticesAreLitAlone) {
+TEST(DirectLight, ShadingPointsOfTwoLatticesAreLitAlone) {
   Scene scene = lit_knot(1.0f, {{{1, -1, 4}, 0.7f}});
   RenderOptions o = coarse_fields();
   o.light_samples = 32;
-  ASSERT_NE(trial_points(LightKind::sphere, 32, true).count, trial_points(LightKind::sphere, 32, false).count);
+  ASSERT_NE(probe_rays(LightKind::sphere, 32, true).count, probe_rays(LightKind::sphere, 32, false).count);
   const Image whole = render(scene, o).image;
   o.method = Method::monte_carlo;
   o.light_samples = 1024;

@@ -61,9 +61,9 @@ TEST(CertifiedHits, AreThoseOfExactRays) {
     EXPECT_GT(fields.stats.rays_glossy_hits, fields.stats.rays_glossy / 10) << alpha;
     EXPECT_EQ(exact.stats.rays_glossy_hits, 0u);
     for (const CheckedVerdict verdict : {CheckedVerdict::miss, CheckedVerdict::hit}) {
-      for (const int own : {0, 1}) {
-        const Stats::CheckCount& c = fields.stats.check_by[int(verdict)][own];
-        EXPECT_LE(double(c.wrong), 2 + 0.003 * double(c.answers)) << alpha << " " << int(verdict) << own;
+      for (const int self : {0, 1}) {
+        const Stats::CheckCount& c = fields.stats.check_by[int(verdict)][self];
+        EXPECT_LE(double(c.wrong), 2 + 0.003 * double(c.answers)) << alpha << " " << int(verdict) << self;
       }
       EXPECT_GT(fields.stats.check_by[int(verdict)][0].answers, 300u) << alpha;
     }
@@ -79,7 +79,7 @@ TEST(CertifiedHits, AreThoseOfExactRays) {
   }
 }
 
-// A ball whose facets meet at about the angle over which the lobe reflects. Cells are finer than facets, and sheets
+// A ball whose facets meet at about the angle over which the lobe reflects. Cells are finer than facets, and plane fits
 // round their edges off, within bounds that look small beside the lobe: 1.2 % of hits were wrong before those on
 // another triangle than their cell's were traced.
 TEST(CertifiedHits, DoNotRoundOffTheEdgesOfFacets) {
@@ -154,13 +154,13 @@ TEST(CertifiedHits, AreTheSameInEveryCropWindow) {
 }
 
 // What pictures of radiance leave is asked of fields.
-TEST(CertifiedHits, AnswerBesidePictures) {
+TEST(CertifiedHits, AnswerBesideMaps) {
   const Scene scene = reflecting_scene(0.3f, 160).scene;
   RenderOptions o = options_with(FieldHits::always, 64);
   o.crop = Rect{50, 70, 32, 32};
   o.aovs = {"glossy_exact"};
   const RenderResult both = render(scene, o);
-  EXPECT_GT(both.stats.field_bytes_pictures, 0u);
+  EXPECT_GT(both.stats.field_bytes_maps, 0u);
   EXPECT_GT(both.stats.rays_glossy_hits, 0u);
   o.field_hits = FieldHits::never;
   const RenderResult pictures = render(scene, o);
@@ -302,7 +302,7 @@ TEST_F(SurfaceNear, OnATriangleIsItsOwnSurface) {
     const auto primitive = uint32_t(random.uniform(0.0f, float(scene_.shapes[0].mesh.triangles.size()) - 0.5f));
     const float u = random.uniform(0.0f, 1.0f), v = random.uniform(0.0f, 1.0f - u);
     const SurfacePoint on = exact(instance, primitive, u, v);
-    // Whichever side the sheet was seen from.
+    // Whichever side the plane fit was seen from.
     const Vec3 seen = k % 4 < 2 ? on.geometric_normal : -on.geometric_normal;
     const SurfacePoint near = surface_near(scene_, instance, primitive, on.position, seen, 0.25f);
     EXPECT_EQ(near.instance, instance);

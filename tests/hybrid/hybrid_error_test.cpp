@@ -130,7 +130,7 @@ TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
   EXPECT_LE(double(wrong), k_wrong_share * double(answers));
 }
 
-// With the default chart, from both kinds of receivers and for both verdicts.
+// With the default chart, from both kinds of shading points and for both verdicts.
 TEST(HybridError, FewCheckedAnswersAreWrong) {
   RenderOptions o = options_for(Method::hybrid, 32);
   o.check = true;
@@ -187,16 +187,16 @@ TEST(HybridStats, CountersAgree) {
     EXPECT_EQ(hybrid.method, "hybrid");
     EXPECT_EQ(hybrid.rays_shadow, mc.rays_shadow);
     EXPECT_EQ(hybrid.rays_primary, mc.rays_primary);
-    if (mc.rays_crowded == 0) {
+    if (mc.rays_candidate_overflow == 0) {
       EXPECT_EQ(hybrid.rays_crossing, mc.rays_crossing);
       EXPECT_EQ(hybrid.sphere_crossings, mc.sphere_crossings);
     } else {
       // Halved groups find rays that cross nothing where Monte Carlo counts all.
       EXPECT_EQ(s.name, "crowd");
       EXPECT_LE(hybrid.rays_crossing, mc.rays_crossing);
-      EXPECT_LT(hybrid.rays_crowded, mc.rays_crowded);
+      EXPECT_LT(hybrid.rays_candidate_overflow, mc.rays_candidate_overflow);
     }
-    EXPECT_LE(hybrid.rays_crowded, hybrid.rays_exact);
+    EXPECT_LE(hybrid.rays_candidate_overflow, hybrid.rays_exact);
     EXPECT_LT(hybrid.rays_exact, hybrid.rays_crossing);
     EXPECT_GT(hybrid.exact_fraction(), 0.0);
     EXPECT_LE(hybrid.rays_crossing, hybrid.rays_shadow);

@@ -82,7 +82,7 @@ TEST(Hybrid, AskingEveryCellIsMonteCarlo) {
       o.max_depth = sampling.max_depth;
       const RenderResult expected = render(s.scene, o);
       o.method = Method::hybrid;
-      o.force_ask = true;
+      o.force_undecided = true;
       if (seed % 2 == 0) o.tolerance = 1.0f;
       const RenderResult r = render(s.scene, o);
       EXPECT_EQ(differing(r.image, expected.image), 0u) << s.name << " " << sampling.light_samples;
@@ -100,7 +100,7 @@ class HybridPicture : public testing::TestWithParam<const char*> {
   static constexpr int k_size = 40;
   const Scene scene_ = hybrid_scene(GetParam(), k_size).scene;
 
-  // 4 light samples: whole lights and leaves; 16: trial points too.
+  // 4 light samples: whole lights and leaves; 16: probe rays too.
   RenderOptions options(int light_samples = 4) const {
     RenderOptions o = options_for(Method::hybrid, light_samples, 3);
     use_small_fields(o);

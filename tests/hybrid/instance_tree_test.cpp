@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-#include "hybrid/visibility/halves.h"
+#include "hybrid/visibility/median_split.h"
 #include "hybrid/visibility/shadow_candidates.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
@@ -55,14 +55,14 @@ LightExtent random_light(TestRandom& random, float unit, uint32_t instances) {
   return light;
 }
 
-Bounds3 random_receivers(TestRandom& random, float unit) {
+Bounds3 random_shading_points(TestRandom& random, float unit) {
   Bounds3 b;
   b.extend(random.in_ball() * unit);
   if (random.uniform() < 0.7f) b.extend(b.lower + random.in_ball() * unit * random.log_uniform(1e-4f, 1.0f));
   return b;
 }
 
-std::vector<uint32_t> ask_each(const InstanceTree& tree, const Shaft& shaft, uint32_t left_out, size_t count) {
+std::vector<uint32_t> query_each(const InstanceTree& tree, const Shaft& shaft, uint32_t left_out, size_t count) {
   std::vector<uint32_t> all;
   for (uint32_t i = 0; i < count; ++i) {
     if (i != left_out && shaft.meets(tree.bounds(i))) all.push_back(i);
@@ -78,8 +78,8 @@ void compare_sets(uint32_t seed, size_t count, int queries, float unit, float sm
   std::vector<uint32_t> instances;
   for (int i = 0; i < queries; ++i) {
     const LightExtent light = random_light(random, unit, uint32_t(count));
-    const Shaft shaft(random_receivers(random, unit), light);
-    const std::vector<uint32_t> expected = ask_each(tree, shaft, light.instance, count);
+    const Shaft shaft(random_shading_points(random, unit), light);
+    const std::vector<uint32_t> expected = query_each(tree, shaft, light.instance, count);
     tree.find(shaft, light.instance, count, instances);
     ASSERT_EQ(instances, expected) << "seed " << seed << ", query " << i;
     found += instances.size();
@@ -120,7 +120,7 @@ TEST(InstanceTree, HugeBoundsAreFound) {
   std::vector<uint32_t> instances;
   for (int i = 0; i < 100; ++i) {
     const LightExtent light = random_light(random, 1.0f, 1);
-    tree.find(Shaft(random_receivers(random, 1.0f), light), k_none, 100, instances);
+    tree.find(Shaft(random_shading_points(random, 1.0f), light), k_none, 100, instances);
     EXPECT_TRUE(std::ranges::find(instances, 42u) != instances.end());
   }
 }
@@ -139,11 +139,12 @@ TEST(Shaft, IsTheHullOfTwoBalls) {
   size_t met = 0, missed = 0;
   for (int i = 0; i < 20000; ++i) {
     const float unit = random.log_uniform(1e-6f, 1e6f);
-    const Bounds3 receivers = random_receivers(random, unit);
+    const Bounds3 shading_points = random_shading_points(random, unit);
     LightExtent light = random_light(random, unit, 1);
     if (light.kind != LightExtent::Kind::bounded) continue;
-    const DVec3 a(0.5 * (DVec3(receivers.lower) + DVec3(receivers.upper))), b(light.ball.centre);
-    const double ra = 0.5 * glm::length(DVec3(receivers.upper) - DVec3(receivers.lower)), rb = light.ball.radius;
+    const DVec3 a(0.5 * (DVec3(shading_points.lower) + DVec3(shading_points.upper))), b(light.ball.centre);
+    const double ra = 0.5 * glm::length(DVec3(shading_points.upper) - DVec3(shading_points.lower)),
+                 rb = light.ball.radius;
     BallAndBox object;
     object.centre = DVec3(random.in_ball()) * double(unit);
     object.box = {Vec3(-k_infinity), Vec3(k_infinity)};
@@ -154,7 +155,7 @@ TEST(Shaft, IsTheHullOfTwoBalls) {
       gap = std::min(gap, glm::length(object.centre - (a + (b - a) * t)) - (ra + (rb - ra) * t));
     }
     if (gap <= 0.0) continue;
-    const Shaft shaft(receivers, light);
+    const Shaft shaft(shading_points, light);
     object.radius = gap;
     ASSERT_TRUE(shaft.meets(object)) << i;
     ++met;
@@ -171,14 +172,14 @@ TEST(Shaft, IsTheHullOfTwoBalls) {
 }
 
 // Every half is cut by a plane, and the order before does not matter.
-TEST(Halves, EachIsCutByAPlane) {
+TEST(MedianSplits, EachIsCutByAPlane) {
   TestRandom random(5);
   for (const size_t count : {0, 1, 2, 17, 1000}) {
     std::vector<PlacedIndex> points;
     for (uint32_t i = 0; i < count; ++i) points.push_back({random.uniform() < 0.2f ? Vec3(0.5f) : random.in_ball(), i});
     std::vector<PlacedIndex> reversed(points.rbegin(), points.rend());
-    order_by_halves(points, 4);
-    order_by_halves(reversed, 4);
+    order_by_median_splits(points, 4);
+    order_by_median_splits(reversed, 4);
     const auto check = [&](const auto& self, size_t begin, size_t end) -> void {
       const auto indices = [&](const std::vector<PlacedIndex>& list) {
         std::vector<uint32_t> result;

@@ -13,7 +13,7 @@ namespace {
 
 using Hides = std::function<bool(SquarePoint)>;
 
-std::vector<uint8_t> ask_lattice(const Hides& hides, int side) {
+std::vector<uint8_t> query_lattice(const Hides& hides, int side) {
   std::vector<uint8_t> hidden(size_t(side * side));
   for (int i = 0; i < side * side; ++i) hidden[size_t(i)] = hides(point_on({0, uint16_t(i)}, side, 0.0f));
   return hidden;
@@ -27,13 +27,13 @@ struct Followed {
   std::vector<EdgeCrossing> crossings;
   std::vector<CellSeen> cells;
 };
-Followed follow(const Hides& hides, int side, int halvings) {
-  const std::vector<uint8_t> hidden = ask_lattice(hides, side);
+Followed follow(const Hides& hides, int side, int bisection_steps) {
+  const std::vector<uint8_t> hidden = query_lattice(hides, side);
   Followed result;
   result.is_edge = find_crossings(hidden, side, 7, result.crossings);
   if (!result.is_edge) return result;
   for (EdgeCrossing& c : result.crossings) {
-    for (int i = 0; i < halvings; ++i) c.narrow(c.middle(), hides(point_on(c, side, c.middle())));
+    for (int i = 0; i < bisection_steps; ++i) c.narrow(c.middle(), hides(point_on(c, side, c.middle())));
   }
   std::vector<CellSeen> cells(size_t((side - 1) * (side - 1)));
   measure_cells(hidden, side, result.crossings, cells);
@@ -83,7 +83,7 @@ TEST(LightEdge, StraightEdgesAreMeasured) {
     const float angle = turn(random), d = offset(random);
     const Hides hides = [&](SquarePoint p) { return p.x * std::cos(angle) + p.y * std::sin(angle) > d; };
     const int side = 3 + i % 7;
-    const std::vector<uint8_t> lattice = ask_lattice(hides, side);
+    const std::vector<uint8_t> lattice = query_lattice(hides, side);
     const bool differs = std::adjacent_find(lattice.begin(), lattice.end(), std::not_equal_to<>()) != lattice.end();
     const Followed edge = follow(hides, side, 14);
     ASSERT_EQ(edge.is_edge, differs) << angle << " " << d << " " << side;
@@ -125,18 +125,19 @@ TEST(LightEdge, PlacesBesideAnEdgeLieOnItsSides) {
   EXPECT_GT(crossed, 500);
 }
 
-// The halvings that edge_halvings() advises leave less noise than as many samples of the light would: about half.
-TEST(LightEdge, HalvingsKeepNoiseBelowThatOfSamples) {
+// The bisection steps that edge_bisection_steps() advises leave less noise than as many samples of the light would:
+// about half.
+TEST(LightEdge, BisectionKeepsNoiseBelowThatOfSamples) {
   std::mt19937 random(6);
   std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), offset(-0.7f, 0.7f);
   for (const auto& [side, samples] : {std::pair{3, 16}, std::pair{4, 64}, std::pair{6, 256}, std::pair{8, 1024}}) {
-    const int halvings = edge_halvings(side, samples);
+    const int bisection_steps = edge_bisection_steps(side, samples);
     double squares = 0.0;
     constexpr int k_edges = 400;
     for (int i = 0; i < k_edges; ++i) {
       const float angle = turn(random), d = offset(random);
       const Hides hides = [&](SquarePoint p) { return p.x * std::cos(angle) + p.y * std::sin(angle) > d; };
-      const double error = follow(hides, side, halvings).seen - follow(hides, side, 16).seen;
+      const double error = follow(hides, side, bisection_steps).seen - follow(hides, side, 16).seen;
       squares += error * error;
     }
     EXPECT_LE(std::sqrt(squares / k_edges), 0.75 * 0.42 * std::pow(double(samples), -0.75)) << side;
@@ -243,14 +244,14 @@ TEST(LightEdge, OnlyOneEdgeIsFollowed) {
   }
 }
 
-TEST(LightEdge, HalvingsGrowWithSamples) {
+TEST(LightEdge, BisectionStepsGrowWithSamples) {
   for (int side = 2; side < 20; ++side) {
     int last = 1;
     for (int samples = 1; samples < 100000; samples *= 2) {
-      const int halvings = edge_halvings(side, samples);
-      EXPECT_GE(halvings, last);
-      EXPECT_LE(halvings, 16);
-      last = halvings;
+      const int bisection_steps = edge_bisection_steps(side, samples);
+      EXPECT_GE(bisection_steps, last);
+      EXPECT_LE(bisection_steps, 16);
+      last = bisection_steps;
     }
   }
 }

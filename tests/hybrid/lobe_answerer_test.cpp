@@ -8,7 +8,7 @@
 #include "core/material/texture.h"
 #include "core/mesh/mesh_procedural.h"
 #include "hybrid/compare/compare.h"
-#include "hybrid/glossy/radiance_pictures.h"
+#include "hybrid/glossy/radiance_maps.h"
 #include "hybrid/render/render.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/field_checks.h"
@@ -127,7 +127,7 @@ TEST(GlossyLobes, SmoothOnesAreLeftToRays) {
   for (const float alpha : {0.001f, 0.03f, 0.1f, 0.3f}) {
     const Scene scene = glossy_scene(alpha, false, k_film).scene;
     const RenderResult r = render(scene, crop_options(Method::hybrid, 256));
-    ASSERT_GT(r.stats.field_bytes_pictures, 0u) << alpha;
+    ASSERT_GT(r.stats.field_bytes_maps, 0u) << alpha;
     const double exact = double(r.stats.rays_glossy_exact) / double(r.stats.rays_glossy);
     EXPECT_LE(exact, 1.02 * last) << alpha;  // wider lobes reach somewhat more of the object's ball
     last = exact;
@@ -143,7 +143,7 @@ TEST(GlossyLobes, ChangeGraduallyWithRoughness) {
   for (float alpha = 0.02f; alpha < 1.0f; alpha *= 1.4f) {
     const Scene scene = glossy_scene(alpha, false, k_film).scene;
     const RenderResult fields = render(scene, crop_options(Method::hybrid, 512));
-    ASSERT_GT(fields.stats.field_bytes_pictures, 0u) << alpha;
+    ASSERT_GT(fields.stats.field_bytes_maps, 0u) << alpha;
     const Image expected = render(scene, crop_options(Method::monte_carlo, 512)).image;
     const ImageDifference d = compare_images(fields.image, expected);
     const double exact = double(fields.stats.rays_glossy_exact) / double(fields.stats.rays_glossy);
@@ -162,7 +162,7 @@ TEST(GlossyLobes, HoldAtAnyDepth) {
   for (const int max_depth : {4, -1}) {
     scene.integrator.max_depth = max_depth;
     const RenderResult fields = render(scene, crop_options(Method::hybrid, 1024));
-    EXPECT_GT(fields.stats.field_bytes_pictures, 0u);
+    EXPECT_GT(fields.stats.field_bytes_maps, 0u);
     EXPECT_GT(fields.stats.rays_glossy, 2 * fields.stats.rays_glossy_exact) << max_depth;
     const RenderResult rays = render(scene, crop_options(Method::monte_carlo, 1024));
     const ImageDifference d = compare_images(fields.image, rays.image);

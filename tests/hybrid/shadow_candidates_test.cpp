@@ -67,8 +67,8 @@ struct CandidateScene {
   }
 };
 
-// Receivers as a render makes them: where rays from one point in a cone end, from wide to narrow.
-ReceiverBatch random_receivers(CandidateScene& s, const Accel& accel, size_t count) {
+// Shading points as a render makes them: where rays from one point in a cone end, from wide to narrow.
+ShadingPointBatch random_shading_points(CandidateScene& s, const Accel& accel, size_t count) {
   const Vec3 eye = s.place(4.0f), towards = s.random.direction();
   const float spread = s.random.log_uniform(1e-3f, 2.0f);
   RayBatch rays;
@@ -77,7 +77,7 @@ ReceiverBatch random_receivers(CandidateScene& s, const Accel& accel, size_t cou
   HitBatch hits;
   hits.resize(rays.size);
   accel.intersect(rays, hits, Coherence::incoherent);
-  ReceiverBatch r;
+  ShadingPointBatch r;
   r.resize(count);
   size_t n = 0;
   for (size_t i = 0; i < rays.size && n < count; ++i) {
@@ -104,15 +104,15 @@ struct Tally {
 
 constexpr int k_rays = 16;
 
-// Groups of receivers and one light: every blocker of every ray by Embree, against what culling says.
+// Groups of shading points and one light: every blocker of every ray by Embree, against what culling says.
 void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& answerer, const LightTable& lights,
-                 uint32_t light, const ReceiverBatch& receivers, Tally& tally) {
+                 uint32_t light, const ShadingPointBatch& shading_points, Tally& tally) {
   ShadowGroup group;
   group.light = light_extent(scene, light);
   Stats unused;
-  answerer.find_candidates(receivers, group, unused);
+  answerer.find_candidates(shading_points, group, unused);
   ShadowBatch batch;
-  sample_light(lights, light, receivers, k_rays, Isa::scalar, batch);
+  sample_light(lights, light, shading_points, k_rays, Isa::scalar, batch);
   std::vector<uint32_t> active;
   for (uint32_t i = 0; i < batch.rays.size; ++i) {
     if (batch.rays.tmax[i] >= 0.0f) active.push_back(i);
@@ -121,10 +121,10 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
   std::vector<uint32_t> candidates = group.candidates;
   if (candidates.size() > k_most_candidates) {
     Bounds3 bounds;
-    for (size_t r = 0; r < receivers.size; ++r) {
-      const Vec3 p(receivers.px[r], receivers.py[r], receivers.pz[r]);
-      bounds.extend(p - Vec3(receivers.error[r]));
-      bounds.extend(p + Vec3(receivers.error[r]));
+    for (size_t r = 0; r < shading_points.size; ++r) {
+      const Vec3 p(shading_points.px[r], shading_points.py[r], shading_points.pz[r]);
+      bounds.extend(p - Vec3(shading_points.error[r]));
+      bounds.extend(p + Vec3(shading_points.error[r]));
     }
     ShadowCandidates(scene).select(bounds, group.light, scene.instances.size(), candidates);
   }
@@ -158,10 +158,10 @@ Tally tally_of(Isa isa) {
     const ShadowAnswerer answerer(scene, accel, shape_traits(scene), std::vector<Field*>(scene.shapes.size(), nullptr),
                                   {.isa = isa});
     for (int round = 0; round < 6; ++round) {
-      const ReceiverBatch receivers = random_receivers(s, accel, 48);
-      if (receivers.size == 0) continue;
+      const ShadingPointBatch shading_points = random_shading_points(s, accel, 48);
+      if (shading_points.size == 0) continue;
       for (uint32_t light = 0; light < scene.emitters.size(); ++light) {
-        tally_group(scene, accel, answerer, lights, light, receivers, tally);
+        tally_group(scene, accel, answerer, lights, light, shading_points, tally);
       }
     }
   }
@@ -184,7 +184,7 @@ TEST(ShadowCandidates, NoBlockerIsLeftOut) {
 // Small balls in a large room: those chosen lie about as near to the rays as they must.
 TEST(ShadowCandidates, FewAreChosenInVain) {
   constexpr float k_ball = 0.05f, k_light = 0.1f, k_patch = 0.1f;
-  size_t chosen = 0, near = 0, flagged = 0, near_receiver = 0;
+  size_t chosen = 0, near = 0, flagged = 0, near_shading_point = 0;
   for (uint32_t seed = 1; seed <= 40; ++seed) {
     TestRandom random(seed);
     SceneMaker maker;
@@ -201,14 +201,14 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
       balls.push_back(random.in_ball() * 4.0f);
       ball(balls.back(), k_ball);
     }
-    ReceiverBatch receivers;
-    receivers.resize(64);
+    ShadingPointBatch shading_points;
+    shading_points.resize(64);
     Bounds3 bounds;
-    for (size_t r = 0; r < receivers.size; ++r) {
+    for (size_t r = 0; r < shading_points.size; ++r) {
       const Vec3 p = middle + random.in_ball() * k_patch;
-      receivers.px[r] = p.x, receivers.py[r] = p.y, receivers.pz[r] = p.z;
-      receivers.error[r] = 0.0f;
-      receivers.instance[r] = k_none;
+      shading_points.px[r] = p.x, shading_points.py[r] = p.y, shading_points.pz[r] = p.z;
+      shading_points.error[r] = 0.0f;
+      shading_points.instance[r] = k_none;
       bounds.extend(p);
     }
     const Accel accel(maker.scene);
@@ -218,10 +218,10 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
     ShadowCandidates(maker.scene).select(bounds, group.light, balls.size(), group.candidates);
     chosen += group.candidates.size();
     Stats unused;
-    answerer.find_candidates(receivers, group, unused);
+    answerer.find_candidates(shading_points, group, unused);
     std::vector<uint8_t> is_near(balls.size(), 0);
-    for (size_t r = 0; r < receivers.size; ++r) {
-      const Vec3 p(receivers.px[r], receivers.py[r], receivers.pz[r]), axis = light - p;
+    for (size_t r = 0; r < shading_points.size; ++r) {
+      const Vec3 p(shading_points.px[r], shading_points.py[r], shading_points.pz[r]), axis = light - p;
       bool any = false;
       for (size_t b = 1; b < balls.size(); ++b) {
         const float t = std::clamp(glm::dot(balls[b] - p, axis) / glm::dot(axis, axis), 0.0f, 1.0f);
@@ -229,17 +229,17 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
         is_near[b] = 1;
         any = true;
       }
-      near_receiver += any;
+      near_shading_point += any;
       flagged += group.shadow[r] != 0;
     }
     near += size_t(std::ranges::count(is_near, 1));
   }
-  // Measured: 175 chosen for 67 near, 2368 receivers flagged for 1391; margin 2.
+  // Measured: 175 chosen for 67 near, 2368 shading points flagged for 1391; margin 2.
   EXPECT_GE(chosen, near);
-  EXPECT_GE(flagged, near_receiver);
+  EXPECT_GE(flagged, near_shading_point);
   EXPECT_GT(near, 0u);
   EXPECT_LE(chosen, 5 * near);
-  EXPECT_LE(2 * flagged, 7 * near_receiver);
+  EXPECT_LE(2 * flagged, 7 * near_shading_point);
 }
 
 // A scene of more objects than the limit: selection stops just beyond it.
@@ -249,10 +249,10 @@ TEST(ShadowCandidates, StopsBeyondTheLimit) {
   for (int i = 0; i < 50; ++i) maker.instance(sphere, grey, translation({float(i), 0, 0}));
   maker.light(EmitterKind::point, Rgb(1.0f), {60, 0, 0});
   const ShadowCandidates candidates(maker.scene);
-  const Bounds3 receivers = {Vec3(-5, 0, 0), Vec3(-5, 0, 0)};
+  const Bounds3 shading_points = {Vec3(-5, 0, 0), Vec3(-5, 0, 0)};
   std::vector<uint32_t> instances;
   for (const size_t limit : {size_t(0), size_t(7), size_t(49), size_t(50)}) {
-    candidates.select(receivers, light_extent(maker.scene, 0), limit, instances);
+    candidates.select(shading_points, light_extent(maker.scene, 0), limit, instances);
     EXPECT_EQ(instances.size(), std::min(limit + 1, size_t(50)));
     EXPECT_TRUE(std::ranges::is_sorted(instances));
   }

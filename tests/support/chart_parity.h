@@ -26,7 +26,7 @@ struct ParityResults {
 inline constexpr float k_parity_transform[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
 // Addresses, segment queries and nearest queries of a batch; `own`: the rays leave the object itself.
-using ParityTrace = void (*)(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool own,
+using ParityTrace = void (*)(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool self,
                              ParityResults& out);
 
 // Null for Isa::scalar and instruction sets that were not compiled.

@@ -1,4 +1,5 @@
-// An object under a placement and a sphere light, with receivers about it: for tests of whole lights and their parts.
+// An object under a placement and a sphere light, with shading points about it: for tests of whole lights and their
+// parts.
 #pragma once
 
 #include <algorithm>
@@ -40,15 +41,16 @@ struct ConeScene {
                           {.isa = resolve_isa(isa), .tolerance = tolerance});
   }
   // What is found for lights of so many samples.
-  ShadowGroup find(const ShadowAnswerer& from, const ReceiverBatch& receivers, int light_samples, Stats& stats) const {
+  ShadowGroup find(const ShadowAnswerer& from, const ShadingPointBatch& shading_points, int light_samples,
+                   Stats& stats) const {
     ShadowGroup group;
     group.light = light_extent(maker.scene, 0);
     group.light_samples = light_samples;
-    from.find_candidates(receivers, group, stats);
+    from.find_candidates(shading_points, group, stats);
     return group;
   }
-  ShadowGroup ask(const ReceiverBatch& receivers, Isa isa, float tolerance, Stats& stats) const {
-    return find(answerer(isa, tolerance), receivers, 256, stats);
+  ShadowGroup query(const ShadingPointBatch& shading_points, Isa isa, float tolerance, Stats& stats) const {
+    return find(answerer(isa, tolerance), shading_points, 256, stats);
   }
 
   // Of `count` exact rays from p to points of the light's ball, how many are blocked by the object.
@@ -72,7 +74,8 @@ inline Affine random_place(TestRandom& random, float size, float stretch) {
   return Affine(x * size, y * size * random.uniform(1.0f / stretch, 1.0f), z * size, size * random.direction());
 }
 
-inline void set_receiver(ReceiverBatch& batch, size_t r, const Vec3& p, const Vec3& normal, uint32_t instance) {
+inline void set_shading_point(ShadingPointBatch& batch, size_t r, const Vec3& p, const Vec3& normal,
+                              uint32_t instance) {
   batch.px[r] = p.x, batch.py[r] = p.y, batch.pz[r] = p.z;
   batch.gx[r] = normal.x, batch.gy[r] = normal.y, batch.gz[r] = normal.z;
   batch.sx[r] = normal.x, batch.sy[r] = normal.y, batch.sz[r] = normal.z;
@@ -80,24 +83,25 @@ inline void set_receiver(ReceiverBatch& batch, size_t r, const Vec3& p, const Ve
   batch.instance[r] = instance;
 }
 
-// Receivers beyond the object as seen from the light, so that its shadow falls among them.
-inline ReceiverBatch shadowed_receivers(const ConeScene& s, const Sphere& world, int count, TestRandom& random) {
-  ReceiverBatch batch;
+// Shading points beyond the object as seen from the light, so that its shadow falls among them.
+inline ShadingPointBatch shadowed_shading_points(const ConeScene& s, const Sphere& world, int count,
+                                                 TestRandom& random) {
+  ShadingPointBatch batch;
   batch.resize(size_t(count));
   for (int r = 0; r < count; ++r) {
     const Vec3 through = world.centre + world.radius * random.in_ball();
     const Vec3 away = glm::normalize(through - s.light.centre);
     const Vec3 p = through + away * (world.radius * random.uniform(0.2f, 3.0f));
-    set_receiver(batch, size_t(r), p, -away, k_none);
+    set_shading_point(batch, size_t(r), p, -away, k_none);
   }
   return batch;
 }
 
-// Receivers on the object's triangles, turned to the light.
-inline ReceiverBatch own_receivers(const ConeScene& s, int count, TestRandom& random) {
+// Shading points on the object's triangles, turned to the light.
+inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, TestRandom& random) {
   const TriangleMesh& mesh = s.maker.scene.shapes[0].mesh;
   const Affine& place = s.maker.scene.instances[k_object].to_world;
-  ReceiverBatch batch;
+  ShadingPointBatch batch;
   batch.resize(size_t(count));
   for (int r = 0; r < count;) {
     const UVec3 t = mesh.triangles[random.index(uint32_t(mesh.triangles.size()))];
@@ -108,7 +112,7 @@ inline ReceiverBatch own_receivers(const ConeScene& s, int count, TestRandom& ra
     const Vec3 normal = glm::dot(cross, s.light.centre - p) > 0.0f ? glm::normalize(cross) : -glm::normalize(cross);
     // Where the light is cut by the horizon, rays below it leave no shadow ray.
     if (glm::dot(normal, s.light.centre - p) < 1.5f * s.light.radius) continue;
-    set_receiver(batch, size_t(r++), p + normal * gamma_bound(64) * glm::length(p), normal, k_object);
+    set_shading_point(batch, size_t(r++), p + normal * gamma_bound(64) * glm::length(p), normal, k_object);
   }
   return batch;
 }
@@ -120,7 +124,8 @@ inline Sphere world_ball(const ConeScene& s) {
           ball.radius * std::max({glm::length(m[0]), glm::length(m[1]), glm::length(m[2])})};
 }
 
-// A knot and a light that may lie around the receivers, within the object or behind them: nothing that can be judged.
+// A knot and a light that may lie around the shading points, within the object or behind them: nothing that can be
+// judged.
 inline ConeScene tangled_scene(TestRandom& random) {
   const Affine place = random_place(random, random.log_uniform(1e-2f, 1e2f), 4.0f);
   const float size = glm::length(place[0]);
@@ -129,15 +134,15 @@ inline ConeScene tangled_scene(TestRandom& random) {
   return ConeScene(make_knot({.along = 96, .around = 12}), place, light);
 }
 
-// Receivers about such a scene's object, and within it, turned anywhere.
-inline ReceiverBatch tangled_receivers(const ConeScene& s, int count, TestRandom& random) {
+// Shading points about such a scene's object, and within it, turned anywhere.
+inline ShadingPointBatch tangled_shading_points(const ConeScene& s, int count, TestRandom& random) {
   const Affine& place = s.maker.scene.instances[k_object].to_world;
   const float size = glm::length(place[0]);
-  ReceiverBatch batch;
+  ShadingPointBatch batch;
   batch.resize(size_t(count));
   for (size_t r = 0; r < batch.size; ++r) {
-    set_receiver(batch, r, Vec3(place[3]) + size * random.uniform(0.0f, 2.0f) * random.direction(), random.direction(),
-                 k_none);
+    set_shading_point(batch, r, Vec3(place[3]) + size * random.uniform(0.0f, 2.0f) * random.direction(),
+                      random.direction(), k_none);
   }
   return batch;
 }

@@ -11,7 +11,7 @@
 #include "field/file/field_identity.h"
 #include "field/store/encode.h"
 #include "field/store/field.h"
-#include "field/store/risk.h"
+#include "field/store/risk_classes.h"
 
 namespace fieldtrace::test {
 
@@ -65,10 +65,10 @@ inline void fill_slice(Field& field, FieldLayer layer, uint32_t slice) {
     } else if (layer == FieldLayer::primitive) {
       field.store_primitive(*first + i, miss ? k_none : uint32_t(random() % k_test_primitives));
     } else if (miss || random() % 4 == 0) {
-      field.store_sheet(*first + i, 0, encode_certificate(scalar::k_kind_miss, risk, 255));
+      field.store_plane_fit(*first + i, 0, encode_certificate(scalar::k_kind_miss, risk, 255));
     } else {
-      field.store_sheet(*first + i, uint32_t(random()),
-                        encode_certificate(scalar::k_kind_sheet, risk, uint32_t(random() % 256)));
+      field.store_plane_fit(*first + i, uint32_t(random()),
+                            encode_certificate(scalar::k_kind_plane_fit, risk, uint32_t(random() % 256)));
     }
   }
   field.finish(layer, slice);

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "core/trace/accel.h"
-#include "field/bake/probe.h"
-#include "field/store/risk.h"
+#include "field/bake/single_ray_query.h"
+#include "field/store/risk_classes.h"
 #include "tests/support/random_lines.h"
 
 namespace fieldtrace {
@@ -22,12 +22,12 @@ class FieldFixture {
     scene_.shapes.push_back(std::move(shape));
     accel_ = std::make_unique<Accel>(scene_);
     field_ = std::make_unique<Field>(field_ball(scene_.shapes[0].bounds), parameters);
-    probe_ = std::make_unique<FieldProbe>(*field_, *accel_, 0);
+    probe_ = std::make_unique<SingleRayQuery>(*field_, *accel_, 0);
   }
 
   Field& field() { return *field_; }
   const Accel& accel() const { return *accel_; }
-  FieldProbe& probe() { return *probe_; }
+  SingleRayQuery& probe() { return *probe_; }
   const TriangleMesh& mesh() const { return scene_.shapes[0].mesh; }
   const Sphere& ball() const { return field_->ball(); }
 
@@ -48,16 +48,16 @@ class FieldFixture {
     return hits_.t[0];
   }
 
-  // A point of a random triangle, moved off it by its own rounding error to the side of `normal`: the receiver that a
-  // renderer would make. With `either_side` the normal may be the one of the triangle's back.
-  struct Receiver {
+  // A point of a random triangle, moved off it by its own rounding error to the side of `normal`: the shading point
+  // that a renderer would make. With `either_side` the normal may be the one of the triangle's back.
+  struct ShadingPoint {
     Vec3 position, normal;
   };
-  Receiver receiver(TestRandom& random, bool either_side) {
+  ShadingPoint shading_point(TestRandom& random, bool either_side) {
     const UVec3 t = mesh().triangles[random.index(uint32_t(mesh().triangles.size()))];
     const Vec3 a = mesh().positions[t.x], b = mesh().positions[t.y], c = mesh().positions[t.z];
     const float r = std::sqrt(random.uniform()), s = random.uniform();
-    Receiver result;
+    ShadingPoint result;
     result.normal = glm::normalize(glm::cross(b - a, c - a));
     if (either_side && random.uniform() < 0.5f) result.normal = -result.normal;
     result.position = a * (1.0f - r) + b * (r * (1.0f - s)) + c * (r * s);
@@ -70,7 +70,7 @@ class FieldFixture {
   Scene scene_;
   std::unique_ptr<Accel> accel_;
   std::unique_ptr<Field> field_;
-  std::unique_ptr<FieldProbe> probe_;
+  std::unique_ptr<SingleRayQuery> probe_;
   RayBatch rays_;
   ShapeHits hits_;
 };

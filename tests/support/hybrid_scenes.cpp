@@ -87,7 +87,7 @@ Scene lights_within(int size) {
   return s.scene;
 }
 
-// Receivers inside the balls of objects that they do not lie on: a knot in the waist of a hyperboloid.
+// Shading points inside the balls of objects that they do not lie on: a knot in the waist of a hyperboloid.
 Scene nested_balls(int size) {
   Stage s(size);
   s.instance(s.mesh(make_hyperboloid({.waist = 0.5f, .rim = 0.8f, .around = 48, .along = 24})), s.grey,

@@ -1,5 +1,6 @@
 // Small scenes that are hard for fields, each with its name, for the tests of the whole hybrid method: overlapping and
-// crowded instances, lights and receivers inside bounding balls, open surfaces, every kind of light, odd transforms.
+// crowded instances, lights and shading points inside bounding balls, open surfaces, every kind of light, odd
+// transforms.
 #pragma once
 
 #include <string>

@@ -1,4 +1,4 @@
-// Scenes of one light, batches of receivers and double-precision references, shared by the light tests.
+// Scenes of one light, batches of shading points and double-precision references, shared by the light tests.
 #pragma once
 
 #include <cmath>
@@ -85,17 +85,17 @@ inline Shape mesh_shape() {
   return shape;
 }
 
-struct Receiver {
+struct ShadingPoint {
   Vec3 point = Vec3(0.0f), normal = Vec3(0.0f, 0.0f, 1.0f), shading = Vec3(0.0f, 0.0f, 1.0f);
   float error = 0.0f;
   bool transmits = false;
 };
 
-inline ReceiverBatch batch_of(const std::vector<Receiver>& receivers, uint32_t seed) {
-  ReceiverBatch b;
-  b.resize(receivers.size());
-  for (size_t i = 0; i < receivers.size(); ++i) {
-    const Receiver& r = receivers[i];
+inline ShadingPointBatch batch_of(const std::vector<ShadingPoint>& shading_points, uint32_t seed) {
+  ShadingPointBatch b;
+  b.resize(shading_points.size());
+  for (size_t i = 0; i < shading_points.size(); ++i) {
+    const ShadingPoint& r = shading_points[i];
     b.px[i] = r.point.x, b.py[i] = r.point.y, b.pz[i] = r.point.z;
     b.gx[i] = r.normal.x, b.gy[i] = r.normal.y, b.gz[i] = r.normal.z;
     b.sx[i] = r.shading.x, b.sy[i] = r.shading.y, b.sz[i] = r.shading.z;
@@ -109,9 +109,9 @@ inline ReceiverBatch batch_of(const std::vector<Receiver>& receivers, uint32_t s
 }
 
 // Mean of the weights: irradiance of unit radiance (or of the delta light's unit value), without visibility.
-inline double irradiance(const LightTable& lights, const Receiver& receiver, int samples, uint32_t seed) {
+inline double irradiance(const LightTable& lights, const ShadingPoint& shading_point, int samples, uint32_t seed) {
   ShadowBatch out;
-  ReceiverBatch b = batch_of({receiver}, seed);
+  ShadingPointBatch b = batch_of({shading_point}, seed);
   b.sample[0] = 0;
   sample_light(lights, 0, b, samples, Isa::automatic, out);
   double sum = 0.0;

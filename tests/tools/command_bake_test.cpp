@@ -36,7 +36,7 @@ TEST_F(CommandBake, AnInterruptedFullBakeKeepsWhatIsFinished) {
   const Outcome info = run({"info", "f.vdb"});
   EXPECT_EQ(info.code, 0) << info.err;
   for (const char* part :
-       {"orthographic", "D 64, N 256, K 16", "visibility", "depth", "on disk", "ask", "cache name"}) {
+       {"orthographic", "D 64, N 256, K 16", "visibility", "depth", "on disk", "undecided", "cache name"}) {
     EXPECT_NE(info.out.find(part), std::string::npos) << part << " in\n" << info.out;
   }
 }
@@ -64,11 +64,11 @@ TEST_F(CommandBake, InfoTellsAllOfAFieldAsTextAndAsJson) {
   EXPECT_EQ(number("visibility", "cells_full"), 32u * 32u * 64u * 64u);
   EXPECT_EQ(number("visibility", "clear"), visibility.clear);
   EXPECT_EQ(number("visibility", "blocked"), visibility.blocked);
-  EXPECT_EQ(number("visibility", "ask"), visibility.ask);
+  EXPECT_EQ(number("visibility", "undecided"), visibility.undecided);
   EXPECT_EQ(number("depth", "cells_baked"), depth.cells_baked);
-  EXPECT_EQ(number("depth", "miss") + number("depth", "sheet") + number("depth", "ask"), depth.cells_baked);
-  EXPECT_GT(number("depth", "sheet"), 0u);
-  EXPECT_EQ(number("depth", "ceiling"), 0u);
+  EXPECT_EQ(number("depth", "miss") + number("depth", "plane_fit") + number("depth", "undecided"), depth.cells_baked);
+  EXPECT_GT(number("depth", "plane_fit"), 0u);
+  EXPECT_EQ(number("depth", "one_sided_bound"), 0u);
   EXPECT_EQ(number("coverage", "tiles_baked"), 2u);
   EXPECT_EQ(number("coverage", "tiles_empty"), 1u);
   EXPECT_EQ(number("coverage", "tiles_full"), 32u * 32u * 4u * 4u);
@@ -82,7 +82,7 @@ TEST_F(CommandBake, InfoTellsAllOfAFieldAsTextAndAsJson) {
   EXPECT_EQ(number("bytes", "coverage"), CoverageTiles::k_tile_bytes);
   EXPECT_NEAR(j["compression"].get<double>(),
               double(number("bytes", "cells") + number("bytes", "coverage")) / double(number("bytes", "disk")), 1e-9);
-  for (const char* part : {"ceiling 0.0 %", "coverage   2 of 16384 tiles", "128 x 128 lines a direction",
+  for (const char* part : {"one-sided bound 0.0 %", "coverage   2 of 16384 tiles", "128 x 128 lines a direction",
                            "2048 lines, 12.5 % hit, 1 tiles empty", "to 1 on disk"}) {
     EXPECT_NE(text.out.find(part), std::string::npos) << part << " in\n" << text.out;
   }

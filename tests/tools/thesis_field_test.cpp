@@ -40,8 +40,8 @@ struct Answers {
   bool hidden(size_t i) const { return (shadows.state[i] & RayStates::k_blocked) != 0; }
 };
 
-Answers ask(const ThesisKernels& kernels, const ThesisInstanceView& view, const RayBatch& rays,
-            const std::vector<uint32_t>& skip) {
+Answers query(const ThesisKernels& kernels, const ThesisInstanceView& view, const RayBatch& rays,
+              const std::vector<uint32_t>& skip) {
   Answers a;
   a.hits.resize(rays.size);
   std::fill(a.hits.t.begin(), a.hits.t.end(), k_infinity);
@@ -131,7 +131,8 @@ TEST(ThesisField, LookUpsAgreeWithEmbreeWithinTheSlack) {
   // A sphere has no ridges: where both hit, not too near the silhouette, depths agree within the slack.
   const BakedScene baked(make_sphere({.radius = 0.7f}), 64, {3.0f, -2.0f, 1.0f}, 2.5f, 40.0f);
   const RayBatch rays = random_rays(20000, 5, {3.0f, -2.0f, 1.0f}, 2.0f);
-  const Answers a = ask(thesis_kernels_scalar(), baked.view(), rays, std::vector<uint32_t>(padded(rays.size), k_none));
+  const Answers a =
+      query(thesis_kernels_scalar(), baked.view(), rays, std::vector<uint32_t>(padded(rays.size), k_none));
   HitBatch exact;
   exact.resize(rays.size);
   RayBatch long_rays = rays;
@@ -163,20 +164,21 @@ TEST(ThesisField, LookUpsAgreeWithEmbreeWithinTheSlack) {
 }
 
 TEST(ThesisField, ShadowsAgreeWithEmbreeAwayFromEdges) {
-  // Receivers around and behind a ball, lights before it, at finite and infinite distance.
+  // Shading points around and behind a ball, lights before it, at finite and infinite distance.
   const BakedScene baked(make_sphere({.radius = 0.7f}), 64, {3.0f, -2.0f, 1.0f}, 2.5f, 40.0f);
   const Vec3 centre(3.0f, -2.0f, 1.0f);
   TestRandom random(15);
   RayBatch rays;
   rays.resize(20000);
   for (size_t i = 0; i < rays.size; ++i) {
-    const Vec3 receiver = centre + random.direction() * random.uniform(1.9f, 8.0f);
-    const Vec3 d = centre + 3.0f * random.in_ball() - receiver;
+    const Vec3 shading_point = centre + random.direction() * random.uniform(1.9f, 8.0f);
+    const Vec3 d = centre + 3.0f * random.in_ball() - shading_point;
     const uint32_t kind = random.index(4);
     // Lights before the ball, behind it, infinitely far away, and rays that are not to be asked.
-    rays.set(i, receiver, d, kind == 0 ? 0.05f : kind == 1 ? 50.0f : kind == 2 ? k_infinity : -1.0f);
+    rays.set(i, shading_point, d, kind == 0 ? 0.05f : kind == 1 ? 50.0f : kind == 2 ? k_infinity : -1.0f);
   }
-  const Answers a = ask(thesis_kernels_scalar(), baked.view(), rays, std::vector<uint32_t>(padded(rays.size), k_none));
+  const Answers a =
+      query(thesis_kernels_scalar(), baked.view(), rays, std::vector<uint32_t>(padded(rays.size), k_none));
   std::vector<uint32_t> all(rays.size);
   std::iota(all.begin(), all.end(), 0u);
   std::vector<uint8_t> exact(padded(rays.size), 0);
@@ -212,7 +214,7 @@ TEST(ThesisField, LookUpsAgreeOnEveryInstructionSet) {
   std::vector<uint32_t> skip(padded(rays.size), k_none);
   for (size_t i = 0; i < skip.size(); i += 7) skip[i] = 0;
   const ThesisInstanceView view = baked.view();
-  const Answers reference = ask(thesis_kernels_scalar(), view, rays, skip);
+  const Answers reference = query(thesis_kernels_scalar(), view, rays, skip);
   size_t hits = 0, hidden = 0;
   for (size_t i = 0; i < rays.size; ++i) {
     hits += reference.hits.instance[i] == 0;
@@ -230,7 +232,7 @@ TEST(ThesisField, LookUpsAgreeOnEveryInstructionSet) {
     EXPECT_EQ(different, 0u) << what << " on " << isa_name(isa);
   };
   for (const Isa isa : supported_isas()) {
-    const Answers a = ask(thesis_kernels(isa), view, rays, skip);
+    const Answers a = query(thesis_kernels(isa), view, rays, skip);
     expect_same(reference.hits.t, a.hits.t, "t", isa);
     expect_same(reference.hits.instance, a.hits.instance, "instance", isa);
     expect_same(reference.hits.nx, a.hits.nx, "nx", isa);

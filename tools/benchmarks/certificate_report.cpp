@@ -17,9 +17,9 @@
 #include "core/mesh/mesh_procedural.h"
 #include "core/mesh/mesh_stress.h"
 #include "core/trace/accel.h"
-#include "field/bake/lines.h"
-#include "field/bake/probe.h"
-#include "field/store/risk.h"
+#include "field/bake/cell_lines.h"
+#include "field/bake/single_ray_query.h"
+#include "field/store/risk_classes.h"
 
 namespace fieldtrace {
 namespace {
@@ -42,7 +42,7 @@ struct Random {
 struct Segment {
   Vec3 o, d;
   float t_max;
-  bool own;
+  bool self;
 };
 
 struct Object {
@@ -120,7 +120,7 @@ void from_surface(const Object& object, const Field& field, Random& random, std:
   }
 }
 
-// A receiver within the ball but not on the object, towards a light outside.
+// A shading point within the ball but not on the object, towards a light outside.
 void inside_outside(const Object&, const Field& field, Random& random, std::vector<Segment>& out) {
   const Vec3 p = random.direction() * std::cbrt(random.uniform());
   const Vec3 d = random.direction();
@@ -140,7 +140,7 @@ struct Result {
   Tally at[k_limit_count];  // answers that this class limit added
 };
 
-Result measure(const Object& object, Field& field, FieldProbe& probe, const Generator& generate, int clusters,
+Result measure(const Object& object, Field& field, SingleRayQuery& probe, const Generator& generate, int clusters,
                uint32_t seed) {
   Random random(seed);
   Result result;
@@ -162,8 +162,8 @@ Result measure(const Object& object, Field& field, FieldProbe& probe, const Gene
       ++result.queries;
       for (int l = 0; l < k_limit_count; ++l) {
         const QueryPolicy policy = {.visibility_max_class = k_limits[l], .depth_max_class = k_limits[l]};
-        const FieldVerdict verdict = probe.occluded(policy, s.o, s.d, s.t_max, s.own);
-        if (verdict == FieldVerdict::ask) continue;
+        const FieldVerdict verdict = probe.occluded(policy, s.o, s.d, s.t_max, s.self);
+        if (verdict == FieldVerdict::undecided) continue;
         const int b = verdict == FieldVerdict::blocked;
         ++result.at[l].answers[b];
         result.at[l].wrong[b] += blocked[i] != b;
@@ -184,7 +184,7 @@ void print(const std::string& name, const std::string& kind, const FieldParamete
     answers += t.answers[0] + t.answers[1];
     wrong += t.wrong[0] + t.wrong[1];
     if (l <= 1) {
-      std::printf(" | %d: ask %5.2f wrong %6.3f", k_limits[l], 100.0 - percent(answers, r.queries),
+      std::printf(" | %d: undecided %5.2f wrong %6.3f", k_limits[l], 100.0 - percent(answers, r.queries),
                   percent(wrong, answers));
     }
   }
@@ -192,7 +192,7 @@ void print(const std::string& name, const std::string& kind, const FieldParamete
               percent(r.at[0].wrong[0] + r.at[1].wrong[0], r.at[0].answers[0] + r.at[1].answers[0]),
               percent(r.at[0].wrong[1] + r.at[1].wrong[1], r.at[0].answers[1] + r.at[1].answers[1]));
   for (const Tally& t : r.at) std::printf(" %.2f", percent(t.wrong[0] + t.wrong[1], t.answers[0] + t.answers[1]));
-  std::printf(" | ask at class limit");
+  std::printf(" | undecided at class limit");
   uint64_t given = 0;
   for (const Tally& t : r.at) {
     given += t.answers[0] + t.answers[1];
@@ -202,7 +202,7 @@ void print(const std::string& name, const std::string& kind, const FieldParamete
 }
 
 // Share of fresh lines of certified sheets that lie beyond r times the largest residual seen, r = 1, 1.5, 2, 3.
-void print_residuals(const Object& object, Field& field, FieldProbe& probe, int clusters) {
+void print_residuals(const Object& object, Field& field, SingleRayQuery& probe, int clusters) {
   const FieldParameters& p = field.parameters();
   Random random(77);
   constexpr float k_factors[] = {1.0f, 1.5f, 2.0f, 3.0f};
@@ -220,7 +220,7 @@ void print_residuals(const Object& object, Field& field, FieldProbe& probe, int 
     const FieldView view = field.view();
     const auto slot = scalar::slot_of<float>(view, cell);
     const int32_t certificate = view.certificate[slot.cell], word = view.depth[slot.cell];
-    if ((certificate & 3) != scalar::k_kind_sheet || ((certificate >> 2) & 63) > 1) continue;
+    if ((certificate & 3) != scalar::k_kind_plane_fit || ((certificate >> 2) & 63) > 1) continue;
     const float e = scalar::decode_error<float>(certificate);
     const float residual = (e - scalar::k_depth_quantum) / k_residual_factor;
     const float depth = scalar::decode_depth<float>(word);
@@ -268,7 +268,7 @@ TriangleMesh mesh_by_name(const std::string& name) {
 void report(const std::string& name, const FieldParameters& parameters, int clusters, uint32_t seed) {
   const Object object(mesh_by_name(name));
   Field field(field_ball(object.scene.shapes[0].bounds), parameters);
-  FieldProbe probe(field, *object.accel, 0);
+  SingleRayQuery probe(field, *object.accel, 0);
   const bool open = name == "sheet" || name == "holes" || name == "slivers";
   print(name, "out-out", parameters, measure(object, field, probe, outside_outside, clusters, seed));
   const double rays_line = double(probe.counters().rays) / double(std::max<uint64_t>(field.cells_baked(), 1));
@@ -311,8 +311,8 @@ int run(int argc, char** argv) {
     names = {"bunny", "knot", "supershape", "sphere", "comb", "globe", "hair", "sheet", "holes", "slivers"};
   }
   std::printf(
-      "mesh         D    N   K  segment  | share of asks and wrong answers, %%, for class limits 0 and 1 | wrong "
-      "by verdict (limit 1) | wrong among the answers that class limit 0 1 2 4 8 15 adds | asks at these limits\n");
+      "mesh         D    N   K  segment  | undecided and wrong answers, %%, for class limits 0 and 1 | wrong "
+      "by verdict (limit 1) | wrong among the answers that class limit 0 1 2 4 8 15 adds | undecided at these limits\n");
   for (const std::string& name : names) report(name, parameters, clusters, uint32_t(seed));
   return 0;
 }

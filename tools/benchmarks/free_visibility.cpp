@@ -4,8 +4,8 @@
 // JSON: build, primary, secondary, total (the frame alone, no loading, no writing), seconds.
 //
 // How: light transport is given an answerer for a scene without objects. It finds no candidates anywhere, so that
-// every receiver is free: its light samples are drawn, weighted and added up, which is shading, and no ray is made.
-// time.secondary is what is left of that stage: asking for candidates and finding none. Tiles and batches are
+// every shading point is free: its light samples are drawn, weighted and added up, which is shading, and no ray is
+// made. time.secondary is what is left of that stage: asking for candidates and finding none. Tiles and batches are
 // those of render().
 #include <fmt/format.h>
 #include <tbb/enumerable_thread_specific.h>

@@ -1,4 +1,4 @@
-// Time per shadow ray of sample_light: kind of light x samples a receiver x instruction set.
+// Time per shadow ray of sample_light: kind of light x samples a shading point x instruction set.
 //
 // Run: light_sampling_benchmark --benchmark_repetitions=9 --benchmark_report_aggregates_only=true
 // and read the medians; items_per_second counts rays.
@@ -42,8 +42,8 @@ Scene scene_of(const std::string& name) {
   return scene;
 }
 
-ReceiverBatch floor_receivers(size_t count) {
-  ReceiverBatch r;
+ShadingPointBatch floor_shading_points(size_t count) {
+  ShadingPointBatch r;
   r.resize(count);
   std::mt19937 random(1);
   std::uniform_real_distribution<float> position(-2.0f, 2.0f);
@@ -64,10 +64,10 @@ void sample(benchmark::State& state, const std::string& name, int light_samples,
   constexpr size_t k_slots = 1024;  // about the first-level cache: what a tile's stage works on
   const Scene scene = scene_of(name);
   const LightTable lights = make_lights(scene);
-  const ReceiverBatch receivers = floor_receivers(k_slots / size_t(light_samples));
+  const ShadingPointBatch shading_points = floor_shading_points(k_slots / size_t(light_samples));
   ShadowBatch out;
   for (auto _ : state) {
-    sample_light(lights, 0, receivers, light_samples, isa, out);
+    sample_light(lights, 0, shading_points, light_samples, isa, out);
     benchmark::DoNotOptimize(out.weight.data());
     benchmark::ClobberMemory();
   }

@@ -14,7 +14,7 @@
 #include "field/bake/bake.h"
 #include "field/query/query.hd.h"
 #include "field/query/segment_kernels.h"
-#include "field/store/risk.h"
+#include "field/store/risk_classes.h"
 #include "tools/benchmarks/embree_occlusion.h"
 
 namespace fieldtrace {
@@ -48,9 +48,9 @@ struct Setup {
     std::copy(m, m + 12, task.to_unit);
   }
 
-  // 64 rays from each receiver towards a ball about a light 4.6 radii away; receivers on a plane beside the ball or on
-  // the mesh. Only rays that cross the ball are kept.
-  RayBatch make_rays(bool own) const {
+  // 64 rays from each shading point towards a ball about a light 4.6 radii away; shading points on a plane beside the
+  // ball or on the mesh. Only rays that cross the ball are kept.
+  RayBatch make_rays(bool self) const {
     std::mt19937 generator(7);
     std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
     const Sphere ball = field->ball();
@@ -66,7 +66,7 @@ struct Setup {
     };
     while (n < k_rays) {
       Vec3 p, normal(0.0f);
-      if (own) {
+      if (self) {
         const UVec3 t = mesh.triangles[size_t(uniform(generator) * float(mesh.triangles.size() - 1))];
         p = (mesh.positions[t.x] + mesh.positions[t.y] + mesh.positions[t.z]) / 3.0f;
         normal = glm::normalize(
@@ -102,9 +102,9 @@ struct Setup {
   }
 };
 
-void run_lookups(benchmark::State& state, Setup& setup, bool own, Isa isa) {
-  const RayBatch rays = setup.make_rays(own);
-  const AlignedVector<uint32_t> instances(padded(rays.size), own ? 0u : 1u);
+void run_lookups(benchmark::State& state, Setup& setup, bool self, Isa isa) {
+  const RayBatch rays = setup.make_rays(self);
+  const AlignedVector<uint32_t> instances(padded(rays.size), self ? 0u : 1u);
   setup.bake(rays, {instances.begin(), instances.end()});
   RayStates states;
   uint64_t lookups = 0;
@@ -117,16 +117,16 @@ void run_lookups(benchmark::State& state, Setup& setup, bool own, Isa isa) {
                      .lookups;
     }
   }
-  size_t asks = 0;
-  for (const int32_t s : states.state) asks += s >= RayStates::k_ask;
+  size_t undecided = 0;
+  for (const int32_t s : states.state) undecided += s >= RayStates::k_undecided;
   state.counters["rays/s"] =
       benchmark::Counter(double(rays.size) * double(state.iterations()), benchmark::Counter::kIsRate);
   state.counters["look-ups/ray"] = double(lookups) / double(state.iterations()) / double(rays.size);
-  state.counters["ask"] = double(asks) / double(rays.size);
+  state.counters["undecided"] = double(undecided) / double(rays.size);
 }
 
-void run_rays(benchmark::State& state, Setup& setup, bool own, OcclusionPackets packets) {
-  const RayBatch rays = setup.make_rays(own);
+void run_rays(benchmark::State& state, Setup& setup, bool self, OcclusionPackets packets) {
+  const RayBatch rays = setup.make_rays(self);
   size_t blocked = 0;
   for (auto _ : state) blocked = setup.embree->count_blocked(rays, packets);
   state.counters["rays/s"] =
@@ -153,16 +153,17 @@ int main(int argc, char** argv) {
     return 1;
   }
   benchmark::AddCustomContext("triangles", std::to_string(setup->scene.shapes[0].triangle_count()));
-  for (const bool own : {false, true}) {
-    const std::string receiver = own ? "own_surface" : "elsewhere";
+  for (const bool self : {false, true}) {
+    const std::string shading_point = self ? "own_surface" : "elsewhere";
     for (const Isa isa : supported_isas()) {
-      benchmark::RegisterBenchmark(("LookUp." + receiver + "." + isa_name(isa)).c_str(),
-                                   [&setup, own, isa](benchmark::State& s) { run_lookups(s, *setup, own, isa); });
+      benchmark::RegisterBenchmark(("LookUp." + shading_point + "." + isa_name(isa)).c_str(),
+                                   [&setup, self, isa](benchmark::State& s) { run_lookups(s, *setup, self, isa); });
     }
     for (const OcclusionPackets packets : {OcclusionPackets::single, OcclusionPackets::eight_incoherent,
                                            OcclusionPackets::sixteen_coherent, OcclusionPackets::sixteen_incoherent}) {
-      benchmark::RegisterBenchmark(("EmbreeOccluded." + receiver + "." + packets_name(packets)).c_str(),
-                                   [&setup, own, packets](benchmark::State& s) { run_rays(s, *setup, own, packets); });
+      benchmark::RegisterBenchmark(
+          ("EmbreeOccluded." + shading_point + "." + packets_name(packets)).c_str(),
+          [&setup, self, packets](benchmark::State& s) { run_rays(s, *setup, self, packets); });
     }
   }
   benchmark::RunSpecifiedBenchmarks();

@@ -86,7 +86,7 @@ def report(arguments, name, light):
                               capture_output=True, text=True)
     d = json.loads(compared.stdout)
     check = s["check"]
-    kinds = [check[verdict][receiver] for verdict in ("clear", "blocked") for receiver in ("other", "own")]
+    kinds = [check[verdict][place] for verdict in ("clear", "blocked") for place in ("other", "own")]
     wrong = [percent(kind["wrong"], kind["answers"]) for kind in kinds]
     print(f"| {name} | {light} | {s['field']['directions']} x {s['field']['plane']} | {d['rmse']:.5f} "
           f"| {d['worst_block']['rmse']:.4f} | {100 * s['exact_fraction']:.1f} "

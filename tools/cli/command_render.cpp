@@ -100,9 +100,9 @@ void print_summary(const Stats& s) {
     fmt::print(stderr, "left    {} object{} to exact rays for shadows: fields would answer too little\n",
                s.field_left_to_rays, s.field_left_to_rays == 1 ? "" : "s");
   }
-  if (s.field_own_to_rays > 0) {
-    fmt::print(stderr, "left    {} object{} to exact rays for shadows on themselves\n", s.field_own_to_rays,
-               s.field_own_to_rays == 1 ? "" : "s");
+  if (s.field_self_to_rays > 0) {
+    fmt::print(stderr, "left    {} object{} to exact rays for shadows on themselves\n", s.field_self_to_rays,
+               s.field_self_to_rays == 1 ? "" : "s");
   }
   fmt::print(stderr, "exact   {:.1f} % of the shadow rays near an object, {:.2f} objects a ray\n",
              100.0 * s.exact_fraction(), s.spheres_per_ray());

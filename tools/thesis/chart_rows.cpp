@@ -10,23 +10,23 @@
 #include <random>
 
 #include "field/bake/bake_full.h"
-#include "field/store/risk.h"
+#include "field/store/risk_classes.h"
 #include "field/thesis/thesis_kernels.h"
 
 namespace fieldtrace {
 namespace {
 
-constexpr int k_light_rays = 64;       // a receiver
+constexpr int k_light_rays = 64;       // a shading point
 constexpr size_t k_batch_rays = 8192;  // as the renderer has them: one batch stays in the second-level cache
 constexpr float k_light_distance = 4.6f, k_light_radius = 0.3f;  // in R, from the object's centre: about 7 degrees
 constexpr int k_most_rounds = 6;                                 // of baking: hybrid/visibility/shadow_workspace.h
 
-enum class Receivers { behind, on_object };
+enum class ShadingPoints { behind, on_object };
 
-// Rays of k_light_rays a receiver.
+// Rays of k_light_rays a shading point.
 struct Probe {
   RayBatch rays;
-  AlignedVector<uint32_t> instances;  // of the receivers
+  AlignedVector<uint32_t> instances;  // of the shading points
   std::vector<uint8_t> blocked;       // by Embree
 };
 
@@ -45,16 +45,17 @@ class Points {
   std::mt19937 engine_;
 };
 
-Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& accel, Receivers where, size_t receivers) {
+Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& accel, ShadingPoints where,
+                 size_t shading_points) {
   const Vec3 to_light = glm::normalize(Vec3(0.4f, -0.6f, 0.7f));
   const Vec3 across = glm::normalize(glm::cross(to_light, Vec3(0.0f, 0.0f, 1.0f))), up = glm::cross(across, to_light);
   Points points(1);
   Probe probe;
-  probe.rays.resize(receivers * k_light_rays);
-  probe.instances.assign(padded(probe.rays.size), where == Receivers::on_object ? 0u : 1u);
-  for (size_t r = 0; r < receivers;) {
+  probe.rays.resize(shading_points * k_light_rays);
+  probe.instances.assign(padded(probe.rays.size), where == ShadingPoints::on_object ? 0u : 1u);
+  for (size_t r = 0; r < shading_points;) {
     Vec3 p;
-    if (where == Receivers::behind) {
+    if (where == ShadingPoints::behind) {
       const float x = 2.0f * points.uniform() - 1.0f, y = 2.0f * points.uniform() - 1.0f;
       p = ball.centre + ball.radius * (1.2f * (x * across + y * up) - 2.0f * to_light);
     } else {
@@ -78,24 +79,24 @@ Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& acce
   return probe;
 }
 
-// RMSE of the receivers' visibility; `states` by the field, rays that ask are Embree's.
+// RMSE of the shading points' visibility; `states` by the field, rays that ask are Embree's.
 void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& row) {
   double sum = 0.0;
-  size_t asks = 0, crossing = 0;
-  const size_t receivers = probe.rays.size / k_light_rays;
-  for (size_t r = 0; r < receivers; ++r) {
+  size_t undecided = 0, crossing = 0;
+  const size_t shading_points = probe.rays.size / k_light_rays;
+  for (size_t r = 0; r < shading_points; ++r) {
     int difference = 0;
     for (size_t i = r * k_light_rays; i < (r + 1) * k_light_rays; ++i) {
       const int32_t s = states.state[i];
-      const bool hides = (s & RayStates::k_blocked) != 0, asked = s >= RayStates::k_ask;
+      const bool hides = (s & RayStates::k_blocked) != 0, undecided = s >= RayStates::k_undecided;
       crossing += (s & RayStates::k_crosses) != 0;
-      asks += asked;
-      if (!asked) difference += int(hides) - int(probe.blocked[i]);
+      undecided += undecided;
+      if (!undecided) difference += int(hides) - int(probe.blocked[i]);
     }
     sum += double(difference) * difference;
   }
-  row.rmse = std::sqrt(sum / double(receivers)) / k_light_rays;
-  row.exact_share = crossing ? double(asks) / double(crossing) : 0.0;
+  row.rmse = std::sqrt(sum / double(shading_points)) / k_light_rays;
+  row.exact_share = crossing ? double(undecided) / double(crossing) : 0.0;
 }
 
 // Of this thread's processor time: other work on the machine counts less in it than in wall time.
@@ -106,8 +107,8 @@ double thread_nanoseconds() {
 }
 
 // The least nanoseconds of `repeats` runs over all batches. ask(begin, end) returns its counts.
-template <class Ask>
-void time_look_ups(const Probe& probe, int repeats, ThesisChartRow& row, RayStates& states, const Ask& ask) {
+template <class Query>
+void time_look_ups(const Probe& probe, int repeats, ThesisChartRow& row, RayStates& states, const Query& query) {
   double least = 0.0;
   SegmentCounts counts;
   for (int k = 0; k <= repeats; ++k) {
@@ -115,7 +116,7 @@ void time_look_ups(const Probe& probe, int repeats, ThesisChartRow& row, RayStat
     counts = {};
     const double start = thread_nanoseconds();
     for (size_t begin = 0; begin < probe.rays.size; begin += k_batch_rays) {
-      const SegmentCounts c = ask(begin, std::min(begin + k_batch_rays, padded(probe.rays.size)));
+      const SegmentCounts c = query(begin, std::min(begin + k_batch_rays, padded(probe.rays.size)));
       counts.crossings += c.crossings;
       counts.lookups += c.lookups;
     }
@@ -126,15 +127,15 @@ void time_look_ups(const Probe& probe, int repeats, ThesisChartRow& row, RayStat
   row.ns_per_look_up = least / double(std::max<uint64_t>(counts.lookups, 1));
 }
 
-uint64_t complete_bytes(const FieldParameters& p, Receivers where) {
+uint64_t complete_bytes(const FieldParameters& p, ShadingPoints where) {
   const auto bytes = [&](FieldLayer layer) {
     return reachable_cells(p, layer) * (Field::brick_bytes(layer) / uint64_t(scalar::k_brick_cells));
   };
-  return bytes(FieldLayer::visibility) + (where == Receivers::on_object ? bytes(FieldLayer::depth) : 0);
+  return bytes(FieldLayer::visibility) + (where == ShadingPoints::on_object ? bytes(FieldLayer::depth) : 0);
 }
 
 // The finest resolution of the shapes N = D and N = 2 D, the default's, that takes no more bytes than `limit`.
-std::optional<FieldParameters> finest_within(uint64_t limit, Receivers where) {
+std::optional<FieldParameters> finest_within(uint64_t limit, ShadingPoints where) {
   std::optional<FieldParameters> finest;
   for (const int directions : {32, 64, 128, 256}) {
     for (const int plane : {directions, 2 * directions}) {
@@ -176,21 +177,21 @@ class Comparison {
     for (int axis = 0; axis < 3; ++axis) task.to_unit[9 + axis] = float(-double(field.ball().centre[axis]) * scale);
     const SegmentKernels& kernels = segment_kernels(resolve_isa(options_.isa));
     RayStates states;
-    const auto ask = [&](size_t begin, size_t end) {
+    const auto query = [&](size_t begin, size_t end) {
       return kernels.query(task, probe.rays, probe.instances.data(), begin, end, 0, states);
     };
-    bake(field, probe, states, ask);
-    time_look_ups(probe, options_.repeats(), row, states, ask);
+    bake(field, probe, states, query);
+    time_look_ups(probe, options_.repeats(), row, states, query);
     count_errors(probe, states, row);
     return row;
   }
 
  private:
-  template <class Ask>
-  void bake(Field& field, const Probe& probe, RayStates& states, const Ask& ask) const {
+  template <class Query>
+  void bake(Field& field, const Probe& probe, RayStates& states, const Query& query) const {
     for (int round = 0; round < k_most_rounds; ++round) {
       states.reset(probe.rays.size);
-      ask(0, padded(probe.rays.size));
+      query(0, padded(probe.rays.size));
       if (states.unknown_blocks.empty()) return;
       BakeCounters counters;
       for (auto* list : {&states.unknown_visibility, &states.unknown_depth}) {
@@ -216,11 +217,11 @@ void compare_charts(const std::string& title, const Scene& scene, const Accel& a
                     const ThesisRunOptions& options, std::vector<ThesisChartRow>& rows) {
   const Comparison comparison(scene, accel, options);
   const Shape& shape = scene.shapes[0];
-  for (const Receivers where : {Receivers::behind, Receivers::on_object}) {
+  for (const ShadingPoints where : {ShadingPoints::behind, ShadingPoints::on_object}) {
     const Probe probe = make_probe(shape.mesh, field.ball(), accel, where, options.quick ? 64 : 1024);
     const auto add = [&](ThesisChartRow row) {
       row.object = title;
-      row.receivers = where == Receivers::behind ? "behind" : "on the object";
+      row.shading_points = where == ShadingPoints::behind ? "behind" : "on the object";
       rows.push_back(std::move(row));
     };
     add(comparison.by_thesis(field, probe));

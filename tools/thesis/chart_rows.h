@@ -1,12 +1,12 @@
 // The thesis' chart beside the orthographic one at no more bytes: error, exact rays and time of shadow look-ups.
 //
-// Receivers see a ball-shaped light past one object; their visibility, the share of the light's rays that arrive, is
-// compared with Embree's answers to the same rays. Two sets of receivers: behind the object, where the orthographic
-// chart reads visibility cells alone (a byte each), and on the object itself, where it reads depth cells, too (12 bytes
-// each). Bytes are those of complete fields, of what such rays read. The orthographic field is the finest that takes
-// no more bytes than the thesis' at the same M; there is none for small M where depth cells count. It is baked by
-// demand, which does not change its cells. Times are processor time of one thread with a warm field: the least of
-// several runs. Thread-safety: as run_thesis().
+// Shading points see a ball-shaped light past one object; their visibility, the share of the light's rays that arrive,
+// is compared with Embree's answers to the same rays. Two sets of shading points: behind the object, where the
+// orthographic chart reads visibility cells alone (a byte each), and on the object itself, where it reads depth cells,
+// too (12 bytes each). Bytes are those of complete fields, of what such rays read. The orthographic field is the finest
+// that takes no more bytes than the thesis' at the same M; there is none for small M where depth cells count. It is
+// baked by demand, which does not change its cells. Times are processor time of one thread with a warm field: the least
+// of several runs. Thread-safety: as run_thesis().
 #pragma once
 
 #include <string>

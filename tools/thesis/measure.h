@@ -62,12 +62,12 @@ struct ThesisHybridRow {
   uint64_t bytes = 0;
 };
 
-// One chart's look-ups for one object and set of receivers (tools/thesis/chart_rows.h).
+// One chart's look-ups for one object and set of shading points (tools/thesis/chart_rows.h).
 struct ThesisChartRow {
-  std::string object, receivers, chart;
+  std::string object, shading_points, chart;
   uint64_t bytes = 0;      // of the complete field
   double tolerance = -1;   // orthographic chart only
-  double rmse = 0;         // of receivers' visibility, in [0, 1]
+  double rmse = 0;         // of shading points' visibility, in [0, 1]
   double exact_share = 0;  // of the rays that meet the ball
   double look_ups_per_ray = 0, ns_per_look_up = 0;
 };

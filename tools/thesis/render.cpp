@@ -118,17 +118,17 @@ class TileRenderer {
       colours_[path.pixel] += path.weight * own_share(s, reflects) * (m.emission + m.ambient * scene_.ambient);
     }
     for (const PhongLight& light : scene_.lights) {
-      batch_.receivers.clear();
+      batch_.shading_points.clear();
       for (uint32_t i = 0; i < batch_.rays.size; ++i) {
         const PhongSurface& s = batch_.surfaces[i];
         if (s.instance != k_none && glm::dot(s.normal, light.position - s.position) > 0.0f) {
-          batch_.receivers.push_back(i);
+          batch_.shading_points.push_back(i);
         }
       }
       tracer_.shadow(batch_, light.position);
-      for (size_t k = 0; k < batch_.receivers.size(); ++k) {
+      for (size_t k = 0; k < batch_.shading_points.size(); ++k) {
         if (batch_.hidden[k]) continue;
-        const uint32_t i = batch_.receivers[k];
+        const uint32_t i = batch_.shading_points[k];
         const PhongSurface& s = batch_.surfaces[i];
         const Rgb c = lit_colour(scene_.materials[s.instance], light, s, batch_.rays.direction(i));
         colours_[paths_[i].pixel] += paths_[i].weight * own_share(s, reflects) * c;

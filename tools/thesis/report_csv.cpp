@@ -40,10 +40,10 @@ std::string thesis_growth_csv(const ThesisReport& report) {
 }
 
 std::string thesis_charts_csv(const ThesisReport& report) {
-  std::string csv = "object,receivers,chart,bytes,tolerance,rmse,exact_share,look_ups_per_ray,ns_per_look_up\n";
+  std::string csv = "object,shading_points,chart,bytes,tolerance,rmse,exact_share,look_ups_per_ray,ns_per_look_up\n";
   for (const ThesisChartRow& r : report.charts) {
-    csv += fmt::format("\"{}\",{},\"{}\",{},{},{:.6g},{:.6g},{:.6g},{:.6g}\n", r.object, r.receivers, r.chart, r.bytes,
-                       known(r.tolerance), r.rmse, r.exact_share, r.look_ups_per_ray, r.ns_per_look_up);
+    csv += fmt::format("\"{}\",{},\"{}\",{},{},{:.6g},{:.6g},{:.6g},{:.6g}\n", r.object, r.shading_points, r.chart,
+                       r.bytes, known(r.tolerance), r.rmse, r.exact_share, r.look_ups_per_ray, r.ns_per_look_up);
   }
   return csv;
 }

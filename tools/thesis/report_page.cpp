@@ -54,7 +54,7 @@ of what these rays read: distances alone by the thesis' chart; by the orthograph
 where receivers lie on the object. The orthographic field is the finest of N = D or 2 D that takes no more bytes; where there is
 none, the coarsest takes more. Exact: the share of the rays meeting the object's ball that is left to exact rays; at tolerance 1
 no ray is. ns: one thread, the instruction set above.</p>
-<table><tr><th class="l">object</th><th class="l">receivers</th><th class="l">chart</th><th>MB</th><th>tolerance</th>
+<table><tr><th class="l">object</th><th class="l">shading points</th><th class="l">chart</th><th>MB</th><th>tolerance</th>
 <th>RMSE</th><th>exact</th><th>look-ups a ray</th><th>ns a look-up</th></tr>
 )";
 
@@ -116,7 +116,7 @@ std::string charts_table(const ThesisReport& report) {
     html += fmt::format(
         "<tr><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td>{:.2f}</td><td>{}</td>"
         "<td>{:.4f}</td><td>{:.1f} %</td><td>{:.2f}</td><td>{:.1f}</td></tr>\n",
-        html_text(r.object), r.receivers, r.chart, double(r.bytes) * k_mb,
+        html_text(r.object), r.shading_points, r.chart, double(r.bytes) * k_mb,
         r.tolerance >= 0 ? fmt::format("{:g}", r.tolerance) : "", r.rmse, 100.0 * r.exact_share, r.look_ups_per_ray,
         r.ns_per_look_up);
   }

@@ -31,7 +31,7 @@ struct TracerBatch {
   std::vector<uint32_t> skip;  // padded: the instance that the ray leaves, or k_none
   std::vector<PhongSurface> surfaces;
   // Shadows: which surfaces to ask for, and what came of it (1: the light does not reach it).
-  std::vector<uint32_t> receivers;
+  std::vector<uint32_t> shading_points;
   AlignedVector<uint32_t> hidden;
   // Working memory of the tracer.
   ThesisHits field_hits;
@@ -47,7 +47,7 @@ class PhongTracer {
   virtual ~PhongTracer() = default;
   // Fills batch.surfaces for batch.rays (unit directions).
   virtual void nearest(TracerBatch& batch, bool primary) const = 0;
-  // Fills batch.hidden for batch.receivers, one light.
+  // Fills batch.hidden for batch.shading points, one light.
   virtual void shadow(TracerBatch& batch, const Vec3& light) const = 0;
 };
 

@@ -32,12 +32,12 @@ class ExactTracer final : public PhongTracer {
   }
 
   void shadow(TracerBatch& batch, const Vec3& light) const override {
-    const size_t count = batch.receivers.size();
+    const size_t count = batch.shading_points.size();
     batch.shadow_rays.resize(count);
     batch.indices.resize(count);
     std::iota(batch.indices.begin(), batch.indices.end(), 0u);
     for (size_t k = 0; k < count; ++k) {
-      const PhongSurface& s = batch.surfaces[batch.receivers[k]];
+      const PhongSurface& s = batch.surfaces[batch.shading_points[k]];
       const Vec3 o = offset_origin(s.position, s.geometric, s.error, light - s.position);
       batch.shadow_rays.set(k, o, light - o, 1.0f);
     }

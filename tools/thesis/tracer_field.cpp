@@ -36,10 +36,10 @@ class FieldTracer final : public PhongTracer {
 
   // Section 3.2.3: one look-up from the light towards the point tells what the light sees first.
   void shadow(TracerBatch& batch, const Vec3& light) const override {
-    const size_t count = batch.receivers.size();
+    const size_t count = batch.shading_points.size();
     batch.shadow_rays.resize(count);
     for (size_t k = 0; k < count; ++k) {
-      const Vec3& p = batch.surfaces[batch.receivers[k]].position;
+      const Vec3& p = batch.surfaces[batch.shading_points[k]].position;
       batch.shadow_rays.set(k, p, light - p, 1.0f);
     }
     batch.states.reset(count);

@@ -40,7 +40,7 @@ def ceiling(context):
     if context.quick:
         shots = dict(list(shots.items())[:1])
     figures = [figure for name, shot in shots.items() for figure in ceiling_of(context, name, shot)]
-    return RowResult(figures, ["Free: no receiver has anything between itself and a light; all light samples are still "
+    return RowResult(figures, ["Free: no shading point has anything between itself and a light; all light samples are still "
                                "drawn, weighted and added up."])
 
 

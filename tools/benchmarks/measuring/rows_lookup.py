@@ -13,15 +13,15 @@ def best_of(run, prefix):
     return name, rates[name]
 
 
-def rates_of(runs, receiver):
+def rates_of(runs, place):
     """Summaries of the fastest look-up and the fastest Embree form, each fastest by its median over the runs."""
     result = {}
-    for kind, prefix in (("lookup", f"LookUp.{receiver}."), ("embree", f"EmbreeOccluded.{receiver}.")):
+    for kind, prefix in (("lookup", f"LookUp.{place}."), ("embree", f"EmbreeOccluded.{place}.")):
         forms = {name: summary([r[name]["rays/s"] for r in runs]) for name in runs[0] if name.startswith(prefix)}
         best = max(forms, key=lambda name: forms[name]["median"])
         result[kind] = {"form": best, **forms[best], "all_forms": {n: f["median"] for n, f in forms.items()}}
         if kind == "lookup":
-            result["ask"] = runs[0][best]["ask"]
+            result["undecided"] = runs[0][best]["undecided"]
             result["lookups_per_ray"] = runs[0][best]["look-ups/ray"]
     result["ratio"] = ratio(result["lookup"], result["embree"])
     return result
@@ -38,11 +38,11 @@ def lookups(context):
     for name, (_, target) in meshes.items():
         elsewhere = rates_of(runs[name], "elsewhere")
         own = rates_of(runs[name], "own_surface")
-        figures.append(Figure(f"{name}, receivers elsewhere", elsewhere["ratio"]["value"], AT_LEAST, target, "x",
+        figures.append(Figure(f"{name}, shading points elsewhere", elsewhere["ratio"]["value"], AT_LEAST, target, "x",
                               elsewhere))
-        figures.append(Figure(f"{name}, receivers on the object", own["ratio"]["value"], None, None, "x", own))
+        figures.append(Figure(f"{name}, shading points on the object", own["ratio"]["value"], None, None, "x", own))
     return RowResult(figures, ["Rays a second of one core's processor time; 8,192 rays that stay in cache; rays that "
-                               "ask are counted as answered (their share is in the details)."])
+                               "are undecided are counted as answered (their share is in the details)."])
 
 
 def size(context):
@@ -53,8 +53,8 @@ def size(context):
     runs = in_turn({name: lambda path=path: programs.lookup_benchmark(path, context.quick)
                     for name, path in meshes.items()}, context.repeats)
     figures = []
-    for receiver, text in (("elsewhere", "receivers elsewhere"), ("own_surface", "receivers on the object")):
-        small, large = rates_of(runs["16 k"], receiver), rates_of(runs["2 M"], receiver)
+    for place, text in (("elsewhere", "shading points elsewhere"), ("own_surface", "shading points on the object")):
+        small, large = rates_of(runs["16 k"], place), rates_of(runs["2 M"], place)
         cost = ratio(small["lookup"], large["lookup"])
         figures.append(Figure(f"cost of a look-up, 2 M / 16 k triangles, {text}", cost["value"], AT_MOST, 1.15, "x",
                               {"cost": cost, "16 k": small, "2 M": large,

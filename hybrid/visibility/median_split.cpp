@@ -1,10 +1,10 @@
-#include "hybrid/visibility/halves.h"
+#include "hybrid/visibility/median_split.h"
 
 #include <algorithm>
 
 namespace fieldtrace {
 
-void order_by_halves(std::span<PlacedIndex> points, size_t smallest) {
+void order_by_median_splits(std::span<PlacedIndex> points, size_t smallest) {
   if (points.size() <= smallest || points.size() < 2) return;
   Bounds3 bounds;
   for (const PlacedIndex& p : points) bounds.extend(p.position);
@@ -16,8 +16,8 @@ void order_by_halves(std::span<PlacedIndex> points, size_t smallest) {
                      const float x = a.position[axis], y = b.position[axis];
                      return x != y ? x < y : a.index < b.index;
                    });
-  order_by_halves(points.first(middle), smallest);
-  order_by_halves(points.subspan(middle), smallest);
+  order_by_median_splits(points.first(middle), smallest);
+  order_by_median_splits(points.subspan(middle), smallest);
 }
 
 }  // namespace fieldtrace

@@ -1,4 +1,4 @@
-#include "field/bake/probe.h"
+#include "field/bake/single_ray_query.h"
 
 #include "core/simd/vec_lanes.h"
 #include "field/query/nearest.hd.h"
@@ -6,10 +6,10 @@
 namespace fieldtrace {
 namespace {
 
-using scalar::k_verdict_ask;
 using scalar::k_verdict_blocked;
 using scalar::k_verdict_clear;
 using scalar::k_verdict_none;
+using scalar::k_verdict_undecided;
 using scalar::k_verdict_unknown_depth;
 using scalar::k_verdict_unknown_visibility;
 
@@ -22,7 +22,7 @@ std::optional<FieldLayer> unknown_layer(int verdict) {
 
 FieldVerdict public_verdict(int verdict) {
   if (verdict == k_verdict_clear || verdict == k_verdict_none) return FieldVerdict::clear;
-  return verdict == k_verdict_blocked ? FieldVerdict::blocked : FieldVerdict::ask;
+  return verdict == k_verdict_blocked ? FieldVerdict::blocked : FieldVerdict::undecided;
 }
 
 }  // namespace
@@ -33,29 +33,29 @@ UnitTransform::UnitTransform(const Sphere& ball) : m{} {
   for (int i = 0; i < 3; ++i) m[9 + i] = float(-double(ball.centre[i]) * scale);
 }
 
-FieldProbe::FieldProbe(Field& field, const Accel& accel, uint32_t shape)
+SingleRayQuery::SingleRayQuery(Field& field, const Accel& accel, uint32_t shape)
     : field_(field), accel_(accel), shape_(shape), to_unit_(field.ball()) {}
 
-bool FieldProbe::bake(std::optional<FieldLayer> layer, uint32_t slice) {
+bool SingleRayQuery::bake(std::optional<FieldLayer> layer, uint32_t slice) {
   if (!layer) return false;
   bake_slices(field_, *layer, std::span(&slice, 1), accel_, shape_, counters_);
   return field_.finished(*layer, slice);
 }
 
-FieldVerdict FieldProbe::occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool own) {
+FieldVerdict SingleRayQuery::occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool self) {
   const auto segment = scalar::segment_in_unit_space(to_unit_.m, lanes(o), lanes(d), t_max);
   for (;;) {
-    const auto answer = scalar::query_segment(field_.view(), policy, segment, own);
+    const auto answer = scalar::query_segment(field_.view(), policy, segment, self);
     lookups_ += uint64_t(answer.lookups);
     if (!bake(unknown_layer(answer.verdict), uint32_t(answer.slice))) return public_verdict(answer.verdict);
   }
 }
 
-FieldHit FieldProbe::nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max,
-                             bool own) {
+FieldHit SingleRayQuery::nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max,
+                                 bool self) {
   const auto segment = scalar::segment_in_unit_space(to_unit_.m, lanes(o + d * t_min), lanes(d), t_max - t_min);
   for (;;) {
-    const auto answer = scalar::nearest_on_segment(field_.view(), policy, segment, own);
+    const auto answer = scalar::nearest_on_segment(field_.view(), policy, segment, self);
     lookups_ += uint64_t(answer.lookups);
     const bool lacks_primitive = answer.verdict == k_verdict_blocked && answer.primitive == scalar::k_not_baked;
     const auto layer = lacks_primitive ? FieldLayer::primitive : unknown_layer(answer.verdict);

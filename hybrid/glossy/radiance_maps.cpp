@@ -1,18 +1,18 @@
-#include "hybrid/glossy/radiance_pictures.h"
+#include "hybrid/glossy/radiance_maps.h"
 
 #include <algorithm>
 #include <chrono>
 
 #include "field/bake/tile_lines.h"
 #include "field/store/field.h"
-#include "hybrid/visibility/occluder.h"
 #include "hybrid/visibility/shadow_answerer.h"
+#include "hybrid/visibility/shadow_instance.h"
 
 namespace fieldtrace {
 namespace {
 
 int plane_for(uint64_t most_rays) {
-  return most_rays >= RadiancePictures::k_many_rays ? RadiancePictures::k_plane : RadiancePictures::k_plane / 2;
+  return most_rays >= RadianceMaps::k_many_rays ? RadianceMaps::k_plane : RadianceMaps::k_plane / 2;
 }
 
 // Patches about as wide as the distance between lines.
@@ -36,11 +36,11 @@ Vec2 barycentric(const Vec3& p0, const Vec3& e1, const Vec3& e2, const Vec3& p) 
 
 }  // namespace
 
-uint64_t RadiancePictures::count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays) {
+uint64_t RadianceMaps::count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays) {
   return SurfaceRadiance::count_patches(scene, instance, patch_of(scene, instance, 2 * plane_for(most_rays)));
 }
 
-RadiancePictures::RadiancePictures(const TransportContext& shading, uint32_t instance, uint64_t most_rays)
+RadianceMaps::RadianceMaps(const TransportContext& shading, uint32_t instance, uint64_t most_rays)
     : scene_(shading.scene),
       accel_(shading.accel),
       ball_(field_ball(scene_.shapes[scene_.instances[instance].shape].bounds)),
@@ -48,12 +48,12 @@ RadiancePictures::RadiancePictures(const TransportContext& shading, uint32_t ins
       radiance_(shading, instance, patch_of(scene_, instance, tiles_.lines())) {
   AnswererSettings settings;
   settings.tolerance = 1.0f;
-  task_ = make_occluder(scene_, instance, {}, nullptr, nullptr, settings).cone;
+  task_ = make_shadow_instance(scene_, instance, {}, nullptr, nullptr, settings).cone;
   task_.segment.field.directions = make_axis(k_directions);
   task_.segment.field.coverage = tiles_.view();
 }
 
-void RadiancePictures::bake(std::span<const uint32_t> slots, Stats& stats) {
+void RadianceMaps::bake(std::span<const uint32_t> slots, Stats& stats) {
   const auto start = std::chrono::steady_clock::now();
   const Instance& placed = scene_.instances[instance()];
   const TriangleMesh& mesh = scene_.shapes[placed.shape].mesh;

@@ -12,51 +12,51 @@ using namespace test;
 
 constexpr LightSampleRange k_sixteen = {16, 0, 16, 4};
 
-struct Leaves {
-  std::vector<uint32_t> receivers;  // that may be asked about leaves
-  ReceiverBatch chosen;             // these
+struct Strata {
+  std::vector<uint32_t> shading_points;  // that may be asked about leaves
+  ShadingPointBatch chosen;              // these
   ShadowBatch batch;
   std::vector<uint8_t> refused;
   Stats stats;
 };
 
-ReceiverBatch choose(const ReceiverBatch& all, const std::vector<uint32_t>& indices) {
-  ReceiverBatch chosen;
+ShadingPointBatch choose(const ShadingPointBatch& all, const std::vector<uint32_t>& indices) {
+  ShadingPointBatch chosen;
   chosen.resize(indices.size());
   for (size_t i = 0; i < indices.size(); ++i) {
     const size_t r = indices[i];
-    set_receiver(chosen, i, {all.px[r], all.py[r], all.pz[r]}, {all.gx[r], all.gy[r], all.gz[r]}, all.instance[r]);
+    set_shading_point(chosen, i, {all.px[r], all.py[r], all.pz[r]}, {all.gx[r], all.gy[r], all.gz[r]}, all.instance[r]);
     chosen.seed[i] = uint32_t(r + 1) * 2654435761u;
   }
   return chosen;
 }
 
-Leaves ask_leaves(const ConeScene& s, const LightTable& lights, const ReceiverBatch& receivers,
-                  const LightSampleRange& range, Isa isa) {
-  Leaves leaves;
+Strata query_strata(const ConeScene& s, const LightTable& lights, const ShadingPointBatch& shading_points,
+                    const LightSampleRange& range, Isa isa) {
+  Strata strata;
   const ShadowAnswerer answerer = s.answerer(isa, 0.1f);
-  const ShadowGroup group = s.find(answerer, receivers, 4 * range.total, leaves.stats);
-  for (uint32_t r = 0; r < receivers.size; ++r) {
-    if (group.shadow[r] == k_may_shadow && !group.by_rays[r]) leaves.receivers.push_back(r);
+  const ShadowGroup group = s.find(answerer, shading_points, 4 * range.total, strata.stats);
+  for (uint32_t r = 0; r < shading_points.size; ++r) {
+    if (group.shadow[r] == k_may_shadow && !group.by_rays[r]) strata.shading_points.push_back(r);
   }
-  leaves.chosen = choose(receivers, leaves.receivers);
-  sample_light(lights, 0, leaves.chosen, range, resolve_isa(isa), leaves.batch);
-  answerer.filter(group, leaves.receivers, range.count, leaves.batch, leaves.refused, leaves.stats);
-  return leaves;
+  strata.chosen = choose(shading_points, strata.shading_points);
+  sample_light(lights, 0, strata.chosen, range, resolve_isa(isa), strata.batch);
+  answerer.filter(group, strata.shading_points, range.count, strata.batch, strata.refused, strata.stats);
+  return strata;
 }
 
-// Mean visibility of `count` light samples of each receiver, by exact rays.
-std::vector<double> exact_shares(const ConeScene& s, const LightTable& lights, const ReceiverBatch& receivers,
+// Mean visibility of `count` light samples of each shading point, by exact rays.
+std::vector<double> exact_shares(const ConeScene& s, const LightTable& lights, const ShadingPointBatch& shading_points,
                                  int count) {
   ShadowBatch batch;
-  sample_light(lights, 0, receivers, count, Isa::automatic, batch);
+  sample_light(lights, 0, shading_points, count, Isa::automatic, batch);
   std::vector<uint32_t> all;
   for (uint32_t i = 0; i < batch.rays.size; ++i) {
     if (batch.rays.tmax[i] >= 0.0f) all.push_back(i);
   }
   s.accel->occluded_by(k_object, batch.rays, all, batch.blocked.data());
   std::vector<double> shares;
-  for (size_t r = 0; r < receivers.size; ++r) {
+  for (size_t r = 0; r < shading_points.size; ++r) {
     double clear = 0.0;
     for (size_t k = 0; k < size_t(count); ++k) clear += !batch.blocked[r * size_t(count) + k];
     shares.push_back(clear / count);
@@ -64,33 +64,33 @@ std::vector<double> exact_shares(const ConeScene& s, const LightTable& lights, c
   return shares;
 }
 
-double mean_of(const Leaves& leaves, size_t r, int count) {
+double mean_of(const Strata& strata, size_t r, int count) {
   double sum = 0.0;
-  for (size_t k = 0; k < size_t(count); ++k) sum += leaves.batch.clear[r * size_t(count) + k];
+  for (size_t k = 0; k < size_t(count); ++k) sum += strata.batch.clear[r * size_t(count) + k];
   return sum / count;
 }
 
 struct Errors {
-  double leaves = 0.0, rays = 0.0, bias = 0.0;  // sums of squares and of differences
-  int receivers = 0, partial = 0, refused = 0;
+  double strata = 0.0, rays = 0.0, bias = 0.0;  // sums of squares and of differences
+  int shading_points = 0, partial = 0, refused = 0;
 };
 
 // Leaves and as many rays as `rays` against 1,024 rays.
-void add_errors(const ConeScene& s, const ReceiverBatch& receivers, int rays, Errors& errors) {
+void add_errors(const ConeScene& s, const ShadingPointBatch& shading_points, int rays, Errors& errors) {
   const LightTable lights = make_lights(s.maker.scene);
-  const Leaves leaves = ask_leaves(s, lights, receivers, k_sixteen, Isa::automatic);
-  const std::vector<double> truth = exact_shares(s, lights, leaves.chosen, 1024);
-  ReceiverBatch again = leaves.chosen;
+  const Strata strata = query_strata(s, lights, shading_points, k_sixteen, Isa::automatic);
+  const std::vector<double> truth = exact_shares(s, lights, strata.chosen, 1024);
+  ShadingPointBatch again = strata.chosen;
   for (size_t r = 0; r < again.size; ++r) again.seed[r] ^= 0x5bd1e995u;
   const std::vector<double> few = exact_shares(s, lights, again, rays);
-  for (size_t r = 0; r < leaves.receivers.size(); ++r) {
-    errors.refused += leaves.refused[r];
-    if (leaves.refused[r]) continue;
-    const double error = mean_of(leaves, r, k_sixteen.count) - truth[r];
-    errors.leaves += error * error;
+  for (size_t r = 0; r < strata.shading_points.size(); ++r) {
+    errors.refused += strata.refused[r];
+    if (strata.refused[r]) continue;
+    const double error = mean_of(strata, r, k_sixteen.count) - truth[r];
+    errors.strata += error * error;
     errors.bias += error;
     errors.rays += (few[r] - truth[r]) * (few[r] - truth[r]);
-    ++errors.receivers;
+    ++errors.shading_points;
     errors.partial += truth[r] > 0.0 && truth[r] < 1.0;
   }
 }
@@ -109,38 +109,38 @@ Errors errors_under(float half_angle, int rays, uint32_t seed) {
   for (const TriangleMesh& mesh : solid_meshes()) {
     for (int i = 0; i < 8; ++i) {
       const ConeScene s = lit_scene(mesh, random, half_angle);
-      add_errors(s, shadowed_receivers(s, world_ball(s), 150, random), rays, errors);
+      add_errors(s, shadowed_shading_points(s, world_ball(s), 150, random), rays, errors);
     }
   }
   return errors;
 }
 
-TEST(Leaves, OfWideLightsAreAsGoodAsSixtyFourRays) {
+TEST(Strata, OfWideLightsAreAsGoodAsSixtyFourRays) {
   const Errors errors = errors_under(0.17f, 64, 21);
   EXPECT_GT(errors.partial, 500);
-  EXPECT_LT(errors.refused, errors.receivers / 4);
-  EXPECT_LE(errors.leaves, errors.rays);
-  EXPECT_LE(std::abs(errors.bias) / errors.receivers, 0.003);
+  EXPECT_LT(errors.refused, errors.shading_points / 4);
+  EXPECT_LE(errors.strata, errors.rays);
+  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, 0.003);
 }
 
-TEST(Leaves, OfNarrowLightsAreBetterThanSixteenRays) {
+TEST(Strata, OfNarrowLightsAreBetterThanSixteenRays) {
   const Errors errors = errors_under(0.06f, 16, 22);
   EXPECT_GT(errors.partial, 300);
-  EXPECT_LE(errors.leaves, errors.rays);
-  EXPECT_LE(std::abs(errors.bias) / errors.receivers, 0.003);
+  EXPECT_LE(errors.strata, errors.rays);
+  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, 0.003);
 }
 
-TEST(Leaves, AreTheSameOnEveryInstructionSet) {
+TEST(Strata, AreTheSameOnEveryInstructionSet) {
   TestRandom random(23);
   for (const TriangleMesh& mesh : solid_meshes()) {
     ConeScene s = lit_scene(mesh, random, 0.1f);
     const LightTable lights = make_lights(s.maker.scene);
-    const ReceiverBatch receivers = shadowed_receivers(s, world_ball(s), 333, random);
-    const Leaves scalar = ask_leaves(s, lights, receivers, k_sixteen, Isa::scalar);
-    EXPECT_GT(scalar.receivers.size(), 50u);
+    const ShadingPointBatch shading_points = shadowed_shading_points(s, world_ball(s), 333, random);
+    const Strata scalar = query_strata(s, lights, shading_points, k_sixteen, Isa::scalar);
+    EXPECT_GT(scalar.shading_points.size(), 50u);
     for (const Isa isa : supported_isas()) {
-      const Leaves other = ask_leaves(s, lights, receivers, k_sixteen, isa);
-      EXPECT_EQ(scalar.receivers, other.receivers) << isa_name(isa);
+      const Strata other = query_strata(s, lights, shading_points, k_sixteen, isa);
+      EXPECT_EQ(scalar.shading_points, other.shading_points) << isa_name(isa);
       EXPECT_EQ(scalar.refused, other.refused) << isa_name(isa);
       for (size_t i = 0; i < scalar.batch.rays.size; ++i) {
         ASSERT_EQ(scalar.batch.clear[i], other.batch.clear[i]) << isa_name(isa) << " " << i;
@@ -150,52 +150,52 @@ TEST(Leaves, AreTheSameOnEveryInstructionSet) {
 }
 
 // A light of which the disc at the blocker is a fraction of a texel: only whole answers, or none.
-TEST(Leaves, OfTinyLightsAreRefused) {
+TEST(Strata, OfTinyLightsAreRefused) {
   TestRandom random(24);
   ConeScene s = lit_scene(make_knot({.along = 256, .around = 24}), random, 1e-4f);
-  const Leaves leaves = ask_leaves(s, make_lights(s.maker.scene), shadowed_receivers(s, world_ball(s), 500, random),
-                                   k_sixteen, Isa::automatic);
-  for (size_t r = 0; r < leaves.receivers.size(); ++r) {
-    if (leaves.refused[r]) continue;
-    const double share = mean_of(leaves, r, k_sixteen.count);
+  const Strata strata = query_strata(s, make_lights(s.maker.scene),
+                                     shadowed_shading_points(s, world_ball(s), 500, random), k_sixteen, Isa::automatic);
+  for (size_t r = 0; r < strata.shading_points.size(); ++r) {
+    if (strata.refused[r]) continue;
+    const double share = mean_of(strata, r, k_sixteen.count);
     EXPECT_TRUE(share == 0.0 || share == 1.0) << share;
   }
 }
 
-// Lights around the receiver, within the object, or behind it, and objects around both: shares stay shares, and what is
-// not refused is about right.
-TEST(Leaves, LeaveWhatTheyCannotJudge) {
+// Lights around the shading point, within the object, or behind it, and objects around both: shares stay shares, and
+// what is not refused is about right.
+TEST(Strata, LeaveWhatTheyCannotJudge) {
   TestRandom random(25);
   double wrong = 0.0;
-  int receivers = 0;
+  int shading_points = 0;
   for (int i = 0; i < 200; ++i) {
     const ConeScene s = tangled_scene(random);
-    const ReceiverBatch batch = tangled_receivers(s, 160, random);
+    const ShadingPointBatch batch = tangled_shading_points(s, 160, random);
     const LightTable lights = make_lights(s.maker.scene);
-    const Leaves leaves = ask_leaves(s, lights, batch, k_sixteen, Isa::automatic);
-    const std::vector<double> truth = exact_shares(s, lights, leaves.chosen, 256);
-    for (size_t i_leaf = 0; i_leaf < leaves.batch.rays.size; ++i_leaf) {
-      ASSERT_GE(leaves.batch.clear[i_leaf], 0.0f);
-      ASSERT_LE(leaves.batch.clear[i_leaf], 1.0f);
+    const Strata strata = query_strata(s, lights, batch, k_sixteen, Isa::automatic);
+    const std::vector<double> truth = exact_shares(s, lights, strata.chosen, 256);
+    for (size_t i_stratum = 0; i_stratum < strata.batch.rays.size; ++i_stratum) {
+      ASSERT_GE(strata.batch.clear[i_stratum], 0.0f);
+      ASSERT_LE(strata.batch.clear[i_stratum], 1.0f);
     }
-    for (size_t r = 0; r < leaves.receivers.size(); ++r) {
-      if (leaves.refused[r]) continue;
-      const ShadowBatch& b = leaves.batch;
-      // Where the receiver's horizon cuts the light, leaves and samples do not stand for the same parts.
+    for (size_t r = 0; r < strata.shading_points.size(); ++r) {
+      if (strata.refused[r]) continue;
+      const ShadowBatch& b = strata.batch;
+      // Where the shading point's horizon cuts the light, leaves and samples do not stand for the same parts.
       bool whole = true;
       for (size_t k = r * 16; k < r * 16 + 16; ++k) whole = whole && b.rays.tmax[k] >= 0.0f;
       if (!whole) continue;
-      wrong += std::abs(mean_of(leaves, r, 16) - truth[r]);
-      ++receivers;
+      wrong += std::abs(mean_of(strata, r, 16) - truth[r]);
+      ++shading_points;
     }
   }
-  EXPECT_GT(receivers, 100);
-  EXPECT_LE(wrong / receivers, 0.02);
+  EXPECT_GT(shading_points, 100);
+  EXPECT_LE(wrong / shading_points, 0.02);
 }
 
-TEST(Leaves, GridsAreAboutAsWideAsHighAndNeverOfMoreCellsThanSamples) {
+TEST(Strata, GridsAreAboutAsWideAsHighAndNeverOfMoreCellsThanSamples) {
   for (int m = 1; m < 3000; ++m) {
-    const LightSampleRange grid = leaf_grid(m);
+    const LightSampleRange grid = stratum_grid(m);
     ASSERT_GE(grid.total, 1);
     ASSERT_LE(grid.total, m);
     ASSERT_EQ(grid.total % grid.columns, 0);
@@ -203,13 +203,13 @@ TEST(Leaves, GridsAreAboutAsWideAsHighAndNeverOfMoreCellsThanSamples) {
     ASSERT_LE(grid.columns, rows);
     ASSERT_LE(rows, grid.columns + 2);
   }
-  EXPECT_EQ(leaf_grid(64).total, 20);
-  EXPECT_EQ(leaf_grid(1024).total, 256);
+  EXPECT_EQ(stratum_grid(64).total, 20);
+  EXPECT_EQ(stratum_grid(1024).total, 256);
 }
 
 // A sheared rectangle is sampled by area: the samples of a grid are the centres of its cells, whatever the seed, moved
 // out for a lattice.
-TEST(Leaves, OfAParallelogramAreTheCentresOfAGrid) {
+TEST(Strata, OfAParallelogramAreTheCentresOfAGrid) {
   SceneMaker maker;
   const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
   const Vec3 edge_x(1, 0, 0.5f), edge_y(0, 0, 2), centre(0, 5, 0);
@@ -218,21 +218,21 @@ TEST(Leaves, OfAParallelogramAreTheCentresOfAGrid) {
       Rgb(1.0f));
   const LightTable lights = make_lights(maker.scene);
   ASSERT_EQ(lights.lights[0].kind, LightKind::parallelogram);
-  ReceiverBatch receivers;
-  receivers.resize(7);
-  for (size_t r = 0; r < receivers.size; ++r) {
-    set_receiver(receivers, r, Vec3(0.3f * float(r), 0, 0), Vec3(0, 1, 0), k_none);
-    receivers.seed[r] = uint32_t(r) * 77u;
-    receivers.sample[r] = uint32_t(r);
+  ShadingPointBatch shading_points;
+  shading_points.resize(7);
+  for (size_t r = 0; r < shading_points.size; ++r) {
+    set_shading_point(shading_points, r, Vec3(0.3f * float(r), 0, 0), Vec3(0, 1, 0), k_none);
+    shading_points.seed[r] = uint32_t(r) * 77u;
+    shading_points.sample[r] = uint32_t(r);
   }
   for (const Isa isa : supported_isas()) {
     // Whole vectors, and counts that fill none.
     for (const LightSampleRange& range :
          {LightSampleRange{64, 0, 64, 8}, LightSampleRange{12, 0, 12, 3}, LightSampleRange{16, 0, 16, 4, 1.25f}}) {
       ShadowBatch batch;
-      sample_light(lights, 0, receivers, range, isa, batch);
+      sample_light(lights, 0, shading_points, range, isa, batch);
       const int columns = range.columns, rows = range.total / columns;
-      for (size_t i = 0; i < receivers.size * size_t(range.count); ++i) {
+      for (size_t i = 0; i < shading_points.size * size_t(range.count); ++i) {
         const int k = int(i) % range.total;
         const float x = range.stretch * (float(2 * (k % columns) + 1) / float(columns) - 1.0f);
         const float y = range.stretch * (float(2 * (k / columns) + 1) / float(rows) - 1.0f);
@@ -260,19 +260,19 @@ LightTable lights_above(std::initializer_list<ShapeKind> shapes, bool adds_shear
 }
 
 // The outer points of a lattice lie along the rim of a ball or disk, evenly.
-TEST(Leaves, LatticesRunAlongTheRimsOfRoundLights) {
+TEST(Strata, LatticesRunAlongTheRimsOfRoundLights) {
   constexpr int k_side = 4;
   constexpr float k_extent = 0.98f;
   const LightTable lights = lights_above({ShapeKind::disk});
-  ReceiverBatch receivers;
-  receivers.resize(1);
-  set_receiver(receivers, 0, Vec3(0, 0, 0), Vec3(0, 0, 1), k_none);
+  ShadingPointBatch shading_points;
+  shading_points.resize(1);
+  set_shading_point(shading_points, 0, Vec3(0, 0, 0), Vec3(0, 0, 1), k_none);
   for (const uint32_t light : {0u, 1u}) {
     // Sine of the half angle of the ball, tangent of the disk's.
     const bool is_ball = light == 0;
     for (const Isa isa : supported_isas()) {
       ShadowBatch batch;
-      sample_light(lights, light, receivers, {16, 0, 16, k_side, k_extent * k_side / (k_side - 1)}, isa, batch);
+      sample_light(lights, light, shading_points, {16, 0, 16, k_side, k_extent * k_side / (k_side - 1)}, isa, batch);
       std::vector<float> turns;
       for (size_t i = 0; i < 16; ++i) {
         ASSERT_GE(batch.rays.tmax[i], 0.0f) << i;
@@ -288,28 +288,28 @@ TEST(Leaves, LatticesRunAlongTheRimsOfRoundLights) {
   }
 }
 
-// A receiver's own point is sampled as the same point of a grid is.
-TEST(Leaves, OwnPointsAreSampledAsThoseOfGrids) {
+// A shading point's own point is sampled as the same point of a grid is.
+TEST(Strata, OwnPointsAreSampledAsThoseOfGrids) {
   constexpr int k_side = 4;
   const LightTable lights = lights_above({ShapeKind::disk, ShapeKind::rectangle}, true);
   ASSERT_EQ(lights.lights[3].kind, LightKind::parallelogram);
   for (const size_t n : {size_t(1), size_t(16), size_t(37)}) {
     for (const uint8_t transmits : {uint8_t(0), uint8_t(1)}) {
-      ReceiverBatch receivers;
-      receivers.resize(n);
+      ShadingPointBatch shading_points;
+      shading_points.resize(n);
       for (size_t r = 0; r < n; ++r) {
-        set_receiver(receivers, r, Vec3(0.1f * float(r), 0, 0), Vec3(0, 0, 1), k_none);
-        receivers.sample[r] = uint32_t(r);
-        receivers.transmits[r] = r % 3 == 0 ? transmits : 0;
+        set_shading_point(shading_points, r, Vec3(0.1f * float(r), 0, 0), Vec3(0, 0, 1), k_none);
+        shading_points.sample[r] = uint32_t(r);
+        shading_points.transmits[r] = r % 3 == 0 ? transmits : 0;
       }
       for (uint32_t light = 0; light < lights.size(); ++light) {
         for (const Isa isa : supported_isas()) {
           ShadowBatch grid, own;
-          sample_light(lights, light, receivers, {k_side * k_side, 0, k_side * k_side, k_side}, isa, grid);
+          sample_light(lights, light, shading_points, {k_side * k_side, 0, k_side * k_side, k_side}, isa, grid);
           for (int k = 0; k < k_side * k_side; ++k) {
             const auto centre = [](int i) { return (float(2 * i) + 1.0f) / float(k_side) - 1.0f; };
             const AlignedVector<float> x(padded(n), centre(k % k_side)), y(padded(n), centre(k / k_side));
-            sample_light(lights, light, receivers, {1, 0, 1, 0, 1.0f, x.data(), y.data()}, isa, own);
+            sample_light(lights, light, shading_points, {1, 0, 1, 0, 1.0f, x.data(), y.data()}, isa, own);
             ASSERT_EQ(own.rays.size, n);
             ASSERT_GT(own.active, 0u);
             for (size_t r = 0; r < n; ++r) {

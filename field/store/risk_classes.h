@@ -2,7 +2,8 @@
 //
 // A cell whose lines disagree has class 2 ... k_worst_class by the share of the minority. Where all K lines agree, the
 // cells beside it in its slice are looked at too: a visibility cell has class 0 if they agree with it, else class 1; a
-// depth cell has class 0 if no line of theirs meets something well in front of its sheet (a miss: anything), else class
+// depth cell has class 0 if no line of theirs meets something well in front of its plane fit (a miss: anything), else
+// class
 // 2. The wrong shares behind the classes were measured on held-out lines: docs/decisions/003-certificates.md.
 // Thread-safety: pure functions.
 #pragma once
@@ -13,7 +14,7 @@
 
 namespace fieldtrace {
 
-// The error bound stored with a sheet is this multiple of the largest residual seen: at 2, 99.3 to 99.7 % of fresh
+// The error bound stored with a plane fit is this multiple of the largest residual seen: at 2, 99.3 to 99.7 % of fresh
 // lines lie within it (docs/decisions/003-certificates.md).
 inline constexpr float k_residual_factor = 2.0f;
 

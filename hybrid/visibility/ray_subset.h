@@ -10,14 +10,14 @@
 
 namespace fieldtrace {
 
-struct SomeRays {
+struct RaySubset {
   RayBatch rays;
   HitBatch hits;
 };
 
 // hits[i] becomes the nearest hit of rays[i] in the whole scene for each i of `which`; others stay as they are.
-inline void intersect_some(const Accel& accel, const RayBatch& rays, std::span<const uint32_t> which, HitBatch& hits,
-                           SomeRays& work) {
+inline void intersect_subset(const Accel& accel, const RayBatch& rays, std::span<const uint32_t> which, HitBatch& hits,
+                             RaySubset& work) {
   if (which.empty()) return;
   work.rays.resize(which.size());
   for (size_t j = 0; j < which.size(); ++j) work.rays.copy(j, rays, which[j]);

@@ -14,11 +14,12 @@ bool has_rim(LightKind kind) {
          kind == LightKind::parallelogram;
 }
 
-// A number in [1/4, 3/4) for each receiver: where a line or a cell is asked, so that what a lattice cannot tell differs
-// from pixel to pixel and shows as a little noise, not as steps.
-float drawn(const ReceiverBatch& receivers, uint32_t receiver, int number) {
+// A number in [1/4, 3/4) for each shading point: where a line or a cell is asked, so that what a lattice cannot tell
+// differs from pixel to pixel and shows as a little noise, not as steps.
+float drawn(const ShadingPointBatch& shading_points, uint32_t shading_point, int number) {
   using scalar::hash_uint;
-  const uint32_t hash = hash_uint(hash_uint(receivers.seed[receiver] + uint32_t(number)) + receivers.sample[receiver]);
+  const uint32_t hash = hash_uint(hash_uint(shading_points.seed[shading_point] + uint32_t(number)) +
+                                  shading_points.sample[shading_point]);
   return 0.25f + 0.5f * float(hash >> 8) * 0x1p-24f;
 }
 
@@ -27,7 +28,7 @@ constexpr float k_edge_margin = 0.2f;
 
 }  // namespace
 
-LightSampleRange trial_points(LightKind kind, int light_samples, bool is_wide) {
+LightSampleRange probe_rays(LightKind kind, int light_samples, bool is_wide) {
   const int rounded = int(std::lround(std::sqrt(2.0 * std::sqrt(double(light_samples)))));
   const int side = is_wide ? std::max(rounded, k_least_wide_lattice) : rounded, n = side * side;
   if (side < k_least_lattice || 5 * n > 3 * light_samples) return {0, 0, 0};
@@ -35,12 +36,12 @@ LightSampleRange trial_points(LightKind kind, int light_samples, bool is_wide) {
   return {n, 0, n, side, k_lattice_extent * float(side) / float(side - 1)};
 }
 
-void DirectLight::ask_trial_points(const Job& job, const LightSampleRange& points, Tried tried) {
+void DirectLight::query_probe_rays(const Job& job, const LightSampleRange& points, Probed tried) {
   if (points.count == 0) return;
   group_.clear();
   fields_before_.clear();
   std::erase_if(shadowed_, [&](uint32_t r) {
-    if (tried != Tried::all && is_wide(r) != (tried == Tried::wide)) return false;
+    if (tried != Probed::all && is_wide(r) != (tried == Probed::wide)) return false;
     const uint32_t fields = context_.answerer.fields_before(candidates_, places_, r);
     if (fields == 0) return false;
     group_.push_back(r);
@@ -65,7 +66,7 @@ void DirectLight::ask_trial_points(const Job& job, const LightSampleRange& point
     const bool agrees = blocked == 0 || blocked == active;
     // Of a light that sinks below the horizon too little is tried.
     const bool is_settled = agrees && 2 * active >= count;
-    // Free receivers' samples are counted as a whole.
+    // Free shading points' samples are counted as a whole.
     if (!is_settled || blocked != 0) job.stats.rays_shadow += active;
     if (is_settled) {
       (blocked == 0 ? free_ : dark_).push_back(group_[r]);
@@ -95,25 +96,26 @@ DirectLight::LightMean DirectLight::mean_by_corners(size_t begin, int side) cons
   return mean;
 }
 
-void DirectLight::count_extrapolated(const Job& job, uint32_t receiver, uint32_t fields, size_t asked, size_t exact) {
-  const uint64_t rest = uint64_t(std::max(job.light_samples - int(asked), 0));
+void DirectLight::count_extrapolated(const Job& job, uint32_t shading_point, uint32_t fields, size_t queried,
+                                     size_t exact) {
+  const uint64_t rest = uint64_t(std::max(job.light_samples - int(queried), 0));
   job.stats.samples_spared += rest;
   job.stats.samples_extrapolated += rest;
-  const uint64_t traced = rest * exact / asked;
-  context_.answerer.count_extrapolated(candidates_, fields, places_.instance[receiver], rest - traced, traced,
+  const uint64_t traced = rest * exact / queried;
+  context_.answerer.count_extrapolated(candidates_, fields, places_.instance[shading_point], rest - traced, traced,
                                        job.stats);
 }
 
 void DirectLight::clear_points() {
   owners_.clear();
-  askers_.clear();
+  queried_of_.clear();
   point_x_.clear();
   point_y_.clear();
 }
 
 void DirectLight::place_point(uint32_t owner, const SquarePoint& at) {
   owners_.push_back(owner);
-  askers_.push_back(edged_[owner].receiver);
+  queried_of_.push_back(edged_[owner].shading_point);
   point_x_.push_back(at.x * k_lattice_extent);
   point_y_.push_back(at.y * k_lattice_extent);
 }
@@ -121,12 +123,12 @@ void DirectLight::place_point(uint32_t owner, const SquarePoint& at) {
 void DirectLight::sample_points(const Job& job) {
   point_x_.resize(padded(owners_.size()));
   point_y_.resize(padded(owners_.size()));
-  select_receivers(places_, askers_, receivers_);
-  sample_light(context_.lights, job.light, receivers_, {1, 0, 1, 0, 1.0f, point_x_.data(), point_y_.data()},
+  select_shading_points(places_, queried_of_, shading_points_);
+  sample_light(context_.lights, job.light, shading_points_, {1, 0, 1, 0, 1.0f, point_x_.data(), point_y_.data()},
                context_.settings.isa, shadows_);
 }
 
-void DirectLight::ask_points(const Job& job) {
+void DirectLight::query_points(const Job& job) {
   if (owners_.empty()) return;
   sample_points(job);
   context_.answerer.answer(candidates_, LightSeen::in_part, shadows_, job.stats);
@@ -134,23 +136,23 @@ void DirectLight::ask_points(const Job& job) {
   for (size_t i = 0; i < owners_.size(); ++i) edged_[owners_[i]].exact += shadows_.exact[i];
 }
 
-void DirectLight::count_asked() {
-  for (const uint32_t owner : owners_) ++edged_[owner].asked;
+void DirectLight::count_queried() {
+  for (const uint32_t owner : owners_) ++edged_[owner].queried;
 }
 
-// Cells that are right about most rays may be wrong about one receiver's (docs/decisions/019-penumbrae.md).
-void DirectLight::ask_lattices_again(const Job& job, int side) {
+// Cells that are right about most rays may be wrong about one shading point's (docs/decisions/019-penumbrae.md).
+void DirectLight::query_lattices_again(const Job& job, int side) {
   const size_t count = size_t(side) * size_t(side);
   clear_points();
-  std::vector<size_t>& asked = found_;
-  asked.clear();
+  std::vector<size_t>& queried = found_;
+  queried.clear();
   for (size_t i = 0; i < lattices_.size(); ++i) {
     if (!(lattices_[i] & k_untraced)) continue;
     place_point(uint32_t(i / count), lattice_point(int(i % count), side));
-    asked.push_back(i);
+    queried.push_back(i);
   }
-  ask_points(job);
-  for (size_t i = 0; i < asked.size(); ++i) lattices_[asked[i]] = is_hidden(i);
+  query_points(job);
+  for (size_t i = 0; i < queried.size(); ++i) lattices_[queried[i]] = is_hidden(i);
 }
 
 // Two rules of integration differ by three times the error of the finer one where a light's weight varies smoothly.
@@ -168,29 +170,29 @@ void DirectLight::weigh_cells(const Job& job, int side) {
   if (owners_.empty()) return;
   sample_points(job);
   for (size_t i = 0; i < owners_.size(); ++i) edged_[owners_[i]].by_middles.add(shadows_, i, 1.0f / cells);
-  for (EdgedReceiver& e : edged_) {
+  for (EdgedShadingPoint& e : edged_) {
     const float difference = std::abs(e.by_corners.weight - e.by_middles.weight);
     e.is_followed = e.is_followed && difference <= k_most_uneven * e.by_middles.weight;
   }
 }
 
 // What passes between the points of a lattice shows at others, or so it is hoped.
-void DirectLight::ask_witnesses(const Job& job, int side) {
+void DirectLight::query_witnesses(const Job& job, int side) {
   const size_t count = size_t(side) * size_t(side);
   clear_points();
   std::vector<size_t>& corners = found_;  // of the cells that are asked about
   corners.clear();
   for (uint32_t e = 0; e < edged_.size(); ++e) {
     if (!edged_[e].is_followed) continue;
-    const uint32_t receiver = edged_[e].receiver;
+    const uint32_t shading_point = edged_[e].shading_point;
     for (const int corner : even_cells(lattice(e, count), side)) {
-      place_point(
-          e, point_in(corner, side, drawn(places_, receiver, 2 * corner), drawn(places_, receiver, 2 * corner + 1)));
+      place_point(e, point_in(corner, side, drawn(places_, shading_point, 2 * corner),
+                              drawn(places_, shading_point, 2 * corner + 1)));
       corners.push_back(e * count + size_t(corner));
     }
   }
-  ask_points(job);
-  count_asked();
+  query_points(job);
+  count_queried();
   for (size_t i = 0; i < corners.size(); ++i) {
     if (is_hidden(i) != (lattices_[corners[i]] != 0)) edged_[owners_[i]].is_followed = false;
   }
@@ -198,44 +200,44 @@ void DirectLight::ask_witnesses(const Job& job, int side) {
 
 void DirectLight::follow_edges(const Job& job, int side) {
   const size_t count = size_t(side) * size_t(side);
-  const int halvings = edge_halvings(side, job.light_samples);
-  ask_lattices_again(job, side);
+  const int bisection_steps = edge_bisection_steps(side, job.light_samples);
+  query_lattices_again(job, side);
   crossings_.clear();
   for (uint32_t e = 0; e < edged_.size(); ++e) {
     const size_t begin = crossings_.size();
-    const bool asks_rays = 2 * edged_[e].exact >= edged_[e].active;
-    if (!asks_rays || !find_crossings(lattice(e, count), side, e, crossings_)) continue;
+    const bool is_left_to_rays = 2 * edged_[e].exact >= edged_[e].active;
+    if (!is_left_to_rays || !find_crossings(lattice(e, count), side, e, crossings_)) continue;
     // Where all samples cost no more, they are more certain. A line more is crossed than cells are; those take two
     // witnesses, the others one.
     const size_t lines = crossings_.size() - begin, cells = size_t(side - 1) * size_t(side - 1);
-    const size_t points = lines * size_t(halvings) + cells + lines - 1;
+    const size_t points = lines * size_t(bisection_steps) + cells + lines - 1;
     edged_[e].is_followed = points < size_t(job.light_samples);
   }
   weigh_cells(job, side);
-  ask_witnesses(job, side);
+  query_witnesses(job, side);
   std::erase_if(crossings_, [this](const EdgeCrossing& c) { return !edged_[c.owner].is_followed; });
-  narrow_crossings(job, side, halvings);
+  narrow_crossings(job, side, bisection_steps);
   measure_edges(side);
-  ask_beside_edges(job, side, halvings);
+  query_beside_edges(job, side, bisection_steps);
   add_edged(job, side);
-  for (const EdgedReceiver& e : edged_) {
-    if (!e.is_followed) penumbrae_.push_back(e.receiver);
+  for (const EdgedShadingPoint& e : edged_) {
+    if (!e.is_followed) penumbrae_.push_back(e.shading_point);
   }
 }
 
-void DirectLight::narrow_crossings(const Job& job, int side, int halvings) {
+void DirectLight::narrow_crossings(const Job& job, int side, int bisection_steps) {
   std::vector<float>& places = places_on_;
   places.resize(crossings_.size());
-  for (int i = 0; i < halvings; ++i) {
+  for (int i = 0; i < bisection_steps; ++i) {
     clear_points();
     for (size_t k = 0; k < crossings_.size(); ++k) {
       const EdgeCrossing& c = crossings_[k];
       const int line = 2 * c.point + (c.down ? 1 : 0);
-      places[k] = i == 0 ? drawn(places_, edged_[c.owner].receiver, line) : c.middle();
+      places[k] = i == 0 ? drawn(places_, edged_[c.owner].shading_point, line) : c.middle();
       place_point(c.owner, point_on(c, side, places[k]));
     }
-    ask_points(job);
-    count_asked();
+    query_points(job);
+    count_queried();
     for (size_t k = 0; k < crossings_.size(); ++k) crossings_[k].narrow(places[k], is_hidden(k));
   }
 }
@@ -252,9 +254,9 @@ void DirectLight::measure_edges(int side) {
 }
 
 // Edges with a corner, and second edges through the same cells, lie elsewhere than the straight pieces say.
-void DirectLight::ask_beside_edges(const Job& job, int side, int halvings) {
+void DirectLight::query_beside_edges(const Job& job, int side, int bisection_steps) {
   const size_t cells = size_t(side - 1) * size_t(side - 1);
-  const float away = k_edge_margin + 0.75f * std::ldexp(1.0f, -halvings);  // crossings are known to so much
+  const float away = k_edge_margin + 0.75f * std::ldexp(1.0f, -bisection_steps);  // crossings are known to so much
   clear_points();
   std::vector<size_t>& expected = found_;  // 1: hidden
   expected.clear();
@@ -272,8 +274,8 @@ void DirectLight::ask_beside_edges(const Job& job, int side, int halvings) {
       }
     }
   }
-  ask_points(job);
-  count_asked();
+  query_points(job);
+  count_queried();
   for (size_t i = 0; i < expected.size(); ++i) {
     if (is_hidden(i) != (expected[i] != 0)) edged_[owners_[i]].is_followed = false;
   }
@@ -293,16 +295,16 @@ void DirectLight::add_edged(const Job& job, int side) {
   for (size_t i = 0; i < owners_.size(); ++i) shadows_.clear[i] = cells_seen_[owners_[i] * cells + i % cells].share;
   const LightEstimate light = estimate_of(job, int(cells));
   for (size_t begin = 0; begin < owners_.size(); begin += cells) {
-    const EdgedReceiver& e = edged_[owners_[begin]];
-    const PathVertex& v = vertex_of(job, e.receiver);
+    const EdgedShadingPoint& e = edged_[owners_[begin]];
+    const PathVertex& v = vertex_of(job, e.shading_point);
     const auto by_simpson = [&](float LightMean::*value) {
       return (2.0f * e.by_middles.*value + e.by_corners.*value) / 3.0f;
     };
     // A horizon is no smooth change.
     const float scale = e.active == points ? by_simpson(&LightMean::weight) / e.by_middles.weight : 1.0f;
-    job.arriving[lit_[places_part_.begin + e.receiver]] +=
+    job.arriving[lit_[places_part_.begin + e.shading_point]] +=
         reflected_light(shadows_, begin, int(cells), light, v) * scale;
-    count_extrapolated(job, e.receiver, e.fields, e.asked, e.exact);
+    count_extrapolated(job, e.shading_point, e.fields, e.queried, e.exact);
     if (job.firsts.empty()) continue;
     float seen = 0.0f;
     for (size_t i = begin; i < begin + cells; ++i) seen += shadows_.clear[i] / float(cells);

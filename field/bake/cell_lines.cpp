@@ -1,4 +1,4 @@
-#include "field/bake/lines.h"
+#include "field/bake/cell_lines.h"
 
 #include <algorithm>
 

@@ -18,15 +18,15 @@ namespace fieldtrace {
 enum class FieldVerdict {
   clear,    // nothing of the object lies on the segment (or it does not meet the ball)
   blocked,  // something does; of a nearest query: a hit
-  ask       // the field cannot tell: trace a ray. Also if the pool of bricks is full.
+  query     // the field cannot tell: trace a ray. Also if the pool of bricks is full.
 };
 
 struct FieldHit {
-  FieldVerdict verdict = FieldVerdict::ask;
+  FieldVerdict verdict = FieldVerdict::undecided;
   // Of a hit only:
   float t = 0.0f;               // in units of the ray's direction
   float t_error = 0.0f;         // bound on the error of t
-  Vec3 normal = Vec3(0.0f);     // of the sheet, unit, on the side that the ray comes from
+  Vec3 normal = Vec3(0.0f);     // of the plane fit, unit, on the side that the ray comes from
   uint32_t primitive = k_none;  // a triangle near the hit: the one that the cell's centre line meets, if any
 };
 
@@ -36,17 +36,17 @@ struct UnitTransform {
   float m[12];
 };
 
-class FieldProbe {
+class SingleRayQuery {
  public:
   // `shape` is the field's object in `accel`; both must outlive the probe.
-  FieldProbe(Field& field, const Accel& accel, uint32_t shape);
+  SingleRayQuery(Field& field, const Accel& accel, uint32_t shape);
 
   // Whether the object meets o + t d, t in [0, t_max]; d need not be unit, t_max may be infinite. `own`: o lies on the
   // object's surface (up to rounding) and d points away from it.
-  FieldVerdict occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool own);
+  FieldVerdict occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool self);
 
   // The object's nearest point on o + t d, t in [t_min, t_max].
-  FieldHit nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max, bool own);
+  FieldHit nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max, bool self);
 
   const BakeCounters& counters() const { return counters_; }
   uint64_t lookups() const { return lookups_; }

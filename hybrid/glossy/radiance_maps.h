@@ -1,4 +1,4 @@
-// Pictures of one instance's radiance, along each direction of a coarse octahedral map: coverage tiles
+// Prefiltered radiance maps of one instance, along each direction of a coarse octahedral map: coverage tiles
 // (field/store/coverage.h) whose lines carry what the surface sends along them. Tiles are baked by demand, from
 // radiance that is shaded once (hybrid/glossy/surface_radiance.h), so that most lines cost a ray and no shadows.
 //
@@ -14,11 +14,11 @@
 
 namespace fieldtrace {
 
-class RadiancePictures {
+class RadianceMaps {
  public:
   // Direction cells along each side of the map: lobes are wide beside them.
   static constexpr int k_directions = 32;
-  // Lines along each side of a picture, 2 N, where so many glossy rays or more share the pictures; N / 2 else. Finer
+  // Lines along each side of a picture, 2 N, where so many glossy rays or more share the maps; N / 2 else. Finer
   // ones leave fewer rays to be traced, and cost four times as much to bake.
   static constexpr int k_plane = 64;
   static constexpr uint64_t k_many_rays = uint64_t(1) << 25;
@@ -26,12 +26,12 @@ class RadiancePictures {
   // `shading` must outlive this: SurfaceRadiance.
   // Surface patches that the constructor will make.
   static uint64_t count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays);
-  RadiancePictures(const TransportContext& shading, uint32_t instance, uint64_t most_rays);
+  RadianceMaps(const TransportContext& shading, uint32_t instance, uint64_t most_rays);
 
   uint32_t instance() const { return radiance_.instance(); }
   const SurfaceRadiance& radiance() const { return radiance_; }
   const CoverageTiles& tiles() const { return tiles_; }
-  // The object, its pictures as a field of coverage alone.
+  // The object, its maps as a field of coverage alone.
   const ConeTask& task() const { return task_; }
 
   // As bake_coverage(); the surface that the lines meet is shaded, which is counted in `stats` with the bake.

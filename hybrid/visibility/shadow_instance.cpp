@@ -1,11 +1,11 @@
-#include "hybrid/visibility/occluder.h"
+#include "hybrid/visibility/shadow_instance.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 
 #include "field/query/cone.hd.h"
-#include "field/store/risk.h"
+#include "field/store/risk_classes.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
@@ -43,25 +43,25 @@ float stretch_bound(const float m[12]) {
 
 }  // namespace
 
-Occluder make_occluder(const Scene& scene, uint32_t index, const ShapeTraits& traits, Field* field,
-                       const ThesisField* thesis, const AnswererSettings& settings) {
+ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const ShapeTraits& traits, Field* field,
+                                    const ThesisField* thesis, const AnswererSettings& settings) {
   const Instance& instance = scene.instances[index];
   const Shape& shape = scene.shapes[instance.shape];
   const Sphere ball = field_ball(shape.bounds);
-  Occluder o;
+  ShadowInstance o;
   o.field = field;
   o.in_ball = traits.wants_field;
   o.cone.segment.instance = o.box.instance = index;
-  o.cone.segment.policy = query_policy(settings.force_ask ? 0.0f : settings.tolerance);
-  // Receivers on an object are answered by depth cells alone.
-  o.cone.segment.reads_depth = settings.own_to_rays.empty() || !settings.own_to_rays[instance.shape];
+  o.cone.segment.policy = query_policy(settings.force_undecided ? 0.0f : settings.tolerance);
+  // Shading points on an object are answered by depth cells alone.
+  o.cone.segment.reads_depth = settings.self_to_rays.empty() || !settings.self_to_rays[instance.shape];
   if (field) o.cone.segment.field = field->view();
   if (thesis) o.thesis = thesis_instance_view(*thesis, instance, index);
   write_unit_transform(instance, ball, o.cone.segment.to_unit);
   o.cone.segment.to_unit_stretch = stretch_bound(o.cone.segment.to_unit);
   for (int e = 0; e < 9; ++e) o.cone.from_unit[e] = instance.to_world[e / 3][e % 3] * ball.radius;
   for (int a = 0; a < 3; ++a) o.cone.half_extent[a] = 0.5f * shape.bounds.diagonal()[a] / ball.radius;
-  o.answers_cones = field && settings.whole_lights && settings.tolerance > 0.0f && !settings.force_ask;
+  o.answers_cones = field && settings.whole_lights && settings.tolerance > 0.0f && !settings.force_undecided;
   o.cone.chord_share = settings.tolerance < k_estimating_tolerance ? 1.0f : scalar::k_chord_share;
   std::memcpy(o.box.to_object, &instance.to_object, sizeof o.box.to_object);
   o.box.to_object_stretch = stretch_bound(o.box.to_object);
@@ -72,7 +72,7 @@ Occluder make_occluder(const Scene& scene, uint32_t index, const ShapeTraits& tr
     o.box.lower[axis] = shape.bounds.lower[axis] - slack;
     o.box.upper[axis] = shape.bounds.upper[axis] + slack;
   }
-  o.box.skip_own = traits.is_flat;
+  o.box.skip_self = traits.is_flat;
   return o;
 }
 

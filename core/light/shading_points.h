@@ -1,6 +1,6 @@
 // Shading points that ask for light, and the shadow rays that they send: one batch per group of points and light.
 //
-// Memory layout: structures of arrays, padded like RayBatch; ray slot r * light_samples + k belongs to receiver r.
+// Memory layout: structures of arrays, padded like RayBatch; ray slot r * light_samples + k belongs to shading point r.
 // Thread-safety: values.
 #pragma once
 
@@ -9,7 +9,7 @@
 namespace fieldtrace {
 
 // World space. The geometric normal g and shading normal s are unit and lie on the side of the arriving ray.
-struct ReceiverBatch {
+struct ShadingPointBatch {
   size_t size = 0;
   AlignedVector<float> px, py, pz;
   AlignedVector<float> gx, gy, gz;
@@ -40,7 +40,7 @@ struct ShadowBatch {
                                           // and directional emitters |cos| times the geometric fall-off
   AlignedVector<float> pdf;               // solid-angle density, for multiple importance sampling; 0 for delta emitters
   AlignedVector<float> red, green, blue;  // environments only: the map's radiance there, to multiply Light::value
-  AlignedVector<uint32_t> instance;       // of the receiver, per slot
+  AlignedVector<uint32_t> instance;       // of the shading point, per slot
   AlignedVector<uint8_t> blocked;         // the answer: 1 if something lies between
   AlignedVector<uint8_t> exact;           // with the answer: 1 if an exact ray gave it
   bool in_shares = false;                 // the answer is `clear` instead of `blocked`

@@ -22,6 +22,6 @@ struct PlacedIndex {
 
 // Orders `points` so that every half of more than `smallest` points, made by middle_of, is cut as said above. The
 // same points give the same sets in the halves, whatever their order before.
-void order_by_halves(std::span<PlacedIndex> points, size_t smallest);
+void order_by_median_splits(std::span<PlacedIndex> points, size_t smallest);
 
 }  // namespace fieldtrace

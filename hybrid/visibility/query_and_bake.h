@@ -13,7 +13,7 @@ namespace fieldtrace {
 
 // How many rounds of baking one batch can need: the line's cell, the anchored cell, the re-anchored one, and the last
 // two again from the other end of the segment; nearest hits also the primitive's. Cones and lobes need fewer: tiles,
-// and two for sheets or discs.
+// and two for plane fits or discs.
 inline constexpr int k_most_bake_rounds = 6;
 
 inline void sort_unique(std::vector<uint32_t>& list) {
@@ -25,8 +25,8 @@ inline void sort_unique(std::vector<uint32_t>& list) {
 // unknowns.blocks, after bake() has baked what it reported beside them (unknowns.lists(), sorted, once each). Ends when
 // nothing is unknown, or with the round in which bake() returned false. Blocks still unknown then stay in
 // unknowns.blocks. Unknowns: ConeUnknowns or HitUnknowns.
-template <class Unknowns, class Ask, class Bake>
-void ask_and_bake(size_t size, Unknowns& unknowns, const Ask& ask, const Bake& bake) {
+template <class Unknowns, class Query, class Bake>
+void query_and_bake(size_t size, Unknowns& unknowns, const Query& query, const Bake& bake) {
   for (std::vector<uint32_t>* list : unknowns.lists()) list->clear();
   unknowns.blocks.clear();
   for (size_t i = 0; i < size; i += k_batch_padding) unknowns.blocks.push_back(uint32_t(i));
@@ -35,7 +35,7 @@ void ask_and_bake(size_t size, Unknowns& unknowns, const Ask& ask, const Bake& b
   for (int round = 0; !unknowns.blocks.empty() && goes_on && round <= k_most_bake_rounds; ++round) {
     blocks.swap(unknowns.blocks);
     unknowns.blocks.clear();
-    ask(blocks);
+    query(blocks);
     if (unknowns.blocks.empty()) break;
     for (std::vector<uint32_t>* list : unknowns.lists()) sort_unique(*list);
     goes_on = bake();

@@ -12,7 +12,7 @@ namespace fieldtrace {
 
 struct AnswererSettings;
 
-struct Occluder {
+struct ShadowInstance {
   bool in_ball = false;        // culled by the field's ball, else by the bounding box
   bool answers_cones = false;  // of whole lights
   Field* field = nullptr;      // answers within the ball; null: exact rays
@@ -23,8 +23,8 @@ struct Occluder {
 };
 
 // `traits` are those of the instance's shape. `field` is its field, or null; `thesis` likewise.
-Occluder make_occluder(const Scene& scene, uint32_t instance, const ShapeTraits& traits, Field* field,
-                       const ThesisField* thesis, const AnswererSettings& settings);
+ShadowInstance make_shadow_instance(const Scene& scene, uint32_t instance, const ShapeTraits& traits, Field* field,
+                                    const ThesisField* thesis, const AnswererSettings& settings);
 
 // The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), from the nearest point of the
 // object's ball; infinity for lights too near or too wide for whole answers.

@@ -1,0 +1,205 @@
+// A small part of a light as seen from a point ("stratum"): the share of its rays that an object leaves clear, filtered
+// from the coverage maps. Many strata make up a light, so that no rays are needed where a light is partly
+// hidden.
+//
+// All rays of a stratum lie in a thin tube about its centre ray. Seen along the direction c of the ray's direction
+// cell, at the depth of whatever hides it, the tube is a disc: its share of lines that hit is the share of the stratum
+// that is hidden. The depth comes from the picture itself: the mean depth of all that the tube can meet, then that of
+// what lies in the disc laid there; the disc is laid once more, and its area summed to fractions of texels.
+// (Percentage-closer soft shadows, Fernando, SIGGRAPH 2005 sketches, seek the blocker's depth alike, from one picture
+// for a whole light.) Strata that the maps do not resolve are refused: discs smaller than about a texel, blockers whose
+// depth does not settle, several layers of blockers, features as thin as the texels.
+//
+// Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
+
+#if defined(FIELDTRACE_FIELD_QUERY_STRATUM_HD_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef FIELDTRACE_FIELD_QUERY_STRATUM_HD_H_
+#undef FIELDTRACE_FIELD_QUERY_STRATUM_HD_H_
+#else
+#define FIELDTRACE_FIELD_QUERY_STRATUM_HD_H_
+#endif
+
+#include "field/query/cone.hd.h"
+
+FT_LANES_BEGIN
+
+// One stratum: its centre ray, of unit direction, and the half width of its tube for each unit of distance from p.
+template <class F>
+struct LightStratum {
+  Vec3Lanes<F> p, direction;
+  F width;
+};
+
+template <class F>
+struct StratumAnswer {
+  F clear;  // share of the stratum, [0, 1]
+  Mask_t<F> unknown, refused;
+  Int_t<F> lookups;
+};
+
+// Depths settle: laid at the last depth found, the disc would move by less than this share of its half width.
+constexpr float k_most_disc_drift = 0.5f;
+// Between the depths that a disc holds (means of its halves: depth_difference()) the stratum's rays part from the
+// map's lines by no more than these shares of its half width, where it is filled in part, or wholly. Further apart,
+// one surface may hide another from the lines where the rays pass between the two.
+constexpr float k_most_apart = 1.0f;
+constexpr float k_most_apart_filled = 0.5f;
+// Tiles of more thin-feature ratio than this (field/store/coverage.hd.h) need discs of the second half width, in
+// texels.
+constexpr float k_most_thin_features = 0.15f;
+constexpr float k_coarse_disc = 4.0f;
+
+// Which picture of an object is read along a ray: as the ray's end sees it, or as its origin does. They differ in which
+// surface a line meets first, and so in depth, not in what lines meet.
+enum class SeenFrom { end, origin };
+
+// A stratum's tube in the picture of its direction cell, and all that it can meet there.
+template <class F>
+struct StratumTube {
+  ConeSpan<F> span;
+  CoverageMap<F> map;
+  F cosine, slope;  // of the angle between the stratum's ray and the cell's direction; its sine
+  float sign;       // of the cosine
+  F middle_depth;   // of the span's middle
+  MapSquare<F> square;
+  CoverageSum<F> sum;
+
+  // Distance from p at which the centre ray reaches the mean of `depths` of `count` lines.
+  FT_HD_INLINE F reach_of(F depths, F count) const {
+    const F depth = splat<F>(k_coverage_depth_step) * (depths / max(count, splat<F>(1e-6f))) - splat<F>(1.0f);
+    const F along = (depth - middle_depth) * splat<F>(sign);
+    const F t = span.middle + along / max(cosine * splat<F>(sign), splat<F>(0.5f));
+    return min(max(t, span.middle - span.half), span.middle + span.half);
+  }
+};
+
+template <class F>
+FT_HD_INLINE ConeSpan<F> span_of_stratum(const LightStratum<F>& stratum) {
+  LightCone<F> tube;
+  tube.p = stratum.p;
+  tube.axis = stratum.direction;
+  tube.tangent = stratum.width;
+  return span_in_ball(tube);
+}
+
+template <class F, class TellMissing>
+FT_HD_INLINE StratumTube<F> tube_of_stratum(const FieldView& field, SeenFrom seen, const LightStratum<F>& stratum,
+                                            const ConeSpan<F>& span, Mask_t<F> queried,
+                                            const TellMissing& tell_missing) {
+  StratumTube<F> tube;
+  tube.span = span;
+  tube.sign = seen == SeenFrom::end ? 1.0f : -1.0f;
+  tube.map = map_along(field, stratum.direction * splat<F>(tube.sign));
+  const Vec3Lanes<F> middle = stratum.p + stratum.direction * span.middle;
+  tube.cosine = dot(stratum.direction, tube.map.frame.c);
+  const Vec3Lanes<F> across = stratum.direction - tube.map.frame.c * tube.cosine;
+  tube.slope = sqrt(dot(across, across));
+  tube.middle_depth = dot(middle, tube.map.frame.c);
+  const F radius = (span.middle + span.half) * stratum.width + span.half * tube.slope;
+  tube.square = square_about(tube.map, middle, radius);
+  tube.sum = sum_coverage<F>(field.coverage, tube.map.direction, tube.square.rect, queried, tell_missing);
+  return tube;
+}
+
+// The disc of a stratum where its tube meets something, laid twice, and what the picture holds there.
+template <class F>
+struct StratumDisc {
+  F t;                 // distance from p
+  F half_width, x, y;  // in texels
+  PlaneRect<F> rect;   // of the picture, [0, L]^2
+  Mask_t<F> read;      // it is not empty
+  CoverageArea<F> area;
+  Mask_t<F> unknown;
+  F drift;  // how far the disc would move if it were laid once more, in texels
+};
+
+template <class F, class TellMissing>
+FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratum<F>& stratum,
+                                       const StratumTube<F>& tube, Mask_t<F> open, const TellMissing& tell_missing) {
+  const F zero = splat<F>(0.0f), half = splat<F>(0.5f);
+  const CoverageMap<F>& map = tube.map;
+  const F scale = splat<F>(field.coverage.half_lines);
+  const auto disc_at = [&](F t) { return max(stratum.width * t * scale, half) / scale; };
+  const F first = tube.reach_of(to_float(tube.sum.depths), to_float(tube.sum.count));
+  const MapSquare<F> found = square_about(map, stratum.p + stratum.direction * first, disc_at(first));
+  const CoverageSum<F> near = sum_coverage<F>(field.coverage, map.direction, found.rect, open, tell_missing);
+  const Mask_t<F> hit = open & (near.count > splat_int<F>(0));
+  StratumDisc<F> disc;
+  disc.t = select(hit, tube.reach_of(to_float(near.depths), to_float(near.count)), first);
+  disc.half_width = disc_at(disc.t) * scale;
+  const Vec3Lanes<F> centre = stratum.p + stratum.direction * disc.t;
+  disc.x = map.texels(centre, map.frame.s);
+  disc.y = map.texels(centre, map.frame.t);
+  const F lines = scale + scale, w = disc.half_width;
+  const auto within = [&](F value) { return min(max(zero, value), lines); };
+  disc.rect = {within(disc.x - w), within(disc.x + w), within(disc.y - w), within(disc.y + w)};
+  disc.read = hit & (disc.rect.x0 < disc.rect.x1) & (disc.rect.y0 < disc.rect.y1);
+  disc.area = sum_coverage_area<F>(field.coverage, map.direction, disc.rect, disc.read, tell_missing);
+  disc.unknown = near.unknown | disc.area.unknown;
+  disc.drift = abs(tube.reach_of(disc.area.depths, disc.area.count) - disc.t) * tube.slope * scale;
+  return disc;
+}
+
+// How far the stratum's rays part from the map's lines between the depths that a disc holds, in half widths of it.
+template <class F>
+FT_HD_INLINE F depths_apart(const FieldView& field, const LightStratum<F>& stratum, const StratumTube<F>& tube,
+                            const StratumDisc<F>& disc, Mask_t<F> wanted) {
+  const CoverageView& view = field.coverage;
+  const TexelRect<F> rect = texels_about<F>(view, disc.rect);
+  const CoverageSum<F> all = sum_coverage<F>(view, tube.map.direction, rect, wanted, [](Int_t<F>, Mask_t<F>) {});
+  const F rise = depth_difference<F>(view, tube.map.direction, rect, all, wanted);
+  return rise * (tube.slope + stratum.width) * splat<F>(view.half_lines) / disc.half_width;
+}
+
+// The shading point has the object before it and lies outside the ball, or within it with the whole object before its
+// tangent plane. least_disc: half width in texels below which discs are not read. length: distance from p at which the
+// stratum's rays end.
+template <class F, class TellMissing>
+FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least_disc, const LightStratum<F>& stratum,
+                                             F length, Mask_t<F> wanted, const TellMissing& tell_missing) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  const ConeSpan<F> span = span_of_stratum(stratum);
+  StratumAnswer<F> answer;
+  answer.clear = one;
+  answer.unknown = and_not(wanted, wanted);
+  // A light that ends within the ball is no line's end.
+  answer.refused = wanted & (span.half > zero) & (span.middle + span.half > length);
+  const Mask_t<F> queried = and_not(answer.refused, wanted & (span.half > zero));
+  answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
+  if (!any(queried)) return answer;
+
+  const StratumTube<F> tube = tube_of_stratum<F>(field, SeenFrom::end, stratum, span, queried, tell_missing);
+  answer.unknown = tube.sum.unknown;
+  const TexelRect<F>& all = tube.square.rect;
+  const Int_t<F> texels = (all.x1 - all.x0) * (all.y1 - all.y0);
+  const Mask_t<F> blocked = queried & tube.square.whole & (tube.sum.count == texels);
+  answer.clear = select(blocked, zero, one);
+  const Mask_t<F> open = and_not(answer.unknown | blocked | (tube.sum.count == splat_int<F>(0)), queried);
+  if (!any(open)) return answer;
+
+  const StratumDisc<F> disc = place_disc<F>(field, stratum, tube, open, tell_missing);
+  answer.lookups = answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) +
+                   select(disc.read, splat_int<F>(1), splat_int<F>(0));
+  answer.unknown = answer.unknown | disc.unknown;
+  // Sums of floats: a few roundings beside 0 and 1.
+  const F hidden = disc.area.count / (splat<F>(4.0f) * disc.half_width * disc.half_width);
+  const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
+  answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
+
+  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc.half_width * splat<F>(k_most_disc_drift)));
+  const F apart = depths_apart<F>(field, stratum, tube, disc, some);
+  const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart));
+  const Mask_t<F> layered = some & (apart > most);
+  const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
+  const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
+  const F thin_features =
+      thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
+  const F least = select(thin_features > splat<F>(k_most_thin_features), splat<F>(k_coarse_disc), splat<F>(least_disc));
+  const Mask_t<F> small = open & (stratum.width * disc.t * scale < least);
+  answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered);
+  return answer;
+}
+
+FT_LANES_END
+
+#endif  // toggled guard
