@@ -19,7 +19,7 @@ namespace fieldtrace {
 inline constexpr int k_shadow_batch = 8192;
 
 // A part of a batch with too many objects about it is halved if its shading points send this many rays each to a light,
-// and the part more than that many: with fewer, searching costs more than is saved (docs/decisions/010-crowds.md).
+// and the part more than that many: with fewer, searching costs more than is saved (docs/decisions/010-overflow.md).
 inline constexpr int k_fewest_splitting_samples = 16;
 inline constexpr int k_smallest_part_rays = 512;
 
@@ -33,7 +33,7 @@ inline constexpr int k_least_lattice = 3;  // points along a side
 inline constexpr int k_least_wide_lattice = 4;
 // Degrees across from which lights are wide. Before an object of several layers more than one edge crosses them: their
 // parts are not filtered where there are probe rays, and coarse lattices are not believed
-// (docs/decisions/014-leaves.md).
+// (docs/decisions/014-strata.md).
 inline constexpr float k_coarse_light_degrees = 23.0f;
 // Just within the rim: on it, rounding could take points off the light.
 inline constexpr float k_lattice_extent = 1.0f - 0x1p-10f;
@@ -44,7 +44,7 @@ LightSampleRange stratum_grid(int light_samples);
 // With fewer samples single points of the light stand for strata: so few cells would show.
 inline constexpr int k_fewest_grid_samples = 9;
 inline constexpr int k_most_grid_strata = 256;
-// A stratum tells as much as this many rays or more (docs/decisions/014-leaves.md).
+// A stratum tells as much as this many rays or more (docs/decisions/014-strata.md).
 inline constexpr int k_samples_per_stratum = 3;
 // Lights are tried in this many strata first, if that is fewer by a third or more: most are found clear or hidden.
 inline constexpr int k_first_strata = 16;

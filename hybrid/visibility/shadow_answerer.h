@@ -47,7 +47,7 @@ struct AnswererSettings {
 };
 
 // Beyond this many candidates for one group, one traversal of the whole scene costs less than their tests
-// (docs/decisions/010-crowds.md).
+// (docs/decisions/010-overflow.md).
 inline constexpr size_t k_most_candidates = 16;
 
 // With fewer light samples a shading point, looking up its single rays costs no more than asking about the whole light.
@@ -57,7 +57,7 @@ inline constexpr int k_fewest_cone_samples = 4;
 inline constexpr int k_fewest_strata = 16;
 
 // Half width, in texels, of a light's disc at the blocker below which its strata are refused: contact shadows, which
-// single rays answer better (docs/decisions/014-leaves.md).
+// single rays answer better (docs/decisions/014-strata.md).
 inline constexpr float k_least_light_disc = 2.0f;
 
 // A wider light, in direction cells, is seen through so many cells that their mistakes do not gather.
@@ -128,7 +128,8 @@ class ShadowAnswerer {
   void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
 
   // Whether a group has too many candidates, and parts of it are worth a search of their own before they are traced
-  // against the whole scene: where fields could answer. Monte Carlo gains nothing by it (docs/decisions/010-crowds.md).
+  // against the whole scene: where fields could answer. Monte Carlo gains nothing by it
+  // (docs/decisions/010-overflow.md).
   bool gains_by_splitting(const ShadowGroup& group) const;
 
   // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both are 0 on entry, and stay 0 for

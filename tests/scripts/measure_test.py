@@ -3,6 +3,7 @@
 figures on numbers that are known. No timing is judged."""
 
 import argparse
+import gzip
 import json
 import math
 import pathlib
@@ -76,6 +77,31 @@ class Figures(unittest.TestCase):
         self.assertIn("not reached | **no**", lines[3])
         self.assertIn("failed", report.table([(ROWS[0], None, 1.0, "why")])[2])
 
+    def test_only_whole_runs_of_a_commit_are_published(self):
+        head = {"settings": {"quick": False}, "machine": {"commit": "abc", "commit_is_changed": False}}
+        good, failed = (ROWS[0], RowResult([]), 1.0, None), (ROWS[1], None, 1.0, "why")
+        self.assertIsNone(report.why_not_published(head, [good]))
+        self.assertIn(ROWS[1].name, report.why_not_published(head, [good, failed]))
+        changed = {"commit": "abc", "commit_is_changed": True}
+        self.assertIn("commit", report.why_not_published({**head, "machine": changed}, [good]))
+        self.assertIn("quick", report.why_not_published({**head, "settings": {"quick": True}}, [good]))
+
+    def test_published_is_what_was_written_last(self):
+        machine = {"cores": 1, "cpu": "c", "isa": "i", "memory_bytes": 0, "system": "s", "compiler": "g", "embree": "3",
+                   "commit": "abc", "commit_is_changed": False, "load_before": 0.0, "load_after": 0.0}
+        settings = {"quick": False, "repeats": 1, "peer_version": None, "peer_missing": "none"}
+        with tempfile.TemporaryDirectory() as folder:
+            folder = pathlib.Path(folder)
+            target = folder / "latest.json.gz"
+            for what in ("earlier", "later"):
+                head = {"date": "d", "command": "m", "version": "v", "machine": machine, "settings": settings}
+                report.write(folder, head, [(ROWS[0], RowResult([Figure(what, 1.0)]), 1.0, None)])
+                report.publish(folder, target)
+            rows = json.loads(gzip.decompress(target.read_bytes()))["rows"]
+            self.assertEqual([figure["what"] for figure in rows[0]["figures"]], ["later"])
+            self.assertEqual(sorted(path.name for path in folder.iterdir()),
+                             ["latest.json.gz", "measure.json.gz", "measure.md"])
+
     def test_rows_have_numbers_names_and_titles(self):
         self.assertEqual([row.number for row in ROWS], list(range(18)))
         self.assertEqual(len({row.name for row in ROWS}), 18)
@@ -91,9 +117,8 @@ class Command(unittest.TestCase):
             done = run("--quick", "--repeats", "2", "--resolution", "32", "--work", folder / "work", "--output", out,
                        "--rows", "ceiling,secondary-warm,baseline,cells")
             self.assertEqual(done.returncode, 0, done.stderr)
-            names = sorted(path.name for path in out.iterdir())
-            self.assertEqual([name.rsplit(".", 1)[1] for name in names], ["json", "md"], names)
-            result = json.loads((out / names[0]).read_text(encoding="utf-8"))
+            self.assertEqual(sorted(path.name for path in out.iterdir()), ["measure.json.gz", "measure.md"])
+            result = json.loads(gzip.decompress((out / "measure.json.gz").read_bytes()))
             rows = {row["name"]: row for row in result["rows"]}
             self.assertEqual(list(rows), ["ceiling", "secondary-warm", "baseline", "cells"])
             # No peer was named: its row is left out, and says so.
@@ -115,13 +140,14 @@ class Command(unittest.TestCase):
             free = rows["ceiling"]["figures"][0]["details"]["secondary"]
             self.assertLess(free["free"]["median"], free["monte_carlo"]["median"])
             self.assertTrue(result["machine"]["cpu"] and result["machine"]["isa"] and result["settings"]["quick"])
-            table = (out / names[1]).read_text(encoding="utf-8")
+            table = (out / "measure.md").read_text(encoding="utf-8")
             self.assertIn("| 3 secondary-warm | light of 4 degrees | at least 15 x |", table)
             self.assertIn("A quick run", table)
 
     def test_wrong_use(self):
         self.assertEqual(run("--rows", "nonsense").returncode, 2)
         self.assertEqual(run("--repeats", "0").returncode, 2)
+        self.assertEqual(run("--quick", "--publish").returncode, 2)
 
     def test_missing_program(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Measures what Fieldtrace is for: whole frames by both methods, beside Mitsuba where that is installed, and single
-look-ups. Writes one JSON file and one Markdown table with targets into the output folder.
+look-ups. Writes measure.json.gz and measure.md, a table with targets, into the output folder; --publish also replaces
+docs/benchmarks/latest-measure.json.gz, the one run that the repository keeps.
 
 Rows, targets and how each is measured: docs/benchmarks/README.md. Exit codes: 0 done (targets missed or not), 1 a row
-failed (the others are written), 2 wrong use.
+failed (the others are written) or nothing was published, 2 wrong use.
 """
 
 import argparse
@@ -22,6 +23,8 @@ from measuring.peer import Peer, find_peer
 from measuring.programs import BenchmarkError, Programs
 from measuring.rows import ROWS, choose
 
+ATTACHMENT = ROOT / "docs/benchmarks/latest-measure.json.gz"
+
 
 def parse(words):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -38,8 +41,12 @@ def parse(words):
                         help="meshes of the row `converged`")
     parser.add_argument("--work", type=pathlib.Path, default=ROOT / "build/measure",
                         help="folder for meshes, references and caches; references are kept between runs")
-    parser.add_argument("--output", type=pathlib.Path, default=ROOT / "docs/benchmarks", metavar="DIR")
+    parser.add_argument("--output", type=pathlib.Path, default=ROOT / "build/measure", metavar="DIR",
+                        help="folder for the two files")
+    parser.add_argument("--publish", action="store_true", help=f"replaces {ATTACHMENT.relative_to(ROOT)} as well")
     arguments = parser.parse_args(words)
+    if arguments.publish and arguments.quick:
+        parser.error("--publish: a quick run measures nothing; leave out --quick")
     try:
         arguments.rows = choose([w for w in arguments.rows.split(",") if w])
     except KeyError as e:
@@ -99,18 +106,24 @@ def main(words):
                          "tolerance": context.tolerance,
                          "peer_version": context.peer_version, "peer_missing": missing}}
     head["machine"]["isa"] = programs.render(context.shot("bunny_floor.xml", 16))["isa"]
-    name = now.strftime("%Y-%m-%d-%H%M-") + ("quick" if context.quick else "measure")
+    if arguments.publish and (reason := report.why_not_published(head, [])):
+        raise BenchmarkError(f"--publish: {reason}")
 
     def keep(results):
         """Both reports, as far as they go: a run that is interrupted leaves the rows that it finished."""
         head["machine"]["load_after"] = os.getloadavg()[0]
-        for ending, text in ((".json", report.as_json(head, results)), (".md", report.as_markdown(head, results))):
-            report.write_atomically(arguments.output / (name + ending), text)
+        report.write(arguments.output, head, results)
 
     results = measure(arguments.rows, context, keep)
     programs.drop_caches()
-    for ending in (".json", ".md"):
-        print(arguments.output / (name + ending))
+    for name in (report.JSON_NAME, report.TABLE_NAME):
+        print(arguments.output / name)
+    if arguments.publish:
+        if reason := report.why_not_published(head, results):
+            log(f"not published: {reason}")
+        else:
+            report.publish(arguments.output, ATTACHMENT)
+            print(ATTACHMENT)
     return 1 if any(error for *_, error in results) else 0
 
 

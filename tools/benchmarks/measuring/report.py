@@ -1,15 +1,41 @@
-"""The results as JSON and as a Markdown table. Files are written under a temporary name and renamed."""
+"""The results as compressed JSON and as a Markdown table. Files are written under a temporary name and renamed."""
 
 import dataclasses
+import gzip
 import json
 import math
 import os
 
+JSON_NAME, TABLE_NAME = "measure.json.gz", "measure.md"
 
-def write_atomically(path, text):
+
+def write_atomically(path, data):
     temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(text, encoding="utf-8")
+    temporary.write_bytes(data)
     os.replace(temporary, path)
+
+
+def write(folder, head, results):
+    """Both reports into `folder`, in place of those of the run before."""
+    # mtime=0: the same results make the same file.
+    compressed = gzip.compress(as_json(head, results).encode("utf-8"), mtime=0)
+    write_atomically(folder / JSON_NAME, compressed)
+    write_atomically(folder / TABLE_NAME, as_markdown(head, results).encode("utf-8"))
+
+
+def why_not_published(head, results):
+    """Why these results are not to be kept as the latest ones; None: nothing speaks against it."""
+    if head["settings"]["quick"]:
+        return "a quick run measures nothing"
+    if head["machine"]["commit"] is None or head["machine"]["commit_is_changed"]:
+        return "the figures would name no commit: commit the working tree's changes, build, and measure again"
+    failed = [row.name for row, _, _, error in results if error]
+    return f"failed: {', '.join(failed)}" if failed else None
+
+
+def publish(folder, target):
+    """Makes the JSON of `folder` the attachment `target`."""
+    write_atomically(target, (folder / JSON_NAME).read_bytes())
 
 
 def as_json(head, results):
@@ -99,8 +125,8 @@ def as_markdown(head, results):
              f"{m['system']}, {m['compiler']}, Embree {m['embree']}, {peer}; {head['version']}, commit {m['commit']}"
              f"{changed}. Load average {m['load_before']:.1f} before, {m['load_after']:.1f} after. "
              f"Medians of {s['repeats']} repeats, methods in turn.{quick}",
-             "", f"Command: `{head['command']}`. What the rows mean: [README](README.md).", ""]
+             "", f"Command: `{head['command']}`. What the rows mean: docs/benchmarks/README.md.", ""]
     lines += table(results)
     lines += ["", "## Details", "", "Seconds, medians with the least and the most of the repeats, unless the name says "
-              "otherwise. Everything, each repeat included, is in the JSON file of the same name."]
+              f"otherwise. Everything, each repeat included, is in {JSON_NAME}."]
     return "\n".join(lines + details(results)) + "\n"
