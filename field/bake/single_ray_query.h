@@ -18,7 +18,7 @@ namespace fieldtrace {
 enum class FieldVerdict {
   clear,    // nothing of the object lies on the segment (or it does not meet the ball)
   blocked,  // something does; of a nearest query: a hit
-  query     // the field cannot tell: trace a ray. Also if the pool of bricks is full.
+  undecided  // the field cannot tell: trace a ray. Also if the pool of bricks is full.
 };
 
 struct FieldHit {

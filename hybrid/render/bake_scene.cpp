@@ -14,6 +14,7 @@
 #include "field/file/field_file.h"
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
+#include "hybrid/visibility/shadow_answerer.h"
 #include "hybrid/visibility/shape_traits.h"
 
 namespace fieldtrace {

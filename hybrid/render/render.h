@@ -1,8 +1,9 @@
 // The renderer: one scene in, one picture and its statistics out, by Monte Carlo or by the hybrid method.
 //
-// The two methods share every line except how a batch of shadow rays is answered (hybrid/shadow_answer.h).
-// Determinism: for one scene, options and seed the picture is bit-identical for any thread count and
-// instruction set, with or without a field cache, and the same in every crop window (scenes of more than
+// The two methods differ in how shadow rays (hybrid/visibility/shadow_answerer.h) and glossy rays
+// (hybrid/render/glossy_stage.h) are answered; and of what needs no field, probe rays and the following of edges are
+// the hybrid's alone. Determinism: for one scene, options and seed the picture is bit-identical for any thread count
+// and instruction set, with or without a field cache, and the same in every crop window (scenes of more than
 // k_most_candidates instances trace whole tiles for that, and count these rays). Where fields outgrow their memory the
 // render begins again with less (hybrid/fields/field_set.h), and the picture depends on that memory and the crop
 // window, too. Thread-safety: render() may be called from several threads with different scenes.

@@ -79,7 +79,7 @@ Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& acce
   return probe;
 }
 
-// RMSE of the shading points' visibility; `states` by the field, rays that ask are Embree's.
+// RMSE of the shading points' visibility; `states` by the field, undecided rays are Embree's.
 void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& row) {
   double sum = 0.0;
   size_t undecided = 0, crossing = 0;
@@ -88,10 +88,10 @@ void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& r
     int difference = 0;
     for (size_t i = r * k_light_rays; i < (r + 1) * k_light_rays; ++i) {
       const int32_t s = states.state[i];
-      const bool hides = (s & RayStates::k_blocked) != 0, undecided = s >= RayStates::k_undecided;
+      const bool hides = (s & RayStates::k_blocked) != 0, is_undecided = s >= RayStates::k_undecided;
       crossing += (s & RayStates::k_crosses) != 0;
-      undecided += undecided;
-      if (!undecided) difference += int(hides) - int(probe.blocked[i]);
+      undecided += is_undecided;
+      if (!is_undecided) difference += int(hides) - int(probe.blocked[i]);
     }
     sum += double(difference) * difference;
   }
