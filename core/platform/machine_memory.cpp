@@ -6,6 +6,8 @@
 #include <fstream>
 #include <limits>
 
+#include "core/platform/address_space.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -23,7 +25,7 @@ uint64_t control_group_limit() {
 uint64_t machine_memory_bytes() {
   const long pages = sysconf(_SC_PHYS_PAGES), page = sysconf(_SC_PAGESIZE);
   const uint64_t physical = pages > 0 && page > 0 ? uint64_t(pages) * uint64_t(page) : 0;
-  return std::max(std::min(physical, control_group_limit()), k_least_bytes);
+  return std::max(std::min({physical, control_group_limit(), process_address_limit()}), k_least_bytes);
 }
 
 }  // namespace fieldtrace

@@ -6,8 +6,9 @@
 
 namespace fieldtrace {
 
-// Bytes of main memory of the machine, or of the process' control group if that is less (Linux, cgroup version 2). At
-// least 256 MiB, where neither can be told.
+// Bytes of main memory of the machine, or of the process' control group (Linux, cgroup version 2) or of its address
+// space
+// (`ulimit -v`) if that is less. At least 256 MiB, where none can be told.
 uint64_t machine_memory_bytes();
 
 }  // namespace fieldtrace

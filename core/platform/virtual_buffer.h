@@ -1,6 +1,7 @@
 // A large array whose memory is only committed where it is written: reserved address space, zero until touched.
 //
-// Used where an array grows by demand while other threads read it, so that it can never be moved.
+// Used where an array grows by demand while other threads read it, so that it can never be moved. Where the system
+// limits address space (core/platform/address_space.h), owners ask for less, and their arrays are full the sooner.
 // Thread-safety: construction by one thread; the contents are the caller's.
 #pragma once
 
@@ -22,8 +23,9 @@ class VirtualBuffer {
   explicit VirtualBuffer(size_t count) : bytes_(count * sizeof(T)) {
     void* p = mmap(nullptr, bytes_, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (p == MAP_FAILED) {
-      throw Error("cannot reserve " + std::to_string(bytes_ >> 20) +
-                  " MiB of address space for a field; use a smaller --directions or --plane");
+      throw Error(
+          "cannot reserve " + std::to_string(bytes_ >> 20) +
+          " MiB of address space for a field; raise the limit (ulimit -v), or use a smaller --directions or --plane");
     }
     data_ = static_cast<T*>(p);
   }

@@ -113,7 +113,7 @@ class FullBaker {
       const uint32_t end = std::min(begin + k_tiles_at_once, count);
       // Whether each of them takes room is known only afterwards; all of them together decide, so that what is baked
       // does not depend on threads.
-      if (!has_room(uint64_t(end - begin) * (CoverageTiles::k_tile_bytes + sizeof(int32_t)))) return count - begin;
+      if (!has_room(end - begin)) return count - begin;
       parallel_for((end - begin + k_tiles_per_task - 1) / k_tiles_per_task, [&](size_t task) {
         if (is_stopped()) return;
         const uint32_t first = begin + uint32_t(task) * k_tiles_per_task;
@@ -135,8 +135,10 @@ class FullBaker {
     if (callbacks_.stop && callbacks_.stop->load(std::memory_order_relaxed)) stopped_ = true;
     return stopped_;
   }
-  bool has_room(uint64_t bytes) const {
+  bool has_room(uint32_t tiles) const {
     const FieldBudget* const budget = field_.budget();
+    const uint64_t bytes = uint64_t(tiles) * (CoverageTiles::k_tile_bytes + sizeof(int32_t));
+    if (field_.coverage().room() < tiles) return false;
     return !field_.coverage().full() && (!budget || bytes <= budget->limit() - budget->used());
   }
   void add(const BakeCounters& mine, double lines) {
@@ -168,10 +170,16 @@ FullBakeResult bake_full(Field& field, const Accel& accel, uint32_t shape, BakeC
                 " MB of memory, more than there is for them; use a smaller --directions or --plane, or raise "
                 "--field-memory");
   };
+  const auto fail_for_addresses = [] {
+    throw Error(
+        "all cells of a field of this size take more address space than may be reserved; raise the limit "
+        "(ulimit -v), or use a smaller --directions or --plane");
+  };
   if (budget && needed > budget->limit()) fail();
   FullBaker baker(field, accel, shape, counters, callbacks);
   baker.bake_layer(FieldLayer::visibility);
   baker.bake_layer(FieldLayer::depth);
+  if (budget && budget->out_of_addresses()) fail_for_addresses();
   if (field.pool_full()) fail();
   FullBakeResult result;
   result.tiles_left_out = baker.bake_tiles();

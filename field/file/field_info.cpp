@@ -71,8 +71,11 @@ FieldFileInfo field_info(const std::string& path, float tolerance) {
   FieldFileInfo info;
   info.header = file.header();
   info.bytes_disk = file.bytes();
-  Field field(info.header.ball, info.header.identity.parameters);
+  Field field(info.header.ball, info.header.identity.parameters, nullptr, reservable_bytes());
   file.copy_to(field);
+  if (field.pool_full() || field.coverage().full()) {
+    throw Error({path}, "takes more address space than may be reserved; raise the limit (ulimit -v)");
+  }
   info.bytes_memory = field.bytes();
   info.bricks = field.bricks().size();
   info.cells_full = field.cells_full();

@@ -209,12 +209,14 @@ FT_HD_INLINE ConeAnswer<F> from_plane_fit(const FieldView& field, const QueryPol
   for (int i = 0; i < side * side; ++i) {
     const float x = (float(i % side) + 0.5f) * step - 1.0f, y = (float(i / side) + 0.5f) * step - 1.0f;
     if (side > 1 && x * x + y * y > 1.0f + step * 0.25f) continue;
-    if (!any(answer.clear | answer.blocked)) break;
+    // A lane waits at the first cell that is not baked. Were the next directions asked as well, those that this one
+    // makes needless would be baked or not as other threads have been here before, and with them the memory in use.
+    const Mask_t<F> queried = and_not(answer.unknown, answer.clear | answer.blocked);
+    if (!any(queried)) break;
     Vec3Lanes<F> d = cone.axis + across_x * (cone.tangent * splat<F>(x)) + across_y * (cone.tangent * splat<F>(y));
     d = d * (one / sqrt(dot(d, d)));
     const Vec3Lanes<F> back = {-d.x, -d.y, -d.z};
     const Vec3Lanes<F> end = cone.p + d * cone.distance;
-    const Mask_t<F> queried = answer.clear | answer.blocked;
     const DepthAnswer<F> depth = compare_depth(
         field, policy, address_of_line(back, cone.p, field.directions, field.plane), back, cone.p, end, queried);
     answer.lookups = answer.lookups + depth.lookups;
@@ -222,10 +224,9 @@ FT_HD_INLINE ConeAnswer<F> from_plane_fit(const FieldView& field, const QueryPol
       answer.unknown = answer.unknown | depth.unknown;
       tell_missing(depth.slice, depth.unknown);
     }
-    answer.clear = answer.clear & (depth.front | depth.unknown);
-    answer.blocked = answer.blocked & (depth.behind | depth.unknown);
+    answer.clear = answer.clear & (depth.front | answer.unknown);
+    answer.blocked = answer.blocked & (depth.behind | answer.unknown);
   }
-  answer.unknown = answer.unknown & (answer.clear | answer.blocked);
   answer.clear = and_not(answer.unknown, answer.clear);
   answer.blocked = and_not(answer.unknown, answer.blocked);
   return answer;

@@ -123,7 +123,8 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   const F first = tube.reach_of(to_float(tube.sum.depths), to_float(tube.sum.count));
   const MapSquare<F> found = square_about(map, stratum.p + stratum.direction * first, disc_at(first));
   const CoverageSum<F> near = sum_coverage<F>(field.coverage, map.direction, found.rect, open, tell_missing);
-  const Mask_t<F> hit = open & (near.count > splat_int<F>(0));
+  // Sums that lack a tile would lay the disc, and demand tiles, elsewhere than the whole ones do.
+  const Mask_t<F> hit = and_not(near.unknown, open & (near.count > splat_int<F>(0)));
   StratumDisc<F> disc;
   disc.t = select(hit, tube.reach_of(to_float(near.depths), to_float(near.count)), first);
   disc.half_width = disc_at(disc.t) * scale;

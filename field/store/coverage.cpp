@@ -33,15 +33,35 @@ int32_t line_word(uint16_t line) { return line == 0 ? 0 : 1 + (int32_t(line - 1)
 
 int CoverageTiles::lines_for(int plane) { return std::clamp(2 * plane, 64, 512); }
 
-CoverageTiles::CoverageTiles(int directions, int plane, FieldBudget* budget, TilePayload payload)
+uint64_t CoverageTiles::table_bytes(int directions, int plane) {
+  const uint64_t slots = slots_for(directions, plane);
+  return slots * sizeof(int32_t) + parts_of(slots);
+}
+
+uint64_t CoverageTiles::pool_bytes(int directions, int plane, TilePayload payload) {
+  const uint64_t tile = k_tile_bytes + (payload == TilePayload::radiance ? k_radiance_bytes : 0);
+  return (k_fixed_tiles + pool_tiles(slots_for(directions, plane), payload)) * tile;
+}
+
+uint64_t CoverageTiles::slots_for(int directions, int plane) {
+  const auto tiles = uint64_t(lines_for(plane) / k_side);
+  return uint64_t(directions) * uint64_t(directions) * tiles * tiles;
+}
+
+uint64_t CoverageTiles::pool_tiles(uint64_t slots, TilePayload payload) {
+  const uint64_t most = payload == TilePayload::radiance ? k_most_tiles / 3 : k_most_tiles;
+  return std::min(slots, most - k_fixed_tiles);
+}
+
+CoverageTiles::CoverageTiles(int directions, int plane, FieldBudget* budget, TilePayload payload, double pool_share)
     : directions_(directions), lines_(lines_for(plane)), tiles_(lines_ / k_side), budget_(budget) {
-  const uint64_t slots = uint64_t(directions) * directions * tiles_ * tiles_;
+  const uint64_t slots = slots_for(directions, plane);
   const bool has_radiance = payload == TilePayload::radiance;
-  max_tiles_ = uint32_t(std::min(slots + 2, has_radiance ? k_most_tiles / 3 : k_most_tiles));
+  max_tiles_ = k_fixed_tiles + uint32_t(double(pool_tiles(slots, payload)) * pool_share);
   tile_of_ = VirtualBuffer<int32_t>(slots);
   sums_ = VirtualBuffer<int32_t>(size_t(max_tiles_) * scalar::k_tile_words);
   if (has_radiance) radiance_ = VirtualBuffer<float>(size_t(max_tiles_) * 3 * scalar::k_tile_words);
-  touched_ = VirtualBuffer<uint8_t>((slots + k_part_slots - 1) / k_part_slots);
+  touched_ = VirtualBuffer<uint8_t>(parts_of(slots));
 }
 
 CoverageView CoverageTiles::view() const {
@@ -106,7 +126,7 @@ bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines, std::
     {
       const std::lock_guard lock(growth_);
       const bool is_last = tile_count_ >= max_tiles_;
-      if (is_last && budget_) budget_->refuse();
+      if (is_last && budget_) budget_->refuse_addresses();
       if (is_last || !charge(k_tile_bytes + (radiance.empty() ? 0 : k_radiance_bytes))) {
         full_.store(true, std::memory_order_relaxed);
         give_back(slot);

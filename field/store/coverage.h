@@ -29,11 +29,16 @@ class CoverageTiles {
  public:
   CoverageTiles() = default;
   // For D x D directions and planes of N x N cells. `budget`, if not null, is charged for what is baked, and must
-  // outlive the tiles. Throws Error if address space runs out.
-  CoverageTiles(int directions, int plane, FieldBudget* budget = nullptr, TilePayload payload = TilePayload::none);
+  // outlive the tiles. `pool_share`, 0 to 1: how much of a whole pool's address space is reserved. Throws Error if the
+  // system refuses it.
+  CoverageTiles(int directions, int plane, FieldBudget* budget = nullptr, TilePayload payload = TilePayload::none,
+                double pool_share = 1.0);
 
   // L for planes of N x N cells: two lines for each cell along each side, within limits.
   static int lines_for(int plane);
+  // Address space of the tables, and of a whole pool.
+  static uint64_t table_bytes(int directions, int plane);
+  static uint64_t pool_bytes(int directions, int plane, TilePayload payload = TilePayload::none);
 
   CoverageView view() const;
   int lines() const { return lines_; }  // L
@@ -53,6 +58,8 @@ class CoverageTiles {
   void give_back(uint32_t slot);
   bool finished(uint32_t slot) const;
   bool full() const { return full_.load(std::memory_order_relaxed); }
+  // How many more tiles that meet something the pool has room for.
+  uint64_t room() const { return max_tiles_ - k_fixed_tiles - tiles_stored(); }
 
   // Slots that are baked, ascending; and their lines as they were given to finish(). Looks at the parts of the table
   // that anything was claimed in, not at all of it.
@@ -72,7 +79,11 @@ class CoverageTiles {
  private:
   // Part of the table that one page of memory holds.
   static constexpr uint32_t k_part_slots = 1024;
+  static constexpr uint32_t k_fixed_tiles = 2;  // 0 and 1 are all zero
 
+  static uint64_t slots_for(int directions, int plane);
+  static uint64_t pool_tiles(uint64_t slots, TilePayload payload);  // of a whole pool
+  static uint64_t parts_of(uint64_t slots) { return (slots + k_part_slots - 1) / k_part_slots; }
   bool charge(uint64_t bytes);
   void store_radiance(int32_t tile, std::span<const Rgb> radiance);
   bool touch_part(uint32_t slot);
@@ -84,7 +95,7 @@ class CoverageTiles {
   VirtualBuffer<float> radiance_;
   VirtualBuffer<uint8_t> touched_;  // per part of the table: not 0 once a slot of it was claimed
   std::mutex growth_;
-  uint32_t tile_count_ = 2;  // 0 and 1 are all zero
+  uint32_t tile_count_ = k_fixed_tiles;
   std::atomic<uint64_t> baked_ = 0, stored_ = 0, committed_ = 0;
   std::atomic<bool> full_ = false;
 };

@@ -40,6 +40,23 @@ const FieldParameters& checked(const FieldParameters& p) {
   return p;
 }
 
+uint64_t direction_bricks_of(const FieldParameters& p) {
+  return uint64_t(p.directions / 4) * uint64_t(p.directions / 4);
+}
+uint64_t plane_bricks_of(const FieldParameters& p) { return uint64_t(p.plane / 4) * uint64_t(p.plane / 8); }
+
+// Of a whole pool, brick 0 included.
+uint64_t pool_bricks(const FieldParameters& p) {
+  return std::min<uint64_t>(direction_bricks_of(p) * plane_bricks_of(p) + 1, k_max_pool_bricks);
+}
+
+// How much of a whole pool a field can have in so much address space, 0 to 1.
+double pool_share(const FieldParameters& p, uint64_t address_space) {
+  const uint64_t whole = Field::reserved_bytes(p), tables = Field::table_bytes(p);
+  if (address_space >= whole) return 1.0;
+  return address_space > tables ? double(address_space - tables) / double(whole - tables) : 0.0;
+}
+
 }  // namespace
 
 bool valid_parameters(const FieldParameters& p) {
@@ -58,17 +75,17 @@ Sphere field_ball(const Bounds3& bounds) {
   return ball;
 }
 
-Field::Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget* budget)
+Field::Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget* budget, uint64_t address_space)
     : ball_(ball),
       parameters_(checked(parameters)),
       budget_(budget),
-      coverage_(parameters.directions, parameters.plane, budget) {
-  const FieldView v = view();
-  const size_t direction_bricks = size_t(v.direction_bricks) * v.direction_bricks;
-  max_bricks_ = uint32_t(std::min<size_t>(direction_bricks * v.plane_bricks + 1, k_max_pool_bricks));
+      coverage_(parameters.directions, parameters.plane, budget, TilePayload::none,
+                pool_share(parameters, address_space)) {
+  const size_t direction_bricks = direction_bricks_of(parameters);
+  max_bricks_ = uint32_t(double(pool_bricks(parameters) - 1) * pool_share(parameters, address_space)) + 1;
   const size_t cells = size_t(max_bricks_) * scalar::k_brick_cells;
   top_ = VirtualBuffer<int32_t>(direction_bricks);
-  pages_ = VirtualBuffer<int32_t>((direction_bricks + 1) * v.plane_bricks);
+  pages_ = VirtualBuffer<int32_t>((direction_bricks + 1) * plane_bricks_of(parameters));
   visibility_ = VirtualBuffer<uint8_t>(cells + 4);  // look-ups read whole words
   depth_ = VirtualBuffer<int32_t>(cells);
   certificate_ = VirtualBuffer<int32_t>(cells);
@@ -88,14 +105,26 @@ uint64_t Field::brick_bytes(FieldLayer layer) {
 }
 
 uint64_t Field::most_bytes(const FieldParameters& p) {
-  const uint64_t direction_bricks = uint64_t(p.directions / 4) * uint64_t(p.directions / 4);
-  const uint64_t bricks = direction_bricks * uint64_t(p.plane / 4) * uint64_t(p.plane / 8);
+  const uint64_t direction_bricks = direction_bricks_of(p);
+  const uint64_t bricks = direction_bricks * plane_bricks_of(p);
   const uint64_t tiles_along = uint64_t(CoverageTiles::lines_for(p.plane) / scalar::k_tile_lines);
   const uint64_t tiles = uint64_t(p.directions) * uint64_t(p.directions) * tiles_along * tiles_along;
   uint64_t brick_bytes_of_all = 0;
   for (int layer = 0; layer < k_field_layers; ++layer) brick_bytes_of_all += brick_bytes(FieldLayer(layer));
   return sizeof(int32_t) * (direction_bricks + bricks + tiles) + bricks * brick_bytes_of_all +
          tiles * CoverageTiles::k_tile_bytes;
+}
+
+uint64_t Field::table_bytes(const FieldParameters& p) {
+  const uint64_t direction_bricks = direction_bricks_of(p);
+  return sizeof(int32_t) * (direction_bricks + (direction_bricks + 1) * plane_bricks_of(p)) +
+         CoverageTiles::table_bytes(p.directions, p.plane);
+}
+
+uint64_t Field::reserved_bytes(const FieldParameters& p) {
+  uint64_t brick = 2 * sizeof(SliceMask);
+  for (int layer = 0; layer < k_field_layers; ++layer) brick += brick_bytes(FieldLayer(layer));
+  return table_bytes(p) + pool_bricks(p) * brick + CoverageTiles::pool_bytes(p.directions, p.plane);
 }
 
 bool Field::charge(uint64_t bytes) {
@@ -174,7 +203,7 @@ uint32_t Field::brick_for(uint32_t direction_brick, uint32_t plane_brick) {
   const uint32_t brick = brick_count_.load(std::memory_order_relaxed);
   if (brick >= max_bricks_) {
     pool_full_.store(true, std::memory_order_relaxed);
-    if (budget_) budget_->refuse();
+    if (budget_) budget_->refuse_addresses();
     return 0;
   }
   int32_t page = load_shared(top_[direction_brick]);

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "core/math/math.h"
+#include "core/platform/address_space.h"
 #include "core/platform/virtual_buffer.h"
 #include "field/store/coverage.h"
 #include "field/store/layout.hd.h"
@@ -60,9 +61,11 @@ struct BrickPlace {
 
 class Field {
  public:
-  // `budget`, if not null, is charged for what is baked, and must outlive the field. Throws Error if address space runs
-  // out; UsageError for parameters outside the lists above.
-  Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget* budget = nullptr);
+  // `budget`, if not null, is charged for what is baked, and must outlive the field. `address_space`: bytes that the
+  // field may reserve; its pool is smaller where they do not suffice, and may be full before the budget is. Throws
+  // Error if the system refuses even its tables; UsageError for parameters outside the lists above.
+  Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget* budget = nullptr,
+        uint64_t address_space = k_no_address_limit);
   ~Field();
   Field(const Field&) = delete;
   Field& operator=(const Field&) = delete;
@@ -100,6 +103,9 @@ class Field {
   uint64_t bytes() const { return committed_.load(std::memory_order_relaxed) + coverage_.bytes(); }
   // What bytes() can become at most, with these parameters.
   static uint64_t most_bytes(const FieldParameters& parameters);
+  // Address space of a whole pool with its tables, and of the tables alone, which no field can do without.
+  static uint64_t reserved_bytes(const FieldParameters& parameters);
+  static uint64_t table_bytes(const FieldParameters& parameters);
   // Of one brick's cells of a layer.
   static uint64_t brick_bytes(FieldLayer layer);
 

@@ -29,16 +29,22 @@ class FieldBudget {
   }
   void give_back(uint64_t bytes) { used_.fetch_sub(bytes, std::memory_order_relaxed); }
   // For a field that cannot grow for another reason: its addresses are used up.
-  void refuse() { exceeded_.store(true, std::memory_order_relaxed); }
+  void refuse_addresses() {
+    out_of_addresses_.store(true, std::memory_order_relaxed);
+    refuse();
+  }
 
   uint64_t limit() const { return limit_; }
   uint64_t used() const { return used_.load(std::memory_order_relaxed); }
   bool exceeded() const { return exceeded_.load(std::memory_order_relaxed); }
+  bool out_of_addresses() const { return out_of_addresses_.load(std::memory_order_relaxed); }
 
  private:
+  void refuse() { exceeded_.store(true, std::memory_order_relaxed); }
+
   const uint64_t limit_;
   std::atomic<uint64_t> used_ = 0;
-  std::atomic<bool> exceeded_ = false;
+  std::atomic<bool> exceeded_ = false, out_of_addresses_ = false;
 };
 
 }  // namespace fieldtrace

@@ -45,6 +45,12 @@ double work_of(const Scene& scene, const RenderOptions& options) {
 
 bool is_hybrid(const RenderOptions& options) { return options.method == Method::hybrid; }
 
+std::string time_columns(const TimeAtError& time) {
+  if (!std::isfinite(time.seconds)) return ",";
+  constexpr const char* k_relations[] = {"equals", "more_than", "less_than"};
+  return fmt::format("{},{:.6g}", k_relations[int(time.relation)], time.seconds);
+}
+
 // Maps the progress of one render to that of the plan, and counts what is done.
 class PlanProgress {
  public:
@@ -142,37 +148,47 @@ bool run_tradeoff(const Scene& scene, const TradeoffPlan& plan, const std::strin
   return true;
 }
 
+std::vector<ErrorPoint> monte_carlo_points(const std::vector<TradeoffRow>& rows) {
+  std::vector<ErrorPoint> points;
+  for (const TradeoffRow& row : rows) {
+    if (!is_hybrid(row.options)) points.push_back({row.seconds_cold, row.difference.rmse});
+  }
+  return points;
+}
+
 std::string tradeoff_csv_header() {
   return "method,spp,light_samples,tolerance,directions,plane,seconds_cold,seconds_warm,seconds_bake,"
          "seconds_primary,seconds_secondary_cold,seconds_secondary_warm,rmse,relmse,worst_block_rmse,bias,"
-         "exact_fraction,spheres_per_ray,bytes_memory,bytes_disk";
+         "exact_fraction,spheres_per_ray,bytes_memory,bytes_disk,montecarlo_relation,montecarlo_seconds";
 }
 
-std::string tradeoff_csv_row(const TradeoffRow& row) {
+std::string tradeoff_csv_row(const TradeoffRow& row, const std::vector<ErrorPoint>& monte_carlo) {
   const Stats &c = row.cold, &w = row.warm;
   const ImageDifference& d = row.difference;
   return fmt::format(
       "{},{},{},{:.6g},{},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},"
-      "{:.6g},{:.6g},{},{}",
+      "{:.6g},{:.6g},{},{},{}",
       is_hybrid(row.options) ? "hybrid" : "montecarlo", c.spp, c.light_samples, row.options.tolerance,
       c.field_directions, c.field_plane, row.seconds_cold, row.seconds_warm, c.time_bake, c.time_primary,
       c.time_secondary, w.time_secondary, d.rmse, d.relmse, d.worst_block_rmse, d.bias, c.exact_fraction(),
-      c.spheres_per_ray(), c.field_bytes_memory, c.field_bytes_disk);
+      c.spheres_per_ray(), c.field_bytes_memory, c.field_bytes_disk,
+      time_columns(seconds_at_error(monte_carlo, d.rmse)));
 }
 
-double seconds_at_error(std::vector<ErrorPoint> points, double rmse) {
+TimeAtError seconds_at_error(std::vector<ErrorPoint> points, double rmse) {
+  using Relation = TimeAtError::Relation;
   const auto usable = [](double v) { return std::isfinite(v) && v > 0.0; };
   std::erase_if(points, [&](const ErrorPoint& p) { return !usable(p.seconds) || !usable(p.rmse); });
-  if (points.empty() || !usable(rmse)) return std::nan("");
+  if (points.empty() || !usable(rmse)) return {std::nan(""), Relation::equals};
   std::sort(points.begin(), points.end(), [](const ErrorPoint& a, const ErrorPoint& b) { return a.rmse > b.rmse; });
-  const auto by_law = [&](const ErrorPoint& p) { return p.seconds * (p.rmse / rmse) * (p.rmse / rmse); };
-  if (rmse >= points.front().rmse) return by_law(points.front());
-  if (rmse <= points.back().rmse) return by_law(points.back());
+  if (rmse > points.front().rmse) return {points.front().seconds, Relation::less_than};
+  if (rmse < points.back().rmse) return {points.back().seconds, Relation::more_than};
+  if (rmse == points.front().rmse) return {points.front().seconds, Relation::equals};
   size_t i = 1;
   while (points[i].rmse > rmse) ++i;
   const ErrorPoint &a = points[i - 1], &b = points[i];
   const double f = std::log(a.rmse / rmse) / std::log(a.rmse / b.rmse);
-  return a.seconds * std::pow(b.seconds / a.seconds, f);
+  return {a.seconds * std::pow(b.seconds / a.seconds, f), Relation::equals};
 }
 
 }  // namespace fieldtrace

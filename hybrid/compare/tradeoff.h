@@ -53,18 +53,32 @@ struct TradeoffCallbacks {
 bool run_tradeoff(const Scene& scene, const TradeoffPlan& plan, const std::string& scratch_folder, Image& reference,
                   const TradeoffCallbacks& callbacks);
 
-// The header and the rows of the table, as lines of CSV without the newline.
-std::string tradeoff_csv_header();
-std::string tradeoff_csv_row(const TradeoffRow& row);
-
 // (seconds, rmse) of one render.
 struct ErrorPoint {
   double seconds = 0, rmse = 0;
 };
 
-// Seconds that Monte Carlo needs for `rmse`, from measured points: linear between neighbours in log-log, beyond the
-// ends by the law rmse ~ samples^-1/2, hence seconds ~ rmse^-2. Points need not be sorted; those without a positive
-// finite time and error are left out. NaN if none is left or `rmse` is not positive and finite.
-double seconds_at_error(std::vector<ErrorPoint> points, double rmse);
+// The time that Monte Carlo needs for an error, as far as measured points tell.
+struct TimeAtError {
+  enum class Relation { equals, more_than, less_than };
+  double seconds = 0;  // NaN: nothing is known
+  Relation relation = Relation::equals;
+};
+
+// Seconds that Monte Carlo needs for `rmse`, from measured points: linear between neighbours in log-log. Beyond the
+// ends there is no law to go by (the noise of light samples falls faster than samples^-1/2, that of pixel edges does
+// not): an error below all measured takes more than the time of the least, one above all less than the time of the
+// greatest. Points need not be sorted; those without a positive finite time and error are left out. NaN if none is left
+// or `rmse` is not positive and finite.
+TimeAtError seconds_at_error(std::vector<ErrorPoint> points, double rmse);
+
+// The Monte Carlo renders among rows.
+std::vector<ErrorPoint> monte_carlo_points(const std::vector<TradeoffRow>& rows);
+
+// The header and the rows of the table, as lines of CSV without the newline. `monte_carlo`: the renders that the time
+// of Monte Carlo at the row's error is read from. That time takes two columns, montecarlo_relation (equals, more_than
+// or less_than) and montecarlo_seconds; both are empty where nothing is known.
+std::string tradeoff_csv_header();
+std::string tradeoff_csv_row(const TradeoffRow& row, const std::vector<ErrorPoint>& monte_carlo);
 
 }  // namespace fieldtrace

@@ -30,9 +30,10 @@ std::vector<uint32_t> shapes_by_gain(const Scene& scene, std::span<const ShapeTr
 uint64_t default_field_memory() { return machine_memory_bytes() / 2; }
 
 FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, const FieldPlan& plan,
-                   uint64_t budget_bytes, bool wanted)
+                   uint64_t budget_bytes, bool wanted, uint64_t address_space)
     : scene_(scene),
       plan_(plan),
+      address_space_(address_space),
       budget_(std::make_unique<FieldBudget>(budget_bytes)),
       fields_(scene.shapes.size()),
       left_to_rays_(scene.shapes.size(), 0),
@@ -42,15 +43,24 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
   bake_rays_ = estimated_bake_rays(scene, plan.parameters);
   occlusion_bake_rays_ = estimated_occlusion_bake_rays(scene, plan.parameters);
   for (const uint32_t i : plan.hit_instances) for_hits_[scene.instances[i].shape] = 1;
+  std::vector<uint32_t> chosen;
   for (const uint32_t s : shapes_by_gain(scene, traits)) {
-    if (count_ == plan.most_fields) break;
+    if (chosen.size() == plan.most_fields) break;
     if (bake_rays_[s] > std::max(plan.light_samples, k_costly_bake_rays)) {
       left_to_rays_[s] = 1;
       if (!for_hits_[s]) continue;
     }
-    fields_[s] = std::make_unique<Field>(field_ball(scene.shapes[s].bounds), plan.parameters, budget_.get());
-    ++count_;
+    chosen.push_back(s);
   }
+  count_ = chosen.size();
+  const uint64_t share =
+      address_space == k_no_address_limit ? address_space : address_space / std::max(count_, size_t(1));
+  if (count_ > 0 && Field::table_bytes(plan.parameters) > share / 2) {
+    budget_->refuse_addresses();
+    return;
+  }
+  for (const uint32_t s : chosen)
+    fields_[s] = std::make_unique<Field>(field_ball(scene.shapes[s].bounds), plan.parameters, budget_.get(), share);
 }
 
 std::vector<Field*> FieldSet::pointers() const {
@@ -147,7 +157,8 @@ FieldPlan FieldSet::next_plan(std::string& change) const {
     return next;
   }
   // Complete fields of these fit: there is no further attempt.
-  next.most_fields = size_t(budget_->limit() / Field::most_bytes(p));
+  next.most_fields =
+      size_t(std::min(budget_->limit() / Field::most_bytes(p), address_space_ / Field::reserved_bytes(p)));
   change = "begins again with fields for " + std::to_string(next.most_fields) + " of " + std::to_string(count_) +
            " objects, and exact rays for the others";
   return next;

@@ -8,10 +8,10 @@
 //   4. with fields for so few shapes that complete ones fit, those with the most triangles times instances; the others
 //      are left to exact rays.
 // Every step is chosen from constants, the scene and the budget, and each attempt's need is a matter of what the
-// picture demands. So the picture does not depend on threads, tiles or the state of a cache here either, as long as the
-// need of an attempt does not end within about a thousandth of the budget: there a few cells that threads bake in vain,
-// ahead of an answer that makes them needless, may decide. Thread-safety: FieldSet by one thread; its fields by any
-// number.
+// picture demands: no answer asks for a cell before those that may make it needless are known
+// (tests/hybrid/field_demand_test.cpp). So the picture does not depend on threads, tiles or the state of a cache here
+// either. A system that limits address space (core/platform/address_space.h) bounds the fields' pools as well, with the
+// same steps where one is full. Thread-safety: FieldSet by one thread; its fields by any number.
 #pragma once
 
 #include <memory>
@@ -45,9 +45,11 @@ uint64_t default_field_memory();
 
 class FieldSet {
  public:
-  // Makes empty fields for the shapes of `scene` that want one, as many as the plan allows; none unless `wanted`.
+  // Makes empty fields for the shapes of `scene` that want one, as many as the plan allows; none unless `wanted`. They
+  // share `address_space` bytes evenly; if that does not hold their tables the budget counts as exceeded from the
+  // start.
   FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, const FieldPlan& plan, uint64_t budget_bytes,
-           bool wanted);
+           bool wanted, uint64_t address_space = k_no_address_limit);
 
   bool empty() const { return count_ == 0; }
   std::vector<Field*> pointers() const;            // by shape, for shadow rays; null: exact rays
@@ -72,6 +74,7 @@ class FieldSet {
  private:
   const Scene& scene_;
   FieldPlan plan_;
+  uint64_t address_space_;
   std::unique_ptr<FieldBudget> budget_;  // outlives the fields
   std::vector<std::unique_ptr<Field>> fields_;
   std::vector<double> bake_rays_;            // by shape: estimated

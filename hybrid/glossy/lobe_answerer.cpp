@@ -69,6 +69,7 @@ LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint
   std::vector<uint8_t> has_maps(scene.instances.size(), 0);
   for (const uint32_t i : suited) {
     if (RadianceMaps::count_patches(scene, i, most_rays) > most_patches) continue;
+    if (RadianceMaps::tile_bytes(most_rays) > most_bytes) continue;  // before address space is reserved for them
     auto maps = std::make_unique<RadianceMaps>(shading, i, most_rays);
     const uint64_t bytes = maps->radiance().bytes() + maps->tiles().bytes_when_full();
     if (bytes > most_bytes) continue;

@@ -40,6 +40,10 @@ uint64_t RadianceMaps::count_patches(const Scene& scene, uint32_t instance, uint
   return SurfaceRadiance::count_patches(scene, instance, patch_of(scene, instance, 2 * plane_for(most_rays)));
 }
 
+uint64_t RadianceMaps::tile_bytes(uint64_t most_rays) {
+  return CoverageTiles::pool_bytes(k_directions, plane_for(most_rays), TilePayload::radiance);
+}
+
 RadianceMaps::RadianceMaps(const TransportContext& shading, uint32_t instance, uint64_t most_rays)
     : scene_(shading.scene),
       accel_(shading.accel),

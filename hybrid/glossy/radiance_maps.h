@@ -24,6 +24,8 @@ class RadianceMaps {
   static constexpr uint64_t k_many_rays = uint64_t(1) << 25;
 
   // `shading` must outlive this: SurfaceRadiance.
+  // Bytes of complete maps, without their tables and patches.
+  static uint64_t tile_bytes(uint64_t most_rays);
   // Surface patches that the constructor will make.
   static uint64_t count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays);
   RadianceMaps(const TransportContext& shading, uint32_t instance, uint64_t most_rays);

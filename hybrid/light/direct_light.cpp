@@ -125,8 +125,9 @@ void DirectLight::check_split(const Job& job) {
   for (const bool blocked : {false, true}) {
     group_ = blocked ? dark_ : free_;
     if (group_.empty()) continue;
-    sample_group(job, all_samples(job));
-    context_.answerer.check_whole(candidates_, blocked, shadows_, job.stats);
+    const LightSampleRange samples = all_samples(job);
+    sample_group(job, samples);
+    context_.answerer.check_whole(candidates_, blocked, group_, samples.count, shadows_, job.stats);
   }
 }
 

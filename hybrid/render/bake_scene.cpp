@@ -113,7 +113,7 @@ void bake_fully(const Scene& scene, const std::vector<uint32_t>& shapes, const B
   for (size_t i = 0; i < shapes.size() && !result.interrupted; ++i) {
     const Shape& shape = scene.shapes[shapes[i]];
     FieldBudget budget(options.field_memory ? options.field_memory : default_field_memory());
-    Field field(field_ball(shape.bounds), options.fields, &budget);
+    Field field(field_ball(shape.bounds), options.fields, &budget, reservable_bytes());
     FullBakeCallbacks full;
     full.stop = callbacks.stop;
     if (callbacks.progress) {
@@ -182,9 +182,14 @@ void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const 
   for (const uint32_t s : shapes) {
     const Shape& shape = scene.shapes[s];
     const FieldIdentity identity = field_identity(shape, fields);
-    Field field(field_ball(shape.bounds), fields);
+    Field field(field_ball(shape.bounds), fields, nullptr, reservable_bytes());
     // No file: nothing of this object was demanded.
-    if (cache.load(field, identity)) output.save(field, identity, shape.name, result);
+    const bool demanded = cache.load(field, identity);
+    if (field.pool_full() || field.coverage().full()) {
+      throw Error("the field of " + shape.name +
+                  " takes more address space than may be reserved; raise the limit (ulimit -v)");
+    }
+    if (demanded) output.save(field, identity, shape.name, result);
   }
 }
 

@@ -181,6 +181,7 @@ struct Stage {
   CameraSampler camera;
   std::vector<ShapeTraits> traits;
   std::shared_ptr<const LightTable> lights;
+  uint64_t address_space = k_no_address_limit;  // that fields may reserve; the same for all attempts
 };
 
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
@@ -327,12 +328,21 @@ void warn_of_not_finite(const Job& job) {
        std::to_string(job.not_finite) + " camera samples were not finite and count as black; please report the scene");
 }
 
+std::string outgrown(const Picture& picture, bool out_of_addresses, const std::string& change) {
+  if (out_of_addresses) {
+    return "the fields outgrew the address space that they may reserve; the render " + change +
+           " (raise the limit, ulimit -v, to avoid it)";
+  }
+  return "the fields outgrew their " + std::to_string(picture.field_memory / 1000000) + " MB; the render " + change +
+         " (raise --field-memory to avoid it)";
+}
+
 // One attempt with the fields of `plan`. False if they outgrew their memory: `plan` is then that of the next attempt.
 bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, RenderResult& result) {
   const RenderOptions& options = picture.options;
   const WarningSink& warning = picture.callbacks.warning;
   Stats& stats = result.stats;
-  FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, picture.wants_fields);
+  FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, picture.wants_fields, stage.address_space);
   const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), warning);
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
@@ -351,7 +361,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   if (picture.wants_fields) {
     glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
                                options, all_fields, plan.hit_instances, picture.film_samples(),
-                               picture.field_memory / k_map_share});
+                               std::min(picture.field_memory, stage.address_space) / k_map_share});
     context.lobes = glossy->lobes();
     context.hits = glossy->hits();
   }
@@ -366,9 +376,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
     stats.field_restarts += 1;
     std::string change;
     plan = fields.next_plan(change);
-    warn(warning, {},
-         "the fields outgrew their " + std::to_string(picture.field_memory / 1000000) + " MB; the render " + change +
-             " (raise --field-memory to avoid it)");
+    warn(warning, {}, outgrown(picture, fields.budget().out_of_addresses(), change));
     return false;
   }
   result.interrupted = job.interrupted;
@@ -426,7 +434,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Accel accel(scene);
     result.stats.time_build = seconds_since(build_begin);
     const Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
-                      std::make_shared<const LightTable>(make_lights(scene))};
+                      std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);

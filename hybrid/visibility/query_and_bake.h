@@ -12,8 +12,8 @@
 namespace fieldtrace {
 
 // How many rounds of baking one batch can need: the line's cell, the anchored cell, the re-anchored one, and the last
-// two again from the other end of the segment; nearest hits also the primitive's. Cones and lobes need fewer: tiles,
-// and two for plane fits or discs.
+// two again from the other end of the segment; nearest hits also the primitive's. Lobes and parts of lights need fewer:
+// tiles, and two for discs. Whole lights need two for each direction from a surface, one direction after another.
 inline constexpr int k_most_bake_rounds = 6;
 
 inline void sort_unique(std::vector<uint32_t>& list) {
@@ -23,16 +23,18 @@ inline void sort_unique(std::vector<uint32_t>& list) {
 
 // Calls ask(blocks) for all blocks of k_batch_padding among `size` entries, and again for those that it put into
 // unknowns.blocks, after bake() has baked what it reported beside them (unknowns.lists(), sorted, once each). Ends when
-// nothing is unknown, or with the round in which bake() returned false. Blocks still unknown then stay in
-// unknowns.blocks. Unknowns: ConeUnknowns or HitUnknowns.
+// nothing is unknown, with the round in which bake() returned false, or after `most_rounds` of baking, which must be as
+// many as the longest chain of cells that one answer needs. Blocks still unknown then stay in unknowns.blocks.
+// Unknowns: ConeUnknowns or HitUnknowns.
 template <class Unknowns, class Query, class Bake>
-void query_and_bake(size_t size, Unknowns& unknowns, const Query& query, const Bake& bake) {
+void query_and_bake(size_t size, Unknowns& unknowns, const Query& query, const Bake& bake,
+                    int most_rounds = k_most_bake_rounds) {
   for (std::vector<uint32_t>* list : unknowns.lists()) list->clear();
   unknowns.blocks.clear();
   for (size_t i = 0; i < size; i += k_batch_padding) unknowns.blocks.push_back(uint32_t(i));
   std::vector<uint32_t> blocks;
   bool goes_on = true;
-  for (int round = 0; !unknowns.blocks.empty() && goes_on && round <= k_most_bake_rounds; ++round) {
+  for (int round = 0; !unknowns.blocks.empty() && goes_on && round <= most_rounds; ++round) {
     blocks.swap(unknowns.blocks);
     unknowns.blocks.clear();
     query(blocks);

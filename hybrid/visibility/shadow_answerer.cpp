@@ -80,6 +80,7 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
   group.shadow.assign(padded(shading_points.size), all);
   group.by_rays.assign(padded(shading_points.size), all);
   group.by_strata.assign(padded(shading_points.size), 0);
+  if (settings_.check) group.blocked_by.assign(shading_points.size, k_none);
   if (!test_each) return;
   Workspace& work = *workspaces_.local();
   Sphere light = group.light.ball;
@@ -110,6 +111,9 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
       query_cones(o, shading_points, group, work, stats);
       if (settings_.count_uses)
         use_of(o, stats).self_answered += (before - self_undecided()) * uint64_t(group.light_samples);
+    }
+    for (size_t r = 0; settings_.check && r < shading_points.size; ++r) {
+      if (work.flags[r] & k_light_blocked) group.blocked_by[r] = group.candidates[slot];
     }
     for (size_t r = 0; r < work.flags.size(); ++r) {
       const int32_t flag = work.flags[r];

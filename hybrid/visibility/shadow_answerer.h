@@ -78,6 +78,8 @@ struct ShadowGroup {
   // Per shading point that may be shadowed: the candidates, as bits, that may be asked about parts of the light; and
   // whether others must be asked ray by ray.
   AlignedVector<int32_t> by_strata, by_rays;
+  // With --check, per shading point whose light is blocked: the instance whose field said so.
+  std::vector<uint32_t> blocked_by;
 };
 
 // What is known of how much of the light the shading points see whose rays are asked about.
@@ -124,8 +126,11 @@ class ShadowAnswerer {
   void count_extrapolated(const ShadowGroup& group, uint32_t fields, uint32_t instance, uint64_t answered,
                           uint64_t queried, Stats& stats) const;
 
-  // For --check: traces the rays of shading points whose whole light find_candidates() called `blocked`, or clear.
-  void check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const;
+  // For --check: traces the rays of shading points (indices into the group's) whose whole light find_candidates()
+  // called `blocked`, or clear; `samples` for each, one after another. Self-shadowing is what the field of the ray's
+  // own object said: that it hides the light, or, of a clear one, that neither it nor any other object does.
+  void check_whole(const ShadowGroup& group, bool blocked, std::span<const uint32_t> shading_points, int samples,
+                   const ShadowBatch& batch, Stats& stats) const;
 
   // Whether a group has too many candidates, and parts of it are worth a search of their own before they are traced
   // against the whole scene: where fields could answer. Monte Carlo gains nothing by it
@@ -149,7 +154,7 @@ class ShadowAnswerer {
   // query_and_bake() with the occluder's field.
   template <class Query>
   void bake_and_repeat(const ShadowInstance& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
-                       const Query& query) const;
+                       int most_rounds, const Query& query) const;
   bool trusts_depth(const ShadowInstance& occluder, const ShadowGroup& group, LightSeen seen) const;
   void classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
                 Stats& stats) const;

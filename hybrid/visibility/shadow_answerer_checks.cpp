@@ -9,9 +9,10 @@ CheckedVerdict checked_verdict(bool blocked) { return blocked ? CheckedVerdict::
 
 }  // namespace
 
-void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, const ShadowBatch& batch, Stats& stats) const {
+void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, std::span<const uint32_t> shading_points,
+                                 int samples, const ShadowBatch& batch, Stats& stats) const {
   Workspace& work = *workspaces_.local();
-  std::vector<uint8_t> hidden(batch.rays.size, 0), undecided(batch.rays.size, 0);
+  std::vector<uint8_t> hidden(batch.rays.size, 0), undecided(batch.rays.size, 0), self_undecided(batch.rays.size, 0);
   for (const uint32_t candidate : group.candidates) {
     const ShadowInstance& o = instances_[candidate];
     if (!o.answers_cones) continue;
@@ -22,13 +23,17 @@ void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, const S
     for (uint32_t i = 0; i < batch.rays.size; ++i) {
       if (work.states.state[i] & RayStates::k_crosses) work.indices.push_back(i);
     }
-    for (const uint32_t i : work.indices) undecided[i] = 1;
+    for (const uint32_t i : work.indices) {
+      undecided[i] = 1;
+      self_undecided[i] |= candidate == batch.instance[i];
+    }
     accel_.occluded_by(candidate, batch.rays, work.indices, hidden.data());
   }
   for (size_t i = 0; i < batch.rays.size; ++i) {
     if (!undecided[i]) continue;
     const bool wrong = blocked != (hidden[i] != 0);
-    const bool self = instances_[batch.instance[i]].answers_cones;
+    const uint32_t shading_point = shading_points[i / size_t(samples)];
+    const bool self = blocked ? group.blocked_by[shading_point] == batch.instance[i] : self_undecided[i] != 0;
     stats.add_check(checked_verdict(blocked), self, wrong);
   }
 }

@@ -26,9 +26,9 @@ int plane_fit_side_for(const SegmentTask& segment, const Sphere& light) {
 
 template <class Query>
 void ShadowAnswerer::bake_and_repeat(const ShadowInstance& o, size_t size, ConeUnknowns& unknowns, Stats& stats,
-                                     const Query& query) const {
+                                     int most_rounds, const Query& query) const {
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
-  query_and_bake(size, unknowns, query, [&] {
+  const auto bake = [&] {
     // The last round: what is left is for single rays.
     const bool is_full = o.field->pool_full() || o.field->coverage().full();
     BakeCounters counters;
@@ -36,7 +36,8 @@ void ShadowAnswerer::bake_and_repeat(const ShadowInstance& o, size_t size, ConeU
     if (!unknowns.slices.empty()) bake_slices(*o.field, FieldLayer::depth, unknowns.slices, accel_, shape, counters);
     stats.add_bake(counters);
     return !is_full;
-  });
+  };
+  query_and_bake(size, unknowns, query, bake, most_rounds);
 }
 
 void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatch& shading_points,
@@ -46,7 +47,8 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
   const int side = plane_fit_side_for(task.segment, light);
   if (task.segment.reads_depth && side * side <= group.light_samples) task.plane_fit_side = side;
   ConeUnknowns& unknowns = work.unknowns;
-  bake_and_repeat(o, shading_points.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+  const int most_rounds = std::max(k_most_bake_rounds, 2 * task.plane_fit_side * task.plane_fit_side);
+  bake_and_repeat(o, shading_points.size, unknowns, stats, most_rounds, [&](std::span<const uint32_t> blocks) {
     const ConeCounts counts = kernels_.light_cones(task, shading_points, light, blocks, work.flags.data(), unknowns);
     stats.cones_clear += counts.clear;
     stats.cones_blocked += counts.blocked;
@@ -79,7 +81,7 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
     task.segment = o.cone.segment;
     task.least_disc = k_least_light_disc / std::sqrt(float(std::max(strata, k_fewest_strata)));
     task.share = 1.0f / float(std::max(strata, k_fewest_strata));
-    bake_and_repeat(o, batch.rays.size, unknowns, stats, [&](std::span<const uint32_t> blocks) {
+    bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
       stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
                                               batch.clear.data(), work.refused.data(), unknowns);
     });

@@ -5,10 +5,12 @@
 
 #include <cmath>
 
+#include "core/mesh/mesh_procedural.h"
 #include "hybrid/compare/compare.h"
 #include "hybrid/render/render.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/hybrid_scenes.h"
+#include "tests/support/small_scenes.h"
 
 namespace fieldtrace {
 namespace {
@@ -147,6 +149,33 @@ TEST(HybridError, FewCheckedAnswersAreWrong) {
   }
   EXPECT_EQ(answers, s.check_answers);
   EXPECT_EQ(wrong, s.check_wrong);
+}
+
+// A ball in the shadow of another: where it faces the light nothing of its own hides it, so that no right answer of its
+// own field says "blocked", however many of the other's do.
+TEST(HybridError, SelfShadowingAnswersAreThoseOfTheRaysOwnObject) {
+  test::SceneMaker maker;
+  maker.film(48, 48);
+  maker.scene.camera.to_world = test::look_at({0, -6, 3}, {0, 0, 0}, {0, 0, 1});
+  maker.scene.camera.fov_x_degrees = 30.0f;
+  const uint32_t grey = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  const uint32_t ball = maker.mesh(make_sphere({.around = 64, .along = 32}));
+  const auto place = [&](const Vec3& at, float radius) {
+    return Affine(Vec3(radius, 0, 0), Vec3(0, radius, 0), Vec3(0, 0, radius), at);
+  };
+  maker.instance(ball, grey, place({0, 0, 0}, 1.0f));
+  maker.instance(ball, grey, place({0, -0.8f, 2.0f}, 0.6f));
+  maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), grey, place({0, -2.4f, 6.0f}, 0.2f)), Rgb(60.0f));
+  RenderOptions o = options_for(Method::hybrid, 16);
+  o.max_depth = 2;
+  o.check = true;
+  o.leave_to_rays = false;
+  const Stats s = render(maker.scene, o).stats;
+  EXPECT_GT(s.cones_blocked, 10u);  // whole lights, which the other ball hides
+  const auto& blocked = s.check_by[int(CheckedVerdict::blocked)];
+  EXPECT_GT(blocked[0].answers, 500u);
+  EXPECT_EQ(blocked[1].answers, blocked[1].wrong);
+  EXPECT_GT(s.check_by[int(CheckedVerdict::clear)][1].answers, 500u);
 }
 
 // Checking counts; it does not change what is counted about or seen in the picture.

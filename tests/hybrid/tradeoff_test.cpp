@@ -16,45 +16,88 @@ namespace fs = std::filesystem;
 
 constexpr double k_rounding = 1e-12;  // a few operations in double
 
-TEST(SecondsAtError, MeetsThePointsAndTheLawBeyondThem) {
+using Relation = TimeAtError::Relation;
+
+TEST(SecondsAtError, MeetsThePoints) {
   const std::vector<ErrorPoint> points = {{4.0, 0.01}, {1.0, 0.02}, {16.0, 0.005}};
-  for (const ErrorPoint& p : points) EXPECT_NEAR(seconds_at_error(points, p.rmse), p.seconds, k_rounding * p.seconds);
-  EXPECT_NEAR(seconds_at_error(points, 0.04), 0.25, k_rounding);
-  EXPECT_NEAR(seconds_at_error(points, 0.0025), 64.0, 64.0 * k_rounding);
+  for (const ErrorPoint& p : points) {
+    const TimeAtError time = seconds_at_error(points, p.rmse);
+    EXPECT_NEAR(time.seconds, p.seconds, k_rounding * p.seconds);
+    EXPECT_EQ(time.relation, Relation::equals);
+  }
+}
+
+// No law leads on from the ends: light samples lose their noise faster than samples^-1/2.
+TEST(SecondsAtError, BeyondTheEndsIsMoreOrLessThanThese) {
+  const std::vector<ErrorPoint> points = {{4.0, 0.01}, {1.0, 0.02}, {16.0, 0.005}};
+  for (const double rmse : {0.0049999, 0.0025, 1e-9}) {
+    const TimeAtError time = seconds_at_error(points, rmse);
+    EXPECT_EQ(time.relation, Relation::more_than) << rmse;
+    EXPECT_EQ(time.seconds, 16.0) << rmse;
+  }
+  for (const double rmse : {0.0200001, 0.04, 1e9}) {
+    const TimeAtError time = seconds_at_error(points, rmse);
+    EXPECT_EQ(time.relation, Relation::less_than) << rmse;
+    EXPECT_EQ(time.seconds, 1.0) << rmse;
+  }
 }
 
 TEST(SecondsAtError, IsLinearInLogLogBetweenPoints) {
   // Slope -3 instead of -2: halving the error costs eight times the time.
   const std::vector<ErrorPoint> points = {{1.0, 0.08}, {8.0, 0.04}, {64.0, 0.02}};
   const double between = 0.08 / std::sqrt(2.0);
-  EXPECT_NEAR(seconds_at_error(points, between), std::sqrt(8.0), 100 * k_rounding);
+  EXPECT_NEAR(seconds_at_error(points, between).seconds, std::sqrt(8.0), 100 * k_rounding);
 }
 
 TEST(SecondsAtError, DecreasesWithTheError) {
   const std::vector<ErrorPoint> points = {{1.0, 0.03}, {3.0, 0.02}, {30.0, 0.004}};
   double last = std::numeric_limits<double>::infinity();
-  for (double rmse = 0.001; rmse < 0.1; rmse *= 1.1) {
-    const double seconds = seconds_at_error(points, rmse);
+  for (double rmse = 0.0041; rmse < 0.03; rmse *= 1.1) {
+    const double seconds = seconds_at_error(points, rmse).seconds;
     EXPECT_LT(seconds, last) << rmse;
     last = seconds;
   }
 }
 
 TEST(SecondsAtError, WithoutUsablePointsThereIsNoAnswer) {
-  EXPECT_TRUE(std::isnan(seconds_at_error({}, 0.1)));
-  EXPECT_TRUE(std::isnan(seconds_at_error({{0.0, 0.1}, {1.0, 0.0}, {1.0, NAN}}, 0.1)));
-  EXPECT_TRUE(std::isnan(seconds_at_error({{1.0, 0.1}}, 0.0)));
-  EXPECT_TRUE(std::isnan(seconds_at_error({{1.0, 0.1}}, NAN)));
-  EXPECT_NEAR(seconds_at_error({{1.0, 0.1}, {2.0, NAN}}, 0.1), 1.0, k_rounding);
+  EXPECT_TRUE(std::isnan(seconds_at_error({}, 0.1).seconds));
+  EXPECT_TRUE(std::isnan(seconds_at_error({{0.0, 0.1}, {1.0, 0.0}, {1.0, NAN}}, 0.1).seconds));
+  EXPECT_TRUE(std::isnan(seconds_at_error({{1.0, 0.1}}, 0.0).seconds));
+  EXPECT_TRUE(std::isnan(seconds_at_error({{1.0, 0.1}}, NAN).seconds));
+  EXPECT_NEAR(seconds_at_error({{1.0, 0.1}, {2.0, NAN}}, 0.1).seconds, 1.0, k_rounding);
+}
+
+bool ends_with(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
 }
 
 TEST(TradeoffCsv, RowsHaveTheColumnsOfTheHeader) {
   const auto columns = [](const std::string& line) { return std::count(line.begin(), line.end(), ',') + 1; };
   TradeoffRow row;
-  EXPECT_EQ(columns(tradeoff_csv_row(row)), columns(tradeoff_csv_header()));
-  EXPECT_EQ(tradeoff_csv_row(row).rfind("hybrid,", 0), 0u);
+  EXPECT_EQ(columns(tradeoff_csv_row(row, {})), columns(tradeoff_csv_header()));
+  EXPECT_EQ(columns(tradeoff_csv_row(row, {{1.0, 0.1}})), columns(tradeoff_csv_header()));
+  EXPECT_EQ(tradeoff_csv_row(row, {}).rfind("hybrid,", 0), 0u);
   row.options.method = Method::monte_carlo;
-  EXPECT_EQ(tradeoff_csv_row(row).rfind("montecarlo,", 0), 0u);
+  EXPECT_EQ(tradeoff_csv_row(row, {}).rfind("montecarlo,", 0), 0u);
+}
+
+TEST(TradeoffCsv, SaysWhereMonteCarloWasNotMeasured) {
+  EXPECT_TRUE(ends_with(tradeoff_csv_header(), ",montecarlo_relation,montecarlo_seconds"));
+  TradeoffRow monte_carlo;
+  monte_carlo.options.method = Method::monte_carlo;
+  monte_carlo.seconds_cold = 4.0;
+  monte_carlo.difference.rmse = 0.01;
+  TradeoffRow row;  // hybrid
+  row.seconds_cold = 1.0;
+  row.difference.rmse = 0.01;
+  const std::vector<ErrorPoint> points = monte_carlo_points({monte_carlo, row});
+  ASSERT_EQ(points.size(), 1u);
+  EXPECT_TRUE(ends_with(tradeoff_csv_row(row, points), ",equals,4")) << tradeoff_csv_row(row, points);
+  row.difference.rmse = 0.001;
+  EXPECT_TRUE(ends_with(tradeoff_csv_row(row, points), ",more_than,4")) << tradeoff_csv_row(row, points);
+  row.difference.rmse = 0.1;
+  EXPECT_TRUE(ends_with(tradeoff_csv_row(row, points), ",less_than,4")) << tradeoff_csv_row(row, points);
+  EXPECT_TRUE(ends_with(tradeoff_csv_row(row, {}), ",,")) << tradeoff_csv_row(row, {});
 }
 
 TEST(TradeoffPlan, TheReferenceHasItsOwnSeedAndMoreSamples) {

@@ -70,7 +70,12 @@ int run_command(const TradeoffArguments& arguments) {
   callbacks.render.stop = &stop_on_interrupt();
   callbacks.render.warning = print_warnings(progress);
   callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
-  callbacks.row = [&](const TradeoffRow& row, const Image&) { table.add(tradeoff_csv_row(row)); };
+  // The plan begins with all of Monte Carlo.
+  std::vector<TradeoffRow> rows;
+  callbacks.row = [&](const TradeoffRow& row, const Image&) {
+    rows.push_back(row);
+    table.add(tradeoff_csv_row(row, monte_carlo_points(rows)));
+  };
   Image reference;
   const bool complete =
       run_tradeoff(scene, make_tradeoff_plan(scene, arguments.plan), arguments.folder, reference, callbacks);

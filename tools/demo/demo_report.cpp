@@ -63,22 +63,20 @@ TradeoffPlan make_plan(const Scene& scene, int reference_spp) {
   return plan;
 }
 
-std::string factor(double monte_carlo_seconds, double seconds) {
-  return std::isfinite(monte_carlo_seconds) && seconds > 0 ? fmt::format("{:.2f}x", monte_carlo_seconds / seconds)
-                                                           : std::string("-");
+std::string factor(const TimeAtError& monte_carlo, double seconds) {
+  if (!std::isfinite(monte_carlo.seconds) || !(seconds > 0)) return "-";
+  constexpr const char* k_relations[] = {"", ">", "<"};
+  return fmt::format("{}{:.2f}x", k_relations[int(monte_carlo.relation)], monte_carlo.seconds / seconds);
 }
 
 void print_table(const std::vector<TradeoffRow>& rows, double load_seconds) {
-  std::vector<ErrorPoint> monte_carlo;
-  for (const TradeoffRow& row : rows) {
-    if (row.options.method == Method::monte_carlo) monte_carlo.push_back({row.seconds_cold, row.difference.rmse});
-  }
+  const std::vector<ErrorPoint> monte_carlo = monte_carlo_points(rows);
   fmt::print("{:<12}{:>8}{:>8}{:>8}{:>9}{:>11}{:>8}{:>10}{:>8}{:>20}\n", "method", "samples", "load", "bake", "primary",
              "secondary", "total", "RMSE", "exact", "speed-up cold/warm");
   for (const TradeoffRow& row : rows) {
     const Stats& s = row.cold;
     const bool hybrid = row.options.method == Method::hybrid;
-    const double equal = seconds_at_error(monte_carlo, row.difference.rmse);
+    const TimeAtError equal = seconds_at_error(monte_carlo, row.difference.rmse);
     fmt::print("{:<12}{:>8}{:>8.2f}{:>8.2f}{:>9.2f}{:>11.2f}{:>8.2f}{:>10.5f}{:>8}{:>20}\n",
                hybrid ? "hybrid" : "montecarlo", s.spp, load_seconds, s.time_bake, s.time_primary, s.time_secondary,
                load_seconds + row.seconds_cold, row.difference.rmse,
@@ -88,7 +86,8 @@ void print_table(const std::vector<TradeoffRow>& rows, double load_seconds) {
   fmt::print(
       "\nSeconds are wall time; the total is more than the sum, mostly by shading. Exact: share of the shadow rays\n"
       "near an object that Embree answered. Speed-up: time that Monte Carlo needs for the same RMSE / time of the\n"
-      "hybrid, loading left out; cold with the bake, warm with the fields of an earlier render. Below 1: slower.\n");
+      "hybrid, loading left out; cold with the bake, warm with the fields of an earlier render. Below 1: slower.\n"
+      "> and <: the error lies below, or above, all that Monte Carlo was measured at.\n");
 }
 
 void write_pictures(const fs::path& folder, const TradeoffRow& row, const Image& image) {
@@ -139,7 +138,7 @@ int run_demo(const DemoArguments& arguments) {
   const bool complete = run_tradeoff(scene, plan, arguments.folder, reference, callbacks);
   progress.clear();
   std::string csv = tradeoff_csv_header() + "\n";
-  for (const TradeoffRow& row : rows) csv += tradeoff_csv_row(row) + "\n";
+  for (const TradeoffRow& row : rows) csv += tradeoff_csv_row(row, monte_carlo_points(rows)) + "\n";
   write_text_file((folder / "demo.csv").string(), csv);
   print_table(rows, load_seconds);
   return complete ? k_exit_success : k_exit_interrupted;
