@@ -8,8 +8,10 @@
 #include <set>
 #include <string>
 #include <tuple>
+#include <utility>
 #include <vector>
 
+#include "core/loader/scene_limits.h"
 #include "core/loader/scene_recentre.h"
 #include "core/loader/scene_tree.h"
 #include "core/loader/scene_values.h"
@@ -24,7 +26,12 @@ struct ShapePart {
   bool flip_normals = false;
   DAffine to_world = DAffine(1.0);
   const SceneNode* emitter = nullptr;
+  SourceLocation where;  // of to_world, or of the shape
 };
+
+// What a bitmap's pixels stand for. Reflectances are cut off at 0 and 1; raw: 8-bit values are taken as they are, not
+// as sRGB.
+enum class BitmapUse : uint8_t { reflectance, raw_reflectance, radiance };
 
 struct SceneBuilder {
   const SceneTree& tree;
@@ -34,11 +41,13 @@ struct SceneBuilder {
 
   Scene scene;
   ScenePlacement placement;
+  ScenePlaces places;
 
   // Objects built before, by what they were built from.
   std::map<const SceneNode*, uint32_t> bsdfs, textures;
   std::map<const SceneNode*, std::vector<ShapePart>> groups;
-  std::map<std::string, uint32_t> shapes, bitmaps;
+  std::map<std::string, uint32_t> shapes;
+  std::map<std::pair<std::string, BitmapUse>, uint32_t> bitmaps;
   std::map<std::tuple<MicrofacetKind, float, float>, uint32_t> rough_transmittances;  // by roughness and index
   std::map<std::string, bool> own_normals;  // mesh files: do they bring normals
   uint32_t default_bsdf = k_none, emitter_bsdf = k_none;
@@ -51,9 +60,9 @@ uint32_t add_constant_texture(SceneBuilder& builder, const Rgb& value);
 // The texture property `name` (a colour or a <texture>) as an index into Scene::textures; a constant if it is absent.
 uint32_t build_texture(SceneBuilder& builder, Properties& properties, const std::string& name, const Rgb& missing);
 
-// The image at `path` as an index into Scene::bitmaps, read once for all that use it. `raw`: 8-bit values are taken as
-// they are, not as sRGB. Throws Error naming `where` if it cannot be read or a pixel is not finite.
-uint32_t build_bitmap(SceneBuilder& builder, const std::string& path, bool raw, const SourceLocation& where);
+// The image at `path` as an index into Scene::bitmaps, read once for all that use it alike. Throws Error naming `where`
+// if it cannot be read or a pixel is not finite; reflectances outside [0, 1] are a warning, an Error in strict mode.
+uint32_t build_bitmap(SceneBuilder& builder, const std::string& path, BitmapUse use, const SourceLocation& where);
 
 // Index into Scene::bsdfs. An unknown type is reported and becomes the default, a diffuse surface of albedo 0.5.
 uint32_t build_bsdf(SceneBuilder& builder, const SceneNode& node);

@@ -10,9 +10,10 @@
 namespace fieldtrace {
 namespace {
 
-void add_emitter(SceneBuilder& builder, const Emitter& emitter, const DVec3& position) {
+void add_emitter(SceneBuilder& builder, const Emitter& emitter, const DVec3& position, const SourceLocation& where) {
   builder.scene.emitters.push_back(emitter);
   builder.placement.emitters.push_back(position);
+  builder.places.emitters.push_back(where);
 }
 
 DVec3 parse_position(Properties& properties) {
@@ -80,7 +81,7 @@ void parse_environment(SceneBuilder& builder, const SceneNode& node, Properties&
                                             properties.where("to_world"), builder.diagnostics));
   const SourceLocation where = properties.where("filename");
   const std::string path = resolve_file(node, filename);
-  emitter.bitmap = build_bitmap(builder, path, false, where);
+  emitter.bitmap = build_bitmap(builder, path, BitmapUse::radiance, where);
   check_environment(builder, builder.scene.bitmaps[emitter.bitmap], path, scale, where);
   // How it is sampled is decided here.
   properties.ignore({"mis_compensation"});
@@ -108,7 +109,7 @@ void build_area_light(SceneBuilder& builder, const SceneNode& node, uint32_t ins
   properties.ignore({"sampling_weight"});
   properties.finish();
   builder.scene.instances[instance].emitter = uint32_t(builder.scene.emitters.size());
-  add_emitter(builder, emitter, DVec3(0.0));
+  add_emitter(builder, emitter, DVec3(0.0), node.where);
 }
 
 void build_emitter(SceneBuilder& builder, const SceneNode& node) {
@@ -138,7 +139,7 @@ void build_emitter(SceneBuilder& builder, const SceneNode& node) {
   }
   properties.ignore({"sampling_weight"});
   properties.finish();
-  add_emitter(builder, emitter, position);
+  add_emitter(builder, emitter, position, properties.where(properties.has("position") ? "position" : "to_world"));
 }
 
 }  // namespace fieldtrace

@@ -1,10 +1,13 @@
 // Camera, film, sampler and integrator of scene files (build_sensor() and build_integrator() of scene_builder.h).
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 
 #include "core/loader/scene_builder.h"
+#include "core/loader/scene_limits.h"
 #include "core/loader/scene_transforms.h"
 
 namespace fieldtrace {
@@ -13,6 +16,13 @@ namespace {
 // Pixels along an edge; larger pictures would overflow no type but are surely a mistake.
 constexpr int k_max_film_size = 65536;
 constexpr int k_max_samples = 1 << 24;
+// Pixels: a filter wider than the widest film blurs every picture to one colour.
+constexpr Range k_filter_range = {0.0, k_max_film_size, true};
+// Film widths. Up to here positions on the film are told apart to 2^-16 of it, a pixel of the widest film.
+constexpr Range k_principal_range = {-256.0, 256.0, false};
+constexpr Range k_lens_range = {0.0, k_largest_coordinate, false};
+// Squares of what is in focus must not underflow.
+constexpr Range k_focus_range = {1 / k_largest_coordinate, k_largest_coordinate, false};
 // Mitsuba's cameras without fov have a 50 mm lens in front of 36 mm x 24 mm film.
 constexpr double k_film_diagonal_mm = 43.266615305567875;
 constexpr const char* k_default_lens = "50mm";
@@ -37,9 +47,9 @@ Film parse_film(const SceneBuilder& builder, const SceneNode& node) {
       film.filter_radius = 0.5f;
     } else if (filter->type == "tent") {
       film.filter = FilterKind::tent;
-      film.filter_radius = float(inner.number("radius", 1.0, k_positive));
+      film.filter_radius = float(inner.number("radius", 1.0, k_filter_range));
     } else if (filter->type == "gaussian") {
-      film.gaussian_stddev = float(inner.number("stddev", 0.5, k_positive));
+      film.gaussian_stddev = float(inner.number("stddev", 0.5, {0.0, k_max_film_size / 4, true}));
       // Mitsuba cuts its Gaussian at four standard deviations.
       film.filter_radius = 4 * film.gaussian_stddev;
     } else {
@@ -90,6 +100,16 @@ double parse_field_of_view(Properties& properties, double aspect) {
   return result;
 }
 
+void check_focus(const Properties& properties, const Camera& camera) {
+  if (camera.focus_distance >= k_focus_range.lower && camera.focus_distance <= k_focus_range.upper) return;
+  const char* const given = properties.has("focus_distance") ? "focus_distance" : "far_clip";
+  throw Error(properties.where(given),
+              fmt::format("the lens is focused at {:.3g}{}, but must be at least {:.3g} and at "
+                          "most {:.3g}",
+                          camera.focus_distance, properties.has("focus_distance") ? "" : ", its far_clip",
+                          k_focus_range.lower, k_focus_range.upper));
+}
+
 }  // namespace
 
 void build_sensor(SceneBuilder& builder, const SceneNode& node) {
@@ -106,8 +126,8 @@ void build_sensor(SceneBuilder& builder, const SceneNode& node) {
 
   Camera& camera = builder.scene.camera;
   camera.fov_x_degrees = float(parse_field_of_view(properties, double(film.width) / film.height));
-  camera.principal_offset.x = float(properties.number("principal_point_offset_x", 0));
-  camera.principal_offset.y = float(properties.number("principal_point_offset_y", 0));
+  camera.principal_offset.x = float(properties.number("principal_point_offset_x", 0, k_principal_range));
+  camera.principal_offset.y = float(properties.number("principal_point_offset_y", 0, k_principal_range));
   camera.near_clip = float(properties.number("near_clip", camera.near_clip, k_positive));
   camera.far_clip = float(properties.number("far_clip", camera.far_clip, k_positive));
   if (!(camera.near_clip < camera.far_clip))
@@ -117,10 +137,13 @@ void build_sensor(SceneBuilder& builder, const SceneNode& node) {
   if (thin_lens) {
     if (!properties.has("aperture_radius"))
       throw Error(node.where, "<sensor type=\"thinlens\"> lacks its aperture_radius");
-    camera.aperture_radius = float(properties.number("aperture_radius", 0, k_not_negative));
+    camera.aperture_radius = float(properties.number("aperture_radius", 0, k_lens_range));
+    if (camera.aperture_radius > 0) check_focus(properties, camera);
   }
+  check_lens(camera, film, properties.where(camera.aperture_radius > 0 ? "aperture_radius" : "near_clip"));
   builder.placement.camera =
       rigid_part(properties.transform("to_world"), "the camera", properties.where("to_world"), builder.diagnostics);
+  builder.places.camera = properties.where("to_world");
   // Nothing moves, so the shutter's times make no difference.
   properties.ignore({"shutter_open", "shutter_close"});
   properties.finish();

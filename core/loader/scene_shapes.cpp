@@ -34,7 +34,8 @@ bool parse_part(SceneBuilder& builder, const SceneNode& node, ShapePart& part) {
   part.to_world = properties.transform("to_world");
   part.flip_normals = properties.boolean("flip_normals", false);
   if (!build_geometry(builder, node, properties, part)) return false;
-  require_invertible(part.to_world, properties.where("to_world"));
+  part.where = properties.where("to_world");
+  require_invertible(part.to_world, part.where);
   properties.ignore({"silhouette_sampling_weight"});
   const SceneNode* bsdf = properties.object("bsdf");
   part.emitter = properties.object("emitter");
@@ -45,7 +46,8 @@ bool parse_part(SceneBuilder& builder, const SceneNode& node, ShapePart& part) {
   return true;
 }
 
-uint32_t add_instance(SceneBuilder& builder, const ShapePart& part, const std::string& id, const DAffine& to_world) {
+uint32_t add_instance(SceneBuilder& builder, const ShapePart& part, const std::string& id, const DAffine& to_world,
+                      const SourceLocation& where) {
   Instance instance;
   instance.id = id;
   instance.shape = part.shape;
@@ -53,6 +55,7 @@ uint32_t add_instance(SceneBuilder& builder, const ShapePart& part, const std::s
   instance.flip_normals = part.flip_normals;
   builder.scene.instances.push_back(instance);
   builder.placement.instances.push_back(to_world);
+  builder.places.instances.push_back(where);
   return uint32_t(builder.scene.instances.size() - 1);
 }
 
@@ -84,7 +87,7 @@ void build_instance(SceneBuilder& builder, const SceneNode& node) {
   for (const ShapePart& part : build_group(builder, *group)) {
     const DAffine composed = compose(to_world, part.to_world);
     require_invertible(composed, properties.where("to_world"));
-    add_instance(builder, part, node.id.empty() ? part.id : node.id, composed);
+    add_instance(builder, part, node.id.empty() ? part.id : node.id, composed, properties.where("to_world"));
   }
   properties.finish();
 }
@@ -102,7 +105,7 @@ void build_shape(SceneBuilder& builder, const SceneNode& node) {
   }
   ShapePart part;
   if (!parse_part(builder, node, part)) return;
-  const uint32_t index = add_instance(builder, part, part.id, part.to_world);
+  const uint32_t index = add_instance(builder, part, part.id, part.to_world, part.where);
   if (!part.emitter) return;
   // An area that single precision cannot hold cannot be sampled either.
   if (!(surface_area(builder.scene.shapes[part.shape], part.to_world) >= double(std::numeric_limits<float>::min())))

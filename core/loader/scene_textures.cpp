@@ -62,6 +62,20 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
   return bitmap;
 }
 
+// Reflectances and opacities lie in [0, 1]: pixels beyond would make or take away light.
+void clamp_bitmap(SceneBuilder& builder, Bitmap& bitmap, const std::string& path, const SourceLocation& where) {
+  size_t beyond = 0;
+  for (Rgb& pixel : bitmap.pixels) {
+    const Rgb clamped = glm::clamp(pixel, 0.0f, 1.0f);
+    beyond += clamped != pixel;
+    pixel = clamped;
+  }
+  if (beyond > 0) {
+    builder.diagnostics.unknown(where, "the bitmap '" + path + "' has " + std::to_string(beyond) +
+                                           " pixels outside [0, 1], which are cut off there; scale the picture");
+  }
+}
+
 Texture parse_bitmap(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
   Texture texture;
   texture.kind = TextureKind::bitmap;
@@ -75,7 +89,8 @@ Texture parse_bitmap(SceneBuilder& builder, const SceneNode& node, Properties& p
                        : TextureFilter::bilinear;
   texture.uv_transform = parse_uv_transform(properties);
   properties.ignore({"format", "accel"});
-  texture.bitmap = build_bitmap(builder, resolve_file(node, filename), raw, properties.where("filename"));
+  const BitmapUse use = raw ? BitmapUse::raw_reflectance : BitmapUse::reflectance;
+  texture.bitmap = build_bitmap(builder, resolve_file(node, filename), use, properties.where("filename"));
   return texture;
 }
 
@@ -90,10 +105,12 @@ Texture parse_checkerboard(Properties& properties) {
 
 }  // namespace
 
-uint32_t build_bitmap(SceneBuilder& builder, const std::string& path, bool raw, const SourceLocation& where) {
-  const auto [found, inserted] = builder.bitmaps.emplace((raw ? "raw " : "") + path, k_none);
+uint32_t build_bitmap(SceneBuilder& builder, const std::string& path, BitmapUse use, const SourceLocation& where) {
+  const auto [found, inserted] = builder.bitmaps.emplace(std::pair(path, use), k_none);
   if (inserted) {
-    builder.scene.bitmaps.push_back(load_bitmap(path, raw, where));
+    Bitmap bitmap = load_bitmap(path, use == BitmapUse::raw_reflectance, where);
+    if (use != BitmapUse::radiance) clamp_bitmap(builder, bitmap, path, where);
+    builder.scene.bitmaps.push_back(std::move(bitmap));
     found->second = uint32_t(builder.scene.bitmaps.size() - 1);
   }
   return found->second;

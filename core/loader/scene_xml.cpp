@@ -32,6 +32,7 @@ void build_scene(SceneBuilder& builder) {
     build_sensor(builder, *sensor);
   } else {
     builder.diagnostics.warning(where, "the scene has no sensor; one that sees everything from -z is used");
+    builder.places.camera = where;
     build_default_sensor(builder);
   }
   if (integrator) build_integrator(builder, *integrator);
@@ -47,6 +48,9 @@ Scene load_scene(const std::string& path, const SceneLoadOptions& options) {
   build_scene(builder);
   recentre_meshes(builder.scene, builder.placement);
   place_scene(builder.scene, builder.placement);
+  builder.places.scene = tree.root.where;
+  check_scene_limits(builder.scene, builder.places);
+  warn_of_blurred_triangles(builder.scene, builder.places, diagnostics.sink);
   return std::move(builder.scene);
 }
 

@@ -35,6 +35,16 @@ constexpr float k_depth_footprint = 1.4f;
 // plane cells: an edge passes there, which its own lines may have missed (docs/decisions/011-hard-meshes.md).
 constexpr float k_front_cells = 2.0f;
 
+// A geometric normal at length 1. Its length is a triangle's area, in units of the object's own: the square of that may
+// leave single precision.
+Vec3 unit_normal(const Vec3& n) {
+  // Within these bounds squares that underflow are below 2^-26 of the sum, and none overflows.
+  constexpr float k_least_square = 0x1p-100f, k_largest_square = 0x1p126f;
+  const float square = glm::dot(n, n);
+  if (square >= k_least_square && square <= k_largest_square) return glm::normalize(n);
+  return Vec3(glm::normalize(DVec3(n)));
+}
+
 struct Claimed {
   uint32_t slice;
   uint32_t first_cell;
@@ -192,7 +202,7 @@ void SliceBaker::trace_depth_lines(std::vector<DepthCellFit>& cells, Round& roun
     const Vec3 direction = round.rays.direction(r) * inverse_radius;
     const Vec3 origin = (round.rays.origin(r) - field_.ball().centre) * inverse_radius;
     // Normals are turned to the side that the line comes from: open and two-sided meshes need no inside.
-    Vec3 normal = glm::normalize(Vec3(hits.nx[r], hits.ny[r], hits.nz[r]));
+    Vec3 normal = unit_normal({hits.nx[r], hits.ny[r], hits.nz[r]});
     if (glm::dot(normal, direction) > 0.0f) normal = -normal;
     cell.points[cell.hits] = origin + direction * hits.t[r];
     cell.normals[cell.hits] = normal;

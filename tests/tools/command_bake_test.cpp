@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "field/file/field_file.h"
@@ -129,6 +130,15 @@ TEST_F(CommandBake, RefusesWhatItCannotBake) {
   expect(1, "missing.vdb", {"info", "missing.vdb"});
   fs::copy_file(folder_ / "ball.ply", folder_ / "foreign.vdb");
   expect(1, "foreign.vdb: is cut short, or no field file", {"info", "foreign.vdb"});
+  // Too small and too large for single precision: 256 triangles and more, so that --full bakes them.
+  for (const char* unit : {"1e-12", "1e15"}) {
+    std::ofstream mesh(folder_ / "extreme.obj");
+    for (int i = 0; i < 300; ++i)
+      mesh << "v " << i << unit + 1 << " 0 0\nv 0 " << i + 1 << unit + 1 << " " << unit << "\n";
+    for (int i = 1; i < 598; ++i) mesh << "f " << i << " " << i + 1 << " " << i + 2 << "\n";
+    mesh.close();
+    expect(1, "extreme.obj: the shape ", {"bake", "extreme.obj", "--full", "-o", "f.vdb", "--directions", "32"});
+  }
   EXPECT_FALSE(exists("f.vdb"));
 }
 

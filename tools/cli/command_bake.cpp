@@ -5,6 +5,7 @@
 #include <cctype>
 #include <filesystem>
 
+#include "core/loader/scene_limits.h"
 #include "core/mesh/mesh_io.h"
 #include "hybrid/fields/field_resolution.h"
 #include "hybrid/fields/thesis_fields.h"
@@ -75,6 +76,9 @@ int run_bake(const BakeArguments& arguments) {
   const Scene scene = mesh ? scene_of_mesh(load_mesh(arguments.input.path, {}, callbacks.warning),
                                            std::filesystem::path(arguments.input.path).filename().string())
                            : load_scene(arguments.input, progress);
+  // load_scene() has checked this for scenes.
+  if (mesh)
+    check_scene_limits(scene, {.instances = {{arguments.input.path}}, .emitters = {}, .camera = {}, .scene = {}});
   BakeOptions options = arguments.options;
   if (by_thesis) options.thesis_directions = thesis_directions(arguments.directions, arguments.plane);
   options.fields = choose_resolution(scene, shape_traits(scene), k_large_picture_rays);

@@ -1,0 +1,205 @@
+#include "core/loader/scene_limits.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace fieldtrace {
+namespace {
+
+// Directions of the lens' rays before they are normalised; their squares must stay finite.
+constexpr double k_largest_direction = 0x1p62;
+
+SourceLocation place_of(const std::vector<SourceLocation>& places, size_t i) {
+  return i < places.size() ? places[i] : SourceLocation();
+}
+
+// The largest singular value: the root of the largest eigenvalue of m^T m, by its trigonometric form (O. K. Smith,
+// "Eigenvalues of a symmetric 3 x 3 matrix", CACM 4(4), 1961).
+double largest_stretch(const DMat3& m) {
+  const DMat3 square = glm::transpose(m) * m;
+  const double mean = (square[0][0] + square[1][1] + square[2][2]) / 3;
+  DMat3 rest = square;
+  double sum = 0;
+  for (int i = 0; i < 3; ++i) {
+    rest[i][i] -= mean;
+    sum += glm::dot(rest[i], rest[i]);
+  }
+  const double spread = std::sqrt(sum / 6);
+  if (!(spread > 0)) return std::sqrt(mean);
+  const double cosine = std::clamp(glm::determinant(rest / spread) / 2, -1.0, 1.0);
+  return std::sqrt(mean + 2 * spread * std::cos(std::acos(cosine) / 3));
+}
+
+struct WorldBox {
+  DVec3 lower = DVec3(std::numeric_limits<double>::infinity());
+  DVec3 upper = DVec3(-std::numeric_limits<double>::infinity());
+
+  // `what` lies at p, give or take `reach`.
+  void extend(const DVec3& p, double reach, const char* what, const SourceLocation& where) {
+    const DVec3 far = glm::abs(p) + reach;
+    const double most = std::max({far.x, far.y, far.z});
+    // Negated, so that what is not a number is refused too.
+    if (!(far.x <= k_largest_coordinate && far.y <= k_largest_coordinate && far.z <= k_largest_coordinate)) {
+      throw Error(where, fmt::format("{} reaches to the coordinate {:.3g}; at most {:.3g} is possible, so bring it "
+                                     "nearer or use larger units",
+                                     what, most, k_largest_coordinate));
+    }
+    lower = glm::min(lower, p - reach);
+    upper = glm::max(upper, p + reach);
+  }
+  double diameter() const { return lower.x <= upper.x ? glm::length(upper - lower) : 0.0; }
+};
+
+WorldBox world_box(const Scene& scene, const ScenePlaces& places) {
+  WorldBox box;
+  for (size_t i = 0; i < scene.instances.size(); ++i) {
+    const Instance& instance = scene.instances[i];
+    const DAffine t(instance.to_world);
+    for (int c = 0; c < 8; ++c) {
+      const DVec3 p(scene.shapes[instance.shape].bounds.corner(c));
+      box.extend(t[0] * p.x + t[1] * p.y + t[2] * p.z + t[3], 0, "the shape", place_of(places.instances, i));
+    }
+  }
+  for (size_t i = 0; i < scene.emitters.size(); ++i) {
+    if (scene.emitters[i].kind != EmitterKind::point) continue;
+    box.extend(DVec3(scene.emitters[i].position), 0, "the light", place_of(places.emitters, i));
+  }
+  box.extend(DVec3(scene.camera.to_world[3]), camera_reach(scene.camera, scene.film), "the camera", places.camera);
+  return box;
+}
+
+// Of one instance in a scene of that diameter.
+void check_instance(const Scene& scene, const Instance& instance, double diameter, const SourceLocation& where) {
+  const DAffine t(instance.to_world);
+  const DMat3 linear(t[0], t[1], t[2]);
+  DMat3 unit = linear;
+  for (int i = 0; i < 3; ++i) unit[i] /= glm::length(unit[i]);
+  if (!(std::abs(glm::determinant(unit)) >= k_least_determinant)) {
+    throw Error(where,
+                "the transform all but flattens the shape, more than single precision can undo; scale less "
+                "unequally, or transform the mesh itself");
+  }
+  const double largest = largest_stretch(linear), smallest = 1 / largest_stretch(glm::inverse(linear));
+  if (!(smallest >= k_smallest_scale && largest <= k_largest_scale)) {
+    throw Error(where,
+                fmt::format("the transform scales by {:.3g}; factors between {:.3g} and {:.3g} are possible, so "
+                            "use other units",
+                            smallest >= k_smallest_scale ? largest : smallest, k_smallest_scale, k_largest_scale));
+  }
+  const Bounds3& bounds = scene.shapes[instance.shape].bounds;
+  const double size = glm::length(DVec3(bounds.upper) - DVec3(bounds.lower));
+  if (!(size >= k_smallest_shape)) {
+    throw Error(where, fmt::format("the shape has a size of {:.3g} before its transform; at least {:.3g} is possible, "
+                                   "so enlarge its vertices and shrink it by to_world",
+                                   size, k_smallest_shape));
+  }
+  const double across = diameter / smallest;
+  if (!(across <= k_largest_ray && across * across * size <= k_largest_product)) {
+    throw Error(where, fmt::format("the scene is {:.3g} across in this shape's own units, of which the shape measures "
+                                   "{:.3g}; single precision cannot hold both, so enlarge the shape or bring the scene "
+                                   "together",
+                                   across, size));
+  }
+}
+
+struct WorldTriangle {
+  DVec3 a, b, c;
+  double longest_edge() const { return std::max({glm::length(b - a), glm::length(c - b), glm::length(a - c)}); }
+  // From p, at most: to the triangle's plane, or to its box.
+  double distance(const DVec3& p) const {
+    const DVec3 normal = glm::cross(b - a, c - a);
+    const double length = glm::length(normal);
+    const DVec3 lower = glm::min(a, glm::min(b, c)), upper = glm::max(a, glm::max(b, c));
+    const double to_plane = length > 0 ? std::abs(glm::dot(p - a, normal)) / length : 0.0;
+    return std::max(to_plane, glm::length(glm::max(glm::max(lower - p, p - upper), DVec3(0.0))));
+  }
+};
+
+WorldTriangle triangle_of(const TriangleMesh& mesh, const UVec3& index, const DAffine& t) {
+  const auto corner = [&](uint32_t i) {
+    const DVec3 p(mesh.positions[i]);
+    return t[0] * p.x + t[1] * p.y + t[2] * p.z + t[3];
+  };
+  return {corner(index.x), corner(index.y), corner(index.z)};
+}
+
+// In object space.
+double longest_edge(const TriangleMesh& mesh) {
+  double longest = 0;
+  for (const UVec3& index : mesh.triangles)
+    longest = std::max(longest, triangle_of(mesh, index, DAffine(1.0)).longest_edge());
+  return longest;
+}
+
+// The tangent of the angle between the camera's axis and its rays, at most.
+double steepest(const Camera& camera, const Film& film) {
+  const double tangent = std::tan(0.5 * glm::radians(double(camera.fov_x_degrees)));
+  const auto side = [&](float offset, int pixels) {
+    return 1 + 2 * (std::abs(double(offset)) + double(film.filter_radius) / pixels);
+  };
+  const double x = tangent * side(camera.principal_offset.x, film.width);
+  const double y = tangent * film.height / film.width * side(camera.principal_offset.y, film.height);
+  return std::hypot(x, y);
+}
+
+}  // namespace
+
+double camera_reach(const Camera& camera, const Film& film) {
+  const double aperture = camera.aperture_radius;
+  const double slope = steepest(camera, film) + (aperture > 0 ? aperture / double(camera.focus_distance) : 0.0);
+  return double(camera.near_clip) * std::hypot(1.0, slope) + aperture;
+}
+
+void check_lens(const Camera& camera, const Film& film, const SourceLocation& where) {
+  const double reach = camera_reach(camera, film);
+  if (!(reach <= k_largest_coordinate)) {
+    throw Error(where,
+                fmt::format("the camera's rays start as far as {:.3g} from it, at most {:.3g} is possible; use a "
+                            "smaller near_clip, aperture_radius or fov, or a larger focus_distance",
+                            reach, k_largest_coordinate));
+  }
+  if (camera.aperture_radius > 0 && !(steepest(camera, film) * double(camera.focus_distance) <= k_largest_direction)) {
+    throw Error(where, "the lens sees too wide an angle for its focus_distance; make one of them smaller");
+  }
+}
+
+void check_scene_limits(const Scene& scene, const ScenePlaces& places) {
+  const double diameter = world_box(scene, places).diameter();
+  for (size_t i = 0; i < scene.instances.size(); ++i)
+    check_instance(scene, scene.instances[i], diameter, place_of(places.instances, i));
+  if (!scene.instances.empty() && !(diameter >= k_smallest_scene)) {
+    throw Error(places.scene, fmt::format("the whole scene is only {:.3g} across; at least {:.3g} is possible, so use "
+                                          "smaller units",
+                                          diameter, k_smallest_scene));
+  }
+}
+
+void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const WarningSink& warning) {
+  const DVec3 camera(scene.camera.to_world[3]);
+  const double nearest = scene.camera.near_clip;  // nothing nearer is seen
+  std::vector<double> longest(scene.shapes.size(), 0.0);
+  for (size_t s = 0; s < scene.shapes.size(); ++s) longest[s] = longest_edge(scene.shapes[s].mesh);
+  for (size_t i = 0; i < scene.instances.size(); ++i) {
+    const Instance& instance = scene.instances[i];
+    const DAffine t(instance.to_world);
+    const double stretch = largest_stretch(DMat3(t[0], t[1], t[2]));
+    if (longest[instance.shape] * stretch <= k_blurred_triangle * nearest) continue;
+    const TriangleMesh& mesh = scene.shapes[instance.shape].mesh;
+    for (const UVec3& index : mesh.triangles) {
+      const WorldTriangle triangle = triangle_of(mesh, index, t);
+      const double edge = triangle.longest_edge(), distance = std::max(triangle.distance(camera), nearest);
+      if (edge <= k_blurred_triangle * distance) continue;
+      warn(warning, place_of(places.instances, i),
+           fmt::format(
+               "a triangle of this shape is {:.3g} across and passes within {:.3g} of the camera, too large for "
+               "single precision: shadows and textures on it are blurred by {:.2g}; make it smaller or cut it up",
+               edge, distance, edge * 0x1p-24));
+      break;
+    }
+  }
+}
+
+}  // namespace fieldtrace
