@@ -1,5 +1,6 @@
 #include "core/image/image.h"
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
 #include <algorithm>
@@ -14,6 +15,7 @@
 #include <utility>
 
 #include "core/io/atomic_file.h"
+#include "core/io/input_file.h"
 #include "core/platform/error.h"
 
 namespace fieldtrace {
@@ -51,15 +53,41 @@ bool needs_full_float(const std::string& channel) {
   return false;
 }
 
+// What OpenImageIO writes through: its PNG writer takes no notice of writes that fail.
+class CheckedProxy : public OIIO::Filesystem::IOProxy {
+ public:
+  explicit CheckedProxy(const std::string& path) : IOProxy(path, Write), file_(path) {}
+  const char* proxytype() const override { return "checked"; }
+  size_t write(const void* data, size_t size) override {
+    const size_t written = pwrite(data, size, m_pos);
+    m_pos += int64_t(written);
+    return written;
+  }
+  size_t pwrite(const void* data, size_t size, int64_t offset) override {
+    return file_.write_at(uint64_t(offset), data, size) ? size : 0;
+  }
+  size_t size() const override { return size_t(file_.end()); }
+  CheckedFile& file() { return file_; }
+
+ private:
+  CheckedFile file_;
+};
+
 template <class T>
 void write_pixels(const std::string& path, const char* format_name, const OIIO::ImageSpec& spec, const T* pixels) {
   AtomicFile file(path);
-  const auto fail = [&](const std::string& reason) { throw Error({path}, "cannot be written: " + reason); };
+  CheckedProxy proxy(file.temporary_path());
+  const auto fail = [&](const std::string& reason) {
+    throw Error({path}, "cannot be written: " + (proxy.file().failed() ? proxy.file().reason() : reason));
+  };
   const auto output = OIIO::ImageOutput::create(format_name);
   if (!output) fail(OIIO::geterror());
+  if (!output->set_ioproxy(&proxy)) fail("OpenImageIO cannot write this format through a proxy");
   if (!output->open(file.temporary_path(), spec)) fail(output->geterror());
   if (!output->write_image(OIIO::BaseTypeFromC<T>::value, pixels)) fail(output->geterror());
   if (!output->close()) fail(output->geterror());
+  proxy.file().close();
+  if (proxy.file().failed() || proxy.file().end() == 0) fail("nothing was written");
   file.commit();
 }
 
@@ -214,6 +242,7 @@ Image read_image(const std::string& path, const ImageReadOptions& options) {
   std::error_code ignored;
   if (!std::filesystem::exists(path, ignored)) throw Error({path}, "no such file; check the name");
   if (std::filesystem::is_directory(path, ignored)) throw Error({path}, "it is a folder; name an image file");
+  require_regular_file(path);
   try {
     return read_pixels(path, options);
   } catch (const Error&) {

@@ -1,13 +1,15 @@
 #include "core/io/atomic_file.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
+#include <utility>
 
 #include "core/platform/error.h"
 
@@ -15,15 +17,18 @@ namespace fieldtrace {
 
 namespace {
 
+namespace fs = std::filesystem;
+
 Error cannot_write(const std::string& path, const std::string& reason) {
   return Error({path}, "cannot be written: " + reason);
 }
 
 std::string resolve_target(const std::string& path) {
-  namespace fs = std::filesystem;
   if (path.empty()) throw Error("an empty file name cannot be written; name a file");
-  std::error_code ignored;
-  const fs::file_status status = fs::status(path, ignored);
+  std::error_code unknown;
+  const fs::file_status status = fs::status(path, unknown);
+  // A name that is too long, say: the temporary name, which is not, would hide that until the work is done.
+  if (status.type() == fs::file_type::none) throw cannot_write(path, unknown.message());
   if (fs::is_directory(status) || path.back() == '/') throw cannot_write(path, "it is a folder; name a file");
   // Renaming onto a device would replace the device itself.
   if (fs::exists(status) && !fs::is_regular_file(status)) {
@@ -34,10 +39,39 @@ std::string resolve_target(const std::string& path) {
   return failed ? path : resolved.string();
 }
 
-// Unique among processes by the process id, among threads by the counter; O_EXCL catches the rest.
+// Where pathconf() knows no limit: NAME_MAX of Linux.
+constexpr size_t k_longest_name = 255;
+
+// At most `room` bytes of `name`, without a part of a UTF-8 sequence at the end.
+std::string shortened(const std::string& name, size_t room) {
+  if (name.size() <= room) return name;
+  const auto continues = [&](size_t i) { return (static_cast<unsigned char>(name[i]) & 0xc0) == 0x80; };
+  size_t length = room;
+  while (length > 0 && continues(length)) --length;
+  return name.substr(0, length);
+}
+
+// Unique among processes by the process id, among threads by the counter; O_EXCL catches the rest. A name that leaves
+// no room for these is shortened.
 std::string temporary_name(const std::string& target) {
   static std::atomic<unsigned> counter{0};
-  return target + "." + std::to_string(getpid()) + "-" + std::to_string(counter++) + ".tmp";
+  const fs::path path(target), folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  const std::string ending = "." + std::to_string(getpid()) + "-" + std::to_string(counter++) + ".tmp";
+  const long limit = pathconf(folder.c_str(), _PC_NAME_MAX);
+  const size_t longest = limit > 0 ? size_t(limit) : k_longest_name;
+  const size_t room = longest > ending.size() ? longest - ending.size() : 0;
+  return (folder / (shortened(path.filename().string(), room) + ending)).string();
+}
+
+// Makes sure that what was written is on the disk: some file systems tell only now that it is full. Sets errno.
+bool reaches_the_disk(const std::string& path) {
+  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0) return false;
+  const bool synced = fsync(file) == 0 || errno == EINVAL || errno == ENOSYS || errno == ENOTSUP;
+  const int reason = errno;
+  close(file);
+  errno = reason;
+  return synced;
 }
 
 }  // namespace
@@ -61,16 +95,51 @@ AtomicFile::~AtomicFile() {
 }
 
 void AtomicFile::commit() {
+  if (!reaches_the_disk(temporary_)) throw cannot_write(path_, std::strerror(errno));
   if (std::rename(temporary_.c_str(), target_.c_str()) != 0) throw cannot_write(path_, std::strerror(errno));
   temporary_.clear();
 }
 
+CheckedFile::CheckedFile(const std::string& path) : file_(open(path.c_str(), O_WRONLY | O_TRUNC | O_CLOEXEC)) {
+  if (file_ < 0) error_ = errno;
+}
+
+CheckedFile::~CheckedFile() {
+  if (file_ >= 0) ::close(file_);
+}
+
+bool CheckedFile::write_at(uint64_t offset, const void* data, size_t size) {
+  const char* at = static_cast<const char*>(data);
+  while (error_ == 0 && size > 0) {
+    const ssize_t written = pwrite(file_, at, size, off_t(offset));
+    if (written < 0) {
+      if (errno != EINTR) error_ = errno;
+      continue;
+    }
+    at += written;
+    offset += uint64_t(written);
+    size -= size_t(written);
+    end_ = std::max(end_, offset);
+  }
+  return error_ == 0;
+}
+
+void CheckedFile::close() {
+  if (file_ < 0) return;
+  struct stat held;
+  if (error_ == 0 && fstat(file_, &held) != 0) error_ = errno;
+  if (error_ == 0 && uint64_t(held.st_size) != end_) error_ = EIO;
+  if (::close(std::exchange(file_, -1)) != 0 && error_ == 0) error_ = errno;
+}
+
+std::string CheckedFile::reason() const { return std::strerror(error_); }
+
 void write_text_file(const std::string& path, std::string_view text) {
   AtomicFile file(path);
-  std::ofstream out(file.temporary_path(), std::ios::binary | std::ios::trunc);
-  out.write(text.data(), std::streamsize(text.size()));
+  CheckedFile out(file.temporary_path());
+  out.write_at(0, text.data(), text.size());
   out.close();
-  if (!out) throw cannot_write(path, std::strerror(errno));
+  if (out.failed()) throw cannot_write(path, out.reason());
   file.commit();
 }
 

@@ -5,6 +5,8 @@
 // Thread-safety: distinct objects are independent, also for the same path: the last commit wins.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -20,17 +22,41 @@ class AtomicFile {
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
 
-  // The name to write to; it ends in ".tmp", whatever the format.
+  // The name to write to; it ends in ".tmp", whatever the format, and fits where the final name does.
   const std::string& temporary_path() const { return temporary_; }
 
-  // Moves the temporary file to its final name. Throws Error if that fails; call it at most once, after the
-  // file has been written and closed.
+  // Moves the temporary file to its final name once it is on the disk. Throws Error if either fails; call it at most
+  // once, after the file has been written and closed, and unless a write has failed.
   void commit();
 
  private:
   std::string path_;       // as the user wrote it, for messages
   std::string target_;     // path_ with symbolic links resolved
   std::string temporary_;  // empty once committed
+};
+
+// A file that remembers the first failure of a write, for libraries that do not tell. Unbuffered. Thread-safety: one
+// thread at a time.
+class CheckedFile {
+ public:
+  // Opens an existing file and empties it. A failure is remembered, like that of any other call.
+  explicit CheckedFile(const std::string& path);
+  ~CheckedFile();
+  CheckedFile(const CheckedFile&) = delete;
+  CheckedFile& operator=(const CheckedFile&) = delete;
+
+  // Writes all of `data` at `offset`, which may lie anywhere. False once anything has failed.
+  bool write_at(uint64_t offset, const void* data, size_t size);
+  // Closes the file; it fails too if the file is not as long as what was written.
+  void close();
+  bool failed() const { return error_ != 0; }
+  std::string reason() const;            // of the first failure, as the system words it
+  uint64_t end() const { return end_; }  // the offset behind the last byte written
+
+ private:
+  int file_ = -1;
+  int error_ = 0;
+  uint64_t end_ = 0;
 };
 
 // Replaces the contents of `path` by `text`. Throws Error if it cannot be written, a full disk included.

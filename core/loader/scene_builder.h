@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/io/input_file.h"
 #include "core/loader/scene_limits.h"
 #include "core/loader/scene_recentre.h"
 #include "core/loader/scene_tree.h"
@@ -54,6 +55,15 @@ struct SceneBuilder {
   std::set<const SceneNode*> open;  // BSDFs under construction: a reference to one is a cycle
 
   Properties properties(const SceneNode& node) const { return Properties(node, tree, diagnostics); }
+
+  // The existing file that `name` means in the file of `node`, noted in Scene::files. Throws Error if there is none, or
+  // only a device, a pipe or the like.
+  std::string input_file(const SceneNode& node, const std::string& name) {
+    const std::string path = resolve_file(node, name);
+    if (is_special_file(path)) throw Error(node.where, "'" + path + "' " + k_special_file_message);
+    scene.files.push_back(path);
+    return path;
+  }
 };
 
 uint32_t add_constant_texture(SceneBuilder& builder, const Rgb& value);

@@ -80,7 +80,7 @@ void parse_environment(SceneBuilder& builder, const SceneNode& node, Properties&
   emitter.rotation = orthonormal(rigid_part(properties.transform("to_world"), "the environment map",
                                             properties.where("to_world"), builder.diagnostics));
   const SourceLocation where = properties.where("filename");
-  const std::string path = resolve_file(node, filename);
+  const std::string path = builder.input_file(node, filename);
   emitter.bitmap = build_bitmap(builder, path, BitmapUse::radiance, where);
   check_environment(builder, builder.scene.bitmaps[emitter.bitmap], path, scale, where);
   // How it is sampled is decided here.

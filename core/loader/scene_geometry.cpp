@@ -77,7 +77,7 @@ bool has_own_normals(SceneBuilder& builder, const std::string& path, MeshLoadOpt
 void load_mesh_file(SceneBuilder& builder, const SceneNode& node, Properties& properties, ShapePart& part) {
   const std::string filename = properties.string("filename", "");
   if (filename.empty()) throw Error(node.where, "<shape type=\"" + node.type + "\"> lacks its filename");
-  const std::string path = resolve_file(node, filename);
+  const std::string path = builder.input_file(node, filename);
   MeshLoadOptions options;
   options.face_normals = properties.boolean("face_normals", false);
   options.compute_normals = true;

@@ -90,7 +90,7 @@ Texture parse_bitmap(SceneBuilder& builder, const SceneNode& node, Properties& p
   texture.uv_transform = parse_uv_transform(properties);
   properties.ignore({"format", "accel"});
   const BitmapUse use = raw ? BitmapUse::raw_reflectance : BitmapUse::reflectance;
-  texture.bitmap = build_bitmap(builder, resolve_file(node, filename), use, properties.where("filename"));
+  texture.bitmap = build_bitmap(builder, builder.input_file(node, filename), use, properties.where("filename"));
   return texture;
 }
 

@@ -4,9 +4,10 @@
 #include <cctype>
 #include <cstring>
 #include <fstream>
-#include <sstream>
 
 #include <pugixml.hpp>
+
+#include "core/io/input_file.h"
 
 namespace fieldtrace {
 namespace {
@@ -17,6 +18,10 @@ namespace fs = std::filesystem;
 constexpr int k_max_depth = 64;
 // Bounds what parameters that contain one another can blow up to.
 constexpr size_t k_max_value_length = size_t(1) << 20;
+// Bounds what files that include others several times can blow up to. A scene of a million instances takes a fifth of
+// these bytes.
+constexpr int k_max_scene_files = 10000;
+constexpr uint64_t k_max_scene_bytes = uint64_t(1) << 30;
 
 // Elements that may appear, with the attributes that they may carry besides.
 struct KnownTag {
@@ -98,6 +103,7 @@ class TreeReader {
     std::vector<SceneNode> roots;
     read_file(path, {}, SearchFolders(), 0, roots, true);
     tree.root = std::move(roots.front());
+    tree.files = files_;
     register_ids(tree.root, tree);
     for (const Alias& alias : aliases_) {
       const auto found = tree.ids.find(alias.id);
@@ -119,11 +125,8 @@ class TreeReader {
     if (std::find(open_files_.begin(), open_files_.end(), canonical) != open_files_.end())
       throw Error(from, "'" + path.string() + "' includes itself; remove the cycle");
 
-    std::ifstream stream(path, std::ios::binary);
-    std::ostringstream content;
-    if (fs::is_directory(path, ignored) || !stream || !(content << stream.rdbuf()))
-      throw Error({path.string(), 0}, "cannot be read, or is empty; check the path and its permissions");
-    const std::string text = content.str();
+    const std::string text = read_text(path, from);
+    files_.push_back(path.string());
 
     File file;
     file.name = path.string();
@@ -150,6 +153,30 @@ class TreeReader {
       read_element(root, file, depth, out);
     open_files_.pop_back();
     if (keep_scene && out.empty()) throw Error(where, "the root element cannot be read");
+  }
+
+  // The contents of a scene file that is named at `from`; the main one is named nowhere.
+  std::string read_text(const fs::path& path, const SourceLocation& from) {
+    const SourceLocation where = from.file.empty() ? SourceLocation{path.string(), 0} : from;
+    if (is_special_file(path.string())) {
+      throw Error(where, (from.file.empty() ? "" : "'" + path.string() + "' ") + k_special_file_message);
+    }
+    std::error_code failed;
+    const uint64_t bytes = fs::file_size(path, failed);
+    if (!failed) bytes_read_ += bytes;
+    if (++files_read_ > k_max_scene_files) {
+      throw Error(where, "the scene includes more than " + std::to_string(k_max_scene_files) +
+                             " files; include fewer, or each of them fewer times");
+    }
+    if (bytes_read_ > k_max_scene_bytes) {
+      throw Error(where, "the scene's files have more than " + std::to_string(k_max_scene_bytes >> 20) +
+                             " MiB with this one; keep meshes in .ply files, and include each file fewer times");
+    }
+    std::string text(failed ? 0 : size_t(bytes), '\0');
+    std::ifstream stream(path, std::ios::binary);
+    if (text.empty() || !stream.read(text.data(), std::streamsize(text.size())))
+      throw Error({path.string(), 0}, "cannot be read, or is empty; check the path and its permissions");
+    return text;
   }
 
   void check_version(const pugi::xml_node& root, const SourceLocation& where) {
@@ -261,6 +288,9 @@ class TreeReader {
   std::map<std::string, Parameter> parameters_;
   std::vector<Alias> aliases_;
   std::vector<fs::path> open_files_;
+  std::vector<std::string> files_;
+  int files_read_ = 0;
+  uint64_t bytes_read_ = 0;
 };
 
 }  // namespace

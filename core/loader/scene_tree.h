@@ -50,6 +50,7 @@ struct SceneNode {
 struct SceneTree {
   SceneNode root;
   std::map<std::string, const SceneNode*> ids;
+  std::vector<std::string> files;  // the scene file and those that it includes, once for each time
 
   SceneTree() = default;
   SceneTree(const SceneTree&) = delete;

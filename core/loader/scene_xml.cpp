@@ -45,6 +45,7 @@ Scene load_scene(const std::string& path, const SceneLoadOptions& options) {
   SceneTree tree;
   load_scene_tree(path, options.parameters, diagnostics, tree);
   SceneBuilder builder(tree, diagnostics);
+  builder.scene.files = tree.files;
   build_scene(builder);
   recentre_meshes(builder.scene, builder.placement);
   place_scene(builder.scene, builder.placement);

@@ -1,7 +1,6 @@
 #include "core/mesh/mesh_io.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
@@ -11,6 +10,8 @@
 #include <filesystem>
 #include <memory>
 
+#include "core/io/atomic_file.h"
+#include "core/io/input_file.h"
 #include "core/math/finite.h"
 #include "core/mesh/mesh_readers.h"
 
@@ -35,9 +36,9 @@ Bytes read_file(const std::string& path) {
   std::error_code ec;
   if (!fs::exists(path, ec)) throw Error(where, "no such mesh file, check the path");
   if (fs::is_directory(path, ec)) throw Error(where, "is a folder, name a .obj or .ply file in it");
-  const uintmax_t size = fs::file_size(path, ec);
-  File file(ec ? nullptr : std::fopen(path.c_str(), "rb"));
-  if (!file) throw Error(where, std::string("cannot be read: ") + (ec ? ec.message() : std::strerror(errno)));
+  const uint64_t size = require_regular_file(path);
+  File file(std::fopen(path.c_str(), "rb"));
+  if (!file) throw Error(where, std::string("cannot be read: ") + std::strerror(errno));
   Bytes bytes{std::make_unique_for_overwrite<char[]>(size), size_t(size)};
   if (std::fread(bytes.data.get(), 1, bytes.size, file.get()) != bytes.size) {
     throw Error(where, "cannot be read to its end, check the disk");
@@ -168,10 +169,10 @@ TriangleMesh load_mesh(const std::string& path, const MeshLoadOptions& options, 
 
 namespace {
 
-// Collects output in large pieces; remembers whether a write failed.
+// Collects output in large pieces.
 class Writer {
  public:
-  explicit Writer(std::FILE* file) : file_(file) { buffer_.reserve(k_piece + k_slack); }
+  explicit Writer(CheckedFile& file) : file_(file) { buffer_.reserve(k_piece + k_slack); }
   void bytes(const void* data, size_t size) {
     buffer_.append(static_cast<const char*>(data), size);
     flush(k_piece);
@@ -181,21 +182,17 @@ class Writer {
     fmt::format_to(std::back_inserter(buffer_), format, std::forward<Args>(args)...);
     flush(k_piece);
   }
-  bool finish() {
-    flush(0);
-    return good_ && std::fflush(file_) == 0;
-  }
+  void finish() { flush(0); }
 
  private:
   static constexpr size_t k_piece = size_t(1) << 20, k_slack = 4096;
   void flush(size_t above) {
     if (buffer_.size() <= above) return;
-    good_ = good_ && std::fwrite(buffer_.data(), 1, buffer_.size(), file_) == buffer_.size();
+    file_.write_at(file_.end(), buffer_.data(), buffer_.size());
     buffer_.clear();
   }
-  std::FILE* file_;
+  CheckedFile& file_;
   std::string buffer_;
-  bool good_ = true;
 };
 
 // Binary PLY states its byte order; this writes the little-endian one on any machine.
@@ -247,20 +244,14 @@ void write_body(Writer& out, const TriangleMesh& mesh, bool binary) {
 }  // namespace
 
 void save_ply(const std::string& path, const TriangleMesh& mesh, const PlySaveOptions& options) {
-  const SourceLocation where{path};
-  const std::string temporary = path + "." + std::to_string(::getpid()) + ".tmp";
-  File file(std::fopen(temporary.c_str(), "wb"));
-  if (!file) throw Error(where, std::string("cannot be written: ") + std::strerror(errno));
-  Writer out(file.get());
+  AtomicFile file(path);
+  CheckedFile checked(file.temporary_path());
+  Writer out(checked);
   write_body(out, mesh, options.binary);
-  const bool written = out.finish() && std::fclose(file.release()) == 0;
-  std::error_code ec;
-  if (written) fs::rename(temporary, path, ec);
-  if (!written || ec) {
-    const std::string reason = ec ? ec.message() : std::string("is the disk full?");
-    fs::remove(temporary, ec);
-    throw Error(where, "cannot be written: " + reason);
-  }
+  out.finish();
+  checked.close();
+  if (checked.failed()) throw Error({path}, "cannot be written: " + checked.reason());
+  file.commit();
 }
 
 }  // namespace fieldtrace

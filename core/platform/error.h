@@ -4,6 +4,8 @@
 #pragma once
 
 #include <functional>
+#include <memory>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -41,6 +43,14 @@ using WarningSink = std::function<void(const std::string&)>;
 
 inline void warn(const WarningSink& sink, const SourceLocation& where, const std::string& message) {
   if (sink) sink(Error::format_location(where) + message);
+}
+
+// Passes each distinct warning on once. Copies of the result share what they have seen.
+inline WarningSink without_repeats(WarningSink sink) {
+  if (!sink) return sink;
+  return [sink = std::move(sink), seen = std::make_shared<std::set<std::string>>()](const std::string& message) {
+    if (seen->insert(message).second) sink(message);
+  };
 }
 
 }  // namespace fieldtrace

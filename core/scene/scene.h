@@ -188,6 +188,7 @@ struct Scene {
   IntegratorSettings integrator;
   int sample_count = 16;  // the scene file's sampler
   uint32_t seed = 0;
+  std::vector<std::string> files;  // that the scene was read from: scene files, meshes, bitmaps; with repetitions
   // World coordinates of the file = coordinates used here + origin. Non-zero where the scene lies far from
   // the file's origin compared with its size (see scene_recentre.h).
   DVec3 origin = DVec3(0.0);

@@ -16,8 +16,8 @@
 namespace fieldtrace {
 
 enum class FieldVerdict {
-  clear,    // nothing of the object lies on the segment (or it does not meet the ball)
-  blocked,  // something does; of a nearest query: a hit
+  clear,     // nothing of the object lies on the segment (or it does not meet the ball)
+  blocked,   // something does; of a nearest query: a hit
   undecided  // the field cannot tell: trace a ray. Also if the pool of bricks is full.
 };
 

@@ -110,19 +110,26 @@ class FoundPatches {
     const int row = origin.y() / k_leaf_side, column = origin.z() / k_leaf_side;
     const uint32_t slot =
         uint32_t(((origin.x() + layer) * tiles + row / k_patches_along) * tiles + column / k_patches_along);
-    found_[slot] |= 1u << (row % k_patches_along * k_patches_along + column % k_patches_along);
+    std::vector<uint16_t>& part = found_[slot / CoverageTiles::k_part_slots];
+    part.resize(CoverageTiles::k_part_slots);
+    part[slot % CoverageTiles::k_part_slots] |=
+        uint16_t(1u << (row % k_patches_along * k_patches_along + column % k_patches_along));
   }
   bool take_slots(std::vector<uint32_t>& slots) const {
-    for (const auto& [slot, patches] : found_) {
-      if (patches != k_all_patches) return false;
-      slots.push_back(slot);
+    for (const auto& [number, part] : found_) {
+      for (uint32_t i = 0; i < CoverageTiles::k_part_slots; ++i) {
+        if (part[i] == 0) continue;
+        if (part[i] != k_all_patches) return false;
+        slots.push_back(number * CoverageTiles::k_part_slots + i);
+      }
     }
     return true;
   }
 
  private:
   Coord limit_;
-  std::map<uint32_t, uint32_t> found_;
+  // By slot, in parts of the table: a small file may hold millions of tiles that meet nothing.
+  std::map<uint32_t, std::vector<uint16_t>> found_;
 };
 
 }  // namespace

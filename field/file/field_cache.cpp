@@ -1,11 +1,14 @@
 #include "field/file/field_cache.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <filesystem>
 #include <new>
 
 #include "core/io/atomic_file.h"
 #include "core/io/file_lock.h"
+#include "core/platform/machine_memory.h"
 #include "field/file/cache_limit.h"
 #include "field/file/field_file.h"
 #include "field/file/thesis_file.h"
@@ -40,7 +43,13 @@ FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSi
     throw Error({folder}, "cannot be made a folder for fields" + (failed ? ": " + failed.message() : std::string()) +
                               "; name a folder that you may write to");
   }
-  require_writable((fs::path(folder) / "fields").string());
+  try {
+    require_writable((fs::path(folder) / "fields").string());
+  } catch (const Error& e) {
+    if (access(folder.c_str(), R_OK | X_OK) != 0) throw;
+    read_only_ = true;
+    warn(warning_, {}, std::string(e.what()) + "; fields are read from this folder, but none is kept");
+  }
 }
 
 std::string FieldCache::path_of(const FieldIdentity& identity) const {
@@ -49,8 +58,9 @@ std::string FieldCache::path_of(const FieldIdentity& identity) const {
 
 uint64_t FieldCache::bytes_on_disk(const FieldIdentity& identity) const { return size_of_file(path_of(identity)); }
 
-void FieldCache::tell_unusable(const std::string& path, const std::string& reason) {
+void FieldCache::tell_unusable(const std::string& path, const std::string& reason, Tell tell) {
   const std::lock_guard lock(mutex_);
+  if (!told_.insert(path).second && tell == Tell::unless_told) return;
   warn(warning_, {path}, reason + "; it is not used and will be baked again");
 }
 
@@ -74,14 +84,14 @@ void FieldCache::mark_used(const FieldIdentity& identity) {
   fs::last_write_time(path_of(identity), fs::file_time_type::clock::now(), ignored);
 }
 
-bool FieldCache::load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path) {
+bool FieldCache::load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path, Tell tell) {
   try {
     remember(load_field(field, identity, path), identity);
     return true;
   } catch (const FieldFileError& e) {
-    tell_unusable(path, e.reason());
+    tell_unusable(path, e.reason(), tell);
   } catch (const std::bad_alloc&) {
-    tell_unusable(path, "is larger than memory allows");
+    tell_unusable(path, "is larger than memory allows", tell);
   }
   return false;
 }
@@ -91,10 +101,11 @@ bool FieldCache::load(Field& field, const FieldIdentity& identity) {
   std::error_code failed;
   if (!fs::exists(path, failed)) return false;
   mark_used(identity);
-  return load_or_tell(field, identity, path);
+  return load_or_tell(field, identity, path, Tell::always);
 }
 
 void FieldCache::store(const Field& field, const FieldIdentity& identity) {
+  if (read_only_) return;
   const Hash128 slices = slices_hash(field);
   if (field.cells_baked() + field.coverage().lines_baked() == 0) return;
   mark_used(identity);
@@ -103,9 +114,11 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
   const FileLock lock(path + ".lock");
   remove_abandoned_writes(path);
   // What others have added since this field was loaded.
-  Field held(field.ball(), field.parameters());
+  FieldBudget budget(machine_memory_bytes() / 2);
+  Field held(field.ball(), field.parameters(), &budget);
   std::error_code failed;
-  if (fs::exists(path, failed)) load_or_tell(held, identity, path);
+  if (fs::exists(path, failed)) load_or_tell(held, identity, path, Tell::unless_told);
+  if (budget.exceeded()) throw Error({path}, "holds more than half of this machine's memory, and is left as it is");
   if (!holds_all_of(held, field)) {
     const Field* const both[] = {&field, &held};
     save_fields(both, identity, path);
@@ -121,14 +134,15 @@ std::optional<ThesisField> FieldCache::load_thesis(const FieldIdentity& identity
   try {
     return load_thesis_field(identity, path);
   } catch (const FieldFileError& e) {
-    tell_unusable(path, e.reason());
+    tell_unusable(path, e.reason(), Tell::always);
   } catch (const std::bad_alloc&) {
-    tell_unusable(path, "is larger than memory allows");
+    tell_unusable(path, "is larger than memory allows", Tell::always);
   }
   return std::nullopt;
 }
 
 void FieldCache::store(const ThesisField& field, const FieldIdentity& identity) {
+  if (read_only_) return;
   mark_used(identity);
   const std::string path = path_of(identity);
   const FileLock lock(path + ".lock");
@@ -137,7 +151,7 @@ void FieldCache::store(const ThesisField& field, const FieldIdentity& identity) 
 }
 
 void FieldCache::trim() {
-  if (most_bytes_ == 0) return;
+  if (most_bytes_ == 0 || read_only_) return;
   const std::lock_guard lock(mutex_);
   const TrimmedCache left = trim_cache(folder_, most_bytes_, used_);
   if (left.bytes <= most_bytes_) return;

@@ -5,8 +5,9 @@
 // file beside it (NAME.lock, kept); readers need none: what they open is whole, and stays so when it is replaced or
 // removed. A process that is killed lets go of its locks, and what it left half written the next writer removes. A file
 // that cannot be used is told about and replaced. With a limit, the least recently used files go when a store finds the
-// folder too large (field/file/cache_limit.h), never those that this object has loaded or stored.
-// Thread-safety: every function may be called from any thread, and any number of processes may share the folder.
+// folder too large (field/file/cache_limit.h), never those that this object has loaded or stored. A folder that may
+// only be read is read, with one warning, and kept as it is. Thread-safety: every function may be called from any
+// thread, and any number of processes may share the folder.
 #pragma once
 
 #include <cstdint>
@@ -24,8 +25,8 @@ namespace fieldtrace {
 
 class FieldCache {
  public:
-  // Makes the folder if need be. Throws Error if it cannot be made or files cannot be made in it: long work learns this
-  // before it starts. `warning` is called from the threads that load and store, one at a time.
+  // Makes the folder if need be. Throws Error if it cannot be made, or files can neither be made nor read in it: long
+  // work learns this before it starts. `warning` is called from the threads that load and store, one at a time.
   explicit FieldCache(const std::string& folder, WarningSink warning = {})
       : FieldCache(folder, 0, std::move(warning)) {}
   // `most_bytes`: of the field files in the folder; 0: no limit.
@@ -35,8 +36,12 @@ class FieldCache {
   // that can be used; the latter is told to the warning sink. Never throws for what a file holds.
   bool load(Field& field, const FieldIdentity& identity);
 
-  // Adds the field's finished slices to the cache. Writes nothing if the file is known to hold all of them. Throws
-  // Error if the file cannot be written.
+  // Whether nothing is kept because the folder may only be read.
+  bool read_only() const { return read_only_; }
+
+  // Adds the field's finished slices to the cache. Writes nothing if the file is known to hold all of them, or if the
+  // folder may only be read. Throws Error if the file cannot be written, or if what it holds already takes more than
+  // half of the machine's memory. A file that cannot be used is told about unless load() has done so.
   void store(const Field& field, const FieldIdentity& identity);
 
   // The same for a field of the thesis' chart, which is always whole: nothing if there is no file that can be used.
@@ -52,16 +57,17 @@ class FieldCache {
   uint64_t bytes_on_disk(const FieldIdentity& identity) const;  // 0 if there is no file
 
  private:
+  enum class Tell { always, unless_told };
   // Slices that a file was seen to hold, by their hash, and its size then.
   struct Known {
     Hash128 slices;
     uint64_t bytes = 0;
   };
-  bool load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path);
+  bool load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path, Tell tell);
   bool known_complete(const Hash128& slices, const FieldIdentity& identity);
   void mark_used(const FieldIdentity& identity);
   void remember(const Hash128& slices, const FieldIdentity& identity);
-  void tell_unusable(const std::string& path, const std::string& reason);
+  void tell_unusable(const std::string& path, const std::string& reason, Tell tell);
 
   std::string folder_;
   uint64_t most_bytes_ = 0;
@@ -69,6 +75,8 @@ class FieldCache {
   std::mutex mutex_;
   std::map<std::string, Known> known_;  // by file name
   std::set<std::string> used_;          // file names
+  std::set<std::string> told_;          // paths of files that were told to be unusable
+  bool read_only_ = false;
 };
 
 }  // namespace fieldtrace

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <tuple>
 
+#include "core/platform/address_space.h"
 #include "field/file/coverage_grid.h"
 #include "field/file/field_grids.h"
 #include "field/file/field_vdb.h"
@@ -206,9 +207,34 @@ FieldFile::~FieldFile() = default;
 bool FieldFile::copy_to(Field& field) const {
   if (!same_ball(field.ball(), header_.ball)) return false;
   if (!same_parameters(field.parameters(), header_.identity.parameters)) return false;
+  if (copy_bricks(field, 0, grids_->origins.size())) copy_tiles(field, 0, grids_->coverage.slots().size());
+  return true;
+}
+
+void FieldFile::visit_pieces(const std::function<void(const Field&)>& visit) const {
+  const std::vector<openvdb::Coord>& origins = grids_->origins;
+  for (size_t first = 0, end = 0; first < origins.size(); first = end) {
+    while (end < origins.size() && origins[end].x() == origins[first].x()) ++end;
+    Field piece(header_.ball, header_.identity.parameters, nullptr, reservable_bytes());
+    copy_bricks(piece, first, end);
+    visit(piece);
+  }
+  const std::vector<uint32_t>& slots = grids_->coverage.slots();
+  const auto part = [&](size_t i) { return slots[i] / CoverageTiles::k_part_slots; };
+  for (size_t first = 0, end = 0; first < slots.size(); first = end) {
+    while (end < slots.size() && part(end) == part(first)) ++end;
+    Field piece(header_.ball, header_.identity.parameters, nullptr, reservable_bytes());
+    copy_tiles(piece, first, end);
+    visit(piece);
+  }
+}
+
+// False if the field's pool is full before all is copied.
+bool FieldFile::copy_bricks(Field& field, size_t first_brick, size_t end_brick) const {
   const uint32_t plane_bricks = uint32_t(field.view().plane_bricks);
   BrickData brick{};
-  for (const openvdb::Coord& origin : grids_->origins) {
+  for (size_t b = first_brick; b < end_brick; ++b) {
+    const openvdb::Coord& origin = grids_->origins[b];
     uint32_t direction_brick, plane_brick;
     place_of_origin(field.parameters(), origin, direction_brick, plane_brick);
     grids_->read(origin, brick);
@@ -218,7 +244,7 @@ bool FieldFile::copy_to(Field& field) const {
       const uint32_t slice = (direction_brick * 16 + bit % 16) * plane_bricks + plane_brick;
       const std::optional<uint32_t> first = field.claim(layer, slice);
       if (!first) {
-        if (field.pool_full()) return true;
+        if (field.pool_full()) return false;
         continue;  // baked already, or by another thread just now
       }
       const size_t in_brick = size_t(bit % 16) * scalar::k_slice_cells;
@@ -240,13 +266,17 @@ bool FieldFile::copy_to(Field& field) const {
       field.finish(layer, slice);
     }
   }
+  return true;
+}
+
+void FieldFile::copy_tiles(Field& field, size_t first, size_t end) const {
   TileLines lines(CoverageTiles::k_lines_per_tile);
-  for (const uint32_t slot : grids_->coverage.slots()) {
+  for (size_t i = first; i < end; ++i) {
+    const uint32_t slot = grids_->coverage.slots()[i];
     if (!field.coverage().claim(slot)) continue;
     grids_->coverage.read(slot, lines);
     field.coverage().finish(slot, lines);
   }
-  return true;
 }
 
 Hash128 slices_hash(const Field& field) {

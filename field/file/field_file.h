@@ -19,7 +19,8 @@
 // mesh_hash, primitive_count.
 // The OpenVDB file is followed by 32 bytes that OpenVDB does not look at: "FTFIELD", a byte 1, the size of what comes
 // before, and its 128-bit hash. Nothing is decoded before these fit: OpenVDB trusts the sizes that it reads, and
-// crashes on many a damaged file. So damage of any kind is an error; a file forged together with its checksum is not
+// crashes on many a damaged file. So damage of any kind is an error. A file forged together with its checksum takes no
+// more memory than its size is worth (field/vdb_archive.h), and cells that no bake writes are refused; more is not
 // defended against. Other programs' copies of the grids lack the 32 bytes and are refused.
 // Fields of the thesis' chart have the same frame around other grids: field/file/thesis_file.h.
 //
@@ -27,6 +28,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -71,7 +73,13 @@ class FieldFile {
   // parameters are not the file's. Stops early when the field's pool is full.
   bool copy_to(Field& field) const;
 
+  // Shows all that the file holds in fields that hold a piece each: the bricks of one direction brick, or the tiles of
+  // one part of the coverage table. So it takes little memory, however many equal bricks a small file stands for.
+  void visit_pieces(const std::function<void(const Field&)>& visit) const;
+
  private:
+  bool copy_bricks(Field& field, size_t first, size_t end) const;  // of Grids::origins
+  void copy_tiles(Field& field, size_t first, size_t end) const;   // of the coverage grid's slots
   struct Grids;
   FieldFileHeader header_;
   uint64_t bytes_ = 0;

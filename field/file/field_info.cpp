@@ -18,6 +18,21 @@ void count_cell(LayerInfo& info, bool hit, int risk, int max_class) {
   }
 }
 
+void add(LayerInfo& sum, const LayerInfo& part) {
+  sum.cells_baked += part.cells_baked;
+  sum.clear += part.clear;
+  sum.blocked += part.blocked;
+  sum.undecided += part.undecided;
+  sum.one_sided += part.one_sided;
+}
+
+void add(CoverageInfo& sum, const CoverageInfo& part) {
+  sum.tiles_baked += part.tiles_baked;
+  sum.tiles_empty += part.tiles_empty;
+  sum.lines_baked += part.lines_baked;
+  sum.lines_hit += part.lines_hit;
+}
+
 }  // namespace
 
 LayerInfo layer_info(const Field& field, FieldLayer layer, float tolerance) {
@@ -71,18 +86,23 @@ FieldFileInfo field_info(const std::string& path, float tolerance) {
   FieldFileInfo info;
   info.header = file.header();
   info.bytes_disk = file.bytes();
-  Field field(info.header.ball, info.header.identity.parameters, nullptr, reservable_bytes());
-  file.copy_to(field);
-  if (field.pool_full() || field.coverage().full()) {
-    throw Error({path}, "takes more address space than may be reserved; raise the limit (ulimit -v)");
-  }
-  info.bytes_memory = field.bytes();
-  info.bricks = field.bricks().size();
-  info.cells_full = field.cells_full();
-  info.visibility = layer_info(field, FieldLayer::visibility, tolerance);
-  info.depth = layer_info(field, FieldLayer::depth, tolerance);
-  info.coverage = coverage_info(field.coverage());
-  info.primitives_baked = primitives_baked(field);
+  const Field none(info.header.ball, info.header.identity.parameters);
+  info.bytes_memory = none.bytes();
+  info.cells_full = none.cells_full();
+  info.visibility = layer_info(none, FieldLayer::visibility, tolerance);
+  info.depth = layer_info(none, FieldLayer::depth, tolerance);
+  info.coverage = coverage_info(none.coverage());
+  file.visit_pieces([&](const Field& piece) {
+    if (piece.pool_full() || piece.coverage().full()) {
+      throw Error({path}, "takes more address space than may be reserved; raise the limit (ulimit -v)");
+    }
+    info.bytes_memory += piece.bytes() - none.bytes();
+    info.bricks += piece.bricks().size();
+    add(info.visibility, layer_info(piece, FieldLayer::visibility, tolerance));
+    add(info.depth, layer_info(piece, FieldLayer::depth, tolerance));
+    add(info.coverage, coverage_info(piece.coverage()));
+    info.primitives_baked += primitives_baked(piece);
+  });
   const uint64_t cells[k_field_layers] = {info.visibility.cells_baked, info.depth.cells_baked, info.primitives_baked};
   for (int layer = 0; layer < k_field_layers; ++layer) {
     info.bytes_cells += cells[layer] * (Field::brick_bytes(FieldLayer(layer)) / scalar::k_brick_cells);

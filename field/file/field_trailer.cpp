@@ -8,6 +8,8 @@
 #include <fstream>
 #include <vector>
 
+#include "core/io/input_file.h"
+#include "core/platform/machine_memory.h"
 #include "field/file/field_file.h"
 
 namespace fieldtrace {
@@ -44,7 +46,7 @@ void append_trailer(const std::string& path, const std::string& name) {
   std::ofstream out(path, std::ios::binary | std::ios::app);
   out.write(trailer.data(), trailer.size());
   out.close();
-  if (in.bad() || !out) throw Error({name}, std::string("cannot be written: ") + std::strerror(errno));
+  if (!in.is_open() || in.bad() || !out) throw Error({name}, std::string("cannot be written: ") + std::strerror(errno));
 }
 
 bool has_trailer(const std::string& path) {
@@ -61,7 +63,11 @@ bool has_trailer(const std::string& path) {
 
 std::string read_checked(const std::string& path) {
   std::error_code failed;
+  if (is_special_file(path)) throw FieldFileError(path, k_special_file_message);
   if (!std::filesystem::is_regular_file(path, failed)) throw FieldFileError(path, "there is no such file");
+  if (std::filesystem::file_size(path, failed) > machine_memory_bytes()) {
+    throw FieldFileError(path, "is larger than the memory of this machine");
+  }
   std::ifstream in(path, std::ios::binary | std::ios::ate);
   if (!in) throw FieldFileError(path, std::string("cannot be read: ") + std::strerror(errno));
   std::string contents(size_t(in.tellg()), '\0');

@@ -1,18 +1,18 @@
 #include "field/file/field_vdb.h"
 
-#include <openvdb/io/File.h>
-#include <openvdb/io/Stream.h>
-
 #include <cmath>
 #include <filesystem>
-#include <sstream>
 
 #include "core/io/atomic_file.h"
 #include "field/file/field_trailer.h"
+#include "field/file/vdb_archive.h"
 #include "field/thesis/thesis_field.h"
 
 namespace fieldtrace {
 namespace {
+
+// The layers of the orthographic chart and their coverage; the chart of the thesis has two.
+constexpr int k_most_grids = 5;
 
 template <class T>
 T metadata_value(const openvdb::MetaMap& map, const std::string& path, const char* name) {
@@ -66,9 +66,8 @@ FieldVdb read_field_vdb(const std::string& path) {
   std::string contents = read_checked(path);
   openvdb::initialize();
   try {
-    std::istringstream in(std::move(contents), std::ios::binary);
-    openvdb::io::Stream stream(in, /*delayLoad=*/false);
-    return {read_metadata(*stream.getMetadata(), path), *stream.getGrids()};
+    VdbContents file = VdbArchive().read_bytes(std::move(contents), k_most_grids);
+    return {read_metadata(file.metadata, path), std::move(file.grids)};
   } catch (const FieldFileError&) {
     throw;
   } catch (const std::exception& e) {
@@ -103,13 +102,14 @@ uint64_t write_field_vdb(std::span<const openvdb::Int32Grid::Ptr> grids, const F
     if (!grid->empty()) written.push_back(grid);
   }
   try {
-    openvdb::io::File out(file.temporary_path());
-    out.setCompression(
+    VdbArchive archive;
+    archive.setCompression(
         openvdb::io::COMPRESS_ACTIVE_MASK |
         (openvdb::io::Archive::hasBloscCompression() ? openvdb::io::COMPRESS_BLOSC : openvdb::io::COMPRESS_ZIP));
-    out.write(written, metadata);
-    out.close();
-  } catch (const openvdb::Exception& e) {
+    archive.write_file(file.temporary_path(), written, metadata);
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& e) {
     throw Error({path}, std::string("cannot be written: ") + e.what());
   }
   append_trailer(file.temporary_path(), path);

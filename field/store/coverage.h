@@ -75,8 +75,6 @@ class CoverageTiles {
   static constexpr uint64_t k_lines_per_tile = uint64_t(scalar::k_tile_lines) * scalar::k_tile_lines;
   static constexpr uint64_t k_tile_bytes = uint64_t(scalar::k_tile_words) * sizeof(int32_t);
   static constexpr uint64_t k_radiance_bytes = 3 * uint64_t(scalar::k_tile_words) * sizeof(float);
-
- private:
   // Part of the table that one page of memory holds.
   static constexpr uint32_t k_part_slots = 1024;
   static constexpr uint32_t k_fixed_tiles = 2;  // 0 and 1 are all zero

@@ -51,6 +51,7 @@ class Output {
  public:
   Output(const std::string& path, uint64_t cache_limit, const WarningSink& warning) : path_(path) {
     if (fs::is_directory(path)) {
+      require_writable((fs::path(path) / "fields").string());
       cache_ = std::make_unique<FieldCache>(path, cache_limit, warning);
     } else {
       require_writable(path);

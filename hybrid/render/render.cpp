@@ -420,7 +420,10 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
   const Clock::time_point begin = Clock::now();
-  const Picture picture(scene, options, callbacks);
+  // Each attempt opens the cache anew, and finds the same there.
+  RenderCallbacks told_once = callbacks;
+  told_once.warning = without_repeats(callbacks.warning);
+  const Picture picture(scene, options, told_once);
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
   RenderResult result;

@@ -211,7 +211,7 @@ TEST_F(MeshIo, SaveFailsWithAMessage) {
     save_ply(path("none/a.ply"), make_plane());
     FAIL();
   } catch (const Error& e) {
-    EXPECT_EQ(strip(e.what()), "none/a.ply: cannot be written: No such file or directory");
+    EXPECT_EQ(strip(e.what()), "none/a.ply: cannot be written: No such file or directory (make the folder first)");
   }
   fs::create_directory(path("taken.ply"));
   EXPECT_THROW(save_ply(path("taken.ply"), make_plane()), Error);

@@ -157,6 +157,27 @@ TEST(FieldCache, DamagedAndForeignFilesAreToldAboutAndReplaced) {
   spoil([&](const std::string& path) { save_field(field, foreign, path); }, "another mesh");
 }
 
+TEST(FieldCache, ADamagedFileIsToldAboutOnce) {
+  const TemporaryFolder folder;
+  const FieldIdentity identity = test::test_identity(k_small);
+  Field field = make_field(), loaded = make_field();
+  test::fill_random_slices(field, 1, 100);
+  FieldCache(folder.path()).store(field, identity);
+  Warnings warnings;
+  FieldCache cache(folder.path(), warnings.sink());
+  fs::resize_file(cache.path_of(identity), 100);
+  EXPECT_FALSE(cache.load(loaded, identity));
+  cache.store(field, identity);  // which looks into the file again
+  EXPECT_EQ(warnings.lines.size(), 1u);
+  EXPECT_TRUE(cache.load(loaded, identity));
+  // One that only store() meets is told about too.
+  warnings.lines.clear();
+  FieldCache other(folder.path(), warnings.sink());
+  fs::resize_file(cache.path_of(identity), 100);
+  other.store(field, identity);
+  EXPECT_EQ(warnings.lines.size(), 1u);
+}
+
 TEST(FieldCache, ConcurrentStoresLoseNothing) {
   const TemporaryFolder folder;
   const FieldIdentity identity = test::test_identity(k_small);

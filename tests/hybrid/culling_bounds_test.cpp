@@ -77,7 +77,8 @@ void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const 
   answerer.find_candidates(batch, group, stats);
   const bool found = std::find(group.candidates.begin(), group.candidates.end(), occluder) != group.candidates.end();
   ASSERT_TRUE(found) << what;
-  for (size_t r = 0; r < batch.size; ++r) ASSERT_TRUE(group.shadow[r] == k_may_shadow) << what << ", shading point " << r;
+  for (size_t r = 0; r < batch.size; ++r)
+    ASSERT_TRUE(group.shadow[r] == k_may_shadow) << what << ", shading point " << r;
 }
 
 TEST(CullingBounds, DirectionalLightFindsOccludersFarFromTheOrigin) {

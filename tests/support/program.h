@@ -4,12 +4,14 @@
 #pragma once
 
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <sstream>
 #include <string>
@@ -26,14 +28,15 @@ inline std::string read_text(const std::filesystem::path& path) {
 struct Outcome {
   int code = -1;  // exit code; 128 + signal if one ended the program
   std::string out, err;
+  uint64_t peak_bytes = 0;  // resident memory; at least this process' own when it started the program
 };
 
 class Program {
  public:
   // Starts the program, or the one at `path`, in `folder`, which also receives what it prints (in files that begin with
-  // a dot).
+  // a dot). `prepare` runs in the new process just before.
   Program(const std::filesystem::path& folder, const std::vector<std::string>& arguments,
-          std::string path = FIELDTRACE_PROGRAM)
+          std::string path = FIELDTRACE_PROGRAM, const std::function<void()>& prepare = {})
       : folder_(folder) {
     std::vector<char*> argv;
     argv.push_back(path.data());
@@ -45,6 +48,7 @@ class Program {
       if (chdir(folder.c_str()) != 0 || !freopen(out.c_str(), "w", stdout) || !freopen(err.c_str(), "w", stderr)) {
         _exit(126);
       }
+      if (prepare) prepare();
       execv(argv[0], argv.data());
       _exit(127);
     }
@@ -52,8 +56,10 @@ class Program {
 
   Outcome wait() {
     int status = 0;
-    waitpid(child_, &status, 0);
+    rusage usage{};
+    wait4(child_, &status, 0, &usage);
     Outcome outcome;
+    outcome.peak_bytes = uint64_t(usage.ru_maxrss) * 1024;  // Linux counts in units of 1024 bytes
     outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     outcome.out = read_text(folder_ / ".out");
     outcome.err = read_text(folder_ / ".err");

@@ -312,7 +312,8 @@ int run(int argc, char** argv) {
   }
   std::printf(
       "mesh         D    N   K  segment  | undecided and wrong answers, %%, for class limits 0 and 1 | wrong "
-      "by verdict (limit 1) | wrong among the answers that class limit 0 1 2 4 8 15 adds | undecided at these limits\n");
+      "by verdict (limit 1) | wrong among the answers that class limit 0 1 2 4 8 15 adds | undecided at these "
+      "limits\n");
   for (const std::string& name : names) report(name, parameters, clusters, uint32_t(seed));
   return 0;
 }

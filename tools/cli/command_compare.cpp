@@ -10,6 +10,7 @@
 #include "hybrid/compare/compare.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options.h"
+#include "tools/cli/standard_output.h"
 
 namespace fieldtrace {
 
@@ -44,13 +45,25 @@ std::string to_text(const ImageDifference& d) {
   return text;
 }
 
+ImageDifference compare_named(const CompareArguments& arguments, const Image& image,
+                              const std::optional<Rect>& window) {
+  const Image reference = read_image(arguments.reference);
+  try {
+    return compare_images(image, reference, window);
+  } catch (const Error& e) {
+    throw Error({arguments.image}, "cannot be compared with " + arguments.reference + ": " + e.what());
+  }
+}
+
 int run_compare(const CompareArguments& arguments) {
   const Image image = read_image(arguments.image);
   std::optional<Rect> window;
   if (arguments.crop) window = parse_crop(*arguments.crop, {0, 0, image.width, image.height}, "image");
-  const ImageDifference d = compare_images(image, read_image(arguments.reference), window);
+  const ImageDifference d = compare_named(arguments, image, window);
   fmt::print("{}", arguments.json ? to_json(d) : to_text(d));
-  std::fflush(stdout);
+  // Before what may go to stderr.
+  const std::string failure = flush_standard_output();
+  if (!failure.empty()) throw Error(standard_output_message(failure));
   // Not `rmse > limit`: an image with NaN must fail.
   if (arguments.limit && !(d.rmse <= *arguments.limit)) {
     throw Error({arguments.image}, fmt::format("rmse {:.6g} against {} is above the limit {:.6g}", d.rmse,

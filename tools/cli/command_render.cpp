@@ -9,6 +9,7 @@
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
+#include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
 
 namespace fieldtrace {
@@ -32,6 +33,13 @@ struct RenderArguments {
 };
 
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+std::vector<OutputFile> outputs_of(const RenderArguments& arguments) {
+  std::vector<OutputFile> outputs;
+  for (const std::string& path : arguments.outputs) outputs.push_back({"-o", path});
+  if (!arguments.stats_file.empty()) outputs.push_back({"--stats", arguments.stats_file});
+  return outputs;
+}
 
 void require_outputs_writable(const RenderArguments& arguments) {
   for (const std::string& path : arguments.outputs) require_image_writable(path);
@@ -120,10 +128,12 @@ void print_summary(const Stats& s) {
 int run_render(const RenderArguments& arguments, const std::string& command) {
   const Clock::time_point start = Clock::now();
   require_outputs_writable(arguments);
+  require_distinct_files(outputs_of(arguments), {{arguments.scene.path}});
   const std::atomic<bool>& stop = stop_on_interrupt();
   ProgressLine progress(!arguments.quiet);
   progress.update(0.0, "loading");
   const Scene scene = load_scene(arguments.scene, progress);
+  require_distinct_files(outputs_of(arguments), scene.files);
   const double load_seconds = seconds_since(start);
 
   RenderOptions options = arguments.options;

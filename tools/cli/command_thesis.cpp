@@ -33,7 +33,9 @@ int run_command(const ThesisArguments& arguments, const std::string& command) {
   fs::create_directories(folder, failed);
   if (failed) throw Error({arguments.folder}, "the folder cannot be made: " + failed.message());
   const std::string page = (folder / "thesis.html").string();
-  require_writable(page);
+  for (const char* name : {"thesis.csv", "growth.csv", "charts.csv", "hybrid.csv", "thesis.html"}) {
+    require_writable((folder / name).string());
+  }
 
   ProgressLine progress(!arguments.quiet);
   ThesisRunOptions options = arguments.options;

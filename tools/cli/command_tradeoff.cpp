@@ -11,6 +11,7 @@
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
+#include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
 
 namespace fieldtrace {
@@ -32,39 +33,58 @@ void make_folder(const std::string& folder) {
   if (failed) throw Error({folder}, "the folder cannot be made: " + failed.message());
 }
 
-// Grows line by line under a name that says it is not complete; flushed, so that nothing is lost with the program.
+// Grows line by line under a name that says it is not complete, so that nothing is lost with the program. When a line
+// cannot be written, the rows before it stay, if there are any.
 class GrowingTable {
  public:
   explicit GrowingTable(const fs::path& final_path)
-      : final_path_(final_path), partial_path_(final_path.string() + ".partial"), out_(partial_path_) {
+      : final_path_(final_path), partial_path_(final_path.string() + ".partial") {
     add(tradeoff_csv_header());
   }
   void add(const std::string& line) {
-    out_ << line << std::endl;
-    if (!out_) throw Error({partial_path_.string()}, std::string("cannot be written: ") + std::strerror(errno));
+    const uint64_t whole = text_.size();
+    text_ += line + "\n";
+    std::ofstream out(partial_path_, std::ios::binary | (whole > 0 ? std::ios::app : std::ios::trunc));
+    out << line << "\n";
+    out.close();
+    if (!out) throw failure(whole, std::strerror(errno));
   }
+  // Written anew: what has been checked as a whole replaces an older table.
   void finish() {
-    out_.close();
-    std::error_code failed;
-    fs::rename(partial_path_, final_path_, failed);
-    if (failed) throw Error({final_path_.string()}, "cannot be written: " + failed.message());
+    write_text_file(final_path_.string(), text_);
+    std::error_code ignored;
+    fs::remove(partial_path_, ignored);
   }
   std::string partial_path() const { return partial_path_.string(); }
   std::string final_path() const { return final_path_.string(); }
 
  private:
+  // Cuts off what follows the first `whole` bytes.
+  Error failure(uint64_t whole, const std::string& reason) const {
+    std::error_code ignored;
+    if (whole > tradeoff_csv_header().size() + 1) {
+      fs::resize_file(partial_path_, whole, ignored);
+      return Error({partial_path_.string()}, "cannot be written: " + reason + "; the rows so far are kept");
+    }
+    fs::remove(partial_path_, ignored);
+    return Error({partial_path_.string()}, "cannot be written: " + reason);
+  }
+
   fs::path final_path_, partial_path_;
-  std::ofstream out_;
+  std::string text_;
 };
 
 int run_command(const TradeoffArguments& arguments) {
   make_folder(arguments.folder);
   const fs::path folder = arguments.folder;
   const std::string reference_path = (folder / "reference.exr").string();
-  require_writable(reference_path);
+  const std::string table_path = (folder / "tradeoff.csv").string();
+  for (const std::string& path : {reference_path, table_path}) require_writable(path);
   ProgressLine progress(!arguments.quiet);
   const Scene scene = load_scene(arguments.scene, progress);
-  GrowingTable table(folder / "tradeoff.csv");
+  const OutputFile outputs[] = {{"-o", reference_path}, {"-o", table_path}, {"-o", table_path + ".partial"}};
+  require_distinct_files(outputs, scene.files);
+  GrowingTable table(table_path);
 
   TradeoffCallbacks callbacks;
   callbacks.render.stop = &stop_on_interrupt();

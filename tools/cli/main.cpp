@@ -2,10 +2,13 @@
 #include <cstdio>
 #include <exception>
 #include <new>
+#include <sstream>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "tools/cli/command.h"
+#include "tools/cli/standard_output.h"
 
 namespace {
 
@@ -61,7 +64,10 @@ int run(int argc, char** argv) {
     app.parse(argc, argv);
     return line.action();
   } catch (const CLI::Success& help_or_version) {
-    return app.exit(help_or_version);
+    std::ostringstream text;
+    const int code = app.exit(help_or_version, text, text);
+    std::fputs(text.str().c_str(), stdout);
+    return code;
   } catch (const CLI::ParseError& e) {
     return report(k_exit_usage, complaint(app, e) + " " + help_hint(app));
   } catch (const UsageError& e) {
@@ -69,14 +75,25 @@ int run(int argc, char** argv) {
   }
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run_and_report(int argc, char** argv) {
   try {
     return run(argc, argv);
   } catch (const std::bad_alloc&) {
     return report(k_exit_input, "out of memory; use a smaller image, coarser fields or fewer triangles");
+  } catch (const std::system_error& e) {
+    if (std::ferror(stdout)) return report(k_exit_input, standard_output_message(e.code().message()));
+    return report(k_exit_input, e.what());
   } catch (const std::exception& e) {
     return report(k_exit_input, e.what());
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  prepare_streams();
+  const int code = run_and_report(argc, argv);
+  const std::string failure = flush_standard_output();
+  if (code != k_exit_success || failure.empty()) return code;
+  return report(k_exit_input, standard_output_message(failure));
 }

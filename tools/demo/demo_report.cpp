@@ -16,6 +16,7 @@
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
 #include "tools/cli/progress.h"
+#include "tools/cli/standard_output.h"
 
 namespace fieldtrace {
 
@@ -150,6 +151,7 @@ int run_demo(const DemoArguments& arguments) {
 
 int main(int argc, char** argv) {
   using namespace fieldtrace;
+  prepare_streams();
   DemoArguments arguments;
   CLI::App app("One scene by both methods: pictures and a table");
   add_scene_options(app, arguments.scene);
@@ -159,7 +161,10 @@ int main(int argc, char** argv) {
       ->type_name("N");
   CLI11_PARSE(app, argc, argv);
   try {
-    return run_demo(arguments);
+    const int code = run_demo(arguments);
+    const std::string failure = flush_standard_output();
+    if (!failure.empty()) throw Error(standard_output_message(failure));
+    return code;
   } catch (const std::exception& e) {
     fmt::print(stderr, "fieldtrace_demo: {}\n", e.what());
     return k_exit_input;

@@ -1,0 +1,237 @@
+// What commands write: all of it or nothing, never over one another or over what they read.
+#include <fcntl.h>
+#include <linux/capability.h>
+#include <sched.h>
+#include <sys/mount.h>
+#include <sys/prctl.h>
+
+#include "core/image/image.h"
+#include "field/file/field_file.h"
+#include "tests/support/command_files.h"
+
+namespace fieldtrace::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+using CommandOutputs = CommandFiles;
+
+// Too few bytes for any output, enough for a message.
+void limit_files() {
+  const rlimit limit = {512, 512};
+  setrlimit(RLIMIT_FSIZE, &limit);
+}
+
+void print_to_full_device() { dup2(open("/dev/full", O_WRONLY), STDOUT_FILENO); }
+
+TEST_F(CommandOutputs, WhatCannotBeWrittenWholeLeavesNothing) {
+  const std::vector<std::string> render = {"render", "scene.xml", "--quiet"};
+  const auto with = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> all = render;
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  };
+  expect_failure(1, "a.png: cannot be written: File too large", with({"-o", "a.png"}), limit_files);
+  expect_failure(1, "a.exr: cannot be written: File too large", with({"-o", "a.exr"}), limit_files);
+  expect_failure(1, "a.exr: cannot be written: File too large", with({"-o", "a.exr", "--float32"}), limit_files);
+  expect_failure(1, "a.ply: cannot be written: File too large", {"mesh", "cube", "-o", "a.ply"}, limit_files);
+  expect_failure(1, "a.vdb: cannot be written: File too large",
+                 {"bake", "ball.ply", "-o", "a.vdb", "--chart", "thesis", "--directions", "32"}, limit_files);
+  // An older file stays as it was.
+  write("a.png", "older");
+  expect_failure(1, "a.png: cannot be written: File too large", with({"-o", "a.png"}), limit_files);
+  EXPECT_EQ(read_text(folder_ / "a.png"), "older");
+}
+
+TEST_F(CommandOutputs, StatisticsThatCannotBeWrittenLeaveNothing) {
+  // A picture of a few pixels is smaller than its statistics.
+  const auto between = [] {
+    const rlimit limit = {1024, 1024};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  };
+  const Outcome o =
+      run({"render", "scene.xml", "-o", "a.png", "--crop", "0,0,4,4", "--quiet", "--stats", "s.json"}, between);
+  EXPECT_EQ(o.code, 1);
+  EXPECT_EQ(o.err, "fieldtrace: s.json: cannot be written: File too large\n");
+  EXPECT_EQ(files(), (std::set<std::string>{"a.png", "ball.ply", "scene.xml"}));
+}
+
+TEST_F(CommandOutputs, ATableThatCannotBeWrittenLeavesNothing) {
+  fs::create_directory(folder_ / "out");
+  fs::create_symlink("/dev/full", folder_ / "out/tradeoff.csv.partial");
+  const Outcome o = run({"tradeoff", "scene.xml", "-o", "out", "--quick", "--quiet"});
+  EXPECT_EQ(o.code, 1);
+  EXPECT_EQ(o.err, "fieldtrace: out/tradeoff.csv.partial: cannot be written: No space left on device\n");
+  EXPECT_TRUE(fs::is_empty(folder_ / "out"));
+}
+
+TEST_F(CommandOutputs, AFullDiskLeavesNothing) {
+  fs::create_directory(folder_ / "disk");
+  // The mount belongs to this process and those that it starts, and goes with them.
+  if (unshare(CLONE_NEWNS) != 0 || mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
+      mount("none", (folder_ / "disk").c_str(), "tmpfs", 0, "size=64k") != 0) {
+    GTEST_SKIP() << "file systems cannot be mounted here";
+  }
+  write("disk/filler", std::string(64 << 10, 'x'));
+  for (const char* name : {"disk/a.png", "disk/a.exr"}) {
+    expect_failure(1, std::string(name) + ": cannot be written: No space left on device",
+                   {"render", "scene.xml", "-o", name, "-D", "size=512", "--quiet"});
+  }
+  expect_failure(1, "disk/a.ply: cannot be written: No space left on device", {"mesh", "knot", "-o", "disk/a.ply"});
+  expect_failure(1, "disk/a.vdb: cannot be written: No space left on device",
+                 {"bake", "ball.ply", "-o", "disk/a.vdb", "--chart", "thesis", "--directions", "32"});
+  umount((folder_ / "disk").c_str());
+}
+
+TEST_F(CommandOutputs, WhatCannotBePrintedIsAnError) {
+  ASSERT_EQ(run({"render", "scene.xml", "-o", "a.png", "-o", "a.exr", "--quiet"}).code, 0);
+  constexpr FieldParameters p = {32, 64, 8};
+  Field field(test_ball(), p);
+  fill_random_slices(field, 1, 10);
+  save_field(field, test_identity(p), folder_ / "f.vdb");
+  const std::vector<std::vector<std::string>> commands = {{"--version"},
+                                                          {"--help"},
+                                                          {"render", "--help"},
+                                                          {"info", "scene.xml"},
+                                                          {"info", "ball.ply"},
+                                                          {"info", "a.png"},
+                                                          {"info", "f.vdb"},
+                                                          {"info", "f.vdb", "--json"},
+                                                          {"compare", "a.exr", "a.exr"},
+                                                          {"compare", "a.exr", "a.exr", "--json", "--fail-above", "1"}};
+  for (const std::vector<std::string>& command : commands) {
+    EXPECT_EQ(run(command).code, 0) << command[0];
+    expect_failure(1, "standard output: cannot be written: No space left on device", command, print_to_full_device);
+  }
+  const Outcome bake =
+      run({"bake", "ball.ply", "-o", "b.vdb", "--chart", "thesis", "--directions", "32"}, print_to_full_device);
+  EXPECT_EQ(bake.code, 1);
+  EXPECT_EQ(bake.err, "fieldtrace: standard output: cannot be written: No space left on device\n");
+}
+
+TEST_F(CommandOutputs, AClosedStandardOutputReachesNoFile) {
+  const auto close_output = [] { close(STDOUT_FILENO); };
+  expect_failure(1, "standard output: cannot be written: Bad file descriptor", {"info", "scene.xml"}, close_output);
+  EXPECT_EQ(run({"render", "scene.xml", "-o", "a.png", "--quiet"}, close_output).code, 0);
+  EXPECT_EQ(read_image(folder_ / "a.png").width, 32);
+}
+
+TEST_F(CommandOutputs, NoOutputReplacesAnother) {
+  const auto render = [](const std::vector<std::string>& more) {
+    std::vector<std::string> all = {"render", "scene.xml", "-o", "a.png", "--quiet"};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  };
+  expect_failure(2, "--stats a.png: the same file as -o a.png", render({"--stats", "a.png"}));
+  expect_failure(2, "-o ./a.png: the same file as -o a.png", render({"-o", "./a.png"}));
+  write("a.png", "");
+  fs::create_symlink("a.png", folder_ / "link.json");
+  fs::create_hard_link(folder_ / "a.png", folder_ / "hard.json");
+  expect_failure(2, "--stats link.json: the same file", render({"--stats", "link.json"}));
+  expect_failure(2, "--stats hard.json: the same file", render({"--stats", "hard.json"}));
+  EXPECT_EQ(run(render({"-o", "a.exr", "--stats", "s.json"})).code, 0);
+}
+
+TEST_F(CommandOutputs, NoOutputReplacesAnInput) {
+  ASSERT_EQ(run({"render", "scene.xml", "-o", "wood.png", "--quiet"}).code, 0);
+  write("more.xml", R"(<scene version="3.0.0"><shape type="cube"><bsdf type="diffuse"><texture type="bitmap"
+      name="reflectance"><string name="filename" value="wood.png"/></texture></bsdf></shape></scene>)");
+  std::string scene = k_small_scene;
+  scene.insert(scene.find("<shape"), "<include filename=\"more.xml\"/>");
+  write("all.xml", scene);
+  const auto expect_refused = [&](const std::string& output, const std::string& input,
+                                  const std::vector<std::string>& options) {
+    const std::string before = read_text(folder_ / input);
+    std::vector<std::string> all = {"render", "all.xml", "--quiet"};
+    all.insert(all.end(), options.begin(), options.end());
+    expect_failure(2, output + ": would overwrite the input", all);
+    EXPECT_EQ(read_text(folder_ / input), before);
+  };
+  expect_refused("--stats all.xml", "all.xml", {"-o", "a.exr", "--stats", "all.xml"});
+  expect_refused("--stats more.xml", "more.xml", {"-o", "a.exr", "--stats", "more.xml"});
+  expect_refused("--stats ball.ply", "ball.ply", {"-o", "a.exr", "--stats", "ball.ply"});
+  expect_refused("-o wood.png", "wood.png", {"-o", "wood.png"});
+  EXPECT_EQ(run({"render", "all.xml", "-o", "a.png", "--quiet"}).code, 0);
+}
+
+TEST_F(CommandOutputs, NamesMayBeAsLongAsTheFileSystemAllows) {
+  for (const size_t length : {size_t(244), size_t(255)}) {
+    const auto name = [&](const std::string& ending) { return std::string(length - ending.size(), 'n') + ending; };
+    EXPECT_EQ(run({"render", "scene.xml", "-o", name(".png"), "-o", name(".exr"), "--stats", name(".json")}).code, 0);
+    EXPECT_EQ(run({"mesh", "cube", "-o", name(".ply")}).code, 0);
+    for (const char* ending : {".png", ".exr", ".json", ".ply"}) {
+      EXPECT_TRUE(fs::exists(folder_ / name(ending)));
+      fs::remove(folder_ / name(ending));
+    }
+  }
+  // Cut within a letter of two bytes, the temporary name would not be text.
+  std::string umlauts;
+  while (umlauts.size() < 250) umlauts += "\u00e4";
+  EXPECT_EQ(run({"render", "scene.xml", "-o", umlauts + ".png", "--quiet"}).code, 0);
+  fs::remove(folder_ / (umlauts + ".png"));
+  // Told before the scene, which does not exist, is read.
+  expect_failure(1, "File name too long", {"render", "missing.xml", "-o", std::string(252, 'n') + ".png"});
+}
+
+TEST_F(CommandOutputs, ComparingTwoSizesNamesBothFiles) {
+  ASSERT_EQ(run({"render", "scene.xml", "-o", "a.exr", "--quiet"}).code, 0);
+  ASSERT_EQ(run({"render", "scene.xml", "-o", "b.exr", "--quiet", "-D", "size=40"}).code, 0);
+  expect_failure(1, "a.exr: cannot be compared with b.exr: the image is 32x24", {"compare", "a.exr", "b.exr"});
+}
+
+// ---- caches that may only be read
+
+// Root may write everywhere unless it gives up this.
+void respect_permissions() {
+  prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE);
+  prctl(PR_CAPBSET_DROP, CAP_DAC_READ_SEARCH);
+}
+
+class ReadOnlyCache : public CommandFiles {
+ protected:
+  void SetUp() override {
+    CommandFiles::SetUp();
+    ASSERT_EQ(run(render("a.exr")).code, 0);
+    fs::permissions(folder_ / "cache", fs::perms::owner_read | fs::perms::owner_exec);
+  }
+  void TearDown() override { fs::permissions(folder_ / "cache", fs::perms::owner_all); }
+  static std::vector<std::string> render(const std::string& output, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> all = {"render", "scene.xml",     "-o",   output,    "--quiet", "--light-samples",
+                                    "16",     "--directions",  "32",   "--plane", "64",      "--stats",
+                                    "s.json", "--field-cache", "cache"};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  }
+};
+
+TEST_F(ReadOnlyCache, IsReadWithOneWarning) {
+  ASSERT_GE(files().size(), 6u) << "nothing was cached";
+  const std::set<std::string> before = files();
+  const Outcome o = run(render("a.exr"), respect_permissions);
+  EXPECT_EQ(o.code, 0) << o.err;
+  EXPECT_EQ(o.err.rfind("fieldtrace: warning: cache/fields: cannot be written: Permission denied", 0), 0u) << o.err;
+  EXPECT_NE(o.err.find("none is kept"), std::string::npos) << o.err;
+  EXPECT_EQ(std::count(o.err.begin(), o.err.end(), '\n'), 1) << o.err;
+  EXPECT_NE(read_text(folder_ / "s.json").find("\"rays\": 0"), std::string::npos) << "fields were baked again";
+  EXPECT_EQ(files(), before);
+  // Other fields than the cache holds are baked, and not kept.
+  EXPECT_EQ(run(render("a.exr", {"--lobe-samples", "2"}), respect_permissions).code, 0);
+  EXPECT_EQ(files(), before);
+}
+
+TEST_F(ReadOnlyCache, IsNoPlaceToBakeInto) {
+  expect_failure(1, "cache/fields: cannot be written: Permission denied",
+                 {"bake", "ball.ply", "-o", "cache", "--chart", "thesis", "--directions", "32"}, respect_permissions);
+}
+
+TEST_F(ReadOnlyCache, IsToldAboutOnceThoughTheRenderBeginsAgain) {
+  const Outcome o = run(render("a.exr", {"--field-memory", "1", "-D", "size=96"}), respect_permissions);
+  EXPECT_EQ(o.code, 0) << o.err;
+  EXPECT_NE(o.err.find("begins again"), std::string::npos) << o.err;
+  const size_t first = o.err.find("none is kept");
+  ASSERT_NE(first, std::string::npos) << o.err;
+  EXPECT_EQ(o.err.find("none is kept", first + 1), std::string::npos) << o.err;
+}
+
+}  // namespace
+}  // namespace fieldtrace::test
