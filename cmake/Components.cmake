@@ -17,3 +17,24 @@ function(fieldtrace_component)
     fieldtrace_vector_kernels(${_file} fieldtrace_${_library})
   endforeach()
 endfunction()
+
+# fieldtrace_module(NAME [MAY_INCLUDE FOLDER...] [LIBRARIES LIB...])
+#
+# Makes the sources of the calling folder LIBRARY/COMPONENT libfieldtrace_NAME.so, which programs open when they first
+# need it (core/platform/module.h). It uses headers of MAY_INCLUDE alone; libraries that bring many others belong here.
+function(fieldtrace_module name)
+  cmake_parse_arguments(ARG "" "" "MAY_INCLUDE;LIBRARIES" ${ARGN})
+  if(ARG_UNPARSED_ARGUMENTS)
+    message(FATAL_ERROR "fieldtrace_module: unknown: ${ARG_UNPARSED_ARGUMENTS}")
+  endif()
+  cmake_path(GET CMAKE_CURRENT_SOURCE_DIR PARENT_PATH _parent)
+  cmake_path(GET _parent FILENAME _library)
+  file(GLOB _sources CONFIGURE_DEPENDS *.cpp)
+  add_library(fieldtrace_${name} MODULE ${_sources})
+  target_link_libraries(fieldtrace_${name} PRIVATE fieldtrace_options ${ARG_LIBRARIES})
+  set_target_properties(fieldtrace_${name} PROPERTIES
+    LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/${FIELDTRACE_MODULE_DIR})
+  # What links the library finds the module built.
+  add_dependencies(fieldtrace_${_library} fieldtrace_${name})
+  install(TARGETS fieldtrace_${name} LIBRARY DESTINATION ${FIELDTRACE_MODULE_DIR})
+endfunction()

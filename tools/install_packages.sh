@@ -5,7 +5,7 @@ set -euo pipefail
 packages=(
   g++ cmake ninja-build pkg-config ccache
   libembree-dev libtbb-dev libglm-dev libfmt-dev libhwy-dev libpugixml-dev libtinyobjloader-dev
-  libopenimageio-dev libopenexr-dev openimageio-tools                # Debian's CMake files of OpenImageIO want the tools
+  libopenimageio-dev libopenexr-dev libpng-dev openimageio-tools     # Debian's CMake files of OpenImageIO want the tools
   libopenvdb-dev libnanovdb-dev libboost-iostreams-dev libblosc-dev
   libcli11-dev nlohmann-json3-dev
   libgtest-dev libopenvdb-tools glmark2-data python3 python3-venv    # tests; the demo's bunny

@@ -1,22 +1,30 @@
 #include "core/image/image.h"
 
-#include <OpenImageIO/filesystem.h>
-#include <OpenImageIO/imageio.h>
+#include <ImfChannelList.h>
+#include <ImfFrameBuffer.h>
+#include <ImfHeader.h>
+#include <ImfIO.h>
+#include <ImfOutputFile.h>
+#include <ImfStringAttribute.h>
+#include <ImfThreading.h>
+#include <png.h>
 
 #include <algorithm>
 #include <array>
 #include <cctype>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
-#include <fstream>
+#include <functional>
 #include <limits>
-#include <memory>
-#include <utility>
+#include <thread>
 
+#include "core/image/image_decoder.h"
 #include "core/io/atomic_file.h"
 #include "core/io/input_file.h"
 #include "core/platform/error.h"
+#include "core/platform/module.h"
 
 namespace fieldtrace {
 
@@ -26,9 +34,6 @@ enum class Format { exr, png };
 
 // Largest finite half (IEEE 754 binary16): (2 - 2^-10) * 2^15.
 constexpr float k_half_max = 65504.0f;
-
-// Protects the allocation against a damaged header: 2^31 floats are 8 GiB.
-constexpr uint64_t k_max_values = uint64_t(1) << 31;
 
 Format format_of(const std::string& path) {
   std::string ending = std::filesystem::path(path).extension().string();
@@ -53,76 +58,106 @@ bool needs_full_float(const std::string& channel) {
   return false;
 }
 
-// What OpenImageIO writes through: its PNG writer takes no notice of writes that fail.
-class CheckedProxy : public OIIO::Filesystem::IOProxy {
- public:
-  explicit CheckedProxy(const std::string& path) : IOProxy(path, Write), file_(path) {}
-  const char* proxytype() const override { return "checked"; }
-  size_t write(const void* data, size_t size) override {
-    const size_t written = pwrite(data, size, m_pos);
-    m_pos += int64_t(written);
-    return written;
+// Writes the file at `path` by `write`; it fails if that throws, or if anything could not be written.
+void write_file(const std::string& path, const std::function<void(CheckedFile&)>& write) {
+  AtomicFile atomic(path);
+  CheckedFile file(atomic.temporary_path());
+  std::string reason;
+  try {
+    write(file);
+    file.close();
+    if (file.end() == 0) reason = "nothing was written";
+  } catch (const std::exception& error) {
+    reason = error.what();
   }
-  size_t pwrite(const void* data, size_t size, int64_t offset) override {
-    return file_.write_at(uint64_t(offset), data, size) ? size : 0;
-  }
-  size_t size() const override { return size_t(file_.end()); }
-  CheckedFile& file() { return file_; }
-
- private:
-  CheckedFile file_;
-};
-
-template <class T>
-void write_pixels(const std::string& path, const char* format_name, const OIIO::ImageSpec& spec, const T* pixels) {
-  AtomicFile file(path);
-  CheckedProxy proxy(file.temporary_path());
-  const auto fail = [&](const std::string& reason) {
-    throw Error({path}, "cannot be written: " + (proxy.file().failed() ? proxy.file().reason() : reason));
-  };
-  const auto output = OIIO::ImageOutput::create(format_name);
-  if (!output) fail(OIIO::geterror());
-  if (!output->set_ioproxy(&proxy)) fail("OpenImageIO cannot write this format through a proxy");
-  if (!output->open(file.temporary_path(), spec)) fail(output->geterror());
-  if (!output->write_image(OIIO::BaseTypeFromC<T>::value, pixels)) fail(output->geterror());
-  if (!output->close()) fail(output->geterror());
-  proxy.file().close();
-  if (proxy.file().failed() || proxy.file().end() == 0) fail("nothing was written");
-  file.commit();
+  if (file.failed()) reason = file.reason();
+  if (!reason.empty()) throw Error({path}, "cannot be written: " + reason);
+  atomic.commit();
 }
 
-void write_exr(const std::string& path, const Image& image, const ImageWriteOptions& options) {
-  const OIIO::TypeDesc colour = options.half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::FLOAT;
-  OIIO::ImageSpec spec(image.width, image.height, int(image.channel_count()), colour);
-  spec.channelnames = image.channels;
-  for (const std::string& name : image.channels) {
-    spec.channelformats.push_back(needs_full_float(name) ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : colour);
+// What OpenEXR writes through: it takes no notice of some writes that fail.
+class CheckedStream : public Imf::OStream {
+ public:
+  explicit CheckedStream(CheckedFile& file) : OStream("image"), file_(file) {}
+  void write(const char* data, int size) override {
+    file_.write_at(at_, data, size_t(size));
+    at_ += uint64_t(size);
   }
-  spec.attribute("compression", "zip");
-  spec.attribute("oiio:ColorSpace", "Linear");
-  for (const auto& [name, value] : options.metadata) spec.attribute(name, value);
+  uint64_t tellp() override { return at_; }
+  void seekp(uint64_t at) override { at_ = at; }
 
-  std::vector<float> data = image.data;
-  if (options.half) {
-    const size_t stride = image.channel_count();
-    for (size_t c = 0; c < stride; ++c) {
-      if (needs_full_float(image.channels[c])) continue;
-      for (size_t i = c; i < data.size(); i += stride) {
+ private:
+  CheckedFile& file_;
+  uint64_t at_ = 0;
+};
+
+// The pixels of an EXR, each a row of halves and floats, as OpenEXR takes them.
+struct ExrPixels {
+  explicit ExrPixels(const Image& image, const ImageWriteOptions& options) {
+    for (const std::string& name : image.channels) {
+      const Imf::PixelType type = options.half && !needs_full_float(name) ? Imf::HALF : Imf::FLOAT;
+      types.push_back(type);
+      offsets.push_back(pixel_bytes);
+      pixel_bytes += type == Imf::HALF ? sizeof(Imath::half) : sizeof(float);
+    }
+    const size_t stride = image.channel_count(), count = image.data.size() / stride;
+    bytes.resize(count * pixel_bytes);
+    for (size_t i = 0; i < count; ++i) {
+      for (size_t c = 0; c < stride; ++c) {
+        char* const to = &bytes[i * pixel_bytes + offsets[c]];
+        float value = image.data[i * stride + c];
+        if (types[c] == Imf::FLOAT) {
+          std::memcpy(to, &value, sizeof value);
+          continue;
+        }
         // Infinity and NaN are kept: they tell that something went wrong.
-        if (std::isfinite(data[i])) data[i] = std::clamp(data[i], -k_half_max, k_half_max);
+        if (std::isfinite(value)) value = std::clamp(value, -k_half_max, k_half_max);
+        const Imath::half rounded(value);
+        std::memcpy(to, &rounded, sizeof rounded);
       }
     }
   }
-  write_pixels(path, "openexr", spec, data.data());
+
+  std::vector<Imf::PixelType> types;  // by channel
+  std::vector<size_t> offsets;        // by channel, in a pixel
+  size_t pixel_bytes = 0;
+  std::vector<char> bytes;
+};
+
+// Threads for the compression, which takes longer than all else. OpenEXR keeps one pool for the whole process.
+int compression_threads() {
+  static const int threads = [] {
+    Imf::setGlobalThreadCount(int(std::thread::hardware_concurrency()));
+    return Imf::globalThreadCount();
+  }();
+  return threads;
 }
 
-void write_png(const std::string& path, const Image& image, const ImageWriteOptions& options) {
+void write_exr(CheckedFile& file, const Image& image, const ImageWriteOptions& options) {
+  ExrPixels pixels(image, options);
+  Imf::Header header(image.width, image.height);
+  header.compression() = Imf::ZIP_COMPRESSION;
+  for (const auto& [name, value] : options.metadata) header.insert(name, Imf::StringAttribute(value));
+  Imf::FrameBuffer frame;
+  for (size_t c = 0; c < image.channel_count(); ++c) {
+    header.channels().insert(image.channels[c], Imf::Channel(pixels.types[c]));
+    frame.insert(image.channels[c], Imf::Slice(pixels.types[c], pixels.bytes.data() + pixels.offsets[c],
+                                               pixels.pixel_bytes, pixels.pixel_bytes * size_t(image.width)));
+  }
+  CheckedStream stream(file);
+  Imf::OutputFile output(stream, header, compression_threads());
+  output.setFrameBuffer(frame);
+  output.writePixels(image.height);
+}
+
+// 8-bit sRGB values of the channels R, G and B.
+std::vector<uint8_t> png_pixels(const std::string& path, const Image& image, float exposure) {
   std::array<int, 3> channel;
   for (int c = 0; c < 3; ++c) {
     channel[c] = image.channel_index(std::string(1, "RGB"[c]));
     if (channel[c] < 0) throw Error({path}, "a PNG needs the channels R, G and B; write an .exr instead");
   }
-  const float scale = std::exp2(options.exposure);
+  const float scale = std::exp2(exposure);
   std::vector<uint8_t> pixels(size_t(image.width) * image.height * 3);
   for (size_t i = 0; i < pixels.size() / 3; ++i) {
     const float* source = &image.data[i * image.channel_count()];
@@ -130,9 +165,22 @@ void write_png(const std::string& path, const Image& image, const ImageWriteOpti
       pixels[3 * i + c] = uint8_t(std::lround(255.0f * srgb_encode(scale * source[channel[c]])));
     }
   }
-  OIIO::ImageSpec spec(image.width, image.height, 3, OIIO::TypeDesc::UINT8);
-  spec.attribute("oiio:ColorSpace", "sRGB");
-  write_pixels(path, "png", spec, pixels.data());
+  return pixels;
+}
+
+void write_png(CheckedFile& file, const Image& image, const std::vector<uint8_t>& pixels) {
+  png_image header = {};
+  header.version = PNG_IMAGE_VERSION;
+  header.width = png_uint_32(image.width);
+  header.height = png_uint_32(image.height);
+  header.format = PNG_FORMAT_RGB;
+  png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(header);
+  std::vector<char> encoded(size);
+  if (!png_image_write_to_memory(&header, encoded.data(), &size, /*convert_to_8_bit=*/0, pixels.data(),
+                                 /*row_stride=*/0, /*colormap=*/nullptr)) {
+    throw std::runtime_error(header.message);
+  }
+  file.write_at(0, encoded.data(), size);
 }
 
 }  // namespace
@@ -141,9 +189,10 @@ void write_image(const std::string& path, const Image& image, const ImageWriteOp
   const Format format = format_of(path);
   require_consistent(path, image);
   if (format == Format::exr) {
-    write_exr(path, image, options);
+    write_file(path, [&](CheckedFile& file) { write_exr(file, image, options); });
   } else {
-    write_png(path, image, options);
+    const std::vector<uint8_t> pixels = png_pixels(path, image, options.exposure);
+    write_file(path, [&](CheckedFile& file) { write_png(file, image, pixels); });
   }
 }
 
@@ -152,106 +201,23 @@ void require_image_writable(const std::string& path) {
   require_writable(path);
 }
 
-namespace {
-
-// The most values (a pixel's channels counted one by one) that one byte of a file can stand for, by format as
-// OpenImageIO names it. Each is the best that the format's compression can do; infinity where that has no bound (a
-// WebP of one colour is a few bytes at any size).
-double most_values_per_byte(const std::string& format, const OIIO::ImageSpec& spec) {
-  // 8 pixels of a palette of two colours with alpha, 4 channels each.
-  constexpr double k_uncompressed = 32;
-  // Deflate (RFC 1951) codes runs of 258 bytes by 2 bits, one for the length and one for the distance.
-  constexpr double k_deflate = 1032;
-  // OpenImageIO tells a BMP's compression only where it has one.
-  const bool plain = spec.get_string_attribute("compression", format == "bmp" ? "none" : "") == "none";
-  if (format == "pnm") return 8;      // 1-bit grey; never compressed
-  if (format == "hdr") return 48;     // runs of 127 in 2 bytes for each of 4 components: 3 * 127 / 8
-  if (format == "targa") return 256;  // runs of 128 pixels in 2 bytes, through a palette with alpha
-  if (format == "gif") return 10924;  // LZW: 12 bits for strings of at most 2^12 pixels, 4 channels each
-  if (format == "png") return k_deflate * k_uncompressed;
-  // DWA deflates one coefficient of 2 bytes for each block of 8 x 8 values.
-  if (format == "openexr") return k_deflate / 2 * 64;
-  if ((format == "bmp" || format == "tiff") && plain) return k_uncompressed;
-  return std::numeric_limits<double>::infinity();
-}
-
-// Throws Error for dimensions that the file is too small to hold: its header is not to be trusted with memory.
-void require_fitting_size(const std::string& path, const OIIO::ImageSpec& spec, double values_per_byte) {
-  const auto bytes = std::filesystem::file_size(path);
-  if (double(spec.width) * spec.height * spec.nchannels <= values_per_byte * double(bytes)) return;
-  throw Error({path}, "cannot be read as an image: its header tells of " + std::to_string(spec.width) + " x " +
-                          std::to_string(spec.height) + " pixels, more than its " + std::to_string(bytes) +
-                          " bytes can hold; the file is cut off or damaged");
-}
-
-// OpenImageIO allocates a GIF's canvas when it opens the file, so its header is checked first.
-void check_gif_header(const std::string& path) {
-  unsigned char head[10] = {};  // "GIF89a", width, height: 2 bytes each, the lower first
-  std::ifstream(path, std::ios::binary).read(reinterpret_cast<char*>(head), sizeof head);
-  if (!std::equal(head, head + 4, "GIF8")) return;
-  const OIIO::ImageSpec spec(head[6] | head[7] << 8, head[8] | head[9] << 8, 4);
-  require_fitting_size(path, spec, most_values_per_byte("gif", spec));
-}
-
-std::string reason_or(std::string reason, const char* otherwise) {
-  return reason.empty() ? std::string(otherwise) : std::move(reason);
-}
-
-std::unique_ptr<OIIO::ImageInput> open_image(const std::string& path) {
-  check_gif_header(path);
-  OIIO::ImageSpec hints;
-  hints.attribute("oiio:UnassociatedAlpha", 1);  // colours as stored, not multiplied by alpha
-  auto input = OIIO::ImageInput::open(path, &hints);
-  if (!input) {
-    throw Error({path}, "cannot be read as an image: " +
-                            reason_or(OIIO::geterror(), "its header is damaged or of an unknown format"));
-  }
-  const OIIO::ImageSpec& spec = input->spec();
-  const uint64_t values = uint64_t(std::max(spec.width, 0)) * std::max(spec.height, 0) * std::max(spec.nchannels, 0);
-  if (values == 0 || values > k_max_values || spec.depth > 1) {
-    throw Error({path}, "cannot be read as an image: it has no pixels, too many or a third dimension");
-  }
-  require_fitting_size(path, spec, most_values_per_byte(input->format_name(), spec));
-  return input;
-}
-
-Image read_pixels(const std::string& path, const ImageReadOptions& options) {
-  const auto input = open_image(path);
-  const OIIO::ImageSpec& spec = input->spec();
-  Image image;
-  image.width = spec.width;
-  image.height = spec.height;
-  image.channels = spec.channelnames;
-  image.data.resize(size_t(spec.width) * spec.height * spec.nchannels);
-  const bool encoded = spec.format == OIIO::TypeDesc::UINT8;
-  if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.data.data())) {
-    throw Error({path}, "cannot be read as an image: " +
-                            reason_or(input->geterror(), "its pixels end early; the file is cut off or damaged"));
-  }
-  if (encoded && options.linearise) {
-    for (size_t i = 0; i < image.data.size(); ++i) {
-      if (image.channels[i % image.channel_count()] != "A") image.data[i] = srgb_decode(image.data[i]);
-    }
-  }
-  return image;
-}
-
-}  // namespace
-
 Image read_image(const std::string& path, const ImageReadOptions& options) {
   std::error_code ignored;
   if (!std::filesystem::exists(path, ignored)) throw Error({path}, "no such file; check the name");
   if (std::filesystem::is_directory(path, ignored)) throw Error({path}, "it is a folder; name an image file");
   require_regular_file(path);
-  try {
-    return read_pixels(path, options);
-  } catch (const Error&) {
-    throw;
-  } catch (const std::exception& error) {
-    // Thrown through OpenImageIO by the standard library where a damaged header asks for absurd amounts.
-    throw Error({path}, std::string("cannot be read as an image: it is damaged or needs too much memory (") +
-                            error.what() + ")");
+  static ImageDecoder* const decode =
+      reinterpret_cast<ImageDecoder*>(module_function(k_image_decoder_module, k_image_decoder_function));
+  DecodedImage read;
+  decode(path, read);
+  if (!read.failure.empty()) throw Error({path}, "cannot be read as an image: " + read.failure);
+  Image& image = read.image;
+  if (read.is_8_bit && options.linearise) {
+    for (size_t i = 0; i < image.data.size(); ++i) {
+      if (image.channels[i % image.channel_count()] != "A") image.data[i] = srgb_decode(image.data[i]);
+    }
   }
+  return std::move(image);
 }
 
 }  // namespace fieldtrace

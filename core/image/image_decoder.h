@@ -1,0 +1,24 @@
+// What reads image files of any format: OpenImageIO, behind a plain function in a module (core/platform/module.h).
+//
+// Thread-safety: the function may be called from any thread.
+#pragma once
+
+#include <string>
+
+#include "core/image/image.h"
+
+namespace fieldtrace {
+
+inline constexpr const char* k_image_decoder_module = "image_formats";
+inline constexpr const char* k_image_decoder_function = "fieldtrace_decode_image";
+
+struct DecodedImage {
+  Image image;            // every channel as stored, 8- and 16-bit values divided by their largest
+  bool is_8_bit = false;  // of unsigned bytes
+  std::string failure;    // what is wrong with the file; empty if nothing is
+};
+
+// Reads the first picture of the file at `path`, which must be a regular file. Throws nothing.
+using ImageDecoder = void(const std::string& path, DecodedImage& result);
+
+}  // namespace fieldtrace

@@ -1,0 +1,17 @@
+// Modules: parts of the program in shared libraries of their own, opened when first needed, because what they are made
+// of brings so many other libraries that every start would pay for them.
+//
+// A module NAME is libfieldtrace_NAME.so, built by fieldtrace_module() (cmake/Components.cmake); it is found by the run
+// path of the programs, lib/fieldtrace beside their own folder. It exports plain functions (extern "C") that neither
+// throw nor call back, and is never closed. Module and program must be of one build. Thread-safety: pure functions.
+#pragma once
+
+#include <string>
+
+namespace fieldtrace {
+
+// Address of `function` in module `name`, which is opened if it is not open yet. Takes microseconds if it is: keep the
+// address. Throws Error naming the module's file and the system's reason if it cannot be opened or lacks the function.
+void* module_function(const std::string& name, const char* function);
+
+}  // namespace fieldtrace
