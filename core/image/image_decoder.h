@@ -15,10 +15,10 @@ inline constexpr const char* k_image_decoder_function = "fieldtrace_decode_image
 struct DecodedImage {
   Image image;            // every channel as stored, 8- and 16-bit values divided by their largest
   bool is_8_bit = false;  // of unsigned bytes
-  std::string failure;    // what is wrong with the file; empty if nothing is
 };
 
-// Reads the first picture of the file at `path`, which must be a regular file. Throws nothing.
-using ImageDecoder = void(const std::string& path, DecodedImage& result);
+// Reads the first picture of the file at `path`, which must be a regular file. Throws std::runtime_error that says what
+// is wrong with the file, or what the standard library throws where a damaged header asks for absurd amounts.
+using ImageDecoder = DecodedImage(const std::string& path);
 
 }  // namespace fieldtrace

@@ -17,7 +17,7 @@
 #include <cstring>
 #include <filesystem>
 #include <functional>
-#include <limits>
+#include <stdexcept>
 #include <thread>
 
 #include "core/image/image_decoder.h"
@@ -209,8 +209,14 @@ Image read_image(const std::string& path, const ImageReadOptions& options) {
   static ImageDecoder* const decode =
       reinterpret_cast<ImageDecoder*>(module_function(k_image_decoder_module, k_image_decoder_function));
   DecodedImage read;
-  decode(path, read);
-  if (!read.failure.empty()) throw Error({path}, "cannot be read as an image: " + read.failure);
+  try {
+    read = decode(path);
+  } catch (const std::runtime_error& error) {
+    throw Error({path}, std::string("cannot be read as an image: ") + error.what());
+  } catch (const std::exception& error) {
+    throw Error({path}, std::string("cannot be read as an image: it is damaged or needs too much memory (") +
+                            error.what() + ")");
+  }
   Image& image = read.image;
   if (read.is_8_bit && options.linearise) {
     for (size_t i = 0; i < image.data.size(); ++i) {

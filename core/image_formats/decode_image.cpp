@@ -17,7 +17,7 @@ namespace {
 // Protects the allocation against a damaged header: 2^31 floats are 8 GiB.
 constexpr uint64_t k_max_values = uint64_t(1) << 31;
 
-// What is wrong with a file; it does not leave this module.
+// What is wrong with a file.
 using Failure = std::runtime_error;
 
 // The most values (a pixel's channels counted one by one) that one byte of a file can stand for, by format as
@@ -77,7 +77,10 @@ std::unique_ptr<OIIO::ImageInput> open_image(const std::string& path) {
   return input;
 }
 
-void read_pixels(const std::string& path, DecodedImage& result) {
+}  // namespace
+
+extern "C" DecodedImage fieldtrace_decode_image(const std::string& path) {
+  DecodedImage result;
   const auto input = open_image(path);
   const OIIO::ImageSpec& spec = input->spec();
   Image& image = result.image;
@@ -89,19 +92,7 @@ void read_pixels(const std::string& path, DecodedImage& result) {
   if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.data.data())) {
     throw Failure(reason_or(input->geterror(), "its pixels end early; the file is cut off or damaged"));
   }
-}
-
-}  // namespace
-
-extern "C" void fieldtrace_decode_image(const std::string& path, DecodedImage& result) {
-  try {
-    read_pixels(path, result);
-  } catch (const Failure& failure) {
-    result.failure = failure.what();
-  } catch (const std::exception& error) {
-    // Thrown through OpenImageIO by the standard library where a damaged header asks for absurd amounts.
-    result.failure = std::string("it is damaged or needs too much memory (") + error.what() + ")";
-  }
+  return result;
 }
 
 // The program calls it by this type.

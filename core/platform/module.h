@@ -2,8 +2,9 @@
 // of brings so many other libraries that every start would pay for them.
 //
 // A module NAME is libfieldtrace_NAME.so, built by fieldtrace_module() (cmake/Components.cmake); it is found by the run
-// path of the programs, lib/fieldtrace beside their own folder. It exports plain functions (extern "C") that neither
-// throw nor call back, and is never closed. Module and program must be of one build. Thread-safety: pure functions.
+// path of the programs, lib/fieldtrace beside their own folder. It is reached by plain functions, is
+// never closed, and lets no exceptions out but those of the standard library and of libraries that derive from them:
+// types that module and program both define, Error for one, are two types to some checks of sanitizers. Module and program must be of one build. Thread-safety: pure functions.
 #pragma once
 
 #include <string>

@@ -8,11 +8,8 @@
 namespace fieldtrace {
 namespace {
 
-using Leaf = openvdb::Int32Tree::LeafNodeType;
-using openvdb::Coord;
-
 // A leaf holds a patch of 8 x 8 lines of 8 directions in a row; 4 x 4 patches make a tile.
-constexpr int k_leaf_side = int(Leaf::DIM);
+constexpr int k_leaf_side = k_vdb_leaf_side;
 constexpr int k_patch_lines = k_leaf_side * k_leaf_side;
 constexpr int k_patches_along = scalar::k_tile_lines / k_leaf_side;
 constexpr int k_patches = k_patches_along * k_patches_along;
@@ -29,7 +26,7 @@ size_t line_of_patch(int patch, int i) {
 }
 
 // Tile `tile` of the planes of the eight directions from 8 * octet on: the leaf's voxel nearest to the origin.
-Coord patch_origin(int tiles, uint32_t octet, uint32_t tile, int patch) {
+VoxelCoord patch_origin(int tiles, uint32_t octet, uint32_t tile, int patch) {
   const int y = int(tile) / tiles * scalar::k_tile_lines + patch / k_patches_along * k_leaf_side;
   const int x = int(tile) % tiles * scalar::k_tile_lines + patch % k_patches_along * k_leaf_side;
   return {int(octet) * k_leaf_side, y, x};
@@ -61,55 +58,50 @@ bool is_empty_patch(const Stack& stack, int patch) {
   return true;
 }
 
-void write_stack(const Stack& stack, int tiles, const Place& place, openvdb::Int32Tree& tree) {
+void write_stack(const Stack& stack, int tiles, const Place& place, VdbGrid& grid) {
   for (int patch = 0; patch < k_patches; ++patch) {
-    const Coord origin = patch_origin(tiles, place.octet, place.tile, patch);
+    const VoxelCoord origin = patch_origin(tiles, place.octet, place.tile, patch);
     if (is_empty_patch(stack, patch)) {
-      tree.addTile(/*level=*/1, origin, 0, /*active=*/true);
+      vdb().add_tile(grid, origin, 0);
       continue;
     }
-    Leaf* const leaf = tree.touchLeaf(origin);
+    VdbLeaf leaf;
     for (int layer = 0; layer < k_leaf_side; ++layer) {
       if ((stack.baked >> layer & 1) == 0) continue;
       for (int i = 0; i < k_patch_lines; ++i) {
-        leaf->setValueOn(openvdb::Index(layer * k_patch_lines + i), stack.lines[layer][line_of_patch(patch, i)]);
+        leaf.values[size_t(layer * k_patch_lines + i)] = stack.lines[layer][line_of_patch(patch, i)];
       }
+      leaf.active[size_t(layer)] = ~uint64_t(0);  // 64 lines are a word
     }
+    vdb().add_leaf(grid, origin, leaf);
   }
 }
 
 // Whether one direction of a leaf holds anything, and if so, whether it is whole and made of lines.
-bool has_layer(const Leaf& leaf, int layer) {
-  for (int i = 0; i < k_patch_lines; ++i) {
-    if (leaf.isValueOn(openvdb::Index(layer * k_patch_lines + i))) return true;
-  }
-  return false;
-}
-bool sound_layer(const Leaf& leaf, int layer) {
-  for (int i = 0; i < k_patch_lines; ++i) {
-    const openvdb::Index at = openvdb::Index(layer * k_patch_lines + i);
-    const int32_t line = leaf.getValue(at);
-    if (!leaf.isValueOn(at) || line < 0 || line > scalar::k_coverage_depths) return false;
-  }
-  return true;
+static_assert(k_patch_lines == 64, "a word of the mask is a direction");
+bool has_layer(const VdbNode& leaf, int layer) { return leaf.active[size_t(layer)] != 0; }
+bool sound_layer(const VdbNode& leaf, int layer) {
+  const int32_t* const lines = leaf.values + layer * k_patch_lines;
+  const auto sound = [](int32_t line) { return line >= 0 && line <= scalar::k_coverage_depths; };
+  return leaf.active[size_t(layer)] == ~uint64_t(0) && std::all_of(lines, lines + k_patch_lines, sound);
 }
 
 // Which patches of each tile were met.
 class FoundPatches {
  public:
-  FoundPatches(int directions, int lines) : limit_(directions * directions, lines, lines) {}
+  FoundPatches(int directions, int lines) : limit_{directions * directions, lines, lines} {}
 
-  bool within(const Coord& origin) const {
+  bool within(const VoxelCoord& origin) const {
     for (int axis = 0; axis < 3; ++axis) {
       if (origin[axis] < 0 || origin[axis] >= limit_[axis]) return false;
     }
     return true;
   }
-  void add(const Coord& origin, int layer) {
+  void add(const VoxelCoord& origin, int layer) {
     const int tiles = limit_[1] / scalar::k_tile_lines;
-    const int row = origin.y() / k_leaf_side, column = origin.z() / k_leaf_side;
+    const int row = origin[1] / k_leaf_side, column = origin[2] / k_leaf_side;
     const uint32_t slot =
-        uint32_t(((origin.x() + layer) * tiles + row / k_patches_along) * tiles + column / k_patches_along);
+        uint32_t(((origin[0] + layer) * tiles + row / k_patches_along) * tiles + column / k_patches_along);
     std::vector<uint16_t>& part = found_[slot / CoverageTiles::k_part_slots];
     part.resize(CoverageTiles::k_part_slots);
     part[slot % CoverageTiles::k_part_slots] |=
@@ -127,14 +119,14 @@ class FoundPatches {
   }
 
  private:
-  Coord limit_;
+  VoxelCoord limit_;
   // By slot, in parts of the table: a small file may hold millions of tiles that meet nothing.
   std::map<uint32_t, std::vector<uint16_t>> found_;
 };
 
 }  // namespace
 
-void write_coverage(std::span<const CoverageTiles* const> sources, openvdb::Int32Grid& grid) {
+void write_coverage(std::span<const CoverageTiles* const> sources, VdbGrid& grid) {
   if (sources.empty()) return;
   const int tiles = sources.front()->view().tiles;
   struct Source {
@@ -158,33 +150,27 @@ void write_coverage(std::span<const CoverageTiles* const> sources, openvdb::Int3
       stack.baked |= 1u << layer;
       all[i].tiles->read(all[i].slot, stack.lines[layer]);
     }
-    write_stack(stack, tiles, first, grid.tree());
+    write_stack(stack, tiles, first, grid);
   }
 }
 
-bool CoverageGrid::open(const openvdb::Int32Grid::ConstPtr& grid, int directions, int plane) {
+bool CoverageGrid::open(VdbGridPtr grid, int directions, int plane) {
   const int lines = CoverageTiles::lines_for(plane);
   FoundPatches found(directions, lines);
-  for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
-    const Coord origin = leaf->origin();
-    if (!found.within(origin)) return false;
+  const bool sound = vdb().visit(*grid, [&](const VdbNode& node) {
+    if (node.side != k_leaf_side || !found.within(node.origin)) return false;
+    if (!node.values && node.value != 0) return false;
     for (int layer = 0; layer < k_leaf_side; ++layer) {
-      if (!has_layer(*leaf, layer)) continue;
-      if (!sound_layer(*leaf, layer)) return false;
-      found.add(origin, layer);
+      if (node.values && !has_layer(node, layer)) continue;
+      if (node.values && !sound_layer(node, layer)) return false;
+      found.add(node.origin, layer);
     }
-  }
-  auto value = grid->cbeginValueOn();
-  value.setMaxDepth(openvdb::Int32Tree::ValueOnCIter::LEAF_DEPTH - 1);
-  for (; value; ++value) {
-    openvdb::CoordBBox box;
-    value.getBoundingBox(box);
-    if (box.dim() != Coord(k_leaf_side) || *value != 0 || !found.within(box.min())) return false;
-    for (int layer = 0; layer < k_leaf_side; ++layer) found.add(box.min(), layer);
-  }
+    return true;
+  });
+  if (!sound) return false;
   std::vector<uint32_t> slots;
   if (!found.take_slots(slots)) return false;
-  grid_ = grid;
+  grid_ = std::move(grid);
   tiles_ = lines / scalar::k_tile_lines;
   slots_ = std::move(slots);
   return true;
@@ -193,10 +179,10 @@ bool CoverageGrid::open(const openvdb::Int32Grid::ConstPtr& grid, int directions
 void CoverageGrid::read(uint32_t slot, std::span<uint16_t> lines) const {
   const Place place = place_of(slot, tiles_);
   for (int patch = 0; patch < k_patches; ++patch) {
-    const Leaf* const leaf = grid_->tree().probeConstLeaf(patch_origin(tiles_, place.octet, place.tile, patch));
+    const VdbNode node = vdb().find(*grid_, patch_origin(tiles_, place.octet, place.tile, patch));
     for (int i = 0; i < k_patch_lines; ++i) {
       lines[line_of_patch(patch, i)] =
-          leaf ? uint16_t(leaf->getValue(openvdb::Index(int(place.layer) * k_patch_lines + i))) : uint16_t(0);
+          node.values ? uint16_t(node.values[int(place.layer) * k_patch_lines + i]) : uint16_t(0);
     }
   }
 }

@@ -13,8 +13,7 @@
 namespace fieldtrace {
 namespace {
 
-using openvdb::Int32Grid;
-using GridArray = std::array<Int32Grid::Ptr, k_grid_count>;
+using GridArray = std::array<VdbGridPtr, k_grid_count>;
 
 constexpr FieldLayer k_layer_of_grid[k_grid_count] = {FieldLayer::visibility, FieldLayer::depth, FieldLayer::depth,
                                                       FieldLayer::primitive};
@@ -71,13 +70,9 @@ void add_slices(const FieldView& source, const BrickPlace& place, BrickData& bri
   brick.finished |= place.finished;
 }
 
-GridArray make_grids(std::span<const Field* const> fields, const FieldIdentity& identity, const Sphere& ball) {
-  GridArray grids;
-  for (int g = 0; g < k_grid_count; ++g) {
-    grids[g] = Int32Grid::create(0);
-    grids[g]->setName(k_grid_names[g]);
-    write_metadata(*grids[g], identity, ball);
-  }
+std::vector<VdbGridPtr> make_grids(std::span<const Field* const> fields, const FieldIdentity& identity) {
+  std::vector<VdbGridPtr> grids;
+  for (const char* name : k_grid_names) grids.push_back(vdb().create(name, /*background=*/0));
   struct Source {
     BrickPlace place;
     size_t field;
@@ -97,7 +92,7 @@ GridArray make_grids(std::span<const Field* const> fields, const FieldIdentity& 
     for (; i < sources.size() && where(sources[i]) == at; ++i) {
       add_slices(fields[sources[i].field]->view(), sources[i].place, brick);
     }
-    const openvdb::Coord origin = brick_origin(identity.parameters, place.direction_brick, place.plane_brick);
+    const VoxelCoord origin = brick_origin(identity.parameters, place.direction_brick, place.plane_brick);
     for (int g = 0; g < k_grid_count; ++g) {
       add_brick(*grids[g], origin, brick.cells[g], uint32_t(slices_of_layer(brick.finished, k_layer_of_grid[g])));
     }
@@ -105,11 +100,8 @@ GridArray make_grids(std::span<const Field* const> fields, const FieldIdentity& 
   return grids;
 }
 
-Int32Grid::Ptr make_coverage_grid(std::span<const Field* const> fields, const FieldIdentity& identity,
-                                  const Sphere& ball) {
-  const Int32Grid::Ptr grid = Int32Grid::create(0);
-  grid->setName(k_coverage_grid_name);
-  write_metadata(*grid, identity, ball);
+VdbGridPtr make_coverage_grid(std::span<const Field* const> fields) {
+  VdbGridPtr grid = vdb().create(k_coverage_grid_name, /*background=*/0);
   std::vector<const CoverageTiles*> sources;
   for (const Field* field : fields) sources.push_back(&field->coverage());
   write_coverage(sources, *grid);
@@ -139,19 +131,19 @@ bool same_parameters(const FieldParameters& a, const FieldParameters& b) {
 struct FieldFile::Grids {
   GridArray grids;  // null where the file has none of that layer
   // Bricks of any layer, ascending.
-  std::vector<openvdb::Coord> origins;
+  std::vector<VoxelCoord> origins;
   CoverageGrid coverage;
 
-  bool read(const openvdb::Coord& origin, BrickData& brick) const;
+  bool read(const VoxelCoord& origin, BrickData& brick) const;
   // Finds the origins and checks every brick; returns the slices' hash.
   Hash128 validate(const FieldFileHeader& header, const std::string& path);
 };
 
 // False if a brick has a slice of which only some cells, or only one of the two depth grids, are there.
-bool FieldFile::Grids::read(const openvdb::Coord& origin, BrickData& brick) const {
+bool FieldFile::Grids::read(const VoxelCoord& origin, BrickData& brick) const {
   uint32_t slices[k_grid_count] = {};
   for (int g = 0; g < k_grid_count; ++g) {
-    if (grids[g] && !read_brick(grids[g]->getConstAccessor(), origin, brick.cells[g], slices[g])) return false;
+    if (grids[g] && !read_brick(*grids[g], origin, brick.cells[g], slices[g])) return false;
   }
   brick.finished = 0;
   for (int g = 0; g < k_grid_count; ++g) brick.finished |= SliceMask(slices[g]) << (16 * int(k_layer_of_grid[g]));
@@ -159,9 +151,9 @@ bool FieldFile::Grids::read(const openvdb::Coord& origin, BrickData& brick) cons
 }
 
 Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::string& path) {
-  for (const Int32Grid::Ptr& grid : grids) {
+  for (const VdbGridPtr& grid : grids) {
     if (!grid) continue;
-    std::vector<openvdb::Coord> some;
+    std::vector<VoxelCoord> some;
     if (!brick_origins(*grid, some)) throw FieldFileError(path, "has tiles that are not bricks");
     origins.insert(origins.end(), some.begin(), some.end());
   }
@@ -169,7 +161,7 @@ Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::str
   origins.erase(std::unique(origins.begin(), origins.end()), origins.end());
   Hasher hasher;
   BrickData brick{};
-  for (const openvdb::Coord& origin : origins) {
+  for (const VoxelCoord& origin : origins) {
     uint32_t direction_brick = 0, plane_brick = 0;
     bool sound = place_of_origin(header.identity.parameters, origin, direction_brick, plane_brick);
     sound = sound && read(origin, brick);
@@ -188,15 +180,15 @@ Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::str
 }
 
 FieldFile::FieldFile(const std::string& path) : grids_(std::make_unique<Grids>()) {
-  const FieldVdb file = read_field_vdb(path);
+  FieldVdb file = read_field_vdb(path);
   std::error_code failed;
   bytes_ = std::filesystem::file_size(path, failed);
   header_ = file.header;
   require_chart(header_, k_chart_orthographic, path);
   for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = take_grid(file.grids, k_grid_names[g], path);
-  const Int32Grid::Ptr coverage = take_grid(file.grids, k_coverage_grid_name, path);
+  VdbGridPtr coverage = take_grid(file.grids, k_coverage_grid_name, path);
   const FieldParameters& p = header_.identity.parameters;
-  if (coverage && !grids_->coverage.open(coverage, p.directions, p.plane)) {
+  if (coverage && !grids_->coverage.open(std::move(coverage), p.directions, p.plane)) {
     throw FieldFileError(path, "has coverage tiles that no bake writes");
   }
   slices_ = grids_->validate(header_, path);
@@ -212,9 +204,9 @@ bool FieldFile::copy_to(Field& field) const {
 }
 
 void FieldFile::visit_pieces(const std::function<void(const Field&)>& visit) const {
-  const std::vector<openvdb::Coord>& origins = grids_->origins;
+  const std::vector<VoxelCoord>& origins = grids_->origins;
   for (size_t first = 0, end = 0; first < origins.size(); first = end) {
-    while (end < origins.size() && origins[end].x() == origins[first].x()) ++end;
+    while (end < origins.size() && origins[end][0] == origins[first][0]) ++end;
     Field piece(header_.ball, header_.identity.parameters, nullptr, reservable_bytes());
     copy_bricks(piece, first, end);
     visit(piece);
@@ -234,7 +226,7 @@ bool FieldFile::copy_bricks(Field& field, size_t first_brick, size_t end_brick) 
   const uint32_t plane_bricks = uint32_t(field.view().plane_bricks);
   BrickData brick{};
   for (size_t b = first_brick; b < end_brick; ++b) {
-    const openvdb::Coord& origin = grids_->origins[b];
+    const VoxelCoord& origin = grids_->origins[b];
     uint32_t direction_brick, plane_brick;
     place_of_origin(field.parameters(), origin, direction_brick, plane_brick);
     grids_->read(origin, brick);
@@ -300,12 +292,9 @@ Hash128 load_field(Field& field, const FieldIdentity& identity, const std::strin
 // ---- writing
 
 void save_fields(std::span<const Field* const> fields, const FieldIdentity& identity, const std::string& path) {
-  openvdb::initialize();
-  const Sphere& ball = fields.front()->ball();
-  const GridArray bricks = make_grids(fields, identity, ball);
-  std::vector<Int32Grid::Ptr> grids(bricks.begin(), bricks.end());
-  grids.push_back(make_coverage_grid(fields, identity, ball));
-  write_field_vdb(grids, identity, ball, path);
+  std::vector<VdbGridPtr> grids = make_grids(fields, identity);
+  grids.push_back(make_coverage_grid(fields));
+  write_field_vdb(grids, identity, fields.front()->ball(), path);
 }
 
 void save_field(const Field& field, const FieldIdentity& identity, const std::string& path) {

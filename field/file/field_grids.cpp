@@ -5,65 +5,59 @@
 namespace fieldtrace {
 namespace {
 
-using Leaf = openvdb::Int32Tree::LeafNodeType;
-
 constexpr int k_slices = scalar::k_brick_cells / scalar::k_slice_cells;
 constexpr uint32_t k_all_slices = (1u << k_slices) - 1;
-constexpr int k_leaf_side = int(Leaf::DIM);
-static_assert(Leaf::SIZE == scalar::k_brick_cells, "a leaf holds a brick");
-// The node above the leaves, whose tiles have the size of a leaf.
-constexpr openvdb::Index k_tile_level = 1;
+static_assert(k_vdb_leaf_voxels == scalar::k_brick_cells, "a leaf holds a brick");
 
 }  // namespace
 
-openvdb::Coord brick_origin(const FieldParameters& parameters, uint32_t direction_brick, uint32_t plane_brick) {
+VoxelCoord brick_origin(const FieldParameters& parameters, uint32_t direction_brick, uint32_t plane_brick) {
   const uint32_t bricks_b = uint32_t(parameters.plane) / 8;
-  const openvdb::Coord leaf(int32_t(direction_brick), int32_t(plane_brick / bricks_b), int32_t(plane_brick % bricks_b));
-  return {leaf.x() * k_leaf_side, leaf.y() * k_leaf_side, leaf.z() * k_leaf_side};
+  const int32_t leaf[3] = {int32_t(direction_brick), int32_t(plane_brick / bricks_b), int32_t(plane_brick % bricks_b)};
+  return {leaf[0] * k_vdb_leaf_side, leaf[1] * k_vdb_leaf_side, leaf[2] * k_vdb_leaf_side};
 }
 
-bool place_of_origin(const FieldParameters& parameters, const openvdb::Coord& origin, uint32_t& direction_brick,
+bool place_of_origin(const FieldParameters& parameters, const VoxelCoord& origin, uint32_t& direction_brick,
                      uint32_t& plane_brick) {
   const int side = parameters.directions / 4;
   const int limit[3] = {side * side, parameters.plane / 4, parameters.plane / 8};
   int leaf[3];
   for (int axis = 0; axis < 3; ++axis) {
-    leaf[axis] = origin[axis] / k_leaf_side;
-    if (origin[axis] < 0 || origin[axis] % k_leaf_side != 0 || leaf[axis] >= limit[axis]) return false;
+    leaf[axis] = origin[axis] / k_vdb_leaf_side;
+    if (origin[axis] < 0 || origin[axis] % k_vdb_leaf_side != 0 || leaf[axis] >= limit[axis]) return false;
   }
   direction_brick = uint32_t(leaf[0]);
   plane_brick = uint32_t(leaf[1] * limit[2] + leaf[2]);
   return true;
 }
 
-void add_brick(openvdb::Int32Grid& grid, const openvdb::Coord& origin, const BrickCells& cells, uint32_t slices) {
+void add_brick(VdbGrid& grid, const VoxelCoord& origin, const BrickCells& cells, uint32_t slices) {
   if (slices == 0) return;
   const bool equal = std::all_of(cells.begin(), cells.end(), [&](int32_t c) { return c == cells[0]; });
   if (slices == k_all_slices && equal) {
-    grid.tree().addTile(k_tile_level, origin, cells[0], true);
+    vdb().add_tile(grid, origin, cells[0]);
     return;
   }
-  Leaf* leaf = grid.tree().touchLeaf(origin);
+  VdbLeaf leaf{cells};
   for (int i = 0; i < scalar::k_brick_cells; ++i) {
-    if (slices >> (i / scalar::k_slice_cells) & 1) leaf->setValueOn(openvdb::Index(i), cells[size_t(i)]);
+    if (slices >> (i / scalar::k_slice_cells) & 1) leaf.active[size_t(i) / 64] |= uint64_t(1) << (i % 64);
   }
+  vdb().add_leaf(grid, origin, leaf);
 }
 
-bool read_brick(const openvdb::Int32Grid::ConstAccessor& grid, const openvdb::Coord& origin, BrickCells& cells,
-                uint32_t& slices) {
-  const Leaf* leaf = grid.probeConstLeaf(origin);
-  if (!leaf) {
-    int32_t value = 0;
-    slices = grid.probeValue(origin, value) ? k_all_slices : 0;
-    cells.fill(value);
+bool read_brick(const VdbGrid& grid, const VoxelCoord& origin, BrickCells& cells, uint32_t& slices) {
+  const VdbNode node = vdb().find(grid, origin);
+  if (!node.values) {
+    slices = node.side > 0 ? k_all_slices : 0;
+    cells.fill(node.value);
     return true;
   }
   slices = 0;
-  std::copy_n(leaf->buffer().data(), scalar::k_brick_cells, cells.begin());
+  std::copy_n(node.values, scalar::k_brick_cells, cells.begin());
   for (int s = 0; s < k_slices; ++s) {
     int active = 0;
     for (int i = s * scalar::k_slice_cells; i < (s + 1) * scalar::k_slice_cells; ++i) {
-      active += leaf->isValueOn(openvdb::Index(i));
+      active += is_active(node.active, i);
     }
     if (active != 0 && active != scalar::k_slice_cells) return false;
     if (active != 0) slices |= 1u << s;
@@ -71,19 +65,15 @@ bool read_brick(const openvdb::Int32Grid::ConstAccessor& grid, const openvdb::Co
   return true;
 }
 
-bool brick_origins(const openvdb::Int32Grid& grid, std::vector<openvdb::Coord>& origins) {
+bool brick_origins(const VdbGrid& grid, std::vector<VoxelCoord>& origins) {
   origins.clear();
-  for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
-    if (!leaf->isEmpty()) origins.push_back(leaf->origin());
-  }
-  auto tile = grid.tree().cbeginValueOn();
-  tile.setMaxDepth(decltype(tile)::LEAF_DEPTH - 1);
-  for (; tile; ++tile) {
-    openvdb::CoordBBox box;
-    tile.getBoundingBox(box);
-    if (box.dim() != openvdb::Coord(k_leaf_side)) return false;
-    origins.push_back(box.min());
-  }
+  const bool bricks = vdb().visit(grid, [&](const VdbNode& node) {
+    if (node.side != k_vdb_leaf_side) return false;
+    const bool empty = node.values && node.active == VdbMask();
+    if (!empty) origins.push_back(node.origin);
+    return true;
+  });
+  if (!bricks) return false;
   std::sort(origins.begin(), origins.end());
   return true;
 }

@@ -1,14 +1,13 @@
-// Bricks as leaves of OpenVDB grids, and back. Only the field's file code includes this: OpenVDB compiles slowly.
+// Bricks as leaves of OpenVDB grids, and back.
 //
 // Memory layout and formula: field/file/field_file.h. Thread-safety: distinct objects are independent.
 #pragma once
-
-#include <openvdb/openvdb.h>
 
 #include <array>
 #include <string>
 #include <vector>
 
+#include "field/file/vdb_grid.h"
 #include "field/store/field.h"
 
 namespace fieldtrace {
@@ -20,20 +19,19 @@ enum GridLayer { k_grid_visibility, k_grid_depth, k_grid_certificate, k_grid_pri
 inline constexpr const char* k_grid_names[k_grid_count] = {"visibility", "depth_normal", "certificate", "primitive"};
 
 // First voxel of a brick. `parameters` must be a field's.
-openvdb::Coord brick_origin(const FieldParameters& parameters, uint32_t direction_brick, uint32_t plane_brick);
+VoxelCoord brick_origin(const FieldParameters& parameters, uint32_t direction_brick, uint32_t plane_brick);
 
 // The inverse; false if no brick begins at `origin`.
-bool place_of_origin(const FieldParameters& parameters, const openvdb::Coord& origin, uint32_t& direction_brick,
+bool place_of_origin(const FieldParameters& parameters, const VoxelCoord& origin, uint32_t& direction_brick,
                      uint32_t& plane_brick);
 
 // Adds a brick; bit s of `slices` says that cells 32 s ... 32 s + 31 are baked. Nothing happens where none is.
-void add_brick(openvdb::Int32Grid& grid, const openvdb::Coord& origin, const BrickCells& cells, uint32_t slices);
+void add_brick(VdbGrid& grid, const VoxelCoord& origin, const BrickCells& cells, uint32_t slices);
 
 // Reads a brick: its cells, and its slices in the sense above. False if the brick's active voxels are not whole slices.
-bool read_brick(const openvdb::Int32Grid::ConstAccessor& grid, const openvdb::Coord& origin, BrickCells& cells,
-                uint32_t& slices);
+bool read_brick(const VdbGrid& grid, const VoxelCoord& origin, BrickCells& cells, uint32_t& slices);
 
 // Origins of the leaves and active tiles, ascending. False if there is an active tile of another size than a brick's.
-bool brick_origins(const openvdb::Int32Grid& grid, std::vector<openvdb::Coord>& origins);
+bool brick_origins(const VdbGrid& grid, std::vector<VoxelCoord>& origins);
 
 }  // namespace fieldtrace

@@ -5,7 +5,6 @@
 
 #include "core/io/atomic_file.h"
 #include "field/file/field_trailer.h"
-#include "field/file/vdb_archive.h"
 #include "field/thesis/thesis_field.h"
 
 namespace fieldtrace {
@@ -15,13 +14,14 @@ namespace {
 constexpr int k_most_grids = 5;
 
 template <class T>
-T metadata_value(const openvdb::MetaMap& map, const std::string& path, const char* name) {
-  const auto entry = map.getMetadata<openvdb::TypedMetadata<T>>(name);
+T metadata_value(const VdbMetadata& map, const std::string& path, const char* name) {
+  const auto found = map.find(name);
+  const T* const entry = found == map.end() ? nullptr : std::get_if<T>(&found->second);
   if (!entry) throw FieldFileError(path, std::string("has no ") + name + " of a field");
-  return entry->value();
+  return *entry;
 }
 
-FieldFileHeader read_metadata(const openvdb::MetaMap& map, const std::string& path) {
+FieldFileHeader read_metadata(const VdbMetadata& map, const std::string& path) {
   FieldFileHeader h;
   FieldIdentity& i = h.identity;
   i.format_version = metadata_value<int32_t>(map, path, "fieldtrace_format");
@@ -33,7 +33,7 @@ FieldFileHeader read_metadata(const openvdb::MetaMap& map, const std::string& pa
   i.parameters.directions = metadata_value<int32_t>(map, path, "directions");
   i.parameters.plane = metadata_value<int32_t>(map, path, "plane");
   i.parameters.lines = metadata_value<int32_t>(map, path, "lines");
-  const openvdb::Vec3s centre = metadata_value<openvdb::Vec3s>(map, path, "centre");
+  const auto centre = metadata_value<std::array<float, 3>>(map, path, "centre");
   h.ball.centre = {centre[0], centre[1], centre[2]};
   h.ball.radius = metadata_value<float>(map, path, "radius");
   const int64_t primitives = metadata_value<int64_t>(map, path, "primitive_count");
@@ -48,25 +48,25 @@ FieldFileHeader read_metadata(const openvdb::MetaMap& map, const std::string& pa
   return h;
 }
 
-}  // namespace
-
-void write_metadata(openvdb::MetaMap& map, const FieldIdentity& identity, const Sphere& ball) {
-  map.insertMeta("fieldtrace_format", openvdb::Int32Metadata(identity.format_version));
-  map.insertMeta("chart", openvdb::StringMetadata(identity.chart));
-  map.insertMeta("directions", openvdb::Int32Metadata(identity.parameters.directions));
-  map.insertMeta("plane", openvdb::Int32Metadata(identity.parameters.plane));
-  map.insertMeta("lines", openvdb::Int32Metadata(identity.parameters.lines));
-  map.insertMeta("centre", openvdb::Vec3SMetadata({ball.centre.x, ball.centre.y, ball.centre.z}));
-  map.insertMeta("radius", openvdb::FloatMetadata(ball.radius));
-  map.insertMeta("mesh_hash", openvdb::StringMetadata(identity.geometry.hex()));
-  map.insertMeta("primitive_count", openvdb::Int64Metadata(identity.primitive_count));
+VdbMetadata metadata_of(const FieldIdentity& identity, const Sphere& ball) {
+  return {{"fieldtrace_format", int32_t(identity.format_version)},
+          {"chart", identity.chart},
+          {"directions", int32_t(identity.parameters.directions)},
+          {"plane", int32_t(identity.parameters.plane)},
+          {"lines", int32_t(identity.parameters.lines)},
+          {"centre", std::array<float, 3>{ball.centre.x, ball.centre.y, ball.centre.z}},
+          {"radius", ball.radius},
+          {"mesh_hash", identity.geometry.hex()},
+          {"primitive_count", int64_t(identity.primitive_count)}};
 }
+
+}  // namespace
 
 FieldVdb read_field_vdb(const std::string& path) {
   std::string contents = read_checked(path);
-  openvdb::initialize();
+  const VdbFunctions& module = vdb();
   try {
-    VdbContents file = VdbArchive().read_bytes(std::move(contents), k_most_grids);
+    VdbFile file = module.read(std::move(contents), k_most_grids);
     return {read_metadata(file.metadata, path), std::move(file.grids)};
   } catch (const FieldFileError&) {
     throw;
@@ -80,33 +80,23 @@ void require_chart(const FieldFileHeader& header, const char* chart, const std::
   throw FieldFileError(path, "is a field of the chart " + header.identity.chart + ", not " + chart);
 }
 
-openvdb::Int32Grid::Ptr take_grid(const openvdb::GridPtrVec& grids, const char* name, const std::string& path) {
-  openvdb::Int32Grid::Ptr found;
-  for (const openvdb::GridBase::Ptr& grid : grids) {
-    if (grid->getName() != name) continue;
+VdbGridPtr take_grid(std::vector<VdbGridPtr>& grids, const char* name, const std::string& path) {
+  VdbGridPtr found;
+  for (VdbGridPtr& grid : grids) {
+    if (!grid || vdb().name(*grid) != name) continue;
     if (found) throw FieldFileError(path, std::string("has two grids named ") + name);
-    found = openvdb::GridBase::grid<openvdb::Int32Grid>(grid);
-    if (!found) throw FieldFileError(path, std::string("has a grid ") + name + " of another type");
+    found = std::move(grid);
   }
   return found;
 }
 
-uint64_t write_field_vdb(std::span<const openvdb::Int32Grid::Ptr> grids, const FieldIdentity& identity,
-                         const Sphere& ball, const std::string& path) {
-  openvdb::initialize();
+uint64_t write_field_vdb(std::span<const VdbGridPtr> grids, const FieldIdentity& identity, const Sphere& ball,
+                         const std::string& path) {
   AtomicFile file(path);
-  openvdb::MetaMap metadata;
-  write_metadata(metadata, identity, ball);
-  openvdb::GridCPtrVec written;
-  for (const openvdb::Int32Grid::Ptr& grid : grids) {
-    if (!grid->empty()) written.push_back(grid);
-  }
+  std::vector<const VdbGrid*> written;
+  for (const VdbGridPtr& grid : grids) written.push_back(grid.get());
   try {
-    VdbArchive archive;
-    archive.setCompression(
-        openvdb::io::COMPRESS_ACTIVE_MASK |
-        (openvdb::io::Archive::hasBloscCompression() ? openvdb::io::COMPRESS_BLOSC : openvdb::io::COMPRESS_ZIP));
-    archive.write_file(file.temporary_path(), written, metadata);
+    vdb().write(file.temporary_path(), written, metadata_of(identity, ball));
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& e) {

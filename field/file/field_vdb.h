@@ -1,23 +1,21 @@
 // What the files of every chart have in common: metadata of the file and of each grid, the checksum behind it, and the
-// errors. Only the field's file code includes this: OpenVDB compiles slowly.
+// errors.
 //
 // Thread-safety: pure functions on distinct files. Format: field/file/field_file.h.
 #pragma once
 
-#include <openvdb/openvdb.h>
-
 #include <span>
 #include <string>
+#include <vector>
 
 #include "field/file/field_file.h"
+#include "field/file/vdb_grid.h"
 
 namespace fieldtrace {
 
-void write_metadata(openvdb::MetaMap& map, const FieldIdentity& identity, const Sphere& ball);
-
 struct FieldVdb {
   FieldFileHeader header;
-  openvdb::GridPtrVec grids;
+  std::vector<VdbGridPtr> grids;
 };
 
 // Reads a file whose checksum fits, of any chart. Throws FieldFileError for a file that is missing, damaged, no field,
@@ -27,12 +25,12 @@ FieldVdb read_field_vdb(const std::string& path);
 // Throws FieldFileError unless the file is of this chart.
 void require_chart(const FieldFileHeader& header, const char* chart, const std::string& path);
 
-// The grid of that name; null if there is none. Throws FieldFileError if there are two, or it is of another type.
-openvdb::Int32Grid::Ptr take_grid(const openvdb::GridPtrVec& grids, const char* name, const std::string& path);
+// Takes the grid of that name; null if there is none. Throws FieldFileError if there are two.
+VdbGridPtr take_grid(std::vector<VdbGridPtr>& grids, const char* name, const std::string& path);
 
 // Writes the grids that are not empty under a temporary name that is then renamed to `path`. Returns the file's size in
 // bytes. Throws Error if it cannot be written.
-uint64_t write_field_vdb(std::span<const openvdb::Int32Grid::Ptr> grids, const FieldIdentity& identity,
-                         const Sphere& ball, const std::string& path);
+uint64_t write_field_vdb(std::span<const VdbGridPtr> grids, const FieldIdentity& identity, const Sphere& ball,
+                         const std::string& path);
 
 }  // namespace fieldtrace

@@ -1,7 +1,5 @@
 #include "field/file/thesis_file.h"
 
-#include <openvdb/tools/Dense.h>
-
 #include <algorithm>
 #include <filesystem>
 #include <vector>
@@ -12,51 +10,84 @@
 namespace fieldtrace {
 namespace {
 
-using openvdb::Int32Grid;
-// Values in the order of the field's samples, which is that of a dense grid with z fastest.
-using DenseSamples = openvdb::tools::Dense<int32_t, openvdb::tools::LayoutZYX>;
-
 constexpr const char *k_distance_grid = "distance", *k_normal_grid = "normal";
 constexpr int32_t k_no_normal = k_thesis_normal_zero * 0x010101;
 constexpr int k_positions = scalar::k_thesis_positions;
 
-// The voxels of positions [begin, end).
-openvdb::CoordBBox box_of(int begin, int end, int m) {
-  return {openvdb::Coord(begin, 0, 0), openvdb::Coord(end - 1, m - 1, m - 1)};
+// Calls `visit(voxel, sample)` for every sample of the leaf at `origin`: its number in the leaf, and in the field,
+// whose samples have z fastest.
+template <class Visit>
+void visit_samples(const VoxelCoord& origin, int m, const Visit& visit) {
+  for (int i = 0; i < k_vdb_leaf_voxels; ++i) {
+    const int x = origin[0] + i / 64, y = origin[1] + i / 8 % 8, z = origin[2] + i % 8;
+    if (x < k_positions && y < m && z < m) visit(i, (size_t(x) * size_t(m) + size_t(y)) * size_t(m) + size_t(z));
+  }
 }
 
-Int32Grid::Ptr make_grid(const char* name, std::vector<int32_t>& values, const ThesisField& field,
-                         const FieldIdentity& identity, int32_t background) {
-  const DenseSamples dense(box_of(0, k_positions, field.m()), values.data());
-  const Int32Grid::Ptr grid = Int32Grid::create(background);
-  openvdb::tools::copyFromDense(dense, *grid, 0);
-  grid->setName(name);
-  write_metadata(*grid, identity, field.ball());
+// `value(i)` is that of sample i. Samples that equal the background are inactive.
+template <class Value>
+VdbGridPtr make_grid(const char* name, int m, int32_t background, const Value& value) {
+  VdbGridPtr grid = vdb().create(name, background);
+  VoxelCoord origin;
+  for (origin[0] = 0; origin[0] < k_positions; origin[0] += k_vdb_leaf_side) {
+    for (origin[1] = 0; origin[1] < m; origin[1] += k_vdb_leaf_side) {
+      for (origin[2] = 0; origin[2] < m; origin[2] += k_vdb_leaf_side) {
+        VdbLeaf leaf;
+        int active = 0;
+        bool equal = true;
+        visit_samples(origin, m, [&](int voxel, size_t sample) {
+          const int32_t v = value(sample);
+          leaf.values[size_t(voxel)] = v;
+          equal = equal && v == leaf.values[0];
+          if (v == background) return;
+          leaf.active[size_t(voxel) / 64] |= uint64_t(1) << (voxel % 64);
+          ++active;
+        });
+        if (active == k_vdb_leaf_voxels && equal) {
+          vdb().add_tile(*grid, origin, leaf.values[0]);
+        } else if (active > 0) {
+          vdb().add_leaf(*grid, origin, leaf);
+        }
+      }
+    }
+  }
   return grid;
 }
 
+// Takes the active samples of a leaf or tile over. False if some are none of a field's.
+bool take_samples(const VdbNode& node, int m, ThesisField& field) {
+  const VoxelCoord limit = {k_positions, m, m};
+  const auto take = [&](const VoxelCoord& at, int32_t value) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (at[axis] < 0 || at[axis] >= limit[axis]) return false;
+    }
+    if (value < 0 || value > k_thesis_miss) return false;
+    field.distances_of(uint32_t(at[0]))[size_t(at[1]) * size_t(m) + size_t(at[2])] = uint8_t(value);
+    return true;
+  };
+  const auto& [x, y, z] = node.origin;
+  for (int dx = 0; dx < node.side; ++dx) {
+    for (int dy = 0; dy < node.side; ++dy) {
+      for (int dz = 0; dz < node.side; ++dz) {
+        const int i = 64 * dx + 8 * dy + dz;  // in a leaf
+        if (node.values && !is_active(node.active, i)) continue;
+        if (!take({x + dx, y + dy, z + dz}, node.values ? node.values[i] : node.value)) return false;
+      }
+    }
+  }
+  return true;
+}
+
 // The distances of a file's grid; `what` is the file.
-ThesisField distances_of(const FieldVdb& what, const std::string& path) {
+ThesisField distances_of(FieldVdb& what, const std::string& path) {
   require_chart(what.header, k_chart_thesis, path);
   const int m = what.header.identity.parameters.directions;
   ThesisField field(what.header.ball, m, ThesisLayers::distance);
-  const Int32Grid::Ptr grid = take_grid(what.grids, k_distance_grid, path);
+  const VdbGridPtr grid = take_grid(what.grids, k_distance_grid, path);
   if (!grid) return field;  // nothing but misses
-  const openvdb::CoordBBox active = grid->evalActiveVoxelBoundingBox();
-  bool sound = grid->background() == k_thesis_miss && (active.empty() || box_of(0, k_positions, m).isInside(active));
-  constexpr int k_at_once = 64;  // positions
-  const size_t row = size_t(m) * size_t(m);
-  std::vector<int32_t> values(k_at_once * row);
-  for (int begin = 0; sound && begin < k_positions; begin += k_at_once) {
-    const int end = std::min(begin + k_at_once, k_positions);
-    DenseSamples dense(box_of(begin, end, m), values.data());
-    openvdb::tools::copyToDense(*grid, dense);
-    uint8_t* to = field.distances_of(uint32_t(begin));
-    for (size_t i = 0; i < size_t(end - begin) * row; ++i) {
-      sound = sound && values[i] >= 0 && values[i] <= k_thesis_miss;
-      to[i] = uint8_t(values[i]);
-    }
-  }
+  std::fill_n(field.distances_of(0), field.samples(), uint8_t(k_thesis_miss));
+  const bool sound = vdb().background(*grid) == k_thesis_miss &&
+                     vdb().visit(*grid, [&](const VdbNode& node) { return take_samples(node, m, field); });
   if (!sound) throw FieldFileError(path, "has samples that no bake writes");
   return field;
 }
@@ -70,30 +101,27 @@ FieldIdentity thesis_identity(const Shape& shape, int m) {
 }
 
 uint64_t save_thesis_field(const ThesisField& field, const FieldIdentity& identity, const std::string& path) {
-  openvdb::initialize();
   const ThesisFieldView view = field.view();
-  const size_t count = field.samples();
-  std::vector<int32_t> values(view.distance, view.distance + count);
-  std::vector<Int32Grid::Ptr> grids;
-  grids.push_back(make_grid(k_distance_grid, values, field, identity, k_thesis_miss));
+  std::vector<VdbGridPtr> grids;
+  grids.push_back(
+      make_grid(k_distance_grid, field.m(), k_thesis_miss, [&](size_t i) { return int32_t(view.distance[i]); }));
   if (field.has_normals()) {
-    for (size_t i = 0; i < count; ++i) {
+    grids.push_back(make_grid(k_normal_grid, field.m(), k_no_normal, [&](size_t i) {
       const uint8_t* n = view.normal + 3 * i;
-      values[i] = n[0] | n[1] << 8 | n[2] << 16;
-    }
-    grids.push_back(make_grid(k_normal_grid, values, field, identity, k_no_normal));
+      return n[0] | n[1] << 8 | n[2] << 16;
+    }));
   }
   return write_field_vdb(grids, identity, field.ball(), path);
 }
 
 ThesisField load_thesis_field(const FieldIdentity& identity, const std::string& path) {
-  const FieldVdb file = read_field_vdb(path);
+  FieldVdb file = read_field_vdb(path);
   if (!(file.header.identity == identity)) throw FieldFileError(path, "has another mesh, chart or other parameters");
   return distances_of(file, path);
 }
 
 ThesisFileInfo thesis_file_info(const std::string& path) {
-  const FieldVdb file = read_field_vdb(path);
+  FieldVdb file = read_field_vdb(path);
   const ThesisField field = distances_of(file, path);
   ThesisFileInfo info;
   info.header = file.header;

@@ -1,5 +1,4 @@
-// OpenVDB's archive with its reading and writing made safe. Only the field's file code includes this: OpenVDB compiles
-// slowly.
+// OpenVDB's archive with its reading and writing made safe.
 //
 // OpenVDB's own io::Stream reserves whatever sizes a file states, gigabytes for a length of four bytes, and does not
 // notice the file's end; its io::File takes no notice of writes that fail. Here strings and metadata are measured

@@ -1,4 +1,4 @@
-#include "field/file/vdb_archive.h"
+#include "field/vdb/vdb_archive.h"
 
 #include <openvdb/io/GridDescriptor.h>
 #include <openvdb/io/io.h>
@@ -13,7 +13,7 @@
 namespace fieldtrace {
 namespace {
 
-// Types of the metadata that a field file has (write_metadata(), field/file/field_vdb.h). Others are OpenVDB's own, and
+// Types of the metadata that a field file has (field/file/field_vdb.cpp). Others are OpenVDB's own, and
 // may reserve memory by counts that their contents state.
 bool is_field_metadata(const std::string& type) {
   const std::string known[] = {openvdb::StringMetadata::staticTypeName(), openvdb::Int32Metadata::staticTypeName(),
