@@ -12,6 +12,7 @@
 #include "field/file/cache_limit.h"
 #include "field/file/field_file.h"
 #include "field/file/thesis_file.h"
+#include "field/file/vdb_grid.h"
 
 namespace fieldtrace {
 namespace {
@@ -37,6 +38,7 @@ uint64_t size_of_file(const std::string& path) {
 
 FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning)
     : folder_(folder), most_bytes_(most_bytes), warning_(std::move(warning)) {
+  vdb();  // long work learns here, not at its end, if the module is missing
   std::error_code failed;
   fs::create_directories(folder, failed);
   if (!fs::is_directory(folder)) {

@@ -25,8 +25,9 @@ namespace fieldtrace {
 
 class FieldCache {
  public:
-  // Makes the folder if need be. Throws Error if it cannot be made, or files can neither be made nor read in it: long
-  // work learns this before it starts. `warning` is called from the threads that load and store, one at a time.
+  // Makes the folder if need be. Throws Error if it cannot be made, or files can neither be made nor read in it, or the
+  // module for them (field/file/vdb_grid.h) cannot be opened: long work learns this before it starts. `warning` is
+  // called from the threads that load and store, one at a time.
   explicit FieldCache(const std::string& folder, WarningSink warning = {})
       : FieldCache(folder, 0, std::move(warning)) {}
   // `most_bytes`: of the field files in the folder; 0: no limit.

@@ -12,6 +12,7 @@
 #include "field/bake/bake_full.h"
 #include "field/file/field_cache.h"
 #include "field/file/field_file.h"
+#include "field/file/vdb_grid.h"
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
 #include "hybrid/visibility/shadow_answerer.h"
@@ -50,6 +51,7 @@ class ScratchFolder {
 class Output {
  public:
   Output(const std::string& path, uint64_t cache_limit, const WarningSink& warning) : path_(path) {
+    vdb();  // throws if nothing can be written for want of it
     if (fs::is_directory(path)) {
       require_writable((fs::path(path) / "fields").string());
       cache_ = std::make_unique<FieldCache>(path, cache_limit, warning);
