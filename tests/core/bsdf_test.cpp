@@ -79,15 +79,18 @@ TEST(Bsdf, MicrofacetAreaProjectsToOne) {
 TEST(Bsdf, WeightIsValueOverDensity) {
   Random random(13);
   for (const Material& m : smooth_density_materials()) {
+    int compared = 0;
     for (int i = 0; i < 2000; ++i) {
       const Vec3 wi = random.upper();
       const BsdfSample s = sample_bsdf(m, wi, random.pair(), 0.0f);
       if (!(s.pdf > 0.0f)) continue;
+      ++compared;
       // The half vector is computed anew from rounded directions: grazing angles lose digits in proportion.
       const float tolerance = 1e-3f / std::min(std::min(wi.z, s.wo.z), 1.0f) * 1e-2f + 2e-3f;
       const Rgb value = evaluate_bsdf(m, wi, s.wo);
       EXPECT_NEAR(value.x / s.pdf, s.weight.x, tolerance * std::max(s.weight.x, 1.0f)) << wi.z << " " << s.wo.z;
     }
+    EXPECT_GT(compared, 1000);  // the others go below the horizon
   }
 }
 
@@ -209,6 +212,7 @@ TEST(Bsdf, DielectricConservesFlux) {
   Random random(17);
   for (const float ior : {1.0f, 1.33f, 1.5f, 2.4f, 0.7f}) {
     const Material m = glass(ior);
+    int reflected = 0, transmitted = 0;
     for (int i = 0; i < 500; ++i) {
       Vec3 wi = random.upper();
       if (i % 2) wi.z = -wi.z;
@@ -218,6 +222,7 @@ TEST(Bsdf, DielectricConservesFlux) {
         EXPECT_TRUE(s.delta);
         EXPECT_NEAR(glm::length(s.wo), 1.0f, 1e-6f);
         const bool crossed = s.wo.z * wi.z < 0.0f;
+        ++(crossed ? transmitted : reflected);
         // Radiance grows by the square of the index ratio on entering; flux does not.
         EXPECT_NEAR(s.weight.x * s.eta * s.eta, 1.0f, 1e-5f);
         if (!crossed) continue;
@@ -228,6 +233,8 @@ TEST(Bsdf, DielectricConservesFlux) {
         EXPECT_NEAR(s.wo.y * ratio, -wi.y, 2e-5f);
       }
     }
+    EXPECT_GT(transmitted, 250);
+    EXPECT_TRUE(reflected > 250 || ior == 1.0f) << ior;
   }
 }
 

@@ -155,6 +155,7 @@ TEST(LightDensity, ConstantLight) {
     r.transmits = transmits;
     ShadowBatch out;
     sample_light(lights, 0, batch_of({r}, 3), 256, Isa::automatic, out);
+    EXPECT_GT(out.active, 200u);
     for (size_t i = 0; i < 256; ++i) {
       if (out.rays.tmax[i] < 0) continue;
       const float pdf = light_pdf(lights, 0, r.point, r.shading, transmits, 3.0f * out.rays.direction(i), {});
@@ -168,6 +169,7 @@ TEST(LightDensity, ConstantLight) {
 TEST(LightDensity, MeshTrianglesShareByArea) {
   const LightTable lights = make_lights(area_scene(mesh_shape(), scaled(1, DVec3(0, 0, 3)), true));
   ShadingPoint r;
+  int facing = 0;
   for (uint32_t i = 0; i < lights.lights[0].triangle_count; ++i) {
     const LightTriangle& t = lights.triangles[i];
     const Vec3 p0(t.p0[0], t.p0[1], t.p0[2]), e1(t.edge1[0], t.edge1[1], t.edge1[2]);
@@ -184,8 +186,10 @@ TEST(LightDensity, MeshTrianglesShareByArea) {
     } else {
       const double expected = glm::dot(DVec3(d), DVec3(d)) / cosine / double(lights.lights[0].area);
       EXPECT_NEAR(pdf, expected, 1e-3 * expected) << i;
+      ++facing;
     }
   }
+  EXPECT_GT(facing, 1);
 }
 
 TEST(LightDensity, DeltaLightsHaveNone) {

@@ -138,6 +138,7 @@ TEST(LightSampling, OriginLeavesTheSurfaceOnTheSideOfTheDirection) {
   for (const NamedLight& light : all_lights()) {
     ShadowBatch out;
     sample_light(light.table, 0, batch_of(list, 16), 4, Isa::automatic, out);
+    EXPECT_GT(out.active, out.rays.size / 10) << light.name;
     for (size_t i = 0; i < out.rays.size; ++i) {
       if (out.rays.tmax[i] < 0.0f) continue;
       const ShadingPoint& r = list[i / 4];

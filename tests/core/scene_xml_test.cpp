@@ -360,10 +360,13 @@ TEST_F(SceneXml, BuiltInMeshesFaceOutwards) {
   EXPECT_EQ(s.shapes[0].mesh.triangles.size(), 12u);
   // (1, -1, 1) on the face z = 1 has (u, v) = (0, 1), as on Mitsuba's cube.
   const TriangleMesh& cube = s.shapes[0].mesh;
+  int corners = 0;
   for (size_t i = 0; i < cube.positions.size(); ++i)
     if (cube.positions[i] == Vec3(1, -1, 1) && cube.normals[i].z == 1) {
+      ++corners;
       EXPECT_EQ(cube.texcoords[i], Vec2(0, 1));
     }
+  EXPECT_EQ(corners, 1);
 }
 
 TEST_F(SceneXml, EqualShapesAreStoredOnce) {

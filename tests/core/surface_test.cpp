@@ -171,7 +171,10 @@ TEST(Surface, OffsetRaysLeaveCoordinatePlanes) {
       hits.resize(rays.size);
       accel.intersect(rays, hits, Coherence::incoherent);
       std::vector<SurfacePoint> points;
-      for (size_t i = 0; i < rays.size; ++i) points.push_back(surface_at(maker.scene, rays, hits, i));
+      for (size_t i = 0; i < rays.size; ++i) {
+        ASSERT_EQ(hits.instance[i], 0u) << size;
+        points.push_back(surface_at(maker.scene, rays, hits, i));
+      }
       EXPECT_EQ(count_self_hits(accel, points, random, true), 0) << size;
       EXPECT_LT(points[0].error, size * 0x1p-20f);
     }
@@ -181,13 +184,18 @@ TEST(Surface, OffsetRaysLeaveCoordinatePlanes) {
 // The bound is worth something only if it is small: a few ulps of the coordinates and of the object's size.
 TEST(Surface, ErrorIsAFewUlps) {
   Random random(3);
+  size_t hit = 0;
   for (int i = 0; i < 100; ++i) {
     const Scenery s([](SceneMaker& m, Random&) { return m.shape(ShapeKind::rectangle); }, random, 10.0f);
     const Accel accel(s.maker.scene);
     const Bounds3 bounds = s.maker.scene.world_bounds();
     const float size = glm::length(bounds.diagonal()) + glm::length(bounds.centre());
-    for (const SurfacePoint& p : shoot(s.maker.scene, accel, random, 16)) EXPECT_LT(p.error, size * 0x1p-14f);
+    for (const SurfacePoint& p : shoot(s.maker.scene, accel, random, 16)) {
+      EXPECT_LT(p.error, size * 0x1p-14f);
+      ++hit;
+    }
   }
+  EXPECT_GT(hit, 500u);
 }
 
 ::testing::AssertionResult same(const SurfacePoint& a, const SurfacePoint& b, bool with_uv) {

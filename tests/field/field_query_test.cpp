@@ -34,14 +34,16 @@ struct Case {
   double undecided_limit;  // share of segments that may ask
 };
 
-// Limits: two to three times what docs/decisions/003-certificates.md measured; the thin and rough ones ask more.
+// Wrong answers: the aim for solid meshes, .2 %; of an open plane fit and of a comb what
+// docs/decisions/003-certificates.md gives for shading points on them. Asks: as docs/decisions/011-hard-meshes.md left
+// them.
 const std::vector<Case> k_cases = {
     {"sphere", [] { return make_sphere({.around = 64, .along = 32}); }, false, 0.002, 0.15},
-    {"supershape", [] { return make_supershape({.around = 64, .along = 32}); }, false, 0.003, 0.25},
-    {"knot", [] { return make_knot({.along = 256, .around = 16}); }, false, 0.003, 0.30},
+    {"supershape", [] { return make_supershape({.around = 64, .along = 32}); }, false, 0.002, 0.25},
+    {"knot", [] { return make_knot({.along = 256, .around = 16}); }, false, 0.002, 0.30},
     {"cube", [] { return make_cube(); }, false, 0.002, 0.15},
     {"sheet", [] { return make_wavy_sheet({.cells = 32}); }, true, 0.003, 0.58},
-    {"comb", [] { return make_comb({.slats = 10}); }, false, 0.006, 0.60},
+    {"comb", [] { return make_comb({.slats = 10}); }, false, 0.0051, 0.60},
     {"plates", [] { return crossing_plates(); }, true, 0.003, 0.25},
 };
 
@@ -164,7 +166,8 @@ TEST_P(FieldSegments, TinyAndHugeSegments) {
     EXPECT_EQ(fixture.probe().occluded(query_policy(0.1f), at(d * 3.0f), -d * fixture.ball().radius, 1.9f, false),
               FieldVerdict::clear);
   }
-  EXPECT_LE(score.wrong, 2 + 0.01 * score.answered) << test_case().name << " of " << score.answered;
+  ASSERT_GT(score.answered, 300);
+  EXPECT_LE(score.wrong, 2 + test_case().wrong_limit * score.answered) << test_case().name << " of " << score.answered;
 }
 
 TEST_P(FieldSegments, ToleranceZeroAnswersNothing) {

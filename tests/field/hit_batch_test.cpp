@@ -123,8 +123,9 @@ TEST_F(HitBatches, AgreeWithExactRays) {
     }
     EXPECT_GT(hits, k_rays / 8) << reach;
     EXPECT_GT(misses, k_rays / 8) << reach;
-    EXPECT_LE(wrong_hits, 3 + hits / 300) << reach;
-    EXPECT_LE(wrong_misses, 3 + misses / 300) << reach;
+    // The aim of docs/decisions/003-certificates.md.
+    EXPECT_LE(wrong_hits, hits / 500) << reach;
+    EXPECT_LE(wrong_misses, misses / 500) << reach;
     EXPECT_LE(odd_normals, 3 + hits / 100) << reach;
     EXPECT_LE(before, 3 + hits / 100) << reach;
   }

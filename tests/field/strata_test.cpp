@@ -115,19 +115,23 @@ Errors errors_under(float half_angle, int rays, uint32_t seed) {
   return errors;
 }
 
+// Half a step of a picture of 8 bits: what a mean visibility may be off by unseen.
+constexpr double k_bias = 0.5 / 255.0;
+
 TEST(Strata, OfWideLightsAreAsGoodAsSixtyFourRays) {
   const Errors errors = errors_under(0.17f, 64, 21);
   EXPECT_GT(errors.partial, 500);
   EXPECT_LT(errors.refused, errors.shading_points / 4);
   EXPECT_LE(errors.strata, errors.rays);
-  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, 0.003);
+  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, k_bias);
 }
 
 TEST(Strata, OfNarrowLightsAreBetterThanSixteenRays) {
   const Errors errors = errors_under(0.06f, 16, 22);
   EXPECT_GT(errors.partial, 300);
+  EXPECT_LT(errors.refused, errors.shading_points);
   EXPECT_LE(errors.strata, errors.rays);
-  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, 0.003);
+  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, k_bias);
 }
 
 TEST(Strata, AreTheSameOnEveryInstructionSet) {
@@ -138,6 +142,7 @@ TEST(Strata, AreTheSameOnEveryInstructionSet) {
     const ShadingPointBatch shading_points = shadowed_shading_points(s, world_ball(s), 333, random);
     const Strata scalar = query_strata(s, lights, shading_points, k_sixteen, Isa::scalar);
     EXPECT_GT(scalar.shading_points.size(), 50u);
+    EXPECT_GT(std::count(scalar.refused.begin(), scalar.refused.end(), 0), 25);
     for (const Isa isa : supported_isas()) {
       const Strata other = query_strata(s, lights, shading_points, k_sixteen, isa);
       EXPECT_EQ(scalar.shading_points, other.shading_points) << isa_name(isa);
@@ -149,48 +154,66 @@ TEST(Strata, AreTheSameOnEveryInstructionSet) {
   }
 }
 
-// A light of which the disc at the blocker is a fraction of a texel: only whole answers, or none.
+// A light of which the disc at the blocker is a fraction of a texel: only whole answers, or none. (Most shading points
+// have such answers before strata are asked about: these are the others, at the object's silhouettes.)
 TEST(Strata, OfTinyLightsAreRefused) {
   TestRandom random(24);
-  ConeScene s = lit_scene(make_knot({.along = 256, .around = 24}), random, 1e-4f);
-  const Strata strata = query_strata(s, make_lights(s.maker.scene),
-                                     shadowed_shading_points(s, world_ball(s), 500, random), k_sixteen, Isa::automatic);
-  for (size_t r = 0; r < strata.shading_points.size(); ++r) {
-    if (strata.refused[r]) continue;
-    const double share = mean_of(strata, r, k_sixteen.count);
-    EXPECT_TRUE(share == 0.0 || share == 1.0) << share;
+  int whole = 0, refused = 0;
+  for (int i = 0; i < 8; ++i) {
+    ConeScene s = lit_scene(make_knot({.along = 256, .around = 24}), random, 1e-4f);
+    const Strata strata =
+        query_strata(s, make_lights(s.maker.scene), shadowed_shading_points(s, world_ball(s), 500, random), k_sixteen,
+                     Isa::automatic);
+    for (size_t r = 0; r < strata.shading_points.size(); ++r) {
+      if (strata.refused[r]) {
+        ++refused;
+        continue;
+      }
+      ++whole;
+      const double share = mean_of(strata, r, k_sixteen.count);
+      EXPECT_TRUE(share == 0.0 || share == 1.0) << share;
+    }
   }
+  EXPECT_GT(refused, 100);
+  EXPECT_GT(whole, 10);
 }
 
 // Lights around the shading point, within the object, or behind it, and objects around both: shares stay shares, and
-// what is not refused is about right.
+// what is not refused is as right as sixteen rays.
 TEST(Strata, LeaveWhatTheyCannotJudge) {
   TestRandom random(25);
-  double wrong = 0.0;
-  int shading_points = 0;
+  double wrong = 0.0, wrong_rays = 0.0;
+  int shading_points = 0, refused = 0;
   for (int i = 0; i < 200; ++i) {
     const ConeScene s = tangled_scene(random);
     const ShadingPointBatch batch = tangled_shading_points(s, 160, random);
     const LightTable lights = make_lights(s.maker.scene);
     const Strata strata = query_strata(s, lights, batch, k_sixteen, Isa::automatic);
     const std::vector<double> truth = exact_shares(s, lights, strata.chosen, 256);
+    ShadingPointBatch again = strata.chosen;
+    for (size_t r = 0; r < again.size; ++r) again.seed[r] ^= 0x5bd1e995u;
+    const std::vector<double> few = exact_shares(s, lights, again, 16);
     for (size_t i_stratum = 0; i_stratum < strata.batch.rays.size; ++i_stratum) {
       ASSERT_GE(strata.batch.clear[i_stratum], 0.0f);
       ASSERT_LE(strata.batch.clear[i_stratum], 1.0f);
     }
     for (size_t r = 0; r < strata.shading_points.size(); ++r) {
+      refused += strata.refused[r];
       if (strata.refused[r]) continue;
       const ShadowBatch& b = strata.batch;
       // Where the shading point's horizon cuts the light, leaves and samples do not stand for the same parts.
       bool whole = true;
       for (size_t k = r * 16; k < r * 16 + 16; ++k) whole = whole && b.rays.tmax[k] >= 0.0f;
       if (!whole) continue;
-      wrong += std::abs(mean_of(strata, r, 16) - truth[r]);
+      const double error = mean_of(strata, r, 16) - truth[r];
+      wrong += error * error;
+      wrong_rays += (few[r] - truth[r]) * (few[r] - truth[r]);
       ++shading_points;
     }
   }
   EXPECT_GT(shading_points, 100);
-  EXPECT_LE(wrong / shading_points, 0.02);
+  EXPECT_GT(refused, 100);
+  EXPECT_LE(wrong, wrong_rays);
 }
 
 TEST(Strata, GridsAreAboutAsWideAsHighAndNeverOfMoreCellsThanSamples) {

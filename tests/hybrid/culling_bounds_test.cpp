@@ -143,6 +143,7 @@ TEST(CullingBounds, BoundedLightsFindOccludersOfAllSizes) {
 // Occluders that are tiny against the distances on both sides: rounding of the coordinates counts.
 TEST(CullingBounds, PointLightsFindTinyOccluders) {
   Random random(3);
+  int checked = 0;
   for (int i = 0; i < 3000; ++i) {
     SceneMaker m;
     const double radius = random.size(1e-3, 1e3);
@@ -157,11 +158,13 @@ TEST(CullingBounds, PointLightsFindTinyOccluders) {
     const DVec3 rounded = DVec3(Vec3(p)), along = glm::normalize(l - rounded);
     const DVec3 gap = DVec3(place[3]) - rounded;
     if (glm::length(gap - along * glm::dot(gap, along)) > 0.45 * radius) continue;
+    ++checked;
     check_group(m.scene, 0, occluder, {p},
                 "radius " + std::to_string(radius) + ", light " + std::to_string(glm::length(l - q) / radius) +
                     ", shading point " + std::to_string(glm::length(p - q) / radius) + ", at " +
                     std::to_string(glm::length(DVec3(place[3])) / radius));
   }
+  EXPECT_GT(checked, 1000);
 }
 
 }  // namespace

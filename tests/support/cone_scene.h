@@ -97,8 +97,13 @@ inline ShadingPointBatch shadowed_shading_points(const ConeScene& s, const Spher
   return batch;
 }
 
+// Which triangles of the object have shading points: of a solid, those whose fronts face the light have them outside,
+// those whose backs do inside.
+enum class OwnSide { either, front, back };
+
 // Shading points on the object's triangles, turned to the light.
-inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, TestRandom& random) {
+inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, TestRandom& random,
+                                             OwnSide side = OwnSide::either) {
   const TriangleMesh& mesh = s.maker.scene.shapes[0].mesh;
   const Affine& place = s.maker.scene.instances[k_object].to_world;
   ShadingPointBatch batch;
@@ -109,7 +114,9 @@ inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, Test
                c = transform_point(place, mesh.positions[t.z]);
     const Vec3 cross = glm::cross(b - a, c - a);
     const Vec3 p = (a + b + c) / 3.0f;
-    const Vec3 normal = glm::dot(cross, s.light.centre - p) > 0.0f ? glm::normalize(cross) : -glm::normalize(cross);
+    const bool is_front = glm::dot(cross, s.light.centre - p) > 0.0f;
+    if (side != OwnSide::either && is_front != (side == OwnSide::front)) continue;
+    const Vec3 normal = is_front ? glm::normalize(cross) : -glm::normalize(cross);
     // Where the light is cut by the horizon, rays below it leave no shadow ray.
     if (glm::dot(normal, s.light.centre - p) < 1.5f * s.light.radius) continue;
     set_shading_point(batch, size_t(r++), p + normal * gamma_bound(64) * glm::length(p), normal, k_object);
