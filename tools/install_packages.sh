@@ -6,11 +6,11 @@ packages=(
   g++ cmake ninja-build pkg-config ccache
   libembree-dev libtbb-dev libglm-dev libfmt-dev libhwy-dev libpugixml-dev libtinyobjloader-dev
   libopenimageio-dev libopenexr-dev openimageio-tools                # Debian's CMake files of OpenImageIO want the tools
-  libopenvdb-dev libnanovdb-dev libboost-iostreams-dev libblosc-dev
+  libopenvdb-dev libboost-iostreams-dev libblosc-dev libxxhash-dev
   libcli11-dev nlohmann-json3-dev
   libgtest-dev libopenvdb-tools glmark2-data python3 python3-venv    # tests; the demo's bunny
   chromium                                                           # tests: pages as a browser shows them
-  libbenchmark-dev clang-format                                      # -DFIELDTRACE_BENCHMARKS=ON; changing the code
+  libbenchmark-dev clang-format clang-tidy                           # -DFIELDTRACE_BENCHMARKS=ON; changing the code
 )
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then

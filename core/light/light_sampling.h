@@ -66,7 +66,7 @@ void sample_light(const LightTable& lights, uint32_t light, const ShadingPointBa
 
 // Radiance of a light that a ray meets (on the side that emits). `direction` is the ray's, in world space, of any
 // length but 0; it matters for environments only.
-Rgb emitted_radiance(const LightTable& lights, uint32_t light, const Vec3& direction);
+Rgb emitted_radiance(const LightTable& lights, uint32_t index, const Vec3& direction);
 
 // Where a ray that was not sampled from the light meets it. World space.
 struct LightHit {
@@ -79,7 +79,7 @@ struct LightHit {
 // multiple importance sampling; 0 where it never would: behind the light, point and directional lights, and for
 // constant lights below the shading normal of shading points that do not transmit. The geometric horizon is not
 // considered. `direction` need not be unit. Unchecked: a finite direction other than zero.
-float light_pdf(const LightTable& lights, uint32_t light, const Vec3& from, const Vec3& shading_normal, bool transmits,
+float light_pdf(const LightTable& lights, uint32_t index, const Vec3& from, const Vec3& shading_normal, bool transmits,
                 const Vec3& direction, const LightHit& hit);
 
 // Whether every sample has the same density from one point (sphere seen from outside, rectangle) or is the only one

@@ -145,7 +145,7 @@ std::string Properties::string(const std::string& name, const std::string& missi
 
 std::string Properties::choice(const std::string& name, const std::string& missing,
                                std::initializer_list<const char*> choices) {
-  const std::string value = string(name, missing);
+  std::string value = string(name, missing);
   std::string list;
   for (const char* choice : choices) {
     if (value == choice) return value;

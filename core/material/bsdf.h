@@ -55,9 +55,9 @@ struct BsdfSample {
   bool straight = false;  // wo = -wi, as if nothing were there (delta too)
 };
 
-// Evaluates the material of Scene::bsdfs[bsdf] at uv, for an arriving direction with that cosine to the shading
+// Evaluates the material of Scene::bsdfs[index] at uv, for an arriving direction with that cosine to the shading
 // normal; a two-sided Bsdf takes its back side's material where the cosine is negative.
-Material resolve_material(const Scene& scene, uint32_t bsdf, const Vec2& uv, float cos_wi);
+Material resolve_material(const Scene& scene, uint32_t index, const Vec2& uv, float cos_wi);
 
 // Whether resolve_material() looks at uv: some texture of the Bsdf or of its back side is not constant.
 bool is_textured(const Scene& scene, uint32_t bsdf);

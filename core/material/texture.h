@@ -10,12 +10,12 @@
 
 namespace fieldtrace {
 
-// The linear RGB value of Scene::textures[texture] at (u, v), any finite coordinates (others are taken as 0).
+// The linear RGB value of Scene::textures[index] at (u, v), any finite coordinates (others are taken as 0).
 // Unchecked: the caller guarantees a valid index and, for bitmaps, at least one pixel.
-Rgb evaluate_texture(const Scene& scene, uint32_t texture, const Vec2& uv);
+Rgb evaluate_texture(const Scene& scene, uint32_t index, const Vec2& uv);
 
 // The same as one number, as Mitsuba 3.9 takes it: the luminance of bitmaps, the mean of other colours; checkerboards
 // have their colours the other way round.
-float evaluate_scalar_texture(const Scene& scene, uint32_t texture, const Vec2& uv);
+float evaluate_scalar_texture(const Scene& scene, uint32_t index, const Vec2& uv);
 
 }  // namespace fieldtrace

@@ -40,11 +40,6 @@ constexpr float gamma_bound(int n) {
 inline Vec3 transform_point(const Affine& a, const Vec3& p) { return a[0] * p.x + a[1] * p.y + a[2] * p.z + a[3]; }
 inline Vec3 transform_vector(const Affine& a, const Vec3& v) { return a[0] * v.x + a[1] * v.y + a[2] * v.z; }
 
-// Transforms a normal given the *inverse* of the transform (multiplies by its transpose). Not normalised.
-inline Vec3 transform_normal(const Affine& inverse, const Vec3& n) {
-  return {glm::dot(inverse[0], n), glm::dot(inverse[1], n), glm::dot(inverse[2], n)};
-}
-
 // a after b: transform_point(compose(a, b), p) == transform_point(a, transform_point(b, p)).
 inline DAffine compose(const DAffine& a, const DAffine& b) {
   const DMat3 la(a[0], a[1], a[2]);

@@ -78,8 +78,7 @@ class LineFeed : public std::streambuf {
   LineFeed(const std::string& path, std::string_view text) : rest_(text), where_{path, 0} {}
 
   const SourceLocation& where() const { return where_; }
-  bool not_finite() const { return not_finite_; }      // the line's numbers hold a NaN or an infinity
-  bool unterminated() const { return unterminated_; }  // the line is the file's last and has no end
+  bool not_finite() const { return not_finite_; }  // the line's numbers hold a NaN or an infinity
 
  protected:
   int_type underflow() override {
@@ -175,7 +174,8 @@ class LineFeed : public std::streambuf {
   std::string_view rest_;
   SourceLocation where_;
   int lines_taken_ = 0;
-  bool not_finite_ = false, unterminated_ = false;
+  bool not_finite_ = false;
+  bool unterminated_ = false;  // the line is the file's last and has no end
   std::string joined_;
 };
 

@@ -18,9 +18,6 @@
 #define FT_HD_INLINE inline
 #endif
 
-// FT_RESTRICT promises that a pointer is the only way to reach its data inside the function.
-#define FT_RESTRICT __restrict__
-
 // FT_THREAD_SANITIZER is defined in host code built with -fsanitize=thread.
 #if defined(__CUDA_ARCH__)
 #elif defined(__SANITIZE_THREAD__)

@@ -1,4 +1,4 @@
-// Maps from the unit square to disks, spheres, cones and triangles, and the elementary functions that they need.
+// Maps from the unit square to disks, spheres and triangles, and the elementary functions that they need.
 //
 // Sources: P. Shirley and K. Chiu, "A Low Distortion Map Between Disk and Square", 1997 (with the branch-free form of
 // D. Cline); Malley's method for the cosine; E. Heitz, "A Low-Distortion Map Between Triangle and Square", 2019;
@@ -153,15 +153,6 @@ FT_HD_INLINE Vec3Lanes<F> uniform_sphere(F u, F v) {
   const F rest = (splat<F>(1.0f) - p.radius) * (splat<F>(1.0f) + p.radius);  // 1 - r^2 without cancellation
   const F xy = splat<F>(2.0f) * p.radius * sqrt(rest);
   return {xy * p.cosine, xy * p.sine, rest - p.radius * p.radius};
-}
-
-// Direction about +z with density 1 / (2 pi k), k = one_minus_cosine = 1 - cos(half angle) in (0, 2].
-template <class F>
-FT_HD_INLINE Vec3Lanes<F> uniform_cone(F u, F v, F one_minus_cosine) {
-  const DiskPoint<F> p = concentric_disk<F>(u, v);
-  const F s = p.radius * p.radius * one_minus_cosine;  // 1 - cos of the direction
-  const F sine = p.radius * sqrt(one_minus_cosine * (splat<F>(2.0f) - s));
-  return {sine * p.cosine, sine * p.sine, splat<F>(1.0f) - s};
 }
 
 template <class F>

@@ -37,7 +37,6 @@ HWY_INLINE F64 operator+(F64 a, F64 b) { return {a.v + b.v}; }
 HWY_INLINE F64 operator-(F64 a, F64 b) { return {a.v - b.v}; }
 HWY_INLINE F64 operator*(F64 a, F64 b) { return {a.v * b.v}; }
 HWY_INLINE F64 operator/(F64 a, F64 b) { return {a.v / b.v}; }
-HWY_INLINE MaskDoubles operator<(F64 a, F64 b) { return {hn::Lt(a.v, b.v)}; }
 HWY_INLINE MaskDoubles operator>(F64 a, F64 b) { return {hn::Gt(a.v, b.v)}; }
 HWY_INLINE MaskDoubles operator&(MaskDoubles a, MaskDoubles b) { return {hn::And(a.m, b.m)}; }
 

@@ -63,8 +63,6 @@ HWY_INLINE U32 load(const uint32_t* p) { return {hn::Load(DU(), p)}; }
 HWY_INLINE void store(F32 a, float* p) { hn::Store(a.v, DF(), p); }
 HWY_INLINE void store(I32 a, int32_t* p) { hn::Store(a.v, DI(), p); }
 HWY_INLINE void store(U32 a, uint32_t* p) { hn::Store(a.v, DU(), p); }
-// 0, 1, 2, ... in the lanes.
-HWY_INLINE U32 lane_index() { return {hn::Iota(DU(), 0)}; }
 
 HWY_INLINE F32 operator+(F32 a, F32 b) { return {a.v + b.v}; }
 HWY_INLINE F32 operator-(F32 a, F32 b) { return {a.v - b.v}; }
@@ -82,18 +80,15 @@ HWY_INLINE I32 operator-(I32 a, I32 b) { return {a.v - b.v}; }
 HWY_INLINE I32 operator*(I32 a, I32 b) { return {a.v * b.v}; }
 HWY_INLINE I32 operator&(I32 a, I32 b) { return {hn::And(a.v, b.v)}; }
 HWY_INLINE I32 operator|(I32 a, I32 b) { return {hn::Or(a.v, b.v)}; }
-HWY_INLINE I32 operator^(I32 a, I32 b) { return {hn::Xor(a.v, b.v)}; }
 HWY_INLINE MaskLanes operator<(I32 a, I32 b) { return {hn::RebindMask(DF(), hn::Lt(a.v, b.v))}; }
 HWY_INLINE MaskLanes operator>(I32 a, I32 b) { return {hn::RebindMask(DF(), hn::Gt(a.v, b.v))}; }
 HWY_INLINE MaskLanes operator==(I32 a, I32 b) { return {hn::RebindMask(DF(), hn::Eq(a.v, b.v))}; }
 
 HWY_INLINE U32 operator+(U32 a, U32 b) { return {a.v + b.v}; }
-HWY_INLINE U32 operator-(U32 a, U32 b) { return {a.v - b.v}; }
 HWY_INLINE U32 operator*(U32 a, U32 b) { return {a.v * b.v}; }
 HWY_INLINE U32 operator&(U32 a, U32 b) { return {hn::And(a.v, b.v)}; }
 HWY_INLINE U32 operator|(U32 a, U32 b) { return {hn::Or(a.v, b.v)}; }
 HWY_INLINE U32 operator^(U32 a, U32 b) { return {hn::Xor(a.v, b.v)}; }
-HWY_INLINE U32 operator~(U32 a) { return {hn::Not(a.v)}; }
 HWY_INLINE MaskLanes operator==(U32 a, U32 b) { return {hn::RebindMask(DF(), hn::Eq(a.v, b.v))}; }
 
 HWY_INLINE MaskLanes operator&(MaskLanes a, MaskLanes b) { return {hn::And(a.m, b.m)}; }
@@ -189,7 +184,6 @@ HWY_INLINE U32 load_byte_lanes<F32>(const uint8_t* p) {
 }
 HWY_INLINE void store_lanes(F32 a, float* p) { store(a, p); }
 HWY_INLINE void store_lanes(U32 a, uint32_t* p) { store(a, p); }
-HWY_INLINE void store_lanes(I32 a, int32_t* p) { store(a, p); }
 template <>
 HWY_INLINE I32 load_int_lanes<F32>(const int32_t* p) {
   return load(p);

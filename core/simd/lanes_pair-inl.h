@@ -74,10 +74,6 @@ template <class V>
 HWY_INLINE Pair<V> operator|(Pair<V> a, Pair<V> b) {
   return {a.lo | b.lo, a.hi | b.hi};
 }
-template <class V>
-HWY_INLINE Pair<V> operator^(Pair<V> a, Pair<V> b) {
-  return {a.lo ^ b.lo, a.hi ^ b.hi};
-}
 HWY_INLINE MaskLanesx2 operator!(MaskLanesx2 a) { return {!a.lo, !a.hi}; }
 template <class V>
 HWY_INLINE MaskLanesx2 operator<(Pair<V> a, Pair<V> b) {
@@ -120,7 +116,6 @@ HWY_INLINE Pair<V> select(MaskLanesx2 m, Pair<V> a, Pair<V> b) {
 HWY_INLINE I32x2 small_to_int(F32x2 a) { return {small_to_int(a.lo), small_to_int(a.hi)}; }
 HWY_INLINE F32x2 to_float(I32x2 a) { return {to_float(a.lo), to_float(a.hi)}; }
 HWY_INLINE bool any(MaskLanesx2 m) { return any(MaskLanes(m.lo | m.hi)); }
-HWY_INLINE bool all(MaskLanesx2 m) { return all(MaskLanes(m.lo & m.hi)); }
 HWY_INLINE int count_true(MaskLanesx2 m) { return count_true(m.lo) + count_true(m.hi); }
 HWY_INLINE int sum_of(I32x2 a) { return sum_of(a.lo + a.hi); }
 HWY_INLINE int compress_store(I32x2 a, MaskLanesx2 m, int32_t* p) {

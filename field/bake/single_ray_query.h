@@ -49,7 +49,6 @@ class SingleRayQuery {
   FieldHit nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max, bool self);
 
   const BakeCounters& counters() const { return counters_; }
-  uint64_t lookups() const { return lookups_; }
 
  private:
   bool bake(std::optional<FieldLayer> layer, uint32_t slice);
@@ -59,7 +58,6 @@ class SingleRayQuery {
   uint32_t shape_;
   UnitTransform to_unit_;
   BakeCounters counters_;
-  uint64_t lookups_ = 0;
 };
 
 }  // namespace fieldtrace

@@ -22,6 +22,13 @@ struct TrimmedCache {
 // in `keep` stay, as do files that are locked at the moment. What cannot be removed is left. Throws nothing.
 TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep);
 
+// Field files of earlier formats, which this program cannot read and whose names it no longer looks for. Another
+// version that shares the folder may still use them, so only trim_cache() removes them. Throws nothing.
+struct OutdatedFiles {
+  uint64_t files = 0, bytes = 0;
+};
+OutdatedFiles outdated_files(const std::string& folder);
+
 // Removes what an ended process left of writing `path` under temporary names. Unchecked: the caller holds the lock that
 // writers of `path` take.
 void remove_abandoned_writes(const std::string& path);

@@ -50,6 +50,13 @@ FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSi
     read_only_ = true;
     warn(warning_, {}, std::string(e.what()) + "; fields are read from this folder, but none is kept");
   }
+  const OutdatedFiles outdated = outdated_files(folder);
+  if (outdated.files == 0) return;
+  warn(warning_, {folder},
+       "holds " + std::to_string(outdated.files) + " field file" + (outdated.files == 1 ? "" : "s") + " (" +
+           std::to_string(outdated.bytes) + " bytes) of an earlier format than " +
+           std::to_string(k_field_format_version) +
+           ", which cannot be used; their fields are baked again; delete the files, or give --field-cache-limit");
 }
 
 std::string FieldCache::path_of(const FieldIdentity& identity) const {

@@ -26,7 +26,8 @@ namespace fieldtrace {
 class FieldCache {
  public:
   // Makes the folder if need be. Throws Error if it cannot be made, or files can neither be made nor read in it: long
-  // work learns this before it starts. `warning` is called from the threads that load and store, one at a time.
+  // work learns this before it starts. `warning` is called from the threads that load and store, one at a time, and by
+  // the constructor if the folder holds files of earlier formats or may only be read.
   explicit FieldCache(const std::string& folder, WarningSink warning = {})
       : FieldCache(folder, 0, std::move(warning)) {}
   // `most_bytes`: of the field files in the folder; 0: no limit.

@@ -107,7 +107,7 @@ GridArray make_grids(std::span<const Field* const> fields, const FieldIdentity& 
 
 Int32Grid::Ptr make_coverage_grid(std::span<const Field* const> fields, const FieldIdentity& identity,
                                   const Sphere& ball) {
-  const Int32Grid::Ptr grid = Int32Grid::create(0);
+  Int32Grid::Ptr grid = Int32Grid::create(0);
   grid->setName(k_coverage_grid_name);
   write_metadata(*grid, identity, ball);
   std::vector<const CoverageTiles*> sources;

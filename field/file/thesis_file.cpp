@@ -28,7 +28,7 @@ openvdb::CoordBBox box_of(int begin, int end, int m) {
 Int32Grid::Ptr make_grid(const char* name, std::vector<int32_t>& values, const ThesisField& field,
                          const FieldIdentity& identity, int32_t background) {
   const DenseSamples dense(box_of(0, k_positions, field.m()), values.data());
-  const Int32Grid::Ptr grid = Int32Grid::create(background);
+  Int32Grid::Ptr grid = Int32Grid::create(background);
   openvdb::tools::copyFromDense(dense, *grid, 0);
   grid->setName(name);
   write_metadata(*grid, identity, field.ball());

@@ -109,8 +109,7 @@ class Field {
   // Of one brick's cells of a layer.
   static uint64_t brick_bytes(FieldLayer layer);
 
-  // For files: the number of bricks in use, and the pool index of a brick by its place; 0 if it does not exist.
-  uint32_t brick_count() const { return brick_count_.load(std::memory_order_relaxed); }
+  // For files: the pool index of a brick by its place; 0 if it does not exist.
   uint32_t brick_at(uint32_t direction_brick, uint32_t plane_brick) const;
   // Creates the brick if need be; 0 if the pool is full.
   uint32_t brick_for(uint32_t direction_brick, uint32_t plane_brick);

@@ -33,7 +33,6 @@ constexpr int k_thesis_level = 5;
 constexpr int k_thesis_side = 1 << k_thesis_level;  // edges along an octant's side
 constexpr int k_thesis_hemisphere = 2 * k_thesis_side * k_thesis_side + 2 * k_thesis_side + 1;  // 2,113
 constexpr int k_thesis_positions = 2 * k_thesis_hemisphere;                                     // 4,226
-constexpr int k_thesis_rim = 4 * k_thesis_side;                                                 // 128
 
 // A point of the subdivision, by its place in the unfolded octahedron: whole numbers with |i| + |j| <= k_thesis_side,
 // i along x and j along y, the pole at (0, 0), the rim where the sum is k_thesis_side.

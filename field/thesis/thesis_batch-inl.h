@@ -16,7 +16,8 @@
 FT_LANES_BEGIN
 
 template <class F>
-void thesis_nearest(const ThesisInstanceView& view, const RayBatch& rays, const uint32_t* skip, ThesisHits& hits) {
+void thesis_nearest(const ThesisInstanceView& view, const RayBatch& rays, const AlignedVector<uint32_t>& skip,
+                    ThesisHits& hits) {
   const Uint_t<F> self = splat_uint<F>(view.instance);
   for (size_t i = 0; i < rays.size; i += size_t(Lanes<F>::k_count)) {
     const RayLanes<F> r = load_rays<F>(rays, i);

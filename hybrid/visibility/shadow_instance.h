@@ -22,8 +22,8 @@ struct ShadowInstance {
   BoxTask box;
 };
 
-// `traits` are those of the instance's shape. `field` is its field, or null; `thesis` likewise.
-ShadowInstance make_shadow_instance(const Scene& scene, uint32_t instance, const ShapeTraits& traits, Field* field,
+// `index` is the instance's; `traits` are those of its shape. `field` is its field, or null; `thesis` likewise.
+ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const ShapeTraits& traits, Field* field,
                                     const ThesisField* thesis, const AnswererSettings& settings);
 
 // The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), from the nearest point of the

@@ -210,11 +210,6 @@ TEST(Warp, MapsAreUniform) {
     expect_unit(d);
     return UnitPair<float>{0.5f * (d.z + 1.0f), turns(d.y, d.x)};
   });
-  expect_uniform("cone", [](float u, float v) {
-    const Vec3Lanes<float> d = uniform_cone<float>(u, v, 0.25f);
-    expect_unit(d);
-    return UnitPair<float>{(1.0f - d.z) * 4.0f, turns(d.y, d.x)};
-  });
   expect_uniform("triangle", [](float u, float v) {
     const Barycentric<float> b = uniform_triangle<float>(u, v);
     EXPECT_GE(std::min(b.b1, b.b2), 0.0f);

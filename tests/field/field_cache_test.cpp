@@ -155,6 +155,38 @@ TEST(FieldCache, DamagedAndForeignFilesAreToldAboutAndReplaced) {
       },
       "damaged");
   spoil([&](const std::string& path) { save_field(field, foreign, path); }, "another mesh");
+  FieldIdentity earlier = identity;
+  --earlier.format_version;
+  spoil([&](const std::string& path) { save_field(field, earlier, path); }, "field format version");
+}
+
+// Their names hold another hash, so no field looks for them.
+TEST(FieldCache, FilesOfEarlierFormatsAreToldAboutAndBakedAgain) {
+  const TemporaryFolder folder;
+  const FieldIdentity identity = test::test_identity(k_small);
+  Warnings warnings;
+  Field field = make_field(), loaded = make_field();
+  test::fill_random_slices(field, 1, 100);
+  const std::string old_file = folder / (std::string(32, 'a') + ".vdb");
+  save_field(field, identity, old_file);
+  EXPECT_FALSE(FieldCache(folder.path(), warnings.sink()).load(loaded, identity));
+  EXPECT_TRUE(warnings.lines.empty());  // of today's format: another object's
+  std::fstream(old_file, std::ios::binary | std::ios::in | std::ios::out).seekp(-25, std::ios::end).put(1);
+
+  FieldCache cache(folder.path(), 1, warnings.sink());
+  ASSERT_EQ(warnings.lines.size(), 1u);
+  EXPECT_EQ(warnings.lines[0].rfind(folder.path() + ": holds 1 field file (", 0), 0u) << warnings.lines[0];
+  EXPECT_NE(warnings.lines[0].find(std::to_string(fs::file_size(old_file)) + " bytes"), std::string::npos);
+  EXPECT_NE(warnings.lines[0].find("baked again"), std::string::npos);
+  EXPECT_FALSE(cache.load(loaded, identity));
+  cache.store(field, identity);
+  EXPECT_TRUE(cache.load(loaded, identity));
+  EXPECT_EQ(differing_slices(loaded, field), 0u);
+  // The limit counts and removes the old file.
+  EXPECT_TRUE(fs::exists(old_file));
+  cache.trim();
+  EXPECT_FALSE(fs::exists(old_file));
+  EXPECT_TRUE(fs::exists(cache.path_of(identity)));
 }
 
 TEST(FieldCache, ADamagedFileIsToldAboutOnce) {

@@ -16,7 +16,6 @@ namespace fieldtrace {
 namespace {
 
 using test::SceneMaker;
-using test::translation;
 
 class Random {
  public:

@@ -41,13 +41,13 @@ struct Answers {
 };
 
 Answers query(const ThesisKernels& kernels, const ThesisInstanceView& view, const RayBatch& rays,
-              const std::vector<uint32_t>& skip) {
+              const AlignedVector<uint32_t>& skip) {
   Answers a;
   a.hits.resize(rays.size);
   std::fill(a.hits.t.begin(), a.hits.t.end(), k_infinity);
   for (auto* n : {&a.hits.nx, &a.hits.ny, &a.hits.nz}) std::fill(n->begin(), n->end(), 0.0f);
   std::fill(a.hits.instance.begin(), a.hits.instance.end(), k_none);
-  kernels.nearest(view, rays, skip.data(), a.hits);
+  kernels.nearest(view, rays, skip, a.hits);
   a.shadows.keep_verdicts = true;
   a.shadows.reset(rays.size);
   a.counts = kernels.shadow(view, rays, 0, padded(rays.size), 0, a.shadows);
@@ -132,7 +132,7 @@ TEST(ThesisField, LookUpsAgreeWithEmbreeWithinTheSlack) {
   const BakedScene baked(make_sphere({.radius = 0.7f}), 64, {3.0f, -2.0f, 1.0f}, 2.5f, 40.0f);
   const RayBatch rays = random_rays(20000, 5, {3.0f, -2.0f, 1.0f}, 2.0f);
   const Answers a =
-      query(thesis_kernels_scalar(), baked.view(), rays, std::vector<uint32_t>(padded(rays.size), k_none));
+      query(thesis_kernels_scalar(), baked.view(), rays, AlignedVector<uint32_t>(padded(rays.size), k_none));
   HitBatch exact;
   exact.resize(rays.size);
   RayBatch long_rays = rays;
@@ -178,7 +178,7 @@ TEST(ThesisField, ShadowsAgreeWithEmbreeAwayFromEdges) {
     rays.set(i, shading_point, d, kind == 0 ? 0.05f : kind == 1 ? 50.0f : kind == 2 ? k_infinity : -1.0f);
   }
   const Answers a =
-      query(thesis_kernels_scalar(), baked.view(), rays, std::vector<uint32_t>(padded(rays.size), k_none));
+      query(thesis_kernels_scalar(), baked.view(), rays, AlignedVector<uint32_t>(padded(rays.size), k_none));
   std::vector<uint32_t> all(rays.size);
   std::iota(all.begin(), all.end(), 0u);
   std::vector<uint8_t> exact(padded(rays.size), 0);
@@ -211,7 +211,7 @@ TEST(ThesisField, ShadowsAgreeWithEmbreeAwayFromEdges) {
 TEST(ThesisField, LookUpsAgreeOnEveryInstructionSet) {
   const BakedScene baked(thesis_supershape_2(48, 24), 32, {0.3f, 0.2f, -5.0f}, 1.5f, 75.0f);
   const RayBatch rays = random_rays(1 << 16, 6, {0.3f, 0.2f, -5.0f}, 1.5f);
-  std::vector<uint32_t> skip(padded(rays.size), k_none);
+  AlignedVector<uint32_t> skip(padded(rays.size), k_none);
   for (size_t i = 0; i < skip.size(); i += 7) skip[i] = 0;
   const ThesisInstanceView view = baked.view();
   const Answers reference = query(thesis_kernels_scalar(), view, rays, skip);

@@ -45,7 +45,7 @@ Rgb lit_colour(const PhongMaterial& material, const PhongLight& light, const Pho
   return light.colour * (material.diffuse * facing + material.specular * std::pow(highlight, material.shininess));
 }
 
-// A number in [0, 1) from two words (xxhash's last steps).
+// A number in [0, 1) from two words (the last steps of XXH32). It chooses directions, so pictures depend on its bits.
 float hashed(uint32_t a, uint32_t b) {
   uint32_t h = a * 2654435761u ^ (b * 2246822519u + 374761393u);
   h = (h ^ (h >> 15)) * 2246822519u;

@@ -28,7 +28,7 @@ struct PhongSurface {
 
 struct TracerBatch {
   RayBatch rays;
-  std::vector<uint32_t> skip;  // padded: the instance that the ray leaves, or k_none
+  AlignedVector<uint32_t> skip;  // padded: the instance that the ray leaves, or k_none
   std::vector<PhongSurface> surfaces;
   // Shadows: which surfaces to ask for, and what came of it (1: the light does not reach it).
   std::vector<uint32_t> shading_points;

@@ -23,7 +23,7 @@ class FieldTracer final : public PhongTracer {
     hits.resize(count);
     std::fill(hits.t.begin(), hits.t.end(), k_infinity);
     std::fill(hits.instance.begin(), hits.instance.end(), k_none);
-    for (const ThesisInstanceView& view : views_) kernels_.nearest(view, batch.rays, batch.skip.data(), hits);
+    for (const ThesisInstanceView& view : views_) kernels_.nearest(view, batch.rays, batch.skip, hits);
     batch.surfaces.resize(count);
     for (size_t i = 0; i < count; ++i) {
       PhongSurface& s = batch.surfaces[i];
