@@ -18,11 +18,11 @@
 // Metadata of the file and of each grid: fieldtrace_format, chart, directions, plane, lines, centre, radius,
 // mesh_hash, primitive_count.
 // The OpenVDB file is followed by 32 bytes that OpenVDB does not look at: "FTFIELD", a byte of the format version, the
-// size of what comes before, and its 128-bit hash. Nothing is decoded before these fit: OpenVDB trusts the sizes that it reads, and
-// crashes on many a damaged file. So damage of any kind is an error. A file forged together with its checksum takes no
-// more memory than its size is worth (field/file/vdb_archive.h), and cells that no bake writes are refused; more is not
-// defended against. Other programs' copies of the grids lack the 32 bytes and are refused.
-// Fields of the thesis' chart have the same frame around other grids: field/file/thesis_file.h.
+// size of what comes before, and its 128-bit hash. Nothing is decoded before these fit: OpenVDB trusts the sizes that
+// it reads, and crashes on many a damaged file. So damage of any kind is an error. A file forged together with its
+// checksum takes no more memory than its size is worth (field/file/vdb_archive.h), and cells that no bake writes are
+// refused; more is not defended against. Other programs' copies of the grids lack the 32 bytes and are refused. Fields
+// of the thesis' chart have the same frame around other grids: field/file/thesis_file.h.
 //
 // Thread-safety: distinct objects are independent. A field may be baked while it is saved or loaded into.
 #pragma once

@@ -102,7 +102,7 @@ TEST_P(StressObjects, PictureAndCertificatesMeetTheAims) {
 TEST(Stress, ObjectsNotWorthAFieldAreLeftToRays) {
   EXPECT_FALSE(leaves_to_rays({.answered = 200, .undecided = 600}, 1.0, 0));
   EXPECT_TRUE(leaves_to_rays({.answered = 200, .undecided = 601}, 1.0, 0));
-  EXPECT_FALSE(leaves_to_rays({.answered = 0, .queried = k_fewest_surveyed - 1}, 1.0, 0));
+  EXPECT_FALSE(leaves_to_rays({.answered = 0, .undecided = k_fewest_surveyed - 1}, 1.0, 0));
   // Own shading points are judged by themselves.
   EXPECT_FALSE(leaves_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}, 1.0, 0));
   EXPECT_TRUE(leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}));

@@ -83,7 +83,7 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
   EXPECT_GT(stats.rays_crossing, 1000u);
   ASSERT_FALSE(stats.field_uses.empty());
   EXPECT_GT(stats.samples_extrapolated, 0u);
-  EXPECT_EQ(stats.field_uses[0].answered + stats.field_uses[0].queried, stats.samples_spared + stats.rays_crossing);
+  EXPECT_EQ(stats.field_uses[0].answered + stats.field_uses[0].undecided, stats.samples_spared + stats.rays_crossing);
 }
 
 // Where parts of one light are filtered and another light sends rays, both weigh the same in the layer.
@@ -208,13 +208,13 @@ TEST(DirectLight, ProbeRaysAreFewAndGrowWithTheSquareRoot) {
   // The square's edge is somewhere else on these, as a shading point sees them.
   for (const LightKind kind : {LightKind::sphere_inside, LightKind::ellipsoid, LightKind::cylinder, LightKind::mesh})
     EXPECT_EQ(probe_rays(kind, 64, false).columns, 0);
-  // From 15 light samples on (docs/decisions/014-leaves.md).
+  // From 15 light samples on (docs/decisions/014-strata.md).
   EXPECT_EQ(probe_rays(LightKind::sphere, 14, false).count, 0);
   EXPECT_EQ(probe_rays(LightKind::sphere, 15, false).count, 9);
   EXPECT_EQ(probe_rays(LightKind::sphere, 64, false).count, 16);
 }
 
-// Coarse lattices are not believed about wide lights (docs/decisions/014-leaves.md: 4 x 4 points from 27 samples on);
+// Coarse lattices are not believed about wide lights (docs/decisions/014-strata.md: 4 x 4 points from 27 samples on);
 // finer ones are the same for all.
 TEST(DirectLight, WideLightsAreTriedAtMorePointsOrNone) {
   for (int m = 1; m < 5000; ++m) {
