@@ -56,7 +56,7 @@ bool has_trailer(const std::string& path) {
   std::array<char, k_trailer_bytes> found;
   in.seekg(bytes - std::streamoff(k_trailer_bytes));
   in.read(found.data(), found.size());
-  // The hash is not checked: that would take reading all of the file.
+  // The hash is not checked: that would mean reading the whole file.
   const auto expected = make_trailer(uint64_t(bytes) - k_trailer_bytes, {});
   return in && std::equal(expected.begin(), expected.begin() + sizeof k_magic + 8, found.begin());
 }

@@ -76,7 +76,7 @@ Hash128 Hasher::result() const {
   uint64_t k1, k2;
   std::memcpy(&k1, tail.data(), 8);
   std::memcpy(&k2, tail.data() + 8, 8);
-  // A tail of zero bytes scrambles to zero, as the reference's switch does for a missing one.
+  // A zero tail scrambles to zero, as if the reference's switch had skipped it.
   uint64_t h1 = h1_ ^ scramble_first(k1) ^ length_, h2 = h2_ ^ scramble_second(k2) ^ length_;
   h1 += h2;
   h2 += h1;

@@ -1,8 +1,7 @@
-// A 128-bit content hash: MurmurHash3_x64_128 (Appleby 2011), fed piece by piece.
+// A 128-bit content hash: MurmurHash3_x64_128 (Appleby 2011), computed piece by piece.
 //
-// It finds accidents (damage, another mesh), not attacks. Bytes are hashed as they lie in memory, so values of one
-// field file are only compared between machines of the same byte order.
-// Thread-safety: values; one Hasher serves one thread.
+// Detects accidents (damage, another mesh), not attacks. Bytes are hashed as they lie in memory, so hashes are
+// comparable only between machines of the same byte order. Thread-safety: values; one Hasher per thread.
 #pragma once
 
 #include <array>
@@ -24,7 +23,7 @@ bool parse_hash(const std::string& text, Hash128& hash);
 
 class Hasher {
  public:
-  // Appends `bytes` bytes. The pieces may be cut anywhere: only their concatenation counts.
+  // Appends `bytes` bytes. Only the concatenation of all pieces counts, not where they are cut.
   void add(const void* data, size_t bytes);
   // A value without padding, by its bytes.
   template <class T>
