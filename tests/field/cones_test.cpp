@@ -1,4 +1,5 @@
-// Whole lights answered at once: against single exact rays, on every instruction set, and what they may not change.
+// Whole lights answered at once: against single exact rays, on every instruction set, and in cases they must leave
+// open.
 #include <gtest/gtest.h>
 
 #include "core/mesh/mesh_stress.h"
@@ -71,7 +72,7 @@ TEST(Cones, AnswersOnTheObjectAreThoseOfExactRays) {
   EXPECT_LE(double(counts.wrong), 0.002 * double(counts.rays));
 }
 
-// A shell with holes: parallel lines through one in front meet the back, and rays that slant pass both.
+// A shell with holes: parallel lines through a hole in front meet the back, but slanting rays pass both.
 TEST(Cones, LeaveLightLeaksBetweenSurfacesThatHideEachOther) {
   TestRandom random(11);
   Counts counts;
@@ -120,8 +121,8 @@ TEST(Cones, AreNotAskedAtToleranceZero) {
                           [](int32_t flag) { return flag == 0 || flag == k_may_shadow; }));
 }
 
-// A box of half extents h about the origin, over a floor that touches it, and one shading point on the floor, in units
-// of the box's ball. Where the light is cut by the floor the rays are those above it.
+// A box of half extents h about the origin, on a floor, and one shading point on the floor, in units of the box's ball.
+// Where the floor cuts the light, only rays above it count.
 int32_t shadow_on_floor(const Vec3& h, const Vec2& at, const Sphere& light, int& blocked, int& rays) {
   TriangleMesh box = make_cube({});
   const Vec3 size = 0.5f * box.bounds().diagonal(), centre = box.bounds().centre();
@@ -149,8 +150,8 @@ int32_t shadow_on_floor(const Vec3& h, const Vec2& at, const Sphere& light, int&
   return shadow;
 }
 
-// Lights that the shading point's own plane cuts, boxes behind and beside the shading point: nothing wrong may be
-// claimed.
+// Lights that the shading point's tangent plane cuts, boxes behind and beside the shading point: no answer may be
+// wrong.
 TEST(Cones, OfShadingPointsBesideTheObjectClaimNothingWrong) {
   struct Case {
     Vec3 box;
@@ -181,7 +182,7 @@ TEST(Cones, OfShadingPointsBesideTheObjectClaimNothingWrong) {
   }
 }
 
-// An object squeezed along one axis: the light is wider there, seen from its unit ball.
+// An object squeezed along one axis: in its unit space the light is wider there.
 TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
   TestRandom random(11);
   Counts counts;
@@ -195,8 +196,7 @@ TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
   EXPECT_LE(double(counts.wrong), 0.004 * double(counts.rays));
 }
 
-// Lights around the shading point, within the object, or behind it, and objects around both: no crash, and nothing
-// claimed.
+// Lights around the shading point, within the object, or behind it, and objects around both: no crash, and no answer.
 TEST(Cones, LeaveWhatTheyCannotJudge) {
   TestRandom random(9);
   for (int i = 0; i < 300; ++i) {
