@@ -137,7 +137,7 @@ class SliceBaker {
     });
   }
   void store_depth_cell(const Claimed& slice, uint32_t i, const std::vector<DepthCellFit>& cells,
-                       const CellFrame& frame);
+                        const CellFrame& frame);
 
   Field& field_;
   const FieldParameters& parameters_;
@@ -242,7 +242,7 @@ SliceBaker::FittedPlane SliceBaker::fit_plane(const DepthCellFit& cell, int anch
 }
 
 void SliceBaker::store_depth_cell(const Claimed& slice, uint32_t i, const std::vector<DepthCellFit>& cells,
-                                 const CellFrame& frame) {
+                                  const CellFrame& frame) {
   const DepthCellFit& cell = cells[i];
   const uint32_t target = slice.first_cell + i % k_cells;
   const int misses = cell.lines - cell.hits;

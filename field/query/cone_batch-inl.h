@@ -90,7 +90,7 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
       }
       if (task.plane_fit_side > 0 && any(by_plane_fit)) {
         const ConeAnswer<F> on_surface = from_plane_fit<F>(field, task.segment.policy, cone, task.plane_fit_side,
-                                                          by_plane_fit, MissingList<F>{unknowns.slices});
+                                                           by_plane_fit, MissingList<F>{unknowns.slices});
         answer.clear = answer.clear | on_surface.clear;
         answer.blocked = answer.blocked | on_surface.blocked;
         answer.unknown = answer.unknown | on_surface.unknown;

@@ -69,8 +69,7 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
   }
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F thin_ratio =
-      thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
+  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const Mask_t<F> blurred = half_texel > blur * disc.t;
   const Mask_t<F> thin = (thin_ratio > splat<F>(k_most_thin_features)) & (disc.half_width < splat<F>(k_coarse_disc));
   answer.refused = answer.refused | (open & (blurred | thin));

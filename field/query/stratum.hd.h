@@ -192,8 +192,7 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
   const Mask_t<F> layered = some & (apart > most);
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F thin_ratio =
-      thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
+  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const F least = select(thin_ratio > splat<F>(k_most_thin_features), splat<F>(k_coarse_disc), splat<F>(least_disc));
   const Mask_t<F> small = open & (stratum.width * disc.t * scale < least);
   answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered);

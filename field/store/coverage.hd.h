@@ -218,8 +218,7 @@ FT_HD_INLINE F thin_feature_ratio_at(const CoverageView& view, Int_t<F> directio
   const Int_t<F> slot = (direction * tiles + shift_right<5>(y)) * tiles + shift_right<5>(x);
   const Int_t<F> tile = max(gather(view.tile_of, select(wanted, slot, zero)), zero);
   order_loads();
-  const Int_t<F> steps =
-      gather(view.sums, tile * splat_int<F>(k_tile_words) + splat_int<F>(k_tile_thin_features));
+  const Int_t<F> steps = gather(view.sums, tile * splat_int<F>(k_tile_words) + splat_int<F>(k_tile_thin_features));
   return to_float(steps) * splat<F>(1.0f / k_thin_feature_steps);
 }
 

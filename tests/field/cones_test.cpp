@@ -1,5 +1,4 @@
-// Whole lights answered at once: against single exact rays, on every instruction set, and in cases they must leave
-// open.
+// Whole lights answered at once: against single exact rays, on every instruction set, and where answers are hard.
 #include <gtest/gtest.h>
 
 #include "core/mesh/mesh_stress.h"
@@ -196,7 +195,8 @@ TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
   EXPECT_LE(double(counts.wrong), 0.004 * double(counts.rays));
 }
 
-// Lights around the shading point, within the object, or behind it, and objects around both: no crash, and no answer.
+// Lights around the shading point, within the object, or behind it, and objects around both: no crash, and hardly a
+// wrong answer.
 TEST(Cones, LeaveWhatTheyCannotJudge) {
   TestRandom random(9);
   for (int i = 0; i < 300; ++i) {

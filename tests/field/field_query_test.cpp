@@ -161,7 +161,7 @@ TEST_P(FieldSegments, TinyAndHugeSegments) {
     score_points(p, p + d * random.log_uniform(1e-7f, 1e-3f), score);
     const float far = random.log_uniform(1e2f, 1e4f);
     score_points(p - d * far, p + d * far, score);
-    // The segment ends before the ball.
+    // Segments that do not reach the ball.
     EXPECT_EQ(fixture.probe().occluded(query_policy(0.1f), at(d * 3.0f), d, k_infinity, false), FieldVerdict::clear);
     EXPECT_EQ(fixture.probe().occluded(query_policy(0.1f), at(d * 3.0f), -d * fixture.ball().radius, 1.9f, false),
               FieldVerdict::clear);

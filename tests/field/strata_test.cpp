@@ -304,21 +304,21 @@ TEST(Strata, OwnPointsAreSampledAsThoseOfGrids) {
       }
       for (uint32_t light = 0; light < lights.size(); ++light) {
         for (const Isa isa : supported_isas()) {
-          ShadowBatch grid, own;
+          ShadowBatch grid, single;
           sample_light(lights, light, shading_points, {k_side * k_side, 0, k_side * k_side, k_side}, isa, grid);
           for (int k = 0; k < k_side * k_side; ++k) {
             const auto centre = [](int i) { return (float(2 * i) + 1.0f) / float(k_side) - 1.0f; };
             const AlignedVector<float> x(padded(n), centre(k % k_side)), y(padded(n), centre(k / k_side));
-            sample_light(lights, light, shading_points, {1, 0, 1, 0, 1.0f, x.data(), y.data()}, isa, own);
-            ASSERT_EQ(own.rays.size, n);
-            ASSERT_GT(own.active, 0u);
+            sample_light(lights, light, shading_points, {1, 0, 1, 0, 1.0f, x.data(), y.data()}, isa, single);
+            ASSERT_EQ(single.rays.size, n);
+            ASSERT_GT(single.active, 0u);
             for (size_t r = 0; r < n; ++r) {
               const size_t i = r * k_side * k_side + size_t(k);
-              ASSERT_EQ(own.rays.tmax[r], grid.rays.tmax[i]);
-              ASSERT_EQ(own.rays.direction(r), grid.rays.direction(i)) << light << " " << k;
-              ASSERT_EQ(own.rays.origin(r), grid.rays.origin(i));
-              ASSERT_EQ(own.weight[r], grid.weight[i]);
-              ASSERT_EQ(own.pdf[r], grid.pdf[i]);
+              ASSERT_EQ(single.rays.tmax[r], grid.rays.tmax[i]);
+              ASSERT_EQ(single.rays.direction(r), grid.rays.direction(i)) << light << " " << k;
+              ASSERT_EQ(single.rays.origin(r), grid.rays.origin(i));
+              ASSERT_EQ(single.weight[r], grid.weight[i]);
+              ASSERT_EQ(single.pdf[r], grid.pdf[i]);
             }
           }
         }

@@ -98,8 +98,8 @@ TEST_P(StressObjects, PictureAndCertificatesMeetTheAims) {
   EXPECT_GT(s.check_answers, 50000u);  // enough to measure such shares
 }
 
-// An object whose field is nearly always undecided, or hardly ever queried, is left to exact rays; the picture is then
-// exact.
+// An object whose field is nearly always undecided, or would answer hardly any ray, is left to exact rays; the picture
+// is then exact.
 TEST(Stress, ObjectsNotWorthAFieldAreLeftToRays) {
   EXPECT_FALSE(leaves_to_rays({.answered = 200, .undecided = 600}, 1.0, 0));
   EXPECT_TRUE(leaves_to_rays({.answered = 200, .undecided = 601}, 1.0, 0));
