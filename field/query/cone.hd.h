@@ -64,7 +64,7 @@ struct ConeAnswer {
 };
 
 // Surfaces near the ends of a chord lie at the ball's rim and are rare. Widening the disc for the middle part of the
-// chord alone leaves a quarter fewer lights open, and makes fewer than 1 answer in 10,000 wrong
+// chord alone leaves a quarter fewer lights open, and makes fewer than 1 more answer in 10,000 wrong
 // (docs/decisions/009-cones.md).
 constexpr float k_chord_share = 0.5f;
 
@@ -193,7 +193,7 @@ template <class F, class TellMissing>
 FT_HD_INLINE ConeAnswer<F> from_plane_fit(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
                                           int side, Mask_t<F> wanted, const TellMissing& tell_missing) {
   const F one = splat<F>(1.0f);
-  // Two tangents of the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
+  // An orthonormal basis about the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
   const F sign = copysign(one, cone.axis.z);
   const F a = splat<F>(-1.0f) / (sign + cone.axis.z);
   const F b = cone.axis.x * cone.axis.y * a;

@@ -229,7 +229,7 @@ FT_HD_INLINE FoundPlaneFit<F> find_plane_fit(const FieldView& field, const Query
 
 // Position of point p inside the ball relative to the first surface seen from outside along `direction` (which points
 // from outside towards p). front: nothing lies in front of p. behind: something certainly does; with other_in_front,
-// the point `other`, the segment's other end, is in front of that surface, which so lies between the two.
+// the point `other`, the segment's other end, is in front of that surface, which thus lies between the two.
 template <class F>
 struct DepthAnswer {
   Mask_t<F> front, behind, other_in_front, unknown;

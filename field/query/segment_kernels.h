@@ -46,7 +46,7 @@ struct SegmentTask {
   QueryPolicy policy;
   float to_unit[12];             // world -> unit space of the object, 3 x 4, column-major
   float to_unit_stretch = 0.0f;  // bound on the length of to_unit's image of a unit vector
-  uint32_t instance = 0;         // rays whose shading point lies on this instance are self-shadowing
+  uint32_t instance = 0;         // rays from shading points on this instance are self-shadowing
   bool reads_depth = true;       // false: what the visibility cell does not decide stays undecided
 };
 
@@ -161,8 +161,8 @@ struct SegmentKernels {
   // coverage with radiance are read. Returns the number of look-ups.
   uint64_t (*filter_lobes)(const ConeTask&, const LobeBatch&, std::span<const uint32_t> blocks, LobeAnswers&,
                            ConeUnknowns&);
-  // For queries in `blocks`: the object's nearest surface. Blocks added to the unknowns have no answers yet: a lane's
-  // verdict there may be final or unknown_*. Returns the number of look-ups.
+  // For queries in `blocks`: the object's nearest surface. Blocks added to the unknowns have no answers yet: their
+  // lanes' verdicts may also be unknown_*. Returns the number of look-ups.
   uint64_t (*nearest_hits)(const SegmentTask&, const HitQueries&, std::span<const uint32_t> blocks, HitAnswers&,
                            HitUnknowns&);
   // Sets blocked[i] for all rays, and lists the rays that are undecided for some candidate and blocked by none.

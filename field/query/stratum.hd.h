@@ -122,7 +122,7 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   const F first = tube.reach_of(to_float(tube.sum.depths), to_float(tube.sum.count));
   const MapSquare<F> found = square_about(map, stratum.p + stratum.direction * first, disc_at(first));
   const CoverageSum<F> near = sum_coverage<F>(field.coverage, map.direction, found.rect, open, tell_missing);
-  // Sums without a missing tile would misplace the disc, and demand other tiles than complete sums do.
+  // A sum that lacks a tile would misplace the disc, and demand other tiles than the complete sum does.
   const Mask_t<F> hit = and_not(near.unknown, open & (near.count > splat_int<F>(0)));
   StratumDisc<F> disc;
   disc.t = select(hit, tube.reach_of(to_float(near.depths), to_float(near.count)), first);
@@ -181,7 +181,7 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
   answer.lookups = answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) +
                    select(disc.read, splat_int<F>(1), splat_int<F>(0));
   answer.unknown = answer.unknown | disc.unknown;
-  // Float sums: within a few roundings of 0 and 1 the disc counts as empty and full.
+  // Float sums: within a few roundings of 0 or 1 the disc counts as empty or full.
   const F hidden = disc.area.count / (splat<F>(4.0f) * disc.half_width * disc.half_width);
   const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);

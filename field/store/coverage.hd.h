@@ -1,7 +1,7 @@
 // Coverage of a patch of parallel lines: how many of them meet the object, and how deep, by summed-area tables.
 //
 // For each direction cell, the plane through the centre perpendicular to the cell's direction c holds L x L parallel
-// lines along c, one for each texel of [-1, 1]^2: what a light sees that shines along -c. Each line either misses the
+// lines along c, one for each texel of [-1, 1]^2: the view of a light that shines along -c. Each line either misses the
 // object or has the depth of its first hit (depth: coordinate along c). Tiles of 32 x 32 texels are baked on demand. A
 // tile is a summed-area table (Crow, "Summed-Area Tables for Texture Mapping", SIGGRAPH 1984) of 33 x 33 words, row y,
 // column x: the sum over all texels of the tile below and left of corner (x, y), bits 0-10 the count of lines that hit,
@@ -175,7 +175,7 @@ FT_HD_INLINE CoverageArea<F> sum_coverage_area(const CoverageView& view, Int_t<F
 }
 
 // Radiance summed over a rectangle's area, with boundary texels weighted as in CoverageArea. The tiles must be baked,
-// as must those of sum_coverage_area() over the same rectangle.
+// which sum_coverage_area() over the same rectangle has shown.
 template <class F>
 struct RadianceSum {
   F red, green, blue;
