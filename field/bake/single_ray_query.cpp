@@ -12,7 +12,7 @@ using scalar::k_verdict_none;
 using scalar::k_verdict_unknown_depth;
 using scalar::k_verdict_unknown_visibility;
 
-// What must be baked before there is another verdict.
+// The layer whose slice must be baked before the query can be answered; empty: it is answered.
 std::optional<FieldLayer> unknown_layer(int verdict) {
   if (verdict == k_verdict_unknown_visibility) return FieldLayer::visibility;
   if (verdict == k_verdict_unknown_depth) return FieldLayer::depth;

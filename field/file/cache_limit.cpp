@@ -53,14 +53,14 @@ std::vector<CachedFile> cached_files(const std::string& folder) {
   return files;
 }
 
-// False if it is in use, or was used since it was looked at.
+// False if the file is in use, or was used since it was listed.
 bool remove_unused(const CachedFile& file) {
   try {
     const FileLock lock(file.path.string() + ".lock", LockWait::none);
     if (!lock.held()) return false;
     CachedFile now;
     now.path = file.path;
-    if (!look_at(now)) return true;  // gone
+    if (!look_at(now)) return true;  // removed by another process
     std::error_code failed;
     return now.used == file.used && fs::remove(file.path, failed);
   } catch (const Error&) {
@@ -71,12 +71,12 @@ bool remove_unused(const CachedFile& file) {
 }  // namespace
 
 TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep) {
-  // One at a time: two who count the same files would both remove what one of them has to.
+  // One at a time: two processes that count the same files would both remove them, and too many in all.
   std::optional<FileLock> trimming;
   try {
     trimming.emplace((fs::path(folder) / "trim.lock").string());
   } catch (const Error&) {
-    return {};  // a folder that cannot be written to
+    return {};  // the folder cannot be written to
   }
   std::vector<CachedFile> files = cached_files(folder);
   std::sort(files.begin(), files.end(), [](const CachedFile& a, const CachedFile& b) {

@@ -83,11 +83,11 @@ void FieldCache::remember(const Hash128& slices, const FieldIdentity& identity) 
   known_[identity.file_name()] = {slices, size_of_file(path_of(identity))};
 }
 
-// The time of the last use is the file's modification time: times of access are often not kept.
+// The modification time stands for the last use: many file systems do not keep access times.
 void FieldCache::mark_used(const FieldIdentity& identity) {
   const std::lock_guard lock(mutex_);
   used_.insert(identity.file_name());
-  std::error_code ignored;  // there may be no file yet, or one that only others may change
+  std::error_code ignored;  // there is no file yet, or it belongs to another user
   fs::last_write_time(path_of(identity), fs::file_time_type::clock::now(), ignored);
 }
 
@@ -120,7 +120,7 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
   const std::string path = path_of(identity);
   const FileLock lock(path + ".lock");
   remove_abandoned_writes(path);
-  // What others have added since this field was loaded.
+  // The file may hold what other processes added since this field was loaded.
   FieldBudget budget(machine_memory_bytes() / 2);
   Field held(field.ball(), field.parameters(), &budget);
   std::error_code failed;

@@ -55,7 +55,7 @@ struct FieldFileHeader {
 };
 
 // A field file of the orthographic chart in memory, completely checked: the constructor throws FieldFileError for a
-// file that is missing, damaged, cut short, not a field, of another chart or format version, or that holds values that
+// file that is missing, damaged, truncated, not a field, of another chart or format version, or that holds values that
 // no bake writes.
 class FieldFile {
  public:
@@ -66,15 +66,15 @@ class FieldFile {
 
   const FieldFileHeader& header() const { return header_; }
   uint64_t bytes() const { return bytes_; }  // of the file
-  // slices_hash() of a field that holds what the file holds.
+  // slices_hash() of a field with the file's contents.
   const Hash128& slices() const { return slices_; }
 
-  // Adds the file's slices to a field, beside those that it has. False, and `field` unchanged, if its ball or
-  // parameters are not the file's. Stops early when the field's pool is full.
+  // Adds the file's slices to those of a field. False, and `field` unchanged, if its ball or parameters differ from the
+  // file's. Stops early when the field's pool is full.
   bool copy_to(Field& field) const;
 
-  // Shows all that the file holds in fields that hold a piece each: the bricks of one direction brick, or the tiles of
-  // one part of the coverage table. So it takes little memory, however many equal bricks a small file stands for.
+  // Passes the file's contents to `visit` in fields that hold a piece each: the bricks of one direction brick, or the
+  // tiles of one part of the coverage table. Memory stays small, however many equal bricks a small file stands for.
   void visit_pieces(const std::function<void(const Field&)>& visit) const;
 
  private:
@@ -90,11 +90,11 @@ class FieldFile {
 // Hash of which slices of which layer are finished: fields of one identity with equal hashes hold the same cells.
 Hash128 slices_hash(const Field& field);
 
-// Writes the finished slices of `field`, under a temporary name that is then renamed to `path`. Unchecked: `identity`
-// belongs to the field. Throws Error if it cannot be written.
+// Writes the finished slices of `field` under a temporary name that is then renamed to `path`. Unchecked: `identity`
+// belongs to the field. Throws Error if the file cannot be written.
 void save_field(const Field& field, const FieldIdentity& identity, const std::string& path);
 
-// The same for the union of fields of one identity and ball; a slice that several have comes from the first.
+// The same for the union of fields of one identity and ball; a slice that several have is taken from the first.
 void save_fields(std::span<const Field* const> fields, const FieldIdentity& identity, const std::string& path);
 
 // Loads `path` into `field`. Throws FieldFileError, with the field unchanged, for whatever the constructor of FieldFile

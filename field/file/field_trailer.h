@@ -1,4 +1,4 @@
-// The checksum behind a field file: 32 bytes that tell whether everything before them is as it was written.
+// The checksum behind a field file: 32 bytes that detect any change to the bytes before them.
 //
 // Memory layout: 7 bytes "FTFIELD" and one of the format version (1 in all formats up to 7); the number of bytes before
 // the trailer; two words of their hash. Words are little-endian. Thread-safety: pure functions on distinct files.

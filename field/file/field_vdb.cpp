@@ -11,7 +11,7 @@
 namespace fieldtrace {
 namespace {
 
-// The layers of the orthographic chart and their coverage; the chart of the thesis has two.
+// The orthographic chart's cell layers and coverage; the thesis' chart has two.
 constexpr int k_most_grids = 5;
 
 template <class T>

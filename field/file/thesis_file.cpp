@@ -35,13 +35,13 @@ Int32Grid::Ptr make_grid(const char* name, std::vector<int32_t>& values, const T
   return grid;
 }
 
-// The distances of a file's grid; `what` is the file.
+// The distances of a file's grid.
 ThesisField distances_of(const FieldVdb& what, const std::string& path) {
   require_chart(what.header, k_chart_thesis, path);
   const int m = what.header.identity.parameters.directions;
   ThesisField field(what.header.ball, m, ThesisLayers::distance);
   const Int32Grid::Ptr grid = take_grid(what.grids, k_distance_grid, path);
-  if (!grid) return field;  // nothing but misses
+  if (!grid) return field;  // all samples are misses
   const openvdb::CoordBBox active = grid->evalActiveVoxelBoundingBox();
   bool sound = grid->background() == k_thesis_miss && (active.empty() || box_of(0, k_positions, m).isInside(active));
   constexpr int k_at_once = 64;  // positions

@@ -134,8 +134,8 @@ double solid_angle(const DVec3& a, const DVec3& b, const DVec3& c) {
 }
 
 TEST(OrthographicChart, CellsHaveEqualAreas) {
-  // The border of a cell as a polygon of 4 * 16 corners, a fan of triangles from its centre. Chords instead of arcs
-  // cost (1/16)^2 of the border's bulge; corners are rounded to 2^-24.
+  // The border of a cell as a polygon of 4 * 16 corners, in a fan of triangles from the cell's centre. Chords instead
+  // of arcs lose (1/16)^2 of the border's bulge; corners are rounded to 2^-24.
   constexpr int k_steps = 16;
   TestRandom random(3);
   for (const int n : k_directions) {
@@ -149,7 +149,7 @@ TEST(OrthographicChart, CellsHaveEqualAreas) {
       const std::vector<DVec3> border = test::cell_border(i, j, n, k_steps, direction_at);
       double area = 0.0;
       for (size_t s = 1; s < border.size(); ++s) area += solid_angle(centre, border[s - 1], border[s]);
-      // The map keeps one orientation over the whole square.
+      // The map does not flip orientation anywhere on the square.
       ASSERT_NEAR(area / expected, 1.0, 1e-3) << "cell " << i << ", " << j << " of " << n;
       sum += area;
     }
@@ -176,8 +176,8 @@ TEST(OrthographicChart, UniformDirectionsFillCellsEvenly) {
 }
 
 TEST(OrthographicChart, SeamsOfTheSquareMeet) {
-  // The lower hemisphere is folded outwards: border points (x, +-1) and (-x, +-1) are one direction; and nothing jumps
-  // where the square is cut by its axes and by the diamond |u| + |v| = 1 (z = 0).
+  // The lower hemisphere is folded outwards: border points (x, +-1) and (-x, +-1) are one direction, and the map is
+  // continuous across the square's axes and the diamond |u| + |v| = 1 (z = 0).
   TestRandom random(5);
   constexpr float k_step = 0x1p-20f;
   for (int i = 0; i < 20000; ++i) {
@@ -206,7 +206,7 @@ TEST(OrthographicChart, CellCentreIsNearEveryDirectionOfItsCell) {
     };
     for (int i = 0; i < 200000; ++i) check(random.direction());
     for (const Vec3& d : special_directions()) check(d);
-    // Pairs that straddle a seam: both are near their own centres, so the centres are near one another.
+    // Pairs that straddle a seam: each is near its own cell's centre, so the centres are near one another.
     for (int i = 0; i < 20000; ++i) {
       Vec3 d = random.direction();
       const int axis = int(random.index(3));
@@ -254,7 +254,7 @@ TEST(OrthographicChart, FramesAreOrthonormalAndRightHanded) {
       }
     }
   }
-  // The series' 4e-7 in sine and cosine, twice in a squared length, and a few roundings.
+  // The truncation of sine and cosine, 4e-7, twice in a squared length, and a few roundings.
   EXPECT_LT(worst, 2e-6);
 }
 
@@ -350,7 +350,7 @@ TEST(OrthographicChart, CoordinatesOutsideGoToTheNearestCellAndNanToTheFirst) {
   EXPECT_EQ(scalar::cell_of(-3.0f, make_axis(64)), 0);
   EXPECT_EQ(scalar::cell_of(k_infinity, make_axis(64)), 63);
   EXPECT_EQ(scalar::cell_of(-k_infinity, make_axis(64)), 0);
-  // Lanes without a query hold such values; a look-up must stay inside the table all the same.
+  // Inactive lanes hold such values; a look-up must stay inside the table all the same.
   EXPECT_EQ(scalar::cell_of(std::numeric_limits<float>::quiet_NaN(), make_axis(64)), 0);
 }
 
@@ -365,7 +365,7 @@ TEST(OrthographicChart, AddressIsInvariantUnderSliding) {
     const DVec3 through = DVec3(random.in_ball());
     const double distance = double(random.log_uniform(2.0f, 1e6f));
     const Vec3 far(through - unit * distance);
-    // The same line entered near the ball: rounded once, from the far origin that is really meant.
+    // The same line from an origin near the ball, rounded once from the far origin as it really is.
     const Vec3 near(DVec3(far) + unit * (distance - 1.5));
     const auto s1 = scalar::segment_in_unit_space(k_identity, lanes(far), lanes(d), k_infinity);
     const auto s2 = scalar::segment_in_unit_space(k_identity, lanes(near), lanes(d), k_infinity);

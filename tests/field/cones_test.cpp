@@ -1,4 +1,4 @@
-// Whole lights answered at once: against single exact rays, on every instruction set, and what they may not change.
+// Whole lights answered at once: against single exact rays, on every instruction set, and where answers are hard.
 #include <gtest/gtest.h>
 
 #include "core/mesh/mesh_stress.h"
@@ -135,7 +135,7 @@ TEST(Cones, AnswersWithinTheObjectAreWrongJustBelowItsSurfaceAlone) {
   EXPECT_LE(double(deep), k_wrong_share * double(counts.clear + counts.blocked)) << counts.clear;
 }
 
-// A shell with holes: parallel lines through one in front meet the back, and rays that slant pass both.
+// A shell with holes: parallel lines through a hole in front meet the back, but slanting rays pass both.
 TEST(Cones, LeaveLightLeaksBetweenSurfacesThatHideEachOther) {
   TestRandom random(11);
   Counts counts;
@@ -186,8 +186,8 @@ TEST(Cones, AreNotAskedAtToleranceZero) {
                           [](int32_t flag) { return flag == 0 || flag == k_may_shadow; }));
 }
 
-// A box of half extents h about the origin, over a floor that touches it, and one shading point on the floor, in units
-// of the box's ball. Where the light is cut by the floor the rays are those above it.
+// A box of half extents h about the origin, on a floor, and one shading point on the floor, in units of the box's ball.
+// Where the floor cuts the light, only rays above it count.
 int32_t shadow_on_floor(const Vec3& h, const Vec2& at, const Sphere& light, int& blocked, int& rays) {
   TriangleMesh box = make_cube({});
   const Vec3 size = 0.5f * box.bounds().diagonal(), centre = box.bounds().centre();
@@ -255,7 +255,7 @@ TEST(Cones, OfShadingPointsBesideTheObjectClaimNothingWrong) {
   EXPECT_GE(hidden, 1);
 }
 
-// An object squeezed along one axis: the light is wider there, seen from its unit ball.
+// An object squeezed along one axis: in its unit space the light is wider there.
 TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
   TestRandom random(11);
   Counts counts;

@@ -1,4 +1,4 @@
-// Field files: what is written is what is read, whatever happens to the bytes in between.
+// Field files: reading returns what was written, and damaged bytes are refused.
 #include "field/file/field_file.h"
 
 #include <gtest/gtest.h>
@@ -117,7 +117,7 @@ TEST(FieldFile, RoundTripIsExactForEveryParameter) {
     const FieldIdentity identity = test::test_identity(parameters);
     Field field(test::test_ball(), parameters);
     test::fill_random_slices(field, 1, 400);
-    // The chart's corners.
+    // Slices in the chart's corners.
     for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth, FieldLayer::primitive}) {
       test::fill_slice(field, layer, 0);
       test::fill_slice(field, layer, field.slice_count() - 1);
@@ -174,7 +174,7 @@ TEST(FieldFile, ConstantBricksTakeNoSpace) {
     EXPECT_EQ(differing_slices(field, loaded), 0u);
     return read_bytes(folder / "miss.vdb").size();
   };
-  // A leaf costs its mask of 64 bytes at least.
+  // A leaf takes its mask of 64 bytes at least.
   EXPECT_LT(bytes_with(128), bytes_with(1) + 127 * 16);
 }
 
@@ -293,7 +293,7 @@ TEST(FieldFile, DamageIsFoundAndLeavesTheFieldAsItWas) {
   std::mt19937 random(11);
   for (int i = 0; i < 200; ++i) {
     std::string bytes = whole;
-    // The ends, where header and trailer lie, as often as the middle.
+    // The ends, which hold header and trailer, as often as the middle.
     const size_t span = i % 2 == 0 ? bytes.size() : 64;
     size_t at = random() % span;
     if (i % 4 == 1) at = bytes.size() - 1 - at;
