@@ -36,8 +36,7 @@ struct FieldPlan {
   // costly at all: hybrid/fields/bake_estimate.h) is left to exact rays, because its field cannot pay for itself.
   // Infinite: no shape is.
   double light_samples = std::numeric_limits<double>::infinity();
-  double occlusion_rays =
-      std::numeric_limits<double>::infinity();  // the same for the layer `ao`, judged separately
+  double occlusion_rays = std::numeric_limits<double>::infinity();  // the same for the layer `ao`, judged separately
   std::vector<uint32_t> hit_instances;  // their shapes get fields for glossy rays even where shadow rays gain nothing
 };
 

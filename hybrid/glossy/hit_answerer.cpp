@@ -255,9 +255,9 @@ void HitAnswerer::find_triangle(const HitWorkspace& work, size_t j, Nearest& nea
                                   DVec3(transform_point(instance.to_object, rays.origin(j))),
                                   DVec3(transform_vector(instance.to_object, rays.direction(j))));
   // Near a silhouette a ray could meet the triangle from behind.
-  const Vec3 plane_fit(a.nx[j], a.ny[j], a.nz[j]);
+  const Vec3 fit_normal(a.nx[j], a.ny[j], a.nz[j]);
   const Vec3 normal = triangle_normal(scene_, object.task.instance, uint32_t(a.primitive[j]));
-  const bool faces = (glm::dot(normal, plane_fit) > 0.0f) == (glm::dot(normal, rays.direction(j)) < 0.0f);
+  const bool faces = (glm::dot(normal, fit_normal) > 0.0f) == (glm::dot(normal, rays.direction(j)) < 0.0f);
   nearest.on_triangle = hit.inside && faces && hit.t > 0.0 && std::abs(hit.t - double(a.t[j])) <= double(a.error[j]);
   nearest.t = float(hit.t), nearest.u = float(hit.u), nearest.v = float(hit.v);
   nearest.verdict = nearest.on_triangle || hit.altitude <= object.half_cell ? Verdict::hit : Verdict::undecided;

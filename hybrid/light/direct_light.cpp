@@ -105,7 +105,7 @@ bool DirectLight::split(const Job& job, const Part& part) {
   if (job.light_samples < k_fewest_splitting_samples || part.end - part.begin <= smallest) return false;
   if (!context_.answerer.gains_by_splitting(candidates_)) return false;
   if (!in_split_order_) {
-    // This is the first split, and the part the whole batch.
+    // The batch's first split: the part is the whole batch.
     placed_.clear();
     for (size_t i = part.begin; i < part.end; ++i) {
       placed_.push_back({job.vertices[lit_[i]].surface->position, lit_[i]});
@@ -165,8 +165,7 @@ void DirectLight::filter_strata(const Job& job, const LightSampleRange& strata, 
     } else {
       add_shading_point(job, light, r, strata.count);
     }
-    if (clear != active)
-      job.stats.rays_shadow += uint64_t(active);  // add_group() counts those of free_
+    if (clear != active) job.stats.rays_shadow += uint64_t(active);  // gather_free() counts those of free_
   }
 }
 

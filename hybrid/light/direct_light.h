@@ -25,7 +25,7 @@ inline constexpr int k_shadow_batch = 8192;
 inline constexpr int k_fewest_splitting_samples = 16;
 inline constexpr int k_smallest_part_rays = 512;
 
-// Probe rays to a light, traced before its samples where fields may answer whole lights: a shading point that sees all
+// Probe rays to a light, tried before its samples where fields may answer whole lights: a shading point that sees all
 // of them, or none, is taken to see all of the light, or none. About 2 sqrt(light_samples), on a lattice that spans the
 // light from rim to rim: an edge across the light hides or shows some of its rim, where the outer points lie
 // (docs/decisions/019-penumbrae.md). Lights without a rim in their sample square are probed at their first samples.
@@ -52,7 +52,7 @@ inline constexpr int k_samples_per_stratum = 3;
 inline constexpr int k_first_strata = 16;
 
 // An edge is followed only where the two means of the light's weight differ by no more than this, relative to the
-// finer.
+// midpoint rule's.
 inline constexpr float k_most_uneven = 0.15f;
 
 class DirectLight {
@@ -101,7 +101,7 @@ class DirectLight {
   // followed, or they move to penumbrae_. Points that agree but have too little of the light above the horizon stay.
   enum class Probed { all, narrow, wide };
   void query_probe_rays(const Job& job, const LightSampleRange& points, Probed tried);
-  // Counts the light samples that the probe rays stand for: `queried` of these, `exact` of them traced.
+  // Counts the light samples that `queried` probe rays, `exact` of them traced, stand for.
   void count_extrapolated(const Job& job, uint32_t shading_point, uint32_t fields, size_t queried, size_t exact);
   // Lights those of edged_ whose light is cut by one edge and most of whose probe rays were traced, from where the edge
   // crosses the lattice's lines; the others move to penumbrae_ (docs/decisions/020-edges.md).
@@ -189,9 +189,9 @@ class DirectLight {
   std::vector<EdgeCrossing> crossings_;
   std::vector<float> places_on_;  // per crossing: the place on its line to be probed
   std::vector<CellSeen> cells_seen_;
-  std::vector<uint32_t> owners_, queried_of_;  // of each point: index into edged_, and into places_
+  std::vector<uint32_t> owners_, point_places_;  // of each point: index into edged_, and into places_
   AlignedVector<float> point_x_, point_y_;
-  std::vector<size_t> found_;  // of each point: the entry of lattices_ that its answer is compared with or stored in
+  std::vector<size_t> found_;  // of each point: its entry in lattices_, or the expected answer
   ShadowGroup candidates_;
   std::vector<Part> parts_;      // of the batch, not yet lit by the current light
   bool in_split_order_ = false;  // the batch's range of lit_ is in the order of order_by_median_splits()

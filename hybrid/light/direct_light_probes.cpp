@@ -17,7 +17,7 @@ bool has_rim(LightKind kind) {
 
 // A number in [1/4, 3/4) for each shading point: where a line or a cell is probed, so that what a lattice cannot
 // resolve varies from pixel to pixel and shows as faint noise, not as steps.
-float drawn(const ShadingPointBatch& shading_points, uint32_t shading_point, int number) {
+float jitter(const ShadingPointBatch& shading_points, uint32_t shading_point, int number) {
   using scalar::hash_uint;
   const uint32_t hash = hash_uint(hash_uint(shading_points.seed[shading_point] + uint32_t(number)) +
                                   shading_points.sample[shading_point]);
@@ -67,7 +67,7 @@ void DirectLight::query_probe_rays(const Job& job, const LightSampleRange& point
     const bool agrees = blocked == 0 || blocked == active;
     // Where the light sinks below the horizon, too few points of it are probed.
     const bool is_settled = agrees && 2 * active >= count;
-    // add_group() counts the samples of free_.
+    // gather_free() counts the samples of free_.
     if (!is_settled || blocked != 0) job.stats.rays_shadow += active;
     if (is_settled) {
       (blocked == 0 ? free_ : dark_).push_back(group_[r]);
@@ -80,8 +80,8 @@ void DirectLight::query_probe_rays(const Job& job, const LightSampleRange& point
       edged_.push_back({group_[r], fields_before_[r], uint32_t(active), uint32_t(count), uint32_t(exact),
                         mean_by_corners(begin, points.columns), LightMean()});
       for (size_t i = begin; i < begin + count; ++i) {
-        const bool is_told = !doubts_fields || shadows_.rays.tmax[i] < 0.0f || shadows_.exact[i];
-        lattices_.push_back(uint8_t(is_hidden(i) ? 1 : 0) | (is_told ? uint8_t(0) : k_untraced));
+        const bool is_certain = !doubts_fields || shadows_.rays.tmax[i] < 0.0f || shadows_.exact[i];
+        lattices_.push_back(uint8_t(is_hidden(i) ? 1 : 0) | (is_certain ? uint8_t(0) : k_untraced));
       }
     }
   }
@@ -109,14 +109,14 @@ void DirectLight::count_extrapolated(const Job& job, uint32_t shading_point, uin
 
 void DirectLight::clear_points() {
   owners_.clear();
-  queried_of_.clear();
+  point_places_.clear();
   point_x_.clear();
   point_y_.clear();
 }
 
 void DirectLight::place_point(uint32_t owner, const SquarePoint& at) {
   owners_.push_back(owner);
-  queried_of_.push_back(edged_[owner].shading_point);
+  point_places_.push_back(edged_[owner].shading_point);
   point_x_.push_back(at.x * k_lattice_extent);
   point_y_.push_back(at.y * k_lattice_extent);
 }
@@ -124,7 +124,7 @@ void DirectLight::place_point(uint32_t owner, const SquarePoint& at) {
 void DirectLight::sample_points(const Job& job) {
   point_x_.resize(padded(owners_.size()));
   point_y_.resize(padded(owners_.size()));
-  select_shading_points(places_, queried_of_, shading_points_);
+  select_shading_points(places_, point_places_, shading_points_);
   sample_light(context_.lights, job.light, shading_points_, {1, 0, 1, 0, 1.0f, point_x_.data(), point_y_.data()},
                context_.settings.isa, shadows_);
 }
@@ -187,8 +187,8 @@ void DirectLight::query_witnesses(const Job& job, int side) {
     if (!edged_[e].is_followed) continue;
     const uint32_t shading_point = edged_[e].shading_point;
     for (const int corner : even_cells(lattice(e, count), side)) {
-      place_point(e, point_in(corner, side, drawn(places_, shading_point, 2 * corner),
-                              drawn(places_, shading_point, 2 * corner + 1)));
+      place_point(e, point_in(corner, side, jitter(places_, shading_point, 2 * corner),
+                              jitter(places_, shading_point, 2 * corner + 1)));
       corners.push_back(e * count + size_t(corner));
     }
   }
@@ -206,8 +206,8 @@ void DirectLight::follow_edges(const Job& job, int side) {
   crossings_.clear();
   for (uint32_t e = 0; e < edged_.size(); ++e) {
     const size_t begin = crossings_.size();
-    const bool is_left_to_rays = 2 * edged_[e].exact >= edged_[e].active;
-    if (!is_left_to_rays || !find_crossings(lattice(e, count), side, e, crossings_)) continue;
+    const bool mostly_traced = 2 * edged_[e].exact >= edged_[e].active;
+    if (!mostly_traced || !find_crossings(lattice(e, count), side, e, crossings_)) continue;
     // Not where taking all samples costs no more. One more line is crossed than cells; crossed cells take two
     // witnesses, the others one.
     const size_t lines = crossings_.size() - begin, cells = size_t(side - 1) * size_t(side - 1);
@@ -234,7 +234,7 @@ void DirectLight::narrow_crossings(const Job& job, int side, int bisection_steps
     for (size_t k = 0; k < crossings_.size(); ++k) {
       const EdgeCrossing& c = crossings_[k];
       const int line = 2 * c.point + (c.down ? 1 : 0);
-      places[k] = i == 0 ? drawn(places_, edged_[c.owner].shading_point, line) : c.middle();
+      places[k] = i == 0 ? jitter(places_, edged_[c.owner].shading_point, line) : c.middle();
       place_point(c.owner, point_on(c, side, places[k]));
     }
     query_points(job);

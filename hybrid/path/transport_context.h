@@ -67,8 +67,8 @@ struct TransportContext {
   const ShadowAnswerer& answerer;
   MaterialTable materials;
   const ShadowAnswerer* occlusion_answerer = &answerer;  // answers the rays of the layer `ao`
-  const LobeAnswerer* lobes = nullptr;                   // answers glossy rays by prefiltered radiance maps; null: none does
-  const HitAnswerer* hits = nullptr;                     // answers glossy rays by certified hits; null: all are traced
+  const LobeAnswerer* lobes = nullptr;  // answers glossy rays by prefiltered radiance maps; null: none does
+  const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: all are traced
   TransportSettings settings;
   // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.
   std::function<std::unique_ptr<PathFollower>(const TransportContext&)> make_follower;

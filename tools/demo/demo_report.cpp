@@ -1,7 +1,7 @@
 // The demo: one scene by both methods, their pictures and one table. Run by tools/demo.sh.
 //
 // usage: fieldtrace_demo SCENE.xml -o DIR [-D name=value] [--reference-spp N]
-// DIR receives the reference (rendered once for a scene and kept), the pictures and demo.csv.
+// DIR receives the reference (rendered once for each scene, and kept), the pictures and demo.csv.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -30,8 +30,8 @@ struct DemoArguments {
   int reference_spp = 4096;
 };
 
-// Tells whether a kept reference belongs to this scene: FNV-1a (Fowler, Noll, Vo) over the scene file, what was loaded
-// and how it is rendered.
+// Identifies the scene of a kept reference: FNV-1a (Fowler, Noll, Vo) over the scene file, what was loaded and how it
+// is rendered.
 std::string fingerprint(const DemoArguments& arguments, const Scene& scene) {
   std::ostringstream text;
   text << std::ifstream(arguments.scene.path, std::ios::binary).rdbuf();
@@ -116,7 +116,7 @@ int run_demo(const DemoArguments& arguments) {
   callbacks.render.warning = print_warnings(progress);
   callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
 
-  // Rendered first and kept at once, so that an interrupted demo does not lose its longest part.
+  // Rendered first and kept at once, so that an interrupted demo does not lose its most expensive part.
   const std::string reference_path = (folder / fmt::format("reference-{}.exr", fingerprint(arguments, scene))).string();
   Image reference;
   if (fs::exists(reference_path)) {
