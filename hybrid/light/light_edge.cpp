@@ -117,7 +117,7 @@ void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const Ed
   std::vector<int> on_line(2 * hidden.size(), -1);
   for (size_t i = 0; i < crossings.size(); ++i) on_line[2u * crossings[i].point + crossings[i].down] = int(i);
   std::vector<Piece> pieces;
-  std::vector<int> begins(crossings.size(), -1), ends(crossings.size(), -1);  // by crossing: the piece that does so
+  std::vector<int> begins(crossings.size(), -1), ends(crossings.size(), -1);  // pieces by crossing
   for (int row = 0; row < columns; ++row) {
     for (int column = 0; column < columns; ++column) {
       const int first = row * side + column;
