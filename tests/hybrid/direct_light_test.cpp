@@ -1,4 +1,4 @@
-// What direct light counts while it asks fields for whole lights, parts of lights and single rays.
+// Direct light: what is counted while fields answer whole lights, strata and single rays, and the errors that they add.
 #include "hybrid/light/direct_light.h"
 
 #include <gtest/gtest.h>
@@ -20,9 +20,9 @@ namespace {
 struct Light {
   Vec3 at;
   float radius;
-  ShapeKind shape = ShapeKind::sphere;  // others face the knot
+  ShapeKind shape = ShapeKind::sphere;  // other shapes face the knot
 };
-// A knot over a floor, or through it, under lights.
+// A knot over a floor, or standing through it, under lights.
 Scene lit_knot(float height, const std::vector<Light>& lights, bool upright = false) {
   test::SceneMaker s;
   s.film(64, 64);
@@ -47,7 +47,7 @@ Scene lit_knot(float height, const std::vector<Light>& lights, bool upright = fa
   return s.scene;
 }
 
-// 64 light samples, and the coarsest field.
+// 64 light samples, and fields of the lowest resolution.
 RenderOptions coarse_fields() {
   RenderOptions o;
   o.light_samples = 64;
@@ -58,8 +58,8 @@ RenderOptions coarse_fields() {
   return o;
 }
 
-// Grids of 64 strata are tried in 16 first. Each light sample near the only object is spared by an answer of its field
-// or because others agree, or is a ray that the field answers or that asks.
+// Grids of 64 strata are preceded by 16 strata. Each light sample near the only object is spared, by an answer of its
+// field or because probe rays agree, or is a ray that the field answers or leaves undecided.
 TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
   constexpr int k_samples = 256;
   ASSERT_LE(3 * k_first_strata, 2 * stratum_grid(k_samples).total);
@@ -86,7 +86,7 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
   EXPECT_EQ(stats.field_uses[0].answered + stats.field_uses[0].undecided, stats.samples_spared + stats.rays_crossing);
 }
 
-// Where parts of one light are filtered and another light sends rays, both weigh the same in the layer.
+// Where one light is answered by strata and another by rays, both weigh the same in the layer.
 TEST(DirectLight, LightsWeighTheSameInVisibility) {
   const Scene scene = lit_knot(1.0f, {{{2, -2, 4}, 0.9f}, {{-2, -3, 5}, 0.05f}});
   RenderOptions o = coarse_fields();
@@ -102,7 +102,7 @@ TEST(DirectLight, LightsWeighTheSameInVisibility) {
     for (int x = 0; x < exact.width; ++x) {
       const float visible = exact.pixel(x, y)[3];
       const double error = double(fields.image.pixel(x, y)[3]) - double(visible);
-      // The first light partly hidden, the other one seen.
+      // The first light is partly hidden, the other one seen.
       if (visible <= 0.55f || visible >= 0.95f) continue;
       squares += error * error;
       ++partial;
@@ -115,9 +115,9 @@ TEST(DirectLight, LightsWeighTheSameInVisibility) {
   EXPECT_LE(std::sqrt(squares / partial), noise * (1.0 + 3.0 / std::sqrt(2.0 * partial)));
 }
 
-// Of a light that the floor cuts in halves, and that is too narrow to be told apart from a point: half of the strata
-// lie below the horizon of the floor's shading points, and nearly all others are refused.
-TEST(DirectLight, LeavesBelowTheHorizonAreNotRefused) {
+// The floor halves a light too narrow to be told apart from a point: half of the strata lie below the horizon of the
+// floor's shading points, and nearly all others are refused.
+TEST(DirectLight, StrataBelowTheHorizonAreNotRefused) {
   const Scene scene = lit_knot(0.0f, {{{-5, 0, 0}, 0.02f}});
   const Stats stats = render(scene, coarse_fields()).stats;
   EXPECT_GT(stats.strata_refused, 500u);
@@ -205,7 +205,7 @@ TEST(DirectLight, ProbeRaysAreFewAndGrowWithTheSquareRoot) {
   }
   for (const LightKind kind : {LightKind::sphere, LightKind::disk, LightKind::rectangle, LightKind::parallelogram})
     EXPECT_EQ(probe_rays(kind, 64, false).columns, 4);
-  // The square's edge is somewhere else on these, as a shading point sees them.
+  // On these lights the border of the sample square is not the rim that a shading point sees.
   for (const LightKind kind : {LightKind::sphere_inside, LightKind::ellipsoid, LightKind::cylinder, LightKind::mesh})
     EXPECT_EQ(probe_rays(kind, 64, false).columns, 0);
   // From 15 light samples on (docs/decisions/014-strata.md).
@@ -225,8 +225,8 @@ TEST(DirectLight, WideLightsAreTriedAtMorePointsOrNone) {
   }
 }
 
-// A light that is wide to some shading points and not to others, with two lattices: whatever they are grouped with, on
-// whatever threads.
+// A light that is wide to some shading points and not to others takes two lattices. A shading point's answer must not
+// depend on its group or on threads.
 TEST(DirectLight, ShadingPointsOfTwoLatticesAreLitAlone) {
   Scene scene = lit_knot(1.0f, {{{1, -1, 4}, 0.7f}});
   RenderOptions o = coarse_fields();
@@ -265,8 +265,8 @@ double error_on(uint32_t instance, const Image& image, const Image& truth) {
   return std::sqrt(squares / std::max(count, 1));
 }
 
-// Where two parts of an object hide a light together, one behind the other, the lines of a picture may pass between
-// them and the rays not.
+// Where two parts of an object, one behind the other, hide a light together, the parallel lines of a coverage map may
+// pass between them although the light's rays do not.
 TEST(DirectLight, UmbraeOfSeveralLayersStayDark) {
   for (const Light& light : {Light{{0.5f, 0.5f, 5}, 0.9f}, Light{{0.1f, 0.1f, 6}, 0.8f}, Light{{1, 0, 7}, 1.3f}}) {
     Scene scene = lit_knot(1.0f, {light}, true);
@@ -298,11 +298,11 @@ TEST(DirectLight, UmbraeOfSeveralLayersStayDark) {
 }
 
 struct CloseUp {
-  double noise = 0.0, error = 0.0;  // of Monte Carlo, of fields, with as many samples
-  double bias = 0.0;                // mean error of fields over the mean, where the light is partly hidden
-  Stats stats;                      // of fields
+  double noise = 0.0, error = 0.0;  // RMSE of Monte Carlo, and of fields with as many samples
+  double bias = 0.0;                // mean relative error of fields where the light is partly hidden
+  Stats stats;                      // of the render with fields
 };
-// On a knot that shadows itself, under one light.
+// A close-up of a knot that shadows itself, under one light.
 CloseUp close_up_of_knot(const Light& light, int directions = 64) {
   Scene scene = lit_knot(1.0f, {light});
   scene.film.width = scene.film.height = 160;
@@ -338,8 +338,8 @@ CloseUp close_up_of_knot(const Light& light, int directions = 64) {
   return result;
 }
 
-// What fields take for all or none of a light, or answer in a penumbra, adds no error that shows beside the noise of as
-// many samples; and where one edge cuts the light, it is followed by fewer rays.
+// Where fields settle a whole light or answer in a penumbra, the error they add does not show beside the noise of as
+// many samples; and where one edge cuts the light, following it takes fewer rays.
 TEST(DirectLight, PenumbraeOnAnObjectErrAsMonteCarloDoes) {
   for (const float radius : {0.2f, 0.8f}) {
     const CloseUp knot = close_up_of_knot({{3, -2, 4}, radius});
@@ -348,7 +348,7 @@ TEST(DirectLight, PenumbraeOnAnObjectErrAsMonteCarloDoes) {
   }
 }
 
-// Much of a large light stands below the horizon of most surfaces that see it.
+// Much of a large light is below the horizon of most surfaces that see it.
 TEST(DirectLight, LightsCutByTheHorizonErrAsMonteCarloDoes) {
   const CloseUp knot = close_up_of_knot({{3.5f, -2, 1}, 1.5f});
   EXPECT_GT(knot.stats.samples_spared, 2 * knot.stats.rays_exact);
@@ -361,7 +361,7 @@ TEST(DirectLight, NearLightsKeepTheirMean) {
   for (const Light& light :
        {Light{{2, -3.2f, 2.5f}, 0.9f, ShapeKind::disk}, Light{{-1.8f, -1.6f, 2.4f}, 1.8f, ShapeKind::disk},
         Light{{-1.8f, -1.6f, 2.4f}, 1.5f, ShapeKind::rectangle}, Light{{-1.6f, -2, 2.6f}, 1.0f}}) {
-    const CloseUp knot = close_up_of_knot(light, 32);  // which asks much
+    const CloseUp knot = close_up_of_knot(light, 32);  // coarse: many rays are undecided
     EXPECT_LE(std::abs(knot.bias), 0.005) << light.at.x << " " << int(light.shape);
     EXPECT_LE(knot.error, 1.025 * knot.noise) << light.at.x << " " << int(light.shape);
   }

@@ -1,5 +1,5 @@
-// What fields cost in accuracy: hybrid pictures against Monte Carlo pictures of the same samples, checked answers, and
-// the counters of a render.
+// The error that fields add: hybrid pictures against Monte Carlo pictures of the same samples, checked answers, and the
+// counters of a render.
 
 #include <gtest/gtest.h>
 
@@ -32,14 +32,13 @@ RenderOptions options_for(Method method, int light_samples) {
   return o;
 }
 
-// The coarsest charts, which bake fastest and err most.
+// The coarsest resolution, which bakes fastest and errs most.
 void use_small_fields(RenderOptions& o) {
   o.directions = 32;
   o.plane = 64;
 }
 
-// Crowds, skies and lights near by: so small a picture does not pay for their fields, which are to be tested all the
-// same.
+// Crowds, skies and nearby lights: fields would not pay for so small a picture, but are to be tested all the same.
 bool is_costly(const HybridScene& s) {
   return s.name == "crowd" || s.name == "lights_within" || s.name.starts_with("environment");
 }
@@ -105,7 +104,7 @@ TEST_P(HybridErrorTest, ConvergedPicturesAreNearMonteCarlo) {
   o.leave_to_rays = !is_costly(s);
   const Image expected = render(s.scene, o).image;
   const double level = mean(expected);
-  const test::TemporaryFolder folder;  // the second picture need not bake again
+  const test::TemporaryFolder folder;  // so that the second render need not bake again
   o.field_cache = folder.path();
   o.method = Method::hybrid;
   const RenderResult usual = render(s.scene, o);
@@ -165,7 +164,7 @@ TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
   EXPECT_LE(double(wrong), k_wrong_share * double(answers));
 }
 
-// With the default chart, from both kinds of shading points and for both verdicts.
+// With the default resolution: both kinds of shading points and both verdicts.
 TEST(HybridError, FewCheckedAnswersAreWrong) {
   RenderOptions o = options_for(Method::hybrid, 32);
   o.check = true;
@@ -184,8 +183,8 @@ TEST(HybridError, FewCheckedAnswersAreWrong) {
   EXPECT_EQ(wrong, s.check_wrong);
 }
 
-// A ball in the shadow of another: where it faces the light nothing of its own hides it, so that no right answer of its
-// own field says "blocked", however many of the other's do.
+// A ball in the shadow of another. Where it faces the light it does not shadow itself, so no right answer of its own
+// field is "blocked", however many answers of the other ball's field are.
 TEST(HybridError, SelfShadowingAnswersAreThoseOfTheRaysOwnObject) {
   test::SceneMaker maker;
   maker.film(48, 48);
@@ -204,14 +203,14 @@ TEST(HybridError, SelfShadowingAnswersAreThoseOfTheRaysOwnObject) {
   o.check = true;
   o.leave_to_rays = false;
   const Stats s = render(maker.scene, o).stats;
-  EXPECT_GT(s.cones_blocked, 10u);  // whole lights, which the other ball hides
+  EXPECT_GT(s.cones_blocked, 10u);  // whole lights hidden by the other ball
   const auto& blocked = s.check_by[int(CheckedVerdict::blocked)];
   EXPECT_GT(blocked[0].answers, 500u);
   EXPECT_EQ(blocked[1].answers, blocked[1].wrong);
   EXPECT_GT(s.check_by[int(CheckedVerdict::clear)][1].answers, 500u);
 }
 
-// Checking counts; it does not change what is counted about or seen in the picture.
+// Checking only counts: it changes neither the other counters nor the picture.
 TEST(HybridError, CheckingChangesNothing) {
   const Scene scene = hybrid_scene("object_over_floor", 32).scene;
   RenderOptions o = options_for(Method::hybrid, 8);
@@ -222,7 +221,7 @@ TEST(HybridError, CheckingChangesNothing) {
   EXPECT_EQ(plain.image.data, checked.image.data);
   EXPECT_EQ(plain.stats.rays_exact, checked.stats.rays_exact);
   EXPECT_EQ(plain.stats.check_answers, 0u);
-  // One object: every ray that crosses its ball is answered by its field or traced.
+  // One object: every ray that crosses its ball is either answered by its field or traced.
   o.whole_lights = false;
   checked = render(scene, o);
   EXPECT_EQ(checked.stats.check_answers + checked.stats.rays_exact, checked.stats.rays_crossing);
@@ -231,7 +230,7 @@ TEST(HybridError, CheckingChangesNothing) {
 TEST(HybridStats, CountersAgree) {
   for (const HybridScene& s : hybrid_scenes(24)) {
     SCOPED_TRACE(s.name);
-    // With few samples all groups of the crowd have too many candidates to ask fields.
+    // With few samples all groups of the crowd have candidate overflow.
     RenderOptions o = options_for(Method::monte_carlo, s.name == "crowd" ? 64 : 16);
     use_small_fields(o);
     o.leave_to_rays = !is_costly(s);
@@ -253,7 +252,7 @@ TEST(HybridStats, CountersAgree) {
       EXPECT_EQ(hybrid.rays_crossing, mc.rays_crossing);
       EXPECT_EQ(hybrid.sphere_crossings, mc.sphere_crossings);
     } else {
-      // Halved groups find rays that cross nothing where Monte Carlo counts all.
+      // Split groups find rays that cross nothing where Monte Carlo counts all rays.
       EXPECT_EQ(s.name, "crowd");
       EXPECT_LE(hybrid.rays_crossing, mc.rays_crossing);
       EXPECT_LT(hybrid.rays_candidate_overflow, mc.rays_candidate_overflow);
@@ -281,7 +280,7 @@ TEST(HybridStats, CountersAgree) {
   }
 }
 
-// More tolerance, fewer exact rays.
+// More tolerance means fewer exact rays.
 TEST(HybridStats, ToleranceSavesExactRays) {
   const Scene scene = hybrid_scene("object_over_floor", 32).scene;
   RenderOptions o = options_for(Method::hybrid, 16);

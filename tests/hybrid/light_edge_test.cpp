@@ -1,4 +1,4 @@
-// Edges followed across a light, where the part that they hide is known.
+// Following edges across a light, against edges whose hidden part is known.
 #include "hybrid/light/light_edge.h"
 
 #include <gtest/gtest.h>
@@ -43,7 +43,7 @@ Followed follow(const Hides& hides, int side, int bisection_steps) {
     const SquarePoint& middle = cells[i].middle;
     EXPECT_GE(share, 0.0f);
     EXPECT_LE(share, 1.0f);
-    // Within the cell.
+    // The centroid lies within its cell.
     EXPECT_LE(std::abs(middle.x + 1.0f - width * (float(i % size_t(side - 1)) + 0.5f)), 0.5001f * width);
     EXPECT_LE(std::abs(middle.y + 1.0f - width * (float(i / size_t(side - 1)) + 0.5f)), 0.5001f * width);
     result.seen += share / double(cells.size());
@@ -56,7 +56,7 @@ Followed follow(const Hides& hides, int side, int bisection_steps) {
   return result;
 }
 
-// The same by 400 x 400 points.
+// The same, measured with 400 x 400 points.
 Followed measure(const Hides& hides) {
   constexpr int k_points = 400;
   Followed result;
@@ -74,7 +74,7 @@ Followed measure(const Hides& hides) {
   return result;
 }
 
-// Any straight edge that some lattice point tells of is found, and hides what it hides.
+// Any straight edge that separates some lattice points is found, and its hidden area is right.
 TEST(LightEdge, StraightEdgesAreMeasured) {
   std::mt19937 random(5);
   std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), offset(-1.2f, 1.2f);
@@ -102,7 +102,7 @@ TEST(LightEdge, StraightEdgesAreMeasured) {
   EXPECT_GT(found, 200);
 }
 
-// Places beside a straight edge lie on its sides, so far off it.
+// Places beside a straight edge lie on the right side, at the right distance.
 TEST(LightEdge, PlacesBesideAnEdgeLieOnItsSides) {
   std::mt19937 random(9);
   std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), offset(-0.9f, 0.9f), distance(0.01f, 0.4f);
@@ -144,7 +144,7 @@ TEST(LightEdge, BisectionKeepsNoiseBelowThatOfSamples) {
   }
 }
 
-// Discs that cover a part of the square from one of its sides: pieces that are straight would err by h^2 / (12 r).
+// Discs that cover the square from one side: straight pieces would err by h^2 / (12 r).
 TEST(LightEdge, CurvedEdgesAreMeasured) {
   std::mt19937 random(8);
   std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), depth(0.6f, 1.4f);
@@ -170,7 +170,7 @@ TEST(LightEdge, CurvedEdgesAreMeasured) {
   }
 }
 
-// What is no single edge is left alone: it could be anything.
+// Patterns that one edge does not explain are left alone.
 TEST(LightEdge, OnlyOneEdgeIsFollowed) {
   struct Pattern {
     const char* points;

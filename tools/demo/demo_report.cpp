@@ -1,7 +1,7 @@
 // The demo: one scene by both methods, their pictures and one table. Run by tools/demo.sh.
 //
 // usage: fieldtrace_demo SCENE.xml -o DIR [-D name=value] [--reference-spp N]
-// DIR receives the reference (rendered once for a scene and kept), the pictures and demo.csv.
+// DIR receives the reference (rendered once for each scene, and kept), the pictures and demo.csv.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -118,7 +118,7 @@ int run_demo(const DemoArguments& arguments) {
   callbacks.render.warning = print_warnings(progress);
   callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
 
-  // Rendered first and kept at once, so that an interrupted demo does not lose its longest part.
+  // Rendered first and kept at once, so that an interrupted demo does not lose its most expensive part.
   const std::string reference_path = (folder / fmt::format("reference-{}.exr", fingerprint(arguments, scene))).string();
   Image reference;
   if (fs::exists(reference_path)) {
