@@ -30,8 +30,8 @@ using Rgb = glm::vec3;
 inline constexpr float k_infinity = std::numeric_limits<float>::infinity();
 inline constexpr float k_pi = 3.14159265358979323846f;
 
-// Bound on the relative error of n rounded float operations in a row: n u / (1 - n u), with u = 2^-24
-// (Higham, "Accuracy and Stability of Numerical Algorithms", 2002, lemma 3.1).
+// Bound on the relative error of n consecutive rounded float operations: n u / (1 - n u), with u = 2^-24 (Higham,
+// "Accuracy and Stability of Numerical Algorithms", 2002, lemma 3.1).
 constexpr float gamma_bound(int n) {
   constexpr float u = 0x1p-24f;
   return (float(n) * u) / (1.0f - float(n) * u);
@@ -45,7 +45,7 @@ inline Vec3 transform_normal(const Affine& inverse, const Vec3& n) {
   return {glm::dot(inverse[0], n), glm::dot(inverse[1], n), glm::dot(inverse[2], n)};
 }
 
-// a after b: transform_point(compose(a, b), p) == transform_point(a, transform_point(b, p)).
+// a applied after b: transform_point(compose(a, b), p) == transform_point(a, transform_point(b, p)).
 inline DAffine compose(const DAffine& a, const DAffine& b) {
   const DMat3 la(a[0], a[1], a[2]);
   return DAffine(la * b[0], la * b[1], la * b[2], la * b[3] + a[3]);

@@ -26,7 +26,7 @@ const char* isa_name(Isa isa) {
 
 namespace {
 
-// Asked once: the instruction that tells costs microseconds on a virtual machine.
+// Cached: CPUID takes microseconds on a virtual machine.
 int64_t processor_targets() {
   static const int64_t targets = hwy::SupportedTargets();
   return targets;
