@@ -18,10 +18,10 @@ import tempfile
 
 SKIPPED = 77
 BLOCK = 16
-# Accepted beyond noise, relative; and how many standard errors count as noise (there are many more blocks than means).
+# Relative tolerance beyond noise, and the number of standard errors that count as noise (more for the many blocks).
 MEAN_TOLERANCE, MEAN_SIGMAS = 0.001, 3.0
 BLOCK_TOLERANCE, BLOCK_SIGMAS = 0.01, 5.0
-FLOOR = 0.01  # of the picture's mean: darker blocks are compared relative to this
+FLOOR = 0.01  # of the image's mean: darker blocks are compared relative to this
 
 try:
     import mitsuba as mi
@@ -79,7 +79,7 @@ def compare(ours, theirs):
 
     block_a, noise_a = mean_and_variance([blocks(p) for p in ours])
     block_b, noise_b = mean_and_variance([blocks(p) for p in theirs])
-    # A variance from a few seeds is itself uncertain: half of it is taken from the picture's average.
+    # A variance from a few seeds is itself uncertain: half of it comes from the image's average.
     noise = noise_a + noise_b
     noise = 0.5 * (noise + noise.mean())
     excess = np.maximum(np.abs(block_a - block_b) - BLOCK_SIGMAS * np.sqrt(noise), 0.0)

@@ -1,4 +1,4 @@
-// `fieldtrace thesis` as a user runs it, and its page as a browser shows it.
+// `fieldtrace thesis` run as a user would, and its page as rendered by a browser.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -26,7 +26,7 @@ TEST(CommandThesis, QuickRunWritesThePageAndTheTables) {
   const TemporaryFolder folder;
   const Outcome o = Program(folder.path(), {"thesis", "-o", "out", "--quick"}).wait();
   ASSERT_EQ(o.code, 0) << o.err;
-  // No scratch file stays.
+  // No scratch file remains.
   EXPECT_EQ(files_of(folder / "out"),
             (std::set<std::string>{"thesis.html", "thesis.csv", "growth.csv", "charts.csv", "hybrid.csv"}));
   const std::string page = read_text(folder / "out/thesis.html");
@@ -43,7 +43,7 @@ TEST(CommandThesis, QuickRunWritesThePageAndTheTables) {
     for (std::string value; std::getline(fields, value, ',');) values.push_back(value);
     ASSERT_GT(values.size(), 16u);
     EXPECT_EQ(values[4], "32");
-    // RMS of a field against exact rays: neither the same nor something else altogether.
+    // RMS of a field against exact rays: neither identical nor unrelated.
     EXPECT_GT(std::stod(values[5]), 0.5);
     EXPECT_LT(std::stod(values[5]), 40.0);
     EXPECT_GT(std::stod(values[15]), 1e5);  // the OpenVDB file
@@ -59,7 +59,7 @@ TEST(CommandThesis, QuickRunWritesThePageAndTheTables) {
   EXPECT_NE(page.find("</html>"), std::string::npos);
 }
 
-// The page of a quick run, then the same page broken in each way that the browser is to find.
+// The page of a quick run, then the same page broken in each way that the browser has to detect.
 TEST(CommandThesis, ABrowserFindsNothingMissingOnThePage) {
   if (!has_browser()) GTEST_SKIP() << "chromium is not installed";
   const TemporaryFolder folder;

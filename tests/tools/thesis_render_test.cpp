@@ -1,4 +1,4 @@
-// The thesis' pipeline by fields and by exact rays: errors, shadows, mirrors, instances, determinism.
+// The thesis' pipeline with fields and with exact rays: errors, shadows, mirrors, instances, determinism.
 #include "tools/thesis/render.h"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@ namespace {
 
 constexpr int k_size = 96;
 
-// A scene's fields, one a shape.
+// A scene's fields, one per shape.
 struct SceneFields {
   std::vector<ThesisField> fields;
   std::vector<const ThesisField*> pointers;
@@ -62,7 +62,7 @@ TEST(ThesisRender, PicturesDoNotDependOnThreadsOrInstructionSet) {
   tbb::task_arena(1).execute([&] { EXPECT_EQ(field_picture(scene, accel, 16).pixels, reference.pixels); });
 }
 
-// A ball over a floor, the light above: a shadow in the middle.
+// A ball over a floor with the light above: a shadow in the middle.
 PhongScene ball_over_floor() {
   PhongScene scene;
   const uint32_t floor = add_phong_shape(scene, "floor", make_plane({.half_size = 1.0f}));
@@ -78,13 +78,13 @@ TEST(ThesisRender, LookUpsFromTheLightCastShadows) {
   PhongScene scene = ball_over_floor();
   const Accel accel(scene.geometry);
   const PhongPicture exact = exact_picture(scene, accel), fields = field_picture(scene, accel, 64);
-  // The floor's middle lies on the camera's axis: in the ball's shadow, and not behind the ball.
+  // The floor's middle lies on the camera's axis: in the ball's shadow, but not hidden by the ball.
   const int middle = k_size / 2;
   EXPECT_LT(brightness(exact, middle, middle + 4), 0.2f);
   EXPECT_LT(brightness(fields, middle, middle + 4), 0.2f);
   EXPECT_GT(brightness(exact, middle + 25, middle), 0.4f);
   EXPECT_GT(brightness(fields, middle + 25, middle), 0.4f);
-  // A light under the floor reaches nothing that the camera sees.
+  // A light below the floor reaches nothing that the camera sees.
   scene.lights[0].position.z = -5.0f;
   const PhongPicture dark = field_picture(scene, accel, 32);
   EXPECT_LT(brightness(dark, middle + 25, middle), 0.11f);
@@ -126,7 +126,7 @@ TEST(ThesisRender, EmissionAndAmbientNeedNoLight) {
   }
 }
 
-// A mirror facing the camera, a glowing ball behind the camera's side: seen only in the mirror.
+// A mirror facing the camera and a glowing ball behind the camera, visible only in the mirror.
 PhongScene mirror_scene() {
   PhongScene scene;
   const uint32_t plate =
@@ -168,7 +168,7 @@ TEST(ThesisRender, InstancesShareAField) {
   PhongScene scene;
   const uint32_t ball = add_phong_shape(scene, "ball", make_sphere({.radius = 0.5f}));
   for (const float x : {-0.8f, 0.8f}) add_phong_instance(scene, ball, {}, {x, 0.0f, 0.0f}, 0.8f);
-  // In front of the second: the nearest of many wins.
+  // In front of the second: the nearest of several hits wins.
   PhongMaterial red;
   red.emission = Rgb(1.0f, 0.0f, 0.0f);
   add_phong_instance(scene, ball, red, {0.8f, -1.0f, 0.0f}, 0.3f);
@@ -176,7 +176,7 @@ TEST(ThesisRender, InstancesShareAField) {
   const Accel accel(scene.geometry);
   const PhongPicture exact = exact_picture(scene, accel), fields = field_picture(scene, accel, 64);
   EXPECT_LT(rms_255(fields, exact), 12.0);
-  // The small ball is seen where it covers the second.
+  // The small ball is visible where it covers the second.
   const auto at = [&](const PhongPicture& p, int x) { return p.pixels[size_t(k_size / 2) * k_size + size_t(x)]; };
   for (const PhongPicture* p : {&exact, &fields}) {
     EXPECT_EQ(at(*p, 83).r, 1.0f);

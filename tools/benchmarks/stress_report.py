@@ -18,7 +18,7 @@ import subprocess
 import sys
 
 BUNNY = "/usr/share/glmark2/models/bunny.obj"
-# Name: what is placed over the floor, as (words of `fieldtrace mesh` or a file, transform); and whether it is solid.
+# Name: the objects over the floor, as (words of `fieldtrace mesh` or a file, transform), and whether they are solid.
 UP = '<rotate x="1" angle="-90"/>'
 OBJECTS = {
     "supershape": ([("supershape", '<translate y="1"/>')], True),
@@ -58,7 +58,7 @@ def make_objects(program, folder, name):
 
 def render(arguments, objects, light, out, more):
     scene = pathlib.Path(__file__).resolve().parents[2] / "scenes" / "stress.xml"
-    # Kept under its name only when all went well: a picture cut short must not be used again.
+    # Renamed only on success: a truncated image must not be reused.
     unfinished, stats = out.with_suffix(".tmp"), out.with_suffix(".json")
     radius, radiance = LIGHTS[light]
     subprocess.run([arguments.program, "render", str(scene), "-o", str(out), "--stats", str(unfinished), "--quiet",

@@ -50,7 +50,7 @@ class Peer:
         try:
             print(json.dumps(job), file=self.process.stdin, flush=True)
         except BrokenPipeError:
-            pass  # _answer() says what happened
+            pass  # _answer() reports the cause
         return self._answer()["seconds"]
 
 

@@ -16,7 +16,7 @@ import time
 
 
 def main():
-    # Whatever Mitsuba prints goes to stderr: stdout belongs to the answers.
+    # Mitsuba's output goes to stderr: stdout is reserved for the answers.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     variant, scene_file, folders, defines = json.loads(sys.argv[1])
@@ -64,7 +64,7 @@ def main():
         job = json.loads(line)
         kernel = (job["spp"], job["integrator"])
         if kernel not in compiled and not job["picture"]:
-            # The first render of its kind compiles; who wants a picture does not ask for its time.
+            # The first render of its kind compiles; the time of a render with an image is not used.
             render(job["spp"], 12345, job["integrator"])
             compiled.add(kernel)
         picture, seconds = render(job["spp"], job["seed"], job["integrator"])

@@ -12,7 +12,7 @@ import shlex
 import shutil
 import subprocess
 
-LONGEST_RUN = 3600  # seconds, of one command
+LONGEST_RUN = 3600  # seconds per command
 
 
 class BenchmarkError(Exception):

@@ -17,7 +17,7 @@ def write_atomically(path, data):
 
 def write(folder, head, results):
     """Both reports into `folder`, in place of those of the run before."""
-    # mtime=0: the same results make the same file.
+    # mtime=0: equal results give identical files.
     compressed = gzip.compress(as_json(head, results).encode("utf-8"), mtime=0)
     write_atomically(folder / JSON_NAME, compressed)
     write_atomically(folder / TABLE_NAME, as_markdown(head, results).encode("utf-8"))
@@ -47,7 +47,7 @@ def as_json(head, results):
         for figure in result.figures if result else []:
             entry["figures"].append({**dataclasses.asdict(figure), "met": figure.met()})
         rows.append(entry)
-    # default=str: paths; allow_nan=False: a figure that is not a number is a fault, not a result.
+    # default=str: paths; allow_nan=False: a NaN figure is a fault, not a result.
     return json.dumps({**head, "rows": rows}, indent=1, default=str, allow_nan=False) + "\n"
 
 
@@ -104,7 +104,7 @@ def details(results):
         for note in result.notes if result else []:
             lines += ["", note]
         for figure in result.figures if result else []:
-            # Rows may share a measurement: it is listed once.
+            # Rows may share a measurement, which is listed once.
             if not figure.details or any(figure.details is d for d in shown):
                 continue
             shown.append(figure.details)

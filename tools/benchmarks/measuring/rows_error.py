@@ -50,7 +50,7 @@ def equal_error(context, scene, angle, samples, size=1024):
 
     found, errors = fewest(error_of, aim, samples)
     jobs = {"monte_carlo": lambda: programs.render(monte_carlo)}
-    # At the same number of samples too: what users see who change nothing but the method.
+    # At the same number of samples too: what users see who only switch the method.
     for name, count in (("same_samples", samples), ("hybrid", found)):
         if count is None or (name == "hybrid" and count == samples):
             continue
@@ -78,7 +78,7 @@ def equal_error(context, scene, angle, samples, size=1024):
             result["warm"], result["cold"] = ratios["warm"]["value"], ratios["cold"]["value"]
     if found is None:
         details["not_reached"] = f"the hybrid's least error was {min(errors.values()):.6f}"
-    # A check of the reference: its own error is about this share of Monte Carlo's (error falls as samples^-3/4).
+    # A check of the reference: its error is about this share of Monte Carlo's (error falls as samples^-3/4).
     details["reference_error_share"] = math.pow(factor, -0.75)
     return result
 

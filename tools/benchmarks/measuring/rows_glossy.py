@@ -14,10 +14,10 @@ from .search import fewest, staircase
 from .timing import in_turn, ratio, summary
 
 REFERENCE_FACTOR = 16
-IDENTICAL_DB = 200.0  # stands for the PSNR of a picture against itself
+IDENTICAL_DB = 200.0  # stands for the infinite PSNR of identical images
 SAMPLES = 64
-# Of scenes/reflection_1.xml: depth of its paths, and the part of the film (x, y, width, height) that the hyperboloid
-# fills.
+# Of scenes/reflection_1.xml: the depth of its paths, and the region of the film (x, y, width, height) that the
+# hyperboloid covers.
 REFLECTION_DEPTH = 4
 REFLECTOR = (0.21, 0.3, 0.18, 0.4)
 
@@ -140,7 +140,7 @@ def reflection(context):
         if not context.peer_missing:
             try:
                 peer = stack.enter_context(Peer(context.peer_python, "llvm_ad_rgb", shot.scene, shot.defines))
-                peer.render(1)  # an LLVM that is too old fails here
+                peer.render(1)  # fails here if LLVM is too old
             except BenchmarkError as e:
                 notes.append(f"Mitsuba left out: {e}")
             else:

@@ -38,7 +38,7 @@ def baseline_under(context, angle):
         theirs = {i: peer_error(context, peer, spp, i, reference) for i in INTEGRATORS}
     figures = []
     for integrator in INTEGRATORS:
-        # The target is against the integrator that does the same work.
+        # The target applies to the integrator that does the same work.
         aims = (1.3, 1.1) if integrator == "direct" else (None, None)
         relation = AT_MOST if aims[0] else None
         time = ratio(runs["ours"], runs[integrator])
@@ -83,7 +83,7 @@ def start_peers(context, stack, shot, folders):
     for variant in VARIANTS:
         try:
             peer = stack.enter_context(Peer(context.peer_python, variant, shot.scene, shot.defines, folders))
-            peer.render(1)  # an LLVM that is too old fails here
+            peer.render(1)  # fails here if LLVM is too old
             peers[variant] = peer
         except BenchmarkError as e:
             context.log(f"  {variant}: {e}")
@@ -183,7 +183,7 @@ def crowd(context):
     if not (folder / "instances.xml").is_file():
         run([script, "--program", context.programs.program, "-o", folder, "--mesh", words,
              "--instances", str(count)])
-    # The light is about 108 away.
+    # The light is about 108 units away.
     shot = context.shot("crowd.xml", 512, (("crowd", (folder / "instances.xml").resolve()), ("light_radius", 19),
                                            ("light_radiance", 17.7)))
     aim = 0.05 if context.quick else 0.01

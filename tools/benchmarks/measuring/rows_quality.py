@@ -3,7 +3,7 @@
 from .context import AT_MOST, Figure, RowResult, light
 from .programs import BenchmarkError
 
-# The unshadowed floor is then about as bright as 1, so that errors read as errors of visibility.
+# Makes the unshadowed floor about as bright as 1, so that errors read as errors of visibility.
 FLOOR_OF_ONE = 1800.0
 
 

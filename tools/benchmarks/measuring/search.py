@@ -5,8 +5,8 @@ the error crosses the aim. Steps are at most a half (mostly a third): time is ov
 method alike.
 """
 
-# Over this many steps up the ladder the samples grow by four and errors should halve. Where they fall by less than this
-# share, something else than noise is left: more samples would not help.
+# Over this many steps up the ladder the number of samples quadruples and errors should halve. Where they fall by less
+# than this share, bias dominates, and more samples would not help.
 FLOOR_STEPS, FLOOR_SHARE = 4, 0.1
 
 LADDER = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096]
