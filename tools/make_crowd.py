@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Makes what scenes/crowd.xml includes: meshes, and a file of instances of them scattered over the floor.
+"""Generates the files that scenes/crowd.xml includes: meshes, and instances of them scattered over the floor.
 
     tools/make_crowd.py [--program build/release/bin/fieldtrace] [-o crowd] [--instances 10000] [--seed 1]
         [--mesh "knot --along 1562 --around 32" ...]
 
-writes crowd/object_0.ply, crowd/object_1.ply ... and crowd/instances.xml: ten meshes, or those that --mesh names in the
-words of `fieldtrace mesh`. The same arguments give the same files. They name the meshes by their full paths: Mitsuba
-looks for relative ones beside the scene, not beside the file that it includes.
+writes crowd/object_0.ply, crowd/object_1.ply ... and crowd/instances.xml: ten default meshes, or those given by --mesh
+as arguments of `fieldtrace mesh`. The same arguments give the same files. Meshes are referenced by absolute paths,
+because Mitsuba resolves relative ones against the main scene file, not the included one.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Runs tools/benchmarks/measure.py on a few rows at a tiny size and checks what it writes; checks the searches and
-figures on numbers that are known. No timing is judged."""
+"""Runs tools/benchmarks/measure.py on a few rows at a tiny size and checks its output; checks the searches and figures
+on known numbers. Timings are not judged."""
 
 import argparse
 import gzip

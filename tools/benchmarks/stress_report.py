@@ -1,14 +1,13 @@
 #!/usr/bin/env python3
-"""Renders objects that are hard for fields by both methods, and prints what the fields got wrong, as a table.
+"""Renders objects that are hard for fields by both methods, and prints the fields' errors as a table.
 
     tools/benchmarks/stress_report.py [--program build/release/bin/fieldtrace] [-o stress] [--only NAME ...]
                            [--light-samples 1024] [--resolution 256] [-- OPTIONS OF render]
 
-Makes the meshes and STRESS/NAME.xml for scenes/stress.xml, renders each object under lights of 4 and 20 degrees by
-Monte Carlo and by fields with the same samples, and prints one Markdown row for each: root mean square error, worst
-16 x 16 block, share of the rays near an object that were traced, rays of the bake and traced ones against Monte
-Carlo's, and the wrong share of certified answers per verdict and receiver. Pictures of Monte Carlo are kept and used
-again.
+Generates the meshes and STRESS/NAME.xml for scenes/stress.xml, renders each object under lights of 4 and 20 degrees by
+Monte Carlo and by fields with the same samples, and prints one Markdown row for each: RMSE, worst 16 x 16 block, traced
+share of the rays near an object, baked and traced rays relative to Monte Carlo's, and the share of wrong certified
+answers by verdict and by the shading point's object (the occluder itself or another). Monte Carlo images are cached.
 """
 
 import argparse

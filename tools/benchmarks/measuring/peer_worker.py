@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Renders scenes in Mitsuba 3 and times them: one process per scene and variant, so that loading, building and
-compiling kernels happen once and are left out. Run by measure.py with a Python that has `mitsuba` and `numpy`.
+kernel compilation happen once and are excluded. Run by measure.py with a Python that has `mitsuba` and `numpy`.
 
-Reads one JSON object a line from stdin, {"spp", "seed", "integrator", "picture"}; answers with one, {"seconds"}. The
-seconds mean something only where `picture` is null. The
-integrator is "path" (max_depth 2: one light sample and one sample of the material per camera sample, weighted),
-"direct" (one light sample only, as Fieldtrace's own for diffuse surfaces), "path:N" (max_depth N), or "denoised:N": that
-with Open Image Denoise behind it (the package pyoidn), which sees albedo and shading normal too; its time counts.
+Reads one JSON object per line from stdin, {"spp", "seed", "integrator", "picture"}, and answers each with
+{"seconds"}, which is meaningful only if `picture` is null. The integrator is "path" (max_depth 2: one light sample and
+one BSDF sample per camera sample, weighted), "direct" (one light sample only, as Fieldtrace does for diffuse surfaces),
+"path:N" (max_depth N), or "denoised:N": path:N followed by Open Image Denoise (the package pyoidn) with albedo and
+shading normal as further inputs; its time is included.
 """
 
 import json

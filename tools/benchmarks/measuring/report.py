@@ -16,7 +16,7 @@ def write_atomically(path, data):
 
 
 def write(folder, head, results):
-    """Both reports into `folder`, in place of those of the run before."""
+    """Writes both reports to `folder`, replacing those of the previous run."""
     # mtime=0: equal results give identical files.
     compressed = gzip.compress(as_json(head, results).encode("utf-8"), mtime=0)
     write_atomically(folder / JSON_NAME, compressed)
@@ -24,7 +24,7 @@ def write(folder, head, results):
 
 
 def why_not_published(head, results):
-    """Why these results are not to be kept as the latest ones; None: nothing speaks against it."""
+    """The reason not to publish these results as the latest ones, or None."""
     if head["settings"]["quick"]:
         return "a quick run measures nothing"
     if head["machine"]["commit"] is None or head["machine"]["commit_is_changed"]:
@@ -34,7 +34,7 @@ def why_not_published(head, results):
 
 
 def publish(folder, target):
-    """Makes the JSON of `folder` the attachment `target`."""
+    """Copies the JSON of `folder` to `target`."""
     write_atomically(target, (folder / JSON_NAME).read_bytes())
 
 
@@ -52,7 +52,7 @@ def as_json(head, results):
 
 
 def number(value):
-    """Three significant digits, without an exponent where that is readable."""
+    """Three significant digits, without an exponent if that stays readable."""
     if value is None:
         return "not reached"
     if value == 0 or not math.isfinite(value):
@@ -82,7 +82,7 @@ def table(results):
 
 
 def median_lines(value, path=()):
-    """Every summary (median, least, most) and every plain number of the details, one line each."""
+    """One line for each summary (median, least, most) and each plain number of the details."""
     if isinstance(value, dict):
         if "median" in value:
             spread = f"{number(value['median'])} ({number(value['least'])} to {number(value['most'])})"

@@ -1,9 +1,9 @@
-"""Rows about the time that shadow rays take to the error of Monte Carlo.
+"""Rows on the time of shadow rays at equal error.
 
-Error is that of the light samples alone: references have the same camera rays (the same seed, one camera sample) and
-64 times Monte Carlo's light samples. Another seed would move the camera rays, whose noise along silhouettes is thirty
-times the error that is measured here. The picture's own samples are the first of the reference's: that lowers both
-methods' errors by about 1 %.
+Only the error of light samples counts: references have the same camera rays (same seed, one camera sample) and 64 times
+Monte Carlo's light samples. Another seed would move the camera rays, whose noise along silhouettes is thirty times the
+error measured here. The image's samples are the first of the reference's, which lowers both methods' errors by about
+1 %.
 """
 
 import math
@@ -32,7 +32,7 @@ def describe(samples, error, runs):
 
 
 def equal_error(context, scene, angle, samples, size=1024):
-    """Monte Carlo with `samples` light samples, and the hybrid with as few as reach its error, warm and cold."""
+    """Monte Carlo with `samples` light samples, and the hybrid with the fewest that reach its error, warm and cold."""
     programs = context.programs
     monte_carlo = context.shot(scene, size, light(angle), light_samples=samples)
     factor = context.samples(REFERENCE_FACTOR)
@@ -112,6 +112,6 @@ def wide_light(context):
 
 
 def closeup(context):
-    """Receivers on the object itself: a close-up, equal error, warm."""
+    """Shading points on the object itself: a close-up, equal error, warm."""
     result = equal_error(context, "bunny_closeup.xml", 4, 64)
     return RowResult([figure_of(result, "light of 4 degrees", "warm", 6.0)])

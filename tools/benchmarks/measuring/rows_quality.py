@@ -1,4 +1,4 @@
-"""Rows about what fields get wrong, and how many cells a frame needs."""
+"""Rows on the errors of fields, and on the cells that a frame needs."""
 
 from .context import AT_MOST, Figure, RowResult, light
 from .programs import BenchmarkError
@@ -13,7 +13,7 @@ def bright_light(angle):
 
 
 def converged_on(context, path, defines):
-    """`fieldtrace compare` of the hybrid with Monte Carlo, both converged, the same seed: what fields change."""
+    """`fieldtrace compare` of hybrid and Monte Carlo, both converged with the same seed: the effect of the fields."""
     programs = context.programs
     shot = context.shot("bunny_floor.xml", 512,
                         (("mesh", path), ("format", path.suffix[1:]), *bright_light(4), *defines),
