@@ -1,4 +1,4 @@
-# fieldtrace_options: language level, warnings and the floating-point rules that every target shares.
+# fieldtrace_options: language level, warnings and floating-point rules for every target.
 add_library(fieldtrace_options INTERFACE)
 target_compile_features(fieldtrace_options INTERFACE cxx_std_20)
 target_include_directories(fieldtrace_options INTERFACE ${PROJECT_SOURCE_DIR})
@@ -15,7 +15,7 @@ endif()
 # No contraction and no fast-math: addresses must agree bit for bit on every instruction set.
 target_compile_options(fieldtrace_options INTERFACE
   $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra -Wshadow -Wno-psabi>)
-# GCC 12 reports -Wrestrict inside the standard library's own string operator+ (its bug 105651).
+# GCC 12 reports -Wrestrict inside the standard library's operator+ for strings (its bug 105651).
 target_compile_options(fieldtrace_options INTERFACE
   $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<CXX_COMPILER_ID:GNU>>:-Wno-restrict>)
 if(FIELDTRACE_WERROR)
@@ -31,7 +31,7 @@ if(FIELDTRACE_SANITIZE)
   endif()
 endif()
 
-# OpenImageIO and OpenVDB bring some 250 shared libraries; a program that calls neither need not load them at start.
+# OpenImageIO and OpenVDB pull in some 250 shared libraries; a program that uses neither need not load them at start.
 add_link_options(-Wl,--as-needed)
 
 # fieldtrace_vector_kernels(FILE TARGET): for TARGET's FILE, of the calling folder, that Highway compiles once per

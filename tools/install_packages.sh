@@ -39,7 +39,7 @@ if [[ $(id -u) -ne 0 ]]; then
 fi
 
 echo "install_packages: installing ${missing[*]}"
-# `env` carries the setting through sudo. Lists that are out of date show as failing downloads, hence the update.
+# `env` carries the setting through sudo. Outdated package lists appear as failed downloads, hence the update.
 if ! { "${as_root[@]}" apt-get update -q &&
        "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
          apt-get install -q -y --no-install-recommends "${missing[@]}"; }; then

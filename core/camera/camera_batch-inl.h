@@ -14,7 +14,7 @@
 
 FT_LANES_BEGIN
 
-// Fills `rays` and near_distance for all samples. All of them have room for whole vectors.
+// Fills `rays` and near_distance for all samples. All arrays are padded to whole vectors.
 template <class F>
 inline void sample_camera_batch(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,
                                 float* near_distance) {

@@ -1,8 +1,8 @@
 // Textures: constant, checkerboard and bitmap, looked up at surface coordinates.
 //
-// Conventions are those of Mitsuba 3 (plugins `checkerboard` and `bitmap`): a bitmap's row 0 (the top of the picture)
-// lies at v = 0, texel (i, j) has its centre at ((i + 0.5) / width, (j + 0.5) / height), and a checkerboard shows
-// color0 where frac(u) and frac(v) lie in the same half of [0, 1).
+// Conventions follow Mitsuba 3 (plugins `checkerboard` and `bitmap`): a bitmap's row 0 (the top of the image) lies at v
+// = 0, texel (i, j) has its centre at ((i + 0.5) / width, (j + 0.5) / height), and a checkerboard shows color0 where
+// frac(u) and frac(v) lie in the same half of [0, 1).
 // Thread-safety: pure functions of a const scene.
 #pragma once
 

@@ -30,8 +30,8 @@ using Rgb = glm::vec3;
 inline constexpr float k_infinity = std::numeric_limits<float>::infinity();
 inline constexpr float k_pi = 3.14159265358979323846f;
 
-// Bound on the relative error of n rounded float operations in a row: n u / (1 - n u), with u = 2^-24
-// (Higham, "Accuracy and Stability of Numerical Algorithms", 2002, lemma 3.1).
+// Bound on the relative error of n consecutive rounded float operations: n u / (1 - n u), with u = 2^-24 (Higham,
+// "Accuracy and Stability of Numerical Algorithms", 2002, lemma 3.1).
 constexpr float gamma_bound(int n) {
   constexpr float u = 0x1p-24f;
   return (float(n) * u) / (1.0f - float(n) * u);

@@ -9,7 +9,7 @@
 #define FT_HD
 #endif
 
-// FT_HD_INLINE marks lane code that must melt into its caller: a call would pass whole vectors through memory.
+// FT_HD_INLINE marks lane code that must be inlined: a call would pass whole vectors through memory.
 #if defined(__CUDACC__)
 #define FT_HD_INLINE __host__ __device__ __forceinline__
 #elif defined(__GNUC__)

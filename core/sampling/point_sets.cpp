@@ -9,8 +9,8 @@ namespace {
 
 constexpr uint32_t k_digits = 16;
 
-// Row r gives digit r (the first is 0, at bit 15) as a sum of the digits up to r: itself and a random choice of those
-// before it.
+// A random lower triangular matrix: row r gives digit r (the first is 0, at bit 15) as the sum of itself and a random
+// choice of the digits before it.
 struct Scramble {
   uint32_t rows[k_digits];
 

@@ -1,9 +1,9 @@
 // Pairs of vectors as one lane type: twice the lanes, and two independent chains of arithmetic in flight.
 //
-// A field query is one long chain: each step waits for the one before. A processor overlaps neighbouring vectors only
-// as far as its reorder window reaches, which is less than one query; two chains side by side use what would stand idle
-// (docs/decisions/008-two-chains.md). Everything that lanes.hd.h asks of a lane type, by applying it to both halves.
-// Include only after lanes-inl.h. Thread-safety: values.
+// A field query is one long dependency chain. A processor overlaps neighbouring vectors only as far as its reorder
+// window reaches, which is less than one query; two chains side by side use execution units that would be idle
+// (docs/decisions/008-two-chains.md). Implements everything that lanes.hd.h requires of a lane type by applying it to
+// both halves. Include only after lanes-inl.h. Thread-safety: values.
 
 #if defined(FIELDTRACE_CORE_SIMD_LANES_PAIR_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_SIMD_LANES_PAIR_INL_H_

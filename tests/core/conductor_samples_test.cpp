@@ -1,4 +1,5 @@
-// Rough metals sampled in SIMD lanes: the same bits as one by one, and a Fresnel term that holds in single precision.
+// Rough metals sampled in SIMD lanes: bit-identical to single samples, with a Fresnel term that holds in single
+// precision.
 #include "core/material/conductor_samples.h"
 
 #include <gtest/gtest.h>
@@ -51,7 +52,7 @@ TEST(ConductorSamples, AreThoseOfSingleSamplesOnEveryMachine) {
   EXPECT_GT(valid, 3000);
 }
 
-// The density that a sample brings along is the one that its direction has.
+// A sample's density equals the density evaluated for its direction.
 TEST(ConductorSamples, DensitiesAreThoseOfTheirDirections) {
   TestRandom random(12);
   int valid = 0;
@@ -74,7 +75,7 @@ TEST(ConductorSamples, DensitiesAreThoseOfTheirDirections) {
   EXPECT_GT(valid, 6000);
 }
 
-// Born and Wolf's formulas as they stand, in double precision.
+// Born and Wolf's formulas as printed, in double precision.
 double reflectance_in_double(double c, double eta, double k) {
   const double s2 = 1.0 - c * c, t = eta * eta - k * k - s2;
   const double squares = std::sqrt(t * t + 4.0 * eta * eta * k * k);
@@ -95,8 +96,8 @@ TEST(ConductorReflectance, HoldsInSinglePrecision) {
     ASSERT_NEAR(scalar::conductor_reflectance<float>(c, eta, k), expected, bound) << c << " " << eta << " " << k;
   }
   EXPECT_EQ(scalar::conductor_reflectance<float>(0.0f, 0.2f, 3.0f), 1.0f);
-  EXPECT_EQ(scalar::conductor_reflectance<float>(0.5f, 0.0f, 0.0f), 1.0f);  // nothing goes in
-  EXPECT_EQ(scalar::conductor_reflectance<float>(1.0f, 1.0f, 0.0f), 0.0f);  // nothing is there
+  EXPECT_EQ(scalar::conductor_reflectance<float>(0.5f, 0.0f, 0.0f), 1.0f);  // no transmission
+  EXPECT_EQ(scalar::conductor_reflectance<float>(1.0f, 1.0f, 0.0f), 0.0f);  // no interface
 }
 
 }  // namespace

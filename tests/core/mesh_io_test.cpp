@@ -1,4 +1,4 @@
-// OBJ and PLY: what is read, round trips, every kind of bad input with its message, and a seeded fuzz test.
+// OBJ and PLY: content, round trips, every kind of bad input with its message, and a seeded fuzz test.
 #include "core/mesh/mesh_io.h"
 
 #include <gtest/gtest.h>
@@ -54,7 +54,7 @@ class MeshIo : public testing::Test {
     warnings_.clear();
     return load_mesh(write(name, bytes), options, [this](const std::string& w) { warnings_.push_back(w); });
   }
-  // The message of the error, with the folder's name taken off; "no error" if there is none.
+  // The error message without the folder's name; "no error" if there is none.
   std::string failure(const std::string& name, const std::string& bytes) {
     try {
       load(name, bytes);
@@ -79,7 +79,7 @@ void expect_same(const TriangleMesh& a, const TriangleMesh& b) {
   EXPECT_EQ(a.texcoords, b.texcoords);
   EXPECT_EQ(a.triangles, b.triangles);
   ASSERT_EQ(a.normals.size(), b.normals.size());
-  // validate_mesh normalises once more.
+  // validate_mesh normalises again.
   for (size_t i = 0; i < a.normals.size(); ++i) ASSERT_LT(glm::length(a.normals[i] - b.normals[i]), gamma_bound(6));
 }
 
@@ -157,8 +157,8 @@ void put(std::string& out, T value, bool big) {
   out.append(raw.data(), raw.size());
 }
 
-// A PLY file with what a reader must skip: an unknown element before, between and behind, and unknown properties, lists
-// among them. One quad and one triangle over four vertices.
+// A PLY file with everything that a reader must skip: unknown elements before, between and after the known ones, and
+// unknown properties, lists among them. One quad and one triangle over four vertices.
 std::string exotic_ply(const std::string& format) {
   std::string s =
       "ply\r\nformat " + format +
@@ -220,7 +220,7 @@ TEST_F(MeshIo, PlyRoundTripKeepsEveryBit) {
       expect_same(load_mesh(path("a.ply")), mesh);
     }
   }
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1);  // no temporary file is left
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1);  // no temporary file remains
 }
 
 TEST_F(MeshIo, SaveFailsWithAMessage) {
@@ -283,7 +283,7 @@ TEST_F(MeshIo, BinaryPlyErrorsSayWhatIsCut) {
   EXPECT_EQ(failure("a.ply", index).substr(0, 31), "a.ply: face 11 refers to vertex");
   EXPECT_EQ(load("a.ply", good + "x").triangles.size(), 12u);
   EXPECT_EQ(only_warning(), "a.ply: 1 bytes after the last element are ignored");
-  // A huge count must fail at once, without its memory.
+  // A huge count must fail at once, without allocating its memory.
   std::string huge = good;
   huge.replace(huge.find("vertex 24"), 9, "vertex 4000000000");
   EXPECT_EQ(failure("a.ply", huge).substr(0, 50), "a.ply:3: 4000000000 records of element \"vertex\" ne");
@@ -339,13 +339,13 @@ TEST_F(MeshIo, FilesThatCannotBeReadAreNamed) {
 
 TEST_F(MeshIo, OptionsDoWhatMitsubaDoes) {
   const std::string obj = k_square + "vt 0.25 0.25\nvn 1 0 0\nf 1/1/1 2/1/1 3/1/1\n";
-  EXPECT_EQ(load("a.OBJ", obj).texcoords[0], Vec2(0.25f, 0.75f));  // flipped by default, as OBJ files mean it
+  EXPECT_EQ(load("a.OBJ", obj).texcoords[0], Vec2(0.25f, 0.75f));  // flipped by default, the convention of OBJ files
   EXPECT_EQ(load("a.obj", obj, {.flip_tex_coords = false}).texcoords[0], Vec2(0.25f, 0.25f));
   EXPECT_TRUE(load("a.obj", obj, {.face_normals = true, .compute_normals = true}).normals.empty());
   const TriangleMesh flipped = load("a.obj", obj, {.flip_normals = true});
   EXPECT_EQ(flipped.normals[0], Vec3(-1, 0, 0));
   EXPECT_EQ(flipped.triangles[0], UVec3(0, 2, 1));
-  EXPECT_EQ(load("a.obj", obj, {.compute_normals = true}).normals[0], Vec3(1, 0, 0));  // the file's stay
+  EXPECT_EQ(load("a.obj", obj, {.compute_normals = true}).normals[0], Vec3(1, 0, 0));  // normals from the file are kept
   EXPECT_EQ(load("b.obj", k_square + "f 1 2 3\n", {.compute_normals = true}).normals[0], Vec3(0, 0, 1));
   EXPECT_EQ(load("b.obj", k_square + "f 1 2 3\n", {.compute_normals = true, .flip_normals = true}).normals[0],
             Vec3(0, 0, -1));
@@ -355,7 +355,7 @@ TEST_F(MeshIo, OptionsDoWhatMitsubaDoes) {
 }
 
 TEST_F(MeshIo, DegenerateTrianglesAreDroppedAndCounted) {
-  const std::string bad = "f 1 1 2\nf 1 2 2\nf 1 3 5\nf 1 2\n";  // 1, 3 and 5 lie on one line
+  const std::string bad = "f 1 1 2\nf 1 2 2\nf 1 3 5\nf 1 2\n";  // 1, 3 and 5 are collinear
   const TriangleMesh mesh = load("a.obj", k_square + "v 2 2 0\n" + bad + "f 1 2 3\n");
   EXPECT_EQ(mesh.triangles.size(), 1u);
   ASSERT_EQ(warnings_.size(), 2u);
@@ -433,7 +433,7 @@ TEST_F(MeshIo, ReadsTheBunnyWhereItIsInstalled) {
   EXPECT_EQ(mesh.positions.size(), 34835u);
 }
 
-// Cut, changed, doubled and spliced files: whatever happens, the loader returns a sound mesh or throws Error.
+// Truncated, altered, duplicated and spliced files: the loader always returns a sound mesh or throws Error.
 TEST_F(MeshIo, NothingButErrorLeavesTheLoader) {
   const std::string obj =
       k_square + "vt 0 0\nvt 1 0\nvn 0 0 1\nf 1/1/1 2/2/1 3/2/1 4/1/1\nf -4//-1 -2//1 -1//1\nf 1 2 \\\n3\n";

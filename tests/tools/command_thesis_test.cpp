@@ -1,4 +1,4 @@
-// `fieldtrace thesis` as a user runs it, and its page as a browser shows it.
+// `fieldtrace thesis` run as a user would, and its page as rendered by a browser.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -68,7 +68,7 @@ TEST(CommandThesis, QuickRunWritesThePageAndTheTables) {
   const TemporaryFolder folder;
   const Outcome o = Program(folder.path(), {"thesis", "-o", "out", "--quick"}).wait();
   ASSERT_EQ(o.code, 0) << o.err;
-  // No scratch file stays.
+  // No scratch file remains.
   EXPECT_EQ(files_of(folder / "out"),
             (std::set<std::string>{"thesis.html", "thesis.csv", "growth.csv", "charts.csv", "hybrid.csv"}));
   const std::string page = read_text(folder / "out/thesis.html");
@@ -112,7 +112,7 @@ TEST(CommandThesis, QuickRunWritesThePageAndTheTables) {
   EXPECT_NE(page.find("</html>"), std::string::npos);
 }
 
-// The page of a quick run, then the same page broken in each way that the browser is to find.
+// The page of a quick run, then the same page broken in each way that the browser has to detect.
 TEST(CommandThesis, ABrowserFindsNothingMissingOnThePage) {
   if (!has_browser()) GTEST_SKIP() << "chromium is not installed";
   const TemporaryFolder folder;

@@ -1,4 +1,4 @@
-// The thesis' pipeline by fields and by exact rays: errors, shadows, mirrors, instances, determinism.
+// The thesis' pipeline with fields and with exact rays: errors, shadows, mirrors, instances, determinism.
 #include "tools/thesis/render.h"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ namespace {
 
 constexpr int k_size = 96;
 
-// A scene's fields, one a shape.
+// A scene's fields, one per shape.
 struct SceneFields {
   std::vector<ThesisField> fields;
   std::vector<const ThesisField*> pointers;
@@ -108,7 +108,7 @@ TEST(ThesisRender, PicturesDoNotDependOnThreadsOrInstructionSet) {
   tbb::task_arena(1).execute([&] { EXPECT_EQ(field_picture(scene, accel, 16).pixels, reference.pixels); });
 }
 
-// A ball over a floor, the light above: a shadow in the middle.
+// A ball over a floor with the light above: a shadow in the middle.
 PhongScene ball_over_floor() {
   PhongScene scene;
   const uint32_t floor = add_phong_shape(scene, "floor", make_plane({.half_size = 1.0f}));
@@ -124,13 +124,13 @@ TEST(ThesisRender, LookUpsFromTheLightCastShadows) {
   PhongScene scene = ball_over_floor();
   const Accel accel(scene.geometry);
   const PhongPicture exact = exact_picture(scene, accel), fields = field_picture(scene, accel, 64);
-  // The floor's middle lies on the camera's axis: in the ball's shadow, and not behind the ball.
+  // The floor's middle lies on the camera's axis: in the ball's shadow, but not hidden by the ball.
   const int middle = k_size / 2;
   EXPECT_LT(brightness(exact, middle, middle + 4), 0.2f);
   EXPECT_LT(brightness(fields, middle, middle + 4), 0.2f);
   EXPECT_GT(brightness(exact, middle + 25, middle), 0.4f);
   EXPECT_GT(brightness(fields, middle + 25, middle), 0.4f);
-  // A light under the floor reaches nothing that the camera sees.
+  // A light below the floor reaches nothing that the camera sees.
   scene.lights[0].position.z = -5.0f;
   const PhongPicture dark = field_picture(scene, accel, 32);
   EXPECT_LT(brightness(dark, middle + 25, middle), 0.11f);
@@ -231,7 +231,7 @@ TEST(ThesisRender, InstancesShareAField) {
   PhongScene scene;
   const uint32_t ball = add_phong_shape(scene, "ball", make_sphere({.radius = 0.5f}));
   for (const float x : {-0.8f, 0.8f}) add_phong_instance(scene, ball, {}, {x, 0.0f, 0.0f}, 0.8f);
-  // In front of the second: the nearest of many wins.
+  // In front of the second: the nearest of several hits wins.
   PhongMaterial red;
   red.emission = Rgb(1.0f, 0.0f, 0.0f);
   add_phong_instance(scene, ball, red, {0.8f, -1.0f, 0.0f}, 0.3f);

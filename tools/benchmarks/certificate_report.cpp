@@ -1,9 +1,9 @@
-// certificate_report: how often fields answer and how often certified answers are wrong, per mesh, risk class and
-// kind of segment. The figures of docs/decisions/003-certificates.md.
+// certificate_report: how often fields decide a segment and how often certified answers are wrong, per mesh, risk class
+// and kind of segment. The figures of docs/decisions/003-certificates.md.
 //
 // certificate_report [MESH ...] [--directions D] [--plane N] [--lines K] [--clusters M] [--seed S]
-// Each query kind draws M random lines; a cluster of 8 lines from the same cell's extent shares what one bake costs.
-// Answers are compared with Embree on the same segment. Lines are held out: the bake never sees them.
+// Draws M random lines per kind of query; clusters of 8 lines within one cell's extent share the cost of its bake.
+// Answers are compared with Embree on the same segments, which the bake never sees.
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
@@ -25,7 +25,7 @@ namespace fieldtrace {
 namespace {
 
 constexpr int k_cluster = 8;
-// Answers are attributed to the smallest of these class limits that gives them.
+// An answer is attributed to the smallest of these class limits at which it is given.
 constexpr int k_limits[] = {0, 1, 2, 4, 8, k_worst_class};
 constexpr int k_limit_count = int(std::size(k_limits));
 
@@ -63,10 +63,11 @@ struct Object {
 
   Scene scene;
   std::unique_ptr<Accel> accel;
-  std::vector<double> area;  // running sum
+  std::vector<double> area;  // cumulative triangle areas
 };
 
-// A point of the surface, uniform by area, off it by its rounding error, with the normal of a random side.
+// A surface point, uniform by area and offset by its rounding error, with the normal of one side (random if
+// either_side).
 struct SurfacePoint {
   Vec3 position, normal;
 };
@@ -86,7 +87,7 @@ SurfacePoint surface_point(const Object& object, Random& random, bool either_sid
   return p;
 }
 
-// k_cluster segments, near one another in the chart.
+// Generates k_cluster segments that are close together in the chart.
 using Generator = std::function<void(const Object&, const Field&, Random&, std::vector<Segment>&)>;
 
 void outside_outside(const Object&, const Field& field, Random& random, std::vector<Segment>& out) {
@@ -120,7 +121,7 @@ void from_surface(const Object& object, const Field& field, Random& random, std:
   }
 }
 
-// A shading point within the ball but not on the object, towards a light outside.
+// From a point within the ball (not on the object) to a light outside.
 void inside_outside(const Object&, const Field& field, Random& random, std::vector<Segment>& out) {
   const Vec3 p = random.direction() * std::cbrt(random.uniform());
   const Vec3 d = random.direction();
@@ -137,7 +138,7 @@ struct Tally {
 
 struct Result {
   uint64_t queries = 0;
-  Tally at[k_limit_count];  // answers that this class limit added
+  Tally at[k_limit_count];  // additional answers at this class limit
 };
 
 Result measure(const Object& object, Field& field, SingleRayQuery& probe, const Generator& generate, int clusters,
@@ -201,7 +202,7 @@ void print(const std::string& name, const std::string& kind, const FieldParamete
   std::printf("\n");
 }
 
-// Share of fresh lines of certified sheets that lie beyond r times the largest residual seen, r = 1, 1.5, 2, 3.
+// Share of new lines through plane-fit cells that lie farther off than r times the largest residual, r = 1, 1.5, 2, 3.
 void print_residuals(const Object& object, Field& field, SingleRayQuery& probe, int clusters) {
   const FieldParameters& p = field.parameters();
   Random random(77);

@@ -16,14 +16,14 @@
 namespace fieldtrace {
 namespace {
 
-constexpr int k_light_rays = 64;       // a shading point
-constexpr size_t k_batch_rays = 8192;  // as the renderer has them: one batch stays in the second-level cache
+constexpr int k_light_rays = 64;       // per shading point
+constexpr size_t k_batch_rays = 8192;  // as in the renderer: one batch stays in the second-level cache
 constexpr float k_light_distance = 4.6f, k_light_radius = 0.3f;  // in R, from the object's centre: about 7 degrees
 constexpr int k_most_rounds = 6;                                 // of baking: hybrid/visibility/shadow_workspace.h
 
 enum class ShadingPoints { behind, on_object };
 
-// Rays of k_light_rays a shading point.
+// The rays of the comparison: k_light_rays per shading point.
 struct Probe {
   RayBatch rays;
   AlignedVector<uint32_t> instances;  // of the shading points
@@ -63,7 +63,7 @@ Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& acce
       const Vec3 a = mesh.positions[t.x], b = mesh.positions[t.y], c = mesh.positions[t.z];
       const Vec3 n = glm::cross(b - a, c - a);
       if (!(glm::dot(n, to_light) > 0.0f)) continue;
-      // Far enough that no ray meets its own triangle, near enough not to matter: a thousandth of a depth step.
+      // Far enough that no ray hits the triangle it starts on, and negligible: a thousandth of a depth step.
       p = (a + b + c) / 3.0f + glm::normalize(n) * (1e-5f * ball.radius);
     }
     for (int k = 0; k < k_light_rays; ++k) {
@@ -79,7 +79,8 @@ Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& acce
   return probe;
 }
 
-// RMSE of the shading points' visibility; `states` by the field, undecided rays are Embree's.
+// RMSE of the shading points' visibility. `states` is the field's result; undecided rays are taken from Embree, without
+// error.
 void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& row) {
   double sum = 0.0;
   size_t undecided = 0, crossing = 0;
@@ -99,14 +100,14 @@ void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& r
   row.exact_share = crossing ? double(undecided) / double(crossing) : 0.0;
 }
 
-// Of this thread's processor time: other work on the machine counts less in it than in wall time.
+// This thread's processor time, which other work on the machine disturbs less than wall time.
 double thread_nanoseconds() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
   return 1e9 * double(t.tv_sec) + double(t.tv_nsec);
 }
 
-// The least nanoseconds of `repeats` runs over all batches. ask(begin, end) returns its counts.
+// Least time of `repeats` runs over all batches. query(begin, end) returns its counts.
 template <class Query>
 void time_look_ups(const Probe& probe, int repeats, ThesisChartRow& row, RayStates& states, const Query& query) {
   double least = 0.0;
@@ -134,7 +135,7 @@ uint64_t complete_bytes(const FieldParameters& p, ShadingPoints where) {
   return bytes(FieldLayer::visibility) + (where == ShadingPoints::on_object ? bytes(FieldLayer::depth) : 0);
 }
 
-// The finest resolution of the shapes N = D and N = 2 D, the default's, that takes no more bytes than `limit`.
+// The finest resolution with N = D or N = 2 D (the default) that takes no more than `limit` bytes.
 std::optional<FieldParameters> finest_within(uint64_t limit, ShadingPoints where) {
   std::optional<FieldParameters> finest;
   for (const int directions : {32, 64, 128, 256}) {

@@ -12,13 +12,13 @@ namespace {
 
 constexpr int k_tile = 64;
 
-// A ray's share in its pixel.
+// The pixel that a ray contributes to, and its weight.
 struct Path {
   uint32_t pixel = 0;  // of the tile
   float weight = 1.0f;
 };
 
-// A pinhole camera as one affine map from picture to direction.
+// A pinhole camera as an affine map from image coordinates to directions.
 struct CameraRays {
   Vec3 corner, right, down;
 
@@ -35,7 +35,7 @@ struct CameraRays {
   }
 };
 
-// Phong's light equation at one surface, for one light that reaches it.
+// Phong's lighting of a surface by one unoccluded light.
 Rgb lit_colour(const PhongMaterial& material, const PhongLight& light, const PhongSurface& s, const Vec3& view) {
   const Vec3 to_light = glm::normalize(light.position - s.position);
   const float facing = glm::dot(s.normal, to_light);
@@ -99,12 +99,12 @@ class TileRenderer {
   }
 
  private:
-  // The share of a surface's own colour: all of it where no reflected ray follows.
+  // Weight of the surface's own colour: 1 where no reflected ray follows.
   float own_share(const PhongSurface& s, bool reflects) const {
     return reflects ? 1.0f - scene_.materials[s.instance].mirror : 1.0f;
   }
 
-  // Own light of what the rays met, or the background; all lights with their shadows.
+  // Adds emission and ambient light of the surfaces hit, or the background; then all lights with their shadows.
   void shade(bool reflects) {
     reflects_ = reflects;
     for (size_t i = 0; i < batch_.rays.size; ++i) {

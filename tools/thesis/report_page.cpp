@@ -66,7 +66,7 @@ cache that the cold render left.</p>
 <th>cold ms</th><th>warm ms</th><th>fields MB</th></tr>
 )";
 
-// Ours, and the thesis' in grey behind it.
+// Our figure, followed by the thesis' in grey.
 std::string beside(double ours, double thesis, const char* format) {
   if (ours < 0) return "";
   std::string text = fmt::format(fmt::runtime(format), ours);

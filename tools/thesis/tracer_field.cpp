@@ -1,4 +1,4 @@
-// Answers by fields alone.
+// Hits and shadows from fields alone.
 #include <algorithm>
 
 #include "field/thesis/thesis_kernels.h"
@@ -34,7 +34,7 @@ class FieldTracer final : public PhongTracer {
     }
   }
 
-  // Section 3.2.3: one look-up from the light towards the point tells what the light sees first.
+  // Section 3.2.3: one look-up from the light towards the point finds what the light sees first.
   void shadow(TracerBatch& batch, const Vec3& light) const override {
     const size_t count = batch.shading_points.size();
     batch.shadow_rays.resize(count);

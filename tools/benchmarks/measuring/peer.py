@@ -1,4 +1,4 @@
-"""Mitsuba 3 beside the project's own methods, through peer_worker.py."""
+"""Mitsuba 3 for comparison, run through peer_worker.py."""
 
 import json
 import pathlib
@@ -45,17 +45,17 @@ class Peer:
         return json.loads(line)
 
     def render(self, spp, seed=0, integrator="direct", picture=None):
-        """Seconds of one render, the compilation of its kernels left out; with a picture they may be counted."""
+        """Seconds of one render without kernel compilation, which may be included if an image is requested."""
         job = {"spp": spp, "seed": seed, "integrator": integrator, "picture": str(picture) if picture else None}
         try:
             print(json.dumps(job), file=self.process.stdin, flush=True)
         except BrokenPipeError:
-            pass  # _answer() says what happened
+            pass  # _answer() reports the cause
         return self._answer()["seconds"]
 
 
 def find_peer(python):
-    """None if `python` can import what the worker needs, else why not."""
+    """None if `python` can import the packages that the worker needs, else the reason."""
     if not python:
         return "no --peer-python was given"
     try:
