@@ -16,7 +16,7 @@ constexpr const char* k_resolution = "64";
 // The aims of row 10: root mean square error, and worst block of 16 x 16 pixels. Single pixels and blocks of k_block^2
 // are held to what row 10 allows the larger block.
 constexpr double k_rmse = 0.004, k_worst_block = 0.02;
-// docs/decisions/014-leaves.md: what umbrae behind several layers gain, of the picture's mean.
+// docs/decisions/014-strata.md: what umbrae behind several layers gain, of the picture's mean.
 constexpr double k_mean = 0.001;
 
 TriangleMesh first_supershape() {
