@@ -130,7 +130,7 @@ struct LightBatch {
   }
 
   // Explicit points (LightSampleRange::x and y): one per shading point, for the group starting at `group`.
-  FT_HD_INLINE CentredPair<F> own_points(size_t group) const {
+  FT_HD_INLINE CentredPair<F> explicit_points(size_t group) const {
     return {load_lanes<F>(range.x + group), load_lanes<F>(range.y + group)};
   }
 
@@ -140,7 +140,7 @@ struct LightBatch {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    const CentredPair<F> point = range.x             ? own_points(slot)
+    const CentredPair<F> point = range.x             ? explicit_points(slot)
                                  : range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
                                                      : gather_point<F>(point_sets, r.points, index);
     emit(to, slot, r, setup, point, third);
@@ -213,7 +213,7 @@ struct LightBatch {
       const size_t end = std::min(block + k_block, shading_points.size);
       for (size_t group = block; group < end; group += k_lanes) {
         const ShadingPointLanes<F> r = load_shading_points(group);
-        const CentredPair<F> point = range.x ? own_points(group) : group_points(group, r);
+        const CentredPair<F> point = range.x ? explicit_points(group) : group_points(group, r);
         store_lanes(point.x, x + (group - block));
         store_lanes(point.y, y + (group - block));
       }
