@@ -241,14 +241,14 @@ struct LightBatch {
       const size_t count = std::min(size_t(k_lanes), shading_points.size - group);
       for (size_t i = 0; i < count; ++i) {
         const SpreadLanes<F> spread = {LanePermutation<F>(lane + i * k_lanes)};
-        const ShadingPointLanes<F> one = r.map(spread);
-        const typename Kind::Setup one_setup = setup.map(spread);
+        const ShadingPointLanes<F> spread_point = r.map(spread);
+        const typename Kind::Setup spread_setup = setup.map(spread);
         for (size_t k = 0; k < m; k += k_lanes) {
           const auto number = as_uint(lane_sequence<F>(range.first + int32_t(k)));
-          const auto points = range.columns > 0
-                                  ? centre_of_cell(number)
-                                  : load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
-          emit(to, (group + i) * m + k, one, one_setup, points, splat<F>(0.0f));
+          const auto points =
+              range.columns > 0 ? centre_of_cell(number)
+                                : load_points<F>(point_sets, set[i], spread_point.points, first_index[i] + uint32_t(k));
+          emit(to, (group + i) * m + k, spread_point, spread_setup, points, splat<F>(0.0f));
         }
       }
     }
