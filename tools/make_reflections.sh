@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes the meshes and instances that the glossy reflection scenes in scenes/ need.
-# tools/make_reflections.sh [PROGRAM [FOLDER]]
+#   tools/make_reflections.sh [PROGRAM [FOLDER]]
 # PROGRAM: fieldtrace (default: build/release/bin/fieldtrace). FOLDER: the output folder (default: reflections/, where
 # the scenes look for them).
 set -euo pipefail

@@ -130,7 +130,7 @@ struct LightBatch {
   }
 
   // Explicit points (LightSampleRange::x and y): one per shading point, for the group starting at `group`.
-  FT_HD_INLINE CentredPair<F> own_points(size_t group) const {
+  FT_HD_INLINE CentredPair<F> explicit_points(size_t group) const {
     return {load_lanes<F>(range.x + group), load_lanes<F>(range.y + group)};
   }
 
@@ -140,7 +140,7 @@ struct LightBatch {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    const CentredPair<F> point = range.x             ? own_points(slot)
+    const CentredPair<F> point = range.x             ? explicit_points(slot)
                                  : range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
                                                      : gather_point<F>(point_sets, r.points, index);
     emit(to, slot, r, setup, point, third);
@@ -213,7 +213,7 @@ struct LightBatch {
       const size_t end = std::min(block + k_block, shading_points.size);
       for (size_t group = block; group < end; group += k_lanes) {
         const ShadingPointLanes<F> r = load_shading_points(group);
-        const CentredPair<F> point = range.x ? own_points(group) : group_points(group, r);
+        const CentredPair<F> point = range.x ? explicit_points(group) : group_points(group, r);
         store_lanes(point.x, x + (group - block));
         store_lanes(point.y, y + (group - block));
       }
@@ -241,14 +241,14 @@ struct LightBatch {
       const size_t count = std::min(size_t(k_lanes), shading_points.size - group);
       for (size_t i = 0; i < count; ++i) {
         const SpreadLanes<F> spread = {LanePermutation<F>(lane + i * k_lanes)};
-        const ShadingPointLanes<F> one = r.map(spread);
-        const typename Kind::Setup one_setup = setup.map(spread);
+        const ShadingPointLanes<F> spread_point = r.map(spread);
+        const typename Kind::Setup spread_setup = setup.map(spread);
         for (size_t k = 0; k < m; k += k_lanes) {
           const auto number = as_uint(lane_sequence<F>(range.first + int32_t(k)));
-          const auto points = range.columns > 0
-                                  ? centre_of_cell(number)
-                                  : load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
-          emit(to, (group + i) * m + k, one, one_setup, points, splat<F>(0.0f));
+          const auto points =
+              range.columns > 0 ? centre_of_cell(number)
+                                : load_points<F>(point_sets, set[i], spread_point.points, first_index[i] + uint32_t(k));
+          emit(to, (group + i) * m + k, spread_point, spread_setup, points, splat<F>(0.0f));
         }
       }
     }

@@ -45,7 +45,7 @@ float erf_inverse(float x) {
 
 // Samples the slope along x of a unit-roughness Beckmann surface seen from direction (sin, 0, cos). The density is
 // proportional to max(cos - x sin, 0) exp(-x^2), whose integral up to x is, times 2,
-// F(x) = cos (1 + erf x) + sin exp(-x^2) / sqrt(pi), x <= cot.
+//   F(x) = cos (1 + erf x) + sin exp(-x^2) / sqrt(pi), x <= cot.
 float visible_beckmann_slope(float cos_theta, float sin_theta, float u) {
   const double c = cos_theta, s = sin_theta;
   const auto integral = [&](double x) { return c * (1.0 + std::erf(x)) + s * std::exp(-x * x) / k_sqrt_pi; };

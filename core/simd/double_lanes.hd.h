@@ -39,7 +39,7 @@ FT_HD inline D load_floats(const float* p) {
 }
 // Rounds to floats and stores them at consecutive addresses.
 FT_HD inline void store_floats(double a, float* p) { *p = float(a); }
-// The same, rounded up to the next float above. Values must be finite and at least 0.
+// The same with the float after the rounded one, which is above `a`. Values must be finite and at least 0.
 FT_HD inline void store_next_floats(double a, float* p) {
   const float rounded = float(a);
   uint32_t bits;

@@ -1,4 +1,5 @@
-// The acceleration structure. This header and accel.cpp / accel_analytic.cpp are the only code that uses Embree.
+// The acceleration structure. This header and accel.cpp / accel_analytic.cpp are the only code of the renderer that
+// uses Embree.
 //
 // Each shape has a separate Embree scene in object space; the whole scene is a scene of instances of those. All queries
 // take batches and use the packet width and flags that measured fastest for that kind of ray. The result for a ray does

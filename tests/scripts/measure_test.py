@@ -36,14 +36,14 @@ class Search(unittest.TestCase):
             self.assertGreater(errors[32], 1.0 / 40)
 
     def test_says_when_the_error_stops_falling(self):
-        asked = []
+        counts = []
 
         def error_of(n):
-            asked.append(n)
+            counts.append(n)
             return 0.5 + 0.01 / n
 
         self.assertIsNone(search.fewest(error_of, 0.1, 8)[0])
-        self.assertLess(max(asked), 100)
+        self.assertLess(max(counts), 100)
 
     def test_staircase_finds_the_quickest_pair(self):
         # The aim takes 4 camera samples and 100 light samples in all; a camera sample costs as much as three of these.

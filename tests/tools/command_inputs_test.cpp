@@ -135,8 +135,9 @@ TEST_F(CommandInputs, AFieldCannotAskForMoreMemoryThanItsSizeIsWorth) {
   expect_refused("a grid's type", descriptor + grid.size(), 0xfffffff0u);
   expect_refused("the number of grids", descriptor - 4, 0x7fffffffu);
   // OpenVDB allocates as much memory for this type as the file claims.
-  const std::string own_type = string_of("__delayedload");
-  std::string forged = body.substr(0, metadata) + string_of("chart") + own_type + body.substr(metadata + chart.size());
+  const std::string delayed_type = string_of("__delayedload");
+  std::string forged =
+      body.substr(0, metadata) + string_of("chart") + delayed_type + body.substr(metadata + chart.size());
   write("forged.vdb", sealed(forged));
   expect_failure(1, "metadata of the type __delayedload", {"info", "forged.vdb"}, only_seconds);
 }

@@ -141,7 +141,7 @@ struct Result {
   Tally at[k_limit_count];  // additional answers at this class limit
 };
 
-Result measure(const Object& object, Field& field, SingleRayQuery& probe, const Generator& generate, int clusters,
+Result measure(const Object& object, Field& field, SingleRayQuery& query, const Generator& generate, int clusters,
                uint32_t seed) {
   Random random(seed);
   Result result;
@@ -163,7 +163,7 @@ Result measure(const Object& object, Field& field, SingleRayQuery& probe, const 
       ++result.queries;
       for (int l = 0; l < k_limit_count; ++l) {
         const QueryPolicy policy = {.visibility_max_class = k_limits[l], .depth_max_class = k_limits[l]};
-        const FieldVerdict verdict = probe.occluded(policy, s.o, s.d, s.t_max, s.self);
+        const FieldVerdict verdict = query.occluded(policy, s.o, s.d, s.t_max, s.self);
         if (verdict == FieldVerdict::undecided) continue;
         const int b = verdict == FieldVerdict::blocked;
         ++result.at[l].answers[b];
@@ -203,7 +203,7 @@ void print(const std::string& name, const std::string& kind, const FieldParamete
 }
 
 // Share of new lines through plane-fit cells that lie farther off than r times the largest residual, r = 1, 1.5, 2, 3.
-void print_residuals(const Object& object, Field& field, SingleRayQuery& probe, int clusters) {
+void print_residuals(const Object& object, Field& field, SingleRayQuery& query, int clusters) {
   const FieldParameters& p = field.parameters();
   Random random(77);
   constexpr float k_factors[] = {1.0f, 1.5f, 2.0f, 3.0f};
@@ -214,7 +214,7 @@ void print_residuals(const Object& object, Field& field, SingleRayQuery& probe, 
     const SurfacePoint at = surface_point(object, random, false);
     Vec3 d = random.direction();
     if (glm::dot(d, at.normal) > 0.0f) d = -d;
-    probe.nearest({}, at.position - d, d, 0.0f, k_infinity, false);
+    query.nearest({}, at.position - d, d, 0.0f, k_infinity, false);
     const Vec3 o = (at.position - field.ball().centre) * (1.0f / field.ball().radius);
     const auto cell =
         scalar::address_of_line<float>({d.x, d.y, d.z}, {o.x, o.y, o.z}, make_axis(p.directions), make_axis(p.plane));
@@ -269,24 +269,24 @@ TriangleMesh mesh_by_name(const std::string& name) {
 void report(const std::string& name, const FieldParameters& parameters, int clusters, uint32_t seed) {
   const Object object(mesh_by_name(name));
   Field field(field_ball(object.scene.shapes[0].bounds), parameters);
-  SingleRayQuery probe(field, *object.accel, 0);
+  SingleRayQuery query(field, *object.accel, 0);
   const bool open = name == "sheet" || name == "holes" || name == "slivers";
-  print(name, "out-out", parameters, measure(object, field, probe, outside_outside, clusters, seed));
-  const double rays_line = double(probe.counters().rays) / double(std::max<uint64_t>(field.cells_baked(), 1));
-  const uint64_t cells = field.cells_baked(), rays = probe.counters().rays;
+  print(name, "out-out", parameters, measure(object, field, query, outside_outside, clusters, seed));
+  const double rays_line = double(query.counters().rays) / double(std::max<uint64_t>(field.cells_baked(), 1));
+  const uint64_t cells = field.cells_baked(), rays = query.counters().rays;
   print(name, "surface", parameters,
         measure(
-            object, field, probe,
+            object, field, query,
             [open](const Object& o, const Field& f, Random& r, std::vector<Segment>& out) {
               from_surface(o, f, r, out, open);
             },
             clusters, seed + 1));
   const double rays_depth =
-      double(probe.counters().rays - rays) / double(std::max<uint64_t>(field.cells_baked() - cells, 1));
-  print(name, "in-out", parameters, measure(object, field, probe, inside_outside, clusters, seed + 2));
-  print_residuals(object, field, probe, clusters);
+      double(query.counters().rays - rays) / double(std::max<uint64_t>(field.cells_baked() - cells, 1));
+  print(name, "in-out", parameters, measure(object, field, query, inside_outside, clusters, seed + 2));
+  print_residuals(object, field, query, clusters);
   std::printf("          bake rays per cell: visibility %.1f, depth %.1f; %.2f s\n", rays_line, rays_depth,
-              probe.counters().seconds);
+              query.counters().seconds);
   std::fflush(stdout);
 }
 

@@ -100,7 +100,7 @@ class TileRenderer {
 
  private:
   // Weight of the surface's own colour: 1 where no reflected ray follows.
-  float own_share(const PhongSurface& s, bool reflects) const {
+  float surface_share(const PhongSurface& s, bool reflects) const {
     return reflects ? 1.0f - scene_.materials[s.instance].mirror : 1.0f;
   }
 
@@ -115,7 +115,7 @@ class TileRenderer {
         continue;
       }
       const PhongMaterial& m = scene_.materials[s.instance];
-      colours_[path.pixel] += path.weight * own_share(s, reflects) * (m.emission + m.ambient * scene_.ambient);
+      colours_[path.pixel] += path.weight * surface_share(s, reflects) * (m.emission + m.ambient * scene_.ambient);
     }
     for (const PhongLight& light : scene_.lights) {
       batch_.shading_points.clear();
@@ -131,7 +131,7 @@ class TileRenderer {
         const uint32_t i = batch_.shading_points[k];
         const PhongSurface& s = batch_.surfaces[i];
         const Rgb c = lit_colour(scene_.materials[s.instance], light, s, batch_.rays.direction(i));
-        colours_[paths_[i].pixel] += paths_[i].weight * own_share(s, reflects) * c;
+        colours_[paths_[i].pixel] += paths_[i].weight * surface_share(s, reflects) * c;
       }
     }
   }

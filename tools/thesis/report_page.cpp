@@ -169,14 +169,15 @@ std::string plots(const ThesisReport& report) {
     time.series[0].points.emplace_back(double(g.triangles), g.field_ms);
     time.series[1].points.emplace_back(double(g.triangles), g.exact_ms);
   }
-  Plot own{"This program's renderers", "milliseconds, warm", "RMS, 0 ... 255", true, true, {}};
+  Plot renderers{"This program's renderers", "milliseconds, warm", "RMS, 0 ... 255", true, true, {}};
   for (const ThesisHybridRow& r : report.hybrid) {
     const std::string label = r.scene + ", " + r.method;
-    if (own.series.empty() || own.series.back().label != label) own.series.push_back({label, {}, r.method == "hybrid"});
-    own.series.back().points.emplace_back(r.milliseconds, r.rms);
+    if (renderers.series.empty() || renderers.series.back().label != label)
+      renderers.series.push_back({label, {}, r.method == "hybrid"});
+    renderers.series.back().points.emplace_back(r.milliseconds, r.rms);
   }
   std::string html = "<h2>Plots</h2>\n" + svg_plot(error) + svg_plot(memory) + svg_plot(time);
-  if (!report.hybrid.empty()) html += svg_plot(own);
+  if (!report.hybrid.empty()) html += svg_plot(renderers);
   return html + growth_table(report);
 }
 

@@ -17,9 +17,9 @@ class Peer:
         settings = json.dumps([variant, str(scene), [str(f) for f in folders], {k: str(v) for k, v in defines}])
         worker = pathlib.Path(__file__).with_name("peer_worker.py")
         self.variant = variant
-        self.said = tempfile.TemporaryFile(mode="w+")
+        self.log = tempfile.TemporaryFile(mode="w+")
         self.process = subprocess.Popen([python, str(worker), settings], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                        stderr=self.said, text=True)
+                                        stderr=self.log, text=True)
         about = self._answer()
         self.version, self.denoises = about["version"], about["denoises"]
 
@@ -30,18 +30,18 @@ class Peer:
         self.process.stdin.close()
         self.process.wait(timeout=60)
         self.process.stdout.close()
-        self.said.close()
+        self.log.close()
 
     def _answer(self):
         line = self.process.stdout.readline()
         if not line:
             self.process.wait(timeout=60)
-            self.said.seek(0)
-            said = self.said.read().strip().splitlines()[:1] or ["nothing"]
+            self.log.seek(0)
+            lines = self.log.read().strip().splitlines()[:1] or ["nothing"]
             hint = ""
             if self.variant.startswith("llvm"):
                 hint = "; LLVM 16 or later is needed, named by the environment variable DRJIT_LIBLLVM_PATH"
-            raise BenchmarkError(f"Mitsuba ({self.variant}) stopped; it said: {said[0]}{hint}")
+            raise BenchmarkError(f"Mitsuba ({self.variant}) stopped; it said: {lines[0]}{hint}")
         return json.loads(line)
 
     def render(self, spp, seed=0, integrator="direct", picture=None):

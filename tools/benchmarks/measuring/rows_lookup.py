@@ -37,10 +37,11 @@ def lookups(context):
     figures = []
     for name, (_, target) in meshes.items():
         elsewhere = rates_of(runs[name], "elsewhere")
-        own = rates_of(runs[name], "own_surface")
+        on_object = rates_of(runs[name], "own_surface")
         figures.append(Figure(f"{name}, shading points elsewhere", elsewhere["ratio"]["value"], AT_LEAST, target, "x",
                               elsewhere))
-        figures.append(Figure(f"{name}, shading points on the object", own["ratio"]["value"], None, None, "x", own))
+        figures.append(Figure(f"{name}, shading points on the object", on_object["ratio"]["value"], None, None, "x",
+                              on_object))
     return RowResult(figures, ["Rays a second of one core's processor time; 8,192 rays that stay in cache; rays that "
                                "are undecided are counted as answered (their share is in the details)."])
 
