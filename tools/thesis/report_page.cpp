@@ -48,10 +48,10 @@ constexpr const char* k_main_end = R"(</table>
 )";
 
 constexpr const char* k_charts_begin = R"(<h2>Both charts at no more bytes</h2>
-<p>Visibility of a light of 7 degrees past one object, 64 rays a receiver, against Embree's answers to the same rays:
-RMSE of the share that arrives, in [0, 1]. Receivers lie behind the object or on it. Bytes are those of a complete field,
+<p>Visibility of a light of 7 degrees past one object, 64 rays a shading point, against Embree's answers to the same rays:
+RMSE of the share that arrives, in [0, 1]. Shading points lie behind the object or on it. Bytes are those of a complete field,
 of what these rays read: distances alone by the thesis' chart; by the orthographic one visibility cells, and depth cells
-where receivers lie on the object. The orthographic field is the finest of N = D or 2 D that takes no more bytes; where there is
+where shading points lie on the object. The orthographic field is the finest of N = D or 2 D that takes no more bytes; where there is
 none, the coarsest takes more. Exact: the share of the rays meeting the object's ball that is left to exact rays; at tolerance 1
 no ray is. ns: one thread, the instruction set above.</p>
 <table><tr><th class="l">object</th><th class="l">shading points</th><th class="l">chart</th><th>MB</th><th>tolerance</th>
