@@ -1,7 +1,7 @@
 # fieldtrace_component([MAY_INCLUDE FOLDER...] [LIBRARIES LIB...] [VECTOR_KERNELS FILE...])
 #
-# Adds the sources of the calling folder LIBRARY/COMPONENT to fieldtrace_LIBRARY. MAY_INCLUDE names the folders whose
-# headers its files include; include_direction_test reads it and holds every file to it. LIBRARIES are linked privately.
+# Adds the sources of the calling folder LIBRARY/COMPONENT to fieldtrace_LIBRARY. MAY_INCLUDE lists the folders whose
+# headers they may include; include_direction_test parses and enforces it. LIBRARIES are linked privately.
 # VECTOR_KERNELS are the files that Highway compiles once per instruction set (CompileOptions.cmake).
 function(fieldtrace_component)
   cmake_parse_arguments(ARG "" "" "MAY_INCLUDE;LIBRARIES;VECTOR_KERNELS" ${ARGN})

@@ -1,4 +1,4 @@
-# Finds every external package (all from Debian 12) and mends what their configurations leave out.
+# Finds every external package (all from Debian 12) and repairs their configurations where needed.
 find_package(Threads REQUIRED)
 find_package(TBB REQUIRED)
 find_package(embree 3.12 REQUIRED)
@@ -13,6 +13,10 @@ find_path(CLI11_INCLUDE_DIR CLI/CLI.hpp REQUIRED)
 find_path(NLOHMANN_JSON_INCLUDE_DIR nlohmann/json.hpp REQUIRED)
 find_package(tinyobjloader REQUIRED)
 
+# Debian's xxHash has no CMake files.
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(XXHASH REQUIRED IMPORTED_TARGET libxxhash>=0.8)
+
 # Debian's OpenImageIO names an include folder of OpenCV that is not installed.
 get_target_property(_oiio_includes OpenImageIO::OpenImageIO INTERFACE_INCLUDE_DIRECTORIES)
 if(_oiio_includes)
@@ -20,7 +24,7 @@ if(_oiio_includes)
   set_target_properties(OpenImageIO::OpenImageIO PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${_oiio_includes}")
 endif()
 
-# FindOpenVDB.cmake lies beside the library, off the module path.
+# FindOpenVDB.cmake is installed beside the library, off the module path.
 file(GLOB _openvdb_module_dirs /usr/lib/*/cmake/OpenVDB /usr/lib/cmake/OpenVDB)
 list(APPEND CMAKE_MODULE_PATH ${_openvdb_module_dirs})
 find_package(OpenVDB REQUIRED)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Installs what is missing, configures the release preset and builds it: the first half of test.sh and demo.sh.
-# Further arguments go to `cmake --build` (for example: --target fieldtrace).
+# Installs missing packages, configures the release preset and builds it: the first half of test.sh and demo.sh. Further
+# arguments go to `cmake --build` (for example: --target fieldtrace).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

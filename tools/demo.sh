@@ -1,8 +1,7 @@
 #!/usr/bin/env bash
-# Sets everything up, builds, and renders one scene by both methods: pictures in demo/ and a table.
-# The reference picture takes most of the time; it is kept in demo/ and reused. After a change of the renderer, delete
-# demo/ to make it anew.
-# Further arguments go to fieldtrace_demo (for example: -D width=960 -D height=540).
+# Sets everything up, builds, and renders one scene by both methods: images in demo/ and a table. The reference image
+# takes most of the time; it is kept in demo/ and reused. After a change of the renderer, delete demo/ to render it
+# again. Further arguments go to fieldtrace_demo (for example: -D width=960 -D height=540).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

@@ -6,11 +6,11 @@ packages=(
   g++ cmake ninja-build pkg-config ccache
   libembree-dev libtbb-dev libglm-dev libfmt-dev libhwy-dev libpugixml-dev libtinyobjloader-dev
   libopenimageio-dev libopenexr-dev libpng-dev openimageio-tools     # Debian's CMake files of OpenImageIO want the tools
-  libopenvdb-dev libnanovdb-dev libboost-iostreams-dev libblosc-dev
+  libopenvdb-dev libboost-iostreams-dev libblosc-dev libxxhash-dev
   libcli11-dev nlohmann-json3-dev
   libgtest-dev libopenvdb-tools glmark2-data python3 python3-venv    # tests; the demo's bunny
   chromium                                                           # tests: pages as a browser shows them
-  libbenchmark-dev clang-format                                      # -DFIELDTRACE_BENCHMARKS=ON; changing the code
+  libbenchmark-dev clang-format clang-tidy                           # -DFIELDTRACE_BENCHMARKS=ON; changing the code
 )
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
@@ -39,7 +39,7 @@ if [[ $(id -u) -ne 0 ]]; then
 fi
 
 echo "install_packages: installing ${missing[*]}"
-# `env` carries the setting through sudo. Lists that are out of date show as failing downloads, hence the update.
+# `env` carries the setting through sudo. Outdated package lists appear as failed downloads, hence the update.
 if ! { "${as_root[@]}" apt-get update -q &&
        "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
          apt-get install -q -y --no-install-recommends "${missing[@]}"; }; then

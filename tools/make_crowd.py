@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Makes what scenes/crowd.xml includes: meshes, and a file of instances of them scattered over the floor.
+"""Generates the files that scenes/crowd.xml includes: meshes, and instances of them scattered over the floor.
 
     tools/make_crowd.py [--program build/release/bin/fieldtrace] [-o crowd] [--instances 10000] [--seed 1]
         [--mesh "knot --along 1562 --around 32" ...]
 
-writes crowd/object_0.ply, crowd/object_1.ply ... and crowd/instances.xml: ten meshes, or those that --mesh names in the
-words of `fieldtrace mesh`. The same arguments give the same files. They name the meshes by their full paths: Mitsuba
-looks for relative ones beside the scene, not beside the file that it includes.
+writes crowd/object_0.ply, crowd/object_1.ply ... and crowd/instances.xml: ten default meshes, or those given by --mesh
+as arguments of `fieldtrace mesh`. The same arguments give the same files. Meshes are referenced by absolute paths,
+because Mitsuba resolves relative ones against the main scene file, not the included one.
 """
 
 import argparse
@@ -30,7 +30,7 @@ OBJECTS = [
     "knot --p 3 --q 2 --tube 0.07 --along 256 --around 16",
     "sphere --radius 0.8 --around 96 --along 42",
 ]
-HALF_WIDTH = 50.0  # of the square that is filled, as in scenes/crowd.xml
+HALF_WIDTH = 50.0  # of the filled square, as in scenes/crowd.xml
 COLOURS = ["ochre", "slate", "moss"]
 
 
@@ -41,7 +41,7 @@ def make_meshes(program, folder, objects):
 
 def write_instances(path, count, seed, objects):
     rng = random.Random(seed)
-    # One instance in each cell of a square grid, away from the cell's rim: none covers another wholly.
+    # One instance per cell of a square grid, away from the cell's border, so that none covers another entirely.
     columns = max(math.ceil(math.sqrt(count)), 1)
     cell = 2.0 * HALF_WIDTH / columns
     with open(path, "w", encoding="utf-8") as out:
@@ -56,7 +56,7 @@ def write_instances(path, count, seed, objects):
             z = (n // columns + rng.uniform(0.3, 0.7)) * cell - HALF_WIDTH
             size = cell * rng.uniform(0.25, 0.6)
             axis = [rng.uniform(-1.0, 1.0) for _ in range(3)]
-            length = math.hypot(*axis)  # Mitsuba takes axes as unit vectors without asking
+            length = math.hypot(*axis)  # Mitsuba assumes unit axes
             axis = [a / length for a in axis]
             out.write(f'  <shape type="instance"><transform name="to_world">'
                       f'<rotate value="{axis[0]:.7f} {axis[1]:.7f} {axis[2]:.7f}" angle="{rng.uniform(0, 360):.3f}"/>'

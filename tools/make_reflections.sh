@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Makes what the scenes of glossy reflection in scenes/ take beside their files: meshes and instances.
+# Makes the meshes and instances that the glossy reflection scenes in scenes/ need.
 #   tools/make_reflections.sh [PROGRAM [FOLDER]]
-# PROGRAM: fieldtrace (default: build/release/bin/fieldtrace). FOLDER: where they go (default: reflections/, where the
-# scenes look for them).
+# PROGRAM: fieldtrace (default: build/release/bin/fieldtrace). FOLDER: the output folder (default: reflections/, where
+# the scenes look for them).
 set -euo pipefail
 program=$(realpath -m "${1:-$(dirname "$0")/../build/release/bin/fieldtrace}")
 folder=$(realpath -m "${2:-$(dirname "$0")/../reflections}")

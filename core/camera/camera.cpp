@@ -10,17 +10,18 @@
 namespace fieldtrace {
 namespace {
 
-// Linear interpolation between so many points of the inverse distribution moves a sample by less than 1e-3 pixels
-// everywhere but in the outermost step, whose probability is 1 / 2048.
+// Size of the inverse-CDF table. Linear interpolation moves a sample by less than 1e-3 pixels, except in the outermost
+// step, whose probability is 1 / 2048.
 constexpr int k_gaussian_steps = 2048;
 
-// Mitsuba's gaussian falls to zero at the radius: exp(-x^2 / 2 s^2) - exp(-r^2 / 2 s^2). Its integral from 0 to x:
+// Mitsuba's gaussian is shifted to reach zero at the radius: exp(-x^2 / 2 s^2) - exp(-r^2 / 2 s^2). This is its
+// integral from 0 to x.
 double gaussian_integral(double x, double radius, double stddev) {
   const double base = std::exp(-radius * radius / (2.0 * stddev * stddev));
   return stddev * std::sqrt(0.5 * 3.14159265358979323846) * std::erf(x / (stddev * std::sqrt(2.0))) - base * x;
 }
 
-// Tabulates the inverse of the distribution of |x| by bisection.
+// Tabulates the inverse CDF of |x| by bisection.
 std::vector<float> tabulate_gaussian(double radius, double stddev) {
   std::vector<float> table(k_gaussian_steps + 1);
   const double total = gaussian_integral(radius, radius, stddev);
@@ -29,7 +30,7 @@ std::vector<float> tabulate_gaussian(double radius, double stddev) {
     const double target = total * k / k_gaussian_steps;
     double high = radius;
     double a = low;
-    // 40 bisection steps of the radius reach 1e-12 of it.
+    // 40 bisection steps narrow x to 1e-12 of the radius.
     for (int step = 0; step < 40; ++step) {
       const double middle = 0.5 * (a + high);
       (gaussian_integral(middle, radius, stddev) < target ? a : high) = middle;

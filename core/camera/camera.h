@@ -1,11 +1,11 @@
 // Camera rays: pinhole and thin lens, crop windows, and sampling of the pixel filter.
 //
-// Conventions are Mitsuba 3's (plugins `perspective`, `thinlens`, `hdrfilm`): the camera looks along its +z, +y is up,
-// +x points to the left of the picture; rays start on the near clipping plane and end on the far one.
-// Filter: every camera sample belongs to one pixel and is placed by importance sampling of the reconstruction filter
-// (Ernst, Stamminger and Greiner, "Filter Importance Sampling", IEEE RT 2006), with weight 1. The expected picture is
-// the convolution with the filter, and a pixel depends on nothing outside it: tiles, threads and crop windows cannot
-// change it. Box, tent and gaussian are positive, so every sample counts alike.
+// Conventions follow Mitsuba 3 (plugins `perspective`, `thinlens`, `hdrfilm`): the camera looks along its +z axis, +y
+// is up, +x points left in the image; rays start on the near clipping plane and end on the far one.
+// Filter: each camera sample belongs to one pixel and is placed by importance sampling of the reconstruction filter
+// (Ernst, Stamminger and Greiner, "Filter Importance Sampling", IEEE RT 2006), with weight 1. The expected image is the
+// convolution with the filter, yet no pixel depends on its neighbours: tiles, threads and crop windows cannot change
+// it. Box, tent and gaussian filters are positive, so all samples have equal weight.
 // Thread-safety: CameraSampler is const after construction.
 #pragma once
 
@@ -27,23 +27,22 @@ struct CameraRay {
 
 class CameraSampler {
  public:
-  // Throws Error for a camera or film that defines no picture (empty film, field of view outside (0, 180) degrees,
-  // ...).
+  // Throws Error for a camera or film that defines no image (empty film, field of view outside (0, 180) degrees, ...).
   CameraSampler(const Camera& camera, const Film& film);
 
   CameraSampler(const CameraSampler&) = delete;
   CameraSampler& operator=(const CameraSampler&) = delete;
 
-  // Rays of camera samples, in SIMD lanes, with their parts as in CameraRay: the same bits for every instruction set.
-  // Sample points are those of `seed`'s k_camera_stream (core/sampling/sobol.hd.h). `rays` and near_distance are
-  // resized, the latter to whole vectors. Throws UsageError if this processor cannot run `isa`.
+  // Generates the rays of camera samples in SIMD lanes, bit-identical for every instruction set; the members are those
+  // of CameraRay. Sample points come from stream k_camera_stream of `seed` (core/sampling/sobol.hd.h). Resizes `rays`
+  // and near_distance, the latter to whole vectors. Throws UsageError if this processor cannot run `isa`.
   void sample(const CameraSamples& samples, uint32_t seed, Isa isa, RayBatch& rays,
               AlignedVector<float>& near_distance) const;
 
-  // The ray through the film position p in pixels: (0, 0) is the film's top left corner. u_lens lies in [0, 1)^2.
+  // The ray through film position p in pixels; (0, 0) is the film's top left corner. u_lens is in [0, 1)^2.
   CameraRay ray_at(const Vec2& p, const Vec2& u_lens) const;
 
-  // Offset from the pixel's centre in pixels, distributed as the filter along one axis.
+  // Offset from the pixel centre along one axis, in pixels, distributed as the filter.
   float filter_offset(float u) const;
 
  private:

@@ -10,7 +10,7 @@
 #include "core/camera/camera_batch-inl.h"
 #include "core/simd/lanes-inl.h"
 
-#if HWY_TARGET != HWY_SCALAR  // sample_camera_scalar serves that
+#if HWY_TARGET != HWY_SCALAR  // the scalar target is served by sample_camera_scalar
 FT_LANES_BEGIN
 
 inline void sample_camera_lanes(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,

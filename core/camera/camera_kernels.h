@@ -1,4 +1,4 @@
-// The compiled forms of the loop behind CameraSampler::sample(), one per instruction set.
+// The compiled variants of the loop behind CameraSampler::sample(), one per instruction set.
 // Thread-safety: pure functions.
 #pragma once
 
@@ -8,11 +8,11 @@
 
 namespace fieldtrace {
 
-// `rays` and near_distance are resized by the caller; their padding is written too.
+// The caller resizes `rays` and near_distance; the kernel writes their padding too.
 using CameraKernel = void (*)(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,
                               float* near_distance);
 
-// `isa` is resolved: supported by this processor and not `automatic`.
+// `isa` must be resolved: supported by this processor, not `automatic`.
 CameraKernel camera_kernel_for(Isa isa);
 
 void sample_camera_scalar(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,

@@ -13,7 +13,7 @@
 
 FT_LANES_BEGIN
 
-// Offset from the pixel's centre in pixels, distributed as the filter along one axis. u in [0, 1).
+// Offset from the pixel centre along one axis, in pixels, distributed as the filter. u in [0, 1).
 template <class F>
 FT_HD_INLINE F filter_offset(const CameraLens& lens, F u) {
   const F one = splat<F>(1.0f);
@@ -39,7 +39,7 @@ FT_HD_INLINE Vec3Lanes<F> normalized(const Vec3Lanes<F>& v) {
   return v * (splat<F>(1.0f) / sqrt(dot(v, v)));
 }
 
-// The ray through the film position (x, y) in pixels.
+// The ray through film position (x, y) in pixels.
 template <class F>
 FT_HD_INLINE CameraRayLanes<F> camera_ray(const CameraLens& c, F x, F y, F u_lens, F v_lens) {
   const F one = splat<F>(1.0f), two = splat<F>(2.0f), zero = splat<F>(0.0f);

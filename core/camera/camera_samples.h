@@ -8,15 +8,15 @@
 
 namespace fieldtrace {
 
-// The stream of sample points that camera rays take (see vertex_seed in core/sampling/sobol.hd.h).
+// The stream of sample points for camera rays (see vertex_seed in core/sampling/sobol.hd.h).
 inline constexpr uint32_t k_camera_stream = 0x43414d00u;
 
-// Camera samples: the pixel of the whole film that each belongs to, and its index in the pixel's sequence.
+// Camera samples: the pixel of the whole film that each belongs to, and its index in that pixel's sequence.
 struct CameraSamples {
   size_t size = 0;
   AlignedVector<uint32_t> x, y, index;
 
-  // Keeps the capacity; entries below n are unspecified.
+  // Keeps the capacity; the entries below n are unspecified.
   void resize(size_t n) {
     size = n;
     for (auto* v : {&x, &y, &index}) v->resize(padded(n));

@@ -1,7 +1,7 @@
 // Images in memory and on disk (EXR, PNG and whatever else OpenImageIO reads).
 //
-// Memory layout: interleaved float channels, row 0 at the top. Values are linear radiance unless a channel's
-// name says otherwise (an AOV). Thread-safety: a value; the functions may be called from any thread.
+// Memory layout: interleaved float channels, row 0 at the top. Values are linear radiance unless the channel is named
+// as an AOV. Thread-safety: a value; the functions may be called from any thread.
 #pragma once
 
 #include <map>
@@ -29,26 +29,26 @@ struct ImageWriteOptions {
   std::map<std::string, std::string> metadata;  // EXR header strings: command, seed, spp, version
 };
 
-// Writes `image` in the format that the file name's ending names (.exr, .png). EXR keeps every channel in one
-// multi-layer part, finite values beyond the range of half clamped to it; PNG takes channels R, G, B, encoded as
-// 8-bit sRGB (NaN and negative values become 0). The file is written beside its final name
-// under a temporary name and renamed into place. Throws Error if it cannot be written.
+// Writes `image` in the format given by the file name's extension (.exr, .png). EXR keeps every channel in one
+// multi-layer part, with finite values clamped to the range of half; PNG takes channels R, G, B, encoded as 8-bit sRGB
+// (NaN and negative values become 0). The file is written under a temporary name in the same folder and renamed into
+// place. Throws Error if it cannot be written.
 void write_image(const std::string& path, const Image& image, const ImageWriteOptions& options = {});
 
-// Throws Error, as write_image would, if the ending is neither .exr nor .png or the file cannot be written now.
-// Leaves nothing behind: long work calls it before it starts.
+// Throws Error, as write_image would, if the extension is neither .exr nor .png or the file cannot be written now.
+// Leaves nothing behind; to be called before long work starts.
 void require_image_writable(const std::string& path);
 
 struct ImageReadOptions {
   bool linearise = true;  // decode 8-bit colour from sRGB; false: the stored values divided by 255
 };
 
-// Reads every channel of the first picture in the file as float. Colour channels of 8-bit formats are taken to be
-// sRGB and are linearised; alpha ("A") is not, and colours are not multiplied by it. Throws Error naming the path
-// and the reason.
+// Reads every channel of the file's first image as float. Colour channels of 8-bit formats are taken to be sRGB and are
+// linearised; alpha ("A") is not linearised, and colours are not premultiplied by it. Throws Error naming the path and
+// the reason.
 Image read_image(const std::string& path, const ImageReadOptions& options = {});
 
-// The sRGB transfer curve (IEC 61966-2-1), for values in [0, 1]; encode clamps to [0, 1], NaN becomes 0.
+// The sRGB transfer curve (IEC 61966-2-1) for values in [0, 1]. The encoder clamps to [0, 1]; NaN becomes 0.
 float srgb_encode(float linear);
 float srgb_decode(float encoded);
 

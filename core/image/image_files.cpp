@@ -110,7 +110,7 @@ struct ExrPixels {
           std::memcpy(to, &value, sizeof value);
           continue;
         }
-        // Infinity and NaN are kept: they tell that something went wrong.
+        // Infinity and NaN are kept as evidence of an error.
         if (std::isfinite(value)) value = std::clamp(value, -k_half_max, k_half_max);
         const Imath::half rounded(value);
         std::memcpy(to, &rounded, sizeof rounded);

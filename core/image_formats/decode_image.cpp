@@ -20,15 +20,15 @@ constexpr uint64_t k_max_values = uint64_t(1) << 31;
 // What is wrong with a file.
 using Failure = std::runtime_error;
 
-// The most values (a pixel's channels counted one by one) that one byte of a file can stand for, by format as
-// OpenImageIO names it. Each is the best that the format's compression can do; infinity where that has no bound (a
-// WebP of one colour is a few bytes at any size).
+// The most values (every channel of every pixel counted) that one byte of a file can encode, by OpenImageIO's name of
+// the format. Each is the best case of the format's compression; infinity where that has no bound (a WebP image of one
+// colour is a few bytes at any size).
 double most_values_per_byte(const std::string& format, const OIIO::ImageSpec& spec) {
-  // 8 pixels of a palette of two colours with alpha, 4 channels each.
+  // 8 pixels of a palette of two colours with alpha: 4 channels each.
   constexpr double k_uncompressed = 32;
-  // Deflate (RFC 1951) codes runs of 258 bytes by 2 bits, one for the length and one for the distance.
+  // Deflate (RFC 1951) encodes a run of 258 bytes in 2 bits, one for the length and one for the distance.
   constexpr double k_deflate = 1032;
-  // OpenImageIO tells a BMP's compression only where it has one.
+  // OpenImageIO reports a BMP's compression only if it has one.
   const bool plain = spec.get_string_attribute("compression", format == "bmp" ? "none" : "") == "none";
   if (format == "pnm") return 8;      // 1-bit grey; never compressed
   if (format == "hdr") return 48;     // runs of 127 in 2 bytes for each of 4 components: 3 * 127 / 8
@@ -41,7 +41,8 @@ double most_values_per_byte(const std::string& format, const OIIO::ImageSpec& sp
   return std::numeric_limits<double>::infinity();
 }
 
-// Throws Failure for dimensions that the file is too small to hold: its header is not to be trusted with memory.
+// Throws Failure for dimensions that a file of this size cannot hold, before a corrupt header can cause a huge
+// allocation.
 void require_fitting_size(const std::string& path, const OIIO::ImageSpec& spec, double values_per_byte) {
   const auto bytes = std::filesystem::file_size(path);
   if (double(spec.width) * spec.height * spec.nchannels <= values_per_byte * double(bytes)) return;
@@ -49,9 +50,9 @@ void require_fitting_size(const std::string& path, const OIIO::ImageSpec& spec, 
                 " pixels, more than its " + std::to_string(bytes) + " bytes can hold; the file is cut off or damaged");
 }
 
-// OpenImageIO allocates a GIF's canvas when it opens the file, so its header is checked first.
+// OpenImageIO allocates a GIF's canvas on opening the file, so the header has to be checked first.
 void check_gif_header(const std::string& path) {
-  unsigned char head[10] = {};  // "GIF89a", width, height: 2 bytes each, the lower first
+  unsigned char head[10] = {};  // "GIF89a", width, height: 2 bytes each, little endian
   std::ifstream(path, std::ios::binary).read(reinterpret_cast<char*>(head), sizeof head);
   if (!std::equal(head, head + 4, "GIF8")) return;
   const OIIO::ImageSpec spec(head[6] | head[7] << 8, head[8] | head[9] << 8, 4);
@@ -65,7 +66,7 @@ std::string reason_or(std::string reason, const char* otherwise) {
 std::unique_ptr<OIIO::ImageInput> open_image(const std::string& path) {
   check_gif_header(path);
   OIIO::ImageSpec hints;
-  hints.attribute("oiio:UnassociatedAlpha", 1);  // colours as stored, not multiplied by alpha
+  hints.attribute("oiio:UnassociatedAlpha", 1);  // straight colours, not premultiplied by alpha
   auto input = OIIO::ImageInput::open(path, &hints);
   if (!input) throw Failure(reason_or(OIIO::geterror(), "its header is damaged or of an unknown format"));
   const OIIO::ImageSpec& spec = input->spec();

@@ -27,7 +27,7 @@ std::string resolve_target(const std::string& path) {
   if (path.empty()) throw Error("an empty file name cannot be written; name a file");
   std::error_code unknown;
   const fs::file_status status = fs::status(path, unknown);
-  // A name that is too long, say: the temporary name, which is not, would hide that until the work is done.
+  // Such as a final name that is too long. The temporary name is shorter and would hide that until the work is done.
   if (status.type() == fs::file_type::none) throw cannot_write(path, unknown.message());
   if (fs::is_directory(status) || path.back() == '/') throw cannot_write(path, "it is a folder; name a file");
   // Renaming onto a device would replace the device itself.
@@ -39,10 +39,10 @@ std::string resolve_target(const std::string& path) {
   return failed ? path : resolved.string();
 }
 
-// Where pathconf() knows no limit: NAME_MAX of Linux.
+// Linux' NAME_MAX, where pathconf() reports no limit.
 constexpr size_t k_longest_name = 255;
 
-// At most `room` bytes of `name`, without a part of a UTF-8 sequence at the end.
+// At most `room` bytes of `name`, without a truncated UTF-8 sequence at the end.
 std::string shortened(const std::string& name, size_t room) {
   if (name.size() <= room) return name;
   const auto continues = [&](size_t i) { return (static_cast<unsigned char>(name[i]) & 0xc0) == 0x80; };
@@ -51,8 +51,8 @@ std::string shortened(const std::string& name, size_t room) {
   return name.substr(0, length);
 }
 
-// Unique among processes by the process id, among threads by the counter; O_EXCL catches the rest. A name that leaves
-// no room for these is shortened.
+// Unique among processes by the process id and among threads by the counter; O_EXCL catches the rest. A name that
+// leaves no room for these is shortened.
 std::string temporary_name(const std::string& target) {
   static std::atomic<unsigned> counter{0};
   const fs::path path(target), folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
@@ -63,7 +63,7 @@ std::string temporary_name(const std::string& target) {
   return (folder / (shortened(path.filename().string(), room) + ending)).string();
 }
 
-// Makes sure that what was written is on the disk: some file systems tell only now that it is full. Sets errno.
+// Flushes the file to disk: some file systems report a full disk only then. Sets errno on failure.
 bool reaches_the_disk(const std::string& path) {
   const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (file < 0) return false;

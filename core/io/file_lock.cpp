@@ -17,7 +17,7 @@ FileLock::FileLock(const std::string& path, LockWait wait) {
     throw Error({path},
                 std::string("cannot be written: ") + std::strerror(errno) + " (choose a folder that you may write to)");
   }
-  // Each open() makes a lock owner of its own, so threads exclude one another as processes do.
+  // Each open() creates a separate lock owner, so threads exclude one another as processes do.
   while (flock(file_, wait == LockWait::none ? LOCK_EX | LOCK_NB : LOCK_EX) != 0) {
     if (errno == EINTR) continue;
     const int reason = errno;

@@ -1,7 +1,7 @@
-// An advisory lock that threads and processes take turns with, held while the object lives.
+// An advisory lock between threads and processes, held for the lifetime of the object.
 //
-// Thread-safety: distinct objects exclude one another, whether they belong to one process or to several. The system
-// lets go of the lock when its process ends, however it ends: a lock is never stale. The lock file stays: removing it
+// Thread-safety: distinct objects exclude one another, within a process or across processes. The system releases the
+// lock when its process ends for whatever reason, so no lock is ever stale. The lock file is left in place: removing it
 // would let two holders in.
 #pragma once
 
@@ -13,8 +13,8 @@ enum class LockWait { until_free, none };
 
 class FileLock {
  public:
-  // Takes the lock on `path`, which is created empty if need be: waits for it, or with LockWait::none looks whether it
-  // is free. Throws Error if it cannot be locked.
+  // Takes the lock on `path`, which is created empty if it does not exist. Waits for it or, with LockWait::none, only
+  // tries once. Throws Error if the file cannot be locked.
   explicit FileLock(const std::string& path, LockWait wait = LockWait::until_free);
   ~FileLock();
   FileLock(const FileLock&) = delete;

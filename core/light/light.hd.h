@@ -8,11 +8,11 @@
 
 namespace fieldtrace {
 
-// How a light is sampled (not merely its shape).
+// How a light is sampled, which is more than its shape.
 enum class LightKind : uint32_t {
-  none,           // emits nothing that can be sampled: black, or of zero area
-  sphere,         // seen from outside: its visible cone
-  sphere_inside,  // a sphere with its normals inwards: by area
+  none,           // emits nothing that can be sampled: black or of zero area
+  sphere,         // seen from outside: by its visible cone
+  sphere_inside,  // a sphere with inward normals: by area
   rectangle,      // unsheared: as a spherical rectangle
   parallelogram,  // sheared: by area
   disk,           // and ellipses: by area
@@ -28,15 +28,15 @@ enum class LightKind : uint32_t {
 struct Light {
   LightKind kind = LightKind::none;
   uint32_t instance = 0xffffffffu;  // of the scene, for area lights
-  // Emitter::value: radiance, intensity or irradiance; environment: times what EnvironmentTable::texels were divided
-  // by.
+  // Emitter::value: radiance, intensity or irradiance. Environments: multiplied by the power of two that
+  // EnvironmentTable::texels were divided by.
   float value[3] = {0, 0, 0};
   float centre[3] = {0, 0, 0};  // of the shape; point: position; directional: unit direction towards the light
   // Columns of the shape's object-to-world matrix. Rectangle, parallelogram: half edges; disk: half axes; environment:
-  // the rotation from the map to the world.
+  // the rotation from map to world.
   float axis[3][3] = {};
-  // Columns of the inverse transpose, times -1 if normals are flipped: a normal n of the unit shape becomes
-  // n.x normal_axis[0] + n.y normal_axis[1] + n.z normal_axis[2], not normalised.
+  // Columns of the inverse transpose, times -1 if normals are flipped: a normal n of the unit shape becomes n.x
+  // normal_axis[0] + n.y normal_axis[1] + n.z normal_axis[2], not normalised.
   float normal_axis[3][3] = {};
   float normal[3] = {0, 0, 1};  // planar kinds: unit, on the emitting side
   float unit_axis[2][3] = {};   // rectangle: unit edges
@@ -44,15 +44,15 @@ struct Light {
   float emission_sign = 1;      // -1 if normals are flipped
   float radius = 0;             // sphere
   float area = 0;               // world area (ellipsoid, cylinder: |det| times the unit shape's area)
-  // How far a point on the light is moved off its surface, towards the emitting side, so that a ray that ends there
-  // cannot meet the light: error_base + error_slope (|x| + |y| + |z|) with the ray's origin (x, y, z).
+  // Displacement of a sampled point off the light's surface, towards the emitting side, so that a ray ending there
+  // cannot hit the light: error_base + error_slope (|x| + |y| + |z|) for a ray origin (x, y, z).
   float error_base = 0, error_slope = 0;
   uint32_t first_triangle = 0, triangle_count = 0;  // mesh: range of the table's triangles
   uint32_t width = 0, height = 0;                   // environment: texels
-  float luminance[3] = {0, 0, 0};                   // environment: density (1/sr) for 1 in each of a texel's channels
+  float luminance[3] = {0, 0, 0};                   // environment: density (1/sr) per unit of each texel channel
 };
 
-// One triangle of a mesh light, as 16 floats: the lane code gathers them by index.
+// One triangle of a mesh light, as 16 floats that lane code gathers by index.
 struct LightTriangle {
   float p0[3], edge1[3], edge2[3];
   float normal[3];        // unit, on the emitting side
@@ -63,8 +63,8 @@ struct LightTriangle {
 inline constexpr int k_light_triangle_floats = sizeof(LightTriangle) / sizeof(float);
 static_assert(sizeof(LightTriangle) == 16 * sizeof(float));
 
-// One row of an environment's texels, as 8 floats. Row y lies at the polar angle theta = pi y / (height - 1); the
-// strip below it reaches to row y + 1 (the last row has none: its start, delta and scale are not read).
+// One row of an environment's texels, as 8 floats. Row y lies at polar angle theta = pi y / (height - 1), and its strip
+// reaches down to row y + 1. The last row has no strip: its start, delta and scale are not read.
 struct EnvironmentRow {
   float start;         // probability of all strips above this row
   float sum;           // of the row's densities

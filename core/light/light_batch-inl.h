@@ -1,10 +1,10 @@
 // The loop over shading points and samples behind sample_light, for one lane type.
 //
-// Shading points are taken in groups of one per lane: what depends on the shading point alone is computed for the group
-// at once. The group's N * M ray slots are M vectors; for each the shading points' values are permuted to the lanes
-// that need them: not at all for M = 1, one shading point for a run of vectors if N divides M, by an index table
-// otherwise. Each slot's value depends on its shading point, k and the shading point's own point only, not on its lane:
-// so all lane counts give the same bits. Thread-safety: writes `out` only.
+// Shading points are processed in groups of one per lane, and whatever depends on the shading point alone is computed
+// once per group. The group's N * M ray slots form M vectors; for each, the shading points' values are permuted to the
+// lanes that need them: not at all for M = 1, one shading point per run of vectors if N divides M, and by an index
+// table otherwise. A slot's value depends only on its shading point, the sample number k and the sample point, never on
+// its lane, so all lane counts give the same bits. Thread-safety: writes `out` only.
 
 #if defined(FIELDTRACE_CORE_LIGHT_LIGHT_BATCH_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_LIGHT_LIGHT_BATCH_INL_H_
@@ -29,7 +29,7 @@ template <class F>
 struct ShadingPointLanes {
   LightShadingPoint<F> at;
   Vec3Lanes<F> normal;  // geometric
-  F slip;               // shading points that transmit: the origin's offset, to the side of the direction
+  F slip;               // for shading points that transmit: the origin's offset, to the side of the direction
   SetSequence<F> points;
   SobolSeeds<F> third_seeds;
   Uint_t<F> first_index, instance;
@@ -56,7 +56,7 @@ struct SpreadLanes {
   }
 };
 
-// Where the slots' values go: copies of the pointers, which the compiler need not load again after each store.
+// Output pointers, copied so that the compiler need not reload them after each store.
 struct Slots {
   float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *weight, *pdf, *red, *green, *blue;
   uint32_t* instance;
@@ -129,8 +129,8 @@ struct LightBatch {
     return {centre.x * splat<F>(range.stretch), centre.y * splat<F>(range.stretch)};
   }
 
-  // Of as many shading points from `group` on, which have one each.
-  FT_HD_INLINE CentredPair<F> own_points(size_t group) const {
+  // Explicit points (LightSampleRange::x and y): one per shading point, for the group starting at `group`.
+  FT_HD_INLINE CentredPair<F> explicit_points(size_t group) const {
     return {load_lanes<F>(range.x + group), load_lanes<F>(range.y + group)};
   }
 
@@ -140,7 +140,7 @@ struct LightBatch {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    const CentredPair<F> point = range.x             ? own_points(slot)
+    const CentredPair<F> point = range.x             ? explicit_points(slot)
                                  : range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
                                                      : gather_point<F>(point_sets, r.points, index);
     emit(to, slot, r, setup, point, third);
@@ -165,7 +165,7 @@ struct LightBatch {
       cos_s = abs(cos_s);
     }
     active = active & (height >= zero);
-    if (slot + k_lanes > slots) {  // the batch's last vector: padding stays inactive
+    if (slot + k_lanes > slots) {  // last vector of the batch: its padding stays inactive
       const Int_t<F> left = splat_int<F>(int32_t(slots - std::min(slot, slots)));
       active = active & (as_int(load_uint_lanes<F>(k_iota.data())) < left);
     }
@@ -189,8 +189,7 @@ struct LightBatch {
     }
   }
 
-  // The points of a group of one sample a shading point. Where the shading points are samples of one pixel, one after
-  // the other, the gather is saved.
+  // The points of a group with one sample per shading point. Consecutive samples of one pixel need no gather.
   FT_HD_INLINE CentredPair<F> group_points(size_t group, const ShadingPointLanes<F>& r) const {
     if constexpr (k_lanes > 1) {
       const uint32_t seed = shading_points.seed[group], index = shading_points.sample[group];
@@ -204,8 +203,8 @@ struct LightBatch {
     return gather_point<F>(point_sets, r.points, r.first_index);
   }
 
-  // One sample a shading point: the group's lanes are the slots. The points of a block come first, in a loop of their
-  // own: two short loops keep more vectors in flight than a long one.
+  // One sample per shading point: the group's lanes are the slots. The points of a block are computed in a separate
+  // loop, as two short loops keep more vectors in flight than a long one.
   void run_single() const {
     constexpr size_t k_block = 256;
     alignas(64) float x[k_block], y[k_block];
@@ -214,7 +213,7 @@ struct LightBatch {
       const size_t end = std::min(block + k_block, shading_points.size);
       for (size_t group = block; group < end; group += k_lanes) {
         const ShadingPointLanes<F> r = load_shading_points(group);
-        const CentredPair<F> point = range.x ? own_points(group) : group_points(group, r);
+        const CentredPair<F> point = range.x ? explicit_points(group) : group_points(group, r);
         store_lanes(point.x, x + (group - block));
         store_lanes(point.y, y + (group - block));
       }
@@ -227,7 +226,7 @@ struct LightBatch {
     out.active = to.active;
   }
 
-  // Sample counts that fill whole vectors: each vector has one shading point, and consecutive points of one set.
+  // Sample counts that fill whole vectors: each vector has one shading point and consecutive points of one set.
   void run_whole_vectors() const {
     Slots to(out);
     const size_t m = size_t(range.count);
@@ -242,14 +241,14 @@ struct LightBatch {
       const size_t count = std::min(size_t(k_lanes), shading_points.size - group);
       for (size_t i = 0; i < count; ++i) {
         const SpreadLanes<F> spread = {LanePermutation<F>(lane + i * k_lanes)};
-        const ShadingPointLanes<F> one = r.map(spread);
-        const typename Kind::Setup one_setup = setup.map(spread);
+        const ShadingPointLanes<F> spread_point = r.map(spread);
+        const typename Kind::Setup spread_setup = setup.map(spread);
         for (size_t k = 0; k < m; k += k_lanes) {
           const auto number = as_uint(lane_sequence<F>(range.first + int32_t(k)));
-          const auto points = range.columns > 0
-                                  ? centre_of_cell(number)
-                                  : load_points<F>(point_sets, set[i], one.points, first_index[i] + uint32_t(k));
-          emit(to, (group + i) * m + k, one, one_setup, points, splat<F>(0.0f));
+          const auto points =
+              range.columns > 0 ? centre_of_cell(number)
+                                : load_points<F>(point_sets, set[i], spread_point.points, first_index[i] + uint32_t(k));
+          emit(to, (group + i) * m + k, spread_point, spread_setup, points, splat<F>(0.0f));
         }
       }
     }
@@ -259,7 +258,7 @@ struct LightBatch {
   void run_mixed() const {
     Slots to(out);
     const size_t m = size_t(range.count);
-    // Per vector of a group: the shading point (lane) and the sample number of each slot.
+    // For each vector of a group: the shading point (lane) and sample number of each slot.
     AlignedVector<int32_t> lane(m * k_lanes);
     AlignedVector<uint32_t> sample(m * k_lanes);
     for (size_t i = 0; i < lane.size(); ++i) {
@@ -279,10 +278,10 @@ struct LightBatch {
   }
 
   void run() const {
-    // The specialised loops are compiled for the frequent kinds of light only.
+    // The specialised loops are compiled for frequent kinds of light only.
     if constexpr (Kind::k_frequent && !Kind::k_third_number && !k_transmits) {
       if (range.total == 1) return run_single();
-      // Whole vectors of points must begin at multiples of their length.
+      // load_points() needs vectors of points to start at multiples of their length.
       if ((range.total | range.first | range.count) % k_lanes == 0) return run_whole_vectors();
     }
     run_mixed();
@@ -299,7 +298,7 @@ struct LightLoop {
 
   template <class Kind, class... Extra>
   void with(const Extra*... extra) const {
-    uint8_t transmits = 0;  // without an early exit the loop runs in vectors
+    uint8_t transmits = 0;  // no early exit, so that the loop vectorises
     for (size_t i = 0; i < shading_points.size; ++i) transmits |= shading_points.transmits[i];
     const Kind kind(table.lights[index], extra...);
     transmits != 0 ? run_batch<true>(kind) : run_batch<false>(kind);

@@ -24,8 +24,8 @@ void check_size(const Bitmap& map) {
               std::to_string(k_least_environment_height) + " and at most " + std::to_string(k_most_environment_texels));
 }
 
-// Copies the pixels, divided by a power of two so that the largest value lies in [1/2, 1): luminances then stay in
-// range whatever the map's unit. Returns the exponent; 0 for a black map.
+// Copies the pixels, divided by the power of two that brings the largest value into [1/2, 1): luminances stay in range
+// whatever the map's unit. Returns the exponent; 0 for a black map.
 int copy_texels(const Bitmap& map, std::vector<float>& texels) {
   float largest = 0.0f;
   for (const Rgb& p : map.pixels) largest = std::max({largest, p.x, p.y, p.z});
@@ -39,7 +39,7 @@ int copy_texels(const Bitmap& map, std::vector<float>& texels) {
   return exponent;
 }
 
-// A direction's place in the map: between which texels, and how far from the first of them.
+// Where a direction falls in the map: the surrounding texels and the interpolation weights.
 struct MapPlace {
   int column, next_column, row;
   float s, theta;  // in [0, 1], along phi and theta
@@ -63,7 +63,7 @@ MapPlace place_in_map(const EnvironmentTable& table, const Light& light, const V
   const float v = scalar::angle_upper<float>(std::sqrt(square), y) * (float(height - 1) * scalar::Angle::k_inv_pi);
   p.row = std::min(int(v), height - 2);
   p.theta = std::min(v - float(p.row), 1.0f);
-  // From the nearer pole, where 1 -+ cos theta has all its digits.
+  // Measured from the nearer pole, where 1 -+ cos theta does not cancel.
   const EnvironmentRow &above = table.rows[size_t(p.row)], &below = table.rows[size_t(p.row) + 1];
   const float t = y >= 0.0f ? (square / (1.0f + y) - above.north) / above.delta
                             : 1.0f - (square / (1.0f - y) - below.south) / above.delta;
@@ -71,7 +71,7 @@ MapPlace place_in_map(const EnvironmentTable& table, const Light& light, const V
   return p;
 }
 
-// Bilinear in the texels around `p`, at `t` between the rows.
+// Bilinear interpolation of the texels around `p`, with weight `t` between the rows.
 Rgb interpolate(const EnvironmentTable& table, const Light& light, const MapPlace& p, float t) {
   const auto texel = [&](int row, int column) {
     const float* c = &table.texels[(size_t(row) * light.width + size_t(column)) * 3];
@@ -98,11 +98,11 @@ void make_environment(const Bitmap& map, const Mat3& rotation, EnvironmentTable&
     return k_luminance[0] * double(c[0]) + k_luminance[1] * double(c[1]) + k_luminance[2] * double(c[2]);
   };
 
-  // Running sums of luminance; the density's unit follows from their total.
+  // Running sums of luminance; their total normalises the density.
   std::vector<double> row_sums(height);
   table.sums.resize((width + 1) * height);
   table.rows.assign(height, EnvironmentRow{});
-  std::vector<double> strips(height, 0.0);  // of cos theta, from each row to the next
+  std::vector<double> strips(height, 0.0);  // extent of cos theta from each row to the next
   const double step = k_double_pi / double(height - 1);
   for (size_t y = 0; y < height; ++y) {
     for (size_t x = 0; x < width; ++x) row_sums[y] += luminance(y, x);

@@ -1,10 +1,10 @@
 // Sampling an environment map from points in lanes (its conventions and density: light_environment.h).
 //
-// Row and column are found by inverting cumulative sums: a search by steps of halving size, the same for every lane, so
-// that a map of W x H costs log2 W + log2 H steps. Then the place within the piece, whose density is linear, by the
-// root of a quadratic. Why not an alias table, which needs one step only: the map from the square of points to the
-// sphere would lose its continuity, and low-discrepancy points with it their advantage. See light_shapes.hd.h for what
-// setup() and sample() mean. Thread-safety: pure functions that read the tables.
+// Row and column are found by inverting cumulative sums with a binary search of fixed length, the same for every lane:
+// log2 W + log2 H steps for a map of W x H. The position within the piece, whose density is linear, is the root of a
+// quadratic. An alias table would need a single step, but it makes the map from the square to the sphere discontinuous,
+// and low-discrepancy points lose their advantage. See light_shapes.hd.h for the contract of setup() and sample().
+// Thread-safety: pure functions that read the tables.
 
 #if defined(FIELDTRACE_CORE_LIGHT_LIGHT_ENVIRONMENT_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_LIGHT_LIGHT_ENVIRONMENT_HD_H_
@@ -17,7 +17,7 @@
 
 FT_LANES_BEGIN
 
-// LightSample and the map's radiance there.
+// A LightSample with the map's radiance in its direction.
 template <class F>
 struct EnvironmentSample {
   Vec3Lanes<F> d, normal;
@@ -34,8 +34,8 @@ FT_HD_INLINE Vec3Lanes<F> mix(const Vec3Lanes<F>& a, const Vec3Lanes<F>& b, F t)
   return {mix<F>(a.x, b.x, t), mix<F>(a.y, b.y, t), mix<F>(a.z, b.z, t)};
 }
 
-// The t of [0, 1] up to which the line from m0 (t = 0) to m1 (t = 1), neither negative, has the integral q: the root of
-// m0 t + (m1 - m0) t^2 / 2 = q in the form that does not cancel.
+// The t in [0, 1] up to which the linear function from m0 (t = 0) to m1 (t = 1), both non-negative, has the integral q:
+// the root of m0 t + (m1 - m0) t^2 / 2 = q in the form without cancellation.
 template <class F>
 FT_HD_INLINE F invert_linear(F q, F m0, F m1) {
   const F twice = q + q;
@@ -57,7 +57,7 @@ struct EnvironmentLight {
   const float *rows, *sums, *texels;  // EnvironmentTable's
   Vec3Lanes<F> axis_x, axis_y, axis_z, luminance;
   int32_t width, height;
-  int32_t first_row_step, first_column_step;  // largest powers of two within the strips and the columns
+  int32_t first_row_step, first_column_step;  // largest powers of two within the number of strips and of columns
 
   FT_HD_INLINE EnvironmentLight(const Light& light, const EnvironmentRow* table_rows, const float* table_sums,
                                 const float* table_texels)
@@ -78,7 +78,7 @@ struct EnvironmentLight {
 
   FT_HD_INLINE Setup setup(const LightShadingPoint<F>&) const { return {}; }
 
-  // The last strip that starts at or below v.
+  // The last strip whose start is at or below v.
   FT_HD_INLINE Int_t<F> find_strip(F v) const {
     const Int_t<F> stride = splat_int<F>(k_environment_row_floats), last = splat_int<F>(height - 2);
     Int_t<F> strip = splat_int<F>(0);
@@ -89,7 +89,8 @@ struct EnvironmentLight {
     return strip;
   }
 
-  // Integral of the density over the columns before x, at t between the rows whose sums start at `upper` and `lower`.
+  // Integral of the density over the columns before x, with weight t between the rows whose sums start at `upper` and
+  // `lower`.
   FT_HD_INLINE F sum_before(Int_t<F> x, Int_t<F> upper, Int_t<F> lower, F t) const {
     return mix<F>(gather(sums, upper + x), gather(sums, lower + x), t);
   }
@@ -146,7 +147,7 @@ struct EnvironmentLight {
     // The radiance is bilinear in theta itself.
     const F theta_rows = angle_upper<F>(sine, up) * splat<F>(float(height - 1) * Angle::k_inv_pi);
     const F theta = min(max(theta_rows - to_float(row), zero), one);
-    // A piece of density 0 has probability 0 too; what rounding sends there is dropped.
+    // A piece of density 0 has probability 0 too; samples that rounding puts there are dropped.
     return {d,
             d,
             select(pdf > zero, zero, -one),

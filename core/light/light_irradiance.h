@@ -1,4 +1,4 @@
-// The irradiance of whole lights in closed form: what diffuse surfaces need to know of a light that nothing hides.
+// Closed-form irradiance of whole, unoccluded lights, for diffuse surfaces.
 //
 // Thread-safety: pure functions.
 #pragma once
@@ -10,11 +10,11 @@
 
 namespace fieldtrace {
 
-// Irradiance (sr, times the cosine) at a surface of unit normal `shading` from a light of radiance 1 that nothing
-// hides. Spheres seen from outside and rectangles (Lambert, "Photometria", 1760; Baum et al.,
-// "Improving Radiosity Solutions Through the Use of Analytically Determined Form-Factors", SIGGRAPH 1989). Nothing for
-// other kinds, and where a light is not wholly above both the surface's and the shading normal's horizon.
-// `geometric` and `shading` lie on the side that looks at the light. Relative error below 1e-5.
+// Irradiance (integral of the cosine over solid angle, sr) at a surface with unit normal `shading` from an unoccluded
+// light of radiance 1. For spheres seen from outside and for rectangles (Lambert, "Photometria", 1760; Baum et al.,
+// "Improving Radiosity Solutions Through the Use of Analytically Determined Form-Factors", SIGGRAPH 1989). Empty for
+// other kinds, and where the light is not wholly above the horizons of both normals. `geometric` and `shading` point to
+// the side facing the light. Relative error below 1e-5.
 std::optional<float> whole_irradiance(const Light& light, const Vec3& point, const Vec3& geometric,
                                       const Vec3& shading);
 

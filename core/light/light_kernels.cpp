@@ -10,7 +10,7 @@
 #include "core/light/light_batch-inl.h"
 #include "core/simd/lanes-inl.h"
 
-#if HWY_TARGET != HWY_SCALAR  // sample_light_scalar serves that
+#if HWY_TARGET != HWY_SCALAR  // the scalar target is served by sample_light_scalar
 FT_LANES_BEGIN
 
 inline void sample_light_lanes(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,

@@ -1,4 +1,4 @@
-// The compiled forms of the light sampling loop, one per instruction set. Internal to light_sampling.
+// The compiled variants of the light sampling loop, one per instruction set. Internal to light_sampling.
 // Thread-safety: pure functions.
 #pragma once
 
@@ -9,23 +9,23 @@
 
 namespace fieldtrace {
 
-// Pairs of sample dimensions: light i uses k_light_dimension + 2 i and the next one; BSDFs and the camera stay below.
+// Pairs of sample dimensions: light i uses k_light_dimension + 2 i and the next; BSDFs and the camera stay below.
 inline constexpr uint32_t k_light_dimension = 0x40000000u;
 
-// The origin is moved by error (1 + 2^-21) + 2^-23 |p|, with |p| the sum of the coordinates' magnitudes. The computed
-// sum p + g e is off by at most u (|p| + (1 + sqrt 3) e) along g (u = 2^-24: one rounding of each product and each
-// sum), so at least `error` is left; both factors have a twofold margin.
+// The origin is moved by error (1 + 2^-21) + 2^-23 |p|, where |p| is the sum of the coordinates' magnitudes. The
+// computed sum p + g e is off by at most u (|p| + (1 + sqrt 3) e) along g (u = 2^-24: one rounding per product and
+// sum), so an offset of at least `error` remains; both factors have a margin of two.
 inline constexpr float k_offset_error_scale = 1.0f + 0x1p-21f;
 inline constexpr float k_offset_rounding = 0x1p-23f;
 
 alignas(64) inline constexpr std::array<uint32_t, k_batch_padding> k_iota = {0, 1, 2,  3,  4,  5,  6,  7,
                                                                              8, 9, 10, 11, 12, 13, 14, 15};
 
-// `out` is resized by the caller and all slots of a light of kind `none` are inactive already.
+// The caller resizes `out`; for a light of kind `none` all slots are inactive already.
 using LightKernel = void (*)(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,
                              const LightSampleRange& range, ShadowBatch& out);
 
-// `isa` is resolved: supported by this processor and not `automatic`.
+// `isa` must be resolved: supported by this processor, not `automatic`.
 LightKernel light_kernel_for(Isa isa);
 
 void sample_light_scalar(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,

@@ -47,7 +47,7 @@ bool sampled_in_closed_form(const Light& light) {
 
 namespace {
 
-// The density of choosing a surface point by area, seen from a distance.
+// Solid-angle density of choosing a surface point by area.
 float area_pdf(const Vec3& direction, const LightHit& hit, float density) {
   const float length = glm::length(direction);
   const float distance = hit.t * length;
@@ -69,7 +69,7 @@ float affine_pdf(const Light& light, const Vec3& from_centre, const Vec3& direct
   for (int i = 0; i < coordinates; ++i) {
     normal += unit[i] / size * Vec3(light.normal_axis[i][0], light.normal_axis[i][1], light.normal_axis[i][2]);
   }
-  // unit carries the sign once, the axes once more: `normal` points outwards whatever the sign.
+  // `unit` carries the sign once and the axes carry it again, so `normal` points outwards for either sign.
   if (!(light.emission_sign * glm::dot(normal, direction) < 0.0f)) return 0.0f;
   return area_pdf(direction, hit, 1.0f / (light.area * glm::length(normal)));
 }

@@ -1,5 +1,5 @@
-// Sampling each kind of light from points in lanes: one type per kind with the parts that depend on the point alone
-// (setup) apart from those that depend on the sample, so that many samples share one setup.
+// Sampling each kind of light from points in lanes. One type per kind separates what depends on the shading point alone
+// (setup) from what depends on the sample, so that many samples share one setup.
 //
 // Sources: sphere: the visible cone with the point on the sphere in closed form (F. Akalin, "Sampling the visible
 // sphere", 2016; P. Shirley et al. 1996), rewritten here without cancellation: with m = 1 - cos(half angle), sin^2 of
@@ -8,10 +8,10 @@
 // the solid angle from A. van Oosterom and J. Strackee, "The Solid Angle of a Plane Triangle", 1983, and angles kept as
 // sine and cosine. Others: uniform by area.
 //
-// Each kind's sample() takes a point (a, b) of [-1, 1)^2, and a third number in [0, 1) where k_third_number says so,
-// and returns the vector from the shading point's origin to the displaced target, see LightSample. Displacing the
-// target by delta along the emitting normal keeps the ray off the light: a planar or convex light lies on the other
-// side of the target's tangent plane, the ray arrives from this side (height >= 0), so it stays delta away.
+// Each kind's sample() takes a point (a, b) of [-1, 1)^2, and a third number in [0, 1) if k_third_number is set, and
+// returns the vector from the ray origin to the displaced target (see LightSample). Displacing the target by delta
+// along the emitting normal keeps the ray off the light: a planar or convex light lies behind the target's tangent
+// plane and the ray arrives from the front (height >= 0), so it stays delta away.
 // Thread-safety: pure functions; the mesh kind reads its table's triangles.
 
 #if defined(FIELDTRACE_CORE_LIGHT_LIGHT_SHAPES_HD_H_) == defined(HWY_TARGET_TOGGLE)
@@ -27,7 +27,7 @@
 
 FT_LANES_BEGIN
 
-// Where a sample is wanted. World space.
+// The shading point that samples are drawn for. World space.
 template <class F>
 struct LightShadingPoint {
   Vec3Lanes<F> origin;   // of the ray; for shading points that transmit, before the offset

@@ -1,8 +1,8 @@
-// Sampling the kinds of light that need no set-up worth sharing: shapes by area, point, directional and constant.
+// Sampling the kinds of light with next to no setup: shapes by area, point, directional and constant.
 //
 // A unit shape's uniform point p with normal n, under the affine map x -> L x + c: world area is |det L| |L^-T n| times
-// the unit shape's area, and the world normal is along L^-T n. For plane shapes the factor is constant.
-// See light_shapes.hd.h for what setup() and sample() mean. Thread-safety: pure functions; meshes read the table.
+// the unit shape's area, and the world normal is along L^-T n. For planar shapes the factor is constant.
+// See light_shapes.hd.h for the contract of setup() and sample(). Thread-safety: pure functions; meshes read the table.
 
 #if defined(FIELDTRACE_CORE_LIGHT_LIGHT_SHAPES_AREA_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_LIGHT_LIGHT_SHAPES_AREA_HD_H_
@@ -15,7 +15,7 @@
 
 FT_LANES_BEGIN
 
-// The vector from the origin to the light's centre, all that these kinds share among samples.
+// The vector from the origin to the light's centre is all that the samples of these kinds share.
 template <class F>
 struct CentreSetup {
   Vec3Lanes<F> to_centre;
@@ -140,7 +140,7 @@ struct MeshLight {
   }
 
   FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup&, F a, F b, F w) const {
-    // The last triangle whose cdf is <= w, by steps of halving size.
+    // The last triangle whose cdf is <= w, by binary search of fixed length.
     const Int_t<F> stride = splat_int<F>(k_light_triangle_floats);
     const Int_t<F> last = splat_int<F>(int32_t(count) - 1);
     Int_t<F> index = splat_int<F>(0);
@@ -169,7 +169,7 @@ struct PointLight {
   FT_HD_INLINE LightSample<F> sample(const LightShadingPoint<F>& r, const Setup& s, F, F, F) const {
     const F length = sqrt(dot(s.to_centre, s.to_centre));
     const F inverse_length = splat<F>(1.0f) / max(length, r.delta);
-    // Ends delta before the position, so that a surface which the light was put on does not hide it.
+    // Ends delta before the position, so that a surface on which the light sits does not block it.
     const Vec3Lanes<F> d = s.to_centre * max(splat<F>(1.0f) - r.delta * inverse_length, splat<F>(0.0f));
     return {d,
             {splat<F>(0.0f), splat<F>(0.0f), splat<F>(1.0f)},

@@ -1,4 +1,4 @@
-// make_lights: from the scene's emitters to lights in world space. All geometry is computed in double.
+// make_lights: converts the scene's emitters to lights in world space. All geometry is computed in double.
 
 #include <algorithm>
 #include <string>
@@ -11,11 +11,11 @@ namespace {
 
 constexpr double k_double_pi = 3.14159265358979323846;
 
-// Columns count as orthogonal, or as equally long, up to the roundings of a transform that a chain of float rotations
-// and scales made: a dozen products and sums of unit columns.
+// Tolerance for orthogonal or equally long columns: the rounding of a transform composed of float rotations and scales,
+// a dozen products and sums of unit columns.
 constexpr double k_similarity_tolerance = gamma_bound(16);
 
-// Roundings between the ray that sample_light returns and the tracer's decision whether it meets the light: origin and
+// Roundings between the ray that sample_light returns and the tracer's decision whether it hits the light: origin and
 // direction into object space (4 each), the intersection there (8). Each is relative to a coordinate of the origin or
 // of the light, carried through the transform and its inverse.
 constexpr double k_tracer_error = gamma_bound(16);
@@ -49,8 +49,7 @@ struct Placement {
     return orthogonal(0, 1) && orthogonal(1, 2) && orthogonal(0, 2) && std::abs(a - b) <= k_similarity_tolerance * a &&
            std::abs(a - c) <= k_similarity_tolerance * a;
   }
-  // Largest row sum of |L| |L^-1|: how much larger an error of a world coordinate gets on the way to object space and
-  // back.
+  // Largest row sum of |L| |L^-1|: how much an error of a world coordinate grows on the way to object space and back.
   double condition() const {
     double largest = 1.0;
     for (int row = 0; row < 3; ++row) {
@@ -62,7 +61,7 @@ struct Placement {
   }
 };
 
-// `reach`: sum of the magnitudes of the largest world coordinates of the light (and of its transform's translation).
+// `reach`: sum of the magnitudes of the largest world coordinates of the light and of its transform's translation.
 void set_error(Light& light, double condition, double reach) {
   light.error_slope = float(k_tracer_error * condition);
   light.error_base = std::max(float(k_tracer_error * condition * reach), std::numeric_limits<float>::min());
@@ -83,7 +82,7 @@ void set_affine(Light& light, const Placement& p, double unit_area) {
 }
 
 void set_mesh(LightTable& table, Light& light, const TriangleMesh& mesh, const Placement& p) {
-  // Cross products of world-space edges point along the transformed object-space normal or, mirrored, against it.
+  // Cross products of world-space edges point along the transformed object-space normal, or against it if mirrored.
   const double orientation = p.determinant < 0 ? -p.sign : p.sign;
   std::vector<double> cumulative(mesh.triangles.size() + 1, 0.0);
   DVec3 reach(0.0);
@@ -105,8 +104,9 @@ void set_mesh(LightTable& table, Light& light, const TriangleMesh& mesh, const P
   const double area = cumulative.back();
   light.area = float(area);
   if (!(area > 0)) return;
-  // The samples' third number is a multiple of 2^-24: rounding the sums to those makes the probabilities exact. A
-  // triangle of a smaller share may get none; its light is then not sampled (and its density is 0).
+  // The samples' third number is a multiple of 2^-24; rounding the cumulative sums to such multiples makes the
+  // probabilities exact. Triangles with a smaller share may get probability 0: they are then not sampled, and their
+  // density is 0.
   const auto rounded = [&](size_t i) { return std::round(cumulative[i] / area * 0x1p24) * 0x1p-24; };
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {
     LightTriangle& t = table.triangles[light.first_triangle + i];

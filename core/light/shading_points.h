@@ -1,4 +1,4 @@
-// Shading points that ask for light, and the shadow rays that they send: one batch per group of points and light.
+// Shading points that gather light and their shadow rays: one batch per group of points and light.
 //
 // Memory layout: structures of arrays, padded like RayBatch; ray slot r * light_samples + k belongs to shading point r.
 // Thread-safety: values.
@@ -14,7 +14,7 @@ struct ShadingPointBatch {
   AlignedVector<float> px, py, pz;
   AlignedVector<float> gx, gy, gz;
   AlignedVector<float> sx, sy, sz;
-  // Bound on the distance between the computed point and the true surface, measured along g (world units).
+  // Bound on the distance between the computed point and the true surface, along g (world units).
   AlignedVector<float> error;
   AlignedVector<uint32_t> seed;      // of the pixel and path vertex: the light's dimensions are derived from it
   AlignedVector<uint32_t> sample;    // the camera sample's index in the pixel: light sample k has sequence index
@@ -31,20 +31,20 @@ struct ShadingPointBatch {
 };
 
 struct ShadowBatch {
-  // From the offset point towards the light sample; d reaches from the origin to the sample, so t = 1 there, and
-  // tmax lies below 1 by the light's own error bound. Lights at infinity: d is unit, tmax infinite.
-  // Slots whose sample cannot contribute (below the horizon, behind the light) are inactive: tmax < 0, weight 0.
+  // From the offset point towards the light sample. d reaches from the origin to the sample, so t = 1 there, and tmax
+  // is smaller by the light's error bound. Lights at infinity: d is unit, tmax infinite. Slots whose sample cannot
+  // contribute (below the horizon, behind the light) are inactive: tmax < 0, weight 0.
   RayBatch rays;
-  size_t active = 0;                      // slots that are not inactive, counted by sample_light
+  size_t active = 0;                      // active slots, counted by sample_light
   AlignedVector<float> weight;            // |cos at the shading normal| / pdf of the direction (solid angle); for point
                                           // and directional emitters |cos| times the geometric fall-off
   AlignedVector<float> pdf;               // solid-angle density, for multiple importance sampling; 0 for delta emitters
   AlignedVector<float> red, green, blue;  // environments only: the map's radiance there, to multiply Light::value
   AlignedVector<uint32_t> instance;       // of the shading point, per slot
-  AlignedVector<uint8_t> blocked;         // the answer: 1 if something lies between
-  AlignedVector<uint8_t> exact;           // with the answer: 1 if an exact ray gave it
-  bool in_shares = false;                 // the answer is `clear` instead of `blocked`
-  AlignedVector<float> clear;             // the share of the slot's part of the light that nothing hides, [0, 1]
+  AlignedVector<uint8_t> blocked;         // result: 1 if the ray is occluded
+  AlignedVector<uint8_t> exact;           // result: 1 if an exact ray decided the slot
+  bool in_shares = false;                 // the result is `clear` instead of `blocked`
+  AlignedVector<float> clear;             // visible share of the slot's stratum of the light, [0, 1]
 
   void resize(size_t n) {
     rays.resize(n);

@@ -15,7 +15,7 @@ uint32_t add_bsdf(SceneBuilder& builder, Bsdf bsdf) {
   return uint32_t(builder.scene.bsdfs.size() - 1);
 }
 
-// The table of a rough plastic's interface, made once for equal interfaces.
+// The transmittance table of a rough plastic's interface, shared by equal interfaces.
 uint32_t add_rough_transmittance(SceneBuilder& builder, const Bsdf& bsdf) {
   const Microfacet microfacet{bsdf.microfacet, std::max(bsdf.alpha_u, k_min_alpha),
                               std::max(bsdf.alpha_v, k_min_alpha)};
@@ -163,7 +163,7 @@ Bsdf parse_rough_plastic(SceneBuilder& builder, const SceneNode& node, Propertie
 // Relative index of refraction whose reflectance at normal incidence is 0.08 x specular (Burley 2012, section 5.3).
 float index_of_specular(double specular) { return float(2.0 / (1.0 - std::sqrt(0.08 * specular)) - 1.0); }
 
-// The lobes that bsdf_principled.cpp has; the others are reported where the file asks for them.
+// Supports the lobes of bsdf_principled.cpp; others are reported where the file uses them.
 Bsdf parse_principled(SceneBuilder& builder, const SceneNode&, Properties& properties) {
   constexpr Range k_share = {0.0, 1.0};
   Bsdf bsdf;
@@ -174,7 +174,7 @@ Bsdf parse_principled(SceneBuilder& builder, const SceneNode&, Properties& prope
   bsdf.roughness = float(properties.number("roughness", 0.5, k_share));
   bsdf.metallic = float(properties.number("metallic", 0.0, k_share));
   bsdf.clearcoat = float(properties.number("clearcoat", 0.0, k_share));
-  // From rough to glossy (Burley 2012, section 5.3: a linear map).
+  // Linear from rough to glossy (Burley 2012, section 5.3).
   const double gloss = properties.number("clearcoat_gloss", 0.0, k_share);
   bsdf.clearcoat_alpha = float(0.1 + (0.001 - 0.1) * gloss);
   if (properties.has("eta") && properties.has("specular"))
@@ -197,7 +197,7 @@ Bsdf parse_principled(SceneBuilder& builder, const SceneNode&, Properties& prope
   return bsdf;
 }
 
-// The nested material with an opacity of its own.
+// The nested material with an opacity mask.
 Bsdf parse_mask(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
   const uint32_t opacity = build_texture(builder, properties, "opacity", Rgb(0.5f));
   const std::vector<const SceneNode*> nested = properties.objects("bsdf");
@@ -210,7 +210,7 @@ Bsdf parse_mask(SceneBuilder& builder, const SceneNode& node, Properties& proper
   return bsdf;
 }
 
-// One or two nested materials: for both sides, or for the front and the back.
+// One or two nested materials: one for both sides, or one each for front and back.
 Bsdf parse_two_sided(SceneBuilder& builder, const SceneNode& node, Properties& properties) {
   const std::vector<const SceneNode*> nested = properties.objects("bsdf");
   if (nested.empty() || nested.size() > 2)
@@ -250,7 +250,7 @@ constexpr BsdfParser k_parsers[] = {
     {"mask", parse_mask},
 };
 
-// The diffuse surface of the given albedo, made when it is first needed.
+// The diffuse BSDF of the given albedo, created on first use.
 uint32_t shared_diffuse(SceneBuilder& builder, uint32_t& index, float albedo) {
   if (index == k_none) {
     Bsdf bsdf;

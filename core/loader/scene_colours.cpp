@@ -12,20 +12,21 @@ namespace {
 constexpr double k_first_wavelength = 360, k_last_wavelength = 830;
 constexpr double k_wavelength_step = 1;
 
-// Linear sRGB of the equal-energy spectrum of value 1 with Y = 1: what Mitsuba gives a flat spectrum that is emitted.
+// Linear sRGB of the equal-energy spectrum of value 1 with Y = 1: Mitsuba's result for flat emission spectra.
 const Rgb k_equal_energy_white(1.204794f, 0.948292f, 0.908916f);
 
 struct Sample {
   double wavelength, value;
 };
 
-// One lobe of the fit: a Gaussian with a width on each side; `t1`, `t2` are the inverse widths left and right.
+// One lobe of the fit: a Gaussian with separate widths on each side; `t1` and `t2` are the inverse widths, left and
+// right.
 double lobe(double wavelength, double centre, double t1, double t2) {
   const double t = (wavelength - centre) * (wavelength < centre ? t1 : t2);
   return std::exp(-0.5 * t * t);
 }
 
-// CIE 1931 colour matching functions: the multi-lobe fit of Wyman et al. 2013, equation 4 and listing 1.
+// CIE 1931 colour matching functions by the multi-lobe fit of Wyman et al. 2013, equation 4 and listing 1.
 DVec3 colour_matching(double w) {
   return {1.056 * lobe(w, 599.8, 0.0264, 0.0323) + 0.362 * lobe(w, 442.0, 0.0624, 0.0374) -
               0.065 * lobe(w, 501.1, 0.0490, 0.0382),
@@ -42,7 +43,7 @@ double interpolate(const std::vector<Sample>& samples, double wavelength) {
   return a.value + (b.value - a.value) * ((wavelength - a.wavelength) / (b.wavelength - a.wavelength));
 }
 
-// The spectrum's linear sRGB, scaled so that a flat one of value 1 over all wavelengths is (1, 1, 1).
+// Linear sRGB of the spectrum, scaled so that a flat spectrum of value 1 over all wavelengths is (1, 1, 1).
 Rgb spectrum_to_rgb(const std::vector<Sample>& samples) {
   DVec3 sum(0.0), white(0.0);
   for (double w = k_first_wavelength; w <= k_last_wavelength; w += k_wavelength_step) {

@@ -35,7 +35,7 @@ Vec3 parse_direction(Properties& properties) {
   return Vec3(direction / length);
 }
 
-// The orthonormal columns nearest to those of a rigid transform, whose numbers may be rounded.
+// The orthonormal columns nearest to those of a rigid transform, whose entries may be rounded.
 Mat3 orthonormal(const DAffine& t) {
   const DVec3 x = glm::normalize(t[0]);
   const DVec3 y = glm::normalize(t[1] - x * glm::dot(x, t[1]));
@@ -43,7 +43,7 @@ Mat3 orthonormal(const DAffine& t) {
   return Mat3(Vec3(x), Vec3(y), Vec3(z));
 }
 
-// Complains about pixels that an environment cannot use.
+// Reports maps and pixels that an environment cannot use.
 void check_environment(const SceneBuilder& builder, const Bitmap& map, const std::string& path, double scale,
                        const SourceLocation& where) {
   if (map.width < k_least_environment_width || map.height < k_least_environment_height ||
@@ -60,7 +60,7 @@ void check_environment(const SceneBuilder& builder, const Bitmap& map, const std
     largest = std::max({largest, p.x, p.y, p.z});
     negative += p.x < 0.0f || p.y < 0.0f || p.z < 0.0f;
   }
-  // Half of the range is left for the power of two that the light table takes out.
+  // Half of the range is reserved for the power of two that the light table divides by.
   if (scale * double(largest) > 0.5 * double(std::numeric_limits<float>::max()))
     throw Error(where,
                 "the environment map '" + path + "' times its scale is beyond single precision; lower the scale");
@@ -83,11 +83,11 @@ void parse_environment(SceneBuilder& builder, const SceneNode& node, Properties&
   const std::string path = builder.input_file(node, filename);
   emitter.bitmap = build_bitmap(builder, path, BitmapUse::radiance, where);
   check_environment(builder, builder.scene.bitmaps[emitter.bitmap], path, scale, where);
-  // How it is sampled is decided here.
+  // Sampling is the renderer's decision.
   properties.ignore({"mis_compensation"});
 }
 
-// Mitsuba's scenes have one light at infinity in all directions.
+// As in Mitsuba, a scene has at most one light surrounding it.
 void require_only_surrounding(const SceneBuilder& builder, const SceneNode& node) {
   for (const Emitter& other : builder.scene.emitters)
     if (other.kind == EmitterKind::constant || other.kind == EmitterKind::environment)

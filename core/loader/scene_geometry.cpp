@@ -7,7 +7,7 @@
 namespace fieldtrace {
 namespace {
 
-// The index of the shape that `key` stands for; `make` builds it on first use.
+// The index of the shape with this key; `make` builds it on first use.
 template <typename Make>
 uint32_t share_shape(SceneBuilder& builder, const std::string& key, const Make& make) {
   const auto known = builder.shapes.find(key);
@@ -38,7 +38,7 @@ Shape make_rectangle() {
   return shape;
 }
 
-// Each face has its own vertices, with (u, v) as on Mitsuba's cube: the axes along which u and v grow.
+// Each face has separate vertices, with (u, v) as on Mitsuba's cube: the axes along which u and v grow.
 Shape make_cube() {
   Shape shape;
   shape.kind = ShapeKind::mesh;
@@ -62,8 +62,8 @@ Shape make_cube() {
   return shape;
 }
 
-// The mesh file brings the normals that it is shaded with. Only mirrored meshes need to know, so the answer may cost
-// another reading.
+// Whether the mesh is shaded with normals from its file. Only mirrored meshes need to know, so reading the file again
+// is acceptable.
 bool has_own_normals(SceneBuilder& builder, const std::string& path, MeshLoadOptions options) {
   if (options.face_normals) return false;
   const auto known = builder.own_normals.find(path);
@@ -73,7 +73,7 @@ bool has_own_normals(SceneBuilder& builder, const std::string& path, MeshLoadOpt
 }
 
 // Mitsuba transforms plain meshes before it derives normals from their winding, so a mirroring to_world turns those
-// inside out; normals from the file, and those of the built-in shapes, follow the surface instead.
+// inside out; normals from the file and those of built-in shapes follow the surface.
 void load_mesh_file(SceneBuilder& builder, const SceneNode& node, Properties& properties, ShapePart& part) {
   const std::string filename = properties.string("filename", "");
   if (filename.empty()) throw Error(node.where, "<shape type=\"" + node.type + "\"> lacks its filename");

@@ -9,14 +9,14 @@
 namespace fieldtrace {
 namespace {
 
-// Directions of the lens' rays before they are normalised; their squares must stay finite.
+// Bound on unnormalised directions of lens rays, whose squares must stay finite.
 constexpr double k_largest_direction = 0x1p62;
 
 SourceLocation place_of(const std::vector<SourceLocation>& places, size_t i) {
   return i < places.size() ? places[i] : SourceLocation();
 }
 
-// The largest singular value: the root of the largest eigenvalue of m^T m, by its trigonometric form (O. K. Smith,
+// The largest singular value: the root of the largest eigenvalue of m^T m, in trigonometric form (O. K. Smith,
 // "Eigenvalues of a symmetric 3 x 3 matrix", CACM 4(4), 1961).
 double largest_stretch(const DMat3& m) {
   const DMat3 square = glm::transpose(m) * m;
@@ -37,11 +37,11 @@ struct WorldBox {
   DVec3 lower = DVec3(std::numeric_limits<double>::infinity());
   DVec3 upper = DVec3(-std::numeric_limits<double>::infinity());
 
-  // `what` lies at p, give or take `reach`.
+  // Adds the ball of radius `reach` about p, which bounds `what`.
   void extend(const DVec3& p, double reach, const char* what, const SourceLocation& where) {
     const DVec3 far = glm::abs(p) + reach;
     const double most = std::max({far.x, far.y, far.z});
-    // Negated, so that what is not a number is refused too.
+    // Negated so that NaN is refused too.
     if (!(far.x <= k_largest_coordinate && far.y <= k_largest_coordinate && far.z <= k_largest_coordinate)) {
       throw Error(where, fmt::format("{} reaches to the coordinate {:.3g}; at most {:.3g} is possible, so bring it "
                                      "nearer or use larger units",
@@ -71,7 +71,7 @@ WorldBox world_box(const Scene& scene, const ScenePlaces& places) {
   return box;
 }
 
-// Of one instance in a scene of that diameter.
+// Checks one instance of a scene of the given diameter.
 void check_instance(const Scene& scene, const Instance& instance, double diameter, const SourceLocation& where) {
   const DAffine t(instance.to_world);
   const DMat3 linear(t[0], t[1], t[2]);
@@ -108,7 +108,7 @@ void check_instance(const Scene& scene, const Instance& instance, double diamete
 struct WorldTriangle {
   DVec3 a, b, c;
   double longest_edge() const { return std::max({glm::length(b - a), glm::length(c - b), glm::length(a - c)}); }
-  // From p, at most: to the triangle's plane, or to its box.
+  // A lower bound on the distance from p: to the triangle's plane or to its box.
   double distance(const DVec3& p) const {
     const DVec3 normal = glm::cross(b - a, c - a);
     const double length = glm::length(normal);
@@ -126,7 +126,6 @@ WorldTriangle triangle_of(const TriangleMesh& mesh, const UVec3& index, const DA
   return {corner(index.x), corner(index.y), corner(index.z)};
 }
 
-// In object space.
 double longest_edge(const TriangleMesh& mesh) {
   double longest = 0;
   for (const UVec3& index : mesh.triangles)
@@ -134,7 +133,7 @@ double longest_edge(const TriangleMesh& mesh) {
   return longest;
 }
 
-// The tangent of the angle between the camera's axis and its rays, at most.
+// Upper bound on the tangent of the angle between the camera's axis and its rays.
 double steepest(const Camera& camera, const Film& film) {
   const double tangent = std::tan(0.5 * glm::radians(double(camera.fov_x_degrees)));
   const auto side = [&](float offset, int pixels) {
@@ -179,7 +178,7 @@ void check_scene_limits(const Scene& scene, const ScenePlaces& places) {
 
 void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const WarningSink& warning) {
   const DVec3 camera(scene.camera.to_world[3]);
-  const double nearest = scene.camera.near_clip;  // nothing nearer is seen
+  const double nearest = scene.camera.near_clip;  // surfaces in front of it are clipped
   std::vector<double> longest(scene.shapes.size(), 0.0);
   for (size_t s = 0; s < scene.shapes.size(); ++s) longest[s] = longest_edge(scene.shapes[s].mesh);
   for (size_t i = 0; i < scene.instances.size(); ++i) {

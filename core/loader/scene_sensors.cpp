@@ -13,17 +13,17 @@
 namespace fieldtrace {
 namespace {
 
-// Pixels along an edge; larger pictures would overflow no type but are surely a mistake.
+// Pixels along an edge. Larger images would overflow no type but are surely a mistake.
 constexpr int k_max_film_size = 65536;
 constexpr int k_max_samples = 1 << 24;
-// Pixels: a filter wider than the widest film blurs every picture to one colour.
+// Pixels: a filter wider than the widest film blurs every image to one colour.
 constexpr Range k_filter_range = {0.0, k_max_film_size, true};
-// Film widths. Up to here positions on the film are told apart to 2^-16 of it, a pixel of the widest film.
+// In film widths. Within this range film positions resolve 2^-16 of the film, a pixel of the widest film.
 constexpr Range k_principal_range = {-256.0, 256.0, false};
 constexpr Range k_lens_range = {0.0, k_largest_coordinate, false};
-// Squares of what is in focus must not underflow.
+// The square of the focus distance must not underflow.
 constexpr Range k_focus_range = {1 / k_largest_coordinate, k_largest_coordinate, false};
-// Mitsuba's cameras without fov have a 50 mm lens in front of 36 mm x 24 mm film.
+// Mitsuba's cameras without fov have a 50 mm lens on 36 mm x 24 mm film.
 constexpr double k_film_diagonal_mm = 43.266615305567875;
 constexpr const char* k_default_lens = "50mm";
 
@@ -50,7 +50,7 @@ Film parse_film(const SceneBuilder& builder, const SceneNode& node) {
       film.filter_radius = float(inner.number("radius", 1.0, k_filter_range));
     } else if (filter->type == "gaussian") {
       film.gaussian_stddev = float(inner.number("stddev", 0.5, {0.0, k_max_film_size / 4, true}));
-      // Mitsuba cuts its Gaussian at four standard deviations.
+      // Mitsuba truncates its gaussian at four standard deviations.
       film.filter_radius = 4 * film.gaussian_stddev;
     } else {
       builder.diagnostics.unknown(filter->where, "unknown filter type '" + filter->type + "', replaced by gaussian");
@@ -144,7 +144,7 @@ void build_sensor(SceneBuilder& builder, const SceneNode& node) {
   builder.placement.camera =
       rigid_part(properties.transform("to_world"), "the camera", properties.where("to_world"), builder.diagnostics);
   builder.places.camera = properties.where("to_world");
-  // Nothing moves, so the shutter's times make no difference.
+  // The scene is static: shutter times have no effect.
   properties.ignore({"shutter_open", "shutter_close"});
   properties.finish();
 }
@@ -166,7 +166,7 @@ void build_default_sensor(SceneBuilder& builder) {
     }
   }
   if (scene.instances.empty()) return;
-  // From -z, as far away as the largest edge needs at 45 degrees.
+  // Looks along +z from a distance at which the largest extent fits a field of view of 45 degrees.
   const DVec3 extent = upper - lower, centre = 0.5 * lower + 0.5 * upper;
   const double edge = std::max({extent.x, extent.y, extent.z});
   const double distance = edge / (2 * std::tan(glm::radians(22.5)));
@@ -181,7 +181,7 @@ void build_integrator(SceneBuilder& builder, const SceneNode& node) {
   IntegratorSettings& settings = builder.scene.integrator;
   if (node.type == "direct") {
     settings.max_depth = 2;
-    // How many samples are taken is decided when rendering.
+    // Sample counts are set when rendering.
     properties.ignore({"shading_samples", "emitter_samples", "bsdf_samples"});
   } else {
     if (node.type != "path")

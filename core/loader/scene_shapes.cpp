@@ -8,7 +8,7 @@
 namespace fieldtrace {
 namespace {
 
-// Area of the instance's surface in world space. Only its being 0 matters, so analytic kinds are measured by their
+// World-space area of the instance's surface. Only whether it is 0 matters, so analytic kinds are measured by their
 // tangent boxes.
 double surface_area(const Shape& shape, const DAffine& t) {
   const auto parallelogram = [&](const DVec3& a, const DVec3& b) {
@@ -27,7 +27,7 @@ double surface_area(const Shape& shape, const DAffine& t) {
   return area;
 }
 
-// Reads a shape that is no group and no instance. False if its type is unknown.
+// Reads a shape that is neither a shapegroup nor an instance. Returns false for an unknown type.
 bool parse_part(SceneBuilder& builder, const SceneNode& node, ShapePart& part) {
   Properties properties = builder.properties(node);
   part.id = node.id;
@@ -107,7 +107,7 @@ void build_shape(SceneBuilder& builder, const SceneNode& node) {
   if (!parse_part(builder, node, part)) return;
   const uint32_t index = add_instance(builder, part, part.id, part.to_world, part.where);
   if (!part.emitter) return;
-  // An area that single precision cannot hold cannot be sampled either.
+  // An area that underflows in single precision cannot be sampled either.
   if (!(surface_area(builder.scene.shapes[part.shape], part.to_world) >= double(std::numeric_limits<float>::min())))
     throw Error(part.emitter->where, "the area light's shape has no area; make it larger or remove the light");
   build_area_light(builder, *part.emitter, index);

@@ -10,16 +10,16 @@
 namespace fieldtrace {
 namespace {
 
-// Mitsuba's `to_uv`: the two-dimensional part of a transform.
+// Mitsuba's `to_uv`: the 2-D part of a transform.
 glm::mat3x2 parse_uv_transform(Properties& properties) {
   const DAffine t = properties.transform("to_uv");
   return glm::mat3x2(Vec2(t[0]), Vec2(t[1]), Vec2(t[3]));
 }
 
-// Undoes the linearisation of read_image() (IEC 61966-2-1): the numbers as they are in the file.
+// Undoes the linearisation of read_image() (IEC 61966-2-1), giving the file's raw values.
 float encode_srgb(float v) { return v <= 0.0031308f ? 12.92f * v : 1.055f * std::pow(v, 1.0f / 2.4f) - 0.055f; }
 
-// Formats whose pixels are linear already.
+// Formats that store linear values.
 bool is_linear_format(const std::string& path) {
   const size_t dot = path.rfind('.');
   std::string ending = dot == std::string::npos ? std::string() : path.substr(dot + 1);
@@ -41,7 +41,7 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
     const auto found = std::find(image.channels.begin(), image.channels.end(), name);
     return found == image.channels.end() ? missing : size_t(found - image.channels.begin());
   };
-  // Grey pictures have one channel, or two with alpha; it serves for all three colours.
+  // Grey images have one channel, or two with alpha; the first serves for all three colours.
   const bool grey = channels < 3;
   const size_t red = index_of("R", 0), green = grey ? red : index_of("G", 1), blue = grey ? red : index_of("B", 2);
   const bool encode = raw && !is_linear_format(path);
@@ -62,7 +62,7 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
   return bitmap;
 }
 
-// Reflectances and opacities lie in [0, 1]: pixels beyond would make or take away light.
+// Reflectances and opacities lie in [0, 1]: values outside would break energy conservation.
 void clamp_bitmap(SceneBuilder& builder, Bitmap& bitmap, const std::string& path, const SourceLocation& where) {
   size_t beyond = 0;
   for (Rgb& pixel : bitmap.pixels) {

@@ -9,14 +9,14 @@ namespace fieldtrace {
 namespace {
 
 // The determinant of three unit columns carries a rounding error of about gamma(16) in double precision: 5 roundings of
-// the determinant itself, the rest for the columns' own products. Below that it cannot be told from 0.
+// the determinant itself, the rest from the columns' products. Below that it cannot be told from 0.
 constexpr double k_singular = 16 * 0x1p-53;
 
-// Scene files carry rotations with as few as 4 decimals: each entry is off by up to 5e-5, and a product of two columns
+// Scene files give rotations with as few as 4 decimals: each entry is off by up to 5e-5, and a product of two columns
 // by up to 2 * 3 * 5e-5. Three times that is still far from any intended scale or shear.
 constexpr double k_rigid_tolerance = 1e-3;
 
-// `value="x"` or `value="x y z"`, or the attributes x, y, z with a default for those left out.
+// `value="x"`, `value="x y z"`, or the attributes x, y, z, with `missing` for those left out.
 DVec3 parse_components(const SceneNode& node, double missing) {
   const bool split = node.attribute("x") || node.attribute("y") || node.attribute("z");
   if (const std::string* value = node.attribute("value")) {
@@ -144,7 +144,7 @@ void require_invertible(const DAffine& transform, const SourceLocation& where) {
   DMat3 unit;
   for (int i = 0; i < 3; ++i) {
     const double length = glm::length(transform[i]);
-    // A column that is 0 in single precision squashes the shape flat there.
+    // A column that vanishes in single precision would flatten the shape.
     if (!(length >= double(std::numeric_limits<float>::min())))
       throw Error(where, "the transform is singular (it scales an axis to nothing); give scale factors other than 0");
     unit[i] = transform[i] / length;

@@ -13,30 +13,30 @@
 namespace fieldtrace {
 
 // The product of a <transform>'s operations. Throws Error for malformed or missing numbers, a rotation about a null
-// axis, a degenerate lookat, a projective matrix. The result is finite; it may be singular.
+// axis, a degenerate lookat, or a projective matrix. The result is finite but may be singular.
 DAffine parse_transform(const SceneNode& transform, const Diagnostics& diagnostics);
 
 DAffine translation(const DVec3& offset);
 DAffine scaling(const DVec3& factors);
 // By `degrees` about `axis` (any length but 0), counter-clockwise seen from its tip.
 DAffine rotation(const DVec3& axis, double degrees);
-// Camera frame at `origin` whose +z points to `target` and +y as near to `up` as can be. Unchecked: the caller
-// guarantees that the three points span a plane.
+// Camera frame at `origin` with +z towards `target` and +y as close to `up` as possible. Unchecked: the caller
+// guarantees that `up` is not parallel to the viewing direction.
 DAffine look_at(const DVec3& origin, const DVec3& target, const DVec3& up);
 
 // Orthonormal frame with the unit vector n as third column (Duff et al., "Building an Orthonormal Basis, Revisited",
-// JCGT 6(1), 2017, listing 3), the one that Mitsuba uses.
+// JCGT 6(1), 2017, listing 3); the same frame as Mitsuba's.
 DMat3 frame_from_normal(const DVec3& n);
 
 // Throws Error unless `transform` and its inverse are finite in single precision and its linear part has full rank.
 void require_invertible(const DAffine& transform, const SourceLocation& where);
 
-// `transform` without its uniform scale, which is left out with a warning; it may mirror. `owner` ("the camera") is
-// whom messages speak of. Throws Error where the transform is singular, scales its axes unequally or shears.
+// `transform` without its uniform scale, which is dropped with a warning; it may mirror. `owner` ("the camera") is the
+// subject of messages. Throws Error if the transform is singular, non-uniformly scaled or sheared.
 DAffine rigid_part(const DAffine& transform, const std::string& owner, const SourceLocation& where,
                    const Diagnostics& diagnostics);
 
-// The linear part's determinant is negative.
+// Whether the linear part's determinant is negative.
 bool is_mirrored(const DAffine& transform);
 
 }  // namespace fieldtrace

@@ -14,16 +14,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Deeper nesting than any sensible scene: keeps the recursive builders off the end of the stack.
+// Deeper than any sensible scene; keeps the recursive builders from overflowing the stack.
 constexpr int k_max_depth = 64;
-// Bounds what parameters that contain one another can blow up to.
+// Bounds the exponential growth of parameters that contain one another.
 constexpr size_t k_max_value_length = size_t(1) << 20;
-// Bounds what files that include others several times can blow up to. A scene of a million instances takes a fifth of
-// these bytes.
+// Bound the exponential growth of repeated includes. A scene of a million instances takes a fifth of these bytes.
 constexpr int k_max_scene_files = 10000;
 constexpr uint64_t k_max_scene_bytes = uint64_t(1) << 30;
 
-// Elements that may appear, with the attributes that they may carry besides.
+// Elements that may appear, with their permitted attributes.
 struct KnownTag {
   const char* tag;
   const char* attributes;
@@ -79,7 +78,6 @@ struct Parameter {
   bool used = false;
 };
 
-// One file being read.
 struct File {
   std::string name;
   std::vector<size_t> line_starts;
@@ -117,7 +115,7 @@ class TreeReader {
   }
 
  private:
-  // Appends the file's root element to `out`; for an included scene (not `keep_scene`) its children instead.
+  // Appends the file's root element to `out`, or its children for an included scene (not `keep_scene`).
   void read_file(const fs::path& path, const SourceLocation& from, const SearchFolders& outer, int depth,
                  std::vector<SceneNode>& out, bool keep_scene) {
     std::error_code ignored;
@@ -155,7 +153,7 @@ class TreeReader {
     if (keep_scene && out.empty()) throw Error(where, "the root element cannot be read");
   }
 
-  // The contents of a scene file that is named at `from`; the main one is named nowhere.
+  // The contents of a scene file referenced at `from`, which is empty for the main file.
   std::string read_text(const fs::path& path, const SourceLocation& from) {
     const SourceLocation where = from.file.empty() ? SourceLocation{path.string(), 0} : from;
     if (is_special_file(path.string())) {
@@ -237,7 +235,7 @@ class TreeReader {
     }
   }
 
-  // Replaces every `$name` by the longest parameter that fits; `\$` stands for a plain dollar.
+  // Replaces every `$name` by the longest parameter name that matches; `\$` is a literal dollar.
   std::string substitute(const std::string& text, const SourceLocation& where) {
     std::string result;
     for (size_t i = 0; i < text.size();) {

@@ -1,4 +1,4 @@
-// A scene file as a tree of elements: files included, `$name` replaced, every element with its place in the files. The
+// A scene file as a tree of elements: includes expanded, `$name` replaced, every element with its source location. The
 // builders (scene_*.cpp) read only this tree and never see the XML library.
 //
 // Source: Mitsuba 3 documentation, "Scene XML file format". Thread-safety: const after load_scene_tree().
@@ -16,21 +16,21 @@
 
 namespace fieldtrace {
 
-// Where the builders' complaints go.
+// Where the builders send their messages.
 struct Diagnostics {
   bool strict = false;
   WarningSink sink;
 
-  // Worth knowing, but the picture is as the file asks for.
+  // For notices where the image is still the one that the file describes.
   void warning(const SourceLocation& where, const std::string& message) const { warn(sink, where, message); }
-  // The file asks for something that is not known here: a warning, an Error in strict mode.
+  // For unsupported content of the file: a warning, an Error in strict mode.
   void unknown(const SourceLocation& where, const std::string& message) const {
     if (strict) throw Error(where, message + " (an error because of strict mode)");
     warn(sink, where, message);
   }
 };
 
-// Folders in which relative file names are looked for, first to last. Shared by all elements of one file.
+// Folders searched for relative file names, first to last. Shared by all elements of one file.
 using SearchFolders = std::vector<std::filesystem::path>;
 
 struct SceneNode {
@@ -41,16 +41,16 @@ struct SceneNode {
   SourceLocation where;
   std::shared_ptr<const SearchFolders> folders;
 
-  // The attribute's value, or null if the element does not have it.
+  // The attribute's value, or null if it is absent.
   const std::string* attribute(const std::string& key) const;
-  // The attribute's value. Throws Error where it is missing.
+  // The attribute's value. Throws Error if it is absent.
   const std::string& required(const std::string& key) const;
 };
 
 struct SceneTree {
   SceneNode root;
   std::map<std::string, const SceneNode*> ids;
-  std::vector<std::string> files;  // the scene file and those that it includes, once for each time
+  std::vector<std::string> files;  // the scene file and its includes, once per inclusion
 
   SceneTree() = default;
   SceneTree(const SceneTree&) = delete;
@@ -62,7 +62,7 @@ struct SceneTree {
 void load_scene_tree(const std::string& path, const std::map<std::string, std::string>& parameters,
                      const Diagnostics& diagnostics, SceneTree& tree);
 
-// The existing file or folder that `name` means in the file of `node`. Throws Error if there is none.
+// The existing file or folder that `name` refers to in the file of `node`. Throws Error if there is none.
 std::string resolve_file(const SceneNode& node, const std::string& name);
 
 }  // namespace fieldtrace

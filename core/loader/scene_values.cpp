@@ -50,7 +50,7 @@ std::vector<double> parse_numbers(const std::string& text, const SourceLocation&
     double value = 0;
     const auto [parsed, error] = std::from_chars(at, stop, value);
     if (error == std::errc::result_out_of_range) {
-      // Too small or too large for a double; the former is 0 for every purpose here.
+      // Underflow or overflow of double; underflow is 0 for every purpose here.
       if (token.find("e-") == std::string::npos && token.find("E-") == std::string::npos)
         throw Error(where, "'" + token + "' is too large for single precision");
       value = 0;
@@ -145,7 +145,7 @@ std::string Properties::string(const std::string& name, const std::string& missi
 
 std::string Properties::choice(const std::string& name, const std::string& missing,
                                std::initializer_list<const char*> choices) {
-  const std::string value = string(name, missing);
+  std::string value = string(name, missing);
   std::string list;
   for (const char* choice : choices) {
     if (value == choice) return value;
@@ -188,7 +188,7 @@ Rgb Properties::colour(const std::string& name, const Rgb& missing, ColourRole r
 std::vector<const SceneNode*> Properties::objects(const std::string& tag) {
   std::vector<const SceneNode*> result;
   for (const SceneNode& child : node_.children) {
-    // A property that was found by its name is not a nested object too.
+    // A property that was already looked up by name is not a nested object too.
     if (used_.count(&child)) continue;
     const SceneNode& object = resolve(child);
     if (object.tag != tag) continue;

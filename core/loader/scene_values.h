@@ -1,4 +1,4 @@
-// Numbers, colours and named properties of scene elements, with checks of type and range.
+// Numbers, colours and named properties of scene elements, with type and range checks.
 //
 // Source: Mitsuba 3 documentation, "Scene XML file format". Spectra: C. Wyman, P.-P. Sloan, P. Shirley, "Simple
 // Analytic Approximations to the CIE XYZ Color Matching Functions", JCGT 2(2), 2013. Thread-safety: values and pure
@@ -16,12 +16,12 @@
 
 namespace fieldtrace {
 
-// One finite number that fits single precision, white space around it allowed. Throws Error.
+// One finite number that fits single precision; surrounding white space is allowed. Throws Error.
 double parse_number(const std::string& text, const SourceLocation& where);
-// Any count of numbers, separated by white space or commas. Throws Error.
+// Any number of values, separated by white space or commas. Throws Error.
 std::vector<double> parse_numbers(const std::string& text, const SourceLocation& where);
 
-// Bounds of a number, as it is after rounding to single precision.
+// Range of a number after rounding to single precision.
 struct Range {
   double lower = -std::numeric_limits<double>::infinity();
   double upper = std::numeric_limits<double>::infinity();
@@ -30,7 +30,7 @@ struct Range {
 inline constexpr Range k_positive = {0.0, std::numeric_limits<double>::infinity(), true};
 inline constexpr Range k_not_negative = {0.0, std::numeric_limits<double>::infinity(), false};
 
-// What a colour stands for; it decides about white points and ranges.
+// What a colour represents, which determines its white point and range.
 enum class ColourRole {
   reflectance,  // [0, 1]; a flat spectrum is grey
   index,        // refractive index or absorption, not negative; a flat spectrum is grey
@@ -43,16 +43,16 @@ Rgb parse_colour(const SceneNode& node, ColourRole role, const Diagnostics& diag
 // True for elements that parse_colour() reads.
 bool is_colour(const SceneNode& node);
 
-// The properties and nested objects of one element. Each look-up marks what it found; finish() complains about the
-// rest. All look-ups throw Error for a wrong element type, a malformed value, a value out of range, a name given twice,
-// or a reference to an id that does not exist.
+// The properties and nested objects of one element. Look-ups mark what they find; finish() reports the rest. All
+// look-ups throw Error for a wrong element type, a malformed value, a value out of range, a repeated name, or a
+// reference to an id that does not exist.
 class Properties {
  public:
   Properties(const SceneNode& node, const SceneTree& tree, const Diagnostics& diagnostics);
 
-  // The child of that name with references resolved, or null.
+  // The child with that name, references resolved, or null.
   const SceneNode* find(const std::string& name);
-  // Where the property stands, or the element itself if it is absent.
+  // Location of the property, or of the element itself if the property is absent.
   SourceLocation where(const std::string& name) const;
   bool has(const std::string& name) const;
 
@@ -60,7 +60,7 @@ class Properties {
   int integer(const std::string& name, int missing, int lower, int upper);
   bool boolean(const std::string& name, bool missing);
   std::string string(const std::string& name, const std::string& missing);
-  // A string out of `choices`.
+  // A string that must be one of `choices`.
   std::string choice(const std::string& name, const std::string& missing, std::initializer_list<const char*> choices);
   // <point> or <vector>.
   DVec3 point(const std::string& name, const DVec3& missing);
@@ -69,12 +69,12 @@ class Properties {
 
   // Nested objects with that tag, in order, references resolved.
   std::vector<const SceneNode*> objects(const std::string& tag);
-  // The only nested object with that tag, or null. Throws Error for two.
+  // The only nested object with that tag, or null. Throws Error if there are two.
   const SceneNode* object(const std::string& tag);
 
-  // Properties that are known and make no difference here.
+  // Known properties that have no effect here.
   void ignore(std::initializer_list<const char*> names);
-  // Reports every child that nobody asked for.
+  // Reports every child that no look-up has marked.
   void finish() const;
 
  private:

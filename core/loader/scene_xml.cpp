@@ -5,8 +5,8 @@
 namespace fieldtrace {
 namespace {
 
-// Builds what stands directly inside <scene>. Materials and textures are built where shapes refer to them: what no
-// shape uses costs nothing, and may be of a kind that is not available.
+// Builds the direct children of <scene>. Materials and textures are built when shapes refer to them: unused ones cost
+// nothing and may be of an unsupported kind.
 void build_scene(SceneBuilder& builder) {
   const SceneNode *integrator = nullptr, *sensor = nullptr;
   for (const SceneNode& node : builder.tree.root.children) {

@@ -21,7 +21,7 @@ Vec3 sample_cosine(const Vec2& u) {
 
 namespace {
 
-// Whether light scatters from wi to wo at all, mask aside.
+// Whether a sampled light direction wo can contribute, the mask aside: not at delta lobes, nor below opaque surfaces.
 bool connects(const Material& material, const Vec3& wi, const Vec3& wo) {
   if (material.delta()) return false;
   return material.transmits() || (wi.z > 0.0f && wo.z > 0.0f);
@@ -198,7 +198,7 @@ BsdfSample sample_bsdf(const Material& material, const Vec3& wi, const Vec2& u, 
     s.delta = s.straight = true;
     return s;
   }
-  // What is left of the number below the opacity is uniform again.
+  // Below the opacity, u_lobe / opacity is uniform in [0, 1) again.
   constexpr float k_below_one = 1.0f - 0x1p-24f;
   s = sample_unmasked(material, wi, u, std::min(u_lobe / material.opacity, k_below_one));
   s.pdf *= material.opacity;

@@ -1,4 +1,4 @@
-// Metals. Rough: reflection by microfacets with the conductor's Fresnel term and visible normals.
+// Metals. Rough: microfacet reflection with the conductor's Fresnel term, sampled by visible normals.
 
 #include "core/material/bsdf_families.h"
 #include "core/material/conductor.hd.h"
@@ -8,7 +8,7 @@
 namespace fieldtrace::bsdf {
 namespace {
 
-// As a batch does it (core/material/conductor_samples.h), bit for bit.
+// Bit-identical to the batch version (core/material/conductor_samples.h).
 BsdfSample sample_ggx(const Material& material, const Vec3& wi, const Vec2& u) {
   const Microfacet& microfacet = material.microfacet;
   const auto view = scalar::ggx_view(microfacet.alpha_u, microfacet.alpha_v, lanes(wi));

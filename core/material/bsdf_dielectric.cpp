@@ -1,4 +1,4 @@
-// Interfaces that light crosses: smooth, thin, rough.
+// Interfaces that transmit light: smooth, thin, rough.
 //
 // Rough: Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, equations 16 to 21, with
 // visible normals. Radiance is scaled by the inverse square of the index ratio (Veach, "Robust Monte Carlo Methods for
@@ -13,13 +13,13 @@
 namespace fieldtrace::bsdf {
 namespace {
 
-// The microfacet that turns wi into wo, and what evaluation and density share.
+// The microfacet that maps wi to wo, and the terms shared by evaluation and density.
 struct Facet {
   bool exists = false, reflects = true;
   Vec3 m = Vec3(0.0f, 0.0f, 1.0f);  // m.z > 0
   float wi_m = 0.0f, wo_m = 0.0f;
-  float eta = 1.0f;      // index on the side of wo / index on the side of wi, where light crosses
-  float mapping = 0.0f;  // (wi.m + eta wo.m)^2, where light crosses
+  float eta = 1.0f;      // index on the side of wo / index on the side of wi, for transmission
+  float mapping = 0.0f;  // (wi.m + eta wo.m)^2, for transmission
 };
 
 Facet facet_between(const Material& material, const Vec3& wi, const Vec3& wo) {
@@ -40,7 +40,7 @@ Facet facet_between(const Material& material, const Vec3& wi, const Vec3& wo) {
   return f;
 }
 
-// Masking on either side of the surface.
+// Smith masking on either side of the surface.
 float masking(const Microfacet& microfacet, const Vec3& w, const Vec3& m) {
   return w.z < 0.0f ? microfacet.g1(-w, m) : microfacet.g1(w, m);
 }
@@ -98,9 +98,9 @@ Rgb evaluate_rough_dielectric(const Material& material, const Vec3& wi, const Ve
 float rough_dielectric_pdf(const Material& material, const Vec3& wi, const Vec3& wo) {
   const Facet f = facet_between(material, wi, wo);
   if (!f.exists) return 0.0f;
-  // No light is sampled to a side that the facet does not show.
+  // Sampling never produces a wo from which the facet faces away.
   if (!(masking(material.microfacet, wo, f.m) > 0.0f)) return 0.0f;
-  // Density of the visible normal but for |wi.m|.
+  // Density of the visible normal, without its factor |wi.m|.
   const float visible = masking(material.microfacet, wi, f.m) * material.microfacet.d(f.m) / std::abs(wi.z);
   if (!(visible > 0.0f)) return 0.0f;
   const float reflectance = fresnel_dielectric(f.wi_m, material.relative_ior).reflectance;

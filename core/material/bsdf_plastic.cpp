@@ -1,7 +1,7 @@
-// Plastics: a diffuse body under a dielectric interface. What enters is scattered diffusely and partly reflected back
-// into the body by the interface, any number of times: body / (1 - body R) with the internal diffuse reflectance R, or,
-// where colours are to stay as given ("linear"), body / (1 - R). Entering and leaving, (1 - F) / eta^2 each way counted
-// once.
+// Plastics: a diffuse body under a dielectric interface. Light that enters is scattered diffusely and partly reflected
+// back into the body by the interface, any number of times: body / (1 - body R) with the internal diffuse reflectance R
+// or, to keep colours as specified ("linear"), body / (1 - R). Entering and leaving contribute (1 - F) / eta^2 once for
+// each way.
 //
 // Source: Mitsuba 3 documentation, plugins `plastic` and `roughplastic`; the latter with the rough interface's
 // transmittance (rough_transmittance.h) instead of 1 - F.
@@ -13,7 +13,7 @@
 namespace fieldtrace::bsdf {
 namespace {
 
-// The body's value / pi for light that enters and leaves whole.
+// body / pi with internal reflections, for light that enters and leaves without loss.
 Rgb body_value(const Material& material, float internal_reflectance) {
   const Rgb body = material.diffuse_reflectance;
   const Rgb kept = (material.nonlinear ? body : Rgb(1.0f)) * internal_reflectance;
@@ -23,8 +23,7 @@ Rgb body_value(const Material& material, float internal_reflectance) {
 
 float mean(const Rgb& c) { return (c.x + c.y + c.z) / 3.0f; }
 
-// The probability of sampling the specular lobe where it reflects that share, in proportion to what the lobes may
-// carry.
+// The probability of sampling the specular lobe, given its reflectance, in proportion to the energy of the lobes.
 float specular_probability(const Material& material, float specular_share) {
   const float specular = specular_share * mean(material.reflectance);
   const float diffuse = (1.0f - specular_share) * mean(material.diffuse_reflectance);

@@ -1,9 +1,9 @@
 // The principled material, reduced to its opaque lobes: diffuse with retro-reflection, main specular (GGX), clearcoat.
 //
 // Source: Burley, "Physically Based Shading at Disney", SIGGRAPH 2012 courses, and "Extending the Disney BRDF to a BSDF
-// with Integrated Subsurface Scattering", SIGGRAPH 2015 courses, sections 5.3 and 5.4. Where these leave a choice it is
-// that of Mitsuba's plugin `principled`: the dielectric part of the main lobe has the exact Fresnel term, and the
-// clearcoat none of the factor 1 / (4 cos cos).
+// with Integrated Subsurface Scattering", SIGGRAPH 2015 courses, sections 5.3 and 5.4. Where these leave a choice, it
+// follows Mitsuba's plugin `principled`: the dielectric part of the main lobe has the exact Fresnel term, and the
+// clearcoat lacks the factor 1 / (4 cos cos).
 
 #include <algorithm>
 #include <cmath>
@@ -14,7 +14,7 @@
 namespace fieldtrace::bsdf {
 namespace {
 
-// The clearcoat's masking has a roughness of its own, and its energy is a quarter.
+// The clearcoat's masking has a fixed roughness, and its energy is scaled by a quarter.
 constexpr float k_clearcoat_masking = 0.25f, k_clearcoat_share = 0.25f, k_clearcoat_specular = 0.04f;
 
 float schlick_weight(float cosine) {
@@ -22,7 +22,7 @@ float schlick_weight(float cosine) {
   return m2 * m2 * m;
 }
 
-// The weight by the larger of both angles, as the approximation wants it.
+// Schlick's weight at the larger of the two angles, as the approximation requires.
 float schlick_weight_at(float cosine, float ior) {
   if (ior > 1.0f) return schlick_weight(cosine);
   const float sin2 = (1.0f - cosine * cosine) / (ior * ior);
@@ -62,7 +62,7 @@ Rgb diffuse_value(const Material& material, const Vec3& wi, const Vec3& wo, floa
 
 Rgb specular_value(const Material& material, const Vec3& wi, const Vec3& wo, const Vec3& h, float wi_h) {
   const float dielectric = fresnel_dielectric(wi_h, material.relative_ior).reflectance;
-  // An index of 1 switches the lobe off, metal included, as in Mitsuba.
+  // As in Mitsuba, an index of 1 disables the lobe, metal included.
   if (!(dielectric > 0.0f)) return Rgb(0.0f);
   const float w = schlick_weight_at(wi_h, material.relative_ior);
   const Rgb metal = material.reflectance + (Rgb(1.0f) - material.reflectance) * w;

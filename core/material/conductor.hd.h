@@ -22,12 +22,12 @@ FT_HD_INLINE Vec3Lanes<F> unit_vector(const Vec3Lanes<F>& v) {
   return v * (splat<F>(1.0f) / sqrt(dot(v, v)));
 }
 
-// What sampling needs to know of a direction that GGX microfacets are seen from.
+// Precomputed terms of a direction for sampling its visible GGX microfacets.
 template <class F>
 struct GgxView {
   F alpha_u, alpha_v;
-  Vec3Lanes<F> stretched;  // the direction seen from the unit-roughness surface
-  F tangent_x, tangent_y;  // unit, horizontal and at right angles to it
+  Vec3Lanes<F> stretched;  // the direction relative to the unit-roughness surface
+  F tangent_x, tangent_y;  // unit, horizontal, perpendicular to it
 };
 
 // w is unit with w.z > 0; alphas are positive.
@@ -41,7 +41,7 @@ FT_HD_INLINE GgxView<F> ggx_view(F alpha_u, F alpha_v, const Vec3Lanes<F>& w) {
   return {alpha_u, alpha_v, s, select(slants, -s.y * inverse, one), select(slants, s.x * inverse, zero)};
 }
 
-// A unit visible normal; u in [0, 1)^2.
+// Samples a unit visible normal; u in [0, 1)^2.
 template <class F>
 FT_HD_INLINE Vec3Lanes<F> sample_visible_ggx(const GgxView<F>& view, const UnitPair<F>& u) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
@@ -67,7 +67,7 @@ FT_HD_INLINE F ggx_density(F alpha_u, F alpha_v, const Vec3Lanes<F>& m) {
   return splat<F>(1.0f) / (splat<F>(Angle::k_pi) * alpha_u * alpha_v * k * k);
 }
 
-// Smith masking of a direction that sees the microfacet; w.z > 0.
+// Smith masking of a direction in front of the microfacet; w.z > 0.
 template <class F>
 FT_HD_INLINE F ggx_masking(F alpha_u, F alpha_v, const Vec3Lanes<F>& w) {
   const F one = splat<F>(1.0f);
@@ -76,14 +76,14 @@ FT_HD_INLINE F ggx_masking(F alpha_u, F alpha_v, const Vec3Lanes<F>& w) {
 }
 
 // Reflectance of unpolarised light; cosine in [0, 1], eta + i k relative to the outside, k >= 0. Absolute error below
-// 2^-20 for k >= 0.1 (and 2^-14 about the angle of total reflection for less): nothing is taken from nearly its equal,
-// so that single precision holds for strong absorbers too.
+// 2^-20 for k >= 0.1 (for smaller k, 2^-14 near the angle of total reflection): there are no cancelling differences, so
+// single precision suffices for strong absorbers too.
 template <class F>
 FT_HD_INLINE F conductor_reflectance(F cosine, F eta, F k) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f);
   const F c = min(max(cosine, zero), one);
   const F c2 = c * c, s2 = (one - c) * (one + c);
-  // (a + i b)^2 = (eta + i k)^2 - s2: of a and b the larger by a sum, the other by a b = eta k.
+  // (a + i b)^2 = (eta + i k)^2 - s2: the larger of a and b from a sum, the other from a b = eta k.
   const F t = (eta - k) * (eta + k) - s2, product = eta * k;
   const F squares = sqrt(t * t + splat<F>(4.0f) * (product * product));
   const F larger = sqrt(half * (squares + abs(t)));
@@ -99,15 +99,15 @@ FT_HD_INLINE F conductor_reflectance(F cosine, F eta, F k) {
   return min(half * (rs + rp), one);
 }
 
-// A direction sampled from the lobe of a metal of reflectance 1.
+// A direction sampled from a metal's lobe.
 template <class F>
 struct ConductorSample {
   Vec3Lanes<F> wo;
-  Vec3Lanes<F> weight;  // Fresnel reflectance by channel x masking of wo
+  Vec3Lanes<F> weight;  // per channel: Fresnel reflectance times masking of wo
   F pdf;                // per solid angle; 0: nothing is scattered
 };
 
-// `wi` is unit with wi.z > 0 and has `view`; eta and k hold a channel each.
+// `wi` is unit with wi.z > 0, and `view` was made from it; eta and k hold one value per channel.
 template <class F>
 FT_HD_INLINE ConductorSample<F> sample_conductor_lobe(const GgxView<F>& view, const Vec3Lanes<F>& wi,
                                                       const Vec3Lanes<F>& eta, const Vec3Lanes<F>& k,
@@ -119,7 +119,7 @@ FT_HD_INLINE ConductorSample<F> sample_conductor_lobe(const GgxView<F>& view, co
   s.wo = unit_vector(m * (splat<F>(2.0f) * wi_m) - wi);
   const Mask_t<F> scatters = (s.wo.z > zero) & (wi_m > zero) & (m.z > zero);
   const F masking = ggx_masking(view.alpha_u, view.alpha_v, wi);
-  // The visible normals' density over 4 wi.m, with wi.m cancelled.
+  // Density of visible normals over 4 wi.m, with wi.m cancelled.
   const F pdf = masking * ggx_density(view.alpha_u, view.alpha_v, m) / (splat<F>(4.0f) * wi.z);
   s.pdf = select(scatters, pdf, zero);
   const F out = select(scatters, ggx_masking(view.alpha_u, view.alpha_v, s.wo), zero);

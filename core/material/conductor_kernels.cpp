@@ -10,7 +10,7 @@
 #include "core/material/conductor_batch-inl.h"
 #include "core/simd/lanes-inl.h"
 
-#if HWY_TARGET != HWY_SCALAR  // sample_conductor_scalar serves that
+#if HWY_TARGET != HWY_SCALAR  // the scalar target is served by sample_conductor_scalar
 FT_LANES_BEGIN
 
 inline void sample_conductor_lanes(const ConductorTask& task, LobeSamples& out) {

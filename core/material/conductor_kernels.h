@@ -1,11 +1,11 @@
-// The compiled forms of the loop behind sample_conductor(), one per instruction set. Thread-safety: pure functions.
+// The compiled variants of the loop behind sample_conductor(), one per instruction set. Thread-safety: pure functions.
 #pragma once
 
 #include "core/material/conductor_samples.h"
 
 namespace fieldtrace {
 
-// What a batch of samples has in common.
+// Parameters shared by a batch of samples.
 struct ConductorTask {
   const Material& material;
   const Frame& frame;
@@ -14,10 +14,10 @@ struct ConductorTask {
   int count;
 };
 
-// `out` has room for `count` samples and the padding of a batch.
+// `out` has room for `count` samples and a batch's padding.
 using ConductorKernel = void (*)(const ConductorTask& task, LobeSamples& out);
 
-// `isa` is resolved: supported by this processor and not `automatic`.
+// `isa` must be resolved: supported by this processor, not `automatic`.
 ConductorKernel conductor_kernel_for(Isa isa);
 
 void sample_conductor_scalar(const ConductorTask& task, LobeSamples& out);

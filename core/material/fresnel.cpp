@@ -14,7 +14,7 @@ DielectricFresnel fresnel_dielectric(float cos_incident, float eta) {
   const float sin2_t = eta_it * eta_it * (1.0f - ci * ci);
   if (sin2_t >= 1.0f) return {1.0f, 0.0f, eta_it};
   const float ct = std::sqrt(1.0f - sin2_t);
-  // With relative index m = 1 / eta_it of the far side.
+  // With the relative index m = 1 / eta_it of the far side.
   const float s = (eta_it * ci - ct) / (eta_it * ci + ct);
   const float p = (ci - eta_it * ct) / (ci + eta_it * ct);
   return {0.5f * (s * s + p * p), outside ? -ct : ct, eta_it};

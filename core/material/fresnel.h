@@ -23,8 +23,8 @@ DielectricFresnel fresnel_dielectric(float cos_incident, float eta);
 // cos_incident in [0, 1]; eta + i k = the conductor's complex index relative to the outside, per channel, k >= 0.
 Rgb fresnel_conductor(float cos_incident, const Rgb& eta, const Rgb& k);
 
-// The mean reflectance of diffuse light at a smooth interface: the integral of 2 F(c) c over cosines c in [0, 1]. eta =
-// index of the far side / index of the side that the light comes from, in about [0.4, 2.5]; within 0.01 there.
+// Mean reflectance of diffuse light at a smooth interface: the integral of 2 F(c) c over cosines c in [0, 1]. eta =
+// index of the far side / index of the near side, about 0.4 to 2.5; accurate to 0.01 in that range.
 float fresnel_diffuse_reflectance(float eta);
 
 }  // namespace fieldtrace

@@ -43,19 +43,19 @@ float erf_inverse(float x) {
   return p * x;
 }
 
-// A slope along x of a unit-roughness Beckmann surface, seen from the direction (sin, 0, cos): the density is
+// Samples the slope along x of a unit-roughness Beckmann surface seen from direction (sin, 0, cos). The density is
 // proportional to max(cos - x sin, 0) exp(-x^2), whose integral up to x is, times 2,
-//   F(x) = cos (1 + erf x) + sin exp(-x^2) / sqrt(pi),    x <= cot.
+//   F(x) = cos (1 + erf x) + sin exp(-x^2) / sqrt(pi), x <= cot.
 float visible_beckmann_slope(float cos_theta, float sin_theta, float u) {
   const double c = cos_theta, s = sin_theta;
   const auto integral = [&](double x) { return c * (1.0 + std::erf(x)) + s * std::exp(-x * x) / k_sqrt_pi; };
-  // erf(-6) differs from -1 by 2e-17: no mass lies below, whatever the precision.
+  // erf(-6) differs from -1 by 2e-17: the mass below is lost to rounding anyway.
   constexpr double k_tail = 6.0;
   double low = -k_tail, high = s * k_tail > c ? c / s : k_tail;
   const double target = double(u) * integral(high);
   double x = 0.5 * (low + high);
-  // Bisection alone gains one bit a step from an interval of 12: 40 steps reach 1e-11 in the worst case. Newton's
-  // steps usually end after 4 to 6.
+  // Bisection alone gains one bit per step from an interval of 12: 40 steps reach 1e-11 in the worst case. Newton
+  // usually converges in 4 to 6.
   for (int i = 0; i < 40; ++i) {
     const double residual = integral(x) - target;
     (residual > 0.0 ? high : low) = x;
@@ -69,7 +69,7 @@ float visible_beckmann_slope(float cos_theta, float sin_theta, float u) {
   return float(x);
 }
 
-// Unit-roughness visible slope pair, the view direction being (sin, 0, cos).
+// Samples the visible slopes of a unit-roughness surface seen from direction (sin, 0, cos).
 Vec2 visible_beckmann_slopes(float cos_theta, float sin_theta, const Vec2& u) {
   return {visible_beckmann_slope(cos_theta, sin_theta, u.x), erf_inverse(2.0f * u.y - 1.0f)};
 }
@@ -82,7 +82,7 @@ float Microfacet::d(const Vec3& m) const {
     const float x = m.x / alpha_u, y = m.y / alpha_v;
     const float slope2 = x * x + y * y, z2 = m.z * m.z;
     const float value = std::exp(-slope2 / z2) / (k_pi * alpha_u * alpha_v * z2 * z2);
-    // z2 * z2 may underflow where the exponential is 0 already.
+    // z2 * z2 may underflow where the exponential is already 0.
     return std::isfinite(value) ? value : 0.0f;
   }
   return scalar::ggx_density(alpha_u, alpha_v, lanes(m));

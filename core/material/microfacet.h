@@ -13,8 +13,8 @@
 
 namespace fieldtrace {
 
-// The smallest roughness that is told from a mirror; the same as Mitsuba's. D reaches 1 / (pi alpha^2) = 3e7, and
-// (m.x / alpha)^2 keeps 7 digits, so single precision holds.
+// The smallest roughness that differs from a mirror, as in Mitsuba. D reaches 1 / (pi alpha^2) = 3e7, and (m.x /
+// alpha)^2 keeps 7 digits, so single precision suffices.
 inline constexpr float k_min_alpha = 1e-4f;
 
 struct Microfacet {
@@ -26,13 +26,13 @@ struct Microfacet {
   // Density of microfacet normals per projected solid angle: the integral of D(m) m.z over the hemisphere is 1.
   float d(const Vec3& m) const;
 
-  // Smith masking for direction w seen by microfacet m, in [0, 1]; 0 where w lies behind m or behind the surface.
+  // Smith masking of direction w at microfacet m, in [0, 1]; 0 where w lies behind m or below the surface.
   float g1(const Vec3& w, const Vec3& m) const;
 
   // Density of visible normals: g1(w, m) |w.m| D(m) / w.z. Zero for w.z <= 0.
   float visible_pdf(const Vec3& w, const Vec3& m) const;
 
-  // A unit normal with density visible_pdf(w, .). w is unit with w.z > 0; u in [0, 1)^2.
+  // Samples a unit normal with density visible_pdf(w, .). w is unit with w.z > 0; u in [0, 1)^2.
   Vec3 sample_visible(const Vec3& w, const Vec2& u) const;
 };
 

@@ -75,7 +75,7 @@ constexpr NamedIndex k_indices[] = {
 
 std::optional<ComplexIndex> find_metal(const std::string& name) {
   if (name == "none") return ComplexIndex{Rgb(0.0f), Rgb(1.0f)};
-  // Most "X_palik" hold the same data as "X"; only those that differ have an entry of their own.
+  // Most "X_palik" hold the same data as "X"; only those that differ have a separate entry.
   const std::string suffix = "_palik";
   std::string plain = name;
   if (name.size() > suffix.size() && name.compare(name.size() - suffix.size(), suffix.size(), suffix) == 0)

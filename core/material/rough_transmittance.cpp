@@ -9,17 +9,17 @@
 namespace fieldtrace {
 namespace {
 
-// Midpoints along either number: errors below 1e-3 for all roughnesses (the integrand has a kink where total reflection
-// sets in and where directions fall below the surface, and an integrable slope at the ends).
+// Midpoint rule along each sample dimension: errors below 1e-3 for all roughnesses. (The integrand has kinks where
+// total reflection begins and where directions fall below the surface, and integrable slopes at the ends.)
 constexpr int k_points = 48;
 
 Vec3 incident(int node) {
-  // Grazing light is tabulated a little above the horizon, where all quantities exist.
+  // Grazing incidence is tabulated slightly above the horizon, where all terms are defined.
   const float c = std::max(float(node) / float(RoughTransmittance::k_nodes - 1), 1e-6f);
   return {std::sqrt(std::max(1.0f - c * c, 0.0f)), 0.0f, c};
 }
 
-// The mean of value(m) over the microfacets visible from wi.
+// Mean of value(m) over the microfacets visible from wi.
 template <class Value>
 float mean_over_visible(const Microfacet& microfacet, const Vec3& wi, const Value& value) {
   double sum = 0.0;

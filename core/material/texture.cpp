@@ -6,8 +6,8 @@
 namespace fieldtrace {
 namespace {
 
-// Coordinates beyond this are cut off, so that texel indices fit an int. Floats of this size are multiples of
-// 2^-3 or coarser, so no texture detail is lost.
+// Coordinates are clamped to this range so that texel indices fit an int. Floats of this size are multiples of 2^-3 or
+// coarser, so no texture detail is lost.
 constexpr float k_largest_coordinate = 0x1p20f;
 
 float sanitise(float x) { return std::isfinite(x) ? std::clamp(x, -k_largest_coordinate, k_largest_coordinate) : 0.0f; }
@@ -27,7 +27,7 @@ Rgb lookup_bitmap(const Bitmap& bitmap, const Texture& texture, const Vec2& uv) 
     const int row = wrap_index(y, bitmap.height, texture.wrap);
     return bitmap.pixels[size_t(row) * bitmap.width + column];
   };
-  // Double keeps the fraction exact enough for large coordinates times large pictures.
+  // Double, because large coordinates times large images would lose the fraction in float.
   const double x = double(uv.x) * bitmap.width, y = double(uv.y) * bitmap.height;
   if (texture.filter == TextureFilter::nearest) return texel(int64_t(std::floor(x)), int64_t(std::floor(y)));
   const double x0 = std::floor(x - 0.5), y0 = std::floor(y - 0.5);
@@ -42,7 +42,7 @@ Vec2 place_on(const Texture& texture, const Vec2& uv) {
   return {sanitise(p.x), sanitise(p.y)};
 }
 
-// The checkerboard's squares at the origin, and all that touch them with a corner.
+// Whether p lies on the checkerboard's square at the origin or on one connected to it by corners.
 bool on_first_squares(const Vec2& p) {
   const bool right = p.x - std::floor(p.x) > 0.5f, upper = p.y - std::floor(p.y) > 0.5f;
   return right == upper;

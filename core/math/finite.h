@@ -1,4 +1,4 @@
-// Thread-safety: pure functions.
+// Tests for finite vectors. Thread-safety: pure functions.
 #pragma once
 
 #include <cmath>
@@ -7,7 +7,6 @@
 
 namespace fieldtrace {
 
-// No component is infinite or not a number.
 inline bool is_finite(const Vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
 }  // namespace fieldtrace

@@ -15,7 +15,7 @@ struct Frame {
   Vec3 to_world(const Vec3& v) const { return s * v.x + t * v.y + n * v.z; }
 };
 
-// Some frame about the unit vector n (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017).
+// A frame about the unit vector n (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017).
 inline Frame frame_about(const Vec3& n) {
   const float sign = std::copysign(1.0f, n.z);
   const float a = -1.0f / (sign + n.z);
@@ -28,7 +28,7 @@ inline Frame frame_about(const Vec3& n) {
 inline Frame frame_along(const Vec3& n, const Vec3& tangent) {
   const Vec3 s = tangent - n * glm::dot(n, tangent);
   const float length2 = glm::dot(s, s);
-  // Below this share of the tangent's length, s is all rounding error: 3 products and 4 sums on either side.
+  // Below this fraction of the tangent's length, s is all rounding error: 3 products and 4 sums on either side.
   constexpr float k_parallel = gamma_bound(8) * gamma_bound(8);
   if (!(length2 > k_parallel * glm::dot(tangent, tangent))) return frame_about(n);
   const Vec3 unit = s / std::sqrt(length2);

@@ -30,8 +30,8 @@ using Rgb = glm::vec3;
 inline constexpr float k_infinity = std::numeric_limits<float>::infinity();
 inline constexpr float k_pi = 3.14159265358979323846f;
 
-// Bound on the relative error of n rounded float operations in a row: n u / (1 - n u), with u = 2^-24
-// (Higham, "Accuracy and Stability of Numerical Algorithms", 2002, lemma 3.1).
+// Bound on the relative error of n consecutive rounded float operations: n u / (1 - n u), with u = 2^-24 (Higham,
+// "Accuracy and Stability of Numerical Algorithms", 2002, lemma 3.1).
 constexpr float gamma_bound(int n) {
   constexpr float u = 0x1p-24f;
   return (float(n) * u) / (1.0f - float(n) * u);
@@ -39,11 +39,6 @@ constexpr float gamma_bound(int n) {
 
 inline Vec3 transform_point(const Affine& a, const Vec3& p) { return a[0] * p.x + a[1] * p.y + a[2] * p.z + a[3]; }
 inline Vec3 transform_vector(const Affine& a, const Vec3& v) { return a[0] * v.x + a[1] * v.y + a[2] * v.z; }
-
-// Transforms a normal given the *inverse* of the transform (multiplies by its transpose). Not normalised.
-inline Vec3 transform_normal(const Affine& inverse, const Vec3& n) {
-  return {glm::dot(inverse[0], n), glm::dot(inverse[1], n), glm::dot(inverse[2], n)};
-}
 
 // a after b: transform_point(compose(a, b), p) == transform_point(a, transform_point(b, p)).
 inline DAffine compose(const DAffine& a, const DAffine& b) {

@@ -14,7 +14,7 @@ namespace fieldtrace {
 struct TriangleMesh {
   std::vector<Vec3> positions;
   std::vector<Vec3> normals;    // shading normals, unit length; empty: use the geometric normal
-  std::vector<Vec2> texcoords;  // empty: barycentric coordinates serve as (u, v)
+  std::vector<Vec2> texcoords;  // empty: barycentric coordinates are used as (u, v)
   std::vector<UVec3> triangles;
 
   Bounds3 bounds() const {

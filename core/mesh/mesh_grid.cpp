@@ -5,7 +5,7 @@
 namespace fieldtrace::mesh_grid {
 
 void require_range(const char* mesh, const char* parameter, double value, double least, double most) {
-  // In float, which most parameters are: 1e-6f is a little below 1e-6.
+  // Compared in float, the type of most parameters: 1e-6f is slightly below 1e-6.
   if (!(float(value) >= float(least) && float(value) <= float(most))) {
     throw UsageError(
         fmt::format("{}: {} is {:g}, it must be between {:g} and {:g}", mesh, parameter, value, least, most));

@@ -1,8 +1,8 @@
-// Internal to the procedural meshes: triangulates a surface that is given over a grid of (u, v).
+// Internal to the procedural meshes: triangulates a surface given over a grid of (u, v).
 //
-// Seams: the vertices of a closed direction's last column or row repeat those of the first bit for bit and differ only
-// in texture coordinates, so the mesh is watertight by position. A pole is one point; each triangle of its fan has its
-// own copy, whose u is the middle of the triangle. Thread-safety: a pure function.
+// Seams: the last column or row of a closed direction repeats the vertices of the first bit for bit, apart from texture
+// coordinates, so the mesh is watertight by position. A pole is a single position; each triangle of its fan has a
+// separate copy, whose u is the middle of the triangle. Thread-safety: a pure function.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@
 
 namespace fieldtrace::mesh_grid {
 
-// Bounds memory (about 2 GB of mesh) and keeps indices far from 2^32. Shared by all generators.
+// Bounds memory (about 2 GB of mesh) and keeps indices far below 2^32. Shared by all generators.
 inline constexpr uint64_t k_max_triangles = uint64_t(1) << 26;
 
 struct GridShape {
@@ -46,16 +46,16 @@ inline void require_triangles(const char* mesh, uint64_t count) {
                                         std::to_string(k_max_triangles) + ", lower the resolution");
 }
 
-// A float in [least, most]; NaN is refused.
+// Requires a float in [least, most]; NaN is refused.
 void require_range(const char* mesh, const char* parameter, double value, double least, double most);
 
 inline uint64_t triangle_count(const GridShape& g) {
   return 2 * uint64_t(g.columns) * (uint64_t(g.rows) - (g.poles ? 1 : 0));
 }
 
-// surface(i, j) -> SurfacePoint at u = i / columns, v = j / rows; it is asked once per distinct point. Triangles run
-// anticlockwise seen from the side of d/du x d/dv. Unchecked: columns, rows >= 1 (3 where that direction is closed,
-// 2 rows with poles), finite points.
+// surface(i, j) -> SurfacePoint at u = i / columns, v = j / rows; called once per distinct point. Triangles run
+// anticlockwise seen from the side of d/du x d/dv. Unchecked: columns, rows >= 1 (3 where that direction is closed, 2
+// rows with poles), finite points.
 template <class Surface>
 TriangleMesh build(const GridShape& g, GridNormals normals, const Surface& surface) {
   TriangleMesh mesh;

@@ -78,7 +78,7 @@ void check_arrays(const TriangleMesh& mesh, const SourceLocation& where) {
 
 void drop_degenerate(TriangleMesh& mesh, const SourceLocation& where, const WarningSink& warning) {
   const size_t before = mesh.triangles.size();
-  // Differences and products of floats are (nearly) exact in double, so zero means zero: no epsilon, any scale.
+  // Differences and products of floats are (nearly) exact in double, so comparing with 0 needs no epsilon at any scale.
   std::erase_if(mesh.triangles, [&](const UVec3& t) {
     const DVec3 a(mesh.positions[t.x]), b(mesh.positions[t.y]), c(mesh.positions[t.z]);
     return glm::cross(b - a, c - a) == DVec3(0.0);
@@ -169,7 +169,7 @@ TriangleMesh load_mesh(const std::string& path, const MeshLoadOptions& options, 
 
 namespace {
 
-// Collects output in large pieces.
+// Buffers output in large pieces.
 class Writer {
  public:
   explicit Writer(CheckedFile& file) : file_(file) { buffer_.reserve(k_piece + k_slack); }
@@ -195,7 +195,7 @@ class Writer {
   std::string buffer_;
 };
 
-// Binary PLY states its byte order; this writes the little-endian one on any machine.
+// Little endian on any machine, as binary PLY declares its byte order.
 void put_word(char*& at, uint32_t word) {
   for (int b = 0; b < 4; ++b) *at++ = char(word >> (8 * b) & 0xffu);
 }

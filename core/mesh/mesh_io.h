@@ -1,9 +1,9 @@
-// Triangle meshes in files: Wavefront OBJ and Stanford PLY in, PLY out; and the checks that every mesh passes.
+// Triangle mesh files: Wavefront OBJ and Stanford PLY in, PLY out; and validation of every mesh.
 //
 // Formats: OBJ: polygons (as fans), normals, texture coordinates, negative indices; groups and objects are merged,
 // materials, lines and free-form surfaces ignored. PLY: ascii, binary little and big endian; x y z, nx ny nz, (u v) or
-// (s t) or (texture_u texture_v); faces vertex_indices or vertex_index (as fans); what else a file declares is skipped.
-// Bad input throws Error with the file's name and, where the format has lines, the line.
+// (s t) or (texture_u texture_v); faces vertex_indices or vertex_index (as fans); anything else is skipped. Bad input
+// throws Error with the file's name and, for text formats, the line.
 // Thread-safety: all functions may be called from any thread. Memory layout: see core/mesh/mesh.h.
 #pragma once
 
@@ -16,21 +16,21 @@
 
 namespace fieldtrace {
 
-// The defaults give what Mitsuba 3's `obj` and `ply` plugins give by default, except that those also compute missing
-// normals (`compute_normals`). face_normals, flip_normals and flip_tex_coords are named as there.
+// The defaults match those of Mitsuba 3's `obj` and `ply` plugins, except that the plugins also compute missing normals
+// (`compute_normals`). face_normals, flip_normals and flip_tex_coords are named as there.
 struct MeshLoadOptions {
   bool face_normals = false;     // drop the file's normals and compute none
-  bool compute_normals = false;  // a file without normals gets compute_vertex_normals(); face_normals goes first
-  bool flip_normals = false;     // turn triangles and normals around
+  bool compute_normals = false;  // a file without normals gets compute_vertex_normals(); face_normals takes precedence
+  bool flip_normals = false;     // reverse triangles and normals
   std::optional<bool> flip_tex_coords = std::nullopt;  // v becomes 1 - v; unset: yes for OBJ, no for PLY, as in Mitsuba
 };
 
-// Loads `path` (.obj or .ply, in any case) and validates it; positions and normals as in the file (object space).
+// Loads `path` (.obj or .ply, in any case) and validates it; positions and normals are in object space, as in the file.
 // A polygon of n corners becomes n - 2 triangles around its first corner. PLY keeps the file's vertices and their
-// order; OBJ makes one vertex of each distinct position/texture/normal triple, in the order of first use. If only some
-// of an OBJ file's corners have a normal, the others get computed ones, with a warning. Throws Error: missing or
-// unreadable file, unknown ending, anything malformed, a file that ends early, an index out of range, positions that
-// are not finite, no triangles.
+// order; OBJ makes one vertex of each distinct position/texture/normal triple, in order of first use. If only some of
+// an OBJ file's corners have a normal, the others get computed ones, with a warning. Throws Error: missing or
+// unreadable file, unknown extension, malformed content, premature end of file, index out of range, positions that are
+// not finite, no triangles.
 TriangleMesh load_mesh(const std::string& path, const MeshLoadOptions& options = {}, const WarningSink& warning = {});
 
 // Makes a mesh safe to render, or throws Error naming `name`:
@@ -41,12 +41,12 @@ TriangleMesh load_mesh(const std::string& path, const MeshLoadOptions& options =
 void validate_mesh(TriangleMesh& mesh, const std::string& name, const WarningSink& warning = {});
 
 struct PlySaveOptions {
-  bool binary = true;  // little endian; else ascii with as many digits as bring every float back unchanged
+  bool binary = true;  // little endian; else ascii with enough digits to restore every float exactly
 };
 
 // Writes positions, normals (nx ny nz) and texture coordinates (s t) where the mesh has them, and triangles. The file
-// is written beside its final name under a temporary name and renamed into place. Throws Error if it cannot be written.
-// Unchecked: a mesh as validate_mesh leaves it.
+// is written under a temporary name in the same folder and renamed into place. Throws Error if it cannot be written.
+// Unchecked: the mesh has passed validate_mesh.
 void save_ply(const std::string& path, const TriangleMesh& mesh, const PlySaveOptions& options = {});
 
 }  // namespace fieldtrace

@@ -4,7 +4,7 @@ namespace fieldtrace {
 
 std::vector<Vec3> vertex_normals(const TriangleMesh& mesh, const std::vector<uint32_t>& weld) {
   const auto vertex = [&](uint32_t i) { return weld.empty() ? i : weld[i]; };
-  // In double: facets far smaller than the square root of the smallest float must not vanish.
+  // In double: facets far smaller than the square root of the smallest float must not underflow.
   std::vector<DVec3> sums(mesh.positions.size(), DVec3(0.0));
   std::vector<uint32_t> first(mesh.positions.size(), 0);  // 1 + the first facet of non-zero area; 0: none
 
@@ -20,7 +20,7 @@ std::vector<Vec3> vertex_normals(const TriangleMesh& mesh, const std::vector<uin
     if (!(twice_area > 0.0)) continue;
     const DVec3 n = cross / twice_area;
     for (int c = 0; c < 3; ++c) {
-      // The cross product of any two sides has the same length, so one arctangent gives the angle.
+      // The cross product of any two edges has the same length, so one arctangent gives the angle.
       const float dot = float(glm::dot(p[(c + 1) % 3] - p[c], p[(c + 2) % 3] - p[c]) / twice_area);
       const uint32_t v = vertex(t[c]);
       sums[v] += double(std::atan2(1.0f, dot)) * n;
@@ -29,8 +29,8 @@ std::vector<Vec3> vertex_normals(const TriangleMesh& mesh, const std::vector<uin
   }
 
   std::vector<Vec3> normals(mesh.positions.size());
-  // What rounding leaves of facets that cancel exactly: a few roundings of angles (float) that add up to at most 2 pi
-  // and a few around it. Below it the direction is noise.
+  // Residue of exactly cancelling facets: a few roundings of angles (float) that add up to at most 2 pi, and a few
+  // around it. Below it the direction is noise.
   constexpr double k_cancelled = double(gamma_bound(8)) * 2.0 * double(k_pi);
   for (size_t i = 0; i < normals.size(); ++i) {
     const uint32_t v = vertex(uint32_t(i));

@@ -1,8 +1,8 @@
 // The OBJ reader: tinyobjloader's callback parser, fed one checked line at a time.
 //
-// tinyobjloader takes what is not a number for 0, a missing coordinate too, and does not say on which line it is. So a
-// stream buffer hands it the file line by line, refuses malformed lines first and knows where the parser is when a
-// callback arrives. Format: Wavefront, "Object Files (.obj)", Advanced Visualizer Manual, appendix B1.
+// tinyobjloader reads malformed and missing numbers as 0 and reports no line numbers. So a stream buffer feeds it the
+// file line by line, rejects malformed lines beforehand, and knows the current line when a callback arrives. Format:
+// Wavefront, "Object Files (.obj)", Advanced Visualizer Manual, appendix B1.
 #include <fmt/format.h>
 #include <tiny_obj_loader.h>
 
@@ -32,7 +32,7 @@ std::string_view next_word(std::string_view& line) {
 
 enum class Number { finite, not_finite, malformed };
 
-// The numbers that tinyobjloader reads as they are meant: [sign] digits [. digits] [e [sign] digits].
+// The numbers that tinyobjloader parses correctly: [sign] digits [. digits] [e [sign] digits].
 Number classify(std::string_view word) {
   if (!word.empty() && (word.front() == '+' || word.front() == '-')) word.remove_prefix(1);
   size_t i = 0, digits = 0;
@@ -55,16 +55,16 @@ Number classify(std::string_view word) {
   return name == "nan" || name == "inf" || name == "1.#" ? Number::not_finite : Number::malformed;
 }
 
-// One corner of a face: v, v/t, v//n or v/t/n, or one of these with slashes behind, as some exporters write it.
+// A face corner: v, v/t, v//n or v/t/n, or one of these with trailing slashes, as some exporters write it.
 bool is_corner(std::string_view word) {
-  constexpr size_t k_longest_index = 9;  // what fits an int whatever the digits
+  constexpr size_t k_longest_index = 9;  // fits an int whatever the digits
   for (int part = 0; part < 3; ++part) {
     const size_t slash = std::min(word.find('/'), word.size());
     std::string_view index = word.substr(0, slash);
     if (!index.empty() && index.front() == '-') index.remove_prefix(1);
     if (index.empty() ? part == 0 || slash > 0 : index.size() > k_longest_index) return false;
     if (!std::all_of(index.begin(), index.end(), is_digit)) return false;
-    // 0 is no index; the parser uses it for "none".
+    // OBJ indices start at 1; the parser uses 0 for "none".
     if (!index.empty() && std::all_of(index.begin(), index.end(), [](char c) { return c == '0'; })) return false;
     if (slash == word.size()) return true;
     word.remove_prefix(slash + 1);
@@ -72,14 +72,13 @@ bool is_corner(std::string_view word) {
   return false;
 }
 
-// Hands out the text one line at a time, so that line() is the one that the parser works on.
+// Supplies the text one line at a time, so that line() is the line being parsed.
 class LineFeed : public std::streambuf {
  public:
   LineFeed(const std::string& path, std::string_view text) : rest_(text), where_{path, 0} {}
 
   const SourceLocation& where() const { return where_; }
-  bool not_finite() const { return not_finite_; }      // the line's numbers hold a NaN or an infinity
-  bool unterminated() const { return unterminated_; }  // the line is the file's last and has no end
+  bool not_finite() const { return not_finite_; }  // the line's numbers hold a NaN or an infinity
 
  protected:
   int_type underflow() override {
@@ -88,7 +87,7 @@ class LineFeed : public std::streambuf {
     where_.line = lines_taken_ + 1;
     joined_.clear();
     std::string_view line = take_line();
-    if (line.ends_with('\\')) {  // continued on the next line, which the parser does not know
+    if (line.ends_with('\\')) {  // line continuation, which the parser does not support
       while (line.ends_with('\\')) {
         joined_.append(line.substr(0, line.size() - 1)).push_back(' ');
         line = rest_.empty() ? std::string_view() : take_line();
@@ -105,7 +104,7 @@ class LineFeed : public std::streambuf {
   }
 
  private:
-  // Line ends: LF, CR LF, and the CR of old Macs.
+  // Line ends: LF, CR LF, and CR (classic Mac OS).
   std::string_view take_line() {
     size_t end = std::min(rest_.find('\n'), rest_.size());
     unterminated_ = end == rest_.size();
@@ -122,7 +121,7 @@ class LineFeed : public std::streambuf {
     return line;
   }
 
-  // The parser would take the next corner's index for what is missing behind a slash.
+  // The parser would read the next corner's index in place of one missing after a slash.
   static void drop_trailing_slashes(std::string& line) {
     size_t kept = line.size();
     bool at_end = true;  // of a word
@@ -175,11 +174,12 @@ class LineFeed : public std::streambuf {
   std::string_view rest_;
   SourceLocation where_;
   int lines_taken_ = 0;
-  bool not_finite_ = false, unterminated_ = false;
+  bool not_finite_ = false;
+  bool unterminated_ = false;  // the line is the file's last and has no end
   std::string joined_;
 };
 
-// Builds the mesh from the parser's callbacks.
+// Builds the mesh in the parser's callbacks.
 class Builder {
  public:
   explicit Builder(const LineFeed& feed) : feed_(feed) {}
@@ -223,7 +223,7 @@ class Builder {
  private:
   static constexpr uint32_t k_none_yet = 0xffffffffu;
 
-  // Zero-based; -1 for none. Negative indices count back from the latest entry.
+  // Zero-based index, or -1 for none. Negative indices count back from the latest entry.
   int64_t resolve(int index, size_t count, const char* what) const {
     if (index == 0) return -1;
     const int64_t i = index > 0 ? int64_t(index) - 1 : int64_t(count) + index;
@@ -234,7 +234,7 @@ class Builder {
     return i;
   }
 
-  // The output vertex of a position/texture/normal triple; new ones are chained to their position.
+  // The output vertex of a position/texture/normal triple; the vertices of a position form a linked list.
   uint32_t corner(const tinyobj::index_t& c) {
     const int64_t v = resolve(c.vertex_index, positions_.size(), "vertex");
     const int64_t t = resolve(c.texcoord_index, texcoords_.size(), "texture coordinate");
@@ -263,7 +263,7 @@ class Builder {
   const LineFeed& feed_;
   std::vector<Vec3> positions_, normals_;
   std::vector<Vec2> texcoords_;
-  std::vector<uint32_t> first_;  // for each position, the first output vertex made of it
+  std::vector<uint32_t> first_;  // for each position, its first output vertex
   std::vector<Vertex> vertices_;
   bool any_texcoord_ = false, any_normal_ = false;
   RawMesh raw_;
@@ -282,7 +282,7 @@ RawMesh read_obj(const std::string& path, std::string_view text) {
   callbacks.texcoord_cb = [](void* user, float u, float v, float) { builder(user).texcoord(u, v); };
   callbacks.index_cb = [](void* user, tinyobj::index_t* c, int count) { builder(user).face(c, count); };
   std::istream stream(&feed);
-  // Without this the stream would swallow the errors that the feed throws.
+  // Otherwise the stream would swallow exceptions thrown by the feed.
   stream.exceptions(std::ios::badbit);
   std::string parser_warning, parser_error;
   if (!tinyobj::LoadObjWithCallback(stream, callbacks, &build, nullptr, &parser_warning, &parser_error)) {

@@ -1,5 +1,5 @@
 // The PLY parser. Format: G. Turk, "The PLY Polygon File Format", Stanford University, 1994.
-// Why the project has its own: docs/decisions/001-ply-reader.md.
+// Why it is hand-written: docs/decisions/001-ply-reader.md.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@ struct Property {
   std::string name;
   Type type = Type::f32;
   bool list = false;
-  Type count_type = Type::u8;  // lists
+  Type count_type = Type::u8;  // for lists
 };
 
 struct Element {
@@ -50,7 +50,7 @@ struct Header {
 
 bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
 
-// Takes the next word off `line`; empty at its end.
+// Takes the next word off `line`; empty at the end.
 std::string_view next_word(std::string_view& line) {
   size_t begin = 0;
   while (begin < line.size() && is_blank(line[begin])) ++begin;
@@ -176,15 +176,14 @@ class HeaderParser {
 
 // ---------------------------------------------------------------- values
 
-// Both sources hand out one value after another, as double (exact for every PLY type). A record is one vertex, face,
-// ...
+// Both sources supply one value after another, as double (exact for every PLY type). A record is one vertex, face, ...
 class AsciiSource {
  public:
   AsciiSource(const std::string& path, std::string_view body, int line) : rest_(body), where_{path, line - 1} {}
 
   const SourceLocation& where() const { return where_; }
   size_t bytes_left() const { return rest_.size(); }
-  // A digit and a separator.
+  // A value takes at least a digit and a separator.
   static constexpr uint64_t least_bytes(Type) { return 2; }
 
   void begin_record(const Element& e, uint64_t index) {
@@ -229,7 +228,7 @@ class AsciiSource {
   }
 
  private:
-  // Too small for a double reads as zero, too large as infinity (which the caller refuses where it matters).
+  // Underflow of double reads as zero, overflow as infinity (which the caller refuses where it matters).
   static double out_of_range(std::string_view word) {
     if (word.front() == '-') word.remove_prefix(1);
     const size_t e = word.find_first_of("eE");
@@ -305,7 +304,7 @@ class BinarySource {
 
 // ---------------------------------------------------------------- elements
 
-// Throws unless the rest of the file can hold the element: a damaged count must not make us allocate or loop for it.
+// Throws unless the rest of the file can hold the element: a corrupt count must not cause huge allocations or loops.
 template <class Source>
 void check_room(const Source& source, const Element& e) {
   uint64_t record = 0;
@@ -337,7 +336,7 @@ void skip(Source& source, const Property& p) {
 
 template <class Source>
 void read_vertices(Source& source, const Element& e, TriangleMesh& mesh) {
-  // Slots: 0..2 position, 3..5 normal, 6..7 texture coordinates; several names may mean one slot.
+  // Slots: 0..2 position, 3..5 normal, 6..7 texture coordinates. Names in one row are synonyms.
   static constexpr std::string_view k_names[][3] = {
       {"x"}, {"y"}, {"z"}, {"nx"}, {"ny"}, {"nz"}, {"u", "s", "texture_u"}, {"v", "t", "texture_v"}};
   constexpr int k_slots = 8, k_skipped = k_slots;

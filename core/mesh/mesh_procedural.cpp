@@ -12,9 +12,9 @@ using namespace mesh_grid;
 
 constexpr double k_pi_d = 3.14159265358979323846;
 constexpr int k_max_cells = 32768;
-constexpr double k_min_size = 1e-6, k_max_size = 1e6;  // squares stay far inside the range of floats
+constexpr double k_min_size = 1e-6, k_max_size = 1e6;  // squares stay well within the range of float
 
-// sin and cos of turns * 2 pi with exact zeros and ones at the quarters, so that shapes are symmetric to the last bit.
+// sin and cos of turns * 2 pi, exactly 0 and +-1 at quarter turns, so that shapes are symmetric to the last bit.
 struct SinCos {
   double sin, cos;
 };
@@ -38,8 +38,8 @@ SinCos sin_cos_turn(int64_t numerator, int64_t denominator) {
 
 // ---------------------------------------------------------------- supershape
 
-// Radii are compared with the largest one of their superformula: below this share the surface would be pinched so that
-// neighbouring vertices meet in float. Far above float's 2^-24, far below what can be seen.
+// Minimum radius relative to the superformula's largest; below it the surface would be so pinched that neighbouring
+// vertices coincide in float. Far above float's 2^-24, far below what is visible.
 constexpr double k_min_radius_share = 0x1p-10;
 
 void check(const char* which, const Superformula& f) {
@@ -54,17 +54,18 @@ void check(const char* which, const Superformula& f) {
   range("b", f.b, 0.001, 1000.0);
 }
 
-// log r(t). In logarithms because the powers leave the range of doubles long before the parameters are strange.
+// log r(t). Logarithms, because the powers leave the range of double long before the parameters are unusual.
 double log_radius(const Superformula& f, double t) {
   const double c = f.n2 * std::log(std::abs(std::cos(0.25 * f.m * t)) / f.a);
   const double s = f.n3 * std::log(std::abs(std::sin(0.25 * f.m * t)) / f.b);
-  // 0 * log(0) is 0^0 = 1; a power of 0 alone is log = -infinity, which exp takes to 0. One of the two is finite.
+  // 0 * log(0) stands for 0^0 = 1; a power of 0 alone has log = -infinity, which exp maps to 0. One of the two is
+  // finite.
   const double x = std::isnan(c) ? 0.0 : c, y = std::isnan(s) ? 0.0 : s;
   const double hi = std::max(x, y), lo = std::min(x, y);
   return -(hi + std::log1p(std::exp(lo - hi))) / f.n1;
 }
 
-// Radii at `count` + 1 angles from `begin` to `end`, the largest scaled to 1, the smallest raised to the least share.
+// Radii at `count` + 1 angles from `begin` to `end`, scaled so that the largest is 1, with the minimum radius enforced.
 std::vector<double> radii(const Superformula& f, double begin, double end, int count) {
   std::vector<double> r(size_t(count) + 1);
   for (int i = 0; i <= count; ++i) r[size_t(i)] = log_radius(f, begin + (end - begin) * (double(i) / count));
@@ -141,7 +142,7 @@ TriangleMesh make_knot(const KnotParams& params) {
 
   const double major = params.major, minor = params.minor, p = params.p, q = params.q;
   struct Frame {
-    DVec3 position, side, up;  // the curve and the two directions across it
+    DVec3 position, side, up;  // point on the curve, and the tube's frame there
     double curvature;
   };
   const auto frame_at = [&](int i) {
@@ -153,7 +154,7 @@ TriangleMesh make_knot(const KnotParams& params) {
     const DVec3 d2 =
         (-minor * q * q * v.cos - p * p * r) * out - 2.0 * p * q * minor * v.sin * ahead - minor * q * q * v.sin * z;
     const double speed = glm::length(d1);
-    // The torus' normal is perpendicular to every curve on the torus.
+    // The torus normal is perpendicular to every curve on the torus.
     const DVec3 side = v.cos * out + v.sin * z;
     return Frame{r * out + minor * v.sin * z, side, glm::cross(d1 / speed, side),
                  glm::length(glm::cross(d1, d2)) / (speed * speed * speed)};
@@ -216,7 +217,7 @@ TriangleMesh make_cube(const CubeParams& params) {
   const int n = params.divisions;
   const GridShape grid{n, n};
   require_triangles("cube", 6 * triangle_count(grid));
-  // One formula for every coordinate, odd in i about the middle, so that faces meet bit for bit.
+  // One odd function of i about the middle for every coordinate, so that faces meet bit for bit.
   const auto coordinate = [&](int i) { return double(params.half_size) * double(2 * i - n) / n; };
   TriangleMesh mesh;
   for (int axis = 0; axis < 3; ++axis) {
@@ -225,7 +226,7 @@ TriangleMesh make_cube(const CubeParams& params) {
       append(mesh, build(grid, GridNormals::given, [&](int i, int j) {
                SurfacePoint s;
                s.position[axis] = side * double(params.half_size);
-               // Mirrored in u on the negative side, which turns the winding around.
+               // Mirrored in u on the negative side, which reverses the winding.
                s.position[u_axis] = coordinate(side > 0 ? i : n - i);
                s.position[v_axis] = coordinate(j);
                s.normal[axis] = side;

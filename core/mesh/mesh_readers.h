@@ -12,20 +12,20 @@
 
 namespace fieldtrace::mesh_readers {
 
-// What a parser found. Indices are in range and positions finite; triangles may be degenerate; a vertex for which a
-// file with normals gives none has a zero normal.
+// The parsed mesh. Indices are in range and positions finite; triangles may be degenerate; if the file has normals,
+// vertices without one have a zero normal.
 struct RawMesh {
   TriangleMesh mesh;
-  uint64_t short_polygons = 0;  // polygons of fewer than three corners, left out
+  uint64_t short_polygons = 0;  // polygons of fewer than three corners, which are dropped
 };
 
 RawMesh read_obj(const std::string& path, std::string_view text);
 RawMesh read_ply(const std::string& path, std::string_view bytes, const WarningSink& warning);
 
-// A piece of input for a message: at most 40 characters, unprintable ones replaced.
+// A piece of input for messages: at most 40 characters, with unprintable ones replaced.
 std::string quote(std::string_view text);
 
-// Vertices and indices are counted in 32 bits.
+// Vertex indices are 32 bits wide.
 inline constexpr uint64_t k_max_vertices = 0xfffffffeu;
 
 }  // namespace fieldtrace::mesh_readers

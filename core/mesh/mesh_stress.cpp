@@ -13,8 +13,8 @@ using namespace mesh_grid;
 
 constexpr double k_pi_d = 3.14159265358979323846;
 
-// Two unit vectors that form a right-handed frame with the unit vector n (n = first x second).
-// Duff et al., "Building an Orthonormal Basis, Revisited", Journal of Computer Graphics Techniques 6(1), 2017.
+// Two unit vectors that form a right-handed frame with the unit vector n (n = first x second). Duff et al., "Building
+// an Orthonormal Basis, Revisited", Journal of Computer Graphics Techniques 6(1), 2017.
 void basis(const DVec3& n, DVec3& first, DVec3& second) {
   const double sign = std::copysign(1.0, n.z);
   const double a = -1.0 / (sign + n.z), b = n.x * n.y * a;
@@ -22,7 +22,7 @@ void basis(const DVec3& n, DVec3& first, DVec3& second) {
   second = {b, sign + n.y * n.y * a, -n.y};
 }
 
-// Closed tube around a circle about `axis`.
+// Torus: a closed tube around a circle about `axis`.
 TriangleMesh ring(const DVec3& centre, const DVec3& axis, double circle_radius, double wire_radius, int along,
                   int around) {
   DVec3 x, y;
@@ -36,7 +36,7 @@ TriangleMesh ring(const DVec3& centre, const DVec3& axis, double circle_radius, 
   });
 }
 
-// Uniform in [0, 1), the same on every platform (the standard's distributions are not).
+// Uniform in [0, 1), identical on every platform (unlike the standard library's distributions).
 class Random {
  public:
   explicit Random(uint32_t seed) : engine_(seed) {}
@@ -58,7 +58,7 @@ TriangleMesh make_comb(const CombParams& params) {
   require_range("comb", "solid_share", params.solid_share, 1e-4, 1.0);
   require(params.solid_share < 1.0f, "comb: solid_share must be below 1, else the slats touch");
   constexpr double k_half = 0.55;
-  // 32 roundings of a float near 1: both faces of a slat stay apart.
+  // 32 roundings of a float near 1 keep the two faces of a slat apart.
   require(2.0 * k_half / params.slats * params.solid_share >= 0x1p-19,
           "comb: the slats are thinner than floats can tell, lower slats or raise solid_share");
   const TriangleMesh cube = make_cube({.half_size = 1.0f});
@@ -90,7 +90,7 @@ TriangleMesh make_wire_globe(const WireGlobeParams& params) {
   }
   for (int i = 0; i < params.parallels; ++i) {
     const double latitude = k_pi_d * (double(i + 1) / (params.parallels + 1) - 0.5);
-    // Nearest to the poles a ring must stay wider than its wire.
+    // Next to the poles a ring must stay wider than its wire.
     const double r = std::max(radius * std::cos(latitude), 2.0 * wire);
     append(mesh, ring({0.0, 0.0, radius * std::sin(latitude)}, {0.0, 0.0, 1.0}, r, wire, params.along, params.around));
   }
@@ -112,7 +112,7 @@ TriangleMesh make_hair_ball(const HairBallParams& params) {
   TriangleMesh mesh;
   for (int hair = 0; hair < params.hairs; ++hair) {
     const DVec3 root = random.direction(), drift = random.direction();
-    // At distance r along the hair: the root's direction, turned towards a random tangent quadratically.
+    // At distance r along the hair: the root's direction, bent quadratically towards a random tangent.
     const DVec3 side = drift - glm::dot(drift, root) * root;
     const double length = (k_tip_distance - params.ball_radius) * (0.7 + 0.3 * random.uniform());
     const auto centre = [&](double s) {
@@ -121,7 +121,7 @@ TriangleMesh make_hair_ball(const HairBallParams& params) {
     };
     DVec3 x, y;
     basis(root, x, y);
-    // Row 0 is the centre of the root's cap, the last row the tip; rings taper linearly in between.
+    // Row 0 is the centre of the root's cap, the last row the tip; the rings in between taper linearly.
     append(mesh, build(grid, GridNormals::smooth, [&](int i, int j) {
              if (j == 0) return SurfacePoint{centre(0.0), -root};
              const double s = double(j - 1) / params.segments;
@@ -152,7 +152,7 @@ TriangleMesh make_holy_sphere(const HolySphereParams& params) {
   require_range("holy sphere", "hole_radius_degrees", params.hole_radius_degrees, 0.0, 60.0);
   TriangleMesh mesh = make_sphere({.radius = 1.0f, .around = params.around, .along = params.along});
 
-  // Centres on a Fibonacci spiral.
+  // Hole centres on a Fibonacci spiral.
   std::vector<DVec3> holes;
   const double golden_angle = k_pi_d * (3.0 - std::sqrt(5.0));
   for (int i = 0; i < params.holes; ++i) {

@@ -1,9 +1,10 @@
-// Meshes that are hard for sampled visibility: thin slats, wires, hair, open sheets, holes, slivers. For tests and
+// Meshes that are hard for sampled visibility: thin slats, wires, hair, open surfaces, holes, slivers. For tests and
 // benchmarks.
 //
-// All lie in object space around the origin, with default parameters within the unit sphere. They have unit normals and
-// texture coordinates, and are a function of their parameters alone (random ones of the seed). Every function throws
-// UsageError for a parameter outside its range. Thread-safety: pure functions. Memory layout: see core/mesh/mesh.h.
+// All lie in object space around the origin and, with default parameters, within the unit sphere. They have unit
+// normals and texture coordinates, and depend on their parameters alone (random ones on the seed). Every function
+// throws UsageError for a parameter outside its range. Thread-safety: pure functions. Memory layout: see
+// core/mesh/mesh.h.
 #pragma once
 
 #include <cstdint>
@@ -20,10 +21,10 @@ struct CombParams {
 };
 TriangleMesh make_comb(const CombParams& params = {});
 
-// A globe of closed wires: great circles through the poles and circles of latitude. Wires run through one another.
-// 2 * around * along * (meridians + parallels) triangles.
+// A globe of closed wires: great circles through the poles and circles of latitude. Wires intersect. 2 * around * along
+// * (meridians + parallels) triangles.
 struct WireGlobeParams {
-  int meridians = 12;          // [0, 1000] great circles; one of both counts must be positive
+  int meridians = 12;          // [0, 1000] great circles; meridians + parallels must be positive
   int parallels = 11;          // [0, 1000]
   float wire_radius = 0.012f;  // [1e-5, 0.1], of the globe's radius
   int along = 128;             // [8, 32768]
@@ -31,18 +32,18 @@ struct WireGlobeParams {
 };
 TriangleMesh make_wire_globe(const WireGlobeParams& params = {});
 
-// Hairs: closed, tapering, bent tubes that grow outwards from a ball. 6 * segments triangles each.
+// Hairs: closed, tapering, bent tubes growing outwards from a sphere. 6 * segments triangles each.
 struct HairBallParams {
   int hairs = 2000;            // [1, 1000000]
   int segments = 4;            // [1, 64]
   float hair_radius = 0.003f;  // [1e-5, 0.05] at the root
-  float ball_radius = 0.35f;   // [0.05, 0.9] where hairs start; they end at about 0.95
+  float ball_radius = 0.35f;   // [0.05, 0.9]: where hairs start; they end at about 0.95
   float bend = 0.5f;           // [0, 1]: sideways drift of the tip / length
   uint32_t seed = 1;
 };
 TriangleMesh make_hair_ball(const HairBallParams& params = {});
 
-// Open sheet z = amplitude * sin(k x) * cos(k y) over a square, seen from both sides. 2 * cells^2 triangles.
+// Open surface z = amplitude * sin(k x) * cos(k y) over a square, visible from both sides. 2 * cells^2 triangles.
 struct WavySheetParams {
   float half_size = 0.68f;  // [0.01, 0.7]
   float amplitude = 0.08f;  // [0, 0.15]
@@ -52,7 +53,7 @@ struct WavySheetParams {
 TriangleMesh make_wavy_sheet(const WavySheetParams& params = {});
 
 // Unit sphere without the triangles whose centre lies in one of `holes` evenly spread caps: an open surface whose
-// inside shows. Vertices within holes stay, unused. At most 2 * around * (along - 1) triangles.
+// inside is visible. Vertices within holes remain, unused. At most 2 * around * (along - 1) triangles.
 struct HolySphereParams {
   int holes = 24;                     // [0, 1000]
   float hole_radius_degrees = 12.0f;  // [0, 60]
@@ -60,7 +61,7 @@ struct HolySphereParams {
 };
 TriangleMesh make_holy_sphere(const HolySphereParams& params = {});
 
-// Slivers that share one tip and fan out over half a turn around the x axis; neighbours do not touch elsewhere.
+// Slivers that share one tip and fan out over half a turn around the x axis, otherwise disjoint.
 struct SliverFanParams {
   int slivers = 500;     // [1, 1000000]
   float aspect = 1e-4f;  // [1e-7, 0.1]: width / length

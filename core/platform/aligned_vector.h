@@ -1,7 +1,7 @@
 // Vectors whose elements start on a cache line, for loops that load whole SIMD vectors.
 //
-// The memory comes from operator new rather than from a pool such as TBB's, so that a memory or thread sanitizer sees
-// every allocation, its bounds and its end. Thread-safety: as std::vector.
+// Memory comes from operator new rather than from a pool such as TBB's, so that address and thread sanitizers see every
+// allocation, its bounds and its release. Thread-safety: as std::vector.
 #pragma once
 
 #include <cstddef>
@@ -10,10 +10,10 @@
 
 namespace fieldtrace {
 
-// The widest SIMD vector and the cache line of every processor that is built for.
+// The widest SIMD vector and the cache line of all supported processors.
 inline constexpr size_t k_cache_line = 64;
 
-// Throws std::bad_alloc as std::allocator does.
+// Throws std::bad_alloc, as std::allocator does.
 template <class T>
 struct CacheLineAllocator {
   using value_type = T;

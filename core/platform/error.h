@@ -1,4 +1,4 @@
-// Errors that a user can act on, with the place they come from, and the sink that warnings go to.
+// User-actionable errors with their source location, and the sink for warnings.
 //
 // Thread-safety: `Error` is a value. A `WarningSink` may be called from one thread at a time.
 #pragma once
@@ -12,14 +12,14 @@
 
 namespace fieldtrace {
 
-// A place in an input file. line 0 means that no line is known (a binary file, say).
+// A place in an input file. Line 0: no line is known (a binary file, say).
 struct SourceLocation {
   std::string file;
   int line = 0;
 };
 
-// Bad input. what() reads "FILE:LINE: what is wrong and what to do"; the part before the message is left
-// out where it is unknown. The command line prints it behind "fieldtrace: " and exits with 1.
+// Bad input. what() reads "FILE:LINE: what is wrong and what to do", without the location where it is unknown. The
+// command line prints it after "fieldtrace: " and exits with 1.
 class Error : public std::runtime_error {
  public:
   explicit Error(const std::string& message) : std::runtime_error(message) {}
@@ -32,7 +32,7 @@ class Error : public std::runtime_error {
   }
 };
 
-// Wrong use of the command line or the library (a contradiction of options, say). Exit code 2.
+// Wrong use of the command line or the library (contradictory options, say). Exit code 2.
 class UsageError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -45,7 +45,7 @@ inline void warn(const WarningSink& sink, const SourceLocation& where, const std
   if (sink) sink(Error::format_location(where) + message);
 }
 
-// Passes each distinct warning on once. Copies of the result share what they have seen.
+// Forwards each distinct warning once. Copies of the result share their memory of past warnings.
 inline WarningSink without_repeats(WarningSink sink) {
   if (!sink) return sink;
   return [sink = std::move(sink), seen = std::make_shared<std::set<std::string>>()](const std::string& message) {

@@ -13,7 +13,7 @@ namespace {
 
 constexpr uint64_t k_least_bytes = uint64_t(256) << 20;
 
-// "max" where there is no limit, which no number is read from.
+// Without a limit the file reads "max", which does not parse as a number.
 uint64_t control_group_limit() {
   std::ifstream file("/sys/fs/cgroup/memory.max");
   uint64_t bytes = 0;

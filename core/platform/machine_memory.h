@@ -6,9 +6,8 @@
 
 namespace fieldtrace {
 
-// Bytes of main memory of the machine, or of the process' control group (Linux, cgroup version 2) or of its address
-// space
-// (`ulimit -v`) if that is less. At least 256 MiB, where none can be told.
+// The least of the machine's main memory, the limit of the process' control group (Linux, cgroup v2) and that of its
+// address space (`ulimit -v`), in bytes. At least 256 MiB, also where nothing can be determined.
 uint64_t machine_memory_bytes();
 
 }  // namespace fieldtrace

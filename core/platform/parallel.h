@@ -1,8 +1,8 @@
 // Parallel loops over TBB.
 //
-// TBB promises that what a thread wrote before a loop is seen inside it, and what the loop wrote is seen after it. Its
-// library holds those promises where a thread sanitizer cannot look, so they are repeated here in atomics that it can.
-// Thread-safety: loops may be nested and may run side by side.
+// TBB guarantees that writes before a loop are visible inside it, and writes inside it after it. TBB's own
+// synchronisation is invisible to a thread sanitizer, so these guarantees are repeated in instrumented atomics.
+// Thread-safety: loops may be nested and may run concurrently.
 #pragma once
 
 #include <tbb/blocked_range.h>
@@ -13,7 +13,7 @@
 
 namespace fieldtrace {
 
-// What a thread wrote before give() is seen by every thread whose take() comes after it in time.
+// Everything written before give() is visible after a later take() on any thread.
 class Handover {
  public:
   void give() { turns_.fetch_add(1, std::memory_order_release); }
@@ -23,8 +23,8 @@ class Handover {
   std::atomic<unsigned> turns_ = 0;
 };
 
-// Calls body(i) for i in [0, count), each as a task of its own: worth it from some 100 microseconds a call. Returns
-// when all are done; rethrows the first exception, after which some calls may not have been made.
+// Calls body(i) for i in [0, count), each as a separate task, which pays off from about 100 microseconds per call.
+// Returns when all are done; rethrows the first exception, after which some calls may not have been made.
 template <class Body>
 void parallel_for(size_t count, const Body& body) {
   Handover begun, done;

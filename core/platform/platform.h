@@ -9,7 +9,7 @@
 #define FT_HD
 #endif
 
-// FT_HD_INLINE marks lane code that must melt into its caller: a call would pass whole vectors through memory.
+// FT_HD_INLINE marks lane code that must be inlined: a call would pass whole vectors through memory.
 #if defined(__CUDACC__)
 #define FT_HD_INLINE __host__ __device__ __forceinline__
 #elif defined(__GNUC__)
@@ -17,9 +17,6 @@
 #else
 #define FT_HD_INLINE inline
 #endif
-
-// FT_RESTRICT promises that a pointer is the only way to reach its data inside the function.
-#define FT_RESTRICT __restrict__
 
 // FT_THREAD_SANITIZER is defined in host code built with -fsanitize=thread.
 #if defined(__CUDA_ARCH__)

@@ -1,8 +1,8 @@
-// A large array whose memory is only committed where it is written: reserved address space, zero until touched.
+// A large array of reserved address space whose memory is committed on first write; zero until then.
 //
-// Used where an array grows by demand while other threads read it, so that it can never be moved. Where the system
-// limits address space (core/platform/address_space.h), owners ask for less, and their arrays are full the sooner.
-// Thread-safety: construction by one thread; the contents are the caller's.
+// For arrays that grow on demand while other threads read them, and so can never be moved. Where the system limits
+// address space (core/platform/address_space.h), owners reserve less, and their arrays fill up sooner.
+// Thread-safety: construction by one thread; synchronising the contents is the caller's task.
 #pragma once
 
 #include <sys/mman.h>
@@ -19,7 +19,7 @@ template <class T>
 class VirtualBuffer {
  public:
   VirtualBuffer() = default;
-  // Reserves room for `count` elements, all zero. Throws Error if the system has no address space left.
+  // Reserves room for `count` zero elements. Throws Error if the system has no address space left.
   explicit VirtualBuffer(size_t count) : bytes_(count * sizeof(T)) {
     void* p = mmap(nullptr, bytes_, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (p == MAP_FAILED) {

@@ -9,16 +9,16 @@ namespace {
 
 constexpr uint32_t k_digits = 16;
 
-// Row r gives digit r (the first is 0, at bit 15) as a sum of the digits up to r: itself and a random choice of those
-// before it.
+// A random lower triangular matrix: row r gives digit r (the first is 0, at bit 15) as the sum of itself and a random
+// choice of the digits before it.
 struct Scramble {
   uint32_t rows[k_digits];
 
   explicit Scramble(uint32_t seed) {
     for (uint32_t r = 0; r < k_digits; ++r) {
-      const uint32_t own = 1u << (k_digits - 1 - r);
-      const uint32_t before = 0xffffu & ~(2 * own - 1);
-      rows[r] = own | (scalar::hash_combine(seed, r) & before);
+      const uint32_t diagonal = 1u << (k_digits - 1 - r);
+      const uint32_t before = 0xffffu & ~(2 * diagonal - 1);
+      rows[r] = diagonal | (scalar::hash_combine(seed, r) & before);
     }
   }
   uint32_t operator()(uint32_t digits) const {

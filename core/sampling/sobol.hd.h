@@ -47,26 +47,26 @@ FT_HD_INLINE Uint_t<F> hash_combine_lanes(Uint_t<F> a, Uint_t<F> b) {
 }
 FT_HD_INLINE uint32_t hash_combine(uint32_t a, uint32_t b) { return hash_combine_lanes<float>(a, b); }
 
-// The seed of one pixel.
+// The seed of a pixel.
 template <class F>
 FT_HD_INLINE Uint_t<F> pixel_seed_lanes(uint32_t seed, Uint_t<F> x, Uint_t<F> y) {
   return hash_combine_lanes<F>(hash_combine_lanes<F>(splat_uint<F>(seed), x), y);
 }
 FT_HD_INLINE uint32_t pixel_seed(uint32_t seed, uint32_t x, uint32_t y) { return pixel_seed_lanes<float>(seed, x, y); }
 
-// The seed of one path vertex (0: the camera ray's hit) in a pixel: what ShadingPointBatch::seed holds.
+// The seed of a path vertex (0: the camera ray's hit) in a pixel, as held in ShadingPointBatch::seed.
 FT_HD_INLINE uint32_t vertex_seed(uint32_t of_pixel, uint32_t vertex) { return hash_combine(of_pixel, vertex); }
 FT_HD_INLINE uint32_t vertex_seed(uint32_t seed, uint32_t pixel_x, uint32_t pixel_y, uint32_t vertex) {
   return vertex_seed(pixel_seed(seed, pixel_x, pixel_y), vertex);
 }
 
-// The three independent scrambles of one pair of dimensions.
+// The three independent scrambles of one pair of dimensions: index order, x and y.
 template <class F>
 struct SobolSeeds {
   Uint_t<F> order, x, y;
 };
 
-// Seeds of the pair number `dimension` of the sequence `seed`.
+// Seeds of dimension pair number `dimension` of sequence `seed`.
 template <class F>
 FT_HD_INLINE SobolSeeds<F> sobol_seeds(Uint_t<F> seed, uint32_t dimension) {
   const Uint_t<F> order = hash_lanes<F>(seed + splat_uint<F>(hash_uint(dimension + 0x9e3779b9u)));
@@ -86,7 +86,7 @@ FT_HD_INLINE Uint_t<F> scramble_reversed(Uint_t<F> x, Uint_t<F> seed) {
 }
 
 // The second Sobol dimension of `index`, bit-reversed (the first dimension's is `index` itself): bit j of the result is
-// the sum modulo 2 of the bits k of the index with C(k, j) odd.
+// the sum modulo 2 of the index bits k with C(k, j) odd.
 template <class F>
 FT_HD_INLINE Uint_t<F> sobol_second_reversed(Uint_t<F> index) {
   index = index ^ shift_right<16>(index);
@@ -121,7 +121,7 @@ FT_HD_INLINE UnitPair<F> sample_2d(Uint_t<F> index, const SobolSeeds<F>& seeds) 
   return {unit_float(p.x), unit_float(p.y)};
 }
 
-// Point `index` of the pair number `dimension` of the sequence `seed`, in [0, 1)^2.
+// Point `index` of dimension pair number `dimension` of sequence `seed`, in [0, 1)^2.
 FT_HD_INLINE UnitPair<float> sample_2d(uint32_t index, uint32_t seed, uint32_t dimension) {
   return sample_2d<float>(index, sobol_seeds<float>(seed, dimension));
 }

@@ -1,4 +1,4 @@
-// Maps from the unit square to disks, spheres, cones and triangles, and the elementary functions that they need.
+// Maps from the unit square to disks, spheres and triangles, and the elementary functions that they need.
 //
 // Sources: P. Shirley and K. Chiu, "A Low Distortion Map Between Disk and Square", 1997 (with the branch-free form of
 // D. Cline); Malley's method for the cosine; E. Heitz, "A Low-Distortion Map Between Triangle and Square", 2019;
@@ -31,8 +31,8 @@ struct Angle {
   static constexpr float k_tan_eighth_pi = 0.414213562373095048802f;
 };
 
-// Stands in for zero in a denominator: the smallest normal float, so that quotients of finite numerators up to 1 are
-// finite (1 / 2^-126 = 2^126).
+// Replaces zero in a denominator: the smallest normal float, so that quotients of numerators up to 1 are finite (1 /
+// 2^-126 = 2^126).
 struct Tiny {
   static constexpr float k_smallest_normal = 0x1p-126f;
 };
@@ -67,8 +67,7 @@ FT_HD_INLINE SinCos<F> sincos_turns(F t) {
   return {select(sine_negative, -sine, sine), select(cosine_negative, -cosine, cosine)};
 }
 
-// The angle in [0, pi] of the vector (x, y), y >= 0, not both zero. Relative error below 2^-21 (so small angles keep
-// their digits).
+// The angle in [0, pi] of the vector (x, y), y >= 0, not both zero. Relative error below 2^-21, for small angles too.
 template <class F>
 FT_HD_INLINE F angle_upper(F y, F x) {
   const F ax = abs(x);
@@ -87,7 +86,8 @@ FT_HD_INLINE F angle_upper(F y, F x) {
   return select(x < splat<F>(0.0f), splat<F>(Angle::k_pi) - angle, angle);
 }
 
-// Two unit vectors that make a right-handed orthonormal basis with the unit vector z. Continuous except across z.z = 0.
+// Two unit vectors that complete the unit vector z to a right-handed orthonormal basis. Continuous except across z.z =
+// 0.
 template <class F>
 struct Basis {
   Vec3Lanes<F> x, y;
@@ -119,7 +119,7 @@ FT_HD_INLINE DiskPoint<F> concentric_disk_centred(F a, F b) {
   const F aa = abs(a), bb = abs(b);
   const auto steep = aa < bb;
   const F radius = max(aa, bb);
-  // The angle from the nearest axis, which lies on the side of the larger coordinate. At the centre both are zero.
+  // The angle from the nearest axis, on the side of the larger coordinate. At the centre both are zero.
   const F small = select(steep, a, b) / max(radius, splat<F>(Tiny::k_smallest_normal));
   const SinCos<F> p = sincos_octant<F>(small * splat<F>(Angle::k_quarter_pi));
   const F along = copysign(p.cosine, select(steep, b, a));
@@ -153,15 +153,6 @@ FT_HD_INLINE Vec3Lanes<F> uniform_sphere(F u, F v) {
   const F rest = (splat<F>(1.0f) - p.radius) * (splat<F>(1.0f) + p.radius);  // 1 - r^2 without cancellation
   const F xy = splat<F>(2.0f) * p.radius * sqrt(rest);
   return {xy * p.cosine, xy * p.sine, rest - p.radius * p.radius};
-}
-
-// Direction about +z with density 1 / (2 pi k), k = one_minus_cosine = 1 - cos(half angle) in (0, 2].
-template <class F>
-FT_HD_INLINE Vec3Lanes<F> uniform_cone(F u, F v, F one_minus_cosine) {
-  const DiskPoint<F> p = concentric_disk<F>(u, v);
-  const F s = p.radius * p.radius * one_minus_cosine;  // 1 - cos of the direction
-  const F sine = p.radius * sqrt(one_minus_cosine * (splat<F>(2.0f) - s));
-  return {sine * p.cosine, sine * p.sine, splat<F>(1.0f) - s};
 }
 
 template <class F>

@@ -22,7 +22,7 @@ inline constexpr uint32_t k_none = 0xffffffffu;
 
 // ---------------------------------------------------------------- textures
 
-// Linear RGB pixels, row 0 (the top of the picture) at v = 0, as Mitsuba reads bitmaps.
+// Linear RGB pixels, row 0 (the top of the image) at v = 0, as Mitsuba reads bitmaps.
 struct Bitmap {
   int width = 0, height = 0;
   std::vector<Rgb> pixels;  // width * height, row-major from the top
@@ -56,35 +56,35 @@ enum class BsdfKind : uint8_t {
   rough_plastic,
   principled
 };
-// Light crosses surfaces of this kind.
+// Whether surfaces of this kind transmit light.
 inline bool transmits(BsdfKind kind) {
   return kind == BsdfKind::dielectric || kind == BsdfKind::rough_dielectric || kind == BsdfKind::thin_dielectric;
 }
-// Surfaces of this kind have a lobe about the mirrored or refracted direction that is wider than that direction alone.
+// Whether surfaces of this kind have a lobe of finite width about the mirrored or refracted direction.
 inline bool is_rough(BsdfKind kind) {
   return kind == BsdfKind::rough_conductor || kind == BsdfKind::rough_dielectric || kind == BsdfKind::rough_plastic ||
          kind == BsdfKind::principled;
 }
 enum class MicrofacetKind : uint8_t { beckmann, ggx };
 
-// What a rough interface lets through, hemispherically, for one distribution and index; see rough_transmittance.h.
+// Hemispherical transmittance of a rough interface for one distribution and index; see rough_transmittance.h.
 struct RoughTransmittance {
   static constexpr int k_nodes = 64;
   std::array<float, k_nodes> outside = {};  // from outside, at cosines i / (k_nodes - 1)
   float internal_reflectance = 0.0f;        // of diffuse light from inside
 };
 
-// Every texture index refers to Scene::textures and is valid, but for `opacity`, which may be k_none.
+// Every texture index refers to Scene::textures and is valid, except that `opacity` may be k_none.
 struct Bsdf {
   std::string id;  // the scene file's id, may be empty
   BsdfKind kind = BsdfKind::diffuse;
   bool two_sided = false;
   uint32_t back = k_none;              // two-sided: another Bsdf for the back side; k_none: the same on both sides
-  uint32_t opacity = k_none;           // mask: the share that does not pass straight on; k_none: all of it
+  uint32_t opacity = k_none;           // mask: the share that does not pass straight through; k_none: all of it
   uint32_t reflectance = 0;            // diffuse: albedo; principled: base_color; others: specular_reflectance
   uint32_t transmittance = 0;          // dielectrics: specular_transmittance
   uint32_t diffuse_reflectance = 0;    // plastics
-  bool nonlinear = false;              // plastics: whether internal reflection shifts colours
+  bool nonlinear = false;              // plastics: whether internal reflections shift colours
   Rgb eta = Rgb(0.0f), k = Rgb(1.0f);  // conductors: complex index of refraction, relative to ext_eta
   float int_ior = 1.5046f, ext_ior = 1.000277f;          // all others but diffuse (Mitsuba's defaults: bk7 and air)
   MicrofacetKind microfacet = MicrofacetKind::beckmann;  // rough kinds and principled
@@ -96,9 +96,9 @@ struct Bsdf {
 
 // ---------------------------------------------------------------- shapes
 
-// Rectangle: [-1,1]^2 in z = 0, normal +z, stored as two triangles in `mesh` too. Cube: [-1,1]^3 as triangles.
-// The analytic kinds have no mesh: sphere: unit sphere about the origin. Disk: unit disk in z = 0, normal +z.
-// Cylinder: radius 1 about the z axis from z = 0 to z = 1, open at both ends, normal outwards.
+// Rectangle: [-1,1]^2 in z = 0, normal +z, also stored as two triangles in `mesh`. Cube: [-1,1]^3 as triangles. The
+// analytic kinds have no mesh. Sphere: unit sphere about the origin. Disk: unit disk in z = 0, normal +z. Cylinder:
+// radius 1 about the z axis from z = 0 to z = 1, open at both ends, outward normals.
 enum class ShapeKind : uint8_t { mesh, rectangle, sphere, disk, cylinder };
 inline bool is_meshed(ShapeKind kind) { return kind == ShapeKind::mesh || kind == ShapeKind::rectangle; }
 
@@ -116,7 +116,7 @@ struct Instance {
   uint32_t shape = 0;  // index into Scene::shapes
   uint32_t bsdf = 0;   // index into Scene::bsdfs
   uint32_t emitter = k_none;
-  bool flip_normals = false;  // both geometric and shading normals point the other way
+  bool flip_normals = false;  // both geometric and shading normals are reversed
   Affine to_world = Affine(1.0f);
   Affine to_object = Affine(1.0f);  // inverse of to_world, computed in double
 };
@@ -130,9 +130,9 @@ struct Emitter {
   // area: radiance (W m^-2 sr^-1, emitted on the side of the normal); constant: radiance; environment: factor of the
   // map's radiance; point: intensity (W sr^-1); directional: irradiance on a facing plane (W m^-2).
   Rgb value = Rgb(1.0f);
-  uint32_t instance = k_none;               // area: the instance that glows
+  uint32_t instance = k_none;               // area: the emitting instance
   Vec3 position = Vec3(0.0f);               // point
-  Vec3 direction = Vec3(0.0f, 0.0f, 1.0f);  // directional: the unit direction that light travels in
+  Vec3 direction = Vec3(0.0f, 0.0f, 1.0f);  // directional: unit direction of propagation
   uint32_t bitmap = k_none;                 // environment: the map, an index into Scene::bitmaps
   Mat3 rotation = Mat3(1.0f);               // environment: orthonormal columns, the map's axes in world space
 };
@@ -154,7 +154,7 @@ struct Rect {
   int x = 0, y = 0, width = 0, height = 0;
 };
 
-// Whether `inner` has pixels, all of them in `outer`.
+// Whether `inner` is not empty and lies within `outer`.
 constexpr bool is_inside(const Rect& inner, const Rect& outer) {
   return inner.width >= 1 && inner.height >= 1 && inner.x >= outer.x && inner.y >= outer.y &&
          int64_t(inner.x) + inner.width <= int64_t(outer.x) + outer.width &&
@@ -171,7 +171,7 @@ struct Film {
 
 struct IntegratorSettings {
   int max_depth = -1;  // -1: no limit. 1: only emission seen directly; 2: direct light
-  int rr_depth = 5;    // path length from which Russian roulette may end a path
+  int rr_depth = 5;    // path length from which Russian roulette applies
   bool hide_emitters = false;
 };
 
@@ -186,14 +186,14 @@ struct Scene {
   Camera camera;
   Film film;
   IntegratorSettings integrator;
-  int sample_count = 16;  // the scene file's sampler
+  int sample_count = 16;  // of the scene file's sampler
   uint32_t seed = 0;
-  std::vector<std::string> files;  // that the scene was read from: scene files, meshes, bitmaps; with repetitions
-  // World coordinates of the file = coordinates used here + origin. Non-zero where the scene lies far from
-  // the file's origin compared with its size (see scene_recentre.h).
+  std::vector<std::string> files;  // all files read for the scene: scene files, meshes, bitmaps; with repetitions
+  // World coordinates of the file = coordinates used here + origin. Not zero where the scene lies far from the file's
+  // origin compared with its size (see scene_recentre.h).
   DVec3 origin = DVec3(0.0);
 
-  size_t triangle_count() const;  // over instances
+  size_t triangle_count() const;  // counted over instances
   Bounds3 world_bounds() const;
 };
 

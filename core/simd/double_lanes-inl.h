@@ -1,7 +1,7 @@
 // Double-precision lane types over Highway vectors: F64, with the operators and functions of double_lanes.hd.h.
 //
-// Include only after foreach_target.h, once per target. k_count is half of what vectors of floats have: 8 on AVX-512, 4
-// on AVX2, 2 on SSE4 and NEON. Loads and stores are aligned to so many floats. Thread-safety: values.
+// Include only after foreach_target.h, once per target. k_count is half that of float vectors: 8 on AVX-512, 4 on AVX2,
+// 2 on SSE4 and NEON. Loads and stores are aligned to k_count floats. Thread-safety: values.
 
 #if defined(FIELDTRACE_CORE_SIMD_DOUBLE_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_SIMD_DOUBLE_LANES_INL_H_
@@ -37,11 +37,10 @@ HWY_INLINE F64 operator+(F64 a, F64 b) { return {a.v + b.v}; }
 HWY_INLINE F64 operator-(F64 a, F64 b) { return {a.v - b.v}; }
 HWY_INLINE F64 operator*(F64 a, F64 b) { return {a.v * b.v}; }
 HWY_INLINE F64 operator/(F64 a, F64 b) { return {a.v / b.v}; }
-HWY_INLINE MaskDoubles operator<(F64 a, F64 b) { return {hn::Lt(a.v, b.v)}; }
 HWY_INLINE MaskDoubles operator>(F64 a, F64 b) { return {hn::Gt(a.v, b.v)}; }
 HWY_INLINE MaskDoubles operator&(MaskDoubles a, MaskDoubles b) { return {hn::And(a.m, b.m)}; }
 
-// The arguments are swapped as in lanes-inl.h.
+// The arguments are swapped for the same reason as in lanes-inl.h.
 HWY_INLINE F64 max(F64 a, F64 b) { return {hn::Max(b.v, a.v)}; }
 HWY_INLINE F64 sqrt(F64 a) { return {hn::Sqrt(a.v)}; }
 HWY_INLINE F64 abs(F64 a) { return {hn::Abs(a.v)}; }

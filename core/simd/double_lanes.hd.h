@@ -1,8 +1,8 @@
-// Lane types in double precision, for what single precision cannot tell: error bounds and points on surfaces.
+// Double-precision lane types, for what single precision cannot resolve: error bounds and points on surfaces.
 //
 // As core/simd/lanes.hd.h: generic code is a template over a lane type D and uses only the operators + - * / < > & and
-// the functions below, which are correctly rounded or exact. Here they are given for plain `double`, and in
-// core/simd/double_lanes-inl.h for Highway vectors, of half as many lanes as vectors of floats have.
+// the functions below, which are correctly rounded or exact. They are defined here for plain `double`, and in
+// core/simd/double_lanes-inl.h for Highway vectors with half as many lanes as vectors of floats.
 // Thread-safety: pure functions.
 
 #if defined(FIELDTRACE_CORE_SIMD_DOUBLE_LANES_HD_H_) == defined(HWY_TARGET_TOGGLE)
@@ -32,14 +32,14 @@ template <class D>
 FT_HD inline D splat_double(double a) {
   return D(a);
 }
-// One float a lane from consecutive addresses.
+// Loads one float per lane from consecutive addresses.
 template <class D>
 FT_HD inline D load_floats(const float* p) {
   return D(*p);
 }
-// Rounded to floats, to consecutive addresses.
+// Rounds to floats and stores them at consecutive addresses.
 FT_HD inline void store_floats(double a, float* p) { *p = float(a); }
-// Finite and at least 0: the next float above its float.
+// The same with the float after the rounded one, which is above `a`. Values must be finite and at least 0.
 FT_HD inline void store_next_floats(double a, float* p) {
   const float rounded = float(a);
   uint32_t bits;

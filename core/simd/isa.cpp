@@ -26,9 +26,10 @@ const char* isa_name(Isa isa) {
 
 namespace {
 
-// Asked once: the instruction that tells costs microseconds on a virtual machine.
+// Those of the processor that the kernels are compiled for. Asked once: the instruction that tells costs microseconds
+// on a virtual machine.
 int64_t processor_targets() {
-  static const int64_t targets = hwy::SupportedTargets();
+  static const int64_t targets = hwy::SupportedTargets() & HWY_TARGETS;
   return targets;
 }
 

@@ -1,5 +1,5 @@
-// Choice among the forms of a kernel that a foreach_target.h translation unit has compiled, one for each Highway
-// target. For use under HWY_ONCE.
+// Selection among the variants of a kernel compiled by a foreach_target.h translation unit, one per Highway target. For
+// use under HWY_ONCE.
 #pragma once
 
 #include <hwy/highway.h>
@@ -34,7 +34,7 @@
 #define FT_CASE_SSE4(form)
 #endif
 
-// Returns `form` of the target's namespace for a resolved Isa, `otherwise` for those without a target.
+// Returns `form` in the namespace of a resolved Isa's target, or `otherwise` if it has no target.
 #define FT_RETURN_FORM_FOR(isa, form, otherwise) \
   switch (isa) {                                 \
     FT_CASE_AVX512(form)                         \

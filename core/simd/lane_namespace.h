@@ -1,5 +1,5 @@
-// Where lane code lives: fieldtrace::scalar in ordinary and CUDA translation units, and one namespace for each
-// instruction set (fieldtrace::N_AVX3, ...) inside a Highway foreach_target translation unit.
+// The namespace of lane code: fieldtrace::scalar in ordinary and CUDA translation units, and one per instruction set
+// (fieldtrace::N_AVX3, ...) inside a Highway foreach_target translation unit.
 #pragma once
 
 #if defined(HWY_TARGET_INCLUDE)

@@ -1,7 +1,7 @@
 // Lane types over Highway vectors: F32, I32, U32, MaskLanes with the operators and functions of lanes.hd.h.
 //
-// Include only after foreach_target.h, once per target. The vectors have at most 16 lanes; k_count is what the target
-// gives (16 on AVX-512, 8 on AVX2, 4 on SSE4 and NEON). Loads and stores are aligned to the vector.
+// Include only after foreach_target.h, once per target. Vectors have at most 16 lanes; k_count is the target's number
+// (16 on AVX-512, 8 on AVX2, 4 on SSE4 and NEON). Loads and stores are aligned to the vector.
 // Thread-safety: values.
 
 #if defined(FIELDTRACE_CORE_SIMD_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -63,8 +63,6 @@ HWY_INLINE U32 load(const uint32_t* p) { return {hn::Load(DU(), p)}; }
 HWY_INLINE void store(F32 a, float* p) { hn::Store(a.v, DF(), p); }
 HWY_INLINE void store(I32 a, int32_t* p) { hn::Store(a.v, DI(), p); }
 HWY_INLINE void store(U32 a, uint32_t* p) { hn::Store(a.v, DU(), p); }
-// 0, 1, 2, ... in the lanes.
-HWY_INLINE U32 lane_index() { return {hn::Iota(DU(), 0)}; }
 
 HWY_INLINE F32 operator+(F32 a, F32 b) { return {a.v + b.v}; }
 HWY_INLINE F32 operator-(F32 a, F32 b) { return {a.v - b.v}; }
@@ -82,18 +80,15 @@ HWY_INLINE I32 operator-(I32 a, I32 b) { return {a.v - b.v}; }
 HWY_INLINE I32 operator*(I32 a, I32 b) { return {a.v * b.v}; }
 HWY_INLINE I32 operator&(I32 a, I32 b) { return {hn::And(a.v, b.v)}; }
 HWY_INLINE I32 operator|(I32 a, I32 b) { return {hn::Or(a.v, b.v)}; }
-HWY_INLINE I32 operator^(I32 a, I32 b) { return {hn::Xor(a.v, b.v)}; }
 HWY_INLINE MaskLanes operator<(I32 a, I32 b) { return {hn::RebindMask(DF(), hn::Lt(a.v, b.v))}; }
 HWY_INLINE MaskLanes operator>(I32 a, I32 b) { return {hn::RebindMask(DF(), hn::Gt(a.v, b.v))}; }
 HWY_INLINE MaskLanes operator==(I32 a, I32 b) { return {hn::RebindMask(DF(), hn::Eq(a.v, b.v))}; }
 
 HWY_INLINE U32 operator+(U32 a, U32 b) { return {a.v + b.v}; }
-HWY_INLINE U32 operator-(U32 a, U32 b) { return {a.v - b.v}; }
 HWY_INLINE U32 operator*(U32 a, U32 b) { return {a.v * b.v}; }
 HWY_INLINE U32 operator&(U32 a, U32 b) { return {hn::And(a.v, b.v)}; }
 HWY_INLINE U32 operator|(U32 a, U32 b) { return {hn::Or(a.v, b.v)}; }
 HWY_INLINE U32 operator^(U32 a, U32 b) { return {hn::Xor(a.v, b.v)}; }
-HWY_INLINE U32 operator~(U32 a) { return {hn::Not(a.v)}; }
 HWY_INLINE MaskLanes operator==(U32 a, U32 b) { return {hn::RebindMask(DF(), hn::Eq(a.v, b.v))}; }
 
 HWY_INLINE MaskLanes operator&(MaskLanes a, MaskLanes b) { return {hn::And(a.m, b.m)}; }
@@ -101,8 +96,8 @@ HWY_INLINE MaskLanes operator|(MaskLanes a, MaskLanes b) { return {hn::Or(a.m, b
 HWY_INLINE MaskLanes operator!(MaskLanes a) { return {hn::Not(a.m)}; }
 HWY_INLINE MaskLanes and_not(MaskLanes a, MaskLanes b) { return {hn::AndNot(a.m, b.m)}; }
 
-// The arguments are swapped because x86 returns its second operand for equal zeros (and NaNs): so -0 and +0 come out
-// as in the scalar min and max.
+// The arguments are swapped because x86 returns its second operand for equal zeros (and NaNs): the results for -0 and
+// +0 then match the scalar min and max.
 HWY_INLINE F32 min(F32 a, F32 b) { return {hn::Min(b.v, a.v)}; }
 HWY_INLINE F32 max(F32 a, F32 b) { return {hn::Max(b.v, a.v)}; }
 HWY_INLINE I32 min(I32 a, I32 b) { return {hn::Min(a.v, b.v)}; }
@@ -115,8 +110,8 @@ HWY_INLINE F32 select(MaskLanes m, F32 a, F32 b) { return {hn::IfThenElse(m.m, a
 HWY_INLINE I32 select(MaskLanes m, I32 a, I32 b) { return {hn::IfThenElse(hn::RebindMask(DI(), m.m), a.v, b.v)}; }
 HWY_INLINE U32 select(MaskLanes m, U32 a, U32 b) { return {hn::IfThenElse(hn::RebindMask(DU(), m.m), a.v, b.v)}; }
 HWY_INLINE I32 to_int(F32 a) { return {hn::ConvertTo(DI(), a.v)}; }
-// A whole number in [0, 2^23): added to 2^23 it stands in the low bits. (ConvertTo also mends overflow, which costs
-// more.)
+// For a whole number in [0, 2^23): added to 2^23, it appears in the low bits. (ConvertTo also handles overflow, which
+// costs more.)
 HWY_INLINE I32 small_to_int(F32 a) {
   const auto bits = hn::BitCast(DI(), a.v + hn::Set(DF(), 0x1p23f));
   return {hn::And(bits, hn::Set(DI(), 0x7fffff))};
@@ -130,7 +125,7 @@ HWY_INLINE bool all(MaskLanes m) { return hn::AllTrue(DF(), m.m); }
 HWY_INLINE int count_true(MaskLanes m) { return int(hn::CountTrue(DF(), m.m)); }
 HWY_INLINE int sum_of(I32 a) { return int(hn::GetLane(hn::SumOfLanes(DI(), a.v))); }
 
-// Writes the lanes of `a` where m is set to consecutive places from p; returns how many. p has room for a whole vector.
+// Stores the lanes of `a` where m is set contiguously from p; returns their number. p has room for a whole vector.
 HWY_INLINE int compress_store(I32 a, MaskLanes m, int32_t* p) {
   return int(hn::CompressStore(a.v, hn::RebindMask(DI(), m.m), DI(), p));
 }
@@ -189,7 +184,6 @@ HWY_INLINE U32 load_byte_lanes<F32>(const uint8_t* p) {
 }
 HWY_INLINE void store_lanes(F32 a, float* p) { store(a, p); }
 HWY_INLINE void store_lanes(U32 a, uint32_t* p) { store(a, p); }
-HWY_INLINE void store_lanes(I32 a, int32_t* p) { store(a, p); }
 template <>
 HWY_INLINE I32 load_int_lanes<F32>(const int32_t* p) {
   return load(p);
@@ -198,7 +192,7 @@ template <>
 HWY_INLINE I32 load_int_lanes_unaligned<F32>(const int32_t* p) {
   return {hn::LoadU(DI(), p)};
 }
-// first, first + 1, ... in the lanes.
+// first, first + 1, ...
 template <>
 HWY_INLINE I32 lane_sequence<F32>(int32_t first) {
   return {hn::Iota(DI(), first)};
@@ -215,7 +209,7 @@ struct LanePermutation<F32> {
 
 HWY_INLINE I32 gather(const int32_t* base, I32 index) { return {hn::GatherIndex(DI(), base, index.v)}; }
 HWY_INLINE F32 gather(const float* base, I32 index) { return {hn::GatherIndex(DF(), base, index.v)}; }
-// Reads 4 bytes at base + byte_offset of each lane; the buffer must extend 3 bytes past the last byte wanted.
+// Reads 4 bytes at base + byte_offset in each lane; the buffer must extend 3 bytes past the last byte wanted.
 HWY_INLINE I32 gather_bytes(const uint8_t* base, I32 byte_offset) {
   return {hn::GatherOffset(DI(), reinterpret_cast<const int32_t*>(base), byte_offset.v)};
 }

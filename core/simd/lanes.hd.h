@@ -1,12 +1,12 @@
-// Lane types: the vocabulary in which chart maths, sampling and look-ups are written once for three machines.
+// Lane types: the vocabulary for writing chart maths, sampling and look-ups once for scalar, SIMD and CUDA code.
 //
-// Generic code is a template over a float lane type F (with Int_t<F>, Mask_t<F>) and uses only the operators
-// + - * / < <= > >= == and the functions below. Here they are given for plain `float` (the reference, and each
-// CUDA thread); core/simd/lanes-inl.h gives them for Highway vectors. This header and every *.hd.h built on it is
-// included again for each Highway target, inside that target's namespace, so that no instance compiled for one
-// instruction set is ever linked into another.
+// Generic code is a template over a float lane type F (with Int_t<F>, Mask_t<F>) and uses only the operators + - * / <
+// <= > >= == and the functions below. They are defined here for plain `float` (the reference, and each CUDA thread),
+// and in core/simd/lanes-inl.h for Highway vectors. This header and every *.hd.h built on it is included again for each
+// Highway target, inside that target's namespace, so that code compiled for one instruction set is never linked into
+// another.
 //
-// Exactness: every function here is correctly rounded or exact, so that all machines agree bit for bit.
+// Exactness: every function here is correctly rounded or exact, so that all variants agree bit for bit.
 // Thread-safety: pure functions.
 
 // The include guard is toggled by Highway's foreach_target.h; without it this is an ordinary guard.
@@ -27,7 +27,7 @@
 
 FT_LANES_BEGIN
 
-// Lane counts and companion types: Lanes<float>::Int is int32_t; for vectors the vector of the same length.
+// Lane counts and companion types: Lanes<float>::Int is int32_t; for vectors, the integer vector of the same length.
 template <class F>
 struct Lanes;
 template <>
@@ -64,9 +64,9 @@ FT_HD inline int count_true(bool m) { return m ? 1 : 0; }
 FT_HD inline int sum_of(int32_t a) { return a; }
 FT_HD inline bool any(bool m) { return m; }
 FT_HD inline bool all(bool m) { return m; }
-FT_HD inline bool and_not(bool a, bool b) { return !a && b; }  // (not a) and b, Highway's order
+FT_HD inline bool and_not(bool a, bool b) { return !a && b; }  // (not a) and b, in Highway's argument order
 
-// a * 2^-32 for a 32-bit fraction, rounded down so that the result is < 1: keeps the upper 24 bits.
+// a * 2^-32 for a 32-bit fraction, truncated to the upper 24 bits so that the result is < 1.
 FT_HD inline float unit_float(uint32_t a) { return float(int32_t(a >> 8)) * 0x1p-24f; }
 
 template <int k_bits>
@@ -95,8 +95,8 @@ FT_HD inline uint32_t reverse_bits(uint32_t a) {
   return (a << 16) | (a >> 16);
 }
 
-// Look-ups read tables that other threads may be filling. A thread sanitizer cannot tell such a read from a mistake
-// unless it is atomic; elsewhere it is an ordinary load, as the gathers of vectors are.
+// Look-ups read tables that other threads may be filling. A thread sanitizer reports such reads as races unless they
+// are atomic; otherwise they are plain loads, as vector gathers are.
 template <class T>
 FT_HD inline T load_element(const T* p) {
 #if defined(FT_THREAD_SANITIZER)
@@ -107,11 +107,11 @@ FT_HD inline T load_element(const T* p) {
   return *p;
 #endif
 }
-// What is read before this call was not read later than what is read after it. No instruction on x86, which never
-// reorders loads, and none on a GPU, whose fields do not change while it reads them.
+// Loads before this call are not reordered with loads after it. No instruction on x86, which never reorders loads, and
+// none on a GPU, whose fields do not change while it reads them.
 FT_HD inline void order_loads() {
 #if defined(FT_THREAD_SANITIZER)
-  std::atomic_signal_fence(std::memory_order_acquire);  // the sanitizer knows no other fence
+  std::atomic_signal_fence(std::memory_order_acquire);  // the only fence that the sanitizer supports
 #elif !defined(__CUDA_ARCH__)
   std::atomic_thread_fence(std::memory_order_acquire);
 #endif
@@ -145,7 +145,7 @@ FT_HD inline Uint_t<F> splat_uint(uint32_t a) {
   return Uint_t<F>(a);
 }
 
-// One value a lane from consecutive addresses; vectors need a pointer aligned to the vector (bytes: no alignment).
+// Loads one value per lane from consecutive addresses; vectors need a pointer aligned to the vector (bytes: none).
 template <class F>
 FT_HD inline F load_lanes(const float* p) {
   return *p;
@@ -165,17 +165,17 @@ template <class F>
 FT_HD inline Int_t<F> load_int_lanes(const int32_t* p) {
   return *p;
 }
-// The same from any address.
+// The same without alignment.
 template <class F>
 FT_HD inline Int_t<F> load_int_lanes_unaligned(const int32_t* p) {
   return *p;
 }
-// first, first + 1, ... in the lanes.
+// first, first + 1, ...
 template <class F>
 FT_HD inline Int_t<F> lane_sequence(int32_t first) {
   return first;
 }
-// Writes the lanes of `a` where m is set to consecutive places from p; returns how many. p has room for a whole vector.
+// Stores the lanes of `a` where m is set contiguously from p; returns their number. p has room for a whole vector.
 FT_HD inline int compress_store(int32_t a, bool m, int32_t* p) {
   if (m) *p = a;
   return m ? 1 : 0;
@@ -189,7 +189,7 @@ struct LanePermutation {
   FT_HD Uint_t<F> operator()(Uint_t<F> a) const { return a; }
 };
 
-// Three lanes at once: a vector per component.
+// A 3-D vector in each lane: one lane vector per component.
 template <class F>
 struct Vec3Lanes {
   F x, y, z;

@@ -1,9 +1,9 @@
 // Pairs of vectors as one lane type: twice the lanes, and two independent chains of arithmetic in flight.
 //
-// A field query is one long chain: each step waits for the one before. A processor overlaps neighbouring vectors only
-// as far as its reorder window reaches, which is less than one query; two chains side by side use what would stand idle
-// (docs/decisions/008-two-chains.md). Everything that lanes.hd.h asks of a lane type, by applying it to both halves.
-// Include only after lanes-inl.h. Thread-safety: values.
+// A field query is one long dependency chain. A processor overlaps neighbouring vectors only as far as its reorder
+// window reaches, which is less than one query; two chains side by side use execution units that would be idle
+// (docs/decisions/008-two-chains.md). Implements everything that lanes.hd.h requires of a lane type by applying it to
+// both halves. Include only after lanes-inl.h. Thread-safety: values.
 
 #if defined(FIELDTRACE_CORE_SIMD_LANES_PAIR_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_CORE_SIMD_LANES_PAIR_INL_H_
@@ -74,10 +74,6 @@ template <class V>
 HWY_INLINE Pair<V> operator|(Pair<V> a, Pair<V> b) {
   return {a.lo | b.lo, a.hi | b.hi};
 }
-template <class V>
-HWY_INLINE Pair<V> operator^(Pair<V> a, Pair<V> b) {
-  return {a.lo ^ b.lo, a.hi ^ b.hi};
-}
 HWY_INLINE MaskLanesx2 operator!(MaskLanesx2 a) { return {!a.lo, !a.hi}; }
 template <class V>
 HWY_INLINE MaskLanesx2 operator<(Pair<V> a, Pair<V> b) {
@@ -120,7 +116,6 @@ HWY_INLINE Pair<V> select(MaskLanesx2 m, Pair<V> a, Pair<V> b) {
 HWY_INLINE I32x2 small_to_int(F32x2 a) { return {small_to_int(a.lo), small_to_int(a.hi)}; }
 HWY_INLINE F32x2 to_float(I32x2 a) { return {to_float(a.lo), to_float(a.hi)}; }
 HWY_INLINE bool any(MaskLanesx2 m) { return any(MaskLanes(m.lo | m.hi)); }
-HWY_INLINE bool all(MaskLanesx2 m) { return all(MaskLanes(m.lo & m.hi)); }
 HWY_INLINE int count_true(MaskLanesx2 m) { return count_true(m.lo) + count_true(m.hi); }
 HWY_INLINE int sum_of(I32x2 a) { return sum_of(a.lo + a.hi); }
 HWY_INLINE int compress_store(I32x2 a, MaskLanesx2 m, int32_t* p) {

@@ -1,4 +1,5 @@
-// Vectors as the single lane of generic code (core/simd/lanes.hd.h), and back. Thread-safety: pure functions.
+// Conversion between vectors and single-lane values of generic code (core/simd/lanes.hd.h). Thread-safety: pure
+// functions.
 #pragma once
 
 #include "core/math/math.h"

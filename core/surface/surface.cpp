@@ -8,8 +8,8 @@
 namespace fieldtrace {
 namespace {
 
-// Texture coordinates near a triangle are continued by this many of its edges at most: slivers say nothing farther
-// away.
+// Texture coordinates near a triangle are extrapolated by at most this many of its edges; beyond, slivers give no
+// useful values.
 constexpr double k_most_edges = 8.0;
 
 using DVec3Lanes = scalar::Vec3Lanes<double>;
@@ -18,7 +18,7 @@ using LocalSurface = scalar::LocalSurface<double>;
 DVec3Lanes lanes(const DVec3& v) { return {v.x, v.y, v.z}; }
 DVec3 to_vec(const DVec3Lanes& v) { return {v.x, v.y, v.z}; }
 
-// (0, 2 pi) as a fraction of a turn, like Mitsuba's uv on round shapes.
+// Azimuth as a fraction of a turn in [0, 1), like Mitsuba's uv on round shapes.
 float turn_fraction(double y, double x) {
   const double turns = std::atan2(y, x) * (0.5 / 3.14159265358979323846);
   return float(turns < 0.0 ? turns + 1.0 : turns);
@@ -42,7 +42,7 @@ struct AnalyticPoint {
   Vec2 uv = Vec2(0.0f);
 };
 
-// `q` is the hit in object space, off the shape by what t lost to rounding.
+// `q` is the hit in object space, off the shape by the rounding of t.
 AnalyticPoint analytic_point(ShapeKind kind, const DVec3& q) {
   DVec3 position(q.x, q.y, 0.0), normal(0.0, 0.0, 1.0);
   Vec2 uv;
@@ -66,7 +66,7 @@ AnalyticPoint analytic_point(ShapeKind kind, const DVec3& q) {
       uv = {float(across), turn_fraction(q.y, q.x)};
       break;
   }
-  // The analytic shapes have size 1.
+  // The analytic shapes have size 1, so their query error is k_least_share itself.
   return {{lanes(position), lanes(normal), lanes(normal), glm::length(normal), scalar::k_least_share}, uv};
 }
 

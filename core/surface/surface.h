@@ -1,12 +1,12 @@
-// The surface where a ray ended: position with an error bound, normals, texture coordinates, tangent.
+// The surface at a ray's hit: position with an error bound, normals, texture coordinates, tangent.
 //
-// The position is computed anew from the primitive in double precision (triangles: from the barycentric coordinates;
-// analytic shapes: by projection onto them) and rounded once, so its error does not grow with the ray's length. The
-// bound covers that rounding and what the *next* ray suffers: its origin's rounding, its way into object space, and
-// the intersection test there (after Pharr, Jakob and Humphreys, "Physically Based Rendering", 4th ed., section 6.8,
-// "Managing Rounding Error"; Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013).
-// Normals follow the instance's transform by its inverse transpose, mirrored or not, as in Mitsuba; flip_normals turns
-// both round. Thread-safety: pure functions of a const scene.
+// The position is recomputed from the primitive in double precision (triangles: from barycentric coordinates; analytic
+// shapes: by projection onto them) and rounded once, so its error does not grow with the ray's length. The bound covers
+// that rounding and those of the *next* ray: of its origin, of its transform into object space, and of the intersection
+// test there (after Pharr, Jakob and Humphreys, "Physically Based Rendering", 4th ed., section 6.8, "Managing Rounding
+// Error"; Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013). Normals are transformed by
+// the inverse transpose of the instance's transform, mirrored or not, as in Mitsuba; flip_normals reverses both.
+// Thread-safety: pure functions of a const scene.
 #pragma once
 
 #include "core/scene/scene.h"
@@ -14,11 +14,11 @@
 
 namespace fieldtrace {
 
-// World space. Normals are unit and point to the surface's outside (they are not turned to the ray).
+// World space. Normals are unit and point to the surface's outside, not towards the ray.
 struct SurfacePoint {
   Vec3 position = Vec3(0.0f);
-  // An origin moved by this distance along the geometric normal, either way, lies strictly on that side of the
-  // surface, for the ray queries too.
+  // An origin moved by this distance along the geometric normal, either way, lies strictly on that side of the surface
+  // as ray queries see it.
   float error = 0.0f;
   Vec3 geometric_normal = Vec3(0.0f, 0.0f, 1.0f);
   Vec3 shading_normal = Vec3(0.0f, 0.0f, 1.0f);
@@ -32,17 +32,18 @@ SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch
 // Texture coordinates at the barycentric coordinates (u, v) of vertices 1 and 2. `shape` is_meshed().
 Vec2 triangle_uv(const Shape& shape, uint32_t primitive, float u, float v);
 
-// The surface of a mesh's instance at a point that lies within `error` of it along the unit `normal`, which stands for
-// the surface's own on either side; `primitive` is a triangle near it, whose texture coordinates are continued over its
-// plane. For surfaces known by their fields (hybrid/glossy/hit_answerer.h). Unchecked: the instance is a mesh's.
+// The surface of a mesh instance at a position that is within `error` of it along the unit `normal`, which replaces the
+// surface's normal and may point to either side; `primitive` is a nearby triangle, whose texture coordinates are
+// extrapolated over its plane. For surfaces known from fields (hybrid/glossy/hit_answerer.h). Unchecked: the instance
+// is a mesh's.
 SurfacePoint surface_near(const Scene& scene, uint32_t instance, uint32_t primitive, const Vec3& position,
                           const Vec3& normal, float error);
 
-// The derivative of the position by u (world space, any length): the direction that anisotropic roughness turns with.
-// Zero where no texture coordinates define it.
+// The derivative of the position with respect to u (world space, any length), which orients anisotropic roughness. Zero
+// where no texture coordinates define it.
 Vec3 surface_tangent(const Scene& scene, const SurfacePoint& surface);
 
-// The point from which a ray in direction d leaves the surface without meeting it again: moved by `error` along the
+// The origin from which a ray in direction d leaves the surface without hitting it again: moved by `error` along the
 // geometric normal to the side of d.
 Vec3 offset_origin(const Vec3& position, const Vec3& geometric_normal, float error, const Vec3& d);
 

@@ -14,20 +14,20 @@
 
 FT_LANES_BEGIN
 
-// Hits are taken in blocks: their triangles are gathered first, and calculated with afterwards, because a processor
-// cannot look ahead over both. A multiple of all lane counts.
+// Hits are processed in blocks: first all gathers, then the arithmetic, because a processor cannot look ahead over
+// both. A multiple of all lane counts.
 constexpr size_t k_surface_block = 64;
 
 // Every array is aligned to the widest vectors.
 struct alignas(64) SurfaceBlock {
-  int32_t place[k_surface_block];  // in the batch
+  int32_t place[k_surface_block];  // index in the batch
   float u[k_surface_block], v[k_surface_block];
   float position[9][k_surface_block], normal[9][k_surface_block];  // of the corners, coordinate by coordinate
   float surface[10][k_surface_block];                              // position, normal, shading normal, error
-  size_t used = 0;  // hits; the lanes beyond them repeat the last, whose mesh is the same
+  size_t used = 0;  // hits; later lanes repeat the last hit, whose mesh is the same
 };
 
-// The same three rows for all lanes.
+// Broadcasts the same three rows to all lanes.
 template <class F>
 FT_HD_INLINE void splat_corners(const std::vector<Vec3>& from, const UVec3& row, size_t i,
                                 float (&to)[9][k_surface_block]) {
@@ -37,7 +37,7 @@ FT_HD_INLINE void splat_corners(const std::vector<Vec3>& from, const UVec3& row,
   }
 }
 
-// Gathers rows of three numbers at the three corners.
+// Gathers three coordinates of each of the three corners.
 template <class F>
 FT_HD_INLINE void gather_corners(const std::vector<Vec3>& from, const Int_t<F> (&row)[3], size_t i,
                                  float (&to)[9][k_surface_block]) {
@@ -58,7 +58,7 @@ inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, Surface
     store_lanes(gather(hits.u.data(), place), block.u + i);
     store_lanes(gather(hits.v.data(), place), block.v + i);
     const int32_t first = primitives[block.place[i]];
-    if (all(primitive == splat_int<F>(first))) {  // usual on large triangles
+    if (all(primitive == splat_int<F>(first))) {  // common on large triangles
       const UVec3& row = mesh.triangles[size_t(first)];
       splat_corners<F>(mesh.positions, row, i, block.position);
       if (!mesh.normals.empty()) splat_corners<F>(mesh.normals, row, i, block.normal);
@@ -72,7 +72,7 @@ inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, Surface
   }
 }
 
-// The surface of the triangles from place i of a block on.
+// Evaluates the triangles from entry i of a block on.
 template <class D>
 FT_HD_INLINE LocalSurface<D> block_surface(const SurfaceBlock& block, bool has_normals, size_t i) {
   const auto corners = [&](const float(&from)[9][k_surface_block]) {

@@ -10,7 +10,7 @@
 #include "core/simd/double_lanes-inl.h"
 #include "core/surface/surface_batch-inl.h"
 
-#if HWY_TARGET != HWY_SCALAR  // evaluate_surfaces_scalar serves that
+#if HWY_TARGET != HWY_SCALAR  // the scalar target is served by evaluate_surfaces_scalar
 FT_LANES_BEGIN
 
 inline void evaluate_surfaces_lanes(const SurfaceTask& task, SurfacePoint* result) {

@@ -1,4 +1,5 @@
-// The compiled forms of the loop behind Surfaces::evaluate(), one per instruction set. Thread-safety: pure functions.
+// The compiled variants of the loop behind Surfaces::evaluate(), one per instruction set. Thread-safety: pure
+// functions.
 #pragma once
 
 #include <cstdint>
@@ -9,18 +10,18 @@
 
 namespace fieldtrace {
 
-// Hits on one instance of a mesh, whose triangles and positions are no more than 2^31 / 3.
+// Hits on one mesh instance with at most 2^31 / 3 triangles and positions.
 struct SurfaceTask {
   const Scene& scene;
   uint32_t instance = 0;
   const HitBatch& hits;
-  std::span<const int32_t> places;  // of the hits, in `hits`
+  std::span<const int32_t> places;  // indices of the hits in `hits`
 };
 
-// result[place] = the surface there, uv left as it is.
+// Fills result[place] for each place, except for uv.
 using SurfaceKernel = void (*)(const SurfaceTask& task, SurfacePoint* result);
 
-// `isa` is resolved: supported by this processor and not `automatic`.
+// `isa` must be resolved: supported by this processor, not `automatic`.
 SurfaceKernel surface_kernel_for(Isa isa);
 
 void evaluate_surfaces_scalar(const SurfaceTask& task, SurfacePoint* result);

@@ -12,7 +12,7 @@
 
 FT_LANES_BEGIN
 
-// Bounds on the relative error of 3, 6, 8 and 12 rounded float operations in a row, as gamma_bound() of
+// Bounds on the relative error of 3, 6, 8 and 12 consecutive rounded float operations, as gamma_bound() of
 // core/math/math.h.
 constexpr double k_gamma_3 = 3 * 0x1p-24 / (1.0 - 3 * 0x1p-24);
 constexpr double k_gamma_6 = 6 * 0x1p-24 / (1.0 - 6 * 0x1p-24);
@@ -20,7 +20,7 @@ constexpr double k_gamma_8 = 8 * 0x1p-24 / (1.0 - 8 * 0x1p-24);
 constexpr double k_gamma_12 = 12 * 0x1p-24 / (1.0 - 12 * 0x1p-24);
 
 // Every relative bound is zero for a surface in a coordinate plane, where an origin on the surface is hit at t = 0 (and
-// denormal offsets are flushed to zero). This share of the shape's own size is far below what rounding costs elsewhere
+// denormal offsets are flushed to zero). This share of the shape's size is far below the cost of rounding elsewhere
 // (2^-24), and its product with the squared size, as in the triangle test, is a normal float for sizes down to 1e-8.
 constexpr double k_least_share = 0x1p-40;
 
@@ -38,26 +38,26 @@ FT_HD_INLINE Vec3Lanes<D> select_vector(const M& m, const Vec3Lanes<D>& a, const
   return {select(m, a.x, b.x), select(m, a.y, b.y), select(m, a.z, b.z)};
 }
 
-// What a shape knows about a point on it, in object space.
+// A point on a shape with its normals and error, in object space.
 template <class D>
 struct LocalSurface {
   Vec3Lanes<D> position;
   Vec3Lanes<D> normal;   // geometric, any length
   Vec3Lanes<D> shading;  // any length
   D normal_length;
-  // Bound on the error of a ray query's own distance to the surface, along the unit geometric normal.
+  // Bound on a ray query's own error in the distance to the surface, along the unit geometric normal.
   D query_error;
 };
 
-// Of positions or of normals.
+// The corners' positions or normals.
 template <class D>
 struct TriangleCorners {
   Vec3Lanes<D> p0, p1, p2;
 };
 
-// A query computes the triangle's normal as a cross product of rounded edges and projects v0 - o on it: products of
-// three factors, summed 2 x 3 times, each with about 8 roundings. The absolute products bound the terms, so the
-// error is large for slivers only, where cancellation in the normal is real.
+// A query computes the triangle's normal as a cross product of rounded edges and projects v0 - o onto it: products of
+// three factors, summed 2 x 3 times, each with about 8 roundings. The absolute products bound the terms, so the error
+// is large only for slivers, where the normal really cancels.
 template <class D>
 FT_HD_INLINE D triangle_query_error(const Vec3Lanes<D>& e1, const Vec3Lanes<D>& e2, const Vec3Lanes<D>& to_p0,
                                     D normal_length) {
@@ -69,7 +69,7 @@ FT_HD_INLINE D triangle_query_error(const Vec3Lanes<D>& e1, const Vec3Lanes<D>& 
   return select(normal_length > zero, of_terms, zero) + of_size;
 }
 
-// The point with the barycentric coordinates b1, b2 of p1 and p2; `shading` is the geometric normal.
+// The point with barycentric coordinates b1, b2 of p1 and p2; `shading` is the geometric normal.
 template <class D>
 FT_HD_INLINE LocalSurface<D> triangle_surface(const TriangleCorners<D>& t, D b1, D b2) {
   const D b0 = splat_double<D>(1.0) - b1 - b2;
@@ -82,7 +82,7 @@ FT_HD_INLINE LocalSurface<D> triangle_surface(const TriangleCorners<D>& t, D b1,
   return local;
 }
 
-// The shading normal between the corners' normals; `geometric` where these cancel out.
+// The interpolated shading normal; `geometric` where the corners' normals cancel out.
 template <class D>
 FT_HD_INLINE Vec3Lanes<D> interpolated_normal(const TriangleCorners<D>& n, D b1, D b2, const Vec3Lanes<D>& geometric) {
   const Vec3Lanes<D> shading = n.p0 * (splat_double<D>(1.0) - b1 - b2) + n.p1 * b1 + n.p2 * b2;
@@ -94,15 +94,15 @@ struct AffineLanes {
   Vec3Lanes<D> x, y, z, t;  // columns
 
   FT_HD_INLINE Vec3Lanes<D> point(const Vec3Lanes<D>& p) const { return x * p.x + y * p.y + z * p.z + t; }
-  // As of the inverse: multiplies by the transpose. Not normalised.
+  // Transforms a normal if this is the inverse transform: multiplies by the transpose. Not normalised.
   FT_HD_INLINE Vec3Lanes<D> normal(const Vec3Lanes<D>& n) const { return {dot(x, n), dot(y, n), dot(z, n)}; }
-  // Componentwise bound |A| |p| + |t|: what rounding errors of A p + t are relative to.
+  // Componentwise |A| |p| + |t|, to which rounding errors of A p + t are relative.
   FT_HD_INLINE Vec3Lanes<D> magnitude(const Vec3Lanes<D>& p) const {
     return magnitudes(x) * abs(p.x) + magnitudes(y) * abs(p.y) + magnitudes(z) * abs(p.z) + magnitudes(t);
   }
 };
 
-// `m`: 12 numbers, column by column.
+// `m`: 12 numbers in column-major order.
 template <class D>
 FT_HD_INLINE AffineLanes<D> splat_affine(const float* m) {
   const auto column = [&](int i) {
@@ -112,20 +112,21 @@ FT_HD_INLINE AffineLanes<D> splat_affine(const float* m) {
   return {column(0), column(1), column(2), column(3)};
 }
 
-// Bound on what rounding makes of a point on the surface along its unit normal, `world` being its position.
-// normal_length: of the image of local.normal.
+// Bound on the rounding error of a surface point at `world`, along its unit normal. normal_length: length of the
+// transformed local.normal.
 template <class D>
 FT_HD_INLINE D rounding_error(const AffineLanes<D>& to_world, const AffineLanes<D>& to_object,
                               const LocalSurface<D>& local, const Vec3Lanes<D>& world, const Vec3Lanes<D>& unit_normal,
                               D normal_length) {
   const D zero = splat_double<D>(0.0);
   const Vec3Lanes<D> n = magnitudes(unit_normal);
-  // World: the position is rounded once, and the offset origin once more in product and sum.
+  // World space: the position is rounded once, and the offset origin once more in product and sum.
   const D in_world = splat_double<D>(k_gamma_3) * dot(n, magnitudes(world));
-  // Object: 3 products and 3 sums with a matrix that the query inverted itself: its entries are off by a few roundings
-  // of magnitudes that |to_object| and |to_world| bound, hence twice the roundings of one transform on both ways.
+  // Object space: 3 products and 3 sums with a matrix that the query inverted itself: its entries are off by a few
+  // roundings of magnitudes that |to_object| and |to_world| bound, hence twice the roundings of one transform both
+  // ways.
   const D in_object = splat_double<D>(k_gamma_12) * dot(magnitudes(local.normal), to_object.magnitude(world));
-  // A plane that lies d away in object space lies d |n| / |A^-T n| away in world space.
+  // A plane at distance d in object space is at distance d |n| / |A^-T n| in world space.
   const D carried = (in_object + local.query_error * local.normal_length) / normal_length;
   const D on_the_way = splat_double<D>(k_gamma_6) * dot(n, to_world.magnitude(local.position));
   const auto has_normal = (local.normal_length > zero) & (normal_length > zero);
@@ -139,8 +140,8 @@ struct WorldSurface {
   D error;
 };
 
-// sign: -1 where the instance's normals point the other way.
-// is_shaded: local.shading differs from local.normal, or may do so.
+// sign: -1 if the instance's normals are reversed.
+// is_shaded: local.shading may differ from local.normal.
 template <class D>
 FT_HD_INLINE WorldSurface<D> to_world_surface(const AffineLanes<D>& to_world, const AffineLanes<D>& to_object, D sign,
                                               const LocalSurface<D>& local, bool is_shaded) {

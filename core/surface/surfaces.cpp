@@ -8,7 +8,7 @@
 namespace fieldtrace {
 namespace {
 
-// The kernels' offsets, three for each row, are 32 bits wide.
+// The kernels' offsets, three per row, are 32 bits wide.
 bool fits_kernels(const TriangleMesh& mesh) {
   constexpr size_t k_most_rows = size_t(std::numeric_limits<int32_t>::max()) / 3;
   return std::max(mesh.triangles.size(), mesh.positions.size()) <= k_most_rows;
@@ -19,7 +19,7 @@ bool fits_kernels(const TriangleMesh& mesh) {
 Surfaces::Surfaces(const Scene& scene, const MaterialTable& materials, Isa isa)
     : scene_(scene), materials_(materials), isa_(resolve_isa(isa)), group_size_(scene.instances.size(), 0) {}
 
-// A counting sort: fills met_ and places_, and group_size_ with the ends of the groups in places_.
+// Counting sort: fills met_ and places_, and leaves in group_size_ the ends of the groups in places_.
 void Surfaces::group_by_instance(const HitBatch& hits, std::span<const uint32_t> indices) {
   met_.clear();
   places_.resize(indices.size());

@@ -14,7 +14,7 @@
 namespace fieldtrace {
 namespace {
 
-constexpr int k_width = 16;  // packet width; Embree splits it where the processor's vectors are narrower
+constexpr int k_width = 16;  // packet width; Embree splits packets if the processor's vectors are narrower
 
 struct DeviceDeleter {
   void operator()(RTCDevice d) const { rtcReleaseDevice(d); }
@@ -49,7 +49,7 @@ void set_ray(RTCRay16& packet, int lane, const RayBatch& rays, size_t i) {
   packet.flags[lane] = 0;
 }
 
-// Carries the first `count` rays of a packet into object space.
+// Transforms the first `count` rays of a packet into object space.
 void transform_packet(RTCRay16& p, int count, const Affine& m) {
   for (int i = 0; i < count; ++i) {
     const Vec3 o = transform_point(m, {p.org_x[i], p.org_y[i], p.org_z[i]});
@@ -63,7 +63,7 @@ void set_valid(int (&valid)[k_width], int count) {
   for (int i = 0; i < k_width; ++i) valid[i] = i < count ? -1 : 0;
 }
 
-// Shared by both nearest-hit queries: store(packet, lane, ray, hit) is called for every ray.
+// Shared by both nearest-hit queries; calls store(packet, lane, ray, hit) for every ray.
 template <class Store>
 void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays, const Store& store) {
   RTCIntersectContext context = make_context(coherence);
@@ -84,7 +84,7 @@ void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays
   }
 }
 
-// Shared by both occlusion queries: packs 16 listed rays at a time, and marks those that Embree finds blocked.
+// Shared by both occlusion queries: packs 16 listed rays at a time and marks the occluded ones.
 void occluded_packets(RTCScene scene, const Affine* to_object, const RayBatch& rays, std::span<const uint32_t> indices,
                       uint8_t* blocked) {
   RTCIntersectContext context = make_context(Coherence::incoherent);
@@ -129,7 +129,8 @@ struct Accel::Impl {
   }
 
   ~Impl() {
-    // Scenes go before the device, and the device before `bytes`, which its monitor still writes to.
+    // Released in this order: scenes before the device, and the device before `bytes`, to which its monitor still
+    // writes.
     top.reset();
     shapes.clear();
     device.reset();

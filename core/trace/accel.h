@@ -1,9 +1,10 @@
-// The acceleration structure. This header and accel.cpp / accel_analytic.cpp are the only code that knows Embree.
+// The acceleration structure. This header and accel.cpp / accel_analytic.cpp are the only code of the renderer that
+// uses Embree.
 //
-// Each shape has its own Embree scene in object space; the whole scene is a scene of instances of those.
-// All queries take batches and choose the packet width and flags that measure fastest for that kind of ray.
-// The answer for one ray does not depend on the other rays of its batch, nor on its place in it: hybrid
-// rendering compacts rays and must get the same bits.
+// Each shape has a separate Embree scene in object space; the whole scene is a scene of instances of those. All queries
+// take batches and use the packet width and flags that measured fastest for that kind of ray. The result for a ray does
+// not depend on the other rays of its batch or on its position in it: hybrid rendering compacts rays and must get the
+// same bits.
 // Thread-safety: construction uses TBB; queries are const and may run from any number of threads.
 #pragma once
 
@@ -16,7 +17,7 @@
 
 namespace fieldtrace {
 
-// How alike the rays of one batch are: camera rays of a tile, or rays in all directions.
+// How coherent the rays of a batch are: camera rays of a tile, or rays in all directions.
 enum class Coherence { coherent, incoherent };
 
 // A shape's hit in object space, for field baking. t < 0: a miss. The normal is geometric and not normalised.
@@ -41,20 +42,20 @@ class Accel {
   // Nearest hits of the whole scene, world space. `hits` is resized by the caller.
   void intersect(const RayBatch& rays, HitBatch& hits, Coherence coherence) const;
 
-  // blocked[i] = 1 if anything in the scene meets ray i, for each i of `indices`; other entries stay as they are.
+  // blocked[i] = 1 if anything in the scene occludes ray i, for each i of `indices`; other entries are unchanged.
   void occluded(const RayBatch& rays, std::span<const uint32_t> indices, uint8_t* blocked) const;
 
   // The same against one instance only (rays in world space).
   void occluded_by(uint32_t instance, const RayBatch& rays, std::span<const uint32_t> indices, uint8_t* blocked) const;
 
-  // Object-space queries against one shape, for baking: rays.size rays.
+  // Nearest hits of one shape in object space, for baking: rays.size rays.
   void shape_intersect(uint32_t shape, const RayBatch& rays, ShapeHits& hits) const;
   void shape_occluded(uint32_t shape, const RayBatch& rays, uint8_t* blocked) const;
 
-  // Some of the scene's instances, made by group(). Must not outlive the Accel.
+  // A subset of the scene's instances, made by group(). Must not outlive the Accel.
   class Group;
   std::shared_ptr<const Group> group(std::span<const uint32_t> instances) const;
-  // Nearest hits of a group alone, as of the whole scene.
+  // Nearest hits of a group alone, world space.
   void intersect(const Group& group, const RayBatch& rays, HitBatch& hits, Coherence coherence) const;
 
   size_t memory_bytes() const;  // as Embree reports it

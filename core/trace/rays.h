@@ -1,4 +1,4 @@
-// Batches of rays and hits as structures of arrays, the form in which every stage hands them to the next.
+// Batches of rays and hits as structures of arrays, the form in which all stages exchange them.
 //
 // Memory layout: each array is cache-line aligned and padded to a multiple of k_batch_padding entries. Padding
 // entries hold an inactive ray (tmax < 0), so that SIMD loops need no tail. Thread-safety: a value.
@@ -12,7 +12,7 @@
 
 namespace fieldtrace {
 
-// Two of the widest SIMD vectors in floats: some loops run over pairs.
+// Two of the widest SIMD vectors in floats: some loops process pairs.
 inline constexpr size_t k_batch_padding = 32;
 constexpr size_t padded(size_t n) { return (n + k_batch_padding - 1) / k_batch_padding * k_batch_padding; }
 
@@ -41,8 +41,8 @@ struct RayBatch {
   }
 };
 
-// The nearest hit of each ray. instance == 0xffffffff: a miss (the other entries are then unspecified).
-// (u, v): barycentric coordinates of vertices 1 and 2 for triangles; for the analytic kinds unused.
+// The nearest hit of each ray. instance == 0xffffffff: a miss (the other members are then unspecified). (u, v):
+// barycentric coordinates of vertices 1 and 2 for triangles; unused for analytic kinds.
 struct HitBatch {
   AlignedVector<float> t, u, v;
   AlignedVector<uint32_t> instance, primitive;

@@ -16,29 +16,29 @@ constexpr int k_cells = scalar::k_slice_cells;
 constexpr int k_first_round = 4;         // lines a cell traces before it may stop
 constexpr size_t k_slices_at_once = 16;  // bounds the ray batch: 16 * 32 cells * 12 lines = 6144 rays
 
-// A plane fit's normals may spread by this much about their mean (cosine of 60 degrees), and its points lie this far
-// off the plane, in radii (docs/decisions/003-certificates.md).
+// Limits of a plane fit: the cosine of the largest angle between a normal and their mean (60 degrees), and the largest
+// residual, in ball radii (docs/decisions/003-certificates.md).
 constexpr float k_min_normal_cosine = 0.5f;
 constexpr float k_max_residual = 0.005f;
-// ... and at most this many half widths of a plane cell, where cells are small.
+// The residual's limit in half widths of a plane cell; the smaller of the two holds.
 constexpr float k_max_residual_cells = 0.64f;
 
-// A depth cell's lines fan out from its frontmost plane fit; a pivot more than this many half widths of a plane cell
-// away is moved there.
+// A depth cell's lines fan out from a pivot at its frontmost hit. A pivot that turns out to lie further from it than
+// this many half widths of a plane cell is moved there, and the lines are traced anew.
 constexpr float k_near_pivot = 4.0f;
 
-// Lines of depth cells spread over this many widths of their cell: an edge that no line met leaves a whole cell wrong,
-// a sizeable part of a light for many shading points at once (docs/decisions/011-hard-meshes.md).
+// A depth cell's lines spread over this many cell widths: an edge that none of them meets makes the whole cell wrong,
+// and with it a sizeable part of a light for many shading points at once (docs/decisions/011-hard-meshes.md).
 constexpr float k_depth_footprint = 1.4f;
 
-// A depth cell asks where a line of a cell beside it meets something further in front of its plane fit than this many
-// plane cells: an edge passes there, which its own lines may have missed (docs/decisions/011-hard-meshes.md).
+// A depth cell is undecided where a line of a neighbouring cell hits more than this many plane cells in front of its
+// plane fit: an edge runs there, which its own lines may have missed (docs/decisions/011-hard-meshes.md).
 constexpr float k_front_cells = 2.0f;
 
-// A geometric normal at length 1. Its length is a triangle's area, in units of the object's own: the square of that may
+// Normalises a geometric normal. Its length is proportional to the triangle's area in object units, so its square may
 // leave single precision.
 Vec3 unit_normal(const Vec3& n) {
-  // Within these bounds squares that underflow are below 2^-26 of the sum, and none overflows.
+  // Within these bounds no square overflows, and one that underflows is below 2^-26 of the sum.
   constexpr float k_least_square = 0x1p-100f, k_largest_square = 0x1p126f;
   const float square = glm::dot(n, n);
   if (square >= k_least_square && square <= k_largest_square) return glm::normalize(n);
@@ -51,7 +51,7 @@ struct Claimed {
   SliceAddress at;
 };
 
-// Rays of the current round, each with the slice cell (index into the batch's cells) that it serves.
+// The rays of one round, each with the cell (index into the batch's cells) that it is traced for.
 struct Round {
   RayBatch rays;
   std::vector<uint32_t> cell;
@@ -65,7 +65,7 @@ struct Round {
   void end() { rays.resize(count); }
 };
 
-// Whether `holds` for cell i of a batch or for one beside it, within its slice.
+// Whether `holds` is true of cell i of a batch or of any of its neighbours in the same slice.
 template <class Holds>
 bool any_beside(uint32_t i, const Holds& holds) {
   const int a = int(i % k_cells) / 8, b = int(i % k_cells) % 8;
@@ -88,18 +88,18 @@ class SliceBaker {
 
  private:
   struct DepthCellFit {
-    float depth = 0.0f;  // that the lines fan out from; 0, the centre plane, until a line has hit
+    float depth = 0.0f;  // of the pivot; 0, the centre plane, until a line hits
     int lines = 0, hits = 0;
     std::array<Vec3, k_max_lines> points, normals;  // of the lines that hit, in unit space
   };
 
-  // The plane through the plane fit that hit `anchor` lies on, as the cell will store it.
+  // The plane through the hits that lie on one surface with hit `anchor`, as the cell will store it.
   struct FittedPlane {
     uint32_t word = 0;             // depth and normal, encoded
     Vec3 normal = Vec3(0.0f);      // decoded
     float offset = 0.0f;           // dot(normal, x) = offset
-    bool faces = false;            // the plane is seen from the lines' origin
-    int members = 0;               // hits taken for the plane fit's
+    bool faces = false;            // the plane faces the lines' origins
+    int members = 0;               // hits that the plane was fitted to
     float member_residual = 0.0f;  // their largest distance from the plane
     float distance(const Vec3& p) const { return glm::dot(normal, p) - offset; }
   };
@@ -114,14 +114,13 @@ class SliceBaker {
     round.rays.set(round.count, origin, line.direction * radius, 2.0f * half);
     round.cell[round.count++] = cell;
   }
-  // The line through the cell's centre.
   void add_centre_line(Round& round, const Claimed& s, uint32_t i, const CellFrame& frame) {
     constexpr std::array<float, 4> centre = {0.5f, 0.5f, 0.5f, 0.5f};
     add_line(round, foot_line(frame, s.at.u, s.at.v, cell_a(s, i), cell_b(s, i), centre, parameters_), i);
   }
   static int cell_a(const Claimed& s, uint32_t i) { return s.at.a0 + int(i % k_cells) / 8; }
   static int cell_b(const Claimed& s, uint32_t i) { return s.at.b0 + int(i % k_cells) % 8; }
-  // Seeds the cell's line pattern: depends on nothing but the cell's place.
+  // Seed of the cell's line pattern: a function of the cell's place alone.
   uint32_t cell_seed(const Claimed& s, uint32_t i) const { return s.slice * uint32_t(k_cells) + i % k_cells; }
 
   std::array<float, 4> depth_point(const Claimed& s, uint32_t i, int k) const {
@@ -129,7 +128,7 @@ class SliceBaker {
   }
 
   void trace_depth_lines(std::vector<DepthCellFit>& cells, Round& round);
-  // Whether a line of this cell or of one beside it meets a point for which `counts` holds.
+  // Whether a line of this cell or of a neighbour hits at a point for which `counts` is true.
   template <class Counts>
   static bool meets_beside(const std::vector<DepthCellFit>& cells, uint32_t i, const Counts& counts) {
     return any_beside(i, [&](uint32_t j) {
@@ -137,8 +136,8 @@ class SliceBaker {
       return std::any_of(begin, begin + cells[j].hits, counts);
     });
   }
-  void store_plane_fit(const Claimed& slice, uint32_t i, const std::vector<DepthCellFit>& cells,
-                       const CellFrame& frame);
+  void store_depth_cell(const Claimed& slice, uint32_t i, const std::vector<DepthCellFit>& cells,
+                        const CellFrame& frame);
 
   Field& field_;
   const FieldParameters& parameters_;
@@ -201,7 +200,7 @@ void SliceBaker::trace_depth_lines(std::vector<DepthCellFit>& cells, Round& roun
     DepthCellFit& cell = cells[round.cell[r]];
     const Vec3 direction = round.rays.direction(r) * inverse_radius;
     const Vec3 origin = (round.rays.origin(r) - field_.ball().centre) * inverse_radius;
-    // Normals are turned to the side that the line comes from: open and two-sided meshes need no inside.
+    // Normals are turned against the line: open and two-sided meshes need no inside.
     Vec3 normal = unit_normal({hits.nx[r], hits.ny[r], hits.nz[r]});
     if (glm::dot(normal, direction) > 0.0f) normal = -normal;
     cell.points[cell.hits] = origin + direction * hits.t[r];
@@ -231,7 +230,8 @@ SliceBaker::FittedPlane SliceBaker::fit_plane(const DepthCellFit& cell, int anch
   plane.normal = Vec3(decoded.x, decoded.y, decoded.z);
   const float cosine = glm::dot(plane.normal, axis);
   plane.faces = cosine < 0.0f;
-  // dot(n, in_plane + axis depth - centroid) = 0. A plane along the line has no such depth; its cell will ask.
+  // dot(n, in_plane + axis depth - centroid) = 0. A plane parallel to the line has no such depth; its cell stays
+  // undecided.
   const uint32_t depth_bits = encode_depth(plane.faces ? glm::dot(plane.normal, centroid - in_plane) / cosine : 1.0f);
   plane.word = depth_bits | normal_bits;
   plane.offset = glm::dot(plane.normal, in_plane + axis * scalar::decode_depth<float>(int32_t(depth_bits)));
@@ -241,8 +241,8 @@ SliceBaker::FittedPlane SliceBaker::fit_plane(const DepthCellFit& cell, int anch
   return plane;
 }
 
-void SliceBaker::store_plane_fit(const Claimed& slice, uint32_t i, const std::vector<DepthCellFit>& cells,
-                                 const CellFrame& frame) {
+void SliceBaker::store_depth_cell(const Claimed& slice, uint32_t i, const std::vector<DepthCellFit>& cells,
+                                  const CellFrame& frame) {
   const DepthCellFit& cell = cells[i];
   const uint32_t target = slice.first_cell + i % k_cells;
   const int misses = cell.lines - cell.hits;
@@ -275,20 +275,20 @@ void SliceBaker::store_plane_fit(const Claimed& slice, uint32_t i, const std::ve
     store(plane, scalar::k_kind_plane_fit, edge_class(plane), residual);
     return;
   }
-  // What the frontmost hit's plane fit leaves uncovered lies behind it: still a bound for whatever lies in front.
+  // What the plane of the frontmost hit does not cover lies behind it: it is still a one-sided bound.
   int front = 0;
   for (int k = 1; k < cell.hits; ++k) {
     if (glm::dot(cell.points[k] - cell.points[front], frame.c) < 0.0f) front = k;
   }
-  const FittedPlane ceiling = fit_plane(cell, front, in_plane, frame.c);
-  float above = ceiling.member_residual;
-  for (int k = 0; k < cell.hits; ++k) above = std::max(above, ceiling.distance(cell.points[k]));
-  if (ceiling.faces && above <= max_residual_) {
-    int behind = 0;  // hits of another surface, which may reach further forward than the lines that met it tell
-    for (int k = 0; k < cell.hits; ++k) behind += ceiling.distance(cell.points[k]) < -2.0f * above;
-    // Nor may it rest on a few lines alone.
+  const FittedPlane bound = fit_plane(cell, front, in_plane, frame.c);
+  float above = bound.member_residual;
+  for (int k = 0; k < cell.hits; ++k) above = std::max(above, bound.distance(cell.points[k]));
+  if (bound.faces && above <= max_residual_) {
+    int behind = 0;  // hits on another surface, which may extend further forward than these hits
+    for (int k = 0; k < cell.hits; ++k) behind += bound.distance(cell.points[k]) < -2.0f * above;
+    // Nor may the bound rest on a few lines alone.
     const bool mostly_one = 4 * behind < cell.hits && 4 * cell.hits >= cell.lines;
-    store(ceiling, scalar::k_kind_one_sided, mostly_one ? edge_class(ceiling) : disagreeing_class(behind, cell.lines),
+    store(bound, scalar::k_kind_one_sided, mostly_one ? edge_class(bound) : disagreeing_class(behind, cell.lines),
           above);
     return;
   }
@@ -314,8 +314,8 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
     cells[i].lines = 1;
   }
   trace_depth_lines(cells, round);
-  // Lines fan out from the frontmost surface that the first ones met: shading points lie there. Where the first round
-  // meets something far in front of its own pivot, or after a miss, it starts again from there.
+  // Lines fan out from the frontmost surface found so far: shading points lie there. Where the first round finds a
+  // surface far from the pivot (the centre plane, if the centre line missed), the cell starts again from that depth.
   const float near_depth = k_near_pivot / float(parameters_.plane);
   const auto frontmost = [&](uint32_t i) {
     float depth = k_infinity;
@@ -352,7 +352,7 @@ void SliceBaker::bake_depth(std::span<const Claimed> slices) {
     cell.lines = cell.hits = 0;
   }
   trace_round(0, parameters_.lines);
-  for (uint32_t i = 0; i < cell_count; ++i) store_plane_fit(slices[i / k_cells], i, cells, frames[i / k_cells]);
+  for (uint32_t i = 0; i < cell_count; ++i) store_depth_cell(slices[i / k_cells], i, cells, frames[i / k_cells]);
 }
 
 void SliceBaker::bake_primitive(std::span<const Claimed> slices) {
@@ -379,8 +379,8 @@ void SliceBaker::bake_primitive(std::span<const Claimed> slices) {
   }
 }
 
-// The slices that a call has claimed, in order. Those not finished when it ends, by an exception, are given back: other
-// threads wait for them.
+// The slices claimed by one call, in order. Those unfinished when an exception ends the call are given back, because
+// other threads wait for them.
 struct Claims {
   Field& field;
   FieldLayer layer;
@@ -392,7 +392,7 @@ struct Claims {
   ~Claims() {
     for (const Claimed& c : std::span(list).subspan(finished)) field.give_back(layer, c.slice);
   }
-  // The list must have room.
+  // Unchecked: the list has room, so that nothing can throw between claiming a slice and noting it.
   bool take(uint32_t slice) {
     const auto cell = field.claim(layer, slice);
     if (cell) list.push_back({slice, *cell, field.slice_address(slice)});
@@ -438,8 +438,8 @@ void bake_slices(Field& field, FieldLayer layer, std::span<const uint32_t> slice
     if (!claims.take(slice) && !field.pool_full()) elsewhere.push_back(slice);
   }
   bake_claims();
-  // Whoever claimed these holds no other wait, so this ends; who failed gave them back, and they are baked here. Who
-  // found no room gave them back too: then nobody can bake them.
+  // A thread bakes what it has claimed before it waits, so this ends. Slices that another thread failed to bake were
+  // given back, and are baked here; if the pool is full, no thread can bake them.
   for (const uint32_t slice : elsewhere) {
     while (!field.finished(layer, slice) && !field.pool_full()) {
       std::this_thread::yield();

@@ -13,8 +13,8 @@
 
 namespace fieldtrace {
 
-// Bakes those of `slots` (CoverageTiles) that nobody has baked, and waits for those that others are baking; afterwards
-// every one is finished, unless the pool is full. `shape` is the field's object in `accel`.
+// Bakes those of `slots` (CoverageTiles) that are not baked yet, and waits for those that other threads are baking;
+// afterwards all are finished, unless the pool is full. `shape` is the field's object in `accel`.
 void bake_coverage(Field& field, std::span<const uint32_t> slots, const Accel& accel, uint32_t shape,
                    BakeCounters& counters);
 

@@ -14,7 +14,7 @@ namespace {
 // Slices that one task bakes: some milliseconds of work, so that stopping is prompt.
 constexpr size_t k_slices_per_task = 64;
 
-// Tiles between two looks at the budget, and in one task of these.
+// Tiles between two checks of the budget, and tiles of one task.
 constexpr uint32_t k_tiles_at_once = 1024;
 constexpr uint32_t k_tiles_per_task = 16;
 
@@ -26,13 +26,13 @@ int nearest_from_middle(int i, int count, int n) {
   return std::min(cells_from_middle(i, n), cells_from_middle(i + count - 1, n));
 }
 
-// The upper half of the directions is the diamond |u| + |v| <= 1: reached if the cell's nearest corner lies in it.
+// The upper hemisphere is the diamond |u| + |v| <= 1: a cell is reached if its corner nearest to the middle lies in it.
 bool direction_reachable(const FieldParameters& p, FieldLayer layer, int u, int v) {
   if (layer == FieldLayer::depth) return true;
   return cells_from_middle(u, p.directions) + cells_from_middle(v, p.directions) <= p.directions / 2;
 }
 
-// Of the plane, the unit disk.
+// Of the plane, only the unit disk is reached.
 bool plane_reachable(const FieldParameters& p, int a0, int b0) {
   const int64_t a = nearest_from_middle(a0, 4, p.plane), b = nearest_from_middle(b0, 8, p.plane);
   return a * a + b * b <= int64_t(p.plane / 2) * (p.plane / 2);
@@ -77,7 +77,7 @@ uint64_t full_brick_bytes(const FieldParameters& p) {
 
 namespace {
 
-// One full bake; progress is measured in lines of slices' cells.
+// One full bake. Progress counts lines, those of cells and those of tiles.
 class FullBaker {
  public:
   FullBaker(Field& field, const Accel& accel, uint32_t shape, BakeCounters& counters,
@@ -106,13 +106,13 @@ class FullBaker {
     });
   }
 
-  // Returns how many tiles were left out for want of memory.
+  // Returns the number of tiles left out for lack of memory.
   uint64_t bake_tiles() {
     const uint32_t count = field_.coverage().slot_count();
     for (uint32_t begin = 0; begin < count; begin += k_tiles_at_once) {
       const uint32_t end = std::min(begin + k_tiles_at_once, count);
-      // Whether each of them takes room is known only afterwards; all of them together decide, so that what is baked
-      // does not depend on threads.
+      // Which of these tiles take memory is known only once they are baked. Requiring room for all of them keeps what
+      // is baked independent of the threads' timing.
       if (!has_room(end - begin)) return count - begin;
       parallel_for((end - begin + k_tiles_per_task - 1) / k_tiles_per_task, [&](size_t task) {
         if (is_stopped()) return;

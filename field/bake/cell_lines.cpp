@@ -14,7 +14,8 @@ Vec3 direction_in_cell(int u, int v, float x, float y, int directions) {
   return to_vec(scalar::frame_from_square(in_cell(u, x, directions), in_cell(v, y, directions)).c);
 }
 
-// Finalizer of MurmurHash3 (Appleby).
+// Finalizer of MurmurHash3 (Appleby): four operations, and no library's, since it chooses the lines that cells are
+// baked from. With other bits every field, and with it the pictures, would differ in their noise.
 uint32_t mix(uint32_t h) {
   h ^= h >> 16;
   h *= 0x85ebca6bu;

@@ -1,4 +1,4 @@
-// The lines that certify a cell: K points in the four dimensions of a cell, and the lines they stand for.
+// The lines that certify a cell: sample points in the cell's four dimensions, and the lines that they stand for.
 //
 // Space: unit space. Thread-safety: pure functions.
 #pragma once
@@ -27,8 +27,8 @@ CellFrame cell_frame(int u, int v, int directions);
 // phi_4 the root of x^5 = x + 1), shifted modulo 1 by a hash of `cell`.
 std::array<float, 4> cell_point(uint32_t cell, int k);
 
-// The point `x` of direction cell (u, v), spread about the middle of the cell to `width` (>= 1) cells in all four
-// dimensions; directions stay within the map's square, beyond whose edge there is nothing.
+// The point `x` of direction cell (u, v), spread about the cell's middle to `width` (>= 1) cells in all four
+// dimensions; directions are clamped to the map's square, beyond whose edge there are none.
 std::array<float, 4> widened(std::array<float, 4> x, int u, int v, int directions, float width);
 
 // The line of the visibility cell (u, v, a, b) at point x of the cell: direction within the direction cell, foot within

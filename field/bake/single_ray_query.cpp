@@ -9,11 +9,10 @@ namespace {
 using scalar::k_verdict_blocked;
 using scalar::k_verdict_clear;
 using scalar::k_verdict_none;
-using scalar::k_verdict_undecided;
 using scalar::k_verdict_unknown_depth;
 using scalar::k_verdict_unknown_visibility;
 
-// What must be baked before there is another verdict.
+// The layer whose slice must be baked before the query can be answered; empty: it is answered.
 std::optional<FieldLayer> unknown_layer(int verdict) {
   if (verdict == k_verdict_unknown_visibility) return FieldLayer::visibility;
   if (verdict == k_verdict_unknown_depth) return FieldLayer::depth;
@@ -46,7 +45,6 @@ FieldVerdict SingleRayQuery::occluded(const QueryPolicy& policy, const Vec3& o, 
   const auto segment = scalar::segment_in_unit_space(to_unit_.m, lanes(o), lanes(d), t_max);
   for (;;) {
     const auto answer = scalar::query_segment(field_.view(), policy, segment, self);
-    lookups_ += uint64_t(answer.lookups);
     if (!bake(unknown_layer(answer.verdict), uint32_t(answer.slice))) return public_verdict(answer.verdict);
   }
 }
@@ -56,7 +54,6 @@ FieldHit SingleRayQuery::nearest(const QueryPolicy& policy, const Vec3& o, const
   const auto segment = scalar::segment_in_unit_space(to_unit_.m, lanes(o + d * t_min), lanes(d), t_max - t_min);
   for (;;) {
     const auto answer = scalar::nearest_on_segment(field_.view(), policy, segment, self);
-    lookups_ += uint64_t(answer.lookups);
     const bool lacks_primitive = answer.verdict == k_verdict_blocked && answer.primitive == scalar::k_not_baked;
     const auto layer = lacks_primitive ? FieldLayer::primitive : unknown_layer(answer.verdict);
     if (bake(layer, uint32_t(answer.slice))) continue;

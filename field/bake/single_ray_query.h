@@ -1,8 +1,7 @@
-// Queries of one object's field, a ray at a time, that bake the slices they need: the plain way to ask a field. The
-// renderer does the same in batches (field/query/segment_kernels.h).
+// Queries of one object's field, one ray at a time, that bake the slices they need: the simple interface. The renderer
+// queries in batches (field/query/segment_kernels.h).
 //
-// Space: object space of the shape that the field belongs to. Thread-safety: one probe a thread; any number of probes
-// may share a field.
+// Space: object space of the field's shape. Thread-safety: one SingleRayQuery per thread; any number may share a field.
 #pragma once
 
 #include <cstdint>
@@ -38,10 +37,10 @@ struct UnitTransform {
 
 class SingleRayQuery {
  public:
-  // `shape` is the field's object in `accel`; both must outlive the probe.
+  // `shape` is the field's object in `accel`; field and accel must outlive the query.
   SingleRayQuery(Field& field, const Accel& accel, uint32_t shape);
 
-  // Whether the object meets o + t d, t in [0, t_max]; d need not be unit, t_max may be infinite. `own`: o lies on the
+  // Whether the object meets o + t d, t in [0, t_max]; d need not be unit, t_max may be infinite. `self`: o lies on the
   // object's surface (up to rounding) and d points away from it.
   FieldVerdict occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool self);
 
@@ -49,7 +48,6 @@ class SingleRayQuery {
   FieldHit nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max, bool self);
 
   const BakeCounters& counters() const { return counters_; }
-  uint64_t lookups() const { return lookups_; }
 
  private:
   bool bake(std::optional<FieldLayer> layer, uint32_t slice);
@@ -59,7 +57,6 @@ class SingleRayQuery {
   uint32_t shape_;
   UnitTransform to_unit_;
   BakeCounters counters_;
-  uint64_t lookups_ = 0;
 };
 
 }  // namespace fieldtrace

@@ -11,7 +11,7 @@ namespace {
 
 constexpr int k_side = scalar::k_tile_lines;
 
-// Gives a claimed tile back unless it was finished: other threads wait for it.
+// Gives a claimed tile back unless it is finished: other threads wait for it.
 struct Claim {
   CoverageTiles& tiles;
   uint32_t slot;
@@ -50,7 +50,7 @@ uint16_t TileRays::line_at(size_t r, float t) const {
 }
 
 void bake_tiles(CoverageTiles& tiles, std::span<const uint32_t> slots, const std::function<void(uint32_t)>& bake) {
-  // One tile at a time, so that nobody waits for more than one.
+  // One tile at a time, so that no thread waits for more than one.
   const auto try_bake = [&](uint32_t slot) {
     if (!tiles.claim(slot)) return;
     Claim claim{tiles, slot};

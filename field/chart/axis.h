@@ -1,10 +1,10 @@
-// One axis of a chart as the constants that look-ups use. Shared by every instruction set and the GPU, which is why it
-// lives outside the lane namespaces. Thread-safety: values.
+// One axis of a chart as the constants that look-ups use. Shared by every instruction set and the GPU, hence outside
+// the lane namespaces. Thread-safety: values.
 #pragma once
 
 namespace fieldtrace {
 
-// [-1, 1] cut into n cells, as the constants that look-ups use: all exact, n being a power of two.
+// [-1, 1] cut into n cells; every constant is exact, n being a power of two.
 struct ChartAxis {
   float cells = 0.0f;  // n
   float half = 0.0f;   // n / 2

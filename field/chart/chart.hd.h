@@ -41,7 +41,7 @@ FT_HD_INLINE F atan_over_half_pi(F a) {
 template <class F>
 FT_HD_INLINE void square_from_direction(const Vec3Lanes<F>& d, F& u, F& v) {
   const F ax = abs(d.x), ay = abs(d.y), az = abs(d.z);
-  // sqrt(1 - |z|), written so that it keeps its digits near the poles.
+  // sqrt(1 - |z|), in a form that does not cancel near the poles.
   const F r = sqrt((ax * ax + ay * ay) / (splat<F>(1.0f) + az));
   const F big = max(ax, ay), small = min(ax, ay);
   // 0/0 at a pole becomes 0: r is 0 there, so the angle does not matter.
@@ -98,7 +98,7 @@ FT_HD_INLINE DirectionFrame<F> frame_from_square(F u, F v) {
 template <class F>
 FT_HD_INLINE Int_t<F> cell_of(F x, const ChartAxis& axis) {
   const F scaled = floor((x + splat<F>(1.0f)) * splat<F>(axis.half));
-  // In this order a NaN becomes cell 0: lanes without a query look up whatever their segment left behind.
+  // In this order min and max turn NaN into cell 0: inactive lanes look up whatever their segment holds.
   return small_to_int(min(max(splat<F>(0.0f), scaled), splat<F>(axis.last)));
 }
 
@@ -112,11 +112,11 @@ FT_HD_INLINE F centre_of(Int_t<F> i, const ChartAxis& axis) {
 template <class F>
 struct LineFoot {
   Vec3Lanes<F> point;
-  F along;  // of the point, from the line's origin
+  F along;  // signed distance of the point from the line's origin
 };
 
-// `direction` is unit. In two steps, of which the second removes what the first lost to cancellation when the origin is
-// far away (Haines et al., Ray Tracing Gems, 2019, chapter 7).
+// `direction` is unit. The second step removes the cancellation error that the first leaves where the origin is far
+// away (Haines et al., Ray Tracing Gems, 2019, chapter 7).
 template <class F>
 FT_HD_INLINE LineFoot<F> foot_of_line(const Vec3Lanes<F>& origin, const Vec3Lanes<F>& direction) {
   const F along = splat<F>(0.0f) - dot(origin, direction);
@@ -132,8 +132,8 @@ struct CellAddress {
   DirectionFrame<F> frame;
 };
 
-// The two steps of addressing a line, for loops that run each over many lines: the direction's cell, then its frame and
-// the plane cell of `anchor`.
+// Addressing a line in two steps, for loops that run each step over many lines: first the direction cell, then its
+// frame and the plane cell of `anchor`.
 template <class F>
 FT_HD_INLINE void find_direction_cell(const Vec3Lanes<F>& d, const ChartAxis& directions, CellAddress<F>& cell) {
   F u, v;

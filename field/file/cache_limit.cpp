@@ -7,8 +7,8 @@
 
 #include "core/io/file_lock.h"
 #include "core/platform/error.h"
+#include "field/file/field_identity.h"
 #include "field/file/field_trailer.h"
-#include "field/file/hash.h"
 
 namespace fieldtrace {
 namespace {
@@ -19,14 +19,15 @@ struct CachedFile {
   fs::path path = {};
   uint64_t bytes = 0;
   fs::file_time_type used = {};
+  int version = 0;  // of the trailer
 };
 
-bool is_cached_file(const fs::directory_entry& entry) {
+bool has_cache_name(const fs::directory_entry& entry) {
   Hash128 ignored;
   std::error_code failed;
   const fs::path& path = entry.path();
   return path.extension() == ".vdb" && parse_hash(path.stem().string(), ignored) &&
-         fs::is_regular_file(entry.symlink_status(failed)) && has_trailer(path.string());
+         fs::is_regular_file(entry.symlink_status(failed));
 }
 
 bool look_at(CachedFile& file) {
@@ -43,19 +44,23 @@ std::vector<CachedFile> cached_files(const std::string& folder) {
     CachedFile file;
     file.path = entry->path();
     // Another process may have removed it meanwhile.
-    if (is_cached_file(*entry) && look_at(file)) files.push_back(std::move(file));
+    if (!has_cache_name(*entry) || !look_at(file)) continue;
+    const std::optional<int> version = trailer_version(file.path.string());
+    if (!version) continue;
+    file.version = *version;
+    files.push_back(std::move(file));
   }
   return files;
 }
 
-// False if it is in use, or was used since it was looked at.
+// False if the file is in use, or was used since it was listed.
 bool remove_unused(const CachedFile& file) {
   try {
     const FileLock lock(file.path.string() + ".lock", LockWait::none);
     if (!lock.held()) return false;
     CachedFile now;
     now.path = file.path;
-    if (!look_at(now)) return true;  // gone
+    if (!look_at(now)) return true;  // removed by another process
     std::error_code failed;
     return now.used == file.used && fs::remove(file.path, failed);
   } catch (const Error&) {
@@ -66,12 +71,12 @@ bool remove_unused(const CachedFile& file) {
 }  // namespace
 
 TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep) {
-  // One at a time: two who count the same files would both remove what one of them has to.
+  // One at a time: two processes that count the same files would both remove them, and too many in all.
   std::optional<FileLock> trimming;
   try {
     trimming.emplace((fs::path(folder) / "trim.lock").string());
   } catch (const Error&) {
-    return {};  // a folder that cannot be written to
+    return {};  // the folder cannot be written to
   }
   std::vector<CachedFile> files = cached_files(folder);
   std::sort(files.begin(), files.end(), [](const CachedFile& a, const CachedFile& b) {
@@ -86,6 +91,16 @@ TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const st
     ++result.removed;
   }
   return result;
+}
+
+OutdatedFiles outdated_files(const std::string& folder) {
+  OutdatedFiles outdated;
+  for (const CachedFile& file : cached_files(folder)) {
+    if (file.version >= k_field_format_version) continue;
+    ++outdated.files;
+    outdated.bytes += file.bytes;
+  }
+  return outdated;
 }
 
 void remove_abandoned_writes(const std::string& path) {

@@ -1,9 +1,9 @@
 // Keeping a field cache small: which files go when a folder holds too much.
 //
-// Only files that a cache made are looked at: named as FieldIdentity::file_name() names them, and ending as a field
-// file ends (field/file/field_file.h). Others, and fields under names of the user's own, are neither counted nor
-// removed. A file was used last when it was read or written last: its modification time says so (FieldCache sets it
-// when it reads). Thread-safety: any number of threads and processes may trim one folder, beside others that use it.
+// Only files made by a cache count: named as FieldIdentity::file_name() names them, and ending as a field file ends
+// (field/file/field_file.h). All others, fields under the user's own names included, are neither counted nor removed. A
+// file's last use is its modification time, which FieldCache sets when it reads or writes the file. Thread-safety: any
+// number of threads and processes may trim one folder, beside others that use it.
 #pragma once
 
 #include <cstdint>
@@ -14,13 +14,20 @@ namespace fieldtrace {
 
 // What a folder holds after trimming.
 struct TrimmedCache {
-  uint64_t bytes = 0;    // of the field files that are left
+  uint64_t bytes = 0;    // of the remaining field files
   uint64_t removed = 0;  // files
 };
 
-// Removes the least recently used files of `folder` until those left take at most `most_bytes`. Files whose names are
-// in `keep` stay, as do files that are locked at the moment. What cannot be removed is left. Throws nothing.
+// Removes the least recently used files of `folder` until the others take at most `most_bytes`. Files named in `keep`
+// stay, as do files that are locked at the moment or cannot be removed. Throws nothing.
 TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep);
+
+// Field files of earlier formats, which this program cannot read and whose names it no longer looks for. Another
+// version that shares the folder may still use them, so only trim_cache() removes them. Throws nothing.
+struct OutdatedFiles {
+  uint64_t files = 0, bytes = 0;
+};
+OutdatedFiles outdated_files(const std::string& folder);
 
 // Removes what an ended process left of writing `path` under temporary names. Unchecked: the caller holds the lock that
 // writers of `path` take.

@@ -25,7 +25,8 @@ size_t line_of_patch(int patch, int i) {
   return patch_start(patch) + size_t(i / k_leaf_side * scalar::k_tile_lines + i % k_leaf_side);
 }
 
-// Tile `tile` of the planes of the eight directions from 8 * octet on: the leaf's voxel nearest to the origin.
+// The voxel nearest to the origin of the leaf that holds a patch of tile `tile`, for the eight directions from 8 *
+// octet on.
 VoxelCoord patch_origin(int tiles, uint32_t octet, uint32_t tile, int patch) {
   const int y = int(tile) / tiles * scalar::k_tile_lines + patch / k_patches_along * k_leaf_side;
   const int x = int(tile) % tiles * scalar::k_tile_lines + patch % k_patches_along * k_leaf_side;
@@ -42,9 +43,9 @@ Place place_of(uint32_t slot, int tiles) {
   return {direction / k_leaf_side, slot % per_plane, direction % k_leaf_side};
 }
 
-// The tiles that share leaves: one place in the planes of eight directions.
+// The tiles that share leaves: those at one place of the plane, of eight directions.
 struct Stack {
-  uint32_t baked = 0;  // bit: direction
+  uint32_t baked = 0;  // one bit per direction
   std::array<TileLines, k_leaf_side> lines;
 };
 
@@ -77,7 +78,7 @@ void write_stack(const Stack& stack, int tiles, const Place& place, VdbGrid& gri
   }
 }
 
-// Whether one direction of a leaf holds anything, and if so, whether it is whole and made of lines.
+// Whether a leaf holds lines of one direction; then whether all of them are there and in range.
 static_assert(k_patch_lines == 64, "a word of the mask is a direction");
 bool has_layer(const VdbNode& leaf, int layer) { return leaf.active[size_t(layer)] != 0; }
 bool sound_layer(const VdbNode& leaf, int layer) {
@@ -86,7 +87,7 @@ bool sound_layer(const VdbNode& leaf, int layer) {
   return leaf.active[size_t(layer)] == ~uint64_t(0) && std::all_of(lines, lines + k_patch_lines, sound);
 }
 
-// Which patches of each tile were met.
+// The patches found, by tile.
 class FoundPatches {
  public:
   FoundPatches(int directions, int lines) : limit_{directions * directions, lines, lines} {}
@@ -120,7 +121,7 @@ class FoundPatches {
 
  private:
   VoxelCoord limit_;
-  // By slot, in parts of the table: a small file may hold millions of tiles that meet nothing.
+  // In parts of the table, each made when first needed: a small file may stand for millions of empty tiles.
   std::map<uint32_t, std::vector<uint16_t>> found_;
 };
 

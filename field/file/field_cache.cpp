@@ -52,6 +52,13 @@ FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSi
     read_only_ = true;
     warn(warning_, {}, std::string(e.what()) + "; fields are read from this folder, but none is kept");
   }
+  const OutdatedFiles outdated = outdated_files(folder);
+  if (outdated.files == 0) return;
+  warn(warning_, {folder},
+       "holds " + std::to_string(outdated.files) + " field file" + (outdated.files == 1 ? "" : "s") + " (" +
+           std::to_string(outdated.bytes) + " bytes) of an earlier format than " +
+           std::to_string(k_field_format_version) +
+           ", which cannot be used; their fields are baked again; delete the files, or give --field-cache-limit");
 }
 
 std::string FieldCache::path_of(const FieldIdentity& identity) const {
@@ -78,11 +85,11 @@ void FieldCache::remember(const Hash128& slices, const FieldIdentity& identity) 
   known_[identity.file_name()] = {slices, size_of_file(path_of(identity))};
 }
 
-// The time of the last use is the file's modification time: times of access are often not kept.
+// The modification time stands for the last use: many file systems do not keep access times.
 void FieldCache::mark_used(const FieldIdentity& identity) {
   const std::lock_guard lock(mutex_);
   used_.insert(identity.file_name());
-  std::error_code ignored;  // there may be no file yet, or one that only others may change
+  std::error_code ignored;  // there is no file yet, or it belongs to another user
   fs::last_write_time(path_of(identity), fs::file_time_type::clock::now(), ignored);
 }
 
@@ -115,7 +122,7 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
   const std::string path = path_of(identity);
   const FileLock lock(path + ".lock");
   remove_abandoned_writes(path);
-  // What others have added since this field was loaded.
+  // The file may hold what other processes added since this field was loaded.
   FieldBudget budget(machine_memory_bytes() / 2);
   Field held(field.ball(), field.parameters(), &budget);
   std::error_code failed;

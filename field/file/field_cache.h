@@ -1,13 +1,13 @@
 // A folder of field files, one per object, that renders share: `--field-cache DIR`.
 //
-// A file is named by its field's identity. Demand adds bricks to it: a store writes the union of what the file and the
-// field hold, and replaces the file by renaming. Writers of one file exclude one another with an advisory lock on a
-// file beside it (NAME.lock, kept); readers need none: what they open is whole, and stays so when it is replaced or
-// removed. A process that is killed lets go of its locks, and what it left half written the next writer removes. A file
-// that cannot be used is told about and replaced. With a limit, the least recently used files go when a store finds the
-// folder too large (field/file/cache_limit.h), never those that this object has loaded or stored. A folder that may
-// only be read is read, with one warning, and kept as it is. Thread-safety: every function may be called from any
-// thread, and any number of processes may share the folder.
+// A file is named by its field's identity. Demand adds bricks to it: a store writes the union of the file and the
+// field, and replaces the file by renaming. Writers of one file exclude one another with an advisory lock on a file
+// beside it (NAME.lock, kept). Readers need none: the file they open is whole, and stays so when it is replaced or
+// removed. The locks of a killed process are released, and the next writer removes its half-written files. A file that
+// cannot be used causes a warning and is replaced. With a limit, the least recently used files go when a store finds
+// the folder too large (field/file/cache_limit.h), but never those that this object has loaded or stored. A read-only
+// folder is read, with one warning, and left as it is. Thread-safety: every function may be called from any thread, and
+// any number of processes may share the folder.
 #pragma once
 
 #include <cstdint>
@@ -27,31 +27,32 @@ class FieldCache {
  public:
   // Makes the folder if need be. Throws Error if it cannot be made, or files can neither be made nor read in it, or the
   // module for them (field/file/vdb_grid.h) cannot be opened: long work learns this before it starts. `warning` is
-  // called from the threads that load and store, one at a time.
+  // called from the threads that load and store, one at a time, and by the constructor if the folder holds files of
+  // earlier formats or may only be read.
   explicit FieldCache(const std::string& folder, WarningSink warning = {})
       : FieldCache(folder, 0, std::move(warning)) {}
-  // `most_bytes`: of the field files in the folder; 0: no limit.
+  // `most_bytes`: limit on the field files in the folder; 0: none.
   FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning = {});
 
-  // Adds what the cache holds of the field to `field`. False, with the field unchanged, if there is no file, or none
-  // that can be used; the latter is told to the warning sink. Never throws for what a file holds.
+  // Adds what the cache holds of the field to `field`. False, with the field unchanged, if there is no file or none
+  // that can be used; the latter causes a warning. Never throws because of a file's contents.
   bool load(Field& field, const FieldIdentity& identity);
 
-  // Whether nothing is kept because the folder may only be read.
+  // Whether stores do nothing because the folder is read-only.
   bool read_only() const { return read_only_; }
 
   // Adds the field's finished slices to the cache. Writes nothing if the file is known to hold all of them, or if the
-  // folder may only be read. Throws Error if the file cannot be written, or if what it holds already takes more than
-  // half of the machine's memory. A file that cannot be used is told about unless load() has done so.
+  // folder is read-only. Throws Error if the file cannot be written, or if its contents already take more than half of
+  // the machine's memory. A file that cannot be used causes a warning, unless load() has warned of it.
   void store(const Field& field, const FieldIdentity& identity);
 
-  // The same for a field of the thesis' chart, which is always whole: nothing if there is no file that can be used.
-  // What was loaded need not be stored.
+  // The same for a field of the thesis' chart, which is always whole: empty if there is no file that can be used. What
+  // was loaded need not be stored.
   std::optional<ThesisField> load_thesis(const FieldIdentity& identity);
   void store(const ThesisField& field, const FieldIdentity& identity);
 
-  // Removes files until the folder keeps its limit; does nothing without one. To be called when all is stored. Warns if
-  // the files of this object alone are more.
+  // Removes files until the folder keeps its limit; does nothing without one. To be called after all stores. Warns if
+  // the remaining files exceed the limit by themselves.
   void trim();
 
   std::string path_of(const FieldIdentity& identity) const;
@@ -59,7 +60,7 @@ class FieldCache {
 
  private:
   enum class Tell { always, unless_told };
-  // Slices that a file was seen to hold, by their hash, and its size then.
+  // Hash of the slices that a file was last seen to hold, and its size then.
   struct Known {
     Hash128 slices;
     uint64_t bytes = 0;
@@ -76,7 +77,7 @@ class FieldCache {
   std::mutex mutex_;
   std::map<std::string, Known> known_;  // by file name
   std::set<std::string> used_;          // file names
-  std::set<std::string> told_;          // paths of files that were told to be unusable
+  std::set<std::string> told_;          // paths of unusable files already warned of
   bool read_only_ = false;
 };
 

@@ -39,11 +39,11 @@ bool valid_cell(GridLayer layer, int32_t value, uint32_t primitive_count) {
     case k_grid_primitive:
       return uint32_t(value) < primitive_count || uint32_t(value) == k_none;
     default:
-      return true;  // every depth and normal code decodes to something in range
+      return true;  // every code of depth and normal is valid
   }
 }
 
-// A brick of all layers, as the grids hold it.
+// A brick with all its layers, as the grids hold it.
 struct BrickData {
   std::array<BrickCells, k_grid_count> cells;
   SliceMask finished = 0;
@@ -129,8 +129,8 @@ bool same_parameters(const FieldParameters& a, const FieldParameters& b) {
 // ---- reading
 
 struct FieldFile::Grids {
-  GridArray grids;  // null where the file has none of that layer
-  // Bricks of any layer, ascending.
+  GridArray grids;  // null: the file has nothing of that layer
+  // Of the bricks that have any layer, ascending.
   std::vector<VoxelCoord> origins;
   CoverageGrid coverage;
 
@@ -139,7 +139,7 @@ struct FieldFile::Grids {
   Hash128 validate(const FieldFileHeader& header, const std::string& path);
 };
 
-// False if a brick has a slice of which only some cells, or only one of the two depth grids, are there.
+// False if a slice of the brick is incomplete, or in only one of the two depth grids.
 bool FieldFile::Grids::read(const VoxelCoord& origin, BrickData& brick) const {
   uint32_t slices[k_grid_count] = {};
   for (int g = 0; g < k_grid_count; ++g) {
@@ -221,7 +221,7 @@ void FieldFile::visit_pieces(const std::function<void(const Field&)>& visit) con
   }
 }
 
-// False if the field's pool is full before all is copied.
+// False if the field's pool fills up first.
 bool FieldFile::copy_bricks(Field& field, size_t first_brick, size_t end_brick) const {
   const uint32_t plane_bricks = uint32_t(field.view().plane_bricks);
   BrickData brick{};
@@ -237,7 +237,7 @@ bool FieldFile::copy_bricks(Field& field, size_t first_brick, size_t end_brick) 
       const std::optional<uint32_t> first = field.claim(layer, slice);
       if (!first) {
         if (field.pool_full()) return false;
-        continue;  // baked already, or by another thread just now
+        continue;  // baked, or claimed by another thread
       }
       const size_t in_brick = size_t(bit % 16) * scalar::k_slice_cells;
       for (size_t i = 0; i < size_t(scalar::k_slice_cells); ++i) {

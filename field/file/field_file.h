@@ -17,12 +17,12 @@
 // Compression: Blosc where OpenVDB has it, else zip; only active voxels are stored.
 // Metadata of the file and of each grid: fieldtrace_format, chart, directions, plane, lines, centre, radius,
 // mesh_hash, primitive_count.
-// The OpenVDB file is followed by 32 bytes that OpenVDB does not look at: "FTFIELD", a byte 1, the size of what comes
-// before, and its 128-bit hash. Nothing is decoded before these fit: OpenVDB trusts the sizes that it reads, and
-// crashes on many a damaged file. So damage of any kind is an error. A file forged together with its checksum takes no
-// more memory than its size is worth (field/vdb/vdb_archive.h), and cells that no bake writes are refused; more is not
-// defended against. Other programs' copies of the grids lack the 32 bytes and are refused.
-// Fields of the thesis' chart have the same frame around other grids: field/file/thesis_file.h.
+// The OpenVDB file is followed by 32 bytes that OpenVDB does not look at: "FTFIELD", a byte of the format version, the
+// size of what comes before, and its 128-bit hash. Nothing is decoded before these fit: OpenVDB trusts the sizes that
+// it reads, and crashes on many a damaged file. So damage of any kind is an error. A file forged together with its
+// checksum takes no more memory than its size is worth (field/vdb/vdb_archive.h), and cells that no bake writes are
+// refused; more is not defended against. Other programs' copies of the grids lack the 32 bytes and are refused. Fields
+// of the thesis' chart have the same frame around other grids: field/file/thesis_file.h.
 //
 // Thread-safety: distinct objects are independent. A field may be baked while it is saved or loaded into.
 #pragma once
@@ -55,7 +55,7 @@ struct FieldFileHeader {
 };
 
 // A field file of the orthographic chart in memory, completely checked: the constructor throws FieldFileError for a
-// file that is missing, damaged, cut short, not a field, of another chart or format version, or that holds values that
+// file that is missing, damaged, truncated, not a field, of another chart or format version, or that holds values that
 // no bake writes.
 class FieldFile {
  public:
@@ -66,15 +66,15 @@ class FieldFile {
 
   const FieldFileHeader& header() const { return header_; }
   uint64_t bytes() const { return bytes_; }  // of the file
-  // slices_hash() of a field that holds what the file holds.
+  // slices_hash() of a field with the file's contents.
   const Hash128& slices() const { return slices_; }
 
-  // Adds the file's slices to a field, beside those that it has. False, and `field` unchanged, if its ball or
-  // parameters are not the file's. Stops early when the field's pool is full.
+  // Adds the file's slices to those of a field. False, and `field` unchanged, if its ball or parameters differ from the
+  // file's. Stops early when the field's pool is full.
   bool copy_to(Field& field) const;
 
-  // Shows all that the file holds in fields that hold a piece each: the bricks of one direction brick, or the tiles of
-  // one part of the coverage table. So it takes little memory, however many equal bricks a small file stands for.
+  // Passes the file's contents to `visit` in fields that hold a piece each: the bricks of one direction brick, or the
+  // tiles of one part of the coverage table. Memory stays small, however many equal bricks a small file stands for.
   void visit_pieces(const std::function<void(const Field&)>& visit) const;
 
  private:
@@ -90,11 +90,11 @@ class FieldFile {
 // Hash of which slices of which layer are finished: fields of one identity with equal hashes hold the same cells.
 Hash128 slices_hash(const Field& field);
 
-// Writes the finished slices of `field`, under a temporary name that is then renamed to `path`. Unchecked: `identity`
-// belongs to the field. Throws Error if it cannot be written.
+// Writes the finished slices of `field` under a temporary name that is then renamed to `path`. Unchecked: `identity`
+// belongs to the field. Throws Error if the file cannot be written.
 void save_field(const Field& field, const FieldIdentity& identity, const std::string& path);
 
-// The same for the union of fields of one identity and ball; a slice that several have comes from the first.
+// The same for the union of fields of one identity and ball; a slice that several have is taken from the first.
 void save_fields(std::span<const Field* const> fields, const FieldIdentity& identity, const std::string& path);
 
 // Loads `path` into `field`. Throws FieldFileError, with the field unchanged, for whatever the constructor of FieldFile

@@ -14,7 +14,7 @@ namespace fieldtrace {
 
 using BrickCells = std::array<int32_t, size_t(scalar::k_brick_cells)>;
 
-// The grids of a file, in the order that they are stored in.
+// The grids of a file, in their order in it.
 enum GridLayer { k_grid_visibility, k_grid_depth, k_grid_certificate, k_grid_primitive, k_grid_count };
 inline constexpr const char* k_grid_names[k_grid_count] = {"visibility", "depth_normal", "certificate", "primitive"};
 
@@ -25,13 +25,13 @@ VoxelCoord brick_origin(const FieldParameters& parameters, uint32_t direction_br
 bool place_of_origin(const FieldParameters& parameters, const VoxelCoord& origin, uint32_t& direction_brick,
                      uint32_t& plane_brick);
 
-// Adds a brick; bit s of `slices` says that cells 32 s ... 32 s + 31 are baked. Nothing happens where none is.
+// Adds a brick; bit s of `slices`: cells 32 s ... 32 s + 31 are baked. Adds nothing if `slices` is 0.
 void add_brick(VdbGrid& grid, const VoxelCoord& origin, const BrickCells& cells, uint32_t slices);
 
 // Reads a brick: its cells, and its slices in the sense above. False if the brick's active voxels are not whole slices.
 bool read_brick(const VdbGrid& grid, const VoxelCoord& origin, BrickCells& cells, uint32_t& slices);
 
-// Origins of the leaves and active tiles, ascending. False if there is an active tile of another size than a brick's.
+// Origins of the leaves and active tiles, ascending. False if an active tile is not of a brick's size.
 bool brick_origins(const VdbGrid& grid, std::vector<VoxelCoord>& origins);
 
 }  // namespace fieldtrace

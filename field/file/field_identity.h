@@ -1,4 +1,4 @@
-// What a field is a field of: the geometry by content, the chart and its parameters. It names cache files.
+// What identifies a field: the geometry by content, the chart and its parameters. Names cache files.
 //
 // A brick's content depends on nothing else, so two fields of one identity agree wherever both are baked.
 // Thread-safety: values and pure functions.
@@ -14,13 +14,13 @@
 namespace fieldtrace {
 
 // Part of every identity: raised whenever the bytes of a baked cell, or the file that holds them, change their meaning.
-inline constexpr int k_field_format_version = 7;
+inline constexpr int k_field_format_version = 8;
 
 inline constexpr const char* k_chart_orthographic = "orthographic";
 inline constexpr const char* k_chart_thesis = "thesis";
 
 struct FieldIdentity {
-  Hash128 geometry;              // of what the lines are traced against
+  Hash128 geometry;              // of the geometry that lines are traced against
   uint32_t primitive_count = 0;  // triangles; 1 for an analytic shape
   std::string chart = k_chart_orthographic;
   FieldParameters parameters;
@@ -31,8 +31,8 @@ struct FieldIdentity {
   std::string file_name() const;  // hash().hex() + ".vdb": the name in a cache
 };
 
-// Hash of a shape's geometry in object space. Meshes and rectangles: the positions, with their order, and the triangles
-// (shading normals and texture coordinates do not matter to a field, nor does the name); analytic shapes: the kind.
+// Hash of a shape's geometry in object space. Meshes and rectangles: the positions in their order, and the triangles
+// (shading normals, texture coordinates and the name do not matter to a field); analytic shapes: the kind.
 Hash128 geometry_hash(const Shape& shape);
 
 FieldIdentity field_identity(const Shape& shape, const FieldParameters& parameters);

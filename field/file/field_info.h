@@ -10,13 +10,13 @@
 
 namespace fieldtrace {
 
-// Cells of one layer. The shares of the verdicts are those of the baked cells at a tolerance: a cell answers clear (or
-// miss) or blocked (or plane fit), or it asks for an exact ray.
+// Cells of one layer. clear, blocked, undecided: verdicts of the baked cells at a tolerance; for the depth layer a miss
+// counts as clear and a plane fit as blocked.
 struct LayerInfo {
   uint64_t cells_baked = 0;
   uint64_t cells_reachable = 0;  // what a full bake makes
   uint64_t clear = 0, blocked = 0, undecided = 0;
-  // Of the depth layer's `blocked`: one-sided bounds, which say what lies in front of them, not behind.
+  // One-sided bounds among the depth layer's `blocked`: they say what lies in front of them, not behind.
   uint64_t one_sided = 0;
 };
 
@@ -24,14 +24,14 @@ struct LayerInfo {
 struct CoverageInfo {
   int lines_across = 0;  // L: of a direction's L x L lines
   uint64_t tiles_baked = 0, tiles_full = 0;
-  uint64_t tiles_empty = 0;  // of those baked, what meets nothing and takes no memory
+  uint64_t tiles_empty = 0;  // baked, but without a hit: these take no memory
   uint64_t lines_baked = 0, lines_hit = 0;
 };
 
 struct FieldFileInfo {
   FieldFileHeader header;
   // bytes_memory: of a field that has loaded the file, cells and coverage included. bytes_cells, bytes_coverage: what
-  // the baked cells, and the tiles that are not empty, take of it, without tables and the unused parts of bricks.
+  // the baked cells and the non-empty tiles take of it, without tables and unused parts of bricks.
   uint64_t bytes_disk = 0, bytes_memory = 0, bytes_cells = 0, bytes_coverage = 0;
   uint64_t bricks = 0;
   uint64_t cells_full = 0;  // D^2 N^2, of each layer
@@ -43,7 +43,7 @@ struct FieldFileInfo {
   double compression() const { return bytes_disk ? double(bytes_cells + bytes_coverage) / double(bytes_disk) : 0.0; }
 };
 
-// The tolerance at which shares are counted unless another is asked for: the renderer's default.
+// The default tolerance for the counts above: the renderer's default.
 inline constexpr float k_info_tolerance = 0.1f;
 
 CoverageInfo coverage_info(const CoverageTiles& tiles);

@@ -10,7 +10,7 @@
 namespace fieldtrace {
 namespace {
 
-// The layers of the orthographic chart and their coverage; the chart of the thesis has two.
+// The orthographic chart's cell layers and coverage; the thesis' chart has two.
 constexpr int k_most_grids = 5;
 
 template <class T>
@@ -26,8 +26,7 @@ FieldFileHeader read_metadata(const VdbMetadata& map, const std::string& path) {
   FieldIdentity& i = h.identity;
   i.format_version = metadata_value<int32_t>(map, path, "fieldtrace_format");
   if (i.format_version != k_field_format_version) {
-    throw FieldFileError(path, "has format version " + std::to_string(i.format_version) + ", not " +
-                                   std::to_string(k_field_format_version));
+    throw FieldFileError(path, other_format(i.format_version));
   }
   i.chart = metadata_value<std::string>(map, path, "chart");
   i.parameters.directions = metadata_value<int32_t>(map, path, "directions");

@@ -1,4 +1,4 @@
-// What the files of every chart have in common: metadata of the file and of each grid, the checksum behind it, and the
+// What files of every chart have in common: metadata of the file and of each grid, the checksum behind it, and the
 // errors.
 //
 // Thread-safety: pure functions on distinct files. Format: field/file/field_file.h.
@@ -18,8 +18,8 @@ struct FieldVdb {
   std::vector<VdbGridPtr> grids;
 };
 
-// Reads a file whose checksum fits, of any chart. Throws FieldFileError for a file that is missing, damaged, no field,
-// of another format version, or of metadata that no field has.
+// Reads a file of any chart whose checksum matches. Throws FieldFileError for a file that is missing, damaged, not a
+// field, of another format version, or with metadata that no field has.
 FieldVdb read_field_vdb(const std::string& path);
 
 // Throws FieldFileError unless the file is of this chart.

@@ -1,14 +1,16 @@
-// A 128-bit content hash: MurmurHash3_x64_128 (Appleby 2011), fed piece by piece.
+// A 128-bit content hash: XXH3 (Collet, https://xxhash.com), fed piece by piece.
 //
 // It finds accidents (damage, another mesh), not attacks. Bytes are hashed as they lie in memory, so values of one
-// field file are only compared between machines of the same byte order.
+// field file are only compared between machines of the same byte order. No picture depends on it.
 // Thread-safety: values; one Hasher serves one thread.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
+
+struct XXH3_state_s;
 
 namespace fieldtrace {
 
@@ -16,7 +18,7 @@ struct Hash128 {
   uint64_t high = 0, low = 0;
 
   bool operator==(const Hash128&) const = default;
-  std::string hex() const;  // 32 lower-case digits
+  std::string hex() const;  // 32 lower-case digits, as `xxhsum -H128` prints them
 };
 
 // The inverse of Hash128::hex(). False, and `hash` unchanged, unless `text` is 32 hexadecimal digits.
@@ -24,6 +26,9 @@ bool parse_hash(const std::string& text, Hash128& hash);
 
 class Hasher {
  public:
+  // Throws std::bad_alloc if there is no memory for the state (half a kilobyte).
+  Hasher();
+
   // Appends `bytes` bytes. The pieces may be cut anywhere: only their concatenation counts.
   void add(const void* data, size_t bytes);
   // A value without padding, by its bytes.
@@ -35,12 +40,10 @@ class Hasher {
   Hash128 result() const;
 
  private:
-  static constexpr size_t k_block = 16;
-  void mix_block(const unsigned char* block);
-
-  uint64_t h1_ = 0, h2_ = 0;
-  uint64_t length_ = 0;
-  std::array<unsigned char, k_block> rest_ = {};  // length_ % 16 bytes that do not fill a block yet
+  struct FreeState {
+    void operator()(XXH3_state_s* state) const;
+  };
+  std::unique_ptr<XXH3_state_s, FreeState> state_;
 };
 
 }  // namespace fieldtrace

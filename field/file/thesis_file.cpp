@@ -78,13 +78,13 @@ bool take_samples(const VdbNode& node, int m, ThesisField& field) {
   return true;
 }
 
-// The distances of a file's grid; `what` is the file.
+// The distances of a file's grid.
 ThesisField distances_of(FieldVdb& what, const std::string& path) {
   require_chart(what.header, k_chart_thesis, path);
   const int m = what.header.identity.parameters.directions;
   ThesisField field(what.header.ball, m, ThesisLayers::distance);
   const VdbGridPtr grid = take_grid(what.grids, k_distance_grid, path);
-  if (!grid) return field;  // nothing but misses
+  if (!grid) return field;  // all samples are misses
   std::fill_n(field.distances_of(0), field.samples(), uint8_t(k_thesis_miss));
   const bool sound = vdb().background(*grid) == k_thesis_miss &&
                      vdb().visit(*grid, [&](const VdbNode& node) { return take_samples(node, m, field); });

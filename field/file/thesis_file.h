@@ -1,4 +1,4 @@
-// Thesis fields in files: OpenVDB with the frame of every field file (field/file/field_file.h).
+// Thesis fields in files: OpenVDB with the metadata and checksum of every field file (field/file/field_file.h).
 //
 // Two Int32 grids: "distance" (background 255, a miss) and, where normals are kept, "normal" (three bytes, x lowest;
 // background 0x7f7f7f, a miss); voxel (position, v, u). In the metadata chart is "thesis", directions is M, plane and
@@ -17,11 +17,11 @@ namespace fieldtrace {
 FieldIdentity thesis_identity(const Shape& shape, int m);
 
 // Writes the file under a temporary name that is then renamed, and returns its size in bytes. Unchecked: `identity`
-// belongs to the field. Throws Error if it cannot be written.
+// belongs to the field. Throws Error if the file cannot be written.
 uint64_t save_thesis_field(const ThesisField& field, const FieldIdentity& identity, const std::string& path);
 
-// The distances of a file. Throws FieldFileError for a file that is missing, damaged, of another identity, or that
-// holds values that no bake writes.
+// The distances of a file. Throws FieldFileError for a file that is missing, damaged, of another identity, or with
+// values that no bake writes.
 ThesisField load_thesis_field(const FieldIdentity& identity, const std::string& path);
 
 struct ThesisFileInfo {
@@ -35,7 +35,7 @@ struct ThesisFileInfo {
 // Reads and checks the whole file. Throws FieldFileError as load_thesis_field() does.
 ThesisFileInfo thesis_file_info(const std::string& path);
 
-// The chart of a field file, which is read and checked for it. Throws FieldFileError as above.
+// The chart of a field file; reads and checks all of it. Throws FieldFileError as above.
 std::string field_file_chart(const std::string& path);
 
 }  // namespace fieldtrace

@@ -1,17 +1,15 @@
 // Whole lights answered at once: is all of a ball clear of one object, as seen from a point, or wholly hidden by it?
 //
-// Two questions, both answered for the bundle of rays from the shading point to the ball ("cone"), never for single
-// rays:
-//  - through_lines: for shading points and lights that have the object between them, a segment is blocked where its
-//  whole
-//    line is. All rays of the cone lie, within the object's ball, inside a tube about the cone's axis; seen along the
-//    direction c of the axis' direction cell the tube is a disc, whose radius accounts for the cone's width and for the
-//    angle between axis and c. If no parallel line in the disc's square meets the object, the light is clear; if every
-//    one does, it is hidden.
-//  - from_plane_fit: for shading points on the object itself, the depth cells at the shading point, one for each of a
-//  grid of
-//    directions over the ball about as fine as the direction cells, must all say that nothing lies before it.
-// Anything else stays open, and is left to single rays. A cone answer speaks of the object between its sampled lines
+// Two look-ups, both for the bundle of rays from the shading point to the ball (the cone), never for single rays:
+// - through_lines: where the object lies between shading point and light, a segment is blocked exactly if its whole
+//   line is. Within the object's ball, all rays of the cone lie inside a tube about the cone's axis. Seen along the
+//   direction c of the axis' direction cell, the tube is a disc, whose radius accounts for the cone's width and for the
+//   angle between axis and c. If no parallel line in the disc's square meets the object, the light is clear; if every
+//   one does, it is hidden.
+// - from_plane_fit: for shading points on the object itself. The depth cells at the shading point, for a grid of
+//   directions over the ball about as fine as the direction cells, must all find nothing in front of the point (clear),
+//   or all find something there (hidden).
+// Everything else stays open and is left to single rays. A cone's answer holds for the object between its sampled lines
 // only as far as these resolve it (docs/decisions/009-cones.md).
 //
 // Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
@@ -38,7 +36,7 @@ struct LightCone {
   Mask_t<F> narrow;  // sine < k_widest_cone_sine
 };
 
-// Wider cones are not answered whole.
+// Wider cones stay open.
 constexpr float k_widest_cone_sine = 0.6f;
 
 // `to_centre`: from p to the ball's centre; `radius`: of the ball.
@@ -55,8 +53,8 @@ FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& t
   return cone;
 }
 
-// Rays that slant past each other by more than this, in texels, over the difference of depths within their disc may
-// pass between surfaces that hide each other from parallel lines (through a hole in front and one behind, not in line).
+// Limit on light leaks, in texels: rays that diverge by more than this over the range of depths in their disc may pass
+// between surfaces that hide each other from parallel lines (through a hole in front and one behind, not in line).
 constexpr float k_most_light_leak = 0.5f;
 
 template <class F>
@@ -65,16 +63,16 @@ struct ConeAnswer {
   Int_t<F> lookups;
 };
 
-// Surfaces at the ends of a chord lie at the ball's rim and are rare: widening the disc for the middle part of the
-// chord alone leaves a quarter fewer lights open, and fewer than 1 answer in 10,000 more is wrong
+// Surfaces near the ends of a chord lie at the ball's rim and are rare. Widening the disc for the middle part of the
+// chord alone leaves a quarter fewer lights open, and makes fewer than 1 more answer in 10,000 wrong
 // (docs/decisions/009-cones.md).
 constexpr float k_chord_share = 0.5f;
 
-// Discs wider than this are not asked about: 1/2 of the ball's radius.
+// Lights whose disc has a larger radius, in ball radii, stay open.
 constexpr float k_widest_disc = 0.5f;
 
-// Whether the light's own end of the cone lies beyond the object's ball: then whole lines speak for its segments, if
-// the shading point has the object before it.
+// Whether the light's end of the cone lies beyond the object's ball. Whole lines then answer for its segments if the
+// object lies in front of the shading point.
 template <class F>
 FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
   const F one = splat<F>(1.0f);
@@ -82,8 +80,8 @@ FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
   return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one);
 }
 
-// The part of the cone's axis before the shading point and within the ball: its middle, as a distance from p, and half
-// its length, that of the longest chord of the ball that a ray of the cone can have.
+// The part of the cone's axis in front of the shading point and within the ball: the distance from p to its middle, and
+// half its length, which is that of the longest chord of the ball that a ray of the cone can have.
 template <class F>
 struct ConeSpan {
   F middle, half;
@@ -100,14 +98,14 @@ FT_HD_INLINE ConeSpan<F> span_in_ball(const LightCone<F>& cone) {
   return {(begin + end) * half, (end - begin) * half};
 }
 
-// The lines of the direction cell about a direction, as a picture of L x L texels.
+// The parallel lines of the direction cell that holds a direction: a coverage map of L x L texels.
 template <class F>
 struct CoverageMap {
   Int_t<F> direction;  // the cell's number
   DirectionFrame<F> frame;
   F half_lines;  // L / 2
 
-  // The place of a point in the picture along s or t, in texels.
+  // A point's coordinate in the coverage map, along s or t, in texels.
   FT_HD_INLINE F texels(const Vec3Lanes<F>& point, const Vec3Lanes<F>& along) const {
     return (dot(point, along) + splat<F>(1.0f)) * half_lines;
   }
@@ -122,8 +120,8 @@ FT_HD_INLINE CoverageMap<F> map_along(const FieldView& field, const Vec3Lanes<F>
           splat<F>(field.coverage.half_lines)};
 }
 
-// Whole texels that hold a square about a point, as far as they lie in the picture. whole: all of them do. What lies
-// beyond meets nothing.
+// The whole texels of a square about a point, clipped to the coverage map. whole: nothing was clipped. Outside the map
+// lines meet nothing.
 template <class F>
 struct MapSquare {
   TexelRect<F> rect;
@@ -141,8 +139,8 @@ FT_HD_INLINE MapSquare<F> square_about(const CoverageMap<F>& map, const Vec3Lane
   return {{texel(x0), texel(x1), texel(y0), texel(y1)}, whole};
 }
 
-// How much the mean depths of a rectangle's halves differ, in x or in y; 0 where a half meets nothing. `all`: sums over
-// it, whose tiles are baked.
+// How much the mean depths of a rectangle's halves differ, in x or in y, whichever is more; 0 where a half meets
+// nothing. `all`: sums over the whole rectangle, whose tiles are baked.
 template <class F>
 FT_HD_INLINE F depth_difference(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
                                 const CoverageSum<F>& all, Mask_t<F> wanted) {
@@ -159,8 +157,9 @@ FT_HD_INLINE F depth_difference(const CoverageView& view, Int_t<F> direction, co
   return max(across, along) * splat<F>(k_coverage_depth_step);
 }
 
-// For shading points outside the ball, or `within` it with the whole object before their tangent plane. chord_share:
-// how much of the span surfaces are looked for in (within: all of it). tell_missing(slots, mask): as for sum_coverage.
+// For shading points outside the ball, or `within` it with the whole object in front of their tangent plane.
+// chord_share: the part of the span in which surfaces are expected (within: all of it). tell_missing(slots, mask): as
+// for sum_coverage.
 template <class F, class TellMissing>
 FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_share, const LightCone<F>& cone,
                                          Mask_t<F> within, Mask_t<F> wanted, const TellMissing& tell_missing) {
@@ -188,13 +187,13 @@ FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_sha
   return answer;
 }
 
-// tell_missing(slices, mask) is called with the depth slices that are not baked. `side`: directions are tried on a grid
-// of side x side over the cone, those in its corners left out.
+// tell_missing(slices, mask) is called with the depth slices that are not baked. Directions are tried on a grid of side
+// x side over the cone, without its corners.
 template <class F, class TellMissing>
 FT_HD_INLINE ConeAnswer<F> from_plane_fit(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
                                           int side, Mask_t<F> wanted, const TellMissing& tell_missing) {
   const F one = splat<F>(1.0f);
-  // Two directions across the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
+  // An orthonormal basis about the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
   const F sign = copysign(one, cone.axis.z);
   const F a = splat<F>(-1.0f) / (sign + cone.axis.z);
   const F b = cone.axis.x * cone.axis.y * a;
@@ -209,8 +208,8 @@ FT_HD_INLINE ConeAnswer<F> from_plane_fit(const FieldView& field, const QueryPol
   for (int i = 0; i < side * side; ++i) {
     const float x = (float(i % side) + 0.5f) * step - 1.0f, y = (float(i / side) + 0.5f) * step - 1.0f;
     if (side > 1 && x * x + y * y > 1.0f + step * 0.25f) continue;
-    // A lane waits at the first cell that is not baked. Were the next directions asked as well, those that this one
-    // makes needless would be baked or not as other threads have been here before, and with them the memory in use.
+    // A lane stops at the first cell that is not baked. If it went on, cells that this one makes needless would be
+    // demanded or not depending on what other threads have baked, and memory use with them.
     const Mask_t<F> queried = and_not(answer.unknown, answer.clear | answer.blocked);
     if (!any(queried)) break;
     Vec3Lanes<F> d = cone.axis + across_x * (cone.tangent * splat<F>(x)) + across_y * (cone.tangent * splat<F>(y));

@@ -19,7 +19,7 @@ FT_HD_INLINE Vec3Lanes<F> load_points(const ShadingPointBatch& r, size_t i) {
   return {load_lanes<F>(&r.px[i]), load_lanes<F>(&r.py[i]), load_lanes<F>(&r.pz[i])};
 }
 
-// Collects the numbers of what is not baked.
+// Collects the numbers of slices or tiles that are not baked.
 template <class F>
 struct MissingList {
   std::vector<uint32_t>& list;
@@ -30,9 +30,9 @@ struct MissingList {
   }
 };
 
-// Whether the whole object lies before the shading point's tangent plane, and the light's whole cone too: then the
-// backward part of its lines meets nothing. The object's bounds are a box about the origin; it may reach below the
-// plane by one line's breadth, which the lines do not resolve.
+// Whether the whole object, and the light's whole cone too, lie in front of the shading point's tangent plane: then the
+// backward part of the cone's lines meets nothing. The object's bounds are a box about the origin; it may reach below
+// the plane by the spacing of the lines, which they do not resolve.
 template <class F>
 FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const LightCone<F>& cone, const Vec3Lanes<F>& world_normal) {
   const float* m = task.from_unit;
@@ -70,8 +70,8 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
       const Vec3Lanes<F> normal = {load_lanes<F>(&shading_points.gx[i]), load_lanes<F>(&shading_points.gy[i]),
                                    load_lanes<F>(&shading_points.gz[i])};
       const Vec3Lanes<F> p = transformed_point(m, world);
-      // A ray's origin lies up to `error` beside the shading point: a few roundings, far below a line's breadth, which
-      // count only where the light is a point.
+      // A ray's origin lies up to `error` from the shading point: a few roundings, far below the spacing of the lines,
+      // which matter only for point lights.
       const F radius = max(splat<F>(light.radius), load_lanes<F>(&shading_points.error[i])) * stretch;
       const LightCone<F> cone = make_cone<F>(p, transformed_vector(m, centre - world), radius);
       const Mask_t<F> inside = dot(p, p) < one;
@@ -89,17 +89,18 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
         counts.lookups += uint64_t(sum_of(answer.lookups));
       }
       if (task.plane_fit_side > 0 && any(by_plane_fit)) {
-        const ConeAnswer<F> plane_fit = from_plane_fit<F>(field, task.segment.policy, cone, task.plane_fit_side,
-                                                          by_plane_fit, MissingList<F>{unknowns.slices});
-        answer.clear = answer.clear | plane_fit.clear;
-        answer.blocked = answer.blocked | plane_fit.blocked;
-        answer.unknown = answer.unknown | plane_fit.unknown;
-        counts.lookups += uint64_t(sum_of(plane_fit.lookups));
+        const ConeAnswer<F> on_surface = from_plane_fit<F>(field, task.segment.policy, cone, task.plane_fit_side,
+                                                           by_plane_fit, MissingList<F>{unknowns.slices});
+        answer.clear = answer.clear | on_surface.clear;
+        answer.blocked = answer.blocked | on_surface.blocked;
+        answer.unknown = answer.unknown | on_surface.unknown;
+        counts.lookups += uint64_t(sum_of(on_surface.lookups));
       }
       missing = missing || any(answer.unknown);
       counts.clear += uint64_t(count_true(answer.clear));
       counts.blocked += uint64_t(count_true(answer.blocked));
-      // Strata are asked of whoever has the object before it; where the light ends is seen stratum by stratum.
+      // Strata are tried wherever the object lies in front of the shading point; whether the light ends beyond the ball
+      // is tested for each stratum.
       const Mask_t<F> by_strata = and_not(self, queried & opaque & ((!inside) | within));
       const Int_t<F> open = select(by_strata, flag | splat_int<F>(k_by_strata), flag);
       const Int_t<F> found = select(answer.blocked, splat_int<F>(k_light_blocked), open);
@@ -138,7 +139,7 @@ inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& ray
       LightStratum<F> stratum;
       stratum.p = transformed_point(m, o);
       stratum.direction = q * (one / scale);
-      // The stratum's solid angle is share / density; squares of that area are taken.
+      // The stratum's solid angle is share / density; its tube has a square cross-section of that solid angle.
       const F side = select(density > zero, sqrt(share / max(density, splat<F>(1e-30f))), zero);
       stratum.width = side * stretch * sqrt(dot(d, d)) / scale;
       const StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.least_disc, stratum, tmax * scale,

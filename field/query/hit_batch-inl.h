@@ -22,8 +22,9 @@ FT_HD_INLINE Vec3Lanes<F> world_normal(const float* m, const Vec3Lanes<F>& n) {
   return w * (splat<F>(1.0f) / sqrt(max(dot(w, w), splat<F>(1e-37f))));
 }
 
-// What rounding may move a unit-space point on the ray by: 4 roundings of the origin's transform, relative to its
-// terms; 3 of the direction, and some 8 of the foot, the anchor and the distance to a plane, relative to the way.
+// Bound on what rounding moves a unit-space point on the ray by: 4 roundings of the origin's transform, relative to its
+// terms; 3 of the direction, and some 8 of the foot, the anchor and the distance to a plane, relative to the distance
+// along the ray.
 template <class F>
 FT_HD_INLINE F rounding_in_unit_space(const float* m, const Vec3Lanes<F>& o, F way) {
   const auto of_axis = [&](int axis) {
@@ -47,7 +48,7 @@ FT_HD_INLINE BallInterval<F> interval_in_ball(const UnitSegment<F>& segment) {
   return {max(zero, middle - half) / segment.scale, (middle + half) / segment.scale};
 }
 
-// What the field says of one vector of rays. Unknown slices are added to `unknowns`; returns false if there are any.
+// Answers one vector of rays. Unknown slices are added to `unknowns`; returns false if there are any.
 template <class F>
 FT_HD_INLINE bool answer_hits(const SegmentTask& task, const HitQueries& queries, size_t i, HitAnswers& out,
                               HitUnknowns& unknowns, uint64_t& lookups) {

@@ -1,4 +1,4 @@
-// What a field is asked about the nearest surface of its object along rays, what it says, and what it lacks to say so.
+// Batches of nearest-hit queries to one field: the rays, the answers, and what must be baked before there are answers.
 //
 // Memory layout: structures of arrays, padded like RayBatch. Thread-safety: values.
 #pragma once
@@ -11,13 +11,13 @@
 
 namespace fieldtrace {
 
-// World space; rays are unit and endless, those with tmax < 0 inactive.
+// World space. Rays are unit and infinite; those with tmax < 0 are inactive.
 struct HitQueries {
   RayBatch rays;
   AlignedVector<uint32_t> instance;  // that the ray leaves
-  AlignedVector<float> limit;        // what lies beyond this distance does not matter
-  AlignedVector<float> most_error;   // of a hit's distance, for each unit of the distance
-  AlignedVector<float> most_bend;    // by which its normal may differ from the surface's, about: a tangent
+  AlignedVector<float> limit;        // hits beyond this distance do not matter
+  AlignedVector<float> most_error;   // of a hit's distance, relative to the distance
+  AlignedVector<float> most_bend;    // tangent of about how much its normal may differ from the surface's
 
   void resize(size_t n) {
     rays.resize(n);
@@ -28,8 +28,8 @@ struct HitQueries {
 
 // Of one object, in world space.
 struct HitAnswers {
-  AlignedVector<int32_t> verdict;    // k_verdict_none (nothing within the limit), _clear, _ask or _blocked: a hit
-  AlignedVector<float> from;         // of ask and hits: nothing of the object lies before this distance
+  AlignedVector<int32_t> verdict;    // k_verdict_none: nothing within the limit; _clear; _undecided; _blocked: a hit
+  AlignedVector<float> from;         // of undecided rays and hits: no part of the object is nearer than this
   AlignedVector<float> t, error;     // of a hit, and the bound on its error
   AlignedVector<float> nx, ny, nz;   // of a hit: unit normal of its plane fit, on the side that the ray comes from
   AlignedVector<int32_t> primitive;  // of a hit: a triangle near it
@@ -40,7 +40,7 @@ struct HitAnswers {
   }
 };
 
-// Blocks of k_batch_padding rays that met cells which are not baked, as their first index, and the slices to bake.
+// Blocks of k_batch_padding rays that met cells which are not baked, by their first index, and the slices to bake.
 struct HitUnknowns {
   std::vector<uint32_t> blocks, visibility, depth, primitive;
   std::array<std::vector<uint32_t>*, 3> lists() { return {&visibility, &depth, &primitive}; }

@@ -1,11 +1,11 @@
 // A small part of a reflected lobe as seen from a point: the radiance that it meets on one object, filtered from
-// maps of the object's radiance, and the share of it that passes by.
+// prefiltered radiance maps of the object, and the share of it that passes the object.
 //
-// As for parts of lights (field/query/stratum.hd.h), but in the picture that the ray's origin sees: the tube of rays
-// about a sample of the lobe is a disc at the depth of what it meets; the mean of the lines in that disc is what a
-// sample of that solid angle sees. Filtering a sample to its share of the lobe is ray footprint estimation (Igehy,
-// "Tracing Ray Differentials", SIGGRAPH 1999) with a pre-shaded object. What the maps do not resolve is refused: discs
-// that one texel would blur by too much of the lobe, features as thin as the texels where discs are small.
+// As for strata of lights (field/query/stratum.hd.h), but in the coverage map as the ray's origin sees it: the tube of
+// rays about a sample of the lobe is a disc at the depth of what it meets, and the mean over the lines in that disc is
+// what a sample of that solid angle sees. Filtering a sample over its share of the lobe is ray footprint estimation
+// (Igehy, "Tracing Ray Differentials", SIGGRAPH 1999) on a pre-shaded object. What the maps do not resolve is refused:
+// discs where one texel would blur too much of the lobe, and features as thin as texels where discs are small.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
 
@@ -23,14 +23,14 @@ FT_LANES_BEGIN
 template <class F>
 struct LobeAnswer {
   F clear;                  // share of the tube that meets nothing, [0, 1]
-  RadianceSum<F> radiance;  // mean over the whole tube: what meets nothing counts as black
-  F distance;               // of what it meets
+  RadianceSum<F> radiance;  // mean over the whole tube, rays that meet nothing counting as black
+  F distance;               // from p to what the tube meets
   Mask_t<F> unknown, refused;
   Int_t<F> lookups;
 };
 
-// `blur`: half a texel may take this tangent, as seen from p. The shading point lies outside the ball, or within it
-// with the whole object before its tangent plane.
+// `blur`: the largest tangent that half a texel may subtend as seen from p. The shading point lies outside the ball, or
+// within it with the whole object in front of its tangent plane.
 template <class F, class TellMissing>
 FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratum<F>& stratum, F blur, Mask_t<F> wanted,
                                        const TellMissing& tell_missing) {
@@ -46,7 +46,8 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
   if (!any(queried)) return answer;
   const StratumTube<F> tube = tube_of_stratum<F>(field, SeenFrom::origin, stratum, span, queried, tell_missing);
   answer.unknown = tube.sum.unknown;
-  // An outline may pass between two lines: what is too narrow for a texel wherever it ends is not told clear either.
+  // An outline may pass between two lines: where a texel is too wide even at the far end of the tube, clear is refused
+  // too.
   const F half_texel = half / splat<F>(field.coverage.half_lines);
   answer.refused = queried & (half_texel > blur * (span.middle + span.half));
   const Mask_t<F> open = and_not(answer.unknown | (tube.sum.count == splat_int<F>(0)), queried);
@@ -62,16 +63,15 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
   if (any(read)) {
     answer.clear = select(read, min(max(one - disc.area.count * inverse_area, zero), one), one);
     const RadianceSum<F> sum = sum_radiance_area<F>(field.coverage, tube.map.direction, disc.rect, read);
-    // Differences of sums: a black object may come out below zero by a rounding.
+    // Differences of float sums: rounding may take a black object below zero.
     const auto mean = [&](F s) { return select(read, max(s * inverse_area, zero), zero); };
     answer.radiance = {mean(sum.red), mean(sum.green), mean(sum.blue)};
   }
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F thin_features =
-      thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
+  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const Mask_t<F> blurred = half_texel > blur * disc.t;
-  const Mask_t<F> thin = (thin_features > splat<F>(k_most_thin_features)) & (disc.half_width < splat<F>(k_coarse_disc));
+  const Mask_t<F> thin = (thin_ratio > splat<F>(k_most_thin_features)) & (disc.half_width < splat<F>(k_coarse_disc));
   answer.refused = answer.refused | (open & (blurred | thin));
   return answer;
 }

@@ -13,16 +13,16 @@
 
 FT_LANES_BEGIN
 
-// Half width of a sample's tube, as a share of the side of a square of its solid angle: half of that area is read,
-// which leaves three fifths of the bias of all of it and a twentieth more noise (docs/decisions/015-glossy.md).
+// Half width of a sample's tube, relative to the side of a square of its solid angle. Half of that area is read, which
+// leaves three fifths of the bias of reading all of it, with a twentieth more noise (docs/decisions/015-glossy.md).
 constexpr float k_lobe_share = 0.35f;
-// Samples of the far tail of a lobe stand for large parts of the sphere: no tube is wider than this tangent.
+// A sample in the far tail of a lobe stands for a large part of the sphere: no tube is wider than this tangent.
 constexpr float k_widest_lobe = 0.12f;
 
 template <class F>
 struct LobeLanes {
   LightStratum<F> stratum;
-  F scale, stretch;  // unit-space length of the world ray's own direction; bound on that of others beside it
+  F scale, stretch;  // unit-space length of the ray's world direction; bound on that of its neighbours, relative to it
   Mask_t<F> meets;   // the object's ball
 };
 
@@ -36,7 +36,7 @@ FT_HD_INLINE LobeLanes<F> load_lobes(const ConeTask& task, const RayBatch& r, co
   lobe.scale = sqrt(dot(q, q));
   lobe.stratum.direction = q * (one / lobe.scale);
   lobe.stratum.p = transformed_point<F>(m, {load_lanes<F>(&r.ox[i]), load_lanes<F>(&r.oy[i]), load_lanes<F>(&r.oz[i])});
-  // A square of about the sample's solid angle.
+  // The side of a square of about the sample's solid angle.
   const F given = load_lanes<F>(&density[i]);
   const F side = sqrt(one / max(given, splat<F>(1e-30f)));
   lobe.stretch = splat<F>(task.segment.to_unit_stretch) / lobe.scale;
@@ -46,7 +46,7 @@ FT_HD_INLINE LobeLanes<F> load_lobes(const ConeTask& task, const RayBatch& r, co
   return lobe;
 }
 
-// Those whose shading point has the whole object before it, or lies outside its ball.
+// Rays that leave another object, from outside this one's ball or with all of this one in front.
 template <class F>
 FT_HD_INLINE Mask_t<F> suited_lobes(const ConeTask& task, const LobeBatch& lobes, const LobeLanes<F>& lobe, size_t i) {
   LightCone<F> cone;

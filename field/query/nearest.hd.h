@@ -1,13 +1,13 @@
 // Field queries: the nearest surface of one object along a ray. Written once for a float, a SIMD vector and a CUDA
 // thread.
 //
-// Space: unit space of the object (field/chart/chart.hd.h). From outside the ball: the visibility cell of the whole
-// line, whose certified miss is a miss; else the depth cell of the line's direction, anchored at the foot of the
-// perpendicular and once more at the depth it found. From inside: the cell of the reverse direction, anchored at the
-// origin, tells whether the last surface along the ray lies behind the origin (a miss); else the cell of the direction
-// itself, if its surface lies ahead by more than the error bound, is the hit; what lies between cannot be told by these
-// two cells (ask). The distance is the one to the plane fit's plane, in error by at most the bound e / |cos| that comes
-// with it. Thread-safety: pure functions over a FieldView.
+// Space: unit space of the object (field/chart/chart.hd.h). From outside the ball, the visibility cell of the whole
+// line is read first: its certified miss is a miss. Else the depth cell of the line's direction is read, anchored at
+// the foot of the perpendicular, and once more at the depth found. From inside, the cell of the reverse direction,
+// anchored at the origin, tells whether the last surface along the ray lies behind the origin (a miss). Else the cell
+// of the ray's own direction gives the hit if its surface lies ahead by more than the error bound; surfaces in between
+// cannot be told from these two cells (undecided). The distance is that to the fitted plane, and its error at most the
+// cell's bound e / |cos|. Thread-safety: pure functions over a FieldView.
 
 #if defined(FIELDTRACE_FIELD_QUERY_NEAREST_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_FIELD_QUERY_NEAREST_HD_H_
@@ -26,20 +26,20 @@ constexpr int k_not_baked = -k_first_primitive;
 
 template <class F>
 struct NearestAnswer {
-  // k_verdict_clear: a miss; k_verdict_blocked: a hit; k_verdict_none, _ask, _unknown_* as for segments.
+  // k_verdict_clear: a miss; k_verdict_blocked: a hit; k_verdict_none, _undecided, _unknown_*: as for segments.
   Int_t<F> verdict;
   F distance;  // of the hit from the segment's origin, unit space
   F error;     // bound on its error, unit space
   F bend;      // the plane fit's error bound in half widths of its cell: how far the surface's normals may differ
   Vec3Lanes<F> normal;  // of the plane fit, unit, unit space, on the side that the ray comes from
-  // Of a hit: the triangle met by the line through the cell's centre; k_none_found: it meets none; k_not_baked: the
-  // primitive layer's slice is to be baked first.
+  // Of a hit: the triangle met by the line through the cell's centre; k_none_found: that line meets none; k_not_baked:
+  // the primitive layer's slice must be baked first.
   Int_t<F> primitive;
-  Int_t<F> slice;    // of a hit its cell's; else the slice to bake where the verdict is unknown_*
+  Int_t<F> slice;    // of a hit: its cell's; where the verdict is unknown_*: the one to bake
   Int_t<F> lookups;  // cells read
 };
 
-// `own`: the ray leaves this object's surface, so that the line surely meets it.
+// `self`: the ray leaves this object's surface, so its line is known to meet the object.
 template <class F>
 FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const QueryPolicy& policy,
                                                  const UnitSegment<F>& segment, Mask_t<F> self) {
@@ -95,10 +95,10 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     const F cosine = max(facing, splat<F>(0x1p-20f));
     const F error = first.view.error / cosine;
     const F distance = dot(anchor - segment.origin, segment.direction) - first.back;
-    // A plane fit within the error bound of the origin may lie on either side of it.
+    // A plane fit within its error bound of the origin may lie on either side of it.
     Mask_t<F> ahead =
         open & first.decided & first.view.solid & (and_not(inside, open) | (first.view.distance > first.view.error));
-    ahead = ahead & (facing > splat<F>(0x1p-20f));  // no distance follows from a plane fit along the ray
+    ahead = ahead & (facing > splat<F>(0x1p-20f));  // a plane parallel to the ray gives no distance
     if (policy.answer_all) ahead = open & first.decided & (distance >= zero);
     const F slack = policy.answer_all ? zero : error;
     const Mask_t<F> hit = ahead & (distance + slack <= segment.length);
@@ -112,7 +112,7 @@ FT_HD inline NearestAnswer<F> nearest_on_segment(const FieldView& field, const Q
     result.slice = select(hit, first.view.slice, result.slice);
     conclude(hit, k_verdict_blocked);
     conclude(ahead & (distance > segment.length + slack), k_verdict_clear);
-    // Every cell answers: what no cell sees ahead is not there.
+    // Every query is answered: where no cell sees a surface ahead, there is none.
     if (policy.answer_all) conclude(open, k_verdict_clear);
   }
   return result;

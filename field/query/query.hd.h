@@ -2,14 +2,14 @@
 // CUDA thread.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). The query first reads the *visibility* cell of the whole
-// line: its certificate speaks of all lines whose foot of the perpendicular lies in that cell, which is exactly how the
-// query addresses it. A line that misses the object is clear whatever the segment's ends. A line that hits is blocked
-// if both ends lie outside the ball. With an end inside, the *depth* cell anchored at that end says how far the first
-// surface lies that is seen from outside along the line; the end is in front of it (clear), behind it by more than the
-// margin (blocked), or too near to tell (ask). Where that surface lies far from the anchor the query re-anchors once,
-// at the depth found, because a depth cell's lines fan out from its own hit. A depth cell that is only a one-sided
-// bound (the object lies behind its plane, or partly not in the cell at all) can say clear, never blocked.
-// Thread-safety: pure functions over a FieldView.
+// line. The cell's certificate covers all lines whose foot of the perpendicular lies in that cell, which is exactly how
+// the query addresses it. If the line misses the object, the segment is clear, wherever it ends. If the line hits and
+// both ends lie outside the ball, it is blocked. With an end inside, the *depth* cell anchored at that end tells how
+// far along the line the first surface lies, seen from outside: the end is in front of it (clear), behind it by more
+// than the margin (blocked), or too near to tell (undecided). Where that surface lies far from the anchor, the query
+// re-anchors once, at the depth found, because a depth cell's lines fan out from its own hit. A depth cell that holds
+// only a one-sided bound (the object lies behind its plane, or misses part of the cell) can certify clear, never
+// blocked. Thread-safety: pure functions over a FieldView.
 
 #if defined(FIELDTRACE_FIELD_QUERY_QUERY_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_FIELD_QUERY_QUERY_HD_H_
@@ -32,9 +32,9 @@ constexpr int k_verdict_undecided = 3;
 constexpr int k_verdict_unknown_visibility = 4;
 constexpr int k_verdict_unknown_depth = 5;
 
-// A point counts as in front of a plane fit, on the plane fit included, up to this share of the error bound behind
-// it: 1.5 times the largest residual seen. Shading points on the plane fit itself lie within that; what lies further in
-// front of a point may be a blocker (docs/decisions/003-certificates.md).
+// A point counts as in front of a plane fit up to this share of the error bound behind it, that is 1.5 times the
+// largest residual seen. Shading points on the fitted surface lie within that; anything further in front of a point may
+// be a blocker (docs/decisions/003-certificates.md).
 constexpr float k_front_share = 0.75f;
 
 template <class F>
@@ -44,16 +44,16 @@ struct SegmentVerdict {
   Int_t<F> lookups;  // cells read
 };
 
-// A straight segment in unit space: origin, unit direction, length (may be infinite), with what the ball makes of it.
+// A segment in unit space: origin, unit direction, length (may be infinite), and where it lies relative to the ball.
 template <class F>
 struct UnitSegment {
   Vec3Lanes<F> origin, direction, foot, end;
   F length;
-  F scale;  // unit-space length of the ray's own direction: t in the caller's units = distance / scale
+  F scale;  // unit-space length of the caller's direction: t in the caller's units = distance / scale
   Mask_t<F> crosses, origin_inside, end_inside;
 };
 
-// Row `axis` of a 3 x 4 transform, column-major, applied to a vector; then all rows, to a vector and to a point.
+// Row `axis` of a 3 x 4 column-major transform, applied to a vector; then all rows, to a vector and to a point.
 template <class F>
 FT_HD_INLINE F transformed(const float* m, int axis, const Vec3Lanes<F>& v) {
   return splat<F>(m[axis]) * v.x + splat<F>(m[3 + axis]) * v.y + splat<F>(m[6 + axis]) * v.z;
@@ -67,8 +67,9 @@ FT_HD_INLINE Vec3Lanes<F> transformed_point(const float* m, const Vec3Lanes<F>& 
   return transformed_vector(m, p) + Vec3Lanes<F>{splat<F>(m[9]), splat<F>(m[10]), splat<F>(m[11])};
 }
 
-// Moves a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses nothing.
-// Written in place: a copy of the whole would read the masks, which are short, by wide loads that must wait for them.
+// Transforms a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses
+// nothing. Written in place: copying the struct would read its narrow masks by wide loads, which stall on the stores
+// just made.
 template <class F>
 FT_HD_INLINE void write_segment(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d, F tmax,
                                 UnitSegment<F>& s) {
@@ -98,7 +99,7 @@ FT_HD_INLINE void write_segment(const float* to_unit, const Vec3Lanes<F>& o, con
   s.crosses = (spans | origin_in | end_in) & (tmax >= zero);
   s.origin_inside = s.crosses & origin_in;
   s.end_inside = s.crosses & end_in;
-  // The end from the foot, not from a far origin.
+  // From the foot rather than from the origin, which may be far away.
   s.end = s.foot + s.direction * to_end;
 }
 
@@ -110,8 +111,8 @@ FT_HD_INLINE UnitSegment<F> segment_in_unit_space(const float* to_unit, const Ve
   return segment;
 }
 
-// What a depth cell says about a point p: the plane fit's signed distance (positive: p is on the side that is seen from
-// outside along the cell's direction), the error bound, and whether the cell may answer.
+// What a depth cell knows about a point p: the signed distance of p from the fitted plane (positive on the side seen
+// from outside along the cell's direction), the error bound, and whether the cell may answer.
 template <class F>
 struct PlaneFitView {
   Vec3Lanes<F> normal;
@@ -120,8 +121,8 @@ struct PlaneFitView {
   F error;
   F along;  // of p, along the cell's direction from the centre plane
   Mask_t<F> known;
-  Mask_t<F> plane_fit;  // the plane bounds what lies in front of it
-  Mask_t<F> solid;      // and every line meets it
+  Mask_t<F> has_plane;  // plane fit or one-sided bound: nothing lies in front of the plane
+  Mask_t<F> solid;      // plane fit: and every line meets it
   Mask_t<F> miss;
   Int_t<F> slice;
   Int_t<F> primitive_cell;  // index into the primitive layer
@@ -132,7 +133,7 @@ template <class F>
 FT_HD_INLINE PlaneFitView<F> look_up_plane_fit(const FieldView& field, const QueryPolicy& policy,
                                                const CellAddress<F>& at, const Vec3Lanes<F>& p) {
   const CellSlot<F> slot = slot_of<F>(field, at);
-  // The certificate first: a baker writes it last, so that where it is known the rest is there.
+  // The certificate first: a baker writes it last, so that where it is known the depth word is complete.
   const Int_t<F> certificate = gather(field.certificate, slot.cell);
   order_loads();
   const Int_t<F> word = gather(field.depth, slot.cell);
@@ -142,8 +143,8 @@ FT_HD_INLINE PlaneFitView<F> look_up_plane_fit(const FieldView& field, const Que
   view.known = !(certificate == splat_int<F>(0));
   const Mask_t<F> answers = (shift_right<2>(certificate) & splat_int<F>(63)) < splat_int<F>(policy.depth_max_class + 1);
   const Int_t<F> kind = certificate & splat_int<F>(3);
-  view.plane_fit = (kind > splat_int<F>(k_kind_miss)) & answers;
-  view.solid = policy.answer_all ? view.plane_fit : view.plane_fit & (kind == splat_int<F>(k_kind_plane_fit));
+  view.has_plane = (kind > splat_int<F>(k_kind_miss)) & answers;
+  view.solid = policy.answer_all ? view.has_plane : view.has_plane & (kind == splat_int<F>(k_kind_plane_fit));
   view.miss = (kind == splat_int<F>(k_kind_miss)) & answers;
   const F depth = decode_depth<F>(word);
   view.normal = decode_normal<F>(word);
@@ -156,25 +157,25 @@ FT_HD_INLINE PlaneFitView<F> look_up_plane_fit(const FieldView& field, const Que
   return view;
 }
 
-// The first plane fit along a line, seen from outside, as the depth cells near the point p of the line tell it.
+// The first surface along a line, seen from outside, as the depth cells near the point p of the line know it.
 template <class F>
 struct FoundPlaneFit {
   PlaneFitView<F> view;
   F back;                   // distance along the line from p back to the plane fit
   Mask_t<F> decided;        // the plane fit may be relied on
-  Mask_t<F> miss;           // no line of the cell meets the object: the lines of a miss fan out from the centre plane
+  Mask_t<F> miss;           // a miss, certified near the centre plane, from which its lines fan out
   Mask_t<F> unknown;        // a slice is not baked yet
-  Int_t<F> slice, lookups;  // `slice`: the one to bake, or the one that was read first
+  Int_t<F> slice, lookups;  // `slice`: the one to bake if unknown, else the first one read
 };
 
-// Half a plane cell: what the anchoring leaves uncertain beside a plane fit's own error bound.
+// Half a plane cell: the uncertainty that anchoring adds to a plane fit's own error bound.
 template <class F>
 FT_HD_INLINE F half_cell_of(const FieldView& field) {
   return splat<F>(0.5f * field.plane.step);
 }
 
-// Distance back along the line from a point at `distance` off the plane fit. The cosine is negative because the plane
-// fit faces the direction; the floor (2^-20) only keeps the quotient finite.
+// Distance back along the line from a point at `distance` off the fitted plane. The cosine is negative because the
+// plane faces the direction; clamping it at -2^-20 only keeps the quotient finite.
 template <class F>
 FT_HD_INLINE F distance_back(const PlaneFitView<F>& view, const Vec3Lanes<F>& direction) {
   return view.distance / min(dot(view.normal, direction), splat<F>(-0x1p-20f));
@@ -186,7 +187,7 @@ FT_HD_INLINE FoundPlaneFit<F> find_plane_fit(const FieldView& field, const Query
                                              const Vec3Lanes<F>& p, Mask_t<F> wanted) {
   const F half_cell = half_cell_of<F>(field);
   // How far a plane fit may lie from the anchor before a line of the cell leaves the plane cell by more than a quarter
-  // of its width: the direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
+  // of its width. The direction cell's half width is sqrt(pi) / D on average (equal areas of 4 pi / D^2).
   const F near_distance = half_cell * splat<F>(field.directions.cells * (0.5f * 0.5641896f));
   FoundPlaneFit<F> found;
   found.view = look_up_plane_fit(field, policy, at, p);
@@ -194,7 +195,7 @@ FT_HD_INLINE FoundPlaneFit<F> find_plane_fit(const FieldView& field, const Query
   found.slice = view.slice;
   found.lookups = select(wanted, splat_int<F>(1), splat_int<F>(0));
   found.unknown = wanted & !view.known;
-  found.decided = wanted & view.known & view.plane_fit;
+  found.decided = wanted & view.known & view.has_plane;
   found.miss = wanted & view.miss;
   if (!policy.answer_all) found.miss = found.miss & (abs(view.along) <= near_distance);
   found.back = distance_back(view, direction);
@@ -209,9 +210,9 @@ FT_HD_INLINE FoundPlaneFit<F> find_plane_fit(const FieldView& field, const Query
     found.unknown = found.unknown | missing;
     found.slice = select(missing, second.slice, found.slice);
     // The second cell must see a plane fit where the first one did.
-    const Mask_t<F> agrees = inside & second.known & second.plane_fit &
+    const Mask_t<F> agrees = inside & second.known & second.has_plane &
                              (abs(second.distance) <= second.error + view.error + half_cell + half_cell);
-    // Where every cell answers, the first one does if the two contradict each other.
+    // Where every query is answered, the first cell wins if the two contradict each other.
     found.decided = policy.answer_all ? found.decided : (and_not(far, found.decided)) | agrees;
     view.solid = (and_not(agrees, view.solid)) | (agrees & second.solid);
     view.normal = {select(agrees, second.normal.x, view.normal.x), select(agrees, second.normal.y, view.normal.y),
@@ -226,9 +227,9 @@ FT_HD_INLINE FoundPlaneFit<F> find_plane_fit(const FieldView& field, const Query
   return found;
 }
 
-// Position of point p inside the ball against the first surface seen from outside along `direction` (which points from
-// outside towards p). front: nothing lies before p. behind: something lies before p, certainly; `other_in_front` then
-// says that this something also lies beyond the point `other` (the segment's other end).
+// Position of point p inside the ball relative to the first surface seen from outside along `direction` (which points
+// from outside towards p). front: nothing lies in front of p. behind: something certainly does; with other_in_front,
+// the point `other`, the segment's other end, is in front of that surface, which thus lies between the two.
 template <class F>
 struct DepthAnswer {
   Mask_t<F> front, behind, other_in_front, unknown;
@@ -255,7 +256,7 @@ FT_HD_INLINE DepthAnswer<F> compare_depth(const FieldView& field, const QueryPol
   return answer;
 }
 
-// What the visibility cell of a segment's whole line says.
+// The visibility cell of a segment's whole line.
 template <class F>
 struct LineView {
   Mask_t<F> unknown, miss, hit;  // none of them: the cell may not answer
@@ -292,14 +293,14 @@ FT_HD_INLINE LineView<F> look_up_line(const FieldView& field, const QueryPolicy&
                       address_of_line(upward(segment.direction), segment.foot, field.directions, field.plane));
 }
 
-// Lanes whose line's cell has something to say. `own`: the shading point lies on this object, so that its line surely
-// meets it.
+// Lanes whose visibility cell is worth reading. `self`: the shading point lies on this object, so its line is known to
+// meet the object.
 template <class F>
 FT_HD_INLINE Mask_t<F> line_wanted(const UnitSegment<F>& segment, Mask_t<F> self) {
   return and_not(self & segment.origin_inside, segment.crosses);
 }
 
-// What is left to the depth cells after the line has spoken.
+// The verdict so far, and the lanes that the depth cells must decide.
 template <class F>
 struct LineAnswer {
   SegmentVerdict<F> verdict;
@@ -318,13 +319,14 @@ FT_HD_INLINE LineAnswer<F> answer_by_line(const UnitSegment<F>& segment, Mask_t<
   answer.verdict.verdict = select(unknown, splat_int<F>(k_verdict_unknown_visibility), verdict);
   answer.verdict.slice = line.slice;
   answer.verdict.lookups = select(wanted, i_one, i_zero);
-  // With an end inside, whatever is not a certified miss goes on to the depth cell; so do the lanes that had no line.
+  // With an end inside, everything but a certified miss goes on to the depth cells, as do the lanes that read no
+  // visibility cell.
   answer.depth_wanted = and_not(wanted, segment.crosses) | and_not(unknown | line.miss, wanted & end_inside);
   return answer;
 }
 
-// Where the depth cells are asked about a segment: at its end p inside the ball (its origin, if that lies inside),
-// looking from outside along `direction`; `other` is the segment's other end.
+// Where a segment reads the depth cells: at its end p inside the ball (the origin, if that lies inside), looking from
+// outside along `direction`. `other` is the segment's other end.
 template <class F>
 struct DepthAnchor {
   Vec3Lanes<F> p, other, direction;
@@ -354,7 +356,7 @@ FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& pol
   Mask_t<F> unknown = first.unknown;
   const Mask_t<F> undecided = and_not(clear | blocked | unknown, both_inside);
   if (any(undecided)) {
-    // Both ends inside and the surface lies beyond the far end: look from the other side.
+    // With both ends inside and the surface beyond the far end, look from the other side.
     const DepthAnswer<F> second =
         compare_depth(field, policy, address_of_line(segment.direction, segment.end, field.directions, field.plane),
                       segment.direction, segment.end, segment.origin, undecided);
@@ -364,7 +366,7 @@ FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& pol
     blocked = blocked | second.other_in_front;
     unknown = unknown | second.unknown;
   }
-  // Neither side sees a surface between the ends: nothing speaks for a blocker.
+  // Every query is answered: neither side sees a surface between the ends, so there is no blocker.
   if (policy.answer_all) clear = clear | (and_not(blocked, wanted));
   result.verdict = select(wanted, splat_int<F>(k_verdict_undecided), result.verdict);
   result.verdict = select(clear, splat_int<F>(k_verdict_clear), result.verdict);
@@ -372,8 +374,8 @@ FT_HD_INLINE void answer_by_depth(const FieldView& field, const QueryPolicy& pol
   result.verdict = select(unknown, splat_int<F>(k_verdict_unknown_depth), result.verdict);
 }
 
-// The verdict for one object: the three steps above for one segment. Batches run each step over many segments before
-// the next, so that a processor can overlap them (field/query/segment_batch-inl.h).
+// The verdict for one object: the steps above for one segment. Batches run each step over many segments before the
+// next, so that a processor can overlap them (field/query/segment_batch-inl.h).
 template <class F>
 FT_HD_INLINE SegmentVerdict<F> query_segment(const FieldView& field, const QueryPolicy& policy,
                                              const UnitSegment<F>& segment, Mask_t<F> self) {

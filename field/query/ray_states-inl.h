@@ -1,4 +1,4 @@
-// Rays of a batch as lanes, and what candidates say of them, for the loops of every kind of field.
+// Rays of a batch as lanes, and updates of their states by candidates, for the loops of every kind of field.
 //
 // Included once per Highway target and once for plain floats. Thread-safety: writes the given states only.
 
@@ -27,7 +27,8 @@ FT_HD_INLINE RayLanes<F> load_rays(const RayBatch& r, size_t i) {
           load_lanes<F>(&r.tmax[i])};
 }
 
-// Adds one candidate's word about the rays at i: whether they meet its bounds, are blocked by it, or ask.
+// Adds one candidate's answer to the states of the rays at i: crosses: they meet its bounds; blocked: by it; undecided:
+// they need an exact ray.
 template <class F>
 FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, Mask_t<F> blocked, Mask_t<F> undecided,
                                 int32_t candidate_slot) {

@@ -17,15 +17,15 @@
 
 FT_LANES_BEGIN
 
-// Rays handled as one block when something in them must be repeated: k_batch_padding, whatever the vector's length.
+// Rays that are repeated together once missing cells are baked: k_batch_padding, whatever the vector length.
 constexpr size_t k_block = k_batch_padding;
 
-// Blocks of rays that go through a query step by step: each step is a short loop, whose vectors the processor overlaps,
-// where a whole query at once would be one chain of arithmetic longer than its reorder window
+// Blocks of rays that go through a query step by step. Each step is a short loop whose vectors the processor overlaps;
+// a whole query at once would be one dependency chain longer than its reorder window
 // (docs/decisions/008-two-chains.md). Few enough for the first-level cache.
 constexpr size_t k_blocks_at_once = 4;
 
-// What the steps hand on: the vectors that meet the ball, packed to the front, then those of them that want depth
+// What the steps pass on: the vectors that meet the ball, packed to the front, then those of them that need depth
 // cells.
 template <class F>
 struct QueryScratch {
@@ -33,11 +33,11 @@ struct QueryScratch {
   UnitSegment<F> segment[k_vectors];
   Mask_t<F> wanted[k_vectors];
   CellAddress<F> at[k_vectors];
-  int vector[k_vectors];                // the place in the batch
-  SegmentVerdict<F> result[k_vectors];  // by place in the batch
+  int vector[k_vectors];                // index of the vector in the batch
+  SegmentVerdict<F> result[k_vectors];  // by that index
 };
 
-// Adds the verdicts of one block of rays to its states, or puts the block aside if it met cells that are not baked.
+// Adds the verdicts of one block of rays to their states, or sets the block aside if it met cells that are not baked.
 template <class F>
 inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t candidate_slot, RayStates& states,
                          SegmentCounts& counts) {
@@ -73,7 +73,7 @@ inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t
   }
 }
 
-// Segments in unit space; returns how many vectors meet the ball.
+// Transforms segments to unit space; returns how many vectors meet the ball.
 template <class F>
 inline int transform_step(const SegmentTask& task, const RayBatch& rays, const uint32_t* shading_point_instance,
                           size_t first, int vectors, QueryScratch<F>& s) {
@@ -92,7 +92,7 @@ inline int transform_step(const SegmentTask& task, const RayBatch& rays, const u
   return crossing;
 }
 
-// Addresses of the lines that are wanted; returns how many rays will read one.
+// Addresses the visibility cells that are wanted; returns how many rays will read one.
 template <class F>
 inline size_t line_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   size_t lookups = 0;
@@ -107,14 +107,14 @@ inline size_t line_step(const SegmentTask& task, int count, QueryScratch<F>& s) 
   return lookups;
 }
 
-// Verdicts by the lines' cells; returns how many vectors want depth cells, packed to the front with their masks in
+// Verdicts by visibility cells; returns how many vectors need depth cells, packed to the front with their masks in
 // `wanted`.
 template <class F>
 inline int answer_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   int deep = 0;
   for (int k = 0; k < count; ++k) {
     const Mask_t<F> wanted = s.wanted[k];
-    // A vector that wants no line has an empty `wanted`, which is then what the line says too.
+    // Without a wanted line every mask is empty, `wanted` included.
     LineView<F> line = {wanted, wanted, wanted, splat_int<F>(0)};
     if (any(wanted)) line = look_up_line(task.field, task.policy, s.at[k]);
     const LineAnswer<F> answer = answer_by_line(s.segment[k], wanted, line);
@@ -127,7 +127,7 @@ inline int answer_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   return deep;
 }
 
-// Verdicts by depth cells; returns the look-ups.
+// Verdicts by depth cells; returns the number of look-ups.
 template <class F>
 inline size_t depth_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   size_t lookups = 0;
@@ -181,11 +181,12 @@ inline SegmentCounts cross_ball_batch(const SegmentTask& task, const RayBatch& r
   return counts;
 }
 
-// Distance at which a slab is entered and left, widened by the rounding of the subtraction, the reciprocal and the
-// product (pbrt, section 6.8.2: factor 1 + 2 gamma(3)).
+// Clips a ray to a slab, widened by the rounding of the subtraction, the reciprocal and the product (pbrt, section
+// 6.8.2: factor 1 + 2 gamma(3)).
 template <class F>
 FT_HD_INLINE void clip_slab(F o, F d, float lower, float upper, F& enter, F& leave) {
-  // A component too small to divide by becomes a tiny one of the same sign: the slab is then met nowhere or everywhere.
+  // A component too small to divide by is replaced by a tiny one of the same sign: the slab is then missed, or met
+  // everywhere.
   const F inverse = splat<F>(1.0f) / copysign(max(abs(d), splat<F>(1e-30f)), d);
   const F a = (splat<F>(lower) - o) * inverse;
   const F b = (splat<F>(upper) - o) * inverse;
@@ -233,14 +234,14 @@ inline void hull_meets_ball_batch(const SegmentTask& task, const ShadingPointBat
     const Vec3Lanes<F> to_light = centre - world;
     const Vec3Lanes<F> p = transformed_point(m, world), axis = transformed_vector(m, to_light);
     const F length_squared = max(dot(axis, axis), splat<F>(1e-30f));
-    // The hull within the ball's reach of the axis point nearest to the ball's centre is no wider than at the far end
-    // of that reach: t + (1 + radius) / length.
+    // Wherever the hull can touch the ball it is no wider than at t + (1 + radius) / length, that is beyond the axis
+    // point nearest to the ball's centre by the ball's reach.
     const F length = sqrt(length_squared);
     const F t = (zero - dot(p, axis)) / length_squared;
     const F t_near = min(max(t, zero), one);
     const F t_far = min(max(t + (one + radius) / length, zero), one);
     const Vec3Lanes<F> gap = p + axis * t_near;
-    // A few thousandths cover the rounding of this test many times over.
+    // The added 2^-9 exceeds the rounding of this test many times over.
     const F reach =
         (one + radius * t_far) * splat<F>(1.0f + 0x1p-9f) + (abs(p.x) + abs(p.y) + abs(p.z)) * splat<F>(0x1p-20f);
     raise_flags<F>(dot(gap, gap) <= reach * reach, flags + i);
@@ -260,7 +261,8 @@ inline void hull_meets_box_batch(const BoxTask& task, const ShadingPointBatch& s
     F enter = splat<F>(0.0f), leave = splat<F>(1.0f);
     for (int axis = 0; axis < 3; ++axis) {
       const F p = transformed(m, axis, world) + splat<F>(m[9 + axis]);
-      // The shading point's offset from the surface, and rounding.
+      // Covers the light's radius, the shading point's offset from its surface (the caller makes the radius no less),
+      // and rounding.
       const float lower = task.lower[axis] - margin, upper = task.upper[axis] + margin;
       clip_slab(p, transformed(m, axis, to_light), lower, upper, enter, leave);
     }

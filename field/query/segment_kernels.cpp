@@ -12,7 +12,7 @@
 #include "field/query/segment_batch-inl.h"
 #include "field/query/segment_kernels_scalar.h"
 
-#if HWY_TARGET != HWY_SCALAR  // segment_kernels_scalar() serves that
+#if HWY_TARGET != HWY_SCALAR  // segment_kernels_scalar() covers it
 FT_LANES_BEGIN
 
 // The kernels' addresses are taken inside the target's own namespace, so that no instance is shared between targets.

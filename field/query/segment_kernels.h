@@ -1,8 +1,8 @@
 // Batch loops over segment queries, one table of functions per instruction set.
 //
-// A batch of rays is shown to one candidate object after another; what they say is combined per ray in RayStates.
-// Ranges [begin, end) are multiples of k_batch_padding rays. Thread-safety: the kernels are pure apart
-// from what they write. Memory layout: ray arrays as in core/trace/rays.h; states are padded and aligned likewise.
+// A batch of rays is tested against one candidate object after another; their answers are combined per ray in
+// RayStates. Ranges [begin, end) are multiples of k_batch_padding rays. Thread-safety: the kernels are pure apart from
+// what they write. Memory layout: ray arrays as in core/trace/rays.h; states are padded and aligned likewise.
 #pragma once
 
 #include <array>
@@ -18,16 +18,16 @@
 
 namespace fieldtrace {
 
-// What the candidates have said of each ray so far.
+// The candidates' answers about each ray so far.
 struct RayStates {
   static constexpr int32_t k_crosses = 1;    // meets some candidate's bounds
-  static constexpr int32_t k_blocked = 2;    // some field says so
-  static constexpr int32_t k_undecided = 4;  // added once for each candidate that asks for an exact ray
+  static constexpr int32_t k_blocked = 2;    // by some candidate
+  static constexpr int32_t k_undecided = 4;  // added once for each candidate that needs an exact ray
 
   AlignedVector<int32_t> state;
-  AlignedVector<int32_t> undecided_slot;  // candidate_slot of the last one that asked
-  // Blocks of k_batch_padding rays that met cells not baked yet, as their first ray; their states are untouched. And
-  // the slices.
+  AlignedVector<int32_t> undecided_slot;  // candidate_slot of the last undecided candidate
+  // Blocks of k_batch_padding rays that met cells not baked yet, by their first ray, with their states untouched; and
+  // the slices to bake.
   std::vector<uint32_t> unknown_blocks, unknown_visibility, unknown_depth;
   // Verdict per ray (k_verdict_* of field/query/query.hd.h) of the last candidate; filled if `keep_verdicts`.
   AlignedVector<int32_t> verdict;
@@ -46,8 +46,8 @@ struct SegmentTask {
   QueryPolicy policy;
   float to_unit[12];             // world -> unit space of the object, 3 x 4, column-major
   float to_unit_stretch = 0.0f;  // bound on the length of to_unit's image of a unit vector
-  uint32_t instance = 0;         // rays whose shading point lies on this instance are `own`
-  bool reads_depth = true;       // false: what a line's cell does not settle asks
+  uint32_t instance = 0;         // rays from shading points on this instance are self-shadowing
+  bool reads_depth = true;       // false: what the visibility cell does not decide stays undecided
 };
 
 // An object without a field: its bounds decide which rays must be traced.
@@ -65,29 +65,27 @@ struct SegmentCounts {
 };
 
 // Bits of a shading point's flag: what stands between it and a light.
-inline constexpr int32_t k_may_shadow = 1;     // some object may: single rays must tell
+inline constexpr int32_t k_may_shadow = 1;     // some object may shadow it: single rays must decide
 inline constexpr int32_t k_light_blocked = 2;  // the whole light is hidden
-inline constexpr int32_t k_by_strata =
-    4;  // the object may be asked about parts of the light (field/query/stratum.hd.h)
+inline constexpr int32_t k_by_strata = 4;      // the object can answer by strata (field/query/stratum.hd.h)
 
-// One candidate object asked about whole lights (field/query/cone.hd.h).
+// One candidate object tested against whole lights (field/query/cone.hd.h).
 struct ConeTask {
   SegmentTask segment;
   float from_unit[9];        // unit space -> world, linear part, column-major
-  float chord_share = 1.0f;  // of half a chord, on which surfaces are looked for (field/query/cone.hd.h)
+  float chord_share = 1.0f;  // part of a half chord in which surfaces are expected
   float half_extent[3];      // of the object's bounds, a box about the origin of unit space
-  int plane_fit_side =
-      0;  // directions tried for shading points on the object: plane_fit_side^2; 0: none are asked about
+  int plane_fit_side = 0;    // directions a side tried for shading points on the object; 0: these stay open
 };
 
-// One candidate object asked about parts of lights (field/query/stratum.hd.h).
+// One candidate object tested against strata of lights (field/query/stratum.hd.h).
 struct StratumTask {
   SegmentTask segment;
-  float share = 1.0f;       // of the light's samples that one stratum is: 1 / number of strata
-  float least_disc = 0.5f;  // half width of a stratum at the blocker, in texels, below which it is refused
+  float share = 1.0f;       // of one stratum in the light's samples: 1 / number of strata
+  float least_disc = 0.5f;  // strata whose half width at the blocker, in texels, is smaller are refused
 };
 
-// What light_cones() and filter_strata() met that is not baked: shading points' or rays' blocks of k_batch_padding, as
+// What light_cones() and filter_strata() met that is not baked: blocks of k_batch_padding shading points or rays, by
 // their first index, and what to bake.
 struct ConeUnknowns {
   std::vector<uint32_t> blocks, tiles, slices;
@@ -99,13 +97,13 @@ struct ConeCounts {
   uint64_t lookups = 0;
 };
 
-// Samples of reflected lobes, and what filter_lobes() says of one object along each (field/query/lobe.hd.h). Rays are
-// unit and endless; all arrays are padded like RayBatch.
+// Samples of reflected lobes, and what filter_lobes() finds of one object along each (field/query/lobe.hd.h). Rays are
+// unit and infinite; all arrays are padded like RayBatch.
 struct LobeBatch {
   RayBatch rays;
   AlignedVector<float> nx, ny, nz;  // geometric normal of the surface that the ray leaves, on the ray's side
-  AlignedVector<float> density;     // samples x solid-angle density: a sample stands for its inverse
-  AlignedVector<float> blur;        // tangent that half a texel may take
+  AlignedVector<float> density;     // samples x density per solid angle: a sample stands for 1 / density
+  AlignedVector<float> blur;        // largest tangent that half a texel may subtend
   AlignedVector<uint32_t> instance;
 
   void resize(size_t n) {
@@ -116,7 +114,7 @@ struct LobeBatch {
 };
 
 struct LobeAnswers {
-  AlignedVector<float> clear, red, green, blue, distance;  // distance: as t of the ray
+  AlignedVector<float> clear, red, green, blue, distance;  // distance: t along the ray
   AlignedVector<int32_t> refused;
 
   void resize(size_t n) {
@@ -125,7 +123,7 @@ struct LobeAnswers {
   }
 };
 
-// The rays left to trace, by index, after all candidates have spoken.
+// The rays left to trace after all candidates, by index.
 struct ExactLists {
   AlignedVector<int32_t> one_undecided_slot, many_undecided_slots;
   size_t one_count = 0, many_count = 0;
@@ -133,10 +131,10 @@ struct ExactLists {
 };
 
 struct SegmentKernels {
-  // Adds what the field of `task` says of rays [begin, end).
+  // Adds the answers of `task`'s field about rays [begin, end).
   SegmentCounts (*query)(const SegmentTask&, const RayBatch&, const uint32_t* shading_point_instance, size_t begin,
                          size_t end, int32_t candidate_slot, RayStates&);
-  // Every ray that meets the ball asks, whatever the field says: for exact rendering.
+  // Every ray that meets the ball is undecided, whatever the field holds: for exact rendering.
   SegmentCounts (*cross_ball)(const SegmentTask&, const RayBatch&, size_t begin, size_t end, int32_t candidate_slot,
                               RayStates&);
   // The same for the bounding box of an object without a field.
@@ -147,27 +145,27 @@ struct SegmentKernels {
   void (*hull_meets_ball)(const SegmentTask&, const ShadingPointBatch&, const Sphere& light, int32_t* flags);
   void (*hull_meets_box)(const BoxTask&, const ShadingPointBatch&, const Sphere& light, int32_t* flags);
   // For shading points in `blocks` whose flag is k_may_shadow: the flag becomes 0 where the object leaves the whole
-  // ball `light` clear, k_light_blocked where it hides all of it; where neither is known and parts of the light may be
-  // asked about, k_by_strata is added.
+  // ball `light` clear, and k_light_blocked where it hides all of it. Where neither is certain and strata can be tried,
+  // k_by_strata is added.
   ConeCounts (*light_cones)(const ConeTask&, const ShadingPointBatch&, const Sphere& light,
                             std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&);
   // For rays in `blocks` with wanted[i] != 0 and tmax >= 0, each the centre of a stratum of density pdf[i] (1/sr):
-  // clear[i] is multiplied by the share of the stratum that the object leaves clear, refused[i] set to 1 where it
-  // cannot tell. Returns the number of look-ups.
+  // multiplies clear[i] by the share of the stratum that the object leaves clear, and sets refused[i] to 1 where the
+  // maps do not resolve it. Returns the number of look-ups.
   uint64_t (*filter_strata)(const StratumTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
                             std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
-  // met[i] = 1 where a sample of a lobe (unit and endless; density > 0, per solid angle; both padded) may meet the
-  // object; others stay as they are.
+  // met[i] = 1 where a lobe sample (ray unit and infinite; density > 0, per solid angle; both padded) may meet the
+  // object; other elements stay as they are.
   void (*lobes_meet)(const ConeTask&, const RayBatch&, const float* density, int32_t* met);
-  // For samples in `blocks`: what the object of `task` sends along each. Its field needs directions and coverage with
-  // radiance only. Returns the number of look-ups.
+  // For samples in `blocks`: the radiance that the object of `task` sends along each. Of its field, only directions and
+  // coverage with radiance are read. Returns the number of look-ups.
   uint64_t (*filter_lobes)(const ConeTask&, const LobeBatch&, std::span<const uint32_t> blocks, LobeAnswers&,
                            ConeUnknowns&);
-  // For queries in `blocks`: the object's nearest surface. Blocks put among the unknowns have no answers yet: a lane's
-  // verdict there is one of these, or unknown_*. Returns the number of look-ups.
+  // For queries in `blocks`: the object's nearest surface. Blocks added to the unknowns have no answers yet: their
+  // lanes' verdicts may also be unknown_*. Returns the number of look-ups.
   uint64_t (*nearest_hits)(const SegmentTask&, const HitQueries&, std::span<const uint32_t> blocks, HitAnswers&,
                            HitUnknowns&);
-  // blocked[i] for all rays, and the rays that some candidate asked for and none blocks.
+  // Sets blocked[i] for all rays, and lists the rays that are undecided for some candidate and blocked by none.
   void (*collect)(const RayStates&, size_t rays, uint8_t* blocked, ExactLists&);
 };
 

@@ -1,14 +1,13 @@
-// A small part of a light as seen from a point ("stratum"): the share of its rays that an object leaves clear, filtered
-// from the coverage maps. Many strata make up a light, so that no rays are needed where a light is partly
-// hidden.
+// A small part of a light as seen from a point (a stratum): the share of its rays that an object leaves clear, filtered
+// from the coverage maps. A light is many strata, so that it needs no rays where it is partly hidden.
 //
 // All rays of a stratum lie in a thin tube about its centre ray. Seen along the direction c of the ray's direction
-// cell, at the depth of whatever hides it, the tube is a disc: its share of lines that hit is the share of the stratum
-// that is hidden. The depth comes from the picture itself: the mean depth of all that the tube can meet, then that of
-// what lies in the disc laid there; the disc is laid once more, and its area summed to fractions of texels.
-// (Percentage-closer soft shadows, Fernando, SIGGRAPH 2005 sketches, seek the blocker's depth alike, from one picture
-// for a whole light.) Strata that the maps do not resolve are refused: discs smaller than about a texel, blockers whose
-// depth does not settle, several layers of blockers, features as thin as the texels.
+// cell, the tube is a disc at the depth of whatever hides it: the share of lines in the disc that hit is the share of
+// the stratum that is hidden. The depth comes from the coverage map itself: first the mean depth of all that the tube
+// can meet, then that of what lies in the disc placed there; the disc is placed once more, and summed to fractions of
+// texels. (Percentage-closer soft shadows, Fernando, SIGGRAPH 2005 sketches, search for the blocker's depth likewise,
+// in one depth map for a whole light.) Strata that the maps do not resolve are refused: discs smaller than about a
+// texel, blockers whose depth does not converge, several layers of blockers, features as thin as texels.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
 
@@ -23,7 +22,7 @@
 
 FT_LANES_BEGIN
 
-// One stratum: its centre ray, of unit direction, and the half width of its tube for each unit of distance from p.
+// One stratum: its centre ray, of unit direction, and the half width of its tube per unit of distance from p.
 template <class F>
 struct LightStratum {
   Vec3Lanes<F> p, direction;
@@ -37,34 +36,34 @@ struct StratumAnswer {
   Int_t<F> lookups;
 };
 
-// Depths settle: laid at the last depth found, the disc would move by less than this share of its half width.
+// The depth has converged if the disc, placed once more, would move by less than this share of its half width.
 constexpr float k_most_disc_drift = 0.5f;
-// Between the depths that a disc holds (means of its halves: depth_difference()) the stratum's rays part from the
-// map's lines by no more than these shares of its half width, where it is filled in part, or wholly. Further apart,
-// one surface may hide another from the lines where the rays pass between the two.
+// Limits on how far the stratum's rays diverge from the map's lines between the depths in a disc (means of its halves:
+// depth_difference()), in half widths of the disc; the first where it is partly filled, the second where wholly. Beyond
+// them one surface may hide another from the lines where the rays pass between the two.
 constexpr float k_most_apart = 1.0f;
 constexpr float k_most_apart_filled = 0.5f;
-// Tiles of more thin-feature ratio than this (field/store/coverage.hd.h) need discs of the second half width, in
+// Tiles with a larger thin-feature ratio than this (field/store/coverage.hd.h) need discs of the half width below, in
 // texels.
 constexpr float k_most_thin_features = 0.15f;
 constexpr float k_coarse_disc = 4.0f;
 
-// Which picture of an object is read along a ray: as the ray's end sees it, or as its origin does. They differ in which
-// surface a line meets first, and so in depth, not in what lines meet.
+// Which coverage map of an object is read along a ray: as the ray's end sees it, or as its origin does. The same lines
+// meet the object in both, but at different surfaces first, and so at different depths.
 enum class SeenFrom { end, origin };
 
-// A stratum's tube in the picture of its direction cell, and all that it can meet there.
+// A stratum's tube in the coverage map of its direction cell, and all that it can meet there.
 template <class F>
 struct StratumTube {
   ConeSpan<F> span;
   CoverageMap<F> map;
-  F cosine, slope;  // of the angle between the stratum's ray and the cell's direction; its sine
+  F cosine, slope;  // cosine and sine of the angle between the stratum's ray and the cell's direction
   float sign;       // of the cosine
   F middle_depth;   // of the span's middle
   MapSquare<F> square;
   CoverageSum<F> sum;
 
-  // Distance from p at which the centre ray reaches the mean of `depths` of `count` lines.
+  // Distance from p at which the centre ray reaches the mean depth of `count` lines; `depths`: the sum of their codes.
   FT_HD_INLINE F reach_of(F depths, F count) const {
     const F depth = splat<F>(k_coverage_depth_step) * (depths / max(count, splat<F>(1e-6f))) - splat<F>(1.0f);
     const F along = (depth - middle_depth) * splat<F>(sign);
@@ -101,16 +100,16 @@ FT_HD_INLINE StratumTube<F> tube_of_stratum(const FieldView& field, SeenFrom see
   return tube;
 }
 
-// The disc of a stratum where its tube meets something, laid twice, and what the picture holds there.
+// The disc of a stratum where its tube meets something, placed twice, and the map's sums over it.
 template <class F>
 struct StratumDisc {
   F t;                 // distance from p
   F half_width, x, y;  // in texels
-  PlaneRect<F> rect;   // of the picture, [0, L]^2
-  Mask_t<F> read;      // it is not empty
+  PlaneRect<F> rect;   // of the map, [0, L]^2
+  Mask_t<F> read;      // the rectangle is not empty
   CoverageArea<F> area;
   Mask_t<F> unknown;
-  F drift;  // how far the disc would move if it were laid once more, in texels
+  F drift;  // how far the disc would move if placed once more, in texels
 };
 
 template <class F, class TellMissing>
@@ -123,7 +122,7 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   const F first = tube.reach_of(to_float(tube.sum.depths), to_float(tube.sum.count));
   const MapSquare<F> found = square_about(map, stratum.p + stratum.direction * first, disc_at(first));
   const CoverageSum<F> near = sum_coverage<F>(field.coverage, map.direction, found.rect, open, tell_missing);
-  // Sums that lack a tile would lay the disc, and demand tiles, elsewhere than the whole ones do.
+  // A sum that lacks a tile would misplace the disc, and demand other tiles than the complete sum does.
   const Mask_t<F> hit = and_not(near.unknown, open & (near.count > splat_int<F>(0)));
   StratumDisc<F> disc;
   disc.t = select(hit, tube.reach_of(to_float(near.depths), to_float(near.count)), first);
@@ -141,7 +140,7 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   return disc;
 }
 
-// How far the stratum's rays part from the map's lines between the depths that a disc holds, in half widths of it.
+// How far the stratum's rays diverge from the map's lines between the depths in a disc, in half widths of the disc.
 template <class F>
 FT_HD_INLINE F depths_apart(const FieldView& field, const LightStratum<F>& stratum, const StratumTube<F>& tube,
                             const StratumDisc<F>& disc, Mask_t<F> wanted) {
@@ -152,9 +151,9 @@ FT_HD_INLINE F depths_apart(const FieldView& field, const LightStratum<F>& strat
   return rise * (tube.slope + stratum.width) * splat<F>(view.half_lines) / disc.half_width;
 }
 
-// The shading point has the object before it and lies outside the ball, or within it with the whole object before its
-// tangent plane. least_disc: half width in texels below which discs are not read. length: distance from p at which the
-// stratum's rays end.
+// The object lies in front of the shading point, which is outside the ball, or inside it with the whole object in front
+// of its tangent plane. least_disc: half width in texels below which discs are refused. length: distance from p to the
+// light along the stratum's rays.
 template <class F, class TellMissing>
 FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least_disc, const LightStratum<F>& stratum,
                                              F length, Mask_t<F> wanted, const TellMissing& tell_missing) {
@@ -163,7 +162,7 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
   StratumAnswer<F> answer;
   answer.clear = one;
   answer.unknown = and_not(wanted, wanted);
-  // A light that ends within the ball is no line's end.
+  // Where the light lies within the ball, segments end before their lines do.
   answer.refused = wanted & (span.half > zero) & (span.middle + span.half > length);
   const Mask_t<F> queried = and_not(answer.refused, wanted & (span.half > zero));
   answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
@@ -182,7 +181,7 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
   answer.lookups = answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) +
                    select(disc.read, splat_int<F>(1), splat_int<F>(0));
   answer.unknown = answer.unknown | disc.unknown;
-  // Sums of floats: a few roundings beside 0 and 1.
+  // Float sums: within a few roundings of 0 or 1 the disc counts as empty or full.
   const F hidden = disc.area.count / (splat<F>(4.0f) * disc.half_width * disc.half_width);
   const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
@@ -193,9 +192,8 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
   const Mask_t<F> layered = some & (apart > most);
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F thin_features =
-      thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
-  const F least = select(thin_features > splat<F>(k_most_thin_features), splat<F>(k_coarse_disc), splat<F>(least_disc));
+  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
+  const F least = select(thin_ratio > splat<F>(k_most_thin_features), splat<F>(k_coarse_disc), splat<F>(least_disc));
   const Mask_t<F> small = open & (stratum.width * disc.t * scale < least);
   answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered);
   return answer;

@@ -9,7 +9,7 @@ namespace {
 
 constexpr int k_side = scalar::k_tile_lines;
 constexpr int32_t k_unknown = 0, k_empty = 1, k_claimed = -1;
-// Words are addressed by 31-bit offsets.
+// Sums are addressed by 31-bit word offsets.
 constexpr uint64_t k_most_tiles = (uint64_t(1) << 31) / scalar::k_tile_words - 1;
 
 int32_t thin_feature_ratio_of(std::span<const uint16_t> lines) {
@@ -87,7 +87,7 @@ bool CoverageTiles::charge(uint64_t bytes) {
   return true;
 }
 
-// Before a slot is written for the first time.
+// To be called before a slot is first written: charges its part of the table.
 bool CoverageTiles::touch_part(uint32_t slot) {
   const auto part = shared(touched_[slot / k_part_slots]);
   if (part.load(std::memory_order_relaxed) != 0 || part.exchange(1, std::memory_order_relaxed) != 0) return true;

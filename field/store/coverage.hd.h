@@ -1,14 +1,14 @@
 // Coverage of a patch of parallel lines: how many of them meet the object, and how deep, by summed-area tables.
 //
-// For each direction cell the plane through the centre perpendicular to the cell's direction c holds L x L parallel
-// lines along c, one for each texel of [-1, 1]^2, and what a light sees that shines along -c: whether the line meets
-// the object, and where first. Tiles of 32 x 32 texels are baked by demand. A tile is a summed-area table (Crow,
-// "Summed-Area Tables for Texture Mapping", SIGGRAPH 1984) of 33 x 33 words, row y, column x: the sum over all texels
-// of the tile below and left of corner (x, y), bits 0-10 the count of lines that hit, bits 11-30 the sum of their
-// depths in steps of k_coverage_depth_step from depth -1 (depth: coordinate along c). Sums of a whole tile stay below
+// For each direction cell, the plane through the centre perpendicular to the cell's direction c holds L x L parallel
+// lines along c, one for each texel of [-1, 1]^2: the view of a light that shines along -c. Each line either misses the
+// object or has the depth of its first hit (depth: coordinate along c). Tiles of 32 x 32 texels are baked on demand. A
+// tile is a summed-area table (Crow, "Summed-Area Tables for Texture Mapping", SIGGRAPH 1984) of 33 x 33 words, row y,
+// column x: the sum over all texels of the tile below and left of corner (x, y), bits 0-10 the count of lines that hit,
+// bits 11-30 the sum of their depths in steps of k_coverage_depth_step from depth -1. Sums over a whole tile stay below
 // 2^31, so the four corners of any rectangle combine by integer arithmetic on whole words. Where radiance is kept too,
-// a tile has three more such tables of floats: sums over the lines that hit of the radiance that meets them. Table:
-// tile_of[direction * tiles^2 + tile row * tiles + tile column] -> tile; 0: not baked; 1: baked, meets nothing.
+// a tile has three more such tables of floats: sums, over the lines that hit, of the radiance that they meet. Table:
+// tile_of[direction * tiles^2 + tile row * tiles + tile column] -> tile; 0: not baked; 1: baked, empty.
 // Thread-safety: pure functions over a CoverageView.
 
 #if defined(FIELDTRACE_FIELD_STORE_COVERAGE_HD_H_) == defined(HWY_TARGET_TOGGLE)
@@ -26,13 +26,13 @@ FT_LANES_BEGIN
 
 constexpr int k_tile_lines = 32;
 constexpr int k_tile_corners = k_tile_lines + 1;
-constexpr int k_tile_words = 1104;  // 33 * 33 and the thin-feature ratio, to whole cache lines
+constexpr int k_tile_words = 1104;  // 33 * 33 and the thin-feature ratio, padded to whole cache lines
 constexpr int k_coverage_depths = 1024;
 constexpr float k_coverage_depth_step = 2.0f / float(k_coverage_depths - 1);
 constexpr int k_count_bits = 11;
-// The word after a tile's sums: its thin-feature ratio, the share of its outlines that belongs to features one texel
-// wide (of its texels, those that differ from both neighbours along an axis, over the pairs of neighbours that differ),
-// in steps. Where that is much, the lines do not resolve the object.
+// The word after a tile's sums: its thin-feature ratio in steps, the share of its outlines that belongs to features one
+// texel wide (the number of texels that differ from both neighbours along an axis, over the number of neighbouring
+// pairs that differ). Where it is large, the lines do not resolve the object.
 constexpr int k_tile_thin_features = k_tile_corners * k_tile_corners;
 constexpr float k_thin_feature_steps = 256.0f;
 
@@ -45,12 +45,12 @@ struct TexelRect {
 template <class F>
 struct CoverageSum {
   Int_t<F> count, depths;  // lines that hit, and the sum of their depth codes
-  Mask_t<F> unknown;       // some tile is not baked
+  Mask_t<F> unknown;       // lanes with a tile that is not baked
 };
 
-// Calls add_tile(lanes, first word, first column, first row) for each tile that the rectangles of the wanted lanes
-// touch and that is not empty. Rectangles lie within [0, L]^2 (unchecked). Returns the lanes that met tiles that are
-// not baked; tell_missing(slots, mask) is called with their slots.
+// Calls add_tile(lanes, first word, first column, first row) for each non-empty tile that the rectangles of the wanted
+// lanes overlap. Rectangles lie within [0, L]^2 (unchecked). Returns the lanes that met tiles that are not baked;
+// tell_missing(slots, mask) is called with their slots.
 template <class F, class TellMissing, class AddTile>
 FT_HD_INLINE Mask_t<F> visit_tiles(const CoverageView& view, Int_t<F> direction, const TexelRect<F>& rect,
                                    Mask_t<F> wanted, const TellMissing& tell_missing, const AddTile& add_tile) {
@@ -68,7 +68,7 @@ FT_HD_INLINE Mask_t<F> visit_tiles(const CoverageView& view, Int_t<F> direction,
       if (!any(inside)) break;
       const Int_t<F> slot = select(inside, plane + tile_y * splat_int<F>(view.tiles) + tile_x, zero);
       const Int_t<F> tile = gather(view.tile_of, slot);
-      order_loads();  // a baker publishes the number last
+      order_loads();  // a baker publishes a tile's number last
       const Mask_t<F> missing = inside & (tile < splat_int<F>(1));
       if (any(missing)) {
         unknown = unknown | missing;
@@ -99,14 +99,14 @@ FT_HD_INLINE CoverageSum<F> sum_coverage(const CoverageView& view, Int_t<F> dire
   return sum;
 }
 
-// A rectangle that may begin and end within texels, in texels.
+// A rectangle in texels, with fractional edges.
 template <class F>
 struct PlaneRect {
   F x0, x1, y0, y1;
 };
 
-// The whole texels that hold it, as far as they lie in a picture. Rectangles lie within [0, L]^2 (unchecked); the last
-// row or column may begin at L, where no tile is.
+// The whole texels that contain the rectangle, clipped to the coverage map. Rectangles lie within [0, L]^2 (unchecked);
+// the last row or column may begin at L, where there is no tile.
 template <class F>
 FT_HD_INLINE TexelRect<F> texels_about(const CoverageView& view, const PlaneRect<F>& rect) {
   const Int_t<F> one = splat_int<F>(1), lines = splat_int<F>(view.tiles * k_tile_lines);
@@ -114,14 +114,14 @@ FT_HD_INLINE TexelRect<F> texels_about(const CoverageView& view, const PlaneRect
   return {texel(rect.x0), min(texel(rect.x1) + one, lines), texel(rect.y0), min(texel(rect.y1) + one, lines)};
 }
 
-// Sums over the rectangle's area, texels at its rim by the part of them that lies within.
+// Sums over the rectangle's area, with boundary texels weighted by the part of them that lies inside.
 template <class F>
 struct CoverageArea {
   F count, depths;
   Mask_t<F> unknown;
 };
 
-// One axis of a tile's sums between two places, of which the tile holds [begin, end): four corners and their weights.
+// The interval [begin, end) along one axis of a tile, clipped to the tile: four corners of its sums and their weights.
 template <class F>
 struct TileSpan {
   Int_t<F> corner[4];
@@ -174,8 +174,8 @@ FT_HD_INLINE CoverageArea<F> sum_coverage_area(const CoverageView& view, Int_t<F
   return area;
 }
 
-// Radiance summed over a rectangle's area, texels at its rim by the part of them that lies within. The tiles must be
-// baked, as those of sum_coverage_area() over the same rectangle.
+// Radiance summed over a rectangle's area, with boundary texels weighted as in CoverageArea. The tiles must be baked,
+// which sum_coverage_area() over the same rectangle has shown.
 template <class F>
 struct RadianceSum {
   F red, green, blue;
@@ -218,9 +218,8 @@ FT_HD_INLINE F thin_feature_ratio_at(const CoverageView& view, Int_t<F> directio
   const Int_t<F> slot = (direction * tiles + shift_right<5>(y)) * tiles + shift_right<5>(x);
   const Int_t<F> tile = max(gather(view.tile_of, select(wanted, slot, zero)), zero);
   order_loads();
-  const Int_t<F> thin_features =
-      gather(view.sums, tile * splat_int<F>(k_tile_words) + splat_int<F>(k_tile_thin_features));
-  return to_float(thin_features) * splat<F>(1.0f / k_thin_feature_steps);
+  const Int_t<F> steps = gather(view.sums, tile * splat_int<F>(k_tile_words) + splat_int<F>(k_tile_thin_features));
+  return to_float(steps) * splat<F>(1.0f / k_thin_feature_steps);
 }
 
 FT_LANES_END

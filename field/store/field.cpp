@@ -45,12 +45,12 @@ uint64_t direction_bricks_of(const FieldParameters& p) {
 }
 uint64_t plane_bricks_of(const FieldParameters& p) { return uint64_t(p.plane / 4) * uint64_t(p.plane / 8); }
 
-// Of a whole pool, brick 0 included.
+// Bricks of a whole pool, brick 0 included.
 uint64_t pool_bricks(const FieldParameters& p) {
   return std::min<uint64_t>(direction_bricks_of(p) * plane_bricks_of(p) + 1, k_max_pool_bricks);
 }
 
-// How much of a whole pool a field can have in so much address space, 0 to 1.
+// The part of a whole pool, 0 to 1, that fits into an address space of that size beside the tables.
 double pool_share(const FieldParameters& p, uint64_t address_space) {
   const uint64_t whole = Field::reserved_bytes(p), tables = Field::table_bytes(p);
   if (address_space >= whole) return 1.0;
@@ -67,8 +67,8 @@ bool valid_parameters(const FieldParameters& p) {
 Sphere field_ball(const Bounds3& bounds) {
   Sphere ball;
   ball.centre = bounds.centre();
-  // Room for the rounding of centre and diagonal and of the transform into unit space, all relative to the largest
-  // coordinate; and a floor for an object that is a point.
+  // Room for rounding of the centre, the diagonal and the transform into unit space, all relative to the largest
+  // coordinate; and a minimum for an object that is a point.
   const float largest = glm::length(glm::max(glm::abs(bounds.lower), glm::abs(bounds.upper)));
   ball.radius = 0.5f * glm::length(bounds.diagonal()) * (1.0f + gamma_bound(16)) + gamma_bound(8) * largest;
   ball.radius = std::max(ball.radius, std::numeric_limits<float>::min());

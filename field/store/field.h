@@ -1,9 +1,9 @@
-// One object's displacement field: a two-level table over a pool of bricks that grows by demand.
+// One object's displacement field: a two-level table over a pool of bricks that grows on demand.
 //
 // Memory layout: field/store/layout.hd.h. Every layer is a VirtualBuffer indexed by brick * 512 + cell, so that a layer
-// that a scene does not need costs nothing. Page 0 and brick 0 stay zero. Thread-safety: view() may be read while other
-// threads bake: a reader sees a cell either as unknown or complete, since cells are written as whole words,
-// certificates last. claim/finish coordinate bakers.
+// that a scene does not need costs no memory. Page 0 and brick 0 stay zero. Thread-safety: view() may be read while
+// other threads bake: a reader sees a cell either as unknown or complete, since cells are written as whole words,
+// certificates last. claim, finish and give_back coordinate bakers.
 #pragma once
 
 #include <atomic>
@@ -22,12 +22,11 @@
 
 namespace fieldtrace {
 
-// The layers of cells, each baked by demand. `primitive` is read where a depth cell's plane fit answers a nearest
-// query.
+// The layers of cells, each baked on demand. `primitive` is read where a plane fit answers a nearest query.
 enum class FieldLayer { visibility, depth, primitive };
 inline constexpr int k_field_layers = 3;
 
-// Which slices of a brick are in some state: bit 16 * layer + direction in the brick.
+// A set of slices of a brick: bit 16 * layer + direction in the brick.
 using SliceMask = uint64_t;
 constexpr SliceMask slices_of_layer(SliceMask mask, FieldLayer layer) { return mask >> (16 * int(layer)) & 0xffffu; }
 
@@ -62,8 +61,8 @@ struct BrickPlace {
 class Field {
  public:
   // `budget`, if not null, is charged for what is baked, and must outlive the field. `address_space`: bytes that the
-  // field may reserve; its pool is smaller where they do not suffice, and may be full before the budget is. Throws
-  // Error if the system refuses even its tables; UsageError for parameters outside the lists above.
+  // field may reserve; where they do not suffice the pool is smaller, and may fill up before the budget does. Throws
+  // Error if the system refuses even the tables; UsageError for parameters outside the lists above.
   Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget* budget = nullptr,
         uint64_t address_space = k_no_address_limit);
   ~Field();
@@ -77,17 +76,17 @@ class Field {
   CoverageTiles& coverage() { return coverage_; }
   const CoverageTiles& coverage() const { return coverage_; }
 
-  uint32_t slice_count() const;  // of the whole chart
+  uint32_t slice_count() const;  // in the whole chart
   SliceAddress slice_address(uint32_t slice) const;
 
-  // Reserves a slice of a layer for baking by the caller. Empty: another thread has it, or it is baked already, or the
-  // pool is full. Else the pool index of the slice's first cell.
+  // Reserves a slice of a layer for the caller to bake; returns the pool index of its first cell. Empty: another thread
+  // has it, it is baked, or the pool is full.
   std::optional<uint32_t> claim(FieldLayer layer, uint32_t slice);
   // Publishes a claimed slice after its 32 cells are written.
   void finish(FieldLayer layer, uint32_t slice);
-  // Undoes the claim of a slice that could not be baked: another thread may claim it then.
+  // Undoes the claim of a slice that could not be baked: another thread may then claim it.
   void give_back(FieldLayer layer, uint32_t slice);
-  // Whether the slice can be read. False for ever if the pool is full.
+  // Whether the slice can be read. Never becomes true if the pool is full.
   bool finished(FieldLayer layer, uint32_t slice) const;
   bool pool_full() const { return pool_full_.load(std::memory_order_relaxed); }
 
@@ -96,21 +95,20 @@ class Field {
   void store_plane_fit(uint32_t cell, uint32_t depth_word, uint32_t certificate);
   void store_primitive(uint32_t cell, uint32_t primitive);  // k_none: none
 
-  // Of the layers visibility and depth.
+  // Cells of the visibility and depth layers.
   uint64_t cells_baked() const { return cells_baked_.load(std::memory_order_relaxed); }
   uint64_t cells_full() const { return uint64_t(slice_count()) * scalar::k_slice_cells; }
-  // Memory in use: tables, bricks of the layers that anything was claimed in, and coverage tiles.
+  // Memory in use: tables, the layers of bricks in which anything was claimed, and coverage tiles.
   uint64_t bytes() const { return committed_.load(std::memory_order_relaxed) + coverage_.bytes(); }
-  // What bytes() can become at most, with these parameters.
+  // Upper bound on bytes() with these parameters.
   static uint64_t most_bytes(const FieldParameters& parameters);
-  // Address space of a whole pool with its tables, and of the tables alone, which no field can do without.
+  // Address space of a whole pool with its tables; of the tables alone, the least a field needs.
   static uint64_t reserved_bytes(const FieldParameters& parameters);
   static uint64_t table_bytes(const FieldParameters& parameters);
-  // Of one brick's cells of a layer.
+  // Bytes of one brick's cells of a layer.
   static uint64_t brick_bytes(FieldLayer layer);
 
-  // For files: the number of bricks in use, and the pool index of a brick by its place; 0 if it does not exist.
-  uint32_t brick_count() const { return brick_count_.load(std::memory_order_relaxed); }
+  // For files: the pool index of a brick by its place; 0 if it does not exist.
   uint32_t brick_at(uint32_t direction_brick, uint32_t plane_brick) const;
   // Creates the brick if need be; 0 if the pool is full.
   uint32_t brick_for(uint32_t direction_brick, uint32_t plane_brick);

@@ -1,9 +1,9 @@
-// How many bytes the fields of one render may take together, and how many they do.
+// The memory that the fields of one render may take together, and how much they take.
 //
 // Fields charge memory before they touch it: a brick's layer (field/store/layout.hd.h) with its first slice, a coverage
-// tile with its sums, tables by the page. Whether a render reaches its budget is a matter of what it demands, not of
-// who comes first: charges only grow, and the first that does not fit refuses all that follow. What a render does then
-// is the renderer's affair (hybrid/fields/field_set.h). Thread-safety: every function may be called from any thread.
+// tile with its sums, tables by the page. Whether a render exceeds its budget depends on what it demands, not on which
+// thread comes first: charges only grow, and after the first that does not fit all are refused. What a render then does
+// is the renderer's decision (hybrid/fields/field_set.h). Thread-safety: every function may be called from any thread.
 #pragma once
 
 #include <atomic>
@@ -18,7 +18,7 @@ class FieldBudget {
 
   explicit FieldBudget(uint64_t bytes = k_no_limit) : limit_(bytes) {}
 
-  // Charges `bytes`. False, with nothing charged, if they do not fit, or if anything has been refused before.
+  // Charges `bytes`. False, with nothing charged, if they do not fit or if any charge was refused before.
   bool take(uint64_t bytes) {
     if (exceeded()) return false;
     const uint64_t after = used_.fetch_add(bytes, std::memory_order_relaxed) + bytes;
@@ -28,7 +28,7 @@ class FieldBudget {
     return false;
   }
   void give_back(uint64_t bytes) { used_.fetch_sub(bytes, std::memory_order_relaxed); }
-  // For a field that cannot grow for another reason: its addresses are used up.
+  // For a field that cannot grow because its address space is used up.
   void refuse_addresses() {
     out_of_addresses_.store(true, std::memory_order_relaxed);
     refuse();

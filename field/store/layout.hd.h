@@ -6,16 +6,13 @@
 // so that what was never baked reads as "unknown" without a branch.
 //
 // Layers, each addressed by brick * 512 + cell:
-//   visibility  1 byte   0 unknown, else 1 + verdict + 2 * risk class. verdict 1: lines through the cell hit the
-//   object.
-//                        Only lines of the upper half of the directions are stored: a line and its reverse share a
-//                        cell.
-//   depth       4 bytes  bits 0-15 depth along the cell's direction, [-1, 1]; 16-23 and 24-31 octahedral normal
-//   certificate 4 bytes  0 unknown, else bits 0-1 kind, 2-7 risk class, 8-15 error bound. Kinds: 1 miss; 2 plane fit:
-//   every
-//                        line meets the plane within the error bound; 3 one-sided bound: no line meets anything in
-//                        front of the plane by more than the error bound, but some meet something behind it, or nothing
-//   primitive   4 bytes  0 unknown, 1 none, else 2 + the triangle met by the line through the cell's centre
+// - visibility, 1 byte: 0 unknown, else 1 + verdict + 2 * risk class. verdict 1: lines through the cell hit the object.
+//   Only lines of the upper half of the directions are stored: a line and its reverse share a cell.
+// - depth, 4 bytes: bits 0-15 depth along the cell's direction, [-1, 1]; 16-23 and 24-31 octahedral normal.
+// - certificate, 4 bytes: 0 unknown, else bits 0-1 kind, 2-7 risk class, 8-15 error bound. Kinds: 1 miss; 2 plane fit:
+//   every line meets the plane within the error bound; 3 one-sided bound: no line meets anything in front of the plane
+//   by more than the error bound, but some meet something behind it, or nothing.
+// - primitive, 4 bytes: 0 unknown, 1 none, else 2 + the triangle met by the line through the cell's centre.
 // Thread-safety: pure functions.
 
 #if defined(FIELDTRACE_FIELD_STORE_LAYOUT_HD_H_) == defined(HWY_TARGET_TOGGLE)

@@ -1,11 +1,10 @@
-// Risk classes: how likely a cell's answer is wrong, and which classes a tolerance lets answer.
+// Risk classes: how likely a cell's answer is wrong, and which classes answer at a tolerance.
 //
 // A cell whose lines disagree has class 2 ... k_worst_class by the share of the minority. Where all K lines agree, the
-// cells beside it in its slice are looked at too: a visibility cell has class 0 if they agree with it, else class 1; a
-// depth cell has class 0 if no line of theirs meets something well in front of its plane fit (a miss: anything), else
-// class
-// 2. The wrong shares behind the classes were measured on held-out lines: docs/decisions/003-certificates.md.
-// Thread-safety: pure functions.
+// neighbours in the slice count too: a visibility cell has class 0 if they agree with it, else class 1; a depth cell
+// has class 0 if none of their lines hits well in front of its plane (for a miss: hits at all), else class 2. The share
+// of wrong answers in each class was measured on held-out lines: docs/decisions/003-certificates.md. Thread-safety:
+// pure functions.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +19,7 @@ inline constexpr float k_residual_factor = 2.0f;
 
 inline constexpr int k_worst_class = 15;
 
-// Class of a depth cell beside an edge, whose own lines agree.
+// Class of a depth cell beside an edge, where its own lines agree.
 inline constexpr int k_edge_class = 2;
 
 // Class of a cell whose lines disagree: `minority` of `lines` lines, each class spanning 1/28 of minority share.
@@ -29,15 +28,15 @@ inline int disagreeing_class(int minority, int lines) {
   return std::clamp(2 + int(share * 28.0f), 2, k_worst_class);
 }
 
-// The largest class that answers at `tolerance` in [0, 1]; -1: none. Up to the default, 0.1, those answer whose lines
-// and neighbours all agree; above it the admitted minority share grows to one half at 1.
+// The largest class that answers at `tolerance` in [0, 1]; -1: none. Up to the default, 0.1, only cells answer whose
+// lines and neighbours all agree; above it the admitted minority share grows to one half at 1.
 inline int max_class_at(float tolerance) {
   if (tolerance <= 0.0f) return -1;
   if (tolerance <= 0.1f) return 0;
   return 1 + int((tolerance - 0.1f) / 0.9f * float(k_worst_class - 1) + 0.5f);
 }
 
-// What the cells of a field may answer at `tolerance` in [0, 1].
+// Which cells of a field answer at `tolerance` in [0, 1].
 inline QueryPolicy query_policy(float tolerance) {
   const int max_class = max_class_at(tolerance);
   return {.visibility_max_class = max_class, .depth_max_class = max_class, .answer_all = tolerance >= 1.0f};

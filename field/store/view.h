@@ -1,5 +1,5 @@
-// A field as plain pointers, and what a tolerance means to its cells. Shared by every instruction set and the GPU,
-// which is why these types live outside the lane namespaces.
+// A field as plain pointers, and which of its cells answer at a tolerance. Shared by every instruction set and the GPU,
+// hence outside the lane namespaces.
 //
 // Thread-safety: values; the pointers are valid while the Field lives. Memory layout: field/store/layout.hd.h.
 #pragma once
@@ -16,7 +16,7 @@ struct CoverageView {
   float half_lines = 0.0f;           // L / 2
   const int32_t* tile_of = nullptr;  // direction * tiles^2 + tile
   const int32_t* sums = nullptr;     // tile * k_tile_words
-  const float* radiance = nullptr;   // 3 (tile * k_tile_words + corner): sums of red, green, blue; null: none kept
+  const float* radiance = nullptr;   // 3 (tile * k_tile_words + corner): sums of red, green, blue; null: not kept
 };
 
 struct FieldView {
@@ -33,8 +33,8 @@ struct FieldView {
   CoverageView coverage;
 };
 
-// A cell answers if its risk class is at most this. max_class < 0: none answers. answer_all: nothing asks; depth
-// comparisons that are too near to tell are decided by their sign, and what no cell sees is clear.
+// A cell answers if its risk class is at most this. max_class < 0: none answers. answer_all: no query stays undecided;
+// depth comparisons within the margin are decided by their sign, and what no cell sees is clear.
 struct QueryPolicy {
   int visibility_max_class = 0;
   int depth_max_class = 0;

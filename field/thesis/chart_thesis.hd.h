@@ -8,8 +8,8 @@
 // the disk up to the hemisphere about the inward normal at the entry point; M x M cells, M = 32, 64 or 128.
 // Source: A. Andreadis, "Ray Tracing Acceleration using Displacement Fields on GPU", 2008.
 //
-// Slater answers a query from a rendered table. Here the five cuts are followed down by arithmetic alone: a triangle
-// is known by the cosines of its edges and by the query's weights on its corners, and a cut needs no more than these.
+// Slater answers a query from a rendered table. Here the five subdivisions are followed by arithmetic alone: the
+// cosines of a triangle's edges and the query's weights on its corners suffice for the next subdivision.
 //
 // Space: unit space (field/chart/chart.hd.h). Exactness: only + - x / sqrt floor in the written order, as in that file.
 // Thread-safety: pure functions. Errors: none; directions must be unit and finite (unchecked).
@@ -33,7 +33,6 @@ constexpr int k_thesis_level = 5;
 constexpr int k_thesis_side = 1 << k_thesis_level;  // edges along an octant's side
 constexpr int k_thesis_hemisphere = 2 * k_thesis_side * k_thesis_side + 2 * k_thesis_side + 1;  // 2,113
 constexpr int k_thesis_positions = 2 * k_thesis_hemisphere;                                     // 4,226
-constexpr int k_thesis_rim = 4 * k_thesis_side;                                                 // 128
 
 // A point of the subdivision, by its place in the unfolded octahedron: whole numbers with |i| + |j| <= k_thesis_side,
 // i along x and j along y, the pole at (0, 0), the rim where the sum is k_thesis_side.
@@ -45,22 +44,23 @@ struct ThesisVertex {
 
 // ---------------------------------------------------------------- positions
 
-// The point of the subdivision nearest to the unit vector p, of those of p's hemisphere.
+// The point of the subdivision, within p's hemisphere, that is nearest to the unit vector p.
 template <class F>
 FT_HD_INLINE ThesisVertex<F> nearest_thesis_vertex(const Vec3Lanes<F>& p) {
   const F zero = splat<F>(0.0f), half = splat<F>(0.5f), one = splat<F>(1.0f), two = splat<F>(2.0f);
-  // p = a A + b B + c C in the octant of its signs, with corners A = x, B = y and C = z at right angles.
+  // p = a A + b B + c C in the octant of its signs, with corners A = x, B = y and C = z mutually perpendicular.
   F a = abs(p.x), b = abs(p.y), c = abs(p.z);
   F cos_ab = zero, cos_bc = zero, cos_ca = zero;
   // C's place; A lies `step` from it along i, B along j. A middle triangle is turned around: its step is negative.
   F i = zero, j = zero, step = splat<F>(float(k_thesis_side));
   for (int level = 0; level < k_thesis_level; ++level) {
-    // The middle of the edge AB is (A + B) / l_ab.
+    // The midpoint of the edge AB is (A + B) / l_ab.
     const F l_ab = sqrt(two + two * cos_ab), l_bc = sqrt(two + two * cos_bc), l_ca = sqrt(two + two * cos_ca);
-    // Cosines between the middles of two edges, (A + B) (C + A) / (l_ab l_ca), all over one denominator.
+    // Cosines between the midpoints of two edges, (A + B) (C + A) / (l_ab l_ca), over a common denominator.
     const F sum = (one + cos_ab + (cos_bc + cos_ca)) / (l_ab * l_bc * l_ca);
     const F at_a = sum * l_bc, at_b = sum * l_ca, at_c = sum * l_ab;
-    // p lies beyond the great circle through the two middles next to A where A weighs more than B and C together.
+    // p lies beyond the great circle through the midpoints next to A where A's weight exceeds those of B and C
+    // together.
     const F over_a = a - (b + c), over_b = b - (c + a), over_c = c - (a + b);
     const Mask_t<F> in_a = over_a > zero, in_b = over_b > zero, in_c = over_c > zero;
     const Mask_t<F> middle = !(in_a | in_b | in_c);
@@ -91,7 +91,8 @@ FT_HD_INLINE ThesisVertex<F> nearest_thesis_vertex(const Vec3Lanes<F>& p) {
 // Index in [0, k_thesis_positions): the upper hemisphere first, each in rows of constant j.
 template <class F>
 FT_HD_INLINE Int_t<F> index_of_thesis_vertex(const ThesisVertex<F>& v) {
-  // A row of j has 2 (side - |j|) + 1 points; the rows before it add up to a square, or lack one from all.
+  // Row j has 2 (side - |j|) + 1 points. The rows before it hold a square number of points or, for j > 0, all but a
+  // square.
   const F width = splat<F>(float(k_thesis_side)) - abs(v.j);
   const F next = width + splat<F>(1.0f);
   const F before = select(v.j > splat<F>(0.0f), splat<F>(float(k_thesis_hemisphere)) - next * next, width * width);
@@ -106,7 +107,7 @@ FT_HD_INLINE ThesisVertex<F> thesis_vertex_of_index(Int_t<F> index) {
   const F whole = to_float(index);
   const Mask_t<F> lower = whole >= all;
   const F place = select(lower, whole - all, whole);
-  // Rows up to j = 0, the others being their mirror images: row t begins at t^2.
+  // Row t, up to j = 0, begins at t^2; the other rows are mirror images.
   const Mask_t<F> mirrored = place >= splat<F>(float((k_thesis_side + 1) * (k_thesis_side + 1)));
   const F k = select(mirrored, last - place, place);
   const F t = floor(sqrt(k));
@@ -128,7 +129,7 @@ FT_HD_INLINE Vec3Lanes<F> thesis_point(const ThesisVertex<F>& v) {
     return s * (one / sqrt(dot(s, s)));
   };
   Vec3Lanes<F> at_a = {one, zero, zero}, at_b = {zero, one, zero}, at_c = {zero, zero, one};
-  // Weights on the flat triangle, whole numbers: the cuts divide it as they divide the sphere.
+  // Weights on the flat triangle, integers: the cuts divide it as they divide the sphere.
   F a = abs(v.i), b = abs(v.j), c = splat<F>(float(k_thesis_side)) - (a + b);
   for (int level = 0; level < k_thesis_level; ++level) {
     const Vec3Lanes<F> ab = middle_of(at_a, at_b), bc = middle_of(at_b, at_c), ca = middle_of(at_c, at_a);
@@ -137,23 +138,23 @@ FT_HD_INLINE Vec3Lanes<F> thesis_point(const ThesisVertex<F>& v) {
     at_a = select3(in_a, at_a, select3(in_b, ab, select3(in_c, ca, bc)));
     at_b = select3(in_b, at_b, select3(in_a, ab, select3(in_c, bc, ca)));
     at_c = select3(in_c, at_c, select3(in_a, ca, select3(in_b, bc, ab)));
-    // Halved with the triangle, doubled to stay whole.
+    // Halving the triangle doubles the weights, which keeps them integers.
     const F two = one + one;
     const F next_a = select(in_a, over_a, select(in_b | in_c, a * two, -over_a));
     const F next_b = select(in_b, over_b, select(in_c | in_a, b * two, -over_b));
     const F next_c = select(in_c, over_c, select(in_a | in_b, c * two, -over_c));
     a = next_a, b = next_b, c = next_c;
   }
-  // One weight holds all now.
+  // One corner now has all the weight.
   const Vec3Lanes<F> p = select3(a > half, at_a, select3(b > half, at_b, at_c));
   return {copysign(p.x, v.i), copysign(p.y, v.j), select(v.lower, -p.z, p.z)};
 }
 
 // ---------------------------------------------------------------- directions
 
-// A right-handed frame whose third axis is the inward normal -p at the entry point p, for lower: in the other
-// hemisphere's mirror image (T. Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017). Continuous
-// over each hemisphere with its rim.
+// A right-handed frame whose third axis is the inward normal -p at the entry point p; for `lower`, in the mirror image
+// of the hemisphere (T. Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017). Continuous over each
+// hemisphere with its rim.
 template <class F>
 FT_HD_INLINE Basis<F> thesis_frame(const Vec3Lanes<F>& p, Mask_t<F> lower) {
   const F one = splat<F>(1.0f);
@@ -181,7 +182,7 @@ FT_HD_INLINE void square_from_disk(F x, F y, F& u, F& v) {
 template <class F>
 struct ThesisEntry {
   Vec3Lanes<F> point;
-  F along;  // of the point, from the ray's origin; negative for an origin inside or beyond
+  F along;  // signed distance of the point from the ray's origin; negative if that is inside or beyond
   Mask_t<F> crosses;
 };
 
@@ -232,7 +233,7 @@ FT_HD_INLINE ThesisPosition<F> thesis_position(Int_t<F> index) {
   return {p, thesis_frame(p, vertex.lower)};
 }
 
-// The direction of a cell in the frame of any position: z towards the inside.
+// The direction of a cell in the frame of any position: z points inwards.
 template <class F>
 FT_HD_INLINE Vec3Lanes<F> thesis_inward(Int_t<F> u, Int_t<F> v, const ChartAxis& directions) {
   return cosine_hemisphere_centred(centre_of<F>(u, directions), centre_of<F>(v, directions));

@@ -16,7 +16,8 @@
 FT_LANES_BEGIN
 
 template <class F>
-void thesis_nearest(const ThesisInstanceView& view, const RayBatch& rays, const uint32_t* skip, ThesisHits& hits) {
+void thesis_nearest(const ThesisInstanceView& view, const RayBatch& rays, const AlignedVector<uint32_t>& skip,
+                    ThesisHits& hits) {
   const Uint_t<F> self = splat_uint<F>(view.instance);
   for (size_t i = 0; i < rays.size; i += size_t(Lanes<F>::k_count)) {
     const RayLanes<F> r = load_rays<F>(rays, i);
@@ -37,7 +38,7 @@ void thesis_nearest(const ThesisInstanceView& view, const RayBatch& rays, const 
   }
 }
 
-// Seen from the shading point, the light lies at -length along the reversed ray; what hides it lies before -slack.
+// Along the reversed ray from the shading point, the light lies at -length; blockers lie before -slack.
 template <class F>
 SegmentCounts thesis_shadow(const ThesisInstanceView& view, const RayBatch& rays, size_t begin, size_t end,
                             int32_t candidate_slot, RayStates& states) {
@@ -47,9 +48,8 @@ SegmentCounts thesis_shadow(const ThesisInstanceView& view, const RayBatch& rays
     const RayLanes<F> r = load_rays<F>(rays, i);
     const ThesisUnitRay<F> ray = thesis_unit_ray(view, r.o, r.d);
     const Vec3Lanes<F> from_light = {zero - ray.direction.x, zero - ray.direction.y, zero - ray.direction.z};
-    const F light = zero - r.tmax * ray.scale, shading_point = splat<F>(-view.slack);
-    const ThesisFound<F> found =
-        look_up_thesis(view.field, ray.origin, from_light, light, shading_point, r.tmax >= zero);
+    const F from = zero - r.tmax * ray.scale, to = splat<F>(-view.slack);
+    const ThesisFound<F> found = look_up_thesis(view.field, ray.origin, from_light, from, to, r.tmax >= zero);
     if (states.keep_verdicts) {
       const Int_t<F> clear = select(found.crosses, splat_int<F>(k_verdict_clear), splat_int<F>(k_verdict_none));
       store_lanes(select(found.hit, splat_int<F>(k_verdict_blocked), clear), &states.verdict[i]);

@@ -11,7 +11,7 @@
 namespace fieldtrace {
 namespace {
 
-// Normal at a point of a triangle: the mesh's, interpolated, or else the triangle's own. Not normalised.
+// Normal at a point of a triangle: interpolated from the mesh's normals, or else the triangle's own. Not normalised.
 DVec3 normal_at(const TriangleMesh& mesh, uint32_t primitive, const DVec3& geometric, const DVec3& at) {
   if (mesh.normals.empty()) return geometric;
   const UVec3 t = mesh.triangles[primitive];
@@ -23,10 +23,10 @@ DVec3 normal_at(const TriangleMesh& mesh, uint32_t primitive, const DVec3& geome
   return DVec3(mesh.normals[t.x]) * (1.0 - u - v) + DVec3(mesh.normals[t.y]) * u + DVec3(mesh.normals[t.z]) * v;
 }
 
-// Symmetric objects have edges in the very planes that entry points lie in, and a ray that meets an edge exactly may
-// slip through between its triangles (docs/decisions/002-embree-packets.md): one sample in 5,000 of a sphere did. So
-// rays begin beside their entry points by an odd step, in unit space, less than a hundredth of the distance between
-// these: 2^-12 is far above the rounding of positions and far below what a picture shows.
+// Symmetric objects have edges in the very planes that hold entry points, and a ray that meets an edge exactly may slip
+// between its triangles (docs/decisions/002-embree-packets.md): one sample in 5,000 of a sphere did. So rays start
+// beside their entry points by an irregular offset, in unit space, of less than a hundredth of the distance between
+// these: 2^-12 is far above the rounding of positions and too small to be seen in a picture.
 constexpr float k_nudge_x = 0.61803399f * 0x1p-12f, k_nudge_y = 0.27639320f * 0x1p-12f;
 
 uint8_t encode_component(double x) {
@@ -110,7 +110,7 @@ Sphere thesis_ball(const TriangleMesh& mesh) {
   Sphere ball;
   ball.centre = mesh.bounds().centre();
   for (const Vec3& p : mesh.positions) ball.radius = std::max(ball.radius, glm::length(p - ball.centre));
-  // The distance's rounding, and that of entry points: centre + radius * point, a few operations each.
+  // Rounding of the distance, and of the entry points: centre + radius * point, a few operations each.
   ball.radius *= 1.0f + gamma_bound(32);
   return ball;
 }

@@ -24,7 +24,7 @@ size_t thesis_samples(int m);
 // What is kept of a sample. Shadows need no normals.
 enum class ThesisLayers { distance, distance_normal };
 
-// Whether the parameters of an identity are those of a thesis field: M is 32, 64 or 128, and there is no more.
+// Whether the parameters of an identity are those of a thesis field: M is 32, 64 or 128, the others 0.
 bool valid_thesis_parameters(const FieldParameters& parameters);
 
 class ThesisField {
@@ -54,10 +54,10 @@ class ThesisField {
 struct ThesisBakeCallbacks {
   std::function<void(float share)> progress;  // from one thread at a time
   const std::atomic<bool>* stop = nullptr;
-  BakeCounters* counters = nullptr;  // rays, and the seconds of all threads together, are added to it
+  BakeCounters* counters = nullptr;  // rays and seconds, summed over all threads, are added
 };
 
-// The centre of the object's bounding box and the distance of its farthest vertex, enlarged for rounding.
+// A ball about the centre of the object's bounding box, out to its farthest vertex, enlarged for rounding.
 Sphere thesis_ball(const TriangleMesh& mesh);
 
 // Traces every sample of a shape of `scene`, a mesh, which `accel` was built for. Empty if `stop` ended it. The normal
@@ -66,10 +66,10 @@ std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& sc
                                              const ThesisBakeCallbacks& callbacks = {},
                                              ThesisLayers layers = ThesisLayers::distance_normal);
 
-// What a shadow look-up forgives, in unit space. The nearest of a field's samples lies up to this far from a ray: where
-// the ray enters by the radius of the widest circle around a triangle of entry points, .0427, and at the hit, about 1
-// from there, by half the diagonal of a direction cell of 2 / M. Surfaces that a light sees at a slope of 1/2 (27
-// degrees) or steeper are off by up to twice that in depth; the stored distance is off by half a step of 2 / 254, too.
+// Tolerance of shadow look-ups, in unit space. The nearest sample of a field differs from the ray: at the entry by up
+// to the circumradius of the widest triangle of entry points, .0427, and at the hit, about 1 from there, by up to half
+// the diagonal of a direction cell of 2 / M. On surfaces that a light sees at a slope of 1/2 (27 degrees) or steeper,
+// depths differ by up to twice that; the stored distance is off by half a step of 2 / 254, too.
 float thesis_slack(int m);
 
 // One instance of the scene with its shape's field.

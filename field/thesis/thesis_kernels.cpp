@@ -11,7 +11,7 @@
 #include "core/simd/lanes_pair-inl.h"
 #include "field/thesis/thesis_batch-inl.h"
 
-#if HWY_TARGET != HWY_SCALAR  // thesis_kernels_scalar() serves that
+#if HWY_TARGET != HWY_SCALAR  // thesis_kernels_scalar() covers it
 FT_LANES_BEGIN
 
 // The kernels' addresses are taken inside the target's own namespace, so that no instance is shared between targets.

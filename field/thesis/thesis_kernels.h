@@ -26,11 +26,12 @@ struct ThesisHits {
 struct ThesisKernels {
   // Moves `hits` to this instance where its field says that it is nearer. A ray i with skip[i] == view.instance passes
   // through, as does an inactive one. `skip` is padded like the batch.
-  void (*nearest)(const ThesisInstanceView& view, const RayBatch& rays, const uint32_t* skip, ThesisHits& hits);
+  void (*nearest)(const ThesisInstanceView& view, const RayBatch& rays, const AlignedVector<uint32_t>& skip,
+                  ThesisHits& hits);
   // Rays [begin, end) run from shading points to lights at t = tmax, infinity included; both are multiples of
-  // k_batch_padding. They are looked up from the light to the shading point (section 3.2.3). Adds to `states` which of
-  // them this instance hides: those whose first surface lies between the light and the shading point, in front of the
-  // latter by more than view.slack. No ray asks. crossings, lookups: rays that meet the ball there.
+  // k_batch_padding. They are looked up from the light to the shading point (section 3.2.3). Adds to `states` the rays
+  // that this instance blocks: those whose first surface lies between light and shading point, in front of the latter
+  // by more than view.slack. No ray is undecided. crossings, lookups: rays that meet the ball in between.
   SegmentCounts (*shadow)(const ThesisInstanceView& view, const RayBatch& rays, size_t begin, size_t end,
                           int32_t candidate_slot, RayStates& states);
 };

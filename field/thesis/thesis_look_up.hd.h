@@ -20,7 +20,7 @@ FT_LANES_BEGIN
 template <class F>
 struct ThesisUnitRay {
   Vec3Lanes<F> origin, direction;  // direction: unit
-  F scale;                         // unit-space length of the ray's own direction: t = along / scale
+  F scale;                         // unit-space length of the caller's direction: t = along / scale
 };
 
 template <class F>
@@ -31,18 +31,17 @@ FT_HD_INLINE ThesisUnitRay<F> thesis_unit_ray(const ThesisInstanceView& view, co
   return {transformed_point(view.to_unit, o), q * (splat<F>(1.0f) / scale), scale};
 }
 
-// What a field says of a line.
+// The result of a look-up along a line.
 template <class F>
 struct ThesisFound {
-  Mask_t<F> crosses;  // the part of the line that was asked for meets the ball
+  Mask_t<F> crosses;  // the queried part of the line meets the ball
   Mask_t<F> hit;      // the surface lies within that part
   F along;            // of the surface
   Int_t<F> sample;    // 0 where there is no hit
 };
 
-// The first surface along a line, of which the part from < along < to is asked for, in unit space from `origin`. The
-// field knows the first surface only: where that lies before `from`, it knows nothing of the rest of the line.
-// `active`: lanes to look up.
+// The first surface along a line whose part from < along < to is queried, in unit space from `origin`. The field knows
+// the first surface only: where that lies before `from`, the rest of the line is unknown. `active`: lanes to look up.
 template <class F>
 FT_HD_INLINE ThesisFound<F> look_up_thesis(const ThesisFieldView& field, const Vec3Lanes<F>& origin,
                                            const Vec3Lanes<F>& direction, F from, F to, Mask_t<F> active) {
@@ -54,7 +53,7 @@ FT_HD_INLINE ThesisFound<F> look_up_thesis(const ThesisFieldView& field, const V
   found.along = zero;
   found.sample = splat_int<F>(0);
   if (!any(found.crosses)) return found;
-  // The other lanes look up along the axis: any sample will do.
+  // The other lanes look up a line along the z axis, whose sample always exists.
   const Vec3Lanes<F> up = {zero, zero, one}, down = {zero, zero, -one};
   const Vec3Lanes<F> point = select3(found.crosses, entry.point, up);
   const ThesisAddress<F> at = address_of_entry(point, select3(found.crosses, direction, down), field.directions);

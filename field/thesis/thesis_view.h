@@ -12,7 +12,7 @@
 namespace fieldtrace {
 
 inline constexpr int k_field_padding = 4;
-// Distances are whole numbers of 2 R / 254; 255 is a miss.
+// Distances are integer multiples of 2 R / 254; 255 is a miss.
 inline constexpr int k_thesis_steps = 254;
 inline constexpr int k_thesis_miss = 255;
 // Components of normals are (byte - 127) / 127.

@@ -13,8 +13,8 @@
 namespace fieldtrace {
 namespace {
 
-// Types of the metadata that a field file has (field/file/field_vdb.cpp). Others are OpenVDB's own, and
-// may reserve memory by counts that their contents state.
+// Types of the metadata that a field file has (field/file/field_vdb.cpp). OpenVDB's other types may
+// reserve memory by counts that a file states.
 bool is_field_metadata(const std::string& type) {
   const std::string known[] = {openvdb::StringMetadata::staticTypeName(), openvdb::Int32Metadata::staticTypeName(),
                                openvdb::Int64Metadata::staticTypeName(), openvdb::FloatMetadata::staticTypeName(),
@@ -36,7 +36,7 @@ class Lookahead {
     in_.read(reinterpret_cast<char*>(&value), sizeof value);
     return value;
   }
-  // A length and as many bytes.
+  // A length, and that many bytes.
   std::string text() {
     const uint32_t length = word();
     require(length);
@@ -49,7 +49,7 @@ class Lookahead {
     require(length);
     in_.seekg(std::streamoff(length), std::ios::cur);
   }
-  // A map of names to values, each with its type and length. With `checked`, of types that a field file has.
+  // A map of names to values, each with its type and length. `checked`: throws for types that no field file has.
   void skip_metadata(bool checked) {
     for (uint32_t left = word(); left > 0; --left) {
       skip_text();

@@ -95,7 +95,7 @@ ImageDifference compare_images(const Image& image, const Image& reference, const
       const Rect part = {x, y, std::min(k_difference_block, end_x - x), std::min(k_difference_block, end_y - y)};
       const Sums block = sum_block(image, reference, pairs, part);
       const double rmse = block.rmse();
-      // A block that is not a number is the worst that can be; the first such block is reported.
+      // NaN ranks worst; of several NaN blocks the first is reported.
       const bool worse = std::isnan(rmse) ? !std::isnan(result.worst_block_rmse) : rmse > result.worst_block_rmse;
       if (worse) {
         result.worst_block_rmse = rmse;

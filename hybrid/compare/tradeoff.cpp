@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A folder that exists as long as this object does. The name holds the process id: two runs may share a parent.
+// A folder removed with this object. Its name holds the process id, because two runs may share a parent.
 class ScratchFolder {
  public:
   explicit ScratchFolder(const std::string& parent)
@@ -38,7 +38,7 @@ class ScratchFolder {
   std::string path_;
 };
 
-// Camera samples of one render, the measure of its share in the whole.
+// Camera samples a pixel of one render: the measure of its share in the whole plan.
 double work_of(const Scene& scene, const RenderOptions& options) {
   return options.spp > 0 ? options.spp : scene.sample_count;
 }
@@ -51,7 +51,7 @@ std::string time_columns(const TimeAtError& time) {
   return fmt::format("{},{:.6g}", k_relations[int(time.relation)], time.seconds);
 }
 
-// Maps the progress of one render to that of the plan, and counts what is done.
+// Maps the progress of one render to that of the whole plan.
 class PlanProgress {
  public:
   PlanProgress(const Scene& scene, const TradeoffPlan& plan, bool with_reference, const RenderCallbacks& callbacks)
@@ -60,7 +60,7 @@ class PlanProgress {
     for (const RenderOptions& c : plan.cases) total_ += work_of(scene, c) * (is_hybrid(c) ? 2 : 1);
   }
 
-  // One render, timed. Advances the progress by its whole work.
+  // Renders and times one case, then advances the progress by its whole work.
   RenderResult render_timed(const RenderOptions& options, const char* label, double& seconds) {
     const double work = work_of(scene_, options);
     RenderCallbacks callbacks = callbacks_;

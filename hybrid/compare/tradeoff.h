@@ -1,9 +1,9 @@
-// The trade between speed and accuracy, measured: one scene rendered by both methods over sample counts, tolerances and
-// field resolutions, each picture compared with a reference that the same renderer made by Monte Carlo.
+// The trade-off between speed and accuracy, measured: one scene is rendered by both methods over sample counts,
+// tolerances and field resolutions, and each picture compared with a Monte Carlo reference of the same renderer.
 //
-// Cold means with an empty field cache, warm a second render with the cache that the first one left. Times are wall
-// seconds of render() alone: loading the scene and writing images are the same for all rows.
-// Thread-safety: functions may run concurrently on different scenes; times then disturb one another.
+// Cold: with an empty field cache. Warm: a second render with the cache that the first one left. Times are wall seconds
+// of render() alone, because loading the scene and writing images cost the same in all rows.
+// Thread-safety: functions may run concurrently on different scenes, but then disturb each other's times.
 #pragma once
 
 #include <cstdint>
@@ -22,19 +22,19 @@ struct TradeoffRow {
   RenderOptions options;
   Stats cold, warm;                           // warm equals cold for Monte Carlo, which has no cache
   double seconds_cold = 0, seconds_warm = 0;  // of the whole render() call
-  ImageDifference difference;                 // of the cold picture from the reference
+  ImageDifference difference;                 // of the cold picture against the reference
 };
 
 struct TradeoffPlan {
-  RenderOptions reference;  // how the reference is made: Monte Carlo, many samples, a seed of its own
-  // The configurations to measure. `field_cache` is ignored: each gets a temporary folder of its own.
+  RenderOptions reference;  // Monte Carlo with many samples and a seed that no case uses
+  // The configurations to measure. `field_cache` is ignored: each gets a temporary folder.
   std::vector<RenderOptions> cases;
 };
 
 // The cases of the command line. Quick: few samples, one field resolution, a reference of 256 samples. Full: Monte
-// Carlo with 1 to 256 samples; hybrid with 1 to 64 samples x tolerances 0, 0.05, 0.1, 0.25, 0.5, 1 at the scene's own
-// field resolution, and 16 samples x D in {32, 64, 128} x N in {64, 128, 256}; a reference of 4096 samples. `base`
-// gives threads, instruction set, light samples and the seed; the reference takes the next seed.
+// Carlo with 1 to 256 samples; hybrid with 1 to 64 samples x tolerances 0, 0.05, 0.1, 0.25, 0.5, 1 at the scene's
+// default field resolution, and 16 samples x D in {32, 64, 128} x N in {64, 128, 256}; a reference of 4096 samples.
+// `base` gives threads, instruction set, light samples and the seed; the reference takes the next seed.
 struct TradeoffPlanOptions {
   bool quick = false;
   RenderOptions base;
@@ -42,42 +42,41 @@ struct TradeoffPlanOptions {
 TradeoffPlan make_tradeoff_plan(const Scene& scene, const TradeoffPlanOptions& options = {});
 
 struct TradeoffCallbacks {
-  RenderCallbacks render;  // progress is over the whole plan
+  RenderCallbacks render;  // progress is that of the whole plan
   // Called after each case, in order, with its cold picture.
   std::function<void(const TradeoffRow& row, const Image& image)> row;
 };
 
-// Renders the reference unless `reference` already holds it, then each case cold and warm. Returns true if all were
-// measured, false if callbacks.render.stop ended it early: a case that was cut short yields no row. Temporary caches
-// lie in `scratch_folder`, which must exist, and are removed. Throws what render() and compare_images() throw.
+// Renders the reference unless `reference` already holds it, then each case cold and warm. Returns true if all cases
+// were measured, false if callbacks.render.stop ended the run early: an interrupted case yields no row. Temporary
+// caches lie in `scratch_folder`, which must exist, and are removed. Throws what render() and compare_images() throw.
 bool run_tradeoff(const Scene& scene, const TradeoffPlan& plan, const std::string& scratch_folder, Image& reference,
                   const TradeoffCallbacks& callbacks);
 
-// (seconds, rmse) of one render.
 struct ErrorPoint {
   double seconds = 0, rmse = 0;
 };
 
-// The time that Monte Carlo needs for an error, as far as measured points tell.
+// The time that Monte Carlo needs to reach an error, as far as the measured points tell.
 struct TimeAtError {
   enum class Relation { equals, more_than, less_than };
-  double seconds = 0;  // NaN: nothing is known
+  double seconds = 0;  // NaN: unknown
   Relation relation = Relation::equals;
 };
 
-// Seconds that Monte Carlo needs for `rmse`, from measured points: linear between neighbours in log-log. Beyond the
-// ends there is no law to go by (the noise of light samples falls faster than samples^-1/2, that of pixel edges does
-// not): an error below all measured takes more than the time of the least, one above all less than the time of the
-// greatest. Points need not be sorted; those without a positive finite time and error are left out. NaN if none is left
-// or `rmse` is not positive and finite.
+// Seconds that Monte Carlo needs to reach `rmse`: interpolated between neighbouring points, linearly in log-log.
+// Nothing is extrapolated, because there is no single law (the noise of light samples falls faster than samples^-1/2,
+// that of pixel edges does not): an error below all measured ones takes more than the time of the least, one above all
+// less than the time of the greatest. Points need not be sorted; those without a positive finite time and error are
+// ignored. NaN if no point remains or `rmse` is not positive and finite.
 TimeAtError seconds_at_error(std::vector<ErrorPoint> points, double rmse);
 
 // The Monte Carlo renders among rows.
 std::vector<ErrorPoint> monte_carlo_points(const std::vector<TradeoffRow>& rows);
 
-// The header and the rows of the table, as lines of CSV without the newline. `monte_carlo`: the renders that the time
-// of Monte Carlo at the row's error is read from. That time takes two columns, montecarlo_relation (equals, more_than
-// or less_than) and montecarlo_seconds; both are empty where nothing is known.
+// The header and the rows of the table, as lines of CSV without the newline. `monte_carlo`: the points from which the
+// time of Monte Carlo at the row's error is interpolated. That time takes two columns, montecarlo_relation (equals,
+// more_than or less_than) and montecarlo_seconds; both are empty where it is unknown.
 std::string tradeoff_csv_header();
 std::string tradeoff_csv_row(const TradeoffRow& row, const std::vector<ErrorPoint>& monte_carlo);
 

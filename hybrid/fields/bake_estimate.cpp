@@ -13,14 +13,14 @@ std::vector<double> bake_rays_towards(std::span<const LightExtent> lights, const
                                       const FieldParameters& parameters) {
   const double pi = double(k_pi);
   const double directions = double(parameters.directions) * parameters.directions;
-  // Of a plane's cells those in the disc of the ball, each by its own line and those that certify it.
+  // Cells of the plane inside the disc of the ball; each takes its own line and those that certify it.
   const double rays_per_direction = double(parameters.plane) * parameters.plane * pi / 4.0 * (parameters.lines + 1);
   std::vector<double> rays(scene.shapes.size(), 0.0);
   for (const Instance& instance : scene.instances) {
     const Vec3 centre = transform_point(instance.to_world, scene.shapes[instance.shape].bounds.centre());
     for (const LightExtent& light : lights) {
       const double half = double(angular_diameter(light, centre)) * pi / 360.0;
-      // The light's disc in direction cells, with those that its rim cuts.
+      // Direction cells in the light's disc, including those that its rim cuts.
       const double across = std::sqrt((1.0 - std::cos(half)) / 2.0 * directions) + 1.0;
       rays[instance.shape] += std::min(across * across, directions) * rays_per_direction;
     }

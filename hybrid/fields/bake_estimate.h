@@ -1,7 +1,7 @@
-// What a field will cost to bake, from the scene alone: instances, lights and resolution.
+// Estimates what fields cost to bake, from the scene alone: instances, lights and resolution.
 //
-// Every instance sees a light in other directions of its own, so a field that thousands of turned instances share is
-// baked nearly whole, whatever the picture. Thread-safety: pure.
+// In object space every instance sees a light in other directions, so a field shared by thousands of rotated instances
+// is baked almost completely, whatever the picture. Thread-safety: pure.
 #pragma once
 
 #include <cstdint>
@@ -16,10 +16,10 @@ namespace fieldtrace {
 // back.
 inline constexpr double k_costly_bake_rays = 8e6;
 
-// By shape: rays that a picture of all instances will have baked for its field, whether or not it wants one. Within a
-// factor of two for one instance under one light (docs/decisions/012-left-to-rays.md).
+// By shape: rays to bake for its field if a picture showed all of its instances, whether or not the shape wants a
+// field. Within a factor of two for one instance under one light (docs/decisions/012-left-to-rays.md).
 std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameters& parameters);
-// The same for the layer `ao`, whose rays go everywhere.
+// The same for the layer `ao`, whose rays leave in all directions.
 std::vector<double> estimated_occlusion_bake_rays(const Scene& scene, const FieldParameters& parameters);
 
 }  // namespace fieldtrace

@@ -23,7 +23,7 @@ float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> t
 
 namespace {
 
-// Whether fine cells of the scene's costliest field would take more rays to bake than they are worth.
+// Whether fine cells of the scene's costliest field would take more rays to bake than they save.
 bool is_costly(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light) {
   const std::vector<double> rays = estimated_bake_rays(scene, FieldParameters());
   double most = 0.0;
@@ -32,7 +32,7 @@ bool is_costly(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t
   return most > std::max(k_costly_bake_rays, k_most_bake_share * light_samples);
 }
 
-// Light samples that fall on objects with fields, about.
+// Approximate number of light samples taken on objects with fields.
 double samples_on_objects(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light) {
   double share = 0.0;
   for (const Instance& instance : scene.instances) {
@@ -41,7 +41,7 @@ double samples_on_objects(const Scene& scene, std::span<const ShapeTraits> trait
   return double(rays_per_light) * double(scene.emitters.size()) * std::min(share, 1.0);
 }
 
-// What all fields of these parameters together take to bake.
+// Rays to bake all fields of the scene at these parameters.
 double all_bake_rays(const FieldParameters& parameters, const Scene& scene, std::span<const ShapeTraits> traits) {
   const std::vector<double> rays = estimated_bake_rays(scene, parameters);
   double sum = 0.0;
@@ -77,7 +77,7 @@ FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTrait
   const double most = k_finer_bake_share * samples_on_objects(scene, traits, rays_per_light);
   for (const FieldParameters& finer : {FieldParameters{64, 128}, FieldParameters{64, 256}, FieldParameters{128, 256}}) {
     const double bake_rays = all_bake_rays(finer, scene, traits);
-    if (!(bake_rays > 0.0 && bake_rays <= most)) break;  // the next ones take more
+    if (!(bake_rays > 0.0 && bake_rays <= most)) break;  // finer ones cost more still
     parameters.directions = finer.directions;
     parameters.plane = finer.plane;
   }

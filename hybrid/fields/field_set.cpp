@@ -13,7 +13,7 @@ namespace {
 
 constexpr int k_fewest_directions = 32, k_fewest_plane = 64;
 
-// Shapes that want a field, in the order in which they get one.
+// Shapes that want a field, by decreasing gain: the order in which they get one.
 std::vector<uint32_t> shapes_by_gain(const Scene& scene, std::span<const ShapeTraits> traits) {
   std::vector<uint64_t> gain(scene.shapes.size(), 0);
   for (const Instance& instance : scene.instances)
@@ -103,7 +103,7 @@ void FieldSet::load(FieldCache& cache) {
   has_loaded_ = has_loaded;
 }
 
-// One after another: each holds a second copy of its field for a while.
+// Sequentially, because storing a field holds a second copy of it.
 void FieldSet::store(FieldCache& cache, const WarningSink& warning, Stats& stats) const {
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s]) continue;
@@ -156,7 +156,7 @@ FieldPlan FieldSet::next_plan(std::string& change) const {
     change = "begins again with fields of " + std::to_string(p.directions) + " x " + std::to_string(p.plane) + " cells";
     return next;
   }
-  // Complete fields of these fit: there is no further attempt.
+  // Complete fields of so many shapes fit, so this is the last attempt.
   next.most_fields =
       size_t(std::min(budget_->limit() / Field::most_bytes(p), address_space_ / Field::reserved_bytes(p)));
   change = "begins again with fields for " + std::to_string(next.most_fields) + " of " + std::to_string(count_) +

@@ -1,17 +1,17 @@
-// The fields of one render, one per shape that wants one, their cache, and what happens when they outgrow their memory.
+// The fields of one render, one per shape that wants one, their cache, and the fallback when they outgrow their memory.
 //
-// All fields of a render share one budget (field/store/field_budget.h). A render that reaches it is begun again with
-// less:
-//   1. without what a cache held, if it held anything;
-//   2. without certified hits for glossy rays, if there were to be any;
-//   3. with half of D and N, again and again, down to 32 x 64;
+// All fields of a render share one budget (field/store/field_budget.h). A render that exceeds it restarts with less:
+//   1. without the fields read from a cache, if there were any;
+//   2. without certified hits for glossy rays, if any were planned;
+//   3. with D and N halved, repeatedly, down to 32 x 64;
 //   4. with fields for so few shapes that complete ones fit, those with the most triangles times instances; the others
 //      are left to exact rays.
-// Every step is chosen from constants, the scene and the budget, and each attempt's need is a matter of what the
-// picture demands: no answer asks for a cell before those that may make it needless are known
-// (tests/hybrid/field_demand_test.cpp). So the picture does not depend on threads, tiles or the state of a cache here
-// either. A system that limits address space (core/platform/address_space.h) bounds the fields' pools as well, with the
-// same steps where one is full. Thread-safety: FieldSet by one thread; its fields by any number.
+// Every step follows from constants, the scene and the budget, and what an attempt needs follows from what the picture
+// demands: no query demands a cell before those that may make it needless are known
+// (tests/hybrid/field_demand_test.cpp). So the picture does not depend on threads, tiles or the state of a cache even
+// where memory runs out. Where the system limits address space (core/platform/address_space.h), that bounds the fields'
+// pools too, and a full pool takes the same steps. Thread-safety: a FieldSet is used by one thread; its fields by any
+// number.
 #pragma once
 
 #include <memory>
@@ -32,21 +32,21 @@ struct FieldPlan {
   FieldParameters parameters;
   size_t most_fields = std::numeric_limits<size_t>::max();
   bool read_cache = true;
-  // Light samples of the whole picture, towards all lights. A shape whose bake would cost more rays (and is costly at
-  // all: hybrid/fields/bake_estimate.h) is left to exact rays, for its field cannot answer as many. Infinite: none is.
+  // Light samples of the whole picture, over all lights. A shape whose bake would cost more rays than that (and is
+  // costly at all: hybrid/fields/bake_estimate.h) is left to exact rays, because its field cannot pay for itself.
+  // Infinite: no shape is.
   double light_samples = std::numeric_limits<double>::infinity();
-  double occlusion_rays =
-      std::numeric_limits<double>::infinity();  // those of the layer `ao`: decide alike, by themselves
-  std::vector<uint32_t> hit_instances;  // their shapes have fields for glossy rays, whatever shadow rays gain by these
+  double occlusion_rays = std::numeric_limits<double>::infinity();  // the same for the layer `ao`, judged separately
+  std::vector<uint32_t> hit_instances;  // their shapes get fields for glossy rays even where shadow rays gain nothing
 };
 
-// The budget of fields where none is asked for: half of the machine's memory.
+// The default budget: half of the machine's memory.
 uint64_t default_field_memory();
 
 class FieldSet {
  public:
   // Makes empty fields for the shapes of `scene` that want one, as many as the plan allows; none unless `wanted`. They
-  // share `address_space` bytes evenly; if that does not hold their tables the budget counts as exceeded from the
+  // share `address_space` bytes evenly; if that does not hold even their tables, the budget counts as exceeded from the
   // start.
   FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, const FieldPlan& plan, uint64_t budget_bytes,
            bool wanted, uint64_t address_space = k_no_address_limit);
@@ -54,21 +54,22 @@ class FieldSet {
   bool empty() const { return count_ == 0; }
   std::vector<Field*> pointers() const;            // by shape, for shadow rays; null: exact rays
   std::vector<Field*> occlusion_pointers() const;  // by shape, for the layer `ao`; null: exact rays
-  std::vector<Field*> all_pointers() const;        // by shape, those too that answer glossy rays alone; null: none
-  // By shape: not 0 where the field is not asked about shading points on the object itself.
+  std::vector<Field*> all_pointers() const;        // by shape, including those for glossy rays only; null: none
+  // By shape: not 0 where rays from the object itself do not use its field.
   const std::vector<uint8_t>& self_to_rays() const { return self_to_rays_; }
-  // Leaves objects to exact rays, as the counts of a survey say; those with a costly bake if their answers would not
+  // Leaves objects to exact rays by the counts of a survey; those with a costly bake also where their answers would not
   // outnumber its rays.
   void leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers);
   const FieldBudget& budget() const { return *budget_; }
 
-  // Adds what the cache holds, if the plan reads it.
+  // Reads fields from the cache, if the plan allows it.
   void load(FieldCache& cache);
-  // A finished picture is worth more than its fields: what cannot be kept is told, not thrown.
+  // Failures are warnings, not exceptions: they must not cost a finished picture.
   void store(FieldCache& cache, const WarningSink& warning, Stats& stats) const;
   void count(Stats& stats) const;
 
-  // The plan of the next attempt, after one that outgrew the budget. `change` says what is different, for a warning.
+  // The plan of the next attempt, after one that exceeded the budget. `change` receives what is different, for a
+  // warning.
   FieldPlan next_plan(std::string& change) const;
 
  private:
@@ -79,7 +80,7 @@ class FieldSet {
   std::vector<std::unique_ptr<Field>> fields_;
   std::vector<double> bake_rays_;            // by shape: estimated
   std::vector<double> occlusion_bake_rays_;  // of the layer `ao`
-  // By shape: shadow rays do not ask its field, or not from the object itself; glossy rays ask it.
+  // By shape: shadow rays do not use its field at all, or not from the object itself; glossy rays use it.
   std::vector<uint8_t> left_to_rays_, self_to_rays_, for_hits_;
   size_t count_ = 0;
   bool has_loaded_ = false;

@@ -1,6 +1,7 @@
-// The fields of one render by the thesis' chart: one per shape that wants one, each baked whole or read from a cache.
+// The fields of one render in the thesis' chart: one per shape that wants one, each baked completely or read from a
+// cache.
 //
-// They keep distances alone, for shadow rays. Thread-safety: by one thread; the finished fields are const.
+// They store distances only, for shadow rays. Thread-safety: used by one thread; the finished fields are const.
 #pragma once
 
 #include <memory>
@@ -16,20 +17,20 @@
 
 namespace fieldtrace {
 
-// M of RenderOptions' D and N; 0: not given, M is then 64. Throws UsageError for a D other than 32, 64 and 128, and for
-// any N: this chart has no plane.
+// M of the thesis' chart from D and N of RenderOptions; D = 0: not given, M is then 64. Throws UsageError for a D other
+// than 32, 64 and 128, and for any N: this chart has no plane.
 int thesis_directions(int directions, int plane);
 
-// Throws Error if fields of `objects` do not fit in `budget_bytes`.
+// Throws Error if fields for `objects` objects do not fit in `budget_bytes`.
 void require_thesis_memory(size_t objects, int m, uint64_t budget_bytes);
 
 class ThesisFieldSet {
  public:
-  // Nothing is baked yet. Throws as require_thesis_memory() for all shapes of `scene` that want a field.
+  // Bakes nothing yet. Throws like require_thesis_memory() for all shapes of `scene` that want a field.
   ThesisFieldSet(const Scene& scene, std::span<const ShapeTraits> traits, int m, uint64_t budget_bytes);
 
-  // Takes what `cache` holds, bakes the rest and adds it to the cache; null: none. False if `stop` ended it. A field
-  // that cannot be kept is told to `warning`.
+  // Reads what `cache` holds, bakes the rest and stores it there; null: no cache. Returns false if `stop` ended it. A
+  // field that cannot be stored is reported to `warning`.
   bool make(const Accel& accel, FieldCache* cache, const ThesisBakeCallbacks& callbacks, const WarningSink& warning,
             Stats& stats);
 

@@ -14,22 +14,22 @@
 namespace fieldtrace {
 namespace {
 
-// Disagreement that counts as wrong: more than this many error bounds, or than the lobe's own spread of directions.
+// An answer counts as wrong beyond this many error bounds, or beyond the lobe's spread of directions.
 constexpr float k_wrong_errors = 4.0f;
 constexpr float k_lobe_spread = 2.0f;
 
-// The tangent by which a plane fit's normal may differ from the surface's, of a lobe's, for each unit of tolerance: at
-// the default .2 % of hits are then off by more than the lobe's spread (docs/decisions/016-certified-hits.md).
+// How far, per unit of tolerance, a plane fit's normal may deviate from the surface's, in tangents of the lobe's
+// spread: at the default 0.2 % of hits are off by more than that spread (docs/decisions/016-certified-hits.md).
 constexpr float k_bend_of_tolerance = 8.0f;
 
-// A cell's corner lies this many of a textured mesh's edges from its middle at most.
+// Largest distance from a cell's centre to its corner, in mean edges of a textured mesh.
 constexpr double k_texture_edges = 4.0;
 
 // Where a line meets the plane of a triangle.
 struct PlaneHit {
-  double t = 0.0, u = 0.0, v = 0.0;  // along the line; of the triangle's second and third corner
+  double t = 0.0, u = 0.0, v = 0.0;  // t: along the line; u, v: barycentric, of the second and third corners
   bool inside = false;
-  double altitude = 0.0;  // the triangle's least
+  double altitude = 0.0;  // shortest of the triangle
 };
 
 PlaneHit meet_plane(const TriangleMesh& mesh, uint32_t primitive, const DVec3& origin, const DVec3& direction) {
@@ -50,7 +50,7 @@ PlaneHit meet_plane(const TriangleMesh& mesh, uint32_t primitive, const DVec3& o
   return hit;
 }
 
-// World space, unit, on either side.
+// World space, unit; on either side of the triangle.
 Vec3 triangle_normal(const Scene& scene, uint32_t instance_index, uint32_t primitive) {
   const Instance& instance = scene.instances[instance_index];
   const TriangleMesh& mesh = scene.shapes[instance.shape].mesh;
@@ -61,10 +61,10 @@ Vec3 triangle_normal(const Scene& scene, uint32_t instance_index, uint32_t primi
   return Vec3(glm::normalize(glm::cross(edge(index.y), edge(index.z))));
 }
 
-// Half the angle over which a lobe reflects.
+// Half of the angle over which a lobe reflects.
 float spread_of(float alpha) { return std::min(k_lobe_spread * std::atan(alpha), 0.5f * k_pi * (1.0f - 0x1p-10f)); }
 
-// Of one side or the other.
+// Whether either side does.
 bool lets_light_through(const Scene& scene, uint32_t bsdf) {
   for (uint32_t b = bsdf; b != k_none; b = scene.bsdfs[b].back) {
     if (scene.bsdfs[b].opacity != k_none || transmits(scene.bsdfs[b].kind)) return true;
@@ -81,7 +81,7 @@ double mean_edge(const TriangleMesh& mesh) {
   return std::sqrt(2.0 * area / double(std::max<size_t>(mesh.triangles.size(), 1)));
 }
 
-// Whether texture coordinates found at the middle of a cell can be continued to its corners.
+// Whether texture coordinates found at the centre of a cell can be extrapolated to its corners.
 bool cells_resolve_textures(const Shape& shape, const FieldParameters& parameters) {
   const double corner = double(field_ball(shape.bounds).radius) * std::sqrt(2.0) / parameters.plane;
   return corner <= k_texture_edges * mean_edge(shape.mesh);
@@ -106,9 +106,9 @@ struct HitAnswerer::Object {
 
 struct HitAnswerer::Nearest {
   Verdict verdict = Verdict::miss;
-  int object = -1;       // of a certified hit; -1: what is nearest was traced, or nothing
-  bool crossed = false;  // some object's ball
-  // Of a certified hit that lies on the triangle which its cell knows: where. It is then as good as a traced one.
+  int object = -1;       // of a certified hit; -1: the nearest hit was traced, or the ray misses
+  bool crossed = false;  // whether the ray meets some object's ball
+  // Where a certified hit lies on the very triangle that its cell stores: its exact place, as good as a traced hit.
   bool on_triangle = false;
   float t = 0.0f, u = 0.0f, v = 0.0f;
 };
@@ -184,7 +184,8 @@ void HitAnswerer::trace_others(HitWorkspace& work) const {
   }
 }
 
-// By their balls' distance from one ray's origin. The answers do not depend on it, only what is looked up in vain.
+// By the distance of their balls from the first ray's origin. The order changes only how many look-ups are wasted, not
+// the answers.
 void HitAnswerer::order_objects(HitWorkspace& work) const {
   const Vec3 origin = work.queries.rays.origin(0);
   work.front_to_back.resize(objects_.size());
@@ -226,7 +227,7 @@ void HitAnswerer::query(HitWorkspace& work, Stats& stats) const {
 }
 
 HitAnswerer::Nearest HitAnswerer::put_together(const HitWorkspace& work, size_t j) const {
-  const float limit = work.queries.limit[j];  // the nearest surface lies there or before
+  const float limit = work.queries.limit[j];  // the nearest surface lies no farther
   Nearest nearest;
   int candidates = work.others.instance[j] != k_none && work.others.t[j] <= limit ? 1 : 0;
   for (size_t k = 0; k < objects_.size(); ++k) {
@@ -238,13 +239,13 @@ HitAnswerer::Nearest HitAnswerer::put_together(const HitWorkspace& work, size_t 
     nearest.object = int(k);
     ++candidates;
   }
-  if (candidates > 1) nearest.verdict = Verdict::undecided;  // they may lie either way round
+  if (candidates > 1) nearest.verdict = Verdict::undecided;  // their order is unknown
   if (nearest.verdict != Verdict::undecided && nearest.object >= 0) find_triangle(work, j, nearest);
   return nearest;
 }
 
-// A triangle that is wider than half a cell must be the one that is met: a plane fit over a few such triangles smooths
-// their edges away. Among smaller ones normals vary so much within a cell that its error bound shows it.
+// A triangle wider than half a cell must be the very one that the ray meets: a plane fit over a few such triangles
+// smooths their edges away. Among smaller ones normals vary so much within a cell that its error bound reflects it.
 void HitAnswerer::find_triangle(const HitWorkspace& work, size_t j, Nearest& nearest) const {
   const Object& object = objects_[size_t(nearest.object)];
   const HitAnswers& a = work.answers[size_t(nearest.object)];
@@ -253,10 +254,10 @@ void HitAnswerer::find_triangle(const HitWorkspace& work, size_t j, Nearest& nea
   const PlaneHit hit = meet_plane(scene_.shapes[instance.shape].mesh, uint32_t(a.primitive[j]),
                                   DVec3(transform_point(instance.to_object, rays.origin(j))),
                                   DVec3(transform_vector(instance.to_object, rays.direction(j))));
-  // Beside a silhouette a ray could meet the triangle from behind.
-  const Vec3 plane_fit(a.nx[j], a.ny[j], a.nz[j]);
+  // Near a silhouette a ray could meet the triangle from behind.
+  const Vec3 fit_normal(a.nx[j], a.ny[j], a.nz[j]);
   const Vec3 normal = triangle_normal(scene_, object.task.instance, uint32_t(a.primitive[j]));
-  const bool faces = (glm::dot(normal, plane_fit) > 0.0f) == (glm::dot(normal, rays.direction(j)) < 0.0f);
+  const bool faces = (glm::dot(normal, fit_normal) > 0.0f) == (glm::dot(normal, rays.direction(j)) < 0.0f);
   nearest.on_triangle = hit.inside && faces && hit.t > 0.0 && std::abs(hit.t - double(a.t[j])) <= double(a.error[j]);
   nearest.t = float(hit.t), nearest.u = float(hit.u), nearest.v = float(hit.v);
   nearest.verdict = nearest.on_triangle || hit.altitude <= object.half_cell ? Verdict::hit : Verdict::undecided;
@@ -291,7 +292,7 @@ void HitAnswerer::check_answers(std::span<const PathState> paths, HitWorkspace& 
   }
 }
 
-// The glossy ones of `which`, in an order that suits look-ups; the others are exact.
+// Sorts `which` into glossy rays to be looked up, in an order that suits look-ups, and others, which are exact.
 void HitAnswerer::choose_queried(const RayBatch& rays, std::span<const PathState> paths,
                                  std::span<const uint32_t> which, HitWorkspace& work) const {
   work.queried.clear();
@@ -310,7 +311,7 @@ void HitAnswerer::choose_queried(const RayBatch& rays, std::span<const PathState
   }
 }
 
-// Of the rays asked about, what is known; the others become exact.
+// Writes the certified answers; the undecided rays become exact.
 void HitAnswerer::settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const {
   for (size_t j = 0; j < work.queried.size(); ++j) {
     const uint32_t i = work.queried[j];

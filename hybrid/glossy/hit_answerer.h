@@ -1,12 +1,12 @@
-// Answers glossy rays by certified nearest hits of fields: a miss, or a surface known within an error that is small
-// against the lobe's footprint. What no certificate settles, and all rays that are not glossy, are traced.
+// Answers glossy rays by certified nearest hits of fields: a miss, or a surface point whose error is small against the
+// lobe's footprint. What no certificate settles is traced, as are all rays that are not glossy.
 //
-// Objects with fields whose ball a ray meets are asked front to back, until the nearest hit lies before the next ball,
-// and put together: the nearest hit counts if every other hit or object that asks lies surely behind it. Where it lies
-// on the triangle that its cell knows, it is moved there, and is then a traced one's equal but for what may lie within
-// the cell's error bound. Other objects are traced. An answer depends on the ray, the scene and the settings alone.
-// Thread-safety: const functions may be called from any number of threads, each with a workspace of its own; fields
-// grow by demand meanwhile.
+// Objects with fields whose ball a ray meets are looked up front to back, until the nearest hit lies before the next
+// ball. That hit counts if every other hit or undecided object surely lies behind it. Where it lies on the triangle
+// that its cell stores, it is moved there, and then equals a traced hit but for what may lie within the cell's error
+// bound. Objects without fields are traced. An answer depends on the ray, the scene and the settings alone.
+// Thread-safety: const functions may be called from any number of threads, each with its own workspace; fields grow on
+// demand meanwhile.
 #pragma once
 
 #include <memory>
@@ -25,12 +25,12 @@
 
 namespace fieldtrace {
 
-// How far a lobe may be blurred: half widths of what is read, or errors of hits, as a tangent seen from the surface,
-// for each unit of the lobe's alpha and of tolerance. At the default an eighth of alpha: the slopes of a lobe's
-// microfacets are spread by about alpha, reflected directions by twice that.
+// How far a lobe may be blurred, as a tangent seen from the surface, per unit of the lobe's alpha and of tolerance: by
+// the half width of a filter footprint, or by the error of a hit. At the default an eighth of alpha: the slopes of a
+// lobe's microfacets are spread by about alpha, reflected directions by twice that.
 inline constexpr float k_blur_of_tolerance = 1.25f;
 
-// What is known of a hit beside its entry in a HitBatch: t, instance and primitive, a triangle near it. World space.
+// What a hit needs beyond its entry in a HitBatch (t, instance, and as primitive a triangle near it). World space.
 struct CertifiedHit {
   uint32_t ray = 0;
   Vec3 normal = Vec3(0.0f);  // unit, on the side that the ray comes from
@@ -40,9 +40,9 @@ struct CertifiedHit {
 struct HitWorkspace {
   std::vector<CertifiedHit> certified;
 
-  std::vector<uint32_t> queried, exact;  // exact: those that were traced
+  std::vector<uint32_t> queried, exact;  // queried: looked up; exact: traced
   DirectionOrder order;
-  HitQueries queries;  // asked
+  HitQueries queries;  // of `queried`
   HitBatch others, found;
   std::vector<uint32_t> front_to_back;
   std::vector<HitAnswers> answers;  // by object
@@ -50,32 +50,33 @@ struct HitWorkspace {
   RaySubset some;
 };
 
-// The surface there. Not for exact hits.
+// The surface at a certified hit; not for exact hits.
 SurfacePoint surface_of(const Scene& scene, const RayBatch& rays, const HitBatch& hits, const CertifiedHit& hit);
 
 class HitAnswerer {
  public:
-  // With more objects than this a ray through all of them costs less than their tests.
+  // With more objects, one ray through all of them costs less than their tests.
   static constexpr size_t k_most_objects = 16;
-  // Below this number of triangles a ray costs no more than the look-ups (docs/decisions/016-certified-hits.md).
+  // With fewer triangles a ray costs no more than the look-ups (docs/decisions/016-certified-hits.md).
   static constexpr size_t k_fewest_triangles = 1000000;
 
-  // Instances that can be answered by fields of these parameters; none if they are too many. Their meshes have that
-  // many triangles or more; light neither passes through them, whole or in part, nor leaves them; where they are
-  // textured, cells are no wider than a few of their triangles.
+  // Instances that fields of these parameters can answer for; none if there are too many. Their meshes have at least
+  // `fewest_triangles` triangles; they are opaque and emit no light; where they are textured, cells are no wider than a
+  // few of their triangles.
   static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits,
                                                 const FieldParameters& parameters, size_t fewest_triangles);
 
-  // Rays that a field of these parameters will have baked for hits from all about.
+  // Rays that baking a field of these parameters takes for hits from all directions.
   static double estimated_bake_rays(const FieldParameters& parameters);
 
-  // fields[s] is that of shape s, not null for `instances`, which must be suited. All references must outlive this.
+  // fields[s] belongs to shape s, and is not null for `instances`, which must be suited. All references must outlive
+  // this.
   HitAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
               const std::vector<Field*>& fields, std::span<const uint32_t> instances, const AnswererSettings& settings);
   ~HitAnswerer();
 
-  // For each i of `which`: where rays[i] (unit, endless), which belongs to paths[i], ends. Other entries of `hits` stay
-  // as they are. work.certified receives those that are not exact. With --check, answers are counted in `stats`.
+  // Finds where rays[i] (unit, infinite) of paths[i] ends, for each i of `which`; other entries of `hits` stay as they
+  // are. work.certified receives the hits that are not exact. With --check, answers are counted in `stats`.
   void intersect(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
                  HitBatch& hits, HitWorkspace& work, Stats& stats) const;
 

@@ -10,19 +10,19 @@
 namespace fieldtrace {
 namespace {
 
-// Shares of a ray smaller than this are not followed.
+// Rays whose remaining share is smaller are not followed.
 constexpr float k_least_share = 0x1p-12f;
-// Surfaces that a path from a patch may visit beyond it, in the estimate of what shading it takes.
+// Surfaces that a path visits beyond its patch, for estimating what shading the patch costs.
 constexpr uint64_t k_further_surfaces = 2;
 
-// One object's share in a ray.
+// What one object contributes to a ray.
 struct Layer {
   float distance;
   const LobeAnswers* answers;
   uint32_t instance;
 };
 
-// Objects front to back, those before the hit at `end`.
+// Composites objects front to back, up to the hit at `end`.
 void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) {
   std::sort(layers.begin(), layers.end(), [](const Layer& a, const Layer& b) { return a.distance < b.distance; });
   for (const Layer& layer : layers) {
@@ -38,7 +38,7 @@ void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) 
   }
 }
 
-// Rays that shading a surface patch takes, about.
+// Approximate number of rays that shading one patch takes.
 uint64_t rays_per_patch(const TransportContext& shading) {
   const uint64_t lights = shading.scene.emitters.size();
   const bool goes_on = shading.settings.max_depth < 0 || shading.settings.max_depth > 2;
@@ -114,7 +114,7 @@ void LobeAnswerer::find_queried(const RayBatch& rays, std::span<const PathState>
   }
 }
 
-// All glossy rays: those that meet no object with maps end there.
+// Traces all glossy rays, too: those that meet no object with maps end there.
 void LobeAnswerer::trace_others(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const {
   const size_t n = rays.size;
   if (!others_ || work.exact.size() == n) {
@@ -183,7 +183,7 @@ void LobeAnswerer::put_together(const HitBatch& hits, LobeWorkspace& work) const
   }
 }
 
-// The rays that maps leave.
+// Traces the rays that the maps refused.
 void LobeAnswerer::trace_exact(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits,
                                LobeWorkspace& work, Stats& stats) const {
   if (hits_) {

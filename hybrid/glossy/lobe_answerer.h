@@ -1,12 +1,11 @@
-// Answers glossy rays by prefiltered radiance maps: what they meet on objects that have such maps, and how much of them
-// passes by. The rest is for exact rays: other objects, and what the maps do not resolve.
+// Answers glossy rays by prefiltered radiance maps: the radiance that objects with such maps send along a ray, and the
+// share of the ray that passes them. Exact rays find the rest: other objects, and what the maps do not resolve.
 //
-// A glossy sample stands for a part of its lobe. The maps give that part's mean radiance on each object, front to
-// back, with the share that each leaves to those behind it; the ray goes on with what is left, among the objects
-// without maps. So a sample is filtered, and neither shading nor shadow rays are needed where it ends. Which
-// objects have maps follows from the scene, constants and the memory that they may take; a ray's answer depends on
-// the ray, the scene and the settings. Thread-safety: const functions may be called from any number of threads, each
-// with a workspace of its own; maps grow by demand meanwhile.
+// A glossy sample stands for a part of its lobe. The maps give that part's mean radiance on each object and the share
+// that passes it, composited front to back; the remaining share goes on among the objects without maps. So a sample is
+// filtered, and neither shading nor shadow rays are needed where it ends. Which objects have maps follows from the
+// scene, constants and the maps' memory budget; a ray's answer from the ray, the scene and the settings. Thread-safety:
+// const functions may be called from any number of threads, each with its own workspace; maps grow on demand meanwhile.
 #pragma once
 
 #include <memory>
@@ -26,26 +25,26 @@ namespace fieldtrace {
 class RadianceMaps;
 struct TransportContext;
 
-// What maps say of one ray of a wave.
+// What the maps answer for one ray of a wave.
 struct FilteredRay {
   uint32_t ray = 0;          // its index
-  Rgb radiance = Rgb(0.0f);  // that arrives along it from objects with maps
-  float clear = 1.0f;        // share of it that goes on to its hit
-  // The object behind which less than half of the ray goes on, if clear < 0.5.
+  Rgb radiance = Rgb(0.0f);  // arriving along it from objects with maps
+  float clear = 1.0f;        // share of the ray that goes on to its hit
+  // If clear < 0.5: the object behind which it first is.
   uint32_t instance = 0;
   float distance = 0.0f;
 };
 
-// What a thread works in, and what it was told.
+// A thread's scratch memory and the results of answer().
 struct LobeWorkspace {
   std::vector<FilteredRay> filtered;
 
-  // Of all rays of the wave: samples x density (0: not glossy), and whether they may meet an object with maps.
+  // For all rays of the wave: samples x density (0: not glossy), and whether they may meet an object with maps.
   AlignedVector<float> density;
   AlignedVector<int32_t> met;
   std::vector<uint32_t> queried, exact;
   DirectionOrder order;
-  LobeBatch batch;                   // asked
+  LobeBatch batch;                   // of `queried`
   std::vector<LobeAnswers> answers;  // by object
   ConeUnknowns unknowns;
   RaySubset some;
@@ -54,16 +53,16 @@ struct LobeWorkspace {
 
 class LobeAnswerer {
  public:
-  // With more objects than this that could have maps none has: their tests would cost more than a ray.
+  // With more suited objects none has maps: their tests would cost more than a ray.
   static constexpr size_t k_most_objects = 16;
 
   // The instances that may have maps: none where there are more than k_most_objects.
   static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits);
 
-  // Pictures of `suited`, shaded by paths of `shading` (SurfaceRadiance), which must outlive this. `most_rays`: glossy
-  // rays that the picture will send at most; objects whose shading could take more are left out, and those whose
-  // maps could outgrow `most_bytes` together with those before them. `hits`, if not null, is asked about the rays
-  // that maps leave, and must outlive this.
+  // Maps of `suited`, shaded by paths of `shading` (SurfaceRadiance), which must outlive this. `most_rays`: upper bound
+  // on the glossy rays of the picture; objects whose shading could take more are left out, as are those whose maps
+  // could exceed `most_bytes` together with those before them. `hits`, if not null, answers the rays that the maps
+  // refuse, and must outlive this.
   LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, float tolerance, uint64_t most_rays,
                uint64_t most_bytes, const HitAnswerer* hits = nullptr);
   ~LobeAnswerer();
@@ -71,9 +70,9 @@ class LobeAnswerer {
   bool empty() const { return maps_.empty(); }
   uint64_t bytes() const;
 
-  // hits (resized by this) receives where each ray ends, those of glossy paths beyond what work.filtered says of them;
-  // work.hits.certified tells which hits are known within errors only.
-  // rays[i] belongs to paths[i]; rays are unit and endless.
+  // hits (resized by this) receives where each ray ends; for glossy paths, where the share that work.filtered leaves of
+  // them does. work.hits.certified lists the hits that are known only within an error bound. rays[i] belongs to
+  // paths[i]; rays are unit and infinite.
   void answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
               Stats& stats) const;
 
@@ -88,7 +87,7 @@ class LobeAnswerer {
   const TransportContext& shading_;
   const SegmentKernels& kernels_;
   const HitAnswerer* hits_;
-  float blur_;  // tangent that half a texel may take, for each unit of alpha
+  float blur_;  // tangent that half a texel may subtend, per unit of alpha
   std::vector<std::unique_ptr<RadianceMaps>> maps_;
   std::shared_ptr<const Accel::Group> others_;  // instances without maps; null: there are none
 };

@@ -15,7 +15,7 @@ int plane_for(uint64_t most_rays) {
   return most_rays >= RadianceMaps::k_many_rays ? RadianceMaps::k_plane : RadianceMaps::k_plane / 2;
 }
 
-// Patches about as wide as the distance between lines.
+// Patch edges about as long as the spacing of lines.
 float patch_of(const Scene& scene, uint32_t instance, int lines) {
   const Instance& placed = scene.instances[instance];
   const Sphere ball = field_ball(scene.shapes[placed.shape].bounds);
@@ -24,8 +24,8 @@ float patch_of(const Scene& scene, uint32_t instance, int lines) {
   return 2.0f * ball.radius * narrowest / float(lines);
 }
 
-// Barycentric coordinates of vertices 1 and 2 of the point of a triangle's plane nearest to `p`, brought into the
-// triangle where rounding has put them outside.
+// Barycentric coordinates (of vertices 1 and 2) of the point nearest to `p` in a triangle's plane, clamped to the
+// triangle against rounding.
 Vec2 barycentric(const Vec3& p0, const Vec3& e1, const Vec3& e2, const Vec3& p) {
   const Vec3 n = glm::cross(e1, e2), d = p - p0;
   const float area = glm::dot(n, n);
@@ -65,7 +65,7 @@ void RadianceMaps::bake(std::span<const uint32_t> slots, Stats& stats) {
   ShapeHits hits;
   TileLines lines;
   std::vector<SurfaceRadiance::Side> sides;
-  std::vector<int> texels;  // of sides
+  std::vector<int> texels;  // of `sides`
   std::vector<Rgb> colours;
   uint64_t bake_rays = 0;
   bake_tiles(tiles_, slots, [&](uint32_t slot) {

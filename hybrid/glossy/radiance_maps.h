@@ -1,8 +1,9 @@
-// Prefiltered radiance maps of one instance, along each direction of a coarse octahedral map: coverage tiles
-// (field/store/coverage.h) whose lines carry what the surface sends along them. Tiles are baked by demand, from
-// radiance that is shaded once (hybrid/glossy/surface_radiance.h), so that most lines cost a ray and no shadows.
+// Prefiltered radiance maps of one instance, one per direction of a coarse octahedral map: coverage tiles
+// (field/store/coverage.h) whose lines also hold the radiance that the surface sends along them. Tiles are baked on
+// demand, from radiance that is shaded once (hybrid/glossy/surface_radiance.h), so that most lines cost one ray and no
+// shadow rays.
 //
-// Space: unit space of the instance's object. Thread-safety: bake() from any number of threads at once.
+// Space: unit space of the instance's object. Thread-safety: bake() may be called from any number of threads at once.
 #pragma once
 
 #include <span>
@@ -16,27 +17,27 @@ namespace fieldtrace {
 
 class RadianceMaps {
  public:
-  // Direction cells along each side of the map: lobes are wide beside them.
+  // Direction cells along each side of the octahedral map: coarse, because lobes are wide.
   static constexpr int k_directions = 32;
-  // Lines along each side of a picture, 2 N, where so many glossy rays or more share the maps; N / 2 else. Finer
-  // ones leave fewer rays to be traced, and cost four times as much to bake.
+  // Cells along each side of a map where at least k_many_rays glossy rays share it, else half as many; lines are twice
+  // as many. Finer maps leave fewer rays to trace and cost four times as much to bake.
   static constexpr int k_plane = 64;
   static constexpr uint64_t k_many_rays = uint64_t(1) << 25;
 
-  // `shading` must outlive this: SurfaceRadiance.
-  // Bytes of complete maps, without their tables and patches.
+  // Bytes of complete tiles, without their tables and patches.
   static uint64_t tile_bytes(uint64_t most_rays);
-  // Surface patches that the constructor will make.
+  // Surface patches that the constructor would make.
   static uint64_t count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays);
+  // `shading` (as for SurfaceRadiance) must outlive this. `most_rays`: upper bound on the glossy rays of the picture.
   RadianceMaps(const TransportContext& shading, uint32_t instance, uint64_t most_rays);
 
   uint32_t instance() const { return radiance_.instance(); }
   const SurfaceRadiance& radiance() const { return radiance_; }
   const CoverageTiles& tiles() const { return tiles_; }
-  // The object, its maps as a field of coverage alone.
+  // The object, with its maps as a field that has coverage only.
   const ConeTask& task() const { return task_; }
 
-  // As bake_coverage(); the surface that the lines meet is shaded, which is counted in `stats` with the bake.
+  // Like bake_coverage(), but also shades the surface that the lines meet; both are counted in `stats` as baking.
   void bake(std::span<const uint32_t> slots, Stats& stats);
 
  private:

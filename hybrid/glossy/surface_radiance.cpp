@@ -13,14 +13,14 @@ namespace {
 constexpr uint32_t k_patch_stream = 0x50544348u;
 constexpr int k_most_divisions = 64;
 
-// Of a triangle cut into n x n patches, patch (i, j, lower) lies at row-major place (i, j), and the upper one of the
-// same square, which touches the far edge's side, at the place mirrored through the square's middle: those are free,
-// for lower ones have i + j < n and upper ones i + j < n - 1.
+// Storage of the n x n patches of a triangle. A lower patch (i, j) lies at row-major place (i, j); the upper one of the
+// same square at the place mirrored about the square's middle. Those places are free: lower patches have i + j < n,
+// upper ones i + j < n - 1.
 size_t patch_place(int n, int i, int j, bool upper) {
   return upper ? size_t((n - 1 - i) * n + (n - 1 - j)) : size_t(i * n + j);
 }
 
-// Points of a patch at which its texture is looked up: the middles of the patches that it would be cut into.
+// A patch's texture is sampled at the centres of the k_texture_divisions^2 patches that it would be cut into.
 constexpr int k_texture_divisions = 4;
 
 struct PatchCentre {
@@ -33,7 +33,7 @@ PatchCentre patch_centre(int n, size_t place) {
   return {(float(n - 1 - i) + 2.0f / 3.0f) * step, (float(n - 1 - j) + 2.0f / 3.0f) * step};
 }
 
-// Along each edge of a triangle, for patches with edges of `patch` or less in world space.
+// n for a triangle, so that the edges of its patches are at most `patch` long in world space.
 int divisions(const Affine& to_world, const TriangleMesh& mesh, const UVec3& t, float patch) {
   const auto edge = [&](uint32_t a, uint32_t b) {
     return glm::length(transform_vector(to_world, mesh.positions[a] - mesh.positions[b]));
@@ -42,7 +42,7 @@ int divisions(const Affine& to_world, const TriangleMesh& mesh, const UVec3& t, 
   return std::clamp(int(std::ceil(std::min(longest / patch, float(k_most_divisions)))), 1, k_most_divisions);
 }
 
-// Of the patch at that place the k-th point of k_texture_divisions^2.
+// The k-th of the k_texture_divisions^2 texture points of the patch at that place.
 PatchCentre texture_point(int n, size_t place, size_t k) {
   const PatchCentre within = patch_centre(k_texture_divisions, k);
   const int i = int(place) / n, j = int(place) % n;
@@ -118,7 +118,7 @@ HitBatch SurfaceRadiance::centres_of(std::span<const Side> sides) const {
   return hits;
 }
 
-// The mean of the texture over a patch: what a tube wider than the patch sees.
+// The mean of the texture over a patch: what a filter wider than the patch sees.
 Rgb SurfaceRadiance::mean_reflectance(Side side, bool behind) const {
   constexpr size_t k_points = size_t(k_texture_divisions) * k_texture_divisions;
   const PatchPlace at = place_of(side);
@@ -132,7 +132,7 @@ Rgb SurfaceRadiance::mean_reflectance(Side side, bool behind) const {
   return sum / float(k_points);
 }
 
-// On side `side` of the patch whose centre is `surface`. `material`: where the vertex finds its material.
+// The vertex on `side` of the patch whose centre is `surface`; it refers to `material`, which this fills.
 PathVertex SurfaceRadiance::vertex_at(Side side, const SurfacePoint& surface, Material& material) const {
   const bool back = side % 2 != 0;
   PathVertex v;
@@ -158,20 +158,20 @@ uint64_t SurfaceRadiance::shade(std::span<const Side> sides) {
   std::vector<Side> lit;
   std::vector<PathVertex> vertices;
   std::vector<PathState> paths;
-  // Of the vertices:
+  // What the vertices refer to.
   std::vector<SurfacePoint> surfaces(missing.size());
   std::vector<Material> materials(missing.size());
-  const RayBatch rays;  // meshes do not ask for the ray
+  const RayBatch rays;  // surface_at() does not read the ray for meshes
   for (size_t i = 0; i < missing.size(); ++i) {
     surfaces[i] = surface_at(scene_, rays, centres, i);
     const PathVertex v = vertex_at(missing[i], surfaces[i], materials[i]);
-    if (v.material->dark) {  // its radiance is zero
+    if (v.material->dark) {  // its radiance stays zero
       shared(shaded_[missing[i]]).store(1, std::memory_order_release);
       continue;
     }
     lit.push_back(missing[i]);
     vertices.push_back(v);
-    // The seeds of further surfaces on its paths are those of such a pixel.
+    // Further surfaces on the patch's paths draw their seeds from this virtual pixel.
     const uint32_t row = scalar::hash_combine(instance_, k_patch_stream);
     paths.emplace_back().pixel_seed = scalar::pixel_seed(seed_, missing[i], row);
   }
@@ -195,7 +195,7 @@ SurfaceRadiance::Side SurfaceRadiance::side_at(uint32_t triangle, float u, float
   const int n = divisor_[triangle];
   const auto cell = [n](float x) { return std::clamp(int(x * float(n)), 0, n - 1); };
   int i = cell(u), j = cell(v);
-  if (i + j > n - 1) j = n - 1 - i;  // beyond the far edge by rounding
+  if (i + j > n - 1) j = n - 1 - i;  // rounding put it beyond the far edge
   const float fu = u * float(n) - float(i), fv = v * float(n) - float(j);
   const bool upper = fu + fv > 1.0f && i + j < n - 1;
   return 2 * (first_[triangle] + uint32_t(patch_place(n, i, j, upper))) + (back ? 1 : 0);

@@ -1,11 +1,10 @@
-// The diffuse radiance that leaves an instance's surface, shaded once for small patches of its triangles, those that
-// are asked for.
+// The diffuse radiance that leaves an instance's surface, shaded once per small patch of its triangles, on demand.
 //
-// Lights and objects stand still during a picture, and what a diffuse surface sends out is the same in all directions:
-// every glossy ray that meets the object may share it. A triangle is cut into n x n patches, n from its longest edge; a
-// patch is shaded at its middle, by light samples and by paths that go on from there. Space: world for lengths, linear
-// radiance. Thread-safety: any number of threads may shade and read at once; a patch that two of them shade comes out
-// the same.
+// Lights and objects stand still during a picture, and a diffuse surface emits the same radiance in all directions, so
+// all glossy rays that meet the object can share it. A triangle is cut into n x n patches, n from its longest edge; a
+// patch is shaded at its centre, by light samples and by paths that continue from there. Space: world for lengths;
+// linear radiance. Thread-safety: any number of threads may shade and read at once; a patch that two threads shade
+// comes out the same.
 #pragma once
 
 #include <tbb/enumerable_thread_specific.h>
@@ -19,34 +18,35 @@ namespace fieldtrace {
 
 class SurfaceRadiance {
  public:
-  // Light samples of each patch, towards every light, and paths that go on from it.
+  // Light samples of each patch towards every light, and paths that continue from it.
   static constexpr int k_samples = 16;
 
-  // A side of a patch: 2 patch + 1 on the side that the geometric normal points away from, else 2 patch.
+  // One side of a patch: 2 patch + 1 is the side that the geometric normal points away from, 2 patch the other.
   using Side = uint32_t;
 
-  // Whether an instance's radiance is the same in all directions: a diffuse mesh, textured or not, that does not glow.
+  // Whether an instance's radiance is the same in all directions: a diffuse, opaque mesh, textured or not, without
+  // emission.
   static bool suits(const Scene& scene, uint32_t instance);
 
-  // How many patches with edges of `patch` (world units, > 0) or less cover an instance; fewer than k_most_patches may
-  // be made.
+  // The number of patches with edges of at most `patch` (world units, > 0) that cover an instance; fewer than
+  // k_most_patches may be made.
   static uint64_t count_patches(const Scene& scene, uint32_t instance, float patch);
   static constexpr uint64_t k_most_patches = uint64_t(1) << 31;
 
-  // Patches are the first surfaces of paths of `shading` (made by its make_follower), which must outlive this: its
+  // Patches are the first surfaces of paths of `shading` (made by its make_follower), which must outlive this. Its
   // max_depth counts from them, its light_samples must be k_samples, and its answerer must trace whole scenes
-  // (AnswererSettings::whole_scene), so that a patch comes out the same whichever are shaded beside it.
+  // (AnswererSettings::whole_scene), so that a patch's radiance does not depend on which others are shaded with it.
   SurfaceRadiance(const TransportContext& shading, uint32_t instance, float patch);
 
   uint32_t instance() const { return instance_; }
   size_t patch_count() const { return first_.back(); }
   uint64_t bytes() const { return radiance_.size() * sizeof(Rgb) + shaded_.size() + first_.size() * sizeof(uint32_t); }
 
-  // At barycentric coordinates of vertices 1 and 2, within rounding of the triangle.
+  // u, v: barycentric coordinates of vertices 1 and 2, within rounding of the triangle.
   Side side_at(uint32_t triangle, float u, float v, bool back) const;
-  // Shades those of `sides` that are not shaded yet. Returns how many rays that took.
+  // Shades those of `sides` that are not shaded yet. Returns the number of rays traced for that.
   uint64_t shade(std::span<const Side> sides);
-  // Unchecked: shaded.
+  // The side must have been shaded; unchecked.
   Rgb radiance(Side side) const;
 
  private:

@@ -9,7 +9,7 @@
 namespace fieldtrace {
 namespace {
 
-// Keeps the points apart from those of the scene's lights, which take the vertex seeds themselves.
+// A sample stream separate from that of the scene's lights, which use the vertex seeds unchanged.
 constexpr uint32_t k_occlusion_stream = 0x414f0000u;
 
 LightTable constant_light() {
@@ -26,7 +26,7 @@ AmbientOcclusion::AmbientOcclusion(const TransportContext& context)
     : context_(context), sky_(context.settings.occlusion ? constant_light() : LightTable{}) {}
 
 void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t index) {
-  // A shading normal that points away from the camera has no hemisphere of its own.
+  // A shading normal that points away from the camera spans the wrong hemisphere.
   const bool turned = glm::dot(vertex.frame.n, vertex.facing) < 0.0f;
   points_.push_back({vertex.surface->position, vertex.facing, turned ? -vertex.frame.n : vertex.frame.n,
                      vertex.surface->error, scalar::hash_combine(vertex.seed, k_occlusion_stream), index,
@@ -59,8 +59,8 @@ LightExtent AmbientOcclusion::reach() const {
     bounds.extend({shading_points_.px[r], shading_points_.py[r], shading_points_.pz[r]});
     error = std::max(error, shading_points_.error[r]);
   }
-  // Rays start up to `error` beside their points, rounded once more (light_kernels.h), and unit directions are off by a
-  // few roundings.
+  // Rays start up to `error` away from their points, rounded once more (light_kernels.h), and unit directions are off
+  // by a few roundings.
   const Vec3 largest = glm::max(glm::abs(bounds.lower), glm::abs(bounds.upper));
   const float slack = error + gamma_bound(16) * (largest.x + largest.y + largest.z + distance + error);
   extent.kind = LightExtent::Kind::bounded;

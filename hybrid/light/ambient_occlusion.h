@@ -1,10 +1,10 @@
 // Ambient occlusion at the camera samples' first hits: the share of cosine-distributed rays that meet nothing nearby.
 //
 // Source: S. Zhukov, A. Iones, G. Kronin, "An Ambient Light Illumination Model", EGWR 1998, with the cosine of H.
-// Landis, "Production-Ready Global Illumination", SIGGRAPH 2002 course notes, and a sharp end at the distance. The rays
-// are those of a constant light's samples (the same low-discrepancy points, a stream of their own), cut off at the
-// distance, and the same ShadowAnswerer answers them: by fields in the hybrid method. Thread-safety: an
-// AmbientOcclusion belongs to one thread.
+// Landis, "Production-Ready Global Illumination", SIGGRAPH 2002 course notes, and a hard cut-off distance. The rays are
+// those to samples of a constant light (the same low-discrepancy points in a separate stream), cut off at the distance,
+// and a ShadowAnswerer answers them: by fields in the hybrid method. Thread-safety: an AmbientOcclusion belongs to one
+// thread.
 #pragma once
 
 #include <span>
@@ -22,10 +22,10 @@ class AmbientOcclusion {
 
   // Forgets the points added so far.
   void clear() { points_.clear(); }
-  // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`. Any material will
-  // do: the rays leave on the side of the geometric normal that the camera sees.
+  // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`. Works for any
+  // material: the rays leave on the side of the geometric normal that the camera sees.
   void add(const PathVertex& vertex, uint32_t slot, uint32_t index);
-  // Adds the counts of all points to firsts[slot]; time and rays count as those of shadow rays.
+  // Adds the counts of all points to firsts[slot]; its time and rays count as those of shadow rays.
   void gather(std::span<FirstHit> firsts, Stats& stats);
 
  private:
@@ -36,7 +36,7 @@ class AmbientOcclusion {
   };
 
   void fill_shading_points(size_t begin, size_t end);
-  // Where rays of the points in shading_points_ can end.
+  // Where the rays of the points in shading_points_ can end.
   LightExtent reach() const;
   void count(size_t begin, std::span<FirstHit> firsts, Stats& stats) const;
 

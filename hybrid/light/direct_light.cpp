@@ -105,7 +105,7 @@ bool DirectLight::split(const Job& job, const Part& part) {
   if (job.light_samples < k_fewest_splitting_samples || part.end - part.begin <= smallest) return false;
   if (!context_.answerer.gains_by_splitting(candidates_)) return false;
   if (!in_split_order_) {
-    // The first time: the part is the whole batch.
+    // The batch's first split: the part is the whole batch.
     placed_.clear();
     for (size_t i = part.begin; i < part.end; ++i) {
       placed_.push_back({job.vertices[lit_[i]].surface->position, lit_[i]});
@@ -165,8 +165,7 @@ void DirectLight::filter_strata(const Job& job, const LightSampleRange& strata, 
     } else {
       add_shading_point(job, light, r, strata.count);
     }
-    if (clear != active)
-      job.stats.rays_shadow += uint64_t(active);  // free shading points' samples are counted as a whole
+    if (clear != active) job.stats.rays_shadow += uint64_t(active);  // gather_free() counts those of free_
   }
 }
 
@@ -176,10 +175,10 @@ bool DirectLight::is_wide(uint32_t place) const {
 }
 
 void DirectLight::query_strata(const Job& job) {
-  // Wide lights of few samples are filtered as others are: no points are worth asking, and strata err less than
-  // samples.
+  // With so few samples that probe rays are not worth their cost, strata filter wide lights, too: they err less than
+  // the samples would.
   const bool tries_wide = probe_rays(context_.lights.lights[job.light].kind, job.light_samples, true).count > 0;
-  std::vector<uint32_t> lobed;  // a lobe may be narrower than the cells of a grid
+  std::vector<uint32_t> lobed;  // not on a grid: a lobe may be narrower than its cells
   size_t kept = 0;
   for (const uint32_t r : shadowed_) {
     if (candidates_.by_rays[r] || (tries_wide && is_wide(r))) {
@@ -190,7 +189,7 @@ void DirectLight::query_strata(const Job& job) {
   }
   if (kept == shadowed_.size()) return;
   shadowed_.resize(kept);
-  // Points of mesh lights take a third number: no grid cuts them into parts.
+  // Points of mesh lights take a third random number, so no grid cuts these lights into strata.
   const bool is_plane = context_.lights.lights[job.light].kind != LightKind::mesh;
   const LightSampleRange grid = stratum_grid(job.light_samples), first = stratum_grid(k_first_strata);
   const bool on_grid = is_plane && job.light_samples >= k_fewest_grid_samples;
@@ -236,7 +235,7 @@ void DirectLight::gather_closed(const Job& job) {
   free_.resize(kept);
 }
 
-// Shading points that nothing shadows send no shadow rays: their light samples are part of shading.
+// Shading points that nothing shadows send no shadow rays; their light samples only shade.
 void DirectLight::gather_free(const Job& job) {
   gather_closed(job);
   group_.swap(free_);
@@ -245,7 +244,7 @@ void DirectLight::gather_free(const Job& job) {
   add_group(job, job.light_samples);
 }
 
-// Which of their samples would have made rays is known only by sampling them.
+// Only sampling tells which of their samples would have become rays.
 void DirectLight::count_dark(const Job& job) {
   group_.swap(dark_);
   if (group_.empty()) return;
@@ -265,11 +264,11 @@ void DirectLight::gather_part(const Job& job, const Part& part) {
   {
     const ScopedTimer timer(stats.time_secondary);
     split_shading_points(job);
-    if (split(job, part)) return;  // with so many candidates nothing was baked
+    if (split(job, part)) return;  // nothing has been baked yet: there are too many candidates
   }
   if (context_.answerer.checks()) check_split(job);
-  // Of a light all about, most shading points see a little less than all: agreement of a few samples would brighten
-  // them.
+  // Under a light all around, most shading points see a little less than all of it: letting a few samples that agree
+  // stand for the rest would brighten them.
   const bool has_edges = candidates_.light.kind == LightExtent::Kind::bounded;
   if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
     const ScopedTimer timer(stats.time_secondary);

@@ -1,4 +1,5 @@
-// Lights tried at a few points before all of their samples are taken: whole lights, and lights that one edge cuts.
+// Probe rays: a few points of a light, tried before all of its samples. They settle whole lights, and lights that one
+// edge cuts.
 #include <algorithm>
 #include <cmath>
 
@@ -8,22 +9,22 @@
 namespace fieldtrace {
 namespace {
 
-// Whether the edge of the square that its samples are made from is the light's own rim, from wherever it is seen.
+// Whether the border of the light's sample square is the light's rim, from wherever it is seen.
 bool has_rim(LightKind kind) {
   return kind == LightKind::sphere || kind == LightKind::disk || kind == LightKind::rectangle ||
          kind == LightKind::parallelogram;
 }
 
-// A number in [1/4, 3/4) for each shading point: where a line or a cell is asked, so that what a lattice cannot tell
-// differs from pixel to pixel and shows as a little noise, not as steps.
-float drawn(const ShadingPointBatch& shading_points, uint32_t shading_point, int number) {
+// A number in [1/4, 3/4) for each shading point: where a line or a cell is probed, so that what a lattice cannot
+// resolve varies from pixel to pixel and shows as faint noise, not as steps.
+float jitter(const ShadingPointBatch& shading_points, uint32_t shading_point, int number) {
   using scalar::hash_uint;
   const uint32_t hash = hash_uint(hash_uint(shading_points.seed[shading_point] + uint32_t(number)) +
                                   shading_points.sample[shading_point]);
   return 0.25f + 0.5f * float(hash >> 8) * 0x1p-24f;
 }
 
-// How far off a straight piece of an edge, in cells, it is asked whether the edge is there.
+// How far beside a straight piece of an edge, in cells, the edge is verified.
 constexpr float k_edge_margin = 0.2f;
 
 }  // namespace
@@ -64,9 +65,9 @@ void DirectLight::query_probe_rays(const Job& job, const LightSampleRange& point
       exact += shadows_.exact[i];
     }
     const bool agrees = blocked == 0 || blocked == active;
-    // Of a light that sinks below the horizon too little is tried.
+    // Where the light sinks below the horizon, too few points of it are probed.
     const bool is_settled = agrees && 2 * active >= count;
-    // Free shading points' samples are counted as a whole.
+    // gather_free() counts the samples of free_.
     if (!is_settled || blocked != 0) job.stats.rays_shadow += active;
     if (is_settled) {
       (blocked == 0 ? free_ : dark_).push_back(group_[r]);
@@ -74,20 +75,20 @@ void DirectLight::query_probe_rays(const Job& job, const LightSampleRange& point
     } else if (agrees) {
       shadowed_.push_back(group_[r]);
     } else if (points.columns == 0 || !vertex_of(job, group_[r]).material->plain_diffuse()) {
-      penumbrae_.push_back(group_[r]);  // a lattice's cell may be wider than a material's lobe
+      penumbrae_.push_back(group_[r]);  // a material's lobe may be narrower than a lattice's cell
     } else {
       edged_.push_back({group_[r], fields_before_[r], uint32_t(active), uint32_t(count), uint32_t(exact),
                         mean_by_corners(begin, points.columns), LightMean()});
       for (size_t i = begin; i < begin + count; ++i) {
-        const bool is_told = !doubts_fields || shadows_.rays.tmax[i] < 0.0f || shadows_.exact[i];
-        lattices_.push_back(uint8_t(is_hidden(i) ? 1 : 0) | (is_told ? uint8_t(0) : k_untraced));
+        const bool is_certain = !doubts_fields || shadows_.rays.tmax[i] < 0.0f || shadows_.exact[i];
+        lattices_.push_back(uint8_t(is_hidden(i) ? 1 : 0) | (is_certain ? uint8_t(0) : k_untraced));
       }
     }
   }
   if (!edged_.empty()) follow_edges(job, points.columns);
 }
 
-// By the trapezoid rule: points on the rim stand for halves of cells, corners for quarters.
+// By the trapezoidal rule: points on the rim stand for halves of cells, corners for quarters.
 DirectLight::LightMean DirectLight::mean_by_corners(size_t begin, int side) const {
   LightMean mean;
   const float cells = float((side - 1) * (side - 1));
@@ -108,14 +109,14 @@ void DirectLight::count_extrapolated(const Job& job, uint32_t shading_point, uin
 
 void DirectLight::clear_points() {
   owners_.clear();
-  queried_of_.clear();
+  point_places_.clear();
   point_x_.clear();
   point_y_.clear();
 }
 
 void DirectLight::place_point(uint32_t owner, const SquarePoint& at) {
   owners_.push_back(owner);
-  queried_of_.push_back(edged_[owner].shading_point);
+  point_places_.push_back(edged_[owner].shading_point);
   point_x_.push_back(at.x * k_lattice_extent);
   point_y_.push_back(at.y * k_lattice_extent);
 }
@@ -123,7 +124,7 @@ void DirectLight::place_point(uint32_t owner, const SquarePoint& at) {
 void DirectLight::sample_points(const Job& job) {
   point_x_.resize(padded(owners_.size()));
   point_y_.resize(padded(owners_.size()));
-  select_shading_points(places_, queried_of_, shading_points_);
+  select_shading_points(places_, point_places_, shading_points_);
   sample_light(context_.lights, job.light, shading_points_, {1, 0, 1, 0, 1.0f, point_x_.data(), point_y_.data()},
                context_.settings.isa, shadows_);
 }
@@ -140,7 +141,7 @@ void DirectLight::count_queried() {
   for (const uint32_t owner : owners_) ++edged_[owner].queried;
 }
 
-// Cells that are right about most rays may be wrong about one shading point's (docs/decisions/019-penumbrae.md).
+// A cell that is right about most rays may be wrong about many of one shading point (docs/decisions/019-penumbrae.md).
 void DirectLight::query_lattices_again(const Job& job, int side) {
   const size_t count = size_t(side) * size_t(side);
   clear_points();
@@ -155,8 +156,8 @@ void DirectLight::query_lattices_again(const Job& job, int side) {
   for (size_t i = 0; i < queried.size(); ++i) lattices_[queried[i]] = is_hidden(i);
 }
 
-// Two rules of integration differ by three times the error of the finer one where a light's weight varies smoothly.
-// Together (Simpson's rule) they tell how much all of the light weighs.
+// Where the light's weight varies smoothly, the two rules (trapezoidal and midpoint) differ by three times the error of
+// the midpoint rule; together (Simpson's rule) they give the weight of the whole light.
 void DirectLight::weigh_cells(const Job& job, int side) {
   const size_t count = size_t(side) * size_t(side);
   const float cells = float((side - 1) * (side - 1));
@@ -176,18 +177,18 @@ void DirectLight::weigh_cells(const Job& job, int side) {
   }
 }
 
-// What passes between the points of a lattice shows at others, or so it is hoped.
+// Probes inside the cells find most of what passes between the points of a lattice.
 void DirectLight::query_witnesses(const Job& job, int side) {
   const size_t count = size_t(side) * size_t(side);
   clear_points();
-  std::vector<size_t>& corners = found_;  // of the cells that are asked about
+  std::vector<size_t>& corners = found_;  // of the cells that are probed
   corners.clear();
   for (uint32_t e = 0; e < edged_.size(); ++e) {
     if (!edged_[e].is_followed) continue;
     const uint32_t shading_point = edged_[e].shading_point;
     for (const int corner : even_cells(lattice(e, count), side)) {
-      place_point(e, point_in(corner, side, drawn(places_, shading_point, 2 * corner),
-                              drawn(places_, shading_point, 2 * corner + 1)));
+      place_point(e, point_in(corner, side, jitter(places_, shading_point, 2 * corner),
+                              jitter(places_, shading_point, 2 * corner + 1)));
       corners.push_back(e * count + size_t(corner));
     }
   }
@@ -205,9 +206,9 @@ void DirectLight::follow_edges(const Job& job, int side) {
   crossings_.clear();
   for (uint32_t e = 0; e < edged_.size(); ++e) {
     const size_t begin = crossings_.size();
-    const bool is_left_to_rays = 2 * edged_[e].exact >= edged_[e].active;
-    if (!is_left_to_rays || !find_crossings(lattice(e, count), side, e, crossings_)) continue;
-    // Where all samples cost no more, they are more certain. A line more is crossed than cells are; those take two
+    const bool mostly_traced = 2 * edged_[e].exact >= edged_[e].active;
+    if (!mostly_traced || !find_crossings(lattice(e, count), side, e, crossings_)) continue;
+    // Not where taking all samples costs no more. One more line is crossed than cells; crossed cells take two
     // witnesses, the others one.
     const size_t lines = crossings_.size() - begin, cells = size_t(side - 1) * size_t(side - 1);
     const size_t points = lines * size_t(bisection_steps) + cells + lines - 1;
@@ -233,7 +234,7 @@ void DirectLight::narrow_crossings(const Job& job, int side, int bisection_steps
     for (size_t k = 0; k < crossings_.size(); ++k) {
       const EdgeCrossing& c = crossings_[k];
       const int line = 2 * c.point + (c.down ? 1 : 0);
-      places[k] = i == 0 ? drawn(places_, edged_[c.owner].shading_point, line) : c.middle();
+      places[k] = i == 0 ? jitter(places_, edged_[c.owner].shading_point, line) : c.middle();
       place_point(c.owner, point_on(c, side, places[k]));
     }
     query_points(job);
@@ -253,10 +254,10 @@ void DirectLight::measure_edges(int side) {
   }
 }
 
-// Edges with a corner, and second edges through the same cells, lie elsewhere than the straight pieces say.
+// Straight pieces miss corners of an edge, and second edges through the same cells.
 void DirectLight::query_beside_edges(const Job& job, int side, int bisection_steps) {
   const size_t cells = size_t(side - 1) * size_t(side - 1);
-  const float away = k_edge_margin + 0.75f * std::ldexp(1.0f, -bisection_steps);  // crossings are known to so much
+  const float away = k_edge_margin + 0.75f * std::ldexp(1.0f, -bisection_steps);  // plus how well crossings are known
   clear_points();
   std::vector<size_t>& expected = found_;  // 1: hidden
   expected.clear();
@@ -300,7 +301,7 @@ void DirectLight::add_edged(const Job& job, int side) {
     const auto by_simpson = [&](float LightMean::*value) {
       return (2.0f * e.by_middles.*value + e.by_corners.*value) / 3.0f;
     };
-    // A horizon is no smooth change.
+    // Simpson's rule does not hold across the horizon, which is no smooth change.
     const float scale = e.active == points ? by_simpson(&LightMean::weight) / e.by_middles.weight : 1.0f;
     job.arriving[lit_[places_part_.begin + e.shading_point]] +=
         reflected_light(shadows_, begin, int(cells), light, v) * scale;

@@ -6,7 +6,7 @@
 namespace fieldtrace {
 namespace {
 
-// Calls visit(point, next) for the neighbours along the rim, once around.
+// Calls visit(point, next) for each pair of neighbours along the rim, once around.
 template <class Visit>
 void along_rim(int side, const Visit& visit) {
   const int last = side - 1, bottom = last * side;
@@ -18,7 +18,7 @@ void along_rim(int side, const Visit& visit) {
   }
 }
 
-// How many points are reached from the first one that is `kind`, by steps to neighbours of that kind.
+// The number of points connected to the first one of this kind by steps between neighbours of the same kind.
 int reached(std::span<const uint8_t> hidden, int side, uint8_t kind) {
   const auto first = std::find(hidden.begin(), hidden.end(), kind);
   if (first == hidden.end()) return 0;
@@ -44,16 +44,16 @@ int reached(std::span<const uint8_t> hidden, int side, uint8_t kind) {
   return count;
 }
 
-// The middle of less than this much of a cell is lost in rounding, and of no consequence.
+// The centroid of a smaller share of a cell is lost in rounding, and too small to matter; the cell's centre is kept.
 constexpr float k_least_share = 1e-3f;
 
-// A straight piece of the edge, across one cell, the hidden part on its left.
+// A straight piece of the edge across one cell, with the hidden part on its left.
 struct Piece {
-  int cell = 0, begin = 0, end = 0;  // the crossings where it does
+  int cell = 0, begin = 0, end = 0;  // crossings where the piece begins and ends
   float dx = 0, dy = 0;              // in cells
 };
 
-// The angle to the left from one to the other. At corners an arc turns by k_most_turn at most.
+// The angle by which the second piece turns left of the first; at most k_most_turn, because arcs do not fit corners.
 constexpr float k_most_turn = 1.0f;
 float turn(const Piece& from, const Piece& to) {
   const float angle = std::atan2(from.dx * to.dy - from.dy * to.dx, from.dx * to.dx + from.dy * to.dy);
@@ -105,7 +105,7 @@ bool find_crossings(std::span<const uint8_t> hidden, int side, uint32_t owner, s
 
 SquarePoint CellSeen::beside_middle(float away) const {
   const float length = std::sqrt(along.x * along.x + along.y * along.y);
-  const float scale = away / length;  // crossings lie within their lines: a piece has a length
+  const float scale = away / length;  // not 0: crossings lie strictly within their lines
   return {begin.x + 0.5f * along.x - scale * along.y, begin.y + 0.5f * along.y + scale * along.x};
 }
 
@@ -113,11 +113,11 @@ void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const Ed
                    std::span<CellSeen> cells) {
   const int columns = side - 1;
   const float width = 2.0f / float(columns);
-  // The crossing on each line: 2 * point + down.
+  // The crossing on each line, by 2 * point + down.
   std::vector<int> on_line(2 * hidden.size(), -1);
   for (size_t i = 0; i < crossings.size(); ++i) on_line[2u * crossings[i].point + crossings[i].down] = int(i);
   std::vector<Piece> pieces;
-  std::vector<int> begins(crossings.size(), -1), ends(crossings.size(), -1);  // the piece that does at a crossing
+  std::vector<int> begins(crossings.size(), -1), ends(crossings.size(), -1);  // pieces by crossing
   for (int row = 0; row < columns; ++row) {
     for (int column = 0; column < columns; ++column) {
       const int first = row * side + column;
@@ -132,7 +132,7 @@ void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const Ed
       cell.share = dark == 0 ? 1.0f : 0.0f;
       cell.middle = in_square(0.5f, 0.5f);
       if (dark == 0 || dark == 4) continue;
-      // The hidden part is a polygon of hidden corners and crossings, in the corners' order.
+      // The hidden part is a polygon of hidden corners and crossings, in the order of the corners.
       constexpr SquarePoint k_at[4] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
       SquarePoint outline[6];
       int n = 0;

@@ -1,8 +1,8 @@
-// One edge across a light: the part of it that a shading point sees, from a lattice of points seen or hidden and from
-// where the edge crosses the lattice's lines.
+// Follows one edge across a light: the part of the light that a shading point sees, from a lattice of probed points and
+// from where the edge crosses the lattice's lines (docs/decisions/020-edges.md).
 //
-// The lattice has side x side points, row by row, from edge to edge of the square [-1, 1]^2 that the light is sampled
-// from; its cells are the (side - 1)^2 squares between. docs/decisions/020-edges.md.
+// The lattice has side x side points, row by row, from border to border of the square [-1, 1]^2 that the light is
+// sampled from; its cells are the (side - 1)^2 squares between them.
 // Thread-safety: pure functions.
 #pragma once
 
@@ -14,53 +14,54 @@ namespace fieldtrace {
 
 // Where an edge crosses a line between two neighbouring points of a lattice, as far as it is known.
 struct EdgeCrossing {
-  uint32_t owner = 0;              // the caller's number of the lattice
+  uint32_t owner = 0;              // the caller's number for the lattice
   uint16_t point = 0;              // the line's first point
   bool down = false;               // the line leads to the next row, else to the next column
   bool hidden = false;             // whether the first point is
-  float begin = 0.0f, end = 1.0f;  // the edge lies between these, as shares of the line
+  float begin = 0.0f, end = 1.0f;  // the edge lies between these shares of the line
 
   float middle() const { return 0.5f * (begin + end); }
-  // What was found at `place`, between begin and end.
+  // Halves the interval by what was found at `place`, between begin and end.
   void narrow(float place, bool is_hidden) { (is_hidden == hidden ? begin : end) = place; }
 };
 
 struct SquarePoint {
   float x = 0, y = 0;
 };
-// Of a lattice: point number `point`; `place`: share of the crossing's line; x, y: shares of the cell whose first point
-// is `corner`.
+// A place in the square: of lattice point number `point`; of a share `place` of a crossing's line; or of shares x, y of
+// the cell whose first point is `corner`.
 SquarePoint lattice_point(int point, int side);
 SquarePoint point_in(int corner, int side, float x, float y);
 SquarePoint point_on(const EdgeCrossing& crossing, int side, float place);
 
-// If the points can be told apart by one edge that runs from rim to rim: appends its crossings, true. Else (all points
-// alike; islands; bands; several edges) appends nothing. hidden: side * side numbers, 0 or 1; side >= 2.
+// If one edge from rim to rim separates seen from hidden points, appends its crossings and returns true. Otherwise (all
+// points alike, islands, bands, several edges) appends nothing. hidden: side * side numbers, 0 or 1; side >= 2.
 bool find_crossings(std::span<const uint8_t> hidden, int side, uint32_t owner, std::vector<EdgeCrossing>& crossings);
 
-// The first points of the cells whose corners are alike.
+// The first points of the cells whose corners are all alike.
 std::vector<int> even_cells(std::span<const uint8_t> hidden, int side);
 
-// What is seen of a cell: its share, [0, 1], and the middle (centroid) of that part, in the square.
+// What is seen of a cell: its share, [0, 1], and the centroid of that part, in the square.
 struct CellSeen {
   float share = 0.0f;
   SquarePoint middle;
   bool is_crossed = false;
-  SquarePoint begin, along;  // of a crossed cell's edge, a straight piece, in cells; the hidden part is on its left
+  SquarePoint begin, along;  // the straight piece of edge in a crossed cell, in cells; the hidden part is on its left
 
-  // The place of a crossed cell, in cells, so far off the edge's middle, at a right angle: above 0: on the hidden side.
+  // For a crossed cell: the place at a distance of `away`, in cells, from the piece's middle, perpendicular to it;
+  // positive on the hidden side.
   SquarePoint beside_middle(float away) const;
 };
-// Of each cell, row by row, for the crossings that find_crossings() made of these points. Between two crossings the
-// edge is an arc that turns as much as the straight pieces before and after it say; middles are those of straight
-// pieces.
+// Measures each cell, row by row, with the crossings that find_crossings() made of these points. Between two crossings
+// the edge is taken for an arc that turns as much as its neighbouring straight pieces do; centroids are those of the
+// straight pieces.
 void measure_cells(std::span<const uint8_t> hidden, int side, std::span<const EdgeCrossing> crossings,
                    std::span<CellSeen> cells);
 
-// How often each crossing is to be narrowed down by halves. An edge crosses about 1.6 (side - 1) lines and errs by
-// h^2 / (2^bisection steps sqrt 12) at each, where h is a cell's width: as much as `light_samples` samples of the
-// light, .42 M^-.75 (docs/decisions/009-cones.md), if 2^bisection steps is (h sqrt M)^1.5. One bisection step more: it
-// costs one point of every line, and halves the noise.
+// The number of bisection steps for each crossing. An edge crosses about 1.6 (side - 1) lines and errs by h^2 /
+// (2^steps sqrt 12) at each, where h is a cell's width as a share of the square's: that equals the error of
+// `light_samples` samples, .42 M^-.75 (docs/decisions/009-cones.md), if 2^steps is (h sqrt M)^1.5. One step more costs
+// one ray for every line, and halves the noise.
 int edge_bisection_steps(int side, int light_samples);
 
 }  // namespace fieldtrace

@@ -5,7 +5,7 @@
 namespace fieldtrace {
 namespace {
 
-// How much of what a slot stands for is visible: all or nothing, or a share.
+// How much of what a slot stands for is visible: all or nothing here, a share in SeenShare.
 struct SeenOrNot {
   const uint8_t* blocked;
   float of(float weight, size_t k) const { return blocked[k] ? 0.0f : weight; }
@@ -15,8 +15,8 @@ struct SeenShare {
   float of(float weight, size_t k) const { return weight * clear[k]; }
 };
 
-// Sum of weight x visibility over the slots of one shading point. Eight running sums let the compiler use vectors;
-// their order is fixed, so the result is the same on every machine.
+// Sum of weight x visibility over the slots of one shading point. Eight running sums let the compiler vectorise; their
+// order is fixed, so the result is the same on every machine.
 template <class Seen>
 float visible_sum(const float* weight, const Seen& seen, int n) {
   float sums[8] = {};
@@ -28,14 +28,14 @@ float visible_sum(const float* weight, const Seen& seen, int n) {
   return ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7]));
 }
 
-// The power heuristic for a light sample of density p_light x count against the material's p_bsdf x count.
+// Weight of a light sample by the power heuristic; both densities include their numbers of samples.
 float power_weight(float light_density, float bsdf_density) {
-  // The quotient first: squares of densities of tiny lights overflow.
+  // The quotient first: squares of the densities of tiny lights overflow.
   const float ratio = bsdf_density / light_density;
   return 1.0f / (1.0f + ratio * ratio);
 }
 
-// The same sum with weights against sampling the cosine lobe. weight x pdf is the cosine.
+// The same sum, weighted against sampling the cosine lobe; weight x pdf is the cosine.
 template <class Seen>
 float visible_sum_weighted(const float* weight, const float* pdf, const Seen& seen, int n, int light_samples,
                            float lobe_samples) {
@@ -49,7 +49,7 @@ float visible_sum_weighted(const float* weight, const float* pdf, const Seen& se
   return sum;
 }
 
-// The same sum for a light whose radiance differs from sample to sample. `begin`: the first slot.
+// The same sum for a light whose radiance varies from sample to sample. `begin`: the first slot.
 template <class Seen>
 Rgb visible_radiance(const ShadowBatch& batch, const Seen& seen, size_t begin, int n, int light_samples,
                      float lobe_samples) {
@@ -89,7 +89,7 @@ Rgb visible_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int 
     const float mis = batch.pdf[i] > 0.0f ? power_weight(float(light.light_samples) * batch.pdf[i],
                                                          v.lobe_samples * bsdf_pdf(*v.material, v.wi, wo))
                                           : 1.0f;
-    // evaluate_bsdf and weight both hold the cosine.
+    // Both evaluate_bsdf and weight include the cosine.
     const Rgb reflected = evaluate_bsdf(*v.material, v.wi, wo) * (visible / cosine * mis);
     sum += light.varies ? reflected * Rgb(batch.red[i], batch.green[i], batch.blue[i]) : reflected;
   }

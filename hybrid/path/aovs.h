@@ -1,11 +1,11 @@
-// Arbitrary output variables: what the camera samples' first hits were like, as extra channels of the picture.
+// Arbitrary output variables: properties of the camera samples' first hits, as extra channels of the picture.
 //
 // albedo.R/G/B, normal.X/Y/Z (world, shading, turned to the camera where a two-sided material was seen from behind),
 // visibility.Y, exact.Y, ao.Y (ambient_occlusion.h): means over all camera samples of a pixel (a miss has albedo 0,
 // normal 0, visibility 1, exact 0, ao 1). depth.Z (distance from the lens along the ray), position.X/Y/Z (the file's
 // world coordinates): means over the samples that hit something; 0 if none did. object.Y: instance index + 1 of the
-// pixel's first camera sample, 0 on a miss. Of the rays that leave first hits of anything but diffuse surfaces:
-// reflected_depth.Z (mean length of those that met something), reflected_object.Y (as object, of the first of them),
+// pixel's first camera sample, 0 on a miss. Of the rays that leave first hits on surfaces that are not diffuse:
+// reflected_depth.Z (mean length of those that hit something), reflected_object.Y (like object, of the first of them),
 // glossy_exact.Y (share that was traced, 0 if there were none). Thread-safety: values; each pixel belongs to one
 // thread.
 #pragma once
@@ -32,10 +32,10 @@ enum class Aov : uint8_t {
   glossy_exact
 };
 
-// Of all layers, as parse_aovs() takes them.
+// The names of all layers, as parse_aovs() takes them.
 std::vector<std::string> aov_names();
 
-// Throws UsageError for an unknown name; a name given twice counts once.
+// Throws UsageError for an unknown name; repeated names count once.
 std::vector<Aov> parse_aovs(const std::vector<std::string>& names);
 
 // The channels that a layer adds, in order: "albedo.R", ...
@@ -49,16 +49,16 @@ struct FirstHit {
   float depth = 0.0f;
   DVec3 position = DVec3(0.0);  // the file's world coordinates
   uint32_t object = 0;          // instance index + 1
-  // Shadow rays, those that were traced, and those that got through. A part of a light counts for as many rays as its
-  // light has samples for each part, so that lights weigh the same.
+  // Shadow rays: all, those traced, those unblocked. A stratum counts for as many rays as the light has samples per
+  // stratum, so that all lights weigh the same.
   float shadow_rays = 0.0f, shadow_exact = 0.0f, shadow_clear = 0.0f;
   uint32_t occlusion_rays = 0, occlusion_clear = 0;
   // Rays that leave the hit, if its surface is not diffuse.
   uint32_t glossy_rays = 0, glossy_exact = 0, reflected_hits = 0;
-  float reflected_depth = 0.0f;   // sum over those that met something
-  uint32_t reflected_object = 0;  // that the first of them met: instance index + 1
+  float reflected_depth = 0.0f;   // sum over those that hit something
+  uint32_t reflected_object = 0;  // what the first of them hit: instance index + 1
 
-  // One such ray, that met `instance` (or nothing: `met` is false) at a distance.
+  // Adds one such ray, which hit `instance` at `distance`, or nothing (`met` is false).
   void add_reflection(bool met, uint32_t instance, float distance, bool is_exact) {
     if (glossy_rays == 0 && met) reflected_object = instance + 1;
     ++glossy_rays;
@@ -83,7 +83,7 @@ struct AovSums {
   uint32_t reflected_object = 0;
 
   void add(const FirstHit& first);
-  // Writes the channels of `aovs` in order, and returns the end.
+  // Writes the channels of `aovs` in order and returns the end of the output.
   float* write(const std::vector<Aov>& aovs, float* out) const;
 };
 

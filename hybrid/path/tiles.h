@@ -1,4 +1,4 @@
-// Cuts the picture into tiles, the unit of parallel work. Pure functions.
+// Cuts the picture into tiles, the unit of parallel work. Thread-safety: pure functions.
 #pragma once
 
 #include <vector>
@@ -13,7 +13,7 @@ inline constexpr int k_tile_size = 32;
 // Tiles of at most size x size pixels that cover `window`, row by row. size >= 1; an empty window has no tiles.
 std::vector<Rect> make_tiles(const Rect& window, int size);
 
-// The pixels of a tile in blocks of 4 x 4, so that 16 consecutive camera rays are neighbours in both directions.
+// The pixels of a tile in blocks of 4 x 4, so that 16 consecutive camera rays are coherent in both directions.
 struct PixelPosition {
   int x = 0, y = 0;
 };

@@ -1,6 +1,6 @@
-// What the workers of one picture's light transport share, and what they need of each other.
+// What the workers of one picture's light transport share, and the interface by which they trace paths for each other.
 //
-// Thread-safety: TransportContext is const once it is set up, and shared.
+// Thread-safety: a TransportContext is const once it is set up, and shared.
 #pragma once
 
 #include <functional>
@@ -24,18 +24,18 @@ struct TransportSettings {
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
-  bool first_hits = false;  // keep what camera rays met: some AOV shows it
-  // These count with first_hits alone:
+  bool first_hits = false;  // keep what camera rays hit, for AOVs
+  // Only with first_hits:
   bool count_first_hits = false;          // fill the shadow ray counts of FirstHit
-  bool count_reflections = false;         // fill its counts of glossy rays
-  bool occlusion = false;                 // fill its occlusion counts, with light_samples rays each
+  bool count_reflections = false;         // fill the glossy ray counts of FirstHit
+  bool occlusion = false;                 // fill the occlusion counts of FirstHit, with light_samples rays each
   float occlusion_distance = k_infinity;  // world units, > 0: what lies farther does not occlude
   uint32_t seed = 0;
   Isa isa = Isa::automatic;  // resolved
 };
 
-// Surfaces on one path, whatever max_depth says. Roulette ends a path with at least 5 % at each surface after
-// rr_depth, so that only 1 path in 10^17 comes this far from rr_depth = 5.
+// Surfaces on one path, whatever max_depth is. Russian roulette ends a path with a probability of at least 5 % at each
+// surface after rr_depth, so that with rr_depth = 5 only 1 path in 10^17 gets this far.
 inline constexpr int k_longest_path = 768;
 
 // Traces paths that begin at surfaces. Thread-safety: each thread has its own.
@@ -43,10 +43,11 @@ class PathFollower {
  public:
   virtual ~PathFollower() = default;
 
-  // radiance[i] receives what leaves vertices[i] on the side that it was shaded from, its own emission left out, by
-  // paths of which vertices[i].lobe_samples go on from there. paths[i] gives the seeds and the place in the sequence;
-  // `vertices` and `paths` are not specified afterwards, and what vertices point to must live until then. Not-finite
-  // values count as black. Returns how many rays that took. Unchecked: materials without straight passage.
+  // radiance[i] receives what leaves vertices[i] on the side that it was shaded from, without its own emission, by
+  // light samples and by vertices[i].lobe_samples paths that continue from there. paths[i] gives the seeds and the
+  // place in the sample sequence. `vertices` and `paths` are unspecified afterwards; what the vertices point to must
+  // live until then. Values that are not finite count as black. Returns the number of rays traced. Unchecked: the
+  // materials must let nothing pass straight through.
   virtual uint64_t follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths,
                           std::span<Rgb> radiance) = 0;
 };
@@ -54,9 +55,9 @@ class PathFollower {
 class HitAnswerer;
 class LobeAnswerer;
 
-// Everything that workers share. References must outlive it.
+// Everything that workers share. All references must outlive it.
 struct TransportContext {
-  // `lights`: those of the scene, where they are made already.
+  // `lights`: the scene's light table, if it exists already; null: it is made.
   TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera, const ShadowAnswerer& answerer,
                    const TransportSettings& settings, std::shared_ptr<const LightTable> lights = nullptr);
 
@@ -66,10 +67,10 @@ struct TransportContext {
   const ShadowAnswerer& answerer;
   MaterialTable materials;
   const ShadowAnswerer* occlusion_answerer = &answerer;  // answers the rays of the layer `ao`
-  const LobeAnswerer* lobes = nullptr;                   // answers glossy rays by pictures of radiance; null: none does
-  const HitAnswerer* hits = nullptr;                     // answers glossy rays by certified hits; null: exact rays do
+  const LobeAnswerer* lobes = nullptr;  // answers glossy rays by prefiltered radiance maps; null: none does
+  const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: all are traced
   TransportSettings settings;
-  // Makes what shades surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null where lobes is.
+  // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.
   std::function<std::unique_ptr<PathFollower>(const TransportContext&)> make_follower;
   std::shared_ptr<const LightTable> shared_lights;
   const LightTable& lights;

@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A folder that only this process uses, removed with the object.
+// A folder that only this process uses, removed with this object.
 class ScratchFolder {
  public:
   explicit ScratchFolder(const std::string& beside) {
@@ -47,7 +47,7 @@ class ScratchFolder {
   fs::path path_;
 };
 
-// Saves fields one after another, as the header of this unit says.
+// Saves fields one after another into a cache or into numbered files; see the header.
 class Output {
  public:
   Output(const std::string& path, uint64_t cache_limit, const WarningSink& warning) : path_(path) {
@@ -80,7 +80,7 @@ class Output {
     result.fields.push_back({object, path, thesis_file_info(path)});
   }
 
-  // When all is saved.
+  // To be called when all fields are saved.
   void finish() {
     if (cache_) cache_->trim();
   }
@@ -162,13 +162,13 @@ void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const 
   RenderOptions render_options;
   render_options.method = Method::hybrid;
   render_options.spp = 1;
-  render_options.leave_to_rays = false;  // another light or more samples may make what is few here many
+  render_options.leave_to_rays = false;  // other lights or more samples may make a field pay that does not pay here
   render_options.directions = options.fields.directions;
   render_options.plane = options.fields.plane;
   render_options.threads = options.threads;
   render_options.field_cache = scratch.path();
   render_options.field_memory = options.field_memory;
-  // Single rays demand slices; where there are more samples, whole lights come first and demand coverage tiles.
+  // Single rays demand slices; with more samples, whole lights come first and demand coverage tiles.
   RenderResult rendered;
   for (const int light_samples : {1, k_fewest_cone_samples}) {
     render_options.light_samples = light_samples;
@@ -186,7 +186,7 @@ void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const 
     const Shape& shape = scene.shapes[s];
     const FieldIdentity identity = field_identity(shape, fields);
     Field field(field_ball(shape.bounds), fields, nullptr, reservable_bytes());
-    // No file: nothing of this object was demanded.
+    // False where nothing of this object was demanded: it has no file.
     const bool demanded = cache.load(field, identity);
     if (field.pool_full() || field.coverage().full()) {
       throw Error("the field of " + shape.name +

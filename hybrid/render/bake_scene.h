@@ -1,13 +1,13 @@
 // Baking ahead of rendering: fields of a mesh, or of a scene's objects, into files.
 //
-// A full bake traces every reachable slice and every coverage tile (field/bake/bake_full.h), one object after another.
-// What the memory for fields leaves no room for, it tells. Without it, a scene is rendered at one sample a pixel, the
-// picture thrown away, and what its shadow rays demanded is kept; where that outgrows its memory, of the coarser fields
-// that the render turned to (hybrid/fields/field_set.h).
+// A full bake traces every reachable slice and every coverage tile (field/bake/bake_full.h), one object after another;
+// what the memory for fields has no room for is reported. Otherwise the scene is rendered at one sample a pixel, the
+// picture is discarded, and what its shadow rays demanded is kept; where that exceeds its memory, the fields kept are
+// the coarser ones of the render's last attempt (hybrid/fields/field_set.h).
 //
 // Where fields go. A path that is a folder is a field cache: each field is merged into the file that `--field-cache`
 // would use. Any other path is one file for each object: PATH itself for the first, then PATH with .2, .3, ... before
-// its ending, in the order of the scene's shapes.
+// its extension, in the order of the scene's shapes.
 // Thread-safety: functions may be called from several threads with different paths.
 #pragma once
 
@@ -29,8 +29,8 @@ struct BakeOptions {
   FieldParameters fields;     // D, N, K
   int thesis_directions = 0;  // M of the thesis' chart, instead of `fields`
   int threads = 0;            // 0: all hardware threads
-  uint64_t field_memory = 0;  // bytes of fields in memory at once; 0: half of the machine's
-  uint64_t cache_limit = 0;   // bytes of field files in a folder that is written to; 0: no limit
+  uint64_t field_memory = 0;  // bytes of fields in memory at once; 0: half of the machine's memory
+  uint64_t cache_limit = 0;   // bytes of field files in the output folder; 0: no limit
 };
 
 struct BakedField {
@@ -40,18 +40,18 @@ struct BakedField {
 };
 
 struct BakeResult {
-  std::vector<BakedField> fields;  // empty where the scene demands none
-  bool interrupted = false;        // the fields hold what was finished
+  std::vector<BakedField> fields;  // empty if the scene demands none
+  bool interrupted = false;        // the fields hold what was finished until then
 };
 
-// Bakes every object of `scene` that gets a field in a render (ShapeTraits::wants_field); with `full`, one that is too
-// simple for that too if it is the scene's only one. An interrupted bake by the thesis' chart leaves out the object it
-// was at. Callbacks as render()'s. Throws Error if nothing can have a field
-// or a file cannot be written; the outputs are checked before the work starts.
+// Bakes every object of `scene` that gets a field in a render (ShapeTraits::wants_field); with `full`, also one that is
+// too simple for that if it is the scene's only one. An interrupted bake in the thesis' chart omits the object being
+// baked. Callbacks as for render(). Throws Error if no object can have a field or a file cannot be written; the outputs
+// are checked before the work starts.
 BakeResult bake_scene(const Scene& scene, const std::string& path, const BakeOptions& options,
                       const RenderCallbacks& callbacks = {});
 
-// A scene of one object, for baking a mesh alone. `name` is the shape's.
+// A scene of one object, for baking a mesh alone. `name` becomes the shape's.
 Scene scene_of_mesh(TriangleMesh mesh, const std::string& name);
 
 // The file of object `index`, counted from 0, for an output `path` that is not a folder.

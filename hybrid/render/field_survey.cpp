@@ -11,13 +11,13 @@
 namespace fieldtrace {
 namespace {
 
-// At most this many blocks along each side of the film, and no more than one block in three along a side.
+// At most this many blocks along each side of the film, and at most one in k_block_distance block widths.
 constexpr int k_most_blocks = 16;
 constexpr int k_block_distance = 3;
-// With so many light samples a quarter of the blocks sends enough rays.
+// With at least this many light samples, a quarter of the blocks sends enough rays.
 constexpr int k_many_light_samples = 128;
 
-// So many pixels that a block's rays fill a few packets, whatever the light samples.
+// Pixels along a block's side, so that its rays fill a few packets whatever the number of light samples.
 int block_side(int light_samples) { return light_samples >= 16 ? 4 : light_samples >= 4 ? 8 : 16; }
 
 int blocks_along(int pixels, int side, int light_samples) {
@@ -25,7 +25,7 @@ int blocks_along(int pixels, int side, int light_samples) {
   return std::clamp(pixels / (side * k_block_distance), 1, most);
 }
 
-// The blocks, each about the middle of its share of the film, at multiples of 4 pixels as the picture's own blocks.
+// Each block lies about the middle of its share of the film, at multiples of 4 pixels like the blocks of tile_pixels().
 std::vector<Rect> survey_blocks(const Rect& film, int light_samples) {
   const int side = block_side(light_samples);
   const int columns = blocks_along(film.width, side, light_samples);
@@ -61,7 +61,7 @@ FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int
     samples.resize(pixels.size());
     for (size_t p = 0; p < pixels.size(); ++p) samples.set(p, uint32_t(pixels[p].x), uint32_t(pixels[p].y), 0);
     std::vector<Rgb> radiance(samples.size);
-    // Isolated: as the tiles of the picture are.
+    // Isolated like the tiles of the picture (render_tiles).
     tbb::this_task_arena::isolate([&] { workers.local().trace(samples, radiance); });
   });
   survey.interrupted = interrupted;

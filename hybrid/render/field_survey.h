@@ -1,10 +1,10 @@
-// Which objects are left to exact rays: a small part of the picture is traced before it, and what each object's field
-// answered and left open there is counted.
+// Surveys a small part of the picture before it is rendered, to count what each object's field answers and leaves
+// undecided; the counts decide which objects are left to exact rays.
 //
-// Blocks of pixels spread evenly over the whole film, whatever the crop window, send the very rays that the picture
-// will: first camera samples, all their light samples. So nothing is baked in vain for the fields that stay, and the
-// decision rests on counts that neither threads nor the state of a cache change. Thread-safety: a pure function but for
-// the fields, which grow by demand.
+// Blocks of pixels spread evenly over the whole film, whatever the crop window, send rays that the picture will send as
+// well: those of the first camera samples, with all their light samples. So nothing is baked in vain for the fields
+// that are kept, and the decision rests on counts that depend neither on threads nor on the state of a cache.
+// Thread-safety: a pure function but for the fields, which grow on demand.
 #pragma once
 
 #include <atomic>
@@ -14,7 +14,7 @@
 
 namespace fieldtrace {
 
-// `context.answerer` must count uses (AnswererSettings::count_uses). `film` is the crop window of the scene's film.
+// `context.answerer` must count uses (AnswererSettings::count_uses). `film`: the film's crop window.
 FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int spp, const std::atomic<bool>* stop);
 
 }  // namespace fieldtrace

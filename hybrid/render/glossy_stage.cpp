@@ -8,14 +8,14 @@
 namespace fieldtrace {
 namespace {
 
-// Which patches are shaded together is a matter of demand: their light must not depend on it.
+// Demand decides which patches are shaded together, so their light must not depend on that: whole_scene.
 AnswererSettings patch_answerer_settings(Isa isa) {
   AnswererSettings settings{isa, 0.0f};
   settings.whole_scene = true;
   return settings;
 }
 
-// Of paths that begin at a path's second surface.
+// Settings for paths that begin at the second surface of a camera path.
 TransportSettings patch_settings(TransportSettings settings) {
   settings.light_samples = SurfaceRadiance::k_samples;
   settings.lobe_samples = 1;
@@ -24,7 +24,7 @@ TransportSettings patch_settings(TransportSettings settings) {
   return settings;
 }
 
-// Some that may meet a surface which is lit.
+// Whether the picture sends glossy rays that can hit lit surfaces.
 bool sends_glossy_rays(const Scene& scene, const TransportSettings& settings, const RenderOptions& options) {
   if (options.force_undecided || (settings.max_depth >= 0 && settings.max_depth < 3)) return false;
   return std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), [](const Bsdf& b) { return is_rough(b.kind); });
@@ -35,7 +35,7 @@ bool sends_glossy_rays(const Scene& scene, const TransportSettings& settings, co
 std::vector<uint32_t> choose_hit_instances(const Scene& scene, std::span<const ShapeTraits> traits,
                                            const TransportSettings& settings, const RenderOptions& options,
                                            const FieldParameters& parameters, uint64_t camera_samples) {
-  // At tolerance 1 cells answer that know no bound of their error.
+  // At tolerance 1 cells answer whose error has no known bound.
   if (options.field_hits == FieldHits::never || options.tolerance >= 1.0f) return {};
   if (!sends_glossy_rays(scene, settings, options)) return {};
   const bool by_request = options.field_hits == FieldHits::always;

@@ -1,6 +1,6 @@
-// What answers the glossy rays of one picture: prefiltered radiance maps, certified hits, or neither.
+// Chooses what answers the glossy rays of one picture: prefiltered radiance maps, certified hits, or exact rays only.
 //
-// Thread-safety: made by one thread; its answerers may be asked from any number.
+// Thread-safety: made by one thread; its answerers may be used by any number.
 #pragma once
 
 #include <memory>
@@ -15,14 +15,14 @@
 
 namespace fieldtrace {
 
-// The instances that certified hits are to answer glossy rays about. By request: all that suit; else those with large
-// meshes, if the picture may send more glossy rays than the bake of their fields would take. camera_samples: of the
-// film.
+// The instances for which certified hits answer glossy rays. With FieldHits::always all suited ones; otherwise those
+// with large meshes, if the picture may send more glossy rays than baking their fields takes. camera_samples: of the
+// whole film.
 std::vector<uint32_t> choose_hit_instances(const Scene& scene, std::span<const ShapeTraits> traits,
                                            const TransportSettings& settings, const RenderOptions& options,
                                            const FieldParameters& parameters, uint64_t camera_samples);
 
-// All must outlive the stage.
+// Everything referred to must outlive the stage.
 struct GlossyInput {
   const Scene& scene;
   const Accel& accel;
@@ -31,9 +31,9 @@ struct GlossyInput {
   const std::shared_ptr<const LightTable>& lights;
   const TransportSettings& settings;
   const RenderOptions& options;
-  const std::vector<Field*>& fields;  // by shape, those of hit_instances at least
+  const std::vector<Field*>& fields;  // by shape; at least those of hit_instances
   std::span<const uint32_t> hit_instances;
-  uint64_t camera_samples = 0;  // of the film
+  uint64_t camera_samples = 0;  // of the whole film
   uint64_t most_map_bytes = 0;
 };
 
@@ -50,7 +50,8 @@ class GlossyStage {
   void make_maps(const GlossyInput& input);
 
   std::unique_ptr<HitAnswerer> hits_;
-  // Radiance is shaded by exact rays: shading points all over an object would have its field baked for few rays each.
+  // Patches are shaded by exact rays: their shading points lie all over an object, and would bake its field for few
+  // rays each.
   std::vector<Field*> no_fields_;
   std::unique_ptr<ShadowAnswerer> exact_;
   std::unique_ptr<TransportContext> shading_;

@@ -42,7 +42,7 @@ void check_range(const char* option, long long value, long long low, long long h
   }
 }
 
-// Sequence indices are 32 bits wide: camera samples x samples at a hit stay below that.
+// Indices into sample sequences have 32 bits: camera samples x lobe samples must stay below this.
 constexpr long long k_most_samples = 1ll << 31;
 
 void check_options(const RenderOptions& o, int spp) {
@@ -75,9 +75,8 @@ Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
   return r;
 }
 
-// The pixels that are traced for a window. Which objects a ray is tested against one by one depends on its group where
-// there are too many, and the groups on the tile: whole tiles of the film are traced then, so that a pixel is the same
-// in every window.
+// The pixels to trace for a window. Where candidates may overflow, a ray's test depends on its group, and the groups on
+// the tile; whole tiles of the film are traced then, so that a pixel is the same in every window.
 Rect traced_window(const Scene& scene, const Rect& window) {
   if (scene.instances.size() <= k_most_candidates) return window;
   const auto floor_to_tile = [](int v) { return v / k_tile_size * k_tile_size; };
@@ -111,13 +110,13 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   return s;
 }
 
-// The cache of `options`, null where there is none or nothing is kept in it.
+// The cache of `options`; null if there is none, or no fields to keep in it.
 std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const WarningSink& warning) {
   if (options.field_cache.empty() || no_fields) return nullptr;
   return std::make_unique<FieldCache>(options.field_cache, options.field_cache_limit, warning);
 }
 
-// Reports at most ten times a second, from whichever thread has just finished a tile.
+// Reports progress at most ten times a second, from whichever thread has just finished a tile.
 class Progress {
  public:
   Progress(const RenderCallbacks& callbacks, size_t total) : callbacks_(callbacks), total_(total) {}
@@ -128,7 +127,7 @@ class Progress {
     const std::unique_lock lock(mutex_, std::try_to_lock);
     if (!lock || (done < total_ && seconds_since(last_) < 0.1)) return;
     last_ = Clock::now();
-    // A thread that waited may come with an older count.
+    // A thread that waited for the lock may hold an older count.
     reported_ = std::max(reported_, float(double(done) / double(total_)));
     callbacks_.progress(reported_, "render");
   }
@@ -142,7 +141,7 @@ class Progress {
   float reported_ = 0.0f;
 };
 
-// A picture to make: what all attempts at it share.
+// A picture to be made: what all attempts at it share.
 struct Picture {
   const Scene& scene;
   const RenderOptions& options;
@@ -157,7 +156,7 @@ struct Picture {
   Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
 
   bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
-  // Of the film, so that fields, and with them a pixel, are the same in every window.
+  // Of the whole film, so that fields, and with them pixels, are the same in every window.
   uint64_t film_samples() const {
     const Rect film = crop_window(scene.film, {});
     return uint64_t(film.width) * uint64_t(film.height) * uint64_t(spp);
@@ -175,13 +174,13 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
 }
 
-// What is made of a picture's scene.
+// What is made from a picture's scene, once for all attempts.
 struct Stage {
   const Accel& accel;
   CameraSampler camera;
   std::vector<ShapeTraits> traits;
   std::shared_ptr<const LightTable> lights;
-  uint64_t address_space = k_no_address_limit;  // that fields may reserve; the same for all attempts
+  uint64_t address_space = k_no_address_limit;  // that fields may reserve
 };
 
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
@@ -191,8 +190,7 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   plan.parameters = choose_resolution(scene, stage.traits, picture.rays_per_light());
   if (options.directions) plan.parameters.directions = options.directions;
   if (options.plane) plan.parameters.plane = options.plane;
-  // Where fields alone answer, or are asked by request, and where cells of some size are asked for, none is left out
-  // for what it costs.
+  // No shape is left out for its cost where every cell answers, or where undecided cells or a resolution are requested.
   const bool by_request = options.force_undecided || options.directions || options.plane;
   if (options.leave_to_rays && !by_request && options.tolerance < 1.0f) {
     plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
@@ -210,7 +208,7 @@ void warn_of_no_hits(const Picture& picture) {
        "--field-hits always: fields answer no glossy ray of this picture (docs/command_line.md says which they can)");
 }
 
-// Everything that the tiles of one attempt share.
+// What the tiles of one attempt share.
 struct Job {
   const Picture& picture;
   const TransportContext& context;
@@ -231,7 +229,7 @@ void write_pixel(const Job& job, const PixelPosition& p, const PixelSums& sums) 
   sums.aovs.write(job.picture.aovs, out);
 }
 
-// False if it was stopped: the tile is then left black.
+// Returns false if it was stopped; the tile then stays black.
 bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const std::vector<PixelPosition> pixels = tile_pixels(tile);
   std::vector<PixelSums> sums(pixels.size());
@@ -267,7 +265,7 @@ Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
   return image;
 }
 
-// Renders all tiles, or as many as the budget and an interrupt leave. Returns what the workers did.
+// Renders all tiles, unless the budget or an interrupt stops it. Returns the workers' merged counters.
 Stats render_tiles(Job& job) {
   const std::vector<Rect> tiles = make_tiles(traced_window(job.picture.scene, job.picture.window), k_tile_size);
   Progress progress(job.picture.callbacks, tiles.size());
@@ -288,8 +286,8 @@ Stats render_tiles(Job& job) {
   return stats;
 }
 
-// For the layer `ao`, which gains by fields only where it has rays enough; null: no such layer, or no fields. A survey
-// does not count its uses of fields: the layer must not change the picture.
+// For the layer `ao`, which uses fields only where it has enough rays for them; null: no such layer, or no fields. A
+// survey must not count its uses of fields, because the layer must not change the picture.
 std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const Stage& stage, const FieldSet& fields,
                                                    const AnswererSettings& settings) {
   if (!picture.settings.occlusion || fields.empty()) return nullptr;
@@ -297,10 +295,10 @@ std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const
                                           settings);
 }
 
-// Finds out which fields are not worth asking. False if it was stopped.
+// Surveys the picture, and leaves to exact rays what fields answer too little of. Returns false if it was stopped.
 bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, Stats& stats) {
   const RenderOptions& options = picture.options;
-  // Where every cell answers, or none by request, there is nothing to find out.
+  // Where every cell answers, or all are undecided by request, there is nothing to survey.
   if (fields.empty() || !options.leave_to_rays || options.force_undecided || options.tolerance >= 1.0f) return true;
   AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
@@ -319,7 +317,7 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   return true;
 }
 
-// Pictures of radiance may take this part of what fields may, beside them.
+// Prefiltered radiance maps may take 1 / k_map_share of the fields' budget, in addition to it.
 constexpr uint64_t k_map_share = 4;
 
 void warn_of_not_finite(const Job& job) {
@@ -337,7 +335,8 @@ std::string outgrown(const Picture& picture, bool out_of_addresses, const std::s
          " (raise --field-memory to avoid it)";
 }
 
-// One attempt with the fields of `plan`. False if they outgrew their memory: `plan` is then that of the next attempt.
+// One attempt with the fields of `plan`. Returns false if they exceeded their memory; `plan` is then the next
+// attempt's.
 bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, RenderResult& result) {
   const RenderOptions& options = picture.options;
   const WarningSink& warning = picture.callbacks.warning;
@@ -370,7 +369,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   job.interrupted = !surveyed;
   const Stats done = render_tiles(job);
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
-  // The last tiles may reach the budget and be done all the same: that must not be a matter of luck.
+  // Even if all tiles were finished before the budget ran out: whether they are depends on the threads.
   if (fields.budget().exceeded() && !picture.stopped()) {
     stats.add_bake(done);
     stats.field_restarts += 1;
@@ -391,7 +390,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   return true;
 }
 
-// The picture by the thesis' fields.
+// Renders the picture with fields of the thesis' chart.
 void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& result) {
   const RenderOptions& options = picture.options;
   const RenderCallbacks& callbacks = picture.callbacks;
@@ -420,14 +419,14 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
   const Clock::time_point begin = Clock::now();
-  // Each attempt opens the cache anew, and finds the same there.
+  // Each attempt opens the cache again and would repeat its warnings.
   RenderCallbacks told_once = callbacks;
   told_once.warning = without_repeats(callbacks.warning);
   const Picture picture(scene, options, told_once);
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
   RenderResult result;
-  // TBB starts no more workers than there are hardware threads unless told so.
+  // By default TBB starts no more workers than there are hardware threads.
   std::optional<tbb::global_control> more_threads;
   if (threads > int(std::thread::hardware_concurrency()))
     more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));

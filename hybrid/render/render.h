@@ -1,12 +1,12 @@
 // The renderer: one scene in, one picture and its statistics out, by Monte Carlo or by the hybrid method.
 //
 // The two methods differ in how shadow rays (hybrid/visibility/shadow_answerer.h) and glossy rays
-// (hybrid/render/glossy_stage.h) are answered; and of what needs no field, probe rays and the following of edges are
+// (hybrid/render/glossy_stage.h) are answered; of the techniques that need no field, probe rays and edge following are
 // the hybrid's alone. Determinism: for one scene, options and seed the picture is bit-identical for any thread count
 // and instruction set, with or without a field cache, and the same in every crop window (scenes of more than
 // k_most_candidates instances trace whole tiles for that, and count these rays). Where fields outgrow their memory the
-// render begins again with less (hybrid/fields/field_set.h), and the picture depends on that memory and the crop
-// window, too. Thread-safety: render() may be called from several threads with different scenes.
+// render restarts with less (hybrid/fields/field_set.h), and the picture depends on that memory and on the crop window,
+// too. Thread-safety: render() may be called from several threads with different scenes.
 #pragma once
 
 #include <atomic>
@@ -26,15 +26,16 @@ namespace fieldtrace {
 
 enum class Method { monte_carlo, hybrid };
 
-// How rays are cut into cells. By the thesis' chart, fields are baked whole and answer every shadow ray that meets them
-// by its nearest cell: nothing certifies the answers, and only a tolerance of 0 traces exact rays instead.
+// How the space of rays is cut into cells. In the thesis' chart, fields are baked completely and answer every shadow
+// ray that meets them by its nearest cell: nothing certifies the answers, and only tolerance 0 traces exact rays
+// instead.
 enum class Chart { orthographic, thesis };
 
-// Whether fields answer glossy rays by certified hits: about large meshes where the rays may pay the bake (automatic),
-// wherever they can, or never.
+// Whether fields answer glossy rays by certified hits: for large meshes where enough rays pay for the bake (automatic),
+// wherever possible (always), or never.
 enum class FieldHits { automatic, always, never };
 
-// At each shading point, and at each glossy hit.
+// Limits at each shading point, and at each glossy hit.
 inline constexpr int k_most_light_samples = 1 << 16;
 inline constexpr int k_most_lobe_samples = 1 << 12;
 
@@ -44,32 +45,32 @@ struct RenderOptions {
   int light_samples = 1;         // shadow rays per light and hit
   int lobe_samples = 1;          // rays per glossy hit of the camera path
   std::optional<uint32_t> seed;  // default: the scene file's
-  float tolerance = 0.1f;        // [0, 1]: 0 traces every ray, 1 lets every cell answer
+  float tolerance = 0.1f;        // [0, 1]; 0: every ray is traced, 1: every cell answers
   Chart chart = Chart::orthographic;
   int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene. Thesis: M, 32, 64 or 128; 0: 64
   int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene. Thesis: 0
   std::string field_cache;         // directory; empty: fields live in memory only
   uint64_t field_cache_limit = 0;  // bytes of field files in that directory; 0: no limit
-  uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's
+  uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's memory
   int threads = 0;                 // 0: all hardware threads
   Isa isa = Isa::automatic;
   std::optional<Rect> crop;      // within the film's crop window
   std::optional<int> max_depth;  // overrides the integrator's
-  bool check = false;            // trace an exact ray beside every certified answer, count disagreements
-  bool force_undecided = false;  // test aid: look up, then treat every cell as one that asks
-  bool whole_lights = true;      // ask fields about whole lights first; false: about single rays only
-  bool leave_to_rays = true;     // leave objects to exact rays whose fields a survey finds not worth it
+  bool check = false;            // also trace an exact ray for every field's answer, and count disagreements
+  bool force_undecided = false;  // test aid: look up, then treat every cell as undecided
+  bool whole_lights = true;      // let fields answer whole lights first; false: single rays only
+  bool leave_to_rays = true;     // leave objects to exact rays whose fields do not pay, by a survey
   FieldHits field_hits = FieldHits::automatic;
-  uint64_t fewest_answers = 0;     // leave those too whose field would answer fewer rays of the film
+  uint64_t fewest_answers = 0;     // also leave those whose field would answer fewer rays of the film
   std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao
-  float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude the layer ao
+  float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude in the layer ao
 };
 
 struct RenderCallbacks {
   // Called from one thread at a time with the share of the work done, in [0, 1], and the current stage.
   std::function<void(float share, const char* stage)> progress;
   WarningSink warning;
-  const std::atomic<bool>* stop = nullptr;  // set it to end early: finished tiles are kept
+  const std::atomic<bool>* stop = nullptr;  // set to end early; finished tiles are kept
 };
 
 struct RenderResult {

@@ -14,10 +14,10 @@ namespace fieldtrace {
 inline constexpr int k_batch_samples = 4096;
 inline constexpr int k_fewest_batch_samples = 16;
 
-// Calls add(i, radiance, firsts) for runs of samples of pixels[i], in the order of pixels and of sample indices
-// whatever the batches; `firsts` are what the camera rays met, empty unless the worker's settings ask for that.
-// lobe_samples: as in these settings; each camera sample becomes so many rays. goes_on() is asked before each batch:
-// where it says no, the rest is left, and false is returned.
+// Calls add(i, radiance, firsts) for runs of samples of pixels[i], in the order of pixels and sample indices whatever
+// the batches; `firsts` holds the camera samples' first hits, empty unless the worker's settings keep them.
+// lobe_samples: as in these settings; each camera sample may split into this many rays. Before each batch goes_on() is
+// called; if it returns false, the rest is skipped and false returned.
 template <class GoesOn, class Add>
 bool trace_pixels(std::span<const PixelPosition> pixels, int spp, int lobe_samples, TransportWorker& worker,
                   const GoesOn& goes_on, const Add& add) {
@@ -29,7 +29,7 @@ bool trace_pixels(std::span<const PixelPosition> pixels, int spp, int lobe_sampl
     if (!goes_on()) return false;
     const size_t end = std::min(begin + batch, total);
     samples.resize(end - begin);
-    // Calls with each pixel of the batch and the part [from, to) of the batch that is its.
+    // Calls with each pixel of the batch and its range [from, to) of the batch.
     const auto each_pixel = [&](const auto& call) {
       for (size_t i = begin; i < end;) {
         const size_t pixel = i / size_t(spp), next = std::min((pixel + 1) * size_t(spp), end);

@@ -18,9 +18,9 @@
 namespace fieldtrace {
 namespace {
 
-// A stream of sample points beside those that the lights use, which take the vertex seeds themselves.
+// A sample stream separate from that of the lights, which use the vertex seeds unchanged.
 constexpr uint32_t k_material_stream = 0x42534446u;
-// With fewer samples at a surface the lanes would mostly be empty.
+// With fewer samples at a surface, most lanes would be empty.
 constexpr uint32_t k_fewest_lane_samples = 4;
 
 Vec2 sample_pair(uint32_t index, uint32_t seed, uint32_t dimension) {
@@ -146,7 +146,8 @@ void TransportWorker::Impl::mark_certified() {
   for (const CertifiedHit& hit : lobe_work.hits.certified) certified[hit.ray] = &hit;
 }
 
-// Pictures hold what leaves the second surface of a path: paths of any length have that at every surface.
+// Maps hold the radiance that leaves the second surface of a path; only where path length is unlimited is it the same
+// at every later surface.
 bool TransportWorker::Impl::answers_lobes(int vertex_number) const {
   return context.lobes && (vertex_number == 1 || (vertex_number > 1 && settings.max_depth < 0));
 }
@@ -165,7 +166,7 @@ void TransportWorker::Impl::intersect_lobes() {
   }
 }
 
-// For the layers: what rays from first hits met, of pictures where those hide half of the ray or more.
+// For AOVs: what rays from first hits met; the map's object where it hides more than half of the ray.
 void TransportWorker::Impl::record_reflections() {
   const bool by_maps = answers_lobes(1);
   std::vector<const FilteredRay*> filtered(paths.size(), nullptr);
@@ -188,7 +189,7 @@ void TransportWorker::Impl::record_reflections() {
   }
 }
 
-// Camera rays go through area lights, as if these were not there (only for what the camera sees directly).
+// Lets camera rays pass through area lights as if these were not there; only what the camera sees directly is affected.
 void TransportWorker::Impl::pass_hidden_emitters() {
   for (int layer = 0; layer < k_longest_path; ++layer) {
     std::vector<uint32_t> hidden;
@@ -222,7 +223,7 @@ void TransportWorker::Impl::pass_hidden_emitters() {
   }
 }
 
-// Emission of `light` found by a path's own ray.
+// Adds emission of `light` that a path's ray has found.
 void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& origin, const Vec3& direction,
                                          uint32_t light, const LightHit& hit) {
   float weight = 1.0f;
@@ -239,7 +240,7 @@ void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& orig
 
 bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, int vertex_number) const {
   if (vertex_number == 0 || vertex_number < settings.rr_depth) return true;
-  // Paths that refraction has dimmed are not shorter-lived for it; and none lives for ever.
+  // eta undoes the radiance scaling of refraction, which must not shorten paths; the cap ends every path eventually.
   constexpr float k_highest_survival = 0.95f;
   const float q = std::min(largest(path.throughput) * path.eta * path.eta, k_highest_survival);
   if (!(sample_pair(path.index, scalar::hash_combine(seed, k_material_stream), 1).y < q)) return false;
@@ -258,7 +259,7 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
   if (settings.occlusion) occlusion.add(vertex, paths[path].slot, paths[path].index);
 }
 
-// Fills `surfaces` where rays ended, with only_emission on emitters alone, and makes room for vertices there.
+// Evaluates `surfaces` where rays ended (with only_emission: on emitters only), and makes room for that many vertices.
 void TransportWorker::Impl::find_surfaces(bool only_emission) {
   met.clear();
   size_t count = 0;
@@ -277,11 +278,11 @@ void TransportWorker::Impl::find_surfaces(bool only_emission) {
   resolved.reserve(count);  // vertices point into it
 }
 
-// Emission where the rays ended, and the surfaces that their paths go on from.
+// Adds emission where the rays ended, and collects the vertices from which paths continue.
 void TransportWorker::Impl::arrive(int vertex_number) {
   const bool emission_counts = !(settings.hide_emitters && vertex_number == 0);
   const bool shows_first_hit = vertex_number == 0 && settings.first_hits;
-  // The last surface matters only if it glows, or is shown.
+  // The last surface matters only if it emits, or is shown.
   const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
   const bool only_emission = last && !shows_first_hit;
   find_surfaces(only_emission);
@@ -296,7 +297,7 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     }
     const uint32_t emitter = scene.instances[hits.instance[i]].emitter;
     if (only_emission && emitter == k_none) continue;
-    PathVertex& v = vertices[count];  // what an earlier one has left there is written over
+    PathVertex& v = vertices[count];  // may hold leftovers of an earlier wave: all is overwritten
     v.path = i;
     v.surface = &surfaces.at(i);
     const float cos_geometric = -glm::dot(v.surface->geometric_normal, d);
@@ -314,7 +315,7 @@ void TransportWorker::Impl::arrive(int vertex_number) {
   vertices.resize(count);
 }
 
-// The material of a vertex and what it is seen in, from its surface and the arriving ray's direction.
+// Resolves the material and the shading frame of a vertex from its surface and the arriving ray's direction.
 void TransportWorker::Impl::shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number) {
   const Vec3 back = -d;
   const uint32_t bsdf = scene.instances[v.surface->instance].bsdf;
@@ -327,7 +328,7 @@ void TransportWorker::Impl::shade_vertex(PathVertex& v, const Vec3& d, float cos
   const Vec3 n = v.material->turned ? -v.surface->shading_normal : v.surface->shading_normal;
   v.facing = cos_geometric < 0.0f ? -v.surface->geometric_normal : v.surface->geometric_normal;
   if (v.material->plain_diffuse() && !goes_on(*v.material, vertex_number)) {
-    v.frame.n = n;  // all that light samples ask of a diffuse surface
+    v.frame.n = n;  // all that light samples need of a diffuse surface
     return;
   }
   const bool anisotropic = v.material->microfacet.alpha_u != v.material->microfacet.alpha_v;
@@ -347,14 +348,14 @@ void TransportWorker::Impl::gather_light(int vertex_number) {
   }
 }
 
-// Whether a ray sampled from the material can still find light that counts.
+// Whether a ray sampled from the material can still find light that is not counted already.
 bool TransportWorker::Impl::goes_on(const Material& material, int vertex_number) const {
   if (vertex_number + 1 >= k_longest_path) return false;
   if (settings.max_depth < 0 || vertex_number + 2 < settings.max_depth) return true;
   return material.plain_diffuse() ? context.open_form_can_be_hit : context.emission_can_be_hit;
 }
 
-// What all paths that go on from a vertex have in common.
+// The state that all paths leaving a vertex share.
 PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_number) const {
   PathState next = paths[vertex.path];
   next.light_samples = vertex_number == 0 ? settings.light_samples : 1;
@@ -366,7 +367,7 @@ PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_numb
   return next;
 }
 
-// `next` is the path that goes on in the world direction `d`, with what sets it apart filled in.
+// Sends the path `next`, otherwise complete, in the world direction `d`.
 void TransportWorker::Impl::send(const PathVertex& vertex, PathState next, const Vec3& d) {
   next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
   next_rays.set(next_paths.size(), offset_origin(vertex.surface->position, vertex.facing, vertex.surface->error, d), d,
@@ -381,7 +382,7 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   const float u_lobe = vertex.material->several_lobes() ? sample_pair(index, seed, 1).x : 0.0f;
   const BsdfSample s = sample_bsdf(*vertex.material, vertex.wi, u, u_lobe);
   if (!(largest(s.weight) > 0.0f)) return;
-  // What passes straight on keeps its direction bit for bit.
+  // What passes straight through keeps its direction bit for bit.
   const Vec3 d = s.straight ? rays.direction(vertex.path) : vertex.frame.to_world(s.wo);
   if (!s.straight && !vertex.material->transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
 
@@ -389,14 +390,14 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   next.throughput *= s.weight / vertex.lobe_samples;
   next.eta *= s.eta;
   next.index = index;
-  // Mirrors and masks send one direction on; there was nothing to split.
+  // Mirrors and masks send only one direction on, so nothing has been split there.
   next.may_split = next.may_split && s.delta && !vertex.material->glossy();
   next.unweighted = s.delta;
   next.bsdf_density = s.pdf * vertex.lobe_samples;
   send(vertex, next, d);
 }
 
-// All samples of a lobe that can be sampled in lanes.
+// Samples the whole lobe at once, in lanes.
 void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first) {
   const int count = int(vertex.lobe_samples);
   const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
@@ -441,7 +442,7 @@ TransportWorker::TransportWorker(TransportWorker&&) noexcept = default;
 
 const Stats& TransportWorker::stats() const { return impl_->stats; }
 
-// All that follows from the vertices of number `vertex_number`.
+// Follows all paths from the vertices of number `vertex_number` to their ends.
 void TransportWorker::Impl::go_on(int vertex_number) {
   gather_light(vertex_number);
   scatter(vertex_number);

@@ -1,11 +1,11 @@
 // Light transport: paths from the camera through the scene, in wavefronts of a few thousand camera samples.
 //
-// Each surface samples every light (direct_light.h), then the path goes on in a direction sampled from the material
-// (Kajiya, "The Rendering Equation", SIGGRAPH 1986). Emission that both can find is weighted by the power heuristic
-// with sample counts (Veach and Guibas, "Optimally Combining Sampling Techniques", SIGGRAPH 1995), except that
-// diffuse surfaces leave lights sampled in closed form to the light samples. Russian roulette as in Mitsuba's `path`.
-// A path that turns below the *geometric* surface of something opaque ends there, as light samples do.
-// Determinism: a camera sample's result depends on the scene, the settings, its pixel and its index only.
+// Each surface samples every light (direct_light.h), then the path continues in a direction sampled from the material
+// (Kajiya, "The Rendering Equation", SIGGRAPH 1986). Emission that both strategies can find is weighted by the power
+// heuristic with sample counts (Veach and Guibas, "Optimally Combining Sampling Techniques", SIGGRAPH 1995), except
+// that on diffuse surfaces light samples alone count for lights sampled in closed form. Russian roulette as in
+// Mitsuba's `path`. A path that turns below the *geometric* surface of something opaque ends there, as light samples
+// do. Determinism: a camera sample's result depends on the scene, the settings, its pixel and its index only.
 // Thread-safety: each thread has its own TransportWorker.
 #pragma once
 
@@ -21,17 +21,18 @@
 
 namespace fieldtrace {
 
-// Paths from the camera, and (PathFollower) from surfaces.
+// Traces paths from the camera, and (PathFollower) from surfaces.
 class TransportWorker final : public PathFollower {
  public:
   explicit TransportWorker(const TransportContext& context);
   ~TransportWorker() override;
   TransportWorker(TransportWorker&&) noexcept;
 
-  // radiance[i] receives what camera sample i sees. Any number of samples; about 4096 / lobe_samples is best.
+  // radiance[i] receives the radiance that arrives at camera sample i. Any number of samples; about 4096 / lobe_samples
+  // is best.
   void trace(const CameraSamples& samples, std::span<Rgb> radiance);
 
-  // Of the samples of the last trace(); empty unless the settings ask for first hits.
+  // Of the samples of the last trace(); empty unless the settings keep first hits.
   std::span<const FirstHit> first_hits() const;
 
   uint64_t follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths, std::span<Rgb> radiance) override;
@@ -44,7 +45,7 @@ class TransportWorker final : public PathFollower {
   std::unique_ptr<Impl> impl_;
 };
 
-// TransportContext::make_follower.
+// For TransportContext::make_follower.
 std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context);
 
 }  // namespace fieldtrace

@@ -35,9 +35,9 @@ void Stats::merge_counters(const Stats& o) {
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
   for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
-    for (int shading_point = 0; shading_point < 2; ++shading_point) {
-      check_by[verdict][shading_point].answers += o.check_by[verdict][shading_point].answers;
-      check_by[verdict][shading_point].wrong += o.check_by[verdict][shading_point].wrong;
+    for (int self = 0; self < 2; ++self) {
+      check_by[verdict][self].answers += o.check_by[verdict][self].answers;
+      check_by[verdict][self].wrong += o.check_by[verdict][self].wrong;
     }
   }
 }

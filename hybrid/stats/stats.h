@@ -1,8 +1,8 @@
 // What a render did: the counters and times behind `--stats` (keys: see to_json in stats.cpp).
 //
-// Times are wall seconds. Stages that run inside parallel tiles are measured per thread, added up and divided by the
+// Times are wall seconds. Stages that run inside parallel tiles are measured per thread, summed and divided by the
 // number of threads, so that time.primary + time.secondary + time.bake stay below time.total.
-// Thread-safety: each worker fills its own Stats; merge() adds them on one thread.
+// Thread-safety: each worker fills its own Stats; merge_counters() adds them on one thread.
 #pragma once
 
 #include <cstdint>
@@ -13,14 +13,14 @@
 
 namespace fieldtrace {
 
-// What the field of one object did: rays that cross its bounds and light samples spared, by whether it answered; in
-// all, and for shading points on the object itself.
+// Uses of one object's field: rays that cross its bounds, and light samples spared, by whether the field answered them;
+// in all, and for shading points on the object itself.
 struct FieldUse {
   uint64_t answered = 0, undecided = 0;
   uint64_t self_answered = 0, self_undecided = 0;
 };
 
-// Verdicts that --check counts: of shadow rays, and of reflected rays.
+// Verdicts that --check counts: of shadow rays (clear, blocked) and of glossy rays (miss, hit).
 enum class CheckedVerdict { clear, blocked, miss, hit };
 inline constexpr int k_checked_verdicts = 4;
 inline constexpr const char* k_checked_verdict_names[k_checked_verdicts] = {"clear", "blocked", "miss", "hit"};
@@ -39,26 +39,26 @@ struct Stats {
   double time_cache = 0;  // reading fields from the cache before the picture, and storing them after it
   double time_write = 0;  // writing the images
 
-  uint64_t rays_primary = 0;       // camera rays and the bounces that follow them
-  uint64_t rays_shadow = 0;        // shadow rays generated (those that cross no candidate's bounds included)
-  uint64_t rays_glossy = 0;        // rays that left a surface along a specular or glossy lobe
-  uint64_t rays_glossy_exact = 0;  // those traced because no picture of radiance and no certified hit answered them
-  uint64_t rays_glossy_hits = 0;   // those for which fields answered about at least one object, by a hit or a miss
-  uint64_t rays_exact = 0;         // shadow rays traced through Embree
-  uint64_t rays_crossing = 0;      // shadow rays that cross at least one candidate's bounds
-  uint64_t rays_candidate_overflow = 0;  // those of rays_exact whose group had too many candidates to ask one by one
+  uint64_t rays_primary = 0;             // camera rays and the bounces that follow them
+  uint64_t rays_shadow = 0;              // shadow rays generated (those that cross no candidate's bounds included)
+  uint64_t rays_glossy = 0;              // rays that left a surface along a specular or glossy lobe
+  uint64_t rays_glossy_exact = 0;        // those traced because no radiance map and no certified hit answered them
+  uint64_t rays_glossy_hits = 0;         // those that fields answered for at least one object, by a hit or a miss
+  uint64_t rays_exact = 0;               // shadow rays traced through Embree
+  uint64_t rays_crossing = 0;            // shadow rays that cross at least one candidate's bounds
+  uint64_t rays_candidate_overflow = 0;  // those of rays_exact whose group had candidate overflow
   uint64_t lookups = 0;                  // ray-field look-ups
   uint64_t sphere_crossings = 0;         // ray-candidate pairs whose bounds are crossed
-  uint64_t cones_clear = 0, cones_blocked = 0;  // shading point-candidate pairs whose whole light was answered at once
-  // Parts of lights above their shading points' horizons: asked of fields, and those of shading points that a field
-  // could not tell about.
+  uint64_t cones_clear = 0, cones_blocked = 0;  // (shading point, candidate) pairs settled as whole lights
+  // Strata of lights above their shading points' horizons: those looked up in fields, and those of shading points for
+  // which some field refused.
   uint64_t strata = 0, strata_refused = 0;
-  // Light samples that were answered with their whole light, by probe rays that agreed, or by following an edge: no
-  // rays were sent.
+  // Light samples answered without rays: with their whole light or its strata, by probe rays that agreed, or by
+  // following an edge.
   uint64_t samples_spared = 0;
-  uint64_t samples_extrapolated = 0;  // the latter two of them
+  uint64_t samples_extrapolated = 0;  // by probe rays or edges
   uint64_t check_answers = 0, check_wrong = 0;
-  // check_by[CheckedVerdict][shading point]: shading point 0 another object, 1 the object itself.
+  // check_by[CheckedVerdict][self]: 1 for shading points on the object itself, else 0.
   struct CheckCount {
     uint64_t answers = 0, wrong = 0;
   };
@@ -66,20 +66,21 @@ struct Stats {
 
   int field_directions = 0, field_plane = 0;
   uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
-  uint64_t field_left_to_rays = 0;   // objects that could have a field, and are left to exact rays for shadows
-  uint64_t field_self_to_rays = 0;   // objects whose field is not asked about shading points on the object itself
-  uint64_t survey_rays = 0;          // shadow rays traced to find those out, not in rays_exact
+  uint64_t field_left_to_rays = 0;   // objects that could have a field but are left to exact rays for shadows
+  uint64_t field_self_to_rays = 0;   // objects whose field is not used for rays from the object itself
+  uint64_t survey_rays = 0;          // shadow rays traced to decide that, not in rays_exact
   std::vector<FieldUse> field_uses;  // per shape; empty unless counted (hybrid/render/field_survey.h)
   uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
   uint64_t field_tiles_baked = 0;  // coverage tiles
-  uint64_t field_bytes_maps = 0;   // pictures of radiance (hybrid/glossy/lobe_answerer.h)
+  uint64_t field_bytes_maps = 0;   // prefiltered radiance maps (hybrid/glossy/lobe_answerer.h)
   uint64_t field_bytes_budget = 0, field_bytes_peak = 0;
-  uint64_t field_restarts = 0;  // attempts that outgrew the budget
+  uint64_t field_restarts = 0;  // attempts that exceeded the budget
   uint64_t bake_rays = 0;
   uint64_t memory_peak_bytes = 0;
   std::string version;
 
-  // Share of the sphere-crossing light samples, sent as rays or spared, that were traced exactly; 0 when none crossed.
+  // The share of light samples across a candidate's bounds, sent as rays or spared, that were traced; 0 if there were
+  // none.
   double exact_fraction() const {
     const uint64_t all = rays_crossing + samples_spared;
     return all ? double(rays_exact) / double(all) : 0.0;
@@ -87,7 +88,7 @@ struct Stats {
   // Mean number of candidates' bounds that a crossing ray crosses.
   double spheres_per_ray() const { return rays_crossing ? double(sphere_crossings) / double(rays_crossing) : 0.0; }
 
-  // One checked answer: its verdict, and whether the shading point lies on the object itself.
+  // Counts one checked answer. `self`: whether the shading point lies on the object itself.
   void add_check(CheckedVerdict verdict, bool self, bool wrong) {
     check_answers += 1;
     check_wrong += wrong;
@@ -99,7 +100,7 @@ struct Stats {
     bake_rays += counters.rays;
     time_bake += counters.seconds;
   }
-  void add_bake(const Stats& other) {  // its cost alone: for work that was thrown away
+  void add_bake(const Stats& other) {  // only the bake's cost, of work that was discarded
     add_bake(BakeCounters{other.bake_rays, other.time_bake});
   }
   void merge_counters(const Stats& other);  // adds rays, look-ups, checks and stage times

@@ -6,10 +6,11 @@
 namespace fieldtrace {
 namespace {
 
-// Instances in a leaf. A node's test costs as much as an instance's: small leaves miss more.
+// Instances in a leaf. Testing a node costs as much as testing an instance, so small leaves cull more for the same
+// price.
 constexpr uint32_t k_leaf_size = 2;
 
-// A radius computed with a few roundings in double encloses with this factor: 8 of 2^-53, generously.
+// A radius computed in double with a few roundings encloses its object after this factor: 8 of 2^-53, with room.
 constexpr double k_enclosing = 1.0 + 0x1p-49;
 
 bool is_finite(const Bounds3& b) {
@@ -24,7 +25,7 @@ BallAndBox instance_bounds(const Scene& scene, const Instance& instance) {
     b.centre = 0.5 * (lower + upper);
     b.radius = 0.5 * glm::length(upper - lower) * k_enclosing;
   } else {
-    // Beyond the range of floats: such an object may be anywhere.
+    // Beyond the range of floats: the object may be anywhere.
     b.radius = double(k_infinity);
     b.box = {Vec3(-k_infinity), Vec3(k_infinity)};
   }

@@ -6,10 +6,10 @@
 namespace fieldtrace {
 namespace {
 
-// Columns this near to perpendicular leave the bound below within its slack of 2^-10.
+// Columns this close to perpendicular keep the bound below within its slack of 2^-10.
 constexpr float k_right_angle_cosine = 0x1p-11f;
 
-// Whether the columns are perpendicular: then the longest is how far the transform stretches.
+// Whether the columns are perpendicular: the longest is then how far the transform stretches.
 bool keeps_right_angles(const Affine& m) {
   const auto cosine = [&](int i, int j) {
     return std::abs(glm::dot(m[i], m[j])) / (glm::length(m[i]) * glm::length(m[j]));
@@ -17,15 +17,17 @@ bool keeps_right_angles(const Affine& m) {
   return std::max({cosine(0, 1), cosine(1, 2), cosine(2, 0)}) < k_right_angle_cosine;
 }
 
-// Of the ball about the centre of a flat shape that spans [-1, 1] along the first two columns, or the unit disk.
+// Radius of the ball about the centre of a flat shape: one that spans [-1, 1] along the first two columns, or the unit
+// disk.
 float flat_radius(ShapeKind kind, const Affine& m) {
   if (kind == ShapeKind::rectangle) return std::max(glm::length(m[0] + m[1]), glm::length(m[0] - m[1]));
   const float mean = 0.5f * (glm::dot(m[0], m[0]) + glm::dot(m[1], m[1]));
   return std::sqrt(mean + std::hypot(0.5f * (glm::dot(m[0], m[0]) - glm::dot(m[1], m[1])), glm::dot(m[0], m[1])));
 }
 
-// Whether a ray towards a point that faces the shading point meets nothing of the light before: planes, and convex
-// shapes that emit outwards. Turned inwards, a sphere or cylinder hides its inside from shading points outside.
+// Whether a ray towards a light point that faces the shading point meets no other part of the light first: true of
+// planes, and of convex shapes that emit outwards. Flipped, a sphere or cylinder hides its inside from shading points
+// outside.
 bool hides_nothing_of_itself(ShapeKind kind, bool flipped) {
   switch (kind) {
     case ShapeKind::rectangle:
@@ -42,9 +44,9 @@ bool hides_nothing_of_itself(ShapeKind kind, bool flipped) {
 
 }  // namespace
 
-Bounds3 world_bounds(const Bounds3& b, const Affine& to_world) {
+Bounds3 world_bounds(const Bounds3& object_space, const Affine& to_world) {
   Bounds3 result;
-  for (int c = 0; c < 8; ++c) result.extend(transform_point(to_world, b.corner(c)));
+  for (int c = 0; c < 8; ++c) result.extend(transform_point(to_world, object_space.corner(c)));
   // Rounding of the transform, three products and a sum on each coordinate.
   const Vec3 slack = gamma_bound(4) * glm::max(glm::abs(result.lower), glm::abs(result.upper));
   result.lower -= slack;

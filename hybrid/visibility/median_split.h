@@ -1,5 +1,5 @@
-// Points put in such an order that halving the list again and again cuts space: each half's points lie on one side of a
-// plane across the longest extent of both.
+// Orders points so that halving the list repeatedly partitions space: the two halves lie on either side of a plane
+// across the longest extent of both.
 //
 // Thread-safety: pure functions on values.
 #pragma once
@@ -17,11 +17,11 @@ constexpr size_t middle_of(size_t begin, size_t end) { return begin + (end - beg
 
 struct PlacedIndex {
   Vec3 position;       // finite
-  uint32_t index = 0;  // decides between points in one place
+  uint32_t index = 0;  // breaks ties between coincident points
 };
 
-// Orders `points` so that every half of more than `smallest` points, made by middle_of, is cut as said above. The
-// same points give the same sets in the halves, whatever their order before.
+// Orders `points` so that every range of more than `smallest` points that middle_of() halves is cut by such a plane.
+// The same points give the same sets in the halves, whatever their order before.
 void order_by_median_splits(std::span<PlacedIndex> points, size_t smallest);
 
 }  // namespace fieldtrace

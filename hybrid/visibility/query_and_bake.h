@@ -1,6 +1,6 @@
-// Asking fields about blocks of a batch until all that the answers need is baked.
+// Queries fields for a batch, and bakes what the answers need until all are known.
 //
-// Thread-safety: as that of what is called.
+// Thread-safety: that of the callbacks.
 #pragma once
 
 #include <algorithm>
@@ -12,8 +12,9 @@
 namespace fieldtrace {
 
 // How many rounds of baking one batch can need: the line's cell, the anchored cell, the re-anchored one, and the last
-// two again from the other end of the segment; nearest hits also the primitive's. Lobes and parts of lights need fewer:
-// tiles, and two for discs. Whole lights need two for each direction from a surface, one direction after another.
+// two again from the other end of the segment; for nearest hits also the primitive's. Lobes and strata need fewer:
+// tiles, and two rounds for discs. Whole lights need two for each direction from a surface, one direction after
+// another.
 inline constexpr int k_most_bake_rounds = 6;
 
 inline void sort_unique(std::vector<uint32_t>& list) {
@@ -21,10 +22,10 @@ inline void sort_unique(std::vector<uint32_t>& list) {
   list.erase(std::unique(list.begin(), list.end()), list.end());
 }
 
-// Calls ask(blocks) for all blocks of k_batch_padding among `size` entries, and again for those that it put into
-// unknowns.blocks, after bake() has baked what it reported beside them (unknowns.lists(), sorted, once each). Ends when
-// nothing is unknown, with the round in which bake() returned false, or after `most_rounds` of baking, which must be as
-// many as the longest chain of cells that one answer needs. Blocks still unknown then stay in unknowns.blocks.
+// Calls query(blocks) for all blocks of k_batch_padding among `size` entries, and again for those that it put into
+// unknowns.blocks, after bake() has baked what it reported there (unknowns.lists(), sorted, without repeats). Ends when
+// nothing is unknown, after the round in which bake() returned false, or after `most_rounds` of baking, which must be
+// at least the longest chain of cells that one answer needs. Blocks still unknown then stay in unknowns.blocks.
 // Unknowns: ConeUnknowns or HitUnknowns.
 template <class Unknowns, class Query, class Bake>
 void query_and_bake(size_t size, Unknowns& unknowns, const Query& query, const Bake& bake,

@@ -1,6 +1,6 @@
-// Exact rays for some of a batch.
+// Traces exact rays for a subset of a batch.
 //
-// Thread-safety: as that of Accel; a work space belongs to one thread.
+// Thread-safety: that of Accel; a RaySubset belongs to one thread.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ struct RaySubset {
   HitBatch hits;
 };
 
-// hits[i] becomes the nearest hit of rays[i] in the whole scene for each i of `which`; others stay as they are.
+// hits[i] becomes the nearest hit of rays[i] in the whole scene for each i of `which`; other entries stay as they are.
 inline void intersect_subset(const Accel& accel, const RayBatch& rays, std::span<const uint32_t> which, HitBatch& hits,
                              RaySubset& work) {
   if (which.empty()) return;

@@ -8,7 +8,7 @@ namespace fieldtrace {
 
 namespace {
 
-// Bounds of position -/+ error along one axis. Eight running bounds let the compiler use vectors.
+// Bounds of position -/+ error along one axis. Eight running bounds let the compiler vectorise.
 void bound_axis(const AlignedVector<float>& position, const AlignedVector<float>& error, size_t count, float& lower,
                 float& upper) {
   constexpr size_t k_chains = 8;
@@ -30,7 +30,7 @@ void bound_axis(const AlignedVector<float>& position, const AlignedVector<float>
   upper = *std::max_element(high, high + k_chains);
 }
 
-// Of all points that rays may leave from.
+// Bounds of all points that rays may leave from.
 Bounds3 bounds_of(const ShadingPointBatch& shading_points) {
   Bounds3 b;
   bound_axis(shading_points.px, shading_points.error, shading_points.size, b.lower.x, b.upper.x);
@@ -39,7 +39,7 @@ Bounds3 bounds_of(const ShadingPointBatch& shading_points) {
   return b;
 }
 
-// Of all rays that may leave one shading point.
+// The shaft of all rays that may leave one shading point.
 Shaft shaft_to(const ShadingPointBatch& shading_points, size_t r, const LightExtent& light) {
   const Vec3 p(shading_points.px[r], shading_points.py[r], shading_points.pz[r]), error(shading_points.error[r]);
   return {{p - error, p + error}, light};
@@ -70,7 +70,7 @@ ShadowAnswerer::~ShadowAnswerer() = default;
 void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const {
   const Bounds3 bounds = bounds_of(shading_points);
   if (settings_.whole_scene) {
-    group.candidates.assign(k_most_candidates + 1, 0);  // too many to test one by one
+    group.candidates.assign(k_most_candidates + 1, 0);  // candidate overflow
   } else {
     candidates_.select(bounds, group.light, k_most_candidates, group.candidates);
   }
@@ -84,7 +84,7 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
   if (!test_each) return;
   Workspace& work = *workspaces_.local();
   Sphere light = group.light.ball;
-  // The origin of a ray lies up to `error` beside the shading point.
+  // The origin of a ray lies up to `error` away from its shading point.
   for (size_t r = 0; r < shading_points.size; ++r) light.radius = std::max(light.radius, shading_points.error[r]);
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     const ShadowInstance& o = instances_[group.candidates[slot]];
@@ -97,7 +97,7 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
     std::fill(work.flags.begin() + std::ptrdiff_t(shading_points.size), work.flags.end(), 0);
     for (size_t r = 0; r < work.flags.size(); ++r) {
       group.met[r] |= work.flags[r];
-      if (group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // nothing more to learn
+      if (group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // already settled
     }
     if (o.answers_cones && group.light_samples >= k_fewest_cone_samples) {
       const auto self_undecided = [&] {
@@ -122,7 +122,7 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
       group.by_rays[r] |= (flag & (k_may_shadow | k_by_strata)) == k_may_shadow;
     }
   }
-  // For fewer samples this costs more than it saves.
+  // With fewer samples this costs more than it saves.
   if (group.light_samples >= k_fewest_cone_samples) forget_distant(shading_points, group);
   const auto is_spared = [&](size_t r) {
     return group.met[r] && (!group.shadow[r] || group.shadow[r] & k_light_blocked);
@@ -137,8 +137,8 @@ bool ShadowAnswerer::extrapolates(const ShadowGroup& group) const {
                      [this](uint32_t candidate) { return instances_[candidate].answers_cones; });
 }
 
-// Shading points that none of the candidates can shadow, by the test that chose these, which is finer than the
-// kernels'. What becomes of a shading point then does not depend on which candidates the others of its group have.
+// Clears shading points that no candidate can shadow by the test that chose the candidates, which is tighter than the
+// kernels'. What becomes of a shading point then does not depend on the candidates of the others in its group.
 void ShadowAnswerer::forget_distant(const ShadingPointBatch& shading_points, ShadowGroup& group) const {
   for (size_t r = 0; r < shading_points.size; ++r) {
     if (!group.met[r]) continue;
@@ -161,7 +161,7 @@ uint32_t ShadowAnswerer::fields_before(const ShadowGroup& group, const ShadingPo
 }
 
 bool ShadowAnswerer::gains_by_splitting(const ShadowGroup& group) const {
-  // Where every cell asks, the groups are those of Monte Carlo, so that both trace the same rays.
+  // Where every cell is undecided, the groups are those of Monte Carlo, so that both trace the same rays.
   if (settings_.force_undecided || group.candidates.size() <= k_most_candidates) return false;
   return std::any_of(group.candidates.begin(), group.candidates.end(), [this](uint32_t candidate) {
     return instances_[candidate].field != nullptr || instances_[candidate].thesis;

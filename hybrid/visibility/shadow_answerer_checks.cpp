@@ -1,4 +1,4 @@
-// What is counted beside the answers: their agreement with exact rays, and the uses of each field.
+// Counts beside the answers: their agreement with exact rays, and the uses of each field.
 #include "field/query/query.hd.h"
 #include "hybrid/visibility/shadow_workspace.h"
 
@@ -12,7 +12,7 @@ CheckedVerdict checked_verdict(bool blocked) { return blocked ? CheckedVerdict::
 void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, std::span<const uint32_t> shading_points,
                                  int samples, const ShadowBatch& batch, Stats& stats) const {
   Workspace& work = *workspaces_.local();
-  std::vector<uint8_t> hidden(batch.rays.size, 0), undecided(batch.rays.size, 0), self_undecided(batch.rays.size, 0);
+  std::vector<uint8_t> hidden(batch.rays.size, 0), crosses(batch.rays.size, 0), crosses_self(batch.rays.size, 0);
   for (const uint32_t candidate : group.candidates) {
     const ShadowInstance& o = instances_[candidate];
     if (!o.answers_cones) continue;
@@ -24,16 +24,16 @@ void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, std::sp
       if (work.states.state[i] & RayStates::k_crosses) work.indices.push_back(i);
     }
     for (const uint32_t i : work.indices) {
-      undecided[i] = 1;
-      self_undecided[i] |= candidate == batch.instance[i];
+      crosses[i] = 1;
+      crosses_self[i] |= candidate == batch.instance[i];
     }
     accel_.occluded_by(candidate, batch.rays, work.indices, hidden.data());
   }
   for (size_t i = 0; i < batch.rays.size; ++i) {
-    if (!undecided[i]) continue;
+    if (!crosses[i]) continue;
     const bool wrong = blocked != (hidden[i] != 0);
     const uint32_t shading_point = shading_points[i / size_t(samples)];
-    const bool self = blocked ? group.blocked_by[shading_point] == batch.instance[i] : self_undecided[i] != 0;
+    const bool self = blocked ? group.blocked_by[shading_point] == batch.instance[i] : crosses_self[i] != 0;
     stats.add_check(checked_verdict(blocked), self, wrong);
   }
 }

@@ -1,4 +1,4 @@
-// Whole lights and parts of lights, asked of fields.
+// Look-ups of whole lights and of strata.
 #include <cmath>
 
 #include "field/bake/bake.h"
@@ -9,11 +9,10 @@
 namespace fieldtrace {
 namespace {
 
-// Directions tried along each side of a light as seen from shading points on the object: so many that neighbours lie
-// less than this share of a direction cell's mean width apart. A cell speaks for lines all over it, so closer
-// directions find nothing more (docs/decisions/009-cones.md).
+// Spacing of the directions tried over a light as seen from shading points on the object, in mean widths of a direction
+// cell. A cell speaks for lines all over it, so closer directions find nothing more (docs/decisions/009-cones.md).
 constexpr float k_plane_fit_spacing = 1.1f;
-// More than any number of light samples: the light is too near or too wide.
+// More than the square root of any number of light samples: for lights too near or too wide.
 constexpr int k_no_plane_fit_side = 1 << 12;
 
 int plane_fit_side_for(const SegmentTask& segment, const Sphere& light) {
@@ -29,7 +28,7 @@ void ShadowAnswerer::bake_and_repeat(const ShadowInstance& o, size_t size, ConeU
                                      int most_rounds, const Query& query) const {
   const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
   const auto bake = [&] {
-    // The last round: what is left is for single rays.
+    // In a full pool this is the last round; single rays answer what is still unknown.
     const bool is_full = o.field->pool_full() || o.field->coverage().full();
     BakeCounters counters;
     if (!unknowns.tiles.empty()) bake_coverage(*o.field, unknowns.tiles, accel_, shape, counters);
@@ -85,7 +84,7 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
       stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
                                               batch.clear.data(), work.refused.data(), unknowns);
     });
-    // What no pool has room for is left to rays.
+    // Refuse what no pool has room for: rays answer it.
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
   }
   refused.assign(shading_points.size(), 0);

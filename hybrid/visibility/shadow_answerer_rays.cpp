@@ -1,4 +1,4 @@
-// Single shadow rays: look-ups in fields, with what they bake, and exact rays for what is left.
+// Single shadow rays: look-ups in fields, baking what they demand, and exact rays for the undecided.
 #include <algorithm>
 
 #include "field/bake/bake.h"
@@ -32,7 +32,7 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
     const bool give_up = o.field->pool_full() || round >= k_most_bake_rounds;
     for (const uint32_t begin : blocks) {
       const size_t end = begin + k_batch_padding;
-      // No room to bake: all rays of such a block are traced.
+      // Without room to bake, all rays of such a block are traced.
       const SegmentCounts again =
           give_up ? kernels_.cross_ball(task, batch.rays, begin, end, slot, states)
                   : kernels_.query(task, batch.rays, batch.instance.data(), begin, end, slot, states);

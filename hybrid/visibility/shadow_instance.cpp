@@ -11,7 +11,7 @@
 namespace fieldtrace {
 namespace {
 
-// world -> unit space of a ball in object space, composed in double.
+// World -> unit space of a ball in object space, composed in double.
 void write_unit_transform(const Instance& instance, const Sphere& ball, float out[12]) {
   const double inverse_radius = 1.0 / double(ball.radius);
   for (int column = 0; column < 4; ++column) {
@@ -22,8 +22,8 @@ void write_unit_transform(const Instance& instance, const Sphere& ball, float ou
   }
 }
 
-// Bound on how much the linear part A lengthens a vector: the root of the largest eigenvalue of A^T A (Smith,
-// "Eigenvalues of a symmetric 3 x 3 matrix", CACM 1961), and a thousandth for its rounding.
+// Bound on how much the linear part A lengthens a vector: the square root of the largest eigenvalue of A^T A (Smith,
+// "Eigenvalues of a symmetric 3 x 3 matrix", CACM 1961), plus a thousandth for its rounding.
 float stretch_bound(const float m[12]) {
   const auto column = [&](int i) { return DVec3(m[3 * i], m[3 * i + 1], m[3 * i + 2]); };
   const DVec3 diagonal(glm::dot(column(0), column(0)), glm::dot(column(1), column(1)), glm::dot(column(2), column(2)));
@@ -53,7 +53,7 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   o.in_ball = traits.wants_field;
   o.cone.segment.instance = o.box.instance = index;
   o.cone.segment.policy = query_policy(settings.force_undecided ? 0.0f : settings.tolerance);
-  // Shading points on an object are answered by depth cells alone.
+  // Only depth cells can answer rays that start on the object; without them these rays are traced.
   o.cone.segment.reads_depth = settings.self_to_rays.empty() || !settings.self_to_rays[instance.shape];
   if (field) o.cone.segment.field = field->view();
   if (thesis) o.thesis = thesis_instance_view(*thesis, instance, index);
@@ -65,7 +65,7 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   o.cone.chord_share = settings.tolerance < k_estimating_tolerance ? 1.0f : scalar::k_chord_share;
   std::memcpy(o.box.to_object, &instance.to_object, sizeof o.box.to_object);
   o.box.to_object_stretch = stretch_bound(o.box.to_object);
-  // The transform of a ray into object space rounds; the box grows by as much.
+  // Transforming a ray into object space rounds; the box grows by as much.
   const Vec3 extent = glm::max(glm::abs(shape.bounds.lower), glm::abs(shape.bounds.upper));
   const float slack = gamma_bound(8) * glm::length(extent);
   for (int axis = 0; axis < 3; ++axis) {

@@ -1,4 +1,4 @@
-// An instance as the shadow answerer sees it: what the kernels need to ask about it. Plain data.
+// What the shadow answerer's kernels need to know about an instance. Plain data.
 #pragma once
 
 #include <optional>
@@ -14,19 +14,19 @@ struct AnswererSettings;
 
 struct ShadowInstance {
   bool in_ball = false;        // culled by the field's ball, else by the bounding box
-  bool answers_cones = false;  // of whole lights
-  Field* field = nullptr;      // answers within the ball; null: exact rays
-  // By the thesis' chart: answers every ray; then `field` is null.
+  bool answers_cones = false;  // answers whole lights
+  Field* field = nullptr;      // answers rays that cross the ball; null: exact rays
+  // Thesis' chart: answers every ray; `field` is then null.
   std::optional<ThesisInstanceView> thesis;
   ConeTask cone;  // for the ball
   BoxTask box;
 };
 
-// `traits` are those of the instance's shape. `field` is its field, or null; `thesis` likewise.
-ShadowInstance make_shadow_instance(const Scene& scene, uint32_t instance, const ShapeTraits& traits, Field* field,
+// `index` is the instance's; `traits` are those of its shape. `field` is its field, or null; `thesis` likewise.
+ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const ShapeTraits& traits, Field* field,
                                     const ThesisField* thesis, const AnswererSettings& settings);
 
-// The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), from the nearest point of the
+// The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), seen from the nearest point of the
 // object's ball; infinity for lights too near or too wide for whole answers.
 float cells_across(const SegmentTask& segment, const Sphere& light);
 

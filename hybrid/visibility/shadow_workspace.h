@@ -1,4 +1,4 @@
-// What a thread of the shadow answerer works in.
+// Scratch memory of one thread of the shadow answerer.
 #pragma once
 
 #include <vector>

@@ -5,9 +5,9 @@
 namespace fieldtrace {
 namespace {
 
-// Where the balls differ in radius by more than this share of the distance between their centres, the shaft is taken
-// for a cylinder of the larger: the cone's rim would be found with too much rounding (1 - k^2 cancels), and one ball
-// hides most of the other anyway.
+// Where the balls' radii differ by more than this share of the distance between their centres, the shaft becomes a
+// cylinder of the larger radius: the cone's rim would be rounded too much (1 - k^2 cancels), and one ball hides most of
+// the other anyway.
 constexpr double k_widest = 0.99;
 
 bool overlap(const Bounds3& a, const Bounds3& b) {
@@ -21,7 +21,7 @@ Shaft::Shaft(const Bounds3& shading_points, const LightExtent& light) : kind_(li
   origin_ = 0.5 * (lower + upper);
   radius_ = 0.5 * glm::length(upper - lower);
   if (kind_ == LightExtent::Kind::directional) {
-    // A direction's own rounding makes it no more than gamma(3) longer or shorter than 1.
+    // Rounding leaves the direction within gamma(3) of unit length.
     along_ = glm::normalize(DVec3(light.towards));
     length_ = double(k_infinity);
     extent_ = radius_;
@@ -48,12 +48,12 @@ bool Shaft::meets(const BallAndBox& object, double rounding) const {
   const DVec3 v = object.centre - origin_;
   const double along = glm::dot(v, along_);
   const double across = glm::length(v - along * along_);
-  // The shaft is the union of the balls about the axis points s with radius radius + widening s. The one nearest to
-  // the object's centre minimises sqrt(across^2 + (s - along)^2) - widening s, which is convex in s.
+  // The shaft is the union of the balls about the axis points s with radius radius + widening s. The one nearest to the
+  // object's centre minimises sqrt(across^2 + (s - along)^2) - widening s, which is convex in s.
   const double s = std::clamp(along + lean_ * across, 0.0, length_);
   const double gap = std::sqrt(across * across + (s - along) * (s - along)) - widening_ * s;
   const double sum = glm::length(v) + object.radius + extent_;
-  // Not "gap <= ... else false": bounds that are not finite must pass.
+  // Negated, so that bounds that are not finite pass.
   return !(gap > object.radius + radius_ + rounding * sum);
 }
 

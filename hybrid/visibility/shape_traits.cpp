@@ -6,12 +6,12 @@
 namespace fieldtrace {
 namespace {
 
-// Whether all of a shape lies in one plane.
+// Whether the whole shape lies in one plane.
 bool is_flat(const Shape& shape) {
   if (shape.kind == ShapeKind::disk || shape.kind == ShapeKind::rectangle) return true;
   if (shape.kind != ShapeKind::mesh || shape.mesh.triangles.empty()) return false;
   const std::vector<Vec3>& p = shape.mesh.positions;
-  // The plane of the largest triangle; every vertex must lie in it but for the rounding of the test itself.
+  // The plane of the largest triangle; every vertex must lie in it up to the rounding of the test itself.
   DVec3 normal(0.0);
   double largest = 0.0;
   for (const UVec3& t : shape.mesh.triangles) {

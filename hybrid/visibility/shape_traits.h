@@ -1,5 +1,5 @@
-// What a shape's mesh as a whole says about its shadow rays: whether it lies in one plane, and whether it is worth a
-// field. Each takes a pass over the triangles, so a render finds them out once and hands them on.
+// Properties of a whole shape that matter to its shadow rays: whether it is flat, and whether it gets a field. Each
+// takes a pass over the triangles, so a render computes them once.
 //
 // Thread-safety: pure.
 #pragma once

@@ -1,4 +1,4 @@
-// Dielectrics, plastics, principled and masks: sampling against density, energy, reciprocity, extremes.
+// Dielectrics, plastics, principled and masks: sampling against density, energy, reciprocity, extreme parameters.
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@ namespace {
 
 using namespace test;
 
-// Some 60 tests run at once: 4.5 deviations are exceeded by chance in fewer than 1 in 4,000 runs (and seeds are fixed).
+// With about 60 tests, 4.5 deviations are exceeded by chance in fewer than 1 in 4,000 runs (and seeds are fixed).
 constexpr double k_deviations = 4.5;
 
 struct Named {
@@ -90,7 +90,7 @@ TEST(Bsdf, WeightIsValueOverDensityForAllFamilies) {
       const BsdfSample s = sample_bsdf(m, wi, random.pair(), random());
       if (!(s.pdf > 0.0f) || s.delta) continue;
       ++compared;
-      // The half vector is computed anew from rounded directions: grazing angles lose digits in proportion.
+      // The half vector is recomputed from rounded directions: grazing angles lose digits in proportion.
       const float tolerance = 1e-5f / std::min(std::abs(wi.z), std::abs(s.wo.z)) + 3e-3f;
       EXPECT_NEAR(bsdf_pdf(m, wi, s.wo), s.pdf, tolerance * s.pdf) << named.name << " " << wi.z << " " << s.wo.z;
       const Rgb value = evaluate_bsdf(m, wi, s.wo);
@@ -104,8 +104,7 @@ TEST(Bsdf, WeightIsValueOverDensityForAllFamilies) {
 TEST(Bsdf, ReflectionIsReciprocalForAllFamilies) {
   Random random(24);
   for (const Named& named : all_materials()) {
-    // The clearcoat follows the scene format's renderer, whose factor |cos wo| stands without 1 / (4 cos cos): as a
-    // function of both directions that is reciprocal too.
+    // The clearcoat follows Mitsuba, which multiplies by |cos wo| but not by 1 / (4 cos cos): reciprocal too.
     for (int i = 0; i < 1000; ++i) {
       Vec3 a = random.upper(), b = random.upper();
       if (named.material.transmits() && i % 2) a.z = -a.z, b.z = -b.z;
@@ -116,7 +115,7 @@ TEST(Bsdf, ReflectionIsReciprocalForAllFamilies) {
   }
 }
 
-// Radiance over the square of the index is what crosses an interface either way (Veach 1997, equation 5.14).
+// Radiance over the squared index is conserved across an interface (Veach 1997, equation 5.14).
 TEST(RoughDielectric, TransmissionIsReciprocalUpToTheIndex) {
   Random random(25);
   for (const Named& named : rough_dielectrics()) {
@@ -128,7 +127,7 @@ TEST(RoughDielectric, TransmissionIsReciprocalUpToTheIndex) {
       const float in = evaluate_bsdf(m, above, below).x / std::abs(below.z);
       const float out = evaluate_bsdf(m, below, above).x / above.z;
       positive += in > 0.0f;
-      // Where facets are seen edge on, wi.m is a difference of nearly equal numbers.
+      // Where facets are seen edge-on, wi.m is a difference of nearly equal numbers.
       EXPECT_NEAR(in * eta2, out, 3e-3f * std::max(out, 1e-2f)) << named.name;
     }
     EXPECT_GT(positive, 200) << named.name;
@@ -138,7 +137,7 @@ TEST(RoughDielectric, TransmissionIsReciprocalUpToTheIndex) {
 TEST(Bsdf, NoFamilyCreatesEnergy) {
   Random random(26);
   for (const Named& named : all_materials()) {
-    // Burley's diffuse lobe and his clearcoat add to the specular one without taking from each other.
+    // Burley's diffuse lobe and clearcoat are added to the specular lobe without energy compensation.
     if (named.material.kind == BsdfKind::principled) continue;
     for (const float cos_theta : {1.0f, 0.7f, 0.3f, 0.05f}) {
       constexpr int n = 20000;
@@ -149,7 +148,7 @@ TEST(Bsdf, NoFamilyCreatesEnergy) {
   }
 }
 
-// A white body under a clear interface returns all light; the fits of diffuse reflectance are good to 0.01.
+// A white body under a clear interface reflects all light; the fits of diffuse reflectance are accurate to 0.01.
 TEST(Plastic, WhiteReturnsAllLight) {
   Random random(27);
   for (const float ior : {1.3f, 1.49f, 1.8f}) {
@@ -162,7 +161,7 @@ TEST(Plastic, WhiteReturnsAllLight) {
   }
 }
 
-// The less rough, the closer to the smooth interface, which loses nothing.
+// Low roughness approaches the smooth interface, which loses nothing.
 TEST(RoughDielectric, AlmostSmoothLosesNothing) {
   Random random(29);
   for (const float cos_theta : {0.8f, -0.9f}) {
@@ -182,7 +181,7 @@ TEST(RoughDielectric, SmallRoughnessRefractsByTheSmoothLaw) {
       const float u = i % 3 == 0 ? 0.0f : 1.0f - 0x1p-24f;
       const BsdfSample a = sample_bsdf(rough_one, wi, Vec2(0.5f), u), b = sample_bsdf(smooth, wi, Vec2(0.5f), u);
       EXPECT_NEAR(a.eta, b.eta, 1e-6f);
-      // Slopes of a few alpha; near the critical angle they are magnified.
+      // Slopes are a few alpha; near the critical angle they are magnified.
       EXPECT_LT(glm::length(a.wo - b.wo), 0.05f) << wi.z;
       EXPECT_NEAR(a.weight.x, b.weight.x, 1e-3f);
     }
@@ -233,7 +232,7 @@ TEST(Mask, PassesStraightOnByItsTransparency) {
     EXPECT_TRUE(s.delta);
   }
   EXPECT_NEAR(straight, 0.7 * n, 5.0 * std::sqrt(0.21 * n));
-  // From behind nothing but the passage is left.
+  // From behind, only the mask's straight passage remains.
   for (int i = 0; i < 100; ++i) {
     const BsdfSample s = sample_bsdf(m, -wi, random.pair(), random());
     EXPECT_TRUE(s.straight || s.weight.x == 0.0f);
@@ -309,7 +308,7 @@ TEST(Bsdf, AllFamiliesStayFiniteAtTheExtremes) {
   }
 }
 
-// The integrals that the fits stand for, by midpoints.
+// The integrals that the fits approximate, by the midpoint rule.
 TEST(Fresnel, DiffuseReflectanceIsTheMeanOverCosines) {
   for (const float eta : {0.45f, 0.55f, 0.67f, 0.8f, 0.95f, 1.05f, 1.3f, 1.5f, 1.9f, 2.4f}) {
     double sum = 0.0;

@@ -1,6 +1,6 @@
 // Materials of scene files against the values of another renderer.
 //
-// The numbers are those of Mitsuba 3.9.1, variant scalar_rgb, as tests/scripts/material_values.py prints them.
+// The values were printed by tests/scripts/material_values.py with Mitsuba 3.9.1, variant scalar_rgb.
 
 #include <gtest/gtest.h>
 
@@ -146,10 +146,10 @@ Vec3 at_degrees(double theta, double phi) {
   return Vec3(DVec3(std::sin(t) * std::cos(p), std::sin(t) * std::sin(p), std::cos(t)));
 }
 
-// Relative. Exact formulas agree to the six digits printed, but for the rounding of half vectors, which D magnifies by
-// 1 / alpha^2 < 100. Beckmann's masking is exact here and a rational fit there, off by up to 0.4 % for each of two
-// directions; rough plastic's tables are integrals by quadratures of their own on either side, good to about 1e-3 each,
-// and enter twice.
+// Relative. Exact formulas agree to the six digits printed, except for the rounding of half vectors, which D magnifies
+// by 1 / alpha^2 < 100. Beckmann masking is exact here and a rational fit in Mitsuba, off by up to 0.4 % for each of
+// two directions; rough plastic's tables are computed by different quadratures, each accurate to about 1e-3, and enter
+// twice.
 float tolerance(const Material& m) {
   float result = 1e-4f;
   if (m.kind == BsdfKind::rough_plastic) result += 4e-3f;
@@ -178,8 +178,8 @@ TEST_F(BsdfReference, ValuesAndDensitiesAgreeWithMitsuba) {
   }
 }
 
-// Shares of arriving flux that go on, in white materials: what single scattering keeps. Mitsuba 3.9.1, 100,000 samples
-// each (standard error at most 0.0015); as many here.
+// Fraction of the arriving flux that white materials scatter, which is less than 1 for single scattering. Mitsuba
+// 3.9.1, 100,000 samples each (standard error at most 0.0015); the same number here.
 constexpr int k_flux_samples = 100000;
 constexpr double k_flux_tolerance = 0.008;
 

@@ -1,4 +1,4 @@
-// Camera rays against figures of Mitsuba 3.9, and the pixel filters' distributions.
+// Camera rays against values of Mitsuba 3.9, and the pixel filters' distributions.
 
 #include "core/camera/camera.h"
 
@@ -49,7 +49,7 @@ TEST(Camera, ThinLensAgreesWithReference) {
   camera.aperture_radius = 0.2f;
   camera.focus_distance = 3.0f;
   const CameraSampler sampler(camera, small_film());
-  // The same lens point (0.3, 0.7) of the same concentric map.
+  // Both programs map the lens sample (0.3, 0.7) by the same concentric map.
   const CameraRay a = sampler.ray_at({4, 6}, {.3f, .7f}), b = sampler.ray_at({12, 10}, {.3f, .7f});
   expect_near(a.origin, {.0893484f, .0926367f, .5f}, 1e-6f);
   expect_near(a.direction, {.2794786f, .0690824f, .9576634f}, 1e-6f);
@@ -104,7 +104,7 @@ TEST(Camera, FilterOffsetsFollowTheFilter) {
   }
 }
 
-// Every filter, with and without a lens, in batches that fill vectors and batches that do not.
+// Every filter, with and without a lens, for batches that fill whole vectors and batches that do not.
 TEST(Camera, RaysOfABatchAreThoseOfSinglePointsOnEveryMachine) {
   Camera camera = small_camera();
   camera.to_world = Affine(Vec3(0, 2, 0), Vec3(-2, 0, 0), Vec3(0, 0, 2), Vec3(1, -2, 3));

@@ -1,4 +1,4 @@
-// Images whose headers promise more than their files hold, and images that are compressed as far as their formats go.
+// Images whose headers claim more than their files can hold, and images at the maximum compression of their formats.
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -96,7 +96,7 @@ TEST_F(ImageSize, AShortFileGetsNoMemory) {
         << message;
     EXPECT_NE(message.find(std::string("/") + name + ": "), std::string::npos) << message;
   }
-  // The canvas of the smaller GIF alone would be 2 GiB.
+  // The canvas of even the smaller GIF would be 2 GiB.
   EXPECT_LT(peak_memory_kib(), 1 << 20);
 }
 
@@ -118,7 +118,7 @@ TEST_F(ImageSize, EveryReasonIsGiven) {
   }
 }
 
-// Single-coloured images at the largest ratio that their format allows are read as before.
+// Single-coloured images at their format's maximum compression ratio can be read.
 TEST_F(ImageSize, TheBestCompressionIsAccepted) {
   const int n = 1016;                                           // 8 runs of 127
   const std::string row = repeat(std::string("\xff\0", 2), 4);  // 4 runs of 255

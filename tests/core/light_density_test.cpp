@@ -1,4 +1,5 @@
-// light_pdf against what sample_light draws (chi-square, integral, pointwise), and rays that must not meet their light.
+// light_pdf against the samples of sample_light (chi-square, integral, pointwise), and rays that must not hit their
+// light.
 
 #include <gtest/gtest.h>
 
@@ -14,8 +15,8 @@ namespace {
 
 using namespace light_test;
 
-// A light whose surface is surface(a, b), (a, b) in [0, 1]^2, in object space, with `side` the sign that turns
-// d/da x d/db into the emitting normal.
+// A light's surface as a function of (a, b) in [0, 1]^2, in object space; `side` is the sign that turns d/da x d/db
+// into the emitting normal.
 struct Parametrised {
   std::string name;
   ShapeKind kind;
@@ -53,7 +54,7 @@ struct Parametrised {
         return {0.5 * (p.x + 1), 0.5 * (p.y + 1)};
     }
   }
-  // Emitting normal times the area of d/da, d/db.
+  // Emitting normal scaled by the area element of d/da, d/db.
   DVec3 area_normal(double a, double b) const {
     constexpr double k_step = 1e-6;
     a = glm::clamp(a, 2 * k_step, 1 - 2 * k_step);  // the parametrisations end there
@@ -89,7 +90,7 @@ TEST(LightDensity, DescribesTheSamples) {
     ShadingPoint shading_point;
     shading_point.transmits = true;  // no horizon: every direction of the density counts
 
-    // Probability of each bin: integral of the density over the solid angle of the bin's visible part.
+    // Expected probability of each bin: integral of the density over the solid angle of the bin's visible part.
     std::vector<double> expected(k_side * k_side, 0.0);
     constexpr int k_n = k_side * k_fine;
     for (int i = 0; i < k_n; ++i) {
@@ -113,13 +114,13 @@ TEST(LightDensity, DescribesTheSamples) {
     std::vector<double> observed(expected.size(), 0.0);
     double kept = 0.0;
     for (size_t i = 0; i < k_count; ++i) {
-      if (out.rays.tmax[i] < 0) continue;  // samples of the far side (shapes sampled by area): density 0 there
+      if (out.rays.tmax[i] < 0) continue;  // samples of the far side (shapes sampled by area), where the density is 0
       const DVec3 d(out.rays.direction(i)), y = DVec3(out.rays.origin(i)) + d;
       const glm::dvec2 ab = glm::clamp(light.parameters(y), 0.0, 1.0 - 1e-9);
       observed[size_t(ab.x * k_side) * k_side + size_t(ab.y * k_side)] += 1.0;
       kept += 1.0;
 
-      // Pointwise: the ray's own density and weight.
+      // Pointwise: density and weight of each ray.
       LightHit hit;
       hit.t = 1;
       hit.normal = Vec3(glm::normalize(light.area_normal(ab.x, ab.y)));
@@ -130,8 +131,8 @@ TEST(LightDensity, DescribesTheSamples) {
       ASSERT_TRUE(facing < 0.05 || std::fabs(pdf - out.pdf[i]) < 2e-3f * out.pdf[i])
           << light.name << pdf << " " << out.pdf[i];
     }
-    // Shapes sampled by area also draw hidden points, which are dropped. Three standard deviations at most of the share
-    // kept, and the midpoint rule's error at the visible part's rim.
+    // Shapes sampled by area also draw hidden points, which are dropped. At most three standard deviations of the share
+    // kept, plus the midpoint rule's error at the rim of the visible part.
     EXPECT_NEAR(total, kept / k_count, 1.5 / std::sqrt(double(k_count)) + 3e-3) << light.name;
     EXPECT_GT(kept, 0.1 * k_count) << light.name;
     double statistic = 0.0;
@@ -142,7 +143,7 @@ TEST(LightDensity, DescribesTheSamples) {
       statistic += (observed[i] - e) * (observed[i] - e) / e;
       ++bins;
     }
-    // Normal approximation of chi-square at 6 standard deviations, and the quadrature's error of 1 % a bin.
+    // Normal approximation of chi-square at 6 standard deviations, plus a quadrature error of 1 % per bin.
     EXPECT_LT(statistic, bins + 6 * std::sqrt(2.0 * bins) + 1e-4 * k_count) << light.name << ", kept " << kept;
   }
 }
@@ -155,6 +156,7 @@ TEST(LightDensity, ConstantLight) {
     r.transmits = transmits;
     ShadowBatch out;
     sample_light(lights, 0, batch_of({r}, 3), 256, Isa::automatic, out);
+    EXPECT_GT(out.active, 200u);
     for (size_t i = 0; i < 256; ++i) {
       if (out.rays.tmax[i] < 0) continue;
       const float pdf = light_pdf(lights, 0, r.point, r.shading, transmits, 3.0f * out.rays.direction(i), {});
@@ -168,6 +170,7 @@ TEST(LightDensity, ConstantLight) {
 TEST(LightDensity, MeshTrianglesShareByArea) {
   const LightTable lights = make_lights(area_scene(mesh_shape(), scaled(1, DVec3(0, 0, 3)), true));
   ShadingPoint r;
+  int facing = 0;
   for (uint32_t i = 0; i < lights.lights[0].triangle_count; ++i) {
     const LightTriangle& t = lights.triangles[i];
     const Vec3 p0(t.p0[0], t.p0[1], t.p0[2]), e1(t.edge1[0], t.edge1[1], t.edge1[2]);
@@ -184,8 +187,10 @@ TEST(LightDensity, MeshTrianglesShareByArea) {
     } else {
       const double expected = glm::dot(DVec3(d), DVec3(d)) / cosine / double(lights.lights[0].area);
       EXPECT_NEAR(pdf, expected, 1e-3 * expected) << i;
+      ++facing;
     }
   }
+  EXPECT_GT(facing, 1);
 }
 
 TEST(LightDensity, DeltaLightsHaveNone) {
@@ -210,7 +215,7 @@ std::vector<ExtremeCase> extreme_cases() {
   std::vector<ExtremeCase> cases(200);
   for (ExtremeCase& c : cases) {
     c.size = std::pow(10.0, exponent(random)), c.distance = std::pow(10.0, exponent(random));
-    // Half of them far from the origin, so that the coordinates' rounding dominates.
+    // Half of them are far from the origin, so that the coordinates' rounding dominates.
     const double far = random() % 2 ? std::pow(10.0, exponent(random)) : 0.0;
     c.position = far * DVec3(unit(random), unit(random), unit(random));
   }
@@ -221,7 +226,7 @@ TEST(SphereLight, RaysStayOffTheSphere) {
   std::mt19937 random(42);
   size_t active = 0;
   for (const ExtremeCase& c : extreme_cases()) {
-    // `distance` is that of the shading point to the surface, so small ones almost touch.
+    // `distance` is measured from the light's surface, so small values almost touch.
     const DVec3 direction = random_rotation(random)[0];
     const LightTable lights = make_lights(area_scene(ShapeKind::sphere, scaled(c.size, c.position)));
     const DVec3 centre(Vec3(c.position));
@@ -240,7 +245,7 @@ TEST(SphereLight, RaysStayOffTheSphere) {
         ASSERT_LE(out.rays.tmax[i], 1.0f);
         const DVec3 o = DVec3(out.rays.origin(i)) - centre, d(out.rays.direction(i));
         const double t = std::clamp(-glm::dot(o, d) / glm::dot(d, d), 0.0, double(out.rays.tmax[i]));
-        // Half of the displacement is left for the tracer's own roundings.
+        // Half of the displacement is reserved for the tracer's rounding.
         const double margin = 0.5 * double(lights.lights[0].error_base);
         ASSERT_GT(glm::length(o + t * d), radius + margin) << "radius " << c.size << " distance " << c.distance;
       }
@@ -258,7 +263,7 @@ TEST(PlaneLights, RaysStayOffThePlane) {
       const DAffine to_world = affine(m[0] * c.size, m[1] * c.size, m[2] * c.size, c.position);
       const Scene scene = area_scene(kind, to_world);
       const LightTable lights = make_lights(scene);
-      const Affine& placed = scene.instances[0].to_world;  // as rounded: what a tracer sees
+      const Affine& placed = scene.instances[0].to_world;  // as rounded, which is what a tracer sees
       const DVec3 normal = glm::normalize(glm::cross(DVec3(placed[0]), DVec3(placed[1])));
       ShadingPoint r;
       r.point = Vec3(c.position + (m[2] + 0.3 * m[0]) * c.distance);

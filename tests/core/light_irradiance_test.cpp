@@ -1,4 +1,4 @@
-// Whole lights in closed form against their samples.
+// Closed-form irradiance of whole lights against their samples.
 #include "core/light/light_irradiance.h"
 
 #include <gtest/gtest.h>
@@ -10,7 +10,8 @@ namespace {
 
 using namespace light_test;
 
-// A shading point at a distance of a few sizes to many, turned anyhow; the shading normal leans from the geometric one.
+// A shading point at a distance of a few sizes or many, in any orientation, with a shading normal that differs from the
+// geometric one.
 ShadingPoint random_shading_point(std::mt19937& random, double size, const DVec3& centre) {
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
   ShadingPoint r;
@@ -42,9 +43,9 @@ void compare_with_samples(ShapeKind kind, bool flip) {
       continue;
     }
     ++compared;
-    ASSERT_EQ(batch.active, 256u) << i;  // nothing of the light lies below a horizon
+    ASSERT_EQ(batch.active, 256u) << i;  // no part of the light lies below a horizon
     const double sampled = irradiance(lights, r, 1 << 14, 77);
-    // The samples' solid angle is good to 2^-11 (RectangleLight::k_min_solid_angle).
+    // The samples' solid angle is accurate to 2^-11 (RectangleLight::k_min_solid_angle).
     ASSERT_NEAR(*whole / sampled, 1.0, kind == ShapeKind::rectangle ? 0x1p-11 + 1e-4 : 2e-4) << i;
   }
   EXPECT_GT(compared, 80);

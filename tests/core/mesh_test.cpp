@@ -1,4 +1,4 @@
-// Procedural meshes: sizes, closedness, orientation, normals, numerical extremes, refusal of bad parameters.
+// Procedural meshes: sizes, closedness, orientation, normals, numerical extremes, rejection of bad parameters.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -105,7 +105,7 @@ TEST(ProceduralMesh, NormalsLieOnTheFrontOfTheirTriangles) {
 }
 
 TEST(ProceduralMesh, SphereHasTheAreaAndVolumeOfASphere) {
-  // A lat-long grid falls short by O(h^2); 1.1 is the constant of the two h^2 terms, rounded up.
+  // A latitude-longitude grid falls short by O(h^2); 1.1 is the constant of the two h^2 terms, rounded up.
   const double h = 2.0 * 3.14159265358979 / 400;
   const TriangleMesh mesh = make_sphere({.radius = 2.0f, .around = 400, .along = 200});
   EXPECT_NEAR(area(mesh) / (16.0 * 3.14159265358979), 1.0, 1.1 * h * h);
@@ -167,7 +167,7 @@ TEST(ProceduralMesh, KnotStaysSoundAtTwoMillionTriangles) {
 }
 
 TEST(ProceduralMesh, EveryKnotHasTheVolumeOfItsTube) {
-  // Pappus: the volume of a tube is its cross-section times the length of the curve, whatever the curve.
+  // Pappus: the volume of a tube is its cross-section times the length of the curve.
   for (int p = 1; p <= 5; ++p) {
     for (int q = 0; q <= 5; ++q) {
       if (std::gcd(p, q) != 1) continue;
@@ -181,7 +181,7 @@ TEST(ProceduralMesh, EveryKnotHasTheVolumeOfItsTube) {
       }
       const double area_of_24_gon = 0.5 * 24 * std::sin(2.0 * double(k_pi) / 24) * 1e-4;
       const TriangleMesh mesh = make_knot(params);
-      EXPECT_NEAR(volume(mesh) / (area_of_24_gon * length), 1.0, 1e-3);  // chords of 2000 steps of up to 5 windings
+      EXPECT_NEAR(volume(mesh) / (area_of_24_gon * length), 1.0, 1e-3);  // chords: 2000 steps for up to 5 windings
       EXPECT_TRUE(topology(mesh).closed());
       EXPECT_EQ(agreeing_corners(mesh), 1.0);
     }
@@ -189,7 +189,7 @@ TEST(ProceduralMesh, EveryKnotHasTheVolumeOfItsTube) {
 }
 
 TEST(ProceduralMesh, KnotHasNoTwistAtTheSeam) {
-  // Every edge along the tube is about as long as the step between rings; a twisted seam would be far longer.
+  // Every edge along the tube is about as long as the step between rings; a twisted seam would be much longer.
   const KnotParams params;
   const TriangleMesh mesh = make_knot(params);
   double longest = 0.0, sum = 0.0;
@@ -311,7 +311,8 @@ TEST(StressMesh, SliversAreAsThinAsAsked) {
 }
 
 TEST(VertexNormals, AreWeightedByAngle) {
-  // Around a cube's corner the three faces count alike however they are triangulated; area weighting would not do that.
+  // Around a cube's corner the three faces must have equal weight however they are triangulated, unlike with area
+  // weighting.
   TriangleMesh cube = make_cube({.half_size = 1.0f});
   const std::vector<uint32_t> weld = weld_positions(cube);
   const std::vector<Vec3> normals = vertex_normals(cube, weld);
@@ -323,7 +324,7 @@ TEST(VertexNormals, AreWeightedByAngle) {
 TEST(VertexNormals, SurviveFacetsThatCancelOrVanish) {
   TriangleMesh mesh;
   mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {5, 5, 5}, {2, 0, 0}};
-  mesh.triangles = {{0, 1, 2}, {0, 2, 1}, {0, 1, 4}};  // both sides of one triangle, and one without area
+  mesh.triangles = {{0, 1, 2}, {0, 2, 1}, {0, 1, 4}};  // both sides of one triangle, and one of zero area
   compute_vertex_normals(mesh);
   EXPECT_LE(unit_error(mesh), k_unit_bound);
   EXPECT_EQ(mesh.normals[0], Vec3(0.0f, 0.0f, 1.0f));

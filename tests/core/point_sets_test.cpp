@@ -1,4 +1,4 @@
-// Precomputed point sets: nets, uniformity, long sequences, and errors equal to those of full Owen scrambling.
+// Precomputed point sets: nets, uniformity, long sequences, and errors on a par with full Owen scrambling.
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@
 namespace fieldtrace::scalar {
 namespace {
 
-// [-1, 1) to the upper 24 bits of a fraction.
+// Maps [-1, 1) to the upper 24 bits of a fraction.
 uint32_t fraction(float centred) { return uint32_t((double(centred) + 1.0) * 0x1p23); }
 
 struct Sets : ::testing::Test {
@@ -66,8 +66,8 @@ TEST_F(PointSets, LongSequencesDoNotRepeat) {
   EXPECT_EQ(seen.size(), k_count);
 }
 
-// Any fixed index must be uniform over seeds, also jointly with the same index of another dimension: that is what makes
-// an estimate unbiased.
+// For an unbiased estimate any fixed index must be uniform over seeds, also jointly with the same index of another
+// dimension.
 TEST_F(PointSets, EachIndexIsUniformOverSeeds) {
   constexpr int k_side = 16, k_seeds = 1 << 16;
   for (uint32_t index : {0u, 1u, 7u, 300u, 100003u}) {
@@ -87,7 +87,7 @@ TEST_F(PointSets, EachIndexIsUniformOverSeeds) {
   }
 }
 
-// A cosine-weighted sphere light behind a straight edge, whose place depends on the film: visibility in a penumbra.
+// A cosine-weighted sphere light behind a straight edge that moves with the film sample: visibility in a penumbra.
 struct Penumbra {
   double normal_x, normal_y, offset;
   double operator()(const DiskPoint<float>& p, const UnitPair<float>& film) const {
@@ -97,7 +97,7 @@ struct Penumbra {
   }
 };
 
-// Error of camera_samples x light_samples points a pixel, over random pixels: half the mean squared difference of two
+// Error of camera_samples x light_samples points per pixel, over random pixels: half the mean squared difference of two
 // independent estimates is the variance.
 template <class Point>
 double rms_error(int camera_samples, int light_samples, int probes, Point light_point) {
@@ -108,7 +108,7 @@ double rms_error(int camera_samples, int light_samples, int probes, Point light_
     const double angle = 2.0 * M_PI * uniform(random);
     const Penumbra penumbra = {std::cos(angle), std::sin(angle), 1.6 * uniform(random) - 0.8};
     double estimate[2] = {};
-    // One camera sample has no film strata: its place would drown the light samples' error.
+    // One camera sample has no film strata: its position would drown out the light samples' error.
     const SobolSeeds<float> fixed_film = sobol_seeds<float>(uint32_t(random()), 0);
     for (double& e : estimate) {
       const uint32_t seed = uint32_t(random());
@@ -128,7 +128,7 @@ double rms_error(int camera_samples, int light_samples, int probes, Point light_
 
 TEST_F(PointSets, ErrorsAreThoseOfOwenScrambling) {
   for (int count : {16, 64, 256}) {
-    // The standard error of a quotient is below 0.9 %.
+    // Keeps the standard error of the ratio below 0.9 %.
     const int probes = count == 256 ? 12000 : 24000;
     for (int light_samples : {count, 4, 1}) {
       const double owen = rms_error(count / light_samples, light_samples, probes, [](uint32_t i, uint32_t seed) {

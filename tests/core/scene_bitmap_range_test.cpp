@@ -1,4 +1,4 @@
-// Bitmaps as reflectance: what lies outside [0, 1] or is not finite.
+// Bitmaps as reflectance: values outside [0, 1] and values that are not finite.
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-// What the scene loader makes of dielectrics, plastics, principled materials and masks: defaults, names, nesting.
+// How the scene loader reads dielectrics, plastics, principled materials and masks: defaults, names, nesting.
 
 #include "core/material/bsdf.h"
 #include "tests/support/scene_test_files.h"
@@ -8,7 +8,7 @@ namespace {
 
 class SceneBsdfs : public SceneFiles {
  protected:
-  // The material of a sphere that is given `xml`.
+  // The material of a sphere with the nested elements `xml`.
   Bsdf bsdf(const std::string& xml) {
     scene = load(k_sensor + "<shape type=\"sphere\">" + xml + "</shape>");
     return scene.bsdfs[scene.instances[0].bsdf];
@@ -18,7 +18,7 @@ class SceneBsdfs : public SceneFiles {
   Scene scene;
 };
 
-// Mitsuba's indices of its named media.
+// Mitsuba's indices of named media.
 constexpr float k_bk7 = 1.5046f, k_polypropylene = 1.49f, k_air = 1.000277f;
 
 TEST_F(SceneBsdfs, RoughDielectric) {
@@ -124,11 +124,11 @@ TEST_F(SceneBsdfs, MaskTakesTheNestedMaterial) {
   const Material front = resolve_material(scene, index, Vec2(0.1f), 1.0f);
   const Material back = resolve_material(scene, index, Vec2(0.1f, 0.7f), -1.0f);
   EXPECT_EQ(front.kind, BsdfKind::diffuse);
-  EXPECT_EQ(front.opacity, 0.2f);  // as in Mitsuba 3.9, which gives 0.2 there and 0.4 as a colour
+  EXPECT_EQ(front.opacity, 0.2f);  // as in Mitsuba 3.9, where it is 0.2 as opacity and 0.4 as a colour
   EXPECT_EQ(back.kind, BsdfKind::plastic);
   EXPECT_EQ(back.opacity, 0.4f);
   EXPECT_TRUE(back.turned && !back.dark);
-  // A material that is used both masked and plain stays plain there.
+  // A material used both masked and plain stays plain in the latter place.
   const Scene s = load(k_sensor +
                        "<bsdf type=\"diffuse\" id=\"m\"/><shape type=\"sphere\"><bsdf type=\"mask\"><ref "
                        "id=\"m\"/></bsdf></shape><shape type=\"sphere\"><ref id=\"m\"/></shape>");

@@ -1,4 +1,4 @@
-// Environment maps in scene files: what is read, and what is said about maps that cannot be used.
+// Environment maps in scene files: what is read, and the messages for unusable maps.
 
 #include <cmath>
 
@@ -11,7 +11,7 @@ namespace {
 
 class SceneEnvironment : public SceneFiles {
  protected:
-  // A map whose texels hold `values` (three channels, or as many as `channels` names) one after the other.
+  // Writes a map with texels `values` (three channels, or as many as `channels` names) in sequence.
   void write_map(const std::string& name, int width, int height, const std::vector<float>& values,
                  std::vector<std::string> channels = {"R", "G", "B"}) {
     Image image;

@@ -1,4 +1,4 @@
-// What the scene loader says about scenes that it cannot use: every message names the file and the line.
+// Errors of the scene loader: every message names the file and the line.
 
 #include <cmath>
 #include <random>
@@ -13,8 +13,8 @@ using SceneErrors = SceneFiles;
 struct BadScene {
   const char* name;
   const char* body;   // starts in line 2 of scene.xml
-  const char* where;  // what the message starts with behind the folder
-  const char* what;   // what it holds
+  const char* where;  // how the message starts, after the folder
+  const char* what;   // what the message contains
 };
 
 // GoogleTest prints this instead of the bytes.
@@ -348,7 +348,7 @@ TEST_F(SceneErrors, UnusedParameterFailsInStrictMode) {
 
 // ---------------------------------------------------------------- mutations
 
-// Whatever happens to a scene's bytes, the loader returns a scene or throws Error.
+// However a scene's bytes are altered, the loader returns a scene or throws Error.
 TEST_F(SceneErrors, MutatedScenesThrowNothingButErrors) {
   write("m.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
   const std::string original = R"(<scene version="3.0.0"><default name="r" value="2"/>
@@ -402,7 +402,7 @@ TEST_F(SceneErrors, MutatedScenesThrowNothingButErrors) {
       ++refused;
     }
   }
-  // Both outcomes occur often, or the mutations test nothing.
+  // Both outcomes must occur often, or the mutations test nothing.
   EXPECT_GT(loaded, 100);
   EXPECT_GT(refused, 100);
 }

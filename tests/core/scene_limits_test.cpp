@@ -1,5 +1,6 @@
-// Scenes of very large and very small numbers: within the limits of core/loader/scene_limits.h they render as at any
-// other scale, beyond them the loader refuses them by file and line. Nothing reaches Embree that it aborts on.
+// Scenes with very large and very small numbers. Within the limits of core/loader/scene_limits.h they render as at any
+// other scale; beyond them the loader refuses them, naming file and line. Embree never receives input that it aborts
+// on.
 
 #include "core/loader/scene_limits.h"
 
@@ -28,8 +29,8 @@ std::string scaled(double factor) { return "<scale value='" + number(factor) + "
 
 class SceneLimits : public SceneFiles {
  protected:
-  // A knot over a floor under a ball of light. All lengths are multiples of `unit`; the knot's vertices are times
-  // `vertices`, which its transform makes good for.
+  // A knot over a floor under a spherical light. All lengths are multiples of `unit`; the knot's vertices are scaled by
+  // `vertices`, which its transform undoes.
   std::string knot_scene(double unit, double vertices, const std::string& more = {}) {
     TriangleMesh mesh = make_knot({.along = 256, .around = 16});
     for (Vec3& p : mesh.positions) p *= float(vertices);
@@ -64,7 +65,7 @@ double mean(const Image& image) {
   return sum / double(image.data.size());
 }
 
-// A power of two changes no digit, so the pictures agree bit for bit.
+// Scaling by a power of two changes no digit, so the images agree bit for bit.
 TEST_F(SceneLimits, PicturesDoNotDependOnTheScale) {
   for (const Method method : {Method::monte_carlo, Method::hybrid}) {
     const Image expected = render_scene(knot_scene(1, 1), method);
@@ -74,7 +75,7 @@ TEST_F(SceneLimits, PicturesDoNotDependOnTheScale) {
     } cases[] = {
         {37, 0},   {-37, 0},              // the whole scene, by its transforms
         {37, 37},  {-27, -27},            // by its vertices
-        {0, 38},   {0, -28},              // the vertices alone, taken back by their transform
+        {0, 38},   {0, -28},              // the vertices alone, undone by their transform
         {-30, 11}, {30, -11},  {-20, 20}  // both
     };
     for (const auto& [unit, vertices] : cases) {
@@ -84,8 +85,7 @@ TEST_F(SceneLimits, PicturesDoNotDependOnTheScale) {
   }
 }
 
-// Between the largest scale that works and the smallest that is refused there is nothing else: no crash, no black
-// picture.
+// Every scale either renders correctly or is refused: no crash and no black image in between.
 TEST_F(SceneLimits, EveryScaleIsRightOrRefused) {
   const Image expected = render_scene(knot_scene(1, 1), Method::monte_carlo);
   int right = 0, refused = 0;
@@ -105,7 +105,7 @@ TEST_F(SceneLimits, EveryScaleIsRightOrRefused) {
   EXPECT_GT(refused, 250);
 }
 
-// The oracle of a transform that nearly flattens is the mesh with that transform in its vertices.
+// The reference for a transform that nearly flattens is a mesh with that transform baked into its vertices.
 TEST_F(SceneLimits, TheFlattestTransformIsRight) {
   const auto scene = [&](bool by_vertices, double squash) {
     TriangleMesh mesh = make_knot({.along = 256, .around = 16});
@@ -132,8 +132,7 @@ TEST_F(SceneLimits, TheFlattestTransformIsRight) {
   const Image oracle = render_scene(scene(true, squash), Method::monte_carlo);
   size_t differing = 0;
   for (size_t i = 0; i < image.data.size(); ++i) differing += std::abs(image.data[i] - oracle.data[i]) > 0.02f;
-  // A body as thin as 2^-15 of its width is an edge-on strip: rays at its rim, a pixel here and there, fall
-  // differently.
+  // A body as thin as 2^-15 of its width is seen edge-on as a strip: a few pixels at its rim differ.
   EXPECT_LT(double(differing), 0.01 * double(image.data.size()));
   EXPECT_NE(error_of(scene(false, squash / 1.1)).find("flattens"), std::string::npos);
 }
@@ -238,20 +237,20 @@ TEST_F(SceneLimits, HugeTrianglesBesideTheCameraAreWarnedOf) {
     return "<sensor type='perspective'>" + placed("<translate z='4'/>") + "</sensor><shape type='cube'/>\n" +
            "<shape type='rectangle'>" + placed(scaled(size)) + "</shape>";
   };
-  // A diagonal is 2^1.5 times that size, and the camera 4 over the floor.
+  // The rectangle's diagonal is 2^1.5 times that size, and the camera is 4 above the floor.
   const double limit = k_blurred_triangle * 4 / std::sqrt(8.0);
   load(floor(limit * 0.999));
   EXPECT_TRUE(warnings.empty()) << warnings[0];
   load(floor(limit * 1.001));
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_TRUE(warned(path("scene.xml:3: ") + "a triangle of this shape is ")) << warnings[0];
-  // As far from the camera as it is large, the same rectangle is sharp.
+  // Seen from a distance as large as itself, the same rectangle is sharp.
   load("<sensor type='perspective'/>" + std::string("<shape type='rectangle'>") +
        placed(scaled(1e8) + "<translate z='1e8'/>") + "</shape>");
   EXPECT_TRUE(warnings.empty()) << warnings[0];
 }
 
-// Cameras just within the limits send rays that Embree accepts, and see what there is.
+// Cameras just within the limits produce rays that Embree accepts, and render the scene.
 TEST_F(SceneLimits, CamerasWithinTheLimitsSee) {
   const std::string world =
       "<emitter type='constant'/><shape type='sphere'><point name='center' "
@@ -286,7 +285,7 @@ TEST_F(SceneLimits, CamerasWithinTheLimitsSee) {
   };
   for (const std::string& camera : cameras) {
     const Image image = render_scene(world + camera, Method::hybrid);
-    // The sky is white, the shapes are grey: every pixel of a picture is between black and white, none is broken.
+    // The sky is white and the shapes are grey, so every valid pixel lies between black and white.
     for (const float v : image.data) ASSERT_TRUE(v >= 0.0f && v <= 1.25f) << camera << ": " << v;
     EXPECT_GT(mean(image), 0.02) << camera;
   }

@@ -1,4 +1,4 @@
-// Scenes far from the origin: re-centring keeps every relative position, to single precision of the scene's own size.
+// Scenes far from the origin: re-centring keeps every relative position to single precision of the scene's size.
 
 #include <cmath>
 #include <random>
@@ -37,7 +37,7 @@ TEST_F(SceneRecentre, FarScenesComeToTheOriginAndKeepTheirShape) {
     const Scene far = load(at(shift));
     EXPECT_GT(glm::length(far.origin), 1e5);
     EXPECT_LT(glm::length(far.world_bounds().centre()), 1.0f);
-    // Differences between places are those of the scene that was not moved: one rounding each way.
+    // Relative positions are those of the scene that was not moved, up to one rounding each way.
     const float tolerance = 10 * gamma_bound(4) + float(std::abs(far.origin.x) * 0x1p-51);
     const auto same = [&](const Vec3& a, const Vec3& b) { EXPECT_LT(glm::length(a - b), tolerance) << shift; };
     same(far.instances[1].to_world[3] - far.instances[0].to_world[3],
@@ -69,7 +69,7 @@ TEST_F(SceneRecentre, FarMeshesMoveToTheirObjectsOrigin) {
     <transform name="to_world"><translate x="-1000000" y="-5000000"/><rotate z="1" angle="90"/></transform></shape>)");
   EXPECT_EQ(s.origin, DVec3(0.0));
   EXPECT_LT(glm::length(s.shapes[0].bounds.upper), 2.0f);
-  // World positions are what the file says: vertex 1 (0,0,0), vertex 2 (2,0,0); turned by 90 degrees (0,1,0).
+  // World positions as in the file: vertex 1 (0,0,0), vertex 2 (2,0,0); rotated by 90 degrees (0,1,0).
   const auto world = [&](size_t instance, const Vec3& object) {
     return transform_point(s.instances[instance].to_world, object);
   };
@@ -103,8 +103,8 @@ TEST_F(SceneRecentre, RandomPlacementsRoundTripAtEveryScale) {
     const Vec3 p(0.5f, -0.25f, 0.125f);
     const DVec3 expected = t[0] * 0.5 - t[1] * 0.25 + t[2] * 0.125 + t[3];
     const DVec3 got = DVec3(transform_point(scene.instances[0].to_world, p)) + scene.origin;
-    // Relative to the scene's extent or, if it was not moved, to its at most k_recentre_diagonals of them. The diagonal
-    // of the bounds of a sphere under t is at most 2 sqrt(3) * 3 * 5 size.
+    // Relative to the scene's extent or, if it was not moved, to at most k_recentre_diagonals of its diagonals. The
+    // diagonal of the bounds of a sphere under t is at most 2 sqrt(3) * 3 * 5 size.
     const double diagonal = 52 * size;
     EXPECT_LT(glm::length(got - expected), (k_recentre_diagonals + 1) * diagonal * double(gamma_bound(6)));
   }

@@ -1,5 +1,4 @@
-// What the scene loader makes of well-formed scenes: transforms, parameters, includes, cameras, materials, shapes,
-// lights.
+// How the scene loader reads well-formed scenes: transforms, parameters, includes, cameras, materials, shapes, lights.
 
 #include <cmath>
 #include <set>
@@ -14,7 +13,7 @@ namespace {
 
 using SceneXml = SceneFiles;
 
-// Results computed by hand in double are stored as float: half an ulp each, plus the few roundings of the loader.
+// Results computed by hand in double are stored as float: half an ulp each, plus a few roundings in the loader.
 constexpr float k_tolerance = gamma_bound(4);
 
 void expect_near(const Vec3& a, const Vec3& b) {
@@ -192,7 +191,7 @@ TEST_F(SceneXml, DefaultsAreMitsubas) {
   EXPECT_EQ(s.sample_count, 4);
   EXPECT_EQ(s.camera.focus_distance, 1e4f);
   EXPECT_EQ(s.textures[s.bsdfs[s.instances[0].bsdf].reflectance].color0, Rgb(0.5f));
-  // What glows reflects nothing unless told to.
+  // Emitting shapes reflect nothing unless they name a BSDF.
   const Scene lit = load(k_sensor + shape("sphere", "<emitter type=\"area\"/>"));
   EXPECT_EQ(lit.textures[lit.bsdfs[lit.instances[0].bsdf].reflectance].color0, Rgb(0.0f));
 }
@@ -222,7 +221,8 @@ TEST_F(SceneXml, ColoursOfEveryForm) {
   const Rgb grey = colour("<spectrum name=\"reflectance\" value=\"300:.4, 900:.4\"/>");
   expect_near(grey, Rgb(0.4f));
   EXPECT_TRUE(warned("converted to RGB"));
-  // Mitsuba 3.9.1 gives (0.6816, 0.4858, 0.2806); the fit of the CIE curves and the missing D65 cost a few per cent.
+  // Mitsuba 3.9.1 gives (0.6816, 0.4858, 0.2806); the fit of the CIE curves and the missing D65 account for a few per
+  // cent.
   const Rgb ramp = colour("<spectrum name=\"reflectance\" value=\"400:.2 700:.8\"/>");
   const Rgb reference(0.6816f, 0.4858f, 0.2806f);
   for (int i = 0; i < 3; ++i) EXPECT_NEAR(ramp[i], reference[i], 0.05f * reference[i]);
@@ -360,10 +360,13 @@ TEST_F(SceneXml, BuiltInMeshesFaceOutwards) {
   EXPECT_EQ(s.shapes[0].mesh.triangles.size(), 12u);
   // (1, -1, 1) on the face z = 1 has (u, v) = (0, 1), as on Mitsuba's cube.
   const TriangleMesh& cube = s.shapes[0].mesh;
+  int corners = 0;
   for (size_t i = 0; i < cube.positions.size(); ++i)
     if (cube.positions[i] == Vec3(1, -1, 1) && cube.normals[i].z == 1) {
+      ++corners;
       EXPECT_EQ(cube.texcoords[i], Vec2(0, 1));
     }
+  EXPECT_EQ(corners, 1);
 }
 
 TEST_F(SceneXml, EqualShapesAreStoredOnce) {

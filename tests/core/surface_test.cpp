@@ -1,4 +1,4 @@
-// Surface points: on the surface, offset safely, with the normals and coordinates of the reference renderer.
+// Surface points: on the surface, safely offset, with the reference renderer's normals and coordinates.
 
 #include "core/surface/surface.h"
 
@@ -63,7 +63,7 @@ uint32_t random_triangle(SceneMaker& maker, Random& random) {
   return maker.mesh(m);
 }
 
-// A point on the shape in object space, about which to aim rays.
+// A point on the shape in object space to aim rays at.
 Vec3 target(const Shape& shape, Random& random) {
   if (shape.kind == ShapeKind::mesh) {
     float u = random.unit(), v = random.unit();
@@ -95,7 +95,7 @@ std::vector<SurfacePoint> shoot(const Scene& scene, const Accel& accel, Random& 
   return points;
 }
 
-// Rays that start at the offset origin and go to its side: none may meet the (flat or outward curved) surface.
+// Counts self-intersections of rays that leave the offset origin on its side of the (flat or outward curved) surface.
 int count_self_hits(const Accel& accel, const std::vector<SurfacePoint>& points, Random& random, bool both_sides) {
   RayBatch rays;
   rays.resize(points.size());
@@ -103,7 +103,7 @@ int count_self_hits(const Accel& accel, const std::vector<SurfacePoint>& points,
   for (uint32_t i = 0; i < points.size(); ++i) {
     const SurfacePoint& s = points[i];
     Vec3 d = random.direction();
-    // A third of the rays graze.
+    // A third of the rays are grazing.
     if (i % 3 == 0) d = glm::normalize(d - s.geometric_normal * glm::dot(d, s.geometric_normal) * 0.999f);
     if (!both_sides && glm::dot(d, s.geometric_normal) < 0.0f) d = -d;
     rays.set(i, offset_origin(s.position, s.geometric_normal, s.error, d), d, k_infinity);
@@ -144,7 +144,7 @@ TEST(Surface, OffsetRaysLeaveAnalyticShapes) {
         const Accel accel(s.maker.scene);
         const auto points = shoot(s.maker.scene, accel, random, 64);
         tested += points.size();
-        // Inside round shapes rays do meet the other wall.
+        // Inside round shapes, rays do hit the opposite wall.
         const bool flat = s.maker.scene.shapes[0].kind == ShapeKind::disk;
         EXPECT_EQ(count_self_hits(accel, points, random, flat), 0) << "reach " << reach << " scene " << i;
       }
@@ -171,23 +171,31 @@ TEST(Surface, OffsetRaysLeaveCoordinatePlanes) {
       hits.resize(rays.size);
       accel.intersect(rays, hits, Coherence::incoherent);
       std::vector<SurfacePoint> points;
-      for (size_t i = 0; i < rays.size; ++i) points.push_back(surface_at(maker.scene, rays, hits, i));
+      for (size_t i = 0; i < rays.size; ++i) {
+        ASSERT_EQ(hits.instance[i], 0u) << size;
+        points.push_back(surface_at(maker.scene, rays, hits, i));
+      }
       EXPECT_EQ(count_self_hits(accel, points, random, true), 0) << size;
       EXPECT_LT(points[0].error, size * 0x1p-20f);
     }
   }
 }
 
-// The bound is worth something only if it is small: a few ulps of the coordinates and of the object's size.
+// The bound is useful only if it is small: a few ulps of the coordinates and of the object's size.
 TEST(Surface, ErrorIsAFewUlps) {
   Random random(3);
+  size_t hit = 0;
   for (int i = 0; i < 100; ++i) {
     const Scenery s([](SceneMaker& m, Random&) { return m.shape(ShapeKind::rectangle); }, random, 10.0f);
     const Accel accel(s.maker.scene);
     const Bounds3 bounds = s.maker.scene.world_bounds();
     const float size = glm::length(bounds.diagonal()) + glm::length(bounds.centre());
-    for (const SurfacePoint& p : shoot(s.maker.scene, accel, random, 16)) EXPECT_LT(p.error, size * 0x1p-14f);
+    for (const SurfacePoint& p : shoot(s.maker.scene, accel, random, 16)) {
+      EXPECT_LT(p.error, size * 0x1p-14f);
+      ++hit;
+    }
   }
+  EXPECT_GT(hit, 500u);
 }
 
 ::testing::AssertionResult same(const SurfacePoint& a, const SurfacePoint& b, bool with_uv) {
@@ -200,7 +208,7 @@ TEST(Surface, ErrorIsAFewUlps) {
   return ::testing::AssertionSuccess();
 }
 
-// A triangle without an area, one whose corners' normals cancel out at its middle, and one with ordinary normals.
+// A triangle of zero area, one whose corners' normals cancel out at its middle, and one with ordinary normals.
 TriangleMesh odd_triangles() {
   TriangleMesh m;
   m.positions = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {0, 1, 0}, {1, 1, 0}, {0, 2, 0.5f}};
@@ -209,8 +217,8 @@ TriangleMesh odd_triangles() {
   return m;
 }
 
-// Meshes with and without normals, odd triangles, rectangles and analytic shapes, sheared, mirrored and of all sizes,
-// some with flipped normals and textures.
+// Meshes with and without normals, degenerate triangles, rectangles and analytic shapes, sheared, mirrored and of all
+// sizes, some with flipped normals and textures.
 struct ManySurfaces {
   SceneMaker maker;
   uint32_t checked;
@@ -237,7 +245,7 @@ struct ManySurfaces {
     }
   }
 
-  // `count` rays, four in five of which hit something; most of them the first instance.
+  // Shoots `count` rays, four in five of which hit something; most of them hit the first instance.
   void shoot(Random& random, size_t count, RayBatch& rays, HitBatch& hits, std::vector<uint32_t>& indices) const {
     const Scene& scene = maker.scene;
     rays.resize(count);
@@ -259,7 +267,7 @@ struct ManySurfaces {
   }
 };
 
-// One object asked for batches that grow and shrink.
+// One Surfaces object evaluates batches that grow and shrink.
 TEST(Surface, BatchesAreSingleSurfacesOnEveryMachine) {
   Random random(5);
   const ManySurfaces many(random);
@@ -297,7 +305,7 @@ TEST(Surface, MaterialsOfTheTableAreTheResolvedOnes) {
   maker.scene.bsdfs[two_sided].two_sided = true;
   maker.scene.bsdfs[two_sided].back = constant[2];
   constant.push_back(two_sided);
-  // Textured on the front, on the back alone, and in its opacity alone.
+  // Textured on the front, on the back only, and in the opacity only.
   const uint32_t front = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
   maker.scene.textures[maker.scene.bsdfs[front].reflectance].kind = TextureKind::checkerboard;
   const uint32_t back = maker.bsdf(BsdfKind::diffuse, Rgb(0.2f)), holes = maker.masked(constant[0], 0.5f);
@@ -337,7 +345,7 @@ void expect_near(const Vec3& a, const Vec3& b, float tolerance = 2e-6f) {
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(a[c], b[c], tolerance);
 }
 
-// Figures of Mitsuba 3.9 for the same rays; mirrored by scale(-1, 1, 1) where said so.
+// Values of Mitsuba 3.9 for the same rays; mirrored by scale(-1, 1, 1) where indicated.
 TEST(Surface, AnalyticShapesAgreeWithReference) {
   struct Case {
     ShapeKind kind;
@@ -409,7 +417,7 @@ TEST(Surface, AnalyticShapesAgreeWithReference) {
     EXPECT_NEAR(s.uv.x, c.uv.x, 2e-6f);
     EXPECT_NEAR(s.uv.y, c.uv.y, 2e-6f);
     expect_near(glm::normalize(surface_tangent(maker.scene, s)), c.tangent);
-    // Turned round, both normals are.
+    // flip_normals reverses both normals.
     maker.scene.instances[0].flip_normals = true;
     const SurfacePoint flipped = hit_at(maker, c.origin, c.direction);
     expect_near(flipped.shading_normal, -c.normal);
@@ -448,7 +456,7 @@ TEST(Surface, TangentFollowsTextureCoordinates) {
     s.instance = 0;
     s.primitive = 0;
     const Vec3 t = surface_tangent(maker.scene, s);
-    // Moving along the tangent changes u and leaves v: dp = dp/du du + dp/dv dv on both edges.
+    // Moving along the tangent changes u and keeps v: dp = dp/du du + dp/dv dv on both edges.
     const float det = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
     const Vec3 e1 = m.positions[1] - m.positions[0], e2 = m.positions[2] - m.positions[0];
     const Vec3 du = t / std::abs(det), dv = (e2 * (b.x - a.x) - e1 * (c.x - a.x)) / det;

@@ -1,4 +1,4 @@
-// Texture look-ups against figures of an independent renderer (Mitsuba 3.9) and their symmetries.
+// Texture look-ups against values of an independent renderer (Mitsuba 3.9), and their symmetries.
 
 #include "core/material/texture.h"
 
@@ -7,7 +7,7 @@
 namespace fieldtrace {
 namespace {
 
-// Three columns (red, green, blue), the lower row half as bright.
+// Three columns (red, green, blue), with the lower row half as bright.
 Scene bitmap_scene(WrapMode wrap, TextureFilter filter) {
   Scene scene;
   Bitmap b;
@@ -73,7 +73,7 @@ TEST(Texture, CheckerboardAgreesWithReference) {
   EXPECT_EQ(evaluate_texture(scene, 0, {-.1f, .1f}).x, .2f);
 }
 
-// Values of Mitsuba 3.9.1 for the opacity of a mask.
+// Mitsuba 3.9.1's values for the opacity of a mask.
 TEST(Texture, OneNumberIsTheMeanOrTheLuminance) {
   Scene scene;
   Texture t;

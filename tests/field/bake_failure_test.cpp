@@ -1,4 +1,4 @@
-// A baking thread that runs out of memory must not leave the threads that wait for its slices waiting for ever.
+// A baking thread that runs out of memory must not leave the threads that wait for its slices waiting forever.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -13,7 +13,7 @@
 #include "tests/support/field_fixture.h"
 
 namespace {
-// Allocations that this thread may still make; below 0: any number.
+// Allocations that this thread may still make; negative: any number.
 thread_local int allocations_left = -1;
 }  // namespace
 

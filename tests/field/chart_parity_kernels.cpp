@@ -16,7 +16,7 @@ FT_LANES_BEGIN
 
 inline F32 lanes_at(const AlignedVector<float>& v, size_t i) { return load(&v[i]); }
 
-// What chart_parity_test.cpp's scalar loop does, a vector at a time.
+// The scalar loop of chart_parity_test.cpp, one vector at a time.
 void trace_parity(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool self,
                   ParityResults& out) {
   for (size_t i = 0; i < rays.size; i += size_t(Lanes<F32>::k_count)) {

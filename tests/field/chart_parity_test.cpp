@@ -13,7 +13,7 @@
 namespace fieldtrace {
 namespace {
 
-// The reference, a float at a time.
+// The reference, one float at a time.
 void trace_parity_scalar(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool self,
                          ParityResults& out) {
   for (size_t i = 0; i < rays.size; ++i) {
@@ -30,7 +30,7 @@ void trace_parity_scalar(const FieldView& field, const QueryPolicy& policy, cons
   }
 }
 
-// Random rays, and among them ones along axes, through the centre, with denormal components, from far away.
+// Random rays, some of them along axes, through the centre, with denormal components, or from far away.
 void fill_rays(TestRandom& random, RayBatch& rays) {
   for (size_t i = 0; i < rays.size; ++i) {
     Vec3 d = random.direction() * random.log_uniform(1e-3f, 1e3f);

@@ -1,7 +1,8 @@
-// Whole lights answered at once: against single exact rays, on every instruction set, and what they may not change.
+// Whole lights answered at once: against single exact rays, on every instruction set, and where answers are hard.
 #include <gtest/gtest.h>
 
 #include "core/mesh/mesh_stress.h"
+#include "field/query/query.hd.h"
 #include "tests/support/cone_scene.h"
 
 namespace fieldtrace {
@@ -9,9 +10,13 @@ namespace {
 
 using namespace test;
 
+// Of the rays of answered lights so many may differ from exact ones (docs/decisions/009-cones.md).
+constexpr double k_wrong_share = 0.001;
+
 struct Counts {
-  int clear = 0, blocked = 0, open = 0;
-  int64_t rays = 0, wrong = 0;
+  int clear = 0, blocked = 0, open = 0;  // shading points
+  int64_t rays = 0, wrong_clear = 0, wrong_blocked = 0;
+  int64_t wrong() const { return wrong_clear + wrong_blocked; }
 };
 
 void count_answers(const ConeScene& s, const ShadingPointBatch& batch, const ShadowGroup& group, TestRandom& random,
@@ -24,15 +29,25 @@ void count_answers(const ConeScene& s, const ShadingPointBatch& batch, const Sha
       continue;
     }
     const int blocked = s.blocked_rays({batch.px[r], batch.py[r], batch.pz[r]}, k_rays, random);
-    ++(shadow == 0 ? counts.clear : counts.blocked);
     counts.rays += k_rays;
-    counts.wrong += shadow == 0 ? blocked : k_rays - blocked;
+    if (shadow == 0) {
+      ++counts.clear;
+      counts.wrong_clear += blocked;
+    } else {
+      ++counts.blocked;
+      counts.wrong_blocked += k_rays - blocked;
+    }
   }
 }
 
 void query_and_count(ConeScene& s, const ShadingPointBatch& batch, TestRandom& random, Counts& counts) {
   Stats stats;
   count_answers(s, batch, s.query(batch, Isa::automatic, 0.1f, stats), random, counts);
+}
+
+void expect_few_wrong(const Counts& counts) {
+  EXPECT_LE(double(counts.wrong()), k_wrong_share * double(counts.rays))
+      << counts.clear << " clear, " << counts.blocked << " blocked, " << counts.open << " open";
 }
 
 TEST(Cones, AnswersThroughTheObjectAreThoseOfExactRays) {
@@ -51,27 +66,76 @@ TEST(Cones, AnswersThroughTheObjectAreThoseOfExactRays) {
   EXPECT_GT(counts.clear, 1000);
   EXPECT_GT(counts.blocked, 400);
   EXPECT_GT(counts.open, 500);  // penumbrae
-  EXPECT_LE(double(counts.wrong), 0.001 * double(counts.rays));
+  expect_few_wrong(counts);
+}
+
+// A solid of random shape and placement under a light of random width.
+ConeScene solid_under_a_light(const TriangleMesh& mesh, TestRandom& random) {
+  const float size = random.log_uniform(1e-3f, 1e3f);
+  const Affine place = random_place(random, size, 2.0f);
+  const float distance = size * random.uniform(4.0f, 9.0f);
+  return ConeScene(mesh, place,
+                   {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.1f)});
 }
 
 TEST(Cones, AnswersOnTheObjectAreThoseOfExactRays) {
   TestRandom random(6);
   Counts counts;
   for (const TriangleMesh& mesh : solid_meshes()) {
-    for (int i = 0; i < 12; ++i) {
-      const float size = random.log_uniform(1e-3f, 1e3f);
-      const Affine place = random_place(random, size, 2.0f);
-      const float distance = size * random.uniform(4.0f, 9.0f);
-      ConeScene s(mesh, place,
-                  {Vec3(place[3]) + distance * random.direction(), distance * random.log_uniform(0.003f, 0.1f)});
-      query_and_count(s, self_shading_points(s, 600, random), random, counts);
+    for (int i = 0; i < 24; ++i) {
+      ConeScene s = solid_under_a_light(mesh, random);
+      query_and_count(s, self_shading_points(s, 600, random, OwnSide::front), random, counts);
     }
   }
-  EXPECT_GT(counts.clear, 1000);
-  EXPECT_LE(double(counts.wrong), 0.002 * double(counts.rays));
+  EXPECT_GT(counts.clear, 10000);
+  EXPECT_GT(counts.blocked, 500);  // by other parts of the object
+  expect_few_wrong(counts);
 }
 
-// A shell with holes: parallel lines through one in front meet the back, and rays that slant pass both.
+// How far below the surface between itself and the light a point within the object lies, in radii of the ball: under
+// the plane of the triangle that the ray to the light's centre meets.
+float depth_below(const ConeScene& s, const Vec3& point) {
+  const Affine& to_object = s.maker.scene.instances[k_object].to_object;
+  const Vec3 p = transform_point(to_object, point), d = transform_point(to_object, s.light.centre) - p;
+  RayBatch ray;
+  ray.resize(1);
+  ray.set(0, p, d, k_infinity);
+  ShapeHits hits;
+  hits.resize(1);
+  s.accel->shape_intersect(0, ray, hits);
+  const Vec3 normal = glm::normalize(Vec3(hits.nx[0], hits.ny[0], hits.nz[0]));
+  return hits.t[0] * std::abs(glm::dot(d, normal)) / s.field->ball().radius;
+}
+
+// Within a solid all is dark. What is called so is; what is called clear lies so near below the surface that a
+// certificate, which speaks of one plane fit and knows no sides, takes it to lie on it.
+TEST(Cones, AnswersWithinTheObjectAreWrongJustBelowItsSurfaceAlone) {
+  // Of a cell's lines the farthest from its plane, in radii of the ball (k_max_residual); shading points count as in
+  // front from k_front_share of twice that below the plane on, which is rounded up by a sixteenth at most
+  // (field/store/encode.h).
+  constexpr float k_residual = 0.005f;
+  constexpr float k_below = k_residual + 2.0f * k_residual * scalar::k_front_share * (1.0f + 1.0f / 16.0f) + 0x1p-14f;
+  TestRandom random(12);
+  Counts counts;
+  int deep = 0;
+  for (const TriangleMesh& mesh : solid_meshes()) {
+    for (int i = 0; i < 24; ++i) {
+      ConeScene s = solid_under_a_light(mesh, random);
+      const ShadingPointBatch batch = self_shading_points(s, 600, random, OwnSide::back);
+      Stats stats;
+      const ShadowGroup group = s.query(batch, Isa::automatic, 0.1f, stats);
+      count_answers(s, batch, group, random, counts);
+      for (size_t r = 0; r < batch.size; ++r) {
+        if (group.shadow[r] == 0) deep += depth_below(s, {batch.px[r], batch.py[r], batch.pz[r]}) > k_below;
+      }
+    }
+  }
+  EXPECT_GT(counts.blocked, 10000);
+  EXPECT_LE(double(counts.wrong_blocked), k_wrong_share * double(counts.rays));
+  EXPECT_LE(double(deep), k_wrong_share * double(counts.clear + counts.blocked)) << counts.clear;
+}
+
+// A shell with holes: parallel lines through a hole in front meet the back, but slanting rays pass both.
 TEST(Cones, LeaveLightLeaksBetweenSurfacesThatHideEachOther) {
   TestRandom random(11);
   Counts counts;
@@ -84,8 +148,10 @@ TEST(Cones, LeaveLightLeaksBetweenSurfacesThatHideEachOther) {
                 {.directions = 128, .plane = 256});
     query_and_count(s, shadowed_shading_points(s, world_ball(s), 2000, random), random, counts);
   }
+  EXPECT_GT(counts.clear, 5000);
   EXPECT_GT(counts.blocked, 1000);
-  EXPECT_LE(double(counts.wrong), 1e-5 * double(counts.rays));
+  EXPECT_EQ(counts.wrong_blocked, 0);
+  expect_few_wrong(counts);
 }
 
 TEST(Cones, AreTheSameOnEveryInstructionSet) {
@@ -120,8 +186,8 @@ TEST(Cones, AreNotAskedAtToleranceZero) {
                           [](int32_t flag) { return flag == 0 || flag == k_may_shadow; }));
 }
 
-// A box of half extents h about the origin, over a floor that touches it, and one shading point on the floor, in units
-// of the box's ball. Where the light is cut by the floor the rays are those above it.
+// A box of half extents h about the origin, on a floor, and one shading point on the floor, in units of the box's ball.
+// Where the floor cuts the light, only rays above it count.
 int32_t shadow_on_floor(const Vec3& h, const Vec2& at, const Sphere& light, int& blocked, int& rays) {
   TriangleMesh box = make_cube({});
   const Vec3 size = 0.5f * box.bounds().diagonal(), centre = box.bounds().centre();
@@ -150,7 +216,7 @@ int32_t shadow_on_floor(const Vec3& h, const Vec2& at, const Sphere& light, int&
 }
 
 // Lights that the shading point's own plane cuts, boxes behind and beside the shading point: nothing wrong may be
-// claimed.
+// claimed, but something.
 TEST(Cones, OfShadingPointsBesideTheObjectClaimNothingWrong) {
   struct Case {
     Vec3 box;
@@ -167,45 +233,77 @@ TEST(Cones, OfShadingPointsBesideTheObjectClaimNothingWrong) {
       {{0.95f, 0.1f, 0.25f}, {0.5f, 0.12f}, {6.0f, 1.2f, 1.0f}, 2.0f},
       {{0.6f, 0.6f, 0.5f}, {0.62f, 0.0f}, {6.0f, 0.0f, 0.25f}, 0.1f},
       {{0.9922f, 0.12f, 0.02f}, {1.5f, 0.0f}, {-6.0f, 0.0f, 0.6f}, 0.3f},
+      // In full sight of the light, and well behind the box.
+      {{0.6f, 0.6f, 0.5f}, {1.0f, 0.0f}, {2.0f, 0.0f, 6.0f}, 0.3f},
+      {{0.6f, 0.6f, 0.5f}, {0.9f, 0.0f}, {-6.0f, 0.0f, 2.0f}, 0.1f},
   };
+  int clear = 0, hidden = 0;
   for (const Case& c : cases) {
     int blocked = 0, rays = 0;
     const int32_t shadow = shadow_on_floor(c.box, c.at, {c.light, c.radius}, blocked, rays);
     SCOPED_TRACE(std::to_string(c.at.x) + " " + std::to_string(c.light.y) + ": " + std::to_string(blocked) + " of " +
                  std::to_string(rays));
     if (shadow == 0) {
+      ++clear;
       EXPECT_EQ(blocked, 0);
     } else if (shadow == k_light_blocked) {
+      ++hidden;
       EXPECT_EQ(blocked, rays);
     }
   }
+  EXPECT_GE(clear, 4);
+  EXPECT_GE(hidden, 1);
 }
 
-// An object squeezed along one axis: the light is wider there, seen from its unit ball.
+// An object squeezed along one axis: in its unit space the light is wider there.
 TEST(Cones, OfSqueezedObjectsHoldOnTheObject) {
   TestRandom random(11);
   Counts counts;
-  for (int i = 0; i < 12; ++i) {
+  for (int i = 0; i < 48; ++i) {
     const Vec3 x = random.direction(), z = glm::normalize(glm::cross(x, random.direction())), y = glm::cross(z, x);
     const Affine place(x, y, z * 0.15f, Vec3(0.0f));
     ConeScene s(make_knot({.along = 256, .around = 24}), place, {4.0f * random.direction(), 0.4f});
-    query_and_count(s, self_shading_points(s, 150, random), random, counts);
+    query_and_count(s, self_shading_points(s, 600, random, OwnSide::front), random, counts);
   }
-  EXPECT_GT(counts.clear, 100);
-  EXPECT_LE(double(counts.wrong), 0.004 * double(counts.rays));
+  EXPECT_GT(counts.clear, 1000);
+  expect_few_wrong(counts);
 }
 
-// Lights around the shading point, within the object, or behind it, and objects around both: no crash, and nothing
-// claimed.
+// Lights around the shading point or too wide for it, and lights whose middle lies within the object's ball: nothing is
+// claimed. Of others no more than that share is wrong.
 TEST(Cones, LeaveWhatTheyCannotJudge) {
+  constexpr float k_widest_sine = 0.6f;  // scalar::k_widest_cone_sine; a transform makes no light narrower
   TestRandom random(9);
+  int beyond_judgement = 0;
+  Counts judged;
   for (int i = 0; i < 300; ++i) {
     ConeScene s = tangled_scene(random);
-    const ShadingPointBatch batch = tangled_shading_points(s, 40, random);
-    Counts counts;
-    query_and_count(s, batch, random, counts);
-    ASSERT_LE(double(counts.wrong), 0.02 * double(counts.rays) + 1.0) << i;
+    const ShadowAnswerer answerer = s.answerer(Isa::automatic, 0.1f);
+    const Scene& scene = s.maker.scene;
+    const Vec3 centre = transform_point(scene.instances[k_object].to_object, s.light.centre);
+    const Sphere& ball = s.field->ball();
+    const bool is_within = glm::length(centre - ball.centre) < ball.radius;
+    const ShadingPointBatch all = tangled_shading_points(s, 40, random);
+    for (size_t r = 0; r < all.size; ++r) {
+      const Vec3 p(all.px[r], all.py[r], all.pz[r]);
+      ShadingPointBatch one;
+      one.resize(1);
+      set_shading_point(one, 0, p, {all.gx[r], all.gy[r], all.gz[r]}, k_none);
+      Stats stats;
+      const ShadowGroup group = s.find(answerer, one, 256, stats);
+      const bool is_wide = glm::length(s.light.centre - p) * k_widest_sine <= s.light.radius;
+      if (is_wide || is_within) {
+        ++beyond_judgement;
+        ASSERT_EQ(stats.cones_clear + stats.cones_blocked, 0u) << i << " " << r;
+      }
+      // Culling may know that the object stands nowhere near.
+      count_answers(s, one, group, random, judged);
+    }
   }
+  EXPECT_GT(beyond_judgement, 3000);
+  EXPECT_GT(judged.clear, 200);
+  EXPECT_GT(judged.blocked, 10);
+  expect_few_wrong(judged);
 }
 
 }  // namespace

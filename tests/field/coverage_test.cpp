@@ -1,4 +1,4 @@
-// Coverage tiles: summed-area tables against the lines they were made of, demand, and files.
+// Coverage tiles: summed-area tables against the lines they were made of, baking on demand, and files.
 #include "field/store/coverage.h"
 
 #include <gtest/gtest.h>
@@ -28,10 +28,10 @@ TileLines random_lines(TestRandom& random, float share) {
   return lines;
 }
 
-// Tiles of which one direction's plane is baked: a third of it empty, a third full, a third between.
+// Tiles with the plane of one direction baked: a third of them empty, a third full, a third in between.
 struct RandomPlane {
   CoverageTiles tiles{32, 64};
-  std::vector<TileLines> all;  // of the plane, row by row
+  std::vector<TileLines> all;  // those of the plane, row by row
 
   RandomPlane(int32_t direction, TestRandom& random) {
     const int count = tiles.view().tiles * tiles.view().tiles;
@@ -49,7 +49,7 @@ struct RandomPlane {
   }
 };
 
-// Sums in plain floats, with the last tile that is missing.
+// Sums in scalar code, with the last missing tile.
 struct Sum {
   int32_t count = 0, depths = 0, missing = -1;
 };
@@ -90,7 +90,7 @@ TEST(Coverage, SumsAreThoseOfTheLines) {
   }
 }
 
-// Rectangles that begin and end within texels count these by the part that lies within.
+// Texels that a rectangle covers in part count by the covered area.
 TEST(Coverage, AreasWeighTexelsByWhatLiesWithin) {
   TestRandom random(4);
   constexpr int32_t k_direction = 31;
@@ -120,7 +120,7 @@ TEST(Coverage, AreasWeighTexelsByWhatLiesWithin) {
     }
     const auto area = scalar::sum_coverage_area<float>(view, k_direction, rect, true, [](int, bool) {});
     ASSERT_FALSE(area.unknown);
-    // A tile's sums reach 2^10 and 2^20 and are taken with 24 bits, four by four, for every tile.
+    // A tile's sums reach 2^10 and 2^20 and are read to 24 bits, four by four, in every tile.
     ASSERT_NEAR(area.count, count, 16.0 * 1024 * 0x1p-24 * side * side);
     ASSERT_NEAR(area.depths, depths, 16.0 * 1048576 * 0x1p-24 * side * side);
   }
@@ -134,16 +134,16 @@ TEST(Coverage, ThinFeatureRatioTellsThinFromSolid) {
     half[size_t(i)] = i % k_side < k_side / 2 ? 9 : 0;
     stripes[size_t(i)] = i % 2 ? 9 : 0;
   }
-  float thin_features[3];
+  float ratio[3];
   const TileLines* const lines[] = {&half, &stripes, &noise};
   for (uint32_t t = 0; t < 3; ++t) {
     ASSERT_TRUE(tiles.claim(t));
     ASSERT_TRUE(tiles.finish(t, *lines[t]));
-    thin_features[t] = scalar::thin_feature_ratio_at<float>(tiles.view(), 0, int32_t(t) * k_side, 0, true);
+    ratio[t] = scalar::thin_feature_ratio_at<float>(tiles.view(), 0, int32_t(t) * k_side, 0, true);
   }
-  EXPECT_EQ(thin_features[0], 0.0f);
-  EXPECT_GT(thin_features[1], 0.9f);
-  EXPECT_GT(thin_features[2], 0.3f);
+  EXPECT_EQ(ratio[0], 0.0f);
+  EXPECT_GT(ratio[1], 0.9f);
+  EXPECT_GT(ratio[2], 0.3f);
 }
 
 TEST(Coverage, TilesThatAreNotBakedAreNamed) {
@@ -155,7 +155,7 @@ TEST(Coverage, TilesThatAreNotBakedAreNamed) {
   EXPECT_EQ(uint32_t(sum.missing), slot);
   ASSERT_TRUE(tiles.claim(slot - 1));
   EXPECT_FALSE(tiles.claim(slot - 1));
-  EXPECT_GE(sum_of_rect(view, 5, rect).missing, 0);  // claimed is not baked
+  EXPECT_GE(sum_of_rect(view, 5, rect).missing, 0);  // claimed, but not baked
   ASSERT_TRUE(tiles.finish(slot - 1, TileLines(CoverageTiles::k_lines_per_tile)));
   sum = sum_of_rect(view, 5, rect);
   EXPECT_EQ(uint32_t(sum.missing), slot);
@@ -169,7 +169,7 @@ TEST(Coverage, TilesThatAreNotBakedAreNamed) {
   EXPECT_EQ(tiles.baked(), (std::vector<uint32_t>{slot - 1, slot}));
 }
 
-// The list of what is baked is made from the parts of the table that were written: it must be whole all the same.
+// The list of baked slots is made from the written parts of the table: it must be complete all the same.
 TEST(Coverage, ListsWhatIsBakedAllOverTheTable) {
   TestRandom random(8);
   CoverageTiles tiles(64, 128);
@@ -191,7 +191,7 @@ TEST(Coverage, ListsWhatIsBakedAllOverTheTable) {
   EXPECT_EQ(tiles.bytes(), parts.size() * 4096 + stored * CoverageTiles::k_tile_bytes);
 }
 
-// A full budget: no tile appears without its lines.
+// With a full budget no tile is published without its lines.
 TEST(Coverage, ATileThatFindsNoRoomIsNotBaked) {
   FieldBudget budget(4096 + 2 * CoverageTiles::k_tile_bytes);
   CoverageTiles tiles(32, 64, &budget);
@@ -201,7 +201,7 @@ TEST(Coverage, ATileThatFindsNoRoomIsNotBaked) {
     EXPECT_TRUE(tiles.finish(slot, lines));
   }
   ASSERT_TRUE(tiles.claim(2));
-  EXPECT_TRUE(tiles.finish(2, none));  // takes no room
+  EXPECT_TRUE(tiles.finish(2, none));  // an empty tile takes no room
   ASSERT_TRUE(tiles.claim(3));
   EXPECT_FALSE(tiles.finish(3, lines));
   EXPECT_FALSE(tiles.finished(3));
@@ -221,14 +221,14 @@ TEST(Coverage, FilesHoldTheTiles) {
     ASSERT_TRUE(f.coverage().claim(slot));
     ASSERT_TRUE(f.coverage().finish(slot, random_lines(random, share)));
   };
-  // Eight directions in a row that meet nothing, eight of which one does, seven, and some anywhere.
+  // Eight empty directions in a row, eight of which one is not empty, seven, and some elsewhere.
   for (uint32_t d = 0; d < 8; ++d) {
     bake(field, d * per_plane + 3, 0.0f);
     bake(field, d * per_plane + 4, d == 5 ? 0.3f : 0.0f);
     if (d != 2) bake(field, (d + 16) * per_plane, 0.0f);
     bake(field, (d * 101 + 40) * per_plane + d, 0.5f);
   }
-  bake(other, 3, 1.0f);  // the first field's counts
+  bake(other, 3, 1.0f);  // the first field's tile wins
   bake(other, 900 * per_plane, 0.7f);
   const Field* const both[] = {&field, &other};
   save_fields(both, identity, folder / "a.vdb");
@@ -262,12 +262,12 @@ TEST(Coverage, ReadsBackTheLines) {
   EXPECT_EQ(read, lines);
 }
 
-// Of a ball, the parallel lines of any direction meet a disc, at the depth of the sphere.
+// The parallel lines of any direction that meet a ball make a disc, at the sphere's depth.
 TEST(Coverage, OfASphereIsADisc) {
   FieldFixture f(make_sphere({.around = 128, .along = 64}), {.directions = 32, .plane = 64});
   CoverageTiles& tiles = f.field().coverage();
   TestRandom random(3);
-  // The mesh touches its ball's inside at a distance that the bounding box leaves: its own radius over the ball's.
+  // The mesh is smaller than its ball, which encloses the bounding box: its radius over the ball's.
   const float radius = glm::length(f.mesh().positions[0] - f.ball().centre) / f.ball().radius;
   const float step = 2.0f / float(tiles.lines());
   int hits = 0;
@@ -283,7 +283,7 @@ TEST(Coverage, OfASphereIsADisc) {
       const float x = (float(place.x + t % k_side) + 0.5f) * step - 1.0f;
       const float y = (float(place.y + t / k_side) + 0.5f) * step - 1.0f;
       const float across = std::sqrt(x * x + y * y);
-      if (std::abs(across - radius) < 0.01f) continue;  // the mesh is no perfect sphere
+      if (std::abs(across - radius) < 0.01f) continue;  // the mesh is not an exact sphere
       ASSERT_EQ(lines[size_t(t)] != 0, across < radius) << x << " " << y;
       if (lines[size_t(t)] == 0) continue;
       ++hits;

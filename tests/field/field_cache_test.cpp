@@ -1,4 +1,4 @@
-// The cache: stores merge, damage is told about and repaired, concurrent renders lose nothing.
+// The cache: stores merge, damage causes a warning and is repaired, concurrent renders lose nothing.
 #include "field/file/field_cache.h"
 
 #include <gtest/gtest.h>
@@ -81,7 +81,7 @@ TEST(FieldCache, WritesOnlyWhatIsNew) {
   test::fill_random_slices(field, 1, 100);
   FieldCache cache(folder.path());
   cache.store(field, identity);
-  // Every file that OpenVDB writes has an identifier of its own, so equal bytes are the same file.
+  // OpenVDB gives every file a new identifier, so equal bytes mean that the file was not rewritten.
   const auto contents = [&] {
     std::ifstream in(cache.path_of(identity), std::ios::binary);
     return std::string(std::istreambuf_iterator<char>(in), {});
@@ -104,7 +104,7 @@ TEST(FieldCache, WritesOnlyWhatIsNew) {
   EXPECT_TRUE(fs::exists(cache.path_of(identity)));
 }
 
-// A field with slices of its own that then loads a file must not be taken to be the file.
+// Loading a file into a field that has slices of its own must not make the field count as stored.
 TEST(FieldCache, LoadingIntoABakedFieldStillStoresItsSlices) {
   const TemporaryFolder folder;
   const FieldIdentity identity = test::test_identity(k_small);
@@ -139,7 +139,7 @@ TEST(FieldCache, DamagedAndForeignFilesAreToldAboutAndReplaced) {
     EXPECT_EQ(warnings.lines[0].rfind(cache.path_of(identity) + ": ", 0), 0u) << warnings.lines[0];
     EXPECT_NE(warnings.lines[0].find(word), std::string::npos) << warnings.lines[0];
     EXPECT_NE(warnings.lines[0].find("baked again"), std::string::npos) << warnings.lines[0];
-    // A fresh process, which has baked again.
+    // As a new process would, which has baked again.
     FieldCache fresh(folder.path());
     fresh.store(field, identity);
     EXPECT_TRUE(fresh.load(loaded, identity));
@@ -155,6 +155,38 @@ TEST(FieldCache, DamagedAndForeignFilesAreToldAboutAndReplaced) {
       },
       "damaged");
   spoil([&](const std::string& path) { save_field(field, foreign, path); }, "another mesh");
+  FieldIdentity earlier = identity;
+  --earlier.format_version;
+  spoil([&](const std::string& path) { save_field(field, earlier, path); }, "field format version");
+}
+
+// Their names hold another hash, so no field looks for them.
+TEST(FieldCache, FilesOfEarlierFormatsAreToldAboutAndBakedAgain) {
+  const TemporaryFolder folder;
+  const FieldIdentity identity = test::test_identity(k_small);
+  Warnings warnings;
+  Field field = make_field(), loaded = make_field();
+  test::fill_random_slices(field, 1, 100);
+  const std::string old_file = folder / (std::string(32, 'a') + ".vdb");
+  save_field(field, identity, old_file);
+  EXPECT_FALSE(FieldCache(folder.path(), warnings.sink()).load(loaded, identity));
+  EXPECT_TRUE(warnings.lines.empty());  // of today's format: another object's
+  std::fstream(old_file, std::ios::binary | std::ios::in | std::ios::out).seekp(-25, std::ios::end).put(1);
+
+  FieldCache cache(folder.path(), 1, warnings.sink());
+  ASSERT_EQ(warnings.lines.size(), 1u);
+  EXPECT_EQ(warnings.lines[0].rfind(folder.path() + ": holds 1 field file (", 0), 0u) << warnings.lines[0];
+  EXPECT_NE(warnings.lines[0].find(std::to_string(fs::file_size(old_file)) + " bytes"), std::string::npos);
+  EXPECT_NE(warnings.lines[0].find("baked again"), std::string::npos);
+  EXPECT_FALSE(cache.load(loaded, identity));
+  cache.store(field, identity);
+  EXPECT_TRUE(cache.load(loaded, identity));
+  EXPECT_EQ(differing_slices(loaded, field), 0u);
+  // The limit counts and removes the old file.
+  EXPECT_TRUE(fs::exists(old_file));
+  cache.trim();
+  EXPECT_FALSE(fs::exists(old_file));
+  EXPECT_TRUE(fs::exists(cache.path_of(identity)));
 }
 
 TEST(FieldCache, ADamagedFileIsToldAboutOnce) {
@@ -167,10 +199,10 @@ TEST(FieldCache, ADamagedFileIsToldAboutOnce) {
   FieldCache cache(folder.path(), warnings.sink());
   fs::resize_file(cache.path_of(identity), 100);
   EXPECT_FALSE(cache.load(loaded, identity));
-  cache.store(field, identity);  // which looks into the file again
+  cache.store(field, identity);  // which reads the file again
   EXPECT_EQ(warnings.lines.size(), 1u);
   EXPECT_TRUE(cache.load(loaded, identity));
-  // One that only store() meets is told about too.
+  // A damaged file that only store() meets causes a warning, too.
   warnings.lines.clear();
   FieldCache other(folder.path(), warnings.sink());
   fs::resize_file(cache.path_of(identity), 100);
@@ -205,7 +237,7 @@ TEST(FieldCache, ConcurrentStoresLoseNothing) {
   for (const auto& entry : fs::directory_iterator(folder.path())) EXPECT_NE(entry.path().extension(), ".tmp");
 }
 
-// A field that is being baked while it is stored: the file holds whole slices only.
+// A field that is stored while it is baked: the file holds whole slices only.
 TEST(FieldCache, StoringWhileBakingKeepsWholeSlices) {
   const TemporaryFolder folder;
   const FieldIdentity identity = test::test_identity(k_small);
@@ -296,18 +328,18 @@ TEST_F(LimitedCache, ForeignFilesAreNeitherCountedNorRemoved) {
   const std::string hex(32, 'a'), big(1 << 20, 'x');
   write("notes.txt", big);
   write("volume.vdb", big);
-  write(hex + ".vdb", big);  // named like a field, but none
+  write(hex + ".vdb", big);  // named like a field file, but not one
   write(hex + ".png", big);
-  fs::copy_file(own, folder_ / "kept.vdb");  // a field under a name of the user's
+  fs::copy_file(own, folder_ / "kept.vdb");  // a field under the user's own name
   fs::create_directory(folder_ / (std::string(32, 'b') + ".vdb"));
   const size_t before = size_t(std::distance(fs::directory_iterator(folder_.path()), fs::directory_iterator()));
   store_and_trim(1);
   EXPECT_FALSE(fs::exists(own));
-  // One field with its lock and the folder's own lock have come, one field has gone.
+  // One field with its lock and the folder's own lock were added, one field was removed.
   EXPECT_EQ(size_t(std::distance(fs::directory_iterator(folder_.path()), fs::directory_iterator())), before + 2);
   warnings_.lines.clear();
   const std::string e = FieldCache(folder_.path()).path_of(identity_of(9));
-  store_and_trim(fs::file_size(e));  // no warning: the foreign ones do not count
+  store_and_trim(fs::file_size(e));  // no warning: other files do not count
   EXPECT_TRUE(warnings_.lines.empty());
 }
 
@@ -320,7 +352,7 @@ TEST_F(LimitedCache, AFileThatIsBeingWrittenStays) {
 }
 
 TEST_F(LimitedCache, OfManyWhoStoreAndTrimAtOnceNoneFails) {
-  // Room for more than one file: else two who trim at once may each remove the other's.
+  // Room for more than one file: otherwise two threads that trim at once may each remove the other's.
   const uint64_t k_limit = 2 * fs::file_size(add(1, 60));
   std::vector<std::thread> threads;
   for (uint64_t t = 0; t < 4; ++t) {
@@ -331,7 +363,7 @@ TEST_F(LimitedCache, OfManyWhoStoreAndTrimAtOnceNoneFails) {
         test::fill_random_slices(field, uint32_t(10 * t + round), 60);
         cache.store(field, identity_of((t + round) % 5));
         cache.trim();
-        // Removed by another, or whole.
+        // Either removed by another thread, or whole.
         Warnings warnings;
         FieldCache reader(folder_.path(), warnings.sink());
         reader.load(loaded, identity_of((t + round + 1) % 5));
@@ -384,7 +416,7 @@ TEST(FieldCache, AKilledWriterHoldsNobodyUp) {
   cache.store(field, identity);
   EXPECT_TRUE(cache.load(loaded, identity));
   EXPECT_EQ(differing_slices(field, loaded), 0u);
-  EXPECT_EQ(temporaries(), 1u);  // what the killed one left is gone
+  EXPECT_EQ(temporaries(), 1u);  // those of the killed process are gone
 }
 
 TEST(FieldCache, AFolderThatCannotBeWrittenIsAnError) {
@@ -392,7 +424,7 @@ TEST(FieldCache, AFolderThatCannotBeWrittenIsAnError) {
   std::ofstream(folder / "file") << "x";
   EXPECT_THROW(FieldCache(folder / "file"), Error);
   EXPECT_THROW(FieldCache(folder / "file/below"), Error);
-  // Gone since the cache was made.
+  // The folder was removed after the cache was opened.
   const FieldIdentity identity = test::test_identity(k_small);
   FieldCache cache(folder / "gone");
   Field field = make_field();

@@ -29,19 +29,21 @@ TriangleMesh crossing_plates() {
 struct Case {
   const char* name;
   TriangleMesh (*make)();
-  bool open;               // both sides are seen, so that shading points lie on either
+  bool open;               // an open surface: shading points lie on both sides
   double wrong_limit;      // share of certified answers that may differ from Embree
-  double undecided_limit;  // share of segments that may ask
+  double undecided_limit;  // share of segments that may stay undecided
 };
 
-// Limits: two to three times what docs/decisions/003-certificates.md measured; the thin and rough ones ask more.
+// Wrong answers: the aim for solid meshes, .2 %; of an open plane fit and of a comb what
+// docs/decisions/003-certificates.md gives for shading points on them. Asks: as docs/decisions/011-hard-meshes.md left
+// them.
 const std::vector<Case> k_cases = {
     {"sphere", [] { return make_sphere({.around = 64, .along = 32}); }, false, 0.002, 0.15},
-    {"supershape", [] { return make_supershape({.around = 64, .along = 32}); }, false, 0.003, 0.25},
-    {"knot", [] { return make_knot({.along = 256, .around = 16}); }, false, 0.003, 0.30},
+    {"supershape", [] { return make_supershape({.around = 64, .along = 32}); }, false, 0.002, 0.25},
+    {"knot", [] { return make_knot({.along = 256, .around = 16}); }, false, 0.002, 0.30},
     {"cube", [] { return make_cube(); }, false, 0.002, 0.15},
     {"sheet", [] { return make_wavy_sheet({.cells = 32}); }, true, 0.003, 0.58},
-    {"comb", [] { return make_comb({.slats = 10}); }, false, 0.006, 0.60},
+    {"comb", [] { return make_comb({.slats = 10}); }, false, 0.0051, 0.60},
     {"plates", [] { return crossing_plates(); }, true, 0.003, 0.25},
 };
 
@@ -49,7 +51,7 @@ struct Score {
   int segments = 0, queried = 0, answered = 0, wrong = 0;
 };
 
-// One segment against Embree at the default tolerance, and the two ends of the tolerance scale on the same segment.
+// One segment against Embree at the default tolerance, and at both ends of the tolerance scale.
 void score_segment(FieldFixture& f, const Vec3& o, const Vec3& d, float t_max, bool self, Score& score) {
   const FieldVerdict verdict = f.probe().occluded(query_policy(0.1f), o, d, t_max, self);
   ++score.segments;
@@ -123,14 +125,15 @@ TEST_P(FieldSegments, FromTheSurfaceItself) {
       score_segment(fixture, r.position, q - r.position, 1.0f, true, to_a_point);
     }
   }
-  // Shading points of a mesh of few large triangles and thin slats lie in creases more often than the others.
+  // Shading points on a mesh of few large triangles and thin slats lie in creases more often than those of other
+  // meshes.
   expect_within(away, test_case(), "surface, any direction");
   expect_within(to_a_point, test_case(), "surface, to a point");
 }
 
 TEST_P(FieldSegments, AdversarialLines) {
-  // Past vertices and edges by 1e-6 ... 1e-2 radii, through the centre, along axes. These sit on silhouettes, so they
-  // ask often and may err more; the limits only keep them from answering at random.
+  // Past vertices and edges by 1e-6 ... 1e-2 radii, through the centre, along axes. Such lines graze silhouettes, so
+  // they are often undecided and may err more; the limits only rule out random answers.
   Score score;
   const TriangleMesh& mesh = fixture.mesh();
   for (int i = 0; i < 1000; ++i) {
@@ -159,12 +162,13 @@ TEST_P(FieldSegments, TinyAndHugeSegments) {
     score_points(p, p + d * random.log_uniform(1e-7f, 1e-3f), score);
     const float far = random.log_uniform(1e2f, 1e4f);
     score_points(p - d * far, p + d * far, score);
-    // The ball is not reached.
+    // Segments that do not reach the ball.
     EXPECT_EQ(fixture.probe().occluded(query_policy(0.1f), at(d * 3.0f), d, k_infinity, false), FieldVerdict::clear);
     EXPECT_EQ(fixture.probe().occluded(query_policy(0.1f), at(d * 3.0f), -d * fixture.ball().radius, 1.9f, false),
               FieldVerdict::clear);
   }
-  EXPECT_LE(score.wrong, 2 + 0.01 * score.answered) << test_case().name << " of " << score.answered;
+  ASSERT_GT(score.answered, 300);
+  EXPECT_LE(score.wrong, 2 + test_case().wrong_limit * score.answered) << test_case().name << " of " << score.answered;
 }
 
 TEST_P(FieldSegments, ToleranceZeroAnswersNothing) {

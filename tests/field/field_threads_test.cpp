@@ -1,4 +1,4 @@
-// Look-ups while other threads write: a reader meets a cell unknown or complete, never half of one.
+// Look-ups while other threads write: a reader sees a cell either unknown or complete, never half written.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -11,7 +11,7 @@
 namespace fieldtrace {
 namespace {
 
-// A cell's line, so that a look-up of it lands in exactly that cell.
+// A cell's line, whose look-up lands in exactly that cell.
 struct CellLine {
   scalar::Vec3Lanes<float> direction, point;
 };
@@ -40,7 +40,7 @@ TEST(FieldThreads, ReaderSeesWholeCells) {
       const auto first = field.claim(FieldLayer::depth, slice);
       if (!first) return;
       for (uint32_t cell = 0; cell < scalar::k_slice_cells; ++cell) {
-        // Not before the reader polls this very cell.
+        // Wait until the reader polls this very cell.
         while (reading.load(std::memory_order_relaxed) < slice * scalar::k_slice_cells + cell) {
         }
         field.store_plane_fit(*first + cell, word, certificate);

@@ -30,7 +30,7 @@ class HitBatches : public testing::Test {
  protected:
   HitBatches() : fixture_(make_knot({.along = 512, .around = 48}), {64, 128, 16}) { place(Vec3(3, -2, 1)); }
 
-  // The object's transform: sheared, mirrored, and moved there.
+  // The object's transform: sheared, mirrored, and moved to `at`.
   void place(const Vec3& at) {
     to_world_ = Affine(Vec3(1.5f, 0.4f, 0.1f), Vec3(-0.3f, 0.8f, 0.5f), Vec3(0.2f, 0.1f, -1.2f), at);
     test::SceneMaker maker;
@@ -40,7 +40,7 @@ class HitBatches : public testing::Test {
     task_ = make_shadow_instance(maker.scene, instance, traits, &fixture_.field(), nullptr, {}).cone.segment;
   }
 
-  // Unit rays from all about through the ball, a fifth of them from within it.
+  // Unit rays from all sides through the ball, a fifth of them from inside it.
   HitQueries random_queries(uint32_t seed, float reach) const {
     TestRandom random(seed);
     HitQueries queries;
@@ -78,7 +78,7 @@ class HitBatches : public testing::Test {
     return answers;
   }
 
-  // The exact hit's distance, below 0 for a miss, and its unit normal in world space.
+  // The exact hit's distance, negative for a miss, and its unit normal in world space.
   float exact(const RayBatch& rays, size_t i, Vec3* normal = nullptr) {
     Vec3 n;
     const float t = fixture_.embree_nearest(transform_point(to_object_, rays.origin(i)),
@@ -97,7 +97,7 @@ class HitBatches : public testing::Test {
 };
 
 TEST_F(HitBatches, AgreeWithExactRays) {
-  // From farther away the reference loses as much by rounding as the queries.
+  // From further away the reference loses as much to rounding as the queries do.
   for (const float reach : {4.0f, 400.0f}) {
     const HitQueries queries = random_queries(1, reach);
     const HitAnswers a = query(queries, Isa::scalar);
@@ -123,8 +123,9 @@ TEST_F(HitBatches, AgreeWithExactRays) {
     }
     EXPECT_GT(hits, k_rays / 8) << reach;
     EXPECT_GT(misses, k_rays / 8) << reach;
-    EXPECT_LE(wrong_hits, 3 + hits / 300) << reach;
-    EXPECT_LE(wrong_misses, 3 + misses / 300) << reach;
+    // The aim of docs/decisions/003-certificates.md.
+    EXPECT_LE(wrong_hits, hits / 500) << reach;
+    EXPECT_LE(wrong_misses, misses / 500) << reach;
     EXPECT_LE(odd_normals, 3 + hits / 100) << reach;
     EXPECT_LE(before, 3 + hits / 100) << reach;
   }
@@ -160,7 +161,7 @@ TEST_F(HitBatches, AreTheSameOnEveryInstructionSet) {
   }
 }
 
-// Each of the bounds alone turns hits into questions, and nothing else.
+// Each bound alone leaves hits undecided, and changes nothing else.
 TEST_F(HitBatches, RefuseWhatIsTooInexactOrTooBent) {
   const HitQueries all = random_queries(4, 4.0f);
   const HitAnswers free = query(all, Isa::scalar);
@@ -184,7 +185,7 @@ TEST_F(HitBatches, RefuseWhatIsTooInexactOrTooBent) {
   }
 }
 
-// Beyond a limit nothing is told, and what is told before it does not change.
+// Nothing is reported beyond the limit, and answers before it do not change.
 TEST_F(HitBatches, TellNothingBeyondTheLimit) {
   const HitQueries all = random_queries(5, 4.0f);
   const HitAnswers free = query(all, Isa::scalar);

@@ -1,4 +1,5 @@
-// The bits of cells: what is encoded comes back within its bound; slots of cells are distinct and named by slices.
+// The bits of cells: decoding returns what was encoded within its bound; slots of cells are distinct and named by
+// slices.
 #include "field/store/layout.hd.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +24,7 @@ TEST(Layout, DepthIsMonotoneAndWithinHalfAQuantum) {
     const uint32_t code = encode_depth(depth);
     ASSERT_GE(code, before);
     before = code;
-    // Half a quantum and the rounding of the decoding, which ends near 1.
+    // Half a quantum, and the rounding of decoding, whose result is at most 1.
     ASSERT_LE(std::abs(decode_depth<float>(int32_t(code)) - depth), 0.5f * scalar::k_depth_quantum + 0x1p-22f) << depth;
   }
   EXPECT_EQ(before, 65535u);
@@ -45,7 +46,7 @@ TEST(Layout, DepthIgnoresTheNormalBits) {
 TEST(Layout, NormalsAreUnitAndNear) {
   TestRandom random(21);
   // Codes are 2/255 apart along both axes of the square; half of that along both, stretched by up to sqrt(3) where the
-  // octahedron's faces are nearest to the centre (radius 1 / sqrt(3)), and by as much across the slope of a face.
+  // octahedron's faces are nearest to the centre (radius 1 / sqrt(3)), and as much again across the slope of a face.
   constexpr float k_bound = 1.7320508f * 1.7320508f * 0.70710678f * (2.0f / 255.0f);
   const auto check = [&](const Vec3& n) {
     const auto d = decode_normal<float>(int32_t(encode_normal(n)));

@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Two meshes on a floor under a lamp whose place is a parameter: another place demands other cells.
+// Two meshes on a floor under a lamp at a given place: another place demands other cells.
 const char* const k_scene = R"(<scene version="3.0.0">
   <default name="lamp" value="1"/>
   <integrator type="path"><integer name="max_depth" value="2"/></integrator>
@@ -43,7 +43,7 @@ class SharedCache : public testing::Test {
     ASSERT_EQ(in("a", {"mesh", "sphere", "-o", "../ball.ply", "--around", "32", "--along", "16"}).wait().code, 0);
     ASSERT_EQ(in("a", {"mesh", "knot", "-o", "../knot.ply", "--along", "128", "--around", "16"}).wait().code, 0);
   }
-  // Processes that run at once need folders of their own for what they print.
+  // Processes that run at once need separate folders for their output.
   Program in(const std::string& folder, const std::vector<std::string>& arguments) {
     return Program(folder_ / folder, arguments);
   }
@@ -85,7 +85,7 @@ class SharedCache : public testing::Test {
   static void expect_success(Program& program) {
     const Outcome o = program.wait();
     EXPECT_EQ(o.code, 0) << o.err;
-    EXPECT_EQ(o.err, "");  // no warning of a damaged file either
+    EXPECT_EQ(o.err, "");  // nor a warning of a damaged file
   }
   std::vector<fs::path> files(const std::string& ending) const {
     std::vector<fs::path> found;
@@ -108,7 +108,7 @@ TEST_F(SharedCache, TwoRendersAtOnceLoseNothing) {
     expect_success(right);
     EXPECT_GT(rays_baked("a") + rays_baked("b"), 0u) << "the rounds demand nothing new";
     const std::vector<float> left_picture = picture("a"), right_picture = picture("b");
-    // What both baked is there, and makes the same pictures.
+    // The cells that both baked are there, and give the same pictures.
     Program left_again = render_in("a", k_left, lamp, cached());
     Program right_again = render_in("b", k_right, lamp, cached());
     expect_success(left_again);
@@ -133,7 +133,7 @@ TEST_F(SharedCache, AKilledRenderHarmsNobody) {
   for (int round = 0; round < 4; ++round) {
     Program killed = render_in("a", k_left, round, cached());
     Program other = render_in("b", k_right, 0, cached());
-    // At various stages of its work.
+    // Killed at various stages of its work.
     std::this_thread::sleep_for(std::chrono::milliseconds(20 + 60 * round));
     killed.kill_now();
     killed.wait();
@@ -145,7 +145,7 @@ TEST_F(SharedCache, AKilledRenderHarmsNobody) {
   EXPECT_EQ(rays_baked("b"), 0u);
 }
 
-// Far too small a limit: each removes what the other has just written, and both make their pictures.
+// A limit that is far too small: each process removes what the other has just written, and both finish their pictures.
 TEST_F(SharedCache, TwoRendersWithALimitMakeTheirPictures) {
   Program alone_left = render_in("a", k_left, 0), alone_right = render_in("b", k_right, 0);
   expect_success(alone_left);

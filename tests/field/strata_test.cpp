@@ -13,8 +13,8 @@ using namespace test;
 constexpr LightSampleRange k_sixteen = {16, 0, 16, 4};
 
 struct Strata {
-  std::vector<uint32_t> shading_points;  // that may be asked about leaves
-  ShadingPointBatch chosen;              // these
+  std::vector<uint32_t> shading_points;  // those answered by strata
+  ShadingPointBatch chosen;              // a batch of these
   ShadowBatch batch;
   std::vector<uint8_t> refused;
   Stats stats;
@@ -75,7 +75,7 @@ struct Errors {
   int shading_points = 0, partial = 0, refused = 0;
 };
 
-// Leaves and as many rays as `rays` against 1,024 rays.
+// Adds the errors of strata, and of as many rays as `rays`, against 1,024 rays.
 void add_errors(const ConeScene& s, const ShadingPointBatch& shading_points, int rays, Errors& errors) {
   const LightTable lights = make_lights(s.maker.scene);
   const Strata strata = query_strata(s, lights, shading_points, k_sixteen, Isa::automatic);
@@ -95,14 +95,14 @@ void add_errors(const ConeScene& s, const ShadingPointBatch& shading_points, int
   }
 }
 
-// A placement that the field's coordinates see as it is, so that the light's width is known.
+// A placement that only scales to unit space, so that the light's width is known.
 ConeScene lit_scene(const TriangleMesh& mesh, TestRandom& random, float half_angle) {
   const Affine place = random_place(random, random.log_uniform(1e-2f, 1e2f), 1.0f);
   const float distance = 5.0f * glm::length(place[0]);
   return ConeScene(mesh, place, {Vec3(place[3]) + distance * random.direction(), distance * std::tan(half_angle)});
 }
 
-// Over placements of all meshes, under lights of the given half angle.
+// Errors over placements of all meshes, under lights of the given half angle.
 Errors errors_under(float half_angle, int rays, uint32_t seed) {
   TestRandom random(seed);
   Errors errors;
@@ -115,19 +115,23 @@ Errors errors_under(float half_angle, int rays, uint32_t seed) {
   return errors;
 }
 
+// Half a step of a picture of 8 bits: what a mean visibility may be off by unseen.
+constexpr double k_bias = 0.5 / 255.0;
+
 TEST(Strata, OfWideLightsAreAsGoodAsSixtyFourRays) {
   const Errors errors = errors_under(0.17f, 64, 21);
   EXPECT_GT(errors.partial, 500);
   EXPECT_LT(errors.refused, errors.shading_points / 4);
   EXPECT_LE(errors.strata, errors.rays);
-  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, 0.003);
+  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, k_bias);
 }
 
 TEST(Strata, OfNarrowLightsAreBetterThanSixteenRays) {
   const Errors errors = errors_under(0.06f, 16, 22);
   EXPECT_GT(errors.partial, 300);
+  EXPECT_LT(errors.refused, errors.shading_points);
   EXPECT_LE(errors.strata, errors.rays);
-  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, 0.003);
+  EXPECT_LE(std::abs(errors.bias) / errors.shading_points, k_bias);
 }
 
 TEST(Strata, AreTheSameOnEveryInstructionSet) {
@@ -138,6 +142,7 @@ TEST(Strata, AreTheSameOnEveryInstructionSet) {
     const ShadingPointBatch shading_points = shadowed_shading_points(s, world_ball(s), 333, random);
     const Strata scalar = query_strata(s, lights, shading_points, k_sixteen, Isa::scalar);
     EXPECT_GT(scalar.shading_points.size(), 50u);
+    EXPECT_GT(std::count(scalar.refused.begin(), scalar.refused.end(), 0), 25);
     for (const Isa isa : supported_isas()) {
       const Strata other = query_strata(s, lights, shading_points, k_sixteen, isa);
       EXPECT_EQ(scalar.shading_points, other.shading_points) << isa_name(isa);
@@ -149,48 +154,66 @@ TEST(Strata, AreTheSameOnEveryInstructionSet) {
   }
 }
 
-// A light of which the disc at the blocker is a fraction of a texel: only whole answers, or none.
+// A light of which the disc at the blocker is a fraction of a texel: only whole answers, or none. (Most shading points
+// have such answers before strata are asked about: these are the others, at the object's silhouettes.)
 TEST(Strata, OfTinyLightsAreRefused) {
   TestRandom random(24);
-  ConeScene s = lit_scene(make_knot({.along = 256, .around = 24}), random, 1e-4f);
-  const Strata strata = query_strata(s, make_lights(s.maker.scene),
-                                     shadowed_shading_points(s, world_ball(s), 500, random), k_sixteen, Isa::automatic);
-  for (size_t r = 0; r < strata.shading_points.size(); ++r) {
-    if (strata.refused[r]) continue;
-    const double share = mean_of(strata, r, k_sixteen.count);
-    EXPECT_TRUE(share == 0.0 || share == 1.0) << share;
+  int whole = 0, refused = 0;
+  for (int i = 0; i < 8; ++i) {
+    ConeScene s = lit_scene(make_knot({.along = 256, .around = 24}), random, 1e-4f);
+    const Strata strata =
+        query_strata(s, make_lights(s.maker.scene), shadowed_shading_points(s, world_ball(s), 500, random), k_sixteen,
+                     Isa::automatic);
+    for (size_t r = 0; r < strata.shading_points.size(); ++r) {
+      if (strata.refused[r]) {
+        ++refused;
+        continue;
+      }
+      ++whole;
+      const double share = mean_of(strata, r, k_sixteen.count);
+      EXPECT_TRUE(share == 0.0 || share == 1.0) << share;
+    }
   }
+  EXPECT_GT(refused, 100);
+  EXPECT_GT(whole, 10);
 }
 
 // Lights around the shading point, within the object, or behind it, and objects around both: shares stay shares, and
-// what is not refused is about right.
+// what is not refused is as right as sixteen rays.
 TEST(Strata, LeaveWhatTheyCannotJudge) {
   TestRandom random(25);
-  double wrong = 0.0;
-  int shading_points = 0;
+  double wrong = 0.0, wrong_rays = 0.0;
+  int shading_points = 0, refused = 0;
   for (int i = 0; i < 200; ++i) {
     const ConeScene s = tangled_scene(random);
     const ShadingPointBatch batch = tangled_shading_points(s, 160, random);
     const LightTable lights = make_lights(s.maker.scene);
     const Strata strata = query_strata(s, lights, batch, k_sixteen, Isa::automatic);
     const std::vector<double> truth = exact_shares(s, lights, strata.chosen, 256);
+    ShadingPointBatch again = strata.chosen;
+    for (size_t r = 0; r < again.size; ++r) again.seed[r] ^= 0x5bd1e995u;
+    const std::vector<double> few = exact_shares(s, lights, again, 16);
     for (size_t i_stratum = 0; i_stratum < strata.batch.rays.size; ++i_stratum) {
       ASSERT_GE(strata.batch.clear[i_stratum], 0.0f);
       ASSERT_LE(strata.batch.clear[i_stratum], 1.0f);
     }
     for (size_t r = 0; r < strata.shading_points.size(); ++r) {
+      refused += strata.refused[r];
       if (strata.refused[r]) continue;
       const ShadowBatch& b = strata.batch;
-      // Where the shading point's horizon cuts the light, leaves and samples do not stand for the same parts.
+      // Where the shading point's horizon cuts the light, strata and samples do not stand for the same parts.
       bool whole = true;
       for (size_t k = r * 16; k < r * 16 + 16; ++k) whole = whole && b.rays.tmax[k] >= 0.0f;
       if (!whole) continue;
-      wrong += std::abs(mean_of(strata, r, 16) - truth[r]);
+      const double error = mean_of(strata, r, 16) - truth[r];
+      wrong += error * error;
+      wrong_rays += (few[r] - truth[r]) * (few[r] - truth[r]);
       ++shading_points;
     }
   }
   EXPECT_GT(shading_points, 100);
-  EXPECT_LE(wrong / shading_points, 0.02);
+  EXPECT_GT(refused, 100);
+  EXPECT_LE(wrong, wrong_rays);
 }
 
 TEST(Strata, GridsAreAboutAsWideAsHighAndNeverOfMoreCellsThanSamples) {
@@ -207,8 +230,8 @@ TEST(Strata, GridsAreAboutAsWideAsHighAndNeverOfMoreCellsThanSamples) {
   EXPECT_EQ(stratum_grid(1024).total, 256);
 }
 
-// A sheared rectangle is sampled by area: the samples of a grid are the centres of its cells, whatever the seed, moved
-// out for a lattice.
+// A sheared rectangle is sampled by area: the samples of a grid are the centres of its cells, whatever the seed, scaled
+// outwards for a lattice.
 TEST(Strata, OfAParallelogramAreTheCentresOfAGrid) {
   SceneMaker maker;
   const uint32_t bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
@@ -226,7 +249,7 @@ TEST(Strata, OfAParallelogramAreTheCentresOfAGrid) {
     shading_points.sample[r] = uint32_t(r);
   }
   for (const Isa isa : supported_isas()) {
-    // Whole vectors, and counts that fill none.
+    // Counts that are multiples of the vector length, and others.
     for (const LightSampleRange& range :
          {LightSampleRange{64, 0, 64, 8}, LightSampleRange{12, 0, 12, 3}, LightSampleRange{16, 0, 16, 4, 1.25f}}) {
       ShadowBatch batch;
@@ -238,7 +261,7 @@ TEST(Strata, OfAParallelogramAreTheCentresOfAGrid) {
         const float y = range.stretch * (float(2 * (k / columns) + 1) / float(rows) - 1.0f);
         const Vec3 expected = centre + x * edge_x + y * edge_y;
         ASSERT_GE(batch.rays.tmax[i], 0.0f);
-        // The end lies off the light by its rounding bound.
+        // The ray's end may lie off the light by its rounding bound.
         ASSERT_LT(glm::length(batch.rays.origin(i) + batch.rays.direction(i) - expected), 1e-4f) << k;
       }
     }
@@ -288,7 +311,7 @@ TEST(Strata, LatticesRunAlongTheRimsOfRoundLights) {
   }
 }
 
-// A shading point's own point is sampled as the same point of a grid is.
+// A sample point given for each shading point is sampled as the same point of a grid is.
 TEST(Strata, OwnPointsAreSampledAsThoseOfGrids) {
   constexpr int k_side = 4;
   const LightTable lights = lights_above({ShapeKind::disk, ShapeKind::rectangle}, true);
@@ -304,21 +327,21 @@ TEST(Strata, OwnPointsAreSampledAsThoseOfGrids) {
       }
       for (uint32_t light = 0; light < lights.size(); ++light) {
         for (const Isa isa : supported_isas()) {
-          ShadowBatch grid, own;
+          ShadowBatch grid, single;
           sample_light(lights, light, shading_points, {k_side * k_side, 0, k_side * k_side, k_side}, isa, grid);
           for (int k = 0; k < k_side * k_side; ++k) {
             const auto centre = [](int i) { return (float(2 * i) + 1.0f) / float(k_side) - 1.0f; };
             const AlignedVector<float> x(padded(n), centre(k % k_side)), y(padded(n), centre(k / k_side));
-            sample_light(lights, light, shading_points, {1, 0, 1, 0, 1.0f, x.data(), y.data()}, isa, own);
-            ASSERT_EQ(own.rays.size, n);
-            ASSERT_GT(own.active, 0u);
+            sample_light(lights, light, shading_points, {1, 0, 1, 0, 1.0f, x.data(), y.data()}, isa, single);
+            ASSERT_EQ(single.rays.size, n);
+            ASSERT_GT(single.active, 0u);
             for (size_t r = 0; r < n; ++r) {
               const size_t i = r * k_side * k_side + size_t(k);
-              ASSERT_EQ(own.rays.tmax[r], grid.rays.tmax[i]);
-              ASSERT_EQ(own.rays.direction(r), grid.rays.direction(i)) << light << " " << k;
-              ASSERT_EQ(own.rays.origin(r), grid.rays.origin(i));
-              ASSERT_EQ(own.weight[r], grid.weight[i]);
-              ASSERT_EQ(own.pdf[r], grid.pdf[i]);
+              ASSERT_EQ(single.rays.tmax[r], grid.rays.tmax[i]);
+              ASSERT_EQ(single.rays.direction(r), grid.rays.direction(i)) << light << " " << k;
+              ASSERT_EQ(single.rays.origin(r), grid.rays.origin(i));
+              ASSERT_EQ(single.weight[r], grid.weight[i]);
+              ASSERT_EQ(single.pdf[r], grid.pdf[i]);
             }
           }
         }

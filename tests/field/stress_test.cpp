@@ -1,5 +1,5 @@
 // Objects that are hard for fields, over a floor under lights of 4 and 20 degrees: the hybrid picture against Monte
-// Carlo's of the same samples, and the certified answers against exact rays. docs/benchmarks has the same at full size.
+// Carlo with the same samples, and the certified answers against exact rays. docs/benchmarks has the same at full size.
 
 #include <gtest/gtest.h>
 
@@ -26,8 +26,8 @@ struct StressObject {
   std::function<std::vector<TriangleMesh>()> meshes;
 };
 
-// The aims: root mean square error and worst block of a picture whose mean lies near 1, and the wrong share of
-// certified answers.
+// Targets: root mean square error and worst block of a picture whose mean is near 1, and the share of wrong certified
+// answers.
 constexpr double k_rmse = 0.004, k_block = 0.02, k_wrong_solid = 0.001, k_wrong_thin = 0.01;
 
 std::vector<StressObject> stress_objects() {
@@ -61,7 +61,7 @@ Scene stress_scene(const StressObject& object, float light_radius) {
   for (const TriangleMesh& mesh : object.meshes()) s.instance(s.mesh(mesh), clay, test::translation({0, 0, 1}));
   Affine light = test::scaling(Vec3(light_radius));
   light[3] = {2, -2, 4};
-  // The same flux from either light, and a mean of the picture near 1.
+  // The same flux from either light, and a picture whose mean is near 1.
   s.area_light(s.instance(s.shape(ShapeKind::sphere), clay, light), Rgb(50.0f / (light_radius * light_radius)));
   return s.scene;
 }
@@ -82,7 +82,7 @@ TEST_P(StressObjects, PictureAndCertificatesMeetTheAims) {
   RenderOptions o;
   o.light_samples = 256;
   o.threads = 2;
-  o.directions = GetParam().degrees == 4 ? 64 : 32;  // what large pictures choose
+  o.directions = GetParam().degrees == 4 ? 64 : 32;  // as chosen for large pictures
   o.plane = 2 * o.directions;
   o.method = Method::monte_carlo;
   const Image exact = render(scene, o).image;
@@ -95,14 +95,15 @@ TEST_P(StressObjects, PictureAndCertificatesMeetTheAims) {
   EXPECT_LE(d.rmse, k_rmse);
   EXPECT_LE(d.worst_block_rmse, k_block);
   EXPECT_LE(wrong, object.solid ? k_wrong_solid : k_wrong_thin);
-  EXPECT_GT(s.check_answers, 50000u);  // enough to tell shares like these
+  EXPECT_GT(s.check_answers, 50000u);  // enough to measure such shares
 }
 
-// What asks nearly always, or hardly ever has anything to answer, is left to exact rays; the picture is then exact.
+// An object whose field is nearly always undecided, or would answer hardly any ray, is left to exact rays; the picture
+// is then exact.
 TEST(Stress, ObjectsNotWorthAFieldAreLeftToRays) {
   EXPECT_FALSE(leaves_to_rays({.answered = 200, .undecided = 600}, 1.0, 0));
   EXPECT_TRUE(leaves_to_rays({.answered = 200, .undecided = 601}, 1.0, 0));
-  EXPECT_FALSE(leaves_to_rays({.answered = 0, .queried = k_fewest_surveyed - 1}, 1.0, 0));
+  EXPECT_FALSE(leaves_to_rays({.answered = 0, .undecided = k_fewest_surveyed - 1}, 1.0, 0));
   // Own shading points are judged by themselves.
   EXPECT_FALSE(leaves_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}, 1.0, 0));
   EXPECT_TRUE(leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}));
@@ -115,7 +116,7 @@ TEST(Stress, ObjectsNotWorthAFieldAreLeftToRays) {
   o.light_samples = 4;
   o.directions = 32;
   o.plane = 64;
-  o.crop = Rect{20, 20, 40, 40};  // the survey sees the whole film all the same
+  o.crop = Rect{20, 20, 40, 40};  // the survey still covers the whole film
   o.method = Method::monte_carlo;
   const RenderResult exact = render(scene, o);
   o.method = Method::hybrid;

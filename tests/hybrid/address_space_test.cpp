@@ -1,4 +1,4 @@
-// Fields on systems that limit address space: less is reserved, and renders go on with what there is.
+// Fields where the system limits address space: they reserve less, and renders go on with what there is.
 #include "core/platform/address_space.h"
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ TEST(AddressSpace, AFieldWithLessIsFullSooner) {
   for (const uint64_t tenths : {1, 5, 10}) {
     FieldBudget budget(bricks);
     Field field(test::test_ball(), k_small, &budget, tables + (whole - tables) * tenths / 10);
-    const uint32_t all = field.slice_count() / 16;  // bricks: one slice of each is claimed
+    const uint32_t all = field.slice_count() / 16;  // bricks, of each of which one slice is claimed
     const auto plane_bricks = uint32_t(field.view().plane_bricks);
     uint32_t claimed = 0;
     for (uint32_t brick = 0; brick < all; ++brick) {
@@ -44,7 +44,7 @@ TEST(AddressSpace, AFieldWithLessIsFullSooner) {
   }
 }
 
-// Each attempt gets by with the address space there is, down to complete fields of as many objects as fit.
+// Each attempt makes do with the address space there is, down to complete fields of as many objects as fit.
 TEST(AddressSpace, AFieldSetStepsDownToWhatFits) {
   Scene scene;
   for (const int along : {16, 32, 64}) {
@@ -56,7 +56,7 @@ TEST(AddressSpace, AFieldSetStepsDownToWhatFits) {
   const std::vector<ShapeTraits> traits = shape_traits(scene);
   FieldPlan plan;
   plan.parameters = {256, 512, 16};
-  // Room for two complete fields at 32 x 64, which is less than the tables of three finer ones.
+  // Enough for two complete fields at 32 x 64, and less than the tables of three finer ones.
   const uint64_t addresses = Field::reserved_bytes({32, 64, 16}) * 5 / 2;
   ASSERT_GT(3 * Field::table_bytes(plan.parameters), addresses);
   std::string change;
@@ -107,7 +107,7 @@ class LimitedProgram : public testing::Test {
     Image image;
     nlohmann::json stats;
   };
-  // With fields of so many cells, under `ulimit -v` of so many MiB; 0: none.
+  // `cells`: options that set the fields' resolution. `limit`: MiB for `ulimit -v`; 0: none.
   Render render(int limit, int threads, const std::string& cells) {
     const std::string ulimit = limit > 0 ? "ulimit -v " + std::to_string(limit * 1024) + " && " : "";
     const std::string command = ulimit +
@@ -124,8 +124,8 @@ class LimitedProgram : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
-// MiB. The program with its libraries takes 560, on machines of many processors more. Fields of 64 x 128 cells reserve
-// 2 GB where there is no limit.
+// MiB. The program with its libraries takes 560, and more on machines with many processors. Without a limit, fields of
+// 64 x 128 cells reserve 2 GB.
 constexpr int k_limit = 2000;
 
 TEST_F(LimitedProgram, MakesTheSamePictureWhereTheFieldsFit) {

@@ -1,4 +1,4 @@
-// Baking ahead of rendering: what a full bake covers, what a demand bake leaves for a render to find.
+// Baking ahead of rendering: what a full bake covers, and what a demand bake saves a later render.
 #include "hybrid/render/bake_scene.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ using test::TemporaryFolder;
 
 constexpr FieldParameters k_small = {32, 64, 4};
 
-// Two different objects over a floor, and a light.
+// Two different objects over a floor, under a light.
 Scene small_scene() {
   Scene scene;
   scene.textures.emplace_back();
@@ -57,7 +57,7 @@ Scene small_scene() {
   light.value = Rgb(50.0f);
   scene.emitters.push_back(light);
   scene.camera.to_world[3] = {0, 0, 9};
-  // Looks down: z and x turned, y kept.
+  // Looks down: x and z negated, y kept.
   scene.camera.to_world[0] = {-1, 0, 0};
   scene.camera.to_world[2] = {0, 0, -1};
   scene.camera.fov_x_degrees = 60.0f;
@@ -75,7 +75,7 @@ TEST(FullBake, ReachesEveryCellThatALineFalls) {
   for (int i = 0; i < 20000; ++i) {
     Vec3 d = glm::normalize(Vec3(normal(random), normal(random), normal(random)));
     if (i % 8 == 0) d = glm::normalize(Vec3(d.x, d.y, d.z * 1e-6f));
-    // Points up to the surface of the unit ball.
+    // Points in the unit ball, up to its surface.
     const Vec3 anchor = glm::normalize(Vec3(normal(random), normal(random), normal(random))) *
                         (i % 4 == 0 ? 1.0f : std::cbrt(uniform(random)));
     for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth}) {
@@ -88,7 +88,7 @@ TEST(FullBake, ReachesEveryCellThatALineFalls) {
     }
   }
   EXPECT_EQ(reached, 40000u);
-  // Half of the directions and a disk in the square, but for the slices on the rims.
+  // Half of the directions, and the disk inside the square of the plane; slices that their rims cut count whole.
   const double full = double(p.directions) * p.directions * p.plane * p.plane;
   EXPECT_NEAR(double(reachable_cells(p, FieldLayer::depth)) / full, k_pi / 4, 0.13);
   EXPECT_NEAR(double(reachable_cells(p, FieldLayer::visibility)) / full, k_pi / 8, 0.15);
@@ -118,7 +118,7 @@ TEST(FullBake, MakesEveryReachableCellAndCanBeStopped) {
   EXPECT_GT(info.coverage.lines_hit, 0u);
   EXPECT_EQ(info.header.identity, field_identity(scene.shapes[0], k_small));
 
-  // Stopped at a tenth: what is finished is written.
+  // Stopped after a tenth: what is finished until then is written.
   std::atomic<bool> stop = false;
   callbacks.progress = [&](float share, const char*) { stop = stop || share > 0.1f; };
   callbacks.stop = &stop;
@@ -136,12 +136,12 @@ TEST(FullBake, KeepsToItsMemory) {
   options.full = true;
   options.fields = k_small;
   const uint64_t cells = full_brick_bytes(k_small);
-  // No room for all cells: refused before anything is traced.
+  // Too small for all cells: refused before anything is traced.
   options.field_memory = cells - 1;
   RenderCallbacks callbacks;
   callbacks.progress = [](float, const char*) { ADD_FAILURE() << "work has begun"; };
   EXPECT_THROW(bake_scene(scene, folder / "a.vdb", options, callbacks), Error);
-  // Room for them, and for some of the tiles: the same ones for any threads.
+  // Large enough for them and for some of the tiles: the same ones for any number of threads.
   options.field_memory = cells + 3000 * CoverageTiles::k_tile_bytes;
   std::vector<std::string> warnings;
   callbacks.progress = {};
@@ -164,7 +164,7 @@ TEST(FullBake, KeepsToItsMemory) {
   }
 }
 
-// Renders with many light samples ask about whole lights first, those with one do not: what a bake keeps serves both.
+// Renders with many light samples look up whole lights first, those with one sample do not: a bake serves both.
 TEST(BakeScene, ServesRendersOfAnyNumberOfLightSamples) {
   const TemporaryFolder folder;
   const Scene scene = small_scene();
@@ -183,7 +183,7 @@ TEST(BakeScene, ServesRendersOfAnyNumberOfLightSamples) {
   EXPECT_EQ(render(scene, options).stats.bake_rays, 0u);
 }
 
-// Where the demanded fields outgrow their memory, the bake keeps the coarser ones that the render turned to.
+// Where the demanded fields exceed their memory, the bake keeps the coarser ones of the render's last attempt.
 TEST(BakeScene, KeepsTheFieldsThatFit) {
   const TemporaryFolder folder;
   RenderOptions roomy;
@@ -237,7 +237,7 @@ TEST(BakeScene, AFolderIsTheCacheOfTheRender) {
   EXPECT_GT(cold.stats.bake_rays, 0u);
   EXPECT_EQ(warm.stats.bake_rays, 0u);
   EXPECT_EQ(warm.image.data, cold.image.data);
-  EXPECT_GE(warm.stats.field_cells_baked, cold.stats.field_cells_baked);  // those of more light samples, too
+  EXPECT_GE(warm.stats.field_cells_baked, cold.stats.field_cells_baked);  // also those of more light samples
   EXPECT_GT(warm.stats.field_bytes_disk, 0u);
   // More samples demand more; the next render has them.
   options.spp = 16;

@@ -11,7 +11,7 @@
 namespace fieldtrace {
 namespace {
 
-// Sums of products in double, compared with a second order of summation: 1e5 terms of at most 2^-53 each, with room.
+// Two orders of summing products in double: 1e5 terms of at most 2^-53 each, with room.
 constexpr double k_rounding = 1e-11;
 
 Image filled(int width, int height, float value, std::vector<std::string> channels = {"R", "G", "B"}) {

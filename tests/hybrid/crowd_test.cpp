@@ -1,5 +1,5 @@
-// Ten thousand instances of ten meshes: fields answer where groups of shading points are cut small enough, and the
-// picture stays what it must be.
+// Ten thousand instances of ten meshes: splitting groups of shading points lets fields answer, and the picture stays
+// right.
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@ namespace {
 
 constexpr int k_columns = 100;
 
-// The kind of scene that tools/make_crowd.py makes, coarser: one object in each cell of a square over a floor.
+// A coarser version of the scene of tools/make_crowd.py: one object in each cell of a square grid over a floor.
 Scene crowd() {
   test::SceneMaker maker;
   TestRandom random(1);
@@ -56,7 +56,8 @@ RenderOptions options_for(Method method) {
   return o;
 }
 
-// A bake that costs more rays than the picture sends is not begun, nor is it where a survey finds too few answers.
+// A bake that would cost more rays than the picture sends is not begun; nor are fields used where a survey finds too
+// few answers.
 TEST(Crowd, IsLeftToRaysWhereItsFieldsCannotPay) {
   const Scene scene = crowd();
   RenderOptions o = options_for(Method::monte_carlo);
@@ -71,10 +72,10 @@ TEST(Crowd, IsLeftToRaysWhereItsFieldsCannotPay) {
   EXPECT_EQ(left.stats.bake_rays, 0u);
   EXPECT_EQ(left.stats.survey_rays, 0u);
   EXPECT_EQ(left.image.data, exact.image.data);
-  o.tolerance = 1.0f;  // fields alone
+  o.tolerance = 1.0f;  // every cell answers
   EXPECT_EQ(render(scene, o).stats.field_left_to_rays, 0u);
   o.tolerance = 0.1f;
-  o.plane = 64;  // cells of some size, by request
+  o.plane = 64;  // a resolution is requested
   EXPECT_EQ(render(scene, o).stats.field_left_to_rays, 0u);
 }
 
@@ -83,7 +84,7 @@ TEST(Crowd, FieldsAnswerForTenThousandInstances) {
   RenderOptions o = options_for(Method::monte_carlo);
   const RenderResult exact = render(scene, o);
   EXPECT_EQ(exact.stats.instances, 10002u);
-  // Monte Carlo does not cut groups: most have too many candidates.
+  // Monte Carlo does not split groups: most of them have candidate overflow.
   EXPECT_GT(2 * exact.stats.rays_candidate_overflow, exact.stats.rays_exact);
   EXPECT_LE(exact.stats.rays_candidate_overflow, exact.stats.rays_exact);
   o.method = Method::hybrid;
@@ -99,7 +100,7 @@ TEST(Crowd, FieldsAnswerForTenThousandInstances) {
   o.threads = 1;
   EXPECT_EQ(render(scene, o).image.data, hybrid.image.data);
 
-  // What fields add is less than the noise of the samples themselves.
+  // The error of fields stays below the noise of the samples.
   o = options_for(Method::monte_carlo);
   o.seed = 2;
   const double noise = compare_images(render(scene, o).image, exact.image).rmse;

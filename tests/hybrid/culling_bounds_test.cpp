@@ -16,7 +16,6 @@ namespace fieldtrace {
 namespace {
 
 using test::SceneMaker;
-using test::translation;
 
 class Random {
  public:
@@ -36,7 +35,7 @@ class Random {
   std::mt19937 engine_;
 };
 
-// Any rotation, with axes of lengths that differ by up to `stretch`, and a shear.
+// A random rotation and shear, with axes whose lengths differ by up to `stretch`.
 Affine random_placement(Random& random, double size, double stretch, const DVec3& centre) {
   const DVec3 x = random.direction(), z = glm::normalize(glm::cross(x, random.direction())), y = glm::cross(z, x);
   DAffine a;
@@ -63,8 +62,8 @@ ShadingPointBatch shading_points_at(const std::vector<DVec3>& points, float rela
   return r;
 }
 
-// A shading point whose ray to a point of the light goes through a point well inside the occluder must see it as a
-// candidate: groups of one shading point, so that nothing but the bounds themselves leaves room.
+// A shading point whose ray to a point of the light crosses the occluder well inside must have it as a candidate.
+// Groups of one shading point, so that the bounds themselves are tight.
 void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const std::vector<DVec3>& points,
                  const std::string& what) {
   const Accel accel(scene);
@@ -140,9 +139,10 @@ TEST(CullingBounds, BoundedLightsFindOccludersOfAllSizes) {
   }
 }
 
-// Occluders that are tiny against the distances on both sides: rounding of the coordinates counts.
+// Occluders that are tiny against the distances on both sides, so that rounding of the coordinates matters.
 TEST(CullingBounds, PointLightsFindTinyOccluders) {
   Random random(3);
+  int checked = 0;
   for (int i = 0; i < 3000; ++i) {
     SceneMaker m;
     const double radius = random.size(1e-3, 1e3);
@@ -153,15 +153,17 @@ TEST(CullingBounds, PointLightsFindTinyOccluders) {
     const DVec3 l = DVec3(Vec3(q + random.direction() * radius * random.size(2.0, 1e6)));
     m.light(EmitterKind::point, Rgb(1.0f), Vec3(l));
     const DVec3 p = q + (q - l) / glm::length(q - l) * radius * random.size(2.0, 1e6);
-    // As rounded, the ray must still go through the occluder: by half its size of room.
+    // After rounding, the ray must still cross the occluder, with half its size as margin.
     const DVec3 rounded = DVec3(Vec3(p)), along = glm::normalize(l - rounded);
     const DVec3 gap = DVec3(place[3]) - rounded;
     if (glm::length(gap - along * glm::dot(gap, along)) > 0.45 * radius) continue;
+    ++checked;
     check_group(m.scene, 0, occluder, {p},
                 "radius " + std::to_string(radius) + ", light " + std::to_string(glm::length(l - q) / radius) +
                     ", shading point " + std::to_string(glm::length(p - q) / radius) + ", at " +
                     std::to_string(glm::length(DVec3(place[3])) / radius));
   }
+  EXPECT_GT(checked, 1000);
 }
 
 }  // namespace

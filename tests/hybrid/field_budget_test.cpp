@@ -1,5 +1,5 @@
-// The memory of fields: what is charged, that a full budget stops nobody for ever, and that a render that outgrows it
-// makes the same picture whoever came first.
+// The memory of fields: what is charged, that a full budget blocks no thread for ever, and that a render that exceeds
+// it makes the same picture whatever the order of its threads.
 #include "field/store/field_budget.h"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ TEST(FieldBudget, TakesUpToItsLimitAndNothingAfterARefusal) {
   EXPECT_TRUE(budget.exceeded());
   EXPECT_EQ(budget.used(), 100u);
   budget.give_back(50);
-  EXPECT_FALSE(budget.take(1));  // whoever comes later must not fare better
+  EXPECT_FALSE(budget.take(1));  // a later request must not succeed either
   EXPECT_EQ(budget.used(), 50u);
 }
 
@@ -88,7 +88,7 @@ TEST(FieldBudget, AFullFieldRefusesClaims) {
   EXPECT_FALSE(field.coverage().claim(7));
 }
 
-// Bakers wait for what others claimed; a claim that found no room must not keep them.
+// Bakers wait for what others have claimed; a claim that found no room must not block them.
 TEST(FieldBudget, BakersOfAFullFieldEnd) {
   Scene scene;
   Shape& shape = scene.shapes.emplace_back();
@@ -173,18 +173,18 @@ TEST_F(FieldMemory, APictureThatOutgrowsItsMemoryDoesNotDependOnThreads) {
     } else if (c.directions == 0) {
       EXPECT_EQ(results[0].image.data, exact.image.data);
     } else {
-      // As far from the exact picture as a render that asks for coarse fields itself.
+      // As accurate as a render whose options request coarse fields.
       RenderOptions coarse = options();
       coarse.directions = 32;
       coarse.plane = 64;
       EXPECT_EQ(results[0].image.data, run(coarse).image.data);
       EXPECT_LT(results[0].stats.rays_exact, results[0].stats.rays_crossing);
-      EXPECT_GT(results[0].stats.bake_rays, run(coarse).stats.bake_rays);  // the first attempt's are told, too
+      EXPECT_GT(results[0].stats.bake_rays, run(coarse).stats.bake_rays);  // those of the first attempt count, too
     }
   }
 }
 
-// What a cache holds beyond this picture's need must not push the picture over the edge.
+// Cached cells that this picture does not need must not make it exceed the budget.
 TEST_F(FieldMemory, APictureThatOutgrowsItsMemoryDoesNotDependOnTheCache) {
   const test::TemporaryFolder folder;
   RenderOptions more = options();
@@ -202,7 +202,7 @@ TEST_F(FieldMemory, APictureThatOutgrowsItsMemoryDoesNotDependOnTheCache) {
   EXPECT_EQ(warm.stats.field_restarts, 1u);
   EXPECT_EQ(warm.stats.field_directions, 64);
   EXPECT_EQ(warm.image.data, cold.image.data);
-  // The next step down, with a cache that has nothing for it, and then with one that has all.
+  // Half the budget: with a cache that holds nothing for the next resolution, then with one that holds all of it.
   o.field_memory = alone.stats.field_bytes_peak / 2;
   const RenderResult first = run(o), second = run(o);
   EXPECT_EQ(first.stats.field_directions, 32);
@@ -211,7 +211,7 @@ TEST_F(FieldMemory, APictureThatOutgrowsItsMemoryDoesNotDependOnTheCache) {
   EXPECT_EQ(run(o).image.data, first.image.data);
 }
 
-// With room for complete fields of some objects only, these are the ones with the most triangles.
+// If complete fields fit for some objects only, those with the most triangles get them.
 TEST(FieldSet, StepsDownToFewerObjects) {
   Scene scene;
   for (const int along : {16, 64, 32, 4}) {  // the last has too few triangles
@@ -220,7 +220,7 @@ TEST(FieldSet, StepsDownToFewerObjects) {
     shape.bounds = shape.mesh.bounds();
     scene.instances.emplace_back().shape = uint32_t(scene.shapes.size() - 1);
   }
-  for (int i = 0; i < 3; ++i) scene.instances.emplace_back().shape = 0;  // together as many as the second's
+  for (int i = 0; i < 3; ++i) scene.instances.emplace_back().shape = 0;  // together as many triangles as the second
   scene.instances.emplace_back().shape = 0;
   const std::vector<ShapeTraits> traits = shape_traits(scene);
   const uint64_t budget = Field::most_bytes({32, 64, 16}) * 5 / 2;

@@ -1,5 +1,5 @@
-// What is baked for a picture does not depend on who asks first. A render's need of memory, and with it whether it fits
-// its budget, rests on that (docs/decisions/013-field-memory.md).
+// What is baked for a picture does not depend on the order of queries. Whether a render fits its memory budget rests on
+// that (docs/decisions/013-field-memory.md).
 #include <gtest/gtest.h>
 
 #include <numeric>
@@ -16,7 +16,7 @@ using namespace test;
 constexpr int k_light_samples = 256;
 constexpr LightSampleRange k_parts = {16, 0, 16, 4};
 
-// In which order shading points ask, and how many of them at once.
+// The order in which shading points are queried, and how many at once.
 enum class Order { at_once, one_by_one, from_the_end };
 
 struct Demand {
@@ -39,7 +39,7 @@ ShadingPointBatch part_of(const ShadingPointBatch& all, const std::vector<uint32
   return part;
 }
 
-// What an empty field of the scene's object holds after ask(part) for all parts of the shading points, in that order.
+// What an empty field of the scene's object holds after query(part) for all parts of the shading points, in that order.
 template <class Query>
 Demand demand_of(ConeScene& s, const ShadingPointBatch& shading_points, Order order, const Query& query) {
   s.field = std::make_unique<Field>(s.field->ball(), s.field->parameters());
@@ -84,7 +84,7 @@ TEST(FieldDemand, OfWholeLightsFromASurfaceDoesNotDependOnTheOrder) {
                }).cells;
     }
   }
-  EXPECT_GT(cells, 20000u);  // many cells were asked about
+  EXPECT_GT(cells, 20000u);  // many cells were demanded
 }
 
 TEST(FieldDemand, OfPartsOfLightsDoesNotDependOnTheOrder) {

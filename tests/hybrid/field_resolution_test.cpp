@@ -1,4 +1,4 @@
-// The resolution of fields follows the lights' widths, the number of rays and the cost of the bake.
+// The resolution of fields follows the angular sizes of lights, the number of rays and the cost of the bake.
 #include "hybrid/fields/field_resolution.h"
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@ namespace {
 
 constexpr uint64_t k_plenty = 100'000'000;
 
-// A ball of radius 1 under sphere lights of these angular diameters in degrees, far from the camera.
+// A ball of radius 1, far from the camera, under sphere lights of these angular diameters in degrees.
 Scene lit_ball(const std::vector<float>& degrees) {
   SceneMaker maker;
   maker.scene.camera.to_world = look_at({500, 0, 0}, {0, 0, 0}, {0, 0, 1});
@@ -68,7 +68,7 @@ TEST(FieldResolution, LargeObjectsInThePictureWantFinerCells) {
   EXPECT_EQ(chosen(3.0f, 6 * k_fine_field_rays), std::pair(64, 256));
   EXPECT_EQ(chosen(3.0f, 20 * k_fine_field_rays), std::pair(128, 256));
   EXPECT_EQ(chosen(30.0f, 20 * k_fine_field_rays), std::pair(64, 128));
-  EXPECT_EQ(directions_for(lit_ball({}), 1000 * k_fine_field_rays), 64);  // no light, nothing to weigh
+  EXPECT_EQ(directions_for(lit_ball({}), 1000 * k_fine_field_rays), 64);  // without lights there is no bake to weigh
   scene = lit_ball({20.0f});
   scene.camera.fov_x_degrees = 40.0f;
   EXPECT_EQ(chosen(3.0f, 2 * k_fine_field_rays), std::pair(32, 64));

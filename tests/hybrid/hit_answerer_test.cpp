@@ -1,4 +1,4 @@
-// Glossy rays answered by certified hits: whole renders against Monte Carlo, and surfaces near a triangle.
+// Glossy rays answered by certified hits: whole renders against Monte Carlo, and surface_near().
 
 #include "hybrid/glossy/hit_answerer.h"
 
@@ -68,7 +68,7 @@ TEST(CertifiedHits, AreThoseOfExactRays) {
       EXPECT_GT(fields.stats.check_by[int(verdict)][0].answers, 300u) << alpha;
     }
     EXPECT_GT(fields.stats.check_by[int(CheckedVerdict::miss)][1].answers, 300u) << alpha;
-    // The same rays: what differs is little beside their noise.
+    // The same rays: the difference is small beside their noise.
     RenderOptions other = options_with(FieldHits::never, 16);
     other.seed = 4;
     const double noise = compare_images(render(scene, other).image, exact.image).rmse;
@@ -80,8 +80,8 @@ TEST(CertifiedHits, AreThoseOfExactRays) {
 }
 
 // A ball whose facets meet at about the angle over which the lobe reflects. Cells are finer than facets, and plane fits
-// round their edges off, within bounds that look small beside the lobe: 1.2 % of hits were wrong before those on
-// another triangle than their cell's were traced.
+// round off the facets' edges, within bounds that look small beside the lobe: 1.2 % of hits were wrong before hits off
+// their cell's triangle were traced.
 TEST(CertifiedHits, DoNotRoundOffTheEdgesOfFacets) {
   SceneMaker m;
   m.film(64, 64);
@@ -97,7 +97,7 @@ TEST(CertifiedHits, DoNotRoundOffTheEdgesOfFacets) {
   const Stats::CheckCount& hits = fields.stats.check_by[int(CheckedVerdict::hit)][0];
   EXPECT_GT(hits.answers, 3000u);
   EXPECT_LE(double(hits.wrong), 0.001 * double(hits.answers));
-  // Hits on their triangles are exact ones.
+  // Hits on their cell's triangle are exact.
   const Image exact = render(m.scene, options_with(FieldHits::never, 64)).image;
   EXPECT_LE(compare_images(fields.image, exact).rmse, 0.0005);
 }
@@ -153,7 +153,7 @@ TEST(CertifiedHits, AreTheSameInEveryCropWindow) {
   }
 }
 
-// What pictures of radiance leave is asked of fields.
+// Certified hits answer rays that radiance maps refuse.
 TEST(CertifiedHits, AnswerBesideMaps) {
   const Scene scene = reflecting_scene(0.3f, 160).scene;
   RenderOptions o = options_with(FieldHits::always, 64);
@@ -181,7 +181,7 @@ TEST(CertifiedHits, AnswerBesideMaps) {
   EXPECT_LE(std::abs(d.bias), 0.001);
 }
 
-// Shadows keep their fields where those for glossy rays do not fit.
+// Where memory is too small for both, shadow rays keep their fields and glossy rays lose theirs.
 TEST(CertifiedHits, AreGivenUpFirstWhereMemoryEnds) {
   const Scene scene = reflecting_scene(0.3f, 32).scene;
   RenderOptions o = options_with(FieldHits::never, 4);
@@ -200,7 +200,7 @@ TEST(CertifiedHits, AreGivenUpFirstWhereMemoryEnds) {
   EXPECT_EQ(bounded.image.data, never.image.data);
 }
 
-// Near-mirrors: no error is small against such a lobe.
+// Near-mirrors: no error bound is small against such a lobe.
 TEST(CertifiedHits, NarrowLobesAreTraced) {
   const Scene scene = reflecting_scene(0.002f, 32).scene;
   RenderOptions o = options_with(FieldHits::always, 4);
@@ -219,7 +219,7 @@ TEST(CertifiedHits, AreNotAskedForBySmallPictures) {
   EXPECT_EQ(automatic.image.data, never.image.data);
 }
 
-// Which instances are asked about: few samples of a small film, or many of a large one, of meshes of some size.
+// Which instances certified hits answer for, by the film's number of samples and the meshes' sizes.
 TEST(CertifiedHits, AreWantedWhereLargeMeshesAreSentManyRays) {
   const std::vector<ShapeTraits> traits = {{false, true}, {false, true}, {true, false}, {false, false}};
   const FieldParameters parameters = {32, 64, 16};
@@ -234,7 +234,7 @@ TEST(CertifiedHits, AreWantedWhereLargeMeshesAreSentManyRays) {
     return choose_hit_instances(scene, traits, settings, o, parameters, camera_samples);
   };
   const std::vector<uint32_t> none, knot = {0}, both = {0, 1};
-  // A mesh so fine that texture coordinates cannot be continued to a cell's corners.
+  // The mesh is so fine that texture coordinates cannot be extrapolated to a cell's corners.
   EXPECT_EQ(chosen(large.scene, k_many), none);
   large.scene.instances[0].bsdf = large.scene.instances[1].bsdf;
   EXPECT_EQ(chosen(large.scene, k_many), knot);
@@ -260,7 +260,7 @@ TEST(CertifiedHits, AreWantedWhereLargeMeshesAreSentManyRays) {
   o.tolerance = 1.0f;
   EXPECT_EQ(chosen(small.scene, k_few), none);
   o.tolerance = 0.1f;
-  settings.max_depth = 2;  // what reflections meet is not lit
+  settings.max_depth = 2;  // surfaces seen in reflections are not lit
   EXPECT_EQ(chosen(small.scene, k_few), none);
 }
 
@@ -270,7 +270,7 @@ class SurfaceNear : public testing::Test {
  protected:
   static constexpr int k_points = 2000;
 
-  // Of a mesh with texture coordinates under a sheared, mirrored and turned-round transform.
+  // A mesh with texture coordinates under a sheared, mirrored and rotated transform.
   SurfaceNear() {
     SceneMaker m;
     const uint32_t grey = m.bsdf(BsdfKind::diffuse, Rgb(0.5f));
@@ -316,14 +316,14 @@ TEST_F(SurfaceNear, OnATriangleIsItsOwnSurface) {
   }
 }
 
-// Beside the triangle and off its plane, texture coordinates go on as they do within it.
+// Beside the triangle and off its plane, texture coordinates continue as within it.
 TEST_F(SurfaceNear, TextureCoordinatesGoOnBesideATriangle) {
   TestRandom random(6);
   for (int k = 0; k < k_points; ++k) {
     const auto primitive = uint32_t(random.uniform(0.0f, float(scene_.shapes[0].mesh.triangles.size()) - 0.5f));
     const float u = random.uniform(-3.0f, 3.0f), v = random.uniform(-3.0f, 3.0f);
     const SurfacePoint on = exact(0, primitive, u, v);
-    // Off along the object-space normal, which alone leaves the foot where it was.
+    // Offset along the object-space normal, the only direction that keeps the foot in place.
     const Vec3 local = transform_point(scene_.instances[0].to_object, on.position);
     const UVec3 t = scene_.shapes[0].mesh.triangles[primitive];
     const auto& p = scene_.shapes[0].mesh.positions;

@@ -1,4 +1,4 @@
-// The whole hybrid method against Monte Carlo over the same samples: equal where every ray is exact, near where fields
+// The hybrid method against Monte Carlo over the same samples: equal where every ray is exact, close where fields
 // answer, and the same picture whatever the machine does.
 
 #include <gtest/gtest.h>
@@ -24,13 +24,13 @@ RenderOptions options_for(Method method, int light_samples, uint32_t seed = 1) {
   return o;
 }
 
-// The smallest charts: what is tested holds for any, and these bake fastest.
+// The lowest resolution: the tests hold for any, and this one bakes fastest.
 void use_small_fields(RenderOptions& o) {
   o.directions = 32;
   o.plane = 64;
 }
 
-// The number of values of two pictures that differ in any bit.
+// The number of values in which two pictures differ.
 size_t differing(const Image& a, const Image& b) {
   if (a.data.size() != b.data.size()) return std::max(a.data.size(), b.data.size());
   size_t n = 0;
@@ -68,11 +68,11 @@ TEST(Hybrid, ToleranceZeroIsMonteCarlo) {
   }
 }
 
-// Every ray goes through look-up, baking and compaction, and is traced in the end.
-TEST(Hybrid, AskingEveryCellIsMonteCarlo) {
+// With every cell undecided, rays go through look-up, baking and compaction, and all are traced in the end.
+TEST(Hybrid, UndecidedCellsGiveMonteCarlo) {
   uint32_t seed = 100;
   for (const HybridScene& s : hybrid_scenes(24)) {
-    // Many samples make small groups: then even a crowd's are few enough to be looked up.
+    // Many samples make small groups, in which even the crowd has few enough candidates for look-ups.
     const bool all = s.name == "object_over_floor";
     const bool crowd = s.name == "crowd";
     for (const Sampling& sampling : k_samplings) {
@@ -96,16 +96,16 @@ TEST(Hybrid, AskingEveryCellIsMonteCarlo) {
 
 class HybridPicture : public testing::TestWithParam<const char*> {
  protected:
-  // Several tiles, odd in size.
+  // Several tiles, with odd sizes.
   static constexpr int k_size = 40;
   const Scene scene_ = hybrid_scene(GetParam(), k_size).scene;
 
-  // 4 light samples: whole lights and leaves; 16: probe rays too.
+  // 4 light samples: whole lights and strata; 16: probe rays, too.
   RenderOptions options(int light_samples = 4) const {
     RenderOptions o = options_for(Method::hybrid, light_samples, 3);
     use_small_fields(o);
     o.max_depth = std::string(GetParam()) == "materials" ? 4 : 2;
-    o.leave_to_rays = std::string(GetParam()) != "crowd";  // so small a picture does not pay for its fields
+    o.leave_to_rays = std::string(GetParam()) != "crowd";  // its fields do not pay for so small a picture
     o.aovs = {"visibility", "exact"};
     return o;
   }
@@ -121,8 +121,8 @@ TEST_P(HybridPicture, DoesNotDependOnThreads) {
     const RenderResult five = render(scene_, o);
     EXPECT_EQ(differing(one.image, five.image), 0u);
     EXPECT_EQ(one.stats.rays_exact, five.stats.rays_exact);
-    // A whole light is asked about direction by direction, until one of them tells: one that is being baked does not
-    // yet.
+    // Not with probe rays: whole lights are looked up direction by direction until one decides, and one that another
+    // thread is baking does not decide yet.
     if (light_samples == 4) {
       EXPECT_EQ(one.stats.field_cells_baked, five.stats.field_cells_baked);
     }
@@ -132,7 +132,7 @@ TEST_P(HybridPicture, DoesNotDependOnThreads) {
 TEST_P(HybridPicture, DoesNotDependOnTheInstructionSet) {
   for (const int light_samples : {4, 16}) {
     RenderOptions o = options(light_samples);
-    const test::TemporaryFolder folder;  // saves the time to bake again
+    const test::TemporaryFolder folder;  // so that fields are baked once
     o.field_cache = folder.path();
     o.isa = Isa::scalar;
     const RenderResult scalar = render(scene_, o);
@@ -180,17 +180,17 @@ INSTANTIATE_TEST_SUITE_P(Scenes, HybridPicture,
                          testing::Values("overlapping", "crowd", "nested_balls", "odd_transforms", "materials"),
                          [](const auto& instance) { return std::string(instance.param); });
 
-// Which fields there are follows from the film: a pixel must not know the window that it is rendered in.
+// The film decides which fields there are: a pixel must not depend on the window that it is rendered in.
 TEST(Hybrid, FieldsAreThoseOfTheFilmInEveryWindow) {
   Scene scene = hybrid_scene("object_over_floor", 2048).scene;
-  // A light of 3 degrees: fine cells where there are rays for them.
+  // A light of 3 degrees, which gets fine cells if there are enough rays.
   Instance& lamp = scene.instances[scene.emitters[0].instance];
   for (int axis = 0; axis < 3; ++axis) lamp.to_world[axis] *= 0.25f;
   for (int column = 0; column < 4; ++column) lamp.to_object[column] *= 4.0f;
   RenderOptions o;
   o.method = Method::hybrid;
   o.spp = 1;
-  o.light_samples = 4;  // 16.8 million rays of the film, a thousand of the window
+  o.light_samples = 4;  // 16.8 million rays for the film, a thousand for the window
   o.crop = Rect{1000, 1000, 16, 16};
   EXPECT_EQ(render(scene, o).stats.field_directions, 64);
   scene.film.width = scene.film.height = 1024;

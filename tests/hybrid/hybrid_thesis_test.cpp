@@ -1,5 +1,5 @@
-// Renders by the thesis' chart: near Monte Carlo but never certified, the same picture whatever the machine does, and
-// fields that a cache keeps.
+// Renders in the thesis' chart: close to Monte Carlo but never certified, the same picture whatever the machine does,
+// and fields that a cache keeps.
 #include <gtest/gtest.h>
 
 #include "core/mesh/mesh_procedural.h"
@@ -24,7 +24,7 @@ RenderOptions thesis_options() {
   return o;
 }
 
-// A solid object over a floor, which is answered by its bounds and exact rays.
+// A solid object over a floor that is answered by its bounds and exact rays.
 Scene scene_of(int size) { return test::hybrid_scene("object_over_floor", size).scene; }
 
 TEST(HybridThesis, PictureIsNearMonteCarloAndNearerWithMoreDirections) {
@@ -39,14 +39,14 @@ TEST(HybridThesis, PictureIsNearMonteCarloAndNearerWithMoreDirections) {
     const RenderResult r = render(scene, o);
     const double rmse = compare_images(r.image, exact.image).rmse;
     EXPECT_LT(rmse, before) << m;
-    EXPECT_GT(rmse, 1e-4) << m;  // else it is the exact picture
+    EXPECT_GT(rmse, 1e-4) << m;  // otherwise no field has answered
     before = rmse;
     EXPECT_EQ(r.stats.field_objects, 1u);
     EXPECT_EQ(r.stats.field_directions, m);
     EXPECT_EQ(r.stats.field_bytes_memory, thesis_samples(m));
     EXPECT_EQ(r.stats.bake_rays, thesis_samples(m));
     EXPECT_GT(r.stats.lookups, 1000u);
-    // Nothing asks.
+    // No ray is undecided.
     EXPECT_EQ(r.stats.rays_exact, 0u);
     EXPECT_GT(exact.stats.rays_exact, 1000u);
   }
@@ -54,7 +54,7 @@ TEST(HybridThesis, PictureIsNearMonteCarloAndNearerWithMoreDirections) {
 
 TEST(HybridThesis, ObjectsWithoutAFieldAreAnsweredByExactRays) {
   Scene scene = scene_of(24);
-  // A cube is too simple for a field.
+  // A cube has too few triangles for a field.
   test::SceneMaker maker;
   maker.scene = std::move(scene);
   maker.instance(maker.mesh(make_cube()), 0, test::translation({-2.0f, 0.0f, 1.0f}));

@@ -72,7 +72,7 @@ TEST_F(ImageFile, HalfExrIsWithinHalfAnUlpOfHalf) {
   write_image(path("a.exr"), image);
   const Image back = read_image(path("a.exr"));
   for (size_t i = 0; i < image.data.size(); ++i) {
-    // 11 significant bits: relative error 2^-11, absolute 2^-25 among the subnormal numbers.
+    // 11 significant bits: relative error 2^-11; absolute error 2^-25 among subnormals.
     EXPECT_NEAR(back.data[i], image.data[i], 0x1p-11f * image.data[i] + 0x1p-25f);
   }
 }
@@ -84,8 +84,8 @@ TEST_F(ImageFile, LayersKeepTheirNamesAndPrecision) {
   Image image = random_image(9, 5, channels, 3);
   for (int y = 0; y < 5; ++y) {
     for (int x = 0; x < 9; ++x) {
-      image.pixel(x, y)[6] = 1000.0f + 0x1p-10f * float(x);  // lost in half
-      image.pixel(x, y)[7] = 4097.0f;                        // lost in half
+      image.pixel(x, y)[6] = 1000.0f + 0x1p-10f * float(x);  // not representable in half
+      image.pixel(x, y)[7] = 4097.0f;                        // not representable in half
       image.pixel(x, y)[8] = image.pixel(x, y)[6];
       image.pixel(x, y)[9] = 4097.0f;
     }
@@ -197,7 +197,7 @@ TEST_F(ImageFile, UnreadableInputsNameThePath) {
   EXPECT_NE(error_of([&] { read_image(folder_.string()); }).find("is a folder"), std::string::npos);
   std::ofstream(path("text.exr")) << "not an image\n";
   EXPECT_NE(error_of([&] { read_image(path("text.exr")); }).find("cannot be read"), std::string::npos);
-  // A truncated file: every length must end in an image or an Error.
+  // Every truncation must end in an image or an Error.
   write_image(path("a.exr"), random_image(16, 16, k_rgb, 7));
   const auto size = fs::file_size(path("a.exr"));
   for (uintmax_t keep = 0; keep < size; keep += size / 7) {

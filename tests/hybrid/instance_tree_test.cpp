@@ -1,4 +1,4 @@
-// The tree of bounds against asking every instance: the same sets, over scenes of all sizes.
+// The tree of bounds against testing every instance: the same sets, over scenes of all sizes.
 
 #include "hybrid/visibility/instance_tree.h"
 
@@ -16,7 +16,7 @@ namespace {
 
 using test::SceneMaker;
 
-// `count` boxes of sizes from nothing (points, lines, plates) to far larger than the cloud of their centres.
+// `count` boxes from degenerate ones (points, lines, plates) to boxes far larger than the cloud of their centres.
 Scene random_scene(TestRandom& random, size_t count, float unit, float smallest, float largest) {
   SceneMaker maker;
   const uint32_t grey = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
@@ -26,7 +26,7 @@ Scene random_scene(TestRandom& random, size_t count, float unit, float smallest,
   maker.scene.shapes.push_back(point);
   for (size_t i = 0; i < count; ++i) {
     Affine a = test::scaling(Vec3(unit * random.log_uniform(smallest, largest)));
-    // Many share a centre: the median must cut between equals.
+    // Many share a centre, so that the median must separate equal keys.
     if (random.uniform() < 0.9f) a[3] = random.in_ball() * unit;
     const uint32_t shape = random.index(8) == 0 ? 2 : shapes[random.index(2)];
     Instance instance;
@@ -108,7 +108,7 @@ TEST(InstanceTree, FindsWhatAskingEachFindsInACrowd) {
   compare_sets(102, 10000, 50, 1.0f, 1e-6f, 1.0f);
 }
 
-// Bounds near and beyond the largest float: squares of their sizes overflow floats.
+// Bounds near and beyond the largest float, whose squares overflow.
 TEST(InstanceTree, HugeBoundsAreFound) {
   compare_sets(201, 500, 200, 1e30f, 1e-3f, 1.0f);
   TestRandom random(7);
@@ -133,7 +133,7 @@ TEST(InstanceTree, EmptySceneHasNoCandidates) {
   EXPECT_TRUE(instances.empty());
 }
 
-// A ball that touches a ray between the hull's two balls meets the shaft; one clear of the hull by a little does not.
+// A ball that touches a ray between the hull's two balls meets the shaft; one just clear of the hull does not.
 TEST(Shaft, IsTheHullOfTwoBalls) {
   TestRandom random(11);
   size_t met = 0, missed = 0;
@@ -148,7 +148,7 @@ TEST(Shaft, IsTheHullOfTwoBalls) {
     BallAndBox object;
     object.centre = DVec3(random.in_ball()) * double(unit);
     object.box = {Vec3(-k_infinity), Vec3(k_infinity)};
-    // By brute force: the ball of the hull nearest to the centre.
+    // By brute force: the gap to the nearest ball of the hull.
     double gap = 1e300;
     for (int k = 0; k <= 2000; ++k) {
       const double t = k / 2000.0;
@@ -159,9 +159,9 @@ TEST(Shaft, IsTheHullOfTwoBalls) {
     object.radius = gap;
     ASSERT_TRUE(shaft.meets(object)) << i;
     ++met;
-    // Where one ball nearly hides the other, a cylinder stands for the cone.
+    // Where one ball nearly hides the other, a cylinder replaces the cone.
     if (std::abs(rb - ra) > 0.98 * glm::length(b - a)) continue;
-    // The brute force is within (length / 4000)^2 / gap, and length / 4000 at most, of the least.
+    // The brute force overestimates the gap by (length / 4000)^2 / gap, and by length / 4000 at most.
     object.radius = gap - glm::length(b - a) / 2000.0;
     if (object.radius <= 0.0) continue;
     ASSERT_FALSE(shaft.meets(object)) << i;
@@ -171,7 +171,7 @@ TEST(Shaft, IsTheHullOfTwoBalls) {
   EXPECT_GT(missed, 1000u);
 }
 
-// Every half is cut by a plane, and the order before does not matter.
+// A plane separates the halves at every level, and the order before does not matter.
 TEST(MedianSplits, EachIsCutByAPlane) {
   TestRandom random(5);
   for (const size_t count : {0, 1, 2, 17, 1000}) {

@@ -1,4 +1,4 @@
-// Edges followed across a light, where the part that they hide is known.
+// Following edges across a light, against edges whose hidden part is known.
 #include "hybrid/light/light_edge.h"
 
 #include <gtest/gtest.h>
@@ -43,7 +43,7 @@ Followed follow(const Hides& hides, int side, int bisection_steps) {
     const SquarePoint& middle = cells[i].middle;
     EXPECT_GE(share, 0.0f);
     EXPECT_LE(share, 1.0f);
-    // Within the cell.
+    // The centroid lies within its cell.
     EXPECT_LE(std::abs(middle.x + 1.0f - width * (float(i % size_t(side - 1)) + 0.5f)), 0.5001f * width);
     EXPECT_LE(std::abs(middle.y + 1.0f - width * (float(i / size_t(side - 1)) + 0.5f)), 0.5001f * width);
     result.seen += share / double(cells.size());
@@ -56,7 +56,7 @@ Followed follow(const Hides& hides, int side, int bisection_steps) {
   return result;
 }
 
-// The same by 400 x 400 points.
+// The same, measured with 400 x 400 points.
 Followed measure(const Hides& hides) {
   constexpr int k_points = 400;
   Followed result;
@@ -74,7 +74,7 @@ Followed measure(const Hides& hides) {
   return result;
 }
 
-// Any straight edge that some lattice point tells of is found, and hides what it hides.
+// Any straight edge that separates some lattice points is found, and its hidden area is right.
 TEST(LightEdge, StraightEdgesAreMeasured) {
   std::mt19937 random(5);
   std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), offset(-1.2f, 1.2f);
@@ -102,7 +102,7 @@ TEST(LightEdge, StraightEdgesAreMeasured) {
   EXPECT_GT(found, 200);
 }
 
-// Places beside a straight edge lie on its sides, so far off it.
+// Places beside a straight edge lie on the right side, at the right distance.
 TEST(LightEdge, PlacesBesideAnEdgeLieOnItsSides) {
   std::mt19937 random(9);
   std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), offset(-0.9f, 0.9f), distance(0.01f, 0.4f);
@@ -125,8 +125,8 @@ TEST(LightEdge, PlacesBesideAnEdgeLieOnItsSides) {
   EXPECT_GT(crossed, 500);
 }
 
-// The bisection steps that edge_bisection_steps() advises leave less noise than as many samples of the light would:
-// about half.
+// The bisection steps that edge_bisection_steps() advises leave half of the noise of as many samples of the light, .42
+// M^-.75 (docs/decisions/009-cones.md), or less.
 TEST(LightEdge, BisectionKeepsNoiseBelowThatOfSamples) {
   std::mt19937 random(6);
   std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), offset(-0.7f, 0.7f);
@@ -140,11 +140,11 @@ TEST(LightEdge, BisectionKeepsNoiseBelowThatOfSamples) {
       const double error = follow(hides, side, bisection_steps).seen - follow(hides, side, 16).seen;
       squares += error * error;
     }
-    EXPECT_LE(std::sqrt(squares / k_edges), 0.75 * 0.42 * std::pow(double(samples), -0.75)) << side;
+    EXPECT_LE(std::sqrt(squares / k_edges), 0.5 * 0.42 * std::pow(double(samples), -0.75)) << side;
   }
 }
 
-// Discs that cover a part of the square from one of its sides: pieces that are straight would err by h^2 / (12 r).
+// Discs that cover the square from one side: straight pieces would err by h^2 / (12 r).
 TEST(LightEdge, CurvedEdgesAreMeasured) {
   std::mt19937 random(8);
   std::uniform_real_distribution<float> turn(0.0f, 6.2831853f), depth(0.6f, 1.4f);
@@ -170,7 +170,7 @@ TEST(LightEdge, CurvedEdgesAreMeasured) {
   }
 }
 
-// What is no single edge is left alone: it could be anything.
+// Patterns that one edge does not explain are left alone.
 TEST(LightEdge, OnlyOneEdgeIsFollowed) {
   struct Pattern {
     const char* points;

@@ -1,4 +1,4 @@
-// Glossy rays answered by pictures of radiance: what the pictures hold, how they are filtered, and whole renders
+// Glossy rays answered by prefiltered radiance maps: what the maps hold, how they are filtered, and whole renders
 // against Monte Carlo.
 
 #include "hybrid/glossy/lobe_answerer.h"
@@ -10,6 +10,7 @@
 #include "hybrid/compare/compare.h"
 #include "hybrid/glossy/radiance_maps.h"
 #include "hybrid/render/render.h"
+#include "hybrid/render/transport.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/random_lines.h"
@@ -22,7 +23,7 @@ using test::SceneMaker;
 
 constexpr float k_albedo = 0.5f;
 
-// A rough metal floor under a knot, lit by a lamp and, if asked, the sky.
+// A rough metal floor under a knot, lit by a lamp and, if `sky`, by the sky.
 SceneMaker glossy_scene(float alpha, bool sky, int resolution = 48) {
   SceneMaker m;
   m.film(resolution, resolution);
@@ -49,7 +50,7 @@ RenderOptions options_for(Method method, int lobe_samples) {
   return o;
 }
 
-// A part of a film that is large enough for pictures to pay.
+// A crop of a film that is large enough for radiance maps to pay.
 constexpr int k_film = 128;
 RenderOptions crop_options(Method method, int lobe_samples) {
   RenderOptions o = options_for(method, lobe_samples);
@@ -73,16 +74,16 @@ TEST(GlossyLobes, AreThoseOfMonteCarloWhenConverged) {
   }
 }
 
-// Filtered samples make up for what filtering blurs.
+// Filtering removes more noise than its blur adds error.
 TEST(GlossyLobes, FewSamplesAreNoWorseThanRays) {
-  // A part of a film large enough for pictures to pay.
+  // A crop of a film large enough for radiance maps to pay.
   const Scene scene = glossy_scene(0.3f, false, 512).scene;
   const auto picture = [&](Method method, int lobe_samples) {
     RenderOptions o = options_for(method, lobe_samples);
     o.crop = Rect{220, 300, 64, 32};
     return render(scene, o);
   };
-  // The same camera rays: their noise would hide the lobes'.
+  // With the same camera rays, whose noise would mask that of the lobes.
   const Image expected = picture(Method::monte_carlo, 4096).image;
   const RenderResult fields = picture(Method::hybrid, 16);
   EXPECT_GT(fields.stats.rays_glossy_exact, 0u);
@@ -105,7 +106,7 @@ TEST(GlossyLobes, AreTheSameOnEveryMachine) {
   o.isa = Isa::scalar;
   o.threads = 1;
   const RenderResult expected = render(scene, o);
-  EXPECT_GT(expected.stats.rays_glossy_exact, 0u);  // pictures were asked
+  EXPECT_GT(expected.stats.rays_glossy_exact, 0u);  // the maps refused some rays
   EXPECT_GT(expected.stats.rays_glossy, 2 * expected.stats.rays_glossy_exact);
   for (const Isa isa : supported_isas()) {
     o.isa = isa;
@@ -121,7 +122,7 @@ TEST(GlossyLobes, AreTheSameOnEveryMachine) {
   }
 }
 
-// Lobes narrower than the pictures' texels are left to rays; the rougher they are the more pictures answer.
+// Lobes narrower than the maps' texels are left to rays; the rougher the lobes, the more rays the maps answer.
 TEST(GlossyLobes, SmoothOnesAreLeftToRays) {
   double last = 1.0;
   for (const float alpha : {0.001f, 0.03f, 0.1f, 0.3f}) {
@@ -129,7 +130,7 @@ TEST(GlossyLobes, SmoothOnesAreLeftToRays) {
     const RenderResult r = render(scene, crop_options(Method::hybrid, 256));
     ASSERT_GT(r.stats.field_bytes_maps, 0u) << alpha;
     const double exact = double(r.stats.rays_glossy_exact) / double(r.stats.rays_glossy);
-    EXPECT_LE(exact, 1.02 * last) << alpha;  // wider lobes reach somewhat more of the object's ball
+    EXPECT_LE(exact, 1.02 * last) << alpha;  // wider lobes meet slightly more of the object's ball
     last = exact;
     if (alpha > 0.001f) continue;
     EXPECT_LE(compare_images(r.image, render(scene, crop_options(Method::monte_carlo, 256)).image).rmse, 0.002);
@@ -137,7 +138,7 @@ TEST(GlossyLobes, SmoothOnesAreLeftToRays) {
   EXPECT_LT(last, 0.2);
 }
 
-// From mirrors, left to rays, to rough metal, answered by pictures: nowhere does the picture jump.
+// From mirrors, left to rays, to rough metal, answered by maps: the picture changes without jumps.
 TEST(GlossyLobes, ChangeGraduallyWithRoughness) {
   double last_bias = 0.0, last_exact = 1.0;
   for (float alpha = 0.02f; alpha < 1.0f; alpha *= 1.4f) {
@@ -156,7 +157,7 @@ TEST(GlossyLobes, ChangeGraduallyWithRoughness) {
   EXPECT_LT(last_exact, 0.1);
 }
 
-// Bounces among objects and floor reach pictures too.
+// Bounces between objects and floor use maps, too.
 TEST(GlossyLobes, HoldAtAnyDepth) {
   Scene scene = glossy_scene(0.3f, true, k_film).scene;
   for (const int max_depth : {4, -1}) {
@@ -168,14 +169,14 @@ TEST(GlossyLobes, HoldAtAnyDepth) {
     const ImageDifference d = compare_images(fields.image, rays.image);
     EXPECT_LE(d.rmse, 0.02) << max_depth;
     EXPECT_LE(std::abs(d.bias), 0.003) << max_depth;
-    // Light by two bounces and more is no small part of it.
+    // Light by more than one bounce is a substantial part.
     RenderOptions o = crop_options(Method::monte_carlo, 1024);
     o.max_depth = 3;
     EXPECT_GT(compare_images(rays.image, render(scene, o).image).bias, 0.01) << max_depth;
   }
 }
 
-// What rays from the floor meet, and how many of them were traced.
+// AOVs of what rays from the floor meet, and of the share of them that was traced.
 TEST(GlossyLobes, LayersTellWhatIsReflected) {
   const Scene scene = glossy_scene(0.3f, false, 48).scene;
   RenderOptions o = options_for(Method::monte_carlo, 512);
@@ -189,16 +190,16 @@ TEST(GlossyLobes, LayersTellWhatIsReflected) {
     const float* a = traced.pixel(i % 48, i / 48) + 3;
     const float* b = filtered.pixel(i % 48, i / 48) + 3;
     ASSERT_EQ(a[0], b[0]);
-    if (a[0] != 2.0f) {  // not the floor: diffuse, or nothing
+    if (a[0] != 2.0f) {  // not the floor: a diffuse surface, or a miss
       for (int c = 1; c < 4; ++c) EXPECT_EQ(b[c], 0.0f);
       continue;
     }
     ++floor_pixels;
-    EXPECT_TRUE(a[1] == 0.0f || a[1] == 1.0f || a[1] == 3.0f) << a[1];  // nothing, the knot or the lamp
+    EXPECT_TRUE(a[1] == 0.0f || a[1] == 1.0f || a[1] == 3.0f) << a[1];  // a miss, the knot or the lamp
     EXPECT_EQ(a[3], 1.0f);
     same_object += a[1] == b[1];
     exact += b[3];
-    if (!(a[2] > 0.0f && b[2] > 0.0f)) continue;  // few rays met anything
+    if (!(a[2] > 0.0f && b[2] > 0.0f)) continue;  // too few rays hit anything
     depth_traced += a[2];
     depth_filtered += b[2];
   }
@@ -209,7 +210,7 @@ TEST(GlossyLobes, LayersTellWhatIsReflected) {
   EXPECT_LT(exact, 0.5 * floor_pixels);
 }
 
-// What shades patches, by exact rays.
+// Shades patches by exact rays.
 struct ExactShading {
   const Accel accel;
   const CameraSampler camera;
@@ -239,7 +240,7 @@ struct ExactShading {
   }
 };
 
-// A convex object in a white furnace sends out albedo x radiance everywhere, outside and, one-sided, nothing inside.
+// A convex object in a white furnace sends albedo x radiance everywhere outside and, one-sided, nothing inside.
 TEST(SurfaceRadiance, OfAConvexObjectInAFurnace) {
   SceneMaker m;
   const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(k_albedo, 0.4f, 0.3f));
@@ -258,7 +259,7 @@ TEST(SurfaceRadiance, OfAConvexObjectInAFurnace) {
     const SurfaceRadiance::Side sides[] = {radiance.side_at(t, u, v, false), radiance.side_at(t, u, v, true)};
     radiance.shade(sides);
     const Rgb front = radiance.radiance(sides[0]);
-    // At most an eighth of the 16 stratified samples about a smooth normal lie below the facet.
+    // At most an eighth of the 16 stratified samples about a smooth normal lies below the facet.
     EXPECT_NEAR(front.x, 2.0f * k_albedo, 0.13f);
     mean += front.x / 1000.0;
     EXPECT_NEAR(front.y / front.x, 0.8f, 1e-5f);
@@ -267,7 +268,7 @@ TEST(SurfaceRadiance, OfAConvexObjectInAFurnace) {
   EXPECT_NEAR(mean, 2.0f * k_albedo, 0.02);
 }
 
-// Every point of a triangle belongs to the patch about whose centre it lies.
+// Every point of a triangle belongs to the patch with the nearest centre.
 TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
   SceneMaker m;
   const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(1.0f));
@@ -275,7 +276,7 @@ TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
   mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   mesh.triangles = {{0, 1, 2}};
   const uint32_t plate = m.instance(m.mesh(mesh), clay, Affine(1.0f));
-  // Irradiance from this point light falls with the distance from the corner at the origin.
+  // The irradiance of this point light falls with the distance from the corner at the origin.
   m.light(EmitterKind::point, Rgb(1.0f), {0, 0, 0.5f});
   const ExactShading shading(m.scene);
   const float patch = 0.05f;
@@ -286,7 +287,7 @@ TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
   };
   for (float u = 0.0f; u <= 1.0f; u += 0.01f) {
     for (float v = 0.0f; u + v <= 1.0f; v += 0.01f) {
-      // No further than a patch's edge from its centre; the gradient is below 2.5 times the value there.
+      // The point lies within a patch's edge of the centre, and the gradient is below 2.5 times the value there.
       const float expected = analytic(u, v);
       const SurfaceRadiance::Side side[] = {radiance.side_at(0, u, v, false)};
       radiance.shade(side);
@@ -295,8 +296,8 @@ TEST(SurfaceRadiance, PatchesTileTheirTriangle) {
   }
 }
 
-// Among more objects than can be tested one by one, which patches are shaded side by side is a matter of threads and
-// windows: what they show must not be.
+// With more objects than can be tested one by one, threads and windows decide which patches are shaded together; their
+// radiance must not depend on that.
 TEST(SurfaceRadiance, DoesNotDependOnWhatIsShadedBesideIt) {
   SceneMaker m;
   const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(k_albedo));
@@ -304,7 +305,7 @@ TEST(SurfaceRadiance, DoesNotDependOnWhatIsShadedBesideIt) {
   const uint32_t bead = m.shape(ShapeKind::sphere);
   const Affine floor(Vec3(8, 0, 0), Vec3(0, 8, 0), Vec3(0, 0, 1), Vec3(0, 0, -1.5f));
   m.instance(m.shape(ShapeKind::rectangle), clay, floor);
-  for (int i = 0; i < 40; ++i) {  // a ring between globe and lamp
+  for (int i = 0; i < 40; ++i) {  // a ring between the globe and the lamp
     const float angle = 2.0f * k_pi * float(i) / 40.0f;
     const Vec3 at(0.6f * std::cos(angle), 0.6f * std::sin(angle), 1.6f);
     m.instance(bead, clay, Affine(Vec3(0.02f, 0, 0), Vec3(0, 0.02f, 0), Vec3(0, 0, 0.02f), at));
@@ -312,7 +313,7 @@ TEST(SurfaceRadiance, DoesNotDependOnWhatIsShadedBesideIt) {
   const Affine lamp(Vec3(0.3f, 0, 0), Vec3(0, 0.3f, 0), Vec3(0, 0, 0.3f), Vec3(0, 0, 6));
   m.area_light(m.instance(bead, clay, lamp), Rgb(100.0f));
   for (const bool whole_scene : {false, true}) {
-    // Paths go on to the floor, of which the lamp is in full sight nearly everywhere.
+    // Paths go on to the floor, nearly all of which sees the whole lamp.
     const ExactShading shading(m.scene, whole_scene, 4);
     SurfaceRadiance alone(shading.context, globe, 0.2f), together(shading.context, globe, 0.2f);
     std::vector<SurfaceRadiance::Side> sides;
@@ -327,12 +328,13 @@ TEST(SurfaceRadiance, DoesNotDependOnWhatIsShadedBesideIt) {
     if (whole_scene) {
       EXPECT_EQ(different, 0);
     } else {
-      EXPECT_GT(different, 0);  // sampled in company, known in closed form alone
+      EXPECT_GT(different, 0);  // sampled when shaded together, in closed form when alone
     }
   }
 }
 
-// A patch shows its texture's mean over it: in a furnace, one colour within a check and a mixture across its edge.
+// A patch shows its texture's mean over it: in a furnace, one colour within a check and a mixture across the checks'
+// edges.
 TEST(SurfaceRadiance, PatchesShowTheMeanOfTheirTexture) {
   SceneMaker m;
   const uint32_t tiles = m.bsdf(BsdfKind::diffuse, Rgb(1.0f));
@@ -342,7 +344,7 @@ TEST(SurfaceRadiance, PatchesShowTheMeanOfTheirTexture) {
   checks.color1 = Rgb(0.8f);
   TriangleMesh mesh;
   mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
-  mesh.texcoords = {{0, 0}, {2, 0}, {0, 2}};  // checks a quarter wide
+  mesh.texcoords = {{0, 0}, {2, 0}, {0, 2}};  // checks of width 1 / 4
   mesh.triangles = {{0, 1, 2}};
   const uint32_t plate = m.instance(m.mesh(mesh), tiles, Affine(1.0f));
   m.light(EmitterKind::constant, Rgb(1.0f));
@@ -361,7 +363,7 @@ TEST(SurfaceRadiance, PatchesShowTheMeanOfTheirTexture) {
     const float colour = evaluate_texture(m.scene, m.scene.bsdfs[tiles].reflectance, {2 * u, 2 * v}).x;
     mean += (value - colour) / 4000.0;
     (std::abs(value - 0.2f) < 1e-4f ? dark : std::abs(value - 0.8f) < 1e-4f ? light : mixed) += 1;
-    // A patch's edge is 0.14 at most: beyond that from a check's edge there is no mixture.
+    // A patch's edges are at most 0.14 long: farther than that from a check's edge nothing is mixed.
     const auto from_edge = [](float x) { return std::abs(4.0f * x - std::round(4.0f * x)) / 4.0f; };
     if (std::min(from_edge(u), from_edge(v)) > 0.1f) {
       EXPECT_NEAR(value, colour, 1e-4f) << u << " " << v;
@@ -373,7 +375,7 @@ TEST(SurfaceRadiance, PatchesShowTheMeanOfTheirTexture) {
   EXPECT_GT(mixed, 100);
 }
 
-// Sums over any rectangle are those of its texels.
+// The sum over any rectangle is that of its texels.
 TEST(RadianceTiles, SumsAreThoseOfTheirTexels) {
   CoverageTiles tiles(32, 64, nullptr, TilePayload::radiance);
   TestRandom random(9);
@@ -408,7 +410,7 @@ TEST(RadianceTiles, SumsAreThoseOfTheirTexels) {
       }
     }
     const auto sum = scalar::sum_radiance_area<float>(tiles.view(), int32_t(direction), r, true);
-    // Differences of sums of up to 1024 texels of up to 1000.
+    // Differences of sums of up to 1024 texels, each up to 1000.
     EXPECT_NEAR(sum.red, expected[0], 1e-4 * expected[0] + 1.0) << w << " " << h;
     EXPECT_NEAR(sum.green, expected[1], 1e-4 * expected[1] + 1e-3);
     EXPECT_NEAR(sum.blue, expected[2], 1e-4 * expected[2] + 1e-3);

@@ -27,7 +27,7 @@ TEST(SecondsAtError, MeetsThePoints) {
   }
 }
 
-// No law leads on from the ends: light samples lose their noise faster than samples^-1/2.
+// Beyond the ends there is no law: the noise of light samples falls faster than samples^-1/2.
 TEST(SecondsAtError, BeyondTheEndsIsMoreOrLessThanThese) {
   const std::vector<ErrorPoint> points = {{4.0, 0.01}, {1.0, 0.02}, {16.0, 0.005}};
   for (const double rmse : {0.0049999, 0.0025, 1e-9}) {
@@ -43,7 +43,7 @@ TEST(SecondsAtError, BeyondTheEndsIsMoreOrLessThanThese) {
 }
 
 TEST(SecondsAtError, IsLinearInLogLogBetweenPoints) {
-  // Slope -3 instead of -2: halving the error costs eight times the time.
+  // Slope -3 instead of -2: halving the error takes eight times as long.
   const std::vector<ErrorPoint> points = {{1.0, 0.08}, {8.0, 0.04}, {64.0, 0.02}};
   const double between = 0.08 / std::sqrt(2.0);
   EXPECT_NEAR(seconds_at_error(points, between).seconds, std::sqrt(8.0), 100 * k_rounding);
@@ -140,13 +140,13 @@ Scene small_scene() {
     scene.instances.push_back(instance);
   };
   place(DAffine(DVec3(4, 0, 0), DVec3(0, 4, 0), DVec3(0, 0, 4), DVec3(0)), k_none);
-  // Turned around x by half a turn: the light's normal points down.
+  // Rotated about x by 180 degrees, so that the light's normal points down.
   place(DAffine(DVec3(0.5, 0, 0), DVec3(0, -0.5, 0), DVec3(0, 0, -0.5), DVec3(0, 0, 2)), 0);
   Emitter light;
   light.instance = 1;
   light.value = Rgb(5.0f);
   scene.emitters.push_back(light);
-  // From above, looking down: +z of the camera is -z of the world.
+  // From above, looking down: the camera's +z is the world's -z.
   scene.camera.to_world = Affine(Vec3(1, 0, 0), Vec3(0, -1, 0), Vec3(0, 0, -1), Vec3(0.2f, 0.1f, 6.0f));
   scene.film.width = 24;
   scene.film.height = 16;

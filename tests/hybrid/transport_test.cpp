@@ -40,8 +40,8 @@ size_t channel(const Image& image, const std::string& name) {
   return size_t(found - image.channels.begin());
 }
 
-// Looks straight down at the origin of the plane z = 0 through so narrow a lens that every pixel sees the origin: the
-// picture is 2e-4 wide there.
+// Looks straight down at the origin of the plane z = 0 through so narrow a field of view that every pixel sees the
+// origin: the picture covers 2e-4 there.
 constexpr float k_albedo = 0.6f;
 SceneMaker plane_seen_from_above(float height = 10.0f) {
   SceneMaker maker;
@@ -72,12 +72,12 @@ TEST(Transport, SphereLightHasItsFormFactor) {
   Affine place = scaling(Vec3(radius));
   place[3] = Vec3(0, distance * 0.6f, distance * 0.8f);
   maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), 0, place), Rgb(2.0f));
-  // pi L (r / d)^2 cos irradiates the plane, wholly above its horizon.
+  // pi L (r / d)^2 cos irradiates the plane: the light is wholly above its horizon.
   const double expected = k_albedo * 2.0 * (radius * radius) / (distance * distance) * 0.8;
   EXPECT_NEAR(mean(render(maker.scene, options_for(16, 16)).image), expected, 1e-4 * expected);
 }
 
-// A longer path finds the light again by chance; that emission has been counted by the light samples already.
+// A longer path finds the light again by chance; light samples have already counted that emission.
 TEST(Transport, LongerPathsCountLightsOnce) {
   for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::disk}) {
     SceneMaker maker = plane_seen_from_above(0.5f);
@@ -126,7 +126,7 @@ constexpr BsdfKind k_all_bsdfs[] = {BsdfKind::diffuse,    BsdfKind::conductor,  
                                     BsdfKind::dielectric, BsdfKind::rough_dielectric, BsdfKind::thin_dielectric,
                                     BsdfKind::plastic,    BsdfKind::rough_plastic,    BsdfKind::principled};
 
-// The same under a white map, which both the light samples and the material's find.
+// The same under a white environment map, which both light samples and material samples find.
 TEST(Transport, ConvexBodyUnderAWhiteMapShowsItsAlbedo) {
   for (const BsdfKind kind : k_all_bsdfs) {
     SceneMaker maker;
@@ -150,7 +150,7 @@ TEST(Transport, ConvexBodyUnderAWhiteMapShowsItsAlbedo) {
 
 TEST(Transport, CameraSeesTheMapUnlessEmittersAreHidden) {
   SceneMaker maker;
-  // Each texel its own colour; seen along -z, the view from the seam between the last column and the first.
+  // Each texel has its own colour; the view along -z falls on the seam between the last column and the first.
   maker.environment(8, 5, [](int x, int y) { return Rgb(float(x), float(y), 1.0f); });
   maker.scene.camera.to_world = look_at({3, 4, 5}, {3, 4, 4}, {0, 1, 0});
   maker.scene.camera.fov_x_degrees = 1e-3f;
@@ -161,18 +161,18 @@ TEST(Transport, CameraSeesTheMapUnlessEmittersAreHidden) {
   EXPECT_EQ(mean(image, 2), 1.0);
   maker.scene.integrator.hide_emitters = true;
   EXPECT_EQ(mean(render(maker.scene, options_for(1)).image, 2), 0.0);
-  // Hidden from the camera it goes on to light surfaces.
+  // Hidden from the camera, the map still lights surfaces.
   SceneMaker plane = plane_seen_from_above();
   plane.environment(8, 5, [](int, int) { return Rgb(1.0f); });
   plane.scene.integrator.hide_emitters = true;
   EXPECT_NEAR(mean(render(plane.scene, options_for(64, 4)).image), k_albedo, 3e-3);
 }
 
-// Light and material samples share the work in any proportion; what they find together is the irradiance.
+// Light and material samples share the work in any proportion; together they find the irradiance.
 TEST(Transport, PlaneUnderAMapReceivesItsIrradiance) {
   const Mat3 up(Vec3(1, 0, 0), Vec3(0, 0, 1), Vec3(0, -1, 0));  // the map's +y is the plane's +z
   const auto texel = [](int x, int y) { return y < 4 ? Rgb(x == 3 && y == 2 ? 20.0f : 0.5f) : Rgb(9.0f); };
-  // Midpoints of the definition in theta and phi: texel rows every 18 degrees, columns every 45.
+  // Midpoint rule over theta and phi: texel rows every 18 degrees, columns every 45.
   double expected = 0.0;
   constexpr int k_n = 720;
   for (int i = 0; i < k_n; ++i) {
@@ -194,7 +194,7 @@ TEST(Transport, PlaneUnderAMapReceivesItsIrradiance) {
   }
 }
 
-// Inside a closed shell that glows and reflects, radiance is Le / (1 - albedo): every bounce, multiple importance
+// Inside a closed shell that emits and reflects, radiance is Le / (1 - albedo): every bounce, multiple importance
 // sampling and Russian roulette must balance.
 TEST(Transport, ClosedShellReachesEquilibrium) {
   for (const BsdfKind kind : {BsdfKind::diffuse, BsdfKind::conductor}) {
@@ -211,7 +211,7 @@ TEST(Transport, ClosedShellReachesEquilibrium) {
   }
 }
 
-// A box of perfect mirrors with one glowing wall: every path ends on it, whatever the number of bounces.
+// A box of perfect mirrors with one emitting wall: every path ends there, whatever the number of bounces.
 TEST(Transport, MirrorBoxLosesNothing) {
   SceneMaker maker;
   const uint32_t mirror = maker.bsdf(BsdfKind::conductor, Rgb(1.0f));
@@ -230,7 +230,7 @@ TEST(Transport, MirrorBoxLosesNothing) {
   for (size_t i = 0; i < r.image.data.size(); ++i) ASSERT_NEAR(r.image.data[i], 1.0f, 1e-4f);
 }
 
-// The same expectation for any split of the work between light samples and lobe samples, light from below included.
+// The expectation is the same for any split between light samples and lobe samples, including light from below.
 void expect_estimates_agree(BsdfKind kind, float opacity) {
   SceneMaker maker;
   uint32_t glossy = maker.bsdf(kind, Rgb(0.9f));
@@ -272,14 +272,14 @@ TEST(Transport, MaskedEstimatesAgree) {
     expect_estimates_agree(kind, 0.4f);
 }
 
-// Veils of black that let 3 / 4 through, one behind the other: what is seen through them is dimmed so often.
+// Black masks that let 3 / 4 through, one behind the other: each dims what is seen through it.
 TEST(Transport, MasksDimWhatLiesBehind) {
   for (const int veils : {1, 3}) {
     SceneMaker maker;
     const uint32_t veil = maker.masked(maker.bsdf(BsdfKind::diffuse, Rgb(0.0f)), 0.25f);
     const uint32_t rectangle = maker.shape(ShapeKind::rectangle);
     for (int i = 0; i < veils; ++i) {
-      // Some show their backs.
+      // Some show their back sides.
       Affine place = scaling(Vec3(5.0f, i % 2 ? -5.0f : 5.0f, 1.0f));
       if (i % 2) place[2] = -place[2];
       place[3] = Vec3(0, 0, float(i));
@@ -291,13 +291,13 @@ TEST(Transport, MasksDimWhatLiesBehind) {
     maker.scene.camera.fov_x_degrees = 10.0f;
     const double expected = 2.0 * std::pow(0.75, veils), deviation = 2.0 / std::sqrt(256.0 * 64.0);
     EXPECT_NEAR(mean(render(maker.scene, options_for(64)).image), expected, 3.0 * deviation) << veils;
-    // One surface less and the last veil's passage is cut off.
+    // With one surface less, passing the last veil is cut off.
     maker.scene.integrator.max_depth = veils;
     EXPECT_LT(mean(render(maker.scene, options_for(64)).image), 1e-6) << veils;
   }
 }
 
-// Masks block shadow rays whole, and paths that pass through find the light instead: on average its whole share.
+// Masks block shadow rays completely; paths that pass through find the light instead, on average its whole share.
 TEST(Transport, LightThroughAMaskIsFoundByPaths) {
   for (const Method method : {Method::monte_carlo, Method::hybrid}) {
     for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::disk}) {
@@ -319,7 +319,8 @@ TEST(Transport, LightThroughAMaskIsFoundByPaths) {
   }
 }
 
-// A masked surface scatters its opacity's share, by light samples and by paths that find lights, large ones too.
+// A masked surface scatters in proportion to its opacity, by light samples and by paths that find lights, large ones
+// too.
 TEST(Transport, MaskedSurfacesScatterTheirShare) {
   for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::disk}) {
     SceneMaker maker = plane_seen_from_above(0.5f);
@@ -334,7 +335,7 @@ TEST(Transport, MaskedSurfacesScatterTheirShare) {
   }
 }
 
-// Seen through a pane of thin glass, all light arrives: what is reflected comes from the same sky.
+// All light arrives through a pane of thin glass: what it reflects comes from the same uniform sky.
 TEST(Transport, ThinGlassInUniformLightIsInvisible) {
   SceneMaker maker;
   maker.instance(maker.shape(ShapeKind::sphere), maker.bsdf(BsdfKind::thin_dielectric, Rgb(1.0f)), Affine(1.0f));
@@ -346,7 +347,7 @@ TEST(Transport, ThinGlassInUniformLightIsInvisible) {
   for (const float v : image.data) ASSERT_NEAR(v, 1.0f, 1e-5f);
 }
 
-// A picture with everything in it: textures, glass, metal, several lights.
+// A scene with everything in it: textures, glass, metal, several lights.
 Scene busy_scene() {
   SceneMaker maker;
   maker.film(70, 45);
@@ -402,7 +403,7 @@ TEST(Transport, PictureDoesNotDependOnTheInstructionSet) {
   }
 }
 
-// What the camera sees is kept only for layers.
+// First hits are kept only for AOVs, and keeping them must not change the picture.
 TEST(Transport, PictureDoesNotDependOnItsLayers) {
   Scene scene = busy_scene();
   scene.textures[scene.bsdfs[0].reflectance].kind = TextureKind::checkerboard;
@@ -421,7 +422,7 @@ TEST(Transport, PictureDoesNotDependOnItsLayers) {
   }
 }
 
-// Batches that hold many pixels, and pixels that hold many batches.
+// Batches that hold many pixels, and pixels that span many batches.
 TEST(Transport, SamplesArriveInOrderWhateverTheBatches) {
   const Scene scene = busy_scene();
   const Accel accel(scene);
@@ -479,8 +480,8 @@ TEST(Transport, SeedChangesThePictureButNotItsMean) {
   o.seed = 2;
   const Image b = render(scene, o).image;
   EXPECT_NE(a.data, b.data);
-  // Over seeds the mean's standard deviation is 0.55 % (paths through glass to the lights dominate): five times that
-  // of a difference.
+  // Over seeds the mean's standard deviation is 0.55 % (paths through glass to the lights dominate); the bound is
+  // five times that of a difference.
   EXPECT_NEAR(mean(a), mean(b), 0.04 * mean(a));
 }
 
@@ -497,7 +498,7 @@ TEST(Transport, DepthLimitsCountLikeMitsubas) {
     o.max_depth = depth;
     EXPECT_NEAR(mean(render(maker.scene, o).image), expected, 5e-3) << depth;
   }
-  // Turned away from the plane, the background itself.
+  // Looking away from the plane shows the background itself.
   maker.scene.camera.to_world = look_at({0, 0, 10}, {0, 0, 20}, {0, 1, 0});
   RenderOptions o = options_for(1);
   o.max_depth = 1;
@@ -534,7 +535,7 @@ TEST(Transport, OutputVariablesDescribeTheFirstHit) {
   const Image image = render(maker.scene, o).image;
   const auto value = [&](const char* name) { return mean(image, channel(image, name)); };
   EXPECT_EQ(value("object.Y"), 1.0);
-  EXPECT_EQ(value("exact.Y"), 0.5);  // nothing can stand in the first light's way
+  EXPECT_EQ(value("exact.Y"), 0.5);  // nothing can block the first light
   EXPECT_EQ(value("visibility.Y"), 0.5);
   EXPECT_NEAR(value("position.X"), 1000.0, 1e-3);
   EXPECT_NEAR(value("position.Z"), -5.0, 1e-5);

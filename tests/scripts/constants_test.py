@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Holds docs/constants.md and the code's constants to each other, in both directions.
+"""Checks docs/constants.md and the code's constants against each other, in both directions.
 
     constants_test.py ROOT
 
-Every `constexpr` constant k_... of ROOT/field and ROOT/hybrid must stand on the page, and every constant, value, file
-and decision that the page names must exist. Files are found by name in any sub-folder. Exit code 1 and one line a
-finding if they differ.
+Every `constexpr` constant k_... of ROOT/field and ROOT/hybrid must be listed on the page, and every constant, value,
+file and decision on the page must exist. Files are found by name in any sub-folder. Exit code 1 and one line per
+discrepancy.
 """
 
 import pathlib
@@ -61,7 +61,7 @@ def number(text):
 
 
 def tables_of(page):
-    """(heading, line number, cells) of every row of the page's tables, headers and rulers left out."""
+    """(heading, line number, cells) of every row of the page's tables, without headers and rulers."""
     part, header = "", False
     for i, line in enumerate(page.splitlines(), 1):
         if line.startswith("## "):
@@ -93,7 +93,7 @@ class Check:
         self.findings.append(f"{self.page_path}:{line}: {what}")
 
     def text_of(self, line, cell):
-        """(base name, text) of the file, or the files of one name, that a cell names."""
+        """(base name, text) of the file, or files of one name, named in a cell."""
         name = CODE.fullmatch(cell)
         paths = self.files.get(name[1], []) if name else []
         if not paths:

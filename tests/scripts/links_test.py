@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Every relative link of a Markdown file leads to a file, and its anchor to a heading; every document that a source
-file names exists. Addresses on the web are not visited."""
+"""Every relative link of a Markdown file must lead to a file, and its anchor to a heading; every document named in a
+source file must exist. Web addresses are not checked."""
 
 import os
 import pathlib
@@ -18,14 +18,14 @@ SOURCES = {".h", ".cpp", ".cu", ".cuh", ".py", ".sh", ".cmake", ".txt", ".md", "
 
 
 def files(root):
-    """All files but those of builds and of hidden folders."""
+    """All files outside build and hidden folders."""
     for folder, folders, names in os.walk(root):
         folders[:] = [f for f in folders if not f.startswith(".") and f != "build"]
         yield from (pathlib.Path(folder) / name for name in names)
 
 
 def without_code(text):
-    """The text with fenced blocks and `code` blanked out; lines stay where they are."""
+    """The text with fenced blocks and `code` blanked out; line numbers are kept."""
     lines, fence = [], None
     for line in text.split("\n"):
         mark = re.match(r"\s*(```+|~~~+)", line)
@@ -41,7 +41,7 @@ def without_code(text):
 
 
 def anchors(path):
-    """What GitHub makes of a document's headings."""
+    """The anchors that GitHub generates for a document's headings."""
     found, seen = set(), {}
     text = path.read_text(encoding="utf-8")
     for heading in re.findall(r"^#{1,6}\s+(.*?)\s*#*$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.M):
@@ -53,7 +53,7 @@ def anchors(path):
 
 
 def broken_links(root):
-    """FILE:LINE: TARGET: what is wrong, for each link that leads nowhere."""
+    """FILE:LINE: TARGET: what is wrong, for each broken link."""
     complaints = []
     for path in sorted(p for p in files(root) if p.suffix == ".md"):
         text = without_code(path.read_text(encoding="utf-8"))
@@ -74,7 +74,7 @@ def broken_links(root):
 
 
 def missing_documents(root):
-    """FILE:LINE: NAME: for each document named in a source file, by its path from the root, that is not there."""
+    """FILE:LINE: NAME: for each missing document named in a source file by its path from the root."""
     complaints = []
     for path in sorted(p for p in files(root) if p.suffix in SOURCES and p.name != pathlib.Path(__file__).name):
         text = path.read_text(encoding="utf-8", errors="replace")
@@ -95,7 +95,7 @@ class Repository(unittest.TestCase):
 
 
 class Checks(unittest.TestCase):
-    """The checks find what they are for."""
+    """The checks detect what they are meant to."""
 
     def setUp(self):
         folder = tempfile.TemporaryDirectory()

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Prints the values of Mitsuba 3's materials that tests/core/bsdf_reference_test.cpp holds.
+"""Prints the values of Mitsuba 3's materials for tests/core/bsdf_reference_test.cpp.
 
 Needs the Python package `mitsuba`. Each row: polar angle and azimuth of wi and of wo in degrees, value times cosine in
 red, green, blue, and the density of sampling wo.

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Runs tools/benchmarks/measure.py on a few rows at a tiny size and checks what it writes; checks the searches and
-figures on numbers that are known. No timing is judged."""
+"""Runs tools/benchmarks/measure.py on a few rows at a tiny size and checks its output; checks the searches and figures
+on known numbers. Timings are not judged."""
 
 import argparse
 import gzip
@@ -36,17 +36,17 @@ class Search(unittest.TestCase):
             self.assertGreater(errors[32], 1.0 / 40)
 
     def test_says_when_the_error_stops_falling(self):
-        asked = []
+        counts = []
 
         def error_of(n):
-            asked.append(n)
+            counts.append(n)
             return 0.5 + 0.01 / n
 
         self.assertIsNone(search.fewest(error_of, 0.1, 8)[0])
-        self.assertLess(max(asked), 100)
+        self.assertLess(max(counts), 100)
 
     def test_staircase_finds_the_quickest_pair(self):
-        # 100 samples are needed in all, at least 4 of them camera samples, which cost three times as much.
+        # The aim takes 4 camera samples and 100 light samples in all; a camera sample costs as much as three of these.
         measure = lambda s, m: (0.0 if s * m >= 100 and s >= 4 else 1.0, 3.0 * s + s * m)
         best = search.staircase(measure, 0.5, 512, 64)[0]
         self.assertEqual((best["spp"], best["light_samples"]), (4, 32))
@@ -121,7 +121,7 @@ class Command(unittest.TestCase):
             result = json.loads(gzip.decompress((out / "measure.json.gz").read_bytes()))
             rows = {row["name"]: row for row in result["rows"]}
             self.assertEqual(list(rows), ["ceiling", "secondary-warm", "baseline", "cells"])
-            # No peer was named: its row is left out, and says so.
+            # No peer is configured: its row is skipped, and marked as such.
             self.assertEqual(rows["baseline"]["figures"], [])
             self.assertIn("--peer-python", rows["baseline"]["skipped"])
             for name in ("ceiling", "secondary-warm", "cells"):

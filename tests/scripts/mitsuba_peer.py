@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Compares the Monte Carlo renderer with Mitsuba 3 on the scene files that both read.
+"""Compares the Monte Carlo renderer with Mitsuba 3 on scene files that both can read.
 
-Every scene is rendered with several seeds by both programs. The spread over the seeds gives the noise of each mean, and
-the test fails where the programs differ beyond it: by more than 0.1 % and three standard errors in the mean of the
-picture, or by more than 1 % and five standard errors in a block of 16 x 16 pixels. On failure both pictures and their
-difference are left in the output folder.
+Both programs render every scene with several seeds. The spread over the seeds gives the noise of each mean, and the
+test fails if the programs differ by more: by over 0.1 % plus three standard errors in the image's mean, or over 1 %
+plus five standard errors in a block of 16 x 16 pixels. On failure both images and their difference are left in the
+output folder.
 
 Needs the Python package `mitsuba`; without it the test is skipped (exit code 77).
 """
@@ -18,10 +18,10 @@ import tempfile
 
 SKIPPED = 77
 BLOCK = 16
-# Accepted beyond noise, relative; and how many standard errors count as noise (there are many more blocks than means).
+# Relative tolerance beyond noise, and the number of standard errors that count as noise (more for the many blocks).
 MEAN_TOLERANCE, MEAN_SIGMAS = 0.001, 3.0
 BLOCK_TOLERANCE, BLOCK_SIGMAS = 0.01, 5.0
-FLOOR = 0.01  # of the picture's mean: darker blocks are compared relative to this
+FLOOR = 0.01  # of the image's mean: darker blocks are compared relative to this
 
 try:
     import mitsuba as mi
@@ -35,7 +35,7 @@ MAKE_REFLECTIONS = pathlib.Path(__file__).resolve().parents[2] / "tools" / "make
 
 
 def with_meshes(scene, program, folder):
-    """The scene, or its copy beside the meshes that it takes from ../reflections."""
+    """The scene, or a copy of it beside the meshes that it refers to in ../reflections."""
     if "../reflections/" not in scene.read_text():
         return scene
     if not (folder / "reflections").exists():
@@ -72,14 +72,15 @@ def mean_and_variance(values):
 
 
 def compare(ours, theirs):
-    """Returns the excess over noise of the picture's mean and of the worst block, relative, and that block."""
+    """Returns the relative difference of the means, its noise and excess over noise, and the worst block's excess and
+    index."""
     mean_a, variance_a = mean_and_variance([p.mean() for p in ours])
     mean_b, variance_b = mean_and_variance([p.mean() for p in theirs])
     excess_mean = max(abs(mean_a - mean_b) - MEAN_SIGMAS * np.sqrt(variance_a + variance_b), 0.0) / mean_b
 
     block_a, noise_a = mean_and_variance([blocks(p) for p in ours])
     block_b, noise_b = mean_and_variance([blocks(p) for p in theirs])
-    # A variance from a few seeds is itself uncertain: half of it is taken from the picture's average.
+    # A variance from a few seeds is itself uncertain: half of it comes from the image's average.
     noise = noise_a + noise_b
     noise = 0.5 * (noise + noise.mean())
     excess = np.maximum(np.abs(block_a - block_b) - BLOCK_SIGMAS * np.sqrt(noise), 0.0)

@@ -1,7 +1,7 @@
-// Opens a page in a headless browser and says what a reader would miss: pictures that did not load, errors of scripts.
+// Opens a page in a headless browser and reports what a reader would miss: images that did not load, errors of scripts.
 //
-// A script at the page's very beginning listens for what goes wrong and, once the page is loaded, puts its findings in
-// the page's place, whose text the browser then prints. Thread-safety: one thread at a time.
+// A script at the very beginning of the page records errors and, once the page is loaded, replaces the page by its
+// findings, whose text the browser then prints. Thread-safety: one thread at a time.
 #pragma once
 
 #include <cstdlib>
@@ -23,12 +23,12 @@ inline bool has_browser() { return std::filesystem::exists(k_browser); }
 struct PageFindings {
   int images = 0;
   std::vector<std::string> missing_images;  // alternative texts
-  std::vector<std::string> errors;          // of scripts, of what they print as errors, of files that do not load
+  std::vector<std::string> errors;          // uncaught exceptions, console.error, files that did not load
 };
 
 namespace browser_detail {
 
-// Errors of loading do not bubble: they are caught on the way down.
+// Loading errors do not bubble, so they are caught in the capturing phase.
 inline constexpr const char* k_listener = R"(<script>
 window.pageErrors = [];
 addEventListener('error', e => pageErrors.push(e.message || 'not loaded: ' + e.target.outerHTML.slice(0, 80)), true);
@@ -62,14 +62,14 @@ inline std::string decode_base64(const std::string& text) {
 
 }  // namespace browser_detail
 
-// `html`: a whole page. `folder`: of this process alone, for the page and the browser's own files. Throws
-// std::runtime_error with what the browser printed if it does not open the page.
+// `html`: a whole page. `folder`: used by this process alone, for the page and the browser's files. Throws
+// std::runtime_error with the browser's output if the page does not open.
 inline PageFindings open_page(const std::string& html, const std::filesystem::path& folder) {
   const size_t head = html.find("<head>");
   if (head == std::string::npos) throw std::runtime_error("the page has no <head>");
   const size_t at = head + std::string("<head>").size();
   std::ofstream(folder / "page.html") << html.substr(0, at) << browser_detail::k_listener << html.substr(at);
-  // No sandbox: it needs rights that containers lack, and the page is our own.
+  // No sandbox: it needs privileges that containers lack, and the page is our own.
   const Outcome o = Program(folder,
                             {"--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
                              "--user-data-dir=" + (folder / "profile").string(), "--dump-dom",

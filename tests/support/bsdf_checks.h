@@ -75,7 +75,7 @@ inline Material plastic(float body, float ior, bool nonlinear = false) {
   return m;
 }
 
-// Tables live as long as the program.
+// The tables live until the program ends.
 inline Material rough_plastic(MicrofacetKind kind, float alpha, float body, float ior) {
   Material m = plastic(body, ior);
   m.kind = BsdfKind::rough_plastic;
@@ -98,7 +98,8 @@ inline Material principled(float base, float roughness, float metallic, float cl
   return m;
 }
 
-// The share of arriving flux that goes on, by `n` samples. (Radiance changes with the index; flux does not.)
+// The share of the arriving flux that is scattered, by `n` samples. (Radiance changes with the index of refraction;
+// flux does not.)
 inline double mean_flux(const Material& m, const Vec3& wi, Random& random, int n) {
   double sum = 0.0;
   for (int i = 0; i < n; ++i) {

@@ -1,4 +1,5 @@
-// What the property tests of every chart have in common: conversions, hard directions, and how cells fill their map.
+// What the property tests of every chart have in common: conversions, difficult directions, and how cells fill their
+// map.
 //
 // Thread-safety: pure functions.
 #pragma once
@@ -21,7 +22,7 @@ using Lanes3 = scalar::Vec3Lanes<float>;
 inline Lanes3 lanes(const Vec3& v) { return {v.x, v.y, v.z}; }
 inline DVec3 exact(const Lanes3& v) { return {v.x, v.y, v.z}; }
 
-// Between two vectors, radians.
+// Angle between two vectors, in radians.
 inline double angle(const DVec3& a, const DVec3& b) {
   return std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b));
 }
@@ -29,11 +30,11 @@ inline double angle(const DVec3& a, const DVec3& b) {
 // The spacing of floats at a vector's length.
 inline double ulp_of(const Vec3& v) { return std::ldexp(1.0, std::ilogb(glm::length(v)) - 23); }
 
-// Round trip between a direction and its map: the series are off by 8e-7 rad at most, and each way rounds a dozen times
-// by 2^-24; the sum stays below this.
+// Error of a round trip between a direction and its map: the series are off by 8e-7 rad at most, and each way rounds a
+// dozen times by 2^-24; the sum stays below this.
 inline constexpr double k_round_trip_bound = 2e-6;
 
-// Directions where the maps fold or divide by little: poles, axes, seams, tiny and denormal components.
+// Directions where the maps fold or divide by small numbers: poles, axes, seams, tiny and denormal components.
 inline std::vector<Vec3> special_directions() {
   std::vector<Vec3> all;
   const std::array<float, 9> tiny = {0.0f, -0.0f, 1e-45f, 1e-40f, 1e-38f, 1e-30f, 1e-20f, 1e-10f, 1e-4f};
@@ -62,7 +63,7 @@ inline std::vector<Vec3> special_directions() {
 }
 
 // The border of cell (i, j) of an n x n square [-1, 1]^2 as a closed polygon of 4 * `steps` points, counterclockwise
-// from the cell's lower corner, which comes again at the end. `map(u, v)`: the point of the map.
+// from the cell's lower corner, which is repeated at the end. `map(u, v)`: the point of the map.
 template <class Map>
 std::vector<DVec3> cell_border(int i, int j, int n, int steps, const Map& map) {
   std::vector<DVec3> points;
@@ -78,8 +79,8 @@ std::vector<DVec3> cell_border(int i, int j, int n, int steps, const Map& map) {
   return points;
 }
 
-// Expects counts of cells that are equally likely, `per_cell` in the mean, to be neither more nor less even than chance
-// makes them: chi-square within 5 standard deviations.
+// Expects counts of equally likely cells, `per_cell` on average, to vary neither more nor less than chance: chi-square
+// within 5 standard deviations.
 inline void expect_even(const std::vector<int>& counts, int per_cell) {
   double chi2 = 0.0;
   for (const int c : counts) chi2 += double(c - per_cell) * double(c - per_cell) / per_cell;
@@ -87,7 +88,7 @@ inline void expect_even(const std::vector<int>& counts, int per_cell) {
   EXPECT_LT(std::abs(chi2 - freedom), 5.0 * std::sqrt(2.0 * freedom));
 }
 
-// How far vectors are from a right-handed orthonormal frame: the largest error of a length, an angle or the product.
+// Deviation from a right-handed orthonormal frame: the largest error of a length, an angle or the product.
 inline double frame_error(const DVec3& x, const DVec3& y, const DVec3& z) {
   return std::max({std::abs(glm::dot(x, x) - 1.0), std::abs(glm::dot(y, y) - 1.0), std::abs(glm::dot(z, z) - 1.0),
                    std::abs(glm::dot(x, y)), std::abs(glm::dot(x, z)), std::abs(glm::dot(y, z)),

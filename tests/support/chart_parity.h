@@ -17,15 +17,15 @@ struct ParityResults {
     distance.resize(padded(n));
   }
   AlignedVector<int32_t> u, v, a, b;      // cell of the line
-  AlignedVector<int32_t> verdict, slice;  // of the segment query; slice: 0 unless it is to be baked
+  AlignedVector<int32_t> verdict, slice;  // of the segment query; slice: the one to bake, or 0
   AlignedVector<int32_t> nearest;         // verdict of the nearest query
   AlignedVector<float> distance;          // of its hit
 };
 
-// Identity, so that rays are given in unit space.
+// The identity: rays are given in unit space.
 inline constexpr float k_parity_transform[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
-// Addresses, segment queries and nearest queries of a batch; `own`: the rays leave the object itself.
+// Addresses, segment queries and nearest queries of a batch; `self`: the rays leave the object itself.
 using ParityTrace = void (*)(const FieldView& field, const QueryPolicy& policy, const RayBatch& rays, bool self,
                              ParityResults& out);
 

@@ -9,7 +9,7 @@
 
 namespace fieldtrace::test {
 
-// How many standard deviations the statistic lies above its mean (Wilson and Hilferty, "The Distribution of
+// Deviation of the statistic from its mean in standard deviations (Wilson and Hilferty, "The Distribution of
 // Chi-Square", PNAS 17, 1931). Cells that expect fewer than 5 counts are pooled.
 inline double chi_square_deviation(const std::vector<double>& observed, const std::vector<double>& expected) {
   double statistic = 0.0, pooled_observed = 0.0, pooled_expected = 0.0;
@@ -27,7 +27,7 @@ inline double chi_square_deviation(const std::vector<double>& observed, const st
     statistic += (pooled_observed - pooled_expected) * (pooled_observed - pooled_expected) / pooled_expected;
     ++cells;
   } else if (pooled_observed > 5.0 + 5.0 * std::sqrt(5.0)) {
-    return 100.0;  // samples where there should be none
+    return 100.0;  // samples in cells that expect none
   }
   const double k = std::max(cells - 1, 1);
   return (std::cbrt(statistic / k) - (1.0 - 2.0 / (9.0 * k))) / std::sqrt(2.0 / (9.0 * k));

@@ -1,4 +1,4 @@
-// A folder with a small scene, and the program run in it, for the tests of what commands read and write.
+// A folder with a small scene, and the program run in it, for tests of the files that commands read and write.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -46,7 +46,8 @@ class CommandFiles : public testing::Test {
     std::ofstream(folder_ / name, std::ios::binary) << text;
   }
 
-  // Runs and expects a failure: this exit code, one line "fieldtrace: ..." that holds `part`, and the same files.
+  // Runs the program and expects a failure: this exit code, one line "fieldtrace: ..." that contains `part`, and no
+  // file added or removed.
   void expect_failure(int code, const std::string& part, const std::vector<std::string>& arguments,
                       const Prepare& prepare = {}) const {
     std::string typed;
@@ -61,7 +62,7 @@ class CommandFiles : public testing::Test {
     EXPECT_EQ(files(), before);
   }
 
-  // Names of the files and folders, without those that hold what the program printed.
+  // Names of the files and folders, except those that hold the program's output.
   std::set<std::string> files() const {
     std::set<std::string> names;
     for (const auto& entry : std::filesystem::recursive_directory_iterator(folder_.path())) {

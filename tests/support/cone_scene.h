@@ -1,5 +1,5 @@
-// An object under a placement and a sphere light, with shading points about it: for tests of whole lights and their
-// parts.
+// An object under a placement and a sphere light, with shading points around it: for tests of whole lights and of
+// strata.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,6 @@ namespace fieldtrace::test {
 
 inline constexpr uint32_t k_object = 0;
 
-// An object under a placement, and a sphere light.
 struct ConeScene {
   SceneMaker maker;
   Sphere light;
@@ -40,7 +39,7 @@ struct ConeScene {
     return ShadowAnswerer(maker.scene, *accel, shape_traits(maker.scene), {field.get(), nullptr},
                           {.isa = resolve_isa(isa), .tolerance = tolerance});
   }
-  // What is found for lights of so many samples.
+  // The shadow group of a batch, for lights of that many samples.
   ShadowGroup find(const ShadowAnswerer& from, const ShadingPointBatch& shading_points, int light_samples,
                    Stats& stats) const {
     ShadowGroup group;
@@ -53,7 +52,7 @@ struct ConeScene {
     return find(answerer(isa, tolerance), shading_points, 256, stats);
   }
 
-  // Of `count` exact rays from p to points of the light's ball, how many are blocked by the object.
+  // The number of `count` exact rays from p to points of the light's ball that the object blocks.
   int blocked_rays(const Vec3& p, int count, TestRandom& random) const {
     RayBatch rays;
     rays.resize(size_t(count));
@@ -68,7 +67,7 @@ struct ConeScene {
   }
 };
 
-// Turned, stretched along one axis by up to `stretch`, of about the given size.
+// A rotation with a stretch along one axis by up to `stretch`, at about the given size.
 inline Affine random_place(TestRandom& random, float size, float stretch) {
   const Vec3 x = random.direction(), z = glm::normalize(glm::cross(x, random.direction())), y = glm::cross(z, x);
   return Affine(x * size, y * size * random.uniform(1.0f / stretch, 1.0f), z * size, size * random.direction());
@@ -83,7 +82,7 @@ inline void set_shading_point(ShadingPointBatch& batch, size_t r, const Vec3& p,
   batch.instance[r] = instance;
 }
 
-// Shading points beyond the object as seen from the light, so that its shadow falls among them.
+// Shading points behind the object as seen from the light, so that some lie in its shadow.
 inline ShadingPointBatch shadowed_shading_points(const ConeScene& s, const Sphere& world, int count,
                                                  TestRandom& random) {
   ShadingPointBatch batch;
@@ -97,8 +96,13 @@ inline ShadingPointBatch shadowed_shading_points(const ConeScene& s, const Spher
   return batch;
 }
 
+// Which triangles of the object have shading points: of a solid, those whose fronts face the light have them outside,
+// those whose backs do inside.
+enum class OwnSide { either, front, back };
+
 // Shading points on the object's triangles, turned to the light.
-inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, TestRandom& random) {
+inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, TestRandom& random,
+                                             OwnSide side = OwnSide::either) {
   const TriangleMesh& mesh = s.maker.scene.shapes[0].mesh;
   const Affine& place = s.maker.scene.instances[k_object].to_world;
   ShadingPointBatch batch;
@@ -109,7 +113,9 @@ inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, Test
                c = transform_point(place, mesh.positions[t.z]);
     const Vec3 cross = glm::cross(b - a, c - a);
     const Vec3 p = (a + b + c) / 3.0f;
-    const Vec3 normal = glm::dot(cross, s.light.centre - p) > 0.0f ? glm::normalize(cross) : -glm::normalize(cross);
+    const bool is_front = glm::dot(cross, s.light.centre - p) > 0.0f;
+    if (side != OwnSide::either && is_front != (side == OwnSide::front)) continue;
+    const Vec3 normal = is_front ? glm::normalize(cross) : -glm::normalize(cross);
     // Where the light is cut by the horizon, rays below it leave no shadow ray.
     if (glm::dot(normal, s.light.centre - p) < 1.5f * s.light.radius) continue;
     set_shading_point(batch, size_t(r++), p + normal * gamma_bound(64) * glm::length(p), normal, k_object);
@@ -124,8 +130,8 @@ inline Sphere world_ball(const ConeScene& s) {
           ball.radius * std::max({glm::length(m[0]), glm::length(m[1]), glm::length(m[2])})};
 }
 
-// A knot and a light that may lie around the shading points, within the object or behind them: nothing that can be
-// judged.
+// A knot and a light that may lie around the shading points, within the object or behind them: cases that a field
+// cannot judge.
 inline ConeScene tangled_scene(TestRandom& random) {
   const Affine place = random_place(random, random.log_uniform(1e-2f, 1e2f), 4.0f);
   const float size = glm::length(place[0]);
@@ -134,7 +140,7 @@ inline ConeScene tangled_scene(TestRandom& random) {
   return ConeScene(make_knot({.along = 96, .around = 12}), place, light);
 }
 
-// Shading points about such a scene's object, and within it, turned anywhere.
+// Shading points around such a scene's object and within it, with random normals.
 inline ShadingPointBatch tangled_shading_points(const ConeScene& s, int count, TestRandom& random) {
   const Affine& place = s.maker.scene.instances[k_object].to_world;
   const float size = glm::length(place[0]);

@@ -15,7 +15,7 @@
 
 namespace fieldtrace::test {
 
-// A fresh folder that is removed with the object.
+// A new folder, removed with the object.
 class TemporaryFolder {
  public:
   TemporaryFolder() {

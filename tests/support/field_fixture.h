@@ -38,7 +38,7 @@ class FieldFixture {
     accel_->shape_occluded(0, rays_, blocked);
     return blocked[0] != 0;
   }
-  // Distance to the nearest hit; below 0: a miss.
+  // Distance to the nearest hit; negative: a miss.
   float embree_nearest(const Vec3& o, const Vec3& d, float t_max, Vec3* normal = nullptr) {
     rays_.resize(1);
     hits_.resize(1);
@@ -48,8 +48,8 @@ class FieldFixture {
     return hits_.t[0];
   }
 
-  // A point of a random triangle, moved off it by its own rounding error to the side of `normal`: the shading point
-  // that a renderer would make. With `either_side` the normal may be the one of the triangle's back.
+  // A point of a random triangle, offset by its own rounding error to the side of `normal`: the shading point that a
+  // renderer would make. With `either_side` the normal may be that of the triangle's back.
   struct ShadingPoint {
     Vec3 position, normal;
   };

@@ -14,7 +14,7 @@ namespace {
 TriangleMesh supershape(float radius = 1.0f) { return make_supershape({.around = 64, .along = 32, .radius = radius}); }
 TriangleMesh knot() { return make_knot({.along = 128, .around = 12}); }
 
-// The linear part `linear`, turned so that its z axis points along `axis`, then moved to `at`.
+// `linear`, turned so that its z axis points along `axis`, then moved to `at`.
 Affine placed(const Vec3& at, const Mat3& linear = Mat3(1.0f), const Vec3& axis = Vec3(0, 0, 1)) {
   const Frame f = frame_about(glm::normalize(axis));
   const Mat3 m = Mat3(f.s, f.t, f.n) * linear;
@@ -23,7 +23,7 @@ Affine placed(const Vec3& at, const Mat3& linear = Mat3(1.0f), const Vec3& axis 
 
 Mat3 scale(const Vec3& s) { return Mat3(Vec3(s.x, 0, 0), Vec3(0, s.y, 0), Vec3(0, 0, s.z)); }
 
-// A floor of one grey under a camera that looks down on it from the side.
+// A uniform grey floor under a camera that looks down on it from the side.
 struct Stage : SceneMaker {
   uint32_t grey, floor;
 
@@ -36,7 +36,7 @@ struct Stage : SceneMaker {
     floor = instance(shape(ShapeKind::rectangle), grey, scaling(Vec3(6.0f)));
   }
 
-  // Lights that face downwards, where they have a side.
+  // One-sided lights face downwards.
   void sphere_light(const Vec3& at, float radius) {
     area_light(instance(shape(ShapeKind::sphere), grey, placed(at, scale(Vec3(radius)))), Rgb(40.0f));
   }
@@ -65,7 +65,7 @@ Scene overlapping(int size) {
   return s.scene;
 }
 
-// More objects than a group is tested against one by one.
+// More objects than the candidates that a group tests one by one.
 Scene crowd(int size) {
   Stage s(size);
   TestRandom random(8);
@@ -118,7 +118,7 @@ Scene odd_transforms(int size) {
   return s.scene;
 }
 
-// The same size in the world, by transforms that shrink and grow a thousandfold.
+// Equal sizes in the world, from meshes a thousand times larger and smaller.
 Scene resized_meshes(int size) {
   Stage s(size);
   s.instance(s.mesh(supershape(1e3f)), s.grey, placed({-0.9f, 0, 0.9f}, scale(Vec3(0.8e-3f)), {1, 1, 3}));
@@ -134,7 +134,7 @@ Scene environment(int size) {
   return s.scene;
 }
 
-// A sky with a sun over dark ground, its up turned to +z.
+// A sky with a sun over dark ground, with its up axis turned to +z.
 Scene environment_map(int size) {
   Stage s(size);
   s.instance(s.mesh(supershape()), s.grey, placed({0, 0, 1.05f}));
@@ -158,7 +158,7 @@ Scene materials(int size) {
   return s.scene;
 }
 
-// Rough glass, which takes light from both its sides, a mask and rough plastic, all with fields.
+// Rough glass, which is lit from both sides, a mask and rough plastic, all with fields.
 Scene coatings(int size) {
   Stage s(size);
   const uint32_t glass = s.bsdf(BsdfKind::rough_dielectric, Rgb(1.0f));
@@ -172,7 +172,7 @@ Scene coatings(int size) {
   return s.scene;
 }
 
-// A scene made larger or smaller as a whole: the picture changes only by rounding and the fall-off of point lights.
+// A scene scaled as a whole: the picture changes only by rounding and by the fall-off of point lights.
 Scene resized(Scene scene, float factor) {
   for (Instance& i : scene.instances) {
     i.to_world *= factor;

@@ -55,7 +55,7 @@ inline Scene environment_scene(int width, int height, const std::function<Rgb(in
   return scene;
 }
 
-// Dark noise with a bright spot, coloured.
+// Dark coloured noise with a bright spot.
 inline Rgb spotted_texel(int x, int y) {
   const float noise = float(scalar::hash_uint(uint32_t(x * 977 + y + 1)) >> 8) * 0x1p-24f;
   return x == 5 && y == 3 ? Rgb(80.0f, 60.0f, 40.0f) : Rgb(noise, 0.5f * noise, 1.0f - noise);
@@ -76,7 +76,7 @@ inline DMat3 random_rotation(std::mt19937& random) {
   return DMat3(a, b, glm::cross(a, b));
 }
 
-// Two triangles and a quadrilateral pyramid: unequal areas, one of them tiny, one degenerate.
+// Five triangles of unequal area, some of them tiny and one degenerate.
 inline Shape mesh_shape() {
   Shape shape;
   shape.kind = ShapeKind::mesh;
@@ -108,7 +108,7 @@ inline ShadingPointBatch batch_of(const std::vector<ShadingPoint>& shading_point
   return b;
 }
 
-// Mean of the weights: irradiance of unit radiance (or of the delta light's unit value), without visibility.
+// Mean of the weights: irradiance by unit radiance (or by the delta light's unit value), without visibility.
 inline double irradiance(const LightTable& lights, const ShadingPoint& shading_point, int samples, uint32_t seed) {
   ShadowBatch out;
   ShadingPointBatch b = batch_of({shading_point}, seed);

@@ -31,7 +31,7 @@ inline std::vector<uint32_t> weld_positions(const TriangleMesh& mesh) {
 struct Topology {
   int64_t vertices = 0, edges = 0, faces = 0;
   int64_t border_edges = 0;  // edges of one triangle
-  int64_t bad_edges = 0;     // edges that a triangle crosses in the same direction as another, or of three triangles
+  int64_t bad_edges = 0;     // edges that two triangles run along in the same direction, or of three triangles
   int64_t degenerate = 0;    // triangles with two equal positions
   int64_t euler() const { return vertices - edges + faces; }
   bool closed() const { return border_edges == 0 && bad_edges == 0 && degenerate == 0; }
@@ -79,7 +79,7 @@ inline double area(const TriangleMesh& mesh) {
   return sum;
 }
 
-// Signed: positive where triangles run anticlockwise seen from outside. Meaningful for closed meshes.
+// Signed: positive where triangles are anticlockwise seen from outside. Meaningful for closed meshes.
 inline double volume(const TriangleMesh& mesh) {
   double sum = 0.0;
   for (const UVec3& t : mesh.triangles) {
@@ -90,7 +90,7 @@ inline double volume(const TriangleMesh& mesh) {
 }
 
 inline bool finite(const TriangleMesh& mesh) {
-  double sum = 0.0;  // one NaN or infinity spoils it
+  double sum = 0.0;  // not finite if any term is not
   for (const Vec3& p : mesh.positions) sum += 0.0 * (double(p.x) + double(p.y) + double(p.z));
   for (const Vec3& n : mesh.normals) sum += 0.0 * (double(n.x) + double(n.y) + double(n.z));
   for (const Vec2& t : mesh.texcoords) sum += 0.0 * (double(t.x) + double(t.y));
@@ -104,7 +104,7 @@ inline double unit_error(const TriangleMesh& mesh) {
   return worst;
 }
 
-// Share of triangle corners whose normal lies on the triangle's front side; triangles without area are left out.
+// Share of triangle corners whose normal lies on the triangle's front side; degenerate triangles are left out.
 inline double agreeing_corners(const TriangleMesh& mesh) {
   int64_t agree = 0, all = 0;
   for (const UVec3& t : mesh.triangles) {

@@ -1,4 +1,4 @@
-// Runs the built program as a user would: its own process, files and exit code.
+// Runs the built program as a user would, with its own process, files and exit code.
 //
 // Thread-safety: one thread at a time.
 #pragma once
@@ -28,13 +28,13 @@ inline std::string read_text(const std::filesystem::path& path) {
 struct Outcome {
   int code = -1;  // exit code; 128 + signal if one ended the program
   std::string out, err;
-  uint64_t peak_bytes = 0;  // resident memory; at least this process' own when it started the program
+  uint64_t peak_bytes = 0;  // resident memory; no less than this process had when it started the program
 };
 
 class Program {
  public:
-  // Starts the program, or the one at `path`, in `folder`, which also receives what it prints (in files that begin with
-  // a dot). `prepare` runs in the new process just before.
+  // Starts the program, or the one at `path`, in `folder`, which also receives its output (in files whose names begin
+  // with a dot). `prepare` runs in the new process just before.
   Program(const std::filesystem::path& folder, const std::vector<std::string>& arguments,
           std::string path = FIELDTRACE_PROGRAM, const std::function<void()>& prepare = {})
       : folder_(folder) {

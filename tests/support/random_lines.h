@@ -1,6 +1,6 @@
 // Seeded random numbers, directions and points for property tests.
 //
-// Thread-safety: one generator a thread.
+// Thread-safety: one generator per thread.
 #pragma once
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// Helpers of the scene tests: a folder of its own for each test, and loading of scenes given as text.
+// Helpers of the scene tests: a separate folder for each test, and loading of scenes given as text.
 #pragma once
 
 #include <unistd.h>
@@ -30,7 +30,7 @@ class SceneFiles : public testing::Test {
 
   std::string write(const std::string& name, const std::string& text) const {
     std::filesystem::create_directories(std::filesystem::path(path(name)).parent_path());
-    // Truncating a file in place makes some file systems wait for the disk; a new one does not.
+    // Truncating a file in place makes some file systems wait for the disk; creating one does not.
     std::filesystem::remove(path(name));
     std::ofstream(path(name), std::ios::binary) << text;
     return path(name);
@@ -50,7 +50,7 @@ class SceneFiles : public testing::Test {
     return load_scene(file, options);
   }
 
-  // The message of the Error that `body` causes; empty if it loads.
+  // The message of the Error that loading `body` throws; empty if it loads.
   std::string error_of(const std::string& body) {
     try {
       load(body);
@@ -60,7 +60,7 @@ class SceneFiles : public testing::Test {
     return {};
   }
 
-  // Some warning holds `text`.
+  // Whether some warning contains `text`.
   bool warned(const std::string& text) const {
     for (const std::string& warning : warnings)
       if (warning.find(text) != std::string::npos) return true;
@@ -75,7 +75,7 @@ class SceneFiles : public testing::Test {
   std::filesystem::path folder_;
 };
 
-// A sensor that keeps the warning about its absence away.
+// A sensor, to avoid the warning that there is none.
 inline const std::string k_sensor = "<sensor type=\"perspective\"/>";
 
 }  // namespace fieldtrace

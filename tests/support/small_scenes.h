@@ -57,7 +57,7 @@ struct SceneMaker {
     return uint32_t(scene.bsdfs.size() - 1);
   }
 
-  // Metal of GGX roughness alpha.
+  // A metal with GGX roughness alpha.
   uint32_t metal(float alpha) {
     const uint32_t index = bsdf(BsdfKind::rough_conductor, Rgb(0.9f));
     Bsdf& b = scene.bsdfs[index];

@@ -1,4 +1,4 @@
-// The commands bake and info as a user runs them on fields.
+// The commands bake and info on fields, run as a user would.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -27,7 +27,7 @@ class CommandBake : public testing::Test {
 };
 
 TEST_F(CommandBake, AnInterruptedFullBakeKeepsWhatIsFinished) {
-  // 64 x 256 cells take minutes.
+  // Baking 64 x 256 cells takes minutes.
   Program program(folder_.path(), {"bake", "ball.ply", "-o", "f.vdb", "--full", "--plane", "256"});
   ASSERT_TRUE(program.interrupt());
   const Outcome o = program.wait();
@@ -93,7 +93,7 @@ TEST_F(CommandBake, InfoTellsAllOfAFieldAsTextAndAsJson) {
 }
 
 TEST_F(CommandBake, FieldsOfTheThesisChartAreWhole) {
-  // The ball fills its bounding sphere: no ray misses it.
+  // The ball fills its bounding sphere, so no ray misses it: a hyperboloid is used instead.
   ASSERT_EQ(run({"mesh", "hyperboloid", "-o", "h.ply", "--around", "16", "--along", "8"}).code, 0);
   const Outcome o = run({"bake", "h.ply", "-o", "f.vdb", "--chart", "thesis", "--directions", "32"});
   ASSERT_EQ(o.code, 0) << o.err;
@@ -130,7 +130,7 @@ TEST_F(CommandBake, RefusesWhatItCannotBake) {
   expect(1, "missing.vdb", {"info", "missing.vdb"});
   fs::copy_file(folder_ / "ball.ply", folder_ / "foreign.vdb");
   expect(1, "foreign.vdb: is cut short, or no field file", {"info", "foreign.vdb"});
-  // Too small and too large for single precision: 256 triangles and more, so that --full bakes them.
+  // Too small and too large for single precision; at least 256 triangles, so that --full bakes them.
   for (const char* unit : {"1e-12", "1e15"}) {
     std::ofstream mesh(folder_ / "extreme.obj");
     for (int i = 0; i < 300; ++i)

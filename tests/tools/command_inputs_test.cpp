@@ -1,4 +1,4 @@
-// What commands read: files that end, and no more memory than these are worth.
+// What commands read: regular files only, with memory in proportion to their size.
 #include <sys/stat.h>
 
 #include "field/file/field_file.h"
@@ -12,7 +12,7 @@ namespace fs = std::filesystem;
 
 class CommandInputs : public CommandFiles {
  protected:
-  // A program that waits for ever, or reads without end, is ended by SIGALRM.
+  // SIGALRM ends a program that blocks or reads without end.
   static void only_seconds() { alarm(10); }
 
   void make_special(const std::string& name, bool pipe) const {
@@ -63,14 +63,14 @@ TEST_F(CommandInputs, IncludesThatMultiplyAreRefused) {
     write("level" + std::to_string(level) + ".xml", text + "</scene>\n");
   }
   write("level12.xml", "<scene version=\"3.0.0\"/>\n");
-  // Of those on the way down, 10,000 files end in one of the last level's.
+  // The first 10,000 files read reach the last level, so the error is reported in an include of level 11.
   expect_failure(1, "level11.xml:", {"info", "level0.xml"}, [] { alarm(60); });
   expect_failure(1, "the scene includes more than 10000 files", {"info", "level0.xml"}, [] { alarm(60); });
 }
 
 TEST_F(CommandInputs, ScenesOfTooManyBytesAreRefused) {
   write("big.xml", "<scene version=\"3.0.0\">\n");
-  fs::resize_file(folder_ / "big.xml", (uintmax_t(1) << 30) + 1);  // takes no room on the disk
+  fs::resize_file(folder_ / "big.xml", (uintmax_t(1) << 30) + 1);  // a sparse file
   expect_failure(1, "big.xml: the scene's files have more than 1024 MiB", {"info", "big.xml"}, only_seconds);
   write("uses.xml", "<scene version=\"3.0.0\">\n\n<include filename=\"big.xml\"/></scene>\n");
   expect_failure(1, "uses.xml:3: the scene's files have more than 1024 MiB", {"info", "uses.xml"}, only_seconds);
@@ -79,13 +79,13 @@ TEST_F(CommandInputs, ScenesOfTooManyBytesAreRefused) {
 TEST_F(CommandInputs, FilesLargerThanTheMemoryAreRefused) {
   for (const char* name : {"huge.ply", "huge.obj", "huge.png", "huge.vdb"}) {
     write(name, "");
-    fs::resize_file(folder_ / name, uintmax_t(1) << 43);  // takes no room on the disk
+    fs::resize_file(folder_ / name, uintmax_t(1) << 43);  // a sparse file
     expect_failure(1, std::string(name) + ": is larger than the memory of this machine", {"info", name}, only_seconds);
     fs::remove(folder_ / name);
   }
 }
 
-// ---- forged fields, with the checksum that fits
+// ---- forged fields with a valid checksum
 
 constexpr uint64_t k_little_memory = 300'000'000;
 
@@ -94,7 +94,7 @@ std::string sealed(std::string body) {
   hasher.add(body.data(), body.size());
   const Hash128 hash = hasher.result();
   const uint64_t words[] = {body.size(), hash.high, hash.low};
-  body += std::string("FTFIELD\1", 8);
+  body += "FTFIELD" + std::string(1, char(k_field_format_version));
   for (const uint64_t word : words) {
     for (int i = 0; i < 8; ++i) body += char(word >> (8 * i));
   }
@@ -110,8 +110,8 @@ TEST_F(CommandInputs, AFieldCannotAskForMoreMemoryThanItsSizeIsWorth) {
   }
   const std::string whole = read_text(folder_ / "whole.vdb");
   const std::string body = whole.substr(0, whole.size() - 32);
-  ASSERT_EQ(sealed(body), whole);
-  // Strings are a length of four bytes and their text; a value has a name, a type and a length before it.
+  ASSERT_TRUE(sealed(body) == whole) << "the trailer has changed";
+  // Strings are a four-byte length and the text; a value is preceded by a name, a type and a length.
   const auto string_of = [](const std::string& text) {
     std::string bytes(4, '\0');
     bytes[0] = char(text.size());
@@ -134,9 +134,10 @@ TEST_F(CommandInputs, AFieldCannotAskForMoreMemoryThanItsSizeIsWorth) {
   expect_refused("a grid's name", descriptor, 0xfffffff0u);
   expect_refused("a grid's type", descriptor + grid.size(), 0xfffffff0u);
   expect_refused("the number of grids", descriptor - 4, 0x7fffffffu);
-  // OpenVDB keeps this type's contents in memory that they only state.
-  const std::string own_type = string_of("__delayedload");
-  std::string forged = body.substr(0, metadata) + string_of("chart") + own_type + body.substr(metadata + chart.size());
+  // OpenVDB allocates as much memory for this type as the file claims.
+  const std::string delayed_type = string_of("__delayedload");
+  std::string forged =
+      body.substr(0, metadata) + string_of("chart") + delayed_type + body.substr(metadata + chart.size());
   write("forged.vdb", sealed(forged));
   expect_failure(1, "metadata of the type __delayedload", {"info", "forged.vdb"}, only_seconds);
 }

@@ -1,4 +1,4 @@
-// Drives the built program: exit codes, messages, files.
+// Runs the built program: exit codes, messages, files.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -20,7 +20,7 @@ using test::Outcome;
 using test::Program;
 using test::read_text;
 
-// A ball on a floor under a small lamp.
+// A ball on a floor under a small light.
 const char* const k_scene = R"(<scene version="3.0.0">
   <default name="size" value="32"/>
   <integrator type="path"><integer name="max_depth" value="2"/></integrator>
@@ -52,7 +52,8 @@ class CommandLine : public testing::Test {
 
   Outcome run(const std::vector<std::string>& arguments) { return Program(folder_, arguments).wait(); }
 
-  // Runs and expects a failure: this exit code, one line "fieldtrace: ..." that contains `part`, and no new file.
+  // Runs the program and expects a failure: this exit code, one line "fieldtrace: ..." that contains `part`, and no new
+  // file.
   void expect_failure(int code, const std::string& part, const std::vector<std::string>& arguments) {
     std::string typed;
     for (const std::string& a : arguments) typed += a + " ";
@@ -69,7 +70,7 @@ class CommandLine : public testing::Test {
     EXPECT_EQ(files(), before);
   }
 
-  // Names of the files, without those that hold what the program printed.
+  // Names of the files, without those that capture the program's output.
   std::set<std::string> files() const {
     std::set<std::string> names;
     for (const fs::directory_entry& e : fs::recursive_directory_iterator(folder_)) {
@@ -102,7 +103,7 @@ TEST_F(CommandLine, WrongUseExitsWith2AndPointsToHelp) {
   expect_failure(2, "'teapot'", {"mesh", "teapot", "-o", "a.ply"});
 }
 
-// Reads `arguments` in this process as the render command does; returns the complaint, or nothing.
+// Parses `arguments` in this process as the render command does; returns the error message, or an empty string.
 std::string complaint(const std::vector<std::string>& arguments, RenderOptions& options) {
   CLI::App app;
   add_render_options(app, options);
@@ -218,7 +219,7 @@ TEST_F(CommandLine, BadInputExitsWith1AndNamesTheFile) {
 }
 
 TEST_F(CommandLine, UnwritableOutputsFailBeforeTheSceneIsRead) {
-  // The scene does not exist either: the output is named because it is checked first.
+  // The scene does not exist either; the output is named because it is checked first.
   expect_failure(1, "no/a.exr", {"render", "missing.xml", "-o", "no/a.exr"});
   expect_failure(1, "no/s.json", {"render", "missing.xml", "-o", "a.exr", "--stats", "no/s.json"});
   expect_failure(1, ".exr or .png", {"render", "missing.xml", "-o", "a.jpg"});
@@ -313,7 +314,7 @@ TEST_F(CommandLine, MeshesAreWrittenAndDescribed) {
 }
 
 TEST_F(CommandLine, InterruptWritesTheFinishedTiles) {
-  // Many tiles, each done in well under a second, all together in many: the render ends after the tiles at work.
+  // Many tiles, each well under a second but many seconds in total: the render stops after the tiles in progress.
   Program program(folder_, {"render", "scene.xml", "-o", "a.exr", "--spp", "8192", "-D", "size=512", "--quiet"});
   ASSERT_TRUE(program.interrupt());
   const Outcome o = program.wait();
@@ -324,7 +325,7 @@ TEST_F(CommandLine, InterruptWritesTheFinishedTiles) {
 }
 
 TEST_F(CommandLine, AnInterruptedTradeoffKeepsItsRows) {
-  // 512 x 24 pixels with a reference of 4096 samples: long enough to be interrupted before it ends.
+  // 512 x 24 pixels with a reference of 4096 samples: long enough to be interrupted.
   Program program(folder_, {"tradeoff", "scene.xml", "-o", "out", "-D", "size=512", "--quiet"});
   ASSERT_TRUE(program.interrupt());
   const Outcome o = program.wait();

@@ -1,4 +1,4 @@
-// What commands write: all of it or nothing, never over one another or over what they read.
+// What commands write: all of it or nothing, never over one another or over their inputs.
 #include <fcntl.h>
 #include <linux/capability.h>
 #include <sched.h>
@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 
 using CommandOutputs = CommandFiles;
 
-// Too few bytes for any output, enough for a message.
+// Too few bytes for any output, but enough for a message.
 void limit_files() {
   const rlimit limit = {512, 512};
   setrlimit(RLIMIT_FSIZE, &limit);
@@ -37,14 +37,14 @@ TEST_F(CommandOutputs, WhatCannotBeWrittenWholeLeavesNothing) {
   expect_failure(1, "a.ply: cannot be written: File too large", {"mesh", "cube", "-o", "a.ply"}, limit_files);
   expect_failure(1, "a.vdb: cannot be written: File too large",
                  {"bake", "ball.ply", "-o", "a.vdb", "--chart", "thesis", "--directions", "32"}, limit_files);
-  // An older file stays as it was.
+  // An existing file is left as it was.
   write("a.png", "older");
   expect_failure(1, "a.png: cannot be written: File too large", with({"-o", "a.png"}), limit_files);
   EXPECT_EQ(read_text(folder_ / "a.png"), "older");
 }
 
 TEST_F(CommandOutputs, StatisticsThatCannotBeWrittenLeaveNothing) {
-  // A picture of a few pixels is smaller than its statistics.
+  // An image of a few pixels is smaller than its statistics.
   const auto between = [] {
     const rlimit limit = {1024, 1024};
     setrlimit(RLIMIT_FSIZE, &limit);
@@ -67,7 +67,7 @@ TEST_F(CommandOutputs, ATableThatCannotBeWrittenLeavesNothing) {
 
 TEST_F(CommandOutputs, AFullDiskLeavesNothing) {
   fs::create_directory(folder_ / "disk");
-  // The mount belongs to this process and those that it starts, and goes with them.
+  // The mount is private to this process and its children, and disappears with them.
   if (unshare(CLONE_NEWNS) != 0 || mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
       mount("none", (folder_ / "disk").c_str(), "tmpfs", 0, "size=64k") != 0) {
     GTEST_SKIP() << "file systems cannot be mounted here";
@@ -164,12 +164,12 @@ TEST_F(CommandOutputs, NamesMayBeAsLongAsTheFileSystemAllows) {
       fs::remove(folder_ / name(ending));
     }
   }
-  // Cut within a letter of two bytes, the temporary name would not be text.
+  // Cut in the middle of a two-byte character, the temporary name would not be valid UTF-8.
   std::string umlauts;
   while (umlauts.size() < 250) umlauts += "\u00e4";
   EXPECT_EQ(run({"render", "scene.xml", "-o", umlauts + ".png", "--quiet"}).code, 0);
   fs::remove(folder_ / (umlauts + ".png"));
-  // Told before the scene, which does not exist, is read.
+  // Reported before the scene, which does not exist, is read.
   expect_failure(1, "File name too long", {"render", "missing.xml", "-o", std::string(252, 'n') + ".png"});
 }
 
@@ -179,9 +179,9 @@ TEST_F(CommandOutputs, ComparingTwoSizesNamesBothFiles) {
   expect_failure(1, "a.exr: cannot be compared with b.exr: the image is 32x24", {"compare", "a.exr", "b.exr"});
 }
 
-// ---- caches that may only be read
+// ---- read-only caches
 
-// Root may write everywhere unless it gives up this.
+// Root may write anywhere unless it drops this capability.
 void respect_permissions() {
   prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE);
   prctl(PR_CAPBSET_DROP, CAP_DAC_READ_SEARCH);
@@ -214,7 +214,7 @@ TEST_F(ReadOnlyCache, IsReadWithOneWarning) {
   EXPECT_EQ(std::count(o.err.begin(), o.err.end(), '\n'), 1) << o.err;
   EXPECT_NE(read_text(folder_ / "s.json").find("\"rays\": 0"), std::string::npos) << "fields were baked again";
   EXPECT_EQ(files(), before);
-  // Other fields than the cache holds are baked, and not kept.
+  // Fields that the cache lacks are baked and not kept.
   EXPECT_EQ(run(render("a.exr", {"--lobe-samples", "2"}), respect_permissions).code, 0);
   EXPECT_EQ(files(), before);
 }

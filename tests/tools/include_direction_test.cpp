@@ -1,4 +1,4 @@
-// Fails when an include points against the layout: which folder may include which.
+// Fails if an include violates the layering of folders and components.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -16,8 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Folders of the project's top level -> those that it may include beside itself. No folder may include gpu: it
-// registers itself.
+// Top-level folders -> those that each may include besides itself. No folder may include gpu: it registers itself.
 const std::map<std::string, std::set<std::string>> k_allowed = {
     {"core", {}},
     {"field", {"core"}},
@@ -27,7 +26,7 @@ const std::map<std::string, std::set<std::string>> k_allowed = {
     {"tests", {"core", "field", "hybrid", "gpu", "tools"}},
 };
 
-// Of each component (core/mesh, ...) the components that its CMakeLists.txt says it may include.
+// For each component (core/mesh, ...) the components that its CMakeLists.txt allows it to include.
 using Components = std::map<std::string, std::set<std::string>>;
 
 // The words after MAY_INCLUDE in the text of a component's CMakeLists.txt, up to the next keyword.
@@ -70,11 +69,10 @@ std::string folder_of(const std::string& path) {
   return slash == std::string::npos ? std::string() : path.substr(0, slash);
 }
 
-// Complaints about the includes in `text`, the contents of a file of `folder`.
-// `file` is its path from the root.
+// Errors for the includes in `text`, the contents of `file` (its path from the root).
 std::vector<std::string> wrong_includes(const Components& components, const std::string& file,
                                         const std::string& text) {
-  // Highway includes the file that HWY_TARGET_INCLUDE names once per instruction set.
+  // Highway includes the file named by HWY_TARGET_INCLUDE once per instruction set.
   static const std::regex quoted(R"re(^\s*#\s*(?:include|define\s+HWY_TARGET_INCLUDE)\s+"([^"]+)")re");
   static const std::regex cuda(R"re(^\s*#\s*include\s+<(cuda|cub/|thrust/|cooperative_groups)[^>]*>)re");
   const std::string top = file.substr(0, file.find('/')), from = folder_of(file);
@@ -107,7 +105,7 @@ bool is_source(const fs::path& path) {
   return endings.count(path.extension().string()) > 0;
 }
 
-// Whether the components can be ordered so that each includes only those before it.
+// Whether the components can be ordered so that each includes only earlier ones.
 bool is_acyclic(const Components& components) {
   std::set<std::string> done;
   for (bool grows = true; grows;) {
@@ -139,7 +137,7 @@ TEST(IncludeDirection, EveryIncludeFollowsTheLayout) {
   EXPECT_GT(files, 20u);
 }
 
-// What a component may include stands above it, and it includes all that it says.
+// The allowed includes form no cycle, and each of them is used.
 TEST(IncludeDirection, ComponentsFormNoCyclesAndSayNoMoreThanTheyInclude) {
   const Components components = read_components();
   EXPECT_TRUE(is_acyclic(components));
@@ -155,7 +153,7 @@ TEST(IncludeDirection, ComponentsFormNoCyclesAndSayNoMoreThanTheyInclude) {
   }
 }
 
-// No more than about 25 source files in a folder: one is found by its name.
+// At most about 25 source files per folder, so that files are found by name.
 TEST(IncludeDirection, FoldersStaySmall) {
   std::map<std::string, int> count;
   const fs::path root = FIELDTRACE_SOURCE_DIR;
@@ -168,10 +166,13 @@ TEST(IncludeDirection, FoldersStaySmall) {
 }
 
 TEST(IncludeDirection, TheScenesFolderHoldsNoCode) {
+  size_t files = 0;
   for (const fs::directory_entry& entry :
        fs::recursive_directory_iterator(fs::path(FIELDTRACE_SOURCE_DIR) / "scenes")) {
     EXPECT_FALSE(is_source(entry.path())) << entry.path();
+    ++files;
   }
+  EXPECT_GT(files, 10u);
 }
 
 const Components k_example = {{"core/a", {}}, {"core/b", {"core/a"}}, {"field/c", {"core/a"}}};

@@ -1,4 +1,4 @@
-// The thesis' field: what is baked, what look-ups find, and that every instruction set finds the same.
+// The thesis' field: baked contents, look-ups, and parity of all instruction sets.
 #include "field/thesis/thesis_field.h"
 
 #include <gtest/gtest.h>
@@ -41,20 +41,20 @@ struct Answers {
 };
 
 Answers query(const ThesisKernels& kernels, const ThesisInstanceView& view, const RayBatch& rays,
-              const std::vector<uint32_t>& skip) {
+              const AlignedVector<uint32_t>& skip) {
   Answers a;
   a.hits.resize(rays.size);
   std::fill(a.hits.t.begin(), a.hits.t.end(), k_infinity);
   for (auto* n : {&a.hits.nx, &a.hits.ny, &a.hits.nz}) std::fill(n->begin(), n->end(), 0.0f);
   std::fill(a.hits.instance.begin(), a.hits.instance.end(), k_none);
-  kernels.nearest(view, rays, skip.data(), a.hits);
+  kernels.nearest(view, rays, skip, a.hits);
   a.shadows.keep_verdicts = true;
   a.shadows.reset(rays.size);
   a.counts = kernels.shadow(view, rays, 0, padded(rays.size), 0, a.shadows);
   return a;
 }
 
-// Rays at the object from all around, among them ones from inside, along axes, past it and inactive ones.
+// Rays at the object from all around, including ones from inside, along axes, past it, and inactive ones.
 RayBatch random_rays(size_t count, uint32_t seed, const Vec3& centre, float radius) {
   TestRandom random(seed);
   RayBatch rays;
@@ -82,7 +82,7 @@ TEST(ThesisField, HasTheThesisSize) {
 }
 
 TEST(ThesisField, SamplesOfASphereAreItsDistancesAndNormals) {
-  // Radius .5 inside a ball that a far vertex widens to 1.
+  // Radius .5 in a ball that a distant vertex widens to 1.
   TriangleMesh mesh = make_sphere({.radius = 0.5f, .around = 256, .along = 128});
   const uint32_t first = uint32_t(mesh.positions.size());
   for (const Vec3& p : {Vec3(1, 0, 0), Vec3(-1, 0, 0)}) {
@@ -114,7 +114,7 @@ TEST(ThesisField, SamplesOfASphereAreItsDistancesAndNormals) {
         }
         ++hits;
         const double depth = along - std::sqrt(0.25 - off);
-        // Half a step, and the mesh's chords.
+        // Half a quantisation step, plus the chords of the mesh.
         ASSERT_NEAR(view.distance[i] * 2.0 / 254.0, depth, 1.0 / 254.0 + 0.01);
         const DVec3 n = glm::normalize(o + d * depth);
         for (int axis = 0; axis < 3; ++axis) {
@@ -128,11 +128,11 @@ TEST(ThesisField, SamplesOfASphereAreItsDistancesAndNormals) {
 }
 
 TEST(ThesisField, LookUpsAgreeWithEmbreeWithinTheSlack) {
-  // A sphere has no ridges: where both hit, not too near the silhouette, depths agree within the slack.
+  // A sphere has no ridges: where both hit, away from the silhouette, depths agree within the slack.
   const BakedScene baked(make_sphere({.radius = 0.7f}), 64, {3.0f, -2.0f, 1.0f}, 2.5f, 40.0f);
   const RayBatch rays = random_rays(20000, 5, {3.0f, -2.0f, 1.0f}, 2.0f);
   const Answers a =
-      query(thesis_kernels_scalar(), baked.view(), rays, std::vector<uint32_t>(padded(rays.size), k_none));
+      query(thesis_kernels_scalar(), baked.view(), rays, AlignedVector<uint32_t>(padded(rays.size), k_none));
   HitBatch exact;
   exact.resize(rays.size);
   RayBatch long_rays = rays;
@@ -145,7 +145,7 @@ TEST(ThesisField, LookUpsAgreeWithEmbreeWithinTheSlack) {
       continue;
     }
     const Vec3 o = rays.origin(i), d = rays.direction(i);
-    if (glm::length(o - Vec3(3.0f, -2.0f, 1.0f)) < 1.8f) continue;  // begins inside: the field sees another surface
+    if (glm::length(o - Vec3(3.0f, -2.0f, 1.0f)) < 1.8f) continue;  // starts inside: the field sees another surface
     const bool found = a.hits.instance[i] == 0, hit = exact.instance[i] == 0;
     differ += found != hit;
     if (!found || !hit) continue;
@@ -154,7 +154,7 @@ TEST(ThesisField, LookUpsAgreeWithEmbreeWithinTheSlack) {
     const float facing = -glm::dot(glm::normalize(p - Vec3(3.0f, -2.0f, 1.0f)), glm::normalize(d));
     if (facing < 0.8f) continue;
     ++agree;
-    // The ball's radius is 1.75: slack is in units of that.
+    // The ball's radius is 1.75, the unit of the slack.
     ASSERT_LT(std::abs(a.hits.t[i] - exact.t[i]) * glm::length(d), 1.75f * thesis_slack(64));
     ASSERT_GT(glm::dot(Vec3(a.hits.nx[i], a.hits.ny[i], a.hits.nz[i]), glm::normalize(p - Vec3(3.0f, -2.0f, 1.0f))),
               0.98f);
@@ -164,7 +164,7 @@ TEST(ThesisField, LookUpsAgreeWithEmbreeWithinTheSlack) {
 }
 
 TEST(ThesisField, ShadowsAgreeWithEmbreeAwayFromEdges) {
-  // Shading points around and behind a ball, lights before it, at finite and infinite distance.
+  // Shading points around and behind a ball, lights in front of it, at finite and infinite distance.
   const BakedScene baked(make_sphere({.radius = 0.7f}), 64, {3.0f, -2.0f, 1.0f}, 2.5f, 40.0f);
   const Vec3 centre(3.0f, -2.0f, 1.0f);
   TestRandom random(15);
@@ -174,11 +174,11 @@ TEST(ThesisField, ShadowsAgreeWithEmbreeAwayFromEdges) {
     const Vec3 shading_point = centre + random.direction() * random.uniform(1.9f, 8.0f);
     const Vec3 d = centre + 3.0f * random.in_ball() - shading_point;
     const uint32_t kind = random.index(4);
-    // Lights before the ball, behind it, infinitely far away, and rays that are not to be asked.
+    // Lights in front of the ball, behind it and at infinity, and inactive rays.
     rays.set(i, shading_point, d, kind == 0 ? 0.05f : kind == 1 ? 50.0f : kind == 2 ? k_infinity : -1.0f);
   }
   const Answers a =
-      query(thesis_kernels_scalar(), baked.view(), rays, std::vector<uint32_t>(padded(rays.size), k_none));
+      query(thesis_kernels_scalar(), baked.view(), rays, AlignedVector<uint32_t>(padded(rays.size), k_none));
   std::vector<uint32_t> all(rays.size);
   std::iota(all.begin(), all.end(), 0u);
   std::vector<uint8_t> exact(padded(rays.size), 0);
@@ -194,11 +194,11 @@ TEST(ThesisField, ShadowsAgreeWithEmbreeAwayFromEdges) {
     }
     crossing += (a.shadows.state[i] & RayStates::k_crosses) != 0;
     const Vec3 light = rays.origin(i) + rays.tmax[i] * rays.direction(i);
-    if (glm::length(light - centre) < 1.76f) continue;  // within the ball: the field does not see what it lights
+    if (glm::length(light - centre) < 1.76f) continue;  // within the ball: the field cannot see what it lights
     blocked += exact[i] != 0;
     if (a.hidden(i) == (exact[i] != 0)) continue;
     ++wrong;
-    // Wrong only near the silhouette: within the slack, of a ball of radius 1.75, in units of that.
+    // Errors only near the silhouette: within the slack, in units of the ball's radius of 1.75.
     const Vec3 o = rays.origin(i) - centre, d = glm::normalize(rays.direction(i));
     const float beside = glm::length(o - d * glm::dot(o, d)) / 1.75f;
     ASSERT_NEAR(beside, 1.0f, thesis_slack(64)) << i;
@@ -211,7 +211,7 @@ TEST(ThesisField, ShadowsAgreeWithEmbreeAwayFromEdges) {
 TEST(ThesisField, LookUpsAgreeOnEveryInstructionSet) {
   const BakedScene baked(thesis_supershape_2(48, 24), 32, {0.3f, 0.2f, -5.0f}, 1.5f, 75.0f);
   const RayBatch rays = random_rays(1 << 16, 6, {0.3f, 0.2f, -5.0f}, 1.5f);
-  std::vector<uint32_t> skip(padded(rays.size), k_none);
+  AlignedVector<uint32_t> skip(padded(rays.size), k_none);
   for (size_t i = 0; i < skip.size(); i += 7) skip[i] = 0;
   const ThesisInstanceView view = baked.view();
   const Answers reference = query(thesis_kernels_scalar(), view, rays, skip);
@@ -297,7 +297,7 @@ TEST(ThesisField, FilesThatAreNotTheFieldAreRefused) {
   Shape other = shape;
   other.mesh.positions[0].x += 1.0f;
   EXPECT_THROW(load_thesis_field(thesis_identity(other, 32), path), FieldFileError);
-  // The orthographic chart's reader, too, says what is wrong.
+  // The orthographic chart's reader rejects the file too.
   EXPECT_THROW(FieldFile{path}, FieldFileError);
   std::fstream(path, std::ios::binary | std::ios::in | std::ios::out).seekp(2000).put('x').put('y');
   EXPECT_THROW(load_thesis_field(identity, path), FieldFileError);

@@ -64,7 +64,7 @@ TEST(ThesisCases, TrianglesAreThoseOfTheThesis) {
       EXPECT_EQ(c.scene.geometry.triangle_count(), c.thesis_triangles) << c.scene.name;
     }
     EXPECT_EQ(c.scene.materials.size(), c.scene.geometry.instances.size());
-    // Shadow look-ups need lights outside every ball.
+    // Shadow look-ups require lights outside every ball.
     for (const Instance& i : c.scene.geometry.instances) {
       const Sphere ball = thesis_ball(c.scene.geometry.shapes[i.shape].mesh);
       for (const PhongLight& light : c.scene.lights) {
@@ -81,7 +81,7 @@ TEST(ThesisCases, TrianglesAreThoseOfTheThesis) {
 }
 
 TEST(ThesisCases, ShapesOfOneNameAreOneMesh) {
-  // Their fields are shared between cases.
+  // Fields are shared between cases by the objects' names.
   std::map<std::string, size_t> triangles;
   for (const ThesisCase& c : thesis_cases()) {
     for (const Shape& s : c.scene.geometry.shapes) {
@@ -103,7 +103,7 @@ TEST(ThesisReport, TablesHaveEveryCaseAndColumn) {
     EXPECT_EQ(std::count(line.begin(), line.end(), ','), columns) << line;
   }
   EXPECT_EQ(rows, 24u);
-  // The thesis' own figures stand in the rows that they belong to.
+  // The thesis' figures appear in the rows that they belong to.
   const std::string csv = thesis_csv(report);
   for (const char* part : {"12.38,11.3", "25.82,21.88", "7.15,5.79,6.76,5.19,62,4024,5097,67324,92192"}) {
     EXPECT_NE(csv.find(part), std::string::npos) << part;

@@ -1,9 +1,9 @@
-// certificate_report: how often fields answer and how often certified answers are wrong, per mesh, risk class and
-// kind of segment. The figures of docs/decisions/003-certificates.md.
+// certificate_report: how often fields decide a segment and how often certified answers are wrong, per mesh, risk class
+// and kind of segment. The figures of docs/decisions/003-certificates.md.
 //
 // certificate_report [MESH ...] [--directions D] [--plane N] [--lines K] [--clusters M] [--seed S]
-// Each query kind draws M random lines; a cluster of 8 lines from the same cell's extent shares what one bake costs.
-// Answers are compared with Embree on the same segment. Lines are held out: the bake never sees them.
+// Draws M random lines per kind of query; clusters of 8 lines within one cell's extent share the cost of its bake.
+// Answers are compared with Embree on the same segments, which the bake never sees.
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
@@ -25,7 +25,7 @@ namespace fieldtrace {
 namespace {
 
 constexpr int k_cluster = 8;
-// Answers are attributed to the smallest of these class limits that gives them.
+// An answer is attributed to the smallest of these class limits at which it is given.
 constexpr int k_limits[] = {0, 1, 2, 4, 8, k_worst_class};
 constexpr int k_limit_count = int(std::size(k_limits));
 
@@ -63,10 +63,11 @@ struct Object {
 
   Scene scene;
   std::unique_ptr<Accel> accel;
-  std::vector<double> area;  // running sum
+  std::vector<double> area;  // cumulative triangle areas
 };
 
-// A point of the surface, uniform by area, off it by its rounding error, with the normal of a random side.
+// A surface point, uniform by area and offset by its rounding error, with the normal of one side (random if
+// either_side).
 struct SurfacePoint {
   Vec3 position, normal;
 };
@@ -86,7 +87,7 @@ SurfacePoint surface_point(const Object& object, Random& random, bool either_sid
   return p;
 }
 
-// k_cluster segments, near one another in the chart.
+// Generates k_cluster segments that are close together in the chart.
 using Generator = std::function<void(const Object&, const Field&, Random&, std::vector<Segment>&)>;
 
 void outside_outside(const Object&, const Field& field, Random& random, std::vector<Segment>& out) {
@@ -120,7 +121,7 @@ void from_surface(const Object& object, const Field& field, Random& random, std:
   }
 }
 
-// A shading point within the ball but not on the object, towards a light outside.
+// From a point within the ball (not on the object) to a light outside.
 void inside_outside(const Object&, const Field& field, Random& random, std::vector<Segment>& out) {
   const Vec3 p = random.direction() * std::cbrt(random.uniform());
   const Vec3 d = random.direction();
@@ -137,10 +138,10 @@ struct Tally {
 
 struct Result {
   uint64_t queries = 0;
-  Tally at[k_limit_count];  // answers that this class limit added
+  Tally at[k_limit_count];  // additional answers at this class limit
 };
 
-Result measure(const Object& object, Field& field, SingleRayQuery& probe, const Generator& generate, int clusters,
+Result measure(const Object& object, Field& field, SingleRayQuery& query, const Generator& generate, int clusters,
                uint32_t seed) {
   Random random(seed);
   Result result;
@@ -162,7 +163,7 @@ Result measure(const Object& object, Field& field, SingleRayQuery& probe, const 
       ++result.queries;
       for (int l = 0; l < k_limit_count; ++l) {
         const QueryPolicy policy = {.visibility_max_class = k_limits[l], .depth_max_class = k_limits[l]};
-        const FieldVerdict verdict = probe.occluded(policy, s.o, s.d, s.t_max, s.self);
+        const FieldVerdict verdict = query.occluded(policy, s.o, s.d, s.t_max, s.self);
         if (verdict == FieldVerdict::undecided) continue;
         const int b = verdict == FieldVerdict::blocked;
         ++result.at[l].answers[b];
@@ -201,8 +202,8 @@ void print(const std::string& name, const std::string& kind, const FieldParamete
   std::printf("\n");
 }
 
-// Share of fresh lines of certified sheets that lie beyond r times the largest residual seen, r = 1, 1.5, 2, 3.
-void print_residuals(const Object& object, Field& field, SingleRayQuery& probe, int clusters) {
+// Share of new lines through plane-fit cells that lie farther off than r times the largest residual, r = 1, 1.5, 2, 3.
+void print_residuals(const Object& object, Field& field, SingleRayQuery& query, int clusters) {
   const FieldParameters& p = field.parameters();
   Random random(77);
   constexpr float k_factors[] = {1.0f, 1.5f, 2.0f, 3.0f};
@@ -213,7 +214,7 @@ void print_residuals(const Object& object, Field& field, SingleRayQuery& probe, 
     const SurfacePoint at = surface_point(object, random, false);
     Vec3 d = random.direction();
     if (glm::dot(d, at.normal) > 0.0f) d = -d;
-    probe.nearest({}, at.position - d, d, 0.0f, k_infinity, false);
+    query.nearest({}, at.position - d, d, 0.0f, k_infinity, false);
     const Vec3 o = (at.position - field.ball().centre) * (1.0f / field.ball().radius);
     const auto cell =
         scalar::address_of_line<float>({d.x, d.y, d.z}, {o.x, o.y, o.z}, make_axis(p.directions), make_axis(p.plane));
@@ -268,24 +269,24 @@ TriangleMesh mesh_by_name(const std::string& name) {
 void report(const std::string& name, const FieldParameters& parameters, int clusters, uint32_t seed) {
   const Object object(mesh_by_name(name));
   Field field(field_ball(object.scene.shapes[0].bounds), parameters);
-  SingleRayQuery probe(field, *object.accel, 0);
+  SingleRayQuery query(field, *object.accel, 0);
   const bool open = name == "sheet" || name == "holes" || name == "slivers";
-  print(name, "out-out", parameters, measure(object, field, probe, outside_outside, clusters, seed));
-  const double rays_line = double(probe.counters().rays) / double(std::max<uint64_t>(field.cells_baked(), 1));
-  const uint64_t cells = field.cells_baked(), rays = probe.counters().rays;
+  print(name, "out-out", parameters, measure(object, field, query, outside_outside, clusters, seed));
+  const double rays_line = double(query.counters().rays) / double(std::max<uint64_t>(field.cells_baked(), 1));
+  const uint64_t cells = field.cells_baked(), rays = query.counters().rays;
   print(name, "surface", parameters,
         measure(
-            object, field, probe,
+            object, field, query,
             [open](const Object& o, const Field& f, Random& r, std::vector<Segment>& out) {
               from_surface(o, f, r, out, open);
             },
             clusters, seed + 1));
   const double rays_depth =
-      double(probe.counters().rays - rays) / double(std::max<uint64_t>(field.cells_baked() - cells, 1));
-  print(name, "in-out", parameters, measure(object, field, probe, inside_outside, clusters, seed + 2));
-  print_residuals(object, field, probe, clusters);
+      double(query.counters().rays - rays) / double(std::max<uint64_t>(field.cells_baked() - cells, 1));
+  print(name, "in-out", parameters, measure(object, field, query, inside_outside, clusters, seed + 2));
+  print_residuals(object, field, query, clusters);
   std::printf("          bake rays per cell: visibility %.1f, depth %.1f; %.2f s\n", rays_line, rays_depth,
-              probe.counters().seconds);
+              query.counters().seconds);
   std::fflush(stdout);
 }
 

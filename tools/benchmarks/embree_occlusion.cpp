@@ -28,7 +28,7 @@ void fill(Packet& packet, int* valid, int width, const RayBatch& rays, size_t be
   }
 }
 
-// Embree marks a blocked ray by tfar = -infinity.
+// Embree marks an occluded ray by tfar = -infinity.
 template <class Packet>
 size_t blocked_in(const Packet& packet, const int* valid, int width) {
   size_t n = 0;
@@ -36,7 +36,7 @@ size_t blocked_in(const Packet& packet, const int* valid, int width) {
   return n;
 }
 
-// How many of the rays are blocked, asked in packets by rtcOccluded8 or rtcOccluded16.
+// Number of occluded rays, traced in packets by rtcOccluded8 or rtcOccluded16.
 template <class Packet, class Occluded>
 size_t count_in_packets(const RayBatch& rays, int width, const Occluded& occluded) {
   alignas(64) int valid[16];

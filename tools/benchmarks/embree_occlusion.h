@@ -1,7 +1,7 @@
-// Embree's occlusion query in each of its packet forms over one mesh, for choosing the fastest as the yardstick.
+// Embree's occlusion query in each of its packet forms over one mesh, to find the fastest as the baseline.
 //
-// Kept apart from core/trace/accel.h, which offers only the form that the renderer uses: here the mesh is a scene by
-// itself, without instances and transforms, as favourable to Embree as can be. Thread-safety: count_blocked() is const.
+// Separate from core/trace/accel.h, which offers only the form that the renderer uses: here the mesh is a scene without
+// instances and transforms, the most favourable case for Embree. Thread-safety: count_blocked() is const.
 #pragma once
 
 #include <cstddef>
@@ -22,8 +22,7 @@ class EmbreeOcclusion {
   explicit EmbreeOcclusion(const TriangleMesh& mesh);
   ~EmbreeOcclusion();
 
-  // How many of the rays meet the mesh. Rays are in the mesh's space; all forms give the same count but for rays that
-  // graze an edge.
+  // Number of rays that hit the mesh. Rays are in the mesh's space; all forms agree except on rays that graze an edge.
   size_t count_blocked(const RayBatch& rays, OcclusionPackets packets) const;
 
  private:

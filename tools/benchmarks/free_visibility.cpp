@@ -1,12 +1,11 @@
-// The ceiling of any shadow answerer: a frame whose every shadow ray is "clear" and costs nothing.
+// Upper bound on the gain of any shadow answerer: a frame in which every shadow ray is clear at no cost.
 //
-// Arguments: SCENE.xml SPP LIGHT_SAMPLES THREADS [name=value ...]. Prints times as `fieldtrace render --stats` does, as
-// JSON: build, primary, secondary, total (the frame alone, no loading, no writing), seconds.
+// Arguments: SCENE.xml SPP LIGHT_SAMPLES THREADS [name=value ...]. Prints times as in `fieldtrace render --stats`, as
+// JSON: build, primary, secondary, total (the frame alone, without loading or writing), seconds.
 //
-// How: light transport is given an answerer for a scene without objects. It finds no candidates anywhere, so that
-// every shading point is free: its light samples are drawn, weighted and added up, which is shading, and no ray is
-// made. time.secondary is what is left of that stage: asking for candidates and finding none. Tiles and batches are
-// those of render().
+// Light transport gets an answerer for a scene without objects. It finds no candidates, so every shading point is
+// unoccluded: light samples are drawn, weighted and summed, which counts as shading, and no ray is traced.
+// time.secondary retains only the candidate queries. Tiles and batches are those of render().
 #include <fmt/format.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/task_arena.h>

@@ -1,4 +1,4 @@
-// Time per shadow ray of sample_light: kind of light x samples a shading point x instruction set.
+// Time per shadow ray of sample_light: kind of light x samples per shading point x instruction set.
 //
 // Run: light_sampling_benchmark --benchmark_repetitions=9 --benchmark_report_aggregates_only=true
 // and read the medians; items_per_second counts rays.
@@ -22,7 +22,7 @@ Scene one_light_scene(ShapeKind kind) {
   scene.shapes.push_back(shape);
   Instance instance;
   instance.to_world = Affine(0.3f, 0, 0, 0, 0.3f, 0, 0, 0, 0.3f, 0, 0, 4);
-  instance.flip_normals = kind != ShapeKind::sphere;  // plane shapes shine down
+  instance.flip_normals = kind != ShapeKind::sphere;  // planar shapes emit downwards
   scene.instances.push_back(instance);
   Emitter emitter;
   emitter.instance = 0;
@@ -61,7 +61,7 @@ ShadingPointBatch floor_shading_points(size_t count) {
 }
 
 void sample(benchmark::State& state, const std::string& name, int light_samples, Isa isa) {
-  constexpr size_t k_slots = 1024;  // about the first-level cache: what a tile's stage works on
+  constexpr size_t k_slots = 1024;  // about the first-level cache, like one stage of a tile
   const Scene scene = scene_of(name);
   const LightTable lights = make_lights(scene);
   const ShadingPointBatch shading_points = floor_shading_points(k_slots / size_t(light_samples));

@@ -1,8 +1,9 @@
 // Field look-ups against Embree's occlusion rays, per core, over the same rays: all cross the object's ball.
 //
-// Arguments: MESH.obj|MESH.ply (default: the bunny of Debian's glmark2-data). Rays from points outside the ball, and
-// from points on the object itself, towards a sphere light of 4 degrees; baked beforehand. Embree answers them in each
-// of its packet forms; the fastest is the yardstick. Rates are per second of this thread's processor time.
+// Arguments: MESH.obj|MESH.ply (default: the bunny of Debian's glmark2-data). Rays run from points outside the ball,
+// and from points on the object itself, towards a sphere light of 4 degrees; the field is baked beforehand. Embree
+// traces the same rays in each of its packet forms; the fastest is the baseline. Rates are per second of this thread's
+// processor time.
 #include <benchmark/benchmark.h>
 
 #include <cstdio>
@@ -20,7 +21,7 @@
 namespace fieldtrace {
 namespace {
 
-// One batch of the renderer: it fits the second-level cache, as it does there.
+// The renderer's batch size, which fits the second-level cache.
 constexpr size_t k_rays = 1 << 13;
 
 struct Setup {
@@ -48,7 +49,7 @@ struct Setup {
     std::copy(m, m + 12, task.to_unit);
   }
 
-  // 64 rays from each shading point towards a ball about a light 4.6 radii away; shading points on a plane beside the
+  // 64 rays from each shading point towards a sphere light 4.6 radii away; shading points lie on a plane beside the
   // ball or on the mesh. Only rays that cross the ball are kept.
   RayBatch make_rays(bool self) const {
     std::mt19937 generator(7);
@@ -108,7 +109,7 @@ void run_lookups(benchmark::State& state, Setup& setup, bool self, Isa isa) {
   setup.bake(rays, {instances.begin(), instances.end()});
   RayStates states;
   uint64_t lookups = 0;
-  // Batches of 8192 rays, as the renderer has them.
+  // Batches of 8192 rays, as in the renderer.
   for (auto _ : state) {
     states.reset(rays.size);
     for (size_t begin = 0; begin < rays.size; begin += 8192) {

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Measures what Fieldtrace is for: whole frames by both methods, beside Mitsuba where that is installed, and single
-look-ups. Writes measure.json.gz and measure.md, a table with targets, into the output folder; --publish also replaces
-docs/benchmarks/latest-measure.json.gz, the one run that the repository keeps.
+"""Benchmarks Fieldtrace: whole frames by both methods, against Mitsuba where that is installed, and single look-ups.
+Writes measure.json.gz and measure.md, a table with targets, to the output folder; --publish also replaces
+docs/benchmarks/latest-measure.json.gz, the only run kept in the repository.
 
-Rows, targets and how each is measured: docs/benchmarks/README.md. Exit codes: 0 done (targets missed or not), 1 a row
-failed (the others are written) or nothing was published, 2 wrong use.
+Rows, targets and methods: docs/benchmarks/README.md. Exit codes: 0 done (whether or not targets are met), 1 a row
+failed (the others are written) or nothing was published, 2 wrong usage.
 """
 
 import argparse
@@ -63,7 +63,7 @@ def parse(words):
 
 
 def measure(rows, context, keep):
-    """Measures the rows one by one; a row that fails does not stop the others. keep(results) after each."""
+    """Measures the rows one by one and calls keep(results) after each; a failing row does not stop the others."""
     results = []
     for row in rows:
         context.log(f"{row.number} {row.name}: {row.title()}")
@@ -84,7 +84,7 @@ def measure(rows, context, keep):
 
 
 def peer_version(python):
-    """Of the package, found by loading the smallest scene in the variant that needs nothing else."""
+    """Version of the package, found by loading the smallest scene in the variant without further dependencies."""
     with Peer(python, "scalar_rgb", ROOT / "scenes/bunny_two_lights.xml", (("resolution", 16),)) as peer:
         return peer.version
 
@@ -110,7 +110,7 @@ def main(words):
         raise BenchmarkError(f"--publish: {reason}")
 
     def keep(results):
-        """Both reports, as far as they go: a run that is interrupted leaves the rows that it finished."""
+        """Writes both reports so far: an interrupted run keeps its finished rows."""
         head["machine"]["load_after"] = os.getloadavg()[0]
         report.write(arguments.output, head, results)
 

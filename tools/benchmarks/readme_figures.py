@@ -4,9 +4,9 @@
     tools/benchmarks/readme_figures.py [--program build/release/bin/fieldtrace] [--repeats 5] [--work build/readme]
                                        [--only NAME ...]
 
-Each row is rendered by Monte Carlo, by fields with an empty cache (cold), and by fields with the cache that this left
-(warm), in turn; medians of `time.total` and, in brackets, of `time.secondary` (shadow and glossy rays). Nothing else
-should run on the machine; the load average before and after is printed.
+Each row is rendered by Monte Carlo, by fields with an empty cache (cold), and by fields with the cache filled by that
+(warm), interleaved; medians of `time.total` and, in brackets, of `time.secondary` (shadow and glossy rays). Nothing
+else should run on the machine; the load average before and after is printed.
 """
 
 import argparse

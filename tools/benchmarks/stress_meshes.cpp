@@ -1,4 +1,4 @@
-// Writes the meshes of core/mesh/mesh_stress.h, with their default parameters, as PLY files: stress_meshes FOLDER.
+// Writes the meshes of core/mesh/mesh_stress.h with default parameters as PLY files: stress_meshes FOLDER.
 #include <fmt/format.h>
 
 #include <exception>

@@ -1,14 +1,13 @@
 #!/usr/bin/env python3
-"""Renders objects that are hard for fields by both methods, and prints what the fields got wrong, as a table.
+"""Renders objects that are hard for fields by both methods, and prints the fields' errors as a table.
 
     tools/benchmarks/stress_report.py [--program build/release/bin/fieldtrace] [-o stress] [--only NAME ...]
                            [--light-samples 1024] [--resolution 256] [-- OPTIONS OF render]
 
-Makes the meshes and STRESS/NAME.xml for scenes/stress.xml, renders each object under lights of 4 and 20 degrees by
-Monte Carlo and by fields with the same samples, and prints one Markdown row for each: root mean square error, worst
-16 x 16 block, share of the rays near an object that were traced, rays of the bake and traced ones against Monte
-Carlo's, and the wrong share of certified answers per verdict and receiver. Pictures of Monte Carlo are kept and used
-again.
+Generates the meshes and STRESS/NAME.xml for scenes/stress.xml, renders each object under lights of 4 and 20 degrees by
+Monte Carlo and by fields with the same samples, and prints one Markdown row for each: RMSE, worst 16 x 16 block, traced
+share of the rays near an object, baked and traced rays relative to Monte Carlo's, and the share of wrong certified
+answers by verdict and by the shading point's object (the occluder itself or another). Monte Carlo images are cached.
 """
 
 import argparse
@@ -18,7 +17,7 @@ import subprocess
 import sys
 
 BUNNY = "/usr/share/glmark2/models/bunny.obj"
-# Name: what is placed over the floor, as (words of `fieldtrace mesh` or a file, transform); and whether it is solid.
+# Name: the objects over the floor, as (words of `fieldtrace mesh` or a file, transform), and whether they are solid.
 UP = '<rotate x="1" angle="-90"/>'
 OBJECTS = {
     "supershape": ([("supershape", '<translate y="1"/>')], True),
@@ -58,7 +57,7 @@ def make_objects(program, folder, name):
 
 def render(arguments, objects, light, out, more):
     scene = pathlib.Path(__file__).resolve().parents[2] / "scenes" / "stress.xml"
-    # Kept under its name only when all went well: a picture cut short must not be used again.
+    # Renamed only on success: a truncated image must not be reused.
     unfinished, stats = out.with_suffix(".tmp"), out.with_suffix(".json")
     radius, radiance = LIGHTS[light]
     subprocess.run([arguments.program, "render", str(scene), "-o", str(out), "--stats", str(unfinished), "--quiet",

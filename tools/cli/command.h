@@ -1,4 +1,4 @@
-// The commands of the program: each registers its options and leaves behind what to do.
+// The commands of the program: each registers its options and sets the action to run.
 //
 // Thread-safety: none needed, the command line is read by the main thread.
 #pragma once
@@ -13,7 +13,7 @@ namespace fieldtrace {
 
 inline constexpr int k_exit_success = 0;
 inline constexpr int k_exit_input = 1;          // bad input, or `compare` above its limit
-inline constexpr int k_exit_usage = 2;          // wrong options, or something that is not available yet
+inline constexpr int k_exit_usage = 2;          // wrong options, or an unsupported feature
 inline constexpr int k_exit_interrupted = 130;  // SIGINT or SIGTERM
 
 struct CommandLine {
@@ -31,7 +31,7 @@ void add_compare_command(CommandLine& line);
 void add_tradeoff_command(CommandLine& line);
 void add_thesis_command(CommandLine& line);
 
-// For what the command line documents but the program cannot do yet.
+// For documented features that are not implemented yet.
 inline UsageError not_available_yet(const std::string& what) { return UsageError(what + ": not available yet"); }
 
 }  // namespace fieldtrace

@@ -1,4 +1,4 @@
-// `fieldtrace bake`: the field of one object, or of a scene's objects, ahead of rendering.
+// `fieldtrace bake`: bakes the field of one object, or of a scene's objects, ahead of rendering.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -19,7 +19,7 @@ namespace fieldtrace {
 
 namespace {
 
-// Of 1024 x 1024 pixels with 64 light samples.
+// Shadow rays of an image of 1024 x 1024 pixels with 64 light samples.
 constexpr uint64_t k_large_picture_rays = uint64_t(1024) * 1024 * 64;
 
 struct BakeArguments {
@@ -35,7 +35,7 @@ bool is_mesh(const std::string& path) {
   return ending == ".obj" || ending == ".ply";
 }
 
-// OpenVDB programs go by the ending; a folder is a field cache.
+// OpenVDB programs require the extension; a folder is a field cache.
 void check_output(const std::string& path) {
   if (std::filesystem::is_directory(path) || std::filesystem::path(path).extension() == ".vdb") return;
   throw UsageError("-o " + path + ": name a file ending in .vdb, or a folder that exists");
@@ -76,7 +76,7 @@ int run_bake(const BakeArguments& arguments) {
   const Scene scene = mesh ? scene_of_mesh(load_mesh(arguments.input.path, {}, callbacks.warning),
                                            std::filesystem::path(arguments.input.path).filename().string())
                            : load_scene(arguments.input, progress);
-  // load_scene() has checked this for scenes.
+  // For scenes, load_scene() has checked this.
   if (mesh)
     check_scene_limits(scene, {.instances = {{arguments.input.path}}, .emitters = {}, .camera = {}, .scene = {}});
   BakeOptions options = arguments.options;

@@ -23,7 +23,7 @@ struct CompareArguments {
   std::optional<double> limit;
 };
 
-// JSON has no infinity and no NaN: both become null.
+// JSON has neither infinity nor NaN: both become null.
 std::string to_json(const ImageDifference& d) {
   const nlohmann::ordered_json j = {
       {"rmse", d.rmse},
@@ -61,7 +61,7 @@ int run_compare(const CompareArguments& arguments) {
   if (arguments.crop) window = parse_crop(*arguments.crop, {0, 0, image.width, image.height}, "image");
   const ImageDifference d = compare_named(arguments, image, window);
   fmt::print("{}", arguments.json ? to_json(d) : to_text(d));
-  // Before what may go to stderr.
+  // Flushed before anything goes to stderr.
   const std::string failure = flush_standard_output();
   if (!failure.empty()) throw Error(standard_output_message(failure));
   // Not `rmse > limit`: an image with NaN must fail.

@@ -107,7 +107,7 @@ void print_baked(const char* name, const LayerInfo& layer, uint64_t cells_full) 
              layer.cells_reachable);
 }
 
-// `cells`: how many, in the chart's terms.
+// `cells`: the number of cells, in the chart's terms.
 void print_header(const std::string& path, const FieldFileHeader& header, const std::string& cells) {
   const FieldIdentity& identity = header.identity;
   fmt::print("field      {}\nchart      {}\ncells      {}\n", path, identity.chart, cells);
@@ -152,7 +152,7 @@ void print_field(const std::string& path) {
 
 using Json = nlohmann::ordered_json;
 
-// What fields of all charts have in common; `cells`: the chart's parameters.
+// Entries common to fields of all charts; `cells`: the chart's parameters.
 Json header_json(const std::string& path, const FieldFileHeader& header, const Json& cells) {
   const FieldIdentity& identity = header.identity;
   const Vec3& centre = header.ball.centre;

@@ -1,4 +1,4 @@
-// `fieldtrace mesh`: procedural meshes as PLY files. Ranges are checked by the generators themselves.
+// `fieldtrace mesh`: procedural meshes as PLY files. The generators check their parameters' ranges.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -13,7 +13,7 @@ namespace fieldtrace {
 
 namespace {
 
-// One parameter of a generator: its option, where it goes, what it means. The default shown is the struct's own.
+// One parameter of a generator: its option, target and description. The default shown is that of the struct.
 template <class T>
 void parameter(CLI::App& command, const std::string& name, T& target, const std::string& help) {
   command.add_option("--" + name, target, fmt::format("{} (default: {})", help, target))->type_name("X");

@@ -93,7 +93,7 @@ void print_summary(const Stats& s) {
   fmt::print(stderr, "rays    {} primary, {} shadow ({} near an object), {} glossy\n", count(s.rays_primary),
              count(s.rays_shadow), count(s.rays_crossing), count(s.rays_glossy));
   if (s.field_objects > 0) {
-    // The thesis' chart has no plane.
+    // The thesis' chart has no plane cells.
     const std::string cells = s.field_plane == 0 ? fmt::format("chart thesis, M = {}", s.field_directions)
                                                  : fmt::format("{} x {} cells", s.field_directions, s.field_plane);
     fmt::print(stderr, "fields  {} object{}, {}, {} of {} baked, {} in memory\n", s.field_objects,
@@ -160,7 +160,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   return k_exit_interrupted;
 }
 
-// Options that are documented but not built: accepted by name so that the message can say so.
+// Documented options that are not implemented: accepted by name, so that the error message can say that.
 void add_unavailable_options(CLI::App& command) {
   for (const auto& [name, type] : {std::pair{"--time-limit", "S"}, {"--target-error", "E"}, {"--resume", "FILE"}}) {
     command

@@ -33,8 +33,8 @@ void make_folder(const std::string& folder) {
   if (failed) throw Error({folder}, "the folder cannot be made: " + failed.message());
 }
 
-// Grows line by line under a name that says it is not complete, so that nothing is lost with the program. When a line
-// cannot be written, the rows before it stay, if there are any.
+// Written line by line under a name that marks it as partial, so that a crash loses nothing. If a line cannot be
+// written, the rows before it are kept, if there are any.
 class GrowingTable {
  public:
   explicit GrowingTable(const fs::path& final_path)
@@ -49,7 +49,7 @@ class GrowingTable {
     out.close();
     if (!out) throw failure(whole, std::strerror(errno));
   }
-  // Written anew: what has been checked as a whole replaces an older table.
+  // Written again as a whole: only a verified table replaces an older one.
   void finish() {
     write_text_file(final_path_.string(), text_);
     std::error_code ignored;
@@ -59,7 +59,7 @@ class GrowingTable {
   std::string final_path() const { return final_path_.string(); }
 
  private:
-  // Cuts off what follows the first `whole` bytes.
+  // Truncates the file to its first `whole` bytes.
   Error failure(uint64_t whole, const std::string& reason) const {
     std::error_code ignored;
     if (whole > tradeoff_csv_header().size() + 1) {
@@ -90,7 +90,7 @@ int run_command(const TradeoffArguments& arguments) {
   callbacks.render.stop = &stop_on_interrupt();
   callbacks.render.warning = print_warnings(progress);
   callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
-  // The plan begins with all of Monte Carlo.
+  // The plan starts with all Monte Carlo rows.
   std::vector<TradeoffRow> rows;
   callbacks.row = [&](const TradeoffRow& row, const Image&) {
     rows.push_back(row);

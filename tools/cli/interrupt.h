@@ -8,7 +8,7 @@
 namespace fieldtrace {
 
 // Installs the handlers and returns the flag that they set. The first signal only sets the flag, so that the work can
-// end in order and write what is finished; a second one ends the program at once.
+// stop in order and write what is finished; a second one ends the program at once.
 const std::atomic<bool>& stop_on_interrupt();
 
 }  // namespace fieldtrace

@@ -14,7 +14,7 @@ namespace {
 
 using namespace fieldtrace;
 
-// The chosen command with its subcommand, as the user would type it to get help.
+// The chosen command with its subcommand, as typed to get help.
 std::string help_hint(const CLI::App& app) {
   std::string name = "fieldtrace";
   for (const CLI::App* at = &app; !at->get_subcommands().empty();) {
@@ -24,7 +24,7 @@ std::string help_hint(const CLI::App& app) {
   return "(see `" + name + " --help`)";
 }
 
-// CLI11 asks for a command where a wrong one was typed; this names it.
+// For a mistyped command CLI11 only reports that one is required; this names the wrong word.
 std::string complaint(const CLI::App& app, const CLI::ParseError& error) {
   const CLI::App* at = &app;
   while (!at->get_subcommands().empty()) at = at->get_subcommands().front();

@@ -18,7 +18,7 @@ namespace fieldtrace {
 
 namespace {
 
-// Chosen so that products with the pixels of a large film stay far below 2^63.
+// Keeps products with the pixels of a large film far below 2^63.
 constexpr int k_max_samples = 1 << 20;
 constexpr int k_max_threads = 4096;
 // 10^18 bytes.
@@ -51,7 +51,7 @@ CLI::Validator number_between(double least, double most) {
   return CLI::Validator(
       [=](std::string& text) {
         const auto value = whole_parse<double>(text);
-        // Written so that NaN, which compares false with everything, is refused.
+        // Written so that NaN, which fails every comparison, is refused.
         if (value && *value >= least && *value <= most) return std::string();
         return fmt::format("'{}' is not a number between {} and {}", text, least, most);
       },

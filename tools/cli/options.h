@@ -1,6 +1,6 @@
-// Options that several commands share, and the checks of their ranges.
+// Options shared by several commands, and their range checks.
 //
-// Every check happens while the command line is read; a value out of range is a usage error (exit code 2) that names
+// All checks happen while the command line is parsed; a value out of range is a usage error (exit code 2) that names
 // the option, the value and the range. Thread-safety: none needed.
 #pragma once
 
@@ -16,16 +16,16 @@ namespace fieldtrace {
 
 class ProgressLine;
 
-// A number in [least, most]; NaN and anything that is not wholly a number is refused.
+// A number in [least, most]; NaN and trailing characters are refused.
 CLI::Validator number_between(double least, double most);
 
-// A number that is greater than 0 in single precision, "inf" included.
+// A number that is greater than 0 in single precision, including "inf".
 CLI::Validator positive_number();
 
 // A whole number in [least, most].
 CLI::Validator whole_number_between(int64_t least, int64_t most);
 
-// D in {32, 64, 128, 256} and N in {64, 128, 256, 512}: few values, so that caches are reused.
+// D in {32, 64, 128, 256} and N in {64, 128, 256, 512}: few values, so that caches can be reused.
 CLI::Validator field_directions();
 CLI::Validator field_plane();
 
@@ -39,7 +39,7 @@ void add_chart_option(CLI::App& command, Chart& chart);
 void add_memory_option(CLI::App& command, uint64_t& bytes);
 CLI::Option* add_cache_limit_option(CLI::App& command, uint64_t& bytes);
 
-// Where a scene comes from and how it is read.
+// A scene's path and how to read it.
 struct SceneArguments {
   std::string path;
   std::vector<std::string> definitions;  // "name=value"
@@ -47,20 +47,21 @@ struct SceneArguments {
 };
 void add_scene_options(CLI::App& command, SceneArguments& arguments);
 
-// -D name=value and --strict alone, for commands whose positional argument need not be a scene.
+// Only -D name=value and --strict, for commands whose positional argument need not be a scene.
 void add_scene_reading_options(CLI::App& command, SceneArguments& arguments);
 
-// Loads the scene. Warnings go to stderr, past the progress line. Throws Error, and UsageError for a malformed -D.
+// Loads the scene. Warnings go to stderr without disturbing the progress line. Throws Error, and UsageError for a
+// malformed -D.
 Scene load_scene(const SceneArguments& arguments, ProgressLine& progress);
 
-// Prints "fieldtrace: warning: ..." to stderr, past the progress line, which must outlive the sink.
+// Prints "fieldtrace: warning: ..." to stderr without disturbing the progress line, which must outlive the sink.
 WarningSink print_warnings(ProgressLine& progress);
 
-// Options of RenderOptions as the render command spells them; --device is read and checked too.
+// Options of RenderOptions as spelled in the render command; --device is parsed and checked too.
 void add_render_options(CLI::App& command, RenderOptions& options);
 
-// "x,y,w,h". Throws UsageError unless these are four whole numbers and lie within `whole`, the pixels of what `name`
-// says ("film").
+// "x,y,w,h". Throws UsageError unless these are four whole numbers within `whole`, the pixels of what `name` denotes
+// ("film").
 Rect parse_crop(const std::string& text, const Rect& whole, const std::string& name);
 
 // Peak resident memory of the process so far, in bytes.

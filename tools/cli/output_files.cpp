@@ -14,7 +14,7 @@ bool is_same_file(const std::string& a, const std::string& b) {
   std::error_code failed;
   if (fs::equivalent(a, b, failed) && !failed) return true;
   std::error_code failed_a, failed_b;
-  // Of a relative path of which nothing exists, weakly_canonical() would leave all as it is.
+  // weakly_canonical() leaves a relative path unchanged if no part of it exists.
   const fs::path path_a = fs::weakly_canonical(fs::absolute(a, failed_a), failed_a);
   const fs::path path_b = fs::weakly_canonical(fs::absolute(b, failed_b), failed_b);
   return failed_a || failed_b ? a == b : path_a == path_b;

@@ -1,7 +1,7 @@
-// Outputs that would overwrite one another, or what the program reads.
+// Detects outputs that would overwrite one another or an input of the program.
 //
-// Files are the same if their paths are, links resolved, or if they are one file under several names. Thread-safety:
-// pure functions; the files may change meanwhile.
+// Files are the same if their resolved paths are equal or if they are one file under several names (hard links).
+// Thread-safety: pure functions; the files may change meanwhile.
 #pragma once
 
 #include <span>
@@ -12,11 +12,11 @@ namespace fieldtrace {
 
 // A file that a command will write.
 struct OutputFile {
-  std::string option;  // that names it: "-o", "--stats"
+  std::string option;  // that sets it: "-o", "--stats"
   std::string path;
 };
 
-// Throws UsageError, naming both, if two of the outputs are the same file, or one is the same as one of `inputs`.
+// Throws UsageError, naming both, if two outputs are the same file, or if an output is the same file as an input.
 void require_distinct_files(std::span<const OutputFile> outputs, std::span<const std::string> inputs);
 
 }  // namespace fieldtrace

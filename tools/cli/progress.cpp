@@ -12,7 +12,7 @@ namespace {
 
 constexpr auto k_redraw_interval = std::chrono::milliseconds(100);
 
-// Below this share the estimate would be mostly noise.
+// Below this share an estimate of the remaining time would be mostly noise.
 constexpr double k_share_for_estimate = 0.02;
 
 std::string minutes(double seconds) {

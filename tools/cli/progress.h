@@ -1,4 +1,4 @@
-// One line on a terminal that says how far long work is and how long it may still take.
+// One line on a terminal with the progress of long work and an estimate of the remaining time.
 //
 // Thread-safety: one thread at a time.
 #pragma once
@@ -16,13 +16,13 @@ class ProgressLine {
   ProgressLine(const ProgressLine&) = delete;
   ProgressLine& operator=(const ProgressLine&) = delete;
 
-  // share: of the whole work, in [0, 1]. Redraws at most ten times a second.
+  // share: fraction of the whole work done, in [0, 1]. Redraws at most ten times a second.
   void update(double share, const std::string& stage);
 
-  // Removes the line, so that something else can be printed; the next update draws it again.
+  // Removes the line so that something else can be printed; the next update draws it again.
   void clear();
 
-  // Starts to estimate anew, for a second piece of work.
+  // Restarts the estimate for a second piece of work.
   void restart();
 
  private:

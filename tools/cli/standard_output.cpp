@@ -22,7 +22,7 @@ void prepare_streams() {
 std::string flush_standard_output() {
   if (std::fflush(stdout) != 0) return std::strerror(errno);
   if (std::ferror(stdout) != 0) return "an earlier write failed";
-  // Network file systems may tell only when a descriptor is closed; this one stays open.
+  // Network file systems may report errors only on closing a descriptor; this one has to stay open.
   const int copy = dup(STDOUT_FILENO);
   if (copy >= 0 && close(copy) != 0) return std::strerror(errno);
   return {};

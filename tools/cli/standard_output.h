@@ -1,22 +1,22 @@
-// Standard output as an output like any other: what cannot be written is an error.
+// Standard output, checked like any other output: a failed write is an error.
 //
-// Thread-safety: for the main thread.
+// Thread-safety: main thread only.
 #pragma once
 
 #include <string>
 
 namespace fieldtrace {
 
-// To be called before anything is opened or printed. Standard streams that the caller has closed are held by
-// descriptors that can neither be read nor written, lest a file that is opened gets their number and what is printed
-// goes into it. And a write beyond the limit of file sizes becomes an error instead of a signal that ends the program
-// with its temporary files left behind.
+// Call before anything is opened or printed. Standard streams closed by the caller are replaced with descriptors that
+// can be neither read nor written; otherwise the next opened file would get their number and receive printed text. A
+// write beyond the file size limit becomes an error instead of a signal that would end the program and leave its
+// temporary files behind.
 void prepare_streams();
 
-// Writes what was printed so far. Returns why that fails, or has failed; empty: all is written.
+// Flushes what was printed so far. Returns the reason of this or an earlier failure; empty on success.
 std::string flush_standard_output();
 
-// The error for a reason.
+// The error message for a reason.
 std::string standard_output_message(const std::string& reason);
 
 }  // namespace fieldtrace

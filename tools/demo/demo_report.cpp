@@ -1,7 +1,7 @@
 // The demo: one scene by both methods, their pictures and one table. Run by tools/demo.sh.
 //
 // usage: fieldtrace_demo SCENE.xml -o DIR [-D name=value] [--reference-spp N]
-// DIR receives the reference (rendered once for a scene and kept), the pictures and demo.csv.
+// DIR receives the reference (rendered once for each scene, and kept), the pictures and demo.csv.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "core/io/atomic_file.h"
+#include "field/file/hash.h"
 #include "hybrid/compare/tradeoff.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
@@ -30,8 +31,8 @@ struct DemoArguments {
   int reference_spp = 4096;
 };
 
-// Tells whether a kept reference belongs to this scene: FNV-1a (Fowler, Noll, Vo) over the scene file, what was loaded
-// and how it is rendered.
+// Tells whether a kept reference belongs to this scene: a hash of the scene file, what was loaded and how it is
+// rendered.
 std::string fingerprint(const DemoArguments& arguments, const Scene& scene) {
   std::ostringstream text;
   text << std::ifstream(arguments.scene.path, std::ios::binary).rdbuf();
@@ -39,9 +40,10 @@ std::string fingerprint(const DemoArguments& arguments, const Scene& scene) {
   text << fmt::format("{} {} {}x{} {} {} {} {} {} {} {}", FIELDTRACE_VERSION, arguments.reference_spp, scene.film.width,
                       scene.film.height, scene.triangle_count(), b.lower.x, b.lower.y, b.lower.z, b.upper.x, b.upper.y,
                       b.upper.z);
-  uint64_t hash = 0xcbf29ce484222325u;
-  for (const unsigned char c : text.str()) hash = (hash ^ c) * 0x100000001b3u;
-  return fmt::format("{:016x}", hash);
+  const std::string bytes = text.str();
+  Hasher hasher;
+  hasher.add(bytes.data(), bytes.size());
+  return hasher.result().hex();
 }
 
 TradeoffPlan make_plan(const Scene& scene, int reference_spp) {
@@ -116,7 +118,7 @@ int run_demo(const DemoArguments& arguments) {
   callbacks.render.warning = print_warnings(progress);
   callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
 
-  // Rendered first and kept at once, so that an interrupted demo does not lose its longest part.
+  // Rendered first and kept at once, so that an interrupted demo does not lose its most expensive part.
   const std::string reference_path = (folder / fmt::format("reference-{}.exr", fingerprint(arguments, scene))).string();
   Image reference;
   if (fs::exists(reference_path)) {

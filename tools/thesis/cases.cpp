@@ -28,7 +28,7 @@ PhongMaterial mirror(const Rgb& colour, float share) {
 constexpr Rgb k_red{0.95f, 0.45f, 0.35f}, k_green{0.45f, 0.85f, 0.5f}, k_blue{0.45f, 0.6f, 0.95f};
 constexpr Rgb k_sand{0.9f, 0.8f, 0.6f}, k_grey{0.75f, 0.75f, 0.78f};
 
-// What mirrors see where nothing is.
+// The background seen in mirrors.
 constexpr Rgb k_sky{0.3f, 0.36f, 0.45f};
 
 const PhongLight k_key = {{3.0f, -4.0f, 4.0f}, Rgb(1.0f)};
@@ -44,14 +44,14 @@ ThesisCase empty_case(const char* name, const char* title, const Vec3& eye, floa
   return c;
 }
 
-// A new shape and its only instance. The name says which mesh it is.
+// Adds a new shape and its only instance. The name identifies the mesh.
 void add_object(ThesisCase& c, const char* name, TriangleMesh mesh, const PhongMaterial& material,
                 const Vec3& shift = Vec3(0.0f), float scale = 1.0f) {
   add_phong_instance(c.scene, add_phong_shape(c.scene, name, std::move(mesh)), material, shift, scale);
 }
 
-// One object, seen from a little above: from farther up the open ends of the hyperboloid show its inside and both rims,
-// and its error is that of outlines (docs/thesis.md).
+// One object, seen from slightly above. From higher up, the open ends of the hyperboloid would show its inside and both
+// rims, and its error would be dominated by outlines (docs/thesis.md).
 ThesisCase single(const char* name, const char* title, const char* object, TriangleMesh mesh, const Rgb& colour) {
   ThesisCase c = empty_case(name, title, {0.6f, -3.0f, 0.7f}, 36.0f);
   add_object(c, object, std::move(mesh), coloured(colour));
@@ -66,7 +66,7 @@ ThesisCase mirror_case(const char* name, const char* title, const Vec3& eye) {
   return c;
 }
 
-// The bunny stands along +y in its file: z up here, scaled into the unit ball.
+// The bunny file has +y up: rotated to z up and scaled into the unit ball.
 TriangleMesh upright_bunny(const std::string& path) {
   TriangleMesh mesh = load_mesh(path);
   if (mesh.normals.empty()) compute_vertex_normals(mesh);
@@ -108,7 +108,7 @@ ThesisCase reflection_1() {
   return c;
 }
 
-// Two mirrors that see one another, so that reflection recurs.
+// Two mirrors that see each other, for recursive reflection.
 ThesisCase reflection_2() {
   ThesisCase c = mirror_case("reflection_2", "Reflection scene 2", {0.2f, -4.2f, 1.3f});
   c.thesis_triangles = 19384;
@@ -125,7 +125,7 @@ ThesisCase reflection_2() {
   return c;
 }
 
-// 56,317 triangles: two supershapes, a hyperboloid, a sphere of 6,110 and a floor of 1,568 less one at its corner.
+// 56,317 triangles: two supershapes, a hyperboloid, a sphere of 6,110, and a floor of 1,568 minus one at its corner.
 ThesisCase shadow_scene() {
   ThesisCase c = empty_case("shadow", "Shadow scene", {0.3f, -4.6f, 3.0f}, 40.0f);
   c.thesis_triangles = 56317;
@@ -185,7 +185,7 @@ std::vector<ThesisCase> thesis_cases(const std::string& bunny) {
 }
 
 PhongScene thesis_growing_scene(size_t triangles) {
-  // 2 * around * (along - 1) with around = 2 * along.
+  // 2 * around * (along - 1) triangles with around = 2 * along.
   int along = 64;
   while (4 * size_t(along) * size_t(along - 1) < triangles) ++along;
   return single("growing", "Supershape 1, finer", "supershape 1, finer", thesis_supershape_1(2 * along, along), k_red)

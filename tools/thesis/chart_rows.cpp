@@ -16,15 +16,15 @@
 namespace fieldtrace {
 namespace {
 
-constexpr int k_light_rays = 64;       // a shading point
-constexpr size_t k_batch_rays = 8192;  // as the renderer has them: one batch stays in the second-level cache
+constexpr int k_light_rays = 64;       // per shading point
+constexpr size_t k_batch_rays = 8192;  // as in the renderer: one batch stays in the second-level cache
 constexpr float k_light_distance = 4.6f, k_light_radius = 0.3f;  // in R, from the object's centre: about 7 degrees
 constexpr int k_most_rounds = 6;                                 // of baking: hybrid/visibility/shadow_workspace.h
 
 enum class ShadingPoints { behind, on_object };
 
-// Rays of k_light_rays a shading point.
-struct Probe {
+// The rays of the comparison: k_light_rays per shading point.
+struct Workload {
   RayBatch rays;
   AlignedVector<uint32_t> instances;  // of the shading points
   std::vector<uint8_t> blocked;       // by Embree
@@ -45,14 +45,14 @@ class Points {
   std::mt19937 engine_;
 };
 
-Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& accel, ShadingPoints where,
-                 size_t shading_points) {
+Workload make_workload(const TriangleMesh& mesh, const Sphere& ball, const Accel& accel, ShadingPoints where,
+                       size_t shading_points) {
   const Vec3 to_light = glm::normalize(Vec3(0.4f, -0.6f, 0.7f));
   const Vec3 across = glm::normalize(glm::cross(to_light, Vec3(0.0f, 0.0f, 1.0f))), up = glm::cross(across, to_light);
   Points points(1);
-  Probe probe;
-  probe.rays.resize(shading_points * k_light_rays);
-  probe.instances.assign(padded(probe.rays.size), where == ShadingPoints::on_object ? 0u : 1u);
+  Workload workload;
+  workload.rays.resize(shading_points * k_light_rays);
+  workload.instances.assign(padded(workload.rays.size), where == ShadingPoints::on_object ? 0u : 1u);
   for (size_t r = 0; r < shading_points;) {
     Vec3 p;
     if (where == ShadingPoints::behind) {
@@ -63,27 +63,28 @@ Probe make_probe(const TriangleMesh& mesh, const Sphere& ball, const Accel& acce
       const Vec3 a = mesh.positions[t.x], b = mesh.positions[t.y], c = mesh.positions[t.z];
       const Vec3 n = glm::cross(b - a, c - a);
       if (!(glm::dot(n, to_light) > 0.0f)) continue;
-      // Far enough that no ray meets its own triangle, near enough not to matter: a thousandth of a depth step.
+      // Far enough that no ray hits the triangle it starts on, and negligible: a thousandth of a depth step.
       p = (a + b + c) / 3.0f + glm::normalize(n) * (1e-5f * ball.radius);
     }
     for (int k = 0; k < k_light_rays; ++k) {
       const Vec3 at = ball.centre + ball.radius * (k_light_distance * to_light + k_light_radius * points.in_ball());
-      probe.rays.set(r * k_light_rays + size_t(k), p, at - p, 1.0f);
+      workload.rays.set(r * k_light_rays + size_t(k), p, at - p, 1.0f);
     }
     ++r;
   }
-  std::vector<uint32_t> all(probe.rays.size);
+  std::vector<uint32_t> all(workload.rays.size);
   std::iota(all.begin(), all.end(), 0u);
-  probe.blocked.assign(padded(probe.rays.size), 0);
-  accel.occluded(probe.rays, all, probe.blocked.data());
-  return probe;
+  workload.blocked.assign(padded(workload.rays.size), 0);
+  accel.occluded(workload.rays, all, workload.blocked.data());
+  return workload;
 }
 
-// RMSE of the shading points' visibility; `states` by the field, undecided rays are Embree's.
-void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& row) {
+// RMSE of the shading points' visibility. `states` is the field's result; undecided rays are taken from Embree, without
+// error.
+void count_errors(const Workload& workload, const RayStates& states, ThesisChartRow& row) {
   double sum = 0.0;
   size_t undecided = 0, crossing = 0;
-  const size_t shading_points = probe.rays.size / k_light_rays;
+  const size_t shading_points = workload.rays.size / k_light_rays;
   for (size_t r = 0; r < shading_points; ++r) {
     int difference = 0;
     for (size_t i = r * k_light_rays; i < (r + 1) * k_light_rays; ++i) {
@@ -91,7 +92,7 @@ void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& r
       const bool hides = (s & RayStates::k_blocked) != 0, is_undecided = s >= RayStates::k_undecided;
       crossing += (s & RayStates::k_crosses) != 0;
       undecided += is_undecided;
-      if (!is_undecided) difference += int(hides) - int(probe.blocked[i]);
+      if (!is_undecided) difference += int(hides) - int(workload.blocked[i]);
     }
     sum += double(difference) * difference;
   }
@@ -99,24 +100,24 @@ void count_errors(const Probe& probe, const RayStates& states, ThesisChartRow& r
   row.exact_share = crossing ? double(undecided) / double(crossing) : 0.0;
 }
 
-// Of this thread's processor time: other work on the machine counts less in it than in wall time.
+// This thread's processor time, which other work on the machine disturbs less than wall time.
 double thread_nanoseconds() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
   return 1e9 * double(t.tv_sec) + double(t.tv_nsec);
 }
 
-// The least nanoseconds of `repeats` runs over all batches. ask(begin, end) returns its counts.
+// Least time of `repeats` runs over all batches. query(begin, end) returns its counts.
 template <class Query>
-void time_look_ups(const Probe& probe, int repeats, ThesisChartRow& row, RayStates& states, const Query& query) {
+void time_look_ups(const Workload& workload, int repeats, ThesisChartRow& row, RayStates& states, const Query& query) {
   double least = 0.0;
   SegmentCounts counts;
   for (int k = 0; k <= repeats; ++k) {
-    states.reset(probe.rays.size);
+    states.reset(workload.rays.size);
     counts = {};
     const double start = thread_nanoseconds();
-    for (size_t begin = 0; begin < probe.rays.size; begin += k_batch_rays) {
-      const SegmentCounts c = query(begin, std::min(begin + k_batch_rays, padded(probe.rays.size)));
+    for (size_t begin = 0; begin < workload.rays.size; begin += k_batch_rays) {
+      const SegmentCounts c = query(begin, std::min(begin + k_batch_rays, padded(workload.rays.size)));
       counts.crossings += c.crossings;
       counts.lookups += c.lookups;
     }
@@ -134,7 +135,7 @@ uint64_t complete_bytes(const FieldParameters& p, ShadingPoints where) {
   return bytes(FieldLayer::visibility) + (where == ShadingPoints::on_object ? bytes(FieldLayer::depth) : 0);
 }
 
-// The finest resolution of the shapes N = D and N = 2 D, the default's, that takes no more bytes than `limit`.
+// The finest resolution with N = D or N = 2 D (the default) that takes no more than `limit` bytes.
 std::optional<FieldParameters> finest_within(uint64_t limit, ShadingPoints where) {
   std::optional<FieldParameters> finest;
   for (const int directions : {32, 64, 128, 256}) {
@@ -151,20 +152,20 @@ class Comparison {
   Comparison(const Scene& scene, const Accel& accel, const ThesisRunOptions& options)
       : scene_(scene), accel_(accel), options_(options) {}
 
-  ThesisChartRow by_thesis(const ThesisField& field, const Probe& probe) const {
+  ThesisChartRow by_thesis(const ThesisField& field, const Workload& workload) const {
     ThesisChartRow row;
     row.chart = fmt::format("thesis, M = {}", field.m());
     row.bytes = field.bytes_distance();
     const ThesisInstanceView view = thesis_instance_view(field, scene_.instances[0], 0);
     const ThesisKernels& kernels = thesis_kernels(resolve_isa(options_.isa));
     RayStates states;
-    time_look_ups(probe, options_.repeats(), row, states,
-                  [&](size_t begin, size_t end) { return kernels.shadow(view, probe.rays, begin, end, 0, states); });
-    count_errors(probe, states, row);
+    time_look_ups(workload, options_.repeats(), row, states,
+                  [&](size_t begin, size_t end) { return kernels.shadow(view, workload.rays, begin, end, 0, states); });
+    count_errors(workload, states, row);
     return row;
   }
 
-  ThesisChartRow by_orthographic(Field& field, const Probe& probe, float tolerance) const {
+  ThesisChartRow by_orthographic(Field& field, const Workload& workload, float tolerance) const {
     ThesisChartRow row;
     const FieldParameters& p = field.parameters();
     row.chart = fmt::format("orthographic, {} x {}", p.directions, p.plane);
@@ -178,20 +179,20 @@ class Comparison {
     const SegmentKernels& kernels = segment_kernels(resolve_isa(options_.isa));
     RayStates states;
     const auto query = [&](size_t begin, size_t end) {
-      return kernels.query(task, probe.rays, probe.instances.data(), begin, end, 0, states);
+      return kernels.query(task, workload.rays, workload.instances.data(), begin, end, 0, states);
     };
-    bake(field, probe, states, query);
-    time_look_ups(probe, options_.repeats(), row, states, query);
-    count_errors(probe, states, row);
+    bake(field, workload, states, query);
+    time_look_ups(workload, options_.repeats(), row, states, query);
+    count_errors(workload, states, row);
     return row;
   }
 
  private:
   template <class Query>
-  void bake(Field& field, const Probe& probe, RayStates& states, const Query& query) const {
+  void bake(Field& field, const Workload& workload, RayStates& states, const Query& query) const {
     for (int round = 0; round < k_most_rounds; ++round) {
-      states.reset(probe.rays.size);
-      query(0, padded(probe.rays.size));
+      states.reset(workload.rays.size);
+      query(0, padded(workload.rays.size));
       if (states.unknown_blocks.empty()) return;
       BakeCounters counters;
       for (auto* list : {&states.unknown_visibility, &states.unknown_depth}) {
@@ -218,18 +219,18 @@ void compare_charts(const std::string& title, const Scene& scene, const Accel& a
   const Comparison comparison(scene, accel, options);
   const Shape& shape = scene.shapes[0];
   for (const ShadingPoints where : {ShadingPoints::behind, ShadingPoints::on_object}) {
-    const Probe probe = make_probe(shape.mesh, field.ball(), accel, where, options.quick ? 64 : 1024);
+    const Workload workload = make_workload(shape.mesh, field.ball(), accel, where, options.quick ? 64 : 1024);
     const auto add = [&](ThesisChartRow row) {
       row.object = title;
       row.shading_points = where == ShadingPoints::behind ? "behind" : "on the object";
       rows.push_back(std::move(row));
     };
-    add(comparison.by_thesis(field, probe));
+    add(comparison.by_thesis(field, workload));
     const std::optional<FieldParameters> p = finest_within(field.bytes_distance(), where);
     if (!p) continue;
     Field orthographic(field_ball(shape.bounds), *p);
     for (const float tolerance : {0.1f, 1.0f}) {
-      ThesisChartRow row = comparison.by_orthographic(orthographic, probe, tolerance);
+      ThesisChartRow row = comparison.by_orthographic(orthographic, workload, tolerance);
       row.bytes = complete_bytes(*p, where);
       add(std::move(row));
     }

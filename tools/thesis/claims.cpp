@@ -7,7 +7,7 @@
 namespace fieldtrace {
 namespace {
 
-// A time counts as the same up to this factor: repeated renders on a busy machine differ by less.
+// Times within this factor count as equal: repeated renders on a busy machine differ by less.
 constexpr double k_same_time = 1.3;
 
 const ThesisCaseResult* find_case(const ThesisReport& report, const std::string& name) {
@@ -17,7 +17,7 @@ const ThesisCaseResult* find_case(const ThesisReport& report, const std::string&
   return nullptr;
 }
 
-// The row at M = 64, where the thesis looks closest, or else the last.
+// The row at M = 64, which the thesis examines most closely, or else the last.
 const ThesisRow* usual_row(const ThesisCaseResult* c) {
   if (!c || c->rows.empty()) return nullptr;
   for (const ThesisRow& r : c->rows) {

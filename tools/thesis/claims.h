@@ -1,4 +1,4 @@
-// What the thesis claims, each with what was measured here.
+// The thesis' claims, each beside what was measured here.
 //
 // Thread-safety: pure functions.
 #pragma once
@@ -15,7 +15,7 @@ struct ThesisClaim {
   bool holds = false;
 };
 
-// Claims whose measurements `report` lacks (it was interrupted) are left out.
+// Claims whose measurements are missing from `report` (after an interruption) are left out.
 std::vector<ThesisClaim> thesis_claims(const ThesisReport& report);
 
 }  // namespace fieldtrace

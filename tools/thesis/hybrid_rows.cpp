@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Mitsuba's camera: left, up and forward are its axes.
+// Mitsuba's camera convention: left, up and forward are its axes.
 Affine camera_to_world(const PhongCamera& camera) {
   const Vec3 forward = glm::normalize(camera.target - camera.eye);
   const Vec3 left = glm::normalize(glm::cross(camera.up, forward));
@@ -60,7 +60,7 @@ PhongPicture displayed(const Image& image) {
   return picture;
 }
 
-// A folder that goes with its owner.
+// A folder that is removed with its owner.
 struct ScratchCache {
   std::string path;
   explicit ScratchCache(const std::string& parent) : path((fs::path(parent) / ".field-cache").string()) {

@@ -1,8 +1,9 @@
-// The thesis' scenes by this program's own renderers: hybrid at three tolerances, Monte Carlo at three sample counts.
+// The thesis' scenes in this program's renderers: hybrid at three tolerances, Monte Carlo at three sample counts.
 //
-// What a fieldtrace::Scene can express: diffuse surfaces, two-sided, under point lights that fall off with the squared
-// distance, direct light only; lights are as bright at the scene's middle as the thesis' lights are everywhere. Errors
-// are against Monte Carlo with many samples, so they compare within this table, not with the Phong pictures.
+// Limited to what a fieldtrace::Scene can express: two-sided diffuse surfaces (mirrors too, with their diffuse colour)
+// under point lights with inverse-square falloff, direct light only. The lights are as bright at the scene's middle as
+// the thesis' lights are everywhere. Errors are against Monte Carlo with many samples, so they compare within this
+// table, not with the Phong images.
 // Thread-safety: as run_thesis().
 #pragma once
 
@@ -14,7 +15,8 @@
 
 namespace fieldtrace {
 
-// False if `stop` ended it. `scratch_folder` must exist: field caches, removed again, so that a second render is warm.
+// Returns false if `stop` ended it. `scratch_folder` must exist; it takes the field caches that make second renders
+// warm, which are removed again.
 bool measure_hybrid(const std::vector<PhongScene>& scenes, bool quick, const std::string& scratch_folder,
                     const std::atomic<bool>* stop, std::vector<ThesisHybridRow>& rows);
 

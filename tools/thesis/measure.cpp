@@ -25,7 +25,7 @@ double milliseconds_since(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-// Thrown where the run is to end early; never leaves run_thesis.
+// Thrown to end the run early; never leaves run_thesis.
 struct Stopped {};
 
 struct BakedObject {
@@ -34,7 +34,7 @@ struct BakedObject {
   uint64_t bytes_vdb = 0;
 };
 
-// A case with what its references need.
+// A case with the data that its references need.
 struct PreparedCase {
   ThesisCase description;
   std::unique_ptr<Accel> accel;
@@ -59,7 +59,7 @@ class ThesisRun {
     std::vector<PreparedCase> prepared;
     for (ThesisCase& c : cases) prepared.push_back(prepare(std::move(c)));
     for (const int m : options_.resolutions()) {
-      objects_.clear();  // those of M = 128 are a quarter of a gigabyte each
+      objects_.clear();  // those of M = 128 take a quarter of a gigabyte each
       for (size_t i = 0; i < prepared.size(); ++i) measure(prepared[i], m, report_.cases[i]);
       for (const PreparedCase& p : prepared) compare(p, m);
     }
@@ -77,7 +77,7 @@ class ThesisRun {
     if (callbacks_.stop && *callbacks_.stop) throw Stopped();
   }
 
-  // Baking is nearly all of the work: M^2 for each object.
+  // Baking is nearly all of the work: M^2 per object.
   void estimate(const std::vector<ThesisCase>& cases, double growth) {
     std::map<std::string, int> shapes;
     for (const ThesisCase& c : cases) {
@@ -92,7 +92,7 @@ class ThesisRun {
     if (callbacks_.progress) callbacks_.progress(std::min((done_ + part) / total_, 1.0), stage_);
   }
 
-  // The least time of several renders, and the picture.
+  // Returns the least time of several renders, and the image.
   double time_render(const PhongScene& scene, const PhongTracer& tracer, int reflection_rays,
                      PhongPicture& picture) const {
     const PhongRenderOptions o = {options_.size(), reflection_rays};
@@ -155,7 +155,7 @@ class ThesisRun {
     return bytes;
   }
 
-  // Objects of the same name are the same in all cases.
+  // Objects of the same name are identical in all cases.
   const BakedObject& object(const PreparedCase& p, uint32_t shape, int m) {
     const Scene& scene = p.description.scene.geometry;
     const auto found = objects_.find(scene.shapes[shape].name);
@@ -193,7 +193,7 @@ class ThesisRun {
     result.rows.push_back(std::move(row));
   }
 
-  // By both charts, where there is one object that other cases do not repeat.
+  // Compares both charts on cases of one object under one light.
   void compare(const PreparedCase& p, int m) {
     const PhongScene& scene = p.description.scene;
     if (scene.geometry.instances.size() != 1 || scene.lights.size() != 1) return;
@@ -218,7 +218,7 @@ class ThesisRun {
     report_.growth.push_back(row);
   }
 
-  // Only scenes without mirrors can be told to the renderer, and one each of the kinds is enough.
+  // The scenes of all cases; the renderers treat mirrors as diffuse surfaces.
   std::vector<PhongScene> cases_for_hybrid() const {
     std::vector<PhongScene> scenes;
     for (ThesisCase& c : thesis_cases(options_.bunny)) scenes.push_back(std::move(c.scene));

@@ -1,8 +1,8 @@
-// Runs the thesis' test cases: fields of every M and references by exact rays, with errors, times and memory.
+// Runs the thesis' test cases: fields for every M and references by exact rays, with errors, times and memory.
 //
-// Times are the least of several renders, in milliseconds of wall clock, pictures only: without loading and baking. The
-// least, because whatever else the machine does can only add to it.
-// Thread-safety: uses all threads that the caller's TBB arena allows; run one at a time, else times disturb each other.
+// Times are in milliseconds of wall clock, for rendering alone, without loading and baking. Each is the least of
+// several renders, because other load on the machine can only add to it.
+// Thread-safety: uses all threads of the caller's TBB arena; run one at a time, or times disturb each other.
 #pragma once
 
 #include <atomic>
@@ -17,10 +17,10 @@
 namespace fieldtrace {
 
 struct ThesisRunOptions {
-  bool quick = false;  // pictures of 96 x 96, M = 32 only, one render a time, few triangles
+  bool quick = false;  // images of 96 x 96, M = 32 only, one render per time, few triangles
   Isa isa = Isa::automatic;
   std::string bunny = k_thesis_bunny;
-  std::string scratch_folder;  // must exist; for files that are removed again
+  std::string scratch_folder;  // must exist; for temporary files
 
   int size() const { return quick ? 96 : 512; }
   std::vector<int> resolutions() const { return quick ? std::vector{32} : std::vector{32, 64, 128}; }
@@ -31,8 +31,8 @@ struct ThesisRunOptions {
 struct ThesisRow {
   int m = 0;
   double rms = 0, rms_blurred = 0;                      // against the mirror reference, or the only one
-  double rms_polished = -1, rms_polished_blurred = -1;  // against four rays a reflection
-  double milliseconds = 0, bake_seconds = 0;            // bake: of all its objects, whichever case had them baked first
+  double rms_polished = -1, rms_polished_blurred = -1;  // against four rays per reflection
+  double milliseconds = 0, bake_seconds = 0;            // bake: of all its objects, also if baked for an earlier case
   uint64_t bytes_distance = 0, bytes_normal = 0, bytes_vdb = 0;
   std::string picture, difference_picture;  // data: URIs
 };
@@ -44,17 +44,17 @@ struct ThesisCaseResult {
   uint64_t exact_bytes = 0;
   std::string reference_picture, polished_picture;
   std::vector<ThesisRow> rows;
-  ThesisCase description;  // with the thesis' figures; its geometry is dropped
+  ThesisCase description;  // with the thesis' figures; without its geometry
 };
 
-// One object, cut ever finer: does the time depend on the triangles?
+// One object at increasing tessellation: does the time depend on the number of triangles?
 struct ThesisGrowth {
   size_t triangles = 0;
   int m = 0;
   double field_ms = 0, exact_ms = 0, bake_seconds = 0;
 };
 
-// A scene of diffuse surfaces by this program's own renderers (tools/thesis/hybrid_rows.h).
+// A scene of diffuse surfaces in this program's renderers (tools/thesis/hybrid_rows.h).
 struct ThesisHybridRow {
   std::string scene, method;
   int spp = 0;
@@ -62,13 +62,13 @@ struct ThesisHybridRow {
   uint64_t bytes = 0;
 };
 
-// One chart's look-ups for one object and set of shading points (tools/thesis/chart_rows.h).
+// One chart's look-ups for one object and one set of shading points (tools/thesis/chart_rows.h).
 struct ThesisChartRow {
   std::string object, shading_points, chart;
   uint64_t bytes = 0;      // of the complete field
   double tolerance = -1;   // orthographic chart only
   double rmse = 0;         // of shading points' visibility, in [0, 1]
-  double exact_share = 0;  // of the rays that meet the ball
+  double exact_share = 0;  // of the rays that cross the ball
   double look_ups_per_ray = 0, ns_per_look_up = 0;
 };
 
@@ -87,8 +87,8 @@ struct ThesisRunCallbacks {
   const std::atomic<bool>* stop = nullptr;
 };
 
-// False if `stop` ended it: `report` then holds the cases and rows that were finished. Throws what loading, baking and
-// writing throw.
+// Returns false if `stop` ended it: `report` then holds the cases and rows finished so far. Throws the errors of
+// loading, baking and writing.
 bool run_thesis(const ThesisRunOptions& options, const ThesisRunCallbacks& callbacks, ThesisReport& report);
 
 }  // namespace fieldtrace

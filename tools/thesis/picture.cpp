@@ -28,7 +28,7 @@ std::string base64(const std::string& bytes) {
   return text;
 }
 
-// Removes its file.
+// A file that is removed with its owner.
 struct ScratchFile {
   std::string path;
   ~ScratchFile() {

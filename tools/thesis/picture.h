@@ -1,4 +1,4 @@
-// Differences of pictures as the thesis measures them, and pictures for a page.
+// Image differences as measured in the thesis, and images for an HTML page.
 //
 // Thread-safety: pure functions.
 #pragma once
@@ -9,8 +9,8 @@
 
 namespace fieldtrace {
 
-// Root of the mean squared difference over all pixels and channels, of values 0 ... 255 (rounded, as stored in 8 bits).
-// Unchecked: both have the same size.
+// Root mean squared difference over all pixels and channels, of values 0 ... 255 (rounded to 8 bits). Unchecked: both
+// images have the same size.
 double rms_255(const PhongPicture& a, const PhongPicture& b);
 
 // Separable Gaussian of 5 x 5 weights, standard deviation 1 pixel; the border is repeated.
@@ -19,8 +19,8 @@ PhongPicture blurred(const PhongPicture& picture);
 // |a - b| times `gain`, clamped.
 PhongPicture difference(const PhongPicture& a, const PhongPicture& b, float gain);
 
-// "data:image/png;base64,...". `scratch_folder` must exist and be writable: the image library writes files only.
-// Throws Error if it cannot be written.
+// "data:image/png;base64,...". `scratch_folder` must exist and be writable: the image library writes only files. Throws
+// Error if the file cannot be written.
 std::string png_data_uri(const PhongPicture& picture, const std::string& scratch_folder);
 
 }  // namespace fieldtrace

@@ -12,7 +12,7 @@ constexpr double k_width = 560, k_height = 320, k_left = 60, k_right = 190, k_to
 constexpr const char* k_colours[] = {"#c0392b", "#2471a3", "#1e8449", "#b9770e",
                                      "#7d3c98", "#117a65", "#5d6d7e", "#a04000"};
 
-// One axis: values to [0, 1], and where its ticks are.
+// One axis: maps values to [0, 1] and places its ticks.
 struct Axis {
   bool log = false;
   double low = 0, high = 1;
@@ -30,7 +30,7 @@ struct Axis {
   std::vector<double> ticks() const {
     std::vector<double> all;
     if (log) {
-      // Decades; twos and fives as well where there are few.
+      // Ticks at powers of ten, and at twos and fives if there are few of these.
       const bool few = high - low < 2.5;
       for (int e = int(std::floor(low)); e <= int(std::ceil(high)); ++e) {
         for (const double f : {1.0, 2.0, 5.0}) {

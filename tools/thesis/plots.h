@@ -17,14 +17,14 @@ struct PlotSeries {
 
 struct Plot {
   std::string title, x_label, y_label;
-  bool log_x = false, log_y = false;  // logarithmic axes leave out points that are not positive
+  bool log_x = false, log_y = false;  // logarithmic axes omit points that are not positive
   std::vector<PlotSeries> series;
 };
 
-// An <svg> element; markers and a legend for each series. The axes begin at 0 unless logarithmic.
+// An <svg> element with markers and a legend per series. Axes start at 0 unless logarithmic.
 std::string svg_plot(const Plot& plot);
 
-// & < > " as entities.
+// Escapes & < > " as entities.
 std::string html_text(const std::string& text);
 
 }  // namespace fieldtrace

@@ -12,13 +12,13 @@ namespace {
 
 constexpr int k_tile = 64;
 
-// A ray's share in its pixel.
+// The pixel that a ray contributes to, and its weight.
 struct Path {
   uint32_t pixel = 0;  // of the tile
   float weight = 1.0f;
 };
 
-// A pinhole camera as one affine map from picture to direction.
+// A pinhole camera as an affine map from image coordinates to directions.
 struct CameraRays {
   Vec3 corner, right, down;
 
@@ -35,7 +35,7 @@ struct CameraRays {
   }
 };
 
-// Phong's light equation at one surface, for one light that reaches it.
+// Phong's lighting of a surface by one unoccluded light.
 Rgb lit_colour(const PhongMaterial& material, const PhongLight& light, const PhongSurface& s, const Vec3& view) {
   const Vec3 to_light = glm::normalize(light.position - s.position);
   const float facing = glm::dot(s.normal, to_light);
@@ -45,7 +45,7 @@ Rgb lit_colour(const PhongMaterial& material, const PhongLight& light, const Pho
   return light.colour * (material.diffuse * facing + material.specular * std::pow(highlight, material.shininess));
 }
 
-// A number in [0, 1) from two words (xxhash's last steps).
+// A number in [0, 1) from two words (the last steps of XXH32). It chooses directions, so pictures depend on its bits.
 float hashed(uint32_t a, uint32_t b) {
   uint32_t h = a * 2654435761u ^ (b * 2246822519u + 374761393u);
   h = (h ^ (h >> 15)) * 2246822519u;
@@ -99,12 +99,12 @@ class TileRenderer {
   }
 
  private:
-  // The share of a surface's own colour: all of it where no reflected ray follows.
-  float own_share(const PhongSurface& s, bool reflects) const {
+  // Weight of the surface's own colour: 1 where no reflected ray follows.
+  float surface_share(const PhongSurface& s, bool reflects) const {
     return reflects ? 1.0f - scene_.materials[s.instance].mirror : 1.0f;
   }
 
-  // Own light of what the rays met, or the background; all lights with their shadows.
+  // Adds emission and ambient light of the surfaces hit, or the background; then all lights with their shadows.
   void shade(bool reflects) {
     reflects_ = reflects;
     for (size_t i = 0; i < batch_.rays.size; ++i) {
@@ -115,7 +115,7 @@ class TileRenderer {
         continue;
       }
       const PhongMaterial& m = scene_.materials[s.instance];
-      colours_[path.pixel] += path.weight * own_share(s, reflects) * (m.emission + m.ambient * scene_.ambient);
+      colours_[path.pixel] += path.weight * surface_share(s, reflects) * (m.emission + m.ambient * scene_.ambient);
     }
     for (const PhongLight& light : scene_.lights) {
       batch_.shading_points.clear();
@@ -131,7 +131,7 @@ class TileRenderer {
         const uint32_t i = batch_.shading_points[k];
         const PhongSurface& s = batch_.surfaces[i];
         const Rgb c = lit_colour(scene_.materials[s.instance], light, s, batch_.rays.direction(i));
-        colours_[paths_[i].pixel] += paths_[i].weight * own_share(s, reflects) * c;
+        colours_[paths_[i].pixel] += paths_[i].weight * surface_share(s, reflects) * c;
       }
     }
   }

@@ -1,8 +1,8 @@
-// The thesis' pipeline: primary hits, Phong light with shadows, reflection by recursion, one ray a pixel.
+// The thesis' pipeline: primary hits, Phong lighting with shadows, recursive reflection, one ray per pixel.
 //
-// Source: A. Andreadis, 2008, algorithms 1 to 7. Rays go in batches, one tile and one depth at a time; a batch's
-// reflected rays are the next one. Deterministic for any number of threads.
-// Thread-safety: may run from several threads with different outputs.
+// Source: A. Andreadis, 2008, algorithms 1 to 7. Rays are processed in batches, one tile and one depth at a time; a
+// batch's reflected rays form the next one. Deterministic for any number of threads.
+// Thread-safety: may run in several threads with different outputs.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@ struct PhongPicture {
 
 struct PhongRenderOptions {
   int size = 512;
-  // Rays of one reflection: 1 mirrors; 4 spread over a cone of scene.polish_radius, at every depth.
+  // Rays per reflection: 1 for mirrors; 4 spread over a cone of scene.polish_radius, at every depth.
   int reflection_rays = 1;
 };
 

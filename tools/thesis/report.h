@@ -1,4 +1,4 @@
-// The thesis' tables as CSV and as one HTML page that needs nothing else.
+// The thesis' tables as CSV and as one self-contained HTML page.
 //
 // Thread-safety: pure functions.
 #pragma once
@@ -9,7 +9,7 @@
 
 namespace fieldtrace {
 
-// One line a case and M. Empty fields: the thesis gives no figure, or the case is not polished.
+// One line per case and M. Empty entries: the thesis gives no figure, or the case is not polished.
 std::string thesis_csv(const ThesisReport& report);
 std::string thesis_growth_csv(const ThesisReport& report);
 std::string thesis_charts_csv(const ThesisReport& report);

@@ -48,10 +48,10 @@ constexpr const char* k_main_end = R"(</table>
 )";
 
 constexpr const char* k_charts_begin = R"(<h2>Both charts at no more bytes</h2>
-<p>Visibility of a light of 7 degrees past one object, 64 rays a receiver, against Embree's answers to the same rays:
-RMSE of the share that arrives, in [0, 1]. Receivers lie behind the object or on it. Bytes are those of a complete field,
+<p>Visibility of a light of 7 degrees past one object, 64 rays a shading point, against Embree's answers to the same rays:
+RMSE of the share that arrives, in [0, 1]. Shading points lie behind the object or on it. Bytes are those of a complete field,
 of what these rays read: distances alone by the thesis' chart; by the orthographic one visibility cells, and depth cells
-where receivers lie on the object. The orthographic field is the finest of N = D or 2 D that takes no more bytes; where there is
+where shading points lie on the object. The orthographic field is the finest of N = D or 2 D that takes no more bytes; where there is
 none, the coarsest takes more. Exact: the share of the rays meeting the object's ball that is left to exact rays; at tolerance 1
 no ray is. ns: one thread, the instruction set above.</p>
 <table><tr><th class="l">object</th><th class="l">shading points</th><th class="l">chart</th><th>MB</th><th>tolerance</th>
@@ -66,7 +66,7 @@ cache that the cold render left.</p>
 <th>cold ms</th><th>warm ms</th><th>fields MB</th></tr>
 )";
 
-// Ours, and the thesis' in grey behind it.
+// Our figure, followed by the thesis' in grey.
 std::string beside(double ours, double thesis, const char* format) {
   if (ours < 0) return "";
   std::string text = fmt::format(fmt::runtime(format), ours);
@@ -169,14 +169,15 @@ std::string plots(const ThesisReport& report) {
     time.series[0].points.emplace_back(double(g.triangles), g.field_ms);
     time.series[1].points.emplace_back(double(g.triangles), g.exact_ms);
   }
-  Plot own{"This program's renderers", "milliseconds, warm", "RMS, 0 ... 255", true, true, {}};
+  Plot renderers{"This program's renderers", "milliseconds, warm", "RMS, 0 ... 255", true, true, {}};
   for (const ThesisHybridRow& r : report.hybrid) {
     const std::string label = r.scene + ", " + r.method;
-    if (own.series.empty() || own.series.back().label != label) own.series.push_back({label, {}, r.method == "hybrid"});
-    own.series.back().points.emplace_back(r.milliseconds, r.rms);
+    if (renderers.series.empty() || renderers.series.back().label != label)
+      renderers.series.push_back({label, {}, r.method == "hybrid"});
+    renderers.series.back().points.emplace_back(r.milliseconds, r.rms);
   }
   std::string html = "<h2>Plots</h2>\n" + svg_plot(error) + svg_plot(memory) + svg_plot(time);
-  if (!report.hybrid.empty()) html += svg_plot(own);
+  if (!report.hybrid.empty()) html += svg_plot(renderers);
   return html + growth_table(report);
 }
 

@@ -1,6 +1,7 @@
-// How the thesis' pipeline asks for hits and shadows: of fields or of Embree. Everything else of the two is shared.
+// The interface through which the thesis' pipeline finds hits and shadows, in fields or with Embree. Everything else is
+// shared by the two.
 //
-// Thread-safety: tracers are const and may be asked from any number of threads; batches belong to one thread.
+// Thread-safety: tracers are const and may be used from any number of threads; batches belong to one thread.
 #pragma once
 
 #include <cstdint>
@@ -16,21 +17,20 @@
 
 namespace fieldtrace {
 
-// Surfaces that a batch of rays ended on, world space. instance k_none: a miss.
+// A surface hit by a ray of a batch, world space. instance k_none: a miss.
 struct PhongSurface {
   Vec3 position = Vec3(0.0f);
-  Vec3 normal = Vec3(0.0f, 0.0f, 1.0f);  // unit, on the ray's side
-  Vec3 geometric =
-      Vec3(0.0f, 0.0f, 1.0f);  // that of the triangle, on the ray's side; a field knows no other than `normal`
-  float error = 0.0f;          // how far along `geometric` an exact ray must leave (core/surface/surface.h)
+  Vec3 normal = Vec3(0.0f, 0.0f, 1.0f);     // unit, on the ray's side
+  Vec3 geometric = Vec3(0.0f, 0.0f, 1.0f);  // the triangle's, on the ray's side; a field gives `normal` again
+  float error = 0.0f;  // offset along `geometric` for exact rays that leave (core/surface/surface.h)
   uint32_t instance = k_none;
 };
 
 struct TracerBatch {
   RayBatch rays;
-  std::vector<uint32_t> skip;  // padded: the instance that the ray leaves, or k_none
+  AlignedVector<uint32_t> skip;  // padded: the instance that the ray leaves, or k_none
   std::vector<PhongSurface> surfaces;
-  // Shadows: which surfaces to ask for, and what came of it (1: the light does not reach it).
+  // Shadows: indices of the surfaces to test, and the result for each (1: the light is occluded).
   std::vector<uint32_t> shading_points;
   AlignedVector<uint32_t> hidden;
   // Working memory of the tracer.
@@ -47,11 +47,11 @@ class PhongTracer {
   virtual ~PhongTracer() = default;
   // Fills batch.surfaces for batch.rays (unit directions).
   virtual void nearest(TracerBatch& batch, bool primary) const = 0;
-  // Fills batch.hidden for batch.shading points, one light.
+  // Fills batch.hidden for batch.shading_points and one light.
   virtual void shadow(TracerBatch& batch, const Vec3& light) const = 0;
 };
 
-// fields: one a shape of the scene, which may be shared by several instances. All must outlive the tracer.
+// fields: one per shape of the scene, which several instances may share. All must outlive the tracer.
 std::unique_ptr<PhongTracer> make_field_tracer(const PhongScene& scene, const std::vector<const ThesisField*>& fields,
                                                Isa isa = Isa::automatic);
 std::unique_ptr<PhongTracer> make_exact_tracer(const PhongScene& scene, const Accel& accel);

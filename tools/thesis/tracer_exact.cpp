@@ -1,4 +1,4 @@
-// Answers by Embree: the reference.
+// Hits and shadows by Embree: the reference.
 #include <numeric>
 
 #include "core/surface/surface.h"
@@ -21,7 +21,7 @@ class ExactTracer final : public PhongTracer {
       s.instance = batch.exact_hits.instance[i];
       if (s.instance == k_none) continue;
       const SurfacePoint p = surface_at(scene_, batch.rays, batch.exact_hits, i);
-      // Both sides of a surface are shown, as a field stores them.
+      // Both sides of a surface are visible, as in a field.
       const bool behind = glm::dot(p.geometric_normal, batch.rays.direction(i)) > 0.0f;
       const bool opposed = glm::dot(p.geometric_normal, p.shading_normal) < 0.0f;
       s.position = p.position;

@@ -1,4 +1,4 @@
-// Answers by fields alone.
+// Hits and shadows from fields alone.
 #include <algorithm>
 
 #include "field/thesis/thesis_kernels.h"
@@ -23,7 +23,7 @@ class FieldTracer final : public PhongTracer {
     hits.resize(count);
     std::fill(hits.t.begin(), hits.t.end(), k_infinity);
     std::fill(hits.instance.begin(), hits.instance.end(), k_none);
-    for (const ThesisInstanceView& view : views_) kernels_.nearest(view, batch.rays, batch.skip.data(), hits);
+    for (const ThesisInstanceView& view : views_) kernels_.nearest(view, batch.rays, batch.skip, hits);
     batch.surfaces.resize(count);
     for (size_t i = 0; i < count; ++i) {
       PhongSurface& s = batch.surfaces[i];
@@ -34,7 +34,7 @@ class FieldTracer final : public PhongTracer {
     }
   }
 
-  // Section 3.2.3: one look-up from the light towards the point tells what the light sees first.
+  // Section 3.2.3: one look-up from the light towards the point finds what the light sees first.
   void shadow(TracerBatch& batch, const Vec3& light) const override {
     const size_t count = batch.shading_points.size();
     batch.shadow_rays.resize(count);

@@ -1,4 +1,4 @@
-"""What every row is given: the programs, the scenes by name, how often and how large; and what a row returns."""
+"""The input of every row (programs, scenes by name, repeats, sizes) and its result."""
 
 import dataclasses
 import json
@@ -13,7 +13,7 @@ AT_LEAST, AT_MOST = "at least", "at most"
 
 @dataclasses.dataclass
 class Figure:
-    """One measured number beside its target. `measured` is None where no run reached what the figure is about."""
+    """One measured number with its target. `measured` is None if no run reached the required error."""
 
     what: str
     measured: float | None
@@ -23,7 +23,7 @@ class Figure:
     details: dict = dataclasses.field(default_factory=dict)
 
     def met(self):
-        """True, False, or None where there is no target."""
+        """Whether the target is met; None if there is no target."""
         if self.target is None:
             return None
         if self.measured is None:
@@ -39,7 +39,7 @@ class RowResult:
 
 
 def light(angle):
-    """-D values for a light of about 4 or 20 degrees in the bunny scenes, with the same power."""
+    """-D values for a light of about 4 or 20 degrees in the bunny scenes, at equal power."""
     radius = {4: 0.16, 20: 0.8}[angle]
     return (("light_radius", radius), ("light_radiance", 300.0 * (0.16 / radius) ** 2))
 
@@ -62,20 +62,20 @@ class Context:
         return ("resolution", self.resolution or (64 if self.quick else wanted))
 
     def samples(self, wanted):
-        """Samples of a reference: an eighth for a quick run."""
+        """Samples of a reference: an eighth in a quick run."""
         return max(wanted // 8, 1) if self.quick else wanted
 
     def shot(self, scene, size, defines=(), **fields):
         return Shot(ROOT / "scenes" / scene, defines=(self.size(size), *defines), **fields)
 
     def once(self, key, measure):
-        """measure(), but once a run: rows that share a measurement show the same numbers."""
+        """Calls measure() once per run: rows that share a measurement show the same numbers."""
         if key not in self.memo:
             self.memo[key] = measure()
         return self.memo[key]
 
     def three_objects(self):
-        """-D values for scenes/three_objects.xml: its meshes, made as tools/demo.sh makes them."""
+        """-D values for scenes/three_objects.xml: its meshes, generated as in tools/demo.sh."""
         lobes = "--m 7 --n1 0.6 --n2 1.2 --n3 1.2 --m-lat 3 --n1-lat 1.2 --n2-lat 1.6 --n3-lat 1.6"
         box = "--m 5 --n1 0.4 --n2 1.7 --n3 1.7 --m-lat 4 --n1-lat 10 --n2-lat 10 --n3-lat 10"
         make = self.programs.mesh

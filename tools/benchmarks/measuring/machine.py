@@ -1,4 +1,4 @@
-"""What a measurement ran on: processor, memory, system, compiler, libraries, commit."""
+"""Describes the platform of a measurement: processor, memory, system, compiler, libraries, commit."""
 
 import os
 import pathlib
@@ -23,7 +23,7 @@ def _said(words, cwd=None):
 
 
 def _embree_version(program):
-    """From the name of the shared library that the program is linked to."""
+    """Version from the name of the shared library that the program is linked to."""
     linked = re.search(r"(\S*libembree\S*) => (\S+)", _said(["ldd", str(program)]) or "")
     if not linked:
         return None
@@ -32,7 +32,7 @@ def _embree_version(program):
 
 
 def describe(program, root):
-    """A dict of the machine and the versions; what cannot be found out is None."""
+    """A dict of the machine and the versions; unknown entries are None."""
     memory = _first_match("/proc/meminfo", r"^MemTotal:\s+(\d+) kB")
     changed = _said(["git", "status", "--porcelain", "--untracked-files=no"], root)
     return {

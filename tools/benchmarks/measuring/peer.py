@@ -1,4 +1,4 @@
-"""Mitsuba 3 beside the project's own methods, through peer_worker.py."""
+"""Mitsuba 3 for comparison, run through peer_worker.py."""
 
 import json
 import pathlib
@@ -17,9 +17,9 @@ class Peer:
         settings = json.dumps([variant, str(scene), [str(f) for f in folders], {k: str(v) for k, v in defines}])
         worker = pathlib.Path(__file__).with_name("peer_worker.py")
         self.variant = variant
-        self.said = tempfile.TemporaryFile(mode="w+")
+        self.log = tempfile.TemporaryFile(mode="w+")
         self.process = subprocess.Popen([python, str(worker), settings], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                        stderr=self.said, text=True)
+                                        stderr=self.log, text=True)
         about = self._answer()
         self.version, self.denoises = about["version"], about["denoises"]
 
@@ -30,32 +30,32 @@ class Peer:
         self.process.stdin.close()
         self.process.wait(timeout=60)
         self.process.stdout.close()
-        self.said.close()
+        self.log.close()
 
     def _answer(self):
         line = self.process.stdout.readline()
         if not line:
             self.process.wait(timeout=60)
-            self.said.seek(0)
-            said = self.said.read().strip().splitlines()[:1] or ["nothing"]
+            self.log.seek(0)
+            lines = self.log.read().strip().splitlines()[:1] or ["nothing"]
             hint = ""
             if self.variant.startswith("llvm"):
                 hint = "; LLVM 16 or later is needed, named by the environment variable DRJIT_LIBLLVM_PATH"
-            raise BenchmarkError(f"Mitsuba ({self.variant}) stopped; it said: {said[0]}{hint}")
+            raise BenchmarkError(f"Mitsuba ({self.variant}) stopped; it said: {lines[0]}{hint}")
         return json.loads(line)
 
     def render(self, spp, seed=0, integrator="direct", picture=None):
-        """Seconds of one render, the compilation of its kernels left out; with a picture they may be counted."""
+        """Seconds of one render without kernel compilation, which may be included if an image is requested."""
         job = {"spp": spp, "seed": seed, "integrator": integrator, "picture": str(picture) if picture else None}
         try:
             print(json.dumps(job), file=self.process.stdin, flush=True)
         except BrokenPipeError:
-            pass  # _answer() says what happened
+            pass  # _answer() reports the cause
         return self._answer()["seconds"]
 
 
 def find_peer(python):
-    """None if `python` can import what the worker needs, else why not."""
+    """None if `python` can import the packages that the worker needs, else the reason."""
     if not python:
         return "no --peer-python was given"
     try:

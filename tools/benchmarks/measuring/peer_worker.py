@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Renders scenes in Mitsuba 3 and times them: one process per scene and variant, so that loading, building and
-compiling kernels happen once and are left out. Run by measure.py with a Python that has `mitsuba` and `numpy`.
+kernel compilation happen once and are excluded. Run by measure.py with a Python that has `mitsuba` and `numpy`.
 
-Reads one JSON object a line from stdin, {"spp", "seed", "integrator", "picture"}; answers with one, {"seconds"}. The
-seconds mean something only where `picture` is null. The
-integrator is "path" (max_depth 2: one light sample and one sample of the material per camera sample, weighted),
-"direct" (one light sample only, as Fieldtrace's own for diffuse surfaces), "path:N" (max_depth N), or "denoised:N": that
-with Open Image Denoise behind it (the package pyoidn), which sees albedo and shading normal too; its time counts.
+Reads one JSON object per line from stdin, {"spp", "seed", "integrator", "picture"}, and answers each with
+{"seconds"}, which is meaningful only if `picture` is null. The integrator is "path" (max_depth 2: one light sample and
+one BSDF sample per camera sample, weighted), "direct" (one light sample only, as Fieldtrace does for diffuse surfaces),
+"path:N" (max_depth N), or "denoised:N": path:N followed by Open Image Denoise (the package pyoidn) with albedo and
+shading normal as further inputs; its time is included.
 """
 
 import json
@@ -16,7 +16,7 @@ import time
 
 
 def main():
-    # Whatever Mitsuba prints goes to stderr: stdout belongs to the answers.
+    # Mitsuba's output goes to stderr: stdout is reserved for the answers.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     variant, scene_file, folders, defines = json.loads(sys.argv[1])
@@ -64,7 +64,7 @@ def main():
         job = json.loads(line)
         kernel = (job["spp"], job["integrator"])
         if kernel not in compiled and not job["picture"]:
-            # The first render of its kind compiles; who wants a picture does not ask for its time.
+            # The first render of its kind compiles; the time of a render with an image is not used.
             render(job["spp"], 12345, job["integrator"])
             compiled.add(kernel)
         picture, seconds = render(job["spp"], job["seed"], job["integrator"])

@@ -16,15 +16,15 @@ def write_atomically(path, data):
 
 
 def write(folder, head, results):
-    """Both reports into `folder`, in place of those of the run before."""
-    # mtime=0: the same results make the same file.
+    """Writes both reports to `folder`, replacing those of the previous run."""
+    # mtime=0: equal results give identical files.
     compressed = gzip.compress(as_json(head, results).encode("utf-8"), mtime=0)
     write_atomically(folder / JSON_NAME, compressed)
     write_atomically(folder / TABLE_NAME, as_markdown(head, results).encode("utf-8"))
 
 
 def why_not_published(head, results):
-    """Why these results are not to be kept as the latest ones; None: nothing speaks against it."""
+    """The reason not to publish these results as the latest ones, or None."""
     if head["settings"]["quick"]:
         return "a quick run measures nothing"
     if head["machine"]["commit"] is None or head["machine"]["commit_is_changed"]:
@@ -34,7 +34,7 @@ def why_not_published(head, results):
 
 
 def publish(folder, target):
-    """Makes the JSON of `folder` the attachment `target`."""
+    """Copies the JSON of `folder` to `target`."""
     write_atomically(target, (folder / JSON_NAME).read_bytes())
 
 
@@ -47,12 +47,12 @@ def as_json(head, results):
         for figure in result.figures if result else []:
             entry["figures"].append({**dataclasses.asdict(figure), "met": figure.met()})
         rows.append(entry)
-    # default=str: paths; allow_nan=False: a figure that is not a number is a fault, not a result.
+    # default=str: paths; allow_nan=False: a NaN figure is a fault, not a result.
     return json.dumps({**head, "rows": rows}, indent=1, default=str, allow_nan=False) + "\n"
 
 
 def number(value):
-    """Three significant digits, without an exponent where that is readable."""
+    """Three significant digits, without an exponent if that stays readable."""
     if value is None:
         return "not reached"
     if value == 0 or not math.isfinite(value):
@@ -82,7 +82,7 @@ def table(results):
 
 
 def median_lines(value, path=()):
-    """Every summary (median, least, most) and every plain number of the details, one line each."""
+    """One line for each summary (median, least, most) and each plain number of the details."""
     if isinstance(value, dict):
         if "median" in value:
             spread = f"{number(value['median'])} ({number(value['least'])} to {number(value['most'])})"
@@ -104,7 +104,7 @@ def details(results):
         for note in result.notes if result else []:
             lines += ["", note]
         for figure in result.figures if result else []:
-            # Rows may share a measurement: it is listed once.
+            # Rows may share a measurement, which is listed once.
             if not figure.details or any(figure.details is d for d in shown):
                 continue
             shown.append(figure.details)

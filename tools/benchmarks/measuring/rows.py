@@ -38,7 +38,7 @@ ROWS = [
 
 
 def choose(words):
-    """Rows by name or number, in their own order; all if there are none. Raises KeyError with an unknown word."""
+    """Rows by name or number, in table order; all if no words are given. Raises KeyError for an unknown word."""
     if not words:
         return list(ROWS)
     known = {**{row.name: row for row in ROWS}, **{str(row.number): row for row in ROWS}}

@@ -1,9 +1,9 @@
-"""Rows about the time that shadow rays take to the error of Monte Carlo.
+"""Rows on the time of shadow rays at equal error.
 
-Error is that of the light samples alone: references have the same camera rays (the same seed, one camera sample) and
-64 times Monte Carlo's light samples. Another seed would move the camera rays, whose noise along silhouettes is thirty
-times the error that is measured here. The picture's own samples are the first of the reference's: that lowers both
-methods' errors by about 1 %.
+Only the error of light samples counts: references have the same camera rays (same seed, one camera sample) and 64 times
+Monte Carlo's light samples. Another seed would move the camera rays, whose noise along silhouettes is thirty times the
+error measured here. The image's samples are the first of the reference's, which lowers both methods' errors by about
+1 %.
 """
 
 import math
@@ -32,7 +32,7 @@ def describe(samples, error, runs):
 
 
 def equal_error(context, scene, angle, samples, size=1024):
-    """Monte Carlo with `samples` light samples, and the hybrid with as few as reach its error, warm and cold."""
+    """Monte Carlo with `samples` light samples, and the hybrid with the fewest that reach its error, warm and cold."""
     programs = context.programs
     monte_carlo = context.shot(scene, size, light(angle), light_samples=samples)
     factor = context.samples(REFERENCE_FACTOR)
@@ -50,7 +50,7 @@ def equal_error(context, scene, angle, samples, size=1024):
 
     found, errors = fewest(error_of, aim, samples)
     jobs = {"monte_carlo": lambda: programs.render(monte_carlo)}
-    # At the same number of samples too: what users see who change nothing but the method.
+    # At the same number of samples too: what users see who only switch the method.
     for name, count in (("same_samples", samples), ("hybrid", found)):
         if count is None or (name == "hybrid" and count == samples):
             continue
@@ -78,7 +78,7 @@ def equal_error(context, scene, angle, samples, size=1024):
             result["warm"], result["cold"] = ratios["warm"]["value"], ratios["cold"]["value"]
     if found is None:
         details["not_reached"] = f"the hybrid's least error was {min(errors.values()):.6f}"
-    # A check of the reference: its own error is about this share of Monte Carlo's (error falls as samples^-3/4).
+    # A check of the reference: its error is about this share of Monte Carlo's (error falls as samples^-3/4).
     details["reference_error_share"] = math.pow(factor, -0.75)
     return result
 
@@ -112,6 +112,6 @@ def wide_light(context):
 
 
 def closeup(context):
-    """Receivers on the object itself: a close-up, equal error, warm."""
+    """Shading points on the object itself: a close-up, equal error, warm."""
     result = equal_error(context, "bunny_closeup.xml", 4, 64)
     return RowResult([figure_of(result, "light of 4 degrees", "warm", 6.0)])

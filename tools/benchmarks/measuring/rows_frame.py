@@ -1,4 +1,4 @@
-"""Rows about whole frames: the ceiling, a second light, a second thread."""
+"""Rows on whole frames: the upper bound, a second light, a second thread."""
 
 import os
 
@@ -31,7 +31,7 @@ def ceiling_of(context, name, shot):
 
 
 def ceiling(context):
-    """The most that any answerer of shadow rays could gain: the same frame with visibility for free."""
+    """Upper bound on the gain of any shadow answerer: the same frame with visibility for free."""
     shots = {"bunny, 1 x 64, 4 degrees": context.shot("bunny_floor.xml", 1024, light(4), light_samples=64),
              "bunny, 1 x 64, 20 degrees": context.shot("bunny_floor.xml", 1024, light(20), light_samples=64),
              "bunny, 64 x 1, 4 degrees": context.shot("bunny_floor.xml", 512, light(4), spp=64),

@@ -1,7 +1,7 @@
-"""Rows about glossy reflection.
+"""Rows on glossy reflection.
 
-In the first two, error is that of the lobe samples alone, as in rows_error: references have the same camera rays and
-many times the lobe samples. In the last it is that of the whole frame, as in rows_peer.
+In the first two, only the error of lobe samples counts, as in rows_error: references have the same camera rays and
+many times the lobe samples. The last takes the error of the whole frame, as in rows_peer.
 """
 
 import contextlib
@@ -14,10 +14,10 @@ from .search import fewest, staircase
 from .timing import in_turn, ratio, summary
 
 REFERENCE_FACTOR = 16
-IDENTICAL_DB = 200.0  # stands for the PSNR of a picture against itself
+IDENTICAL_DB = 200.0  # stands for the infinite PSNR of identical images
 SAMPLES = 64
-# Of scenes/reflection_1.xml: depth of its paths, and the part of the film (x, y, width, height) that the hyperboloid
-# fills.
+# Of scenes/reflection_1.xml: the depth of its paths, and the region of the film (x, y, width, height) that the
+# hyperboloid covers.
 REFLECTION_DEPTH = 4
 REFLECTOR = (0.21, 0.3, 0.18, 0.4)
 
@@ -86,7 +86,7 @@ def glossy_converged(context):
 
 
 def our_jobs(context, shot, reference, crop, aim):
-    """Each of our methods at its quickest pair of camera and lobe samples for the error: {name: (job, details)}."""
+    """Each of our methods with its quickest pair of camera and lobe samples for the error: {name: (job, details)}."""
     programs = context.programs
     jobs = {}
     for method in ("montecarlo", "hybrid"):
@@ -105,7 +105,7 @@ def our_jobs(context, shot, reference, crop, aim):
 
 
 def peer_jobs(context, peer, reference, crop, aim):
-    """Mitsuba's paths at the fewest samples for the error, as they are and denoised: {name: (job, details)}."""
+    """Mitsuba's path tracer with the fewest samples for the error, raw and denoised: {name: (job, details)}."""
     picture = context.programs.work / "peer.exr"
     jobs = {}
     for kind in ("path", "denoised") if peer.denoises else ("path",):
@@ -140,7 +140,7 @@ def reflection(context):
         if not context.peer_missing:
             try:
                 peer = stack.enter_context(Peer(context.peer_python, "llvm_ad_rgb", shot.scene, shot.defines))
-                peer.render(1)  # an LLVM that is too old fails here
+                peer.render(1)  # fails here if LLVM is too old
             except BenchmarkError as e:
                 notes.append(f"Mitsuba left out: {e}")
             else:

@@ -1,4 +1,4 @@
-"""Rows about single look-ups: against Embree's rays, and over the number of triangles."""
+"""Rows on single look-ups: against Embree's rays, and as a function of the number of triangles."""
 
 from .context import AT_LEAST, AT_MOST, Figure, RowResult
 from .timing import in_turn, ratio, summary
@@ -7,14 +7,14 @@ BUNNY = "/usr/share/glmark2/models/bunny.obj"
 
 
 def best_of(run, prefix):
-    """The name and rate (rays per second of processor time) of the fastest benchmark whose name begins so."""
+    """Name and rate (rays per second of processor time) of the fastest benchmark with this name prefix."""
     rates = {name: b["rays/s"] for name, b in run.items() if name.startswith(prefix)}
     name = max(rates, key=rates.get)
     return name, rates[name]
 
 
 def rates_of(runs, place):
-    """Summaries of the fastest look-up and the fastest Embree form, each fastest by its median over the runs."""
+    """Summaries of the fastest look-up and the fastest Embree form, by their medians over the runs."""
     result = {}
     for kind, prefix in (("lookup", f"LookUp.{place}."), ("embree", f"EmbreeOccluded.{place}.")):
         forms = {name: summary([r[name]["rays/s"] for r in runs]) for name in runs[0] if name.startswith(prefix)}
@@ -37,10 +37,11 @@ def lookups(context):
     figures = []
     for name, (_, target) in meshes.items():
         elsewhere = rates_of(runs[name], "elsewhere")
-        own = rates_of(runs[name], "own_surface")
+        on_object = rates_of(runs[name], "own_surface")
         figures.append(Figure(f"{name}, shading points elsewhere", elsewhere["ratio"]["value"], AT_LEAST, target, "x",
                               elsewhere))
-        figures.append(Figure(f"{name}, shading points on the object", own["ratio"]["value"], None, None, "x", own))
+        figures.append(Figure(f"{name}, shading points on the object", on_object["ratio"]["value"], None, None, "x",
+                              on_object))
     return RowResult(figures, ["Rays a second of one core's processor time; 8,192 rays that stay in cache; rays that "
                                "are undecided are counted as answered (their share is in the details)."])
 

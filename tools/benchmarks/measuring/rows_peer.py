@@ -1,8 +1,8 @@
-"""Rows beside Mitsuba 3: the baseline at equal samples, and whole frames to an error.
+"""Rows against Mitsuba 3: the baseline at equal samples, and whole frames at equal error.
 
 Ours: the wall time of the frame (programs.frame_seconds). Mitsuba: one mi.render() call in a process that has loaded
-the scene and compiled its kernels. Errors are against our own converged Monte Carlo picture with another seed, which
-averages the camera rays too; how far Mitsuba's mean is from it is in the details.
+the scene and compiled its kernels. Errors are against our converged Monte Carlo image with another seed, which averages
+over camera rays too; the deviation of Mitsuba's mean from it is in the details.
 """
 
 import contextlib
@@ -38,7 +38,7 @@ def baseline_under(context, angle):
         theirs = {i: peer_error(context, peer, spp, i, reference) for i in INTEGRATORS}
     figures = []
     for integrator in INTEGRATORS:
-        # The target is against the integrator that does the same work.
+        # The target applies to the integrator that does the same work.
         aims = (1.3, 1.1) if integrator == "direct" else (None, None)
         relation = AT_MOST if aims[0] else None
         time = ratio(runs["ours"], runs[integrator])
@@ -78,12 +78,12 @@ def cheapest(context, base, reference, aim, is_warm):
 
 
 def start_peers(context, stack, shot, folders):
-    """Mitsuba's variants on the shot's scene: {variant: Peer}, and what failed: {name: {"error": text}}."""
+    """Mitsuba's variants on the shot's scene: {variant: Peer}, and failures: {name: {"error": text}}."""
     peers, failed = {}, {}
     for variant in VARIANTS:
         try:
             peer = stack.enter_context(Peer(context.peer_python, variant, shot.scene, shot.defines, folders))
-            peer.render(1)  # an LLVM that is too old fails here
+            peer.render(1)  # fails here if LLVM is too old
             peers[variant] = peer
         except BenchmarkError as e:
             context.log(f"  {variant}: {e}")
@@ -92,9 +92,9 @@ def start_peers(context, stack, shot, folders):
 
 
 def peer_jobs(context, peers, reference, aim):
-    """Each variant and integrator at the fewest samples for the error: {name: (job, details)}.
+    """Each variant and integrator with the fewest samples for the error: {name: (job, details)}.
 
-    The variants draw the same samples, so the search is made in the quickest one (kernels of large scenes compile for
+    The variants draw the same samples, so the search uses the quickest one (kernels of large scenes compile for
     half a minute).
     """
     jobs = {}
@@ -119,7 +119,7 @@ def peer_jobs(context, peers, reference, aim):
 
 
 def frame_to_error(context, shot, reference_shot, aim, is_warm, folders=()):
-    """Times of the whole frame to the error: {method: {..., seconds: summary}}; methods that cannot are left out."""
+    """Times of the whole frame at the error: {method: {..., seconds: summary}}, without methods that cannot reach it."""
     programs = context.programs
     reference = programs.reference(reference_shot)
     methods, jobs = {}, {}
@@ -183,7 +183,7 @@ def crowd(context):
     if not (folder / "instances.xml").is_file():
         run([script, "--program", context.programs.program, "-o", folder, "--mesh", words,
              "--instances", str(count)])
-    # The light is about 108 away.
+    # The light is about 108 units away.
     shot = context.shot("crowd.xml", 512, (("crowd", (folder / "instances.xml").resolve()), ("light_radius", 19),
                                            ("light_radiance", 17.7)))
     aim = 0.05 if context.quick else 0.01

@@ -1,9 +1,9 @@
-"""Rows about what fields get wrong, and how many cells a frame needs."""
+"""Rows on the errors of fields, and on the cells that a frame needs."""
 
 from .context import AT_MOST, Figure, RowResult, light
 from .programs import BenchmarkError
 
-# The unshadowed floor is then about as bright as 1, so that errors read as errors of visibility.
+# Makes the unshadowed floor about as bright as 1, so that errors read as errors of visibility.
 FLOOR_OF_ONE = 1800.0
 
 
@@ -13,7 +13,7 @@ def bright_light(angle):
 
 
 def converged_on(context, path, defines):
-    """`fieldtrace compare` of the hybrid with Monte Carlo, both converged, the same seed: what fields change."""
+    """`fieldtrace compare` of hybrid and Monte Carlo, both converged with the same seed: the effect of the fields."""
     programs = context.programs
     shot = context.shot("bunny_floor.xml", 512,
                         (("mesh", path), ("format", path.suffix[1:]), *bright_light(4), *defines),

@@ -1,21 +1,21 @@
 """Finds the fewest samples that reach an error.
 
-Errors fall with the number of samples but for a little noise, so that a ladder of counts is climbed or descended until
-the error crosses the aim. Steps are at most a half (mostly a third): time is overstated by less than that, for every
-method alike.
+Errors fall with the number of samples, apart from a little noise, so a ladder of counts is climbed or descended until
+the error crosses the aim. Steps are at most a half (mostly a third): times are overstated by less than that, equally
+for every method.
 """
 
-# Over this many steps up the ladder the samples grow by four and errors should halve. Where they fall by less than this
-# share, something else than noise is left: more samples would not help.
+# Over this many steps up the ladder the number of samples quadruples and errors should halve. Where they fall by less
+# than this share, bias dominates, and more samples would not help.
 FLOOR_STEPS, FLOOR_SHARE = 4, 0.1
 
 LADDER = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096]
 
 
 def fewest(error_of, aim, start):
-    """The smallest count of LADDER whose error is at most `aim`, found from `start` on; and all errors seen.
+    """The smallest count of LADDER with an error of at most `aim`, searched from `start`; and all errors measured.
 
-    Returns (None, errors) if none reaches it, or if the error has stopped falling above the aim.
+    Returns (None, errors) if none reaches it, or if the error levels off above the aim.
     """
     errors = {}
 
@@ -39,10 +39,10 @@ def fewest(error_of, aim, start):
 
 
 def staircase(measure, aim, most_spp, most_light_samples):
-    """For camera and light samples at once: pairs (spp, light samples) on the edge of what reaches `aim`.
+    """Searches camera and light samples together: the pairs (spp, light samples) that just reach `aim`.
 
-    measure(spp, light_samples) returns (error, seconds). Walks from few camera and many light samples to many and few;
-    returns the pairs that reach the aim as a list of dicts, quickest first.
+    measure(spp, light_samples) returns (error, seconds). Walks from few camera and many light samples to many and few,
+    and returns the pairs that reach the aim as a list of dicts, quickest first.
     """
     spps = [n for n in LADDER if n <= most_spp]
     lights = [n for n in LADDER if n <= most_light_samples]

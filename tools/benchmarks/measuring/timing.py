@@ -1,4 +1,4 @@
-"""Repeated measurements in turn, and their summaries."""
+"""Interleaved repeated measurements, and their summaries."""
 
 import statistics
 
@@ -12,7 +12,7 @@ def summary(values):
 def in_turn(jobs, repeats):
     """Runs the jobs A B C A B C ...: returns {name: [result of each repeat]}.
 
-    A machine's speed drifts; in turn, the drift meets all jobs alike.
+    Interleaved, because a machine's speed drifts: the drift then affects all jobs alike.
     """
     results = {name: [] for name in jobs}
     for _ in range(repeats):
@@ -22,6 +22,6 @@ def in_turn(jobs, repeats):
 
 
 def ratio(above, below):
-    """Quotient of two summaries' medians, with the quotients of the single repeats as its spread."""
+    """Ratio of two summaries' medians, with the ratios of single repeats as its spread."""
     return {"value": above["median"] / below["median"],
             "repeats": [a / b for a, b in zip(above["values"], below["values"])]}
