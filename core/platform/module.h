@@ -1,10 +1,11 @@
 // Modules: parts of the program in shared libraries of their own, opened when first needed, because what they are made
 // of brings so many other libraries that every start would pay for them.
 //
-// A module NAME is libfieldtrace_NAME.so, built by fieldtrace_module() (cmake/Components.cmake); it is found by the run
-// path of the programs, lib/fieldtrace beside their own folder. It is reached by plain functions, is
-// never closed, and lets no exceptions out but those of the standard library and of libraries that derive from them:
-// types that module and program both define, Error for one, are two types to some checks of sanitizers. Module and program must be of one build. Thread-safety: pure functions.
+// A module NAME is libfieldtrace_NAME.so, built by fieldtrace_module() (cmake/Components.cmake); it lies in
+// ../lib/fieldtrace beside the folder of the program. It is reached by plain functions, is never closed, and lets no
+// exceptions out but those of the standard library and of libraries that derive from them: sanitizers take types that
+// module and program both define, Error for one, for two types. Module and program must be of one build.
+// Thread-safety: pure functions.
 #pragma once
 
 #include <string>
