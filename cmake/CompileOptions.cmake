@@ -31,7 +31,8 @@ if(FIELDTRACE_SANITIZE)
   endif()
 endif()
 
-# OpenImageIO and OpenVDB pull in some 250 shared libraries; a program that uses neither need not load them at start.
+# A program loads at start only the libraries that it uses itself. OpenImageIO and OpenVDB, which pull in some 250, lie in
+# modules (fieldtrace_module() in Components.cmake).
 add_link_options(-Wl,--as-needed)
 
 # fieldtrace_vector_kernels(FILE TARGET): for TARGET's FILE, of the calling folder, that Highway compiles once per

@@ -124,7 +124,7 @@ class LimitedProgram : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
-// MiB. The program with its libraries takes 560, and more on machines with many processors. Without a limit, fields of
+// MiB. The program with its libraries takes 200, and more on machines with many processors. Without a limit, fields of
 // 64 x 128 cells reserve 2 GB.
 constexpr int k_limit = 2000;
 
