@@ -85,7 +85,6 @@ ThesisField distances_of(FieldVdb& what, const std::string& path) {
   ThesisField field(what.header.ball, m, ThesisLayers::distance);
   const VdbGridPtr grid = take_grid(what.grids, k_distance_grid, path);
   if (!grid) return field;  // all samples are misses
-  std::fill_n(field.distances_of(0), field.samples(), uint8_t(k_thesis_miss));
   const bool sound = vdb().background(*grid) == k_thesis_miss &&
                      vdb().visit(*grid, [&](const VdbNode& node) { return take_samples(node, m, field); });
   if (!sound) throw FieldFileError(path, "has samples that no bake writes");
