@@ -1,21 +1,19 @@
-// Closed-form irradiance of whole, unoccluded lights, for diffuse surfaces.
+// Closed-form irradiance of whole, unoccluded lights, for diffuse surfaces, many at once in SIMD lanes.
 //
-// Thread-safety: pure functions.
+// Method: light_irradiance.hd.h. Thread-safety: pure functions.
 #pragma once
 
-#include <optional>
-
 #include "core/light/light.hd.h"
-#include "core/math/math.h"
+#include "core/light/shading_points.h"
+#include "core/platform/aligned_vector.h"
+#include "core/simd/isa.h"
 
 namespace fieldtrace {
 
-// Irradiance (integral of the cosine over solid angle, sr) at a surface with unit normal `shading` from an unoccluded
-// light of radiance 1. For spheres seen from outside and for rectangles (Lambert, "Photometria", 1760; Baum et al.,
-// "Improving Radiosity Solutions Through the Use of Analytically Determined Form-Factors", SIGGRAPH 1989). Empty for
-// other kinds, and where the light is not wholly above the horizons of both normals. `geometric` and `shading` point to
-// the side facing the light. Relative error below 1e-5.
-std::optional<float> whole_irradiance(const Light& light, const Vec3& point, const Vec3& geometric,
-                                      const Vec3& shading);
+// irradiance[r] receives the irradiance (integral of the cosine over solid angle, sr) at shading point r from the
+// unoccluded light, of radiance 1: for spheres seen from outside and for rectangles. Below 0 for other kinds, and where
+// the light is not wholly above the horizons of both normals. Resized to the batch, padded. Relative error below 1e-7,
+// most of it the rounding to floats; the same bits for every `isa`, which must be resolved.
+void whole_irradiance(const Light& light, const ShadingPointBatch& points, Isa isa, AlignedVector<float>& irradiance);
 
 }  // namespace fieldtrace

@@ -1,4 +1,5 @@
-// The compiled variants of the light sampling loop, one per instruction set. Internal to light_sampling.
+// The compiled variants of the loops over lights, one per instruction set. Internal to light_sampling and
+// light_irradiance.
 // Thread-safety: pure functions.
 #pragma once
 
@@ -30,5 +31,13 @@ LightKernel light_kernel_for(Isa isa);
 
 void sample_light_scalar(const LightTable& lights, uint32_t light, const ShadingPointBatch& shading_points,
                          const LightSampleRange& range, ShadowBatch& out);
+
+// As whole_irradiance(); `out` has room for the batch and its padding.
+using IrradianceKernel = void (*)(const Light& light, const ShadingPointBatch& points, float* out);
+
+// `isa` must be resolved: supported by this processor, not `automatic`.
+IrradianceKernel irradiance_kernel_for(Isa isa);
+
+void whole_irradiance_scalar(const Light& light, const ShadingPointBatch& points, float* out);
 
 }  // namespace fieldtrace

@@ -199,6 +199,10 @@ FT_HD inline F dot(const Vec3Lanes<F>& a, const Vec3Lanes<F>& b) {
   return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 template <class F>
+FT_HD inline Vec3Lanes<F> cross(const Vec3Lanes<F>& a, const Vec3Lanes<F>& b) {
+  return {a.y * b.z - b.y * a.z, a.z * b.x - b.z * a.x, a.x * b.y - b.x * a.y};
+}
+template <class F>
 FT_HD inline Vec3Lanes<F> operator+(const Vec3Lanes<F>& a, const Vec3Lanes<F>& b) {
   return {a.x + b.x, a.y + b.y, a.z + b.z};
 }

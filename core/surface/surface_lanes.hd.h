@@ -25,10 +25,6 @@ constexpr double k_gamma_12 = 12 * 0x1p-24 / (1.0 - 12 * 0x1p-24);
 constexpr double k_least_share = 0x1p-40;
 
 template <class D>
-FT_HD_INLINE Vec3Lanes<D> cross(const Vec3Lanes<D>& a, const Vec3Lanes<D>& b) {
-  return {a.y * b.z - b.y * a.z, a.z * b.x - b.z * a.x, a.x * b.y - b.x * a.y};
-}
-template <class D>
 FT_HD_INLINE Vec3Lanes<D> magnitudes(const Vec3Lanes<D>& a) {
   return {abs(a.x), abs(a.y), abs(a.z)};
 }

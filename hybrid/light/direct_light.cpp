@@ -59,11 +59,14 @@ void DirectLight::place_shading_points(const Job& job, const Part& part) {
   }
 }
 
+const ShadingPointBatch& DirectLight::selected(std::span<const uint32_t> indices) {
+  if (indices.size() == places_.size && std::is_sorted(indices.begin(), indices.end())) return places_;
+  select_shading_points(places_, indices, shading_points_);
+  return shading_points_;
+}
+
 void DirectLight::sample_group(const Job& job, const LightSampleRange& range) {
-  const bool is_whole = group_.size() == places_.size && std::is_sorted(group_.begin(), group_.end());
-  if (!is_whole) select_shading_points(places_, group_, shading_points_);
-  sample_light(context_.lights, job.light, is_whole ? places_ : shading_points_, range, context_.settings.isa,
-               shadows_);
+  sample_light(context_.lights, job.light, selected(group_), range, context_.settings.isa, shadows_);
 }
 
 void DirectLight::add_shading_point(const Job& job, const LightEstimate& light, size_t r, int samples) {
@@ -215,18 +218,16 @@ void DirectLight::gather_closed(const Job& job) {
   if (!context_.closed_form[job.light]) return;
   const Light& light = context_.lights.lights[job.light];
   const Rgb value(light.value[0], light.value[1], light.value[2]);
+  whole_irradiance(light, selected(free_), context_.settings.isa, irradiance_);
   size_t kept = 0;
-  for (const uint32_t r : free_) {
+  for (size_t i = 0; i < free_.size(); ++i) {
+    const uint32_t r = free_[i];
     const PathVertex& v = vertex_of(job, r);
-    std::optional<float> irradiance;
-    if (v.material->plain_diffuse()) {
-      irradiance = whole_irradiance(light, v.surface->position, v.facing, v.frame.n);
-    }
-    if (!irradiance) {
+    if (!(irradiance_[i] >= 0.0f) || !v.material->plain_diffuse()) {
       free_[kept++] = r;
       continue;
     }
-    job.arriving[lit_[places_part_.begin + r]] += value * v.material->reflectance * (*irradiance / k_pi);
+    job.arriving[lit_[places_part_.begin + r]] += value * v.material->reflectance * (irradiance_[i] / k_pi);
     if (job.firsts.empty()) continue;
     FirstHit& first = job.firsts[job.paths[v.path].slot];
     first.shadow_rays += float(job.light_samples);

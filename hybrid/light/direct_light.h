@@ -133,6 +133,8 @@ class DirectLight {
     return job.vertices[lit_[places_part_.begin + place]];
   }
   static LightSampleRange all_samples(const Job& job) { return {job.light_samples, 0, job.light_samples}; }
+  // Those of places_: places_ itself, or a copy in shading_points_.
+  const ShadingPointBatch& selected(std::span<const uint32_t> indices);
   void sample_group(const Job& job, const LightSampleRange& range);
   // chosen[i] = all[indices[i]].
   static void select_shading_points(const ShadingPointBatch& all, std::span<const uint32_t> indices,
@@ -161,13 +163,14 @@ class DirectLight {
   void add_group(const Job& job, int samples);
 
   const TransportContext& context_;
-  ShadingPointBatch shading_points_;  // those of group_
+  ShadingPointBatch shading_points_;  // of selected()
   ShadowBatch shadows_;
   std::vector<uint32_t> lit_;  // vertices that take light samples
   ShadingPointBatch places_;   // the current part of lit_
   Part places_part_;
   // Indices into places_: those of the current batch, and how split_shading_points() sorted the part.
   std::vector<uint32_t> group_, shadowed_, free_, dark_, filtered_, penumbrae_;
+  AlignedVector<float> irradiance_;      // per shading point of free_
   std::vector<uint32_t> fields_before_;  // per shading point of group_
   std::vector<uint8_t> refused_;         // per shading point of group_
   // Shading points whose probe rays differ, and that may be lit by following one edge.
