@@ -17,14 +17,15 @@ namespace {
 thread_local int allocations_left = -1;
 }  // namespace
 
-void* operator new(std::size_t size) {
+// Not inlined: GCC would take the pairs of malloc and delete that it then sees for a mistake.
+[[gnu::noinline]] void* operator new(std::size_t size) {
   if (allocations_left == 0) throw std::bad_alloc();
   if (allocations_left > 0) --allocations_left;
   if (void* p = std::malloc(size)) return p;
   throw std::bad_alloc();
 }
-void operator delete(void* p) noexcept { std::free(p); }
-void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
+[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 namespace fieldtrace {
 namespace {
