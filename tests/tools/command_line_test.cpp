@@ -349,7 +349,7 @@ TEST_F(CommandLine, ATradeoffThatEndsEarlyKeepsItsReferenceAndItsRows) {
   const fs::path out = folder_ / "out";
   for (const bool killed : {false, true}) {
     fs::remove_all(out);
-    Program program(folder_, {"tradeoff", "scene.xml", "-o", "out", "-D", "size=512", "--quick", "--quiet"});
+    Program program(folder_, {"tradeoff", "scene.xml", "-o", "out", "-D", "size=2048", "--quick", "--quiet"});
     ASSERT_TRUE(has_row(out / "tradeoff.csv.partial"));
     if (killed) {
       program.kill_now();
@@ -364,7 +364,7 @@ TEST_F(CommandLine, ATradeoffThatEndsEarlyKeepsItsReferenceAndItsRows) {
     EXPECT_FALSE(fs::exists(out / "tradeoff.csv"));
     EXPECT_EQ(read_text(out / "tradeoff.csv.partial").rfind("method,spp,", 0), 0u);
     ASSERT_TRUE(fs::exists(out / "reference.exr"));
-    EXPECT_EQ(read_image((out / "reference.exr").string()).width, 512);
+    EXPECT_EQ(read_image((out / "reference.exr").string()).width, 2048);
   }
 }
 
