@@ -23,6 +23,9 @@ Error cannot_write(const std::string& path, const std::string& reason) {
   return Error({path}, "cannot be written: " + reason);
 }
 
+// The folder that holds `path`.
+fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
+
 std::string resolve_target(const std::string& path) {
   if (path.empty()) throw Error("an empty file name cannot be written; name a file");
   std::error_code unknown;
@@ -34,10 +37,11 @@ std::string resolve_target(const std::string& path) {
   if (fs::exists(status) && !fs::is_regular_file(status)) {
     throw cannot_write(path, "it is not a regular file; name one");
   }
-  std::error_code failed;
-  const fs::path resolved = fs::weakly_canonical(path, failed);
-  return failed ? path : resolved.string();
+  return write_target(path);
 }
+
+// As many as Linux follows (path_resolution(7)).
+constexpr int k_most_links = 40;
 
 // Linux' NAME_MAX, where pathconf() reports no limit.
 constexpr size_t k_longest_name = 255;
@@ -55,7 +59,7 @@ std::string shortened(const std::string& name, size_t room) {
 // leaves no room for these is shortened.
 std::string temporary_name(const std::string& target) {
   static std::atomic<unsigned> counter{0};
-  const fs::path path(target), folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  const fs::path path(target), folder = folder_of(path);
   const std::string ending = "." + std::to_string(getpid()) + "-" + std::to_string(counter++) + ".tmp";
   const long limit = pathconf(folder.c_str(), _PC_NAME_MAX);
   const size_t longest = limit > 0 ? size_t(limit) : k_longest_name;
@@ -63,7 +67,7 @@ std::string temporary_name(const std::string& target) {
   return (folder / (shortened(path.filename().string(), room) + ending)).string();
 }
 
-// Flushes the file to disk: some file systems report a full disk only then. Sets errno on failure.
+// Flushes the file or folder to disk: some file systems report a full disk only then. Sets errno on failure.
 bool reaches_the_disk(const std::string& path) {
   const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (file < 0) return false;
@@ -98,6 +102,8 @@ void AtomicFile::commit() {
   if (!reaches_the_disk(temporary_)) throw cannot_write(path_, std::strerror(errno));
   if (std::rename(temporary_.c_str(), target_.c_str()) != 0) throw cannot_write(path_, std::strerror(errno));
   temporary_.clear();
+  // The new name, too. The file is whole either way, so a folder that may not be opened for reading is no failure.
+  reaches_the_disk(folder_of(target_).string());
 }
 
 CheckedFile::CheckedFile(const std::string& path) : file_(open(path.c_str(), O_WRONLY | O_TRUNC | O_CLOEXEC)) {
@@ -141,6 +147,24 @@ void write_text_file(const std::string& path, std::string_view text) {
   out.close();
   if (out.failed()) throw cannot_write(path, out.reason());
   file.commit();
+}
+
+std::string write_target(const std::string& path) {
+  // weakly_canonical() would leave a link whose target does not exist as it is.
+  fs::path at(path);
+  std::error_code failed;
+  for (int links = 0; fs::is_symlink(fs::symlink_status(at, failed)); ++links) {
+    const fs::path target = fs::read_symlink(at, failed);
+    if (failed) throw cannot_write(path, failed.message());
+    if (links == k_most_links) {
+      throw cannot_write(path, "more than " + std::to_string(k_most_links) + " symbolic links follow one another");
+    }
+    at = at.parent_path() / target;
+  }
+  const fs::path whole =
+      fs::absolute(at, failed);  // weakly_canonical() leaves a path unchanged if no part of it exists
+  const fs::path resolved = fs::weakly_canonical(failed ? at : whole, failed);
+  return failed ? at.string() : resolved.string();
 }
 
 void require_writable(const std::string& path) { const AtomicFile probe(path); }

@@ -1,7 +1,7 @@
 // Files that appear whole or not at all: written under a temporary name in the same folder, then renamed.
 //
 // rename(2) replaces its target atomically within one file system only, so the temporary file lies beside the final one
-// and not in /tmp. Symbolic links are followed: the file that a link points to is replaced, not the link.
+// and not in /tmp. Symbolic links are followed: the file that a link points to is replaced or made, not the link.
 // Thread-safety: distinct objects are independent, even for the same path, where the last commit wins.
 #pragma once
 
@@ -25,8 +25,9 @@ class AtomicFile {
   // The name to write to. It ends in ".tmp" for every format and is short enough wherever the final name is.
   const std::string& temporary_path() const { return temporary_; }
 
-  // Flushes the temporary file to disk and moves it to its final name. Throws Error if either fails. Call it at most
-  // once, after the file has been written without errors and closed.
+  // Flushes the temporary file to disk and moves it to its final name. Throws Error if either fails. Then flushes the
+  // folder, so that the name outlasts a crash of the machine, unless the folder may not be read. Call it at most once,
+  // after the file has been written without errors and closed.
   void commit();
 
  private:
@@ -61,6 +62,10 @@ class CheckedFile {
 
 // Replaces the contents of `path` with `text`. Throws Error if it cannot be written, including for a full disk.
 void write_text_file(const std::string& path, std::string_view text);
+
+// The absolute path of the file that writing to `path` would replace or make: symbolic links are followed, also the
+// last one if what it points to does not exist. Throws Error if more than 40 follow one another.
+std::string write_target(const std::string& path);
 
 // Throws Error, as writing would, if `path` cannot be written now. Leaves nothing behind and changes no existing file;
 // to be called before long work starts.

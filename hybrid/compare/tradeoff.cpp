@@ -1,42 +1,16 @@
 #include "hybrid/compare/tradeoff.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <filesystem>
 
-#include "core/platform/error.h"
+#include "core/io/scratch_folder.h"
 
 namespace fieldtrace {
 
 namespace {
-
-namespace fs = std::filesystem;
-
-// A folder removed with this object. Its name holds the process id, because two runs may share a parent.
-class ScratchFolder {
- public:
-  explicit ScratchFolder(const std::string& parent)
-      : path_((fs::path(parent) / fmt::format("field-cache-{}.tmp", getpid())).string()) {
-    std::error_code failed;
-    fs::create_directories(path_, failed);
-    if (failed) throw Error({path_}, "the folder cannot be made: " + failed.message());
-  }
-  ~ScratchFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-
-  const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-};
 
 // Camera samples a pixel of one render: the measure of its share in the whole plan.
 double work_of(const Scene& scene, const RenderOptions& options) {
@@ -126,9 +100,10 @@ bool run_tradeoff(const Scene& scene, const TradeoffPlan& plan, const std::strin
     RenderResult result = progress.render_timed(plan.reference, "reference", seconds);
     if (result.interrupted) return false;
     reference = std::move(result.image);
+    if (callbacks.reference) callbacks.reference(reference);
   }
   for (const RenderOptions& options : plan.cases) {
-    const ScratchFolder cache(scratch_folder);
+    const ScratchFolder cache(scratch_folder, "field-cache");
     TradeoffRow row;
     row.options = options;
     row.options.field_cache = is_hybrid(options) ? cache.path() : std::string();

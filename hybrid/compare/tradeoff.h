@@ -43,6 +43,8 @@ TradeoffPlan make_tradeoff_plan(const Scene& scene, const TradeoffPlanOptions& o
 
 struct TradeoffCallbacks {
   RenderCallbacks render;  // progress is that of the whole plan
+  // Called once the reference is rendered, before the first case. Not for one that was given.
+  std::function<void(const Image& reference)> reference;
   // Called after each case, in order, with its cold picture.
   std::function<void(const TradeoffRow& row, const Image& image)> row;
 };

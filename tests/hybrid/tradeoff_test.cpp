@@ -216,6 +216,23 @@ TEST_F(TradeoffRun, KeepsTheReferenceThatItIsGiven) {
   EXPECT_EQ(reference.data, before);
 }
 
+TEST_F(TradeoffRun, HandsOverTheReferenceBeforeTheFirstCase) {
+  std::vector<std::string> calls;
+  Image reference, handed;
+  TradeoffCallbacks callbacks;
+  callbacks.reference = [&](const Image& image) {
+    calls.push_back("reference");
+    handed = image;
+  };
+  callbacks.row = [&](const TradeoffRow&, const Image&) { calls.push_back("row"); };
+  EXPECT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
+  EXPECT_EQ(calls, (std::vector<std::string>{"reference", "row", "row"}));
+  EXPECT_EQ(handed.data, reference.data);
+  calls.clear();
+  EXPECT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
+  EXPECT_EQ(calls, (std::vector<std::string>{"row", "row"})) << "it was given";
+}
+
 TEST_F(TradeoffRun, AStoppedRunKeepsTheRowsSoFar) {
   std::atomic<bool> stop{false};
   size_t rows = 0;

@@ -1,9 +1,9 @@
 #include "tests/support/reference_scenes.h"
 
-#include <cstdlib>
 #include <filesystem>
 #include <stdexcept>
 
+#include "core/io/scratch_folder.h"
 #include "core/loader/scene_xml.h"
 #include "core/mesh/mesh_io.h"
 #include "core/mesh/mesh_procedural.h"
@@ -29,24 +29,9 @@ TriangleMesh second_supershape() {
 }
 TriangleMesh small_knot() { return make_knot({.along = 256, .around = 16}); }
 
-// A fresh folder that is removed with the object.
-class ScratchFolder {
- public:
-  ScratchFolder() : path_((std::filesystem::temp_directory_path() / "fieldtrace_reference_XXXXXX").string()) {
-    if (!mkdtemp(path_.data())) throw std::runtime_error(path_ + ": cannot be made");
-  }
-  ~ScratchFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-
-  const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-};
+ScratchFolder scratch_folder() {
+  return ScratchFolder(std::filesystem::temp_directory_path().string(), "fieldtrace_reference");
+}
 
 }  // namespace
 
@@ -71,7 +56,7 @@ const ReferenceScene& reference_scene(const std::string& name) {
 }
 
 Scene load_reference_scene(const ReferenceScene& scene) {
-  const ScratchFolder folder;
+  const ScratchFolder folder = scratch_folder();
   const std::string first = folder.path() + "/first.ply", second = folder.path() + "/second.ply",
                     tube = folder.path() + "/knot.ply";
   save_ply(first, first_supershape());
@@ -96,7 +81,7 @@ std::string reference_path(const ReferenceScene& scene) {
 
 Renders render_reference_scene(const Scene& loaded, const ReferenceScene& scene, Method method, int renders,
                                uint32_t first_seed, float tolerance) {
-  const ScratchFolder folder;
+  const ScratchFolder folder = scratch_folder();
   RenderOptions o;
   o.method = method;
   o.spp = scene.spp;

@@ -324,15 +324,48 @@ TEST_F(CommandLine, InterruptWritesTheFinishedTiles) {
   EXPECT_EQ(read_image((folder_ / "a.exr").string()).width, 512);
 }
 
-TEST_F(CommandLine, AnInterruptedTradeoffKeepsItsRows) {
+TEST_F(CommandLine, ATradeoffInterruptedBeforeItsReferenceLeavesNothing) {
   // 512 x 24 pixels with a reference of 4096 samples: long enough to be interrupted.
   Program program(folder_, {"tradeoff", "scene.xml", "-o", "out", "-D", "size=512", "--quiet"});
   ASSERT_TRUE(program.interrupt());
   const Outcome o = program.wait();
   EXPECT_EQ(o.code, 130) << o.err;
-  EXPECT_NE(o.err.find("out/tradeoff.csv.partial"), std::string::npos) << o.err;
-  EXPECT_FALSE(fs::exists(folder_ / "out/tradeoff.csv"));
-  EXPECT_EQ(read_text(folder_ / "out/tradeoff.csv.partial").rfind("method,spp,", 0), 0u);
+  EXPECT_EQ(o.err, "fieldtrace: interrupted; nothing was written: the reference was not finished\n");
+  EXPECT_EQ(files(), (std::set<std::string>{"out", "scene.xml"}));
+  EXPECT_TRUE(fs::is_empty(folder_ / "out"));
+}
+
+// Waits until a trade-off's table has a row. False if that does not happen within 60 s.
+bool has_row(const fs::path& table) {
+  for (int i = 0; i < 12000; ++i) {
+    const std::string text = read_text(table);
+    if (std::count(text.begin(), text.end(), '\n') >= 2) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  return false;
+}
+
+TEST_F(CommandLine, ATradeoffThatEndsEarlyKeepsItsReferenceAndItsRows) {
+  const fs::path out = folder_ / "out";
+  for (const bool killed : {false, true}) {
+    fs::remove_all(out);
+    Program program(folder_, {"tradeoff", "scene.xml", "-o", "out", "-D", "size=2048", "--quick", "--quiet"});
+    ASSERT_TRUE(has_row(out / "tradeoff.csv.partial"));
+    if (killed) {
+      program.kill_now();
+    } else {
+      ASSERT_TRUE(program.interrupt());
+    }
+    const Outcome o = program.wait();
+    EXPECT_EQ(o.code, killed ? 128 + SIGKILL : 130) << o.err;
+    if (!killed) {
+      EXPECT_EQ(o.err, "fieldtrace: interrupted; the rows so far are in out/tradeoff.csv.partial\n");
+    }
+    EXPECT_FALSE(fs::exists(out / "tradeoff.csv"));
+    EXPECT_EQ(read_text(out / "tradeoff.csv.partial").rfind("method,spp,", 0), 0u);
+    ASSERT_TRUE(fs::exists(out / "reference.exr"));
+    EXPECT_EQ(read_image((out / "reference.exr").string()).width, 2048);
+  }
 }
 
 }  // namespace

@@ -129,6 +129,9 @@ TEST_F(CommandOutputs, NoOutputReplacesAnother) {
   fs::create_hard_link(folder_ / "a.png", folder_ / "hard.json");
   expect_failure(2, "--stats link.json: the same file", render({"--stats", "link.json"}));
   expect_failure(2, "--stats hard.json: the same file", render({"--stats", "hard.json"}));
+  fs::create_symlink("later.png", folder_ / "dangling.json");
+  expect_failure(2, "--stats dangling.json: the same file as -o later.png",
+                 render({"-o", "later.png", "--stats", "dangling.json"}));
   EXPECT_EQ(run(render({"-o", "a.exr", "--stats", "s.json"})).code, 0);
 }
 
@@ -139,19 +142,87 @@ TEST_F(CommandOutputs, NoOutputReplacesAnInput) {
   std::string scene = k_small_scene;
   scene.insert(scene.find("<shape"), "<include filename=\"more.xml\"/>");
   write("all.xml", scene);
-  const auto expect_refused = [&](const std::string& output, const std::string& input,
-                                  const std::vector<std::string>& options) {
-    const std::string before = read_text(folder_ / input);
-    std::vector<std::string> all = {"render", "all.xml", "--quiet"};
-    all.insert(all.end(), options.begin(), options.end());
-    expect_failure(2, output + ": would overwrite the input", all);
-    EXPECT_EQ(read_text(folder_ / input), before);
+  // Four balls of enough triangles for fields.
+  std::string many = k_small_scene;
+  const size_t ball = many.find("<shape type=\"ply\"");
+  const std::string more_balls = many.substr(ball, many.find("</shape>", ball) + 8 - ball);
+  for (int i = 2; i <= 4; ++i) {
+    const std::string name = "ball" + std::to_string(i) + ".ply";
+    fs::copy_file(folder_ / "ball.ply", folder_ / name);
+    std::string other = more_balls;
+    other.replace(other.find("ball.ply"), 8, name);
+    many.insert(ball, other);
+  }
+  write("many.xml", many);
+  ASSERT_EQ(run({"mesh", "sphere", "-o", "bunny.ply"}).code, 0);
+
+  // The output `link` is a link to the input, or the input itself under another name.
+  struct Case {
+    std::string output, link, input;
+    std::vector<std::string> command;
+    const char* program = FIELDTRACE_PROGRAM;
+    int code = 2;
   };
-  expect_refused("--stats all.xml", "all.xml", {"-o", "a.exr", "--stats", "all.xml"});
-  expect_refused("--stats more.xml", "more.xml", {"-o", "a.exr", "--stats", "more.xml"});
-  expect_refused("--stats ball.ply", "ball.ply", {"-o", "a.exr", "--stats", "ball.ply"});
-  expect_refused("-o wood.png", "wood.png", {"-o", "wood.png"});
-  EXPECT_EQ(run({"render", "all.xml", "-o", "a.png", "--quiet"}).code, 0);
+  const std::vector<std::string> render = {"render", "all.xml", "--quiet"}, render_to = {"-o", "a.exr", "--stats"},
+                                 demo = {"all.xml", "-o", "demo", "--reference-spp", "1"},
+                                 thesis = {"thesis", "--quick", "--bunny", "bunny.ply", "-o", "thesis"},
+                                 small = {"--directions", "32", "--plane", "64"};
+  const auto joined = [](std::vector<std::string> a, const std::vector<std::string>& b) {
+    a.insert(a.end(), b.begin(), b.end());
+    return a;
+  };
+  std::vector<Case> cases = {
+      {"-o wood.png", "", "wood.png", joined(render, {"-o", "wood.png"})},
+      {"-o f.vdb", "f.vdb", "scene.xml", joined({"bake", "scene.xml", "-o", "f.vdb"}, small)},
+      {"-o f.vdb", "f.vdb", "ball.ply", joined({"bake", "scene.xml", "-o", "f.vdb", "--full"}, small)},
+      {"-o f.vdb", "f.vdb", "more.xml", joined({"bake", "all.xml", "-o", "f.vdb"}, small)},
+      {"-o f.3.vdb", "f.3.vdb", "many.xml", joined({"bake", "many.xml", "-o", "f.vdb"}, small)},
+      {"-o f.4.vdb", "f.4.vdb", "ball3.ply", joined({"bake", "many.xml", "-o", "f.vdb", "--full"}, small)},
+      {"-o f.vdb", "f.vdb", "ball.ply", joined({"bake", "ball.ply", "-o", "f.vdb", "--full"}, small)},
+      {"-o f.vdb", "f.vdb", "ball.ply", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--directions", "32"}},
+      {"-o tradeoff/reference.exr",
+       "tradeoff/reference.exr",
+       "more.xml",
+       {"tradeoff", "all.xml", "--quick", "--quiet", "-o", "tradeoff"}},
+      {"-o tradeoff/tradeoff.csv",
+       "tradeoff/tradeoff.csv",
+       "all.xml",
+       {"tradeoff", "all.xml", "--quick", "--quiet", "-o", "tradeoff"}},
+  };
+  for (const char* input : {"all.xml", "more.xml", "ball.ply"}) {
+    cases.push_back({std::string("--stats ") + input, "", input, joined(joined(render, render_to), {input})});
+  }
+  for (const char* name : {"thesis.csv", "growth.csv", "charts.csv", "hybrid.csv", "thesis.html"}) {
+    const std::string path = std::string("thesis/") + name;
+    cases.push_back({"-o " + path, path, "bunny.ply", thesis});
+  }
+  for (const char* name : {"demo.csv", "reference.png", "montecarlo-4.exr", "hybrid-64.png"}) {
+    const std::string path = std::string("demo/") + name;
+    cases.push_back({"-o " + path, path, "ball.ply", demo, FIELDTRACE_DEMO, 1});
+  }
+  for (const char* name : {"tradeoff", "thesis", "demo"}) fs::create_directory(folder_ / name);
+  for (const Case& c : cases) {
+    for (const bool hard : {false, true}) {
+      if (!c.link.empty()) fs::remove(folder_ / c.link);
+      if (!c.link.empty() && hard) fs::create_hard_link(folder_ / c.input, folder_ / c.link);
+      if (!c.link.empty() && !hard) fs::create_symlink(folder_ / c.input, folder_ / c.link);
+      const std::string before = read_text(folder_ / c.input);
+      const std::set<std::string> files_before = files();
+      const Outcome o = Program(folder_.path(), c.command, c.program).wait();
+      EXPECT_EQ(o.code, c.code) << c.command[0] << " " << c.output;
+      EXPECT_NE(o.err.find(c.output + ": would overwrite the input"), std::string::npos) << c.output << ": " << o.err;
+      EXPECT_TRUE(read_text(folder_ / c.input) == before) << c.command[0] << " " << c.output << ": " << c.input;
+      EXPECT_EQ(files(), files_before);
+    }
+    if (!c.link.empty()) fs::remove(folder_ / c.link);
+  }
+  // A field is no input, and the fifth of four balls is none either.
+  fs::create_symlink("many.xml", folder_ / "f.5.vdb");
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_EQ(run(joined({"bake", "many.xml", "-o", "f.vdb"}, small)).code, 0);
+  }
+  EXPECT_EQ(read_text(folder_ / "many.xml"), many);
+  EXPECT_EQ(run(joined(render, {"-o", "a.png"})).code, 0);
 }
 
 TEST_F(CommandOutputs, NamesMayBeAsLongAsTheFileSystemAllows) {

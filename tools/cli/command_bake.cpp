@@ -10,9 +10,11 @@
 #include "hybrid/fields/field_resolution.h"
 #include "hybrid/fields/thesis_fields.h"
 #include "hybrid/render/bake_scene.h"
+#include "hybrid/visibility/shape_traits.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
+#include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
 
 namespace fieldtrace {
@@ -44,6 +46,19 @@ void check_output(const std::string& path) {
 void check_limit(const BakeArguments& arguments) {
   if (arguments.options.cache_limit == 0 || std::filesystem::is_directory(arguments.output)) return;
   throw UsageError("--field-cache-limit: -o must name a folder that exists, " + arguments.output + " is none");
+}
+
+// The numbered files of all objects that may get a field. Those in a cache are named by what they hold.
+void check_inputs_survive(const BakeArguments& arguments, const Scene& scene, const std::vector<ShapeTraits>& traits) {
+  if (std::filesystem::is_directory(arguments.output)) return;
+  const auto wanted = size_t(std::count_if(traits.begin(), traits.end(), [](const auto& t) { return t.wants_field; }));
+  std::vector<OutputFile> outputs;
+  for (size_t i = 0; i < std::max<size_t>(wanted, 1); ++i) {
+    outputs.push_back({"-o", numbered_path(arguments.output, i)});
+  }
+  std::vector<std::string> inputs = scene.files;
+  inputs.push_back(arguments.input.path);  // a mesh alone has no scene file
+  require_distinct_files(outputs, inputs);
 }
 
 std::string summary(const FieldFileInfo& info) {
@@ -79,9 +94,11 @@ int run_bake(const BakeArguments& arguments) {
   // For scenes, load_scene() has checked this.
   if (mesh)
     check_scene_limits(scene, {.instances = {{arguments.input.path}}, .emitters = {}, .camera = {}, .scene = {}});
+  const std::vector<ShapeTraits> traits = shape_traits(scene);
+  check_inputs_survive(arguments, scene, traits);
   BakeOptions options = arguments.options;
   if (by_thesis) options.thesis_directions = thesis_directions(arguments.directions, arguments.plane);
-  options.fields = choose_resolution(scene, shape_traits(scene), k_large_picture_rays);
+  options.fields = choose_resolution(scene, traits, k_large_picture_rays);
   if (arguments.directions) options.fields.directions = arguments.directions;
   if (arguments.plane) options.fields.plane = arguments.plane;
   const BakeResult result = bake_scene(scene, arguments.output, options, callbacks);

@@ -10,6 +10,7 @@
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
+#include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
 #include "tools/thesis/measure.h"
 #include "tools/thesis/report.h"
@@ -33,9 +34,12 @@ int run_command(const ThesisArguments& arguments, const std::string& command) {
   fs::create_directories(folder, failed);
   if (failed) throw Error({arguments.folder}, "the folder cannot be made: " + failed.message());
   const std::string page = (folder / "thesis.html").string();
+  std::vector<OutputFile> outputs;
   for (const char* name : {"thesis.csv", "growth.csv", "charts.csv", "hybrid.csv", "thesis.html"}) {
-    require_writable((folder / name).string());
+    outputs.push_back({"-o", (folder / name).string()});
+    require_writable(outputs.back().path);
   }
+  require_distinct_files(outputs, {{arguments.options.bunny}});
 
   ProgressLine progress(!arguments.quiet);
   ThesisRunOptions options = arguments.options;

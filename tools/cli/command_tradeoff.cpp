@@ -33,22 +33,33 @@ void make_folder(const std::string& folder) {
   if (failed) throw Error({folder}, "the folder cannot be made: " + failed.message());
 }
 
-// Written line by line under a name that marks it as partial, so that a crash loses nothing. If a line cannot be
-// written, the rows before it are kept, if there are any.
+// Written line by line under a name that marks it as partial, so that a crash loses nothing. Rows are kept if a later
+// one cannot be written or never comes; without any the file goes.
 class GrowingTable {
  public:
   explicit GrowingTable(const fs::path& final_path)
       : final_path_(final_path), partial_path_(final_path.string() + ".partial") {
     add(tradeoff_csv_header());
   }
+  ~GrowingTable() {
+    std::error_code ignored;
+    if (!has_rows()) fs::remove(partial_path_, ignored);
+  }
+  GrowingTable(const GrowingTable&) = delete;
+  GrowingTable& operator=(const GrowingTable&) = delete;
+
   void add(const std::string& line) {
     const uint64_t whole = text_.size();
     text_ += line + "\n";
     std::ofstream out(partial_path_, std::ios::binary | (whole > 0 ? std::ios::app : std::ios::trunc));
     out << line << "\n";
     out.close();
-    if (!out) throw failure(whole, std::strerror(errno));
+    if (out) return;
+    const int reason = errno;
+    text_.resize(whole);
+    throw failure(std::strerror(reason));
   }
+  bool has_rows() const { return text_.size() > tradeoff_csv_header().size() + 1; }
   // Written again as a whole: only a verified table replaces an older one.
   void finish() {
     write_text_file(final_path_.string(), text_);
@@ -59,11 +70,11 @@ class GrowingTable {
   std::string final_path() const { return final_path_.string(); }
 
  private:
-  // Truncates the file to its first `whole` bytes.
-  Error failure(uint64_t whole, const std::string& reason) const {
+  // Truncates the file to the lines that were written whole.
+  Error failure(const std::string& reason) const {
     std::error_code ignored;
-    if (whole > tradeoff_csv_header().size() + 1) {
-      fs::resize_file(partial_path_, whole, ignored);
+    if (has_rows()) {
+      fs::resize_file(partial_path_, text_.size(), ignored);
       return Error({partial_path_.string()}, "cannot be written: " + reason + "; the rows so far are kept");
     }
     fs::remove(partial_path_, ignored);
@@ -73,6 +84,12 @@ class GrowingTable {
   fs::path final_path_, partial_path_;
   std::string text_;
 };
+
+std::string what_is_left(const GrowingTable& table, const Image& reference, const std::string& reference_path) {
+  if (table.has_rows()) return fmt::format("the rows so far are in {}", table.partial_path());
+  if (reference.data.empty()) return "nothing was written: the reference was not finished";
+  return fmt::format("no row was finished, only {} was written", reference_path);
+}
 
 int run_command(const TradeoffArguments& arguments) {
   make_folder(arguments.folder);
@@ -90,6 +107,12 @@ int run_command(const TradeoffArguments& arguments) {
   callbacks.render.stop = &stop_on_interrupt();
   callbacks.render.warning = print_warnings(progress);
   callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
+  // At once, because nothing takes longer to render than the reference.
+  callbacks.reference = [&](const Image& image) {
+    ImageWriteOptions options;
+    options.half = false;
+    write_image(reference_path, image, options);
+  };
   // The plan starts with all Monte Carlo rows.
   std::vector<TradeoffRow> rows;
   callbacks.row = [&](const TradeoffRow& row, const Image&) {
@@ -100,14 +123,8 @@ int run_command(const TradeoffArguments& arguments) {
   const bool complete =
       run_tradeoff(scene, make_tradeoff_plan(scene, arguments.plan), arguments.folder, reference, callbacks);
   progress.clear();
-
-  if (!reference.data.empty()) {
-    ImageWriteOptions options;
-    options.half = false;
-    write_image(reference_path, reference, options);
-  }
   if (!complete) {
-    fmt::print(stderr, "fieldtrace: interrupted; the rows so far are in {}\n", table.partial_path());
+    fmt::print(stderr, "fieldtrace: interrupted; {}\n", what_is_left(table, reference, reference_path));
     return k_exit_interrupted;
   }
   table.finish();

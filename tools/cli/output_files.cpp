@@ -1,39 +1,39 @@
 #include "tools/cli/output_files.h"
 
-#include <filesystem>
+#include <sys/stat.h>
 
+#include <map>
+
+#include "core/io/atomic_file.h"
 #include "core/platform/error.h"
 
 namespace fieldtrace {
 
 namespace {
 
-namespace fs = std::filesystem;
-
-bool is_same_file(const std::string& a, const std::string& b) {
-  std::error_code failed;
-  if (fs::equivalent(a, b, failed) && !failed) return true;
-  std::error_code failed_a, failed_b;
-  // weakly_canonical() leaves a relative path unchanged if no part of it exists.
-  const fs::path path_a = fs::weakly_canonical(fs::absolute(a, failed_a), failed_a);
-  const fs::path path_b = fs::weakly_canonical(fs::absolute(b, failed_b), failed_b);
-  return failed_a || failed_b ? a == b : path_a == path_b;
+// Equal for two paths if they are one file, or would be once it is written.
+std::string identity(const std::string& path) {
+  struct stat file;
+  if (stat(path.c_str(), &file) != 0) return write_target(path);
+  return std::to_string(file.st_dev) + ":" + std::to_string(file.st_ino);  // unlike a path, without a leading slash
 }
 
 }  // namespace
 
 void require_distinct_files(std::span<const OutputFile> outputs, std::span<const std::string> inputs) {
-  for (size_t i = 0; i < outputs.size(); ++i) {
-    const OutputFile& output = outputs[i];
+  std::map<std::string, const std::string*> inputs_by_identity;
+  for (const std::string& input : inputs) inputs_by_identity.emplace(identity(input), &input);
+  std::map<std::string, const OutputFile*> earlier;
+  for (const OutputFile& output : outputs) {
     const std::string name = output.option + " " + output.path;
-    for (const OutputFile& other : outputs.first(i)) {
-      if (!is_same_file(output.path, other.path)) continue;
-      throw UsageError(name + ": the same file as " + other.option + " " + other.path +
+    const auto [other, is_new] = earlier.emplace(identity(output.path), &output);
+    if (!is_new) {
+      throw UsageError(name + ": the same file as " + other->second->option + " " + other->second->path +
                        "; write each to one of its own");
     }
-    for (const std::string& input : inputs) {
-      if (!is_same_file(output.path, input)) continue;
-      throw UsageError(name + ": would overwrite the input " + input + "; write to another file");
+    const auto input = inputs_by_identity.find(other->first);
+    if (input != inputs_by_identity.end()) {
+      throw UsageError(name + ": would overwrite the input " + *input->second + "; write to another file");
     }
   }
 }

@@ -1,6 +1,7 @@
 // Detects outputs that would overwrite one another or an input of the program.
 //
-// Files are the same if their resolved paths are equal or if they are one file under several names (hard links).
+// Files are the same if their resolved paths are equal or if they are one file under several names (hard links). Costs
+// one look at each file, however many there are.
 // Thread-safety: pure functions; the files may change meanwhile.
 #pragma once
 

@@ -16,6 +16,7 @@
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
+#include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
 #include "tools/cli/standard_output.h"
 
@@ -93,11 +94,26 @@ void print_table(const std::vector<TradeoffRow>& rows, double load_seconds) {
       "> and <: the error lies below, or above, all that Monte Carlo was measured at.\n");
 }
 
+// Without the extension.
+std::string picture_name(const RenderOptions& options) {
+  return fmt::format("{}-{}", options.method == Method::hybrid ? "hybrid" : "montecarlo", options.spp);
+}
+
 void write_pictures(const fs::path& folder, const TradeoffRow& row, const Image& image) {
-  const std::string name =
-      fmt::format("{}-{}", row.options.method == Method::hybrid ? "hybrid" : "montecarlo", row.options.spp);
+  const std::string name = picture_name(row.options);
   write_image((folder / (name + ".exr")).string(), image);
   write_image((folder / (name + ".png")).string(), image);
+}
+
+void check_inputs_survive(const fs::path& folder, const std::string& reference_path, const TradeoffPlan& plan,
+                          const std::vector<std::string>& inputs) {
+  std::vector<OutputFile> outputs = {{"-o", reference_path}};
+  std::vector<std::string> names = {"demo.csv", "reference.png"};
+  for (const RenderOptions& options : plan.cases) {
+    for (const char* extension : {".exr", ".png"}) names.push_back(picture_name(options) + extension);
+  }
+  for (const std::string& name : names) outputs.push_back({"-o", (folder / name).string()});
+  require_distinct_files(outputs, inputs);
 }
 
 int run_demo(const DemoArguments& arguments) {
@@ -112,6 +128,8 @@ int run_demo(const DemoArguments& arguments) {
   const Scene scene = load_scene(arguments.scene, progress);
   const double load_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   const TradeoffPlan plan = make_plan(scene, arguments.reference_spp);
+  const std::string reference_path = (folder / fmt::format("reference-{}.exr", fingerprint(arguments, scene))).string();
+  check_inputs_survive(folder, reference_path, plan, scene.files);
 
   TradeoffCallbacks callbacks;
   callbacks.render.stop = &stop_on_interrupt();
@@ -119,7 +137,6 @@ int run_demo(const DemoArguments& arguments) {
   callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
 
   // Rendered first and kept at once, so that an interrupted demo does not lose its most expensive part.
-  const std::string reference_path = (folder / fmt::format("reference-{}.exr", fingerprint(arguments, scene))).string();
   Image reference;
   if (fs::exists(reference_path)) {
     reference = read_image(reference_path);

@@ -1,15 +1,13 @@
 #include "tools/thesis/hybrid_rows.h"
 
 #include <chrono>
-#include <filesystem>
 
+#include "core/io/scratch_folder.h"
 #include "hybrid/render/render.h"
 #include "tools/thesis/picture.h"
 
 namespace fieldtrace {
 namespace {
-
-namespace fs = std::filesystem;
 
 // Mitsuba's camera convention: left, up and forward are its axes.
 Affine camera_to_world(const PhongCamera& camera) {
@@ -60,18 +58,6 @@ PhongPicture displayed(const Image& image) {
   return picture;
 }
 
-// A folder that is removed with its owner.
-struct ScratchCache {
-  std::string path;
-  explicit ScratchCache(const std::string& parent) : path((fs::path(parent) / ".field-cache").string()) {
-    fs::create_directories(path);
-  }
-  ~ScratchCache() {
-    std::error_code ignored;
-    fs::remove_all(path, ignored);
-  }
-};
-
 struct Timed {
   RenderResult result;
   double milliseconds = 0;
@@ -109,8 +95,8 @@ bool measure_hybrid(const std::vector<PhongScene>& scenes, bool quick, const std
       row.method = method;
       row.spp = options.spp;
       row.tolerance = options.method == Method::hybrid ? double(options.tolerance) : 0.0;
-      const ScratchCache cache(scratch_folder);
-      if (options.method == Method::hybrid) options.field_cache = cache.path;
+      const ScratchFolder cache(scratch_folder, "field-cache");
+      if (options.method == Method::hybrid) options.field_cache = cache.path();
       const Timed cold = timed_render(scene, options, stop), warm = timed_render(scene, options, stop);
       options.field_cache.clear();
       if (cold.result.interrupted || warm.result.interrupted) return false;

@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <chrono>
-#include <filesystem>
 #include <map>
 #include <memory>
 
+#include "core/io/scratch_folder.h"
 #include "field/file/thesis_file.h"
 #include "tools/thesis/chart_rows.h"
 #include "tools/thesis/hybrid_rows.h"
@@ -149,10 +149,8 @@ class ThesisRun {
 
   uint64_t vdb_bytes(const ThesisField& field, const Shape& shape) const {
     check_stop();
-    const std::string path = (std::filesystem::path(options_.scratch_folder) / ".field.vdb").string();
-    const uint64_t bytes = save_thesis_field(field, thesis_identity(shape, field.m()), path);
-    std::filesystem::remove(path);
-    return bytes;
+    const ScratchFolder scratch(options_.scratch_folder, "field");
+    return save_thesis_field(field, thesis_identity(shape, field.m()), scratch.path() + "/field.vdb");
   }
 
   // Objects of the same name are identical in all cases.
