@@ -8,6 +8,7 @@
 
 #include "core/io/atomic_file.h"
 #include "core/io/file_lock.h"
+#include "core/platform/address_space.h"
 #include "core/platform/machine_memory.h"
 #include "field/file/cache_limit.h"
 #include "field/file/field_file.h"
@@ -99,8 +100,6 @@ bool FieldCache::load_or_tell(Field& field, const FieldIdentity& identity, const
     return true;
   } catch (const FieldFileError& e) {
     tell_unusable(path, e.reason(), tell);
-  } catch (const std::bad_alloc&) {
-    tell_unusable(path, "is larger than memory allows", tell);
   }
   return false;
 }
@@ -110,7 +109,30 @@ bool FieldCache::load(Field& field, const FieldIdentity& identity) {
   std::error_code failed;
   if (!fs::exists(path, failed)) return false;
   mark_used(identity);
-  return load_or_tell(field, identity, path, Tell::always);
+  try {
+    return load_or_tell(field, identity, path, Tell::always);
+  } catch (const std::bad_alloc&) {
+    tell_unusable(path, "is larger than memory allows", Tell::always);
+  }
+  return false;
+}
+
+// Files that do not fit into memory are left as they are: replaced by this field alone, a file would lose what others
+// have baked.
+void FieldCache::load_to_merge(Field& held, const FieldIdentity& identity, const std::string& path) {
+  try {
+    if (size_of_file(path) > machine_memory_bytes()) throw std::bad_alloc();
+    load_or_tell(held, identity, path, Tell::unless_told);
+  } catch (const std::bad_alloc&) {
+    throw Error({path}, "is larger than memory allows, and is left as it is");
+  }
+  if (held.budget()->out_of_addresses()) {
+    throw Error({path},
+                "takes more address space than may be reserved, and is left as it is; raise the limit, ulimit -v");
+  }
+  if (held.budget()->exceeded()) {
+    throw Error({path}, "holds more than half of this machine's memory, and is left as it is");
+  }
 }
 
 void FieldCache::store(const Field& field, const FieldIdentity& identity) {
@@ -124,14 +146,15 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
   remove_abandoned_writes(path);
   // The file may hold what other processes added since this field was loaded.
   FieldBudget budget(machine_memory_bytes() / 2);
-  Field held(field.ball(), field.parameters(), &budget);
+  std::optional<Field> held;
+  std::vector<const Field*> all = {&field};
   std::error_code failed;
-  if (fs::exists(path, failed)) load_or_tell(held, identity, path, Tell::unless_told);
-  if (budget.exceeded()) throw Error({path}, "holds more than half of this machine's memory, and is left as it is");
-  if (!holds_all_of(held, field)) {
-    const Field* const both[] = {&field, &held};
-    save_fields(both, identity, path);
+  if (fs::exists(path, failed)) {
+    held.emplace(field.ball(), field.parameters(), &budget, reservable_bytes());
+    load_to_merge(*held, identity, path);
+    all.push_back(&*held);
   }
+  if (!held || !holds_all_of(*held, field)) save_fields(all, identity, path);
   remember(slices, identity);
 }
 

@@ -42,8 +42,9 @@ class FieldCache {
   bool read_only() const { return read_only_; }
 
   // Adds the field's finished slices to the cache. Writes nothing if the file is known to hold all of them, or if the
-  // folder is read-only. Throws Error if the file cannot be written, or if its contents already take more than half of
-  // the machine's memory. A file that cannot be used causes a warning, unless load() has warned of it.
+  // folder is read-only. Throws Error if the file cannot be written; or, with the file left as it is, if its contents
+  // take more than half of the machine's memory, or more than memory or address space allows. A file that cannot be
+  // used causes a warning, unless load() has warned of it.
   void store(const Field& field, const FieldIdentity& identity);
 
   // The same for a field of the thesis' chart, which is always whole: empty if there is no file that can be used. What
@@ -66,6 +67,7 @@ class FieldCache {
     uint64_t bytes = 0;
   };
   bool load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path, Tell tell);
+  void load_to_merge(Field& held, const FieldIdentity& identity, const std::string& path);
   bool known_complete(const Hash128& slices, const FieldIdentity& identity);
   void mark_used(const FieldIdentity& identity);
   void remember(const Hash128& slices, const FieldIdentity& identity);

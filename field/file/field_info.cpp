@@ -86,7 +86,7 @@ FieldFileInfo field_info(const std::string& path, float tolerance) {
   FieldFileInfo info;
   info.header = file.header();
   info.bytes_disk = file.bytes();
-  const Field none(info.header.ball, info.header.identity.parameters);
+  const Field none(info.header.ball, info.header.identity.parameters, nullptr, /*address_space=*/0);  // tables alone
   info.bytes_memory = none.bytes();
   info.cells_full = none.cells_full();
   info.visibility = layer_info(none, FieldLayer::visibility, tolerance);

@@ -69,6 +69,8 @@ FieldVdb read_field_vdb(const std::string& path) {
     return {read_metadata(file.metadata, path), std::move(file.grids)};
   } catch (const FieldFileError&) {
     throw;
+  } catch (const std::bad_alloc&) {
+    throw;  // says nothing about the file
   } catch (const std::exception& e) {
     throw FieldFileError(path, std::string("is not a field that OpenVDB can read (") + e.what() + ")");
   }

@@ -104,16 +104,19 @@ void FieldSet::load(FieldCache& cache) {
 }
 
 // Sequentially, because storing a field holds a second copy of it.
-void FieldSet::store(FieldCache& cache, const WarningSink& warning, Stats& stats) const {
+void FieldSet::store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const {
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s]) continue;
     const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
     try {
       cache.store(*fields_[s], identity);
     } catch (const Error& e) {
+      if (if_unkept == IfUnkept::fail) throw;
       warn(warning, {}, std::string(e.what()) + "; the field is not kept");
     } catch (const std::bad_alloc&) {
-      warn(warning, {}, "not enough memory to keep the field of " + scene_.shapes[s].name);
+      const std::string reason = "not enough memory to keep the field of " + scene_.shapes[s].name;
+      if (if_unkept == IfUnkept::fail) throw Error(reason);
+      warn(warning, {}, reason);
     }
     stats.field_bytes_disk += cache.bytes_on_disk(identity);
   }

@@ -43,6 +43,8 @@ struct FieldPlan {
 // The default budget: half of the machine's memory.
 uint64_t default_field_memory();
 
+enum class IfUnkept { warn, fail };
+
 class FieldSet {
  public:
   // Makes empty fields for the shapes of `scene` that want one, as many as the plan allows; none unless `wanted`. They
@@ -64,8 +66,9 @@ class FieldSet {
 
   // Reads fields from the cache, if the plan allows it.
   void load(FieldCache& cache);
-  // Failures are warnings, not exceptions: they must not cost a finished picture.
-  void store(FieldCache& cache, const WarningSink& warning, Stats& stats) const;
+  // What cannot be kept is a warning, as it must not cost a finished picture; with IfUnkept::fail the first throws
+  // Error.
+  void store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const;
   void count(Stats& stats) const;
 
   // The plan of the next attempt, after one that exceeded the budget. `change` receives what is different, for a

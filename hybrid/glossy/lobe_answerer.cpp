@@ -64,15 +64,21 @@ LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint
       hits_(hits),
       blur_(k_blur_of_tolerance * tolerance) {
   const Scene& scene = shading.scene;
-  const uint64_t most_patches = std::min(most_rays / std::max<uint64_t>(rays_per_patch(shading), 1),
-                                         std::min(most_bytes / sizeof(Rgb), SurfaceRadiance::k_most_patches - 1));
+  const uint64_t most_patches =
+      std::min(most_rays / std::max<uint64_t>(rays_per_patch(shading), 1), SurfaceRadiance::k_most_patches - 1);
+  const uint64_t patches_in_memory = most_bytes / sizeof(Rgb);
   std::vector<uint8_t> has_maps(scene.instances.size(), 0);
   for (const uint32_t i : suited) {
-    if (RadianceMaps::count_patches(scene, i, most_rays) > most_patches) continue;
-    if (RadianceMaps::tile_bytes(most_rays) > most_bytes) continue;  // before address space is reserved for them
-    auto maps = std::make_unique<RadianceMaps>(shading, i, most_rays);
-    const uint64_t bytes = maps->radiance().bytes() + maps->tiles().bytes_when_full();
-    if (bytes > most_bytes) continue;
+    const uint64_t patches = RadianceMaps::count_patches(scene, i, most_rays);
+    if (patches > most_patches) continue;
+    // Before address space is reserved for them.
+    const bool may_fit = patches <= patches_in_memory && RadianceMaps::tile_bytes(most_rays) <= most_bytes;
+    auto maps = may_fit ? std::make_unique<RadianceMaps>(shading, i, most_rays) : nullptr;
+    const uint64_t bytes = maps ? maps->radiance().bytes() + maps->tiles().bytes_when_full() : 0;
+    if (!maps || bytes > most_bytes) {
+      ++left_out_for_memory_;
+      continue;
+    }
     most_bytes -= bytes;
     maps_.push_back(std::move(maps));
     has_maps[i] = 1;

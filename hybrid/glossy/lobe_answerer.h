@@ -68,6 +68,7 @@ class LobeAnswerer {
   ~LobeAnswerer();
 
   bool empty() const { return maps_.empty(); }
+  size_t left_out_for_memory() const { return left_out_for_memory_; }  // objects that most_bytes alone denies maps
   uint64_t bytes() const;
 
   // hits (resized by this) receives where each ray ends; for glossy paths, where the share that work.filtered leaves of
@@ -89,6 +90,7 @@ class LobeAnswerer {
   const HitAnswerer* hits_;
   float blur_;  // tangent that half a texel may subtend, per unit of alpha
   std::vector<std::unique_ptr<RadianceMaps>> maps_;
+  size_t left_out_for_memory_ = 0;
   std::shared_ptr<const Accel::Group> others_;  // instances without maps; null: there are none
 };
 

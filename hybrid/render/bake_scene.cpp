@@ -156,9 +156,9 @@ void bake_by_thesis(const Scene& scene, const std::vector<uint32_t>& shapes, con
   }
 }
 
-void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
-                 const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
-  const ScratchFolder scratch(output.path());
+// Bakes what renders demand into files in `scratch`. Returns the fields' parameters.
+FieldParameters bake_by_renders(const Scene& scene, const ScratchFolder& scratch, const BakeOptions& options,
+                                const RenderCallbacks& callbacks, BakeResult& result) {
   RenderOptions render_options;
   render_options.method = Method::hybrid;
   render_options.spp = 1;
@@ -167,6 +167,7 @@ void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const 
   render_options.plane = options.fields.plane;
   render_options.threads = options.threads;
   render_options.field_cache = scratch.path();
+  render_options.must_keep_fields = true;
   render_options.field_memory = options.field_memory;
   // Single rays demand slices; with more samples, whole lights come first and demand coverage tiles.
   RenderResult rendered;
@@ -181,18 +182,34 @@ void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const 
     fields.directions = rendered.stats.field_directions;
     fields.plane = rendered.stats.field_plane;
   }
-  FieldCache cache(scratch.path(), callbacks.warning);
+  return fields;
+}
+
+void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
+                 const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
+  const ScratchFolder scratch(output.path());
+  FieldParameters fields;
+  try {
+    fields = bake_by_renders(scene, scratch, options, callbacks, result);
+  } catch (const Error& e) {
+    // Names the output in place of a file beside it that is gone by now.
+    const std::string message = e.what(), folder = scratch.path() + "/";
+    const size_t colon = message.find(": ", folder.size());
+    if (message.rfind(folder, 0) != 0 || colon == std::string::npos) throw;
+    throw Error({output.path()}, message.substr(colon + 2));
+  }
   for (const uint32_t s : shapes) {
     const Shape& shape = scene.shapes[s];
     const FieldIdentity identity = field_identity(shape, fields);
+    const std::string path = scratch.path() + "/" + identity.file_name();
+    if (!fs::exists(path)) continue;  // nothing of this object was demanded
     Field field(field_ball(shape.bounds), fields, nullptr, reservable_bytes());
-    // False where nothing of this object was demanded: it has no file.
-    const bool demanded = cache.load(field, identity);
+    load_field(field, identity, path);
     if (field.pool_full() || field.coverage().full()) {
       throw Error("the field of " + shape.name +
                   " takes more address space than may be reserved; raise the limit (ulimit -v)");
     }
-    if (demanded) output.save(field, identity, shape.name, result);
+    output.save(field, identity, shape.name, result);
   }
 }
 

@@ -75,6 +75,7 @@ void GlossyStage::make_maps(const GlossyInput& input) {
   shading_->make_follower = make_path_follower;
   lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, input.options.tolerance, most_rays, input.most_map_bytes,
                                           hits_.get());
+  maps_left_out_ = lobes_->left_out_for_memory();
   if (lobes_->empty()) lobes_.reset();
 }
 

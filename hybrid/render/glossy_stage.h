@@ -44,6 +44,8 @@ class GlossyStage {
 
   const LobeAnswerer* lobes() const { return lobes_.get(); }  // null: no maps
   const HitAnswerer* hits() const { return hits_.get(); }     // null: no certified hits
+  // Objects that would have maps if they might take more than most_map_bytes.
+  size_t maps_left_out() const { return maps_left_out_; }
 
  private:
   void make_hits(const GlossyInput& input);
@@ -56,6 +58,7 @@ class GlossyStage {
   std::unique_ptr<ShadowAnswerer> exact_;
   std::unique_ptr<TransportContext> shading_;
   std::unique_ptr<LobeAnswerer> lobes_;
+  size_t maps_left_out_ = 0;
 };
 
 }  // namespace fieldtrace

@@ -320,6 +320,15 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
 // Prefiltered radiance maps may take 1 / k_map_share of the fields' budget, in addition to it.
 constexpr uint64_t k_map_share = 4;
 
+void warn_of_no_maps(const Picture& picture, const Stage& stage, size_t objects) {
+  if (objects == 0) return;
+  const bool by_addresses = stage.address_space < picture.field_memory;
+  warn(picture.callbacks.warning, {},
+       "radiance maps of " + std::to_string(objects) + (objects == 1 ? " object" : " objects") +
+           " do not fit into their memory, and rays answer for them; raise " +
+           (by_addresses ? "the limit of address space (ulimit -v)" : "--field-memory") + " to have them");
+}
+
 void warn_of_not_finite(const Job& job) {
   if (job.not_finite == 0) return;
   warn(job.picture.callbacks.warning, {},
@@ -363,6 +372,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
                                std::min(picture.field_memory, stage.address_space) / k_map_share});
     context.lobes = glossy->lobes();
     context.hits = glossy->hits();
+    warn_of_no_maps(picture, stage, glossy->maps_left_out());
   }
   result.image = make_image(picture.window, picture.aovs);
   Job job{picture, context, fields.budget(), result.image};
@@ -384,7 +394,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   if (context.lobes) stats.field_bytes_maps = context.lobes->bytes();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
-    fields.store(*cache, warning, stats);
+    fields.store(*cache, options.must_keep_fields ? IfUnkept::fail : IfUnkept::warn, warning, stats);
   }
   warn_of_not_finite(job);
   return true;

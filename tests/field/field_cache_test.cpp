@@ -13,6 +13,7 @@
 
 #include "core/io/atomic_file.h"
 #include "core/io/file_lock.h"
+#include "core/platform/machine_memory.h"
 #include "field/file/field_file.h"
 #include "tests/support/field_checks.h"
 
@@ -378,6 +379,36 @@ TEST_F(LimitedCache, OfManyWhoStoreAndTrimAtOnceNoneFails) {
     if (entry.path().extension() == ".vdb") bytes += entry.file_size();
   }
   EXPECT_GT(bytes, 0u);
+}
+
+// ---- little memory
+
+// The file would shrink if one that does not fit into memory counted as one that cannot be used.
+TEST(FieldCache, AFileLargerThanMemoryIsLeftAsItIs) {
+  const TemporaryFolder folder;
+  const FieldIdentity identity = test::test_identity(k_small);
+  Warnings warnings;
+  FieldCache cache(folder.path(), warnings.sink());
+  Field field = make_field(), more = make_field(), loaded = make_field();
+  test::fill_random_slices(field, 1, 10);
+  test::fill_random_slices(more, 2, 10);
+  cache.store(field, identity);
+  const std::string path = cache.path_of(identity);
+  const uint64_t bytes = fs::file_size(path), too_many = machine_memory_bytes() + 1;
+  std::error_code failed;
+  fs::resize_file(path, too_many, failed);  // sparse: takes no room on the disk
+  if (failed) GTEST_SKIP() << "no file can be that long here: " << failed.message();
+  EXPECT_FALSE(cache.load(loaded, identity));
+  try {
+    cache.store(more, identity);
+    FAIL() << "stored";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.what(), path + ": is larger than memory allows, and is left as it is");
+  }
+  EXPECT_EQ(fs::file_size(path), too_many);
+  fs::resize_file(path, bytes);
+  EXPECT_TRUE(FieldCache(folder.path()).load(loaded, identity));
+  EXPECT_EQ(differing_slices(loaded, field), 0u);
 }
 
 // ---- processes that are killed

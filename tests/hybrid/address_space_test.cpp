@@ -3,11 +3,13 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "core/image/image.h"
 #include "core/mesh/mesh_procedural.h"
+#include "field/file/field_file.h"
 #include "hybrid/fields/field_set.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/program.h"
@@ -140,6 +142,54 @@ TEST_F(LimitedProgram, MakesTheSamePictureWhereTheFieldsFit) {
     EXPECT_EQ(limited.stats["field"]["directions"], 64);
     EXPECT_LT(limited.stats["exact_fraction"], 0.5);
   }
+}
+
+// Files are made, read, and merged with what another image demands.
+TEST_F(LimitedProgram, KeepsItsFields) {
+  for (const char* seed : {"1", "2"}) {
+    const std::string options = std::string(" --directions 64 --plane 128 --field-cache cache --seed ") + seed;
+    const Render cold = render(k_limit, 2, options);
+    ASSERT_EQ(cold.outcome.code, 0) << cold.outcome.err;
+    EXPECT_EQ(cold.outcome.err, "");
+    EXPECT_GT(cold.stats["bake"]["rays"], 0);
+    const Render warm = render(k_limit, 2, options);
+    ASSERT_EQ(warm.outcome.code, 0) << warm.outcome.err;
+    EXPECT_EQ(warm.outcome.err, "");
+    EXPECT_EQ(warm.stats["bake"]["rays"], 0);
+    EXPECT_EQ(warm.image.data, cold.image.data);
+  }
+}
+
+// A file that others have filled is not replaced by the little that fits.
+TEST_F(LimitedProgram, LeavesFilesThatDoNotFit) {
+  const FieldParameters p = {64, 128, 16};
+  ASSERT_EQ(render(0, 2, " --directions 64 --plane 128 --field-cache cache").outcome.code, 0);
+  std::string path;
+  for (const auto& entry : std::filesystem::directory_iterator(folder_ / "cache")) {
+    if (entry.path().extension() == ".vdb") path = entry.path();
+  }
+  FieldFileHeader header;
+  {
+    const FieldFile file(path);
+    header = file.header();
+    ASSERT_EQ(header.identity.parameters.directions, p.directions);
+    Field field(header.ball, header.identity.parameters);
+    file.copy_to(field);
+    // A slice of every brick of the first directions; the limited program has room for an eighth of all.
+    const auto plane_bricks = uint32_t(field.view().plane_bricks);
+    for (uint32_t slice = 0; slice < field.slice_count(); ++slice) {
+      if (slice / plane_bricks % 16 != 0) continue;
+      test::fill_slice(field, FieldLayer::visibility, slice);
+    }
+    save_field(field, header.identity, path);
+  }
+  const std::string before = test::read_text(path);
+  const Render limited = render(k_limit, 2, " --directions 64 --plane 128 --field-cache cache --seed 9");
+  ASSERT_EQ(limited.outcome.code, 0) << limited.outcome.err;
+  EXPECT_NE(limited.outcome.err.find("left as it is; raise the limit, ulimit -v; the field is not kept"),
+            std::string::npos)
+      << limited.outcome.err;
+  EXPECT_TRUE(test::read_text(path) == before);  // without printing them
 }
 
 TEST_F(LimitedProgram, GoesOnWithLessWhereTheyDoNot) {

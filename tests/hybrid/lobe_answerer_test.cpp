@@ -74,6 +74,34 @@ TEST(GlossyLobes, AreThoseOfMonteCarloWhenConverged) {
   }
 }
 
+TEST(GlossyLobes, MapsLeftOutForMemoryAreToldAboutOnce) {
+  const Scene scene = glossy_scene(0.15f, false).scene;
+  RenderOptions o = options_for(Method::hybrid, 1);
+  o.crop = Rect{16, 24, 16, 16};
+  std::vector<std::string> warnings;
+  RenderCallbacks callbacks;
+  callbacks.warning = [&](const std::string& line) { warnings.push_back(line); };
+  // Too few rays pay for maps: memory is not why there are none.
+  o.field_memory = 1'000'000;
+  EXPECT_EQ(render(scene, o, callbacks).stats.field_bytes_maps, 0u);
+  for (const std::string& line : warnings) EXPECT_EQ(line.find("radiance maps"), std::string::npos) << line;
+  o.lobe_samples = 1024;
+  warnings.clear();
+  o.field_memory = 0;
+  EXPECT_GT(render(scene, o, callbacks).stats.field_bytes_maps, 0u);
+  EXPECT_TRUE(warnings.empty()) << warnings.front();
+  // Fields begin again with less, and maps are left out each time.
+  o.field_memory = 200'000;
+  const RenderResult r = render(scene, o, callbacks);
+  EXPECT_GT(r.stats.field_restarts, 0u);
+  EXPECT_EQ(r.stats.field_bytes_maps, 0u);
+  const auto told = std::count_if(warnings.begin(), warnings.end(), [](const std::string& line) {
+    return line.find("radiance maps of 1 object do not fit") != std::string::npos &&
+           line.find("--field-memory") != std::string::npos;
+  });
+  EXPECT_EQ(told, 1);
+}
+
 // Filtering removes more noise than its blur adds error.
 TEST(GlossyLobes, FewSamplesAreNoWorseThanRays) {
   // A crop of a film large enough for radiance maps to pay.

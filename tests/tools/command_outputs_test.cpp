@@ -43,6 +43,45 @@ TEST_F(CommandOutputs, WhatCannotBeWrittenWholeLeavesNothing) {
   EXPECT_EQ(read_text(folder_ / "a.png"), "older");
 }
 
+template <rlim_t Bytes>
+void limit_files_to() {
+  const rlimit limit = {Bytes, Bytes};
+  setrlimit(RLIMIT_FSIZE, &limit);
+}
+
+// What renders demand goes through files beside the output. Whether none or only some of it can be kept, there is no
+// field, and the reason is told.
+TEST_F(CommandOutputs, ABakeOfASceneThatCannotBeKeptIsAnError) {
+  fs::create_directory(folder_ / "cache");
+  for (const char* output : {"a.vdb", "cache"}) {
+    const std::vector<std::string> bake = {"bake", "scene.xml", "-o", output};
+    const std::string reason = output + std::string(": cannot be written: File too large");
+    expect_failure(1, reason, bake, limit_files);
+    // The first render's field is smaller than this, the second's larger.
+    expect_failure(1, reason, bake, limit_files_to<200 << 10>);
+  }
+}
+
+TEST_F(CommandOutputs, LittleAddressSpaceIsEnoughToBakeAScene) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "sanitizers reserve terabytes";
+#endif
+  const auto limit_addresses = [] {
+    const rlimit limit = {2'000'000 << 10, 2'000'000 << 10};
+    setrlimit(RLIMIT_AS, &limit);
+  };
+  const auto bake = [&](const std::string& output, const Prepare& prepare) {
+    const Outcome o = run({"bake", "scene.xml", "-o", output}, prepare);
+    EXPECT_EQ(o.code, 0) << o.err;
+    EXPECT_EQ(o.err, "");
+    EXPECT_EQ(o.out.rfind(output + ": ball.ply, ", 0), 0u) << o.out;
+  };
+  bake("free.vdb", {});
+  bake("limited.vdb", limit_addresses);
+  EXPECT_EQ(FieldFile(folder_ / "limited.vdb").slices(), FieldFile(folder_ / "free.vdb").slices());
+  EXPECT_EQ(run({"info", "limited.vdb"}, limit_addresses).code, 0);
+}
+
 TEST_F(CommandOutputs, StatisticsThatCannotBeWrittenLeaveNothing) {
   // An image of a few pixels is smaller than its statistics.
   const auto between = [] {
