@@ -89,7 +89,7 @@ extern "C" DecodedImage fieldtrace_decode_image(const std::string& path) {
   image.height = spec.height;
   image.channels = spec.channelnames;
   image.data.resize(size_t(spec.width) * spec.height * spec.nchannels);
-  result.is_8_bit = spec.format == OIIO::TypeDesc::UINT8;
+  result.is_integer = !spec.format.is_floating_point();
   if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.data.data())) {
     throw Failure(reason_or(input->geterror(), "its pixels end early; the file is cut off or damaged"));
   }

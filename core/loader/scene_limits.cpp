@@ -176,7 +176,7 @@ void check_scene_limits(const Scene& scene, const ScenePlaces& places) {
   }
 }
 
-void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const WarningSink& warning) {
+void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const Diagnostics& diagnostics) {
   const DVec3 camera(scene.camera.to_world[3]);
   const double nearest = scene.camera.near_clip;  // surfaces in front of it are clipped
   std::vector<double> longest(scene.shapes.size(), 0.0);
@@ -191,11 +191,12 @@ void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, co
       const WorldTriangle triangle = triangle_of(mesh, index, t);
       const double edge = triangle.longest_edge(), distance = std::max(triangle.distance(camera), nearest);
       if (edge <= k_blurred_triangle * distance) continue;
-      warn(warning, place_of(places.instances, i),
-           fmt::format(
-               "a triangle of this shape is {:.3g} across and passes within {:.3g} of the camera, too large for "
-               "single precision: shadows and textures on it are blurred by {:.2g}; make it smaller or cut it up",
-               edge, distance, edge * 0x1p-24));
+      diagnostics.unknown(
+          place_of(places.instances, i),
+          fmt::format(
+              "a triangle of this shape is {:.3g} across and passes within {:.3g} of the camera, too large for "
+              "single precision: shadows and textures on it are blurred by {:.2g}; make it smaller or cut it up",
+              edge, distance, edge * 0x1p-24));
       break;
     }
   }

@@ -8,6 +8,7 @@
 
 #include <vector>
 
+#include "core/loader/scene_tree.h"
 #include "core/platform/error.h"
 #include "core/scene/scene.h"
 
@@ -48,8 +49,9 @@ struct ScenePlaces {
 // its transforms are those passed to Embree.
 void check_scene_limits(const Scene& scene, const ScenePlaces& places);
 
-// Warns of triangles so large compared with their distance from the camera that surfaces and shadows on them blur.
-void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const WarningSink& warning);
+// Warns of triangles so large compared with their distance from the camera that surfaces and shadows on them blur; an
+// Error in strict mode.
+void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const Diagnostics& diagnostics);
 
 // Upper bound on the distance from the camera at which its rays start, on the near clipping plane and on the lens.
 double camera_reach(const Camera& camera, const Film& film);

@@ -244,6 +244,9 @@ TEST_F(SceneLimits, HugeTrianglesBesideTheCameraAreWarnedOf) {
   load(floor(limit * 1.001));
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_TRUE(warned(path("scene.xml:3: ") + "a triangle of this shape is ")) << warnings[0];
+  strict = true;
+  EXPECT_EQ(error_of(floor(limit * 0.999)), "");
+  EXPECT_EQ(error_of(floor(limit * 1.001)).find(path("scene.xml:3: ") + "a triangle of this shape is "), 0u);
   // Seen from a distance as large as itself, the same rectangle is sharp.
   load("<sensor type='perspective'/>" + std::string("<shape type='rectangle'>") +
        placed(scaled(1e8) + "<translate z='1e8'/>") + "</shape>");
