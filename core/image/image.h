@@ -40,12 +40,12 @@ void write_image(const std::string& path, const Image& image, const ImageWriteOp
 void require_image_writable(const std::string& path);
 
 struct ImageReadOptions {
-  bool linearise = true;  // decode 8-bit colour from sRGB; false: the stored values divided by 255
+  bool linearise = true;  // decode integers from sRGB; false: the stored values divided by their largest
 };
 
-// Reads every channel of the file's first image as float. Colour channels of 8-bit formats are taken to be sRGB and are
-// linearised; alpha ("A") is not linearised, and colours are not premultiplied by it. Throws Error naming the path and
-// the reason.
+// Reads every channel of the file's first image as float. Colour channels stored as integers (of 8 or 16 bits) are
+// taken to be sRGB and are linearised, as in Mitsuba; floats are not, nor is alpha ("A"). Colours are not premultiplied
+// by alpha. Throws Error naming the path and the reason.
 Image read_image(const std::string& path, const ImageReadOptions& options = {});
 
 // The sRGB transfer curve (IEC 61966-2-1) for values in [0, 1]. The encoder clamps to [0, 1]; NaN becomes 0.

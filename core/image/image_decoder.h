@@ -13,8 +13,8 @@ inline constexpr const char* k_image_decoder_module = "image_formats";
 inline constexpr const char* k_image_decoder_function = "fieldtrace_decode_image";
 
 struct DecodedImage {
-  Image image;            // every channel as stored, 8- and 16-bit values divided by their largest
-  bool is_8_bit = false;  // of unsigned bytes
+  Image image;              // every channel as stored, integers divided by the largest of their type
+  bool is_integer = false;  // stored as integers
 };
 
 // Reads the first picture of the file at `path`, which must be a regular file. Throws std::runtime_error that says what

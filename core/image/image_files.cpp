@@ -218,7 +218,7 @@ Image read_image(const std::string& path, const ImageReadOptions& options) {
                             error.what() + ")");
   }
   Image& image = read.image;
-  if (read.is_8_bit && options.linearise) {
+  if (read.is_integer && options.linearise) {
     for (size_t i = 0; i < image.data.size(); ++i) {
       if (image.channels[i % image.channel_count()] != "A") image.data[i] = srgb_decode(image.data[i]);
     }

@@ -71,16 +71,50 @@ WorldBox world_box(const Scene& scene, const ScenePlaces& places) {
   return box;
 }
 
+// The determinant's magnitude as a share of the sum of its terms' magnitudes: 1 where nothing cancels.
+double determinant_share(const DMat3& m) {
+  double terms = 0;
+  for (int i = 0; i < 3; ++i) {
+    const DVec3 &a = m[i], &b = m[(i + 1) % 3], &c = m[(i + 2) % 3];
+    terms += std::abs(a.x * b.y * c.z) + std::abs(a.x * b.z * c.y);
+  }
+  return std::abs(glm::determinant(m)) / terms;
+}
+
+// The largest entry of |m| |m^-1|, by which a rounding error grows on the way to object space and back (R. D. Skeel,
+// "Scaling for numerical stability in Gaussian elimination", JACM 26(3), 1979).
+double condition(const DMat3& m) {
+  const DMat3 inverse = glm::inverse(m);
+  double largest = 0;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      double sum = 0;
+      for (int k = 0; k < 3; ++k) sum += std::abs(m[k][i] * inverse[j][k]);
+      largest = std::max(largest, sum);
+    }
+  }
+  return largest;
+}
+
 // Checks one instance of a scene of the given diameter.
 void check_instance(const Scene& scene, const Instance& instance, double diameter, const SourceLocation& where) {
   const DAffine t(instance.to_world);
   const DMat3 linear(t[0], t[1], t[2]);
-  DMat3 unit = linear;
-  for (int i = 0; i < 3; ++i) unit[i] /= glm::length(unit[i]);
-  if (!(std::abs(glm::determinant(unit)) >= k_least_determinant)) {
+  const double remaining = determinant_share(linear);
+  if (!(remaining >= k_least_determinant)) {
     throw Error(where,
-                "the transform all but flattens the shape, more than single precision can undo; scale less "
-                "unequally, or transform the mesh itself");
+                fmt::format("the transform all but flattens the shape: its determinant is {:.2g} of what it would "
+                            "be without cancellation, less than {:.2g}, which single precision needs to undo it; "
+                            "scale less unequally, or transform the mesh's vertices beforehand",
+                            remaining, k_least_determinant));
+  }
+  const double growth = condition(linear);
+  if (!(growth <= k_largest_condition)) {
+    throw Error(where,
+                fmt::format("the transform all but flattens the shape: rounding errors grow by {:.2g} on the way "
+                            "to the shape's own axes and back, more than {:.2g}; scale before rotating, scale "
+                            "less unequally, or transform the mesh's vertices beforehand",
+                            growth, k_largest_condition));
   }
   const double largest = largest_stretch(linear), smallest = 1 / largest_stretch(glm::inverse(linear));
   if (!(smallest >= k_smallest_scale && largest <= k_largest_scale)) {
@@ -176,7 +210,7 @@ void check_scene_limits(const Scene& scene, const ScenePlaces& places) {
   }
 }
 
-void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const WarningSink& warning) {
+void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const Diagnostics& diagnostics) {
   const DVec3 camera(scene.camera.to_world[3]);
   const double nearest = scene.camera.near_clip;  // surfaces in front of it are clipped
   std::vector<double> longest(scene.shapes.size(), 0.0);
@@ -191,11 +225,12 @@ void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, co
       const WorldTriangle triangle = triangle_of(mesh, index, t);
       const double edge = triangle.longest_edge(), distance = std::max(triangle.distance(camera), nearest);
       if (edge <= k_blurred_triangle * distance) continue;
-      warn(warning, place_of(places.instances, i),
-           fmt::format(
-               "a triangle of this shape is {:.3g} across and passes within {:.3g} of the camera, too large for "
-               "single precision: shadows and textures on it are blurred by {:.2g}; make it smaller or cut it up",
-               edge, distance, edge * 0x1p-24));
+      diagnostics.unknown(
+          place_of(places.instances, i),
+          fmt::format(
+              "a triangle of this shape is {:.3g} across and passes within {:.3g} of the camera, too large for "
+              "single precision: shadows and textures on it are blurred by {:.2g}; make it smaller or cut it up",
+              edge, distance, edge * 0x1p-24));
       break;
     }
   }

@@ -8,6 +8,7 @@
 
 #include <vector>
 
+#include "core/loader/scene_tree.h"
 #include "core/platform/error.h"
 #include "core/scene/scene.h"
 
@@ -22,9 +23,15 @@ inline constexpr double k_smallest_scene = 0x1p-40;
 // Scale factors of a transform: Embree inverts it in single precision through its determinant, a product of three of
 // them.
 inline constexpr double k_largest_scale = 0x1p42, k_smallest_scale = 0x1p-42;
-// Determinant of a transform's columns, scaled to length 1. Its rounding error in single precision is about gamma(5) <
-// 2^-21; relative to this bound, Embree's inverse is off by .8 % at most.
+// Determinant of a transform as a share of the sum of its six terms' magnitudes, which is the same for all scales along
+// the shape's axes and along the world's. Its rounding error in single precision is about gamma(5) < 2^-21 of that sum,
+// so Embree's inverse is off by .8 % at most. It holds for spheres, disks and cylinders too: Embree transforms the rays
+// that reach core/trace/accel_analytic.h.
 inline constexpr double k_least_determinant = 0x1p-14;
+// Factor by which rounding errors grow on a ray's way to object space and back. It is the same for all scales along the
+// shape's axes, but not along the world's after a rotation: a ball at a distance is off by 2^-24 of that times this,
+// here two pixels of an image 1000 pixels wide.
+inline constexpr double k_largest_condition = 0x1p15;
 // Smallest size of a shape (its box's diagonal) in object space. Ray-triangle tests divide by a product of two edges
 // and a ray, which in corners is as short as an edge: edges of 2^-14 of this size then give a product of 2^-126.
 inline constexpr double k_smallest_shape = 0x1p-28;
@@ -48,8 +55,9 @@ struct ScenePlaces {
 // its transforms are those passed to Embree.
 void check_scene_limits(const Scene& scene, const ScenePlaces& places);
 
-// Warns of triangles so large compared with their distance from the camera that surfaces and shadows on them blur.
-void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const WarningSink& warning);
+// Warns of triangles so large compared with their distance from the camera that surfaces and shadows on them blur; an
+// Error in strict mode.
+void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const Diagnostics& diagnostics);
 
 // Upper bound on the distance from the camera at which its rays start, on the near clipping plane and on the lens.
 double camera_reach(const Camera& camera, const Film& film);

@@ -16,21 +16,10 @@ glm::mat3x2 parse_uv_transform(Properties& properties) {
   return glm::mat3x2(Vec2(t[0]), Vec2(t[1]), Vec2(t[3]));
 }
 
-// Undoes the linearisation of read_image() (IEC 61966-2-1), giving the file's raw values.
-float encode_srgb(float v) { return v <= 0.0031308f ? 12.92f * v : 1.055f * std::pow(v, 1.0f / 2.4f) - 0.055f; }
-
-// Formats that store linear values.
-bool is_linear_format(const std::string& path) {
-  const size_t dot = path.rfind('.');
-  std::string ending = dot == std::string::npos ? std::string() : path.substr(dot + 1);
-  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
-  return ending == "exr" || ending == "hdr" || ending == "rgbe" || ending == "pfm";
-}
-
 Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& where) {
   Image image;
   try {
-    image = read_image(path);
+    image = read_image(path, {.linearise = !raw});
   } catch (const Error& error) {
     throw Error(where, std::string("the bitmap cannot be used: ") + error.what());
   }
@@ -44,7 +33,6 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
   // Grey images have one channel, or two with alpha; the first serves for all three colours.
   const bool grey = channels < 3;
   const size_t red = index_of("R", 0), green = grey ? red : index_of("G", 1), blue = grey ? red : index_of("B", 2);
-  const bool encode = raw && !is_linear_format(path);
   Bitmap bitmap;
   bitmap.width = image.width;
   bitmap.height = image.height;
@@ -55,7 +43,6 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
     for (int c = 0; c < 3; ++c) {
       if (!std::isfinite(pixel[c]))
         throw Error(where, "the bitmap '" + path + "' has a pixel that is not finite; repair the picture");
-      if (encode) pixel[c] = encode_srgb(pixel[c]);
     }
     bitmap.pixels.push_back(pixel);
   }

@@ -23,7 +23,7 @@ struct Diagnostics {
 
   // For notices where the image is still the one that the file describes.
   void warning(const SourceLocation& where, const std::string& message) const { warn(sink, where, message); }
-  // For unsupported content of the file: a warning, an Error in strict mode.
+  // For content of the file that is rendered differently than it says: a warning, an Error in strict mode.
   void unknown(const SourceLocation& where, const std::string& message) const {
     if (strict) throw Error(where, message + " (an error because of strict mode)");
     warn(sink, where, message);

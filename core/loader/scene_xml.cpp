@@ -51,7 +51,7 @@ Scene load_scene(const std::string& path, const SceneLoadOptions& options) {
   place_scene(builder.scene, builder.placement);
   builder.places.scene = tree.root.where;
   check_scene_limits(builder.scene, builder.places);
-  warn_of_blurred_triangles(builder.scene, builder.places, diagnostics.sink);
+  warn_of_blurred_triangles(builder.scene, builder.places, diagnostics);
   return std::move(builder.scene);
 }
 

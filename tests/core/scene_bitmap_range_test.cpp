@@ -1,4 +1,6 @@
-// Bitmaps as reflectance: values outside [0, 1] and values that are not finite.
+// Bitmaps as reflectance: values outside [0, 1], values that are not finite, and values of 8 and 16 bits.
+
+#include <OpenImageIO/imageio.h>
 
 #include <cmath>
 
@@ -65,6 +67,32 @@ TEST_F(SceneBitmapRange, ASkyFromTheSameFileKeepsItsRadiance) {
     const uint32_t texture = scene.textures[scene.bsdfs[scene.instances[0].bsdf].reflectance].bitmap;
     EXPECT_EQ(scene.bitmaps[texture].pixels[6], Rgb(1.0f, 0.75f, 1.0f));
     EXPECT_EQ(scene.bitmaps[scene.emitters[0].bitmap].pixels[6], Rgb(2.0f, 0.75f, 3.0f));
+  }
+}
+
+// Integers of any width are sRGB, and stored values with `raw`.
+TEST_F(SceneBitmapRange, SixteenBitsMeanWhatEightBitsMean) {
+  const uint8_t bytes[] = {0, 10, 128, 200, 254, 255};
+  for (const char* name : {"map8.png", "map16.png", "map8.tif", "map16.tif"}) {
+    const bool wide = std::string(name).find("16") != std::string::npos;
+    const OIIO::ImageSpec spec(2, 1, 3, wide ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8);
+    const auto output = OIIO::ImageOutput::create(path(name));
+    ASSERT_TRUE(output && output->open(path(name), spec));
+    ASSERT_TRUE(output->write_image(OIIO::TypeDesc::UINT8, bytes));
+    ASSERT_TRUE(output->close());
+    for (const bool raw : {false, true}) {
+      std::string body = k_textured + k_sensor;
+      body.replace(body.find("map.exr"), 7, name);
+      body.insert(body.find("</texture>"),
+                  std::string("<boolean name='raw' value='") + (raw ? "true" : "false") + "'/>");
+      const Scene scene = load(body);
+      ASSERT_EQ(scene.bitmaps.size(), 1u);
+      for (int i = 0; i < 6; ++i) {
+        const float stored = float(bytes[i]) / 255.0f;
+        EXPECT_NEAR(scene.bitmaps[0].pixels[size_t(i / 3)][i % 3], raw ? stored : srgb_decode(stored), 1e-6f)
+            << name << " raw " << raw;
+      }
+    }
   }
 }
 

@@ -120,7 +120,8 @@ void add_scene_reading_options(CLI::App& command, SceneArguments& arguments) {
   command.add_option("-D", arguments.definitions, "Value for $name in the scene file; may be repeated")
       ->type_name("name=value")
       ->allow_extra_args(false);
-  command.add_flag("--strict", arguments.strict, "Treat what the scene loader would warn about as an error");
+  command.add_flag("--strict", arguments.strict,
+                   "Refuse scenes of which something would be left out, cut off or blurred with a warning");
 }
 
 void add_scene_options(CLI::App& command, SceneArguments& arguments) {
