@@ -17,8 +17,9 @@ struct DecodedImage {
   bool is_integer = false;  // stored as integers
 };
 
-// Reads the first picture of the file at `path`, which must be a regular file. Throws std::runtime_error that says what
-// is wrong with the file, or what the standard library throws where a damaged header asks for absurd amounts.
-using ImageDecoder = DecodedImage(const std::string& path);
+// Reads the first picture of the file at `path`, which must be a regular file, into `result`. Throws std::runtime_error
+// that says what is wrong with the file, or what the standard library throws where a damaged header asks for absurd
+// amounts.
+using ImageDecoder = void(const std::string& path, DecodedImage& result);
 
 }  // namespace fieldtrace

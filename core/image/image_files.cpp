@@ -210,7 +210,7 @@ Image read_image(const std::string& path, const ImageReadOptions& options) {
       reinterpret_cast<ImageDecoder*>(module_function(k_image_decoder_module, k_image_decoder_function));
   DecodedImage read;
   try {
-    read = decode(path);
+    decode(path, read);
   } catch (const std::runtime_error& error) {
     throw Error({path}, std::string("cannot be read as an image: ") + error.what());
   } catch (const std::exception& error) {

@@ -57,8 +57,7 @@ bool ends_early(const OIIO::ImageInput& input, const std::string& message) {
 
 }  // namespace
 
-extern "C" DecodedImage fieldtrace_decode_image(const std::string& path) {
-  DecodedImage result;
+extern "C" void fieldtrace_decode_image(const std::string& path, DecodedImage& result) {
   const auto input = open_image(path);
   const OIIO::ImageSpec& spec = input->spec();
   Image& image = result.image;
@@ -73,7 +72,6 @@ extern "C" DecodedImage fieldtrace_decode_image(const std::string& path) {
   if (!whole || ends_early(*input, message)) {
     throw Failure(reason_or(message, "its pixels end early; the file is cut off or damaged"));
   }
-  return result;
 }
 
 // The program calls it by this type.

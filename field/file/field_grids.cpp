@@ -67,9 +67,10 @@ bool read_brick(const VdbGrid& grid, const VoxelCoord& origin, BrickCells& cells
 
 bool brick_origins(const VdbGrid& grid, std::vector<VoxelCoord>& origins) {
   origins.clear();
+  const VdbMask none_active = {};
   const bool bricks = vdb().visit(grid, [&](const VdbNode& node) {
     if (node.side != k_vdb_leaf_side) return false;
-    const bool empty = node.values && node.active == VdbMask();
+    const bool empty = node.values && node.active == none_active;
     if (!empty) origins.push_back(node.origin);
     return true;
   });
