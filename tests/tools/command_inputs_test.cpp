@@ -88,6 +88,11 @@ TEST_F(CommandInputs, FilesLargerThanTheMemoryAreRefused) {
 // ---- forged fields with a valid checksum
 
 constexpr uint64_t k_little_memory = 300'000'000;
+#ifdef __SANITIZE_ADDRESS__
+constexpr uint64_t k_quarantine = uint64_t(256) << 20;  // freed memory that the sanitizer holds back by default
+#else
+constexpr uint64_t k_quarantine = 0;
+#endif
 
 std::string sealed(std::string body) {
   Hasher hasher;
@@ -125,7 +130,7 @@ TEST_F(CommandInputs, AFieldCannotAskForMoreMemoryThanItsSizeIsWorth) {
     const Outcome o = run({"info", "forged.vdb"}, only_seconds);
     EXPECT_EQ(o.code, 1) << what << ": " << o.err;
     EXPECT_NE(o.err.find("is not a field that OpenVDB can read"), std::string::npos) << what << ": " << o.err;
-    EXPECT_LT(o.peak_bytes, k_little_memory) << what;
+    EXPECT_LT(o.peak_bytes, k_little_memory + k_quarantine) << what;
   };
   const std::string chart = string_of("chart") + string_of("string"), grid = string_of("visibility");
   const size_t metadata = body.find(chart), descriptor = body.find(grid);
@@ -165,7 +170,7 @@ TEST_F(CommandInputs, ASmallFileOfManyEqualBricksTakesLittleMemory) {
   EXPECT_EQ(o.code, 0) << o.err;
   EXPECT_NE(o.out.find("visibility 67108864 of 67108864 cells (100.00 %)"), std::string::npos) << o.out;
   EXPECT_NE(o.out.find("131072 bricks"), std::string::npos) << o.out;
-  EXPECT_LT(o.peak_bytes, k_little_memory);
+  EXPECT_LT(o.peak_bytes, k_little_memory + k_quarantine);
 }
 
 }  // namespace
