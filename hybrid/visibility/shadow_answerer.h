@@ -149,11 +149,14 @@ class ShadowAnswerer {
   void forget_distant(const ShadingPointBatch& shading_points, ShadowGroup& group) const;
   void query_cones(const ShadowInstance& occluder, const ShadingPointBatch& shading_points, const ShadowGroup& group,
                    Workspace& work, Stats& stats) const;
+  bool find_overlaps(const ShadowGroup& group, Workspace& work) const;
+  static void multiply_shares(size_t slot, Workspace& work, AlignedVector<float>& clear);
   // query_and_bake() with the occluder's field.
   template <class Query>
   void bake_and_repeat(const ShadowInstance& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
                        int most_rounds, const Query& query) const;
   bool trusts_depth(const ShadowInstance& occluder, const ShadowGroup& group, LightSeen seen) const;
+  bool trusts_cells(const ShadowInstance& occluder, const ShadowGroup& group) const;
   void classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
                 Stats& stats) const;
   void bake_unknown(const ShadowInstance& occluder, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,

@@ -15,6 +15,11 @@ struct ShadowAnswerer::Workspace {
   std::vector<uint32_t> indices;
   std::vector<uint8_t> exact_blocked;
   AlignedVector<int32_t> flags, refused;
+  // Of occluders that may overlap: by slot; then of each stratum, the share that the present one leaves clear, the
+  // slots that hide it in part, and those of them that may overlap one another.
+  std::vector<uint32_t> overlaps;
+  AlignedVector<float> clear;
+  std::vector<uint32_t> in_part, dependent;
   ConeUnknowns unknowns;
 };
 
