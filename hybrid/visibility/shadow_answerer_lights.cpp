@@ -94,6 +94,7 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
   batch.in_shares = true;
   batch.clear.assign(padded(batch.rays.size), 1.0f);
   work.refused.assign(padded(batch.rays.size), 0);
+  work.refused_by_thin.assign(padded(batch.rays.size), 0);
   const bool apart = !find_overlaps(group, work);
   if (!apart) {
     work.in_part.assign(padded(batch.rays.size), 0);
@@ -116,20 +117,24 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
     task.least_disc = k_least_light_disc / std::sqrt(float(std::max(strata, k_fewest_strata)));
     task.share = 1.0f / float(std::max(strata, k_fewest_strata));
     if (!apart) work.clear.assign(padded(batch.rays.size), 1.0f);
+    AlignedVector<int32_t>& refused_by = task.segment.keeps_angles ? work.refused : work.refused_by_thin;
     float* clear = apart ? batch.clear.data() : work.clear.data();
     bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
       stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks, clear,
-                                              work.refused.data(), unknowns);
+                                              refused_by.data(), unknowns);
     });
     if (!apart) multiply_shares(slot, work, batch.clear);
     // Refuse what no pool has room for: rays answer it.
-    for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
+    for (const uint32_t block : unknowns.blocks) std::fill_n(refused_by.begin() + block, k_batch_padding, 1);
   }
   for (size_t i = 0; !apart && i < batch.rays.size; ++i) work.refused[i] |= work.dependent[i] && batch.clear[i] > 0.0f;
   refused.assign(shading_points.size(), 0);
   for (size_t r = 0; r < shading_points.size(); ++r) {
-    const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(strata));
-    refused[r] = std::find(begin, begin + strata, 1) != begin + strata;
+    const auto is_in = [&](const AlignedVector<int32_t>& list) {
+      const auto begin = list.begin() + std::ptrdiff_t(r * size_t(strata));
+      return std::find(begin, begin + strata, 1) != begin + strata;
+    };
+    refused[r] = is_in(work.refused_by_thin) ? k_refused_by_thin : is_in(work.refused) ? k_refused : 0;
   }
 }
 
