@@ -61,8 +61,8 @@ struct DirectionFrame {
   Vec3Lanes<F> c, s, t;
 };
 
-// Square -> direction and frame. Not for the square's centre and corners themselves (the poles, where the frame is
-// undefined): cell centres never lie there.
+// Square -> direction and frame. At the square's centre and corners (the poles, where the frame is not unique) it is
+// the one between the axes.
 template <class F>
 FT_HD_INLINE DirectionFrame<F> frame_from_square(F u, F v) {
   const F one = splat<F>(1.0f);
@@ -71,7 +71,8 @@ FT_HD_INLINE DirectionFrame<F> frame_from_square(F u, F v) {
   const F r = one - abs(signed_distance);
   // Angle within the quadrant, phi = pi/4 (1 + q) with q in [-1, 1]; cos and sin by their Taylor series about pi/4,
   // truncation below 4e-7 at |q| = 1.
-  const F q = (av - au) / max(r, splat<F>(1e-30f));
+  // r is a multiple of 2^-24. Where it is 0, u and v or their distances to a corner are less than that.
+  const F q = (av - au) / max(r, splat<F>(0x1p-24f));
   const F y = q * splat<F>(0.78539816f);
   const F y2 = y * y;
   F sin_y = splat<F>(-1.0f / 5040.0f);

@@ -80,18 +80,19 @@ FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
   return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one);
 }
 
-// The part of the cone's axis in front of the shading point and within the ball: the distance from p to its middle, and
-// half its length, which is that of the longest chord of the ball that a ray of the cone can have.
+// The part of the cone's axis in front of the shading point and within the ball: the distance from the shading point to
+// its middle, and half its length, which is that of the longest chord of the ball that a ray of the cone can have.
+// offset: distance from the shading point to p, if p is another point of the axis.
 template <class F>
 struct ConeSpan {
   F middle, half;
 };
 
 template <class F>
-FT_HD_INLINE ConeSpan<F> span_in_ball(const LightCone<F>& cone) {
+FT_HD_INLINE ConeSpan<F> span_in_ball(const LightCone<F>& cone, F offset) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f);
-  const F t_foot = zero - dot(cone.p, cone.axis);
-  const Vec3Lanes<F> foot = cone.p + cone.axis * t_foot;
+  const F from_p = zero - dot(cone.p, cone.axis), t_foot = offset + from_p;
+  const Vec3Lanes<F> foot = cone.p + cone.axis * from_p;
   const F nearest = max(sqrt(dot(foot, foot)) - max(t_foot + one, zero) * cone.tangent, zero);
   const F half_chord = sqrt(max(one - nearest * nearest, zero));
   const F begin = max(t_foot - half_chord, zero), end = max(t_foot + half_chord, zero);
@@ -120,8 +121,8 @@ FT_HD_INLINE CoverageMap<F> map_along(const FieldView& field, const Vec3Lanes<F>
           splat<F>(field.coverage.half_lines)};
 }
 
-// The whole texels of a square about a point, clipped to the coverage map. whole: nothing was clipped. Outside the map
-// lines meet nothing.
+// The whole texels of a rectangle about a point, clipped to the coverage map. whole: nothing was clipped. Outside the
+// map lines meet nothing.
 template <class F>
 struct MapSquare {
   TexelRect<F> rect;
@@ -129,11 +130,11 @@ struct MapSquare {
 };
 
 template <class F>
-FT_HD_INLINE MapSquare<F> square_about(const CoverageMap<F>& map, const Vec3Lanes<F>& point, F radius) {
+FT_HD_INLINE MapSquare<F> rectangle_about(const CoverageMap<F>& map, const Vec3Lanes<F>& point, F half_x, F half_y) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), lines = map.half_lines + map.half_lines;
   const F x = map.texels(point, map.frame.s), y = map.texels(point, map.frame.t);
-  const F r = radius * map.half_lines;
-  const F x0 = floor(x - r), x1 = floor(x + r) + one, y0 = floor(y - r), y1 = floor(y + r) + one;
+  const F rx = half_x * map.half_lines, ry = half_y * map.half_lines;
+  const F x0 = floor(x - rx), x1 = floor(x + rx) + one, y0 = floor(y - ry), y1 = floor(y + ry) + one;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, value), lines)); };
   const Mask_t<F> whole = (x0 >= zero) & (x1 <= lines) & (y0 >= zero) & (y1 <= lines);
   return {{texel(x0), texel(x1), texel(y0), texel(y1)}, whole};
@@ -164,12 +165,12 @@ template <class F, class TellMissing>
 FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_share, const LightCone<F>& cone,
                                          Mask_t<F> within, Mask_t<F> wanted, const TellMissing& tell_missing) {
   const CoverageMap<F> map = map_along(field, cone.axis);
-  const ConeSpan<F> span = span_in_ball(cone);
+  const ConeSpan<F> span = span_in_ball(cone, splat<F>(0.0f));
   const Vec3Lanes<F> middle = cone.p + cone.axis * span.middle;
   const F reach = select(within, span.half, span.half * splat<F>(chord_share));
   const Vec3Lanes<F> across = cone.axis - map.frame.c * dot(cone.axis, map.frame.c);
   const F radius = (span.middle + reach) * cone.tangent + reach * sqrt(dot(across, across));
-  const MapSquare<F> square = square_about(map, middle, radius);
+  const MapSquare<F> square = rectangle_about(map, middle, radius, radius);
   const Mask_t<F> queried = wanted & (radius < splat<F>(k_widest_disc));
   const TexelRect<F>& rect = square.rect;
   const CoverageSum<F> sum = sum_coverage<F>(field.coverage, map.direction, rect, queried, tell_missing);

@@ -111,6 +111,26 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
   return counts;
 }
 
+// Makes a stratum's tube that which the instance's transform makes of a tube of half width `world_width` about the ray
+// from o along d in world space. The ray is anchored where it passes the ball's centre: seen from far outside the ball
+// (thin instances), rounding of its origin would move it by more than a texel.
+template <class F>
+FT_HD_INLINE void transform_tube(const SegmentTask& task, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d, F world_width,
+                                 LightStratum<F>& stratum) {
+  const Vec3Lanes<F> q = transformed_vector(task.to_unit, d);
+  const F scale = sqrt(dot(q, q)), length = sqrt(dot(d, d)), zero = splat<F>(0.0f);
+  const F t = (zero - dot(transformed_point(task.to_unit, o), q)) / (scale * scale);
+  stratum.p = transformed_point(task.to_unit, o + d * t);
+  stratum.offset = t * scale;
+  stratum.to_unit = task.to_unit;
+  stratum.world_width = world_width;
+  stratum.world_unit = length / scale;
+  // Of an offset e across the ray, A e across q = A d has the length |A d x A e| / |A d|, and A d x A e is the cofactor
+  // matrix' image of d x e.
+  stratum.width = world_width * stratum.world_unit * (stratum.world_unit * splat<F>(task.to_unit_area));
+  stratum.bend = world_width * stratum.world_unit * splat<F>(task.to_unit_stretch);
+}
+
 template <class F>
 inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& rays, const float* pdf,
                                     const int32_t* wanted, std::span<const uint32_t> blocks, float* clear,
@@ -136,12 +156,11 @@ inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& ray
       const Vec3Lanes<F> d = {load_lanes<F>(&rays.dx[i]), load_lanes<F>(&rays.dy[i]), load_lanes<F>(&rays.dz[i])};
       const Vec3Lanes<F> q = transformed_vector(m, d);
       const F scale = sqrt(dot(q, q)), density = load_lanes<F>(pdf + i);
-      LightStratum<F> stratum;
-      stratum.p = transformed_point(m, o);
-      stratum.direction = q * (one / scale);
       // The stratum's solid angle is share / density; its tube has a square cross-section of that solid angle.
       const F side = select(density > zero, sqrt(share / max(density, splat<F>(1e-30f))), zero);
-      stratum.width = side * stretch * sqrt(dot(d, d)) / scale;
+      LightStratum<F> stratum =
+          round_stratum<F>(transformed_point(m, o), q * (one / scale), side * stretch * sqrt(dot(d, d)) / scale);
+      if (!task.segment.keeps_angles) transform_tube(task.segment, o, d, side * splat<F>(0.5f), stratum);
       const StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.least_disc, stratum, tmax * scale,
                                                         queried, MissingList<F>{unknowns.tiles});
       found[v] = select(queried, answer.clear, one);

@@ -29,8 +29,8 @@ struct LobeAnswer {
   Int_t<F> lookups;
 };
 
-// `blur`: the largest tangent that half a texel may subtend as seen from p. The shading point lies outside the ball, or
-// within it with the whole object in front of its tangent plane.
+// `blur`: the largest tangent that half a texel may subtend as seen from p; for tubes that are not round in world
+// space. The shading point lies outside the ball, or within it with the whole object in front of its tangent plane.
 template <class F, class TellMissing>
 FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratum<F>& stratum, F blur, Mask_t<F> wanted,
                                        const TellMissing& tell_missing) {
@@ -41,7 +41,8 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
   answer.radiance = {zero, zero, zero};
   answer.distance = zero;
   answer.unknown = answer.refused = and_not(wanted, wanted);
-  const Mask_t<F> queried = wanted & (span.half > zero);
+  if (stratum.to_unit) answer.refused = wanted & (stratum.bend > splat<F>(k_most_bend));
+  const Mask_t<F> queried = and_not(answer.refused, wanted & (span.half > zero));
   answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
   if (!any(queried)) return answer;
   const StratumTube<F> tube = tube_of_stratum<F>(field, SeenFrom::origin, stratum, span, queried, tell_missing);
@@ -49,7 +50,9 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
   // An outline may pass between two lines: where a texel is too wide even at the far end of the tube, clear is refused
   // too.
   const F half_texel = half / splat<F>(field.coverage.half_lines);
-  answer.refused = queried & (half_texel > blur * (span.middle + span.half));
+  F unit_blur = blur;
+  if (stratum.to_unit) unit_blur = blur * min(tube.widths.x, tube.widths.y) / stratum.world_width;
+  answer.refused = answer.refused | (queried & (half_texel > unit_blur * (span.middle + span.half)));
   const Mask_t<F> open = and_not(answer.unknown | (tube.sum.count == splat_int<F>(0)), queried);
   if (!any(open)) return answer;
 
@@ -58,7 +61,7 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
                    select(disc.read, splat_int<F>(1), splat_int<F>(0));
   answer.unknown = answer.unknown | disc.unknown;
   answer.distance = disc.t;
-  const F inverse_area = one / (splat<F>(4.0f) * disc.half_width * disc.half_width);
+  const F inverse_area = one / (splat<F>(4.0f) * disc.half_x * disc.half_y);
   const Mask_t<F> read = and_not(answer.unknown, disc.read & (disc.area.count * inverse_area > splat<F>(1e-4f)));
   if (any(read)) {
     answer.clear = select(read, min(max(one - disc.area.count * inverse_area, zero), one), one);
@@ -70,9 +73,9 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
-  const Mask_t<F> blurred = half_texel > blur * disc.t;
-  const Mask_t<F> thin = (thin_ratio > splat<F>(k_most_thin_features)) & (disc.half_width < splat<F>(k_coarse_disc));
-  answer.refused = answer.refused | (open & (blurred | thin));
+  const Mask_t<F> blurred = half_texel > unit_blur * disc.t;
+  const Mask_t<F> thin = (thin_ratio > splat<F>(k_most_thin_features)) & (disc.least_half() < splat<F>(k_coarse_disc));
+  answer.refused = answer.refused | (open & (blurred | thin | tube.widths.skewed));
   return answer;
 }
 

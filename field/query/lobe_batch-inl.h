@@ -22,6 +22,7 @@ constexpr float k_widest_lobe = 0.12f;
 template <class F>
 struct LobeLanes {
   LightStratum<F> stratum;
+  Vec3Lanes<F> p;    // the shading point
   F scale, stretch;  // unit-space length of the ray's world direction; bound on that of its neighbours, relative to it
   Mask_t<F> meets;   // the object's ball
 };
@@ -34,15 +35,22 @@ FT_HD_INLINE LobeLanes<F> load_lobes(const ConeTask& task, const RayBatch& r, co
   const Vec3Lanes<F> q = transformed_vector(m, d);
   LobeLanes<F> lobe;
   lobe.scale = sqrt(dot(q, q));
-  lobe.stratum.direction = q * (one / lobe.scale);
-  lobe.stratum.p = transformed_point<F>(m, {load_lanes<F>(&r.ox[i]), load_lanes<F>(&r.oy[i]), load_lanes<F>(&r.oz[i])});
+  const Vec3Lanes<F> o = {load_lanes<F>(&r.ox[i]), load_lanes<F>(&r.oy[i]), load_lanes<F>(&r.oz[i])};
+  lobe.p = transformed_point(m, o);
   // The side of a square of about the sample's solid angle.
   const F given = load_lanes<F>(&density[i]);
   const F side = sqrt(one / max(given, splat<F>(1e-30f)));
   lobe.stretch = splat<F>(task.segment.to_unit_stretch) / lobe.scale;
-  lobe.stratum.width = min(side * splat<F>(k_lobe_share) * lobe.stretch, splat<F>(k_widest_lobe));
+  const F width = min(side * splat<F>(k_lobe_share) * lobe.stretch, splat<F>(k_widest_lobe));
+  lobe.stratum = round_stratum<F>(lobe.p, q * (one / lobe.scale), width);
   const Mask_t<F> active = (load_lanes<F>(&r.tmax[i]) >= zero) & (given > zero);
-  lobe.meets = active & (span_of_stratum(lobe.stratum).half > zero);
+  if (!task.segment.keeps_angles) {
+    LightStratum<F>& stratum = lobe.stratum;
+    transform_tube(task.segment, o, d, side * splat<F>(k_lobe_share), stratum);
+    const F narrowed = splat<F>(k_widest_lobe) / max(stratum.width, splat<F>(k_widest_lobe));
+    for (F* extent : {&stratum.width, &stratum.world_width, &stratum.bend}) *extent = *extent * narrowed;
+  }
+  lobe.meets = active & ((span_of_stratum(lobe.stratum).half > zero) | (lobe.stratum.bend > splat<F>(k_most_bend)));
   return lobe;
 }
 
@@ -50,11 +58,11 @@ FT_HD_INLINE LobeLanes<F> load_lobes(const ConeTask& task, const RayBatch& r, co
 template <class F>
 FT_HD_INLINE Mask_t<F> suited_lobes(const ConeTask& task, const LobeBatch& lobes, const LobeLanes<F>& lobe, size_t i) {
   LightCone<F> cone;
-  cone.p = lobe.stratum.p;
+  cone.p = lobe.p;
   cone.axis = lobe.stratum.direction;
   cone.sine = lobe.stratum.width;
   const Mask_t<F> self = load_uint_lanes<F>(&lobes.instance[i]) == splat_uint<F>(task.segment.instance);
-  const Mask_t<F> outside = !(dot(lobe.stratum.p, lobe.stratum.p) < splat<F>(1.0f));
+  const Mask_t<F> outside = !(dot(lobe.p, lobe.p) < splat<F>(1.0f));
   const Vec3Lanes<F> normal = {load_lanes<F>(&lobes.nx[i]), load_lanes<F>(&lobes.ny[i]), load_lanes<F>(&lobes.nz[i])};
   return and_not(self, lobe.meets & (outside | faces_object<F>(task, cone, normal)));
 }
@@ -82,7 +90,8 @@ inline uint64_t filter_lobes_batch(const ConeTask& task, const LobeBatch& lobes,
       for (auto* colour : {&out.red, &out.green, &out.blue, &out.distance}) store_lanes(zero, colour->data() + i);
       store_lanes(select(unsuited, splat_int<F>(1), splat_int<F>(0)), &out.refused[i]);
       if (!any(wanted)) continue;
-      const F blur = load_lanes<F>(&lobes.blur[i]) / max(lobe.stretch, one);
+      F blur = load_lanes<F>(&lobes.blur[i]);
+      if (task.segment.keeps_angles) blur = blur / max(lobe.stretch, one);
       const LobeAnswer<F> answer =
           filter_lobe<F>(task.segment.field, lobe.stratum, blur, wanted, MissingList<F>{unknowns.tiles});
       missing = missing || any(answer.unknown);

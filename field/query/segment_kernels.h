@@ -46,6 +46,8 @@ struct SegmentTask {
   QueryPolicy policy;
   float to_unit[12];             // world -> unit space of the object, 3 x 4, column-major
   float to_unit_stretch = 0.0f;  // bound on the length of to_unit's image of a unit vector
+  float to_unit_area = 0.0f;     // bound on the area of to_unit's image of a unit square
+  bool keeps_angles = false;     // to_unit is a similarity, up to rounding
   uint32_t instance = 0;         // rays from shading points on this instance are self-shadowing
   bool reads_depth = true;       // false: what the visibility cell does not decide stays undecided
 };

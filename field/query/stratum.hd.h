@@ -9,6 +9,10 @@
 // in one depth map for a whole light.) Strata that the maps do not resolve are refused: discs smaller than about a
 // texel, blockers whose depth does not converge, several layers of blockers, features as thin as texels.
 //
+// Where the way from world to unit space does not keep angles, the disc is the ellipse that a disc of the world becomes
+// in the map (the footprint of Heckbert, "Fundamentals of Texture Mapping and Image Warping", 1989, section 3.3), and
+// what is summed is the rectangle along the map's axes of the same variance along each of them.
+//
 // Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
 
 #if defined(FIELDTRACE_FIELD_QUERY_STRATUM_HD_H_) == defined(HWY_TARGET_TOGGLE)
@@ -22,11 +26,33 @@
 
 FT_LANES_BEGIN
 
-// One stratum: its centre ray, of unit direction, and the half width of its tube per unit of distance from p.
+// One stratum: its centre ray, of unit direction, and the half width of its tube per unit of distance from the ray's
+// origin (if the tube is not round, a bound on it).
 template <class F>
 struct LightStratum {
-  Vec3Lanes<F> p, direction;
+  Vec3Lanes<F> p, direction;  // p: the ray's origin, or another point of the ray
   F width;
+  F offset;  // distance from the ray's origin to p
+  // Tubes that are not round, for instances that do not keep angles:
+  const float* to_unit;  // world -> unit space, 3 x 4, column-major; null: the tube is round
+  F world_width;         // half width per unit of distance, in world space
+  F world_unit;          // unit distance along the ray, in world space
+  F bend;                // bound on the relative difference of the rays' lengths to a depth
+
+  FT_HD_INLINE Vec3Lanes<F> at(F t) const { return p + direction * (t - offset); }
+};
+
+template <class F>
+FT_HD_INLINE LightStratum<F> round_stratum(const Vec3Lanes<F>& p, const Vec3Lanes<F>& direction, F width) {
+  const F zero = splat<F>(0.0f);
+  return {p, direction, width, zero, nullptr, zero, zero, zero};
+}
+
+// Half widths of a stratum's tube along a map's axes, per unit of distance. skewed: the axes are far from the tube's.
+template <class F>
+struct TubeWidths {
+  F x, y;
+  Mask_t<F> skewed;
 };
 
 template <class F>
@@ -43,6 +69,12 @@ constexpr float k_most_disc_drift = 0.5f;
 // them one surface may hide another from the lines where the rays pass between the two.
 constexpr float k_most_apart = 1.0f;
 constexpr float k_most_apart_filled = 0.5f;
+// Rays of one stratum differ in length to a depth by no more than this share: the tube's width is right to first order.
+constexpr float k_most_bend = 0.25f;
+// Largest correlation of a tube's extents along a map's axes. A rectangle is wrong about the variance along its
+// diagonal by up to c / (1 - c) = 1.5 of itself, a sixteenth of which (k_fewest_strata) counts in that of the whole
+// light.
+constexpr float k_most_skew = 0.6f;
 // Tiles with a larger thin-feature ratio than this (field/store/coverage.hd.h) need discs of the half width below, in
 // texels.
 constexpr float k_most_thin_features = 0.15f;
@@ -60,10 +92,12 @@ struct StratumTube {
   F cosine, slope;  // cosine and sine of the angle between the stratum's ray and the cell's direction
   float sign;       // of the cosine
   F middle_depth;   // of the span's middle
+  TubeWidths<F> widths;
   MapSquare<F> square;
   CoverageSum<F> sum;
 
-  // Distance from p at which the centre ray reaches the mean depth of `count` lines; `depths`: the sum of their codes.
+  // Distance from the ray's origin at which the centre ray reaches the mean depth of `count` lines; `depths`: the sum
+  // of their codes.
   FT_HD_INLINE F reach_of(F depths, F count) const {
     const F depth = splat<F>(k_coverage_depth_step) * (depths / max(count, splat<F>(1e-6f))) - splat<F>(1.0f);
     const F along = (depth - middle_depth) * splat<F>(sign);
@@ -72,13 +106,40 @@ struct StratumTube {
   }
 };
 
+// How much wider the tube of a stratum that bends no more than it may can be at a depth than its width says.
+template <class F>
+FT_HD_INLINE F most_stretched(const LightStratum<F>& stratum) {
+  const F one = splat<F>(1.0f);
+  return one / max(one - stratum.bend, splat<F>(1.0f - k_most_bend));
+}
+
 template <class F>
 FT_HD_INLINE ConeSpan<F> span_of_stratum(const LightStratum<F>& stratum) {
   LightCone<F> tube;
   tube.p = stratum.p;
   tube.axis = stratum.direction;
   tube.tangent = stratum.width;
-  return span_in_ball(tube);
+  if (stratum.to_unit) tube.tangent = tube.tangent * most_stretched(stratum);
+  return span_in_ball(tube, stratum.offset);
+}
+
+// An offset in the map is that across the ray, moved along the ray to the depth of the ray's point: the linear map of
+// offsets across the world's ray has the rows A^T u, with A = to_unit's linear part and u = s - c (s.d) / (c.d).
+template <class F>
+FT_HD_INLINE TubeWidths<F> widths_in_map(const LightStratum<F>& stratum, const CoverageMap<F>& map) {
+  if (!stratum.to_unit) return {stratum.width, stratum.width, stratum.width < splat<F>(0.0f)};
+  const float* m = stratum.to_unit;
+  const F inverse_cosine = splat<F>(1.0f) / dot(stratum.direction, map.frame.c);
+  const auto row = [&](const Vec3Lanes<F>& axis) {
+    const Vec3Lanes<F> u = axis - map.frame.c * (dot(stratum.direction, axis) * inverse_cosine);
+    const auto along_column = [&](int i) {
+      return splat<F>(m[i]) * u.x + splat<F>(m[i + 1]) * u.y + splat<F>(m[i + 2]) * u.z;
+    };
+    return Vec3Lanes<F>{along_column(0), along_column(3), along_column(6)};
+  };
+  const Vec3Lanes<F> x = row(map.frame.s), y = row(map.frame.t);
+  const F extent_x = sqrt(dot(x, x)), extent_y = sqrt(dot(y, y)), scale = stratum.world_width * stratum.world_unit;
+  return {scale * extent_x, scale * extent_y, abs(dot(x, y)) > splat<F>(k_most_skew) * extent_x * extent_y};
 }
 
 template <class F, class TellMissing>
@@ -89,13 +150,16 @@ FT_HD_INLINE StratumTube<F> tube_of_stratum(const FieldView& field, SeenFrom see
   tube.span = span;
   tube.sign = seen == SeenFrom::end ? 1.0f : -1.0f;
   tube.map = map_along(field, stratum.direction * splat<F>(tube.sign));
-  const Vec3Lanes<F> middle = stratum.p + stratum.direction * span.middle;
+  tube.widths = widths_in_map(stratum, tube.map);
+  const Vec3Lanes<F> middle = stratum.at(span.middle);
   tube.cosine = dot(stratum.direction, tube.map.frame.c);
   const Vec3Lanes<F> across = stratum.direction - tube.map.frame.c * tube.cosine;
   tube.slope = sqrt(dot(across, across));
   tube.middle_depth = dot(middle, tube.map.frame.c);
-  const F radius = (span.middle + span.half) * stratum.width + span.half * tube.slope;
-  tube.square = square_about(tube.map, middle, radius);
+  F end = span.middle + span.half;
+  if (stratum.to_unit) end = end * most_stretched(stratum);
+  const F aside = span.half * tube.slope;
+  tube.square = rectangle_about(tube.map, middle, end * tube.widths.x + aside, end * tube.widths.y + aside);
   tube.sum = sum_coverage<F>(field.coverage, tube.map.direction, tube.square.rect, queried, tell_missing);
   return tube;
 }
@@ -103,13 +167,16 @@ FT_HD_INLINE StratumTube<F> tube_of_stratum(const FieldView& field, SeenFrom see
 // The disc of a stratum where its tube meets something, placed twice, and the map's sums over it.
 template <class F>
 struct StratumDisc {
-  F t;                 // distance from p
-  F half_width, x, y;  // in texels
-  PlaneRect<F> rect;   // of the map, [0, L]^2
-  Mask_t<F> read;      // the rectangle is not empty
+  F t;                // distance from the ray's origin
+  F half_x, half_y;   // half widths in texels
+  F x, y;             // in texels
+  PlaneRect<F> rect;  // of the map, [0, L]^2
+  Mask_t<F> read;     // the rectangle is not empty
   CoverageArea<F> area;
   Mask_t<F> unknown;
   F drift;  // how far the disc would move if placed once more, in texels
+
+  FT_HD_INLINE F least_half() const { return min(half_x, half_y); }
 };
 
 template <class F, class TellMissing>
@@ -118,21 +185,23 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   const F zero = splat<F>(0.0f), half = splat<F>(0.5f);
   const CoverageMap<F>& map = tube.map;
   const F scale = splat<F>(field.coverage.half_lines);
-  const auto disc_at = [&](F t) { return max(stratum.width * t * scale, half) / scale; };
+  const auto disc_at = [&](F width, F t) { return max(width * t * scale, half) / scale; };
   const F first = tube.reach_of(to_float(tube.sum.depths), to_float(tube.sum.count));
-  const MapSquare<F> found = square_about(map, stratum.p + stratum.direction * first, disc_at(first));
+  const MapSquare<F> found =
+      rectangle_about(map, stratum.at(first), disc_at(tube.widths.x, first), disc_at(tube.widths.y, first));
   const CoverageSum<F> near = sum_coverage<F>(field.coverage, map.direction, found.rect, open, tell_missing);
   // A sum that lacks a tile would misplace the disc, and demand other tiles than the complete sum does.
   const Mask_t<F> hit = and_not(near.unknown, open & (near.count > splat_int<F>(0)));
   StratumDisc<F> disc;
   disc.t = select(hit, tube.reach_of(to_float(near.depths), to_float(near.count)), first);
-  disc.half_width = disc_at(disc.t) * scale;
-  const Vec3Lanes<F> centre = stratum.p + stratum.direction * disc.t;
+  disc.half_x = disc_at(tube.widths.x, disc.t) * scale;
+  disc.half_y = disc_at(tube.widths.y, disc.t) * scale;
+  const Vec3Lanes<F> centre = stratum.at(disc.t);
   disc.x = map.texels(centre, map.frame.s);
   disc.y = map.texels(centre, map.frame.t);
-  const F lines = scale + scale, w = disc.half_width;
+  const F lines = scale + scale, w = disc.half_x, h = disc.half_y;
   const auto within = [&](F value) { return min(max(zero, value), lines); };
-  disc.rect = {within(disc.x - w), within(disc.x + w), within(disc.y - w), within(disc.y + w)};
+  disc.rect = {within(disc.x - w), within(disc.x + w), within(disc.y - h), within(disc.y + h)};
   disc.read = hit & (disc.rect.x0 < disc.rect.x1) & (disc.rect.y0 < disc.rect.y1);
   disc.area = sum_coverage_area<F>(field.coverage, map.direction, disc.rect, disc.read, tell_missing);
   disc.unknown = near.unknown | disc.area.unknown;
@@ -142,18 +211,19 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
 
 // How far the stratum's rays diverge from the map's lines between the depths in a disc, in half widths of the disc.
 template <class F>
-FT_HD_INLINE F depths_apart(const FieldView& field, const LightStratum<F>& stratum, const StratumTube<F>& tube,
-                            const StratumDisc<F>& disc, Mask_t<F> wanted) {
+FT_HD_INLINE F depths_apart(const FieldView& field, const StratumTube<F>& tube, const StratumDisc<F>& disc,
+                            Mask_t<F> wanted) {
   const CoverageView& view = field.coverage;
   const TexelRect<F> rect = texels_about<F>(view, disc.rect);
   const CoverageSum<F> all = sum_coverage<F>(view, tube.map.direction, rect, wanted, [](Int_t<F>, Mask_t<F>) {});
   const F rise = depth_difference<F>(view, tube.map.direction, rect, all, wanted);
-  return rise * (tube.slope + stratum.width) * splat<F>(view.half_lines) / disc.half_width;
+  const F width = max(tube.widths.x, tube.widths.y);
+  return rise * (tube.slope + width) * splat<F>(view.half_lines) / disc.least_half();
 }
 
 // The object lies in front of the shading point, which is outside the ball, or inside it with the whole object in front
-// of its tangent plane. least_disc: half width in texels below which discs are refused. length: distance from p to the
-// light along the stratum's rays.
+// of its tangent plane. least_disc: half width in texels below which discs are refused. length: distance from the
+// ray's origin to the light along the stratum's rays.
 template <class F, class TellMissing>
 FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least_disc, const LightStratum<F>& stratum,
                                              F length, Mask_t<F> wanted, const TellMissing& tell_missing) {
@@ -163,7 +233,9 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
   answer.clear = one;
   answer.unknown = and_not(wanted, wanted);
   // Where the light lies within the ball, segments end before their lines do.
-  answer.refused = wanted & (span.half > zero) & (span.middle + span.half > length);
+  const F least_length = length * (one - stratum.bend);
+  answer.refused = wanted & (span.half > zero) & (span.middle + span.half > least_length);
+  if (stratum.to_unit) answer.refused = answer.refused | (wanted & (stratum.bend > splat<F>(k_most_bend)));
   const Mask_t<F> queried = and_not(answer.refused, wanted & (span.half > zero));
   answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
   if (!any(queried)) return answer;
@@ -182,20 +254,21 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
                    select(disc.read, splat_int<F>(1), splat_int<F>(0));
   answer.unknown = answer.unknown | disc.unknown;
   // Float sums: within a few roundings of 0 or 1 the disc counts as empty or full.
-  const F hidden = disc.area.count / (splat<F>(4.0f) * disc.half_width * disc.half_width);
+  const F hidden = disc.area.count / (splat<F>(4.0f) * disc.half_x * disc.half_y);
   const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
 
-  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc.half_width * splat<F>(k_most_disc_drift)));
-  const F apart = depths_apart<F>(field, stratum, tube, disc, some);
+  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc.least_half() * splat<F>(k_most_disc_drift)));
+  const F apart = depths_apart<F>(field, tube, disc, some);
   const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart));
   const Mask_t<F> layered = some & (apart > most);
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const F least = select(thin_ratio > splat<F>(k_most_thin_features), splat<F>(k_coarse_disc), splat<F>(least_disc));
-  const Mask_t<F> small = open & (stratum.width * disc.t * scale < least);
-  answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered);
+  const F least_width = min(tube.widths.x, tube.widths.y);
+  const Mask_t<F> small = open & (least_width * disc.t * scale < least), skewed = some & tube.widths.skewed;
+  answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered | skewed);
   return answer;
 }
 

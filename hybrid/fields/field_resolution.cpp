@@ -5,8 +5,23 @@
 
 #include "hybrid/fields/bake_estimate.h"
 #include "hybrid/visibility/light_extent.h"
+#include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {
+
+namespace {
+
+// How much wider the object's field sees a light than the scene does.
+float widening(const Instance& instance, const LightExtent& light, const Vec3& centre) {
+  const Affine& m = instance.to_object;
+  const DMat3 to_object{DVec3(m[0]), DVec3(m[1]), DVec3(m[2])};
+  if (light.kind == LightExtent::Kind::everywhere || keeps_angles(to_object)) return 1.0f;
+  const bool bounded = light.kind == LightExtent::Kind::bounded;
+  const DVec3 direction(bounded ? light.ball.centre - centre : light.towards);
+  return glm::length(direction) > 0.0 ? float(angle_stretch(to_object, direction)) : 1.0f;
+}
+
+}  // namespace
 
 float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> traits) {
   float narrowest = k_infinity;
@@ -15,7 +30,8 @@ float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> t
     for (const Instance& instance : scene.instances) {
       if (!traits[instance.shape].wants_field) continue;
       const Vec3 centre = transform_point(instance.to_world, scene.shapes[instance.shape].bounds.centre());
-      narrowest = std::min(narrowest, angular_diameter(extent, centre));
+      const float degrees = angular_diameter(extent, centre) * widening(instance, extent, centre);
+      narrowest = std::min(narrowest, degrees);
     }
   }
   return narrowest == k_infinity ? 0.0f : narrowest;

@@ -152,7 +152,7 @@ void DirectLight::filter_strata(const Job& job, const LightSampleRange& strata, 
       hidden += shadows_.clear[i] == 0.0f;
     }
     if (refused_[r]) {
-      shadowed_.push_back(group_[r]);
+      (refused_[r] == k_refused_by_thin ? penumbrae_ : shadowed_).push_back(group_[r]);
       job.stats.strata_refused += uint64_t(active);
       continue;
     }

@@ -67,6 +67,11 @@ inline constexpr float k_cells_across = 3.0f;
 // answered.
 inline constexpr float k_estimating_tolerance = 0.1f;
 
+// ShadowAnswerer::filter() left a shading point's strata undecided. Seen edge-on, thin instances cast shadows that pass
+// between the lattice's points of probe rays: there all light samples are taken.
+inline constexpr uint8_t k_refused = 1;
+inline constexpr uint8_t k_refused_by_thin = 2;
+
 // A group's light, and what find_candidates() found. The caller keeps it between the two steps.
 struct ShadowGroup {
   LightExtent light;
@@ -108,8 +113,9 @@ class ShadowAnswerer {
   bool doubts_depth(const ShadowGroup& group, LightSeen seen) const;
   bool checks() const { return settings_.check; }
   // Filters strata of a light, `strata` for each of `shading_points` (indices into the group's; their by_rays must be
-  // 0), as sample_light() laid them out in `batch`: sets batch.clear. refused[i] becomes 1 for shading points that some
-  // field refuses; their shares are then meaningless.
+  // 0), as sample_light() laid them out in `batch`: sets batch.clear. refused[i] becomes k_refused for shading points
+  // that some field refuses, k_refused_by_thin where the instance does not keep angles, else 0. Shares of shading
+  // points that are refused are meaningless.
   void filter(const ShadowGroup& group, std::span<const uint32_t> shading_points, int strata, ShadowBatch& batch,
               std::vector<uint8_t>& refused, Stats& stats) const;
   // Call once for a shading point (an index into the group's) whose light filter() has settled: counts the use of the
@@ -149,11 +155,14 @@ class ShadowAnswerer {
   void forget_distant(const ShadingPointBatch& shading_points, ShadowGroup& group) const;
   void query_cones(const ShadowInstance& occluder, const ShadingPointBatch& shading_points, const ShadowGroup& group,
                    Workspace& work, Stats& stats) const;
+  bool find_overlaps(const ShadowGroup& group, Workspace& work) const;
+  static void multiply_shares(size_t slot, Workspace& work, AlignedVector<float>& clear);
   // query_and_bake() with the occluder's field.
   template <class Query>
   void bake_and_repeat(const ShadowInstance& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
                        int most_rounds, const Query& query) const;
   bool trusts_depth(const ShadowInstance& occluder, const ShadowGroup& group, LightSeen seen) const;
+  bool trusts_cells(const ShadowInstance& occluder, const ShadowGroup& group) const;
   void classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
                 Stats& stats) const;
   void bake_unknown(const ShadowInstance& occluder, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,

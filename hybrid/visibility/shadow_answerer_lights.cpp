@@ -15,8 +15,8 @@ constexpr float k_plane_fit_spacing = 1.1f;
 // More than the square root of any number of light samples: for lights too near or too wide.
 constexpr int k_no_plane_fit_side = 1 << 12;
 
-int plane_fit_side_for(const SegmentTask& segment, const Sphere& light) {
-  const float cells = cells_across(segment, light);
+int plane_fit_side_for(const ConeTask& task, const Sphere& light) {
+  const float cells = cells_across(task, light, LightWidth::largest);
   if (cells == k_infinity) return k_no_plane_fit_side;
   return std::max(1, int(std::ceil(cells / k_plane_fit_spacing)));
 }
@@ -43,7 +43,7 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
                                  const ShadowGroup& group, Workspace& work, Stats& stats) const {
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
-  const int side = plane_fit_side_for(task.segment, light);
+  const int side = plane_fit_side_for(task, light);
   if (task.segment.reads_depth && side * side <= group.light_samples) task.plane_fit_side = side;
   ConeUnknowns& unknowns = work.unknowns;
   const int most_rounds = std::max(k_most_bake_rounds, 2 * task.plane_fit_side * task.plane_fit_side);
@@ -58,12 +58,48 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
   });
 }
 
+// Shares of occluders that lie within or through one another are not independent: one may hide what the other hides, or
+// what it leaves clear. Sets overlaps_[slot] to the slots of earlier candidates that may overlap slot's; whether any
+// may.
+bool ShadowAnswerer::find_overlaps(const ShadowGroup& group, Workspace& work) const {
+  work.overlaps.assign(group.candidates.size(), 0);
+  bool found = false;
+  for (size_t slot = 1; slot < group.candidates.size(); ++slot) {
+    const ShadowInstance& o = instances_[group.candidates[slot]];
+    for (size_t other = 0; o.answers_cones && other < slot; ++other) {
+      const ShadowInstance& before = instances_[group.candidates[other]];
+      if (!before.answers_cones || !may_overlap(o, before)) continue;
+      work.overlaps[slot] |= 1u << other;
+      found = true;
+    }
+  }
+  return found;
+}
+
+// Multiplies the shares that the candidate in `slot` leaves clear by those of the candidates before it.
+void ShadowAnswerer::multiply_shares(size_t slot, Workspace& work, AlignedVector<float>& clear) {
+  for (size_t i = 0; i < clear.size(); ++i) {
+    const float share = work.clear[i];
+    if (share != 1.0f && share != 0.0f) {
+      work.dependent[i] |= work.in_part[i] & work.overlaps[slot];
+      work.in_part[i] |= 1u << slot;
+    }
+    clear[i] *= share;
+  }
+}
+
 void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> shading_points, int strata,
                             ShadowBatch& batch, std::vector<uint8_t>& refused, Stats& stats) const {
   Workspace& work = *workspaces_.local();
   batch.in_shares = true;
   batch.clear.assign(padded(batch.rays.size), 1.0f);
   work.refused.assign(padded(batch.rays.size), 0);
+  work.refused_by_thin.assign(padded(batch.rays.size), 0);
+  const bool apart = !find_overlaps(group, work);
+  if (!apart) {
+    work.in_part.assign(padded(batch.rays.size), 0);
+    work.dependent.assign(padded(batch.rays.size), 0);
+  }
   ConeUnknowns& unknowns = work.unknowns;
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     const ShadowInstance& o = instances_[group.candidates[slot]];
@@ -80,17 +116,25 @@ void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> 
     task.segment = o.cone.segment;
     task.least_disc = k_least_light_disc / std::sqrt(float(std::max(strata, k_fewest_strata)));
     task.share = 1.0f / float(std::max(strata, k_fewest_strata));
+    if (!apart) work.clear.assign(padded(batch.rays.size), 1.0f);
+    AlignedVector<int32_t>& refused_by = task.segment.keeps_angles ? work.refused : work.refused_by_thin;
+    float* clear = apart ? batch.clear.data() : work.clear.data();
     bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
-      stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks,
-                                              batch.clear.data(), work.refused.data(), unknowns);
+      stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks, clear,
+                                              refused_by.data(), unknowns);
     });
+    if (!apart) multiply_shares(slot, work, batch.clear);
     // Refuse what no pool has room for: rays answer it.
-    for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
+    for (const uint32_t block : unknowns.blocks) std::fill_n(refused_by.begin() + block, k_batch_padding, 1);
   }
+  for (size_t i = 0; !apart && i < batch.rays.size; ++i) work.refused[i] |= work.dependent[i] && batch.clear[i] > 0.0f;
   refused.assign(shading_points.size(), 0);
   for (size_t r = 0; r < shading_points.size(); ++r) {
-    const auto begin = work.refused.begin() + std::ptrdiff_t(r * size_t(strata));
-    refused[r] = std::find(begin, begin + strata, 1) != begin + strata;
+    const auto is_in = [&](const AlignedVector<int32_t>& list) {
+      const auto begin = list.begin() + std::ptrdiff_t(r * size_t(strata));
+      return std::find(begin, begin + strata, 1) != begin + strata;
+    };
+    refused[r] = is_in(work.refused_by_thin) ? k_refused_by_thin : is_in(work.refused) ? k_refused : 0;
   }
 }
 

@@ -44,7 +44,14 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
 
 bool ShadowAnswerer::trusts_depth(const ShadowInstance& o, const ShadowGroup& group, LightSeen seen) const {
   if (seen != LightSeen::in_part || settings_.tolerance > k_estimating_tolerance) return true;
-  return cells_across(o.cone.segment, group.light.ball) > k_cells_across;
+  return cells_across(o.cone, group.light.ball, LightWidth::mean) > k_cells_across;
+}
+
+// A thin instance's unit space narrows lights so much that all rays from a shading point go through the same cells.
+bool ShadowAnswerer::trusts_cells(const ShadowInstance& o, const ShadowGroup& group) const {
+  if (o.cone.segment.keeps_angles || settings_.tolerance > k_estimating_tolerance) return true;
+  if (group.light.kind != LightExtent::Kind::bounded) return true;
+  return cells_across(o.cone, group.light.ball, LightWidth::mean) > k_cells_across;
 }
 
 bool ShadowAnswerer::doubts_depth(const ShadowGroup& group, LightSeen seen) const {
@@ -65,7 +72,7 @@ void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const Sh
     } else if (o.thesis) {
       counts = thesis_kernels_.shadow(*o.thesis, batch.rays, 0, n, int32_t(slot), work.states);
       if (settings_.check) check_answers(o, batch, work, stats);
-    } else if (!o.field) {
+    } else if (!o.field || !trusts_cells(o, group)) {
       counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
     } else {
       SegmentTask task = o.cone.segment;

@@ -6,6 +6,7 @@
 
 #include "field/query/cone.hd.h"
 #include "field/store/risk_classes.h"
+#include "hybrid/visibility/linear_map.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
@@ -22,23 +23,17 @@ void write_unit_transform(const Instance& instance, const Sphere& ball, float ou
   }
 }
 
-// Bound on how much the linear part A lengthens a vector: the square root of the largest eigenvalue of A^T A (Smith,
-// "Eigenvalues of a symmetric 3 x 3 matrix", CACM 1961), plus a thousandth for its rounding.
-float stretch_bound(const float m[12]) {
-  const auto column = [&](int i) { return DVec3(m[3 * i], m[3 * i + 1], m[3 * i + 2]); };
-  const DVec3 diagonal(glm::dot(column(0), column(0)), glm::dot(column(1), column(1)), glm::dot(column(2), column(2)));
-  const DVec3 beside(glm::dot(column(0), column(1)), glm::dot(column(1), column(2)), glm::dot(column(2), column(0)));
-  const double mean = (diagonal.x + diagonal.y + diagonal.z) / 3.0;
-  const DVec3 d = diagonal - DVec3(mean);
-  const double p = std::sqrt((glm::dot(d, d) + 2.0 * glm::dot(beside, beside)) / 6.0);
-  double largest = mean;
-  if (p > 0.0) {
-    const DVec3 b = d / p, c = beside / p;
-    const double half_determinant =
-        0.5 * (b.x * (b.y * b.z - c.y * c.y) - c.x * (c.x * b.z - c.y * c.z) + c.z * (c.x * c.y - b.y * c.z));
-    largest = mean + 2.0 * p * std::cos(std::acos(std::clamp(half_determinant, -1.0, 1.0)) / 3.0);
-  }
-  return float(std::sqrt(largest) * (1.0 + 0x1p-10));
+// Whether the plane through the unit ball of `a` across the line to the centre of b's ball parts the two.
+bool parts(const ShadowInstance& a, const ShadowInstance& b) {
+  const float* m = a.cone.segment.to_unit;
+  const DMat3 to_unit = linear_part(m);
+  const DVec3 between = to_unit * (b.centre - a.centre);
+  const double distance = glm::length(between);
+  if (!(distance > 1.0)) return false;
+  const float* from = b.cone.from_unit;
+  const DMat3 from_unit(DVec3(from[0], from[1], from[2]), DVec3(from[3], from[4], from[5]),
+                        DVec3(from[6], from[7], from[8]));
+  return distance > 1.0 + glm::length((between / distance) * (to_unit * from_unit));
 }
 
 }  // namespace
@@ -58,13 +53,17 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   if (field) o.cone.segment.field = field->view();
   if (thesis) o.thesis = thesis_instance_view(*thesis, instance, index);
   write_unit_transform(instance, ball, o.cone.segment.to_unit);
-  o.cone.segment.to_unit_stretch = stretch_bound(o.cone.segment.to_unit);
+  const DMat3 to_unit = linear_part(o.cone.segment.to_unit);
+  o.cone.segment.to_unit_stretch = stretch_bound(to_unit);
+  o.cone.segment.to_unit_area = area_bound(to_unit);
+  o.cone.segment.keeps_angles = keeps_angles(to_unit);
+  o.centre = DVec3(transform_point(instance.to_world, ball.centre));
   for (int e = 0; e < 9; ++e) o.cone.from_unit[e] = instance.to_world[e / 3][e % 3] * ball.radius;
   for (int a = 0; a < 3; ++a) o.cone.half_extent[a] = 0.5f * shape.bounds.diagonal()[a] / ball.radius;
   o.answers_cones = field && settings.whole_lights && settings.tolerance > 0.0f && !settings.force_undecided;
   o.cone.chord_share = settings.tolerance < k_estimating_tolerance ? 1.0f : scalar::k_chord_share;
   std::memcpy(o.box.to_object, &instance.to_object, sizeof o.box.to_object);
-  o.box.to_object_stretch = stretch_bound(o.box.to_object);
+  o.box.to_object_stretch = stretch_bound(linear_part(o.box.to_object));
   // Transforming a ray into object space rounds; the box grows by as much.
   const Vec3 extent = glm::max(glm::abs(shape.bounds.lower), glm::abs(shape.bounds.upper));
   const float slack = gamma_bound(8) * glm::length(extent);
@@ -76,15 +75,24 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   return o;
 }
 
-float cells_across(const SegmentTask& segment, const Sphere& light) {
+float cells_across(const ConeTask& task, const Sphere& light, LightWidth width) {
+  const SegmentTask& segment = task.segment;
   const float* m = segment.to_unit;
   Vec3 centre(m[9], m[10], m[11]);
   for (int axis = 0; axis < 3; ++axis)
     centre += Vec3(m[3 * axis], m[3 * axis + 1], m[3 * axis + 2]) * light.centre[axis];
-  const float sine = light.radius * segment.to_unit_stretch / (glm::length(centre) - 1.0f);
+  float stretch = segment.to_unit_stretch;
+  if (width == LightWidth::mean && !segment.keeps_angles) {
+    const DMat3 to_unit = linear_part(m);
+    const DVec3 axis = glm::inverse(to_unit) * DVec3(centre);
+    stretch = float(angle_stretch(to_unit, axis) * double(glm::length(centre)) / glm::length(axis));
+  }
+  const float sine = light.radius * stretch / (glm::length(centre) - 1.0f);
   if (!(sine >= 0.0f && sine < scalar::k_widest_cone_sine)) return k_infinity;
   const float tangent = sine / std::sqrt(1.0f - sine * sine);
   return tangent * segment.field.directions.cells / std::sqrt(k_pi);
 }
+
+bool may_overlap(const ShadowInstance& a, const ShadowInstance& b) { return !parts(a, b) && !parts(b, a); }
 
 }  // namespace fieldtrace

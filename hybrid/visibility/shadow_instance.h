@@ -19,6 +19,7 @@ struct ShadowInstance {
   // Thesis' chart: answers every ray; `field` is then null.
   std::optional<ThesisInstanceView> thesis;
   ConeTask cone;  // for the ball
+  DVec3 centre;   // of the ball, world space
   BoxTask box;
 };
 
@@ -27,7 +28,13 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
                                     const ThesisField* thesis, const AnswererSettings& settings);
 
 // The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), seen from the nearest point of the
-// object's ball; infinity for lights too near or too wide for whole answers.
-float cells_across(const SegmentTask& segment, const Sphere& light);
+// object's ball; infinity for lights too near or too wide for whole answers. In unit space the ball is an ellipsoid;
+// `largest`: the width of the ball about it; `mean`: of a disc of the ellipsoid's area, as seen along the axis.
+enum class LightWidth { largest, mean };
+float cells_across(const ConeTask& task, const Sphere& light, LightWidth width);
+
+// False where a plane across the line of the centres, in the unit space of one of them, parts the two instances' balls
+// (ellipsoids in world space). True for others, and for balls that overlap.
+bool may_overlap(const ShadowInstance& a, const ShadowInstance& b);
 
 }  // namespace fieldtrace

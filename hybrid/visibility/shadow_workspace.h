@@ -14,7 +14,12 @@ struct ShadowAnswerer::Workspace {
   ExactLists exact;
   std::vector<uint32_t> indices;
   std::vector<uint8_t> exact_blocked;
-  AlignedVector<int32_t> flags, refused;
+  AlignedVector<int32_t> flags, refused, refused_by_thin;
+  // Of occluders that may overlap: by slot; then of each stratum, the share that the present one leaves clear, the
+  // slots that hide it in part, and those of them that may overlap one another.
+  std::vector<uint32_t> overlaps;
+  AlignedVector<float> clear;
+  std::vector<uint32_t> in_part, dependent;
   ConeUnknowns unknowns;
 };
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "core/math/math.h"
+#include "core/simd/vec_lanes.h"
 #include "field/query/query.hd.h"
 #include "field/store/layout.hd.h"
 #include "field/store/view.h"
@@ -442,6 +443,22 @@ TEST(OrthographicChart, ReverseLinesShareTheVisibilityCell) {
   // mean each, as above.
   const double chance = 2.0 * (2.0 * 4.0 * 0x1p-20) / (2.0 / 128.0);
   EXPECT_LT(different, chance * total + 5.0 * std::sqrt(chance * total));
+}
+
+// Lines of the cells around a pole may lie at the pole itself, where the frame is not unique.
+TEST(OrthographicChart, PolesHaveFrames) {
+  for (const float pole : {0.0f, 1.0f}) {
+    for (const float u : {-pole, pole, pole + 1e-8f, pole - 1e-8f}) {
+      for (const float v : {-pole, pole, pole + 1e-8f, pole - 1e-8f}) {
+        const auto f = scalar::frame_from_square(u, v);
+        const Vec3 c = to_vec(f.c), s = to_vec(f.s), t = to_vec(f.t);
+        EXPECT_NEAR(c.z, pole == 0.0f ? 1.0f : -1.0f, 1e-6f) << u << " " << v;
+        // Sines and cosines of the frame's angle are within 4e-7.
+        for (const Vec3& axis : {c, s, t}) EXPECT_NEAR(glm::length(axis), 1.0f, 2e-6f) << u << " " << v;
+        EXPECT_NEAR(glm::dot(s, t), 0.0f, 2e-6f) << u << " " << v;
+      }
+    }
+  }
 }
 
 }  // namespace

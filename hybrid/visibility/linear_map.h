@@ -1,0 +1,27 @@
+// What an instance's linear map does to lengths, areas and angles. Pure functions.
+#pragma once
+
+#include "core/math/math.h"
+
+namespace fieldtrace {
+
+// Relative error of lengths that is allowed for: far above that of matrices given to six digits, far below what shows.
+inline constexpr double k_stretch_slack = 0x1p-10;
+
+// The linear part of a 3 x 4 matrix, column-major.
+DMat3 linear_part(const float m[12]);
+
+// Bound on how much `a` lengthens a vector: the square root of the largest eigenvalue of a^T a (Smith, "Eigenvalues of
+// a symmetric 3 x 3 matrix", CACM 1961), plus the slack.
+float stretch_bound(const DMat3& a);
+
+// Bound on how much `a` enlarges an area, plus the slack.
+float area_bound(const DMat3& a);
+
+// Whether `a` is a similarity (rotation, reflection, even scaling), up to the slack.
+bool keeps_angles(const DMat3& a);
+
+// How much wider `a` makes a narrow cone about a direction: the square root of the ratio of the solid angles.
+double angle_stretch(const DMat3& a, const DVec3& direction);
+
+}  // namespace fieldtrace
