@@ -13,6 +13,7 @@
 #endif
 
 #include "core/light/light.hd.h"
+#include "core/sampling/warp.hd.h"
 #include "core/simd/double_lanes.hd.h"
 
 FT_LANES_BEGIN
@@ -30,9 +31,6 @@ struct LitSurface {
 
 // What no irradiance can be: the light has no closed form there.
 inline constexpr double k_no_irradiance = -1.0;
-
-// The float nearest to pi, by which diffuse reflectances are divided: the two cancel.
-inline constexpr float k_pi_float = 3.14159265f;
 
 // atan(u) / u for u in [0, 1] as a polynomial in u^2 of degree 12, of least maximal relative error: 9.4e-12. The edges'
 // terms may cancel to a thousandth where a near light is seen at a grazing angle.
@@ -60,7 +58,8 @@ FT_HD_INLINE D irradiance_of_sphere(const Light& light, const LitSurface<D>& sur
   const Vec3Lanes<D> to_centre = splat_doubles<D>(light.centre) - surface.point;
   const D squared = dot(to_centre, to_centre), height = dot(surface.shading, to_centre);
   const auto whole = (squared > radius * radius) & (height > radius) & (dot(surface.geometric, to_centre) > radius);
-  const D value = splat_double<D>(double(k_pi_float)) * radius * radius * height / (squared * sqrt(squared));
+  // The float nearest to pi, by which diffuse reflectances are divided: the two cancel.
+  const D value = splat_double<D>(double(Angle::k_pi)) * radius * radius * height / (squared * sqrt(squared));
   return select(whole, value, splat_double<D>(k_no_irradiance));
 }
 

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "core/io/atomic_file.h"
+#include "core/io/scratch_folder.h"
 #include "core/trace/accel.h"
 #include "field/bake/bake_full.h"
 #include "field/file/field_cache.h"
@@ -22,30 +23,6 @@ namespace fieldtrace {
 namespace {
 
 namespace fs = std::filesystem;
-
-// A folder that only this process uses, removed with this object.
-class ScratchFolder {
- public:
-  explicit ScratchFolder(const std::string& beside) {
-    const fs::path parent = fs::absolute(beside).parent_path();
-    for (unsigned i = 0; path_.empty(); ++i) {
-      const fs::path name = parent / (".fieldtrace-bake-" + std::to_string(uintptr_t(this)) + "-" + std::to_string(i));
-      std::error_code failed;
-      if (fs::create_directory(name, failed)) path_ = name;
-      if (failed) throw Error({parent.string()}, "cannot hold a temporary folder: " + failed.message());
-    }
-  }
-  ~ScratchFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  std::string path() const { return path_.string(); }
-
- private:
-  fs::path path_;
-};
 
 // Saves fields one after another into a cache or into numbered files; see the header.
 class Output {
@@ -187,7 +164,7 @@ FieldParameters bake_by_renders(const Scene& scene, const ScratchFolder& scratch
 
 void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
                  const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
-  const ScratchFolder scratch(output.path());
+  const ScratchFolder scratch(fs::absolute(output.path()).parent_path().string(), ".fieldtrace-bake-");
   FieldParameters fields;
   try {
     fields = bake_by_renders(scene, scratch, options, callbacks, result);
