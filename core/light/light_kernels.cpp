@@ -24,6 +24,10 @@ inline void whole_irradiance_lanes(const Light& light, const ShadingPointBatch& 
   whole_irradiance_batch<F64>(light, points, out);
 }
 
+inline void irradiance_vectors_lanes(const Light& light, const ShadingPointBatch& points, IrradianceVectors& out) {
+  irradiance_vectors_batch<F64>(light, points, out);
+}
+
 FT_LANES_END
 #endif
 
@@ -34,8 +38,11 @@ namespace fieldtrace {
 
 LightKernel light_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, sample_light_lanes, sample_light_scalar)}
 
-IrradianceKernel irradiance_kernel_for(Isa isa) {
-  FT_RETURN_FORM_FOR(isa, whole_irradiance_lanes, whole_irradiance_scalar)
+IrradianceKernel
+    irradiance_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, whole_irradiance_lanes, whole_irradiance_scalar)}
+
+IrradianceVectorsKernel irradiance_vectors_kernel_for(Isa isa) {
+  FT_RETURN_FORM_FOR(isa, irradiance_vectors_lanes, irradiance_vectors_scalar)
 }
 
 }  // namespace fieldtrace

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 
+#include "core/light/light_irradiance.h"
 #include "core/light/light_sampling.h"
 
 namespace fieldtrace {
@@ -39,5 +40,14 @@ using IrradianceKernel = void (*)(const Light& light, const ShadingPointBatch& p
 IrradianceKernel irradiance_kernel_for(Isa isa);
 
 void whole_irradiance_scalar(const Light& light, const ShadingPointBatch& points, float* out);
+
+// As irradiance_vectors(), for lights with a closed form; `out` has the size of the batch and its padding. Where there
+// is no vector, x is k_no_vector.
+using IrradianceVectorsKernel = void (*)(const Light& light, const ShadingPointBatch& points, IrradianceVectors& out);
+
+// `isa` must be resolved: supported by this processor, not `automatic`.
+IrradianceVectorsKernel irradiance_vectors_kernel_for(Isa isa);
+
+void irradiance_vectors_scalar(const Light& light, const ShadingPointBatch& points, IrradianceVectors& out);
 
 }  // namespace fieldtrace

@@ -12,4 +12,8 @@ void whole_irradiance_scalar(const Light& light, const ShadingPointBatch& points
   scalar::whole_irradiance_batch<double>(light, points, out);
 }
 
+void irradiance_vectors_scalar(const Light& light, const ShadingPointBatch& points, IrradianceVectors& out) {
+  scalar::irradiance_vectors_batch<double>(light, points, out);
+}
+
 }  // namespace fieldtrace
