@@ -1,13 +1,15 @@
-// Time per shadow ray of sample_light: kind of light x samples per shading point x instruction set.
+// Time per shadow ray of sample_light: kind of light x samples per shading point x instruction set; and per point of
+// the closed forms of whole lights.
 //
 // Run: light_sampling_benchmark --benchmark_repetitions=9 --benchmark_report_aggregates_only=true
-// and read the medians; items_per_second counts rays.
+// and read the medians; items_per_second counts rays or points.
 
 #include <benchmark/benchmark.h>
 
 #include <random>
 #include <string>
 
+#include "core/light/light_irradiance.h"
 #include "core/light/light_sampling.h"
 #include "core/sampling/sobol.hd.h"
 
@@ -74,6 +76,21 @@ void sample(benchmark::State& state, const std::string& name, int light_samples,
   state.SetItemsProcessed(int64_t(state.iterations()) * int64_t(out.rays.size));
 }
 
+// `vectors`: irradiance_vectors() instead of whole_irradiance().
+template <bool vectors>
+void irradiance(benchmark::State& state, const std::string& name, Isa isa) {
+  const LightTable lights = make_lights(scene_of(name));
+  const ShadingPointBatch points = floor_shading_points(1024);
+  IrradianceVectors out;
+  for (auto _ : state) {
+    if constexpr (vectors) irradiance_vectors(lights.lights[0], points, isa, out);
+    if constexpr (!vectors) whole_irradiance(lights.lights[0], points, isa, out.x);
+    benchmark::DoNotOptimize(out.x.data());
+    benchmark::ClobberMemory();
+  }
+  state.SetItemsProcessed(int64_t(state.iterations()) * int64_t(points.size));
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -84,6 +101,16 @@ int main(int argc, char** argv) {
             "sample_light." + std::string(name) + ".M" + std::to_string(light_samples) + "." + isa_name(isa);
         benchmark::RegisterBenchmark(title.c_str(), [=](benchmark::State& s) { sample(s, name, light_samples, isa); });
       }
+    }
+  }
+  for (const std::string name : {"sphere", "rectangle", "disk"}) {
+    for (Isa isa : supported_isas()) {
+      const std::string title = "." + name + "." + isa_name(isa);
+      benchmark::RegisterBenchmark(("irradiance_vectors" + title).c_str(),
+                                   [=](benchmark::State& s) { irradiance<true>(s, name, isa); });
+      if (name == "disk") continue;  // has no whole_irradiance()
+      benchmark::RegisterBenchmark(("whole_irradiance" + title).c_str(),
+                                   [=](benchmark::State& s) { irradiance<false>(s, name, isa); });
     }
   }
   benchmark::Initialize(&argc, argv);
