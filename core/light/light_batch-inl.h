@@ -60,6 +60,7 @@ struct SpreadLanes {
 struct Slots {
   float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *weight, *pdf, *red, *green, *blue;
   uint32_t* instance;
+  uint32_t* cell;
   size_t active = 0;  // so far
   explicit Slots(ShadowBatch& out)
       : ox(out.rays.ox.data()),
@@ -74,7 +75,8 @@ struct Slots {
         red(out.red.data()),
         green(out.green.data()),
         blue(out.blue.data()),
-        instance(out.instance.data()) {}
+        instance(out.instance.data()),
+        cell(out.cell.data()) {}
 };
 
 template <class F, class Kind, bool k_transmits>
@@ -125,13 +127,17 @@ struct LightBatch {
   }
 
   FT_HD_INLINE CentredPair<F> centre_of_cell(Uint_t<F> k) const {
-    const CentredPair<F> centre = grid_point<F>(k, range.columns, range.total / range.columns);
-    return {centre.x * splat<F>(range.stretch), centre.y * splat<F>(range.stretch)};
+    return grid_point<F>(k, range.columns, range.total / range.columns);
   }
 
-  // Explicit points (LightSampleRange::x and y): one per shading point, for the group starting at `group`.
-  FT_HD_INLINE CentredPair<F> explicit_points(size_t group) const {
-    return {load_lanes<F>(range.x + group), load_lanes<F>(range.y + group)};
+  // The cell of a grid over the sample square that a point lies in.
+  FT_HD_INLINE Uint_t<F> cell_of(const CentredPair<F>& point) const {
+    const auto along = [](F x, int cells) {
+      const F half = splat<F>(0.5f * float(cells));
+      return small_to_int(min(floor((x + splat<F>(1.0f)) * half), splat<F>(float(cells - 1))));
+    };
+    return as_uint(along(point.y, range.cell_rows) * splat_int<F>(range.cell_columns) +
+                   along(point.x, range.cell_columns));
   }
 
   // Writes one vector of slots: sample first_index + k of each lane's shading point.
@@ -140,9 +146,8 @@ struct LightBatch {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    const CentredPair<F> point = range.x             ? explicit_points(slot)
-                                 : range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
-                                                     : gather_point<F>(point_sets, r.points, index);
+    const CentredPair<F> point = range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
+                                                   : gather_point<F>(point_sets, r.points, index);
     emit(to, slot, r, setup, point, third);
   }
 
@@ -182,6 +187,7 @@ struct LightBatch {
     store_lanes(select(active, cos_s * s.inverse_pdf, zero), to.weight + slot);
     store_lanes(select(active, s.pdf, zero), to.pdf + slot);
     store_lanes(r.instance, to.instance + slot);
+    if (range.cell_columns > 0) store_lanes(cell_of(point), to.cell + slot);
     if constexpr (Kind::k_varies) {
       store_lanes(s.radiance.x, to.red + slot);
       store_lanes(s.radiance.y, to.green + slot);
@@ -213,7 +219,7 @@ struct LightBatch {
       const size_t end = std::min(block + k_block, shading_points.size);
       for (size_t group = block; group < end; group += k_lanes) {
         const ShadingPointLanes<F> r = load_shading_points(group);
-        const CentredPair<F> point = range.x ? explicit_points(group) : group_points(group, r);
+        const CentredPair<F> point = group_points(group, r);
         store_lanes(point.x, x + (group - block));
         store_lanes(point.y, y + (group - block));
       }

@@ -18,6 +18,7 @@ void sample_light(const LightTable& lights, uint32_t light, const ShadingPointBa
   const LightKernel kernel = light_kernel_for(resolve_isa(isa));
   out.resize(shading_points.size * size_t(range.count));
   out.active = 0;
+  if (range.cell_columns > 0) out.cell.assign(padded(out.rays.size), 0);
   if (lights.lights[light].kind == LightKind::none) {
     std::fill(out.rays.tmax.begin(), out.rays.tmax.end(), -1.0f);
     std::fill(out.rays.dz.begin(), out.rays.dz.end(), 1.0f);

@@ -35,19 +35,15 @@ struct LightTable {
 LightTable make_lights(const Scene& scene);
 
 // Which of each shading point's samples a batch holds: numbers first ... first + count - 1 of `total`, taken from the
-// shading point's sequence unless one of the following is set; neither is possible for mesh lights.
+// shading point's sequence; or, with columns > 0 (not for mesh lights), the centres of the cells of a grid of `columns`
+// columns and total / columns rows (which must be whole; total >= 2) over the sample square, row by row.
 //
-// columns > 0: the centres of the cells of a grid of `columns` columns and total / columns rows (which must be whole;
-// total >= 2), row by row, scaled about the middle of the light by `stretch`. With n columns and n rows, a stretch
-// slightly below n / (n - 1) gives a lattice that reaches from edge to edge of the square, within which all points must
-// lie.
-//
-// x, y: one explicit point of [-1, 1]^2 per shading point (total = count = 1), padded like the arrays of the batch.
+// cell_columns > 0: the cells of a grid of cell_columns x cell_rows over that square that the samples lie in are
+// wanted, in ShadowBatch::cell.
 struct LightSampleRange {
   int total = 1, first = 0, count = 1;
   int columns = 0;
-  float stretch = 1.0f;
-  const float *x = nullptr, *y = nullptr;
+  int cell_columns = 0, cell_rows = 0;
 };
 
 // Fills `out` (resized to shading_points.size * light_samples) with one shadow ray per shading point and sample towards

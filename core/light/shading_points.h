@@ -16,6 +16,7 @@ struct ShadingPointBatch {
   AlignedVector<float> sx, sy, sz;
   // Bound on the distance between the computed point and the true surface, along g (world units).
   AlignedVector<float> error;
+  AlignedVector<float> radius;       // of the cluster of points that this one stands for; 0: a single point
   AlignedVector<uint32_t> seed;      // of the pixel and path vertex: the light's dimensions are derived from it
   AlignedVector<uint32_t> sample;    // the camera sample's index in the pixel: light sample k has sequence index
                                      // sample * light_samples + k
@@ -24,7 +25,7 @@ struct ShadingPointBatch {
 
   void resize(size_t n) {
     size = n;
-    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error}) v->resize(padded(n));
+    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error, &radius}) v->resize(padded(n));
     for (auto* v : {&seed, &sample, &instance}) v->resize(padded(n));
     transmits.resize(padded(n));
   }
@@ -39,6 +40,7 @@ struct ShadowBatch {
   AlignedVector<float> weight;            // |cos at the shading normal| / pdf of the direction (solid angle); for point
                                           // and directional emitters |cos| times the geometric fall-off
   AlignedVector<float> pdf;               // solid-angle density, for multiple importance sampling; 0 for delta emitters
+  AlignedVector<uint32_t> cell;           // of the sample in the grid of LightSampleRange::cell_columns
   AlignedVector<float> red, green, blue;  // environments only: the map's radiance there, to multiply Light::value
   AlignedVector<uint32_t> instance;       // of the shading point, per slot
   AlignedVector<uint8_t> blocked;         // result: 1 if the ray is occluded

@@ -28,23 +28,29 @@
 
 FT_LANES_BEGIN
 
-// The bundle of rays from p to a ball: unit axis, distance to the ball's centre, and tangent of the half angle.
+// The bundle of rays from a ball of radius `near` about p to another ball: unit axis, distance between the centres, and
+// tangent of the half angle that the far ball subtends from p.
 template <class F>
 struct LightCone {
   Vec3Lanes<F> p, axis;
   F distance, sine, tangent;
+  F near;
   Mask_t<F> narrow;  // sine < k_widest_cone_sine
+
+  // Bound on the rays' distances from the axis at a distance t from p: linear in t, so largest at the end of a span.
+  FT_HD_INLINE F half_width(F t) const { return t * tangent + near * (splat<F>(1.0f) - t / distance); }
 };
 
 // Wider cones stay open.
 constexpr float k_widest_cone_sine = 0.6f;
 
-// `to_centre`: from p to the ball's centre; `radius`: of the ball.
+// `to_centre`: from p to the far ball's centre; `radius`: of that ball.
 template <class F>
-FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& to_centre, F radius) {
+FT_HD_INLINE LightCone<F> make_cone(const Vec3Lanes<F>& p, const Vec3Lanes<F>& to_centre, F radius, F near) {
   const F one = splat<F>(1.0f);
   LightCone<F> cone;
   cone.p = p;
+  cone.near = near;
   cone.distance = max(sqrt(dot(to_centre, to_centre)), splat<F>(1e-30f));
   cone.axis = to_centre * (one / cone.distance);
   cone.sine = min(radius / cone.distance, one);
@@ -77,7 +83,7 @@ template <class F>
 FT_HD_INLINE Mask_t<F> light_beyond_ball(const LightCone<F>& cone) {
   const F one = splat<F>(1.0f);
   const F t_foot = splat<F>(0.0f) - dot(cone.p, cone.axis);
-  return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one);
+  return cone.narrow & (cone.distance * (one - cone.sine) > t_foot + one + cone.near);
 }
 
 // The part of the cone's axis in front of the shading point and within the ball: the distance from the shading point to
@@ -93,7 +99,7 @@ FT_HD_INLINE ConeSpan<F> span_in_ball(const LightCone<F>& cone, F offset) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f);
   const F from_p = zero - dot(cone.p, cone.axis), t_foot = offset + from_p;
   const Vec3Lanes<F> foot = cone.p + cone.axis * from_p;
-  const F nearest = max(sqrt(dot(foot, foot)) - max(t_foot + one, zero) * cone.tangent, zero);
+  const F nearest = max(sqrt(dot(foot, foot)) - max(t_foot + one, zero) * cone.tangent - cone.near, zero);
   const F half_chord = sqrt(max(one - nearest * nearest, zero));
   const F begin = max(t_foot - half_chord, zero), end = max(t_foot + half_chord, zero);
   return {(begin + end) * half, (end - begin) * half};
@@ -169,7 +175,8 @@ FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_sha
   const Vec3Lanes<F> middle = cone.p + cone.axis * span.middle;
   const F reach = select(within, span.half, span.half * splat<F>(chord_share));
   const Vec3Lanes<F> across = cone.axis - map.frame.c * dot(cone.axis, map.frame.c);
-  const F radius = (span.middle + reach) * cone.tangent + reach * sqrt(dot(across, across));
+  const F widest = max(cone.half_width(span.middle - reach), cone.half_width(span.middle + reach));
+  const F radius = widest + reach * sqrt(dot(across, across));
   const MapSquare<F> square = rectangle_about(map, middle, radius, radius);
   const Mask_t<F> queried = wanted & (radius < splat<F>(k_widest_disc));
   const TexelRect<F>& rect = square.rect;
@@ -181,7 +188,7 @@ FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_sha
   answer.blocked = and_not(sum.unknown | answer.clear, queried & square.whole & (sum.count == texels));
   answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
   if (any(answer.blocked)) {
-    const F slant = cone.tangent + sqrt(dot(across, across));
+    const F slant = cone.tangent + cone.near / cone.distance + sqrt(dot(across, across));
     const F rise = depth_difference<F>(field.coverage, map.direction, rect, sum, answer.blocked);
     answer.blocked = answer.blocked & (rise * slant * map.half_lines < splat<F>(k_most_light_leak));
   }

@@ -73,15 +73,17 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
       // A ray's origin lies up to `error` from the shading point: a few roundings, far below the spacing of the lines,
       // which matter only for point lights.
       const F radius = max(splat<F>(light.radius), load_lanes<F>(&shading_points.error[i])) * stretch;
-      const LightCone<F> cone = make_cone<F>(p, transformed_vector(m, centre - world), radius);
-      const Mask_t<F> inside = dot(p, p) < one;
+      const F near = load_lanes<F>(&shading_points.radius[i]) * stretch;
+      const LightCone<F> cone = make_cone<F>(p, transformed_vector(m, centre - world), radius, near);
+      const Mask_t<F> inside = dot(p, p) < (one + near) * (one + near);
       const Mask_t<F> self = queried & (load_uint_lanes<F>(&shading_points.instance[i]) == instance);
       const Mask_t<F> before = (!inside) & (dot(p, cone.axis) < splat<F>(0.0f));
       const Mask_t<F> beyond = light_beyond_ball(cone);
       const Mask_t<F> within = inside & faces_object<F>(task, cone, normal);
       const Mask_t<F> opaque = load_byte_lanes<F>(&shading_points.transmits[i]) == splat_uint<F>(0);
       const Mask_t<F> by_lines = and_not(self, queried & beyond & opaque & (before | within));
-      const Mask_t<F> by_plane_fit = self & inside & beyond & opaque;
+      // Depth cells are as wide as a plane cell: within one, shading points see the same.
+      const Mask_t<F> by_plane_fit = self & inside & beyond & opaque & (near * splat<F>(field.plane.cells) <= one);
       ConeAnswer<F> answer;
       answer.clear = answer.blocked = answer.unknown = and_not(queried, queried);
       if (any(by_lines)) {
@@ -131,10 +133,13 @@ FT_HD_INLINE void transform_tube(const SegmentTask& task, const Vec3Lanes<F>& o,
   stratum.bend = world_width * stratum.world_unit * splat<F>(task.to_unit_stretch);
 }
 
+// Half side of a square about the centre of a circle, by its radius. The points of a cluster mostly fill a pixel.
+constexpr float k_square_in_circle = 0.70710678f;
+
 template <class F>
 inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& rays, const float* pdf,
-                                    const int32_t* wanted, std::span<const uint32_t> blocks, float* clear,
-                                    int32_t* refused, ConeUnknowns& unknowns) {
+                                    const float* radius, const int32_t* wanted, std::span<const uint32_t> blocks,
+                                    float* clear, int32_t* refused, ConeUnknowns& unknowns) {
   uint64_t all_lookups = 0;
   constexpr size_t k_vectors = k_batch_padding / size_t(Lanes<F>::k_count);
   const float* m = task.segment.to_unit;
@@ -160,7 +165,13 @@ inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& ray
       const F side = select(density > zero, sqrt(share / max(density, splat<F>(1e-30f))), zero);
       LightStratum<F> stratum =
           round_stratum<F>(transformed_point(m, o), q * (one / scale), side * stretch * sqrt(dot(d, d)) / scale);
-      if (!task.segment.keeps_angles) transform_tube(task.segment, o, d, side * splat<F>(0.5f), stratum);
+      const F near = load_lanes<F>(radius + i) * splat<F>(k_square_in_circle);
+      stratum.near = stratum.near_bound = near * (stretch + stretch);
+      stratum.length = scale;
+      if (!task.segment.keeps_angles) {
+        transform_tube(task.segment, o, d, side * splat<F>(0.5f), stratum);
+        stratum.near = near;
+      }
       const StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.least_disc, stratum, tmax * scale,
                                                         queried, MissingList<F>{unknowns.tiles});
       found[v] = select(queried, answer.clear, one);

@@ -58,6 +58,7 @@ FT_HD_INLINE LobeLanes<F> load_lobes(const ConeTask& task, const RayBatch& r, co
 template <class F>
 FT_HD_INLINE Mask_t<F> suited_lobes(const ConeTask& task, const LobeBatch& lobes, const LobeLanes<F>& lobe, size_t i) {
   LightCone<F> cone;
+  cone.near = splat<F>(0.0f);
   cone.p = lobe.p;
   cone.axis = lobe.stratum.direction;
   cone.sine = lobe.stratum.width;

@@ -184,12 +184,12 @@ inline SegmentCounts cross_ball_batch(const SegmentTask& task, const RayBatch& r
 // Clips a ray to a slab, widened by the rounding of the subtraction, the reciprocal and the product (pbrt, section
 // 6.8.2: factor 1 + 2 gamma(3)).
 template <class F>
-FT_HD_INLINE void clip_slab(F o, F d, float lower, float upper, F& enter, F& leave) {
+FT_HD_INLINE void clip_slab(F o, F d, F lower, F upper, F& enter, F& leave) {
   // A component too small to divide by is replaced by a tiny one of the same sign: the slab is then missed, or met
   // everywhere.
   const F inverse = splat<F>(1.0f) / copysign(max(abs(d), splat<F>(1e-30f)), d);
-  const F a = (splat<F>(lower) - o) * inverse;
-  const F b = (splat<F>(upper) - o) * inverse;
+  const F a = (lower - o) * inverse;
+  const F b = (upper - o) * inverse;
   const F widen = splat<F>(1.0f + 2.0f * (3.0f * 0x1p-24f) / (1.0f - 3.0f * 0x1p-24f));
   enter = max(enter, min(a, b));
   leave = min(leave, max(a, b) * widen);
@@ -205,7 +205,8 @@ inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, 
     F enter = splat<F>(0.0f), leave = r.tmax;
     for (int axis = 0; axis < 3; ++axis) {
       clip_slab(transformed(task.to_object, axis, r.o) + splat<F>(task.to_object[9 + axis]),
-                transformed(task.to_object, axis, r.d), task.lower[axis], task.upper[axis], enter, leave);
+                transformed(task.to_object, axis, r.d), splat<F>(task.lower[axis]), splat<F>(task.upper[axis]), enter,
+                leave);
     }
     const Mask_t<F> self = load_uint_lanes<F>(shading_point_instance + i) == instance;
     const Mask_t<F> crosses = and_not(self, (enter <= leave) & (r.tmax >= splat<F>(0.0f)));
@@ -242,8 +243,9 @@ inline void hull_meets_ball_batch(const SegmentTask& task, const ShadingPointBat
     const F t_far = min(max(t + (one + radius) / length, zero), one);
     const Vec3Lanes<F> gap = p + axis * t_near;
     // The added 2^-9 exceeds the rounding of this test many times over.
-    const F reach =
-        (one + radius * t_far) * splat<F>(1.0f + 0x1p-9f) + (abs(p.x) + abs(p.y) + abs(p.z)) * splat<F>(0x1p-20f);
+    const F near = load_lanes<F>(&shading_points.radius[i]) * splat<F>(task.to_unit_stretch);
+    const F hull = max(radius, near) * t_far + near * (one - t_far);
+    const F reach = (one + hull) * splat<F>(1.0f + 0x1p-9f) + (abs(p.x) + abs(p.y) + abs(p.z)) * splat<F>(0x1p-20f);
     raise_flags<F>(dot(gap, gap) <= reach * reach, flags + i);
   }
 }
@@ -253,17 +255,18 @@ inline void hull_meets_box_batch(const BoxTask& task, const ShadingPointBatch& s
                                  int32_t* flags) {
   const float* m = task.to_object;
   const Vec3Lanes<F> centre = {splat<F>(light.centre.x), splat<F>(light.centre.y), splat<F>(light.centre.z)};
-  const float margin = light.radius * task.to_object_stretch * (1.0f + 0x1p-9f);
+  const F light_radius = splat<F>(light.radius), stretch = splat<F>(task.to_object_stretch * (1.0f + 0x1p-9f));
   const Uint_t<F> instance = splat_uint<F>(task.skip_self ? task.instance : 0xfffffffeu);
   for (size_t i = 0; i < padded(shading_points.size); i += size_t(Lanes<F>::k_count)) {
     const Vec3Lanes<F> world = load_points<F>(shading_points, i);
     const Vec3Lanes<F> to_light = centre - world;
     F enter = splat<F>(0.0f), leave = splat<F>(1.0f);
+    const F margin = max(light_radius, load_lanes<F>(&shading_points.radius[i])) * stretch;
     for (int axis = 0; axis < 3; ++axis) {
       const F p = transformed(m, axis, world) + splat<F>(m[9 + axis]);
       // Covers the light's radius, the shading point's offset from its surface (the caller makes the radius no less),
       // and rounding.
-      const float lower = task.lower[axis] - margin, upper = task.upper[axis] + margin;
+      const F lower = splat<F>(task.lower[axis]) - margin, upper = splat<F>(task.upper[axis]) + margin;
       clip_slab(p, transformed(m, axis, to_light), lower, upper, enter, leave);
     }
     const Mask_t<F> self = load_uint_lanes<F>(&shading_points.instance[i]) == instance;

@@ -151,11 +151,13 @@ struct SegmentKernels {
   // k_by_strata is added.
   ConeCounts (*light_cones)(const ConeTask&, const ShadingPointBatch&, const Sphere& light,
                             std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&);
-  // For rays in `blocks` with wanted[i] != 0 and tmax >= 0, each the centre of a stratum of density pdf[i] (1/sr):
+  // For rays in `blocks` with wanted[i] != 0 and tmax >= 0, each the centre of a stratum of density pdf[i] (1/sr)
+  // seen from points within radius[i] (world units) of the ray's origin:
   // multiplies clear[i] by the share of the stratum that the object leaves clear, and sets refused[i] to 1 where the
   // maps do not resolve it. Returns the number of look-ups.
-  uint64_t (*filter_strata)(const StratumTask&, const RayBatch&, const float* pdf, const int32_t* wanted,
-                            std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&);
+  uint64_t (*filter_strata)(const StratumTask&, const RayBatch&, const float* pdf, const float* radius,
+                            const int32_t* wanted, std::span<const uint32_t> blocks, float* clear, int32_t* refused,
+                            ConeUnknowns&);
   // met[i] = 1 where a lobe sample (ray unit and infinite; density > 0, per solid angle; both padded) may meet the
   // object; other elements stay as they are.
   void (*lobes_meet)(const ConeTask&, const RayBatch&, const float* density, int32_t* met);

@@ -32,7 +32,10 @@ template <class F>
 struct LightStratum {
   Vec3Lanes<F> p, direction;  // p: the ray's origin, or another point of the ray
   F width;
-  F offset;  // distance from the ray's origin to p
+  F offset;      // distance from the ray's origin to p
+  F near;        // half width of the shading points about the ray's origin; for tubes that are not round in world space
+  F near_bound;  // bound on it in unit space
+  F length;      // distance from the ray's origin to the light
   // Tubes that are not round, for instances that do not keep angles:
   const float* to_unit;  // world -> unit space, 3 x 4, column-major; null: the tube is round
   F world_width;         // half width per unit of distance, in world space
@@ -45,15 +48,25 @@ struct LightStratum {
 template <class F>
 FT_HD_INLINE LightStratum<F> round_stratum(const Vec3Lanes<F>& p, const Vec3Lanes<F>& direction, F width) {
   const F zero = splat<F>(0.0f);
-  return {p, direction, width, zero, nullptr, zero, zero, zero};
+  return {p, direction, width, zero, zero, zero, splat<F>(1.0f), nullptr, zero, zero, zero};
 }
 
-// Half widths of a stratum's tube along a map's axes, per unit of distance. skewed: the axes are far from the tube's.
+// Half widths of a stratum's tube along a map's axes: the light's per unit of distance, and those of the shading
+// points. skewed: the axes are far from the tube's.
 template <class F>
 struct TubeWidths {
   F x, y;
+  F near_x, near_y;
   Mask_t<F> skewed;
 };
+
+// Half width of the disc that the rays of a stratum from all of its shading points fill at a distance t: the variances
+// of both ends add.
+template <class F>
+FT_HD_INLINE F half_width(const LightStratum<F>& stratum, F width, F near, F t) {
+  const F from_light = width * t, from_points = near * (splat<F>(1.0f) - t / stratum.length);
+  return sqrt(from_light * from_light + from_points * from_points);
+}
 
 template <class F>
 struct StratumAnswer {
@@ -120,6 +133,7 @@ FT_HD_INLINE ConeSpan<F> span_of_stratum(const LightStratum<F>& stratum) {
   tube.axis = stratum.direction;
   tube.tangent = stratum.width;
   if (stratum.to_unit) tube.tangent = tube.tangent * most_stretched(stratum);
+  tube.near = stratum.near_bound;
   return span_in_ball(tube, stratum.offset);
 }
 
@@ -127,7 +141,8 @@ FT_HD_INLINE ConeSpan<F> span_of_stratum(const LightStratum<F>& stratum) {
 // offsets across the world's ray has the rows A^T u, with A = to_unit's linear part and u = s - c (s.d) / (c.d).
 template <class F>
 FT_HD_INLINE TubeWidths<F> widths_in_map(const LightStratum<F>& stratum, const CoverageMap<F>& map) {
-  if (!stratum.to_unit) return {stratum.width, stratum.width, stratum.width < splat<F>(0.0f)};
+  const F near = stratum.near;
+  if (!stratum.to_unit) return {stratum.width, stratum.width, near, near, stratum.width < splat<F>(0.0f)};
   const float* m = stratum.to_unit;
   const F inverse_cosine = splat<F>(1.0f) / dot(stratum.direction, map.frame.c);
   const auto row = [&](const Vec3Lanes<F>& axis) {
@@ -139,7 +154,8 @@ FT_HD_INLINE TubeWidths<F> widths_in_map(const LightStratum<F>& stratum, const C
   };
   const Vec3Lanes<F> x = row(map.frame.s), y = row(map.frame.t);
   const F extent_x = sqrt(dot(x, x)), extent_y = sqrt(dot(y, y)), scale = stratum.world_width * stratum.world_unit;
-  return {scale * extent_x, scale * extent_y, abs(dot(x, y)) > splat<F>(k_most_skew) * extent_x * extent_y};
+  return {scale * extent_x, scale * extent_y, near * extent_x, near * extent_y,
+          abs(dot(x, y)) > splat<F>(k_most_skew) * extent_x * extent_y};
 }
 
 template <class F, class TellMissing>
@@ -159,7 +175,8 @@ FT_HD_INLINE StratumTube<F> tube_of_stratum(const FieldView& field, SeenFrom see
   F end = span.middle + span.half;
   if (stratum.to_unit) end = end * most_stretched(stratum);
   const F aside = span.half * tube.slope;
-  tube.square = rectangle_about(tube.map, middle, end * tube.widths.x + aside, end * tube.widths.y + aside);
+  tube.square = rectangle_about(tube.map, middle, end * tube.widths.x + tube.widths.near_x + aside,
+                                end * tube.widths.y + tube.widths.near_y + aside);
   tube.sum = sum_coverage<F>(field.coverage, tube.map.direction, tube.square.rect, queried, tell_missing);
   return tube;
 }
@@ -185,17 +202,18 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   const F zero = splat<F>(0.0f), half = splat<F>(0.5f);
   const CoverageMap<F>& map = tube.map;
   const F scale = splat<F>(field.coverage.half_lines);
-  const auto disc_at = [&](F width, F t) { return max(width * t * scale, half) / scale; };
+  const TubeWidths<F>& widths = tube.widths;
+  const auto x_at = [&](F t) { return max(half_width(stratum, widths.x, widths.near_x, t) * scale, half) / scale; };
+  const auto y_at = [&](F t) { return max(half_width(stratum, widths.y, widths.near_y, t) * scale, half) / scale; };
   const F first = tube.reach_of(to_float(tube.sum.depths), to_float(tube.sum.count));
-  const MapSquare<F> found =
-      rectangle_about(map, stratum.at(first), disc_at(tube.widths.x, first), disc_at(tube.widths.y, first));
+  const MapSquare<F> found = rectangle_about(map, stratum.at(first), x_at(first), y_at(first));
   const CoverageSum<F> near = sum_coverage<F>(field.coverage, map.direction, found.rect, open, tell_missing);
   // A sum that lacks a tile would misplace the disc, and demand other tiles than the complete sum does.
   const Mask_t<F> hit = and_not(near.unknown, open & (near.count > splat_int<F>(0)));
   StratumDisc<F> disc;
   disc.t = select(hit, tube.reach_of(to_float(near.depths), to_float(near.count)), first);
-  disc.half_x = disc_at(tube.widths.x, disc.t) * scale;
-  disc.half_y = disc_at(tube.widths.y, disc.t) * scale;
+  disc.half_x = x_at(disc.t) * scale;
+  disc.half_y = y_at(disc.t) * scale;
   const Vec3Lanes<F> centre = stratum.at(disc.t);
   disc.x = map.texels(centre, map.frame.s);
   disc.y = map.texels(centre, map.frame.t);
@@ -266,8 +284,9 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const F least = select(thin_ratio > splat<F>(k_most_thin_features), splat<F>(k_coarse_disc), splat<F>(least_disc));
-  const F least_width = min(tube.widths.x, tube.widths.y);
-  const Mask_t<F> small = open & (least_width * disc.t * scale < least), skewed = some & tube.widths.skewed;
+  const TubeWidths<F>& widths = tube.widths;
+  const F least_half = half_width(stratum, min(widths.x, widths.y), min(widths.near_x, widths.near_y), disc.t);
+  const Mask_t<F> small = open & (least_half * scale < least), skewed = some & widths.skewed;
   answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered | skewed);
   return answer;
 }

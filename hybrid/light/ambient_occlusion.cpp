@@ -41,6 +41,7 @@ void AmbientOcclusion::fill_shading_points(size_t begin, size_t end) {
     shading_points_.gx[r] = p.facing.x, shading_points_.gy[r] = p.facing.y, shading_points_.gz[r] = p.facing.z;
     shading_points_.sx[r] = p.shading.x, shading_points_.sy[r] = p.shading.y, shading_points_.sz[r] = p.shading.z;
     shading_points_.error[r] = p.error;
+    shading_points_.radius[r] = 0.0f;
     shading_points_.seed[r] = p.seed;
     shading_points_.sample[r] = p.index;
     shading_points_.instance[r] = p.instance;
@@ -91,6 +92,8 @@ void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
     {
       const ScopedTimer timer(stats.time_secondary);
       candidates_.light = reach();
+      candidates_.light_samples.assign(shading_points_.size, 1);
+      candidates_.few_samples = true;  // no cone answers for so wide a light
       context_.occlusion_answerer->find_candidates(shading_points_, candidates_, stats);
       sample_light(sky_, 0, shading_points_, settings.light_samples, settings.isa, rays_);
       for (size_t i = 0; i < rays_.rays.size; ++i) {

@@ -3,13 +3,15 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/light/light_irradiance.h"
 #include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
+namespace {
 
-void DirectLight::select_shading_points(const ShadingPointBatch& all, std::span<const uint32_t> indices,
-                                        ShadingPointBatch& chosen) {
+// StrataSeen::share of strata that are undecided; the second where every light sample must be taken.
+constexpr float k_undecided = -1.0f, k_undecided_thin = -2.0f;
+
+void select_points(const ShadingPointBatch& all, std::span<const uint32_t> indices, ShadingPointBatch& chosen) {
   chosen.resize(indices.size());
   const auto select = [&](auto member) {
     const auto& from = all.*member;
@@ -17,301 +19,415 @@ void DirectLight::select_shading_points(const ShadingPointBatch& all, std::span<
     for (size_t i = 0; i < indices.size(); ++i) to[i] = from[indices[i]];
   };
   using B = ShadingPointBatch;
-  for (const auto member : {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error}) {
+  for (const auto member :
+       {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error, &B::radius}) {
     select(member);
   }
   for (const auto member : {&B::seed, &B::sample, &B::instance}) select(member);
   select(&B::transmits);
 }
 
-LightSampleRange stratum_grid(int light_samples) {
-  const int wanted = std::max(light_samples / k_samples_per_stratum, k_fewest_strata);
-  const int most = std::min({wanted, light_samples, k_most_grid_strata});
-  const int columns = int(std::sqrt(float(most)));
-  const int strata = most / columns * columns;
-  return {strata, 0, strata, columns};
+Rgb value_of(const Light& light) { return {light.value[0], light.value[1], light.value[2]}; }
+
+}  // namespace
+
+bool DirectLight::on_grid(const Job& job) const {
+  // Points of mesh lights take a third random number.
+  const LightKind kind = context_.lights.lights[job.light].kind;
+  return context_.light_extents[job.light].kind == LightExtent::Kind::bounded && kind != LightKind::mesh &&
+         kind != LightKind::point;
 }
 
-LightEstimate DirectLight::estimate_of(const Job& job, int mean_of) const {
-  const Light& light = context_.lights.lights[job.light];
-  return {{light.value[0], light.value[1], light.value[2]},
-          job.light_samples,
-          mean_of,
-          context_.closed_form[job.light] != 0,
-          light.kind == LightKind::environment};
+bool DirectLight::is_above(const Job& job, const Vec3& p, const Vec3& normal, float margin) const {
+  const Sphere& ball = context_.light_extents[job.light].ball;
+  return glm::dot(normal, ball.centre - p) > ball.radius + margin;
 }
 
-void DirectLight::place_shading_points(const Job& job, const Part& part) {
-  if (part.begin == places_part_.begin && part.end == places_part_.end) return;
-  places_part_ = part;
-  places_.resize(part.end - part.begin);
-  for (size_t r = 0; r < places_.size; ++r) {
-    const PathVertex& v = job.vertices[lit_[part.begin + r]];
-    const Vec3& p = v.surface->position;
-    places_.px[r] = p.x, places_.py[r] = p.y, places_.pz[r] = p.z;
-    places_.gx[r] = v.facing.x, places_.gy[r] = v.facing.y, places_.gz[r] = v.facing.z;
-    places_.sx[r] = v.frame.n.x, places_.sy[r] = v.frame.n.y, places_.sz[r] = v.frame.n.z;
-    places_.error[r] = v.surface->error;
-    places_.seed[r] = v.seed;
-    places_.sample[r] = job.paths[v.path].index;
-    places_.instance[r] = v.surface->instance;
-    places_.transmits[r] = v.material->transmits();
-  }
+bool DirectLight::sees_whole(const Job& job, const PathVertex& v) const {
+  const Vec3& p = v.surface->position;
+  return v.material->plain_diffuse() && is_above(job, p, v.frame.n, 0.0f) && is_above(job, p, v.facing, 0.0f);
 }
 
-const ShadingPointBatch& DirectLight::selected(std::span<const uint32_t> indices) {
-  if (indices.size() == places_.size && std::is_sorted(indices.begin(), indices.end())) return places_;
-  select_shading_points(places_, indices, shading_points_);
-  return shading_points_;
-}
-
-void DirectLight::sample_group(const Job& job, const LightSampleRange& range) {
-  sample_light(context_.lights, job.light, selected(group_), range, context_.settings.isa, shadows_);
-}
-
-void DirectLight::add_shading_point(const Job& job, const LightEstimate& light, size_t r, int samples) {
-  const PathVertex& v = vertex_of(job, group_[r]);
-  const size_t begin = r * size_t(samples), end = begin + size_t(samples);
-  job.arriving[lit_[places_part_.begin + group_[r]]] += reflected_light(shadows_, begin, samples, light, v);
+void DirectLight::add_irradiance(const Job& job, uint32_t vertex, float irradiance, float decided, float clear) const {
+  const PathVertex& v = job.vertices[vertex];
+  job.arriving[vertex] +=
+      value_of(context_.lights.lights[job.light]) * v.material->reflectance * (std::max(irradiance, 0.0f) / k_pi);
   if (job.firsts.empty()) return;
   FirstHit& first = job.firsts[job.paths[v.path].slot];
-  const float weight = shadows_.in_shares ? float(job.light_samples) / float(samples) : 1.0f;
-  for (size_t i = begin; i < end; ++i) {
-    if (shadows_.rays.tmax[i] < 0.0f) continue;
-    first.shadow_rays += weight;
-    first.shadow_clear += weight * (shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]));
-    first.shadow_exact += float(shadows_.exact[i]);
+  first.shadow_rays += decided * float(job.light_samples);
+  first.shadow_clear += clear * float(job.light_samples);
+}
+
+void DirectLight::select_vertices(const Job& job, std::span<const Sampled> batch) {
+  selected_.resize(batch.size());
+  for (size_t i = 0; i < batch.size(); ++i) {
+    const PathVertex& v = job.vertices[batch[i].vertex];
+    set_shading_point(v, job.paths[v.path].index, i, selected_);
   }
 }
 
-void DirectLight::add_group(const Job& job, int samples) {
-  job.stats.rays_shadow += shadows_.active;
-  const LightEstimate light = estimate_of(job, job.light_samples);
-  for (size_t r = 0; r < group_.size(); ++r) add_shading_point(job, light, r, samples);
-}
-
-void DirectLight::split_shading_points(const Job& job) {
-  shadowed_.clear();
-  free_.clear();
-  dark_.clear();
-  candidates_.light = context_.light_extents[job.light];
-  candidates_.light_samples = job.light_samples;
-  context_.answerer.find_candidates(places_, candidates_, job.stats);
-  for (uint32_t r = 0; r < places_.size; ++r) {
-    const int32_t shadow = candidates_.shadow[r];
-    (shadow & k_light_blocked ? dark_ : shadow ? shadowed_ : free_).push_back(r);
-  }
-}
-
-bool DirectLight::split(const Job& job, const Part& part) {
-  const size_t smallest = size_t(std::max(k_smallest_part_rays / job.light_samples, 1));
-  if (job.light_samples < k_fewest_splitting_samples || part.end - part.begin <= smallest) return false;
-  if (!context_.answerer.gains_by_splitting(candidates_)) return false;
-  if (!in_split_order_) {
-    // The batch's first split: the part is the whole batch.
-    placed_.clear();
-    for (size_t i = part.begin; i < part.end; ++i) {
-      placed_.push_back({job.vertices[lit_[i]].surface->position, lit_[i]});
-    }
-    order_by_median_splits(placed_, smallest);
-    for (size_t i = part.begin; i < part.end; ++i) lit_[i] = placed_[i - part.begin].index;
-    in_split_order_ = true;
-    places_part_ = {};
-  }
-  const size_t middle = middle_of(part.begin, part.end);
-  parts_.push_back({middle, part.end});
-  parts_.push_back({part.begin, middle});
-  return true;
-}
-
-void DirectLight::check_split(const Job& job) {
-  for (const bool blocked : {false, true}) {
-    group_ = blocked ? dark_ : free_;
-    if (group_.empty()) continue;
-    const LightSampleRange samples = all_samples(job);
-    sample_group(job, samples);
-    context_.answerer.check_whole(candidates_, blocked, group_, samples.count, shadows_, job.stats);
-  }
-}
-
-void DirectLight::filter_strata(const Job& job, const LightSampleRange& strata, bool last) {
-  group_.swap(filtered_);
-  filtered_.clear();
-  if (group_.empty()) return;
-  const size_t count = size_t(strata.count);
-  sample_group(job, strata);
-  context_.answerer.filter(candidates_, group_, strata.count, shadows_, refused_, job.stats);
-  job.stats.strata += shadows_.active;
-  const LightEstimate light = estimate_of(job, strata.total);
-  for (size_t r = 0; r < group_.size(); ++r) {
-    int active = 0, clear = 0, hidden = 0;
-    for (size_t i = r * count; i < (r + 1) * count; ++i) {
-      if (shadows_.rays.tmax[i] < 0.0f) continue;
-      ++active;
-      clear += shadows_.clear[i] == 1.0f;
-      hidden += shadows_.clear[i] == 0.0f;
-    }
-    if (refused_[r]) {
-      (refused_[r] == k_refused_by_thin ? penumbrae_ : shadowed_).push_back(group_[r]);
-      job.stats.strata_refused += uint64_t(active);
-      continue;
-    }
-    const bool agrees = active != 0 && (clear == active || hidden == active);
-    if (!agrees && !last) {
-      filtered_.push_back(group_[r]);
-      continue;
-    }
-    job.stats.samples_spared += uint64_t(job.light_samples);
-    context_.answerer.count_filtered(candidates_, group_[r], job.stats);
-    if (agrees) {
-      (clear != 0 ? free_ : dark_).push_back(group_[r]);
-    } else {
-      add_shading_point(job, light, r, strata.count);
-    }
-    if (clear != active) job.stats.rays_shadow += uint64_t(active);  // gather_free() counts those of free_
-  }
-}
-
-bool DirectLight::is_wide(uint32_t place) const {
-  return angular_diameter(candidates_.light, {places_.px[place], places_.py[place], places_.pz[place]}) >
-         k_coarse_light_degrees;
-}
-
-void DirectLight::query_strata(const Job& job) {
-  // With so few samples that probe rays are not worth their cost, strata filter wide lights, too: they err less than
-  // the samples would.
-  const bool tries_wide = probe_rays(context_.lights.lights[job.light].kind, job.light_samples, true).count > 0;
-  std::vector<uint32_t> lobed;  // not on a grid: a lobe may be narrower than its cells
-  size_t kept = 0;
-  for (const uint32_t r : shadowed_) {
-    if (candidates_.by_rays[r] || (tries_wide && is_wide(r))) {
-      shadowed_[kept++] = r;
-    } else {
-      (vertex_of(job, r).material->plain_diffuse() ? filtered_ : lobed).push_back(r);
-    }
-  }
-  if (kept == shadowed_.size()) return;
-  shadowed_.resize(kept);
-  // Points of mesh lights take a third random number, so no grid cuts these lights into strata.
-  const bool is_plane = context_.lights.lights[job.light].kind != LightKind::mesh;
-  const LightSampleRange grid = stratum_grid(job.light_samples), first = stratum_grid(k_first_strata);
-  const bool on_grid = is_plane && job.light_samples >= k_fewest_grid_samples;
-  if (on_grid && 3 * first.total <= 2 * grid.total) filter_strata(job, first, false);
-  filter_strata(job, on_grid ? grid : all_samples(job), true);
-  filtered_.swap(lobed);
-  filter_strata(job, all_samples(job), true);
-  std::sort(shadowed_.begin(), shadowed_.end());
-}
-
-void DirectLight::gather_shadowed(const Job& job, LightSeen seen) {
-  group_.swap(shadowed_);
-  if (group_.empty()) return;
-  {
-    const ScopedTimer timer(job.stats.time_secondary);
-    sample_group(job, all_samples(job));
-    context_.answerer.answer(candidates_, seen, shadows_, job.stats);
-  }
-  add_group(job, job.light_samples);
-}
-
-void DirectLight::gather_closed(const Job& job) {
-  if (!context_.closed_form[job.light]) return;
+void DirectLight::add_cluster_irradiance(const Job& job) {
   const Light& light = context_.lights.lights[job.light];
-  const Rgb value(light.value[0], light.value[1], light.value[2]);
-  whole_irradiance(light, selected(free_), context_.settings.isa, irradiance_);
-  size_t kept = 0;
-  for (size_t i = 0; i < free_.size(); ++i) {
-    const uint32_t r = free_[i];
-    const PathVertex& v = vertex_of(job, r);
-    if (!(irradiance_[i] >= 0.0f) || !v.material->plain_diffuse()) {
-      free_[kept++] = r;
+  select_points(points_, clear_, selected_);
+  irradiance_vectors(light, selected_, context_.settings.isa, vectors_);
+  for (size_t r = 0; r < clear_.size(); ++r) {
+    const Vec3 vector(vectors_.x[r], vectors_.y[r], vectors_.z[r]);
+    for (const uint32_t m : members(job, clear_[r])) {
+      const PathVertex& v = job.vertices[m];
+      if (vectors_.known[r] && sees_whole(job, v)) {
+        add_irradiance(job, m, glm::dot(v.frame.n, vector), 1.0f, 1.0f);
+      } else {
+        sampled_.push_back({m, clear_[r]});
+      }
+    }
+  }
+}
+
+void DirectLight::add_vertex_irradiance(const Job& job) {
+  std::vector<Sampled> diffuse;
+  for (const uint32_t cluster : clear_) {
+    for (const uint32_t m : members(job, cluster)) {
+      (job.vertices[m].material->plain_diffuse() ? diffuse : sampled_).push_back({m, cluster});
+    }
+  }
+  select_vertices(job, diffuse);
+  whole_irradiance(context_.lights.lights[job.light], selected_, context_.settings.isa, irradiance_);
+  for (size_t i = 0; i < diffuse.size(); ++i) {
+    if (irradiance_[i] >= 0.0f) {
+      add_irradiance(job, diffuse[i].vertex, irradiance_[i], 1.0f, 1.0f);
+    } else {
+      sampled_.push_back(diffuse[i]);
+    }
+  }
+}
+
+void DirectLight::light_clear(const Job& job) {
+  sampled_.clear();
+  if (!context_.closed_form[job.light]) {
+    for (const uint32_t cluster : clear_) {
+      for (const uint32_t m : members(job, cluster)) sampled_.push_back({m, cluster});
+    }
+  } else if (context_.settings.estimates) {
+    add_cluster_irradiance(job);
+  } else {
+    add_vertex_irradiance(job);
+  }
+  sample(job, false);
+}
+
+DirectLight::StrataSeen DirectLight::strata_seen(const Job& job, uint32_t cluster, size_t first_slot) const {
+  const Vec3 p(points_.px[cluster], points_.py[cluster], points_.pz[cluster]);
+  const Vec3 g(points_.gx[cluster], points_.gy[cluster], points_.gz[cluster]);
+  const Vec3 s(points_.sx[cluster], points_.sy[cluster], points_.sz[cluster]);
+  const float margin = points_.radius[cluster];
+  StrataSeen seen;
+  seen.whole = context_.closed_form[job.light] && is_above(job, p, g, margin) && is_above(job, p, s, margin);
+  constexpr float k_part = 1.0f / float(k_strata);
+  for (int k = 0; k < k_strata; ++k) {
+    const size_t slot = first_slot + size_t(k);
+    // Of a stratum whose centre lies below the horizon, a part may lie above.
+    const bool is_active = shadows_.rays.tmax[slot] >= 0.0f;
+    const uint8_t undecided = undecided_[slot];
+    seen.whole = seen.whole && is_active;
+    seen.share[k] = undecided == k_undecided_by_thin ? k_undecided_thin
+                    : undecided != 0 || !is_active   ? k_undecided
+                                                     : shadows_.clear[slot];
+    if (seen.share[k] < 0.0f) continue;
+    seen.decided += k_part;
+    seen.clear += k_part * seen.share[k];
+    seen.irradiance += glm::normalize(shadows_.rays.direction(slot)) * (k_part * seen.share[k] / shadows_.pdf[slot]);
+  }
+  return seen;
+}
+
+void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> clusters) {
+  select_points(points_, clusters, selected_);
+  sample_light(context_.lights, job.light, selected_, {k_strata, 0, k_strata, k_strata_side}, context_.settings.isa,
+               shadows_);
+  job.stats.strata += shadows_.active;
+  context_.answerer.filter(candidates_, points_, clusters, k_strata, shadows_, undecided_, job.stats);
+  for (size_t r = 0; r < clusters.size(); ++r) {
+    const uint32_t cluster = clusters[r];
+    const StrataSeen seen = strata_seen(job, cluster, r * size_t(k_strata));
+    job.stats.strata_refused +=
+        uint64_t(std::count_if(seen.share, seen.share + k_strata, [](float s) { return s < 0; }));
+    const bool all = seen.decided == 1.0f;
+    if (all && seen.clear == 1.0f) {
+      clear_.push_back(cluster);
+    } else if (all && seen.clear == 0.0f) {
+      dark_.push_back(cluster);
+    } else {
+      seen_of_[cluster] = uint32_t(seen_.size());
+      seen_.push_back(seen);
+      open_.push_back(cluster);
       continue;
     }
-    job.arriving[lit_[places_part_.begin + r]] += value * v.material->reflectance * (irradiance_[i] / k_pi);
+    job.stats.samples_spared += candidates_.light_samples[cluster];
+    job.stats.samples_by_strata += candidates_.light_samples[cluster];
+  }
+}
+
+void DirectLight::filter_strata(const Job& job) {
+  seen_.clear();
+  seen_of_.assign(points_.size, k_none);
+  if (!context_.answerer.filters(candidates_) || !on_grid(job)) return;
+  std::vector<uint32_t> filtered, others;
+  for (const uint32_t c : open_) {
+    const bool filters = !candidates_.by_rays[c] && candidates_.light_samples[c] >= k_fewest_cone_samples;
+    (filters ? filtered : others).push_back(c);
+  }
+  open_.swap(others);
+  constexpr size_t k_clusters = k_shadow_batch / k_strata;
+  for (size_t begin = 0; begin < filtered.size(); begin += k_clusters) {
+    filter_batch(job, std::span(filtered).subspan(begin, std::min(k_clusters, filtered.size() - begin)));
+  }
+  std::sort(open_.begin(), open_.end());
+}
+
+void DirectLight::light_open(const Job& job) {
+  sampled_.clear();
+  for (const uint32_t cluster : open_) {
+    const uint32_t index = seen_of_[cluster];
+    const StrataSeen* seen = index == k_none ? nullptr : &seen_[index];
+    for (const uint32_t m : members(job, cluster)) {
+      const PathVertex& v = job.vertices[m];
+      const bool is_lit = seen && seen->whole && sees_whole(job, v);
+      if (is_lit) add_irradiance(job, m, glm::dot(v.frame.n, seen->irradiance), seen->decided, seen->clear);
+      if (is_lit && seen->decided == 1.0f) {
+        job.stats.samples_spared += uint64_t(job.light_samples);
+        job.stats.samples_by_strata += uint64_t(job.light_samples);
+        continue;
+      }
+      sampled_.push_back({m, cluster, index, is_lit});
+    }
+  }
+  sample(job, true);
+}
+
+void DirectLight::sample(const Job& job, bool may_be_hidden) {
+  const size_t most = size_t(std::max(k_shadow_batch / job.light_samples, 1));
+  for (size_t begin = 0, end = 0; begin < sampled_.size(); begin = end) {
+    end = std::min(begin + most, sampled_.size());
+    while (end < sampled_.size() && sampled_[end].cluster == sampled_[end - 1].cluster) ++end;
+    const std::span<const Sampled> batch(sampled_.data() + begin, end - begin);
+    {
+      const ScopedTimer timer(job.stats.time_secondary);
+      select_vertices(job, batch);
+      LightSampleRange range = {job.light_samples, 0, job.light_samples};
+      if (may_be_hidden && on_grid(job)) range.cell_columns = range.cell_rows = k_strata_side;
+      sample_light(context_.lights, job.light, selected_, range, context_.settings.isa, shadows_);
+      if (may_be_hidden) answer(job, batch);
+    }
+    job.stats.rays_shadow += shadows_.active;
+    add_samples(job, batch);
+  }
+}
+
+void DirectLight::sort_undecided(const Job& job, std::span<const Sampled> batch, bool on_grid) {
+  const size_t m = size_t(job.light_samples);
+  grids_.clear();
+  traced_slots_.clear();
+  waiting_.clear();
+  first_cells_.clear();
+  bool waits = false;
+  for (size_t i = 0; i < batch.size(); ++i) {
+    const Sampled& s = batch[i];
+    const float* shares = s.strata == k_none ? nullptr : seen_[s.strata].share;
+    if (i == 0 || s.cluster != batch[i - 1].cluster) {
+      grids_.emplace_back();
+      grids_.back().fill(k_undecided);
+      if (shares) std::copy_n(shares, k_strata, grids_.back().begin());
+      // With one sample in most strata, agreement between neighbours would settle nothing.
+      waits = on_grid && context_.settings.adaptive && candidates_.light_samples[s.cluster] >= 2 * k_strata;
+    }
+    std::array<float, k_strata>& grid = grids_.back();
+    for (size_t slot = i * m; slot < (i + 1) * m; ++slot) {
+      if (shadows_.rays.tmax[slot] < 0.0f) continue;
+      const auto cell = on_grid ? uint32_t(shadows_.cell[slot]) : 0u;
+      const float share = shares ? shares[cell] : k_undecided;
+      if (share >= 0.0f) {
+        shadows_.clear[slot] = s.is_lit ? 0.0f : share;
+        ++job.stats.samples_spared;
+        ++job.stats.samples_by_strata;
+      } else if (!waits || share == k_undecided_thin) {
+        traced_slots_.push_back(uint32_t(slot));
+        first_cells_.push_back({k_none, 0});
+      } else if (grid[cell] == k_undecided) {
+        grid[cell] = 0.0f;  // until it is traced
+        traced_slots_.push_back(uint32_t(slot));
+        first_cells_.push_back({uint32_t(grids_.size() - 1), cell});
+      } else {
+        waiting_.push_back({uint32_t(slot), uint32_t(grids_.size() - 1), cell});
+      }
+    }
+  }
+}
+
+void DirectLight::trace_slots(const Job& job) {
+  traced_.resize(traced_slots_.size());
+  for (size_t j = 0; j < traced_slots_.size(); ++j) {
+    traced_.rays.copy(j, shadows_.rays, traced_slots_[j]);
+    traced_.instance[j] = shadows_.instance[traced_slots_[j]];
+  }
+  context_.answerer.answer(candidates_, LightSeen::unknown, traced_, job.stats);
+  for (size_t j = 0; j < traced_slots_.size(); ++j) {
+    shadows_.clear[traced_slots_[j]] = traced_.blocked[j] ? 0.0f : 1.0f;
+    shadows_.exact[traced_slots_[j]] = traced_.exact[j];
+  }
+}
+
+// A stratum whose first sample agrees with all that is known of the strata around it is taken to be seen alike.
+void DirectLight::settle_waiting(const Job& job) {
+  for (size_t j = 0; j < traced_slots_.size(); ++j) {
+    const auto [grid, cell] = first_cells_[j];
+    if (grid != k_none) grids_[grid][cell] = shadows_.clear[traced_slots_[j]];
+  }
+  traced_slots_.clear();
+  for (const Waiting& w : waiting_) {
+    const std::array<float, k_strata>& grid = grids_[w.grid];
+    const int column = int(w.cell) % k_strata_side, row = int(w.cell) / k_strata_side;
+    const float value = grid[w.cell];
+    bool agrees = true;
+    for (int y = std::max(row - 1, 0); y <= std::min(row + 1, k_strata_side - 1); ++y) {
+      for (int x = std::max(column - 1, 0); x <= std::min(column + 1, k_strata_side - 1); ++x) {
+        const float other = grid[size_t(y * k_strata_side + x)];
+        agrees = agrees && (other < 0.0f || other == value);
+      }
+    }
+    if (agrees) {
+      shadows_.clear[w.slot] = value;
+      ++job.stats.samples_spared;
+      ++job.stats.samples_extrapolated;
+    } else {
+      traced_slots_.push_back(w.slot);
+    }
+  }
+}
+
+void DirectLight::answer(const Job& job, std::span<const Sampled> batch) {
+  const bool grid = on_grid(job);
+  const bool is_known = std::any_of(batch.begin(), batch.end(), [](const Sampled& s) { return s.strata != k_none; });
+  if (!is_known && !(context_.settings.adaptive && grid)) {
+    context_.answerer.answer(candidates_, LightSeen::unknown, shadows_, job.stats);
+    return;
+  }
+  shadows_.in_shares = true;
+  shadows_.clear.assign(padded(shadows_.rays.size), 0.0f);
+  sort_undecided(job, batch, grid);
+  trace_slots(job);
+  if (waiting_.empty()) return;
+  settle_waiting(job);
+  trace_slots(job);
+}
+
+void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {
+  const Light& light = context_.lights.lights[job.light];
+  const LightEstimate estimate = {value_of(light), job.light_samples, context_.closed_form[job.light] != 0,
+                                  light.kind == LightKind::environment};
+  const size_t m = size_t(job.light_samples);
+  for (size_t i = 0; i < batch.size(); ++i) {
+    const Sampled& s = batch[i];
+    const PathVertex& v = job.vertices[s.vertex];
+    job.arriving[s.vertex] += reflected_light(shadows_, i * m, job.light_samples, estimate, v);
     if (job.firsts.empty()) continue;
     FirstHit& first = job.firsts[job.paths[v.path].slot];
-    first.shadow_rays += float(job.light_samples);
-    first.shadow_clear += float(job.light_samples);
-  }
-  free_.resize(kept);
-}
-
-// Shading points that nothing shadows send no shadow rays; their light samples only shade.
-void DirectLight::gather_free(const Job& job) {
-  gather_closed(job);
-  group_.swap(free_);
-  if (group_.empty()) return;
-  sample_group(job, all_samples(job));
-  add_group(job, job.light_samples);
-}
-
-// Only sampling tells which of their samples would have become rays.
-void DirectLight::count_dark(const Job& job) {
-  group_.swap(dark_);
-  if (group_.empty()) return;
-  sample_group(job, all_samples(job));
-  for (size_t r = 0; r < group_.size(); ++r) {
-    FirstHit& first = job.firsts[job.paths[vertex_of(job, group_[r]).path].slot];
-    for (size_t i = r * size_t(job.light_samples); i < (r + 1) * size_t(job.light_samples); ++i) {
-      first.shadow_rays += float(shadows_.rays.tmax[i] >= 0.0f);
+    for (size_t slot = i * m; slot < (i + 1) * m; ++slot) {
+      if (shadows_.rays.tmax[slot] < 0.0f) continue;
+      if (s.is_lit && seen_[s.strata].share[shadows_.cell[slot]] >= 0.0f) continue;  // counted by its share
+      first.shadow_rays += 1.0f;
+      first.shadow_clear += shadows_.in_shares ? shadows_.clear[slot] : float(!shadows_.blocked[slot]);
+      first.shadow_exact += float(shadows_.exact[slot]);
     }
   }
 }
 
-void DirectLight::gather_part(const Job& job, const Part& part) {
+// For the layers: only sampling tells which samples of vertices that see nothing would have become rays.
+void DirectLight::count_dark(const Job& job) {
+  sampled_.clear();
+  for (const uint32_t cluster : dark_) {
+    for (const uint32_t m : members(job, cluster)) sampled_.push_back({m, cluster});
+  }
+  const size_t m = size_t(job.light_samples), most = size_t(std::max(k_shadow_batch / job.light_samples, 1));
+  for (size_t begin = 0; begin < sampled_.size(); begin += most) {
+    const std::span<const Sampled> batch(sampled_.data() + begin, std::min(most, sampled_.size() - begin));
+    select_vertices(job, batch);
+    sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
+    for (size_t slot = 0; slot < batch.size() * m; ++slot) {
+      const PathVertex& v = job.vertices[batch[slot / m].vertex];
+      job.firsts[job.paths[v.path].slot].shadow_rays += float(shadows_.rays.tmax[slot] >= 0.0f);
+    }
+  }
+}
+
+void DirectLight::check(const Job& job) {
+  for (const bool blocked : {false, true}) {
+    sampled_.clear();
+    std::vector<uint32_t> cluster_of;
+    for (const uint32_t cluster : blocked ? dark_ : clear_) {
+      for (const uint32_t m : members(job, cluster)) {
+        sampled_.push_back({m, cluster});
+        cluster_of.push_back(cluster);
+      }
+    }
+    if (sampled_.empty()) continue;
+    select_vertices(job, sampled_);
+    sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
+    context_.answerer.check_whole(candidates_, blocked, cluster_of, job.light_samples, shadows_, job.stats);
+  }
+}
+
+void DirectLight::gather_light(const Job& job) {
   Stats& stats = job.stats;
   const double bake_before = stats.time_bake;
-  place_shading_points(job, part);
   {
     const ScopedTimer timer(stats.time_secondary);
-    split_shading_points(job);
-    if (split(job, part)) return;  // nothing has been baked yet: there are too many candidates
+    for (auto* list : {&dark_, &clear_, &open_}) list->clear();
+    candidates_.light = context_.light_extents[job.light];
+    context_.answerer.find_candidates(points_, candidates_, stats);
+    for (uint32_t c = 0; c < points_.size; ++c) {
+      const int32_t shadow = candidates_.shadow[c];
+      const bool is_settled = !shadow || shadow & k_light_blocked;
+      if (is_settled && candidates_.met[c]) stats.samples_spared += candidates_.light_samples[c];
+      (shadow & k_light_blocked ? dark_ : shadow ? open_ : clear_).push_back(c);
+    }
   }
-  if (context_.answerer.checks()) check_split(job);
-  // Under a light all around, most shading points see a little less than all of it: letting a few samples that agree
-  // stand for the rest would brighten them.
-  const bool has_edges = candidates_.light.kind == LightExtent::Kind::bounded;
-  if (context_.answerer.extrapolates(candidates_) && has_edges && !shadowed_.empty()) {
+  if (context_.answerer.checks()) check(job);
+  {
     const ScopedTimer timer(stats.time_secondary);
-    query_strata(job);
-    const LightKind kind = context_.lights.lights[job.light].kind;
-    const LightSampleRange narrow = probe_rays(kind, job.light_samples, false);
-    const LightSampleRange wide = probe_rays(kind, job.light_samples, true);
-    query_probe_rays(job, narrow, narrow.count == wide.count ? Probed::all : Probed::narrow);
-    if (narrow.count != wide.count) query_probe_rays(job, wide, Probed::wide);
+    filter_strata(job);
   }
-  gather_shadowed(job, LightSeen::unknown);
-  shadowed_.swap(penumbrae_);
-  penumbrae_.clear();
-  gather_shadowed(job, LightSeen::in_part);
+  light_open(job);
   stats.time_secondary -= stats.time_bake - bake_before;
-  gather_free(job);
+  light_clear(job);
   if (!job.firsts.empty()) count_dark(job);
 }
 
-void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
-                         std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
-  lit_.clear();
-  for (uint32_t i = 0; i < vertices.size(); ++i) {
-    arriving[i] = Rgb(0.0f);
-    const Material& material = *vertices[i].material;
-    if (!material.delta() && !material.dark) lit_.push_back(i);
+void DirectLight::gather_group(Job& job) {
+  clusters_.points(job.vertices, job.begin, job.end, points_);
+  candidates_.light_samples.resize(points_.size);
+  for (uint32_t c = 0; c < points_.size; ++c) {
+    candidates_.light_samples[c] = clusters_[job.begin + c].size() * uint32_t(job.light_samples);
   }
-  places_part_ = {};
+  for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
+    if (context_.lights.lights[job.light].kind != LightKind::none) gather_light(job);
+  }
+}
+
+void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
+                         bool first, std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
+  std::fill(arriving.begin(), arriving.end(), Rgb(0.0f));
+  const int pixel_samples = first ? context_.settings.pixel_samples : 1;
+  candidates_.few_samples = int64_t(pixel_samples) * light_samples < k_fewest_cone_samples;
+  const auto most = uint32_t(std::max(2 * k_shadow_batch / light_samples, 1));
+  clusters_.build(vertices, context_.light_extents, most, candidates_.few_samples || pixel_samples == 1);
   Job job{vertices, paths, light_samples, firsts, arriving, stats};
-  const size_t group_size = size_t(std::max(k_shadow_batch / light_samples, 1));
-  for (size_t begin = 0; begin < lit_.size(); begin += group_size) {
-    const size_t end = std::min(begin + group_size, lit_.size());
-    in_split_order_ = false;
-    for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
-      if (context_.lights.lights[job.light].kind == LightKind::none) continue;
-      parts_.assign(1, {begin, end});
-      while (!parts_.empty()) {
-        const Part part = parts_.back();
-        parts_.pop_back();
-        gather_part(job, part);
-      }
+  for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {
+    size_t samples = 0;
+    for (job.end = job.begin; job.end < clusters_.size(); ++job.end) {
+      samples += size_t(clusters_[job.end].size()) * size_t(light_samples);
+      if (samples > size_t(k_shadow_batch) && job.end > job.begin) break;
     }
+    gather_group(job);
   }
 }
 

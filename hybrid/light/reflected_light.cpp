@@ -100,7 +100,7 @@ Rgb visible_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int 
 
 Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const LightEstimate& light,
                     const PathVertex& v) {
-  const Rgb value = light.value / float(light.mean_of > 0 ? light.mean_of : light.light_samples);
+  const Rgb value = light.value / float(light.light_samples);
   if (batch.in_shares) return value * visible_light(batch, SeenShare{&batch.clear[begin]}, begin, count, light, v);
   return value * visible_light(batch, SeenOrNot{&batch.blocked[begin]}, begin, count, light, v);
 }

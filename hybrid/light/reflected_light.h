@@ -13,14 +13,13 @@ namespace fieldtrace {
 // What all samples of one light share.
 struct LightEstimate {
   Rgb value = Rgb(0.0f);     // Light::value
-  int light_samples = 1;     // of each shading point, over all of its batches
-  int mean_of = 0;           // samples that the mean is taken over; 0: light_samples
+  int light_samples = 1;     // of each shading point
   bool closed_form = false;  // sampled_in_closed_form(): on diffuse surfaces light samples alone count
   bool varies = false;       // each sample has its own radiance (ShadowBatch::red, green, blue)
 };
 
 // Radiance that slots [begin, begin + count) of an answered batch send towards the path through its vertex, without
-// path throughput: this batch's part of the mean.
+// path throughput.
 Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const LightEstimate& light,
                     const PathVertex& vertex);
 

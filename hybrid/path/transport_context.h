@@ -20,10 +20,13 @@ namespace fieldtrace {
 
 struct TransportSettings {
   int light_samples = 1;  // shadow rays per light at a camera path's first surface; later ones send one
+  int pixel_samples = 1;  // camera samples of a pixel in one wave: its shading points form clusters
   int lobe_samples = 1;   // directions sampled at a camera path's first surface that is not diffuse
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
+  bool estimates = false;  // irradiance once per cluster where it hardly varies, instead of once per vertex
+  bool adaptive = false;   // strata of lights whose first samples agree with those around them take no more rays
   bool first_hits = false;  // keep what camera rays hit, for AOVs
   // Only with first_hits:
   bool count_first_hits = false;          // fill the shadow ray counts of FirstHit

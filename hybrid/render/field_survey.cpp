@@ -46,7 +46,7 @@ std::vector<Rect> survey_blocks(const Rect& film, int light_samples) {
 
 }  // namespace
 
-FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int spp, const std::atomic<bool>* stop) {
+FieldSurvey survey_fields(const TransportContext& context, const Rect& film, double repeats, const std::atomic<bool>* stop) {
   FieldSurvey survey;
   const std::vector<Rect> blocks = survey_blocks(film, context.settings.light_samples);
   std::atomic<bool> interrupted = false;
@@ -67,7 +67,7 @@ FieldSurvey survey_fields(const TransportContext& context, const Rect& film, int
   survey.interrupted = interrupted;
   uint64_t pixels = 0;
   for (const Rect& b : blocks) pixels += uint64_t(b.width) * uint64_t(b.height);
-  survey.scale = double(film.width) * double(film.height) * double(spp) / double(pixels);
+  survey.scale = double(film.width) * double(film.height) * repeats / double(pixels);
   for (const TransportWorker& worker : workers) survey.stats.merge_counters(worker.stats());
   survey.uses = survey.stats.field_uses;
   survey.uses.resize(context.scene.shapes.size());

@@ -90,10 +90,14 @@ bool contains(const Rect& r, const PixelPosition& p) {
   return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
 }
 
-TransportSettings make_settings(const Scene& scene, const RenderOptions& options, const std::vector<Aov>& aovs) {
+TransportSettings make_settings(const Scene& scene, const RenderOptions& options, int spp, bool fields,
+                                const std::vector<Aov>& aovs) {
   TransportSettings s;
   s.light_samples = options.light_samples;
   s.lobe_samples = options.lobe_samples;
+  s.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
+  s.estimates = fields && options.whole_lights && options.tolerance >= k_estimating_tolerance;
+  s.adaptive = s.estimates;
   s.max_depth = options.max_depth.value_or(scene.integrator.max_depth);
   s.rr_depth = scene.integrator.rr_depth;
   s.hide_emitters = scene.integrator.hide_emitters;
@@ -169,8 +173,8 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
   check_options(options, spp);
   aovs = parse_aovs(options.aovs);
   window = crop_window(scene.film, options.crop);
-  settings = make_settings(scene, options, aovs);
   wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_undecided);
+  settings = make_settings(scene, options, spp, wants_fields && !options.force_undecided, aovs);
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
 }
 
@@ -295,6 +299,9 @@ std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const
                                           settings);
 }
 
+// Light samples of each pixel that a survey takes at most.
+constexpr int64_t k_most_survey_samples = 64;
+
 // Surveys the picture, and leaves to exact rays what fields answer too little of. Returns false if it was stopped.
 bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, Stats& stats) {
   const RenderOptions& options = picture.options;
@@ -303,13 +310,18 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
-  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
+  // All light samples of a pixel are sent from one point, as clusters will ask for them together.
+  const int64_t of_pixel = int64_t(picture.spp) * options.light_samples;
+  TransportSettings surveying = picture.settings;
+  surveying.light_samples = int(std::min<int64_t>(of_pixel, k_most_survey_samples));
+  surveying.pixel_samples = 1;
+  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, surveying, stage.lights);
   AnswererSettings not_counting = counting;
   not_counting.count_uses = false;
   const auto for_occlusion = occlusion_answerer(picture, stage, fields, not_counting);
   if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
-  const FieldSurvey survey =
-      survey_fields(context, crop_window(picture.scene.film, {}), picture.spp, picture.callbacks.stop);
+  const FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}),
+                                           double(of_pixel) / surveying.light_samples, picture.callbacks.stop);
   stats.survey_rays += survey.stats.rays_exact;
   stats.add_bake(survey.stats);
   if (survey.interrupted) return false;

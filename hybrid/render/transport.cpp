@@ -340,8 +340,8 @@ void TransportWorker::Impl::gather_light(int vertex_number) {
   arriving.resize(vertices.size());
   const bool first = vertex_number == 0;
   const bool counts = first && settings.count_first_hits;
-  direct.gather(vertices, paths, first ? settings.light_samples : 1, counts ? std::span(firsts) : std::span<FirstHit>(),
-                arriving, stats);
+  direct.gather(vertices, paths, first ? settings.light_samples : 1, first,
+                counts ? std::span(firsts) : std::span<FirstHit>(), arriving, stats);
   for (size_t i = 0; i < vertices.size(); ++i) {
     const PathState& path = paths[vertices[i].path];
     radiance[path.slot] += path.throughput * arriving[i];

@@ -20,6 +20,7 @@ void Stats::merge_counters(const Stats& o) {
   add_bake(o);
   sphere_crossings += o.sphere_crossings;
   samples_spared += o.samples_spared;
+  samples_by_strata += o.samples_by_strata;
   samples_extrapolated += o.samples_extrapolated;
   cones_clear += o.cones_clear;
   cones_blocked += o.cones_blocked;
@@ -58,11 +59,17 @@ std::string Stats::to_json() const {
   j["lights"] = lights;
   j["time"] = {{"load", time_load},       {"build", time_build},         {"cache", time_cache}, {"bake", time_bake},
                {"primary", time_primary}, {"secondary", time_secondary}, {"write", time_write}, {"total", time_total}};
-  j["rays"] = {{"primary", rays_primary},         {"shadow", rays_shadow},
-               {"glossy", rays_glossy},           {"glossy_exact", rays_glossy_exact},
-               {"glossy_hits", rays_glossy_hits}, {"exact", rays_exact},
-               {"crossing", rays_crossing},       {"crowded", rays_candidate_overflow},
-               {"spared", samples_spared},        {"extrapolated", samples_extrapolated}};
+  j["rays"] = {{"primary", rays_primary},
+               {"shadow", rays_shadow},
+               {"glossy", rays_glossy},
+               {"glossy_exact", rays_glossy_exact},
+               {"glossy_hits", rays_glossy_hits},
+               {"exact", rays_exact},
+               {"crossing", rays_crossing},
+               {"crowded", rays_candidate_overflow},
+               {"spared", samples_spared},
+               {"by_strata", samples_by_strata},
+               {"extrapolated", samples_extrapolated}};
   j["cones"] = {
       {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", strata}, {"leaves_refused", strata_refused}};
   j["lookups"] = lookups;

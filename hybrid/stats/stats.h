@@ -18,6 +18,11 @@ namespace fieldtrace {
 struct FieldUse {
   uint64_t answered = 0, undecided = 0;
   uint64_t self_answered = 0, self_undecided = 0;
+
+  void add_answered(uint32_t samples, bool self) {
+    answered += samples;
+    self_answered += self ? samples : 0;
+  }
 };
 
 // Verdicts that --check counts: of shadow rays (clear, blocked) and of glossy rays (miss, hit).
@@ -53,10 +58,10 @@ struct Stats {
   // Strata of lights above their shading points' horizons: those looked up in fields, and those of shading points for
   // which some field refused.
   uint64_t strata = 0, strata_refused = 0;
-  // Light samples answered without rays: with their whole light or its strata, by probe rays that agreed, or by
-  // following an edge.
+  // Light samples across a candidate's bounds answered without rays: with their whole light, by strata, or because
+  // samples of the strata around them agree.
   uint64_t samples_spared = 0;
-  uint64_t samples_extrapolated = 0;  // by probe rays or edges
+  uint64_t samples_by_strata = 0, samples_extrapolated = 0;  // the latter two of these
   uint64_t check_answers = 0, check_wrong = 0;
   // check_by[CheckedVerdict][self]: 1 for shading points on the object itself, else 0.
   struct CheckCount {

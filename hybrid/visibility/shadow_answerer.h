@@ -4,8 +4,7 @@
 // Two steps. find_candidates() finds the objects that may stand between a group of shading points and a light, and the
 // shading points that any of them may shadow; the others need no shadow rays. answer() then decides every ray of the
 // remaining shading points. A ray that only one candidate leaves undecided is traced against that candidate alone,
-// others against the whole scene; a group with candidate overflow (more than k_most_candidates) goes to the whole scene
-// without further culling.
+// others against the whole scene, as are all rays of a group with candidate overflow (more than k_most_candidates).
 //
 // Files: shadow_answerer.cpp culls; shadow_answerer_lights.cpp looks up whole lights and strata,
 // shadow_answerer_rays.cpp single rays, and traces the rest; shadow_answerer_checks.cpp counts.
@@ -45,11 +44,11 @@ struct AnswererSettings {
   std::vector<uint8_t> self_to_rays = {};
 };
 
-// Beyond this many candidates for one group, one traversal of the whole scene costs less than their tests
+// Beyond this many candidates, one traversal of the whole scene costs less than their tests of single rays
 // (docs/decisions/010-overflow.md).
 inline constexpr size_t k_most_candidates = 16;
 
-// With fewer light samples at a shading point, looking up single rays costs no more than looking up the whole light.
+// With fewer light samples in a cluster, its rays cost no more than looking up the whole light.
 inline constexpr int k_fewest_cone_samples = 4;
 
 // With fewer strata than this, look-ups treat each as 1 / k_fewest_strata of the light: larger footprints would blur.
@@ -63,25 +62,34 @@ inline constexpr float k_least_light_disc = 2.0f;
 inline constexpr float k_cells_across = 3.0f;
 
 // From this tolerance on (the default), answers are estimates where that saves much: cones look for surfaces only in
-// the middle half of a chord, and a few probe rays may stand for a whole light. Below it, only what cells certify is
-// answered.
+// the middle half of a chord, and strata are filtered. Below it, only what cells certify is answered.
 inline constexpr float k_estimating_tolerance = 0.1f;
 
-// ShadowAnswerer::filter() left a shading point's strata undecided. Seen edge-on, thin instances cast shadows that pass
-// between the lattice's points of probe rays: there all light samples are taken.
-inline constexpr uint8_t k_refused = 1;
-inline constexpr uint8_t k_refused_by_thin = 2;
+// A stratum that ShadowAnswerer::filter() has not settled. Seen edge-on, thin instances cast shadows narrower than
+// strata: there every light sample is taken.
+inline constexpr uint8_t k_undecided_stratum = 1;
+inline constexpr uint8_t k_undecided_by_thin = 2;
 
-// A group's light, and what find_candidates() found. The caller keeps it between the two steps.
+// A group's light, and what find_candidates() found. The caller keeps it between the two steps. Arrays are indexed by
+// shading point, each of which may stand for a cluster (ShadingPointBatch::radius).
 struct ShadowGroup {
   LightExtent light;
-  std::vector<uint32_t> candidates;  // instances; more than k_most_candidates: candidate overflow
-  int light_samples = 1;             // that each shading point would send
-  AlignedVector<int32_t> met;        // per shading point: not 0 if its cone meets some candidate's bounds
-  AlignedVector<int32_t> shadow;     // per shading point: k_may_shadow, k_light_blocked; 0: nothing blocks the light
-  // Per shading point that may be shadowed: bits of the candidates that may answer by strata; and whether other
-  // candidates need single rays.
-  AlignedVector<int32_t> by_strata, by_rays;
+  std::vector<uint32_t> light_samples;  // set by the caller: of all points of a cluster
+  // Set by the caller: no cluster of the picture has as many light samples as whole lights are worth. Candidates beyond
+  // k_most_candidates are then not worth their tests either.
+  bool few_samples = false;
+  std::vector<uint32_t> candidates;  // instances, in index order
+  bool is_tested = false;            // each shading point has been tested against each candidate
+  AlignedVector<int32_t> met;        // not 0 if the cone to the light meets some candidate's bounds
+  AlignedVector<int32_t> shadow;     // k_may_shadow, k_light_blocked; 0: nothing blocks the light
+  AlignedVector<int32_t> by_rays;    // not 0 if some candidate cannot answer by strata
+  // Candidates that may answer by strata, each with a range of open_points: the shading points that it leaves open.
+  struct OpenCandidate {
+    uint32_t slot = 0;  // index into candidates
+    uint32_t begin = 0, end = 0;
+  };
+  std::vector<OpenCandidate> open;
+  std::vector<uint32_t> open_points;
   // With --check, per shading point whose light is blocked: the instance whose field answered that.
   std::vector<uint32_t> blocked_by;
 };
@@ -101,45 +109,28 @@ class ShadowAnswerer {
                  const std::vector<const ThesisField*>& thesis_fields = {});
   ~ShadowAnswerer();
 
-  // Fills `group` for the shading points' positions, geometric normals, errors and instances; the caller sets
+  // Fills `group` for the shading points' positions, geometric normals, errors, radii and instances; the caller sets
   // group.light and group.light_samples. With fields, whole lights are answered where they can be: such shading points
   // need no rays.
   void find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const;
 
-  // Whether agreeing probe rays may stand for a whole light: where some candidate of the group answers whole lights by
-  // a field, from k_estimating_tolerance on.
-  bool extrapolates(const ShadowGroup& group) const;
-  // Whether answer() distrusts some candidate's depth cells, given what is seen of the light.
-  bool doubts_depth(const ShadowGroup& group, LightSeen seen) const;
+  // Whether strata of the group's light may be filtered: some candidate leaves them to filter().
+  bool filters(const ShadowGroup& group) const {
+    return settings_.tolerance >= k_estimating_tolerance && !group.open.empty();
+  }
+  bool estimates() const { return settings_.tolerance >= k_estimating_tolerance && settings_.whole_lights; }
   bool checks() const { return settings_.check; }
-  // Filters strata of a light, `strata` for each of `shading_points` (indices into the group's; their by_rays must be
-  // 0), as sample_light() laid them out in `batch`: sets batch.clear. refused[i] becomes k_refused for shading points
-  // that some field refuses, k_refused_by_thin where the instance does not keep angles, else 0. Shares of shading
-  // points that are refused are meaningless.
-  void filter(const ShadowGroup& group, std::span<const uint32_t> shading_points, int strata, ShadowBatch& batch,
-              std::vector<uint8_t>& refused, Stats& stats) const;
-  // Call once for a shading point (an index into the group's) whose light filter() has settled: counts the use of the
-  // fields that answered, if uses are counted.
-  void count_filtered(const ShadowGroup& group, uint32_t shading_point, Stats& stats) const;
-
-  // Bits of the candidates that answer whole lights and may stand between a shading point (an index into the group's)
-  // and the light. Does not depend on the other shading points, as the group's candidates do.
-  uint32_t fields_before(const ShadowGroup& group, const ShadingPointBatch& shading_points,
-                         uint32_t shading_point) const;
-  // Call for a shading point on `instance`, with those `fields` before it, whose probe rays stand for light samples:
-  // counts `answered` and `undecided` of these as uses of the fields.
-  void count_extrapolated(const ShadowGroup& group, uint32_t fields, uint32_t instance, uint64_t answered,
-                          uint64_t undecided, Stats& stats) const;
+  // Filters `strata` strata of a light for each of `shading_points` (indices into the group's; their by_rays must be
+  // 0), whose rays sample_light() laid out in `batch`: sets batch.clear, and undecided[i] for each stratum to 0,
+  // k_undecided_stratum or k_undecided_by_thin, which leaves clear[i] meaningless.
+  void filter(const ShadowGroup& group, const ShadingPointBatch& all, std::span<const uint32_t> shading_points,
+              int strata, ShadowBatch& batch, std::vector<uint8_t>& undecided, Stats& stats) const;
 
   // For --check: traces the rays of shading points (indices into the group's) whose whole light find_candidates() found
   // `blocked`, or clear; `samples` consecutive rays for each. Self-shadowing counts what the field of the ray's object
   // answered: that it blocks the light or, of a clear light, that neither it nor any other candidate does.
   void check_whole(const ShadowGroup& group, bool blocked, std::span<const uint32_t> shading_points, int samples,
                    const ShadowBatch& batch, Stats& stats) const;
-
-  // Whether a group with candidate overflow should be split, and its parts searched, before tracing against the whole
-  // scene: only where fields could answer. Monte Carlo gains nothing by it (docs/decisions/010-overflow.md).
-  bool gains_by_splitting(const ShadowGroup& group) const;
 
   // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both must be 0 on entry, and stay 0 for
   // inactive slots. The rays must leave shading points that `group` was made for. Adds to `stats` rays_exact,
@@ -152,11 +143,15 @@ class ShadowAnswerer {
  private:
   struct Workspace;  // hybrid/visibility/shadow_workspace.h
 
+  // Tests all shading points against one candidate; with a field, whole lights too.
+  void test_candidate(uint32_t slot, const ShadingPointBatch& shading_points, const Sphere& light, ShadowGroup& group,
+                      Workspace& work, Stats& stats) const;
   void forget_distant(const ShadingPointBatch& shading_points, ShadowGroup& group) const;
   void query_cones(const ShadowInstance& occluder, const ShadingPointBatch& shading_points, const ShadowGroup& group,
                    Workspace& work, Stats& stats) const;
-  bool find_overlaps(const ShadowGroup& group, Workspace& work) const;
-  static void multiply_shares(size_t slot, Workspace& work, AlignedVector<float>& clear);
+  void multiply_shares(const ShadowGroup& group, uint32_t slot, Workspace& work, AlignedVector<float>& clear) const;
+  void count_filtered(const ShadowGroup& group, const ShadowGroup::OpenCandidate& open, size_t strata,
+                      std::span<const uint8_t> undecided, Stats& stats) const;
   // query_and_bake() with the occluder's field.
   template <class Query>
   void bake_and_repeat(const ShadowInstance& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,

@@ -77,26 +77,4 @@ void ShadowAnswerer::count_uses(const ShadowInstance& o, const ShadowBatch& batc
   }
 }
 
-void ShadowAnswerer::count_filtered(const ShadowGroup& group, uint32_t shading_point, Stats& stats) const {
-  if (!settings_.count_uses) return;
-  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
-    if (!(group.by_strata[shading_point] >> slot & 1)) continue;
-    use_of(instances_[group.candidates[slot]], stats).answered += uint64_t(group.light_samples);
-  }
-}
-
-void ShadowAnswerer::count_extrapolated(const ShadowGroup& group, uint32_t fields, uint32_t instance, uint64_t answered,
-                                        uint64_t undecided, Stats& stats) const {
-  if (!settings_.count_uses) return;
-  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
-    if (!(fields >> slot & 1)) continue;
-    FieldUse& use = use_of(instances_[group.candidates[slot]], stats);
-    const bool self = group.candidates[slot] == instance;
-    use.answered += answered;
-    use.undecided += undecided;
-    use.self_answered += self ? answered : 0;
-    use.self_undecided += self ? undecided : 0;
-  }
-}
-
 }  // namespace fieldtrace

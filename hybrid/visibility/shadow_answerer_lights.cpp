@@ -1,4 +1,5 @@
 // Look-ups of whole lights and of strata.
+#include <algorithm>
 #include <cmath>
 
 #include "field/bake/bake.h"
@@ -44,7 +45,8 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
   const int side = plane_fit_side_for(task, light);
-  if (task.segment.reads_depth && side * side <= group.light_samples) task.plane_fit_side = side;
+  const uint32_t most = *std::max_element(group.light_samples.begin(), group.light_samples.end());
+  if (task.segment.reads_depth && uint32_t(side * side) <= 4 * most) task.plane_fit_side = side;
   ConeUnknowns& unknowns = work.unknowns;
   const int most_rounds = std::max(k_most_bake_rounds, 2 * task.plane_fit_side * task.plane_fit_side);
   bake_and_repeat(o, shading_points.size, unknowns, stats, most_rounds, [&](std::span<const uint32_t> blocks) {
@@ -52,89 +54,92 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
     stats.cones_clear += counts.clear;
     stats.cones_blocked += counts.blocked;
     stats.lookups += counts.lookups;
-    if (settings_.count_uses) {
-      use_of(o, stats).answered += (counts.clear + counts.blocked) * uint64_t(group.light_samples);
-    }
   });
 }
 
-// Shares of occluders that lie within or through one another are not independent: one may hide what the other hides, or
-// what it leaves clear. Sets overlaps_[slot] to the slots of earlier candidates that may overlap slot's; whether any
-// may.
-bool ShadowAnswerer::find_overlaps(const ShadowGroup& group, Workspace& work) const {
-  work.overlaps.assign(group.candidates.size(), 0);
-  bool found = false;
-  for (size_t slot = 1; slot < group.candidates.size(); ++slot) {
-    const ShadowInstance& o = instances_[group.candidates[slot]];
-    for (size_t other = 0; o.answers_cones && other < slot; ++other) {
-      const ShadowInstance& before = instances_[group.candidates[other]];
-      if (!before.answers_cones || !may_overlap(o, before)) continue;
-      work.overlaps[slot] |= 1u << other;
-      found = true;
-    }
-  }
-  return found;
-}
-
-// Multiplies the shares that the candidate in `slot` leaves clear by those of the candidates before it.
-void ShadowAnswerer::multiply_shares(size_t slot, Workspace& work, AlignedVector<float>& clear) {
+// Multiplies the shares that the candidate in `slot` leaves clear by those of the candidates before it. Shares of
+// occluders that lie within or through one another are not independent: one may hide what the other hides, or what it
+// leaves clear. Strata that two of those hide in part are undecided, and so are those that more than two hide in part.
+void ShadowAnswerer::multiply_shares(const ShadowGroup& group, uint32_t slot, Workspace& work,
+                                     AlignedVector<float>& clear) const {
+  const ShadowInstance& o = instances_[group.candidates[slot]];
   for (size_t i = 0; i < clear.size(); ++i) {
     const float share = work.clear[i];
-    if (share != 1.0f && share != 0.0f) {
-      work.dependent[i] |= work.in_part[i] & work.overlaps[slot];
-      work.in_part[i] |= 1u << slot;
-    }
     clear[i] *= share;
+    if (share == 1.0f || share == 0.0f) continue;
+    if (work.partial[i][0] == k_none) {
+      work.partial[i][0] = slot;
+      continue;
+    }
+    const bool is_third = work.partial[i][1] != k_none;
+    work.partial[i][1] = slot;
+    if (is_third || may_overlap(o, instances_[group.candidates[work.partial[i][0]]])) work.dependent[i] = 1;
   }
 }
 
-void ShadowAnswerer::filter(const ShadowGroup& group, std::span<const uint32_t> shading_points, int strata,
-                            ShadowBatch& batch, std::vector<uint8_t>& refused, Stats& stats) const {
+void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& all,
+                            std::span<const uint32_t> shading_points, int strata, ShadowBatch& batch,
+                            std::vector<uint8_t>& undecided, Stats& stats) const {
   Workspace& work = *workspaces_.local();
+  const size_t slots = padded(batch.rays.size), count = size_t(strata);
   batch.in_shares = true;
-  batch.clear.assign(padded(batch.rays.size), 1.0f);
-  work.refused.assign(padded(batch.rays.size), 0);
-  work.refused_by_thin.assign(padded(batch.rays.size), 0);
-  const bool apart = !find_overlaps(group, work);
-  if (!apart) {
-    work.in_part.assign(padded(batch.rays.size), 0);
-    work.dependent.assign(padded(batch.rays.size), 0);
+  batch.clear.assign(slots, 1.0f);
+  undecided.assign(batch.rays.size, 0);
+  work.dependent.assign(slots, 0);
+  work.partial.assign(slots, {k_none, k_none});
+  work.radius.assign(slots, 0.0f);
+  work.place.assign(all.size, k_none);
+  for (uint32_t r = 0; r < shading_points.size(); ++r) {
+    work.place[shading_points[r]] = r;
+    std::fill_n(work.radius.begin() + std::ptrdiff_t(r * count), count, all.radius[shading_points[r]]);
   }
   ConeUnknowns& unknowns = work.unknowns;
-  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
-    const ShadowInstance& o = instances_[group.candidates[slot]];
-    if (!o.answers_cones) continue;
-    work.flags.assign(padded(batch.rays.size), 0);
+  for (const ShadowGroup::OpenCandidate& open : group.open) {
+    const ShadowInstance& o = instances_[group.candidates[open.slot]];
+    work.flags.assign(slots, 0);
     bool is_queried = false;
-    for (size_t r = 0; r < shading_points.size(); ++r) {
-      if (!(group.by_strata[shading_points[r]] >> slot & 1)) continue;
+    for (uint32_t i = open.begin; i < open.end; ++i) {
+      const uint32_t r = work.place[group.open_points[i]];
+      if (r == k_none) continue;
       is_queried = true;
-      std::fill_n(work.flags.begin() + std::ptrdiff_t(r * size_t(strata)), strata, 1);
+      std::fill_n(work.flags.begin() + std::ptrdiff_t(r * count), count, 1);
     }
     if (!is_queried) continue;
     StratumTask task;
     task.segment = o.cone.segment;
     task.least_disc = k_least_light_disc / std::sqrt(float(std::max(strata, k_fewest_strata)));
     task.share = 1.0f / float(std::max(strata, k_fewest_strata));
-    if (!apart) work.clear.assign(padded(batch.rays.size), 1.0f);
-    AlignedVector<int32_t>& refused_by = task.segment.keeps_angles ? work.refused : work.refused_by_thin;
-    float* clear = apart ? batch.clear.data() : work.clear.data();
+    work.clear.assign(slots, 1.0f);
+    work.refused.assign(slots, 0);
     bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
-      stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.flags.data(), blocks, clear,
-                                              refused_by.data(), unknowns);
+      stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.radius.data(), work.flags.data(),
+                                              blocks, work.clear.data(), work.refused.data(), unknowns);
     });
-    if (!apart) multiply_shares(slot, work, batch.clear);
-    // Refuse what no pool has room for: rays answer it.
-    for (const uint32_t block : unknowns.blocks) std::fill_n(refused_by.begin() + block, k_batch_padding, 1);
+    // What no pool has room for is undecided.
+    for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
+    const uint8_t refused = o.cone.segment.keeps_angles ? k_undecided_stratum : k_undecided_by_thin;
+    for (size_t i = 0; i < batch.rays.size; ++i) {
+      if (work.flags[i] && work.refused[i]) undecided[i] = std::max(undecided[i], refused);
+    }
+    multiply_shares(group, open.slot, work, batch.clear);
+    if (settings_.count_uses) count_filtered(group, open, count, undecided, stats);
   }
-  for (size_t i = 0; !apart && i < batch.rays.size; ++i) work.refused[i] |= work.dependent[i] && batch.clear[i] > 0.0f;
-  refused.assign(shading_points.size(), 0);
-  for (size_t r = 0; r < shading_points.size(); ++r) {
-    const auto is_in = [&](const AlignedVector<int32_t>& list) {
-      const auto begin = list.begin() + std::ptrdiff_t(r * size_t(strata));
-      return std::find(begin, begin + strata, 1) != begin + strata;
-    };
-    refused[r] = is_in(work.refused_by_thin) ? k_refused_by_thin : is_in(work.refused) ? k_refused : 0;
+  for (size_t i = 0; i < batch.rays.size; ++i) {
+    if (work.dependent[i] && batch.clear[i] > 0.0f) undecided[i] = std::max(undecided[i], k_undecided_stratum);
+  }
+}
+
+// Uses of a field by strata: the samples of those that it settled. Rays count for the others.
+void ShadowAnswerer::count_filtered(const ShadowGroup& group, const ShadowGroup::OpenCandidate& open, size_t strata,
+                                    std::span<const uint8_t> undecided, Stats& stats) const {
+  const Workspace& work = *workspaces_.local();
+  for (uint32_t i = open.begin; i < open.end; ++i) {
+    const uint32_t point = group.open_points[i], r = work.place[point];
+    if (r == k_none) continue;
+    const auto begin = undecided.begin() + std::ptrdiff_t(r * strata);
+    const auto settled = size_t(std::count(begin, begin + std::ptrdiff_t(strata), 0));
+    use_of(instances_[group.candidates[open.slot]], stats)
+        .add_answered(uint32_t(group.light_samples[point] * settled / strata), false);
   }
 }
 

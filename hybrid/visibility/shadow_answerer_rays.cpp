@@ -54,13 +54,6 @@ bool ShadowAnswerer::trusts_cells(const ShadowInstance& o, const ShadowGroup& gr
   return cells_across(o.cone, group.light.ball, LightWidth::mean) > k_cells_across;
 }
 
-bool ShadowAnswerer::doubts_depth(const ShadowGroup& group, LightSeen seen) const {
-  return std::any_of(group.candidates.begin(), group.candidates.end(), [&](uint32_t candidate) {
-    const ShadowInstance& o = instances_[candidate];
-    return o.field && o.cone.segment.reads_depth && !trusts_depth(o, group, seen);
-  });
-}
-
 void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
                               Stats& stats) const {
   const size_t n = padded(batch.rays.size);

@@ -1,6 +1,7 @@
 // Scratch memory of one thread of the shadow answerer.
 #pragma once
 
+#include <array>
 #include <vector>
 
 #include "hybrid/visibility/query_and_bake.h"
@@ -14,12 +15,13 @@ struct ShadowAnswerer::Workspace {
   ExactLists exact;
   std::vector<uint32_t> indices;
   std::vector<uint8_t> exact_blocked;
-  AlignedVector<int32_t> flags, refused, refused_by_thin;
-  // Of occluders that may overlap: by slot; then of each stratum, the share that the present one leaves clear, the
-  // slots that hide it in part, and those of them that may overlap one another.
-  std::vector<uint32_t> overlaps;
-  AlignedVector<float> clear;
-  std::vector<uint32_t> in_part, dependent;
+  AlignedVector<int32_t> flags, before, refused;
+  // Of each stratum: the share that the present occluder leaves clear, its cluster's radius, the slots of occluders
+  // that hide it in part, and whether those depend on one another.
+  AlignedVector<float> clear, radius;
+  std::vector<std::array<uint32_t, 2>> partial;
+  std::vector<uint8_t> dependent;
+  std::vector<uint32_t> place;  // of shading points among those that are filtered
   ConeUnknowns unknowns;
 };
 
