@@ -13,18 +13,7 @@ constexpr float k_undecided = -1.0f, k_undecided_thin = -2.0f;
 
 void select_points(const ShadingPointBatch& all, std::span<const uint32_t> indices, ShadingPointBatch& chosen) {
   chosen.resize(indices.size());
-  const auto select = [&](auto member) {
-    const auto& from = all.*member;
-    auto& to = chosen.*member;
-    for (size_t i = 0; i < indices.size(); ++i) to[i] = from[indices[i]];
-  };
-  using B = ShadingPointBatch;
-  for (const auto member :
-       {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error, &B::radius}) {
-    select(member);
-  }
-  for (const auto member : {&B::seed, &B::sample, &B::instance}) select(member);
-  select(&B::transmits);
+  for (size_t i = 0; i < indices.size(); ++i) copy_shading_point(all, indices[i], i, chosen);
 }
 
 Rgb value_of(const Light& light) { return {light.value[0], light.value[1], light.value[2]}; }
@@ -43,85 +32,99 @@ bool DirectLight::is_above(const Job& job, const Vec3& p, const Vec3& normal, fl
   return glm::dot(normal, ball.centre - p) > ball.radius + margin;
 }
 
-bool DirectLight::sees_whole(const Job& job, const PathVertex& v) const {
-  const Vec3& p = v.surface->position;
-  return v.material->plain_diffuse() && is_above(job, p, v.frame.n, 0.0f) && is_above(job, p, v.facing, 0.0f);
+bool DirectLight::is_above(const Job& job, uint32_t cluster) const {
+  const Vec3 p(centres_.px[cluster], centres_.py[cluster], centres_.pz[cluster]);
+  const Vec3 g(centres_.gx[cluster], centres_.gy[cluster], centres_.gz[cluster]);
+  const Vec3 s(centres_.sx[cluster], centres_.sy[cluster], centres_.sz[cluster]);
+  const float distance = glm::length(context_.light_extents[job.light].ball.centre - p);
+  const float radius = centres_.radius[cluster];
+  const float margin = radius + (distance + radius) * cluster_of(job, cluster).spread;
+  return is_above(job, p, g, margin) && is_above(job, p, s, margin);
 }
 
-void DirectLight::add_irradiance(const Job& job, uint32_t vertex, float irradiance, float decided, float clear) const {
-  const PathVertex& v = job.vertices[vertex];
-  job.arriving[vertex] +=
-      value_of(context_.lights.lights[job.light]) * v.material->reflectance * (std::max(irradiance, 0.0f) / k_pi);
+void DirectLight::count_seen(const Job& job, size_t point, float decided, float clear) const {
   if (job.firsts.empty()) return;
-  FirstHit& first = job.firsts[job.paths[v.path].slot];
+  FirstHit& first = job.firsts[job.paths[vertex_of(job, point).path].slot];
   first.shadow_rays += decided * float(job.light_samples);
   first.shadow_clear += clear * float(job.light_samples);
 }
 
-void DirectLight::select_vertices(const Job& job, std::span<const Sampled> batch) {
-  selected_.resize(batch.size());
-  for (size_t i = 0; i < batch.size(); ++i) {
-    const PathVertex& v = job.vertices[batch[i].vertex];
-    set_shading_point(v, job.paths[v.path].index, i, selected_);
+void DirectLight::add_irradiance(const Job& job, uint32_t cluster, const Vec3& irradiance, float decided, float clear) {
+  const ShadingCluster& c = cluster_of(job, cluster);
+  const ShadingPointBatch& p = clusters_.points;
+  const Rgb value = value_of(context_.lights.lights[job.light]);
+  for (size_t i = c.begin; i < c.end; ++i) {
+    const float cosine = p.sx[i] * irradiance.x + p.sy[i] * irradiance.y + p.sz[i] * irradiance.z;
+    const float received = std::max(cosine, 0.0f);
+    red_[i] += value.x * received * clusters_.red[i];
+    green_[i] += value.y * received * clusters_.green[i];
+    blue_[i] += value.z * received * clusters_.blue[i];
   }
+  if (job.firsts.empty()) return;
+  for (size_t i = c.begin; i < c.end; ++i) count_seen(job, i, decided, clear);
+}
+
+void DirectLight::select(std::span<const Sampled> batch) {
+  selected_.resize(batch.size());
+  for (size_t i = 0; i < batch.size(); ++i) copy_shading_point(clusters_.points, batch[i].point, i, selected_);
+}
+
+void DirectLight::push_sampled(const Job& job, uint32_t cluster, uint32_t strata, bool is_lit) {
+  const ShadingCluster& c = cluster_of(job, cluster);
+  for (uint32_t i = c.begin; i < c.end; ++i) sampled_.push_back({i, cluster, strata, is_lit});
 }
 
 void DirectLight::add_cluster_irradiance(const Job& job) {
-  const Light& light = context_.lights.lights[job.light];
-  select_points(points_, clear_, selected_);
-  irradiance_vectors(light, selected_, context_.settings.isa, vectors_);
+  select_points(centres_, clear_, selected_);
+  irradiance_vectors(context_.lights.lights[job.light], selected_, context_.settings.isa, vectors_);
   for (size_t r = 0; r < clear_.size(); ++r) {
-    const Vec3 vector(vectors_.x[r], vectors_.y[r], vectors_.z[r]);
-    for (const uint32_t m : members(job, clear_[r])) {
-      const PathVertex& v = job.vertices[m];
-      if (vectors_.known[r] && sees_whole(job, v)) {
-        add_irradiance(job, m, glm::dot(v.frame.n, vector), 1.0f, 1.0f);
-      } else {
-        sampled_.push_back({m, clear_[r]});
-      }
+    const uint32_t cluster = clear_[r];
+    if (vectors_.known[r] && cluster_of(job, cluster).plain_diffuse && is_above(job, cluster)) {
+      add_irradiance(job, cluster, Vec3(vectors_.x[r], vectors_.y[r], vectors_.z[r]), 1.0f, 1.0f);
+    } else {
+      push_sampled(job, cluster);
     }
   }
 }
 
-void DirectLight::add_vertex_irradiance(const Job& job) {
-  std::vector<Sampled> diffuse;
+void DirectLight::add_point_irradiance(const Job& job) {
+  std::vector<Sampled> others;
   for (const uint32_t cluster : clear_) {
-    for (const uint32_t m : members(job, cluster)) {
-      (job.vertices[m].material->plain_diffuse() ? diffuse : sampled_).push_back({m, cluster});
+    if (cluster_of(job, cluster).plain_diffuse) push_sampled(job, cluster);
+  }
+  select(sampled_);
+  whole_irradiance(context_.lights.lights[job.light], selected_, context_.settings.isa, irradiance_);
+  const Rgb value = value_of(context_.lights.lights[job.light]);
+  for (size_t i = 0; i < sampled_.size(); ++i) {
+    const uint32_t point = sampled_[i].point;
+    if (irradiance_[i] >= 0.0f) {
+      add(point, value * Rgb(clusters_.red[point], clusters_.green[point], clusters_.blue[point]) * irradiance_[i]);
+      count_seen(job, point, 1.0f, 1.0f);
+    } else {
+      others.push_back(sampled_[i]);
     }
   }
-  select_vertices(job, diffuse);
-  whole_irradiance(context_.lights.lights[job.light], selected_, context_.settings.isa, irradiance_);
-  for (size_t i = 0; i < diffuse.size(); ++i) {
-    if (irradiance_[i] >= 0.0f) {
-      add_irradiance(job, diffuse[i].vertex, irradiance_[i], 1.0f, 1.0f);
-    } else {
-      sampled_.push_back(diffuse[i]);
-    }
+  sampled_.swap(others);
+  for (const uint32_t cluster : clear_) {
+    if (!cluster_of(job, cluster).plain_diffuse) push_sampled(job, cluster);
   }
 }
 
 void DirectLight::light_clear(const Job& job) {
   sampled_.clear();
   if (!context_.closed_form[job.light]) {
-    for (const uint32_t cluster : clear_) {
-      for (const uint32_t m : members(job, cluster)) sampled_.push_back({m, cluster});
-    }
+    for (const uint32_t cluster : clear_) push_sampled(job, cluster);
   } else if (context_.settings.estimates) {
     add_cluster_irradiance(job);
   } else {
-    add_vertex_irradiance(job);
+    add_point_irradiance(job);
   }
   sample(job, false);
 }
 
 DirectLight::StrataSeen DirectLight::strata_seen(const Job& job, uint32_t cluster, size_t first_slot) const {
-  const Vec3 p(points_.px[cluster], points_.py[cluster], points_.pz[cluster]);
-  const Vec3 g(points_.gx[cluster], points_.gy[cluster], points_.gz[cluster]);
-  const Vec3 s(points_.sx[cluster], points_.sy[cluster], points_.sz[cluster]);
-  const float margin = points_.radius[cluster];
   StrataSeen seen;
-  seen.whole = context_.closed_form[job.light] && is_above(job, p, g, margin) && is_above(job, p, s, margin);
+  seen.whole = context_.closed_form[job.light] && cluster_of(job, cluster).plain_diffuse && is_above(job, cluster);
   constexpr float k_part = 1.0f / float(k_strata);
   for (int k = 0; k < k_strata; ++k) {
     const size_t slot = first_slot + size_t(k);
@@ -141,11 +144,11 @@ DirectLight::StrataSeen DirectLight::strata_seen(const Job& job, uint32_t cluste
 }
 
 void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> clusters) {
-  select_points(points_, clusters, selected_);
+  select_points(centres_, clusters, selected_);
   sample_light(context_.lights, job.light, selected_, {k_strata, 0, k_strata, k_strata_side}, context_.settings.isa,
                shadows_);
   job.stats.strata += shadows_.active;
-  context_.answerer.filter(candidates_, points_, clusters, k_strata, shadows_, undecided_, job.stats);
+  context_.answerer.filter(candidates_, centres_, clusters, k_strata, shadows_, undecided_, job.stats);
   for (size_t r = 0; r < clusters.size(); ++r) {
     const uint32_t cluster = clusters[r];
     const StrataSeen seen = strata_seen(job, cluster, r * size_t(k_strata));
@@ -169,7 +172,7 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
 
 void DirectLight::filter_strata(const Job& job) {
   seen_.clear();
-  seen_of_.assign(points_.size, k_none);
+  seen_of_.assign(centres_.size, k_none);
   if (!context_.answerer.filters(candidates_) || !on_grid(job)) return;
   std::vector<uint32_t> filtered, others;
   for (const uint32_t c : open_) {
@@ -189,16 +192,13 @@ void DirectLight::light_open(const Job& job) {
   for (const uint32_t cluster : open_) {
     const uint32_t index = seen_of_[cluster];
     const StrataSeen* seen = index == k_none ? nullptr : &seen_[index];
-    for (const uint32_t m : members(job, cluster)) {
-      const PathVertex& v = job.vertices[m];
-      const bool is_lit = seen && seen->whole && sees_whole(job, v);
-      if (is_lit) add_irradiance(job, m, glm::dot(v.frame.n, seen->irradiance), seen->decided, seen->clear);
-      if (is_lit && seen->decided == 1.0f) {
-        job.stats.samples_spared += uint64_t(job.light_samples);
-        job.stats.samples_by_strata += uint64_t(job.light_samples);
-        continue;
-      }
-      sampled_.push_back({m, cluster, index, is_lit});
+    const bool is_lit = seen && seen->whole;
+    if (is_lit) add_irradiance(job, cluster, seen->irradiance, seen->decided, seen->clear);
+    if (is_lit && seen->decided == 1.0f) {
+      job.stats.samples_spared += candidates_.light_samples[cluster];
+      job.stats.samples_by_strata += candidates_.light_samples[cluster];
+    } else {
+      push_sampled(job, cluster, index, is_lit);
     }
   }
   sample(job, true);
@@ -212,7 +212,7 @@ void DirectLight::sample(const Job& job, bool may_be_hidden) {
     const std::span<const Sampled> batch(sampled_.data() + begin, end - begin);
     {
       const ScopedTimer timer(job.stats.time_secondary);
-      select_vertices(job, batch);
+      select(batch);
       LightSampleRange range = {job.light_samples, 0, job.light_samples};
       if (may_be_hidden && on_grid(job)) range.cell_columns = range.cell_rows = k_strata_side;
       sample_light(context_.lights, job.light, selected_, range, context_.settings.isa, shadows_);
@@ -325,12 +325,18 @@ void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {
   const LightEstimate estimate = {value_of(light), job.light_samples, context_.closed_form[job.light] != 0,
                                   light.kind == LightKind::environment};
   const size_t m = size_t(job.light_samples);
+  const bool is_simple = m == 1 && estimate.closed_form && !estimate.varies;
   for (size_t i = 0; i < batch.size(); ++i) {
     const Sampled& s = batch[i];
-    const PathVertex& v = job.vertices[s.vertex];
-    job.arriving[s.vertex] += reflected_light(shadows_, i * m, job.light_samples, estimate, v);
+    if (is_simple && cluster_of(job, s.cluster).plain_diffuse) {
+      const float seen = shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]);
+      add(s.point, estimate.value * Rgb(clusters_.red[s.point], clusters_.green[s.point], clusters_.blue[s.point]) *
+                       (shadows_.weight[i] * seen));
+    } else {
+      add(s.point, reflected_light(shadows_, i * m, job.light_samples, estimate, vertex_of(job, s.point)));
+    }
     if (job.firsts.empty()) continue;
-    FirstHit& first = job.firsts[job.paths[v.path].slot];
+    FirstHit& first = job.firsts[job.paths[vertex_of(job, s.point).path].slot];
     for (size_t slot = i * m; slot < (i + 1) * m; ++slot) {
       if (shadows_.rays.tmax[slot] < 0.0f) continue;
       if (s.is_lit && seen_[s.strata].share[shadows_.cell[slot]] >= 0.0f) continue;  // counted by its share
@@ -344,16 +350,14 @@ void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {
 // For the layers: only sampling tells which samples of vertices that see nothing would have become rays.
 void DirectLight::count_dark(const Job& job) {
   sampled_.clear();
-  for (const uint32_t cluster : dark_) {
-    for (const uint32_t m : members(job, cluster)) sampled_.push_back({m, cluster});
-  }
+  for (const uint32_t cluster : dark_) push_sampled(job, cluster);
   const size_t m = size_t(job.light_samples), most = size_t(std::max(k_shadow_batch / job.light_samples, 1));
   for (size_t begin = 0; begin < sampled_.size(); begin += most) {
     const std::span<const Sampled> batch(sampled_.data() + begin, std::min(most, sampled_.size() - begin));
-    select_vertices(job, batch);
+    select(batch);
     sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
     for (size_t slot = 0; slot < batch.size() * m; ++slot) {
-      const PathVertex& v = job.vertices[batch[slot / m].vertex];
+      const PathVertex& v = vertex_of(job, batch[slot / m].point);
       job.firsts[job.paths[v.path].slot].shadow_rays += float(shadows_.rays.tmax[slot] >= 0.0f);
     }
   }
@@ -362,17 +366,13 @@ void DirectLight::count_dark(const Job& job) {
 void DirectLight::check(const Job& job) {
   for (const bool blocked : {false, true}) {
     sampled_.clear();
-    std::vector<uint32_t> cluster_of;
-    for (const uint32_t cluster : blocked ? dark_ : clear_) {
-      for (const uint32_t m : members(job, cluster)) {
-        sampled_.push_back({m, cluster});
-        cluster_of.push_back(cluster);
-      }
-    }
+    std::vector<uint32_t> clusters;
+    for (const uint32_t cluster : blocked ? dark_ : clear_) push_sampled(job, cluster);
     if (sampled_.empty()) continue;
-    select_vertices(job, sampled_);
+    for (const Sampled& s : sampled_) clusters.push_back(s.cluster);
+    select(sampled_);
     sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
-    context_.answerer.check_whole(candidates_, blocked, cluster_of, job.light_samples, shadows_, job.stats);
+    context_.answerer.check_whole(candidates_, blocked, clusters, job.light_samples, shadows_, job.stats);
   }
 }
 
@@ -383,8 +383,8 @@ void DirectLight::gather_light(const Job& job) {
     const ScopedTimer timer(stats.time_secondary);
     for (auto* list : {&dark_, &clear_, &open_}) list->clear();
     candidates_.light = context_.light_extents[job.light];
-    context_.answerer.find_candidates(points_, candidates_, stats);
-    for (uint32_t c = 0; c < points_.size; ++c) {
+    context_.answerer.find_candidates(centres_, candidates_, stats);
+    for (uint32_t c = 0; c < centres_.size; ++c) {
       const int32_t shadow = candidates_.shadow[c];
       const bool is_settled = !shadow || shadow & k_light_blocked;
       if (is_settled && candidates_.met[c]) stats.samples_spared += candidates_.light_samples[c];
@@ -403,9 +403,9 @@ void DirectLight::gather_light(const Job& job) {
 }
 
 void DirectLight::gather_group(Job& job) {
-  clusters_.points(job.vertices, job.begin, job.end, points_);
-  candidates_.light_samples.resize(points_.size);
-  for (uint32_t c = 0; c < points_.size; ++c) {
+  clusters_.centres(job.begin, job.end, centres_);
+  candidates_.light_samples.resize(centres_.size);
+  for (uint32_t c = 0; c < centres_.size; ++c) {
     candidates_.light_samples[c] = clusters_[job.begin + c].size() * uint32_t(job.light_samples);
   }
   for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
@@ -415,12 +415,12 @@ void DirectLight::gather_group(Job& job) {
 
 void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
                          bool first, std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
-  std::fill(arriving.begin(), arriving.end(), Rgb(0.0f));
   const int pixel_samples = first ? context_.settings.pixel_samples : 1;
   candidates_.few_samples = int64_t(pixel_samples) * light_samples < k_fewest_cone_samples;
   const auto most = uint32_t(std::max(2 * k_shadow_batch / light_samples, 1));
-  clusters_.build(vertices, context_.light_extents, most, candidates_.few_samples || pixel_samples == 1);
-  Job job{vertices, paths, light_samples, firsts, arriving, stats};
+  clusters_.build(vertices, paths, context_.light_extents, most, candidates_.few_samples || pixel_samples == 1);
+  for (auto* sum : {&red_, &green_, &blue_}) sum->assign(clusters_.vertices.size(), 0.0f);
+  Job job{vertices, paths, light_samples, firsts, stats};
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {
     size_t samples = 0;
     for (job.end = job.begin; job.end < clusters_.size(); ++job.end) {
@@ -428,6 +428,10 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
       if (samples > size_t(k_shadow_batch) && job.end > job.begin) break;
     }
     gather_group(job);
+  }
+  if (clusters_.vertices.size() < vertices.size()) std::fill(arriving.begin(), arriving.end(), Rgb(0.0f));
+  for (size_t i = 0; i < clusters_.vertices.size(); ++i) {
+    arriving[clusters_.vertices[i]] = {red_[i], green_[i], blue_[i]};
   }
 }
 
