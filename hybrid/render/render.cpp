@@ -240,11 +240,15 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const auto goes_on = [&] { return !job.picture.stopped() && !job.budget.exceeded(); };
   const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
     DVec3 sum = sums[pixel].radiance;
-    for (const Rgb& r : radiance) {
-      if (is_finite(r)) {
-        sum += DVec3(r);
-      } else {
-        ++job.not_finite;
+    for (const Rgb& r : radiance) sum += DVec3(r);
+    if (!std::isfinite(sum.x + sum.y + sum.z)) {  // never by overflow: the samples are floats
+      sum = sums[pixel].radiance;
+      for (const Rgb& r : radiance) {
+        if (is_finite(r)) {
+          sum += DVec3(r);
+        } else {
+          ++job.not_finite;
+        }
       }
     }
     sums[pixel].radiance = sum;
