@@ -8,8 +8,7 @@
 namespace fieldtrace {
 namespace {
 
-// StrataSeen::share of strata that are undecided; the second where every light sample must be taken.
-constexpr float k_undecided = -1.0f, k_undecided_thin = -2.0f;
+constexpr float k_undecided = -1.0f;  // StrataSeen::share
 
 void select_points(const ShadingPointBatch& all, std::span<const uint32_t> indices, ShadingPointBatch& chosen) {
   chosen.resize(indices.size());
@@ -130,11 +129,8 @@ DirectLight::StrataSeen DirectLight::strata_seen(const Job& job, uint32_t cluste
     const size_t slot = first_slot + size_t(k);
     // Of a stratum whose centre lies below the horizon, a part may lie above.
     const bool is_active = shadows_.rays.tmax[slot] >= 0.0f;
-    const uint8_t undecided = undecided_[slot];
     seen.whole = seen.whole && is_active;
-    seen.share[k] = undecided == k_undecided_by_thin ? k_undecided_thin
-                    : undecided != 0 || !is_active   ? k_undecided
-                                                     : shadows_.clear[slot];
+    seen.share[k] = undecided_[slot] || !is_active ? k_undecided : shadows_.clear[slot];
     if (seen.share[k] < 0.0f) continue;
     seen.decided += k_part;
     seen.clear += k_part * seen.share[k];
@@ -223,101 +219,39 @@ void DirectLight::sample(const Job& job, bool may_be_hidden) {
   }
 }
 
-void DirectLight::sort_undecided(const Job& job, std::span<const Sampled> batch, bool on_grid) {
+void DirectLight::answer(const Job& job, std::span<const Sampled> batch) {
+  if (std::all_of(batch.begin(), batch.end(), [](const Sampled& s) { return s.strata == k_none; })) {
+    context_.answerer.answer(candidates_, shadows_, job.stats);
+    return;
+  }
   const size_t m = size_t(job.light_samples);
-  grids_.clear();
+  shadows_.in_shares = true;
+  shadows_.clear.assign(padded(shadows_.rays.size), 0.0f);
   traced_slots_.clear();
-  waiting_.clear();
-  first_cells_.clear();
-  bool waits = false;
   for (size_t i = 0; i < batch.size(); ++i) {
     const Sampled& s = batch[i];
-    const float* shares = s.strata == k_none ? nullptr : seen_[s.strata].share;
-    if (i == 0 || s.cluster != batch[i - 1].cluster) {
-      grids_.emplace_back();
-      grids_.back().fill(k_undecided);
-      if (shares) std::copy_n(shares, k_strata, grids_.back().begin());
-      // With one sample in most strata, agreement between neighbours would settle nothing.
-      waits = on_grid && context_.settings.adaptive && candidates_.light_samples[s.cluster] >= 2 * k_strata;
-    }
-    std::array<float, k_strata>& grid = grids_.back();
     for (size_t slot = i * m; slot < (i + 1) * m; ++slot) {
       if (shadows_.rays.tmax[slot] < 0.0f) continue;
-      const auto cell = on_grid ? uint32_t(shadows_.cell[slot]) : 0u;
-      const float share = shares ? shares[cell] : k_undecided;
+      const float share = s.strata == k_none ? k_undecided : seen_[s.strata].share[shadows_.cell[slot]];
       if (share >= 0.0f) {
         shadows_.clear[slot] = s.is_lit ? 0.0f : share;
-        ++job.stats.samples_spared;
         ++job.stats.samples_by_strata;
-      } else if (!waits || share == k_undecided_thin) {
-        traced_slots_.push_back(uint32_t(slot));
-        first_cells_.push_back({k_none, 0});
-      } else if (grid[cell] == k_undecided) {
-        grid[cell] = 0.0f;  // until it is traced
-        traced_slots_.push_back(uint32_t(slot));
-        first_cells_.push_back({uint32_t(grids_.size() - 1), cell});
+        ++job.stats.samples_spared;
       } else {
-        waiting_.push_back({uint32_t(slot), uint32_t(grids_.size() - 1), cell});
+        traced_slots_.push_back(uint32_t(slot));
       }
     }
   }
-}
-
-void DirectLight::trace_slots(const Job& job) {
   traced_.resize(traced_slots_.size());
   for (size_t j = 0; j < traced_slots_.size(); ++j) {
     traced_.rays.copy(j, shadows_.rays, traced_slots_[j]);
     traced_.instance[j] = shadows_.instance[traced_slots_[j]];
   }
-  context_.answerer.answer(candidates_, LightSeen::unknown, traced_, job.stats);
+  context_.answerer.answer(candidates_, traced_, job.stats);
   for (size_t j = 0; j < traced_slots_.size(); ++j) {
     shadows_.clear[traced_slots_[j]] = traced_.blocked[j] ? 0.0f : 1.0f;
     shadows_.exact[traced_slots_[j]] = traced_.exact[j];
   }
-}
-
-// A stratum whose first sample agrees with all that is known of the strata around it is taken to be seen alike.
-void DirectLight::settle_waiting(const Job& job) {
-  for (size_t j = 0; j < traced_slots_.size(); ++j) {
-    const auto [grid, cell] = first_cells_[j];
-    if (grid != k_none) grids_[grid][cell] = shadows_.clear[traced_slots_[j]];
-  }
-  traced_slots_.clear();
-  for (const Waiting& w : waiting_) {
-    const std::array<float, k_strata>& grid = grids_[w.grid];
-    const int column = int(w.cell) % k_strata_side, row = int(w.cell) / k_strata_side;
-    const float value = grid[w.cell];
-    bool agrees = true;
-    for (int y = std::max(row - 1, 0); y <= std::min(row + 1, k_strata_side - 1); ++y) {
-      for (int x = std::max(column - 1, 0); x <= std::min(column + 1, k_strata_side - 1); ++x) {
-        const float other = grid[size_t(y * k_strata_side + x)];
-        agrees = agrees && (other < 0.0f || other == value);
-      }
-    }
-    if (agrees) {
-      shadows_.clear[w.slot] = value;
-      ++job.stats.samples_spared;
-      ++job.stats.samples_extrapolated;
-    } else {
-      traced_slots_.push_back(w.slot);
-    }
-  }
-}
-
-void DirectLight::answer(const Job& job, std::span<const Sampled> batch) {
-  const bool grid = on_grid(job);
-  const bool is_known = std::any_of(batch.begin(), batch.end(), [](const Sampled& s) { return s.strata != k_none; });
-  if (!is_known && !(context_.settings.adaptive && grid)) {
-    context_.answerer.answer(candidates_, LightSeen::unknown, shadows_, job.stats);
-    return;
-  }
-  shadows_.in_shares = true;
-  shadows_.clear.assign(padded(shadows_.rays.size), 0.0f);
-  sort_undecided(job, batch, grid);
-  trace_slots(job);
-  if (waiting_.empty()) return;
-  settle_waiting(job);
-  trace_slots(job);
 }
 
 void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {

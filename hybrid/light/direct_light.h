@@ -10,9 +10,7 @@
 // Thread-safety: a DirectLight belongs to one thread.
 #pragma once
 
-#include <array>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include "core/light/light_irradiance.h"
@@ -81,10 +79,6 @@ class DirectLight {
   // light.
   void sample(const Job& job, bool may_be_hidden);
   void answer(const Job& job, std::span<const Sampled> batch);
-  // Sorts the slots of a batch whose stratum is undecided into traced_slots_ and waiting_.
-  void sort_undecided(const Job& job, std::span<const Sampled> batch, bool on_grid);
-  void trace_slots(const Job& job);
-  void settle_waiting(const Job& job);
   void add_samples(const Job& job, std::span<const Sampled> batch);
   void select(std::span<const Sampled> batch);
 
@@ -120,15 +114,7 @@ class DirectLight {
   AlignedVector<float> irradiance_;
   ShadowBatch shadows_, traced_;
   std::vector<uint8_t> undecided_;
-  // Slots of shadows_ to be traced; and those whose stratum has been sampled once, which agreeing neighbours settle.
-  std::vector<uint32_t> traced_slots_;
-  struct Waiting {
-    uint32_t slot = 0, grid = 0, cell = 0;
-  };
-  std::vector<Waiting> waiting_;
-  // Per cluster of the batch, what is known of each stratum: a share, or below 0.
-  std::vector<std::array<float, k_strata>> grids_;
-  std::vector<std::pair<uint32_t, uint32_t>> first_cells_;  // of traced_slots_: grid and cell
+  std::vector<uint32_t> traced_slots_;  // of shadows_
 };
 
 }  // namespace fieldtrace

@@ -26,7 +26,6 @@ struct TransportSettings {
   int rr_depth = 5;
   bool hide_emitters = false;
   bool estimates = false;  // irradiance once per cluster where it hardly varies, instead of once per vertex
-  bool adaptive = false;   // strata of lights whose first samples agree with those around them take no more rays
   bool first_hits = false;  // keep what camera rays hit, for AOVs
   // Only with first_hits:
   bool count_first_hits = false;          // fill the shadow ray counts of FirstHit

@@ -97,7 +97,6 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.lobe_samples = options.lobe_samples;
   s.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
   s.estimates = fields && options.whole_lights && options.tolerance >= k_estimating_tolerance;
-  s.adaptive = s.estimates;
   s.max_depth = options.max_depth.value_or(scene.integrator.max_depth);
   s.rr_depth = scene.integrator.rr_depth;
   s.hide_emitters = scene.integrator.hide_emitters;

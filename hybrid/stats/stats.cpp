@@ -21,7 +21,6 @@ void Stats::merge_counters(const Stats& o) {
   sphere_crossings += o.sphere_crossings;
   samples_spared += o.samples_spared;
   samples_by_strata += o.samples_by_strata;
-  samples_extrapolated += o.samples_extrapolated;
   cones_clear += o.cones_clear;
   cones_blocked += o.cones_blocked;
   strata += o.strata;
@@ -68,8 +67,7 @@ std::string Stats::to_json() const {
                {"crossing", rays_crossing},
                {"crowded", rays_candidate_overflow},
                {"spared", samples_spared},
-               {"by_strata", samples_by_strata},
-               {"extrapolated", samples_extrapolated}};
+               {"by_strata", samples_by_strata}};
   j["cones"] = {
       {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", strata}, {"leaves_refused", strata_refused}};
   j["lookups"] = lookups;

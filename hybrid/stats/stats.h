@@ -58,10 +58,9 @@ struct Stats {
   // Strata of lights above their shading points' horizons: those looked up in fields, and those of shading points for
   // which some field refused.
   uint64_t strata = 0, strata_refused = 0;
-  // Light samples across a candidate's bounds answered without rays: with their whole light, by strata, or because
-  // samples of the strata around them agree.
-  uint64_t samples_spared = 0;
-  uint64_t samples_by_strata = 0, samples_extrapolated = 0;  // the latter two of these
+  // Light samples across a candidate's bounds answered without rays, with their whole light or by its strata; and the
+  // latter of these.
+  uint64_t samples_spared = 0, samples_by_strata = 0;
   uint64_t check_answers = 0, check_wrong = 0;
   // check_by[CheckedVerdict][self]: 1 for shading points on the object itself, else 0.
   struct CheckCount {

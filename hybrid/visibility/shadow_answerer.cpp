@@ -150,7 +150,7 @@ void ShadowAnswerer::forget_distant(const ShadingPointBatch& shading_points, Sha
   }
 }
 
-void ShadowAnswerer::answer(const ShadowGroup& group, LightSeen seen, ShadowBatch& batch, Stats& stats) const {
+void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {
   if (group.candidates.empty()) return;
   Workspace& work = *workspaces_.local();
   if (group.candidates.size() > k_most_candidates) {
@@ -159,7 +159,7 @@ void ShadowAnswerer::answer(const ShadowGroup& group, LightSeen seen, ShadowBatc
   }
   work.states.keep_verdicts = settings_.check || settings_.count_uses;
   work.states.reset(batch.rays.size);
-  classify(group, seen, batch, work, stats);
+  classify(group, batch, work, stats);
   kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);
   stats.rays_crossing += work.exact.crossing;
   trace(group, batch, work, stats);
