@@ -44,7 +44,8 @@ struct TransportWorker::Impl {
   RayBatch rays, next_rays;
   HitBatch hits;
   std::vector<PathState> paths, next_paths;
-  std::vector<PathState> camera_paths;     // between calls: what generate() made, of which most members stay
+  // Between calls: what generate() made. Nothing changes these paths, so most members are still those of new ones.
+  std::vector<PathState> camera_paths;
   std::vector<PathVertex> vertex_storage;  // never shrinks, because new vertices cost time
   std::span<PathVertex> vertices;
   std::vector<Material> resolved;  // of vertices on textured surfaces
