@@ -96,6 +96,13 @@ void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays
   }
 }
 
+// Whether a packet's indices follow one another.
+bool are_consecutive(const uint32_t* indices) {
+  uint32_t differences = 0;
+  for (uint32_t lane = 0; lane < k_width; ++lane) differences |= indices[lane] ^ (indices[0] + lane);
+  return differences == 0;
+}
+
 // Shared by both occlusion queries: packs 16 listed rays at a time and marks the occluded ones.
 void occluded_packets(RTCScene scene, const Affine* to_object, const RayBatch& rays, std::span<const uint32_t> indices,
                       uint8_t* blocked) {
@@ -105,7 +112,11 @@ void occluded_packets(RTCScene scene, const Affine* to_object, const RayBatch& r
   prepare(packet);
   for (size_t begin = 0; begin < indices.size(); begin += k_width) {
     const int count = int(std::min(indices.size() - begin, size_t(k_width)));
-    for (int lane = 0; lane < count; ++lane) set_ray(packet, lane, rays, indices[begin + lane]);
+    if (count == k_width && are_consecutive(indices.data() + begin)) {
+      set_rays(packet, rays, indices[begin]);
+    } else {
+      for (int lane = 0; lane < count; ++lane) set_ray(packet, lane, rays, indices[begin + lane]);
+    }
     if (to_object) transform_packet(packet, count, *to_object);
     set_valid(valid, count);
     rtcOccluded16(valid, scene, &context, &packet);

@@ -44,7 +44,8 @@ struct TransportWorker::Impl {
   RayBatch rays, next_rays;
   HitBatch hits;
   std::vector<PathState> paths, next_paths;
-  std::vector<PathState> camera_paths;     // between calls: what generate() made, of which most members stay
+  // Between calls: what generate() made. Nothing changes these paths, so most members are still those of new ones.
+  std::vector<PathState> camera_paths;
   std::vector<PathVertex> vertex_storage;  // never shrinks, because new vertices cost time
   std::span<PathVertex> vertices;
   std::vector<Material> resolved;  // of vertices on textured surfaces
@@ -97,9 +98,9 @@ struct TransportWorker::Impl {
   void go_on(int vertex_number);
   bool goes_on(bool is_diffuse, int vertex_number) const;
   PathState leave(const PathVertex& vertex, int vertex_number) const;
-  void send(const PathVertex& vertex, PathState next, const Vec3& direction);
+  PathState& send(const PathVertex& vertex, const PathState& leaving, const Vec3& direction);
   void scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index);
-  void scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first);
+  void scatter_lobe(const PathVertex& vertex, const PathState& leaving, uint32_t first);
 };
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
@@ -398,13 +399,14 @@ PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_numb
   return next;
 }
 
-// Sends the path `next`, otherwise complete, in the world direction `d`.
-void TransportWorker::Impl::send(const PathVertex& vertex, PathState next, const Vec3& d) {
-  next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
+// Sends a path in the world direction `d`; what is its own in the result is left to the caller.
+PathState& TransportWorker::Impl::send(const PathVertex& vertex, const PathState& leaving, const Vec3& d) {
   next_rays.set(next_paths.size(), offset_origin(vertex.surface->position, vertex.facing, vertex.surface->error, d), d,
                 k_infinity);
-  next_paths.push_back(next);
+  PathState& next = next_paths.emplace_back(leaving);
+  next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
   stats.rays_glossy += !next.diffuse;
+  return next;
 }
 
 void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index) {
@@ -417,7 +419,7 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   const Vec3 d = s.straight ? rays.direction(vertex.path) : vertex.frame.to_world(s.wo);
   if (!s.straight && !vertex.material->transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
 
-  PathState next = leaving;
+  PathState& next = send(vertex, leaving, d);
   next.throughput *= s.weight / vertex.lobe_samples;
   next.eta *= s.eta;
   next.index = index;
@@ -425,24 +427,22 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   next.may_split = next.may_split && s.delta && !vertex.material->glossy();
   next.unweighted = s.delta;
   next.bsdf_density = s.pdf * vertex.lobe_samples;
-  send(vertex, next, d);
 }
 
 // Samples the whole lobe at once, in lanes.
-void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first) {
+void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, const PathState& leaving, uint32_t first) {
   const int count = int(vertex.lobe_samples);
   const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
   sample_conductor(*vertex.material, vertex.frame, vertex.wi, seed, first, count, settings.isa, lobe_samples);
-  leaving.may_split = leaving.unweighted = false;
   for (int l = 0; l < count; ++l) {
     const Vec3 d = lobe_samples.direction(size_t(l));
     const Rgb weight = lobe_samples.weight(size_t(l));
     if (!(lobe_samples.pdf[size_t(l)] > 0.0f && largest(weight) > 0.0f && glm::dot(vertex.facing, d) > 0.0f)) continue;
-    PathState next = leaving;
+    PathState& next = send(vertex, leaving, d);
+    next.may_split = next.unweighted = false;
     next.throughput *= weight / vertex.lobe_samples;
     next.index = first + uint32_t(l);
     next.bsdf_density = lobe_samples.pdf[size_t(l)] * vertex.lobe_samples;
-    send(vertex, next, d);
   }
 }
 
@@ -454,6 +454,7 @@ void TransportWorker::Impl::scatter(int vertex_number) {
     for (const PathVertex& v : vertices) most += leaves(v) ? size_t(v.lobe_samples) : 0;
   }
   next_paths.clear();
+  next_paths.reserve(most);
   next_rays.resize(most);
   for (const PathVertex& v : vertices) {
     if (most == 0) break;
