@@ -75,7 +75,6 @@ inline constexpr int32_t k_by_strata = 4;      // the object can answer by strat
 struct ConeTask {
   SegmentTask segment;
   float from_unit[9];        // unit space -> world, linear part, column-major
-  float chord_share = 1.0f;  // part of a half chord in which surfaces are expected
   float half_extent[3];      // of the object's bounds, a box about the origin of unit space
   int plane_fit_side = 0;    // directions a side tried for shading points on the object; 0: these stay open
 };
@@ -84,7 +83,8 @@ struct ConeTask {
 struct StratumTask {
   SegmentTask segment;
   float share = 1.0f;       // of one stratum in the light's samples: 1 / number of strata
-  float least_disc = 0.5f;  // strata whose half width at the blocker, in texels, is smaller are refused
+  float least_disc = 0.5f;  // strata whose half width at the blocker, in texels, is smaller are refused;
+                            // divided by the policy's slack
 };
 
 // What light_cones() and filter_strata() met that is not baked: blocks of k_batch_padding shading points or rays, by

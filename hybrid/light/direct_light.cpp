@@ -352,7 +352,7 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
   const int pixel_samples = first ? context_.settings.pixel_samples : 1;
   candidates_.few_samples = int64_t(pixel_samples) * light_samples < k_fewest_cone_samples;
   const auto most = uint32_t(std::max(2 * k_shadow_batch / light_samples, 1));
-  clusters_.build(vertices, paths, context_.light_extents, most, candidates_.few_samples || pixel_samples == 1);
+  clusters_.build(vertices, paths, context_.light_extents, context_.settings.widest_cluster, most, candidates_.few_samples || pixel_samples == 1);
   for (auto* sum : {&red_, &green_, &blue_}) sum->assign(clusters_.vertices.size(), 0.0f);
   Job job{vertices, paths, light_samples, firsts, stats};
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {

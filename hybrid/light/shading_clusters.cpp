@@ -52,9 +52,9 @@ float spread_bound(const Vec3& mean, size_t count) {
   return std::sqrt(2.0f * float(count) * lack);
 }
 
-bool is_far(const LightExtent& light, const Vec3& position, float radius) {
+bool is_far(const LightExtent& light, const Vec3& position, float radius, float widest) {
   return light.kind != LightExtent::Kind::bounded ||
-         radius <= k_widest_cluster * glm::length(light.ball.centre - position);
+         radius <= widest * glm::length(light.ball.centre - position);
 }
 
 }  // namespace
@@ -89,11 +89,11 @@ ShadingClusters::Centre ShadingClusters::find_centre(ShadingCluster& cluster) co
   return c;
 }
 
-void ShadingClusters::add(std::span<const PathVertex> all, std::span<const LightExtent> lights, uint32_t begin,
-                          uint32_t end) {
+void ShadingClusters::add(std::span<const PathVertex> all, std::span<const LightExtent> lights, float widest,
+                          uint32_t begin, uint32_t end) {
   ShadingCluster whole = {begin, end};
   const Centre centre = find_centre(whole);
-  const auto far = [&](const LightExtent& light) { return is_far(light, centre.position, centre.radius); };
+  const auto far = [&](const LightExtent& light) { return is_far(light, centre.position, centre.radius, widest); };
   const auto is_plain = [&](uint32_t i) { return all[vertices[i]].material->plain_diffuse(); };
   if (whole.size() == 1 || std::all_of(lights.begin(), lights.end(), far)) {
     for (uint32_t i = begin; i < end; ++i) whole.plain_diffuse = whole.plain_diffuse && is_plain(i);
@@ -141,7 +141,7 @@ void ShadingClusters::fill(std::span<const PathVertex> all, std::span<const Path
 }
 
 void ShadingClusters::build(std::span<const PathVertex> all, std::span<const PathState> paths,
-                            std::span<const LightExtent> lights, uint32_t most, bool single) {
+                            std::span<const LightExtent> lights, float widest, uint32_t most, bool single) {
   clusters_.clear();
   centres_.clear();
   vertices.clear();
@@ -170,7 +170,7 @@ void ShadingClusters::build(std::span<const PathVertex> all, std::span<const Pat
   for (size_t begin = 0, end = 0; begin < count; begin = end) {
     end = begin + 1;
     while (!single && end < count && end - begin < most && joins(end, begin)) ++end;
-    add(all, lights, uint32_t(begin), uint32_t(end));
+    add(all, lights, widest, uint32_t(begin), uint32_t(end));
   }
 }
 

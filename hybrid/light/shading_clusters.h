@@ -22,17 +22,13 @@ struct ShadingCluster {
   uint32_t size() const { return end - begin; }
 };
 
-// A cluster's radius is at most this share of its distance from any light: the rays from its points to a light are then
-// nearly those from its centre. Wider ones fall apart into single points.
-inline constexpr float k_widest_cluster = 0.05f;
-
 class ShadingClusters {
  public:
   // Clusters of the vertices that take light samples (neither delta nor dark), of at most `most` points each, in the
-  // order of the vertices. Vertices of one pixel must be consecutive, and `lights` are those that must be far away.
-  // single: every vertex is its own cluster.
+  // order of the vertices. Vertices of one pixel must be consecutive. A cluster's radius is at most the share `widest` of
+  // its distance from each of `lights`; wider ones fall apart into single points. single: every vertex is its own cluster.
   void build(std::span<const PathVertex> vertices, std::span<const PathState> paths,
-             std::span<const LightExtent> lights, uint32_t most, bool single);
+             std::span<const LightExtent> lights, float widest, uint32_t most, bool single);
 
   size_t size() const { return clusters_.size(); }
   const ShadingCluster& operator[](size_t c) const { return clusters_[c]; }
@@ -52,7 +48,8 @@ class ShadingClusters {
     float radius = 0, error = 0;
   };
   void fill(std::span<const PathVertex> all, std::span<const PathState> paths);
-  void add(std::span<const PathVertex> all, std::span<const LightExtent> lights, uint32_t begin, uint32_t end);
+  void add(std::span<const PathVertex> all, std::span<const LightExtent> lights, float widest, uint32_t begin,
+           uint32_t end);
   Centre find_centre(ShadingCluster& cluster) const;
 
   std::vector<ShadingCluster> clusters_;

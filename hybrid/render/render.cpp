@@ -96,7 +96,8 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.light_samples = options.light_samples;
   s.lobe_samples = options.lobe_samples;
   s.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
-  s.estimates = fields && options.whole_lights && options.tolerance >= k_estimating_tolerance;
+  s.estimates = fields && options.whole_lights;
+  if (s.estimates) s.widest_cluster *= std::min(options.tolerance / k_default_tolerance, 1.0f);
   s.max_depth = options.max_depth.value_or(scene.integrator.max_depth);
   s.rr_depth = scene.integrator.rr_depth;
   s.hide_emitters = scene.integrator.hide_emitters;

@@ -19,6 +19,7 @@
 #include "core/platform/error.h"
 #include "core/scene/scene.h"
 #include "core/simd/isa.h"
+#include "field/store/risk_classes.h"
 #include "hybrid/stats/stats.h"
 
 namespace fieldtrace {
@@ -44,7 +45,7 @@ struct RenderOptions {
   int light_samples = 1;         // shadow rays per light and hit
   int lobe_samples = 1;          // rays per glossy hit of the camera path
   std::optional<uint32_t> seed;  // default: the scene file's
-  float tolerance = 0.1f;        // [0, 1]; 0: every ray is traced, 1: every cell answers
+  float tolerance = k_default_tolerance;        // [0, 1]; 0: every ray is traced, 1: every cell answers
   Chart chart = Chart::orthographic;
   int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene. Thesis: M, 32, 64 or 128; 0: 64
   int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene. Thesis: 0

@@ -22,6 +22,7 @@
 #include "core/trace/accel.h"
 #include "field/query/segment_kernels.h"
 #include "field/store/field.h"
+#include "field/store/risk_classes.h"
 #include "field/thesis/thesis_field.h"
 #include "field/thesis/thesis_kernels.h"
 #include "hybrid/stats/stats.h"
@@ -32,7 +33,7 @@ namespace fieldtrace {
 
 struct AnswererSettings {
   Isa isa = Isa::scalar;         // resolved
-  float tolerance = 0.1f;        // [0, 1]
+  float tolerance = k_default_tolerance;        // [0, 1]
   bool check = false;            // also trace an exact ray for every field's answer
   bool force_undecided = false;  // look up, then treat every cell as undecided
   bool whole_lights = true;      // answer whole lights before single rays, at tolerances above 0
@@ -57,10 +58,6 @@ inline constexpr int k_fewest_strata = 16;
 // Half width, in texels, of a whole light's disc at the blocker below which strata are refused: contact shadows, which
 // single rays answer better (docs/decisions/014-strata.md).
 inline constexpr float k_least_light_disc = 2.0f;
-
-// From this tolerance on (the default), answers are estimates where that saves much: cones look for surfaces only in
-// the middle half of a chord, and strata are filtered. Below it, only what cells certify is answered.
-inline constexpr float k_estimating_tolerance = 0.1f;
 
 // A group's light, and what find_candidates() found. The caller keeps it between the two steps. Arrays are indexed by
 // shading point, each of which may stand for a cluster (ShadingPointBatch::radius).
@@ -105,9 +102,8 @@ class ShadowAnswerer {
 
   // Whether strata of the group's light may be filtered: some candidate leaves them to filter().
   bool filters(const ShadowGroup& group) const {
-    return settings_.tolerance >= k_estimating_tolerance && !group.open.empty();
+    return !group.open.empty();
   }
-  bool estimates() const { return settings_.tolerance >= k_estimating_tolerance && settings_.whole_lights; }
   bool checks() const { return settings_.check; }
   // Filters `strata` strata of a light for each of `shading_points` (indices into the group's; their by_rays must be
   // 0), whose rays sample_light() laid out in `batch`: sets batch.clear, and undecided[i] to 1 for strata that are not

@@ -61,7 +61,6 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   for (int e = 0; e < 9; ++e) o.cone.from_unit[e] = instance.to_world[e / 3][e % 3] * ball.radius;
   for (int a = 0; a < 3; ++a) o.cone.half_extent[a] = 0.5f * shape.bounds.diagonal()[a] / ball.radius;
   o.answers_cones = field && settings.whole_lights && settings.tolerance > 0.0f && !settings.force_undecided;
-  o.cone.chord_share = settings.tolerance < k_estimating_tolerance ? 1.0f : scalar::k_chord_share;
   std::memcpy(o.box.to_object, &instance.to_object, sizeof o.box.to_object);
   o.box.to_object_stretch = stretch_bound(linear_part(o.box.to_object));
   // Transforming a ray into object space rounds; the box grows by as much.
