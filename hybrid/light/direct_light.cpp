@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/sampling/sobol.hd.h"
 #include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
@@ -150,6 +151,7 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
     const StrataSeen seen = strata_seen(job, cluster, r * size_t(k_strata));
     job.stats.strata_refused +=
         uint64_t(std::count_if(seen.share, seen.share + k_strata, [](float s) { return s < 0; }));
+    if (context_.answerer.checks()) check_strata(job, cluster, seen);
     const bool all = seen.decided == 1.0f;
     if (all && seen.clear == 1.0f) {
       clear_.push_back(cluster);
@@ -297,7 +299,7 @@ void DirectLight::count_dark(const Job& job) {
   }
 }
 
-void DirectLight::check(const Job& job) {
+void DirectLight::check_whole(const Job& job) {
   for (const bool blocked : {false, true}) {
     sampled_.clear();
     std::vector<uint32_t> clusters;
@@ -308,6 +310,34 @@ void DirectLight::check(const Job& job) {
     sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
     context_.answerer.check_whole(candidates_, blocked, clusters, job.light_samples, shadows_, job.stats);
   }
+}
+
+// 64 rays to each stratum, from the cluster's points in turn.
+void DirectLight::check_strata(const Job& job, uint32_t cluster, const StrataSeen& seen) const {
+  constexpr int k_side = 8, k_columns = k_strata_side * k_side, k_rays = k_side * k_side;
+  const ShadingCluster& c = cluster_of(job, cluster);
+  const ShadingPointBatch& points = clusters_.points;
+  // One cluster in so many, whatever the groups.
+  constexpr uint32_t k_interval = 16;
+  if (scalar::hash_uint(points.seed[c.begin]) % k_interval != 0) return;
+  ShadingPointBatch centre;
+  const uint32_t only[] = {cluster};
+  select_points(centres_, only, centre);
+  ShadowBatch by_rows, rays;
+  constexpr int k_all = k_strata * k_rays;
+  sample_light(context_.lights, job.light, centre, {k_all, 0, k_all, k_columns}, context_.settings.isa, by_rows);
+  rays.resize(size_t(k_all));
+  const Vec3 middle(centre.px[0], centre.py[0], centre.pz[0]);
+  for (int i = 0; i < k_all; ++i) {
+    const int row = i / k_columns, column = i % k_columns;
+    const int stratum = row / k_side * k_strata_side + column / k_side;
+    const int ray = row % k_side * k_side + column % k_side;
+    const uint32_t from = c.begin + uint32_t(ray) % c.size();
+    const Vec3 aside = Vec3(points.px[from], points.py[from], points.pz[from]) - middle;
+    rays.rays.set(size_t(stratum * k_rays + ray), by_rows.rays.origin(size_t(i)) + aside,
+                  by_rows.rays.direction(size_t(i)) - aside, by_rows.rays.tmax[size_t(i)]);
+  }
+  context_.answerer.check_shares(candidates_, k_rays, rays, seen.share, job.stats);
 }
 
 void DirectLight::gather_light(const Job& job) {
@@ -325,7 +355,7 @@ void DirectLight::gather_light(const Job& job) {
       (shadow & k_light_blocked ? dark_ : shadow ? open_ : clear_).push_back(c);
     }
   }
-  if (context_.answerer.checks()) check(job);
+  if (context_.answerer.checks()) check_whole(job);
   {
     const ScopedTimer timer(stats.time_secondary);
     filter_strata(job);
@@ -339,11 +369,15 @@ void DirectLight::gather_light(const Job& job) {
 void DirectLight::gather_group(Job& job) {
   clusters_.centres(job.begin, job.end, centres_);
   candidates_.light_samples.resize(centres_.size);
+  uint64_t samples = 0;
   for (uint32_t c = 0; c < centres_.size; ++c) {
     candidates_.light_samples[c] = clusters_[job.begin + c].size() * uint32_t(job.light_samples);
+    samples += candidates_.light_samples[c];
   }
   for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
-    if (context_.lights.lights[job.light].kind != LightKind::none) gather_light(job);
+    if (context_.lights.lights[job.light].kind == LightKind::none) continue;
+    job.stats.samples += samples;
+    gather_light(job);
   }
 }
 
@@ -352,7 +386,8 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
   const int pixel_samples = first ? context_.settings.pixel_samples : 1;
   candidates_.few_samples = int64_t(pixel_samples) * light_samples < k_fewest_cone_samples;
   const auto most = uint32_t(std::max(2 * k_shadow_batch / light_samples, 1));
-  clusters_.build(vertices, paths, context_.light_extents, context_.settings.widest_cluster, most, candidates_.few_samples || pixel_samples == 1);
+  clusters_.build(vertices, paths, context_.light_extents, context_.settings.widest_cluster, most,
+                  candidates_.few_samples || pixel_samples == 1);
   for (auto* sum : {&red_, &green_, &blue_}) sum->assign(clusters_.vertices.size(), 0.0f);
   Job job{vertices, paths, light_samples, firsts, stats};
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {

@@ -98,7 +98,9 @@ class DirectLight {
   const ShadingCluster& cluster_of(const Job& job, uint32_t cluster) const { return clusters_[job.begin + cluster]; }
   void push_sampled(const Job& job, uint32_t cluster, uint32_t strata = k_none, bool is_lit = false);
   void count_dark(const Job& job);
-  void check(const Job& job);
+  // For --check: traces what whole lights were found; and compares strata with rays.
+  void check_whole(const Job& job);
+  void check_strata(const Job& job, uint32_t cluster, const StrataSeen& seen) const;
 
   const TransportContext& context_;
   ShadingClusters clusters_;

@@ -53,8 +53,7 @@ float spread_bound(const Vec3& mean, size_t count) {
 }
 
 bool is_far(const LightExtent& light, const Vec3& position, float radius, float widest) {
-  return light.kind != LightExtent::Kind::bounded ||
-         radius <= widest * glm::length(light.ball.centre - position);
+  return light.kind != LightExtent::Kind::bounded || radius <= widest * glm::length(light.ball.centre - position);
 }
 
 }  // namespace

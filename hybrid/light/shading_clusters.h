@@ -25,8 +25,9 @@ struct ShadingCluster {
 class ShadingClusters {
  public:
   // Clusters of the vertices that take light samples (neither delta nor dark), of at most `most` points each, in the
-  // order of the vertices. Vertices of one pixel must be consecutive. A cluster's radius is at most the share `widest` of
-  // its distance from each of `lights`; wider ones fall apart into single points. single: every vertex is its own cluster.
+  // order of the vertices. Vertices of one pixel must be consecutive. A cluster's radius is at most the share `widest`
+  // of its distance from each of `lights`; wider ones fall apart into single points. single: every vertex is its own
+  // cluster.
   void build(std::span<const PathVertex> vertices, std::span<const PathState> paths,
              std::span<const LightExtent> lights, float widest, uint32_t most, bool single);
 

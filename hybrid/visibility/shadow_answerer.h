@@ -32,12 +32,12 @@
 namespace fieldtrace {
 
 struct AnswererSettings {
-  Isa isa = Isa::scalar;         // resolved
-  float tolerance = k_default_tolerance;        // [0, 1]
-  bool check = false;            // also trace an exact ray for every field's answer
-  bool force_undecided = false;  // look up, then treat every cell as undecided
-  bool whole_lights = true;      // answer whole lights before single rays, at tolerances above 0
-  bool count_uses = false;       // fill Stats::field_uses
+  Isa isa = Isa::scalar;                  // resolved
+  float tolerance = k_default_tolerance;  // [0, 1]
+  bool check = false;                     // also trace an exact ray for every field's answer
+  bool force_undecided = false;           // look up, then treat every cell as undecided
+  bool whole_lights = true;               // answer whole lights before single rays, at tolerances above 0
+  bool count_uses = false;                // fill Stats::field_uses
   // Trace every shadow ray against the whole scene. A shading point's light then cannot depend on its group, which
   // otherwise decides whether the light is sampled or, where nothing can block it, known in closed form.
   bool whole_scene = false;
@@ -101,9 +101,7 @@ class ShadowAnswerer {
   void find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const;
 
   // Whether strata of the group's light may be filtered: some candidate leaves them to filter().
-  bool filters(const ShadowGroup& group) const {
-    return !group.open.empty();
-  }
+  bool filters(const ShadowGroup& group) const { return !group.open.empty(); }
   bool checks() const { return settings_.check; }
   // Filters `strata` strata of a light for each of `shading_points` (indices into the group's; their by_rays must be
   // 0), whose rays sample_light() laid out in `batch`: sets batch.clear, and undecided[i] to 1 for strata that are not
@@ -116,6 +114,11 @@ class ShadowAnswerer {
   // answered: that it blocks the light or, of a clear light, that neither it nor any other candidate does.
   void check_whole(const ShadowGroup& group, bool blocked, std::span<const uint32_t> shading_points, int samples,
                    const ShadowBatch& batch, Stats& stats) const;
+
+  // The same for strata: compares the share that filter() gave each, or below 0, with `rays` consecutive rays of
+  // `batch` to points all over it.
+  void check_shares(const ShadowGroup& group, int rays, const ShadowBatch& batch, std::span<const float> shares,
+                    Stats& stats) const;
 
   // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both must be 0 on entry, and stay 0 for
   // inactive slots. The rays must leave shading points that `group` was made for. Adds to `stats` rays_exact,
