@@ -49,6 +49,7 @@ struct SegmentTask {
   float to_unit_area = 0.0f;     // bound on the area of to_unit's image of a unit square
   bool keeps_angles = false;     // to_unit is a similarity, up to rounding
   uint32_t instance = 0;         // rays from shading points on this instance are self-shadowing
+  bool self_only = false;        // other rays are undecided
   bool reads_depth = true;       // false: what the visibility cell does not decide stays undecided
 };
 

@@ -44,6 +44,8 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
 
 void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
   const size_t n = padded(batch.rays.size);
+  // What coverage maps leave undecided about other objects, cells mostly do as well, and they cost far more to bake.
+  const bool strata_tried = group.is_tested && !group.few_samples && settings_.whole_lights && settings_.tolerance < 1.0f;
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     const ShadowInstance& o = instances_[group.candidates[slot]];
     SegmentCounts counts;
@@ -55,7 +57,8 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
     } else if (!o.field) {
       counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
     } else {
-      const SegmentTask& task = o.cone.segment;
+      SegmentTask task = o.cone.segment;
+      task.self_only = strata_tried;
       counts = kernels_.query(task, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
       bake_unknown(o, task, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);
