@@ -30,6 +30,12 @@ struct MissingList {
   }
 };
 
+// A direction and its cell's differ by less than the cell's diagonal; that of the mean cell is 2 sqrt(2 pi) / D.
+template <class F>
+FT_HD_INLINE F most_turn(const FieldView& field) {
+  return splat<F>(5.1f / field.directions.cells);
+}
+
 // Whether the whole object, and the light's whole cone too, lie in front of the shading point's tangent plane: then the
 // backward part of the cone's lines meets nothing. The object's bounds are a box about the origin; it may reach below
 // the plane by the spacing of the lines, which they do not resolve.
@@ -44,9 +50,17 @@ FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const LightCone<F>& co
                   abs(n.z) * splat<F>(task.half_extent[2]);
   const FieldView& field = task.segment.field;
   const F length = sqrt(dot(n, n));
-  // A direction and its cell's differ by less than the cell's diagonal, of the mean cell 2 sqrt(2 pi) / D.
-  const F turn = cone.sine + splat<F>(5.1f / field.directions.cells);
+  const F turn = cone.sine + most_turn<F>(field);
   return (dot(n, cone.p) + reach <= length / splat<F>(field.coverage.half_lines)) & (dot(n, cone.axis) > length * turn);
+}
+
+// Whether the backward part of no line of the cone, seen along its cell's direction, meets the object's ball, which the
+// points lie outside of: a line through p meets it behind p if its direction d has d.p > sqrt(p^2 - 1).
+template <class F>
+FT_HD_INLINE Mask_t<F> is_before_ball(const FieldView& field, const LightCone<F>& cone) {
+  const F one = splat<F>(1.0f), squared = dot(cone.p, cone.p), length = sqrt(squared);
+  const F most = dot(cone.p, cone.axis) + length * (cone.sine + most_turn<F>(field)) + cone.near;
+  return (squared > (one + cone.near) * (one + cone.near)) & (most < sqrt(max(squared - one, splat<F>(0.0f))));
 }
 
 template <class F>
@@ -77,7 +91,7 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
       const LightCone<F> cone = make_cone<F>(p, transformed_vector(m, centre - world), radius, near);
       const Mask_t<F> inside = dot(p, p) < (one + near) * (one + near);
       const Mask_t<F> self = queried & (load_uint_lanes<F>(&shading_points.instance[i]) == instance);
-      const Mask_t<F> before = (!inside) & (dot(p, cone.axis) < splat<F>(0.0f));
+      const Mask_t<F> before = is_before_ball<F>(field, cone);
       const Mask_t<F> beyond = light_beyond_ball(cone);
       const Mask_t<F> within = inside & faces_object<F>(task, cone, normal);
       const Mask_t<F> opaque = load_byte_lanes<F>(&shading_points.transmits[i]) == splat_uint<F>(0);
@@ -103,7 +117,7 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
       counts.blocked += uint64_t(count_true(answer.blocked));
       // Strata are tried wherever the object lies in front of the shading point; whether the light ends beyond the ball
       // is tested for each stratum.
-      const Mask_t<F> by_strata = and_not(self, queried & opaque & ((!inside) | within));
+      const Mask_t<F> by_strata = and_not(self, queried & opaque & (before | within));
       const Int_t<F> open = select(by_strata, flag | splat_int<F>(k_by_strata), flag);
       const Int_t<F> found = select(answer.blocked, splat_int<F>(k_light_blocked), open);
       store_lanes(select(answer.clear, splat_int<F>(0), found), flags + i);
@@ -172,8 +186,8 @@ inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& ray
         transform_tube(task.segment, o, d, side * splat<F>(0.5f), stratum);
         stratum.near = near;
       }
-      const StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.segment.policy, task.least_disc, stratum, tmax * scale,
-                                                        queried, MissingList<F>{unknowns.tiles});
+      const StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.segment.policy, task.least_disc,
+                                                        stratum, tmax * scale, queried, MissingList<F>{unknowns.tiles});
       found[v] = select(queried, answer.clear, one);
       failed[v] = answer.refused;
       missing = missing || any(answer.unknown);

@@ -39,13 +39,19 @@ float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> t
 
 namespace {
 
-// Whether fine cells of the scene's costliest field would take more rays to bake than they save.
+// Rays to bake all fields of the scene at these parameters.
+double all_bake_rays(const FieldParameters& parameters, const Scene& scene, std::span<const ShapeTraits> traits) {
+  const std::vector<double> rays = estimated_bake_rays(scene, parameters);
+  double sum = 0.0;
+  for (size_t s = 0; s < rays.size(); ++s) sum += traits[s].wants_field ? rays[s] : 0.0;
+  return sum;
+}
+
+// Whether fine cells would take more rays to bake than they save.
 bool is_costly(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light) {
-  const std::vector<double> rays = estimated_bake_rays(scene, FieldParameters());
-  double most = 0.0;
-  for (size_t s = 0; s < rays.size(); ++s) most = std::max(most, traits[s].wants_field ? rays[s] : 0.0);
   const double light_samples = double(rays_per_light) * double(scene.emitters.size());
-  return most > std::max(k_costly_bake_rays, k_most_bake_share * light_samples);
+  return all_bake_rays(FieldParameters(), scene, traits) >
+         std::max(k_costly_bake_rays, k_most_bake_share * light_samples);
 }
 
 // Approximate number of light samples taken on objects with fields.
@@ -55,14 +61,6 @@ double samples_on_objects(const Scene& scene, std::span<const ShapeTraits> trait
     if (traits[instance.shape].wants_field) share += double(projected_share(scene, instance));
   }
   return double(rays_per_light) * double(scene.emitters.size()) * std::min(share, 1.0);
-}
-
-// Rays to bake all fields of the scene at these parameters.
-double all_bake_rays(const FieldParameters& parameters, const Scene& scene, std::span<const ShapeTraits> traits) {
-  const std::vector<double> rays = estimated_bake_rays(scene, parameters);
-  double sum = 0.0;
-  for (size_t s = 0; s < rays.size(); ++s) sum += traits[s].wants_field ? rays[s] : 0.0;
-  return sum;
 }
 
 }  // namespace

@@ -19,8 +19,8 @@ namespace fieldtrace {
 
 // Lights narrower than this (angular diameter in degrees, from the centre of an object with a field) get fine cells.
 inline constexpr float k_wide_light_degrees = 12.0f;
-// Fewer shadow rays than this to each light get coarse cells: a picture of 512 x 512 at 64 samples has 16.8 million.
-inline constexpr uint64_t k_fine_field_rays = 12'000'000;
+// Fewer light samples than this of each light get coarse cells: a picture of 512 x 512 at 8 samples has 2.1 million.
+inline constexpr uint64_t k_fine_field_rays = 2'000'000;
 // Fine cells give way to coarse ones where their bake is costly (hybrid/fields/bake_estimate.h) and takes more than
 // this share of the picture's light samples: a narrow light beside wide ones, or many lights.
 inline constexpr double k_most_bake_share = 0.05;

@@ -46,7 +46,9 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
   std::vector<uint32_t> chosen;
   for (const uint32_t s : shapes_by_gain(scene, traits)) {
     if (chosen.size() == plan.most_fields) break;
-    if (bake_rays_[s] > std::max(plan.light_samples, k_costly_bake_rays)) {
+    // Coverage maps take one line a texel; few cells are baked beside them.
+    const double map_rays = bake_rays_[s] / double(plan.parameters.lines + 1);
+    if (map_rays > std::max(plan.light_samples, k_costly_bake_rays)) {
       left_to_rays_[s] = 1;
       if (!for_hits_[s]) continue;
     }

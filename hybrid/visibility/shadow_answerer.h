@@ -52,9 +52,6 @@ inline constexpr size_t k_most_candidates = 16;
 // With fewer light samples in a cluster, its rays cost no more than looking up the whole light.
 inline constexpr int k_fewest_cone_samples = 4;
 
-// With fewer strata than this, look-ups treat each as 1 / k_fewest_strata of the light: larger footprints would blur.
-inline constexpr int k_fewest_strata = 16;
-
 // Half width, in texels, of a whole light's disc at the blocker below which strata are refused: contact shadows, which
 // single rays answer better (docs/decisions/014-strata.md).
 inline constexpr float k_least_light_disc = 2.0f;

@@ -46,7 +46,7 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
   const Sphere& light = group.light.ball;
   const int side = plane_fit_side_for(task, light);
   const uint32_t most = *std::max_element(group.light_samples.begin(), group.light_samples.end());
-  if (task.segment.reads_depth && uint32_t(side * side) <= 4 * most) task.plane_fit_side = side;
+  if (task.segment.reads_depth && uint32_t(side * side) <= most) task.plane_fit_side = side;
   ConeUnknowns& unknowns = work.unknowns;
   const int most_rounds = std::max(k_most_bake_rounds, 2 * task.plane_fit_side * task.plane_fit_side);
   bake_and_repeat(o, shading_points.size, unknowns, stats, most_rounds, [&](std::span<const uint32_t> blocks) {
@@ -107,8 +107,8 @@ void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& a
     if (!is_queried) continue;
     StratumTask task;
     task.segment = o.cone.segment;
-    task.least_disc = k_least_light_disc / std::sqrt(float(std::max(strata, k_fewest_strata)));
-    task.share = 1.0f / float(std::max(strata, k_fewest_strata));
+    task.least_disc = k_least_light_disc / std::sqrt(float(strata));
+    task.share = 1.0f / float(strata);
     work.clear.assign(slots, 1.0f);
     work.refused.assign(slots, 0);
     bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
