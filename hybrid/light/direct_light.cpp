@@ -10,6 +10,8 @@ namespace {
 
 // StrataSeen::share of strata that are undecided; the second where every light sample must be taken.
 constexpr float k_undecided = -1.0f, k_undecided_thin = -2.0f;
+// What is known of a stratum whose first samples disagree.
+constexpr float k_mixed = 0.5f;
 
 void select_points(const ShadingPointBatch& all, std::span<const uint32_t> indices, ShadingPointBatch& chosen) {
   chosen.resize(indices.size());
@@ -149,8 +151,9 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
   for (size_t r = 0; r < clusters.size(); ++r) {
     const uint32_t cluster = clusters[r];
     const StrataSeen seen = strata_seen(job, cluster, r * size_t(k_strata));
-    job.stats.strata_refused +=
-        uint64_t(std::count_if(seen.share, seen.share + k_strata, [](float s) { return s < 0; }));
+    for (size_t slot = r * k_strata; slot < (r + 1) * k_strata; ++slot) {
+      job.stats.strata_refused += undecided_[slot] != 0 && shadows_.rays.tmax[slot] >= 0.0f;
+    }
     const bool all = seen.decided == 1.0f;
     if (all && seen.clear == 1.0f) {
       clear_.push_back(cluster);
@@ -230,6 +233,8 @@ void DirectLight::sort_undecided(const Job& job, std::span<const Sampled> batch,
   waiting_.clear();
   first_cells_.clear();
   bool waits = false;
+  uint32_t first_samples = 0;
+  std::array<uint32_t, k_strata> taken;
   for (size_t i = 0; i < batch.size(); ++i) {
     const Sampled& s = batch[i];
     const float* shares = s.strata == k_none ? nullptr : seen_[s.strata].share;
@@ -238,9 +243,11 @@ void DirectLight::sort_undecided(const Job& job, std::span<const Sampled> batch,
       grids_.back().fill(k_undecided);
       if (shares) std::copy_n(shares, k_strata, grids_.back().begin());
       // With one sample in most strata, agreement between neighbours would settle nothing.
-      waits = on_grid && context_.settings.adaptive && candidates_.light_samples[s.cluster] >= 2 * k_strata;
+      const uint32_t samples = candidates_.light_samples[s.cluster];
+      waits = on_grid && context_.settings.adaptive && samples >= 2 * k_strata;
+      first_samples = std::max(samples / (k_samples_per_first * k_strata), 1u);
+      taken.fill(0);
     }
-    std::array<float, k_strata>& grid = grids_.back();
     for (size_t slot = i * m; slot < (i + 1) * m; ++slot) {
       if (shadows_.rays.tmax[slot] < 0.0f) continue;
       const auto cell = on_grid ? uint32_t(shadows_.cell[slot]) : 0u;
@@ -252,8 +259,7 @@ void DirectLight::sort_undecided(const Job& job, std::span<const Sampled> batch,
       } else if (!waits || share == k_undecided_thin) {
         traced_slots_.push_back(uint32_t(slot));
         first_cells_.push_back({k_none, 0});
-      } else if (grid[cell] == k_undecided) {
-        grid[cell] = 0.0f;  // until it is traced
+      } else if (taken[cell]++ < first_samples) {
         traced_slots_.push_back(uint32_t(slot));
         first_cells_.push_back({uint32_t(grids_.size() - 1), cell});
       } else {
@@ -276,18 +282,21 @@ void DirectLight::trace_slots(const Job& job) {
   }
 }
 
-// A stratum whose first sample agrees with all that is known of the strata around it is taken to be seen alike.
+// A stratum whose first samples agree, and with all that is known of the strata around it, is taken to be seen alike.
 void DirectLight::settle_waiting(const Job& job) {
   for (size_t j = 0; j < traced_slots_.size(); ++j) {
     const auto [grid, cell] = first_cells_[j];
-    if (grid != k_none) grids_[grid][cell] = shadows_.clear[traced_slots_[j]];
+    if (grid == k_none) continue;
+    float& known = grids_[grid][cell];
+    const float clear = shadows_.clear[traced_slots_[j]];
+    known = known == k_undecided || known == clear ? clear : k_mixed;
   }
   traced_slots_.clear();
   for (const Waiting& w : waiting_) {
     const std::array<float, k_strata>& grid = grids_[w.grid];
     const int column = int(w.cell) % k_strata_side, row = int(w.cell) / k_strata_side;
     const float value = grid[w.cell];
-    bool agrees = true;
+    bool agrees = value != k_mixed;
     for (int y = std::max(row - 1, 0); y <= std::min(row + 1, k_strata_side - 1); ++y) {
       for (int x = std::max(column - 1, 0); x <= std::min(column + 1, k_strata_side - 1); ++x) {
         const float other = grid[size_t(y * k_strata_side + x)];

@@ -31,6 +31,9 @@ inline constexpr int k_shadow_batch = 8192;
 inline constexpr int k_strata_side = 4;
 inline constexpr int k_strata = k_strata_side * k_strata_side;
 
+// One in so many of a cluster's samples in an undecided stratum is traced before the others.
+inline constexpr uint32_t k_samples_per_first = 4;
+
 class DirectLight {
  public:
   explicit DirectLight(const TransportContext& context) : context_(context) {}
@@ -115,7 +118,7 @@ class DirectLight {
   AlignedVector<float> irradiance_;
   ShadowBatch shadows_, traced_;
   std::vector<uint8_t> undecided_;
-  // Slots of shadows_ to be traced; and those whose stratum has been sampled once, which agreeing neighbours settle.
+  // Slots of shadows_ to be traced; and those whose stratum has had its first samples, which agreeing neighbours settle.
   std::vector<uint32_t> traced_slots_;
   struct Waiting {
     uint32_t slot = 0, grid = 0, cell = 0;
