@@ -44,7 +44,7 @@ struct ConeScene {
                    Stats& stats) const {
     ShadowGroup group;
     group.light = light_extent(maker.scene, 0);
-    group.light_samples = light_samples;
+    group.light_samples.assign(shading_points.size, uint32_t(light_samples));
     from.find_candidates(shading_points, group, stats);
     return group;
   }
@@ -79,6 +79,7 @@ inline void set_shading_point(ShadingPointBatch& batch, size_t r, const Vec3& p,
   batch.gx[r] = normal.x, batch.gy[r] = normal.y, batch.gz[r] = normal.z;
   batch.sx[r] = normal.x, batch.sy[r] = normal.y, batch.sz[r] = normal.z;
   batch.error[r] = gamma_bound(3) * (std::abs(p.x) + std::abs(p.y) + std::abs(p.z));
+  batch.radius[r] = 0.0f;
   batch.instance[r] = instance;
 }
 
