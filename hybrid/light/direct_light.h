@@ -32,7 +32,7 @@ inline constexpr int k_strata_side = 4;
 inline constexpr int k_strata = k_strata_side * k_strata_side;
 
 // One in so many of a cluster's samples in an undecided stratum is traced before the others.
-inline constexpr uint32_t k_samples_per_first = 4;
+inline constexpr uint32_t k_samples_per_first = 2;
 
 class DirectLight {
  public:
