@@ -82,6 +82,9 @@ constexpr float k_most_disc_drift = 0.5f;
 // them one surface may hide another from the lines where the rays pass between the two.
 constexpr float k_most_apart = 1.0f;
 constexpr float k_most_apart_filled = 0.5f;
+// A stratum's errors are a sixteenth of the light's (k_fewest_strata) and differ from those of others. What the width
+// of the shading points lends to its disc is the same in all of them, and counts as its root.
+constexpr float k_near_share = 0.25f;
 // Rays of one stratum differ in length to a depth by no more than this share: the tube's width is right to first order.
 constexpr float k_most_bend = 0.25f;
 // Largest correlation of a tube's extents along a map's axes. A rectangle is wrong about the variance along its
@@ -276,16 +279,19 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
   const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
 
-  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc.least_half() * splat<F>(k_most_disc_drift)));
-  const F apart = depths_apart<F>(field, tube, disc, some);
+  // Errors are measured by the disc of the light's part alone and a share of that of the shading points.
+  const TubeWidths<F>& widths = tube.widths;
+  const F least_near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
+  const F least_half = half_width(stratum, min(widths.x, widths.y), least_near, disc.t);
+  const F disc_half = max(least_half * splat<F>(field.coverage.half_lines), splat<F>(0.5f));
+  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc_half * splat<F>(k_most_disc_drift)));
+  const F apart = depths_apart<F>(field, tube, disc, some) * disc.least_half() / disc_half;
   const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart));
   const Mask_t<F> layered = some & (apart > most);
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const F least = select(thin_ratio > splat<F>(k_most_thin_features), splat<F>(k_coarse_disc), splat<F>(least_disc));
-  const TubeWidths<F>& widths = tube.widths;
-  const F least_half = half_width(stratum, min(widths.x, widths.y), min(widths.near_x, widths.near_y), disc.t);
   const Mask_t<F> small = open & (least_half * scale < least), skewed = some & widths.skewed;
   answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered | skewed);
   return answer;
