@@ -18,14 +18,22 @@ FT_LANES_BEGIN
 template <class F>
 inline void sample_camera_batch(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,
                                 float* near_distance) {
+  Uint_t<F> last_px = splat_uint<F>(0u), last_py = last_px;
+  SobolSeeds<F> film_seeds = {}, aperture_seeds = {};
   for (size_t i = 0; i < samples.size; i += size_t(Lanes<F>::k_count)) {
     const Uint_t<F> px = load_uint_lanes<F>(samples.x.data() + i), py = load_uint_lanes<F>(samples.y.data() + i);
     const Uint_t<F> index = load_uint_lanes<F>(samples.index.data() + i);
-    const Uint_t<F> camera_seed =
-        hash_combine_lanes<F>(pixel_seed_lanes<F>(seed, px, py), splat_uint<F>(k_camera_stream));
-    const UnitPair<F> film = sample_2d<F>(index, sobol_seeds<F>(camera_seed, 0));
+    // Many samples of one pixel share its seeds.
+    if (i == 0 || !all(as_int(px) == as_int(last_px)) || !all(as_int(py) == as_int(last_py))) {
+      const Uint_t<F> camera_seed =
+          hash_combine_lanes<F>(pixel_seed_lanes<F>(seed, px, py), splat_uint<F>(k_camera_stream));
+      film_seeds = sobol_seeds<F>(camera_seed, 0);
+      if (lens.aperture_radius > 0.0f) aperture_seeds = sobol_seeds<F>(camera_seed, 1);
+      last_px = px, last_py = py;
+    }
+    const UnitPair<F> film = sample_2d<F>(index, film_seeds);
     UnitPair<F> aperture = {splat<F>(0.0f), splat<F>(0.0f)};
-    if (lens.aperture_radius > 0.0f) aperture = sample_2d<F>(index, sobol_seeds<F>(camera_seed, 1));
+    if (lens.aperture_radius > 0.0f) aperture = sample_2d<F>(index, aperture_seeds);
     const F half = splat<F>(0.5f);
     const F x = to_float(as_int(px)) + half + filter_offset<F>(lens, film.x);
     const F y = to_float(as_int(py)) + half + filter_offset<F>(lens, film.y);

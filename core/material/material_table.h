@@ -16,12 +16,9 @@ class MaterialTable {
   // Whether resolve_material() of Scene::bsdfs[bsdf] depends on texture coordinates.
   bool varies(uint32_t bsdf) const { return textured_[bsdf]; }
 
-  // The result of resolve_material() for Scene::bsdfs[bsdf]; null if it varies over the surface, or if cos_wi is 0 or
-  // NaN.
-  const Material* find(uint32_t bsdf, float cos_wi) const {
-    if (!(cos_wi < 0.0f || cos_wi > 0.0f) || textured_[bsdf]) return nullptr;
-    return &sides_[2 * bsdf + (cos_wi < 0.0f ? 1 : 0)];
-  }
+  // The results of resolve_material() for Scene::bsdfs[bsdf] in front (cos_wi > 0) and behind (cos_wi < 0); null if
+  // they vary over the surface.
+  const Material* sides(uint32_t bsdf) const { return textured_[bsdf] ? nullptr : &sides_[2 * bsdf]; }
 
  private:
   std::vector<Material> sides_;  // front and back of each Bsdf

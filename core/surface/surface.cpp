@@ -30,7 +30,9 @@ LocalSurface triangle_point(const Shape& shape, uint32_t primitive, float u, flo
     const auto at = [&](uint32_t i) { return lanes(DVec3(of[i])); };
     return scalar::TriangleCorners<double>{at(index.x), at(index.y), at(index.z)};
   };
-  LocalSurface local = scalar::triangle_surface<double>(corners(shape.mesh.positions), u, v);
+  scalar::TrianglePlane<double> plane;
+  scalar::set_plane(corners(shape.mesh.positions), plane);
+  LocalSurface local = scalar::triangle_surface<double>(plane, u, v);
   if (!shape.mesh.normals.empty()) {
     local.shading = scalar::interpolated_normal<double>(corners(shape.mesh.normals), u, v, local.normal);
   }
@@ -111,7 +113,8 @@ SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch
     s.uv = point.uv;
   }
   const auto world = scalar::to_world_surface<double>(scalar::splat_affine<double>(&instance.to_world[0][0]), to_object,
-                                                      instance.flip_normals ? -1.0 : 1.0, local, true);
+                                                      instance.flip_normals ? -1.0 : 1.0, local,
+                                                      scalar::to_world_normal<double>(to_object, local.normal), true);
   s.position = Vec3(to_vec(world.position));
   s.geometric_normal = Vec3(to_vec(world.normal));
   s.shading_normal = Vec3(to_vec(world.shading));

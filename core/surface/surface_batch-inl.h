@@ -24,6 +24,7 @@ struct alignas(64) SurfaceBlock {
   float u[k_surface_block], v[k_surface_block];
   float position[9][k_surface_block], normal[9][k_surface_block];  // of the corners, coordinate by coordinate
   float surface[10][k_surface_block];                              // position, normal, shading normal, error
+  int32_t triangle[k_surface_block];                               // of each vector of floats; -1: several
   size_t used = 0;  // hits; later lanes repeat the last hit, whose mesh is the same
 };
 
@@ -58,7 +59,9 @@ inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, Surface
     store_lanes(gather(hits.u.data(), place), block.u + i);
     store_lanes(gather(hits.v.data(), place), block.v + i);
     const int32_t first = primitives[block.place[i]];
-    if (all(primitive == splat_int<F>(first))) {  // common on large triangles
+    const bool is_one = all(primitive == splat_int<F>(first));  // common on large triangles
+    block.triangle[i / size_t(Lanes<F>::k_count)] = is_one ? first : -1;
+    if (is_one) {
       const UVec3& row = mesh.triangles[size_t(first)];
       splat_corners<F>(mesh.positions, row, i, block.position);
       if (!mesh.normals.empty()) splat_corners<F>(mesh.normals, row, i, block.normal);
@@ -72,20 +75,13 @@ inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, Surface
   }
 }
 
-// Evaluates the triangles from entry i of a block on.
+// The corners of the triangles from entry i of a block on.
 template <class D>
-FT_HD_INLINE LocalSurface<D> block_surface(const SurfaceBlock& block, bool has_normals, size_t i) {
-  const auto corners = [&](const float(&from)[9][k_surface_block]) {
-    const auto at = [&](int k) {
-      return Vec3Lanes<D>{load_floats<D>(from[k] + i), load_floats<D>(from[k + 1] + i),
-                          load_floats<D>(from[k + 2] + i)};
-    };
-    return TriangleCorners<D>{at(0), at(3), at(6)};
+FT_HD_INLINE TriangleCorners<D> block_corners(const float (&from)[9][k_surface_block], size_t i) {
+  const auto at = [&](int k) {
+    return Vec3Lanes<D>{load_floats<D>(from[k] + i), load_floats<D>(from[k + 1] + i), load_floats<D>(from[k + 2] + i)};
   };
-  const D b1 = load_floats<D>(block.u + i), b2 = load_floats<D>(block.v + i);
-  LocalSurface<D> local = triangle_surface<D>(corners(block.position), b1, b2);
-  if (has_normals) local.shading = interpolated_normal<D>(corners(block.normal), b1, b2, local.normal);
-  return local;
+  return {at(0), at(3), at(6)};
 }
 
 template <class F, class D>
@@ -97,14 +93,25 @@ inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
   const D sign = splat_double<D>(instance.flip_normals ? -1.0 : 1.0);
   const bool is_shaded = !mesh.normals.empty();
   SurfaceBlock block;
+  TrianglePlane<D> plane = {};
+  WorldNormal<D> normal = {};
+  int32_t triangle = -1;  // that both belong to
   for (size_t begin = 0; begin < task.places.size(); begin += k_surface_block) {
     block.used = std::min(task.places.size() - begin, k_surface_block);
     std::copy_n(task.places.data() + begin, block.used, block.place);
     std::fill(block.place + block.used, block.place + k_surface_block, block.place[block.used - 1]);
     gather_block<F>(mesh, task.hits, block);
     for (size_t i = 0; i < block.used; i += size_t(DoubleLanes<D>::k_count)) {
-      const WorldSurface<D> s =
-          to_world_surface<D>(to_world, to_object, sign, block_surface<D>(block, is_shaded, i), is_shaded);
+      const int32_t next_triangle = block.triangle[i / size_t(Lanes<F>::k_count)];
+      if (next_triangle < 0 || next_triangle != triangle) {
+        set_plane(block_corners<D>(block.position, i), plane);
+        normal = to_world_normal<D>(to_object, plane.normal);
+        triangle = next_triangle;
+      }
+      const D b1 = load_floats<D>(block.u + i), b2 = load_floats<D>(block.v + i);
+      LocalSurface<D> local = triangle_surface<D>(plane, b1, b2);
+      if (is_shaded) local.shading = interpolated_normal<D>(block_corners<D>(block.normal, i), b1, b2, local.normal);
+      const WorldSurface<D> s = to_world_surface<D>(to_world, to_object, sign, local, normal, is_shaded);
       const D values[9] = {s.position.x, s.position.y, s.position.z, s.normal.x, s.normal.y,
                            s.normal.z,   s.shading.x,  s.shading.y,  s.shading.z};
       for (int k = 0; k < 9; ++k) store_floats(values[k], block.surface[k] + i);

@@ -51,30 +51,45 @@ struct TriangleCorners {
   Vec3Lanes<D> p0, p1, p2;
 };
 
-// A query computes the triangle's normal as a cross product of rounded edges and projects v0 - o onto it: products of
-// three factors, summed 2 x 3 times, each with about 8 roundings. The absolute products bound the terms, so the error
-// is large only for slivers, where the normal really cancels.
+// What the points of a triangle share.
 template <class D>
-FT_HD_INLINE D triangle_query_error(const Vec3Lanes<D>& e1, const Vec3Lanes<D>& e2, const Vec3Lanes<D>& to_p0,
-                                    D normal_length) {
-  const D zero = splat_double<D>(0.0);
-  const Vec3Lanes<D> a = magnitudes(e1), b = magnitudes(e2);
-  const Vec3Lanes<D> terms = {a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x};
-  const D of_terms = splat_double<D>(k_gamma_8) * dot(terms, magnitudes(to_p0)) / normal_length;
-  const D of_size = splat_double<D>(k_least_share) * sqrt(max(dot(e1, e1), dot(e2, e2)));
-  return select(normal_length > zero, of_terms, zero) + of_size;
+struct TrianglePlane {
+  TriangleCorners<D> corners;
+  Vec3Lanes<D> normal;  // any length
+  D normal_length;
+  Vec3Lanes<D> error_terms;  // see query_error
+  D least_error;
+
+  // A query computes the triangle's normal as a cross product of rounded edges and projects v0 - o onto it: products of
+  // three factors, summed 2 x 3 times, each with about 8 roundings. The absolute products bound the terms, so the error
+  // is large only for slivers, where the normal really cancels.
+  FT_HD_INLINE D query_error(const Vec3Lanes<D>& to_p0) const {
+    const D zero = splat_double<D>(0.0);
+    const D of_terms = splat_double<D>(k_gamma_8) * dot(error_terms, magnitudes(to_p0)) / normal_length;
+    return select(normal_length > zero, of_terms, zero) + least_error;
+  }
+};
+
+template <class D>
+FT_HD_INLINE void set_plane(const TriangleCorners<D>& t, TrianglePlane<D>& plane) {
+  const Vec3Lanes<D> e1 = t.p1 - t.p0, e2 = t.p2 - t.p0, a = magnitudes(e1), b = magnitudes(e2);
+  plane.corners = t;
+  plane.normal = cross(e1, e2);
+  plane.normal_length = sqrt(dot(plane.normal, plane.normal));
+  plane.error_terms = {a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x};
+  plane.least_error = splat_double<D>(k_least_share) * sqrt(max(dot(e1, e1), dot(e2, e2)));
 }
 
 // The point with barycentric coordinates b1, b2 of p1 and p2; `shading` is the geometric normal.
 template <class D>
-FT_HD_INLINE LocalSurface<D> triangle_surface(const TriangleCorners<D>& t, D b1, D b2) {
+FT_HD_INLINE LocalSurface<D> triangle_surface(const TrianglePlane<D>& plane, D b1, D b2) {
+  const TriangleCorners<D>& t = plane.corners;
   const D b0 = splat_double<D>(1.0) - b1 - b2;
   LocalSurface<D> local;
   local.position = t.p0 * b0 + t.p1 * b1 + t.p2 * b2;
-  const Vec3Lanes<D> e1 = t.p1 - t.p0, e2 = t.p2 - t.p0;
-  local.normal = local.shading = cross(e1, e2);
-  local.normal_length = sqrt(dot(local.normal, local.normal));
-  local.query_error = triangle_query_error(e1, e2, t.p0 - local.position, local.normal_length);
+  local.normal = local.shading = plane.normal;
+  local.normal_length = plane.normal_length;
+  local.query_error = plane.query_error(t.p0 - local.position);
   return local;
 }
 
@@ -129,6 +144,27 @@ FT_HD_INLINE D rounding_error(const AffineLanes<D>& to_world, const AffineLanes<
   return in_world + select(has_normal, carried + on_the_way, zero);
 }
 
+// A normal in world space, not reversed.
+template <class D>
+struct WorldNormal {
+  Vec3Lanes<D> unit;
+  D length;  // before normalisation
+};
+
+// `otherwise` (the z axis) stands for normals of length 0.
+template <class D>
+FT_HD_INLINE WorldNormal<D> to_world_normal(const AffineLanes<D>& to_object, const Vec3Lanes<D>& local,
+                                            const Vec3Lanes<D>& otherwise) {
+  const Vec3Lanes<D> normal = to_object.normal(local);
+  const D length = sqrt(dot(normal, normal));
+  const auto is_normal = length > splat_double<D>(0.0);
+  return {select_vector(is_normal, normal * (splat_double<D>(1.0) / length), otherwise), length};
+}
+template <class D>
+FT_HD_INLINE WorldNormal<D> to_world_normal(const AffineLanes<D>& to_object, const Vec3Lanes<D>& local) {
+  return to_world_normal<D>(to_object, local, {splat_double<D>(0.0), splat_double<D>(0.0), splat_double<D>(1.0)});
+}
+
 // World space; `normal` and `shading` are unit, on the outside.
 template <class D>
 struct WorldSurface {
@@ -136,28 +172,18 @@ struct WorldSurface {
   D error;
 };
 
-// sign: -1 if the instance's normals are reversed.
+// sign: -1 if the instance's normals are reversed. normal: that of local.normal.
 // is_shaded: local.shading may differ from local.normal.
 template <class D>
 FT_HD_INLINE WorldSurface<D> to_world_surface(const AffineLanes<D>& to_world, const AffineLanes<D>& to_object, D sign,
-                                              const LocalSurface<D>& local, bool is_shaded) {
-  const D zero = splat_double<D>(0.0), one = splat_double<D>(1.0);
-  const auto unit = [&](const Vec3Lanes<D>& v, D length, const Vec3Lanes<D>& otherwise) {
-    return select_vector(length > zero, v * (one / length), otherwise);
-  };
+                                              const LocalSurface<D>& local, const WorldNormal<D>& normal,
+                                              bool is_shaded) {
   WorldSurface<D> s;
   s.position = to_world.point(local.position);
-  const Vec3Lanes<D> normal = to_object.normal(local.normal);
-  const D normal_length = sqrt(dot(normal, normal));
-  s.normal = unit(normal, normal_length, {zero, zero, one});
-  s.error = rounding_error<D>(to_world, to_object, local, s.position, s.normal, normal_length);
+  s.error = rounding_error<D>(to_world, to_object, local, s.position, normal.unit, normal.length);
+  s.normal = normal.unit * sign;
   s.shading = s.normal;
-  if (is_shaded) {
-    const Vec3Lanes<D> shading = to_object.normal(local.shading);
-    s.shading = unit(shading, sqrt(dot(shading, shading)), s.normal);
-  }
-  s.normal = s.normal * sign;
-  s.shading = s.shading * sign;
+  if (is_shaded) s.shading = to_world_normal<D>(to_object, local.shading, normal.unit).unit * sign;
   return s;
 }
 

@@ -19,21 +19,32 @@ bool fits_kernels(const TriangleMesh& mesh) {
 Surfaces::Surfaces(const Scene& scene, const MaterialTable& materials, Isa isa)
     : scene_(scene), materials_(materials), isa_(resolve_isa(isa)), group_size_(scene.instances.size(), 0) {}
 
-// Counting sort: fills met_ and places_, and leaves in group_size_ the ends of the groups in places_.
+// Counting sort: fills met_ and places_, and leaves in group_size_ the ends of the groups in places_. Neighbouring rays
+// mostly hit the same instance, so whole runs are counted and moved.
 void Surfaces::group_by_instance(const HitBatch& hits, std::span<const uint32_t> indices) {
+  const auto each_run = [&](const auto& call) {
+    for (size_t begin = 0, end; begin < indices.size(); begin = end) {
+      const uint32_t instance = hits.instance[indices[begin]];
+      for (end = begin + 1; end < indices.size() && hits.instance[indices[end]] == instance;) ++end;
+      call(instance, indices.subspan(begin, end - begin));
+    }
+  };
   met_.clear();
   places_.resize(indices.size());
-  for (const uint32_t i : indices) {
-    const uint32_t instance = hits.instance[i];
-    if (group_size_[instance]++ == 0) met_.push_back(instance);
-  }
+  each_run([&](uint32_t instance, std::span<const uint32_t> run) {
+    if (group_size_[instance] == 0) met_.push_back(instance);
+    group_size_[instance] += uint32_t(run.size());
+  });
   uint32_t begin = 0;
   for (const uint32_t instance : met_) {
     const uint32_t size = group_size_[instance];
     group_size_[instance] = begin;
     begin += size;
   }
-  for (const uint32_t i : indices) places_[group_size_[hits.instance[i]]++] = int32_t(i);
+  each_run([&](uint32_t instance, std::span<const uint32_t> run) {
+    std::copy(run.begin(), run.end(), places_.begin() + group_size_[instance]);
+    group_size_[instance] += uint32_t(run.size());
+  });
 }
 
 void Surfaces::evaluate(const RayBatch& rays, const HitBatch& hits, std::span<const uint32_t> indices) {

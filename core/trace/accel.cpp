@@ -33,6 +33,16 @@ RTCIntersectContext make_context(Coherence coherence) {
   return context;
 }
 
+// Sets what the packets of one query share.
+void prepare(RTCRay16& packet) {
+  for (int lane = 0; lane < k_width; ++lane) {
+    packet.tnear[lane] = packet.time[lane] = 0.0f;
+    packet.mask[lane] = 0xffffffffu;
+    packet.id[lane] = unsigned(lane);
+    packet.flags[lane] = 0;
+  }
+}
+
 // Fills packet entry `lane` with ray `i`. An inactive ray gets tnear > tfar, which Embree skips.
 void set_ray(RTCRay16& packet, int lane, const RayBatch& rays, size_t i) {
   packet.org_x[lane] = rays.ox[i];
@@ -41,12 +51,17 @@ void set_ray(RTCRay16& packet, int lane, const RayBatch& rays, size_t i) {
   packet.dir_x[lane] = rays.dx[i];
   packet.dir_y[lane] = rays.dy[i];
   packet.dir_z[lane] = rays.dz[i];
-  packet.tnear[lane] = 0.0f;
   packet.tfar[lane] = rays.tmax[i];
-  packet.time[lane] = 0.0f;
-  packet.mask[lane] = 0xffffffffu;
-  packet.id[lane] = unsigned(lane);
-  packet.flags[lane] = 0;
+}
+
+// Fills a packet with rays begin, begin + 1, ..., the batch's padding too: whole vectors are copied.
+void set_rays(RTCRay16& packet, const RayBatch& rays, size_t begin) {
+  const auto copy = [begin](const AlignedVector<float>& from, float(&to)[k_width]) {
+    std::memcpy(to, from.data() + begin, sizeof(to));
+  };
+  copy(rays.ox, packet.org_x), copy(rays.oy, packet.org_y), copy(rays.oz, packet.org_z);
+  copy(rays.dx, packet.dir_x), copy(rays.dy, packet.dir_y), copy(rays.dz, packet.dir_z);
+  copy(rays.tmax, packet.tfar);
 }
 
 // Transforms the first `count` rays of a packet into object space.
@@ -63,25 +78,29 @@ void set_valid(int (&valid)[k_width], int count) {
   for (int i = 0; i < k_width; ++i) valid[i] = i < count ? -1 : 0;
 }
 
-// Shared by both nearest-hit queries; calls store(packet, lane, ray, hit) for every ray.
+// Shared by both nearest-hit queries; calls store(packet, begin) for every packet, whose entries belong to rays begin,
+// begin + 1, ..., up to the batch's padding. Entries with an invalid geomID are misses.
 template <class Store>
 void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays, const Store& store) {
   RTCIntersectContext context = make_context(coherence);
   alignas(64) int valid[k_width];
   RTCRayHit16 packet;
+  prepare(packet.ray);
   for (size_t begin = 0; begin < rays.size; begin += k_width) {
-    const int count = int(std::min(rays.size - begin, size_t(k_width)));
-    for (int lane = 0; lane < k_width; ++lane) {  // the batch's padding too: whole vectors are copied
-      set_ray(packet.ray, lane, rays, begin + size_t(lane));
-      packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
-      packet.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
-    }
-    set_valid(valid, count);
+    set_rays(packet.ray, rays, begin);
+    std::fill_n(packet.hit.geomID, k_width, RTC_INVALID_GEOMETRY_ID);
+    std::fill_n(packet.hit.instID[0], k_width, RTC_INVALID_GEOMETRY_ID);
+    set_valid(valid, int(std::min(rays.size - begin, size_t(k_width))));
     rtcIntersect16(valid, scene, &context, &packet);
-    for (int lane = 0; lane < count; ++lane) {
-      store(packet, lane, begin + lane, packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID);
-    }
+    store(packet, begin);
   }
+}
+
+// Whether a packet's indices follow one another.
+bool are_consecutive(const uint32_t* indices) {
+  uint32_t differences = 0;
+  for (uint32_t lane = 0; lane < k_width; ++lane) differences |= indices[lane] ^ (indices[0] + lane);
+  return differences == 0;
 }
 
 // Shared by both occlusion queries: packs 16 listed rays at a time and marks the occluded ones.
@@ -90,9 +109,14 @@ void occluded_packets(RTCScene scene, const Affine* to_object, const RayBatch& r
   RTCIntersectContext context = make_context(Coherence::incoherent);
   alignas(64) int valid[k_width];
   RTCRay16 packet;
+  prepare(packet);
   for (size_t begin = 0; begin < indices.size(); begin += k_width) {
     const int count = int(std::min(indices.size() - begin, size_t(k_width)));
-    for (int lane = 0; lane < count; ++lane) set_ray(packet, lane, rays, indices[begin + lane]);
+    if (count == k_width && are_consecutive(indices.data() + begin)) {
+      set_rays(packet, rays, indices[begin]);
+    } else {
+      for (int lane = 0; lane < count; ++lane) set_ray(packet, lane, rays, indices[begin + lane]);
+    }
     if (to_object) transform_packet(packet, count, *to_object);
     set_valid(valid, count);
     rtcOccluded16(valid, scene, &context, &packet);
@@ -195,12 +219,14 @@ struct Accel::Impl {
   }
 
   static void intersect(RTCScene of, const RayBatch& rays, HitBatch& hits, Coherence coherence) {
-    intersect_packets(of, coherence, rays, [&](const RTCRayHit16& packet, int lane, size_t i, bool hit) {
-      hits.instance[i] = hit ? packet.hit.instID[0][lane] : k_none;
-      hits.primitive[i] = packet.hit.primID[lane];
-      hits.t[i] = packet.ray.tfar[lane];
-      hits.u[i] = packet.hit.u[lane];
-      hits.v[i] = packet.hit.v[lane];
+    intersect_packets(of, coherence, rays, [&](const RTCRayHit16& packet, size_t begin) {
+      uint32_t* const instance = hits.instance.data() + begin;
+      for (int lane = 0; lane < k_width; ++lane) {
+        instance[lane] = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID ? packet.hit.instID[0][lane] : k_none;
+      }
+      const auto copy = [begin](const auto& from, auto& to) { std::memcpy(to.data() + begin, from, sizeof(from)); };
+      copy(packet.hit.primID, hits.primitive), copy(packet.ray.tfar, hits.t);
+      copy(packet.hit.u, hits.u), copy(packet.hit.v, hits.v);
     });
   }
 };
@@ -238,12 +264,16 @@ void Accel::occluded_by(uint32_t instance, const RayBatch& rays, std::span<const
 
 void Accel::shape_intersect(uint32_t shape, const RayBatch& rays, ShapeHits& hits) const {
   intersect_packets(impl_->shapes[shape].get(), Coherence::incoherent, rays,
-                    [&](const RTCRayHit16& packet, int lane, size_t i, bool hit) {
-                      hits.t[i] = hit ? packet.ray.tfar[lane] : -1.0f;
-                      hits.nx[i] = packet.hit.Ng_x[lane];
-                      hits.ny[i] = packet.hit.Ng_y[lane];
-                      hits.nz[i] = packet.hit.Ng_z[lane];
-                      hits.primitive[i] = hit ? packet.hit.primID[lane] : k_none;
+                    [&](const RTCRayHit16& packet, size_t begin) {
+                      for (int lane = 0; lane < k_width; ++lane) {
+                        const size_t i = begin + size_t(lane);
+                        const bool hit = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID;
+                        hits.t[i] = hit ? packet.ray.tfar[lane] : -1.0f;
+                        hits.nx[i] = packet.hit.Ng_x[lane];
+                        hits.ny[i] = packet.hit.Ng_y[lane];
+                        hits.nz[i] = packet.hit.Ng_z[lane];
+                        hits.primitive[i] = hit ? packet.hit.primID[lane] : k_none;
+                      }
                     });
 }
 
@@ -251,9 +281,10 @@ void Accel::shape_occluded(uint32_t shape, const RayBatch& rays, uint8_t* blocke
   RTCIntersectContext context = make_context(Coherence::incoherent);
   alignas(64) int valid[k_width];
   RTCRay16 packet;
+  prepare(packet);
   for (size_t begin = 0; begin < rays.size; begin += k_width) {
     const int count = int(std::min(rays.size - begin, size_t(k_width)));
-    for (int lane = 0; lane < count; ++lane) set_ray(packet, lane, rays, begin + lane);
+    set_rays(packet, rays, begin);
     set_valid(valid, count);
     rtcOccluded16(valid, impl_->shapes[shape].get(), &context, &packet);
     for (int lane = 0; lane < count; ++lane) blocked[begin + lane] = packet.tfar[lane] == -k_infinity;

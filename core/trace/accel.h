@@ -39,7 +39,7 @@ class Accel {
   Accel(const Accel&) = delete;
   Accel& operator=(const Accel&) = delete;
 
-  // Nearest hits of the whole scene, world space. `hits` is resized by the caller.
+  // Nearest hits of the whole scene, world space. `hits` is resized by the caller; its padding is written, too.
   void intersect(const RayBatch& rays, HitBatch& hits, Coherence coherence) const;
 
   // blocked[i] = 1 if anything in the scene occludes ray i, for each i of `indices`; other entries are unchanged.

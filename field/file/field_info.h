@@ -7,6 +7,7 @@
 #include <string>
 
 #include "field/file/field_file.h"
+#include "field/store/risk_classes.h"
 
 namespace fieldtrace {
 
@@ -43,14 +44,11 @@ struct FieldFileInfo {
   double compression() const { return bytes_disk ? double(bytes_cells + bytes_coverage) / double(bytes_disk) : 0.0; }
 };
 
-// The default tolerance for the counts above: the renderer's default.
-inline constexpr float k_info_tolerance = 0.1f;
-
 CoverageInfo coverage_info(const CoverageTiles& tiles);
 
-LayerInfo layer_info(const Field& field, FieldLayer layer, float tolerance = k_info_tolerance);
+LayerInfo layer_info(const Field& field, FieldLayer layer, float tolerance = k_default_tolerance);
 
 // Reads and checks the whole file. Throws FieldFileError as FieldFile does.
-FieldFileInfo field_info(const std::string& path, float tolerance = k_info_tolerance);
+FieldFileInfo field_info(const std::string& path, float tolerance = k_default_tolerance);
 
 }  // namespace fieldtrace

@@ -69,10 +69,10 @@ struct ConeAnswer {
   Int_t<F> lookups;
 };
 
-// Surfaces near the ends of a chord lie at the ball's rim and are rare. Widening the disc for the middle part of the
-// chord alone leaves a quarter fewer lights open, and makes fewer than 1 more answer in 10,000 wrong
-// (docs/decisions/009-cones.md).
-constexpr float k_chord_share = 0.5f;
+// The part of a half chord in which surfaces are expected. Those near its ends lie at the ball's rim and are rare:
+// widening the disc for the middle half of the chord alone, as at the default tolerance, leaves a quarter fewer lights
+// open, and makes fewer than 1 more answer in 10,000 wrong (docs/decisions/009-cones.md).
+constexpr float chord_share(const QueryPolicy& policy) { return 1.0f / (1.0f + policy.slack); }
 
 // Lights whose disc has a larger radius, in ball radii, stay open.
 constexpr float k_widest_disc = 0.5f;
@@ -165,15 +165,14 @@ FT_HD_INLINE F depth_difference(const CoverageView& view, Int_t<F> direction, co
 }
 
 // For shading points outside the ball, or `within` it with the whole object in front of their tangent plane.
-// chord_share: the part of the span in which surfaces are expected (within: all of it). tell_missing(slots, mask): as
-// for sum_coverage.
+// within: surfaces are expected in all of the span. tell_missing(slots, mask): as for sum_coverage.
 template <class F, class TellMissing>
-FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_share, const LightCone<F>& cone,
+FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
                                          Mask_t<F> within, Mask_t<F> wanted, const TellMissing& tell_missing) {
   const CoverageMap<F> map = map_along(field, cone.axis);
   const ConeSpan<F> span = span_in_ball(cone, splat<F>(0.0f));
   const Vec3Lanes<F> middle = cone.p + cone.axis * span.middle;
-  const F reach = select(within, span.half, span.half * splat<F>(chord_share));
+  const F reach = select(within, span.half, span.half * splat<F>(chord_share(policy)));
   const Vec3Lanes<F> across = cone.axis - map.frame.c * dot(cone.axis, map.frame.c);
   const F widest = max(cone.half_width(span.middle - reach), cone.half_width(span.middle + reach));
   const F radius = widest + reach * sqrt(dot(across, across));
@@ -190,7 +189,7 @@ FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, float chord_sha
   if (any(answer.blocked)) {
     const F slant = cone.tangent + cone.near / cone.distance + sqrt(dot(across, across));
     const F rise = depth_difference<F>(field.coverage, map.direction, rect, sum, answer.blocked);
-    answer.blocked = answer.blocked & (rise * slant * map.half_lines < splat<F>(k_most_light_leak));
+    answer.blocked = answer.blocked & (rise * slant * map.half_lines < splat<F>(k_most_light_leak * policy.slack));
   }
   return answer;
 }

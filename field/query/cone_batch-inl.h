@@ -87,7 +87,7 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
       ConeAnswer<F> answer;
       answer.clear = answer.blocked = answer.unknown = and_not(queried, queried);
       if (any(by_lines)) {
-        answer = through_lines<F>(field, task.chord_share, cone, within, by_lines, MissingList<F>{unknowns.tiles});
+        answer = through_lines<F>(field, task.segment.policy, cone, within, by_lines, MissingList<F>{unknowns.tiles});
         counts.lookups += uint64_t(sum_of(answer.lookups));
       }
       if (task.plane_fit_side > 0 && any(by_plane_fit)) {
@@ -172,8 +172,8 @@ inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& ray
         transform_tube(task.segment, o, d, side * splat<F>(0.5f), stratum);
         stratum.near = near;
       }
-      const StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.least_disc, stratum, tmax * scale,
-                                                        queried, MissingList<F>{unknowns.tiles});
+      const StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.segment.policy, task.least_disc,
+                                                        stratum, tmax * scale, queried, MissingList<F>{unknowns.tiles});
       found[v] = select(queried, answer.clear, one);
       failed[v] = answer.refused;
       missing = missing || any(answer.unknown);

@@ -31,7 +31,7 @@ template <class F>
 struct QueryScratch {
   static constexpr int k_vectors = int(k_blocks_at_once * k_block) / Lanes<F>::k_count;
   UnitSegment<F> segment[k_vectors];
-  Mask_t<F> wanted[k_vectors];
+  Mask_t<F> wanted[k_vectors], self[k_vectors];
   CellAddress<F> at[k_vectors];
   int vector[k_vectors];                // index of the vector in the batch
   SegmentVerdict<F> result[k_vectors];  // by that index
@@ -84,7 +84,9 @@ inline int transform_step(const SegmentTask& task, const RayBatch& rays, const u
     const RayLanes<F> r = load_rays<F>(rays, i);
     UnitSegment<F>& segment = s.segment[crossing];
     write_segment(task.to_unit, r.o, r.d, r.tmax, segment);
-    s.wanted[crossing] = line_wanted(segment, load_uint_lanes<F>(shading_point_instance + i) == instance);
+    const Mask_t<F> self = segment.crosses & (load_uint_lanes<F>(shading_point_instance + i) == instance);
+    s.self[crossing] = self & segment.origin_inside;
+    s.wanted[crossing] = task.self_only ? and_not(self, self) : line_wanted(segment, self);
     s.vector[crossing] = v;
     s.result[v].verdict = splat_int<F>(k_verdict_none);
     crossing += any(segment.crosses);
@@ -117,7 +119,8 @@ inline int answer_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
     // Without a wanted line every mask is empty, `wanted` included.
     LineView<F> line = {wanted, wanted, wanted, splat_int<F>(0)};
     if (any(wanted)) line = look_up_line(task.field, task.policy, s.at[k]);
-    const LineAnswer<F> answer = answer_by_line(s.segment[k], wanted, line);
+    LineAnswer<F> answer = answer_by_line(s.segment[k], wanted, line);
+    if (task.self_only) answer.depth_wanted = s.self[k];
     s.result[s.vector[k]] = answer.verdict;
     if (!any(answer.depth_wanted)) continue;
     s.segment[deep] = s.segment[k];

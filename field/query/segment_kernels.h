@@ -49,6 +49,7 @@ struct SegmentTask {
   float to_unit_area = 0.0f;     // bound on the area of to_unit's image of a unit square
   bool keeps_angles = false;     // to_unit is a similarity, up to rounding
   uint32_t instance = 0;         // rays from shading points on this instance are self-shadowing
+  bool self_only = false;        // other rays are undecided
   bool reads_depth = true;       // false: what the visibility cell does not decide stays undecided
 };
 
@@ -74,17 +75,17 @@ inline constexpr int32_t k_by_strata = 4;      // the object can answer by strat
 // One candidate object tested against whole lights (field/query/cone.hd.h).
 struct ConeTask {
   SegmentTask segment;
-  float from_unit[9];        // unit space -> world, linear part, column-major
-  float chord_share = 1.0f;  // part of a half chord in which surfaces are expected
-  float half_extent[3];      // of the object's bounds, a box about the origin of unit space
-  int plane_fit_side = 0;    // directions a side tried for shading points on the object; 0: these stay open
+  float from_unit[9];      // unit space -> world, linear part, column-major
+  float half_extent[3];    // of the object's bounds, a box about the origin of unit space
+  int plane_fit_side = 0;  // directions a side tried for shading points on the object; 0: these stay open
 };
 
 // One candidate object tested against strata of lights (field/query/stratum.hd.h).
 struct StratumTask {
   SegmentTask segment;
   float share = 1.0f;       // of one stratum in the light's samples: 1 / number of strata
-  float least_disc = 0.5f;  // strata whose half width at the blocker, in texels, is smaller are refused
+  float least_disc = 0.5f;  // strata whose half width at the blocker, in texels, is smaller are refused;
+                            // divided by the policy's slack
 };
 
 // What light_cones() and filter_strata() met that is not baked: blocks of k_batch_padding shading points or rays, by

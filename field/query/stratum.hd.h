@@ -243,11 +243,12 @@ FT_HD_INLINE F depths_apart(const FieldView& field, const StratumTube<F>& tube, 
 }
 
 // The object lies in front of the shading point, which is outside the ball, or inside it with the whole object in front
-// of its tangent plane. least_disc: half width in texels below which discs are refused. length: distance from the
-// ray's origin to the light along the stratum's rays.
+// of its tangent plane. least_disc: half width in texels below which discs are refused. All limits on estimated errors
+// are widened by the policy's slack. length: distance from the ray's origin to the light along the stratum's rays.
 template <class F, class TellMissing>
-FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least_disc, const LightStratum<F>& stratum,
-                                             F length, Mask_t<F> wanted, const TellMissing& tell_missing) {
+FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const QueryPolicy& policy, float least_disc,
+                                             const LightStratum<F>& stratum, F length, Mask_t<F> wanted,
+                                             const TellMissing& tell_missing) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   const ConeSpan<F> span = span_of_stratum(stratum);
   StratumAnswer<F> answer;
@@ -281,17 +282,18 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, float least
 
   // Errors are measured by the disc of the light's part alone and a share of that of the shading points.
   const TubeWidths<F>& widths = tube.widths;
-  const F least_near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
+  const F slack = splat<F>(policy.slack), least_near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
   const F least_half = half_width(stratum, min(widths.x, widths.y), least_near, disc.t);
   const F disc_half = max(least_half * splat<F>(field.coverage.half_lines), splat<F>(0.5f));
-  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc_half * splat<F>(k_most_disc_drift)));
+  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc_half * splat<F>(k_most_disc_drift) * slack));
   const F apart = depths_apart<F>(field, tube, disc, some) * disc.least_half() / disc_half;
-  const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart));
+  const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart)) * slack;
   const Mask_t<F> layered = some & (apart > most);
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
-  const F least = select(thin_ratio > splat<F>(k_most_thin_features), splat<F>(k_coarse_disc), splat<F>(least_disc));
+  const F coarse = splat<F>(k_coarse_disc / policy.slack), fine = splat<F>(least_disc / policy.slack);
+  const F least = select(thin_ratio > splat<F>(k_most_thin_features), coarse, fine);
   const Mask_t<F> small = open & (least_half * scale < least), skewed = some & widths.skewed;
   answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered | skewed);
   return answer;

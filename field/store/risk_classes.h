@@ -17,6 +17,9 @@ namespace fieldtrace {
 // lines lie within it (docs/decisions/003-certificates.md).
 inline constexpr float k_residual_factor = 2.0f;
 
+// The user's dial, unless it is set: errors of about .001 of a picture's white.
+inline constexpr float k_default_tolerance = 0.1f;
+
 inline constexpr int k_worst_class = 15;
 
 // Class of a depth cell beside an edge, where its own lines agree.
@@ -32,14 +35,17 @@ inline int disagreeing_class(int minority, int lines) {
 // lines and neighbours all agree; above it the admitted minority share grows to one half at 1.
 inline int max_class_at(float tolerance) {
   if (tolerance <= 0.0f) return -1;
-  if (tolerance <= 0.1f) return 0;
-  return 1 + int((tolerance - 0.1f) / 0.9f * float(k_worst_class - 1) + 0.5f);
+  if (tolerance <= k_default_tolerance) return 0;
+  return 1 + int((tolerance - k_default_tolerance) / (1.0f - k_default_tolerance) * float(k_worst_class - 1) + 0.5f);
 }
 
 // Which cells of a field answer at `tolerance` in [0, 1].
 inline QueryPolicy query_policy(float tolerance) {
   const int max_class = max_class_at(tolerance);
-  return {.visibility_max_class = max_class, .depth_max_class = max_class, .answer_all = tolerance >= 1.0f};
+  return {.visibility_max_class = max_class,
+          .depth_max_class = max_class,
+          .answer_all = tolerance >= 1.0f,
+          .slack = tolerance / k_default_tolerance};
 }
 
 }  // namespace fieldtrace

@@ -34,11 +34,13 @@ struct FieldView {
 };
 
 // A cell answers if its risk class is at most this. max_class < 0: none answers. answer_all: no query stays undecided;
-// depth comparisons within the margin are decided by their sign, and what no cell sees is clear.
+// depth comparisons within the margin are decided by their sign, and what no cell sees is clear. slack: what bundles of
+// rays admit of estimated errors, relative to the default tolerance's.
 struct QueryPolicy {
   int visibility_max_class = 0;
   int depth_max_class = 0;
   bool answer_all = false;
+  float slack = 1.0f;
 };
 
 }  // namespace fieldtrace

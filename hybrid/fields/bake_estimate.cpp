@@ -14,7 +14,7 @@ std::vector<double> bake_rays_towards(std::span<const LightExtent> lights, const
   const double pi = double(k_pi);
   const double directions = double(parameters.directions) * parameters.directions;
   // Cells of the plane inside the disc of the ball; each takes its own line and those that certify it.
-  const double rays_per_direction = double(parameters.plane) * parameters.plane * pi / 4.0 * (parameters.lines + 1);
+  const double rays_per_direction = double(parameters.plane) * parameters.plane * pi / 4.0;
   std::vector<double> rays(scene.shapes.size(), 0.0);
   for (const Instance& instance : scene.instances) {
     const Vec3 centre = transform_point(instance.to_world, scene.shapes[instance.shape].bounds.centre());

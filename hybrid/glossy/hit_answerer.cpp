@@ -288,7 +288,8 @@ void HitAnswerer::check_answers(std::span<const PathState> paths, HitWorkspace& 
     const bool is_hit = nearest.verdict == Verdict::hit;
     const bool self = is_hit ? objects_[size_t(nearest.object)].task.instance == path.instance
                              : path.instance != k_none && is_object_[path.instance];
-    stats.add_check(is_hit ? CheckedVerdict::hit : CheckedVerdict::miss, self, is_wrong(work, j, nearest, path.alpha));
+    stats.add_check(is_hit ? CheckedVerdict::hit : CheckedVerdict::miss, CheckedBundle::cell, self,
+                    is_wrong(work, j, nearest, path.alpha));
   }
 }
 

@@ -99,7 +99,7 @@ void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
       for (size_t i = 0; i < rays_.rays.size; ++i) {
         if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;
       }
-      context_.occlusion_answerer->answer(candidates_, LightSeen::unknown, rays_, stats);
+      context_.occlusion_answerer->answer(candidates_, rays_, stats);
     }
     stats.time_secondary -= stats.time_bake - bake_before;
     count(begin, firsts, stats);

@@ -10,9 +10,7 @@
 // Thread-safety: a DirectLight belongs to one thread.
 #pragma once
 
-#include <array>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include "core/light/light_irradiance.h"
@@ -31,9 +29,6 @@ inline constexpr int k_shadow_batch = 8192;
 inline constexpr int k_strata_side = 4;
 inline constexpr int k_strata = k_strata_side * k_strata_side;
 
-// One in so many of a cluster's samples in an undecided stratum is traced before the others.
-inline constexpr uint32_t k_samples_per_first = 2;
-
 class DirectLight {
  public:
   explicit DirectLight(const TransportContext& context) : context_(context) {}
@@ -51,7 +46,6 @@ class DirectLight {
     std::span<const PathState> paths;
     int light_samples = 1;
     std::span<FirstHit> firsts;
-    std::span<Rgb> arriving;
     Stats& stats;
     size_t begin = 0, end = 0;  // the group's clusters
     uint32_t light = 0;
@@ -63,19 +57,19 @@ class DirectLight {
     float decided = 0, clear = 0;  // means over all strata: of those decided, and of what they leave clear
     bool whole = false;            // all strata lie above the cluster's horizon, and the light has a closed form
   };
-  // A vertex whose light samples are drawn; those of a cluster follow one another.
+  // A shading point whose light samples are drawn; those of a cluster (of the group) follow one another.
   struct Sampled {
-    uint32_t vertex = 0, cluster = 0;
+    uint32_t point = 0, cluster = 0;
     uint32_t strata = k_none;  // index into seen_; k_none: nothing is known
     bool is_lit = false;       // what is decided has been added already
   };
 
   void gather_group(Job& job);
   void gather_light(const Job& job);
-  // Irradiance once per cluster, or per vertex where nothing may be estimated.
+  // Irradiance once per cluster, or per shading point where nothing may be estimated.
   void light_clear(const Job& job);
   void add_cluster_irradiance(const Job& job);
-  void add_vertex_irradiance(const Job& job);
+  void add_point_irradiance(const Job& job);
   // Fills seen_ for those of open_ whose strata fields may answer, and moves those that these settle.
   void filter_strata(const Job& job);
   void filter_batch(const Job& job, std::span<const uint32_t> clusters);
@@ -85,30 +79,34 @@ class DirectLight {
   // light.
   void sample(const Job& job, bool may_be_hidden);
   void answer(const Job& job, std::span<const Sampled> batch);
-  // Sorts the slots of a batch whose stratum is undecided into traced_slots_ and waiting_.
-  void sort_undecided(const Job& job, std::span<const Sampled> batch, bool on_grid);
-  void trace_slots(const Job& job);
-  void settle_waiting(const Job& job);
   void add_samples(const Job& job, std::span<const Sampled> batch);
-  void select_vertices(const Job& job, std::span<const Sampled> batch);
+  void select(std::span<const Sampled> batch);
 
   bool on_grid(const Job& job) const;  // cells of the light's sample square are parts of the light
   // Whether the whole light lies above a horizon at p, by more than `margin`.
   bool is_above(const Job& job, const Vec3& p, const Vec3& normal, float margin) const;
-  bool sees_whole(const Job& job, const PathVertex& v) const;
-  // Adds the light of a vertex of irradiance `irradiance` (for a light of radiance 1); `decided` is the share of the
-  // light that this accounts for, `clear` what is seen of it.
-  void add_irradiance(const Job& job, uint32_t vertex, float irradiance, float decided, float clear) const;
-  std::span<const uint32_t> members(const Job& job, uint32_t cluster) const {
-    return clusters_.members(clusters_[job.begin + cluster]);
+  // The same for both horizons of all points of a cluster of the group.
+  bool is_above(const Job& job, uint32_t cluster) const;
+  // Reflects the vector irradiance `irradiance` (of a light of radiance 1) at a cluster's points; `decided` is the
+  // share of the light that this accounts for, `clear` what is seen of it.
+  void add_irradiance(const Job& job, uint32_t cluster, const Vec3& irradiance, float decided, float clear);
+  void add(size_t point, const Rgb& light) {
+    red_[point] += light.x, green_[point] += light.y, blue_[point] += light.z;
   }
+  void count_seen(const Job& job, size_t point, float decided, float clear) const;
+  const PathVertex& vertex_of(const Job& job, size_t point) const { return job.vertices[clusters_.vertices[point]]; }
+  const ShadingCluster& cluster_of(const Job& job, uint32_t cluster) const { return clusters_[job.begin + cluster]; }
+  void push_sampled(const Job& job, uint32_t cluster, uint32_t strata = k_none, bool is_lit = false);
   void count_dark(const Job& job);
-  void check(const Job& job);
+  // For --check: traces what whole lights were found; and compares strata with rays.
+  void check_whole(const Job& job);
+  void check_strata(const Job& job, uint32_t cluster, const StrataSeen& seen) const;
 
   const TransportContext& context_;
   ShadingClusters clusters_;
-  ShadingPointBatch points_;    // of the group's clusters
-  ShadingPointBatch selected_;  // some of them, or single vertices
+  AlignedVector<float> red_, green_, blue_;  // what arrives, by shading point
+  ShadingPointBatch centres_;                // of the group's clusters
+  ShadingPointBatch selected_;               // some of them, or single shading points
   ShadowGroup candidates_;
   std::vector<uint32_t> dark_, clear_, open_;  // clusters of the group
   std::vector<Sampled> sampled_;
@@ -118,15 +116,7 @@ class DirectLight {
   AlignedVector<float> irradiance_;
   ShadowBatch shadows_, traced_;
   std::vector<uint8_t> undecided_;
-  // Slots of shadows_ to be traced; and those whose stratum has had its first samples, which agreeing neighbours settle.
-  std::vector<uint32_t> traced_slots_;
-  struct Waiting {
-    uint32_t slot = 0, grid = 0, cell = 0;
-  };
-  std::vector<Waiting> waiting_;
-  // Per cluster of the batch, what is known of each stratum: a share, or below 0.
-  std::vector<std::array<float, k_strata>> grids_;
-  std::vector<std::pair<uint32_t, uint32_t>> first_cells_;  // of traced_slots_: grid and cell
+  std::vector<uint32_t> traced_slots_;  // of shadows_
 };
 
 }  // namespace fieldtrace

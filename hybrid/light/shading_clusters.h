@@ -1,7 +1,8 @@
 // Clusters of shading points: the camera samples of one pixel that met the same instance. What is asked about a light's
 // visibility is asked once per cluster.
 //
-// Memory layout: a cluster is a range of `members`, which index the vertices. Thread-safety: values.
+// Memory layout: shading points as structures of arrays in the order of the clusters, each of which is a range of them.
+// Thread-safety: values.
 #pragma once
 
 #include <cstdint>
@@ -15,44 +16,48 @@
 namespace fieldtrace {
 
 struct ShadingCluster {
-  uint32_t begin = 0, end = 0;  // of members
+  uint32_t begin = 0, end = 0;  // range of shading points
+  float spread = 0;             // bound on the length of a point's normal (either) less the mean one
+  bool plain_diffuse = true;    // all points
   uint32_t size() const { return end - begin; }
 };
-
-// A cluster's radius is at most this share of its distance from any light: the rays from its points to a light are then
-// nearly those from its centre. Wider ones fall apart into single points.
-inline constexpr float k_widest_cluster = 0.05f;
 
 class ShadingClusters {
  public:
   // Clusters of the vertices that take light samples (neither delta nor dark), of at most `most` points each, in the
-  // order of the vertices. Vertices of one pixel must be consecutive, and `lights` are those that must be far away.
-  // single: every vertex is its own cluster.
-  void build(std::span<const PathVertex> vertices, std::span<const LightExtent> lights, uint32_t most, bool single);
+  // order of the vertices. Vertices of one pixel must be consecutive. A cluster's radius is at most the share `widest`
+  // of its distance from each of `lights`; wider ones fall apart into single points. single: every vertex is its own
+  // cluster.
+  void build(std::span<const PathVertex> vertices, std::span<const PathState> paths,
+             std::span<const LightExtent> lights, float widest, uint32_t most, bool single);
 
   size_t size() const { return clusters_.size(); }
   const ShadingCluster& operator[](size_t c) const { return clusters_[c]; }
-  std::span<const uint32_t> members(const ShadingCluster& c) const {
-    return std::span(members_).subspan(c.begin, c.size());
-  }
-  // The points that stand for clusters [begin, end): their members' mean position and normals, with the radius about
-  // it. Sample indices are 0.
-  void points(std::span<const PathVertex> vertices, size_t begin, size_t end, ShadingPointBatch& out) const;
+
+  // All shading points; the vertex of each, and what it reflects: albedo / pi where it is plainly diffuse, else 0.
+  ShadingPointBatch points;
+  std::vector<uint32_t> vertices;
+  AlignedVector<float> red, green, blue;
+
+  // The points that stand for clusters [begin, end): their points' mean position and normals, with the radius about it.
+  // Sample indices are 0.
+  void centres(size_t begin, size_t end, ShadingPointBatch& out) const;
 
  private:
   struct Centre {
     Vec3 position, facing, shading;
     float radius = 0, error = 0;
   };
-  void add(std::span<const PathVertex> vertices, std::span<const LightExtent> lights, uint32_t begin, uint32_t end);
-  static Centre centre_of(std::span<const PathVertex> vertices, std::span<const uint32_t> members);
+  void fill(std::span<const PathVertex> all, std::span<const PathState> paths);
+  void add(std::span<const PathVertex> all, std::span<const LightExtent> lights, float widest, uint32_t begin,
+           uint32_t end);
+  Centre find_centre(ShadingCluster& cluster) const;
 
-  std::vector<uint32_t> members_;
   std::vector<ShadingCluster> clusters_;
   std::vector<Centre> centres_;
 };
 
-// Writes one vertex as entry i of a batch: a single point.
-void set_shading_point(const PathVertex& vertex, uint32_t sample, size_t i, ShadingPointBatch& out);
+// out[i] = from[index].
+void copy_shading_point(const ShadingPointBatch& from, size_t index, size_t i, ShadingPointBatch& out);
 
 }  // namespace fieldtrace

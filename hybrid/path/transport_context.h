@@ -25,8 +25,10 @@ struct TransportSettings {
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
+  // A cluster's radius is at most this share of its distance from any light: the rays from its points to a light are then
+  // nearly those from its centre.
+  float widest_cluster = 0.05f;
   bool estimates = false;  // irradiance once per cluster where it hardly varies, instead of once per vertex
-  bool adaptive = false;   // strata of lights whose first samples agree with those around them take no more rays
   bool first_hits = false;  // keep what camera rays hit, for AOVs
   // Only with first_hits:
   bool count_first_hits = false;          // fill the shadow ray counts of FirstHit

@@ -96,8 +96,8 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.light_samples = options.light_samples;
   s.lobe_samples = options.lobe_samples;
   s.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
-  s.estimates = fields && options.whole_lights && options.tolerance >= k_estimating_tolerance;
-  s.adaptive = s.estimates;
+  s.estimates = fields && options.whole_lights;
+  if (s.estimates) s.widest_cluster *= std::min(options.tolerance / k_default_tolerance, 1.0f);
   s.max_depth = options.max_depth.value_or(scene.integrator.max_depth);
   s.rr_depth = scene.integrator.rr_depth;
   s.hide_emitters = scene.integrator.hide_emitters;
@@ -240,11 +240,15 @@ bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
   const auto goes_on = [&] { return !job.picture.stopped() && !job.budget.exceeded(); };
   const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
     DVec3 sum = sums[pixel].radiance;
-    for (const Rgb& r : radiance) {
-      if (is_finite(r)) {
-        sum += DVec3(r);
-      } else {
-        ++job.not_finite;
+    for (const Rgb& r : radiance) sum += DVec3(r);
+    if (!std::isfinite(sum.x + sum.y + sum.z)) {  // never by overflow: the samples are floats
+      sum = sums[pixel].radiance;
+      for (const Rgb& r : radiance) {
+        if (is_finite(r)) {
+          sum += DVec3(r);
+        } else {
+          ++job.not_finite;
+        }
       }
     }
     sums[pixel].radiance = sum;

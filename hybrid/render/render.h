@@ -1,8 +1,7 @@
 // The renderer: one scene in, one picture and its statistics out, by Monte Carlo or by the hybrid method.
 //
 // The two methods differ in how shadow rays (hybrid/visibility/shadow_answerer.h) and glossy rays
-// (hybrid/render/glossy_stage.h) are answered; of the techniques that need no field, probe rays and edge following are
-// the hybrid's alone. Determinism: for one scene, options and seed the picture is bit-identical for any thread count
+// (hybrid/render/glossy_stage.h) are answered. Determinism: for one scene, options and seed the picture is bit-identical for any thread count
 // and instruction set, with or without a field cache, and the same in every crop window (scenes of more than
 // k_most_candidates instances trace whole tiles for that, and count these rays). Where fields outgrow their memory the
 // render restarts with less (hybrid/fields/field_set.h), and the picture depends on that memory and on the crop window,
@@ -20,6 +19,7 @@
 #include "core/platform/error.h"
 #include "core/scene/scene.h"
 #include "core/simd/isa.h"
+#include "field/store/risk_classes.h"
 #include "hybrid/stats/stats.h"
 
 namespace fieldtrace {
@@ -45,7 +45,7 @@ struct RenderOptions {
   int light_samples = 1;         // shadow rays per light and hit
   int lobe_samples = 1;          // rays per glossy hit of the camera path
   std::optional<uint32_t> seed;  // default: the scene file's
-  float tolerance = 0.1f;        // [0, 1]; 0: every ray is traced, 1: every cell answers
+  float tolerance = k_default_tolerance;        // [0, 1]; 0: every ray is traced, 1: every cell answers
   Chart chart = Chart::orthographic;
   int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene. Thesis: M, 32, 64 or 128; 0: 64
   int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene. Thesis: 0

@@ -44,7 +44,10 @@ struct TransportWorker::Impl {
   RayBatch rays, next_rays;
   HitBatch hits;
   std::vector<PathState> paths, next_paths;
-  std::vector<PathVertex> vertices;
+  // Between calls: what generate() made. Nothing changes these paths, so most members are still those of new ones.
+  std::vector<PathState> camera_paths;
+  std::vector<PathVertex> vertex_storage;  // never shrinks, because new vertices cost time
+  std::span<PathVertex> vertices;
   std::vector<Material> resolved;  // of vertices on textured surfaces
   LobeSamples lobe_samples;
   std::vector<Rgb> arriving;
@@ -75,7 +78,17 @@ struct TransportWorker::Impl {
   void mark_certified();
   void find_surfaces(bool only_emission);
   void arrive(int vertex_number);
-  void shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number);
+  // What the rays that hit one instance share.
+  struct MetInstance {
+    uint32_t index = k_none, emitter = k_none, bsdf = 0;
+    const Material* sides = nullptr;  // see MaterialTable::sides()
+  };
+  MetInstance met_instance(uint32_t index) const {
+    const Instance& instance = scene.instances[index];
+    return {index, instance.emitter, instance.bsdf, context.materials.sides(instance.bsdf)};
+  }
+  void shade_vertex(const MetInstance& instance, const Vec3& d, float cos_geometric, bool diffuse_goes_on,
+                    PathVertex& v);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
   void add_emission(const PathState& path, const Vec3& origin, const Vec3& direction, uint32_t light,
@@ -83,27 +96,28 @@ struct TransportWorker::Impl {
   void gather_light(int vertex_number);
   void scatter(int vertex_number);
   void go_on(int vertex_number);
-  bool goes_on(const Material& material, int vertex_number) const;
+  bool goes_on(bool is_diffuse, int vertex_number) const;
   PathState leave(const PathVertex& vertex, int vertex_number) const;
-  void send(const PathVertex& vertex, PathState next, const Vec3& direction);
+  PathState& send(const PathVertex& vertex, const PathState& leaving, const Vec3& direction);
   void scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index);
-  void scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first);
+  void scatter_lobe(const PathVertex& vertex, const PathState& leaving, uint32_t first);
 };
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
   const ScopedTimer timer(stats.time_primary);
   context.camera.sample(samples, settings.seed, settings.isa, rays, near_distance);
-  paths.assign(samples.size, PathState{});
+  paths.swap(camera_paths);
+  paths.resize(samples.size);
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
-  uint32_t pixel_seed = 0;
+  uint32_t pixel_seed = 0, x = 0, y = 0;
   for (uint32_t i = 0; i < samples.size; ++i) {
-    const uint32_t x = samples.x[i], y = samples.y[i];
-    const bool same_pixel = i > 0 && x == samples.x[i - 1] && y == samples.y[i - 1];
-    if (!same_pixel) pixel_seed = scalar::pixel_seed(settings.seed, x, y);
-    PathState& path = paths[i];
-    path.slot = i;
-    path.pixel_seed = pixel_seed;
-    path.index = samples.index[i];
+    if (i == 0 || samples.x[i] != x || samples.y[i] != y) {
+      x = samples.x[i], y = samples.y[i];
+      pixel_seed = scalar::pixel_seed(settings.seed, x, y);
+    }
+    paths[i].slot = i;
+    paths[i].pixel_seed = pixel_seed;
+    paths[i].index = samples.index[i];
   }
 }
 
@@ -239,7 +253,7 @@ void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& orig
 }
 
 bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, int vertex_number) const {
-  if (vertex_number == 0 || vertex_number < settings.rr_depth) return true;
+  if (vertex_number < settings.rr_depth) return true;
   // eta undoes the radiance scaling of refraction, which must not shorten paths; the cap ends every path eventually.
   constexpr float k_highest_survival = 0.95f;
   const float q = std::min(largest(path.throughput) * path.eta * path.eta, k_highest_survival);
@@ -261,19 +275,20 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
 
 // Evaluates `surfaces` where rays ended (with only_emission: on emitters only), and makes room for that many vertices.
 void TransportWorker::Impl::find_surfaces(bool only_emission) {
-  met.clear();
-  size_t count = 0;
+  met.resize(paths.size());
+  size_t count = 0, exact = 0;
   for (uint32_t i = 0; i < paths.size(); ++i) {
     if (hits.instance[i] == k_none) continue;
     if (only_emission && scene.instances[hits.instance[i]].emitter == k_none) continue;
     ++count;
-    if (certified.empty() || !certified[i]) met.push_back(i);
+    if (certified.empty() || !certified[i]) met[exact++] = i;
   }
+  met.resize(exact);
   surfaces.evaluate(rays, hits, met);
   for (uint32_t i = 0; i < certified.size(); ++i) {
     if (certified[i]) surfaces.put(i, surface_of(scene, rays, hits, *certified[i]));
   }
-  vertices.resize(count);
+  if (vertex_storage.size() < count) vertex_storage.resize(count);
   resolved.clear();
   resolved.reserve(count);  // vertices point into it
 }
@@ -286,52 +301,69 @@ void TransportWorker::Impl::arrive(int vertex_number) {
   const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
   const bool only_emission = last && !shows_first_hit;
   find_surfaces(only_emission);
+  const bool diffuse_goes_on = goes_on(true, vertex_number);
   size_t count = 0;
-  for (uint32_t i = 0; i < paths.size(); ++i) {
-    PathState& path = paths[i];
-    const Vec3 d = rays.direction(i);
-    if (hits.instance[i] == k_none) {
+  MetInstance instance;
+  // Held here, because the compiler cannot know that the loop changes no vector.
+  PathState* const states = paths.data();
+  PathVertex* const reached = vertex_storage.data();
+  const uint32_t* const hit_instances = hits.instance.data();
+  const auto direction = [x = rays.dx.data(), y = rays.dy.data(), z = rays.dz.data()](uint32_t i) {
+    return Vec3(x[i], y[i], z[i]);
+  };
+  const SurfacePoint* const points = &surfaces.at(0);
+  uint32_t pixel_seed = 0, seed = scalar::vertex_seed(pixel_seed, uint32_t(vertex_number));
+  const auto size = uint32_t(paths.size());
+  const bool is_first = vertex_number == 0;
+  for (uint32_t i = 0; i < size; ++i) {
+    PathState& path = states[i];
+    const Vec3 d = direction(i);
+    if (hit_instances[i] == k_none) {
       if (!emission_counts) continue;
       for (const uint32_t light : context.backgrounds) add_emission(path, rays.origin(i), d, light, {});
       continue;
     }
-    const uint32_t emitter = scene.instances[hits.instance[i]].emitter;
-    if (only_emission && emitter == k_none) continue;
-    PathVertex& v = vertices[count];  // may hold leftovers of an earlier wave: all is overwritten
+    if (hit_instances[i] != instance.index) instance = met_instance(hit_instances[i]);
+    if (only_emission && instance.emitter == k_none) continue;
+    PathVertex& v = reached[count];  // may hold leftovers of an earlier wave: all is overwritten
     v.path = i;
-    v.surface = &surfaces.at(i);
+    v.surface = points + i;
     const float cos_geometric = -glm::dot(v.surface->geometric_normal, d);
-    if (emission_counts && emitter != k_none && cos_geometric > 0.0f) {
-      add_emission(path, rays.origin(i), d, emitter, {hits.t[i], v.surface->geometric_normal, v.surface->primitive});
+    if (emission_counts && instance.emitter != k_none && cos_geometric > 0.0f) {
+      add_emission(path, rays.origin(i), d, instance.emitter,
+                   {hits.t[i], v.surface->geometric_normal, v.surface->primitive});
     }
     if (only_emission) continue;
-    shade_vertex(v, d, cos_geometric, vertex_number);
-    v.seed = scalar::vertex_seed(path.pixel_seed, uint32_t(vertex_number));
+    shade_vertex(instance, d, cos_geometric, diffuse_goes_on, v);
+    if (path.pixel_seed != pixel_seed) {
+      pixel_seed = path.pixel_seed;
+      seed = scalar::vertex_seed(pixel_seed, uint32_t(vertex_number));
+    }
+    v.seed = seed;
     if (shows_first_hit) record_first_hit(i, v);
-    if (last || v.material->absorbs() || !survives_roulette(path, v.seed, vertex_number)) continue;
+    if (last || v.material->absorbs() || (!is_first && !survives_roulette(path, v.seed, vertex_number))) continue;
     v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
     ++count;
   }
-  vertices.resize(count);
+  vertices = std::span(vertex_storage).first(count);
 }
 
 // Resolves the material and the shading frame of a vertex from its surface and the arriving ray's direction.
-void TransportWorker::Impl::shade_vertex(PathVertex& v, const Vec3& d, float cos_geometric, int vertex_number) {
+inline void TransportWorker::Impl::shade_vertex(const MetInstance& instance, const Vec3& d, float cos_geometric,
+                                                bool diffuse_goes_on, PathVertex& v) {
   const Vec3 back = -d;
-  const uint32_t bsdf = scene.instances[v.surface->instance].bsdf;
   const float cosine = glm::dot(v.surface->shading_normal, back);
-  v.material = context.materials.find(bsdf, cosine);
-  if (!v.material) {
-    resolved.push_back(resolve_material(scene, bsdf, v.surface->uv, cosine));
+  if (instance.sides && (cosine < 0.0f || cosine > 0.0f)) {
+    v.material = instance.sides + (cosine < 0.0f);
+  } else {
+    resolved.push_back(resolve_material(scene, instance.bsdf, v.surface->uv, cosine));
     v.material = &resolved.back();
   }
-  const Vec3 n = v.material->turned ? -v.surface->shading_normal : v.surface->shading_normal;
+  v.frame.n = v.material->turned ? -v.surface->shading_normal : v.surface->shading_normal;
   v.facing = cos_geometric < 0.0f ? -v.surface->geometric_normal : v.surface->geometric_normal;
-  if (v.material->plain_diffuse() && !goes_on(*v.material, vertex_number)) {
-    v.frame.n = n;  // all that light samples need of a diffuse surface
-    return;
-  }
+  if (v.material->plain_diffuse() && !diffuse_goes_on) return;  // light samples need no more
   const bool anisotropic = v.material->microfacet.alpha_u != v.material->microfacet.alpha_v;
+  const Vec3 n = v.frame.n;
   v.frame = anisotropic ? frame_along(n, surface_tangent(scene, *v.surface)) : frame_about(n);
   v.wi = v.frame.to_local(back);
 }
@@ -348,11 +380,11 @@ void TransportWorker::Impl::gather_light(int vertex_number) {
   }
 }
 
-// Whether a ray sampled from the material can still find light that is not counted already.
-bool TransportWorker::Impl::goes_on(const Material& material, int vertex_number) const {
+// Whether a ray sampled from a material, plainly diffuse or not, can still find light that is not counted already.
+bool TransportWorker::Impl::goes_on(bool is_diffuse, int vertex_number) const {
   if (vertex_number + 1 >= k_longest_path) return false;
   if (settings.max_depth < 0 || vertex_number + 2 < settings.max_depth) return true;
-  return material.plain_diffuse() ? context.open_form_can_be_hit : context.emission_can_be_hit;
+  return is_diffuse ? context.open_form_can_be_hit : context.emission_can_be_hit;
 }
 
 // The state that all paths leaving a vertex share.
@@ -367,13 +399,14 @@ PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_numb
   return next;
 }
 
-// Sends the path `next`, otherwise complete, in the world direction `d`.
-void TransportWorker::Impl::send(const PathVertex& vertex, PathState next, const Vec3& d) {
-  next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
+// Sends a path in the world direction `d`; what is its own in the result is left to the caller.
+PathState& TransportWorker::Impl::send(const PathVertex& vertex, const PathState& leaving, const Vec3& d) {
   next_rays.set(next_paths.size(), offset_origin(vertex.surface->position, vertex.facing, vertex.surface->error, d), d,
                 k_infinity);
-  next_paths.push_back(next);
+  PathState& next = next_paths.emplace_back(leaving);
+  next.side = glm::dot(vertex.facing, d) < 0.0f ? -vertex.facing : vertex.facing;
   stats.rays_glossy += !next.diffuse;
+  return next;
 }
 
 void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index) {
@@ -386,7 +419,7 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   const Vec3 d = s.straight ? rays.direction(vertex.path) : vertex.frame.to_world(s.wo);
   if (!s.straight && !vertex.material->transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
 
-  PathState next = leaving;
+  PathState& next = send(vertex, leaving, d);
   next.throughput *= s.weight / vertex.lobe_samples;
   next.eta *= s.eta;
   next.index = index;
@@ -394,34 +427,38 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   next.may_split = next.may_split && s.delta && !vertex.material->glossy();
   next.unweighted = s.delta;
   next.bsdf_density = s.pdf * vertex.lobe_samples;
-  send(vertex, next, d);
 }
 
 // Samples the whole lobe at once, in lanes.
-void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, PathState leaving, uint32_t first) {
+void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, const PathState& leaving, uint32_t first) {
   const int count = int(vertex.lobe_samples);
   const uint32_t seed = scalar::hash_combine(vertex.seed, k_material_stream);
   sample_conductor(*vertex.material, vertex.frame, vertex.wi, seed, first, count, settings.isa, lobe_samples);
-  leaving.may_split = leaving.unweighted = false;
   for (int l = 0; l < count; ++l) {
     const Vec3 d = lobe_samples.direction(size_t(l));
     const Rgb weight = lobe_samples.weight(size_t(l));
     if (!(lobe_samples.pdf[size_t(l)] > 0.0f && largest(weight) > 0.0f && glm::dot(vertex.facing, d) > 0.0f)) continue;
-    PathState next = leaving;
+    PathState& next = send(vertex, leaving, d);
+    next.may_split = next.unweighted = false;
     next.throughput *= weight / vertex.lobe_samples;
     next.index = first + uint32_t(l);
     next.bsdf_density = lobe_samples.pdf[size_t(l)] * vertex.lobe_samples;
-    send(vertex, next, d);
   }
 }
 
 void TransportWorker::Impl::scatter(int vertex_number) {
+  const bool diffuse_goes_on = goes_on(true, vertex_number), others_go_on = goes_on(false, vertex_number);
+  const auto leaves = [&](const PathVertex& v) { return v.material->plain_diffuse() ? diffuse_goes_on : others_go_on; };
   size_t most = 0;
-  for (const PathVertex& v : vertices) most += size_t(v.lobe_samples);
+  if (diffuse_goes_on || others_go_on) {
+    for (const PathVertex& v : vertices) most += leaves(v) ? size_t(v.lobe_samples) : 0;
+  }
   next_paths.clear();
+  next_paths.reserve(most);
   next_rays.resize(most);
   for (const PathVertex& v : vertices) {
-    if (!goes_on(*v.material, vertex_number)) continue;
+    if (most == 0) break;
+    if (!leaves(v)) continue;
     const PathState leaving = leave(v, vertex_number);
     const auto lobes = uint32_t(v.lobe_samples);
     const uint32_t first = leaving.index * lobes;
@@ -442,10 +479,8 @@ TransportWorker::TransportWorker(TransportWorker&&) noexcept = default;
 
 const Stats& TransportWorker::stats() const { return impl_->stats; }
 
-// Follows all paths from the vertices of number `vertex_number` to their ends.
+// Follows all paths that have left the vertices of number `vertex_number` to their ends.
 void TransportWorker::Impl::go_on(int vertex_number) {
-  gather_light(vertex_number);
-  scatter(vertex_number);
   while (!paths.empty()) {
     ++vertex_number;
     intersect(vertex_number);
@@ -466,6 +501,9 @@ void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radianc
   if (w.settings.hide_emitters) w.pass_hidden_emitters();
   w.arrive(0);
   if (w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
+  w.gather_light(0);
+  w.scatter(0);
+  w.camera_paths.swap(w.next_paths);
   w.go_on(0);
 }
 
@@ -485,9 +523,14 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
     vertices[i].path = paths[i].slot = i;
     paths[i].may_split = false;
   }
-  w.vertices.swap(vertices);
+  w.vertex_storage.swap(vertices);
+  w.vertices = w.vertex_storage;
   w.paths.swap(paths);
-  if (w.settings.max_depth != 0) w.go_on(0);
+  if (w.settings.max_depth != 0) {
+    w.gather_light(0);
+    w.scatter(0);
+    w.go_on(0);
+  }
   for (size_t i = 0; i < radiance.size(); ++i) {
     const Rgb& sum = w.follow_radiance[i];
     radiance[i] = is_finite(sum) ? sum : Rgb(0.0f);

@@ -21,7 +21,7 @@ void Stats::merge_counters(const Stats& o) {
   sphere_crossings += o.sphere_crossings;
   samples_spared += o.samples_spared;
   samples_by_strata += o.samples_by_strata;
-  samples_extrapolated += o.samples_extrapolated;
+  samples += o.samples;
   cones_clear += o.cones_clear;
   cones_blocked += o.cones_blocked;
   strata += o.strata;
@@ -35,6 +35,13 @@ void Stats::merge_counters(const Stats& o) {
   }
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
+  for (int bundle = 0; bundle < 2; ++bundle) {
+    check_bundles[bundle].answers += o.check_bundles[bundle].answers;
+    check_bundles[bundle].wrong += o.check_bundles[bundle].wrong;
+  }
+  check_strata += o.check_strata;
+  check_strata_sum += o.check_strata_sum;
+  check_strata_worst = std::max(check_strata_worst, o.check_strata_worst);
   for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
     for (int self = 0; self < 2; ++self) {
       check_by[verdict][self].answers += o.check_by[verdict][self].answers;
@@ -59,17 +66,17 @@ std::string Stats::to_json() const {
   j["lights"] = lights;
   j["time"] = {{"load", time_load},       {"build", time_build},         {"cache", time_cache}, {"bake", time_bake},
                {"primary", time_primary}, {"secondary", time_secondary}, {"write", time_write}, {"total", time_total}};
-  j["rays"] = {{"primary", rays_primary},
-               {"shadow", rays_shadow},
-               {"glossy", rays_glossy},
-               {"glossy_exact", rays_glossy_exact},
-               {"glossy_hits", rays_glossy_hits},
-               {"exact", rays_exact},
-               {"crossing", rays_crossing},
-               {"crowded", rays_candidate_overflow},
-               {"spared", samples_spared},
-               {"by_strata", samples_by_strata},
-               {"extrapolated", samples_extrapolated}};
+  j["rays"] = {{"primary", rays_primary},         {"shadow", rays_shadow},
+               {"glossy", rays_glossy},           {"glossy_exact", rays_glossy_exact},
+               {"glossy_hits", rays_glossy_hits}, {"exact", rays_exact},
+               {"crossing", rays_crossing},       {"crowded", rays_candidate_overflow},
+               {"spared", samples_spared},        {"by_strata", samples_by_strata}};
+  const uint64_t by_clusters = samples_spared - samples_by_strata, by_cells = rays_crossing - rays_exact;
+  j["samples"] = {{"all", samples},
+                  {"clusters", by_clusters},
+                  {"strata", samples_by_strata},
+                  {"cells", by_cells},
+                  {"exact", rays_exact}};
   j["cones"] = {
       {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", strata}, {"leaves_refused", strata_refused}};
   j["lookups"] = lookups;
@@ -82,6 +89,11 @@ std::string Stats::to_json() const {
   for (int v = 0; v < k_checked_verdicts; ++v) {
     j["check"][k_checked_verdict_names[v]] = {{"other", count(check_by[v][0])}, {"own", count(check_by[v][1])}};
   }
+  j["check"]["clusters"] = count(check_bundles[int(CheckedBundle::cluster)]);
+  j["check"]["cells"] = count(check_bundles[int(CheckedBundle::cell)]);
+  j["check"]["strata"] = {{"compared", check_strata},
+                          {"mean_difference", check_strata ? check_strata_sum / double(check_strata) : 0.0},
+                          {"worst_difference", check_strata_worst}};
   j["field"] = {
       {"objects", field_objects},           {"left_to_rays", field_left_to_rays}, {"own_to_rays", field_self_to_rays},
       {"survey_rays", survey_rays},         {"directions", field_directions},     {"plane", field_plane},

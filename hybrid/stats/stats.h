@@ -5,6 +5,7 @@
 // Thread-safety: each worker fills its own Stats; merge_counters() adds them on one thread.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -29,6 +30,9 @@ struct FieldUse {
 enum class CheckedVerdict { clear, blocked, miss, hit };
 inline constexpr int k_checked_verdicts = 4;
 inline constexpr const char* k_checked_verdict_names[k_checked_verdicts] = {"clear", "blocked", "miss", "hit"};
+
+// What gave such an answer: a whole light seen from a cluster, or a cell for a single ray.
+enum class CheckedBundle { cluster, cell };
 
 struct Stats {
   std::string method;
@@ -58,16 +62,20 @@ struct Stats {
   // Strata of lights above their shading points' horizons: those looked up in fields, and those of shading points for
   // which some field refused.
   uint64_t strata = 0, strata_refused = 0;
-  // Light samples across a candidate's bounds answered without rays: with their whole light, by strata, or because
-  // samples of the strata around them agree.
-  uint64_t samples_spared = 0;
-  uint64_t samples_by_strata = 0, samples_extrapolated = 0;  // the latter two of these
+  // Light samples across a candidate's bounds answered without rays, with their whole light or by its strata; and the
+  // latter of these.
+  uint64_t samples_spared = 0, samples_by_strata = 0;
+  uint64_t samples = 0;  // all light samples of all shading points
   uint64_t check_answers = 0, check_wrong = 0;
   // check_by[CheckedVerdict][self]: 1 for shading points on the object itself, else 0.
   struct CheckCount {
     uint64_t answers = 0, wrong = 0;
   };
   CheckCount check_by[k_checked_verdicts][2];
+  CheckCount check_bundles[2];  // by CheckedBundle
+  // Shares of strata compared with rays: how many, and the sum of the differences and the largest.
+  uint64_t check_strata = 0;
+  double check_strata_sum = 0.0, check_strata_worst = 0.0;
 
   int field_directions = 0, field_plane = 0;
   uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
@@ -94,12 +102,19 @@ struct Stats {
   double spheres_per_ray() const { return rays_crossing ? double(sphere_crossings) / double(rays_crossing) : 0.0; }
 
   // Counts one checked answer. `self`: whether the shading point lies on the object itself.
-  void add_check(CheckedVerdict verdict, bool self, bool wrong) {
+  void add_check(CheckedVerdict verdict, CheckedBundle bundle, bool self, bool wrong) {
+    check_bundles[int(bundle)].answers += 1;
+    check_bundles[int(bundle)].wrong += wrong;
     check_answers += 1;
     check_wrong += wrong;
     CheckCount& count = check_by[int(verdict)][self];
     count.answers += 1;
     count.wrong += wrong;
+  }
+  void add_checked_share(double difference) {
+    check_strata += 1;
+    check_strata_sum += difference;
+    check_strata_worst = std::max(check_strata_worst, difference);
   }
   void add_bake(const BakeCounters& counters) {
     bake_rays += counters.rays;

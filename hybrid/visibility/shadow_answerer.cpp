@@ -142,7 +142,7 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
   if (end > begin) group.open.push_back({slot, begin, end});
 }
 
-void ShadowAnswerer::answer(const ShadowGroup& group, LightSeen seen, ShadowBatch& batch, Stats& stats) const {
+void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {
   if (group.candidates.empty()) return;
   Workspace& work = *workspaces_.local();
   if (group.candidates.size() > k_most_candidates) {
@@ -151,7 +151,7 @@ void ShadowAnswerer::answer(const ShadowGroup& group, LightSeen seen, ShadowBatc
   }
   work.states.keep_verdicts = settings_.check || settings_.count_uses;
   work.states.reset(batch.rays.size);
-  classify(group, seen, batch, work, stats);
+  classify(group, batch, work, stats);
   kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);
   stats.rays_crossing += work.exact.crossing;
   trace(group, batch, work, stats);

@@ -22,6 +22,7 @@
 #include "core/trace/accel.h"
 #include "field/query/segment_kernels.h"
 #include "field/store/field.h"
+#include "field/store/risk_classes.h"
 #include "field/thesis/thesis_field.h"
 #include "field/thesis/thesis_kernels.h"
 #include "hybrid/stats/stats.h"
@@ -31,12 +32,12 @@
 namespace fieldtrace {
 
 struct AnswererSettings {
-  Isa isa = Isa::scalar;         // resolved
-  float tolerance = 0.1f;        // [0, 1]
-  bool check = false;            // also trace an exact ray for every field's answer
-  bool force_undecided = false;  // look up, then treat every cell as undecided
-  bool whole_lights = true;      // answer whole lights before single rays, at tolerances above 0
-  bool count_uses = false;       // fill Stats::field_uses
+  Isa isa = Isa::scalar;                  // resolved
+  float tolerance = k_default_tolerance;  // [0, 1]
+  bool check = false;                     // also trace an exact ray for every field's answer
+  bool force_undecided = false;           // look up, then treat every cell as undecided
+  bool whole_lights = true;               // answer whole lights before single rays, at tolerances above 0
+  bool count_uses = false;                // fill Stats::field_uses
   // Trace every shadow ray against the whole scene. A shading point's light then cannot depend on its group, which
   // otherwise decides whether the light is sampled or, where nothing can block it, known in closed form.
   bool whole_scene = false;
@@ -57,18 +58,6 @@ inline constexpr int k_fewest_strata = 16;
 // Half width, in texels, of a whole light's disc at the blocker below which strata are refused: contact shadows, which
 // single rays answer better (docs/decisions/014-strata.md).
 inline constexpr float k_least_light_disc = 2.0f;
-
-// Lights wider than this, in direction cells, are seen through so many cells that the cells' errors do not add up.
-inline constexpr float k_cells_across = 3.0f;
-
-// From this tolerance on (the default), answers are estimates where that saves much: cones look for surfaces only in
-// the middle half of a chord, and strata are filtered. Below it, only what cells certify is answered.
-inline constexpr float k_estimating_tolerance = 0.1f;
-
-// A stratum that ShadowAnswerer::filter() has not settled. Seen edge-on, thin instances cast shadows narrower than
-// strata: there every light sample is taken.
-inline constexpr uint8_t k_undecided_stratum = 1;
-inline constexpr uint8_t k_undecided_by_thin = 2;
 
 // A group's light, and what find_candidates() found. The caller keeps it between the two steps. Arrays are indexed by
 // shading point, each of which may stand for a cluster (ShadingPointBatch::radius).
@@ -94,9 +83,6 @@ struct ShadowGroup {
   std::vector<uint32_t> blocked_by;
 };
 
-// What is known about how much of the light the shading points of the rays see.
-enum class LightSeen { unknown, in_part };
-
 struct ShadowInstance;  // hybrid/visibility/shadow_instance.h
 
 class ShadowAnswerer {
@@ -115,14 +101,11 @@ class ShadowAnswerer {
   void find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const;
 
   // Whether strata of the group's light may be filtered: some candidate leaves them to filter().
-  bool filters(const ShadowGroup& group) const {
-    return settings_.tolerance >= k_estimating_tolerance && !group.open.empty();
-  }
-  bool estimates() const { return settings_.tolerance >= k_estimating_tolerance && settings_.whole_lights; }
+  bool filters(const ShadowGroup& group) const { return !group.open.empty(); }
   bool checks() const { return settings_.check; }
   // Filters `strata` strata of a light for each of `shading_points` (indices into the group's; their by_rays must be
-  // 0), whose rays sample_light() laid out in `batch`: sets batch.clear, and undecided[i] for each stratum to 0,
-  // k_undecided_stratum or k_undecided_by_thin, which leaves clear[i] meaningless.
+  // 0), whose rays sample_light() laid out in `batch`: sets batch.clear, and undecided[i] to 1 for strata that are not
+  // settled, whose clear[i] is meaningless.
   void filter(const ShadowGroup& group, const ShadingPointBatch& all, std::span<const uint32_t> shading_points,
               int strata, ShadowBatch& batch, std::vector<uint8_t>& undecided, Stats& stats) const;
 
@@ -132,13 +115,16 @@ class ShadowAnswerer {
   void check_whole(const ShadowGroup& group, bool blocked, std::span<const uint32_t> shading_points, int samples,
                    const ShadowBatch& batch, Stats& stats) const;
 
+  // The same for strata: compares the share that filter() gave each, or below 0, with `rays` consecutive rays of
+  // `batch` to points all over it.
+  void check_shares(const ShadowGroup& group, int rays, const ShadowBatch& batch, std::span<const float> shares,
+                    Stats& stats) const;
+
   // Sets batch.blocked and batch.exact of every active slot (rays.tmax >= 0); both must be 0 on entry, and stay 0 for
   // inactive slots. The rays must leave shading points that `group` was made for. Adds to `stats` rays_exact,
   // rays_crossing, look-ups and checks, not rays_shadow; baking time goes to stats.time_bake, and the caller subtracts
-  // it from time.secondary. Up to k_estimating_tolerance, where a light is seen in part and no wider than
-  // k_cells_across cells, rays that start inside an object's ball are traced: certified cells are wrong about few
-  // shading points there, but about many rays of the same one (docs/decisions/019-penumbrae.md).
-  void answer(const ShadowGroup& group, LightSeen seen, ShadowBatch& batch, Stats& stats) const;
+  // it from time.secondary.
+  void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
 
  private:
   struct Workspace;  // hybrid/visibility/shadow_workspace.h
@@ -155,10 +141,7 @@ class ShadowAnswerer {
   template <class Query>
   void bake_and_repeat(const ShadowInstance& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
                        int most_rounds, const Query& query) const;
-  bool trusts_depth(const ShadowInstance& occluder, const ShadowGroup& group, LightSeen seen) const;
-  bool trusts_cells(const ShadowInstance& occluder, const ShadowGroup& group) const;
-  void classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
-                Stats& stats) const;
+  void classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void bake_unknown(const ShadowInstance& occluder, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
                     Workspace& work, Stats& stats) const;
   FieldUse& use_of(const ShadowInstance& occluder, Stats& stats) const;

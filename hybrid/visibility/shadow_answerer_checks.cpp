@@ -1,4 +1,6 @@
 // Counts beside the answers: their agreement with exact rays, and the uses of each field.
+#include <cmath>
+
 #include "field/query/query.hd.h"
 #include "hybrid/visibility/shadow_workspace.h"
 
@@ -34,7 +36,7 @@ void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, std::sp
     const bool wrong = blocked != (hidden[i] != 0);
     const uint32_t shading_point = shading_points[i / size_t(samples)];
     const bool self = blocked ? group.blocked_by[shading_point] == batch.instance[i] : crosses_self[i] != 0;
-    stats.add_check(checked_verdict(blocked), self, wrong);
+    stats.add_check(checked_verdict(blocked), CheckedBundle::cluster, self, wrong);
   }
 }
 
@@ -53,7 +55,29 @@ void ShadowAnswerer::check_answers(const ShadowInstance& o, const ShadowBatch& b
     const bool blocked = verdict[i] == scalar::k_verdict_blocked;
     const bool self = batch.instance[i] == o.cone.segment.instance;
     const bool wrong = blocked != (work.exact_blocked[i] != 0);
-    stats.add_check(checked_verdict(blocked), self, wrong);
+    stats.add_check(checked_verdict(blocked), CheckedBundle::cell, self, wrong);
+  }
+}
+
+void ShadowAnswerer::check_shares(const ShadowGroup& group, int rays, const ShadowBatch& batch,
+                                  std::span<const float> shares, Stats& stats) const {
+  Workspace& work = *workspaces_.local();
+  std::vector<uint8_t> hidden(batch.rays.size, 0);
+  work.indices.clear();
+  for (uint32_t i = 0; i < batch.rays.size; ++i) {
+    if (batch.rays.tmax[i] >= 0.0f && shares[i / size_t(rays)] >= 0.0f) work.indices.push_back(i);
+  }
+  for (const ShadowGroup::OpenCandidate& open : group.open) {
+    accel_.occluded_by(group.candidates[open.slot], batch.rays, work.indices, hidden.data());
+  }
+  for (size_t s = 0; s < shares.size(); ++s) {
+    int active = 0, clear = 0;
+    for (size_t i = s * size_t(rays); i < (s + 1) * size_t(rays); ++i) {
+      active += batch.rays.tmax[i] >= 0.0f;
+      clear += batch.rays.tmax[i] >= 0.0f && !hidden[i];
+    }
+    if (shares[s] < 0.0f || active < rays) continue;
+    stats.add_checked_share(std::abs(double(shares[s]) - double(clear) / double(active)));
   }
 }
 

@@ -17,7 +17,7 @@ constexpr float k_plane_fit_spacing = 1.1f;
 constexpr int k_no_plane_fit_side = 1 << 12;
 
 int plane_fit_side_for(const ConeTask& task, const Sphere& light) {
-  const float cells = cells_across(task, light, LightWidth::largest);
+  const float cells = cells_across(task, light);
   if (cells == k_infinity) return k_no_plane_fit_side;
   return std::max(1, int(std::ceil(cells / k_plane_fit_spacing)));
 }
@@ -117,15 +117,12 @@ void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& a
     });
     // What no pool has room for is undecided.
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
-    const uint8_t refused = o.cone.segment.keeps_angles ? k_undecided_stratum : k_undecided_by_thin;
-    for (size_t i = 0; i < batch.rays.size; ++i) {
-      if (work.flags[i] && work.refused[i]) undecided[i] = std::max(undecided[i], refused);
-    }
+    for (size_t i = 0; i < batch.rays.size; ++i) undecided[i] |= work.flags[i] && work.refused[i];
     multiply_shares(group, open.slot, work, batch.clear);
     if (settings_.count_uses) count_filtered(group, open, count, undecided, stats);
   }
   for (size_t i = 0; i < batch.rays.size; ++i) {
-    if (work.dependent[i] && batch.clear[i] > 0.0f) undecided[i] = std::max(undecided[i], k_undecided_stratum);
+    undecided[i] |= work.dependent[i] && batch.clear[i] > 0.0f;
   }
 }
 

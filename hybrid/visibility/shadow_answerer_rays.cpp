@@ -42,21 +42,10 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
   }
 }
 
-bool ShadowAnswerer::trusts_depth(const ShadowInstance& o, const ShadowGroup& group, LightSeen seen) const {
-  if (seen != LightSeen::in_part || settings_.tolerance > k_estimating_tolerance) return true;
-  return cells_across(o.cone, group.light.ball, LightWidth::mean) > k_cells_across;
-}
-
-// A thin instance's unit space narrows lights so much that all rays from a shading point go through the same cells.
-bool ShadowAnswerer::trusts_cells(const ShadowInstance& o, const ShadowGroup& group) const {
-  if (o.cone.segment.keeps_angles || settings_.tolerance > k_estimating_tolerance) return true;
-  if (group.light.kind != LightExtent::Kind::bounded) return true;
-  return cells_across(o.cone, group.light.ball, LightWidth::mean) > k_cells_across;
-}
-
-void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const ShadowBatch& batch, Workspace& work,
-                              Stats& stats) const {
+void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
   const size_t n = padded(batch.rays.size);
+  // What coverage maps leave undecided about other objects, cells mostly do as well, and they cost far more to bake.
+  const bool strata_tried = group.is_tested && !group.few_samples && settings_.whole_lights && settings_.tolerance < 1.0f;
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     const ShadowInstance& o = instances_[group.candidates[slot]];
     SegmentCounts counts;
@@ -65,11 +54,11 @@ void ShadowAnswerer::classify(const ShadowGroup& group, LightSeen seen, const Sh
     } else if (o.thesis) {
       counts = thesis_kernels_.shadow(*o.thesis, batch.rays, 0, n, int32_t(slot), work.states);
       if (settings_.check) check_answers(o, batch, work, stats);
-    } else if (!o.field || !trusts_cells(o, group)) {
+    } else if (!o.field) {
       counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
     } else {
       SegmentTask task = o.cone.segment;
-      task.reads_depth = task.reads_depth && trusts_depth(o, group, seen);
+      task.self_only = strata_tried;
       counts = kernels_.query(task, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
       bake_unknown(o, task, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);

@@ -61,7 +61,6 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   for (int e = 0; e < 9; ++e) o.cone.from_unit[e] = instance.to_world[e / 3][e % 3] * ball.radius;
   for (int a = 0; a < 3; ++a) o.cone.half_extent[a] = 0.5f * shape.bounds.diagonal()[a] / ball.radius;
   o.answers_cones = field && settings.whole_lights && settings.tolerance > 0.0f && !settings.force_undecided;
-  o.cone.chord_share = settings.tolerance < k_estimating_tolerance ? 1.0f : scalar::k_chord_share;
   std::memcpy(o.box.to_object, &instance.to_object, sizeof o.box.to_object);
   o.box.to_object_stretch = stretch_bound(linear_part(o.box.to_object));
   // Transforming a ray into object space rounds; the box grows by as much.
@@ -75,18 +74,13 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   return o;
 }
 
-float cells_across(const ConeTask& task, const Sphere& light, LightWidth width) {
+float cells_across(const ConeTask& task, const Sphere& light) {
   const SegmentTask& segment = task.segment;
   const float* m = segment.to_unit;
   Vec3 centre(m[9], m[10], m[11]);
   for (int axis = 0; axis < 3; ++axis)
     centre += Vec3(m[3 * axis], m[3 * axis + 1], m[3 * axis + 2]) * light.centre[axis];
-  float stretch = segment.to_unit_stretch;
-  if (width == LightWidth::mean && !segment.keeps_angles) {
-    const DMat3 to_unit = linear_part(m);
-    const DVec3 axis = glm::inverse(to_unit) * DVec3(centre);
-    stretch = float(angle_stretch(to_unit, axis) * double(glm::length(centre)) / glm::length(axis));
-  }
+  const float stretch = segment.to_unit_stretch;
   const float sine = light.radius * stretch / (glm::length(centre) - 1.0f);
   if (!(sine >= 0.0f && sine < scalar::k_widest_cone_sine)) return k_infinity;
   const float tangent = sine / std::sqrt(1.0f - sine * sine);

@@ -29,9 +29,8 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
 
 // The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), seen from the nearest point of the
 // object's ball; infinity for lights too near or too wide for whole answers. In unit space the ball is an ellipsoid;
-// `largest`: the width of the ball about it; `mean`: of a disc of the ellipsoid's area, as seen along the axis.
-enum class LightWidth { largest, mean };
-float cells_across(const ConeTask& task, const Sphere& light, LightWidth width);
+// the width is that of the ball about it.
+float cells_across(const ConeTask& task, const Sphere& light);
 
 // False where a plane across the line of the centres, in the unit space of one of them, parts the two instances' balls
 // (ellipsoids in world space). True for others, and for balls that overlap.

@@ -116,10 +116,15 @@ TEST(Camera, RaysOfABatchAreThoseOfSinglePointsOnEveryMachine) {
       film.filter = kind;
       camera.aperture_radius = aperture;
       const CameraSampler sampler(camera, film);
-      for (const size_t count : {size_t(1), size_t(16), size_t(45)}) {
+      for (const size_t count : {size_t(1), size_t(16), size_t(45), size_t(200)}) {
         CameraSamples samples;
         samples.resize(count);
-        for (size_t i = 0; i < count; ++i) samples.set(i, uint32_t(i * 7 % 32), uint32_t(i * 5 % 20), uint32_t(i * i));
+        // The largest batch has whole vectors in one pixel, and neighbours that differ in one coordinate alone.
+        const bool in_runs = count == 200;
+        for (size_t i = 0; i < count; ++i) {
+          const size_t x = in_runs ? 5 + i / 64 : i * 7 % 32, y = in_runs ? 3 + i / 48 : i * 5 % 20;
+          samples.set(i, uint32_t(x), uint32_t(y), uint32_t(i * i));
+        }
         for (const Isa isa : supported_isas()) {
           RayBatch rays;
           AlignedVector<float> near_distance;

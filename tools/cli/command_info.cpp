@@ -133,12 +133,12 @@ void print_field(const std::string& path) {
   const LayerInfo &v = info.visibility, &d = info.depth;
   print_baked("visibility", v, info.cells_full);
   fmt::print("           clear {:.1f} %, blocked {:.1f} %, undecided {:.1f} %, at tolerance {}\n", share(v, v.clear),
-             share(v, v.blocked), share(v, v.undecided), k_info_tolerance);
+             share(v, v.blocked), share(v, v.undecided), k_default_tolerance);
   print_baked("depth", d, info.cells_full);
   fmt::print(
       "           miss {:.1f} %, plane fit {:.1f} %, one-sided bound {:.1f} %, undecided {:.1f} %, at tolerance {}\n",
       share(d, d.clear), share(d, d.blocked - d.one_sided), share(d, d.one_sided), share(d, d.undecided),
-      k_info_tolerance);
+      k_default_tolerance);
   fmt::print("primitive  {} cells\n", info.primitives_baked);
   const CoverageInfo& c = info.coverage;
   fmt::print("coverage   {} of {} tiles ({:.2f} %), {} x {} lines a direction\n", c.tiles_baked, c.tiles_full,
@@ -193,7 +193,7 @@ void print_field_json(const std::string& path) {
                     {"undecided", d.undecided}});
   const CoverageInfo& c = info.coverage;
   Json json = header_json(path, info.header, {{"directions", p.directions}, {"plane", p.plane}, {"lines", p.lines}});
-  json.update(Json{{"tolerance", std::round(double(k_info_tolerance) * 1e6) / 1e6},
+  json.update(Json{{"tolerance", std::round(double(k_default_tolerance) * 1e6) / 1e6},
                    {"visibility", visibility},
                    {"depth", depth},
                    {"primitives_baked", info.primitives_baked},
