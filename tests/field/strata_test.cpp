@@ -4,7 +4,6 @@
 #include <array>
 
 #include "core/light/light_sampling.h"
-#include "hybrid/light/shading_clusters.h"
 #include "tests/support/cone_scene.h"
 
 namespace fieldtrace {
@@ -184,7 +183,9 @@ TEST(Strata, OfNarrowLightsAreBetterThanSixteenRays) {
   EXPECT_LE(std::abs(errors.bias) / errors.clusters, k_bias);
 }
 
-// Clusters as wide as they may be.
+// Clusters as wide as they may be at the default tolerance (TransportSettings::widest_cluster).
+constexpr float k_widest_cluster = 0.05f;
+
 TEST(Strata, OfClustersUnderWideLightsAreAsGoodAsSixtyFourRays) {
   for (const float half_angle : {0.17f, 0.06f}) {
     const Errors errors = errors_under(half_angle, 8, k_widest_cluster, 26);

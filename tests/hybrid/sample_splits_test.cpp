@@ -71,7 +71,6 @@ TEST(SampleSplits, OfOneNumberOfSamplesAreEquallyGood) {
     const RenderResult fields = render(scene, options_for(Method::hybrid, split));
     EXPECT_LE(compare_images(fields.image, truth).rmse, noise + k_added) << split.spp;
     EXPECT_LT(fields.stats.rays_exact, fields.stats.rays_shadow / 4) << split.spp;
-    printf("%d x %d: noise %g hybrid %g exact %g\n", split.spp, split.light_samples, noise, compare_images(fields.image, truth).rmse, double(fields.stats.rays_exact)/double(fields.stats.rays_shadow));
   }
 }
 
@@ -84,7 +83,6 @@ TEST(SampleSplits, KeepTheAlbedoOfEachSample) {
     const double noise = compare_images(picture(scene, Method::monte_carlo, split), truth).rmse;
     const double error = compare_images(picture(scene, Method::hybrid, split), truth).rmse;
     EXPECT_LE(error, noise + k_added) << split.spp;
-    printf("%d x %d: noise %g hybrid %g\n", split.spp, split.light_samples, noise, error);
   }
 }
 
@@ -101,8 +99,8 @@ void expect_crop_equals_whole(const Scene& scene, RenderOptions o, const std::ve
           different += part.pixel(x, y)[c] != whole.pixel(x + window.x, y + window.y)[c];
       }
     }
-    EXPECT_EQ(different, 0u) << o.spp << " x " << o.light_samples << " " << int(o.method) << ", " << window.x
-                             << " " << window.y << " " << window.width;
+    EXPECT_EQ(different, 0u) << o.spp << " x " << o.light_samples << " " << int(o.method) << ", " << window.x << " "
+                             << window.y << " " << window.width;
   }
 }
 

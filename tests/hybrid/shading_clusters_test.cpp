@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <set>
 
 #include "tests/support/random_lines.h"
 
@@ -16,8 +15,10 @@ struct Pixels {
   std::vector<SurfacePoint> surfaces;
   std::vector<Material> materials = std::vector<Material>(6);
   std::vector<PathVertex> vertices;
+  std::vector<PathState> paths;
 
   Pixels() {
+    materials[0].reflectance = Rgb(0.3f, 0.5f, 0.7f);
     materials[1].dark = true;
     materials[2].kind = materials[3].kind = BsdfKind::rough_dielectric;
     materials[4].kind = materials[5].kind = BsdfKind::conductor;
@@ -31,11 +32,21 @@ struct Pixels {
     PathVertex& v = vertices.emplace_back();
     v.surface = &s;
     v.material = &materials[size_t(material)];
-    v.facing = v.frame.n = normal;
+    v.facing = normal;
+    v.frame.n = glm::normalize(normal + Vec3(0.1f, 0, 0));
     v.seed = pixel * 2654435761u + 1u;
+    v.path = uint32_t(paths.size());
+    paths.emplace_back().index = uint32_t(7 * paths.size());
   }
   bool is_lit(uint32_t m) const { return !vertices[m].material->delta() && !vertices[m].material->dark; }
 };
+
+// A cluster's vertices.
+std::span<const uint32_t> members_of(const ShadingClusters& clusters, size_t c) {
+  return std::span(clusters.vertices).subspan(clusters[c].begin, clusters[c].size());
+}
+
+constexpr float k_widest = 0.05f;
 
 LightExtent ball_light(const Vec3& centre, float radius) {
   LightExtent light;
@@ -72,11 +83,11 @@ TEST(ShadingClusters, PartTheVerticesThatTakeLight) {
     const uint32_t most = 1 + random.index(64);
     const std::vector<LightExtent> lights = {ball_light(2e4f * random.direction(), 1.0f)};
     ShadingClusters clusters;
-    clusters.build(p.vertices, lights, most, false);
+    clusters.build(p.vertices, p.paths, lights, k_widest, most, false);
     std::vector<int> seen(p.vertices.size(), 0);
     uint32_t last_pixel = 0;
     for (size_t c = 0; c < clusters.size(); ++c) {
-      const auto members = clusters.members(clusters[c]);
+      const auto members = members_of(clusters, c);
       ASSERT_GE(members.size(), 1u);
       ASSERT_LE(members.size(), most);
       joined += members.size() > 1;
@@ -89,6 +100,10 @@ TEST(ShadingClusters, PartTheVerticesThatTakeLight) {
       for (const uint32_t m : members) {
         const PathVertex& v = p.vertices[m];
         ++seen[m];
+        const size_t at = clusters[c].begin + size_t(&m - members.data());
+        ASSERT_EQ(Vec3(clusters.points.px[at], clusters.points.py[at], clusters.points.pz[at]), v.surface->position);
+        ASSERT_EQ(clusters.points.sample[at], p.paths[v.path].index);
+        ASSERT_FLOAT_EQ(clusters.red[at], v.material->plain_diffuse() ? v.material->reflectance.x / k_pi : 0.0f);
         ASSERT_EQ(v.seed, first.seed);
         ASSERT_EQ(v.surface->instance, first.surface->instance);
         ASSERT_GT(glm::dot(v.facing, first.facing), 0.0f);
@@ -112,13 +127,13 @@ TEST(ShadingClusters, RadiiEncloseTheMembersAndAreSmallBesideTheWayToLights) {
                                        ball_light(unit * 5.0f * random.in_ball(), unit)};
     lights.emplace_back().kind = LightExtent::Kind::everywhere;
     ShadingClusters clusters;
-    clusters.build(p.vertices, lights, 1000, false);
+    clusters.build(p.vertices, p.paths, lights, k_widest, 1000, false);
     ShadingPointBatch points;
     const size_t begin = clusters.size() / 3, end = clusters.size();
-    clusters.points(p.vertices, begin, end, points);
+    clusters.centres(begin, end, points);
     ASSERT_EQ(points.size, end - begin);
     for (size_t k = 0; k < points.size; ++k) {
-      const auto members = clusters.members(clusters[begin + k]);
+      const auto members = members_of(clusters, begin + k);
       const DVec3 centre(points.px[k], points.py[k], points.pz[k]);
       float error = 0.0f;
       for (const uint32_t m : members) {
@@ -129,6 +144,16 @@ TEST(ShadingClusters, RadiiEncloseTheMembersAndAreSmallBesideTheWayToLights) {
         ASSERT_EQ(points.seed[k], p.vertices[m].seed);
       }
       ASSERT_EQ(points.error[k], error);
+      const ShadingCluster& cluster = clusters[begin + k];
+      const Vec3 facing(points.gx[k], points.gy[k], points.gz[k]), shading(points.sx[k], points.sy[k], points.sz[k]);
+      bool is_plain = true;
+      for (const uint32_t m : members) {
+        const PathVertex& v = p.vertices[m];
+        ASSERT_LE(glm::length(v.facing - facing), cluster.spread + 1e-6f);
+        ASSERT_LE(glm::length(v.frame.n - shading), cluster.spread + 1e-6f);
+        is_plain = is_plain && v.material->plain_diffuse();
+      }
+      ASSERT_EQ(cluster.plain_diffuse, is_plain);
       ASSERT_NEAR(glm::length(Vec3(points.gx[k], points.gy[k], points.gz[k])), 1.0f, 1e-5f);
       if (members.size() == 1) {
         ++single;
@@ -138,7 +163,7 @@ TEST(ShadingClusters, RadiiEncloseTheMembersAndAreSmallBesideTheWayToLights) {
       ++joined;
       for (size_t l = 0; l < 2; ++l) {
         const double distance = glm::length(DVec3(lights[l].ball.centre) - centre);
-        ASSERT_LE(double(points.radius[k]), double(k_widest_cluster) * distance * (1.0 + 1e-6));
+        ASSERT_LE(double(points.radius[k]), double(k_widest) * distance * (1.0 + 1e-6));
       }
     }
   }
@@ -155,7 +180,7 @@ size_t clusters_of_a_pixel(float light_distance, uint32_t most, bool single) {
   }
   const std::vector<LightExtent> lights = {ball_light({0, 0, light_distance}, 0.5f)};
   ShadingClusters clusters;
-  clusters.build(p.vertices, lights, most, single);
+  clusters.build(p.vertices, p.paths, lights, k_widest, most, single);
   return clusters.size();
 }
 
@@ -176,10 +201,10 @@ TEST(ShadingClusters, FarFromTheOriginAreNoWider) {
       p.add(0, Vec3(shift) + Vec3(random.uniform(-1.0f, 1.0f), random.uniform(-1.0f, 1.0f), 0.0f), {0, 0, 1}, 0, 0);
     }
     ShadingClusters clusters;
-    clusters.build(p.vertices, {}, 1000, false);
+    clusters.build(p.vertices, p.paths, {}, k_widest, 1000, false);
     ASSERT_EQ(clusters.size(), 1u);
     ShadingPointBatch points;
-    clusters.points(p.vertices, 0, 1, points);
+    clusters.centres(0, 1, points);
     EXPECT_LT(points.radius[0], 1.5f);
     EXPECT_LT(glm::length(Vec3(points.px[0], points.py[0], points.pz[0]) - Vec3(shift)), 0.3f);
   }

@@ -145,7 +145,7 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
   blocked.assign(batch.rays.size, 0);
   accel.occluded(batch.rays, active, blocked.data());
   Stats stats;
-  answerer.answer(group, LightSeen::unknown, batch, stats);
+  answerer.answer(group, batch, stats);
   tally.answers += active.size();
   for (const uint32_t i : active) tally.different += batch.blocked[i] != blocked[i];
 }
