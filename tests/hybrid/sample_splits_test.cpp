@@ -76,7 +76,7 @@ TEST(SampleSplits, OfOneNumberOfSamplesAreEquallyGood) {
 
 // Of each camera sample its own, although light arrives once per pixel.
 TEST(SampleSplits, KeepTheAlbedoOfEachSample) {
-  const Scene scene = knot_over_floor(32, true);
+  const Scene scene = knot_over_floor(64, true);
   for (const Split& split : {Split{64, 1}, Split{8, 8}}) {
     // The same camera samples, and so the same means of the texture.
     const Image truth = picture(scene, Method::monte_carlo, {split.spp, 1024 / split.spp});

@@ -97,7 +97,7 @@ TEST(ShadingClusters, PartTheVerticesThatTakeLight) {
       const auto pixel = uint32_t(std::find_if(p.vertices.begin(), p.vertices.end(), is_first) - p.vertices.begin());
       ASSERT_GE(pixel, last_pixel);
       last_pixel = pixel;
-      for (const uint32_t m : members) {
+      for (const uint32_t& m : members) {
         const PathVertex& v = p.vertices[m];
         ++seen[m];
         const size_t at = clusters[c].begin + size_t(&m - members.data());
