@@ -175,7 +175,7 @@ TEST(HybridError, FewCheckedAnswersAreWrong) {
   RenderOptions o = options_for(Method::hybrid, 32);
   o.check = true;
   const Stats s = render(hybrid_scene("overlapping", 32).scene, o).stats;
-  EXPECT_GT(s.check_answers, 20000u);
+  EXPECT_GT(s.check_answers, 10000u);
   EXPECT_LE(double(s.check_wrong), k_wrong_share * double(s.check_answers));
   uint64_t answers = 0, wrong = 0;
   for (const CheckedVerdict verdict : {CheckedVerdict::clear, CheckedVerdict::blocked}) {
