@@ -75,9 +75,9 @@ inline constexpr int32_t k_by_strata = 4;      // the object can answer by strat
 // One candidate object tested against whole lights (field/query/cone.hd.h).
 struct ConeTask {
   SegmentTask segment;
-  float from_unit[9];        // unit space -> world, linear part, column-major
-  float half_extent[3];      // of the object's bounds, a box about the origin of unit space
-  int plane_fit_side = 0;    // directions a side tried for shading points on the object; 0: these stay open
+  float from_unit[9];      // unit space -> world, linear part, column-major
+  float half_extent[3];    // of the object's bounds, a box about the origin of unit space
+  int plane_fit_side = 0;  // directions a side tried for shading points on the object; 0: these stay open
 };
 
 // One candidate object tested against strata of lights (field/query/stratum.hd.h).

@@ -82,6 +82,9 @@ constexpr float k_most_disc_drift = 0.5f;
 // them one surface may hide another from the lines where the rays pass between the two.
 constexpr float k_most_apart = 1.0f;
 constexpr float k_most_apart_filled = 0.5f;
+// A stratum's errors are a sixteenth of the light's (k_fewest_strata) and differ from those of others. What the width
+// of the shading points lends to its disc is the same in all of them, and counts as its root.
+constexpr float k_near_share = 0.25f;
 // Rays of one stratum differ in length to a depth by no more than this share: the tube's width is right to first order.
 constexpr float k_most_bend = 0.25f;
 // Largest correlation of a tube's extents along a map's axes. A rectangle is wrong about the variance along its
@@ -244,7 +247,8 @@ FT_HD_INLINE F depths_apart(const FieldView& field, const StratumTube<F>& tube, 
 // are widened by the policy's slack. length: distance from the ray's origin to the light along the stratum's rays.
 template <class F, class TellMissing>
 FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const QueryPolicy& policy, float least_disc,
-                                             const LightStratum<F>& stratum, F length, Mask_t<F> wanted, const TellMissing& tell_missing) {
+                                             const LightStratum<F>& stratum, F length, Mask_t<F> wanted,
+                                             const TellMissing& tell_missing) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   const ConeSpan<F> span = span_of_stratum(stratum);
   StratumAnswer<F> answer;
@@ -276,17 +280,20 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
   const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
 
-  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc.least_half() * splat<F>(k_most_disc_drift * policy.slack)));
-  const F apart = depths_apart<F>(field, tube, disc, some);
-  const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart)) * splat<F>(policy.slack);
+  // Errors are measured by the disc of the light's part alone and a share of that of the shading points.
+  const TubeWidths<F>& widths = tube.widths;
+  const F slack = splat<F>(policy.slack), least_near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
+  const F least_half = half_width(stratum, min(widths.x, widths.y), least_near, disc.t);
+  const F disc_half = max(least_half * splat<F>(field.coverage.half_lines), splat<F>(0.5f));
+  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc_half * splat<F>(k_most_disc_drift) * slack));
+  const F apart = depths_apart<F>(field, tube, disc, some) * disc.least_half() / disc_half;
+  const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart)) * slack;
   const Mask_t<F> layered = some & (apart > most);
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const F coarse = splat<F>(k_coarse_disc / policy.slack), fine = splat<F>(least_disc / policy.slack);
   const F least = select(thin_ratio > splat<F>(k_most_thin_features), coarse, fine);
-  const TubeWidths<F>& widths = tube.widths;
-  const F least_half = half_width(stratum, min(widths.x, widths.y), min(widths.near_x, widths.near_y), disc.t);
   const Mask_t<F> small = open & (least_half * scale < least), skewed = some & widths.skewed;
   answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered | skewed);
   return answer;

@@ -149,8 +149,9 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
   for (size_t r = 0; r < clusters.size(); ++r) {
     const uint32_t cluster = clusters[r];
     const StrataSeen seen = strata_seen(job, cluster, r * size_t(k_strata));
-    job.stats.strata_refused +=
-        uint64_t(std::count_if(seen.share, seen.share + k_strata, [](float s) { return s < 0; }));
+    for (size_t slot = r * k_strata; slot < (r + 1) * k_strata; ++slot) {
+      job.stats.strata_refused += undecided_[slot] && shadows_.rays.tmax[slot] >= 0.0f;
+    }
     if (context_.answerer.checks()) check_strata(job, cluster, seen);
     const bool all = seen.decided == 1.0f;
     if (all && seen.clear == 1.0f) {

@@ -92,7 +92,6 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
   for (uint32_t slot = 0; slot < group.candidates.size(); ++slot) {
     test_candidate(slot, shading_points, light, group, work, stats);
   }
-  if (!group.few_samples) forget_distant(shading_points, group);
 }
 
 void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shading_points, const Sphere& light,
@@ -107,6 +106,11 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
   uint32_t most_samples = 0;
   for (size_t r = 0; r < work.flags.size(); ++r) {
     if (r >= shading_points.size || group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // padding, or settled
+    // By the test that chose the candidates, too: else an instance that only other shading points brought in could
+    // count.
+    if (work.flags[r] && !candidates_.meets(shaft_to(shading_points, r, group.light), group.candidates[slot])) {
+      work.flags[r] = 0;
+    }
     if (!work.flags[r]) continue;
     group.met[r] = 1;
     most_samples = std::max(most_samples, group.light_samples[r]);
@@ -136,18 +140,6 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
   }
   const uint32_t end = uint32_t(group.open_points.size());
   if (end > begin) group.open.push_back({slot, begin, end});
-}
-
-// Clears shading points that no candidate can shadow by the test that chose the candidates, which is tighter than the
-// kernels'. What becomes of a shading point then does not depend on the candidates of the others in its group.
-void ShadowAnswerer::forget_distant(const ShadingPointBatch& shading_points, ShadowGroup& group) const {
-  for (size_t r = 0; r < shading_points.size; ++r) {
-    if (!group.met[r]) continue;
-    const Shaft shaft = shaft_to(shading_points, r, group.light);
-    const bool is_met = std::any_of(group.candidates.begin(), group.candidates.end(),
-                                    [&](uint32_t instance) { return candidates_.meets(shaft, instance); });
-    if (!is_met) group.met[r] = group.shadow[r] = group.by_rays[r] = 0;
-  }
 }
 
 void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {

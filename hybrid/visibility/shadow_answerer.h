@@ -129,7 +129,6 @@ class ShadowAnswerer {
   // Tests all shading points against one candidate; with a field, whole lights too.
   void test_candidate(uint32_t slot, const ShadingPointBatch& shading_points, const Sphere& light, ShadowGroup& group,
                       Workspace& work, Stats& stats) const;
-  void forget_distant(const ShadingPointBatch& shading_points, ShadowGroup& group) const;
   void query_cones(const ShadowInstance& occluder, const ShadingPointBatch& shading_points, const ShadowGroup& group,
                    Workspace& work, Stats& stats) const;
   void multiply_shares(const ShadowGroup& group, uint32_t slot, Workspace& work, AlignedVector<float>& clear) const;

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <random>
@@ -102,6 +103,64 @@ TEST(LightSampling, SamplesOfOnePixelAreTheSamePointsHoweverTheyAreBatched) {
       }
     }
   }
+}
+
+// The cell of a sample is that of the point of a fine grid over the sample square which is nearest as seen from the
+// shading point: it lies in the same cell, or in one beside it.
+TEST(LightSampling, CellsAreThoseOfTheSampleSquare) {
+  constexpr int k_fine = 64, k_columns = 4, k_rows = 8, k_samples = 256;
+  int tested = 0;
+  for (const NamedLight& light : all_lights()) {
+    // Others have no sample square, or one whose opposite sides meet.
+    const LightKind kind = light.table.lights[0].kind;
+    const LightKind kinds[] = {LightKind::sphere,        LightKind::sphere_inside, LightKind::rectangle,
+                               LightKind::parallelogram, LightKind::disk,          LightKind::cylinder};
+    if (std::find(std::begin(kinds), std::end(kinds), kind) == std::end(kinds)) continue;
+    ++tested;
+    ShadingPoint point;
+    point.point = {0.1f, -0.2f, 0.05f};
+    point.transmits = true;  // all directions count
+    ShadingPointBatch one = batch_of({point}, 5);
+    ShadowBatch fine;
+    sample_light(light.table, 0, one, {k_fine * k_fine, 0, k_fine * k_fine, k_fine, k_columns, k_rows}, Isa::scalar,
+                 fine);
+    const auto cell = [&](int fine_index) {
+      return (fine_index / k_fine) * k_rows / k_fine * k_columns + (fine_index % k_fine) * k_columns / k_fine;
+    };
+    for (int i = 0; i < k_fine * k_fine; ++i) ASSERT_EQ(int(fine.cell[size_t(i)]), cell(i)) << light.name << " " << i;
+    for (const Isa isa : supported_isas()) {
+      ShadowBatch batch;
+      sample_light(light.table, 0, one, {k_samples, 0, k_samples, 0, k_columns, k_rows}, isa, batch);
+      int compared = 0, beside = 0;
+      std::vector<int> of_cell(k_columns * k_rows, 0);
+      for (size_t k = 0; k < k_samples; ++k) {
+        ASSERT_LT(batch.cell[k], uint32_t(k_columns * k_rows));
+        if (batch.rays.tmax[k] < 0.0f) continue;
+        const Vec3 d = batch.rays.direction(k);
+        const auto gap = [&](int i) {
+          return fine.rays.tmax[size_t(i)] < 0.0f ? k_infinity : glm::length(d - fine.rays.direction(size_t(i)));
+        };
+        int nearest = 0;
+        for (int i = 1; i < k_fine * k_fine; ++i) nearest = gap(i) < gap(nearest) ? i : nearest;
+        if (gap(nearest) == k_infinity) continue;
+        ++compared;
+        ++of_cell[batch.cell[k]];
+        bool found = false;
+        for (int y = -1; y <= 1; ++y) {
+          for (int x = -1; x <= 1; ++x) {
+            const int row = std::clamp(nearest / k_fine + y, 0, k_fine - 1),
+                      column = std::clamp(nearest % k_fine + x, 0, k_fine - 1);
+            found = found || cell(row * k_fine + column) == int(batch.cell[k]);
+          }
+        }
+        beside += !found;
+      }
+      EXPECT_GT(compared, k_samples / 4) << light.name;
+      EXPECT_EQ(beside, 0) << light.name << " " << isa_name(isa) << " of " << compared;
+      EXPECT_GT(std::count_if(of_cell.begin(), of_cell.end(), [](int n) { return n > 0; }), k_columns) << light.name;
+    }
+  }
+  EXPECT_EQ(tested, 6);
 }
 
 TEST(LightSampling, SlotsAreFiniteAndPaddingInactive) {

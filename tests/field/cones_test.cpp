@@ -19,8 +19,10 @@ struct Counts {
   int64_t wrong() const { return wrong_clear + wrong_blocked; }
 };
 
+// next_point(r): a point of shading point r's cluster.
+template <class NextPoint>
 void count_answers(const ConeScene& s, const ShadingPointBatch& batch, const ShadowGroup& group, TestRandom& random,
-                   Counts& counts) {
+                   Counts& counts, const NextPoint& next_point) {
   constexpr int k_rays = 32;
   for (size_t r = 0; r < batch.size; ++r) {
     const int32_t shadow = group.shadow[r];
@@ -28,7 +30,7 @@ void count_answers(const ConeScene& s, const ShadingPointBatch& batch, const Sha
       ++counts.open;
       continue;
     }
-    const int blocked = s.blocked_rays({batch.px[r], batch.py[r], batch.pz[r]}, k_rays, random);
+    const int blocked = s.blocked_rays(k_rays, random, [&] { return next_point(r); });
     counts.rays += k_rays;
     if (shadow == 0) {
       ++counts.clear;
@@ -38,6 +40,13 @@ void count_answers(const ConeScene& s, const ShadingPointBatch& batch, const Sha
       counts.wrong_blocked += k_rays - blocked;
     }
   }
+}
+
+Vec3 centre_of(const ShadingPointBatch& batch, size_t r) { return {batch.px[r], batch.py[r], batch.pz[r]}; }
+
+void count_answers(const ConeScene& s, const ShadingPointBatch& batch, const ShadowGroup& group, TestRandom& random,
+                   Counts& counts) {
+  count_answers(s, batch, group, random, counts, [&](size_t r) { return centre_of(batch, r); });
 }
 
 void query_and_count(ConeScene& s, const ShadingPointBatch& batch, TestRandom& random, Counts& counts) {
@@ -107,6 +116,59 @@ float depth_below(const ConeScene& s, const Vec3& point) {
   return hits.t[0] * std::abs(glm::dot(d, normal)) / s.field->ball().radius;
 }
 
+// An answer holds for all points of a cluster's ball.
+TEST(Cones, AnswersForClustersHoldAllOverThem) {
+  TestRandom random(13);
+  Counts counts;
+  for (const TriangleMesh& mesh : solid_meshes()) {
+    for (int i = 0; i < 16; ++i) {
+      const ConeScene s = solid_under_a_light(mesh, random);
+      ShadingPointBatch batch = shadowed_shading_points(s, world_ball(s), 200, random);
+      const float widest = world_ball(s).radius * 0.2f;
+      for (size_t r = 0; r < batch.size; ++r) batch.radius[r] = widest * random.log_uniform(0.01f, 1.0f);
+      Stats stats;
+      const ShadowGroup group = s.query(batch, Isa::automatic, 0.1f, stats);
+      count_answers(s, batch, group, random, counts,
+                    [&](size_t r) { return centre_of(batch, r) + batch.radius[r] * random.in_ball(); });
+    }
+  }
+  EXPECT_GT(counts.clear, 1000);
+  EXPECT_GT(counts.blocked, 400);
+  EXPECT_GT(counts.open, 500);
+  expect_few_wrong(counts);
+}
+
+// On the object, for points of the surface about the cluster's centre.
+TEST(Cones, AnswersForClustersOnTheObjectHoldAllOverThem) {
+  TestRandom random(14);
+  Counts counts;
+  for (const TriangleMesh& mesh : solid_meshes()) {
+    for (int i = 0; i < 24; ++i) {
+      const ConeScene s = solid_under_a_light(mesh, random);
+      std::vector<std::array<Vec3, 3>> corners;
+      ShadingPointBatch batch = self_shading_points(s, 600, random, OwnSide::front, &corners);
+      const auto in_triangle = [&](size_t r) {
+        float u = random.uniform(), v = random.uniform();
+        if (u + v > 1.0f) u = 1.0f - u, v = 1.0f - v;
+        const auto& [a, b, c] = corners[r];
+        const Vec3 centre = centre_of(batch, r), middle = (a + b + c) / 3.0f;
+        Vec3 offset = (b - a) * u + (c - a) * v + (a - middle);
+        const float length = glm::length(offset);
+        if (length > batch.radius[r]) offset *= batch.radius[r] / length;
+        return centre + offset;
+      };
+      const float widest = world_ball(s).radius / 64.0f;
+      for (size_t r = 0; r < batch.size; ++r) batch.radius[r] = widest * random.log_uniform(0.05f, 2.0f);
+      Stats stats;
+      const ShadowGroup group = s.query(batch, Isa::automatic, 0.1f, stats);
+      count_answers(s, batch, group, random, counts, in_triangle);
+    }
+  }
+  EXPECT_GT(counts.clear, 10000);
+  EXPECT_GT(counts.blocked, 400);
+  expect_few_wrong(counts);
+}
+
 // Within a solid all is dark. What is called so is; what is called clear lies so near below the surface that a
 // certificate, which speaks of one plane fit and knows no sides, takes it to lie on it.
 TEST(Cones, AnswersWithinTheObjectAreWrongJustBelowItsSurfaceAlone) {
@@ -160,8 +222,9 @@ TEST(Cones, AreTheSameOnEveryInstructionSet) {
     const Affine place = random_place(random, 1.0f, 3.0f);
     ConeScene s(mesh, place, {Vec3(place[3]) + 4.0f * random.direction(), 0.2f});
     for (const bool self : {false, true}) {
-      const ShadingPointBatch batch =
+      ShadingPointBatch batch =
           self ? self_shading_points(s, 333, random) : shadowed_shading_points(s, world_ball(s), 333, random);
+      for (size_t r = 0; r < batch.size; r += 2) batch.radius[r] = random.log_uniform(1e-4f, 1e-1f);
       Stats scalar_stats;
       const ShadowGroup scalar = s.query(batch, Isa::scalar, 0.1f, scalar_stats);
       for (const Isa isa : supported_isas()) {

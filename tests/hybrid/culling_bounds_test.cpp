@@ -71,6 +71,7 @@ void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const 
                                 {.isa = resolve_isa(Isa::automatic), .tolerance = 0.0f});
   ShadowGroup group;
   group.light = light_extent(scene, emitter);
+  group.light_samples.assign(points.size(), 1);
   const ShadingPointBatch batch = shading_points_at(points, gamma_bound(3));
   Stats stats;
   answerer.find_candidates(batch, group, stats);

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include "core/mesh/mesh_procedural.h"
 #include "hybrid/compare/compare.h"
@@ -58,32 +57,35 @@ RenderOptions coarse_fields() {
   return o;
 }
 
-// Grids of 64 strata are preceded by 16 strata. Each light sample near the only object is spared, by an answer of its
-// field or because probe rays agree, or is a ray that the field answers or leaves undecided.
+// Each light sample near the only object is spared by an answer of its field, or is a ray that the field answers or
+// leaves undecided.
 TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
-  constexpr int k_samples = 256;
-  ASSERT_LE(3 * k_first_strata, 2 * stratum_grid(k_samples).total);
   const Scene scene = lit_knot(1.0f, {{{2, -2, 4}, 0.6f}});
   const Accel accel(scene);
   Field field(field_ball(scene.shapes[0].bounds), {.directions = 32, .plane = 64});
   const ShadowAnswerer answerer(scene, accel, shape_traits(scene), {&field, nullptr, nullptr},
                                 {.isa = resolve_isa(Isa::automatic), .count_uses = true});
   const CameraSampler camera(scene.camera, scene.film);
-  TransportSettings settings;
-  settings.light_samples = k_samples;
-  settings.max_depth = 2;
-  settings.isa = resolve_isa(Isa::automatic);
-  const TransportContext context(scene, accel, camera, answerer, settings);
-  TransportWorker worker(context);
-  trace_pixels(
-      tile_pixels(scene.film.crop), 1, 1, worker, [] { return true; },
-      [](size_t, std::span<const Rgb>, std::span<const FirstHit>) {});
-  const Stats& stats = worker.stats();
-  EXPECT_GT(stats.strata, 10000u);
-  EXPECT_GT(stats.rays_crossing, 1000u);
-  ASSERT_FALSE(stats.field_uses.empty());
-  EXPECT_GT(stats.samples_extrapolated, 0u);
-  EXPECT_EQ(stats.field_uses[0].answered + stats.field_uses[0].undecided, stats.samples_spared + stats.rays_crossing);
+  for (const int pixel_samples : {1, 16}) {
+    TransportSettings settings;
+    settings.pixel_samples = pixel_samples;
+    settings.light_samples = 256 / pixel_samples;
+    settings.estimates = true;
+    settings.max_depth = 2;
+    settings.isa = resolve_isa(Isa::automatic);
+    const TransportContext context(scene, accel, camera, answerer, settings);
+    TransportWorker worker(context);
+    trace_pixels(
+        tile_pixels(scene.film.crop), pixel_samples, 1, worker, [] { return true; },
+        [](size_t, std::span<const Rgb>, std::span<const FirstHit>) {});
+    const Stats& stats = worker.stats();
+    EXPECT_GT(stats.strata, 5000u);
+    EXPECT_GT(stats.rays_crossing, 1000u);
+    ASSERT_FALSE(stats.field_uses.empty());
+    const uint64_t uses = stats.field_uses[0].answered + stats.field_uses[0].undecided;
+    const uint64_t answers = stats.samples_spared + stats.rays_crossing;
+    EXPECT_EQ(uses, answers);
+  }
 }
 
 // Where one light is answered by strata and another by rays, both weigh the same in the layer.
@@ -124,145 +126,33 @@ TEST(DirectLight, StrataBelowTheHorizonAreNotRefused) {
   EXPECT_LE(stats.strata_refused, stats.strata);
 }
 
-// The points of a lattice on the unit disk, by Shirley and Chiu's map.
-std::vector<Vec2> lattice_on_disk(const LightSampleRange& lattice) {
-  std::vector<Vec2> points;
-  for (int k = 0; k < lattice.total; ++k) {
-    const auto at = [&](int i) { return lattice.stretch * ((2.0f * float(i) + 1.0f) / float(lattice.columns) - 1.0f); };
-    const float a = at(k % lattice.columns), b = at(k / lattice.columns);
-    const bool is_steep = std::abs(b) > std::abs(a);
-    const float radius = is_steep ? b : a,
-                turn = is_steep ? 0.5f * k_pi - 0.25f * k_pi * a / b
-                                : 0.25f * k_pi * b / std::max(std::abs(a), 1e-30f) * (a < 0.0f ? -1.0f : 1.0f);
-    points.push_back(radius * Vec2(std::cos(turn), std::sin(turn)));
-  }
-  return points;
-}
-
-// RMS of what is misjudged of a round light whose points agree, over straight edges at random offsets: the part of the
-// disk beyond an edge that no point lies beyond.
-double misjudged(const std::vector<Vec2>& points) {
-  TestRandom random(17);
-  constexpr int k_edges = 4000;
-  double squares = 0.0;
-  for (int i = 0; i < k_edges; ++i) {
-    const float angle = random.uniform(0.0f, 2.0f * k_pi), offset = random.uniform(-1.0f, 1.0f);
-    const Vec2 normal(std::cos(angle), std::sin(angle));
-    const auto is_hidden = [&](const Vec2& p) { return glm::dot(p, normal) > offset; };
-    if (std::adjacent_find(points.begin(), points.end(), [&](const Vec2& p, const Vec2& q) {
-          return is_hidden(p) != is_hidden(q);
-        }) != points.end()) {
-      continue;
-    }
-    const double half = std::acos(double(offset)), beyond = (half - std::sin(half) * std::cos(half)) / double(k_pi);
-    const double error = is_hidden(points[0]) ? 1.0 - beyond : beyond;
-    squares += error * error;
-  }
-  return std::sqrt(squares / k_edges);
-}
-
-// What points that agree overlook of an edge is little beside what as many light samples as are spared err by, .42
-// M^-.75 (docs/decisions/009-cones.md): a quarter of it, in the mean over edges (docs/decisions/019-penumbrae.md).
-TEST(DirectLight, EdgesBetweenTrialPointsHideLittle) {
-  std::map<int, double> of_side;  // each lattice is measured once
-  int tried = 0;
-  for (int m = 1; m < 20000; ++m) {
-    const LightSampleRange lattice = probe_rays(LightKind::disk, m, false);
-    if (lattice.count == 0) continue;
-    ++tried;
-    ASSERT_EQ(lattice.count, lattice.total) << m;
-    const auto [at, is_new] = of_side.try_emplace(lattice.columns, 0.0);
-    if (is_new) {
-      const std::vector<Vec2> points = lattice_on_disk(lattice);
-      // The outer points lie on the rim, as good as.
-      ASSERT_EQ(std::count_if(points.begin(), points.end(), [](const Vec2& p) { return glm::length(p) > 0.998f; }),
-                4 * (lattice.columns - 1));
-      at->second = misjudged(points);
-    }
-    ASSERT_LE(at->second, 0.25 * 0.42 * std::pow(double(m), -0.75)) << m;
-  }
-  EXPECT_GT(tried, 19000);
-  EXPECT_GT(of_side.size(), 5u);
-}
-
-// Trying saves rays: there are fewer points than samples, the more so the more samples, and never fewer for more.
-TEST(DirectLight, ProbeRaysAreFewAndGrowWithTheSquareRoot) {
-  int last = 0;
-  for (int m = 1; m < 20000; ++m) {
-    const LightSampleRange lattice = probe_rays(LightKind::rectangle, m, false);
-    const LightSampleRange of_mesh = probe_rays(LightKind::mesh, m, false);
-    ASSERT_EQ(lattice.count, of_mesh.count) << m;
-    ASSERT_LT(lattice.count, m) << m;
-    ASSERT_GE(lattice.count, last) << m;
-    last = lattice.count;
-    if (lattice.count == 0) continue;
-    ASSERT_EQ(lattice.columns * lattice.columns, lattice.count) << m;
-    // Sixteen times the samples: twice the side, rounded.
-    const LightSampleRange more = probe_rays(LightKind::rectangle, 16 * m, false);
-    ASSERT_LE(std::abs(more.columns - 2 * lattice.columns), 1) << m;
-    ASSERT_EQ(of_mesh.total, m);
-    ASSERT_EQ(of_mesh.columns, 0);
-  }
-  for (const LightKind kind : {LightKind::sphere, LightKind::disk, LightKind::rectangle, LightKind::parallelogram})
-    EXPECT_EQ(probe_rays(kind, 64, false).columns, 4);
-  // On these lights the border of the sample square is not the rim that a shading point sees.
-  for (const LightKind kind : {LightKind::sphere_inside, LightKind::ellipsoid, LightKind::cylinder, LightKind::mesh})
-    EXPECT_EQ(probe_rays(kind, 64, false).columns, 0);
-  // From 15 light samples on (docs/decisions/014-strata.md).
-  EXPECT_EQ(probe_rays(LightKind::sphere, 14, false).count, 0);
-  EXPECT_EQ(probe_rays(LightKind::sphere, 15, false).count, 9);
-  EXPECT_EQ(probe_rays(LightKind::sphere, 64, false).count, 16);
-}
-
-// Coarse lattices are not believed about wide lights (docs/decisions/014-strata.md: 4 x 4 points from 27 samples on);
-// finer ones are the same for all.
-TEST(DirectLight, WideLightsAreTriedAtMorePointsOrNone) {
-  for (int m = 1; m < 5000; ++m) {
-    const LightSampleRange narrow = probe_rays(LightKind::disk, m, false);
-    const LightSampleRange wide = probe_rays(LightKind::disk, m, true);
-    ASSERT_EQ(wide.count > 0, m >= 27) << m;
-    ASSERT_EQ(wide.count, m >= 27 ? std::max(narrow.count, 16) : 0) << m;
-  }
-}
-
-// A light that is wide to some shading points and not to others takes two lattices. A shading point's answer must not
-// depend on its group or on threads.
-TEST(DirectLight, ShadingPointsOfTwoLatticesAreLitAlone) {
-  Scene scene = lit_knot(1.0f, {{{1, -1, 4}, 0.7f}});
-  RenderOptions o = coarse_fields();
-  o.light_samples = 32;
-  ASSERT_NE(probe_rays(LightKind::sphere, 32, true).count, probe_rays(LightKind::sphere, 32, false).count);
-  const Image whole = render(scene, o).image;
-  o.method = Method::monte_carlo;
-  o.light_samples = 1024;
-  const Image truth = render(scene, o).image;
-  o.light_samples = 32;
-  EXPECT_LE(compare_images(whole, truth).rmse, compare_images(render(scene, o).image, truth).rmse);
-  o.method = Method::hybrid;
-  o.threads = 1;
-  o.crop = Rect{17, 21, 30, 25};
-  const Image part = render(scene, o).image;
-  for (int y = 0; y < part.height; ++y) {
-    for (int x = 0; x < part.width; ++x) {
-      for (int c = 0; c < 3; ++c) ASSERT_EQ(part.pixel(x, y)[c], whole.pixel(x + 17, y + 21)[c]) << x << " " << y;
-    }
-  }
-}
-
-// RMSE of the red channel over the pixels that show instance `instance`.
-double error_on(uint32_t instance, const Image& image, const Image& truth) {
-  double squares = 0.0;
+// Calls with the pixels that show instance `instance`.
+template <class Call>
+void each_pixel_of(uint32_t instance, const Image& truth, const Call& call) {
   int count = 0;
   for (int y = 0; y < truth.height; ++y) {
     for (int x = 0; x < truth.width; ++x) {
       if (truth.pixel(x, y)[3] != float(instance + 1)) continue;
-      const double error = double(image.pixel(x, y)[0]) - double(truth.pixel(x, y)[0]);
-      squares += error * error;
+      call(x, y);
       ++count;
     }
   }
   EXPECT_GT(count, 1000);
-  return std::sqrt(squares / std::max(count, 1));
+}
+
+// Mean of the red channel there, and its RMSE.
+double mean_of(uint32_t instance, const Image& image) {
+  double sum = 0.0, count = 0.0;
+  each_pixel_of(instance, image, [&](int x, int y) { sum += double(image.pixel(x, y)[0]), ++count; });
+  return sum / count;
+}
+double error_on(uint32_t instance, const Image& image, const Image& truth) {
+  double squares = 0.0, count = 0.0;
+  each_pixel_of(instance, truth, [&](int x, int y) {
+    const double error = double(image.pixel(x, y)[0]) - double(truth.pixel(x, y)[0]);
+    squares += error * error, ++count;
+  });
+  return std::sqrt(squares / count);
 }
 
 // Where two parts of an object, one behind the other, hide a light together, the parallel lines of a coverage map may
@@ -292,14 +182,19 @@ TEST(DirectLight, UmbraeOfSeveralLayersStayDark) {
       }
     }
     EXPECT_GT(count, 500);
-    // A tenth of a per cent of the light, which umbrae under wide lights may come out too bright by (README.md).
-    EXPECT_LE(std::abs(light_found / count), 0.001) << light.at.x;
+    // What a block of a picture may be off by; umbrae under wide lights come out too bright by up to half of it.
+    EXPECT_LE(std::abs(light_found / count), 0.01) << light.at.x;
   }
 }
+
+// What fields add to a picture of many samples, in terms of its mean.
+constexpr double k_added = 0.002;
 
 struct CloseUp {
   double noise = 0.0, error = 0.0;  // RMSE of Monte Carlo, and of fields with as many samples
   double bias = 0.0;                // mean relative error of fields where the light is partly hidden
+  double added = 0.0;               // RMSE of both with many samples, in terms of the mean
+  double most_error = 0.0;          // of Monte Carlo and what fields may add
   Stats stats;                      // of the render with fields
 };
 // A close-up of a knot that shadows itself, under one light.
@@ -321,6 +216,8 @@ CloseUp close_up_of_knot(const Light& light, int directions = 64) {
   const Image truth = picture(Method::monte_carlo, 2048).image;
   CloseUp result;
   result.noise = error_on(0, picture(Method::monte_carlo, 64).image, truth);
+  result.added = error_on(0, picture(Method::hybrid, 2048).image, truth) / mean_of(0, truth);
+  result.most_error = std::hypot(result.noise, k_added * mean_of(0, truth));
   const RenderResult fields = picture(Method::hybrid, 64);
   result.error = error_on(0, fields.image, truth);
   result.stats = fields.stats;
@@ -339,31 +236,33 @@ CloseUp close_up_of_knot(const Light& light, int directions = 64) {
 }
 
 // Where fields settle a whole light or answer in a penumbra, the error they add does not show beside the noise of as
-// many samples; and where one edge cuts the light, following it takes fewer rays.
+// many samples.
 TEST(DirectLight, PenumbraeOnAnObjectErrAsMonteCarloDoes) {
   for (const float radius : {0.2f, 0.8f}) {
     const CloseUp knot = close_up_of_knot({{3, -2, 4}, radius});
     EXPECT_GT(knot.stats.samples_spared, 6 * knot.stats.rays_exact) << radius;
-    EXPECT_LE(knot.error, knot.noise) << radius;
+    EXPECT_LE(knot.error, knot.most_error) << radius;
+    EXPECT_LE(knot.added, k_added) << radius;
   }
 }
 
 // Much of a large light is below the horizon of most surfaces that see it.
 TEST(DirectLight, LightsCutByTheHorizonErrAsMonteCarloDoes) {
   const CloseUp knot = close_up_of_knot({{3.5f, -2, 1}, 1.5f});
-  EXPECT_GT(knot.stats.samples_spared, 2 * knot.stats.rays_exact);
-  EXPECT_LE(knot.error, 1.005 * knot.noise);  // 1.00 times, to two digits
+  EXPECT_GT(knot.stats.samples_spared, knot.stats.rays_exact);
+  EXPECT_LE(knot.error, knot.most_error);
+  EXPECT_LE(knot.added, k_added);
 }
 
-// The weight of a near light, or of a wide one, differs much over its cells: decision 020 gives a bias of .5 % and 1.02
-// times Monte Carlo's error.
+// The weight of a near light, or of a wide one, differs much over its strata.
 TEST(DirectLight, NearLightsKeepTheirMean) {
   for (const Light& light :
        {Light{{2, -3.2f, 2.5f}, 0.9f, ShapeKind::disk}, Light{{-1.8f, -1.6f, 2.4f}, 1.8f, ShapeKind::disk},
         Light{{-1.8f, -1.6f, 2.4f}, 1.5f, ShapeKind::rectangle}, Light{{-1.6f, -2, 2.6f}, 1.0f}}) {
     const CloseUp knot = close_up_of_knot(light, 32);  // coarse: many rays are undecided
     EXPECT_LE(std::abs(knot.bias), 0.005) << light.at.x << " " << int(light.shape);
-    EXPECT_LE(knot.error, 1.025 * knot.noise) << light.at.x << " " << int(light.shape);
+    EXPECT_LE(knot.error, knot.most_error) << light.at.x << " " << int(light.shape);
+    EXPECT_LE(knot.added, k_added) << light.at.x << " " << int(light.shape);
   }
 }
 

@@ -5,7 +5,6 @@
 #include <numeric>
 
 #include "core/light/light_sampling.h"
-#include "hybrid/light/direct_light.h"
 #include "tests/support/cone_scene.h"
 
 namespace fieldtrace {
@@ -34,6 +33,7 @@ ShadingPointBatch part_of(const ShadingPointBatch& all, const std::vector<uint32
   for (size_t i = 0; i < indices.size(); ++i) {
     const size_t r = indices[i];
     set_shading_point(part, i, {all.px[r], all.py[r], all.pz[r]}, {all.gx[r], all.gy[r], all.gz[r]}, all.instance[r]);
+    part.radius[i] = all.radius[r];
     part.seed[i] = all.seed[r];
   }
   return part;
@@ -105,9 +105,9 @@ TEST(FieldDemand, OfPartsOfLightsDoesNotDependOnTheOrder) {
                    if (group.shadow[r] == k_may_shadow && !group.by_rays[r]) open.push_back(r);
                  }
                  ShadowBatch batch;
-                 std::vector<uint8_t> refused;
+                 std::vector<uint8_t> undecided;
                  sample_light(lights, 0, part_of(part, open), k_parts, resolve_isa(Isa::automatic), batch);
-                 answerer.filter(group, open, k_parts.count, batch, refused, stats);
+                 answerer.filter(group, part, open, k_parts.count, batch, undecided, stats);
                }).tiles;
     }
   }

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 
-#include "hybrid/visibility/median_split.h"
 #include "hybrid/visibility/shadow_candidates.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
@@ -169,35 +168,6 @@ TEST(Shaft, IsTheHullOfTwoBalls) {
   }
   EXPECT_GT(met, 1000u);
   EXPECT_GT(missed, 1000u);
-}
-
-// A plane separates the halves at every level, and the order before does not matter.
-TEST(MedianSplits, EachIsCutByAPlane) {
-  TestRandom random(5);
-  for (const size_t count : {0, 1, 2, 17, 1000}) {
-    std::vector<PlacedIndex> points;
-    for (uint32_t i = 0; i < count; ++i) points.push_back({random.uniform() < 0.2f ? Vec3(0.5f) : random.in_ball(), i});
-    std::vector<PlacedIndex> reversed(points.rbegin(), points.rend());
-    order_by_median_splits(points, 4);
-    order_by_median_splits(reversed, 4);
-    const auto check = [&](const auto& self, size_t begin, size_t end) -> void {
-      const auto indices = [&](const std::vector<PlacedIndex>& list) {
-        std::vector<uint32_t> result;
-        for (size_t i = begin; i < end; ++i) result.push_back(list[i].index);
-        std::ranges::sort(result);
-        return result;
-      };
-      ASSERT_EQ(indices(points), indices(reversed));
-      if (end - begin <= 4) return;
-      const size_t middle = middle_of(begin, end);
-      Bounds3 low, high;
-      for (size_t i = begin; i < end; ++i) (i < middle ? low : high).extend(points[i].position);
-      ASSERT_TRUE(glm::any(glm::lessThanEqual(low.upper, high.lower)));
-      self(self, begin, middle);
-      self(self, middle, end);
-    };
-    check(check, 0, count);
-  }
 }
 
 }  // namespace

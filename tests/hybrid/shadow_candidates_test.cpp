@@ -109,6 +109,7 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
                  uint32_t light, const ShadingPointBatch& shading_points, Tally& tally) {
   ShadowGroup group;
   group.light = light_extent(scene, light);
+  group.light_samples.assign(shading_points.size, k_rays);
   Stats unused;
   answerer.find_candidates(shading_points, group, unused);
   ShadowBatch batch;
@@ -144,7 +145,7 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
   blocked.assign(batch.rays.size, 0);
   accel.occluded(batch.rays, active, blocked.data());
   Stats stats;
-  answerer.answer(group, LightSeen::unknown, batch, stats);
+  answerer.answer(group, batch, stats);
   tally.answers += active.size();
   for (const uint32_t i : active) tally.different += batch.blocked[i] != blocked[i];
 }
@@ -220,6 +221,7 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
     group.light = light_extent(maker.scene, 0);
     ShadowCandidates(maker.scene).select(bounds, group.light, balls.size(), group.candidates);
     chosen += group.candidates.size();
+    group.light_samples.assign(shading_points.size, 1);
     Stats unused;
     answerer.find_candidates(shading_points, group, unused);
     std::vector<uint8_t> is_near(balls.size(), 0);

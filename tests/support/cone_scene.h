@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <memory>
 #include <vector>
@@ -44,7 +45,7 @@ struct ConeScene {
                    Stats& stats) const {
     ShadowGroup group;
     group.light = light_extent(maker.scene, 0);
-    group.light_samples = light_samples;
+    group.light_samples.assign(shading_points.size, uint32_t(light_samples));
     from.find_candidates(shading_points, group, stats);
     return group;
   }
@@ -52,12 +53,15 @@ struct ConeScene {
     return find(answerer(isa, tolerance), shading_points, 256, stats);
   }
 
-  // The number of `count` exact rays from p to points of the light's ball that the object blocks.
-  int blocked_rays(const Vec3& p, int count, TestRandom& random) const {
+  // The number of `count` exact rays from points that next_point() gives to points of the light's ball that the object
+  // blocks.
+  template <class NextPoint>
+  int blocked_rays(int count, TestRandom& random, const NextPoint& next_point) const {
     RayBatch rays;
     rays.resize(size_t(count));
     std::vector<uint32_t> all;
     for (int i = 0; i < count; ++i) {
+      const Vec3 p = next_point();
       rays.set(size_t(i), p, light.centre + light.radius * random.in_ball() - p, 1.0f);
       all.push_back(uint32_t(i));
     }
@@ -79,6 +83,7 @@ inline void set_shading_point(ShadingPointBatch& batch, size_t r, const Vec3& p,
   batch.gx[r] = normal.x, batch.gy[r] = normal.y, batch.gz[r] = normal.z;
   batch.sx[r] = normal.x, batch.sy[r] = normal.y, batch.sz[r] = normal.z;
   batch.error[r] = gamma_bound(3) * (std::abs(p.x) + std::abs(p.y) + std::abs(p.z));
+  batch.radius[r] = 0.0f;
   batch.instance[r] = instance;
 }
 
@@ -100,9 +105,10 @@ inline ShadingPointBatch shadowed_shading_points(const ConeScene& s, const Spher
 // those whose backs do inside.
 enum class OwnSide { either, front, back };
 
-// Shading points on the object's triangles, turned to the light.
+// Shading points on the object's triangles, turned to the light. `corners`, if given, receives the triangles.
 inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, TestRandom& random,
-                                             OwnSide side = OwnSide::either) {
+                                             OwnSide side = OwnSide::either,
+                                             std::vector<std::array<Vec3, 3>>* corners = nullptr) {
   const TriangleMesh& mesh = s.maker.scene.shapes[0].mesh;
   const Affine& place = s.maker.scene.instances[k_object].to_world;
   ShadingPointBatch batch;
@@ -119,6 +125,7 @@ inline ShadingPointBatch self_shading_points(const ConeScene& s, int count, Test
     // Where the light is cut by the horizon, rays below it leave no shadow ray.
     if (glm::dot(normal, s.light.centre - p) < 1.5f * s.light.radius) continue;
     set_shading_point(batch, size_t(r++), p + normal * gamma_bound(64) * glm::length(p), normal, k_object);
+    if (corners) corners->push_back({a, b, c});
   }
   return batch;
 }
