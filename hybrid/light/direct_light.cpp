@@ -149,10 +149,18 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
   for (size_t r = 0; r < clusters.size(); ++r) {
     const uint32_t cluster = clusters[r];
     const StrataSeen seen = strata_seen(job, cluster, r * size_t(k_strata));
+    int undecided = 0;
     for (size_t slot = r * k_strata; slot < (r + 1) * k_strata; ++slot) {
-      job.stats.strata_refused += undecided_[slot] && shadows_.rays.tmax[slot] >= 0.0f;
+      undecided += undecided_[slot] && shadows_.rays.tmax[slot] >= 0.0f;
     }
+    job.stats.strata_refused += uint64_t(undecided);
     if (context_.answerer.checks()) check_strata(job, cluster, seen);
+    if (undecided > context_.settings.most_undecided) {
+      open_.push_back(cluster);
+      continue;
+    }
+    const uint32_t samples = candidates_.light_samples[cluster];
+    context_.answerer.count_filtered(candidates_, cluster, uint32_t(float(samples) * seen.decided), job.stats);
     const bool all = seen.decided == 1.0f;
     if (all && seen.clear == 1.0f) {
       clear_.push_back(cluster);
@@ -164,8 +172,8 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
       open_.push_back(cluster);
       continue;
     }
-    job.stats.samples_spared += candidates_.light_samples[cluster];
-    job.stats.samples_by_strata += candidates_.light_samples[cluster];
+    job.stats.samples_spared += samples;
+    job.stats.samples_by_strata += samples;
   }
 }
 
@@ -385,10 +393,10 @@ void DirectLight::gather_group(Job& job) {
 void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
                          bool first, std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
   const int pixel_samples = first ? context_.settings.pixel_samples : 1;
-  candidates_.few_samples = int64_t(pixel_samples) * light_samples < k_fewest_cone_samples;
+  candidates_.pixel_samples = int64_t(pixel_samples) * light_samples;
   const auto most = uint32_t(std::max(2 * k_shadow_batch / light_samples, 1));
   clusters_.build(vertices, paths, context_.light_extents, context_.settings.widest_cluster, most,
-                  candidates_.few_samples || pixel_samples == 1);
+                  candidates_.few_samples() || pixel_samples == 1);
   for (auto* sum : {&red_, &green_, &blue_}) sum->assign(clusters_.vertices.size(), 0.0f);
   Job job{vertices, paths, light_samples, firsts, stats};
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {
