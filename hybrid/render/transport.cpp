@@ -46,15 +46,20 @@ struct TransportWorker::Impl {
   std::vector<PathState> paths, next_paths;
   // Between calls: what generate() made. Nothing changes these paths, so most members are still those of new ones.
   std::vector<PathState> camera_paths;
+  // By camera ray. The three members of a camera path that differ from a new one's are set where a path is needed.
+  AlignedVector<uint32_t> pixel_seeds, vertex_seeds;
+  std::span<const uint32_t> sample_indices;
   std::vector<PathVertex> vertex_storage;  // never shrinks, because new vertices cost time
   std::span<PathVertex> vertices;
+  std::vector<SurfacePoint> vertex_surfaces;
   std::vector<Material> resolved;  // of vertices on textured surfaces
   LobeSamples lobe_samples;
-  std::vector<Rgb> arriving;
+  LightReceivers receivers;
   std::vector<FirstHit> firsts;
   AlignedVector<float> near_distance;  // per camera ray
   LobeWorkspace lobe_work;
-  std::vector<uint32_t> all_rays, met;         // met: rays whose surface is looked up
+  std::vector<uint32_t> all_rays;
+  std::vector<HitRun> runs, exact_runs;        // hits; those whose surface is looked up
   std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
   std::span<Rgb> radiance;                     // by slot
   std::vector<Rgb> follow_radiance;
@@ -87,6 +92,27 @@ struct TransportWorker::Impl {
     const Instance& instance = scene.instances[index];
     return {index, instance.emitter, instance.bsdf, context.materials.sides(instance.bsdf)};
   }
+  // What arrive() knows about all paths of a wave.
+  struct Arrival {
+    int vertex_number = 0;
+    bool is_first = false, emission_counts = false, shows_first_hit = false, last = false, diffuse_goes_on = false;
+    uint32_t pixel_seed = 0, seed = scalar::vertex_seed(0, 0);  // of the path that was met last
+    size_t vertices = 0;
+    uint32_t seed_of(const PathState& path) {
+      if (path.pixel_seed != pixel_seed) {
+        pixel_seed = path.pixel_seed;
+        seed = scalar::vertex_seed(pixel_seed, uint32_t(vertex_number));
+      }
+      return seed;
+    }
+  };
+  PathState& arriving_path(const Arrival& arrival, uint32_t i);
+  void meet_backgrounds(const Arrival& arrival, uint32_t begin, uint32_t end);
+  void meet_emitter(const Arrival& arrival, const HitRun& run, uint32_t emitter);
+  void meet_surface(Arrival& arrival, const HitRun& run, const MetInstance& instance);
+  int side_of_all(const HitRun& run) const;
+  void add_run(Arrival& arrival, const HitRun& run, uint32_t instance, const Material& material);
+  void add_vertex(Arrival& arrival, uint32_t i, const MetInstance& instance);
   void shade_vertex(const MetInstance& instance, const Vec3& d, float cos_geometric, bool diffuse_goes_on,
                     PathVertex& v);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
@@ -109,15 +135,15 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
   paths.swap(camera_paths);
   paths.resize(samples.size);
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
-  uint32_t pixel_seed = 0, x = 0, y = 0;
-  for (uint32_t i = 0; i < samples.size; ++i) {
-    if (i == 0 || samples.x[i] != x || samples.y[i] != y) {
-      x = samples.x[i], y = samples.y[i];
-      pixel_seed = scalar::pixel_seed(settings.seed, x, y);
-    }
-    paths[i].slot = i;
-    paths[i].pixel_seed = pixel_seed;
-    paths[i].index = samples.index[i];
+  sample_indices = {samples.index.data(), samples.size};
+  pixel_seeds.resize(samples.size);
+  vertex_seeds.resize(samples.size);
+  for (size_t begin = 0, end = 0; begin < samples.size; begin = end) {
+    const uint32_t x = samples.x[begin], y = samples.y[begin];
+    for (end = begin + 1; end < samples.size && samples.x[end] == x && samples.y[end] == y;) ++end;
+    const uint32_t seed = scalar::pixel_seed(settings.seed, x, y);
+    std::fill_n(&pixel_seeds[begin], end - begin, seed);
+    std::fill_n(&vertex_seeds[begin], end - begin, scalar::vertex_seed(seed, 0));
   }
 }
 
@@ -275,77 +301,149 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
 
 // Evaluates `surfaces` where rays ended (with only_emission: on emitters only), and makes room for that many vertices.
 void TransportWorker::Impl::find_surfaces(bool only_emission) {
-  met.resize(paths.size());
-  size_t count = 0, exact = 0;
-  for (uint32_t i = 0; i < paths.size(); ++i) {
-    if (hits.instance[i] == k_none) continue;
-    if (only_emission && scene.instances[hits.instance[i]].emitter == k_none) continue;
-    ++count;
-    if (certified.empty() || !certified[i]) met[exact++] = i;
+  find_runs(hits, paths.size(), runs);
+  if (only_emission) {
+    std::erase_if(runs, [&](const HitRun& r) { return scene.instances[hits.instance[r.begin]].emitter == k_none; });
   }
-  met.resize(exact);
-  surfaces.evaluate(rays, hits, met);
+  size_t count = 0;
+  exact_runs.clear();
+  for (const HitRun& run : runs) {
+    count += run.end - run.begin;
+    if (certified.empty()) continue;
+    for (uint32_t i = run.begin; i < run.end; ++i) {
+      if (!certified[i]) exact_runs.push_back({i, i + 1});
+    }
+  }
+  surfaces.evaluate(rays, hits, certified.empty() ? runs : exact_runs);
   for (uint32_t i = 0; i < certified.size(); ++i) {
     if (certified[i]) surfaces.put(i, surface_of(scene, rays, hits, *certified[i]));
   }
   if (vertex_storage.size() < count) vertex_storage.resize(count);
+  if (vertex_surfaces.size() < count) vertex_surfaces.resize(count);
+  receivers.clear(count);
   resolved.clear();
   resolved.reserve(count);  // vertices point into it
 }
 
-// Adds emission where the rays ended, and collects the vertices from which paths continue.
+inline PathState& TransportWorker::Impl::arriving_path(const Arrival& arrival, uint32_t i) {
+  PathState& path = paths[i];
+  if (arrival.is_first) path.slot = i, path.pixel_seed = pixel_seeds[i], path.index = sample_indices[i];
+  return path;
+}
+
+// Adds emission where the rays ended, and collects the surfaces that take light samples and the vertices from which
+// paths continue.
 void TransportWorker::Impl::arrive(int vertex_number) {
-  const bool emission_counts = !(settings.hide_emitters && vertex_number == 0);
-  const bool shows_first_hit = vertex_number == 0 && settings.first_hits;
+  Arrival arrival{.vertex_number = vertex_number, .is_first = vertex_number == 0};
+  arrival.seed = scalar::vertex_seed(arrival.pixel_seed, uint32_t(vertex_number));
+  arrival.emission_counts = !(settings.hide_emitters && vertex_number == 0);
+  arrival.shows_first_hit = vertex_number == 0 && settings.first_hits;
   // The last surface matters only if it emits, or is shown.
-  const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
-  const bool only_emission = last && !shows_first_hit;
+  arrival.last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
+  arrival.diffuse_goes_on = goes_on(true, vertex_number);
+  const bool only_emission = arrival.last && !arrival.shows_first_hit;
   find_surfaces(only_emission);
-  const bool diffuse_goes_on = goes_on(true, vertex_number);
-  size_t count = 0;
-  MetInstance instance;
-  // Held here, because the compiler cannot know that the loop changes no vector.
-  PathState* const states = paths.data();
-  PathVertex* const reached = vertex_storage.data();
-  const uint32_t* const hit_instances = hits.instance.data();
-  const auto direction = [x = rays.dx.data(), y = rays.dy.data(), z = rays.dz.data()](uint32_t i) {
-    return Vec3(x[i], y[i], z[i]);
-  };
-  const SurfacePoint* const points = &surfaces.at(0);
-  uint32_t pixel_seed = 0, seed = scalar::vertex_seed(pixel_seed, uint32_t(vertex_number));
-  const auto size = uint32_t(paths.size());
-  const bool is_first = vertex_number == 0;
-  for (uint32_t i = 0; i < size; ++i) {
-    PathState& path = states[i];
-    const Vec3 d = direction(i);
-    if (hit_instances[i] == k_none) {
-      if (!emission_counts) continue;
-      for (const uint32_t light : context.backgrounds) add_emission(path, rays.origin(i), d, light, {});
-      continue;
-    }
-    if (hit_instances[i] != instance.index) instance = met_instance(hit_instances[i]);
-    if (only_emission && instance.emitter == k_none) continue;
-    PathVertex& v = reached[count];  // may hold leftovers of an earlier wave: all is overwritten
-    v.path = i;
-    v.surface = points + i;
-    const float cos_geometric = -glm::dot(v.surface->geometric_normal, d);
-    if (emission_counts && instance.emitter != k_none && cos_geometric > 0.0f) {
-      add_emission(path, rays.origin(i), d, instance.emitter,
-                   {hits.t[i], v.surface->geometric_normal, v.surface->primitive});
-    }
-    if (only_emission) continue;
-    shade_vertex(instance, d, cos_geometric, diffuse_goes_on, v);
-    if (path.pixel_seed != pixel_seed) {
-      pixel_seed = path.pixel_seed;
-      seed = scalar::vertex_seed(pixel_seed, uint32_t(vertex_number));
-    }
-    v.seed = seed;
-    if (shows_first_hit) record_first_hit(i, v);
-    if (last || v.material->absorbs() || (!is_first && !survives_roulette(path, v.seed, vertex_number))) continue;
-    v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
-    ++count;
+  uint32_t reached = 0;
+  for (const HitRun& run : runs) {
+    meet_backgrounds(arrival, reached, run.begin);
+    reached = run.end;
+    const MetInstance instance = met_instance(hits.instance[run.begin]);
+    if (arrival.emission_counts && instance.emitter != k_none) meet_emitter(arrival, run, instance.emitter);
+    if (!only_emission) meet_surface(arrival, run, instance);
   }
-  vertices = std::span(vertex_storage).first(count);
+  meet_backgrounds(arrival, reached, uint32_t(paths.size()));
+  vertices = std::span(vertex_storage).first(arrival.vertices);
+}
+
+void TransportWorker::Impl::meet_backgrounds(const Arrival& arrival, uint32_t begin, uint32_t end) {
+  if (!arrival.emission_counts || context.backgrounds.empty()) return;
+  for (uint32_t i = begin; i < end; ++i) {
+    if (hits.instance[i] != k_none) continue;
+    const PathState& path = arriving_path(arrival, i);
+    for (const uint32_t light : context.backgrounds) add_emission(path, rays.origin(i), rays.direction(i), light, {});
+  }
+}
+
+void TransportWorker::Impl::meet_emitter(const Arrival& arrival, const HitRun& run, uint32_t emitter) {
+  for (uint32_t i = run.begin; i < run.end; ++i) {
+    const SurfacePoint surface = surfaces.batch().at(hits, i);
+    const Vec3 d = rays.direction(i);
+    if (!(-glm::dot(surface.geometric_normal, d) > 0.0f)) continue;
+    add_emission(arriving_path(arrival, i), rays.origin(i), d, emitter,
+                 {hits.t[i], surface.geometric_normal, surface.primitive});
+  }
+}
+
+// The side from which all rays of a run see their shading normals: 0 in front, 1 behind, -1 neither.
+int TransportWorker::Impl::side_of_all(const HitRun& run) const {
+  const SurfaceBatch& s = surfaces.batch();
+  const float *dx = rays.dx.data(), *dy = rays.dy.data(), *dz = rays.dz.data();
+  const float *sx = s.sx.data(), *sy = s.sy.data(), *sz = s.sz.data();
+  uint32_t in_front = 0, behind = 0;
+  for (size_t i = run.begin; i < run.end; ++i) {
+    const float along = sx[i] * dx[i] + sy[i] * dy[i] + sz[i] * dz[i];
+    in_front += along < 0.0f;
+    behind += along > 0.0f;
+  }
+  const uint32_t size = run.end - run.begin;
+  return in_front == size ? 0 : behind == size ? 1 : -1;
+}
+
+void TransportWorker::Impl::meet_surface(Arrival& arrival, const HitRun& run, const MetInstance& instance) {
+  const bool is_simple = instance.sides && !arrival.diffuse_goes_on && !arrival.shows_first_hit &&
+                         (arrival.is_first || arrival.vertex_number < settings.rr_depth);
+  const auto is_plain = [](const Material& m) { return m.plain_diffuse() && !m.dark; };
+  if (!is_simple || !(is_plain(instance.sides[0]) || is_plain(instance.sides[1]))) {
+    for (uint32_t i = run.begin; i < run.end; ++i) add_vertex(arrival, i, instance);
+    return;
+  }
+  int side = side_of_all(run);
+  for (uint32_t begin = run.begin, end = run.end; begin < run.end; begin = end, end = run.end) {
+    if (side < 0 || begin > run.begin) {
+      side = side_of_all({begin, begin + 1});
+      for (end = begin + 1; end < run.end && side_of_all({end, end + 1}) == side;) ++end;
+    }
+    if (side >= 0 && is_plain(instance.sides[side])) {
+      add_run(arrival, {begin, end}, instance.index, instance.sides[side]);
+    } else {
+      for (uint32_t i = begin; i < end; ++i) add_vertex(arrival, i, instance);
+    }
+  }
+}
+
+// Adds surfaces of one plainly diffuse material, where paths end.
+void TransportWorker::Impl::add_run(Arrival& arrival, const HitRun& run, uint32_t instance, const Material& material) {
+  const size_t first = receivers.add_run(rays, surfaces.batch(), run, instance, material);
+  ShadingPointBatch& points = receivers.points;
+  if (arrival.is_first) {
+    const size_t count = run.end - run.begin;
+    std::copy_n(&vertex_seeds[run.begin], count, &points.seed[first]);
+    std::copy_n(&sample_indices[run.begin], count, &points.sample[first]);
+    return;
+  }
+  for (uint32_t i = run.begin; i < run.end; ++i) {
+    const size_t to = first + (i - run.begin);
+    points.seed[to] = arrival.seed_of(paths[i]), points.sample[to] = paths[i].index;
+  }
+}
+
+void TransportWorker::Impl::add_vertex(Arrival& arrival, uint32_t i, const MetInstance& instance) {
+  PathState& path = arriving_path(arrival, i);
+  const Vec3 d = rays.direction(i);
+  PathVertex& v = vertex_storage[arrival.vertices];  // may hold leftovers of an earlier wave: all is overwritten
+  SurfacePoint& surface = vertex_surfaces[arrival.vertices];
+  surface = surfaces.batch().at(hits, i);
+  v.path = i;
+  v.surface = &surface;
+  shade_vertex(instance, d, -glm::dot(surface.geometric_normal, d), arrival.diffuse_goes_on, v);
+  v.seed = arrival.seed_of(path);
+  if (arrival.shows_first_hit) record_first_hit(i, v);
+  if (arrival.last || v.material->absorbs()) return;
+  if (!arrival.is_first && !survives_roulette(path, v.seed, arrival.vertex_number)) return;
+  v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
+  const bool is_kept = arrival.diffuse_goes_on || !v.material->plain_diffuse();
+  receivers.add(v, is_kept ? uint32_t(arrival.vertices) : k_none, path);
+  arrival.vertices += is_kept;
 }
 
 // Resolves the material and the shading frame of a vertex from its surface and the arriving ray's direction.
@@ -369,14 +467,19 @@ inline void TransportWorker::Impl::shade_vertex(const MetInstance& instance, con
 }
 
 void TransportWorker::Impl::gather_light(int vertex_number) {
-  arriving.resize(vertices.size());
   const bool first = vertex_number == 0;
-  const bool counts = first && settings.count_first_hits;
-  direct.gather(vertices, paths, first ? settings.light_samples : 1, first,
-                counts ? std::span(firsts) : std::span<FirstHit>(), arriving, stats);
-  for (size_t i = 0; i < vertices.size(); ++i) {
-    const PathState& path = paths[vertices[i].path];
-    radiance[path.slot] += path.throughput * arriving[i];
+  direct.gather(receivers, vertices, first ? settings.light_samples : 1, first,
+                first && settings.count_first_hits ? std::span(firsts) : std::span<FirstHit>(), stats);
+  const auto arriving = [&r = receivers](size_t i) {
+    return Rgb(r.arriving_red[i], r.arriving_green[i], r.arriving_blue[i]);
+  };
+  if (first) {  // slots are indices, throughputs are 1
+    for (size_t i = 0; i < receivers.size(); ++i) radiance[receivers.path[i]] += arriving(i);
+    return;
+  }
+  for (size_t i = 0; i < receivers.size(); ++i) {
+    const PathState& path = paths[receivers.path[i]];
+    radiance[path.slot] += path.throughput * arriving(i);
   }
 }
 
@@ -526,6 +629,8 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   w.vertex_storage.swap(vertices);
   w.vertices = w.vertex_storage;
   w.paths.swap(paths);
+  w.receivers.clear(w.vertices.size());
+  for (uint32_t i = 0; i < w.vertices.size(); ++i) w.receivers.add(w.vertices[i], i, w.paths[i]);
   if (w.settings.max_depth != 0) {
     w.gather_light(0);
     w.scatter(0);
