@@ -1,6 +1,7 @@
 #include "hybrid/light/shading_clusters.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 
@@ -25,23 +26,21 @@ float sum_from(const float* values, size_t count, float origin) {
   return ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7]));
 }
 
+// The largest of value(i) >= 0 for i < count. As integers, which have the same order, because the compiler vectorises
+// their maximum.
+template <class Value>
+float largest(size_t count, const Value& value) {
+  int32_t most = 0;
+  for (size_t i = 0; i < count; ++i) most = std::max(most, std::bit_cast<int32_t>(value(i)));
+  return std::bit_cast<float>(most);
+}
+
 // Largest squared distance of points (x, y, z) from p.
 float farthest(const float* x, const float* y, const float* z, size_t count, const Vec3& p) {
-  float most[8] = {};
-  size_t i = 0;
-  for (; i + 8 <= count; i += 8) {
-    float squared[8];
-    for (size_t j = 0; j < 8; ++j) {
-      const float dx = x[i + j] - p.x, dy = y[i + j] - p.y, dz = z[i + j] - p.z;
-      squared[j] = dx * dx + dy * dy + dz * dz;
-    }
-    for (size_t j = 0; j < 8; ++j) most[j] = squared[j] > most[j] ? squared[j] : most[j];
-  }
-  for (; i < count; ++i) {
+  return largest(count, [=](size_t i) {
     const float dx = x[i] - p.x, dy = y[i] - p.y, dz = z[i] - p.z;
-    most[0] = std::max(most[0], dx * dx + dy * dy + dz * dz);
-  }
-  return *std::max_element(most, most + 8);
+    return dx * dx + dy * dy + dz * dz;
+  });
 }
 
 // Bound on the length of n_i - n for unit vectors n_i, n being the direction of their mean, from the mean's length: the
@@ -123,7 +122,7 @@ void ShadingClusters::add(const LightReceivers& receivers, std::span<const Light
   c.px[i] = position.x, c.py[i] = position.y, c.pz[i] = position.z;
   c.gx[i] = g.x, c.gy[i] = g.y, c.gz[i] = g.z;
   c.sx[i] = s.x, c.sy[i] = s.y, c.sz[i] = s.z;
-  c.error[i] = *std::max_element(&p.error[begin], &p.error[begin] + count);
+  c.error[i] = largest(count, [error = &p.error[begin]](size_t k) { return error[k]; });
   c.radius[i] = radius;
   c.seed[i] = p.seed[begin], c.sample[i] = 0, c.instance[i] = p.instance[begin];
   c.transmits[i] = p.transmits[begin];
