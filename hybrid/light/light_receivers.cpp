@@ -40,8 +40,7 @@ void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& s
   p.seed[i] = v.seed, p.sample[i] = state.index, p.instance[i] = at.instance;
   p.transmits[i] = material.transmits();
   plain[i] = material.plain_diffuse();
-  const Rgb reflected = plain[i] ? material.reflectance / k_pi : Rgb(0.0f);
-  red[i] = reflected.x, green[i] = reflected.y, blue[i] = reflected.z;
+  reflect(i, plain[i] ? material.reflectance : Rgb(0.0f));
   path[i] = v.path, vertex[i] = index;
 }
 

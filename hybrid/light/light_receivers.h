@@ -31,6 +31,11 @@ struct LightReceivers {
   // index of the first. Leaves points.seed and points.sample to the caller.
   size_t add_run(const RayBatch& rays, const SurfaceBatch& surfaces, const HitRun& run, uint32_t instance,
                  const Material& material);
+  // Gives a plainly diffuse receiver its own albedo.
+  void reflect(size_t i, const Rgb& albedo) {
+    const Rgb reflected = albedo / k_pi;
+    red[i] = reflected.x, green[i] = reflected.y, blue[i] = reflected.z;
+  }
   // Sorts [begin, end) by instance, keeping the order otherwise.
   void sort_by_instance(size_t begin, size_t end);
 };

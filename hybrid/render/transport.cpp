@@ -86,11 +86,12 @@ struct TransportWorker::Impl {
   // What the rays that hit one instance share.
   struct MetInstance {
     uint32_t index = k_none, emitter = k_none, bsdf = 0;
-    const Material* sides = nullptr;  // see MaterialTable::sides()
+    const Material *sides = nullptr, *diffuse_sides = nullptr;  // see MaterialTable
   };
   MetInstance met_instance(uint32_t index) const {
     const Instance& instance = scene.instances[index];
-    return {index, instance.emitter, instance.bsdf, context.materials.sides(instance.bsdf)};
+    return {index, instance.emitter, instance.bsdf, context.materials.sides(instance.bsdf),
+            context.materials.diffuse_sides(instance.bsdf)};
   }
   // What arrive() knows about all paths of a wave.
   struct Arrival {
@@ -111,7 +112,7 @@ struct TransportWorker::Impl {
   void meet_emitter(const Arrival& arrival, const HitRun& run, uint32_t emitter);
   void meet_surface(Arrival& arrival, const HitRun& run, const MetInstance& instance);
   int side_of_all(const HitRun& run) const;
-  void add_run(Arrival& arrival, const HitRun& run, uint32_t instance, const Material& material);
+  void add_run(Arrival& arrival, const HitRun& run, const MetInstance& instance, int side);
   void add_vertex(Arrival& arrival, uint32_t i, const MetInstance& instance);
   void shade_vertex(const MetInstance& instance, const Vec3& d, float cos_geometric, bool diffuse_goes_on,
                     PathVertex& v);
@@ -390,10 +391,9 @@ int TransportWorker::Impl::side_of_all(const HitRun& run) const {
 }
 
 void TransportWorker::Impl::meet_surface(Arrival& arrival, const HitRun& run, const MetInstance& instance) {
-  const bool is_simple = instance.sides && !arrival.diffuse_goes_on && !arrival.shows_first_hit &&
+  const bool is_simple = instance.diffuse_sides && !arrival.diffuse_goes_on && !arrival.shows_first_hit &&
                          (arrival.is_first || arrival.vertex_number < settings.rr_depth);
-  const auto is_plain = [](const Material& m) { return m.plain_diffuse() && !m.dark; };
-  if (!is_simple || !(is_plain(instance.sides[0]) || is_plain(instance.sides[1]))) {
+  if (!is_simple) {
     for (uint32_t i = run.begin; i < run.end; ++i) add_vertex(arrival, i, instance);
     return;
   }
@@ -403,17 +403,24 @@ void TransportWorker::Impl::meet_surface(Arrival& arrival, const HitRun& run, co
       side = side_of_all({begin, begin + 1});
       for (end = begin + 1; end < run.end && side_of_all({end, end + 1}) == side;) ++end;
     }
-    if (side >= 0 && is_plain(instance.sides[side])) {
-      add_run(arrival, {begin, end}, instance.index, instance.sides[side]);
+    if (side >= 0 && !instance.diffuse_sides[side].dark) {
+      add_run(arrival, {begin, end}, instance, side);
     } else {
       for (uint32_t i = begin; i < end; ++i) add_vertex(arrival, i, instance);
     }
   }
 }
 
-// Adds surfaces of one plainly diffuse material, where paths end.
-void TransportWorker::Impl::add_run(Arrival& arrival, const HitRun& run, uint32_t instance, const Material& material) {
-  const size_t first = receivers.add_run(rays, surfaces.batch(), run, instance, material);
+// Adds one side of a plainly diffuse surface, where paths end.
+void TransportWorker::Impl::add_run(Arrival& arrival, const HitRun& run, const MetInstance& instance, int side) {
+  const size_t first = receivers.add_run(rays, surfaces.batch(), run, instance.index, instance.diffuse_sides[side]);
+  if (!instance.sides) {
+    for (uint32_t i = run.begin; i < run.end; ++i) {
+      const float cosine = side == 0 ? 1.0f : -1.0f;
+      receivers.reflect(first + (i - run.begin),
+                        resolve_material(scene, instance.bsdf, surfaces.batch().uv[i], cosine).reflectance);
+    }
+  }
   ShadingPointBatch& points = receivers.points;
   if (arrival.is_first) {
     const size_t count = run.end - run.begin;

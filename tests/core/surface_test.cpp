@@ -328,6 +328,18 @@ TEST(Surface, MaterialsOfTheTableAreTheResolvedOnes) {
     EXPECT_TRUE(table.varies(bsdf));
     EXPECT_EQ(table.sides(bsdf), nullptr);
   }
+  // One-sided, two-sided over a conductor, textured; textured on the back only, masked.
+  EXPECT_EQ(table.diffuse_sides(constant[0]), table.sides(constant[0]));
+  EXPECT_EQ(table.diffuse_sides(constant[1]), nullptr);
+  EXPECT_EQ(table.diffuse_sides(constant[2]), nullptr);
+  EXPECT_EQ(table.diffuse_sides(two_sided), nullptr);
+  EXPECT_EQ(table.diffuse_sides(holes), nullptr);
+  for (const uint32_t bsdf : {front, back}) {
+    const Material* sides = table.diffuse_sides(bsdf);
+    ASSERT_NE(sides, nullptr);
+    EXPECT_EQ(sides[1].dark, bsdf == front);
+    EXPECT_EQ(sides[1].turned, bsdf == back);
+  }
 }
 
 SurfacePoint hit_at(SceneMaker& maker, const Vec3& o, const Vec3& d) {
