@@ -140,10 +140,16 @@ TEST(ShadingClusters, AreRangesOfOnePixelAndInstance) {
       at = clusters[c].end;
       EXPECT_LE(clusters[c].size(), most);
       largest = std::max<size_t>(largest, clusters[c].size());
+      // No cluster ends early.
+      const auto facing = [&](size_t i) { return Vec3(r.points.gx[i], r.points.gy[i], r.points.gz[i]); };
+      const bool could_grow = at < r.size() && clusters[c].size() < most && r.points.seed[at] == centres.seed[c] &&
+                              r.points.instance[at] == centres.instance[c];
+      EXPECT_TRUE(!could_grow || !(glm::dot(facing(clusters[c].begin), facing(at)) > 0.0f));
       const Vec3 centre(centres.px[c], centres.py[c], centres.pz[c]);
       for (uint32_t i = clusters[c].begin; i < at; ++i) {
         EXPECT_EQ(r.points.seed[i], centres.seed[c]);
         EXPECT_EQ(r.points.instance[i], centres.instance[c]);
+        EXPECT_GT(glm::dot(facing(clusters[c].begin), facing(i)), 0.0f);
         EXPECT_LE(r.points.error[i], centres.error[c]);
         EXPECT_LE(glm::distance(centre, Vec3(r.points.px[i], r.points.py[i], r.points.pz[i])), centres.radius[c]);
         EXPECT_TRUE(i == clusters[c].begin || r.path[i - 1] < r.path[i]);  // sorting is stable
