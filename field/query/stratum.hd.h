@@ -85,6 +85,9 @@ constexpr float k_most_apart_filled = 0.5f;
 // A stratum's errors are a sixteenth of the light's (k_fewest_strata) and differ from those of others. What the width
 // of the shading points lends to its disc is the same in all of them, and counts as its root.
 constexpr float k_near_share = 0.25f;
+// Strata seen from shading points farther apart than this (half width, in texels) are refused: what hides the light
+// from some of them differs from what hides it from others (docs/decisions/023-clusters.md).
+constexpr float k_widest_near = 2.0f;
 // Rays of one stratum differ in length to a depth by no more than this share: the tube's width is right to first order.
 constexpr float k_most_bend = 0.25f;
 // Largest correlation of a tube's extents along a map's axes. A rectangle is wrong about the variance along its
@@ -257,6 +260,8 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
   // Where the light lies within the ball, segments end before their lines do.
   const F least_length = length * (one - stratum.bend);
   answer.refused = wanted & (span.half > zero) & (span.middle + span.half > least_length);
+  const F near = stratum.near_bound * splat<F>(field.coverage.half_lines);
+  answer.refused = answer.refused | (wanted & (near > splat<F>(k_widest_near * policy.slack)));
   if (stratum.to_unit) answer.refused = answer.refused | (wanted & (stratum.bend > splat<F>(k_most_bend)));
   const Mask_t<F> queried = and_not(answer.refused, wanted & (span.half > zero));
   answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
