@@ -4,6 +4,8 @@
 // Thread-safety: values.
 #pragma once
 
+#include <algorithm>
+
 #include "core/trace/rays.h"
 
 namespace fieldtrace {
@@ -28,6 +30,17 @@ struct ShadingPointBatch {
     for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error, &radius}) v->resize(padded(n));
     for (auto* v : {&seed, &sample, &instance}) v->resize(padded(n));
     transmits.resize(padded(n));
+  }
+  // Entries [i, i + count) become those of `from` from j on.
+  void copy(size_t i, const ShadingPointBatch& from, size_t j, size_t count) {
+    using B = ShadingPointBatch;
+    const auto copy_array = [=](const auto& source, auto& target) { std::copy_n(&source[j], count, &target[i]); };
+    for (const auto array :
+         {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error, &B::radius}) {
+      copy_array(from.*array, this->*array);
+    }
+    for (const auto array : {&B::seed, &B::sample, &B::instance}) copy_array(from.*array, this->*array);
+    copy_array(from.transmits, transmits);
   }
 };
 

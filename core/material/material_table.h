@@ -19,10 +19,13 @@ class MaterialTable {
   // The results of resolve_material() for Scene::bsdfs[bsdf] in front (cos_wi > 0) and behind (cos_wi < 0); null if
   // they vary over the surface.
   const Material* sides(uint32_t bsdf) const { return textured_[bsdf] ? nullptr : &sides_[2 * bsdf]; }
+  // The same where both are plain_diffuse(), even if their reflectances vary over the surface; those are then
+  // unspecified.
+  const Material* diffuse_sides(uint32_t bsdf) const { return diffuse_[bsdf] ? &sides_[2 * bsdf] : nullptr; }
 
  private:
   std::vector<Material> sides_;  // front and back of each Bsdf
-  std::vector<bool> textured_;
+  std::vector<bool> textured_, diffuse_;
 };
 
 }  // namespace fieldtrace

@@ -122,7 +122,7 @@ SurfacePoint surface_at(const Scene& scene, const RayBatch& rays, const HitBatch
   return s;
 }
 
-void evaluate_surfaces_scalar(const SurfaceTask& task, SurfacePoint* result) {
+void evaluate_surfaces_scalar(const SurfaceTask& task, SurfaceBatch& result) {
   scalar::evaluate_surfaces<float, double>(task, result);
 }
 

@@ -9,6 +9,8 @@
 // Thread-safety: pure functions of a const scene.
 #pragma once
 
+#include <vector>
+
 #include "core/scene/scene.h"
 #include "core/trace/rays.h"
 
@@ -24,6 +26,32 @@ struct SurfacePoint {
   Vec3 shading_normal = Vec3(0.0f, 0.0f, 1.0f);
   Vec2 uv = Vec2(0.0f);
   uint32_t instance = k_none, primitive = k_none;
+};
+
+// Surfaces as structures of arrays, padded like RayBatch, without what their hits tell; see SurfacePoint.
+struct SurfaceBatch {
+  AlignedVector<float> px, py, pz;  // position
+  AlignedVector<float> gx, gy, gz;  // geometric normal
+  AlignedVector<float> sx, sy, sz;  // shading normal
+  AlignedVector<float> error;
+  std::vector<Vec2> uv;
+
+  void resize(size_t n) {
+    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error}) v->resize(padded(n));
+    uv.resize(n);
+  }
+  void set(size_t i, const SurfacePoint& s) {
+    px[i] = s.position.x, py[i] = s.position.y, pz[i] = s.position.z;
+    gx[i] = s.geometric_normal.x, gy[i] = s.geometric_normal.y, gz[i] = s.geometric_normal.z;
+    sx[i] = s.shading_normal.x, sy[i] = s.shading_normal.y, sz[i] = s.shading_normal.z;
+    error[i] = s.error;
+    uv[i] = s.uv;
+  }
+  // `hits`: where the surfaces were found.
+  SurfacePoint at(const HitBatch& hits, size_t i) const {
+    return {{px[i], py[i], pz[i]}, error[i],         {gx[i], gy[i], gz[i]}, {sx[i], sy[i], sz[i]}, uv[i],
+            hits.instance[i],      hits.primitive[i]};
+  }
 };
 
 // The surface at hit `i` of `hits`, found by ray `i` of `rays`. Unchecked: the caller guarantees a hit there.

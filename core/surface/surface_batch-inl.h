@@ -8,6 +8,7 @@
 #endif
 
 #include <algorithm>
+#include <cstring>
 
 #include "core/surface/surface_kernels.h"
 #include "core/surface/surface_lanes.hd.h"
@@ -23,7 +24,6 @@ struct alignas(64) SurfaceBlock {
   int32_t place[k_surface_block];  // index in the batch
   float u[k_surface_block], v[k_surface_block];
   float position[9][k_surface_block], normal[9][k_surface_block];  // of the corners, coordinate by coordinate
-  float surface[10][k_surface_block];                              // position, normal, shading normal, error
   int32_t triangle[k_surface_block];                               // of each vector of floats; -1: several
   size_t used = 0;  // hits; later lanes repeat the last hit, whose mesh is the same
 };
@@ -48,19 +48,33 @@ FT_HD_INLINE void gather_corners(const std::vector<Vec3>& from, const Int_t<F> (
   }
 }
 
+// Whether the `count` places from entry i on are used and follow one another.
+FT_HD_INLINE bool is_run(const SurfaceBlock& block, size_t i, size_t count) {
+  return i + count <= block.used && block.place[i + count - 1] - block.place[i] == int32_t(count - 1);
+}
+
 template <class F>
 inline void gather_block(const TriangleMesh& mesh, const HitBatch& hits, SurfaceBlock& block) {
   const auto* const corners = reinterpret_cast<const int32_t*>(mesh.triangles.data());
   const auto* const primitives = reinterpret_cast<const int32_t*>(hits.primitive.data());
   const auto times_three = [](Int_t<F> a) { return a + a + a; };
-  for (size_t i = 0; i < block.used; i += size_t(Lanes<F>::k_count)) {
-    const Int_t<F> place = load_int_lanes<F>(block.place + i);
-    const Int_t<F> primitive = gather(primitives, place);
-    store_lanes(gather(hits.u.data(), place), block.u + i);
-    store_lanes(gather(hits.v.data(), place), block.v + i);
-    const int32_t first = primitives[block.place[i]];
+  constexpr auto k_lanes = size_t(Lanes<F>::k_count);
+  for (size_t i = 0; i < block.used; i += k_lanes) {
+    const auto begin = size_t(block.place[i]);
+    Int_t<F> primitive;
+    if (is_run(block, i, k_lanes)) {
+      primitive = load_int_lanes_unaligned<F>(primitives + begin);
+      std::memcpy(block.u + i, &hits.u[begin], k_lanes * sizeof(float));
+      std::memcpy(block.v + i, &hits.v[begin], k_lanes * sizeof(float));
+    } else {
+      const Int_t<F> place = load_int_lanes<F>(block.place + i);
+      primitive = gather(primitives, place);
+      store_lanes(gather(hits.u.data(), place), block.u + i);
+      store_lanes(gather(hits.v.data(), place), block.v + i);
+    }
+    const int32_t first = primitives[begin];
     const bool is_one = all(primitive == splat_int<F>(first));  // common on large triangles
-    block.triangle[i / size_t(Lanes<F>::k_count)] = is_one ? first : -1;
+    block.triangle[i / k_lanes] = is_one ? first : -1;
     if (is_one) {
       const UVec3& row = mesh.triangles[size_t(first)];
       splat_corners<F>(mesh.positions, row, i, block.position);
@@ -85,13 +99,18 @@ FT_HD_INLINE TriangleCorners<D> block_corners(const float (&from)[9][k_surface_b
 }
 
 template <class F, class D>
-inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
+inline void evaluate_surfaces(const SurfaceTask& task, SurfaceBatch& result) {
   const Instance& instance = task.scene.instances[task.instance];
   const TriangleMesh& mesh = task.scene.shapes[instance.shape].mesh;
   const AffineLanes<D> to_world = splat_affine<D>(&instance.to_world[0][0]);
   const AffineLanes<D> to_object = splat_affine<D>(&instance.to_object[0][0]);
   const D sign = splat_double<D>(instance.flip_normals ? -1.0 : 1.0);
   const bool is_shaded = !mesh.normals.empty();
+  float* const arrays[10] = {result.px.data(), result.py.data(),   result.pz.data(), result.gx.data(),
+                             result.gy.data(), result.gz.data(),   result.sx.data(), result.sy.data(),
+                             result.sz.data(), result.error.data()};
+  constexpr auto k_lanes = size_t(DoubleLanes<D>::k_count);
+  alignas(64) float values[10][k_lanes];
   SurfaceBlock block;
   TrianglePlane<D> plane = {};
   WorldNormal<D> normal = {};
@@ -101,7 +120,7 @@ inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
     std::copy_n(task.places.data() + begin, block.used, block.place);
     std::fill(block.place + block.used, block.place + k_surface_block, block.place[block.used - 1]);
     gather_block<F>(mesh, task.hits, block);
-    for (size_t i = 0; i < block.used; i += size_t(DoubleLanes<D>::k_count)) {
+    for (size_t i = 0; i < block.used; i += k_lanes) {
       const int32_t next_triangle = block.triangle[i / size_t(Lanes<F>::k_count)];
       if (next_triangle < 0 || next_triangle != triangle) {
         set_plane(block_corners<D>(block.position, i), plane);
@@ -112,23 +131,19 @@ inline void evaluate_surfaces(const SurfaceTask& task, SurfacePoint* result) {
       LocalSurface<D> local = triangle_surface<D>(plane, b1, b2);
       if (is_shaded) local.shading = interpolated_normal<D>(block_corners<D>(block.normal, i), b1, b2, local.normal);
       const WorldSurface<D> s = to_world_surface<D>(to_world, to_object, sign, local, normal, is_shaded);
-      const D values[9] = {s.position.x, s.position.y, s.position.z, s.normal.x, s.normal.y,
-                           s.normal.z,   s.shading.x,  s.shading.y,  s.shading.z};
-      for (int k = 0; k < 9; ++k) store_floats(values[k], block.surface[k] + i);
-      store_next_floats(s.error, block.surface[9] + i);
-    }
-    for (size_t i = 0; i < block.used; ++i) {
-      const auto at = [&](int k) {
-        return Vec3(block.surface[k][i], block.surface[k + 1][i], block.surface[k + 2][i]);
-      };
-      const auto place = size_t(block.place[i]);
-      SurfacePoint& p = result[place];
-      p.position = at(0);
-      p.geometric_normal = at(3);
-      p.shading_normal = at(6);
-      p.error = block.surface[9][i];
-      p.instance = task.instance;
-      p.primitive = task.hits.primitive[place];
+      const D lanes[9] = {s.position.x, s.position.y, s.position.z, s.normal.x, s.normal.y,
+                          s.normal.z,   s.shading.x,  s.shading.y,  s.shading.z};
+      for (int k = 0; k < 9; ++k) store_floats(lanes[k], values[k]);
+      store_next_floats(s.error, values[9]);
+      const int32_t* const places = block.place + i;
+      if (is_run(block, i, k_lanes)) {
+        for (int k = 0; k < 10; ++k) std::memcpy(arrays[k] + places[0], values[k], sizeof(values[k]));
+        continue;
+      }
+      const size_t used = std::min(block.used - i, k_lanes);
+      for (size_t j = 0; j < used; ++j) {
+        for (int k = 0; k < 10; ++k) arrays[k][places[j]] = values[k][j];
+      }
     }
   }
 }

@@ -13,7 +13,7 @@
 #if HWY_TARGET != HWY_SCALAR  // the scalar target is served by evaluate_surfaces_scalar
 FT_LANES_BEGIN
 
-inline void evaluate_surfaces_lanes(const SurfaceTask& task, SurfacePoint* result) {
+inline void evaluate_surfaces_lanes(const SurfaceTask& task, SurfaceBatch& result) {
   evaluate_surfaces<F32, F64>(task, result);
 }
 

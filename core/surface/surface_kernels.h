@@ -15,15 +15,15 @@ struct SurfaceTask {
   const Scene& scene;
   uint32_t instance = 0;
   const HitBatch& hits;
-  std::span<const int32_t> places;  // indices of the hits in `hits`
+  std::span<const int32_t> places;  // indices of the hits in `hits`, ascending
 };
 
-// Fills result[place] for each place, except for uv.
-using SurfaceKernel = void (*)(const SurfaceTask& task, SurfacePoint* result);
+// Fills `result` at each place, except for uv.
+using SurfaceKernel = void (*)(const SurfaceTask& task, SurfaceBatch& result);
 
 // `isa` must be resolved: supported by this processor, not `automatic`.
 SurfaceKernel surface_kernel_for(Isa isa);
 
-void evaluate_surfaces_scalar(const SurfaceTask& task, SurfacePoint* result);
+void evaluate_surfaces_scalar(const SurfaceTask& task, SurfaceBatch& result);
 
 }  // namespace fieldtrace

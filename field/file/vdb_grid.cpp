@@ -9,6 +9,15 @@ const VdbFunctions& vdb() {
   return functions;
 }
 
+std::future<void> open_vdb_early() {
+  return std::async(std::launch::async, [] {
+    try {
+      vdb();
+    } catch (const std::exception&) {
+    }
+  });
+}
+
 void VdbGridDelete::operator()(VdbGrid* grid) const { vdb().destroy(grid); }
 
 }  // namespace fieldtrace

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <future>
 #include <map>
 #include <memory>
 #include <span>
@@ -80,5 +81,8 @@ using VdbEntry = const VdbFunctions*();
 
 // The module's functions. Throws Error if it cannot be opened: long work calls this before it starts.
 const VdbFunctions& vdb();
+
+// Opens the module on another thread; the future waits for it. A failure is told by the next vdb().
+std::future<void> open_vdb_early();
 
 }  // namespace fieldtrace

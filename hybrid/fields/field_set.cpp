@@ -46,9 +46,7 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
   std::vector<uint32_t> chosen;
   for (const uint32_t s : shapes_by_gain(scene, traits)) {
     if (chosen.size() == plan.most_fields) break;
-    // Coverage maps take one line a texel; few cells are baked beside them.
-    const double map_rays = bake_rays_[s] / double(plan.parameters.lines + 1);
-    if (map_rays > std::max(plan.light_samples, k_costly_bake_rays)) {
+    if (bake_rays_[s] > k_costly_bake_rays && map_rays(s) > plan.light_samples) {
       left_to_rays_[s] = 1;
       if (!for_hits_[s]) continue;
     }
@@ -89,7 +87,7 @@ void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers)
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (left_to_rays_[s]) continue;
     const bool cost_decides = plan_.light_samples < std::numeric_limits<double>::infinity();
-    const uint64_t fewest = cost_decides && bake_rays_[s] > k_costly_bake_rays ? uint64_t(bake_rays_[s]) : 0;
+    const uint64_t fewest = cost_decides && bake_rays_[s] > k_costly_bake_rays ? uint64_t(map_rays(s)) : 0;
     left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, std::max(fewest, fewest_answers));
     self_to_rays_[s] = fields_[s] && leaves_self_to_rays(survey.uses[s]);
   }

@@ -76,6 +76,9 @@ class FieldSet {
   FieldPlan next_plan(std::string& change) const;
 
  private:
+  // Estimated rays to bake a shape's coverage maps, which take one line a texel; few cells are baked beside them.
+  double map_rays(size_t shape) const { return bake_rays_[shape] / double(plan_.parameters.lines + 1); }
+
   const Scene& scene_;
   FieldPlan plan_;
   uint64_t address_space_;

@@ -93,7 +93,7 @@ void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
       const ScopedTimer timer(stats.time_secondary);
       candidates_.light = reach();
       candidates_.light_samples.assign(shading_points_.size, 1);
-      candidates_.few_samples = true;  // no cone answers for so wide a light
+      candidates_.pixel_samples = 1;  // no cone answers for so wide a light
       context_.occlusion_answerer->find_candidates(shading_points_, candidates_, stats);
       sample_light(sky_, 0, shading_points_, settings.light_samples, settings.isa, rays_);
       for (size_t i = 0; i < rays_.rays.size; ++i) {

@@ -13,7 +13,18 @@ constexpr float k_undecided = -1.0f;  // StrataSeen::share
 
 void select_points(const ShadingPointBatch& all, std::span<const uint32_t> indices, ShadingPointBatch& chosen) {
   chosen.resize(indices.size());
-  for (size_t i = 0; i < indices.size(); ++i) copy_shading_point(all, indices[i], i, chosen);
+  for (size_t i = 0; i < indices.size(); ++i) chosen.copy(i, all, indices[i], 1);
+}
+
+void add_products(size_t count, float a, const float* b, const float* c, float* __restrict sum) {
+  for (size_t i = 0; i < count; ++i) sum[i] += a * b[i] * c[i];
+}
+
+// Adds value x reflected x factors[i] to what arrives at receivers [begin, begin + count).
+void add_light(LightReceivers& r, size_t begin, size_t count, const Rgb& value, const float* factors) {
+  add_products(count, value.x, &r.red[begin], factors, &r.arriving_red[begin]);
+  add_products(count, value.y, &r.green[begin], factors, &r.arriving_green[begin]);
+  add_products(count, value.z, &r.blue[begin], factors, &r.arriving_blue[begin]);
 }
 
 Rgb value_of(const Light& light) { return {light.value[0], light.value[1], light.value[2]}; }
@@ -44,34 +55,45 @@ bool DirectLight::is_above(const Job& job, uint32_t cluster) const {
 
 void DirectLight::count_seen(const Job& job, size_t point, float decided, float clear) const {
   if (job.firsts.empty()) return;
-  FirstHit& first = job.firsts[job.paths[vertex_of(job, point).path].slot];
+  FirstHit& first = first_of(job, point);
   first.shadow_rays += decided * float(job.light_samples);
   first.shadow_clear += clear * float(job.light_samples);
 }
 
 void DirectLight::add_irradiance(const Job& job, uint32_t cluster, const Vec3& irradiance, float decided, float clear) {
   const ShadingCluster& c = cluster_of(job, cluster);
-  const ShadingPointBatch& p = clusters_.points;
-  const Rgb value = value_of(context_.lights.lights[job.light]);
-  for (size_t i = c.begin; i < c.end; ++i) {
-    const float cosine = p.sx[i] * irradiance.x + p.sy[i] * irradiance.y + p.sz[i] * irradiance.z;
-    const float received = std::max(cosine, 0.0f);
-    red_[i] += value.x * received * clusters_.red[i];
-    green_[i] += value.y * received * clusters_.green[i];
-    blue_[i] += value.z * received * clusters_.blue[i];
+  LightReceivers& r = job.receivers;
+  const float *sx = &r.points.sx[c.begin], *sy = &r.points.sy[c.begin], *sz = &r.points.sz[c.begin];
+  factors_.resize(padded(c.size()));
+  float* const received = factors_.data();
+  for (size_t i = 0; i < c.size(); ++i) {
+    const float cosine = sx[i] * irradiance.x + sy[i] * irradiance.y + sz[i] * irradiance.z;
+    received[i] = cosine > 0.0f ? cosine : 0.0f;
   }
+  const Rgb value = value_of(context_.lights.lights[job.light]);
+  add_products(c.size(), value.x, received, &r.red[c.begin], &r.arriving_red[c.begin]);
+  add_products(c.size(), value.y, received, &r.green[c.begin], &r.arriving_green[c.begin]);
+  add_products(c.size(), value.z, received, &r.blue[c.begin], &r.arriving_blue[c.begin]);
   if (job.firsts.empty()) return;
   for (size_t i = c.begin; i < c.end; ++i) count_seen(job, i, decided, clear);
 }
 
-void DirectLight::select(std::span<const Sampled> batch) {
-  selected_.resize(batch.size());
-  for (size_t i = 0; i < batch.size(); ++i) copy_shading_point(clusters_.points, batch[i].point, i, selected_);
+void DirectLight::select(const Job& job, std::span<const Sampled> batch) {
+  size_t count = 0;
+  for (const Sampled& s : batch) count += s.size();
+  selected_.resize(count);
+  count = 0;
+  for (size_t i = 0, next = 0; i < batch.size(); i = next) {
+    for (next = i + 1; next < batch.size() && batch[next].begin == batch[next - 1].end;) ++next;
+    const size_t run = batch[next - 1].end - batch[i].begin;
+    selected_.copy(count, job.receivers.points, batch[i].begin, run);
+    count += run;
+  }
 }
 
 void DirectLight::push_sampled(const Job& job, uint32_t cluster, uint32_t strata, bool is_lit) {
   const ShadingCluster& c = cluster_of(job, cluster);
-  for (uint32_t i = c.begin; i < c.end; ++i) sampled_.push_back({i, cluster, strata, is_lit});
+  sampled_.push_back({c.begin, c.end, cluster, strata, is_lit});
 }
 
 void DirectLight::add_cluster_irradiance(const Job& job) {
@@ -92,16 +114,22 @@ void DirectLight::add_point_irradiance(const Job& job) {
   for (const uint32_t cluster : clear_) {
     if (cluster_of(job, cluster).plain_diffuse) push_sampled(job, cluster);
   }
-  select(sampled_);
+  select(job, sampled_);
   whole_irradiance(context_.lights.lights[job.light], selected_, context_.settings.isa, irradiance_);
   const Rgb value = value_of(context_.lights.lights[job.light]);
-  for (size_t i = 0; i < sampled_.size(); ++i) {
-    const uint32_t point = sampled_[i].point;
-    if (irradiance_[i] >= 0.0f) {
-      add(point, value * Rgb(clusters_.red[point], clusters_.green[point], clusters_.blue[point]) * irradiance_[i]);
-      count_seen(job, point, 1.0f, 1.0f);
-    } else {
-      others.push_back(sampled_[i]);
+  const auto is_known = [&](size_t i) { return irradiance_[i] >= 0.0f; };
+  size_t i = 0;
+  for (const Sampled& s : sampled_) {
+    for (uint32_t begin = s.begin, end = begin; begin < s.end; begin = end) {
+      const bool known = is_known(i);
+      const size_t first = i++;
+      for (end = begin + 1; end < s.end && is_known(i) == known; ++end) ++i;
+      if (known) {
+        add_light(job.receivers, begin, end - begin, value, &irradiance_[first]);
+        for (uint32_t point = begin; point < end; ++point) count_seen(job, point, 1.0f, 1.0f);
+      } else {
+        others.push_back({begin, end, s.cluster});
+      }
     }
   }
   sampled_.swap(others);
@@ -149,10 +177,18 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
   for (size_t r = 0; r < clusters.size(); ++r) {
     const uint32_t cluster = clusters[r];
     const StrataSeen seen = strata_seen(job, cluster, r * size_t(k_strata));
+    int undecided = 0;
     for (size_t slot = r * k_strata; slot < (r + 1) * k_strata; ++slot) {
-      job.stats.strata_refused += undecided_[slot] && shadows_.rays.tmax[slot] >= 0.0f;
+      undecided += undecided_[slot] && shadows_.rays.tmax[slot] >= 0.0f;
     }
+    job.stats.strata_refused += uint64_t(undecided);
     if (context_.answerer.checks()) check_strata(job, cluster, seen);
+    if (undecided > context_.settings.most_undecided) {
+      open_.push_back(cluster);
+      continue;
+    }
+    const uint32_t samples = candidates_.light_samples[cluster];
+    context_.answerer.count_filtered(candidates_, cluster, uint32_t(float(samples) * seen.decided), job.stats);
     const bool all = seen.decided == 1.0f;
     if (all && seen.clear == 1.0f) {
       clear_.push_back(cluster);
@@ -164,8 +200,8 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
       open_.push_back(cluster);
       continue;
     }
-    job.stats.samples_spared += candidates_.light_samples[cluster];
-    job.stats.samples_by_strata += candidates_.light_samples[cluster];
+    job.stats.samples_spared += samples;
+    job.stats.samples_by_strata += samples;
   }
 }
 
@@ -206,12 +242,11 @@ void DirectLight::light_open(const Job& job) {
 void DirectLight::sample(const Job& job, bool may_be_hidden) {
   const size_t most = size_t(std::max(k_shadow_batch / job.light_samples, 1));
   for (size_t begin = 0, end = 0; begin < sampled_.size(); begin = end) {
-    end = std::min(begin + most, sampled_.size());
-    while (end < sampled_.size() && sampled_[end].cluster == sampled_[end - 1].cluster) ++end;
+    for (size_t points = 0; end < sampled_.size() && points < most; ++end) points += sampled_[end].size();
     const std::span<const Sampled> batch(sampled_.data() + begin, end - begin);
     {
       const ScopedTimer timer(job.stats.time_secondary);
-      select(batch);
+      select(job, batch);
       LightSampleRange range = {job.light_samples, 0, job.light_samples};
       if (may_be_hidden && on_grid(job)) range.cell_columns = range.cell_rows = k_strata_side;
       sample_light(context_.lights, job.light, selected_, range, context_.settings.isa, shadows_);
@@ -231,9 +266,9 @@ void DirectLight::answer(const Job& job, std::span<const Sampled> batch) {
   shadows_.in_shares = true;
   shadows_.clear.assign(padded(shadows_.rays.size), 0.0f);
   traced_slots_.clear();
-  for (size_t i = 0; i < batch.size(); ++i) {
-    const Sampled& s = batch[i];
-    for (size_t slot = i * m; slot < (i + 1) * m; ++slot) {
+  size_t slot = 0;
+  for (const Sampled& s : batch) {
+    for (const size_t end = slot + s.size() * m; slot < end; ++slot) {
       if (shadows_.rays.tmax[slot] < 0.0f) continue;
       const float share = s.strata == k_none ? k_undecided : seen_[s.strata].share[shadows_.cell[slot]];
       if (share >= 0.0f) {
@@ -262,25 +297,48 @@ void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {
   const LightEstimate estimate = {value_of(light), job.light_samples, context_.closed_form[job.light] != 0,
                                   light.kind == LightKind::environment};
   const size_t m = size_t(job.light_samples);
-  const bool is_simple = m == 1 && estimate.closed_form && !estimate.varies;
-  for (size_t i = 0; i < batch.size(); ++i) {
-    const Sampled& s = batch[i];
-    if (is_simple && cluster_of(job, s.cluster).plain_diffuse) {
-      const float seen = shadows_.in_shares ? shadows_.clear[i] : float(!shadows_.blocked[i]);
-      add(s.point, estimate.value * Rgb(clusters_.red[s.point], clusters_.green[s.point], clusters_.blue[s.point]) *
-                       (shadows_.weight[i] * seen));
+  size_t slot = 0;
+  for (const Sampled& s : batch) {
+    add_range(job, s, slot, estimate);
+    if (job.firsts.empty()) {
+      slot += s.size() * m;
+      continue;
+    }
+    for (uint32_t point = s.begin; point < s.end; ++point) {
+      FirstHit& first = first_of(job, point);
+      for (const size_t end = slot + m; slot < end; ++slot) {
+        if (shadows_.rays.tmax[slot] < 0.0f) continue;
+        if (s.is_lit && seen_[s.strata].share[shadows_.cell[slot]] >= 0.0f) continue;  // counted by its share
+        first.shadow_rays += 1.0f;
+        first.shadow_clear += shadows_.in_shares ? shadows_.clear[slot] : float(!shadows_.blocked[slot]);
+        first.shadow_exact += float(shadows_.exact[slot]);
+      }
+    }
+  }
+}
+
+void DirectLight::add_range(const Job& job, const Sampled& s, size_t first_slot, const LightEstimate& estimate) {
+  LightReceivers& r = job.receivers;
+  const size_t m = size_t(job.light_samples);
+  if (m == 1 && estimate.closed_form && !estimate.varies && cluster_of(job, s.cluster).plain_diffuse) {
+    factors_.resize(padded(s.size()));
+    float* const seen = factors_.data();
+    const float *weight = &shadows_.weight[first_slot], *clear = shadows_.clear.data() + first_slot;
+    const uint8_t* const blocked = &shadows_.blocked[first_slot];
+    if (shadows_.in_shares) {
+      for (size_t i = 0; i < s.size(); ++i) seen[i] = weight[i] * clear[i];
     } else {
-      add(s.point, reflected_light(shadows_, i * m, job.light_samples, estimate, vertex_of(job, s.point)));
+      for (size_t i = 0; i < s.size(); ++i) seen[i] = weight[i] * float(!blocked[i]);
     }
-    if (job.firsts.empty()) continue;
-    FirstHit& first = job.firsts[job.paths[vertex_of(job, s.point).path].slot];
-    for (size_t slot = i * m; slot < (i + 1) * m; ++slot) {
-      if (shadows_.rays.tmax[slot] < 0.0f) continue;
-      if (s.is_lit && seen_[s.strata].share[shadows_.cell[slot]] >= 0.0f) continue;  // counted by its share
-      first.shadow_rays += 1.0f;
-      first.shadow_clear += shadows_.in_shares ? shadows_.clear[slot] : float(!shadows_.blocked[slot]);
-      first.shadow_exact += float(shadows_.exact[slot]);
-    }
+    add_light(r, s.begin, s.size(), estimate.value, seen);
+    return;
+  }
+  for (size_t i = s.begin, slot = first_slot; i < s.end; ++i, slot += m) {
+    const Rgb light =
+        r.vertex[i] == k_none
+            ? reflected_light(shadows_, slot, job.light_samples, estimate, Rgb(r.red[i], r.green[i], r.blue[i]))
+            : reflected_light(shadows_, slot, job.light_samples, estimate, job.vertices[r.vertex[i]]);
+    r.arriving_red[i] += light.x, r.arriving_green[i] += light.y, r.arriving_blue[i] += light.z;
   }
 }
 
@@ -289,13 +347,18 @@ void DirectLight::count_dark(const Job& job) {
   sampled_.clear();
   for (const uint32_t cluster : dark_) push_sampled(job, cluster);
   const size_t m = size_t(job.light_samples), most = size_t(std::max(k_shadow_batch / job.light_samples, 1));
-  for (size_t begin = 0; begin < sampled_.size(); begin += most) {
-    const std::span<const Sampled> batch(sampled_.data() + begin, std::min(most, sampled_.size() - begin));
-    select(batch);
+  for (size_t begin = 0, end = 0; begin < sampled_.size(); begin = end) {
+    for (size_t points = 0; end < sampled_.size() && points < most; ++end) points += sampled_[end].size();
+    const std::span<const Sampled> batch(sampled_.data() + begin, end - begin);
+    select(job, batch);
     sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
-    for (size_t slot = 0; slot < batch.size() * m; ++slot) {
-      const PathVertex& v = vertex_of(job, batch[slot / m].point);
-      job.firsts[job.paths[v.path].slot].shadow_rays += float(shadows_.rays.tmax[slot] >= 0.0f);
+    size_t slot = 0;
+    for (const Sampled& s : batch) {
+      for (uint32_t point = s.begin; point < s.end; ++point) {
+        for (const size_t last = slot + m; slot < last; ++slot) {
+          first_of(job, point).shadow_rays += float(shadows_.rays.tmax[slot] >= 0.0f);
+        }
+      }
     }
   }
 }
@@ -306,8 +369,8 @@ void DirectLight::check_whole(const Job& job) {
     std::vector<uint32_t> clusters;
     for (const uint32_t cluster : blocked ? dark_ : clear_) push_sampled(job, cluster);
     if (sampled_.empty()) continue;
-    for (const Sampled& s : sampled_) clusters.push_back(s.cluster);
-    select(sampled_);
+    for (const Sampled& s : sampled_) clusters.insert(clusters.end(), s.size(), s.cluster);
+    select(job, sampled_);
     sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
     context_.answerer.check_whole(candidates_, blocked, clusters, job.light_samples, shadows_, job.stats);
   }
@@ -317,7 +380,7 @@ void DirectLight::check_whole(const Job& job) {
 void DirectLight::check_strata(const Job& job, uint32_t cluster, const StrataSeen& seen) const {
   constexpr int k_side = 8, k_columns = k_strata_side * k_side, k_rays = k_side * k_side;
   const ShadingCluster& c = cluster_of(job, cluster);
-  const ShadingPointBatch& points = clusters_.points;
+  const ShadingPointBatch& points = job.receivers.points;
   // One cluster in so many, whatever the groups.
   constexpr uint32_t k_interval = 16;
   if (scalar::hash_uint(points.seed[c.begin]) % k_interval != 0) return;
@@ -382,15 +445,17 @@ void DirectLight::gather_group(Job& job) {
   }
 }
 
-void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples,
-                         bool first, std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats) {
+void DirectLight::gather(LightReceivers& receivers, std::span<const PathVertex> vertices, int light_samples, bool first,
+                         std::span<FirstHit> firsts, Stats& stats) {
   const int pixel_samples = first ? context_.settings.pixel_samples : 1;
-  candidates_.few_samples = int64_t(pixel_samples) * light_samples < k_fewest_cone_samples;
+  candidates_.pixel_samples = int64_t(pixel_samples) * light_samples;
   const auto most = uint32_t(std::max(2 * k_shadow_batch / light_samples, 1));
-  clusters_.build(vertices, paths, context_.light_extents, context_.settings.widest_cluster, most,
-                  candidates_.few_samples || pixel_samples == 1);
-  for (auto* sum : {&red_, &green_, &blue_}) sum->assign(clusters_.vertices.size(), 0.0f);
-  Job job{vertices, paths, light_samples, firsts, stats};
+  clusters_.build(receivers, context_.light_extents, context_.settings.widest_cluster, most,
+                  candidates_.few_samples() || pixel_samples == 1);
+  for (auto* sum : {&receivers.arriving_red, &receivers.arriving_green, &receivers.arriving_blue}) {
+    sum->assign(receivers.size(), 0.0f);
+  }
+  Job job{receivers, vertices, light_samples, firsts, stats};
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {
     size_t samples = 0;
     for (job.end = job.begin; job.end < clusters_.size(); ++job.end) {
@@ -398,10 +463,6 @@ void DirectLight::gather(std::span<const PathVertex> vertices, std::span<const P
       if (samples > size_t(k_shadow_batch) && job.end > job.begin) break;
     }
     gather_group(job);
-  }
-  if (clusters_.vertices.size() < vertices.size()) std::fill(arriving.begin(), arriving.end(), Rgb(0.0f));
-  for (size_t i = 0; i < clusters_.vertices.size(); ++i) {
-    arriving[clusters_.vertices[i]] = {red_[i], green_[i], blue_[i]};
   }
 }
 

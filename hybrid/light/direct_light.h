@@ -28,22 +28,24 @@ inline constexpr int k_shadow_batch = 8192;
 // The strata of a light: a grid of k_strata_side x k_strata_side cells of its sample square.
 inline constexpr int k_strata_side = 4;
 inline constexpr int k_strata = k_strata_side * k_strata_side;
+// TransportSettings::most_undecided at the default tolerance (docs/decisions/023-clusters.md).
+inline constexpr int k_most_undecided_strata = 4;
 
 class DirectLight {
  public:
   explicit DirectLight(const TransportContext& context) : context_(context) {}
 
-  // arriving[i] = radiance reflected towards the path by vertex i, path throughput not included. Delta materials
-  // receive none. `first`: the vertices are those of camera rays, all samples of a pixel one after another. `firsts`,
-  // if not empty, is indexed by the path's slot and receives the counts of shadow rays.
-  void gather(std::span<const PathVertex> vertices, std::span<const PathState> paths, int light_samples, bool first,
-              std::span<FirstHit> firsts, std::span<Rgb> arriving, Stats& stats);
+  // Sorts the receivers as ShadingClusters does, and fills what arrives at them. `first`: they are those of camera
+  // rays, all samples of a pixel one after another. `firsts`, if not empty, is indexed by path and receives the counts
+  // of shadow rays.
+  void gather(LightReceivers& receivers, std::span<const PathVertex> vertices, int light_samples, bool first,
+              std::span<FirstHit> firsts, Stats& stats);
 
  private:
   // What gather() was given, and the light being gathered.
   struct Job {
+    LightReceivers& receivers;
     std::span<const PathVertex> vertices;
-    std::span<const PathState> paths;
     int light_samples = 1;
     std::span<FirstHit> firsts;
     Stats& stats;
@@ -57,11 +59,12 @@ class DirectLight {
     float decided = 0, clear = 0;  // means over all strata: of those decided, and of what they leave clear
     bool whole = false;            // all strata lie above the cluster's horizon, and the light has a closed form
   };
-  // A shading point whose light samples are drawn; those of a cluster (of the group) follow one another.
+  // Receivers whose light samples are drawn; those of a cluster (of the group) follow one another.
   struct Sampled {
-    uint32_t point = 0, cluster = 0;
+    uint32_t begin = 0, end = 0, cluster = 0;
     uint32_t strata = k_none;  // index into seen_; k_none: nothing is known
     bool is_lit = false;       // what is decided has been added already
+    uint32_t size() const { return end - begin; }
   };
 
   void gather_group(Job& job);
@@ -80,7 +83,8 @@ class DirectLight {
   void sample(const Job& job, bool may_be_hidden);
   void answer(const Job& job, std::span<const Sampled> batch);
   void add_samples(const Job& job, std::span<const Sampled> batch);
-  void select(std::span<const Sampled> batch);
+  void add_range(const Job& job, const Sampled& sampled, size_t first_slot, const LightEstimate& estimate);
+  void select(const Job& job, std::span<const Sampled> batch);
 
   bool on_grid(const Job& job) const;  // cells of the light's sample square are parts of the light
   // Whether the whole light lies above a horizon at p, by more than `margin`.
@@ -90,11 +94,8 @@ class DirectLight {
   // Reflects the vector irradiance `irradiance` (of a light of radiance 1) at a cluster's points; `decided` is the
   // share of the light that this accounts for, `clear` what is seen of it.
   void add_irradiance(const Job& job, uint32_t cluster, const Vec3& irradiance, float decided, float clear);
-  void add(size_t point, const Rgb& light) {
-    red_[point] += light.x, green_[point] += light.y, blue_[point] += light.z;
-  }
   void count_seen(const Job& job, size_t point, float decided, float clear) const;
-  const PathVertex& vertex_of(const Job& job, size_t point) const { return job.vertices[clusters_.vertices[point]]; }
+  FirstHit& first_of(const Job& job, size_t point) const { return job.firsts[job.receivers.path[point]]; }
   const ShadingCluster& cluster_of(const Job& job, uint32_t cluster) const { return clusters_[job.begin + cluster]; }
   void push_sampled(const Job& job, uint32_t cluster, uint32_t strata = k_none, bool is_lit = false);
   void count_dark(const Job& job);
@@ -104,16 +105,15 @@ class DirectLight {
 
   const TransportContext& context_;
   ShadingClusters clusters_;
-  AlignedVector<float> red_, green_, blue_;  // what arrives, by shading point
-  ShadingPointBatch centres_;                // of the group's clusters
-  ShadingPointBatch selected_;               // some of them, or single shading points
+  ShadingPointBatch centres_;   // of the group's clusters
+  ShadingPointBatch selected_;  // some of them, or receivers
   ShadowGroup candidates_;
   std::vector<uint32_t> dark_, clear_, open_;  // clusters of the group
   std::vector<Sampled> sampled_;
   std::vector<StrataSeen> seen_;
   std::vector<uint32_t> seen_of_;  // by cluster of the group: index into seen_, or k_none
   IrradianceVectors vectors_;
-  AlignedVector<float> irradiance_;
+  AlignedVector<float> irradiance_, factors_;
   ShadowBatch shadows_, traced_;
   std::vector<uint8_t> undecided_;
   std::vector<uint32_t> traced_slots_;  // of shadows_

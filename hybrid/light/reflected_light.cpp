@@ -67,18 +67,19 @@ Rgb visible_radiance(const ShadowBatch& batch, const Seen& seen, size_t begin, i
 
 template <class Seen>
 Rgb diffuse_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int count, const LightEstimate& light,
-                  const PathVertex& v) {
-  const Rgb albedo = v.material->reflectance / k_pi;
-  if (light.varies) return albedo * visible_radiance(batch, seen, begin, count, light.light_samples, v.lobe_samples);
+                  const Rgb& reflected, float lobe_samples) {
+  if (light.varies) return reflected * visible_radiance(batch, seen, begin, count, light.light_samples, lobe_samples);
   const float* weight = &batch.weight[begin];
-  if (light.closed_form) return albedo * visible_sum(weight, seen, count);
-  return albedo * visible_sum_weighted(weight, &batch.pdf[begin], seen, count, light.light_samples, v.lobe_samples);
+  if (light.closed_form) return reflected * visible_sum(weight, seen, count);
+  return reflected * visible_sum_weighted(weight, &batch.pdf[begin], seen, count, light.light_samples, lobe_samples);
 }
 
 template <class Seen>
 Rgb visible_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int count, const LightEstimate& light,
                   const PathVertex& v) {
-  if (v.material->plain_diffuse()) return diffuse_light(batch, seen, begin, count, light, v);
+  if (v.material->plain_diffuse()) {
+    return diffuse_light(batch, seen, begin, count, light, v.material->reflectance / k_pi, v.lobe_samples);
+  }
   Rgb sum(0.0f);
   for (size_t i = begin; i < begin + size_t(count); ++i) {
     const float visible = seen.of(batch.weight[i], i - begin);
@@ -103,6 +104,15 @@ Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const Lig
   const Rgb value = light.value / float(light.light_samples);
   if (batch.in_shares) return value * visible_light(batch, SeenShare{&batch.clear[begin]}, begin, count, light, v);
   return value * visible_light(batch, SeenOrNot{&batch.blocked[begin]}, begin, count, light, v);
+}
+
+Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const LightEstimate& light,
+                    const Rgb& reflected) {
+  const Rgb value = light.value / float(light.light_samples);
+  const auto reflect = [&](const auto& seen) {
+    return value * diffuse_light(batch, seen, begin, count, light, reflected, 1.0f);
+  };
+  return batch.in_shares ? reflect(SeenShare{&batch.clear[begin]}) : reflect(SeenOrNot{&batch.blocked[begin]});
 }
 
 }  // namespace fieldtrace

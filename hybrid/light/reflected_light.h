@@ -22,5 +22,8 @@ struct LightEstimate {
 // path throughput.
 Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const LightEstimate& light,
                     const PathVertex& vertex);
+// The same through a plainly diffuse point that reflects `reflected` (albedo / pi) and sends one path on at most.
+Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const LightEstimate& light,
+                    const Rgb& reflected);
 
 }  // namespace fieldtrace

@@ -19,6 +19,7 @@
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
 #include "hybrid/glossy/lobe_answerer.h"
+#include "hybrid/light/direct_light.h"
 #include "hybrid/path/aovs.h"
 #include "hybrid/path/tiles.h"
 #include "hybrid/render/field_survey.h"
@@ -90,14 +91,12 @@ bool contains(const Rect& r, const PixelPosition& p) {
   return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
 }
 
-TransportSettings make_settings(const Scene& scene, const RenderOptions& options, int spp, bool fields,
+TransportSettings make_settings(const Scene& scene, const RenderOptions& options, int spp,
                                 const std::vector<Aov>& aovs) {
   TransportSettings s;
   s.light_samples = options.light_samples;
   s.lobe_samples = options.lobe_samples;
   s.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
-  s.estimates = fields && options.whole_lights;
-  if (s.estimates) s.widest_cluster *= std::min(options.tolerance / k_default_tolerance, 1.0f);
   s.max_depth = options.max_depth.value_or(scene.integrator.max_depth);
   s.rr_depth = scene.integrator.rr_depth;
   s.hide_emitters = scene.integrator.hide_emitters;
@@ -174,7 +173,7 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
   aovs = parse_aovs(options.aovs);
   window = crop_window(scene.film, options.crop);
   wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_undecided);
-  settings = make_settings(scene, options, spp, wants_fields && !options.force_undecided, aovs);
+  settings = make_settings(scene, options, spp, aovs);
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
 }
 
@@ -303,6 +302,20 @@ std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const
                                           settings);
 }
 
+// The settings where `fields` answer shadow rays of bundles; without any, those of Monte Carlo.
+TransportSettings settings_for(const Picture& picture, const FieldSet& fields) {
+  TransportSettings s = picture.settings;
+  const RenderOptions& options = picture.options;
+  const std::vector<Field*> answering = fields.pointers();
+  s.estimates = options.whole_lights && !options.force_undecided &&
+                std::any_of(answering.begin(), answering.end(), [](const Field* f) { return f != nullptr; });
+  if (!s.estimates) return s;
+  const float slack = options.tolerance / k_default_tolerance;
+  s.widest_cluster *= std::min(slack, 1.0f);
+  s.most_undecided = int(k_most_undecided_strata * slack);
+  return s;
+}
+
 // Light samples of each pixel that a survey takes at most.
 constexpr int64_t k_most_survey_samples = 64;
 
@@ -316,7 +329,7 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
   // All light samples of a pixel are sent from one point, as clusters will ask for them together.
   const int64_t of_pixel = int64_t(picture.spp) * options.light_samples;
-  TransportSettings surveying = picture.settings;
+  TransportSettings surveying = settings_for(picture, fields);
   surveying.light_samples = int(std::min<int64_t>(of_pixel, k_most_survey_samples));
   surveying.pixel_samples = 1;
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, surveying, stage.lights);
@@ -377,7 +390,8 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
                             options.whole_lights};
   settings.self_to_rays = fields.self_to_rays();
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
-  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
+  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings_for(picture, fields),
+                           stage.lights);
   const auto for_occlusion = occlusion_answerer(picture, stage, fields, settings);
   if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
   const std::vector<Field*> all_fields = fields.all_pointers();

@@ -2,106 +2,20 @@
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
 #include <numeric>
 
-#include "core/material/conductor_samples.h"
 #include "core/math/finite.h"
-#include "core/sampling/sobol.hd.h"
-#include "core/surface/surfaces.h"
 #include "hybrid/glossy/hit_answerer.h"
-#include "hybrid/glossy/lobe_answerer.h"
-#include "hybrid/light/ambient_occlusion.h"
-#include "hybrid/light/direct_light.h"
+#include "hybrid/render/transport_impl.h"
 #include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {
 
-// A sample stream separate from that of the lights, which use the vertex seeds unchanged.
-constexpr uint32_t k_material_stream = 0x42534446u;
 // With fewer samples at a surface, most lanes would be empty.
 constexpr uint32_t k_fewest_lane_samples = 4;
 
-Vec2 sample_pair(uint32_t index, uint32_t seed, uint32_t dimension) {
-  const auto p = scalar::sample_2d(index, seed, dimension);
-  return {p.x, p.y};
-}
-
-float largest(const Rgb& c) { return std::max({c.x, c.y, c.z}); }
-
 }  // namespace
-
-struct TransportWorker::Impl {
-  const TransportContext& context;
-  const Scene& scene;
-  const TransportSettings& settings;
-  Surfaces surfaces;
-  DirectLight direct;
-  AmbientOcclusion occlusion;
-  Stats stats;
-
-  RayBatch rays, next_rays;
-  HitBatch hits;
-  std::vector<PathState> paths, next_paths;
-  // Between calls: what generate() made. Nothing changes these paths, so most members are still those of new ones.
-  std::vector<PathState> camera_paths;
-  std::vector<PathVertex> vertex_storage;  // never shrinks, because new vertices cost time
-  std::span<PathVertex> vertices;
-  std::vector<Material> resolved;  // of vertices on textured surfaces
-  LobeSamples lobe_samples;
-  std::vector<Rgb> arriving;
-  std::vector<FirstHit> firsts;
-  AlignedVector<float> near_distance;  // per camera ray
-  LobeWorkspace lobe_work;
-  std::vector<uint32_t> all_rays, met;         // met: rays whose surface is looked up
-  std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
-  std::span<Rgb> radiance;                     // by slot
-  std::vector<Rgb> follow_radiance;
-
-  explicit Impl(const TransportContext& c)
-      : context(c),
-        scene(c.scene),
-        settings(c.settings),
-        surfaces(c.scene, c.materials, c.settings.isa),
-        direct(c),
-        occlusion(c) {}
-
-  void generate(const CameraSamples& samples);
-  void pass_hidden_emitters();
-  void intersect(int vertex_number);
-  bool answers_lobes(int vertex_number) const;
-  void record_reflections();
-  void intersect_all(int vertex_number);
-  void intersect_lobes();
-  void intersect_by_hits();
-  void mark_certified();
-  void find_surfaces(bool only_emission);
-  void arrive(int vertex_number);
-  // What the rays that hit one instance share.
-  struct MetInstance {
-    uint32_t index = k_none, emitter = k_none, bsdf = 0;
-    const Material* sides = nullptr;  // see MaterialTable::sides()
-  };
-  MetInstance met_instance(uint32_t index) const {
-    const Instance& instance = scene.instances[index];
-    return {index, instance.emitter, instance.bsdf, context.materials.sides(instance.bsdf)};
-  }
-  void shade_vertex(const MetInstance& instance, const Vec3& d, float cos_geometric, bool diffuse_goes_on,
-                    PathVertex& v);
-  void record_first_hit(uint32_t path, const PathVertex& vertex);
-  bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
-  void add_emission(const PathState& path, const Vec3& origin, const Vec3& direction, uint32_t light,
-                    const LightHit& hit);
-  void gather_light(int vertex_number);
-  void scatter(int vertex_number);
-  void go_on(int vertex_number);
-  bool goes_on(bool is_diffuse, int vertex_number) const;
-  PathState leave(const PathVertex& vertex, int vertex_number) const;
-  PathState& send(const PathVertex& vertex, const PathState& leaving, const Vec3& direction);
-  void scatter_once(const PathVertex& vertex, const PathState& leaving, uint32_t index);
-  void scatter_lobe(const PathVertex& vertex, const PathState& leaving, uint32_t first);
-};
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
   const ScopedTimer timer(stats.time_primary);
@@ -109,15 +23,15 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
   paths.swap(camera_paths);
   paths.resize(samples.size);
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
-  uint32_t pixel_seed = 0, x = 0, y = 0;
-  for (uint32_t i = 0; i < samples.size; ++i) {
-    if (i == 0 || samples.x[i] != x || samples.y[i] != y) {
-      x = samples.x[i], y = samples.y[i];
-      pixel_seed = scalar::pixel_seed(settings.seed, x, y);
-    }
-    paths[i].slot = i;
-    paths[i].pixel_seed = pixel_seed;
-    paths[i].index = samples.index[i];
+  sample_indices = {samples.index.data(), samples.size};
+  pixel_seeds.resize(samples.size);
+  vertex_seeds.resize(samples.size);
+  for (size_t begin = 0, end = 0; begin < samples.size; begin = end) {
+    const uint32_t x = samples.x[begin], y = samples.y[begin];
+    for (end = begin + 1; end < samples.size && samples.x[end] == x && samples.y[end] == y;) ++end;
+    const uint32_t seed = scalar::pixel_seed(settings.seed, x, y);
+    std::fill_n(&pixel_seeds[begin], end - begin, seed);
+    std::fill_n(&vertex_seeds[begin], end - begin, scalar::vertex_seed(seed, 0));
   }
 }
 
@@ -237,146 +151,20 @@ void TransportWorker::Impl::pass_hidden_emitters() {
   }
 }
 
-// Adds emission of `light` that a path's ray has found.
-void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& origin, const Vec3& direction,
-                                         uint32_t light, const LightHit& hit) {
-  float weight = 1.0f;
-  if (!path.unweighted) {
-    if (path.diffuse && context.closed_form[light]) return;
-    const float density = float(path.light_samples) *
-                          light_pdf(context.lights, light, origin, path.normal, path.transmits, direction, hit);
-    // As a quotient, because squares of large densities overflow.
-    const float ratio = density / path.bsdf_density;
-    weight = 1.0f / (1.0f + ratio * ratio);
-  }
-  radiance[path.slot] += path.throughput * emitted_radiance(context.lights, light, direction) * weight;
-}
-
-bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, int vertex_number) const {
-  if (vertex_number < settings.rr_depth) return true;
-  // eta undoes the radiance scaling of refraction, which must not shorten paths; the cap ends every path eventually.
-  constexpr float k_highest_survival = 0.95f;
-  const float q = std::min(largest(path.throughput) * path.eta * path.eta, k_highest_survival);
-  if (!(sample_pair(path.index, scalar::hash_combine(seed, k_material_stream), 1).y < q)) return false;
-  path.throughput /= q;
-  return true;
-}
-
-void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& vertex) {
-  FirstHit& first = firsts[paths[path].slot];
-  first.hit = true;
-  first.albedo = material_albedo(*vertex.material);
-  first.normal = vertex.frame.n;
-  first.depth = near_distance[path] + hits.t[path];
-  first.position = DVec3(vertex.surface->position) + scene.origin;
-  first.object = vertex.surface->instance + 1;
-  if (settings.occlusion) occlusion.add(vertex, paths[path].slot, paths[path].index);
-}
-
-// Evaluates `surfaces` where rays ended (with only_emission: on emitters only), and makes room for that many vertices.
-void TransportWorker::Impl::find_surfaces(bool only_emission) {
-  met.resize(paths.size());
-  size_t count = 0, exact = 0;
-  for (uint32_t i = 0; i < paths.size(); ++i) {
-    if (hits.instance[i] == k_none) continue;
-    if (only_emission && scene.instances[hits.instance[i]].emitter == k_none) continue;
-    ++count;
-    if (certified.empty() || !certified[i]) met[exact++] = i;
-  }
-  met.resize(exact);
-  surfaces.evaluate(rays, hits, met);
-  for (uint32_t i = 0; i < certified.size(); ++i) {
-    if (certified[i]) surfaces.put(i, surface_of(scene, rays, hits, *certified[i]));
-  }
-  if (vertex_storage.size() < count) vertex_storage.resize(count);
-  resolved.clear();
-  resolved.reserve(count);  // vertices point into it
-}
-
-// Adds emission where the rays ended, and collects the vertices from which paths continue.
-void TransportWorker::Impl::arrive(int vertex_number) {
-  const bool emission_counts = !(settings.hide_emitters && vertex_number == 0);
-  const bool shows_first_hit = vertex_number == 0 && settings.first_hits;
-  // The last surface matters only if it emits, or is shown.
-  const bool last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
-  const bool only_emission = last && !shows_first_hit;
-  find_surfaces(only_emission);
-  const bool diffuse_goes_on = goes_on(true, vertex_number);
-  size_t count = 0;
-  MetInstance instance;
-  // Held here, because the compiler cannot know that the loop changes no vector.
-  PathState* const states = paths.data();
-  PathVertex* const reached = vertex_storage.data();
-  const uint32_t* const hit_instances = hits.instance.data();
-  const auto direction = [x = rays.dx.data(), y = rays.dy.data(), z = rays.dz.data()](uint32_t i) {
-    return Vec3(x[i], y[i], z[i]);
-  };
-  const SurfacePoint* const points = &surfaces.at(0);
-  uint32_t pixel_seed = 0, seed = scalar::vertex_seed(pixel_seed, uint32_t(vertex_number));
-  const auto size = uint32_t(paths.size());
-  const bool is_first = vertex_number == 0;
-  for (uint32_t i = 0; i < size; ++i) {
-    PathState& path = states[i];
-    const Vec3 d = direction(i);
-    if (hit_instances[i] == k_none) {
-      if (!emission_counts) continue;
-      for (const uint32_t light : context.backgrounds) add_emission(path, rays.origin(i), d, light, {});
-      continue;
-    }
-    if (hit_instances[i] != instance.index) instance = met_instance(hit_instances[i]);
-    if (only_emission && instance.emitter == k_none) continue;
-    PathVertex& v = reached[count];  // may hold leftovers of an earlier wave: all is overwritten
-    v.path = i;
-    v.surface = points + i;
-    const float cos_geometric = -glm::dot(v.surface->geometric_normal, d);
-    if (emission_counts && instance.emitter != k_none && cos_geometric > 0.0f) {
-      add_emission(path, rays.origin(i), d, instance.emitter,
-                   {hits.t[i], v.surface->geometric_normal, v.surface->primitive});
-    }
-    if (only_emission) continue;
-    shade_vertex(instance, d, cos_geometric, diffuse_goes_on, v);
-    if (path.pixel_seed != pixel_seed) {
-      pixel_seed = path.pixel_seed;
-      seed = scalar::vertex_seed(pixel_seed, uint32_t(vertex_number));
-    }
-    v.seed = seed;
-    if (shows_first_hit) record_first_hit(i, v);
-    if (last || v.material->absorbs() || (!is_first && !survives_roulette(path, v.seed, vertex_number))) continue;
-    v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
-    ++count;
-  }
-  vertices = std::span(vertex_storage).first(count);
-}
-
-// Resolves the material and the shading frame of a vertex from its surface and the arriving ray's direction.
-inline void TransportWorker::Impl::shade_vertex(const MetInstance& instance, const Vec3& d, float cos_geometric,
-                                                bool diffuse_goes_on, PathVertex& v) {
-  const Vec3 back = -d;
-  const float cosine = glm::dot(v.surface->shading_normal, back);
-  if (instance.sides && (cosine < 0.0f || cosine > 0.0f)) {
-    v.material = instance.sides + (cosine < 0.0f);
-  } else {
-    resolved.push_back(resolve_material(scene, instance.bsdf, v.surface->uv, cosine));
-    v.material = &resolved.back();
-  }
-  v.frame.n = v.material->turned ? -v.surface->shading_normal : v.surface->shading_normal;
-  v.facing = cos_geometric < 0.0f ? -v.surface->geometric_normal : v.surface->geometric_normal;
-  if (v.material->plain_diffuse() && !diffuse_goes_on) return;  // light samples need no more
-  const bool anisotropic = v.material->microfacet.alpha_u != v.material->microfacet.alpha_v;
-  const Vec3 n = v.frame.n;
-  v.frame = anisotropic ? frame_along(n, surface_tangent(scene, *v.surface)) : frame_about(n);
-  v.wi = v.frame.to_local(back);
-}
-
 void TransportWorker::Impl::gather_light(int vertex_number) {
-  arriving.resize(vertices.size());
   const bool first = vertex_number == 0;
-  const bool counts = first && settings.count_first_hits;
-  direct.gather(vertices, paths, first ? settings.light_samples : 1, first,
-                counts ? std::span(firsts) : std::span<FirstHit>(), arriving, stats);
-  for (size_t i = 0; i < vertices.size(); ++i) {
-    const PathState& path = paths[vertices[i].path];
-    radiance[path.slot] += path.throughput * arriving[i];
+  direct.gather(receivers, vertices, first ? settings.light_samples : 1, first,
+                first && settings.count_first_hits ? std::span(firsts) : std::span<FirstHit>(), stats);
+  const auto arriving = [&r = receivers](size_t i) {
+    return Rgb(r.arriving_red[i], r.arriving_green[i], r.arriving_blue[i]);
+  };
+  if (first) {  // slots are indices, throughputs are 1
+    for (size_t i = 0; i < receivers.size(); ++i) radiance[receivers.path[i]] += arriving(i);
+    return;
+  }
+  for (size_t i = 0; i < receivers.size(); ++i) {
+    const PathState& path = paths[receivers.path[i]];
+    radiance[path.slot] += path.throughput * arriving(i);
   }
 }
 
@@ -526,6 +314,8 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   w.vertex_storage.swap(vertices);
   w.vertices = w.vertex_storage;
   w.paths.swap(paths);
+  w.receivers.clear(w.vertices.size());
+  for (uint32_t i = 0; i < w.vertices.size(); ++i) w.receivers.add(w.vertices[i], i, w.paths[i]);
   if (w.settings.max_depth != 0) {
     w.gather_light(0);
     w.scatter(0);

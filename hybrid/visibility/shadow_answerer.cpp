@@ -73,12 +73,12 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
   if (settings_.whole_scene) {
     group.candidates.assign(k_most_candidates + 1, 0);  // candidate overflow
   } else {
-    const size_t limit = group.few_samples ? k_most_candidates : instances_.size();
+    const size_t limit = group.few_samples() ? k_most_candidates : instances_.size();
     candidates_.select(bounds_of(shading_points), group.light, limit, group.candidates);
   }
   const size_t size = padded(shading_points.size);
   group.is_tested = group.light.kind == LightExtent::Kind::bounded && !settings_.whole_scene &&
-                    (!group.few_samples || group.candidates.size() <= k_most_candidates);
+                    (!group.few_samples() || group.candidates.size() <= k_most_candidates);
   group.met.assign(size, 0);
   const int32_t all = !group.candidates.empty() && !group.is_tested ? k_may_shadow : 0;
   group.shadow.assign(size, all);
@@ -86,6 +86,7 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
   if (settings_.check) group.blocked_by.assign(shading_points.size, k_none);
   if (!group.is_tested) return;
   Workspace& work = *workspaces_.local();
+  work.shafts.assign(shading_points.size, std::nullopt);
   Sphere light = group.light.ball;
   // The origin of a ray lies up to `error` away from its shading point.
   for (size_t r = 0; r < shading_points.size; ++r) light.radius = std::max(light.radius, shading_points.error[r]);
@@ -108,8 +109,10 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
     if (r >= shading_points.size || group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // padding, or settled
     // By the test that chose the candidates, too: else an instance that only other shading points brought in could
     // count.
-    if (work.flags[r] && !candidates_.meets(shaft_to(shading_points, r, group.light), group.candidates[slot])) {
-      work.flags[r] = 0;
+    if (work.flags[r]) {
+      std::optional<Shaft>& shaft = work.shafts[r];
+      if (!shaft) shaft.emplace(shaft_to(shading_points, r, group.light));
+      if (!candidates_.meets(*shaft, group.candidates[slot])) work.flags[r] = 0;
     }
     if (!work.flags[r]) continue;
     group.met[r] = 1;

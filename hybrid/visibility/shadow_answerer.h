@@ -63,9 +63,10 @@ inline constexpr float k_least_light_disc = 2.0f;
 struct ShadowGroup {
   LightExtent light;
   std::vector<uint32_t> light_samples;  // set by the caller: of all points of a cluster
-  // Set by the caller: no cluster of the picture has as many light samples as whole lights are worth. Candidates beyond
-  // k_most_candidates are then not worth their tests either.
-  bool few_samples = false;
+  // Set by the caller: light samples of a whole pixel. Below k_fewest_cone_samples no cluster of the picture has as
+  // many as whole lights are worth, and candidates beyond k_most_candidates are not worth their tests either.
+  int64_t pixel_samples = 1;
+  bool few_samples() const { return pixel_samples < k_fewest_cone_samples; }
   std::vector<uint32_t> candidates;  // instances, in index order
   bool is_tested = false;            // each shading point has been tested against each candidate
   AlignedVector<int32_t> met;        // not 0 if the cone to the light meets some candidate's bounds
@@ -108,6 +109,9 @@ class ShadowAnswerer {
   void filter(const ShadowGroup& group, const ShadingPointBatch& all, std::span<const uint32_t> shading_points,
               int strata, ShadowBatch& batch, std::vector<uint8_t>& undecided, Stats& stats) const;
 
+  // Call for a shading point with what filter() has settled of its samples: counts uses of the fields.
+  void count_filtered(const ShadowGroup& group, uint32_t shading_point, uint32_t samples, Stats& stats) const;
+
   // For --check: traces the rays of shading points (indices into the group's) whose whole light find_candidates() found
   // `blocked`, or clear; `samples` consecutive rays for each. Self-shadowing counts what the field of the ray's object
   // answered: that it blocks the light or, of a clear light, that neither it nor any other candidate does.
@@ -134,8 +138,6 @@ class ShadowAnswerer {
   void query_cones(const ShadowInstance& occluder, const ShadingPointBatch& shading_points, const ShadowGroup& group,
                    Workspace& work, Stats& stats) const;
   void multiply_shares(const ShadowGroup& group, uint32_t slot, Workspace& work, AlignedVector<float>& clear) const;
-  void count_filtered(const ShadowGroup& group, const ShadowGroup::OpenCandidate& open, size_t strata,
-                      std::span<const uint8_t> undecided, Stats& stats) const;
   // query_and_bake() with the occluder's field.
   template <class Query>
   void bake_and_repeat(const ShadowInstance& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,

@@ -45,8 +45,7 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
   const int side = plane_fit_side_for(task, light);
-  const uint32_t most = *std::max_element(group.light_samples.begin(), group.light_samples.end());
-  if (task.segment.reads_depth && uint32_t(side * side) <= most) task.plane_fit_side = side;
+  if (task.segment.reads_depth && side * side <= group.pixel_samples) task.plane_fit_side = side;
   ConeUnknowns& unknowns = work.unknowns;
   const int most_rounds = std::max(k_most_bake_rounds, 2 * task.plane_fit_side * task.plane_fit_side);
   bake_and_repeat(o, shading_points.size, unknowns, stats, most_rounds, [&](std::span<const uint32_t> blocks) {
@@ -119,24 +118,19 @@ void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& a
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
     for (size_t i = 0; i < batch.rays.size; ++i) undecided[i] |= work.flags[i] && work.refused[i];
     multiply_shares(group, open.slot, work, batch.clear);
-    if (settings_.count_uses) count_filtered(group, open, count, undecided, stats);
   }
   for (size_t i = 0; i < batch.rays.size; ++i) {
     undecided[i] |= work.dependent[i] && batch.clear[i] > 0.0f;
   }
 }
 
-// Uses of a field by strata: the samples of those that it settled. Rays count for the others.
-void ShadowAnswerer::count_filtered(const ShadowGroup& group, const ShadowGroup::OpenCandidate& open, size_t strata,
-                                    std::span<const uint8_t> undecided, Stats& stats) const {
-  const Workspace& work = *workspaces_.local();
-  for (uint32_t i = open.begin; i < open.end; ++i) {
-    const uint32_t point = group.open_points[i], r = work.place[point];
-    if (r == k_none) continue;
-    const auto begin = undecided.begin() + std::ptrdiff_t(r * strata);
-    const auto settled = size_t(std::count(begin, begin + std::ptrdiff_t(strata), 0));
-    use_of(instances_[group.candidates[open.slot]], stats)
-        .add_answered(uint32_t(group.light_samples[point] * settled / strata), false);
+void ShadowAnswerer::count_filtered(const ShadowGroup& group, uint32_t shading_point, uint32_t samples,
+                                    Stats& stats) const {
+  if (!settings_.count_uses) return;
+  for (const ShadowGroup::OpenCandidate& open : group.open) {
+    const auto points = std::span(group.open_points).subspan(open.begin, open.end - open.begin);
+    if (!std::binary_search(points.begin(), points.end(), shading_point)) continue;
+    use_of(instances_[group.candidates[open.slot]], stats).add_answered(samples, false);
   }
 }
 

@@ -45,7 +45,8 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
 void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
   const size_t n = padded(batch.rays.size);
   // What coverage maps leave undecided about other objects, cells mostly do as well, and they cost far more to bake.
-  const bool strata_tried = group.is_tested && !group.few_samples && settings_.whole_lights && settings_.tolerance < 1.0f;
+  const bool strata_tried =
+      group.is_tested && !group.few_samples() && settings_.whole_lights && settings_.tolerance < 1.0f;
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     const ShadowInstance& o = instances_[group.candidates[slot]];
     SegmentCounts counts;

@@ -246,11 +246,10 @@ struct ManySurfaces {
   }
 
   // Shoots `count` rays, four in five of which hit something; most of them hit the first instance.
-  void shoot(Random& random, size_t count, RayBatch& rays, HitBatch& hits, std::vector<uint32_t>& indices) const {
+  void shoot(Random& random, size_t count, RayBatch& rays, HitBatch& hits, std::vector<HitRun>& runs) const {
     const Scene& scene = maker.scene;
     rays.resize(count);
     hits.resize(count);
-    indices.clear();
     const auto pick = [&](size_t n) { return uint32_t(random.unit() * float(n)); };
     for (uint32_t i = 0; i < count; ++i) {
       hits.instance[i] = k_none;
@@ -262,8 +261,8 @@ struct ManySurfaces {
       hits.v[i] = i % 5 == 0 ? 0.0f : random.unit() * (1.0f - hits.u[i]);
       hits.t[i] = random.log_uniform(1e-3f, 1e3f);
       rays.set(i, random.log_vector(1e-3f, 1e3f), random.direction(), k_infinity);
-      indices.push_back(i);
     }
+    find_runs(hits, count, runs);
   }
 };
 
@@ -278,17 +277,21 @@ TEST(Surface, BatchesAreSingleSurfacesOnEveryMachine) {
     for (const size_t count : {size_t(7), size_t(3001), size_t(1), size_t(700)}) {
       RayBatch rays;
       HitBatch hits;
-      std::vector<uint32_t> indices;
-      many.shoot(random, count, rays, hits, indices);
-      surfaces.evaluate(rays, hits, indices);
-      for (const uint32_t i : indices) {
+      std::vector<HitRun> runs;
+      many.shoot(random, count, rays, hits, runs);
+      surfaces.evaluate(rays, hits, runs);
+      for (uint32_t i = 0; i < count; ++i) {
+        if (hits.instance[i] == k_none) continue;
         const bool with_uv = scene.instances[hits.instance[i]].bsdf == many.checked;
-        ASSERT_TRUE(same(surfaces.at(i), surface_at(scene, rays, hits, i), with_uv)) << isa_name(isa) << " " << i;
+        ASSERT_TRUE(same(surfaces.batch().at(hits, i), surface_at(scene, rays, hits, i), with_uv))
+            << isa_name(isa) << " " << i;
       }
-      if (indices.empty()) continue;
-      const SurfacePoint other = {.position = Vec3(1, 2, 3), .uv = Vec2(4, 5)};
-      surfaces.put(indices[0], other);
-      EXPECT_TRUE(same(surfaces.at(indices[0]), other, true));
+      if (runs.empty()) continue;
+      const uint32_t i = runs[0].begin;
+      const SurfacePoint other = {
+          .position = Vec3(1, 2, 3), .uv = Vec2(4, 5), .instance = hits.instance[i], .primitive = hits.primitive[i]};
+      surfaces.put(i, other);
+      EXPECT_TRUE(same(surfaces.batch().at(hits, i), other, true));
     }
   }
 }
@@ -324,6 +327,18 @@ TEST(Surface, MaterialsOfTheTableAreTheResolvedOnes) {
   for (const uint32_t bsdf : {front, back, holes}) {
     EXPECT_TRUE(table.varies(bsdf));
     EXPECT_EQ(table.sides(bsdf), nullptr);
+  }
+  // One-sided, two-sided over a conductor, textured; textured on the back only, masked.
+  EXPECT_EQ(table.diffuse_sides(constant[0]), table.sides(constant[0]));
+  EXPECT_EQ(table.diffuse_sides(constant[1]), nullptr);
+  EXPECT_EQ(table.diffuse_sides(constant[2]), nullptr);
+  EXPECT_EQ(table.diffuse_sides(two_sided), nullptr);
+  EXPECT_EQ(table.diffuse_sides(holes), nullptr);
+  for (const uint32_t bsdf : {front, back}) {
+    const Material* sides = table.diffuse_sides(bsdf);
+    ASSERT_NE(sides, nullptr);
+    EXPECT_EQ(sides[1].dark, bsdf == front);
+    EXPECT_EQ(sides[1].turned, bsdf == back);
   }
 }
 

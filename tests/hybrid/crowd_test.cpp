@@ -62,6 +62,7 @@ TEST(Crowd, IsLeftToRaysWhereItsFieldsCannotPay) {
   const Scene scene = crowd();
   RenderOptions o = options_for(Method::monte_carlo);
   o.light_samples = 4;
+  o.directions = o.plane = 0;
   const RenderResult exact = render(scene, o);
   o.method = Method::hybrid;
   o.leave_to_rays = true;
@@ -84,7 +85,7 @@ TEST(Crowd, FieldsAnswerForTenThousandInstances) {
   RenderOptions o = options_for(Method::monte_carlo);
   const RenderResult exact = render(scene, o);
   EXPECT_EQ(exact.stats.instances, 10002u);
-  // Monte Carlo does not split groups: most of them have candidate overflow.
+  // Most groups have more candidates than single rays are tested against.
   EXPECT_GT(2 * exact.stats.rays_candidate_overflow, exact.stats.rays_exact);
   EXPECT_LE(exact.stats.rays_candidate_overflow, exact.stats.rays_exact);
   o.method = Method::hybrid;
@@ -94,7 +95,6 @@ TEST(Crowd, FieldsAnswerForTenThousandInstances) {
   EXPECT_EQ(zero.stats.rays_candidate_overflow, exact.stats.rays_candidate_overflow);
   o.tolerance = 0.1f;
   const RenderResult hybrid = render(scene, o);
-  EXPECT_LT(4 * hybrid.stats.rays_candidate_overflow, exact.stats.rays_candidate_overflow);
   EXPECT_LT(2 * hybrid.stats.rays_exact, exact.stats.rays_exact);
   EXPECT_GT(hybrid.stats.lookups, 0u);
   o.threads = 1;

@@ -64,15 +64,16 @@ TEST(FieldResolution, LargeObjectsInThePictureWantFinerCells) {
     const FieldParameters p = choose_resolution(scene, shape_traits(scene), rays_per_light);
     return std::pair(p.directions, p.plane);
   };
+  constexpr uint64_t k_many_rays = 12'000'000;
   EXPECT_EQ(chosen(3.0f, k_fine_field_rays), std::pair(64, 128));
-  EXPECT_EQ(chosen(3.0f, 6 * k_fine_field_rays), std::pair(64, 256));
-  EXPECT_EQ(chosen(3.0f, 20 * k_fine_field_rays), std::pair(128, 256));
-  EXPECT_EQ(chosen(30.0f, 20 * k_fine_field_rays), std::pair(64, 128));
+  EXPECT_EQ(chosen(3.0f, 6 * k_many_rays), std::pair(64, 256));
+  EXPECT_EQ(chosen(3.0f, 20 * k_many_rays), std::pair(128, 256));
+  EXPECT_EQ(chosen(30.0f, 20 * k_many_rays), std::pair(64, 128));
   EXPECT_EQ(directions_for(lit_ball({}), 1000 * k_fine_field_rays), 64);  // without lights there is no bake to weigh
   scene = lit_ball({20.0f});
   scene.camera.fov_x_degrees = 40.0f;
-  EXPECT_EQ(chosen(3.0f, 2 * k_fine_field_rays), std::pair(32, 64));
-  EXPECT_EQ(chosen(3.0f, 20 * k_fine_field_rays), std::pair(64, 128));
+  EXPECT_EQ(chosen(3.0f, 2 * k_many_rays), std::pair(32, 64));
+  EXPECT_EQ(chosen(3.0f, 20 * k_many_rays), std::pair(64, 128));
 }
 
 TEST(FieldResolution, ProjectedShareIsThatOfTheDisc) {

@@ -118,7 +118,7 @@ TEST_P(HybridPicture, DoesNotDependOnThreads) {
     RenderOptions o = options(light_samples);
     o.threads = 1;
     const RenderResult one = render(scene_, o);
-    EXPECT_LT(one.stats.rays_exact, one.stats.rays_crossing);
+    EXPECT_LE(one.stats.rays_exact, one.stats.rays_crossing);
     o.threads = 5;
     const RenderResult five = render(scene_, o);
     EXPECT_EQ(differing(one.image, five.image), 0u);
@@ -192,7 +192,7 @@ TEST(Hybrid, FieldsAreThoseOfTheFilmInEveryWindow) {
   RenderOptions o;
   o.method = Method::hybrid;
   o.spp = 1;
-  o.light_samples = 4;  // 16.8 million rays for the film, a thousand for the window
+  o.light_samples = 1;  // 4.2 million rays for the film, a few hundred for the window
   o.crop = Rect{1000, 1000, 16, 16};
   EXPECT_EQ(render(scene, o).stats.field_directions, 64);
   scene.film.width = scene.film.height = 1024;

@@ -38,12 +38,18 @@ struct Pixels {
     v.path = uint32_t(paths.size());
     paths.emplace_back().index = uint32_t(7 * paths.size());
   }
+  LightReceivers receivers() const {
+    LightReceivers r;
+    r.clear(vertices.size());
+    for (uint32_t i = 0; i < vertices.size(); ++i) r.add(vertices[i], i, paths[vertices[i].path]);
+    return r;
+  }
   bool is_lit(uint32_t m) const { return !vertices[m].material->delta() && !vertices[m].material->dark; }
 };
 
 // A cluster's vertices.
-std::span<const uint32_t> members_of(const ShadingClusters& clusters, size_t c) {
-  return std::span(clusters.vertices).subspan(clusters[c].begin, clusters[c].size());
+std::span<const uint32_t> members_of(const LightReceivers& receivers, const ShadingCluster& cluster) {
+  return {&receivers.vertex[cluster.begin], cluster.size()};
 }
 
 constexpr float k_widest = 0.05f;
@@ -82,12 +88,13 @@ TEST(ShadingClusters, PartTheVerticesThatTakeLight) {
     const Pixels p = random_pixels(random);
     const uint32_t most = 1 + random.index(64);
     const std::vector<LightExtent> lights = {ball_light(2e4f * random.direction(), 1.0f)};
+    LightReceivers receivers = p.receivers();
     ShadingClusters clusters;
-    clusters.build(p.vertices, p.paths, lights, k_widest, most, false);
+    clusters.build(receivers, lights, k_widest, most, false);
     std::vector<int> seen(p.vertices.size(), 0);
     uint32_t last_pixel = 0;
     for (size_t c = 0; c < clusters.size(); ++c) {
-      const auto members = members_of(clusters, c);
+      const auto members = members_of(receivers, clusters[c]);
       ASSERT_GE(members.size(), 1u);
       ASSERT_LE(members.size(), most);
       joined += members.size() > 1;
@@ -101,9 +108,9 @@ TEST(ShadingClusters, PartTheVerticesThatTakeLight) {
         const PathVertex& v = p.vertices[m];
         ++seen[m];
         const size_t at = clusters[c].begin + size_t(&m - members.data());
-        ASSERT_EQ(Vec3(clusters.points.px[at], clusters.points.py[at], clusters.points.pz[at]), v.surface->position);
-        ASSERT_EQ(clusters.points.sample[at], p.paths[v.path].index);
-        ASSERT_FLOAT_EQ(clusters.red[at], v.material->plain_diffuse() ? v.material->reflectance.x / k_pi : 0.0f);
+        ASSERT_EQ(Vec3(receivers.points.px[at], receivers.points.py[at], receivers.points.pz[at]), v.surface->position);
+        ASSERT_EQ(receivers.points.sample[at], p.paths[v.path].index);
+        ASSERT_FLOAT_EQ(receivers.red[at], v.material->plain_diffuse() ? v.material->reflectance.x / k_pi : 0.0f);
         ASSERT_EQ(v.seed, first.seed);
         ASSERT_EQ(v.surface->instance, first.surface->instance);
         ASSERT_GT(glm::dot(v.facing, first.facing), 0.0f);
@@ -126,14 +133,15 @@ TEST(ShadingClusters, RadiiEncloseTheMembersAndAreSmallBesideTheWayToLights) {
     std::vector<LightExtent> lights = {ball_light(unit * 5.0f * random.in_ball(), unit),
                                        ball_light(unit * 5.0f * random.in_ball(), unit)};
     lights.emplace_back().kind = LightExtent::Kind::everywhere;
+    LightReceivers receivers = p.receivers();
     ShadingClusters clusters;
-    clusters.build(p.vertices, p.paths, lights, k_widest, 1000, false);
+    clusters.build(receivers, lights, k_widest, 1000, false);
     ShadingPointBatch points;
     const size_t begin = clusters.size() / 3, end = clusters.size();
     clusters.centres(begin, end, points);
     ASSERT_EQ(points.size, end - begin);
     for (size_t k = 0; k < points.size; ++k) {
-      const auto members = members_of(clusters, begin + k);
+      const auto members = members_of(receivers, clusters[begin + k]);
       const DVec3 centre(points.px[k], points.py[k], points.pz[k]);
       float error = 0.0f;
       for (const uint32_t m : members) {
@@ -179,8 +187,9 @@ size_t clusters_of_a_pixel(float light_distance, uint32_t most, bool single) {
     p.add(0, {random.uniform(-1.0f, 1.0f), random.uniform(-1.0f, 1.0f), 0.0f}, {0, 0, 1}, 0, 0);
   }
   const std::vector<LightExtent> lights = {ball_light({0, 0, light_distance}, 0.5f)};
+  LightReceivers receivers = p.receivers();
   ShadingClusters clusters;
-  clusters.build(p.vertices, p.paths, lights, k_widest, most, single);
+  clusters.build(receivers, lights, k_widest, most, single);
   return clusters.size();
 }
 
@@ -200,8 +209,9 @@ TEST(ShadingClusters, FarFromTheOriginAreNoWider) {
     for (int i = 0; i < 64; ++i) {
       p.add(0, Vec3(shift) + Vec3(random.uniform(-1.0f, 1.0f), random.uniform(-1.0f, 1.0f), 0.0f), {0, 0, 1}, 0, 0);
     }
+    LightReceivers receivers = p.receivers();
     ShadingClusters clusters;
-    clusters.build(p.vertices, p.paths, {}, k_widest, 1000, false);
+    clusters.build(receivers, {}, k_widest, 1000, false);
     ASSERT_EQ(clusters.size(), 1u);
     ShadingPointBatch points;
     clusters.centres(0, 1, points);

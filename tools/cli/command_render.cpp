@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "core/io/atomic_file.h"
+#include "field/file/vdb_grid.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
@@ -81,6 +82,18 @@ void print_checks(const Stats& s) {
                k_checked_verdict_names[v], percent(wrong, answers));
     title = "      ";
   }
+  if (s.check_strata > 0) {
+    fmt::print(stderr, "{}  strata differ from rays by {:.4f} in the mean, {:.2f} at most ({} compared)\n", title,
+               s.check_strata_sum / double(s.check_strata), s.check_strata_worst, s.check_strata);
+  }
+}
+
+// Which share of the light samples was answered how.
+void print_answers(const Stats& s) {
+  if (s.samples_spared == 0) return;
+  fmt::print(stderr, "light   samples: {} by whole lights, {} by strata, {} by cells, {} by rays\n",
+             percent(s.samples_spared - s.samples_by_strata, s.samples), percent(s.samples_by_strata, s.samples),
+             percent(s.rays_crossing - s.rays_exact, s.samples), percent(s.rays_exact, s.samples));
 }
 
 void print_summary(const Stats& s) {
@@ -117,6 +130,7 @@ void print_summary(const Stats& s) {
   if (s.rays_glossy > 0) {
     fmt::print(stderr, "        {} of the glossy rays\n", percent(s.rays_glossy_exact, s.rays_glossy));
   }
+  print_answers(s);
   print_checks(s);
   if (s.time_total > 0) {
     fmt::print(stderr, "speed   {}rays/s, peak memory {}\n",
@@ -132,6 +146,8 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   const std::atomic<bool>& stop = stop_on_interrupt();
   ProgressLine progress(!arguments.quiet);
   progress.update(0.0, "loading");
+  std::future<void> opened;  // while the scene is loaded
+  if (!arguments.options.field_cache.empty()) opened = open_vdb_early();
   const Scene scene = load_scene(arguments.scene, progress);
   require_distinct_files(outputs_of(arguments), scene.files);
   const double load_seconds = seconds_since(start);

@@ -1,0 +1,91 @@
+#include "hybrid/light/light_receivers.h"
+
+#include <algorithm>
+#include <functional>
+#include <numeric>
+#include <type_traits>
+
+namespace fieldtrace {
+namespace {
+
+// Turns the normals (x, y, z) against the directions (dx, dy, dz).
+void turn_against(const float* dx, const float* dy, const float* dz, const float* x, const float* y, const float* z,
+                  size_t count, float* __restrict turned_x, float* __restrict turned_y, float* __restrict turned_z) {
+  for (size_t i = 0; i < count; ++i) {
+    const float sign = x[i] * dx[i] + y[i] * dy[i] + z[i] * dz[i] > 0.0f ? -1.0f : 1.0f;
+    turned_x[i] = x[i] * sign, turned_y[i] = y[i] * sign, turned_z[i] = z[i] * sign;
+  }
+}
+
+}  // namespace
+
+void LightReceivers::clear(size_t most) {
+  points.resize(most);
+  points.size = 0;
+  for (auto* v : {&red, &green, &blue}) v->resize(padded(most));
+  for (auto* v : {&path, &vertex}) v->resize(padded(most));
+  plain.resize(padded(most));
+}
+
+void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& state) {
+  const Material& material = *v.material;
+  if (material.delta() || material.dark) return;
+  const size_t i = points.size++;
+  ShadingPointBatch& p = points;
+  const SurfacePoint& at = *v.surface;
+  p.px[i] = at.position.x, p.py[i] = at.position.y, p.pz[i] = at.position.z;
+  p.gx[i] = v.facing.x, p.gy[i] = v.facing.y, p.gz[i] = v.facing.z;
+  p.sx[i] = v.frame.n.x, p.sy[i] = v.frame.n.y, p.sz[i] = v.frame.n.z;
+  p.error[i] = at.error;
+  p.seed[i] = v.seed, p.sample[i] = state.index, p.instance[i] = at.instance;
+  p.transmits[i] = material.transmits();
+  plain[i] = material.plain_diffuse();
+  reflect(i, plain[i] ? material.reflectance : Rgb(0.0f));
+  path[i] = v.path, vertex[i] = index;
+}
+
+size_t LightReceivers::add_run(const RayBatch& rays, const SurfaceBatch& s, const HitRun& run, uint32_t instance,
+                               const Material& material) {
+  const size_t i = points.size, from = run.begin, count = run.end - run.begin;
+  points.size += count;
+  ShadingPointBatch& p = points;
+  using Array = AlignedVector<float>;
+  const auto copy = [=](const Array& source, Array& target) { std::copy_n(&source[from], count, &target[i]); };
+  copy(s.px, p.px), copy(s.py, p.py), copy(s.pz, p.pz), copy(s.error, p.error);
+  turn_against(&rays.dx[from], &rays.dy[from], &rays.dz[from], &s.gx[from], &s.gy[from], &s.gz[from], count, &p.gx[i],
+               &p.gy[i], &p.gz[i]);
+  copy(s.sx, p.sx), copy(s.sy, p.sy), copy(s.sz, p.sz);
+  if (material.turned) {
+    for (Array* a : {&p.sx, &p.sy, &p.sz}) std::transform(&(*a)[i], &(*a)[i] + count, &(*a)[i], std::negate<>());
+  }
+  const Rgb reflected = material.reflectance / k_pi;
+  std::fill_n(&red[i], count, reflected.x);
+  std::fill_n(&green[i], count, reflected.y);
+  std::fill_n(&blue[i], count, reflected.z);
+  std::fill_n(&p.instance[i], count, instance);
+  std::fill_n(&p.transmits[i], count, uint8_t(0));
+  std::fill_n(&plain[i], count, uint8_t(1));
+  std::iota(&path[i], &path[i] + count, run.begin);
+  std::fill_n(&vertex[i], count, k_none);
+  return i;
+}
+
+void LightReceivers::sort_by_instance(size_t begin, size_t end) {
+  std::vector<size_t> order(end - begin);
+  std::iota(order.begin(), order.end(), begin);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](size_t a, size_t b) { return points.instance[a] < points.instance[b]; });
+  const auto permute = [&](auto& values) {
+    std::remove_reference_t<decltype(values)> sorted(order.size());
+    for (size_t i = 0; i < order.size(); ++i) sorted[i] = values[order[i]];
+    std::copy(sorted.begin(), sorted.end(), values.begin() + std::ptrdiff_t(begin));
+  };
+  ShadingPointBatch& p = points;
+  for (auto* v : {&p.px, &p.py, &p.pz, &p.gx, &p.gy, &p.gz, &p.sx, &p.sy, &p.sz, &p.error, &red, &green, &blue}) {
+    permute(*v);
+  }
+  for (auto* v : {&p.seed, &p.sample, &p.instance, &path, &vertex}) permute(*v);
+  for (auto* v : {&p.transmits, &plain}) permute(*v);
+}
+
+}  // namespace fieldtrace
