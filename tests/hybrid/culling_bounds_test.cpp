@@ -72,6 +72,7 @@ void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const 
   ShadowGroup group;
   group.light = light_extent(scene, emitter);
   group.light_samples.assign(points.size(), 1);
+  group.pixel_samples = k_fewest_cone_samples;
   const ShadingPointBatch batch = shading_points_at(points, gamma_bound(3));
   Stats stats;
   answerer.find_candidates(batch, group, stats);

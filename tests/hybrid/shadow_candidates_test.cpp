@@ -110,6 +110,7 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
   ShadowGroup group;
   group.light = light_extent(scene, light);
   group.light_samples.assign(shading_points.size, k_rays);
+  group.pixel_samples = k_rays;
   Stats unused;
   answerer.find_candidates(shading_points, group, unused);
   ShadowBatch batch;
@@ -222,6 +223,7 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
     ShadowCandidates(maker.scene).select(bounds, group.light, balls.size(), group.candidates);
     chosen += group.candidates.size();
     group.light_samples.assign(shading_points.size, 1);
+    group.pixel_samples = k_fewest_cone_samples;
     Stats unused;
     answerer.find_candidates(shading_points, group, unused);
     std::vector<uint8_t> is_near(balls.size(), 0);

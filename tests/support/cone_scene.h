@@ -46,6 +46,7 @@ struct ConeScene {
     ShadowGroup group;
     group.light = light_extent(maker.scene, 0);
     group.light_samples.assign(shading_points.size, uint32_t(light_samples));
+    group.pixel_samples = light_samples;
     from.find_candidates(shading_points, group, stats);
     return group;
   }
