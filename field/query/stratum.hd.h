@@ -82,8 +82,8 @@ constexpr float k_most_disc_drift = 0.5f;
 // them one surface may hide another from the lines where the rays pass between the two.
 constexpr float k_most_apart = 1.0f;
 constexpr float k_most_apart_filled = 0.5f;
-// A stratum's errors are a sixteenth of the light's (k_fewest_strata) and differ from those of others. What the width
-// of the shading points lends to its disc is the same in all of them, and counts as its root.
+// A stratum's errors are a sixteenth of the light's (k_strata of hybrid/light/direct_light.h) and differ from those of
+// others. What the width of the shading points lends to its disc is the same in all of them, and counts as its root.
 constexpr float k_near_share = 0.25f;
 // Strata seen from shading points farther apart than this (half width, in texels) are refused: what hides the light
 // from some of them differs from what hides it from others (docs/decisions/023-clusters.md).
@@ -91,8 +91,7 @@ constexpr float k_widest_near = 2.0f;
 // Rays of one stratum differ in length to a depth by no more than this share: the tube's width is right to first order.
 constexpr float k_most_bend = 0.25f;
 // Largest correlation of a tube's extents along a map's axes. A rectangle is wrong about the variance along its
-// diagonal by up to c / (1 - c) = 1.5 of itself, a sixteenth of which (k_fewest_strata) counts in that of the whole
-// light.
+// diagonal by up to c / (1 - c) = 1.5 of itself, a sixteenth of which counts in that of the whole light.
 constexpr float k_most_skew = 0.6f;
 // Tiles with a larger thin-feature ratio than this (field/store/coverage.hd.h) need discs of the half width below, in
 // texels.

@@ -3,10 +3,12 @@
 // 1. The vertices of a pixel form clusters (shading_clusters.h). Instances that may stand between a cluster and a light
 //    are found once; none: the light is seen whole.
 // 2. Fields answer whole lights per cluster: clear, hidden, or open.
-// 3. Open clusters: strata of the light, each filtered from coverage maps: a visible share, or undecided.
+// 3. Open clusters: strata of the light, each filtered from coverage maps: a visible share, or undecided. Where many
+//    are undecided, all are.
 // 4. Light samples in undecided strata, and those of clusters that no field answers, become shadow rays.
-// Monte Carlo has level 1 and 4 alone. Diffuse surfaces reflect what is settled as one irradiance per cluster where the
-// whole light is above their horizon; everything else weighs each light sample by itself.
+// Monte Carlo has levels 1 and 4 alone, and closed forms per shading point. Diffuse surfaces reflect what is settled as
+// one irradiance per cluster where the whole light is above their horizon; everything else weighs each light sample by
+// itself.
 // Thread-safety: a DirectLight belongs to one thread.
 #pragma once
 

@@ -46,7 +46,8 @@ std::vector<Rect> survey_blocks(const Rect& film, int light_samples) {
 
 }  // namespace
 
-FieldSurvey survey_fields(const TransportContext& context, const Rect& film, double repeats, const std::atomic<bool>* stop) {
+FieldSurvey survey_fields(const TransportContext& context, const Rect& film, double repeats,
+                          const std::atomic<bool>* stop) {
   FieldSurvey survey;
   const std::vector<Rect> blocks = survey_blocks(film, context.settings.light_samples);
   std::atomic<bool> interrupted = false;

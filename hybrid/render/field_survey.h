@@ -2,8 +2,9 @@
 // undecided; the counts decide which objects are left to exact rays.
 //
 // Blocks of pixels spread evenly over the whole film, whatever the crop window, send about the rays that the picture
-// will send: those of the first camera samples, with as many light samples as all of a pixel's have. So nothing is baked in vain for the fields
-// that are kept, and the decision rests on counts that depend neither on threads nor on the state of a cache.
+// will send: those of the first camera samples, with as many light samples as all of a pixel's have. So nothing is
+// baked in vain for the fields that are kept, and the decision rests on counts that depend neither on threads nor on
+// the state of a cache.
 // Thread-safety: a pure function but for the fields, which grow on demand.
 #pragma once
 

@@ -1,11 +1,11 @@
 // The renderer: one scene in, one picture and its statistics out, by Monte Carlo or by the hybrid method.
 //
-// The two methods differ in how shadow rays (hybrid/visibility/shadow_answerer.h) and glossy rays
-// (hybrid/render/glossy_stage.h) are answered. Determinism: for one scene, options and seed the picture is bit-identical for any thread count
-// and instruction set, with or without a field cache, and the same in every crop window (scenes of more than
-// k_most_candidates instances trace whole tiles for that, and count these rays). Where fields outgrow their memory the
-// render restarts with less (hybrid/fields/field_set.h), and the picture depends on that memory and on the crop window,
-// too. Thread-safety: render() may be called from several threads with different scenes.
+// The two methods differ in how light samples (hybrid/light/direct_light.h) and glossy rays
+// (hybrid/render/glossy_stage.h) are answered. Determinism: for one scene, options and seed the picture is the same bit
+// for bit for any thread count and instruction set, with or without a field cache, and in every crop window (scenes of
+// more than k_most_candidates instances trace whole tiles for that, and count these rays). Where fields outgrow their
+// memory the render restarts with less (hybrid/fields/field_set.h), and the picture depends on that memory and on the
+// crop window, too. Thread-safety: render() may be called from several threads with different scenes.
 #pragma once
 
 #include <atomic>

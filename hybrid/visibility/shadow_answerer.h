@@ -1,15 +1,17 @@
 // Answers shadow rays: candidate culling, field look-ups where a candidate has a field, exact rays for the rest. Monte
 // Carlo is the same code without fields, so that it gets the same culling and the same packets.
 //
-// Two steps. find_candidates() finds the objects that may stand between a group of shading points and a light, and the
-// shading points that any of them may shadow; the others need no shadow rays. answer() then decides every ray of the
-// remaining shading points. A ray that only one candidate leaves undecided is traced against that candidate alone,
-// others against the whole scene, as are all rays of a group with candidate overflow (more than k_most_candidates).
+// Three steps. find_candidates() finds the objects that may stand between a group of shading points and a light, and
+// the shading points that any of them may shadow, and has fields answer whole lights; what they settle needs no shadow
+// rays. filter() answers strata of what is open. answer() decides single rays. A ray that only one candidate leaves
+// undecided is traced against that candidate alone, others against the whole scene, as are all single rays of a group
+// with candidate overflow (more than k_most_candidates).
 //
 // Files: shadow_answerer.cpp culls; shadow_answerer_lights.cpp looks up whole lights and strata,
 // shadow_answerer_rays.cpp single rays, and traces the rest; shadow_answerer_checks.cpp counts.
 // Thread-safety: const functions may be called from any number of threads; fields grow on demand meanwhile.
-// Determinism: a ray's answer depends on nothing but the ray, its group's shading points and light, and the objects.
+// Determinism: an answer depends on nothing but the ray or shading point, the light and the objects; with candidate
+// overflow also on the group's other shading points.
 #pragma once
 
 #include <tbb/enumerable_thread_specific.h>

@@ -102,7 +102,7 @@ class HybridPicture : public testing::TestWithParam<const char*> {
   static constexpr int k_size = 40;
   const Scene scene_ = hybrid_scene(GetParam(), k_size).scene;
 
-  // 4 light samples: whole lights and strata; 16: probe rays, too.
+  // 4 light samples: the fewest that whole lights and strata are asked about for; 16: one in each stratum.
   RenderOptions options(int light_samples = 4) const {
     RenderOptions o = options_for(Method::hybrid, light_samples, 3);
     use_small_fields(o);
@@ -123,8 +123,8 @@ TEST_P(HybridPicture, DoesNotDependOnThreads) {
     const RenderResult five = render(scene_, o);
     EXPECT_EQ(differing(one.image, five.image), 0u);
     EXPECT_EQ(one.stats.rays_exact, five.stats.rays_exact);
-    // Not with probe rays: whole lights are looked up direction by direction until one decides, and one that another
-    // thread is baking does not decide yet.
+    // Not with 16: whole lights are looked up direction by direction until one decides, and one that another thread is
+    // baking does not decide yet.
     if (light_samples == 4) {
       EXPECT_EQ(one.stats.field_cells_baked, five.stats.field_cells_baked);
     }
