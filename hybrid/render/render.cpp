@@ -310,9 +310,7 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields) {
   s.estimates = options.whole_lights && !options.force_undecided &&
                 std::any_of(answering.begin(), answering.end(), [](const Field* f) { return f != nullptr; });
   if (!s.estimates) return s;
-  const float slack = options.tolerance / k_default_tolerance;
-  s.widest_cluster *= std::min(slack, 1.0f);
-  s.most_undecided = int(k_most_undecided_strata * slack);
+  s.most_undecided = int(k_most_undecided_strata * options.tolerance / k_default_tolerance);
   return s;
 }
 

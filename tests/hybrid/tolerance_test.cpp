@@ -18,8 +18,8 @@ Scene lit_objects(Lit lit) {
   test::SceneMaker s;
   s.film(48, 48);
   s.scene.sample_count = 1;
-  s.scene.camera.to_world = test::look_at({2.5f, -6, 3}, {0, 0, 0.6f}, {0, 0, 1});
-  s.scene.camera.fov_x_degrees = 40.0f;
+  s.scene.camera.to_world = test::look_at({2.5f, -6, 3}, {-0.3f, 0.5f, 0.2f}, {0, 0, 1});
+  s.scene.camera.fov_x_degrees = 14.0f;
   const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.5f));
   s.instance(s.mesh(make_knot({.along = 256, .around = 24})), grey, test::translation({-0.7f, 0, 1.0f}));
   Affine place = test::scaling({-0.5f, 0.5f, 0.2f});

@@ -335,7 +335,10 @@ TEST_F(ReadOnlyCache, IsNoPlaceToBakeInto) {
 }
 
 TEST_F(ReadOnlyCache, IsToldAboutOnceThoughTheRenderBeginsAgain) {
-  const Outcome o = run(render("a.exr", {"--field-memory", "1", "-D", "size=96"}), respect_permissions);
+  // One light sample a pixel: single rays want many cells.
+  const Outcome o = run({"render", "scene.xml", "-o", "a.exr", "--quiet", "--directions", "64", "--plane", "128",
+                         "--tolerance", "1", "--field-cache", "cache", "--field-memory", "1", "-D", "size=200"},
+                        respect_permissions);
   EXPECT_EQ(o.code, 0) << o.err;
   EXPECT_NE(o.err.find("begins again"), std::string::npos) << o.err;
   const size_t first = o.err.find("none is kept");
