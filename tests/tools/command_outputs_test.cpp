@@ -335,9 +335,9 @@ TEST_F(ReadOnlyCache, IsNoPlaceToBakeInto) {
 }
 
 TEST_F(ReadOnlyCache, IsToldAboutOnceThoughTheRenderBeginsAgain) {
-  // One light sample a pixel: single rays want many cells.
-  const Outcome o = run({"render", "scene.xml", "-o", "a.exr", "--quiet", "--directions", "64", "--plane", "128",
-                         "--tolerance", "1", "--field-cache", "cache", "--field-memory", "1", "-D", "size=200"},
+  // One light sample a pixel, and fine cells: single rays want many.
+  const Outcome o = run({"render", "scene.xml", "-o", "a.exr", "--quiet", "--directions", "128", "--plane", "512",
+                         "--tolerance", "1", "--field-cache", "cache", "--field-memory", "1", "-D", "size=400"},
                         respect_permissions);
   EXPECT_EQ(o.code, 0) << o.err;
   EXPECT_NE(o.err.find("begins again"), std::string::npos) << o.err;
