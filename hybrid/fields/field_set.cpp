@@ -46,7 +46,7 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
   std::vector<uint32_t> chosen;
   for (const uint32_t s : shapes_by_gain(scene, traits)) {
     if (chosen.size() == plan.most_fields) break;
-    if (bake_rays_[s] > k_costly_bake_rays && map_rays(s) > plan.light_samples) {
+    if (bake_rays_[s] > k_costly_bake_rays && needed_rays(s) > plan.light_samples) {
       left_to_rays_[s] = 1;
       if (!for_hits_[s]) continue;
     }
@@ -77,6 +77,13 @@ std::vector<Field*> FieldSet::occlusion_pointers() const {
   return wanted;
 }
 
+double FieldSet::needed_rays(size_t shape) const {
+  const bool by_maps = std::all_of(scene_.emitters.begin(), scene_.emitters.end(), [](const Emitter& e) {
+    return e.kind == EmitterKind::area || e.kind == EmitterKind::point;
+  });
+  return by_maps ? bake_rays_[shape] / double(plan_.parameters.lines + 1) : bake_rays_[shape];
+}
+
 std::vector<Field*> FieldSet::all_pointers() const {
   std::vector<Field*> pointers;
   for (const auto& field : fields_) pointers.push_back(field.get());
@@ -87,7 +94,7 @@ void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers)
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (left_to_rays_[s]) continue;
     const bool cost_decides = plan_.light_samples < std::numeric_limits<double>::infinity();
-    const uint64_t fewest = cost_decides && bake_rays_[s] > k_costly_bake_rays ? uint64_t(map_rays(s)) : 0;
+    const uint64_t fewest = cost_decides && bake_rays_[s] > k_costly_bake_rays ? uint64_t(needed_rays(s)) : 0;
     left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, std::max(fewest, fewest_answers));
     self_to_rays_[s] = fields_[s] && leaves_self_to_rays(survey.uses[s]);
   }

@@ -76,8 +76,9 @@ class FieldSet {
   FieldPlan next_plan(std::string& change) const;
 
  private:
-  // Estimated rays to bake a shape's coverage maps, which take one line a texel; few cells are baked beside them.
-  double map_rays(size_t shape) const { return bake_rays_[shape] / double(plan_.parameters.lines + 1); }
+  // Estimated rays to bake what a shape needs. Coverage maps take one line a texel, and few cells are baked beside
+  // them; but lights all around and at infinity are asked about by single rays, which want cells.
+  double needed_rays(size_t shape) const;
 
   const Scene& scene_;
   FieldPlan plan_;
