@@ -70,10 +70,7 @@ void DirectLight::add_irradiance(const Job& job, uint32_t cluster, const Vec3& i
     const float cosine = sx[i] * irradiance.x + sy[i] * irradiance.y + sz[i] * irradiance.z;
     received[i] = cosine > 0.0f ? cosine : 0.0f;
   }
-  const Rgb value = value_of(context_.lights.lights[job.light]);
-  add_products(c.size(), value.x, received, &r.red[c.begin], &r.arriving_red[c.begin]);
-  add_products(c.size(), value.y, received, &r.green[c.begin], &r.arriving_green[c.begin]);
-  add_products(c.size(), value.z, received, &r.blue[c.begin], &r.arriving_blue[c.begin]);
+  add_light(r, c.begin, c.size(), value_of(context_.lights.lights[job.light]), received);
   if (job.firsts.empty()) return;
   for (size_t i = c.begin; i < c.end; ++i) count_seen(job, i, decided, clear);
 }
@@ -182,11 +179,11 @@ void DirectLight::filter_batch(const Job& job, std::span<const uint32_t> cluster
       undecided += undecided_[slot] && shadows_.rays.tmax[slot] >= 0.0f;
     }
     job.stats.strata_refused += uint64_t(undecided);
-    if (context_.answerer.checks()) check_strata(job, cluster, seen);
     if (undecided > context_.settings.most_undecided) {
       open_.push_back(cluster);
       continue;
     }
+    if (context_.answerer.checks()) check_strata(job, cluster, seen);
     const uint32_t samples = candidates_.light_samples[cluster];
     context_.answerer.count_filtered(candidates_, cluster, uint32_t(float(samples) * seen.decided), job.stats);
     const bool all = seen.decided == 1.0f;
@@ -239,11 +236,17 @@ void DirectLight::light_open(const Job& job) {
   sample(job, true);
 }
 
-void DirectLight::sample(const Job& job, bool may_be_hidden) {
+std::span<const DirectLight::Sampled> DirectLight::batch_from(const Job& job, size_t begin) const {
   const size_t most = size_t(std::max(k_shadow_batch / job.light_samples, 1));
-  for (size_t begin = 0, end = 0; begin < sampled_.size(); begin = end) {
-    for (size_t points = 0; end < sampled_.size() && points < most; ++end) points += sampled_[end].size();
-    const std::span<const Sampled> batch(sampled_.data() + begin, end - begin);
+  size_t end = begin;
+  for (size_t points = 0; end < sampled_.size() && points < most; ++end) points += sampled_[end].size();
+  return std::span(sampled_).subspan(begin, end - begin);
+}
+
+void DirectLight::sample(const Job& job, bool may_be_hidden) {
+  std::span<const Sampled> batch;
+  for (size_t begin = 0; begin < sampled_.size(); begin += batch.size()) {
+    batch = batch_from(job, begin);
     {
       const ScopedTimer timer(job.stats.time_secondary);
       select(job, batch);
@@ -346,10 +349,10 @@ void DirectLight::add_range(const Job& job, const Sampled& s, size_t first_slot,
 void DirectLight::count_dark(const Job& job) {
   sampled_.clear();
   for (const uint32_t cluster : dark_) push_sampled(job, cluster);
-  const size_t m = size_t(job.light_samples), most = size_t(std::max(k_shadow_batch / job.light_samples, 1));
-  for (size_t begin = 0, end = 0; begin < sampled_.size(); begin = end) {
-    for (size_t points = 0; end < sampled_.size() && points < most; ++end) points += sampled_[end].size();
-    const std::span<const Sampled> batch(sampled_.data() + begin, end - begin);
+  const size_t m = size_t(job.light_samples);
+  std::span<const Sampled> batch;
+  for (size_t begin = 0; begin < sampled_.size(); begin += batch.size()) {
+    batch = batch_from(job, begin);
     select(job, batch);
     sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
     size_t slot = 0;
@@ -450,8 +453,7 @@ void DirectLight::gather(LightReceivers& receivers, std::span<const PathVertex> 
   const int pixel_samples = first ? context_.settings.pixel_samples : 1;
   candidates_.pixel_samples = int64_t(pixel_samples) * light_samples;
   const auto most = uint32_t(std::max(2 * k_shadow_batch / light_samples, 1));
-  clusters_.build(receivers, context_.light_extents, context_.settings.widest_cluster, most,
-                  candidates_.few_samples() || pixel_samples == 1);
+  clusters_.build(receivers, context_.light_extents, most, candidates_.few_samples() || pixel_samples == 1);
   for (auto* sum : {&receivers.arriving_red, &receivers.arriving_green, &receivers.arriving_blue}) {
     sum->assign(receivers.size(), 0.0f);
   }

@@ -83,6 +83,8 @@ class DirectLight {
   // Draws the light samples of sampled_, has those answered that may be hidden and are not settled, and adds up their
   // light.
   void sample(const Job& job, bool may_be_hidden);
+  // Those of sampled_ from `begin` on that make one batch of about k_shadow_batch light samples.
+  std::span<const Sampled> batch_from(const Job& job, size_t begin) const;
   void answer(const Job& job, std::span<const Sampled> batch);
   void add_samples(const Job& job, std::span<const Sampled> batch);
   void add_range(const Job& job, const Sampled& sampled, size_t first_slot, const LightEstimate& estimate);

@@ -50,8 +50,9 @@ float spread_bound(const Vec3& mean, size_t count) {
   return std::sqrt(2.0f * float(count) * lack);
 }
 
-bool is_far(const LightExtent& light, const Vec3& position, float radius, float widest) {
-  return light.kind != LightExtent::Kind::bounded || radius <= widest * glm::length(light.ball.centre - position);
+bool is_far(const LightExtent& light, const Vec3& position, float radius) {
+  return light.kind != LightExtent::Kind::bounded ||
+         radius <= k_widest_cluster * glm::length(light.ball.centre - position);
 }
 
 // Whether point i forms a cluster with the first, which lies in the same pixel.
@@ -94,8 +95,8 @@ void ShadingClusters::add_single(const LightReceivers& receivers, size_t i) {
   centres_.sample[c] = 0;
 }
 
-void ShadingClusters::add(const LightReceivers& receivers, std::span<const LightExtent> lights, float widest,
-                          size_t begin, size_t end) {
+void ShadingClusters::add(const LightReceivers& receivers, std::span<const LightExtent> lights, size_t begin,
+                          size_t end) {
   const size_t count = end - begin;
   if (count == 1) return add_single(receivers, begin);
   const ShadingPointBatch& p = receivers.points;
@@ -105,7 +106,7 @@ void ShadingClusters::add(const LightReceivers& receivers, std::span<const Light
   const Vec3 position(mean(p.px, p.px[begin]), mean(p.py, p.py[begin]), mean(p.pz, p.pz[begin]));
   const float radius =
       std::sqrt(farthest(&p.px[begin], &p.py[begin], &p.pz[begin], count, position)) * (1.0f + gamma_bound(8));
-  const auto far = [&](const LightExtent& light) { return is_far(light, position, radius, widest); };
+  const auto far = [&](const LightExtent& light) { return is_far(light, position, radius); };
   if (!std::all_of(lights.begin(), lights.end(), far)) {
     for (size_t i = begin; i < end; ++i) add_single(receivers, i);
     return;
@@ -128,7 +129,7 @@ void ShadingClusters::add(const LightReceivers& receivers, std::span<const Light
   c.transmits[i] = p.transmits[begin];
 }
 
-void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExtent> lights, float widest, uint32_t most,
+void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExtent> lights, uint32_t most,
                             bool single) {
   const ShadingPointBatch& p = receivers.points;
   clusters_.clear();
@@ -154,7 +155,7 @@ void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExte
       const size_t last = end;
       for (end = begin + 1; end < last && joins(p, begin, end);) ++end;
     }
-    add(receivers, lights, widest, begin, end);
+    add(receivers, lights, begin, end);
   }
 }
 

@@ -21,12 +21,16 @@ struct ShadingCluster {
   uint32_t size() const { return end - begin; }
 };
 
+// A cluster's radius is at most this share of its distance from any light: light arrives at its points nearly as at its
+// centre (docs/decisions/023-clusters.md).
+inline constexpr float k_widest_cluster = 0.05f;
+
 class ShadingClusters {
  public:
   // Clusters of at most `most` receivers each, in their order. Those of one pixel must be consecutive; where they lie
-  // on several instances they are sorted by these. A cluster's radius is at most the share `widest` of its distance
-  // from each of `lights`; wider ones fall apart into single points. single: every receiver is its own cluster.
-  void build(LightReceivers& receivers, std::span<const LightExtent> lights, float widest, uint32_t most, bool single);
+  // on several instances they are sorted by these. Clusters too wide for one of `lights` (k_widest_cluster) fall apart
+  // into single points. single: every receiver is its own cluster.
+  void build(LightReceivers& receivers, std::span<const LightExtent> lights, uint32_t most, bool single);
 
   size_t size() const { return clusters_.size(); }
   const ShadingCluster& operator[](size_t c) const { return clusters_[c]; }
@@ -39,8 +43,7 @@ class ShadingClusters {
   }
 
  private:
-  void add(const LightReceivers& receivers, std::span<const LightExtent> lights, float widest, size_t begin,
-           size_t end);
+  void add(const LightReceivers& receivers, std::span<const LightExtent> lights, size_t begin, size_t end);
   void add_single(const LightReceivers& receivers, size_t i);
 
   std::vector<ShadingCluster> clusters_;

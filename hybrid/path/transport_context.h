@@ -25,9 +25,6 @@ struct TransportSettings {
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
-  // A cluster's radius is at most this share of its distance from any light: the rays from its points to a light are
-  // then nearly those from its centre.
-  float widest_cluster = 0.05f;
   int most_undecided = 0;  // strata of a light; where fields leave more open, they are not trusted about the others
   bool estimates = false;  // irradiance once per cluster where it hardly varies, instead of once per vertex
   bool first_hits = false;  // keep what camera rays hit, for AOVs

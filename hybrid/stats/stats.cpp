@@ -71,11 +71,10 @@ std::string Stats::to_json() const {
                {"glossy_hits", rays_glossy_hits}, {"exact", rays_exact},
                {"crossing", rays_crossing},       {"crowded", rays_candidate_overflow},
                {"spared", samples_spared},        {"by_strata", samples_by_strata}};
-  const uint64_t by_clusters = samples_spared - samples_by_strata, by_cells = rays_crossing - rays_exact;
   j["samples"] = {{"all", samples},
-                  {"clusters", by_clusters},
+                  {"clusters", samples_by_clusters()},
                   {"strata", samples_by_strata},
-                  {"cells", by_cells},
+                  {"cells", samples_by_cells()},
                   {"exact", rays_exact}};
   j["cones"] = {
       {"clear", cones_clear}, {"blocked", cones_blocked}, {"leaves", strata}, {"leaves_refused", strata_refused}};

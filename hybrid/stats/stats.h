@@ -92,6 +92,9 @@ struct Stats {
   uint64_t memory_peak_bytes = 0;
   std::string version;
 
+  // Light samples by what answered them, besides strata and exact rays.
+  uint64_t samples_by_clusters() const { return samples_spared - samples_by_strata; }
+  uint64_t samples_by_cells() const { return rays_crossing - rays_exact; }
   // The share of light samples across a candidate's bounds, sent as rays or spared, that were traced; 0 if there were
   // none.
   double exact_fraction() const {

@@ -16,8 +16,8 @@ constexpr float k_plane_fit_spacing = 1.1f;
 // More than the square root of any number of light samples: for lights too near or too wide.
 constexpr int k_no_plane_fit_side = 1 << 12;
 
-int plane_fit_side_for(const ConeTask& task, const Sphere& light) {
-  const float cells = cells_across(task, light);
+int plane_fit_side_for(const SegmentTask& segment, const Sphere& light) {
+  const float cells = cells_across(segment, light);
   if (cells == k_infinity) return k_no_plane_fit_side;
   return std::max(1, int(std::ceil(cells / k_plane_fit_spacing)));
 }
@@ -44,7 +44,7 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
                                  const ShadowGroup& group, Workspace& work, Stats& stats) const {
   ConeTask task = o.cone;
   const Sphere& light = group.light.ball;
-  const int side = plane_fit_side_for(task, light);
+  const int side = plane_fit_side_for(task.segment, light);
   if (task.segment.reads_depth && side * side <= group.pixel_samples) task.plane_fit_side = side;
   ConeUnknowns& unknowns = work.unknowns;
   const int most_rounds = std::max(k_most_bake_rounds, 2 * task.plane_fit_side * task.plane_fit_side);

@@ -74,14 +74,12 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   return o;
 }
 
-float cells_across(const ConeTask& task, const Sphere& light) {
-  const SegmentTask& segment = task.segment;
+float cells_across(const SegmentTask& segment, const Sphere& light) {
   const float* m = segment.to_unit;
   Vec3 centre(m[9], m[10], m[11]);
   for (int axis = 0; axis < 3; ++axis)
     centre += Vec3(m[3 * axis], m[3 * axis + 1], m[3 * axis + 2]) * light.centre[axis];
-  const float stretch = segment.to_unit_stretch;
-  const float sine = light.radius * stretch / (glm::length(centre) - 1.0f);
+  const float sine = light.radius * segment.to_unit_stretch / (glm::length(centre) - 1.0f);
   if (!(sine >= 0.0f && sine < scalar::k_widest_cone_sine)) return k_infinity;
   const float tangent = sine / std::sqrt(1.0f - sine * sine);
   return tangent * segment.field.directions.cells / std::sqrt(k_pi);

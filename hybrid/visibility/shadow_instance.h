@@ -30,7 +30,7 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
 // The width of a light's ball in mean direction cells of a field (2 sqrt(pi) / D), seen from the nearest point of the
 // object's ball; infinity for lights too near or too wide for whole answers. In unit space the ball is an ellipsoid;
 // the width is that of the ball about it.
-float cells_across(const ConeTask& task, const Sphere& light);
+float cells_across(const SegmentTask& segment, const Sphere& light);
 
 // False where a plane across the line of the centres, in the unit space of one of them, parts the two instances' balls
 // (ellipsoids in world space). True for others, and for balls that overlap.

@@ -184,10 +184,10 @@ TEST(Strata, OfNarrowLightsAreBetterThanSixteenRays) {
 }
 
 // Clusters of up to about two texels (k_widest_near), as wide as strata are filtered for at the default tolerance.
-constexpr float k_widest_cluster = 0.01f;
+constexpr float k_cluster_width = 0.01f;
 
 TEST(Strata, OfClustersUnderWideLightsAreAsGoodAsSixtyFourRays) {
-  const Errors errors = errors_under(0.17f, 8, k_widest_cluster, 26);
+  const Errors errors = errors_under(0.17f, 8, k_cluster_width, 26);
   EXPECT_GT(errors.partial, 500);
   EXPECT_LT(errors.undecided, errors.decided / 4);
   EXPECT_LE(errors.strata, errors.rays);
@@ -197,7 +197,7 @@ TEST(Strata, OfClustersUnderWideLightsAreAsGoodAsSixtyFourRays) {
 // What a light narrower than a texel shows is as wide as the cluster, in all strata alike.
 TEST(Strata, OfClustersUnderNarrowLightsAreBetterThanSixteenRays) {
   for (const float half_angle : {0.06f, 0.015f}) {
-    const Errors errors = errors_under(half_angle, 4, k_widest_cluster, 27);
+    const Errors errors = errors_under(half_angle, 4, k_cluster_width, 27);
     EXPECT_GT(errors.decided, 1000);
     SCOPED_TRACE(half_angle);
     EXPECT_LE(errors.strata, errors.rays);

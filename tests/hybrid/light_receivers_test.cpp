@@ -122,7 +122,7 @@ TEST(ShadingClusters, AreRangesOfOnePixelAndInstance) {
     LightReceivers r = pixels(random);
     const LightReceivers before = r;
     ShadingClusters clusters;
-    clusters.build(r, {}, 0.05f, most, false);
+    clusters.build(r, {}, most, false);
     // Every receiver is there once and whole, in its pixel's place.
     std::set<uint32_t> met;
     for (size_t i = 0; i < r.size(); ++i) {

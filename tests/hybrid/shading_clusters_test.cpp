@@ -52,8 +52,6 @@ std::span<const uint32_t> members_of(const LightReceivers& receivers, const Shad
   return {&receivers.vertex[cluster.begin], cluster.size()};
 }
 
-constexpr float k_widest = 0.05f;
-
 LightExtent ball_light(const Vec3& centre, float radius) {
   LightExtent light;
   light.kind = LightExtent::Kind::bounded;
@@ -90,7 +88,7 @@ TEST(ShadingClusters, PartTheVerticesThatTakeLight) {
     const std::vector<LightExtent> lights = {ball_light(2e4f * random.direction(), 1.0f)};
     LightReceivers receivers = p.receivers();
     ShadingClusters clusters;
-    clusters.build(receivers, lights, k_widest, most, false);
+    clusters.build(receivers, lights, most, false);
     std::vector<int> seen(p.vertices.size(), 0);
     uint32_t last_pixel = 0;
     for (size_t c = 0; c < clusters.size(); ++c) {
@@ -135,7 +133,7 @@ TEST(ShadingClusters, RadiiEncloseTheMembersAndAreSmallBesideTheWayToLights) {
     lights.emplace_back().kind = LightExtent::Kind::everywhere;
     LightReceivers receivers = p.receivers();
     ShadingClusters clusters;
-    clusters.build(receivers, lights, k_widest, 1000, false);
+    clusters.build(receivers, lights, 1000, false);
     ShadingPointBatch points;
     const size_t begin = clusters.size() / 3, end = clusters.size();
     clusters.centres(begin, end, points);
@@ -171,7 +169,7 @@ TEST(ShadingClusters, RadiiEncloseTheMembersAndAreSmallBesideTheWayToLights) {
       ++joined;
       for (size_t l = 0; l < 2; ++l) {
         const double distance = glm::length(DVec3(lights[l].ball.centre) - centre);
-        ASSERT_LE(double(points.radius[k]), double(k_widest) * distance * (1.0 + 1e-6));
+        ASSERT_LE(double(points.radius[k]), double(k_widest_cluster) * distance * (1.0 + 1e-6));
       }
     }
   }
@@ -189,7 +187,7 @@ size_t clusters_of_a_pixel(float light_distance, uint32_t most, bool single) {
   const std::vector<LightExtent> lights = {ball_light({0, 0, light_distance}, 0.5f)};
   LightReceivers receivers = p.receivers();
   ShadingClusters clusters;
-  clusters.build(receivers, lights, k_widest, most, single);
+  clusters.build(receivers, lights, most, single);
   return clusters.size();
 }
 
@@ -211,7 +209,7 @@ TEST(ShadingClusters, FarFromTheOriginAreNoWider) {
     }
     LightReceivers receivers = p.receivers();
     ShadingClusters clusters;
-    clusters.build(receivers, {}, k_widest, 1000, false);
+    clusters.build(receivers, {}, 1000, false);
     ASSERT_EQ(clusters.size(), 1u);
     ShadingPointBatch points;
     clusters.centres(0, 1, points);

@@ -92,8 +92,8 @@ void print_checks(const Stats& s) {
 void print_answers(const Stats& s) {
   if (s.samples_spared == 0) return;
   fmt::print(stderr, "light   samples: {} by whole lights, {} by strata, {} by cells, {} by rays\n",
-             percent(s.samples_spared - s.samples_by_strata, s.samples), percent(s.samples_by_strata, s.samples),
-             percent(s.rays_crossing - s.rays_exact, s.samples), percent(s.rays_exact, s.samples));
+             percent(s.samples_by_clusters(), s.samples), percent(s.samples_by_strata, s.samples),
+             percent(s.samples_by_cells(), s.samples), percent(s.rays_exact, s.samples));
 }
 
 void print_summary(const Stats& s) {

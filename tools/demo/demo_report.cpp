@@ -77,10 +77,10 @@ std::string factor(const TimeAtError& monte_carlo, double seconds) {
 // lights, strata, cells, rays.
 std::string answered(const Stats& s) {
   const double all = std::max(double(s.samples), 1.0) / 100.0;
-  const uint64_t cells = s.rays_crossing - s.rays_exact, clusters = s.samples_spared - s.samples_by_strata;
   const double open = double(s.samples) - double(s.rays_crossing) - double(s.samples_spared);
-  return fmt::format("{:.1f} {:.1f} {:.1f} {:.1f} {:.1f}", std::max(open, 0.0) / all, double(clusters) / all,
-                     double(s.samples_by_strata) / all, double(cells) / all, double(s.rays_exact) / all);
+  return fmt::format("{:.1f} {:.1f} {:.1f} {:.1f} {:.1f}", std::max(open, 0.0) / all,
+                     double(s.samples_by_clusters()) / all, double(s.samples_by_strata) / all,
+                     double(s.samples_by_cells()) / all, double(s.rays_exact) / all);
 }
 
 void print_table(const std::vector<TradeoffRow>& rows, double load_seconds) {
@@ -96,14 +96,11 @@ void print_table(const std::vector<TradeoffRow>& rows, double load_seconds) {
                hybrid ? factor(equal, row.seconds_cold) + " / " + factor(equal, row.seconds_warm) : "-", answered(s));
   }
   fmt::print(
-      "\nSamples: camera samples of one light sample a light. Seconds: wall time of whole frames, without {:.2f} s of\n"
-      "loading; cold with the bake, warm with the fields of an earlier render. Speed-up: time that Monte Carlo needs "
-      "for\n"
-      "the same RMSE / time of the hybrid; below 1: slower. > and <: the error lies below, or above, all that Monte "
-      "Carlo\n"
-      "was measured at. The last five columns: light samples in per cent, by what answered them: nothing stood before "
-      "the\n"
-      "light; whole lights; strata of lights; certified cells; exact rays.\n",
+      "\nSamples: camera samples of one light sample a light. Seconds: wall time of whole frames, without\n"
+      "{:.2f} s of loading; cold with the bake, warm with the fields of an earlier render. Speed-up: time that\n"
+      "Monte Carlo needs for the same RMSE / time of the hybrid; below 1: slower. > and <: the error lies below,\n"
+      "or above, all that Monte Carlo was measured at. The last five columns: light samples in per cent, by what\n"
+      "answered them: nothing stood before the light; whole lights; strata of lights; certified cells; exact rays.\n",
       load_seconds);
 }
 
