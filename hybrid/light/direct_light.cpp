@@ -27,6 +27,8 @@ void add_light(LightReceivers& r, size_t begin, size_t count, const Rgb& value, 
   add_products(count, value.z, &r.blue[begin], factors, &r.arriving_blue[begin]);
 }
 
+bool is_sky(LightKind kind) { return kind == LightKind::constant || kind == LightKind::environment; }
+
 Rgb value_of(const Light& light) { return {light.value[0], light.value[1], light.value[2]}; }
 
 }  // namespace
@@ -416,6 +418,7 @@ void DirectLight::gather_light(const Job& job) {
     candidates_.light = context_.light_extents[job.light];
     context_.answerer.find_candidates(centres_, candidates_, stats);
     for (uint32_t c = 0; c < centres_.size; ++c) {
+      if (job.sky_is_mapped && cluster_of(job, c).plain_diffuse) continue;
       const int32_t shadow = candidates_.shadow[c];
       const bool is_settled = !shadow || shadow & k_light_blocked;
       if (is_settled && candidates_.met[c]) stats.samples_spared += candidates_.light_samples[c];
@@ -443,7 +446,16 @@ void DirectLight::gather_group(Job& job) {
   }
   for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
     if (context_.lights.lights[job.light].kind == LightKind::none) continue;
-    job.stats.samples += samples;
+    job.sky_is_mapped = job.has_sky_maps && is_sky(context_.lights.lights[job.light].kind);
+    if (job.sky_is_mapped) {  // SkyLight has lit the diffuse ones
+      const auto is_left = [&](size_t c) { return !clusters_[job.begin + c].plain_diffuse; };
+      uint64_t left = 0;
+      for (size_t c = 0; c < centres_.size; ++c) left += is_left(c) ? candidates_.light_samples[c] : 0;
+      if (left == 0) continue;
+      job.stats.samples += left;
+    } else {
+      job.stats.samples += samples;
+    }
     gather_light(job);
   }
 }
@@ -458,6 +470,8 @@ void DirectLight::gather(LightReceivers& receivers, std::span<const PathVertex> 
     sum->assign(receivers.size(), 0.0f);
   }
   Job job{receivers, vertices, light_samples, firsts, stats};
+  job.has_sky_maps = first && context_.sky;
+  if (job.has_sky_maps) sky_.gather(clusters_, receivers, light_samples, firsts, stats);
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {
     size_t samples = 0;
     for (job.end = job.begin; job.end < clusters_.size(); ++job.end) {

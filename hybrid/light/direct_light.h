@@ -18,6 +18,7 @@
 #include "core/light/light_irradiance.h"
 #include "hybrid/light/reflected_light.h"
 #include "hybrid/light/shading_clusters.h"
+#include "hybrid/light/sky_light.h"
 #include "hybrid/path/aovs.h"
 #include "hybrid/path/path_batch.h"
 #include "hybrid/path/transport_context.h"
@@ -35,7 +36,7 @@ inline constexpr int k_most_undecided_strata = 4;
 
 class DirectLight {
  public:
-  explicit DirectLight(const TransportContext& context) : context_(context) {}
+  explicit DirectLight(const TransportContext& context) : context_(context), sky_(context) {}
 
   // Sorts the receivers as ShadingClusters does, and fills what arrives at them. `first`: they are those of camera
   // rays, all samples of a pixel one after another. `firsts`, if not empty, is indexed by path and receives the counts
@@ -53,6 +54,8 @@ class DirectLight {
     Stats& stats;
     size_t begin = 0, end = 0;  // the group's clusters
     uint32_t light = 0;
+    bool has_sky_maps = false;   // SkyLight lights diffuse clusters
+    bool sky_is_mapped = false;  // and `light` is part of the sky
   };
   // A light's visibility from one cluster, by strata. Strata are undecided where share < 0.
   struct StrataSeen {
@@ -108,6 +111,7 @@ class DirectLight {
   void check_strata(const Job& job, uint32_t cluster, const StrataSeen& seen) const;
 
   const TransportContext& context_;
+  SkyLight sky_;
   ShadingClusters clusters_;
   ShadingPointBatch centres_;   // of the group's clusters
   ShadingPointBatch selected_;  // some of them, or receivers

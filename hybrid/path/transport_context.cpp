@@ -27,6 +27,7 @@ TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraS
     if (surrounds(emitter.kind)) backgrounds.push_back(i);
     emission_can_be_hit |= can_be_hit(emitter.kind);
     open_form_can_be_hit |= can_be_hit(emitter.kind) && !closed;
+    open_area_can_be_hit |= can_be_hit(emitter.kind) && !closed && !surrounds(emitter.kind);
   }
 }
 

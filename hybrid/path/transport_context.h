@@ -57,6 +57,7 @@ class PathFollower {
 
 class HitAnswerer;
 class LobeAnswerer;
+class SkyMaps;
 
 // Everything that workers share. All references must outlive it.
 struct TransportContext {
@@ -72,6 +73,7 @@ struct TransportContext {
   const ShadowAnswerer* occlusion_answerer = &answerer;  // answers the rays of the layer `ao`
   const LobeAnswerer* lobes = nullptr;  // answers glossy rays by prefiltered radiance maps; null: none does
   const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: all are traced
+  const SkyMaps* sky = nullptr;         // answers for the sky at diffuse first surfaces; null: light samples do
   TransportSettings settings;
   // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.
   std::function<std::unique_ptr<PathFollower>(const TransportContext&)> make_follower;
@@ -82,6 +84,9 @@ struct TransportContext {
   std::vector<uint32_t> backgrounds;       // constant emitters and environment maps
   bool emission_can_be_hit = false;        // some emitter has an area or surrounds the scene
   bool open_form_can_be_hit = false;       // one of those is not sampled in closed form
+  bool open_area_can_be_hit = false;       // and is not part of the sky
+  // Whether `sky` gives all the light of the sky that diffuse surfaces of this number get from light samples.
+  bool has_sky_maps(int vertex_number) const { return sky && vertex_number == 0; }
 };
 
 }  // namespace fieldtrace

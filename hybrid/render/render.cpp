@@ -24,6 +24,7 @@
 #include "hybrid/path/tiles.h"
 #include "hybrid/render/field_survey.h"
 #include "hybrid/render/glossy_stage.h"
+#include "hybrid/render/sky_stage.h"
 #include "hybrid/render/trace_pixels.h"
 #include "hybrid/render/transport.h"
 #include "hybrid/stats/stopwatch.h"
@@ -184,6 +185,7 @@ struct Stage {
   std::vector<ShapeTraits> traits;
   std::shared_ptr<const LightTable> lights;
   uint64_t address_space = k_no_address_limit;  // that fields may reserve
+  std::unique_ptr<SkyMaps> sky = nullptr;
 };
 
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
@@ -390,6 +392,7 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings_for(picture, fields),
                            stage.lights);
+  context.sky = stage.sky.get();
   const auto for_occlusion = occlusion_answerer(picture, stage, fields, settings);
   if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
   const std::vector<Field*> all_fields = fields.all_pointers();
@@ -473,12 +476,16 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Clock::time_point build_begin = Clock::now();
     const Accel accel(scene);
     result.stats.time_build = seconds_since(build_begin);
-    const Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
+    Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
                       std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);
       return;
+    }
+    if (picture.wants_fields) {
+      stage.sky =
+          make_sky_maps(scene, accel, stage.traits, options, picture.rays_per_light(), told_once, result.stats);
     }
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);

@@ -172,7 +172,8 @@ void TransportWorker::Impl::gather_light(int vertex_number) {
 bool TransportWorker::Impl::goes_on(bool is_diffuse, int vertex_number) const {
   if (vertex_number + 1 >= k_longest_path) return false;
   if (settings.max_depth < 0 || vertex_number + 2 < settings.max_depth) return true;
-  return is_diffuse ? context.open_form_can_be_hit : context.emission_can_be_hit;
+  if (!is_diffuse) return context.emission_can_be_hit;
+  return context.has_sky_maps(vertex_number) ? context.open_area_can_be_hit : context.open_form_can_be_hit;
 }
 
 // The state that all paths leaving a vertex share.

@@ -102,6 +102,7 @@ void TransportWorker::Impl::meet_backgrounds(const Arrival& arrival, uint32_t be
   for (uint32_t i = begin; i < end; ++i) {
     if (hits.instance[i] != k_none) continue;
     const PathState& path = arriving_path(arrival, i);
+    if (path.diffuse && context.has_sky_maps(arrival.vertex_number - 1)) continue;  // counted already
     for (const uint32_t light : context.backgrounds) add_emission(path, rays.origin(i), rays.direction(i), light, {});
   }
 }

@@ -1,0 +1,14 @@
+// see_cell() of field/maps/cell_visibility.hd.h for each instruction set. Thread-safety: pure functions.
+#pragma once
+
+#include "core/simd/isa.h"
+#include "field/maps/cell_task.h"
+
+namespace fieldtrace {
+
+using CellKernel = int (*)(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
+
+// `isa` must be resolved. The same bits for each.
+CellKernel cell_kernel_for(Isa isa);
+
+}  // namespace fieldtrace

@@ -1,0 +1,10 @@
+// The cell kernel with one float a lane: the reference, and `--isa scalar`.
+#pragma once
+
+#include "field/maps/cell_task.h"
+
+namespace fieldtrace {
+
+int see_cell_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
+
+}  // namespace fieldtrace

@@ -1,0 +1,74 @@
+// One direction cell of the sky, as a batch of shading points of one instance asks about it. Plain data, shared by every
+// instruction set and the GPU.
+//
+// Space: world, relative to nothing. Rows of four are affine functions of the point, x, y, z and a constant.
+// Thread-safety: values.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "field/maps/maps_view.h"
+
+namespace fieldtrace {
+
+// The lines of an object's map that stand for the cell's rays.
+struct MapLines {
+  float u[4], v[4];  // the point in the map, texels: where the map's line through it crosses the plane
+  float z[4];        // its coordinate along the map's direction
+  float slope_u = 0, slope_v = 0;  // texels that the cell's ray moves per unit of z: it is not quite the map's line
+  float reach = 0;                 // texels of the footprint per unit of z
+  float margin = 0;                // depths nearer than this to the point's are undecided, units of z
+  int32_t depth_begin = 0, coverage_begin = 0;  // of the map, bytes
+  const MapsView* maps = nullptr;
+};
+
+// The same of the object that the points lie on, along a direction of its own grid.
+struct OwnLines {
+  MapLines lines;
+  float s[3], t[3], c[3];           // the map's frame in world space, unit
+  float clear_within, hidden_from;  // texels above the tangent plane; between the two undecided
+};
+
+// A parallelogram [-1, 1]^2 of its own coordinates.
+struct PlaneLines {
+  float x[4], y[4];    // the point's coordinates
+  float height[4];     // its distance from the plane, world units, signed
+  float dx, dy;        // change of the coordinates along the cell's direction, per world unit
+  float rise;          // of the height along it
+  float per_unit_x, per_unit_y;  // squares of how fast the coordinates change per world unit in the plane
+};
+
+// A ball whose inside only rays can see.
+struct BallLines {
+  float centre[3];
+  float radius;
+};
+
+struct CellTask {
+  float direction[3];  // unit, of the cell's centre
+  float half = 0;      // half extent of the cell, radians
+  float vector[3];     // SkyCells: mean direction by luminance, of length <= 1
+  float cosine_half = 0;
+  float weight[3];  // radiance x solid angle, RGB
+  const OwnLines* own = nullptr;
+  const MapLines* maps = nullptr;
+  const PlaneLines* planes = nullptr;
+  const BallLines* balls = nullptr;
+  int map_count = 0, plane_count = 0, ball_count = 0;
+};
+
+// Shading points of one instance, structures of arrays of `size` values (a multiple of the vector's length), aligned.
+struct CellPoints {
+  const float *px, *py, *pz;  // positions
+  const float *gx, *gy, *gz;  // geometric normals on the shaded side
+  const float *sx, *sy, *sz;  // shading normals
+  int32_t size = 0;
+};
+
+// What cells take from the points' irradiance; aligned, one value a point.
+struct CellSums {
+  float *red, *green, *blue;  // irradiance that is hidden or undecided
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,139 @@
+#include "field/maps/direction_maps.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <vector>
+
+#include "core/platform/parallel.h"
+#include "field/bake/cell_lines.h"
+
+namespace fieldtrace {
+namespace {
+
+int levels_of(int texels) {
+  int levels = 0;
+  for (int n = texels / 2; n > 0; n /= 2) ++levels;
+  return levels;
+}
+
+int32_t level_bytes(int texels, int level) {
+  const int n = (texels >> level) + 1;
+  return 4 * n * n;
+}
+
+int32_t coverage_bytes(int texels) {
+  int32_t bytes = 0;
+  for (int level = 1; level <= levels_of(texels); ++level) bytes += level_bytes(texels, level);
+  return bytes;
+}
+
+}  // namespace
+
+DirectionMaps::DirectionMaps(const Sphere& ball, const MapSize& size)
+    : ball_(ball),
+      size_(size),
+      depth_(size.lines() + 2, 0),  // look-ups read four bytes
+      coverage_(size.maps() * uint64_t(coverage_bytes(size.texels)), 0) {}
+
+uint64_t DirectionMaps::bytes_of(const MapSize& size) {
+  return 2 * size.lines() + size.maps() * uint64_t(coverage_bytes(size.texels));
+}
+
+MapsView DirectionMaps::view() const {
+  MapsView view;
+  view.texels = size_.texels;
+  view.levels = levels_of(size_.texels);
+  view.depth = reinterpret_cast<const uint8_t*>(depth_.data());
+  view.coverage = coverage_.data();
+  view.depth_bytes = int32_t(2 * texels_of_map());
+  view.coverage_bytes = coverage_bytes(size_.texels);
+  for (int level = 1, begin = 0; level <= view.levels; ++level) {
+    view.level_begin[level - 1] = begin;
+    begin += level_bytes(size_.texels, level);
+  }
+  return view;
+}
+
+void DirectionMaps::finish(int direction) {
+  const uint16_t* const depth = depths(direction);
+  int n = size_.texels;
+  std::vector<float> fine(texels_of_map()), coarse;
+  for (size_t i = 0; i < fine.size(); ++i) fine[i] = depth[i] ? 255.0f : 0.0f;
+  uint8_t* out = &coverage_[size_t(direction) * size_t(coverage_bytes(size_.texels))];
+  while (n > 1) {
+    const int half = n / 2;
+    coarse.resize(size_t(half) * size_t(half));
+    for (int y = 0; y < half; ++y) {
+      for (int x = 0; x < half; ++x) {
+        const float* const two = &fine[size_t(2 * y) * size_t(n) + size_t(2 * x)];
+        coarse[size_t(y) * size_t(half) + size_t(x)] = 0.25f * ((two[0] + two[1]) + (two[n] + two[n + 1]));
+      }
+    }
+    n = half;
+    fine.swap(coarse);
+    const auto texel = [&](int x, int y) {
+      if (x < 0 || y < 0 || x >= n || y >= n) return uint8_t(0);
+      return uint8_t(fine[size_t(y) * size_t(n) + size_t(x)] + 0.5f);
+    };
+    for (int j = 0; j <= n; ++j) {
+      for (int i = 0; i <= n; ++i) {
+        *out++ = texel(i - 1, j - 1);
+        *out++ = texel(i, j - 1);
+        *out++ = texel(i - 1, j);
+        *out++ = texel(i, j);
+      }
+    }
+  }
+}
+
+bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const std::atomic<bool>* stop,
+               BakeCounters& counters) {
+  const auto start = std::chrono::steady_clock::now();
+  const MapSize size = maps.size();
+  const Sphere ball = maps.ball();
+  const auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
+  std::atomic<uint64_t> traced = 0;
+  parallel_for(size_t(size.maps()), [&](size_t direction) {
+    if (stopped()) return;
+    const CellFrame frame =
+        cell_frame(int(direction) / size.directions, int(direction) % size.directions, size.directions);
+    uint16_t* const depth = maps.depths(int(direction));
+    RayBatch rays;
+    ShapeHits hits;
+    std::vector<size_t> texels;
+    std::vector<float> halves;
+    rays.resize(size_t(size.texels) * size_t(size.texels));
+    // Blocks of 8 x 4 lines keep packets of rays together.
+    for (int block = 0; block < size.texels * size.texels / 32; ++block) {
+      const int x0 = block % (size.texels / 8) * 8, y0 = block / (size.texels / 8) * 4;
+      for (int i = 0; i < 32; ++i) {
+        const int column = x0 + i % 8, row = y0 + i / 8;
+        const float x = (float(column) + 0.5f) * 2.0f / float(size.texels) - 1.0f;
+        const float y = (float(row) + 0.5f) * 2.0f / float(size.texels) - 1.0f;
+        const float half_squared = 1.0f - (x * x + y * y);
+        if (half_squared <= 0.0f) continue;  // outside the ball
+        const float half = std::sqrt(half_squared);
+        const Vec3 entry = frame.s * x + frame.t * y + frame.c * half;
+        rays.set(texels.size(), ball.centre + entry * ball.radius, -frame.c * ball.radius, 2.0f * half);
+        texels.push_back(size_t(row) * size_t(size.texels) + size_t(column));
+        halves.push_back(half);
+      }
+    }
+    rays.resize(texels.size());
+    hits.resize(texels.size());
+    accel.shape_intersect(shape, rays, hits);
+    for (size_t r = 0; r < texels.size(); ++r) {
+      if (hits.t[r] < 0.0f) continue;
+      const float z = std::clamp(halves[r] - hits.t[r], -1.0f, 1.0f);
+      depth[texels[r]] = uint16_t(1.5f + 0.5f * (z + 1.0f) * k_depth_codes);
+    }
+    maps.finish(int(direction));
+    traced += texels.size();
+  });
+  counters.rays += traced;
+  counters.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return !stopped();
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,58 @@
+// The light that surrounds a scene (`constant` and `environment` emitters together), prefiltered by direction cells.
+//
+// Cells are those of the equal-area octahedral map of field/chart/chart.hd.h, D x D of solid angle 4 pi / D^2, number
+// u D + v. A concentrated source such as a sun is cut out: its shadows are sharper than cells, and it is sampled as a
+// light of its own. For each texel L = L min(1, t / Y) + the rest, Y its luminance; between texels both parts are
+// interpolated, so that they add up to the map exactly.
+// Space: world. Thread-safety: const after construction, which is parallel.
+#pragma once
+
+#include <memory>
+
+#include "core/light/light_sampling.h"
+#include "core/math/math.h"
+#include "core/platform/aligned_vector.h"
+#include "core/scene/scene.h"
+
+namespace fieldtrace {
+
+inline bool is_sky(EmitterKind kind) { return kind == EmitterKind::constant || kind == EmitterKind::environment; }
+
+struct SkyCells {
+  float half_width = 0.0f;                // half extent of a cell, radians
+  AlignedVector<float> red, green, blue;  // mean radiance
+  AlignedVector<float> vx, vy, vz;        // mean direction, weighted by luminance: shorter than 1
+};
+
+class SkyRadiance {
+ public:
+  // Throws Error for maps that make_environment() refuses.
+  explicit SkyRadiance(const Scene& scene);
+
+  // The cells of a grid whose axes are the columns of `grid`, a rotation that may mirror.
+  SkyCells cells(const Mat3& grid, int directions) const;
+  // Irradiance of the open sky, without what is concentrated, on a surface of the unit normal `n`.
+  Rgb irradiance(const Vec3& n) const;
+  // What was cut out, as light 0 of a table; null: nothing.
+  const LightTable* concentrated() const { return concentrated_.get(); }
+  // A cone that holds it: unit axis and half angle, radians.
+  Vec3 concentrated_axis() const { return axis_; }
+  float concentrated_angle() const { return angle_; }
+
+ private:
+  void add_map(const Scene& scene, const Emitter& emitter);
+  void cut_out(const Bitmap& map, const Emitter& emitter, float threshold);
+  void make_table();
+
+  Rgb constant_ = Rgb(0.0f);
+  // The maps, by cells of a fine grid; empty: none.
+  std::vector<Rgb> fine_;
+  std::vector<Vec3> fine_direction_;
+  // Irradiance by normal at the corners of a grid over the octahedral square; empty without maps.
+  std::vector<Rgb> table_;
+  std::unique_ptr<LightTable> concentrated_;
+  Vec3 axis_ = Vec3(0.0f, 0.0f, 1.0f);
+  float angle_ = k_pi;
+};
+
+}  // namespace fieldtrace
