@@ -207,6 +207,14 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   return plan;
 }
 
+// Where maps answer for all lights, fields do only if glossy rays or the layer `ao` use them.
+bool wants_fields(const Picture& picture, const Stage& stage, const FieldPlan& plan) {
+  const std::vector<Emitter>& emitters = picture.scene.emitters;
+  const bool maps_answer = stage.sky && std::all_of(emitters.begin(), emitters.end(),
+                                                    [](const Emitter& e) { return is_sky(e.kind); });
+  return picture.wants_fields && !(maps_answer && plan.hit_instances.empty() && !picture.settings.occlusion);
+}
+
 void warn_of_no_hits(const Picture& picture) {
   if (picture.options.field_hits != FieldHits::always) return;
   warn(picture.callbacks.warning, {},
@@ -379,7 +387,8 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   const RenderOptions& options = picture.options;
   const WarningSink& warning = picture.callbacks.warning;
   Stats& stats = result.stats;
-  FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, picture.wants_fields, stage.address_space);
+  FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, wants_fields(picture, stage, plan),
+                  stage.address_space);
   const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), warning);
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
