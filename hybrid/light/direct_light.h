@@ -36,7 +36,7 @@ inline constexpr int k_most_undecided_strata = 4;
 
 class DirectLight {
  public:
-  explicit DirectLight(const TransportContext& context) : context_(context), sky_(context) {}
+  explicit DirectLight(const TransportContext& context) : context_(context), sky_(context, context.sky) {}
 
   // Sorts the receivers as ShadingClusters does, and fills what arrives at them. `first`: they are those of camera
   // rays, all samples of a pixel one after another. `firsts`, if not empty, is indexed by path and receives the counts

@@ -1,31 +1,34 @@
 // The light of the sky on diffuse surfaces, by direction cells: what is hidden of each cell is read from direction maps,
 // once per cluster of shading points. Cells that maps leave undecided are rays.
 //
-// The irradiance is that of the open sky less what cells take from it. In undecided cells a cluster sends as many of
-// its light samples as these cells' share of the light, at least one, stratified over them by weight. Concentrated
-// sources (a sun) are a light of their own, sampled like any other.
+// The irradiance is that of the open sky less what cells take from it. Undecided cells share rays in proportion to what
+// they weigh, stratified over them; they alone bring noise.
 // Thread-safety: a SkyLight belongs to one thread.
 #pragma once
 
 #include <span>
 #include <vector>
 
+#include "hybrid/light/concentrated_light.h"
 #include "hybrid/light/light_receivers.h"
 #include "hybrid/light/shading_clusters.h"
 #include "hybrid/path/aovs.h"
 #include "hybrid/path/transport_context.h"
-#include "hybrid/sky/sky_maps.h"
+#include "hybrid/sky/cell_occluders.h"
+#include "hybrid/sky/sky.h"
 
 namespace fieldtrace {
 
 class SkyLight {
  public:
-  explicit SkyLight(const TransportContext& context) : context_(context) {}
+  // `sky` may be null; gather() must not be called then.
+  SkyLight(const TransportContext& context, const Sky* sky)
+      : context_(context), sky_(sky), concentrated_(context, sky) {}
 
   // Adds the sky's light to what arrives at the plainly diffuse ones of `clusters`. The other arguments: as
   // DirectLight::gather.
-  void gather(const ShadingClusters& clusters, LightReceivers& receivers, int light_samples,
-              std::span<FirstHit> firsts, Stats& stats);
+  void gather(const ShadingClusters& clusters, LightReceivers& receivers, int light_samples, std::span<FirstHit> firsts,
+              Stats& stats);
 
  private:
   struct Job {
@@ -34,54 +37,52 @@ class SkyLight {
     int light_samples;
     std::span<FirstHit> firsts;
     Stats& stats;
+    std::span<const uint32_t> batch = {};  // clusters of one instance; centres_ holds their centres
+    const ShadingCluster& cluster(size_t point) const { return clusters[batch[point]]; }
   };
   // A cell that is undecided for a point of the batch, and its weight there.
   struct OpenCell {
     uint32_t point, cell;
     float weight;
   };
-  // A ray towards an open cell: what it brings if nothing is met.
+  // A ray towards an open cell: what it brings if it meets nothing.
   struct CellRay {
     uint32_t point;
     Rgb irradiance;
   };
 
-  void gather_batch(const Job& job, std::span<const uint32_t> clusters);
-  void find_occluders(const Job& job, uint32_t instance);
-  void add_map(const SkyOccluder& occluder);
-  void see_cells(const Job& job, uint32_t instance);
+  void gather_batch(const Job& job);
+  void see_cells(const Job& job);
   void sort_open_cells();
-  void sample_open_cells(const Job& job, std::span<const uint32_t> clusters);
+  void sample_open_cells(const Job& job);
+  void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
   void trace(const Job& job);
-  // The light of the concentrated source at the batch's clusters.
-  void add_concentrated(const Job& job, std::span<const uint32_t> clusters);
-  void add_concentrated_to(const Job& job, std::span<const uint32_t> clusters, bool may_be_hidden);
-  bool may_hide_concentrated(uint32_t point) const;
+  void add_irradiance(const Job& job);
+  // A direction in a cell; x and y in [0, 1].
+  Vec3 direction_in(uint32_t cell, float x, float y) const;
+  Rgb radiance_of(uint32_t cell) const { return {cells_->red[cell], cells_->green[cell], cells_->blue[cell]}; }
+  CellPoints cell_points() const;
+  // For --check: compares what maps see of all decided cells of some points with rays.
+  void check_cells(const Job& job);
+  void check_point(const Job& job, size_t point);
 
   const TransportContext& context_;
-  ShadingPointBatch centres_;  // of the batch's clusters
-  size_t padded_size_ = 0;
-  Sphere ball_;                // about the batch's points
-  Vec3 mean_normal_ = Vec3(0.0f);
-  float normal_sine_ = 0.0f, normal_cosine_ = 1.0f;  // of the angle to the farthest normal
+  const Sky* sky_;
+  ConcentratedLight concentrated_;
+  CellOccluders occluders_;
   const SkyCells* cells_ = nullptr;
   Mat3 grid_ = Mat3(1.0f);
-  std::vector<uint32_t> lit_;                       // cells that may be above a horizon
-  std::vector<std::vector<MapLines>> maps_;         // by place in lit_
-  std::vector<std::vector<PlaneLines>> planes_;
-  std::vector<std::vector<BallLines>> balls_;
+  ShadingPointBatch centres_;
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance
   AlignedVector<int32_t> undecided_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
   std::vector<uint32_t> open_begin_;
+  std::vector<float> weight_sums_;
   std::vector<CellRay> cell_rays_;
+  std::vector<uint32_t> ray_counts_;  // by point
   RayBatch rays_;
   std::vector<uint32_t> ray_indices_;
   std::vector<uint8_t> blocked_;
-  std::vector<const SkyOccluder*> hiding_;  // may hide the concentrated source from some of the batch
-  std::vector<uint32_t> open_clusters_, hidden_clusters_;
-  ShadingPointBatch selected_;
-  ShadowBatch shadows_;
 };
 
 }  // namespace fieldtrace

@@ -57,7 +57,7 @@ class PathFollower {
 
 class HitAnswerer;
 class LobeAnswerer;
-class SkyMaps;
+class Sky;
 
 // Everything that workers share. All references must outlive it.
 struct TransportContext {
@@ -73,7 +73,8 @@ struct TransportContext {
   const ShadowAnswerer* occlusion_answerer = &answerer;  // answers the rays of the layer `ao`
   const LobeAnswerer* lobes = nullptr;  // answers glossy rays by prefiltered radiance maps; null: none does
   const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: all are traced
-  const SkyMaps* sky = nullptr;         // answers for the sky at diffuse first surfaces; null: light samples do
+  const Sky* sky = nullptr;            // answers for the sky at diffuse first surfaces; null: light samples do
+  const Sky* occlusion_sky = nullptr;  // answers for the layer `ao`; null: rays do
   TransportSettings settings;
   // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.
   std::function<std::unique_ptr<PathFollower>(const TransportContext&)> make_follower;

@@ -25,6 +25,7 @@
 #include "hybrid/render/field_survey.h"
 #include "hybrid/render/glossy_stage.h"
 #include "hybrid/render/sky_stage.h"
+#include "hybrid/sky/sky.h"
 #include "hybrid/render/trace_pixels.h"
 #include "hybrid/render/transport.h"
 #include "hybrid/stats/stopwatch.h"
@@ -185,7 +186,9 @@ struct Stage {
   std::vector<ShapeTraits> traits;
   std::shared_ptr<const LightTable> lights;
   uint64_t address_space = k_no_address_limit;  // that fields may reserve
-  std::unique_ptr<SkyMaps> sky = nullptr;
+  std::unique_ptr<SkyMaps> sky_maps = nullptr;
+  std::unique_ptr<Sky> sky = nullptr;            // the scene's, if maps answer for it
+  std::unique_ptr<Sky> occlusion_sky = nullptr;  // of the layer `ao`, likewise
 };
 
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
@@ -493,8 +496,9 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       return;
     }
     if (picture.wants_fields) {
-      stage.sky =
+      stage.sky_maps =
           make_sky_maps(scene, accel, stage.traits, options, picture.rays_per_light(), told_once, result.stats);
+      if (stage.sky_maps) stage.sky = std::make_unique<Sky>(*stage.sky_maps, scene);
     }
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);

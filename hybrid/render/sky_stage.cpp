@@ -5,6 +5,7 @@
 
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
+#include "hybrid/sky/sky.h"
 
 namespace fieldtrace {
 namespace {

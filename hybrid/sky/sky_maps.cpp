@@ -59,10 +59,7 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     : shapes_(std::move(shapes)),
       directions_(directions),
       tolerance_(tolerance),
-      radiance_(scene),
-      occluders_(scene.instances.size()),
-      world_cells_(radiance_.cells(Mat3(1.0f), directions)),
-      grids_(scene.instances.size()) {
+      occluders_(scene.instances.size()) {
   frames_.reserve(size_t(directions) * size_t(directions));
   for (int i = 0; i < directions * directions; ++i) {
     const CellFrame f = cell_frame(i / directions, i % directions, directions);
@@ -82,7 +79,6 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
       write_coordinates(instance, centre, axes, o.to_unit);
       continue;
     }
-    o.kind = SkyOccluder::Kind::ball;
     const DirectionMaps* const maps = shapes_[instance.shape].get();
     if (!maps) continue;
     const double radius = double(maps->ball().radius);
@@ -97,17 +93,6 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     const DMat3 rotation = glm::transpose(to_unit) / std::cbrt(std::abs(glm::determinant(to_unit)));
     o.grid = Mat3(rotation);
   }
-}
-
-bool SkyMaps::has_own_grid(uint32_t instance) const { return occluders_[instance].kind == SkyOccluder::Kind::map; }
-
-const Mat3& SkyMaps::grid_of(uint32_t instance) const { return occluders_[instance].grid; }
-
-const SkyCells& SkyMaps::cells_of(uint32_t instance) const {
-  if (!has_own_grid(instance)) return world_cells_;
-  Grid& grid = grids_[instance];
-  std::call_once(grid.once, [&] { grid.cells = radiance_.cells(occluders_[instance].grid, directions_); });
-  return grid.cells;
 }
 
 int SkyMaps::cell_at(const Vec3& direction) const {

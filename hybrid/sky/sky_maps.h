@@ -6,18 +6,14 @@
 // Thread-safety: const once baked.
 #pragma once
 
-#include <atomic>
+#include <cmath>
 #include <memory>
-#include <mutex>
 #include <span>
 #include <vector>
 
 #include "core/scene/scene.h"
-#include "core/trace/accel.h"
 #include "field/maps/cell_task.h"
 #include "field/maps/direction_maps.h"
-#include "hybrid/sky/sky_radiance.h"
-#include "hybrid/stats/stats.h"
 #include "hybrid/visibility/shape_traits.h"
 
 namespace fieldtrace {
@@ -31,14 +27,15 @@ struct SkyTolerance {
 
 // How an instance hides direction cells.
 struct SkyOccluder {
-  enum class Kind : uint8_t { none, plane, map, ball };
-  Kind kind = Kind::none;
+  enum class Kind : uint8_t { plane, map, ball };
+  Kind kind = Kind::ball;
   bool is_flat = false;        // cannot hide anything from points on it
   bool keeps_angles = false;   // its own points may ask its own grid
   uint32_t instance = k_none;
   Sphere ball;                 // encloses it
   float to_unit[12] = {};      // world to unit space of the maps, or to the plane's coordinates; columns
-  Mat3 grid = Mat3(1.0f);      // columns: axes of the maps' grid in world space, orthonormal; may be improper
+  // Columns: axes of the maps' grid in world space, orthonormal, may mirror; those of the world where there are no maps.
+  Mat3 grid = Mat3(1.0f);
   const DirectionMaps* maps = nullptr;
   MapsView view;
 };
@@ -49,13 +46,10 @@ class SkyMaps {
   SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
           std::vector<std::unique_ptr<DirectionMaps>> shapes, int directions, const SkyTolerance& tolerance);
 
-  const SkyRadiance& radiance() const { return radiance_; }
   int directions() const { return directions_; }
+  float cell_width() const { return 2.0f * std::sqrt(k_pi) / float(directions_); }  // radians
   const SkyTolerance& tolerance() const { return tolerance_; }
   std::span<const SkyOccluder> occluders() const { return occluders_; }  // by instance
-  // The sky by the cells of an instance's own grid, or of the world's where it has none.
-  const SkyCells& cells_of(uint32_t instance) const;
-  const Mat3& grid_of(uint32_t instance) const;
   // The frame of direction cell u D + v: columns s, t, c.
   const Mat3& frame(int direction) const { return frames_[size_t(direction)]; }
   // The cell of a unit direction.
@@ -63,21 +57,11 @@ class SkyMaps {
   uint64_t bytes() const;
 
  private:
-  bool has_own_grid(uint32_t instance) const;
-
-  struct Grid {
-    std::once_flag once;
-    SkyCells cells;
-  };
-
   std::vector<std::unique_ptr<DirectionMaps>> shapes_;
   int directions_;
   SkyTolerance tolerance_;
-  SkyRadiance radiance_;
   std::vector<SkyOccluder> occluders_;
   std::vector<Mat3> frames_;
-  SkyCells world_cells_;
-  mutable std::vector<Grid> grids_;  // by instance
 };
 
 }  // namespace fieldtrace

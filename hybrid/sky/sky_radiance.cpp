@@ -88,6 +88,10 @@ SkyRadiance::SkyRadiance(const Scene& scene) {
     if (e.kind == EmitterKind::environment) add_map(scene, e);
   }
   if (!fine_.empty()) make_table();
+  if (!concentrated_) return;
+  double rest = 0.0;
+  for (const Rgb& c : fine_) rest += double(luminance(c + constant_)) / double(fine_.size());
+  share_ = float(power_ / (power_ + rest));
 }
 
 void SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, float threshold) {
@@ -101,7 +105,14 @@ void SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, float thres
   const auto direction_of = [&](size_t i) {
     return map_direction(emitter, map, float(i % size_t(map.width)), float(i / size_t(map.width)));
   };
-  for (size_t i = 0; i < upper.pixels.size(); ++i) sum += direction_of(i) * luminance(upper.pixels[i]);
+  double area = 0.0;
+  for (size_t i = 0; i < upper.pixels.size(); ++i) {
+    const double sine = std::sin(double(k_pi) * double(i / size_t(map.width)) / double(map.height - 1));
+    sum += direction_of(i) * luminance(upper.pixels[i]);
+    power_ += sine * double(luminance(upper.pixels[i] * emitter.value));
+    area += sine;
+  }
+  power_ /= area;
   if (!(glm::length(sum) > 0.0f)) return;
   axis_ = glm::normalize(sum);
   float least = 1.0f;

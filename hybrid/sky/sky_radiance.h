@@ -38,6 +38,8 @@ class SkyRadiance {
   // A cone that holds it: unit axis and half angle, radians.
   Vec3 concentrated_axis() const { return axis_; }
   float concentrated_angle() const { return angle_; }
+  // Its part of the whole sky's power, by luminance.
+  float concentrated_share() const { return share_; }
 
  private:
   void add_map(const Scene& scene, const Emitter& emitter);
@@ -51,8 +53,9 @@ class SkyRadiance {
   // Irradiance by normal at the corners of a grid over the octahedral square; empty without maps.
   std::vector<Rgb> table_;
   std::unique_ptr<LightTable> concentrated_;
+  double power_ = 0.0;  // mean luminance over the sphere
   Vec3 axis_ = Vec3(0.0f, 0.0f, 1.0f);
-  float angle_ = k_pi;
+  float angle_ = k_pi, share_ = 0.0f;
 };
 
 }  // namespace fieldtrace

@@ -42,6 +42,10 @@ void Stats::merge_counters(const Stats& o) {
   check_strata += o.check_strata;
   check_strata_sum += o.check_strata_sum;
   check_strata_worst = std::max(check_strata_worst, o.check_strata_worst);
+  check_sky += o.check_sky;
+  check_sky_sum += o.check_sky_sum;
+  check_sky_bias += o.check_sky_bias;
+  check_sky_worst = std::max(check_sky_worst, o.check_sky_worst);
   for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
     for (int self = 0; self < 2; ++self) {
       check_by[verdict][self].answers += o.check_by[verdict][self].answers;
@@ -93,6 +97,11 @@ std::string Stats::to_json() const {
   j["check"]["strata"] = {{"compared", check_strata},
                           {"mean_difference", check_strata ? check_strata_sum / double(check_strata) : 0.0},
                           {"worst_difference", check_strata_worst}};
+  const double sky = double(std::max<uint64_t>(check_sky, 1));
+  j["check"]["sky"] = {{"compared", check_sky},
+                       {"mean_difference", check_sky_sum / sky},
+                       {"bias", check_sky_bias / sky},
+                       {"worst_difference", check_sky_worst}};
   j["field"] = {
       {"objects", field_objects},           {"left_to_rays", field_left_to_rays}, {"own_to_rays", field_self_to_rays},
       {"survey_rays", survey_rays},         {"directions", field_directions},     {"plane", field_plane},

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -76,6 +77,9 @@ struct Stats {
   // Shares of strata compared with rays: how many, and the sum of the differences and the largest.
   uint64_t check_strata = 0;
   double check_strata_sum = 0.0, check_strata_worst = 0.0;
+  // Shares of direction cells of the sky likewise; `bias` sums the signed differences.
+  uint64_t check_sky = 0;
+  double check_sky_sum = 0.0, check_sky_bias = 0.0, check_sky_worst = 0.0;
 
   int field_directions = 0, field_plane = 0;
   uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
@@ -118,6 +122,12 @@ struct Stats {
     check_strata += 1;
     check_strata_sum += difference;
     check_strata_worst = std::max(check_strata_worst, difference);
+  }
+  void add_checked_sky(double difference) {
+    check_sky += 1;
+    check_sky_sum += std::abs(difference);
+    check_sky_bias += difference;
+    check_sky_worst = std::max(check_sky_worst, std::abs(difference));
   }
   void add_bake(const BakeCounters& counters) {
     bake_rays += counters.rays;

@@ -1,0 +1,96 @@
+#include "hybrid/light/concentrated_light.h"
+
+#include <algorithm>
+
+#include "hybrid/sky/cell_occluders.h"
+
+namespace fieldtrace {
+namespace {
+
+// Light samples in one batch.
+constexpr size_t k_concentrated_batch = 4096;
+
+}  // namespace
+
+void ConcentratedLight::trace(Stats& stats) {
+  active_.clear();
+  for (uint32_t i = 0; i < shadows_.rays.size; ++i) {
+    if (shadows_.rays.tmax[i] >= 0.0f) active_.push_back(i);
+  }
+  context_.accel.occluded(shadows_.rays, active_, shadows_.blocked.data());
+  for (const uint32_t i : active_) shadows_.exact[i] = 1;
+  stats.rays_exact += active_.size();
+  stats.rays_crossing += active_.size();
+}
+
+void ConcentratedLight::gather_some(const Job& job, std::span<const uint32_t> chosen, bool may_be_hidden) {
+  const LightTable& table = *sky_->radiance().concentrated();
+  const Light& light = table.lights[0];
+  const Rgb value = Rgb(light.value[0], light.value[1], light.value[2]) / float(job.light_samples);
+  const size_t m = size_t(job.light_samples), most = std::max(k_concentrated_batch / m, size_t(1));
+  LightReceivers& r = job.receivers;
+  for (size_t begin = 0, end = 0; begin < chosen.size(); begin = end) {
+    size_t count = 0;
+    for (end = begin; end < chosen.size() && count < most; ++end) count += job.clusters[chosen[end]].size();
+    selected_.resize(count);
+    count = 0;
+    for (size_t i = begin; i < end; ++i) {
+      const ShadingCluster& c = job.clusters[chosen[i]];
+      selected_.copy(count, r.points, c.begin, c.size());
+      count += c.size();
+    }
+    sample_light(table, 0, selected_, job.light_samples, context_.settings.isa, shadows_);
+    job.stats.samples += count * m;
+    job.stats.rays_shadow += shadows_.active;
+    if (may_be_hidden) trace(job.stats);
+    size_t slot = 0;
+    for (size_t i = begin; i < end; ++i) {
+      const ShadingCluster& c = job.clusters[chosen[i]];
+      for (size_t k = c.begin; k < c.end; ++k) {
+        Rgb sum(0.0f);
+        for (const size_t last = slot + m; slot < last; ++slot) {
+          if (shadows_.rays.tmax[slot] < 0.0f) continue;
+          const bool is_clear = !shadows_.blocked[slot];
+          if (is_clear) {
+            sum += Rgb(shadows_.red[slot], shadows_.green[slot], shadows_.blue[slot]) * shadows_.weight[slot];
+          }
+          if (job.firsts.empty()) continue;
+          FirstHit& first = job.firsts[r.path[k]];
+          first.shadow_rays += job.count;
+          first.shadow_clear += is_clear ? job.count : 0.0f;
+          first.shadow_exact += shadows_.exact[slot] ? job.count : 0.0f;
+        }
+        sum *= value;
+        r.arriving_red[k] += sum.x * r.red[k];
+        r.arriving_green[k] += sum.y * r.green[k];
+        r.arriving_blue[k] += sum.z * r.blue[k];
+      }
+    }
+  }
+}
+
+void ConcentratedLight::gather(const ShadingClusters& clusters, std::span<const uint32_t> chosen,
+                               const ShadingPointBatch& centres, const Sphere& ball, int light_samples,
+                               LightReceivers& receivers, std::span<FirstHit> firsts, float count, Stats& stats) {
+  const SkyRadiance& sky = sky_->radiance();
+  const auto meets = [&](const SkyOccluder& o, const Sphere& from) {
+    return meets_cone(o.ball, from, sky.concentrated_axis(), sky.concentrated_angle());
+  };
+  hiding_.clear();
+  for (const SkyOccluder& o : sky_->maps().occluders()) {
+    if (o.instance == centres.instance[0] && o.is_flat) continue;
+    if (meets(o, ball)) hiding_.push_back(&o);
+  }
+  open_.clear(), hidden_.clear();
+  for (size_t i = 0; i < chosen.size(); ++i) {
+    const Sphere from = {Vec3(centres.px[i], centres.py[i], centres.pz[i]), centres.radius[i]};
+    const bool may_be_hidden =
+        std::any_of(hiding_.begin(), hiding_.end(), [&](const SkyOccluder* o) { return meets(*o, from); });
+    (may_be_hidden ? hidden_ : open_).push_back(chosen[i]);
+  }
+  const Job job{clusters, light_samples, receivers, firsts, count, stats};
+  gather_some(job, open_, false);
+  gather_some(job, hidden_, true);
+}
+
+}  // namespace fieldtrace

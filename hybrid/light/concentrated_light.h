@@ -1,0 +1,49 @@
+// Direct light of what is cut out of a sky (hybrid/sky/sky_radiance.h), a sun: light samples of its own, and rays only
+// where something may stand before it. Thread-safety: belongs to one thread.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "core/light/light_sampling.h"
+#include "hybrid/light/light_receivers.h"
+#include "hybrid/light/shading_clusters.h"
+#include "hybrid/path/aovs.h"
+#include "hybrid/path/transport_context.h"
+#include "hybrid/sky/sky.h"
+
+namespace fieldtrace {
+
+class ConcentratedLight {
+ public:
+  // `sky` as for SkyLight.
+  ConcentratedLight(const TransportContext& context, const Sky* sky) : context_(context), sky_(sky) {}
+
+  // Adds what arrives at some of `clusters` (indices; all of one instance), whose centres are `centres`, within `ball`.
+  // `firsts`: as DirectLight::gather; each sample counts for `count` rays there.
+  void gather(const ShadingClusters& clusters, std::span<const uint32_t> chosen, const ShadingPointBatch& centres,
+              const Sphere& ball, int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts, float count,
+              Stats& stats);
+
+ private:
+  struct Job {
+    const ShadingClusters& clusters;
+    int light_samples;
+    LightReceivers& receivers;
+    std::span<FirstHit> firsts;
+    float count;
+    Stats& stats;
+  };
+  void gather_some(const Job& job, std::span<const uint32_t> chosen, bool may_be_hidden);
+  void trace(Stats& stats);
+
+  const TransportContext& context_;
+  const Sky* sky_;
+  std::vector<const SkyOccluder*> hiding_;  // from some of the clusters
+  std::vector<uint32_t> open_, hidden_;
+  ShadingPointBatch selected_;
+  ShadowBatch shadows_;
+  std::vector<uint32_t> active_;
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,164 @@
+#include "hybrid/sky/cell_occluders.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fieldtrace {
+namespace {
+
+// A texel that a footprint is read from, in widths of the cell: a tent and its texel of this width have the variance of
+// a box of width 1.
+constexpr float k_footprint = 0.58f;
+// How far a cell's filter reaches about its centre, in widths: texels are up to sqrt(2) wider, and a bilinear read
+// covers one and a half.
+constexpr float k_filter_reach = 1.25f;
+
+Vec3 row_of(const float m[12], int r) { return {m[r], m[3 + r], m[6 + r]}; }
+
+// The affine function scale a . (M x + b) + shift of x as a row, of the twelve values of M and b by columns.
+void write_row(const float m[12], const Vec3& a, float scale, float shift, float row[4]) {
+  for (int c = 0; c < 4; ++c) row[c] = scale * (a.x * m[3 * c] + a.y * m[3 * c + 1] + a.z * m[3 * c + 2]);
+  row[3] += shift;
+}
+
+// `unit`: the cell's direction in unit space.
+MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3& unit) {
+  const Mat3& frame = sky.frame(map);  // s, t, c
+  const float half_texels = 0.5f * float(o.view.texels), along = glm::dot(frame[2], unit);
+  MapLines lines;
+  write_row(o.to_unit, frame[0], half_texels, half_texels, lines.u);
+  write_row(o.to_unit, frame[1], half_texels, half_texels, lines.v);
+  write_row(o.to_unit, frame[2], 1.0f, 0.0f, lines.z);
+  lines.slope_u = half_texels * glm::dot(frame[0], unit) / along;
+  lines.slope_v = half_texels * glm::dot(frame[1], unit) / along;
+  lines.reach = k_footprint * sky.cell_width() * half_texels / along;
+  lines.margin = sky.tolerance().margin / half_texels;
+  lines.depth_begin = map * o.view.depth_bytes;
+  lines.coverage_begin = map * o.view.coverage_bytes;
+  lines.maps = &o.view;
+  return lines;
+}
+
+PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) {
+  const Vec3 x = row_of(o.to_unit, 0), y = row_of(o.to_unit, 1), z = row_of(o.to_unit, 2);
+  const float per_unit = 1.0f / glm::length(z);
+  PlaneLines lines;
+  write_row(o.to_unit, {1, 0, 0}, 1.0f, 0.0f, lines.x);
+  write_row(o.to_unit, {0, 1, 0}, 1.0f, 0.0f, lines.y);
+  write_row(o.to_unit, {0, 0, 1}, per_unit, 0.0f, lines.height);
+  lines.dx = glm::dot(x, d), lines.dy = glm::dot(y, d), lines.rise = glm::dot(z, d) * per_unit;
+  lines.per_unit_x = glm::dot(x, x), lines.per_unit_y = glm::dot(y, y);
+  return lines;
+}
+
+}  // namespace
+
+bool meets_cone(const Sphere& ball, const Sphere& from, const Vec3& axis, float angle) {
+  const Vec3 to = ball.centre - from.centre;
+  const float distance = glm::length(to), reach = ball.radius + from.radius;
+  if (distance <= reach) return true;
+  constexpr float k_rounding = 1e-4f;
+  const float widest = std::asin(reach / distance) + angle + k_rounding;
+  return widest >= k_pi || glm::dot(to, axis) >= std::cos(widest) * distance;
+}
+
+void CellOccluders::bound(const ShadingPointBatch& points) {
+  Bounds3 bounds;
+  Vec3 sum(0.0f);
+  const auto normal = [&](size_t i) { return Vec3(points.sx[i], points.sy[i], points.sz[i]); };
+  for (size_t i = 0; i < points.size; ++i) {
+    bounds.extend(Vec3(points.px[i], points.py[i], points.pz[i]));
+    sum += normal(i);
+  }
+  ball_ = {bounds.centre(), 0.5f * glm::length(bounds.diagonal())};
+  mean_normal_ = glm::length(sum) > 0.0f ? glm::normalize(sum) : Vec3(0.0f, 0.0f, 1.0f);
+  float least = 1.0f;
+  for (size_t i = 0; i < points.size; ++i) least = std::min(least, glm::dot(mean_normal_, normal(i)));
+  constexpr float k_rounding = 1e-4f;
+  normal_cosine_ = std::max(least - k_rounding, -1.0f);
+  normal_sine_ = std::sqrt(1.0f - normal_cosine_ * normal_cosine_);
+}
+
+void CellOccluders::find_lit() {
+  const float half = std::min(sky_->cell_width(), 0.5f * k_pi);
+  const float sine = normal_sine_ * std::cos(half) + normal_cosine_ * std::sin(half);
+  const bool all = normal_cosine_ < std::sin(half);
+  lit_.clear();
+  const Vec3 n = glm::transpose(grid_) * mean_normal_;
+  const int count = sky_->directions() * sky_->directions();
+  for (int cell = 0; cell < count; ++cell) {
+    if (all || glm::dot(sky_->frame(cell)[2], n) > -sine) lit_.push_back(uint32_t(cell));
+  }
+  maps_.resize(size_t(count)), planes_.resize(size_t(count)), balls_.resize(size_t(count));
+  for (size_t k = 0; k < lit_.size(); ++k) maps_[k].clear(), planes_[k].clear(), balls_[k].clear();
+}
+
+void CellOccluders::add(const SkyOccluder& o) {
+  const Vec3 to = glm::transpose(grid_) * (o.ball.centre - ball_.centre);
+  const float distance = glm::length(to), reach = o.ball.radius + ball_.radius;
+  float least = -k_infinity;
+  if (distance > reach) {
+    const float angle = std::asin(reach / distance) + k_filter_reach * sky_->cell_width();
+    if (angle < k_pi) least = std::cos(angle) * distance;
+  }
+  const Mat3 to_maps = glm::transpose(o.grid) * grid_;
+  for (size_t k = 0; k < lit_.size(); ++k) {
+    const Vec3& d = sky_->frame(int(lit_[k]))[2];
+    if (glm::dot(d, to) < least) continue;
+    switch (o.kind) {
+      case SkyOccluder::Kind::map: {
+        const Vec3 unit = to_maps * d;
+        maps_[k].push_back(map_lines(o, *sky_, sky_->cell_at(unit), unit));
+        break;
+      }
+      case SkyOccluder::Kind::plane:
+        planes_[k].push_back(plane_lines(o, grid_ * d));
+        break;
+      case SkyOccluder::Kind::ball:
+        balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
+        break;
+    }
+  }
+}
+
+void CellOccluders::find(const SkyMaps& maps, const ShadingPointBatch& points) {
+  sky_ = &maps;
+  const SkyOccluder& self = maps.occluders()[points.instance[0]];
+  grid_ = self.grid;
+  own_ = self.kind == SkyOccluder::Kind::map && !self.is_flat ? &self : nullptr;
+  bound(points);
+  find_lit();
+  for (const SkyOccluder& o : maps.occluders()) {
+    // Nothing is known of a ball's inside, not even to points on the object.
+    if (&o != &self || (o.kind == SkyOccluder::Kind::ball && !o.is_flat)) add(o);
+  }
+}
+
+CellTask CellOccluders::task(size_t k, const SkyCells& light, OwnLines& own) const {
+  const uint32_t cell = lit_[k];
+  const Mat3 frame = grid_ * sky_->frame(int(cell));
+  const float solid_angle = sky_->cell_width() * sky_->cell_width();
+  const float weight[3] = {light.red[cell], light.green[cell], light.blue[cell]};
+  const float vector[3] = {light.vx[cell], light.vy[cell], light.vz[cell]};
+  CellTask task;
+  for (int a = 0; a < 3; ++a) {
+    task.direction[a] = frame[2][a];
+    task.vector[a] = vector[a];
+    task.weight[a] = weight[a] * solid_angle;
+  }
+  task.half = 0.5f * sky_->cell_width();
+  task.cosine_half = light.half_width;
+  if (own_) {
+    own.lines = map_lines(*own_, *sky_, int(cell), sky_->frame(int(cell))[2]);
+    own.clear_within = sky_->tolerance().clear_within;
+    own.hidden_from = sky_->tolerance().hidden_from;
+    for (int a = 0; a < 3; ++a) own.s[a] = frame[0][a], own.t[a] = frame[1][a], own.c[a] = frame[2][a];
+    task.own = &own;
+  }
+  task.maps = maps_[k].data(), task.map_count = int(maps_[k].size());
+  task.planes = planes_[k].data(), task.plane_count = int(planes_[k].size());
+  task.balls = balls_[k].data(), task.ball_count = int(balls_[k].size());
+  return task;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,50 @@
+// What may hide which direction cells from a batch of shading points of one instance, set up once for the batch.
+//
+// Cells under the horizons of all points are left out, and occluders from cells that they cannot reach into; neither
+// changes what any point sees. Space: world. Thread-safety: belongs to one thread.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "core/light/shading_points.h"
+#include "hybrid/sky/sky.h"
+
+namespace fieldtrace {
+
+// Whether a ray from within `from` at most `angle` (radians) off the unit `axis` may meet `ball`.
+bool meets_cone(const Sphere& ball, const Sphere& from, const Vec3& axis, float angle);
+
+class CellOccluders {
+ public:
+  // `points` is not empty, all of one instance.
+  void find(const SkyMaps& maps, const ShadingPointBatch& points);
+
+  const Sphere& ball() const { return ball_; }  // about the points
+  // Cells that may be above a point's horizon; what follows is indexed by their places here.
+  std::span<const uint32_t> cells() const { return lit_; }
+  // Whether nothing can hide the cell.
+  bool is_clear(size_t k) const { return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty(); }
+  // The unit direction of the cell's centre.
+  Vec3 direction(size_t k) const { return grid_ * sky_->frame(int(lit_[k]))[2]; }
+  // The cell of `light`, which is the sky by the points' grid. The task refers to this object and to `own`.
+  CellTask task(size_t k, const SkyCells& light, OwnLines& own) const;
+
+ private:
+  void bound(const ShadingPointBatch& points);
+  void find_lit();
+  void add(const SkyOccluder& occluder);
+
+  const SkyMaps* sky_ = nullptr;
+  const SkyOccluder* own_ = nullptr;  // the points' own object, if it can hide anything from them
+  Mat3 grid_ = Mat3(1.0f);
+  Sphere ball_;
+  Vec3 mean_normal_ = Vec3(0.0f);
+  float normal_sine_ = 0.0f, normal_cosine_ = 1.0f;  // of the angle between it and the farthest normal
+  std::vector<uint32_t> lit_;
+  std::vector<std::vector<MapLines>> maps_;
+  std::vector<std::vector<PlaneLines>> planes_;
+  std::vector<std::vector<BallLines>> balls_;
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,44 @@
+// A sky and what hides it: the radiance of direction cells in the grid of each instance. Thread-safety: const.
+#pragma once
+
+#include <deque>
+#include <mutex>
+
+#include "hybrid/sky/sky_maps.h"
+#include "hybrid/sky/sky_radiance.h"
+
+namespace fieldtrace {
+
+class Sky {
+ public:
+  // `maps` must outlive this.
+  Sky(const SkyMaps& maps, const Scene& lights)
+      : maps_(maps),
+        radiance_(lights),
+        world_(radiance_.cells(Mat3(1.0f), maps.directions())),
+        grids_(maps.occluders().size()) {}
+
+  const SkyMaps& maps() const { return maps_; }
+  const SkyRadiance& radiance() const { return radiance_; }
+  // By the cells of the instance's grid (SkyOccluder::grid).
+  const SkyCells& cells_of(uint32_t instance) const {
+    const SkyOccluder& o = maps_.occluders()[instance];
+    if (o.grid == Mat3(1.0f)) return world_;
+    Grid& grid = grids_[instance];
+    std::call_once(grid.once, [&] { grid.cells = radiance_.cells(o.grid, maps_.directions()); });
+    return grid.cells;
+  }
+
+ private:
+  struct Grid {
+    std::once_flag once;
+    SkyCells cells;
+  };
+
+  const SkyMaps& maps_;
+  SkyRadiance radiance_;
+  SkyCells world_;
+  mutable std::deque<Grid> grids_;  // by instance
+};
+
+}  // namespace fieldtrace
