@@ -30,12 +30,21 @@ struct OwnLines {
   float clear_within, hidden_from;  // texels above the tangent plane; between the two undecided
 };
 
+// Parts of a cell whose light varies, along each side and in all.
+inline constexpr int k_parts_side = 4, k_cell_parts = k_parts_side * k_parts_side;
+
+// Changes per world unit along a direction.
+struct PlaneSlope {
+  float dx, dy;  // of a parallelogram's coordinates
+  float rise;    // of the height over it
+};
+
 // A parallelogram [-1, 1]^2 of its own coordinates.
 struct PlaneLines {
-  float x[4], y[4];    // the point's coordinates
-  float height[4];     // its distance from the plane, world units, signed
-  float dx, dy;        // change of the coordinates along the cell's direction, per world unit
-  float rise;          // of the height along it
+  float x[4], y[4];                // the point's coordinates
+  float height[4];                 // its distance from the plane, world units, signed
+  PlaneSlope centre;               // along the cell's direction
+  PlaneSlope parts[k_cell_parts];  // along those of its parts, if CellTask::parts
   float per_unit_x, per_unit_y;  // squares of how fast the coordinates change per world unit in the plane
 };
 
@@ -51,6 +60,7 @@ struct CellTask {
   float vector[3];     // SkyCells: mean direction by luminance, of length <= 1
   float cosine_half = 0;
   float weight[3];  // radiance x solid angle, RGB
+  const float* parts = nullptr;  // of the light, by part of the cell; null: it hardly varies
   const OwnLines* own = nullptr;
   const MapLines* maps = nullptr;
   const PlaneLines* planes = nullptr;

@@ -187,13 +187,13 @@ FT_HD_INLINE F share_of_both(F a, F b, F cosine) {
   return product + (limit - product) * abs(cosine);
 }
 
-// Share of the cell that a parallelogram hides. Each edge spans a plane with the point, which cuts the cell at
-// the cell centre's distance from it; so the answer is right for edges near and far, and at the plane's horizon.
+// Share of a cell that a parallelogram hides. Each edge spans a plane with the point, which cuts the cell at the cell
+// centre's distance from it; so the answer is right for edges near and far, and at the plane's horizon.
 template <class F>
-FT_HD_INLINE F share_of_plane(const PlaneLines& plane, float half, const Vec3Lanes<F>& p) {
+FT_HD_INLINE F share_of_slope(const PlaneLines& plane, const PlaneSlope& slope, float half, const Vec3Lanes<F>& p) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half_share = splat<F>(0.5f), per_width = splat<F>(0.5f / half);
   const F height = affine<F>(plane.height, p), h = abs(height);
-  const F fall = select(height > zero, splat<F>(-plane.rise), splat<F>(plane.rise));
+  const F fall = select(height > zero, splat<F>(-slope.rise), splat<F>(slope.rise));
   const auto share = [&](F distance) { return min(max(distance * per_width + half_share, zero), one); };
   const auto within = [&](const float* row, float change, float per_unit) {
     const F at = affine<F>(row, p), up = one - at, down = one + at, move = h * splat<F>(change);
@@ -203,10 +203,23 @@ FT_HD_INLINE F share_of_plane(const PlaneLines& plane, float half, const Vec3Lan
     const F a = share((fall * up - move) / max(upper, tiny)), b = share((fall * down + move) / max(lower, tiny));
     return share_of_both<F>(a, b, (up * down - aside) / max(upper * lower, tiny));
   };
-  // Of the part that heads for the plane.
-  const F x = within(plane.x, plane.dx, plane.per_unit_x), y = within(plane.y, plane.dy, plane.per_unit_y);
-  const F heading = share(fall);
+  const F x = within(plane.x, slope.dx, plane.per_unit_x), y = within(plane.y, slope.dy, plane.per_unit_y);
+  const F heading = share(fall);  // the part of the cell that heads for the plane
   return min(x * y / max(heading, splat<F>(1e-6f)), heading);
+}
+
+// Of the cell's light, where it varies over the cell.
+template <class F>
+FT_HD_INLINE F share_of_plane(const PlaneLines& plane, const CellTask& task, const Vec3Lanes<F>& p) {
+  const F whole = share_of_slope<F>(plane, plane.centre, task.half, p);
+  const Mask_t<F> partly = (whole > splat<F>(0.0f)) & (whole < splat<F>(1.0f));
+  if (!task.parts || !any(partly)) return whole;
+  F share = splat<F>(0.0f);
+  for (int k = 0; k < k_cell_parts; ++k) {
+    const F of_part = share_of_slope<F>(plane, plane.parts[k], task.half / float(k_parts_side), p);
+    share = share + of_part * splat<F>(task.parts[k]);
+  }
+  return select(partly, share, whole);
 }
 
 // Whether the cell may meet the ball.
@@ -238,7 +251,7 @@ FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const 
       clear = select(share.near, clear, clear * (one - share.hidden));
       near = near | share.near;
     };
-    for (int k = 0; k < task.plane_count; ++k) clear = clear * (one - share_of_plane<F>(task.planes[k], task.half, p));
+    for (int k = 0; k < task.plane_count; ++k) clear = clear * (one - share_of_plane<F>(task.planes[k], task, p));
     if (task.own) {
       const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
       hide(share_of_own<F>(*task.own, p, g));

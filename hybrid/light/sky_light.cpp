@@ -19,6 +19,8 @@ namespace {
 constexpr size_t k_sky_batch = 256;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
 constexpr float k_open_cell_rays = 8.0f;
+// Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
+constexpr float k_least_cosine = 0.25f;
 // A sample stream separate from that of the lights, which use the vertex seeds unchanged.
 constexpr uint32_t k_sky_stream = 0x534b5900u;
 // --check: one cluster in so many, and rays in each cell (a square number).
@@ -61,7 +63,7 @@ void SkyLight::see_cells(const Job& job) {
   for (size_t k = 0; k < occluders_.cells().size(); ++k) {
     if (occluders_.is_clear(k)) continue;
     OwnLines own;
-    const CellTask task = occluders_.task(k, *cells_, own);
+    const CellTask task = occluders_.task(k, own);
     const int open = kernel(task, points, sums, undecided_.data());
     job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
     const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
@@ -70,7 +72,8 @@ void SkyLight::see_cells(const Job& job) {
       const auto point = uint32_t(undecided_[size_t(i)]);
       if (point >= centres_.size) break;  // padding
       const float cosine = scalar::cosine_over_cell<float>(glm::dot(vector, shading(centres_, point)), task.cosine_half);
-      open_cells_.push_back({point, occluders_.cells()[k], cosine * light});
+      // Parts of cells across the horizon have cosines far above the mean.
+      open_cells_.push_back({point, occluders_.cells()[k], std::max(cosine, k_least_cosine * task.cosine_half) * light});
     }
   }
 }
@@ -126,7 +129,7 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     if (rays_.ox.size() <= cell_rays_.size()) rays_.resize(2 * cell_rays_.size() + k_batch_padding);
     rays_.set(cell_rays_.size(), leave(all, from, d), d, k_infinity);
     cell_rays_.push_back(
-        {point, radiance_of(open.cell) * (cosine * solid_angle * total / (open.weight * float(count)))});
+        {point, sky_->radiance().radiance(d) * (cosine * solid_angle * total / (open.weight * float(count)))});
   }
 }
 
@@ -177,8 +180,8 @@ void SkyLight::add_irradiance(const Job& job) {
 
 void SkyLight::gather_batch(const Job& job) {
   const uint32_t instance = centres_.instance[0];
-  occluders_.find(sky_->maps(), centres_);
   cells_ = &sky_->cells_of(instance);
+  occluders_.find(sky_->maps(), *cells_, centres_);
   grid_ = sky_->maps().occluders()[instance].grid;
   see_cells(job);
   for (size_t i = 0; i < centres_.size; ++i) {
@@ -245,7 +248,7 @@ void SkyLight::check_point(const Job& job, size_t point) {
     float share = 1.0f;
     if (!occluders_.is_clear(k)) {
       OwnLines own;
-      CellTask task = occluders_.task(k, *cells_, own);
+      CellTask task = occluders_.task(k, own);
       task.weight[0] = 1.0f;
       std::fill(red.begin(), red.end(), 0.0f);
       const int open = kernel(task, points, sums, undecided_.data());

@@ -60,7 +60,6 @@ class SkyLight {
   void add_irradiance(const Job& job);
   // A direction in a cell; x and y in [0, 1].
   Vec3 direction_in(uint32_t cell, float x, float y) const;
-  Rgb radiance_of(uint32_t cell) const { return {cells_->red[cell], cells_->green[cell], cells_->blue[cell]}; }
   CellPoints cell_points() const;
   // For --check: compares what maps see of all decided cells of some points with rays.
   void check_cells(const Job& job);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "field/bake/cell_lines.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -39,6 +41,11 @@ MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3
   return lines;
 }
 
+PlaneSlope slope_along(const SkyOccluder& o, const Vec3& d) {
+  const Vec3 z = row_of(o.to_unit, 2);
+  return {glm::dot(row_of(o.to_unit, 0), d), glm::dot(row_of(o.to_unit, 1), d), glm::dot(z, d) / glm::length(z)};
+}
+
 PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) {
   const Vec3 x = row_of(o.to_unit, 0), y = row_of(o.to_unit, 1), z = row_of(o.to_unit, 2);
   const float per_unit = 1.0f / glm::length(z);
@@ -46,7 +53,7 @@ PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) {
   write_row(o.to_unit, {1, 0, 0}, 1.0f, 0.0f, lines.x);
   write_row(o.to_unit, {0, 1, 0}, 1.0f, 0.0f, lines.y);
   write_row(o.to_unit, {0, 0, 1}, per_unit, 0.0f, lines.height);
-  lines.dx = glm::dot(x, d), lines.dy = glm::dot(y, d), lines.rise = glm::dot(z, d) * per_unit;
+  lines.centre = slope_along(o, d);
   lines.per_unit_x = glm::dot(x, x), lines.per_unit_y = glm::dot(y, y);
   return lines;
 }
@@ -113,6 +120,7 @@ void CellOccluders::add(const SkyOccluder& o) {
       }
       case SkyOccluder::Kind::plane:
         planes_[k].push_back(plane_lines(o, grid_ * d));
+        if (light_->varies[lit_[k]]) add_parts(o, lit_[k], planes_[k].back());
         break;
       case SkyOccluder::Kind::ball:
         balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
@@ -121,8 +129,18 @@ void CellOccluders::add(const SkyOccluder& o) {
   }
 }
 
-void CellOccluders::find(const SkyMaps& maps, const ShadingPointBatch& points) {
+void CellOccluders::add_parts(const SkyOccluder& o, uint32_t cell, PlaneLines& lines) const {
+  const int side = sky_->directions() * k_parts_side;
+  const int u = int(cell) / sky_->directions() * k_parts_side, v = int(cell) % sky_->directions() * k_parts_side;
+  for (int k = 0; k < k_cell_parts; ++k) {
+    const Vec3 d = cell_frame(u + k / k_parts_side, v + k % k_parts_side, side).c;
+    lines.parts[k] = slope_along(o, grid_ * d);
+  }
+}
+
+void CellOccluders::find(const SkyMaps& maps, const SkyCells& light, const ShadingPointBatch& points) {
   sky_ = &maps;
+  light_ = &light;
   const SkyOccluder& self = maps.occluders()[points.instance[0]];
   grid_ = self.grid;
   own_ = self.kind == SkyOccluder::Kind::map && !self.is_flat ? &self : nullptr;
@@ -134,7 +152,8 @@ void CellOccluders::find(const SkyMaps& maps, const ShadingPointBatch& points) {
   }
 }
 
-CellTask CellOccluders::task(size_t k, const SkyCells& light, OwnLines& own) const {
+CellTask CellOccluders::task(size_t k, OwnLines& own) const {
+  const SkyCells& light = *light_;
   const uint32_t cell = lit_[k];
   const Mat3 frame = grid_ * sky_->frame(int(cell));
   const float solid_angle = sky_->cell_width() * sky_->cell_width();
@@ -146,6 +165,7 @@ CellTask CellOccluders::task(size_t k, const SkyCells& light, OwnLines& own) con
     task.vector[a] = vector[a];
     task.weight[a] = weight[a] * solid_angle;
   }
+  task.parts = light.parts_of(cell);
   task.half = 0.5f * sky_->cell_width();
   task.cosine_half = light.half_width;
   if (own_) {

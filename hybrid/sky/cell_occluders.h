@@ -17,8 +17,8 @@ bool meets_cone(const Sphere& ball, const Sphere& from, const Vec3& axis, float 
 
 class CellOccluders {
  public:
-  // `points` is not empty, all of one instance.
-  void find(const SkyMaps& maps, const ShadingPointBatch& points);
+  // `points` is not empty, all of one instance; `light` is the sky by its grid, and must outlive what is found.
+  void find(const SkyMaps& maps, const SkyCells& light, const ShadingPointBatch& points);
 
   const Sphere& ball() const { return ball_; }  // about the points
   // Cells that may be above a point's horizon; what follows is indexed by their places here.
@@ -27,15 +27,17 @@ class CellOccluders {
   bool is_clear(size_t k) const { return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty(); }
   // The unit direction of the cell's centre.
   Vec3 direction(size_t k) const { return grid_ * sky_->frame(int(lit_[k]))[2]; }
-  // The cell of `light`, which is the sky by the points' grid. The task refers to this object and to `own`.
-  CellTask task(size_t k, const SkyCells& light, OwnLines& own) const;
+  // The task refers to this object and to `own`.
+  CellTask task(size_t k, OwnLines& own) const;
 
  private:
   void bound(const ShadingPointBatch& points);
   void find_lit();
   void add(const SkyOccluder& occluder);
+  void add_parts(const SkyOccluder& occluder, uint32_t cell, PlaneLines& lines) const;
 
   const SkyMaps* sky_ = nullptr;
+  const SkyCells* light_ = nullptr;
   const SkyOccluder* own_ = nullptr;  // the points' own object, if it can hide anything from them
   Mat3 grid_ = Mat3(1.0f);
   Sphere ball_;

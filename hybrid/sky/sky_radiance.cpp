@@ -18,6 +18,10 @@ constexpr size_t k_bands = 16;         // of a map's rows: sums are those of the
 // What is cut out covers less of the sphere than this, and carries more of the map's power than that.
 constexpr double k_concentrated_share = 1.0 / 500.0, k_concentrated_power = 0.05;
 
+// Cells whose parts differ by more than this factor in luminance are divided where planes cut them.
+constexpr float k_part_contrast = 1.1f;
+
+float part_centre(int i) { return (float(i) + 0.5f) / float(k_parts_side); }
 float luminance(const Rgb& c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }
 Rgb positive(const Rgb& c) { return glm::max(c, Rgb(0.0f)); }
 
@@ -209,7 +213,31 @@ SkyCells SkyRadiance::cells(const Mat3& grid, int directions) const {
     cells.red[i] = radiance.x, cells.green[i] = radiance.y, cells.blue[i] = radiance.z;
     cells.vx[i] = d.x, cells.vy[i] = d.y, cells.vz[i] = d.z;
   }
+  cells.varies.assign(count, 0);
+  if (!fine_.empty()) divide(grid, directions, cells);
   return cells;
+}
+
+void SkyRadiance::divide(const Mat3& grid, int directions, SkyCells& cells) const {
+  const size_t count = size_t(directions) * size_t(directions);
+  cells.parts.resize(count * size_t(k_cell_parts));
+  for (size_t i = 0; i < count; ++i) {
+    float* const parts = &cells.parts[i * size_t(k_cell_parts)];
+    float sum = 0.0f, least = k_infinity, most = 0.0f;
+    for (int k = 0; k < k_cell_parts; ++k) {
+      const float x = part_centre(k / k_parts_side), y = part_centre(k % k_parts_side);
+      const Vec3 d = grid * direction_in(int(i), directions, x, y);
+      const float light = luminance(radiance(d));
+      parts[k] = light;
+      sum += light, least = std::min(least, light), most = std::max(most, light);
+    }
+    cells.varies[i] = most > k_part_contrast * least;
+    for (int k = 0; k < k_cell_parts; ++k) parts[k] = sum > 0.0f ? parts[k] / sum : 1.0f / float(k_cell_parts);
+  }
+}
+
+Rgb SkyRadiance::radiance(const Vec3& d) const {
+  return fine_.empty() ? constant_ : constant_ + fine_[size_t(cell_index(d, k_fine_cells))];
 }
 
 void SkyRadiance::make_table() {

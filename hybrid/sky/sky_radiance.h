@@ -8,11 +8,13 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "core/light/light_sampling.h"
 #include "core/math/math.h"
 #include "core/platform/aligned_vector.h"
 #include "core/scene/scene.h"
+#include "field/maps/cell_task.h"
 
 namespace fieldtrace {
 
@@ -22,6 +24,10 @@ struct SkyCells {
   float half_width = 0.0f;                // half extent of a cell, radians
   AlignedVector<float> red, green, blue;  // mean radiance
   AlignedVector<float> vx, vy, vz;        // mean direction, weighted by luminance: shorter than 1
+  // Shares of the light of k_cell_parts parts of each cell (part x k_parts_side + y), where they differ.
+  std::vector<float> parts;
+  std::vector<uint8_t> varies;
+  const float* parts_of(size_t cell) const { return varies[cell] ? &parts[cell * size_t(k_cell_parts)] : nullptr; }
 };
 
 class SkyRadiance {
@@ -31,6 +37,8 @@ class SkyRadiance {
 
   // The cells of a grid whose axes are the columns of `grid`, a rotation that may mirror.
   SkyCells cells(const Mat3& grid, int directions) const;
+  // Radiance from a unit direction, without what is concentrated: that of the cell of a fine grid.
+  Rgb radiance(const Vec3& d) const;
   // Irradiance of the open sky, without what is concentrated, on a surface of the unit normal `n`.
   Rgb irradiance(const Vec3& n) const;
   // What was cut out, as light 0 of a table; null: nothing.
@@ -45,6 +53,7 @@ class SkyRadiance {
   void add_map(const Scene& scene, const Emitter& emitter);
   void cut_out(const Bitmap& map, const Emitter& emitter, float threshold);
   void make_table();
+  void divide(const Mat3& grid, int directions, SkyCells& cells) const;
 
   Rgb constant_ = Rgb(0.0f);
   // The maps, by cells of a fine grid; empty: none.
