@@ -37,10 +37,4 @@ std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameter
   return bake_rays_towards(lights, scene, parameters);
 }
 
-std::vector<double> estimated_occlusion_bake_rays(const Scene& scene, const FieldParameters& parameters) {
-  LightExtent sky;
-  sky.kind = LightExtent::Kind::everywhere;
-  return bake_rays_towards({&sky, 1}, scene, parameters);
-}
-
 }  // namespace fieldtrace

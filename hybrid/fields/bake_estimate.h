@@ -19,7 +19,5 @@ inline constexpr double k_costly_bake_rays = 8e6;
 // By shape: rays to bake for its field if a picture showed all of its instances, whether or not the shape wants a
 // field. Within a factor of two for one instance under one light (docs/decisions/012-left-to-rays.md).
 std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameters& parameters);
-// The same for the layer `ao`, whose rays leave in all directions.
-std::vector<double> estimated_occlusion_bake_rays(const Scene& scene, const FieldParameters& parameters);
 
 }  // namespace fieldtrace

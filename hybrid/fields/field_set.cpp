@@ -41,7 +41,6 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
       for_hits_(scene.shapes.size(), 0) {
   if (!wanted) return;
   bake_rays_ = estimated_bake_rays(scene, plan.parameters);
-  occlusion_bake_rays_ = estimated_occlusion_bake_rays(scene, plan.parameters);
   for (const uint32_t i : plan.hit_instances) for_hits_[scene.instances[i].shape] = 1;
   std::vector<uint32_t> chosen;
   for (const uint32_t s : shapes_by_gain(scene, traits)) {
@@ -67,14 +66,6 @@ std::vector<Field*> FieldSet::pointers() const {
   std::vector<Field*> pointers;
   for (size_t s = 0; s < fields_.size(); ++s) pointers.push_back(left_to_rays_[s] ? nullptr : fields_[s].get());
   return pointers;
-}
-
-std::vector<Field*> FieldSet::occlusion_pointers() const {
-  std::vector<Field*> wanted = pointers();
-  for (size_t s = 0; s < wanted.size(); ++s) {
-    if (wanted[s] && occlusion_bake_rays_[s] > std::max(plan_.occlusion_rays, k_costly_bake_rays)) wanted[s] = nullptr;
-  }
-  return wanted;
 }
 
 double FieldSet::needed_rays(size_t shape) const {

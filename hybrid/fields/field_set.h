@@ -36,7 +36,6 @@ struct FieldPlan {
   // costly at all: hybrid/fields/bake_estimate.h) is left to exact rays, because its field cannot pay for itself.
   // Infinite: no shape is.
   double light_samples = std::numeric_limits<double>::infinity();
-  double occlusion_rays = std::numeric_limits<double>::infinity();  // the same for the layer `ao`, judged separately
   std::vector<uint32_t> hit_instances;  // their shapes get fields for glossy rays even where shadow rays gain nothing
 };
 
@@ -55,7 +54,6 @@ class FieldSet {
 
   bool empty() const { return count_ == 0; }
   std::vector<Field*> pointers() const;            // by shape, for shadow rays; null: exact rays
-  std::vector<Field*> occlusion_pointers() const;  // by shape, for the layer `ao`; null: exact rays
   std::vector<Field*> all_pointers() const;        // by shape, including those for glossy rays only; null: none
   // By shape: not 0 where rays from the object itself do not use its field.
   const std::vector<uint8_t>& self_to_rays() const { return self_to_rays_; }
@@ -86,7 +84,6 @@ class FieldSet {
   std::unique_ptr<FieldBudget> budget_;  // outlives the fields
   std::vector<std::unique_ptr<Field>> fields_;
   std::vector<double> bake_rays_;            // by shape: estimated
-  std::vector<double> occlusion_bake_rays_;  // of the layer `ao`
   // By shape: shadow rays do not use its field at all, or not from the object itself; glossy rays use it.
   std::vector<uint8_t> left_to_rays_, self_to_rays_, for_hits_;
   size_t count_ = 0;

@@ -12,18 +12,20 @@ namespace {
 // A sample stream separate from that of the scene's lights, which use the vertex seeds unchanged.
 constexpr uint32_t k_occlusion_stream = 0x414f0000u;
 
-LightTable constant_light() {
+}  // namespace
+
+Scene white_sky() {
   Scene scene;
   Emitter emitter;
   emitter.kind = EmitterKind::constant;
   scene.emitters.push_back(emitter);
-  return make_lights(scene);
+  return scene;
 }
 
-}  // namespace
-
 AmbientOcclusion::AmbientOcclusion(const TransportContext& context)
-    : context_(context), sky_(context.settings.occlusion ? constant_light() : LightTable{}) {}
+    : context_(context),
+      by_maps_(context, context.occlusion_sky),
+      sky_(context.settings.occlusion ? make_lights(white_sky()) : LightTable{}) {}
 
 void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t index) {
   // A shading normal that points away from the camera spans the wrong hemisphere.
@@ -77,13 +79,46 @@ void AmbientOcclusion::count(size_t begin, std::span<FirstHit> firsts, Stats& st
     FirstHit& first = firsts[points_[begin + r].slot];
     for (size_t i = r * samples; i < (r + 1) * samples; ++i) {
       const bool is_active = rays_.rays.tmax[i] >= 0.0f;
-      first.occlusion_rays += is_active;
-      first.occlusion_clear += is_active && !rays_.blocked[i];
+      first.occlusion_rays += float(is_active);
+      first.occlusion_clear += float(is_active && !rays_.blocked[i]);
     }
   }
 }
 
 void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
+  if (context_.occlusion_sky) {
+    gather_by_maps(firsts, stats);
+  } else {
+    gather_by_rays(firsts, stats);
+  }
+}
+
+// Under a white sky a surface of albedo 1 sends on the unoccluded share.
+void AmbientOcclusion::gather_by_maps(std::span<FirstHit> firsts, Stats& stats) {
+  fill_shading_points(0, points_.size());
+  receivers_.clear(points_.size());
+  receivers_.points = shading_points_;
+  for (auto* v : {&receivers_.red, &receivers_.green, &receivers_.blue}) {
+    std::fill_n(v->begin(), points_.size(), 1.0f / k_pi);
+  }
+  std::fill_n(receivers_.plain.begin(), points_.size(), 1);
+  for (uint32_t i = 0; i < points_.size(); ++i) receivers_.path[i] = points_[i].slot;
+  for (auto* sum : {&receivers_.arriving_red, &receivers_.arriving_green, &receivers_.arriving_blue}) {
+    sum->assign(points_.size(), 0.0f);
+  }
+  clusters_.build(receivers_, {}, k_shadow_batch, context_.settings.pixel_samples == 1);
+  const uint64_t samples = stats.samples;
+  by_maps_.gather(clusters_, receivers_, context_.settings.light_samples, {}, stats);
+  stats.samples = samples;  // of lights alone
+  const auto rays = float(context_.settings.light_samples);
+  for (size_t i = 0; i < points_.size(); ++i) {
+    FirstHit& first = firsts[receivers_.path[i]];
+    first.occlusion_rays += rays;
+    first.occlusion_clear += rays * receivers_.arriving_red[i];
+  }
+}
+
+void AmbientOcclusion::gather_by_rays(std::span<FirstHit> firsts, Stats& stats) {
   const TransportSettings& settings = context_.settings;
   const size_t group_size = size_t(std::max(k_shadow_batch / settings.light_samples, 1));
   for (size_t begin = 0; begin < points_.size(); begin += group_size) {

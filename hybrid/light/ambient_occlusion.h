@@ -1,20 +1,24 @@
 // Ambient occlusion at the camera samples' first hits: the share of cosine-distributed rays that meet nothing nearby.
 //
 // Source: S. Zhukov, A. Iones, G. Kronin, "An Ambient Light Illumination Model", EGWR 1998, with the cosine of H.
-// Landis, "Production-Ready Global Illumination", SIGGRAPH 2002 course notes, and a hard cut-off distance. The rays are
-// those to samples of a constant light (the same low-discrepancy points in a separate stream), cut off at the distance,
-// and a ShadowAnswerer answers them: by fields in the hybrid method. Thread-safety: an AmbientOcclusion belongs to one
-// thread.
+// Landis, "Production-Ready Global Illumination", SIGGRAPH 2002 course notes, and a hard cut-off distance. It is the
+// light of a white sky: direction maps answer for it once per pixel (sky_light.h) where there are any. Else it takes
+// exact rays to samples of a constant light (the same low-discrepancy points as lights, in a separate stream), cut off
+// at the distance. Thread-safety: an AmbientOcclusion belongs to one thread.
 #pragma once
 
 #include <span>
 #include <vector>
 
+#include "hybrid/light/sky_light.h"
 #include "hybrid/path/aovs.h"
 #include "hybrid/path/path_batch.h"
 #include "hybrid/path/transport_context.h"
 
 namespace fieldtrace {
+
+// A scene of nothing but a constant emitter of radiance 1.
+Scene white_sky();
 
 class AmbientOcclusion {
  public:
@@ -35,12 +39,17 @@ class AmbientOcclusion {
     uint32_t seed, index, instance, slot;
   };
 
+  void gather_by_maps(std::span<FirstHit> firsts, Stats& stats);
+  void gather_by_rays(std::span<FirstHit> firsts, Stats& stats);
   void fill_shading_points(size_t begin, size_t end);
   // Where the rays of the points in shading_points_ can end.
   LightExtent reach() const;
   void count(size_t begin, std::span<FirstHit> firsts, Stats& stats) const;
 
   const TransportContext& context_;
+  SkyLight by_maps_;
+  LightReceivers receivers_;
+  ShadingClusters clusters_;
   LightTable sky_;  // one constant light; empty where the settings want no occlusion
   std::vector<Point> points_;
   ShadingPointBatch shading_points_;

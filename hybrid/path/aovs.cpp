@@ -80,7 +80,7 @@ void AovSums::add(const FirstHit& first) {
   glossy_exact += first.glossy_exact;
   reflected_hits += first.reflected_hits;
   reflected_depth += first.reflected_depth;
-  occlusion += first.occlusion_rays ? double(first.occlusion_clear) / first.occlusion_rays : 1.0;
+  occlusion += first.occlusion_rays > 0.0f ? double(first.occlusion_clear) / double(first.occlusion_rays) : 1.0;
 }
 
 float* AovSums::write(const std::vector<Aov>& aovs, float* out) const {

@@ -52,7 +52,7 @@ struct FirstHit {
   // Shadow rays: all, those traced, those unblocked. A stratum counts for as many rays as the light has samples per
   // stratum, so that all lights weigh the same.
   float shadow_rays = 0.0f, shadow_exact = 0.0f, shadow_clear = 0.0f;
-  uint32_t occlusion_rays = 0, occlusion_clear = 0;
+  float occlusion_rays = 0.0f, occlusion_clear = 0.0f;
   // Rays that leave the hit, if its surface is not diffuse.
   uint32_t glossy_rays = 0, glossy_exact = 0, reflected_hits = 0;
   float reflected_depth = 0.0f;   // sum over those that hit something

@@ -25,7 +25,6 @@
 #include "hybrid/render/field_survey.h"
 #include "hybrid/render/glossy_stage.h"
 #include "hybrid/render/sky_stage.h"
-#include "hybrid/sky/sky.h"
 #include "hybrid/render/trace_pixels.h"
 #include "hybrid/render/transport.h"
 #include "hybrid/stats/stopwatch.h"
@@ -186,10 +185,20 @@ struct Stage {
   std::vector<ShapeTraits> traits;
   std::shared_ptr<const LightTable> lights;
   uint64_t address_space = k_no_address_limit;  // that fields may reserve
-  std::unique_ptr<SkyMaps> sky_maps = nullptr;
-  std::unique_ptr<Sky> sky = nullptr;            // the scene's, if maps answer for it
-  std::unique_ptr<Sky> occlusion_sky = nullptr;  // of the layer `ao`, likewise
+  SkyStage sky = {};
 };
+
+// Direction maps may take 1 / k_sky_share of the fields' budget, in addition to it.
+constexpr uint64_t k_sky_share = 4;
+
+SkyRequest sky_request(const Picture& picture, const Stage& stage) {
+  SkyRequest request;
+  request.light = has_sky(picture.scene) && picture.settings.max_depth != 0 && picture.settings.max_depth != 1;
+  request.occlusion = picture.settings.occlusion && picture.settings.occlusion_distance == k_infinity;
+  request.light_samples = picture.rays_per_light();
+  request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
+  return request;
+}
 
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   const Scene& scene = picture.scene;
@@ -202,7 +211,6 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   const bool by_request = options.force_undecided || options.directions || options.plane;
   if (options.leave_to_rays && !by_request && options.tolerance < 1.0f) {
     plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
-    plan.occlusion_rays = double(picture.rays_per_light());
   }
   if (picture.wants_fields)
     plan.hit_instances =
@@ -210,12 +218,12 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   return plan;
 }
 
-// Where maps answer for all lights, fields do only if glossy rays or the layer `ao` use them.
+// Where maps answer for all lights, fields do only for glossy rays.
 bool wants_fields(const Picture& picture, const Stage& stage, const FieldPlan& plan) {
   const std::vector<Emitter>& emitters = picture.scene.emitters;
-  const bool maps_answer = stage.sky && std::all_of(emitters.begin(), emitters.end(),
+  const bool maps_answer = stage.sky.light && std::all_of(emitters.begin(), emitters.end(),
                                                     [](const Emitter& e) { return is_sky(e.kind); });
-  return picture.wants_fields && !(maps_answer && plan.hit_instances.empty() && !picture.settings.occlusion);
+  return picture.wants_fields && !(maps_answer && plan.hit_instances.empty());
 }
 
 void warn_of_no_hits(const Picture& picture) {
@@ -306,15 +314,6 @@ Stats render_tiles(Job& job) {
   return stats;
 }
 
-// For the layer `ao`, which uses fields only where it has enough rays for them; null: no such layer, or no fields. A
-// survey must not count its uses of fields, because the layer must not change the picture.
-std::unique_ptr<ShadowAnswerer> occlusion_answerer(const Picture& picture, const Stage& stage, const FieldSet& fields,
-                                                   const AnswererSettings& settings) {
-  if (!picture.settings.occlusion || fields.empty()) return nullptr;
-  return std::make_unique<ShadowAnswerer>(picture.scene, stage.accel, stage.traits, fields.occlusion_pointers(),
-                                          settings);
-}
-
 // The settings where `fields` answer shadow rays of bundles; without any, those of Monte Carlo.
 TransportSettings settings_for(const Picture& picture, const FieldSet& fields) {
   TransportSettings s = picture.settings;
@@ -344,10 +343,6 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   surveying.light_samples = int(std::min<int64_t>(of_pixel, k_most_survey_samples));
   surveying.pixel_samples = 1;
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, surveying, stage.lights);
-  AnswererSettings not_counting = counting;
-  not_counting.count_uses = false;
-  const auto for_occlusion = occlusion_answerer(picture, stage, fields, not_counting);
-  if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
   const FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}),
                                            double(of_pixel) / surveying.light_samples, picture.callbacks.stop);
   stats.survey_rays += survey.stats.rays_exact;
@@ -404,9 +399,12 @@ bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, Render
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings_for(picture, fields),
                            stage.lights);
-  context.sky = stage.sky.get();
-  const auto for_occlusion = occlusion_answerer(picture, stage, fields, settings);
-  if (for_occlusion) context.occlusion_answerer = for_occlusion.get();
+  context.sky = stage.sky.light.get();
+  context.occlusion_sky = stage.sky.occlusion.get();
+  // Single rays of the layer `ao` gain nothing from fields.
+  const std::vector<Field*> no_fields(picture.scene.shapes.size(), nullptr);
+  const ShadowAnswerer for_occlusion(picture.scene, stage.accel, stage.traits, no_fields, settings);
+  context.occlusion_answerer = &for_occlusion;
   const std::vector<Field*> all_fields = fields.all_pointers();
   std::optional<GlossyStage> glossy;
   if (picture.wants_fields) {
@@ -496,9 +494,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       return;
     }
     if (picture.wants_fields) {
-      stage.sky_maps =
-          make_sky_maps(scene, accel, stage.traits, options, picture.rays_per_light(), told_once, result.stats);
-      if (stage.sky_maps) stage.sky = std::make_unique<Sky>(*stage.sky_maps, scene);
+      stage.sky = make_sky(scene, accel, stage.traits, options, sky_request(picture, stage), told_once, result.stats);
     }
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);

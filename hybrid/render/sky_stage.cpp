@@ -1,54 +1,89 @@
 #include "hybrid/render/sky_stage.h"
 
+#include <tbb/task_arena.h>
+
 #include <algorithm>
-#include <cstdlib>
 
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
-#include "hybrid/sky/sky.h"
+#include "hybrid/light/ambient_occlusion.h"
 
 namespace fieldtrace {
 namespace {
+
+// Monte Carlo sends two rays for each light sample: one to the sky, one from the material. Maps of the usual
+// resolution may cost as many rays as that; coarse ones, whose errors suit the noise of few samples, four times as many.
+constexpr uint64_t k_rays_per_sample = 2, k_coarse_maps_gain = 4;
+constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
+// Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
+constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
+
+// Shapes that need maps: those seen that are no parallelograms.
+std::vector<uint32_t> mapped_shapes(const Scene& scene) {
+  std::vector<uint8_t> is_used(scene.shapes.size(), 0);
+  for (const Instance& i : scene.instances) is_used[i.shape] = 1;
+  std::vector<uint32_t> shapes;
+  for (uint32_t s = 0; s < scene.shapes.size(); ++s) {
+    if (is_used[s] && !is_parallelogram(scene.shapes[s])) shapes.push_back(s);
+  }
+  return shapes;
+}
+
+SkyTolerance sky_tolerance(float slack) {
+  SkyTolerance t;
+  t.margin /= slack;
+  t.clear_within *= std::min(slack, 1.0f / t.clear_within);
+  t.hidden_from = std::max(t.hidden_from / slack, t.clear_within);
+  return t;
+}
+
+// D = 0: none is affordable.
+MapSize choose_size(size_t shapes, float slack, const SkyRequest& request) {
+  const uint64_t rays = k_rays_per_sample * request.light_samples;
+  MapSize size;
+  size.directions = slack >= k_coarse_tolerance  ? k_coarse_directions
+                    : slack <= k_fine_tolerance ? k_fine_directions
+                                                : k_usual_directions;
+  const auto fits = [&](uint64_t most_rays) {
+    return size.lines() * shapes <= most_rays && DirectionMaps::bytes_of(size) * shapes <= request.most_bytes;
+  };
+  while (size.directions > k_coarse_directions && !fits(rays)) size.directions /= 2;
+  if (size.directions == k_coarse_directions && !fits(k_coarse_maps_gain * rays)) size.directions = 0;
+  return size;
+}
+
+}  // namespace
 
 bool has_sky(const Scene& scene) {
   return std::any_of(scene.emitters.begin(), scene.emitters.end(), [](const Emitter& e) { return is_sky(e.kind); });
 }
 
-// Rays that a picture sends to the sky for each that its maps may cost.
-constexpr uint64_t k_map_gain = 4;
-
-}  // namespace
-
-std::unique_ptr<SkyMaps> make_sky_maps(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                                       const RenderOptions& options, uint64_t light_samples,
-                                       const RenderCallbacks& callbacks, Stats& stats) {
-  if (!has_sky(scene) || !(options.tolerance > 0.0f) || options.force_undecided) return nullptr;
-  std::vector<uint32_t> wanted;
-  std::vector<uint8_t> is_used(scene.shapes.size(), 0);
-  for (const Instance& i : scene.instances) is_used[i.shape] = 1;
-  for (uint32_t s = 0; s < scene.shapes.size(); ++s) {
-    if (is_used[s] && scene.shapes[s].kind != ShapeKind::rectangle && !traits[s].is_flat) wanted.push_back(s);
-  }
-  MapSize size;
-  if (const char* d = std::getenv("FT_SKY_D")) size.directions = std::atoi(d);
-  if (const char* d = std::getenv("FT_SKY_T")) size.texels = std::atoi(d);
-  SkyTolerance tolerance;
-  if (const char* d = std::getenv("FT_SKY_M")) tolerance.margin = float(std::atof(d));
-  if (const char* d = std::getenv("FT_SKY_LO")) tolerance.clear_within = float(std::atof(d));
-  if (const char* d = std::getenv("FT_SKY_HI")) tolerance.hidden_from = float(std::atof(d));
-  const uint64_t affordable = 2 * light_samples / k_map_gain;
-  const auto bake_rays = [&] { return size.lines() * wanted.size(); };
-  if (bake_rays() > affordable && !std::getenv("FT_SKY_D")) size.directions /= 2;
-  if (bake_rays() > affordable && !std::getenv("FT_SKY_D")) return nullptr;
+SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+                  const RenderOptions& options, const SkyRequest& request, const RenderCallbacks& callbacks,
+                  Stats& stats) {
+  SkyStage stage;
+  if (!(request.light || request.occlusion) || !(options.tolerance > 0.0f) || options.force_undecided) return stage;
+  const float slack = options.tolerance / k_default_tolerance;
+  const std::vector<uint32_t> shapes = mapped_shapes(scene);
+  const MapSize size = choose_size(shapes.size(), slack, request);
+  if (size.directions == 0) return stage;
   std::vector<std::unique_ptr<DirectionMaps>> maps(scene.shapes.size());
   BakeCounters counters;
-  for (const uint32_t s : wanted) {
+  for (size_t i = 0; i < shapes.size(); ++i) {
+    if (callbacks.progress) callbacks.progress(float(i) / float(shapes.size()), "bake");
+    const uint32_t s = shapes[i];
     maps[s] = std::make_unique<DirectionMaps>(field_ball(scene.shapes[s].bounds), size);
     if (!bake_maps(*maps[s], accel, s, callbacks.stop, counters)) break;
   }
-  stats.bake_rays += counters.rays;
-  stats.time_bake += counters.seconds * std::max(options.threads, 1);
-  return std::make_unique<SkyMaps>(scene, traits, std::move(maps), size.directions, tolerance);
+  // Stages count the seconds of all threads.
+  counters.seconds *= double(tbb::this_task_arena::max_concurrency());
+  stats.add_bake(counters);
+  stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(maps), size.directions, sky_tolerance(slack));
+  stats.field_bytes_memory += stage.maps->bytes();
+  stats.field_bytes_peak = std::max(stats.field_bytes_peak, stage.maps->bytes());
+  if (request.light) stage.light = std::make_unique<Sky>(*stage.maps, scene);
+  if (request.occlusion) stage.occlusion = std::make_unique<Sky>(*stage.maps, white_sky());
+  return stage;
 }
 
 }  // namespace fieldtrace

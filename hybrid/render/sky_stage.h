@@ -1,5 +1,5 @@
-// Makes the direction maps by which a picture's sky is answered. Thread-safety: pure but for the bake, which is
-// parallel.
+// Makes the direction maps by which a picture's sky and its layer `ao` are answered. Thread-safety: pure but for the
+// bake, which is parallel.
 #pragma once
 
 #include <memory>
@@ -7,15 +7,30 @@
 
 #include "core/trace/accel.h"
 #include "hybrid/render/render.h"
-#include "hybrid/sky/sky_maps.h"
+#include "hybrid/sky/sky.h"
 
 namespace fieldtrace {
 
-// Null where the scene has no sky, where maps would cost more rays than they can save, or where the tolerance admits no
-// estimates. `light_samples`: of the whole film for one light. Returns maps of some shapes only if `callbacks.stop` was
-// set meanwhile.
-std::unique_ptr<SkyMaps> make_sky_maps(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                                       const RenderOptions& options, uint64_t light_samples,
-                                       const RenderCallbacks& callbacks, Stats& stats);
+// What answers for a picture's skies; null members: rays do.
+struct SkyStage {
+  std::unique_ptr<SkyMaps> maps;
+  std::unique_ptr<Sky> light;      // of the scene's emitters
+  std::unique_ptr<Sky> occlusion;  // of the layer `ao`
+};
+
+struct SkyRequest {
+  bool light = false, occlusion = false;
+  uint64_t light_samples = 0;  // of the whole film, for one light
+  uint64_t most_bytes = 0;     // that maps may take
+};
+
+// Whether the scene has emitters that surround it.
+bool has_sky(const Scene& scene);
+
+// Makes nothing where the tolerance admits no estimates, or where maps would cost too many rays or too much memory.
+// Maps are incomplete if `callbacks.stop` was set meanwhile.
+SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+                  const RenderOptions& options, const SkyRequest& request, const RenderCallbacks& callbacks,
+                  Stats& stats);
 
 }  // namespace fieldtrace

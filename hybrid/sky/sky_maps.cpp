@@ -23,26 +23,34 @@ void write_coordinates(const Instance& instance, const DVec3& origin, const DMat
   }
 }
 
-// The parallelogram that a shape is, in object space: its centre, half axes, and a normal. False for other shapes.
+// The parallelogram that a shape is, in object space: its centre, and its half axes and a normal as columns. False for
+// other shapes. The flat convex hull of a mesh is tried as a parallelogram along two of its first triangle's edges; the
+// triangles must have its area.
 bool parallelogram(const Shape& shape, DVec3& centre, DMat3& axes) {
-  if (!is_meshed(shape.kind) || shape.mesh.triangles.size() != 2) return false;
-  const auto& triangles = shape.mesh.triangles;
-  const auto vertex = [&](int t, int k) { return DVec3(shape.mesh.positions[triangles[size_t(t)][k]]); };
-  // The corners of the first triangle off the shared edge, and of the second.
+  if (!is_meshed(shape.kind) || shape.mesh.triangles.empty()) return false;
+  const std::vector<Vec3>& p = shape.mesh.positions;
+  const UVec3& first = shape.mesh.triangles[0];
+  double area = 0.0;
+  for (const UVec3& t : shape.mesh.triangles) {
+    area += 0.5 * glm::length(glm::cross(DVec3(p[t.y]) - DVec3(p[t.x]), DVec3(p[t.z]) - DVec3(p[t.x])));
+  }
   for (int k = 0; k < 3; ++k) {
-    const DVec3 apex = vertex(0, k), a = vertex(0, (k + 1) % 3), b = vertex(0, (k + 2) % 3);
-    const double scale = glm::length(a - apex) + glm::length(b - apex), error = 1e-6 * scale;
-    for (int j = 0; j < 3; ++j) {
-      const DVec3 other = vertex(1, j), c = vertex(1, (j + 1) % 3), d = vertex(1, (j + 2) % 3);
-      const bool shares = (glm::length(c - a) < error && glm::length(d - b) < error) ||
-                          (glm::length(c - b) < error && glm::length(d - a) < error);
-      if (!shares || !(glm::length(apex + other - a - b) < error)) continue;
-      centre = 0.5 * (a + b);
-      const DVec3 x = 0.5 * (a - apex), y = 0.5 * (b - apex), z = glm::cross(x, y);
-      if (!(glm::length(z) > 0.0)) return false;
-      axes = DMat3(x, y, glm::normalize(z));
-      return true;
+    const DVec3 origin(p[first[k]]), x = DVec3(p[first[(k + 1) % 3]]) - origin,
+                                     y = DVec3(p[first[(k + 2) % 3]]) - origin, normal = glm::cross(x, y);
+    if (!(glm::length(normal) > 0.0)) return false;
+    const DMat3 to_plane = glm::inverse(DMat3(x, y, glm::normalize(normal)));
+    DVec3 lower(1e300), upper(-1e300);
+    for (const Vec3& v : p) {
+      const DVec3 at = to_plane * (DVec3(v) - origin);
+      lower = glm::min(lower, at), upper = glm::max(upper, at);
     }
+    const double whole = glm::length(normal) * (upper.x - lower.x) * (upper.y - lower.y);
+    constexpr double k_error = 1e-5;
+    if (upper.z - lower.z > k_error * std::sqrt(whole) || std::abs(area - whole) > k_error * whole) continue;
+    const DVec3 middle = 0.5 * (lower + upper);
+    centre = origin + x * middle.x + y * middle.y;
+    axes = DMat3(x * (0.5 * (upper.x - lower.x)), y * (0.5 * (upper.y - lower.y)), glm::normalize(normal));
+    return true;
   }
   return false;
 }
@@ -53,6 +61,12 @@ Sphere world_ball(const Instance& instance, const Sphere& ball) {
 }
 
 }  // namespace
+
+bool is_parallelogram(const Shape& shape) {
+  DVec3 centre;
+  DMat3 axes;
+  return parallelogram(shape, centre, axes);
+}
 
 SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
                  std::vector<std::unique_ptr<DirectionMaps>> shapes, int directions, const SkyTolerance& tolerance)

@@ -21,9 +21,12 @@ namespace fieldtrace {
 // How far the answers of maps are trusted.
 struct SkyTolerance {
   float margin = 2.0f;         // texels about a depth within which it is undecided
-  float clear_within = 0.5f;   // OwnLines, texels
-  float hidden_from = 3.0f;
+  float clear_within = 0.25f;  // OwnLines, texels
+  float hidden_from = 1.5f;
 };
+
+// Whether the shape is a parallelogram, of any number of triangles, in which case it needs no maps.
+bool is_parallelogram(const Shape& shape);
 
 // How an instance hides direction cells.
 struct SkyOccluder {
