@@ -142,7 +142,12 @@ FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const Vec3Lanes<F>&
   const F y = affine<F>(lines.v, p) + splat<F>(lines.slope_v) * rise;
   const F footprint = splat<F>(lines.reach) * max(zero - z, zero);
   const Mask_t<F> ahead = z < one;
-  const Mask_t<F> wide = ahead & (z < zero - one) & (footprint >= splat<F>(1.4142135f));
+  // Within the map and one and a half of the texels that are read.
+  const F middle = splat<F>(0.5f * float(lines.maps->texels));
+  const F reach = middle + splat<F>(1.5f * 1.4142136f) * footprint;
+  const Mask_t<F> inside = ahead & (abs(x - middle) <= reach) & (abs(y - middle) <= reach);
+  if (!any(inside)) return {zero, and_not(ahead, ahead)};
+  const Mask_t<F> wide = inside & (z < zero - one) & (footprint >= splat<F>(1.4142135f));
   MapShare<F> share = {zero, and_not(ahead, ahead)};
   const Mask_t<F> fine = and_not(wide, ahead) & (x >= zero) & (y >= zero) & (x <= texels) & (y <= texels);
   if (any(fine)) share = share_by_depth<F>(lines, x, y, z, fine);
@@ -256,7 +261,10 @@ FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const 
       const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
       hide(share_of_own<F>(*task.own, p, g));
     }
-    for (int k = 0; k < task.map_count; ++k) hide(share_of_map<F>(task.maps[k], p));
+    for (int k = 0; k < task.map_count; ++k) {
+      if (!any(clear > splat<F>(k_least_clear))) break;
+      hide(share_of_map<F>(task.maps[k], p));
+    }
     for (int k = 0; k < task.ball_count; ++k) near = near | may_meet<F>(task.balls[k], task, p);
     const Mask_t<F> open = near & lit & (clear > splat<F>(k_least_clear));
     const F taken = select(open, one, one - clear) * cosine;

@@ -17,6 +17,8 @@ namespace {
 
 // Shading points that share what is set up for a cell.
 constexpr size_t k_sky_batch = 256;
+// Lanes of the widest vector.
+constexpr size_t k_most_lanes = 16;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
 constexpr float k_open_cell_rays = 8.0f;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
@@ -50,7 +52,7 @@ Vec3 SkyLight::direction_in(uint32_t cell, float x, float y) const {
 CellPoints SkyLight::cell_points() const {
   const ShadingPointBatch& p = centres_;
   return {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(),
-          p.gz.data(), p.sx.data(), p.sy.data(), p.sz.data(), int32_t(padded(p.size))};
+          p.gz.data(), p.sx.data(), p.sy.data(), p.sz.data(), int32_t((p.size + k_most_lanes - 1) / k_most_lanes * k_most_lanes)};
 }
 
 void SkyLight::see_cells(const Job& job) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "field/bake/cell_lines.h"
 
@@ -11,9 +12,8 @@ namespace {
 // A texel that a footprint is read from, in widths of the cell: a tent and its texel of this width have the variance of
 // a box of width 1.
 constexpr float k_footprint = 0.58f;
-// How far a cell's filter reaches about its centre, in widths: texels are up to sqrt(2) wider, and a bilinear read
-// covers one and a half.
-constexpr float k_filter_reach = 1.25f;
+// A bilinear read covers so many texels about its place.
+constexpr float k_read_reach = 1.5f;
 
 Vec3 row_of(const float m[12], int r) { return {m[r], m[3 + r], m[6 + r]}; }
 
@@ -96,6 +96,12 @@ void CellOccluders::find_lit() {
   for (int cell = 0; cell < count; ++cell) {
     if (all || glm::dot(sky_->frame(cell)[2], n) > -sine) lit_.push_back(uint32_t(cell));
   }
+  for (auto* v : {&lit_x_, &lit_y_, &lit_z_}) v->resize(lit_.size());
+  for (size_t k = 0; k < lit_.size(); ++k) {
+    const Vec3& d = sky_->frame(int(lit_[k]))[2];
+    lit_x_[k] = d.x, lit_y_[k] = d.y, lit_z_[k] = d.z;
+  }
+  faces_.resize(lit_.size());
   maps_.resize(size_t(count)), planes_.resize(size_t(count)), balls_.resize(size_t(count));
   for (size_t k = 0; k < lit_.size(); ++k) maps_[k].clear(), planes_[k].clear(), balls_[k].clear();
 }
@@ -105,13 +111,29 @@ void CellOccluders::add(const SkyOccluder& o) {
   const float distance = glm::length(to), reach = o.ball.radius + ball_.radius;
   float least = -k_infinity;
   if (distance > reach) {
-    const float angle = std::asin(reach / distance) + k_filter_reach * sky_->cell_width();
+    // The texels that the farthest point reads: powers of two up to the whole map, which then widens.
+    const float wanted = k_footprint * sky_->cell_width() * (distance + ball_.radius) / (2.0f * o.ball.radius);
+    const float texel = wanted < 1.0f ? std::exp2(std::ceil(std::log2(wanted) - 0.499f)) : wanted;
+    const float angle = std::asin(reach / distance) + k_read_reach * texel * 2.0f * o.ball.radius / distance;
     if (angle < k_pi) least = std::cos(angle) * distance;
   }
   const Mat3 to_maps = glm::transpose(o.grid) * grid_;
-  for (size_t k = 0; k < lit_.size(); ++k) {
-    const Vec3& d = sky_->frame(int(lit_[k]))[2];
-    if (glm::dot(d, to) < least) continue;
+  // In passes that compilers vectorise: few cells face an object.
+  const size_t count = lit_.size();
+  const float *x = lit_x_.data(), *y = lit_y_.data(), *z = lit_z_.data();
+  uint8_t* const faces = faces_.data();
+  for (size_t k = 0; k < count; ++k) faces[k] = x[k] * to.x + y[k] * to.y + z[k] * to.z >= least;
+  for (size_t k = 0; k < count; ++k) {
+    if (k % 8 == 0 && k + 8 <= count) {
+      uint64_t eight;
+      std::memcpy(&eight, faces + k, 8);
+      if (eight == 0) {
+        k += 7;
+        continue;
+      }
+    }
+    if (!faces[k]) continue;
+    const Vec3 d(x[k], y[k], z[k]);
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
         const Vec3 unit = to_maps * d;

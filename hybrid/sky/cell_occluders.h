@@ -44,6 +44,8 @@ class CellOccluders {
   Vec3 mean_normal_ = Vec3(0.0f);
   float normal_sine_ = 0.0f, normal_cosine_ = 1.0f;  // of the angle between it and the farthest normal
   std::vector<uint32_t> lit_;
+  std::vector<float> lit_x_, lit_y_, lit_z_;  // their directions, in the grid
+  std::vector<uint8_t> faces_;
   std::vector<std::vector<MapLines>> maps_;
   std::vector<std::vector<PlaneLines>> planes_;
   std::vector<std::vector<BallLines>> balls_;

@@ -79,6 +79,16 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     const CellFrame f = cell_frame(i / directions, i % directions, directions);
     frames_.push_back(Mat3(f.s, f.t, f.c));
   }
+  // By shape, as many instances may share one.
+  struct Plane {
+    bool is_plane = false;
+    DVec3 centre;
+    DMat3 axes;
+  };
+  std::vector<Plane> planes(scene.shapes.size());
+  for (size_t s = 0; s < planes.size(); ++s) {
+    planes[s].is_plane = traits[s].is_flat && parallelogram(scene.shapes[s], planes[s].centre, planes[s].axes);
+  }
   for (uint32_t i = 0; i < occluders_.size(); ++i) {
     const Instance& instance = scene.instances[i];
     const Shape& shape = scene.shapes[instance.shape];
@@ -86,11 +96,10 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     o.instance = i;
     o.is_flat = traits[instance.shape].is_flat;
     o.ball = world_ball(instance, field_ball(shape.bounds));
-    DVec3 centre;
-    DMat3 axes;
-    if (parallelogram(shape, centre, axes)) {
+    const Plane& plane = planes[instance.shape];
+    if (plane.is_plane) {
       o.kind = SkyOccluder::Kind::plane;
-      write_coordinates(instance, centre, axes, o.to_unit);
+      write_coordinates(instance, plane.centre, plane.axes, o.to_unit);
       continue;
     }
     const DirectionMaps* const maps = shapes_[instance.shape].get();
