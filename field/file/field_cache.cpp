@@ -12,6 +12,7 @@
 #include "core/platform/machine_memory.h"
 #include "field/file/cache_limit.h"
 #include "field/file/field_file.h"
+#include "field/file/maps_file.h"
 #include "field/file/thesis_file.h"
 #include "field/file/vdb_grid.h"
 
@@ -158,13 +159,15 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
   remember(slices, identity);
 }
 
-std::optional<ThesisField> FieldCache::load_thesis(const FieldIdentity& identity) {
+template <class Load>
+auto FieldCache::load_whole(const FieldIdentity& identity, const Load& load)
+    -> std::optional<decltype(load(std::string()))> {
   const std::string path = path_of(identity);
   std::error_code failed;
   if (!fs::exists(path, failed)) return std::nullopt;
   mark_used(identity);
   try {
-    return load_thesis_field(identity, path);
+    return load(path);
   } catch (const FieldFileError& e) {
     tell_unusable(path, e.reason(), Tell::always);
   } catch (const std::bad_alloc&) {
@@ -173,13 +176,30 @@ std::optional<ThesisField> FieldCache::load_thesis(const FieldIdentity& identity
   return std::nullopt;
 }
 
-void FieldCache::store(const ThesisField& field, const FieldIdentity& identity) {
+template <class Save>
+void FieldCache::store_whole(const FieldIdentity& identity, const Save& save) {
   if (read_only_) return;
   mark_used(identity);
   const std::string path = path_of(identity);
   const FileLock lock(path + ".lock");
   remove_abandoned_writes(path);
-  save_thesis_field(field, identity, path);
+  save(path);
+}
+
+std::optional<ThesisField> FieldCache::load_thesis(const FieldIdentity& identity) {
+  return load_whole(identity, [&](const std::string& path) { return load_thesis_field(identity, path); });
+}
+
+void FieldCache::store(const ThesisField& field, const FieldIdentity& identity) {
+  store_whole(identity, [&](const std::string& path) { save_thesis_field(field, identity, path); });
+}
+
+std::optional<DirectionMaps> FieldCache::load_maps(const FieldIdentity& identity, const Sphere& ball) {
+  return load_whole(identity, [&](const std::string& path) { return load_direction_maps(identity, ball, path); });
+}
+
+void FieldCache::store(const DirectionMaps& maps, const FieldIdentity& identity) {
+  store_whole(identity, [&](const std::string& path) { save_direction_maps(maps, identity, path); });
 }
 
 void FieldCache::trim() {

@@ -1,4 +1,4 @@
-// A folder of field files, one per object, that renders share: `--field-cache DIR`.
+// A folder of files of fields and direction maps, one per object and size, that renders share: `--field-cache DIR`.
 //
 // A file is named by its field's identity. Demand adds bricks to it: a store writes the union of the file and the
 // field, and replaces the file by renaming. Writers of one file exclude one another with an advisory lock on a file
@@ -19,6 +19,7 @@
 
 #include "core/platform/error.h"
 #include "field/file/field_identity.h"
+#include "field/maps/direction_maps.h"
 #include "field/thesis/thesis_field.h"
 
 namespace fieldtrace {
@@ -51,6 +52,9 @@ class FieldCache {
   // was loaded need not be stored.
   std::optional<ThesisField> load_thesis(const FieldIdentity& identity);
   void store(const ThesisField& field, const FieldIdentity& identity);
+  // And for direction maps of an object within `ball`.
+  std::optional<DirectionMaps> load_maps(const FieldIdentity& identity, const Sphere& ball);
+  void store(const DirectionMaps& maps, const FieldIdentity& identity);
 
   // Removes files until the folder keeps its limit; does nothing without one. To be called after all stores. Warns if
   // the remaining files exceed the limit by themselves.
@@ -66,6 +70,11 @@ class FieldCache {
     Hash128 slices;
     uint64_t bytes = 0;
   };
+  // What `load` makes of the file at a path; for files that are whole.
+  template <class Load>
+  auto load_whole(const FieldIdentity& identity, const Load& load) -> std::optional<decltype(load(std::string()))>;
+  template <class Save>
+  void store_whole(const FieldIdentity& identity, const Save& save);
   bool load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path, Tell tell);
   void load_to_merge(Field& held, const FieldIdentity& identity, const std::string& path);
   bool known_complete(const Hash128& slices, const FieldIdentity& identity);

@@ -22,7 +22,7 @@
 // it reads, and crashes on many a damaged file. So damage of any kind is an error. A file forged together with its
 // checksum takes no more memory than its size is worth (field/vdb/vdb_archive.h), and cells that no bake writes are
 // refused; more is not defended against. Other programs' copies of the grids lack the 32 bytes and are refused. Fields
-// of the thesis' chart have the same frame around other grids: field/file/thesis_file.h.
+// of the thesis' chart and direction maps have the same frame around other grids: thesis_file.h, maps_file.h.
 //
 // Thread-safety: distinct objects are independent. A field may be baked while it is saved or loaded into.
 #pragma once

@@ -1,4 +1,4 @@
-// What identifies a field: the geometry by content, the chart and its parameters. Names cache files.
+// What identifies a field, or direction maps: the geometry by content, the chart and its parameters. Names cache files.
 //
 // A brick's content depends on nothing else, so two fields of one identity agree wherever both are baked.
 // Thread-safety: values and pure functions.
@@ -18,6 +18,7 @@ inline constexpr int k_field_format_version = 8;
 
 inline constexpr const char* k_chart_orthographic = "orthographic";
 inline constexpr const char* k_chart_thesis = "thesis";
+inline constexpr const char* k_chart_maps = "maps";  // direction maps: D directions, T texels as the plane
 
 struct FieldIdentity {
   Hash128 geometry;              // of the geometry that lines are traced against

@@ -5,12 +5,13 @@
 
 #include "core/io/atomic_file.h"
 #include "field/file/field_trailer.h"
+#include "field/maps/direction_maps.h"
 #include "field/thesis/thesis_field.h"
 
 namespace fieldtrace {
 namespace {
 
-// The orthographic chart's cell layers and coverage; the thesis' chart has two.
+// The orthographic chart's cell layers and coverage; the thesis' chart has two, direction maps one.
 constexpr int k_most_grids = 5;
 
 template <class T>
@@ -19,6 +20,13 @@ T metadata_value(const VdbMetadata& map, const std::string& path, const char* na
   const T* const entry = found == map.end() ? nullptr : std::get_if<T>(&found->second);
   if (!entry) throw FieldFileError(path, std::string("has no ") + name + " of a field");
   return *entry;
+}
+
+bool valid_for_chart(const FieldIdentity& i) {
+  const FieldParameters& p = i.parameters;
+  if (i.chart == k_chart_orthographic) return valid_parameters(p);
+  if (i.chart == k_chart_thesis) return valid_thesis_parameters(p);
+  return i.chart == k_chart_maps && valid_map_size({p.directions, p.plane}) && p.lines == 0;
 }
 
 FieldFileHeader read_metadata(const VdbMetadata& map, const std::string& path) {
@@ -41,8 +49,7 @@ FieldFileHeader read_metadata(const VdbMetadata& map, const std::string& path) {
                       std::isfinite(h.ball.centre.z) && std::isfinite(h.ball.radius);
   bool sound = finite && h.ball.radius > 0.0f && primitives == int64_t(i.primitive_count);
   sound = sound && parse_hash(metadata_value<std::string>(map, path, "mesh_hash"), i.geometry);
-  sound = sound && (i.chart == k_chart_thesis ? valid_thesis_parameters(i.parameters)
-                                              : i.chart == k_chart_orthographic && valid_parameters(i.parameters));
+  sound = sound && valid_for_chart(i);
   if (!sound) throw FieldFileError(path, "has metadata that no field of this program has");
   return h;
 }

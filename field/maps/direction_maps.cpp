@@ -1,6 +1,7 @@
 #include "field/maps/direction_maps.h"
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <vector>
@@ -28,7 +29,15 @@ int32_t coverage_bytes(int texels) {
   return bytes;
 }
 
+bool is_power_of_two_in(int value, int low, int high) {
+  return value >= low && value <= high && std::has_single_bit(unsigned(value));
+}
+
 }  // namespace
+
+bool valid_map_size(const MapSize& size) {
+  return is_power_of_two_in(size.directions, 4, 128) && is_power_of_two_in(size.texels, 8, 256);
+}
 
 DirectionMaps::DirectionMaps(const Sphere& ball, const MapSize& size)
     : ball_(ball),

@@ -1,9 +1,9 @@
 // An object seen along every cell of a grid of directions: depth maps, and mipmaps of their coverage.
 //
 // For a direction c of the chart (field/chart/chart.hd.h, D x D cells, number u D + v), parallel lines along c, one for
-// each of T x T texels of [-1, 1]^2 in the frame (s, t) of c, look down at the object from its +c side. The depth of the
-// highest hit tells what hides light that arrives along -c from a point anywhere on the line; the mipmaps of coverage
-// tell what share of a wide footprint is hidden from points below the object.
+// each of T x T texels of [-1, 1]^2 in the frame (s, t) of c, look down at the object from its +c side. The depth of
+// the highest hit tells what hides light that arrives along -c from a point anywhere on the line; the mipmaps of
+// coverage tell what share of a wide footprint is hidden from points below the object.
 //
 // Unlike a field (field/store/field.h) these are baked whole and certify nothing: what is read is an estimate.
 // Space: unit space, as fields. Memory layout: maps_view.h. Thread-safety: const once finished.
@@ -21,12 +21,14 @@
 namespace fieldtrace {
 
 struct MapSize {
-  int directions = 32;  // D, a power of two
+  int directions = 32;  // D, a power of two in [4, 128]
   int texels = 64;      // T, a power of two in [8, 256]
   uint64_t maps() const { return uint64_t(directions) * uint64_t(directions); }
   uint64_t lines() const { return maps() * uint64_t(texels) * uint64_t(texels); }
   bool operator==(const MapSize&) const = default;
 };
+
+bool valid_map_size(const MapSize& size);
 
 class DirectionMaps {
  public:

@@ -185,6 +185,7 @@ struct Stage {
   std::vector<ShapeTraits> traits;
   std::shared_ptr<const LightTable> lights;
   uint64_t address_space = k_no_address_limit;  // that fields may reserve
+  std::unique_ptr<FieldCache> cache = nullptr;  // opened when it is first needed
   SkyStage sky = {};
 };
 
@@ -381,13 +382,14 @@ std::string outgrown(const Picture& picture, bool out_of_addresses, const std::s
 
 // One attempt with the fields of `plan`. Returns false if they exceeded their memory; `plan` is then the next
 // attempt's.
-bool attempt(const Picture& picture, const Stage& stage, FieldPlan& plan, RenderResult& result) {
+bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult& result) {
   const RenderOptions& options = picture.options;
   const WarningSink& warning = picture.callbacks.warning;
   Stats& stats = result.stats;
   FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, wants_fields(picture, stage, plan),
                   stage.address_space);
-  const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), warning);
+  if (!stage.cache) stage.cache = open_cache(options, fields.empty(), warning);
+  FieldCache* const cache = stage.cache.get();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
@@ -470,7 +472,7 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
   const Clock::time_point begin = Clock::now();
-  // Each attempt opens the cache again and would repeat its warnings.
+  // Each attempt would repeat its warnings.
   RenderCallbacks told_once = callbacks;
   told_once.warning = without_repeats(callbacks.warning);
   const Picture picture(scene, options, told_once);
@@ -494,7 +496,12 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       return;
     }
     if (picture.wants_fields) {
-      stage.sky = make_sky(scene, accel, stage.traits, options, sky_request(picture, stage), told_once, result.stats);
+      const auto cache = [&] {
+        stage.cache = open_cache(options, /*no_fields=*/false, told_once.warning);
+        return stage.cache.get();
+      };
+      stage.sky = make_sky(scene, accel, stage.traits, options, sky_request(picture, stage), cache, told_once,
+                           result.stats);
     }
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);

@@ -4,9 +4,11 @@
 
 #include <algorithm>
 
+#include "field/file/maps_file.h"
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
 #include "hybrid/light/ambient_occlusion.h"
+#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {
@@ -56,6 +58,55 @@ MapSize choose_size(size_t shapes, size_t instances, float slack, const SkyReque
   return size;
 }
 
+// Reads or bakes maps of one size.
+struct MapSource {
+  const Scene& scene;
+  const Accel& accel;
+  FieldCache* cache;  // may be null
+  const RenderCallbacks& callbacks;
+  Stats& stats;
+  MapSize size = {};
+  BakeCounters counters = {};
+
+  // The maps of shape `s`. Null if `callbacks.stop` was set meanwhile.
+  std::unique_ptr<DirectionMaps> make(uint32_t s) {
+    const Shape& shape = scene.shapes[s];
+    const Sphere ball = field_ball(shape.bounds);
+    if (!cache) return bake(s, ball);
+    const FieldIdentity identity = maps_identity(shape, size);
+    std::unique_ptr<DirectionMaps> maps = load(identity, ball);
+    if (!maps) {
+      maps = bake(s, ball);
+      if (maps) store(*maps, identity, shape);
+    }
+    stats.field_bytes_disk += cache->bytes_on_disk(identity);
+    return maps;
+  }
+
+ private:
+  std::unique_ptr<DirectionMaps> bake(uint32_t s, const Sphere& ball) {
+    auto maps = std::make_unique<DirectionMaps>(ball, size);
+    return bake_maps(*maps, accel, s, callbacks.stop, counters) ? std::move(maps) : nullptr;
+  }
+
+  std::unique_ptr<DirectionMaps> load(const FieldIdentity& identity, const Sphere& ball) {
+    const ScopedTimer timer(stats.time_cache);
+    std::optional<DirectionMaps> held = cache->load_maps(identity, ball);
+    return held ? std::make_unique<DirectionMaps>(std::move(*held)) : nullptr;
+  }
+
+  void store(const DirectionMaps& maps, const FieldIdentity& identity, const Shape& shape) {
+    const ScopedTimer timer(stats.time_cache);
+    try {
+      cache->store(maps, identity);
+    } catch (const Error& e) {
+      warn(callbacks.warning, {}, std::string(e.what()) + "; the direction maps are not kept");
+    } catch (const std::bad_alloc&) {
+      warn(callbacks.warning, {}, "not enough memory to keep the direction maps of " + shape.name);
+    }
+  }
+};
+
 }  // namespace
 
 bool has_sky(const Scene& scene) {
@@ -63,8 +114,8 @@ bool has_sky(const Scene& scene) {
 }
 
 SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                  const RenderOptions& options, const SkyRequest& request, const RenderCallbacks& callbacks,
-                  Stats& stats) {
+                  const RenderOptions& options, const SkyRequest& request, const CacheOpener& cache,
+                  const RenderCallbacks& callbacks, Stats& stats) {
   SkyStage stage;
   if (!(request.light || request.occlusion) || !(options.tolerance > 0.0f) || options.force_undecided) return stage;
   const float slack = options.tolerance / k_default_tolerance;
@@ -72,16 +123,16 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const MapSize size = choose_size(shapes.size(), scene.instances.size(), slack, request);
   if (size.directions == 0) return stage;
   std::vector<std::unique_ptr<DirectionMaps>> maps(scene.shapes.size());
-  BakeCounters counters;
+  MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size};
   for (size_t i = 0; i < shapes.size(); ++i) {
     if (callbacks.progress) callbacks.progress(float(i) / float(shapes.size()), "bake");
     const uint32_t s = shapes[i];
-    maps[s] = std::make_unique<DirectionMaps>(field_ball(scene.shapes[s].bounds), size);
-    if (!bake_maps(*maps[s], accel, s, callbacks.stop, counters)) break;
+    maps[s] = source.make(s);
+    if (!maps[s]) break;
   }
   // Stages count the seconds of all threads.
-  counters.seconds *= double(tbb::this_task_arena::max_concurrency());
-  stats.add_bake(counters);
+  source.counters.seconds *= double(tbb::this_task_arena::max_concurrency());
+  stats.add_bake(source.counters);
   stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(maps), size.directions, sky_tolerance(slack));
   stats.field_bytes_memory += stage.maps->bytes();
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, stage.maps->bytes());

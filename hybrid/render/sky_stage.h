@@ -1,11 +1,13 @@
-// Makes the direction maps by which a picture's sky and its layer `ao` are answered. Thread-safety: pure but for the
-// bake, which is parallel.
+// Makes the direction maps by which a picture's sky and its layer `ao` are answered. Thread-safety: called
+// by one thread; reading and baking are parallel.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 
 #include "core/trace/accel.h"
+#include "field/file/field_cache.h"
 #include "hybrid/render/render.h"
 #include "hybrid/sky/sky.h"
 
@@ -27,10 +29,14 @@ struct SkyRequest {
 // Whether the scene has emitters that surround it.
 bool has_sky(const Scene& scene);
 
+// Opens the cache that maps are kept in; null: there is none.
+using CacheOpener = std::function<FieldCache*()>;
+
 // Makes nothing where the tolerance admits no estimates, or where maps would cost too many rays or too much memory.
-// Maps are incomplete if `callbacks.stop` was set meanwhile.
+// Reads the maps that the cache holds, bakes the rest and stores it there; `cache` is called only if there are maps to
+// make. What cannot be stored causes a warning. Maps are incomplete if `callbacks.stop` was set meanwhile.
 SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                  const RenderOptions& options, const SkyRequest& request, const RenderCallbacks& callbacks,
-                  Stats& stats);
+                  const RenderOptions& options, const SkyRequest& request, const CacheOpener& cache,
+                  const RenderCallbacks& callbacks, Stats& stats);
 
 }  // namespace fieldtrace

@@ -1,12 +1,14 @@
 // The commands bake and info on fields, run as a user would.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "field/file/field_file.h"
 #include "field/file/field_info.h"
+#include "field/file/maps_file.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/program.h"
 
@@ -110,6 +112,30 @@ TEST_F(CommandBake, FieldsOfTheThesisChartAreWhole) {
   EXPECT_LT(j["misses"], j["samples"]);
   EXPECT_EQ(j["bytes"]["disk"], fs::file_size(folder_ / "f.vdb"));
   EXPECT_EQ(j["bytes"]["memory"], 4327424);
+}
+
+TEST_F(CommandBake, InfoTellsOfDirectionMaps) {
+  constexpr MapSize size = {8, 16};
+  DirectionMaps maps(test_ball(), size);
+  std::fill_n(maps.depths(5), 256, uint16_t(1234));
+  FieldIdentity identity = test_identity({.directions = size.directions, .plane = size.texels, .lines = 0});
+  identity.chart = k_chart_maps;
+  save_direction_maps(maps, identity, folder_ / "m.vdb");
+  const Outcome text = run({"info", "m.vdb"}), json = run({"info", "m.vdb", "--json"});
+  ASSERT_EQ(text.code, 0) << text.err;
+  for (const char* part : {"chart      maps", "D 8, T 16", "16384, 1.6 % hit", "on disk"}) {
+    EXPECT_NE(text.out.find(part), std::string::npos) << part << " in\n" << text.out;
+  }
+  const nlohmann::json j = nlohmann::json::parse(json.out);
+  EXPECT_EQ(j["chart"], "maps");
+  EXPECT_EQ(j["directions"], 8);
+  EXPECT_EQ(j["texels_across"], 16);
+  EXPECT_EQ(j["texels"], 16384);
+  EXPECT_EQ(j["hits"], 256);
+  EXPECT_EQ(j["mesh_hash"], identity.geometry.hex());
+  EXPECT_EQ(j["cache_name"], identity.file_name());
+  EXPECT_EQ(j["bytes"]["disk"], fs::file_size(folder_ / "m.vdb"));
+  EXPECT_EQ(j["bytes"]["memory"], maps.bytes());
 }
 
 TEST_F(CommandBake, RefusesWhatItCannotBake) {

@@ -10,6 +10,7 @@
 #include "core/image/image.h"
 #include "core/mesh/mesh_io.h"
 #include "field/file/field_info.h"
+#include "field/file/maps_file.h"
 #include "field/file/thesis_file.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options.h"
@@ -125,6 +126,13 @@ void print_thesis_field(const std::string& path) {
   fmt::print("bytes      {} on disk, {} in memory\n", info.bytes_disk, info.bytes_memory);
 }
 
+void print_maps(const std::string& path) {
+  const MapsFileInfo info = maps_file_info(path);
+  print_header(path, info.header, fmt::format("D {}, T {}", info.size.directions, info.size.texels));
+  fmt::print("texels     {}, {:.1f} % hit\n", info.size.lines(), percent(info.hits, info.size.lines()));
+  fmt::print("bytes      {} on disk, {} in memory\n", info.bytes_disk, info.bytes_memory);
+}
+
 void print_field(const std::string& path) {
   const FieldFileInfo info = field_info(path);
   const FieldParameters& p = info.header.identity.parameters;
@@ -177,6 +185,16 @@ void print_thesis_field_json(const std::string& path) {
   fmt::print("{}\n", json.dump(2));
 }
 
+void print_maps_json(const std::string& path) {
+  const MapsFileInfo info = maps_file_info(path);
+  Json json =
+      header_json(path, info.header, {{"directions", info.size.directions}, {"texels_across", info.size.texels}});
+  json.update(Json{{"texels", info.size.lines()},
+                   {"hits", info.hits},
+                   {"bytes", {{"disk", info.bytes_disk}, {"memory", info.bytes_memory}}}});
+  fmt::print("{}\n", json.dump(2));
+}
+
 void print_field_json(const std::string& path) {
   const FieldFileInfo info = field_info(path);
   const FieldParameters& p = info.header.identity.parameters;
@@ -214,6 +232,17 @@ void print_field_json(const std::string& path) {
   fmt::print("{}\n", json.dump(2));
 }
 
+void print_field_file(const std::string& path, bool json) {
+  const std::string chart = field_file_chart(path);
+  if (chart == k_chart_thesis) {
+    (json ? print_thesis_field_json : print_thesis_field)(path);
+  } else if (chart == k_chart_maps) {
+    (json ? print_maps_json : print_maps)(path);
+  } else {
+    (json ? print_field_json : print_field)(path);
+  }
+}
+
 struct InfoArguments {
   SceneArguments file;
   bool json = false;
@@ -226,10 +255,8 @@ int run_info(const InfoArguments& arguments) {
   if (arguments.json && ending != ".vdb") {
     throw UsageError("--json: only of fields; " + path + " does not end in .vdb");
   }
-  if (ending == ".vdb" && field_file_chart(path) == k_chart_thesis) {
-    (arguments.json ? print_thesis_field_json : print_thesis_field)(path);
-  } else if (ending == ".vdb") {
-    (arguments.json ? print_field_json : print_field)(path);
+  if (ending == ".vdb") {
+    print_field_file(path, arguments.json);
   } else if (ending == ".xml") {
     print_scene(arguments.file);
   } else if (ending == ".obj" || ending == ".ply") {

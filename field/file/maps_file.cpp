@@ -1,0 +1,165 @@
+#include "field/file/maps_file.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <bit>
+#include <filesystem>
+#include <vector>
+
+#include "core/platform/parallel.h"
+#include "field/file/field_vdb.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr const char* k_depth_grid = "depth";
+// Tasks of .1 ms.
+constexpr size_t k_leaves_of_task = 64;
+constexpr const char* k_not_of_a_bake = "has depths that no bake writes";
+
+using DepthRow = std::array<uint16_t, k_vdb_leaf_side>;
+
+MapSize size_of(const FieldIdentity& identity) { return {identity.parameters.directions, identity.parameters.plane}; }
+
+// The leaves of a file's grid, which lie within its maps.
+struct DepthLeaves {
+  VdbGridPtr grid;
+  std::vector<VdbNode> leaves;
+};
+
+// Whether the leaf lies within the maps, with depths alone. What no line meets is inactive, so there is no tile either.
+bool is_sound(const VdbNode& node, const MapSize& size) {
+  const VoxelCoord limit = {int32_t(size.maps()), size.texels, size.texels};
+  for (int axis = 0; axis < 3; ++axis) {
+    if (node.origin[axis] < 0 || node.origin[axis] >= limit[axis]) return false;
+  }
+  return node.values != nullptr;
+}
+
+DepthLeaves depth_leaves(FieldVdb& file, const std::string& path) {
+  require_chart(file.header, k_chart_maps, path);
+  DepthLeaves depths{take_grid(file.grids, k_depth_grid, path), {}};
+  if (!depths.grid) return depths;  // all lines miss
+  const MapSize size = size_of(file.header.identity);
+  const bool sound = vdb().background(*depths.grid) == 0 && vdb().visit(*depths.grid, [&](const VdbNode& node) {
+    depths.leaves.push_back(node);
+    return is_sound(node, size);
+  });
+  if (!sound) throw FieldFileError(path, k_not_of_a_bake);
+  return depths;
+}
+
+// Visits the 64 texels of each of the leaf's directions, row by row, with their depths; 0: a miss. False if some
+// are none.
+template <class Visit>
+bool visit_rows(const VdbNode& leaf, const Visit& visit) {
+  uint32_t wrong = 0;
+  for (int x = 0; x < k_vdb_leaf_side; ++x) {
+    const uint64_t active = leaf.active[size_t(x)];
+    if (active == 0) continue;
+    for (int y = 0; y < k_vdb_leaf_side; ++y) {
+      const int32_t* const values = leaf.values + 64 * x + 8 * y;
+      DepthRow row;
+      for (int z = 0; z < k_vdb_leaf_side; ++z) {
+        const uint32_t is_hit = active >> (8 * y + z) & 1;
+        const uint32_t value = uint32_t(values[z]) & (0 - is_hit);
+        wrong |= value >> 16 | (is_hit & uint32_t(value == 0));
+        row[size_t(z)] = uint16_t(value);
+      }
+      visit(leaf.origin[0] + x, leaf.origin[1] + y, row);
+    }
+  }
+  return wrong == 0;
+}
+
+// Visits the rows of all leaves in parallel. Throws FieldFileError for what is no depth.
+template <class Visit>
+void visit_depths(const DepthLeaves& depths, const std::string& path, const Visit& visit) {
+  std::atomic<bool> sound = true;
+  parallel_for((depths.leaves.size() + k_leaves_of_task - 1) / k_leaves_of_task, [&](size_t task) {
+    const size_t begin = task * k_leaves_of_task, end = std::min(begin + k_leaves_of_task, depths.leaves.size());
+    for (size_t i = begin; i < end; ++i) {
+      const VdbNode& leaf = depths.leaves[i];
+      if (!visit_rows(leaf, [&](int x, int y, const DepthRow& row) { visit(x, y, leaf.origin[2], row); })) {
+        sound = false;
+      }
+    }
+  });
+  if (!sound) throw FieldFileError(path, k_not_of_a_bake);
+}
+
+VdbGridPtr make_grid(const DirectionMaps& maps) {
+  const MapSize size = maps.size();
+  VdbGridPtr grid = vdb().create(k_depth_grid, 0);
+  VdbLeaf leaf;
+  VoxelCoord origin;
+  for (origin[0] = 0; origin[0] < int32_t(size.maps()); origin[0] += k_vdb_leaf_side) {
+    for (origin[1] = 0; origin[1] < size.texels; origin[1] += k_vdb_leaf_side) {
+      for (origin[2] = 0; origin[2] < size.texels; origin[2] += k_vdb_leaf_side) {
+        uint64_t any = 0;
+        for (int x = 0; x < k_vdb_leaf_side; ++x) {
+          const uint16_t* const depths = maps.depths(origin[0] + x) + origin[1] * size.texels + origin[2];
+          uint64_t active = 0;
+          for (int i = 0; i < 64; ++i) {
+            const uint16_t depth = depths[i / 8 * size.texels + i % 8];
+            leaf.values[size_t(64 * x + i)] = depth;
+            active |= uint64_t(depth != 0) << i;
+          }
+          leaf.active[size_t(x)] = active;
+          any |= active;
+        }
+        if (any) vdb().add_leaf(*grid, origin, leaf);
+      }
+    }
+  }
+  return grid;
+}
+
+}  // namespace
+
+FieldIdentity maps_identity(const Shape& shape, const MapSize& size) {
+  FieldIdentity identity = field_identity(shape, {.directions = size.directions, .plane = size.texels, .lines = 0});
+  identity.chart = k_chart_maps;
+  return identity;
+}
+
+uint64_t save_direction_maps(const DirectionMaps& maps, const FieldIdentity& identity, const std::string& path) {
+  std::vector<VdbGridPtr> grids;
+  grids.push_back(make_grid(maps));
+  return write_field_vdb(grids, identity, maps.ball(), path);
+}
+
+DirectionMaps load_direction_maps(const FieldIdentity& identity, const Sphere& ball, const std::string& path) {
+  FieldVdb file = read_field_vdb(path);
+  const Sphere& held = file.header.ball;
+  if (!(file.header.identity == identity) || held.centre != ball.centre || held.radius != ball.radius) {
+    throw FieldFileError(path, "has another mesh, chart or other parameters");
+  }
+  const DepthLeaves leaves = depth_leaves(file, path);
+  DirectionMaps maps(ball, size_of(identity));
+  const int texels = maps.size().texels;
+  visit_depths(leaves, path, [&](int direction, int y, int x, const DepthRow& row) {
+    std::copy(row.begin(), row.end(), maps.depths(direction) + y * texels + x);
+  });
+  parallel_for(size_t(maps.size().maps()), [&](size_t direction) { maps.finish(int(direction)); });
+  return maps;
+}
+
+MapsFileInfo maps_file_info(const std::string& path) {
+  FieldVdb file = read_field_vdb(path);
+  const DepthLeaves leaves = depth_leaves(file, path);
+  MapsFileInfo info;
+  info.header = file.header;
+  info.size = size_of(file.header.identity);
+  visit_depths(leaves, path, [](int, int, int, const DepthRow&) {});
+  for (const VdbNode& leaf : leaves.leaves) {
+    for (const uint64_t word : leaf.active) info.hits += uint64_t(std::popcount(word));
+  }
+  std::error_code failed;
+  info.bytes_disk = std::filesystem::file_size(path, failed);
+  info.bytes_memory = DirectionMaps::bytes_of(info.size);
+  return info;
+}
+
+}  // namespace fieldtrace
