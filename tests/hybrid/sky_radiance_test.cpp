@@ -216,6 +216,42 @@ TEST(SkyRadiance, CellsHoldTheirMeanRadiance) {
   }
 }
 
+// Parts are told apart where the light varies, and hold their shares of it.
+TEST(SkyRadiance, PartsHoldTheirSharesOfACell) {
+  constexpr int k_side = 16, k_samples = 4;
+  const Scene scene = hazy_scene();
+  const LightTable lights = make_lights(scene);
+  const SkyRadiance sky(scene);
+  for (const Mat3& grid : grids()) {
+    const SkyCells cells = sky.cells(grid, k_side);
+    int varying = 0;
+    double squares = 0.0;
+    for (size_t i = 0; i < size_t(k_side * k_side); ++i) {
+      const float* const parts = cells.parts_of(i);
+      if (!parts) continue;
+      ++varying;
+      for (int k = 0; k < k_cell_parts; ++k) {
+        const int u = int(i) / k_side * k_parts_side + k / k_parts_side;
+        const int v = int(i) % k_side * k_parts_side + k % k_parts_side;
+        double mean = 0.0;
+        for (int j = 0; j < k_samples * k_samples; ++j) {
+          const Vec3 d = grid * direction_in(u * k_side * k_parts_side + v, k_side * k_parts_side, j, k_samples);
+          mean += luminance(DVec3(emitted_radiance(lights, 0, d))) / (k_samples * k_samples);
+        }
+        const double whole = luminance(DVec3(cells.red[i], cells.green[i], cells.blue[i]));
+        squares += std::pow(double(parts[k]) * k_cell_parts - mean / whole, 2.0) / k_cell_parts;
+      }
+    }
+    // The band about the horizon is about a fifth of the sphere.
+    EXPECT_GT(varying, k_side * k_side / 10);
+    EXPECT_LT(varying, k_side * k_side * 9 / 10);
+    // Turned, the fine grid is interpolated: parts of two of its cells a side are blurred by one.
+    EXPECT_LT(std::sqrt(squares / varying), grid == Mat3(1.0f) ? 0.02 : 0.1);
+  }
+  const SkyCells constant = SkyRadiance(emitter_scene(EmitterKind::constant)).cells(Mat3(1.0f), k_side);
+  for (size_t i = 0; i < constant.red.size(); ++i) ASSERT_EQ(constant.parts_of(i), nullptr);
+}
+
 TEST(SkyRadiance, IrradianceAgreesWithBruteForce) {
   const std::vector<Vec3> normals = random_normals(16, 7);
   for (const NamedScene& s : map_scenes()) {
