@@ -39,10 +39,12 @@ FT_HD_INLINE F dot3(const float* a, const Vec3Lanes<F>& b) {
 }
 
 // The mean of max(0, x) for x uniform in [mean - half, mean + half]: of the cosine over a cell across the horizon.
+// Without a condition, so that compilers make vectors of loops over floats, too.
 template <class F>
 FT_HD_INLINE F cosine_over_cell(F mean, F half) {
-  const F above = max(mean + half, splat<F>(0.0f));
-  return select(mean > half, mean, above * above / (splat<F>(4.0f) * half));
+  const F zero = splat<F>(0.0f);
+  const F across = min(max(mean + half, zero), half + half);
+  return across * across / (splat<F>(4.0f) * half) + max(mean - half, zero);
 }
 
 template <class F>

@@ -1,6 +1,7 @@
 #include "hybrid/sky/sky_radiance.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "core/platform/parallel.h"
@@ -21,11 +22,12 @@ constexpr double k_concentrated_share = 1.0 / 500.0, k_concentrated_power = 0.05
 // Cells whose parts differ by more than this factor in luminance are divided where planes cut them.
 constexpr float k_part_contrast = 1.1f;
 
-float part_centre(int i) { return (float(i) + 0.5f) / float(k_parts_side); }
 float luminance(const Rgb& c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }
 Rgb positive(const Rgb& c) { return glm::max(c, Rgb(0.0f)); }
 
-float cell_half_width(int directions) { return std::sqrt(k_pi) / float(directions); }
+// Of an interval whose variance is that of cells along a line, in the mean: most cells are longer than wide.
+constexpr float k_cell_stretch = 1.12f;
+float cell_half_width(int directions) { return k_cell_stretch * std::sqrt(k_pi) / float(directions); }
 
 int cell_index(const Vec3& d, int n) {
   scalar::CellAddress<float> cell;
@@ -36,38 +38,61 @@ int cell_index(const Vec3& d, int n) {
 // Point (x, y) of cell `i` of an n x n grid, x and y in [0, 1].
 Vec3 direction_in(int i, int n, float x, float y) {
   const float step = 2.0f / float(n);
-  return to_vec(
-      scalar::frame_from_square<float>((float(i / n) + x) * step - 1.0f, (float(i % n) + y) * step - 1.0f).c);
+  return to_vec(scalar::frame_from_square<float>((float(i / n) + x) * step - 1.0f, (float(i % n) + y) * step - 1.0f).c);
+}
+
+// Interpolation of side x side values over the octahedral square, `density` of them per unit, the first at -1 - shift /
+// density. It is linear over triangles whose long edges lie along the folds between the hemispheres.
+Rgb interpolate(const std::vector<Rgb>& values, int side, const Vec3& d, float density, float shift) {
+  float u, v;
+  scalar::square_from_direction(lanes(d), u, v);
+  const auto place = [&](float x) { return std::clamp((x + 1.0f) * density + shift, 0.0f, float(side - 1)); };
+  const float x = place(u), y = place(v);
+  const int i = std::min(int(x), side - 2), j = std::min(int(y), side - 2);
+  const Rgb* const low = &values[size_t(i) * size_t(side) + size_t(j)];
+  const Rgb* const high = low + side;
+  const bool rises = (u > 0.0f) != (v > 0.0f);  // the fold, of v over u
+  const float s = x - float(i), t = rises ? 1.0f - (y - float(j)) : y - float(j);
+  // Nearer than the fold along t, and farther.
+  const Rgb &near_low = low[rises], &far_low = low[!rises], &near_high = high[rises], &far_high = high[!rises];
+  if (s + t < 1.0f) return near_low + (near_high - near_low) * s + (far_low - near_low) * t;
+  return far_high + (far_low - far_high) * (1.0f - s) + (near_high - far_high) * (1.0f - t);
+}
+
+// The integral over the sphere of what a texel of row `y` weighs between texels, in units of the width of a column.
+double row_weight(int y, int height) {
+  const double step = double(k_pi) / double(height - 1);
+  if (y == 0 || y == height - 1) return 1.0 - std::sin(step) / step;
+  const double half_sine = std::sin(0.5 * step);
+  return 4.0 * half_sine * half_sine / step * std::sin(step * double(y));
 }
 
 // The luminance above which a map's light counts as concentrated; infinite if it has no such source. By a histogram
-// over powers of two to the eighth.
+// over the leading bits of floats, eight bins for each power of two.
 float concentration_threshold(const Bitmap& map) {
-  constexpr int k_bins = 2048;
+  constexpr int k_dropped_bits = 20;
+  constexpr size_t k_bins = size_t(1) << (31 - k_dropped_bits);
   std::vector<double> area(k_bins, 0.0), power(k_bins, 0.0);
-  const auto bin_of = [](float y) { return std::clamp(int(8.0f * std::log2(y)) + k_bins / 2, 0, k_bins - 1); };
   double all_area = 0.0, all_power = 0.0;
   for (int y = 0; y < map.height; ++y) {
-    const double sine = std::sin(double(k_pi) * double(y) / double(map.height - 1));
+    const double weight = row_weight(y, map.height);
     for (int x = 0; x < map.width; ++x) {
       const float light = luminance(positive(map.pixels[size_t(y) * size_t(map.width) + size_t(x)]));
-      all_area += sine;
-      if (!(light > 0.0f)) continue;
-      area[size_t(bin_of(light))] += sine;
-      power[size_t(bin_of(light))] += sine * double(light);
-      all_power += sine * double(light);
+      const size_t bin = std::bit_cast<uint32_t>(light) >> k_dropped_bits;
+      area[bin] += weight;
+      power[bin] += weight * double(light);
     }
   }
+  for (size_t bin = 0; bin < k_bins; ++bin) all_area += area[bin], all_power += power[bin];
   double above_area = 0.0, above_power = 0.0;
-  for (int bin = k_bins - 1; bin > 0; --bin) {
-    above_area += area[size_t(bin)];
-    above_power += power[size_t(bin)];
-    if (above_area + area[size_t(bin) - 1] <= k_concentrated_share * all_area) continue;
-    const float threshold = std::exp2(float(bin - k_bins / 2) / 8.0f);
-    const bool is_concentrated = above_power - double(threshold) * above_area > k_concentrated_power * all_power;
-    return is_concentrated ? threshold : k_infinity;
+  size_t least = k_bins;
+  while (least > 0 && above_area + area[least - 1] <= k_concentrated_share * all_area) {
+    above_area += area[--least];
+    above_power += power[least];
   }
-  return k_infinity;
+  const float threshold = std::bit_cast<float>(uint32_t(least << k_dropped_bits));
+  const bool is_concentrated = above_power - double(threshold) * above_area > k_concentrated_power * all_power;
+  return is_concentrated ? threshold : k_infinity;
 }
 
 // The direction of place (x, y) of a map, whose texels lie at whole numbers (core/light/light_environment.h).
@@ -105,27 +130,24 @@ void SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, float thres
   Emitter& e = scene.emitters.emplace_back(emitter);
   e.bitmap = 0;
   concentrated_ = std::make_unique<LightTable>(make_lights(scene));
-  Vec3 sum(0.0f);
-  const auto direction_of = [&](size_t i) {
-    return map_direction(emitter, map, float(i % size_t(map.width)), float(i / size_t(map.width)));
-  };
-  double area = 0.0;
+  const auto width = size_t(map.width);
+  std::vector<Vec3> directions;  // of what is not black: few texels
+  DVec3 sum(0.0);
   for (size_t i = 0; i < upper.pixels.size(); ++i) {
-    const double sine = std::sin(double(k_pi) * double(i / size_t(map.width)) / double(map.height - 1));
-    sum += direction_of(i) * luminance(upper.pixels[i]);
-    power_ += sine * double(luminance(upper.pixels[i] * emitter.value));
-    area += sine;
+    const float light = luminance(upper.pixels[i]);
+    if (!(light > 0.0f)) continue;
+    directions.push_back(map_direction(emitter, map, float(i % width), float(i / width)));
+    const double weight = row_weight(int(i / width), map.height) / (2.0 * double(width));
+    sum += DVec3(directions.back()) * double(light);
+    power_ += weight * double(luminance(upper.pixels[i] * emitter.value));
   }
-  power_ /= area;
-  if (!(glm::length(sum) > 0.0f)) return;
-  axis_ = glm::normalize(sum);
-  float least = 1.0f;
-  for (size_t i = 0; i < upper.pixels.size(); ++i) {
-    if (luminance(upper.pixels[i]) > 0.0f) least = std::min(least, glm::dot(axis_, direction_of(i)));
-  }
+  if (!(glm::length(sum) > 0.0)) return;
+  axis_ = Vec3(glm::normalize(sum));
+  float farthest = 0.0f;  // chord to a texel
+  for (const Vec3& d : directions) farthest = std::max(farthest, glm::length(d - axis_));
   // Between texels the light falls to 0 over one more.
   const float texel = 2.0f * k_pi * (1.0f / float(map.width) + 0.5f / float(map.height - 1));
-  angle_ = std::min(std::acos(std::clamp(least, -1.0f, 1.0f)) + texel, k_pi);
+  angle_ = std::min(2.0f * std::asin(std::min(0.5f * farthest, 1.0f)) + texel, k_pi);
 }
 
 // Adds samples all over the map to the cells of the fine grid.
@@ -142,32 +164,38 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
     double area = 0.0;
   };
   std::vector<std::vector<Sum>> bands(k_bands);
+  std::vector<Vec3> around;  // the equator's directions
+  for (int column = 0; column < columns; ++column) {
+    const float x = (float(column) + 0.5f) / float(finer);
+    around.push_back(map_direction(emitter, map, x, 0.5f * float(map.height - 1)));
+  }
   parallel_for(k_bands, [&](size_t band) {
     std::vector<Sum>& sums = bands[band];
     sums.resize(k_cells);
+    std::vector<Rgb> row_light(size_t(map.width) + 1);
     for (int row = int(size_t(rows) * band / k_bands); row < int(size_t(rows) * (band + 1) / k_bands); ++row) {
       const float y = (float(row) + 0.5f) / float(finer);
       const int above = std::min(int(y), map.height - 2);
-      const double sine = std::sin(double(k_pi) * double(y) / double(map.height - 1));
+      const Rgb* const upper = &map.pixels[size_t(above) * size_t(map.width)];
+      for (int x = 0; x < map.width; ++x) {
+        row_light[size_t(x)] =
+            glm::mix(rest_of(upper[x], threshold), rest_of(upper[x + map.width], threshold), y - float(above));
+      }
+      row_light.back() = row_light.front();
+      const double theta = double(k_pi) * double(y) / double(map.height - 1);
+      const double sine = std::sin(theta);
+      const Vec3 up = emitter.rotation[1] * float(std::cos(theta));
       for (int column = 0; column < columns; ++column) {
         const float x = (float(column) + 0.5f) / float(finer);
-        const int left = int(x), right = left + 1 < map.width ? left + 1 : 0;
-        const auto texel = [&](int r, int c) {
-          return rest_of(map.pixels[size_t(r) * size_t(map.width) + size_t(c)], threshold);
-        };
-        const float s = x - float(left), t = y - float(above);
-        const Rgb light = (texel(above, left) * (1.0f - s) + texel(above, right) * s) * (1.0f - t) +
-                          (texel(above + 1, left) * (1.0f - s) + texel(above + 1, right) * s) * t;
-        Sum& sum = sums[size_t(cell_index(map_direction(emitter, map, x, y), k_fine_cells))];
+        const auto left = size_t(x);
+        const Rgb light = glm::mix(row_light[left], row_light[left + 1], x - float(left));
+        Sum& sum = sums[size_t(cell_index(around[size_t(column)] * float(sine) + up, k_fine_cells))];
         sum.light += DVec3(light) * sine;
         sum.area += sine;
       }
     }
   });
-  if (fine_.empty()) {
-    fine_.assign(k_cells, Rgb(0.0f));
-    for (size_t i = 0; i < k_cells; ++i) fine_direction_.push_back(direction_in(int(i), k_fine_cells, 0.5f, 0.5f));
-  }
+  fine_.resize(k_cells, Rgb(0.0f));
   for (size_t i = 0; i < k_cells; ++i) {
     Sum all;
     for (const std::vector<Sum>& sums : bands) all.light += sums[i].light, all.area += sums[i].area;
@@ -179,100 +207,77 @@ SkyCells SkyRadiance::cells(const Mat3& grid, int directions) const {
   const size_t count = size_t(directions) * size_t(directions);
   SkyCells cells;
   cells.half_width = cell_half_width(directions);
-  for (auto* v : {&cells.red, &cells.green, &cells.blue, &cells.vx, &cells.vy, &cells.vz}) v->assign(count, 0.0f);
-  std::vector<Rgb> light(count, Rgb(0.0f));
-  std::vector<Vec3> direction(count, Vec3(0.0f));
-  std::vector<float> weight(count, 0.0f), samples(count, 0.0f);
-  const auto add = [&](size_t cell, const Rgb& radiance, const Vec3& d) {
-    // A black sky has directions, too.
-    const float y = luminance(constant_ + radiance) + 1e-20f;
-    light[cell] += radiance;
-    direction[cell] += d * y;
-    weight[cell] += y;
-    samples[cell] += 1.0f;
-  };
-  if (fine_.empty()) {
-    constexpr int k_side = 4;
-    for (size_t i = 0; i < count; ++i) {
-      for (int k = 0; k < k_side * k_side; ++k) {
-        const float x = (float(k / k_side) + 0.5f) / k_side, y = (float(k % k_side) + 0.5f) / k_side;
-        add(i, Rgb(0.0f), direction_in(int(i), directions, x, y));
-      }
-    }
-  } else {
-    const Mat3 to_grid = glm::transpose(grid);
-    for (size_t i = 0; i < fine_.size(); ++i) {
-      const Vec3 d = to_grid * fine_direction_[i];
-      add(size_t(cell_index(d, directions)), fine_[i], d);
-    }
-  }
-  for (size_t i = 0; i < count; ++i) {
-    const Rgb radiance = constant_ + (samples[i] > 0.0f ? light[i] / samples[i] : Rgb(0.0f));
-    const Vec3 local = samples[i] > 0.0f ? direction[i] / weight[i] : direction_in(int(i), directions, 0.5f, 0.5f);
-    const Vec3 d = grid * local;
-    cells.red[i] = radiance.x, cells.green[i] = radiance.y, cells.blue[i] = radiance.z;
-    cells.vx[i] = d.x, cells.vy[i] = d.y, cells.vz[i] = d.z;
-  }
+  for (auto* v : {&cells.red, &cells.green, &cells.blue, &cells.vx, &cells.vy, &cells.vz}) v->resize(count);
   cells.varies.assign(count, 0);
-  if (!fine_.empty()) divide(grid, directions, cells);
-  return cells;
-}
-
-void SkyRadiance::divide(const Mat3& grid, int directions, SkyCells& cells) const {
-  const size_t count = size_t(directions) * size_t(directions);
-  cells.parts.resize(count * size_t(k_cell_parts));
+  if (!fine_.empty()) cells.parts.resize(count * size_t(k_cell_parts));
+  // Samples at least as dense as the fine grid; on the world's grid they are its cells.
+  const int of_part = (k_fine_cells - 1) / (directions * k_parts_side) + 1, side = k_parts_side * of_part;
+  const float step = 1.0f / float(side);
   for (size_t i = 0; i < count; ++i) {
-    float* const parts = &cells.parts[i * size_t(k_cell_parts)];
-    float sum = 0.0f, least = k_infinity, most = 0.0f;
-    for (int k = 0; k < k_cell_parts; ++k) {
-      const float x = part_centre(k / k_parts_side), y = part_centre(k % k_parts_side);
-      const Vec3 d = grid * direction_in(int(i), directions, x, y);
-      const float light = luminance(radiance(d));
-      parts[k] = light;
-      sum += light, least = std::min(least, light), most = std::max(most, light);
+    Rgb light(0.0f);
+    Vec3 direction(0.0f);
+    float weight = 0.0f, parts[k_cell_parts] = {};
+    for (int k = 0; k < side * side; ++k) {
+      const int row = k / side, column = k % side;
+      const Vec3 d = grid * direction_in(int(i), directions, (float(row) + 0.5f) * step, (float(column) + 0.5f) * step);
+      const Rgb sample = radiance(d);
+      // A black sky has directions, too.
+      const float of_sample = luminance(sample) + 1e-30f;
+      light += sample - constant_;
+      direction += d * of_sample;
+      weight += of_sample;
+      parts[row / of_part * k_parts_side + column / of_part] += of_sample;
     }
-    cells.varies[i] = most > k_part_contrast * least;
-    for (int k = 0; k < k_cell_parts; ++k) parts[k] = sum > 0.0f ? parts[k] / sum : 1.0f / float(k_cell_parts);
+    const Rgb mean = constant_ + light * (step * step);
+    const Vec3 d = direction / weight;
+    cells.red[i] = mean.x, cells.green[i] = mean.y, cells.blue[i] = mean.z;
+    cells.vx[i] = d.x, cells.vy[i] = d.y, cells.vz[i] = d.z;
+    if (fine_.empty()) continue;
+    const auto [least, most] = std::minmax_element(parts, parts + k_cell_parts);
+    cells.varies[i] = *most > k_part_contrast * *least;
+    for (int k = 0; k < k_cell_parts; ++k) cells.parts[i * size_t(k_cell_parts) + size_t(k)] = parts[k] / weight;
   }
-}
-
-Rgb SkyRadiance::radiance(const Vec3& d) const {
-  return fine_.empty() ? constant_ : constant_ + fine_[size_t(cell_index(d, k_fine_cells))];
+  return cells;
 }
 
 void SkyRadiance::make_table() {
   const SkyCells sky = cells(Mat3(1.0f), k_table_cells);
   const float solid_angle = 4.0f * k_pi / float(k_table_cells * k_table_cells);
-  constexpr int k_side = k_table_cells + 1;
-  table_.resize(size_t(k_side) * size_t(k_side));
-  parallel_for(size_t(k_side), [&](size_t row) {
-    for (int column = 0; column < k_side; ++column) {
+  constexpr size_t k_side = size_t(k_table_cells) + 1;
+  table_.resize(k_side * k_side);
+  parallel_for(k_side, [&](size_t row) {
+    // Structures of arrays over a row, so that the compiler makes vectors of the loop over it.
+    const float half = sky.half_width;
+    struct Column {
+      float x[k_side], y[k_side], z[k_side];
+    } n, sum = {};
+    for (size_t i = 0; i < k_side; ++i) {
       const float step = 2.0f / float(k_table_cells);
-      const Vec3 n =
-          to_vec(scalar::frame_from_square<float>(float(row) * step - 1.0f, float(column) * step - 1.0f).c);
-      float red = 0.0f, green = 0.0f, blue = 0.0f;
-      for (size_t i = 0; i < size_t(k_table_cells * k_table_cells); ++i) {
-        const float mean = n.x * sky.vx[i] + n.y * sky.vy[i] + n.z * sky.vz[i];
-        const float cosine = scalar::cosine_over_cell<float>(mean, sky.half_width);
-        red += cosine * sky.red[i], green += cosine * sky.green[i], blue += cosine * sky.blue[i];
-      }
-      table_[row * size_t(k_side) + size_t(column)] = Rgb(red, green, blue) * solid_angle;
+      const auto d = scalar::frame_from_square<float>(float(row) * step - 1.0f, float(i) * step - 1.0f).c;
+      n.x[i] = d.x, n.y[i] = d.y, n.z[i] = d.z;
     }
+    for (size_t cell = 0; cell < size_t(k_table_cells * k_table_cells); ++cell) {
+      const Vec3 v(sky.vx[cell], sky.vy[cell], sky.vz[cell]);
+      const Rgb light(sky.red[cell], sky.green[cell], sky.blue[cell]);
+      for (size_t i = 0; i < k_side; ++i) {
+        const float mean = n.x[i] * v.x + n.y[i] * v.y + n.z[i] * v.z;
+        const float cosine = scalar::cosine_over_cell<float>(mean, half);
+        sum.x[i] += cosine * light.x, sum.y[i] += cosine * light.y, sum.z[i] += cosine * light.z;
+      }
+    }
+    for (size_t i = 0; i < k_side; ++i) table_[row * k_side + i] = Rgb(sum.x[i], sum.y[i], sum.z[i]) * solid_angle;
   });
+}
+
+Rgb SkyRadiance::radiance(const Vec3& d) const {
+  if (fine_.empty()) return constant_;
+  // Values lie at the cells' centres. Beyond the outermost ones, at the square's edges, they are constant.
+  return constant_ + interpolate(fine_, k_fine_cells, d, 0.5f * float(k_fine_cells), -0.5f);
 }
 
 Rgb SkyRadiance::irradiance(const Vec3& n) const {
   if (table_.empty()) return constant_ * k_pi;
-  float u, v;
-  scalar::square_from_direction(lanes(n), u, v);
-  const auto place = [](float x) { return std::clamp((x + 1.0f) * 0.5f, 0.0f, 1.0f) * float(k_table_cells); };
-  const float x = place(u), y = place(v);
-  const int i = std::min(int(x), k_table_cells - 1), j = std::min(int(y), k_table_cells - 1);
-  const float s = x - float(i), t = y - float(j);
-  const Rgb* const corner = &table_[size_t(i) * size_t(k_table_cells + 1) + size_t(j)];
-  const Rgb low = corner[0] * (1.0f - t) + corner[1] * t;
-  const Rgb high = corner[k_table_cells + 1] * (1.0f - t) + corner[k_table_cells + 2] * t;
-  return low * (1.0f - s) + high * s;
+  return interpolate(table_, k_table_cells + 1, n, 0.5f * float(k_table_cells), 0.0f);
 }
 
 }  // namespace fieldtrace

@@ -32,12 +32,12 @@ struct SkyCells {
 
 class SkyRadiance {
  public:
-  // Throws Error for maps that make_environment() refuses.
+  // Unchecked: the caller guarantees a scene that make_lights() accepts.
   explicit SkyRadiance(const Scene& scene);
 
   // The cells of a grid whose axes are the columns of `grid`, a rotation that may mirror.
   SkyCells cells(const Mat3& grid, int directions) const;
-  // Radiance from a unit direction, without what is concentrated: that of the cell of a fine grid.
+  // Radiance from a unit direction, without what is concentrated: interpolated on a fine grid.
   Rgb radiance(const Vec3& d) const;
   // Irradiance of the open sky, without what is concentrated, on a surface of the unit normal `n`.
   Rgb irradiance(const Vec3& n) const;
@@ -53,12 +53,10 @@ class SkyRadiance {
   void add_map(const Scene& scene, const Emitter& emitter);
   void cut_out(const Bitmap& map, const Emitter& emitter, float threshold);
   void make_table();
-  void divide(const Mat3& grid, int directions, SkyCells& cells) const;
 
   Rgb constant_ = Rgb(0.0f);
   // The maps, by cells of a fine grid; empty: none.
   std::vector<Rgb> fine_;
-  std::vector<Vec3> fine_direction_;
   // Irradiance by normal at the corners of a grid over the octahedral square; empty without maps.
   std::vector<Rgb> table_;
   std::unique_ptr<LightTable> concentrated_;
