@@ -97,13 +97,15 @@ void SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, float thres
   Emitter& e = scene.emitters.emplace_back(emitter);
   e.bitmap = 0;
   concentrated_ = std::make_unique<LightTable>(make_lights(scene));
-  Vec3 sum(0.0f);
+  DVec3 sum(0.0);  // squares of large values overflow a float
   const auto direction_of = [&](size_t i) {
     return map_direction(emitter, map, float(i % size_t(map.width)), float(i / size_t(map.width)));
   };
-  for (size_t i = 0; i < upper.pixels.size(); ++i) sum += direction_of(i) * luminance(upper.pixels[i]);
-  if (!(glm::length(sum) > 0.0f)) return;
-  axis_ = glm::normalize(sum);
+  for (size_t i = 0; i < upper.pixels.size(); ++i) {
+    sum += DVec3(direction_of(i)) * double(luminance(upper.pixels[i]));
+  }
+  if (!(glm::length(sum) > 0.0)) return;
+  axis_ = Vec3(glm::normalize(sum));
   float least = 1.0f;
   for (size_t i = 0; i < upper.pixels.size(); ++i) {
     if (luminance(upper.pixels[i]) > 0.0f) least = std::min(least, glm::dot(axis_, direction_of(i)));
