@@ -12,19 +12,21 @@
 namespace fieldtrace {
 namespace {
 
-// World to coordinates in which `origin` is 0 and the columns of `axes` are the unit vectors, both in object space.
-void write_coordinates(const Instance& instance, const DVec3& origin, const DMat3& axes, float out[12]) {
+// World to coordinates in which `origin` is 0 and the columns of `axes` are the unit vectors, both in the space that
+// `from_world` leads to.
+void write_coordinates(const Affine& from_world, const DVec3& origin, const DMat3& axes, float out[12]) {
   const DMat3 inverse = glm::inverse(axes);
   for (int column = 0; column < 4; ++column) {
-    DVec3 value(instance.to_object[column][0], instance.to_object[column][1], instance.to_object[column][2]);
+    DVec3 value(from_world[column]);
     if (column == 3) value -= origin;
     value = inverse * value;
     for (int row = 0; row < 3; ++row) out[column * 3 + row] = float(value[row]);
   }
 }
 
-// The parallelogram that a shape is, in object space: its centre, half axes, and a normal. False for other shapes.
-bool parallelogram(const Shape& shape, DVec3& centre, DMat3& axes) {
+// The parallelogram that an instance is, in world space: its centre, half axes, and their normal, which a shear makes
+// another one than the shape's. False for other shapes.
+bool parallelogram(const Shape& shape, const DAffine& to_world, DVec3& centre, DMat3& axes) {
   if (!is_meshed(shape.kind) || shape.mesh.triangles.size() != 2) return false;
   const auto& triangles = shape.mesh.triangles;
   const auto vertex = [&](int t, int k) { return DVec3(shape.mesh.positions[triangles[size_t(t)][k]]); };
@@ -37,8 +39,9 @@ bool parallelogram(const Shape& shape, DVec3& centre, DMat3& axes) {
       const bool shares = (glm::length(c - a) < error && glm::length(d - b) < error) ||
                           (glm::length(c - b) < error && glm::length(d - a) < error);
       if (!shares || !(glm::length(apex + other - a - b) < error)) continue;
-      centre = 0.5 * (a + b);
-      const DVec3 x = 0.5 * (a - apex), y = 0.5 * (b - apex), z = glm::cross(x, y);
+      const DMat3 linear(to_world[0], to_world[1], to_world[2]);
+      centre = linear * (0.5 * (a + b)) + to_world[3];
+      const DVec3 x = linear * (0.5 * (a - apex)), y = linear * (0.5 * (b - apex)), z = glm::cross(x, y);
       if (!(glm::length(z) > 0.0)) return false;
       axes = DMat3(x, y, glm::normalize(z));
       return true;
@@ -77,16 +80,16 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     o.ball = world_ball(instance, field_ball(shape.bounds));
     DVec3 centre;
     DMat3 axes;
-    if (parallelogram(shape, centre, axes)) {
+    if (parallelogram(shape, DAffine(instance.to_world), centre, axes)) {
       o.kind = SkyOccluder::Kind::plane;
-      write_coordinates(instance, centre, axes, o.to_unit);
+      write_coordinates(Affine(1.0f), centre, axes, o.to_unit);
       continue;
     }
     o.kind = SkyOccluder::Kind::ball;
     const DirectionMaps* const maps = shapes_[instance.shape].get();
     if (!maps) continue;
     const double radius = double(maps->ball().radius);
-    write_coordinates(instance, DVec3(maps->ball().centre), DMat3(radius), o.to_unit);
+    write_coordinates(instance.to_object, DVec3(maps->ball().centre), DMat3(radius), o.to_unit);
     const DMat3 to_unit = linear_part(o.to_unit);
     o.keeps_angles = keeps_angles(to_unit);
     if (!o.keeps_angles) continue;

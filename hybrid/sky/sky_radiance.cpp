@@ -32,8 +32,7 @@ int cell_index(const Vec3& d, int n) {
 // Point (x, y) of cell `i` of an n x n grid, x and y in [0, 1].
 Vec3 direction_in(int i, int n, float x, float y) {
   const float step = 2.0f / float(n);
-  return to_vec(
-      scalar::frame_from_square<float>((float(i / n) + x) * step - 1.0f, (float(i % n) + y) * step - 1.0f).c);
+  return to_vec(scalar::frame_from_square<float>((float(i / n) + x) * step - 1.0f, (float(i % n) + y) * step - 1.0f).c);
 }
 
 // The luminance above which a map's light counts as concentrated; infinite if it has no such source. By a histogram
@@ -211,8 +210,7 @@ void SkyRadiance::make_table() {
   parallel_for(size_t(k_side), [&](size_t row) {
     for (int column = 0; column < k_side; ++column) {
       const float step = 2.0f / float(k_table_cells);
-      const Vec3 n =
-          to_vec(scalar::frame_from_square<float>(float(row) * step - 1.0f, float(column) * step - 1.0f).c);
+      const Vec3 n = to_vec(scalar::frame_from_square<float>(float(row) * step - 1.0f, float(column) * step - 1.0f).c);
       float red = 0.0f, green = 0.0f, blue = 0.0f;
       for (size_t i = 0; i < size_t(k_table_cells * k_table_cells); ++i) {
         const float mean = n.x * sky.vx[i] + n.y * sky.vy[i] + n.z * sky.vz[i];

@@ -75,7 +75,8 @@ TEST_P(Maps, DepthsAreThoseOfRays) {
   int hits = 0, different = 0;
   constexpr int k_trials = 20000;
   for (int i = 0; i < k_trials; ++i) {
-    const int u = int(random.index(16)), v = int(random.index(16)), x = int(random.index(64)), y = int(random.index(64));
+    const int u = int(random.index(16)), v = int(random.index(16)), x = int(random.index(64)),
+              y = int(random.index(64));
     const CellFrame frame = cell_frame(u, v, 16);
     const float px = (float(x) + 0.5f) / 32.0f - 1.0f, py = (float(y) + 0.5f) / 32.0f - 1.0f;
     const uint16_t depth = m.maps.depths(u * 16 + v)[y * 64 + x];
