@@ -62,7 +62,7 @@ float concentration_threshold(const Bitmap& map) {
     const bool is_concentrated = above_power - double(threshold) * above_area > k_concentrated_power * all_power;
     return is_concentrated ? threshold : k_infinity;
   }
-  return k_infinity;
+  return all_power > 0.0 ? 0.0f : k_infinity;  // lights on black alone
 }
 
 // The direction of place (x, y) of a map, whose texels lie at whole numbers (core/light/light_environment.h).

@@ -433,6 +433,46 @@ TEST_P(SharesOfMaps, AreNearThoseOfRays) {
   EXPECT_NEAR(sum / exact_sum, 1.0, 0.02);
 }
 
+// Points in the ball compare depths: of other objects, and of the one that they lie on.
+TEST_P(SharesOfMaps, ByDepthsAreNearThoseOfRays) {
+  TestRandom random(32);
+  const MappedMesh m(std::string(GetParam()) == "knot" ? make_knot({.along = 256, .around = 24})
+                                                       : make_supershape({.around = 96, .along = 48}),
+                     {.directions = 32, .texels = 64});
+  const MapsView view = m.maps->view();
+  const TriangleMesh& mesh = m.scene.shapes[0].mesh;
+  ShareErrors others, own;
+  int undecided[2] = {};
+  for (int trial = 0; trial < 4000; ++trial) {
+    const int cell = int(random.index(32 * 32));
+    const Vec3 p = random.in_ball();
+    const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p));
+    share.near ? void(++undecided[0]) : others.add(double(share.hidden), m.share(p, cell, 16));
+
+    const UVec3 t = mesh.triangles[random.index(uint32_t(mesh.triangles.size()))];
+    const Vec3 a = mesh.positions[t.x], b = mesh.positions[t.y], c = mesh.positions[t.z];
+    const Vec3 g = glm::normalize(glm::cross(b - a, c - a)), on = (a + b + c) / 3.0f;
+    const CellFrame frame = cell_frame(cell / 32, cell % 32, 32);
+    if (glm::dot(frame.c, g) < 2.0f * cell_width(32)) continue;  // the horizon cuts the cell
+    OwnLines lines;
+    lines.lines = lines_of(view, cell, 32, 2.0f);
+    for (int i = 0; i < 3; ++i) lines.s[i] = frame.s[i], lines.t[i] = frame.t[i], lines.c[i] = frame.c[i];
+    lines.clear_within = 0.5f, lines.hidden_from = 3.0f;
+    const scalar::MapShare<float> of_own = scalar::share_of_own<float>(lines, lanes(on), lanes(g));
+    of_own.near ? void(++undecided[1]) : own.add(double(of_own.hidden), m.share(on + 1e-5f * g, cell, 16));
+  }
+  for (const ShareErrors& errors : {others, own}) {
+    EXPECT_LT(errors.mean(), 0.025);
+    EXPECT_LT(std::abs(errors.bias()), 0.005);
+    EXPECT_GT(errors.partial, 10);
+  }
+  // Depths about as high as the point: a few.
+  for (const int count : undecided) {
+    EXPECT_GT(count, 0);
+    EXPECT_LT(count, 200);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Meshes, SharesOfMaps, testing::Values("knot", "supershape"),
                          [](const auto& instance) { return std::string(instance.param); });
 

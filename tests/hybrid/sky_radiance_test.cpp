@@ -175,6 +175,15 @@ TEST(SkyRadiance, SunsAreCutOutAndNothingIsLost) {
   }
 }
 
+TEST(SkyRadiance, SunsOnBlackAreCutOutWhole) {
+  SceneMaker maker;
+  maker.environment(256, 129, [](int x, int y) { return Rgb(x == 70 && y == 40 ? 3.0f : 0.0f); });
+  const SkyRadiance sky(maker.scene);
+  ASSERT_NE(sky.concentrated(), nullptr);
+  EXPECT_EQ(radiances(*sky.concentrated()), radiances(make_lights(maker.scene)));
+  EXPECT_EQ(sky.irradiance(sky.concentrated_axis()), Rgb(0.0f));
+}
+
 TEST(SkyRadiance, BlackMapsAreBlack) {
   SceneMaker maker;
   maker.environment(16, 9, [](int, int) { return Rgb(0.0f); });
