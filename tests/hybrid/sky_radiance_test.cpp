@@ -154,7 +154,7 @@ SceneMaker sunny(int height, int sun_row, int sun_column, float radiance, TestRa
 TEST(SkyRadiance, SunsAreCutOutAndNothingIsLost) {
   TestRandom random(3);
   for (const int row : {10, 40, 72}) {
-    for (const float radiance : {500.0f, 1e4f, 1e30f}) {
+    for (const float radiance : {500.0f, 1e30f}) {
       const SceneMaker maker = sunny(129, row, 0, radiance, random);  // across the map's seam
       const SkyRadiance sky(maker.scene);
       ASSERT_NE(sky.concentrated(), nullptr) << row;
