@@ -12,11 +12,12 @@
 namespace fieldtrace {
 namespace {
 
-// World to coordinates in which `origin` is 0 and the columns of `axes` are the unit vectors, both in object space.
-void write_coordinates(const Instance& instance, const DVec3& origin, const DMat3& axes, float out[12]) {
+// World to coordinates in which `origin` is 0 and the columns of `axes` are the unit vectors, both in the space that
+// `from_world` leads to.
+void write_coordinates(const Affine& from_world, const DVec3& origin, const DMat3& axes, float out[12]) {
   const DMat3 inverse = glm::inverse(axes);
   for (int column = 0; column < 4; ++column) {
-    DVec3 value(instance.to_object[column][0], instance.to_object[column][1], instance.to_object[column][2]);
+    DVec3 value(from_world[column]);
     if (column == 3) value -= origin;
     value = inverse * value;
     for (int row = 0; row < 3; ++row) out[column * 3 + row] = float(value[row]);
@@ -99,13 +100,18 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     const Plane& plane = planes[instance.shape];
     if (plane.is_plane) {
       o.kind = SkyOccluder::Kind::plane;
-      write_coordinates(instance, plane.centre, plane.axes, o.to_unit);
+      // In world space: a shear gives the image of the plane another normal.
+      const DAffine to_world(instance.to_world);
+      const DMat3 linear(to_world[0], to_world[1], to_world[2]);
+      const DVec3 x = linear * plane.axes[0], y = linear * plane.axes[1];
+      const DMat3 axes(x, y, glm::normalize(glm::cross(x, y)));
+      write_coordinates(Affine(1.0f), linear * plane.centre + to_world[3], axes, o.to_unit);
       continue;
     }
     const DirectionMaps* const maps = shapes_[instance.shape].get();
     if (!maps) continue;
     const double radius = double(maps->ball().radius);
-    write_coordinates(instance, DVec3(maps->ball().centre), DMat3(radius), o.to_unit);
+    write_coordinates(instance.to_object, DVec3(maps->ball().centre), DMat3(radius), o.to_unit);
     const DMat3 to_unit = linear_part(o.to_unit);
     o.keeps_angles = keeps_angles(to_unit);
     if (!o.keeps_angles) continue;

@@ -1,0 +1,341 @@
+// Sky light by direction maps in whole pictures: against Monte Carlo, and the same whatever the machine does.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/mesh/mesh_procedural.h"
+#include "hybrid/render/render.h"
+#include "hybrid/sky/sky_maps.h"
+#include "tests/support/small_scenes.h"
+
+namespace fieldtrace {
+namespace {
+
+using test::look_at;
+using test::SceneMaker;
+
+constexpr float k_albedo = 0.5f;
+// Maps are baked for what a whole film sends to the sky: it is far larger than the window that tests render.
+// 2,048 samples a side of the film: D = 16 for up to two shapes; 4,096: D = 32.
+constexpr int k_coarse = 2048, k_fine = 4096;
+
+enum class Sky { constant, map, sun };
+
+// Turns a map's +y to +z, and all of it a little about that.
+Mat3 upright() {
+  const float c = std::cos(0.7f), s = std::sin(0.7f);
+  return Mat3(Vec3(c, s, 0), Vec3(0, 0, 1), Vec3(s, -c, 0));
+}
+
+// A floor under a sky whose mean radiance from above is about 2, so that it is about 1 in the open.
+struct SkyScene : SceneMaker {
+  uint32_t grey, floor;
+
+  // A window of `size` pixels a side amid `film_size`.
+  SkyScene(Sky sky, int size, int film_size) {
+    scene.sample_count = 4;
+    scene.camera.to_world = look_at({0, -7, 4}, {0, 0, 0.7f}, {0, 0, 1});
+    film(film_size, film_size);
+    // The window is what a film of its size sees at 28 degrees.
+    const double widest = std::tan(0.5 * 28.0 * M_PI / 180.0) * film_size / size;
+    scene.camera.fov_x_degrees = float(2.0 * std::atan(widest) * 180.0 / M_PI);
+    grey = bsdf(BsdfKind::diffuse, Rgb(k_albedo));
+    floor = instance(shape(ShapeKind::rectangle), grey, test::scaling(Vec3(6.0f)));
+    if (sky == Sky::constant) light(EmitterKind::constant, Rgb(1.0f / k_albedo));
+    const int height = sky == Sky::map ? 33 : 129;
+    const auto is_sun = [&](int x, int y) { return sky == Sky::sun && std::abs(x - 40) < 2 && std::abs(y - 35) < 2; };
+    if (sky != Sky::constant) {
+      environment(
+          2 * height - 2, height,
+          [&](int x, int y) {
+            if (is_sun(x, y)) return Rgb(1.0f, 0.9f, 0.8f) * 600.0f;
+            const float up = std::cos(k_pi * float(y) / float(height - 1));
+            const float side = 1.0f + 0.8f * std::sin(2.0f * k_pi * float(x) / float(2 * height - 2));
+            return Rgb(1.0f, 1.2f, 1.5f) * (up > 0.0f ? (1.0f + 2.0f * std::exp(-6.0f * up)) * side : 0.3f);
+          },
+          upright());
+    }
+  }
+  void object(const TriangleMesh& m, const Affine& place) { instance(mesh(m), grey, place); }
+};
+
+TriangleMesh knot() { return make_knot({.along = 192, .around = 16}); }
+TriangleMesh supershape() { return make_supershape({.around = 96, .along = 48}); }
+Affine placed(const Mat3& m, const Vec3& at) { return Affine(m[0], m[1], m[2], at); }
+
+// A rotation by 2 pi / 7 about an axis that is none of the grid's.
+Mat3 turned() {
+  const Vec3 a = glm::normalize(Vec3(1, 2, 3));
+  const float c = std::cos(0.9f), s = std::sin(0.9f);
+  Mat3 m(0.0f);
+  for (int i = 0; i < 3; ++i) {
+    Vec3 e(0.0f);
+    e[i] = 1.0f;
+    m[i] = e * c + glm::cross(a, e) * s + a * (glm::dot(a, e) * (1.0f - c));
+  }
+  return m;
+}
+
+RenderOptions options_for(const Scene& scene, Method method, int size, int spp, int light_samples) {
+  RenderOptions o;
+  o.method = method;
+  o.spp = spp;
+  o.light_samples = light_samples;
+  o.seed = 1;
+  o.threads = 2;
+  const int margin = (scene.film.width - size) / 2;
+  o.crop = Rect{margin, margin, size, size};
+  o.aovs = {"object"};
+  return o;
+}
+
+struct Difference {
+  double rmse = 0.0, largest = 0.0, mean = 0.0;
+  size_t pixels = 0;
+};
+
+// Over the pixels of instance `instance`, or of nothing.
+Difference difference(const Image& a, const Image& b, uint32_t instance) {
+  const int channel = a.channel_index("object.Y");
+  Difference d;
+  for (int y = 0; y < a.height; ++y) {
+    for (int x = 0; x < a.width; ++x) {
+      if (uint32_t(a.pixel(x, y)[channel]) != instance + 1) continue;
+      ++d.pixels;
+      for (int c = 0; c < 3; ++c) {
+        const double error = double(a.pixel(x, y)[c]) - double(b.pixel(x, y)[c]);
+        d.mean += double(b.pixel(x, y)[c]);
+        d.rmse += error * error, d.largest = std::max(d.largest, std::abs(error));
+      }
+    }
+  }
+  d.rmse = std::sqrt(d.rmse / double(3 * d.pixels));
+  d.mean /= double(3 * d.pixels);
+  return d;
+}
+
+double mean(const Image& image) {
+  double sum = 0.0;
+  for (int i = 0; i < image.width * image.height; ++i) sum += double(image.pixel(i % image.width, i / image.width)[1]);
+  return sum / double(image.width * image.height);
+}
+
+class SkyPicture : public testing::TestWithParam<Sky> {};
+
+// The aims for the default setting: .005 of the open sky on floors and .01 on objects. One camera sample a pixel, so
+// that nothing but maps differs; with as many light samples Monte Carlo errs by .0004 (with a sun, .0007).
+constexpr double k_floor_error = 0.005, k_object_error = 0.01;
+
+void expect_near(const Image& image, const Image& exact, uint32_t instance, double bound, size_t fewest) {
+  const Difference d = difference(image, exact, instance);
+  const auto figures = [&] {
+    return testing::Message() << instance << ": RMSE " << d.rmse << ", largest " << d.largest;
+  };
+  EXPECT_GE(d.pixels, fewest);
+  EXPECT_GT(d.mean, 0.05);
+  EXPECT_LT(d.rmse, bound) << figures();
+  // Blocks, streaks and leaks.
+  EXPECT_LT(d.largest, 10.0 * bound) << figures();
+}
+
+TEST_P(SkyPicture, IsNearMonteCarlo) {
+  constexpr int k_size = 40;
+  for (const bool is_knot : {true, false}) {
+    SkyScene s(GetParam(), k_size, k_coarse);
+    s.object(is_knot ? knot() : supershape(), test::translation({0, 0, 1.05f}));
+    const RenderResult exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, 4096));
+    const RenderResult r = render(s.scene, options_for(s.scene, Method::hybrid, k_size, 1, 4096));
+    EXPECT_GT(r.stats.bake_rays, 0u);
+    EXPECT_GT(mean(exact.image), 0.5);
+    // Open cells and the sun are rays.
+    if (GetParam() != Sky::sun) {
+      EXPECT_LT(r.stats.rays_exact, exact.stats.rays_exact / 10);
+    }
+    expect_near(r.image, exact.image, s.floor, k_floor_error, 1000);
+    expect_near(r.image, exact.image, s.floor + 1, k_object_error, 100);
+  }
+}
+
+// Four camera samples share what they see: amid a picture of 160 pixels a side they lie close together.
+TEST_P(SkyPicture, OfSharedVisibilityIsNearMonteCarlo) {
+  constexpr int k_size = 40;
+  SkyScene s(GetParam(), 4 * k_size, k_coarse);
+  s.object(supershape(), test::translation({0, 0, 1.05f}));
+  const RenderResult exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 4, 1024));
+  const RenderResult r = render(s.scene, options_for(s.scene, Method::hybrid, k_size, 4, 1024));
+  EXPECT_GT(r.stats.bake_rays, 0u);
+  const Difference on_floor = difference(r.image, exact.image, s.floor);
+  const Difference on_object = difference(r.image, exact.image, s.floor + 1);
+  EXPECT_GT(on_floor.pixels, 200u);
+  EXPECT_GT(on_object.pixels, 1000u);
+  EXPECT_LT(on_floor.rmse, k_floor_error);
+  EXPECT_LT(on_object.rmse, k_object_error);
+}
+
+size_t differing(const Image& a, const Image& b) {
+  if (a.data.size() != b.data.size()) return std::max(a.data.size(), b.data.size());
+  size_t n = 0;
+  for (size_t i = 0; i < a.data.size(); ++i) n += a.data[i] != b.data[i];
+  return n;
+}
+
+struct Samples {
+  int spp, light_samples, film;  // the film's side, for coarse maps
+};
+constexpr Samples k_samples[] = {{1, 1, k_coarse}, {4, 1, k_coarse / 2}, {1, 16, k_coarse / 4}, {64, 1, k_coarse / 8}};
+
+// Two instances on a floor, one of them turned.
+SkyScene two_objects(Sky sky, int size, int film) {
+  SkyScene s(sky, size, film);
+  const uint32_t shape = s.mesh(knot());
+  s.instance(shape, s.grey, test::translation({-0.7f, 0, 0.9f}));
+  s.instance(shape, s.grey, placed(turned() * 0.8f, {0.9f, -0.3f, 0.9f}));
+  return s;
+}
+
+TEST_P(SkyPicture, AtToleranceZeroIsMonteCarlo) {
+  for (const Samples& n : k_samples) {
+    const SkyScene s = two_objects(GetParam(), 24, n.film);
+    RenderOptions o = options_for(s.scene, Method::hybrid, 24, n.spp, n.light_samples);
+    o.tolerance = 0.0f;
+    const RenderResult r = render(s.scene, o);
+    EXPECT_EQ(r.stats.bake_rays, 0u);
+    o.method = Method::monte_carlo;
+    EXPECT_EQ(differing(r.image, render(s.scene, o).image), 0u);
+  }
+}
+
+TEST_P(SkyPicture, DoesNotDependOnTheMachineOrTheWindow) {
+  constexpr int k_size = 28;
+  for (const Samples& n : k_samples) {
+    const SkyScene s = two_objects(GetParam(), k_size, n.film);
+    RenderOptions o = options_for(s.scene, Method::hybrid, k_size, n.spp, n.light_samples);
+    o.threads = 1;
+    const RenderResult one = render(s.scene, o);
+    EXPECT_GT(one.stats.bake_rays, 0u);
+    o.threads = 4;
+    for (const Isa isa : supported_isas()) {
+      o.isa = isa;
+      const RenderResult r = render(s.scene, o);
+      EXPECT_EQ(differing(one.image, r.image), 0u) << isa_name(isa) << " " << n.spp << " " << n.light_samples;
+      EXPECT_EQ(one.stats.rays_exact, r.stats.rays_exact);
+    }
+    o.isa = Isa::automatic;
+    o.crop = Rect{o.crop->x + 5, o.crop->y + 7, 19, 16};
+    const Image part = render(s.scene, o).image;
+    size_t different = 0;
+    for (int y = 0; y < part.height; ++y) {
+      for (int x = 0; x < part.width; ++x) {
+        for (int c = 0; c < 3; ++c) different += part.pixel(x, y)[c] != one.image.pixel(x + 5, y + 7)[c];
+      }
+    }
+    EXPECT_EQ(different, 0u) << n.spp << " " << n.light_samples;
+  }
+}
+
+// Turned and mirrored ones ask their own grids; squashed ones are left to rays, as are their shadows.
+TEST_P(SkyPicture, OfTransformedInstancesIsNearMonteCarlo) {
+  constexpr int k_size = 48;
+  const Mat3 squash(Vec3(1, 0, 0), Vec3(0, 1, 0), Vec3(0, 0, 0.4f)),
+      mirror(Vec3(-1, 0, 0), Vec3(0, 1, 0), Vec3(0, 0, 1));
+  SkyScene s(GetParam(), k_size, k_coarse);
+  const uint32_t shape = s.mesh(supershape());
+  s.instance(shape, s.grey, placed(turned() * 0.7f, {-1.1f, 0.3f, 0.9f}));
+  s.instance(shape, s.grey, placed(turned() * mirror * 0.6f, {0.9f, -0.7f, 0.7f}));
+  s.instance(shape, s.grey, placed(turned() * squash * 0.7f, {0.6f, 1.3f, 0.8f}));
+  const RenderResult exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, 4096));
+  const RenderResult r = render(s.scene, options_for(s.scene, Method::hybrid, k_size, 1, 4096));
+  expect_near(r.image, exact.image, s.floor, k_floor_error, 1000);
+  for (uint32_t i = 1; i <= 3; ++i) expect_near(r.image, exact.image, s.floor + i, k_object_error, 50);
+}
+
+// A wall, sheared along its normal, and a mirrored one, beside an object and leaning over the floor.
+TEST_P(SkyPicture, OfWallsIsNearMonteCarlo) {
+  constexpr int k_size = 40;
+  SkyScene s(GetParam(), k_size, k_coarse);
+  s.object(supershape(), placed(Mat3(0.6f), {0, 0, 0.65f}));
+  const uint32_t wall = s.shape(ShapeKind::rectangle);
+  s.instance(wall, s.grey,
+             Affine(Vec3(0, 1.5f, 0), Vec3(-0.3f, 0.2f, 1.2f), Vec3(0.5f, 2.0f, 1.5f), Vec3(-1.2f, 0, 1.25f)));
+  s.instance(wall, s.grey,
+             Affine(Vec3(1.0f, 0.6f, 0), Vec3(-0.3f, 0.3f, 0.6f), Vec3(-0.2f, -1, 0), Vec3(1.2f, 1.0f, 0.7f)));
+  const RenderResult exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, 4096));
+  const RenderResult r = render(s.scene, options_for(s.scene, Method::hybrid, k_size, 1, 4096));
+  EXPECT_GT(r.stats.bake_rays, 0u);
+  expect_near(r.image, exact.image, s.floor, k_floor_error, 800);
+  expect_near(r.image, exact.image, s.floor + 1, k_object_error, 50);
+  expect_near(r.image, exact.image, s.floor + 2, k_floor_error, 50);
+  expect_near(r.image, exact.image, s.floor + 3, k_floor_error, 50);
+}
+
+// Coordinates in the plane are orthogonal to its normal whatever a shear does to the shape's.
+TEST(SkyMaps, PlanesAreParallelogramsInWorldSpace) {
+  SceneMaker maker;
+  const uint32_t wall = maker.shape(ShapeKind::rectangle), bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  const Vec3 x(0, 1.5f, 0), y(-0.3f, 0.2f, 1.2f), at(1000.0f, -7.0f, 3.0f), n = glm::normalize(glm::cross(x, y));
+  maker.instance(wall, bsdf, Affine(x, y, Vec3(0.5f, 2.0f, 1.5f), at));
+  const SkyMaps sky(maker.scene, shape_traits(maker.scene), std::vector<std::unique_ptr<DirectionMaps>>(1), 16, {});
+  const SkyOccluder& o = sky.occluders()[0];
+  ASSERT_EQ(o.kind, SkyOccluder::Kind::plane);
+  const auto row = [&](int r) { return Vec3(o.to_unit[r], o.to_unit[3 + r], o.to_unit[6 + r]); };
+  const auto coordinates = [&](const Vec3& p) {
+    return Vec3(glm::dot(row(0), p) + o.to_unit[9], glm::dot(row(1), p) + o.to_unit[10],
+                glm::dot(row(2), p) + o.to_unit[11]);
+  };
+  EXPECT_NEAR(glm::dot(row(0), n), 0.0f, 1e-6f);
+  EXPECT_NEAR(glm::dot(row(1), n), 0.0f, 1e-6f);
+  for (const Vec3& c : {Vec3(0.0f), Vec3(1, -1, 0), Vec3(-1, 0.5f, 2.0f)}) {
+    const Vec3 found = coordinates(at + x * c.x + y * c.y + n * c.z);
+    // The two halves may be numbered, and turned, either way.
+    EXPECT_NEAR(std::abs(found.z), std::abs(c.z), 1e-3f);
+    EXPECT_NEAR(std::max(std::abs(found.x), std::abs(found.y)), std::max(std::abs(c.x), std::abs(c.y)), 1e-3f);
+    EXPECT_NEAR(std::min(std::abs(found.x), std::abs(found.y)), std::min(std::abs(c.x), std::abs(c.y)), 1e-3f);
+  }
+}
+
+// What the camera sees of the sky itself.
+TEST_P(SkyPicture, KeepsTheBackground) {
+  constexpr int k_size = 24;
+  SkyScene s(GetParam(), k_size, k_coarse);
+  s.scene.instances.clear();
+  s.object(knot(), test::translation({0, 0, 0.7f}));
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 1, 1);
+  const RenderResult r = render(s.scene, o);
+  EXPECT_GT(r.stats.bake_rays, 0u);
+  o.method = Method::monte_carlo;
+  const Difference d = difference(r.image, render(s.scene, o).image, k_none);
+  EXPECT_GT(d.pixels, 200u);
+  EXPECT_EQ(d.largest, 0.0);
+}
+
+// Light that comes by way of one more surface is traced; the sky is not counted twice.
+TEST_P(SkyPicture, OfLongerPathsHasMonteCarlosMean) {
+  constexpr int k_size = 32;
+  SkyScene s(GetParam(), k_size, k_coarse / 4);
+  s.object(supershape(), test::translation({0, 0, 1.05f}));
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 256, 1);
+  double means[2][3];  // hybrid and Monte Carlo, by depth
+  for (const int depth : {2, 3}) {
+    o.max_depth = depth;
+    o.method = Method::hybrid;
+    const RenderResult r = render(s.scene, o);
+    EXPECT_GT(r.stats.bake_rays, 0u);
+    means[0][depth - 1] = mean(r.image);
+    o.method = Method::monte_carlo;
+    means[1][depth - 1] = mean(render(s.scene, o).image);
+    EXPECT_NEAR(means[0][depth - 1], means[1][depth - 1], k_floor_error * means[1][depth - 1]);
+  }
+  // The longer paths alone are the same rays.
+  const double bounced = means[1][2] - means[1][1];
+  EXPECT_GT(bounced, 0.01);
+  EXPECT_NEAR(means[0][2] - means[0][1], bounced, 1e-3 * bounced);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Skies, SkyPicture, testing::Values(Sky::constant, Sky::map, Sky::sun), [](const auto& instance) {
+      return std::string(instance.param == Sky::constant ? "constant" : instance.param == Sky::map ? "map" : "sun");
+    });
+
+}  // namespace
+}  // namespace fieldtrace
