@@ -23,19 +23,19 @@ void ConcentratedLight::trace(Stats& stats) {
   stats.rays_crossing += active_.size();
 }
 
-void ConcentratedLight::gather_some(const Job& job, std::span<const uint32_t> chosen, bool may_be_hidden) {
+void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingCluster> clusters, bool may_be_hidden) {
   const LightTable& table = *sky_->radiance().concentrated();
   const Light& light = table.lights[0];
   const Rgb value = Rgb(light.value[0], light.value[1], light.value[2]) / float(job.light_samples);
   const size_t m = size_t(job.light_samples), most = std::max(k_concentrated_batch / m, size_t(1));
   LightReceivers& r = job.receivers;
-  for (size_t begin = 0, end = 0; begin < chosen.size(); begin = end) {
+  for (size_t begin = 0, end = 0; begin < clusters.size(); begin = end) {
     size_t count = 0;
-    for (end = begin; end < chosen.size() && count < most; ++end) count += job.clusters[chosen[end]].size();
+    for (end = begin; end < clusters.size() && count < most; ++end) count += clusters[end].size();
     selected_.resize(count);
     count = 0;
     for (size_t i = begin; i < end; ++i) {
-      const ShadingCluster& c = job.clusters[chosen[i]];
+      const ShadingCluster& c = clusters[i];
       selected_.copy(count, r.points, c.begin, c.size());
       count += c.size();
     }
@@ -45,7 +45,7 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const uint32_t> ch
     if (may_be_hidden) trace(job.stats);
     size_t slot = 0;
     for (size_t i = begin; i < end; ++i) {
-      const ShadingCluster& c = job.clusters[chosen[i]];
+      const ShadingCluster& c = clusters[i];
       for (size_t k = c.begin; k < c.end; ++k) {
         Rgb sum(0.0f);
         for (const size_t last = slot + m; slot < last; ++slot) {
@@ -69,9 +69,9 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const uint32_t> ch
   }
 }
 
-void ConcentratedLight::gather(const ShadingClusters& clusters, std::span<const uint32_t> chosen,
-                               const ShadingPointBatch& centres, const Sphere& ball, int light_samples,
-                               LightReceivers& receivers, std::span<FirstHit> firsts, float count, Stats& stats) {
+void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres,
+                               const Sphere& ball, int light_samples, LightReceivers& receivers,
+                               std::span<FirstHit> firsts, float count, Stats& stats) {
   const SkyRadiance& sky = sky_->radiance();
   const auto meets = [&](const SkyOccluder& o, const Sphere& from) {
     return meets_cone(o.ball, from, sky.concentrated_axis(), sky.concentrated_angle());
@@ -82,13 +82,13 @@ void ConcentratedLight::gather(const ShadingClusters& clusters, std::span<const 
     if (meets(o, ball)) hiding_.push_back(&o);
   }
   open_.clear(), hidden_.clear();
-  for (size_t i = 0; i < chosen.size(); ++i) {
+  for (size_t i = 0; i < clusters.size(); ++i) {
     const Sphere from = {Vec3(centres.px[i], centres.py[i], centres.pz[i]), centres.radius[i]};
     const bool may_be_hidden =
         std::any_of(hiding_.begin(), hiding_.end(), [&](const SkyOccluder* o) { return meets(*o, from); });
-    (may_be_hidden ? hidden_ : open_).push_back(chosen[i]);
+    (may_be_hidden ? hidden_ : open_).push_back(clusters[i]);
   }
-  const Job job{clusters, light_samples, receivers, firsts, count, stats};
+  const Job job{light_samples, receivers, firsts, count, stats};
   gather_some(job, open_, false);
   gather_some(job, hidden_, true);
 }

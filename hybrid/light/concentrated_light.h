@@ -19,28 +19,26 @@ class ConcentratedLight {
   // `sky` as for SkyLight.
   ConcentratedLight(const TransportContext& context, const Sky* sky) : context_(context), sky_(sky) {}
 
-  // Adds what arrives at some of `clusters` (indices; all of one instance), whose centres are `centres`, within `ball`.
-  // `firsts`: as DirectLight::gather; each sample counts for `count` rays there.
-  void gather(const ShadingClusters& clusters, std::span<const uint32_t> chosen, const ShadingPointBatch& centres,
-              const Sphere& ball, int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts, float count,
-              Stats& stats);
+  // Adds what arrives at clusters of one instance, whose centres are `centres`, within `ball`. `firsts`: as
+  // DirectLight::gather; each sample counts for `count` rays there.
+  void gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres, const Sphere& ball,
+              int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts, float count, Stats& stats);
 
  private:
   struct Job {
-    const ShadingClusters& clusters;
     int light_samples;
     LightReceivers& receivers;
     std::span<FirstHit> firsts;
     float count;
     Stats& stats;
   };
-  void gather_some(const Job& job, std::span<const uint32_t> chosen, bool may_be_hidden);
+  void gather_some(const Job& job, std::span<const ShadingCluster> clusters, bool may_be_hidden);
   void trace(Stats& stats);
 
   const TransportContext& context_;
   const Sky* sky_;
   std::vector<const SkyOccluder*> hiding_;  // from some of the clusters
-  std::vector<uint32_t> open_, hidden_;
+  std::vector<ShadingCluster> open_, hidden_;
   ShadingPointBatch selected_;
   ShadowBatch shadows_;
   std::vector<uint32_t> active_;

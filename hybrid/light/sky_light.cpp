@@ -19,6 +19,9 @@ namespace {
 constexpr size_t k_sky_batch = 256;
 // Lanes of the widest vector.
 constexpr size_t k_most_lanes = 16;
+// Clusters whose normals spread more (ShadingCluster::spread) are lit in so many parts.
+constexpr float k_widest_spread = 0.3f;
+constexpr uint32_t k_wide_cluster_parts = 8;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
 constexpr float k_open_cell_rays = 8.0f;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
@@ -105,7 +108,7 @@ void SkyLight::sample_open_cells(const Job& job) {
 // Draws the rays of one point.
 void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) {
   const uint32_t point = cells[0].point;
-  const ShadingCluster& cluster = job.cluster(point);
+  const ShadingCluster& cluster = job.clusters[point];
   const ShadingPointBatch& all = job.receivers.points;
   weight_sums_.clear();
   float total = 0.0f;
@@ -115,7 +118,7 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
   const float whole = std::max(luminance(sky_->radiance().irradiance(n)), total);
   const float samples = float(cluster.size()) * float(job.light_samples);
   const int count = int(std::ceil(samples * std::min(k_open_cell_rays * (total / whole), 1.0f)));
-  const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream);
+  const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream + centres_.sample[point]);
   const float offset = scalar::sample_2d(0, seed, 1).x;
   const float solid_angle = sky_->maps().cell_width() * sky_->maps().cell_width();
   ray_counts_[point] = uint32_t(count);
@@ -156,7 +159,7 @@ void SkyLight::add_irradiance(const Job& job) {
   LightReceivers& r = job.receivers;
   const float of_sky = 1.0f - sky_->radiance().concentrated_share();
   for (size_t i = 0; i < centres_.size; ++i) {
-    const ShadingCluster& c = job.cluster(i);
+    const ShadingCluster& c = job.clusters[i];
     const Rgb e = glm::max(Rgb(red_[i], green_[i], blue_[i]), Rgb(0.0f));
     for (size_t k = c.begin; k < c.end; ++k) {
       r.arriving_red[k] += e.x * r.red[k], r.arriving_green[k] += e.y * r.green[k];
@@ -195,31 +198,58 @@ void SkyLight::gather_batch(const Job& job) {
   add_irradiance(job);
   if (context_.answerer.checks()) check_cells(job);
   if (!sky_->radiance().concentrated()) return;
-  concentrated_.gather(job.clusters, job.batch, centres_, occluders_.ball(), job.light_samples, job.receivers,
+  concentrated_.gather(job.clusters, centres_, occluders_.ball(), job.light_samples, job.receivers,
                        job.firsts, sky_->radiance().concentrated_share(), job.stats);
+}
+
+// One point stands for a cluster whose normals hardly differ; of others, for each of a few parts one of its own points.
+void SkyLight::choose_points(const ShadingClusters& clusters, const LightReceivers& receivers) {
+  ShadingPointBatch centres;
+  clusters.centres(0, clusters.size(), centres);
+  clusters_.clear();
+  points_.resize(receivers.size());
+  const auto add = [&](const ShadingCluster& part, const ShadingPointBatch& from, size_t i) {
+    points_.copy(clusters_.size(), from, i, 1);
+    clusters_.push_back(part);
+  };
+  for (size_t c = 0; c < clusters.size(); ++c) {
+    const ShadingCluster& cluster = clusters[c];
+    if (!cluster.plain_diffuse) continue;
+    if (cluster.spread <= k_widest_spread) {
+      add(cluster, centres, c);
+      continue;
+    }
+    const uint32_t parts = std::min(cluster.size(), k_wide_cluster_parts);
+    for (uint32_t k = 0; k < parts; ++k) {
+      ShadingCluster part = cluster;
+      part.begin = cluster.begin + cluster.size() * k / parts, part.end = cluster.begin + cluster.size() * (k + 1) / parts;
+      add(part, receivers.points, part.begin);
+    }
+  }
+  points_.size = clusters_.size();
+  order_.resize(clusters_.size());
+  std::iota(order_.begin(), order_.end(), 0u);
+  const auto instance = [&](uint32_t i) { return points_.instance[i]; };
+  std::stable_sort(order_.begin(), order_.end(), [&](uint32_t a, uint32_t b) { return instance(a) < instance(b); });
 }
 
 void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, int light_samples,
                       std::span<FirstHit> firsts, Stats& stats) {
   const ScopedTimer timer(stats.time_secondary);
-  ShadingPointBatch centres;
-  clusters.centres(0, clusters.size(), centres);
-  std::vector<uint32_t> diffuse;
-  for (uint32_t c = 0; c < clusters.size(); ++c) {
-    if (clusters[c].plain_diffuse) diffuse.push_back(c);
-  }
-  const auto instance = [&](uint32_t c) { return centres.instance[c]; };
-  std::stable_sort(diffuse.begin(), diffuse.end(), [&](uint32_t a, uint32_t b) { return instance(a) < instance(b); });
-  for (size_t begin = 0, end = 0; begin < diffuse.size(); begin = end) {
-    for (end = begin; end < diffuse.size() && end - begin < k_sky_batch;) {
-      if (instance(diffuse[end]) != instance(diffuse[begin])) break;
-      ++end;
+  choose_points(clusters, receivers);
+  Job job{receivers, light_samples, firsts, stats};
+  for (size_t begin = 0, end = 0; begin < order_.size(); begin = end) {
+    const uint32_t instance = points_.instance[order_[begin]];
+    batch_.clear();
+    for (end = begin; end < order_.size() && end - begin < k_sky_batch; ++end) {
+      if (points_.instance[order_[end]] != instance) break;
+      batch_.push_back(clusters_[order_[end]]);
     }
-    Job job{clusters, receivers, light_samples, firsts, stats, std::span(diffuse).subspan(begin, end - begin)};
-    centres_.resize(job.batch.size());
-    for (size_t i = 0; i < job.batch.size(); ++i) centres_.copy(i, centres, job.batch[i], 1);
+    job.clusters = batch_;
+    centres_.resize(batch_.size());
+    for (size_t i = 0; i < batch_.size(); ++i) centres_.copy(i, points_, order_[begin + i], 1);
     // Lanes of the padding see what the first point sees.
-    for (size_t i = centres_.size; i < padded(centres_.size); ++i) centres_.copy(i, centres_, 0, 1);
+    for (size_t i = batch_.size(); i < padded(batch_.size()); ++i) centres_.copy(i, centres_, 0, 1);
     gather_batch(job);
   }
 }
@@ -232,7 +262,7 @@ void SkyLight::check_cells(const Job& job) {
 
 void SkyLight::check_point(const Job& job, size_t point) {
   const CellKernel kernel = cell_kernel_for(context_.settings.isa);
-  const ShadingCluster& cluster = job.cluster(point);
+  const ShadingCluster& cluster = job.clusters[point];
   const ShadingPointBatch& all = job.receivers.points;
   const CellPoints points = cell_points();
   AlignedVector<float> red(size_t(points.size)), green(size_t(points.size)), blue(size_t(points.size));

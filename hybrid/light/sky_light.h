@@ -32,13 +32,11 @@ class SkyLight {
 
  private:
   struct Job {
-    const ShadingClusters& clusters;
     LightReceivers& receivers;
     int light_samples;
     std::span<FirstHit> firsts;
     Stats& stats;
-    std::span<const uint32_t> batch = {};  // clusters of one instance; centres_ holds their centres
-    const ShadingCluster& cluster(size_t point) const { return clusters[batch[point]]; }
+    std::span<const ShadingCluster> clusters = {};  // of one instance; centres_ holds their centres
   };
   // A cell that is undecided for a point of the batch, and its weight there.
   struct OpenCell {
@@ -51,6 +49,7 @@ class SkyLight {
     Rgb irradiance;
   };
 
+  void choose_points(const ShadingClusters& clusters, const LightReceivers& receivers);
   void gather_batch(const Job& job);
   void see_cells(const Job& job);
   void sort_open_cells();
@@ -71,6 +70,10 @@ class SkyLight {
   CellOccluders occluders_;
   const SkyCells* cells_ = nullptr;
   Mat3 grid_ = Mat3(1.0f);
+  std::vector<ShadingCluster> clusters_;  // those to light, in parts where they are wide
+  ShadingPointBatch points_;              // what stands for each
+  std::vector<uint32_t> order_;           // of these, by instance
+  std::vector<ShadingCluster> batch_;
   ShadingPointBatch centres_;
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance
   AlignedVector<int32_t> undecided_;

@@ -194,9 +194,11 @@ constexpr uint64_t k_sky_share = 4;
 
 SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   SkyRequest request;
-  request.light = has_sky(picture.scene) && picture.settings.max_depth != 0 && picture.settings.max_depth != 1;
-  request.occlusion = picture.settings.occlusion && picture.settings.occlusion_distance == k_infinity;
-  request.light_samples = picture.rays_per_light();
+  const int depth = picture.settings.max_depth;
+  // A light sample sends one ray to the sky and one from the material.
+  if (has_sky(picture.scene) && depth != 0 && depth != 1) request.light_rays = 2 * picture.rays_per_light();
+  const bool is_open = picture.settings.occlusion_distance == k_infinity;
+  if (picture.settings.occlusion && is_open) request.occlusion_rays = picture.rays_per_light();
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
   return request;
 }

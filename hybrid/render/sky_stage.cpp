@@ -13,10 +13,9 @@
 namespace fieldtrace {
 namespace {
 
-// Monte Carlo sends two rays for each light sample: one to the sky, one from the material. Coarse maps, whose errors
-// suit the noise of few samples, may cost 16 times as many rays, as they leave less than a quarter of its noise; maps of
-// the usual resolution twice as many.
-constexpr uint64_t k_rays_per_sample = 2, k_coarse_maps_gain = 16, k_usual_maps_gain = 2;
+// Rays that maps may cost for each that they replace. Coarse maps, whose errors suit the noise of few samples, leave
+// less than a fifth of that noise, which would take Monte Carlo 25 times the rays.
+constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
 constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
@@ -43,15 +42,14 @@ SkyTolerance sky_tolerance(float slack) {
   return t;
 }
 
-// D = 0: none is affordable.
-MapSize choose_size(size_t shapes, size_t instances, float slack, const SkyRequest& request) {
-  const uint64_t rays = k_rays_per_sample * request.light_samples;
+// D = 0: none is affordable for so many rays.
+MapSize choose_size(size_t shapes, size_t instances, float slack, uint64_t rays, uint64_t most_bytes) {
   MapSize size;
   size.directions = slack >= k_coarse_tolerance || instances > k_crowd ? k_coarse_directions
                     : slack <= k_fine_tolerance                        ? k_fine_directions
                                                                        : k_usual_directions;
   const auto fits = [&](uint64_t most_rays) {
-    return size.lines() * shapes <= most_rays && DirectionMaps::bytes_of(size) * shapes <= request.most_bytes;
+    return size.lines() * shapes <= most_rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
   while (size.directions > k_coarse_directions && !fits(k_usual_maps_gain * rays)) size.directions /= 2;
   if (size.directions == k_coarse_directions && !fits(k_coarse_maps_gain * rays)) size.directions = 0;
@@ -117,10 +115,16 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
                   const RenderOptions& options, const SkyRequest& request, const CacheOpener& cache,
                   const RenderCallbacks& callbacks, Stats& stats) {
   SkyStage stage;
-  if (!(request.light || request.occlusion) || !(options.tolerance > 0.0f) || options.force_undecided) return stage;
+  if (!(options.tolerance > 0.0f) || options.force_undecided) return stage;
   const float slack = options.tolerance / k_default_tolerance;
   const std::vector<uint32_t> shapes = mapped_shapes(scene, traits);
-  const MapSize size = choose_size(shapes.size(), scene.instances.size(), slack, request);
+  const auto choose = [&](uint64_t rays) {
+    return choose_size(shapes.size(), scene.instances.size(), slack, rays, request.most_bytes);
+  };
+  // The layer must not change the picture, and uses its maps where there are any.
+  MapSize size = choose(request.light_rays);
+  const bool for_light = size.directions > 0;
+  if (!for_light) size = choose(request.occlusion_rays);
   if (size.directions == 0) return stage;
   std::vector<std::unique_ptr<DirectionMaps>> maps(scene.shapes.size());
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size};
@@ -136,8 +140,8 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(maps), size.directions, sky_tolerance(slack));
   stats.field_bytes_memory += stage.maps->bytes();
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, stage.maps->bytes());
-  if (request.light) stage.light = std::make_unique<Sky>(*stage.maps, scene);
-  if (request.occlusion) stage.occlusion = std::make_unique<Sky>(*stage.maps, white_sky());
+  if (for_light) stage.light = std::make_unique<Sky>(*stage.maps, scene);
+  if (request.occlusion_rays > 0) stage.occlusion = std::make_unique<Sky>(*stage.maps, white_sky());
   return stage;
 }
 

@@ -21,8 +21,8 @@ struct SkyStage {
 };
 
 struct SkyRequest {
-  bool light = false, occlusion = false;
-  uint64_t light_samples = 0;  // of the whole film, for one light
+  // Rays of the whole film that maps would spare Monte Carlo; 0: not wanted.
+  uint64_t light_rays = 0, occlusion_rays = 0;
   uint64_t most_bytes = 0;     // that maps may take
 };
 

@@ -61,7 +61,7 @@ struct Parallelogram {
     set_row(rows[0], -glm::dot(rows[0], centre), lines.x);
     set_row(rows[1], -glm::dot(rows[1], centre), lines.y);
     set_row(n, -glm::dot(n, centre), lines.height);
-    lines.dx = glm::dot(rows[0], d), lines.dy = glm::dot(rows[1], d), lines.rise = glm::dot(n, d);
+    lines.centre = {glm::dot(rows[0], d), glm::dot(rows[1], d), glm::dot(n, d)};
     lines.per_unit_x = glm::dot(rows[0], rows[0]), lines.per_unit_y = glm::dot(rows[1], rows[1]);
     return lines;
   }
@@ -310,7 +310,7 @@ TEST(SharesOfPlanes, AreNearThoseOfRays) {
       scalar::find_direction_cell(lanes(to), make_axis(directions), address);
       const int cell = address.u * directions + address.v;
       const PlaneLines lines = q.lines(direction_in(cell, directions, 0.5f, 0.5f));
-      const float share = scalar::share_of_plane<float>(lines, 0.5f * cell_width(directions), lanes(p));
+      const float share = scalar::share_of_slope<float>(lines, lines.centre, 0.5f * cell_width(directions), lanes(p));
       EXPECT_GE(share, 0.0f);
       EXPECT_LE(share, 1.0f);
       const double exact = q.share(p, cell, directions, 64);
@@ -342,7 +342,8 @@ TEST(SharesOfPlanes, SumUpToTheirIrradiance) {
       const float cosine = glm::dot(n, d);
       if (!(cosine > 0.0f)) continue;
       const float half = 0.5f * cell_width(k_directions);
-      sum += double(scalar::share_of_plane<float>(q.lines(d), half, lanes(p)) * cosine);
+      const PlaneLines lines = q.lines(d);
+      sum += double(scalar::share_of_slope<float>(lines, lines.centre, half, lanes(p)) * cosine);
       exact += q.share(p, cell, k_directions, 12) * double(cosine);
     }
     constexpr double k_open = k_directions * k_directions / 4.0;  // the sum of all cosines

@@ -165,21 +165,21 @@ TEST_P(OcclusionPicture, ToleranceZeroIsMonteCarlo) {
   }
 }
 
-TEST_P(OcclusionPicture, FieldsAnswerNearMonteCarlo) {
-  for (const float distance : k_distances) {
-    const RenderResult expected = render(scene_, options(Method::monte_carlo, distance));
-    RenderOptions o = options(Method::hybrid, distance);
-    o.check = true;
-    const RenderResult r = render(scene_, o);
-    EXPECT_NEAR(mean_occlusion(r.image), mean_occlusion(expected.image), 3e-3) << distance;
-    // In the crowd most groups have candidate overflow, and no field answers.
-    EXPECT_TRUE(r.stats.check_answers > 1000u || std::string(GetParam()) == "crowd") << r.stats.check_answers;
-    EXPECT_LE(double(r.stats.check_wrong), 0.01 * double(r.stats.check_answers));
-  }
+// By direction maps without a cut-off distance, else by the same rays.
+TEST_P(OcclusionPicture, HybridIsNearMonteCarlo) {
+  const RenderResult expected = render(scene_, options(Method::monte_carlo, k_infinity));
+  RenderOptions o = options(Method::hybrid, k_infinity);
+  o.check = true;
+  const RenderResult r = render(scene_, o);
+  EXPECT_NEAR(mean_occlusion(r.image), mean_occlusion(expected.image), 3e-3);
+  EXPECT_GT(r.stats.check_sky, 100u);
+  EXPECT_LT(r.stats.check_sky_sum, 0.03 * double(r.stats.check_sky));
+  o.ao_distance = k_near;
+  EXPECT_EQ(render(scene_, o).image.data, render(scene_, options(Method::monte_carlo, k_near)).image.data);
 }
 
 TEST_P(OcclusionPicture, DoesNotDependOnThreadsOrInstructionSet) {
-  RenderOptions o = options(Method::hybrid, k_near);
+  RenderOptions o = options(Method::hybrid, k_infinity);
   o.threads = 1;
   o.isa = Isa::scalar;
   const Image one = render(scene_, o).image;
@@ -189,7 +189,7 @@ TEST_P(OcclusionPicture, DoesNotDependOnThreadsOrInstructionSet) {
 }
 
 TEST_P(OcclusionPicture, CropIsThatPartOfTheWhole) {
-  RenderOptions o = options(Method::hybrid, k_near);
+  RenderOptions o = options(Method::hybrid, k_infinity);
   const Image whole = render(scene_, o).image;
   o.crop = Rect{5, 9, 17, 11};
   const Image part = render(scene_, o).image;
@@ -203,24 +203,20 @@ TEST_P(OcclusionPicture, CropIsThatPartOfTheWhole) {
 INSTANTIATE_TEST_SUITE_P(Scenes, OcclusionPicture, testing::Values("object_over_floor", "crowd", "odd_transforms"),
                          [](const auto& instance) { return std::string(instance.param); });
 
-// A small picture sends far fewer rays for the layer than baking its fields would take; the light's rays do pay for
-// theirs.
+// A picture of few rays is not worth maps.
 TEST(AmbientOcclusion, BakesNoMoreThanItGains) {
   const Scene scene = hybrid_scene("object_over_floor", 64).scene;
-  RenderOptions o = options_for(Method::hybrid, 1, 256);
-  o.threads = 1;
-  const RenderResult both = render(scene, o);
-  o.aovs.clear();
-  const RenderResult light = render(scene, o);
-  EXPECT_GT(light.stats.bake_rays, 0u);
-  EXPECT_EQ(both.stats.bake_rays, light.stats.bake_rays);  // on one thread, because two may bake the same slice
-  o.aovs = {"ao"};
+  RenderOptions o = options_for(Method::hybrid, 1, 16);
+  const RenderResult few = render(scene, o);
+  o.light_samples = 64;
+  EXPECT_GT(render(scene, o).stats.field_bytes_memory, few.stats.field_bytes_memory);
+  o.light_samples = 16;
   o.method = Method::monte_carlo;
   const RenderResult exact = render(scene, o);
   const int channel = exact.image.channel_index("ao.Y");
   ASSERT_GE(channel, 0);
   for (size_t i = size_t(channel); i < exact.image.data.size(); i += exact.image.channel_count()) {
-    ASSERT_EQ(both.image.data[i], exact.image.data[i]);
+    ASSERT_EQ(few.image.data[i], exact.image.data[i]);
   }
 }
 

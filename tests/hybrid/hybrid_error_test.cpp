@@ -61,6 +61,11 @@ constexpr const char* k_blurred[] = {"object_over_floor", "crowd", "nested_balls
 // The aim for solid meshes (docs/decisions/003-certificates.md).
 constexpr double k_wrong_share = 0.002;
 
+// The aims for pictures under a sky, whose light is read from direction maps: those of objects, which err more than floors,
+// and of the worst block, as shares of the mean.
+constexpr double k_sky_rmse = 0.01, k_sky_block = 0.03;
+bool has_sky(const HybridScene& s) { return s.name.starts_with("environment"); }
+
 // At tolerance 1 a cell that does not know decides for most of its lines: it is wrong about half of them at most, and a
 // picture by fields alone must err by less than half as much as one whose lights shine through everything.
 constexpr double k_majority = 0.5;
@@ -115,9 +120,9 @@ TEST_P(HybridErrorTest, ConvergedPicturesAreNearMonteCarlo) {
   if (usual.stats.samples_spared > 0) {
     EXPECT_GT(d.rmse, 0.0);
   }
-  EXPECT_LE(d.rmse, k_rmse);
-  EXPECT_LE(d.worst_block_rmse, k_block);
-  if (std::find(std::begin(k_blurred), std::end(k_blurred), s.name) == std::end(k_blurred)) {
+  EXPECT_LE(d.rmse, has_sky(s) ? k_sky_rmse * level : k_rmse);
+  EXPECT_LE(d.worst_block_rmse, has_sky(s) ? k_sky_block * level : k_block);
+  if (!has_sky(s) && std::find(std::begin(k_blurred), std::end(k_blurred), s.name) == std::end(k_blurred)) {
     EXPECT_LE(d.rmse, k_mean_rmse * level);
     EXPECT_LE(d.worst_block_rmse, k_mean_block * level);
   }
@@ -141,6 +146,7 @@ TEST_P(HybridErrorTest, UndecidedCellsAreWrongAboutHalfOfTheirRaysAtMost) {
   o.check = true;
   o.whole_lights = false;
   o.leave_to_rays = !is_costly(s);
+  if (has_sky(s)) GTEST_SKIP() << "no single rays are answered under a sky";
   const Stats usual = render(s.scene, o).stats;
   o.tolerance = 1.0f;
   const Stats one = render(s.scene, o).stats;
@@ -166,13 +172,17 @@ TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
     o.leave_to_rays = !is_costly(s);
     const Stats stats = render(s.scene, o).stats;
     // Of lights within objects' balls only rays from the objects themselves are looked up.
-    if (s.name != "lights_within") {
+    if (has_sky(s)) {
+      EXPECT_GT(stats.check_sky, 1000u);
+      EXPECT_LT(stats.check_sky_sum, 0.03 * double(stats.check_sky));
+      EXPECT_LT(std::abs(stats.check_sky_bias), 0.005 * double(stats.check_sky));
+    } else if (s.name != "lights_within") {
       EXPECT_GT(stats.check_answers, 1000u);
     }
     if (s.solid) answers += stats.check_answers, wrong += stats.check_wrong;
   }
   EXPECT_EQ(seen, std::size(k_scenes));
-  EXPECT_GT(answers, 70000u);
+  EXPECT_GT(answers, 50000u);
   EXPECT_LE(double(wrong), k_wrong_share * double(answers));
 }
 

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "hybrid/render/sky_stage.h"
 #include "tests/support/reference_scenes.h"
 
 namespace fieldtrace {
@@ -21,12 +22,12 @@ constexpr uint32_t k_first_seed = 1;
 // That any picture of this file is refused although nothing is wrong.
 constexpr double k_family_level = 0.01;
 
-AgreementOptions options_for(Method method, const SampledPicture& reference) {
+AgreementOptions options_for(Method method, const SampledPicture& reference, bool under_sky) {
   AgreementOptions o;
   o.level = k_family_level;
   o.comparisons = 2 * int(test::reference_scenes().size());
   o.same_law = method == Method::monte_carlo;
-  if (method == Method::hybrid) o.allowance = test::field_allowance(reference);
+  if (method == Method::hybrid) o.allowance = test::field_allowance(reference, under_sky);
   return o;
 }
 
@@ -48,7 +49,7 @@ class ReferenceImage : public testing::TestWithParam<const char*> {
 
   Renders check(Method method, const char* method_name) const {
     Renders renders = render_reference_scene(scene_, description_, method, description_.renders, k_first_seed);
-    const Agreement found = agreement(renders.images, reference_, options_for(method, reference_));
+    const Agreement found = agreement(renders.images, reference_, options_for(method, reference_, has_sky(scene_)));
     RecordProperty("agreement", found.summary());  // in the file of --gtest_output
     EXPECT_TRUE(found.passed) << evidence(std::string(GetParam()) + "." + method_name, renders, reference_, found);
     return renders;
@@ -77,7 +78,7 @@ std::vector<const char*> names() {
 class ReferenceImageSees : public testing::TestWithParam<Method> {
  protected:
   Agreement found(const std::vector<Image>& images) const {
-    return agreement(images, reference_, options_for(GetParam(), reference_));
+    return agreement(images, reference_, options_for(GetParam(), reference_, false));
   }
   std::vector<Image> images(const Scene& scene) const {
     return render_reference_scene(scene, description_, GetParam(), description_.renders, k_first_seed).images;
@@ -123,7 +124,7 @@ TEST(ReferenceImageSeesFields, ThatAnswerEverything) {
   const SampledPicture reference = test::read_reference(test::reference_path(description));
   const Renders renders = render_reference_scene(test::load_reference_scene(description), description, Method::hybrid,
                                                  description.renders, k_first_seed, 1.0f);
-  const Agreement a = agreement(renders.images, reference, options_for(Method::hybrid, reference));
+  const Agreement a = agreement(renders.images, reference, options_for(Method::hybrid, reference, false));
   EXPECT_FALSE(a.passed) << a.summary();
 }
 

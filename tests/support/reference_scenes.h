@@ -48,6 +48,6 @@ Renders render_reference_scene(const Scene& loaded, const ReferenceScene& scene,
 
 // What fields may add at the default tolerance, by the aims of docs/decisions/017-figures.md, row 10, which are stated
 // for a picture of level 1: here for the reference's mean.
-Allowance field_allowance(const SampledPicture& reference);
+Allowance field_allowance(const SampledPicture& reference, bool under_sky);
 
 }  // namespace fieldtrace::test
