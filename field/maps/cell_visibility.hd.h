@@ -268,7 +268,9 @@ FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const 
       hide(share_of_map<F>(task.maps[k], p));
     }
     for (int k = 0; k < task.ball_count; ++k) near = near | may_meet<F>(task.balls[k], task, p);
-    const Mask_t<F> open = near & lit & (clear > splat<F>(k_least_clear));
+    // Whatever other lanes went on for.
+    clear = select(clear > splat<F>(k_least_clear), clear, zero);
+    const Mask_t<F> open = near & lit & (clear > zero);
     const F taken = select(open, one, one - clear) * cosine;
     const auto add = [&](float* sum, float weight) { store_lanes(load_lanes<F>(sum) + taken * splat<F>(weight), sum); };
     add(sums.red + i, task.weight[0]);

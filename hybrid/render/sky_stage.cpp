@@ -3,6 +3,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <limits>
 
 #include "field/file/maps_file.h"
 #include "field/store/field.h"
@@ -118,7 +119,9 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   if (!(options.tolerance > 0.0f) || options.force_undecided) return stage;
   const float slack = options.tolerance / k_default_tolerance;
   const std::vector<uint32_t> shapes = mapped_shapes(scene, traits);
+  const bool by_request = options.directions || options.plane || !options.leave_to_rays;
   const auto choose = [&](uint64_t rays) {
+    if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
     return choose_size(shapes.size(), scene.instances.size(), slack, rays, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.

@@ -32,7 +32,8 @@ bool has_sky(const Scene& scene);
 // Opens the cache that maps are kept in; null: there is none.
 using CacheOpener = std::function<FieldCache*()>;
 
-// Makes nothing where the tolerance admits no estimates, or where maps would cost too many rays or too much memory.
+// Makes nothing where the tolerance admits no estimates, or where maps would cost too much memory, or too many rays
+// (unless a resolution of fields is requested, or nothing is to be left to rays).
 // Reads the maps that the cache holds, bakes the rest and stores it there; `cache` is called only if there are maps to
 // make. What cannot be stored causes a warning. Maps are incomplete if `callbacks.stop` was set meanwhile.
 SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
