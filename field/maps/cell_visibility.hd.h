@@ -138,8 +138,9 @@ template <class F>
 FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const Vec3Lanes<F>& p) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), texels = splat<F>(float(lines.maps->texels));
   const F z = affine<F>(lines.z, p);
-  // Where the ray is compared: at the centre plane, or half way through what is left of the ball.
-  const F rise = max(splat<F>(0.5f) * (z + one), zero) - z;
+  // Far points follow their ray to the centre plane. In the ball, where contacts matter, the map's own line stands for
+  // it, half a cell away at most.
+  const F rise = min(max(zero - one - z, zero), one) * (zero - z);
   const F x = affine<F>(lines.u, p) + splat<F>(lines.slope_u) * rise;
   const F y = affine<F>(lines.v, p) + splat<F>(lines.slope_v) * rise;
   const F footprint = splat<F>(lines.reach) * max(zero - z, zero);
