@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Sets everything up, builds, and renders one scene by both methods: images in demo/ and a table. The reference image
-# takes most of the time; it is kept in demo/ and reused. After a change of the renderer, delete demo/ to render it
-# again. Further arguments go to fieldtrace_demo (for example: -D width=960 -D height=540).
+# Sets everything up, builds, and renders one scene by both methods under two area lights, and under a sky: images in
+# demo/ and demo/sky/, and tables. The reference images take most of the time; they are kept in demo/ and reused. After
+# a change of the renderer, delete demo/ to render it again. Further arguments go to fieldtrace_demo (for example: -D width=960 -D height=540).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -20,8 +20,12 @@ mkdir -p demo
 "$bin/fieldtrace" mesh supershape -o demo/shape2.ply \
   --m 5 --n1 0.4 --n2 1.7 --n3 1.7 --m-lat 4 --n1-lat 10 --n2-lat 10 --n3-lat 10
 
-"$bin/fieldtrace_demo" scenes/demo.xml -o demo \
-  -D bunny="$bunny" -D shape1="$PWD/demo/shape1.ply" -D shape2="$PWD/demo/shape2.ply" "$@"
+arguments=(-D bunny="$bunny" -D shape1="$PWD/demo/shape1.ply" -D shape2="$PWD/demo/shape2.ply" "$@")
+echo "Two area lights"
+"$bin/fieldtrace_demo" scenes/demo.xml -o demo "${arguments[@]}"
+echo
+echo "A sky"
+"$bin/fieldtrace_demo" scenes/demo.xml -o demo/sky --reference-spp 2048 -D lights=demo_sky.xml "${arguments[@]}"
 
 echo
-echo "pictures, reference and table: demo/; the program: $bin/fieldtrace"
+echo "pictures, references and tables: demo/ and demo/sky/; the program: $bin/fieldtrace"
