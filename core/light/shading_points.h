@@ -34,7 +34,9 @@ struct ShadingPointBatch {
   // Entries [i, i + count) become those of `from` from j on.
   void copy(size_t i, const ShadingPointBatch& from, size_t j, size_t count) {
     using B = ShadingPointBatch;
-    const auto copy_array = [=](const auto& source, auto& target) { std::copy_n(&source[j], count, &target[i]); };
+    const auto copy_array = [=](const auto& source, auto& target) {
+      std::copy_n(source.data() + j, count, target.data() + i);
+    };
     for (const auto array :
          {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error, &B::radius}) {
       copy_array(from.*array, this->*array);

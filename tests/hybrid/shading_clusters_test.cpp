@@ -199,6 +199,19 @@ TEST(ShadingClusters, APixelIsOneUnlessItIsWideOrHoldsTooManyPoints) {
   EXPECT_EQ(clusters_of_a_pixel(40.0f, 1000, true), 64u);
 }
 
+// A batch of camera rays may meet nothing. The standard library's assertions (asan-ubsan) see an access past the end.
+TEST(ShadingClusters, OfNoPointsAreNone) {
+  for (const bool single : {false, true}) {
+    LightReceivers receivers = Pixels().receivers();
+    ShadingClusters clusters;
+    clusters.build(receivers, {}, 1000, single);
+    EXPECT_EQ(clusters.size(), 0u);
+    ShadingPointBatch centres;
+    clusters.centres(0, 0, centres);
+    EXPECT_EQ(centres.size, 0u);
+  }
+}
+
 // Far from the origin the mean of the positions must not round to beside the cluster.
 TEST(ShadingClusters, FarFromTheOriginAreNoWider) {
   for (const float shift : {0.0f, 1e4f}) {
