@@ -1,5 +1,5 @@
-// One direction cell of the sky, as a batch of shading points of one instance asks about it. Plain data, shared by every
-// instruction set and the GPU.
+// One direction cell of the sky, as a batch of shading points of one instance asks about it. Plain data, shared by
+// every instruction set and the GPU.
 //
 // Space: world, relative to nothing. Rows of four are affine functions of the point, x, y, z and a constant.
 // Thread-safety: values.
@@ -14,8 +14,8 @@ namespace fieldtrace {
 
 // The lines of an object's map that stand for the cell's rays.
 struct MapLines {
-  float u[4], v[4];  // the point in the map, texels: where the map's line through it crosses the plane
-  float z[4];        // its coordinate along the map's direction
+  float u[4], v[4];                // the point in the map, texels: where the map's line through it crosses the plane
+  float z[4];                      // its coordinate along the map's direction
   float slope_u = 0, slope_v = 0;  // texels that the cell's ray moves per unit of z: it is not quite the map's line
   float reach = 0;                 // texels of the footprint per unit of z
   float margin = 0;                // depths nearer than this to the point's are undecided, units of z
@@ -45,7 +45,7 @@ struct PlaneLines {
   float height[4];                 // its distance from the plane, world units, signed
   PlaneSlope centre;               // along the cell's direction
   PlaneSlope parts[k_cell_parts];  // along those of its parts, if CellTask::parts
-  float per_unit_x, per_unit_y;  // squares of how fast the coordinates change per world unit in the plane
+  float per_unit_x, per_unit_y;    // squares of how fast the coordinates change per world unit in the plane
 };
 
 // A ball whose inside only rays can see.
@@ -59,7 +59,7 @@ struct CellTask {
   float half = 0;      // half extent of the cell, radians
   float vector[3];     // SkyCells: mean direction by luminance, of length <= 1
   float cosine_half = 0;
-  float weight[3];  // radiance x solid angle, RGB
+  float weight[3];               // radiance x solid angle, RGB
   const float* parts = nullptr;  // of the light, by part of the cell; null: it hardly varies
   const OwnLines* own = nullptr;
   const MapLines* maps = nullptr;

@@ -2,8 +2,8 @@
 //
 // An object in front: a bilinear read of the mipmap of coverage whose texels match the cell's footprint at the object's
 // centre plane (the tent and the texel together have the variance of the cell: texel = .58 x width), or, where the
-// footprint is below a texel or a half, or the point lies within the object's ball, percentage-closer filtering of 2 x 2
-// depths (Reeves, Salesin, Cook, "Rendering Antialiased Shadows with Depth Maps", SIGGRAPH 1987). The object that the
+// footprint is below a texel or a half, or the point lies within the object's ball, percentage-closer filtering of 2 x
+// 2 depths (Reeves, Salesin, Cook, "Rendering Antialiased Shadows with Depth Maps", SIGGRAPH 1987). The object that the
 // point lies on: the same against the point's tangent plane, moved up by a bias that grows with its slope. Shares
 // multiply. Depths about as high as the point are undecided, and with them the cell.
 // Thread-safety: pure functions over a CellTask.
@@ -49,8 +49,8 @@ FT_HD_INLINE F cosine_over_cell(F mean, F half) {
 
 template <class F>
 struct MapShare {
-  F hidden;         // [0, 1]
-  Mask_t<F> near;   // undecided
+  F hidden;        // [0, 1]
+  Mask_t<F> near;  // undecided
 };
 
 // 2 x 2 neighbouring depths of a map, and the weights of a bilinear read.
@@ -119,7 +119,8 @@ FT_HD_INLINE F share_by_coverage(const MapLines& lines, F x, F y, F footprint, M
   }
   const F texels = splat<F>(float(maps.texels)), middle = splat<F>(0.5f * float(maps.texels));
   const F shrink = texels / max(footprint, texels);
-  const F column = ((x - middle) * shrink + middle) * scale + half, row = ((y - middle) * shrink + middle) * scale + half;
+  const F column = ((x - middle) * shrink + middle) * scale + half,
+          row = ((y - middle) * shrink + middle) * scale + half;
   const F entries = texels * scale + splat<F>(1.0f);
   const Mask_t<F> read = wanted & (column >= zero) & (row >= zero) & (column < entries) & (row < entries);
   const F x0 = select(read, floor(column), zero), y0 = select(read, floor(row), zero);

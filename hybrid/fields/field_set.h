@@ -53,8 +53,8 @@ class FieldSet {
            bool wanted, uint64_t address_space = k_no_address_limit);
 
   bool empty() const { return count_ == 0; }
-  std::vector<Field*> pointers() const;            // by shape, for shadow rays; null: exact rays
-  std::vector<Field*> all_pointers() const;        // by shape, including those for glossy rays only; null: none
+  std::vector<Field*> pointers() const;      // by shape, for shadow rays; null: exact rays
+  std::vector<Field*> all_pointers() const;  // by shape, including those for glossy rays only; null: none
   // By shape: not 0 where rays from the object itself do not use its field.
   const std::vector<uint8_t>& self_to_rays() const { return self_to_rays_; }
   // Leaves objects to exact rays by the counts of a survey; those with a costly bake also where their answers would not
@@ -83,7 +83,7 @@ class FieldSet {
   uint64_t address_space_;
   std::unique_ptr<FieldBudget> budget_;  // outlives the fields
   std::vector<std::unique_ptr<Field>> fields_;
-  std::vector<double> bake_rays_;            // by shape: estimated
+  std::vector<double> bake_rays_;  // by shape: estimated
   // By shape: shadow rays do not use its field at all, or not from the object itself; glossy rays use it.
   std::vector<uint8_t> left_to_rays_, self_to_rays_, for_hits_;
   size_t count_ = 0;

@@ -54,8 +54,11 @@ Vec3 SkyLight::direction_in(uint32_t cell, float x, float y) const {
 
 CellPoints SkyLight::cell_points() const {
   const ShadingPointBatch& p = centres_;
-  return {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(),
-          p.gz.data(), p.sx.data(), p.sy.data(), p.sz.data(), int32_t((p.size + k_most_lanes - 1) / k_most_lanes * k_most_lanes)};
+  return {p.px.data(), p.py.data(),
+          p.pz.data(), p.gx.data(),
+          p.gy.data(), p.gz.data(),
+          p.sx.data(), p.sy.data(),
+          p.sz.data(), int32_t((p.size + k_most_lanes - 1) / k_most_lanes * k_most_lanes)};
 }
 
 void SkyLight::see_cells(const Job& job) {
@@ -76,9 +79,11 @@ void SkyLight::see_cells(const Job& job) {
     for (int i = 0; i < open; ++i) {
       const auto point = uint32_t(undecided_[size_t(i)]);
       if (point >= centres_.size) break;  // padding
-      const float cosine = scalar::cosine_over_cell<float>(glm::dot(vector, shading(centres_, point)), task.cosine_half);
+      const float cosine =
+          scalar::cosine_over_cell<float>(glm::dot(vector, shading(centres_, point)), task.cosine_half);
       // Parts of cells across the horizon have cosines far above the mean.
-      open_cells_.push_back({point, occluders_.cells()[k], std::max(cosine, k_least_cosine * task.cosine_half) * light});
+      open_cells_.push_back(
+          {point, occluders_.cells()[k], std::max(cosine, k_least_cosine * task.cosine_half) * light});
     }
   }
 }
@@ -198,8 +203,8 @@ void SkyLight::gather_batch(const Job& job) {
   add_irradiance(job);
   if (context_.answerer.checks()) check_cells(job);
   if (!sky_->radiance().concentrated()) return;
-  concentrated_.gather(job.clusters, centres_, occluders_.ball(), job.light_samples, job.receivers,
-                       job.firsts, sky_->radiance().concentrated_share(), job.stats);
+  concentrated_.gather(job.clusters, centres_, occluders_.ball(), job.light_samples, job.receivers, job.firsts,
+                       sky_->radiance().concentrated_share(), job.stats);
 }
 
 // One point stands for a cluster whose normals hardly differ; of others, for each of a few parts one of its own points.
@@ -222,7 +227,8 @@ void SkyLight::choose_points(const ShadingClusters& clusters, const LightReceive
     const uint32_t parts = std::min(cluster.size(), k_wide_cluster_parts);
     for (uint32_t k = 0; k < parts; ++k) {
       ShadingCluster part = cluster;
-      part.begin = cluster.begin + cluster.size() * k / parts, part.end = cluster.begin + cluster.size() * (k + 1) / parts;
+      part.begin = cluster.begin + cluster.size() * k / parts,
+      part.end = cluster.begin + cluster.size() * (k + 1) / parts;
       add(part, receivers.points, part.begin);
     }
   }
@@ -284,7 +290,8 @@ void SkyLight::check_point(const Job& job, size_t point) {
       task.weight[0] = 1.0f;
       std::fill(red.begin(), red.end(), 0.0f);
       const int open = kernel(task, points, sums, undecided_.data());
-      if (std::find(undecided_.begin(), undecided_.begin() + open, int32_t(point)) != undecided_.begin() + open) continue;
+      if (std::find(undecided_.begin(), undecided_.begin() + open, int32_t(point)) != undecided_.begin() + open)
+        continue;
       const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
       share -= red[point] / scalar::cosine_over_cell<float>(glm::dot(vector, n), task.cosine_half);
     }

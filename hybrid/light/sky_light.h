@@ -1,5 +1,5 @@
-// The light of the sky on diffuse surfaces, by direction cells: what is hidden of each cell is read from direction maps,
-// once per cluster of shading points. Cells that maps leave undecided are rays.
+// The light of the sky on diffuse surfaces, by direction cells: what is hidden of each cell is read from direction
+// maps, once per cluster of shading points. Cells that maps leave undecided are rays.
 //
 // The irradiance is that of the open sky less what cells take from it. Undecided cells share rays in proportion to what
 // they weigh, stratified over them; they alone bring noise.

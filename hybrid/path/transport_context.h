@@ -25,8 +25,8 @@ struct TransportSettings {
   int max_depth = -1;     // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
-  int most_undecided = 0;  // strata of a light; where fields leave more open, they are not trusted about the others
-  bool estimates = false;  // irradiance once per cluster where it hardly varies, instead of once per vertex
+  int most_undecided = 0;   // strata of a light; where fields leave more open, they are not trusted about the others
+  bool estimates = false;   // irradiance once per cluster where it hardly varies, instead of once per vertex
   bool first_hits = false;  // keep what camera rays hit, for AOVs
   // Only with first_hits:
   bool count_first_hits = false;          // fill the shadow ray counts of FirstHit
@@ -73,8 +73,8 @@ struct TransportContext {
   const ShadowAnswerer* occlusion_answerer = &answerer;  // answers the rays of the layer `ao`
   const LobeAnswerer* lobes = nullptr;  // answers glossy rays by prefiltered radiance maps; null: none does
   const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: all are traced
-  const Sky* sky = nullptr;            // answers for the sky at diffuse first surfaces; null: light samples do
-  const Sky* occlusion_sky = nullptr;  // answers for the layer `ao`; null: rays do
+  const Sky* sky = nullptr;             // answers for the sky at diffuse first surfaces; null: light samples do
+  const Sky* occlusion_sky = nullptr;   // answers for the layer `ao`; null: rays do
   TransportSettings settings;
   // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.
   std::function<std::unique_ptr<PathFollower>(const TransportContext&)> make_follower;

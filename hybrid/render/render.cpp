@@ -224,8 +224,8 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
 // Where maps answer for all lights, fields do only for glossy rays.
 bool wants_fields(const Picture& picture, const Stage& stage, const FieldPlan& plan) {
   const std::vector<Emitter>& emitters = picture.scene.emitters;
-  const bool maps_answer = stage.sky.light && std::all_of(emitters.begin(), emitters.end(),
-                                                    [](const Emitter& e) { return is_sky(e.kind); });
+  const bool maps_answer =
+      stage.sky.light && std::all_of(emitters.begin(), emitters.end(), [](const Emitter& e) { return is_sky(e.kind); });
   return picture.wants_fields && !(maps_answer && plan.hit_instances.empty());
 }
 
@@ -491,7 +491,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     const Accel accel(scene);
     result.stats.time_build = seconds_since(build_begin);
     Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
-                      std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
+                std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);
@@ -502,8 +502,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
         stage.cache = open_cache(options, /*no_fields=*/false, told_once.warning);
         return stage.cache.get();
       };
-      stage.sky = make_sky(scene, accel, stage.traits, options, sky_request(picture, stage), cache, told_once,
-                           result.stats);
+      stage.sky =
+          make_sky(scene, accel, stage.traits, options, sky_request(picture, stage), cache, told_once, result.stats);
     }
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);

@@ -71,10 +71,7 @@ bool is_parallelogram(const Shape& shape) {
 
 SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
                  std::vector<std::unique_ptr<DirectionMaps>> shapes, int directions, const SkyTolerance& tolerance)
-    : shapes_(std::move(shapes)),
-      directions_(directions),
-      tolerance_(tolerance),
-      occluders_(scene.instances.size()) {
+    : shapes_(std::move(shapes)), directions_(directions), tolerance_(tolerance), occluders_(scene.instances.size()) {
   frames_.reserve(size_t(directions) * size_t(directions));
   for (int i = 0; i < directions * directions; ++i) {
     const CellFrame f = cell_frame(i / directions, i % directions, directions);

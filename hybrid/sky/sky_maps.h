@@ -32,12 +32,13 @@ bool is_parallelogram(const Shape& shape);
 struct SkyOccluder {
   enum class Kind : uint8_t { plane, map, ball };
   Kind kind = Kind::ball;
-  bool is_flat = false;        // cannot hide anything from points on it
-  bool keeps_angles = false;   // its own points may ask its own grid
+  bool is_flat = false;       // cannot hide anything from points on it
+  bool keeps_angles = false;  // its own points may ask its own grid
   uint32_t instance = k_none;
-  Sphere ball;                 // encloses it
-  float to_unit[12] = {};      // world to unit space of the maps, or to the plane's coordinates; columns
-  // Columns: axes of the maps' grid in world space, orthonormal, may mirror; those of the world where there are no maps.
+  Sphere ball;             // encloses it
+  float to_unit[12] = {};  // world to unit space of the maps, or to the plane's coordinates; columns
+  // Columns: axes of the maps' grid in world space, orthonormal, may mirror; those of the world where there are no
+  // maps.
   Mat3 grid = Mat3(1.0f);
   const DirectionMaps* maps = nullptr;
   MapsView view;
@@ -46,8 +47,8 @@ struct SkyOccluder {
 class SkyMaps {
  public:
   // Chooses what each instance is. Maps are those of `shapes` (by shape, null: none), of D = `directions`.
-  SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
-          std::vector<std::unique_ptr<DirectionMaps>> shapes, int directions, const SkyTolerance& tolerance);
+  SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, std::vector<std::unique_ptr<DirectionMaps>> shapes,
+          int directions, const SkyTolerance& tolerance);
 
   int directions() const { return directions_; }
   float cell_width() const { return 2.0f * std::sqrt(k_pi) / float(directions_); }  // radians

@@ -61,8 +61,8 @@ constexpr const char* k_blurred[] = {"object_over_floor", "crowd", "nested_balls
 // The aim for solid meshes (docs/decisions/003-certificates.md).
 constexpr double k_wrong_share = 0.002;
 
-// The aims for pictures under a sky, whose light is read from direction maps: those of objects, which err more than floors,
-// and of the worst block, as shares of the mean.
+// The aims for pictures under a sky, whose light is read from direction maps: those of objects, which err more than
+// floors, and of the worst block, as shares of the mean.
 constexpr double k_sky_rmse = 0.01, k_sky_block = 0.03;
 bool has_sky(const HybridScene& s) { return s.name.starts_with("environment"); }
 
