@@ -436,7 +436,8 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   result.interrupted = job.interrupted;
   stats.merge_counters(done);
   fields.count(stats);
-  if (context.lobes) stats.field_bytes_maps = context.lobes->bytes();
+  stats.field_bytes_maps = context.lobes ? context.lobes->bytes() : 0;
+  if (stage.sky.maps) stats.field_bytes_maps += stage.sky.maps->bytes();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.store(*cache, options.must_keep_fields ? IfUnkept::fail : IfUnkept::warn, warning, stats);

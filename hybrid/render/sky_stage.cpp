@@ -141,8 +141,6 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   source.counters.seconds *= double(tbb::this_task_arena::max_concurrency());
   stats.add_bake(source.counters);
   stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(maps), size.directions, sky_tolerance(slack));
-  stats.field_bytes_memory += stage.maps->bytes();
-  stats.field_bytes_peak = std::max(stats.field_bytes_peak, stage.maps->bytes());
   if (for_light) stage.light = std::make_unique<Sky>(*stage.maps, scene);
   if (request.occlusion_rays > 0) stage.occlusion = std::make_unique<Sky>(*stage.maps, white_sky());
   return stage;

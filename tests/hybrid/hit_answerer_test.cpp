@@ -197,7 +197,9 @@ TEST(CertifiedHits, AreGivenUpFirstWhereMemoryEnds) {
   const RenderResult bounded = render(scene, o, callbacks);
   EXPECT_EQ(bounded.stats.field_restarts, 1u);
   EXPECT_NE(warnings.find("what glossy rays meet"), std::string::npos) << warnings;
-  EXPECT_EQ(bounded.image.data, never.image.data);
+  // With as little memory, which also bounds the direction maps of the sky.
+  o.field_hits = FieldHits::never;
+  EXPECT_EQ(bounded.image.data, render(scene, o).image.data);
 }
 
 // Near-mirrors: no error bound is small against such a lobe.
