@@ -55,20 +55,25 @@ bool is_far(const LightExtent& light, const Vec3& position, float radius) {
          radius <= k_widest_cluster * glm::length(light.ball.centre - position);
 }
 
-// Whether point i forms a cluster with the first, which lies in the same pixel.
-bool joins(const ShadingPointBatch& p, size_t first, size_t i) {
-  return p.instance[i] == p.instance[first] && !p.transmits[i] &&
+// Whether point i forms a cluster with the first, which lies in the same pixel. Clusters are plainly diffuse or not:
+// what lights the former leaves the sky to no other ray.
+bool joins(const LightReceivers& receivers, size_t first, size_t i) {
+  const ShadingPointBatch& p = receivers.points;
+  return p.instance[i] == p.instance[first] && !p.transmits[i] && receivers.plain[i] == receivers.plain[first] &&
          p.gx[i] * p.gx[first] + p.gy[i] * p.gy[first] + p.gz[i] * p.gz[first] > 0.0f;
 }
 
 // Whether all points of [first + 1, end) do; they must lie on one instance.
-bool all_join(const ShadingPointBatch& p, size_t first, size_t end) {
+bool all_join(const LightReceivers& receivers, size_t first, size_t end) {
+  const ShadingPointBatch& p = receivers.points;
   const float x = p.gx[first], y = p.gy[first], z = p.gz[first];
   const float *gx = p.gx.data(), *gy = p.gy.data(), *gz = p.gz.data();
   const uint8_t* const transmits = p.transmits.data();
   uint32_t others = 0;
   for (size_t i = first + 1; i < end; ++i) others += !(gx[i] * x + gy[i] * y + gz[i] * z > 0.0f);
-  return others == 0 && !std::memchr(transmits + first + 1, 1, end - first - 1);
+  const uint8_t* const plain = receivers.plain.data();
+  return others == 0 && !std::memchr(transmits + first + 1, 1, end - first - 1) &&
+         !std::memchr(plain + first + 1, plain[first] ? 0 : 1, end - first - 1);
 }
 
 size_t pixel_end(const ShadingPointBatch& p, size_t begin) {
@@ -118,7 +123,7 @@ void ShadingClusters::add(const LightReceivers& receivers, std::span<const Light
   const size_t i = clusters_.size();
   clusters_.push_back({uint32_t(begin), uint32_t(end),
                        std::max(spread_bound(facing, count), spread_bound(shading, count)),
-                       !std::memchr(&receivers.plain[begin], 0, count)});
+                       receivers.plain[begin] != 0});
   ShadingPointBatch& c = centres_;
   c.px[i] = position.x, c.py[i] = position.y, c.pz[i] = position.z;
   c.gx[i] = g.x, c.gy[i] = g.y, c.gz[i] = g.z;
@@ -151,9 +156,9 @@ void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExte
       if (!is_even) receivers.sort_by_instance(begin, pixel);
     }
     end = std::min(pixel, begin + most);
-    if (!is_even || !all_join(p, begin, end)) {
+    if (!is_even || !all_join(receivers, begin, end)) {
       const size_t last = end;
-      for (end = begin + 1; end < last && joins(p, begin, end);) ++end;
+      for (end = begin + 1; end < last && joins(receivers, begin, end);) ++end;
     }
     add(receivers, lights, begin, end);
   }

@@ -141,6 +141,8 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   source.counters.seconds *= double(tbb::this_task_arena::max_concurrency());
   stats.add_bake(source.counters);
   stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(maps), size.directions, sky_tolerance(slack));
+  stats.sky_objects = shapes.size();
+  stats.sky_directions = size.directions, stats.sky_texels = size.texels;
   if (for_light) stage.light = std::make_unique<Sky>(*stage.maps, scene);
   if (request.occlusion_rays > 0) stage.occlusion = std::make_unique<Sky>(*stage.maps, white_sky());
   return stage;

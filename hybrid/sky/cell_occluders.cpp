@@ -114,7 +114,10 @@ void CellOccluders::add(const SkyOccluder& o) {
     // The texels that the farthest point reads: powers of two up to the whole map, which then widens.
     const float wanted = k_footprint * sky_->cell_width() * (distance + ball_.radius) / (2.0f * o.ball.radius);
     const float texel = wanted < 1.0f ? std::exp2(std::ceil(std::log2(wanted) - 0.499f)) : wanted;
-    const float angle = std::asin(reach / distance) + k_read_reach * texel * 2.0f * o.ball.radius / distance;
+    // What is seen of other kinds reaches as far as the cell's corners.
+    const float beyond =
+        o.kind == SkyOccluder::Kind::map ? k_read_reach * texel * 2.0f * o.ball.radius / distance : sky_->cell_width();
+    const float angle = std::asin(reach / distance) + beyond;
     if (angle < k_pi) least = std::cos(angle) * distance;
   }
   const Mat3 to_maps = glm::transpose(o.grid) * grid_;

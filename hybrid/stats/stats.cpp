@@ -108,6 +108,7 @@ std::string Stats::to_json() const {
       {"cells_baked", field_cells_baked},   {"cells_full", field_cells_full},     {"tiles_baked", field_tiles_baked},
       {"bytes_memory", field_bytes_memory}, {"bytes_pictures", field_bytes_maps}, {"bytes_disk", field_bytes_disk},
       {"bytes_budget", field_bytes_budget}, {"bytes_peak", field_bytes_peak},     {"restarts", field_restarts}};
+  j["sky"] = {{"objects", sky_objects}, {"directions", sky_directions}, {"texels", sky_texels}};
   j["bake"] = {{"rays", bake_rays}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};
   j["version"] = version;

@@ -90,6 +90,8 @@ struct Stats {
   uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
   uint64_t field_tiles_baked = 0;  // coverage tiles
   uint64_t field_bytes_maps = 0;   // prefiltered radiance maps, and direction maps of skies
+  uint64_t sky_objects = 0;        // with direction maps, of which:
+  int sky_directions = 0, sky_texels = 0;
   uint64_t field_bytes_budget = 0, field_bytes_peak = 0;
   uint64_t field_restarts = 0;  // attempts that exceeded the budget
   uint64_t bake_rays = 0;

@@ -276,6 +276,7 @@ TEST(HybridStats, CountersAgree) {
       EXPECT_GT(hybrid.lookups, 0u);
       EXPECT_GT(hybrid.bake_rays, 0u);
       EXPECT_GT(hybrid.field_bytes_maps, 0u);
+      EXPECT_GT(hybrid.sky_objects, 0u);
       EXPECT_EQ(hybrid.field_objects, 0u);
       continue;
     }

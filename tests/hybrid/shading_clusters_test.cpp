@@ -200,6 +200,25 @@ TEST(ShadingClusters, APixelIsOneUnlessItIsWideOrHoldsTooManyPoints) {
 }
 
 // A batch of camera rays may meet nothing. The standard library's assertions (asan-ubsan) see an access past the end.
+// What lights plainly diffuse points leaves them the sky by no other way.
+TEST(ShadingClusters, HoldDiffusePointsAloneOrNone) {
+  Pixels p;
+  p.materials[3].kind = BsdfKind::rough_conductor;
+  for (int i = 0; i < 16; ++i) p.add(0, Vec3(0.01f * float(i), 0, 0), Vec3(0, 0, 1), 0, i % 5 == 2 ? 3 : 0);
+  LightReceivers r = p.receivers();
+  ASSERT_EQ(r.size(), 16u);
+  ShadingClusters clusters;
+  clusters.build(r, {}, 100, false);
+  size_t points = 0;
+  for (size_t c = 0; c < clusters.size(); ++c) {
+    for (uint32_t i = clusters[c].begin; i < clusters[c].end; ++i, ++points) {
+      EXPECT_EQ(clusters[c].plain_diffuse, r.plain[i] != 0) << i;
+    }
+  }
+  EXPECT_EQ(points, 16u);
+  EXPECT_GT(clusters.size(), 1u);
+}
+
 TEST(ShadingClusters, OfNoPointsAreNone) {
   for (const bool single : {false, true}) {
     LightReceivers receivers = Pixels().receivers();

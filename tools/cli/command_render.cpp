@@ -114,8 +114,13 @@ void print_summary(const Stats& s) {
                megabytes(s.field_bytes_memory));
   } else if (s.field_restarts > 0) {
     fmt::print(stderr, "fields  none: {} are too little for any\n", megabytes(s.field_bytes_budget));
-  } else if (s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {
+  } else if (s.sky_objects == 0 && s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {
     fmt::print(stderr, "fields  none: every object is too simple to gain from one\n");
+  }
+  if (s.sky_objects > 0) {
+    fmt::print(stderr, "sky     direction maps of {} object{}, {} x {} of {} x {} texels, {}\n", s.sky_objects,
+               s.sky_objects == 1 ? "" : "s", s.sky_directions, s.sky_directions, s.sky_texels, s.sky_texels,
+               megabytes(s.field_bytes_maps));
   }
   if (s.field_left_to_rays > 0) {
     fmt::print(stderr, "left    {} object{} to exact rays for shadows: fields would answer too little\n",
