@@ -37,6 +37,8 @@ constexpr float gamma_bound(int n) {
   return (float(n) * u) / (1.0f - float(n) * u);
 }
 
+inline float luminance(const Rgb& c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }  // IEC 61966-2-1
+
 inline Vec3 transform_point(const Affine& a, const Vec3& p) { return a[0] * p.x + a[1] * p.y + a[2] * p.z + a[3]; }
 inline Vec3 transform_vector(const Affine& a, const Vec3& v) { return a[0] * v.x + a[1] * v.y + a[2] * v.z; }
 

@@ -124,6 +124,8 @@ struct Instance {
 // ---------------------------------------------------------------- emitters
 
 enum class EmitterKind : uint8_t { area, constant, environment, point, directional };
+// Whether emitters of this kind surround the scene.
+inline bool is_sky(EmitterKind kind) { return kind == EmitterKind::constant || kind == EmitterKind::environment; }
 
 struct Emitter {
   EmitterKind kind = EmitterKind::area;

@@ -10,10 +10,6 @@ namespace {
 
 float in_cell(int i, float x, int n) { return (float(i) + x) * (2.0f / float(n)) - 1.0f; }
 
-Vec3 direction_in_cell(int u, int v, float x, float y, int directions) {
-  return to_vec(scalar::frame_from_square(in_cell(u, x, directions), in_cell(v, y, directions)).c);
-}
-
 // Finalizer of MurmurHash3 (Appleby): four operations, and no library's, since it chooses the lines that cells are
 // baked from. With other bits every field, and with it the pictures, would differ in their noise.
 uint32_t mix(uint32_t h) {
@@ -25,6 +21,16 @@ uint32_t mix(uint32_t h) {
 }
 
 }  // namespace
+
+Vec3 direction_in_cell(int u, int v, float x, float y, int directions) {
+  return to_vec(scalar::frame_from_square(in_cell(u, x, directions), in_cell(v, y, directions)).c);
+}
+
+int direction_cell(const Vec3& direction, int directions) {
+  scalar::CellAddress<float> cell;
+  scalar::find_direction_cell(lanes(direction), make_axis(directions), cell);
+  return cell.u * directions + cell.v;
+}
 
 CellFrame cell_frame(int u, int v, int directions) {
   const auto f = scalar::frame_from_square(in_cell(u, 0.5f, directions), in_cell(v, 0.5f, directions));

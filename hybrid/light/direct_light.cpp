@@ -27,8 +27,6 @@ void add_light(LightReceivers& r, size_t begin, size_t count, const Rgb& value, 
   add_products(count, value.z, &r.blue[begin], factors, &r.arriving_blue[begin]);
 }
 
-bool is_sky(LightKind kind) { return kind == LightKind::constant || kind == LightKind::environment; }
-
 Rgb value_of(const Light& light) { return {light.value[0], light.value[1], light.value[2]}; }
 
 }  // namespace
@@ -446,7 +444,7 @@ void DirectLight::gather_group(Job& job) {
   }
   for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
     if (context_.lights.lights[job.light].kind == LightKind::none) continue;
-    job.sky_is_mapped = job.has_sky_maps && is_sky(context_.lights.lights[job.light].kind);
+    job.sky_is_mapped = job.has_sky_maps && is_sky(context_.scene.emitters[job.light].kind);
     if (job.sky_is_mapped) {  // SkyLight has lit the diffuse ones
       const auto is_left = [&](size_t c) { return !clusters_[job.begin + c].plain_diffuse; };
       uint64_t left = 0;

@@ -5,9 +5,8 @@
 #include <numeric>
 
 #include "core/sampling/sobol.hd.h"
-#include "core/simd/vec_lanes.h"
 #include "core/surface/surface.h"
-#include "field/chart/chart.hd.h"
+#include "field/bake/cell_lines.h"
 #include "field/maps/cell_kernels.h"
 #include "field/maps/cell_visibility.hd.h"
 #include "hybrid/stats/stopwatch.h"
@@ -32,8 +31,6 @@ constexpr uint32_t k_sky_stream = 0x534b5900u;
 constexpr uint32_t k_check_interval = 256;
 constexpr int k_check_side = 4, k_check_rays = k_check_side * k_check_side;
 
-float luminance(const Rgb& c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }
-
 Vec3 position(const ShadingPointBatch& p, size_t i) { return {p.px[i], p.py[i], p.pz[i]}; }
 Vec3 shading(const ShadingPointBatch& p, size_t i) { return {p.sx[i], p.sy[i], p.sz[i]}; }
 Vec3 geometric(const ShadingPointBatch& p, size_t i) { return {p.gx[i], p.gy[i], p.gz[i]}; }
@@ -46,10 +43,8 @@ Vec3 leave(const ShadingPointBatch& p, size_t i, const Vec3& d) {
 }  // namespace
 
 Vec3 SkyLight::direction_in(uint32_t cell, float x, float y) const {
-  const auto side = uint32_t(sky_->maps().directions());
-  const float step = 2.0f / float(side);
-  const float u = (float(cell / side) + x) * step - 1.0f, v = (float(cell % side) + y) * step - 1.0f;
-  return grid_ * to_vec(scalar::frame_from_square<float>(u, v).c);
+  const int side = sky_->maps().directions();
+  return grid_ * direction_in_cell(int(cell) / side, int(cell) % side, x, y, side);
 }
 
 CellPoints SkyLight::cell_points() const {
@@ -120,7 +115,7 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
   for (const OpenCell& open : cells) weight_sums_.push_back(total += open.weight);
   if (!(total > 0.0f)) return;
   const Vec3 n = shading(centres_, point);
-  const float whole = std::max(luminance(sky_->radiance().irradiance(n)), total);
+  const float whole = std::max(open_[point], total);
   const float samples = float(cluster.size()) * float(job.light_samples);
   const int count = int(std::ceil(samples * std::min(k_open_cell_rays * (total / whole), 1.0f)));
   const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream + centres_.sample[point]);
@@ -177,7 +172,7 @@ void SkyLight::add_irradiance(const Job& job) {
     job.stats.samples_by_strata += samples - traced;
     if (job.firsts.empty()) continue;
     // As many rays as light samples, of the weight that light samples give them.
-    const float open = std::max(luminance(sky_->radiance().irradiance(shading(centres_, i))), 1e-30f);
+    const float open = std::max(open_[i], 1e-30f);
     const float count = of_sky * float(job.light_samples), clear = std::min(luminance(e) / open, 1.0f);
     for (size_t k = c.begin; k < c.end; ++k) {
       FirstHit& first = job.firsts[r.path[k]];
@@ -190,12 +185,13 @@ void SkyLight::add_irradiance(const Job& job) {
 
 void SkyLight::gather_batch(const Job& job) {
   const uint32_t instance = centres_.instance[0];
-  cells_ = &sky_->cells_of(instance);
-  occluders_.find(sky_->maps(), *cells_, centres_);
+  occluders_.find(sky_->maps(), sky_->cells_of(instance), centres_);
   grid_ = sky_->maps().occluders()[instance].grid;
   see_cells(job);
+  open_.resize(centres_.size);
   for (size_t i = 0; i < centres_.size; ++i) {
     const Rgb open = sky_->radiance().irradiance(shading(centres_, i));
+    open_[i] = luminance(open);
     red_[i] = open.x - red_[i], green_[i] = open.y - green_[i], blue_[i] = open.z - blue_[i];
   }
   sample_open_cells(job);

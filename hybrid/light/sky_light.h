@@ -68,7 +68,6 @@ class SkyLight {
   const Sky* sky_;
   ConcentratedLight concentrated_;
   CellOccluders occluders_;
-  const SkyCells* cells_ = nullptr;
   Mat3 grid_ = Mat3(1.0f);
   std::vector<ShadingCluster> clusters_;  // those to light, in parts where they are wide
   ShadingPointBatch points_;              // what stands for each
@@ -76,6 +75,7 @@ class SkyLight {
   std::vector<ShadingCluster> batch_;
   ShadingPointBatch centres_;
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance
+  std::vector<float> open_;                  // luminance of the open sky's irradiance, by point
   AlignedVector<int32_t> undecided_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
   std::vector<uint32_t> open_begin_;

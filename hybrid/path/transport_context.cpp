@@ -3,8 +3,7 @@
 namespace fieldtrace {
 namespace {
 
-bool surrounds(EmitterKind kind) { return kind == EmitterKind::constant || kind == EmitterKind::environment; }
-bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || surrounds(kind); }
+bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || is_sky(kind); }
 
 }  // namespace
 
@@ -24,10 +23,10 @@ TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraS
     const bool closed = sampled_in_closed_form(lights.lights[i]);
     light_extents.push_back(light_extent(s, i));
     closed_form.push_back(closed);
-    if (surrounds(emitter.kind)) backgrounds.push_back(i);
+    if (is_sky(emitter.kind)) backgrounds.push_back(i);
     emission_can_be_hit |= can_be_hit(emitter.kind);
     open_form_can_be_hit |= can_be_hit(emitter.kind) && !closed;
-    open_area_can_be_hit |= can_be_hit(emitter.kind) && !closed && !surrounds(emitter.kind);
+    open_area_can_be_hit |= can_be_hit(emitter.kind) && !closed && !is_sky(emitter.kind);
   }
 }
 

@@ -406,9 +406,12 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   context.sky = stage.sky.light.get();
   context.occlusion_sky = stage.sky.occlusion.get();
   // Single rays of the layer `ao` gain nothing from fields.
-  const std::vector<Field*> no_fields(picture.scene.shapes.size(), nullptr);
-  const ShadowAnswerer for_occlusion(picture.scene, stage.accel, stage.traits, no_fields, settings);
-  context.occlusion_answerer = &for_occlusion;
+  std::optional<ShadowAnswerer> for_occlusion;
+  if (picture.settings.occlusion && !context.occlusion_sky && !fields.empty()) {
+    const std::vector<Field*> no_fields(picture.scene.shapes.size(), nullptr);
+    for_occlusion.emplace(picture.scene, stage.accel, stage.traits, no_fields, settings);
+    context.occlusion_answerer = &*for_occlusion;
+  }
   const std::vector<Field*> all_fields = fields.all_pointers();
   std::optional<GlossyStage> glossy;
   if (picture.wants_fields) {

@@ -30,7 +30,7 @@ std::vector<uint32_t> mapped_shapes(const Scene& scene, std::span<const ShapeTra
   for (const Instance& i : scene.instances) is_used[i.shape] = 1;
   std::vector<uint32_t> shapes;
   for (uint32_t s = 0; s < scene.shapes.size(); ++s) {
-    if (is_used[s] && !(traits[s].is_flat && is_parallelogram(scene.shapes[s]))) shapes.push_back(s);
+    if (is_used[s] && !parallelogram(scene.shapes[s], traits[s])) shapes.push_back(s);
   }
   return shapes;
 }

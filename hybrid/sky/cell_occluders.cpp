@@ -140,7 +140,7 @@ void CellOccluders::add(const SkyOccluder& o) {
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
         const Vec3 unit = to_maps * d;
-        maps_[k].push_back(map_lines(o, *sky_, sky_->cell_at(unit), unit));
+        maps_[k].push_back(map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit));
         break;
       }
       case SkyOccluder::Kind::plane:

@@ -2,9 +2,7 @@
 
 #include <cmath>
 
-#include "core/simd/vec_lanes.h"
 #include "field/bake/cell_lines.h"
-#include "field/chart/chart.hd.h"
 #include "field/store/field.h"
 #include "hybrid/visibility/light_extent.h"
 #include "hybrid/visibility/linear_map.h"
@@ -24,11 +22,17 @@ void write_coordinates(const Affine& from_world, const DVec3& origin, const DMat
   }
 }
 
-// The parallelogram that a shape is, in object space: its centre, and its half axes and a normal as columns. False for
-// other shapes. The flat convex hull of a mesh is tried as a parallelogram along two of its first triangle's edges; the
+Sphere world_ball(const Instance& instance, const Sphere& ball) {
+  const DMat3 to_world(DVec3(instance.to_world[0]), DVec3(instance.to_world[1]), DVec3(instance.to_world[2]));
+  return {transform_point(instance.to_world, ball.centre), ball.radius * stretch_bound(to_world)};
+}
+
+}  // namespace
+
+// The flat convex hull of a mesh is tried as a parallelogram along two of its first triangle's edges; the
 // triangles must have its area.
-bool parallelogram(const Shape& shape, DVec3& centre, DMat3& axes) {
-  if (!is_meshed(shape.kind) || shape.mesh.triangles.empty()) return false;
+std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits& traits) {
+  if (!traits.is_flat || !is_meshed(shape.kind) || shape.mesh.triangles.empty()) return {};
   const std::vector<Vec3>& p = shape.mesh.positions;
   const UVec3& first = shape.mesh.triangles[0];
   double area = 0.0;
@@ -38,7 +42,7 @@ bool parallelogram(const Shape& shape, DVec3& centre, DMat3& axes) {
   for (int k = 0; k < 3; ++k) {
     const DVec3 origin(p[first[k]]), x = DVec3(p[first[(k + 1) % 3]]) - origin,
                                      y = DVec3(p[first[(k + 2) % 3]]) - origin, normal = glm::cross(x, y);
-    if (!(glm::length(normal) > 0.0)) return false;
+    if (!(glm::length(normal) > 0.0)) return {};
     const DMat3 to_plane = glm::inverse(DMat3(x, y, glm::normalize(normal)));
     DVec3 lower(1e300), upper(-1e300);
     for (const Vec3& v : p) {
@@ -49,24 +53,11 @@ bool parallelogram(const Shape& shape, DVec3& centre, DMat3& axes) {
     constexpr double k_error = 1e-5;
     if (upper.z - lower.z > k_error * std::sqrt(whole) || std::abs(area - whole) > k_error * whole) continue;
     const DVec3 middle = 0.5 * (lower + upper);
-    centre = origin + x * middle.x + y * middle.y;
-    axes = DMat3(x * (0.5 * (upper.x - lower.x)), y * (0.5 * (upper.y - lower.y)), glm::normalize(normal));
-    return true;
+    return Parallelogram{
+        origin + x * middle.x + y * middle.y,
+        DMat3(x * (0.5 * (upper.x - lower.x)), y * (0.5 * (upper.y - lower.y)), glm::normalize(normal))};
   }
-  return false;
-}
-
-Sphere world_ball(const Instance& instance, const Sphere& ball) {
-  const DMat3 to_world(DVec3(instance.to_world[0]), DVec3(instance.to_world[1]), DVec3(instance.to_world[2]));
-  return {transform_point(instance.to_world, ball.centre), ball.radius * stretch_bound(to_world)};
-}
-
-}  // namespace
-
-bool is_parallelogram(const Shape& shape) {
-  DVec3 centre;
-  DMat3 axes;
-  return parallelogram(shape, centre, axes);
+  return {};
 }
 
 SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
@@ -77,16 +68,8 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     const CellFrame f = cell_frame(i / directions, i % directions, directions);
     frames_.push_back(Mat3(f.s, f.t, f.c));
   }
-  // By shape, as many instances may share one.
-  struct Plane {
-    bool is_plane = false;
-    DVec3 centre;
-    DMat3 axes;
-  };
-  std::vector<Plane> planes(scene.shapes.size());
-  for (size_t s = 0; s < planes.size(); ++s) {
-    planes[s].is_plane = traits[s].is_flat && parallelogram(scene.shapes[s], planes[s].centre, planes[s].axes);
-  }
+  std::vector<std::optional<Parallelogram>> planes;  // by shape, as many instances may share one
+  for (size_t s = 0; s < scene.shapes.size(); ++s) planes.push_back(parallelogram(scene.shapes[s], traits[s]));
   for (uint32_t i = 0; i < occluders_.size(); ++i) {
     const Instance& instance = scene.instances[i];
     const Shape& shape = scene.shapes[instance.shape];
@@ -94,15 +77,14 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     o.instance = i;
     o.is_flat = traits[instance.shape].is_flat;
     o.ball = world_ball(instance, field_ball(shape.bounds));
-    const Plane& plane = planes[instance.shape];
-    if (plane.is_plane) {
+    if (const auto& plane = planes[instance.shape]) {
       o.kind = SkyOccluder::Kind::plane;
       // In world space: a shear gives the image of the plane another normal.
       const DAffine to_world(instance.to_world);
       const DMat3 linear(to_world[0], to_world[1], to_world[2]);
-      const DVec3 x = linear * plane.axes[0], y = linear * plane.axes[1];
+      const DVec3 x = linear * plane->axes[0], y = linear * plane->axes[1];
       const DMat3 axes(x, y, glm::normalize(glm::cross(x, y)));
-      write_coordinates(Affine(1.0f), linear * plane.centre + to_world[3], axes, o.to_unit);
+      write_coordinates(Affine(1.0f), linear * plane->centre + to_world[3], axes, o.to_unit);
       continue;
     }
     const DirectionMaps* const maps = shapes_[instance.shape].get();
@@ -110,21 +92,13 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
     const double radius = double(maps->ball().radius);
     write_coordinates(instance.to_object, DVec3(maps->ball().centre), DMat3(radius), o.to_unit);
     const DMat3 to_unit = linear_part(o.to_unit);
-    o.keeps_angles = keeps_angles(to_unit);
-    if (!o.keeps_angles) continue;
+    if (!keeps_angles(to_unit)) continue;
     o.kind = SkyOccluder::Kind::map;
-    o.maps = maps;
     o.view = maps->view();
     // Rows of a rotation are the columns of its inverse.
     const DMat3 rotation = glm::transpose(to_unit) / std::cbrt(std::abs(glm::determinant(to_unit)));
     o.grid = Mat3(rotation);
   }
-}
-
-int SkyMaps::cell_at(const Vec3& direction) const {
-  scalar::CellAddress<float> cell;
-  scalar::find_direction_cell(lanes(direction), make_axis(directions_), cell);
-  return cell.u * directions_ + cell.v;
 }
 
 uint64_t SkyMaps::bytes() const {

@@ -8,6 +8,7 @@
 
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -25,22 +26,26 @@ struct SkyTolerance {
   float hidden_from = 1.5f;
 };
 
-// Whether the shape is a parallelogram, of any number of triangles, in which case it needs no maps.
-bool is_parallelogram(const Shape& shape);
+// In object space: its centre, and its half axes and a unit normal as columns.
+struct Parallelogram {
+  DVec3 centre;
+  DMat3 axes;
+};
+
+// The parallelogram that a mesh is, of any number of triangles, which needs no maps; nothing for other shapes.
+std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits& traits);
 
 // How an instance hides direction cells.
 struct SkyOccluder {
   enum class Kind : uint8_t { plane, map, ball };
   Kind kind = Kind::ball;
-  bool is_flat = false;       // cannot hide anything from points on it
-  bool keeps_angles = false;  // its own points may ask its own grid
+  bool is_flat = false;  // cannot hide anything from points on it
   uint32_t instance = k_none;
   Sphere ball;             // encloses it
   float to_unit[12] = {};  // world to unit space of the maps, or to the plane's coordinates; columns
   // Columns: axes of the maps' grid in world space, orthonormal, may mirror; those of the world where there are no
   // maps.
   Mat3 grid = Mat3(1.0f);
-  const DirectionMaps* maps = nullptr;
   MapsView view;
 };
 
@@ -56,8 +61,6 @@ class SkyMaps {
   std::span<const SkyOccluder> occluders() const { return occluders_; }  // by instance
   // The frame of direction cell u D + v: columns s, t, c.
   const Mat3& frame(int direction) const { return frames_[size_t(direction)]; }
-  // The cell of a unit direction.
-  int cell_at(const Vec3& direction) const;
   uint64_t bytes() const;
 
  private:

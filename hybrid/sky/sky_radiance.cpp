@@ -6,6 +6,7 @@
 
 #include "core/platform/parallel.h"
 #include "core/simd/vec_lanes.h"
+#include "field/bake/cell_lines.h"
 #include "field/chart/chart.hd.h"
 #include "field/maps/cell_visibility.hd.h"
 
@@ -22,24 +23,11 @@ constexpr double k_concentrated_share = 1.0 / 500.0, k_concentrated_power = 0.05
 // Cells whose parts differ by more than this factor in luminance are divided where planes cut them.
 constexpr float k_part_contrast = 1.1f;
 
-float luminance(const Rgb& c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }
 Rgb positive(const Rgb& c) { return glm::max(c, Rgb(0.0f)); }
 
 // Of an interval whose variance is that of cells along a line, in the mean: most cells are longer than wide.
 constexpr float k_cell_stretch = 1.12f;
 float cell_half_width(int directions) { return k_cell_stretch * std::sqrt(k_pi) / float(directions); }
-
-int cell_index(const Vec3& d, int n) {
-  scalar::CellAddress<float> cell;
-  scalar::find_direction_cell(lanes(d), make_axis(n), cell);
-  return cell.u * n + cell.v;
-}
-
-// Point (x, y) of cell `i` of an n x n grid, x and y in [0, 1].
-Vec3 direction_in(int i, int n, float x, float y) {
-  const float step = 2.0f / float(n);
-  return to_vec(scalar::frame_from_square<float>((float(i / n) + x) * step - 1.0f, (float(i % n) + y) * step - 1.0f).c);
-}
 
 // Interpolation of side x side values over the octahedral square, `density` of them per unit, the first at -1 - shift /
 // density. It is linear over triangles whose long edges lie along the folds between the hemispheres.
@@ -189,7 +177,7 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
         const float x = (float(column) + 0.5f) / float(finer);
         const auto left = size_t(x);
         const Rgb light = glm::mix(row_light[left], row_light[left + 1], x - float(left));
-        Sum& sum = sums[size_t(cell_index(around[size_t(column)] * float(sine) + up, k_fine_cells))];
+        Sum& sum = sums[size_t(direction_cell(around[size_t(column)] * float(sine) + up, k_fine_cells))];
         sum.light += DVec3(light) * sine;
         sum.area += sine;
       }
@@ -219,7 +207,8 @@ SkyCells SkyRadiance::cells(const Mat3& grid, int directions) const {
     float weight = 0.0f, parts[k_cell_parts] = {};
     for (int k = 0; k < side * side; ++k) {
       const int row = k / side, column = k % side;
-      const Vec3 d = grid * direction_in(int(i), directions, (float(row) + 0.5f) * step, (float(column) + 0.5f) * step);
+      const Vec3 d = grid * direction_in_cell(int(i) / directions, int(i) % directions, (float(row) + 0.5f) * step,
+                                              (float(column) + 0.5f) * step, directions);
       const Rgb sample = radiance(d);
       // A black sky has directions, too.
       const float of_sample = luminance(sample) + 1e-30f;

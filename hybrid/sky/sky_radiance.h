@@ -18,8 +18,6 @@
 
 namespace fieldtrace {
 
-inline bool is_sky(EmitterKind kind) { return kind == EmitterKind::constant || kind == EmitterKind::environment; }
-
 struct SkyCells {
   float half_width = 0.0f;                // half extent of a cell, radians
   AlignedVector<float> red, green, blue;  // mean radiance

@@ -15,6 +15,7 @@
 #include "field/file/field_vdb.h"
 #include "field/file/thesis_file.h"
 #include "tests/support/field_checks.h"
+#include "tests/support/vdb_leaf.h"
 
 namespace fieldtrace {
 namespace {
@@ -83,14 +84,6 @@ TEST(MapsFile, InfoTellsWhatItHolds) {
 
 // ---- files made by hand
 
-VdbLeaf leaf_of(int voxel, int32_t value) {
-  VdbLeaf leaf;
-  leaf.values.fill(0);
-  leaf.values[size_t(voxel)] = value;
-  leaf.active[size_t(voxel) / 64] = uint64_t(1) << (voxel % 64);
-  return leaf;
-}
-
 // The maps of a file whose depths are what `fill` adds to an empty grid.
 DirectionMaps load(const std::function<void(VdbGrid&)>& fill, int32_t background = 0,
                    const FieldIdentity& identity = identity_of(k_small)) {
@@ -103,7 +96,9 @@ DirectionMaps load(const std::function<void(VdbGrid&)>& fill, int32_t background
 }
 
 TEST(MapsFile, AVoxelIsDirectionRowAndColumn) {
-  const DirectionMaps maps = load([](VdbGrid& g) { vdb().add_leaf(g, {8, 0, 8}, leaf_of(64 * 1 + 8 * 2 + 3, 77)); });
+  const DirectionMaps maps = load([](VdbGrid& g) {
+    vdb().add_leaf(g, {8, 0, 8}, test::leaf_of(64 * 1 + 8 * 2 + 3, 77));
+  });
   DirectionMaps expected(test_ball(), k_small);
   expected.depths(9)[2 * k_small.texels + 11] = 77;
   expected.finish(9);
@@ -112,7 +107,7 @@ TEST(MapsFile, AVoxelIsDirectionRowAndColumn) {
 
 TEST(MapsFile, RefusesWhatNoBakeWrites) {
   const auto leaf = [](const VoxelCoord& origin, int32_t value) {
-    return [=](VdbGrid& grid) { vdb().add_leaf(grid, origin, leaf_of(511, value)); };
+    return [=](VdbGrid& grid) { vdb().add_leaf(grid, origin, test::leaf_of(511, value)); };
   };
   EXPECT_NO_THROW(load(leaf({8, 8, 8}, 65535)));               // the last texel
   EXPECT_THROW(load(leaf({16, 0, 0}, 1)), FieldFileError);     // behind the last direction

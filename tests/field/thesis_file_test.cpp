@@ -7,6 +7,7 @@
 
 #include "field/file/field_vdb.h"
 #include "tests/support/field_checks.h"
+#include "tests/support/vdb_leaf.h"
 
 namespace fieldtrace {
 namespace {
@@ -23,14 +24,6 @@ FieldIdentity identity() {
   return i;
 }
 
-VdbLeaf leaf_of(int voxel, int32_t value) {
-  VdbLeaf leaf;
-  leaf.values.fill(0);
-  leaf.values[size_t(voxel)] = value;
-  leaf.active[size_t(voxel) / 64] = uint64_t(1) << (voxel % 64);
-  return leaf;
-}
-
 // The field of a file whose distances are what `fill` adds to an empty grid.
 ThesisField load(const std::function<void(VdbGrid&)>& fill, int32_t background = k_thesis_miss) {
   const TemporaryFolder folder;
@@ -44,7 +37,7 @@ ThesisField load(const std::function<void(VdbGrid&)>& fill, int32_t background =
 
 TEST(ThesisFile, PutsEverySampleInItsPlace) {
   const ThesisField field = load([](VdbGrid& grid) {
-    vdb().add_leaf(grid, {8, 16, 24}, leaf_of(64 * 1 + 8 * 2 + 3, 7));
+    vdb().add_leaf(grid, {8, 16, 24}, test::leaf_of(64 * 1 + 8 * 2 + 3, 7));
     vdb().add_tile(grid, {4216, 0, 8}, 9);
   });
   size_t others = 0;
@@ -63,7 +56,7 @@ TEST(ThesisFile, PutsEverySampleInItsPlace) {
 
 TEST(ThesisFile, RefusesWhatIsNoSampleOfAField) {
   const auto leaf = [](const VoxelCoord& origin, int voxel, int32_t value) {
-    return [=](VdbGrid& grid) { vdb().add_leaf(grid, origin, leaf_of(voxel, value)); };
+    return [=](VdbGrid& grid) { vdb().add_leaf(grid, origin, test::leaf_of(voxel, value)); };
   };
   EXPECT_NO_THROW(load(leaf({4224, 24, 24}, 64 + 63, k_thesis_miss)));          // the last one
   EXPECT_THROW(load(leaf({4224, 24, 24}, 2 * 64, 1)), FieldFileError);          // behind the last position
