@@ -9,6 +9,7 @@
 #include <cstdint>
 
 #include "field/maps/maps_view.h"
+#include "field/maps/radiance_view.h"
 
 namespace fieldtrace {
 
@@ -21,6 +22,17 @@ struct MapLines {
   float margin = 0;                // depths nearer than this to the point's are undecided, units of z
   int32_t depth_begin = 0, coverage_begin = 0;  // of the map, bytes
   const MapsView* maps = nullptr;
+};
+
+// What the object sends back along the cell: the lines of the nearest of its radiance maps, whose directions may be
+// fewer.
+struct MapRadiance {
+  float u[4], v[4];
+  float slope_u = 0, slope_v = 0, reach = 0;  // as MapLines
+  float place = 0;                            // the object's centre along the cell's direction, world units
+  // Pyramids, bytes: of what rays from outside the ball meet first, and of what those from within meet last.
+  int32_t outer = 0, inner = 0;
+  const RadianceView* view = nullptr;
 };
 
 // The same of the object that the points lie on, along a direction of its own grid.
@@ -39,13 +51,30 @@ struct PlaneSlope {
   float rise;    // of the height over it
 };
 
+// A rectangle of a parallelogram's coordinates that a pyramid covers.
+struct RadianceWindow {
+  float x = 0, y = 0;                    // its middle
+  float per_unit_x = 0, per_unit_y = 0;  // texels per unit of the coordinates
+  float density = 0;                     // texels per world unit: the root of those per area
+};
+
+// What a parallelogram sends back. Pyramid 2 w + s: of window w, and of the side that the height is positive on (0) or
+// the other (1). Window 0 covers all; later ones go before.
+struct PlaneRadiance {
+  const RadianceView* view = nullptr;
+  int windows = 0;
+  RadianceWindow window[2];
+};
+
 // A parallelogram [-1, 1]^2 of its own coordinates.
 struct PlaneLines {
   float x[4], y[4];                // the point's coordinates
   float height[4];                 // its distance from the plane, world units, signed
   PlaneSlope centre;               // along the cell's direction
   PlaneSlope parts[k_cell_parts];  // along those of its parts, if CellTask::parts
-  float per_unit_x, per_unit_y;    // squares of how fast the coordinates change per world unit in the plane
+  // Of the coordinates' gradients: squared lengths, and their product.
+  float per_unit_x, per_unit_y, x_dot_y;
+  const PlaneRadiance* radiance = nullptr;
 };
 
 // A ball whose inside only rays can see.
@@ -66,6 +95,10 @@ struct CellTask {
   const PlaneLines* planes = nullptr;
   const BallLines* balls = nullptr;
   int map_count = 0, plane_count = 0, ball_count = 0;
+  // Null: nothing sends light back. Otherwise that of `own`, and those of `maps`, which then ascend by their place.
+  const MapRadiance* own_radiance = nullptr;
+  const MapRadiance* map_radiance = nullptr;
+  bool reflects = false;
 };
 
 // Shading points of one instance, structures of arrays of `size` values (a multiple of the vector's length), aligned.
@@ -79,6 +112,11 @@ struct CellPoints {
 // What cells take from the points' irradiance; aligned, one value a point.
 struct CellSums {
   float *red, *green, *blue;  // irradiance that is hidden or undecided
+  // What comes back from objects that hide it, without undecided cells; unused unless CellTask::reflects.
+  float *reflected_red = nullptr, *reflected_green = nullptr, *reflected_blue = nullptr;
 };
+
+// Parallelograms in one cell that are seen together; more count as if they were independent, and send nothing back.
+inline constexpr int k_most_planes = 32;
 
 }  // namespace fieldtrace

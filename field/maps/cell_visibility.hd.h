@@ -17,6 +17,7 @@
 
 #include "core/platform/platform.h"
 #include "core/simd/lanes.hd.h"
+#include "field/maps/cell_radiance.hd.h"
 #include "field/maps/cell_task.h"
 
 FT_LANES_BEGIN
@@ -27,16 +28,6 @@ constexpr float k_most_near = 0.25f;
 constexpr float k_least_clear = 0.004f;
 // Cells whose direction rises less above the tangent plane (sine) are undecided on the object itself.
 constexpr float k_least_rise = 0.05f;
-
-template <class F>
-FT_HD_INLINE F affine(const float* row, const Vec3Lanes<F>& p) {
-  return splat<F>(row[0]) * p.x + splat<F>(row[1]) * p.y + splat<F>(row[2]) * p.z + splat<F>(row[3]);
-}
-
-template <class F>
-FT_HD_INLINE F dot3(const float* a, const Vec3Lanes<F>& b) {
-  return splat<F>(a[0]) * b.x + splat<F>(a[1]) * b.y + splat<F>(a[2]) * b.z;
-}
 
 // The mean of max(0, x) for x uniform in [mean - half, mean + half]: of the cosine over a cell across the horizon.
 // Without a condition, so that compilers make vectors of loops over floats, too.
@@ -193,28 +184,71 @@ template <class F>
 FT_HD_INLINE F share_of_both(F a, F b, F cosine) {
   const F zero = splat<F>(0.0f), product = a * b;
   const F limit = select(cosine > zero, min(a, b), max(a + b - splat<F>(1.0f), zero));
-  return product + (limit - product) * abs(cosine);
+  return max(product + (limit - product) * abs(cosine), zero);
 }
 
-// Share of a cell that a parallelogram hides. Each edge spans a plane with the point, which cuts the cell at the cell
-// centre's distance from it; so the answer is right for edges near and far, and at the plane's horizon.
+// The larger a share of two half-spaces is than if they were independent.
+template <class F>
+FT_HD_INLINE F relative_overlap(F a, F b, F cosine) {
+  return share_of_both<F>(a, b, cosine) / max(a * b, splat<F>(1e-6f));
+}
+
+// The plane through a point and an edge of a parallelogram, as a half-space with the parallelogram inside.
+template <class F>
+struct EdgeCut {
+  F share;              // of the cell
+  F of_height, of_row;  // the unit normal: a sum of the gradients of the height and of the edge's coordinate
+};
+
+template <class F>
+FT_HD_INLINE F nearing(const PlaneSlope& slope, F height) {  // how fast a direction nears the plane
+  return select(height > splat<F>(0.0f), splat<F>(-slope.rise), splat<F>(slope.rise));
+}
+
+// How the edges at the coordinate's ends cut a cell: by the distance of its centre from the planes through the point
+// and them.
+template <class F>
+FT_HD_INLINE void cut_by_edges(const float* row, float change, float per_unit, F height, F fall, float half,
+                               const Vec3Lanes<F>& p, EdgeCut<F> cuts[2]) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), h = abs(height);
+  const F sign = select(height > zero, zero - one, one);
+  const F at = affine<F>(row, p), move = h * splat<F>(change), aside = h * h * splat<F>(per_unit);
+  for (int k = 0; k < 2; ++k) {
+    const F side = splat<F>(k == 0 ? 1.0f : -1.0f), within = one - side * at;
+    const F inverse = one / max(sqrt(within * within + aside), splat<F>(1e-12f));
+    const F share = (fall * within - side * move) * inverse * splat<F>(0.5f / half) + splat<F>(0.5f);
+    cuts[k] = {min(max(share, zero), one), sign * within * inverse, zero - side * h * inverse};
+  }
+}
+
+template <class F>
+FT_HD_INLINE F cosine_between(const EdgeCut<F>& a, const EdgeCut<F>& b, float row_product) {
+  return a.of_height * b.of_height + a.of_row * b.of_row * splat<F>(row_product);
+}
+
+// Share of a cell that a parallelogram hides: right for edges near and far, and at the plane's horizon.
 template <class F>
 FT_HD_INLINE F share_of_slope(const PlaneLines& plane, const PlaneSlope& slope, float half, const Vec3Lanes<F>& p) {
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half_share = splat<F>(0.5f), per_width = splat<F>(0.5f / half);
-  const F height = affine<F>(plane.height, p), h = abs(height);
-  const F fall = select(height > zero, splat<F>(-slope.rise), splat<F>(slope.rise));
-  const auto share = [&](F distance) { return min(max(distance * per_width + half_share, zero), one); };
-  const auto within = [&](const float* row, float change, float per_unit) {
-    const F at = affine<F>(row, p), up = one - at, down = one + at, move = h * splat<F>(change);
-    const F aside = h * h * splat<F>(per_unit);
-    const F upper = sqrt(up * up + aside), lower = sqrt(down * down + aside);
-    const F tiny = splat<F>(1e-12f);
-    const F a = share((fall * up - move) / max(upper, tiny)), b = share((fall * down + move) / max(lower, tiny));
-    return share_of_both<F>(a, b, (up * down - aside) / max(upper * lower, tiny));
-  };
-  const F x = within(plane.x, slope.dx, plane.per_unit_x), y = within(plane.y, slope.dy, plane.per_unit_y);
-  const F heading = share(fall);  // the part of the cell that heads for the plane
-  return min(x * y / max(heading, splat<F>(1e-6f)), heading);
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  const F height = affine<F>(plane.height, p), fall = nearing<F>(slope, height);
+  // The part that heads for the plane.
+  const F heading = min(max(fall * splat<F>(0.5f / half) + splat<F>(0.5f), zero), one);
+  if (!any(heading > zero)) return zero;
+  EdgeCut<F> x[2], y[2];
+  cut_by_edges<F>(plane.x, slope.dx, plane.per_unit_x, height, fall, half, p, x);
+  cut_by_edges<F>(plane.y, slope.dy, plane.per_unit_y, height, fall, half, p, y);
+  const F of_x = share_of_both<F>(x[0].share, x[1].share, cosine_between<F>(x[0], x[1], plane.per_unit_x));
+  const F of_y = share_of_both<F>(y[0].share, y[1].share, cosine_between<F>(y[0], y[1], plane.per_unit_y));
+  const F share = min(min(of_x, of_y), heading);
+  const Mask_t<F> cut_twice = (share > zero) & (max(of_x, of_y) < one);
+  if (!any(cut_twice)) return share;
+  F least = one, most = one;
+  for (int i = 0; i < 4; ++i) {
+    const EdgeCut<F>&a = x[i / 2], &b = y[i % 2];
+    const F relative = relative_overlap<F>(a.share, b.share, cosine_between<F>(a, b, plane.x_dot_y));
+    least = min(least, relative), most = max(most, relative);
+  }
+  return select(cut_twice, min(of_x * of_y * (least * most), share), share);
 }
 
 // Of the cell's light, where it varies over the cell.
@@ -241,8 +275,245 @@ FT_HD_INLINE Mask_t<F> may_meet(const BallLines& ball, const CellTask& task, con
   return (along > zero - radius) & (dot(to, to) - along * along <= reach * reach);
 }
 
-// Adds what the cell's hidden and undecided parts take from the points' irradiance. Lists the points for which it is
-// undecided in `undecided`, which has room for all and a vector more, and returns their number.
+// A half-space through a point, and its share of a cell.
+template <class F>
+struct CellCut {
+  F share;
+  Vec3Lanes<F> normal;  // unit, to its inside
+};
+
+// What a vector of points sees of a parallelogram in a cell.
+template <class F>
+struct PlaneSeen {
+  F share;            // of the cell's part above the points' horizon
+  CellCut<F> cut[4];  // by the edges
+  F distance;         // along the cell's direction
+  F front;            // of the share, the part that nothing hides
+  const PlaneLines* lines;
+};
+
+template <class F>
+FT_HD_INLINE void find_cuts(const CellTask& task, const Vec3Lanes<F>& p, PlaneSeen<F>& plane) {
+  const PlaneLines& lines = *plane.lines;
+  const F height = affine<F>(lines.height, p), fall = nearing<F>(lines.centre, height);
+  EdgeCut<F> x[2], y[2];
+  cut_by_edges<F>(lines.x, lines.centre.dx, lines.per_unit_x, height, fall, task.half, p, x);
+  cut_by_edges<F>(lines.y, lines.centre.dy, lines.per_unit_y, height, fall, task.half, p, y);
+  const auto add = [&](const EdgeCut<F>& edge, const float* row, CellCut<F>& cut) {
+    const auto component = [&](int a) {
+      return edge.of_height * splat<F>(lines.height[a]) + edge.of_row * splat<F>(row[a]);
+    };
+    cut = {edge.share, {component(0), component(1), component(2)}};
+  };
+  for (int k = 0; k < 2; ++k) {
+    add(x[k], lines.x, plane.cut[k]);
+    add(y[k], lines.y, plane.cut[2 + k]);
+  }
+}
+
+// The share of a cell that lies within two sets of half-spaces.
+template <class F>
+FT_HD_INLINE F overlap(const CellCut<F>* a, int a_count, F a_share, const CellCut<F>* b, int b_count, F b_share) {
+  F least = splat<F>(1.0f), most = least;
+  for (int i = 0; i < a_count; ++i) {
+    for (int j = 0; j < b_count; ++j) {
+      const F relative = relative_overlap<F>(a[i].share, b[j].share, dot(a[i].normal, b[j].normal));
+      least = min(least, relative), most = max(most, relative);
+    }
+  }
+  return min(a_share * b_share * (least * most), min(a_share, b_share));
+}
+
+// The parallelograms in a cell. Those that share an edge, as the walls of a room do, hide the cell between them, and
+// one that stands on the points' horizon hides all above it; so shares are joined by how the planes through the points and
+// the edges that cut them lie to each other.
+template <class F>
+class PlanesSeen {
+ public:
+  FT_HD_INLINE PlanesSeen(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& s) {
+    const F half = splat<F>(0.5f);
+    for (int k = 0; k < task.plane_count; ++k) {
+      const F share = share_of_plane<F>(task.planes[k], task, p);
+      if (!any(share > zero_)) continue;
+      if (count_ == k_most_planes) {
+        clear_ = clear_ * (one_ - share);
+        continue;
+      }
+      planes_[count_].lines = &task.planes[k];
+      planes_[count_++].share = share;
+    }
+    if (count_ == 0) return;
+    const F above = dot3<F>(task.direction, s) * splat<F>(0.5f / task.half);
+    const F below = min(max(half - above, zero_), one_);
+    if (count_ == 1 && !any(below > zero_)) {
+      clear_ = clear_ * (one_ - planes_[0].share);
+      return;
+    }
+    const F lit = select(below < one_, one_ - below, one_);
+    const CellCut<F> dark = {below, {zero_ - s.x, zero_ - s.y, zero_ - s.z}};
+    F hidden = zero_;
+    for (int k = 0; k < count_; ++k) {
+      PlaneSeen<F>& plane = planes_[k];
+      find_cuts<F>(task, p, plane);
+      if (any(below > zero_)) {
+        const F both = overlap<F>(plane.cut, 4, plane.share, &dark, 1, below);
+        plane.share = select((below > zero_) & (below < one_), min((plane.share - both) / lit, one_), plane.share);
+      }
+      F added = plane.share;
+      for (int i = 0; i < k; ++i) added = added * not_shared(plane, planes_[i]);
+      hidden = min(hidden + added, one_);
+    }
+    clear_ = clear_ * (one_ - hidden);
+  }
+
+  FT_HD_INLINE F clear() const { return clear_; }  // share of the cell's part above the horizon
+
+ protected:
+  // The part of `plane` that does not lie behind or before `other`.
+  FT_HD_INLINE F not_shared(const PlaneSeen<F>& plane, const PlaneSeen<F>& other) const {
+    return one_ - overlap<F>(plane.cut, 4, plane.share, other.cut, 4, other.share) / max(plane.share, splat<F>(1e-12f));
+  }
+
+  const F zero_ = splat<F>(0.0f), one_ = splat<F>(1.0f);
+  PlaneSeen<F> planes_[k_most_planes];
+  int count_ = 0;
+  F clear_ = one_;
+};
+
+// What objects send back along a cell, front to back. Maps are met in the order of their places; whether a plane lies
+// before a map's object is told by where the cell's direction meets it and by the object's centre.
+template <class F>
+class CellLight : PlanesSeen<F> {
+  using PlanesSeen<F>::planes_, PlanesSeen<F>::count_, PlanesSeen<F>::zero_, PlanesSeen<F>::one_;
+
+ public:
+  using PlanesSeen<F>::clear;
+
+  FT_HD_INLINE CellLight(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& s)
+      : PlanesSeen<F>(task, p, s), task_(task) {
+    for (int k = 0; k < count_; ++k) {
+      PlaneSeen<F>& plane = planes_[k];
+      const F height = affine<F>(plane.lines->height, p), fall = nearing<F>(plane.lines->centre, height);
+      plane.distance = select(fall > zero_, abs(height) / max(fall, splat<F>(1e-20f)), splat<F>(1e30f));
+      plane.front = one_;
+      for (int i = 0; i < k; ++i) {
+        PlaneSeen<F>& other = planes_[i];
+        const Mask_t<F> behind = other.distance < plane.distance;
+        plane.front = plane.front * select(behind, this->not_shared(plane, other), one_);
+        other.front = other.front * select(behind, one_, this->not_shared(other, plane));
+      }
+    }
+  }
+
+  FT_HD_INLINE void add_own(F share, const Vec3Lanes<F>& p) {
+    const Mask_t<F> wanted = share > zero_;
+    if (task_.own_radiance && any(wanted)) {
+      const F z = affine<F>(task_.own->lines.z, p);
+      // The points lie within the ball, whatever rounding says.
+      add(radiance_of_map<F>(*task_.own_radiance, p, max(z, splat<F>(-1.0f)), wanted), share);
+    }
+    front_ = one_ - share;
+  }
+
+  // Where what lies behind the objects met so far still matters.
+  FT_HD_INLINE Mask_t<F> open() const { return front_ > splat<F>(k_least_clear); }
+
+  // Returns where an undecided answer of the map matters.
+  FT_HD_INLINE Mask_t<F> add_map(int k, const MapShare<F>& share, const Vec3Lanes<F>& p) {
+    const MapRadiance& map = task_.map_radiance[k];
+    const Mask_t<F> reached = open(), wanted = (share.hidden > zero_) & reached;
+    if (!any(wanted | share.near)) return wanted & share.near;
+    const F distance = splat<F>(map.place) - dot3<F>(task_.direction, p);
+    const F leaves = select(wanted, one_ - share.hidden, one_);
+    F before = front_;
+    for (int i = 0; i < count_; ++i) {
+      PlaneSeen<F>& plane = planes_[i];
+      before = before * select(plane.distance < distance, one_ - plane.share, one_);
+      plane.front = plane.front * select(plane.distance < distance, one_, leaves);
+    }
+    front_ = front_ * leaves;
+    if (map.view && any(wanted)) {
+      add(radiance_of_map<F>(map, p, affine<F>(task_.maps[k].z, p), wanted),
+          select(wanted, before * share.hidden, zero_));
+    }
+    return share.near & (before > splat<F>(k_least_clear));
+  }
+
+  // Of `own_share` hidden by the points' own object, which lies before all planes.
+  FT_HD_INLINE Vec3Lanes<F> finish(F own_share, const Vec3Lanes<F>& p) {
+    for (int i = 0; i < count_; ++i) {
+      const PlaneSeen<F>& plane = planes_[i];
+      if (!plane.lines->radiance) continue;
+      const PlaneLines& lines = *plane.lines;
+      const F height = affine<F>(lines.height, p);
+      const Mask_t<F> wanted = plane.share > zero_;
+      const Vec3Lanes<F> light =
+          radiance_of_plane<F>(*lines.radiance, lines.centre, affine<F>(lines.x, p), affine<F>(lines.y, p), height,
+                               nearing<F>(lines.centre, height), 2.0f * task_.half, wanted);
+      add(light, plane.share * plane.front * (one_ - own_share));
+    }
+    return light_;
+  }
+
+ private:
+  FT_HD_INLINE void add(const Vec3Lanes<F>& radiance, F share) { light_ = light_ + radiance * share; }
+
+  const CellTask& task_;
+  F front_ = one_;  // what objects met so far leave clear
+  Vec3Lanes<F> light_ = {zero_, zero_, zero_};
+};
+
+// What a vector of points sees of a cell.
+template <class F>
+struct CellSeen {
+  F clear;                  // share that nothing hides
+  Mask_t<F> near;           // undecided
+  Vec3Lanes<F> light = {};  // radiance that comes back, mean over the cell
+};
+
+template <class F>
+FT_HD_INLINE CellSeen<F> look_at_cell(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
+                                      const Vec3Lanes<F>& s, Mask_t<F> lit) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  CellSeen<F> seen = {one, and_not(lit, lit), {zero, zero, zero}};
+  F own_share = zero;
+  Mask_t<F> reached = lit;  // where balls matter
+  const auto hide = [&](const MapShare<F>& share) {
+    seen.clear = select(share.near, seen.clear, seen.clear * (one - share.hidden));
+    seen.near = seen.near | share.near;
+  };
+  if (!task.reflects) {
+    seen.clear = PlanesSeen<F>(task, p, s).clear();
+    if (task.own) hide(share_of_own<F>(*task.own, p, g));
+    for (int k = 0; k < task.map_count; ++k) {
+      if (!any(seen.clear > splat<F>(k_least_clear))) break;
+      hide(share_of_map<F>(task.maps[k], p));
+    }
+  } else {
+    CellLight<F> light(task, p, s);
+    seen.clear = light.clear();
+    if (task.own) {
+      const MapShare<F> share = share_of_own<F>(*task.own, p, g);
+      hide(share);
+      own_share = share.hidden;
+      light.add_own(own_share, p);
+    }
+    for (int k = 0; k < task.map_count && any(light.open()); ++k) {
+      const MapShare<F> share = share_of_map<F>(task.maps[k], p);
+      hide({share.hidden, light.add_map(k, share, p)});
+    }
+    seen.light = light.finish(own_share, p);
+    reached = light.open();
+  }
+  for (int k = 0; k < task.ball_count; ++k) seen.near = seen.near | (reached & may_meet<F>(task.balls[k], task, p));
+  // Whatever other lanes went on for.
+  seen.clear = select(seen.clear > splat<F>(k_least_clear), seen.clear, zero);
+  return seen;
+}
+
+// Adds what the cell's hidden and undecided parts take from the points' irradiance, and what comes back from them.
+// Lists the points for which it is undecided in `undecided`, which has room for all and a vector more, and returns
+// their number.
 template <class F>
 FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
   constexpr int k_count = Lanes<F>::k_count;
@@ -254,30 +525,21 @@ FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const 
     const Mask_t<F> lit = cosine > zero;
     if (!any(lit)) continue;
     const Vec3Lanes<F> p = {load_lanes<F>(points.px + i), load_lanes<F>(points.py + i), load_lanes<F>(points.pz + i)};
-    F clear = one;
-    Mask_t<F> near = and_not(lit, lit);
-    const auto hide = [&](const MapShare<F>& share) {
-      clear = select(share.near, clear, clear * (one - share.hidden));
-      near = near | share.near;
-    };
-    for (int k = 0; k < task.plane_count; ++k) clear = clear * (one - share_of_plane<F>(task.planes[k], task, p));
-    if (task.own) {
-      const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
-      hide(share_of_own<F>(*task.own, p, g));
+    const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
+    const CellSeen<F> seen = look_at_cell<F>(task, p, g, s, lit);
+    const auto add = [&](float* sum, F value) { store_lanes(load_lanes<F>(sum + i) + value, sum + i); };
+    // Nothing of what is undecided counts; where an object sends light back, hidden cells may be undecided, too.
+    const Mask_t<F> open = task.reflects ? seen.near & lit : seen.near & lit & (seen.clear > zero);
+    const F taken = select(open, one, one - seen.clear) * cosine;
+    add(sums.red, taken * splat<F>(task.weight[0]));
+    add(sums.green, taken * splat<F>(task.weight[1]));
+    add(sums.blue, taken * splat<F>(task.weight[2]));
+    if (task.reflects) {
+      const F arriving = select(open, zero, cosine) * splat<F>(4.0f * task.half * task.half);
+      add(sums.reflected_red, seen.light.x * arriving);
+      add(sums.reflected_green, seen.light.y * arriving);
+      add(sums.reflected_blue, seen.light.z * arriving);
     }
-    for (int k = 0; k < task.map_count; ++k) {
-      if (!any(clear > splat<F>(k_least_clear))) break;
-      hide(share_of_map<F>(task.maps[k], p));
-    }
-    for (int k = 0; k < task.ball_count; ++k) near = near | may_meet<F>(task.balls[k], task, p);
-    // Whatever other lanes went on for.
-    clear = select(clear > splat<F>(k_least_clear), clear, zero);
-    const Mask_t<F> open = near & lit & (clear > zero);
-    const F taken = select(open, one, one - clear) * cosine;
-    const auto add = [&](float* sum, float weight) { store_lanes(load_lanes<F>(sum) + taken * splat<F>(weight), sum); };
-    add(sums.red + i, task.weight[0]);
-    add(sums.green + i, task.weight[1]);
-    add(sums.blue + i, task.weight[2]);
     if (any(open)) listed += compress_store(lane_sequence<F>(i), open, undecided + listed);
   }
   return listed;

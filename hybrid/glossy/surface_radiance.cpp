@@ -5,6 +5,7 @@
 
 #include "core/platform/shared_value.h"
 #include "core/sampling/sobol.hd.h"
+#include "hybrid/path/patch_vertex.h"
 #include "hybrid/visibility/query_and_bake.h"
 
 namespace fieldtrace {
@@ -56,14 +57,7 @@ PatchCentre texture_point(int n, size_t place, size_t k) {
 bool SurfaceRadiance::suits(const Scene& scene, uint32_t index) {
   const Instance& instance = scene.instances[index];
   if (instance.emitter != k_none || scene.shapes[instance.shape].kind != ShapeKind::mesh) return false;
-  for (uint32_t b = instance.bsdf; b != k_none; b = scene.bsdfs[b].two_sided ? scene.bsdfs[b].back : k_none) {
-    const Bsdf& bsdf = scene.bsdfs[b];
-    if (bsdf.kind != BsdfKind::diffuse) return false;
-    if (bsdf.opacity == k_none) continue;
-    const Texture& opacity = scene.textures[bsdf.opacity];
-    if (opacity.kind != TextureKind::constant || opacity.color0 != Rgb(1.0f)) return false;
-  }
-  return true;
+  return is_diffuse_and_opaque(scene, instance.bsdf);
 }
 
 uint64_t SurfaceRadiance::count_patches(const Scene& scene, uint32_t index, float patch) {
@@ -135,14 +129,8 @@ Rgb SurfaceRadiance::mean_reflectance(Side side, bool behind) const {
 // The vertex on `side` of the patch whose centre is `surface`; it refers to `material`, which this fills.
 PathVertex SurfaceRadiance::vertex_at(Side side, const SurfacePoint& surface, Material& material) const {
   const bool back = side % 2 != 0;
-  PathVertex v;
-  v.surface = &surface;
-  v.facing = back ? -v.surface->geometric_normal : v.surface->geometric_normal;
-  const bool turned = glm::dot(v.facing, v.surface->shading_normal) < 0.0f;
-  material = resolve_material(scene_, scene_.instances[instance_].bsdf, v.surface->uv, turned ? -1.0f : 1.0f);
-  if (is_textured_) material.reflectance = mean_reflectance(side, turned);
-  v.material = &material;
-  v.frame = frame_about(turned ? -v.surface->shading_normal : v.surface->shading_normal);
+  PathVertex v = patch_vertex(scene_, surface, back, material);
+  if (is_textured_) material.reflectance = mean_reflectance(side, is_turned(surface, back));
   v.seed = scalar::vertex_seed(seed_, side, instance_, k_patch_stream);
   v.lobe_samples = float(k_samples);
   return v;

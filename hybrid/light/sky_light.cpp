@@ -59,18 +59,23 @@ CellPoints SkyLight::cell_points() const {
 void SkyLight::see_cells(const Job& job) {
   const CellKernel kernel = cell_kernel_for(context_.settings.isa);
   const CellPoints points = cell_points();
-  for (auto* v : {&red_, &green_, &blue_}) v->assign(size_t(points.size), 0.0f);
-  const CellSums sums = {red_.data(), green_.data(), blue_.data()};
+  for (auto* v : {&red_, &green_, &blue_, &reflected_red_, &reflected_green_, &reflected_blue_}) {
+    v->assign(size_t(points.size), 0.0f);
+  }
+  const CellSums sums = {red_.data(),           green_.data(),           blue_.data(),
+                         reflected_red_.data(), reflected_green_.data(), reflected_blue_.data()};
+  const float reflected = sky_->indirect() ? sky_->indirect()->mean_luminance() : 0.0f;
   undecided_.resize(size_t(points.size) + k_batch_padding);
+  const float solid_angle = sky_->maps().cell_width() * sky_->maps().cell_width();
   open_cells_.clear();
   for (size_t k = 0; k < occluders_.cells().size(); ++k) {
     if (occluders_.is_clear(k)) continue;
-    OwnLines own;
+    OwnObject own;
     const CellTask task = occluders_.task(k, own);
     const int open = kernel(task, points, sums, undecided_.data());
     job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
     const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
-    const float light = luminance({task.weight[0], task.weight[1], task.weight[2]});
+    const float light = luminance({task.weight[0], task.weight[1], task.weight[2]}) + reflected * solid_angle;
     for (int i = 0; i < open; ++i) {
       const auto point = uint32_t(undecided_[size_t(i)]);
       if (point >= centres_.size) break;  // padding
@@ -133,34 +138,52 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     if (!(cosine > 0.0f && glm::dot(d, geometric(all, from)) > 0.0f)) continue;
     if (rays_.ox.size() <= cell_rays_.size()) rays_.resize(2 * cell_rays_.size() + k_batch_padding);
     rays_.set(cell_rays_.size(), leave(all, from, d), d, k_infinity);
-    cell_rays_.push_back(
-        {point, sky_->radiance().radiance(d) * (cosine * solid_angle * total / (open.weight * float(count)))});
+    cell_rays_.push_back({point, cosine * solid_angle * total / (open.weight * float(count))});
   }
 }
 
 void SkyLight::trace(const Job& job) {
   const size_t count = cell_rays_.size();
-  ray_indices_.resize(count);
-  std::iota(ray_indices_.begin(), ray_indices_.end(), 0u);
   blocked_.assign(padded(count), 0);
   rays_.resize(count);
-  context_.accel.occluded(rays_, ray_indices_, blocked_.data());
+  if (sky_->indirect()) {
+    hits_.resize(count);
+    context_.accel.intersect(rays_, hits_, Coherence::incoherent);
+    for (size_t i = 0; i < count; ++i) blocked_[i] = hits_.instance[i] != k_none;
+  } else {
+    ray_indices_.resize(count);
+    std::iota(ray_indices_.begin(), ray_indices_.end(), 0u);
+    context_.accel.occluded(rays_, ray_indices_, blocked_.data());
+  }
   job.stats.rays_exact += count;
   job.stats.rays_crossing += count;
   job.stats.rays_shadow += count;
-  for (size_t i = 0; i < count; ++i) {
-    if (blocked_[i]) continue;
+  add_rays();
+}
+
+// Adds what the rays bring, of the sky or of what they meet.
+void SkyLight::add_rays() {
+  for (size_t i = 0; i < cell_rays_.size(); ++i) {
     const CellRay& ray = cell_rays_[i];
-    red_[ray.point] += ray.irradiance.x, green_[ray.point] += ray.irradiance.y, blue_[ray.point] += ray.irradiance.z;
+    const Vec3 d = rays_.direction(i);
+    if (!blocked_[i]) {
+      const Rgb e = sky_->radiance().radiance(d) * ray.weight;
+      red_[ray.point] += e.x, green_[ray.point] += e.y, blue_[ray.point] += e.z;
+    } else if (sky_->indirect()) {
+      const Vec3 origin = rays_.origin(i), position = origin + d * hits_.t[i];
+      const Rgb e = sky_->indirect()->radiance(hits_.instance[i], position, origin, d) * ray.weight;
+      reflected_red_[ray.point] += e.x, reflected_green_[ray.point] += e.y, reflected_blue_[ray.point] += e.z;
+    }
   }
 }
 
 void SkyLight::add_irradiance(const Job& job) {
   LightReceivers& r = job.receivers;
-  const float of_sky = 1.0f - sky_->radiance().concentrated_share();
+  const float sky_share = 1.0f - sky_->radiance().concentrated_share();
   for (size_t i = 0; i < centres_.size; ++i) {
     const ShadingCluster& c = job.clusters[i];
-    const Rgb e = glm::max(Rgb(red_[i], green_[i], blue_[i]), Rgb(0.0f));
+    const Rgb of_sky = glm::max(Rgb(red_[i], green_[i], blue_[i]), Rgb(0.0f));
+    const Rgb e = of_sky + Rgb(reflected_red_[i], reflected_green_[i], reflected_blue_[i]);
     for (size_t k = c.begin; k < c.end; ++k) {
       r.arriving_red[k] += e.x * r.red[k], r.arriving_green[k] += e.y * r.green[k];
       r.arriving_blue[k] += e.z * r.blue[k];
@@ -173,7 +196,7 @@ void SkyLight::add_irradiance(const Job& job) {
     if (job.firsts.empty()) continue;
     // As many rays as light samples, of the weight that light samples give them.
     const float open = std::max(open_[i], 1e-30f);
-    const float count = of_sky * float(job.light_samples), clear = std::min(luminance(e) / open, 1.0f);
+    const float count = sky_share * float(job.light_samples), clear = std::min(luminance(of_sky) / open, 1.0f);
     for (size_t k = c.begin; k < c.end; ++k) {
       FirstHit& first = job.firsts[r.path[k]];
       first.shadow_rays += count;
@@ -184,9 +207,8 @@ void SkyLight::add_irradiance(const Job& job) {
 }
 
 void SkyLight::gather_batch(const Job& job) {
-  const uint32_t instance = centres_.instance[0];
-  occluders_.find(sky_->maps(), sky_->cells_of(instance), centres_);
-  grid_ = sky_->maps().occluders()[instance].grid;
+  occluders_.find(*sky_, centres_);
+  grid_ = sky_->maps().occluders()[centres_.instance[0]].grid;
   see_cells(job);
   open_.resize(centres_.size);
   for (size_t i = 0; i < centres_.size; ++i) {
@@ -281,8 +303,9 @@ void SkyLight::check_point(const Job& job, size_t point) {
     if (glm::dot(centre, n) < least || glm::dot(centre, g) < least) continue;
     float share = 1.0f;
     if (!occluders_.is_clear(k)) {
-      OwnLines own;
+      OwnObject own;
       CellTask task = occluders_.task(k, own);
+      task.reflects = false;
       task.weight[0] = 1.0f;
       std::fill(red.begin(), red.end(), 0.0f);
       const int open = kernel(task, points, sums, undecided_.data());

@@ -1,5 +1,6 @@
 // The light of the sky on diffuse surfaces, by direction cells: what is hidden of each cell is read from direction
-// maps, once per cluster of shading points. Cells that maps leave undecided are rays.
+// maps, once per cluster of shading points. Cells that maps leave undecided are rays. Where the light that objects send
+// on is known (hybrid/sky/indirect_light.h), the same reads bring it.
 //
 // The irradiance is that of the open sky less what cells take from it. Undecided cells share rays in proportion to what
 // they weigh, stratified over them; they alone bring noise.
@@ -43,10 +44,10 @@ class SkyLight {
     uint32_t point, cell;
     float weight;
   };
-  // A ray towards an open cell: what it brings if it meets nothing.
+  // A ray towards an open cell: its part of the irradiance for a radiance of 1.
   struct CellRay {
     uint32_t point;
-    Rgb irradiance;
+    float weight;
   };
 
   void choose_points(const ShadingClusters& clusters, const LightReceivers& receivers);
@@ -56,6 +57,7 @@ class SkyLight {
   void sample_open_cells(const Job& job);
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
   void trace(const Job& job);
+  void add_rays();
   void add_irradiance(const Job& job);
   // A direction in a cell; x and y in [0, 1].
   Vec3 direction_in(uint32_t cell, float x, float y) const;
@@ -74,7 +76,8 @@ class SkyLight {
   std::vector<uint32_t> order_;           // of these, by instance
   std::vector<ShadingCluster> batch_;
   ShadingPointBatch centres_;
-  AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance
+  AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance of the sky
+  AlignedVector<float> reflected_red_, reflected_green_, reflected_blue_;  // irradiance of what objects send back
   std::vector<float> open_;                  // luminance of the open sky's irradiance, by point
   AlignedVector<int32_t> undecided_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
@@ -85,6 +88,7 @@ class SkyLight {
   RayBatch rays_;
   std::vector<uint32_t> ray_indices_;
   std::vector<uint8_t> blocked_;
+  HitBatch hits_;
 };
 
 }  // namespace fieldtrace

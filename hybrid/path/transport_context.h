@@ -74,6 +74,7 @@ struct TransportContext {
   const LobeAnswerer* lobes = nullptr;  // answers glossy rays by prefiltered radiance maps; null: none does
   const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: all are traced
   const Sky* sky = nullptr;             // answers for the sky at diffuse first surfaces; null: light samples do
+  bool sky_has_indirect = false;        // `sky` also gives all that comes to such surfaces from others
   const Sky* occlusion_sky = nullptr;   // answers for the layer `ao`; null: rays do
   TransportSettings settings;
   // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.

@@ -24,6 +24,7 @@
 #include "hybrid/path/tiles.h"
 #include "hybrid/render/field_survey.h"
 #include "hybrid/render/glossy_stage.h"
+#include "hybrid/render/indirect_stage.h"
 #include "hybrid/render/sky_stage.h"
 #include "hybrid/render/trace_pixels.h"
 #include "hybrid/render/transport.h"
@@ -404,6 +405,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings_for(picture, fields),
                            stage.lights);
   context.sky = stage.sky.light.get();
+  context.sky_has_indirect = context.sky && context.sky->indirect();
   context.occlusion_sky = stage.sky.occlusion.get();
   // Single rays of the layer `ao` gain nothing from fields.
   std::optional<ShadowAnswerer> for_occlusion;
@@ -441,6 +443,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   fields.count(stats);
   stats.field_bytes_maps = context.lobes ? context.lobes->bytes() : 0;
   if (stage.sky.maps) stats.field_bytes_maps += stage.sky.maps->bytes();
+  if (context.sky_has_indirect) stats.field_bytes_maps += context.sky->indirect()->bytes();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.store(*cache, options.must_keep_fields ? IfUnkept::fail : IfUnkept::warn, warning, stats);
@@ -508,6 +511,9 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       };
       stage.sky =
           make_sky(scene, accel, stage.traits, options, sky_request(picture, stage), cache, told_once, result.stats);
+      make_indirect({scene, accel, stage.camera, stage.traits, stage.lights, picture.settings, told_once,
+                     sky_request(picture, stage)},
+                    stage.sky, result.stats);
     }
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);

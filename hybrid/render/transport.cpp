@@ -171,6 +171,7 @@ void TransportWorker::Impl::gather_light(int vertex_number) {
 // Whether a ray sampled from a material, plainly diffuse or not, can still find light that is not counted already.
 bool TransportWorker::Impl::goes_on(bool is_diffuse, int vertex_number) const {
   if (vertex_number + 1 >= k_longest_path) return false;
+  if (is_diffuse && context.sky_has_indirect && context.has_sky_maps(vertex_number)) return false;
   if (settings.max_depth < 0 || vertex_number + 2 < settings.max_depth) return true;
   if (!is_diffuse) return context.emission_can_be_hit;
   return context.has_sky_maps(vertex_number) ? context.open_area_can_be_hit : context.open_form_can_be_hit;

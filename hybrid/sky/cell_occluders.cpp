@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "field/bake/cell_lines.h"
+#include "hybrid/sky/affine_rows.h"
 
 namespace fieldtrace {
 namespace {
@@ -14,14 +15,6 @@ namespace {
 constexpr float k_footprint = 0.58f;
 // A bilinear read covers so many texels about its place.
 constexpr float k_read_reach = 1.5f;
-
-Vec3 row_of(const float m[12], int r) { return {m[r], m[3 + r], m[6 + r]}; }
-
-// The affine function scale a . (M x + b) + shift of x as a row, of the twelve values of M and b by columns.
-void write_row(const float m[12], const Vec3& a, float scale, float shift, float row[4]) {
-  for (int c = 0; c < 4; ++c) row[c] = scale * (a.x * m[3 * c] + a.y * m[3 * c + 1] + a.z * m[3 * c + 2]);
-  row[3] += shift;
-}
 
 // `unit`: the cell's direction in unit space.
 MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3& unit) {
@@ -54,7 +47,7 @@ PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) {
   write_row(o.to_unit, {0, 1, 0}, 1.0f, 0.0f, lines.y);
   write_row(o.to_unit, {0, 0, 1}, per_unit, 0.0f, lines.height);
   lines.centre = slope_along(o, d);
-  lines.per_unit_x = glm::dot(x, x), lines.per_unit_y = glm::dot(y, y);
+  lines.per_unit_x = glm::dot(x, x), lines.per_unit_y = glm::dot(y, y), lines.x_dot_y = glm::dot(x, y);
   return lines;
 }
 
@@ -102,8 +95,10 @@ void CellOccluders::find_lit() {
     lit_x_[k] = d.x, lit_y_[k] = d.y, lit_z_[k] = d.z;
   }
   faces_.resize(lit_.size());
-  maps_.resize(size_t(count)), planes_.resize(size_t(count)), balls_.resize(size_t(count));
-  for (size_t k = 0; k < lit_.size(); ++k) maps_[k].clear(), planes_[k].clear(), balls_[k].clear();
+  maps_.resize(size_t(count)), radiance_.resize(size_t(count)), planes_.resize(size_t(count)), balls_.resize(size_t(count));
+  for (size_t k = 0; k < lit_.size(); ++k) {
+    maps_[k].clear(), radiance_[k].clear(), planes_[k].clear(), balls_[k].clear();
+  }
 }
 
 void CellOccluders::add(const SkyOccluder& o) {
@@ -140,11 +135,17 @@ void CellOccluders::add(const SkyOccluder& o) {
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
         const Vec3 unit = to_maps * d;
-        maps_[k].push_back(map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit));
+        const MapLines lines = map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit);
+        if (indirect_) {
+          insert(k, o, lines);
+        } else {
+          maps_[k].push_back(lines);
+        }
         break;
       }
       case SkyOccluder::Kind::plane:
         planes_[k].push_back(plane_lines(o, grid_ * d));
+        if (indirect_) planes_[k].back().radiance = indirect_->plane_radiance(o);
         if (light_->varies[lit_[k]]) add_parts(o, lit_[k], planes_[k].back());
         break;
       case SkyOccluder::Kind::ball:
@@ -152,6 +153,16 @@ void CellOccluders::add(const SkyOccluder& o) {
         break;
     }
   }
+}
+
+// Keeps maps in the order of their places, which no batch changes.
+void CellOccluders::insert(size_t k, const SkyOccluder& o, const MapLines& lines) {
+  const MapRadiance radiance = indirect_->map_radiance(o, direction(k), sky_->cell_width());
+  std::vector<MapRadiance>& all = radiance_[k];
+  const auto at = std::upper_bound(all.begin(), all.end(), radiance.place,
+                                   [](float place, const MapRadiance& other) { return place < other.place; });
+  maps_[k].insert(maps_[k].begin() + (at - all.begin()), lines);
+  all.insert(at, radiance);
 }
 
 void CellOccluders::add_parts(const SkyOccluder& o, uint32_t cell, PlaneLines& lines) const {
@@ -163,9 +174,11 @@ void CellOccluders::add_parts(const SkyOccluder& o, uint32_t cell, PlaneLines& l
   }
 }
 
-void CellOccluders::find(const SkyMaps& maps, const SkyCells& light, const ShadingPointBatch& points) {
+void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points) {
+  const SkyMaps& maps = sky.maps();
   sky_ = &maps;
-  light_ = &light;
+  light_ = &sky.cells_of(points.instance[0]);
+  indirect_ = sky.indirect();
   const SkyOccluder& self = maps.occluders()[points.instance[0]];
   grid_ = self.grid;
   own_ = self.kind == SkyOccluder::Kind::map && !self.is_flat ? &self : nullptr;
@@ -177,7 +190,7 @@ void CellOccluders::find(const SkyMaps& maps, const SkyCells& light, const Shadi
   }
 }
 
-CellTask CellOccluders::task(size_t k, OwnLines& own) const {
+CellTask CellOccluders::task(size_t k, OwnObject& own) const {
   const SkyCells& light = *light_;
   const uint32_t cell = lit_[k];
   const Mat3 frame = grid_ * sky_->frame(int(cell));
@@ -194,13 +207,20 @@ CellTask CellOccluders::task(size_t k, OwnLines& own) const {
   task.half = 0.5f * sky_->cell_width();
   task.cosine_half = light.half_width;
   if (own_) {
-    own.lines = map_lines(*own_, *sky_, int(cell), sky_->frame(int(cell))[2]);
-    own.clear_within = sky_->tolerance().clear_within;
-    own.hidden_from = sky_->tolerance().hidden_from;
-    for (int a = 0; a < 3; ++a) own.s[a] = frame[0][a], own.t[a] = frame[1][a], own.c[a] = frame[2][a];
-    task.own = &own;
+    OwnLines& o = own.lines;
+    o.lines = map_lines(*own_, *sky_, int(cell), sky_->frame(int(cell))[2]);
+    o.clear_within = sky_->tolerance().clear_within;
+    o.hidden_from = sky_->tolerance().hidden_from;
+    for (int a = 0; a < 3; ++a) o.s[a] = frame[0][a], o.t[a] = frame[1][a], o.c[a] = frame[2][a];
+    task.own = &o;
+    if (indirect_) {
+      own.radiance = indirect_->map_radiance(*own_, frame[2], sky_->cell_width());
+      task.own_radiance = &own.radiance;
+    }
   }
   task.maps = maps_[k].data(), task.map_count = int(maps_[k].size());
+  task.map_radiance = radiance_[k].data();
+  task.reflects = indirect_ != nullptr;
   task.planes = planes_[k].data(), task.plane_count = int(planes_[k].size());
   task.balls = balls_[k].data(), task.ball_count = int(balls_[k].size());
   return task;

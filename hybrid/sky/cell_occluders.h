@@ -15,10 +15,16 @@ namespace fieldtrace {
 // Whether a ray from within `from` at most `angle` (radians) off the unit `axis` may meet `ball`.
 bool meets_cone(const Sphere& ball, const Sphere& from, const Vec3& axis, float angle);
 
+// What a task refers to of the points' own object.
+struct OwnObject {
+  OwnLines lines;
+  MapRadiance radiance;
+};
+
 class CellOccluders {
  public:
-  // `points` is not empty, all of one instance; `light` is the sky by its grid, and must outlive what is found.
-  void find(const SkyMaps& maps, const SkyCells& light, const ShadingPointBatch& points);
+  // `points` is not empty, all of one instance; `sky` must outlive what is found.
+  void find(const Sky& sky, const ShadingPointBatch& points);
 
   const Sphere& ball() const { return ball_; }  // about the points
   // Cells that may be above a point's horizon; what follows is indexed by their places here.
@@ -28,16 +34,18 @@ class CellOccluders {
   // The unit direction of the cell's centre.
   Vec3 direction(size_t k) const { return grid_ * sky_->frame(int(lit_[k]))[2]; }
   // The task refers to this object and to `own`.
-  CellTask task(size_t k, OwnLines& own) const;
+  CellTask task(size_t k, OwnObject& own) const;
 
  private:
   void bound(const ShadingPointBatch& points);
   void find_lit();
   void add(const SkyOccluder& occluder);
+  void insert(size_t k, const SkyOccluder& occluder, const MapLines& lines);
   void add_parts(const SkyOccluder& occluder, uint32_t cell, PlaneLines& lines) const;
 
   const SkyMaps* sky_ = nullptr;
   const SkyCells* light_ = nullptr;
+  const IndirectLight* indirect_ = nullptr;
   const SkyOccluder* own_ = nullptr;  // the points' own object, if it can hide anything from them
   Mat3 grid_ = Mat3(1.0f);
   Sphere ball_;
@@ -47,6 +55,7 @@ class CellOccluders {
   std::vector<float> lit_x_, lit_y_, lit_z_;  // their directions, in the grid
   std::vector<uint8_t> faces_;
   std::vector<std::vector<MapLines>> maps_;
+  std::vector<std::vector<MapRadiance>> radiance_;  // of these, if indirect_
   std::vector<std::vector<PlaneLines>> planes_;
   std::vector<std::vector<BallLines>> balls_;
 };

@@ -1,9 +1,11 @@
-// A sky and what hides it: the radiance of direction cells in the grid of each instance. Thread-safety: const.
+// A sky, what hides it, and what comes back from there: the radiance of direction cells in the grid of each instance.
+// Thread-safety: const.
 #pragma once
 
 #include <deque>
 #include <mutex>
 
+#include "hybrid/sky/indirect_light.h"
 #include "hybrid/sky/sky_maps.h"
 #include "hybrid/sky/sky_radiance.h"
 
@@ -20,6 +22,9 @@ class Sky {
 
   const SkyMaps& maps() const { return maps_; }
   const SkyRadiance& radiance() const { return radiance_; }
+  // What objects send back; null: not known.
+  const IndirectLight* indirect() const { return indirect_.get(); }
+  void set_indirect(std::shared_ptr<const IndirectLight> indirect) { indirect_ = std::move(indirect); }
   // By the cells of the instance's grid (SkyOccluder::grid).
   const SkyCells& cells_of(uint32_t instance) const {
     const SkyOccluder& o = maps_.occluders()[instance];
@@ -37,6 +42,7 @@ class Sky {
 
   const SkyMaps& maps_;
   SkyRadiance radiance_;
+  std::shared_ptr<const IndirectLight> indirect_;
   SkyCells world_;
   mutable std::deque<Grid> grids_;  // by instance
 };

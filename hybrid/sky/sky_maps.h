@@ -8,14 +8,13 @@
 
 #include <cmath>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "core/scene/scene.h"
 #include "field/maps/cell_task.h"
 #include "field/maps/direction_maps.h"
-#include "hybrid/visibility/shape_traits.h"
+#include "hybrid/sky/parallelogram.h"
 
 namespace fieldtrace {
 
@@ -25,15 +24,6 @@ struct SkyTolerance {
   float clear_within = 0.25f;  // OwnLines, texels
   float hidden_from = 1.5f;
 };
-
-// In object space: its centre, and its half axes and a unit normal as columns.
-struct Parallelogram {
-  DVec3 centre;
-  DMat3 axes;
-};
-
-// The parallelogram that a mesh is, of any number of triangles, which needs no maps; nothing for other shapes.
-std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits& traits);
 
 // How an instance hides direction cells.
 struct SkyOccluder {

@@ -63,6 +63,7 @@ struct Parallelogram {
     set_row(n, -glm::dot(n, centre), lines.height);
     lines.centre = {glm::dot(rows[0], d), glm::dot(rows[1], d), glm::dot(n, d)};
     lines.per_unit_x = glm::dot(rows[0], rows[0]), lines.per_unit_y = glm::dot(rows[1], rows[1]);
+    lines.x_dot_y = glm::dot(rows[0], rows[1]);
     return lines;
   }
 

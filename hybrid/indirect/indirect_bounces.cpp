@@ -1,0 +1,156 @@
+#include "hybrid/indirect/indirect_bounces.h"
+
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "core/platform/parallel.h"
+#include "core/sampling/sobol.hd.h"
+#include "hybrid/path/patch_vertex.h"
+#include "hybrid/stats/stopwatch.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr uint32_t k_surfel_stream = 0x53524645u;
+// Surfels that are shaded together.
+constexpr size_t k_surfel_block = 256;
+// Bounces at most, and the relative change of the mean radiance by which no more are needed.
+constexpr int k_most_bounces = 16;
+constexpr float k_least_change = 0.003f;
+
+struct Block {
+  uint32_t instance;
+  size_t begin, end;
+};
+
+std::vector<Block> make_blocks(const IndirectLight& light) {
+  std::vector<Block> blocks;
+  for (uint32_t i = 0; i < light.size(); ++i) {
+    const size_t count = light.surfels(i).points.size();
+    for (size_t begin = 0; begin < count; begin += k_surfel_block) {
+      blocks.push_back({i, begin, std::min(begin + k_surfel_block, count)});
+    }
+  }
+  return blocks;
+}
+
+// Barycentric coordinates of vertices 1 and 2 of the place on a triangle that is nearest to p in its plane.
+Vec2 barycentric(const TriangleMesh& mesh, const SurfaceSpot& spot) {
+  const UVec3& t = mesh.triangles[spot.primitive];
+  const DVec3 origin(mesh.positions[t.x]), p = DVec3(spot.position) - origin;
+  const DVec3 e1 = DVec3(mesh.positions[t.y]) - origin, e2 = DVec3(mesh.positions[t.z]) - origin;
+  const DVec3 n = glm::cross(e1, e2);
+  const double area = glm::dot(n, n);
+  if (!(area > 0.0)) return Vec2(1.0f / 3.0f);
+  const double u = std::clamp(glm::dot(glm::cross(p, e2), n) / area, 0.0, 1.0);
+  const double v = std::clamp(glm::dot(glm::cross(e1, p), n) / area, 0.0, 1.0 - u);
+  return {float(u), float(v)};
+}
+
+// Shades the surfels of a scene once.
+class SurfelShader {
+ public:
+  SurfelShader(const TransportContext& shading, const IndirectLight& light)
+      : scene_(shading.scene), seed_(shading.settings.seed), light_(light), followers_([&shading] {
+          return shading.make_follower(shading);
+        }) {}
+
+  // Returns the number of rays traced.
+  uint64_t shade(const Block& block, std::span<Rgb> leaving) {
+    const size_t count = block.end - block.begin;
+    std::vector<PathVertex> vertices;
+    std::vector<PathState> paths(count);
+    std::vector<SurfacePoint> surfaces(count);  // what the vertices refer to
+    std::vector<Material> materials(count);
+    for (size_t i = 0; i < count; ++i) {
+      const auto point = uint32_t(block.begin + i);
+      vertices.push_back(vertex_at(block.instance, point, surfaces[i], materials[i]));
+      paths[i].pixel_seed = scalar::pixel_seed(seed_, point, scalar::hash_combine(block.instance, k_surfel_stream));
+    }
+    return followers_.local()->follow(vertices, paths, leaving);
+  }
+
+ private:
+  SurfacePoint surface_of(uint32_t instance, const SurfaceSpot& spot) const {
+    const Instance& of = scene_.instances[instance];
+    HitBatch hits;
+    hits.resize(1);
+    hits.instance[0] = instance, hits.primitive[0] = spot.primitive, hits.t[0] = 0.0f;
+    const Shape& shape = scene_.shapes[of.shape];
+    if (is_meshed(shape.kind)) {
+      const Vec2 at = barycentric(shape.mesh, spot);
+      hits.u[0] = at.x, hits.v[0] = at.y;
+    }
+    RayBatch rays;
+    rays.resize(1);
+    rays.set(0, transform_point(of.to_world, spot.position), Vec3(0.0f, 0.0f, 1.0f), 0.0f);
+    return surface_at(scene_, rays, hits, 0);
+  }
+
+  PathVertex vertex_at(uint32_t instance, uint32_t point, SurfacePoint& surface, Material& material) const {
+    const Surfels& surfels = light_.surfels(instance);
+    const Surfel& surfel = surfels.points[point];
+    const Instance& of = scene_.instances[instance];
+    surface = surface_of(instance, surfel.spot);
+    // Normals are transformed by the inverse transpose.
+    const Mat3 to_object(of.to_object[0], of.to_object[1], of.to_object[2]);
+    const bool back = glm::dot(glm::transpose(to_object) * surfel.normal, surface.geometric_normal) < 0.0f;
+    PathVertex v = patch_vertex(scene_, surface, back, material);
+    if (is_textured(scene_, of.bsdf)) {
+      Rgb sum(0.0f);
+      for (size_t k = 0; k < size_t(Surfels::k_reflectance_spots); ++k) {
+        const SurfaceSpot& spot = surfels.reflectance_spots[point * size_t(Surfels::k_reflectance_spots) + k];
+        const Vec2 uv = surface_of(instance, spot).uv;
+        sum += resolve_material(scene_, of.bsdf, uv, is_turned(surface, back) ? -1.0f : 1.0f).reflectance;
+      }
+      material.reflectance = sum / float(Surfels::k_reflectance_spots);
+    }
+    v.seed = scalar::vertex_seed(seed_, point, instance, k_surfel_stream);
+    return v;
+  }
+
+  const Scene& scene_;
+  uint32_t seed_;
+  const IndirectLight& light_;
+  tbb::enumerable_thread_specific<std::unique_ptr<PathFollower>> followers_;
+};
+
+}  // namespace
+
+bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const TransportContext& shading, int bounces,
+                    const std::atomic<bool>* stop, Stats& stats) {
+  const auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
+  double seconds = 0.0;
+  std::optional<ScopedTimer> timer(seconds);
+  const std::vector<Block> blocks = make_blocks(*light);
+  std::vector<std::vector<Rgb>> radiance(light->size());
+  for (size_t i = 0; i < radiance.size(); ++i) radiance[i].resize(light->surfels(i).points.size());
+  SurfelShader shader(shading, *light);
+  std::atomic<uint64_t> rays = 0;
+  const int most = bounces < 0 ? k_most_bounces : std::min(bounces, k_most_bounces);
+  sky.set_indirect(nullptr);
+  for (int bounce = 0; bounce < most && !stopped(); ++bounce) {
+    parallel_for(blocks.size(), [&](size_t i) {
+      if (stopped()) return;
+      const Block& b = blocks[i];
+      rays += shader.shade(b, std::span(radiance[b.instance]).subspan(b.begin, b.end - b.begin));
+    });
+    if (stopped()) break;
+    const float before = light->mean_luminance();
+    parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
+    light->finish();
+    sky.set_indirect(light);
+    if (std::abs(light->mean_luminance() - before) <= k_least_change * light->mean_luminance()) break;
+  }
+  stats.bake_rays += rays;
+  timer.reset();
+  stats.time_bake += seconds * double(tbb::this_task_arena::max_concurrency());
+  if (stopped()) sky.set_indirect(nullptr);
+  return !stopped();
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,23 @@
+// Shades the surfels of a scene by what its lights, its sky and other surfels send to them, bounce by bounce.
+// Thread-safety: called by one thread; shading is parallel, and comes out the same whatever the threads.
+#pragma once
+
+#include <atomic>
+#include <memory>
+
+#include "hybrid/path/transport_context.h"
+#include "hybrid/sky/sky.h"
+
+namespace fieldtrace {
+
+// Light samples of each surfel towards every light.
+inline constexpr int k_surfel_samples = 16;
+
+// Fills `light` with what arrives after at most `bounces` reflections (negative: as many as change anything), and gives
+// it to `sky`. Surfels are the first surfaces of paths of `shading`, made by its make_follower: its sky is `sky`, its
+// light_samples are k_surfel_samples, its max_depth is 2, and all materials are diffuse and opaque (unchecked). Returns
+// false if `stop` (may be null) was set meanwhile; `sky` then has none. Rays and time are counted as baking.
+bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const TransportContext& shading, int bounces,
+                    const std::atomic<bool>* stop, Stats& stats);
+
+}  // namespace fieldtrace

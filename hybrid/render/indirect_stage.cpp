@@ -1,0 +1,67 @@
+#include "hybrid/render/indirect_stage.h"
+
+#include <algorithm>
+
+#include "hybrid/indirect/indirect_bounces.h"
+#include "hybrid/path/patch_vertex.h"
+#include "hybrid/render/transport.h"
+
+namespace fieldtrace {
+namespace {
+
+// Rays that shading may cost for each that Monte Carlo would send to the sky: those leave noise behind.
+constexpr uint64_t k_indirect_gain = 8;
+// What a surfel costs, in rays.
+constexpr uint64_t k_surfel_rays = 64;
+// With at most so many occluders maps are finer.
+constexpr size_t k_few_occluders = 16;
+
+// Settings for surfels, which are the first surfaces of paths that end there.
+TransportSettings surfel_settings(TransportSettings settings) {
+  settings.light_samples = k_surfel_samples;
+  settings.pixel_samples = settings.lobe_samples = 1;
+  settings.max_depth = 2;
+  settings.first_hits = false;
+  return settings;
+}
+
+bool is_suited(const Scene& scene, const SkyMaps& maps) {
+  const auto is_diffuse = [&](const Instance& i) { return is_diffuse_and_opaque(scene, i.bsdf); };
+  if (!std::all_of(scene.instances.begin(), scene.instances.end(), is_diffuse)) return false;
+  const auto is_plane = [](const SkyOccluder& o) { return o.kind == SkyOccluder::Kind::plane; };
+  return std::count_if(maps.occluders().begin(), maps.occluders().end(), is_plane) <= k_most_planes;
+}
+
+IndirectSize choose_size(size_t occluders) {
+  IndirectSize size;
+  if (occluders <= k_few_occluders) return size;
+  size.directions = 8, size.texels = 16, size.plane_texels = 32;
+  return size;
+}
+
+}  // namespace
+
+void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
+  const int depth = input.settings.max_depth;
+  if (!stage.light || (depth >= 0 && depth < 3)) return;
+  if (!is_suited(input.scene, *stage.maps)) return;
+  const IndirectSize size = choose_size(stage.maps->occluders().size());
+  const IndirectLight::Cost cost = IndirectLight::cost(*stage.maps, size);
+  if (cost.bytes + stage.maps->bytes() > input.request.most_bytes) return;
+  if (cost.surfels * k_surfel_rays > input.request.light_rays * k_indirect_gain) return;
+  const std::vector<Field*> no_fields(input.scene.shapes.size(), nullptr);
+  AnswererSettings exact{input.settings.isa, 0.0f};
+  exact.whole_scene = true;
+  const ShadowAnswerer answerer(input.scene, input.accel, input.traits, no_fields, exact);
+  TransportContext shading(input.scene, input.accel, input.camera, answerer, surfel_settings(input.settings),
+                           input.lights);
+  if (shading.open_area_can_be_hit) return;  // such lights are also found by paths
+  shading.sky = stage.light.get();
+  shading.make_follower = make_path_follower;
+  const auto light =
+      std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, size);
+  if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
+  shade_indirect(light, *stage.light, shading, depth < 0 ? -1 : depth - 2, input.callbacks.stop, stats);
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,31 @@
+// Decides whether diffuse light that objects send on is answered by a picture's direction maps, and prepares it.
+// Thread-safety: called by one thread; shading is parallel.
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include "core/camera/camera.h"
+#include "core/light/light_sampling.h"
+#include "hybrid/path/transport_context.h"
+#include "hybrid/render/sky_stage.h"
+
+namespace fieldtrace {
+
+struct IndirectInput {
+  const Scene& scene;
+  const Accel& accel;
+  const CameraSampler& camera;
+  std::span<const ShapeTraits> traits;
+  const std::shared_ptr<const LightTable>& lights;
+  const TransportSettings& settings;
+  const RenderCallbacks& callbacks;
+  SkyRequest request;
+};
+
+// Gives `stage.light`, if there is one, the light that objects send on, where all materials are diffuse and opaque,
+// paths may have three surfaces or more, and shading costs less than the rays that it spares. Leaves it without if
+// `callbacks.stop` was set meanwhile.
+void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats);
+
+}  // namespace fieldtrace

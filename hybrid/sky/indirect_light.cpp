@@ -1,0 +1,238 @@
+#include "hybrid/sky/indirect_light.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/simd/vec_lanes.h"
+#include "field/bake/cell_lines.h"
+#include "field/maps/cell_radiance.hd.h"
+#include "field/store/field.h"
+#include "hybrid/sky/affine_rows.h"
+#include "hybrid/visibility/linear_map.h"
+
+namespace fieldtrace {
+namespace {
+
+// A second window of a plane covers objects and what lies within so many of their radii, if it is less than this share
+// of the plane.
+constexpr float k_window_reach = 2.0f, k_largest_window = 0.25f;
+// Planes whose radius is a smaller share of another's count as objects on it.
+constexpr float k_small_plane = 0.5f;
+// How far beyond a plane, in units of its radius, something must reach to be on that side.
+constexpr float k_beside = 1e-4f;
+
+// Surfels of an object, roughly.
+constexpr uint64_t k_usual_surfels = 6000;
+
+using PlaneCorners = std::array<Vec3, 4>;
+
+PlaneCorners plane_corners(const SkyOccluder& o) {
+  const DMat3 to_world = glm::inverse(linear_part(o.to_unit));
+  const DVec3 offset(o.to_unit[9], o.to_unit[10], o.to_unit[11]);
+  const auto corner = [&](double x, double y) { return Vec3(to_world * (DVec3(x, y, 0.0) - offset)); };
+  return {corner(-1, -1), corner(1, -1), corner(-1, 1), corner(1, 1)};
+}
+
+// Corners of what bounds an occluder.
+std::vector<Vec3> corners_of(const Scene& scene, const SkyOccluder& o) {
+  if (o.kind == SkyOccluder::Kind::plane) {
+    const PlaneCorners corners = plane_corners(o);
+    return {corners.begin(), corners.end()};
+  }
+  const Instance& instance = scene.instances[o.instance];
+  const Bounds3& b = scene.shapes[instance.shape].bounds;
+  std::vector<Vec3> corners;
+  for (int k = 0; k < 8; ++k) {
+    const Vec3 p(k & 1 ? b.upper.x : b.lower.x, k & 2 ? b.upper.y : b.lower.y, k & 4 ? b.upper.z : b.lower.z);
+    corners.push_back(transform_point(instance.to_world, p));
+  }
+  return corners;
+}
+
+// Which sides of a plane others may see.
+void seen_sides(const Scene& scene, std::span<const SkyOccluder> all, const SkyOccluder& plane, bool sides[2]) {
+  sides[0] = sides[1] = false;
+  for (const SkyOccluder& other : all) {
+    if (&other == &plane) continue;
+    for (const Vec3& corner : corners_of(scene, other)) {
+      const float height = transform_by(plane.to_unit, corner).z;
+      if (std::abs(height) > k_beside * plane.ball.radius) sides[height < 0.0f] = true;
+    }
+  }
+}
+
+// The part of a plane about objects.
+PlaneWindow object_window(std::span<const SkyOccluder> all, const SkyOccluder& plane) {
+  PlaneWindow window{Vec2(1.0f), Vec2(-1.0f)};
+  const float reach_x = glm::length(row_of(plane.to_unit, 0)), reach_y = glm::length(row_of(plane.to_unit, 1));
+  for (const SkyOccluder& o : all) {
+    if (o.kind == SkyOccluder::Kind::plane && o.ball.radius > k_small_plane * plane.ball.radius) continue;
+    const Vec3 at = transform_by(plane.to_unit, o.ball.centre);
+    const float radius = k_window_reach * o.ball.radius;
+    if (std::abs(at.z) > radius) continue;
+    window.lower = glm::min(window.lower, Vec2(at.x - radius * reach_x, at.y - radius * reach_y));
+    window.upper = glm::max(window.upper, Vec2(at.x + radius * reach_x, at.y + radius * reach_y));
+  }
+  window.lower = glm::clamp(window.lower, Vec2(-1.0f), Vec2(1.0f));
+  window.upper = glm::clamp(window.upper, Vec2(-1.0f), Vec2(1.0f));
+  return window;
+}
+
+RadianceWindow radiance_window(const PlaneWindow& w, const SkyOccluder& plane, int texels) {
+  RadianceWindow window;
+  const Vec2 middle = 0.5f * (w.lower + w.upper), size = w.upper - w.lower;
+  window.x = middle.x, window.y = middle.y;
+  window.per_unit_x = float(texels) / size.x, window.per_unit_y = float(texels) / size.y;
+  const Vec3 x = row_of(plane.to_unit, 0), y = row_of(plane.to_unit, 1);
+  window.density = std::sqrt(window.per_unit_x * window.per_unit_y * glm::length(glm::cross(x, y)));
+  return window;
+}
+
+}  // namespace
+
+IndirectLight::Cost IndirectLight::cost(const SkyMaps& maps, const IndirectSize& size) {
+  const int pyramids = 2 * size.directions * size.directions;
+  Cost cost;
+  for (const SkyOccluder& o : maps.occluders()) {
+    if (o.kind == SkyOccluder::Kind::plane) {
+      cost.bytes += RadiancePyramids::bytes_of(size.plane_texels, 4);
+      cost.surfels += 2 * uint64_t(size.plane_texels) * uint64_t(size.plane_texels);
+    } else {
+      cost.bytes += RadiancePyramids::bytes_of(size.texels, pyramids);
+      cost.surfels += k_usual_surfels;
+    }
+  }
+  return cost;
+}
+
+IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps,
+                             std::span<const ShapeTraits> traits, const IndirectSize& size)
+    : maps_(maps), size_(size), instances_(maps.occluders().size()) {
+  for (int i = 0; i < size.directions * size.directions; ++i) {
+    const CellFrame f = cell_frame(i / size.directions, i % size.directions, size.directions);
+    frames_.emplace_back(f.s, f.t, f.c);
+  }
+  std::vector<std::shared_ptr<const Surfels>> of_shape(scene.shapes.size());
+  for (const SkyOccluder& o : maps.occluders()) {
+    const uint32_t shape = scene.instances[o.instance].shape;
+    OfInstance& own = instances_[o.instance];
+    if (o.kind == SkyOccluder::Kind::plane) {
+      add_plane(scene, accel, *parallelogram(scene.shapes[shape], traits[shape]), o);
+      continue;
+    }
+    if (!of_shape[shape]) {
+      const Sphere ball = field_ball(scene.shapes[shape].bounds);
+      of_shape[shape] =
+          std::make_shared<const Surfels>(make_surfels(accel, shape, ball, size.directions, size.texels));
+    }
+    own.surfels = of_shape[shape];
+    own.pyramids = std::make_unique<RadiancePyramids>(size.texels, 2 * size.directions * size.directions);
+    own.view = own.pyramids->view();
+  }
+}
+
+void IndirectLight::add_plane(const Scene& scene, const Accel& accel, const Parallelogram& plane,
+                              const SkyOccluder& o) {
+  OfInstance& own = instances_[o.instance];
+  const Instance& instance = scene.instances[o.instance];
+  bool sides[2];
+  seen_sides(scene, maps_.occluders(), o, sides);
+  std::vector<PlaneWindow> windows(1);
+  const PlaneWindow about_objects = object_window(maps_.occluders(), o);
+  const Vec2 size = glm::max(about_objects.upper - about_objects.lower, Vec2(0.0f));
+  if (size.x * size.y > 0.0f && 0.25f * size.x * size.y < k_largest_window) windows.push_back(about_objects);
+  const DAffine to_world(instance.to_world);
+  // The side that heights are positive on: mirrored transforms exchange the sides.
+  const bool mirrored = glm::determinant(DMat3(to_world[0], to_world[1], to_world[2])) < 0.0;
+  const Vec3 normal(mirrored ? -plane.axes[2] : plane.axes[2]);
+  own.surfels = std::make_shared<const Surfels>(
+      make_plane_surfels(accel, instance.shape, plane, normal, windows, size_.plane_texels, sides));
+  own.pyramids = std::make_unique<RadiancePyramids>(size_.plane_texels, int(2 * windows.size()));
+  own.view = own.pyramids->view();
+  own.plane.view = &own.view;
+  for (const PlaneWindow& w : windows) {
+    own.plane.window[own.plane.windows++] = radiance_window(w, o, size_.plane_texels);
+  }
+}
+
+void IndirectLight::set_radiance(size_t instance, std::span<const Rgb> radiance) {
+  OfInstance& own = instances_[instance];
+  float most = 0.0f;
+  own.luminance_sum = 0.0;
+  for (const Rgb& r : radiance) {
+    most = std::max({most, r.x, r.y, r.z});
+    own.luminance_sum += double(luminance(r));
+  }
+  own.pyramids->set_most(most);
+  const size_t texels = size_t(own.view.texels) * size_t(own.view.texels);
+  const std::vector<uint32_t>& seen = own.surfels->texels;
+  std::vector<Rgb> values(texels);
+  std::vector<uint8_t> is_known(texels);
+  for (size_t i = 0; i < seen.size() / texels; ++i) {
+    for (size_t t = 0; t < texels; ++t) {
+      const uint32_t point = seen[i * texels + t];
+      is_known[t] = point != k_none;
+      values[t] = is_known[t] ? radiance[point] : Rgb(0.0f);
+    }
+    own.pyramids->fill(int(i), values, is_known);
+  }
+  own.view = own.pyramids->view();
+}
+
+void IndirectLight::finish() {
+  double sum = 0.0;
+  size_t count = 0;
+  for (const OfInstance& own : instances_) sum += own.luminance_sum, count += own.surfels->points.size();
+  mean_luminance_ = count ? float(sum / double(count)) : 0.0f;
+}
+
+MapRadiance IndirectLight::lines_of(const SkyOccluder& o, int map) const {
+  const Mat3& frame = frames_[size_t(map)];
+  const OfInstance& own = instances_[o.instance];
+  const float half_texels = 0.5f * float(size_.texels);
+  MapRadiance lines;
+  write_row(o.to_unit, frame[0], half_texels, half_texels, lines.u);
+  write_row(o.to_unit, frame[1], half_texels, half_texels, lines.v);
+  lines.outer = 2 * map * own.view.bytes, lines.inner = lines.outer + own.view.bytes;
+  lines.view = &own.view;
+  return lines;
+}
+
+MapRadiance IndirectLight::map_radiance(const SkyOccluder& o, const Vec3& d, float cell_width) const {
+  const Vec3 unit = glm::normalize(rotate_by(o.to_unit, d));
+  const int map = direction_cell(unit, size_.directions);
+  const Mat3& frame = frames_[size_t(map)];
+  const float half_texels = 0.5f * float(size_.texels), along = glm::dot(frame[2], unit);
+  MapRadiance lines = lines_of(o, map);
+  lines.slope_u = half_texels * glm::dot(frame[0], unit) / along;
+  lines.slope_v = half_texels * glm::dot(frame[1], unit) / along;
+  lines.reach = cell_width * half_texels / along;
+  lines.place = glm::dot(o.ball.centre, d);
+  return lines;
+}
+
+Rgb IndirectLight::radiance(uint32_t instance, const Vec3& position, const Vec3& origin, const Vec3& d) const {
+  const SkyOccluder& o = maps_.occluders()[instance];
+  const OfInstance& own = instances_[instance];
+  if (o.kind == SkyOccluder::Kind::plane) {
+    const Vec3 at = transform_by(o.to_unit, position), from = transform_by(o.to_unit, origin);
+    return to_vec(scalar::radiance_of_plane<float>(own.plane, {}, at.x, at.y, from.z, 1.0f, 0.0f, true));
+  }
+  const Vec3 unit = glm::normalize(rotate_by(o.to_unit, d));
+  const int map = direction_cell(unit, size_.directions);
+  const bool outside = glm::dot(unit, transform_by(o.to_unit, origin)) < -1.0f;
+  const MapRadiance lines = lines_of(o, map);
+  const auto p = lanes(position);
+  return to_vec(scalar::read_radiance<float>(own.view, outside ? lines.outer : lines.inner,
+                                             scalar::affine<float>(lines.u, p), scalar::affine<float>(lines.v, p), 0.0f,
+                                             true));
+}
+
+uint64_t IndirectLight::bytes() const {
+  uint64_t bytes = 0;
+  for (const OfInstance& own : instances_) bytes += own.pyramids ? own.pyramids->bytes() : 0;
+  return bytes;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,74 @@
+// Diffuse light that the objects of a scene send on: radiance of surfels, prefiltered so that one read tells what comes
+// back from a direction cell.
+//
+// Of an object, for each of D x D directions of its maps' space, what is seen along them; of a parallelogram, what each
+// place of it sends. Shading is left to others (hybrid/indirect/indirect_bounces.h).
+// Thread-safety: set_radiance() of different instances may run at once; const otherwise.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/trace/accel.h"
+#include "field/maps/cell_task.h"
+#include "field/maps/radiance_pyramids.h"
+#include "hybrid/sky/sky_maps.h"
+#include "hybrid/sky/surfels.h"
+
+namespace fieldtrace {
+
+struct IndirectSize {
+  int directions = 16;    // D of each object
+  int texels = 32;        // of its pyramids
+  int plane_texels = 64;  // of parallelograms'
+};
+
+class IndirectLight {
+ public:
+  // Bytes and surfels of a scene's pyramids, in advance.
+  struct Cost {
+    uint64_t bytes = 0, surfels = 0;
+  };
+  static Cost cost(const SkyMaps& maps, const IndirectSize& size);
+
+  // Black. `maps` must outlive it. Throws std::bad_alloc.
+  IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps, std::span<const ShapeTraits> traits,
+                const IndirectSize& size);
+
+  // By instance.
+  size_t size() const { return instances_.size(); }
+  const Surfels& surfels(size_t instance) const { return *instances_[instance].surfels; }
+  // One radiance for each point of surfels().
+  void set_radiance(size_t instance, std::span<const Rgb> radiance);
+  // To be called after radiances have changed.
+  void finish();
+
+  // What `o` sends back along a cell of the world direction `d`.
+  MapRadiance map_radiance(const SkyOccluder& o, const Vec3& d, float cell_width) const;
+  const PlaneRadiance* plane_radiance(const SkyOccluder& o) const { return &instances_[o.instance].plane; }
+  // What a ray from `origin` along the unit direction `d` meets at `position` of an instance.
+  Rgb radiance(uint32_t instance, const Vec3& position, const Vec3& origin, const Vec3& d) const;
+  // Mean over all surfels, luminance.
+  float mean_luminance() const { return mean_luminance_; }
+  uint64_t bytes() const;
+
+ private:
+  struct OfInstance {
+    std::shared_ptr<const Surfels> surfels;
+    std::unique_ptr<RadiancePyramids> pyramids;
+    RadianceView view;
+    PlaneRadiance plane;  // of parallelograms
+    double luminance_sum = 0.0;
+  };
+  void add_plane(const Scene& scene, const Accel& accel, const Parallelogram& plane, const SkyOccluder& o);
+  MapRadiance lines_of(const SkyOccluder& o, int map) const;
+
+  const SkyMaps& maps_;
+  IndirectSize size_;
+  std::vector<Mat3> frames_;  // by direction
+  std::vector<OfInstance> instances_;
+  float mean_luminance_ = 0.0f;
+};
+
+}  // namespace fieldtrace

@@ -1,0 +1,190 @@
+#include "hybrid/sky/surfels.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/platform/parallel.h"
+#include "core/sampling/sobol.hd.h"
+#include "field/bake/cell_lines.h"
+
+namespace fieldtrace {
+namespace {
+
+// Voxels along each axis of [-1, 1]^3, and main directions of normals.
+constexpr int k_voxels = 32, k_faces = 6;  // the former a power of two
+// Surfaces that a line meets at most; in units of the ball's radius, how far beyond one it goes on.
+constexpr int k_most_layers = 8;
+constexpr float k_beyond = 1e-4f;
+
+// What lines of one direction meet.
+struct Met {
+  SurfaceSpot spot;
+  Vec3 normal;        // unit, towards the line's beginning
+  uint32_t key;       // of voxel and face
+  float off_centre;   // squared distance from the voxel's middle, unit space
+};
+struct DirectionHits {
+  std::vector<Met> met;
+  std::vector<uint32_t> first, last;  // by texel: index into met, or k_none
+};
+
+Met meet(const Vec3& unit, const Vec3& normal, uint32_t primitive, const Sphere& ball) {
+  Met met;
+  met.spot = {ball.centre + unit * ball.radius, primitive};
+  met.normal = normal;
+  const Vec3 place = (unit + 1.0f) * (0.5f * float(k_voxels));
+  uint32_t voxel = 0;  // in Morton order
+  met.off_centre = 0.0f;
+  for (int a = 0; a < 3; ++a) {
+    const int i = std::clamp(int(place[a]), 0, k_voxels - 1);
+    const float off = place[a] - (float(i) + 0.5f);
+    for (int bit = 0; 1 << bit < k_voxels; ++bit) voxel |= (uint32_t(i) >> bit & 1u) << (3 * bit + a);
+    met.off_centre += off * off;
+  }
+  const Vec3 size = glm::abs(normal);
+  const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+  met.key = voxel * uint32_t(k_faces) + uint32_t(2 * axis + (normal[axis] < 0.0f));
+  return met;
+}
+
+// One line of a direction.
+struct SurfaceLine {
+  Vec3 entry;  // unit space
+  float at = 0.0f, length;
+  uint32_t texel;
+};
+
+DirectionHits hits_along(const Accel& accel, uint32_t shape, const Sphere& ball, const CellFrame& frame, int texels) {
+  DirectionHits result;
+  result.first.assign(size_t(texels) * size_t(texels), k_none);
+  result.last = result.first;
+  std::vector<SurfaceLine> lines, going_on;
+  for (int i = 0; i < texels * texels; ++i) {
+    const float x = (float(i % texels) + 0.5f) * 2.0f / float(texels) - 1.0f;
+    const float y = (float(i / texels) + 0.5f) * 2.0f / float(texels) - 1.0f;
+    const float half_squared = 1.0f - (x * x + y * y);
+    if (half_squared <= 0.0f) continue;
+    const float half = std::sqrt(half_squared);
+    lines.push_back({frame.s * x + frame.t * y - frame.c * half, 0.0f, 2.0f * half, uint32_t(i)});
+  }
+  RayBatch rays;
+  ShapeHits hits;
+  for (int layer = 0; layer < k_most_layers && !lines.empty(); ++layer) {
+    rays.resize(lines.size());
+    hits.resize(lines.size());
+    for (size_t r = 0; r < lines.size(); ++r) {
+      const Vec3 from = lines[r].entry + frame.c * lines[r].at;
+      rays.set(r, ball.centre + from * ball.radius, frame.c * ball.radius, lines[r].length - lines[r].at);
+    }
+    accel.shape_intersect(shape, rays, hits);
+    going_on.clear();
+    for (size_t r = 0; r < lines.size(); ++r) {
+      if (hits.t[r] < 0.0f) continue;
+      SurfaceLine line = lines[r];
+      line.at += hits.t[r];
+      const Vec3 n(hits.nx[r], hits.ny[r], hits.nz[r]);
+      const float length = glm::length(n), along = glm::dot(n, frame.c);
+      const auto index = uint32_t(result.met.size());
+      const bool is_first = result.first[line.texel] == k_none;
+      if (is_first) result.first[line.texel] = index;
+      if (is_first || along < 0.0f) {
+        result.last[line.texel] = index;
+        const Vec3 unit = length > 0.0f ? n / length : -frame.c;
+        result.met.push_back(
+            meet(line.entry + frame.c * line.at, along > 0.0f ? -unit : unit, hits.primitive[r], ball));
+      }
+      line.at += k_beyond;
+      if (line.at < line.length) going_on.push_back(line);
+    }
+    lines.swap(going_on);
+  }
+  return result;
+}
+
+}  // namespace
+
+Surfels make_surfels(const Accel& accel, uint32_t shape, const Sphere& ball, int directions, int texels) {
+  std::vector<DirectionHits> hits(size_t(directions) * size_t(directions));
+  parallel_for(hits.size(), [&](size_t i) {
+    const CellFrame frame = cell_frame(int(i) / directions, int(i) % directions, directions);
+    hits[i] = hits_along(accel, shape, ball, frame, texels);
+  });
+  constexpr size_t k_keys = size_t(k_voxels) * k_voxels * k_voxels * k_faces;
+  std::vector<uint32_t> of_key(k_keys, k_none);
+  for (const DirectionHits& of_direction : hits) {
+    for (const Met& met : of_direction.met) of_key[met.key] = 0;
+  }
+  uint32_t count = 0;
+  for (uint32_t& point : of_key) {
+    if (point != k_none) point = count++;
+  }
+  // The hit nearest to the middle of its voxel stands for all.
+  Surfels result;
+  result.points.resize(count);
+  result.reflectance_spots.resize(size_t(count) * Surfels::k_reflectance_spots);
+  std::vector<uint32_t> counts(count, 0);
+  std::vector<float> off_centre(count, k_infinity);
+  for (const DirectionHits& of_direction : hits) {
+    for (const Met& met : of_direction.met) {
+      const size_t point = of_key[met.key];
+      SurfaceSpot* const spots = &result.reflectance_spots[point * size_t(Surfels::k_reflectance_spots)];
+      if (counts[point] == 0) std::fill_n(spots, Surfels::k_reflectance_spots, met.spot);
+      spots[counts[point]++ % uint32_t(Surfels::k_reflectance_spots)] = met.spot;
+      if (!(met.off_centre < off_centre[point])) continue;
+      result.points[point] = {met.spot, met.normal};
+      off_centre[point] = met.off_centre;
+    }
+  }
+  for (const DirectionHits& of_direction : hits) {
+    for (const std::vector<uint32_t>* seen : {&of_direction.first, &of_direction.last}) {
+      for (const uint32_t i : *seen) {
+        result.texels.push_back(i == k_none ? k_none : of_key[of_direction.met[i].key]);
+      }
+    }
+  }
+  return result;
+}
+
+Surfels make_plane_surfels(const Accel& accel, uint32_t shape, const Parallelogram& plane, const Vec3& normal,
+                           std::span<const PlaneWindow> windows, int texels, const bool sides[2]) {
+  constexpr int k_spots = Surfels::k_reflectance_spots;
+  const auto height = float(glm::length(plane.axes[0]) + glm::length(plane.axes[1]));
+  const auto texel_count = size_t(texels) * size_t(texels);
+  Surfels result;
+  RayBatch rays;
+  ShapeHits hits;
+  for (const PlaneWindow& window : windows) {
+    // The middle of each texel, and its places of reflectance.
+    const size_t count = texel_count * size_t(1 + k_spots);
+    rays.resize(count);
+    hits.resize(count);
+    const auto place = [&](size_t i) {
+      const size_t texel = i / (1 + k_spots), spot = i % (1 + k_spots);
+      const auto u = scalar::sample_2d(uint32_t(spot), uint32_t(texel), 0);
+      const Vec2 within = spot == 0 ? Vec2(0.5f) : Vec2(u.x, u.y);
+      const Vec2 at = (Vec2(float(texel % size_t(texels)), float(texel / size_t(texels))) + within) / float(texels);
+      const Vec2 c = window.lower + (window.upper - window.lower) * at;
+      return Vec3(plane.centre + plane.axes[0] * double(c.x) + plane.axes[1] * double(c.y));
+    };
+    for (size_t i = 0; i < count; ++i) rays.set(i, place(i) + normal * height, -normal, 2.0f * height);
+    accel.shape_intersect(shape, rays, hits);
+    for (int side = 0; side < 2; ++side) {
+      for (size_t texel = 0; texel < texel_count; ++texel) {
+        const size_t first = texel * (1 + k_spots);
+        if (!sides[side] || hits.t[first] < 0.0f) {
+          result.texels.push_back(k_none);
+          continue;
+        }
+        result.texels.push_back(uint32_t(result.points.size()));
+        result.points.push_back({{place(first), hits.primitive[first]}, side == 0 ? normal : -normal});
+        for (size_t i = first + 1; i <= first + k_spots; ++i) {
+          const size_t from = hits.t[i] < 0.0f ? first : i;  // rounding at the edge
+          result.reflectance_spots.push_back({place(from), hits.primitive[from]});
+        }
+      }
+    }
+  }
+  return result;
+}
+
+}  // namespace fieldtrace
