@@ -236,8 +236,9 @@ FT_HD_INLINE F share_of_slope(const PlaneLines& plane, const PlaneSlope& slope, 
   if (!any(heading > zero)) return zero;
   EdgeCut<F> x[2], y[2];
   cut_by_edges<F>(plane.x, slope.dx, plane.per_unit_x, height, fall, half, p, x);
-  cut_by_edges<F>(plane.y, slope.dy, plane.per_unit_y, height, fall, half, p, y);
   const F of_x = share_of_both<F>(x[0].share, x[1].share, cosine_between<F>(x[0], x[1], plane.per_unit_x));
+  if (!any(of_x > zero)) return zero;
+  cut_by_edges<F>(plane.y, slope.dy, plane.per_unit_y, height, fall, half, p, y);
   const F of_y = share_of_both<F>(y[0].share, y[1].share, cosine_between<F>(y[0], y[1], plane.per_unit_y));
   const F share = min(min(of_x, of_y), heading);
   const Mask_t<F> cut_twice = (share > zero) & (max(of_x, of_y) < one);
@@ -254,12 +255,12 @@ FT_HD_INLINE F share_of_slope(const PlaneLines& plane, const PlaneSlope& slope, 
 // Of the cell's light, where it varies over the cell.
 template <class F>
 FT_HD_INLINE F share_of_plane(const PlaneLines& plane, const CellTask& task, const Vec3Lanes<F>& p) {
-  const F whole = share_of_slope<F>(plane, plane.centre, task.half, p);
+  const F whole = share_of_slope<F>(plane, plane.centre, task.cosine_half, p);
   const Mask_t<F> partly = (whole > splat<F>(0.0f)) & (whole < splat<F>(1.0f));
   if (!task.parts || !any(partly)) return whole;
   F share = splat<F>(0.0f);
   for (int k = 0; k < k_cell_parts; ++k) {
-    const F of_part = share_of_slope<F>(plane, plane.parts[k], task.half / float(k_parts_side), p);
+    const F of_part = share_of_slope<F>(plane, plane.parts[k], task.cosine_half / float(k_parts_side), p);
     share = share + of_part * splat<F>(task.parts[k]);
   }
   return select(partly, share, whole);
@@ -297,8 +298,8 @@ FT_HD_INLINE void find_cuts(const CellTask& task, const Vec3Lanes<F>& p, PlaneSe
   const PlaneLines& lines = *plane.lines;
   const F height = affine<F>(lines.height, p), fall = nearing<F>(lines.centre, height);
   EdgeCut<F> x[2], y[2];
-  cut_by_edges<F>(lines.x, lines.centre.dx, lines.per_unit_x, height, fall, task.half, p, x);
-  cut_by_edges<F>(lines.y, lines.centre.dy, lines.per_unit_y, height, fall, task.half, p, y);
+  cut_by_edges<F>(lines.x, lines.centre.dx, lines.per_unit_x, height, fall, task.cosine_half, p, x);
+  cut_by_edges<F>(lines.y, lines.centre.dy, lines.per_unit_y, height, fall, task.cosine_half, p, y);
   const auto add = [&](const EdgeCut<F>& edge, const float* row, CellCut<F>& cut) {
     const auto component = [&](int a) {
       return edge.of_height * splat<F>(lines.height[a]) + edge.of_row * splat<F>(row[a]);
@@ -325,8 +326,8 @@ FT_HD_INLINE F overlap(const CellCut<F>* a, int a_count, F a_share, const CellCu
 }
 
 // The parallelograms in a cell. Those that share an edge, as the walls of a room do, hide the cell between them, and
-// one that stands on the points' horizon hides all above it; so shares are joined by how the planes through the points and
-// the edges that cut them lie to each other.
+// one that stands on the points' horizon hides all above it; so shares are joined by how the planes through the points
+// and the edges that cut them lie to each other.
 template <class F>
 class PlanesSeen {
  public:
@@ -343,7 +344,7 @@ class PlanesSeen {
       planes_[count_++].share = share;
     }
     if (count_ == 0) return;
-    const F above = dot3<F>(task.direction, s) * splat<F>(0.5f / task.half);
+    const F above = dot3<F>(task.vector, s) * splat<F>(0.5f / task.cosine_half);
     const F below = min(max(half - above, zero_), one_);
     if (count_ == 1 && !any(below > zero_)) {
       clear_ = clear_ * (one_ - planes_[0].share);

@@ -18,9 +18,10 @@ namespace {
 constexpr uint32_t k_surfel_stream = 0x53524645u;
 // Surfels that are shaded together.
 constexpr size_t k_surfel_block = 256;
-// Bounces at most, and the relative change of the mean radiance by which no more are needed.
+// Bounces at most, and the relative change of the mean radiance from which on the rest is a geometric series of at most
+// this ratio.
 constexpr int k_most_bounces = 16;
-constexpr float k_least_change = 0.003f;
+constexpr float k_least_change = 0.01f, k_most_ratio = 0.9f;
 
 struct Block {
   uint32_t instance;
@@ -55,9 +56,10 @@ Vec2 barycentric(const TriangleMesh& mesh, const SurfaceSpot& spot) {
 class SurfelShader {
  public:
   SurfelShader(const TransportContext& shading, const IndirectLight& light)
-      : scene_(shading.scene), seed_(shading.settings.seed), light_(light), followers_([&shading] {
-          return shading.make_follower(shading);
-        }) {}
+      : scene_(shading.scene),
+        seed_(shading.settings.seed),
+        light_(light),
+        followers_([&shading] { return shading.make_follower(shading); }) {}
 
   // Returns the number of rays traced.
   uint64_t shade(const Block& block, std::span<Rgb> leaving) {
@@ -133,6 +135,7 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
   std::atomic<uint64_t> rays = 0;
   const int most = bounces < 0 ? k_most_bounces : std::min(bounces, k_most_bounces);
   sky.set_indirect(nullptr);
+  float change = 0.0f;  // of the mean, by the last bounce
   for (int bounce = 0; bounce < most && !stopped(); ++bounce) {
     parallel_for(blocks.size(), [&](size_t i) {
       if (stopped()) return;
@@ -140,11 +143,22 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
       rays += shader.shade(b, std::span(radiance[b.instance]).subspan(b.begin, b.end - b.begin));
     });
     if (stopped()) break;
-    const float before = light->mean_luminance();
+    const float before = light->mean_luminance(), change_before = change;
     parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
     light->finish();
     sky.set_indirect(light);
-    if (std::abs(light->mean_luminance() - before) <= k_least_change * light->mean_luminance()) break;
+    change = light->mean_luminance() - before;
+    if (std::abs(change) > k_least_change * light->mean_luminance()) continue;
+    // Further bounces bring less and less of the same.
+    const float ratio = std::clamp(change / change_before, 0.0f, k_most_ratio);
+    if (bounces >= 0 || !(change_before > 0.0f)) break;
+    const float all = 1.0f + change * ratio / ((1.0f - ratio) * light->mean_luminance());
+    parallel_for(radiance.size(), [&](size_t i) {
+      for (Rgb& r : radiance[i]) r *= all;
+      light->set_radiance(i, radiance[i]);
+    });
+    light->finish();
+    break;
   }
   stats.bake_rays += rays;
   timer.reset();

@@ -25,6 +25,8 @@ constexpr uint32_t k_wide_cluster_parts = 8;
 constexpr float k_open_cell_rays = 8.0f;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
 constexpr float k_least_cosine = 0.25f;
+// From this hidden share of the sky on, what is hidden is corrected, from twice as much fully.
+constexpr float k_least_enclosed = 0.25f;
 // A sample stream separate from that of the lights, which use the vertex seeds unchanged.
 constexpr uint32_t k_sky_stream = 0x534b5900u;
 // --check: one cluster in so many, and rays in each cell (a square number).
@@ -206,6 +208,15 @@ void SkyLight::add_irradiance(const Job& job) {
   }
 }
 
+// Cells do not quite add up to the sky; where they take all of it, nothing must be left.
+float SkyLight::hidden_scale(size_t point) const {
+  const float hidden = luminance({red_[point], green_[point], blue_[point]});
+  const float weight = std::min((hidden / open_[point] - k_least_enclosed) / k_least_enclosed, 1.0f);
+  if (!(weight > 0.0f)) return 1.0f;
+  const float all = sky_->cells_of(centres_.instance[0]).irradiance(shading(centres_, point));
+  return 1.0f + weight * (open_[point] / all - 1.0f);
+}
+
 void SkyLight::gather_batch(const Job& job) {
   occluders_.find(*sky_, centres_);
   grid_ = sky_->maps().occluders()[centres_.instance[0]].grid;
@@ -214,7 +225,8 @@ void SkyLight::gather_batch(const Job& job) {
   for (size_t i = 0; i < centres_.size; ++i) {
     const Rgb open = sky_->radiance().irradiance(shading(centres_, i));
     open_[i] = luminance(open);
-    red_[i] = open.x - red_[i], green_[i] = open.y - green_[i], blue_[i] = open.z - blue_[i];
+    const float scale = hidden_scale(i);
+    red_[i] = open.x - red_[i] * scale, green_[i] = open.y - green_[i] * scale, blue_[i] = open.z - blue_[i] * scale;
   }
   sample_open_cells(job);
   trace(job);

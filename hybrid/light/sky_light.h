@@ -53,6 +53,7 @@ class SkyLight {
   void choose_points(const ShadingClusters& clusters, const LightReceivers& receivers);
   void gather_batch(const Job& job);
   void see_cells(const Job& job);
+  float hidden_scale(size_t point) const;
   void sort_open_cells();
   void sample_open_cells(const Job& job);
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
@@ -78,7 +79,7 @@ class SkyLight {
   ShadingPointBatch centres_;
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance of the sky
   AlignedVector<float> reflected_red_, reflected_green_, reflected_blue_;  // irradiance of what objects send back
-  std::vector<float> open_;                  // luminance of the open sky's irradiance, by point
+  std::vector<float> open_;  // luminance of the open sky's irradiance, by point
   AlignedVector<int32_t> undecided_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
   std::vector<uint32_t> open_begin_;

@@ -58,8 +58,7 @@ void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   if (shading.open_area_can_be_hit) return;  // such lights are also found by paths
   shading.sky = stage.light.get();
   shading.make_follower = make_path_follower;
-  const auto light =
-      std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, size);
+  const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, size);
   if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
   shade_indirect(light, *stage.light, shading, depth < 0 ? -1 : depth - 2, input.callbacks.stop, stats);
 }

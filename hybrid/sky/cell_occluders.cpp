@@ -95,7 +95,8 @@ void CellOccluders::find_lit() {
     lit_x_[k] = d.x, lit_y_[k] = d.y, lit_z_[k] = d.z;
   }
   faces_.resize(lit_.size());
-  maps_.resize(size_t(count)), radiance_.resize(size_t(count)), planes_.resize(size_t(count)), balls_.resize(size_t(count));
+  maps_.resize(size_t(count)), radiance_.resize(size_t(count)), planes_.resize(size_t(count)),
+      balls_.resize(size_t(count));
   for (size_t k = 0; k < lit_.size(); ++k) {
     maps_[k].clear(), radiance_[k].clear(), planes_[k].clear(), balls_[k].clear();
   }

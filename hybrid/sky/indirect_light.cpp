@@ -123,8 +123,7 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
     }
     if (!of_shape[shape]) {
       const Sphere ball = field_ball(scene.shapes[shape].bounds);
-      of_shape[shape] =
-          std::make_shared<const Surfels>(make_surfels(accel, shape, ball, size.directions, size.texels));
+      of_shape[shape] = std::make_shared<const Surfels>(make_surfels(accel, shape, ball, size.directions, size.texels));
     }
     own.surfels = of_shape[shape];
     own.pyramids = std::make_unique<RadiancePyramids>(size.texels, 2 * size.directions * size.directions);

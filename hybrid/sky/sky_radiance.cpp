@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numeric>
 
 #include "core/platform/parallel.h"
 #include "core/simd/vec_lanes.h"
@@ -189,6 +190,22 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
     for (const std::vector<Sum>& sums : bands) all.light += sums[i].light, all.area += sums[i].area;
     if (all.area > 0.0) fine_[i] += Rgb(all.light / all.area) * emitter.value;
   }
+}
+
+float SkyCells::irradiance(const Vec3& n) const {
+  const size_t count = red.size();
+  const float *x = vx.data(), *y = vy.data(), *z = vz.data(), *r = red.data(), *g = green.data(), *b = blue.data();
+  // Sums side by side, so that the compiler makes vectors of them.
+  constexpr size_t k_sums = 16;
+  float sums[k_sums] = {};
+  for (size_t i = 0; i < count; i += k_sums) {  // D^2 is a multiple
+    for (size_t k = 0; k < k_sums; ++k) {
+      const size_t c = i + k;
+      const float cosine = scalar::cosine_over_cell<float>(n.x * x[c] + n.y * y[c] + n.z * z[c], half_width);
+      sums[k] += cosine * luminance({r[c], g[c], b[c]});
+    }
+  }
+  return std::accumulate(sums, sums + k_sums, 0.0f) * 4.0f * k_pi / float(count);
 }
 
 SkyCells SkyRadiance::cells(const Mat3& grid, int directions) const {

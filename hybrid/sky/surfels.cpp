@@ -19,9 +19,9 @@ constexpr float k_beyond = 1e-4f;
 // What lines of one direction meet.
 struct Met {
   SurfaceSpot spot;
-  Vec3 normal;        // unit, towards the line's beginning
-  uint32_t key;       // of voxel and face
-  float off_centre;   // squared distance from the voxel's middle, unit space
+  Vec3 normal;       // unit, towards the line's beginning
+  uint32_t key;      // of voxel and face
+  float off_centre;  // squared distance from the voxel's middle, unit space
 };
 struct DirectionHits {
   std::vector<Met> met;

@@ -41,10 +41,9 @@ Surfels make_surfels(const Accel& accel, uint32_t shape, const Sphere& ball, int
 struct PlaneWindow {
   Vec2 lower = Vec2(-1.0f), upper = Vec2(1.0f);
 };
-// Of a parallelogram: one at the middle of each texel. Pyramid 2 w + s: window w, the side that `normal` points to (s = 0)
-// or the other; `sides` tells which of them are wanted.
-Surfels make_plane_surfels(const Accel& accel, uint32_t shape, const Parallelogram& plane,
-                           const Vec3& normal, std::span<const PlaneWindow> windows, int texels,
-                           const bool sides[2]);
+// Of a parallelogram: one at the middle of each texel. Pyramid 2 w + s: window w, the side that `normal` points to (s =
+// 0) or the other; `sides` tells which of them are wanted.
+Surfels make_plane_surfels(const Accel& accel, uint32_t shape, const Parallelogram& plane, const Vec3& normal,
+                           std::span<const PlaneWindow> windows, int texels, const bool sides[2]);
 
 }  // namespace fieldtrace

@@ -14,6 +14,7 @@
 #include "field/chart/chart.hd.h"
 #include "field/maps/cell_kernels.h"
 #include "field/maps/direction_maps.h"
+#include "field/maps/radiance_pyramids.h"
 #include "field/store/field.h"
 #include "tests/support/random_lines.h"
 
@@ -117,7 +118,7 @@ struct Points {
 };
 
 struct Answer {
-  AlignedVector<float> sums[3];
+  AlignedVector<float> sums[6];
   std::vector<int32_t> undecided;
 };
 
@@ -125,8 +126,10 @@ Answer ask(Isa isa, const CellTask& task, const Points& points, const AlignedVec
   Answer answer;
   for (auto& sum : answer.sums) sum = before;
   AlignedVector<int32_t> listed(size_t(points.size) + k_batch_padding);
-  const int count = cell_kernel_for(isa)(
-      task, points.view(), {answer.sums[0].data(), answer.sums[1].data(), answer.sums[2].data()}, listed.data());
+  const int count = cell_kernel_for(isa)(task, points.view(),
+                                         {answer.sums[0].data(), answer.sums[1].data(), answer.sums[2].data(),
+                                          answer.sums[3].data(), answer.sums[4].data(), answer.sums[5].data()},
+                                         listed.data());
   answer.undecided.assign(listed.begin(), listed.begin() + count);
   return answer;
 }
@@ -138,7 +141,60 @@ struct RandomTask {
   std::vector<PlaneLines> planes;
   std::vector<BallLines> balls;
   std::vector<Parallelogram> parallelograms;
+  MapRadiance own_radiance;
+  std::vector<MapRadiance> radiance;
+  std::vector<PlaneRadiance> plane_radiance;
 };
+
+// Pyramids of radiance up to about 1, with places of which nothing is known.
+RadiancePyramids noisy_radiance(int texels, int count, TestRandom& random) {
+  RadiancePyramids pyramids(texels, count);
+  pyramids.set_most(1.0f);
+  std::vector<Rgb> values(size_t(texels) * size_t(texels));
+  std::vector<uint8_t> is_known(values.size());
+  for (int i = 0; i < count; ++i) {
+    for (size_t t = 0; t < values.size(); ++t) {
+      values[t] = Rgb(random.uniform(), random.uniform(), random.uniform());
+      is_known[t] = random.index(4) != 0;
+    }
+    pyramids.fill(i, values, is_known);
+  }
+  return pyramids;
+}
+
+// Light that comes back from some of what a task holds.
+void add_radiance(std::span<const RadianceView> views, TestRandom& random, RandomTask& r) {
+  r.task.reflects = true;
+  const auto radiance = [&] {
+    MapRadiance m;
+    for (float* row : {m.u, m.v}) set_row(random.direction() * random.log_uniform(0.1f, 100.0f), 8.0f, row);
+    m.slope_u = random.uniform(-9.0f, 9.0f), m.slope_v = random.uniform(-9.0f, 9.0f);
+    m.reach = random.log_uniform(1e-3f, 1e3f);
+    m.place = random.uniform(-3.0f, 3.0f);
+    m.view = &views[random.index(uint32_t(views.size()))];
+    m.outer = m.view->bytes * int32_t(random.index(4)), m.inner = m.view->bytes * int32_t(random.index(4));
+    return m;
+  };
+  if (r.task.own && random.index(4)) {
+    r.own_radiance = radiance();
+    r.task.own_radiance = &r.own_radiance;
+  }
+  for (size_t k = 0; k < r.maps.size(); ++k) r.radiance.push_back(radiance());
+  std::sort(r.radiance.begin(), r.radiance.end(), [](const auto& a, const auto& b) { return a.place < b.place; });
+  if (!r.radiance.empty() && random.index(4) == 0) r.radiance[0].view = nullptr;
+  r.task.map_radiance = r.radiance.data();
+  r.plane_radiance.resize(r.planes.size());
+  for (size_t k = 0; k < r.planes.size(); ++k) {
+    PlaneRadiance& plane = r.plane_radiance[k];
+    plane.view = &views[random.index(uint32_t(views.size()))];
+    plane.windows = 1 + int(random.index(2));
+    const float texels = float(plane.view->texels);
+    plane.window[0] = {0.0f, 0.0f, 0.5f * texels, 0.5f * texels, random.log_uniform(0.1f, 100.0f)};
+    plane.window[1] = {random.uniform(-1.0f, 1.0f), random.uniform(-1.0f, 1.0f), texels, 2.0f * texels,
+                       random.log_uniform(0.1f, 100.0f)};
+    if (random.index(4)) r.planes[k].radiance = &plane;
+  }
+}
 
 void make_task(std::span<const MapsView> views, TestRandom& random, RandomTask& r) {
   const int cell = int(random.index(16));
@@ -211,10 +267,15 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
   for (const int texels : {8, 16, 64}) maps.push_back(noisy_maps(texels, random));
   std::vector<MapsView> views;
   for (const DirectionMaps& m : maps) views.push_back(m.view());
-  size_t undecided = 0, taken = 0, partly = 0, all = 0;
+  std::vector<RadiancePyramids> pyramids;
+  for (const int texels : {2, 8, 16}) pyramids.push_back(noisy_radiance(texels, 4, random));
+  std::vector<RadianceView> radiance;
+  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  size_t undecided = 0, taken = 0, partly = 0, all = 0, reflected = 0;
   for (int trial = 0; trial < 2000; ++trial) {
     RandomTask r;
     make_task(views, random, r);
+    if (trial % 4 >= 2) add_radiance(radiance, random, r);
     const Points points = random_points(r, 1 + random.index(100), random);
     AlignedVector<float> before(size_t(points.size), 0.0f);
     if (trial % 2) std::generate(before.begin(), before.end(), [&] { return random.uniform(); });
@@ -228,12 +289,17 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
       const float sum = expected.sums[0][i] - before[i];
       EXPECT_GE(sum, 0.0f);
       EXPECT_LE(sum, most * (1.0f + 1e-5f) + 1e-6f * before[i]);
+      const float back = expected.sums[3][i] - before[i], whole = 4.0f * r.task.half * r.task.half;
+      EXPECT_GE(back, 0.0f);
+      EXPECT_LE(back, whole * 1.01f);
+      EXPECT_TRUE(back == 0.0f || r.task.reflects);
+      reflected += back > 0.0f;
       taken += sum > 0.0f, partly += sum > 0.01f * most && sum < 0.99f * most;
     }
     for (const Isa isa : supported_isas()) {
       const Answer answer = ask(isa, r.task, points, before);
       ASSERT_EQ(answer.undecided, expected.undecided) << isa_name(isa) << " " << trial;
-      for (int channel = 0; channel < 3; ++channel) {
+      for (int channel = 0; channel < 6; ++channel) {
         for (size_t i = 0; i < size_t(points.size); ++i) {
           ASSERT_EQ(std::bit_cast<uint32_t>(answer.sums[channel][i]),
                     std::bit_cast<uint32_t>(expected.sums[channel][i]))
@@ -247,6 +313,7 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
   EXPECT_LT(undecided, all / 2);
   EXPECT_GT(taken, all / 4);
   EXPECT_GT(partly, all / 50);
+  EXPECT_GT(reflected, all / 20);
 }
 
 TEST(CellKernels, WeightlessAndUnlitCellsTakeNothing) {

@@ -309,11 +309,11 @@ TEST_P(SkyPicture, KeepsTheBackground) {
   EXPECT_EQ(d.largest, 0.0);
 }
 
-// Light that comes by way of one more surface is traced; the sky is not counted twice.
+// Light that comes by way of one more surface is traced where that is not diffuse; the sky is not counted twice.
 TEST_P(SkyPicture, OfLongerPathsHasMonteCarlosMean) {
   constexpr int k_size = 32;
   SkyScene s(GetParam(), k_size, k_coarse / 4);
-  s.object(supershape(), test::translation({0, 0, 1.05f}));
+  s.instance(s.mesh(supershape()), s.metal(0.4f), test::translation({0, 0, 1.05f}));
   RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 256, 1);
   double means[2][3];  // hybrid and Monte Carlo, by depth
   for (const int depth : {2, 3}) {

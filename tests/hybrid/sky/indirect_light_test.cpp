@@ -1,0 +1,217 @@
+// Light that diffuse objects send on to others, in whole pictures: against Monte Carlo, and the same whatever the
+// machine does.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/mesh/mesh_procedural.h"
+#include "hybrid/render/render.h"
+#include "tests/support/small_scenes.h"
+
+namespace fieldtrace {
+namespace {
+
+using test::look_at;
+using test::SceneMaker;
+
+// As far as a film's size tells the number of its rays, maps are worth their making; tests render a window of it.
+constexpr int k_film = 2048;
+
+Affine placed(const Vec3& x, const Vec3& y, const Vec3& z, const Vec3& at) { return Affine(x, y, z, at); }
+
+// A corner of a floor and two walls, of which one is mirrored, with a turned and mirrored knot and a sphere.
+struct Corner : SceneMaker {
+  uint32_t grey, red;
+
+  explicit Corner(int window, int depth) {
+    scene.camera.to_world = look_at({4.5f, 3.6f, 3.2f}, {-0.4f, -0.4f, 0.7f}, {0, 0, 1});
+    film(k_film, k_film);
+    const double widest = std::tan(0.5 * 36.0 * M_PI / 180.0) * k_film / window;
+    scene.camera.fov_x_degrees = float(2.0 * std::atan(widest) * 180.0 / M_PI);
+    scene.integrator.max_depth = depth;
+    grey = bsdf(BsdfKind::diffuse, Rgb(0.7f));
+    red = bsdf(BsdfKind::diffuse, Rgb(0.8f, 0.3f, 0.2f));
+    for (const uint32_t b : {grey, red}) scene.bsdfs[b].two_sided = true;
+    const uint32_t square = shape(ShapeKind::rectangle);
+    instance(square, grey, placed({6, 0, 0}, {0, 6, 0}, {0, 0, 1}, {0, 0, 0}));
+    instance(square, grey, placed({2.5f, 0, 0}, {0, 0, 1.5f}, {0, 1, 0}, {0.5f, -2, 1.5f}));
+    instance(square, red, placed({0, 2.5f, 0}, {0, 0, 1.5f}, {1, 0, 0}, {-2, 0.5f, 1.5f}));
+  }
+  void objects() {
+    const float c = std::cos(0.6f), s = std::sin(0.6f);
+    const uint32_t knot = mesh(make_knot({.along = 192, .around = 16}));
+    instance(knot, grey, placed(Vec3(c, s, 0) * 0.8f, Vec3(-s, c, 0) * 0.8f, {0, 0, -0.8f}, {-0.6f, 0.5f, 0.7f}));
+    instance(shape(ShapeKind::sphere), red, placed({0.6f, 0, 0}, {0, 0.6f, 0}, {0, 0, 0.6f}, {0.6f, -0.8f, 0.6f}));
+  }
+};
+
+RenderOptions options_for(const Scene& scene, Method method, int window, int spp) {
+  RenderOptions o;
+  o.method = method;
+  o.spp = spp;
+  o.seed = 2;
+  o.threads = 2;
+  const int margin = (scene.film.width - window) / 2;
+  o.crop = Rect{margin, margin, window, window};
+  return o;
+}
+
+struct Difference {
+  double rmse = 0.0, bias = 0.0, worst_block = 0.0, mean = 0.0;
+};
+
+// Relative to the mean of `b`; blocks are 8 x 8.
+Difference difference(const Image& a, const Image& b) {
+  constexpr int k_block = 8;
+  Difference d;
+  std::vector<double> blocks(size_t(a.width / k_block) * size_t(a.height / k_block));
+  for (int y = 0; y < a.height; ++y) {
+    for (int x = 0; x < a.width; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        const double error = double(a.pixel(x, y)[c]) - double(b.pixel(x, y)[c]);
+        d.rmse += error * error, d.bias += error, d.mean += double(b.pixel(x, y)[c]);
+        blocks[size_t(y / k_block) * size_t(a.width / k_block) + size_t(x / k_block)] += error;
+      }
+    }
+  }
+  const double count = 3.0 * a.width * a.height;
+  d.mean /= count;
+  d.rmse = std::sqrt(d.rmse / count) / d.mean, d.bias /= count * d.mean;
+  for (const double sum : blocks) d.worst_block = std::max(d.worst_block, std::abs(sum) / (3 * k_block * k_block));
+  d.worst_block /= d.mean;
+  return d;
+}
+
+// The picture's error is that of the estimate and of Monte Carlo's noise, which is stated.
+void expect_near_monte_carlo(const Scene& scene, int window, double rmse, double bias, double block) {
+  RenderOptions o = options_for(scene, Method::hybrid, window, 16);
+  const RenderResult estimate = render(scene, o);
+  o.method = Method::monte_carlo;
+  o.spp = 1024;
+  o.seed = 7;
+  const Difference d = difference(estimate.image, render(scene, o).image);
+  EXPECT_LT(d.rmse, rmse);
+  EXPECT_LT(std::abs(d.bias), bias);
+  EXPECT_LT(d.worst_block, block);
+  // All light is in the first surfaces' reads: no path has gone on.
+  EXPECT_EQ(estimate.stats.rays_primary, uint64_t(16 * window * window));
+}
+
+TEST(IndirectLight, OfOneBounceIsNearMonteCarlo) {
+  Corner s(48, 3);
+  s.objects();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  expect_near_monte_carlo(s.scene, 48, 0.035, 0.008, 0.04);
+}
+
+TEST(IndirectLight, OfManyBouncesIsNearMonteCarlo) {
+  Corner s(48, -1);
+  s.objects();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  expect_near_monte_carlo(s.scene, 48, 0.035, 0.01, 0.04);
+}
+
+// A lamp, a sun and a blue sky together.
+TEST(IndirectLight, OfAllLightsIsNearMonteCarlo) {
+  Corner s(48, 3);
+  s.objects();
+  const uint32_t lamp =
+      s.instance(s.shape(ShapeKind::sphere), s.grey, placed({0.3f, 0, 0}, {0, 0.3f, 0}, {0, 0, 0.3f}, {1, 1, 3}));
+  s.area_light(lamp, Rgb(8.0f, 6.0f, 4.0f));
+  s.environment(
+      256, 129,
+      [](int x, int y) {
+        if (std::abs(x - 40) < 2 && std::abs(y - 30) < 2) return Rgb(300.0f);
+        return y < 64 ? Rgb(0.3f, 0.4f, 0.6f) : Rgb(0.1f);
+      },
+      Mat3(Vec3(1, 0, 0), Vec3(0, 0, 1), Vec3(0, -1, 0)));
+  expect_near_monte_carlo(s.scene, 48, 0.05, 0.01, 0.05);
+}
+
+// A floor whose texture changes faster than surfels lie.
+TEST(IndirectLight, OfTexturesIsTheirMean) {
+  Corner s(48, 3);
+  Texture checks;
+  checks.kind = TextureKind::checkerboard;
+  checks.color0 = Rgb(0.05f), checks.color1 = Rgb(0.95f);
+  checks.uv_transform = glm::mat3x2(301.0f, 0.0f, 0.0f, 301.0f, 0.0f, 0.0f);
+  s.scene.textures.push_back(checks);
+  const uint32_t floor = s.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  s.scene.bsdfs[floor].reflectance = uint32_t(s.scene.textures.size() - 1);
+  s.scene.instances[0].bsdf = floor;
+  s.objects();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, 48, 16);
+  const Image estimate = render(s.scene, o).image;
+  o.method = Method::monte_carlo;
+  o.spp = 1024;
+  const Difference d = difference(estimate, render(s.scene, o).image);
+  EXPECT_LT(std::abs(d.bias), 0.01);  // the texture itself aliases from pixel to pixel
+}
+
+// Walls that meet at edges leave no gaps to a bright sky.
+TEST(IndirectLight, ClosedRoomsAreDark) {
+  for (const int depth : {2, -1}) {
+    SceneMaker s;
+    s.scene.camera.to_world = look_at({1.4f, 1.7f, 0.6f}, {-0.6f, -0.8f, -0.3f}, {0, 0, 1});
+    s.scene.camera.fov_x_degrees = 85.0f;
+    s.film(64, 64);
+    s.scene.integrator.max_depth = depth;
+    const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.8f));
+    s.scene.bsdfs[white].two_sided = true;
+    const uint32_t square = s.shape(ShapeKind::rectangle);
+    for (const float side : {-1.0f, 1.0f}) {
+      s.instance(square, white, placed({2, 0, 0}, {0, 3, 0}, {0, 0, 1}, {0, 0, side}));
+      s.instance(square, white, placed({2, 0, 0}, {0, 0, 1}, {0, 1, 0}, {0, 3 * side, 0}));
+      s.instance(square, white, placed({0, 3, 0}, {0, 0, 1}, {1, 0, 0}, {2 * side, 0, 0}));
+    }
+    s.light(EmitterKind::constant, Rgb(1.0f));
+    RenderOptions o;
+    o.method = Method::hybrid;
+    o.spp = 16;
+    o.directions = 32;
+    const RenderResult r = render(s.scene, o);
+    ASSERT_GT(r.stats.sky_directions, 0);
+    double sum = 0.0;
+    for (const float v : r.image.data) sum += double(v);
+    EXPECT_LT(sum / double(r.image.data.size()), depth == 2 ? 3e-4 : 2e-3);
+  }
+}
+
+TEST(IndirectLight, DoesNotDependOnTheMachineOrTheWindow) {
+  Corner s(32, 4);
+  s.objects();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, 32, 4);
+  const Image expected = render(s.scene, o).image;
+  o.threads = 1;
+  EXPECT_EQ(render(s.scene, o).image.data, expected.data);
+  for (const Isa isa : supported_isas()) {
+    o.isa = isa;
+    EXPECT_EQ(render(s.scene, o).image.data, expected.data) << isa_name(isa);
+  }
+  o.crop = Rect{o.crop->x + 9, o.crop->y + 13, 11, 7};
+  const Image part = render(s.scene, o).image;
+  for (int y = 0; y < part.height; ++y) {
+    for (int x = 0; x < part.width; ++x) {
+      for (int c = 0; c < 3; ++c) EXPECT_EQ(part.pixel(x, y)[c], expected.pixel(x + 9, y + 13)[c]);
+    }
+  }
+}
+
+// Whatever is not diffuse sends on paths, as does everything at tolerance 0.
+TEST(IndirectLight, IsLeftToPathsWhereItIsNotDiffuse) {
+  Corner s(16, 3);
+  s.objects();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, 16, 4);
+  o.tolerance = 0.0f;
+  EXPECT_GT(render(s.scene, o).stats.rays_primary, uint64_t(4 * 16 * 16));
+  o.tolerance = RenderOptions().tolerance;
+  s.scene.instances.back().bsdf = s.metal(0.2f);
+  EXPECT_GT(render(s.scene, o).stats.rays_primary, uint64_t(4 * 16 * 16));
+}
+
+}  // namespace
+}  // namespace fieldtrace
