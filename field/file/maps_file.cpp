@@ -118,8 +118,15 @@ VdbGridPtr make_grid(const DirectionMaps& maps) {
 
 }  // namespace
 
-FieldIdentity maps_identity(const Shape& shape, const MapSize& size) {
+FieldIdentity maps_identity(const Shape& shape, const DMat3& stretch, const MapSize& size) {
   FieldIdentity identity = field_identity(shape, {.directions = size.directions, .plane = size.texels, .lines = 0});
+  if (stretch != DMat3(1.0)) {
+    Hasher hasher;
+    hasher.add_value(identity.geometry.high);
+    hasher.add_value(identity.geometry.low);
+    for (int i = 0; i < 9; ++i) hasher.add_value(stretch[i / 3][i % 3]);
+    identity.geometry = hasher.result();
+  }
   identity.chart = k_chart_maps;
   return identity;
 }

@@ -14,7 +14,7 @@
 namespace fieldtrace {
 
 // Unchecked: valid_map_size(size).
-FieldIdentity maps_identity(const Shape& shape, const MapSize& size);
+FieldIdentity maps_identity(const Shape& shape, const DMat3& stretch, const MapSize& size);
 
 // Writes the file under a temporary name that is then renamed, and returns its size in bytes. Unchecked: `identity`
 // belongs to the maps. Throws Error if the file cannot be written.

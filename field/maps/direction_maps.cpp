@@ -96,8 +96,8 @@ void DirectionMaps::finish(int direction) {
   }
 }
 
-bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const std::atomic<bool>* stop,
-               BakeCounters& counters) {
+bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const DMat3& to_object,
+               const std::atomic<bool>* stop, BakeCounters& counters) {
   const auto start = std::chrono::steady_clock::now();
   const MapSize size = maps.size();
   const Sphere ball = maps.ball();
@@ -124,7 +124,9 @@ bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const st
         if (half_squared <= 0.0f) continue;  // outside the ball
         const float half = std::sqrt(half_squared);
         const Vec3 entry = frame.s * x + frame.t * y + frame.c * half;
-        rays.set(texels.size(), ball.centre + entry * ball.radius, -frame.c * ball.radius, 2.0f * half);
+        const auto in_object = [&](const Vec3& v) { return Vec3(to_object * DVec3(v)); };
+        rays.set(texels.size(), in_object(ball.centre + entry * ball.radius), in_object(-frame.c * ball.radius),
+                 2.0f * half);
         texels.push_back(size_t(row) * size_t(size.texels) + size_t(column));
         halves.push_back(half);
       }

@@ -56,9 +56,10 @@ class DirectionMaps {
   AlignedVector<uint8_t> coverage_;
 };
 
-// Traces all lines of object `shape` of `accel`, in parallel. Returns false if `stop` (may be null) was set meanwhile;
+// Traces all lines of object `shape` of `accel`, in parallel. `to_object`: from the space of the maps' ball to the
+// object's, if the object is seen deformed. Returns false if `stop` (may be null) was set meanwhile;
 // the maps are then incomplete.
-bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const std::atomic<bool>* stop,
-               BakeCounters& counters);
+bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const DMat3& to_object,
+               const std::atomic<bool>* stop, BakeCounters& counters);
 
 }  // namespace fieldtrace

@@ -28,6 +28,8 @@ TransportSettings surfel_settings(TransportSettings settings) {
 bool is_suited(const Scene& scene, const SkyMaps& maps) {
   const auto is_diffuse = [&](const Instance& i) { return is_diffuse_and_opaque(scene, i.bsdf); };
   if (!std::all_of(scene.instances.begin(), scene.instances.end(), is_diffuse)) return false;
+  const auto is_ball = [](const SkyOccluder& o) { return o.kind == SkyOccluder::Kind::ball; };
+  if (std::any_of(maps.occluders().begin(), maps.occluders().end(), is_ball)) return false;
   const auto is_plane = [](const SkyOccluder& o) { return o.kind == SkyOccluder::Kind::plane; };
   return std::count_if(maps.occluders().begin(), maps.occluders().end(), is_plane) <= k_most_planes;
 }

@@ -24,17 +24,6 @@ constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
 // With more instances than this maps are coarse: each cell reads several of them for every point.
 constexpr size_t k_crowd = 64;
 
-// Shapes that need maps: those seen that are no parallelograms.
-std::vector<uint32_t> mapped_shapes(const Scene& scene, std::span<const ShapeTraits> traits) {
-  std::vector<uint8_t> is_used(scene.shapes.size(), 0);
-  for (const Instance& i : scene.instances) is_used[i.shape] = 1;
-  std::vector<uint32_t> shapes;
-  for (uint32_t s = 0; s < scene.shapes.size(); ++s) {
-    if (is_used[s] && !parallelogram(scene.shapes[s], traits[s])) shapes.push_back(s);
-  }
-  return shapes;
-}
-
 SkyTolerance sky_tolerance(float slack) {
   SkyTolerance t;
   t.margin /= slack;
@@ -67,15 +56,14 @@ struct MapSource {
   MapSize size = {};
   BakeCounters counters = {};
 
-  // The maps of shape `s`. Null if `callbacks.stop` was set meanwhile.
-  std::unique_ptr<DirectionMaps> make(uint32_t s) {
-    const Shape& shape = scene.shapes[s];
-    const Sphere ball = field_ball(shape.bounds);
-    if (!cache) return bake(s, ball);
-    const FieldIdentity identity = maps_identity(shape, size);
-    std::unique_ptr<DirectionMaps> maps = load(identity, ball);
+  // Null if `callbacks.stop` was set meanwhile.
+  std::unique_ptr<DirectionMaps> make(const MappedShape& of) {
+    if (!cache) return bake(of);
+    const Shape& shape = scene.shapes[of.shape];
+    const FieldIdentity identity = maps_identity(shape, of.stretch, size);
+    std::unique_ptr<DirectionMaps> maps = load(identity, of.ball);
     if (!maps) {
-      maps = bake(s, ball);
+      maps = bake(of);
       if (maps) store(*maps, identity, shape);
     }
     stats.field_bytes_disk += cache->bytes_on_disk(identity);
@@ -83,9 +71,10 @@ struct MapSource {
   }
 
  private:
-  std::unique_ptr<DirectionMaps> bake(uint32_t s, const Sphere& ball) {
-    auto maps = std::make_unique<DirectionMaps>(ball, size);
-    return bake_maps(*maps, accel, s, callbacks.stop, counters) ? std::move(maps) : nullptr;
+  std::unique_ptr<DirectionMaps> bake(const MappedShape& of) {
+    auto maps = std::make_unique<DirectionMaps>(of.ball, size);
+    const DMat3 to_object = of.is_deformed() ? glm::inverse(of.stretch) : DMat3(1.0);
+    return bake_maps(*maps, accel, of.shape, to_object, callbacks.stop, counters) ? std::move(maps) : nullptr;
   }
 
   std::unique_ptr<DirectionMaps> load(const FieldIdentity& identity, const Sphere& ball) {
@@ -118,7 +107,8 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   SkyStage stage;
   if (!(options.tolerance > 0.0f) || options.force_undecided) return stage;
   const float slack = options.tolerance / k_default_tolerance;
-  const std::vector<uint32_t> shapes = mapped_shapes(scene, traits);
+  MappedShapes mapped = mapped_shapes(scene, traits);
+  const std::vector<MappedShape>& shapes = mapped.shapes;
   const bool by_request = options.directions || options.plane || !options.leave_to_rays;
   const auto choose = [&](uint64_t rays) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
@@ -126,22 +116,27 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   };
   // The layer must not change the picture, and uses its maps where there are any.
   MapSize size = choose(request.light_rays);
+  if (size.directions == 0 && request.light_rays > 0) {
+    mapped.drop_deformed();
+    size = choose(request.light_rays);
+  }
   const bool for_light = size.directions > 0;
   if (!for_light) size = choose(request.occlusion_rays);
   if (size.directions == 0) return stage;
-  std::vector<std::unique_ptr<DirectionMaps>> maps(scene.shapes.size());
+  std::vector<std::unique_ptr<DirectionMaps>> maps;
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size};
   for (size_t i = 0; i < shapes.size(); ++i) {
     if (callbacks.progress) callbacks.progress(float(i) / float(shapes.size()), "bake");
-    const uint32_t s = shapes[i];
-    maps[s] = source.make(s);
-    if (!maps[s]) break;
+    maps.push_back(source.make(shapes[i]));
+    if (maps.back()) continue;
+    return stage;  // stopped
   }
   // Stages count the seconds of all threads.
   source.counters.seconds *= double(tbb::this_task_arena::max_concurrency());
   stats.add_bake(source.counters);
-  stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(maps), size.directions, sky_tolerance(slack));
   stats.sky_objects = shapes.size();
+  stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(mapped), std::move(maps), size.directions,
+                                         sky_tolerance(slack));
   stats.sky_directions = size.directions, stats.sky_texels = size.texels;
   if (for_light) stage.light = std::make_unique<Sky>(*stage.maps, scene);
   if (request.occlusion_rays > 0) stage.occlusion = std::make_unique<Sky>(*stage.maps, white_sky());

@@ -7,7 +7,6 @@
 #include "core/simd/vec_lanes.h"
 #include "field/bake/cell_lines.h"
 #include "field/maps/cell_radiance.hd.h"
-#include "field/store/field.h"
 #include "hybrid/sky/affine_rows.h"
 #include "hybrid/visibility/linear_map.h"
 
@@ -113,7 +112,8 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
     const CellFrame f = cell_frame(i / size.directions, i % size.directions, size.directions);
     frames_.emplace_back(f.s, f.t, f.c);
   }
-  std::vector<std::shared_ptr<const Surfels>> of_shape(scene.shapes.size());
+  const MappedShapes& mapped = maps.shapes();
+  std::vector<std::shared_ptr<const Surfels>> of_mapped(mapped.shapes.size());
   for (const SkyOccluder& o : maps.occluders()) {
     const uint32_t shape = scene.instances[o.instance].shape;
     OfInstance& own = instances_[o.instance];
@@ -121,11 +121,12 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
       add_plane(scene, accel, *parallelogram(scene.shapes[shape], traits[shape]), o);
       continue;
     }
-    if (!of_shape[shape]) {
-      const Sphere ball = field_ball(scene.shapes[shape].bounds);
-      of_shape[shape] = std::make_shared<const Surfels>(make_surfels(accel, shape, ball, size.directions, size.texels));
+    const uint32_t k = mapped.of_instance[o.instance];
+    if (!of_mapped[k]) {
+      of_mapped[k] =
+          std::make_shared<const Surfels>(make_surfels(accel, mapped.shapes[k], size.directions, size.texels));
     }
-    own.surfels = of_shape[shape];
+    own.surfels = of_mapped[k];
     own.pyramids = std::make_unique<RadiancePyramids>(size.texels, 2 * size.directions * size.directions);
     own.view = own.pyramids->view();
   }

@@ -32,7 +32,8 @@ class IndirectLight {
   };
   static Cost cost(const SkyMaps& maps, const IndirectSize& size);
 
-  // Black. `maps` must outlive it. Throws std::bad_alloc.
+  // Black. `maps` must outlive it, and have maps or parallelograms for all instances (unchecked). Throws
+  // std::bad_alloc.
   IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps, std::span<const ShapeTraits> traits,
                 const IndirectSize& size);
 

@@ -12,7 +12,7 @@ namespace {
 
 // World to coordinates in which `origin` is 0 and the columns of `axes` are the unit vectors, both in the space that
 // `from_world` leads to.
-void write_coordinates(const Affine& from_world, const DVec3& origin, const DMat3& axes, float out[12]) {
+void write_coordinates(const DAffine& from_world, const DVec3& origin, const DMat3& axes, float out[12]) {
   const DMat3 inverse = glm::inverse(axes);
   for (int column = 0; column < 4; ++column) {
     DVec3 value(from_world[column]);
@@ -29,9 +29,13 @@ Sphere world_ball(const Instance& instance, const Sphere& ball) {
 
 }  // namespace
 
-SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
-                 std::vector<std::unique_ptr<DirectionMaps>> shapes, int directions, const SkyTolerance& tolerance)
-    : shapes_(std::move(shapes)), directions_(directions), tolerance_(tolerance), occluders_(scene.instances.size()) {
+SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, MappedShapes shapes,
+                 std::vector<std::unique_ptr<DirectionMaps>> maps, int directions, const SkyTolerance& tolerance)
+    : shapes_(std::move(shapes)),
+      maps_(std::move(maps)),
+      directions_(directions),
+      tolerance_(tolerance),
+      occluders_(scene.instances.size()) {
   frames_.reserve(size_t(directions) * size_t(directions));
   for (int i = 0; i < directions * directions; ++i) {
     const CellFrame f = cell_frame(i / directions, i % directions, directions);
@@ -53,17 +57,22 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
       const DMat3 linear(to_world[0], to_world[1], to_world[2]);
       const DVec3 x = linear * plane->axes[0], y = linear * plane->axes[1];
       const DMat3 axes(x, y, glm::normalize(glm::cross(x, y)));
-      write_coordinates(Affine(1.0f), linear * plane->centre + to_world[3], axes, o.to_unit);
+      write_coordinates(DAffine(1.0), linear * plane->centre + to_world[3], axes, o.to_unit);
       continue;
     }
-    const DirectionMaps* const maps = shapes_[instance.shape].get();
-    if (!maps) continue;
-    const double radius = double(maps->ball().radius);
-    write_coordinates(instance.to_object, DVec3(maps->ball().centre), DMat3(radius), o.to_unit);
-    const DMat3 to_unit = linear_part(o.to_unit);
-    if (!keeps_angles(to_unit)) continue;
+    const uint32_t mapped = shapes_.of_instance[i];
+    if (mapped == k_none) continue;
+    const Sphere& ball = shapes_.shapes[mapped].ball;
+    const DMat3 stretch = shapes_.shapes[mapped].stretch;
+    const DAffine to_object(instance.to_object);
+    const DAffine to_stretched(stretch * to_object[0], stretch * to_object[1], stretch * to_object[2],
+                               stretch * to_object[3]);
+    write_coordinates(to_stretched, DVec3(ball.centre), DMat3(double(ball.radius)), o.to_unit);
     o.kind = SkyOccluder::Kind::map;
-    o.view = maps->view();
+    o.view = maps_[mapped]->view();
+    const DMat3 to_unit = linear_part(o.to_unit);
+    o.ball.radius = std::min(o.ball.radius, float(1.0 / std::cbrt(std::abs(glm::determinant(to_unit)))));
+    o.ball.centre = Vec3(glm::inverse(to_unit) * -DVec3(o.to_unit[9], o.to_unit[10], o.to_unit[11]));
     // Rows of a rotation are the columns of its inverse.
     const DMat3 rotation = glm::transpose(to_unit) / std::cbrt(std::abs(glm::determinant(to_unit)));
     o.grid = Mat3(rotation);
@@ -72,7 +81,7 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits,
 
 uint64_t SkyMaps::bytes() const {
   uint64_t bytes = 0;
-  for (const auto& maps : shapes_) bytes += maps ? maps->bytes() : 0;
+  for (const auto& maps : maps_) bytes += maps ? maps->bytes() : 0;
   return bytes;
 }
 

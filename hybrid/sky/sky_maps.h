@@ -1,8 +1,8 @@
 // What hides the sky: direction maps of a scene's objects, and how each instance occludes direction cells.
 //
-// Parallelograms are known exactly. Other objects are read from direction maps (field/maps), one for all instances of a
-// shape. What has none, because its maps are not worth their rays or an instance's transform bends angles too much, is
-// left to rays: cells that may meet its ball are undecided. Space: world, but for the maps.
+// Parallelograms are known exactly. Other objects are read from direction maps (field/maps) of their shapes
+// (mapped_shapes.h). What has none is left to rays: cells that may meet its ball are undecided. Space: world, but for
+// the maps.
 // Thread-safety: const once baked.
 #pragma once
 
@@ -14,6 +14,7 @@
 #include "core/scene/scene.h"
 #include "field/maps/cell_task.h"
 #include "field/maps/direction_maps.h"
+#include "hybrid/sky/mapped_shapes.h"
 #include "hybrid/sky/parallelogram.h"
 
 namespace fieldtrace {
@@ -41,20 +42,22 @@ struct SkyOccluder {
 
 class SkyMaps {
  public:
-  // Chooses what each instance is. Maps are those of `shapes` (by shape, null: none), of D = `directions`.
-  SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, std::vector<std::unique_ptr<DirectionMaps>> shapes,
-          int directions, const SkyTolerance& tolerance);
+  // Chooses what each instance is. `maps` are those of `shapes`, of D = `directions`.
+  SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, MappedShapes shapes,
+          std::vector<std::unique_ptr<DirectionMaps>> maps, int directions, const SkyTolerance& tolerance);
 
   int directions() const { return directions_; }
   float cell_width() const { return 2.0f * std::sqrt(k_pi) / float(directions_); }  // radians
   const SkyTolerance& tolerance() const { return tolerance_; }
   std::span<const SkyOccluder> occluders() const { return occluders_; }  // by instance
+  const MappedShapes& shapes() const { return shapes_; }
   // The frame of direction cell u D + v: columns s, t, c.
   const Mat3& frame(int direction) const { return frames_[size_t(direction)]; }
   uint64_t bytes() const;
 
  private:
-  std::vector<std::unique_ptr<DirectionMaps>> shapes_;
+  MappedShapes shapes_;
+  std::vector<std::unique_ptr<DirectionMaps>> maps_;
   int directions_;
   SkyTolerance tolerance_;
   std::vector<SkyOccluder> occluders_;

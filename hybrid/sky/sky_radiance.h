@@ -25,8 +25,8 @@ struct SkyCells {
   // Shares of the light of k_cell_parts parts of each cell (part x k_parts_side + y), where they differ.
   std::vector<float> parts;
   std::vector<uint8_t> varies;
-  // Irradiance (luminance) on a surface of unit normal `n` as the sum over all cells: differs from that of the whole sky
-  // by about 1/1000.
+  // Irradiance (luminance) on a surface of unit normal `n` as the sum over all cells: differs from that of the whole
+  // sky by about 1/1000.
   float irradiance(const Vec3& n) const;
   const float* parts_of(size_t cell) const { return varies[cell] ? &parts[cell * size_t(k_cell_parts)] : nullptr; }
 };

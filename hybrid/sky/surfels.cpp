@@ -28,10 +28,11 @@ struct DirectionHits {
   std::vector<uint32_t> first, last;  // by texel: index into met, or k_none
 };
 
-Met meet(const Vec3& unit, const Vec3& normal, uint32_t primitive, const Sphere& ball) {
+// `unit`, `normal`: in the space of the shape's ball.
+Met meet(const Vec3& unit, const Vec3& normal, uint32_t primitive, const MappedShape& shape, const DMat3& to_object) {
   Met met;
-  met.spot = {ball.centre + unit * ball.radius, primitive};
-  met.normal = normal;
+  met.spot = {Vec3(to_object * DVec3(shape.ball.centre + unit * shape.ball.radius)), primitive};
+  met.normal = Vec3(glm::normalize(shape.stretch * DVec3(normal)));  // by the inverse transpose of to_object
   const Vec3 place = (unit + 1.0f) * (0.5f * float(k_voxels));
   uint32_t voxel = 0;  // in Morton order
   met.off_centre = 0.0f;
@@ -54,7 +55,10 @@ struct SurfaceLine {
   uint32_t texel;
 };
 
-DirectionHits hits_along(const Accel& accel, uint32_t shape, const Sphere& ball, const CellFrame& frame, int texels) {
+DirectionHits hits_along(const Accel& accel, const MappedShape& shape, const DMat3& to_object, const CellFrame& frame,
+                         int texels) {
+  const Sphere& ball = shape.ball;
+  const auto in_object = [&](const Vec3& v) { return Vec3(to_object * DVec3(v)); };
   DirectionHits result;
   result.first.assign(size_t(texels) * size_t(texels), k_none);
   result.last = result.first;
@@ -74,15 +78,16 @@ DirectionHits hits_along(const Accel& accel, uint32_t shape, const Sphere& ball,
     hits.resize(lines.size());
     for (size_t r = 0; r < lines.size(); ++r) {
       const Vec3 from = lines[r].entry + frame.c * lines[r].at;
-      rays.set(r, ball.centre + from * ball.radius, frame.c * ball.radius, lines[r].length - lines[r].at);
+      rays.set(r, in_object(ball.centre + from * ball.radius), in_object(frame.c * ball.radius),
+               lines[r].length - lines[r].at);
     }
-    accel.shape_intersect(shape, rays, hits);
+    accel.shape_intersect(shape.shape, rays, hits);
     going_on.clear();
     for (size_t r = 0; r < lines.size(); ++r) {
       if (hits.t[r] < 0.0f) continue;
       SurfaceLine line = lines[r];
       line.at += hits.t[r];
-      const Vec3 n(hits.nx[r], hits.ny[r], hits.nz[r]);
+      const Vec3 n(glm::transpose(to_object) * DVec3(hits.nx[r], hits.ny[r], hits.nz[r]));
       const float length = glm::length(n), along = glm::dot(n, frame.c);
       const auto index = uint32_t(result.met.size());
       const bool is_first = result.first[line.texel] == k_none;
@@ -91,7 +96,7 @@ DirectionHits hits_along(const Accel& accel, uint32_t shape, const Sphere& ball,
         result.last[line.texel] = index;
         const Vec3 unit = length > 0.0f ? n / length : -frame.c;
         result.met.push_back(
-            meet(line.entry + frame.c * line.at, along > 0.0f ? -unit : unit, hits.primitive[r], ball));
+            meet(line.entry + frame.c * line.at, along > 0.0f ? -unit : unit, hits.primitive[r], shape, to_object));
       }
       line.at += k_beyond;
       if (line.at < line.length) going_on.push_back(line);
@@ -103,11 +108,12 @@ DirectionHits hits_along(const Accel& accel, uint32_t shape, const Sphere& ball,
 
 }  // namespace
 
-Surfels make_surfels(const Accel& accel, uint32_t shape, const Sphere& ball, int directions, int texels) {
+Surfels make_surfels(const Accel& accel, const MappedShape& shape, int directions, int texels) {
+  const DMat3 to_object = shape.is_deformed() ? glm::inverse(shape.stretch) : DMat3(1.0);
   std::vector<DirectionHits> hits(size_t(directions) * size_t(directions));
   parallel_for(hits.size(), [&](size_t i) {
     const CellFrame frame = cell_frame(int(i) / directions, int(i) % directions, directions);
-    hits[i] = hits_along(accel, shape, ball, frame, texels);
+    hits[i] = hits_along(accel, shape, to_object, frame, texels);
   });
   constexpr size_t k_keys = size_t(k_voxels) * k_voxels * k_voxels * k_faces;
   std::vector<uint32_t> of_key(k_keys, k_none);

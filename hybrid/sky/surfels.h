@@ -9,6 +9,7 @@
 
 #include "core/math/math.h"
 #include "core/trace/accel.h"
+#include "hybrid/sky/mapped_shapes.h"
 #include "hybrid/sky/parallelogram.h"
 
 namespace fieldtrace {
@@ -32,10 +33,10 @@ struct Surfels {
   std::vector<uint32_t> texels;                // [pyramid][y][x], index of a point; k_none: nothing is seen
 };
 
-// Of shape `shape` within `ball`: those that parallel lines through the T x T texels of each cell of D x D directions
+// Of a shape: those that parallel lines through the T x T texels of each cell of D x D directions
 // meet, merged by voxels and the main axis of their normals. Pyramid 2 i + s: seen along direction i, what a line meets
 // first (s = 0), and the last that it meets from the front (1).
-Surfels make_surfels(const Accel& accel, uint32_t shape, const Sphere& ball, int directions, int texels);
+Surfels make_surfels(const Accel& accel, const MappedShape& shape, int directions, int texels);
 
 // A rectangle of a parallelogram's coordinates.
 struct PlaneWindow {

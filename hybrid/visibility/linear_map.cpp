@@ -40,6 +40,27 @@ bool keeps_angles(const DMat3& a) {
   return true;
 }
 
+std::optional<DMat3> stretch_of(const DMat3& a) {
+  const auto norm = [](const DMat3& m) {
+    return std::sqrt(glm::dot(m[0], m[0]) + glm::dot(m[1], m[1]) + glm::dot(m[2], m[2]));
+  };
+  constexpr double k_singular = 1e-18, k_precision = 1e-13;  // the former of the determinant, relative
+  constexpr int k_most_steps = 100;
+  const double size = norm(a);
+  if (!(std::abs(glm::determinant(a)) > k_singular * size * size * size)) return {};
+  DMat3 rotation = a;
+  for (int step = 0; step < k_most_steps; ++step) {
+    const DMat3 inverse = glm::transpose(glm::inverse(rotation));
+    const double scale = std::sqrt(norm(inverse) / norm(rotation));
+    const DMat3 next = 0.5 * (scale * rotation + inverse / scale);
+    const double change = norm(next - rotation);
+    rotation = next;
+    if (change <= k_precision * norm(rotation)) break;
+  }
+  const DMat3 stretch = glm::transpose(rotation) * a;
+  return 0.5 * (stretch + glm::transpose(stretch)) / std::cbrt(std::abs(glm::determinant(a)));
+}
+
 double angle_stretch(const DMat3& a, const DVec3& direction) {
   const double shorter = glm::length(direction) / glm::length(a * direction);
   return std::sqrt(std::abs(glm::determinant(a)) * shorter * shorter * shorter);

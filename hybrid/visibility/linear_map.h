@@ -1,6 +1,8 @@
 // What an instance's linear map does to lengths, areas and angles. Pure functions.
 #pragma once
 
+#include <optional>
+
 #include "core/math/math.h"
 
 namespace fieldtrace {
@@ -20,6 +22,11 @@ float area_bound(const DMat3& a);
 
 // Whether `a` is a similarity (rotation, reflection, even scaling), up to the slack.
 bool keeps_angles(const DMat3& a);
+
+// The symmetric S of determinant 1 in a = c R S, c a number and R a rotation that may mirror: how `a` deforms, up to
+// turns and even scaling (polar decomposition by Newton's iteration: Higham, "Computing the polar decomposition - with
+// applications", SIAM J. Sci. Stat. Comput. 7(4), 1986). Nothing if `a` is singular or nearly so.
+std::optional<DMat3> stretch_of(const DMat3& a);
 
 // How much wider `a` makes a narrow cone about a direction: the square root of the ratio of the solid angles.
 double angle_stretch(const DMat3& a, const DVec3& direction);

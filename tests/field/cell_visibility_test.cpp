@@ -436,7 +436,7 @@ struct MappedMesh {
     accel = std::make_unique<Accel>(scene);
     maps = std::make_unique<DirectionMaps>(Sphere{Vec3(0.0f), 1.0f}, size);
     BakeCounters counters;
-    bake_maps(*maps, *accel, 0, nullptr, counters);
+    bake_maps(*maps, *accel, 0, DMat3(1.0), nullptr, counters);
   }
 
   // The part of side x side rays from `p` over a cell that are blocked.

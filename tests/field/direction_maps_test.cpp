@@ -31,7 +31,7 @@ struct MappedMesh {
     shape.mesh = std::move(mesh);
     scene.shapes.push_back(std::move(shape));
     accel = std::make_unique<Accel>(scene);
-    is_whole = bake_maps(maps, *accel, k_shape, stop, counters);
+    is_whole = bake_maps(maps, *accel, k_shape, DMat3(1.0), stop, counters);
   }
 
   // Distance to the nearest hit; negative: a miss.

@@ -134,13 +134,13 @@ TEST(MapsFile, NamesDifferForEveryMeshAndSizeAndFromFields) {
   a.mesh.positions = b.mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   a.mesh.triangles = b.mesh.triangles = {{0, 1, 2}};
   b.mesh.positions[2].z = 1;
-  const std::string name = maps_identity(a, {32, 64}).file_name();
-  EXPECT_EQ(maps_identity(a, {32, 64}).file_name(), name);
-  EXPECT_NE(maps_identity(b, {32, 64}).file_name(), name);
-  EXPECT_NE(maps_identity(a, {16, 64}).file_name(), name);
-  EXPECT_NE(maps_identity(a, {32, 128}).file_name(), name);
+  const std::string name = maps_identity(a, DMat3(1.0), {32, 64}).file_name();
+  EXPECT_EQ(maps_identity(a, DMat3(1.0), {32, 64}).file_name(), name);
+  EXPECT_NE(maps_identity(b, DMat3(1.0), {32, 64}).file_name(), name);
+  EXPECT_NE(maps_identity(a, DMat3(1.0), {16, 64}).file_name(), name);
+  EXPECT_NE(maps_identity(a, DMat3(1.0), {32, 128}).file_name(), name);
   EXPECT_NE(field_identity(a, {32, 64, 0}).file_name(), name);
-  EXPECT_NE(thesis_identity(a, 32).file_name(), maps_identity(a, {32, 0}).file_name());
+  EXPECT_NE(thesis_identity(a, 32).file_name(), maps_identity(a, DMat3(1.0), {32, 0}).file_name());
 }
 
 class MapsCache : public testing::Test {

@@ -46,7 +46,7 @@ class SkyCache : public testing::Test {
     return render(scene_, o);
   }
   std::string path() const {
-    return folder_ / maps_identity(scene_.shapes[scene_.instances[1].shape], {16, 64}).file_name();
+    return folder_ / maps_identity(scene_.shapes[scene_.instances[1].shape], DMat3(1.0), {16, 64}).file_name();
   }
 
   const test::TemporaryFolder folder_;

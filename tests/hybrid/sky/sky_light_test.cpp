@@ -234,7 +234,7 @@ TEST_P(SkyPicture, DoesNotDependOnTheMachineOrTheWindow) {
   }
 }
 
-// Turned and mirrored ones ask their own grids; squashed ones are left to rays, as are their shadows.
+// Turned and mirrored ones ask their own grids, squashed ones those of the squashed shape.
 TEST_P(SkyPicture, OfTransformedInstancesIsNearMonteCarlo) {
   constexpr int k_size = 48;
   const Mat3 squash(Vec3(1, 0, 0), Vec3(0, 1, 0), Vec3(0, 0, 0.4f)),
@@ -275,7 +275,8 @@ TEST(SkyMaps, PlanesAreParallelogramsInWorldSpace) {
   const uint32_t wall = maker.shape(ShapeKind::rectangle), bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
   const Vec3 x(0, 1.5f, 0), y(-0.3f, 0.2f, 1.2f), at(1000.0f, -7.0f, 3.0f), n = glm::normalize(glm::cross(x, y));
   maker.instance(wall, bsdf, Affine(x, y, Vec3(0.5f, 2.0f, 1.5f), at));
-  const SkyMaps sky(maker.scene, shape_traits(maker.scene), std::vector<std::unique_ptr<DirectionMaps>>(1), 16, {});
+  const std::vector<ShapeTraits> traits = shape_traits(maker.scene);
+  const SkyMaps sky(maker.scene, traits, mapped_shapes(maker.scene, traits), {}, 16, {});
   const SkyOccluder& o = sky.occluders()[0];
   ASSERT_EQ(o.kind, SkyOccluder::Kind::plane);
   const auto row = [&](int r) { return Vec3(o.to_unit[r], o.to_unit[3 + r], o.to_unit[6 + r]); };

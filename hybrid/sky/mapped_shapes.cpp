@@ -1,0 +1,86 @@
+#include "hybrid/sky/mapped_shapes.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "field/store/field.h"
+#include "hybrid/sky/parallelogram.h"
+#include "hybrid/visibility/linear_map.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr double k_same_stretch = 1e-3;  // relative
+
+bool is_same(const DMat3& a, const DMat3& b) {
+  double largest = 0.0, difference = 0.0;
+  for (int i = 0; i < 9; ++i) {
+    largest = std::max(largest, std::abs(a[i / 3][i % 3]));
+    difference = std::max(difference, std::abs(a[i / 3][i % 3] - b[i / 3][i % 3]));
+  }
+  return difference <= k_same_stretch * largest;
+}
+
+Sphere ball_of(const Shape& shape, const DMat3& stretch) {
+  Bounds3 bounds;
+  const auto extend = [&](const Vec3& p) { bounds.extend(Vec3(stretch * DVec3(p))); };
+  if (is_meshed(shape.kind)) {
+    for (const Vec3& p : shape.mesh.positions) extend(p);
+  } else {
+    const Vec3 &l = shape.bounds.lower, &u = shape.bounds.upper;
+    for (int k = 0; k < 8; ++k) extend(Vec3(k & 1 ? u.x : l.x, k & 2 ? u.y : l.y, k & 4 ? u.z : l.z));
+  }
+  return field_ball(bounds);
+}
+
+}  // namespace
+
+MappedShapes mapped_shapes(const Scene& scene, std::span<const ShapeTraits> traits) {
+  MappedShapes result;
+  result.of_instance.assign(scene.instances.size(), k_none);
+  std::vector<uint8_t> is_plane(scene.shapes.size());
+  for (size_t s = 0; s < is_plane.size(); ++s) is_plane[s] = parallelogram(scene.shapes[s], traits[s]).has_value();
+  std::vector<uint32_t> plain(scene.shapes.size(), k_none);
+  std::vector<std::vector<uint32_t>> deformed(scene.shapes.size());
+  size_t deformed_count = 0;
+  for (size_t i = 0; i < scene.instances.size(); ++i) {
+    const uint32_t s = scene.instances[i].shape;
+    if (is_plane[s]) continue;
+    const DAffine to_world(scene.instances[i].to_world);
+    const DMat3 linear(to_world[0], to_world[1], to_world[2]);
+    uint32_t& of_instance = result.of_instance[i];
+    if (keeps_angles(linear)) {
+      if (plain[s] == k_none) {
+        plain[s] = uint32_t(result.shapes.size());
+        result.shapes.push_back({s, DMat3(1.0), field_ball(scene.shapes[s].bounds)});
+      }
+      of_instance = plain[s];
+      continue;
+    }
+    const std::optional<DMat3> stretch = stretch_of(linear);
+    if (!stretch) continue;
+    for (const uint32_t other : deformed[s]) {
+      if (is_same(result.shapes[other].stretch, *stretch)) of_instance = other;
+    }
+    if (of_instance != k_none || deformed_count == k_most_deformed) continue;
+    ++deformed_count;
+    of_instance = uint32_t(result.shapes.size());
+    deformed[s].push_back(of_instance);
+    result.shapes.push_back({s, *stretch, ball_of(scene.shapes[s], *stretch)});
+  }
+  return result;
+}
+
+void MappedShapes::drop_deformed() {
+  std::vector<uint32_t> kept(shapes.size(), k_none);
+  std::vector<MappedShape> rest;
+  for (size_t k = 0; k < shapes.size(); ++k) {
+    if (shapes[k].is_deformed()) continue;
+    kept[k] = uint32_t(rest.size());
+    rest.push_back(shapes[k]);
+  }
+  shapes.swap(rest);
+  for (uint32_t& k : of_instance) k = k == k_none ? k_none : kept[k];
+}
+
+}  // namespace fieldtrace
