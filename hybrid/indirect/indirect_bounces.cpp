@@ -18,6 +18,8 @@ namespace {
 constexpr uint32_t k_surfel_stream = 0x53524645u;
 // Surfels that are shaded together.
 constexpr size_t k_surfel_block = 256;
+// --check: one block in so many.
+constexpr size_t k_check_blocks = 8;
 // Bounces at most, and the relative change of the mean radiance from which on the rest is a geometric series of at most
 // this ratio.
 constexpr int k_most_bounces = 16;
@@ -112,19 +114,41 @@ class SurfelShader {
       material.reflectance = sum / float(Surfels::k_reflectance_spots);
     }
     v.seed = scalar::vertex_seed(seed_, point, instance, k_surfel_stream);
+    v.lobe_samples = lobe_samples_;
     return v;
   }
 
   const Scene& scene_;
   uint32_t seed_;
+  float lobe_samples_;
   const IndirectLight& light_;
   tbb::enumerable_thread_specific<std::unique_ptr<PathFollower>> followers_;
 };
 
+// Every k-th block of surfels is compared with exact paths, by the mean over the block: paths are noisy.
+void check_surfels(std::span<const Block> blocks, const std::vector<std::vector<Rgb>>& radiance,
+                   const TransportContext& exact, const IndirectLight& light, Stats& stats) {
+  SurfelShader shader(exact, light);
+  const float mean = light.mean_luminance();
+  if (!(mean > 0.0f)) return;
+  std::vector<double> differences((blocks.size() + k_check_blocks - 1) / k_check_blocks);
+  parallel_for(differences.size(), [&](size_t k) {
+    const Block& b = blocks[k * k_check_blocks];
+    std::vector<Rgb> leaving(b.end - b.begin);
+    shader.shade(b, leaving);
+    double sum = 0.0;
+    for (size_t i = 0; i < leaving.size(); ++i) {
+      sum += double(luminance(radiance[b.instance][b.begin + i]) - luminance(leaving[i]));
+    }
+    differences[k] = sum / double(leaving.size());
+  });
+  for (const double d : differences) stats.check_surfels.add(d / double(mean));
+}
+
 }  // namespace
 
 bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const TransportContext& shading, int bounces,
-                    const std::atomic<bool>* stop, Stats& stats) {
+                    const TransportContext* exact, const std::atomic<bool>* stop, Stats& stats) {
   const auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
   double seconds = 0.0;
   std::optional<ScopedTimer> timer(seconds);
@@ -164,6 +188,7 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
   timer.reset();
   stats.time_bake += seconds * double(tbb::this_task_arena::max_concurrency());
   if (stopped()) sky.set_indirect(nullptr);
+  if (exact && !stopped()) check_surfels(blocks, radiance, *exact, *light, stats);
   return !stopped();
 }
 

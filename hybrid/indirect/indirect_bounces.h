@@ -17,7 +17,9 @@ inline constexpr int k_surfel_samples = 16;
 // it to `sky`. Surfels are the first surfaces of paths of `shading`, made by its make_follower: its sky is `sky`, its
 // light_samples are k_surfel_samples, its max_depth is 2, and all materials are diffuse and opaque (unchecked). Returns
 // false if `stop` (may be null) was set meanwhile; `sky` then has none. Rays and time are counted as baking.
+// With `exact` (its max_depth is that of paths from surfels, and it has no sky maps), some surfels are compared with
+// paths from them.
 bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const TransportContext& shading, int bounces,
-                    const std::atomic<bool>* stop, Stats& stats);
+                    const TransportContext* exact, const std::atomic<bool>* stop, Stats& stats);
 
 }  // namespace fieldtrace

@@ -32,6 +32,7 @@ constexpr uint32_t k_sky_stream = 0x534b5900u;
 // --check: one cluster in so many, and rays in each cell (a square number).
 constexpr uint32_t k_check_interval = 256;
 constexpr int k_check_side = 4, k_check_rays = k_check_side * k_check_side;
+constexpr uint32_t k_check_reflected_rays = 256;
 
 Vec3 position(const ShadingPointBatch& p, size_t i) { return {p.px[i], p.py[i], p.pz[i]}; }
 Vec3 shading(const ShadingPointBatch& p, size_t i) { return {p.sx[i], p.sy[i], p.sz[i]}; }
@@ -292,7 +293,9 @@ void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers
 
 void SkyLight::check_cells(const Job& job) {
   for (size_t i = 0; i < centres_.size; ++i) {
-    if (scalar::hash_uint(centres_.seed[i]) % k_check_interval == 0) check_point(job, i);
+    if (scalar::hash_uint(centres_.seed[i]) % k_check_interval != 0) continue;
+    check_point(job, i);
+    if (sky_->indirect()) check_indirect(job, i);
   }
 }
 
@@ -335,8 +338,40 @@ void SkyLight::check_point(const Job& job, size_t point) {
     AlignedVector<uint8_t> blocked(padded(size_t(k_check_rays)), 0);
     context_.accel.occluded(rays, indices, blocked.data());
     const auto hidden = std::accumulate(blocked.begin(), blocked.begin() + k_check_rays, 0);
-    job.stats.add_checked_sky(double(share) - (1.0 - double(hidden) / double(k_check_rays)));
+    job.stats.check_sky.add(double(share) - (1.0 - double(hidden) / double(k_check_rays)));
   }
+}
+
+// Compares what objects send back to a point with the radiance of what rays meet, distributed by the cosine.
+void SkyLight::check_indirect(const Job& job, size_t point) {
+  const ShadingCluster& cluster = job.clusters[point];
+  const ShadingPointBatch& all = job.receivers.points;
+  const Frame frame = frame_about(shading(centres_, point));
+  const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream);
+  RayBatch rays;
+  HitBatch hits;
+  rays.resize(k_check_reflected_rays);
+  hits.resize(k_check_reflected_rays);
+  size_t count = 0;
+  for (uint32_t k = 0; k < k_check_reflected_rays; ++k) {
+    const auto u = scalar::sample_2d(k, seed, 2);
+    const float radius = std::sqrt(u.x), angle = 2.0f * k_pi * u.y;
+    const Vec3 d = frame.to_world({radius * std::cos(angle), radius * std::sin(angle), std::sqrt(1.0f - u.x)});
+    const size_t from = cluster.begin + k % cluster.size();
+    if (glm::dot(d, geometric(all, from)) > 0.0f) rays.set(count++, leave(all, from, d), d, k_infinity);
+  }
+  rays.resize(count);
+  hits.resize(count);
+  context_.accel.intersect(rays, hits, Coherence::incoherent);
+  double sum = 0.0;
+  for (size_t i = 0; i < count; ++i) {
+    if (hits.instance[i] == k_none) continue;
+    const Vec3 origin = rays.origin(i), d = rays.direction(i);
+    sum += double(luminance(sky_->indirect()->radiance(hits.instance[i], origin + d * hits.t[i], origin, d)));
+  }
+  const double exact = sum * double(k_pi) / double(k_check_reflected_rays);
+  const double estimate = double(luminance({reflected_red_[point], reflected_green_[point], reflected_blue_[point]}));
+  if (open_[point] > 0.0f) job.stats.check_indirect.add((estimate - exact) / double(open_[point]));
 }
 
 }  // namespace fieldtrace

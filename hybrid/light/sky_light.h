@@ -66,6 +66,7 @@ class SkyLight {
   // For --check: compares what maps see of all decided cells of some points with rays.
   void check_cells(const Job& job);
   void check_point(const Job& job, size_t point);
+  void check_indirect(const Job& job, size_t point);
 
   const TransportContext& context_;
   const Sky* sky_;

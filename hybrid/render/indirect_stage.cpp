@@ -13,6 +13,8 @@ namespace {
 constexpr uint64_t k_indirect_gain = 8;
 // What a surfel costs, in rays.
 constexpr uint64_t k_surfel_rays = 64;
+// --check: light samples of a surfel.
+constexpr int k_check_samples = 64;
 // With at most so many occluders maps are finer.
 constexpr size_t k_few_occluders = 16;
 
@@ -52,9 +54,9 @@ void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   if (cost.bytes + stage.maps->bytes() > input.request.most_bytes) return;
   if (cost.surfels * k_surfel_rays > input.request.light_rays * k_indirect_gain) return;
   const std::vector<Field*> no_fields(input.scene.shapes.size(), nullptr);
-  AnswererSettings exact{input.settings.isa, 0.0f};
-  exact.whole_scene = true;
-  const ShadowAnswerer answerer(input.scene, input.accel, input.traits, no_fields, exact);
+  AnswererSettings by_rays{input.settings.isa, 0.0f};
+  by_rays.whole_scene = true;
+  const ShadowAnswerer answerer(input.scene, input.accel, input.traits, no_fields, by_rays);
   TransportContext shading(input.scene, input.accel, input.camera, answerer, surfel_settings(input.settings),
                            input.lights);
   if (shading.open_area_can_be_hit) return;  // such lights are also found by paths
@@ -62,7 +64,13 @@ void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   shading.make_follower = make_path_follower;
   const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, size);
   if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
-  shade_indirect(light, *stage.light, shading, depth < 0 ? -1 : depth - 2, input.callbacks.stop, stats);
+  TransportSettings settings = shading.settings;
+  settings.max_depth = depth < 0 ? -1 : depth - 1;
+  settings.light_samples = settings.lobe_samples = k_check_samples;
+  TransportContext exact(input.scene, input.accel, input.camera, answerer, settings, input.lights);
+  exact.make_follower = make_path_follower;
+  shade_indirect(light, *stage.light, shading, depth < 0 ? -1 : depth - 2, input.check ? &exact : nullptr,
+                 input.callbacks.stop, stats);
 }
 
 }  // namespace fieldtrace

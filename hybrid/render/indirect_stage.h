@@ -21,6 +21,7 @@ struct IndirectInput {
   const TransportSettings& settings;
   const RenderCallbacks& callbacks;
   SkyRequest request;
+  bool check = false;
 };
 
 // Gives `stage.light`, if there is one, the light that objects send on, where all materials are diffuse and opaque,

@@ -512,7 +512,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       stage.sky =
           make_sky(scene, accel, stage.traits, options, sky_request(picture, stage), cache, told_once, result.stats);
       make_indirect({scene, accel, stage.camera, stage.traits, stage.lights, picture.settings, told_once,
-                     sky_request(picture, stage)},
+                     sky_request(picture, stage), options.check},
                     stage.sky, result.stats);
     }
     FieldPlan plan = first_plan(picture, stage);

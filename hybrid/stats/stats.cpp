@@ -42,10 +42,9 @@ void Stats::merge_counters(const Stats& o) {
   check_strata += o.check_strata;
   check_strata_sum += o.check_strata_sum;
   check_strata_worst = std::max(check_strata_worst, o.check_strata_worst);
-  check_sky += o.check_sky;
-  check_sky_sum += o.check_sky_sum;
-  check_sky_bias += o.check_sky_bias;
-  check_sky_worst = std::max(check_sky_worst, o.check_sky_worst);
+  check_sky.merge(o.check_sky);
+  check_indirect.merge(o.check_indirect);
+  check_surfels.merge(o.check_surfels);
   for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
     for (int self = 0; self < 2; ++self) {
       check_by[verdict][self].answers += o.check_by[verdict][self].answers;
@@ -97,11 +96,16 @@ std::string Stats::to_json() const {
   j["check"]["strata"] = {{"compared", check_strata},
                           {"mean_difference", check_strata ? check_strata_sum / double(check_strata) : 0.0},
                           {"worst_difference", check_strata_worst}};
-  const double sky = double(std::max<uint64_t>(check_sky, 1));
-  j["check"]["sky"] = {{"compared", check_sky},
-                       {"mean_difference", check_sky_sum / sky},
-                       {"bias", check_sky_bias / sky},
-                       {"worst_difference", check_sky_worst}};
+  const auto differences = [](const CheckedDifferences& d) {
+    const double compared = double(std::max<uint64_t>(d.compared, 1));
+    return nlohmann::json{{"compared", d.compared},
+                          {"mean_difference", d.sum / compared},
+                          {"bias", d.bias / compared},
+                          {"worst_difference", d.worst}};
+  };
+  j["check"]["sky"] = differences(check_sky);
+  j["check"]["indirect"] = differences(check_indirect);
+  j["check"]["surfels"] = differences(check_surfels);
   j["field"] = {
       {"objects", field_objects},           {"left_to_rays", field_left_to_rays}, {"own_to_rays", field_self_to_rays},
       {"survey_rays", survey_rays},         {"directions", field_directions},     {"plane", field_plane},

@@ -35,6 +35,23 @@ inline constexpr const char* k_checked_verdict_names[k_checked_verdicts] = {"cle
 // What gave such an answer: a whole light seen from a cluster, or a cell for a single ray.
 enum class CheckedBundle { cluster, cell };
 
+// Estimates compared with rays.
+struct CheckedDifferences {
+  uint64_t compared = 0;
+  double sum = 0.0, bias = 0.0, worst = 0.0;  // of sizes; of signed differences; the largest size
+
+  void add(double difference) {
+    compared += 1;
+    sum += std::abs(difference), bias += difference;
+    worst = std::max(worst, std::abs(difference));
+  }
+  void merge(const CheckedDifferences& o) {
+    compared += o.compared;
+    sum += o.sum, bias += o.bias;
+    worst = std::max(worst, o.worst);
+  }
+};
+
 struct Stats {
   std::string method;
   int spp = 0, light_samples = 0;
@@ -77,9 +94,9 @@ struct Stats {
   // Shares of strata compared with rays: how many, and the sum of the differences and the largest.
   uint64_t check_strata = 0;
   double check_strata_sum = 0.0, check_strata_worst = 0.0;
-  // Shares of direction cells of the sky likewise; `bias` sums the signed differences.
-  uint64_t check_sky = 0;
-  double check_sky_sum = 0.0, check_sky_bias = 0.0, check_sky_worst = 0.0;
+  CheckedDifferences check_sky;       // shares of direction cells of the sky
+  CheckedDifferences check_indirect;  // irradiance of what objects send on, in units of the open sky's
+  CheckedDifferences check_surfels;   // radiance of surfels, in units of their mean
 
   int field_directions = 0, field_plane = 0;
   uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
@@ -124,12 +141,6 @@ struct Stats {
     check_strata += 1;
     check_strata_sum += difference;
     check_strata_worst = std::max(check_strata_worst, difference);
-  }
-  void add_checked_sky(double difference) {
-    check_sky += 1;
-    check_sky_sum += std::abs(difference);
-    check_sky_bias += difference;
-    check_sky_worst = std::max(check_sky_worst, std::abs(difference));
   }
   void add_bake(const BakeCounters& counters) {
     bake_rays += counters.rays;
