@@ -60,6 +60,7 @@ class SurfelShader {
   SurfelShader(const TransportContext& shading, const IndirectLight& light)
       : scene_(shading.scene),
         seed_(shading.settings.seed),
+        lobe_samples_(float(shading.settings.lobe_samples)),
         light_(light),
         followers_([&shading] { return shading.make_follower(shading); }) {}
 
