@@ -3,13 +3,16 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "field/file/maps_file.h"
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
 #include "hybrid/light/ambient_occlusion.h"
+#include "hybrid/sky/cell_occluders.h"
 #include "hybrid/stats/stopwatch.h"
+#include "hybrid/visibility/light_extent.h"
 
 namespace fieldtrace {
 namespace {
@@ -21,8 +24,23 @@ constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directio
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
 
-// With more instances than this maps are coarse: each cell reads several of them for every point.
-constexpr size_t k_crowd = 64;
+// Rays for each instance in view that the maps of a crowd must replace: what is set up for a few points on each costs
+// more than it saves.
+constexpr uint64_t k_crowd_rays = 400;
+
+// Instances that a camera with a film's corners in view may see.
+uint64_t instances_in_view(const Scene& scene) {
+  const Affine& camera = scene.camera.to_world;
+  const float tangent = std::tan(0.5f * scene.camera.fov_x_degrees * k_pi / 180.0f);
+  const float aspect = float(scene.film.height) / float(scene.film.width);
+  const float offset = 2.0f * glm::length(scene.camera.principal_offset);
+  const float angle = std::atan(tangent * std::sqrt(1.0f + aspect * aspect) * (1.0f + offset));
+  const Sphere lens{camera[3], scene.camera.aperture_radius};
+  return uint64_t(std::count_if(scene.instances.begin(), scene.instances.end(), [&](const Instance& i) {
+    const Bounds3 box = world_bounds(scene.shapes[i.shape].bounds, i.to_world);
+    return meets_cone({box.centre(), 0.5f * glm::length(box.diagonal())}, lens, glm::normalize(camera[2]), angle);
+  }));
+}
 
 SkyTolerance sky_tolerance(float slack) {
   SkyTolerance t;
@@ -33,11 +51,11 @@ SkyTolerance sky_tolerance(float slack) {
 }
 
 // D = 0: none is affordable for so many rays.
-MapSize choose_size(size_t shapes, size_t instances, float slack, uint64_t rays, uint64_t most_bytes) {
+MapSize choose_size(size_t shapes, bool crowd, float slack, uint64_t rays, uint64_t most_bytes) {
   MapSize size;
-  size.directions = slack >= k_coarse_tolerance || instances > k_crowd ? k_coarse_directions
-                    : slack <= k_fine_tolerance                        ? k_fine_directions
-                                                                       : k_usual_directions;
+  size.directions = slack >= k_coarse_tolerance || crowd ? k_coarse_directions
+                    : slack <= k_fine_tolerance          ? k_fine_directions
+                                                         : k_usual_directions;
   const auto fits = [&](uint64_t most_rays) {
     return size.lines() * shapes <= most_rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
@@ -110,9 +128,12 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   MappedShapes mapped = mapped_shapes(scene, traits);
   const std::vector<MappedShape>& shapes = mapped.shapes;
   const bool by_request = options.directions || options.plane || !options.leave_to_rays;
+  const bool crowd = scene.instances.size() > k_crowd;
+  const uint64_t fewest_rays = crowd ? k_crowd_rays * instances_in_view(scene) : 0;
   const auto choose = [&](uint64_t rays) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
-    return choose_size(shapes.size(), scene.instances.size(), slack, rays, request.most_bytes);
+    if (rays < fewest_rays) rays = 0;
+    return choose_size(shapes.size(), crowd, slack, rays, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
   MapSize size = choose(request.light_rays);

@@ -30,7 +30,9 @@ class CellOccluders {
   // Cells that may be above a point's horizon; what follows is indexed by their places here.
   std::span<const uint32_t> cells() const { return lit_; }
   // Whether nothing can hide the cell.
-  bool is_clear(size_t k) const { return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty() && far_[k] == 1.0f; }
+  bool is_clear(size_t k) const {
+    return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty() && far_[k] == 1.0f;
+  }
   // The unit direction of the cell's centre.
   Vec3 direction(size_t k) const { return grid_ * sky_->frame(int(lit_[k]))[2]; }
   // The task refers to this object and to `own`.
@@ -54,7 +56,7 @@ class CellOccluders {
   float normal_sine_ = 0.0f, normal_cosine_ = 1.0f;  // of the angle between it and the farthest normal
   std::vector<uint32_t> lit_;
   std::vector<float> lit_x_, lit_y_, lit_z_;  // their directions, in the grid
-  std::vector<float> far_;  // share of each cell that far groups leave clear
+  std::vector<float> far_;                    // share of each cell that far groups leave clear
   std::vector<uint32_t> near_;
   std::vector<OccluderGroups::Lobe> lobes_;
   std::vector<uint8_t> faces_;

@@ -37,9 +37,7 @@ float covered_area(const SkyOccluder& o, const DMat3& to_unit, const Vec3& d, in
   return float(scale * 4.0) * mean_coverage(o.view, direction_cell(Vec3(u / length), directions));
 }
 
-Vec3 group_direction(int k) {
-  return cell_frame(k / k_group_directions, k % k_group_directions, k_group_directions).c;
-}
+Vec3 group_direction(int k) { return cell_frame(k / k_group_directions, k % k_group_directions, k_group_directions).c; }
 
 }  // namespace
 

@@ -2,9 +2,9 @@
 // of a crowd then costs by what is near: far instances are read as one.
 //
 // A node's opacity, the part of its box's projection that it covers, is known for k_group_directions^2 directions. Its
-// children cover parts that are independent of each other. Its light is taken as a lobe (1 - t / 4)^4 of t = (1 - cos) /
-// s^2, of the width of the direction cells and of its box.
-// Memory layout: nodes in depth-first order, 2 n - 1 for n occluders. Space: world. Thread-safety: const.
+// children cover parts that are independent of each other. Its light is taken as a lobe (1 - t / 4)^4 of t = (1 - cos)
+// / s^2, of the width of the direction cells and of its box. Memory layout: nodes in depth-first order, 2 n - 1 for n
+// occluders. Space: world. Thread-safety: const.
 #pragma once
 
 #include <cstdint>
@@ -23,8 +23,8 @@ class OccluderGroups {
  public:
   // What a far group takes from the sky.
   struct Lobe {
-    Vec3 direction;  // unit, to the group
-    float height;    // share of the light that is hidden in its middle
+    Vec3 direction;   // unit, to the group
+    float height;     // share of the light that is hidden in its middle
     float per_width;  // 1 / (4 s^2)
   };
 
@@ -34,14 +34,15 @@ class OccluderGroups {
 
   // The occluders that points within `place` must read one by one, and lobes that stand for all others: of groups that
   // subtend less than `angle` for its points (half of it, as a radius). Radians.
-  void find(const Sphere& place, float cell_width, float angle, std::vector<uint32_t>& near, std::vector<Lobe>& far) const;
+  void find(const Sphere& place, float cell_width, float angle, std::vector<uint32_t>& near,
+            std::vector<Lobe>& far) const;
   uint64_t bytes() const { return nodes_.capacity() * sizeof(Node); }
 
  private:
   struct Node {
-    Vec3 centre, half;   // of its box
-    float radius = 0.0f;  // about the centre; infinite where something is known by rays alone
-    uint32_t next = 0;   // node after its descendants
+    Vec3 centre, half;      // of its box
+    float radius = 0.0f;    // about the centre; infinite where something is known by rays alone
+    uint32_t next = 0;      // node after its descendants
     uint32_t occluder = 0;  // leaves only
     float opacity[k_group_directions * k_group_directions] = {};
   };
