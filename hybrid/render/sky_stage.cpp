@@ -3,16 +3,14 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "field/file/maps_file.h"
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
 #include "hybrid/light/ambient_occlusion.h"
-#include "hybrid/sky/cell_occluders.h"
+#include "hybrid/render/sky_crowd.h"
 #include "hybrid/stats/stopwatch.h"
-#include "hybrid/visibility/light_extent.h"
 
 namespace fieldtrace {
 namespace {
@@ -23,24 +21,6 @@ constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
 constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
-
-// Rays for each instance in view that the maps of a crowd must replace: what is set up for a few points on each costs
-// more than it saves.
-constexpr uint64_t k_crowd_rays = 400;
-
-// Instances that a camera with a film's corners in view may see.
-uint64_t instances_in_view(const Scene& scene) {
-  const Affine& camera = scene.camera.to_world;
-  const float tangent = std::tan(0.5f * scene.camera.fov_x_degrees * k_pi / 180.0f);
-  const float aspect = float(scene.film.height) / float(scene.film.width);
-  const float offset = 2.0f * glm::length(scene.camera.principal_offset);
-  const float angle = std::atan(tangent * std::sqrt(1.0f + aspect * aspect) * (1.0f + offset));
-  const Sphere lens{camera[3], scene.camera.aperture_radius};
-  return uint64_t(std::count_if(scene.instances.begin(), scene.instances.end(), [&](const Instance& i) {
-    const Bounds3 box = world_bounds(scene.shapes[i.shape].bounds, i.to_world);
-    return meets_cone({box.centre(), 0.5f * glm::length(box.diagonal())}, lens, glm::normalize(camera[2]), angle);
-  }));
-}
 
 SkyTolerance sky_tolerance(float slack) {
   SkyTolerance t;
@@ -129,21 +109,24 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const std::vector<MappedShape>& shapes = mapped.shapes;
   const bool by_request = options.directions || options.plane || !options.leave_to_rays;
   const bool crowd = scene.instances.size() > k_crowd;
-  const uint64_t fewest_rays = crowd ? k_crowd_rays * instances_in_view(scene) : 0;
+  const uint64_t instances = crowd ? instances_in_view(scene) : 0;
   const auto choose = [&](uint64_t rays) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
-    if (rays < fewest_rays) rays = 0;
+    if (rays < k_crowd_rays * instances) return MapSize{0, 0};
     return choose_size(shapes.size(), crowd, slack, rays, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
-  MapSize size = choose(request.light_rays);
-  if (size.directions == 0 && request.light_rays > 0) {
+  const bool spoils_light = !by_request && instances > k_most_under_map && has_map(scene);
+  const uint64_t light_rays = spoils_light ? 0 : request.light_rays;
+  MapSize size = choose(light_rays);
+  if (size.directions == 0 && light_rays > 0) {
     mapped.drop_deformed();
-    size = choose(request.light_rays);
+    size = choose(light_rays);
   }
   const bool for_light = size.directions > 0;
   if (!for_light) size = choose(request.occlusion_rays);
   if (size.directions == 0) return stage;
+  if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   std::vector<std::unique_ptr<DirectionMaps>> maps;
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size};
   for (size_t i = 0; i < shapes.size(); ++i) {

@@ -241,8 +241,9 @@ CellTask CellOccluders::task(size_t k, OwnObject& own) const {
   task.half = 0.5f * sky_->cell_width();
   task.cosine_half = light.half_width;
   if (own_) {
-    const Vec3 unit = glm::transpose(own_->grid) * frame[2];
-    const int map = direction_cell(unit, sky_->directions());
+    const bool own_cells = own_->cells == own_->grid;
+    const Vec3 unit = own_cells ? sky_->frame(int(cell))[2] : glm::transpose(own_->grid) * frame[2];
+    const int map = own_cells ? int(cell) : direction_cell(unit, sky_->directions());
     const Mat3 axes = own_->grid * sky_->frame(map);
     OwnLines& o = own.lines;
     o.lines = map_lines(*own_, *sky_, map, unit);

@@ -19,6 +19,10 @@ constexpr float k_place_part = 0.5f;
 // Texel 0 of a coarsest level of 1 x 1 texels is the lowest byte of its last entry (maps_view.h).
 constexpr int k_last_entry = 3 * 4;
 
+constexpr float k_opaque = 65535.0f;
+uint16_t opacity_code(float opacity) { return uint16_t(std::clamp(opacity, 0.0f, 1.0f) * k_opaque + 0.5f); }
+float opacity_of(uint16_t code) { return float(code) / k_opaque; }
+
 // Area of a box's projection along unit d.
 float projected_area(const Vec3& half, const Vec3& d) {
   return 4.0f * (half.y * half.z * std::abs(d.x) + half.z * half.x * std::abs(d.y) + half.x * half.y * std::abs(d.z));
@@ -57,7 +61,7 @@ OccluderGroups::OccluderGroups(const Scene& scene, std::span<const SkyOccluder> 
     for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
       const Vec3 d = group_direction(k);
       const float area = projected_area(leaf.half, d);
-      leaf.opacity[k] = area > 0.0f ? std::min(covered_area(o, to_unit, d, directions) / area, 1.0f) : 0.0f;
+      leaf.opacity[k] = opacity_code(area > 0.0f ? covered_area(o, to_unit, d, directions) / area : 0.0f);
     }
   }
   nodes_.reserve(leaves.empty() ? 0 : 2 * leaves.size() - 1);
@@ -89,10 +93,11 @@ void OccluderGroups::build(Leaves leaves) {
     for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
       const Vec3 d = group_direction(k);
       const float area = projected_area(node.half, d);
-      const auto part = [&](const Node& n) {
-        return area > 0.0f ? std::min(n.opacity[k] * projected_area(n.half, d) / area, 1.0f) : 0.0f;
-      };
-      node.opacity[k] = 1.0f - (1.0f - part(a)) * (1.0f - part(b));
+      if (!(area > 0.0f)) continue;
+      const float of_a = projected_area(a.half, d) / area, of_b = projected_area(b.half, d) / area;
+      const float opacity_a = opacity_of(a.opacity[k]), opacity_b = opacity_of(b.opacity[k]);
+      const float both = opacity_a * opacity_b * std::max(of_a + of_b - 1.0f, 0.0f);
+      node.opacity[k] = opacity_code(opacity_a * of_a + opacity_b * of_b - both);
     }
   }
   nodes_[at].next = uint32_t(nodes_.size());
@@ -109,7 +114,7 @@ void OccluderGroups::find(const Sphere& place, float cell_width, float angle, st
     if (node.radius + k_place_part * place.radius <= angle * distance) {
       i = node.next;
       const Vec3 d = to / distance;
-      const float opacity = node.opacity[direction_cell(d, k_group_directions)];
+      const float opacity = opacity_of(node.opacity[direction_cell(d, k_group_directions)]);
       const float solid_angle = opacity * projected_area(node.half, d) / (distance * distance);
       if (solid_angle == 0.0f) continue;
       const Vec3 along = node.half * d;

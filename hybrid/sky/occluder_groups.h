@@ -1,10 +1,10 @@
 // A tree over what hides the sky, whose nodes know how much a group of occluders hides as seen from afar. What is seen
 // of a crowd then costs by what is near: far instances are read as one.
 //
-// A node's opacity, the part of its box's projection that it covers, is known for k_group_directions^2 directions. Its
-// children cover parts that are independent of each other. Its light is taken as a lobe (1 - t / 4)^4 of t = (1 - cos)
-// / s^2, of the width of the direction cells and of its box. Memory layout: nodes in depth-first order, 2 n - 1 for n
-// occluders. Space: world. Thread-safety: const.
+// A node's opacity, the part of its box's projection that it covers, is known for k_group_directions^2 directions.
+// Where the projections of its children overlap, what they cover is independent of each other. What it hides is taken
+// as a lobe (1 - t / 4)^4 of t = (1 - cos) / s^2, of the width of the direction cells and of its box. Memory layout:
+// nodes in depth-first order, 2 n - 1 for n occluders. Space: world. Thread-safety: const.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@
 
 namespace fieldtrace {
 
-inline constexpr int k_group_directions = 4;
+inline constexpr int k_group_directions = 8;
 
 struct SkyOccluder;
 
@@ -44,7 +44,7 @@ class OccluderGroups {
     float radius = 0.0f;    // about the centre; infinite where something is known by rays alone
     uint32_t next = 0;      // node after its descendants
     uint32_t occluder = 0;  // leaves only
-    float opacity[k_group_directions * k_group_directions] = {};
+    uint16_t opacity[k_group_directions * k_group_directions] = {};  // of k_opaque
   };
 
   using Leaves = std::span<Node>;
