@@ -157,8 +157,8 @@ TEST(SkyCrowd, HasMapsWhereTheyPay) {
   const auto mapped = [](const Crowd& crowd, int light_samples) {
     return render(crowd.scene, options_for(crowd, Method::hybrid, k_size, 1, light_samples)).stats.sky_objects;
   };
-  EXPECT_EQ(mapped(Crowd(128, k_side, 128), 1), 0u);
-  EXPECT_EQ(mapped(Crowd(128, k_side, 128), 64), 2u);
+  EXPECT_EQ(mapped(Crowd(512, 4 * k_side, 512), 1), 0u);
+  EXPECT_EQ(mapped(Crowd(512, 4 * k_side, 512), 64), 2u);
   EXPECT_EQ(mapped(Crowd(k_size, k_side, k_film, crown()), 1), 0u);
   EXPECT_EQ(mapped(Crowd(k_size, 6, k_film, crown()), 1), 2u) << "no crowd";
 }
