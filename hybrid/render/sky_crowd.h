@@ -1,4 +1,4 @@
-// Whether direction maps pay for the crowds under a sky (docs/decisions/025-crowds-under-skies.md), from counts.
+// Whether direction maps pay for the crowds under a sky (docs/decisions/026-crowds-under-skies.md), from counts.
 // Thread-safety: pure functions; one of them is parallel.
 #pragma once
 
