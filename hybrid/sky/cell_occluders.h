@@ -1,7 +1,7 @@
 // What may hide which direction cells from a batch of shading points of one instance, set up once for the batch.
 //
 // Cells under the horizons of all points are left out, and occluders from cells that they cannot reach into; neither
-// changes what any point sees. Space: world. Thread-safety: belongs to one thread.
+// changes what any point sees by more than about 1e-4 of the sky. Space: world. Thread-safety: belongs to one thread.
 #pragma once
 
 #include <span>
