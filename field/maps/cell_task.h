@@ -89,6 +89,7 @@ struct CellTask {
   float vector[3];     // SkyCells: mean direction by luminance, of length <= 1
   float cosine_half = 0;
   float weight[3];               // radiance x solid angle, RGB
+  float clear = 1.0f;            // share that what is not listed leaves
   const float* parts = nullptr;  // of the light, by part of the cell; null: it hardly varies
   const OwnLines* own = nullptr;
   const MapLines* maps = nullptr;

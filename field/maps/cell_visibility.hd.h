@@ -484,7 +484,7 @@ FT_HD_INLINE CellSeen<F> look_at_cell(const CellTask& task, const Vec3Lanes<F>& 
     seen.near = seen.near | share.near;
   };
   if (!task.reflects) {
-    seen.clear = PlanesSeen<F>(task, p, s).clear();
+    seen.clear = PlanesSeen<F>(task, p, s).clear() * splat<F>(task.clear);
     if (task.own) hide(share_of_own<F>(*task.own, p, g));
     for (int k = 0; k < task.map_count; ++k) {
       if (!any(seen.clear > splat<F>(k_least_clear))) break;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <tuple>
 
 #include "core/sampling/sobol.hd.h"
 #include "core/surface/surface.h"
@@ -219,8 +220,8 @@ float SkyLight::hidden_scale(size_t point) const {
 }
 
 void SkyLight::gather_batch(const Job& job) {
-  occluders_.find(*sky_, centres_);
-  grid_ = sky_->maps().occluders()[centres_.instance[0]].grid;
+  occluders_.find(*sky_, centres_, job.place);
+  grid_ = sky_->maps().occluders()[centres_.instance[0]].cells;
   see_cells(job);
   open_.resize(centres_.size);
   for (size_t i = 0; i < centres_.size; ++i) {
@@ -266,8 +267,15 @@ void SkyLight::choose_points(const ShadingClusters& clusters, const LightReceive
   points_.size = clusters_.size();
   order_.resize(clusters_.size());
   std::iota(order_.begin(), order_.end(), 0u);
-  const auto instance = [&](uint32_t i) { return points_.instance[i]; };
-  std::stable_sort(order_.begin(), order_.end(), [&](uint32_t a, uint32_t b) { return instance(a) < instance(b); });
+  places_.resize(clusters_.size());
+  for (size_t i = 0; i < places_.size(); ++i) {
+    places_[i] = sky_->maps().place(points_.instance[i], position(points_, i));
+  }
+  const auto key = [&](uint32_t i) {
+    const Vec3& c = places_[i].centre;
+    return std::tuple(points_.instance[i], c.x, c.y, c.z);
+  };
+  std::stable_sort(order_.begin(), order_.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
 }
 
 void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, int light_samples,
@@ -276,10 +284,11 @@ void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers
   choose_points(clusters, receivers);
   Job job{receivers, light_samples, firsts, stats};
   for (size_t begin = 0, end = 0; begin < order_.size(); begin = end) {
-    const uint32_t instance = points_.instance[order_[begin]];
+    const uint32_t first = order_[begin], instance = points_.instance[first];
+    job.place = places_[first];
     batch_.clear();
     for (end = begin; end < order_.size() && end - begin < k_sky_batch; ++end) {
-      if (points_.instance[order_[end]] != instance) break;
+      if (points_.instance[order_[end]] != instance || places_[order_[end]].centre != job.place.centre) break;
       batch_.push_back(clusters_[order_[end]]);
     }
     job.clusters = batch_;

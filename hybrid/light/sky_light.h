@@ -38,6 +38,7 @@ class SkyLight {
     std::span<FirstHit> firsts;
     Stats& stats;
     std::span<const ShadingCluster> clusters = {};  // of one instance; centres_ holds their centres
+    Sphere place = {};                              // SkyMaps::place() of all of them
   };
   // A cell that is undecided for a point of the batch, and its weight there.
   struct OpenCell {
@@ -75,7 +76,8 @@ class SkyLight {
   Mat3 grid_ = Mat3(1.0f);
   std::vector<ShadingCluster> clusters_;  // those to light, in parts where they are wide
   ShadingPointBatch points_;              // what stands for each
-  std::vector<uint32_t> order_;           // of these, by instance
+  std::vector<Sphere> places_;            // of these
+  std::vector<uint32_t> order_;           // of these, by instance and place
   std::vector<ShadingCluster> batch_;
   ShadingPointBatch centres_;
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance of the sky

@@ -9,6 +9,7 @@
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
 #include "hybrid/light/ambient_occlusion.h"
+#include "hybrid/render/sky_crowd.h"
 #include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
@@ -21,9 +22,6 @@ constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directio
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
 
-// With more instances than this maps are coarse: each cell reads several of them for every point.
-constexpr size_t k_crowd = 64;
-
 SkyTolerance sky_tolerance(float slack) {
   SkyTolerance t;
   t.margin /= slack;
@@ -33,11 +31,11 @@ SkyTolerance sky_tolerance(float slack) {
 }
 
 // D = 0: none is affordable for so many rays.
-MapSize choose_size(size_t shapes, size_t instances, float slack, uint64_t rays, uint64_t most_bytes) {
+MapSize choose_size(size_t shapes, bool crowd, float slack, uint64_t rays, uint64_t most_bytes) {
   MapSize size;
-  size.directions = slack >= k_coarse_tolerance || instances > k_crowd ? k_coarse_directions
-                    : slack <= k_fine_tolerance                        ? k_fine_directions
-                                                                       : k_usual_directions;
+  size.directions = slack >= k_coarse_tolerance || crowd ? k_coarse_directions
+                    : slack <= k_fine_tolerance          ? k_fine_directions
+                                                         : k_usual_directions;
   const auto fits = [&](uint64_t most_rays) {
     return size.lines() * shapes <= most_rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
@@ -110,19 +108,25 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   MappedShapes mapped = mapped_shapes(scene, traits);
   const std::vector<MappedShape>& shapes = mapped.shapes;
   const bool by_request = options.directions || options.plane || !options.leave_to_rays;
+  const bool crowd = scene.instances.size() > k_crowd;
+  const uint64_t instances = crowd ? instances_in_view(scene) : 0;
   const auto choose = [&](uint64_t rays) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
-    return choose_size(shapes.size(), scene.instances.size(), slack, rays, request.most_bytes);
+    if (rays < k_crowd_rays * instances) return MapSize{0, 0};
+    return choose_size(shapes.size(), crowd, slack, rays, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
-  MapSize size = choose(request.light_rays);
-  if (size.directions == 0 && request.light_rays > 0) {
+  const bool spoils_light = !by_request && instances > k_most_under_map && has_map(scene);
+  const uint64_t light_rays = spoils_light ? 0 : request.light_rays;
+  MapSize size = choose(light_rays);
+  if (size.directions == 0 && light_rays > 0) {
     mapped.drop_deformed();
-    size = choose(request.light_rays);
+    size = choose(light_rays);
   }
   const bool for_light = size.directions > 0;
   if (!for_light) size = choose(request.occlusion_rays);
   if (size.directions == 0) return stage;
+  if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   std::vector<std::unique_ptr<DirectionMaps>> maps;
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size};
   for (size_t i = 0; i < shapes.size(); ++i) {

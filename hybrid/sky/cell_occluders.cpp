@@ -15,6 +15,8 @@ namespace {
 constexpr float k_footprint = 0.58f;
 // A bilinear read covers so many texels about its place.
 constexpr float k_read_reach = 1.5f;
+// Groups are read as one if they subtend less than so many widths of a cell (OccluderGroups::find).
+constexpr float k_even_group = 2.0f, k_varying_group = 1.0f;
 
 // `unit`: the cell's direction in unit space.
 MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3& unit) {
@@ -49,6 +51,13 @@ PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) {
   lines.centre = slope_along(o, d);
   lines.per_unit_x = glm::dot(x, x), lines.per_unit_y = glm::dot(y, y), lines.x_dot_y = glm::dot(x, y);
   return lines;
+}
+
+// Whether the cell leaves the plane on the side on which all points of the ball are, so that none sees it there.
+bool turns_away(const PlaneLines& plane, const Sphere& from, float half) {
+  const float* const h = plane.height;
+  const float height = h[0] * from.centre.x + h[1] * from.centre.y + h[2] * from.centre.z + h[3];
+  return std::abs(height) > from.radius && (height > 0.0f ? plane.centre.rise : -plane.centre.rise) > half;
 }
 
 }  // namespace
@@ -108,11 +117,11 @@ void CellOccluders::add(const SkyOccluder& o) {
   float least = -k_infinity;
   if (distance > reach) {
     // The texels that the farthest point reads: powers of two up to the whole map, which then widens.
-    const float wanted = k_footprint * sky_->cell_width() * (distance + ball_.radius) / (2.0f * o.ball.radius);
+    const float wanted = k_footprint * sky_->cell_width() * (distance + ball_.radius) / (2.0f * o.half_map);
     const float texel = wanted < 1.0f ? std::exp2(std::ceil(std::log2(wanted) - 0.499f)) : wanted;
     // What is seen of other kinds reaches as far as the cell's corners.
     const float beyond =
-        o.kind == SkyOccluder::Kind::map ? k_read_reach * texel * 2.0f * o.ball.radius / distance : sky_->cell_width();
+        o.kind == SkyOccluder::Kind::map ? k_read_reach * texel * 2.0f * o.half_map / distance : sky_->cell_width();
     const float angle = std::asin(reach / distance) + beyond;
     if (angle < k_pi) least = std::cos(angle) * distance;
   }
@@ -144,11 +153,14 @@ void CellOccluders::add(const SkyOccluder& o) {
         }
         break;
       }
-      case SkyOccluder::Kind::plane:
-        planes_[k].push_back(plane_lines(o, grid_ * d));
+      case SkyOccluder::Kind::plane: {
+        const PlaneLines plane = plane_lines(o, grid_ * d);
+        if (turns_away(plane, ball_, 0.5f * sky_->cell_width())) break;
+        planes_[k].push_back(plane);
         if (indirect_) planes_[k].back().radiance = indirect_->plane_radiance(o);
         if (light_->varies[lit_[k]]) add_parts(o, lit_[k], planes_[k].back());
         break;
+      }
       case SkyOccluder::Kind::ball:
         balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
         break;
@@ -175,17 +187,37 @@ void CellOccluders::add_parts(const SkyOccluder& o, uint32_t cell, PlaneLines& l
   }
 }
 
-void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points) {
+// In a loop that compilers vectorise: lobes are wide.
+void CellOccluders::add_far() {
+  far_.assign(lit_.size(), 1.0f);
+  const float *x = lit_x_.data(), *y = lit_y_.data(), *z = lit_z_.data();
+  float* const far = far_.data();
+  for (const OccluderGroups::Lobe& lobe : lobes_) {
+    const Vec3 d = lobe.per_width * (glm::transpose(grid_) * lobe.direction);
+    const float shift = 1.0f - lobe.per_width, height = lobe.height;
+    for (size_t k = 0; k < lit_.size(); ++k) {
+      const float t = std::max(x[k] * d.x + y[k] * d.y + z[k] * d.z + shift, 0.0f);
+      far[k] *= 1.0f - height * (t * t) * (t * t);
+    }
+  }
+}
+
+void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const Sphere& place) {
   const SkyMaps& maps = sky.maps();
   sky_ = &maps;
   light_ = &sky.cells_of(points.instance[0]);
   indirect_ = sky.indirect();
   const SkyOccluder& self = maps.occluders()[points.instance[0]];
-  grid_ = self.grid;
+  grid_ = self.cells;
   own_ = self.kind == SkyOccluder::Kind::map && !self.is_flat ? &self : nullptr;
   bound(points);
   find_lit();
-  for (const SkyOccluder& o : maps.occluders()) {
+  // Where light varies within cells, lobes tell it worse; none sends light back.
+  const float widths = indirect_ ? 0.0f : light_->parts.empty() ? k_even_group : k_varying_group;
+  maps.find(place, widths * maps.cell_width(), near_, lobes_);
+  add_far();
+  for (const uint32_t i : near_) {
+    const SkyOccluder& o = maps.occluders()[i];
     // Nothing is known of a ball's inside, not even to points on the object.
     if (&o != &self || (o.kind == SkyOccluder::Kind::ball && !o.is_flat)) add(o);
   }
@@ -204,15 +236,20 @@ CellTask CellOccluders::task(size_t k, OwnObject& own) const {
     task.vector[a] = vector[a];
     task.weight[a] = weight[a] * solid_angle;
   }
+  task.clear = far_[k];
   task.parts = light.parts_of(cell);
   task.half = 0.5f * sky_->cell_width();
   task.cosine_half = light.half_width;
   if (own_) {
+    const bool own_cells = own_->cells == own_->grid;
+    const Vec3 unit = own_cells ? sky_->frame(int(cell))[2] : glm::transpose(own_->grid) * frame[2];
+    const int map = own_cells ? int(cell) : direction_cell(unit, sky_->directions());
+    const Mat3 axes = own_->grid * sky_->frame(map);
     OwnLines& o = own.lines;
-    o.lines = map_lines(*own_, *sky_, int(cell), sky_->frame(int(cell))[2]);
+    o.lines = map_lines(*own_, *sky_, map, unit);
     o.clear_within = sky_->tolerance().clear_within;
     o.hidden_from = sky_->tolerance().hidden_from;
-    for (int a = 0; a < 3; ++a) o.s[a] = frame[0][a], o.t[a] = frame[1][a], o.c[a] = frame[2][a];
+    for (int a = 0; a < 3; ++a) o.s[a] = axes[0][a], o.t[a] = axes[1][a], o.c[a] = axes[2][a];
     task.own = &o;
     if (indirect_) {
       own.radiance = indirect_->map_radiance(*own_, frame[2], sky_->cell_width());

@@ -1,7 +1,7 @@
 // What may hide which direction cells from a batch of shading points of one instance, set up once for the batch.
 //
 // Cells under the horizons of all points are left out, and occluders from cells that they cannot reach into; neither
-// changes what any point sees. Space: world. Thread-safety: belongs to one thread.
+// changes what any point sees by more than about 1e-4 of the sky. Space: world. Thread-safety: belongs to one thread.
 #pragma once
 
 #include <span>
@@ -23,14 +23,16 @@ struct OwnObject {
 
 class CellOccluders {
  public:
-  // `points` is not empty, all of one instance; `sky` must outlive what is found.
-  void find(const Sky& sky, const ShadingPointBatch& points);
+  // `points` is not empty, all of one instance and one place(); `sky` must outlive what is found.
+  void find(const Sky& sky, const ShadingPointBatch& points, const Sphere& place);
 
   const Sphere& ball() const { return ball_; }  // about the points
   // Cells that may be above a point's horizon; what follows is indexed by their places here.
   std::span<const uint32_t> cells() const { return lit_; }
   // Whether nothing can hide the cell.
-  bool is_clear(size_t k) const { return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty(); }
+  bool is_clear(size_t k) const {
+    return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty() && far_[k] == 1.0f;
+  }
   // The unit direction of the cell's centre.
   Vec3 direction(size_t k) const { return grid_ * sky_->frame(int(lit_[k]))[2]; }
   // The task refers to this object and to `own`.
@@ -41,6 +43,7 @@ class CellOccluders {
   void find_lit();
   void add(const SkyOccluder& occluder);
   void insert(size_t k, const SkyOccluder& occluder, const MapLines& lines);
+  void add_far();
   void add_parts(const SkyOccluder& occluder, uint32_t cell, PlaneLines& lines) const;
 
   const SkyMaps* sky_ = nullptr;
@@ -53,6 +56,9 @@ class CellOccluders {
   float normal_sine_ = 0.0f, normal_cosine_ = 1.0f;  // of the angle between it and the farthest normal
   std::vector<uint32_t> lit_;
   std::vector<float> lit_x_, lit_y_, lit_z_;  // their directions, in the grid
+  std::vector<float> far_;                    // share of each cell that far groups leave clear
+  std::vector<uint32_t> near_;
+  std::vector<OccluderGroups::Lobe> lobes_;
   std::vector<uint8_t> faces_;
   std::vector<std::vector<MapLines>> maps_;
   std::vector<std::vector<MapRadiance>> radiance_;  // of these, if indirect_

@@ -18,19 +18,19 @@ class Sky {
       : maps_(maps),
         radiance_(lights),
         world_(radiance_.cells(Mat3(1.0f), maps.directions())),
-        grids_(maps.occluders().size()) {}
+        grids_(maps.is_crowd() ? 0 : maps.occluders().size()) {}
 
   const SkyMaps& maps() const { return maps_; }
   const SkyRadiance& radiance() const { return radiance_; }
   // What objects send back; null: not known.
   const IndirectLight* indirect() const { return indirect_.get(); }
   void set_indirect(std::shared_ptr<const IndirectLight> indirect) { indirect_ = std::move(indirect); }
-  // By the cells of the instance's grid (SkyOccluder::grid).
+  // By the cells of the instance's grid (SkyOccluder::cells).
   const SkyCells& cells_of(uint32_t instance) const {
     const SkyOccluder& o = maps_.occluders()[instance];
-    if (o.grid == Mat3(1.0f)) return world_;
+    if (o.cells == Mat3(1.0f)) return world_;
     Grid& grid = grids_[instance];
-    std::call_once(grid.once, [&] { grid.cells = radiance_.cells(o.grid, maps_.directions()); });
+    std::call_once(grid.once, [&] { grid.cells = radiance_.cells(o.cells, maps_.directions()); });
     return grid.cells;
   }
 

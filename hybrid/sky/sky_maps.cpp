@@ -1,6 +1,8 @@
 #include "hybrid/sky/sky_maps.h"
 
+#include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "field/bake/cell_lines.h"
 #include "field/store/field.h"
@@ -9,6 +11,8 @@
 
 namespace fieldtrace {
 namespace {
+// Side of the cubes that large instances are cut into, in radii of an instance.
+constexpr float k_place_side = 1.6f;
 
 // World to coordinates in which `origin` is 0 and the columns of `axes` are the unit vectors, both in the space that
 // `from_world` leads to.
@@ -20,6 +24,19 @@ void write_coordinates(const DAffine& from_world, const DVec3& origin, const DMa
     value = inverse * value;
     for (int row = 0; row < 3; ++row) out[column * 3 + row] = float(value[row]);
   }
+}
+
+// Of the vertices, about the centre of their box.
+Sphere tight_ball(const Shape& shape) {
+  Sphere ball = field_ball(shape.bounds);
+  if (shape.kind != ShapeKind::mesh) return ball;
+  float squared = 0.0f;
+  for (const Vec3& p : shape.mesh.positions) {
+    const Vec3 from = p - ball.centre;
+    squared = std::max(squared, glm::dot(from, from));
+  }
+  ball.radius = std::min(std::sqrt(squared) * (1.0f + gamma_bound(16)), ball.radius);
+  return ball;
 }
 
 Sphere world_ball(const Instance& instance, const Sphere& ball) {
@@ -41,15 +58,17 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     const CellFrame f = cell_frame(i / directions, i % directions, directions);
     frames_.push_back(Mat3(f.s, f.t, f.c));
   }
+  const bool crowd = scene.instances.size() > k_crowd;
+  std::vector<Sphere> balls;
+  for (const Shape& shape : scene.shapes) balls.push_back(tight_ball(shape));
   std::vector<std::optional<Parallelogram>> planes;  // by shape, as many instances may share one
   for (size_t s = 0; s < scene.shapes.size(); ++s) planes.push_back(parallelogram(scene.shapes[s], traits[s]));
   for (uint32_t i = 0; i < occluders_.size(); ++i) {
     const Instance& instance = scene.instances[i];
-    const Shape& shape = scene.shapes[instance.shape];
     SkyOccluder& o = occluders_[i];
     o.instance = i;
     o.is_flat = traits[instance.shape].is_flat;
-    o.ball = world_ball(instance, field_ball(shape.bounds));
+    o.ball = world_ball(instance, balls[instance.shape]);
     if (const auto& plane = planes[instance.shape]) {
       o.kind = SkyOccluder::Kind::plane;
       // In world space: a shear gives the image of the plane another normal.
@@ -71,16 +90,44 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     o.kind = SkyOccluder::Kind::map;
     o.view = maps_[mapped]->view();
     const DMat3 to_unit = linear_part(o.to_unit);
-    o.ball.radius = std::min(o.ball.radius, float(1.0 / std::cbrt(std::abs(glm::determinant(to_unit)))));
-    o.ball.centre = Vec3(glm::inverse(to_unit) * -DVec3(o.to_unit[9], o.to_unit[10], o.to_unit[11]));
+    o.half_map = float(1.0 / std::cbrt(std::abs(glm::determinant(to_unit))));
+    if (o.half_map < o.ball.radius) {
+      o.ball = {Vec3(glm::inverse(to_unit) * -DVec3(o.to_unit[9], o.to_unit[10], o.to_unit[11])), o.half_map};
+    }
     // Rows of a rotation are the columns of its inverse.
     const DMat3 rotation = glm::transpose(to_unit) / std::cbrt(std::abs(glm::determinant(to_unit)));
     o.grid = Mat3(rotation);
+    if (!crowd) o.cells = o.grid;
   }
+  if (!crowd) return;
+  groups_ = OccluderGroups(scene, occluders_, directions);
+  std::vector<float> radii;
+  for (const SkyOccluder& o : occluders_) radii.push_back(o.ball.radius);
+  std::nth_element(radii.begin(), radii.begin() + radii.size() / 2, radii.end());
+  place_side_ = k_place_side * radii[radii.size() / 2];
+}
+
+Sphere SkyMaps::place(uint32_t instance, const Vec3& point) const {
+  const Sphere& ball = occluders_[instance].ball;
+  if (!is_crowd()) return ball;
+  const float radius = 0.5f * std::sqrt(3.0f) * place_side_;
+  if (ball.radius <= radius) return ball;
+  return {(glm::floor(point / place_side_) + 0.5f) * place_side_, radius};
+}
+
+void SkyMaps::find(const Sphere& place, float angle, std::vector<uint32_t>& near,
+                   std::vector<OccluderGroups::Lobe>& far) const {
+  if (is_crowd()) {
+    groups_.find(place, cell_width(), angle, near, far);
+    return;
+  }
+  near.resize(occluders_.size());
+  std::iota(near.begin(), near.end(), 0u);
+  far.clear();
 }
 
 uint64_t SkyMaps::bytes() const {
-  uint64_t bytes = 0;
+  uint64_t bytes = groups_.bytes();
   for (const auto& maps : maps_) bytes += maps ? maps->bytes() : 0;
   return bytes;
 }

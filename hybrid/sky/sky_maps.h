@@ -15,6 +15,7 @@
 #include "field/maps/cell_task.h"
 #include "field/maps/direction_maps.h"
 #include "hybrid/sky/mapped_shapes.h"
+#include "hybrid/sky/occluder_groups.h"
 #include "hybrid/sky/parallelogram.h"
 
 namespace fieldtrace {
@@ -26,6 +27,9 @@ struct SkyTolerance {
   float hidden_from = 1.5f;
 };
 
+// With more instances than this they are a crowd: the cost of a point must not grow with their number.
+inline constexpr size_t k_crowd = 64;
+
 // How an instance hides direction cells.
 struct SkyOccluder {
   enum class Kind : uint8_t { plane, map, ball };
@@ -33,10 +37,13 @@ struct SkyOccluder {
   bool is_flat = false;  // cannot hide anything from points on it
   uint32_t instance = k_none;
   Sphere ball;             // encloses it
+  float half_map = 0.0f;   // half the world extent of its maps
   float to_unit[12] = {};  // world to unit space of the maps, or to the plane's coordinates; columns
   // Columns: axes of the maps' grid in world space, orthonormal, may mirror; those of the world where there are no
   // maps.
   Mat3 grid = Mat3(1.0f);
+  // The same of the direction cells that its points see the sky by: in a crowd the world's, which all share.
+  Mat3 cells = Mat3(1.0f);
   MapsView view;
 };
 
@@ -53,6 +60,13 @@ class SkyMaps {
   const MappedShapes& shapes() const { return shapes_; }
   // The frame of direction cell u D + v: columns s, t, c.
   const Mat3& frame(int direction) const { return frames_[size_t(direction)]; }
+  // Whether far occluders are read in groups.
+  bool is_crowd() const { return place_side_ < k_infinity; }
+  // Points of an instance that have the same centre of place() see the same groups; without a crowd all do.
+  Sphere place(uint32_t instance, const Vec3& point) const;
+  // As OccluderGroups::find; `near` is all occluders if they are no crowd.
+  void find(const Sphere& place, float angle, std::vector<uint32_t>& near,
+            std::vector<OccluderGroups::Lobe>& far) const;
   uint64_t bytes() const;
 
  private:
@@ -61,6 +75,8 @@ class SkyMaps {
   int directions_;
   SkyTolerance tolerance_;
   std::vector<SkyOccluder> occluders_;
+  OccluderGroups groups_;  // of a crowd
+  float place_side_ = k_infinity;
   std::vector<Mat3> frames_;
 };
 

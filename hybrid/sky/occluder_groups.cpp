@@ -1,0 +1,132 @@
+#include "hybrid/sky/occluder_groups.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "field/bake/cell_lines.h"
+#include "hybrid/sky/sky_maps.h"
+#include "hybrid/visibility/light_extent.h"
+#include "hybrid/visibility/linear_map.h"
+
+namespace fieldtrace {
+namespace {
+
+// Standard deviation of a lobe about a point, in widths of a cell: the cells then add up to its light whatever their
+// place.
+constexpr float k_lobe_width = 0.4f;
+// Part of a place's radius that adds to what a group subtends.
+constexpr float k_place_part = 0.5f;
+// Texel 0 of a coarsest level of 1 x 1 texels is the lowest byte of its last entry (maps_view.h).
+constexpr int k_last_entry = 3 * 4;
+
+constexpr float k_opaque = 65535.0f;
+uint16_t opacity_code(float opacity) { return uint16_t(std::clamp(opacity, 0.0f, 1.0f) * k_opaque + 0.5f); }
+float opacity_of(uint16_t code) { return float(code) / k_opaque; }
+
+// Area of a box's projection along unit d.
+float projected_area(const Vec3& half, const Vec3& d) {
+  return 4.0f * (half.y * half.z * std::abs(d.x) + half.z * half.x * std::abs(d.y) + half.x * half.y * std::abs(d.z));
+}
+
+// Mean coverage of [-1, 1]^2 by one map: the only texel of the coarsest level.
+float mean_coverage(const MapsView& view, int map) {
+  return float(view.coverage[map * view.coverage_bytes + view.level_begin[view.levels - 1] + k_last_entry]) / 255.0f;
+}
+
+// Area that an occluder hides along unit d: parallel projections of an object and its image are images of each other.
+float covered_area(const SkyOccluder& o, const DMat3& to_unit, const Vec3& d, int directions) {
+  const DVec3 u = to_unit * DVec3(d);
+  const double length = glm::length(u), scale = length / std::abs(glm::determinant(to_unit));
+  if (o.kind == SkyOccluder::Kind::plane) return float(scale * 4.0 * std::abs(u.z) / length);
+  return float(scale * 4.0) * mean_coverage(o.view, direction_cell(Vec3(u / length), directions));
+}
+
+Vec3 group_direction(int k) { return cell_frame(k / k_group_directions, k % k_group_directions, k_group_directions).c; }
+
+}  // namespace
+
+OccluderGroups::OccluderGroups(const Scene& scene, std::span<const SkyOccluder> occluders, int directions) {
+  std::vector<Node> leaves(occluders.size());
+  for (uint32_t i = 0; i < leaves.size(); ++i) {
+    const SkyOccluder& o = occluders[i];
+    const Instance& instance = scene.instances[i];
+    const Bounds3 box = world_bounds(scene.shapes[instance.shape].bounds, instance.to_world);
+    Node& leaf = leaves[i];
+    leaf.centre = box.centre(), leaf.half = 0.5f * box.diagonal();
+    leaf.occluder = i;
+    const bool is_known = o.kind == SkyOccluder::Kind::plane || o.view.coverage;
+    leaf.radius = is_known ? glm::length(leaf.half) : k_infinity;
+    if (!is_known) continue;
+    const DMat3 to_unit = linear_part(o.to_unit);
+    for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
+      const Vec3 d = group_direction(k);
+      const float area = projected_area(leaf.half, d);
+      leaf.opacity[k] = opacity_code(area > 0.0f ? covered_area(o, to_unit, d, directions) / area : 0.0f);
+    }
+  }
+  nodes_.reserve(leaves.empty() ? 0 : 2 * leaves.size() - 1);
+  if (!leaves.empty()) build(leaves);
+}
+
+void OccluderGroups::build(Leaves leaves) {
+  const size_t at = nodes_.size();
+  nodes_.push_back(leaves[0]);
+  if (leaves.size() > 1) {
+    Bounds3 centres;
+    for (const Node& leaf : leaves) centres.extend(leaf.centre);
+    const Vec3 extent = centres.diagonal();
+    const int axis = extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
+    const size_t middle = leaves.size() / 2;
+    std::nth_element(leaves.begin(), leaves.begin() + middle, leaves.end(), [&](const Node& a, const Node& b) {
+      return a.centre[axis] != b.centre[axis] ? a.centre[axis] < b.centre[axis] : a.occluder < b.occluder;
+    });
+    const size_t first = nodes_.size();
+    build(leaves.first(middle));
+    const size_t second = nodes_.size();
+    build(leaves.subspan(middle));
+    const Node &a = nodes_[first], &b = nodes_[second];
+    Node& node = nodes_[at];
+    Bounds3 box;
+    for (const Node* child : {&a, &b}) box.extend(child->centre - child->half), box.extend(child->centre + child->half);
+    node.centre = box.centre(), node.half = 0.5f * box.diagonal();
+    node.radius = std::isfinite(a.radius + b.radius) ? glm::length(node.half) : k_infinity;
+    for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
+      const Vec3 d = group_direction(k);
+      const float area = projected_area(node.half, d);
+      if (!(area > 0.0f)) continue;
+      const float of_a = projected_area(a.half, d) / area, of_b = projected_area(b.half, d) / area;
+      const float opacity_a = opacity_of(a.opacity[k]), opacity_b = opacity_of(b.opacity[k]);
+      const float both = opacity_a * opacity_b * std::max(of_a + of_b - 1.0f, 0.0f);
+      node.opacity[k] = opacity_code(opacity_a * of_a + opacity_b * of_b - both);
+    }
+  }
+  nodes_[at].next = uint32_t(nodes_.size());
+}
+
+void OccluderGroups::find(const Sphere& place, float cell_width, float angle, std::vector<uint32_t>& near,
+                          std::vector<Lobe>& far) const {
+  near.clear(), far.clear();
+  const float width = k_lobe_width * cell_width;
+  for (uint32_t i = 0; i < nodes_.size();) {
+    const Node& node = nodes_[i];
+    const Vec3 to = node.centre - place.centre;
+    const float distance = glm::length(to);
+    if (node.radius + k_place_part * place.radius <= angle * distance) {
+      i = node.next;
+      const Vec3 d = to / distance;
+      const float opacity = opacity_of(node.opacity[direction_cell(d, k_group_directions)]);
+      const float solid_angle = opacity * projected_area(node.half, d) / (distance * distance);
+      if (solid_angle == 0.0f) continue;
+      const Vec3 along = node.half * d;
+      const float spread = (glm::dot(node.half, node.half) - glm::dot(along, along)) / (6.0f * distance * distance);
+      const float variance = width * width + spread;
+      // The lobe's integral is 2 pi s^2 4 / 5.
+      far.push_back({d, std::min(solid_angle / (1.6f * k_pi * variance), 1.0f), 0.25f / variance});
+      continue;
+    }
+    if (node.next == i + 1) near.push_back(node.occluder);
+    ++i;
+  }
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,57 @@
+// A tree over what hides the sky, whose nodes know how much a group of occluders hides as seen from afar. What is seen
+// of a crowd then costs by what is near: far instances are read as one.
+//
+// A node's opacity, the part of its box's projection that it covers, is known for k_group_directions^2 directions.
+// Where the projections of its children overlap, what they cover is independent of each other. What it hides is taken
+// as a lobe (1 - t / 4)^4 of t = (1 - cos) / s^2, of the width of the direction cells and of its box. Memory layout:
+// nodes in depth-first order, 2 n - 1 for n occluders. Space: world. Thread-safety: const.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/scene/scene.h"
+
+namespace fieldtrace {
+
+inline constexpr int k_group_directions = 8;
+
+struct SkyOccluder;
+
+class OccluderGroups {
+ public:
+  // What a far group takes from the sky.
+  struct Lobe {
+    Vec3 direction;   // unit, to the group
+    float height;     // share of the light that is hidden in its middle
+    float per_width;  // 1 / (4 s^2)
+  };
+
+  OccluderGroups() = default;
+  // `frames`: of D x D direction cells, by whose numbers the occluders have maps.
+  OccluderGroups(const Scene& scene, std::span<const SkyOccluder> occluders, int directions);
+
+  // The occluders that points within `place` must read one by one, and lobes that stand for all others: of groups that
+  // subtend less than `angle` for its points (half of it, as a radius). Radians.
+  void find(const Sphere& place, float cell_width, float angle, std::vector<uint32_t>& near,
+            std::vector<Lobe>& far) const;
+  uint64_t bytes() const { return nodes_.capacity() * sizeof(Node); }
+
+ private:
+  struct Node {
+    Vec3 centre, half;      // of its box
+    float radius = 0.0f;    // about the centre; infinite where something is known by rays alone
+    uint32_t next = 0;      // node after its descendants
+    uint32_t occluder = 0;  // leaves only
+    uint16_t opacity[k_group_directions * k_group_directions] = {};  // of k_opaque
+  };
+
+  using Leaves = std::span<Node>;
+  // Appends the tree over `leaves`, not empty, and sorts them.
+  void build(Leaves leaves);
+
+  std::vector<Node> nodes_;
+};
+
+}  // namespace fieldtrace
