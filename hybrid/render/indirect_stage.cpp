@@ -28,6 +28,7 @@ TransportSettings surfel_settings(TransportSettings settings) {
 }
 
 bool is_suited(const Scene& scene, const SkyMaps& maps) {
+  if (maps.is_crowd()) return false;  // its far groups send no light back
   const auto is_diffuse = [&](const Instance& i) { return is_diffuse_and_opaque(scene, i.bsdf); };
   if (!std::all_of(scene.instances.begin(), scene.instances.end(), is_diffuse)) return false;
   const auto is_ball = [](const SkyOccluder& o) { return o.kind == SkyOccluder::Kind::ball; };
