@@ -408,7 +408,7 @@ class CellLight : PlanesSeen<F> {
 
   FT_HD_INLINE void add_own(F share, const Vec3Lanes<F>& p) {
     const Mask_t<F> wanted = share > zero_;
-    if (task_.own_radiance && any(wanted)) {
+    if (task_.own_radiance && task_.own_radiance->view && any(wanted)) {
       const F z = affine<F>(task_.own->lines.z, p);
       // The points lie within the ball, whatever rounding says.
       add(radiance_of_map<F>(*task_.own_radiance, p, max(z, splat<F>(-1.0f)), wanted), share);

@@ -57,6 +57,7 @@ class PathFollower {
 
 class HitAnswerer;
 class LobeAnswerer;
+class IndirectLight;
 class Sky;
 
 // Everything that workers share. All references must outlive it.
@@ -74,7 +75,8 @@ struct TransportContext {
   const LobeAnswerer* lobes = nullptr;  // answers glossy rays by prefiltered radiance maps; null: none does
   const HitAnswerer* hits = nullptr;    // answers glossy rays by certified hits; null: all are traced
   const Sky* sky = nullptr;             // answers for the sky at diffuse first surfaces; null: light samples do
-  bool sky_has_indirect = false;        // `sky` also gives all that comes to such surfaces from others
+  // The instances that send diffuse light to such surfaces by way of `sky`; null: paths find all.
+  const IndirectLight* indirect = nullptr;
   const Sky* occlusion_sky = nullptr;   // answers for the layer `ao`; null: rays do
   TransportSettings settings;
   // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.

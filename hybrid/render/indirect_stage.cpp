@@ -18,23 +18,27 @@ constexpr int k_check_samples = 64;
 // With at most so many occluders maps are finer.
 constexpr size_t k_few_occluders = 16;
 
-// Settings for surfels, which are the first surfaces of paths that end there.
-TransportSettings surfel_settings(TransportSettings settings) {
-  settings.light_samples = k_surfel_samples;
-  settings.pixel_samples = settings.lobe_samples = 1;
-  settings.max_depth = 2;
+// Settings for paths from surfels.
+TransportSettings surfel_settings(TransportSettings settings, int samples) {
+  settings.light_samples = settings.lobe_samples = samples;
+  settings.pixel_samples = 1;
+  if (settings.max_depth > 0) settings.max_depth -= 1;
   settings.first_hits = false;
   return settings;
 }
 
-bool is_suited(const Scene& scene, const SkyMaps& maps) {
-  if (maps.is_crowd()) return false;  // its far groups send no light back
-  const auto is_diffuse = [&](const Instance& i) { return is_diffuse_and_opaque(scene, i.bsdf); };
-  if (!std::all_of(scene.instances.begin(), scene.instances.end(), is_diffuse)) return false;
-  const auto is_ball = [](const SkyOccluder& o) { return o.kind == SkyOccluder::Kind::ball; };
-  if (std::any_of(maps.occluders().begin(), maps.occluders().end(), is_ball)) return false;
+// By instance: whether the light that it sends can be known. Empty: of none.
+std::vector<uint8_t> senders(const Scene& scene, const SkyMaps& maps) {
+  if (maps.is_crowd()) return {};  // its far groups send no light back
   const auto is_plane = [](const SkyOccluder& o) { return o.kind == SkyOccluder::Kind::plane; };
-  return std::count_if(maps.occluders().begin(), maps.occluders().end(), is_plane) <= k_most_planes;
+  if (std::count_if(maps.occluders().begin(), maps.occluders().end(), is_plane) > k_most_planes) return {};
+  std::vector<uint8_t> sends;
+  for (const SkyOccluder& o : maps.occluders()) {
+    const bool has_surfels = o.kind != SkyOccluder::Kind::ball;
+    sends.push_back(has_surfels && is_diffuse_and_opaque(scene, scene.instances[o.instance].bsdf));
+  }
+  if (std::find(sends.begin(), sends.end(), 1) == sends.end()) return {};
+  return sends;
 }
 
 IndirectSize choose_size(size_t occluders) {
@@ -49,7 +53,8 @@ IndirectSize choose_size(size_t occluders) {
 void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   const int depth = input.settings.max_depth;
   if (!stage.light || (depth >= 0 && depth < 3)) return;
-  if (!is_suited(input.scene, *stage.maps)) return;
+  const std::vector<uint8_t> sends = senders(input.scene, *stage.maps);
+  if (sends.empty()) return;
   const IndirectSize size = choose_size(stage.maps->occluders().size());
   const IndirectLight::Cost cost = IndirectLight::cost(*stage.maps, size);
   if (cost.bytes + stage.maps->bytes() > input.request.most_bytes) return;
@@ -58,17 +63,16 @@ void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   AnswererSettings by_rays{input.settings.isa, 0.0f};
   by_rays.whole_scene = true;
   const ShadowAnswerer answerer(input.scene, input.accel, input.traits, no_fields, by_rays);
-  TransportContext shading(input.scene, input.accel, input.camera, answerer, surfel_settings(input.settings),
-                           input.lights);
+  TransportContext shading(input.scene, input.accel, input.camera, answerer,
+                           surfel_settings(input.settings, k_surfel_samples), input.lights);
   if (shading.open_area_can_be_hit) return;  // such lights are also found by paths
   shading.sky = stage.light.get();
   shading.make_follower = make_path_follower;
-  const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, size);
+  const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends, size);
   if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
-  TransportSettings settings = shading.settings;
-  settings.max_depth = depth < 0 ? -1 : depth - 1;
-  settings.light_samples = settings.lobe_samples = k_check_samples;
-  TransportContext exact(input.scene, input.accel, input.camera, answerer, settings, input.lights);
+  shading.indirect = light.get();
+  TransportContext exact(input.scene, input.accel, input.camera, answerer,
+                         surfel_settings(input.settings, k_check_samples), input.lights);
   exact.make_follower = make_path_follower;
   shade_indirect(light, *stage.light, shading, depth < 0 ? -1 : depth - 2, input.check ? &exact : nullptr,
                  input.callbacks.stop, stats);

@@ -24,9 +24,8 @@ struct IndirectInput {
   bool check = false;
 };
 
-// Gives `stage.light`, if there is one, the light that objects send on, where all materials are diffuse and opaque,
-// paths may have three surfaces or more, and shading costs less than the rays that it spares. Leaves it without if
-// `callbacks.stop` was set meanwhile.
+// Gives `stage.light`, if there is one, the light that diffuse objects send on, where paths may have three surfaces or
+// more and shading costs less than the rays that it spares. Leaves it without if `callbacks.stop` was set meanwhile.
 void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats);
 
 }  // namespace fieldtrace

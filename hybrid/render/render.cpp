@@ -405,7 +405,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings_for(picture, fields),
                            stage.lights);
   context.sky = stage.sky.light.get();
-  context.sky_has_indirect = context.sky && context.sky->indirect();
+  context.indirect = context.sky ? context.sky->indirect() : nullptr;
   context.occlusion_sky = stage.sky.occlusion.get();
   // Single rays of the layer `ao` gain nothing from fields.
   std::optional<ShadowAnswerer> for_occlusion;
@@ -443,7 +443,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   fields.count(stats);
   stats.field_bytes_maps = context.lobes ? context.lobes->bytes() : 0;
   if (stage.sky.maps) stats.field_bytes_maps += stage.sky.maps->bytes();
-  if (context.sky_has_indirect) stats.field_bytes_maps += context.sky->indirect()->bytes();
+  if (context.indirect) stats.field_bytes_maps += context.indirect->bytes();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.store(*cache, options.must_keep_fields ? IfUnkept::fail : IfUnkept::warn, warning, stats);

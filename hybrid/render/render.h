@@ -41,11 +41,11 @@ inline constexpr int k_most_lobe_samples = 1 << 12;
 
 struct RenderOptions {
   Method method = Method::hybrid;
-  int spp = 0;                   // camera samples a pixel; 0: the scene file's sampler
-  int light_samples = 1;         // shadow rays per light and hit
-  int lobe_samples = 1;          // rays per glossy hit of the camera path
-  std::optional<uint32_t> seed;  // default: the scene file's
-  float tolerance = k_default_tolerance;        // [0, 1]; 0: every ray is traced, 1: every cell answers
+  int spp = 0;                            // camera samples a pixel; 0: the scene file's sampler
+  int light_samples = 1;                  // shadow rays per light and hit
+  int lobe_samples = 1;                   // rays per glossy hit of the camera path
+  std::optional<uint32_t> seed;           // default: the scene file's
+  float tolerance = k_default_tolerance;  // [0, 1]; 0: every ray is traced, 1: every cell answers
   Chart chart = Chart::orthographic;
   int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene. Thesis: M, 32, 64 or 128; 0: 64
   int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene. Thesis: 0

@@ -7,6 +7,7 @@
 #include "core/math/finite.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/render/transport_impl.h"
+#include "hybrid/sky/indirect_light.h"
 #include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
@@ -171,7 +172,7 @@ void TransportWorker::Impl::gather_light(int vertex_number) {
 // Whether a ray sampled from a material, plainly diffuse or not, can still find light that is not counted already.
 bool TransportWorker::Impl::goes_on(bool is_diffuse, int vertex_number) const {
   if (vertex_number + 1 >= k_longest_path) return false;
-  if (is_diffuse && context.sky_has_indirect && context.has_sky_maps(vertex_number)) return false;
+  if (is_diffuse && knows_indirect(vertex_number) && !context.indirect->has_others()) return false;
   if (settings.max_depth < 0 || vertex_number + 2 < settings.max_depth) return true;
   if (!is_diffuse) return context.emission_can_be_hit;
   return context.has_sky_maps(vertex_number) ? context.open_area_can_be_hit : context.open_form_can_be_hit;
@@ -208,6 +209,7 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   // What passes straight through keeps its direction bit for bit.
   const Vec3 d = s.straight ? rays.direction(vertex.path) : vertex.frame.to_world(s.wo);
   if (!s.straight && !vertex.material->transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
+  if (seeks_others && leaving.diffuse && !context.indirect->may_meet_others(vertex.surface->position, d)) return;
 
   PathState& next = send(vertex, leaving, d);
   next.throughput *= s.weight / vertex.lobe_samples;
@@ -237,6 +239,7 @@ void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, const PathSta
 }
 
 void TransportWorker::Impl::scatter(int vertex_number) {
+  seeks_others = knows_indirect(vertex_number);
   const bool diffuse_goes_on = goes_on(true, vertex_number), others_go_on = goes_on(false, vertex_number);
   const auto leaves = [&](const PathVertex& v) { return v.material->plain_diffuse() ? diffuse_goes_on : others_go_on; };
   size_t most = 0;

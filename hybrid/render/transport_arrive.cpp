@@ -2,6 +2,7 @@
 
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/render/transport_impl.h"
+#include "hybrid/sky/indirect_light.h"
 
 namespace fieldtrace {
 
@@ -133,6 +134,13 @@ int TransportWorker::Impl::side_of_all(const HitRun& run) const {
 }
 
 void TransportWorker::Impl::meet_surface(Arrival& arrival, const HitRun& run, const MetInstance& instance) {
+  if (arrival.vertex_number > 0 && knows_indirect(arrival.vertex_number - 1) &&
+      context.indirect->sends(instance.index)) {
+    for (uint32_t i = run.begin; i < run.end; ++i) {
+      if (!paths[i].diffuse) add_vertex(arrival, i, instance);  // else it is counted already
+    }
+    return;
+  }
   const bool is_simple = instance.diffuse_sides && !arrival.diffuse_goes_on && !arrival.shows_first_hit &&
                          (arrival.is_first || arrival.vertex_number < settings.rr_depth);
   if (!is_simple) {

@@ -57,6 +57,7 @@ struct TransportWorker::Impl {
   std::vector<HitRun> runs, exact_runs;        // hits; those whose surface is looked up
   std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
   std::span<Rgb> radiance;                     // by slot
+  bool seeks_others = false;                   // diffuse surfaces send paths to instances that are not known there
   std::vector<Rgb> follow_radiance;
 
   explicit Impl(const TransportContext& c)
@@ -66,6 +67,9 @@ struct TransportWorker::Impl {
         surfaces(c.scene, c.materials, c.settings.isa),
         direct(c),
         occlusion(c) {}
+
+  // Whether diffuse surfaces of this number know what comes from those instances that send light by way of the sky.
+  bool knows_indirect(int vertex_number) const { return context.indirect && context.has_sky_maps(vertex_number); }
 
   void generate(const CameraSamples& samples);
   void pass_hidden_emitters();

@@ -106,7 +106,8 @@ IndirectLight::Cost IndirectLight::cost(const SkyMaps& maps, const IndirectSize&
 }
 
 IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps,
-                             std::span<const ShapeTraits> traits, const IndirectSize& size)
+                             std::span<const ShapeTraits> traits, std::span<const uint8_t> sends,
+                             const IndirectSize& size)
     : maps_(maps), size_(size), instances_(maps.occluders().size()) {
   for (int i = 0; i < size.directions * size.directions; ++i) {
     const CellFrame f = cell_frame(i / size.directions, i % size.directions, size.directions);
@@ -117,6 +118,11 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
   for (const SkyOccluder& o : maps.occluders()) {
     const uint32_t shape = scene.instances[o.instance].shape;
     OfInstance& own = instances_[o.instance];
+    if (!sends[o.instance]) {
+      own.surfels = std::make_shared<const Surfels>();
+      others_.push_back(o.ball);
+      continue;
+    }
     if (o.kind == SkyOccluder::Kind::plane) {
       add_plane(scene, accel, *parallelogram(scene.shapes[shape], traits[shape]), o);
       continue;
@@ -156,8 +162,18 @@ void IndirectLight::add_plane(const Scene& scene, const Accel& accel, const Para
   }
 }
 
+bool IndirectLight::may_meet_others(const Vec3& origin, const Vec3& d) const {
+  for (const Sphere& ball : others_) {
+    const Vec3 to = ball.centre - origin;
+    const float along = glm::dot(to, d), squared = glm::dot(to, to), reach = ball.radius * ball.radius;
+    if (squared <= reach || (along > 0.0f && squared - along * along <= reach)) return true;
+  }
+  return false;
+}
+
 void IndirectLight::set_radiance(size_t instance, std::span<const Rgb> radiance) {
   OfInstance& own = instances_[instance];
+  if (!own.pyramids) return;
   float most = 0.0f;
   own.luminance_sum = 0.0;
   for (const Rgb& r : radiance) {
@@ -195,7 +211,7 @@ MapRadiance IndirectLight::lines_of(const SkyOccluder& o, int map) const {
   write_row(o.to_unit, frame[0], half_texels, half_texels, lines.u);
   write_row(o.to_unit, frame[1], half_texels, half_texels, lines.v);
   lines.outer = 2 * map * own.view.bytes, lines.inner = lines.outer + own.view.bytes;
-  lines.view = &own.view;
+  lines.view = own.pyramids ? &own.view : nullptr;
   return lines;
 }
 
@@ -215,6 +231,7 @@ MapRadiance IndirectLight::map_radiance(const SkyOccluder& o, const Vec3& d, flo
 Rgb IndirectLight::radiance(uint32_t instance, const Vec3& position, const Vec3& origin, const Vec3& d) const {
   const SkyOccluder& o = maps_.occluders()[instance];
   const OfInstance& own = instances_[instance];
+  if (!own.pyramids) return Rgb(0.0f);
   if (o.kind == SkyOccluder::Kind::plane) {
     const Vec3 at = transform_by(o.to_unit, position), from = transform_by(o.to_unit, origin);
     return to_vec(scalar::radiance_of_plane<float>(own.plane, {}, at.x, at.y, from.z, 1.0f, 0.0f, true));

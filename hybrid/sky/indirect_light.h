@@ -32,14 +32,18 @@ class IndirectLight {
   };
   static Cost cost(const SkyMaps& maps, const IndirectSize& size);
 
-  // Black. `maps` must outlive it, and have maps or parallelograms for all instances (unchecked). Throws
-  // std::bad_alloc.
+  // Black. `maps` must outlive it. `sends`: by instance, 1 where its light is known; such instances must have maps or
+  // be parallelograms (unchecked). Throws std::bad_alloc.
   IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps, std::span<const ShapeTraits> traits,
-                const IndirectSize& size);
+                std::span<const uint8_t> sends, const IndirectSize& size);
 
-  // By instance.
+  // By instance. What sends no light has no surfels.
   size_t size() const { return instances_.size(); }
   const Surfels& surfels(size_t instance) const { return *instances_[instance].surfels; }
+  bool sends(size_t instance) const { return instances_[instance].pyramids != nullptr; }
+  // Whether a ray may meet an instance that sends nothing by way of this.
+  bool may_meet_others(const Vec3& origin, const Vec3& d) const;
+  bool has_others() const { return !others_.empty(); }
   // One radiance for each point of surfels().
   void set_radiance(size_t instance, std::span<const Rgb> radiance);
   // To be called after radiances have changed.
@@ -47,7 +51,9 @@ class IndirectLight {
 
   // What `o` sends back along a cell of the world direction `d`.
   MapRadiance map_radiance(const SkyOccluder& o, const Vec3& d, float cell_width) const;
-  const PlaneRadiance* plane_radiance(const SkyOccluder& o) const { return &instances_[o.instance].plane; }
+  const PlaneRadiance* plane_radiance(const SkyOccluder& o) const {
+    return sends(o.instance) ? &instances_[o.instance].plane : nullptr;
+  }
   // What a ray from `origin` along the unit direction `d` meets at `position` of an instance.
   Rgb radiance(uint32_t instance, const Vec3& position, const Vec3& origin, const Vec3& d) const;
   // Mean over all surfels, luminance.
@@ -69,6 +75,7 @@ class IndirectLight {
   IndirectSize size_;
   std::vector<Mat3> frames_;  // by direction
   std::vector<OfInstance> instances_;
+  std::vector<Sphere> others_;  // balls of the instances that send nothing
   float mean_luminance_ = 0.0f;
 };
 

@@ -200,17 +200,53 @@ TEST(IndirectLight, DoesNotDependOnTheMachineOrTheWindow) {
   }
 }
 
-// Whatever is not diffuse sends on paths, as does everything at tolerance 0.
-TEST(IndirectLight, IsLeftToPathsWhereItIsNotDiffuse) {
+// Paths find what is not diffuse, and nothing else twice or never.
+TEST(IndirectLight, BesideMetalsIsNearMonteCarlo) {
+  for (const int depth : {3, 5, -1}) {
+    Corner s(32, depth);
+    s.objects();
+    s.scene.instances.back().bsdf = s.metal(0.3f);
+    s.light(EmitterKind::constant, Rgb(1.0f));
+    RenderOptions o = options_for(s.scene, Method::hybrid, 32, 256);
+    const RenderResult estimate = render(s.scene, o);
+    o.method = Method::monte_carlo;
+    o.spp = 1024;
+    o.seed = 7;
+    const RenderResult exact = render(s.scene, o);
+    const Difference d = difference(estimate.image, exact.image);
+    EXPECT_LT(std::abs(d.bias), 0.006);
+    EXPECT_LT(d.rmse, 0.03);
+    EXPECT_LT(d.worst_block, 0.03);
+    // Few paths go on.
+    EXPECT_LT(double(estimate.stats.rays_primary) / 256.0, 0.7 * double(exact.stats.rays_primary) / 1024.0);
+  }
+}
+
+TEST(IndirectLight, IsPathsAtToleranceZero) {
   Corner s(16, 3);
   s.objects();
   s.light(EmitterKind::constant, Rgb(1.0f));
   RenderOptions o = options_for(s.scene, Method::hybrid, 16, 4);
   o.tolerance = 0.0f;
-  EXPECT_GT(render(s.scene, o).stats.rays_primary, uint64_t(4 * 16 * 16));
-  o.tolerance = RenderOptions().tolerance;
-  s.scene.instances.back().bsdf = s.metal(0.2f);
-  EXPECT_GT(render(s.scene, o).stats.rays_primary, uint64_t(4 * 16 * 16));
+  const Image estimate = render(s.scene, o).image;
+  o.method = Method::monte_carlo;
+  EXPECT_EQ(render(s.scene, o).image.data, estimate.data);
+}
+
+// What --check says of estimates.
+TEST(IndirectLight, IsComparedWithRays) {
+  Corner s(48, 4);
+  s.objects();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, 48, 16);
+  o.check = true;
+  const Stats stats = render(s.scene, o).stats;
+  ASSERT_GT(stats.check_indirect.compared, 5u);
+  EXPECT_GT(stats.check_indirect.sum, 0.0);
+  EXPECT_LT(stats.check_indirect.sum, 0.02 * double(stats.check_indirect.compared));
+  ASSERT_GT(stats.check_surfels.compared, 10u);
+  EXPECT_GT(stats.check_surfels.sum, 0.0);
+  EXPECT_LT(std::abs(stats.check_surfels.bias), 0.02 * double(stats.check_surfels.compared));
 }
 
 }  // namespace
