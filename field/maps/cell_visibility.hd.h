@@ -234,6 +234,21 @@ FT_HD_INLINE F share_of_slope(const PlaneLines& plane, const PlaneSlope& slope, 
   // The part that heads for the plane.
   const F heading = min(max(fall * splat<F>(0.5f / half) + splat<F>(0.5f), zero), one);
   if (!any(heading > zero)) return zero;
+  // Most cells lie wholly within an edge's half-space or outside: the distance of their centre from its plane is
+  // bounded without a root.
+  Mask_t<F> inside = fall >= splat<F>(half), outside = fall <= splat<F>(-half);
+  const auto place = [&](const float* row, float change, float per_unit) {
+    const F h = abs(height), at = affine<F>(row, p), move = h * splat<F>(change);
+    const F width = splat<F>(half * 1.0001f), aside = h * sqrt(splat<F>(per_unit));
+    const F up = one - at, down = one + at;
+    const F above = fall * up - move, below = fall * down + move;
+    const F most_up = width * (abs(up) + aside), most_down = width * (abs(down) + aside);
+    inside = inside & (above >= most_up) & (below >= most_down);
+    outside = outside | (above <= zero - most_up) | (below <= zero - most_down);
+  };
+  place(plane.x, slope.dx, plane.per_unit_x);
+  place(plane.y, slope.dy, plane.per_unit_y);
+  if (all(inside | outside)) return select(inside, one, zero);
   EdgeCut<F> x[2], y[2];
   cut_by_edges<F>(plane.x, slope.dx, plane.per_unit_x, height, fall, half, p, x);
   const F of_x = share_of_both<F>(x[0].share, x[1].share, cosine_between<F>(x[0], x[1], plane.per_unit_x));

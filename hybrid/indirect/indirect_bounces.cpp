@@ -23,7 +23,9 @@ constexpr size_t k_check_blocks = 8;
 // Bounces at most, and the relative change of the mean radiance from which on the rest is a geometric series of at most
 // this ratio.
 constexpr int k_most_bounces = 16;
-constexpr float k_least_change = 0.01f, k_most_ratio = 0.9f;
+constexpr float k_least_change = 0.04f, k_most_ratio = 0.9f;
+
+using SurfelRadiance = std::vector<std::vector<Rgb>>;  // by instance and surfel
 
 struct Block {
   uint32_t instance;
@@ -126,9 +128,28 @@ class SurfelShader {
   tbb::enumerable_thread_specific<std::unique_ptr<PathFollower>> followers_;
 };
 
+DVec3 sum_of(const SurfelRadiance& radiance) {
+  DVec3 sum(0.0);
+  for (const std::vector<Rgb>& of_instance : radiance) {
+    for (const Rgb& r : of_instance) sum += DVec3(r);
+  }
+  return sum;
+}
+
+// Adds all further bounces: each brings what the last one has changed since `before`, times `ratio`.
+void add_series(const SurfelRadiance& before, const DVec3& ratio, SurfelRadiance& radiance) {
+  const Rgb q(glm::clamp(ratio, DVec3(0.0), DVec3(k_most_ratio)));
+  const Rgb rest = q / (1.0f - q);
+  for (size_t i = 0; i < radiance.size(); ++i) {
+    for (size_t k = 0; k < radiance[i].size(); ++k) {
+      radiance[i][k] += glm::max(radiance[i][k] - before[i][k], Rgb(0.0f)) * rest;
+    }
+  }
+}
+
 // Every k-th block of surfels is compared with exact paths, by the mean over the block: paths are noisy.
-void check_surfels(std::span<const Block> blocks, const std::vector<std::vector<Rgb>>& radiance,
-                   const TransportContext& exact, const IndirectLight& light, Stats& stats) {
+void check_surfels(std::span<const Block> blocks, const SurfelRadiance& radiance, const TransportContext& exact,
+                   const IndirectLight& light, Stats& stats) {
   SurfelShader shader(exact, light);
   const float mean = light.mean_luminance();
   if (!(mean > 0.0f)) return;
@@ -154,36 +175,30 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
   double seconds = 0.0;
   std::optional<ScopedTimer> timer(seconds);
   const std::vector<Block> blocks = make_blocks(*light);
-  std::vector<std::vector<Rgb>> radiance(light->size());
+  SurfelRadiance radiance(light->size());
   for (size_t i = 0; i < radiance.size(); ++i) radiance[i].resize(light->surfels(i).points.size());
   SurfelShader shader(shading, *light);
   std::atomic<uint64_t> rays = 0;
   const int most = bounces < 0 ? k_most_bounces : std::min(bounces, k_most_bounces);
   sky.set_indirect(nullptr);
-  float change = 0.0f;  // of the mean, by the last bounce
+  SurfelRadiance before;
+  DVec3 change(0.0);  // of the sum over all, by the last bounce
   for (int bounce = 0; bounce < most && !stopped(); ++bounce) {
+    before = radiance;
     parallel_for(blocks.size(), [&](size_t i) {
       if (stopped()) return;
       const Block& b = blocks[i];
       rays += shader.shade(b, std::span(radiance[b.instance]).subspan(b.begin, b.end - b.begin));
     });
     if (stopped()) break;
-    const float before = light->mean_luminance(), change_before = change;
+    const DVec3 all = sum_of(radiance), change_before = change;
+    change = all - sum_of(before);
+    const bool is_last = std::abs(luminance(Rgb(change))) <= k_least_change * luminance(Rgb(all));
+    if (is_last && bounces < 0) add_series(before, change / glm::max(change_before, DVec3(1e-30)), radiance);
     parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
     light->finish();
     sky.set_indirect(light);
-    change = light->mean_luminance() - before;
-    if (std::abs(change) > k_least_change * light->mean_luminance()) continue;
-    // Further bounces bring less and less of the same.
-    const float ratio = std::clamp(change / change_before, 0.0f, k_most_ratio);
-    if (bounces >= 0 || !(change_before > 0.0f)) break;
-    const float all = 1.0f + change * ratio / ((1.0f - ratio) * light->mean_luminance());
-    parallel_for(radiance.size(), [&](size_t i) {
-      for (Rgb& r : radiance[i]) r *= all;
-      light->set_radiance(i, radiance[i]);
-    });
-    light->finish();
-    break;
+    if (is_last) break;
   }
   stats.bake_rays += rays;
   timer.reset();

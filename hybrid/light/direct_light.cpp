@@ -417,6 +417,9 @@ void DirectLight::gather_light(const Job& job) {
     context_.answerer.find_candidates(centres_, candidates_, stats);
     for (uint32_t c = 0; c < centres_.size; ++c) {
       if (job.sky_is_mapped && cluster_of(job, c).plain_diffuse) continue;
+      // A light that cannot block its own samples is flat or convex, and does not light itself; by rounding its points
+      // may lie on its bright side.
+      if (centres_.instance[c] == candidates_.light.instance) continue;
       const int32_t shadow = candidates_.shadow[c];
       const bool is_settled = !shadow || shadow & k_light_blocked;
       if (is_settled && candidates_.met[c]) stats.samples_spared += candidates_.light_samples[c];

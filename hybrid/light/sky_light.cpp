@@ -192,6 +192,7 @@ void SkyLight::add_irradiance(const Job& job) {
       r.arriving_red[k] += e.x * r.red[k], r.arriving_green[k] += e.y * r.green[k];
       r.arriving_blue[k] += e.z * r.blue[k];
     }
+    if (sky_->radiance().is_black()) continue;  // no light samples are spared
     const uint64_t samples = uint64_t(c.size()) * uint64_t(job.light_samples);
     const uint64_t traced = std::min(samples, uint64_t(ray_counts_[i]));
     job.stats.samples += samples;

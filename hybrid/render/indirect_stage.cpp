@@ -9,7 +9,7 @@
 namespace fieldtrace {
 namespace {
 
-// Rays that shading may cost for each that Monte Carlo would send to the sky: those leave noise behind.
+// Rays that shading may cost for each that Monte Carlo would send from first surfaces: those leave noise behind.
 constexpr uint64_t k_indirect_gain = 8;
 // What a surfel costs, in rays.
 constexpr uint64_t k_surfel_rays = 64;
@@ -27,20 +27,6 @@ TransportSettings surfel_settings(TransportSettings settings, int samples) {
   return settings;
 }
 
-// By instance: whether the light that it sends can be known. Empty: of none.
-std::vector<uint8_t> senders(const Scene& scene, const SkyMaps& maps) {
-  if (maps.is_crowd()) return {};  // its far groups send no light back
-  const auto is_plane = [](const SkyOccluder& o) { return o.kind == SkyOccluder::Kind::plane; };
-  if (std::count_if(maps.occluders().begin(), maps.occluders().end(), is_plane) > k_most_planes) return {};
-  std::vector<uint8_t> sends;
-  for (const SkyOccluder& o : maps.occluders()) {
-    const bool has_surfels = o.kind != SkyOccluder::Kind::ball;
-    sends.push_back(has_surfels && is_diffuse_and_opaque(scene, scene.instances[o.instance].bsdf));
-  }
-  if (std::find(sends.begin(), sends.end(), 1) == sends.end()) return {};
-  return sends;
-}
-
 IndirectSize choose_size(size_t occluders) {
   IndirectSize size;
   if (occluders <= k_few_occluders) return size;
@@ -50,15 +36,32 @@ IndirectSize choose_size(size_t occluders) {
 
 }  // namespace
 
+bool plans_indirect(const Scene& scene, std::span<const ShapeTraits> traits, int depth, uint64_t light_rays) {
+  if ((depth >= 0 && depth < 3) || scene.emitters.empty()) return false;
+  const size_t count = scene.instances.size();
+  if (count > k_crowd) return false;  // its far groups send no light back
+  size_t planes = 0, senders = 0;
+  for (const Instance& i : scene.instances) {
+    planes += parallelogram(scene.shapes[i.shape], traits[i.shape]).has_value();
+    senders += is_diffuse_and_opaque(scene, i.bsdf);
+  }
+  const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
+  return senders > 0 && planes <= size_t(k_most_planes) && surfels * k_surfel_rays <= light_rays * k_indirect_gain;
+}
+
 void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   const int depth = input.settings.max_depth;
-  if (!stage.light || (depth >= 0 && depth < 3)) return;
-  const std::vector<uint8_t> sends = senders(input.scene, *stage.maps);
-  if (sends.empty()) return;
-  const IndirectSize size = choose_size(stage.maps->occluders().size());
-  const IndirectLight::Cost cost = IndirectLight::cost(*stage.maps, size);
-  if (cost.bytes + stage.maps->bytes() > input.request.most_bytes) return;
-  if (cost.surfels * k_surfel_rays > input.request.light_rays * k_indirect_gain) return;
+  if (!stage.light || !plans_indirect(input.scene, input.traits, depth, input.request.light_rays)) return;
+  std::vector<uint8_t> sends;
+  size_t planes = 0;
+  for (const SkyOccluder& o : stage.maps->occluders()) {
+    planes += o.kind == SkyOccluder::Kind::plane;
+    const bool has_surfels = o.kind != SkyOccluder::Kind::ball;
+    sends.push_back(has_surfels && is_diffuse_and_opaque(input.scene, input.scene.instances[o.instance].bsdf));
+  }
+  const IndirectSize size = choose_size(sends.size());
+  const uint64_t bytes = IndirectLight::cost(planes, sends.size() - planes, size).bytes;
+  if (bytes + stage.maps->bytes() > input.request.most_bytes) return;
   const std::vector<Field*> no_fields(input.scene.shapes.size(), nullptr);
   AnswererSettings by_rays{input.settings.isa, 0.0f};
   by_rays.whole_scene = true;

@@ -197,7 +197,9 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   SkyRequest request;
   const int depth = picture.settings.max_depth;
   // A light sample sends one ray to the sky and one from the material.
-  if (has_sky(picture.scene) && depth != 0 && depth != 1) request.light_rays = 2 * picture.rays_per_light();
+  const uint64_t light_rays = 2 * picture.rays_per_light();
+  const bool is_lit = has_sky(picture.scene) && depth != 0 && depth != 1;
+  if (is_lit || plans_indirect(picture.scene, stage.traits, depth, light_rays)) request.light_rays = light_rays;
   const bool is_open = picture.settings.occlusion_distance == k_infinity;
   if (picture.settings.occlusion && is_open) request.occlusion_rays = picture.rays_per_light();
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
@@ -514,6 +516,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       make_indirect({scene, accel, stage.camera, stage.traits, stage.lights, picture.settings, told_once,
                      sky_request(picture, stage), options.check},
                     stage.sky, result.stats);
+      if (stage.sky.light && !has_sky(scene) && !stage.sky.light->indirect()) stage.sky.light.reset();
     }
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);

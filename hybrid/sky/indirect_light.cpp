@@ -90,19 +90,13 @@ RadianceWindow radiance_window(const PlaneWindow& w, const SkyOccluder& plane, i
 
 }  // namespace
 
-IndirectLight::Cost IndirectLight::cost(const SkyMaps& maps, const IndirectSize& size) {
+IndirectLight::Cost IndirectLight::cost(size_t planes, size_t objects, const IndirectSize& size) {
+  constexpr int k_plane_pyramids = 4;  // two windows, two sides
+  const uint64_t plane_surfels = uint64_t(k_plane_pyramids) * uint64_t(size.plane_texels * size.plane_texels);
   const int pyramids = 2 * size.directions * size.directions;
-  Cost cost;
-  for (const SkyOccluder& o : maps.occluders()) {
-    if (o.kind == SkyOccluder::Kind::plane) {
-      cost.bytes += RadiancePyramids::bytes_of(size.plane_texels, 4);
-      cost.surfels += 2 * uint64_t(size.plane_texels) * uint64_t(size.plane_texels);
-    } else {
-      cost.bytes += RadiancePyramids::bytes_of(size.texels, pyramids);
-      cost.surfels += k_usual_surfels;
-    }
-  }
-  return cost;
+  return {planes * RadiancePyramids::bytes_of(size.plane_texels, k_plane_pyramids) +
+              objects * RadiancePyramids::bytes_of(size.texels, pyramids),
+          planes * plane_surfels / 2 + objects * k_usual_surfels};
 }
 
 IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps,

@@ -26,11 +26,11 @@ struct IndirectSize {
 
 class IndirectLight {
  public:
-  // Bytes and surfels of a scene's pyramids, in advance.
+  // Bytes and surfels, at most, of parallelograms and other objects.
   struct Cost {
     uint64_t bytes = 0, surfels = 0;
   };
-  static Cost cost(const SkyMaps& maps, const IndirectSize& size);
+  static Cost cost(size_t planes, size_t objects, const IndirectSize& size);
 
   // Black. `maps` must outlive it. `sends`: by instance, 1 where its light is known; such instances must have maps or
   // be parallelograms (unchecked). Throws std::bad_alloc.

@@ -47,6 +47,8 @@ class SkyRadiance {
   // A cone that holds it: unit axis and half angle, radians.
   Vec3 concentrated_axis() const { return axis_; }
   float concentrated_angle() const { return angle_; }
+  // Whether a scene has no sky, or none that lights it.
+  bool is_black() const { return constant_ == Rgb(0.0f) && fine_.empty(); }
   // Its part of the whole sky's power, by luminance.
   float concentrated_share() const { return share_; }
 

@@ -7,6 +7,7 @@
 #include "core/trace/accel.h"
 #include "hybrid/render/render.h"
 #include "hybrid/render/trace_pixels.h"
+#include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
 
 namespace fieldtrace {
@@ -595,6 +596,26 @@ TEST(Transport, RefusesWrongOptions) {
   refused([](RenderOptions& o) { o.crop = Rect{1, 1, std::numeric_limits<int>::max(), 4}; });
   refused([](RenderOptions& o) { o.max_depth = -2; });
   refused([](RenderOptions& o) { o.aovs = {"colour"}; });
+}
+
+// Points of a flat lamp may be rounded to its bright side.
+TEST(Transport, FlatLampsDoNotLightTheirBacks) {
+  TestRandom random(51);
+  for (int trial = 0; trial < 40; ++trial) {
+    test::SceneMaker s;
+    const Vec3 z = random.direction(), x = glm::normalize(glm::cross(z, random.direction())), y = glm::cross(z, x);
+    const Vec3 at = random.in_ball() * random.log_uniform(0.1f, 100.0f);
+    const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.9f));
+    s.scene.bsdfs[white].two_sided = true;
+    const ShapeKind kind = trial % 2 ? ShapeKind::disk : ShapeKind::rectangle;
+    s.area_light(s.instance(s.shape(kind), white, Affine(x, y, z, at)), Rgb(10.0f));
+    s.scene.camera.to_world = test::look_at(at - z * 3.0f + x * 0.5f, at, y);
+    RenderOptions o;
+    o.method = trial % 3 ? Method::monte_carlo : Method::hybrid;
+    o.max_depth = 3;
+    o.spp = 4;
+    for (const float v : render(s.scene, o).image.data) ASSERT_EQ(v, 0.0f);
+  }
 }
 
 }  // namespace

@@ -129,6 +129,16 @@ TEST(IndirectLight, OfAllLightsIsNearMonteCarlo) {
   expect_near_monte_carlo(s.scene, 48, 0.05, 0.01, 0.05);
 }
 
+// Without a sky: lamps alone.
+TEST(IndirectLight, OfLampsIsNearMonteCarlo) {
+  Corner s(48, -1);
+  s.objects();
+  const uint32_t lamp = s.instance(s.shape(ShapeKind::rectangle), s.grey,
+                                   placed({0.5f, 0, 0}, {0, -0.5f, 0}, {0, 0, -1}, {0.8f, 0.8f, 2.8f}));
+  s.area_light(lamp, Rgb(16.0f, 12.0f, 9.0f));
+  expect_near_monte_carlo(s.scene, 48, 0.06, 0.01, 0.05);
+}
+
 // A floor whose texture changes faster than surfels lie.
 TEST(IndirectLight, OfTexturesIsTheirMean) {
   Corner s(48, 3);
