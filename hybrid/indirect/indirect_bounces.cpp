@@ -179,7 +179,8 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
   for (size_t i = 0; i < radiance.size(); ++i) radiance[i].resize(light->surfels(i).points.size());
   SurfelShader shader(shading, *light);
   std::atomic<uint64_t> rays = 0;
-  const int most = bounces < 0 ? k_most_bounces : std::min(bounces, k_most_bounces);
+  const bool no_limit = bounces < 0 || bounces > k_most_bounces;
+  const int most = no_limit ? k_most_bounces : bounces;
   sky.set_indirect(nullptr);
   SurfelRadiance before;
   DVec3 change(0.0);  // of the sum over all, by the last bounce
@@ -193,8 +194,9 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
     if (stopped()) break;
     const DVec3 all = sum_of(radiance), change_before = change;
     change = all - sum_of(before);
-    const bool is_last = std::abs(luminance(Rgb(change))) <= k_least_change * luminance(Rgb(all));
-    if (is_last && bounces < 0) add_series(before, change / glm::max(change_before, DVec3(1e-30)), radiance);
+    const bool converges = std::abs(luminance(Rgb(change))) <= k_least_change * luminance(Rgb(all));
+    const bool is_last = no_limit && converges;
+    if (is_last) add_series(before, change / glm::max(change_before, DVec3(1e-30)), radiance);
     parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
     light->finish();
     sky.set_indirect(light);

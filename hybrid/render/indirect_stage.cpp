@@ -5,6 +5,7 @@
 #include "hybrid/indirect/indirect_bounces.h"
 #include "hybrid/path/patch_vertex.h"
 #include "hybrid/render/transport.h"
+#include "hybrid/visibility/light_extent.h"
 
 namespace fieldtrace {
 namespace {
@@ -40,13 +41,30 @@ bool plans_indirect(const Scene& scene, std::span<const ShapeTraits> traits, int
   if ((depth >= 0 && depth < 3) || scene.emitters.empty()) return false;
   const size_t count = scene.instances.size();
   if (count > k_crowd) return false;  // its far groups send no light back
-  size_t planes = 0, senders = 0;
+  size_t planes = 0;
+  std::vector<Vec3> senders;
+  std::vector<Bounds3> others;
   for (const Instance& i : scene.instances) {
     planes += parallelogram(scene.shapes[i.shape], traits[i.shape]).has_value();
-    senders += is_diffuse_and_opaque(scene, i.bsdf);
+    const Bounds3 box = world_bounds(scene.shapes[i.shape].bounds, i.to_world);
+    if (is_diffuse_and_opaque(scene, i.bsdf)) {
+      senders.push_back(box.centre());
+    } else {
+      others.push_back(box);
+    }
   }
   const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
-  return senders > 0 && planes <= size_t(k_most_planes) && surfels * k_surfel_rays <= light_rays * k_indirect_gain;
+  // Paths to what is not diffuse go on. Without a sky the maps would be made for the rest alone; and where most of that
+  // stands amid what is not diffuse, few paths are spared.
+  if (!has_sky(scene) && !others.empty()) return false;
+  const auto is_amid = [&](const Vec3& centre) {
+    return std::any_of(others.begin(), others.end(), [&](const Bounds3& box) {
+      return glm::length(centre - box.centre()) <= 0.5f * glm::length(box.diagonal());
+    });
+  };
+  const auto amid = size_t(std::count_if(senders.begin(), senders.end(), is_amid));
+  return 2 * amid < senders.size() && planes <= size_t(k_most_planes) &&
+         surfels * k_surfel_rays <= light_rays * k_indirect_gain;
 }
 
 void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
