@@ -57,6 +57,7 @@ bool plans_indirect(const Scene& scene, std::span<const ShapeTraits> traits, int
   // Paths to what is not diffuse go on. Without a sky the maps would be made for the rest alone; and where most of that
   // stands amid what is not diffuse, few paths are spared.
   if (!has_sky(scene) && !others.empty()) return false;
+  if (4 * others.size() > senders.size()) return false;
   const auto is_amid = [&](const Vec3& centre) {
     return std::any_of(others.begin(), others.end(), [&](const Bounds3& box) {
       return glm::length(centre - box.centre()) <= 0.5f * glm::length(box.diagonal());

@@ -196,10 +196,12 @@ constexpr uint64_t k_sky_share = 4;
 SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   SkyRequest request;
   const int depth = picture.settings.max_depth;
+  const bool is_lit = has_sky(picture.scene) && depth != 0 && depth != 1;
   // A light sample sends one ray to the sky and one from the material.
   const uint64_t light_rays = 2 * picture.rays_per_light();
-  const bool is_lit = has_sky(picture.scene) && depth != 0 && depth != 1;
-  if (is_lit || plans_indirect(picture.scene, stage.traits, depth, light_rays)) request.light_rays = light_rays;
+  if (is_lit || plans_indirect(picture.scene, stage.traits, depth, light_rays)) {
+    request.light_rays = uint64_t(diffuse_share(picture.scene, stage.accel, stage.camera) * double(light_rays));
+  }
   const bool is_open = picture.settings.occlusion_distance == k_infinity;
   if (picture.settings.occlusion && is_open) request.occlusion_rays = picture.rays_per_light();
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
@@ -511,11 +513,11 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
         stage.cache = open_cache(options, /*no_fields=*/false, told_once.warning);
         return stage.cache.get();
       };
-      stage.sky =
-          make_sky(scene, accel, stage.traits, options, sky_request(picture, stage), cache, told_once, result.stats);
-      make_indirect({scene, accel, stage.camera, stage.traits, stage.lights, picture.settings, told_once,
-                     sky_request(picture, stage), options.check},
-                    stage.sky, result.stats);
+      const SkyRequest request = sky_request(picture, stage);
+      stage.sky = make_sky(scene, accel, stage.traits, options, request, cache, told_once, result.stats);
+      make_indirect(
+          {scene, accel, stage.camera, stage.traits, stage.lights, picture.settings, told_once, request, options.check},
+          stage.sky, result.stats);
       if (stage.sky.light && !has_sky(scene) && !stage.sky.light->indirect()) stage.sky.light.reset();
     }
     FieldPlan plan = first_plan(picture, stage);

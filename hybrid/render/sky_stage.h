@@ -6,6 +6,7 @@
 #include <memory>
 #include <span>
 
+#include "core/camera/camera.h"
 #include "core/trace/accel.h"
 #include "field/file/field_cache.h"
 #include "hybrid/render/render.h"
@@ -25,6 +26,10 @@ struct SkyRequest {
   uint64_t light_rays = 0, occlusion_rays = 0;
   uint64_t most_bytes = 0;  // that maps may take
 };
+
+// Of the surfaces that a grid of camera rays over the whole film meets, the share that are diffuse and opaque: only
+// these ask maps. 1 if there are none.
+double diffuse_share(const Scene& scene, const Accel& accel, const CameraSampler& camera);
 
 // Whether the scene has emitters that surround it.
 bool has_sky(const Scene& scene);
