@@ -42,9 +42,6 @@ struct OwnLines {
   float clear_within, hidden_from;  // texels above the tangent plane; between the two undecided
 };
 
-// Parts of a cell whose light varies, along each side and in all.
-inline constexpr int k_parts_side = 4, k_cell_parts = k_parts_side * k_parts_side;
-
 // Changes per world unit along a direction.
 struct PlaneSlope {
   float dx, dy;  // of a parallelogram's coordinates
@@ -68,10 +65,9 @@ struct PlaneRadiance {
 
 // A parallelogram [-1, 1]^2 of its own coordinates.
 struct PlaneLines {
-  float x[4], y[4];                // the point's coordinates
-  float height[4];                 // its distance from the plane, world units, signed
-  PlaneSlope centre;               // along the cell's direction
-  PlaneSlope parts[k_cell_parts];  // along those of its parts, if CellTask::parts
+  float x[4], y[4];   // the point's coordinates
+  float height[4];    // its distance from the plane, world units, signed
+  PlaneSlope centre;  // along the cell's direction
   // Of the coordinates' gradients: squared lengths, and their product.
   float per_unit_x, per_unit_y, x_dot_y;
   const PlaneRadiance* radiance = nullptr;
@@ -84,13 +80,12 @@ struct BallLines {
 };
 
 struct CellTask {
-  float direction[3];  // unit, of the cell's centre
+  float direction[3];  // unit, of the centre of the cell's light
   float half = 0;      // half extent of the cell, radians
   float vector[3];     // SkyCells: mean direction by luminance, of length <= 1
   float cosine_half = 0;
-  float weight[3];               // radiance x solid angle, RGB
-  float clear = 1.0f;            // share that what is not listed leaves
-  const float* parts = nullptr;  // of the light, by part of the cell; null: it hardly varies
+  float weight[3];     // radiance x solid angle, RGB
+  float clear = 1.0f;  // share that what is not listed leaves
   const OwnLines* own = nullptr;
   const MapLines* maps = nullptr;
   const PlaneLines* planes = nullptr;

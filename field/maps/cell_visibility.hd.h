@@ -267,20 +267,6 @@ FT_HD_INLINE F share_of_slope(const PlaneLines& plane, const PlaneSlope& slope, 
   return select(cut_twice, min(of_x * of_y * (least * most), share), share);
 }
 
-// Of the cell's light, where it varies over the cell.
-template <class F>
-FT_HD_INLINE F share_of_plane(const PlaneLines& plane, const CellTask& task, const Vec3Lanes<F>& p) {
-  const F whole = share_of_slope<F>(plane, plane.centre, task.cosine_half, p);
-  const Mask_t<F> partly = (whole > splat<F>(0.0f)) & (whole < splat<F>(1.0f));
-  if (!task.parts || !any(partly)) return whole;
-  F share = splat<F>(0.0f);
-  for (int k = 0; k < k_cell_parts; ++k) {
-    const F of_part = share_of_slope<F>(plane, plane.parts[k], task.cosine_half / float(k_parts_side), p);
-    share = share + of_part * splat<F>(task.parts[k]);
-  }
-  return select(partly, share, whole);
-}
-
 // Whether the cell may meet the ball.
 template <class F>
 FT_HD_INLINE Mask_t<F> may_meet(const BallLines& ball, const CellTask& task, const Vec3Lanes<F>& p) {
@@ -349,7 +335,7 @@ class PlanesSeen {
   FT_HD_INLINE PlanesSeen(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& s) {
     const F half = splat<F>(0.5f);
     for (int k = 0; k < task.plane_count; ++k) {
-      const F share = share_of_plane<F>(task.planes[k], task, p);
+      const F share = share_of_slope<F>(task.planes[k], task.planes[k].centre, task.cosine_half, p);
       if (!any(share > zero_)) continue;
       if (count_ == k_most_planes) {
         clear_ = clear_ * (one_ - share);

@@ -47,8 +47,8 @@ Vec3 leave(const ShadingPointBatch& p, size_t i, const Vec3& d) {
 }  // namespace
 
 Vec3 SkyLight::direction_in(uint32_t cell, float x, float y) const {
-  const int side = sky_->maps().directions();
-  return grid_ * direction_in_cell(int(cell) / side, int(cell) % side, x, y, side);
+  const SkyCell& c = light_->cells[cell];
+  return grid_ * direction_in_cell(c.u, c.v, x, y, c.side);
 }
 
 CellPoints SkyLight::cell_points() const {
@@ -70,7 +70,6 @@ void SkyLight::see_cells(const Job& job) {
                          reflected_red_.data(), reflected_green_.data(), reflected_blue_.data()};
   const float reflected = sky_->indirect() ? sky_->indirect()->mean_luminance() : 0.0f;
   undecided_.resize(size_t(points.size) + k_batch_padding);
-  const float solid_angle = sky_->maps().cell_width() * sky_->maps().cell_width();
   open_cells_.clear();
   for (size_t k = 0; k < occluders_.cells().size(); ++k) {
     if (occluders_.is_clear(k)) continue;
@@ -79,6 +78,7 @@ void SkyLight::see_cells(const Job& job) {
     const int open = kernel(task, points, sums, undecided_.data());
     job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
     const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
+    const float solid_angle = occluders_.cell(k).width() * occluders_.cell(k).width();
     const float light = luminance({task.weight[0], task.weight[1], task.weight[2]}) + reflected * solid_angle;
     for (int i = 0; i < open; ++i) {
       const auto point = uint32_t(undecided_[size_t(i)]);
@@ -129,7 +129,6 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
   const int count = int(std::ceil(samples * std::min(k_open_cell_rays * (total / whole), 1.0f)));
   const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream + centres_.sample[point]);
   const float offset = scalar::sample_2d(0, seed, 1).x;
-  const float solid_angle = sky_->maps().cell_width() * sky_->maps().cell_width();
   ray_counts_[point] = uint32_t(count);
   for (int k = 0; k < count; ++k) {
     const float at = (float(k) + offset) / float(count) * total;
@@ -142,6 +141,7 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     if (!(cosine > 0.0f && glm::dot(d, geometric(all, from)) > 0.0f)) continue;
     if (rays_.ox.size() <= cell_rays_.size()) rays_.resize(2 * cell_rays_.size() + k_batch_padding);
     rays_.set(cell_rays_.size(), leave(all, from, d), d, k_infinity);
+    const float width = light_->cells[open.cell].width(), solid_angle = width * width;
     cell_rays_.push_back({point, cosine * solid_angle * total / (open.weight * float(count))});
   }
 }
@@ -216,13 +216,14 @@ float SkyLight::hidden_scale(size_t point) const {
   const float hidden = luminance({red_[point], green_[point], blue_[point]});
   const float weight = std::min((hidden / open_[point] - k_least_enclosed) / k_least_enclosed, 1.0f);
   if (!(weight > 0.0f)) return 1.0f;
-  const float all = sky_->cells_of(centres_.instance[0]).irradiance(shading(centres_, point));
+  const float all = light_->irradiance(shading(centres_, point));
   return 1.0f + weight * (open_[point] / all - 1.0f);
 }
 
 void SkyLight::gather_batch(const Job& job) {
   occluders_.find(*sky_, centres_, job.place);
   grid_ = sky_->maps().occluders()[centres_.instance[0]].cells;
+  light_ = &sky_->cells_of(centres_.instance[0]);
   see_cells(job);
   open_.resize(centres_.size);
   for (size_t i = 0; i < centres_.size; ++i) {

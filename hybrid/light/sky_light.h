@@ -74,6 +74,7 @@ class SkyLight {
   ConcentratedLight concentrated_;
   CellOccluders occluders_;
   Mat3 grid_ = Mat3(1.0f);
+  const SkyCells* light_ = nullptr;       // of the batch's instance
   std::vector<ShadingCluster> clusters_;  // those to light, in parts where they are wide
   ShadingPointBatch points_;              // what stands for each
   std::vector<Sphere> places_;            // of these

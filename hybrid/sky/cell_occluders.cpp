@@ -15,11 +15,13 @@ namespace {
 constexpr float k_footprint = 0.58f;
 // A bilinear read covers so many texels about its place.
 constexpr float k_read_reach = 1.5f;
+// What a cell whose light varies counts as clear on its own object, of what others do: it may be bright.
+constexpr float k_divided_clear = 0.4f;
 // Groups are read as one if they subtend less than so many widths of a cell (OccluderGroups::find).
 constexpr float k_even_group = 2.0f, k_varying_group = 1.0f;
 
-// `unit`: the cell's direction in unit space.
-MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3& unit) {
+// `unit`: the cell's direction in unit space; `width`: its extent, radians.
+MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3& unit, float width) {
   const Mat3& frame = sky.frame(map);  // s, t, c
   const float half_texels = 0.5f * float(o.view.texels), along = glm::dot(frame[2], unit);
   MapLines lines;
@@ -28,7 +30,7 @@ MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3
   write_row(o.to_unit, frame[2], 1.0f, 0.0f, lines.z);
   lines.slope_u = half_texels * glm::dot(frame[0], unit) / along;
   lines.slope_v = half_texels * glm::dot(frame[1], unit) / along;
-  lines.reach = k_footprint * sky.cell_width() * half_texels / along;
+  lines.reach = k_footprint * width * half_texels / along;
   lines.margin = sky.tolerance().margin / half_texels;
   lines.depth_begin = map * o.view.depth_bytes;
   lines.coverage_begin = map * o.view.coverage_bytes;
@@ -94,18 +96,17 @@ void CellOccluders::find_lit() {
   const bool all = normal_cosine_ < std::sin(half);
   lit_.clear();
   const Vec3 n = glm::transpose(grid_) * mean_normal_;
-  const int count = sky_->directions() * sky_->directions();
-  for (int cell = 0; cell < count; ++cell) {
-    if (all || glm::dot(sky_->frame(cell)[2], n) > -sine) lit_.push_back(uint32_t(cell));
+  const size_t count = light_->cells.size();
+  for (size_t cell = 0; cell < count; ++cell) {
+    if (all || glm::dot(light_->directions[cell], n) > -sine) lit_.push_back(uint32_t(cell));
   }
   for (auto* v : {&lit_x_, &lit_y_, &lit_z_}) v->resize(lit_.size());
   for (size_t k = 0; k < lit_.size(); ++k) {
-    const Vec3& d = sky_->frame(int(lit_[k]))[2];
+    const Vec3& d = light_->directions[lit_[k]];
     lit_x_[k] = d.x, lit_y_[k] = d.y, lit_z_[k] = d.z;
   }
   faces_.resize(lit_.size());
-  maps_.resize(size_t(count)), radiance_.resize(size_t(count)), planes_.resize(size_t(count)),
-      balls_.resize(size_t(count));
+  maps_.resize(count), radiance_.resize(count), planes_.resize(count), balls_.resize(count);
   for (size_t k = 0; k < lit_.size(); ++k) {
     maps_[k].clear(), radiance_[k].clear(), planes_[k].clear(), balls_[k].clear();
   }
@@ -145,7 +146,7 @@ void CellOccluders::add(const SkyOccluder& o) {
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
         const Vec3 unit = to_maps * d;
-        const MapLines lines = map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit);
+        const MapLines lines = map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit, cell(k).width());
         if (indirect_) {
           insert(k, o, lines);
         } else {
@@ -155,10 +156,9 @@ void CellOccluders::add(const SkyOccluder& o) {
       }
       case SkyOccluder::Kind::plane: {
         const PlaneLines plane = plane_lines(o, grid_ * d);
-        if (turns_away(plane, ball_, 0.5f * sky_->cell_width())) break;
+        if (turns_away(plane, ball_, 0.5f * cell(k).width())) break;
         planes_[k].push_back(plane);
         if (indirect_) planes_[k].back().radiance = indirect_->plane_radiance(o);
-        if (light_->varies[lit_[k]]) add_parts(o, lit_[k], planes_[k].back());
         break;
       }
       case SkyOccluder::Kind::ball:
@@ -170,21 +170,12 @@ void CellOccluders::add(const SkyOccluder& o) {
 
 // Keeps maps in the order of their places, which no batch changes.
 void CellOccluders::insert(size_t k, const SkyOccluder& o, const MapLines& lines) {
-  const MapRadiance radiance = indirect_->map_radiance(o, direction(k), sky_->cell_width());
+  const MapRadiance radiance = indirect_->map_radiance(o, direction(k), cell(k).width());
   std::vector<MapRadiance>& all = radiance_[k];
   const auto at = std::upper_bound(all.begin(), all.end(), radiance.place,
                                    [](float place, const MapRadiance& other) { return place < other.place; });
   maps_[k].insert(maps_[k].begin() + (at - all.begin()), lines);
   all.insert(at, radiance);
-}
-
-void CellOccluders::add_parts(const SkyOccluder& o, uint32_t cell, PlaneLines& lines) const {
-  const int side = sky_->directions() * k_parts_side;
-  const int u = int(cell) / sky_->directions() * k_parts_side, v = int(cell) % sky_->directions() * k_parts_side;
-  for (int k = 0; k < k_cell_parts; ++k) {
-    const Vec3 d = cell_frame(u + k / k_parts_side, v + k % k_parts_side, side).c;
-    lines.parts[k] = slope_along(o, grid_ * d);
-  }
 }
 
 // In a loop that compilers vectorise: lobes are wide.
@@ -213,7 +204,7 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   bound(points);
   find_lit();
   // Where light varies within cells, lobes tell it worse; none sends light back.
-  const float widths = indirect_ ? 0.0f : light_->parts.empty() ? k_even_group : k_varying_group;
+  const float widths = indirect_ ? 0.0f : sky.radiance().is_even() ? k_even_group : k_varying_group;
   maps.find(place, widths * maps.cell_width(), near_, lobes_);
   add_far();
   for (const uint32_t i : near_) {
@@ -226,33 +217,33 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
 CellTask CellOccluders::task(size_t k, OwnObject& own) const {
   const SkyCells& light = *light_;
   const uint32_t cell = lit_[k];
-  const Mat3 frame = grid_ * sky_->frame(int(cell));
-  const float solid_angle = sky_->cell_width() * sky_->cell_width();
+  const Vec3 direction = this->direction(k);
+  const float width = this->cell(k).width(), solid_angle = width * width;
   const float weight[3] = {light.red[cell], light.green[cell], light.blue[cell]};
   const float vector[3] = {light.vx[cell], light.vy[cell], light.vz[cell]};
   CellTask task;
   for (int a = 0; a < 3; ++a) {
-    task.direction[a] = frame[2][a];
+    task.direction[a] = direction[a];
     task.vector[a] = vector[a];
     task.weight[a] = weight[a] * solid_angle;
   }
   task.clear = far_[k];
-  task.parts = light.parts_of(cell);
-  task.half = 0.5f * sky_->cell_width();
-  task.cosine_half = light.half_width;
+  task.half = 0.5f * width;
+  task.cosine_half = light.half_width[cell];
   if (own_) {
     const bool own_cells = own_->cells == own_->grid;
-    const Vec3 unit = own_cells ? sky_->frame(int(cell))[2] : glm::transpose(own_->grid) * frame[2];
-    const int map = own_cells ? int(cell) : direction_cell(unit, sky_->directions());
+    const Vec3 unit = own_cells ? light.directions[cell] : glm::transpose(own_->grid) * direction;
+    const int map = own_cells ? this->cell(k).within(sky_->directions()) : direction_cell(unit, sky_->directions());
     const Mat3 axes = own_->grid * sky_->frame(map);
     OwnLines& o = own.lines;
-    o.lines = map_lines(*own_, *sky_, map, unit);
+    o.lines = map_lines(*own_, *sky_, map, unit, width);
     o.clear_within = sky_->tolerance().clear_within;
     o.hidden_from = sky_->tolerance().hidden_from;
+    if (this->cell(k).side > sky_->directions()) o.clear_within *= k_divided_clear;
     for (int a = 0; a < 3; ++a) o.s[a] = axes[0][a], o.t[a] = axes[1][a], o.c[a] = axes[2][a];
     task.own = &o;
     if (indirect_) {
-      own.radiance = indirect_->map_radiance(*own_, frame[2], sky_->cell_width());
+      own.radiance = indirect_->map_radiance(*own_, direction, width);
       task.own_radiance = &own.radiance;
     }
   }

@@ -33,8 +33,9 @@ class CellOccluders {
   bool is_clear(size_t k) const {
     return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty() && far_[k] == 1.0f;
   }
-  // The unit direction of the cell's centre.
-  Vec3 direction(size_t k) const { return grid_ * sky_->frame(int(lit_[k]))[2]; }
+  // The unit direction of the centre of the cell's light.
+  Vec3 direction(size_t k) const { return grid_ * light_->directions[lit_[k]]; }
+  const SkyCell& cell(size_t k) const { return light_->cells[lit_[k]]; }
   // The task refers to this object and to `own`.
   CellTask task(size_t k, OwnObject& own) const;
 
@@ -44,7 +45,6 @@ class CellOccluders {
   void add(const SkyOccluder& occluder);
   void insert(size_t k, const SkyOccluder& occluder, const MapLines& lines);
   void add_far();
-  void add_parts(const SkyOccluder& occluder, uint32_t cell, PlaneLines& lines) const;
 
   const SkyMaps* sky_ = nullptr;
   const SkyCells* light_ = nullptr;

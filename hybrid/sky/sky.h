@@ -11,13 +11,16 @@
 
 namespace fieldtrace {
 
+// Cells whose light varies are divided so often along each side.
+inline constexpr int k_cell_parts = 2;
+
 class Sky {
  public:
   // `maps` must outlive this.
   Sky(const SkyMaps& maps, const Scene& lights)
       : maps_(maps),
         radiance_(lights),
-        world_(radiance_.cells(Mat3(1.0f), maps.directions())),
+        world_(radiance_.cells(Mat3(1.0f), maps.directions(), k_cell_parts)),
         grids_(maps.is_crowd() ? 0 : maps.occluders().size()) {}
 
   const SkyMaps& maps() const { return maps_; }
@@ -30,7 +33,7 @@ class Sky {
     const SkyOccluder& o = maps_.occluders()[instance];
     if (o.cells == Mat3(1.0f)) return world_;
     Grid& grid = grids_[instance];
-    std::call_once(grid.once, [&] { grid.cells = radiance_.cells(o.cells, maps_.directions()); });
+    std::call_once(grid.once, [&] { grid.cells = radiance_.cells(o.cells, maps_.directions(), k_cell_parts); });
     return grid.cells;
   }
 

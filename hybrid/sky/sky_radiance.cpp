@@ -21,9 +21,6 @@ constexpr size_t k_bands = 16;         // of a map's rows: sums are those of the
 // What is cut out covers less of the sphere than this, and carries more of the map's power than that.
 constexpr double k_concentrated_share = 1.0 / 500.0, k_concentrated_power = 0.05;
 
-// Cells whose parts differ by more than this factor in luminance are divided where planes cut them.
-constexpr float k_part_contrast = 1.1f;
-
 Rgb positive(const Rgb& c) { return glm::max(c, Rgb(0.0f)); }
 
 // Of an interval whose variance is that of cells along a line, in the mean: most cells are longer than wide.
@@ -105,10 +102,12 @@ SkyRadiance::SkyRadiance(const Scene& scene) {
     if (e.kind == EmitterKind::constant) constant_ += e.value;
     if (e.kind == EmitterKind::environment) add_map(scene, e);
   }
-  if (!fine_.empty()) make_table();
-  if (!concentrated_) return;
+  if (fine_.empty()) return;
+  make_table();
   double rest = 0.0;
   for (const Rgb& c : fine_) rest += double(luminance(c + constant_)) / double(fine_.size());
+  mean_ = float(rest);
+  if (!concentrated_) return;
   share_ = float(power_ / (power_ + rest));
 }
 
@@ -193,55 +192,90 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
 }
 
 float SkyCells::irradiance(const Vec3& n) const {
-  const size_t count = red.size();
+  float sum = 0.0f;
+  for (size_t begin = 0, end = 0; begin < cells.size(); begin = end) {
+    while (end < cells.size() && cells[end].side == cells[begin].side) ++end;
+    sum += irradiance(n, begin, end);
+  }
+  return sum;
+}
+
+// Of cells of one width.
+float SkyCells::irradiance(const Vec3& n, size_t begin, size_t end) const {
   const float *x = vx.data(), *y = vy.data(), *z = vz.data(), *r = red.data(), *g = green.data(), *b = blue.data();
+  const float half = half_width[begin], width = cells[begin].width();
   // Sums side by side, so that the compiler makes vectors of them.
   constexpr size_t k_sums = 16;
   float sums[k_sums] = {};
-  for (size_t i = 0; i < count; i += k_sums) {  // D^2 is a multiple
+  size_t i = begin;
+  for (; i + k_sums <= end; i += k_sums) {
     for (size_t k = 0; k < k_sums; ++k) {
       const size_t c = i + k;
-      const float cosine = scalar::cosine_over_cell<float>(n.x * x[c] + n.y * y[c] + n.z * z[c], half_width);
+      const float cosine = scalar::cosine_over_cell<float>(n.x * x[c] + n.y * y[c] + n.z * z[c], half);
       sums[k] += cosine * luminance({r[c], g[c], b[c]});
     }
   }
-  return std::accumulate(sums, sums + k_sums, 0.0f) * 4.0f * k_pi / float(count);
+  for (; i < end; ++i) {
+    sums[0] +=
+        scalar::cosine_over_cell<float>(n.x * x[i] + n.y * y[i] + n.z * z[i], half) * luminance({r[i], g[i], b[i]});
+  }
+  return std::accumulate(sums, sums + k_sums, 0.0f) * (width * width);
 }
 
-SkyCells SkyRadiance::cells(const Mat3& grid, int directions) const {
-  const size_t count = size_t(directions) * size_t(directions);
-  SkyCells cells;
-  cells.half_width = cell_half_width(directions);
-  for (auto* v : {&cells.red, &cells.green, &cells.blue, &cells.vx, &cells.vy, &cells.vz}) v->resize(count);
-  cells.varies.assign(count, 0);
-  if (!fine_.empty()) cells.parts.resize(count * size_t(k_cell_parts));
+void SkyRadiance::add_cell(const Mat3& grid, const SkyCell& cell, SkyCells& cells) const {
   // Samples at least as dense as the fine grid; on the world's grid they are its cells.
-  const int of_part = (k_fine_cells - 1) / (directions * k_parts_side) + 1, side = k_parts_side * of_part;
+  const int side = (k_fine_cells - 1) / cell.side + 1;
   const float step = 1.0f / float(side);
-  for (size_t i = 0; i < count; ++i) {
-    Rgb light(0.0f);
-    Vec3 direction(0.0f);
-    float weight = 0.0f, parts[k_cell_parts] = {};
-    for (int k = 0; k < side * side; ++k) {
-      const int row = k / side, column = k % side;
-      const Vec3 d = grid * direction_in_cell(int(i) / directions, int(i) % directions, (float(row) + 0.5f) * step,
-                                              (float(column) + 0.5f) * step, directions);
-      const Rgb sample = radiance(d);
-      // A black sky has directions, too.
-      const float of_sample = luminance(sample) + 1e-30f;
-      light += sample - constant_;
-      direction += d * of_sample;
-      weight += of_sample;
-      parts[row / of_part * k_parts_side + column / of_part] += of_sample;
+  Rgb light(0.0f);
+  Vec3 direction(0.0f);
+  float weight = 0.0f;
+  for (int k = 0; k < side * side; ++k) {
+    const Vec3 d = grid * direction_in_cell(cell.u, cell.v, (float(k / side) + 0.5f) * step,
+                                            (float(k % side) + 0.5f) * step, cell.side);
+    const Rgb sample = radiance(d);
+    // A black sky has directions, too.
+    const float of_sample = luminance(sample) + 1e-30f;
+    light += sample - constant_;
+    direction += d * of_sample;
+    weight += of_sample;
+  }
+  const Rgb mean = constant_ + light * (step * step);
+  const Vec3 d = direction / weight;
+  cells.cells.push_back(cell);
+  // The maps' own directions serve an even sky best.
+  cells.directions.push_back(fine_.empty() ? cell_frame(cell.u, cell.v, cell.side).c
+                                           : glm::normalize(glm::transpose(grid) * d));
+  cells.half_width.push_back(cell_half_width(cell.side));
+  cells.red.push_back(mean.x), cells.green.push_back(mean.y), cells.blue.push_back(mean.z);
+  cells.vx.push_back(d.x), cells.vy.push_back(d.y), cells.vz.push_back(d.z);
+}
+
+// Whether luminance differs by more than the sky's mean: by the corners and the centre of the cell.
+bool SkyRadiance::varies(const Mat3& grid, const SkyCell& cell) const {
+  const float places[5][2] = {{0.5f, 0.5f}, {0, 0}, {0, 1}, {1, 0}, {1, 1}};
+  float least = k_infinity, most = 0.0f;
+  for (const auto& at : places) {
+    const float l = luminance(radiance(grid * direction_in_cell(cell.u, cell.v, at[0], at[1], cell.side)));
+    least = std::min(least, l), most = std::max(most, l);
+  }
+  return most - least > mean_;
+}
+
+SkyCells SkyRadiance::cells(const Mat3& grid, int directions, int parts) const {
+  SkyCells cells;
+  std::vector<SkyCell> varying;
+  for (int i = 0; i < directions * directions; ++i) {
+    const SkyCell cell = {i / directions, i % directions, directions};
+    if (parts > 1 && !fine_.empty() && varies(grid, cell)) {
+      varying.push_back(cell);
+    } else {
+      add_cell(grid, cell, cells);
     }
-    const Rgb mean = constant_ + light * (step * step);
-    const Vec3 d = direction / weight;
-    cells.red[i] = mean.x, cells.green[i] = mean.y, cells.blue[i] = mean.z;
-    cells.vx[i] = d.x, cells.vy[i] = d.y, cells.vz[i] = d.z;
-    if (fine_.empty()) continue;
-    const auto [least, most] = std::minmax_element(parts, parts + k_cell_parts);
-    cells.varies[i] = *most > k_part_contrast * *least;
-    for (int k = 0; k < k_cell_parts; ++k) cells.parts[i * size_t(k_cell_parts) + size_t(k)] = parts[k] / weight;
+  }
+  for (const SkyCell& cell : varying) {
+    for (int k = 0; k < parts * parts; ++k) {
+      add_cell(grid, {cell.u * parts + k / parts, cell.v * parts + k % parts, directions * parts}, cells);
+    }
   }
   return cells;
 }
@@ -253,7 +287,7 @@ void SkyRadiance::make_table() {
   table_.resize(k_side * k_side);
   parallel_for(k_side, [&](size_t row) {
     // Structures of arrays over a row, so that the compiler makes vectors of the loop over it.
-    const float half = sky.half_width;
+    const float half = sky.half_width[0];
     struct Column {
       float x[k_side], y[k_side], z[k_side];
     } n, sum = {};

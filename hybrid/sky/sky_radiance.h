@@ -7,6 +7,7 @@
 // Space: world. Thread-safety: const after construction, which is parallel.
 #pragma once
 
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -14,21 +15,30 @@
 #include "core/math/math.h"
 #include "core/platform/aligned_vector.h"
 #include "core/scene/scene.h"
-#include "field/maps/cell_task.h"
 
 namespace fieldtrace {
 
+// A cell of the map of side x side cells.
+struct SkyCell {
+  int32_t u = 0, v = 0, side = 1;
+  float width() const { return 2.0f * std::sqrt(k_pi) / float(side); }  // radians
+  // The number of the cell of a coarser map that it lies in.
+  int within(int directions) const { return u * directions / side * directions + v * directions / side; }
+};
+
+// The cells of a map, those whose light varies in parts of their own.
 struct SkyCells {
-  float half_width = 0.0f;                // half extent of a cell, radians
+  std::vector<SkyCell> cells;
+  std::vector<Vec3> directions;           // unit, of their light's centres, in the grid
+  std::vector<float> half_width;          // half extent, radians
   AlignedVector<float> red, green, blue;  // mean radiance
   AlignedVector<float> vx, vy, vz;        // mean direction, weighted by luminance: shorter than 1
-  // Shares of the light of k_cell_parts parts of each cell (part x k_parts_side + y), where they differ.
-  std::vector<float> parts;
-  std::vector<uint8_t> varies;
   // Irradiance (luminance) on a surface of unit normal `n` as the sum over all cells: differs from that of the whole
   // sky by about 1/1000.
   float irradiance(const Vec3& n) const;
-  const float* parts_of(size_t cell) const { return varies[cell] ? &parts[cell * size_t(k_cell_parts)] : nullptr; }
+
+ private:
+  float irradiance(const Vec3& n, size_t begin, size_t end) const;
 };
 
 class SkyRadiance {
@@ -36,8 +46,10 @@ class SkyRadiance {
   // Unchecked: the caller guarantees a scene that make_lights() accepts.
   explicit SkyRadiance(const Scene& scene);
 
-  // The cells of a grid whose axes are the columns of `grid`, a rotation that may mirror.
-  SkyCells cells(const Mat3& grid, int directions) const;
+  // The cells of a grid whose axes are the columns of `grid`, a rotation that may mirror. Those whose light varies are
+  // divided in parts x parts.
+  SkyCells cells(const Mat3& grid, int directions, int parts = 1) const;
+  bool is_even() const { return fine_.empty(); }  // constant all over
   // Radiance from a unit direction, without what is concentrated: interpolated on a fine grid.
   Rgb radiance(const Vec3& d) const;
   // Irradiance of the open sky, without what is concentrated, on a surface of the unit normal `n`.
@@ -56,6 +68,8 @@ class SkyRadiance {
   void add_map(const Scene& scene, const Emitter& emitter);
   void cut_out(const Bitmap& map, const Emitter& emitter, float threshold);
   void make_table();
+  bool varies(const Mat3& grid, const SkyCell& cell) const;
+  void add_cell(const Mat3& grid, const SkyCell& cell, SkyCells& cells) const;
 
   Rgb constant_ = Rgb(0.0f);
   // The maps, by cells of a fine grid; empty: none.
@@ -63,7 +77,8 @@ class SkyRadiance {
   // Irradiance by normal at the corners of a grid over the octahedral square; empty without maps.
   std::vector<Rgb> table_;
   std::unique_ptr<LightTable> concentrated_;
-  double power_ = 0.0;  // mean luminance over the sphere
+  float mean_ = 0.0f;   // luminance over the sphere, without what is concentrated, if there are maps
+  double power_ = 0.0;  // the same of what is concentrated
   Vec3 axis_ = Vec3(0.0f, 0.0f, 1.0f);
   float angle_ = k_pi, share_ = 0.0f;
 };
