@@ -40,6 +40,8 @@ struct Material {
   bool absorbs() const { return dark && !masked(); }
   // A single cosine lobe.
   bool plain_diffuse() const { return kind == BsdfKind::diffuse && !masked(); }
+  // A diffuse body under an interface that reflects as well.
+  bool coated_diffuse() const { return (kind == BsdfKind::plastic || kind == BsdfKind::rough_plastic) && !masked(); }
   // Sampling several directions at one point reduces noise beyond what light samples achieve.
   bool glossy() const { return kind != BsdfKind::diffuse && kind != BsdfKind::conductor; }
   // sample_bsdf chooses between lobes and so needs u_lobe.
@@ -76,6 +78,17 @@ Rgb evaluate_bsdf(const Material& material, const Vec3& wi, const Vec3& wo);
 
 // Solid-angle density with which sample_bsdf chooses wo; delta lobes contribute nothing.
 float bsdf_pdf(const Material& material, const Vec3& wi, const Vec3& wo);
+
+// The diffuse part of a coated_diffuse() material: reflected x T(cos wo) x |cos wo|, where T(c) = 1 - grazing (1 - c)^5
+// is near the interface's transmittance relative to that at normal incidence, and has its mean over a cosine lobe. The
+// exponent: Schlick, "An Inexpensive BRDF Model for Physically-based Rendering", Computer Graphics Forum 13(3), 1994.
+struct CoatedBody {
+  Rgb reflected = Rgb(0.0f);  // per steradian
+  float grazing = 0.0f;
+};
+CoatedBody coated_body(const Material& material, float cos_wi);
+// The same material without it: what its interface reflects.
+Material without_body(const Material& material);
 
 // Samples wo. u in [0, 1)^2 chooses the direction, u_lobe in [0, 1) the lobe. Transmission scales by the inverse square
 // of the index ratio, since camera paths carry radiance.

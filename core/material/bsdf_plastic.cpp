@@ -6,6 +6,9 @@
 // Source: Mitsuba 3 documentation, plugins `plastic` and `roughplastic`; the latter with the rough interface's
 // transmittance (rough_transmittance.h) instead of 1 - F.
 
+#include <algorithm>
+#include <cmath>
+
 #include "core/material/bsdf_families.h"
 #include "core/material/refraction.h"
 #include "core/material/rough_transmittance.h"
@@ -32,6 +35,12 @@ float specular_probability(const Material& material, float specular_share) {
 
 float smooth_internal_reflectance(const Material& material) {
   return fresnel_diffuse_reflectance(1.0f / material.relative_ior);
+}
+
+float transmittance(const Material& material, float cosine) {
+  return material.kind == BsdfKind::rough_plastic
+             ? transmittance_at(*material.rough_transmittance, cosine)
+             : 1.0f - fresnel_dielectric(cosine, material.relative_ior).reflectance;
 }
 
 }  // namespace
@@ -90,3 +99,31 @@ BsdfSample sample_rough_plastic(const Material& material, const Vec3& wi, const 
 }
 
 }  // namespace fieldtrace::bsdf
+
+namespace fieldtrace {
+
+CoatedBody coated_body(const Material& material, float cos_wi) {
+  // Mean over cosines with weight 2 c: their squares are uniform.
+  constexpr int k_nodes = 32;
+  float mean = 0.0f;
+  for (int i = 0; i < k_nodes; ++i) {
+    mean += bsdf::transmittance(material, std::sqrt((float(i) + 0.5f) / float(k_nodes))) / float(k_nodes);
+  }
+  const float normal = bsdf::transmittance(material, 1.0f);
+  const float internal = material.kind == BsdfKind::rough_plastic ? material.rough_transmittance->internal_reflectance
+                                                                  : bsdf::smooth_internal_reflectance(material);
+  CoatedBody body;
+  if (!(cos_wi > 0.0f && normal > 0.0f)) return body;
+  body.reflected = bsdf::body_value(material, internal) * (bsdf::transmittance(material, cos_wi) * normal);
+  // The integral of 2 c (1 - c)^5 is 1/21. Rough interfaces that transmit more at grazing angles are left as they are.
+  body.grazing = std::clamp(21.0f * (1.0f - mean / normal), 0.0f, 1.5f);
+  return body;
+}
+
+Material without_body(const Material& material) {
+  Material interface = material;
+  interface.diffuse_reflectance = Rgb(0.0f);
+  return interface;
+}
+
+}  // namespace fieldtrace

@@ -103,6 +103,8 @@ struct CellPoints {
   const float *gx, *gy, *gz;  // geometric normals on the shaded side
   const float *sx, *sy, *sz;  // shading normals
   int32_t size = 0;
+  // Light that arrives at the cosine c counts for c (1 - grazing (1 - c)^5).
+  float grazing = 0.0f;
 };
 
 // What cells take from the points' irradiance; aligned, one value a point.

@@ -38,6 +38,14 @@ FT_HD_INLINE F cosine_over_cell(F mean, F half) {
   return across * across / (splat<F>(4.0f) * half) + max(mean - half, zero);
 }
 
+// What light weighs that arrives at the cosine `c`, in [0, 1]: c times the transmittance of an interface
+// (CellPoints::grazing).
+template <class F>
+FT_HD_INLINE F weight_of_cosine(F c, float grazing) {
+  const F one = splat<F>(1.0f), x = max(one - c, splat<F>(0.0f)), x2 = x * x;
+  return c * (one - splat<F>(grazing) * (x2 * x2 * x));
+}
+
 template <class F>
 struct MapShare {
   F hidden;        // [0, 1]
@@ -523,12 +531,13 @@ FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const 
   int listed = 0;
   for (int32_t i = 0; i < points.size; i += k_count) {
     const Vec3Lanes<F> s = {load_lanes<F>(points.sx + i), load_lanes<F>(points.sy + i), load_lanes<F>(points.sz + i)};
-    const F cosine = cosine_over_cell<F>(dot3<F>(task.vector, s), splat<F>(task.cosine_half));
+    F cosine = cosine_over_cell<F>(dot3<F>(task.vector, s), splat<F>(task.cosine_half));
     const Mask_t<F> lit = cosine > zero;
     if (!any(lit)) continue;
     const Vec3Lanes<F> p = {load_lanes<F>(points.px + i), load_lanes<F>(points.py + i), load_lanes<F>(points.pz + i)};
     const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
     const CellSeen<F> seen = look_at_cell<F>(task, p, g, s, lit);
+    if (points.grazing > 0.0f) cosine = weight_of_cosine<F>(cosine, points.grazing);
     const auto add = [&](float* sum, F value) { store_lanes(load_lanes<F>(sum + i) + value, sum + i); };
     // Nothing of what is undecided counts; where an object sends light back, hidden cells may be undecided, too.
     const Mask_t<F> open = task.reflects ? seen.near & lit : seen.near & lit & (seen.clear > zero);

@@ -101,14 +101,14 @@ void AmbientOcclusion::gather_by_maps(std::span<FirstHit> firsts, Stats& stats) 
   for (auto* v : {&receivers_.red, &receivers_.green, &receivers_.blue}) {
     std::fill_n(v->begin(), points_.size(), 1.0f / k_pi);
   }
-  std::fill_n(receivers_.plain.begin(), points_.size(), 1);
+  std::fill_n(receivers_.kind.begin(), points_.size(), ReceiverKind::diffuse);
   for (uint32_t i = 0; i < points_.size(); ++i) receivers_.path[i] = points_[i].slot;
   for (auto* sum : {&receivers_.arriving_red, &receivers_.arriving_green, &receivers_.arriving_blue}) {
     sum->assign(points_.size(), 0.0f);
   }
   clusters_.build(receivers_, {}, k_shadow_batch, context_.settings.pixel_samples == 1);
   const uint64_t samples = stats.samples;
-  by_maps_.gather(clusters_, receivers_, context_.settings.light_samples, {}, stats);
+  by_maps_.gather(clusters_, receivers_, {}, context_.settings.light_samples, {}, stats);
   stats.samples = samples;  // of lights alone
   const auto rays = float(context_.settings.light_samples);
   for (size_t i = 0; i < points_.size(); ++i) {

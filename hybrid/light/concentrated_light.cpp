@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "field/maps/cell_visibility.hd.h"
 #include "hybrid/sky/cell_occluders.h"
 
 namespace fieldtrace {
@@ -52,7 +53,11 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
           if (shadows_.rays.tmax[slot] < 0.0f) continue;
           const bool is_clear = !shadows_.blocked[slot];
           if (is_clear) {
-            sum += Rgb(shadows_.red[slot], shadows_.green[slot], shadows_.blue[slot]) * shadows_.weight[slot];
+            const Vec3 n(r.points.sx[k], r.points.sy[k], r.points.sz[k]);
+            const float cosine = glm::dot(n, glm::normalize(shadows_.rays.direction(slot)));
+            const float passed = scalar::weight_of_cosine<float>(cosine, job.grazing) / cosine;
+            sum += Rgb(shadows_.red[slot], shadows_.green[slot], shadows_.blue[slot]) *
+                   (job.grazing > 0.0f && cosine > 0.0f ? shadows_.weight[slot] * passed : shadows_.weight[slot]);
           }
           if (job.firsts.empty()) continue;
           FirstHit& first = job.firsts[r.path[k]];
@@ -70,7 +75,7 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
 }
 
 void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres,
-                               const Sphere& ball, int light_samples, LightReceivers& receivers,
+                               const Sphere& ball, float grazing, int light_samples, LightReceivers& receivers,
                                std::span<FirstHit> firsts, float count, Stats& stats) {
   const SkyRadiance& sky = sky_->radiance();
   const auto meets = [&](const SkyOccluder& o, const Sphere& from) {
@@ -88,7 +93,7 @@ void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const S
         std::any_of(hiding_.begin(), hiding_.end(), [&](const SkyOccluder* o) { return meets(*o, from); });
     (may_be_hidden ? hidden_ : open_).push_back(clusters[i]);
   }
-  const Job job{light_samples, receivers, firsts, count, stats};
+  const Job job{grazing, light_samples, receivers, firsts, count, stats};
   gather_some(job, open_, false);
   gather_some(job, hidden_, true);
 }

@@ -98,7 +98,7 @@ void DirectLight::add_cluster_irradiance(const Job& job) {
   irradiance_vectors(context_.lights.lights[job.light], selected_, context_.settings.isa, vectors_);
   for (size_t r = 0; r < clear_.size(); ++r) {
     const uint32_t cluster = clear_[r];
-    if (vectors_.known[r] && cluster_of(job, cluster).plain_diffuse && is_above(job, cluster)) {
+    if (vectors_.known[r] && cluster_of(job, cluster).plain_diffuse() && is_above(job, cluster)) {
       add_irradiance(job, cluster, Vec3(vectors_.x[r], vectors_.y[r], vectors_.z[r]), 1.0f, 1.0f);
     } else {
       push_sampled(job, cluster);
@@ -109,7 +109,7 @@ void DirectLight::add_cluster_irradiance(const Job& job) {
 void DirectLight::add_point_irradiance(const Job& job) {
   std::vector<Sampled> others;
   for (const uint32_t cluster : clear_) {
-    if (cluster_of(job, cluster).plain_diffuse) push_sampled(job, cluster);
+    if (cluster_of(job, cluster).plain_diffuse()) push_sampled(job, cluster);
   }
   select(job, sampled_);
   whole_irradiance(context_.lights.lights[job.light], selected_, context_.settings.isa, irradiance_);
@@ -131,7 +131,7 @@ void DirectLight::add_point_irradiance(const Job& job) {
   }
   sampled_.swap(others);
   for (const uint32_t cluster : clear_) {
-    if (!cluster_of(job, cluster).plain_diffuse) push_sampled(job, cluster);
+    if (!cluster_of(job, cluster).plain_diffuse()) push_sampled(job, cluster);
   }
 }
 
@@ -149,7 +149,7 @@ void DirectLight::light_clear(const Job& job) {
 
 DirectLight::StrataSeen DirectLight::strata_seen(const Job& job, uint32_t cluster, size_t first_slot) const {
   StrataSeen seen;
-  seen.whole = context_.closed_form[job.light] && cluster_of(job, cluster).plain_diffuse && is_above(job, cluster);
+  seen.whole = context_.closed_form[job.light] && cluster_of(job, cluster).plain_diffuse() && is_above(job, cluster);
   constexpr float k_part = 1.0f / float(k_strata);
   for (int k = 0; k < k_strata; ++k) {
     const size_t slot = first_slot + size_t(k);
@@ -298,7 +298,7 @@ void DirectLight::answer(const Job& job, std::span<const Sampled> batch) {
 void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {
   const Light& light = context_.lights.lights[job.light];
   const LightEstimate estimate = {value_of(light), job.light_samples, context_.closed_form[job.light] != 0,
-                                  light.kind == LightKind::environment};
+                                  light.kind == LightKind::environment, job.sky_is_mapped};
   const size_t m = size_t(job.light_samples);
   size_t slot = 0;
   for (const Sampled& s : batch) {
@@ -323,7 +323,7 @@ void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {
 void DirectLight::add_range(const Job& job, const Sampled& s, size_t first_slot, const LightEstimate& estimate) {
   LightReceivers& r = job.receivers;
   const size_t m = size_t(job.light_samples);
-  if (m == 1 && estimate.closed_form && !estimate.varies && cluster_of(job, s.cluster).plain_diffuse) {
+  if (m == 1 && estimate.closed_form && !estimate.varies && cluster_of(job, s.cluster).plain_diffuse()) {
     factors_.resize(padded(s.size()));
     float* const seen = factors_.data();
     const float *weight = &shadows_.weight[first_slot], *clear = shadows_.clear.data() + first_slot;
@@ -416,7 +416,7 @@ void DirectLight::gather_light(const Job& job) {
     candidates_.light = context_.light_extents[job.light];
     context_.answerer.find_candidates(centres_, candidates_, stats);
     for (uint32_t c = 0; c < centres_.size; ++c) {
-      if (job.sky_is_mapped && cluster_of(job, c).plain_diffuse) continue;
+      if (job.sky_is_mapped && cluster_of(job, c).takes_maps_alone()) continue;
       // A light that cannot block its own samples is flat or convex, and does not light itself; by rounding its points
       // may lie on its bright side.
       if (centres_.instance[c] == candidates_.light.instance) continue;
@@ -448,8 +448,8 @@ void DirectLight::gather_group(Job& job) {
   for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
     if (context_.lights.lights[job.light].kind == LightKind::none) continue;
     job.sky_is_mapped = job.has_sky_maps && is_sky(context_.scene.emitters[job.light].kind);
-    if (job.sky_is_mapped) {  // SkyLight has lit the diffuse ones
-      const auto is_left = [&](size_t c) { return !clusters_[job.begin + c].plain_diffuse; };
+    if (job.sky_is_mapped) {  // SkyLight has lit the diffuse ones and the bodies of plastics
+      const auto is_left = [&](size_t c) { return !clusters_[job.begin + c].takes_maps_alone(); };
       uint64_t left = 0;
       for (size_t c = 0; c < centres_.size; ++c) left += is_left(c) ? candidates_.light_samples[c] : 0;
       if (left == 0) continue;
@@ -472,7 +472,7 @@ void DirectLight::gather(LightReceivers& receivers, std::span<const PathVertex> 
   }
   Job job{receivers, vertices, light_samples, firsts, stats};
   job.has_sky_maps = first && context_.sky;
-  if (job.has_sky_maps) sky_.gather(clusters_, receivers, light_samples, firsts, stats);
+  if (job.has_sky_maps) sky_.gather(clusters_, receivers, vertices, light_samples, firsts, stats);
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {
     size_t samples = 0;
     for (job.end = job.begin; job.end < clusters_.size(); ++job.end) {

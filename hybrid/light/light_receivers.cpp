@@ -17,6 +17,12 @@ void turn_against(const float* dx, const float* dy, const float* dz, const float
   }
 }
 
+ReceiverKind kind_of(const Material& material) {
+  if (material.plain_diffuse()) return ReceiverKind::diffuse;
+  if (!material.coated_diffuse()) return ReceiverKind::other;
+  return material.kind == BsdfKind::plastic ? ReceiverKind::smooth_coated : ReceiverKind::coated;
+}
+
 }  // namespace
 
 void LightReceivers::clear(size_t most) {
@@ -24,7 +30,7 @@ void LightReceivers::clear(size_t most) {
   points.size = 0;
   for (auto* v : {&red, &green, &blue}) v->resize(padded(most));
   for (auto* v : {&path, &vertex}) v->resize(padded(most));
-  plain.resize(padded(most));
+  kind.resize(padded(most));
 }
 
 void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& state) {
@@ -39,8 +45,8 @@ void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& s
   p.error[i] = at.error;
   p.seed[i] = v.seed, p.sample[i] = state.index, p.instance[i] = at.instance;
   p.transmits[i] = material.transmits();
-  plain[i] = material.plain_diffuse();
-  reflect(i, plain[i] ? material.reflectance : Rgb(0.0f));
+  kind[i] = kind_of(material);
+  reflect(i, kind[i] == ReceiverKind::diffuse ? material.reflectance : Rgb(0.0f));
   path[i] = v.path, vertex[i] = index;
 }
 
@@ -64,7 +70,7 @@ size_t LightReceivers::add_run(const RayBatch& rays, const SurfaceBatch& s, cons
   std::fill_n(&blue[i], count, reflected.z);
   std::fill_n(&p.instance[i], count, instance);
   std::fill_n(&p.transmits[i], count, uint8_t(0));
-  std::fill_n(&plain[i], count, uint8_t(1));
+  std::fill_n(&kind[i], count, ReceiverKind::diffuse);
   std::iota(&path[i], &path[i] + count, run.begin);
   std::fill_n(&vertex[i], count, k_none);
   return i;
@@ -85,7 +91,7 @@ void LightReceivers::sort_by_instance(size_t begin, size_t end) {
     permute(*v);
   }
   for (auto* v : {&p.seed, &p.sample, &p.instance, &path, &vertex}) permute(*v);
-  for (auto* v : {&p.transmits, &plain}) permute(*v);
+  permute(p.transmits), permute(kind);
 }
 
 }  // namespace fieldtrace

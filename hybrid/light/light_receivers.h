@@ -13,12 +13,20 @@
 
 namespace fieldtrace {
 
+// How a surface reflects, as far as the light of skies is concerned.
+enum class ReceiverKind : uint8_t {
+  other,
+  diffuse,        // plainly
+  coated,         // a diffuse body under a rough interface
+  smooth_coated,  // under a smooth one: light samples find the body alone
+};
+
 struct LightReceivers {
   ShadingPointBatch points;               // radii are 0
   AlignedVector<float> red, green, blue;  // albedo / pi where plainly diffuse, else 0
-  AlignedVector<uint8_t> plain;           // 1: plainly diffuse
-  AlignedVector<uint32_t> path;           // index of the PathState
-  AlignedVector<uint32_t> vertex;         // index of the PathVertex; k_none: none
+  AlignedVector<ReceiverKind> kind;
+  AlignedVector<uint32_t> path;    // index of the PathState
+  AlignedVector<uint32_t> vertex;  // index of the PathVertex; k_none: none
   // DirectLight's result: the radiance reflected towards the path, path throughput not included.
   AlignedVector<float> arriving_red, arriving_green, arriving_blue;
 

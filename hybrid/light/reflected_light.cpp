@@ -80,6 +80,8 @@ Rgb visible_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int 
   if (v.material->plain_diffuse()) {
     return diffuse_light(batch, seen, begin, count, light, v.material->reflectance / k_pi, v.lobe_samples);
   }
+  const bool spares = light.spares_bodies && v.material->coated_diffuse();
+  const Material reflecting = spares ? without_body(*v.material) : *v.material;
   Rgb sum(0.0f);
   for (size_t i = begin; i < begin + size_t(count); ++i) {
     const float visible = seen.of(batch.weight[i], i - begin);
@@ -91,7 +93,7 @@ Rgb visible_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int 
                                                          v.lobe_samples * bsdf_pdf(*v.material, v.wi, wo))
                                           : 1.0f;
     // Both evaluate_bsdf and weight include the cosine.
-    const Rgb reflected = evaluate_bsdf(*v.material, v.wi, wo) * (visible / cosine * mis);
+    const Rgb reflected = evaluate_bsdf(reflecting, v.wi, wo) * (visible / cosine * mis);
     sum += light.varies ? reflected * Rgb(batch.red[i], batch.green[i], batch.blue[i]) : reflected;
   }
   return sum;

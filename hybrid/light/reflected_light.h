@@ -12,10 +12,11 @@ namespace fieldtrace {
 
 // What all samples of one light share.
 struct LightEstimate {
-  Rgb value = Rgb(0.0f);     // Light::value
-  int light_samples = 1;     // of each shading point
-  bool closed_form = false;  // sampled_in_closed_form(): on diffuse surfaces light samples alone count
-  bool varies = false;       // each sample has its own radiance (ShadowBatch::red, green, blue)
+  Rgb value = Rgb(0.0f);       // Light::value
+  int light_samples = 1;       // of each shading point
+  bool closed_form = false;    // sampled_in_closed_form(): on diffuse surfaces light samples alone count
+  bool varies = false;         // each sample has its own radiance (ShadowBatch::red, green, blue)
+  bool spares_bodies = false;  // what the diffuse bodies of plastics reflect is known already
 };
 
 // Radiance that slots [begin, begin + count) of an answered batch send towards the path through its vertex, without

@@ -55,11 +55,11 @@ bool is_far(const LightExtent& light, const Vec3& position, float radius) {
          radius <= k_widest_cluster * glm::length(light.ball.centre - position);
 }
 
-// Whether point i forms a cluster with the first, which lies in the same pixel. Clusters are plainly diffuse or not:
+// Whether point i forms a cluster with the first, which lies in the same pixel. Clusters are of one kind:
 // what lights the former leaves the sky to no other ray.
 bool joins(const LightReceivers& receivers, size_t first, size_t i) {
   const ShadingPointBatch& p = receivers.points;
-  return p.instance[i] == p.instance[first] && !p.transmits[i] && receivers.plain[i] == receivers.plain[first] &&
+  return p.instance[i] == p.instance[first] && !p.transmits[i] && receivers.kind[i] == receivers.kind[first] &&
          p.gx[i] * p.gx[first] + p.gy[i] * p.gy[first] + p.gz[i] * p.gz[first] > 0.0f;
 }
 
@@ -71,9 +71,9 @@ bool all_join(const LightReceivers& receivers, size_t first, size_t end) {
   const uint8_t* const transmits = p.transmits.data();
   uint32_t others = 0;
   for (size_t i = first + 1; i < end; ++i) others += !(gx[i] * x + gy[i] * y + gz[i] * z > 0.0f);
-  const uint8_t* const plain = receivers.plain.data();
+  const ReceiverKind* const kind = receivers.kind.data();
   return others == 0 && !std::memchr(transmits + first + 1, 1, end - first - 1) &&
-         !std::memchr(plain + first + 1, plain[first] ? 0 : 1, end - first - 1);
+         std::all_of(kind + first + 1, kind + end, [&](ReceiverKind k) { return k == kind[first]; });
 }
 
 size_t pixel_end(const ShadingPointBatch& p, size_t begin) {
@@ -95,7 +95,7 @@ bool on_one_instance(const ShadingPointBatch& p, size_t begin, size_t end) {
 
 void ShadingClusters::add_single(const LightReceivers& receivers, size_t i) {
   const size_t c = clusters_.size();
-  clusters_.push_back({uint32_t(i), uint32_t(i + 1), 0.0f, receivers.plain[i] != 0});
+  clusters_.push_back({uint32_t(i), uint32_t(i + 1), 0.0f, receivers.kind[i]});
   centres_.copy(c, receivers.points, i, 1);
   centres_.sample[c] = 0;
 }
@@ -122,8 +122,7 @@ void ShadingClusters::add(const LightReceivers& receivers, std::span<const Light
   const Vec3 s = direction_of(shading, {p.sx[begin], p.sy[begin], p.sz[begin]});
   const size_t i = clusters_.size();
   clusters_.push_back({uint32_t(begin), uint32_t(end),
-                       std::max(spread_bound(facing, count), spread_bound(shading, count)),
-                       receivers.plain[begin] != 0});
+                       std::max(spread_bound(facing, count), spread_bound(shading, count)), receivers.kind[begin]});
   ShadingPointBatch& c = centres_;
   c.px[i] = position.x, c.py[i] = position.y, c.pz[i] = position.z;
   c.gx[i] = g.x, c.gy[i] = g.y, c.gz[i] = g.z;
@@ -141,7 +140,7 @@ void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExte
   centres_.resize(p.size);
   if (single) {
     for (size_t i = 0; i < p.size; ++i) {
-      clusters_.push_back({uint32_t(i), uint32_t(i + 1), 0.0f, receivers.plain[i] != 0});
+      clusters_.push_back({uint32_t(i), uint32_t(i + 1), 0.0f, receivers.kind[i]});
     }
     centres_.copy(0, p, 0, p.size);
     std::fill(centres_.sample.begin(), centres_.sample.end(), 0);

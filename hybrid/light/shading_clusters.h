@@ -15,9 +15,12 @@
 namespace fieldtrace {
 
 struct ShadingCluster {
-  uint32_t begin = 0, end = 0;  // range of receivers
-  float spread = 0;             // bound on the length of a point's normal (either) less the mean one
-  bool plain_diffuse = true;    // all points
+  uint32_t begin = 0, end = 0;                // range of receivers
+  float spread = 0;                           // bound on the length of a point's normal (either) less the mean one
+  ReceiverKind kind = ReceiverKind::diffuse;  // of all points
+  bool plain_diffuse() const { return kind == ReceiverKind::diffuse; }
+  // Whether the light of a sky's maps leaves nothing to light samples.
+  bool takes_maps_alone() const { return plain_diffuse() || kind == ReceiverKind::smooth_coated; }
   uint32_t size() const { return end - begin; }
 };
 

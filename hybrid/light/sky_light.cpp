@@ -57,7 +57,8 @@ CellPoints SkyLight::cell_points() const {
           p.pz.data(), p.gx.data(),
           p.gy.data(), p.gz.data(),
           p.sx.data(), p.sy.data(),
-          p.sz.data(), int32_t((p.size + k_most_lanes - 1) / k_most_lanes * k_most_lanes)};
+          p.sz.data(), int32_t((p.size + k_most_lanes - 1) / k_most_lanes * k_most_lanes),
+          grazing_};
 }
 
 void SkyLight::see_cells(const Job& job) {
@@ -142,7 +143,8 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     if (rays_.ox.size() <= cell_rays_.size()) rays_.resize(2 * cell_rays_.size() + k_batch_padding);
     rays_.set(cell_rays_.size(), leave(all, from, d), d, k_infinity);
     const float width = light_->cells[open.cell].width(), solid_angle = width * width;
-    cell_rays_.push_back({point, cosine * solid_angle * total / (open.weight * float(count))});
+    const float received = scalar::weight_of_cosine<float>(cosine, grazing_);
+    cell_rays_.push_back({point, received * solid_angle * total / (open.weight * float(count))});
   }
 }
 
@@ -216,8 +218,8 @@ float SkyLight::hidden_scale(size_t point) const {
   const float hidden = luminance({red_[point], green_[point], blue_[point]});
   const float weight = std::min((hidden / open_[point] - k_least_enclosed) / k_least_enclosed, 1.0f);
   if (!(weight > 0.0f)) return 1.0f;
-  const float all = light_->irradiance(shading(centres_, point));
-  return 1.0f + weight * (open_[point] / all - 1.0f);
+  const Vec3 n = shading(centres_, point);
+  return 1.0f + weight * (luminance(sky_->radiance().irradiance(n)) / light_->irradiance(n) - 1.0f);
 }
 
 void SkyLight::gather_batch(const Job& job) {
@@ -227,7 +229,7 @@ void SkyLight::gather_batch(const Job& job) {
   see_cells(job);
   open_.resize(centres_.size);
   for (size_t i = 0; i < centres_.size; ++i) {
-    const Rgb open = sky_->radiance().irradiance(shading(centres_, i));
+    const Rgb open = sky_->radiance().irradiance(shading(centres_, i), grazing_);
     open_[i] = luminance(open);
     const float scale = hidden_scale(i);
     red_[i] = open.x - red_[i] * scale, green_[i] = open.y - green_[i] * scale, blue_[i] = open.z - blue_[i] * scale;
@@ -237,23 +239,41 @@ void SkyLight::gather_batch(const Job& job) {
   add_irradiance(job);
   if (context_.answerer.checks()) check_cells(job);
   if (!sky_->radiance().concentrated()) return;
-  concentrated_.gather(job.clusters, centres_, occluders_.ball(), job.light_samples, job.receivers, job.firsts,
-                       sky_->radiance().concentrated_share(), job.stats);
+  concentrated_.gather(job.clusters, centres_, occluders_.ball(), grazing_, job.light_samples, job.receivers,
+                       job.firsts, sky_->radiance().concentrated_share(), job.stats);
+}
+
+// Sets what the bodies of a cluster's plastics reflect. Returns their CellPoints::grazing.
+float SkyLight::light_bodies(const ShadingCluster& cluster, std::span<const PathVertex> vertices,
+                             LightReceivers& receivers) const {
+  float grazing = 0.0f;
+  for (uint32_t i = cluster.begin; i < cluster.end; ++i) {
+    const PathVertex& vertex = vertices[receivers.vertex[i]];
+    const CoatedBody body = coated_body(*vertex.material, vertex.wi.z);
+    receivers.red[i] = body.reflected.x, receivers.green[i] = body.reflected.y, receivers.blue[i] = body.reflected.z;
+    if (i == cluster.begin) grazing = body.grazing;
+  }
+  return grazing;
 }
 
 // One point stands for a cluster whose normals hardly differ; of others, for each of a few parts one of its own points.
-void SkyLight::choose_points(const ShadingClusters& clusters, const LightReceivers& receivers) {
+void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& receivers,
+                             std::span<const PathVertex> vertices) {
   ShadingPointBatch centres;
   clusters.centres(0, clusters.size(), centres);
   clusters_.clear();
+  grazing_of_.clear();
   points_.resize(receivers.size());
+  float grazing = 0.0f;
   const auto add = [&](const ShadingCluster& part, const ShadingPointBatch& from, size_t i) {
     points_.copy(clusters_.size(), from, i, 1);
     clusters_.push_back(part);
+    grazing_of_.push_back(grazing);
   };
   for (size_t c = 0; c < clusters.size(); ++c) {
     const ShadingCluster& cluster = clusters[c];
-    if (!cluster.plain_diffuse) continue;
+    if (cluster.kind == ReceiverKind::other) continue;
+    grazing = cluster.plain_diffuse() ? 0.0f : light_bodies(cluster, vertices, receivers);
     if (cluster.spread <= k_widest_spread) {
       add(cluster, centres, c);
       continue;
@@ -275,22 +295,25 @@ void SkyLight::choose_points(const ShadingClusters& clusters, const LightReceive
   }
   const auto key = [&](uint32_t i) {
     const Vec3& c = places_[i].centre;
-    return std::tuple(points_.instance[i], c.x, c.y, c.z);
+    return std::tuple(points_.instance[i], grazing_of_[i], c.x, c.y, c.z);
   };
   std::stable_sort(order_.begin(), order_.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
 }
 
-void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, int light_samples,
-                      std::span<FirstHit> firsts, Stats& stats) {
+void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
+                      int light_samples, std::span<FirstHit> firsts, Stats& stats) {
   const ScopedTimer timer(stats.time_secondary);
-  choose_points(clusters, receivers);
+  choose_points(clusters, receivers, vertices);
   Job job{receivers, light_samples, firsts, stats};
   for (size_t begin = 0, end = 0; begin < order_.size(); begin = end) {
     const uint32_t first = order_[begin], instance = points_.instance[first];
     job.place = places_[first];
+    grazing_ = grazing_of_[first];
     batch_.clear();
     for (end = begin; end < order_.size() && end - begin < k_sky_batch; ++end) {
-      if (points_.instance[order_[end]] != instance || places_[order_[end]].centre != job.place.centre) break;
+      const uint32_t next = order_[end];
+      if (points_.instance[next] != instance || grazing_of_[next] != grazing_) break;
+      if (places_[next].centre != job.place.centre) break;
       batch_.push_back(clusters_[order_[end]]);
     }
     job.clusters = batch_;
@@ -314,7 +337,8 @@ void SkyLight::check_point(const Job& job, size_t point) {
   const CellKernel kernel = cell_kernel_for(context_.settings.isa);
   const ShadingCluster& cluster = job.clusters[point];
   const ShadingPointBatch& all = job.receivers.points;
-  const CellPoints points = cell_points();
+  CellPoints points = cell_points();
+  points.grazing = 0.0f;
   AlignedVector<float> red(size_t(points.size)), green(size_t(points.size)), blue(size_t(points.size));
   const CellSums sums = {red.data(), green.data(), blue.data()};
   const Vec3 n = shading(centres_, point), g = geometric(centres_, point);
@@ -378,7 +402,9 @@ void SkyLight::check_indirect(const Job& job, size_t point) {
   for (size_t i = 0; i < count; ++i) {
     if (hits.instance[i] == k_none) continue;
     const Vec3 origin = rays.origin(i), d = rays.direction(i);
-    sum += double(luminance(sky_->indirect()->radiance(hits.instance[i], origin + d * hits.t[i], origin, d)));
+    const float cosine = glm::dot(shading(centres_, point), d);
+    const float share = scalar::weight_of_cosine<float>(cosine, grazing_) / std::max(cosine, 1e-6f);
+    sum += double(share * luminance(sky_->indirect()->radiance(hits.instance[i], origin + d * hits.t[i], origin, d)));
   }
   const double exact = sum * double(k_pi) / double(k_check_reflected_rays);
   const double estimate = double(luminance({reflected_red_[point], reflected_green_[point], reflected_blue_[point]}));

@@ -26,10 +26,10 @@ class SkyLight {
   SkyLight(const TransportContext& context, const Sky* sky)
       : context_(context), sky_(sky), concentrated_(context, sky) {}
 
-  // Adds the sky's light to what arrives at the plainly diffuse ones of `clusters`. The other arguments: as
-  // DirectLight::gather.
-  void gather(const ShadingClusters& clusters, LightReceivers& receivers, int light_samples, std::span<FirstHit> firsts,
-              Stats& stats);
+  // Adds what the plainly diffuse ones of `clusters` and the bodies of plastics reflect of the sky's light. The other
+  // arguments: as DirectLight::gather.
+  void gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
+              int light_samples, std::span<FirstHit> firsts, Stats& stats);
 
  private:
   struct Job {
@@ -51,7 +51,9 @@ class SkyLight {
     float weight;
   };
 
-  void choose_points(const ShadingClusters& clusters, const LightReceivers& receivers);
+  void choose_points(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices);
+  float light_bodies(const ShadingCluster& cluster, std::span<const PathVertex> vertices,
+                     LightReceivers& receivers) const;
   void gather_batch(const Job& job);
   void see_cells(const Job& job);
   float hidden_scale(size_t point) const;
@@ -75,8 +77,10 @@ class SkyLight {
   CellOccluders occluders_;
   Mat3 grid_ = Mat3(1.0f);
   const SkyCells* light_ = nullptr;       // of the batch's instance
+  float grazing_ = 0.0f;                  // of the batch
   std::vector<ShadingCluster> clusters_;  // those to light, in parts where they are wide
   ShadingPointBatch points_;              // what stands for each
+  std::vector<float> grazing_of_;         // CellPoints::grazing of these
   std::vector<Sphere> places_;            // of these
   std::vector<uint32_t> order_;           // of these, by instance and place
   std::vector<ShadingCluster> batch_;

@@ -12,6 +12,9 @@ PathVertex patch_vertex(const Scene& scene, const SurfacePoint& surface, bool ba
 // Whether Scene::bsdfs[bsdf], textured or not, is diffuse and opaque on both sides.
 bool is_diffuse_and_opaque(const Scene& scene, uint32_t bsdf);
 
+// Whether it is opaque, and diffuse or a plastic, on both sides: maps light it.
+bool has_diffuse_body(const Scene& scene, uint32_t bsdf);
+
 // Whether a patch's shading normal was turned over: textures are then seen from behind.
 bool is_turned(const SurfacePoint& surface, bool back);
 

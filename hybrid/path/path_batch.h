@@ -17,6 +17,8 @@ namespace fieldtrace {
 // One path; its next ray has the same index in the batch.
 struct PathState {
   Rgb throughput = Rgb(1.0f);
+  // The part of the throughput that a plastic's interface reflects, where maps have lit its body; else 1.
+  Rgb interface_share = Rgb(1.0f);
   float eta = 1.0f;         // product of the relative indices passed so far: undoes radiance scaling in roulette
   uint32_t slot = 0;        // the camera sample that the path belongs to, within the batch
   uint32_t pixel_seed = 0;  // see core/sampling/sobol.hd.h

@@ -99,7 +99,7 @@ struct MapSource {
 
 double diffuse_share(const Scene& scene, const Accel& accel, const CameraSampler& camera) {
   std::vector<uint8_t> is_diffuse;
-  for (const Instance& i : scene.instances) is_diffuse.push_back(is_diffuse_and_opaque(scene, i.bsdf));
+  for (const Instance& i : scene.instances) is_diffuse.push_back(has_diffuse_body(scene, i.bsdf));
   if (std::find(is_diffuse.begin(), is_diffuse.end(), 0) == is_diffuse.end()) return 1.0;
   RayBatch rays;
   HitBatch hits;

@@ -16,6 +16,13 @@ namespace {
 // With fewer samples at a surface, most lanes would be empty.
 constexpr uint32_t k_fewest_lane_samples = 4;
 
+// The part of what a plastic reflects that its interface does.
+Rgb interface_share(const Material& material, const Vec3& wi, const Vec3& wo) {
+  const Rgb all = evaluate_bsdf(material, wi, wo), of_interface = evaluate_bsdf(without_body(material), wi, wo);
+  const auto share = [&](int c) { return all[c] > 0.0f ? std::min(of_interface[c] / all[c], 1.0f) : 0.0f; };
+  return {share(0), share(1), share(2)};
+}
+
 }  // namespace
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
@@ -40,7 +47,7 @@ void TransportWorker::Impl::intersect(int vertex_number) {
   stats.rays_primary += rays.size;
   lobe_work.hits.certified.clear();
   if (answers_lobes(vertex_number)) {
-    intersect_lobes();
+    intersect_lobes(vertex_number);
   } else if (context.hits && vertex_number > 0) {
     intersect_by_hits();
   } else {
@@ -81,7 +88,7 @@ bool TransportWorker::Impl::answers_lobes(int vertex_number) const {
   return context.lobes && (vertex_number == 1 || (vertex_number > 1 && settings.max_depth < 0));
 }
 
-void TransportWorker::Impl::intersect_lobes() {
+void TransportWorker::Impl::intersect_lobes(int vertex_number) {
   const double bake_before = stats.time_bake;
   {
     const ScopedTimer timer(stats.time_secondary);
@@ -90,7 +97,9 @@ void TransportWorker::Impl::intersect_lobes() {
   stats.time_secondary -= stats.time_bake - bake_before;
   for (const FilteredRay& filtered : lobe_work.filtered) {
     PathState& path = paths[filtered.ray];
-    radiance[path.slot] += path.throughput * filtered.radiance;
+    const bool is_counted = knows_indirect(vertex_number - 1) && context.indirect->sends(filtered.instance);
+    radiance[path.slot] +=
+        path.throughput * (is_counted ? path.interface_share * filtered.radiance : filtered.radiance);
     path.throughput *= filtered.clear;
   }
 }
@@ -183,6 +192,7 @@ PathState TransportWorker::Impl::leave(const PathVertex& vertex, int vertex_numb
   PathState next = paths[vertex.path];
   next.light_samples = vertex_number == 0 ? settings.light_samples : 1;
   next.diffuse = vertex.material->plain_diffuse();
+  next.interface_share = Rgb(1.0f);
   next.transmits = vertex.material->transmits();
   next.normal = vertex.frame.n;
   next.alpha = vertex.material->glossy() ? lobe_alpha(*vertex.material) : 0.0f;
@@ -213,6 +223,9 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
 
   PathState& next = send(vertex, leaving, d);
   next.throughput *= s.weight / vertex.lobe_samples;
+  if (bodies_are_lit && !s.delta && vertex.material->coated_diffuse()) {
+    next.interface_share = interface_share(*vertex.material, vertex.wi, s.wo);
+  }
   next.eta *= s.eta;
   next.index = index;
   // Mirrors and masks send only one direction on, so nothing has been split there.
@@ -240,6 +253,7 @@ void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, const PathSta
 
 void TransportWorker::Impl::scatter(int vertex_number) {
   seeks_others = knows_indirect(vertex_number);
+  bodies_are_lit = context.has_sky_maps(vertex_number);
   const bool diffuse_goes_on = goes_on(true, vertex_number), others_go_on = goes_on(false, vertex_number);
   const auto leaves = [&](const PathVertex& v) { return v.material->plain_diffuse() ? diffuse_goes_on : others_go_on; };
   size_t most = 0;

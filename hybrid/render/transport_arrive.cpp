@@ -7,8 +7,8 @@
 namespace fieldtrace {
 
 // Adds emission of `light` that a path's ray has found.
-void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& origin, const Vec3& direction,
-                                         uint32_t light, const LightHit& hit) {
+void TransportWorker::Impl::add_emission(const PathState& path, const Rgb& throughput, const Vec3& origin,
+                                         const Vec3& direction, uint32_t light, const LightHit& hit) {
   float weight = 1.0f;
   if (!path.unweighted) {
     if (path.diffuse && context.closed_form[light]) return;
@@ -18,7 +18,7 @@ void TransportWorker::Impl::add_emission(const PathState& path, const Vec3& orig
     const float ratio = density / path.bsdf_density;
     weight = 1.0f / (1.0f + ratio * ratio);
   }
-  radiance[path.slot] += path.throughput * emitted_radiance(context.lights, light, direction) * weight;
+  radiance[path.slot] += throughput * emitted_radiance(context.lights, light, direction) * weight;
 }
 
 bool TransportWorker::Impl::survives_roulette(PathState& path, uint32_t seed, int vertex_number) const {
@@ -104,7 +104,10 @@ void TransportWorker::Impl::meet_backgrounds(const Arrival& arrival, uint32_t be
     if (hits.instance[i] != k_none) continue;
     const PathState& path = arriving_path(arrival, i);
     if (path.diffuse && context.has_sky_maps(arrival.vertex_number - 1)) continue;  // counted already
-    for (const uint32_t light : context.backgrounds) add_emission(path, rays.origin(i), rays.direction(i), light, {});
+    const Rgb throughput = path.throughput * path.interface_share;
+    for (const uint32_t light : context.backgrounds) {
+      add_emission(path, throughput, rays.origin(i), rays.direction(i), light, {});
+    }
   }
 }
 
@@ -113,7 +116,8 @@ void TransportWorker::Impl::meet_emitter(const Arrival& arrival, const HitRun& r
     const SurfacePoint surface = surfaces.batch().at(hits, i);
     const Vec3 d = rays.direction(i);
     if (!(-glm::dot(surface.geometric_normal, d) > 0.0f)) continue;
-    add_emission(arriving_path(arrival, i), rays.origin(i), d, emitter,
+    const PathState& path = arriving_path(arrival, i);
+    add_emission(path, path.throughput, rays.origin(i), d, emitter,
                  {hits.t[i], surface.geometric_normal, surface.primitive});
   }
 }
@@ -137,7 +141,9 @@ void TransportWorker::Impl::meet_surface(Arrival& arrival, const HitRun& run, co
   if (arrival.vertex_number > 0 && knows_indirect(arrival.vertex_number - 1) &&
       context.indirect->sends(instance.index)) {
     for (uint32_t i = run.begin; i < run.end; ++i) {
-      if (!paths[i].diffuse) add_vertex(arrival, i, instance);  // else it is counted already
+      PathState& path = paths[i];
+      path.throughput *= path.interface_share;
+      if (!path.diffuse && largest(path.throughput) > 0.0f) add_vertex(arrival, i, instance);  // else it is counted
     }
     return;
   }

@@ -58,6 +58,7 @@ struct TransportWorker::Impl {
   std::vector<const CertifiedHit*> certified;  // by ray; null: exact. Empty if all are
   std::span<Rgb> radiance;                     // by slot
   bool seeks_others = false;                   // diffuse surfaces send paths to instances that are not known there
+  bool bodies_are_lit = false;                 // of plastics, by maps
   std::vector<Rgb> follow_radiance;
 
   explicit Impl(const TransportContext& c)
@@ -77,7 +78,7 @@ struct TransportWorker::Impl {
   bool answers_lobes(int vertex_number) const;
   void record_reflections();
   void intersect_all(int vertex_number);
-  void intersect_lobes();
+  void intersect_lobes(int vertex_number);
   void intersect_by_hits();
   void mark_certified();
   void find_surfaces(bool only_emission);
@@ -117,8 +118,8 @@ struct TransportWorker::Impl {
                     PathVertex& v);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
-  void add_emission(const PathState& path, const Vec3& origin, const Vec3& direction, uint32_t light,
-                    const LightHit& hit);
+  void add_emission(const PathState& path, const Rgb& throughput, const Vec3& origin, const Vec3& direction,
+                    uint32_t light, const LightHit& hit);
   void gather_light(int vertex_number);
   void scatter(int vertex_number);
   void go_on(int vertex_number);

@@ -103,7 +103,9 @@ SkyRadiance::SkyRadiance(const Scene& scene) {
     if (e.kind == EmitterKind::environment) add_map(scene, e);
   }
   if (fine_.empty()) return;
-  make_table();
+  table_ = make_table(0.0f);
+  const auto is_coated = [](const Bsdf& b) { return b.kind == BsdfKind::plastic || b.kind == BsdfKind::rough_plastic; };
+  if (std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), is_coated)) coated_table_ = make_table(1.0f);
   double rest = 0.0;
   for (const Rgb& c : fine_) rest += double(luminance(c + constant_)) / double(fine_.size());
   mean_ = float(rest);
@@ -280,11 +282,11 @@ SkyCells SkyRadiance::cells(const Mat3& grid, int directions, int parts) const {
   return cells;
 }
 
-void SkyRadiance::make_table() {
+std::vector<Rgb> SkyRadiance::make_table(float grazing) const {
   const SkyCells sky = cells(Mat3(1.0f), k_table_cells);
   const float solid_angle = 4.0f * k_pi / float(k_table_cells * k_table_cells);
   constexpr size_t k_side = size_t(k_table_cells) + 1;
-  table_.resize(k_side * k_side);
+  std::vector<Rgb> table(k_side * k_side);
   parallel_for(k_side, [&](size_t row) {
     // Structures of arrays over a row, so that the compiler makes vectors of the loop over it.
     const float half = sky.half_width[0];
@@ -301,12 +303,13 @@ void SkyRadiance::make_table() {
       const Rgb light(sky.red[cell], sky.green[cell], sky.blue[cell]);
       for (size_t i = 0; i < k_side; ++i) {
         const float mean = n.x[i] * v.x + n.y[i] * v.y + n.z[i] * v.z;
-        const float cosine = scalar::cosine_over_cell<float>(mean, half);
+        const float cosine = scalar::weight_of_cosine<float>(scalar::cosine_over_cell<float>(mean, half), grazing);
         sum.x[i] += cosine * light.x, sum.y[i] += cosine * light.y, sum.z[i] += cosine * light.z;
       }
     }
-    for (size_t i = 0; i < k_side; ++i) table_[row * k_side + i] = Rgb(sum.x[i], sum.y[i], sum.z[i]) * solid_angle;
+    for (size_t i = 0; i < k_side; ++i) table[row * k_side + i] = Rgb(sum.x[i], sum.y[i], sum.z[i]) * solid_angle;
   });
+  return table;
 }
 
 Rgb SkyRadiance::radiance(const Vec3& d) const {
@@ -315,9 +318,12 @@ Rgb SkyRadiance::radiance(const Vec3& d) const {
   return constant_ + interpolate(fine_, k_fine_cells, d, 0.5f * float(k_fine_cells), -0.5f);
 }
 
-Rgb SkyRadiance::irradiance(const Vec3& n) const {
-  if (table_.empty()) return constant_ * k_pi;
-  return interpolate(table_, k_table_cells + 1, n, 0.5f * float(k_table_cells), 0.0f);
+Rgb SkyRadiance::irradiance(const Vec3& n, float grazing) const {
+  if (table_.empty()) return constant_ * (k_pi * (1.0f - grazing / 21.0f));  // the integral of 2 c (1 - c)^5
+  const auto read = [&](const std::vector<Rgb>& table) {
+    return interpolate(table, k_table_cells + 1, n, 0.5f * float(k_table_cells), 0.0f);
+  };
+  return grazing > 0.0f ? glm::mix(read(table_), read(coated_table_), grazing) : read(table_);
 }
 
 }  // namespace fieldtrace

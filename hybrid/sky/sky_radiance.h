@@ -52,8 +52,9 @@ class SkyRadiance {
   bool is_even() const { return fine_.empty(); }  // constant all over
   // Radiance from a unit direction, without what is concentrated: interpolated on a fine grid.
   Rgb radiance(const Vec3& d) const;
-  // Irradiance of the open sky, without what is concentrated, on a surface of the unit normal `n`.
-  Rgb irradiance(const Vec3& n) const;
+  // Irradiance of the open sky, without what is concentrated, on a surface of the unit normal `n`, by way of an
+  // interface (CellPoints::grazing; 0: none, else the scene must have plastics).
+  Rgb irradiance(const Vec3& n, float grazing = 0.0f) const;
   // What was cut out, as light 0 of a table; null: nothing.
   const LightTable* concentrated() const { return concentrated_.get(); }
   // A cone that holds it: unit axis and half angle, radians.
@@ -67,7 +68,7 @@ class SkyRadiance {
  private:
   void add_map(const Scene& scene, const Emitter& emitter);
   void cut_out(const Bitmap& map, const Emitter& emitter, float threshold);
-  void make_table();
+  std::vector<Rgb> make_table(float grazing) const;
   bool varies(const Mat3& grid, const SkyCell& cell) const;
   void add_cell(const Mat3& grid, const SkyCell& cell, SkyCells& cells) const;
 
@@ -75,7 +76,7 @@ class SkyRadiance {
   // The maps, by cells of a fine grid; empty: none.
   std::vector<Rgb> fine_;
   // Irradiance by normal at the corners of a grid over the octahedral square; empty without maps.
-  std::vector<Rgb> table_;
+  std::vector<Rgb> table_, coated_table_;  // the latter for a grazing of 1, if the scene has plastics
   std::unique_ptr<LightTable> concentrated_;
   float mean_ = 0.0f;   // luminance over the sphere, without what is concentrated, if there are maps
   double power_ = 0.0;  // the same of what is concentrated

@@ -33,6 +33,33 @@ std::vector<Named> opaque_materials() {
           {"masked diffuse", masked(diffuse(0.9f), 0.25f)}};
 }
 
+// A plastic is its body and its interface: in the mean over the hemisphere, and nearly so in each direction.
+TEST(CoatedBodies, AreWhatInterfacesLeave) {
+  for (const Named& named : opaque_materials()) {
+    if (!named.material.coated_diffuse()) continue;
+    for (const float z : {0.05f, 0.4f, 0.8f, 1.0f}) {
+      const Vec3 wi = direction(z, 0.3f);
+      const CoatedBody body = coated_body(named.material, wi.z);
+      const Material interface = without_body(named.material);
+      double all = 0.0, by_body = 0.0;
+      constexpr int k_side = 64;
+      for (int i = 0; i < k_side * k_side; ++i) {
+        const float cosine = std::sqrt((float(i / k_side) + 0.5f) / float(k_side));
+        const Vec3 wo = direction(cosine, 2.0f * k_pi * (float(i % k_side) + 0.5f) / float(k_side));
+        const double left =
+            double((evaluate_bsdf(named.material, wi, wo) - evaluate_bsdf(interface, wi, wo)).y) / double(cosine);
+        const double passed = 1.0 - double(body.grazing) * std::pow(1.0 - double(cosine), 5.0);
+        const double estimate = double(body.reflected.y) * passed;
+        all += left, by_body += estimate;
+        ASSERT_NEAR(estimate * cosine, left * cosine, 0.04 * double(body.reflected.y))
+            << named.name << " " << z << " " << cosine;
+      }
+      EXPECT_GT(all, 0.0);
+      EXPECT_NEAR(by_body / all, 1.0, 2e-3) << named.name << " " << z;
+    }
+  }
+}
+
 std::vector<Named> rough_dielectrics() {
   constexpr MicrofacetKind ggx = MicrofacetKind::ggx, beckmann = MicrofacetKind::beckmann;
   return {{"ggx .4", rough_glass(ggx, 0.4f, 0.4f, 1.5f)},

@@ -52,7 +52,7 @@ std::vector<float> members(const LightReceivers& r, size_t i) {
           r.red[i],
           r.green[i],
           r.blue[i],
-          float(r.plain[i]),
+          float(r.kind[i]),
           float(r.path[i]),
           float(p.instance[i]),
           float(p.transmits[i])};

@@ -159,7 +159,7 @@ TEST(ShadingClusters, RadiiEncloseTheMembersAndAreSmallBesideTheWayToLights) {
         ASSERT_LE(glm::length(v.frame.n - shading), cluster.spread + 1e-6f);
         is_plain = is_plain && v.material->plain_diffuse();
       }
-      ASSERT_EQ(cluster.plain_diffuse, is_plain);
+      ASSERT_EQ(cluster.plain_diffuse(), is_plain);
       ASSERT_NEAR(glm::length(Vec3(points.gx[k], points.gy[k], points.gz[k])), 1.0f, 1e-5f);
       if (members.size() == 1) {
         ++single;
@@ -212,7 +212,7 @@ TEST(ShadingClusters, HoldDiffusePointsAloneOrNone) {
   size_t points = 0;
   for (size_t c = 0; c < clusters.size(); ++c) {
     for (uint32_t i = clusters[c].begin; i < clusters[c].end; ++i, ++points) {
-      EXPECT_EQ(clusters[c].plain_diffuse, r.plain[i] != 0) << i;
+      EXPECT_EQ(clusters[c].kind, r.kind[i]) << i;
     }
   }
   EXPECT_EQ(points, 16u);

@@ -211,11 +211,14 @@ TEST(IndirectLight, DoesNotDependOnTheMachineOrTheWindow) {
 }
 
 // Paths find what is not diffuse, and nothing else twice or never.
-TEST(IndirectLight, BesideMetalsIsNearMonteCarlo) {
+class IndirectLightBeside : public testing::TestWithParam<BsdfKind> {};
+
+TEST_P(IndirectLightBeside, OthersIsNearMonteCarlo) {
   for (const int depth : {3, 5, -1}) {
     Corner s(32, depth);
     s.objects();
-    s.scene.instances.back().bsdf = s.metal(0.3f);
+    const bool is_metal = GetParam() == BsdfKind::rough_conductor;
+    s.scene.instances.back().bsdf = is_metal ? s.metal(0.3f) : s.bsdf(GetParam(), Rgb(0.6f));
     s.light(EmitterKind::constant, Rgb(1.0f));
     RenderOptions o = options_for(s.scene, Method::hybrid, 32, 256);
     const RenderResult estimate = render(s.scene, o);
@@ -231,6 +234,14 @@ TEST(IndirectLight, BesideMetalsIsNearMonteCarlo) {
     EXPECT_LT(double(estimate.stats.rays_primary) / 256.0, 0.7 * double(exact.stats.rays_primary) / 1024.0);
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Kinds, IndirectLightBeside,
+                         testing::Values(BsdfKind::rough_conductor, BsdfKind::plastic, BsdfKind::rough_plastic),
+                         [](const auto& kind) {
+                           return kind.param == BsdfKind::plastic         ? "plastics"
+                                  : kind.param == BsdfKind::rough_plastic ? "rough_plastics"
+                                                                          : "metals";
+                         });
 
 TEST(IndirectLight, IsPathsAtToleranceZero) {
   Corner s(16, 3);

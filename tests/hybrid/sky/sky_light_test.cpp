@@ -266,6 +266,27 @@ TEST_P(SkyPicture, OfTransformedInstancesIsNearMonteCarlo) {
   for (uint32_t i = 1; i <= 3; ++i) expect_near(r.image, exact.image, s.floor + i, k_object_error, 50);
 }
 
+// Maps light the diffuse bodies of plastics, samples find what their interfaces reflect; nothing counts twice. Each
+// pixel's own interface noise is left in both pictures.
+TEST_P(SkyPicture, OfPlasticsIsNearMonteCarlo) {
+  constexpr int k_size = 40;
+  SkyScene s(GetParam(), k_size, k_coarse);
+  const uint32_t smooth = s.bsdf(BsdfKind::plastic, Rgb(0.5f)), rough = s.bsdf(BsdfKind::rough_plastic, Rgb(0.5f));
+  for (const uint32_t b : {smooth, rough}) s.scene.bsdfs[b].reflectance = s.constant(Rgb(1.0f));
+  s.instance(s.mesh(supershape()), smooth, placed(turned() * 0.7f, {-1.1f, 0.3f, 0.9f}));
+  s.instance(s.mesh(knot()), rough, placed(Mat3(0.7f), {0.9f, -0.3f, 0.75f}));
+  const RenderResult exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, 4096));
+  const RenderResult r = render(s.scene, options_for(s.scene, Method::hybrid, k_size, 1, 4096));
+  EXPECT_GT(r.stats.bake_rays, 0u);
+  expect_near(r.image, exact.image, s.floor, k_floor_error, 800);
+  expect_near(r.image, exact.image, s.floor + 1, k_object_error, 50);
+  expect_near(r.image, exact.image, s.floor + 2, k_object_error, 50);
+  for (uint32_t i = 1; i <= 2; ++i) {
+    EXPECT_NEAR(difference(exact.image, r.image, s.floor + i).mean, difference(r.image, exact.image, s.floor + i).mean,
+                0.003);
+  }
+}
+
 // A wall, sheared along its normal, and a mirrored one, beside an object and leaning over the floor.
 TEST_P(SkyPicture, OfWallsIsNearMonteCarlo) {
   constexpr int k_size = 40;
