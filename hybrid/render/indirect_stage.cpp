@@ -49,13 +49,13 @@ bool plans_indirect(const Scene& scene, std::span<const ShapeTraits> traits, int
     const Bounds3 box = world_bounds(scene.shapes[i.shape].bounds, i.to_world);
     if (is_diffuse_and_opaque(scene, i.bsdf)) {
       senders.push_back(box.centre());
-    } else {
+    } else if (!has_diffuse_body(scene, i.bsdf)) {
       others.push_back(box);
     }
   }
   const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
-  // Paths to what is not diffuse go on. Without a sky the maps would be made for the rest alone; and where most of that
-  // stands amid what is not diffuse, few paths are spared.
+  // Paths to what is neither diffuse nor a plastic go on. Without a sky the maps would be made for the rest alone; and
+  // where most of that stands amid such surfaces, few paths are spared.
   if (!has_sky(scene) && !others.empty()) return false;
   if (4 * others.size() > senders.size()) return false;
   const auto is_amid = [&](const Vec3& centre) {
