@@ -56,7 +56,7 @@ bool plans_indirect(const Scene& scene, std::span<const ShapeTraits> traits, int
   const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
   // Paths to what is neither diffuse nor a plastic go on. Without a sky the maps would be made for the rest alone; and
   // where most of that stands amid such surfaces, few paths are spared.
-  if (!has_sky(scene) && !others.empty()) return false;
+  if (!has_sky(scene) && senders.size() < count) return false;
   if (4 * others.size() > senders.size()) return false;
   const auto is_amid = [&](const Vec3& centre) {
     return std::any_of(others.begin(), others.end(), [&](const Bounds3& box) {
