@@ -67,6 +67,9 @@ TradeoffPlan make_tradeoff_plan(const Scene& scene, const TradeoffPlanOptions& o
   const auto add = [&](Method method, int spp, float tolerance, int directions, int plane) {
     RenderOptions o = options.base;
     o.method = method;
+    // Monte Carlo at its best; the reference is not.
+    if (method == Method::monte_carlo && o.light_estimator == LightEstimator::automatic)
+      o.light_estimator = LightEstimator::adaptive;
     o.spp = spp;
     o.tolerance = tolerance;
     o.directions = directions;

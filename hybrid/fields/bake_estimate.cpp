@@ -4,6 +4,7 @@
 #include <cmath>
 #include <span>
 
+#include "field/store/coverage.h"
 #include "hybrid/visibility/light_extent.h"
 
 namespace fieldtrace {
@@ -30,6 +31,11 @@ std::vector<double> bake_rays_towards(std::span<const LightExtent> lights, const
 }
 
 }  // namespace
+
+double coverage_share(const FieldParameters& parameters) {
+  const double across = double(CoverageTiles::lines_for(parameters.plane)) / double(parameters.plane);
+  return across * across / double(parameters.lines + 1);
+}
 
 std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameters& parameters) {
   std::vector<LightExtent> lights;

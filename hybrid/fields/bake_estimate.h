@@ -12,12 +12,15 @@
 
 namespace fieldtrace {
 
-// Estimates below this many rays decide nothing: such a bake takes seconds, and a cache or a larger picture pays it
-// back.
+// Estimates of cells below this many rays do not make fields coarser: such a bake takes seconds.
 inline constexpr double k_costly_bake_rays = 8e6;
 
-// By shape: rays to bake for its field if a picture showed all of its instances, whether or not the shape wants a
-// field. Within a factor of two for one instance under one light (docs/decisions/012-left-to-rays.md).
+// By shape: rays to bake all cells that a picture of all of its instances might ask for, whether or not the shape wants
+// a field. Few of them are asked for where coverage maps answer most.
 std::vector<double> estimated_bake_rays(const Scene& scene, const FieldParameters& parameters);
+
+// Lines of the coverage maps of the same directions, for each ray that their cells take. Measured bakes are within
+// 1.25 times the estimate (docs/decisions/012-left-to-rays.md).
+double coverage_share(const FieldParameters& parameters);
 
 }  // namespace fieldtrace

@@ -45,7 +45,7 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
   std::vector<uint32_t> chosen;
   for (const uint32_t s : shapes_by_gain(scene, traits)) {
     if (chosen.size() == plan.most_fields) break;
-    if (bake_rays_[s] > k_costly_bake_rays && needed_rays(s) > plan.light_samples) {
+    if (needed_rays(s) > plan.light_samples) {
       left_to_rays_[s] = 1;
       if (!for_hits_[s]) continue;
     }
@@ -72,7 +72,7 @@ double FieldSet::needed_rays(size_t shape) const {
   const bool by_maps = std::all_of(scene_.emitters.begin(), scene_.emitters.end(), [](const Emitter& e) {
     return e.kind == EmitterKind::area || e.kind == EmitterKind::point;
   });
-  return by_maps ? bake_rays_[shape] / double(plan_.parameters.lines + 1) : bake_rays_[shape];
+  return by_maps ? bake_rays_[shape] * coverage_share(plan_.parameters) : bake_rays_[shape];
 }
 
 std::vector<Field*> FieldSet::all_pointers() const {
@@ -81,13 +81,31 @@ std::vector<Field*> FieldSet::all_pointers() const {
   return pointers;
 }
 
+bool FieldSet::answers_shadows() const {
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (fields_[s] && !left_to_rays_[s]) return true;
+  }
+  return false;
+}
+
+void FieldSet::leave_unpaid(const FieldSurvey& survey) {
+  if (!cost_decides()) return;
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (!fields_[s] || left_to_rays_[s]) continue;
+    self_to_rays_[s] = double(survey.uses[s].self_met) * survey.scale < bake_rays_[s];
+    left_to_rays_[s] = double(survey.uses[s].met) * survey.scale < needed_rays(s);
+    if (!left_to_rays_[s] || for_hits_[s]) continue;
+    fields_[s].reset();
+    --count_;
+  }
+}
+
 void FieldSet::leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers) {
   for (size_t s = 0; s < fields_.size(); ++s) {
-    if (left_to_rays_[s]) continue;
-    const bool cost_decides = plan_.light_samples < std::numeric_limits<double>::infinity();
-    const uint64_t fewest = cost_decides && bake_rays_[s] > k_costly_bake_rays ? uint64_t(needed_rays(s)) : 0;
-    left_to_rays_[s] = fields_[s] && leaves_to_rays(survey.uses[s], survey.scale, std::max(fewest, fewest_answers));
-    self_to_rays_[s] = fields_[s] && leaves_self_to_rays(survey.uses[s]);
+    if (!fields_[s] || left_to_rays_[s]) continue;
+    const double needed = cost_decides() ? needed_rays(s) : 0.0, cells = cost_decides() ? bake_rays_[s] : 0.0;
+    left_to_rays_[s] = leaves_to_rays(survey.uses[s], survey.scale, std::max(needed, double(fewest_answers)));
+    self_to_rays_[s] = self_to_rays_[s] || leaves_self_to_rays(survey.uses[s], survey.scale, cells);
   }
 }
 

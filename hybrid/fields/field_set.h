@@ -32,9 +32,8 @@ struct FieldPlan {
   FieldParameters parameters;
   size_t most_fields = std::numeric_limits<size_t>::max();
   bool read_cache = true;
-  // Light samples of the whole picture, over all lights. A shape whose bake would cost more rays than that (and is
-  // costly at all: hybrid/fields/bake_estimate.h) is left to exact rays, because its field cannot pay for itself.
-  // Infinite: no shape is.
+  // Light samples of the whole picture, over all lights. A shape whose bake would cost more rays than that is left to
+  // exact rays, because its field cannot pay for itself. Infinite: no shape is.
   double light_samples = std::numeric_limits<double>::infinity();
   std::vector<uint32_t> hit_instances;  // their shapes get fields for glossy rays even where shadow rays gain nothing
 };
@@ -57,8 +56,11 @@ class FieldSet {
   std::vector<Field*> all_pointers() const;  // by shape, including those for glossy rays only; null: none
   // By shape: not 0 where rays from the object itself do not use its field.
   const std::vector<uint8_t>& self_to_rays() const { return self_to_rays_; }
-  // Leaves objects to exact rays by the counts of a survey; those with a costly bake also where their answers would not
-  // outnumber its rays.
+  bool answers_shadows() const;  // whether pointers() has any
+  // Leaves objects to exact rays whose bake takes more rays than a survey without fields counts light samples past
+  // them; and shadows on themselves where their cells do.
+  void leave_unpaid(const FieldSurvey& survey);
+  // The same by what fields answered in a survey; and objects whose fields leave too much undecided.
   void leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers);
   const FieldBudget& budget() const { return *budget_; }
 
@@ -74,6 +76,7 @@ class FieldSet {
   FieldPlan next_plan(std::string& change) const;
 
  private:
+  bool cost_decides() const { return plan_.light_samples < std::numeric_limits<double>::infinity(); }
   // Estimated rays to bake what a shape needs. Coverage maps take one line a texel, and few cells are baked beside
   // them; but lights all around and at infinity are asked about by single rays, which want cells.
   double needed_rays(size_t shape) const;

@@ -10,11 +10,13 @@ bool mostly_undecided(uint64_t answered, uint64_t undecided) {
 
 }  // namespace
 
-bool leaves_to_rays(const FieldUse& use, double scale, uint64_t fewest_answers) {
+bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers) {
   if (mostly_undecided(use.answered - use.self_answered, use.undecided - use.self_undecided)) return true;
-  return double(use.answered) * scale < double(fewest_answers);
+  return double(use.answered) * scale < fewest_answers;
 }
 
-bool leaves_self_to_rays(const FieldUse& use) { return mostly_undecided(use.self_answered, use.self_undecided); }
+bool leaves_self_to_rays(const FieldUse& use, double scale, double fewest_answers) {
+  return mostly_undecided(use.self_answered, use.self_undecided) || double(use.self_answered) * scale < fewest_answers;
+}
 
 }  // namespace fieldtrace

@@ -18,16 +18,18 @@ inline constexpr uint64_t k_fewest_surveyed = 256;
 
 // Whether an object with the survey counts `use` is left to exact rays. `scale`: rays of the picture for each surveyed
 // ray. `fewest_answers`: an object whose field would answer fewer rays of the whole picture is left, too.
-bool leaves_to_rays(const FieldUse& use, double scale, uint64_t fewest_answers);
+bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers);
 
 // Whether only shading points on the object itself are left to exact rays: where their object's field leaves more than
-// k_most_undecided of them undecided. The answers that remain there are wrong more often than elsewhere.
-bool leaves_self_to_rays(const FieldUse& use);
+// k_most_undecided of them undecided, or answers fewer than `fewest_answers` in the whole picture. The answers that
+// remain there are wrong more often than elsewhere.
+bool leaves_self_to_rays(const FieldUse& use, double scale, double fewest_answers);
 
 struct FieldSurvey {
   std::vector<FieldUse> uses;  // per shape of the scene
   double scale = 1.0;          // camera samples of the picture for each surveyed one
   Stats stats;                 // of the survey's own rays
+  double open_rays = 0.0;      // shadow rays for each camera sample of one light sample
   bool interrupted = false;    // by `stop`; the counts are then meaningless
 };
 

@@ -27,21 +27,25 @@ void ConcentratedLight::trace(Stats& stats) {
 void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingCluster> clusters, bool may_be_hidden) {
   const LightTable& table = *sky_->radiance().concentrated();
   const Light& light = table.lights[0];
-  const Rgb value = Rgb(light.value[0], light.value[1], light.value[2]) / float(job.light_samples);
-  const size_t m = size_t(job.light_samples), most = std::max(k_concentrated_batch / m, size_t(1));
+  const int most_samples = std::max(job.light_samples, context_.settings.open_sun_samples);
+  const int samples = may_be_hidden ? most_samples : job.light_samples;
+  const Rgb value = Rgb(light.value[0], light.value[1], light.value[2]) / float(samples);
+  // So that all shading points count alike.
+  const float count = job.count * float(job.light_samples) / float(samples);
+  const size_t m = size_t(samples), most = std::max(k_concentrated_batch / m, size_t(1));
   LightReceivers& r = job.receivers;
   for (size_t begin = 0, end = 0; begin < clusters.size(); begin = end) {
-    size_t count = 0;
-    for (end = begin; end < clusters.size() && count < most; ++end) count += clusters[end].size();
-    selected_.resize(count);
-    count = 0;
+    size_t points = 0;
+    for (end = begin; end < clusters.size() && points < most; ++end) points += clusters[end].size();
+    selected_.resize(points);
+    points = 0;
     for (size_t i = begin; i < end; ++i) {
       const ShadingCluster& c = clusters[i];
-      selected_.copy(count, r.points, c.begin, c.size());
-      count += c.size();
+      selected_.copy(points, r.points, c.begin, c.size());
+      points += c.size();
     }
-    sample_light(table, 0, selected_, job.light_samples, context_.settings.isa, shadows_);
-    job.stats.samples += count * m;
+    sample_light(table, 0, selected_, samples, context_.settings.isa, shadows_);
+    job.stats.samples += points * m;
     job.stats.rays_shadow += shadows_.active;
     if (may_be_hidden) trace(job.stats);
     size_t slot = 0;
@@ -61,9 +65,9 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
           }
           if (job.firsts.empty()) continue;
           FirstHit& first = job.firsts[r.path[k]];
-          first.shadow_rays += job.count;
-          first.shadow_clear += is_clear ? job.count : 0.0f;
-          first.shadow_exact += shadows_.exact[slot] ? job.count : 0.0f;
+          first.shadow_rays += count;
+          first.shadow_clear += is_clear ? count : 0.0f;
+          first.shadow_exact += shadows_.exact[slot] ? count : 0.0f;
         }
         sum *= value;
         r.arriving_red[k] += sum.x * r.red[k];

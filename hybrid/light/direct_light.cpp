@@ -236,36 +236,40 @@ void DirectLight::light_open(const Job& job) {
   sample(job, true);
 }
 
-std::span<const DirectLight::Sampled> DirectLight::batch_from(const Job& job, size_t begin) const {
-  const size_t most = size_t(std::max(k_shadow_batch / job.light_samples, 1));
+std::span<const DirectLight::Sampled> DirectLight::batch_from(size_t begin, int light_samples) const {
+  const size_t most = size_t(std::max(k_shadow_batch / light_samples, 1));
   size_t end = begin;
   for (size_t points = 0; end < sampled_.size() && points < most; ++end) points += sampled_[end].size();
   return std::span(sampled_).subspan(begin, end - begin);
 }
 
 void DirectLight::sample(const Job& job, bool may_be_hidden) {
+  const int samples = may_be_hidden && job.counts_open ? job.open_samples : job.light_samples;
   std::span<const Sampled> batch;
   for (size_t begin = 0; begin < sampled_.size(); begin += batch.size()) {
-    batch = batch_from(job, begin);
+    batch = batch_from(begin, samples);
     {
       const ScopedTimer timer(job.stats.time_secondary);
       select(job, batch);
-      LightSampleRange range = {job.light_samples, 0, job.light_samples};
+      LightSampleRange range = {samples, 0, samples};
       if (may_be_hidden && on_grid(job)) range.cell_columns = range.cell_rows = k_strata_side;
       sample_light(context_.lights, job.light, selected_, range, context_.settings.isa, shadows_);
-      if (may_be_hidden) answer(job, batch);
+      job.stats.samples += selected_.size * uint64_t(samples - job.light_samples);
+      const uint64_t traced = job.stats.rays_exact;
+      if (may_be_hidden) answer(job, batch, samples);
+      if (job.counts_open) job.stats.rays_open += job.stats.rays_exact - traced;
     }
     job.stats.rays_shadow += shadows_.active;
-    add_samples(job, batch);
+    add_samples(job, batch, samples);
   }
 }
 
-void DirectLight::answer(const Job& job, std::span<const Sampled> batch) {
+void DirectLight::answer(const Job& job, std::span<const Sampled> batch, int samples) {
   if (std::all_of(batch.begin(), batch.end(), [](const Sampled& s) { return s.strata == k_none; })) {
     context_.answerer.answer(candidates_, shadows_, job.stats);
     return;
   }
-  const size_t m = size_t(job.light_samples);
+  const size_t m = size_t(samples);
   shadows_.in_shares = true;
   shadows_.clear.assign(padded(shadows_.rays.size), 0.0f);
   traced_slots_.clear();
@@ -295,14 +299,15 @@ void DirectLight::answer(const Job& job, std::span<const Sampled> batch) {
   }
 }
 
-void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {
+void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch, int samples) {
   const Light& light = context_.lights.lights[job.light];
   const LightEstimate estimate = {value_of(light), job.light_samples, context_.closed_form[job.light] != 0,
                                   light.kind == LightKind::environment, job.sky_is_mapped};
-  const size_t m = size_t(job.light_samples);
+  const size_t m = size_t(samples);
+  const float share = float(job.light_samples) / float(samples);  // so that all shading points count alike
   size_t slot = 0;
   for (const Sampled& s : batch) {
-    add_range(job, s, slot, estimate);
+    add_range(job, s, slot, samples, estimate);
     if (job.firsts.empty()) {
       slot += s.size() * m;
       continue;
@@ -312,17 +317,18 @@ void DirectLight::add_samples(const Job& job, std::span<const Sampled> batch) {
       for (const size_t end = slot + m; slot < end; ++slot) {
         if (shadows_.rays.tmax[slot] < 0.0f) continue;
         if (s.is_lit && seen_[s.strata].share[shadows_.cell[slot]] >= 0.0f) continue;  // counted by its share
-        first.shadow_rays += 1.0f;
-        first.shadow_clear += shadows_.in_shares ? shadows_.clear[slot] : float(!shadows_.blocked[slot]);
-        first.shadow_exact += float(shadows_.exact[slot]);
+        first.shadow_rays += share;
+        first.shadow_clear += share * (shadows_.in_shares ? shadows_.clear[slot] : float(!shadows_.blocked[slot]));
+        first.shadow_exact += share * float(shadows_.exact[slot]);
       }
     }
   }
 }
 
-void DirectLight::add_range(const Job& job, const Sampled& s, size_t first_slot, const LightEstimate& estimate) {
+void DirectLight::add_range(const Job& job, const Sampled& s, size_t first_slot, int samples,
+                            const LightEstimate& estimate) {
   LightReceivers& r = job.receivers;
-  const size_t m = size_t(job.light_samples);
+  const size_t m = size_t(samples);
   if (m == 1 && estimate.closed_form && !estimate.varies && cluster_of(job, s.cluster).plain_diffuse()) {
     factors_.resize(padded(s.size()));
     float* const seen = factors_.data();
@@ -337,10 +343,9 @@ void DirectLight::add_range(const Job& job, const Sampled& s, size_t first_slot,
     return;
   }
   for (size_t i = s.begin, slot = first_slot; i < s.end; ++i, slot += m) {
-    const Rgb light =
-        r.vertex[i] == k_none
-            ? reflected_light(shadows_, slot, job.light_samples, estimate, Rgb(r.red[i], r.green[i], r.blue[i]))
-            : reflected_light(shadows_, slot, job.light_samples, estimate, job.vertices[r.vertex[i]]);
+    const Rgb light = r.vertex[i] == k_none
+                          ? reflected_light(shadows_, slot, samples, estimate, Rgb(r.red[i], r.green[i], r.blue[i]))
+                          : reflected_light(shadows_, slot, samples, estimate, job.vertices[r.vertex[i]]);
     r.arriving_red[i] += light.x, r.arriving_green[i] += light.y, r.arriving_blue[i] += light.z;
   }
 }
@@ -352,7 +357,7 @@ void DirectLight::count_dark(const Job& job) {
   const size_t m = size_t(job.light_samples);
   std::span<const Sampled> batch;
   for (size_t begin = 0; begin < sampled_.size(); begin += batch.size()) {
-    batch = batch_from(job, begin);
+    batch = batch_from(begin, job.light_samples);
     select(job, batch);
     sample_light(context_.lights, job.light, selected_, job.light_samples, context_.settings.isa, shadows_);
     size_t slot = 0;
@@ -447,7 +452,9 @@ void DirectLight::gather_group(Job& job) {
   }
   for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
     if (context_.lights.lights[job.light].kind == LightKind::none) continue;
-    job.sky_is_mapped = job.has_sky_maps && is_sky(context_.scene.emitters[job.light].kind);
+    const bool is_of_sky = is_sky(context_.scene.emitters[job.light].kind);
+    job.counts_open = job.first && !(is_of_sky && context_.settings.sky_by_maps);
+    job.sky_is_mapped = job.has_sky_maps && is_of_sky;
     if (job.sky_is_mapped) {  // SkyLight has lit the diffuse ones and the bodies of plastics
       const auto is_left = [&](size_t c) { return !clusters_[job.begin + c].takes_maps_alone(); };
       uint64_t left = 0;
@@ -470,7 +477,8 @@ void DirectLight::gather(LightReceivers& receivers, std::span<const PathVertex> 
   for (auto* sum : {&receivers.arriving_red, &receivers.arriving_green, &receivers.arriving_blue}) {
     sum->assign(receivers.size(), 0.0f);
   }
-  Job job{receivers, vertices, light_samples, firsts, stats};
+  Job job{receivers, vertices, light_samples, light_samples, first, false, firsts, stats};
+  if (first) job.open_samples = std::max(light_samples, context_.settings.open_light_samples);
   job.has_sky_maps = first && context_.sky;
   if (job.has_sky_maps) sky_.gather(clusters_, receivers, vertices, light_samples, firsts, stats);
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {

@@ -50,6 +50,9 @@ class DirectLight {
     LightReceivers& receivers;
     std::span<const PathVertex> vertices;
     int light_samples = 1;
+    int open_samples = 1;      // the same where the light may be hidden
+    bool first = false;        // the receivers are those of camera rays
+    bool counts_open = false;  // `light` is one for which open_samples is meant
     std::span<FirstHit> firsts;
     Stats& stats;
     size_t begin = 0, end = 0;  // the group's clusters
@@ -87,10 +90,11 @@ class DirectLight {
   // light.
   void sample(const Job& job, bool may_be_hidden);
   // Those of sampled_ from `begin` on that make one batch of about k_shadow_batch light samples.
-  std::span<const Sampled> batch_from(const Job& job, size_t begin) const;
-  void answer(const Job& job, std::span<const Sampled> batch);
-  void add_samples(const Job& job, std::span<const Sampled> batch);
-  void add_range(const Job& job, const Sampled& sampled, size_t first_slot, const LightEstimate& estimate);
+  std::span<const Sampled> batch_from(size_t begin, int light_samples) const;
+  // These take the light samples of each point.
+  void answer(const Job& job, std::span<const Sampled> batch, int samples);
+  void add_samples(const Job& job, std::span<const Sampled> batch, int samples);
+  void add_range(const Job& job, const Sampled& sampled, size_t first_slot, int samples, const LightEstimate& estimate);
   void select(const Job& job, std::span<const Sampled> batch);
 
   bool on_grid(const Job& job) const;  // cells of the light's sample square are parts of the light

@@ -103,14 +103,14 @@ Rgb visible_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int 
 
 Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const LightEstimate& light,
                     const PathVertex& v) {
-  const Rgb value = light.value / float(light.light_samples);
+  const Rgb value = light.value / float(count);
   if (batch.in_shares) return value * visible_light(batch, SeenShare{&batch.clear[begin]}, begin, count, light, v);
   return value * visible_light(batch, SeenOrNot{&batch.blocked[begin]}, begin, count, light, v);
 }
 
 Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const LightEstimate& light,
                     const Rgb& reflected) {
-  const Rgb value = light.value / float(light.light_samples);
+  const Rgb value = light.value / float(count);
   const auto reflect = [&](const auto& seen) {
     return value * diffuse_light(batch, seen, begin, count, light, reflected, 1.0f);
   };

@@ -20,9 +20,13 @@ namespace fieldtrace {
 
 struct TransportSettings {
   int light_samples = 1;  // shadow rays per light at a camera path's first surface; later ones send one
-  int pixel_samples = 1;  // camera samples of a pixel in one wave: its shading points form clusters
-  int lobe_samples = 1;   // directions sampled at a camera path's first surface that is not diffuse
-  int max_depth = -1;     // as IntegratorSettings
+  // The same where something may hide the light, if that is more.
+  int open_light_samples = 1;
+  bool sky_by_maps = false;  // that does not hold for the sky, since direction maps answer for it,
+  int open_sun_samples = 1;  // but this for suns that are cut out of it
+  int pixel_samples = 1;     // camera samples of a pixel in one wave: its shading points form clusters
+  int lobe_samples = 1;      // directions sampled at a camera path's first surface that is not diffuse
+  int max_depth = -1;        // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
   int most_undecided = 0;   // strata of a light; where fields leave more open, they are not trusted about the others
@@ -77,7 +81,7 @@ struct TransportContext {
   const Sky* sky = nullptr;             // answers for the sky at diffuse first surfaces; null: light samples do
   // The instances that send diffuse light to such surfaces by way of `sky`; null: paths find all.
   const IndirectLight* indirect = nullptr;
-  const Sky* occlusion_sky = nullptr;   // answers for the layer `ao`; null: rays do
+  const Sky* occlusion_sky = nullptr;  // answers for the layer `ao`; null: rays do
   TransportSettings settings;
   // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.
   std::function<std::unique_ptr<PathFollower>(const TransportContext&)> make_follower;

@@ -25,6 +25,7 @@
 #include "hybrid/render/field_survey.h"
 #include "hybrid/render/glossy_stage.h"
 #include "hybrid/render/indirect_stage.h"
+#include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/sky_stage.h"
 #include "hybrid/render/trace_pixels.h"
 #include "hybrid/render/transport.h"
@@ -160,6 +161,17 @@ struct Picture {
 
   Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
 
+  bool is_adaptive() const {
+    if (options.light_estimator != LightEstimator::automatic)
+      return options.light_estimator == LightEstimator::adaptive;
+    return wants_fields && !options.force_undecided;
+  }
+  // Light samples of each camera sample where lights may be hidden; `open_rays` as FieldSurvey::open_rays.
+  int open_samples(double open_rays) const {
+    const int least = options.light_samples;
+    const bool has_room = int64_t(spp) * std::max(least, k_most_open_samples) <= k_most_samples;
+    return is_adaptive() && has_room ? open_light_samples(least, open_rays) : least;
+  }
   bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
   // Of the whole film, so that fields, and with them pixels, are the same in every window.
   uint64_t film_samples() const {
@@ -188,6 +200,7 @@ struct Stage {
   uint64_t address_space = k_no_address_limit;  // that fields may reserve
   std::unique_ptr<FieldCache> cache = nullptr;  // opened when it is first needed
   SkyStage sky = {};
+  VisibilityDevice* device = nullptr;  // null: the CPU
 };
 
 // Direction maps may take 1 / k_sky_share of the fields' budget, in addition to it.
@@ -337,26 +350,62 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields) {
 // Light samples of each pixel that a survey takes at most.
 constexpr int64_t k_most_survey_samples = 64;
 
-// Surveys the picture, and leaves to exact rays what fields answer too little of. Returns false if it was stopped.
-bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, Stats& stats) {
+// Where every cell answers, or all are undecided by request, there is nothing to survey.
+bool wants_survey(const Picture& picture, const FieldSet& fields) {
   const RenderOptions& options = picture.options;
-  // Where every cell answers, or all are undecided by request, there is nothing to survey.
-  if (fields.empty() || !options.leave_to_rays || options.force_undecided || options.tolerance >= 1.0f) return true;
+  return fields.answers_shadows() && options.leave_to_rays && !options.force_undecided && options.tolerance < 1.0f;
+}
+
+// Surveys the picture with `light_samples` from one point of each pixel, as clusters will ask for them together.
+FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std::vector<Field*>& fields,
+                           std::vector<uint8_t> self_to_rays, TransportSettings settings, int light_samples,
+                           Stats& stats) {
+  const RenderOptions& options = picture.options;
   AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
-  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), counting);
-  // All light samples of a pixel are sent from one point, as clusters will ask for them together.
-  const int64_t of_pixel = int64_t(picture.spp) * options.light_samples;
-  TransportSettings surveying = settings_for(picture, fields);
-  surveying.light_samples = int(std::min<int64_t>(of_pixel, k_most_survey_samples));
-  surveying.pixel_samples = 1;
-  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, surveying, stage.lights);
-  const FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}),
-                                           double(of_pixel) / surveying.light_samples, picture.callbacks.stop);
+  counting.self_to_rays = std::move(self_to_rays);
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields, counting);
+  settings.light_samples = light_samples;
+  settings.sky_by_maps = stage.sky.light != nullptr;
+  settings.first_hits = settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
+  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings, stage.lights);
+  const double repeats = double(picture.spp) * double(options.light_samples) / double(light_samples);
+  FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}), repeats, picture.callbacks.stop);
   stats.survey_rays += survey.stats.rays_exact;
   stats.add_bake(survey.stats);
+  return survey;
+}
+
+// Leaves to exact rays the objects that too few light samples pass for what their fields cost, before anything is baked
+// or read. Returns false if it was stopped.
+// `open_samples` becomes the number of light samples that exact rays alone would get where lights may be hidden.
+bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats) {
+  const bool leaves = wants_survey(picture, fields) && picture.options.whole_lights;
+  if (!leaves && !picture.is_adaptive()) return true;
+  TransportSettings settings = picture.settings;
+  settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
+  const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
+  FieldSurvey survey = survey_picture(picture, stage, none, {}, settings, 1, stats);
   if (survey.interrupted) return false;
-  fields.leave_to_rays(survey, options.fewest_answers);
+  open_samples = picture.open_samples(survey.open_rays);
+  survey.scale *= double(open_samples) / double(picture.options.light_samples);
+  if (leaves) fields.leave_unpaid(survey);
+  return true;
+}
+
+// Leaves to exact rays what fields answer too little of. Returns false if it was stopped.
+bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats) {
+  if (!wants_survey(picture, fields)) return true;
+  const int64_t of_pixel = int64_t(picture.spp) * picture.options.light_samples;
+  TransportSettings settings = settings_for(picture, fields);
+  settings.pixel_samples = 1;
+  FieldSurvey survey = survey_picture(picture, stage, fields.pointers(), fields.self_to_rays(), settings,
+                                      int(std::min<int64_t>(of_pixel, k_most_survey_samples)), stats);
+  if (survey.interrupted) return false;
+  // What fields answer spares as many light samples as exact rays alone would get.
+  survey.scale *= double(open_samples) / double(picture.options.light_samples);
+  open_samples = picture.open_samples(survey.open_rays);
+  fields.leave_to_rays(survey, picture.options.fewest_answers);
   return true;
 }
 
@@ -395,19 +444,25 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   Stats& stats = result.stats;
   FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, wants_fields(picture, stage, plan),
                   stage.address_space);
+  int open_samples = options.light_samples;
+  bool surveyed = leave_unpaid(picture, stage, fields, open_samples, stats);
   if (!stage.cache) stage.cache = open_cache(options, fields.empty(), warning);
   FieldCache* const cache = stage.cache.get();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
   }
-  const bool surveyed = leave_to_rays(picture, stage, fields, stats);
+  surveyed = surveyed && leave_to_rays(picture, stage, fields, open_samples, stats);
   AnswererSettings settings{picture.settings.isa, options.tolerance, options.check, options.force_undecided,
                             options.whole_lights};
   settings.self_to_rays = fields.self_to_rays();
+  settings.device = stage.device;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
-  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings_for(picture, fields),
-                           stage.lights);
+  TransportSettings tracing = settings_for(picture, fields);
+  tracing.sky_by_maps = stage.sky.light != nullptr;
+  tracing.open_light_samples = stats.open_light_samples = open_samples;
+  if (picture.is_adaptive()) tracing.open_sun_samples = std::max(options.light_samples, k_open_sun_samples);
+  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, tracing, stage.lights);
   context.sky = stage.sky.light.get();
   context.indirect = context.sky ? context.sky->indirect() : nullptr;
   context.occlusion_sky = stage.sky.occlusion.get();
@@ -491,6 +546,11 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   const Picture picture(scene, options, told_once);
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
+  std::unique_ptr<VisibilityDevice> device;
+  if (picture.wants_fields && options.chart == Chart::orthographic) {
+    device =
+        open_device(options.device, {segment_kernels(picture.settings.isa), options.device_memory, told_once.warning});
+  }
   RenderResult result;
   // By default TBB starts no more workers than there are hardware threads.
   std::optional<tbb::global_control> more_threads;
@@ -520,9 +580,12 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
           stage.sky, result.stats);
       if (stage.sky.light && !has_sky(scene) && !stage.sky.light->indirect()) stage.sky.light.reset();
     }
+    stage.device = device.get();
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);
-    while (!attempt(picture, stage, plan, result)) {
+    for (bool is_done = false; !is_done;) {
+      is_done = attempt(picture, stage, plan, result);
+      if (device) device->forget_fields();
     }
   });
 
@@ -534,11 +597,20 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
   stats.spp = picture.spp;
   stats.light_samples = options.light_samples;
+  stats.open_light_samples = std::max(stats.open_light_samples, options.light_samples);
   stats.tolerance = options.tolerance;
   stats.width = picture.window.width;
   stats.height = picture.window.height;
   stats.threads = threads;
   stats.isa = isa_name(picture.settings.isa);
+  stats.device = device ? options.device : "cpu";
+  if (device) {
+    const DeviceCounts counts = device->counts();
+    stats.device_blocks = counts.blocks;
+    stats.device_blocks_cpu = counts.blocks_cpu;
+    stats.device_waves = counts.waves;
+    stats.device_bytes = counts.bytes_peak;
+  }
   stats.seed = picture.settings.seed;
   stats.triangles = scene.triangle_count();
   stats.instances = scene.instances.size();

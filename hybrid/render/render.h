@@ -2,10 +2,10 @@
 //
 // The two methods differ in how light samples (hybrid/light/direct_light.h) and glossy rays
 // (hybrid/render/glossy_stage.h) are answered. Determinism: for one scene, options and seed the picture is the same bit
-// for bit for any thread count and instruction set, with or without a field cache, and in every crop window (scenes of
-// more than k_most_candidates instances trace whole tiles for that, and count these rays). Where fields outgrow their
-// memory the render restarts with less (hybrid/fields/field_set.h), and the picture depends on that memory and on the
-// crop window, too. Thread-safety: render() may be called from several threads with different scenes.
+// for bit for any thread count, instruction set and device, with or without a field cache, and in every crop window
+// (scenes of more than k_most_candidates instances trace whole tiles for that, and count these rays). Where fields
+// outgrow their memory the render restarts with less (hybrid/fields/field_set.h), and the picture depends on that
+// memory and on the crop window, too. Thread-safety: render() may be called from several threads with different scenes.
 #pragma once
 
 #include <atomic>
@@ -34,6 +34,10 @@ enum class Chart { orthographic, thesis };
 // Whether fields answer glossy rays by certified hits: for large meshes where enough rays pay for the bake (automatic),
 // wherever possible (always), or never.
 enum class FieldHits { automatic, always, never };
+// What decides how many light samples a camera sample takes where something may hide the light: light_samples does, or
+// a survey of the picture (hybrid/render/open_light_samples.h). Automatic: adaptive for the hybrid at tolerances above
+// 0, samples for Monte Carlo.
+enum class LightEstimator { automatic, samples, adaptive };
 
 // Limits at each shading point, and at each glossy hit.
 inline constexpr int k_most_light_samples = 1 << 16;
@@ -55,6 +59,8 @@ struct RenderOptions {
   uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's memory
   int threads = 0;                 // 0: all hardware threads
   Isa isa = Isa::automatic;
+  std::string device = "cpu";    // that answers shadow rays; others: visibility_device.h
+  uint64_t device_memory = 0;    // bytes of its memory that fields may take there; 0: all
   std::optional<Rect> crop;      // within the film's crop window
   std::optional<int> max_depth;  // overrides the integrator's
   bool check = false;            // also trace an exact ray for every field's answer, and count disagreements
@@ -62,6 +68,7 @@ struct RenderOptions {
   bool whole_lights = true;      // let fields answer whole lights first; false: single rays only
   bool leave_to_rays = true;     // leave objects to exact rays whose fields do not pay, by a survey
   FieldHits field_hits = FieldHits::automatic;
+  LightEstimator light_estimator = LightEstimator::automatic;
   uint64_t fewest_answers = 0;     // also leave those whose field would answer fewer rays of the film
   std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao
   float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude in the layer ao

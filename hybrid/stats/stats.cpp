@@ -19,6 +19,7 @@ void Stats::merge_counters(const Stats& o) {
   lookups += o.lookups;
   add_bake(o);
   sphere_crossings += o.sphere_crossings;
+  rays_open += o.rays_open;
   samples_spared += o.samples_spared;
   samples_by_strata += o.samples_by_strata;
   samples += o.samples;
@@ -32,6 +33,8 @@ void Stats::merge_counters(const Stats& o) {
     field_uses[s].undecided += o.field_uses[s].undecided;
     field_uses[s].self_answered += o.field_uses[s].self_answered;
     field_uses[s].self_undecided += o.field_uses[s].self_undecided;
+    field_uses[s].met += o.field_uses[s].met;
+    field_uses[s].self_met += o.field_uses[s].self_met;
   }
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
@@ -58,6 +61,7 @@ std::string Stats::to_json() const {
   j["method"] = method;
   j["spp"] = spp;
   j["light_samples"] = light_samples;
+  j["light_samples_open"] = open_light_samples;
   j["tolerance"] = tolerance;
   j["width"] = width;
   j["height"] = height;
@@ -114,6 +118,11 @@ std::string Stats::to_json() const {
       {"bytes_budget", field_bytes_budget}, {"bytes_peak", field_bytes_peak},     {"restarts", field_restarts}};
   j["sky"] = {{"objects", sky_objects}, {"directions", sky_directions}, {"texels", sky_texels}};
   j["bake"] = {{"rays", bake_rays}};
+  j["device"] = {{"name", device},
+                 {"blocks", device_blocks},
+                 {"blocks_cpu", device_blocks_cpu},
+                 {"waves", device_waves},
+                 {"bytes_peak", device_bytes}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};
   j["version"] = version;
   return j.dump(2) + "\n";

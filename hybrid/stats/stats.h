@@ -20,10 +20,15 @@ namespace fieldtrace {
 struct FieldUse {
   uint64_t answered = 0, undecided = 0;
   uint64_t self_answered = 0, self_undecided = 0;
+  uint64_t met = 0, self_met = 0;  // light samples whose way may cross the object's bounds
 
   void add_answered(uint32_t samples, bool self) {
     answered += samples;
     self_answered += self ? samples : 0;
+  }
+  void add_met(uint32_t samples, bool self) {
+    met += samples;
+    self_met += self ? samples : 0;
   }
 };
 
@@ -55,9 +60,10 @@ struct CheckedDifferences {
 struct Stats {
   std::string method;
   int spp = 0, light_samples = 0;
+  int open_light_samples = 0;  // of each camera sample where a light may be hidden
   float tolerance = 0.0f;
   int width = 0, height = 0, threads = 0;
-  std::string isa;
+  std::string isa, device;
   uint32_t seed = 0;
   uint64_t triangles = 0, instances = 0, lights = 0;
 
@@ -73,6 +79,7 @@ struct Stats {
   uint64_t rays_glossy_hits = 0;         // those that fields answered for at least one object, by a hit or a miss
   uint64_t rays_exact = 0;               // shadow rays traced through Embree
   uint64_t rays_crossing = 0;            // shadow rays that cross at least one candidate's bounds
+  uint64_t rays_open = 0;                // those of them that leave camera rays' surfaces towards lights
   uint64_t rays_candidate_overflow = 0;  // those of rays_exact whose group had candidate overflow
   uint64_t lookups = 0;                  // ray-field look-ups
   uint64_t sphere_crossings = 0;         // ray-candidate pairs whose bounds are crossed
@@ -112,6 +119,9 @@ struct Stats {
   uint64_t field_bytes_budget = 0, field_bytes_peak = 0;
   uint64_t field_restarts = 0;  // attempts that exceeded the budget
   uint64_t bake_rays = 0;
+  // Of a device other than the CPU: blocks of 32 rays or shading points that it answered, those that it left to the
+  // CPU, waits for it, and the most bytes of its memory.
+  uint64_t device_blocks = 0, device_blocks_cpu = 0, device_waves = 0, device_bytes = 0;
   uint64_t memory_peak_bytes = 0;
   std::string version;
 

@@ -52,6 +52,8 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
     : scene_(scene),
       accel_(accel),
       kernels_(segment_kernels(settings.isa)),
+      cpu_(kernels_),
+      device_(settings.device ? *settings.device : cpu_),
       thesis_kernels_(thesis_kernels(settings.isa)),
       settings_(settings),
       candidates_(scene),
@@ -84,7 +86,10 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
   group.shadow.assign(size, all);
   group.by_rays.assign(size, all);
   if (settings_.check) group.blocked_by.assign(shading_points.size, k_none);
-  if (!group.is_tested) return;
+  if (!group.is_tested) {
+    if (settings_.count_uses && !settings_.whole_scene) count_untested(shading_points, group, stats);
+    return;
+  }
   Workspace& work = *workspaces_.local();
   work.shafts.assign(shading_points.size, std::nullopt);
   Sphere light = group.light.ball;
@@ -116,6 +121,8 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
     }
     if (!work.flags[r]) continue;
     group.met[r] = 1;
+    if (settings_.count_uses)
+      use_of(o, stats).add_met(group.light_samples[r], shading_points.instance[r] == group.candidates[slot]);
     most_samples = std::max(most_samples, group.light_samples[r]);
   }
   if (most_samples == 0) return;

@@ -30,6 +30,7 @@
 #include "hybrid/stats/stats.h"
 #include "hybrid/visibility/shadow_candidates.h"
 #include "hybrid/visibility/shape_traits.h"
+#include "hybrid/visibility/visibility_device.h"
 
 namespace fieldtrace {
 
@@ -43,6 +44,7 @@ struct AnswererSettings {
   // Trace every shadow ray against the whole scene. A shading point's light then cannot depend on its group, which
   // otherwise decides whether the light is sampled or, where nothing can block it, known in closed form.
   bool whole_scene = false;
+  VisibilityDevice* device = nullptr;  // answers instead of the CPU; must outlive the answerer
   // Per shape: not 0 where its field does not answer rays from the object itself. Empty: all fields do.
   std::vector<uint8_t> self_to_rays = {};
 };
@@ -146,6 +148,7 @@ class ShadowAnswerer {
   void bake_unknown(const ShadowInstance& occluder, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
                     Workspace& work, Stats& stats) const;
   FieldUse& use_of(const ShadowInstance& occluder, Stats& stats) const;
+  void count_untested(const ShadingPointBatch& shading_points, const ShadowGroup& group, Stats& stats) const;
   void count_uses(const ShadowInstance& occluder, const ShadowBatch& batch, const Workspace& work, Stats& stats) const;
   void check_answers(const ShadowInstance& occluder, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void trace(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const;
@@ -154,6 +157,8 @@ class ShadowAnswerer {
   const Scene& scene_;
   const Accel& accel_;
   const SegmentKernels& kernels_;
+  CpuDevice cpu_;
+  VisibilityDevice& device_;  // `cpu_`, or that of the settings
   const ThesisKernels& thesis_kernels_;
   AnswererSettings settings_;
   ShadowCandidates candidates_;

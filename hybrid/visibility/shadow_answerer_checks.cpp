@@ -86,6 +86,17 @@ FieldUse& ShadowAnswerer::use_of(const ShadowInstance& o, Stats& stats) const {
   return stats.field_uses[scene_.instances[o.cone.segment.instance].shape];
 }
 
+// Candidates that no shading point was tested against may be met by all of their rays.
+void ShadowAnswerer::count_untested(const ShadingPointBatch& shading_points, const ShadowGroup& group,
+                                    Stats& stats) const {
+  for (const uint32_t candidate : group.candidates) {
+    FieldUse& use = use_of(instances_[candidate], stats);
+    for (size_t r = 0; r < shading_points.size; ++r) {
+      use.add_met(group.light_samples[r], shading_points.instance[r] == candidate);
+    }
+  }
+}
+
 void ShadowAnswerer::count_uses(const ShadowInstance& o, const ShadowBatch& batch, const Workspace& work,
                                 Stats& stats) const {
   FieldUse& use = use_of(o, stats);

@@ -49,7 +49,8 @@ void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatc
   ConeUnknowns& unknowns = work.unknowns;
   const int most_rounds = std::max(k_most_bake_rounds, 2 * task.plane_fit_side * task.plane_fit_side);
   bake_and_repeat(o, shading_points.size, unknowns, stats, most_rounds, [&](std::span<const uint32_t> blocks) {
-    const ConeCounts counts = kernels_.light_cones(task, shading_points, light, blocks, work.flags.data(), unknowns);
+    const ConeCounts counts =
+        device_.light_cones(*o.field, task, shading_points, light, blocks, work.flags.data(), unknowns);
     stats.cones_clear += counts.clear;
     stats.cones_blocked += counts.blocked;
     stats.lookups += counts.lookups;
@@ -111,8 +112,9 @@ void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& a
     work.clear.assign(slots, 1.0f);
     work.refused.assign(slots, 0);
     bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
-      stats.lookups += kernels_.filter_strata(task, batch.rays, batch.pdf.data(), work.radius.data(), work.flags.data(),
-                                              blocks, work.clear.data(), work.refused.data(), unknowns);
+      stats.lookups +=
+          device_.filter_strata(*o.field, task, batch.rays, batch.pdf.data(), work.radius.data(), work.flags.data(),
+                                blocks, work.clear.data(), work.refused.data(), unknowns);
     });
     // What no pool has room for is undecided.
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);

@@ -11,6 +11,13 @@ std::span<const uint32_t> as_indices(const AlignedVector<int32_t>& list, size_t 
   return {reinterpret_cast<const uint32_t*>(list.data()), count};
 }
 
+// All blocks of a padded batch.
+std::span<const uint32_t> all_blocks(size_t size, std::vector<uint32_t>& blocks) {
+  blocks.resize(size / k_batch_padding);
+  for (size_t i = 0; i < blocks.size(); ++i) blocks[i] = uint32_t(i * k_batch_padding);
+  return blocks;
+}
+
 }  // namespace
 
 void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& task, int32_t slot,
@@ -30,15 +37,18 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
     std::vector<uint32_t> blocks;
     blocks.swap(states.unknown_blocks);
     const bool give_up = o.field->pool_full() || round >= k_most_bake_rounds;
-    for (const uint32_t begin : blocks) {
-      const size_t end = begin + k_batch_padding;
+    SegmentCounts again;
+    if (give_up) {
       // Without room to bake, all rays of such a block are traced.
-      const SegmentCounts again =
-          give_up ? kernels_.cross_ball(task, batch.rays, begin, end, slot, states)
-                  : kernels_.query(task, batch.rays, batch.instance.data(), begin, end, slot, states);
-      stats.lookups += again.lookups;
-      stats.sphere_crossings += again.crossings;
+      for (const uint32_t begin : blocks) {
+        again.crossings +=
+            kernels_.cross_ball(task, batch.rays, begin, begin + k_batch_padding, slot, states).crossings;
+      }
+    } else {
+      again = device_.query(*o.field, task, batch.rays, batch.instance.data(), blocks, slot, states);
     }
+    stats.lookups += again.lookups;
+    stats.sphere_crossings += again.crossings;
   }
 }
 
@@ -60,7 +70,8 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
     } else {
       SegmentTask task = o.cone.segment;
       task.self_only = strata_tried;
-      counts = kernels_.query(task, batch.rays, batch.instance.data(), 0, n, int32_t(slot), work.states);
+      counts = device_.query(*o.field, task, batch.rays, batch.instance.data(), all_blocks(n, work.blocks),
+                             int32_t(slot), work.states);
       bake_unknown(o, task, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);
       if (settings_.count_uses) count_uses(o, batch, work, stats);

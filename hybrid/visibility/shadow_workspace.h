@@ -15,7 +15,7 @@ namespace fieldtrace {
 struct ShadowAnswerer::Workspace {
   RayStates states;
   ExactLists exact;
-  std::vector<uint32_t> indices;
+  std::vector<uint32_t> indices, blocks;
   std::vector<uint8_t> exact_blocked;
   AlignedVector<int32_t> flags, before, refused;
   std::vector<std::optional<Shaft>> shafts;  // of the group's shading points, as far as they are needed

@@ -106,14 +106,18 @@ TEST(Stress, ObjectsNotWorthAFieldAreLeftToRays) {
   EXPECT_FALSE(leaves_to_rays({.answered = 0, .undecided = k_fewest_surveyed - 1}, 1.0, 0));
   // Own shading points are judged by themselves.
   EXPECT_FALSE(leaves_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}, 1.0, 0));
-  EXPECT_TRUE(leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}));
-  EXPECT_FALSE(leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_answered = 300, .self_undecided = 900}));
+  EXPECT_TRUE(leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}, 1.0, 0));
+  EXPECT_FALSE(
+      leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_answered = 300, .self_undecided = 900}, 1.0, 0));
   EXPECT_TRUE(leaves_to_rays({.answered = 10}, 10.0, 101));
   EXPECT_FALSE(leaves_to_rays({.answered = 10}, 10.0, 100));
+  EXPECT_TRUE(leaves_self_to_rays({.self_answered = 10}, 10.0, 101));
+  EXPECT_FALSE(leaves_self_to_rays({.self_answered = 10}, 10.0, 100));
 
   const Scene scene = stress_scene(stress_objects()[1], 0.16f);
   RenderOptions o;
   o.light_samples = 4;
+  o.light_estimator = LightEstimator::samples;  // in both
   o.directions = 32;
   o.plane = 64;
   o.crop = Rect{20, 20, 40, 40};  // the survey still covers the whole film

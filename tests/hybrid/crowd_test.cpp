@@ -62,6 +62,7 @@ TEST(Crowd, IsLeftToRaysWhereItsFieldsCannotPay) {
   const Scene scene = crowd();
   RenderOptions o = options_for(Method::monte_carlo);
   o.light_samples = 4;
+  o.light_estimator = LightEstimator::samples;
   o.directions = o.plane = 0;
   const RenderResult exact = render(scene, o);
   o.method = Method::hybrid;

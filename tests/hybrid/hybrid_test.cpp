@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "hybrid/compare/compare.h"
+#include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/render.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/hybrid_scenes.h"
@@ -17,6 +18,7 @@ using test::HybridScene;
 
 RenderOptions options_for(Method method, int light_samples, uint32_t seed = 1) {
   RenderOptions o;
+  o.leave_to_rays = false;  // so small a picture would pay for no field
   o.method = method;
   o.light_samples = light_samples;
   o.seed = seed;
@@ -48,6 +50,91 @@ struct Sampling {
   int light_samples, max_depth;
 };
 constexpr Sampling k_samplings[] = {{1, 5}, {3, 2}, {16, 2}, {64, 2}};
+
+TEST(Hybrid, BakesTakeNoMoreRaysThanThePictureHasLightSamples) {
+  const Scene scene = hybrid_scene("object_over_floor", 32).scene;
+  for (const int light_samples : {1, 16, 256, 4096}) {
+    SCOPED_TRACE(light_samples);
+    RenderOptions o = options_for(Method::hybrid, light_samples);
+    o.max_depth = 2;
+    o.leave_to_rays = true;
+    o.light_estimator = LightEstimator::samples;
+    const RenderResult hybrid = render(scene, o);
+    const uint64_t samples = 32 * 32 * uint64_t(light_samples) * scene.emitters.size();
+    EXPECT_LE(hybrid.stats.bake_rays, samples);
+    EXPECT_EQ(hybrid.stats.bake_rays > 0, light_samples >= 256);
+    if (hybrid.stats.bake_rays > 0) continue;
+    o.method = Method::monte_carlo;
+    EXPECT_EQ(differing(render(scene, o).image, hybrid.image), 0u);
+  }
+}
+
+TEST(OpenLightSamples, ArePowersOfTwoThatSendFewRays) {
+  EXPECT_EQ(open_light_samples(1, 0.0), 8);
+  EXPECT_EQ(open_light_samples(1, 1e300), 1);
+  for (const double open_rays : {0.01, 0.3, 0.5, 0.51, 1.0, 1.9, 3.9, 4.1}) {
+    const int samples = open_light_samples(1, open_rays);
+    EXPECT_TRUE(samples == 1 || (samples * open_rays <= k_open_rays && samples <= k_most_open_samples)) << open_rays;
+    EXPECT_TRUE(2 * samples > k_most_open_samples || 2 * samples * open_rays > k_open_rays) << open_rays;
+  }
+  EXPECT_EQ(open_light_samples(5, 0.3), 8);
+  EXPECT_EQ(open_light_samples(64, 0.3), 64);
+}
+
+// With every kind of light and material: no bias, over pairs of pictures of the same camera samples.
+TEST(OpenLightSamples, OfMonteCarloHaveItsMean) {
+  constexpr int k_seeds = 12;
+  for (const HybridScene& s : hybrid_scenes(32)) {
+    SCOPED_TRACE(s.name);
+    double sum = 0.0, squares = 0.0;
+    for (uint32_t seed = 0; seed < k_seeds; ++seed) {
+      RenderOptions o = options_for(Method::monte_carlo, 1, seed);
+      o.max_depth = 2;
+      o.spp = 16;
+      const double usual = mean(render(s.scene, o).image);
+      o.light_estimator = LightEstimator::adaptive;
+      const RenderResult adaptive = render(s.scene, o);
+      EXPECT_GT(adaptive.stats.open_light_samples, 1);
+      const double difference = mean(adaptive.image) / usual - 1.0;
+      sum += difference, squares += difference * difference;
+    }
+    const double average = sum / k_seeds, variance = squares / k_seeds - average * average;
+    EXPECT_LT(std::abs(average), 5.0 * std::sqrt(variance / (k_seeds - 1)));
+    EXPECT_LT(std::sqrt(variance), 0.02);
+  }
+}
+
+// They lower the noise of both methods, and leave alone what the layers tell: the mean over light samples.
+TEST(OpenLightSamples, LowerTheNoiseAndKeepTheLayers) {
+  const Scene scene = hybrid_scene("object_over_floor", 32).scene;
+  RenderOptions o = options_for(Method::monte_carlo, 64);
+  o.max_depth = 2;
+  o.spp = 256;
+  const Image expected = render(scene, o).image;
+  for (const Method method : {Method::monte_carlo, Method::hybrid}) {
+    o = options_for(method, 1, 5);
+    o.max_depth = 2;
+    o.spp = 16;
+    o.aovs = {"visibility"};
+    double errors[2], visible[2];
+    for (const bool adaptive : {false, true}) {
+      o.light_estimator = adaptive ? LightEstimator::adaptive : LightEstimator::samples;
+      Image image = render(scene, o).image;
+      double squares = 0.0, sum = 0.0;
+      for (size_t pixel = 0; pixel < image.data.size() / 4; ++pixel) {
+        for (size_t c = 0; c < 3; ++c) {
+          const double d = double(image.data[4 * pixel + c]) - double(expected.data[3 * pixel + c]);
+          squares += d * d;
+        }
+        sum += double(image.data[4 * pixel + 3]);
+      }
+      errors[adaptive] = squares;
+      visible[adaptive] = sum / double(image.data.size() / 4);
+    }
+    EXPECT_LT(errors[1], 0.5 * errors[0]);
+    EXPECT_NEAR(visible[1], visible[0], 0.005);
+  }
+}
 
 TEST(Hybrid, ToleranceZeroIsMonteCarlo) {
   uint32_t seed = 1;

@@ -41,6 +41,7 @@ SceneMaker glossy_scene(float alpha, bool sky, int resolution = 48) {
 
 RenderOptions options_for(Method method, int lobe_samples) {
   RenderOptions o;
+  o.leave_to_rays = false;  // so small a picture would pay for no field
   o.method = method;
   o.spp = 1;
   o.light_samples = 4;

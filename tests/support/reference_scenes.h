@@ -21,9 +21,6 @@ struct ReferenceScene {
   const char* file;  // relative to the repository
   int spp, light_samples, lobe_samples;
   int renders;  // of a picture under test: fewer where each takes long
-  // The objects are left to exact rays in so small a picture (a survey's or an estimate's choice), and are to be
-  // tested by their fields all the same.
-  bool force_fields = false;
 };
 
 const std::vector<ReferenceScene>& reference_scenes();

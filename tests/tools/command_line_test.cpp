@@ -135,6 +135,7 @@ TEST(RenderOptionsText, ValuesOutOfRangeNameTheOption) {
       {"--aov", {"beauty", "depth,beauty"}},
       {"--field-hits", {"sometimes"}},
       {"--field-memory", {"0", "-1", "1.5", "1e3", "1000000000001"}},
+      {"--device-memory", {"0", "-1", "1.5", "1e3", "1000000000001"}},
       {"--field-cache-limit", {"0", "x"}},
       {"--ao-distance", {"0", "-1", "nan", "1e-60", "1x", ""}},
   };
@@ -172,6 +173,10 @@ TEST(RenderOptionsText, ValuesInRangeArrive) {
   EXPECT_EQ(complaint({"--max-depth", "-1", "--device", "cpu", "--chart", "orthographic", "--aov", "depth,normal"}, o),
             "");
   EXPECT_EQ(o.max_depth, -1);
+  EXPECT_EQ(o.device, "cpu");
+  EXPECT_EQ(o.device_memory, 0u);
+  EXPECT_EQ(complaint({"--device-memory", "12"}, o), "");
+  EXPECT_EQ(o.device_memory, 12000000u);
   EXPECT_EQ(o.chart, Chart::orthographic);
   EXPECT_EQ(complaint({"--chart", "thesis"}, o), "");
   EXPECT_EQ(o.chart, Chart::thesis);
@@ -202,12 +207,36 @@ TEST_F(CommandLine, ValuesOutOfRangeExitWith2) {
 TEST_F(CommandLine, WhatIsNotBuiltSaysSo) {
   const std::vector<std::string> render = {"render", "scene.xml", "-o", "a.exr"};
   const std::vector<std::vector<std::string>> options = {
-      {"--time-limit", "10"}, {"--target-error", "0.01"}, {"--resume", "a.exr"}, {"--device", "cuda"}};
+      {"--time-limit", "10"}, {"--target-error", "0.01"}, {"--resume", "a.exr"}};
   for (const std::vector<std::string>& option : options) {
     std::vector<std::string> all = render;
     all.insert(all.end(), option.begin(), option.end());
     expect_failure(2, "not available yet", all);
   }
+}
+
+// A build without kernels refuses the GPU; one with kernels renders on the CPU where the machine has none.
+TEST_F(CommandLine, DevicesAreListedAndSaidToBeMissing) {
+  const Outcome devices = run({"info", "--devices"});
+  EXPECT_EQ(devices.code, 0) << devices.err;
+  EXPECT_EQ(devices.out.rfind("cpu        ", 0), 0u) << devices.out;
+  EXPECT_NE(devices.out.find("\ncuda       "), std::string::npos) << devices.out;
+  expect_failure(2, "file is required", {"info"});
+  expect_failure(2, "--devices", {"info", "scene.xml", "--devices"});
+  const std::vector<std::string> render = {"render", "scene.xml", "-o", "a.exr", "--device", "cuda", "--quiet"};
+  if (devices.out.find("cuda       cannot be used: this program was built without kernels") != std::string::npos) {
+    expect_failure(2, "--device cuda: not available yet: this program was built without kernels for GPUs", render);
+    return;
+  }
+  const bool has_device = devices.out.find("\ncuda       none: ") == std::string::npos;
+  const Outcome o = run(render);
+  EXPECT_EQ(o.code, 0) << o.err;
+  if (!has_device) {
+    EXPECT_NE(o.err.find("warning: --device cuda: this machine has no CUDA "), std::string::npos) << o.err;
+    EXPECT_NE(o.err.find("; the CPU answers instead"), std::string::npos) << o.err;
+  }
+  ASSERT_EQ(run({"render", "scene.xml", "-o", "b.exr", "--quiet"}).code, 0);
+  EXPECT_EQ(run({"compare", "a.exr", "b.exr", "--fail-above", "0"}).code, 0);
 }
 
 TEST_F(CommandLine, BadInputExitsWith1AndNamesTheFile) {

@@ -61,7 +61,7 @@ def seconds(program, arguments, work):
 
 
 def measure(program, arguments, work, repeats):
-    methods = {"Monte Carlo": ["--method", "montecarlo"]}
+    methods = {"Monte Carlo": ["--method", "montecarlo", "--light-estimator", "adaptive"]}
     methods["cold"] = methods["warm"] = ["--field-cache", str(work / "cache")]
     found = {method: [] for method in methods}
     for _ in range(repeats):

@@ -6,12 +6,14 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "core/image/image.h"
 #include "core/mesh/mesh_io.h"
 #include "field/file/field_info.h"
 #include "field/file/maps_file.h"
 #include "field/file/thesis_file.h"
+#include "hybrid/visibility/visibility_device.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options.h"
 #include "tools/cli/progress.h"
@@ -245,10 +247,24 @@ void print_field_file(const std::string& path, bool json) {
 
 struct InfoArguments {
   SceneArguments file;
-  bool json = false;
+  bool json = false, devices = false;
 };
 
+void print_devices() {
+  std::string isas;
+  for (const Isa isa : supported_isas()) isas += std::string(isas.empty() ? "" : ", ") + isa_name(isa);
+  fmt::print("cpu        {} threads, {}\n", std::thread::hardware_concurrency(), isas);
+  for (const DeviceKind& kind : device_kinds()) {
+    for (const std::string& line : kind.list()) fmt::print("{:<10} {}\n", kind.name, line);
+    if (!kind.lacks.empty()) fmt::print("{:<10} cannot be used: {}\n", kind.name, kind.lacks);
+  }
+}
+
 int run_info(const InfoArguments& arguments) {
+  if (arguments.devices) {
+    print_devices();
+    return k_exit_success;
+  }
   const std::string& path = arguments.file.path;
   std::string ending = std::filesystem::path(path).extension().string();
   std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
@@ -272,12 +288,18 @@ int run_info(const InfoArguments& arguments) {
 void add_info_command(CommandLine& line) {
   const auto arguments = std::make_shared<InfoArguments>();
   CLI::App& command = *line.app.add_subcommand("info", "Say what is in a scene, a mesh, an image or a field");
-  command.add_option("file", arguments->file.path, "Scene (.xml), mesh (.obj, .ply), field (.vdb) or image")
-      ->required()
-      ->type_name("FILE");
+  CLI::Option* const file =
+      command.add_option("file", arguments->file.path, "Scene (.xml), mesh (.obj, .ply), field (.vdb) or image")
+          ->type_name("FILE");
+  CLI::Option* const devices =
+      command.add_flag("--devices", arguments->devices, "List the devices that --device names, instead of a file");
+  devices->excludes(file);
   command.add_flag("--json", arguments->json, "Print JSON (fields only)");
   add_scene_reading_options(command, arguments->file);
-  command.callback([arguments, &line] { line.action = [arguments] { return run_info(*arguments); }; });
+  command.callback([arguments, file, devices, &line] {
+    if (file->empty() && devices->empty()) throw CLI::RequiredError("file");
+    line.action = [arguments] { return run_info(*arguments); };
+  });
 }
 
 }  // namespace fieldtrace

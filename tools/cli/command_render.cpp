@@ -117,6 +117,8 @@ void print_summary(const Stats& s) {
   } else if (s.sky_objects == 0 && s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {
     fmt::print(stderr, "fields  none: every object is too simple to gain from one\n");
   }
+  if (s.open_light_samples > s.light_samples && s.rays_open > 0)
+    fmt::print(stderr, "light   {} samples for each camera sample where it may be hidden\n", s.open_light_samples);
   if (s.sky_objects > 0) {
     fmt::print(stderr, "sky     direction maps of {} object{}, {} x {} of {} x {} texels, {}\n", s.sky_objects,
                s.sky_objects == 1 ? "" : "s", s.sky_directions, s.sky_directions, s.sky_texels, s.sky_texels,

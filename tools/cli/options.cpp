@@ -11,6 +11,7 @@
 
 #include "core/loader/scene_xml.h"
 #include "hybrid/path/aovs.h"
+#include "hybrid/visibility/visibility_device.h"
 #include "tools/cli/command.h"
 #include "tools/cli/progress.h"
 
@@ -160,6 +161,8 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
                                                   {"avx512", Isa::avx512}};
   static const std::map<std::string, FieldHits> hits = {
       {"auto", FieldHits::automatic}, {"always", FieldHits::always}, {"never", FieldHits::never}};
+  static const std::map<std::string, LightEstimator> estimators = {{"samples", LightEstimator::samples},
+                                                                   {"adaptive", LightEstimator::adaptive}};
   static const std::vector<std::string> aovs = aov_names();
   const auto whole = [&](const char* name, int& target, int64_t least, int64_t most, const char* help) {
     command.add_option(name, target, help)->check(whole_number_between(least, most))->type_name("N");
@@ -174,6 +177,13 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
   whole("--spp", options.spp, 1, k_max_samples, "Camera samples a pixel (default: the scene's)");
   whole("--light-samples", options.light_samples, 1, k_most_light_samples,
         "Shadow rays per light and hit (default: 1)");
+  command
+      .add_option_function<std::string>(
+          "--light-estimator", [&options](const std::string& name) { options.light_estimator = estimators.at(name); },
+          "Light samples where something may hide the light: as many as elsewhere, or up to 8 for each camera sample "
+          "(default: adaptive for hybrid, samples for montecarlo)")
+      ->check(one_of({"samples", "adaptive"}))
+      ->type_name("NAME");
   whole("--lobe-samples", options.lobe_samples, 1, k_most_lobe_samples, "Rays per glossy hit (default: 1)");
   command
       .add_option_function<uint32_t>(
@@ -212,12 +222,15 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
   command
       .add_option_function<std::string>(
           "--device",
-          [](const std::string& name) {
-            if (name == "cuda") throw not_available_yet("--device cuda");
+          [&options](const std::string& name) {
+            if (name != "cpu") device_kind(name);  // throws where this build lacks it
+            options.device = name;
           },
-          "Machine that answers secondary rays (default: cpu)")
+          "Machine that answers shadow rays (default: cpu)")
       ->check(one_of({"cpu", "cuda"}))
       ->type_name("NAME");
+  add_megabytes(command, "--device-memory", options.device_memory,
+                "Memory of the device that fields may take there (default: all)");
   command.add_flag("--check", options.check, "Trace an exact ray beside every certified answer, count the wrong ones");
   command
       .add_option("--aov", options.aovs,

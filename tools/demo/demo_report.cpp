@@ -55,6 +55,7 @@ TradeoffPlan make_plan(const Scene& scene, int reference_spp) {
   for (const int spp : {4, 16, 64, 256}) {
     RenderOptions o;
     o.method = Method::monte_carlo;
+    o.light_estimator = LightEstimator::adaptive;  // its best
     o.spp = spp;
     plan.cases.push_back(o);
   }

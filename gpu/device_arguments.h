@@ -1,0 +1,98 @@
+// What the kernels take and give. A thread block is one warp and answers one block of k_batch_padding (32) rays or
+// shading points: lane l of warp b has the entry 32 b + l of every array. Answers are a structure of masks for each
+// warp, bit l of which is lane l's. A warp in which any lane met something that is not resident answers nothing: all
+// bits of its mask `not_baked` are set, and its lanes name what they met, in any order, in 4 words each of `missing`.
+//
+// Thread-safety: values. Memory layout: pointers are device addresses; plain data throughout.
+#pragma once
+
+#include <cstdint>
+
+#include "field/query/query_tasks.h"
+
+namespace fieldtrace::gpu {
+
+inline constexpr uint32_t k_warp = 32;
+
+// Words of `missing` for each warp. What has no room is named when it is met again.
+inline constexpr uint32_t k_missing_words = 4 * k_warp;
+
+// A word of `missing`: a number of a slice or a tile, and what it counts in the two bits above; or k_nothing.
+enum class MissingKind : uint32_t { visibility, depth, tile };
+inline constexpr uint32_t k_missing_shift = 30;
+inline constexpr uint32_t k_nothing = 0xffffffffu;
+constexpr uint32_t missing_word(MissingKind kind, uint32_t number) {
+  return uint32_t(kind) << k_missing_shift | number;
+}
+constexpr MissingKind missing_kind(uint32_t word) { return MissingKind(word >> k_missing_shift); }
+constexpr uint32_t missing_number(uint32_t word) { return word & ((1u << k_missing_shift) - 1); }
+
+// ShadingPointBatch as light_cones() reads it.
+struct PointArrays {
+  const float *px, *py, *pz, *gx, *gy, *gz, *error, *radius;
+  const uint32_t *instance, *transmits;
+};
+
+struct RayArrays {
+  const float *ox, *oy, *oz, *dx, *dy, *dz, *tmax;
+};
+
+struct ConeMasks {
+  uint32_t clear, blocked, by_strata, not_baked;
+  uint32_t lookups;  // of the warp
+};
+
+struct ConeArguments {
+  ConeTask task;
+  float light_centre[3], light_radius;  // world space
+  PointArrays points;
+  const int32_t* flags;
+  ConeMasks* masks;
+  uint32_t* missing;
+  uint32_t warps;
+};
+
+struct StratumMasks {
+  uint32_t refused, not_baked;
+  uint32_t lookups;
+};
+
+struct StratumArguments {
+  StratumTask task;
+  RayArrays rays;
+  const float *pdf, *radius;
+  const int32_t* wanted;
+  float* clear;  // the share that the object leaves clear
+  StratumMasks* masks;
+  uint32_t* missing;
+  uint32_t warps;
+};
+
+struct RayMasks {
+  uint32_t crosses, blocked, undecided, not_baked;
+  uint32_t lookups;
+};
+
+struct QueryArguments {
+  SegmentTask task;
+  RayArrays rays;
+  const uint32_t* instance;
+  RayMasks* masks;
+  uint32_t* missing;
+  uint32_t warps;
+};
+
+// A copy of `words` words from the packet to any place of the device's memory. No two of a launch overlap.
+struct ScatterRun {
+  uint64_t to;  // device address
+  uint32_t from, words;
+};
+
+// Warp b copies run b.
+struct ScatterArguments {
+  const ScatterRun* runs;
+  const uint32_t* packet;
+  uint32_t warps;
+};
+
+}  // namespace fieldtrace::gpu

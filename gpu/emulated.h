@@ -1,0 +1,91 @@
+// A GPU that is not there, for tests: host memory, and kernels that are loops over the scalar look-ups.
+//
+// Work happens at synchronise() only, so that a missing wait shows as wrong answers; memory is filled with garbage when
+// it is allocated and before it is released. Any call may be made to fail, once or from then on; memory may be small.
+// Misuse (copies beyond an allocation, memory released while work that uses it waits) is counted.
+// Thread-safety: as gpu/runtime.h; the log may be read by one thread at any time when nobody calls.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "gpu/runtime.h"
+
+namespace fieldtrace::gpu {
+
+struct EmulatedFaults {
+  static constexpr uint64_t k_never = ~uint64_t(0);
+  static constexpr Status k_out_of_memory = 2, k_no_image = 209, k_launch_failed = 719, k_no_driver = 100;
+
+  uint64_t failing_call = k_never;   // counted from 0 over all functions with a status
+  Status failure = k_launch_failed;  // what it returns
+  bool lost = false;                 // so do all later calls
+  bool has_driver = true, has_kernels = true;
+  int devices = 1;
+  uint64_t memory = uint64_t(1) << 32;
+  std::function<void()> at_synchronise;  // called first, if set
+};
+
+// What outlives the runtime.
+struct EmulatedLog {
+  uint64_t calls = 0, releases = 0, launches[k_kernels] = {}, synchronisations = 0;
+  uint64_t allocated = 0, host_allocated = 0;  // not released yet
+  uint64_t bytes = 0, peak_bytes = 0;          // of device memory
+  uint64_t open_devices = 0, streams = 0;
+  uint64_t misuse = 0;
+};
+
+class EmulatedRuntime final : public Runtime {
+ public:
+  EmulatedRuntime(const EmulatedFaults& faults, std::shared_ptr<EmulatedLog> log)
+      : faults_(faults), log_(std::move(log)) {}
+  ~EmulatedRuntime() override;
+
+  Status initialise() override;
+  Status device_count(int& count) override;
+  Status properties(int device, DeviceProperties& properties) override;
+  Status open(int device) override;
+  Status load_kernels(std::span<const std::byte> image) override;
+  Status create_stream() override;
+  Status destroy_stream() override;
+  Status close() override;
+  Status enter() override;
+  Status allocate(size_t bytes, DeviceAddress& address) override;
+  Status free(DeviceAddress address) override;
+  Status allocate_host(size_t bytes, void*& memory) override;
+  Status free_host(void* memory) override;
+  Status copy_to_device(DeviceAddress to, const void* from, size_t bytes) override;
+  Status copy_to_host(void* to, DeviceAddress from, size_t bytes) override;
+  Status copy_on_device(DeviceAddress to, DeviceAddress from, size_t bytes) override;
+  Status fill_zero(DeviceAddress address, size_t bytes) override;
+  Status launch(Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) override;
+  Status synchronise() override;
+  bool out_of_memory(Status status) const override { return status == EmulatedFaults::k_out_of_memory; }
+  std::string describe(Status status) const override;
+
+ private:
+  struct Work {
+    std::function<void()> run;
+    std::vector<const void*> uses;  // first bytes of its memory; empty: any
+  };
+
+  Status count();  // the status that this call has by the faults
+  Status count_release();
+  bool lies_inside(const std::map<std::byte*, size_t>& memory, const void* from, size_t bytes) const;
+  void require(bool right);
+  void queue(std::vector<const void*> uses, std::function<void()> run);
+  void release(std::map<std::byte*, size_t>& memory, void* address);
+  void drop(std::map<std::byte*, size_t>& memory, uint64_t& live);
+
+  const EmulatedFaults faults_;
+  const std::shared_ptr<EmulatedLog> log_;
+  std::map<std::byte*, size_t> memory_, host_memory_;
+  std::vector<Work> work_;
+};
+
+// One kernel for all blocks.
+void run_emulated_kernel(Kernel kernel, uint32_t blocks, const void* arguments);
+
+}  // namespace fieldtrace::gpu

@@ -1,0 +1,146 @@
+// The kernels as loops over warps, by the batch loops of the scalar look-ups over each warp's 32 entries.
+#include <algorithm>
+#include <bit>
+
+#include "field/query/segment_batch-inl.h"
+#include "gpu/device_arguments.h"
+#include "gpu/emulated.h"
+
+namespace fieldtrace::gpu {
+namespace {
+
+constexpr uint32_t k_all_lanes = 0xffffffffu;
+const uint32_t k_first_block[] = {0};
+
+template <class Wanted>
+uint32_t mask_of(const Wanted& wanted) {
+  uint32_t mask = 0;
+  for (uint32_t lane = 0; lane < k_warp; ++lane) mask |= uint32_t(bool(wanted(lane))) << lane;
+  return mask;
+}
+
+template <class T, class U>
+void load(const T* from, U& to) {
+  std::copy_n(from, k_warp, to.data());
+}
+
+void load_rays(const RayArrays& from, uint32_t first, RayBatch& rays) {
+  rays.resize(k_warp);
+  load(from.ox + first, rays.ox), load(from.oy + first, rays.oy), load(from.oz + first, rays.oz);
+  load(from.dx + first, rays.dx), load(from.dy + first, rays.dy), load(from.dz + first, rays.dz);
+  load(from.tmax + first, rays.tmax);
+}
+
+// Names slices or tiles in a warp's words from `at` on; returns the next free one.
+uint32_t name_missing(MissingKind kind, std::vector<uint32_t>& numbers, uint32_t* words, uint32_t at) {
+  for (const uint32_t number : numbers) {
+    if (at < k_missing_words) words[at++] = missing_word(kind, number);
+  }
+  numbers.clear();
+  return at;
+}
+
+void light_cones(const ConeArguments& a) {
+  ShadingPointBatch p;
+  p.resize(k_warp);
+  ConeUnknowns unknowns;
+  int32_t flags[k_warp];
+  const Sphere light = {{a.light_centre[0], a.light_centre[1], a.light_centre[2]}, a.light_radius};
+  for (uint32_t warp = 0; warp < a.warps; ++warp) {
+    const uint32_t first = warp * k_warp;
+    load(a.points.px + first, p.px), load(a.points.py + first, p.py), load(a.points.pz + first, p.pz);
+    load(a.points.gx + first, p.gx), load(a.points.gy + first, p.gy), load(a.points.gz + first, p.gz);
+    load(a.points.error + first, p.error), load(a.points.radius + first, p.radius);
+    load(a.points.instance + first, p.instance), load(a.points.transmits + first, p.transmits);
+    std::copy_n(a.flags + first, k_warp, flags);
+    const ConeCounts counts = scalar::light_cones_batch<float>(a.task, p, light, k_first_block, flags, unknowns);
+    const auto queried = [&](uint32_t lane) { return a.flags[first + lane] & k_may_shadow; };
+    ConeMasks& m = a.masks[warp];
+    m.lookups = uint32_t(counts.lookups);
+    m.not_baked = unknowns.blocks.empty() ? 0 : k_all_lanes;
+    m.clear = mask_of([&](uint32_t lane) { return queried(lane) && flags[lane] == 0; });
+    m.blocked = mask_of([&](uint32_t lane) { return queried(lane) && flags[lane] == k_light_blocked; });
+    m.by_strata = mask_of([&](uint32_t lane) { return queried(lane) && flags[lane] & k_by_strata; });
+    uint32_t* const words = a.missing + warp * k_missing_words;
+    std::fill_n(words, k_missing_words, k_nothing);
+    const uint32_t next = name_missing(MissingKind::tile, unknowns.tiles, words, 0);
+    name_missing(MissingKind::depth, unknowns.slices, words, next);
+    unknowns.blocks.clear();
+  }
+}
+
+void filter_strata(const StratumArguments& a) {
+  RayBatch rays;
+  ConeUnknowns unknowns;
+  alignas(k_cache_line) float pdf[k_warp], radius[k_warp], clear[k_warp];
+  alignas(k_cache_line) int32_t wanted[k_warp], refused[k_warp];
+  for (uint32_t warp = 0; warp < a.warps; ++warp) {
+    const uint32_t first = warp * k_warp;
+    load_rays(a.rays, first, rays);
+    std::copy_n(a.pdf + first, k_warp, pdf);
+    std::copy_n(a.radius + first, k_warp, radius);
+    std::copy_n(a.wanted + first, k_warp, wanted);
+    std::fill_n(clear, k_warp, 1.0f);
+    std::fill_n(refused, k_warp, 0);
+    StratumMasks& m = a.masks[warp];
+    m.lookups = uint32_t(
+        scalar::filter_strata_batch<float>(a.task, rays, pdf, radius, wanted, k_first_block, clear, refused, unknowns));
+    m.not_baked = unknowns.blocks.empty() ? 0 : k_all_lanes;
+    m.refused = mask_of([&](uint32_t lane) { return refused[lane]; });
+    std::copy_n(clear, k_warp, a.clear + first);
+    uint32_t* const words = a.missing + warp * k_missing_words;
+    std::fill_n(words, k_missing_words, k_nothing);
+    name_missing(MissingKind::tile, unknowns.tiles, words, 0);
+    unknowns.blocks.clear();
+  }
+}
+
+void query(const QueryArguments& a) {
+  RayBatch rays;
+  RayStates states;
+  states.keep_verdicts = true;
+  for (uint32_t warp = 0; warp < a.warps; ++warp) {
+    const uint32_t first = warp * k_warp;
+    load_rays(a.rays, first, rays);
+    states.reset(k_warp);
+    const SegmentCounts counts = scalar::query_batch<float>(a.task, rays, a.instance + first, 0, k_warp, 0, states);
+    const auto verdicts = [&](int32_t verdict) {
+      return mask_of([&](uint32_t lane) { return states.verdict[lane] == verdict; });
+    };
+    RayMasks& m = a.masks[warp];
+    m.lookups = uint32_t(counts.lookups);
+    m.not_baked = states.unknown_blocks.empty() ? 0 : k_all_lanes;
+    m.crosses = ~verdicts(scalar::k_verdict_none);
+    m.blocked = verdicts(scalar::k_verdict_blocked);
+    m.undecided = verdicts(scalar::k_verdict_undecided);
+    uint32_t* const words = a.missing + warp * k_missing_words;
+    std::fill_n(words, k_missing_words, k_nothing);
+    const uint32_t next = name_missing(MissingKind::visibility, states.unknown_visibility, words, 0);
+    name_missing(MissingKind::depth, states.unknown_depth, words, next);
+    states.unknown_blocks.clear();
+  }
+}
+
+void scatter(const ScatterArguments& a) {
+  for (uint32_t run = 0; run < a.warps; ++run) {
+    const ScatterRun& r = a.runs[run];
+    std::copy_n(a.packet + r.from, r.words, std::bit_cast<uint32_t*>(r.to));
+  }
+}
+
+}  // namespace
+
+void run_emulated_kernel(Kernel kernel, uint32_t, const void* arguments) {
+  switch (kernel) {
+    case Kernel::light_cones:
+      return light_cones(*static_cast<const ConeArguments*>(arguments));
+    case Kernel::filter_strata:
+      return filter_strata(*static_cast<const StratumArguments*>(arguments));
+    case Kernel::query:
+      return query(*static_cast<const QueryArguments*>(arguments));
+    case Kernel::scatter:
+      return scatter(*static_cast<const ScatterArguments*>(arguments));
+  }
+}
+
+}  // namespace fieldtrace::gpu

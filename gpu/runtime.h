@@ -1,0 +1,69 @@
+// What the GPU back end asks of a CUDA driver: some twenty functions, behind a table, so that everything above them
+// runs without a GPU (gpu/emulated.h) and every failure can be tried.
+//
+// Every function returns a status that the caller must look at (gpu/device_memory.h throws). Copies, fills and launches
+// are asynchronous: they happen in the order of their stream, by the end of synchronise() at the latest, and host
+// memory that they read or write must stay as it is until then.
+// Thread-safety: one thread at a time, which calls enter() first. Memory layout: addresses are the device's, 64 bits.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+
+namespace fieldtrace::gpu {
+
+// 0: success. Other codes are the driver's; describe() tells what they mean.
+using Status = int;
+inline constexpr Status k_success = 0;
+
+using DeviceAddress = uint64_t;
+
+struct DeviceProperties {
+  std::string name;
+  int compute_major = 0, compute_minor = 0;
+  uint64_t memory = 0;  // bytes
+};
+
+// The functions of gpu/kernels.cu, by the structures of gpu/device_arguments.h.
+enum class Kernel { light_cones, filter_strata, query, scatter };
+inline constexpr int k_kernels = 4;
+inline constexpr const char* k_kernel_names[k_kernels] = {"light_cones", "filter_strata", "query", "scatter"};
+
+class Runtime {
+ public:
+  virtual ~Runtime() = default;
+
+  virtual Status initialise() = 0;
+  virtual Status device_count(int& count) = 0;
+  virtual Status properties(int device, DeviceProperties& properties) = 0;
+
+  // Opens a device, its kernels and one stream. After a failure, as after success, close() releases what was opened.
+  virtual Status open(int device) = 0;
+  virtual Status load_kernels(std::span<const std::byte> image) = 0;
+  virtual Status create_stream() = 0;
+  virtual Status destroy_stream() = 0;
+  virtual Status close() = 0;
+  // Makes the device that of the calling thread.
+  virtual Status enter() = 0;
+
+  virtual Status allocate(size_t bytes, DeviceAddress& address) = 0;
+  virtual Status free(DeviceAddress address) = 0;
+  // Host memory that copies can read and write without another copy.
+  virtual Status allocate_host(size_t bytes, void*& memory) = 0;
+  virtual Status free_host(void* memory) = 0;
+
+  virtual Status copy_to_device(DeviceAddress to, const void* from, size_t bytes) = 0;
+  virtual Status copy_to_host(void* to, DeviceAddress from, size_t bytes) = 0;
+  virtual Status copy_on_device(DeviceAddress to, DeviceAddress from, size_t bytes) = 0;
+  virtual Status fill_zero(DeviceAddress address, size_t bytes) = 0;
+  // `blocks` thread blocks of a warp each. The kernel takes the structure of `bytes` bytes, which is copied at once.
+  virtual Status launch(Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) = 0;
+  virtual Status synchronise() = 0;
+
+  virtual bool out_of_memory(Status status) const = 0;
+  virtual std::string describe(Status status) const = 0;
+};
+
+}  // namespace fieldtrace::gpu
