@@ -1,7 +1,9 @@
 // Whole pictures by the kernels' PTX equal those of the CPU, bit for bit: through an emulated device, and through the
 // run-time layer over a library that stands for CUDA's driver.
+#include <dlfcn.h>
 #include <gtest/gtest.h>
 
+#include "gpu/runtime_cuda.h"
 #include "tests/gpu/picture_checks.h"
 #include "tests/gpu/ptx_kernels.h"
 #include "tests/support/hybrid_scenes.h"
@@ -56,6 +58,35 @@ TEST(PtxPicture, EqualsTheCpusOfHardScenes) {
     EXPECT_TRUE(is_clean(device.log)) << s.name;
   }
 }
+
+#if defined(FIELDTRACE_EMULATED_DRIVER)
+// As the driver gets them: a copy of as many bytes as the launch says.
+TEST(PtxPicture, EqualsTheCpusThroughTheRuntimeLayer) {
+  void* const library = dlopen(FIELDTRACE_EMULATED_DRIVER, RTLD_NOW);
+  ASSERT_NE(library, nullptr);
+  using RunKernels = void (*)(int, unsigned, const void*);
+  const RunKernels run = [](int kernel, unsigned blocks, const void* arguments) {
+    run_ptx(gpu::Kernel(kernel), blocks, arguments);
+  };
+  reinterpret_cast<void (*)(RunKernels)>(dlsym(library, "emulated_driver_run"))(run);
+  static const char k_image[] = "kernels";
+  DeviceKind kind;
+  kind.name = "driver";
+  kind.open = [](const DeviceOptions& o) -> std::unique_ptr<VisibilityDevice> {
+    return std::make_unique<gpu::GpuDevice>(gpu::open_cuda_runtime(FIELDTRACE_EMULATED_DRIVER),
+                                            std::as_bytes(std::span(k_image)), o);
+  };
+  register_device_kind(kind);
+  const Scene scene = knot_over_floor(Mat3(1.0f), 40);
+  RenderOptions o = options_for(4, 16);
+  const RenderResult cpu = render(scene, o);
+  o.device = "driver";
+  const RenderResult device = render(scene, o);
+  expect_equal(device, cpu, "driver");
+  EXPECT_GT(device.stats.device_blocks, 0u);
+  EXPECT_EQ(reinterpret_cast<int (*)()>(dlsym(library, "emulated_driver_left"))(), 0);
+}
+#endif
 
 }  // namespace
 }  // namespace fieldtrace
