@@ -18,10 +18,11 @@ void check_range(const char* option, long long value, long long low, long long h
 }
 
 // Indices into sample sequences have 32 bits: camera samples x lobe samples must stay below this.
-constexpr long long k_most_samples = 1ll << 31;
+constexpr long long k_most_samples = 1ll << 31, k_most_camera_samples = 1ll << 24;
+static_assert(k_most_camera_samples * k_most_open_samples <= k_most_samples);
 
 void check_options(const RenderOptions& o, int spp) {
-  check_range("the number of camera samples", spp, 1, 1 << 24);
+  check_range("the number of camera samples", spp, 1, k_most_camera_samples);
   check_range("the number of light samples", o.light_samples, 1, k_most_light_samples);
   check_range("the number of lobe samples", o.lobe_samples, 1, k_most_lobe_samples);
   check_range("camera samples x light samples", int64_t(spp) * o.light_samples, 1, k_most_samples);
@@ -90,9 +91,7 @@ bool Picture::is_adaptive() const {
 }
 
 int Picture::open_samples(double open_rays) const {
-  const int least = options.light_samples;
-  const bool has_room = int64_t(spp) * std::max(least, k_most_open_samples) <= k_most_samples;
-  return is_adaptive() && has_room ? open_light_samples(least, open_rays) : least;
+  return is_adaptive() ? open_light_samples(options.light_samples, open_rays) : options.light_samples;
 }
 
 uint64_t Picture::film_samples() const {
