@@ -8,11 +8,13 @@
 
 #include <cstdint>
 
+#include "core/platform/platform.h"
 #include "field/query/query_tasks.h"
 
 namespace fieldtrace::gpu {
 
 inline constexpr uint32_t k_warp = 32;
+inline constexpr uint32_t k_all_lanes = 0xffffffffu;  // a mask
 
 // Words of `missing` for each warp. What has no room is named when it is met again.
 inline constexpr uint32_t k_missing_words = 4 * k_warp;
@@ -21,7 +23,7 @@ inline constexpr uint32_t k_missing_words = 4 * k_warp;
 enum class MissingKind : uint32_t { visibility, depth, tile };
 inline constexpr uint32_t k_missing_shift = 30;
 inline constexpr uint32_t k_nothing = 0xffffffffu;
-constexpr uint32_t missing_word(MissingKind kind, uint32_t number) {
+FT_HD constexpr uint32_t missing_word(MissingKind kind, uint32_t number) {
   return uint32_t(kind) << k_missing_shift | number;
 }
 constexpr MissingKind missing_kind(uint32_t word) { return MissingKind(word >> k_missing_shift); }

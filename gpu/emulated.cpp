@@ -186,7 +186,7 @@ Status EmulatedRuntime::launch(Kernel kernel, uint32_t blocks, const void* argum
   const auto copy = std::make_shared<std::vector<std::max_align_t>>(bytes / sizeof(std::max_align_t) + 1);
   std::memcpy(copy->data(), first, bytes);
   log_->launches[int(kernel)] += 1;
-  queue({}, [=] { run_emulated_kernel(kernel, blocks, copy->data()); });
+  queue({}, [=, run = faults_.run_kernel] { run(kernel, blocks, copy->data()); });
   return status;
 }
 

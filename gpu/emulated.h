@@ -15,6 +15,9 @@
 
 namespace fieldtrace::gpu {
 
+// One kernel for all blocks.
+void run_emulated_kernel(Kernel kernel, uint32_t blocks, const void* arguments);
+
 struct EmulatedFaults {
   static constexpr uint64_t k_never = ~uint64_t(0);
   static constexpr Status k_out_of_memory = 2, k_no_image = 209, k_launch_failed = 719, k_no_driver = 100;
@@ -26,6 +29,8 @@ struct EmulatedFaults {
   int devices = 1;
   uint64_t memory = uint64_t(1) << 32;
   std::function<void()> at_synchronise;  // called first, if set
+  // What runs a launch.
+  void (*run_kernel)(Kernel kernel, uint32_t blocks, const void* arguments) = &run_emulated_kernel;
 };
 
 // What outlives the runtime.
@@ -84,8 +89,5 @@ class EmulatedRuntime final : public Runtime {
   std::map<std::byte*, size_t> memory_, host_memory_;
   std::vector<Work> work_;
 };
-
-// One kernel for all blocks.
-void run_emulated_kernel(Kernel kernel, uint32_t blocks, const void* arguments);
 
 }  // namespace fieldtrace::gpu

@@ -9,7 +9,6 @@
 namespace fieldtrace::gpu {
 namespace {
 
-constexpr uint32_t k_all_lanes = 0xffffffffu;
 const uint32_t k_first_block[] = {0};
 
 template <class Wanted>

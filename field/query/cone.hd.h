@@ -72,7 +72,7 @@ struct ConeAnswer {
 // The part of a half chord in which surfaces are expected. Those near its ends lie at the ball's rim and are rare:
 // widening the disc for the middle half of the chord alone, as at the default tolerance, leaves a quarter fewer lights
 // open, and makes fewer than 1 more answer in 10,000 wrong (docs/decisions/009-cones.md).
-constexpr float chord_share(const QueryPolicy& policy) { return 1.0f / (1.0f + policy.slack); }
+FT_HD constexpr float chord_share(const QueryPolicy& policy) { return 1.0f / (1.0f + policy.slack); }
 
 // Lights whose disc has a larger radius, in ball radii, stay open.
 constexpr float k_widest_disc = 0.5f;

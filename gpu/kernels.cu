@@ -1,0 +1,132 @@
+// The GPU's kernels: a thread for each entry of a block, a warp for each block, the CPU's scalar functions for the
+// answers, and ballots for the masks. No shared memory, no atomics, no order among warps (gpu/device_arguments.h).
+//
+// Compiled without contraction (gpu/CMakeLists.txt), so that answers are the CPU's, bit for bit. Launched with one warp
+// a thread block and a thread block for each of the arguments' `warps`.
+#include "field/query/task_answers.hd.h"
+#include "gpu/device_arguments.h"
+
+namespace fieldtrace::gpu {
+namespace {
+
+constexpr uint32_t k_words_a_lane = k_missing_words / k_warp;
+
+__device__ uint32_t lane_index() { return threadIdx.x; }
+__device__ uint32_t entry_index() { return blockIdx.x * k_warp + lane_index(); }
+__device__ uint32_t ballot(bool value) { return __ballot_sync(k_all_lanes, value); }
+
+// In every lane: the sum over the warp.
+__device__ uint32_t warp_sum(uint32_t value) {
+  for (uint32_t step = k_warp / 2; step > 0; step /= 2) value += __shfl_xor_sync(k_all_lanes, value, int(step));
+  return value;
+}
+
+// What a lane met that is not resident, in its words of `missing`.
+class LaneMissing {
+ public:
+  __device__ explicit LaneMissing(uint32_t* missing) : words_(missing + entry_index() * k_words_a_lane) {}
+
+  __device__ void add(MissingKind kind, int32_t number) {
+    if (used_ < k_words_a_lane) words_[used_++] = missing_word(kind, uint32_t(number));
+  }
+  // The warp's mask: all lanes or none. Must be called by the whole warp.
+  __device__ uint32_t finish(bool unknown) {
+    if (ballot(unknown) == 0) return 0;
+    while (used_ < k_words_a_lane) words_[used_++] = k_nothing;
+    return k_all_lanes;
+  }
+
+ private:
+  uint32_t* words_;
+  uint32_t used_ = 0;
+};
+
+// Called by look-ups with what is not baked.
+struct TellMissing {
+  LaneMissing& list;
+  MissingKind kind;
+  __device__ void operator()(int32_t number, bool missing) const {
+    if (missing) list.add(kind, number);
+  }
+};
+
+using scalar::Vec3Lanes;
+
+__device__ Vec3Lanes<float> load(const float* x, const float* y, const float* z, uint32_t i) {
+  return {x[i], y[i], z[i]};
+}
+
+}  // namespace
+
+extern "C" __global__ void __launch_bounds__(k_warp) light_cones(const __grid_constant__ ConeArguments a) {
+  const uint32_t i = entry_index();
+  const PointArrays& r = a.points;
+  const bool queried = (a.flags[i] & k_may_shadow) != 0;
+  LaneMissing missing(a.missing);
+  scalar::PointAnswer<float> answer = {{false, false, false, 0}, false};
+  if (queried) {
+    const scalar::PointLanes<float> point = {load(r.px, r.py, r.pz, i),
+                                             load(r.gx, r.gy, r.gz, i),
+                                             r.error[i],
+                                             r.radius[i],
+                                             r.instance[i] == a.task.segment.instance,
+                                             r.transmits[i] == 0};
+    const Vec3Lanes<float> centre = {a.light_centre[0], a.light_centre[1], a.light_centre[2]};
+    answer =
+        scalar::answer_light<float>(a.task, point, centre, a.light_radius, queried,
+                                    TellMissing{missing, MissingKind::tile}, TellMissing{missing, MissingKind::depth});
+  }
+  const scalar::ConeAnswer<float>& cone = answer.cone;
+  ConeMasks m;
+  m.clear = ballot(cone.clear);
+  m.blocked = ballot(cone.blocked);
+  m.by_strata = ballot(answer.by_strata && !cone.clear && !cone.blocked);
+  m.not_baked = missing.finish(cone.unknown);
+  m.lookups = warp_sum(uint32_t(cone.lookups));
+  if (lane_index() == 0) a.masks[blockIdx.x] = m;
+}
+
+extern "C" __global__ void __launch_bounds__(k_warp) filter_strata(const __grid_constant__ StratumArguments a) {
+  const uint32_t i = entry_index();
+  const RayArrays& r = a.rays;
+  const float tmax = r.tmax[i];
+  const bool queried = a.wanted[i] > 0 && tmax >= 0.0f;
+  LaneMissing missing(a.missing);
+  scalar::StratumAnswer<float> answer = {1.0f, false, false, 0};
+  if (queried) {
+    answer = scalar::answer_stratum<float>(a.task, load(r.ox, r.oy, r.oz, i), load(r.dx, r.dy, r.dz, i), tmax, a.pdf[i],
+                                           a.radius[i], queried, TellMissing{missing, MissingKind::tile});
+  }
+  a.clear[i] = answer.clear;
+  StratumMasks m;
+  m.refused = ballot(answer.refused);
+  m.not_baked = missing.finish(answer.unknown);
+  m.lookups = warp_sum(uint32_t(answer.lookups));
+  if (lane_index() == 0) a.masks[blockIdx.x] = m;
+}
+
+extern "C" __global__ void __launch_bounds__(k_warp) query(const __grid_constant__ QueryArguments a) {
+  const uint32_t i = entry_index();
+  const RayArrays& r = a.rays;
+  LaneMissing missing(a.missing);
+  const scalar::SegmentVerdict<float> answer = scalar::answer_segment<float>(
+      a.task, load(r.ox, r.oy, r.oz, i), load(r.dx, r.dy, r.dz, i), r.tmax[i], a.instance[i] == a.task.instance);
+  const int32_t verdict = answer.verdict;
+  TellMissing{missing, MissingKind::visibility}(answer.slice, verdict == scalar::k_verdict_unknown_visibility);
+  TellMissing{missing, MissingKind::depth}(answer.slice, verdict == scalar::k_verdict_unknown_depth);
+  RayMasks m;
+  m.crosses = ballot(verdict != scalar::k_verdict_none);
+  m.blocked = ballot(verdict == scalar::k_verdict_blocked);
+  m.undecided = ballot(verdict == scalar::k_verdict_undecided);
+  m.not_baked = missing.finish(verdict > scalar::k_verdict_undecided);
+  m.lookups = warp_sum(uint32_t(answer.lookups));
+  if (lane_index() == 0) a.masks[blockIdx.x] = m;
+}
+
+extern "C" __global__ void __launch_bounds__(k_warp) scatter(const __grid_constant__ ScatterArguments a) {
+  const ScatterRun run = a.runs[blockIdx.x];
+  uint32_t* const to = reinterpret_cast<uint32_t*>(run.to);
+  for (uint32_t w = lane_index(); w < run.words; w += k_warp) to[w] = a.packet[run.from + w];
+}
+
+}  // namespace fieldtrace::gpu

@@ -1,0 +1,333 @@
+// Checks a GPU and times its look-ups; called by tools/gpu_check.sh.
+//
+//   gpu_check [--emulated] [--quick] [--json FILE]
+//
+// Random and extreme questions go to the device until it answers all of them itself; its answers must be the CPU's, bit
+// for bit. Then single rays are timed: kernels alone on resident fields of three sizes, and whole questions with their
+// copies. --emulated: a device in host memory, whose times mean nothing. --quick: fewer questions, one small field.
+// Exit codes: 0 all answers are equal; 1 they are not, or the device fails; 2 wrong use; 77 there is no device.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "core/simd/isa.h"
+#include "gpu/device.h"
+#include "gpu/emulated.h"
+#include "gpu/runtime_cuda.h"
+#include "tests/gpu/random_questions.h"
+
+extern "C" const std::byte fieldtrace_kernels[];
+extern "C" const uint64_t fieldtrace_kernels_bytes;
+
+namespace fieldtrace::gpu {
+namespace {
+
+struct Options {
+  bool emulated = false, quick = false;
+  std::string json;
+};
+
+std::unique_ptr<Runtime> open_runtime(const Options& options) {
+  if (!options.emulated) return open_cuda_runtime();
+  return std::make_unique<EmulatedRuntime>(EmulatedFaults{}, std::make_shared<EmulatedLog>());
+}
+
+std::span<const std::byte> kernels() { return {fieldtrace_kernels, size_t(fieldtrace_kernels_bytes)}; }
+
+std::vector<uint32_t> blocks_of(size_t entries) {
+  std::vector<uint32_t> blocks;
+  for (size_t b = 0; b < padded(entries); b += k_warp) blocks.push_back(uint32_t(b));
+  return blocks;
+}
+
+// ---- equal answers
+
+template <class T>
+bool same(const AlignedVector<T>& a, const AlignedVector<T>& b) {
+  for (size_t i = 0; i < a.size(); ++i) {
+    if (a[i] != b[i] && !(a[i] != a[i] && b[i] != b[i])) return false;
+  }
+  return a.size() == b.size();
+}
+
+// Asks until the device leaves nothing to the CPU, but no more often than a mirror can grow; compares every time.
+// ask(device) returns the answers.
+template <class Ask>
+bool check_question(VisibilityDevice& device, VisibilityDevice& cpu, const Ask& ask) {
+  const auto expected = ask(cpu);
+  for (int round = 0; round < 64; ++round) {
+    const uint64_t before = device.counts().blocks_cpu;
+    if (!ask(device).equals(expected)) return false;
+    if (device.counts().blocks_cpu == before) return true;
+  }
+  return false;
+}
+
+struct RayAnswers {
+  AlignedVector<int32_t> state, verdict;
+  SegmentCounts counts;
+  bool equals(const RayAnswers& o) const {
+    return same(state, o.state) && same(verdict, o.verdict) && counts.lookups == o.counts.lookups &&
+           counts.crossings == o.counts.crossings;
+  }
+};
+struct StratumAnswers {
+  AlignedVector<float> clear;
+  AlignedVector<int32_t> refused;
+  uint64_t lookups;
+  bool equals(const StratumAnswers& o) const {
+    return same(clear, o.clear) && same(refused, o.refused) && lookups == o.lookups;
+  }
+};
+struct LightAnswers {
+  AlignedVector<int32_t> flags;
+  ConeCounts counts;
+  bool equals(const LightAnswers& o) const {
+    return same(flags, o.flags) && counts.clear == o.counts.clear && counts.blocked == o.counts.blocked &&
+           counts.lookups == o.counts.lookups;
+  }
+};
+
+// The number of questions with a wrong answer, of each kind.
+size_t check_answers(VisibilityDevice& device, VisibilityDevice& cpu, size_t entries) {
+  TestRandom random(1);
+  const RandomField field({32, 64}, 1.0f, random);
+  Values values(2);
+  size_t wrong = 0;
+  for (size_t done = 0; done < entries;) {
+    const Launch l = random_launch(field, values);
+    const std::vector<uint32_t> blocks = blocks_of(l.entries);
+    done += l.entries;
+    const QueryInputs rays(l, values);
+    wrong += !check_question(device, cpu, [&](VisibilityDevice& d) {
+      RayStates states;
+      states.keep_verdicts = true;
+      states.reset(l.entries);
+      const SegmentCounts counts = d.query(field.field(), l.task, rays.rays, rays.instances.data(), blocks, 0, states);
+      return RayAnswers{states.state, states.verdict, counts};
+    });
+    const StratumInputs strata(l, values);
+    wrong += !check_question(device, cpu, [&](VisibilityDevice& d) {
+      StratumAnswers a = {AlignedVector<float>(padded(l.entries), 1.0f), AlignedVector<int32_t>(padded(l.entries)), 0};
+      ConeUnknowns unknowns;
+      a.lookups = d.filter_strata(field.field(), strata.task, strata.rays, strata.pdf.data(), strata.radius.data(),
+                                  strata.wanted.data(), blocks, a.clear.data(), a.refused.data(), unknowns);
+      return a;
+    });
+    const ConeInputs cones(l, values);
+    wrong += !check_question(device, cpu, [&](VisibilityDevice& d) {
+      LightAnswers a = {cones.flags, {}};
+      ConeUnknowns unknowns;
+      a.counts = d.light_cones(field.field(), cones.task, cones.points, cones.light, blocks, a.flags.data(), unknowns);
+      return a;
+    });
+  }
+  device.forget_fields();
+  return wrong;
+}
+
+// ---- times
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Rays through the unit ball: of a parallel beam in the order of a grid, or anywhere.
+RayBatch beam(size_t rays, bool coherent, TestRandom& random) {
+  RayBatch batch;
+  batch.resize(rays);
+  const int side = std::max(int(std::sqrt(double(rays))), 1);
+  for (size_t i = 0; i < rays; ++i) {
+    const float x = 1.4f * (float(int(i) % side) / float(side) - 0.5f);
+    const float y = 1.4f * (float(int(i) / side) / float(side) - 0.5f);
+    const Vec3 from = 3.0f * random.direction(), to = 0.9f * random.in_ball();
+    const Vec3 o = coherent ? Vec3(x, y, -3.0f) : from, d = coherent ? Vec3(0.05f, 0.02f, 6.0f) : 2.0f * (to - from);
+    batch.set(i, o, d, 1.0f);
+  }
+  return batch;
+}
+
+struct Timing {
+  double kernel = 0.0;  // look-ups a second
+  double least = 0.0, most = 0.0;
+  uint64_t lookups = 0;
+};
+
+// Kernels alone, on a field that is wholly resident: the median of 9 rounds.
+Timing time_kernel(Runtime& runtime, const Field& field, const SegmentTask& task, const RayBatch& rays) {
+  DeviceMemory memory(runtime, ~uint64_t(0));
+  std::vector<DeviceBuffer> retired;
+  FieldMirror mirror(field, memory, retired);
+  StagingBuffer in(memory), out(memory);
+  const uint32_t warps = uint32_t(padded(rays.size) / k_warp);
+  const auto wait = [&] { check(runtime, runtime.synchronise(), "waiting for the GPU"); };
+  // In parts, so that packets stay small.
+  constexpr uint32_t k_part = 1 << 16;
+  for (uint32_t first = 0; first < field.slice_count(); first += k_part) {
+    std::vector<uint32_t> words;
+    for (uint32_t s = first; s < std::min(first + k_part, field.slice_count()); ++s) {
+      words.push_back(missing_word(MissingKind::visibility, s));
+      words.push_back(missing_word(MissingKind::depth, s));
+    }
+    mirror.want(words);
+    Packet packet;
+    mirror.stage(packet);
+    if (packet.runs.empty()) continue;
+    in.clear();
+    const size_t runs = in.append(packet.runs.data(), packet.runs.size() * sizeof(ScatterRun));
+    const size_t data = in.append(packet.words.data(), packet.words.size() * sizeof(uint32_t));
+    wait();  // copies of pools that grew
+    retired.clear();
+    in.ensure_device();
+    in.copy_to_device();
+    const ScatterArguments a = {in.device<const ScatterRun>(runs), in.device<const uint32_t>(data),
+                                uint32_t(packet.runs.size())};
+    check(runtime, runtime.launch(Kernel::scatter, a.warps, &a, sizeof a), "starting the kernel scatter");
+    wait();
+  }
+  in.clear();
+  const AlignedVector<float>* const arrays[] = {&rays.ox, &rays.oy, &rays.oz, &rays.dx, &rays.dy, &rays.dz, &rays.tmax};
+  size_t at[7];
+  for (int i = 0; i < 7; ++i) at[i] = in.append(arrays[i]->data(), arrays[i]->size() * sizeof(float));
+  const std::vector<uint32_t> instances(padded(rays.size), task.instance + 1);
+  const size_t instances_at = in.append(instances.data(), instances.size() * sizeof(uint32_t));
+  const size_t masks_at = out.reserve(warps * sizeof(RayMasks));
+  DeviceBuffer missing(memory, size_t(warps) * k_missing_words * sizeof(uint32_t));
+  for (StagingBuffer* b : {&in, &out}) b->ensure_device();
+  in.copy_to_device();
+  const auto array = [&](int i) { return in.device<const float>(at[i]); };
+  QueryArguments a = {task,
+                      {array(0), array(1), array(2), array(3), array(4), array(5), array(6)},
+                      in.device<const uint32_t>(instances_at),
+                      out.device<RayMasks>(masks_at),
+                      missing.as<uint32_t>(),
+                      warps};
+  a.task.field = mirror.view();
+  std::vector<double> seconds;
+  constexpr int k_launches = 10, k_rounds = 9;
+  for (int round = 0; round < k_rounds + 1; ++round) {
+    wait();
+    const auto start = std::chrono::steady_clock::now();
+    for (int i = 0; i < k_launches; ++i) {
+      check(runtime, runtime.launch(Kernel::query, warps, &a, sizeof a), "starting the kernel query");
+    }
+    wait();
+    if (round > 0) seconds.push_back(seconds_since(start) / k_launches);  // the first one warms up
+  }
+  out.copy_to_host();
+  wait();
+  Timing t;
+  for (uint32_t w = 0; w < warps; ++w) t.lookups += out.host<RayMasks>(masks_at)[w].lookups;
+  std::sort(seconds.begin(), seconds.end());
+  t.kernel = double(t.lookups) / seconds[k_rounds / 2];
+  t.least = double(t.lookups) / seconds.back();
+  t.most = double(t.lookups) / seconds.front();
+  return t;
+}
+
+// Look-ups a second of whole questions, copies of rays and answers included; the best of 5.
+double time_question(VisibilityDevice& device, const Field& field, const SegmentTask& task, const RayBatch& rays) {
+  const std::vector<uint32_t> blocks = blocks_of(rays.size);
+  const std::vector<uint32_t> instances(padded(rays.size), task.instance + 1);
+  double best = 0.0;
+  for (int round = 0; round < 8; ++round) {  // the first ones copy the field
+    RayStates states;
+    states.reset(rays.size);
+    const auto start = std::chrono::steady_clock::now();
+    const SegmentCounts counts = device.query(field, task, rays, instances.data(), blocks, 0, states);
+    if (round >= 3) best = std::max(best, double(counts.lookups) / seconds_since(start));
+  }
+  return best;
+}
+
+nlohmann::json time_look_ups(Runtime& runtime, VisibilityDevice& device, VisibilityDevice& cpu, bool quick) {
+  nlohmann::json rows = nlohmann::json::array();
+  const FieldParameters sizes[] = {{32, 64}, {64, 64}, {64, 128}};
+  TestRandom random(5);
+  for (const FieldParameters& p : sizes) {
+    if (quick && p.directions > 32) break;
+    const RandomField random_field(p, 1.0f, random, false);
+    const Field& field = random_field.field();
+    SegmentTask task;
+    task.field = field.view();
+    task.policy = {63, 63, false, 1.0f};
+    for (int i = 0; i < 12; ++i) task.to_unit[i] = i % 4 == 0 && i < 9 ? 1.0f : 0.0f;
+    for (const bool coherent : {true, false}) {
+      const RayBatch rays = beam(quick ? 1 << 14 : 1 << 22, coherent, random);
+      const Timing t = time_kernel(runtime, field, task, rays);
+      rows.push_back({{"directions", p.directions},
+                      {"plane", p.plane},
+                      {"field_bytes", uint64_t(field.slice_count()) * 9 * uint64_t(scalar::k_slice_cells)},
+                      {"rays", coherent ? "coherent" : "random"},
+                      {"ray_count", rays.size},
+                      {"lookups", t.lookups},
+                      {"kernel_lookups_per_second", t.kernel},
+                      {"kernel_slowest", t.least},
+                      {"kernel_fastest", t.most},
+                      {"question_lookups_per_second", time_question(device, field, task, rays)},
+                      {"cpu_one_thread_lookups_per_second", time_question(cpu, field, task, rays)}});
+      device.forget_fields();
+    }
+  }
+  return rows;
+}
+
+int run(const Options& options) {
+  const std::unique_ptr<Runtime> runtime = open_runtime(options);
+  const std::vector<std::string> devices = list_devices(*runtime);
+  for (const std::string& line : devices) std::cout << line << "\n";
+  if (devices[0].rfind("none", 0) == 0) return 77;
+  const SegmentKernels& table = segment_kernels(resolve_isa(Isa::automatic));
+  GpuDevice device(open_runtime(options), kernels(),
+                   {table, 0, [](const std::string& text) { std::cerr << "warning: " << text << "\n"; }});
+  CpuDevice cpu(table);
+  const size_t entries = options.quick ? 1 << 15 : 1 << 21;
+  const size_t wrong = check_answers(device, cpu, entries);
+  const DeviceCounts counts = device.counts();
+  std::cout << entries
+            << " entries of each kind of question; questions answered otherwise than by the CPU, or never by "
+            << "the device: " << wrong << "; blocks by the device " << counts.blocks << ", by the CPU meanwhile "
+            << counts.blocks_cpu << "\n";
+  check(*runtime, runtime->open(0), "opening the device");
+  check(*runtime, runtime->load_kernels(kernels()), "loading the kernels");
+  check(*runtime, runtime->create_stream(), "making a stream");
+  nlohmann::json report = {{"device", devices[0]},
+                           {"emulated", options.emulated},
+                           {"cpu_isa", isa_name(resolve_isa(Isa::automatic))},
+                           {"parity", {{"entries_of_each_kind", entries}, {"wrong_questions", wrong}}},
+                           {"look_ups", time_look_ups(*runtime, device, cpu, options.quick)}};
+  (void)runtime->destroy_stream();
+  (void)runtime->close();
+  std::cout << report["look_ups"].dump(2) << "\n";
+  if (!options.json.empty()) std::ofstream(options.json) << report.dump(2) << "\n";
+  return wrong == 0 ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace fieldtrace::gpu
+
+int main(int count, char** arguments) {
+  fieldtrace::gpu::Options options;
+  for (int i = 1; i < count; ++i) {
+    const std::string a = arguments[i];
+    if (a == "--emulated") {
+      options.emulated = true;
+    } else if (a == "--quick") {
+      options.quick = true;
+    } else if (a == "--json" && i + 1 < count) {
+      options.json = arguments[++i];
+    } else {
+      std::cerr << "usage: gpu_check [--emulated] [--quick] [--json FILE]\n";
+      return 2;
+    }
+  }
+  try {
+    return fieldtrace::gpu::run(options);
+  } catch (const std::exception& e) {
+    std::cerr << "gpu_check: " << e.what() << "\n";
+    return std::string(e.what()).find("no CUDA dr") == std::string::npos ? 1 : 77;
+  }
+}

@@ -1,0 +1,100 @@
+// Pictures through an emulated GPU beside those of the CPU, and scenes for them.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include "core/mesh/mesh_procedural.h"
+#include "tests/gpu/emulated_device.h"
+#include "tests/support/random_lines.h"
+#include "tests/support/small_scenes.h"
+
+namespace fieldtrace::test {
+
+inline RenderOptions options_for(int spp, int light_samples) {
+  RenderOptions o;
+  o.spp = spp;
+  o.light_samples = light_samples;
+  o.threads = 2;
+  o.directions = 32;
+  o.plane = 64;
+  o.leave_to_rays = false;
+  return o;
+}
+
+// What decides a picture, beside its pixels. Look-ups are not among it: they are repeated as bakes demand.
+inline void expect_equal(const RenderResult& device, const RenderResult& cpu, const std::string& name) {
+  EXPECT_EQ(device.image.data, cpu.image.data) << name;
+  const Stats &a = device.stats, &b = cpu.stats;
+  EXPECT_EQ(a.rays_exact, b.rays_exact) << name;
+  EXPECT_EQ(a.rays_crossing, b.rays_crossing) << name;
+  EXPECT_EQ(a.cones_clear, b.cones_clear) << name;
+  EXPECT_EQ(a.cones_blocked, b.cones_blocked) << name;
+  EXPECT_EQ(a.strata_refused, b.strata_refused) << name;
+  EXPECT_EQ(a.samples_spared, b.samples_spared) << name;
+  EXPECT_EQ(a.check_answers, b.check_answers) << name;
+  EXPECT_EQ(a.check_wrong, b.check_wrong) << name;
+  EXPECT_EQ(a.field_cells_baked, b.field_cells_baked) << name;
+  EXPECT_EQ(a.field_tiles_baked, b.field_tiles_baked) << name;
+}
+
+// Renders on the CPU and on the device, whose share of the blocks must be at least `least_share`.
+inline void expect_same_picture(const Scene& scene, const RenderOptions& o, double least_share, const std::string& name,
+                                const gpu::EmulatedFaults& faults = {}) {
+  const RenderResult cpu = render(scene, o);
+  const EmulatedPicture device = render_emulated(scene, o, faults);
+  expect_equal(device.result, cpu, name);
+  const Stats& s = device.result.stats;
+  EXPECT_GE(double(s.device_blocks), least_share * double(s.device_blocks + s.device_blocks_cpu)) << name;
+  EXPECT_GT(s.device_blocks, 0u) << name;
+  EXPECT_TRUE(device.warnings.empty()) << name << ": " << device.warnings[0];
+  EXPECT_TRUE(is_clean(device.log)) << name;
+}
+
+inline Scene knot_over_floor(const Mat3& shape, int size) {
+  SceneMaker s;
+  s.film(size, size);
+  s.scene.camera.to_world = look_at({2.5f, -6, 3}, {0, 0, 0.3f}, {0, 0, 1});
+  s.scene.camera.fov_x_degrees = 20.0f;
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  s.instance(s.mesh(make_knot({.along = 256, .around = 24})), grey, Affine(shape[0], shape[1], shape[2], {0, 0, 1}));
+  s.instance(s.shape(ShapeKind::rectangle), grey, scaling(Vec3(6.0f)));
+  Affine at = scaling(Vec3(0.5f));
+  at[3] = {2, -2, 4};
+  s.area_light(s.instance(s.shape(ShapeKind::sphere), grey, at), Rgb(60.0f));
+  const Affine turned = look_at({-2, -3, 5}, {0, 0, 0.5f}, {0, 0, 1});
+  s.area_light(s.instance(s.shape(ShapeKind::rectangle), grey,
+                          Affine(0.7f * turned[0], 0.4f * turned[1], 0.4f * turned[2], turned[3])),
+               Rgb(60.0f));
+  return s.scene;
+}
+
+// Instances of three meshes, more than single rays are tested against.
+inline Scene crowd(int size) {
+  SceneMaker maker;
+  TestRandom random(1);
+  maker.film(size, size);
+  maker.scene.camera.to_world = look_at({0, -9, 5}, {0, 0, 0}, {0, 0, 1});
+  maker.scene.camera.fov_x_degrees = 35.0f;
+  const uint32_t grey = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  maker.instance(maker.shape(ShapeKind::rectangle), grey, scaling(Vec3(8.0f)));
+  std::vector<uint32_t> shapes;
+  for (int i = 0; i < 3; ++i) {
+    SupershapeParams p;
+    p.longitude.m = 3.0 + i;
+    p.around = 32;
+    p.along = 16;
+    shapes.push_back(maker.mesh(make_supershape(p)));
+  }
+  for (int n = 0; n < 49; ++n) {
+    const float scale = random.uniform(0.25f, 0.5f);
+    Affine a = scaling(Vec3(scale));
+    a[3] = {float(n % 7 - 3) + random.uniform(-0.2f, 0.2f), float(n / 7 - 3) + random.uniform(-0.2f, 0.2f), scale};
+    maker.instance(shapes[random.index(3)], grey, a);
+  }
+  Affine light = scaling(Vec3(0.7f));
+  light[3] = {4, -4, 6};
+  maker.area_light(maker.instance(maker.shape(ShapeKind::sphere), grey, light), Rgb(100.0f));
+  return maker.scene;
+}
+
+}  // namespace fieldtrace::test

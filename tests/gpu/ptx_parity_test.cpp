@@ -1,0 +1,303 @@
+// The kernels' PTX gives the answers of the CPU's kernels, scalar and SIMD, bit for bit: more than a million entries
+// each, of which many hold extreme values, over fields of which all, most or none is baked.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <set>
+
+#include "core/simd/isa.h"
+#include "gpu/device_arguments.h"
+#include "tests/gpu/ptx_kernels.h"
+#include "tests/gpu/random_questions.h"
+
+namespace fieldtrace::gpu {
+namespace {
+
+constexpr size_t k_least_entries = 1 << 20;
+
+// ---- the CPU's answers about one warp
+
+struct WarpAnswers {
+  bool not_baked = false;
+  uint32_t lookups = 0;
+  uint32_t masks[3] = {};
+  std::vector<float> clear = {};
+  std::set<uint32_t> missing = {};
+  bool is_full = false;  // some lane met more than it has room for
+};
+
+template <class Wanted>
+uint32_t mask_of(const Wanted& wanted) {
+  uint32_t mask = 0;
+  for (uint32_t lane = 0; lane < k_warp; ++lane) mask |= uint32_t(bool(wanted(lane))) << lane;
+  return mask;
+}
+
+void add_words(MissingKind kind, const std::vector<uint32_t>& numbers, std::set<uint32_t>& words) {
+  for (const uint32_t n : numbers) words.insert(missing_word(kind, n));
+}
+
+void expect_equal(const WarpAnswers& gpu, const WarpAnswers& cpu, const std::string& name) {
+  ASSERT_EQ(gpu.not_baked, cpu.not_baked) << name;
+  if (!cpu.not_baked) {
+    ASSERT_EQ(gpu.lookups, cpu.lookups) << name;
+    for (int m = 0; m < 3; ++m) ASSERT_EQ(gpu.masks[m], cpu.masks[m]) << name << ", mask " << m;
+    for (size_t l = 0; l < cpu.clear.size(); ++l) {
+      const bool both_nan = gpu.clear[l] != gpu.clear[l] && cpu.clear[l] != cpu.clear[l];
+      ASSERT_TRUE(both_nan || std::bit_cast<uint32_t>(gpu.clear[l]) == std::bit_cast<uint32_t>(cpu.clear[l]))
+          << name << ", lane " << l << ": " << gpu.clear[l] << " and " << cpu.clear[l];
+    }
+    return;
+  }
+  if (!gpu.is_full) {
+    ASSERT_EQ(gpu.missing, cpu.missing) << name;
+  }
+  for (const uint32_t word : gpu.missing) ASSERT_TRUE(cpu.missing.count(word)) << name;
+}
+
+// What a kernel wrote, set to garbage first.
+template <class Masks>
+struct Outputs {
+  explicit Outputs(size_t warps) : masks(warps), missing(warps * k_missing_words, 0xcdcdcdcdu) {
+    std::memset(masks.data(), 0xcd, warps * sizeof(Masks));
+  }
+  // The words of the warp; sets is_full where a lane had no room for more.
+  std::set<uint32_t> words_of(size_t warp, bool& is_full) const {
+    std::set<uint32_t> words;
+    for (uint32_t i = 0; i < k_missing_words; ++i) {
+      const uint32_t word = missing[warp * k_missing_words + i];
+      if (word != k_nothing) words.insert(word);
+      is_full = is_full || (word != k_nothing && i % 4 == 3);
+    }
+    return words;
+  }
+  std::vector<Masks> masks;
+  std::vector<uint32_t> missing;
+};
+
+// Calls run(launch, architectures) for each variant of a kernel.
+template <class Arguments, class Run>
+void for_each_variant(const std::string& name, const Run& run) {
+  int variants = 0;
+  for (const ptx::PtxKernel& kernel : ptx::ptx_kernels()) {
+    if (kernel.name != name) continue;
+    ASSERT_EQ(kernel.argument_bytes, sizeof(Arguments));
+    ++variants;
+    run([&](const Arguments& a) { kernel.launch(a.warps, &a); }, kernel.targets);
+    if (testing::Test::HasFatalFailure()) return;
+  }
+  ASSERT_GT(variants, 0);
+}
+
+class PtxParity : public ::testing::Test {
+ protected:
+  PtxParity() : random_(7) {
+    add_field({32, 64}, 1.0f);
+    add_field({32, 128}, 0.995f);
+    add_field({32, 64}, 0.0f);
+    for (const Isa isa : {Isa::scalar, resolve_isa(Isa::automatic)}) tables_.push_back(&segment_kernels(isa));
+  }
+  void add_field(const FieldParameters& parameters, float baked) {
+    fields_.push_back(std::make_unique<RandomField>(parameters, baked, random_));
+  }
+  // The empty one rarely: it only says what is missing.
+  const RandomField& any_field() { return *fields_[random_.index(16) == 0 ? 2 : random_.index(4) == 0 ? 1 : 0]; }
+
+  static RayArrays arrays_of(const RayBatch& r) {
+    return {r.ox.data(), r.oy.data(), r.oz.data(), r.dx.data(), r.dy.data(), r.dz.data(), r.tmax.data()};
+  }
+
+  TestRandom random_;
+  std::vector<std::unique_ptr<RandomField>> fields_;
+  std::vector<const SegmentKernels*> tables_;
+};
+
+TEST(PtxKernels, TheCompilerMadeNothingThatRoundsOtherwise) {
+  for (const std::string& refusal : ptx::ptx_refusals()) ADD_FAILURE() << refusal;
+  EXPECT_GE(ptx::ptx_kernels().size(), 4u);
+}
+
+TEST_F(PtxParity, Query) {
+  for_each_variant<QueryArguments>("query", [&](const auto& launch, const std::string& targets) {
+    Values values(1);
+    size_t entries = 0, verdicts[3] = {}, not_baked = 0;
+    while (entries < k_least_entries) {
+      const Launch l = random_launch(any_field(), values);
+      const QueryInputs inputs(l, values);
+      const auto& [rays, instances] = inputs;
+      Outputs<RayMasks> out(l.warps);
+      launch({l.task, arrays_of(rays), instances.data(), out.masks.data(), out.missing.data(), uint32_t(l.warps)});
+      for (const SegmentKernels* table : tables_) {
+        RayStates states;
+        states.keep_verdicts = true;
+        states.reset(l.entries);
+        for (size_t warp = 0; warp < l.warps; ++warp) {
+          const size_t first = warp * k_warp;
+          const SegmentCounts counts = table->query(l.task, rays, instances.data(), first, first + k_warp, 0, states);
+          const auto verdict = [&](int32_t wanted) {
+            return mask_of([&](uint32_t lane) { return states.verdict[first + lane] == wanted; });
+          };
+          WarpAnswers cpu = {!states.unknown_blocks.empty(),
+                             uint32_t(counts.lookups),
+                             {~verdict(scalar::k_verdict_none), verdict(scalar::k_verdict_blocked),
+                              verdict(scalar::k_verdict_undecided)},
+                             {}};
+          add_words(MissingKind::visibility, states.unknown_visibility, cpu.missing);
+          add_words(MissingKind::depth, states.unknown_depth, cpu.missing);
+          const RayMasks& m = out.masks[warp];
+          ASSERT_TRUE(m.not_baked == 0 || m.not_baked == k_all_lanes);
+          WarpAnswers gpu = {m.not_baked != 0, m.lookups, {m.crosses, m.blocked, m.undecided}, {}, {}};
+          if (gpu.not_baked) gpu.missing = out.words_of(warp, gpu.is_full);
+          expect_equal(gpu, cpu, targets);
+          if (HasFatalFailure()) return;
+          not_baked += gpu.not_baked;
+          for (int i = 0; i < 3; ++i) verdicts[i] += size_t(std::popcount(gpu.masks[i]));
+          states.unknown_blocks.clear(), states.unknown_visibility.clear(), states.unknown_depth.clear();
+        }
+      }
+      entries += l.entries;
+    }
+    for (const size_t n : verdicts) EXPECT_GT(n, entries / 50);
+    EXPECT_GT(not_baked, 1000u);
+    EXPECT_LT(not_baked, entries / 64);
+  });
+}
+
+TEST_F(PtxParity, FilterStrata) {
+  for_each_variant<StratumArguments>("filter_strata", [&](const auto& launch, const std::string& targets) {
+    Values values(2);
+    size_t entries = 0, partial = 0, dark = 0, refused = 0, not_baked = 0;
+    while (entries < k_least_entries) {
+      const Launch l = random_launch(any_field(), values);
+      const StratumInputs inputs(l, values);
+      const auto& [task, rays, pdf, radius, wanted] = inputs;
+      Outputs<StratumMasks> out(l.warps);
+      std::vector<float> shares(padded(l.entries), -1.0f);
+      launch({task, arrays_of(rays), pdf.data(), radius.data(), wanted.data(), shares.data(), out.masks.data(),
+              out.missing.data(), uint32_t(l.warps)});
+      for (const SegmentKernels* table : tables_) {
+        AlignedVector<float> clear(padded(l.entries), 1.0f);
+        AlignedVector<int32_t> failed(padded(l.entries), 0);
+        for (size_t warp = 0; warp < l.warps; ++warp) {
+          const uint32_t first = uint32_t(warp * k_warp);
+          const std::array<uint32_t, 1> blocks = {first};
+          ConeUnknowns unknowns;
+          const uint64_t lookups = table->filter_strata(task, rays, pdf.data(), radius.data(), wanted.data(), blocks,
+                                                        clear.data(), failed.data(), unknowns);
+          WarpAnswers cpu = {!unknowns.blocks.empty(),
+                             uint32_t(lookups),
+                             {mask_of([&](uint32_t lane) { return failed[first + lane] != 0; })},
+                             {clear.begin() + first, clear.begin() + first + k_warp},
+                             {}};
+          add_words(MissingKind::tile, unknowns.tiles, cpu.missing);
+          const StratumMasks& m = out.masks[warp];
+          ASSERT_TRUE(m.not_baked == 0 || m.not_baked == k_all_lanes);
+          WarpAnswers gpu = {
+              m.not_baked != 0, m.lookups, {m.refused}, {shares.begin() + first, shares.begin() + first + k_warp}, {}};
+          if (gpu.not_baked) gpu.missing = out.words_of(warp, gpu.is_full);
+          expect_equal(gpu, cpu, targets);
+          if (HasFatalFailure()) return;
+          not_baked += gpu.not_baked;
+          if (gpu.not_baked) continue;
+          refused += size_t(std::popcount(m.refused));
+          for (const float c : gpu.clear) partial += c > 0.0f && c < 1.0f, dark += c == 0.0f;
+        }
+      }
+      entries += l.entries;
+    }
+    for (const size_t n : {partial, dark, refused}) EXPECT_GT(n, entries / 50);
+    EXPECT_GT(not_baked, 1000u);
+    EXPECT_LT(not_baked, entries / 64);
+  });
+}
+
+TEST_F(PtxParity, LightCones) {
+  for_each_variant<ConeArguments>("light_cones", [&](const auto& launch, const std::string& targets) {
+    Values values(3);
+    size_t entries = 0, counts[3] = {}, not_baked = 0;
+    while (entries < k_least_entries) {
+      const Launch l = random_launch(any_field(), values);
+      const ConeInputs inputs(l, values);
+      const auto& [task, light, points, flags] = inputs;
+      const std::vector<uint32_t> transmits(points.transmits.begin(), points.transmits.end());
+      Outputs<ConeMasks> out(l.warps);
+      ConeArguments a = {
+          task,
+          {light.centre.x, light.centre.y, light.centre.z},
+          light.radius,
+          {points.px.data(), points.py.data(), points.pz.data(), points.gx.data(), points.gy.data(), points.gz.data(),
+           points.error.data(), points.radius.data(), points.instance.data(), transmits.data()},
+          flags.data(),
+          out.masks.data(),
+          out.missing.data(),
+          uint32_t(l.warps)};
+      launch(a);
+      for (const SegmentKernels* table : tables_) {
+        AlignedVector<int32_t> found = flags;
+        for (size_t warp = 0; warp < l.warps; ++warp) {
+          const uint32_t first = uint32_t(warp * k_warp);
+          const std::array<uint32_t, 1> blocks = {first};
+          ConeUnknowns unknowns;
+          const ConeCounts c = table->light_cones(task, points, light, blocks, found.data(), unknowns);
+          const ConeMasks& m = out.masks[warp];
+          ASSERT_TRUE(m.not_baked == 0 || m.not_baked == k_all_lanes);
+          // The flags that the masks make of the old ones (gpu/device_questions.cpp) must be the CPU's.
+          const auto flag = [&](uint32_t lane) {
+            int32_t f = flags[first + lane];
+            if (m.by_strata >> lane & 1u) f |= k_by_strata;
+            if (m.clear >> lane & 1u) f = 0;
+            if (m.blocked >> lane & 1u) f = k_light_blocked;
+            return f;
+          };
+          if (!m.not_baked) {
+            ASSERT_EQ(c.clear, uint64_t(std::popcount(m.clear)));
+            ASSERT_EQ(c.blocked, uint64_t(std::popcount(m.blocked)));
+            ASSERT_EQ(mask_of([&](uint32_t lane) { return flag(lane) != found[first + lane]; }), 0u) << targets;
+            counts[0] += c.clear, counts[1] += c.blocked, counts[2] += size_t(std::popcount(m.by_strata));
+          }
+          WarpAnswers cpu = {!unknowns.blocks.empty(), uint32_t(c.lookups), {}, {}, {}};
+          add_words(MissingKind::tile, unknowns.tiles, cpu.missing);
+          add_words(MissingKind::depth, unknowns.slices, cpu.missing);
+          WarpAnswers gpu = {m.not_baked != 0, m.lookups, {}, {}, {}};
+          if (gpu.not_baked) gpu.missing = out.words_of(warp, gpu.is_full);
+          expect_equal(gpu, cpu, targets);
+          if (HasFatalFailure()) return;
+          not_baked += gpu.not_baked;
+        }
+      }
+      entries += l.entries;
+    }
+    for (const size_t n : counts) EXPECT_GT(n, entries / 100);
+    EXPECT_GT(not_baked, 1000u);
+    EXPECT_LT(not_baked, entries / 64);
+  });
+}
+
+TEST(PtxKernels, Scatter) {
+  for_each_variant<ScatterArguments>("scatter", [&](const auto& launch, const std::string&) {
+    TestRandom random(4);
+    size_t copied = 0;
+    while (copied < k_least_entries) {
+      std::vector<ScatterRun> runs(1 + random.index(300));
+      std::vector<uint32_t> packet(1 + random.index(200000)), to(3 * packet.size(), 5), expected = to;
+      for (uint32_t& w : packet) w = random.index(0xffffffffu);
+      size_t at = 0;
+      for (ScatterRun& run : runs) {
+        const uint32_t from = random.index(uint32_t(packet.size()));
+        uint32_t words = random.index(4) == 0 ? random.index(40) : random.index(2000);
+        at += random.index(3);
+        words = uint32_t(std::min({size_t(words), packet.size() - from, to.size() - std::min(at, to.size())}));
+        if (words == 0) at = std::min(at, to.size() - 1);
+        run = {std::bit_cast<uint64_t>(to.data() + at), from, words};
+        std::copy_n(packet.data() + from, words, expected.data() + at);
+        at += words;
+        copied += words;
+      }
+      launch({runs.data(), packet.data(), uint32_t(runs.size())});
+      ASSERT_EQ(to, expected);
+    }
+  });
+}
+
+}  // namespace
+}  // namespace fieldtrace::gpu
