@@ -451,9 +451,12 @@ void DirectLight::gather_group(Job& job) {
     samples += candidates_.light_samples[c];
   }
   for (job.light = 0; job.light < context_.lights.size(); ++job.light) {
-    if (context_.lights.lights[job.light].kind == LightKind::none) continue;
+    const LightKind kind = context_.lights.lights[job.light].kind;
+    if (kind == LightKind::none) continue;
     const bool is_of_sky = is_sky(context_.scene.emitters[job.light].kind);
-    job.counts_open = job.first && !(is_of_sky && context_.settings.sky_by_maps);
+    // All samples of a point or a direction are the same.
+    const bool is_delta = kind == LightKind::point || kind == LightKind::directional;
+    job.counts_open = job.first && !is_delta && !(is_of_sky && context_.settings.sky_by_maps);
     job.sky_is_mapped = job.has_sky_maps && is_of_sky;
     if (job.sky_is_mapped) {  // SkyLight has lit the diffuse ones and the bodies of plastics
       const auto is_left = [&](size_t c) { return !clusters_[job.begin + c].takes_maps_alone(); };

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/loader/scene_xml.h"
 #include "hybrid/compare/compare.h"
 #include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/render.h"
@@ -79,6 +80,44 @@ TEST(OpenLightSamples, ArePowersOfTwoThatSendFewRays) {
   }
   EXPECT_EQ(open_light_samples(5, 0.3), 8);
   EXPECT_EQ(open_light_samples(64, 0.3), 64);
+}
+
+// Every sample of a point light, or of a directional one, sends the same ray.
+TEST(OpenLightSamples, AreOneForLightsWithoutExtent) {
+  SceneLoadOptions options;
+  options.parameters = {{"resolution", "32"}, {"sky", "0"}};
+  const Scene scene =
+      load_scene(std::string(FIELDTRACE_SOURCE_DIR) + "/scenes/point_directional_constant.xml", options);
+  for (const Method method : {Method::monte_carlo, Method::hybrid}) {
+    RenderOptions o = options_for(method, 1);
+    o.spp = 4;
+    o.light_estimator = LightEstimator::samples;
+    const RenderResult usual = render(scene, o);
+    o.light_estimator = LightEstimator::adaptive;
+    const RenderResult adaptive = render(scene, o);
+    EXPECT_GT(usual.stats.rays_exact, 0u);
+    EXPECT_EQ(adaptive.stats.rays_exact, usual.stats.rays_exact);
+    EXPECT_EQ(differing(adaptive.image, usual.image), 0u);
+  }
+}
+
+// A survey covers a small film, too: it counts nearly as many rays as the picture sends.
+TEST(OpenLightSamples, FollowFromAllOfASmallFilm) {
+  Scene scene = hybrid_scene("object_over_floor", 96).scene;
+  for (const Rect& crop : {Rect{4, 4, 44, 44}, Rect{48, 4, 44, 44}, Rect{4, 48, 44, 44}, Rect{48, 48, 44, 44}}) {
+    SCOPED_TRACE(testing::Message() << crop.x << " " << crop.y);
+    scene.film.crop = crop;
+    RenderOptions o = options_for(Method::monte_carlo, 1);
+    o.max_depth = 2;
+    const double pixels = double(crop.width * crop.height);
+    const double sent = double(render(scene, o).stats.rays_exact) / pixels;
+    o.light_estimator = LightEstimator::adaptive;
+    const RenderResult adaptive = render(scene, o);
+    const int wanted = open_light_samples(1, sent);
+    EXPECT_GE(adaptive.stats.open_light_samples, wanted / 2);
+    EXPECT_LE(adaptive.stats.open_light_samples, wanted * 2);
+    EXPECT_GT(adaptive.stats.survey_rays, 0.01 * sent * pixels);
+  }
 }
 
 // With every kind of light and material: no bias, over pairs of pictures of the same camera samples.

@@ -16,7 +16,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 MEASURE = ROOT / "tools/benchmarks/measure.py"
 sys.path.insert(0, str(MEASURE.parent))
 
-from measuring import report, search, timing
+from measuring import report, whole_frames, search, timing
 from measuring.context import AT_LEAST, AT_MOST, Figure, RowResult
 from measuring.rows import ROWS, choose
 
@@ -51,6 +51,28 @@ class Search(unittest.TestCase):
         best = search.staircase(measure, 0.5, 512, 64)[0]
         self.assertEqual((best["spp"], best["light_samples"]), (4, 32))
         self.assertEqual(search.staircase(lambda s, m: (1.0, 1.0), 0.5, 8, 8), [])
+
+
+class WholeFrames(unittest.TestCase):
+    def test_time_lies_between_the_steps_around_the_error(self):
+        # Noise alone: the error falls with the root of the samples, time is in proportion to them.
+        points = [(1.0 / math.sqrt(n), 0.1 * n) for n in (8, 16)]
+        self.assertAlmostEqual(whole_frames.time_to(1.0 / math.sqrt(11.0), points), 1.1)
+        self.assertEqual(whole_frames.time_to(0.5, [(0.2, 3.0)]), 3.0)  # the first step reaches it
+
+    def test_steps_around_the_aim(self):
+        errors = {n: 1.0 / n for n in (1, 2, 4, 8, 16)}
+        self.assertEqual(whole_frames.around_aim(0.2, errors, 8), [4, 8])
+        self.assertEqual(whole_frames.around_aim(2.0, errors, 1), [1])
+
+    def test_figures_compare_with_the_better_of_each(self):
+        seconds = {0.01: {name: timing.summary([value]) for name, value in
+                          (("Monte Carlo", 6.0), ("Monte Carlo, adaptive", 4.0), ("cold", 3.0), ("warm", 2.0),
+                           ("Mitsuba path:2", 10.0), ("Mitsuba denoised:2", 1.0))}}
+        frame = whole_frames.Frame("frame", None, {0.01: (3.0, None)})
+        figures = whole_frames.figures_of(frame, seconds)
+        self.assertEqual([f.measured for f in figures], [2.0, 4.0 / 3.0, 5.0, 0.5])
+        self.assertEqual([f.met() for f in figures], [False, None, None, None])
 
 
 class Figures(unittest.TestCase):
@@ -103,8 +125,8 @@ class Figures(unittest.TestCase):
                              ["latest.json.gz", "measure.json.gz", "measure.md"])
 
     def test_rows_have_numbers_names_and_titles(self):
-        self.assertEqual([row.number for row in ROWS], list(range(18)))
-        self.assertEqual(len({row.name for row in ROWS}), 18)
+        self.assertEqual([row.number for row in ROWS], list(range(len(ROWS))))
+        self.assertEqual(len({row.name for row in ROWS}), len(ROWS))
         self.assertTrue(all(row.title() for row in ROWS))
         self.assertEqual([row.name for row in choose(["cells", "1"])], ["lookups", "cells"])
 
@@ -115,16 +137,16 @@ class Command(unittest.TestCase):
             folder = pathlib.Path(folder)
             out = folder / "out"
             done = run("--quick", "--repeats", "2", "--resolution", "32", "--work", folder / "work", "--output", out,
-                       "--rows", "ceiling,secondary-warm,baseline,cells")
+                       "--rows", "ceiling,secondary-warm,baseline,cells,whole-lights,whole-skies")
             self.assertEqual(done.returncode, 0, done.stderr)
             self.assertEqual(sorted(path.name for path in out.iterdir()), ["measure.json.gz", "measure.md"])
             result = json.loads(gzip.decompress((out / "measure.json.gz").read_bytes()))
             rows = {row["name"]: row for row in result["rows"]}
-            self.assertEqual(list(rows), ["ceiling", "secondary-warm", "baseline", "cells"])
+            self.assertEqual(list(rows), ["ceiling", "secondary-warm", "baseline", "cells", "whole-lights", "whole-skies"])
             # No peer is configured: its row is skipped, and marked as such.
             self.assertEqual(rows["baseline"]["figures"], [])
             self.assertIn("--peer-python", rows["baseline"]["skipped"])
-            for name in ("ceiling", "secondary-warm", "cells"):
+            for name in ("ceiling", "secondary-warm", "cells", "whole-lights", "whole-skies"):
                 self.assertIsNone(rows[name]["error"])
                 self.assertTrue(rows[name]["figures"])
                 for figure in rows[name]["figures"]:

@@ -5,8 +5,8 @@ kernel compilation happen once and are excluded. Run by measure.py with a Python
 Reads one JSON object per line from stdin, {"spp", "seed", "integrator", "picture"}, and answers each with
 {"seconds"}, which is meaningful only if `picture` is null. The integrator is "path" (max_depth 2: one light sample and
 one BSDF sample per camera sample, weighted), "direct" (one light sample only, as Fieldtrace does for diffuse surfaces),
-"path:N" (max_depth N), or "denoised:N": path:N followed by Open Image Denoise (the package pyoidn) with albedo and
-shading normal as further inputs; its time is included.
+"direct:N" (N light samples per camera sample), "path:N" (max_depth N), or "denoised:N": path:N followed by Open Image
+Denoise (the package pyoidn) with albedo and shading normal as further inputs; its time is included.
 """
 
 import json
@@ -32,12 +32,16 @@ def main():
         import pyoidn
     except ImportError:
         pyoidn = None
-    integrators = {"direct": mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": 0})}
+    integrators = {}
 
     def integrator_for(name):
         if name not in integrators:
-            kind, _, depth = name.partition(":")
-            path = {"type": "path", "max_depth": int(depth or 2)}
+            kind, _, number = name.partition(":")
+            if kind == "direct":
+                direct = {"type": "direct", "emitter_samples": int(number or 1), "bsdf_samples": 0}
+                integrators[name] = mi.load_dict(direct)
+                return integrators[name]
+            path = {"type": "path", "max_depth": int(number or 2)}
             layers = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "path": path}
             integrators[name] = mi.load_dict(layers if kind == "denoised" else path)
         return integrators[name]

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from . import rows_error, rows_frame, rows_glossy, rows_lookup, rows_peer, rows_quality
+from . import rows_error, rows_frame, rows_glossy, rows_lookup, rows_peer, rows_quality, rows_whole
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +34,8 @@ ROWS = [
     Row(15, "glossy", rows_glossy.glossy),
     Row(16, "glossy-converged", rows_glossy.glossy_converged),
     Row(17, "reflection", rows_glossy.reflection),
+    Row(18, "whole-lights", rows_whole.lights),
+    Row(19, "whole-skies", rows_whole.skies),
 ]
 
 

@@ -1,0 +1,83 @@
+#include "hybrid/render/field_choice.h"
+
+#include <algorithm>
+
+#include "hybrid/light/direct_light.h"
+#include "hybrid/render/field_survey.h"
+#include "hybrid/visibility/shadow_answerer.h"
+
+namespace fieldtrace {
+namespace {
+
+// Light samples of each pixel that a survey takes at most.
+constexpr int64_t k_most_survey_samples = 64;
+
+// Where every cell answers, or all are undecided by request, there is nothing to survey.
+bool wants_survey(const Picture& picture, const FieldSet& fields) {
+  const RenderOptions& options = picture.options;
+  return fields.answers_shadows() && options.leave_to_rays && !options.force_undecided && options.tolerance < 1.0f;
+}
+
+// Surveys the picture with `light_samples` from one point of each pixel, as clusters will ask for them together.
+FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std::vector<Field*>& fields,
+                           std::vector<uint8_t> self_to_rays, TransportSettings settings, int light_samples,
+                           Stats& stats) {
+  const RenderOptions& options = picture.options;
+  AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
+  counting.count_uses = true;
+  counting.self_to_rays = std::move(self_to_rays);
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields, counting);
+  settings.light_samples = light_samples;
+  settings.sky_by_maps = stage.sky.light != nullptr;
+  settings.first_hits = settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
+  const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings, stage.lights);
+  const double repeats = double(picture.spp) * double(options.light_samples) / double(light_samples);
+  FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}), repeats, picture.callbacks.stop);
+  stats.survey_rays += survey.stats.rays_exact;
+  stats.add_bake(survey.stats);
+  return survey;
+}
+
+}  // namespace
+
+TransportSettings settings_for(const Picture& picture, const FieldSet& fields) {
+  TransportSettings s = picture.settings;
+  const RenderOptions& options = picture.options;
+  const std::vector<Field*> answering = fields.pointers();
+  s.estimates = options.whole_lights && !options.force_undecided &&
+                std::any_of(answering.begin(), answering.end(), [](const Field* f) { return f != nullptr; });
+  if (!s.estimates) return s;
+  s.most_undecided = int(k_most_undecided_strata * options.tolerance / k_default_tolerance);
+  return s;
+}
+
+bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats) {
+  const bool leaves = wants_survey(picture, fields) && picture.options.whole_lights;
+  if (!leaves && !picture.is_adaptive()) return true;
+  TransportSettings settings = picture.settings;
+  settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
+  const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
+  FieldSurvey survey = survey_picture(picture, stage, none, {}, settings, 1, stats);
+  if (survey.interrupted) return false;
+  open_samples = picture.open_samples(survey.open_rays);
+  survey.scale *= double(open_samples) / double(picture.options.light_samples);
+  if (leaves) fields.leave_unpaid(survey);
+  return true;
+}
+
+bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats) {
+  if (!wants_survey(picture, fields)) return true;
+  const int64_t of_pixel = int64_t(picture.spp) * picture.options.light_samples;
+  TransportSettings settings = settings_for(picture, fields);
+  settings.pixel_samples = 1;
+  FieldSurvey survey = survey_picture(picture, stage, fields.pointers(), fields.self_to_rays(), settings,
+                                      int(std::min<int64_t>(of_pixel, k_most_survey_samples)), stats);
+  if (survey.interrupted) return false;
+  // What fields answer spares as many light samples as exact rays alone would get.
+  survey.scale *= double(open_samples) / double(picture.options.light_samples);
+  open_samples = picture.open_samples(survey.open_rays);
+  fields.leave_to_rays(survey, picture.options.fewest_answers);
+  return true;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,102 @@
+#include "hybrid/render/picture.h"
+
+#include <algorithm>
+
+#include "hybrid/fields/field_set.h"
+#include "hybrid/fields/thesis_fields.h"
+#include "hybrid/render/open_light_samples.h"
+#include "hybrid/render/trace_pixels.h"
+
+namespace fieldtrace {
+namespace {
+
+void check_range(const char* option, long long value, long long low, long long high) {
+  if (value < low || value > high) {
+    throw UsageError(std::string(option) + " is " + std::to_string(value) + "; it must lie between " +
+                     std::to_string(low) + " and " + std::to_string(high));
+  }
+}
+
+// Indices into sample sequences have 32 bits: camera samples x lobe samples must stay below this.
+constexpr long long k_most_samples = 1ll << 31, k_most_camera_samples = 1ll << 24;
+static_assert(k_most_camera_samples * k_most_open_samples <= k_most_samples);
+
+void check_options(const RenderOptions& o, int spp) {
+  check_range("the number of camera samples", spp, 1, k_most_camera_samples);
+  check_range("the number of light samples", o.light_samples, 1, k_most_light_samples);
+  check_range("the number of lobe samples", o.lobe_samples, 1, k_most_lobe_samples);
+  check_range("camera samples x light samples", int64_t(spp) * o.light_samples, 1, k_most_samples);
+  check_range("camera samples x lobe samples", int64_t(spp) * o.lobe_samples, 1, k_most_samples);
+  check_range("the number of threads", o.threads, 0, 4096);
+  if (!(o.tolerance >= 0.0f && o.tolerance <= 1.0f))
+    throw UsageError("the tolerance is " + std::to_string(o.tolerance) + "; it must lie between 0 and 1");
+  if (!(o.ao_distance > 0.0f))
+    throw UsageError("the distance of ambient occlusion is " + std::to_string(o.ao_distance) +
+                     "; it must be greater than 0");
+  if (o.chart == Chart::thesis) thesis_directions(o.directions, o.plane);
+  if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
+}
+
+TransportSettings make_settings(const Scene& scene, const RenderOptions& options, int spp,
+                                const std::vector<Aov>& aovs) {
+  TransportSettings s;
+  s.light_samples = options.light_samples;
+  s.lobe_samples = options.lobe_samples;
+  s.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
+  s.max_depth = options.max_depth.value_or(scene.integrator.max_depth);
+  s.rr_depth = scene.integrator.rr_depth;
+  s.hide_emitters = scene.integrator.hide_emitters;
+  s.seed = options.seed.value_or(scene.seed);
+  s.isa = resolve_isa(options.isa);
+  s.first_hits = !aovs.empty();
+  s.count_first_hits =
+      std::any_of(aovs.begin(), aovs.end(), [](Aov aov) { return aov == Aov::visibility || aov == Aov::exact; });
+  s.count_reflections = std::any_of(aovs.begin(), aovs.end(), [](Aov aov) {
+    return aov == Aov::reflected_depth || aov == Aov::reflected_object || aov == Aov::glossy_exact;
+  });
+  s.occlusion = std::find(aovs.begin(), aovs.end(), Aov::ao) != aovs.end();
+  s.occlusion_distance = options.ao_distance;
+  return s;
+}
+
+}  // namespace
+
+Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
+  const Rect film_window =
+      film.crop.width > 0 && film.crop.height > 0 ? film.crop : Rect{0, 0, film.width, film.height};
+  if (!requested) return film_window;
+  const Rect& r = *requested;
+  if (!is_inside(r, film_window)) {
+    throw UsageError("the crop window " + std::to_string(r.x) + "," + std::to_string(r.y) + "," +
+                     std::to_string(r.width) + "," + std::to_string(r.height) + " must lie within the film's " +
+                     std::to_string(film_window.x) + "," + std::to_string(film_window.y) + "," +
+                     std::to_string(film_window.width) + "," + std::to_string(film_window.height));
+  }
+  return r;
+}
+
+Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c)
+    : scene(s), options(o), callbacks(c), spp(o.spp == 0 ? s.sample_count : o.spp) {
+  check_options(options, spp);
+  aovs = parse_aovs(options.aovs);
+  window = crop_window(scene.film, options.crop);
+  wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_undecided);
+  settings = make_settings(scene, options, spp, aovs);
+  field_memory = options.field_memory ? options.field_memory : default_field_memory();
+}
+
+bool Picture::is_adaptive() const {
+  if (options.light_estimator != LightEstimator::automatic) return options.light_estimator == LightEstimator::adaptive;
+  return wants_fields && !options.force_undecided;
+}
+
+int Picture::open_samples(double open_rays) const {
+  return is_adaptive() ? open_light_samples(options.light_samples, open_rays) : options.light_samples;
+}
+
+uint64_t Picture::film_samples() const {
+  const Rect film = crop_window(scene.film, {});
+  return uint64_t(film.width) * uint64_t(film.height) * uint64_t(spp);
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,60 @@
+// A picture to be made: its options, checked, and what follows from them and from the scene alone.
+//
+// Thread-safety: constant once made.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "core/camera/camera.h"
+#include "core/trace/accel.h"
+#include "field/file/field_cache.h"
+#include "hybrid/path/aovs.h"
+#include "hybrid/render/render.h"
+#include "hybrid/render/sky_stage.h"
+#include "hybrid/render/transport.h"
+#include "hybrid/visibility/shape_traits.h"
+
+namespace fieldtrace {
+
+// A picture to be made: what all attempts at it share.
+struct Picture {
+  const Scene& scene;
+  const RenderOptions& options;
+  const RenderCallbacks& callbacks;
+  int spp = 1;
+  std::vector<Aov> aovs;
+  Rect window;
+  TransportSettings settings;
+  bool wants_fields = false;
+  uint64_t field_memory = 0;  // the budget
+
+  // Throws UsageError if options are out of range.
+  Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
+
+  bool is_adaptive() const;  // whether lights that may be hidden get more light samples
+  // Light samples of each camera sample where lights may be hidden; `open_rays` as FieldSurvey::open_rays.
+  int open_samples(double open_rays) const;
+  bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
+  // Of the whole film, so that fields, and with them pixels, are the same in every window.
+  uint64_t film_samples() const;
+  uint64_t rays_per_light() const { return film_samples() * uint64_t(options.light_samples); }
+};
+
+// The pixels of the film's crop window; of `requested` if given. Throws UsageError if that does not lie within.
+Rect crop_window(const Film& film, const std::optional<Rect>& requested);
+
+// What is made from a picture's scene, once for all attempts.
+struct Stage {
+  const Accel& accel;
+  CameraSampler camera;
+  std::vector<ShapeTraits> traits;
+  std::shared_ptr<const LightTable> lights;
+  uint64_t address_space = k_no_address_limit;  // that fields may reserve
+  std::unique_ptr<FieldCache> cache = nullptr;  // opened when it is first needed
+  SkyStage sky = {};
+  VisibilityDevice* device = nullptr;  // null: the CPU
+};
+
+}  // namespace fieldtrace
