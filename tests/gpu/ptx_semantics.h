@@ -49,15 +49,14 @@ inline T get(Register r) {
   }
 }
 
-// A result of type T written to a register: extended by its sign where it is narrower.
+// A result of type T as a register holds it: extended by its sign where it is narrower.
 template <class Register, class T>
-inline void put(Register& r, T value) {
+inline Register put(T value) {
   if constexpr (sizeof(T) == sizeof(Register)) {
-    r = std::bit_cast<Register>(value);
+    return std::bit_cast<Register>(value);
   } else {
     static_assert(sizeof(T) < sizeof(Register) && std::is_integral_v<T> && std::is_integral_v<Register>);
-    r = Register(std::make_signed_t<Register>(value));
-    if constexpr (std::is_unsigned_v<T>) r = Register(value);
+    return std::is_unsigned_v<T> ? Register(value) : Register(std::make_signed_t<Register>(value));
   }
 }
 

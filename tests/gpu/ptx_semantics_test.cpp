@@ -46,11 +46,8 @@ TEST(PtxSemantics, ConversionsSaturate) {
 TEST(PtxSemantics, RegistersAreCutAndExtended) {
   EXPECT_EQ(get<int8_t>(uint16_t(0x1280)), -128);
   EXPECT_EQ(get<float>(0x3f800000u), 1.0f);
-  uint32_t wide = 0;
-  put(wide, int8_t(-2));
-  EXPECT_EQ(wide, 0xfffffffeu);
-  put(wide, uint8_t(0xfe));
-  EXPECT_EQ(wide, 0xfeu);
+  EXPECT_EQ(put<uint32_t>(int8_t(-2)), 0xfffffffeu);
+  EXPECT_EQ(put<uint32_t>(uint8_t(0xfe)), 0xfeu);
 }
 
 TEST(PtxSemantics, ShiftsOfAllBitsAreDefined) {

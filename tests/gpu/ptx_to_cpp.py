@@ -137,7 +137,8 @@ class Kernel:
             return f"(void)({value});"
         if self.registers.get(operand) == "pred":
             return f"{self.cpp_name(operand)} = {value};"
-        return f"put({self.cpp_name(operand)}, {value});"
+        name = self.cpp_name(operand)
+        return f"{name} = put<{C_TYPES[self.registers[operand]]}>({value});"
 
     def address(self, operand):
         match = re.fullmatch(r"\[\s*([%\w$]+)\s*(?:\+\s*(-?\d+))?\s*\]", operand)
