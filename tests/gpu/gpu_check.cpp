@@ -48,7 +48,8 @@ std::vector<uint32_t> blocks_of(size_t entries) {
 template <class T>
 bool same(const AlignedVector<T>& a, const AlignedVector<T>& b) {
   for (size_t i = 0; i < a.size(); ++i) {
-    if (a[i] != b[i] && !(a[i] != a[i] && b[i] != b[i])) return false;
+    const bool both_nan = std::isnan(double(a[i])) && std::isnan(double(b[i]));
+    if (a[i] != b[i] && !both_nan) return false;
   }
   return a.size() == b.size();
 }

@@ -19,8 +19,11 @@ struct PtxKernel {
   void (*launch)(uint32_t blocks, const void* arguments);
 };
 
-// For each variant all kernels.
+// For each variant all kernels; none where there is no CUDA compiler.
 const std::vector<PtxKernel>& ptx_kernels();
+
+// Said of tests that are skipped because there are none.
+inline constexpr const char* k_no_kernels = "no CUDA compiler, or no Python to translate its PTX";
 
 // The instructions that may not be in a kernel, or are unknown: architecture, kernel, opcode and why.
 const std::vector<std::string>& ptx_refusals();

@@ -28,6 +28,7 @@ gpu::EmulatedFaults by_ptx() {
 }
 
 TEST(PtxPicture, EqualsTheCpusForAllSplitsOfSamples) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
   const Scene scene = knot_over_floor(Mat3(1.0f), 48);
   expect_same_picture(scene, options_for(1, 64), 0.3, "1 x 64", by_ptx());
   expect_same_picture(scene, options_for(16, 4), 0.3, "16 x 4", by_ptx());
@@ -38,11 +39,13 @@ TEST(PtxPicture, EqualsTheCpusForAllSplitsOfSamples) {
 }
 
 TEST(PtxPicture, EqualsTheCpusOfSquashedInstances) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
   const Mat3 flat(Vec3(1, 0, 0), Vec3(0.1f, 1, 0), Vec3(0, 0, 0.1f));
   expect_same_picture(knot_over_floor(flat, 40), options_for(1, 64), 0.2, "a tenth", by_ptx());
 }
 
 TEST(PtxPicture, EqualsTheCpusOfACrowd) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
   const Scene scene = crowd(48);
   expect_same_picture(scene, options_for(1, 32), 0.2, "1 x 32", by_ptx());
   expect_same_picture(scene, options_for(4, 1), 0.2, "4 x 1", by_ptx());
@@ -50,6 +53,7 @@ TEST(PtxPicture, EqualsTheCpusOfACrowd) {
 
 // Skies and glossy surfaces, too: what the device has no questions for is the CPU's, and the rest the device's.
 TEST(PtxPicture, EqualsTheCpusOfHardScenes) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
   for (const HybridScene& s : hybrid_scenes(24)) {
     const RenderOptions o = options_for(1, 16);
     const EmulatedPicture device = render_emulated(s.scene, o, by_ptx());
@@ -62,6 +66,7 @@ TEST(PtxPicture, EqualsTheCpusOfHardScenes) {
 #if defined(FIELDTRACE_EMULATED_DRIVER)
 // As the driver gets them: a copy of as many bytes as the launch says.
 TEST(PtxPicture, EqualsTheCpusThroughTheRuntimeLayer) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
   void* const library = dlopen(FIELDTRACE_EMULATED_DRIVER, RTLD_NOW);
   ASSERT_NE(library, nullptr);
   using RunKernels = void (*)(int, unsigned, const void*);

@@ -64,8 +64,12 @@ inline void put(Register& r, T value) {
 inline float float_of(uint32_t bits) { return std::bit_cast<float>(bits); }
 inline double double_of(uint64_t bits) { return std::bit_cast<double>(bits); }
 
-inline float canonical(float a) { return a != a ? float_of(0x7fffffffu) : a; }
-inline double canonical(double a) { return a != a ? double_of(0x7fffffffffffffffull) : a; }
+template <class T>
+inline bool is_nan(T a) {
+  return std::isnan(a);
+}
+inline float canonical(float a) { return is_nan(a) ? float_of(0x7fffffffu) : a; }
+inline double canonical(double a) { return is_nan(a) ? double_of(0x7fffffffffffffffull) : a; }
 
 // ---- floats (T: float or double); all round to nearest, ties to even
 
@@ -104,13 +108,13 @@ inline T negative(T a) {
 // One NaN gives the other operand; +0 is more than -0.
 template <class T>
 inline T minimum(T a, T b) {
-  if (a != a || b != b) return canonical(a != a ? b : a);
+  if (is_nan(a) || is_nan(b)) return canonical(is_nan(a) ? b : a);
   if (a == b) return std::signbit(a) ? a : b;
   return a < b ? a : b;
 }
 template <class T>
 inline T maximum(T a, T b) {
-  if (a != a || b != b) return canonical(a != a ? b : a);
+  if (is_nan(a) || is_nan(b)) return canonical(is_nan(a) ? b : a);
   if (a == b) return std::signbit(a) ? b : a;
   return a > b ? a : b;
 }
@@ -133,7 +137,7 @@ inline T round_to_whole(T a) {
 // Saturates; NaN becomes 0, or the sign bit alone where either side has 64 bits.
 template <class Int, Rounding k_rounding, class T>
 inline Int to_whole(T a) {
-  if (a != a) return sizeof(Int) == 8 || sizeof(T) == 8 ? Int(uint64_t(1) << (8 * sizeof(Int) - 1)) : Int(0);
+  if (is_nan(a)) return sizeof(Int) == 8 || sizeof(T) == 8 ? Int(uint64_t(1) << (8 * sizeof(Int) - 1)) : Int(0);
   const T whole = round_to_whole<k_rounding>(a);
   const T end = std::ldexp(T(1), std::numeric_limits<Int>::digits);
   if (whole >= end) return std::numeric_limits<Int>::max();
@@ -230,14 +234,6 @@ inline uint32_t funnel(bool left, bool wraps, uint32_t a, uint32_t b, uint32_t a
   amount = wraps ? amount & 31u : amount < 32u ? amount : 32u;
   const uint64_t both = uint64_t(b) << 32 | a;
   return left ? uint32_t(both << amount >> 32) : uint32_t(both >> amount);
-}
-
-// ---- comparisons
-
-// Ordered: false where an operand is NaN; unordered: true there.
-template <class T>
-inline bool is_nan(T a) {
-  return a != a;
 }
 
 // ---- memory: generic addresses are those of this process
