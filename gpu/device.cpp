@@ -53,10 +53,16 @@ void GpuDevice::release() {
 }
 
 void GpuDevice::lose(const std::string& why) {
-  warnings_.push_back("the GPU is not used any more: " + why + "; the CPU answers instead");
   release();
-  const std::lock_guard lock(mutex_);
-  is_lost_ = true;
+  {
+    const std::lock_guard lock(mutex_);
+    is_lost_ = true;
+  }
+  try {
+    warnings_.push_back("the GPU is not used any more: " + why + "; the CPU answers instead");
+  } catch (const std::bad_alloc&) {
+    // Without memory for its warning the picture is still finished.
+  }
 }
 
 void GpuDevice::ask(Question& question) {
