@@ -82,13 +82,13 @@ TradeoffPlan make_tradeoff_plan(const Scene& scene, const TradeoffPlanOptions& o
   const std::vector<int> hybrid = options.quick ? std::vector{1, 4, 16} : std::vector{1, 4, 16, 64};
   const std::vector<float> tolerances =
       options.quick ? std::vector{0.0f, 0.1f, 1.0f} : std::vector{0.0f, 0.05f, 0.1f, 0.25f, 0.5f, 1.0f};
-  for (const int spp : monte_carlo) add(Method::monte_carlo, spp, options.base.tolerance, 0, 0);
+  for (const int spp : monte_carlo) add(Method::monte_carlo, spp, options.base.base_tolerance(), 0, 0);
   for (const int spp : hybrid) {
     for (const float tolerance : tolerances) add(Method::hybrid, spp, tolerance, scene_directions, scene_plane);
   }
   if (!options.quick) {
     for (const int directions : {32, 64, 128}) {
-      for (const int plane : {64, 128, 256}) add(Method::hybrid, 16, options.base.tolerance, directions, plane);
+      for (const int plane : {64, 128, 256}) add(Method::hybrid, 16, options.base.base_tolerance(), directions, plane);
     }
   }
   return plan;
@@ -146,7 +146,7 @@ std::string tradeoff_csv_row(const TradeoffRow& row, const std::vector<ErrorPoin
   return fmt::format(
       "{},{},{},{:.6g},{},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},"
       "{:.6g},{:.6g},{},{},{}",
-      is_hybrid(row.options) ? "hybrid" : "montecarlo", c.spp, c.light_samples, row.options.tolerance,
+      is_hybrid(row.options) ? "hybrid" : "montecarlo", c.spp, c.light_samples, row.options.base_tolerance(),
       c.field_directions, c.field_plane, row.seconds_cold, row.seconds_warm, c.time_bake, c.time_primary,
       c.time_secondary, w.time_secondary, d.rmse, d.relmse, d.worst_block_rmse, d.bias, c.exact_fraction(),
       c.spheres_per_ray(), c.field_bytes_memory, c.field_bytes_disk,

@@ -15,15 +15,15 @@ constexpr int64_t k_most_survey_samples = 64;
 // Where every cell answers, or all are undecided by request, there is nothing to survey.
 bool wants_survey(const Picture& picture, const FieldSet& fields) {
   const RenderOptions& options = picture.options;
-  return fields.answers_shadows() && options.leave_to_rays && !options.force_undecided && options.tolerance < 1.0f;
+  return fields.answers_shadows() && options.leave_to_rays && !options.force_undecided && picture.tolerance < 1.0f;
 }
 
 // Surveys the picture with `light_samples` from one point of each pixel, as clusters will ask for them together.
 FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std::vector<Field*>& fields,
-                           std::vector<uint8_t> self_to_rays, TransportSettings settings, int light_samples,
-                           Stats& stats) {
+                           std::vector<uint8_t> self_to_rays, float tolerance, TransportSettings settings,
+                           int light_samples, Stats& stats) {
   const RenderOptions& options = picture.options;
-  AnswererSettings counting{picture.settings.isa, options.tolerance, false, false, options.whole_lights};
+  AnswererSettings counting{picture.settings.isa, tolerance, false, false, options.whole_lights};
   counting.count_uses = true;
   counting.self_to_rays = std::move(self_to_rays);
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields, counting);
@@ -40,14 +40,14 @@ FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std
 
 }  // namespace
 
-TransportSettings settings_for(const Picture& picture, const FieldSet& fields) {
+TransportSettings settings_for(const Picture& picture, const FieldSet& fields, float tolerance) {
   TransportSettings s = picture.settings;
   const RenderOptions& options = picture.options;
   const std::vector<Field*> answering = fields.pointers();
   s.estimates = options.whole_lights && !options.force_undecided &&
                 std::any_of(answering.begin(), answering.end(), [](const Field* f) { return f != nullptr; });
   if (!s.estimates) return s;
-  s.most_undecided = int(k_most_undecided_strata * options.tolerance / k_default_tolerance);
+  s.most_undecided = int(k_most_undecided_strata * tolerance / k_default_tolerance);
   return s;
 }
 
@@ -57,7 +57,7 @@ bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, 
   TransportSettings settings = picture.settings;
   settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
-  FieldSurvey survey = survey_picture(picture, stage, none, {}, settings, 1, stats);
+  FieldSurvey survey = survey_picture(picture, stage, none, {}, picture.tolerance, settings, 1, stats);
   if (survey.interrupted) return false;
   open_samples = picture.open_samples(survey.open_rays);
   survey.scale *= double(open_samples) / double(picture.options.light_samples);
@@ -65,12 +65,13 @@ bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, 
   return true;
 }
 
-bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats) {
+bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, int& open_samples,
+                   Stats& stats) {
   if (!wants_survey(picture, fields)) return true;
   const int64_t of_pixel = int64_t(picture.spp) * picture.options.light_samples;
-  TransportSettings settings = settings_for(picture, fields);
+  TransportSettings settings = settings_for(picture, fields, tolerance);
   settings.pixel_samples = 1;
-  FieldSurvey survey = survey_picture(picture, stage, fields.pointers(), fields.self_to_rays(), settings,
+  FieldSurvey survey = survey_picture(picture, stage, fields.pointers(), fields.self_to_rays(), tolerance, settings,
                                       int(std::min<int64_t>(of_pixel, k_most_survey_samples)), stats);
   if (survey.interrupted) return false;
   // What fields answer spares as many light samples as exact rays alone would get.

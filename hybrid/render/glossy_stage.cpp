@@ -36,7 +36,7 @@ std::vector<uint32_t> choose_hit_instances(const Scene& scene, std::span<const S
                                            const TransportSettings& settings, const RenderOptions& options,
                                            const FieldParameters& parameters, uint64_t camera_samples) {
   // At tolerance 1 cells answer whose error has no known bound.
-  if (options.field_hits == FieldHits::never || options.tolerance >= 1.0f) return {};
+  if (options.field_hits == FieldHits::never || options.base_tolerance() >= 1.0f) return {};
   if (!sends_glossy_rays(scene, settings, options)) return {};
   const bool by_request = options.field_hits == FieldHits::always;
   std::vector<uint32_t> suited =
@@ -58,7 +58,7 @@ GlossyStage::~GlossyStage() = default;
 
 void GlossyStage::make_hits(const GlossyInput& input) {
   if (input.hit_instances.empty()) return;
-  const AnswererSettings settings{input.settings.isa, input.options.tolerance, input.options.check};
+  const AnswererSettings settings{input.settings.isa, input.options.base_tolerance(), input.options.check};
   hits_ = std::make_unique<HitAnswerer>(input.scene, input.accel, input.traits, input.fields, input.hit_instances,
                                         settings);
 }
@@ -73,8 +73,8 @@ void GlossyStage::make_maps(const GlossyInput& input) {
   shading_ = std::make_unique<TransportContext>(input.scene, input.accel, input.camera, *exact_,
                                                 patch_settings(input.settings), input.lights);
   shading_->make_follower = make_path_follower;
-  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, input.options.tolerance, most_rays, input.most_map_bytes,
-                                          hits_.get());
+  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, input.options.base_tolerance(), most_rays,
+                                          input.most_map_bytes, hits_.get());
   maps_left_out_ = lobes_->left_out_for_memory();
   if (lobes_->empty()) lobes_.reset();
 }

@@ -28,8 +28,8 @@ void check_options(const RenderOptions& o, int spp) {
   check_range("camera samples x light samples", int64_t(spp) * o.light_samples, 1, k_most_samples);
   check_range("camera samples x lobe samples", int64_t(spp) * o.lobe_samples, 1, k_most_samples);
   check_range("the number of threads", o.threads, 0, 4096);
-  if (!(o.tolerance >= 0.0f && o.tolerance <= 1.0f))
-    throw UsageError("the tolerance is " + std::to_string(o.tolerance) + "; it must lie between 0 and 1");
+  if (o.tolerance && !(*o.tolerance >= 0.0f && *o.tolerance <= 1.0f))
+    throw UsageError("the tolerance is " + std::to_string(*o.tolerance) + "; it must lie between 0 and 1");
   if (!(o.ao_distance > 0.0f))
     throw UsageError("the distance of ambient occlusion is " + std::to_string(o.ao_distance) +
                      "; it must be greater than 0");
@@ -80,7 +80,8 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
   check_options(options, spp);
   aovs = parse_aovs(options.aovs);
   window = crop_window(scene.film, options.crop);
-  wants_fields = options.method == Method::hybrid && (options.tolerance > 0.0f || options.force_undecided);
+  tolerance = options.base_tolerance();
+  wants_fields = options.method == Method::hybrid && (tolerance > 0.0f || options.force_undecided);
   settings = make_settings(scene, options, spp, aovs);
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
 }
@@ -92,6 +93,12 @@ bool Picture::is_adaptive() const {
 
 int Picture::open_samples(double open_rays) const {
   return is_adaptive() ? open_light_samples(options.light_samples, open_rays) : options.light_samples;
+}
+
+float Picture::light_tolerance(int open_samples) const {
+  if (options.tolerance) return *options.tolerance;
+  const double of_pixel = double(spp) * double(std::max(options.light_samples, open_samples));
+  return float(tolerance * std::min(1.0, k_tolerated_light_samples / of_pixel));
 }
 
 uint64_t Picture::film_samples() const {

@@ -18,6 +18,10 @@
 
 namespace fieldtrace {
 
+// Up to this many light samples a pixel their noise exceeds what estimates at the default tolerance err; with more the
+// tolerance is less in proportion (docs/decisions/030-tolerance-by-noise.md).
+inline constexpr double k_tolerated_light_samples = 128.0;
+
 // A picture to be made: what all attempts at it share.
 struct Picture {
   const Scene& scene;
@@ -27,6 +31,7 @@ struct Picture {
   std::vector<Aov> aovs;
   Rect window;
   TransportSettings settings;
+  float tolerance = k_default_tolerance;  // requested
   bool wants_fields = false;
   uint64_t field_memory = 0;  // the budget
 
@@ -36,6 +41,8 @@ struct Picture {
   bool is_adaptive() const;  // whether lights that may be hidden get more light samples
   // Light samples of each camera sample where lights may be hidden; `open_rays` as FieldSurvey::open_rays.
   int open_samples(double open_rays) const;
+  // That of lights, which take `open_samples` light samples for each camera sample.
+  float light_tolerance(int open_samples) const;
   bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
   // Of the whole film, so that fields, and with them pixels, are the same in every window.
   uint64_t film_samples() const;

@@ -63,7 +63,7 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   if (options.plane) plan.parameters.plane = options.plane;
   // No shape is left out for its cost where every cell answers, or where undecided cells or a resolution are requested.
   const bool by_request = options.force_undecided || options.directions || options.plane;
-  if (options.leave_to_rays && !by_request && options.tolerance < 1.0f) {
+  if (options.leave_to_rays && !by_request && picture.tolerance < 1.0f) {
     plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
   }
   if (picture.wants_fields)
@@ -117,19 +117,20 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
                   stage.address_space);
   int open_samples = options.light_samples;
   bool surveyed = leave_unpaid(picture, stage, fields, open_samples, stats);
+  stats.tolerance = picture.light_tolerance(open_samples);
   if (!stage.cache) stage.cache = open_cache(options, fields.empty(), warning);
   FieldCache* const cache = stage.cache.get();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
   }
-  surveyed = surveyed && leave_to_rays(picture, stage, fields, open_samples, stats);
-  AnswererSettings settings{picture.settings.isa, options.tolerance, options.check, options.force_undecided,
+  surveyed = surveyed && leave_to_rays(picture, stage, fields, stats.tolerance, open_samples, stats);
+  AnswererSettings settings{picture.settings.isa, stats.tolerance, options.check, options.force_undecided,
                             options.whole_lights};
   settings.self_to_rays = fields.self_to_rays();
   settings.device = stage.device;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
-  TransportSettings tracing = settings_for(picture, fields);
+  TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
   tracing.sky_by_maps = stage.sky.light != nullptr;
   tracing.open_light_samples = stats.open_light_samples = open_samples;
   if (picture.is_adaptive()) tracing.open_sun_samples = std::max(options.light_samples, k_open_sun_samples);
@@ -193,7 +194,7 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   bake.stop = callbacks.stop;
   if (callbacks.progress) bake.progress = [&](float share) { callbacks.progress(share, "bake"); };
   const bool complete = fields.make(stage.accel, cache.get(), bake, callbacks.warning, result.stats);
-  AnswererSettings settings{picture.settings.isa, options.tolerance, options.check};
+  AnswererSettings settings{picture.settings.isa, picture.tolerance, options.check};
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, none, settings, fields.pointers());
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
@@ -223,6 +224,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
         open_device(options.device, {segment_kernels(picture.settings.isa), options.device_memory, told_once.warning});
   }
   RenderResult result;
+  result.stats.tolerance = picture.tolerance;
   // By default TBB starts no more workers than there are hardware threads.
   std::optional<tbb::global_control> more_threads;
   if (threads > int(std::thread::hardware_concurrency()))
@@ -269,7 +271,6 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   stats.spp = picture.spp;
   stats.light_samples = options.light_samples;
   stats.open_light_samples = std::max(stats.open_light_samples, options.light_samples);
-  stats.tolerance = options.tolerance;
   stats.width = picture.window.width;
   stats.height = picture.window.height;
   stats.threads = threads;

@@ -45,11 +45,13 @@ inline constexpr int k_most_lobe_samples = 1 << 12;
 
 struct RenderOptions {
   Method method = Method::hybrid;
-  int spp = 0;                            // camera samples a pixel; 0: the scene file's sampler
-  int light_samples = 1;                  // shadow rays per light and hit
-  int lobe_samples = 1;                   // rays per glossy hit of the camera path
-  std::optional<uint32_t> seed;           // default: the scene file's
-  float tolerance = k_default_tolerance;  // [0, 1]; 0: every ray is traced, 1: every cell answers
+  int spp = 0;                   // camera samples a pixel; 0: the scene file's sampler
+  int light_samples = 1;         // shadow rays per light and hit
+  int lobe_samples = 1;          // rays per glossy hit of the camera path
+  std::optional<uint32_t> seed;  // default: the scene file's
+  // [0, 1]; 0: every ray is traced, 1: every cell answers. Default: k_default_tolerance, for lights less where a pixel
+  // has so many light samples that estimates would err more than noise (docs/decisions/030-tolerance-by-noise.md).
+  std::optional<float> tolerance;
   Chart chart = Chart::orthographic;
   int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene. Thesis: M, 32, 64 or 128; 0: 64
   int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene. Thesis: 0
@@ -72,6 +74,8 @@ struct RenderOptions {
   uint64_t fewest_answers = 0;     // also leave those whose field would answer fewer rays of the film
   std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao
   float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude in the layer ao
+
+  float base_tolerance() const { return tolerance.value_or(k_default_tolerance); }
 };
 
 struct RenderCallbacks {

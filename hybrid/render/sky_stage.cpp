@@ -129,8 +129,8 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
                   const RenderOptions& options, const SkyRequest& request, const CacheOpener& cache,
                   const RenderCallbacks& callbacks, Stats& stats) {
   SkyStage stage;
-  if (!(options.tolerance > 0.0f) || options.force_undecided) return stage;
-  const float slack = options.tolerance / k_default_tolerance;
+  if (!(options.base_tolerance() > 0.0f) || options.force_undecided) return stage;
+  const float slack = options.base_tolerance() / k_default_tolerance;
   MappedShapes mapped = mapped_shapes(scene, traits);
   const std::vector<MappedShape>& shapes = mapped.shapes;
   const bool by_request = options.directions || options.plane || !options.leave_to_rays;

@@ -41,7 +41,7 @@ struct Renders {
 
 // Renders by seeds first_seed, first_seed + 1, ...; fields, if there are any, are baked once for all.
 Renders render_reference_scene(const Scene& loaded, const ReferenceScene& scene, Method method, int renders,
-                               uint32_t first_seed, float tolerance = RenderOptions().tolerance);
+                               uint32_t first_seed, float tolerance = k_default_tolerance);
 
 // What fields may add at the default tolerance, by the aims of docs/decisions/017-figures.md, row 10, which are stated
 // for a picture of level 1: here for the reference's mean.

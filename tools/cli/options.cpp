@@ -191,7 +191,8 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->check(whole_number_between(0, std::numeric_limits<uint32_t>::max()))
       ->type_name("S");
   command
-      .add_option("--tolerance", options.tolerance, "From 0 (every ray exact) to 1 (every cell answers) (default: 0.1)")
+      .add_option("--tolerance", options.tolerance,
+                  "From 0 (every ray exact) to 1 (every cell answers) (default: 0.1, less with many samples)")
       ->check(number_between(0.0, 1.0))
       ->type_name("T");
   command.add_option("--directions", options.directions, "Direction cells D of a field (default: from the scene)")

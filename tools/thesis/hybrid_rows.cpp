@@ -94,7 +94,7 @@ bool measure_hybrid(const std::vector<PhongScene>& scenes, bool quick, const std
       row.scene = phong.title;
       row.method = method;
       row.spp = options.spp;
-      row.tolerance = options.method == Method::hybrid ? double(options.tolerance) : 0.0;
+      row.tolerance = options.method == Method::hybrid ? double(options.base_tolerance()) : 0.0;
       const ScratchFolder cache(scratch_folder, "field-cache");
       if (options.method == Method::hybrid) options.field_cache = cache.path();
       const Timed cold = timed_render(scene, options, stop), warm = timed_render(scene, options, stop);
