@@ -257,22 +257,24 @@ FT_HD_INLINE F share_of_slope(const PlaneLines& plane, const PlaneSlope& slope, 
   place(plane.x, slope.dx, plane.per_unit_x);
   place(plane.y, slope.dy, plane.per_unit_y);
   if (all(inside | outside)) return select(inside, one, zero);
+  // Cuts round; what is bounded stays as it is, whatever other lanes go on for.
+  const auto bounded = [&](F share) { return select(inside, one, select(outside, zero, share)); };
   EdgeCut<F> x[2], y[2];
   cut_by_edges<F>(plane.x, slope.dx, plane.per_unit_x, height, fall, half, p, x);
   const F of_x = share_of_both<F>(x[0].share, x[1].share, cosine_between<F>(x[0], x[1], plane.per_unit_x));
-  if (!any(of_x > zero)) return zero;
+  if (!any(of_x > zero)) return bounded(zero);
   cut_by_edges<F>(plane.y, slope.dy, plane.per_unit_y, height, fall, half, p, y);
   const F of_y = share_of_both<F>(y[0].share, y[1].share, cosine_between<F>(y[0], y[1], plane.per_unit_y));
   const F share = min(min(of_x, of_y), heading);
   const Mask_t<F> cut_twice = (share > zero) & (max(of_x, of_y) < one);
-  if (!any(cut_twice)) return share;
+  if (!any(cut_twice)) return bounded(share);
   F least = one, most = one;
   for (int i = 0; i < 4; ++i) {
     const EdgeCut<F>&a = x[i / 2], &b = y[i % 2];
     const F relative = relative_overlap<F>(a.share, b.share, cosine_between<F>(a, b, plane.x_dot_y));
     least = min(least, relative), most = max(most, relative);
   }
-  return select(cut_twice, min(of_x * of_y * (least * most), share), share);
+  return bounded(select(cut_twice, min(of_x * of_y * (least * most), share), share));
 }
 
 // Whether the cell may meet the ball.

@@ -1,0 +1,152 @@
+// The kernels of direction cells: the same bits on every instruction set.
+
+#include "field/maps/cell_kernels.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+
+#include "field/maps/cell_visibility.hd.h"
+#include "tests/support/cell_tasks.h"
+
+namespace fieldtrace {
+namespace {
+
+using namespace test;
+
+TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
+  TestRandom random(5);
+  std::vector<DirectionMaps> maps;
+  for (const int texels : {8, 16, 64}) maps.push_back(noisy_maps(texels, random));
+  std::vector<MapsView> views;
+  for (const DirectionMaps& m : maps) views.push_back(m.view());
+  std::vector<RadiancePyramids> pyramids;
+  for (const int texels : {2, 8, 16}) pyramids.push_back(noisy_radiance(texels, 4, random));
+  std::vector<RadianceView> radiance;
+  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  size_t undecided = 0, taken = 0, partly = 0, all = 0, reflected = 0;
+  for (int trial = 0; trial < 2000; ++trial) {
+    RandomTask r;
+    make_task(views, random, r);
+    if (trial % 4 >= 2) add_radiance(radiance, random, r);
+    const Points points = random_points(r, 1 + random.index(100), random);
+    AlignedVector<float> before(size_t(points.size), 0.0f);
+    if (trial % 2) std::generate(before.begin(), before.end(), [&] { return random.uniform(); });
+    const Answer expected = ask(Isa::scalar, r.task, points, before);
+    undecided += expected.undecided.size(), all += size_t(points.size);
+    for (size_t i = 0; i < size_t(points.size); ++i) {
+      const float most = r.task.weight[0] * scalar::cosine_over_cell<float>(r.task.vector[0] * points.values[6][i] +
+                                                                                r.task.vector[1] * points.values[7][i] +
+                                                                                r.task.vector[2] * points.values[8][i],
+                                                                            r.task.cosine_half);
+      const float sum = expected.sums[0][i] - before[i];
+      EXPECT_GE(sum, 0.0f);
+      EXPECT_LE(sum, most * (1.0f + 1e-5f) + 1e-6f * before[i]);
+      const float back = expected.sums[3][i] - before[i], whole = 4.0f * r.task.half * r.task.half;
+      EXPECT_GE(back, 0.0f);
+      EXPECT_LE(back, whole * 1.01f);
+      EXPECT_TRUE(back == 0.0f || r.task.reflects);
+      reflected += back > 0.0f;
+      taken += sum > 0.0f, partly += sum > 0.01f * most && sum < 0.99f * most;
+    }
+    for (const Isa isa : supported_isas()) {
+      const Answer answer = ask(isa, r.task, points, before);
+      ASSERT_EQ(answer.undecided, expected.undecided) << isa_name(isa) << " " << trial;
+      for (int channel = 0; channel < 6; ++channel) {
+        for (size_t i = 0; i < size_t(points.size); ++i) {
+          ASSERT_EQ(std::bit_cast<uint32_t>(answer.sums[channel][i]),
+                    std::bit_cast<uint32_t>(expected.sums[channel][i]))
+              << isa_name(isa) << " " << trial << " " << i;
+        }
+      }
+    }
+  }
+  // The tasks reach all of the kernel.
+  EXPECT_GT(undecided, all / 10);
+  EXPECT_LT(undecided, all / 2);
+  EXPECT_GT(taken, all / 4);
+  EXPECT_GT(partly, all / 50);
+  EXPECT_GT(reflected, all / 20);
+}
+
+// A point on an edge's line or near it, in the plane or near it, over the parallelogram or far away.
+Vec3 extreme_point(const Parallelogram& q, TestRandom& random) {
+  const auto coordinate = [&] {
+    const float at = std::array{-1.0f, 0.0f, 1.0f, random.uniform(-1.5f, 1.5f)}[random.index(4)];
+    return random.index(2) ? at : at + random.uniform(-1.0f, 1.0f) * random.log_uniform(1e-8f, 1e8f);
+  };
+  const Vec3 n = glm::normalize(glm::cross(q.x, q.y));
+  const float size = glm::length(q.x), height = random.index(8) ? size * random.log_uniform(1e-8f, 1e8f) : 0.0f;
+  return q.centre + q.x * coordinate() + q.y * coordinate() + n * (random.index(2) ? height : -height);
+}
+
+// Points keep their answers whatever points lie beside them in a vector, where bounds and exact cuts meet, too: cells
+// whose border runs along a plane's horizon to a few roundings, points in planes and on the lines of edges.
+TEST(CellKernels, SharesOfPlanesDoNotDependOnThePointsBeside) {
+  TestRandom random(7);
+  size_t hidden = 0, partly = 0;
+  for (int trial = 0; trial < 20000; ++trial) {
+    RandomTask r;
+    make_task({}, random, r);
+    r.task.ball_count = 0;
+    const float size = random.log_uniform(1e-6f, 1e6f);
+    const Parallelogram q = {random.in_ball() * (random.index(2) ? size : 0.0f), random.direction() * size,
+                             random.direction() * size * random.log_uniform(1e-3f, 1.0f)};
+    PlaneLines lines = q.lines(Vec3(r.task.direction[0], r.task.direction[1], r.task.direction[2]));
+    if (random.index(2)) {
+      float rise = r.task.cosine_half;
+      for (uint32_t n = random.index(4); n > 0; --n) rise = std::nextafter(rise, random.index(2) ? 0.0f : 1.0f);
+      lines.centre.rise = random.index(2) ? rise : -rise;
+    }
+    r.planes.assign(1, lines);
+    r.task.planes = r.planes.data(), r.task.plane_count = 1;
+    Points points(32);
+    for (size_t i = 0; i < size_t(points.size); ++i) {
+      points.set(i, random.index(4) ? extreme_point(q, random) : random.in_ball() * size, random.direction(),
+                 random.direction());
+    }
+    const AlignedVector<float> before(size_t(points.size), 0.0f);
+    const Answer expected = ask(Isa::scalar, r.task, points, before);
+    for (size_t i = 0; i < size_t(points.size); ++i) {
+      const float share = scalar::share_of_slope<float>(
+          lines, lines.centre, r.task.cosine_half, {points.values[0][i], points.values[1][i], points.values[2][i]});
+      hidden += share == 1.0f, partly += share > 0.0f && share < 1.0f;
+    }
+    for (const Isa isa : supported_isas()) {
+      const Answer answer = ask(isa, r.task, points, before);
+      for (size_t i = 0; i < size_t(points.size); ++i) {
+        ASSERT_EQ(std::bit_cast<uint32_t>(answer.sums[0][i]), std::bit_cast<uint32_t>(expected.sums[0][i]))
+            << isa_name(isa) << " " << trial << " " << i;
+      }
+    }
+  }
+  EXPECT_GT(hidden, 2000u);
+  EXPECT_GT(partly, 20000u);
+}
+
+TEST(CellKernels, WeightlessAndUnlitCellsTakeNothing) {
+  TestRandom random(6);
+  const DirectionMaps maps = noisy_maps(16, random);
+  const std::vector<MapsView> views = {maps.view()};
+  for (int trial = 0; trial < 200; ++trial) {
+    RandomTask r;
+    make_task(views, random, r);
+    const Points points = random_points(r, 64, random);
+    const AlignedVector<float> before(size_t(points.size), 0.75f);
+    for (const Isa isa : supported_isas()) {
+      CellTask black = r.task;
+      for (float& w : black.weight) w = 0.0f;
+      for (const auto& sum : ask(isa, black, points, before).sums) EXPECT_EQ(sum, before);
+      CellTask open = r.task;
+      open.own = nullptr, open.map_count = open.plane_count = open.ball_count = 0;
+      const Answer answer = ask(isa, open, points, before);
+      for (const auto& sum : answer.sums) EXPECT_EQ(sum, before);
+      EXPECT_TRUE(answer.undecided.empty());
+    }
+  }
+}
+
+}  // namespace
+}  // namespace fieldtrace
