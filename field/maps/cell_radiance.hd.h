@@ -23,6 +23,14 @@ FT_HD_INLINE F dot3(const float* a, const Vec3Lanes<F>& b) {
   return splat<F>(a[0]) * b.x + splat<F>(a[1]) * b.y + splat<F>(a[2]) * b.z;
 }
 
+// `a` moved into [0, most]; 0 if it is not a number. Look-ups stay within their tables whatever they are asked: what
+// max() makes of NaN depends on the instruction set.
+template <class F>
+FT_HD_INLINE F within_table(F a, F most) {
+  const F zero = splat<F>(0.0f);
+  return min(select(a > zero, a, zero), most);
+}
+
 // A bilinear read of the level whose texels are nearest to the footprint. begin: of the pyramid, bytes; x, y: texels of
 // level 0, moved into the map; footprint: texels.
 template <class F>
@@ -40,7 +48,7 @@ FT_HD_INLINE Vec3Lanes<F> read_radiance(const RadianceView& view, Int_t<F> begin
     limit *= 2.0f;
   }
   const F side = splat<F>(float(view.texels)) * scale;
-  const auto clamped = [&](F a) { return min(max(select(wanted, a * scale - half, zero), zero), side - one); };
+  const auto clamped = [&](F a) { return within_table<F>(select(wanted, a * scale - half, zero), side - one); };
   const F column = clamped(x), row = clamped(y);
   const F x0 = min(floor(column), side - splat<F>(2.0f)), y0 = min(floor(row), side - splat<F>(2.0f));
   const F fx = column - x0, fy = row - y0;

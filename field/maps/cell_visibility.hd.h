@@ -60,12 +60,12 @@ struct DepthTaps {
   F dx0, dy0;  // from the point to the first tap, texels
 };
 
-// x, y: within [0, texels].
+// Coordinates beyond [0, texels] read at the map's end.
 template <class F>
 FT_HD_INLINE DepthTaps<F> read_depths(const MapLines& lines, F x, F y, Mask_t<F> wanted) {
   const MapsView& maps = *lines.maps;
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f), last = splat<F>(float(maps.texels - 2));
-  const F x0 = min(max(floor(x - half), zero), last), y0 = min(max(floor(y - half), zero), last);
+  const F x0 = within_table<F>(floor(x - half), last), y0 = within_table<F>(floor(y - half), last);
   const F fx = min(max(x - half - x0, zero), one), fy = min(max(y - half - y0, zero), one);
   const Int_t<F> texel = small_to_int(y0) * splat_int<F>(maps.texels) + small_to_int(x0);
   const Int_t<F> byte = select(wanted, texel + texel, splat_int<F>(0)) + splat_int<F>(lines.depth_begin);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <limits>
 
 #include "field/maps/cell_visibility.hd.h"
 #include "tests/support/cell_tasks.h"
@@ -124,6 +125,78 @@ TEST(CellKernels, SharesOfPlanesDoNotDependOnThePointsBeside) {
   }
   EXPECT_GT(hidden, 2000u);
   EXPECT_GT(partly, 20000u);
+}
+
+// Any bits of points may be looked up: what they see means nothing, but nothing outside of the maps is read, and points
+// beside them see what they would without. The maps lie at the ends of their memory (run with an address sanitizer).
+TEST(CellKernels, AnyBitsOfPointsAreSafe) {
+  constexpr float k_nan = std::numeric_limits<float>::quiet_NaN(), k_infinite = std::numeric_limits<float>::infinity();
+  constexpr float k_huge = std::numeric_limits<float>::max(), k_tiny = std::numeric_limits<float>::denorm_min();
+  TestRandom random(8);
+  const auto bits = [&] {
+    const float value =
+        std::array{k_nan,
+                   k_infinite,
+                   k_huge,
+                   1e20f,
+                   8388608.0f,
+                   k_tiny,
+                   0.0f,
+                   random.uniform(),
+                   std::bit_cast<float>((random.index(1u << 16) << 16) | random.index(1u << 16))}[random.index(9)];
+    return random.index(2) ? value : -value;
+  };
+  std::vector<DirectionMaps> maps;
+  for (const int texels : {8, 64}) maps.push_back(noisy_maps(texels, random));
+  std::vector<MapsView> views;
+  for (const DirectionMaps& m : maps) views.push_back(m.view());
+  std::vector<RadiancePyramids> pyramids;
+  for (const int texels : {2, 16}) pyramids.push_back(noisy_radiance(texels, 4, random));
+  std::vector<RadianceView> radiance;
+  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  for (int trial = 0; trial < 4000; ++trial) {
+    RandomTask r;
+    make_task(views, random, r);
+    if (trial % 2) add_radiance(radiance, random, r);
+    const Points sound = random_points(r, 64, random);
+    Points points = sound;
+    std::vector<uint8_t> is_sound(size_t(points.size), 1);
+    for (size_t i = 0; i < size_t(points.size); ++i) {
+      if (random.index(2)) continue;
+      is_sound[i] = 0;
+      // Positions, normals or both, one component or all.
+      for (const size_t a : {0u, 3u, 6u}) {
+        if (random.index(2)) continue;
+        const bool all = random.index(2) == 0;
+        for (size_t c = 0; c < 3; ++c) {
+          if (all || random.index(3) == 0) points.values[a + c][i] = bits();
+        }
+      }
+    }
+    const AlignedVector<float> before(size_t(points.size), 0.0f);
+    const Answer expected = ask(Isa::scalar, r.task, sound, before);
+    for (const Isa isa : supported_isas()) {
+      const Answer answer = ask(isa, r.task, points, before);
+      ASSERT_LE(answer.undecided.size(), size_t(points.size));
+      ASSERT_TRUE(std::is_sorted(answer.undecided.begin(), answer.undecided.end()));
+      std::vector<int32_t> undecided[2];
+      for (const int32_t i : answer.undecided) {
+        ASSERT_TRUE(i >= 0 && i < points.size) << isa_name(isa) << " " << trial << " " << i;
+        if (is_sound[size_t(i)]) undecided[0].push_back(i);
+      }
+      for (const int32_t i : expected.undecided) {
+        if (is_sound[size_t(i)]) undecided[1].push_back(i);
+      }
+      ASSERT_EQ(undecided[0], undecided[1]) << isa_name(isa) << " " << trial;
+      for (size_t i = 0; i < size_t(points.size); ++i) {
+        for (size_t channel = 0; is_sound[i] && channel < 6; ++channel) {
+          ASSERT_EQ(std::bit_cast<uint32_t>(answer.sums[channel][i]),
+                    std::bit_cast<uint32_t>(expected.sums[channel][i]))
+              << isa_name(isa) << " " << trial << " " << i;
+        }
+      }
+    }
+  }
 }
 
 TEST(CellKernels, WeightlessAndUnlitCellsTakeNothing) {
