@@ -46,6 +46,20 @@ FT_HD_INLINE F weight_of_cosine(F c, float grazing) {
   return c * (one - splat<F>(grazing) * (x2 * x2 * x));
 }
 
+// The share of cosine_over_cell(shading, half), above 0, that lies above a second horizon, at which a cell's centre has
+// the cosine `geometric`. `turn`: the cosine between the two normals. 1 where the normals agree.
+template <class F>
+FT_HD_INLINE F share_above(F cosine, F shading, F geometric, F turn, float half) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), h = splat<F>(half), two = splat<F>(2.0f);
+  // Over the part above the second horizon, from `low` to `half` along its normal, the first cosine has this mean and,
+  // as along both sides of the part, this half width.
+  const F low = min(max(zero - geometric, zero - h), h), along = turn * (h - low) / two;
+  const F middle = shading + turn * (h + low) / two;
+  const F wide = sqrt(along * along + max(one - turn * turn, zero) * h * h);
+  const F lit = cosine_over_cell<F>(middle, max(wide, splat<F>(1e-6f) * h)) * (h - low) / (two * h);
+  return min(lit / max(cosine, splat<F>(1e-20f)), one);
+}
+
 template <class F>
 struct MapShare {
   F hidden;        // [0, 1]
@@ -417,14 +431,15 @@ class CellLight : PlanesSeen<F> {
     }
   }
 
-  FT_HD_INLINE void add_own(F share, const Vec3Lanes<F>& p) {
+  // share: what sends light back, of what is hidden.
+  FT_HD_INLINE void add_own(F share, F hidden, const Vec3Lanes<F>& p) {
     const Mask_t<F> wanted = share > zero_;
     if (task_.own_radiance && task_.own_radiance->view && any(wanted)) {
       const F z = affine<F>(task_.own->lines.z, p);
       // The points lie within the ball, whatever rounding says.
       add(radiance_of_map<F>(*task_.own_radiance, p, max(z, splat<F>(-1.0f)), wanted), share);
     }
-    front_ = one_ - share;
+    front_ = one_ - hidden;
   }
 
   // Where what lies behind the objects met so far still matters.
@@ -483,9 +498,19 @@ struct CellSeen {
   Vec3Lanes<F> light = {};  // radiance that comes back, mean over the cell
 };
 
+// Of the light that a cell sends to the shading normals `s` at the cosine `cosine`, the share from above the surface.
+template <class F>
+FT_HD_INLINE F above_surface(const CellTask& task, const Vec3Lanes<F>& g, const Vec3Lanes<F>& s, F cosine) {
+  const F one = splat<F>(1.0f), at = dot3<F>(task.vector, g);
+  const Mask_t<F> cut = at < splat<F>(task.cosine_half);
+  if (!any(cut)) return one;
+  return select(cut, share_above<F>(cosine, dot3<F>(task.vector, s), at, dot(g, s), task.cosine_half), one);
+}
+
 template <class F>
 FT_HD_INLINE CellSeen<F> look_at_cell(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
-                                      const Vec3Lanes<F>& s, Mask_t<F> lit) {
+                                      const Vec3Lanes<F>& s, F cosine) {
+  const Mask_t<F> lit = cosine > splat<F>(0.0f);
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   CellSeen<F> seen = {one, and_not(lit, lit), {zero, zero, zero}};
   F own_share = zero;
@@ -496,7 +521,11 @@ FT_HD_INLINE CellSeen<F> look_at_cell(const CellTask& task, const Vec3Lanes<F>& 
   };
   if (!task.reflects) {
     seen.clear = PlanesSeen<F>(task, p, s).clear() * splat<F>(task.clear);
-    if (task.own) hide(share_of_own<F>(*task.own, p, g));
+    if (task.own) {
+      const MapShare<F> share = share_of_own<F>(*task.own, p, g);
+      const F above = above_surface<F>(task, g, s, cosine);
+      hide({one - (one - share.hidden) * above, and_not(above <= zero, share.near)});
+    }
     for (int k = 0; k < task.map_count; ++k) {
       if (!any(seen.clear > splat<F>(k_least_clear))) break;
       hide(share_of_map<F>(task.maps[k], p));
@@ -506,9 +535,10 @@ FT_HD_INLINE CellSeen<F> look_at_cell(const CellTask& task, const Vec3Lanes<F>& 
     seen.clear = light.clear();
     if (task.own) {
       const MapShare<F> share = share_of_own<F>(*task.own, p, g);
-      hide(share);
-      own_share = share.hidden;
-      light.add_own(own_share, p);
+      const F above = above_surface<F>(task, g, s, cosine);
+      own_share = one - (one - share.hidden) * above;
+      hide({own_share, and_not(above <= zero, share.near)});
+      light.add_own(share.hidden * above, own_share, p);
     }
     for (int k = 0; k < task.map_count && any(light.open()); ++k) {
       const MapShare<F> share = share_of_map<F>(task.maps[k], p);
@@ -538,7 +568,7 @@ FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const 
     if (!any(lit)) continue;
     const Vec3Lanes<F> p = {load_lanes<F>(points.px + i), load_lanes<F>(points.py + i), load_lanes<F>(points.pz + i)};
     const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
-    const CellSeen<F> seen = look_at_cell<F>(task, p, g, s, lit);
+    const CellSeen<F> seen = look_at_cell<F>(task, p, g, s, cosine);
     if (points.grazing > 0.0f) cosine = weight_of_cosine<F>(cosine, points.grazing);
     const auto add = [&](float* sum, F value) { store_lanes(load_lanes<F>(sum + i) + value, sum + i); };
     // Nothing of what is undecided counts; where an object sends light back, hidden cells may be undecided, too.

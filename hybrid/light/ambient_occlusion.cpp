@@ -113,7 +113,10 @@ void AmbientOcclusion::gather_by_maps(std::span<FirstHit> firsts, Stats& stats) 
   const auto rays = float(context_.settings.light_samples);
   for (size_t i = 0; i < points_.size(); ++i) {
     FirstHit& first = firsts[receivers_.path[i]];
-    first.occlusion_rays += rays;
+    // Rays below the surface do not count: of a hemisphere about the shading normal, (1 + cos) / 2 lies above both.
+    const ShadingPointBatch& p = receivers_.points;
+    const float cosine = p.sx[i] * p.gx[i] + p.sy[i] * p.gy[i] + p.sz[i] * p.gz[i];
+    first.occlusion_rays += rays * std::min(0.5f * (1.0f + cosine), 1.0f);
     first.occlusion_clear += rays * receivers_.arriving_red[i];
   }
 }

@@ -80,7 +80,8 @@ void AovSums::add(const FirstHit& first) {
   glossy_exact += first.glossy_exact;
   reflected_hits += first.reflected_hits;
   reflected_depth += first.reflected_depth;
-  occlusion += first.occlusion_rays > 0.0f ? double(first.occlusion_clear) / double(first.occlusion_rays) : 1.0;
+  occlusion_rays += first.occlusion_rays;
+  occlusion_clear += first.occlusion_clear;
 }
 
 float* AovSums::write(const std::vector<Aov>& aovs, float* out) const {
@@ -110,7 +111,8 @@ float* AovSums::write(const std::vector<Aov>& aovs, float* out) const {
         *out++ = float(object);
         break;
       case Aov::ao:
-        *out++ = float(occlusion) * per_sample;
+        *out++ = float(hits * (occlusion_rays > 0.0 ? occlusion_clear / occlusion_rays : 1.0) + (samples - hits)) *
+                 per_sample;
         break;
       case Aov::reflected_depth:
         *out++ = reflected_hits ? float(reflected_depth / double(reflected_hits)) : 0.0f;

@@ -76,7 +76,9 @@ struct AovSums {
   Vec3 normal = Vec3(0.0f);
   double depth = 0.0;
   DVec3 position = DVec3(0.0);
-  double visibility = 0.0, exact = 0.0, occlusion = 0.0;
+  double visibility = 0.0, exact = 0.0;
+  // Of all samples together: one whose rays all leave below the surface tells nothing.
+  double occlusion_rays = 0.0, occlusion_clear = 0.0;
   uint32_t object = 0;
   uint64_t glossy_rays = 0, glossy_exact = 0, reflected_hits = 0;
   double reflected_depth = 0.0;

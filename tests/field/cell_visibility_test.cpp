@@ -17,6 +17,60 @@ namespace {
 
 using namespace test;
 
+// -------------------------------------------------------------------------------------------- horizons
+
+// Cells that a surface cuts, against the mean of the shading normal's cosine over squares about their centres.
+TEST(ShareAbove, IsNearThatOfASquare) {
+  TestRandom random(41);
+  constexpr int k_side = 96, k_trials = 3000;
+  double largest = 0.0, sum = 0.0;
+  int cells = 0, cut = 0;
+  for (int trial = 0; trial < k_trials; ++trial) {
+    const Vec3 c = random.direction(), s = random.direction();
+    const Vec3 x = glm::normalize(glm::cross(c, random.direction())), y = glm::cross(c, x);
+    const float half = random.log_uniform(0.02f, 0.2f);
+    // The surface's horizon lies near the cell, the normals up to about 45 degrees apart.
+    const Vec3 tilted = glm::normalize(s + random.direction() * random.uniform(0.0f, 0.7f));
+    const Vec3 g = glm::normalize(tilted - c * (glm::dot(tilted, c) - random.uniform(-2.0f, 2.0f) * half));
+    const float turn = glm::dot(g, s), shading = glm::dot(c, s);
+    const float cosine = scalar::cosine_over_cell<float>(shading, half);
+    if (!(cosine > 0.0f) || turn < 0.5f) continue;
+    const float share = scalar::share_above<float>(cosine, shading, glm::dot(c, g), turn, half);
+    EXPECT_GE(share, 0.0f);
+    EXPECT_LE(share, 1.0f);
+    double above = 0.0, all = 0.0;
+    for (int i = 0; i < k_side * k_side; ++i) {
+      const float u = (2.0f * (float(i / k_side) + 0.5f) / k_side - 1.0f) * half;
+      const float v = (2.0f * (float(i % k_side) + 0.5f) / k_side - 1.0f) * half;
+      const Vec3 d = c + x * u + y * v;
+      const double lit = std::max(double(glm::dot(d, s)), 0.0);
+      all += lit, above += glm::dot(d, g) > 0.0f ? lit : 0.0;
+    }
+    if (!(all > 0.25 * double(half) * (k_side * k_side))) continue;  // hardly any of the cell is lit
+    const double error = double(share) - above / all;
+    largest = std::max(largest, std::abs(error)), sum += error;
+    ++cells, cut += above > 0.0 && above < all;
+  }
+  // A cell is taken for a square with its side along the horizon: across its corner that is off by .043.
+  EXPECT_LT(largest, 0.1);
+  EXPECT_LT(std::abs(sum / cells), 0.002);
+  EXPECT_GT(cut, cells / 2);
+  EXPECT_GT(cells, 500);
+}
+
+TEST(ShareAbove, ChangesNothingWhereNormalsAgree) {
+  TestRandom random(42);
+  for (int trial = 0; trial < 10000; ++trial) {
+    const float half = random.log_uniform(1e-3f, 0.5f), at = random.uniform(-1.0f, 1.2f) * half;
+    const float cosine = scalar::cosine_over_cell<float>(at, half);
+    if (at < -0.95f * half) continue;  // rounding is all that is left
+    EXPECT_NEAR(scalar::share_above<float>(cosine, at, at, 1.0f, half), 1.0f, 1e-5f) << at / half;
+    // Wholly above, wholly below.
+    EXPECT_NEAR(scalar::share_above<float>(0.9f, 0.9f, 1.5f * half, 0.8f, half), 1.0f, 1e-5f);
+    EXPECT_EQ(scalar::share_above<float>(0.9f, 0.9f, -half, 0.8f, half), 0.0f);
+  }
+}
+
 struct ShareErrors {
   double largest = 0.0, sum = 0.0, signed_sum = 0.0;
   int cells = 0, partial = 0;
