@@ -140,6 +140,7 @@ class FieldMemory : public testing::Test {
 
 TEST_F(FieldMemory, APictureThatOutgrowsItsMemoryDoesNotDependOnThreads) {
   RenderOptions o = options();
+  o.light_estimator = LightEstimator::samples;  // of both methods
   o.method = Method::monte_carlo;
   const RenderResult exact = run(o);
   EXPECT_EQ(exact.stats.field_bytes_budget, 0u);
@@ -174,7 +175,8 @@ TEST_F(FieldMemory, APictureThatOutgrowsItsMemoryDoesNotDependOnThreads) {
       EXPECT_EQ(results[0].image.data, exact.image.data);
     } else {
       // As accurate as a render whose options request coarse fields.
-      RenderOptions coarse = options();
+      RenderOptions coarse = o;
+      coarse.field_memory = 0;
       coarse.directions = 32;
       coarse.plane = 64;
       EXPECT_EQ(results[0].image.data, run(coarse).image.data);

@@ -79,5 +79,29 @@ TEST(Tolerance, RaysFallAndErrorsGrowAlongTheDial) {
   }
 }
 
+// Without a request it is the default's up to 128 light samples a pixel, and less in proportion with more.
+TEST(Tolerance, FallsWithTheNoiseUnlessRequested) {
+  const Scene scene = lit_objects(Lit::by_sphere);
+  RenderOptions o;
+  o.directions = 32;
+  o.plane = 64;
+  o.light_estimator = LightEstimator::samples;
+  o.light_samples = 16;
+  for (const auto& [spp, expected] : {std::pair(2, 0.1f), {8, 0.1f}, {16, 0.05f}, {32, 0.025f}}) {
+    SCOPED_TRACE(spp);
+    o.spp = spp;
+    o.tolerance.reset();
+    const RenderResult usual = render(scene, o);
+    EXPECT_FLOAT_EQ(usual.stats.tolerance, expected);
+    o.tolerance = usual.stats.tolerance;
+    const RenderResult requested = render(scene, o);
+    EXPECT_EQ(usual.image.data, requested.image.data);
+    o.tolerance = k_default_tolerance;
+    const RenderResult fixed = render(scene, o);
+    EXPECT_EQ(fixed.stats.tolerance, k_default_tolerance);
+    EXPECT_EQ(fixed.stats.rays_exact < usual.stats.rays_exact, expected < k_default_tolerance);
+  }
+}
+
 }  // namespace
 }  // namespace fieldtrace
