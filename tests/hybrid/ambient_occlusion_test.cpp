@@ -245,6 +245,26 @@ TEST(AmbientOcclusion, BakesNoMoreThanItGains) {
   }
 }
 
+// With a distance the layer is exact rays: no survey counts them for fields, which they would not ask.
+TEST(AmbientOcclusion, RaysWithADistanceBakeNothing) {
+  uint64_t surveyed = 0, baked = 0;
+  for (const int size : {64, 128}) {
+    const Scene scene = hybrid_scene("object_over_floor", size).scene;
+    for (const int spp : {1, 16}) {
+      RenderOptions o = options_for(Method::hybrid, spp, 1);
+      o.ao_distance = 0.25f;
+      const RenderResult with = render(scene, o);
+      o.aovs.clear();
+      const RenderResult without = render(scene, o);
+      EXPECT_EQ(with.stats.bake_rays, without.stats.bake_rays) << size << " " << spp;
+      EXPECT_EQ(with.stats.survey_rays, without.stats.survey_rays) << size << " " << spp;
+      surveyed += without.stats.survey_rays, baked += without.stats.bake_rays;
+    }
+  }
+  EXPECT_GT(surveyed, 0u);
+  EXPECT_GT(baked, 0u);
+}
+
 TEST(AmbientOcclusion, DistanceMustBePositive) {
   for (const float bad : {0.0f, -1.0f, std::nanf("")}) {
     RenderOptions o = options_for(Method::hybrid, 1, 1);
