@@ -26,7 +26,6 @@ CASES = {
     "wide light": FLOOR + " -D light_radius=0.8",
     "2 M triangles": FLOOR + " -D format=ply -D mesh={work}/knot.ply",
     "4 x 16 samples": "scenes/bunny_floor.xml --spp 4 --light-samples 16",
-    "one light sample": "scenes/bunny_floor.xml --spp 16",
     "small picture": "scenes/demo.xml",
     "wires": "scenes/stress.xml --light-samples 64 -D objects={work}/globe.xml",
     "crowd": "scenes/crowd.xml --light-samples 16 -D crowd={work}/instances.xml",
