@@ -25,6 +25,7 @@ TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraS
     closed_form.push_back(closed);
     if (is_sky(emitter.kind)) backgrounds.push_back(i);
     emission_can_be_hit |= can_be_hit(emitter.kind);
+    area_can_be_hit |= emitter.kind == EmitterKind::area;
     open_form_can_be_hit |= can_be_hit(emitter.kind) && !closed;
     open_area_can_be_hit |= can_be_hit(emitter.kind) && !closed && !is_sky(emitter.kind);
   }

@@ -91,6 +91,7 @@ struct TransportContext {
   std::vector<uint8_t> closed_form;        // per light: sampled_in_closed_form
   std::vector<uint32_t> backgrounds;       // constant emitters and environment maps
   bool emission_can_be_hit = false;        // some emitter has an area or surrounds the scene
+  bool area_can_be_hit = false;            // some emitter has an area
   bool open_form_can_be_hit = false;       // one of those is not sampled in closed form
   bool open_area_can_be_hit = false;       // and is not part of the sky
   // Whether `sky` gives all the light of the sky that diffuse surfaces of this number get from light samples.

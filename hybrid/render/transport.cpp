@@ -221,11 +221,14 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   if (!s.straight && !vertex.material->transmits() && !(glm::dot(vertex.facing, d) > 0.0f)) return;
   if (seeks_others && leaving.diffuse && !context.indirect->may_meet_others(vertex.surface->position, d)) return;
 
+  Rgb share(1.0f);
+  if (bodies_are_lit && !s.delta && vertex.material->coated_diffuse()) {
+    share = interface_share(*vertex.material, vertex.wi, s.wo);
+    if (bodies_end && largest(share) == 0.0f) return;
+  }
   PathState& next = send(vertex, leaving, d);
   next.throughput *= s.weight / vertex.lobe_samples;
-  if (bodies_are_lit && !s.delta && vertex.material->coated_diffuse()) {
-    next.interface_share = interface_share(*vertex.material, vertex.wi, s.wo);
-  }
+  next.interface_share = share;
   next.eta *= s.eta;
   next.index = index;
   // Mirrors and masks send only one direction on, so nothing has been split there.
@@ -254,6 +257,8 @@ void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, const PathSta
 void TransportWorker::Impl::scatter(int vertex_number) {
   seeks_others = knows_indirect(vertex_number);
   bodies_are_lit = context.has_sky_maps(vertex_number);
+  const bool is_last = settings.max_depth >= 0 && vertex_number + 2 >= settings.max_depth;
+  bodies_end = bodies_are_lit && is_last && !context.area_can_be_hit && !settings.count_reflections;
   const bool diffuse_goes_on = goes_on(true, vertex_number), others_go_on = goes_on(false, vertex_number);
   const auto leaves = [&](const PathVertex& v) { return v.material->plain_diffuse() ? diffuse_goes_on : others_go_on; };
   size_t most = 0;

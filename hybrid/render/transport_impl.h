@@ -59,6 +59,7 @@ struct TransportWorker::Impl {
   std::span<Rgb> radiance;                     // by slot
   bool seeks_others = false;                   // diffuse surfaces send paths to instances that are not known there
   bool bodies_are_lit = false;                 // of plastics, by maps
+  bool bodies_end = false;                     // what these alone send on finds nothing more
   std::vector<Rgb> follow_radiance;
 
   explicit Impl(const TransportContext& c)

@@ -347,6 +347,40 @@ TEST_P(SkyPicture, OfPlasticsIsNearMonteCarlo) {
   }
 }
 
+// What the body of a smooth plastic sends on finds nothing where the sky is all that can be met and is counted already.
+// Layers that tell what such rays meet keep them.
+TEST(SkyLight, BodiesOfPlasticsSendNoRaysInVain) {
+  constexpr int k_size = 24;
+  SkyScene s(Sky::sun, k_size, k_coarse / 4);
+  const uint32_t smooth = s.bsdf(BsdfKind::plastic, Rgb(0.5f));
+  s.scene.bsdfs[smooth].reflectance = s.constant(Rgb(1.0f));
+  s.instance(s.mesh(supershape()), smooth, placed(turned(), {-0.8f, 0, 1.05f}));
+  const auto check = [&](const Scene& scene, bool spares) {
+    RenderOptions o = options_for(scene, Method::hybrid, k_size, 4, 16);
+    const RenderResult r = render(scene, o);
+    o.aovs = {"object", "reflected_depth"};
+    const RenderResult all = render(scene, o);
+    EXPECT_GT(r.stats.bake_rays, 0u);
+    for (int i = 0; i < k_size * k_size; ++i) {
+      for (int c = 0; c < 3; ++c) {
+        ASSERT_EQ(r.image.pixel(i % k_size, i / k_size)[c], all.image.pixel(i % k_size, i / k_size)[c]);
+      }
+    }
+    EXPECT_GT(r.stats.rays_glossy, 0u);
+    if (spares) {
+      EXPECT_LT(r.stats.rays_glossy, all.stats.rays_glossy * 3 / 4);
+    } else {
+      EXPECT_EQ(r.stats.rays_glossy, all.stats.rays_glossy);
+    }
+  };
+  check(s.scene, true);
+  s.scene.integrator.max_depth = 3;  // what the rays meet sends light back
+  check(s.scene, false);
+  s.scene.integrator.max_depth = 2;
+  s.area_light(s.instance(s.shape(ShapeKind::sphere), s.grey, placed(Mat3(0.2f), {0, -1, 2})), Rgb(3.0f));
+  check(s.scene, false);
+}
+
 // A wall, sheared along its normal, and a mirrored one, beside an object and leaning over the floor.
 TEST_P(SkyPicture, OfWallsIsNearMonteCarlo) {
   constexpr int k_size = 40;
