@@ -30,6 +30,11 @@ void load_rays(const RayArrays& from, uint32_t first, RayBatch& rays) {
   load(from.tmax + first, rays.tmax);
 }
 
+// A warp's words for what it lacks, none named yet.
+uint32_t* blank_words(uint32_t* missing, uint32_t warp) {
+  return std::fill_n(missing + warp * k_missing_words, k_missing_words, k_nothing) - k_missing_words;
+}
+
 // Names slices or tiles in a warp's words from `at` on; returns the next free one.
 uint32_t name_missing(MissingKind kind, std::vector<uint32_t>& numbers, uint32_t* words, uint32_t at) {
   for (const uint32_t number : numbers) {
@@ -60,8 +65,7 @@ void light_cones(const ConeArguments& a) {
     m.clear = mask_of([&](uint32_t lane) { return queried(lane) && flags[lane] == 0; });
     m.blocked = mask_of([&](uint32_t lane) { return queried(lane) && flags[lane] == k_light_blocked; });
     m.by_strata = mask_of([&](uint32_t lane) { return queried(lane) && flags[lane] & k_by_strata; });
-    uint32_t* const words = a.missing + warp * k_missing_words;
-    std::fill_n(words, k_missing_words, k_nothing);
+    uint32_t* const words = blank_words(a.missing, warp);
     const uint32_t next = name_missing(MissingKind::tile, unknowns.tiles, words, 0);
     name_missing(MissingKind::depth, unknowns.slices, words, next);
     unknowns.blocks.clear();
@@ -87,8 +91,7 @@ void filter_strata(const StratumArguments& a) {
     m.not_baked = unknowns.blocks.empty() ? 0 : k_all_lanes;
     m.refused = mask_of([&](uint32_t lane) { return refused[lane]; });
     std::copy_n(clear, k_warp, a.clear + first);
-    uint32_t* const words = a.missing + warp * k_missing_words;
-    std::fill_n(words, k_missing_words, k_nothing);
+    uint32_t* const words = blank_words(a.missing, warp);
     name_missing(MissingKind::tile, unknowns.tiles, words, 0);
     unknowns.blocks.clear();
   }
@@ -112,8 +115,7 @@ void query(const QueryArguments& a) {
     m.crosses = ~verdicts(scalar::k_verdict_none);
     m.blocked = verdicts(scalar::k_verdict_blocked);
     m.undecided = verdicts(scalar::k_verdict_undecided);
-    uint32_t* const words = a.missing + warp * k_missing_words;
-    std::fill_n(words, k_missing_words, k_nothing);
+    uint32_t* const words = blank_words(a.missing, warp);
     const uint32_t next = name_missing(MissingKind::visibility, states.unknown_visibility, words, 0);
     name_missing(MissingKind::depth, states.unknown_depth, words, next);
     states.unknown_blocks.clear();

@@ -15,7 +15,8 @@ constexpr int64_t k_most_survey_samples = 64;
 // Where every cell answers, or all are undecided by request, there is nothing to survey.
 bool wants_survey(const Picture& picture, const FieldSet& fields) {
   const RenderOptions& options = picture.options;
-  return fields.answers_shadows() && options.leave_to_rays && !options.force_undecided && picture.tolerance < 1.0f;
+  return fields.answers_shadows() && options.leave_to_rays && !options.force_undecided &&
+         options.base_tolerance() < 1.0f;
 }
 
 // Surveys the picture with `light_samples` from one point of each pixel, as clusters will ask for them together.
@@ -57,7 +58,7 @@ bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, 
   TransportSettings settings = picture.settings;
   settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
-  FieldSurvey survey = survey_picture(picture, stage, none, {}, picture.tolerance, settings, 1, stats);
+  FieldSurvey survey = survey_picture(picture, stage, none, {}, picture.options.base_tolerance(), settings, 1, stats);
   if (survey.interrupted) return false;
   open_samples = picture.open_samples(survey.open_rays);
   survey.scale *= double(open_samples) / double(picture.options.light_samples);

@@ -80,8 +80,7 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
   check_options(options, spp);
   aovs = parse_aovs(options.aovs);
   window = crop_window(scene.film, options.crop);
-  tolerance = options.base_tolerance();
-  wants_fields = options.method == Method::hybrid && (tolerance > 0.0f || options.force_undecided);
+  wants_fields = options.method == Method::hybrid && (options.base_tolerance() > 0.0f || options.force_undecided);
   settings = make_settings(scene, options, spp, aovs);
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
 }
@@ -98,7 +97,7 @@ int Picture::open_samples(double open_rays) const {
 float Picture::light_tolerance(int open_samples) const {
   if (options.tolerance) return *options.tolerance;
   const double of_pixel = double(spp) * double(std::max(options.light_samples, open_samples));
-  return float(tolerance * std::min(1.0, k_tolerated_light_samples / of_pixel));
+  return float(k_default_tolerance * std::min(1.0, k_tolerated_light_samples / of_pixel));
 }
 
 uint64_t Picture::film_samples() const {

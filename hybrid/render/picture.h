@@ -31,7 +31,6 @@ struct Picture {
   std::vector<Aov> aovs;
   Rect window;
   TransportSettings settings;
-  float tolerance = k_default_tolerance;  // requested
   bool wants_fields = false;
   uint64_t field_memory = 0;  // the budget
 

@@ -63,7 +63,7 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   if (options.plane) plan.parameters.plane = options.plane;
   // No shape is left out for its cost where every cell answers, or where undecided cells or a resolution are requested.
   const bool by_request = options.force_undecided || options.directions || options.plane;
-  if (options.leave_to_rays && !by_request && picture.tolerance < 1.0f) {
+  if (options.leave_to_rays && !by_request && options.base_tolerance() < 1.0f) {
     plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
   }
   if (picture.wants_fields)
@@ -194,7 +194,7 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   bake.stop = callbacks.stop;
   if (callbacks.progress) bake.progress = [&](float share) { callbacks.progress(share, "bake"); };
   const bool complete = fields.make(stage.accel, cache.get(), bake, callbacks.warning, result.stats);
-  AnswererSettings settings{picture.settings.isa, picture.tolerance, options.check};
+  AnswererSettings settings{picture.settings.isa, options.base_tolerance(), options.check};
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, none, settings, fields.pointers());
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
@@ -224,7 +224,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
         open_device(options.device, {segment_kernels(picture.settings.isa), options.device_memory, told_once.warning});
   }
   RenderResult result;
-  result.stats.tolerance = picture.tolerance;
+  result.stats.tolerance = options.base_tolerance();
   // By default TBB starts no more workers than there are hardware threads.
   std::optional<tbb::global_control> more_threads;
   if (threads > int(std::thread::hardware_concurrency()))
