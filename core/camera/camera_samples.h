@@ -14,6 +14,7 @@ inline constexpr uint32_t k_camera_stream = 0x43414d00u;
 // Camera samples: the pixel of the whole film that each belongs to, and its index in that pixel's sequence.
 struct CameraSamples {
   size_t size = 0;
+  uint32_t replicate = 0;  // number of the sequences; those of different numbers are independent
   AlignedVector<uint32_t> x, y, index;
 
   // Keeps the capacity; the entries below n are unspecified.

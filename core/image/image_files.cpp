@@ -52,7 +52,8 @@ void require_consistent(const std::string& path, const Image& image) {
 
 // Distances and identifiers need more than the 11 significant bits of half.
 bool needs_full_float(const std::string& channel) {
-  for (const char* layer : {"depth.", "position.", "object.", "reflected_depth.", "reflected_object."}) {
+  for (const char* layer :
+       {"depth.", "position.", "object.", "reflected_depth.", "reflected_object.", "samples.", "variance.", "time."}) {
     if (channel.rfind(layer, 0) == 0) return true;
   }
   return false;

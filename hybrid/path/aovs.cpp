@@ -24,6 +24,9 @@ constexpr AovEntry k_entries[] = {
     {Aov::reflected_depth, "reflected_depth", "Z"},
     {Aov::reflected_object, "reflected_object", "Y"},
     {Aov::glossy_exact, "glossy_exact", "Y"},
+    {Aov::samples, "samples", "Y"},
+    {Aov::variance, "variance", "RGB"},
+    {Aov::time, "time", "Y"},
 };
 
 float* put(float* out, const Vec3& v) {
@@ -63,6 +66,8 @@ std::vector<std::string> aov_channels(Aov aov) {
   return channels;
 }
 
+bool is_of_first_hits(Aov aov) { return aov != Aov::samples && aov != Aov::variance && aov != Aov::time; }
+
 void AovSums::add(const FirstHit& first) {
   if (samples == 0) object = first.object;
   ++samples;
@@ -84,48 +89,66 @@ void AovSums::add(const FirstHit& first) {
   occlusion_clear += first.occlusion_clear;
 }
 
-float* AovSums::write(const std::vector<Aov>& aovs, float* out) const {
+void AovSums::merge(const AovSums& later) {
+  if (samples == 0) object = later.object;
+  if (glossy_rays == 0) reflected_object = later.reflected_object;
+  samples += later.samples;
+  hits += later.hits;
+  albedo += later.albedo;
+  normal += later.normal;
+  depth += later.depth;
+  position += later.position;
+  visibility += later.visibility;
+  exact += later.exact;
+  occlusion_rays += later.occlusion_rays;
+  occlusion_clear += later.occlusion_clear;
+  glossy_rays += later.glossy_rays;
+  glossy_exact += later.glossy_exact;
+  reflected_hits += later.reflected_hits;
+  reflected_depth += later.reflected_depth;
+}
+
+float* AovSums::write(Aov aov, float* out) const {
   const float per_sample = samples ? 1.0f / float(samples) : 0.0f;
   const double per_hit = hits ? 1.0 / hits : 0.0;
-  for (const Aov aov : aovs) {
-    switch (aov) {
-      case Aov::albedo:
-        out = put(out, albedo * per_sample);
-        break;
-      case Aov::normal:
-        out = put(out, normal * per_sample);
-        break;
-      case Aov::depth:
-        *out++ = float(depth * per_hit);
-        break;
-      case Aov::position:
-        out = put(out, Vec3(position * per_hit));
-        break;
-      case Aov::visibility:
-        *out++ = float(visibility) * per_sample;
-        break;
-      case Aov::exact:
-        *out++ = float(exact) * per_sample;
-        break;
-      case Aov::object:
-        *out++ = float(object);
-        break;
-      case Aov::ao:
-        *out++ = float(hits * (occlusion_rays > 0.0 ? occlusion_clear / occlusion_rays : 1.0) + (samples - hits)) *
-                 per_sample;
-        break;
-      case Aov::reflected_depth:
-        *out++ = reflected_hits ? float(reflected_depth / double(reflected_hits)) : 0.0f;
-        break;
-      case Aov::reflected_object:
-        *out++ = float(reflected_object);
-        break;
-      case Aov::glossy_exact:
-        *out++ = glossy_rays ? float(double(glossy_exact) / double(glossy_rays)) : 0.0f;
-        break;
-    }
+  switch (aov) {
+    case Aov::albedo:
+      return put(out, albedo * per_sample);
+    case Aov::normal:
+      return put(out, normal * per_sample);
+    case Aov::depth:
+      *out = float(depth * per_hit);
+      break;
+    case Aov::position:
+      return put(out, Vec3(position * per_hit));
+    case Aov::visibility:
+      *out = float(visibility) * per_sample;
+      break;
+    case Aov::exact:
+      *out = float(exact) * per_sample;
+      break;
+    case Aov::object:
+      *out = float(object);
+      break;
+    case Aov::ao:
+      *out =
+          float(hits * (occlusion_rays > 0.0 ? occlusion_clear / occlusion_rays : 1.0) + (samples - hits)) * per_sample;
+      break;
+    case Aov::reflected_depth:
+      *out = reflected_hits ? float(reflected_depth / double(reflected_hits)) : 0.0f;
+      break;
+    case Aov::reflected_object:
+      *out = float(reflected_object);
+      break;
+    case Aov::glossy_exact:
+      *out = glossy_rays ? float(double(glossy_exact) / double(glossy_rays)) : 0.0f;
+      break;
+    case Aov::samples:
+    case Aov::variance:
+    case Aov::time:
+      return out;
   }
-  return out;
+  return out + 1;
 }
 
 }  // namespace fieldtrace

@@ -6,8 +6,9 @@
 // world coordinates): means over the samples that hit something; 0 if none did. object.Y: instance index + 1 of the
 // pixel's first camera sample, 0 on a miss. Of the rays that leave first hits on surfaces that are not diffuse:
 // reflected_depth.Z (mean length of those that hit something), reflected_object.Y (like object, of the first of them),
-// glossy_exact.Y (share that was traced, 0 if there were none). Thread-safety: values; each pixel belongs to one
-// thread.
+// glossy_exact.Y (share that was traced, 0 if there were none). Of the camera samples themselves
+// (hybrid/film/film_sums.h): samples.Y (their number), variance.R/G/B (of the pixel), time.Y (nanoseconds of one
+// thread). Thread-safety: values; each pixel belongs to one thread.
 #pragma once
 
 #include <cstdint>
@@ -29,7 +30,10 @@ enum class Aov : uint8_t {
   ao,
   reflected_depth,
   reflected_object,
-  glossy_exact
+  glossy_exact,
+  samples,
+  variance,
+  time
 };
 
 // The names of all layers, as parse_aovs() takes them.
@@ -37,6 +41,9 @@ std::vector<std::string> aov_names();
 
 // Throws UsageError for an unknown name; repeated names count once.
 std::vector<Aov> parse_aovs(const std::vector<std::string>& names);
+
+// Whether the layer is of first hits.
+bool is_of_first_hits(Aov aov);
 
 // The channels that a layer adds, in order: "albedo.R", ...
 std::vector<std::string> aov_channels(Aov aov);
@@ -85,8 +92,9 @@ struct AovSums {
   uint32_t reflected_object = 0;
 
   void add(const FirstHit& first);
-  // Writes the channels of `aovs` in order and returns the end of the output.
-  float* write(const std::vector<Aov>& aovs, float* out) const;
+  void merge(const AovSums& later);  // adds the sums over later camera samples
+  // Writes the channels of a layer of first hits and returns the end of the output.
+  float* write(Aov aov, float* out) const;
 };
 
 }  // namespace fieldtrace

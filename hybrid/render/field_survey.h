@@ -11,7 +11,7 @@
 #include <atomic>
 
 #include "hybrid/fields/left_to_rays.h"
-#include "hybrid/render/transport.h"
+#include "hybrid/transport/transport.h"
 
 namespace fieldtrace {
 

@@ -10,7 +10,7 @@
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/glossy/lobe_answerer.h"
 #include "hybrid/render/render.h"
-#include "hybrid/render/transport.h"
+#include "hybrid/transport/transport.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {

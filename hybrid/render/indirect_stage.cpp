@@ -4,7 +4,7 @@
 
 #include "hybrid/indirect/indirect_bounces.h"
 #include "hybrid/path/patch_vertex.h"
-#include "hybrid/render/transport.h"
+#include "hybrid/transport/transport.h"
 #include "hybrid/visibility/light_extent.h"
 
 namespace fieldtrace {

@@ -5,7 +5,7 @@
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
 #include "hybrid/render/open_light_samples.h"
-#include "hybrid/render/trace_pixels.h"
+#include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {
 namespace {
@@ -34,6 +34,14 @@ void check_options(const RenderOptions& o, int spp) {
     throw UsageError("the distance of ambient occlusion is " + std::to_string(o.ao_distance) +
                      "; it must be greater than 0");
   if (o.chart == Chart::thesis) thesis_directions(o.directions, o.plane);
+  if (!(o.target_error >= 0.0f && o.target_error < k_infinity))
+    throw UsageError("the target error is " + std::to_string(o.target_error) + "; it must be 0 or more");
+  if (!(o.time_limit >= 0.0f && o.time_limit < k_infinity))
+    throw UsageError("the time limit is " + std::to_string(o.time_limit) + " s; it must be 0 or more");
+  if (o.by_rounds() && spp < 2 && o.spp != 0)
+    throw UsageError("a picture to an error or a time needs 2 samples a pixel at least, but --spp allows 1");
+  if (o.by_rounds() && o.chart == Chart::thesis)
+    throw UsageError("a picture to an error or a time is not made with the thesis' chart; give the samples by --spp");
   if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
 }
 
@@ -48,7 +56,7 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.hide_emitters = scene.integrator.hide_emitters;
   s.seed = options.seed.value_or(scene.seed);
   s.isa = resolve_isa(options.isa);
-  s.first_hits = !aovs.empty();
+  s.first_hits = std::any_of(aovs.begin(), aovs.end(), is_of_first_hits);
   s.count_first_hits =
       std::any_of(aovs.begin(), aovs.end(), [](Aov aov) { return aov == Aov::visibility || aov == Aov::exact; });
   s.count_reflections = std::any_of(aovs.begin(), aovs.end(), [](Aov aov) {
@@ -78,11 +86,20 @@ Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
 Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c)
     : scene(s), options(o), callbacks(c), spp(o.spp == 0 ? s.sample_count : o.spp) {
   check_options(options, spp);
+  if (by_rounds() && options.spp == 0)
+    most_samples = int(std::min(k_most_camera_samples, k_most_samples / std::max(o.light_samples, o.lobe_samples)));
+  else
+    most_samples = spp;
   aovs = parse_aovs(options.aovs);
   window = crop_window(scene.film, options.crop);
   wants_fields = options.method == Method::hybrid && (options.base_tolerance() > 0.0f || options.force_undecided);
   settings = make_settings(scene, options, spp, aovs);
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
+}
+
+void Picture::expect(double samples) {
+  spp = int(std::clamp(samples, 1.0, double(most_samples)));
+  settings.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
 }
 
 bool Picture::is_adaptive() const {

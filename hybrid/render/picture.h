@@ -3,6 +3,7 @@
 // Thread-safety: constant once made.
 #pragma once
 
+#include <chrono>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -13,10 +14,12 @@
 #include "hybrid/path/aovs.h"
 #include "hybrid/render/render.h"
 #include "hybrid/render/sky_stage.h"
-#include "hybrid/render/transport.h"
+#include "hybrid/transport/transport.h"
 #include "hybrid/visibility/shape_traits.h"
 
 namespace fieldtrace {
+
+using Clock = std::chrono::steady_clock;
 
 // Up to this many light samples a pixel their noise exceeds what estimates at the default tolerance err; with more the
 // tolerance is less in proportion (docs/decisions/030-tolerance-by-noise.md).
@@ -27,7 +30,8 @@ struct Picture {
   const Scene& scene;
   const RenderOptions& options;
   const RenderCallbacks& callbacks;
-  int spp = 1;
+  int spp = 1;           // of a picture by rounds: what it is expected to need
+  int most_samples = 1;  // of a pixel by rounds
   std::vector<Aov> aovs;
   Rect window;
   TransportSettings settings;
@@ -37,6 +41,9 @@ struct Picture {
   // Throws UsageError if options are out of range.
   Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
 
+  // Sets `spp` of a picture by rounds.
+  void expect(double samples);
+  bool by_rounds() const { return options.by_rounds(); }
   bool is_adaptive() const;  // whether lights that may be hidden get more light samples
   // Light samples of each camera sample where lights may be hidden; `open_rays` as FieldSurvey::open_rays.
   int open_samples(double open_rays) const;
@@ -61,6 +68,9 @@ struct Stage {
   std::unique_ptr<FieldCache> cache = nullptr;  // opened when it is first needed
   SkyStage sky = {};
   VisibilityDevice* device = nullptr;  // null: the CPU
+  // Of a picture to an error: by what its tolerance is multiplied; 0: rays answer everything.
+  float trust = 1.0f;
+  std::optional<Clock::time_point> deadline = {};  // of a picture with a time limit
 };
 
 }  // namespace fieldtrace

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <memory>
 #include <thread>
 
@@ -18,6 +19,8 @@
 #include "hybrid/render/indirect_stage.h"
 #include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/picture.h"
+#include "hybrid/render/render_pilot.h"
+#include "hybrid/render/render_rounds.h"
 #include "hybrid/render/render_tiles.h"
 #include "hybrid/render/sky_stage.h"
 #include "hybrid/stats/stopwatch.h"
@@ -25,8 +28,6 @@
 
 namespace fieldtrace {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
 
@@ -77,7 +78,7 @@ bool wants_fields(const Picture& picture, const Stage& stage, const FieldPlan& p
   const std::vector<Emitter>& emitters = picture.scene.emitters;
   const bool maps_answer =
       stage.sky.light && std::all_of(emitters.begin(), emitters.end(), [](const Emitter& e) { return is_sky(e.kind); });
-  return picture.wants_fields && !(maps_answer && plan.hit_instances.empty());
+  return picture.wants_fields && stage.trust > 0.0f && !(maps_answer && plan.hit_instances.empty());
 }
 
 void warn_of_no_hits(const Picture& picture) {
@@ -107,6 +108,66 @@ std::string outgrown(const Picture& picture, bool out_of_addresses, const std::s
          " (raise --field-memory to avoid it)";
 }
 
+// The squared error that may be left.
+double square_of_target(const RenderOptions& options) {
+  return double(options.target_error) * double(options.target_error);
+}
+
+// How many samples a pixel of a picture by rounds will need, with rays alone.
+void expect_samples(Picture& picture, const Stage& stage, int threads) {
+  const RayContext rays(picture, stage);
+  const SampleCost cost = survey_noise(picture, rays.context());
+  double samples = double(k_infinity);
+  if (picture.options.target_error > 0.0f) samples = cost.variance / square_of_target(picture.options);
+  if (picture.options.time_limit > 0.0f) {
+    const double pixels = double(picture.window.width) * double(picture.window.height);
+    const double seconds = std::max(cost.seconds * pixels / threads, 1e-9);
+    samples = std::min(samples, double(picture.options.time_limit) / seconds);
+  }
+  picture.expect(samples);
+}
+
+// Light samples of each camera sample, as a survey finds that they lower the noise most for their work.
+void choose_light_samples(const Picture& picture, TransportContext& context) {
+  if (picture.options.light_samples != 1 || picture.options.light_estimator != LightEstimator::automatic) return;
+  const int open = context.settings.open_light_samples;
+  double least = double(k_infinity);
+  TransportSettings best = context.settings;
+  std::vector<std::pair<int, int>> tried;
+  for (const std::pair<int, int>& samples : {std::pair(1, open), std::pair(1, 1), std::pair(4, std::max(4, open))}) {
+    if (std::find(tried.begin(), tried.end(), samples) != tried.end()) continue;
+    tried.push_back(samples);
+    context.settings.light_samples = samples.first;
+    context.settings.open_light_samples = samples.second;
+    const SampleCost cost = survey_noise(picture, context);
+    if (!(cost.variance * cost.work < least)) continue;
+    least = cost.variance * cost.work;
+    best = context.settings;
+  }
+  context.settings = best;
+}
+
+// Tolerances of lights where the usual one errs too much for a target error, in parts of it.
+constexpr float k_less_trust = 0.125f;
+
+// Whether fields will reach the target error, and sooner than rays; if not, says in `stage` how far to trust them next.
+bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, RoundsPlan& rounds) {
+  const RayContext rays(picture, stage);
+  const FieldError error = survey_field_error(picture, context, rays.context(), double(picture.spp));
+  const double target = square_of_target(picture.options);
+  rounds.field_mean_square = error.mean_square;
+  if (picture.options.target_error == 0.0f) return true;
+  // Where the tolerance may be at fault, less of it is tried first.
+  const bool by_tolerance = context.settings.estimates && !picture.options.tolerance && stage.trust == 1.0f;
+  if (by_tolerance && error.mean_square > 0.25 * target) {
+    stage.trust = k_less_trust;
+    return false;
+  }
+  if (error.fields.work_to(target - error.mean_square) <= error.rays.work_to(target)) return true;
+  stage.trust = 0.0f;
+  return false;
+}
+
 // One attempt with the fields of `plan`. Returns false if they exceeded their memory; `plan` is then the next
 // attempt's.
 bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult& result) {
@@ -117,7 +178,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
                   stage.address_space);
   int open_samples = options.light_samples;
   bool surveyed = leave_unpaid(picture, stage, fields, open_samples, stats);
-  stats.tolerance = picture.light_tolerance(open_samples);
+  stats.tolerance = picture.light_tolerance(open_samples) * stage.trust;
   if (!stage.cache) stage.cache = open_cache(options, fields.empty(), warning);
   FieldCache* const cache = stage.cache.get();
   if (cache) {
@@ -131,13 +192,14 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   settings.device = stage.device;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
-  tracing.sky_by_maps = stage.sky.light != nullptr;
+  tracing.sky_by_maps = stage.sky.light != nullptr && stage.trust > 0.0f;
   tracing.open_light_samples = stats.open_light_samples = open_samples;
   if (picture.is_adaptive()) tracing.open_sun_samples = std::max(options.light_samples, k_open_sun_samples);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, tracing, stage.lights);
-  context.sky = stage.sky.light.get();
+  const bool estimates = stage.trust > 0.0f;
+  context.sky = estimates ? stage.sky.light.get() : nullptr;
   context.indirect = context.sky ? context.sky->indirect() : nullptr;
-  context.occlusion_sky = stage.sky.occlusion.get();
+  context.occlusion_sky = estimates ? stage.sky.occlusion.get() : nullptr;
   // Single rays of the layer `ao` gain nothing from fields.
   std::optional<ShadowAnswerer> for_occlusion;
   if (picture.settings.occlusion && !context.occlusion_sky && !fields.empty()) {
@@ -147,7 +209,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   }
   const std::vector<Field*> all_fields = fields.all_pointers();
   std::optional<GlossyStage> glossy;
-  if (picture.wants_fields) {
+  if (picture.wants_fields && estimates) {
     glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
                                options, all_fields, plan.hit_instances, picture.film_samples(),
                                std::min(picture.field_memory, stage.address_space) / k_map_share});
@@ -155,10 +217,20 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     context.hits = glossy->hits();
     warn_of_no_maps(picture, stage, glossy->maps_left_out());
   }
+  RoundsPlan rounds;
+  Job job{picture, context, fields.budget(), stage.deadline};
+  if (picture.by_rounds() && surveyed) {
+    choose_light_samples(picture, context);
+    const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
+    if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, rounds)) return false;
+  }
   result.image = make_image(picture.window, picture.aovs);
-  Job job{picture, context, fields.budget(), result.image};
   job.interrupted = !surveyed;
-  const Stats done = render_tiles(job);
+  Stats done;
+  if (picture.by_rounds())
+    render_rounds(job, rounds, result.image, done);
+  else
+    render_tiles(job, result.image, done);
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
   // Even if all tiles were finished before the budget ran out: whether they are depends on the threads.
   if (fields.budget().exceeded() && !picture.stopped()) {
@@ -200,9 +272,9 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
   const FieldBudget no_limit;
   result.image = make_image(picture.window, picture.aovs);
-  Job job{picture, context, no_limit, result.image};
+  Job job{picture, context, no_limit};
   job.interrupted = !complete;
-  result.stats.merge_counters(render_tiles(job));
+  render_tiles(job, result.image, result.stats);
   result.interrupted = job.interrupted;
   fields.count(result.stats);
   warn_of_not_finite(job);
@@ -215,7 +287,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   // Each attempt would repeat its warnings.
   RenderCallbacks told_once = callbacks;
   told_once.warning = without_repeats(callbacks.warning);
-  const Picture picture(scene, options, told_once);
+  Picture picture(scene, options, told_once);
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
   std::unique_ptr<VisibilityDevice> device;
@@ -236,6 +308,10 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.stats.time_build = seconds_since(build_begin);
     Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
                 std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
+    if (options.time_limit > 0.0f)
+      stage.deadline =
+          begin + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<float>(options.time_limit));
+    if (picture.by_rounds()) expect_samples(picture, stage, threads);
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);
@@ -268,7 +344,9 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   stats.time_secondary /= threads;
   stats.time_bake /= threads;
   stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
-  stats.spp = picture.spp;
+  stats.spp = picture.by_rounds() ? int(std::lround(stats.samples_mean)) : picture.spp;
+  stats.target_error = options.target_error;
+  stats.time_limit = options.time_limit;
   stats.light_samples = options.light_samples;
   stats.open_light_samples = std::max(stats.open_light_samples, options.light_samples);
   stats.width = picture.window.width;

@@ -20,6 +20,7 @@
 #include "core/scene/scene.h"
 #include "core/simd/isa.h"
 #include "field/store/risk_classes.h"
+#include "hybrid/film/sample_allocation.h"
 #include "hybrid/stats/stats.h"
 
 namespace fieldtrace {
@@ -74,7 +75,12 @@ struct RenderOptions {
   uint64_t fewest_answers = 0;     // also leave those whose field would answer fewer rays of the film
   std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao
   float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude in the layer ao
+  // Pictures by rounds (render_rounds.h); `spp`, unless 0, is then the most samples of a pixel.
+  float target_error = 0.0f;  // > 0: the picture's error at which it is finished, by error_measure
+  ErrorMeasure error_measure = ErrorMeasure::absolute;
+  float time_limit = 0.0f;  // > 0: seconds from the beginning of render()
 
+  bool by_rounds() const { return target_error > 0.0f || time_limit > 0.0f; }
   float base_tolerance() const { return tolerance.value_or(k_default_tolerance); }
 };
 

@@ -3,20 +3,15 @@
 #include <tbb/enumerable_thread_specific.h>
 
 #include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <mutex>
+#include <numeric>
 
-#include "core/math/finite.h"
 #include "core/platform/parallel.h"
-#include "hybrid/path/tiles.h"
-#include "hybrid/render/trace_pixels.h"
+#include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 // The pixels to trace for a window. Where candidates may overflow, a ray's test depends on its group, and the groups on
 // the tile; whole tiles of the film are traced then, so that a pixel is the same in every window.
@@ -33,71 +28,36 @@ bool contains(const Rect& r, const PixelPosition& p) {
   return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
 }
 
-// Reports progress at most ten times a second, from whichever thread has just finished a tile.
-class Progress {
- public:
-  Progress(const RenderCallbacks& callbacks, size_t total) : callbacks_(callbacks), total_(total) {}
-
-  void tile_done() {
-    const size_t done = ++done_;
-    if (!callbacks_.progress) return;
-    const std::unique_lock lock(mutex_, std::try_to_lock);
-    if (!lock || (done < total_ && Clock::now() - last_ < std::chrono::milliseconds(100))) return;
-    last_ = Clock::now();
-    // A thread that waited for the lock may hold an older count.
-    reported_ = std::max(reported_, float(double(done) / double(total_)));
-    callbacks_.progress(reported_, "render");
-  }
-
- private:
-  const RenderCallbacks& callbacks_;
-  size_t total_;
-  std::atomic<size_t> done_ = 0;
-  std::mutex mutex_;
-  Clock::time_point last_ = Clock::now();
-  float reported_ = 0.0f;
-};
-
-struct PixelSums {
-  DVec3 radiance = DVec3(0.0);
-  AovSums aovs;
-};
-
-void write_pixel(const Job& job, const PixelPosition& p, const PixelSums& sums) {
-  float* out = job.image.pixel(p.x - job.picture.window.x, p.y - job.picture.window.y);
-  for (int c = 0; c < 3; ++c) *out++ = float(sums.radiance[c] / job.picture.spp);
-  sums.aovs.write(job.picture.aovs, out);
-}
-
-// Returns false if it was stopped; the tile then stays black.
-bool render_tile(Job& job, const Rect& tile, TransportWorker& worker) {
-  const std::vector<PixelPosition> pixels = tile_pixels(tile);
-  std::vector<PixelSums> sums(pixels.size());
-  const auto goes_on = [&] { return !job.picture.stopped() && !job.budget.exceeded(); };
-  const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
-    DVec3 sum = sums[pixel].radiance;
-    for (const Rgb& r : radiance) sum += DVec3(r);
-    if (!std::isfinite(sum.x + sum.y + sum.z)) {  // never by overflow: the samples are floats
-      sum = sums[pixel].radiance;
-      for (const Rgb& r : radiance) {
-        if (is_finite(r)) {
-          sum += DVec3(r);
-        } else {
-          ++job.not_finite;
-        }
-      }
-    }
-    sums[pixel].radiance = sum;
-    for (const FirstHit& first : firsts) sums[pixel].aovs.add(first);
-  };
-  if (!trace_pixels(pixels, job.picture.spp, job.picture.settings.lobe_samples, worker, goes_on, add)) return false;
-  for (size_t i = 0; i < pixels.size(); ++i) {
-    if (contains(job.picture.window, pixels[i])) write_pixel(job, pixels[i], sums[i]);
+// Returns false if it was stopped.
+bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& worker, TileSums& result) {
+  result.pixels = tile_pixels(tile);
+  result.sums.assign(result.pixels.size(), {});
+  result.aovs.assign(job.context.settings.first_hits ? result.pixels.size() : 0, {});
+  std::vector<uint32_t> counts;
+  for (const PixelPosition& p : result.pixels) counts.push_back(pass.samples_of_half(p));
+  for (int half = 0; half < pass.halves; ++half) {
+    const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
+      PixelSums& sums = result.sums[pixel];
+      const uint64_t not_finite = sums.add(half, radiance);
+      if (not_finite > 0) job.not_finite += not_finite;
+      const TransportWorker::Cost& cost = worker.sample_cost();
+      sums.seconds += double(radiance.size()) * cost.seconds;
+      sums.work += float(double(radiance.size()) * cost.work);
+      for (const FirstHit& first : firsts) result.aovs[pixel].add(first);
+    };
+    if (!trace_pixels(
+            result.pixels, counts, pass.first_replicate + uint32_t(half), job.context.settings.lobe_samples, worker,
+            [&] { return job.goes_on(); }, add))
+      return false;
   }
   return true;
 }
 
 }  // namespace
+
+std::vector<Rect> picture_tiles(const Picture& picture) {
+  return make_tiles(picture.by_rounds() ? picture.window : traced_window(picture.scene, picture.window), k_tile_size);
+}
 
 Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
   Image image;
@@ -111,24 +71,75 @@ Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
   return image;
 }
 
-Stats render_tiles(Job& job) {
-  const std::vector<Rect> tiles = make_tiles(traced_window(job.picture.scene, job.picture.window), k_tile_size);
-  Progress progress(job.picture.callbacks, tiles.size());
-  tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(job.context); });
-  parallel_for(tiles.size(), [&](size_t i) {
+void write_pixel(const Picture& picture, const PixelPosition& p, const PixelSums& sums, const AovSums* aovs,
+                 Image& image) {
+  float* const out = image.pixel(p.x - picture.window.x, p.y - picture.window.y);
+  write_pixel(sums, aovs ? *aovs : AovSums{}, picture.aovs, out);
+}
+
+void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t tile, const TileSums&)>& finished,
+                 const std::function<void(size_t tiles)>& progress, Stats& stats) {
+  struct Worker {
+    explicit Worker(const TransportContext& context) : transport(context) {}
+    TransportWorker transport;
+    TileSums sums;
+  };
+  const std::vector<Rect> tiles = picture_tiles(job.picture);
+  std::atomic<size_t> done = 0;
+  tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(job.context); });
+  parallel_for(pass.tiles.size(), [&](size_t i) {
     if (job.interrupted) return;
-    bool done = false;
+    Worker& worker = workers.local();
+    bool is_done = false;
     // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
-    tbb::this_task_arena::isolate([&] { done = render_tile(job, tiles[i], workers.local()); });
-    if (done) {
-      progress.tile_done();
+    tbb::this_task_arena::isolate(
+        [&] { is_done = trace_tile(job, pass, tiles[pass.tiles[i]], worker.transport, worker.sums); });
+    if (is_done) {
+      finished(pass.tiles[i], worker.sums);
+      progress(++done);
     } else {
       job.interrupted = true;
     }
   });
-  Stats stats;
-  for (const TransportWorker& worker : workers) stats.merge_counters(worker.stats());
-  return stats;
+  for (const Worker& worker : workers) stats.merge_counters(worker.transport.stats());
+}
+
+void render_tiles(Job& job, Image& image, Stats& stats) {
+  const Picture& picture = job.picture;
+  Pass pass;
+  pass.samples_of_half = [&](const PixelPosition&) { return uint32_t(picture.spp); };
+  pass.tiles.resize(picture_tiles(picture).size());
+  std::iota(pass.tiles.begin(), pass.tiles.end(), size_t(0));
+  const auto finished = [&](size_t, const TileSums& tile) {
+    for (size_t i = 0; i < tile.pixels.size(); ++i) {
+      if (contains(picture.window, tile.pixels[i]))
+        write_pixel(picture, tile.pixels[i], tile.sums[i], tile.aovs.empty() ? nullptr : &tile.aovs[i], image);
+    }
+  };
+  Progress progress(picture.callbacks);
+  trace_tiles(
+      job, pass, finished, [&](size_t done) { progress.report(double(done) / double(pass.tiles.size())); }, stats);
+}
+
+struct Progress::State {
+  const RenderCallbacks& callbacks;
+  std::mutex mutex;
+  Clock::time_point last = Clock::now();
+  float reported = 0.0f;
+};
+
+Progress::Progress(const RenderCallbacks& callbacks) : state_(new State{callbacks, {}}) {}
+Progress::~Progress() = default;
+
+void Progress::report(double share) {
+  State& s = *state_;
+  if (!s.callbacks.progress) return;
+  const std::unique_lock lock(s.mutex, std::try_to_lock);
+  if (!lock || (share < 1.0 && Clock::now() - s.last < std::chrono::milliseconds(100))) return;
+  s.last = Clock::now();
+  // A thread that waited for the lock may hold an older share.
+  s.reported = std::max(s.reported, float(std::min(share, 1.0)));
+  s.callbacks.progress(s.reported, "render");
 }
 
 void warn_of_not_finite(const Job& job) {

@@ -2,9 +2,15 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
+#include <optional>
+#include <span>
+#include <vector>
 
 #include "core/image/image.h"
 #include "field/store/field_budget.h"
+#include "hybrid/film/film_sums.h"
+#include "hybrid/path/tiles.h"
 #include "hybrid/path/transport_context.h"
 #include "hybrid/render/picture.h"
 
@@ -15,16 +21,60 @@ struct Job {
   const Picture& picture;
   const TransportContext& context;
   const FieldBudget& budget;
-  Image& image;
+  std::optional<Clock::time_point> deadline = {};  // begins no batch of camera samples after it
   std::atomic<bool> interrupted = false;
   std::atomic<uint64_t> not_finite = 0;
+
+  bool timed_out() const { return deadline && Clock::now() >= *deadline; }
+  bool goes_on() const { return !picture.stopped() && !budget.exceeded() && !timed_out(); }
 };
+
+// Camera samples that one pass over the tiles takes.
+struct Pass {
+  int halves = 1;
+  uint32_t first_replicate = 0;                                   // of the first half; the second takes the next one
+  std::function<uint32_t(const PixelPosition&)> samples_of_half;  // of each pixel
+  std::vector<size_t> tiles;                                      // indices into picture_tiles(), in order
+};
+
+// What a pass adds up in a tile. `aovs` is empty if there are no layers of first hits.
+struct TileSums {
+  std::vector<PixelPosition> pixels;
+  std::vector<PixelSums> sums;
+  std::vector<AovSums> aovs;
+};
+
+// The tiles that a picture is traced in.
+std::vector<Rect> picture_tiles(const Picture& picture);
 
 // A black image of the picture's window and layers.
 Image make_image(const Rect& window, const std::vector<Aov>& aovs);
 
-// Renders all tiles, unless the budget or an interrupt stops it. Returns the workers' merged counters.
-Stats render_tiles(Job& job);
+// Traces a pass. `finished(tile, sums)` is called by any thread as tiles are finished; tiles that the budget, the
+// deadline or an interrupt stops are left out, and job.interrupted set. `progress` is called likewise, with the number
+// of finished tiles. Adds the workers' counters to `stats`.
+void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t tile, const TileSums&)>& finished,
+                 const std::function<void(size_t tiles)>& progress, Stats& stats);
+
+// Renders all tiles in one pass, unless the budget or an interrupt stops it.
+void render_tiles(Job& job, Image& image, Stats& stats);
+
+// Writes a pixel of the window.
+void write_pixel(const Picture& picture, const PixelPosition& p, const PixelSums& sums, const AovSums* aovs,
+                 Image& image);
+
+// Calls the picture's progress callback at most ten times a second, from one thread at a time, with shares that do not
+// fall.
+class Progress {
+ public:
+  explicit Progress(const RenderCallbacks& callbacks);
+  ~Progress();
+  void report(double share);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
 
 // Warns of camera samples that were not finite, if there were any.
 void warn_of_not_finite(const Job& job);

@@ -6,6 +6,11 @@
 namespace fieldtrace {
 
 void Stats::merge_counters(const Stats& o) {
+  if (o.rounds > 0) {
+    rounds = o.rounds;
+    error_noise = o.error_noise, error_fields = o.error_fields, error_estimate = o.error_estimate;
+    samples_mean = o.samples_mean, samples_fewest = o.samples_fewest, samples_most = o.samples_most;
+  }
   time_primary += o.time_primary;
   time_secondary += o.time_secondary;
   rays_primary += o.rays_primary;
@@ -60,6 +65,13 @@ std::string Stats::to_json() const {
   nlohmann::ordered_json j;
   j["method"] = method;
   j["spp"] = spp;
+  if (rounds > 0) {
+    j["target_error"] = target_error;
+    j["time_limit"] = time_limit;
+    j["rounds"] = rounds;
+    j["error"] = {{"estimate", error_estimate}, {"noise", error_noise}, {"fields", error_fields}};
+    j["samples_per_pixel"] = {{"mean", samples_mean}, {"fewest", samples_fewest}, {"most", samples_most}};
+  }
   j["light_samples"] = light_samples;
   j["light_samples_open"] = open_light_samples;
   j["tolerance"] = tolerance;

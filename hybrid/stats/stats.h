@@ -66,6 +66,12 @@ struct Stats {
   std::string isa, device;
   uint32_t seed = 0;
   uint64_t triangles = 0, instances = 0, lights = 0;
+  // Of pictures by rounds: the error asked for, and what was found: of noise, of fields, of both; samples of a pixel.
+  double target_error = 0, time_limit = 0;
+  uint32_t rounds = 0;
+  double error_noise = 0, error_fields = 0, error_estimate = 0;
+  double samples_mean = 0;
+  uint32_t samples_fewest = 0, samples_most = 0;
 
   double time_load = 0, time_bake = 0, time_primary = 0, time_secondary = 0, time_total = 0;
   double time_build = 0;  // Embree's acceleration structures

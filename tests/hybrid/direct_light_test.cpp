@@ -9,7 +9,7 @@
 #include "core/mesh/mesh_procedural.h"
 #include "hybrid/compare/compare.h"
 #include "hybrid/render/render.h"
-#include "hybrid/render/trace_pixels.h"
+#include "hybrid/transport/trace_pixels.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
 

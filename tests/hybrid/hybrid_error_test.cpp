@@ -10,7 +10,7 @@
 #include "core/trace/accel.h"
 #include "hybrid/compare/compare.h"
 #include "hybrid/render/render.h"
-#include "hybrid/render/trace_pixels.h"
+#include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/hybrid_scenes.h"

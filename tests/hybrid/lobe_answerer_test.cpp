@@ -10,7 +10,7 @@
 #include "hybrid/compare/compare.h"
 #include "hybrid/glossy/radiance_maps.h"
 #include "hybrid/render/render.h"
-#include "hybrid/render/transport.h"
+#include "hybrid/transport/transport.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/random_lines.h"

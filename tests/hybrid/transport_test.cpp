@@ -6,7 +6,7 @@
 
 #include "core/trace/accel.h"
 #include "hybrid/render/render.h"
-#include "hybrid/render/trace_pixels.h"
+#include "hybrid/transport/trace_pixels.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
 

@@ -16,8 +16,8 @@
 #include "core/loader/scene_xml.h"
 #include "core/platform/error.h"
 #include "core/platform/parallel.h"
-#include "hybrid/render/trace_pixels.h"
 #include "hybrid/stats/stopwatch.h"
+#include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {
 namespace {

@@ -105,6 +105,10 @@ void print_summary(const Stats& s) {
              s.time_load, s.time_bake, s.time_primary, s.time_secondary);
   fmt::print(stderr, "rays    {} primary, {} shadow ({} near an object), {} glossy\n", count(s.rays_primary),
              count(s.rays_shadow), count(s.rays_crossing), count(s.rays_glossy));
+  if (s.rounds > 0) {
+    fmt::print(stderr, "error   {:.3g} estimated: noise {:.3g}, fields {:.3g}; {} rounds, {} to {} samples a pixel\n",
+               s.error_estimate, s.error_noise, s.error_fields, s.rounds, s.samples_fewest, s.samples_most);
+  }
   if (s.field_objects > 0) {
     // The thesis' chart has no plane cells.
     const std::string cells = s.field_plane == 0 ? fmt::format("chart thesis, M = {}", s.field_directions)
@@ -165,6 +169,8 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   callbacks.progress = [&progress](float share, const char* stage) { progress.update(share, stage); };
   callbacks.warning = print_warnings(progress);
   callbacks.stop = &stop;
+  // The limit is the whole command's; what is left to do after the picture takes about as long as at other times.
+  if (options.time_limit > 0.0f) options.time_limit = std::max(options.time_limit - float(seconds_since(start)), 1e-3f);
   RenderResult result = render(scene, options, callbacks);
   progress.clear();
 
@@ -185,7 +191,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
 
 // Documented options that are not implemented: accepted by name, so that the error message can say that.
 void add_unavailable_options(CLI::App& command) {
-  for (const auto& [name, type] : {std::pair{"--time-limit", "S"}, {"--target-error", "E"}, {"--resume", "FILE"}}) {
+  for (const auto& [name, type] : {std::pair{"--resume", "FILE"}}) {
     command
         .add_option_function<std::string>(
             name, [name = std::string(name)](const std::string&) { throw not_available_yet(name); },

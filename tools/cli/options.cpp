@@ -243,6 +243,28 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
         return fmt::format("'{}' is not one of {}", name, fmt::join(aovs, ", "));
       })
       ->type_name("LIST");
+  const auto add_positive = [&](const char* name, float& target, const char* type, const char* help) {
+    return command
+        .add_option_function<float>(
+            name, [&target](const float& value) { target = value; }, help)
+        ->check(positive_number())
+        ->type_name(type);
+  };
+  add_positive(
+      "--target-error", options.target_error, "E",
+      "Root mean square error of the picture at which it is finished; --spp is then the most samples of a pixel");
+  command
+      .add_option_function<float>(
+          "--target-error-relative",
+          [&options](const float& error) {
+            options.target_error = error;
+            options.error_measure = ErrorMeasure::relative;
+          },
+          "The same, relative: the root of relmse")
+      ->check(positive_number())
+      ->type_name("E")
+      ->excludes("--target-error");
+  add_positive("--time-limit", options.time_limit, "S", "Seconds after which the picture is finished as it is");
   command
       .add_option_function<float>(
           "--ao-distance", [&options](const float& distance) { options.ao_distance = distance; },

@@ -1,8 +1,8 @@
 // What happens where a wave of rays ends: emission is added, surfaces are looked up and handed to direct light.
 
 #include "hybrid/glossy/hit_answerer.h"
-#include "hybrid/render/transport_impl.h"
 #include "hybrid/sky/indirect_light.h"
+#include "hybrid/transport/transport_impl.h"
 
 namespace fieldtrace {
 

@@ -40,6 +40,12 @@ class TransportWorker final : public PathFollower {
   // Counters and this thread's times; time_primary and time_secondary are sums over calls.
   const Stats& stats() const;
 
+  // What the last trace() cost for each camera sample: seconds of this thread; the sample itself and its rays.
+  struct Cost {
+    double seconds = 0.0, work = 0.0;
+  };
+  const Cost& sample_cost() const;
+
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

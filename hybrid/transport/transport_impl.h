@@ -13,7 +13,7 @@
 #include "hybrid/glossy/lobe_answerer.h"
 #include "hybrid/light/ambient_occlusion.h"
 #include "hybrid/light/direct_light.h"
-#include "hybrid/render/transport.h"
+#include "hybrid/transport/transport.h"
 
 namespace fieldtrace {
 
@@ -44,6 +44,7 @@ struct TransportWorker::Impl {
   // By camera ray. The three members of a camera path that differ from a new one's are set where a path is needed.
   AlignedVector<uint32_t> pixel_seeds, vertex_seeds;
   std::span<const uint32_t> sample_indices;
+  TransportWorker::Cost sample_cost;
   std::vector<PathVertex> vertex_storage;  // never shrinks, because new vertices cost time
   std::span<PathVertex> vertices;
   std::vector<SurfacePoint> vertex_surfaces;
@@ -73,6 +74,7 @@ struct TransportWorker::Impl {
   // Whether diffuse surfaces of this number know what comes from those instances that send light by way of the sky.
   bool knows_indirect(int vertex_number) const { return context.indirect && context.has_sky_maps(vertex_number); }
 
+  void trace(const CameraSamples& samples);
   void generate(const CameraSamples& samples);
   void pass_hidden_emitters();
   void intersect(int vertex_number);

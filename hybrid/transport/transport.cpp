@@ -1,4 +1,4 @@
-#include "hybrid/render/transport.h"
+#include "hybrid/transport/transport.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,9 +6,9 @@
 
 #include "core/math/finite.h"
 #include "hybrid/glossy/hit_answerer.h"
-#include "hybrid/render/transport_impl.h"
 #include "hybrid/sky/indirect_light.h"
 #include "hybrid/stats/stopwatch.h"
+#include "hybrid/transport/transport_impl.h"
 
 namespace fieldtrace {
 namespace {
@@ -27,7 +27,9 @@ Rgb interface_share(const Material& material, const Vec3& wi, const Vec3& wo) {
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
   const ScopedTimer timer(stats.time_primary);
-  context.camera.sample(samples, settings.seed, settings.isa, rays, near_distance);
+  const uint32_t picture_seed =
+      samples.replicate == 0 ? settings.seed : scalar::hash_combine(settings.seed, samples.replicate);
+  context.camera.sample(samples, picture_seed, settings.isa, rays, near_distance);
   paths.swap(camera_paths);
   paths.resize(samples.size);
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
@@ -37,7 +39,7 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
   for (size_t begin = 0, end = 0; begin < samples.size; begin = end) {
     const uint32_t x = samples.x[begin], y = samples.y[begin];
     for (end = begin + 1; end < samples.size && samples.x[end] == x && samples.y[end] == y;) ++end;
-    const uint32_t seed = scalar::pixel_seed(settings.seed, x, y);
+    const uint32_t seed = scalar::pixel_seed(picture_seed, x, y);
     std::fill_n(&pixel_seeds[begin], end - begin, seed);
     std::fill_n(&vertex_seeds[begin], end - begin, scalar::vertex_seed(seed, 0));
   }
@@ -302,22 +304,37 @@ void TransportWorker::Impl::go_on(int vertex_number) {
   }
 }
 
+void TransportWorker::Impl::trace(const CameraSamples& samples) {
+  generate(samples);
+  if (settings.max_depth == 0 || samples.size == 0) return;
+  intersect(0);
+  if (settings.hide_emitters) pass_hidden_emitters();
+  arrive(0);
+  if (settings.occlusion) occlusion.gather(firsts, stats);
+  gather_light(0);
+  scatter(0);
+  camera_paths.swap(next_paths);
+  go_on(0);
+}
+
 void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radiance) {
   Impl& w = *impl_;
   w.radiance = radiance;
   std::fill(radiance.begin(), radiance.end(), Rgb(0.0f));
   w.occlusion.clear();
-  w.generate(samples);
-  if (w.settings.max_depth == 0 || samples.size == 0) return;
-  w.intersect(0);
-  if (w.settings.hide_emitters) w.pass_hidden_emitters();
-  w.arrive(0);
-  if (w.settings.occlusion) w.occlusion.gather(w.firsts, w.stats);
-  w.gather_light(0);
-  w.scatter(0);
-  w.camera_paths.swap(w.next_paths);
-  w.go_on(0);
+  const uint64_t rays_before = w.stats.rays_primary + w.stats.rays_exact;
+  w.sample_cost = {};
+  {
+    const ScopedTimer timer(w.sample_cost.seconds);
+    w.trace(samples);
+  }
+  if (samples.size == 0) return;
+  const uint64_t rays = w.stats.rays_primary + w.stats.rays_exact - rays_before;
+  w.sample_cost.seconds /= double(samples.size);
+  w.sample_cost.work = 1.0 + double(rays) / double(samples.size);
 }
+
+const TransportWorker::Cost& TransportWorker::sample_cost() const { return impl_->sample_cost; }
 
 std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context) {
   return std::make_unique<TransportWorker>(context);

@@ -1,0 +1,160 @@
+#include "hybrid/film/sample_allocation.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fieldtrace {
+namespace {
+
+// Of the metric relmse.
+constexpr double k_relative_floor = 1e-2;
+// Rounds that add less than this share to a pixel leave it to a later one: each pays again for its clusters.
+constexpr double k_least_growth = 0.125;
+
+struct CellSums {
+  double pixels = 0.0, square = 0.0, work = 0.0, samples = 0.0;
+
+  void add(const CellSums& o) { pixels += o.pixels, square += o.square, work += o.work, samples += o.samples; }
+  // Of one sample: the variance of the means times their samples.
+  double variance() const { return pixels > 0.0 ? square / pixels * (samples / pixels) : 0.0; }
+};
+
+}  // namespace
+
+double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure measure) {
+  if (measure == ErrorMeasure::absolute) return (squares.x + squares.y + squares.z) / 3.0;
+  const DVec3 weighted = squares / (value * value + k_relative_floor);
+  return (weighted.x + weighted.y + weighted.z) / 3.0;
+}
+
+double noise_square(const PixelSums& pixel, ErrorMeasure measure) {
+  return weighted_square(pixel.variance(), pixel.mean(), measure);
+}
+
+NoiseCells::NoiseCells(const Rect& window) : window_(window) {
+  const auto blocks_along = [](int n) { return size_t((n + k_noise_block - 1) / k_noise_block); };
+  columns_ = blocks_along(window_.width);
+  rows_ = blocks_along(window_.height);
+}
+
+SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure) {
+  const Rect& window = film.window;
+  const NoiseCells cells(window);
+  const size_t columns = cells.columns(), rows = cells.rows();
+  std::vector<CellSums> sums(cells.count());
+  for (int y = window.y; y < window.y + window.height; ++y) {
+    for (int x = window.x; x < window.x + window.width; ++x) {
+      const PixelSums& p = film.pixels[film.index(x, y)];
+      CellSums& s = sums[cells.cell(x, y)];
+      const double square = noise_square(p, measure);
+      s.add({1.0, square, p.work, double(p.samples())});
+      mean_square_ += square;
+    }
+  }
+  pixels_ = double(film.pixels.size());
+  mean_square_ /= std::max(pixels_, 1.0);
+  cells_.resize(sums.size());
+  for (size_t row = 0; row < rows; ++row) {
+    for (size_t column = 0; column < columns; ++column) {
+      for (size_t colour = 0; colour < 2; ++colour) {
+        const size_t block = row * columns + column;
+        const CellSums &own = sums[2 * block + colour], &other = sums[2 * block + 1 - colour];
+        // Half of what is known comes from the blocks around: a block's own estimate is noisy.
+        double around = 0.0, weight = 0.0;
+        for (size_t r = row - std::min<size_t>(row, 1); r <= std::min(row + 1, rows - 1); ++r) {
+          for (size_t c = column - std::min<size_t>(column, 1); c <= std::min(column + 1, columns - 1); ++c) {
+            const CellSums& near = sums[2 * (r * columns + c) + 1 - colour];
+            around += near.pixels * near.variance();
+            weight += near.pixels;
+          }
+        }
+        around = weight > 0.0 ? around / weight : own.variance();
+        NoiseCell& cell = cells_[2 * block + colour];
+        cell.pixels = own.pixels;
+        cell.variance = 0.5 * ((other.pixels > 0.0 ? other.variance() : own.variance()) + around);
+        cell.work = own.samples > 0.0 ? own.work / own.samples : 1.0;
+        cell.samples = own.pixels > 0.0 ? own.samples / own.pixels : 0.0;
+      }
+    }
+  }
+}
+
+double SampleAllocation::mean_samples() const {
+  double sum = 0.0;
+  for (const NoiseCell& c : cells_) sum += c.pixels * c.samples;
+  return sum / std::max(pixels_, 1.0);
+}
+
+uint32_t SampleAllocation::fewest_samples() const {
+  double least = k_infinity;
+  for (const NoiseCell& c : cells_) {
+    if (c.pixels > 0.0) least = std::min(least, c.samples);
+  }
+  return least < k_infinity ? uint32_t(least) : 0;
+}
+
+uint32_t SampleAllocation::most_samples() const {
+  double most = 0.0;
+  for (const NoiseCell& c : cells_) most = std::max(most, c.samples);
+  return uint32_t(most);
+}
+
+double SampleAllocation::work() const {
+  double sum = 0.0;
+  for (const NoiseCell& c : cells_) sum += c.pixels * c.samples * c.work;
+  return sum;
+}
+
+double SampleAllocation::goal(const NoiseCell& c, double scale, const Limits& limits) const {
+  const double wanted = scale * std::sqrt(c.variance / c.work);
+  const double most = std::min(c.samples * limits.growth, limits.most);
+  return std::max(std::min(wanted, most), c.samples);
+}
+
+double SampleAllocation::predicted(double scale, const Limits& limits) const {
+  double sum = 0.0;
+  for (const NoiseCell& c : cells_) {
+    if (c.pixels > 0.0) sum += c.pixels * c.variance / std::max(goal(c, scale, limits), 1.0);
+  }
+  return sum / std::max(pixels_, 1.0);
+}
+
+double SampleAllocation::further_work(double scale, const Limits& limits) const {
+  double sum = 0.0;
+  for (const NoiseCell& c : cells_) sum += c.pixels * c.work * (goal(c, scale, limits) - c.samples);
+  return sum;
+}
+
+std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
+  // Both sides of the search are far beyond any goal: samples per sqrt(variance / work).
+  double low = 1e-30, high = 1e30;
+  const auto is_too_much = [&](double scale) {
+    return predicted(scale, limits) < limits.mean_square || further_work(scale, limits) > limits.work;
+  };
+  for (int i = 0; i < 256 && high > low * 1.0001; ++i) {
+    const double middle = std::sqrt(low * high);
+    (is_too_much(middle) ? high : low) = middle;
+  }
+  std::vector<uint32_t> counts(cells_.size(), 0);
+  bool is_any = false;
+  for (const double least : {k_least_growth, 0.0}) {
+    if (is_any) break;
+    for (size_t i = 0; i < cells_.size(); ++i) {
+      const NoiseCell& c = cells_[i];
+      if (!(c.pixels > 0.0)) continue;
+      const double more = goal(c, high, limits) - c.samples;
+      if (!(more > least * c.samples)) continue;
+      counts[i] = uint32_t(std::min(std::ceil(0.5 * more), std::floor(0.5 * (limits.most - c.samples))));
+      is_any |= counts[i] > 0;
+    }
+  }
+  return counts;
+}
+
+double SampleAllocation::work_of(const std::vector<uint32_t>& further) const {
+  double sum = 0.0;
+  for (size_t i = 0; i < cells_.size(); ++i) sum += cells_[i].pixels * cells_[i].work * 2.0 * double(further[i]);
+  return sum;
+}
+
+}  // namespace fieldtrace

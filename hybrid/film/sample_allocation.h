@@ -1,0 +1,90 @@
+// The error that a picture's noise makes, and where further camera samples lower it most.
+//
+// A picture's mean square error falls fastest for its cost if each pixel gets samples in proportion to
+// sqrt(variance / cost) of one of them (Neyman, "On the two different aspects of the representative method", 1934).
+// Variances are those of blocks of pixels, from the differences of their halves (PixelSums::variance). So that no
+// pixel's mean depends on why its sampling went on or ended, the pixels of a block take turns like the fields of a
+// chessboard: those of one colour get what those of the other colour show. Thread-safety: values.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "hybrid/film/film_sums.h"
+
+namespace fieldtrace {
+
+// Pixels along each side of a block.
+inline constexpr int k_noise_block = 8;
+
+// What an error is measured by: the root of the mean square over pixels and channels of the difference (absolute), or
+// of the difference over sqrt(value^2 + .01) (relative; the square is the metric relmse).
+enum class ErrorMeasure { absolute, relative };
+
+// The mean over channels of squares, by the measure, where the picture's value is `value`.
+double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure measure);
+// That of a pixel's noise.
+double noise_square(const PixelSums& pixel, ErrorMeasure measure);
+
+// One colour of one block. Pixels of the same cell always have the same number of samples.
+struct NoiseCell {
+  double pixels = 0.0;
+  double variance = 0.0;  // mean over the pixels and channels, of one sample, as the other colour shows it
+  double work = 1.0;      // of a sample
+  double samples = 0.0;   // of each pixel, both halves
+};
+
+// How a window's pixels fall into cells.
+class NoiseCells {
+ public:
+  explicit NoiseCells(const Rect& window);
+  size_t cell(int x, int y) const {
+    const auto column = size_t((x - window_.x) / k_noise_block), row = size_t((y - window_.y) / k_noise_block);
+    return 2 * (row * columns_ + column) + size_t((x ^ y) & 1);
+  }
+  size_t columns() const { return columns_; }
+  size_t rows() const { return rows_; }
+  size_t count() const { return 2 * columns_ * rows_; }
+
+ private:
+  Rect window_;
+  size_t columns_ = 0, rows_ = 0;
+};
+
+class SampleAllocation {
+ public:
+  // The film's samples must be in two halves alike.
+  SampleAllocation(const FilmSums& film, ErrorMeasure measure);
+
+  // The mean square error that noise makes, by the measure.
+  double mean_square() const { return mean_square_; }
+  // The mean number of samples of a pixel, and the least and the most.
+  double mean_samples() const;
+  uint32_t fewest_samples() const;
+  uint32_t most_samples() const;
+  // The work that all samples took.
+  double work() const;
+
+  // What a round may add.
+  struct Limits {
+    double mean_square = 0.0;    // stop where the noise is expected to be this
+    double work = k_infinity;    // of all further samples
+    double growth = k_infinity;  // no pixel gets more than this many times the samples that it has
+    double most = k_infinity;    // samples of a pixel, in all
+  };
+  // Further samples of each half, by cell. All 0 only where the limits allow none.
+  std::vector<uint32_t> further(const Limits& limits) const;
+  // The work of such samples.
+  double work_of(const std::vector<uint32_t>& further) const;
+
+ private:
+  // The goal for a cell's samples where a unit of mean square is worth 1 / scale^2 of work.
+  double goal(const NoiseCell& cell, double scale, const Limits& limits) const;
+  double predicted(double scale, const Limits& limits) const;
+  double further_work(double scale, const Limits& limits) const;
+
+  std::vector<NoiseCell> cells_;
+  double pixels_ = 0.0, mean_square_ = 0.0;
+};
+
+}  // namespace fieldtrace
