@@ -46,6 +46,7 @@ Scene load_scene(const std::string& path, const SceneLoadOptions& options) {
   load_scene_tree(path, options.parameters, diagnostics, tree);
   SceneBuilder builder(tree, diagnostics);
   builder.scene.files = tree.files;
+  builder.scene.parameters = options.parameters;
   build_scene(builder);
   recentre_meshes(builder.scene, builder.placement);
   place_scene(builder.scene, builder.placement);

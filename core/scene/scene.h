@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -190,6 +191,7 @@ struct Scene {
   IntegratorSettings integrator;
   int sample_count = 16;  // of the scene file's sampler
   uint32_t seed = 0;
+  std::map<std::string, std::string> parameters;  // that the scene file was read with, by name
   std::vector<std::string> files;  // all files read for the scene: scene files, meshes, bitmaps; with repetitions
   // World coordinates of the file = coordinates used here + origin. Not zero where the scene lies far from the file's
   // origin compared with its size (see scene_recentre.h).

@@ -42,6 +42,10 @@ void check_options(const RenderOptions& o, int spp) {
     throw UsageError("a picture to an error or a time needs 2 samples a pixel at least, but --spp allows 1");
   if (o.by_rounds() && o.chart == Chart::thesis)
     throw UsageError("a picture to an error or a time is not made with the thesis' chart; give the samples by --spp");
+  if (!o.checkpoint.empty() && !(o.checkpoint_seconds >= 0.0))
+    throw UsageError("a checkpoint every " + std::to_string(o.checkpoint_seconds) + " s; it must be 0 or more");
+  if (o.keeps_sums() && o.chart == Chart::thesis)
+    throw UsageError("renders with the thesis' chart have no checkpoints");
   if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
 }
 

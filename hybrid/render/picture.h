@@ -11,6 +11,7 @@
 #include "core/camera/camera.h"
 #include "core/trace/accel.h"
 #include "field/file/field_cache.h"
+#include "hybrid/film/checkpoint.h"
 #include "hybrid/path/aovs.h"
 #include "hybrid/render/render.h"
 #include "hybrid/render/sky_stage.h"
@@ -31,7 +32,7 @@ struct Picture {
   const RenderOptions& options;
   const RenderCallbacks& callbacks;
   int spp = 1;           // of a picture by rounds: what it is expected to need
-  int most_samples = 1;  // of a pixel by rounds
+  int most_samples = 1;  // of a pixel, in all
   std::vector<Aov> aovs;
   Rect window;
   TransportSettings settings;
@@ -41,7 +42,7 @@ struct Picture {
   // Throws UsageError if options are out of range.
   Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
 
-  // Sets `spp` of a picture by rounds.
+  // Sets `spp`.
   void expect(double samples);
   bool by_rounds() const { return options.by_rounds(); }
   bool is_adaptive() const;  // whether lights that may be hidden get more light samples
@@ -71,6 +72,8 @@ struct Stage {
   // Of a picture to an error: by what its tolerance is multiplied; 0: rays answer everything.
   float trust = 1.0f;
   std::optional<Clock::time_point> deadline = {};  // of a picture with a time limit
+  PictureIdentity identity = {};                   // of a picture with checkpoints
+  std::optional<Checkpoint> resumed = {};          // where the picture goes on
 };
 
 }  // namespace fieldtrace

@@ -19,6 +19,7 @@
 #include "hybrid/render/indirect_stage.h"
 #include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/picture.h"
+#include "hybrid/render/picture_identity.h"
 #include "hybrid/render/render_pilot.h"
 #include "hybrid/render/render_rounds.h"
 #include "hybrid/render/render_tiles.h"
@@ -151,11 +152,11 @@ void choose_light_samples(const Picture& picture, TransportContext& context) {
 constexpr float k_less_trust = 0.125f;
 
 // Whether fields will reach the target error, and sooner than rays; if not, says in `stage` how far to trust them next.
-bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, RoundsPlan& rounds) {
+bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided) {
   const RayContext rays(picture, stage);
   const FieldError error = survey_field_error(picture, context, rays.context(), double(picture.spp));
   const double target = square_of_target(picture.options);
-  rounds.field_mean_square = error.mean_square;
+  decided.field_mean_square = error.mean_square;
   if (picture.options.target_error == 0.0f) return true;
   // Where the tolerance may be at fault, less of it is tried first.
   const bool by_tolerance = context.settings.estimates && !picture.options.tolerance && stage.trust == 1.0f;
@@ -163,7 +164,11 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
     stage.trust = k_less_trust;
     return false;
   }
-  if (error.fields.work_to(target - error.mean_square) <= error.rays.work_to(target)) return true;
+  const double left = target - error.mean_square;
+  if (error.fields.work_to(left) <= error.rays.work_to(target)) {
+    decided.expected_samples = int(std::clamp(error.fields.variance / left, 1.0, double(picture.spp)));
+    return true;
+  }
   stage.trust = 0.0f;
   return false;
 }
@@ -217,18 +222,31 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     context.hits = glossy->hits();
     warn_of_no_maps(picture, stage, glossy->maps_left_out());
   }
-  RoundsPlan rounds;
   Job job{picture, context, fields.budget(), stage.deadline};
-  if (picture.by_rounds() && surveyed) {
-    choose_light_samples(picture, context);
+  Checkpoint state;
+  if (stage.resumed && stage.resumed->restarts == stats.field_restarts) {
+    state = *stage.resumed;
+    context.settings.light_samples = state.light_samples;
+    context.settings.open_light_samples = state.open_light_samples;
+  } else if (options.keeps_sums()) {
+    state.identity = stage.identity;
+    state.restarts = stats.field_restarts;
+    state.expected_samples = picture.spp;
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
-    if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, rounds)) return false;
+    if (picture.by_rounds() && surveyed) {
+      choose_light_samples(picture, context);
+      if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state)) return false;
+    }
+    state.planned_samples = picture.spp;
+    state.trust = stage.trust;
+    state.light_samples = context.settings.light_samples;
+    state.open_light_samples = context.settings.open_light_samples;
   }
   result.image = make_image(picture.window, picture.aovs);
   job.interrupted = !surveyed;
   Stats done;
-  if (picture.by_rounds())
-    render_rounds(job, rounds, result.image, done);
+  if (options.keeps_sums())
+    render_rounds(job, std::move(state), result.image, done);
   else
     render_tiles(job, result.image, done);
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
@@ -311,7 +329,15 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     if (options.time_limit > 0.0f)
       stage.deadline =
           begin + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<float>(options.time_limit));
-    if (picture.by_rounds()) expect_samples(picture, stage, threads);
+    if (options.keeps_sums()) stage.identity = picture_identity(picture);
+    if (!options.resume.empty()) {
+      stage.resumed = read_checkpoint(options.resume, stage.identity);
+      stage.trust = stage.resumed->trust;
+      picture.expect(stage.resumed->planned_samples);
+      result.stats.resumed = true;
+    } else if (picture.by_rounds()) {
+      expect_samples(picture, stage, threads);
+    }
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);

@@ -79,7 +79,12 @@ struct RenderOptions {
   float target_error = 0.0f;  // > 0: the picture's error at which it is finished, by error_measure
   ErrorMeasure error_measure = ErrorMeasure::absolute;
   float time_limit = 0.0f;  // > 0: seconds from the beginning of render()
+  // File that keeps what has been rendered, written every checkpoint_seconds, after an interrupt and at the end; and
+  // one to go on from. Empty: none.
+  std::string checkpoint, resume;
+  double checkpoint_seconds = 60.0;
 
+  bool keeps_sums() const { return by_rounds() || !checkpoint.empty() || !resume.empty(); }
   bool by_rounds() const { return target_error > 0.0f || time_limit > 0.0f; }
   float base_tolerance() const { return tolerance.value_or(k_default_tolerance); }
 };

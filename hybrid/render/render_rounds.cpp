@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <mutex>
-#include <numeric>
 
 #include "hybrid/film/sample_allocation.h"
 
@@ -20,106 +19,159 @@ constexpr double k_round_growth = 4.0;
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;
 
+double seconds_of(Clock::duration d) { return std::chrono::duration<double>(d).count(); }
+
+bool contains(const Rect& r, const PixelPosition& p) {
+  return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
+}
+
 // The rounds of one picture.
 class Rounds {
  public:
-  Rounds(Job& job, const RoundsPlan& plan, Stats& stats)
+  Rounds(Job& job, Checkpoint state, Stats& stats)
       : job_(job),
         picture_(job.picture),
         options_(job.picture.options),
         stats_(stats),
-        film_(job.picture.window, job.context.settings.first_hits),
-        cells_(film_.window),
-        measure_(options_.error_measure),
-        progress_(job.picture.callbacks),
-        field_mean_square_(plan.field_mean_square) {}
+        tiles_(picture_tiles(job.picture)),
+        state_(std::move(state)),
+        cells_(picture_.window),
+        progress_(picture_.callbacks) {
+    if (state_.film.pixels.empty()) begin();
+    work_before_ = picture_.by_rounds() ? SampleAllocation(state_.film, options_.error_measure).work() : 0.0;
+  }
 
   void render() {
-    const double expected = std::min(double(picture_.spp), double(picture_.most_samples)) * k_first_share;
-    const auto first = uint32_t(std::clamp(0.5 * expected, 1.0, double(k_most_first)));
-    std::vector<uint32_t> counts(cells_.count(), first);
-    for (uint32_t round = 0; std::any_of(counts.begin(), counts.end(), [](uint32_t n) { return n > 0; }); ++round) {
-      trace(round, counts);
+    while (!job_.interrupted && is_any(state_.counts)) {
+      trace();
       if (job_.interrupted) break;
-      counts = next();
+      state_.counts = next();
+      state_.tiles_done.assign(tiles_.size(), 0);
+      state_.round += 1;
     }
+    keep(/*now=*/true);
+    if (!failure_.empty()) warn(picture_.callbacks.warning, {}, failure_);
     if (job_.interrupted && job_.timed_out() && !picture_.stopped()) job_.interrupted = false;
   }
 
   void write(Image& image) {
-    const Rect& w = film_.window;
+    const FilmSums& film = state_.film;
+    const Rect& w = film.window;
     for (int y = w.y; y < w.y + w.height; ++y) {
       for (int x = w.x; x < w.x + w.width; ++x) {
-        const size_t i = film_.index(x, y);
-        write_pixel(picture_, {x, y}, film_.pixels[i], film_.aovs.empty() ? nullptr : &film_.aovs[i], image);
+        const size_t i = film.index(x, y);
+        write_pixel(picture_, {x, y}, film.pixels[i], film.aovs.empty() ? nullptr : &film.aovs[i], image);
       }
     }
-    const SampleAllocation allocation(film_, measure_);
-    stats_.rounds = rounds_;
+    if (!picture_.by_rounds()) return;
+    const SampleAllocation allocation(film, options_.error_measure);
+    stats_.rounds = state_.round;
     stats_.error_noise = std::sqrt(allocation.mean_square());
-    stats_.error_fields = std::sqrt(field_mean_square_);
-    stats_.error_estimate = std::sqrt(allocation.mean_square() + field_mean_square_);
+    stats_.error_fields = std::sqrt(state_.field_mean_square);
+    stats_.error_estimate = std::sqrt(allocation.mean_square() + state_.field_mean_square);
     stats_.samples_mean = allocation.mean_samples();
     stats_.samples_fewest = allocation.fewest_samples();
     stats_.samples_most = allocation.most_samples();
   }
 
  private:
-  // What noise may add to the error of fields.
-  double noise_target() const {
-    const double target = double(options_.target_error) * double(options_.target_error);
-    return std::max(target - field_mean_square_, 0.0);
+  static bool is_any(const std::vector<uint32_t>& counts) {
+    return std::any_of(counts.begin(), counts.end(), [](uint32_t n) { return n > 0; });
   }
 
-  void trace(uint32_t round, const std::vector<uint32_t>& counts) {
-    const std::vector<Rect> tiles = picture_tiles(picture_);
-    Pass pass;
-    pass.halves = 2;
-    pass.first_replicate = 2 * round;
-    pass.samples_of_half = [&](const PixelPosition& p) { return counts[cells_.cell(p.x, p.y)]; };
-    for (size_t i = 0; i < tiles.size(); ++i) {
-      const std::vector<PixelPosition> pixels = tile_pixels(tiles[i]);
-      if (std::any_of(pixels.begin(), pixels.end(), [&](const auto& p) { return pass.samples_of_half(p) > 0; }))
-        pass.tiles.push_back(i);
+  void begin() {
+    state_.film = FilmSums(picture_.window, job_.context.settings.first_hits);
+    state_.tiles_done.assign(tiles_.size(), 0);
+    if (picture_.by_rounds()) {
+      const double expected = std::min(double(state_.expected_samples), double(picture_.most_samples));
+      const auto first = uint32_t(std::clamp(0.5 * expected * k_first_share, 1.0, double(k_most_first)));
+      state_.counts.assign(cells_.count(), first);
+    } else {
+      state_.counts.assign(1, uint32_t(picture_.most_samples));
     }
-    const auto finished = [&](size_t, const TileSums& tile) {
+  }
+
+  uint32_t samples_of_half(const PixelPosition& p) const {
+    if (!picture_.by_rounds()) return state_.counts[0];
+    return state_.counts[cells_.cell(p.x, p.y)];
+  }
+
+  void trace() {
+    Pass pass;
+    pass.halves = picture_.by_rounds() ? 2 : 1;
+    pass.first_replicate = uint32_t(pass.halves) * state_.round;
+    pass.samples_of_half = [&](const PixelPosition& p) { return samples_of_half(p); };
+    for (size_t i = 0; i < tiles_.size(); ++i) {
+      const std::vector<PixelPosition> pixels = tile_pixels(tiles_[i]);
+      const bool is_wanted =
+          std::any_of(pixels.begin(), pixels.end(), [&](const auto& p) { return samples_of_half(p); });
+      if (is_wanted && !state_.tiles_done[i]) pass.tiles.push_back(i);
+    }
+    const auto finished = [&](size_t tile, const TileSums& sums) {
       const std::lock_guard lock(mutex_);
-      for (size_t i = 0; i < tile.pixels.size(); ++i) {
-        const size_t at = film_.index(tile.pixels[i].x, tile.pixels[i].y);
-        film_.pixels[at].merge(tile.sums[i]);
-        if (!tile.aovs.empty()) film_.aovs[at].merge(tile.aovs[i]);
-      }
+      add(sums);
+      state_.tiles_done[tile] = 1;
+      keep(/*now=*/false);
     };
     const auto progress = [&](size_t done) {
       const double share = double(done) / double(pass.tiles.size());
-      progress_.report(done_ + (expected_ - done_) * share);
+      progress_.report(picture_.by_rounds() ? done_ + (expected_ - done_) * share : share);
     };
     trace_tiles(job_, pass, finished, progress, stats_);
-    ++rounds_;
+    if (!failure_.empty()) warn(picture_.callbacks.warning, {}, failure_ + "; the render goes on without it");
+    failure_.clear();
   }
 
-  // Further samples of each half, by cell; all 0: the picture is done.
+  void add(const TileSums& tile) {
+    FilmSums& film = state_.film;
+    for (size_t i = 0; i < tile.pixels.size(); ++i) {
+      if (!contains(film.window, tile.pixels[i])) continue;
+      const size_t at = film.index(tile.pixels[i].x, tile.pixels[i].y);
+      film.pixels[at].merge(tile.sums[i]);
+      if (!tile.aovs.empty()) film.aovs[at].merge(tile.aovs[i]);
+    }
+  }
+
+  // Writes a checkpoint if one is due.
+  void keep(bool now) {
+    if (options_.checkpoint.empty()) return;
+    if (!now && seconds_of(Clock::now() - kept_) < options_.checkpoint_seconds) return;
+    try {
+      write_checkpoint(options_.checkpoint, state_);
+    } catch (const Error& error) {
+      failure_ = error.what();  // the picture goes on
+    }
+    kept_ = Clock::now();
+  }
+
+  // Further samples (by rounds: of each half, by cell); all 0: the picture is done.
   std::vector<uint32_t> next() {
-    const SampleAllocation allocation(film_, measure_);
+    if (!picture_.by_rounds()) {
+      const uint32_t done = state_.film.pixels[0].samples();
+      return {uint32_t(std::max(picture_.most_samples - int(done), 0))};
+    }
+    const SampleAllocation allocation(state_.film, options_.error_measure);
     const double noise = allocation.mean_square();
-    std::vector<uint32_t> none(cells_.count(), 0);
-    if (options_.target_error > 0.0f && noise <= noise_target()) return none;
+    const std::vector<uint32_t> none(cells_.count(), 0);
+    const bool has_target = options_.target_error > 0.0f;
+    const double target = has_target ? double(options_.target_error) * double(options_.target_error) : 0.0;
+    const double noise_target = std::max(target - state_.field_mean_square, 0.0);
+    if (has_target && noise <= noise_target) return none;
     SampleAllocation::Limits limits;
-    limits.mean_square = options_.target_error > 0.0f ? noise_target() : 0.0;
+    limits.mean_square = noise_target;
     limits.growth = k_round_growth;
     limits.most = double(picture_.most_samples);
+    const double work = allocation.work();
     double time_share = 0.0;
     if (job_.deadline) {
-      const auto seconds = [](Clock::duration d) { return std::chrono::duration<double>(d).count(); };
-      const double left = seconds(*job_.deadline - Clock::now());
+      const double left = seconds_of(*job_.deadline - Clock::now());
       if (left < k_least_time * double(options_.time_limit)) return none;
-      limits.work = k_round_time * left / (seconds(Clock::now() - begin_) / allocation.work());
+      limits.work = k_round_time * left * (work - work_before_) / seconds_of(Clock::now() - begin_);
       time_share = 1.0 - left / double(options_.time_limit);
     }
     std::vector<uint32_t> counts = allocation.further(limits);
-    const double work = allocation.work(), more = allocation.work_of(counts);
-    done_ = std::max({done_, options_.target_error > 0.0f ? noise_target() / noise : 0.0, time_share});
-    expected_ = std::max(done_, std::min(done_ * (work + more) / work, 1.0));
+    done_ = std::max({done_, has_target ? noise_target / noise : 0.0, time_share});
+    expected_ = std::clamp(done_ * (1.0 + allocation.work_of(counts) / work), done_, 1.0);
     return counts;
   }
 
@@ -127,21 +179,22 @@ class Rounds {
   const Picture& picture_;
   const RenderOptions& options_;
   Stats& stats_;
-  FilmSums film_;
+  const std::vector<Rect> tiles_;
+  Checkpoint state_;
   NoiseCells cells_;
-  ErrorMeasure measure_;
   Progress progress_;
-  double field_mean_square_ = 0.0;
   std::mutex mutex_;
-  Clock::time_point begin_ = Clock::now();
-  uint32_t rounds_ = 0;
+  std::string failure_;  // of the last checkpoint
+  const Clock::time_point begin_ = Clock::now();
+  Clock::time_point kept_ = begin_;
+  double work_before_ = 0.0;
   double done_ = 0.0, expected_ = 0.1;  // shares of the work, for the progress line
 };
 
 }  // namespace
 
-void render_rounds(Job& job, const RoundsPlan& plan, Image& image, Stats& stats) {
-  Rounds rounds(job, plan, stats);
+void render_rounds(Job& job, Checkpoint state, Image& image, Stats& stats) {
+  Rounds rounds(job, std::move(state), stats);
   rounds.render();
   rounds.write(image);
 }

@@ -65,6 +65,7 @@ std::string Stats::to_json() const {
   nlohmann::ordered_json j;
   j["method"] = method;
   j["spp"] = spp;
+  if (resumed) j["resumed"] = true;
   if (rounds > 0) {
     j["target_error"] = target_error;
     j["time_limit"] = time_limit;

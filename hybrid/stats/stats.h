@@ -69,6 +69,7 @@ struct Stats {
   // Of pictures by rounds: the error asked for, and what was found: of noise, of fields, of both; samples of a pixel.
   double target_error = 0, time_limit = 0;
   uint32_t rounds = 0;
+  bool resumed = false;
   double error_noise = 0, error_fields = 0, error_estimate = 0;
   double samples_mean = 0;
   uint32_t samples_fewest = 0, samples_most = 0;

@@ -39,12 +39,14 @@ std::vector<OutputFile> outputs_of(const RenderArguments& arguments) {
   std::vector<OutputFile> outputs;
   for (const std::string& path : arguments.outputs) outputs.push_back({"-o", path});
   if (!arguments.stats_file.empty()) outputs.push_back({"--stats", arguments.stats_file});
+  if (!arguments.options.checkpoint.empty()) outputs.push_back({"--checkpoint", arguments.options.checkpoint});
   return outputs;
 }
 
 void require_outputs_writable(const RenderArguments& arguments) {
   for (const std::string& path : arguments.outputs) require_image_writable(path);
   if (!arguments.stats_file.empty()) require_writable(arguments.stats_file);
+  if (!arguments.options.checkpoint.empty()) require_writable(arguments.options.checkpoint);
 }
 
 void write_outputs(const RenderArguments& arguments, const RenderResult& result, const std::string& command) {
@@ -189,17 +191,6 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   return k_exit_interrupted;
 }
 
-// Documented options that are not implemented: accepted by name, so that the error message can say that.
-void add_unavailable_options(CLI::App& command) {
-  for (const auto& [name, type] : {std::pair{"--resume", "FILE"}}) {
-    command
-        .add_option_function<std::string>(
-            name, [name = std::string(name)](const std::string&) { throw not_available_yet(name); },
-            "Not available yet")
-        ->type_name(type);
-  }
-}
-
 }  // namespace
 
 void add_render_command(CommandLine& line) {
@@ -218,7 +209,6 @@ void add_render_command(CommandLine& line) {
       ->type_name("EV");
   command.add_flag("--float32", arguments->float32, "Write EXR as 32-bit float instead of 16-bit half");
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
-  add_unavailable_options(command);
   command.callback(
       [arguments, &line] { line.action = [arguments, &line] { return run_render(*arguments, line.text); }; });
 }

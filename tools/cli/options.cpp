@@ -264,6 +264,17 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->check(positive_number())
       ->type_name("E")
       ->excludes("--target-error");
+  CLI::Option* const checkpoint =
+      command
+          .add_option("--checkpoint", options.checkpoint,
+                      "File that keeps what has been rendered: for --resume, after an interrupt or for more samples")
+          ->type_name("FILE");
+  command.add_option("--checkpoint-every", options.checkpoint_seconds, "Seconds between checkpoints (default: 60)")
+      ->check(number_between(0.0, 1e9))
+      ->type_name("S")
+      ->needs(checkpoint);
+  command.add_option("--resume", options.resume, "Checkpoint to go on from, with the options that it was written with")
+      ->type_name("FILE");
   add_positive("--time-limit", options.time_limit, "S", "Seconds after which the picture is finished as it is");
   command
       .add_option_function<float>(

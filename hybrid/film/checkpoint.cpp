@@ -1,0 +1,162 @@
+#include "hybrid/film/checkpoint.h"
+
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "core/io/atomic_file.h"
+#include "core/io/input_file.h"
+#include "core/platform/error.h"
+#include "field/file/hash.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr char k_magic[] = "fieldtrace checkpoint 1\n";
+constexpr size_t k_magic_size = sizeof(k_magic) - 1;
+static_assert(std::is_trivially_copyable_v<PixelSums> && std::is_trivially_copyable_v<AovSums>);
+
+// Sizes tell builds apart whose sums lie otherwise in memory.
+std::string layout() {
+  const uint16_t order = 1;
+  const bool is_little = *reinterpret_cast<const uint8_t*>(&order) == 1;
+  return std::to_string(sizeof(PixelSums)) + " " + std::to_string(sizeof(AovSums)) + (is_little ? " little" : " big");
+}
+
+nlohmann::json header_of(const Checkpoint& c) {
+  nlohmann::json j;
+  j["layout"] = layout();
+  j["identity"] = c.identity;
+  j["planned_samples"] = c.planned_samples;
+  j["expected_samples"] = c.expected_samples;
+  j["trust"] = c.trust;
+  j["field_mean_square"] = c.field_mean_square;
+  j["light_samples"] = c.light_samples;
+  j["open_light_samples"] = c.open_light_samples;
+  j["restarts"] = c.restarts;
+  j["round"] = c.round;
+  j["window"] = {c.film.window.x, c.film.window.y, c.film.window.width, c.film.window.height};
+  j["counts"] = c.counts.size();
+  j["tiles"] = c.tiles_done.size();
+  j["pixels"] = c.film.pixels.size();
+  j["layers"] = c.film.aovs.size();
+  return j;
+}
+
+// Reads what a file holds, from front to back.
+class Reader {
+ public:
+  Reader(const std::string& path, std::string bytes) : path_(path), bytes_(std::move(bytes)) {}
+
+  const char* take(uint64_t size) {
+    if (size > bytes_.size() - at_) damaged();
+    const char* const begin = bytes_.data() + at_;
+    at_ += size;
+    return begin;
+  }
+  template <class T>
+  void take_array(std::vector<T>& values, uint64_t count) {
+    if (count > bytes_.size() / sizeof(T)) damaged();
+    values.resize(count);
+    if (count > 0) std::memcpy(static_cast<void*>(values.data()), take(count * sizeof(T)), count * sizeof(T));
+  }
+  bool at_end() const { return at_ == bytes_.size(); }
+  [[noreturn]] void damaged() const {
+    throw Error({path_}, "the checkpoint is damaged; render the picture again, or resume from another file");
+  }
+
+ private:
+  const std::string& path_;
+  std::string bytes_;
+  size_t at_ = 0;
+};
+
+std::string read_bytes(const std::string& path) {
+  const uint64_t size = require_regular_file(path);
+  std::string bytes(size, '\0');
+  std::ifstream file(path, std::ios::binary);
+  if (!file.read(bytes.data(), std::streamsize(size))) throw Error({path}, "the checkpoint cannot be read");
+  return bytes;
+}
+
+void require_same(const std::string& path, const PictureIdentity& theirs, const PictureIdentity& ours) {
+  const std::map<std::string, std::string> there(theirs.begin(), theirs.end());
+  std::string differences;
+  for (const auto& [name, value] : ours) {
+    const auto found = there.find(name);
+    const std::string other = found == there.end() ? "nothing" : found->second;
+    if (other != value) differences += (differences.empty() ? "" : "; ") + name + " was " + other + ", is " + value;
+  }
+  if (!differences.empty())
+    throw Error({path}, "the checkpoint is of another picture: " + differences + "; resume with what was given then");
+}
+
+}  // namespace
+
+void write_checkpoint(const std::string& path, const Checkpoint& c) {
+  const std::string header = header_of(c).dump();
+  const uint64_t header_size = header.size();
+  AtomicFile atomic(path);
+  CheckedFile file(atomic.temporary_path());
+  Hasher hasher;
+  const auto put = [&](const void* data, size_t bytes) {
+    if (bytes == 0) return;
+    hasher.add(data, bytes);
+    file.write_at(file.end(), data, bytes);
+  };
+  put(k_magic, k_magic_size);
+  put(&header_size, sizeof(header_size));
+  put(header.data(), header.size());
+  put(c.counts.data(), c.counts.size() * sizeof(uint32_t));
+  put(c.tiles_done.data(), c.tiles_done.size());
+  put(c.film.pixels.data(), c.film.pixels.size() * sizeof(PixelSums));
+  put(c.film.aovs.data(), c.film.aovs.size() * sizeof(AovSums));
+  const Hash128 hash = hasher.result();
+  file.write_at(file.end(), &hash, sizeof(hash));
+  file.close();
+  if (file.failed()) throw Error({path}, "the checkpoint cannot be written: " + file.reason());
+  atomic.commit();
+}
+
+Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& identity) {
+  std::string bytes = read_bytes(path);
+  if (bytes.compare(0, k_magic_size, k_magic) != 0) throw Error({path}, "is not a checkpoint of this version");
+  Hash128 hash;
+  if (bytes.size() < k_magic_size + sizeof(hash)) Reader(path, {}).damaged();
+  const size_t content = bytes.size() - sizeof(hash);
+  std::memcpy(&hash, bytes.data() + content, sizeof(hash));
+  Hasher hasher;
+  hasher.add(bytes.data(), content);
+  if (!(hasher.result() == hash)) Reader(path, {}).damaged();
+  bytes.resize(content);
+  Reader reader(path, std::move(bytes));
+  reader.take(k_magic_size);
+  uint64_t header_size = 0;
+  std::memcpy(&header_size, reader.take(sizeof(header_size)), sizeof(header_size));
+  const nlohmann::json j = nlohmann::json::parse(std::string(reader.take(header_size), header_size));
+  if (j.at("layout") != layout())
+    throw Error({path}, "the checkpoint was written by another build of the program; resume with that one");
+  Checkpoint c;
+  c.identity = j.at("identity").get<PictureIdentity>();
+  require_same(path, c.identity, identity);
+  c.planned_samples = j.at("planned_samples");
+  c.expected_samples = j.at("expected_samples");
+  c.trust = j.at("trust");
+  c.field_mean_square = j.at("field_mean_square");
+  c.light_samples = j.at("light_samples");
+  c.open_light_samples = j.at("open_light_samples");
+  c.restarts = j.at("restarts");
+  c.round = j.at("round");
+  const auto& w = j.at("window");
+  c.film.window = {w.at(0), w.at(1), w.at(2), w.at(3)};
+  reader.take_array(c.counts, j.at("counts"));
+  reader.take_array(c.tiles_done, j.at("tiles"));
+  reader.take_array(c.film.pixels, j.at("pixels"));
+  reader.take_array(c.film.aovs, j.at("layers"));
+  if (!reader.at_end()) reader.damaged();
+  return c;
+}
+
+}  // namespace fieldtrace

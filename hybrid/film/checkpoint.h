@@ -1,0 +1,41 @@
+// What a render needs to go on later: the sums of its pixels, what was begun, and what had been decided.
+//
+// The file is a header in JSON, the sums as they lie in memory, and a hash of both; it is written whole or not at all.
+// Sums of another build of the program, or of a machine of another byte order, are refused. Thread-safety: values.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "hybrid/film/film_sums.h"
+
+namespace fieldtrace {
+
+// What a picture depends on, by the names of options ("--seed", "5").
+using PictureIdentity = std::vector<std::pair<std::string, std::string>>;
+
+struct Checkpoint {
+  PictureIdentity identity;
+  // Decisions: samples that a pixel was expected to need, by rays when fields were chosen, and with them; how far
+  // fields are trusted and how far they err; and light samples of each camera sample.
+  int planned_samples = 1, expected_samples = 1;
+  float trust = 1.0f;
+  double field_mean_square = 0.0;
+  int light_samples = 1, open_light_samples = 1;
+  uint64_t restarts = 0;  // of the render, because fields had outgrown their memory
+
+  uint32_t round = 0;               // the one that is being traced
+  std::vector<uint32_t> counts;     // its samples of each half, by cell; by one number for all where there are no cells
+  std::vector<uint8_t> tiles_done;  // its tiles
+  FilmSums film;
+};
+
+// Throws Error if the file cannot be written.
+void write_checkpoint(const std::string& path, const Checkpoint& checkpoint);
+
+// Throws Error if the file cannot be read, is damaged, or belongs to another picture: the message names what differs.
+Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& identity);
+
+}  // namespace fieldtrace
