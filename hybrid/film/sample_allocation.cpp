@@ -128,8 +128,10 @@ double SampleAllocation::further_work(double scale, const Limits& limits) const 
 std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
   // Both sides of the search are far beyond any goal: samples per sqrt(variance / work).
   double low = 1e-30, high = 1e30;
+  // What the colours show of each other is not quite what they show of themselves.
+  const double target = mean_square_ > 0.0 ? limits.mean_square * predicted(0.0, limits) / mean_square_ : 0.0;
   const auto is_too_much = [&](double scale) {
-    return predicted(scale, limits) < limits.mean_square || further_work(scale, limits) > limits.work;
+    return predicted(scale, limits) < target || further_work(scale, limits) > limits.work;
   };
   for (int i = 0; i < 256 && high > low * 1.0001; ++i) {
     const double middle = std::sqrt(low * high);

@@ -65,6 +65,8 @@ class SampleAllocation {
   // The work that all samples took.
   double work() const;
 
+  const std::vector<NoiseCell>& cells() const { return cells_; }
+
   // What a round may add.
   struct Limits {
     double mean_square = 0.0;    // stop where the noise is expected to be this

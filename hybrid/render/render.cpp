@@ -243,12 +243,14 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state.open_light_samples = context.settings.open_light_samples;
   }
   result.image = make_image(picture.window, picture.aovs);
-  job.interrupted = !surveyed;
   Stats done;
-  if (options.keeps_sums())
+  if (picture.stopped() || !surveyed) {
+    job.interrupted = true;  // perhaps amid decisions, which no checkpoint may keep
+  } else if (options.keeps_sums()) {
     render_rounds(job, std::move(state), result.image, done);
-  else
+  } else {
     render_tiles(job, result.image, done);
+  }
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
   // Even if all tiles were finished before the budget ran out: whether they are depends on the threads.
   if (fields.budget().exceeded() && !picture.stopped()) {

@@ -42,6 +42,7 @@ class Rounds {
   }
 
   void render() {
+    if (!is_any(state_.counts)) state_.counts = next();  // a finished picture, resumed for more
     while (!job_.interrupted && is_any(state_.counts)) {
       trace();
       if (job_.interrupted) break;

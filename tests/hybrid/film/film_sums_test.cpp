@@ -1,0 +1,108 @@
+// Sums of camera samples: means, variances, samples that are not finite, layers.
+#include "hybrid/film/film_sums.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+namespace fieldtrace {
+namespace {
+
+constexpr float k_nan = std::numeric_limits<float>::quiet_NaN();
+
+std::vector<Rgb> random_samples(std::mt19937& rng, size_t count) {
+  std::uniform_real_distribution<float> value(0.0f, 3.0f);
+  std::vector<Rgb> samples(count);
+  for (Rgb& s : samples) s = Rgb(value(rng), value(rng), value(rng));
+  return samples;
+}
+
+TEST(FilmSums, MeansAreThoseOfAllSamples) {
+  std::mt19937 rng(1);
+  for (size_t count : {1, 2, 7, 100}) {
+    const std::vector<Rgb> samples = random_samples(rng, count);
+    PixelSums sums;
+    EXPECT_EQ(sums.add(0, std::span(samples).first(count / 2)), 0u);
+    EXPECT_EQ(sums.add(1, std::span(samples).subspan(count / 2)), 0u);
+    DVec3 mean(0.0);
+    for (const Rgb& s : samples) mean += DVec3(s);
+    mean /= double(count);
+    EXPECT_EQ(sums.samples(), count);
+    for (int c = 0; c < 3; ++c) EXPECT_NEAR(sums.mean()[c], mean[c], 1e-12);
+  }
+  EXPECT_EQ(PixelSums().mean(), DVec3(0.0));
+}
+
+TEST(FilmSums, WhatIsNotFiniteCountsAsBlack) {
+  const std::vector<Rgb> samples = {Rgb(1.0f), Rgb(1.0f, k_nan, 1.0f), Rgb(k_infinity), Rgb(3.0f)};
+  PixelSums sums;
+  EXPECT_EQ(sums.add(0, samples), 2u);
+  EXPECT_EQ(sums.samples(), 4u);
+  EXPECT_EQ(sums.mean(), DVec3(1.0));
+}
+
+// Over many pixels both estimates have the mean's variance as their mean.
+TEST(FilmSums, VariancesAreThoseOfTheMean) {
+  std::mt19937 rng(2);
+  for (const int halves : {1, 2}) {
+    const size_t pixels = 20000, of_half = 4;
+    double estimated = 0.0, squares = 0.0;
+    for (size_t i = 0; i < pixels; ++i) {
+      PixelSums sums;
+      for (int half = 0; half < halves; ++half) sums.add(half, random_samples(rng, of_half));
+      estimated += sums.variance().x / double(pixels);
+      squares += (sums.mean().x - 1.5) * (sums.mean().x - 1.5) / double(pixels);
+    }
+    EXPECT_NEAR(estimated / squares, 1.0, 0.05) << halves;
+    // Uniform numbers in [0, 3].
+    EXPECT_NEAR(estimated * double(of_half) * halves, 0.75, 0.04) << halves;
+  }
+}
+
+TEST(FilmSums, OneSampleHasNoVariance) {
+  PixelSums sums;
+  const std::vector<Rgb> sample = {Rgb(2.0f)};
+  sums.add(0, sample);
+  EXPECT_EQ(sums.variance(), DVec3(0.0));
+}
+
+TEST(FilmSums, PartsMergeToTheWhole) {
+  std::mt19937 rng(3);
+  const std::vector<Rgb> samples = random_samples(rng, 64);
+  PixelSums whole, merged;
+  whole.add(0, samples);
+  for (size_t i = 0; i < samples.size(); i += 16) {
+    PixelSums part;
+    part.add(0, std::span(samples).subspan(i, 16));
+    part.work = 16.0f, part.seconds = 0.5;
+    merged.merge(part);
+  }
+  EXPECT_EQ(merged.samples(), whole.samples());
+  EXPECT_NEAR(merged.mean().y, whole.mean().y, 1e-12);
+  EXPECT_NEAR(merged.variance().y, whole.variance().y, 1e-12);
+  EXPECT_EQ(merged.work, 64.0f);
+  EXPECT_EQ(merged.seconds, 2.0);
+}
+
+TEST(FilmSums, LayersOfSamples) {
+  PixelSums sums;
+  const std::vector<Rgb> samples = {Rgb(1.0f), Rgb(3.0f)};
+  sums.add(0, samples);
+  sums.seconds = 2e-6;
+  const std::vector<Aov> layers = {Aov::samples, Aov::depth, Aov::variance, Aov::time};
+  AovSums aovs;
+  aovs.samples = aovs.hits = 2;
+  aovs.depth = 8.0;
+  float out[9] = {};
+  EXPECT_EQ(write_pixel(sums, aovs, layers, out), out + 9);
+  EXPECT_EQ(out[0], 2.0f);
+  EXPECT_EQ(out[3], 2.0f);
+  EXPECT_EQ(out[4], 4.0f);
+  EXPECT_EQ(out[5], 1.0f);
+  EXPECT_FLOAT_EQ(out[8], 2000.0f);
+}
+
+}  // namespace
+}  // namespace fieldtrace

@@ -1,0 +1,153 @@
+// Where further camera samples go: in proportion to sqrt(variance / work), within limits, and held out.
+#include "hybrid/film/sample_allocation.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <random>
+
+namespace fieldtrace {
+namespace {
+
+struct Pixel {
+  double deviation = 0.1, work = 2.0, mean = 1.0;
+  uint32_t of_half = 4;
+};
+
+// A film whose halves differ as independent normal samples would.
+FilmSums film_of(const Rect& window, uint32_t seed, const std::function<Pixel(int, int)>& pixel) {
+  std::mt19937 rng(seed);
+  std::normal_distribution<double> normal;
+  FilmSums film(window, false);
+  for (int y = window.y; y < window.y + window.height; ++y) {
+    for (int x = window.x; x < window.x + window.width; ++x) {
+      const Pixel p = pixel(x, y);
+      PixelSums& sums = film.pixels[film.index(x, y)];
+      for (int half = 0; half < 2; ++half) {
+        sums.count[half] = p.of_half;
+        const double noise = p.deviation / std::sqrt(double(p.of_half));
+        for (int c = 0; c < 3; ++c) sums.radiance[half][c] = p.of_half * (p.mean + noise * normal(rng));
+      }
+      sums.work = float(p.work * 2.0 * p.of_half);
+    }
+  }
+  return film;
+}
+
+const Rect k_window = {3, 5, 250, 130};  // ragged
+
+TEST(SampleAllocation, NoiseIsTheMeanSquareError) {
+  const FilmSums film = film_of(k_window, 1, [](int x, int) { return Pixel{.deviation = x < 128 ? 0.4 : 0.1}; });
+  double squares = 0.0;
+  for (const PixelSums& p : film.pixels) {
+    const DVec3 error = p.mean() - DVec3(1.0);
+    squares += glm::dot(error, error) / 3.0 / double(film.pixels.size());
+  }
+  const SampleAllocation allocation(film, ErrorMeasure::absolute);
+  EXPECT_NEAR(allocation.mean_square() / squares, 1.0, 0.05);
+  EXPECT_EQ(allocation.mean_samples(), 8.0);
+  EXPECT_EQ(allocation.fewest_samples(), 8u);
+  EXPECT_EQ(allocation.most_samples(), 8u);
+  EXPECT_NEAR(allocation.work(), 16.0 * 250 * 130, 1.0);
+}
+
+TEST(SampleAllocation, RelativeNoiseIsWeighedByTheMean) {
+  const auto noise = [](double mean) {
+    const FilmSums film = film_of(k_window, 2, [&](int, int) { return Pixel{.deviation = 0.01, .mean = mean}; });
+    return SampleAllocation(film, ErrorMeasure::relative).mean_square();
+  };
+  EXPECT_NEAR(noise(1.0) / noise(3.0), 9.01 / 1.01, 0.05);
+}
+
+TEST(SampleAllocation, SamplesFollowDeviationAndWork) {
+  const FilmSums film = film_of(k_window, 3, [](int x, int) {
+    return x < 64 ? Pixel{.deviation = 0.1} : x < 160 ? Pixel{.deviation = 0.4} : Pixel{.deviation = 0.4, .work = 8.0};
+  });
+  const SampleAllocation allocation(film, ErrorMeasure::absolute);
+  const NoiseCells cells(k_window);
+  const std::vector<uint32_t> counts = allocation.further({.mean_square = 1e-5});
+  const auto mean_at = [&](int from, int to) {
+    double sum = 0.0, n = 0.0;
+    for (int y = 24; y < 120; ++y) {
+      for (int x = from; x < to; ++x) sum += 8.0 + 2.0 * counts[cells.cell(x, y)], n += 1.0;
+    }
+    return sum / n;
+  };
+  EXPECT_NEAR(mean_at(88, 136) / mean_at(16, 40), 4.0, 0.3);
+  EXPECT_NEAR(mean_at(88, 136) / mean_at(184, 240), 2.0, 0.15);
+}
+
+// Drawing what was planned gives the noise that was asked for.
+TEST(SampleAllocation, PlansMeetTheirTarget) {
+  const auto deviation = [](int x, int y) { return 0.02 + 0.5 * std::abs(std::sin(0.05 * x) * std::cos(0.07 * y)); };
+  const FilmSums film = film_of(k_window, 4, [&](int x, int y) { return Pixel{.deviation = deviation(x, y)}; });
+  const SampleAllocation allocation(film, ErrorMeasure::absolute);
+  const NoiseCells cells(k_window);
+  for (const double target : {4e-3, 1e-3, 1e-4}) {
+    const std::vector<uint32_t> counts = allocation.further({.mean_square = target});
+    double expected = 0.0;
+    for (int y = k_window.y; y < k_window.y + k_window.height; ++y) {
+      for (int x = k_window.x; x < k_window.x + k_window.width; ++x) {
+        const double n = 8.0 + 2.0 * counts[cells.cell(x, y)];
+        expected += deviation(x, y) * deviation(x, y) / n / double(film.pixels.size());
+      }
+    }
+    EXPECT_NEAR(expected / target, 1.0, 0.15) << target;
+  }
+}
+
+TEST(SampleAllocation, LimitsHold) {
+  const FilmSums film = film_of(k_window, 5, [](int x, int) { return Pixel{.deviation = x < 50 ? 2.0 : 0.1}; });
+  const SampleAllocation allocation(film, ErrorMeasure::absolute);
+  for (const uint32_t n : allocation.further({.growth = 3.0})) EXPECT_LE(n, 8u);
+  for (const uint32_t n : allocation.further({.growth = 30.0, .most = 13.0})) EXPECT_LE(n, 2u);
+  const double pixels = 250.0 * 130.0;
+  const std::vector<uint32_t> some = allocation.further({.work = 40.0 * pixels});
+  // A round rounds up to whole samples of each half.
+  EXPECT_GT(allocation.work_of(some), 30.0 * pixels);
+  EXPECT_LT(allocation.work_of(some), 44.0 * pixels);
+  for (const uint32_t n : allocation.further({.mean_square = 1.0})) EXPECT_EQ(n, 0u);
+  for (const uint32_t n : allocation.further({.most = 8.0})) EXPECT_EQ(n, 0u);
+}
+
+// What a pixel's own halves show changes nothing about its own samples: only those of the other colour are looked at.
+TEST(SampleAllocation, PixelsDoNotDecideAboutThemselves) {
+  const FilmSums film = film_of(k_window, 6, [](int, int) { return Pixel{}; });
+  FilmSums changed = film;
+  for (int y = k_window.y; y < k_window.y + k_window.height; ++y) {
+    for (int x = k_window.x; x < k_window.x + k_window.width; ++x) {
+      if (((x ^ y) & 1) == 0) changed.pixels[changed.index(x, y)].radiance[0] *= 3.0;
+    }
+  }
+  const SampleAllocation before(film, ErrorMeasure::absolute), after(changed, ErrorMeasure::absolute);
+  const NoiseCells cells(k_window);
+  size_t others = 0;
+  for (int y = k_window.y; y < k_window.y + k_window.height; ++y) {
+    for (int x = k_window.x; x < k_window.x + k_window.width; ++x) {
+      const size_t cell = cells.cell(x, y);
+      if (((x ^ y) & 1) == 0) {
+        EXPECT_EQ(before.cells()[cell].variance, after.cells()[cell].variance);
+      } else {
+        others += before.cells()[cell].variance < after.cells()[cell].variance;
+      }
+    }
+  }
+  EXPECT_EQ(others, film.pixels.size() / 2);
+}
+
+TEST(SampleAllocation, SmallAndEvenFilms) {
+  for (const Rect window : {Rect{0, 0, 1, 1}, Rect{7, 3, 1, 9}, Rect{0, 0, 8, 8}}) {
+    const FilmSums noisy = film_of(window, 7, [](int, int) { return Pixel{}; });
+    const std::vector<uint32_t> counts = SampleAllocation(noisy, ErrorMeasure::absolute).further({.mean_square = 1e-6});
+    EXPECT_TRUE(std::any_of(counts.begin(), counts.end(), [](uint32_t n) { return n > 0; }));
+    const FilmSums even = film_of(window, 8, [](int, int) { return Pixel{.deviation = 0.0}; });
+    const SampleAllocation done(even, ErrorMeasure::absolute);
+    EXPECT_LT(done.mean_square(), 1e-30);
+    for (const uint32_t n : done.further({.mean_square = 1e-6})) EXPECT_EQ(n, 0u);
+  }
+}
+
+}  // namespace
+}  // namespace fieldtrace
