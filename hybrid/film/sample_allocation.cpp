@@ -8,8 +8,6 @@ namespace {
 
 // Of the metric relmse.
 constexpr double k_relative_floor = 1e-2;
-// Rounds that add less than this share to a pixel leave it to a later one: each pays again for its clusters.
-constexpr double k_least_growth = 0.125;
 
 struct CellSums {
   double pixels = 0.0, square = 0.0, work = 0.0, samples = 0.0;
@@ -138,17 +136,11 @@ std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
     (is_too_much(middle) ? high : low) = middle;
   }
   std::vector<uint32_t> counts(cells_.size(), 0);
-  bool is_any = false;
-  for (const double least : {k_least_growth, 0.0}) {
-    if (is_any) break;
-    for (size_t i = 0; i < cells_.size(); ++i) {
-      const NoiseCell& c = cells_[i];
-      if (!(c.pixels > 0.0)) continue;
-      const double more = goal(c, high, limits) - c.samples;
-      if (!(more > least * c.samples)) continue;
-      counts[i] = uint32_t(std::min(std::ceil(0.5 * more), std::floor(0.5 * (limits.most - c.samples))));
-      is_any |= counts[i] > 0;
-    }
+  for (size_t i = 0; i < cells_.size(); ++i) {
+    const NoiseCell& c = cells_[i];
+    if (!(c.pixels > 0.0)) continue;
+    const double more = goal(c, high, limits) - c.samples;
+    counts[i] = uint32_t(std::min(std::ceil(0.5 * more), std::floor(0.5 * (limits.most - c.samples))));
   }
   return counts;
 }

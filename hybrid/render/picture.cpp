@@ -117,6 +117,7 @@ int Picture::open_samples(double open_rays) const {
 
 float Picture::light_tolerance(int open_samples) const {
   if (options.tolerance) return *options.tolerance;
+  if (options.target_error > 0.0f) return k_default_tolerance;  // a survey tells whether it will do
   const double of_pixel = double(spp) * double(std::max(options.light_samples, open_samples));
   return float(k_default_tolerance * std::min(1.0, k_tolerated_light_samples / of_pixel));
 }

@@ -114,8 +114,11 @@ double square_of_target(const RenderOptions& options) {
   return double(options.target_error) * double(options.target_error);
 }
 
+// Pictures to an error that fewer samples of a pixel reach are left to rays.
+constexpr double k_fewest_samples = 8.0;
+
 // How many samples a pixel of a picture by rounds will need, with rays alone.
-void expect_samples(Picture& picture, const Stage& stage, int threads) {
+void expect_samples(Picture& picture, Stage& stage, int threads) {
   const RayContext rays(picture, stage);
   const SampleCost cost = survey_noise(picture, rays.context());
   double samples = double(k_infinity);
@@ -126,6 +129,8 @@ void expect_samples(Picture& picture, const Stage& stage, int threads) {
     samples = std::min(samples, double(picture.options.time_limit) / seconds);
   }
   picture.expect(samples);
+  // What fields could spare then, surveys take.
+  if (picture.options.target_error > 0.0f && samples < k_fewest_samples) stage.trust = 0.0f;
 }
 
 // Light samples of each camera sample, as a survey finds that they lower the noise most for their work.
@@ -235,6 +240,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed) {
       choose_light_samples(picture, context);
+      stats.open_light_samples = context.settings.open_light_samples;
       if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state)) return false;
     }
     state.planned_samples = picture.spp;
@@ -345,7 +351,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       render_by_thesis(picture, stage, result);
       return;
     }
-    if (picture.wants_fields) {
+    if (picture.wants_fields && stage.trust > 0.0f) {
       const auto cache = [&] {
         stage.cache = open_cache(options, /*no_fields=*/false, told_once.warning);
         return stage.cache.get();

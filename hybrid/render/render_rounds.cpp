@@ -15,6 +15,9 @@ constexpr double k_first_share = 1.0 / 8.0;
 constexpr uint32_t k_most_first = 8;
 // and later rounds multiply a pixel's samples by this at most.
 constexpr double k_round_growth = 4.0;
+// A round takes this share of the work so far at least: it pays again for clusters, and noise that few pixels make is
+// underestimated.
+constexpr double k_least_round = 1.0 / 8.0;
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;
@@ -171,6 +174,11 @@ class Rounds {
       time_share = 1.0 - left / double(options_.time_limit);
     }
     std::vector<uint32_t> counts = allocation.further(limits);
+    if (allocation.work_of(counts) < k_least_round * work) {
+      limits.mean_square = 0.0;
+      limits.work = std::min(limits.work, k_least_round * work);
+      counts = allocation.further(limits);
+    }
     done_ = std::max({done_, has_target ? noise_target / noise : 0.0, time_share});
     expected_ = std::clamp(done_ * (1.0 + allocation.work_of(counts) / work), done_, 1.0);
     return counts;
