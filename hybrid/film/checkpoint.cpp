@@ -36,6 +36,9 @@ nlohmann::json header_of(const Checkpoint& c) {
   j["light_samples"] = c.light_samples;
   j["open_light_samples"] = c.open_light_samples;
   j["restarts"] = c.restarts;
+  j["decay"] = c.decay;
+  j["noise"] = c.noise;
+  j["samples"] = c.samples;
   j["round"] = c.round;
   j["window"] = {c.film.window.x, c.film.window.y, c.film.window.width, c.film.window.height};
   j["counts"] = c.counts.size();
@@ -148,6 +151,9 @@ Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& ident
   c.light_samples = j.at("light_samples");
   c.open_light_samples = j.at("open_light_samples");
   c.restarts = j.at("restarts");
+  c.decay = j.at("decay");
+  c.noise = j.at("noise");
+  c.samples = j.at("samples");
   c.round = j.at("round");
   const auto& w = j.at("window");
   c.film.window = {w.at(0), w.at(1), w.at(2), w.at(3)};

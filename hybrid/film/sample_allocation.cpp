@@ -104,15 +104,19 @@ double SampleAllocation::work() const {
 }
 
 double SampleAllocation::goal(const NoiseCell& c, double scale, const Limits& limits) const {
-  const double wanted = scale * std::sqrt(c.variance / c.work);
+  // m n^p / w: for p = 1 the variance over the work.
+  const double gain = c.variance * std::pow(c.samples, limits.decay - 1.0) / c.work;
+  const double wanted = std::pow(scale * scale * gain, 1.0 / (limits.decay + 1.0));
   const double most = std::min(c.samples * limits.growth, limits.most);
-  return std::max(std::min(wanted, most), c.samples);
+  const double goal = std::min(wanted, most);
+  return goal > c.samples * limits.least_growth ? goal : c.samples;
 }
 
 double SampleAllocation::predicted(double scale, const Limits& limits) const {
   double sum = 0.0;
   for (const NoiseCell& c : cells_) {
-    if (c.pixels > 0.0) sum += c.pixels * c.variance / std::max(goal(c, scale, limits), 1.0);
+    if (!(c.pixels > 0.0) || !(c.samples > 0.0)) continue;
+    sum += c.pixels * c.variance / c.samples * std::pow(c.samples / goal(c, scale, limits), limits.decay);
   }
   return sum / std::max(pixels_, 1.0);
 }

@@ -1,7 +1,8 @@
 // The error that a picture's noise makes, and where further camera samples lower it most.
 //
 // A picture's mean square error falls fastest for its cost if each pixel gets samples in proportion to
-// sqrt(variance / cost) of one of them (Neyman, "On the two different aspects of the representative method", 1934).
+// sqrt(variance / cost) of one of them (Neyman, "On the two different aspects of the representative method", 1934);
+// where it falls as n^-p, in proportion to the (p + 1)st root of what p = 1 takes the square root of.
 // Variances are those of blocks of pixels, from the differences of their halves (PixelSums::variance). So that no
 // pixel's mean depends on why its sampling went on or ended, the pixels of a block take turns like the fields of a
 // chessboard: those of one colour get what those of the other colour show. Thread-safety: values.
@@ -73,6 +74,8 @@ class SampleAllocation {
     double work = k_infinity;    // of all further samples
     double growth = k_infinity;  // no pixel gets more than this many times the samples that it has
     double most = k_infinity;    // samples of a pixel, in all
+    double least_growth = 1.0;   // pixels that would get fewer times their samples get none
+    double decay = 1.0;          // the mean square falls as samples^-decay: 1 for random samples, more for stratified
   };
   // Further samples of each half, by cell. All 0 only where the limits allow none.
   std::vector<uint32_t> further(const Limits& limits) const;

@@ -9,7 +9,8 @@
 namespace fieldtrace {
 namespace {
 
-// The first round takes this share of the samples that the picture is expected to need,
+// The first round of rays takes this share of the samples that the picture is expected to need; where fields answer,
+// all of them, because each round asks them anew;
 constexpr double k_first_share = 1.0 / 8.0;
 // but of each half no more than this,
 constexpr uint32_t k_most_first = 8;
@@ -18,6 +19,10 @@ constexpr double k_round_growth = 4.0;
 // A round takes this share of the work so far at least: it pays again for clusters, and noise that few pixels make is
 // underestimated.
 constexpr double k_least_round = 1.0 / 8.0;
+// For the same reason pixels get at least half as many again as they have in later rounds, or none.
+constexpr double k_least_growth = 1.5;
+// How much faster than that of random samples noise may be expected to fall.
+constexpr double k_most_decay = 1.5;
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;
@@ -79,6 +84,11 @@ class Rounds {
   }
 
  private:
+  bool has_fields() const {
+    const TransportContext& c = job_.context;
+    return c.sky || c.lobes || c.hits || c.settings.estimates;
+  }
+
   static bool is_any(const std::vector<uint32_t>& counts) {
     return std::any_of(counts.begin(), counts.end(), [](uint32_t n) { return n > 0; });
   }
@@ -88,7 +98,8 @@ class Rounds {
     state_.tiles_done.assign(tiles_.size(), 0);
     if (picture_.by_rounds()) {
       const double expected = std::min(double(state_.expected_samples), double(picture_.most_samples));
-      const auto first = uint32_t(std::clamp(0.5 * expected * k_first_share, 1.0, double(k_most_first)));
+      const double share = has_fields() ? 1.0 : k_first_share;
+      const auto first = uint32_t(std::clamp(0.5 * expected * share, 1.0, double(k_most_first)));
       state_.counts.assign(cells_.count(), first);
     } else {
       state_.counts.assign(1, uint32_t(picture_.most_samples));
@@ -165,6 +176,14 @@ class Rounds {
     limits.mean_square = noise_target;
     limits.growth = k_round_growth;
     limits.most = double(picture_.most_samples);
+    if (has_fields()) limits.least_growth = k_least_growth;
+    const double samples = allocation.mean_samples();
+    if (state_.noise > 0.0 && noise > 0.0) {
+      const double decay = std::log(state_.noise / noise) / std::log(samples / state_.samples);
+      state_.decay = std::clamp(decay, 1.0, k_most_decay);
+    }
+    state_.noise = noise, state_.samples = samples;
+    limits.decay = state_.decay;
     const double work = allocation.work();
     double time_share = 0.0;
     if (job_.deadline) {

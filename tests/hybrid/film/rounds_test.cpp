@@ -118,7 +118,9 @@ const auto k_name = [](const auto& test) { return std::string(test.param); };
 INSTANTIATE_TEST_SUITE_P(Scenes, ErrorOf, testing::Values("object_over_floor", "crowd", "environment_map", "coatings"),
                          k_name);
 INSTANTIATE_TEST_SUITE_P(Scenes, BiasOf,
-                         testing::Values("object_over_floor", "lights_within", "environment_map", "materials"), k_name);
+                         testing::Values("object_over_floor", "lights_within", "environment_map", "coatings",
+                                         "odd_transforms"),
+                         k_name);
 
 // A render that is interrupted again and again, with other numbers of threads, ends as one that never was.
 TEST(Checkpoints, InterruptsLeaveNoTrace) {
