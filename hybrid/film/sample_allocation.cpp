@@ -44,13 +44,10 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure) {
     for (int x = window.x; x < window.x + window.width; ++x) {
       const PixelSums& p = film.pixels[film.index(x, y)];
       CellSums& s = sums[cells.cell(x, y)];
-      const double square = noise_square(p, measure);
-      s.add({1.0, square, p.work, double(p.samples())});
-      mean_square_ += square;
+      s.add({1.0, noise_square(p, measure), p.work, double(p.samples())});
     }
   }
   pixels_ = double(film.pixels.size());
-  mean_square_ /= std::max(pixels_, 1.0);
   cells_.resize(sums.size());
   for (size_t row = 0; row < rows; ++row) {
     for (size_t column = 0; column < columns; ++column) {
@@ -69,11 +66,20 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure) {
         around = weight > 0.0 ? around / weight : own.variance();
         NoiseCell& cell = cells_[2 * block + colour];
         cell.pixels = own.pixels;
-        cell.variance = 0.5 * ((other.pixels > 0.0 ? other.variance() : own.variance()) + around);
-        cell.work = own.samples > 0.0 ? own.work / own.samples : 1.0;
+        const double variance = other.pixels > 0.0 ? other.variance() : own.variance();
+        cell.variance = 0.5 * (variance + around);
+        const CellSums& shown = other.samples > 0.0 ? other : own;
+        cell.work = shown.samples > 0.0 ? shown.work / shown.samples : 1.0;
         cell.samples = own.pixels > 0.0 ? own.samples / own.pixels : 0.0;
+        cell.mean_square = cell.samples > 0.0 ? variance / cell.samples : 0.0;
+        colour_pixels_[colour] += own.pixels;
+        colour_mean_square_[colour] += own.pixels * cell.mean_square;
       }
     }
+  }
+  for (size_t colour = 0; colour < 2; ++colour) {
+    mean_square_ += colour_mean_square_[colour] / std::max(pixels_, 1.0);
+    colour_mean_square_[colour] /= std::max(colour_pixels_[colour], 1.0);
   }
 }
 
@@ -112,39 +118,54 @@ double SampleAllocation::goal(const NoiseCell& c, double scale, const Limits& li
   return goal > c.samples * limits.least_growth ? goal : c.samples;
 }
 
-double SampleAllocation::predicted(double scale, const Limits& limits) const {
+double SampleAllocation::predicted(size_t colour, double scale, const Limits& limits) const {
   double sum = 0.0;
-  for (const NoiseCell& c : cells_) {
+  for (size_t i = colour; i < cells_.size(); i += 2) {
+    const NoiseCell& c = cells_[i];
     if (!(c.pixels > 0.0) || !(c.samples > 0.0)) continue;
     sum += c.pixels * c.variance / c.samples * std::pow(c.samples / goal(c, scale, limits), limits.decay);
   }
-  return sum / std::max(pixels_, 1.0);
+  return sum / std::max(colour_pixels_[colour], 1.0);
 }
 
-double SampleAllocation::further_work(double scale, const Limits& limits) const {
+double SampleAllocation::further_work(size_t colour, double scale, const Limits& limits) const {
   double sum = 0.0;
-  for (const NoiseCell& c : cells_) sum += c.pixels * c.work * (goal(c, scale, limits) - c.samples);
+  for (size_t i = colour; i < cells_.size(); i += 2) {
+    const NoiseCell& c = cells_[i];
+    sum += c.pixels * c.work * (goal(c, scale, limits) - c.samples);
+  }
   return sum;
 }
 
-std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
+double SampleAllocation::scale_of(size_t colour, double mean_square, double work, const Limits& limits) const {
   // Both sides of the search are far beyond any goal: samples per sqrt(variance / work).
   double low = 1e-30, high = 1e30;
-  // What the colours show of each other is not quite what they show of themselves.
-  const double target = mean_square_ > 0.0 ? limits.mean_square * predicted(0.0, limits) / mean_square_ : 0.0;
-  const auto is_too_much = [&](double scale) {
-    return predicted(scale, limits) < target || further_work(scale, limits) > limits.work;
-  };
   for (int i = 0; i < 256 && high > low * 1.0001; ++i) {
     const double middle = std::sqrt(low * high);
-    (is_too_much(middle) ? high : low) = middle;
+    const bool is_too_much =
+        predicted(colour, middle, limits) < mean_square || further_work(colour, middle, limits) > work;
+    (is_too_much ? high : low) = middle;
   }
+  return high;
+}
+
+std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
   std::vector<uint32_t> counts(cells_.size(), 0);
-  for (size_t i = 0; i < cells_.size(); ++i) {
-    const NoiseCell& c = cells_[i];
-    if (!(c.pixels > 0.0)) continue;
-    const double more = goal(c, high, limits) - c.samples;
-    counts[i] = uint32_t(std::min(std::ceil(0.5 * more), std::floor(0.5 * (limits.most - c.samples))));
+  for (size_t colour = 0; colour < 2; ++colour) {
+    const double now = colour_mean_square_[colour];
+    if (!(now > limits.mean_square)) continue;
+    // Blocks' variances that are mixed with those around are not quite what they are by themselves.
+    const double target = limits.mean_square * predicted(colour, 0.0, limits) / now;
+    const double share = pixels_ > 0.0 ? colour_pixels_[colour] / pixels_ : 0.0;
+    double scale = scale_of(colour, target, share * limits.work, limits);
+    if (further_work(colour, scale, limits) < share * limits.least_work)
+      scale = scale_of(colour, 0.0, share * std::min(limits.work, limits.least_work), limits);
+    for (size_t i = colour; i < cells_.size(); i += 2) {
+      const NoiseCell& c = cells_[i];
+      if (!(c.pixels > 0.0)) continue;
+      const double more = goal(c, scale, limits) - c.samples;
+      counts[i] = uint32_t(std::min(std::ceil(0.5 * more), std::floor(0.5 * (limits.most - c.samples))));
+    }
   }
   return counts;
 }

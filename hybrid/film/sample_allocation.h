@@ -5,7 +5,9 @@
 // where it falls as n^-p, in proportion to the (p + 1)st root of what p = 1 takes the square root of.
 // Variances are those of blocks of pixels, from the differences of their halves (PixelSums::variance). So that no
 // pixel's mean depends on why its sampling went on or ended, the pixels of a block take turns like the fields of a
-// chessboard: those of one colour get what those of the other colour show. Thread-safety: values.
+// chessboard: each colour is planned by itself, from what the other one shows, and ends when that says so. (A bright
+// sample that asked for more samples of its own pixel would be averaged away, a missing one would not be made up for.)
+// Thread-safety: values.
 #pragma once
 
 #include <cstdint>
@@ -30,9 +32,11 @@ double noise_square(const PixelSums& pixel, ErrorMeasure measure);
 // One colour of one block. Pixels of the same cell always have the same number of samples.
 struct NoiseCell {
   double pixels = 0.0;
-  double variance = 0.0;  // mean over the pixels and channels, of one sample, as the other colour shows it
-  double work = 1.0;      // of a sample
-  double samples = 0.0;   // of each pixel, both halves
+  // As the other colour of the block shows it, mean over pixels and channels: the mean square error now; and the
+  // variance of one sample, half of it from the blocks around.
+  double mean_square = 0.0, variance = 0.0;
+  double work = 1.0;     // of a sample
+  double samples = 0.0;  // of each pixel, both halves
 };
 
 // How a window's pixels fall into cells.
@@ -57,7 +61,7 @@ class SampleAllocation {
   // The film's samples must be in two halves alike.
   SampleAllocation(const FilmSums& film, ErrorMeasure measure);
 
-  // The mean square error that noise makes, by the measure.
+  // The mean square error that noise makes, by the measure, as the colours show it of each other.
   double mean_square() const { return mean_square_; }
   // The mean number of samples of a pixel, and the least and the most.
   double mean_samples() const;
@@ -71,7 +75,8 @@ class SampleAllocation {
   // What a round may add.
   struct Limits {
     double mean_square = 0.0;    // stop where the noise is expected to be this
-    double work = k_infinity;    // of all further samples
+    double work = k_infinity;    // of all further samples, at most,
+    double least_work = 0.0;     // and at least, if there are any
     double growth = k_infinity;  // no pixel gets more than this many times the samples that it has
     double most = k_infinity;    // samples of a pixel, in all
     double least_growth = 1.0;   // pixels that would get fewer times their samples get none
@@ -85,11 +90,15 @@ class SampleAllocation {
  private:
   // The goal for a cell's samples where a unit of mean square is worth 1 / scale^2 of work.
   double goal(const NoiseCell& cell, double scale, const Limits& limits) const;
-  double predicted(double scale, const Limits& limits) const;
-  double further_work(double scale, const Limits& limits) const;
+  // Of the pixels of one colour: the mean square that is expected, and the work until then.
+  double predicted(size_t colour, double scale, const Limits& limits) const;
+  double further_work(size_t colour, double scale, const Limits& limits) const;
+  // The scale at which a colour's noise or work is what the limits say.
+  double scale_of(size_t colour, double mean_square, double work, const Limits& limits) const;
 
   std::vector<NoiseCell> cells_;
   double pixels_ = 0.0, mean_square_ = 0.0;
+  double colour_pixels_[2] = {0.0, 0.0}, colour_mean_square_[2] = {0.0, 0.0};
 };
 
 }  // namespace fieldtrace

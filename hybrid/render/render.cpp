@@ -32,6 +32,8 @@ namespace {
 
 double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
 
+double seconds_until(Clock::time_point end) { return std::chrono::duration<double>(end - Clock::now()).count(); }
+
 // The cache of `options`; null if there is none, or no fields to keep in it.
 std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const WarningSink& warning) {
   if (options.field_cache.empty() || no_fields) return nullptr;
@@ -114,7 +116,7 @@ double square_of_target(const RenderOptions& options) {
   return double(options.target_error) * double(options.target_error);
 }
 
-// Pictures to an error that fewer samples of a pixel reach are left to rays.
+// Pictures of which fewer samples of a pixel reach the error, or the end of the time, are left to rays.
 constexpr double k_fewest_samples = 8.0;
 
 // How many samples a pixel of a picture by rounds will need, with rays alone.
@@ -130,7 +132,7 @@ void expect_samples(Picture& picture, Stage& stage, int threads) {
   }
   picture.expect(samples);
   // What fields could spare then, surveys take.
-  if (picture.options.target_error > 0.0f && samples < k_fewest_samples) stage.trust = 0.0f;
+  if (samples < k_fewest_samples) stage.trust = 0.0f;
 }
 
 // Light samples of each camera sample, as a survey finds that they lower the noise most for their work.
@@ -164,7 +166,14 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
   const FieldError error = survey_field_error(picture, context, rays.context(), double(picture.spp));
   const double target = square_of_target(picture.options);
   decided.field_mean_square = error.mean_square;
-  if (picture.options.target_error == 0.0f) return true;
+  if (picture.options.target_error == 0.0f) {
+    const double pixels = double(picture.window.width) * double(picture.window.height);
+    const double seconds = std::max(seconds_until(*stage.deadline), 0.0) * tbb::this_task_arena::max_concurrency();
+    const auto noise_in_time = [&](const SampleCost& cost) { return cost.variance * cost.seconds * pixels / seconds; };
+    if (error.mean_square + noise_in_time(error.fields) <= noise_in_time(error.rays)) return true;
+    stage.trust = 0.0f;
+    return false;
+  }
   // Where the tolerance may be at fault, less of it is tried first.
   const bool by_tolerance = context.settings.estimates && !picture.options.tolerance && stage.trust == 1.0f;
   if (by_tolerance && error.mean_square > 0.25 * target) {

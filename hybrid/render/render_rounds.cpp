@@ -74,6 +74,7 @@ class Rounds {
     }
     if (!picture_.by_rounds()) return;
     const SampleAllocation allocation(film, options_.error_measure);
+    stats_.by_rounds = true;
     stats_.rounds = state_.round;
     stats_.error_noise = std::sqrt(allocation.mean_square());
     stats_.error_fields = std::sqrt(state_.field_mean_square);
@@ -100,7 +101,8 @@ class Rounds {
       const double expected = std::min(double(state_.expected_samples), double(picture_.most_samples));
       const double share = has_fields() ? 1.0 : k_first_share;
       const auto first = uint32_t(std::clamp(0.5 * expected * share, 1.0, double(k_most_first)));
-      state_.counts.assign(cells_.count(), first);
+      // With a time limit, all pixels have something soon.
+      state_.counts.assign(cells_.count(), job_.deadline ? 1 : first);
     } else {
       state_.counts.assign(1, uint32_t(picture_.most_samples));
     }
@@ -171,20 +173,20 @@ class Rounds {
     const bool has_target = options_.target_error > 0.0f;
     const double target = has_target ? double(options_.target_error) * double(options_.target_error) : 0.0;
     const double noise_target = std::max(target - state_.field_mean_square, 0.0);
-    if (has_target && noise <= noise_target) return none;
     SampleAllocation::Limits limits;
     limits.mean_square = noise_target;
     limits.growth = k_round_growth;
     limits.most = double(picture_.most_samples);
     if (has_fields()) limits.least_growth = k_least_growth;
     const double samples = allocation.mean_samples();
-    if (state_.noise > 0.0 && noise > 0.0) {
+    if (state_.noise > 0.0 && noise > 0.0 && samples > state_.samples) {
       const double decay = std::log(state_.noise / noise) / std::log(samples / state_.samples);
       state_.decay = std::clamp(decay, 1.0, k_most_decay);
     }
     state_.noise = noise, state_.samples = samples;
     limits.decay = state_.decay;
     const double work = allocation.work();
+    limits.least_work = k_least_round * work;
     double time_share = 0.0;
     if (job_.deadline) {
       const double left = seconds_of(*job_.deadline - Clock::now());
@@ -193,11 +195,6 @@ class Rounds {
       time_share = 1.0 - left / double(options_.time_limit);
     }
     std::vector<uint32_t> counts = allocation.further(limits);
-    if (allocation.work_of(counts) < k_least_round * work) {
-      limits.mean_square = 0.0;
-      limits.work = std::min(limits.work, k_least_round * work);
-      counts = allocation.further(limits);
-    }
     done_ = std::max({done_, has_target ? noise_target / noise : 0.0, time_share});
     expected_ = std::clamp(done_ * (1.0 + allocation.work_of(counts) / work), done_, 1.0);
     return counts;

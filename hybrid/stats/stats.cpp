@@ -6,7 +6,8 @@
 namespace fieldtrace {
 
 void Stats::merge_counters(const Stats& o) {
-  if (o.rounds > 0) {
+  if (o.by_rounds) {
+    by_rounds = true;
     rounds = o.rounds;
     error_noise = o.error_noise, error_fields = o.error_fields, error_estimate = o.error_estimate;
     samples_mean = o.samples_mean, samples_fewest = o.samples_fewest, samples_most = o.samples_most;
@@ -66,7 +67,7 @@ std::string Stats::to_json() const {
   j["method"] = method;
   j["spp"] = spp;
   if (resumed) j["resumed"] = true;
-  if (rounds > 0) {
+  if (by_rounds) {
     j["target_error"] = target_error;
     j["time_limit"] = time_limit;
     j["rounds"] = rounds;

@@ -68,7 +68,8 @@ struct Stats {
   uint64_t triangles = 0, instances = 0, lights = 0;
   // Of pictures by rounds: the error asked for, and what was found: of noise, of fields, of both; samples of a pixel.
   double target_error = 0, time_limit = 0;
-  uint32_t rounds = 0;
+  bool by_rounds = false;
+  uint32_t rounds = 0;  // finished
   bool resumed = false;
   double error_noise = 0, error_fields = 0, error_estimate = 0;
   double samples_mean = 0;

@@ -107,7 +107,7 @@ void print_summary(const Stats& s) {
              s.time_load, s.time_bake, s.time_primary, s.time_secondary);
   fmt::print(stderr, "rays    {} primary, {} shadow ({} near an object), {} glossy\n", count(s.rays_primary),
              count(s.rays_shadow), count(s.rays_crossing), count(s.rays_glossy));
-  if (s.rounds > 0) {
+  if (s.by_rounds) {
     fmt::print(stderr, "error   {:.3g} estimated: noise {:.3g}, fields {:.3g}; {} rounds, {} to {} samples a pixel\n",
                s.error_estimate, s.error_noise, s.error_fields, s.rounds, s.samples_fewest, s.samples_most);
   }

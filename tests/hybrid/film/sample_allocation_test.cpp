@@ -123,12 +123,15 @@ TEST(SampleAllocation, PixelsDoNotDecideAboutThemselves) {
   }
   const SampleAllocation before(film, ErrorMeasure::absolute), after(changed, ErrorMeasure::absolute);
   const NoiseCells cells(k_window);
+  const std::vector<uint32_t> counts_before = before.further({.mean_square = 1e-4}),
+                              counts_after = after.further({.mean_square = 1e-4});
   size_t others = 0;
   for (int y = k_window.y; y < k_window.y + k_window.height; ++y) {
     for (int x = k_window.x; x < k_window.x + k_window.width; ++x) {
       const size_t cell = cells.cell(x, y);
       if (((x ^ y) & 1) == 0) {
         EXPECT_EQ(before.cells()[cell].variance, after.cells()[cell].variance);
+        EXPECT_EQ(counts_before[cell], counts_after[cell]);
       } else {
         others += before.cells()[cell].variance < after.cells()[cell].variance;
       }
