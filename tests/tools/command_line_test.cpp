@@ -204,15 +204,18 @@ TEST_F(CommandLine, ValuesOutOfRangeExitWith2) {
   expect_failure(2, ".ply", {"mesh", "knot", "-o", "a.obj"});
 }
 
-TEST_F(CommandLine, WhatIsNotBuiltSaysSo) {
-  const std::vector<std::string> render = {"render", "scene.xml", "-o", "a.exr"};
-  const std::vector<std::vector<std::string>> options = {
-      {"--time-limit", "10"}, {"--target-error", "0.01"}, {"--resume", "a.exr"}};
-  for (const std::vector<std::string>& option : options) {
-    std::vector<std::string> all = render;
-    all.insert(all.end(), option.begin(), option.end());
-    expect_failure(2, "not available yet", all);
+TEST_F(CommandLine, ErrorsTimesAndCheckpointsAreChecked) {
+  const auto render = [](std::vector<std::string> options) {
+    options.insert(options.begin(), {"render", "scene.xml", "-o", "a.exr"});
+    return options;
+  };
+  for (const char* option : {"--time-limit", "--target-error", "--target-error-relative"}) {
+    for (const char* value : {"0", "-1", "nan", "x", "1e-60"}) expect_failure(2, option, render({option, value}));
   }
+  expect_failure(2, "--target-error", render({"--target-error", "1", "--target-error-relative", "1"}));
+  expect_failure(2, "--checkpoint", render({"--checkpoint-every", "5"}));
+  expect_failure(2, "--checkpoint-every", render({"--checkpoint", "c", "--checkpoint-every", "-5"}));
+  expect_failure(1, "cannot be written", render({"--checkpoint", "none/c"}));
 }
 
 // A build without kernels refuses the GPU; one with kernels renders on the CPU where the machine has none.
