@@ -8,6 +8,7 @@
 
 #include "core/image/image.h"
 #include "hybrid/compare/compare.h"
+#include "hybrid/compare/flip.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options.h"
 #include "tools/cli/standard_output.h"
@@ -23,33 +24,53 @@ struct CompareArguments {
   std::optional<double> limit;
 };
 
+struct Comparison {
+  ImageDifference difference;
+  std::optional<double> flip, hdr_flip;  // of colour images
+};
+
 // JSON has neither infinity nor NaN: both become null.
-std::string to_json(const ImageDifference& d) {
+std::string to_json(const Comparison& comparison) {
+  const ImageDifference& d = comparison.difference;
+  const auto number = [](const std::optional<double>& v) {
+    return v && std::isfinite(*v) ? nlohmann::ordered_json(*v) : nlohmann::ordered_json();
+  };
   const nlohmann::ordered_json j = {
       {"rmse", d.rmse},
       {"relmse", d.relmse},
-      {"psnr", std::isfinite(d.psnr) ? nlohmann::ordered_json(d.psnr) : nlohmann::ordered_json()},
+      {"psnr", number(d.psnr)},
       {"mean_relative", d.mean_relative},
       {"bias", d.bias},
       {"worst_block", {{"rmse", d.worst_block_rmse}, {"x", d.worst_block_x}, {"y", d.worst_block_y}}},
+      {"flip", number(comparison.flip)},
+      {"hdr_flip", number(comparison.hdr_flip)},
       {"not_finite", d.not_finite}};
   return j.dump(2) + "\n";
 }
 
-std::string to_text(const ImageDifference& d) {
+std::string to_text(const Comparison& comparison) {
+  const ImageDifference& d = comparison.difference;
   std::string text = fmt::format(
       "rmse           {:.6g}\nrelmse         {:.6g}\npsnr           {:.2f} dB\nmean relative  {:.6g}\n"
       "bias           {:+.6g}\nworst block    {:.6g} (16x16 pixels at {}, {})\n",
       d.rmse, d.relmse, d.psnr, d.mean_relative, d.bias, d.worst_block_rmse, d.worst_block_x, d.worst_block_y);
+  if (comparison.flip) text += fmt::format("flip           {:.6g}\n", *comparison.flip);
+  if (comparison.hdr_flip) text += fmt::format("hdr flip       {:.6g}\n", *comparison.hdr_flip);
   if (d.not_finite > 0) text += fmt::format("not finite     {} values\n", d.not_finite);
   return text;
 }
 
-ImageDifference compare_named(const CompareArguments& arguments, const Image& image,
-                              const std::optional<Rect>& window) {
+Comparison compare_named(const CompareArguments& arguments, const Image& image, const std::optional<Rect>& window) {
   const Image reference = read_image(arguments.reference);
   try {
-    return compare_images(image, reference, window);
+    Comparison c{compare_images(image, reference, window), {}, {}};
+    if (has_colour(image) && has_colour(reference)) {
+      const Rect part = window.value_or(Rect{0, 0, image.width, image.height});
+      const Image a = cropped(image, part), b = cropped(reference, part);
+      c.flip = ldr_flip(a, b).mean;
+      c.hdr_flip = hdr_flip(a, b).mean;
+    }
+    return c;
   } catch (const Error& e) {
     throw Error({arguments.image}, "cannot be compared with " + arguments.reference + ": " + e.what());
   }
@@ -59,8 +80,9 @@ int run_compare(const CompareArguments& arguments) {
   const Image image = read_image(arguments.image);
   std::optional<Rect> window;
   if (arguments.crop) window = parse_crop(*arguments.crop, {0, 0, image.width, image.height}, "image");
-  const ImageDifference d = compare_named(arguments, image, window);
-  fmt::print("{}", arguments.json ? to_json(d) : to_text(d));
+  const Comparison comparison = compare_named(arguments, image, window);
+  const ImageDifference& d = comparison.difference;
+  fmt::print("{}", arguments.json ? to_json(comparison) : to_text(comparison));
   // Flushed before anything goes to stderr.
   const std::string failure = flush_standard_output();
   if (!failure.empty()) throw Error(standard_output_message(failure));
