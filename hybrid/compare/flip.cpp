@@ -114,11 +114,11 @@ Plane filtered(const Plane& in, const Filter& across, const Filter& down) {
     const float* from = in.row(int(y));
     float* to = rows.row(int(y));
     const int radius = across.radius();
-    for (int x = 0; x < width; ++x) {
-      float sum = 0.0f;
-      for (int k = -radius; k <= radius; ++k)
-        sum += across.weights[size_t(k + radius)] * from[std::clamp(x + k, 0, width - 1)];
-      to[x] = sum;
+    std::vector<float> padded(size_t(width + 2 * radius));
+    for (int x = -radius; x < width + radius; ++x) padded[size_t(x + radius)] = from[std::clamp(x, 0, width - 1)];
+    for (int k = 0; k <= 2 * radius; ++k) {
+      const float weight = across.weights[size_t(k)];
+      for (int x = 0; x < width; ++x) to[x] += weight * padded[size_t(x + k)];
     }
   });
   parallel_for(size_t(height), [&](size_t y) {

@@ -1,9 +1,12 @@
-#include "tools/thesis/plots.h"
+#include "tools/report/plots.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+
+#include "tools/report/html.h"
 
 namespace fieldtrace {
 namespace {
@@ -47,6 +50,13 @@ struct Axis {
   }
 };
 
+// An identifier within the page, from the title.
+std::string clip_name(const Plot& plot) {
+  std::string name = "clip-";
+  for (const char c : plot.title) name += std::isalnum(static_cast<unsigned char>(c)) ? c : '-';
+  return name;
+}
+
 std::string number(double v) {
   if (v >= 1e6) return fmt::format("{:.3g} M", v * 1e-6);
   if (v >= 1e4) return fmt::format("{:.3g} k", v * 1e-3);
@@ -54,23 +64,6 @@ std::string number(double v) {
 }
 
 }  // namespace
-
-std::string html_text(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else if (c == '"')
-      out += "&quot;";
-    else
-      out += c;
-  }
-  return out;
-}
 
 std::string svg_plot(const Plot& plot) {
   Axis x{plot.log_x}, y{plot.log_y};
@@ -80,6 +73,7 @@ std::string svg_plot(const Plot& plot) {
   };
   std::vector<double> xs, ys;
   for (const PlotSeries& s : plot.series) {
+    if (s.guide) continue;
     for (const auto& p : s.points) {
       if (usable(p)) xs.push_back(p.first), ys.push_back(p.second);
     }
@@ -109,24 +103,33 @@ std::string svg_plot(const Plot& plot) {
                      k_height - 8, html_text(plot.x_label));
   svg += fmt::format("<text transform=\"translate(14 {:.1f}) rotate(-90)\" text-anchor=\"middle\">{}</text>\n",
                      0.5 * (k_top + bottom), html_text(plot.y_label));
+  // Guides may leave the axes' range.
+  const bool guides = std::any_of(plot.series.begin(), plot.series.end(), [](const PlotSeries& s) { return s.guide; });
+  if (guides)
+    svg += fmt::format("<clipPath id=\"{0}\"><rect x=\"{1}\" y=\"{2}\" width=\"{3}\" height=\"{4}\"/></clipPath>\n",
+                       clip_name(plot), k_left, k_top, right - k_left, bottom - k_top);
+  size_t colours = 0;
   for (size_t i = 0; i < plot.series.size(); ++i) {
     const PlotSeries& s = plot.series[i];
-    const char* colour = k_colours[i % std::size(k_colours)];
-    const char* dash = s.dashed ? " stroke-dasharray=\"5 4\"" : "";
+    const char* colour = s.guide ? "#888" : k_colours[colours++ % std::size(k_colours)];
+    const char* width = s.guide ? "1" : "1.6";
+    const char* dash = s.dashed || s.guide ? " stroke-dasharray=\"5 4\"" : "";
     std::string line, marks;
     for (const auto& p : s.points) {
       if (!usable(p)) continue;
       line += fmt::format("{:.1f},{:.1f} ", px(p.first), py(p.second));
+      if (s.guide) continue;
       marks +=
           fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"3\" fill=\"{}\"/>", px(p.first), py(p.second), colour);
     }
-    svg += fmt::format("<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.6\"{}/>{}\n", line, colour,
-                       dash, marks);
+    svg +=
+        fmt::format("<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\"{}{}/>{}\n", line, colour,
+                    width, dash, s.guide ? fmt::format(" clip-path=\"url(#{})\"", clip_name(plot)) : "", marks);
     const double at = k_top + 8 + 16.0 * double(i);
     svg += fmt::format(
-        "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2}\" y2=\"{2}\" stroke=\"{3}\" stroke-width=\"1.6\"{4}/>"
-        "<text x=\"{5}\" y=\"{6}\">{7}</text>\n",
-        right + 10, right + 32, at, colour, dash, right + 37, at + 4, html_text(s.label));
+        "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2}\" y2=\"{2}\" stroke=\"{3}\" stroke-width=\"{4}\"{5}/>"
+        "<text x=\"{6}\" y=\"{7}\">{8}</text>\n",
+        right + 10, right + 32, at, colour, width, dash, right + 37, at + 4, html_text(s.label));
   }
   return svg + "</svg>\n";
 }
