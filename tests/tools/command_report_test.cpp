@@ -77,6 +77,142 @@ TEST_F(CommandReport, ThePageOfACompareSaysWhatIsPrinted) {
   EXPECT_EQ(files(), (std::set<std::string>{"a.exr", "b.exr", "ball.ply", "page.html", "scene.xml"}));
 }
 
+std::vector<std::string> split(const std::string& line, char separator) {
+  std::vector<std::string> parts;
+  std::istringstream in(line + separator);
+  for (std::string part; std::getline(in, part, separator);) parts.push_back(part);
+  return parts;
+}
+
+using Table = std::vector<std::map<std::string, std::string>>;
+
+// Rows of a table, by the names of its columns.
+Table read_csv(const fs::path& path) {
+  std::istringstream in(read_text(path));
+  std::string line;
+  std::getline(in, line);
+  const std::vector<std::string> names = split(line, ',');
+  Table rows;
+  while (std::getline(in, line)) {
+    const std::vector<std::string> values = split(line, ',');
+    EXPECT_EQ(values.size(), names.size()) << line;
+    rows.emplace_back();
+    for (size_t i = 0; i < std::min(names.size(), values.size()); ++i) rows.back()[names[i]] = values[i];
+  }
+  return rows;
+}
+
+// The cells of all rows of the table behind a heading, without its head. Markup within cells stays.
+std::vector<std::vector<std::string>> table_behind(const std::string& page, const std::string& heading) {
+  std::vector<std::vector<std::string>> rows;
+  const size_t begin = page.find("<h2>" + heading + "</h2>"), end = page.find("</table>", begin);
+  EXPECT_NE(begin, std::string::npos) << heading;
+  for (size_t row = page.find("<tr><td", begin); row < end; row = page.find("<tr><td", row + 1)) {
+    const size_t row_end = page.find("</tr>", row);
+    rows.emplace_back();
+    for (size_t cell = page.find("<td", row); cell < row_end; cell = page.find("<td", cell + 1)) {
+      const size_t text = page.find('>', cell) + 1;
+      rows.back().push_back(page.substr(text, page.find("</td>", text) - text));
+    }
+  }
+  return rows;
+}
+
+TEST_F(CommandReport, ThePageOfATradeoffSaysWhatItsTablesSay) {
+  const Outcome o = run({"tradeoff", "scene.xml", "-o", "out", "--quick", "--quiet"});
+  ASSERT_EQ(o.code, 0) << o.err;
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder_ / "out")) names.insert(entry.path().filename().string());
+  EXPECT_EQ(names, (std::set<std::string>{"bias.csv", "reference.exr", "tradeoff.csv", "tradeoff.html"}));
+  const std::string page = read_text(folder_ / "out/tradeoff.html");
+  expect_alone(page);
+  // Two pairs: pictures, reference, differences and two maps each; and the map of the nearer method.
+  EXPECT_EQ(occurrences(page, "<img "), 2u * (2 + 1 + 2 + 2 + 2) + 1u);
+  EXPECT_EQ(occurrences(page, "<polyline"),
+            2u * (2 + 3 + 1 + 1) + 2u);  // both methods, three tolerances, slope; memory
+  for (const char* heading : {"Error against time", "Pictures at equal error", "Pictures at equal time",
+                              "Which method is nearer to the reference"}) {
+    EXPECT_EQ(occurrences(page, std::string("<h2>") + heading + "</h2>"), 1u) << heading;
+  }
+
+  const Table csv = read_csv(folder_ / "out/tradeoff.csv");
+  ASSERT_EQ(csv.size(), 3u + 3u + 9u + 2u + 3u + 2u);
+  const auto all = table_behind(page, "All measurements");
+  ASSERT_EQ(all.size(), csv.size());
+  const std::vector<std::string> columns = split(read_text(folder_ / "out/tradeoff.csv").substr(0, 2000), '\n');
+  const std::vector<std::string> column_names = split(columns[0], ',');
+  for (size_t i = 0; i < all.size(); ++i) {
+    for (size_t c = 0; c < column_names.size(); ++c) EXPECT_EQ(all[i][c], csv[i].at(column_names[c])) << i << " " << c;
+  }
+
+  const auto select = [&](const std::string& method, const std::string& ladder, const std::string& tolerance) {
+    Table rows;
+    for (const auto& row : csv) {
+      const bool is_wanted = (method.empty() || row.at("method") == method) && row.at("ladder") == ladder;
+      if (is_wanted && (tolerance.empty() || row.at("tolerance") == tolerance)) rows.push_back(row);
+    }
+    return rows;
+  };
+  const auto expect_seconds = [](const std::string& text, const std::string& value) {
+    EXPECT_NEAR(std::stod(text), std::stod(value), 0.006 * std::stod(value)) << text;  // three digits
+  };
+  const auto words = [](const std::string& relation) {
+    return relation == "more_than" ? "more than " : relation == "less_than" ? "less than " : "";
+  };
+  // What Monte Carlo takes: never a figure of its own where the measured ones end.
+  Table usual = select("hybrid", "samples", "0.1");
+  for (const auto& row : select("hybrid", "target", "")) usual.push_back(row);
+  const auto times = table_behind(page, "Monte Carlo's time to the same error");
+  ASSERT_EQ(times.size(), 6u);
+  for (size_t i = 0; i < times.size(); ++i) {
+    const auto& row = usual[i];
+    EXPECT_EQ(times[i][1], row.at("rmse"));
+    expect_seconds(times[i][3], row.at("seconds_cold"));
+    expect_seconds(times[i][4], row.at("seconds_warm"));
+    const std::string word = words(row.at("montecarlo_relation"));
+    for (const size_t c : {5u, 6u, 7u}) EXPECT_EQ(times[i][c].rfind(word, 0), 0u) << times[i][c];
+    expect_seconds(times[i][5].substr(word.size()), row.at("montecarlo_seconds"));
+    if (row.at("frames_relation") == "equals") {
+      EXPECT_EQ(times[i][8], row.at("frames_to_pay"));
+    }
+  }
+  const auto targets = table_behind(page, "Pictures to an error");
+  const Table target_rows = select("", "target", "");
+  ASSERT_EQ(targets.size(), 6u);
+  for (size_t i = 0; i < targets.size(); ++i) {
+    EXPECT_EQ(targets[i][1], target_rows[i].at("target_error"));
+    EXPECT_EQ(targets[i][2], target_rows[i].at("error_estimate"));
+    EXPECT_EQ(targets[i][3], target_rows[i].at("rmse"));
+    EXPECT_EQ(targets[i][4], target_rows[i].at("spp"));
+  }
+  const auto memory = table_behind(page, "Error against memory");
+  const Table resolutions = select("hybrid", "resolution", "");
+  ASSERT_EQ(memory.size(), 2u);
+  for (size_t i = 0; i < memory.size(); ++i) {
+    EXPECT_EQ(memory[i][0], resolutions[i].at("directions"));
+    EXPECT_EQ(memory[i][1], resolutions[i].at("plane"));
+    EXPECT_NEAR(std::stod(memory[i][2]), 1e-6 * std::stod(resolutions[i].at("bytes_memory")), 0.0051);
+    EXPECT_EQ(memory[i].back(), resolutions[i].at("rmse"));
+  }
+  const auto parts = table_behind(page, "Bias and variance");
+  const Table bias = read_csv(folder_ / "out/bias.csv");
+  ASSERT_EQ(parts.size(), 3u);
+  ASSERT_EQ(bias.size(), 3u);
+  for (size_t i = 0; i < parts.size(); ++i) {
+    EXPECT_EQ(parts[i][3], bias[i].at("mse"));
+    EXPECT_EQ(parts[i][4], bias[i].at("bias_square"));
+    EXPECT_EQ(parts[i][6], bias[i].at("variance"));
+    const double square = std::stod(bias[i].at("bias_square")), variance = std::stod(bias[i].at("variance"));
+    EXPECT_NEAR(std::stod(bias[i].at("mse")), square + variance, 1e-5 * (std::abs(square) + variance));  // six digits
+  }
+
+  if (!has_browser()) return;
+  const PageFindings found = open_page(page, folder_.path());
+  EXPECT_EQ(found.images, 19);
+  EXPECT_EQ(found.missing_images, std::vector<std::string>());
+  EXPECT_EQ(found.errors, std::vector<std::string>());
+}
+
 TEST_F(CommandReport, ThePageOfACompareReplacesNoInput) {
   expect_failure(2, "--report", {"compare", "a.exr", "b.exr", "--report", "a.exr"});
   expect_failure(1, "nowhere/page.html", {"compare", "a.exr", "b.exr", "--report", "nowhere/page.html"});

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "tools/report/embedded_picture.h"
 #include "tools/report/html.h"
 

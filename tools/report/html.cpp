@@ -10,7 +10,8 @@ body{font:15px/1.45 sans-serif;max-width:1180px;margin:2em auto;padding:0 1em;co
 table{border-collapse:collapse;margin:1em 0}
 td,th{border:1px solid #ccc;padding:3px 8px;text-align:right}
 th{background:#f2f2f2}
-td.l,th.l{text-align:left}
+td{white-space:nowrap}
+td.l,th.l{text-align:left;white-space:normal}
 .t{color:#777}
 .w{overflow-x:auto}
 figure{display:inline-block;margin:0 8px 12px 0}

@@ -11,9 +11,9 @@
 namespace fieldtrace {
 namespace {
 
-constexpr double k_width = 560, k_height = 320, k_left = 60, k_right = 190, k_top = 34, k_bottom = 46;
-constexpr const char* k_colours[] = {"#c0392b", "#2471a3", "#1e8449", "#b9770e",
-                                     "#7d3c98", "#117a65", "#5d6d7e", "#a04000"};
+constexpr double k_width = 570, k_height = 320, k_left = 70, k_right = 190, k_top = 34, k_bottom = 46;
+constexpr const char* k_colours[] = {"#c0392b", "#2471a3", "#1e8449", "#b9770e", "#7d3c98",
+                                     "#117a65", "#5d6d7e", "#a04000", "#d35d9e", "#1f3a93"};
 
 // One axis: maps values to [0, 1] and places its ticks.
 struct Axis {
@@ -30,6 +30,11 @@ struct Axis {
     }
   }
   double place(double v) const { return ((log ? std::log10(v) : v) - low) / (high - low); }
+  // Near `rough`: 1, 2 or 5 times a power of ten.
+  static double even_step(double rough) {
+    const double decade = std::pow(10.0, std::floor(std::log10(rough)));
+    return decade * (rough / decade < 1.5 ? 1 : rough / decade < 3.5 ? 2 : rough / decade < 7.5 ? 5 : 10);
+  }
   std::vector<double> ticks() const {
     std::vector<double> all;
     if (log) {
@@ -41,10 +46,14 @@ struct Axis {
           if ((f == 1.0 || few) && std::log10(v) >= low && std::log10(v) <= high) all.push_back(v);
         }
       }
+      if (all.size() >= 2) return all;
+      // Less than a factor of two or so: even steps.
+      all.clear();
+      const double least = std::pow(10.0, low), most = std::pow(10.0, high), step = even_step((most - least) / 4.0);
+      for (double v = std::ceil(least / step) * step; v <= most; v += step) all.push_back(v);
       return all;
     }
-    const double rough = high / 5.0, decade = std::pow(10.0, std::floor(std::log10(rough)));
-    const double step = decade * (rough / decade < 1.5 ? 1 : rough / decade < 3.5 ? 2 : rough / decade < 7.5 ? 5 : 10);
+    const double step = even_step(high / 5.0);
     for (double v = 0.0; v <= high; v += step) all.push_back(v);
     return all;
   }
