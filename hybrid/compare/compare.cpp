@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/platform/error.h"
+#include "hybrid/compare/flip.h"
 
 namespace fieldtrace {
 
@@ -13,10 +14,6 @@ namespace {
 
 // Pairs of channel indices (image, reference).
 using ChannelPairs = std::vector<std::pair<int, int>>;
-
-bool has_colour(const Image& image) {
-  return image.channel_index("R") >= 0 && image.channel_index("G") >= 0 && image.channel_index("B") >= 0;
-}
 
 ChannelPairs channels_to_compare(const Image& image, const Image& reference) {
   ChannelPairs pairs;
@@ -113,6 +110,16 @@ ImageDifference compare_images(const Image& image, const Image& reference, const
   result.bias = total.reference == 0.0 ? 0.0 : total.difference / total.reference;
   result.not_finite = total.not_finite;
   return result;
+}
+
+Image cropped(const Image& image, const Rect& window) {
+  Image part{window.width, window.height, image.channels, {}};
+  part.data.reserve(size_t(window.width) * size_t(window.height) * image.channel_count());
+  for (int y = window.y; y < window.y + window.height; ++y) {
+    const float* row = image.pixel(window.x, y);
+    part.data.insert(part.data.end(), row, row + size_t(window.width) * image.channel_count());
+  }
+  return part;
 }
 
 }  // namespace fieldtrace

@@ -40,4 +40,7 @@ struct ImageDifference {
 // if the sizes differ, if there are no pixels or no channels to compare, or if the window is not inside the images.
 ImageDifference compare_images(const Image& image, const Image& reference, const std::optional<Rect>& window = {});
 
+// The pixels of `window`, with all channels. Unchecked: it lies inside the image.
+Image cropped(const Image& image, const Rect& window);
+
 }  // namespace fieldtrace

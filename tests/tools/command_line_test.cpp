@@ -324,6 +324,11 @@ TEST_F(CommandLine, CompareMeasuresAndJudges) {
   const auto j = nlohmann::json::parse(run({"compare", "b.exr", "a.exr", "--json"}).out);
   EXPECT_GT(j["rmse"].get<double>(), 0.0);
   for (const char* key : {"relmse", "psnr", "mean_relative", "worst_block"}) EXPECT_TRUE(j.contains(key)) << key;
+  for (const char* key : {"flip", "hdr_flip"}) {
+    EXPECT_GT(j[key].get<double>(), 0.0) << key;
+    EXPECT_LT(j[key].get<double>(), 1.0) << key;
+  }
+  EXPECT_NE(run({"compare", "a.exr", "a.exr"}).out.find("\nflip           0\nhdr flip       0\n"), std::string::npos);
   expect_failure(1, "above the limit", {"compare", "b.exr", "a.exr", "--fail-above", "0"});
   ASSERT_EQ(run({"render", "scene.xml", "-o", "c.exr", "--quiet", "--crop", "0,0,8,8"}).code, 0);
   expect_failure(1, "one size", {"compare", "c.exr", "a.exr"});

@@ -228,6 +228,10 @@ TEST_F(CommandOutputs, NoOutputReplacesAnInput) {
        "all.xml",
        {"tradeoff", "all.xml", "--quick", "--quiet", "-o", "tradeoff"}},
   };
+  for (const char* name : {"tradeoff.html", "bias.csv", "tradeoff.csv.partial"}) {
+    const std::string path = std::string("tradeoff/") + name;
+    cases.push_back({"-o " + path, path, "ball.ply", {"tradeoff", "all.xml", "--quick", "--quiet", "-o", "tradeoff"}});
+  }
   for (const char* input : {"all.xml", "more.xml", "ball.ply"}) {
     cases.push_back({std::string("--stats ") + input, "", input, joined(joined(render, render_to), {input})});
   }

@@ -12,9 +12,10 @@
 #include <string>
 
 #include "core/image/image.h"
+#include "tools/report/embedded_picture.h"
+#include "tools/report/plots.h"
 #include "tools/thesis/claims.h"
 #include "tools/thesis/picture.h"
-#include "tools/thesis/plots.h"
 
 namespace fieldtrace {
 namespace {
@@ -167,13 +168,14 @@ TEST(ThesisPicture, DataUriHoldsThePicture) {
   PhongPicture p;
   p.size = 3;
   for (int i = 0; i < 9; ++i) p.pixels.push_back(Rgb(float(i) / 8.0f, 0.5f, 0.25f));
-  const std::string folder = std::filesystem::temp_directory_path().string();
-  const std::string uri = png_data_uri(p, folder);
+  const auto folder = std::filesystem::temp_directory_path() / ("fieldtrace_picture_" + std::to_string(getpid()));
+  std::filesystem::create_directory(folder);
+  const std::string uri = png_data_uri(to_image(p), folder.string());
   const std::string prefix = "data:image/png;base64,iVBORw0KGgo";  // PNG's signature
   EXPECT_EQ(uri.substr(0, prefix.size()), prefix);
   EXPECT_EQ((uri.size() - uri.find(',') - 1) % 4, 0u);
-  EXPECT_FALSE(
-      std::filesystem::exists(std::filesystem::path(folder) / (".picture-" + std::to_string(getpid()) + ".png")));
+  EXPECT_TRUE(std::filesystem::is_empty(folder));
+  std::filesystem::remove(folder);
 }
 
 }  // namespace

@@ -2,15 +2,20 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "core/image/image.h"
+#include "core/io/atomic_file.h"
 #include "hybrid/compare/compare.h"
+#include "hybrid/compare/flip.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options.h"
+#include "tools/cli/output_files.h"
 #include "tools/cli/standard_output.h"
+#include "tools/report/compared_pictures.h"
 
 namespace fieldtrace {
 
@@ -18,49 +23,92 @@ namespace {
 
 struct CompareArguments {
   std::string image, reference;
+  std::string report;  // HTML page to write; empty: none
   std::optional<std::string> crop;
   bool json = false;
   std::optional<double> limit;
 };
 
+// Where the file's neighbours lie.
+std::string folder_of(const std::string& path) {
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  return folder.empty() ? "." : folder.string();
+}
+
+struct Comparison {
+  ImageDifference difference;
+  Image image, reference;                  // the pixels that are compared
+  std::optional<ComparedPicture> picture;  // of colour images; refers to `image`
+};
+
 // JSON has neither infinity nor NaN: both become null.
-std::string to_json(const ImageDifference& d) {
+std::string to_json(const Comparison& comparison) {
+  const ImageDifference& d = comparison.difference;
+  const std::optional<ComparedPicture>& p = comparison.picture;
+  const auto number = [](const std::optional<double>& v) {
+    return v && std::isfinite(*v) ? nlohmann::ordered_json(*v) : nlohmann::ordered_json();
+  };
   const nlohmann::ordered_json j = {
       {"rmse", d.rmse},
       {"relmse", d.relmse},
-      {"psnr", std::isfinite(d.psnr) ? nlohmann::ordered_json(d.psnr) : nlohmann::ordered_json()},
+      {"psnr", number(d.psnr)},
       {"mean_relative", d.mean_relative},
       {"bias", d.bias},
       {"worst_block", {{"rmse", d.worst_block_rmse}, {"x", d.worst_block_x}, {"y", d.worst_block_y}}},
+      {"flip", number(p ? std::optional(p->flip.mean) : std::nullopt)},
+      {"hdr_flip", number(p ? std::optional(p->hdr_flip.mean) : std::nullopt)},
       {"not_finite", d.not_finite}};
   return j.dump(2) + "\n";
 }
 
-std::string to_text(const ImageDifference& d) {
+std::string to_text(const Comparison& comparison) {
+  const ImageDifference& d = comparison.difference;
+  const std::optional<ComparedPicture>& p = comparison.picture;
   std::string text = fmt::format(
       "rmse           {:.6g}\nrelmse         {:.6g}\npsnr           {:.2f} dB\nmean relative  {:.6g}\n"
       "bias           {:+.6g}\nworst block    {:.6g} (16x16 pixels at {}, {})\n",
       d.rmse, d.relmse, d.psnr, d.mean_relative, d.bias, d.worst_block_rmse, d.worst_block_x, d.worst_block_y);
+  if (p) text += fmt::format("flip           {:.6g}\nhdr flip       {:.6g}\n", p->flip.mean, p->hdr_flip.mean);
   if (d.not_finite > 0) text += fmt::format("not finite     {} values\n", d.not_finite);
   return text;
 }
 
-ImageDifference compare_named(const CompareArguments& arguments, const Image& image,
-                              const std::optional<Rect>& window) {
-  const Image reference = read_image(arguments.reference);
+void compare_named(const CompareArguments& arguments, const Rect& window, Comparison& c) {
   try {
-    return compare_images(image, reference, window);
+    c.difference = compare_images(c.image, c.reference, window);
+    if (!has_colour(c.image) || !has_colour(c.reference)) {
+      if (!arguments.report.empty()) throw Error("a page shows the channels R, G and B, and one lacks them");
+      return;
+    }
+    c.image = cropped(c.image, window), c.reference = cropped(c.reference, window);
+    c.picture = compare_picture(arguments.image, c.image, c.reference);
+    c.picture->difference = c.difference;  // with places in the whole image
   } catch (const Error& e) {
     throw Error({arguments.image}, "cannot be compared with " + arguments.reference + ": " + e.what());
   }
 }
 
-int run_compare(const CompareArguments& arguments) {
-  const Image image = read_image(arguments.image);
-  std::optional<Rect> window;
-  if (arguments.crop) window = parse_crop(*arguments.crop, {0, 0, image.width, image.height}, "image");
-  const ImageDifference d = compare_named(arguments, image, window);
-  fmt::print("{}", arguments.json ? to_json(d) : to_text(d));
+int run_compare(const CompareArguments& arguments, const std::string& command) {
+  if (!arguments.report.empty()) {
+    const OutputFile outputs[] = {{"--report", arguments.report}};
+    const std::string inputs[] = {arguments.image, arguments.reference};
+    require_distinct_files(outputs, inputs);
+    require_writable(arguments.report);
+  }
+
+  Comparison comparison;
+  comparison.image = read_image(arguments.image);
+  Rect window = {0, 0, comparison.image.width, comparison.image.height};
+  if (arguments.crop) window = parse_crop(*arguments.crop, window, "image");
+  comparison.reference = read_image(arguments.reference);
+  compare_named(arguments, window, comparison);
+  const ImageDifference& d = comparison.difference;
+  if (!arguments.report.empty()) {
+    const std::string how = fmt::format("{} x {} pixels from {}, {}", window.width, window.height, window.x, window.y);
+    write_text_file(arguments.report, compare_page(*comparison.picture, arguments.reference, comparison.reference, how,
+                                                   command, FIELDTRACE_VERSION, folder_of(arguments.report)));
+  }
+  fmt::print("{}", arguments.json ? to_json(comparison) : to_text(comparison));
   // Flushed before anything goes to stderr.
   const std::string failure = flush_standard_output();
   if (!failure.empty()) throw Error(standard_output_message(failure));
@@ -85,13 +133,16 @@ void add_compare_command(CommandLine& line) {
           "Pixels to compare (default: all)")
       ->type_name("X,Y,W,H");
   command.add_flag("--json", arguments->json, "Print JSON");
+  command.add_option("--report", arguments->report, "HTML page to write: figures, pictures, differences, FLIP maps")
+      ->type_name("FILE");
   command
       .add_option_function<double>(
           "--fail-above", [arguments](const double& limit) { arguments->limit = limit; },
           "Exit with 1 if the rmse is above this")
       ->check(number_between(0.0, std::numeric_limits<double>::max()))
       ->type_name("RMSE");
-  command.callback([arguments, &line] { line.action = [arguments] { return run_compare(*arguments); }; });
+  command.callback(
+      [arguments, &line] { line.action = [arguments, &line] { return run_compare(*arguments, line.text); }; });
 }
 
 }  // namespace fieldtrace

@@ -1,4 +1,4 @@
-// `fieldtrace tradeoff`: speed against accuracy of one scene, as a table.
+// `fieldtrace tradeoff`: speed against accuracy of one scene, as tables and a page.
 #include <fmt/format.h>
 
 #include <cerrno>
@@ -13,6 +13,7 @@
 #include "tools/cli/options.h"
 #include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
+#include "tools/report/tradeoff_page.h"
 
 namespace fieldtrace {
 
@@ -91,15 +92,21 @@ std::string what_is_left(const GrowingTable& table, const Image& reference, cons
   return fmt::format("no row was finished, only {} was written", reference_path);
 }
 
-int run_command(const TradeoffArguments& arguments) {
+int run_command(const TradeoffArguments& arguments, const std::string& command) {
   make_folder(arguments.folder);
   const fs::path folder = arguments.folder;
   const std::string reference_path = (folder / "reference.exr").string();
   const std::string table_path = (folder / "tradeoff.csv").string();
-  for (const std::string& path : {reference_path, table_path}) require_writable(path);
+  const std::string parts_path = (folder / "bias.csv").string();
+  const std::string page_path = (folder / "tradeoff.html").string();
+  for (const std::string& path : {reference_path, table_path, parts_path, page_path}) require_writable(path);
   ProgressLine progress(!arguments.quiet);
   const Scene scene = load_scene(arguments.scene, progress);
-  const OutputFile outputs[] = {{"-o", reference_path}, {"-o", table_path}, {"-o", table_path + ".partial"}};
+  const OutputFile outputs[] = {{"-o", reference_path},
+                                {"-o", table_path},
+                                {"-o", table_path + ".partial"},
+                                {"-o", parts_path},
+                                {"-o", page_path}};
   require_distinct_files(outputs, scene.files);
   GrowingTable table(table_path);
 
@@ -113,22 +120,33 @@ int run_command(const TradeoffArguments& arguments) {
     options.half = false;
     write_image(reference_path, image, options);
   };
-  // The plan starts with all Monte Carlo rows.
-  std::vector<TradeoffRow> rows;
-  callbacks.row = [&](const TradeoffRow& row, const Image&) {
-    rows.push_back(row);
-    table.add(tradeoff_csv_row(row, monte_carlo_points(rows)));
+  const TradeoffPlan plan = make_tradeoff_plan(scene, arguments.plan);
+  TradeoffReport report;
+  report.scene = arguments.scene.path, report.command = command;
+  report.machine = machine_text(), report.version = FIELDTRACE_VERSION;
+  report.reference_spp = plan.reference.spp;
+  // A ladder's Monte Carlo rows come before those that are compared with them.
+  callbacks.row = [&](const TradeoffRow& row, const Image& image) {
+    report.add(row, image, plan.targets.size() / 2);
+    table.add(report.lines.back());
   };
-  Image reference;
-  const bool complete =
-      run_tradeoff(scene, make_tradeoff_plan(scene, arguments.plan), arguments.folder, reference, callbacks);
+  std::string parts_table = parts_csv_header() + "\n";
+  callbacks.parts = [&](const TradeoffParts& parts) {
+    report.parts.push_back(parts);
+    parts_table += parts_csv_row(parts) + "\n";
+  };
+  TradeoffReference reference;
+  const bool complete = run_tradeoff(scene, plan, arguments.folder, reference, callbacks);
   progress.clear();
   if (!complete) {
-    fmt::print(stderr, "fieldtrace: interrupted; {}\n", what_is_left(table, reference, reference_path));
+    fmt::print(stderr, "fieldtrace: interrupted; {}\n", what_is_left(table, reference.image, reference_path));
     return k_exit_interrupted;
   }
   table.finish();
-  if (!arguments.quiet) fmt::print(stderr, "{} and {} written\n", table.final_path(), reference_path);
+  write_text_file(parts_path, parts_table);
+  report.reference = std::move(reference.image);
+  write_text_file(page_path, tradeoff_page(report, arguments.folder));
+  if (!arguments.quiet) fmt::print(stderr, "{} and the tables and the reference beside it written\n", page_path);
   return k_exit_success;
 }
 
@@ -139,12 +157,13 @@ void add_tradeoff_command(CommandLine& line) {
   CLI::App& command = *line.app.add_subcommand("tradeoff", "Measure speed against accuracy over one scene");
   add_scene_options(command, arguments->scene);
   command.add_option("-o", arguments->folder, "Folder to write, made if missing")->required()->type_name("DIR");
-  command.add_flag("--quick", arguments->plan.quick, "Few samples, one field resolution, a coarser reference");
+  command.add_flag("--quick", arguments->plan.quick, "Few samples and field resolutions, a coarser reference");
   command.add_option("--threads", arguments->plan.base.threads, "Threads (default: 0, all)")
       ->check(thread_count())
       ->type_name("N");
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
-  command.callback([arguments, &line] { line.action = [arguments] { return run_command(*arguments); }; });
+  command.callback(
+      [arguments, &line] { line.action = [arguments, &line] { return run_command(*arguments, line.text); }; });
 }
 
 }  // namespace fieldtrace

@@ -57,13 +57,13 @@ TradeoffPlan make_plan(const Scene& scene, int reference_spp) {
     o.method = Method::monte_carlo;
     o.light_estimator = LightEstimator::adaptive;  // its best
     o.spp = spp;
-    plan.cases.push_back(o);
+    plan.cases.push_back({o});
   }
   for (const int spp : {4, 16, 64}) {
     RenderOptions o;
     o.method = Method::hybrid;
     o.spp = spp;
-    plan.cases.push_back(o);
+    plan.cases.push_back({o});
   }
   return plan;
 }
@@ -120,8 +120,8 @@ void check_inputs_survive(const fs::path& folder, const std::string& reference_p
                           const std::vector<std::string>& inputs) {
   std::vector<OutputFile> outputs = {{"-o", reference_path}};
   std::vector<std::string> names = {"demo.csv", "reference.png"};
-  for (const RenderOptions& options : plan.cases) {
-    for (const char* extension : {".exr", ".png"}) names.push_back(picture_name(options) + extension);
+  for (const TradeoffCase& c : plan.cases) {
+    for (const char* extension : {".exr", ".png"}) names.push_back(picture_name(c.options) + extension);
   }
   for (const std::string& name : names) outputs.push_back({"-o", (folder / name).string()});
   require_distinct_files(outputs, inputs);
@@ -148,16 +148,17 @@ int run_demo(const DemoArguments& arguments) {
   callbacks.render.progress = [&](float share, const char* stage) { progress.update(share, stage); };
 
   // Rendered first and kept at once, so that an interrupted demo does not lose its most expensive part.
-  Image reference;
+  TradeoffReference reference;
   if (fs::exists(reference_path)) {
-    reference = read_image(reference_path);
+    reference.image = read_image(reference_path);
   } else {
-    const TradeoffPlan reference_only = {plan.reference, {}};
+    TradeoffPlan reference_only;
+    reference_only.reference = plan.reference;
     if (!run_tradeoff(scene, reference_only, arguments.folder, reference, callbacks)) return k_exit_interrupted;
     ImageWriteOptions options;
     options.half = false;
-    write_image(reference_path, reference, options);
-    write_image((folder / "reference.png").string(), reference);
+    write_image(reference_path, reference.image, options);
+    write_image((folder / "reference.png").string(), reference.image);
   }
 
   progress.restart();

@@ -9,6 +9,7 @@
 
 #include "core/io/scratch_folder.h"
 #include "field/file/thesis_file.h"
+#include "tools/report/embedded_picture.h"
 #include "tools/thesis/chart_rows.h"
 #include "tools/thesis/hybrid_rows.h"
 #include "tools/thesis/picture.h"
@@ -106,7 +107,9 @@ class ThesisRun {
     return *std::min_element(times.begin(), times.end());
   }
 
-  std::string uri(const PhongPicture& picture) const { return png_data_uri(picture, options_.scratch_folder); }
+  std::string uri(const PhongPicture& picture) const {
+    return png_data_uri(to_image(picture), options_.scratch_folder);
+  }
 
   PreparedCase prepare(ThesisCase&& description) {
     PreparedCase p;

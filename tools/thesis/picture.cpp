@@ -1,44 +1,10 @@
 #include "tools/thesis/picture.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
-#include <iterator>
-
-#include "core/image/image.h"
-#include "core/platform/error.h"
 
 namespace fieldtrace {
-namespace {
-
-std::string base64(const std::string& bytes) {
-  static constexpr char k_letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  text.reserve((bytes.size() + 2) / 3 * 4);
-  for (size_t i = 0; i < bytes.size(); i += 3) {
-    const size_t left = std::min<size_t>(3, bytes.size() - i);
-    uint32_t word = 0;
-    for (size_t k = 0; k < 3; ++k) word = word << 8 | (k < left ? uint8_t(bytes[i + k]) : 0u);
-    for (size_t k = 0; k < 4; ++k) text += k <= left ? k_letters[word >> (18 - 6 * k) & 63] : '=';
-  }
-  return text;
-}
-
-// A file that is removed with its owner.
-struct ScratchFile {
-  std::string path;
-  ~ScratchFile() {
-    std::error_code ignored;
-    std::filesystem::remove(path, ignored);
-  }
-};
-
-}  // namespace
-
 double rms_255(const PhongPicture& a, const PhongPicture& b) {
   double sum = 0.0;
   for (size_t i = 0; i < a.pixels.size(); ++i) {
@@ -80,22 +46,13 @@ PhongPicture difference(const PhongPicture& a, const PhongPicture& b, float gain
   return d;
 }
 
-std::string png_data_uri(const PhongPicture& picture, const std::string& scratch_folder) {
-  Image image;
-  image.width = image.height = picture.size;
-  image.channels = {"R", "G", "B"};
+Image to_image(const PhongPicture& picture) {
+  Image image{picture.size, picture.size, {"R", "G", "B"}, {}};
   image.data.reserve(3 * picture.pixels.size());
   for (const Rgb& p : picture.pixels) {
-    // The writer takes linear values; these are display values.
     for (int c = 0; c < 3; ++c) image.data.push_back(srgb_decode(p[c]));
   }
-  const ScratchFile file{
-      (std::filesystem::path(scratch_folder) / (".picture-" + std::to_string(getpid()) + ".png")).string()};
-  write_image(file.path, image);
-  std::ifstream in(file.path, std::ios::binary);
-  const std::string bytes(std::istreambuf_iterator<char>(in), {});
-  if (bytes.empty()) throw Error({file.path}, "cannot be read back");
-  return "data:image/png;base64," + base64(bytes);
+  return image;
 }
 
 }  // namespace fieldtrace

@@ -1,10 +1,9 @@
-// Image differences as measured in the thesis, and images for an HTML page.
+// Image differences as measured in the thesis.
 //
 // Thread-safety: pure functions.
 #pragma once
 
-#include <string>
-
+#include "core/image/image.h"
 #include "tools/thesis/render.h"
 
 namespace fieldtrace {
@@ -19,8 +18,7 @@ PhongPicture blurred(const PhongPicture& picture);
 // |a - b| times `gain`, clamped.
 PhongPicture difference(const PhongPicture& a, const PhongPicture& b, float gain);
 
-// "data:image/png;base64,...". `scratch_folder` must exist and be writable: the image library writes only files. Throws
-// Error if the file cannot be written.
-std::string png_data_uri(const PhongPicture& picture, const std::string& scratch_folder);
+// The picture, of display values, as linear radiance.
+Image to_image(const PhongPicture& picture);
 
 }  // namespace fieldtrace

@@ -1,7 +1,8 @@
 #include <fmt/format.h>
 
+#include "tools/report/html.h"
+#include "tools/report/plots.h"
 #include "tools/thesis/claims.h"
-#include "tools/thesis/plots.h"
 #include "tools/thesis/report.h"
 
 namespace fieldtrace {
@@ -9,23 +10,9 @@ namespace {
 
 constexpr double k_mb = 1.0 / (1024.0 * 1024.0);
 
-constexpr const char* k_style = R"(
-body{font:15px/1.45 sans-serif;max-width:1180px;margin:2em auto;padding:0 1em;color:#222}
-table{border-collapse:collapse;margin:1em 0}
-td,th{border:1px solid #ccc;padding:3px 8px;text-align:right}
-th{background:#f2f2f2}
-td.l,th.l{text-align:left}
-.t{color:#777}
-figure{display:inline-block;margin:0 8px 12px 0}
-figcaption{font-size:13px;color:#555}
-img{width:270px;height:270px;image-rendering:auto;background:#000}
-)";
+constexpr const char* k_style = "img{width:270px;height:270px;image-rendering:auto;background:#000}\n";
 
-constexpr const char* k_page_begin = R"(<!DOCTYPE html>
-<html lang="en">
-<head><meta charset="utf-8"><title>Displacement fields of 2008, today</title><style>{}</style></head>
-<body>
-<h1>The thesis' section 4 on today's machine</h1>
+constexpr const char* k_page_begin = R"(<h1>The thesis' section 4 on today's machine</h1>
 <p>A. Andreadis, <i>Ray Tracing Acceleration using Displacement Fields on GPU</i>, MSc thesis, Athens University of
 Economics and Business, 2008: its chart, its field and its pipeline, rebuilt, beside exact rays by Embree. What was
 changed and why: docs/thesis.md.</p>
@@ -72,12 +59,6 @@ std::string beside(double ours, double thesis, const char* format) {
   std::string text = fmt::format(fmt::runtime(format), ours);
   if (thesis >= 0) text += fmt::format(" <span class=\"t\">({:g})</span>", thesis);
   return text;
-}
-
-std::string image(const std::string& uri, const std::string& caption) {
-  if (uri.empty()) return "";
-  return fmt::format("<figure><img src=\"{}\" alt=\"{}\"><figcaption>{}</figcaption></figure>\n", uri,
-                     html_text(caption), html_text(caption));
 }
 
 std::string claims_table(const ThesisReport& report) {
@@ -185,11 +166,12 @@ std::string pictures(const ThesisReport& report) {
   std::string html = "<h2>Pictures</h2>\n<p>Differences are shown four times as strong.</p>\n";
   for (const ThesisCaseResult& c : report.cases) {
     html += fmt::format("<h3 id=\"{}\">{}</h3>\n", c.name, html_text(c.title));
-    html += image(c.reference_picture, "exact rays");
-    html += image(c.polished_picture, "exact rays, polished");
-    for (const ThesisRow& r : c.rows) html += image(r.picture, fmt::format("fields, M = {}, RMS {:.2f}", r.m, r.rms));
+    html += html_figure(c.reference_picture, "exact rays");
+    html += html_figure(c.polished_picture, "exact rays, polished");
+    for (const ThesisRow& r : c.rows)
+      html += html_figure(r.picture, fmt::format("fields, M = {}, RMS {:.2f}", r.m, r.rms));
     html += "<br>\n";
-    for (const ThesisRow& r : c.rows) html += image(r.difference_picture, fmt::format("difference, M = {}", r.m));
+    for (const ThesisRow& r : c.rows) html += html_figure(r.difference_picture, fmt::format("difference, M = {}", r.m));
   }
   return html;
 }
@@ -197,11 +179,11 @@ std::string pictures(const ThesisReport& report) {
 }  // namespace
 
 std::string thesis_page(const ThesisReport& report, const std::string& command, const std::string& version) {
-  std::string html = fmt::format(k_page_begin, k_style, report.size, report.size, report.threads, report.isa, version,
+  std::string html = fmt::format(k_page_begin, report.size, report.size, report.threads, report.isa, version,
                                  report.quick ? ", quick" : "", html_text(command));
   html += claims_table(report) + main_table(report) + charts_table(report) + hybrid_table(report) + plots(report) +
           pictures(report);
-  return html + "</body></html>\n";
+  return html_page("Displacement fields of 2008, today", html, k_style);
 }
 
 }  // namespace fieldtrace

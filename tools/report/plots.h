@@ -13,6 +13,7 @@ struct PlotSeries {
   std::string label;
   std::vector<std::pair<double, double>> points;
   bool dashed = false;
+  bool guide = false;  // a thin grey line without marks, beside which the axes need not reach
 };
 
 struct Plot {
@@ -23,8 +24,5 @@ struct Plot {
 
 // An <svg> element with markers and a legend per series. Axes start at 0 unless logarithmic.
 std::string svg_plot(const Plot& plot);
-
-// Escapes & < > " as entities.
-std::string html_text(const std::string& text);
 
 }  // namespace fieldtrace

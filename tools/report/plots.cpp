@@ -1,16 +1,19 @@
-#include "tools/thesis/plots.h"
+#include "tools/report/plots.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+
+#include "tools/report/html.h"
 
 namespace fieldtrace {
 namespace {
 
-constexpr double k_width = 560, k_height = 320, k_left = 60, k_right = 190, k_top = 34, k_bottom = 46;
-constexpr const char* k_colours[] = {"#c0392b", "#2471a3", "#1e8449", "#b9770e",
-                                     "#7d3c98", "#117a65", "#5d6d7e", "#a04000"};
+constexpr double k_width = 570, k_height = 320, k_left = 70, k_right = 190, k_top = 34, k_bottom = 46;
+constexpr const char* k_colours[] = {"#c0392b", "#2471a3", "#1e8449", "#b9770e", "#7d3c98",
+                                     "#117a65", "#5d6d7e", "#a04000", "#d35d9e", "#1f3a93"};
 
 // One axis: maps values to [0, 1] and places its ticks.
 struct Axis {
@@ -27,6 +30,11 @@ struct Axis {
     }
   }
   double place(double v) const { return ((log ? std::log10(v) : v) - low) / (high - low); }
+  // Near `rough`: 1, 2 or 5 times a power of ten.
+  static double even_step(double rough) {
+    const double decade = std::pow(10.0, std::floor(std::log10(rough)));
+    return decade * (rough / decade < 1.5 ? 1 : rough / decade < 3.5 ? 2 : rough / decade < 7.5 ? 5 : 10);
+  }
   std::vector<double> ticks() const {
     std::vector<double> all;
     if (log) {
@@ -38,14 +46,25 @@ struct Axis {
           if ((f == 1.0 || few) && std::log10(v) >= low && std::log10(v) <= high) all.push_back(v);
         }
       }
+      if (all.size() >= 2) return all;
+      // Less than a factor of two or so: even steps.
+      all.clear();
+      const double least = std::pow(10.0, low), most = std::pow(10.0, high), step = even_step((most - least) / 4.0);
+      for (double v = std::ceil(least / step) * step; v <= most; v += step) all.push_back(v);
       return all;
     }
-    const double rough = high / 5.0, decade = std::pow(10.0, std::floor(std::log10(rough)));
-    const double step = decade * (rough / decade < 1.5 ? 1 : rough / decade < 3.5 ? 2 : rough / decade < 7.5 ? 5 : 10);
+    const double step = even_step(high / 5.0);
     for (double v = 0.0; v <= high; v += step) all.push_back(v);
     return all;
   }
 };
+
+// An identifier within the page, from the title.
+std::string clip_name(const Plot& plot) {
+  std::string name = "clip-";
+  for (const char c : plot.title) name += std::isalnum(static_cast<unsigned char>(c)) ? c : '-';
+  return name;
+}
 
 std::string number(double v) {
   if (v >= 1e6) return fmt::format("{:.3g} M", v * 1e-6);
@@ -55,23 +74,6 @@ std::string number(double v) {
 
 }  // namespace
 
-std::string html_text(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else if (c == '"')
-      out += "&quot;";
-    else
-      out += c;
-  }
-  return out;
-}
-
 std::string svg_plot(const Plot& plot) {
   Axis x{plot.log_x}, y{plot.log_y};
   const auto usable = [&](const std::pair<double, double>& p) {
@@ -80,6 +82,7 @@ std::string svg_plot(const Plot& plot) {
   };
   std::vector<double> xs, ys;
   for (const PlotSeries& s : plot.series) {
+    if (s.guide) continue;
     for (const auto& p : s.points) {
       if (usable(p)) xs.push_back(p.first), ys.push_back(p.second);
     }
@@ -109,24 +112,33 @@ std::string svg_plot(const Plot& plot) {
                      k_height - 8, html_text(plot.x_label));
   svg += fmt::format("<text transform=\"translate(14 {:.1f}) rotate(-90)\" text-anchor=\"middle\">{}</text>\n",
                      0.5 * (k_top + bottom), html_text(plot.y_label));
+  // Guides may leave the axes' range.
+  const bool guides = std::any_of(plot.series.begin(), plot.series.end(), [](const PlotSeries& s) { return s.guide; });
+  if (guides)
+    svg += fmt::format("<clipPath id=\"{0}\"><rect x=\"{1}\" y=\"{2}\" width=\"{3}\" height=\"{4}\"/></clipPath>\n",
+                       clip_name(plot), k_left, k_top, right - k_left, bottom - k_top);
+  size_t colours = 0;
   for (size_t i = 0; i < plot.series.size(); ++i) {
     const PlotSeries& s = plot.series[i];
-    const char* colour = k_colours[i % std::size(k_colours)];
-    const char* dash = s.dashed ? " stroke-dasharray=\"5 4\"" : "";
+    const char* colour = s.guide ? "#888" : k_colours[colours++ % std::size(k_colours)];
+    const char* width = s.guide ? "1" : "1.6";
+    const char* dash = s.dashed || s.guide ? " stroke-dasharray=\"5 4\"" : "";
     std::string line, marks;
     for (const auto& p : s.points) {
       if (!usable(p)) continue;
       line += fmt::format("{:.1f},{:.1f} ", px(p.first), py(p.second));
+      if (s.guide) continue;
       marks +=
           fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"3\" fill=\"{}\"/>", px(p.first), py(p.second), colour);
     }
-    svg += fmt::format("<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.6\"{}/>{}\n", line, colour,
-                       dash, marks);
+    svg +=
+        fmt::format("<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\"{}{}/>{}\n", line, colour,
+                    width, dash, s.guide ? fmt::format(" clip-path=\"url(#{})\"", clip_name(plot)) : "", marks);
     const double at = k_top + 8 + 16.0 * double(i);
     svg += fmt::format(
-        "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2}\" y2=\"{2}\" stroke=\"{3}\" stroke-width=\"1.6\"{4}/>"
-        "<text x=\"{5}\" y=\"{6}\">{7}</text>\n",
-        right + 10, right + 32, at, colour, dash, right + 37, at + 4, html_text(s.label));
+        "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2}\" y2=\"{2}\" stroke=\"{3}\" stroke-width=\"{4}\"{5}/>"
+        "<text x=\"{6}\" y=\"{7}\">{8}</text>\n",
+        right + 10, right + 32, at, colour, width, dash, right + 37, at + 4, html_text(s.label));
   }
   return svg + "</svg>\n";
 }

@@ -117,19 +117,22 @@ TEST(Compare, MismatchesAreErrors) {
   EXPECT_EQ(compare_images(filled(4, 4, 1, {"Y"}), filled(4, 4, 1, {"Y"})).rmse, 0.0);
 }
 
+TEST(Compare, ACroppedImageHasThePixelsOfItsWindow) {
+  const Image a = noisy(7, 5, 8);
+  const Image part = cropped(a, {2, 1, 4, 3});
+  ASSERT_EQ(part.data.size(), 4u * 3u * 3u);
+  for (int y = 0; y < 3; ++y) {
+    for (int x = 0; x < 4; ++x) {
+      for (int c = 0; c < 3; ++c) EXPECT_EQ(part.pixel(x, y)[c], a.pixel(x + 2, y + 1)[c]);
+    }
+  }
+}
+
 TEST(Compare, AWindowIsComparedAsIfItWereAll) {
   const Image a = noisy(70, 50, 6), b = noisy(70, 50, 7);
   const Rect window = {9, 21, 37, 20};
-  const auto cut = [&](const Image& image) {
-    Image part = filled(window.width, window.height, 0.0f);
-    for (int y = 0; y < window.height; ++y) {
-      for (int x = 0; x < window.width; ++x) {
-        std::copy_n(image.pixel(window.x + x, window.y + y), 3, part.pixel(x, y));
-      }
-    }
-    return part;
-  };
-  const ImageDifference d = compare_images(a, b, window), expected = compare_images(cut(a), cut(b));
+  const ImageDifference d = compare_images(a, b, window),
+                        expected = compare_images(cropped(a, window), cropped(b, window));
   EXPECT_EQ(d.rmse, expected.rmse);
   EXPECT_EQ(d.relmse, expected.relmse);
   EXPECT_EQ(d.bias, expected.bias);

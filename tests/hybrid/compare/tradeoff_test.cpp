@@ -100,6 +100,56 @@ TEST(TradeoffCsv, SaysWhereMonteCarloWasNotMeasured) {
   EXPECT_TRUE(ends_with(tradeoff_csv_row(row, {}), ",,")) << tradeoff_csv_row(row, {});
 }
 
+TEST(TradeoffCsv, PartsHaveTheColumnsOfTheirHeader) {
+  const auto columns = [](const std::string& line) { return std::count(line.begin(), line.end(), ',') + 1; };
+  EXPECT_EQ(columns(parts_csv_row({})), columns(parts_csv_header()));
+}
+
+TEST(TradeoffRows, AreComparedWithMonteCarloOfTheirLadder) {
+  std::vector<TradeoffRow> rows(4);
+  const Ladder ladders[] = {Ladder::samples, Ladder::target, Ladder::time, Ladder::resolution};
+  for (size_t i = 0; i < rows.size(); ++i) {
+    rows[i].options.method = Method::monte_carlo;
+    rows[i].ladder = ladders[i];
+    rows[i].seconds_cold = double(i + 1);
+    rows[i].difference.rmse = 0.1;
+  }
+  for (const Ladder ladder : {Ladder::samples, Ladder::time, Ladder::resolution}) {
+    ASSERT_EQ(monte_carlo_points(rows, ladder).size(), 1u);
+    EXPECT_EQ(monte_carlo_points(rows, ladder)[0].seconds, 1.0);
+  }
+  ASSERT_EQ(monte_carlo_points(rows, Ladder::target).size(), 1u);
+  EXPECT_EQ(monte_carlo_points(rows, Ladder::target)[0].seconds, 2.0);
+}
+
+// The definition, tried for each number of frames.
+TEST(FramesToPay, IsTheFirstNumberThatCostsLess) {
+  using Pay = FramesToPay::Relation;
+  for (const double cold : {1.0, 1.5, 3.0, 10.0}) {
+    for (const double monte_carlo : {0.5, 1.013, 1.31, 2.1, 20.0}) {  // no ties
+      const double warm = 1.0;
+      const FramesToPay f = frames_to_pay(cold, warm, {monte_carlo, Relation::equals});
+      int first = 0;
+      for (int n = 1; n < 10000 && first == 0; ++n) {
+        if (cold + (n - 1) * warm < n * monte_carlo) first = n;
+      }
+      EXPECT_EQ(f.relation, first ? Pay::equals : Pay::never) << cold << " " << monte_carlo;
+      EXPECT_EQ(f.frames, first) << cold << " " << monte_carlo;
+    }
+  }
+}
+
+TEST(FramesToPay, SaysWhatMonteCarloLeavesOpen) {
+  using Pay = FramesToPay::Relation;
+  EXPECT_EQ(frames_to_pay(3.0, 1.0, {2.0, Relation::more_than}).relation, Pay::at_most);
+  EXPECT_EQ(frames_to_pay(3.0, 1.0, {2.0, Relation::less_than}).relation, Pay::at_least);
+  EXPECT_EQ(frames_to_pay(3.0, 1.0, {0.5, Relation::more_than}).relation, Pay::unknown);
+  EXPECT_EQ(frames_to_pay(3.0, 1.0, {0.5, Relation::less_than}).relation, Pay::never);
+  EXPECT_EQ(frames_to_pay(3.0, 1.0, {NAN, Relation::equals}).relation, Pay::unknown);
+  // Noise of timing: a warm render that took longer.
+  EXPECT_EQ(frames_to_pay(0.9, 1.0, {2.0, Relation::equals}).frames, 1.0);
+}
+
 TEST(TradeoffPlan, TheReferenceHasItsOwnSeedAndMoreSamples) {
   Scene scene;
   scene.seed = 5;
@@ -109,10 +159,11 @@ TEST(TradeoffPlan, TheReferenceHasItsOwnSeedAndMoreSamples) {
     const TradeoffPlan plan = make_tradeoff_plan(scene, options);
     EXPECT_EQ(plan.reference.method, Method::monte_carlo);
     std::set<Method> methods;
-    for (const RenderOptions& c : plan.cases) {
+    for (const auto& [c, ladder] : plan.cases) {
       methods.insert(c.method);
       EXPECT_LT(c.spp, plan.reference.spp);
       EXPECT_NE(c.seed, plan.reference.seed);
+      EXPECT_NE(*c.seed, *plan.reference.seed + 1);  // that of its second half
     }
     EXPECT_EQ(methods.size(), 2u);
   }
@@ -171,7 +222,7 @@ class TradeoffRun : public testing::Test {
       RenderOptions options;
       options.method = method;
       options.spp = 2;
-      plan_.cases.push_back(options);
+      plan_.cases.push_back({options});
     }
   }
   void TearDown() override { fs::remove_all(folder_); }
@@ -193,9 +244,9 @@ TEST_F(TradeoffRun, MeasuresEveryCaseAndLeavesNoCache) {
     EXPECT_LE(share, 1.0f);
     last_share = share;
   };
-  Image reference;
+  TradeoffReference reference;
   EXPECT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
-  EXPECT_EQ(reference.height, 16);
+  EXPECT_EQ(reference.image.height, 16);
   ASSERT_EQ(rows.size(), 2u);
   for (const TradeoffRow& row : rows) {
     EXPECT_GT(row.difference.rmse, 0.0);
@@ -208,17 +259,20 @@ TEST_F(TradeoffRun, MeasuresEveryCaseAndLeavesNoCache) {
 }
 
 TEST_F(TradeoffRun, KeepsTheReferenceThatItIsGiven) {
-  Image reference;
+  TradeoffPlan only_reference;
+  only_reference.reference = plan_.reference;
+  TradeoffReference reference;
   TradeoffCallbacks callbacks;
-  EXPECT_TRUE(run_tradeoff(small_scene(), {plan_.reference, {}}, folder_.string(), reference, callbacks));
-  const std::vector<float> before = reference.data;
+  EXPECT_TRUE(run_tradeoff(small_scene(), only_reference, folder_.string(), reference, callbacks));
+  const std::vector<float> before = reference.image.data;
   EXPECT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
-  EXPECT_EQ(reference.data, before);
+  EXPECT_EQ(reference.image.data, before);
 }
 
 TEST_F(TradeoffRun, HandsOverTheReferenceBeforeTheFirstCase) {
   std::vector<std::string> calls;
-  Image reference, handed;
+  TradeoffReference reference;
+  Image handed;
   TradeoffCallbacks callbacks;
   callbacks.reference = [&](const Image& image) {
     calls.push_back("reference");
@@ -227,7 +281,7 @@ TEST_F(TradeoffRun, HandsOverTheReferenceBeforeTheFirstCase) {
   callbacks.row = [&](const TradeoffRow&, const Image&) { calls.push_back("row"); };
   EXPECT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
   EXPECT_EQ(calls, (std::vector<std::string>{"reference", "row", "row"}));
-  EXPECT_EQ(handed.data, reference.data);
+  EXPECT_EQ(handed.data, reference.image.data);
   calls.clear();
   EXPECT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
   EXPECT_EQ(calls, (std::vector<std::string>{"row", "row"})) << "it was given";
@@ -242,9 +296,74 @@ TEST_F(TradeoffRun, AStoppedRunKeepsTheRowsSoFar) {
     ++rows;
     stop = true;
   };
-  Image reference;
+  TradeoffReference reference;
   EXPECT_FALSE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
   EXPECT_EQ(rows, 1u);
+  EXPECT_TRUE(fs::is_empty(folder_));
+}
+
+TEST_F(TradeoffRun, AReferenceForBiasIsTheMeanOfItsHalves) {
+  TradeoffPlan only_reference;
+  only_reference.reference = plan_.reference;
+  TradeoffReference whole, reference;
+  ASSERT_TRUE(run_tradeoff(small_scene(), only_reference, folder_.string(), whole, {}));
+  EXPECT_EQ(whole.image.data, render(small_scene(), plan_.reference).image.data);
+  EXPECT_TRUE(whole.halves[0].data.empty() && whole.halves[1].data.empty());
+  only_reference.seeds = 2;
+  ASSERT_TRUE(run_tradeoff(small_scene(), only_reference, folder_.string(), reference, {}));
+  EXPECT_NE(reference.halves[0].data, reference.halves[1].data);
+  for (size_t i = 0; i < reference.image.data.size(); ++i) {
+    EXPECT_EQ(reference.image.data[i], 0.5f * (reference.halves[0].data[i] + reference.halves[1].data[i]));
+  }
+}
+
+TEST_F(TradeoffRun, MeasuresPicturesToAnErrorInATimeAndOfSeveralSeeds) {
+  plan_.cases[0].options.spp = 16;  // Monte Carlo
+  plan_.targets = {2.0, 1.0};
+  plan_.equal_time = true;
+  plan_.seeds = 2;
+  for (const TradeoffCase& c : plan_.cases) plan_.parts.push_back(c.options);
+  std::vector<TradeoffRow> rows;
+  std::vector<TradeoffParts> parts;
+  float last_share = 0.0f;
+  TradeoffCallbacks callbacks;
+  callbacks.row = [&](const TradeoffRow& row, const Image&) { rows.push_back(row); };
+  callbacks.parts = [&](const TradeoffParts& p) { parts.push_back(p); };
+  callbacks.render.progress = [&](float share, const char*) {
+    EXPECT_GE(share, last_share);
+    EXPECT_LE(share, 1.0f);
+    last_share = share;
+  };
+  TradeoffReference reference;
+  ASSERT_TRUE(run_tradeoff(small_scene(), plan_, folder_.string(), reference, callbacks));
+  struct Expected {
+    Method method;
+    Ladder ladder;
+  };
+  const Expected expected[] = {{Method::monte_carlo, Ladder::samples}, {Method::monte_carlo, Ladder::target},
+                               {Method::monte_carlo, Ladder::target},  {Method::hybrid, Ladder::samples},
+                               {Method::hybrid, Ladder::target},       {Method::hybrid, Ladder::target},
+                               {Method::monte_carlo, Ladder::time},    {Method::hybrid, Ladder::time}};
+  ASSERT_EQ(rows.size(), std::size(expected));
+  for (size_t i = 0; i < rows.size(); ++i) {
+    EXPECT_EQ(rows[i].options.method, expected[i].method) << i;
+    EXPECT_EQ(rows[i].ladder, expected[i].ladder) << i;
+    EXPECT_GT(rows[i].flip, 0.0) << i;
+    EXPECT_GT(rows[i].hdr_flip, 0.0) << i;
+  }
+  // Targets are multiples of Monte Carlo's least error, to two digits, and the same for both.
+  EXPECT_NEAR(rows[1].options.target_error, 2.0 * rows[0].difference.rmse, 0.1 * rows[0].difference.rmse);
+  EXPECT_NEAR(rows[2].options.target_error, rows[0].difference.rmse, 0.05 * rows[0].difference.rmse);
+  for (const size_t i : {1u, 2u}) EXPECT_EQ(rows[i].options.target_error, rows[i + 3].options.target_error);
+  EXPECT_NE(tradeoff_csv_row(rows[1], {}).find(",target,"), std::string::npos);
+  // The time is that of the hybrid's middle target.
+  for (const size_t i : {6u, 7u}) EXPECT_EQ(rows[i].options.time_limit, float(rows[5].seconds_cold));
+  ASSERT_EQ(parts.size(), 2u);
+  for (const TradeoffParts& p : parts) {
+    EXPECT_EQ(p.seeds, 2);
+    EXPECT_GT(p.parts.variance, 0.0);
+    EXPECT_GT(p.parts.reference_variance, 0.0);
+  }
   EXPECT_TRUE(fs::is_empty(folder_));
 }
 
