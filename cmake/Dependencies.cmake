@@ -1,4 +1,4 @@
-# Finds every external package (all from Debian 12) and repairs their configurations where needed.
+# Finds every external package (from Debian 12, but for the last one) and repairs their configurations where needed.
 find_package(Threads REQUIRED)
 find_package(TBB REQUIRED)
 find_package(embree 3.12 REQUIRED)
@@ -28,3 +28,14 @@ endif()
 file(GLOB _openvdb_module_dirs /usr/lib/*/cmake/OpenVDB /usr/lib/cmake/OpenVDB)
 list(APPEND CMAKE_MODULE_PATH ${_openvdb_module_dirs})
 find_package(OpenVDB REQUIRED)
+
+# Optional, for `--denoise` (hybrid/oidn). Debian has no package of it; tools/install_packages.sh --with-oidn puts one for
+# Python into build/oidn. That names an include folder which it lacks; hybrid/oidn needs no headers.
+file(GLOB _oidn_packages ${PROJECT_SOURCE_DIR}/build/oidn/lib/python3*/site-packages/pyoidn/oidn)
+find_package(OpenImageDenoise 2 QUIET CONFIG HINTS ${_oidn_packages})
+if(OpenImageDenoise_FOUND)
+  set_target_properties(OpenImageDenoise PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "")
+  message(STATUS "Denoiser: Open Image Denoise ${OpenImageDenoise_VERSION}")
+else()
+  message(STATUS "Denoiser: none (tools/install_packages.sh --with-oidn)")
+endif()

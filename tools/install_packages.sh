@@ -1,6 +1,31 @@
 #!/usr/bin/env bash
 # Installs the Debian packages that Fieldtrace needs: only those that are missing, with sudo if need be.
+#   --with-oidn   also puts Intel Open Image Denoise, for `render --denoise`, into build/oidn, from the package pyoidn for
+#                 Python (200 MB); tools/build.sh and tools/test.sh find it there
 set -euo pipefail
+cd "$(dirname "$0")/.."
+
+oidn=
+case ${1:-} in
+  --with-oidn) oidn=build/oidn ;;
+  "") ;;
+  *) sed -n '2,4s/^# //p' "$0" >&2; exit 2 ;;
+esac
+
+# Last, because it needs python3-venv.
+install_oidn() {
+  [[ -n $oidn ]] || return 0
+  if compgen -G "$oidn/lib/python3*/site-packages/pyoidn/oidn/lib/cmake" >/dev/null; then
+    echo "install_packages: $oidn is there"
+    return 0
+  fi
+  # Without what the Python module itself needs. A folder that is half filled goes.
+  if ! { python3 -m venv "$oidn" && "$oidn/bin/pip" install -q --no-deps pyoidn==2.5.1.0; }; then
+    rm -rf "$oidn"
+    echo "install_packages: pyoidn could not be installed; --denoise needs Open Image Denoise 2 from elsewhere" >&2
+    exit 1
+  fi
+}
 
 packages=(
   g++ cmake ninja-build pkg-config ccache
@@ -25,6 +50,7 @@ for package in "${packages[@]}"; do
 done
 if [[ ${#missing[@]} -eq 0 ]]; then
   echo "install_packages: everything is installed"
+  install_oidn
   exit 0
 fi
 
@@ -46,3 +72,4 @@ if ! { "${as_root[@]}" apt-get update -q &&
   echo "install_packages: apt-get failed; install by hand: ${missing[*]}" >&2
   exit 1
 fi
+install_oidn

@@ -36,6 +36,8 @@ struct Material {
   // Light is scattered through to the other side (not counting a mask): directions with wo.z < 0 count too.
   bool transmits() const { return fieldtrace::transmits(kind); }
   bool masked() const { return opacity < 1.0f; }
+  // What is seen at the surface are other ones, without blur: mirrors, smooth glass, what a mask leaves out.
+  bool shows_others() const { return opacity == 0.0f || (delta() && !masked() && !dark); }
   // Paths end here.
   bool absorbs() const { return dark && !masked(); }
   // A single cosine lobe.

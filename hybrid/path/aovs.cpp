@@ -27,6 +27,8 @@ constexpr AovEntry k_entries[] = {
     {Aov::samples, "samples", "Y"},
     {Aov::variance, "variance", "RGB"},
     {Aov::time, "time", "Y"},
+    {Aov::denoise_albedo, "denoise_albedo", "RGB"},
+    {Aov::denoise_normal, "denoise_normal", "XYZ"},
 };
 
 float* put(float* out, const Vec3& v) {
@@ -77,6 +79,8 @@ void AovSums::add(const FirstHit& first) {
     normal += first.normal;
     depth += first.depth;
     position += first.position;
+    denoise_albedo += first.shown_albedo;
+    denoise_normal += first.shown_normal;
   }
   visibility += first.shadow_rays > 0.0f ? double(first.shadow_clear) / double(first.shadow_rays) : 1.0;
   exact += first.shadow_rays > 0.0f ? std::min(double(first.shadow_exact) / double(first.shadow_rays), 1.0) : 0.0;
@@ -98,6 +102,8 @@ void AovSums::merge(const AovSums& later) {
   normal += later.normal;
   depth += later.depth;
   position += later.position;
+  denoise_albedo += later.denoise_albedo;
+  denoise_normal += later.denoise_normal;
   visibility += later.visibility;
   exact += later.exact;
   occlusion_rays += later.occlusion_rays;
@@ -143,6 +149,10 @@ float* AovSums::write(Aov aov, float* out) const {
     case Aov::glossy_exact:
       *out = glossy_rays ? float(double(glossy_exact) / double(glossy_rays)) : 0.0f;
       break;
+    case Aov::denoise_albedo:
+      return put(out, denoise_albedo * per_sample);
+    case Aov::denoise_normal:
+      return put(out, denoise_normal * per_sample);
     case Aov::samples:
     case Aov::variance:
     case Aov::time:

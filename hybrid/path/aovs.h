@@ -8,7 +8,11 @@
 // reflected_depth.Z (mean length of those that hit something), reflected_object.Y (like object, of the first of them),
 // glossy_exact.Y (share that was traced, 0 if there were none). Of the camera samples themselves
 // (hybrid/film/film_sums.h): samples.Y (their number), variance.R/G/B (of the pixel), time.Y (nanoseconds of one
-// thread). Thread-safety: values; each pixel belongs to one thread.
+// thread). For denoisers: denoise_albedo.R/G/B and denoise_normal.X/Y/Z are albedo and normal of the first surface that
+// is not smooth: a mirror, smooth glass or an open mask gives those of what its ray meets, the albedo times what the
+// smooth surfaces let through (Afra, "Open Image Denoise", documentation, "Auxiliary images"); means over all camera
+// samples, of which one that meets nothing has 0, and one whose path ends on a smooth surface that surface's.
+// Thread-safety: values; each pixel belongs to one thread.
 #pragma once
 
 #include <cstdint>
@@ -33,7 +37,9 @@ enum class Aov : uint8_t {
   glossy_exact,
   samples,
   variance,
-  time
+  time,
+  denoise_albedo,
+  denoise_normal
 };
 
 // The names of all layers, as parse_aovs() takes them.
@@ -64,6 +70,9 @@ struct FirstHit {
   uint32_t glossy_rays = 0, glossy_exact = 0, reflected_hits = 0;
   float reflected_depth = 0.0f;   // sum over those that hit something
   uint32_t reflected_object = 0;  // what the first of them hit: instance index + 1
+  // The first surface that is not smooth, and what the smooth ones before it let through.
+  Rgb shown_albedo = Rgb(0.0f), let_through = Rgb(1.0f);
+  Vec3 shown_normal = Vec3(0.0f);
 
   // Adds one such ray, which hit `instance` at `distance`, or nothing (`met` is false).
   void add_reflection(bool met, uint32_t instance, float distance, bool is_exact) {
@@ -90,6 +99,8 @@ struct AovSums {
   uint64_t glossy_rays = 0, glossy_exact = 0, reflected_hits = 0;
   double reflected_depth = 0.0;
   uint32_t reflected_object = 0;
+  Rgb denoise_albedo = Rgb(0.0f);
+  Vec3 denoise_normal = Vec3(0.0f);
 
   void add(const FirstHit& first);
   void merge(const AovSums& later);  // adds the sums over later camera samples

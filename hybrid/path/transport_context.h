@@ -35,6 +35,7 @@ struct TransportSettings {
   // Only with first_hits:
   bool count_first_hits = false;          // fill the shadow ray counts of FirstHit
   bool count_reflections = false;         // fill the glossy ray counts of FirstHit
+  bool pass_smooth = false;               // fill what FirstHit shows beyond smooth surfaces
   bool occlusion = false;                 // fill the occlusion counts of FirstHit, with light_samples rays each
   float occlusion_distance = k_infinity;  // world units, > 0: what lies farther does not occlude
   uint32_t seed = 0;

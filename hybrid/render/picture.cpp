@@ -66,6 +66,8 @@ TransportSettings make_settings(const Scene& scene, const RenderOptions& options
   s.count_reflections = std::any_of(aovs.begin(), aovs.end(), [](Aov aov) {
     return aov == Aov::reflected_depth || aov == Aov::reflected_object || aov == Aov::glossy_exact;
   });
+  s.pass_smooth = std::any_of(aovs.begin(), aovs.end(),
+                              [](Aov aov) { return aov == Aov::denoise_albedo || aov == Aov::denoise_normal; });
   s.occlusion = std::find(aovs.begin(), aovs.end(), Aov::ao) != aovs.end();
   s.occlusion_distance = options.ao_distance;
   return s;

@@ -85,8 +85,9 @@ std::string Stats::to_json() const {
   j["triangles"] = triangles;
   j["instances"] = instances;
   j["lights"] = lights;
-  j["time"] = {{"load", time_load},       {"build", time_build},         {"cache", time_cache}, {"bake", time_bake},
-               {"primary", time_primary}, {"secondary", time_secondary}, {"write", time_write}, {"total", time_total}};
+  j["time"] = {{"load", time_load},       {"build", time_build},     {"cache", time_cache},
+               {"bake", time_bake},       {"primary", time_primary}, {"secondary", time_secondary},
+               {"denoise", time_denoise}, {"write", time_write},     {"total", time_total}};
   j["rays"] = {{"primary", rays_primary},         {"shadow", rays_shadow},
                {"glossy", rays_glossy},           {"glossy_exact", rays_glossy_exact},
                {"glossy_hits", rays_glossy_hits}, {"exact", rays_exact},

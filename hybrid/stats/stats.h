@@ -79,6 +79,7 @@ struct Stats {
   double time_build = 0;  // Embree's acceleration structures
   double time_cache = 0;  // reading fields from the cache before the picture, and storing them after it
   double time_write = 0;  // writing the images
+  double time_denoise = 0;
 
   uint64_t rays_primary = 0;             // camera rays and the bounces that follow them
   uint64_t rays_shadow = 0;              // shadow rays generated (those that cross no candidate's bounds included)

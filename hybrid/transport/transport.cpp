@@ -23,6 +23,13 @@ Rgb interface_share(const Material& material, const Vec3& wi, const Vec3& wo) {
   return {share(0), share(1), share(2)};
 }
 
+// Whether the sample `index` of a vertex is the one whose path stands for the camera sample: another one of the lobe
+// for each, so that they are as well distributed together as all samples are.
+bool shows_sample(const PathVertex& vertex, const PathState& leaving, uint32_t index) {
+  const auto lobes = uint32_t(vertex.lobe_samples);
+  return index - leaving.index * lobes == leaving.index % lobes;
+}
+
 }  // namespace
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
@@ -237,6 +244,11 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   next.may_split = next.may_split && s.delta && !vertex.material->glossy();
   next.unweighted = s.delta;
   next.bsdf_density = s.pdf * vertex.lobe_samples;
+  next.shows =
+      leaving.shows && settings.pass_smooth && vertex.material->shows_others() && shows_sample(vertex, leaving, index);
+  if (!next.shows) return;
+  ++showing;
+  firsts[leaving.slot].let_through *= s.weight * (s.eta * s.eta);  // as light, not as radiance
 }
 
 // Samples the whole lobe at once, in lanes.
@@ -249,7 +261,7 @@ void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, const PathSta
     const Rgb weight = lobe_samples.weight(size_t(l));
     if (!(lobe_samples.pdf[size_t(l)] > 0.0f && largest(weight) > 0.0f && glm::dot(vertex.facing, d) > 0.0f)) continue;
     PathState& next = send(vertex, leaving, d);
-    next.may_split = next.unweighted = false;
+    next.may_split = next.unweighted = next.shows = false;
     next.throughput *= weight / vertex.lobe_samples;
     next.index = first + uint32_t(l);
     next.bsdf_density = lobe_samples.pdf[size_t(l)] * vertex.lobe_samples;
@@ -268,6 +280,7 @@ void TransportWorker::Impl::scatter(int vertex_number) {
     for (const PathVertex& v : vertices) most += leaves(v) ? size_t(v.lobe_samples) : 0;
   }
   next_paths.clear();
+  showing = 0;
   next_paths.reserve(most);
   next_rays.resize(most);
   for (const PathVertex& v : vertices) {
@@ -350,7 +363,7 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   w.radiance = w.follow_radiance;
   for (uint32_t i = 0; i < vertices.size(); ++i) {
     vertices[i].path = paths[i].slot = i;
-    paths[i].may_split = false;
+    paths[i].may_split = paths[i].shows = false;
   }
   w.vertex_storage.swap(vertices);
   w.vertices = w.vertex_storage;

@@ -42,6 +42,23 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
   if (settings.occlusion) occlusion.add(vertex, paths[path].slot, paths[path].index);
 }
 
+// Albedo and normal for denoisers; of a smooth surface, unless the path goes on from there.
+void TransportWorker::Impl::show(uint32_t path, const PathVertex& vertex) {
+  FirstHit& first = firsts[paths[path].slot];
+  const Material& m = *vertex.material;
+  first.shown_albedo = first.let_through * (m.shows_others() ? Rgb(1.0f) : material_albedo(m));
+  first.shown_normal = vertex.frame.n;
+}
+
+// Where paths that went on met no surface.
+void TransportWorker::Impl::show_nothing() {
+  for (uint32_t i = 0; i < paths.size(); ++i) {
+    if (!paths[i].shows || hits.instance[i] != k_none) continue;
+    firsts[paths[i].slot].shown_albedo = Rgb(0.0f);
+    firsts[paths[i].slot].shown_normal = Vec3(0.0f);
+  }
+}
+
 // Evaluates `surfaces` where rays ended (with only_emission: on emitters only), and makes room for that many vertices.
 void TransportWorker::Impl::find_surfaces(bool only_emission) {
   find_runs(hits, paths.size(), runs);
@@ -80,11 +97,12 @@ void TransportWorker::Impl::arrive(int vertex_number) {
   Arrival arrival{.vertex_number = vertex_number, .is_first = vertex_number == 0};
   arrival.seed = scalar::vertex_seed(arrival.pixel_seed, uint32_t(vertex_number));
   arrival.emission_counts = !(settings.hide_emitters && vertex_number == 0);
-  arrival.shows_first_hit = vertex_number == 0 && settings.first_hits;
+  arrival.shows_hits = vertex_number == 0 ? settings.first_hits : showing > 0;
+  if (!arrival.is_first && arrival.shows_hits) show_nothing();
   // The last surface matters only if it emits, or is shown.
   arrival.last = settings.max_depth >= 0 && vertex_number + 1 >= settings.max_depth;
   arrival.diffuse_goes_on = goes_on(true, vertex_number);
-  const bool only_emission = arrival.last && !arrival.shows_first_hit;
+  const bool only_emission = arrival.last && !arrival.shows_hits;
   find_surfaces(only_emission);
   uint32_t reached = 0;
   for (const HitRun& run : runs) {
@@ -147,7 +165,7 @@ void TransportWorker::Impl::meet_surface(Arrival& arrival, const HitRun& run, co
     }
     return;
   }
-  const bool is_simple = instance.diffuse_sides && !arrival.diffuse_goes_on && !arrival.shows_first_hit &&
+  const bool is_simple = instance.diffuse_sides && !arrival.diffuse_goes_on && !arrival.shows_hits &&
                          (arrival.is_first || arrival.vertex_number < settings.rr_depth);
   if (!is_simple) {
     for (uint32_t i = run.begin; i < run.end; ++i) add_vertex(arrival, i, instance);
@@ -200,7 +218,8 @@ void TransportWorker::Impl::add_vertex(Arrival& arrival, uint32_t i, const MetIn
   v.surface = &surface;
   shade_vertex(instance, d, -glm::dot(surface.geometric_normal, d), arrival.diffuse_goes_on, v);
   v.seed = arrival.seed_of(path);
-  if (arrival.shows_first_hit) record_first_hit(i, v);
+  if (arrival.shows_hits && arrival.is_first) record_first_hit(i, v);
+  if (arrival.shows_hits && settings.pass_smooth && path.shows) show(i, v);
   if (arrival.last || v.material->absorbs()) return;
   if (!arrival.is_first && !survives_roulette(path, v.seed, arrival.vertex_number)) return;
   v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;

@@ -60,6 +60,7 @@ struct TransportWorker::Impl {
   std::span<Rgb> radiance;                     // by slot
   bool seeks_others = false;                   // diffuse surfaces send paths to instances that are not known there
   bool bodies_are_lit = false;                 // of plastics, by maps
+  size_t showing = 0;                          // paths of this wave that pass smooth surfaces, for FirstHit
   bool bodies_end = false;                     // what these alone send on finds nothing more
   std::vector<Rgb> follow_radiance;
 
@@ -99,7 +100,7 @@ struct TransportWorker::Impl {
   // What arrive() knows about all paths of a wave.
   struct Arrival {
     int vertex_number = 0;
-    bool is_first = false, emission_counts = false, shows_first_hit = false, last = false, diffuse_goes_on = false;
+    bool is_first = false, emission_counts = false, shows_hits = false, last = false, diffuse_goes_on = false;
     uint32_t pixel_seed = 0, seed = scalar::vertex_seed(0, 0);  // of the path that was met last
     size_t vertices = 0;
     uint32_t seed_of(const PathState& path) {
@@ -120,6 +121,8 @@ struct TransportWorker::Impl {
   void shade_vertex(const MetInstance& instance, const Vec3& d, float cos_geometric, bool diffuse_goes_on,
                     PathVertex& v);
   void record_first_hit(uint32_t path, const PathVertex& vertex);
+  void show(uint32_t path, const PathVertex& vertex);
+  void show_nothing();
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
   void add_emission(const PathState& path, const Rgb& throughput, const Vec3& origin, const Vec3& direction,
                     uint32_t light, const LightHit& hit);

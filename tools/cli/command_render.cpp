@@ -7,6 +7,8 @@
 
 #include "core/io/atomic_file.h"
 #include "field/file/vdb_grid.h"
+#include "hybrid/denoise/denoise.h"
+#include "hybrid/stats/stopwatch.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
@@ -30,6 +32,7 @@ struct RenderArguments {
   std::string stats_file;
   float exposure = 0.0f;
   bool float32 = false;
+  bool denoise = false;
   bool quiet = false;
 };
 
@@ -49,7 +52,21 @@ void require_outputs_writable(const RenderArguments& arguments) {
   if (!arguments.options.checkpoint.empty()) require_writable(arguments.options.checkpoint);
 }
 
-void write_outputs(const RenderArguments& arguments, const RenderResult& result, const std::string& command) {
+// Denoises the picture and removes the layers that nobody asked for. Returns what denoised it; empty: nothing did.
+std::string denoise_result(const RenderArguments& arguments, RenderResult& result, const WarningSink& warning) {
+  const ScopedTimer timer(result.stats.time_denoise);
+  std::string denoiser;
+  try {
+    denoiser = denoise(result.image, arguments.options.threads);
+  } catch (const std::exception& error) {
+    warn(warning, {}, std::string(error.what()) + "; the picture is written with its noise");
+  }
+  drop_denoise_layers(result.image, arguments.options.aovs);
+  return denoiser;
+}
+
+void write_outputs(const RenderArguments& arguments, const RenderResult& result, const std::string& command,
+                   const std::string& denoiser) {
   ImageWriteOptions options;
   options.exposure = arguments.exposure;
   options.half = !arguments.float32;
@@ -58,6 +75,7 @@ void write_outputs(const RenderArguments& arguments, const RenderResult& result,
                       {"fieldtrace:seed", std::to_string(result.stats.seed)},
                       {"fieldtrace:spp", std::to_string(result.stats.spp)}};
   if (result.interrupted) options.metadata["fieldtrace:interrupted"] = "1";
+  if (!denoiser.empty()) options.metadata["fieldtrace:denoised"] = denoiser;
   for (const std::string& path : arguments.outputs) write_image(path, result.image, options);
 }
 
@@ -154,6 +172,7 @@ void print_summary(const Stats& s) {
 
 int run_render(const RenderArguments& arguments, const std::string& command) {
   const Clock::time_point start = Clock::now();
+  if (arguments.denoise) require_denoiser();
   require_outputs_writable(arguments);
   require_distinct_files(outputs_of(arguments), {{arguments.scene.path}});
   const std::atomic<bool>& stop = stop_on_interrupt();
@@ -167,6 +186,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
 
   RenderOptions options = arguments.options;
   if (!arguments.crop.empty()) options.crop = parse_crop(arguments.crop, scene.film.crop, "film");
+  if (arguments.denoise) options.aovs.insert(options.aovs.end(), denoise_layers().begin(), denoise_layers().end());
   RenderCallbacks callbacks;
   callbacks.progress = [&progress](float share, const char* stage) { progress.update(share, stage); };
   callbacks.warning = print_warnings(progress);
@@ -174,11 +194,16 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   // The limit is the whole command's; what is left to do after the picture takes about as long as at other times.
   if (options.time_limit > 0.0f) options.time_limit = std::max(options.time_limit - float(seconds_since(start)), 1e-3f);
   RenderResult result = render(scene, options, callbacks);
+  std::string denoiser;
+  if (arguments.denoise) {
+    progress.update(1.0, "denoise");
+    denoiser = denoise_result(arguments, result, callbacks.warning);
+  }
   progress.clear();
 
   Stats& stats = result.stats;
   const Clock::time_point write_begin = Clock::now();
-  write_outputs(arguments, result, command);
+  write_outputs(arguments, result, command, denoiser);
   stats.time_write = seconds_since(write_begin);
   stats.version = FIELDTRACE_VERSION;
   stats.time_load = load_seconds;
@@ -207,6 +232,7 @@ void add_render_command(CommandLine& line) {
   command.add_option("--exposure", arguments->exposure, "Exposure of a PNG in stops (default: 0)")
       ->check(number_between(-k_max_exposure, k_max_exposure))
       ->type_name("EV");
+  command.add_flag("--denoise", arguments->denoise, "Remove the noise by Intel Open Image Denoise before writing");
   command.add_flag("--float32", arguments->float32, "Write EXR as 32-bit float instead of 16-bit half");
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
   command.callback(
