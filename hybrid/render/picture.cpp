@@ -110,7 +110,7 @@ void Picture::expect(double samples) {
 
 bool Picture::is_adaptive() const {
   if (options.light_estimator != LightEstimator::automatic) return options.light_estimator == LightEstimator::adaptive;
-  return wants_fields && !options.force_undecided;
+  return by_rounds() || (wants_fields && !options.force_undecided);
 }
 
 int Picture::open_samples(double open_rays) const {

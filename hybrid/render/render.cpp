@@ -138,7 +138,7 @@ void expect_samples(Picture& picture, Stage& stage, int threads) {
 // Light samples of each camera sample, as a survey finds that they lower the noise most for their work.
 void choose_light_samples(const Picture& picture, TransportContext& context) {
   // Where fields answer, rays are not all that samples cost, and a survey has chosen already.
-  if (picture.options.method != Method::monte_carlo) return;
+  if (picture.options.method != Method::monte_carlo || picture.spp < k_fewest_samples) return;
   if (picture.options.light_samples != 1 || picture.options.light_estimator != LightEstimator::automatic) return;
   const int open = context.settings.open_light_samples;
   double least = double(k_infinity);
