@@ -238,6 +238,38 @@ TEST(TevViewer, ShowsThePicture) {
   }
 }
 
+std::vector<Rgb> pixels_of(const LivePicture& picture) {
+  std::vector<Rgb> pixels(size_t(picture.width()) * size_t(picture.height()), Rgb(0.0f));
+  LivePicture::Block block;
+  for (size_t b = 0; b < picture.block_count(); ++b) {
+    uint64_t seen = 0;
+    if (!picture.read(b, seen, block)) continue;
+    for (int i = 0; i < block.rect.width * block.rect.height; ++i) {
+      const int x = block.rect.x + i % block.rect.width, y = block.rect.y + i / block.rect.width;
+      pixels[size_t(y) * size_t(picture.width()) + size_t(x)] = block.pixels[size_t(i)];
+    }
+  }
+  return pixels;
+}
+
+// A picture that goes on from a checkpoint shows what that holds, also where nothing is left to do.
+TEST(LivePicture, ShowsWhatIsResumed) {
+  const TemporaryFolder folder;
+  const Scene scene = lit_floor(1);
+  RenderOptions o;
+  o.method = Method::monte_carlo;
+  o.spp = 2;
+  o.threads = 2;
+  o.checkpoint = folder / "a.checkpoint";
+  const Image image = render(scene, o).image;
+  o.resume = o.checkpoint;
+  LivePicture live(150, 101);
+  RenderCallbacks callbacks;
+  callbacks.tile = [&](const Rect& tile, std::span<const Rgb> pixels) { live.update(tile, pixels); };
+  EXPECT_EQ(render(scene, o, callbacks).image.data, image.data);
+  EXPECT_EQ(pixels_of(live), pixels_of(image));
+}
+
 // Random tiles of a picture.
 struct Painter {
   std::shared_ptr<LivePicture> live;

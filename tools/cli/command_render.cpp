@@ -16,6 +16,7 @@
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
 #include "tools/cli/output_files.h"
+#include "tools/cli/picture_watcher.h"
 #include "tools/cli/progress.h"
 #include "tools/cli/tev_viewer.h"
 
@@ -38,6 +39,7 @@ struct RenderArguments {
   bool float32 = false;
   bool denoise = false;
   std::optional<ViewerAddress> viewer;
+  bool watch = false;
   bool quiet = false;
 };
 
@@ -88,13 +90,31 @@ void write_outputs(const RenderArguments& arguments, const RenderResult& result,
 struct Previews {
   std::shared_ptr<LivePicture> picture;  // null: nobody
   std::optional<TevViewer> viewer;
+  std::optional<PictureWatcher> watcher;
 };
+
+std::vector<std::string> watched_files(const RenderArguments& arguments) {
+  std::vector<std::string> paths;
+  if (!arguments.watch) return paths;
+  for (const std::string& path : arguments.outputs) {
+    if (std::filesystem::path(path).extension() == ".png") paths.push_back(path);
+  }
+  if (paths.empty()) throw UsageError("--watch writes the PNG outputs, and there is none; add -o NAME.png");
+  return paths;
+}
 
 void open_previews(const RenderArguments& arguments, const Rect& window, RenderCallbacks& callbacks,
                    Previews& previews) {
-  if (!arguments.viewer) return;
+  if (!arguments.watch && !arguments.viewer) return;
   previews.picture = std::make_shared<LivePicture>(window.width, window.height);
-  previews.viewer.emplace(*arguments.viewer, arguments.outputs[0], previews.picture, callbacks.warning);
+  if (arguments.viewer)
+    previews.viewer.emplace(*arguments.viewer, arguments.outputs[0], previews.picture, callbacks.warning);
+  if (arguments.watch) {
+    WatcherOptions options;
+    options.paths = watched_files(arguments);
+    options.exposure = arguments.exposure;
+    previews.watcher.emplace(previews.picture, options, callbacks.warning);
+  }
   callbacks.tile = [picture = previews.picture](const Rect& tile, std::span<const Rgb> pixels) {
     picture->update(tile, pixels);
   };
@@ -203,6 +223,7 @@ void print_summary(const Stats& s) {
 int run_render(const RenderArguments& arguments, const std::string& command) {
   const Clock::time_point start = Clock::now();
   if (arguments.denoise) require_denoiser();
+  watched_files(arguments);
   require_outputs_writable(arguments);
   require_distinct_files(outputs_of(arguments), {{arguments.scene.path}});
   const std::atomic<bool>& stop = stop_on_interrupt();
@@ -233,6 +254,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   Previews previews;
   open_previews(arguments, crop_window(scene.film, options.crop), callbacks, previews);
   RenderResult result = render(scene, options, callbacks);
+  previews.watcher.reset();
   std::string denoiser;
   if (arguments.denoise) {
     callbacks.progress(1.0f, "denoise");
@@ -278,6 +300,7 @@ void add_render_command(CommandLine& line) {
           "--tev", [arguments](const std::string& text) { arguments->viewer = parse_viewer_address(text); },
           "Show the picture while it is rendered in the viewer tev, for example at 127.0.0.1:14158")
       ->type_name("HOST:PORT");
+  command.add_flag("--watch", arguments->watch, "Write the PNG outputs every few seconds while rendering");
   command.add_flag("--denoise", arguments->denoise, "Remove the noise by Intel Open Image Denoise before writing");
   command.add_flag("--float32", arguments->float32, "Write EXR as 32-bit float instead of 16-bit half");
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
