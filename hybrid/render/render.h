@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -93,6 +94,9 @@ struct RenderCallbacks {
   // Called from one thread at a time with the share of the work done, in [0, 1], and the current stage.
   std::function<void(float share, const char* stage)> progress;
   WarningSink warning;
+  // Called by any thread, by several at once, when pixels have new values: R, G, B of `tile` row by row; its x and y
+  // count from the picture's corner. Those of pictures by rounds come again and again.
+  std::function<void(const Rect& tile, std::span<const Rgb> pixels)> tile;
   const std::atomic<bool>* stop = nullptr;  // set to end early; finished tiles are kept
 };
 

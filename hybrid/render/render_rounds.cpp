@@ -45,7 +45,11 @@ class Rounds {
         state_(std::move(state)),
         cells_(picture_.window),
         progress_(picture_.callbacks) {
-    if (state_.film.pixels.empty()) begin();
+    if (state_.film.pixels.empty()) {
+      begin();
+    } else {
+      for (const Rect& tile : tiles_) show(tile);
+    }
     work_before_ = picture_.by_rounds() ? SampleAllocation(state_.film, options_.error_measure).work() : 0.0;
   }
 
@@ -127,6 +131,7 @@ class Rounds {
     const auto finished = [&](size_t tile, const TileSums& sums) {
       const std::lock_guard lock(mutex_);
       add(sums);
+      show(tiles_[tile]);
       state_.tiles_done[tile] = 1;
       keep(/*now=*/false);
     };
@@ -147,6 +152,11 @@ class Rounds {
       film.pixels[at].merge(tile.sums[i]);
       if (!tile.aovs.empty()) film.aovs[at].merge(tile.aovs[i]);
     }
+  }
+
+  void show(const Rect& tile) const {
+    const FilmSums& film = state_.film;
+    show_tile(picture_, tile, [&](const PixelPosition& p) { return Rgb(film.pixels[film.index(p.x, p.y)].mean()); });
   }
 
   // Writes a checkpoint if one is due.

@@ -77,6 +77,19 @@ void write_pixel(const Picture& picture, const PixelPosition& p, const PixelSums
   write_pixel(sums, aovs ? *aovs : AovSums{}, picture.aovs, out);
 }
 
+void show_tile(const Picture& picture, const Rect& tile, const std::function<Rgb(const PixelPosition&)>& radiance) {
+  if (!picture.callbacks.tile) return;
+  std::vector<Rgb> pixels;
+  const Rect& w = picture.window;
+  const int left = std::max(tile.x, w.x), right = std::min(tile.x + tile.width, w.x + w.width);
+  const int top = std::max(tile.y, w.y), bottom = std::min(tile.y + tile.height, w.y + w.height);
+  if (left >= right || top >= bottom) return;
+  for (int y = top; y < bottom; ++y) {
+    for (int x = left; x < right; ++x) pixels.push_back(radiance({x, y}));
+  }
+  picture.callbacks.tile({left - w.x, top - w.y, right - left, bottom - top}, pixels);
+}
+
 void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t tile, const TileSums&)>& finished,
                  const std::function<void(size_t tiles)>& progress, Stats& stats) {
   struct Worker {
@@ -108,13 +121,18 @@ void render_tiles(Job& job, Image& image, Stats& stats) {
   const Picture& picture = job.picture;
   Pass pass;
   pass.samples_of_half = [&](const PixelPosition&) { return uint32_t(picture.spp); };
-  pass.tiles.resize(picture_tiles(picture).size());
+  const std::vector<Rect> tiles = picture_tiles(picture);
+  pass.tiles.resize(tiles.size());
   std::iota(pass.tiles.begin(), pass.tiles.end(), size_t(0));
-  const auto finished = [&](size_t, const TileSums& tile) {
+  const auto finished = [&](size_t index, const TileSums& tile) {
     for (size_t i = 0; i < tile.pixels.size(); ++i) {
       if (contains(picture.window, tile.pixels[i]))
         write_pixel(picture, tile.pixels[i], tile.sums[i], tile.aovs.empty() ? nullptr : &tile.aovs[i], image);
     }
+    show_tile(picture, tiles[index], [&](const PixelPosition& p) {
+      const float* const rgb = image.pixel(p.x - picture.window.x, p.y - picture.window.y);
+      return Rgb(rgb[0], rgb[1], rgb[2]);
+    });
   };
   Progress progress(picture.callbacks);
   trace_tiles(

@@ -59,6 +59,9 @@ void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t til
 // Renders all tiles in one pass, unless the budget or an interrupt stops it.
 void render_tiles(Job& job, Image& image, Stats& stats);
 
+// Hands the part of `tile` (pixels of the film) within the window to callbacks.tile, if there is one.
+void show_tile(const Picture& picture, const Rect& tile, const std::function<Rgb(const PixelPosition&)>& radiance);
+
 // Writes a pixel of the window.
 void write_pixel(const Picture& picture, const PixelPosition& p, const PixelSums& sums, const AovSums* aovs,
                  Image& image);

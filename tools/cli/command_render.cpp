@@ -4,16 +4,21 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <mutex>
+#include <optional>
 
 #include "core/io/atomic_file.h"
 #include "field/file/vdb_grid.h"
 #include "hybrid/denoise/denoise.h"
+#include "hybrid/render/picture.h"
 #include "hybrid/stats/stopwatch.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
 #include "tools/cli/output_files.h"
+#include "tools/cli/picture_watcher.h"
 #include "tools/cli/progress.h"
+#include "tools/cli/tev_viewer.h"
 
 namespace fieldtrace {
 
@@ -33,6 +38,8 @@ struct RenderArguments {
   float exposure = 0.0f;
   bool float32 = false;
   bool denoise = false;
+  std::optional<ViewerAddress> viewer;
+  bool watch = false;
   bool quiet = false;
 };
 
@@ -77,6 +84,49 @@ void write_outputs(const RenderArguments& arguments, const RenderResult& result,
   if (result.interrupted) options.metadata["fieldtrace:interrupted"] = "1";
   if (!denoiser.empty()) options.metadata["fieldtrace:denoised"] = denoiser;
   for (const std::string& path : arguments.outputs) write_image(path, result.image, options);
+}
+
+// Who shows the picture while it is rendered.
+struct Previews {
+  std::shared_ptr<LivePicture> picture;  // null: nobody
+  std::optional<TevViewer> viewer;
+  std::optional<PictureWatcher> watcher;
+};
+
+std::vector<std::string> watched_files(const RenderArguments& arguments) {
+  std::vector<std::string> paths;
+  if (!arguments.watch) return paths;
+  for (const std::string& path : arguments.outputs) {
+    if (std::filesystem::path(path).extension() == ".png") paths.push_back(path);
+  }
+  if (paths.empty()) throw UsageError("--watch writes the PNG outputs, and there is none; add -o NAME.png");
+  return paths;
+}
+
+void open_previews(const RenderArguments& arguments, const Rect& window, RenderCallbacks& callbacks,
+                   Previews& previews) {
+  if (!arguments.watch && !arguments.viewer) return;
+  previews.picture = std::make_shared<LivePicture>(window.width, window.height);
+  if (arguments.viewer)
+    previews.viewer.emplace(*arguments.viewer, arguments.outputs[0], previews.picture, callbacks.warning);
+  if (arguments.watch) {
+    WatcherOptions options;
+    options.paths = watched_files(arguments);
+    options.exposure = arguments.exposure;
+    previews.watcher.emplace(previews.picture, options, callbacks.warning);
+  }
+  callbacks.tile = [picture = previews.picture](const Rect& tile, std::span<const Rgb> pixels) {
+    picture->update(tile, pixels);
+  };
+}
+
+// Shows the viewer what became of the picture.
+void show_result(const Image& image, LivePicture& picture) {
+  std::vector<Rgb> pixels;
+  const auto red = size_t(image.channel_index("R"));
+  for (size_t i = red; i < image.data.size(); i += image.channel_count())
+    pixels.emplace_back(image.data[i], image.data[i + 1], image.data[i + 2]);
+  picture.update({0, 0, image.width, image.height}, pixels);
 }
 
 std::string count(uint64_t n) {
@@ -173,6 +223,7 @@ void print_summary(const Stats& s) {
 int run_render(const RenderArguments& arguments, const std::string& command) {
   const Clock::time_point start = Clock::now();
   if (arguments.denoise) require_denoiser();
+  watched_files(arguments);
   require_outputs_writable(arguments);
   require_distinct_files(outputs_of(arguments), {{arguments.scene.path}});
   const std::atomic<bool>& stop = stop_on_interrupt();
@@ -188,23 +239,35 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   if (!arguments.crop.empty()) options.crop = parse_crop(arguments.crop, scene.film.crop, "film");
   if (arguments.denoise) options.aovs.insert(options.aovs.end(), denoise_layers().begin(), denoise_layers().end());
   RenderCallbacks callbacks;
-  callbacks.progress = [&progress](float share, const char* stage) { progress.update(share, stage); };
-  callbacks.warning = print_warnings(progress);
+  std::mutex terminal;  // previews warn from threads of their own
+  callbacks.progress = [&](float share, const char* stage) {
+    const std::lock_guard lock(terminal);
+    progress.update(share, stage);
+  };
+  callbacks.warning = [&, print = print_warnings(progress)](const std::string& message) {
+    const std::lock_guard lock(terminal);
+    print(message);
+  };
   callbacks.stop = &stop;
   // The limit is the whole command's; what is left to do after the picture takes about as long as at other times.
   if (options.time_limit > 0.0f) options.time_limit = std::max(options.time_limit - float(seconds_since(start)), 1e-3f);
+  Previews previews;
+  open_previews(arguments, crop_window(scene.film, options.crop), callbacks, previews);
   RenderResult result = render(scene, options, callbacks);
+  previews.watcher.reset();
   std::string denoiser;
   if (arguments.denoise) {
-    progress.update(1.0, "denoise");
+    callbacks.progress(1.0f, "denoise");
     denoiser = denoise_result(arguments, result, callbacks.warning);
+    if (previews.viewer) show_result(result.image, *previews.picture);
   }
-  progress.clear();
 
   Stats& stats = result.stats;
   const Clock::time_point write_begin = Clock::now();
   write_outputs(arguments, result, command, denoiser);
   stats.time_write = seconds_since(write_begin);
+  if (previews.viewer) previews.viewer->finish();
+  progress.clear();
   stats.version = FIELDTRACE_VERSION;
   stats.time_load = load_seconds;
   stats.time_total = seconds_since(start);
@@ -232,6 +295,12 @@ void add_render_command(CommandLine& line) {
   command.add_option("--exposure", arguments->exposure, "Exposure of a PNG in stops (default: 0)")
       ->check(number_between(-k_max_exposure, k_max_exposure))
       ->type_name("EV");
+  command
+      .add_option_function<std::string>(
+          "--tev", [arguments](const std::string& text) { arguments->viewer = parse_viewer_address(text); },
+          "Show the picture while it is rendered in the viewer tev, for example at 127.0.0.1:14158")
+      ->type_name("HOST:PORT");
+  command.add_flag("--watch", arguments->watch, "Write the PNG outputs every few seconds while rendering");
   command.add_flag("--denoise", arguments->denoise, "Remove the noise by Intel Open Image Denoise before writing");
   command.add_flag("--float32", arguments->float32, "Write EXR as 32-bit float instead of 16-bit half");
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
