@@ -9,11 +9,14 @@ failure.
 
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
+DOCUMENTS = HERE.parents[1] / "docs/api"
+EXAMPLE = re.compile(r"^```c\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def run(*command, **options):
@@ -47,7 +50,17 @@ def main():
         environment = {**os.environ, "PKG_CONFIG_PATH": str(prefix / "lib/pkgconfig")}
         flags = run("pkg-config", "--cflags", "--libs", "fieldtrace", env=environment).split()
         run("cc", "-std=c99", HERE / "consumer_c/main.c", "-o", folder / "by_pkg_config", *flags)
-        run(folder / "by_pkg_config", env={**os.environ, "LD_LIBRARY_PATH": str(prefix / "lib")})
+        beside = {**os.environ, "LD_LIBRARY_PATH": str(prefix / "lib")}
+        run(folder / "by_pkg_config", env=beside)
+        # The examples of the documents.
+        examples = [e for page in sorted(DOCUMENTS.glob("*.md")) for e in EXAMPLE.findall(page.read_text())]
+        if not examples:
+            sys.exit(f"{DOCUMENTS} has no examples")
+        for text in examples:
+            (folder / "example.c").write_text(text)
+            run("cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", folder / "example.c", "-o",
+                folder / "example", *flags)
+            run(folder / "example", env=beside)
         print("package: all is well")
 
 
