@@ -45,3 +45,9 @@ function(fieldtrace_vector_kernels file target)
       PROPERTIES COMPILE_OPTIONS "-fno-sanitize=undefined,float-cast-overflow")
   endif()
 endfunction()
+
+# fieldtrace_within_library(TARGET): TARGET becomes part of libfieldtrace.so, which shows none of its symbols.
+function(fieldtrace_within_library target)
+  set_target_properties(${target} PROPERTIES
+    POSITION_INDEPENDENT_CODE ON CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
+endfunction()

@@ -7,12 +7,32 @@
 #include "core/platform/error.h"
 
 namespace fieldtrace {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Not by a run path: the address sanitizer's dlopen() would look in its own.
+std::string module_path(const std::string& file) {
+  const fs::path program = fs::read_symlink("/proc/self/exe");
+  const fs::path beside_program = (program.parent_path() / FIELDTRACE_MODULE_DIR / file).lexically_normal();
+  std::error_code ignored;
+  if (fs::exists(beside_program, ignored)) return beside_program.string();
+  // Within libfieldtrace.so, the folder that it lies in.
+  Dl_info info;
+  if (dladdr(reinterpret_cast<const void*>(&module_function), &info) && info.dli_fname) {
+    const fs::path library = fs::absolute(info.dli_fname, ignored);
+    const fs::path beside_library = (library.parent_path() / "fieldtrace" / file).lexically_normal();
+    if (fs::exists(beside_library, ignored)) return beside_library.string();
+  }
+  // Linked statically into another program.
+  const fs::path installed = fs::path(FIELDTRACE_INSTALLED_MODULES) / file;
+  return fs::exists(installed, ignored) ? installed.string() : beside_program.string();
+}
+
+}  // namespace
 
 void* module_function(const std::string& name, const char* function) {
-  // Not by a run path: the address sanitizer's dlopen() would look in its own.
-  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe");
-  const std::string path =
-      (program.parent_path() / FIELDTRACE_MODULE_DIR / ("libfieldtrace_" + name + ".so")).lexically_normal().string();
+  const std::string path = module_path("libfieldtrace_" + name + ".so");
   void* const module = dlopen(path.c_str(), RTLD_LAZY | RTLD_LOCAL);
   void* const address = module ? dlsym(module, function) : nullptr;
   if (address) return address;

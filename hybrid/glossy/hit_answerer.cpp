@@ -339,15 +339,19 @@ void HitAnswerer::settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const
   }
 }
 
-void HitAnswerer::intersect(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
-                            HitBatch& hits, HitWorkspace& work, Stats& stats) const {
+void HitAnswerer::look_up(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
+                          HitBatch& hits, HitWorkspace& work, Stats& stats) const {
   work.certified.clear();
   choose_queried(rays, paths, which, work);
-  if (!work.queried.empty()) {
-    query(work, stats);
-    if (check_) check_answers(paths, work, stats);
-    settle(hits, work, stats);
-  }
+  if (work.queried.empty()) return;
+  query(work, stats);
+  if (check_) check_answers(paths, work, stats);
+  settle(hits, work, stats);
+}
+
+void HitAnswerer::intersect(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
+                            HitBatch& hits, HitWorkspace& work, Stats& stats) const {
+  look_up(rays, paths, which, hits, work, stats);
   for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
   intersect_subset(accel_, rays, work.exact, hits, work.some);
 }

@@ -79,6 +79,9 @@ class HitAnswerer {
   // are. work.certified receives the hits that are not exact. With --check, answers are counted in `stats`.
   void intersect(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which,
                  HitBatch& hits, HitWorkspace& work, Stats& stats) const;
+  // The same without the rays that would be traced: these are then work.exact.
+  void look_up(const RayBatch& rays, std::span<const PathState> paths, std::span<const uint32_t> which, HitBatch& hits,
+               HitWorkspace& work, Stats& stats) const;
 
  private:
   struct Object;

@@ -152,6 +152,14 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
   if (end > begin) group.open.push_back({slot, begin, end});
 }
 
+void ShadowAnswerer::collect(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const {
+  work.states.keep_verdicts = settings_.check || settings_.count_uses;
+  work.states.reset(batch.rays.size);
+  classify(group, batch, work, stats);
+  kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);
+  stats.rays_crossing += work.exact.crossing;
+}
+
 void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {
   if (group.candidates.empty()) return;
   Workspace& work = *workspaces_.local();
@@ -159,12 +167,27 @@ void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats&
     trace_all(batch, work, stats);
     return;
   }
-  work.states.keep_verdicts = settings_.check || settings_.count_uses;
-  work.states.reset(batch.rays.size);
-  classify(group, batch, work, stats);
-  kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);
-  stats.rays_crossing += work.exact.crossing;
+  collect(group, batch, work, stats);
   trace(group, batch, work, stats);
+}
+
+void ShadowAnswerer::find_ray_candidates(const Bounds3& origins, ShadowGroup& group) const {
+  group.pixel_samples = 1;
+  group.is_tested = false;
+  group.open.clear();
+  candidates_.select(origins, group.light, k_most_candidates, group.candidates);
+}
+
+void ShadowAnswerer::look_up(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {
+  if (group.candidates.empty()) return;
+  if (group.candidates.size() > k_most_candidates) {
+    for (size_t i = 0; i < batch.rays.size; ++i) batch.exact[i] = batch.rays.tmax[i] >= 0.0f;
+    return;
+  }
+  Workspace& work = *workspaces_.local();
+  collect(group, batch, work, stats);
+  for (size_t k = 0; k < work.exact.one_count; ++k) batch.exact[size_t(work.exact.one_undecided_slot[k])] = 1;
+  for (size_t k = 0; k < work.exact.many_count; ++k) batch.exact[size_t(work.exact.many_undecided_slots[k])] = 1;
 }
 
 }  // namespace fieldtrace

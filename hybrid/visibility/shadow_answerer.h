@@ -131,6 +131,12 @@ class ShadowAnswerer {
   // it from time.secondary.
   void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
 
+  // For rays that were not sampled from a light: fills `group` for rays from `origins` to group.light, which answer()
+  // and look_up() then take.
+  void find_ray_candidates(const Bounds3& origins, ShadowGroup& group) const;
+  // The part of answer() that traces no ray: batch.exact marks the rays that fields leave undecided.
+  void look_up(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
+
  private:
   struct Workspace;  // hybrid/visibility/shadow_workspace.h
 
@@ -144,6 +150,8 @@ class ShadowAnswerer {
   template <class Query>
   void bake_and_repeat(const ShadowInstance& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
                        int most_rounds, const Query& query) const;
+  // Looks up all rays; work.exact receives those that are undecided.
+  void collect(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
   void bake_unknown(const ShadowInstance& occluder, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
                     Workspace& work, Stats& stats) const;

@@ -1,0 +1,11 @@
+# Makes ARCHIVE of OBJECTS and of the members of ARCHIVES with the archiver AR.
+set(_script "CREATE ${ARCHIVE}\n")
+foreach(_part ${ARCHIVES})
+  string(APPEND _script "ADDLIB ${_part}\n")
+endforeach()
+foreach(_part ${OBJECTS})
+  string(APPEND _script "ADDMOD ${_part}\n")
+endforeach()
+string(APPEND _script "SAVE\nEND\n")
+file(WRITE ${ARCHIVE}.mri "${_script}")
+execute_process(COMMAND ${AR} -M INPUT_FILE ${ARCHIVE}.mri COMMAND_ERROR_IS_FATAL ANY)

@@ -1,0 +1,289 @@
+// Rays of the C interface: occlusion and nearest hits.
+#include <tbb/enumerable_thread_specific.h>
+
+#include <cmath>
+
+#include "core/platform/parallel.h"
+#include "core/surface/surface.h"
+#include "hybrid/api/api_buffers.h"
+#include "hybrid/api/scene_object.h"
+
+using namespace fieldtrace;
+using namespace fieldtrace::api;
+
+namespace {
+
+constexpr size_t k_rays_of_chunk = 4096;
+
+struct RayBuffers {
+  Buffer<const float, 3> origins, directions;
+  Buffer<const float> t_max;
+  Buffer<const uint32_t> from;
+
+  size_t count() const { return origins.count(); }
+  float t_of(size_t i) const { return t_max ? *t_max.at(i) : k_infinity; }
+  uint32_t instance_of(size_t i) const { return from ? *from.at(i) : k_none; }
+};
+
+// Calls body(begin, end) for chunks of [0, count) on the threads of the device.
+template <class Body>
+void for_chunks(Device& device, size_t count, const Body& body) {
+  const size_t chunks = (count + k_rays_of_chunk - 1) / k_rays_of_chunk;
+  device.arena.execute([&] {
+    parallel_for(chunks, [&](size_t c) {
+      // A thread that waits in a bake must not begin another chunk with the same scratch memory.
+      tbb::this_task_arena::isolate([&] { body(c * k_rays_of_chunk, std::min(count, (c + 1) * k_rays_of_chunk)); });
+    });
+  });
+}
+
+void require_rays(const SceneObject& s, const RayBuffers& rays) {
+  rays.origins.needed(), rays.directions.needed();
+  const size_t instances = s.scene.instances.size();
+  for_chunks(*s.device, rays.count(), [&](size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      const Vec3 d = vector_at(rays.directions, i);
+      const uint32_t from = rays.instance_of(i);
+      if (is_finite(vector_at(rays.origins, i)) && is_finite(d) && d != Vec3(0.0f) && !std::isnan(rays.t_of(i)) &&
+          (from == k_none || from < instances))
+        continue;
+      require(from == k_none || from < instances, "ray " + std::to_string(i) + " leaves an instance that is not there");
+      require(false, "ray " + std::to_string(i) + " has numbers that are not finite, or no direction");
+    }
+  });
+}
+
+// Unit, also where the length over- or underflows.
+Vec3 unit(const Vec3& d, double& length) {
+  length = glm::length(DVec3(d));
+  return Vec3(DVec3(d) / length);
+}
+
+struct OcclusionScratch {
+  ShadowBatch batch;
+  ShadowGroup group;
+};
+tbb::enumerable_thread_specific<OcclusionScratch>& scratch() {
+  static auto* const s = new tbb::enumerable_thread_specific<OcclusionScratch>;
+  return *s;
+}
+
+// Copies rays [begin, end), and sets what bounds them.
+void fill(const RayBuffers& from, size_t begin, size_t end, ShadowBatch& batch, Bounds3& origins, LightExtent& ends) {
+  batch.resize(end - begin);
+  ends = {};
+  for (size_t i = begin; i < end; ++i) {
+    const Vec3 o = vector_at(from.origins, i);
+    Vec3 d = vector_at(from.directions, i);
+    float t = from.t_of(i);
+    if (t >= 0.0f) {
+      origins.extend(o);
+      const Vec3 target = o + t * d;
+      if (t == k_infinity || !is_finite(target)) {
+        double length = 0.0;
+        d = unit(d, length);
+        t = t == k_infinity ? t : float(double(t) * length);
+        ends.kind = LightExtent::Kind::everywhere;
+      } else if (ends.kind == LightExtent::Kind::bounded) {
+        const Vec3 slack = gamma_bound(2) * (glm::abs(o) + glm::abs(t * d));
+        ends.bounds.extend(target - slack);
+        ends.bounds.extend(target + slack);
+      }
+    }
+    batch.rays.set(i - begin, o, d, t);
+    batch.instance[i - begin] = from.instance_of(i);
+  }
+  ends.ball = {ends.bounds.centre(), 0.5f * glm::length(ends.bounds.diagonal())};
+  if (ends.kind == LightExtent::Kind::bounded && !(ends.ball.radius < k_infinity && is_finite(ends.ball.centre)))
+    ends.kind = LightExtent::Kind::everywhere;
+}
+
+void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const Buffer<uint8_t>& results,
+              AnswerCounts& counts) {
+  for_chunks(*s.device, rays.count(), [&](size_t begin, size_t end) {
+    auto& [batch, group] = scratch().local();
+    Bounds3 origins;
+    fill(rays, begin, end, batch, origins, group.light);
+    const bool any = origins.lower.x <= origins.upper.x;
+    Stats stats;
+    if (any) {
+      s.shadows->find_ray_candidates(origins, group);
+      if (traces) {
+        s.shadows->answer(group, batch, stats);
+      } else {
+        s.shadows->look_up(group, batch, stats);
+      }
+    }
+    uint64_t exact = 0;
+    for (size_t i = begin; i < end; ++i) {
+      const bool open = batch.exact[i - begin];
+      exact += open;
+      *results.at(i) = !traces && open ? FT_UNDECIDED_OCCLUSION : batch.blocked[i - begin] ? FT_BLOCKED : FT_CLEAR;
+    }
+    counts.add(end - begin, end - begin - exact);
+  });
+}
+
+FTError occlusion(FTScene scene, const char* name, bool traces, const float* origins, size_t origin_stride,
+                  const float* directions, size_t direction_stride, const float* t_max, size_t t_max_stride,
+                  const uint32_t* from, size_t from_stride, size_t count, uint8_t* results, size_t result_stride) {
+  return guarded(scene, [&](SceneObject& s) {
+    const RayBuffers rays = {{"origins", origins, origin_stride, count},
+                             {"directions", directions, direction_stride, count},
+                             {"t_max", t_max, t_max_stride, count},
+                             {"from", from, from_stride, count}};
+    const Buffer<uint8_t> answers("results", results, result_stride, count);
+    answers.needed();
+    require_apart(answers, rays.origins, rays.directions, rays.t_max, rays.from);
+    const std::shared_lock lock(s.mutex);
+    s.require_commit(name);
+    require_rays(s, rays);
+    occluded(s, rays, traces, answers, s.occlusion_counts);
+  });
+}
+
+struct HitBuffers {
+  Buffer<uint8_t> status;
+  Buffer<float> t;
+  Buffer<float, 3> normals;
+  Buffer<uint32_t> primitives, instances;
+};
+
+struct HitScratch {
+  RayBatch rays;
+  HitBatch hits;
+  std::vector<PathState> paths;
+  std::vector<uint32_t> which;
+  std::vector<Vec3> normals;
+  std::vector<float> errors;
+  std::vector<uint8_t> undecided;
+  std::vector<double> lengths;
+  HitWorkspace work;
+};
+tbb::enumerable_thread_specific<HitScratch>& hit_scratch() {
+  static auto* const s = new tbb::enumerable_thread_specific<HitScratch>;
+  return *s;
+}
+
+// The hits of the rays of a chunk, with errors in t.
+void find_hits(const SceneObject& s, HitScratch& h) {
+  const size_t n = h.rays.size;
+  h.hits.resize(n);
+  std::fill(h.hits.instance.begin(), h.hits.instance.end(), k_none);
+  h.undecided.assign(n, 0);
+  h.errors.assign(n, 0.0f);
+  h.normals.assign(n, Vec3(0.0f));
+  Stats stats;
+  if (s.hits) {
+    h.work.exact.clear();
+    s.hits->look_up(h.rays, h.paths, h.which, h.hits, h.work, stats);
+    for (const uint32_t i : h.work.exact) h.undecided[i] = 1;
+    for (const CertifiedHit& hit : h.work.certified) {
+      const float cosine = std::abs(glm::dot(hit.normal, h.rays.direction(hit.ray)));
+      h.normals[hit.ray] = hit.normal;
+      h.errors[hit.ray] = hit.error / std::max(cosine, std::numeric_limits<float>::min());
+    }
+  } else {
+    s.accel->intersect(h.rays, h.hits, Coherence::incoherent);
+  }
+  for (const uint32_t i : h.which) {
+    if (h.undecided[i] || h.hits.instance[i] == k_none || h.normals[i] != Vec3(0.0f)) continue;
+    const Vec3 normal = surface_at(s.scene, h.rays, h.hits, i).geometric_normal;
+    h.normals[i] = glm::dot(normal, h.rays.direction(i)) > 0.0f ? -normal : normal;
+  }
+}
+
+// Status of ray i with its largest t, in unit steps.
+FTHit status_of(const HitScratch& h, size_t i, double t_max) {
+  if (!(t_max >= 0.0)) return FT_MISS;
+  if (h.undecided[i]) return FT_UNDECIDED_HIT;
+  if (h.hits.instance[i] == k_none) return FT_MISS;
+  const double t = double(h.hits.t[i]), error = double(h.errors[i]);
+  if (t - error > t_max) return FT_MISS;
+  return t + error <= t_max || error == 0.0 ? FT_HIT : FT_UNDECIDED_HIT;
+}
+
+void nearest(const SceneObject& s, float alpha, const RayBuffers& rays, const HitBuffers& out, AnswerCounts& counts) {
+  for_chunks(*s.device, rays.count(), [&](size_t begin, size_t end) {
+    HitScratch& h = hit_scratch().local();
+    h.rays.resize(end - begin);
+    h.paths.assign(end - begin, {});
+    h.lengths.assign(end - begin, 1.0);
+    h.which.clear();
+    for (size_t i = begin; i < end; ++i) {
+      const size_t j = i - begin;
+      const Vec3 d = unit(vector_at(rays.directions, i), h.lengths[j]);
+      const bool active = rays.t_of(i) >= 0.0f;
+      h.rays.set(j, vector_at(rays.origins, i), d, active ? k_infinity : -1.0f);
+      h.paths[j].alpha = alpha;
+      h.paths[j].unweighted = false;
+      h.paths[j].instance = rays.instance_of(i);
+      if (active) h.which.push_back(uint32_t(j));
+    }
+    find_hits(s, h);
+    uint64_t decided = 0;
+    for (size_t i = begin; i < end; ++i) {
+      const size_t j = i - begin;
+      const FTHit status = status_of(h, j, double(rays.t_of(i)) * h.lengths[j]);
+      decided += status != FT_UNDECIDED_HIT;
+      *out.status.at(i) = uint8_t(status);
+      if (status != FT_HIT) continue;
+      if (out.t) *out.t.at(i) = float(double(h.hits.t[j]) / h.lengths[j]);
+      if (out.normals) std::copy_n(&h.normals[j].x, 3, out.normals.at(i));
+      if (out.primitives) *out.primitives.at(i) = h.hits.primitive[j];
+      if (out.instances) *out.instances.at(i) = h.hits.instance[j];
+    }
+    counts.add(end - begin, decided);
+  });
+}
+
+}  // namespace
+
+FTError ftOccluded(FTScene scene, const float* origins, size_t origin_stride, const float* directions,
+                   size_t direction_stride, const float* t_max, size_t t_max_stride, const uint32_t* from,
+                   size_t from_stride, size_t count, uint8_t* results, size_t result_stride) {
+  return occlusion(scene, "ftOccluded", true, origins, origin_stride, directions, direction_stride, t_max, t_max_stride,
+                   from, from_stride, count, results, result_stride);
+}
+
+FTError ftOccludedCertified(FTScene scene, const float* origins, size_t origin_stride, const float* directions,
+                            size_t direction_stride, const float* t_max, size_t t_max_stride, const uint32_t* from,
+                            size_t from_stride, size_t count, uint8_t* results, size_t result_stride) {
+  return occlusion(scene, "ftOccludedCertified", false, origins, origin_stride, directions, direction_stride, t_max,
+                   t_max_stride, from, from_stride, count, results, result_stride);
+}
+
+FTError ftNearest(FTScene scene, float max_error, const float* origins, size_t origin_stride, const float* directions,
+                  size_t direction_stride, const float* t_max, size_t t_max_stride, const uint32_t* from,
+                  size_t from_stride, size_t count, uint8_t* status, size_t status_stride, float* t, size_t t_stride,
+                  float* normals, size_t normal_stride, uint32_t* primitives, size_t primitive_stride,
+                  uint32_t* instances, size_t instance_stride) {
+  return guarded(scene, [&](SceneObject& s) {
+    const RayBuffers rays = {{"origins", origins, origin_stride, count},
+                             {"directions", directions, direction_stride, count},
+                             {"t_max", t_max, t_max_stride, count},
+                             {"from", from, from_stride, count}};
+    const HitBuffers out = {{"status", status, status_stride, count},
+                            {"t", t, t_stride, count},
+                            {"normals", normals, normal_stride, count},
+                            {"primitives", primitives, primitive_stride, count},
+                            {"instances", instances, instance_stride, count}};
+    out.status.needed();
+    const auto apart_from_rays = [&](const auto& result) {
+      require_apart(result, rays.origins, rays.directions, rays.t_max, rays.from);
+    };
+    apart_from_rays(out.status), apart_from_rays(out.t), apart_from_rays(out.normals);
+    apart_from_rays(out.primitives), apart_from_rays(out.instances);
+    require_apart(out.status, out.t, out.normals, out.primitives, out.instances);
+    require_apart(out.t, out.normals, out.primitives, out.instances);
+    require_apart(out.normals, out.primitives, out.instances);
+    require_apart(out.primitives, out.instances);
+    require(max_error > 0.0f && max_error <= 1.0f, "ftNearest: max_error must lie within (0, 1]");
+    const std::shared_lock lock(s.mutex);
+    s.require_commit("ftNearest");
+    require_rays(s, rays);
+    const float tolerance = s.options.base_tolerance();
+    const float alpha = tolerance > 0.0f ? max_error / (k_blur_of_tolerance * tolerance) : max_error;
+    nearest(s, alpha, rays, out, s.hit_counts);
+  });
+}

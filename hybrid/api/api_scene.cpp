@@ -1,0 +1,429 @@
+// Scenes, fields and pictures of the C interface.
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+
+#include "core/image/image.h"
+#include "core/loader/scene_xml.h"
+#include "field/bake/bake_full.h"
+#include "field/file/field_file.h"
+#include "field/store/field_budget.h"
+#include "hybrid/api/api_buffers.h"
+#include "hybrid/api/scene_object.h"
+
+using namespace fieldtrace;
+using namespace fieldtrace::api;
+
+namespace {
+
+using Alone = std::unique_lock<std::shared_mutex>;
+using Shared = std::shared_lock<std::shared_mutex>;
+
+Affine transform_of(const float* columns) {
+  if (!columns) return Affine(1.0f);
+  require(reinterpret_cast<uintptr_t>(columns) % alignof(float) == 0, "the transform is not aligned");
+  Affine a;
+  for (int c = 0; c < 4; ++c) {
+    a[c] = Vec3(columns[3 * c], columns[3 * c + 1], columns[3 * c + 2]);
+    require(is_finite(a[c]), "the transform has numbers that are not finite");
+  }
+  const Affine inverse = Affine(inverse_affine(DAffine(a)));
+  for (int c = 0; c < 4; ++c) require(is_finite(inverse[c]), "the transform cannot be inverted");
+  return a;
+}
+
+Vec3 triple(const float* v, const char* name) {
+  require(v != nullptr, std::string(name) + " is null");
+  require(reinterpret_cast<uintptr_t>(v) % alignof(float) == 0, std::string(name) + " is not aligned");
+  const Vec3 value(v[0], v[1], v[2]);
+  require(is_finite(value), std::string(name) + " is not finite");
+  return value;
+}
+
+Rgb colour(const float* rgb, const char* name) {
+  const Rgb value = triple(rgb, name);
+  require(value.x >= 0.0f && value.y >= 0.0f && value.z >= 0.0f, std::string(name) + " is negative");
+  return value;
+}
+
+std::string text_of(const char* text, const char* name) {
+  require(text != nullptr, std::string(name) + " is null");
+  return text;
+}
+
+void require_instance(const SceneObject& s, uint32_t instance) {
+  require(instance < s.scene.instances.size(), "there is no instance " + std::to_string(instance));
+}
+
+void require_open(const SceneObject& s, const char* function) {
+  if (s.fields) throw Failure(FT_ERROR_INVALID_OPERATION, std::string(function) + ": only before the first commit");
+}
+
+// A material of the instance alone.
+uint32_t add_diffuse(Scene& scene, const Rgb& reflectance) {
+  Texture texture;
+  texture.color0 = reflectance;
+  scene.textures.push_back(texture);
+  Bsdf bsdf;
+  bsdf.reflectance = uint32_t(scene.textures.size() - 1);
+  bsdf.two_sided = true;
+  scene.bsdfs.push_back(bsdf);
+  return uint32_t(scene.bsdfs.size() - 1);
+}
+
+int64_t clamped(uint64_t value) {
+  return int64_t(std::min<uint64_t>(value, uint64_t(std::numeric_limits<int64_t>::max())));
+}
+
+int int_within(const char* name, int64_t value, int64_t least, int64_t most) {
+  require(value >= least && value <= most, std::string("\"") + name + "\" must lie within [" + std::to_string(least) +
+                                               ", " + std::to_string(most) + "]");
+  return int(value);
+}
+
+RenderResult render_scene(SceneObject& s) {
+  Progress progress(*s.device);
+  RenderCallbacks callbacks;
+  callbacks.progress = [&](float share, const char*) { progress(double(share)); };
+  callbacks.stop = progress.stop();
+  RenderOptions options = s.options;
+  options.threads = s.device->arena.max_concurrency();
+  RenderResult result = render(s.scene, options, callbacks);
+  progress.require_not_stopped();
+  return result;
+}
+
+}  // namespace
+
+FTError ftNewScene(FTDevice device, FTScene* scene) {
+  return guarded(device_or_null(device), [&] {
+    const std::shared_ptr<Device> d = find(device);
+    require(scene != nullptr, "ftNewScene: nowhere to put the scene");
+    const auto object = std::make_shared<SceneObject>(d);
+    object->scene.film.crop = {0, 0, object->scene.film.width, object->scene.film.height};
+    *scene = reinterpret_cast<FTScene>(register_object(object));
+  });
+}
+
+FTError ftLoadScene(FTDevice device, const char* path, FTScene* scene) {
+  return guarded(device_or_null(device), [&] {
+    const std::shared_ptr<Device> d = find(device);
+    require(scene != nullptr, "ftLoadScene: nowhere to put the scene");
+    const auto object = std::make_shared<SceneObject>(d);
+    object->scene = load_scene(text_of(path, "path"));
+    for (const Instance& i : object->scene.instances) object->transforms.push_back(i.to_world);
+    d->arena.execute([&] { object->commit(); });
+    *scene = reinterpret_cast<FTScene>(register_object(object));
+  });
+}
+
+FTError ftAddMesh(FTScene scene, const float* positions, size_t position_stride, size_t position_count,
+                  const uint32_t* triangles, size_t triangle_stride, size_t triangle_count, uint32_t* mesh) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Buffer<const float, 3> from("positions", positions, position_stride, position_count);
+    const Buffer<const uint32_t, 3> corners("triangles", triangles, triangle_stride, triangle_count);
+    from.needed(), corners.needed();
+    require(position_count > 0 && triangle_count > 0, "ftAddMesh: a mesh has positions and triangles");
+    const size_t most = std::numeric_limits<int32_t>::max();
+    require(position_count <= most && triangle_count <= most, "ftAddMesh: too many positions or triangles");
+    Shape shape;
+    shape.mesh.positions.resize(position_count);
+    shape.mesh.triangles.resize(triangle_count);
+    for (size_t i = 0; i < position_count; ++i) {
+      shape.mesh.positions[i] = vector_at(from, i);
+      require(is_finite(shape.mesh.positions[i]), "position " + std::to_string(i) + " is not finite");
+    }
+    for (size_t i = 0; i < triangle_count; ++i) {
+      const uint32_t* const t = corners.at(i);
+      require(t[0] < position_count && t[1] < position_count && t[2] < position_count,
+              "triangle " + std::to_string(i) + " refers to a position that is not there");
+      shape.mesh.triangles[i] = UVec3(t[0], t[1], t[2]);
+    }
+    shape.bounds = shape.mesh.bounds();
+    const Alone lock(s.mutex);
+    require_open(s, "ftAddMesh");
+    const auto number = uint32_t(s.scene.shapes.size());
+    shape.name = "mesh " + std::to_string(number);
+    s.scene.shapes.push_back(std::move(shape));
+    if (mesh) *mesh = number;
+  });
+}
+
+FTError ftAddInstance(FTScene scene, uint32_t mesh, const float* transform, uint32_t* instance) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Affine to_world = transform_of(transform);
+    const Alone lock(s.mutex);
+    require_open(s, "ftAddInstance");
+    require(mesh < s.scene.shapes.size(), "there is no mesh " + std::to_string(mesh));
+    Instance added;
+    added.shape = mesh;
+    added.bsdf = s.scene.bsdfs.empty() ? add_diffuse(s.scene, Rgb(0.5f)) : 0;
+    s.scene.instances.push_back(added);
+    s.transforms.push_back(to_world);
+    if (instance) *instance = uint32_t(s.scene.instances.size() - 1);
+  });
+}
+
+FTError ftSetInstanceTransform(FTScene scene, uint32_t instance, const float* transform) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Affine to_world = transform_of(transform);
+    const Alone lock(s.mutex);
+    require_instance(s, instance);
+    s.transforms[instance] = to_world;
+  });
+}
+
+FTError ftSetInstanceReflectance(FTScene scene, uint32_t instance, const float* rgb) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Rgb value = colour(rgb, "the reflectance");
+    require(value.x <= 1.0f && value.y <= 1.0f && value.z <= 1.0f, "the reflectance is more than 1");
+    const Alone lock(s.mutex);
+    require_instance(s, instance);
+    s.scene.instances[instance].bsdf = add_diffuse(s.scene, value);
+  });
+}
+
+FTError ftSetInstanceRadiance(FTScene scene, uint32_t instance, const float* rgb) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Rgb value = colour(rgb, "the radiance");
+    const Alone lock(s.mutex);
+    require_instance(s, instance);
+    Instance& lamp = s.scene.instances[instance];
+    if (lamp.emitter == k_none) {
+      Emitter emitter;
+      emitter.instance = instance;
+      lamp.emitter = uint32_t(s.scene.emitters.size());
+      s.scene.emitters.push_back(emitter);
+    }
+    s.scene.emitters[lamp.emitter].value = value;
+  });
+}
+
+FTError ftSetSceneSky(FTScene scene, const float* rgb) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Rgb value = colour(rgb, "the sky");
+    const Alone lock(s.mutex);
+    for (Emitter& e : s.scene.emitters) {
+      if (e.kind != EmitterKind::constant) continue;
+      e.value = value;
+      return;
+    }
+    Emitter sky;
+    sky.kind = EmitterKind::constant;
+    sky.value = value;
+    s.scene.emitters.push_back(sky);
+  });
+}
+
+FTError ftSetSceneCamera(FTScene scene, const float* from, const float* to, const float* up, float horizontal_degrees,
+                         uint32_t width, uint32_t height) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Vec3 eye = triple(from, "from"), target = triple(to, "to"), above = triple(up, "up");
+    const Vec3 side = glm::cross(above, target - eye);
+    require(glm::length(side) > 0.0f && is_finite(glm::normalize(side)), "`up` lies along the view, or there is none");
+    require(horizontal_degrees > 0.0f && horizontal_degrees < 180.0f, "the angle must lie within (0, 180) degrees");
+    constexpr uint32_t k_most_pixels = 1u << 15;
+    require(width >= 1 && height >= 1 && width <= k_most_pixels && height <= k_most_pixels,
+            "a picture has 1 to 32768 pixels a side");
+    const Alone lock(s.mutex);
+    const Vec3 z = glm::normalize(target - eye), x = glm::normalize(side);
+    s.scene.camera.to_world = Affine(x, glm::cross(z, x), z, eye);
+    s.scene.camera.fov_x_degrees = horizontal_degrees;
+    s.scene.film.width = int(width), s.scene.film.height = int(height);
+    s.scene.film.crop = {0, 0, int(width), int(height)};
+  });
+}
+
+FTError ftSetSceneInt(FTScene scene, const char* name, int64_t value) {
+  return guarded(scene, [&](SceneObject& s) {
+    const std::string key = text_of(name, "name");
+    const Alone lock(s.mutex);
+    FieldParameters parameters = s.parameters;
+    if (key == "spp") {
+      s.options.spp = int_within(name, value, 0, 1 << 20);
+    } else if (key == "seed") {
+      require(value >= 0 && value <= std::numeric_limits<uint32_t>::max(), "\"seed\" must have 32 bits");
+      s.options.seed = uint32_t(value);
+    } else if (key == "max_depth") {
+      s.options.max_depth = int_within(name, value, -1, 1 << 20);
+    } else if (key == "montecarlo") {
+      s.options.method = int_within(name, value, 0, 1) ? Method::monte_carlo : Method::hybrid;
+    } else if (key == "directions" || key == "plane") {
+      require_open(s, "ftSetSceneInt");
+      (key == "plane" ? parameters.plane : parameters.directions) = int_within(name, value, 1, 1 << 20);
+      require(valid_parameters(parameters), "\"directions\" is one of 32 64 128 256, \"plane\" of 64 128 256 512");
+      s.parameters = parameters;
+      s.options.directions = parameters.directions, s.options.plane = parameters.plane;
+    } else if (key == "field_memory") {
+      require_open(s, "ftSetSceneInt");
+      require(value >= 0, "\"field_memory\" is negative");
+      s.options.field_memory = uint64_t(value);
+    } else {
+      require(false, "there is no integer \"" + key + "\"");
+    }
+  });
+}
+
+FTError ftSetSceneFloat(FTScene scene, const char* name, double value) {
+  return guarded(scene, [&](SceneObject& s) {
+    const std::string key = text_of(name, "name");
+    require(key == "tolerance", "there is no float \"" + key + "\"");
+    require(value >= 0.0 && value <= 1.0, "\"tolerance\" must lie within [0, 1]");
+    const Alone lock(s.mutex);
+    s.options.tolerance = float(value);
+  });
+}
+
+FTError ftCommitScene(FTScene scene) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Alone lock(s.mutex);
+    s.device->arena.execute([&] { s.commit(); });
+  });
+}
+
+FTError ftGetSceneOrigin(FTScene scene, double* origin) {
+  return guarded(scene, [&](SceneObject& s) {
+    require(origin != nullptr && reinterpret_cast<uintptr_t>(origin) % alignof(double) == 0,
+            "ftGetSceneOrigin: nowhere to put the origin, or not aligned");
+    const Shared lock(s.mutex);
+    for (int c = 0; c < 3; ++c) origin[c] = s.scene.origin[c];
+  });
+}
+
+FTError ftBakeFields(FTScene scene) {
+  return guarded(scene, [&](SceneObject& s) {
+    Progress progress(*s.device);
+    const Shared lock(s.mutex);
+    s.require_commit("ftBakeFields");
+    std::vector<uint32_t> shapes;
+    for (uint32_t i = 0; i < s.hit_fields.size(); ++i) {
+      if (s.hit_fields[i]) shapes.push_back(i);
+    }
+    s.device->arena.execute([&] {
+      for (size_t i = 0; i < shapes.size() && !*progress.stop(); ++i) {
+        FullBakeCallbacks callbacks;
+        callbacks.stop = progress.stop();
+        callbacks.progress = [&](double share) { progress((double(i) + share) / double(shapes.size())); };
+        BakeCounters counters;
+        bake_full(*s.hit_fields[shapes[i]], *s.accel, shapes[i], counters, callbacks);
+      }
+    });
+    progress.require_not_stopped();
+  });
+}
+
+FTError ftSaveField(FTScene scene, uint32_t mesh, const char* path) {
+  return guarded(scene, [&](SceneObject& s) {
+    const std::string file = text_of(path, "path");
+    const Shared lock(s.mutex);
+    s.require_commit("ftSaveField");
+    const Field* const field = s.field_of(mesh);
+    require(field != nullptr, "mesh " + std::to_string(mesh) + " has no field");
+    s.device->arena.execute([&] { save_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
+  });
+}
+
+FTError ftLoadField(FTScene scene, uint32_t mesh, const char* path) {
+  return guarded(scene, [&](SceneObject& s) {
+    const std::string file = text_of(path, "path");
+    const Shared lock(s.mutex);
+    s.require_commit("ftLoadField");
+    Field* const field = s.field_of(mesh);
+    require(field != nullptr, "mesh " + std::to_string(mesh) + " has no field");
+    s.device->arena.execute([&] { load_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
+  });
+}
+
+FTError ftGetSceneInt(FTScene scene, const char* name, int64_t* value) {
+  return guarded(scene, [&](SceneObject& s) {
+    const std::string key = text_of(name, "name");
+    require(value != nullptr, "ftGetSceneInt: nowhere to put the value");
+    const Shared lock(s.mutex);
+    if (key == "meshes" || key == "instances" || key == "width" || key == "height") {
+      const Rect& crop = s.scene.film.crop;
+      *value = key == "meshes"      ? clamped(s.scene.shapes.size())
+               : key == "instances" ? clamped(s.scene.instances.size())
+               : key == "width"     ? crop.width
+                                    : crop.height;
+      return;
+    }
+    s.require_commit("ftGetSceneInt");
+    uint64_t fields = 0, bytes = 0, baked = 0, full = 0;
+    for (const Field* field : s.hit_fields) {
+      if (!field) continue;
+      ++fields, bytes += field->bytes(), baked += field->cells_baked(), full += field->cells_full();
+    }
+    const std::map<std::string, uint64_t> values = {{"fields", fields},
+                                                    {"directions", uint64_t(s.parameters.directions)},
+                                                    {"plane", uint64_t(s.parameters.plane)},
+                                                    {"bytes", bytes},
+                                                    {"cells_baked", baked},
+                                                    {"cells_full", full},
+                                                    {"memory_exceeded", s.fields->budget().exceeded() ? 1 : 0}};
+    const auto found = values.find(key);
+    require(found != values.end(), "there is no integer \"" + key + "\"");
+    *value = clamped(found->second);
+  });
+}
+
+FTError ftGetMeshInt(FTScene scene, uint32_t mesh, const char* name, int64_t* value) {
+  return guarded(scene, [&](SceneObject& s) {
+    const std::string key = text_of(name, "name");
+    require(value != nullptr, "ftGetMeshInt: nowhere to put the value");
+    const Shared lock(s.mutex);
+    s.require_commit("ftGetMeshInt");
+    const Field* const field = s.field_of(mesh);
+    uint64_t found = 0;
+    if (key == "bytes") {
+      found = field ? field->bytes() : 0;
+    } else if (key == "cells_baked") {
+      found = field ? field->cells_baked() : 0;
+    } else {
+      require(key == "cells_full", "there is no integer \"" + key + "\"");
+      found = field ? field->cells_full() : 0;
+    }
+    *value = clamped(found);
+  });
+}
+
+FTError ftGetSceneFloat(FTScene scene, const char* name, double* value) {
+  return guarded(scene, [&](SceneObject& s) {
+    const std::string key = text_of(name, "name");
+    require(value != nullptr, "ftGetSceneFloat: nowhere to put the value");
+    require(key == "certified_occlusion" || key == "certified_hits", "there is no float \"" + key + "\"");
+    *value = (key == "certified_hits" ? s.hit_counts : s.occlusion_counts).share();
+  });
+}
+
+FTError ftRender(FTScene scene, float* pixels, size_t pixel_stride, size_t row_stride) {
+  return guarded(scene, [&](SceneObject& s) {
+    const Shared lock(s.mutex);
+    s.require_commit("ftRender");
+    const auto width = size_t(s.scene.film.crop.width), height = size_t(s.scene.film.crop.height);
+    require(pixels != nullptr, "ftRender: the pixels are null");
+    const Buffer<float, 3> row("the row of pixels", pixels, pixel_stride, width);
+    const size_t row_bytes = size_t(row.end() - row.begin());
+    if (row_stride == 0) row_stride = pixel_stride == 0 ? width * 3 * sizeof(float) : width * pixel_stride;
+    require(row_stride >= row_bytes && row_stride % alignof(float) == 0,
+            "ftRender: the rows overlap, or their stride is no multiple of a float's size");
+    const RenderResult result = render_scene(s);
+    for (size_t y = 0; y < height; ++y) {
+      const Buffer<float, 3> target("the row of pixels",
+                                    reinterpret_cast<float*>(reinterpret_cast<char*>(pixels) + y * row_stride),
+                                    pixel_stride, width);
+      for (size_t x = 0; x < width; ++x)
+        std::memcpy(target.at(x), result.image.pixel(int(x), int(y)), 3 * sizeof(float));
+    }
+  });
+}
+
+FTError ftRenderToFile(FTScene scene, const char* path) {
+  return guarded(scene, [&](SceneObject& s) {
+    const std::string file = text_of(path, "path");
+    const Shared lock(s.mutex);
+    s.require_commit("ftRenderToFile");
+    require_image_writable(file);
+    write_image(file, render_scene(s).image);
+  });
+}

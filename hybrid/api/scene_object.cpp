@@ -1,0 +1,61 @@
+#include "hybrid/api/scene_object.h"
+
+#include "core/platform/address_space.h"
+
+namespace fieldtrace::api {
+
+void SceneObject::commit() {
+  if (scene.instances.empty()) throw Failure(FT_ERROR_INVALID_OPERATION, "ftCommitScene: the scene has no instances");
+  was_committed = false;
+  sky.reset(), sky_maps.reset();
+  hits.reset(), shadows.reset(), accel.reset();
+  for (size_t i = 0; i < transforms.size(); ++i) {
+    Instance& instance = scene.instances[i];
+    instance.to_world = transforms[i];
+    instance.to_object = Affine(inverse_affine(DAffine(transforms[i])));
+  }
+  if (traits.empty()) traits = shape_traits(scene);
+  if (!fields) {
+    FieldPlan plan;
+    plan.parameters = parameters;
+    const uint64_t memory = options.field_memory ? options.field_memory : default_field_memory();
+    fields.emplace(scene, traits, plan, memory, true, reservable_bytes());
+  }
+  accel = std::make_unique<Accel>(scene);
+  AnswererSettings settings;
+  settings.isa = resolve_isa(Isa::automatic);
+  settings.tolerance = options.base_tolerance();
+  shadows = std::make_unique<ShadowAnswerer>(scene, *accel, traits, fields->pointers(), settings);
+  hit_fields = fields->all_pointers();
+  std::vector<uint32_t> suited = HitAnswerer::suited_instances(scene, traits, parameters, 0);
+  std::erase_if(suited, [&](uint32_t i) { return !hit_fields[scene.instances[i].shape]; });
+  if (!suited.empty()) hits = std::make_unique<HitAnswerer>(scene, *accel, traits, hit_fields, suited, settings);
+  was_committed = true;
+}
+
+void SceneObject::require_commit(const char* function) const {
+  if (!was_committed)
+    throw Failure(FT_ERROR_INVALID_OPERATION, std::string(function) + ": the scene is not committed (ftCommitScene)");
+}
+
+Field* SceneObject::field_of(uint32_t mesh) const {
+  require(mesh < scene.shapes.size(), "there is no mesh " + std::to_string(mesh));
+  return mesh < hit_fields.size() ? hit_fields[mesh] : nullptr;
+}
+
+Progress::Progress(Device& device) {
+  const std::lock_guard lock(device.mutex);
+  callback_ = device.on_progress, user_ = device.progress_user;
+}
+
+void Progress::operator()(double share) {
+  if (!callback_) return;
+  const std::lock_guard lock(mutex_);
+  if (!stop_ && !callback_(user_, share)) stop_ = true;
+}
+
+void Progress::require_not_stopped() const {
+  if (stop_) throw Failure(FT_ERROR_CANCELLED, "cancelled by the progress callback");
+}
+
+}  // namespace fieldtrace::api

@@ -1,0 +1,87 @@
+// A scene of the library: what was set, what was committed, and what answers queries.
+//
+// Thread-safety: queries and bakes hold `mutex` shared, changes hold it alone. Fields grow under queries.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <shared_mutex>
+#include <vector>
+
+#include "core/scene/scene.h"
+#include "core/trace/accel.h"
+#include "field/store/field.h"
+#include "hybrid/api/api_objects.h"
+#include "hybrid/fields/field_set.h"
+#include "hybrid/glossy/hit_answerer.h"
+#include "hybrid/render/render.h"
+#include "hybrid/sky/sky.h"
+#include "hybrid/visibility/shadow_answerer.h"
+#include "hybrid/visibility/shape_traits.h"
+
+namespace fieldtrace::api {
+
+// Shares of queries that needed no exact ray.
+struct AnswerCounts {
+  std::atomic<uint64_t> rays = 0, certified = 0;
+  void add(uint64_t all, uint64_t decided) {
+    rays.fetch_add(all, std::memory_order_relaxed);
+    certified.fetch_add(decided, std::memory_order_relaxed);
+  }
+  double share() const { return rays == 0 ? 0.0 : double(certified) / double(rays); }
+};
+
+struct SceneObject {
+  explicit SceneObject(std::shared_ptr<Device> of) : device(std::move(of)) {}
+
+  // With `mutex` held alone. Throws Error if Embree or the system refuses.
+  void commit();
+  // Throws Failure before the first commit. With `mutex` held.
+  void require_commit(const char* function) const;
+  // Null for numbers that are no mesh's: Failure. Before the first commit, or without a field: null.
+  Field* field_of(uint32_t mesh) const;
+
+  std::shared_ptr<Device> device;
+  mutable std::shared_mutex mutex;
+  Scene scene;  // as committed, but for instances
+  RenderOptions options;
+  FieldParameters parameters;
+  // Set since the last commit, by instance.
+  std::vector<Affine> transforms;
+  bool was_committed = false;
+
+  // Made by commit(); references go upwards.
+  std::vector<ShapeTraits> traits;
+  std::optional<FieldSet> fields;
+  std::unique_ptr<Accel> accel;
+  std::unique_ptr<ShadowAnswerer> shadows;
+  std::unique_ptr<HitAnswerer> hits;
+  std::vector<Field*> hit_fields;
+
+  // Made by the first query of the sky after a commit, under `sky_mutex`.
+  std::mutex sky_mutex;
+  std::unique_ptr<SkyMaps> sky_maps;
+  std::unique_ptr<Sky> sky;
+
+  AnswerCounts occlusion_counts, hit_counts;
+};
+
+// Calls the device's progress callback, and remembers that it asked to stop.
+class Progress {
+ public:
+  explicit Progress(Device& device);
+  void operator()(double share);
+  const std::atomic<bool>* stop() const { return &stop_; }
+  // Throws Failure(FT_ERROR_CANCELLED) if the callback asked to stop.
+  void require_not_stopped() const;
+
+ private:
+  FTProgressCallback callback_ = nullptr;
+  void* user_ = nullptr;
+  std::mutex mutex_;
+  std::atomic<bool> stop_ = false;
+};
+
+}  // namespace fieldtrace::api

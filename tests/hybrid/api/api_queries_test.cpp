@@ -1,0 +1,326 @@
+// Answers of the C interface against exact rays, and what it keeps from commit to commit.
+#include <cmath>
+#include <random>
+
+#include "core/trace/accel.h"
+#include "tests/support/api_scene.h"
+#include "tests/support/field_checks.h"
+
+namespace fieldtrace {
+namespace {
+
+using test::ApiScene;
+
+struct Rays {
+  std::vector<Vec3> origins, directions;
+  std::vector<float> t_max;
+  size_t size() const { return origins.size(); }
+};
+
+// Rays between random points in and about the scene; every fifth goes on without end.
+Rays random_rays(size_t count, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<float> x(-3.0f, 3.0f), y(0.05f, 4.0f), length(0.2f, 3.0f);
+  Rays r;
+  for (size_t i = 0; i < count; ++i) {
+    const Vec3 a(x(random), y(random), x(random)), b(x(random), y(random), x(random));
+    const float stretch = length(random);
+    r.origins.push_back(a);
+    r.directions.push_back((b - a) * stretch);
+    r.t_max.push_back(i % 5 == 0 ? k_infinity : 1.0f / stretch);
+  }
+  return r;
+}
+
+struct Exact {
+  RayBatch rays;
+  HitBatch hits;
+  std::vector<uint8_t> blocked;
+};
+
+Exact trace(const Scene& scene, const Rays& from) {
+  Exact e;
+  e.rays.resize(from.size());
+  e.hits.resize(from.size());
+  e.blocked.assign(from.size(), 0);
+  std::vector<uint32_t> all;
+  for (size_t i = 0; i < from.size(); ++i) {
+    e.rays.set(i, from.origins[i], from.directions[i], from.t_max[i]);
+    all.push_back(uint32_t(i));
+  }
+  const Accel accel(scene);
+  accel.occluded(e.rays, all, e.blocked.data());
+  accel.intersect(e.rays, e.hits, Coherence::incoherent);
+  return e;
+}
+
+std::vector<uint8_t> ask(FTScene scene, const Rays& rays, bool certified) {
+  std::vector<uint8_t> results(rays.size(), 9);
+  const auto function = certified ? ftOccludedCertified : ftOccluded;
+  EXPECT_EQ(function(scene, &rays.origins[0].x, 0, &rays.directions[0].x, sizeof(Vec3), rays.t_max.data(), 0, nullptr,
+                     0, rays.size(), results.data(), 0),
+            FT_ERROR_NONE);
+  return results;
+}
+
+size_t differences(const std::vector<uint8_t>& answers, const std::vector<uint8_t>& exact, size_t& undecided) {
+  size_t wrong = 0;
+  undecided = 0;
+  for (size_t i = 0; i < answers.size(); ++i) {
+    if (answers[i] == FT_UNDECIDED_OCCLUSION) {
+      ++undecided;
+    } else {
+      wrong += answers[i] != exact[i];
+    }
+  }
+  return wrong;
+}
+
+TEST(ApiOccluded, IsThatOfExactRays) {
+  const ApiScene s;
+  const Rays rays = random_rays(20000, 1);
+  const Exact exact = trace(s.same.scene, rays);
+  size_t undecided = 0;
+  EXPECT_LE(differences(ask(s.scene, rays, false), exact.blocked, undecided), rays.size() / 500);
+  EXPECT_EQ(undecided, 0u);
+  EXPECT_LE(differences(ask(s.scene, rays, true), exact.blocked, undecided), rays.size() / 500);
+  EXPECT_GT(undecided, 0u);
+  EXPECT_LT(undecided, rays.size() / 2);
+  double share = 0.0;
+  EXPECT_EQ(ftGetSceneFloat(s.scene, "certified_occlusion", &share), FT_ERROR_NONE);
+  EXPECT_GT(share, 0.5);
+}
+
+TEST(ApiOccluded, TracesEveryRayAtToleranceZero) {
+  const ApiScene s;
+  ASSERT_EQ(ftSetSceneFloat(s.scene, "tolerance", 0.0), FT_ERROR_NONE);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  const Rays rays = random_rays(20000, 2);
+  Rays unit = rays;  // those without end become unit
+  for (size_t i = 0; i < rays.size(); i += 5) unit.directions[i] = glm::normalize(rays.directions[i]);
+  EXPECT_EQ(ask(s.scene, unit, false), trace(s.same.scene, unit).blocked);
+}
+
+TEST(ApiOccluded, FollowsTransformsWithoutANewBake) {
+  ApiScene s;
+  const Rays rays = random_rays(5000, 3);
+  ask(s.scene, rays, false);
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
+  int64_t before = 0, after = 0;
+  ASSERT_EQ(ftGetSceneInt(s.scene, "cells_baked", &before), FT_ERROR_NONE);
+  EXPECT_GT(before, 1000000);
+  const Affine moved = test::translation({0.4f, 2.0f, -0.7f});
+  float columns[12];
+  test::columns_of(moved, columns);
+  ASSERT_EQ(ftSetInstanceTransform(s.scene, 0, columns), FT_ERROR_NONE);
+  const std::vector<uint8_t> old = ask(s.scene, rays, false);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  const Exact was = trace(s.same.scene, rays);
+  s.same.scene.instances[0].to_world = moved;
+  s.same.scene.instances[0].to_object = Affine(inverse_affine(DAffine(moved)));
+  const Exact is = trace(s.same.scene, rays);
+  size_t undecided = 0;
+  EXPECT_LE(differences(old, was.blocked, undecided), rays.size() / 500);  // not before the commit
+  EXPECT_LE(differences(ask(s.scene, rays, false), is.blocked, undecided), rays.size() / 500);
+  EXPECT_GT(differences(old, is.blocked, undecided), rays.size() / 50);
+  ASSERT_EQ(ftGetSceneInt(s.scene, "cells_baked", &after), FT_ERROR_NONE);
+  EXPECT_EQ(before, after);
+}
+
+TEST(ApiNearest, IsThatOfExactRays) {
+  const ApiScene s;
+  const Rays rays = random_rays(20000, 4);
+  const Exact exact = trace(s.same.scene, rays);
+  std::vector<uint8_t> status(rays.size(), 9);
+  std::vector<float> t(rays.size(), -1.0f);
+  std::vector<Vec3> normals(rays.size());
+  std::vector<uint32_t> primitives(rays.size(), k_none), instances(rays.size(), k_none);
+  const float max_error = 0.02f;
+  ASSERT_EQ(ftNearest(s.scene, max_error, &rays.origins[0].x, 0, &rays.directions[0].x, 0, rays.t_max.data(), 0,
+                      nullptr, 0, rays.size(), status.data(), 0, t.data(), 0, &normals[0].x, 0, primitives.data(), 0,
+                      instances.data(), 0),
+            FT_ERROR_NONE);
+  size_t wrong = 0, hits = 0, misses = 0, undecided = 0, exact_hits = 0;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const bool met = exact.hits.instance[i] != k_none;
+    exact_hits += met;
+    ASSERT_LE(status[i], FT_UNDECIDED_HIT);
+    undecided += status[i] == FT_UNDECIDED_HIT;
+    misses += status[i] == FT_MISS, hits += status[i] == FT_HIT;
+    if (status[i] == FT_MISS) wrong += met;
+    if (status[i] != FT_HIT) continue;
+    ASSERT_LT(instances[i], 3u);
+    EXPECT_LT(primitives[i], s.same.scene.shapes[s.same.scene.instances[instances[i]].shape].triangle_count());
+    EXPECT_NEAR(glm::length(normals[i]), 1.0f, 1e-4f);
+    EXPECT_LE(glm::dot(normals[i], rays.directions[i]), 0.0f);
+    EXPECT_LE(t[i], rays.t_max[i]);
+    const float distance = glm::length(rays.directions[i]) * exact.hits.t[i];
+    const float off = glm::length(rays.directions[i]) * std::abs(t[i] - exact.hits.t[i]) *
+                      std::abs(glm::dot(glm::normalize(rays.directions[i]), normals[i]));
+    wrong += !met || instances[i] != exact.hits.instance[i] || off > 2 * max_error * distance;
+  }
+  EXPECT_LE(wrong, rays.size() / 200);
+  EXPECT_GT(hits, exact_hits / 4);
+  EXPECT_GT(exact_hits, rays.size() / 20);
+  EXPECT_GT(misses, rays.size() / 10);
+  EXPECT_LT(undecided, rays.size() / 2);
+}
+
+// Points on the floor.
+struct Points {
+  std::vector<Vec3> at, normals;
+  std::vector<uint32_t> from;
+};
+Points floor_points(size_t side) {
+  Points p;
+  for (size_t i = 0; i < side * side; ++i) {
+    p.at.push_back({-2.9f + 5.8f * float(i % side) / float(side), 0, -2.9f + 5.8f * float(i / side) / float(side)});
+    p.normals.push_back({0, 1, 0});
+    p.from.push_back(2);
+  }
+  return p;
+}
+
+TEST(ApiLightVisibility, IsTheShareOfExactRays) {
+  const ApiScene s;
+  const Points p = floor_points(24);
+  const std::vector<uint32_t> shapes = {FT_LIGHT_RECTANGLE, FT_LIGHT_SPHERE, FT_LIGHT_DISK};
+  const std::vector<float> lights = {0, 6, 0, 0.8f, 0,  0, 0, 0,    0.8f, 4, 6, 1, 0.7f, 0,
+                                     0, 0, 0, 0,    -3, 5, 2, 0.6f, 0,    0, 0, 0, 0.6f};
+  std::vector<float> shares(p.at.size() * 3, -1.0f), certain(p.at.size() * 3, -1.0f);
+  ASSERT_EQ(ftLightVisibility(s.scene, &p.at[0].x, 0, &p.normals[0].x, 0, p.from.data(), 0, p.at.size(), shapes.data(),
+                              0, lights.data(), 0, 3, shares.data(), 0, certain.data(), 0),
+            FT_ERROR_NONE);
+  // The spheres of points of lights, cast at random; u x v of the flat ones points down.
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> unit(-1.0f, 1.0f);
+  double sum = 0.0, worst = 0.0, mean_certain = 0.0;
+  size_t shaded = 0;
+  const size_t k_rays = 256;
+  for (size_t k = 0; k < 3; ++k) {
+    const float* const l = &lights[9 * k];
+    const Vec3 c(l[0], l[1], l[2]), u(l[3], l[4], l[5]), v(l[6], l[7], l[8]);
+    for (size_t i = 0; i < p.at.size(); ++i) {
+      Rays rays;
+      while (rays.size() < k_rays) {
+        const float a = unit(random), b = unit(random);
+        if (k > 0 && a * a + b * b > 1.0f) continue;
+        Vec3 target = c + a * u + b * v;
+        const Vec3 o = p.at[i] + Vec3(0, 1e-4f, 0);
+        if (k == 1) {  // a disk across the sphere's middle that the point sees head on
+          const Vec3 z = glm::normalize(o - c), x = glm::normalize(glm::cross(z, Vec3(1, 0, 0)));
+          target = c + 0.7f * (a * x + b * glm::cross(z, x));
+        }
+        rays.origins.push_back(o);
+        rays.directions.push_back(target - o);
+        rays.t_max.push_back(0.999f);
+      }
+      static const Accel accel(s.same.scene);
+      RayBatch batch;
+      batch.resize(k_rays);
+      std::vector<uint32_t> all(k_rays);
+      std::vector<uint8_t> blocked(k_rays, 0);
+      for (size_t j = 0; j < k_rays; ++j) {
+        batch.set(j, rays.origins[j], rays.directions[j], rays.t_max[j]);
+        all[j] = uint32_t(j);
+      }
+      accel.occluded(batch, all, blocked.data());
+      double clear = 0.0;
+      for (const uint8_t b : blocked) clear += b ? 0.0 : 1.0 / double(k_rays);
+      const double share = double(shares[3 * i + k]);
+      ASSERT_GE(share, 0.0);
+      ASSERT_LE(share, 1.0);
+      sum += std::abs(share - clear);
+      worst = std::max(worst, std::abs(share - clear));
+      mean_certain += double(certain[3 * i + k]);
+      shaded += clear < 0.5;
+    }
+  }
+  const auto count = double(3 * p.at.size());
+  EXPECT_GT(shaded, 50u);
+  EXPECT_LE(sum / count, 0.02);
+  EXPECT_LE(worst, 0.4);
+  EXPECT_GT(mean_certain / count, 0.5);
+}
+
+TEST(ApiSkyVisibility, IsTheShareOfExactRays) {
+  const ApiScene s;
+  const Points p = floor_points(12);
+  std::vector<float> shares(p.at.size(), -1.0f), certain(p.at.size(), -1.0f);
+  ASSERT_EQ(ftSkyVisibility(s.scene, &p.at[0].x, 0, &p.normals[0].x, 0, p.from.data(), 0, p.at.size(), shares.data(), 0,
+                            certain.data(), 0),
+            FT_ERROR_NONE);
+  std::mt19937 random(6);
+  std::uniform_real_distribution<float> unit(0.0f, 1.0f);
+  const Accel accel(s.same.scene);
+  double sum = 0.0;
+  size_t shaded = 0;
+  for (size_t i = 0; i < p.at.size(); ++i) {
+    const size_t k_rays = 2048;
+    RayBatch rays;
+    rays.resize(k_rays);
+    std::vector<uint32_t> all(k_rays);
+    std::vector<uint8_t> blocked(k_rays, 0);
+    for (size_t j = 0; j < k_rays; ++j) {
+      const float r = std::sqrt(unit(random)), phi = 2.0f * k_pi * unit(random);
+      rays.set(j, p.at[i] + Vec3(0, 1e-4f, 0), Vec3(r * std::cos(phi), std::sqrt(1.0f - r * r), r * std::sin(phi)),
+               k_infinity);
+      all[j] = uint32_t(j);
+    }
+    accel.occluded(rays, all, blocked.data());
+    double clear = 0.0;
+    for (const uint8_t b : blocked) clear += b ? 0.0 : 1.0 / double(k_rays);
+    EXPECT_NEAR(shares[i], clear, 0.06);
+    sum += std::abs(double(shares[i]) - clear);
+    shaded += clear < 0.9;
+  }
+  EXPECT_LE(sum / double(p.at.size()), 0.015);
+  EXPECT_GT(shaded, 3u);
+}
+
+TEST(ApiFields, AreTheSameFromAFile) {
+  const test::TemporaryFolder folder;
+  const std::string path = folder / "knot.vdb";
+  const Rays rays = random_rays(3000, 7);
+  std::vector<uint8_t> answers;
+  int64_t baked = 0, loaded = 0;
+  {
+    const ApiScene s;
+    answers = ask(s.scene, rays, true);
+    ASSERT_EQ(ftSaveField(s.scene, 0, path.c_str()), FT_ERROR_NONE);
+    ASSERT_EQ(ftGetMeshInt(s.scene, 0, "cells_baked", &baked), FT_ERROR_NONE);
+    EXPECT_EQ(ftSaveField(s.scene, 1, path.c_str()), FT_ERROR_INVALID_ARGUMENT);  // two triangles have no field
+  }
+  const ApiScene s;
+  ASSERT_EQ(ftLoadField(s.scene, 0, path.c_str()), FT_ERROR_NONE);
+  ASSERT_EQ(ftGetMeshInt(s.scene, 0, "cells_baked", &loaded), FT_ERROR_NONE);
+  EXPECT_EQ(baked, loaded);
+  EXPECT_GT(loaded, 0);
+  EXPECT_EQ(ask(s.scene, rays, true), answers);
+  ASSERT_EQ(ftGetMeshInt(s.scene, 0, "cells_baked", &loaded), FT_ERROR_NONE);
+  EXPECT_EQ(baked, loaded);
+}
+
+TEST(ApiRender, IsThatOfTheRenderer) {
+  const ApiScene s;
+  const float from[] = {3, 3, 5}, to[] = {0, 0.8f, 0}, up[] = {0, 1, 0}, sky[] = {1, 1, 1};
+  ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 45.0f, 24, 16), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneSky(s.scene, sky), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneInt(s.scene, "spp", 4), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneInt(s.scene, "max_depth", 2), FT_ERROR_NONE);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  std::vector<float> packed(24 * 16 * 3, -1.0f), spread(24 * 17 * 4, -1.0f);
+  ASSERT_EQ(ftRender(s.scene, packed.data(), 0, 0), FT_ERROR_NONE);
+  ASSERT_EQ(ftRender(s.scene, spread.data(), 4 * sizeof(float), 24 * 4 * sizeof(float)), FT_ERROR_NONE);
+  double sum = 0.0;
+  for (size_t i = 0; i < 24 * 16; ++i) {
+    for (size_t c = 0; c < 3; ++c) EXPECT_EQ(packed[3 * i + c], spread[4 * i + c]);
+    EXPECT_EQ(spread[4 * i + 3], -1.0f);
+    sum += double(packed[3 * i]);
+  }
+  EXPECT_GT(sum, 0.2 * 24 * 16);
+  EXPECT_LT(sum, 1.0 * 24 * 16);
+}
+
+}  // namespace
+}  // namespace fieldtrace
