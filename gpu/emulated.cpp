@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <utility>
 
 namespace fieldtrace::gpu {
 namespace {
@@ -156,12 +157,14 @@ Status EmulatedRuntime::free_host(void* memory) {
 
 Status EmulatedRuntime::copy_to_device(DeviceAddress to, const void* from, size_t bytes) {
   require(lies_inside(memory_, bytes_at(to), bytes) && lies_inside(host_memory_, from, bytes));
+  bytes_waiting_ += bytes;
   queue({bytes_at(to), from}, [=] { std::memcpy(bytes_at(to), from, bytes); });
   return count();
 }
 
 Status EmulatedRuntime::copy_to_host(void* to, DeviceAddress from, size_t bytes) {
   require(lies_inside(memory_, bytes_at(from), bytes) && lies_inside(host_memory_, to, bytes));
+  log_->bytes_down[int(last_kernel_)] += bytes;
   queue({bytes_at(from), to}, [=] { std::memcpy(to, bytes_at(from), bytes); });
   return count();
 }
@@ -186,6 +189,10 @@ Status EmulatedRuntime::launch(Kernel kernel, uint32_t blocks, const void* argum
   const auto copy = std::make_shared<std::vector<std::max_align_t>>(bytes / sizeof(std::max_align_t) + 1);
   std::memcpy(copy->data(), first, bytes);
   log_->launches[int(kernel)] += 1;
+  if (kernel != Kernel::scatter) {
+    log_->bytes_up[int(kernel)] += std::exchange(bytes_waiting_, 0);
+    last_kernel_ = kernel;
+  }
   queue({}, [=, run = faults_.run_kernel] { run(kernel, blocks, copy->data()); });
   return status;
 }

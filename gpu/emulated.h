@@ -38,6 +38,9 @@ struct EmulatedLog {
   uint64_t calls = 0, releases = 0, launches[k_kernels] = {}, synchronisations = 0;
   uint64_t allocated = 0, host_allocated = 0;  // not released yet
   uint64_t bytes = 0, peak_bytes = 0;          // of device memory
+  // Copied to the device before a question's kernel, and back after it, fields' copies included. A wave of several
+  // questions counts as one of its first and last.
+  uint64_t bytes_up[k_kernels] = {}, bytes_down[k_kernels] = {};
   uint64_t open_devices = 0, streams = 0;
   uint64_t misuse = 0;
 };
@@ -88,6 +91,8 @@ class EmulatedRuntime final : public Runtime {
   const std::shared_ptr<EmulatedLog> log_;
   std::map<std::byte*, size_t> memory_, host_memory_;
   std::vector<Work> work_;
+  uint64_t bytes_waiting_ = 0;  // for a kernel that they are counted for
+  Kernel last_kernel_ = Kernel::query;
 };
 
 }  // namespace fieldtrace::gpu

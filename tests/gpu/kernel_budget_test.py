@@ -63,6 +63,19 @@ def measure(ptxas, path):
     return architecture, kernels
 
 
+def write_budget(path, budget):
+    """A line for each figure of an architecture or of a scene's kernel."""
+    parts = [f'  "compiler": {json.dumps(budget["compiler"])}']
+    for part in ("kernels", "look_ups"):
+        groups = []
+        for name, group in sorted(budget.get(part, {}).items()):
+            rows = ",\n".join(f"      {json.dumps(k)}: {json.dumps(v)}" for k, v in group.items())
+            groups.append(f"    {json.dumps(name)}: {{\n{rows}\n    }}")
+        if groups:
+            parts.append(f"  {json.dumps(part)}: {{\n" + ",\n".join(groups) + "\n  }")
+    path.write_text("{\n" + ",\n".join(parts) + "\n}\n", encoding="utf-8")
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--ptxas", required=True)
@@ -78,12 +91,8 @@ def main():
         for name, figures in kernels.items():
             measured.setdefault(name, {})[architecture] = figures
     if options.update:
-        lines = []
-        for name, by_architecture in sorted(measured.items()):
-            rows = [f"      {json.dumps(a)}: {json.dumps(f)}" for a, f in by_architecture.items()]
-            lines.append(f"    {json.dumps(name)}: {{\n" + ",\n".join(rows) + "\n    }")
-        options.budget.write_text(f'{{\n  "compiler": {json.dumps(release)},\n  "kernels": {{\n' + ",\n".join(lines) +
-                                  "\n  }\n}\n", encoding="utf-8")
+        old = json.loads(options.budget.read_text(encoding="utf-8")) if options.budget.exists() else {}
+        write_budget(options.budget, {**old, "compiler": release, "kernels": measured})
         return 0
     budget = json.loads(options.budget.read_text(encoding="utf-8"))
     problems, excesses = [], []

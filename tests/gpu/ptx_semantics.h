@@ -315,9 +315,11 @@ inline void exchange(Lane* const lanes[k_lanes]) {
   }
 }
 
-// Runs a kernel of one warp a thread block. All lanes must come to the same exchange.
-template <class LaneState>
-void run_blocks(void (*run)(LaneState&), const char* kernel, uint32_t blocks, const void* arguments) {
+// Runs a kernel of one warp a thread block. All lanes must come to the same exchange. at_end: called with the lanes of
+// each warp that is done.
+template <class LaneState, class AtEnd>
+void run_blocks(void (*run)(LaneState&), const char* kernel, uint32_t blocks, const void* arguments,
+                const AtEnd& at_end) {
   for (uint32_t block = 0; block < blocks; ++block) {
     LaneState states[k_lanes];
     Lane* lanes[k_lanes];
@@ -338,7 +340,13 @@ void run_blocks(void (*run)(LaneState&), const char* kernel, uint32_t blocks, co
       if (at == Lane::k_exited) break;
       exchange(lanes);
     }
+    at_end(states);
   }
+}
+
+template <class LaneState>
+void run_blocks(void (*run)(LaneState&), const char* kernel, uint32_t blocks, const void* arguments) {
+  run_blocks(run, kernel, blocks, arguments, [](const LaneState(&)[k_lanes]) {});
 }
 
 }  // namespace fieldtrace::ptx

@@ -1,5 +1,6 @@
 // The functions that stand for PTX instructions give what the PTX ISA says, at the edges where C++ would not.
 #include "tests/gpu/ptx_semantics.h"
+#include "tests/gpu/ptx_counts.h"
 
 #include <gtest/gtest.h>
 
@@ -130,6 +131,29 @@ void part_of_a_warp(TestLane& s) {
 TEST(PtxSemantics, AWarpMustStayTogether) {
   EXPECT_THROW(run_blocks(&leave_early, "early", 1, nullptr), PtxFault);
   EXPECT_THROW(run_blocks(&part_of_a_warp, "part", 1, nullptr), PtxFault);
+}
+
+struct LaneOfTwoBlocks : CountedLane {
+  uint32_t runs[2] = {};
+};
+
+TEST(PtxCounts, OfAWarpThatParts) {
+  LaneOfTwoBlocks lanes[k_lanes];
+  for (uint32_t l = 0; l < k_lanes; ++l) {
+    lanes[l].runs[0] = 1;
+    lanes[l].runs[1] = l % 4;
+    // A row of words: 4 sectors. Then one word all lanes read, in a sector of the row, up to three times.
+    lanes[l].touch(7, 1024 + 4 * l);
+    for (uint32_t n = 0; n < l % 4; ++n) lanes[l].touch(9, 1056);
+  }
+  lanes[1].touch(9, 8192);  // its second run
+  constexpr uint32_t k_sizes[] = {10, 5};
+  const PtxCounts c = count_warp(lanes, k_sizes);
+  EXPECT_EQ(c.warps, 1u);
+  EXPECT_EQ(c.instructions, 10u + 3 * 5u);
+  EXPECT_EQ(c.requests, 1u + 3);
+  EXPECT_EQ(c.request_sectors, 4u + 1 + 2 + 1);
+  EXPECT_EQ(c.warp_sectors, 4u + 1);
 }
 
 }  // namespace

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """Translates the PTX of kernels into C++ that runs on the CPU, instruction by instruction.
 
-    ptx_to_cpp.py OUT.cpp IN.ptx...
+    ptx_to_cpp.py [--count] OUT.cpp IN.ptx...
+
+--count: for one IN.ptx, with counts of what its kernels do (tests/gpu/ptx_counts.h).
 
 Each kernel becomes a function that tests/gpu/ptx_semantics.h runs for one lane of a warp at a time: registers are typed
 locals, branches are gotos, and at an instruction that concerns other lanes (vote, shfl, bar.warp) a lane keeps the
@@ -73,6 +75,7 @@ def elements(operand):
 class Kernel:
     def __init__(self, name, parameters, body):
         self.name = name
+        self.counts = False
         match = re.fullmatch(r"\s*\.param\s+\.align\s+(\d+)\s+\.b8\s+(\w+)\[(\d+)\]\s*", parameters)
         if not match:
             raise ValueError(f"{name}: one structure is wanted as the parameter, not {parameters.strip()}")
@@ -400,6 +403,8 @@ class Kernel:
         code = [f"{{ const uint64_t at = {self.address(memory)};"]
         if count > 1:
             code.append(f"require_aligned(at, {size * count}, {name});")
+        if self.counts and "global" in mods:
+            code.append(f"s.touch({self.lines.index(i)}, at);")
         if base == "ld":
             # All words are read before a register of the address is written; `at` is a copy.
             code += [self.write(r, f"load<{c}>(at + {size * n}, {name})") for n, r in enumerate(registers)]
@@ -499,10 +504,12 @@ class Kernel:
         stops = [line for line in self.lines if is_exchange(line)]
         numbers = {id(line): n + 1 for n, line in enumerate(stops)}
         kept = sorted(set().union(*self.live_across.values())) if stops else []
-        code = [f"struct {self.name}_lane : Lane {{"]
+        code = [f"struct {self.name}_lane : {'CountedLane' if self.counts else 'Lane'} {{"]
         code += [f"  {C_TYPES[self.registers[r]]} kept_{self.cpp_name(r)};" for r in kept]
         if self.local_bytes:
             code.append(f"  alignas(16) unsigned char local[{self.local_bytes}];")
+        if self.counts:
+            code.append(f"  uint32_t runs[{len(self.lines) + 1}] = {{}};")
         code += ["};", f"void run_{self.name}({self.name}_lane& s) {{"]
         used = set()
         for line in self.lines:
@@ -513,11 +520,19 @@ class Kernel:
         code.append("  switch (s.at) {")
         code += [f"    case {n}: goto resume_{n};" for n in numbers.values()] + ["    default: break;", "  }"]
         targets = {line.operands[0] for line in self.lines if isinstance(line, Instruction) and line.parts[0] == "bra"}
+        self.block_sizes, starts_block = [], True
         for line in self.lines:
             if isinstance(line, str):
                 if line in targets:
                     code.append(f"{label_name(line)}:;")
+                    starts_block = True
                 continue
+            if starts_block:
+                if self.counts:
+                    code.append(f"  ++s.runs[{len(self.block_sizes)}];")
+                self.block_sizes.append(0)
+            self.block_sizes[-1] += 1
+            starts_block = line.parts[0] in ("bra", "ret", "exit") or is_exchange(line)
             try:
                 text = self.translate(line, numbers.get(id(line)))
             except Refusal as refusal:
@@ -584,7 +599,34 @@ def target_of(text):
     return re.search(r"^\.target\s+(\w+)", text, re.M).group(1)
 
 
+def counting(path):
+    """C++ of the kernels of a PTX file that count what they do."""
+    text = open(path, encoding="utf-8").read()
+    target, (kernels, _) = target_of(text), parse(text)
+    code = ["// Made by tests/gpu/ptx_to_cpp.py --count.", '#include "tests/gpu/ptx_counts.h"',
+            "", "namespace fieldtrace::ptx {", "namespace {"]
+    table = []
+    for kernel in kernels:
+        kernel.counts = True
+        code.append(kernel.to_cpp())
+        sizes = ", ".join(f"{n}u" for n in kernel.block_sizes)
+        code.append(f"constexpr uint32_t k_sizes_{kernel.name}[] = {{{sizes}}};")
+        code.append(f"PtxCounts launch_{kernel.name}(uint32_t blocks, const void* arguments) {{\n  PtxCounts counts;\n"
+                    f'  run_blocks(run_{kernel.name}, "{kernel.name}", blocks, arguments,\n'
+                    f"             [&](const auto& lanes) {{ counts += count_warp(lanes, k_sizes_{kernel.name}); }});\n"
+                    "  return counts;\n}")
+        table.append(f'    {{"{target}", "{kernel.name}", {sum(kernel.block_sizes)}, launch_{kernel.name}}},')
+    return code + ["}  // namespace", "", "const std::vector<CountingKernel>& counting_kernels() {",
+                   "  static const std::vector<CountingKernel> kernels = {", *table, "  };", "  return kernels;", "}", "",
+                   "}  // namespace fieldtrace::ptx", ""]
+
+
 def main():
+    if sys.argv[1] == "--count":
+        _, _, out, path = sys.argv
+        with open(out, "w", encoding="utf-8") as file:
+            file.write("\n".join(counting(path)))
+        return
     out, inputs = sys.argv[1], sys.argv[2:]
     variants = {}  # text without its target -> targets
     for path in inputs:

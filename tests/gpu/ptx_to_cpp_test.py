@@ -37,12 +37,37 @@ def translate(*texts):
         return pathlib.Path(out).read_text(encoding="utf-8")
 
 
+def counting(text):
+    """The generated C++ that counts."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, out = f"{folder}/in.ptx", f"{folder}/out.cpp"
+        pathlib.Path(path).write_text(text, encoding="utf-8")
+        subprocess.run([sys.executable, HERE / "ptx_to_cpp.py", "--count", out, path], check=True)
+        return pathlib.Path(out).read_text(encoding="utf-8")
+
+
 def refusals(body):
     code = translate(HEAD.format("sm_90") + KERNEL.format(body))
     return re.findall(r'^    "(sm_90: .*)",$', code, re.M)
 
 
 class PtxToCpp(unittest.TestCase):
+    def test_counts_blocks_and_touches_of_global_memory(self):
+        code = counting(HEAD.format("sm_90") + KERNEL.format("""
+	ld.param.u64 %rd1, [kernel_param_0];
+	ld.global.u32 %r1, [%rd1];
+	setp.eq.s32 %p1, %r1, 0;
+	@%p1 bra $L1;
+	st.global.u32 [%rd1+64], %r1;
+	vote.sync.ballot.b32 %r2, %p1, -1;
+	add.s32 %r1, %r1, 1;
+$L1:
+	add.s32 %r1, %r1, 2;"""))
+        self.assertIn("k_sizes_kernel[] = {4u, 2u, 1u, 2u}", code)
+        self.assertIn('{"sm_90", "kernel", 9, launch_kernel}', code)
+        self.assertEqual(code.count("s.touch("), 2)
+        self.assertEqual(code.count("++s.runs["), 4)
+
     def test_refuses_by_name(self):
         for instruction, why in [
                 ("fma.rn.f32 %f1, %f2, %f3, %f4", "a fused multiply-add"),
