@@ -19,9 +19,9 @@ GpuDevice::GpuDevice(std::unique_ptr<Runtime> runtime, std::span<const std::byte
   try {
     check(r, r.open(0), ("opening " + properties.name).c_str());
     check(r, r.load_kernels(kernels), ("loading the kernels into " + properties.name).c_str());
-    check(r, r.create_stream(), "making a stream");
+    check(r, r.create_streams(), "making streams");
     memory_.emplace(r, options.memory ? options.memory : properties.memory);
-    wave_.emplace(*memory_);
+    for (Stream s = 0; s < k_streams; ++s) waves_.push_back(std::make_unique<Wave>(*memory_, s));
   } catch (...) {
     release();
     throw;
@@ -38,26 +38,23 @@ void GpuDevice::say_warnings() {
   warnings_.clear();
 }
 
+// No wave may be busy.
 void GpuDevice::release() {
   if (!is_open_) return;
   is_open_ = false;
   // What fails here has failed before, or hurts nobody.
   (void)runtime_->enter();
-  (void)runtime_->synchronise();
+  for (Stream s = 0; s < k_streams; ++s) (void)runtime_->synchronise(s);
   mirrors_.clear();
-  retired_.clear();
-  retired_mirrors_.clear();
-  wave_.reset();
-  (void)runtime_->destroy_stream();
+  waves_.clear();
+  (void)runtime_->destroy_streams();
   (void)runtime_->close();
 }
 
 void GpuDevice::lose(const std::string& why) {
-  release();
-  {
-    const std::lock_guard lock(mutex_);
-    is_lost_ = true;
-  }
+  const std::lock_guard lock(mutex_);
+  if (is_lost_) return;
+  is_lost_ = true;
   try {
     warnings_.push_back("the GPU is not used any more: " + why + "; the CPU answers instead");
   } catch (const std::bad_alloc&) {
@@ -65,136 +62,188 @@ void GpuDevice::lose(const std::string& why) {
   }
 }
 
+template <class Work>
+bool GpuDevice::attempt(const Work& work) {
+  try {
+    work();
+    return true;
+  } catch (const std::exception& e) {
+    lose(e.what());
+    return false;
+  }
+}
+
 void GpuDevice::ask(Question& question) {
   if (question.blocks.empty()) return;
-  std::unique_lock lock(mutex_);
+  Lock lock(mutex_);
   if (is_lost_) {
     counts_.blocks_cpu += question.blocks.size();
     return;
   }
   waiting_.push_back(&question);
   while (!question.is_done) {
-    if (runs_) {
+    Wave* const wave = is_used_ || question.is_taken ? nullptr : free_wave();
+    if (wave) {
+      run(lock, *wave);
+    } else {
       changed_.wait(lock);
-      continue;
     }
-    runs_ = true;
-    std::vector<Question*> wave;
-    wave.swap(waiting_);
-    lock.unlock();
-    run(wave);
+  }
+}
+
+// Any if the device is lost and released: then there are none, and nobody waits.
+GpuDevice::Wave* GpuDevice::free_wave() {
+  for (int i = 1; i <= int(waves_.size()); ++i) {
+    const int w = (last_wave_ + i) % int(waves_.size());
+    if (waves_[size_t(w)]->is_busy) continue;
+    last_wave_ = w;
+    return waves_[size_t(w)].get();
+  }
+  return nullptr;
+}
+
+void GpuDevice::run(Lock& lock, Wave& wave) {
+  std::vector<Question*> questions;
+  questions.swap(waiting_);
+  for (Question* q : questions) q->is_taken = true;
+  wave.is_busy = is_used_ = true;
+  const bool was_lost = is_lost_;
+  const auto give_back = [&] {
     lock.lock();
-    for (Question* q : wave) {
-      q->is_done = true;
-      size_t left = q->is_answered ? 0 : q->blocks.size();
-      for (size_t warp = 0; q->is_answered && warp < q->blocks.size(); ++warp) left += q->not_baked(warp);
-      counts_.blocks += q->blocks.size() - left;
-      counts_.blocks_cpu += left;
-    }
-    counts_.waves += 1;
-    if (memory_) {
-      counts_.bytes_resident = memory_->used();
-      counts_.bytes_peak = memory_->peak();
-    }
-    runs_ = false;
+    is_used_ = false;
     changed_.notify_all();
+  };
+  lock.unlock();
+  bool is_right = !was_lost && attempt([&] { submit(wave, questions); });
+  give_back();
+  lock.unlock();
+  is_right = is_right && attempt([&] { collect(wave, questions); });
+  lock.lock();
+  changed_.wait(lock, [&] { return !is_used_; });
+  is_used_ = true;
+  lock.unlock();
+  // Of a failed wave everything stays until no other is busy, which may use it.
+  if (is_right) attempt([&] { tidy(wave, questions); });
+  const uint64_t used = memory_->used(), peak = memory_->peak();
+  give_back();
+  wave.is_busy = false;
+  for (Question* q : questions) {
+    q->is_done = true;
+    size_t left = q->is_answered ? 0 : q->blocks.size();
+    for (size_t warp = 0; q->is_answered && warp < q->blocks.size(); ++warp) left += q->not_baked(warp);
+    counts_.blocks += q->blocks.size() - left;
+    counts_.blocks_cpu += left;
   }
+  counts_.waves += 1;
+  counts_.bytes_resident = used;
+  counts_.bytes_peak = peak;
+  if (!is_lost_) return;
+  for (const auto& other : waves_) {
+    if (other->is_busy) return;
+  }
+  // The last one out; questions that wait are left to the CPU.
+  for (Question* q : waiting_) {
+    q->is_done = true;
+    counts_.blocks_cpu += q->blocks.size();
+  }
+  waiting_.clear();
+  release();
 }
 
-void GpuDevice::run(std::span<Question* const> questions) {
-  if (!is_open_) return;
-  try {
-    run_wave(questions);
-  } catch (const std::exception& e) {
-    lose(e.what());
-  }
-}
-
-void GpuDevice::leave_out(const Field& field, const std::string& why) {
+void GpuDevice::leave_out(Wave& wave, const Field& field, const std::string& why) {
   const FieldParameters& p = field.parameters();
+  std::unique_ptr<FieldMirror>& mirror = mirrors_[&field];
+  if (mirror) wave.left_out.push_back(std::move(mirror));
+  mirror = nullptr;
+  const std::lock_guard lock(mutex_);
   warnings_.push_back("a field of " + std::to_string(p.directions) + " x " + std::to_string(p.plane) +
                       " cells does not fit into the GPU's memory (" + why + "); the CPU answers for its object");
-  std::unique_ptr<FieldMirror>& mirror = mirrors_[&field];
-  if (mirror) retired_mirrors_.push_back(std::move(mirror));
-  mirror = nullptr;
 }
 
 // Once for each field of a wave: what a mirror has put into the packet stays where it is until the packet is spread.
-void GpuDevice::stage_mirror(const Field& field) {
+void GpuDevice::stage_mirror(Wave& wave, const Field& field) {
   const auto [found, is_new] = mirrors_.try_emplace(&field);
-  const Packet& packet = wave_->packet;
+  Packet& packet = wave.packet;
   const size_t words = packet.words.size(), runs = packet.runs.size();
   try {
-    if (is_new) found->second = std::make_unique<FieldMirror>(field, *memory_, retired_);
-    if (found->second) found->second->stage(wave_->packet);
+    if (is_new) found->second = std::make_unique<FieldMirror>(field, *memory_);
+    if (found->second) found->second->stage(packet, wave.stream);
   } catch (const OutOfDeviceMemory& e) {
-    wave_->packet.words.resize(words);
-    wave_->packet.runs.resize(runs);
-    leave_out(field, e.what());
+    packet.words.resize(words);
+    packet.runs.resize(runs);
+    leave_out(wave, field, e.what());
   }
 }
 
-// Copies all that is staged to the device, and starts the kernels.
-void GpuDevice::start(std::span<Question* const> questions) {
-  Wave& wave = *wave_;
+void GpuDevice::update_mirrors(Wave& wave, Questions questions) {
+  std::set<const Field*> staged;
+  for (Question* q : questions) {
+    if (staged.insert(&q->field).second) stage_mirror(wave, q->field);
+    q->mirror = mirrors_[&q->field].get();
+  }
   const Packet& packet = wave.packet;
-  const size_t runs = wave.in.append(packet.runs.data(), packet.runs.size() * sizeof(ScatterRun));
-  const size_t words = wave.in.append(packet.words.data(), packet.words.size() * sizeof(uint32_t));
-  for (StagingBuffer* buffer : {&wave.in, &wave.out, &wave.missing}) buffer->ensure_device();
-  wave.in.copy_to_device();
-  if (!packet.runs.empty()) {
-    const ScatterArguments arguments = {wave.in.device<const ScatterRun>(runs), wave.in.device<const uint32_t>(words),
-                                        uint32_t(packet.runs.size())};
-    check(*runtime_, runtime_->launch(Kernel::scatter, arguments.warps, &arguments, sizeof arguments),
-          "starting the kernel scatter");
-  }
-  for (const Question* q : questions) {
-    if (q->mirror) check(*runtime_, q->launch(*runtime_, q->mirror->view(), wave), "starting a kernel");
-  }
-  wave.out.copy_to_host();
+  if (packet.runs.empty()) return;
+  const size_t runs = wave.fields.append(packet.runs.data(), packet.runs.size() * sizeof(ScatterRun));
+  const size_t words = wave.fields.append(packet.words.data(), packet.words.size() * sizeof(uint32_t));
+  wave.fields.ensure_device();
+  wave.fields.copy_to_device(wave.stream);
+  const ScatterArguments arguments = {wave.fields.device<const ScatterRun>(runs),
+                                      wave.fields.device<const uint32_t>(words), uint32_t(packet.runs.size())};
+  check(*runtime_, runtime_->launch(wave.stream, Kernel::scatter, arguments.warps, &arguments, sizeof arguments),
+        "starting the kernel scatter");
 }
 
-void GpuDevice::run_wave(std::span<Question* const> questions) {
+// Copies the questions to the device while the other stream's wave runs, then starts the kernels after that one's.
+void GpuDevice::submit(Wave& wave, Questions questions) {
   Runtime& r = *runtime_;
-  Wave& wave = *wave_;
   check(r, r.enter(), "choosing the device");
-  for (StagingBuffer* buffer : {&wave.in, &wave.out, &wave.missing}) buffer->clear();
+  for (StagingBuffer* buffer : {&wave.in, &wave.fields, &wave.out, &wave.missing}) buffer->clear();
   wave.packet.words.clear();
   wave.packet.runs.clear();
-  std::set<const Field*> staged;
-  size_t asked = 0;
   for (Question* q : questions) {
-    if (staged.insert(&q->field).second) stage_mirror(q->field);
-    q->mirror = mirrors_[&q->field].get();
-    if (!q->mirror) continue;
-    ++asked;
+    const auto found = mirrors_.find(&q->field);
+    if (found != mirrors_.end() && !found->second) continue;
     q->stage(wave.in, wave.out);
     q->missing = wave.missing.reserve(q->blocks.size() * k_missing_words * sizeof(uint32_t));
   }
-  if (asked > 0) start(questions);
-  check(r, r.synchronise(), "waiting for the GPU");
-  retired_.clear();
-  retired_mirrors_.clear();
-  if (asked > 0) collect(questions);
+  for (StagingBuffer* buffer : {&wave.in, &wave.out, &wave.missing}) buffer->ensure_device();
+  wave.in.copy_to_device(wave.stream);
+  for (Stream other = 0; other < k_streams; ++other) {
+    if (other != wave.stream) check(r, r.follow(wave.stream, other), "ordering streams");
+  }
+  update_mirrors(wave, questions);
+  for (const Question* q : questions) {
+    if (q->mirror) check(r, q->launch(r, q->mirror->view(), wave), "starting a kernel");
+  }
+  wave.out.copy_to_host(wave.stream);
 }
 
-void GpuDevice::collect(std::span<Question* const> questions) {
+void GpuDevice::collect(Wave& wave, Questions questions) {
+  check(*runtime_, runtime_->synchronise(wave.stream), "waiting for the GPU");
   bool any_missing = false;
   for (Question* q : questions) {
     if (!q->mirror) continue;
-    q->take_answers(wave_->out);
+    q->take_answers(wave.out);
     q->is_answered = true;
     for (size_t warp = 0; warp < q->blocks.size(); ++warp) any_missing = any_missing || q->not_baked(warp);
   }
   if (!any_missing) return;
-  wave_->missing.copy_to_host();
-  check(*runtime_, runtime_->synchronise(), "waiting for the GPU");
+  wave.missing.copy_to_host(wave.stream);
+  check(*runtime_, runtime_->synchronise(wave.stream), "waiting for the GPU");
+}
+
+// Remembers what was missing, and releases what no stream uses any more: later waves have other pools, and those before
+// are done, since this one followed them.
+void GpuDevice::tidy(Wave& wave, Questions questions) {
+  wave.packet.outgrown.clear();
+  wave.left_out.clear();
   for (const Question* q : questions) {
-    if (!q->mirror) continue;
+    const auto mirror = mirrors_.find(&q->field);
+    if (!q->is_answered || mirror == mirrors_.end() || !mirror->second) continue;
     for (size_t warp = 0; warp < q->blocks.size(); ++warp) {
       if (!q->not_baked(warp)) continue;
       const size_t at = q->missing + warp * k_missing_words * sizeof(uint32_t);
-      q->mirror->want({wave_->missing.host<const uint32_t>(at), k_missing_words});
+      mirror->second->want({wave.missing.host<const uint32_t>(at), k_missing_words});
     }
   }
 }

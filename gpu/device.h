@@ -1,11 +1,14 @@
 // A GPU as a VisibilityDevice: questions of all threads in waves, answers merged by those who asked.
 //
-// A thread hands in the blocks of one occluder and waits. Whoever comes first while no wave runs makes one of all that
-// wait: copies of what the fields' mirrors lack, the questions' arrays in one transfer, a launch for each question, the
-// answers in one transfer, one synchronisation. Blocks that met what is not resident go to the CPU's kernels, which
-// report what must be baked, as ever. After a failure of any call a warning says so, and the CPU answers everything.
-// An object that does not fit into the device's memory is left to the CPU, with a warning.
-// Thread-safety: as VisibilityDevice.
+// A thread hands in the blocks of one occluder and waits. Whoever comes first while a wave is free submits all that
+// wait: the questions' arrays in one transfer, copies of what the fields' mirrors lack, a launch for each question, the
+// answers in one transfer; then it waits for them, while the next wave is submitted. There is a wave for each stream,
+// with staging buffers of its own, taken in turn. A wave's arrays go up while the one before runs; its changes of
+// mirrors and its kernels follow that one's. Threads that do not wait trace exact rays meanwhile.
+//
+// Blocks that met what is not resident go to the CPU's kernels, which report what must be baked, as ever. After a
+// failure of any call a warning says so, and the CPU answers everything. An object that does not fit into the device's
+// memory is left to the CPU, with a warning. Thread-safety: as VisibilityDevice.
 #pragma once
 
 #include <condition_variable>
@@ -42,21 +45,32 @@ class GpuDevice final : public VisibilityDevice {
   struct Question;  // gpu/device_questions.h
   // What one wave sends and receives.
   struct Wave {
-    explicit Wave(DeviceMemory& memory) : in(memory), out(memory), missing(memory) {}
-    StagingBuffer in, out, missing;
+    Wave(DeviceMemory& memory, Stream s) : stream(s), in(memory), fields(memory), out(memory), missing(memory) {}
+    const Stream stream;
+    StagingBuffer in, fields, out, missing;  // questions, packet, answers
     Packet packet;
+    std::vector<std::unique_ptr<FieldMirror>> left_out;  // which streams may still use
+    bool is_busy = false;                                // from being taken until its questions are answered
   };
 
  private:
+  using Lock = std::unique_lock<std::mutex>;
+  using Questions = std::span<Question* const>;
+
   // Returns when the question is answered, or left to the CPU.
   void ask(Question& question);
-  // Never throws: what fails loses the device.
-  void run(std::span<Question* const> questions);
-  void run_wave(std::span<Question* const> questions);
-  void start(std::span<Question* const> questions);
-  void collect(std::span<Question* const> questions);
-  void stage_mirror(const Field& field);
-  void leave_out(const Field& field, const std::string& why);
+  Wave* free_wave();
+  // Answers all that wait. Called and left with the lock; never throws.
+  void run(Lock& lock, Wave& wave);
+  void submit(Wave& wave, Questions questions);
+  void update_mirrors(Wave& wave, Questions questions);
+  void collect(Wave& wave, Questions questions);
+  void tidy(Wave& wave, Questions questions);
+  void stage_mirror(Wave& wave, const Field& field);
+  void leave_out(Wave& wave, const Field& field, const std::string& why);
+  // Whether `work` did not throw; else the device is lost.
+  template <class Work>
+  bool attempt(const Work& work);
   void lose(const std::string& why);
   void say_warnings();
   void release();
@@ -65,17 +79,16 @@ class GpuDevice final : public VisibilityDevice {
   CpuDevice cpu_;
   WarningSink warning_;
   std::vector<std::string> warnings_;  // not said yet, since threads report progress meanwhile
-  mutable std::mutex mutex_;
+  mutable std::mutex mutex_;           // guards what comes before `memory_`, and the counts
   std::condition_variable changed_;
   std::vector<Question*> waiting_;
-  bool runs_ = false;  // a wave; its thread alone uses what follows
+  int last_wave_ = 0;
+  bool is_used_ = false;  // by a thread, which alone uses the memory and mirrors
   bool is_open_ = false, is_lost_ = false;
+  DeviceCounts counts_;
   std::optional<DeviceMemory> memory_;
-  std::optional<Wave> wave_;
+  std::vector<std::unique_ptr<Wave>> waves_;                      // k_streams
   std::map<const Field*, std::unique_ptr<FieldMirror>> mirrors_;  // null: left out
-  std::vector<DeviceBuffer> retired_;                             // until the next synchronisation
-  std::vector<std::unique_ptr<FieldMirror>> retired_mirrors_;
-  DeviceCounts counts_;  // guarded by the mutex
 };
 
 // The devices of a runtime, a line each, or why there are none.

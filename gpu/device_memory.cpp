@@ -57,14 +57,16 @@ void StagingBuffer::ensure_device() {
   device_ = DeviceBuffer(memory_, capacity_);
 }
 
-void StagingBuffer::copy_to_device() {
+void StagingBuffer::copy_to_device(Stream stream) {
   if (size_ == 0) return;
-  check(memory_.runtime(), memory_.runtime().copy_to_device(device_.address(), host_, size_), "copying to the device");
+  Runtime& runtime = memory_.runtime();
+  check(runtime, runtime.copy_to_device(stream, device_.address(), host_, size_), "copying to the device");
 }
 
-void StagingBuffer::copy_to_host() {
+void StagingBuffer::copy_to_host(Stream stream) {
   if (size_ == 0) return;
-  check(memory_.runtime(), memory_.runtime().copy_to_host(host_, device_.address(), size_), "copying from the device");
+  Runtime& runtime = memory_.runtime();
+  check(runtime, runtime.copy_to_host(stream, host_, device_.address(), size_), "copying from the device");
 }
 
 }  // namespace fieldtrace::gpu

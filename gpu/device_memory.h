@@ -104,8 +104,8 @@ class StagingBuffer {
   // Makes the device memory as large as the host's. No stream may use it.
   void ensure_device();
   // Copies all that is filled.
-  void copy_to_device();
-  void copy_to_host();
+  void copy_to_device(Stream stream);
+  void copy_to_host(Stream stream);
 
  private:
   DeviceMemory& memory_;

@@ -25,8 +25,7 @@ void Packet::add(DeviceAddress to, const void* from, uint32_t count) {
   std::memcpy(words.data() + words.size() - count, from, count * k_word);
 }
 
-FieldMirror::FieldMirror(const Field& field, DeviceMemory& memory, std::vector<DeviceBuffer>& retired)
-    : field_(field), memory_(memory), retired_(retired) {
+FieldMirror::FieldMirror(const Field& field, DeviceMemory& memory) : field_(field), memory_(memory) {
   const FieldView v = field.view();
   top_.resize(size_t(v.direction_bricks) * size_t(v.direction_bricks));
   pages_.resize(size_t(v.plane_bricks));
@@ -35,24 +34,26 @@ FieldMirror::FieldMirror(const Field& field, DeviceMemory& memory, std::vector<D
   page_pool_.item_bytes = size_t(v.plane_bricks) * k_word;
 }
 
-void FieldMirror::make_pools() {
-  grow(top_pool_, top_.size());
-  grow(page_pool_, 1);
-  grow(tile_table_, tile_of_.size());
-  for (Pool* pool : {&visibility_, &depth_, &certificate_, &sums_}) grow(*pool, k_first_items);
+void FieldMirror::make_pools(const Growth& growth) {
+  grow(top_pool_, top_.size(), growth);
+  grow(page_pool_, 1, growth);
+  grow(tile_table_, tile_of_.size(), growth);
+  for (Pool* pool : {&visibility_, &depth_, &certificate_, &sums_}) grow(*pool, k_first_items, growth);
 }
 
-void FieldMirror::grow(Pool& pool, size_t items) {
+void FieldMirror::grow(Pool& pool, size_t items, const Growth& growth) {
   if (items <= pool.capacity) return;
   const bool is_first = pool.capacity == 0;
   pool.capacity = std::max(2 * pool.capacity, items);
-  // Both stay owned whatever fails, since the stream uses them.
-  retired_.push_back(std::exchange(pool.buffer, DeviceBuffer(memory_, pool.capacity * pool.item_bytes + k_word)));
+  // Both stay owned whatever fails, since streams use them.
+  growth.outgrown.push_back(
+      std::exchange(pool.buffer, DeviceBuffer(memory_, pool.capacity * pool.item_bytes + k_word)));
   Runtime& runtime = memory_.runtime();
-  check(runtime, runtime.fill_zero(pool.buffer.address(), pool.buffer.bytes()), "clearing device memory");
-  const DeviceBuffer& old = retired_.back();
+  const DeviceAddress to = pool.buffer.address();
+  check(runtime, runtime.fill_zero(growth.stream, to, pool.buffer.bytes()), "clearing device memory");
+  const DeviceBuffer& old = growth.outgrown.back();
   if (is_first) return;
-  check(runtime, runtime.copy_on_device(pool.buffer.address(), old.address(), old.bytes()), "copying on the device");
+  check(runtime, runtime.copy_on_device(growth.stream, to, old.address(), old.bytes()), "copying on the device");
 }
 
 void FieldMirror::want(std::span<const uint32_t> words) {
@@ -119,8 +120,9 @@ void FieldMirror::add_tile(uint32_t slot, Packet& packet) {
   changes_.push_back({&tile_table_, slot, tile_of_[slot]});
 }
 
-void FieldMirror::stage(Packet& packet) {
-  if (top_pool_.capacity == 0) make_pools();
+void FieldMirror::stage(Packet& packet, Stream stream) {
+  const Growth growth = {packet.outgrown, stream};
+  if (top_pool_.capacity == 0) make_pools(growth);
   std::sort(wanted_.begin(), wanted_.end());
   wanted_.erase(std::unique(wanted_.begin(), wanted_.end()), wanted_.end());
   const auto later = std::partition(wanted_.begin(), wanted_.end(), [&](uint32_t word) { return take(word); });
@@ -131,9 +133,9 @@ void FieldMirror::stage(Packet& packet) {
   size_t tiles = size_t(tile_count_);
   changes_.clear();
   for (const uint32_t word : taken_) is_tile(word) ? ++tiles : brick_of_slice(missing_number(word));
-  grow(page_pool_, size_t(page_count_));
-  for (Pool* pool : {&visibility_, &depth_, &certificate_}) grow(*pool, resident_.size());
-  grow(sums_, tiles);
+  grow(page_pool_, size_t(page_count_), growth);
+  for (Pool* pool : {&visibility_, &depth_, &certificate_}) grow(*pool, resident_.size(), growth);
+  grow(sums_, tiles, growth);
   for (const uint32_t word : taken_) is_tile(word) ? add_tile(missing_number(word), packet) : add_slice(word, packet);
   for (const Change& c : changes_) packet.add(c.pool->buffer.address() + c.index * k_word, &c.value, 1);
 }

@@ -1,9 +1,9 @@
 // A field's copy in device memory: the slices and tiles that the device's questions have met and the CPU has finished.
 //
 // Questions name what they met and did not find (`missing`); it is copied as soon as it is finished, in stream order
-// before the next wave of questions. The copy numbers pages, bricks and tiles by itself; a slice that is not there
-// reads as not baked, as in the field (field/store/layout.hd.h). Thread-safety: one thread at a time; the field may
-// grow meanwhile, since finished cells do not change.
+// before the next wave of questions; waves of other streams follow (Runtime::follow). The copy numbers pages, bricks
+// and tiles by itself; a slice that is not there reads as not baked, as in the field (field/store/layout.hd.h).
+// Thread-safety: one thread at a time; the field may grow meanwhile, since finished cells do not change.
 #pragma once
 
 #include <vector>
@@ -18,20 +18,22 @@ namespace fieldtrace::gpu {
 struct Packet {
   std::vector<uint32_t> words;
   std::vector<ScatterRun> runs;
+  // Of pools that were outgrown: streams may still use them.
+  std::vector<DeviceBuffer> outgrown;
 
   void add(DeviceAddress to, const void* from, uint32_t count);
 };
 
 class FieldMirror {
  public:
-  // `retired` receives buffers that were outgrown, which the stream may still use.
-  FieldMirror(const Field& field, DeviceMemory& memory, std::vector<DeviceBuffer>& retired);
+  FieldMirror(const Field& field, DeviceMemory& memory);
 
   // `words`: of `missing`, k_nothing among them.
   void want(std::span<const uint32_t> words);
-  // Makes room for what is wanted and finished, and adds it to `packet`, which must be spread before the next call.
-  // Throws OutOfDeviceMemory, or DeviceError; the mirror is then of no use, but the stream may use it.
-  void stage(Packet& packet);
+  // Makes room for what is wanted and finished, by work of `stream`, and adds it to `packet`, which must be spread
+  // there before the next call. Throws OutOfDeviceMemory, or DeviceError; the mirror is then of no use, but streams may
+  // use it.
+  void stage(Packet& packet, Stream stream);
   // With device addresses; complete when the packet has been spread.
   FieldView view() const;
 
@@ -43,16 +45,21 @@ class FieldMirror {
     DeviceBuffer buffer = {};  // a word larger: look-ups of bytes read whole words
   };
 
-  void make_pools();
+  // How pools grow.
+  struct Growth {
+    std::vector<DeviceBuffer>& outgrown;
+    Stream stream;
+  };
+
+  void make_pools(const Growth& growth);
   bool take(uint32_t word);
-  void grow(Pool& pool, size_t items);
+  void grow(Pool& pool, size_t items, const Growth& growth);
   uint32_t brick_of_slice(uint32_t slice);
   void add_slice(uint32_t word, Packet& packet);
   void add_tile(uint32_t slot, Packet& packet);
 
   const Field& field_;
   DeviceMemory& memory_;
-  std::vector<DeviceBuffer>& retired_;
   std::vector<uint32_t> wanted_, taken_;
   // What the tables on the device hold, and the words of them that the next packet changes.
   std::vector<int32_t> top_, pages_, tile_of_;

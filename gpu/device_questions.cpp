@@ -9,8 +9,8 @@ namespace fieldtrace::gpu {
 namespace {
 
 template <class Arguments>
-Status launch_kernel(Runtime& runtime, Kernel kernel, const Arguments& arguments) {
-  return runtime.launch(kernel, arguments.warps, &arguments, sizeof arguments);
+Status launch_kernel(Runtime& runtime, const GpuDevice::Wave& wave, Kernel kernel, const Arguments& arguments) {
+  return runtime.launch(wave.stream, kernel, arguments.warps, &arguments, sizeof arguments);
 }
 
 uint32_t* missing_of(const GpuDevice::Question& q, const GpuDevice::Wave& wave) {
@@ -62,7 +62,7 @@ struct ConeQuestion : MaskQuestion<ConeMasks> {
                        missing_of(*this, wave),
                        uint32_t(blocks.size())};
     a.task.segment.field = view;
-    return launch_kernel(runtime, Kernel::light_cones, a);
+    return launch_kernel(runtime, wave, Kernel::light_cones, a);
   }
 
   const ConeTask& task;
@@ -102,7 +102,7 @@ struct StratumQuestion : MaskQuestion<StratumMasks> {
                           missing_of(*this, wave),
                           uint32_t(blocks.size())};
     a.task.segment.field = view;
-    return launch_kernel(runtime, Kernel::filter_strata, a);
+    return launch_kernel(runtime, wave, Kernel::filter_strata, a);
   }
 
   void take_answers(const StagingBuffer& out) override {
@@ -139,7 +139,7 @@ struct RayQuestion : MaskQuestion<RayMasks> {
                         missing_of(*this, wave),
                         uint32_t(blocks.size())};
     a.task.field = view;
-    return launch_kernel(runtime, Kernel::query, a);
+    return launch_kernel(runtime, wave, Kernel::query, a);
   }
 
   const SegmentTask& task;

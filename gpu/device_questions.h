@@ -24,9 +24,9 @@ struct GpuDevice::Question {
 
   const Field& field;
   const std::vector<uint32_t> blocks;  // that are asked about, by their first entry; warp i has the block i
-  FieldMirror* mirror = nullptr;       // of the field; null: the CPU answers
+  FieldMirror* mirror = nullptr;       // of the field, while it is submitted; null: the CPU answers
   size_t missing = 0;                  // place of its words
-  bool is_done = false, is_answered = false;
+  bool is_taken = false, is_done = false, is_answered = false;  // by a wave
 };
 
 // The entries of `blocks` in an array.

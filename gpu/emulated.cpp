@@ -5,6 +5,8 @@
 #include <cstring>
 #include <utility>
 
+#include "gpu/device_arguments.h"
+
 namespace fieldtrace::gpu {
 namespace {
 
@@ -55,19 +57,29 @@ bool EmulatedRuntime::lies_inside(const std::map<std::byte*, size_t>& memory, co
   return begin + bytes <= after->first + after->second;
 }
 
-void EmulatedRuntime::queue(std::vector<const void*> uses, std::function<void()> run) {
+void EmulatedRuntime::queue(Stream stream, std::vector<const void*> uses, std::function<void()> run) {
   require(log_->streams > 0);
-  work_.push_back({std::move(run), std::move(uses)});
+  queues_[stream].work.push_back({std::move(run), std::move(uses)});
+}
+
+void EmulatedRuntime::run_until(Stream stream, uint64_t end) {
+  Queue& q = queues_[stream];
+  while (q.begun < end && !q.work.empty()) {
+    const Work work = std::move(q.work.front());
+    q.work.pop_front();
+    ++q.begun;
+    work.run();
+  }
 }
 
 void EmulatedRuntime::release(std::map<std::byte*, size_t>& memory, void* address) {
   const auto found = memory.find(static_cast<std::byte*>(address));
   require(found != memory.end());
   if (found == memory.end()) return;
-  for (const Work& work : work_) {
-    bool used = work.uses.empty();
-    for (const void* place : work.uses) used = used || (place >= found->first && place < found->first + found->second);
-    require(!used);
+  for (const Queue& q : queues_) {
+    for (const Work& work : q.work) {
+      for (const void* place : work.uses) require(place < found->first || place >= found->first + found->second);
+    }
   }
   std::memset(found->first, k_garbage, found->second);
   ::operator delete(found->first, std::align_val_t(256));
@@ -75,52 +87,64 @@ void EmulatedRuntime::release(std::map<std::byte*, size_t>& memory, void* addres
 }
 
 Status EmulatedRuntime::initialise() {
+  const std::lock_guard lock(mutex_);
   const Status status = count();
   return faults_.has_driver ? status : EmulatedFaults::k_no_driver;
 }
 
 Status EmulatedRuntime::device_count(int& devices) {
+  const std::lock_guard lock(mutex_);
   devices = faults_.devices;
   return count();
 }
 
 Status EmulatedRuntime::properties(int, DeviceProperties& properties) {
+  const std::lock_guard lock(mutex_);
   properties = {"Emulated GPU", 9, 0, faults_.memory};
   return count();
 }
 
 Status EmulatedRuntime::open(int) {
+  const std::lock_guard lock(mutex_);
   const Status status = count();
   if (status == k_success) log_->open_devices += 1;
   return status;
 }
 
 Status EmulatedRuntime::load_kernels(std::span<const std::byte>) {
+  const std::lock_guard lock(mutex_);
   const Status status = count();
   return faults_.has_kernels ? status : EmulatedFaults::k_no_image;
 }
 
-Status EmulatedRuntime::create_stream() {
+Status EmulatedRuntime::create_streams() {
+  const std::lock_guard lock(mutex_);
   const Status status = count();
-  if (status == k_success) log_->streams += 1;
+  if (status == k_success) log_->streams += k_streams;
   return status;
 }
 
 // As a driver's, the functions that release do so even where they report what failed before.
-Status EmulatedRuntime::destroy_stream() {
-  require(work_.empty());
-  if (log_->streams > 0) log_->streams -= 1;
+Status EmulatedRuntime::destroy_streams() {
+  const std::lock_guard lock(mutex_);
+  for (const Queue& q : queues_) require(q.work.empty());
+  log_->streams = 0;
   return count_release();
 }
 
 Status EmulatedRuntime::close() {
+  const std::lock_guard lock(mutex_);
   if (log_->open_devices > 0) log_->open_devices -= 1;
   return count_release();
 }
 
-Status EmulatedRuntime::enter() { return count(); }
+Status EmulatedRuntime::enter() {
+  const std::lock_guard lock(mutex_);
+  return count();
+}
 
 Status EmulatedRuntime::allocate(size_t bytes, DeviceAddress& address) {
+  const std::lock_guard lock(mutex_);
   const Status status = count();
   if (status != k_success) return status;
   if (log_->bytes + bytes > faults_.memory) return EmulatedFaults::k_out_of_memory;
@@ -134,6 +158,7 @@ Status EmulatedRuntime::allocate(size_t bytes, DeviceAddress& address) {
 }
 
 Status EmulatedRuntime::free(DeviceAddress address) {
+  const std::lock_guard lock(mutex_);
   const auto found = memory_.find(bytes_at(address));
   if (found != memory_.end()) log_->bytes -= found->second, log_->allocated -= 1;
   release(memory_, bytes_at(address));
@@ -141,6 +166,7 @@ Status EmulatedRuntime::free(DeviceAddress address) {
 }
 
 Status EmulatedRuntime::allocate_host(size_t bytes, void*& memory) {
+  const std::lock_guard lock(mutex_);
   const Status status = count();
   if (status != k_success) return status;
   memory = make_garbage(bytes);
@@ -150,64 +176,104 @@ Status EmulatedRuntime::allocate_host(size_t bytes, void*& memory) {
 }
 
 Status EmulatedRuntime::free_host(void* memory) {
+  const std::lock_guard lock(mutex_);
   log_->host_allocated -= 1;
   release(host_memory_, memory);
   return count_release();
 }
 
-Status EmulatedRuntime::copy_to_device(DeviceAddress to, const void* from, size_t bytes) {
+Status EmulatedRuntime::copy_to_device(Stream stream, DeviceAddress to, const void* from, size_t bytes) {
+  const std::lock_guard lock(mutex_);
   require(lies_inside(memory_, bytes_at(to), bytes) && lies_inside(host_memory_, from, bytes));
-  bytes_waiting_ += bytes;
-  queue({bytes_at(to), from}, [=] { std::memcpy(bytes_at(to), from, bytes); });
+  queues_[stream].bytes_waiting += bytes;
+  queue(stream, {bytes_at(to), from}, [=] { std::memcpy(bytes_at(to), from, bytes); });
   return count();
 }
 
-Status EmulatedRuntime::copy_to_host(void* to, DeviceAddress from, size_t bytes) {
+Status EmulatedRuntime::copy_to_host(Stream stream, void* to, DeviceAddress from, size_t bytes) {
+  const std::lock_guard lock(mutex_);
   require(lies_inside(memory_, bytes_at(from), bytes) && lies_inside(host_memory_, to, bytes));
-  log_->bytes_down[int(last_kernel_)] += bytes;
-  queue({bytes_at(from), to}, [=] { std::memcpy(to, bytes_at(from), bytes); });
+  log_->bytes_down[int(queues_[stream].last_kernel)] += bytes;
+  queue(stream, {bytes_at(from), to}, [=] { std::memcpy(to, bytes_at(from), bytes); });
   return count();
 }
 
-Status EmulatedRuntime::copy_on_device(DeviceAddress to, DeviceAddress from, size_t bytes) {
+Status EmulatedRuntime::copy_on_device(Stream stream, DeviceAddress to, DeviceAddress from, size_t bytes) {
+  const std::lock_guard lock(mutex_);
   require(lies_inside(memory_, bytes_at(to), bytes) && lies_inside(memory_, bytes_at(from), bytes));
-  queue({bytes_at(to), bytes_at(from)}, [=] { std::memcpy(bytes_at(to), bytes_at(from), bytes); });
+  queue(stream, {bytes_at(to), bytes_at(from)}, [=] { std::memcpy(bytes_at(to), bytes_at(from), bytes); });
   return count();
 }
 
-Status EmulatedRuntime::fill_zero(DeviceAddress address, size_t bytes) {
+Status EmulatedRuntime::fill_zero(Stream stream, DeviceAddress address, size_t bytes) {
+  const std::lock_guard lock(mutex_);
   require(lies_inside(memory_, bytes_at(address), bytes));
-  queue({bytes_at(address)}, [=] { std::memset(bytes_at(address), 0, bytes); });
+  queue(stream, {bytes_at(address)}, [=] { std::memset(bytes_at(address), 0, bytes); });
   return count();
 }
 
-Status EmulatedRuntime::launch(Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) {
+Status EmulatedRuntime::launch(Stream stream, Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) {
+  const std::lock_guard lock(mutex_);
   const Status status = count();
   if (status != k_success) return status;
-  const auto* const first = static_cast<const std::byte*>(arguments);
   // Aligned for any structure.
   const auto copy = std::make_shared<std::vector<std::max_align_t>>(bytes / sizeof(std::max_align_t) + 1);
-  std::memcpy(copy->data(), first, bytes);
+  std::memcpy(copy->data(), arguments, bytes);
   log_->launches[int(kernel)] += 1;
+  Queue& q = queues_[stream];
   if (kernel != Kernel::scatter) {
-    log_->bytes_up[int(kernel)] += std::exchange(bytes_waiting_, 0);
-    last_kernel_ = kernel;
+    log_->bytes_up[int(kernel)] += std::exchange(q.bytes_waiting, 0);
+    q.last_kernel = kernel;
   }
-  queue({}, [=, run = faults_.run_kernel] { run(kernel, blocks, copy->data()); });
+  // It uses what its arguments point to.
+  std::vector<const void*> uses;
+  for (size_t at = 0; at + sizeof(void*) <= bytes; at += sizeof(void*)) {
+    const void* place = nullptr;
+    std::memcpy(&place, static_cast<const std::byte*>(arguments) + at, sizeof place);
+    if (lies_inside(memory_, place, 1)) uses.push_back(place);
+  }
+  queue(stream, std::move(uses), [=, this] { run_kernel(kernel, blocks, copy->data()); });
   return status;
 }
 
-Status EmulatedRuntime::synchronise() {
+void EmulatedRuntime::run_kernel(Kernel kernel, uint32_t blocks, const void* arguments) {
+  if (kernel == Kernel::scatter) {
+    const auto& a = *static_cast<const ScatterArguments*>(arguments);
+    for (uint32_t i = 0; i < a.warps; ++i) {
+      require(lies_inside(memory_, bytes_at(a.runs[i].to), a.runs[i].words * sizeof(uint32_t)));
+    }
+  }
+  faults_.run_kernel(kernel, blocks, arguments);
+}
+
+Status EmulatedRuntime::follow(Stream stream, Stream other) {
+  const std::lock_guard lock(mutex_);
+  const uint64_t end = queues_[other].begun + queues_[other].work.size();
+  queue(stream, {}, [=, this] { run_until(other, end); });
+  return count();
+}
+
+Status EmulatedRuntime::synchronise(Stream stream) {
   if (faults_.at_synchronise) faults_.at_synchronise();
-  std::vector<Work> work;
-  work.swap(work_);
+  const std::lock_guard lock(mutex_);
   log_->synchronisations += 1;
   const Status status = count();
-  // A device that fails does nothing more.
-  if (status == k_success) {
-    for (const Work& w : work) w.run();
+  const Status failure = std::exchange(queues_[stream].failure, k_success);
+  // A device that fails does nothing more, and each stream says so.
+  if (status != k_success) {
+    for (Queue& q : queues_) {
+      if (&q != &queues_[stream] && !q.work.empty()) q.failure = status;
+      q.begun += q.work.size();
+      q.work.clear();
+    }
+    return status;
   }
-  return status;
+  const auto run_all = [&](Stream s) { run_until(s, queues_[s].begun + queues_[s].work.size()); };
+  for (Stream s = 0; faults_.eager && s < k_streams; ++s) {
+    if (s != stream) run_all(s);
+  }
+  run_all(stream);
+  return failure;
 }
 
 std::string EmulatedRuntime::describe(Status status) const {

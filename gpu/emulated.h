@@ -1,14 +1,17 @@
 // A GPU that is not there, for tests: host memory, and kernels that are loops over the scalar look-ups.
 //
-// Work happens at synchronise() only, so that a missing wait shows as wrong answers; memory is filled with garbage when
-// it is allocated and before it is released. Any call may be made to fail, once or from then on; memory may be small.
-// Misuse (copies beyond an allocation, memory released while work that uses it waits) is counted.
-// Thread-safety: as gpu/runtime.h; the log may be read by one thread at any time when nobody calls.
+// A stream's work happens when it, or one that follows it, is synchronised, and not before, so that a missing wait
+// shows as wrong answers; or, if the faults say so, as early as can be. Memory is filled with garbage when it is
+// allocated and before it is released. Any call may be made to fail, once or from then on; memory may be small. Misuse
+// (copies beyond an allocation, memory released while work that uses it waits) is counted. Thread-safety: as
+// gpu/runtime.h; the log may be read by one thread at any time when nobody calls.
 #pragma once
 
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <vector>
 
 #include "gpu/runtime.h"
@@ -28,6 +31,7 @@ struct EmulatedFaults {
   bool has_driver = true, has_kernels = true;
   int devices = 1;
   uint64_t memory = uint64_t(1) << 32;
+  bool eager = false;                    // at synchronise() other streams come first
   std::function<void()> at_synchronise;  // called first, if set
   // What runs a launch.
   void (*run_kernel)(Kernel kernel, uint32_t blocks, const void* arguments) = &run_emulated_kernel;
@@ -56,43 +60,52 @@ class EmulatedRuntime final : public Runtime {
   Status properties(int device, DeviceProperties& properties) override;
   Status open(int device) override;
   Status load_kernels(std::span<const std::byte> image) override;
-  Status create_stream() override;
-  Status destroy_stream() override;
+  Status create_streams() override;
+  Status destroy_streams() override;
   Status close() override;
   Status enter() override;
   Status allocate(size_t bytes, DeviceAddress& address) override;
   Status free(DeviceAddress address) override;
   Status allocate_host(size_t bytes, void*& memory) override;
   Status free_host(void* memory) override;
-  Status copy_to_device(DeviceAddress to, const void* from, size_t bytes) override;
-  Status copy_to_host(void* to, DeviceAddress from, size_t bytes) override;
-  Status copy_on_device(DeviceAddress to, DeviceAddress from, size_t bytes) override;
-  Status fill_zero(DeviceAddress address, size_t bytes) override;
-  Status launch(Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) override;
-  Status synchronise() override;
+  Status copy_to_device(Stream stream, DeviceAddress to, const void* from, size_t bytes) override;
+  Status copy_to_host(Stream stream, void* to, DeviceAddress from, size_t bytes) override;
+  Status copy_on_device(Stream stream, DeviceAddress to, DeviceAddress from, size_t bytes) override;
+  Status fill_zero(Stream stream, DeviceAddress address, size_t bytes) override;
+  Status launch(Stream stream, Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) override;
+  Status follow(Stream stream, Stream other) override;
+  Status synchronise(Stream stream) override;
   bool out_of_memory(Status status) const override { return status == EmulatedFaults::k_out_of_memory; }
   std::string describe(Status status) const override;
 
  private:
   struct Work {
     std::function<void()> run;
-    std::vector<const void*> uses;  // first bytes of its memory; empty: any
+    std::vector<const void*> uses;  // first bytes of its memory
+  };
+  struct Queue {
+    std::deque<Work> work;
+    uint64_t begun = 0;          // pieces of work taken from it
+    Status failure = k_success;  // what its next synchronise() returns
+    uint64_t bytes_waiting = 0;  // for a kernel that they are counted for
+    Kernel last_kernel = Kernel::query;
   };
 
   Status count();  // the status that this call has by the faults
   Status count_release();
   bool lies_inside(const std::map<std::byte*, size_t>& memory, const void* from, size_t bytes) const;
   void require(bool right);
-  void queue(std::vector<const void*> uses, std::function<void()> run);
+  void queue(Stream stream, std::vector<const void*> uses, std::function<void()> run);
+  void run_until(Stream stream, uint64_t end);  // all work before the end-th
+  void run_kernel(Kernel kernel, uint32_t blocks, const void* arguments);
   void release(std::map<std::byte*, size_t>& memory, void* address);
   void drop(std::map<std::byte*, size_t>& memory, uint64_t& live);
 
   const EmulatedFaults faults_;
   const std::shared_ptr<EmulatedLog> log_;
+  std::mutex mutex_;
   std::map<std::byte*, size_t> memory_, host_memory_;
-  std::vector<Work> work_;
-  uint64_t bytes_waiting_ = 0;  // for a kernel that they are counted for
-  Kernel last_kernel_ = Kernel::query;
+  Queue queues_[k_streams];
 };
 
 }  // namespace fieldtrace::gpu

@@ -2,9 +2,10 @@
 // runs without a GPU (gpu/emulated.h) and every failure can be tried.
 //
 // Every function returns a status that the caller must look at (gpu/device_memory.h throws). Copies, fills and launches
-// are asynchronous: they happen in the order of their stream, by the end of synchronise() at the latest, and host
-// memory that they read or write must stay as it is until then.
-// Thread-safety: one thread at a time, which calls enter() first. Memory layout: addresses are the device's, 64 bits.
+// are asynchronous: they happen in the order of their stream, by the end of its synchronise() at the latest, and host
+// memory that they read or write must stay as it is until then. Streams have no order among each other but by follow().
+// Thread-safety: any number of threads, which call enter() first; opening and closing by one alone. Memory layout:
+// addresses are the device's, 64 bits.
 #pragma once
 
 #include <cstddef>
@@ -31,6 +32,10 @@ enum class Kernel { light_cones, filter_strata, query, scatter };
 inline constexpr int k_kernels = 4;
 inline constexpr const char* k_kernel_names[k_kernels] = {"light_cones", "filter_strata", "query", "scatter"};
 
+// A number below k_streams.
+using Stream = int;
+inline constexpr int k_streams = 2;
+
 class Runtime {
  public:
   virtual ~Runtime() = default;
@@ -39,11 +44,11 @@ class Runtime {
   virtual Status device_count(int& count) = 0;
   virtual Status properties(int device, DeviceProperties& properties) = 0;
 
-  // Opens a device, its kernels and one stream. After a failure, as after success, close() releases what was opened.
+  // Opens a device, its kernels and its streams. After a failure, as after success, close() releases what was opened.
   virtual Status open(int device) = 0;
   virtual Status load_kernels(std::span<const std::byte> image) = 0;
-  virtual Status create_stream() = 0;
-  virtual Status destroy_stream() = 0;
+  virtual Status create_streams() = 0;
+  virtual Status destroy_streams() = 0;
   virtual Status close() = 0;
   // Makes the device that of the calling thread.
   virtual Status enter() = 0;
@@ -54,13 +59,15 @@ class Runtime {
   virtual Status allocate_host(size_t bytes, void*& memory) = 0;
   virtual Status free_host(void* memory) = 0;
 
-  virtual Status copy_to_device(DeviceAddress to, const void* from, size_t bytes) = 0;
-  virtual Status copy_to_host(void* to, DeviceAddress from, size_t bytes) = 0;
-  virtual Status copy_on_device(DeviceAddress to, DeviceAddress from, size_t bytes) = 0;
-  virtual Status fill_zero(DeviceAddress address, size_t bytes) = 0;
+  virtual Status copy_to_device(Stream stream, DeviceAddress to, const void* from, size_t bytes) = 0;
+  virtual Status copy_to_host(Stream stream, void* to, DeviceAddress from, size_t bytes) = 0;
+  virtual Status copy_on_device(Stream stream, DeviceAddress to, DeviceAddress from, size_t bytes) = 0;
+  virtual Status fill_zero(Stream stream, DeviceAddress address, size_t bytes) = 0;
   // `blocks` thread blocks of a warp each. The kernel takes the structure of `bytes` bytes, which is copied at once.
-  virtual Status launch(Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) = 0;
-  virtual Status synchronise() = 0;
+  virtual Status launch(Stream stream, Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) = 0;
+  // What `stream` is given from now on waits for all that `other` has been given so far.
+  virtual Status follow(Stream stream, Stream other) = 0;
+  virtual Status synchronise(Stream stream) = 0;
 
   virtual bool out_of_memory(Status status) const = 0;
   virtual std::string describe(Status status) const = 0;

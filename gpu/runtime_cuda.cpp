@@ -11,7 +11,7 @@ namespace {
 // Of CUDA's headers.
 constexpr Status k_out_of_memory = 2, k_invalid_value = 1;
 constexpr int k_attribute_compute_major = 75, k_attribute_compute_minor = 76;
-constexpr unsigned k_stream_non_blocking = 1;
+constexpr unsigned k_stream_non_blocking = 1, k_event_without_time = 2;
 void* const k_argument_buffer = reinterpret_cast<void*>(1);
 void* const k_argument_size = reinterpret_cast<void*>(2);
 
@@ -50,8 +50,23 @@ class CudaRuntime final : public Runtime {
     return status;
   }
 
-  Status create_stream() override { return cu_.StreamCreate(&stream_, k_stream_non_blocking); }
-  Status destroy_stream() override { return stream_ ? cu_.StreamDestroy(std::exchange(stream_, nullptr)) : k_success; }
+  Status create_streams() override {
+    Status status = k_success;
+    for (int s = 0; !status && s < k_streams; ++s) {
+      status = cu_.StreamCreate(&streams_[s], k_stream_non_blocking);
+      if (!status) status = cu_.EventCreate(&events_[s], k_event_without_time);
+    }
+    return status;
+  }
+  Status destroy_streams() override {
+    Status first = k_success;
+    const auto note = [&](Status status) { first = first ? first : status; };
+    for (int s = 0; s < k_streams; ++s) {
+      if (events_[s]) note(cu_.EventDestroy(std::exchange(events_[s], nullptr)));
+      if (streams_[s]) note(cu_.StreamDestroy(std::exchange(streams_[s], nullptr)));
+    }
+    return first;
+  }
 
   Status close() override {
     const Status unloaded = module_ ? cu_.ModuleUnload(std::exchange(module_, nullptr)) : k_success;
@@ -72,26 +87,32 @@ class CudaRuntime final : public Runtime {
   Status allocate_host(size_t bytes, void*& memory) override { return cu_.MemHostAlloc(&memory, bytes, 0); }
   Status free_host(void* memory) override { return cu_.MemFreeHost(memory); }
 
-  Status copy_to_device(DeviceAddress to, const void* from, size_t bytes) override {
-    return cu_.MemcpyHtoDAsync(to, from, bytes, stream_);
+  Status copy_to_device(Stream stream, DeviceAddress to, const void* from, size_t bytes) override {
+    return cu_.MemcpyHtoDAsync(to, from, bytes, streams_[stream]);
   }
-  Status copy_to_host(void* to, DeviceAddress from, size_t bytes) override {
-    return cu_.MemcpyDtoHAsync(to, from, bytes, stream_);
+  Status copy_to_host(Stream stream, void* to, DeviceAddress from, size_t bytes) override {
+    return cu_.MemcpyDtoHAsync(to, from, bytes, streams_[stream]);
   }
-  Status copy_on_device(DeviceAddress to, DeviceAddress from, size_t bytes) override {
-    return cu_.MemcpyDtoDAsync(to, from, bytes, stream_);
+  Status copy_on_device(Stream stream, DeviceAddress to, DeviceAddress from, size_t bytes) override {
+    return cu_.MemcpyDtoDAsync(to, from, bytes, streams_[stream]);
   }
-  Status fill_zero(DeviceAddress address, size_t bytes) override {
-    return cu_.MemsetD8Async(address, 0, bytes, stream_);
+  Status fill_zero(Stream stream, DeviceAddress address, size_t bytes) override {
+    return cu_.MemsetD8Async(address, 0, bytes, streams_[stream]);
   }
 
-  Status launch(Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) override {
+  Status launch(Stream stream, Kernel kernel, uint32_t blocks, const void* arguments, size_t bytes) override {
     if (blocks == 0) return k_invalid_value;
     void* extra[] = {k_argument_buffer, const_cast<void*>(arguments), k_argument_size, &bytes, nullptr};
-    return cu_.LaunchKernel(functions_[int(kernel)], blocks, 1, 1, k_warp, 1, 1, 0, stream_, nullptr, extra);
+    return cu_.LaunchKernel(functions_[int(kernel)], blocks, 1, 1, k_warp, 1, 1, 0, streams_[stream], nullptr, extra);
+  }
+  Status follow(Stream stream, Stream other) override {
+    const Status status = cu_.EventRecord(events_[other], streams_[other]);
+    return status ? status : cu_.StreamWaitEvent(streams_[stream], events_[other], 0);
   }
   // Without a stream nothing was started.
-  Status synchronise() override { return stream_ ? cu_.StreamSynchronize(stream_) : k_success; }
+  Status synchronise(Stream stream) override {
+    return streams_[stream] ? cu_.StreamSynchronize(streams_[stream]) : k_success;
+  }
 
   bool out_of_memory(Status status) const override { return status == k_out_of_memory; }
   std::string describe(Status status) const override {
@@ -103,7 +124,8 @@ class CudaRuntime final : public Runtime {
  private:
   const DriverFunctions cu_;
   int device_ = 0;
-  DriverHandle context_ = nullptr, module_ = nullptr, stream_ = nullptr;
+  DriverHandle context_ = nullptr, module_ = nullptr;
+  DriverHandle streams_[k_streams] = {}, events_[k_streams] = {};
   DriverHandle functions_[k_kernels] = {};
 };
 
@@ -148,6 +170,10 @@ std::unique_ptr<Runtime> open_cuda_runtime(const std::string& library) {
   load(driver, "cuStreamCreate", f.StreamCreate);
   load(driver, "cuStreamDestroy_v2", f.StreamDestroy);
   load(driver, "cuStreamSynchronize", f.StreamSynchronize);
+  load(driver, "cuStreamWaitEvent", f.StreamWaitEvent);
+  load(driver, "cuEventCreate", f.EventCreate);
+  load(driver, "cuEventRecord", f.EventRecord);
+  load(driver, "cuEventDestroy_v2", f.EventDestroy);
   load(driver, "cuLaunchKernel", f.LaunchKernel);
   return std::make_unique<CudaRuntime>(f);
 }

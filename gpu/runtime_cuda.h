@@ -12,7 +12,7 @@
 
 namespace fieldtrace::gpu {
 
-// CUdeviceptr, CUcontext, CUmodule, CUfunction, CUstream, CUdevice, CUresult.
+// CUdeviceptr, CUcontext, CUmodule, CUfunction, CUstream, CUevent, CUdevice, CUresult.
 using DriverHandle = void*;
 
 // The driver's functions, by their names without the prefix `cu`; null until they are loaded.
@@ -41,6 +41,10 @@ struct DriverFunctions {
   int (*StreamCreate)(DriverHandle* stream, unsigned flags) = nullptr;
   int (*StreamDestroy)(DriverHandle stream) = nullptr;
   int (*StreamSynchronize)(DriverHandle stream) = nullptr;
+  int (*StreamWaitEvent)(DriverHandle stream, DriverHandle event, unsigned flags) = nullptr;
+  int (*EventCreate)(DriverHandle* event, unsigned flags) = nullptr;
+  int (*EventRecord)(DriverHandle event, DriverHandle stream) = nullptr;
+  int (*EventDestroy)(DriverHandle event) = nullptr;
   int (*LaunchKernel)(DriverHandle function, unsigned grid_x, unsigned grid_y, unsigned grid_z, unsigned block_x,
                       unsigned block_y, unsigned block_z, unsigned shared_bytes, DriverHandle stream, void** parameters,
                       void** extra) = nullptr;

@@ -58,6 +58,10 @@ EXPECT_TYPE(MemsetD8Async, cuMemsetD8Async);
 EXPECT_TYPE(StreamCreate, cuStreamCreate);
 EXPECT_TYPE(StreamDestroy, cuStreamDestroy);
 EXPECT_TYPE(StreamSynchronize, cuStreamSynchronize);
+EXPECT_TYPE(StreamWaitEvent, cuStreamWaitEvent);
+EXPECT_TYPE(EventCreate, cuEventCreate);
+EXPECT_TYPE(EventRecord, cuEventRecord);
+EXPECT_TYPE(EventDestroy, cuEventDestroy);
 EXPECT_TYPE(LaunchKernel, cuLaunchKernel);
 #undef EXPECT_TYPE
 

@@ -85,10 +85,31 @@ TEST_F(DeviceFailure, OfTheNthCallForEveryN) {
         EXPECT_TRUE(any_contains(picture.warnings, "the CPU answers")) << picture.warnings[0];
       }
     }
-    // All but those that release what is not needed any more, and the three that make the device current and wait for
-    // it before that.
-    EXPECT_GE(told, calls - log.releases - 3) << way.name;
+    // All but those that release what is not needed any more, and the four that make the device current and wait for
+    // its streams before that.
+    EXPECT_GE(told, calls - log.releases - 4) << way.name;
     EXPECT_LT(told, calls) << way.name;
+  }
+}
+
+// With waves of several threads in both streams: which call is the n-th differs from run to run.
+TEST_F(DeviceFailure, OfAnyCallWhileWavesOverlap) {
+  const Scene scene = two_objects(32);
+  RenderOptions o = options();
+  const RenderResult cpu = render(scene, o);
+  o.threads = 4;
+  const uint64_t calls = test::render_emulated(scene, o).log.calls;
+  ASSERT_GT(calls, 300u);
+  for (uint64_t n = 10; n < calls; n += 1 + calls / 41) {
+    EmulatedFaults faults;
+    faults.failing_call = n;
+    faults.eager = n % 2 == 0;
+    faults.lost = n % 3 == 0;
+    faults.failure = n % 3 == 1 ? EmulatedFaults::k_out_of_memory : EmulatedFaults::k_launch_failed;
+    const test::EmulatedPicture picture = test::render_emulated(scene, o, faults);
+    EXPECT_EQ(picture.result.image.data, cpu.image.data) << n;
+    EXPECT_TRUE(test::is_clean(picture.log)) << n << " " << picture.log.misuse;
+    EXPECT_LE(picture.warnings.size(), 2u) << n;  // an object does not fit, the device is lost
   }
 }
 

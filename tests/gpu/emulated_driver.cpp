@@ -10,7 +10,7 @@ namespace {
 
 struct State {
   void (*run)(int kernel, unsigned blocks, const void* arguments) = nullptr;
-  int allocated = 0, contexts = 0, modules = 0, streams = 0;
+  int allocated = 0, contexts = 0, modules = 0, streams = 0, events = 0;
   size_t image_size = 0;
 } state;
 
@@ -28,7 +28,7 @@ __attribute__((visibility("default"))) void emulated_driver_run(void (*run)(int,
   state.run = run;
 }
 __attribute__((visibility("default"))) int emulated_driver_left() {
-  return state.allocated + state.contexts + state.modules + state.streams;
+  return state.allocated + state.contexts + state.modules + state.streams + state.events;
 }
 
 CUresult cuInit(unsigned) { return CUDA_SUCCESS; }
@@ -133,7 +133,7 @@ CUresult cuMemsetD8Async(CUdeviceptr to, unsigned char value, size_t bytes, CUst
 CUresult cuStreamCreate(CUstream* stream, unsigned flags) {
   if (flags != CU_STREAM_NON_BLOCKING) return CUDA_ERROR_INVALID_VALUE;
   ++state.streams;
-  *stream = handle<CUstream>(3);
+  *stream = handle<CUstream>(3 + state.streams);
   return CUDA_SUCCESS;
 }
 CUresult cuStreamDestroy(CUstream) {
@@ -141,6 +141,22 @@ CUresult cuStreamDestroy(CUstream) {
   return CUDA_SUCCESS;
 }
 CUresult cuStreamSynchronize(CUstream stream) { return stream ? CUDA_SUCCESS : CUDA_ERROR_INVALID_HANDLE; }
+CUresult cuStreamWaitEvent(CUstream stream, CUevent event, unsigned flags) {
+  return stream && event && flags == 0 ? CUDA_SUCCESS : CUDA_ERROR_INVALID_HANDLE;
+}
+CUresult cuEventCreate(CUevent* event, unsigned flags) {
+  if (flags != CU_EVENT_DISABLE_TIMING) return CUDA_ERROR_INVALID_VALUE;
+  ++state.events;
+  *event = handle<CUevent>(8 + state.events);
+  return CUDA_SUCCESS;
+}
+CUresult cuEventRecord(CUevent event, CUstream stream) {
+  return event && stream ? CUDA_SUCCESS : CUDA_ERROR_INVALID_HANDLE;
+}
+CUresult cuEventDestroy(CUevent) {
+  --state.events;
+  return CUDA_SUCCESS;
+}
 CUresult cuLaunchKernel(CUfunction function, unsigned grid_x, unsigned grid_y, unsigned grid_z, unsigned block_x,
                         unsigned block_y, unsigned block_z, unsigned shared_bytes, CUstream stream, void** parameters,
                         void** extra) {

@@ -71,6 +71,11 @@ TEST(EmulatedPicture, IsTheSameForAnyThreads) {
   o.threads = 8;
   const test::EmulatedPicture many = test::render_emulated(scene, o);
   expect_equal(many.result, render(scene, o), "8 threads");
+  gpu::EmulatedFaults faults;
+  faults.eager = true;
+  const test::EmulatedPicture eager = test::render_emulated(scene, o, faults);
+  EXPECT_EQ(eager.result.image.data, many.result.image.data);
+  EXPECT_TRUE(test::is_clean(eager.log));
   o.threads = 1;
   const test::EmulatedPicture one = test::render_emulated(scene, o);
   EXPECT_EQ(one.result.image.data, many.result.image.data);

@@ -17,15 +17,15 @@ class FieldMirrorTest : public ::testing::Test {
  protected:
   FieldMirrorTest() {
     runtime_.open(0);
-    runtime_.create_stream();
+    runtime_.create_streams();
   }
 
   // What a wave does with the mirror's packet.
   void update() {
     Packet packet;
-    mirror_.stage(packet);
-    runtime_.synchronise();
-    retired_.clear();
+    mirror_.stage(packet, 0);
+    runtime_.synchronise(0);
+    packet.outgrown.clear();
     runs_ = packet.runs.size();
     if (runs_ == 0) return;
     const ScatterArguments arguments = {packet.runs.data(), packet.words.data(), uint32_t(runs_)};
@@ -104,8 +104,7 @@ class FieldMirrorTest : public ::testing::Test {
   const std::shared_ptr<EmulatedLog> log_ = std::make_shared<EmulatedLog>();
   EmulatedRuntime runtime_{EmulatedFaults{}, log_};
   DeviceMemory memory_{runtime_, uint64_t(1) << 30};
-  std::vector<DeviceBuffer> retired_;
-  FieldMirror mirror_{field_, memory_, retired_};
+  FieldMirror mirror_{field_, memory_};
   size_t runs_ = 0;
   std::set<uint32_t> baked_[2], tiles_;
 };

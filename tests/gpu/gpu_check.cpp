@@ -159,12 +159,12 @@ struct Timing {
 
 // Kernels alone, on a field that is wholly resident: the median of 9 rounds.
 Timing time_kernel(Runtime& runtime, const Field& field, const SegmentTask& task, const RayBatch& rays) {
+  constexpr Stream k_stream = 0;
   DeviceMemory memory(runtime, ~uint64_t(0));
-  std::vector<DeviceBuffer> retired;
-  FieldMirror mirror(field, memory, retired);
+  FieldMirror mirror(field, memory);
   StagingBuffer in(memory), out(memory);
   const uint32_t warps = uint32_t(padded(rays.size) / k_warp);
-  const auto wait = [&] { check(runtime, runtime.synchronise(), "waiting for the GPU"); };
+  const auto wait = [&] { check(runtime, runtime.synchronise(k_stream), "waiting for the GPU"); };
   // In parts, so that packets stay small.
   constexpr uint32_t k_part = 1 << 16;
   for (uint32_t first = 0; first < field.slice_count(); first += k_part) {
@@ -175,18 +175,18 @@ Timing time_kernel(Runtime& runtime, const Field& field, const SegmentTask& task
     }
     mirror.want(words);
     Packet packet;
-    mirror.stage(packet);
+    mirror.stage(packet, k_stream);
     if (packet.runs.empty()) continue;
     in.clear();
     const size_t runs = in.append(packet.runs.data(), packet.runs.size() * sizeof(ScatterRun));
     const size_t data = in.append(packet.words.data(), packet.words.size() * sizeof(uint32_t));
     wait();  // copies of pools that grew
-    retired.clear();
+    packet.outgrown.clear();
     in.ensure_device();
-    in.copy_to_device();
+    in.copy_to_device(k_stream);
     const ScatterArguments a = {in.device<const ScatterRun>(runs), in.device<const uint32_t>(data),
                                 uint32_t(packet.runs.size())};
-    check(runtime, runtime.launch(Kernel::scatter, a.warps, &a, sizeof a), "starting the kernel scatter");
+    check(runtime, runtime.launch(k_stream, Kernel::scatter, a.warps, &a, sizeof a), "starting the kernel scatter");
     wait();
   }
   in.clear();
@@ -198,7 +198,7 @@ Timing time_kernel(Runtime& runtime, const Field& field, const SegmentTask& task
   const size_t masks_at = out.reserve(warps * sizeof(RayMasks));
   DeviceBuffer missing(memory, size_t(warps) * k_missing_words * sizeof(uint32_t));
   for (StagingBuffer* b : {&in, &out}) b->ensure_device();
-  in.copy_to_device();
+  in.copy_to_device(k_stream);
   const auto array = [&](int i) { return in.device<const float>(at[i]); };
   QueryArguments a = {task,
                       {array(0), array(1), array(2), array(3), array(4), array(5), array(6)},
@@ -213,12 +213,12 @@ Timing time_kernel(Runtime& runtime, const Field& field, const SegmentTask& task
     wait();
     const auto start = std::chrono::steady_clock::now();
     for (int i = 0; i < k_launches; ++i) {
-      check(runtime, runtime.launch(Kernel::query, warps, &a, sizeof a), "starting the kernel query");
+      check(runtime, runtime.launch(k_stream, Kernel::query, warps, &a, sizeof a), "starting the kernel query");
     }
     wait();
     if (round > 0) seconds.push_back(seconds_since(start) / k_launches);  // the first one warms up
   }
-  out.copy_to_host();
+  out.copy_to_host(k_stream);
   wait();
   Timing t;
   for (uint32_t w = 0; w < warps; ++w) t.lookups += out.host<RayMasks>(masks_at)[w].lookups;
@@ -294,13 +294,13 @@ int run(const Options& options) {
             << counts.blocks_cpu << "\n";
   check(*runtime, runtime->open(0), "opening the device");
   check(*runtime, runtime->load_kernels(kernels()), "loading the kernels");
-  check(*runtime, runtime->create_stream(), "making a stream");
+  check(*runtime, runtime->create_streams(), "making streams");
   nlohmann::json report = {{"device", devices[0]},
                            {"emulated", options.emulated},
                            {"cpu_isa", isa_name(resolve_isa(Isa::automatic))},
                            {"parity", {{"entries_of_each_kind", entries}, {"wrong_questions", wrong}}},
                            {"look_ups", time_look_ups(*runtime, device, cpu, options.quick)}};
-  (void)runtime->destroy_stream();
+  (void)runtime->destroy_streams();
   (void)runtime->close();
   std::cout << report["look_ups"].dump(2) << "\n";
   if (!options.json.empty()) std::ofstream(options.json) << report.dump(2) << "\n";

@@ -1,6 +1,7 @@
 // Questions to an emulated GPU one by one: waves, residency, fields that go and come.
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <thread>
 
 #include "core/simd/isa.h"
@@ -16,11 +17,7 @@ constexpr size_t k_rays = 256;
 class GpuDeviceTest : public ::testing::Test {
  protected:
   GpuDeviceTest() {
-    rays_.resize(k_rays);
-    TestRandom random(1);
-    for (size_t i = 0; i < k_rays; ++i) {
-      rays_.set(i, {random.uniform(-0.3f, 0.3f), random.uniform(-0.3f, 0.3f), -3.0f}, {0, 0, 1}, 6.0f);
-    }
+    rays_ = beam(0.3f, 0.0f);
     for (uint32_t b = 0; b < k_rays; b += uint32_t(k_batch_padding)) blocks_.push_back(b);
   }
 
@@ -29,7 +26,20 @@ class GpuDeviceTest : public ::testing::Test {
                                           DeviceOptions{segment_kernels(Isa::scalar), 0, {}});
   }
 
-  RayStates ask(VisibilityDevice& device, const Field& field) {
+  // Rays through a square of half a side `width`, tilted.
+  static RayBatch beam(float width, float tilt) {
+    RayBatch rays;
+    rays.resize(k_rays);
+    TestRandom random(1);
+    for (size_t i = 0; i < k_rays; ++i) {
+      const float x = random.uniform(-width, width), y = random.uniform(-width, width);
+      rays.set(i, {x - 3.0f * tilt, y, -3.0f}, {tilt, 0, 1}, 6.0f);
+    }
+    return rays;
+  }
+
+  RayStates ask(VisibilityDevice& device, const Field& field) { return ask(device, field, rays_); }
+  RayStates ask(VisibilityDevice& device, const Field& field, const RayBatch& rays) {
     SegmentTask task;
     task.field = field.view();
     task.policy.visibility_max_class = 63;
@@ -40,14 +50,15 @@ class GpuDeviceTest : public ::testing::Test {
     RayStates states;
     states.keep_verdicts = true;
     states.reset(k_rays);
-    device.query(field, task, rays_, instances.data(), blocks_, 0, states);
+    device.query(field, task, rays, instances.data(), blocks_, 0, states);
     return states;
   }
 
   // Bakes all visibility cells that the rays meet, as if every line were blocked, or clear.
-  void bake(Field& field, bool blocked) {
+  void bake(Field& field, bool blocked) { bake(field, blocked, rays_); }
+  void bake(Field& field, bool blocked, const RayBatch& rays) {
     CpuDevice cpu(segment_kernels(Isa::scalar));
-    for (const uint32_t slice : ask(cpu, field).unknown_visibility) {
+    for (const uint32_t slice : ask(cpu, field, rays).unknown_visibility) {
       const std::optional<uint32_t> cell = field.claim(FieldLayer::visibility, slice);
       if (!cell) continue;
       for (uint32_t c = *cell; c < *cell + uint32_t(scalar::k_slice_cells); ++c) {
@@ -107,29 +118,118 @@ TEST_F(GpuDeviceTest, ForgetsFieldsThatGo) {
   }
 }
 
-// Three threads that ask while a wave runs share the next one.
+// A wave runs in each stream; threads that ask meanwhile share the next one.
 TEST_F(GpuDeviceTest, ThreadsShareWaves) {
   std::vector<std::thread> threads;
+  std::atomic<int> synchronisations = 0;
+  std::atomic<bool> two_wait = false;
   Field field(ball_, {32, 64});
   bake(field, true);
+  const auto ask_beside = [&] { EXPECT_TRUE(all_have(ask(*device_, field), k_hidden)); };
   EmulatedFaults faults;
   faults.at_synchronise = [&] {
-    if (!threads.empty()) return;
-    for (int i = 0; i < 3; ++i) {
-      threads.emplace_back([&] { EXPECT_TRUE(all_have(ask(*device_, field), k_hidden)); });
+    const int n = ++synchronisations;
+    if (n == 1) threads.emplace_back(ask_beside);
+    if (n == 2) {
+      for (int i = 0; i < 2; ++i) threads.emplace_back(ask_beside);
     }
-    while (device_->waiting() < 3) std::this_thread::yield();
+    while (n == 2 && device_->waiting() < 2) std::this_thread::yield();
+    if (n == 2) two_wait = true;
+    while (n == 1 && !two_wait) std::this_thread::yield();
   };
   open(faults);
-  EXPECT_TRUE(all_have(ask(*device_, field), k_hidden));
+  ask_beside();
   for (std::thread& t : threads) t.join();
-  EXPECT_EQ(device_->counts().waves, 2u);
+  EXPECT_EQ(device_->counts().waves, 3u);
   EXPECT_EQ(log_->launches[int(Kernel::query)], 4u);
   EXPECT_EQ(log_->launches[int(Kernel::scatter)], 1u);
-  EXPECT_EQ(device_->counts().blocks, 3 * blocks_.size());
-  EXPECT_EQ(device_->counts().blocks_cpu, blocks_.size());
+  EXPECT_EQ(device_->counts().blocks, 2 * blocks_.size());
+  EXPECT_EQ(device_->counts().blocks_cpu, 2 * blocks_.size());
   device_.reset();
   EXPECT_EQ(log_->misuse, 0u);
+}
+
+// Waves that begin and end while another is under way see what that one copies, and what they outgrow stays until it is
+// done.
+TEST_F(GpuDeviceTest, WavesFollowEachOther) {
+  for (const bool eager : {false, true}) {
+    Field field(ball_, {32, 64});
+    const RayBatch wide[] = {beam(0.6f, 0.0f), beam(0.6f, 0.2f), beam(0.6f, 0.4f), beam(0.6f, 0.8f)};
+    bake(field, true);
+    for (const RayBatch& rays : wide) bake(field, true, rays);
+    std::function<void()> beside;
+    EmulatedFaults faults;
+    faults.eager = eager;
+    faults.at_synchronise = [&] {
+      const std::function<void()> once = std::exchange(beside, nullptr);
+      if (once) std::thread(once).join();
+    };
+    open(faults);
+    ask(*device_, field);  // names what is missing
+    beside = [&] { EXPECT_TRUE(all_have(ask(*device_, field), k_hidden)); };
+    EXPECT_TRUE(all_have(ask(*device_, field), k_hidden));
+    EXPECT_EQ(device_->counts().blocks, 2 * blocks_.size());
+    const uint64_t resident = device_->counts().bytes_resident;
+    for (const RayBatch& rays : wide) {
+      beside = [&] {
+        for (int i = 0; i < 2; ++i) EXPECT_TRUE(all_have(ask(*device_, field, rays), k_hidden));
+      };
+      EXPECT_TRUE(all_have(ask(*device_, field), k_hidden));
+    }
+    EXPECT_GT(device_->counts().bytes_resident, resident);
+    // Only where something was met for the first time.
+    EXPECT_EQ(device_->counts().blocks_cpu, 5 * blocks_.size());
+    EXPECT_EQ(log_->launches[int(Kernel::scatter)], 5u * (eager + 1));
+    device_.reset();
+    EXPECT_EQ(log_->misuse, 0u);
+  }
+}
+
+// The emulated device itself: streams have no order but by follow().
+TEST(EmulatedStreams, HaveNoOrderButByFollow) {
+  for (const bool eager : {false, true}) {
+    for (const bool follows : {false, true}) {
+      const auto log = std::make_shared<EmulatedLog>();
+      EmulatedFaults faults;
+      faults.eager = eager;
+      EmulatedRuntime r(faults, log);
+      void* host = nullptr;
+      DeviceAddress first = 0, second = 0;
+      ASSERT_EQ(r.open(0) | r.create_streams() | r.allocate_host(8, host), k_success);
+      ASSERT_EQ(r.allocate(4, first) | r.allocate(4, second), k_success);
+      uint32_t* const words = static_cast<uint32_t*>(host);
+      words[0] = 5;
+      // Stream 1 reads what stream 0 has written so far, not what it writes then.
+      ASSERT_EQ(r.copy_to_device(0, first, words, 4), k_success);
+      if (follows) {
+        ASSERT_EQ(r.follow(1, 0), k_success);
+      }
+      ASSERT_EQ(r.fill_zero(0, first, 4), k_success);
+      ASSERT_EQ(r.copy_on_device(1, second, first, 4) | r.copy_to_host(1, words + 1, second, 4), k_success);
+      EXPECT_EQ(words[1], 0xcdcdcdcdu);
+      ASSERT_EQ(r.synchronise(1), k_success);
+      EXPECT_EQ(words[1], eager ? 0u : follows ? 5u : 0xcdcdcdcdu);
+      ASSERT_EQ(r.synchronise(0) | r.free(first) | r.free(second) | r.free_host(host), k_success);
+      ASSERT_EQ(r.destroy_streams() | r.close(), k_success);
+      EXPECT_EQ(log->misuse, 0u);
+    }
+  }
+}
+
+TEST(EmulatedStreams, AFailureIsToldByEveryStream) {
+  const auto log = std::make_shared<EmulatedLog>();
+  EmulatedFaults faults;
+  faults.failing_call = 6;
+  EmulatedRuntime r(faults, log);
+  DeviceAddress place = 0;
+  ASSERT_EQ(r.open(0) | r.create_streams() | r.allocate(4, place), k_success);
+  ASSERT_EQ(r.fill_zero(0, place, 4) | r.fill_zero(1, place, 4) | r.follow(1, 0), k_success);
+  EXPECT_EQ(r.synchronise(0), EmulatedFaults::k_launch_failed);
+  EXPECT_EQ(r.synchronise(1), EmulatedFaults::k_launch_failed);
+  EXPECT_EQ(r.synchronise(1), k_success);
+  EXPECT_EQ(*reinterpret_cast<uint32_t*>(place), 0xcdcdcdcdu);
+  ASSERT_EQ(r.free(place) | r.destroy_streams() | r.close(), k_success);
+  EXPECT_EQ(log->misuse, 0u);
 }
 
 }  // namespace
