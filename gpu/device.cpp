@@ -47,6 +47,7 @@ void GpuDevice::release() {
   for (Stream s = 0; s < k_streams; ++s) (void)runtime_->synchronise(s);
   mirrors_.clear();
   waves_.clear();
+  point_sets_ = {};
   (void)runtime_->destroy_streams();
   (void)runtime_->close();
 }
@@ -193,23 +194,41 @@ void GpuDevice::update_mirrors(Wave& wave, Questions questions) {
         "starting the kernel scatter");
 }
 
+// Those that the first question needs that needs any.
+std::span<const int32_t> GpuDevice::point_sets_of(Questions questions) {
+  for (const Question* q : questions) {
+    const std::span<const int32_t> sets = q->point_sets();
+    if (!sets.empty()) return sets;
+  }
+  return {};
+}
+
 // Copies the questions to the device while the other stream's wave runs, then starts the kernels after that one's.
 void GpuDevice::submit(Wave& wave, Questions questions) {
   Runtime& r = *runtime_;
   check(r, r.enter(), "choosing the device");
-  for (StagingBuffer* buffer : {&wave.in, &wave.fields, &wave.out, &wave.missing}) buffer->clear();
+  for (StagingBuffer* buffer : {&wave.in, &wave.fields, &wave.made, &wave.out, &wave.missing}) buffer->clear();
   wave.packet.words.clear();
   wave.packet.runs.clear();
   for (Question* q : questions) {
     const auto found = mirrors_.find(&q->field);
     if (found != mirrors_.end() && !found->second) continue;
-    q->stage(wave.in, wave.out);
+    q->stage(wave);
     q->missing = wave.missing.reserve(q->blocks.size() * k_missing_words * sizeof(uint32_t));
   }
-  for (StagingBuffer* buffer : {&wave.in, &wave.out, &wave.missing}) buffer->ensure_device();
+  // The point sets are the same for all lights of all scenes: they are sent once, and later waves follow.
+  const std::span<const int32_t> sets = point_sets_.bytes() > 0 ? std::span<const int32_t>() : point_sets_of(questions);
+  const size_t sets_at = wave.in.append(sets.data(), sets.size_bytes());
+  if (!sets.empty()) point_sets_ = DeviceBuffer(*memory_, sets.size_bytes());
+  wave.point_sets = point_sets_.as<const int32_t>();
+  for (StagingBuffer* buffer : {&wave.in, &wave.made, &wave.out, &wave.missing}) buffer->ensure_device();
   wave.in.copy_to_device(wave.stream);
   for (Stream other = 0; other < k_streams; ++other) {
     if (other != wave.stream) check(r, r.follow(wave.stream, other), "ordering streams");
+  }
+  if (!sets.empty()) {
+    const DeviceAddress from = std::bit_cast<DeviceAddress>(wave.in.device<std::byte>(sets_at));
+    check(r, r.copy_on_device(wave.stream, point_sets_.address(), from, sets.size_bytes()), "copying on the device");
   }
   update_mirrors(wave, questions);
   for (const Question* q : questions) {

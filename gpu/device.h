@@ -32,10 +32,11 @@ class GpuDevice final : public VisibilityDevice {
 
   ConeCounts light_cones(const Field& field, const ConeTask& task, const ShadingPointBatch& points, const Sphere& light,
                          std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns& unknowns) override;
-  uint64_t filter_strata(const Field& field, const StratumTask& task, const RayBatch& rays, const float* pdf,
-                         const float* radius, const int32_t* wanted, std::span<const uint32_t> blocks, float* clear,
-                         int32_t* refused, ConeUnknowns& unknowns) override;
-  SegmentCounts query(const Field& field, const SegmentTask& task, const RayBatch& rays,
+  uint64_t filter_strata(const Field& field, const StratumTask& task, const RayBatch& rays,
+                         const LightRaySource& source, const float* pdf, const float* radius, const int32_t* wanted,
+                         std::span<const uint32_t> blocks, float* clear, int32_t* refused,
+                         ConeUnknowns& unknowns) override;
+  SegmentCounts query(const Field& field, const SegmentTask& task, const RayBatch& rays, const LightRaySource& source,
                       const uint32_t* shading_point_instance, std::span<const uint32_t> blocks, int32_t candidate_slot,
                       RayStates& states) override;
   void forget_fields() override;
@@ -45,9 +46,16 @@ class GpuDevice final : public VisibilityDevice {
   struct Question;  // gpu/device_questions.h
   // What one wave sends and receives.
   struct Wave {
-    Wave(DeviceMemory& memory, Stream s) : stream(s), in(memory), fields(memory), out(memory), missing(memory) {}
+    Wave(DeviceMemory& memory, Stream s)
+        : stream(s),
+          in(memory),
+          fields(memory),
+          made(memory, StagingBuffer::Side::device),
+          out(memory),
+          missing(memory) {}
     const Stream stream;
-    StagingBuffer in, fields, out, missing;  // questions, packet, answers
+    StagingBuffer in, fields, made, out, missing;  // questions, packet, rays that are made on the device, answers
+    const int32_t* point_sets = nullptr;           // on the device
     Packet packet;
     std::vector<std::unique_ptr<FieldMirror>> left_out;  // which streams may still use
     bool is_busy = false;                                // from being taken until its questions are answered
@@ -63,6 +71,7 @@ class GpuDevice final : public VisibilityDevice {
   // Answers all that wait. Called and left with the lock; never throws.
   void run(Lock& lock, Wave& wave);
   void submit(Wave& wave, Questions questions);
+  static std::span<const int32_t> point_sets_of(Questions questions);
   void update_mirrors(Wave& wave, Questions questions);
   void collect(Wave& wave, Questions questions);
   void tidy(Wave& wave, Questions questions);
@@ -88,6 +97,7 @@ class GpuDevice final : public VisibilityDevice {
   DeviceCounts counts_;
   std::optional<DeviceMemory> memory_;
   std::vector<std::unique_ptr<Wave>> waves_;                      // k_streams
+  DeviceBuffer point_sets_;                                       // make_point_sets(), once they are needed
   std::map<const Field*, std::unique_ptr<FieldMirror>> mirrors_;  // null: left out
 };
 

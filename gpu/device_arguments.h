@@ -8,6 +8,7 @@
 
 #include <cstdint>
 
+#include "core/light/light.hd.h"
 #include "core/platform/platform.h"
 #include "field/query/query_tasks.h"
 
@@ -37,6 +38,29 @@ struct PointArrays {
 
 struct RayArrays {
   const float *ox, *oy, *oz, *dx, *dy, *dz, *tmax;
+};
+
+// ShadingPointBatch as light_rays() reads it, and what a question asks for all rays of a shading point. None transmits.
+struct ReceiverArrays {
+  const float *px, *py, *pz, *gx, *gy, *gz, *sx, *sy, *sz, *error, *radius;
+  const uint32_t *seed, *sample, *instance;
+  const int32_t* wanted;
+};
+
+// Makes the rays of core/light/light_sampling.h: warp b those of slots blocks[b] and the 31 after it, each slot's
+// shading point being its number / range.count. What has no pointer is not written.
+struct LightRayArguments {
+  Light light;
+  uint32_t light_index;
+  LightSampleRange range;
+  ReceiverArrays receivers;
+  uint32_t slots;             // others are inactive
+  const int32_t* point_sets;  // make_point_sets(); unused on a grid (range.columns > 0)
+  const uint32_t* blocks;
+  float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *pdf, *radius;
+  int32_t* wanted;
+  uint32_t* instance;
+  uint32_t warps;
 };
 
 struct ConeMasks {

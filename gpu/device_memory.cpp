@@ -39,6 +39,11 @@ size_t StagingBuffer::reserve(size_t bytes) {
   if (at + bytes > capacity_) {
     constexpr size_t k_least = 1 << 16;
     const size_t capacity = std::max(std::bit_ceil(at + bytes), k_least);
+    if (side_ == Side::device) {
+      capacity_ = capacity;
+      size_ = at + bytes;
+      return at;
+    }
     void* larger = nullptr;
     Runtime& runtime = memory_.runtime();
     check(runtime, runtime.allocate_host(capacity, larger), "allocating page-locked memory");

@@ -72,13 +72,14 @@ class DeviceBuffer {
   size_t bytes_ = 0;
 };
 
-// Host memory that grows as it is filled, and as much device memory, for what goes over the bus together. Places in it
-// are offsets, aligned to k_alignment bytes.
+// Host memory that grows as it is filled, and as much device memory, for what goes over the bus together; or, for what
+// never does, device memory alone. Places in it are offsets, aligned to k_alignment bytes.
 class StagingBuffer {
  public:
   static constexpr size_t k_alignment = 256;
 
-  explicit StagingBuffer(DeviceMemory& memory) : memory_(memory) {}
+  enum class Side { both, device };
+  explicit StagingBuffer(DeviceMemory& memory, Side side = Side::both) : memory_(memory), side_(side) {}
   ~StagingBuffer();
   StagingBuffer(const StagingBuffer&) = delete;
   StagingBuffer& operator=(const StagingBuffer&) = delete;
@@ -109,6 +110,7 @@ class StagingBuffer {
 
  private:
   DeviceMemory& memory_;
+  const Side side_;
   void* host_ = nullptr;
   size_t size_ = 0, capacity_ = 0;
   DeviceBuffer device_;

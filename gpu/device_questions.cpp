@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "core/light/light_sampling.h"
 #include "field/query/query.hd.h"
 
 namespace fieldtrace::gpu {
@@ -29,6 +30,36 @@ std::vector<uint32_t> blocks_with(std::span<const uint32_t> blocks, const int32_
   return chosen;
 }
 
+// Whether the kernel light_rays knows the light's kind: it has no tables of triangles or skies.
+bool needs_no_table(LightKind kind) {
+  return kind != LightKind::none && kind != LightKind::mesh && kind != LightKind::environment;
+}
+
+constexpr size_t k_word = sizeof(uint32_t);
+
+// Whether rays are made on the device: what goes up is less then.
+bool sends_points(const LightRaySource& source, size_t words_a_ray, size_t blocks) {
+  if (!source.lights || !needs_no_table(source.lights->lights[source.light].kind)) return false;
+  const ShadingPointBatch& points = *source.points;
+  constexpr size_t k_words_a_point = sizeof(ReceiverArrays) / sizeof(void*);
+  if (points.size * k_words_a_point + blocks >= blocks * k_warp * words_a_ray) return false;
+  return std::none_of(points.transmits.begin(), points.transmits.begin() + std::ptrdiff_t(points.size),
+                      [](uint8_t t) { return t != 0; });
+}
+
+size_t words_a_ray(const StagedRays::Others& o) {
+  return 7 + (o.pdf != nullptr) + (o.radius != nullptr) + (o.wanted != nullptr) + (o.instance != nullptr);
+}
+
+// Of values for each ray, the first of each shading point's.
+template <class T>
+size_t stage_firsts(StagingBuffer& in, const T* of_rays, size_t points, size_t count) {
+  const size_t at = in.reserve(points * sizeof(T));
+  T* const to = in.host<T>(at);
+  for (size_t r = 0; r < points; ++r) to[r] = of_rays[r * count];
+  return at;
+}
+
 struct ConeQuestion : MaskQuestion<ConeMasks> {
   ConeQuestion(const Field& of, const ConeTask& cone_task, const ShadingPointBatch& all, const Sphere& ball,
                std::span<const uint32_t> asked, const int32_t* all_flags)
@@ -38,7 +69,8 @@ struct ConeQuestion : MaskQuestion<ConeMasks> {
         light(ball),
         flags(all_flags) {}
 
-  void stage(StagingBuffer& in, StagingBuffer& out) override {
+  void stage(GpuDevice::Wave& wave) override {
+    StagingBuffer& in = wave.in;
     const AlignedVector<float>* const arrays[] = {&points.px, &points.py, &points.pz,    &points.gx,
                                                   &points.gy, &points.gz, &points.error, &points.radius};
     for (int i = 0; i < 8; ++i) at[i] = stage_blocks(in, arrays[i]->data(), blocks);
@@ -47,7 +79,7 @@ struct ConeQuestion : MaskQuestion<ConeMasks> {
     uint32_t* to = in.host<uint32_t>(transmits_at);
     for (const uint32_t block : blocks) to = std::copy_n(points.transmits.data() + block, k_warp, to);
     flags_at = stage_blocks(in, flags, blocks);
-    stage_masks(out);
+    stage_masks(wave.out);
   }
 
   Status launch(Runtime& runtime, const FieldView& view, const GpuDevice::Wave& wave) const override {
@@ -73,30 +105,25 @@ struct ConeQuestion : MaskQuestion<ConeMasks> {
 };
 
 struct StratumQuestion : MaskQuestion<StratumMasks> {
-  StratumQuestion(const Field& of, const StratumTask& stratum_task, const RayBatch& all, const float* density,
-                  const float* near, const int32_t* all_wanted, std::span<const uint32_t> asked)
-      : MaskQuestion(of, blocks_with(asked, all_wanted, 1)),
-        task(stratum_task),
-        rays(all),
-        pdf(density),
-        radius(near),
-        wanted(all_wanted) {}
+  StratumQuestion(const Field& of, const StratumTask& stratum_task, const RayBatch& all, const LightRaySource& source,
+                  const StagedRays::Others& others, std::span<const uint32_t> asked)
+      : MaskQuestion(of, blocks_with(asked, others.wanted, 1)), task(stratum_task), rays(all, source, others, blocks) {}
 
-  void stage(StagingBuffer& in, StagingBuffer& out) override {
-    staged.stage(in, rays, blocks);
-    pdf_at = stage_blocks(in, pdf, blocks);
-    radius_at = stage_blocks(in, radius, blocks);
-    wanted_at = stage_blocks(in, wanted, blocks);
-    clear_at = out.reserve(blocks.size() * k_warp * sizeof(float));
-    stage_masks(out);
+  std::span<const int32_t> point_sets() const override { return rays.point_sets(); }
+  void stage(GpuDevice::Wave& wave) override {
+    rays.stage(wave);
+    clear_at = wave.out.reserve(blocks.size() * k_warp * sizeof(float));
+    stage_masks(wave.out);
   }
 
   Status launch(Runtime& runtime, const FieldView& view, const GpuDevice::Wave& wave) const override {
+    const Status status = rays.launch(runtime, wave);
+    if (status != k_success) return status;
     StratumArguments a = {task,
-                          staged.on_device(wave.in),
-                          wave.in.device<const float>(pdf_at),
-                          wave.in.device<const float>(radius_at),
-                          wave.in.device<const int32_t>(wanted_at),
+                          rays.arrays(wave),
+                          rays.pdf(wave),
+                          rays.radius(wave),
+                          rays.wanted(wave),
                           wave.out.device<float>(clear_at),
                           wave.out.device<StratumMasks>(masks_at),
                           missing_of(*this, wave),
@@ -112,29 +139,30 @@ struct StratumQuestion : MaskQuestion<StratumMasks> {
   }
 
   const StratumTask& task;
-  const RayBatch& rays;
-  const float *pdf, *radius;
-  const int32_t* wanted;
-  StagedRays staged;
-  size_t pdf_at = 0, radius_at = 0, wanted_at = 0, clear_at = 0;
+  StagedRays rays;
+  size_t clear_at = 0;
   std::vector<float> clear;
 };
 
 struct RayQuestion : MaskQuestion<RayMasks> {
-  RayQuestion(const Field& of, const SegmentTask& segment_task, const RayBatch& all, const uint32_t* from,
-              std::span<const uint32_t> asked)
-      : MaskQuestion(of, {asked.begin(), asked.end()}), task(segment_task), rays(all), instance(from) {}
+  RayQuestion(const Field& of, const SegmentTask& segment_task, const RayBatch& all, const LightRaySource& source,
+              const uint32_t* instance, std::span<const uint32_t> asked)
+      : MaskQuestion(of, {asked.begin(), asked.end()}),
+        task(segment_task),
+        rays(all, source, {.instance = instance}, blocks) {}
 
-  void stage(StagingBuffer& in, StagingBuffer& out) override {
-    staged.stage(in, rays, blocks);
-    instance_at = stage_blocks(in, instance, blocks);
-    stage_masks(out);
+  std::span<const int32_t> point_sets() const override { return rays.point_sets(); }
+  void stage(GpuDevice::Wave& wave) override {
+    rays.stage(wave);
+    stage_masks(wave.out);
   }
 
   Status launch(Runtime& runtime, const FieldView& view, const GpuDevice::Wave& wave) const override {
+    const Status status = rays.launch(runtime, wave);
+    if (status != k_success) return status;
     QueryArguments a = {task,
-                        staged.on_device(wave.in),
-                        wave.in.device<const uint32_t>(instance_at),
+                        rays.arrays(wave),
+                        rays.instance(wave),
                         wave.out.device<RayMasks>(masks_at),
                         missing_of(*this, wave),
                         uint32_t(blocks.size())};
@@ -143,10 +171,7 @@ struct RayQuestion : MaskQuestion<RayMasks> {
   }
 
   const SegmentTask& task;
-  const RayBatch& rays;
-  const uint32_t* instance;
-  StagedRays staged;
-  size_t instance_at = 0;
+  StagedRays rays;
 };
 
 // The blocks that the device left to the CPU.
@@ -194,6 +219,82 @@ void merge_rays(const RayMasks& m, uint32_t block, int32_t candidate_slot, RaySt
 
 }  // namespace
 
+StagedRays::StagedRays(const RayBatch& rays, const LightRaySource& source, const Others& others,
+                       std::span<const uint32_t> blocks)
+    : rays_(rays),
+      source_(source),
+      others_(others),
+      blocks_(blocks),
+      is_made_(sends_points(source, words_a_ray(others), blocks.size())) {}
+
+std::span<const int32_t> StagedRays::point_sets() const {
+  if (!is_made_ || source_.range.columns > 0) return {};
+  return source_.lights->point_sets;
+}
+
+void StagedRays::stage_points(StagingBuffer& in) {
+  const ShadingPointBatch& p = *source_.points;
+  const size_t count = size_t(source_.range.count);
+  const AlignedVector<float>* const floats[] = {&p.px, &p.py, &p.pz, &p.gx, &p.gy,
+                                                &p.gz, &p.sx, &p.sy, &p.sz, &p.error};
+  size_t* at = points_at_;
+  for (const AlignedVector<float>* array : floats) *at++ = in.append(array->data(), p.size * k_word);
+  *at++ = others_.radius ? stage_firsts(in, others_.radius, p.size, count) : 0;
+  for (const auto* array : {&p.seed, &p.sample, &p.instance}) *at++ = in.append(array->data(), p.size * k_word);
+  *at = others_.wanted ? stage_firsts(in, others_.wanted, p.size, count) : 0;
+  blocks_at_ = in.append(blocks_.data(), blocks_.size_bytes());
+}
+
+void StagedRays::stage(GpuDevice::Wave& wave) {
+  if (is_made_) {
+    stage_points(wave.in);
+    const size_t bytes = blocks_.size() * k_warp * k_word;
+    for (size_t& at : at_) at = wave.made.reserve(bytes);
+    for (size_t* at : {&pdf_at_, &radius_at_, &wanted_at_, &instance_at_}) *at = wave.made.reserve(bytes);
+    return;
+  }
+  const AlignedVector<float>* const arrays[] = {&rays_.ox, &rays_.oy, &rays_.oz,  &rays_.dx,
+                                                &rays_.dy, &rays_.dz, &rays_.tmax};
+  for (int i = 0; i < 7; ++i) at_[i] = stage_blocks(wave.in, arrays[i]->data(), blocks_);
+  if (others_.pdf) pdf_at_ = stage_blocks(wave.in, others_.pdf, blocks_);
+  if (others_.radius) radius_at_ = stage_blocks(wave.in, others_.radius, blocks_);
+  if (others_.wanted) wanted_at_ = stage_blocks(wave.in, others_.wanted, blocks_);
+  if (others_.instance) instance_at_ = stage_blocks(wave.in, others_.instance, blocks_);
+}
+
+RayArrays StagedRays::arrays(const GpuDevice::Wave& wave) const {
+  const auto array = [&](int i) { return place<const float>(wave, at_[i]); };
+  return {array(0), array(1), array(2), array(3), array(4), array(5), array(6)};
+}
+
+Status StagedRays::launch(Runtime& runtime, const GpuDevice::Wave& wave) const {
+  if (!is_made_) return k_success;
+  const auto in = [&](int i) { return wave.in.device<const float>(points_at_[i]); };
+  const auto words = [&](int i) { return wave.in.device<const uint32_t>(points_at_[i]); };
+  const auto made = [&](int i) { return wave.made.device<float>(at_[i]); };
+  const LightRayArguments a = {source_.lights->lights[source_.light],
+                               source_.light,
+                               source_.range,
+                               {in(0), in(1), in(2), in(3), in(4), in(5), in(6), in(7), in(8), in(9), in(10), words(11),
+                                words(12), words(13), wave.in.device<const int32_t>(points_at_[14])},
+                               uint32_t(rays_.size),
+                               wave.point_sets,
+                               wave.in.device<const uint32_t>(blocks_at_),
+                               made(0),
+                               made(1),
+                               made(2),
+                               made(3),
+                               made(4),
+                               made(5),
+                               made(6),
+                               others_.pdf ? wave.made.device<float>(pdf_at_) : nullptr,
+                               others_.radius ? wave.made.device<float>(radius_at_) : nullptr,
+                               others_.wanted ? wave.made.device<int32_t>(wanted_at_) : nullptr,
+                               others_.instance ? wave.made.device<uint32_t>(instance_at_) : nullptr,
+                               uint32_t(blocks_.size())};
+  return launch_kernel(runtime, wave, Kernel::light_rays, a);
+}
+
 ConeCounts GpuDevice::light_cones(const Field& field, const ConeTask& task, const ShadingPointBatch& points,
                                   const Sphere& light, std::span<const uint32_t> blocks, int32_t* flags,
                                   ConeUnknowns& unknowns) {
@@ -213,13 +314,14 @@ ConeCounts GpuDevice::light_cones(const Field& field, const ConeTask& task, cons
   return counts;
 }
 
-uint64_t GpuDevice::filter_strata(const Field& field, const StratumTask& task, const RayBatch& rays, const float* pdf,
-                                  const float* radius, const int32_t* wanted, std::span<const uint32_t> blocks,
-                                  float* clear, int32_t* refused, ConeUnknowns& unknowns) {
-  StratumQuestion q(field, task, rays, pdf, radius, wanted, blocks);
+uint64_t GpuDevice::filter_strata(const Field& field, const StratumTask& task, const RayBatch& rays,
+                                  const LightRaySource& source, const float* pdf, const float* radius,
+                                  const int32_t* wanted, std::span<const uint32_t> blocks, float* clear,
+                                  int32_t* refused, ConeUnknowns& unknowns) {
+  StratumQuestion q(field, task, rays, source, {.pdf = pdf, .radius = radius, .wanted = wanted}, blocks);
   ask(q);
   const uint64_t lookups =
-      cpu_.filter_strata(field, task, rays, pdf, radius, wanted, blocks_left(q), clear, refused, unknowns);
+      cpu_.filter_strata(field, task, rays, source, pdf, radius, wanted, blocks_left(q), clear, refused, unknowns);
   return lookups + merge_blocks(q, [&](uint32_t block, const StratumMasks& m, size_t warp) {
            for (uint32_t lane = 0; lane < k_warp; ++lane) {
              clear[block + lane] *= q.clear[warp * k_warp + lane];
@@ -229,11 +331,12 @@ uint64_t GpuDevice::filter_strata(const Field& field, const StratumTask& task, c
 }
 
 SegmentCounts GpuDevice::query(const Field& field, const SegmentTask& task, const RayBatch& rays,
-                               const uint32_t* shading_point_instance, std::span<const uint32_t> blocks,
-                               int32_t candidate_slot, RayStates& states) {
-  RayQuestion q(field, task, rays, shading_point_instance, blocks);
+                               const LightRaySource& source, const uint32_t* shading_point_instance,
+                               std::span<const uint32_t> blocks, int32_t candidate_slot, RayStates& states) {
+  RayQuestion q(field, task, rays, source, shading_point_instance, blocks);
   ask(q);
-  SegmentCounts counts = cpu_.query(field, task, rays, shading_point_instance, blocks_left(q), candidate_slot, states);
+  SegmentCounts counts =
+      cpu_.query(field, task, rays, source, shading_point_instance, blocks_left(q), candidate_slot, states);
   counts.lookups += merge_blocks(q, [&](uint32_t block, const RayMasks& m, size_t) {
     counts.crossings += uint64_t(std::popcount(m.crosses));
     merge_rays(m, block, candidate_slot, states);

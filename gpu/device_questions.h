@@ -15,8 +15,10 @@ static_assert(k_warp == k_batch_padding);
 struct GpuDevice::Question {
   Question(const Field& of, std::vector<uint32_t> asked) : field(of), blocks(std::move(asked)) {}
   virtual ~Question() = default;
-  // Puts the arrays into `in`, and makes room for the answers in `out`.
-  virtual void stage(StagingBuffer& in, StagingBuffer& out) = 0;
+  // Puts the arrays into `in`, and makes room for the answers in `out` and for rays in `made`.
+  virtual void stage(Wave& wave) = 0;
+  // What it needs of LightTable::point_sets: all or nothing.
+  virtual std::span<const int32_t> point_sets() const { return {}; }
   // `view`: the field's on the device.
   virtual Status launch(Runtime& runtime, const FieldView& view, const Wave& wave) const = 0;
   virtual void take_answers(const StagingBuffer& out) = 0;
@@ -53,18 +55,44 @@ struct MaskQuestion : GpuDevice::Question {
   std::vector<Masks> masks;
 };
 
-struct StagedRays {
-  size_t at[7];
+// The rays of a question: sent as they are, or made on the device from shading points where that is less to send.
+class StagedRays {
+ public:
+  // What else a question has for each ray; null: not of it.
+  struct Others {
+    const float *pdf = nullptr, *radius = nullptr;
+    const int32_t* wanted = nullptr;
+    const uint32_t* instance = nullptr;
+  };
 
-  void stage(StagingBuffer& in, const RayBatch& rays, std::span<const uint32_t> blocks) {
-    const AlignedVector<float>* const arrays[] = {&rays.ox, &rays.oy, &rays.oz,  &rays.dx,
-                                                  &rays.dy, &rays.dz, &rays.tmax};
-    for (int i = 0; i < 7; ++i) at[i] = stage_blocks(in, arrays[i]->data(), blocks);
+  StagedRays(const RayBatch& rays, const LightRaySource& source, const Others& others,
+             std::span<const uint32_t> blocks);
+  std::span<const int32_t> point_sets() const;
+  void stage(GpuDevice::Wave& wave);
+  // Starts the kernel that makes them, if they are made there.
+  Status launch(Runtime& runtime, const GpuDevice::Wave& wave) const;
+
+  // After stage(), on the device.
+  RayArrays arrays(const GpuDevice::Wave& wave) const;
+  const float* pdf(const GpuDevice::Wave& wave) const { return place<const float>(wave, pdf_at_); }
+  const float* radius(const GpuDevice::Wave& wave) const { return place<const float>(wave, radius_at_); }
+  const int32_t* wanted(const GpuDevice::Wave& wave) const { return place<const int32_t>(wave, wanted_at_); }
+  const uint32_t* instance(const GpuDevice::Wave& wave) const { return place<const uint32_t>(wave, instance_at_); }
+
+ private:
+  template <class T>
+  T* place(const GpuDevice::Wave& wave, size_t at) const {
+    return is_made_ ? wave.made.device<T>(at) : wave.in.device<T>(at);
   }
-  RayArrays on_device(const StagingBuffer& in) const {
-    const auto array = [&](int i) { return in.device<const float>(at[i]); };
-    return {array(0), array(1), array(2), array(3), array(4), array(5), array(6)};
-  }
+  void stage_points(StagingBuffer& in);
+
+  const RayBatch& rays_;
+  const LightRaySource source_;
+  const Others others_;
+  const std::span<const uint32_t> blocks_;
+  const bool is_made_;
+  size_t at_[7], pdf_at_ = 0, radius_at_ = 0, wanted_at_ = 0, instance_at_ = 0;
+  size_t points_at_[15], blocks_at_ = 0;  // in the order of ReceiverArrays
 };
 
 }  // namespace fieldtrace::gpu

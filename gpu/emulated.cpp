@@ -221,7 +221,7 @@ Status EmulatedRuntime::launch(Stream stream, Kernel kernel, uint32_t blocks, co
   std::memcpy(copy->data(), arguments, bytes);
   log_->launches[int(kernel)] += 1;
   Queue& q = queues_[stream];
-  if (kernel != Kernel::scatter) {
+  if (kernel != Kernel::scatter && kernel != Kernel::light_rays) {
     log_->bytes_up[int(kernel)] += std::exchange(q.bytes_waiting, 0);
     q.last_kernel = kernel;
   }

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <bit>
 
+#include "core/light/light_sampling.h"
 #include "field/query/segment_batch-inl.h"
 #include "gpu/device_arguments.h"
 #include "gpu/emulated.h"
@@ -122,6 +123,41 @@ void query(const QueryArguments& a) {
   }
 }
 
+// By the CPU's batch loops over all shading points.
+void light_rays(const LightRayArguments& a) {
+  LightTable table;
+  table.lights.resize(a.light_index + 1);
+  table.lights[a.light_index] = a.light;
+  if (a.range.columns == 0) table.point_sets.assign(a.point_sets, a.point_sets + k_point_sets * k_set_words);
+  const uint32_t count = uint32_t(a.range.count), size = a.slots / count;
+  const ReceiverArrays& from = a.receivers;
+  ShadingPointBatch p;
+  p.resize(size);
+  std::fill(p.transmits.begin(), p.transmits.end(), uint8_t(0));
+  const auto copy = [&](const auto* array, auto& to) { std::copy_n(array, size, to.data()); };
+  copy(from.px, p.px), copy(from.py, p.py), copy(from.pz, p.pz);
+  copy(from.gx, p.gx), copy(from.gy, p.gy), copy(from.gz, p.gz);
+  copy(from.sx, p.sx), copy(from.sy, p.sy), copy(from.sz, p.sz);
+  copy(from.error, p.error), copy(from.seed, p.seed), copy(from.sample, p.sample), copy(from.instance, p.instance);
+  ShadowBatch made;
+  sample_light(table, a.light_index, p, a.range, Isa::scalar, made);
+  const AlignedVector<float>* const rays[] = {&made.rays.ox, &made.rays.oy, &made.rays.oz,   &made.rays.dx,
+                                              &made.rays.dy, &made.rays.dz, &made.rays.tmax, &made.pdf};
+  float* const to[] = {a.ox, a.oy, a.oz, a.dx, a.dy, a.dz, a.tmax, a.pdf};
+  for (uint32_t warp = 0; warp < a.warps; ++warp) {
+    for (uint32_t lane = 0; lane < k_warp; ++lane) {
+      const uint32_t slot = a.blocks[warp] + lane, at = warp * k_warp + lane;
+      const bool is_slot = slot < a.slots;
+      for (int i = 0; i < 8; ++i) {
+        if (to[i]) to[i][at] = is_slot ? (*rays[i])[slot] : i == 5 ? 1.0f : i == 6 ? -1.0f : 0.0f;
+      }
+      if (a.radius) a.radius[at] = is_slot ? from.radius[slot / count] : 0.0f;
+      if (a.wanted) a.wanted[at] = is_slot ? from.wanted[slot / count] : 0;
+      if (a.instance) a.instance[at] = is_slot ? from.instance[slot / count] : ~0u;
+    }
+  }
+}
+
 void scatter(const ScatterArguments& a) {
   for (uint32_t run = 0; run < a.warps; ++run) {
     const ScatterRun& r = a.runs[run];
@@ -139,6 +175,8 @@ void run_emulated_kernel(Kernel kernel, uint32_t, const void* arguments) {
       return filter_strata(*static_cast<const StratumArguments*>(arguments));
     case Kernel::query:
       return query(*static_cast<const QueryArguments*>(arguments));
+    case Kernel::light_rays:
+      return light_rays(*static_cast<const LightRayArguments*>(arguments));
     case Kernel::scatter:
       return scatter(*static_cast<const ScatterArguments*>(arguments));
   }

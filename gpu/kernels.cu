@@ -3,6 +3,8 @@
 //
 // Compiled without contraction (gpu/CMakeLists.txt), so that answers are the CPU's, bit for bit. Launched with one warp
 // a thread block and a thread block for each of the arguments' `warps`.
+#include "core/light/light_ray.hd.h"
+#include "core/light/light_shapes_area.hd.h"
 #include "field/query/task_answers.hd.h"
 #include "gpu/device_arguments.h"
 
@@ -121,6 +123,85 @@ extern "C" __global__ void __launch_bounds__(k_warp) query(const __grid_constant
   m.not_baked = missing.finish(verdict > scalar::k_verdict_undecided);
   m.lookups = warp_sum(uint32_t(answer.lookups));
   if (lane_index() == 0) a.masks[blockIdx.x] = m;
+}
+
+namespace {
+
+// The ray of one slot to a light of a kind that needs no table.
+template <class Kind>
+__device__ void make_ray(const LightRayArguments& a, uint32_t slot, uint32_t to) {
+  const ReceiverArrays& p = a.receivers;
+  const uint32_t r = slot / uint32_t(a.range.count), k = slot % uint32_t(a.range.count);
+  const uint32_t dimension = k_light_dimension + 2 * a.light_index;
+  const scalar::ShadingPointInput<float> in = {load(p.px, p.py, p.pz, r),
+                                               load(p.gx, p.gy, p.gz, r),
+                                               load(p.sx, p.sy, p.sz, r),
+                                               p.error[r],
+                                               0.0f,
+                                               p.seed[r],
+                                               p.sample[r],
+                                               p.instance[r]};
+  const Kind kind(a.light);
+  const auto point =
+      scalar::shading_point_lanes<float, Kind, false>(a.light, dimension, scalar::set_stream(dimension), a.range, in);
+  const scalar::CentredPair<float> at =
+      a.range.columns > 0 ? scalar::centre_of_cell<float>(a.range, uint32_t(a.range.first) + k)
+                          : scalar::gather_point<float>(a.point_sets, point.points, point.first_index + k);
+  const auto ray = scalar::light_ray<float, Kind, false>(kind, point, kind.setup(point.at), at, 0.0f);
+  const scalar::StoredRay<float> stored = scalar::stored_ray<float, Kind>(ray, ray.active);
+  a.ox[to] = ray.origin.x, a.oy[to] = ray.origin.y, a.oz[to] = ray.origin.z;
+  a.dx[to] = stored.d.x, a.dy[to] = stored.d.y, a.dz[to] = stored.d.z;
+  a.tmax[to] = stored.tmax;
+  if (a.pdf) a.pdf[to] = stored.pdf;
+}
+
+__device__ void make_inactive(const LightRayArguments& a, uint32_t to) {
+  a.ox[to] = a.oy[to] = a.oz[to] = a.dx[to] = a.dy[to] = 0.0f;
+  a.dz[to] = 1.0f;
+  a.tmax[to] = -1.0f;
+  if (a.pdf) a.pdf[to] = 0.0f;
+}
+
+__device__ void make_ray_of_kind(const LightRayArguments& a, uint32_t slot, uint32_t to) {
+  switch (a.light.kind) {
+    case LightKind::sphere:
+      return make_ray<scalar::SphereLight<float>>(a, slot, to);
+    case LightKind::sphere_inside:
+    case LightKind::ellipsoid:
+      return make_ray<scalar::EllipsoidLight<float>>(a, slot, to);
+    case LightKind::rectangle:
+      return make_ray<scalar::RectangleLight<float>>(a, slot, to);
+    case LightKind::parallelogram:
+      return make_ray<scalar::ParallelogramLight<float>>(a, slot, to);
+    case LightKind::disk:
+      return make_ray<scalar::DiskLight<float>>(a, slot, to);
+    case LightKind::cylinder:
+      return make_ray<scalar::CylinderLight<float>>(a, slot, to);
+    case LightKind::point:
+      return make_ray<scalar::PointLight<float>>(a, slot, to);
+    case LightKind::directional:
+      return make_ray<scalar::DirectionalLight<float>>(a, slot, to);
+    case LightKind::constant:
+      return make_ray<scalar::ConstantLight<float>>(a, slot, to);
+    default:  // not asked (gpu/device_questions.h)
+      return make_inactive(a, to);
+  }
+}
+
+}  // namespace
+
+extern "C" __global__ void __launch_bounds__(k_warp) light_rays(const __grid_constant__ LightRayArguments a) {
+  const uint32_t slot = a.blocks[blockIdx.x] + lane_index(), to = entry_index();
+  const bool is_slot = slot < a.slots;
+  const uint32_t r = is_slot ? slot / uint32_t(a.range.count) : 0;
+  if (is_slot) {
+    make_ray_of_kind(a, slot, to);
+  } else {
+    make_inactive(a, to);
+  }
+  if (a.radius) a.radius[to] = is_slot ? a.receivers.radius[r] : 0.0f;
+  if (a.wanted) a.wanted[to] = is_slot ? a.receivers.wanted[r] : 0;
+  if (a.instance) a.instance[to] = is_slot ? a.receivers.instance[r] : 0xffffffffu;
 }
 
 extern "C" __global__ void __launch_bounds__(k_warp) scatter(const __grid_constant__ ScatterArguments a) {

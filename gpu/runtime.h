@@ -28,9 +28,10 @@ struct DeviceProperties {
 };
 
 // The functions of gpu/kernels.cu, by the structures of gpu/device_arguments.h.
-enum class Kernel { light_cones, filter_strata, query, scatter };
-inline constexpr int k_kernels = 4;
-inline constexpr const char* k_kernel_names[k_kernels] = {"light_cones", "filter_strata", "query", "scatter"};
+enum class Kernel { light_cones, filter_strata, query, scatter, light_rays };
+inline constexpr int k_kernels = 5;
+inline constexpr const char* k_kernel_names[k_kernels] = {"light_cones", "filter_strata", "query", "scatter",
+                                                          "light_rays"};
 
 // A number below k_streams.
 using Stream = int;

@@ -1,4 +1,4 @@
-// One light as plain data in world space, ready for sampling.
+// One light as plain data in world space, ready for sampling, and which of its samples are wanted.
 //
 // Memory layout: a flat struct of 4-byte members that refers to its table's triangles by index; the same bytes serve
 // every instruction set and a GPU. Thread-safety: a value, const after make_lights.
@@ -75,5 +75,29 @@ struct EnvironmentRow {
 };
 inline constexpr int k_environment_row_floats = sizeof(EnvironmentRow) / sizeof(float);
 static_assert(sizeof(EnvironmentRow) == 8 * sizeof(float));
+
+// Which of each shading point's samples a batch holds: numbers first ... first + count - 1 of `total`, taken from the
+// shading point's sequence; or, with columns > 0 (not for mesh lights), the centres of the cells of a grid of `columns`
+// columns and total / columns rows (which must be whole; total >= 2) over the sample square, row by row.
+//
+// cell_columns > 0: the cells of a grid of cell_columns x cell_rows over that square that the samples lie in are
+// wanted, in ShadowBatch::cell.
+struct LightSampleRange {
+  int total = 1, first = 0, count = 1;
+  int columns = 0;
+  int cell_columns = 0, cell_rows = 0;
+};
+
+// Pairs of sample dimensions: light i uses k_light_dimension + 2 i and the next; BSDFs and the camera stay below.
+inline constexpr uint32_t k_light_dimension = 0x40000000u;
+
+// The origin is moved by error (1 + 2^-21) + 2^-23 |p|, where |p| is the sum of the coordinates' magnitudes. The
+// computed sum p + g e is off by at most u (|p| + (1 + sqrt 3) e) along g (u = 2^-24: one rounding per product and
+// sum), so an offset of at least `error` remains; both factors have a margin of two.
+inline constexpr float k_offset_error_scale = 1.0f + 0x1p-21f;
+inline constexpr float k_offset_rounding = 0x1p-23f;
+
+// The end of rays to lights at infinity.
+inline constexpr float k_no_end = __builtin_huge_valf();
 
 }  // namespace fieldtrace

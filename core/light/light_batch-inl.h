@@ -14,37 +14,16 @@
 #endif
 
 #include <algorithm>
-#include <limits>
 
 #include "core/light/light_environment.hd.h"
 #include "core/light/light_kernels.h"
+#include "core/light/light_ray.hd.h"
 #include "core/light/light_shapes.hd.h"
 #include "core/light/light_shapes_area.hd.h"
 #include "core/sampling/point_sets.hd.h"
 #include "core/sampling/sobol.hd.h"
 
 FT_LANES_BEGIN
-
-template <class F>
-struct ShadingPointLanes {
-  LightShadingPoint<F> at;
-  Vec3Lanes<F> normal;  // geometric
-  F slip;               // for shading points that transmit: the origin's offset, to the side of the direction
-  SetSequence<F> points;
-  SobolSeeds<F> third_seeds;
-  Uint_t<F> first_index, instance;
-
-  template <class Op>
-  FT_HD_INLINE ShadingPointLanes map(const Op& op) const {
-    return {{op(at.origin), op(at.shading), op(at.delta), op(at.transmits)},
-            op(normal),
-            op(slip),
-            {op(points.set), op(points.shift_x), op(points.shift_y)},
-            {op(third_seeds.order), op(third_seeds.x), op(third_seeds.y)},
-            op(first_index),
-            op(instance)};
-  }
-};
 
 template <class F>
 struct SpreadLanes {
@@ -96,38 +75,18 @@ struct LightBatch {
   FT_HD_INLINE ShadingPointLanes<F> load_shading_points(size_t i) const {
     const ShadingPointBatch& b = shading_points;
     const auto at = [i](const AlignedVector<float>& v) { return load_lanes<F>(v.data() + i); };
-    const Vec3Lanes<F> point = {at(b.px), at(b.py), at(b.pz)};
-    ShadingPointLanes<F> r;
-    r.normal = {at(b.gx), at(b.gy), at(b.gz)};
-    r.at.shading = {at(b.sx), at(b.sy), at(b.sz)};
-    const F reach = abs(point.x) + abs(point.y) + abs(point.z);
-    const F offset = at(b.error) * splat<F>(k_offset_error_scale) + reach * splat<F>(k_offset_rounding);
-    if constexpr (k_transmits) {
-      r.at.transmits = to_float(as_int(load_byte_lanes<F>(b.transmits.data() + i)));
-      const auto opaque = r.at.transmits == splat<F>(0.0f);
-      r.at.origin = point + r.normal * select(opaque, offset, splat<F>(0.0f));
-      r.slip = select(opaque, splat<F>(0.0f), offset);
-    } else {
-      r.at.transmits = splat<F>(0.0f);
-      r.at.origin = point + r.normal * offset;
-      r.slip = splat<F>(0.0f);
-    }
-    r.at.delta = splat<F>(light.error_base) + splat<F>(light.error_slope) * reach;
-    const Uint_t<F> seed = load_uint_lanes<F>(b.seed.data() + i);
-    r.points = set_sequence<F>(seed, stream);
-    if constexpr (Kind::k_third_number) {
-      r.third_seeds = sobol_seeds<F>(seed, dimension + 1);
-    } else {
-      r.third_seeds = {seed, seed, seed};
-    }
-    r.first_index = load_uint_lanes<F>(b.sample.data() + i) * splat_uint<F>(uint32_t(range.total)) +
-                    splat_uint<F>(uint32_t(range.first));
-    r.instance = load_uint_lanes<F>(b.instance.data() + i);
-    return r;
-  }
-
-  FT_HD_INLINE CentredPair<F> centre_of_cell(Uint_t<F> k) const {
-    return grid_point<F>(k, range.columns, range.total / range.columns);
+    const auto uint_at = [i](const AlignedVector<uint32_t>& v) { return load_uint_lanes<F>(v.data() + i); };
+    F transmits = splat<F>(0.0f);
+    if constexpr (k_transmits) transmits = to_float(as_int(load_byte_lanes<F>(b.transmits.data() + i)));
+    const ShadingPointInput<F> in = {{at(b.px), at(b.py), at(b.pz)},
+                                     {at(b.gx), at(b.gy), at(b.gz)},
+                                     {at(b.sx), at(b.sy), at(b.sz)},
+                                     at(b.error),
+                                     transmits,
+                                     uint_at(b.seed),
+                                     uint_at(b.sample),
+                                     uint_at(b.instance)};
+    return shading_point_lanes<F, Kind, k_transmits>(light, dimension, stream, range, in);
   }
 
   // The cell of a grid over the sample square that a point lies in.
@@ -146,52 +105,37 @@ struct LightBatch {
     const Uint_t<F> index = r.first_index + k;
     F third = splat<F>(0.0f);
     if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    const CentredPair<F> point = range.columns > 0 ? centre_of_cell(splat_uint<F>(uint32_t(range.first)) + k)
+    const CentredPair<F> point = range.columns > 0 ? centre_of_cell<F>(range, splat_uint<F>(uint32_t(range.first)) + k)
                                                    : gather_point<F>(point_sets, r.points, index);
     emit(to, slot, r, setup, point, third);
   }
 
   FT_HD_INLINE void emit(Slots& to, size_t slot, const ShadingPointLanes<F>& r, const typename Kind::Setup& setup,
                          const CentredPair<F>& point, F third) const {
-    const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-    const auto s = kind.sample(r.at, setup, point.x, point.y, third);
-
-    Vec3Lanes<F> origin = r.at.origin, d = s.d;
-    const F cos_g = dot(r.normal, d);
-    const auto above = (cos_g > zero) & (s.cos_s > zero);
-    F height = s.height, cos_s = s.cos_s;
-    Mask_t<F> active = above;
-    if constexpr (k_transmits) {
-      const Vec3Lanes<F> shift = r.normal * copysign(r.slip, cos_g);
-      origin = origin + shift;
-      if constexpr (Kind::k_finite) d = d - shift;
-      if constexpr (Kind::k_surface) height = height + dot(s.normal, shift);
-      active = above | (r.at.transmits > zero);
-      cos_s = abs(cos_s);
-    }
-    active = active & (height >= zero);
+    const auto ray = light_ray<F, Kind, k_transmits>(kind, r, setup, point, third);
+    Mask_t<F> active = ray.active;
     if (slot + k_lanes > slots) {  // last vector of the batch: its padding stays inactive
       const Int_t<F> left = splat_int<F>(int32_t(slots - std::min(slot, slots)));
       active = active & (as_int(load_uint_lanes<F>(k_iota.data())) < left);
     }
 
-    const F t_max = Kind::k_finite ? one : splat<F>(std::numeric_limits<float>::infinity());
+    const StoredRay<F> stored = stored_ray<F, Kind>(ray, active);
     to.active += size_t(count_true(active));
-    store_lanes(origin.x, to.ox + slot);
-    store_lanes(origin.y, to.oy + slot);
-    store_lanes(origin.z, to.oz + slot);
-    store_lanes(select(active, d.x, zero), to.dx + slot);
-    store_lanes(select(active, d.y, zero), to.dy + slot);
-    store_lanes(select(active, d.z, one), to.dz + slot);
-    store_lanes(select(active, t_max, splat<F>(-1.0f)), to.tmax + slot);
-    store_lanes(select(active, cos_s * s.inverse_pdf, zero), to.weight + slot);
-    store_lanes(select(active, s.pdf, zero), to.pdf + slot);
+    store_lanes(ray.origin.x, to.ox + slot);
+    store_lanes(ray.origin.y, to.oy + slot);
+    store_lanes(ray.origin.z, to.oz + slot);
+    store_lanes(stored.d.x, to.dx + slot);
+    store_lanes(stored.d.y, to.dy + slot);
+    store_lanes(stored.d.z, to.dz + slot);
+    store_lanes(stored.tmax, to.tmax + slot);
+    store_lanes(stored.weight, to.weight + slot);
+    store_lanes(stored.pdf, to.pdf + slot);
     store_lanes(r.instance, to.instance + slot);
     if (range.cell_columns > 0) store_lanes(cell_of(point), to.cell + slot);
     if constexpr (Kind::k_varies) {
-      store_lanes(s.radiance.x, to.red + slot);
-      store_lanes(s.radiance.y, to.green + slot);
-      store_lanes(s.radiance.z, to.blue + slot);
+      store_lanes(ray.sample.radiance.x, to.red + slot);
+      store_lanes(ray.sample.radiance.y, to.green + slot);
+      store_lanes(ray.sample.radiance.z, to.blue + slot);
     }
   }
 
@@ -252,7 +196,7 @@ struct LightBatch {
         for (size_t k = 0; k < m; k += k_lanes) {
           const auto number = as_uint(lane_sequence<F>(range.first + int32_t(k)));
           const auto points =
-              range.columns > 0 ? centre_of_cell(number)
+              range.columns > 0 ? centre_of_cell<F>(range, number)
                                 : load_points<F>(point_sets, set[i], spread_point.points, first_index[i] + uint32_t(k));
           emit(to, (group + i) * m + k, spread_point, spread_setup, points, splat<F>(0.0f));
         }

@@ -11,15 +11,6 @@
 
 namespace fieldtrace {
 
-// Pairs of sample dimensions: light i uses k_light_dimension + 2 i and the next; BSDFs and the camera stay below.
-inline constexpr uint32_t k_light_dimension = 0x40000000u;
-
-// The origin is moved by error (1 + 2^-21) + 2^-23 |p|, where |p| is the sum of the coordinates' magnitudes. The
-// computed sum p + g e is off by at most u (|p| + (1 + sqrt 3) e) along g (u = 2^-24: one rounding per product and
-// sum), so an offset of at least `error` remains; both factors have a margin of two.
-inline constexpr float k_offset_error_scale = 1.0f + 0x1p-21f;
-inline constexpr float k_offset_rounding = 0x1p-23f;
-
 alignas(64) inline constexpr std::array<uint32_t, k_batch_padding> k_iota = {0, 1, 2,  3,  4,  5,  6,  7,
                                                                              8, 9, 10, 11, 12, 13, 14, 15};
 

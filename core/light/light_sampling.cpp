@@ -17,6 +17,7 @@ void sample_light(const LightTable& lights, uint32_t light, const ShadingPointBa
                   const LightSampleRange& range, Isa isa, ShadowBatch& out) {
   const LightKernel kernel = light_kernel_for(resolve_isa(isa));
   out.resize(shading_points.size * size_t(range.count));
+  out.source = {&lights, light, &shading_points, range};
   out.active = 0;
   if (range.cell_columns > 0) out.cell.assign(padded(out.rays.size), 0);
   if (lights.lights[light].kind == LightKind::none) {

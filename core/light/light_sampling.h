@@ -34,18 +34,6 @@ struct LightTable {
 // not valid for make_environment, or if there are two environments.
 LightTable make_lights(const Scene& scene);
 
-// Which of each shading point's samples a batch holds: numbers first ... first + count - 1 of `total`, taken from the
-// shading point's sequence; or, with columns > 0 (not for mesh lights), the centres of the cells of a grid of `columns`
-// columns and total / columns rows (which must be whole; total >= 2) over the sample square, row by row.
-//
-// cell_columns > 0: the cells of a grid of cell_columns x cell_rows over that square that the samples lie in are
-// wanted, in ShadowBatch::cell.
-struct LightSampleRange {
-  int total = 1, first = 0, count = 1;
-  int columns = 0;
-  int cell_columns = 0, cell_rows = 0;
-};
-
 // Fills `out` (resized to shading_points.size * light_samples) with one shadow ray per shading point and sample towards
 // light `light`; see ShadowBatch for the members. Sample k of shading point r is point shading_points.sample[r] *
 // light_samples + k of the scrambled Sobol sequence of shading_points.seed[r] and the light (point_sets.h; the third

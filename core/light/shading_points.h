@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "core/light/light.hd.h"
 #include "core/trace/rays.h"
 
 namespace fieldtrace {
@@ -46,12 +47,24 @@ struct ShadingPointBatch {
   }
 };
 
+struct LightTable;
+
+// How rays were made, for devices that make them themselves: slot r * range.count + k is that of shading point r.
+// lights == null: in another way.
+struct LightRaySource {
+  const LightTable* lights = nullptr;
+  uint32_t light = 0;
+  const ShadingPointBatch* points = nullptr;
+  LightSampleRange range = {};
+};
+
 struct ShadowBatch {
   // From the offset point towards the light sample. d reaches from the origin to the sample, so t = 1 there, and tmax
   // is smaller by the light's error bound. Lights at infinity: d is unit, tmax infinite. Slots whose sample cannot
   // contribute (below the horizon, behind the light) are inactive: tmax < 0, weight 0.
   RayBatch rays;
   size_t active = 0;                      // active slots, counted by sample_light
+  LightRaySource source;                  // by sample_light; good while its shading points are as they were
   AlignedVector<float> weight;            // |cos at the shading normal| / pdf of the direction (solid angle); for point
                                           // and directional emitters |cos| times the geometric fall-off
   AlignedVector<float> pdf;               // solid-angle density, for multiple importance sampling; 0 for delta emitters
@@ -71,6 +84,7 @@ struct ShadowBatch {
     blocked.assign(padded(n), 0);
     exact.assign(padded(n), 0);
     in_shares = false;
+    source = {};
   }
 };
 

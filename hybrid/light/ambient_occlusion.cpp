@@ -136,6 +136,7 @@ void AmbientOcclusion::gather_by_rays(std::span<FirstHit> firsts, Stats& stats) 
       sample_light(sky_, 0, shading_points_, settings.light_samples, settings.isa, rays_);
       for (size_t i = 0; i < rays_.rays.size; ++i) {
         if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;
+        rays_.source = {};  // not those of a light any more
       }
       context_.occlusion_answerer->answer(candidates_, rays_, stats);
     }

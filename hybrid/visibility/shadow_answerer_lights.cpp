@@ -113,8 +113,8 @@ void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& a
     work.refused.assign(slots, 0);
     bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
       stats.lookups +=
-          device_.filter_strata(*o.field, task, batch.rays, batch.pdf.data(), work.radius.data(), work.flags.data(),
-                                blocks, work.clear.data(), work.refused.data(), unknowns);
+          device_.filter_strata(*o.field, task, batch.rays, batch.source, batch.pdf.data(), work.radius.data(),
+                                work.flags.data(), blocks, work.clear.data(), work.refused.data(), unknowns);
     });
     // What no pool has room for is undecided.
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);

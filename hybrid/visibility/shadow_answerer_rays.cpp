@@ -45,7 +45,7 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
             kernels_.cross_ball(task, batch.rays, begin, begin + k_batch_padding, slot, states).crossings;
       }
     } else {
-      again = device_.query(*o.field, task, batch.rays, batch.instance.data(), blocks, slot, states);
+      again = device_.query(*o.field, task, batch.rays, batch.source, batch.instance.data(), blocks, slot, states);
     }
     stats.lookups += again.lookups;
     stats.sphere_crossings += again.crossings;
@@ -70,8 +70,8 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
     } else {
       SegmentTask task = o.cone.segment;
       task.self_only = strata_tried;
-      counts = device_.query(*o.field, task, batch.rays, batch.instance.data(), all_blocks(n, work.blocks),
-                             int32_t(slot), work.states);
+      counts = device_.query(*o.field, task, batch.rays, batch.source, batch.instance.data(),
+                             all_blocks(n, work.blocks), int32_t(slot), work.states);
       bake_unknown(o, task, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);
       if (settings_.count_uses) count_uses(o, batch, work, stats);

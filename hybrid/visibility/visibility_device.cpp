@@ -13,7 +13,7 @@ std::map<std::string, DeviceKind>& registry() {
 
 }  // namespace
 
-SegmentCounts CpuDevice::query(const Field&, const SegmentTask& task, const RayBatch& rays,
+SegmentCounts CpuDevice::query(const Field&, const SegmentTask& task, const RayBatch& rays, const LightRaySource&,
                                const uint32_t* shading_point_instance, std::span<const uint32_t> blocks,
                                int32_t candidate_slot, RayStates& states) {
   SegmentCounts counts;

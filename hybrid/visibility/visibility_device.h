@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "core/light/shading_points.h"
 #include "core/platform/error.h"
 #include "field/query/segment_kernels.h"
 #include "field/store/field.h"
@@ -32,14 +33,15 @@ class VisibilityDevice {
  public:
   virtual ~VisibilityDevice() = default;
   // As the functions of the same name in SegmentKernels. The task's field is `field`'s view. Once a field is gone,
-  // forget_fields() comes before the next question.
+  // forget_fields() comes before the next question. Rays that have a source may be made anew from it; `radius` and
+  // `wanted` are then the same in all slots of a shading point, and `shading_point_instance` is the points'.
   virtual ConeCounts light_cones(const Field& field, const ConeTask&, const ShadingPointBatch&, const Sphere& light,
                                  std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&) = 0;
-  virtual uint64_t filter_strata(const Field& field, const StratumTask&, const RayBatch&, const float* pdf,
-                                 const float* radius, const int32_t* wanted, std::span<const uint32_t> blocks,
-                                 float* clear, int32_t* refused, ConeUnknowns&) = 0;
+  virtual uint64_t filter_strata(const Field& field, const StratumTask&, const RayBatch&, const LightRaySource& source,
+                                 const float* pdf, const float* radius, const int32_t* wanted,
+                                 std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&) = 0;
   // For the rays of all `blocks`, in ascending order.
-  virtual SegmentCounts query(const Field& field, const SegmentTask&, const RayBatch&,
+  virtual SegmentCounts query(const Field& field, const SegmentTask&, const RayBatch&, const LightRaySource& source,
                               const uint32_t* shading_point_instance, std::span<const uint32_t> blocks,
                               int32_t candidate_slot, RayStates&) = 0;
   // Drops all copies of fields, and says what has gone wrong meanwhile.
@@ -56,12 +58,12 @@ class CpuDevice : public VisibilityDevice {
                          std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns& unknowns) override {
     return kernels_.light_cones(task, points, light, blocks, flags, unknowns);
   }
-  uint64_t filter_strata(const Field&, const StratumTask& task, const RayBatch& rays, const float* pdf,
-                         const float* radius, const int32_t* wanted, std::span<const uint32_t> blocks, float* clear,
-                         int32_t* refused, ConeUnknowns& unknowns) override {
+  uint64_t filter_strata(const Field&, const StratumTask& task, const RayBatch& rays, const LightRaySource&,
+                         const float* pdf, const float* radius, const int32_t* wanted, std::span<const uint32_t> blocks,
+                         float* clear, int32_t* refused, ConeUnknowns& unknowns) override {
     return kernels_.filter_strata(task, rays, pdf, radius, wanted, blocks, clear, refused, unknowns);
   }
-  SegmentCounts query(const Field&, const SegmentTask& task, const RayBatch& rays,
+  SegmentCounts query(const Field&, const SegmentTask& task, const RayBatch& rays, const LightRaySource& source,
                       const uint32_t* shading_point_instance, std::span<const uint32_t> blocks, int32_t candidate_slot,
                       RayStates& states) override;
 

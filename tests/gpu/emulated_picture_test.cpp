@@ -82,6 +82,28 @@ TEST(EmulatedPicture, IsTheSameForAnyThreads) {
   EXPECT_TRUE(test::is_clean(many.log));
 }
 
+// Strata, and several samples of a point, are made on the device, if they can be: then no rays go up.
+TEST(EmulatedPicture, RaysAreMadeFromShadingPoints) {
+  struct Case {
+    bool whole_lights, transmits;
+    int light_samples;
+    bool makes;
+  };
+  for (const Case& c : {Case{true, false, 64, true}, Case{false, false, 16, true}, Case{true, true, 64, false}}) {
+    Scene scene = knot_over_floor(Mat3(1.0f), 32);
+    if (c.transmits) {
+      for (Bsdf& b : scene.bsdfs) b.kind = BsdfKind::rough_dielectric, b.alpha_u = b.alpha_v = 0.5f;
+    }
+    RenderOptions o = options_for(1, c.light_samples);
+    o.whole_lights = c.whole_lights;
+    const EmulatedPicture device = render_emulated(scene, o);
+    const std::string name = std::to_string(c.light_samples) + (c.transmits ? " transmits" : "");
+    expect_equal(device.result, render(scene, o), name);
+    EXPECT_EQ(device.log.launches[int(gpu::Kernel::light_rays)] > 0, c.makes) << name;
+    EXPECT_GT(device.result.stats.device_blocks, 0u) << name;
+  }
+}
+
 // The device copies what its questions need and no more.
 TEST(EmulatedPicture, OnlyWhatIsAskedForIsResident) {
   const Scene scene = knot_over_floor(Mat3(1.0f), 48);

@@ -107,14 +107,15 @@ size_t check_answers(VisibilityDevice& device, VisibilityDevice& cpu, size_t ent
       RayStates states;
       states.keep_verdicts = true;
       states.reset(l.entries);
-      const SegmentCounts counts = d.query(field.field(), l.task, rays.rays, rays.instances.data(), blocks, 0, states);
+      const SegmentCounts counts =
+          d.query(field.field(), l.task, rays.rays, {}, rays.instances.data(), blocks, 0, states);
       return RayAnswers{states.state, states.verdict, counts};
     });
     const StratumInputs strata(l, values);
     wrong += !check_question(device, cpu, [&](VisibilityDevice& d) {
       StratumAnswers a = {AlignedVector<float>(padded(l.entries), 1.0f), AlignedVector<int32_t>(padded(l.entries)), 0};
       ConeUnknowns unknowns;
-      a.lookups = d.filter_strata(field.field(), strata.task, strata.rays, strata.pdf.data(), strata.radius.data(),
+      a.lookups = d.filter_strata(field.field(), strata.task, strata.rays, {}, strata.pdf.data(), strata.radius.data(),
                                   strata.wanted.data(), blocks, a.clear.data(), a.refused.data(), unknowns);
       return a;
     });
@@ -238,7 +239,7 @@ double time_question(VisibilityDevice& device, const Field& field, const Segment
     RayStates states;
     states.reset(rays.size);
     const auto start = std::chrono::steady_clock::now();
-    const SegmentCounts counts = device.query(field, task, rays, instances.data(), blocks, 0, states);
+    const SegmentCounts counts = device.query(field, task, rays, {}, instances.data(), blocks, 0, states);
     if (round >= 3) best = std::max(best, double(counts.lookups) / seconds_since(start));
   }
   return best;

@@ -50,7 +50,7 @@ class GpuDeviceTest : public ::testing::Test {
     RayStates states;
     states.keep_verdicts = true;
     states.reset(k_rays);
-    device.query(field, task, rays, instances.data(), blocks_, 0, states);
+    device.query(field, task, rays, {}, instances.data(), blocks_, 0, states);
     return states;
   }
 

@@ -28,8 +28,9 @@ struct QuestionCounts {
   ptx::PtxCounts kernel;
 };
 
-// What run_counted() has counted.
+// What run_counted() has counted, and rays made for the question that comes next.
 QuestionCounts counts[gpu::k_kernels];
+ptx::PtxCounts made;
 
 template <class Masks>
 uint64_t lookups_of(const Masks* masks, uint32_t warps) {
@@ -43,6 +44,8 @@ void run_counted(Kernel kernel, uint32_t warps, const void* arguments) {
   for (const ptx::CountingKernel& k : ptx::counting_kernels()) {
     if (k.name == gpu::k_kernel_names[int(kernel)]) c.kernel += k.launch(warps, arguments);
   }
+  if (kernel == Kernel::light_rays) made += std::exchange(c.kernel, {});
+  if (kernel == Kernel::filter_strata || kernel == Kernel::query) c.kernel += std::exchange(made, {});
   const uint32_t entries = warps * gpu::k_warp;
   if (kernel == Kernel::light_cones) {
     const auto& a = *static_cast<const gpu::ConeArguments*>(arguments);

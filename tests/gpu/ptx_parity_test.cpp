@@ -5,10 +5,13 @@
 #include <array>
 #include <set>
 
+#include "core/light/light_sampling.h"
 #include "core/simd/isa.h"
 #include "gpu/device_arguments.h"
+#include "gpu/runtime.h"
 #include "tests/gpu/ptx_kernels.h"
 #include "tests/gpu/random_questions.h"
+#include "tests/support/light_test_scenes.h"
 
 namespace fieldtrace::gpu {
 namespace {
@@ -115,7 +118,7 @@ class PtxParity : public ::testing::Test {
 TEST(PtxKernels, TheCompilerMadeNothingThatRoundsOtherwise) {
   if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
   for (const std::string& refusal : ptx::ptx_refusals()) ADD_FAILURE() << refusal;
-  EXPECT_GE(ptx::ptx_kernels().size(), 4u);
+  EXPECT_GE(ptx::ptx_kernels().size(), size_t(k_kernels));
 }
 
 TEST_F(PtxParity, Query) {
@@ -277,6 +280,154 @@ TEST_F(PtxParity, LightCones) {
     for (const size_t n : counts) EXPECT_GT(n, entries / 100);
     EXPECT_GT(not_baked, 1000u);
     EXPECT_LT(not_baked, entries / 64);
+  });
+}
+
+// A light of a random kind that needs no table, at times with extreme values.
+Light random_light(Values& values) {
+  using namespace light_test;
+  TestRandom& random = values.random;
+  std::mt19937 turns(random.index(1u << 30));
+  DMat3 axes = random_rotation(turns);
+  const double size = random.log_uniform(1e-3f, 1e2f);
+  const bool is_similar = random.index(2) == 0;
+  for (int i = 0; i < 3; ++i) axes[i] *= size * (is_similar ? 1.0 : double(random.log_uniform(0.1f, 1.0f)));
+  if (random.index(4) == 0) axes[0] += 0.3 * axes[1];
+  const Vec3 at = float(size) * 5.0f * random.in_ball();
+  const DAffine to_world = affine(axes[0], axes[1], axes[2], DVec3(at));
+  const bool flip = random.index(2) == 0;
+  constexpr ShapeKind k_shapes[] = {ShapeKind::sphere, ShapeKind::rectangle, ShapeKind::disk, ShapeKind::cylinder};
+  constexpr EmitterKind k_emitters[] = {EmitterKind::point, EmitterKind::directional, EmitterKind::constant};
+  const uint32_t kind = random.index(7);
+  Light light = make_lights(kind < 4 ? area_scene(k_shapes[kind], to_world, flip) : emitter_scene(k_emitters[kind - 4]))
+                    .lights[0];
+  float* const groups[] = {light.centre,         light.axis[0],        light.axis[1],        light.axis[2],
+                           light.normal_axis[0], light.normal_axis[1], light.normal_axis[2], light.normal,
+                           light.unit_axis[0],   light.unit_axis[1]};
+  for (float* group : groups) {
+    for (int i = 0; i < 3; ++i) group[i] = values.spoilt(group[i]);
+  }
+  for (float* f :
+       {&light.half_size[0], &light.half_size[1], &light.radius, &light.area, &light.error_base, &light.error_slope}) {
+    *f = values.spoilt(*f);
+  }
+  return light;
+}
+
+LightSampleRange random_range(TestRandom& random) {
+  if (random.index(3) == 0) {
+    const int columns = 1 + int(random.index(8)), rows = 2 + int(random.index(8)), total = columns * rows;
+    return {total, 0, total, columns};
+  }
+  const int total = 1 + int(random.index(random.index(4) == 0 ? 300 : 20)), first = int(random.index(uint32_t(total)));
+  return {total, first, 1 + int(random.index(uint32_t(total - first)))};
+}
+
+ShadingPointBatch random_points(size_t size, const Light& light, Values& values) {
+  TestRandom& random = values.random;
+  ShadingPointBatch points;
+  points.resize(size);
+  for (size_t i = 0; i < size; ++i) {
+    const Vec3 centre(light.centre[0], light.centre[1], light.centre[2]);
+    const Vec3 p = values.spoilt(centre + random.log_uniform(1e-3f, 1e3f) * random.direction());
+    const Vec3 g = values.spoilt(random.direction()), s = values.spoilt(random.direction());
+    points.px[i] = p.x, points.py[i] = p.y, points.pz[i] = p.z;
+    points.gx[i] = g.x, points.gy[i] = g.y, points.gz[i] = g.z;
+    points.sx[i] = s.x, points.sy[i] = s.y, points.sz[i] = s.z;
+    points.error[i] = values.spoilt(random.log_uniform(1e-9f, 1e-2f));
+    points.radius[i] = values.spoilt(random.uniform());
+    points.seed[i] = random.index(0xffffffffu);
+    points.sample[i] = random.index(random.index(2) == 0 ? 16 : 1u << 20);
+    points.instance[i] = random.index(5);
+    points.transmits[i] = 0;
+  }
+  return points;
+}
+
+TEST_F(PtxParity, LightRays) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
+  for_each_variant<LightRayArguments>("light_rays", [&](const auto& launch, const std::string& targets) {
+    Values values(5);
+    TestRandom& random = values.random;
+    LightTable table;
+    table.point_sets = make_point_sets();
+    size_t slots = 0, active = 0, kinds[13] = {};
+    while (slots < k_least_entries) {
+      values.wild = random.index(4) == 0 ? 0.1f : 0.0f;
+      const uint32_t index = random.index(4);
+      table.lights.assign(4, {});
+      table.lights[index] = random_light(values);
+      const Light& light = table.lights[index];
+      if (light.kind == LightKind::none) continue;
+      const LightSampleRange range = random_range(random);
+      const ShadingPointBatch points = random_points(1 + random.index(200), light, values);
+      const size_t count = size_t(range.count), size = points.size * count;
+      std::vector<int32_t> wanted(points.size);
+      for (int32_t& w : wanted) w = int32_t(random.index(2));
+      std::vector<uint32_t> blocks;
+      for (size_t b = 0; b < padded(size); b += k_warp) {
+        if (random.index(8) != 0) blocks.push_back(uint32_t(b));
+      }
+      std::vector<float> made[9];
+      for (auto& m : made) m.assign(blocks.size() * k_warp, -7.0f);
+      std::vector<uint32_t> instance(blocks.size() * k_warp, 99u);
+      std::vector<int32_t> asked(blocks.size() * k_warp, 99);
+      const bool has_others = random.index(2) == 0;
+      const ShadingPointBatch& p = points;
+      launch({light,
+              index,
+              range,
+              {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(), p.gz.data(), p.sx.data(), p.sy.data(),
+               p.sz.data(), p.error.data(), p.radius.data(), p.seed.data(), p.sample.data(), p.instance.data(),
+               wanted.data()},
+              uint32_t(size),
+              range.columns > 0 ? nullptr : table.point_sets.data(),
+              blocks.data(),
+              made[0].data(),
+              made[1].data(),
+              made[2].data(),
+              made[3].data(),
+              made[4].data(),
+              made[5].data(),
+              made[6].data(),
+              has_others ? made[7].data() : nullptr,
+              has_others ? made[8].data() : nullptr,
+              has_others ? asked.data() : nullptr,
+              has_others ? instance.data() : nullptr,
+              uint32_t(blocks.size())});
+      for (const Isa isa : {Isa::scalar, resolve_isa(Isa::automatic)}) {
+        ShadowBatch cpu;
+        sample_light(table, index, points, range, isa, cpu);
+        const AlignedVector<float>* const rays[] = {&cpu.rays.ox, &cpu.rays.oy, &cpu.rays.oz,   &cpu.rays.dx,
+                                                    &cpu.rays.dy, &cpu.rays.dz, &cpu.rays.tmax, &cpu.pdf};
+        for (size_t at = 0; at < instance.size(); ++at) {
+          const size_t slot = blocks[at / k_warp] + at % k_warp;
+          if (slot >= size) {
+            ASSERT_LT(made[6][at], 0.0f);
+            ASSERT_EQ(asked[at], has_others ? 0 : 99);
+            continue;
+          }
+          for (int i = 0; i < (has_others ? 8 : 7); ++i) {
+            const float a = made[i][at], b = (*rays[i])[slot];
+            ASSERT_TRUE((std::isnan(a) && std::isnan(b)) || std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b))
+                << targets << ", kind " << int(light.kind) << ", array " << i << ": " << a << " and " << b;
+          }
+          active += made[6][at] >= 0.0f;
+          if (!has_others) continue;
+          ASSERT_EQ(instance[at], points.instance[slot / count]);
+          ASSERT_EQ(asked[at], wanted[slot / count]);
+          ASSERT_EQ(std::bit_cast<uint32_t>(made[8][at]), std::bit_cast<uint32_t>(points.radius[slot / count]));
+        }
+      }
+      slots += instance.size();
+      kinds[int(light.kind)] += instance.size();
+    }
+    for (const LightKind kind :
+         {LightKind::sphere, LightKind::sphere_inside, LightKind::rectangle, LightKind::parallelogram, LightKind::disk,
+          LightKind::ellipsoid, LightKind::cylinder, LightKind::point, LightKind::directional, LightKind::constant}) {
+      EXPECT_GT(kinds[int(kind)], slots / 100) << int(kind);
+    }
+    EXPECT_GT(active, slots / 5);  // of both instruction sets
   });
 }
 
