@@ -10,6 +10,7 @@
 
 #include "core/light/light.hd.h"
 #include "core/platform/platform.h"
+#include "field/maps/cell_task.h"
 #include "field/query/query_tasks.h"
 
 namespace fieldtrace::gpu {
@@ -105,6 +106,17 @@ struct QueryArguments {
   const uint32_t* instance;
   RayMasks* masks;
   uint32_t* missing;
+  uint32_t warps;
+};
+
+// The cells of a sky, in order, for the points of one instance: what see_cell() of all of them leaves in sums that were
+// 0. undecided: for each warp a mask for each cell.
+struct SkyArguments {
+  const CellTask* tasks;  // with device addresses
+  uint32_t cells;
+  CellPoints points;  // a multiple of 32
+  CellSums sums;      // all six
+  uint32_t* undecided;
   uint32_t warps;
 };
 

@@ -3,6 +3,7 @@
 #include <bit>
 
 #include "core/light/light_sampling.h"
+#include "field/maps/cell_visibility.hd.h"
 #include "field/query/segment_batch-inl.h"
 #include "gpu/device_arguments.h"
 #include "gpu/emulated.h"
@@ -158,6 +159,23 @@ void light_rays(const LightRayArguments& a) {
   }
 }
 
+void sky_cells(const SkyArguments& a) {
+  const size_t size = size_t(a.warps) * k_warp;
+  const CellSums& s = a.sums;
+  for (float* sum : {s.red, s.green, s.blue, s.reflected_red, s.reflected_green, s.reflected_blue}) {
+    std::fill_n(sum, size, 0.0f);
+  }
+  std::fill_n(a.undecided, size_t(a.warps) * a.cells, 0u);
+  std::vector<int32_t> listed(size + k_batch_padding);
+  for (uint32_t k = 0; k < a.cells; ++k) {
+    const int count = scalar::see_cell<float>(a.tasks[k], a.points, s, listed.data());
+    for (int i = 0; i < count; ++i) {
+      const uint32_t point = uint32_t(listed[size_t(i)]);
+      a.undecided[point / k_warp * a.cells + k] |= 1u << (point % k_warp);
+    }
+  }
+}
+
 void scatter(const ScatterArguments& a) {
   for (uint32_t run = 0; run < a.warps; ++run) {
     const ScatterRun& r = a.runs[run];
@@ -177,6 +195,8 @@ void run_emulated_kernel(Kernel kernel, uint32_t, const void* arguments) {
       return query(*static_cast<const QueryArguments*>(arguments));
     case Kernel::light_rays:
       return light_rays(*static_cast<const LightRayArguments*>(arguments));
+    case Kernel::sky_cells:
+      return sky_cells(*static_cast<const SkyArguments*>(arguments));
     case Kernel::scatter:
       return scatter(*static_cast<const ScatterArguments*>(arguments));
   }

@@ -5,6 +5,7 @@
 // a thread block and a thread block for each of the arguments' `warps`.
 #include "core/light/light_ray.hd.h"
 #include "core/light/light_shapes_area.hd.h"
+#include "field/maps/cell_visibility.hd.h"
 #include "field/query/task_answers.hd.h"
 #include "gpu/device_arguments.h"
 
@@ -202,6 +203,31 @@ extern "C" __global__ void __launch_bounds__(k_warp) light_rays(const __grid_con
   if (a.radius) a.radius[to] = is_slot ? a.receivers.radius[r] : 0.0f;
   if (a.wanted) a.wanted[to] = is_slot ? a.receivers.wanted[r] : 0;
   if (a.instance) a.instance[to] = is_slot ? a.receivers.instance[r] : 0xffffffffu;
+}
+
+// Its arrays of parallelograms lie in local memory. At least 8 warps a multiprocessor: else the compiler spills on sm_75.
+extern "C" __global__ void __launch_bounds__(k_warp, 8) sky_cells(const __grid_constant__ SkyArguments a) {
+  const uint32_t i = entry_index();
+  const CellPoints& in = a.points;
+  const Vec3Lanes<float> p = load(in.px, in.py, in.pz, i), g = load(in.gx, in.gy, in.gz, i),
+                         s = load(in.sx, in.sy, in.sz, i);
+  Vec3Lanes<float> taken = {0.0f, 0.0f, 0.0f}, reflected = taken;
+  for (uint32_t k = 0; k < a.cells; ++k) {
+    const CellTask& task = a.tasks[k];
+    const float cosine = scalar::cosine_of<float>(task, s);
+    bool open = false;
+    if (cosine > 0.0f) {
+      const scalar::CellTaken<float> of_cell = scalar::take_cell<float>(task, in.grazing, p, g, s, cosine);
+      taken = taken + of_cell.irradiance;
+      if (task.reflects) reflected = reflected + of_cell.reflected;
+      open = of_cell.open;
+    }
+    const uint32_t mask = ballot(open);
+    if (lane_index() == 0) a.undecided[blockIdx.x * a.cells + k] = mask;
+  }
+  a.sums.red[i] = taken.x, a.sums.green[i] = taken.y, a.sums.blue[i] = taken.z;
+  a.sums.reflected_red[i] = reflected.x, a.sums.reflected_green[i] = reflected.y;
+  a.sums.reflected_blue[i] = reflected.z;
 }
 
 extern "C" __global__ void __launch_bounds__(k_warp) scatter(const __grid_constant__ ScatterArguments a) {

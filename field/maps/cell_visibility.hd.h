@@ -553,37 +553,58 @@ FT_HD_INLINE CellSeen<F> look_at_cell(const CellTask& task, const Vec3Lanes<F>& 
   return seen;
 }
 
+// What a cell adds to the sums of points.
+template <class F>
+struct CellTaken {
+  Vec3Lanes<F> irradiance;  // hidden or undecided
+  Vec3Lanes<F> reflected;   // 0 unless the task reflects
+  Mask_t<F> open;           // undecided
+};
+
+// cosine: cosine_over_cell() of the shading normals s.
+template <class F>
+FT_HD_INLINE CellTaken<F> take_cell(const CellTask& task, float grazing, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
+                                    const Vec3Lanes<F>& s, F cosine) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  const Mask_t<F> lit = cosine > zero;
+  const CellSeen<F> seen = look_at_cell<F>(task, p, g, s, cosine);
+  if (grazing > 0.0f) cosine = weight_of_cosine<F>(cosine, grazing);
+  // Nothing of what is undecided counts; where an object sends light back, hidden cells may be undecided, too.
+  const Mask_t<F> open = task.reflects ? seen.near & lit : seen.near & lit & (seen.clear > zero);
+  const F taken = select(open, one, one - seen.clear) * cosine;
+  const F arriving = select(open, zero, cosine) * splat<F>(4.0f * task.half * task.half);
+  return {{taken * splat<F>(task.weight[0]), taken * splat<F>(task.weight[1]), taken * splat<F>(task.weight[2])},
+          {seen.light.x * arriving, seen.light.y * arriving, seen.light.z * arriving},
+          open};
+}
+
+// The cosine of the cell for shading normals s.
+template <class F>
+FT_HD_INLINE F cosine_of(const CellTask& task, const Vec3Lanes<F>& s) {
+  return cosine_over_cell<F>(dot3<F>(task.vector, s), splat<F>(task.cosine_half));
+}
+
 // Adds what the cell's hidden and undecided parts take from the points' irradiance, and what comes back from them.
 // Lists the points for which it is undecided in `undecided`, which has room for all and a vector more, and returns
 // their number.
 template <class F>
 FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
   constexpr int k_count = Lanes<F>::k_count;
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   int listed = 0;
   for (int32_t i = 0; i < points.size; i += k_count) {
     const Vec3Lanes<F> s = {load_lanes<F>(points.sx + i), load_lanes<F>(points.sy + i), load_lanes<F>(points.sz + i)};
-    F cosine = cosine_over_cell<F>(dot3<F>(task.vector, s), splat<F>(task.cosine_half));
-    const Mask_t<F> lit = cosine > zero;
-    if (!any(lit)) continue;
+    const F cosine = cosine_of<F>(task, s);
+    if (!any(cosine > splat<F>(0.0f))) continue;
     const Vec3Lanes<F> p = {load_lanes<F>(points.px + i), load_lanes<F>(points.py + i), load_lanes<F>(points.pz + i)};
     const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
-    const CellSeen<F> seen = look_at_cell<F>(task, p, g, s, cosine);
-    if (points.grazing > 0.0f) cosine = weight_of_cosine<F>(cosine, points.grazing);
+    const CellTaken<F> taken = take_cell<F>(task, points.grazing, p, g, s, cosine);
     const auto add = [&](float* sum, F value) { store_lanes(load_lanes<F>(sum + i) + value, sum + i); };
-    // Nothing of what is undecided counts; where an object sends light back, hidden cells may be undecided, too.
-    const Mask_t<F> open = task.reflects ? seen.near & lit : seen.near & lit & (seen.clear > zero);
-    const F taken = select(open, one, one - seen.clear) * cosine;
-    add(sums.red, taken * splat<F>(task.weight[0]));
-    add(sums.green, taken * splat<F>(task.weight[1]));
-    add(sums.blue, taken * splat<F>(task.weight[2]));
+    add(sums.red, taken.irradiance.x), add(sums.green, taken.irradiance.y), add(sums.blue, taken.irradiance.z);
     if (task.reflects) {
-      const F arriving = select(open, zero, cosine) * splat<F>(4.0f * task.half * task.half);
-      add(sums.reflected_red, seen.light.x * arriving);
-      add(sums.reflected_green, seen.light.y * arriving);
-      add(sums.reflected_blue, seen.light.z * arriving);
+      add(sums.reflected_red, taken.reflected.x), add(sums.reflected_green, taken.reflected.y);
+      add(sums.reflected_blue, taken.reflected.z);
     }
-    if (any(open)) listed += compress_store(lane_sequence<F>(i), open, undecided + listed);
+    if (any(taken.open)) listed += compress_store(lane_sequence<F>(i), taken.open, undecided + listed);
   }
   return listed;
 }

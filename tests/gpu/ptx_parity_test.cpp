@@ -11,6 +11,7 @@
 #include "gpu/runtime.h"
 #include "tests/gpu/ptx_kernels.h"
 #include "tests/gpu/random_questions.h"
+#include "tests/support/cell_tasks.h"
 #include "tests/support/light_test_scenes.h"
 
 namespace fieldtrace::gpu {
@@ -428,6 +429,100 @@ TEST_F(PtxParity, LightRays) {
       EXPECT_GT(kinds[int(kind)], slots / 100) << int(kind);
     }
     EXPECT_GT(active, slots / 5);  // of both instruction sets
+  });
+}
+
+// What the CPU's kernel makes of cells one after another: six sums, and a mask for each warp and cell.
+struct CellAnswers {
+  std::vector<float> sums[6];
+  std::vector<uint32_t> undecided;
+};
+
+CellAnswers see_cells(Isa isa, std::span<const CellTask> tasks, const CellPoints& points) {
+  CellAnswers a;
+  for (auto& sum : a.sums) sum.assign(size_t(points.size) + k_batch_padding, 0.0f);
+  AlignedVector<float> sums[6];
+  for (auto& sum : sums) sum.assign(size_t(points.size), 0.0f);
+  a.undecided.assign(size_t(points.size) / k_warp * tasks.size(), 0u);
+  AlignedVector<int32_t> listed(size_t(points.size) + k_batch_padding);
+  for (size_t k = 0; k < tasks.size(); ++k) {
+    const int count = cell_kernel_for(isa)(
+        tasks[k], points,
+        {sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data(), sums[4].data(), sums[5].data()},
+        listed.data());
+    for (int i = 0; i < count; ++i) {
+      const uint32_t point = uint32_t(listed[size_t(i)]);
+      a.undecided[point / k_warp * tasks.size() + k] |= 1u << (point % k_warp);
+    }
+  }
+  for (int c = 0; c < 6; ++c) a.sums[c].assign(sums[c].begin(), sums[c].end());
+  return a;
+}
+
+TEST_F(PtxParity, SkyCells) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
+  std::vector<DirectionMaps> maps;
+  for (const int texels : {8, 16, 64}) maps.push_back(test::noisy_maps(texels, random_));
+  std::vector<MapsView> views;
+  for (const DirectionMaps& m : maps) views.push_back(m.view());
+  std::vector<RadiancePyramids> pyramids;
+  for (const int texels : {2, 8, 16}) pyramids.push_back(test::noisy_radiance(texels, 4, random_));
+  std::vector<RadianceView> radiance;
+  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  for_each_variant<SkyArguments>("sky_cells", [&](const auto& launch, const std::string& targets) {
+    Values values(6);
+    TestRandom& random = values.random;
+    size_t looked = 0, undecided = 0, taken = 0, reflected = 0, points_seen = 0;
+    while (looked < k_least_entries) {
+      // Pointers into each of them: they stay where they are.
+      std::vector<std::unique_ptr<test::RandomTask>> made;
+      std::vector<CellTask> tasks;
+      for (uint32_t n = 1 + random.index(40); n > 0; --n) {
+        made.push_back(std::make_unique<test::RandomTask>());
+        test::make_task(views, random, *made.back());
+        if (random.index(2)) test::add_radiance(radiance, random, *made.back());
+        tasks.push_back(made.back()->task);
+      }
+      test::Points points = test::random_points(*made[0], 1 + random.index(256), random);
+      values.wild = random.index(4) == 0 ? 0.05f : 0.0f;
+      for (auto& array : points.values) {
+        for (float& v : array) v = values.spoilt(v);
+      }
+      CellPoints view = points.view();
+      view.grazing = random.index(2) ? random.uniform() : 0.0f;
+      const uint32_t warps = uint32_t(view.size) / k_warp;
+      CellAnswers gpu;
+      for (auto& sum : gpu.sums) sum.assign(size_t(view.size), -7.0f);
+      gpu.undecided.assign(warps * tasks.size(), 0xcdcdcdcdu);
+      launch({tasks.data(),
+              uint32_t(tasks.size()),
+              view,
+              {gpu.sums[0].data(), gpu.sums[1].data(), gpu.sums[2].data(), gpu.sums[3].data(), gpu.sums[4].data(),
+               gpu.sums[5].data()},
+              gpu.undecided.data(),
+              warps});
+      for (const Isa isa : {Isa::scalar, resolve_isa(Isa::automatic)}) {
+        // What max() makes of NaN depends on the CPU's instruction set; a GPU's does as the scalar one.
+        if (values.wild > 0.0f && isa != Isa::scalar) continue;
+        const CellAnswers cpu = see_cells(isa, tasks, view);
+        ASSERT_EQ(gpu.undecided, cpu.undecided) << targets << " " << isa_name(isa);
+        for (int c = 0; c < 6; ++c) {
+          for (size_t i = 0; i < size_t(view.size); ++i) {
+            const float a = gpu.sums[c][i], b = cpu.sums[c][i];
+            ASSERT_TRUE((std::isnan(a) && std::isnan(b)) || std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b))
+                << targets << " " << isa_name(isa) << ", sum " << c << ": " << a << " and " << b;
+          }
+        }
+      }
+      for (const uint32_t mask : gpu.undecided) undecided += size_t(std::popcount(mask));
+      for (size_t i = 0; i < size_t(view.size); ++i) taken += gpu.sums[0][i] > 0.0f, reflected += gpu.sums[3][i] > 0.0f;
+      points_seen += size_t(view.size);
+      looked += size_t(view.size) * tasks.size();
+    }
+    EXPECT_GT(undecided, looked / 50);
+    EXPECT_LT(undecided, looked / 2);
+    EXPECT_GT(taken, points_seen / 4);
+    EXPECT_GT(reflected, points_seen / 10);
   });
 }
 

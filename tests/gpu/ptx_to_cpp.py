@@ -564,7 +564,7 @@ def statements(body):
             yield label.group(1)
             line = label.group(2).strip()
         while line:
-            if line.startswith(".loc"):
+            if re.match(r"\.loc\s", line):
                 break
             statement, semicolon, line = line.partition(";")
             if not semicolon:

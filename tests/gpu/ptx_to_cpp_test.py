@@ -52,6 +52,15 @@ def refusals(body):
 
 
 class PtxToCpp(unittest.TestCase):
+    def test_keeps_local_memory(self):
+        code = translate(HEAD.format("sm_90") + KERNEL.format("""
+	.local .align 8 .b8 	__local_depot0[24];
+	.loc 1 2 3
+	mov.u64 %rd1, __local_depot0;
+	st.local.u32 [%rd1+4], %r1;"""))
+        self.assertIn("unsigned char local[24]", code)
+        self.assertNotIn("refused", code)
+
     def test_counts_blocks_and_touches_of_global_memory(self):
         code = counting(HEAD.format("sm_90") + KERNEL.format("""
 	ld.param.u64 %rd1, [kernel_param_0];
