@@ -21,7 +21,7 @@ GpuDevice::GpuDevice(std::unique_ptr<Runtime> runtime, std::span<const std::byte
     check(r, r.load_kernels(kernels), ("loading the kernels into " + properties.name).c_str());
     check(r, r.create_streams(), "making streams");
     memory_.emplace(r, options.memory ? options.memory : properties.memory);
-    for (Stream s = 0; s < k_streams; ++s) waves_.push_back(std::make_unique<Wave>(*memory_, s));
+    for (Stream s = 0; s < k_streams; ++s) waves_.push_back(std::make_unique<Wave>(*memory_, s, tables_));
   } catch (...) {
     release();
     throw;
@@ -47,7 +47,7 @@ void GpuDevice::release() {
   for (Stream s = 0; s < k_streams; ++s) (void)runtime_->synchronise(s);
   mirrors_.clear();
   waves_.clear();
-  point_sets_ = {};
+  tables_.buffers.clear();
   (void)runtime_->destroy_streams();
   (void)runtime_->close();
 }
@@ -179,8 +179,10 @@ void GpuDevice::stage_mirror(Wave& wave, const Field& field) {
 void GpuDevice::update_mirrors(Wave& wave, Questions questions) {
   std::set<const Field*> staged;
   for (Question* q : questions) {
-    if (staged.insert(&q->field).second) stage_mirror(wave, q->field);
-    q->mirror = mirrors_[&q->field].get();
+    if (!q->field || !q->is_asked) continue;
+    if (staged.insert(q->field).second) stage_mirror(wave, *q->field);
+    q->mirror = mirrors_[q->field].get();
+    q->is_asked = q->mirror != nullptr;
   }
   const Packet& packet = wave.packet;
   if (packet.runs.empty()) return;
@@ -194,13 +196,27 @@ void GpuDevice::update_mirrors(Wave& wave, Questions questions) {
         "starting the kernel scatter");
 }
 
-// Those that the first question needs that needs any.
-std::span<const int32_t> GpuDevice::point_sets_of(Questions questions) {
-  for (const Question* q : questions) {
-    const std::span<const int32_t> sets = q->point_sets();
-    if (!sets.empty()) return sets;
+// Whether the tables of a question are on the device, or come with the wave.
+bool GpuDevice::has_tables(Wave& wave, const Question& question) {
+  std::vector<Question::Table> tables;
+  question.list(tables);
+  bool has_all = true;
+  for (const Question::Table& t : tables) {
+    const auto [found, is_new] = tables_.buffers.try_emplace(t.host);
+    if (is_new) {
+      try {
+        // A word more: reads of bytes are of four.
+        found->second = DeviceBuffer(*memory_, t.bytes + sizeof(uint32_t));
+        wave.new_tables.push_back({wave.in.append(t.host, t.bytes), found->second.address(), t.bytes});
+      } catch (const OutOfDeviceMemory& e) {
+        const std::lock_guard lock(mutex_);
+        warnings_.push_back("a table of " + std::to_string(t.bytes / 1000) +
+                            " kB does not fit into the GPU's memory (" + e.what() + "); the CPU answers what needs it");
+      }
+    }
+    has_all = has_all && found->second.bytes() > 0;
   }
-  return {};
+  return has_all;
 }
 
 // Copies the questions to the device while the other stream's wave runs, then starts the kernels after that one's.
@@ -210,29 +226,29 @@ void GpuDevice::submit(Wave& wave, Questions questions) {
   for (StagingBuffer* buffer : {&wave.in, &wave.fields, &wave.made, &wave.out, &wave.missing}) buffer->clear();
   wave.packet.words.clear();
   wave.packet.runs.clear();
+  wave.new_tables.clear();
   for (Question* q : questions) {
-    const auto found = mirrors_.find(&q->field);
-    if (found != mirrors_.end() && !found->second) continue;
+    const auto found = mirrors_.find(q->field);
+    q->is_asked = (found == mirrors_.end() || found->second) && has_tables(wave, *q);
+    if (!q->is_asked) continue;
     q->stage(wave);
-    q->missing = wave.missing.reserve(q->blocks.size() * k_missing_words * sizeof(uint32_t));
+    q->missing = wave.missing.reserve(q->field ? q->blocks.size() * k_missing_words * sizeof(uint32_t) : 0);
   }
-  // The point sets are the same for all lights of all scenes: they are sent once, and later waves follow.
-  const std::span<const int32_t> sets = point_sets_.bytes() > 0 ? std::span<const int32_t>() : point_sets_of(questions);
-  const size_t sets_at = wave.in.append(sets.data(), sets.size_bytes());
-  if (!sets.empty()) point_sets_ = DeviceBuffer(*memory_, sets.size_bytes());
-  wave.point_sets = point_sets_.as<const int32_t>();
   for (StagingBuffer* buffer : {&wave.in, &wave.made, &wave.out, &wave.missing}) buffer->ensure_device();
+  for (Question* q : questions) {
+    if (q->is_asked) q->settle(wave);
+  }
   wave.in.copy_to_device(wave.stream);
   for (Stream other = 0; other < k_streams; ++other) {
     if (other != wave.stream) check(r, r.follow(wave.stream, other), "ordering streams");
   }
-  if (!sets.empty()) {
-    const DeviceAddress from = std::bit_cast<DeviceAddress>(wave.in.device<std::byte>(sets_at));
-    check(r, r.copy_on_device(wave.stream, point_sets_.address(), from, sets.size_bytes()), "copying on the device");
+  for (const Wave::NewTable& t : wave.new_tables) {
+    const DeviceAddress from = std::bit_cast<DeviceAddress>(wave.in.device<std::byte>(t.at));
+    check(r, r.copy_on_device(wave.stream, t.to, from, t.bytes), "copying on the device");
   }
   update_mirrors(wave, questions);
   for (const Question* q : questions) {
-    if (q->mirror) check(r, q->launch(r, q->mirror->view(), wave), "starting a kernel");
+    if (q->is_asked) check(r, q->launch(r, q->mirror ? q->mirror->view() : FieldView{}, wave), "starting a kernel");
   }
   wave.out.copy_to_host(wave.stream);
 }
@@ -241,7 +257,7 @@ void GpuDevice::collect(Wave& wave, Questions questions) {
   check(*runtime_, runtime_->synchronise(wave.stream), "waiting for the GPU");
   bool any_missing = false;
   for (Question* q : questions) {
-    if (!q->mirror) continue;
+    if (!q->is_asked) continue;
     q->take_answers(wave.out);
     q->is_answered = true;
     for (size_t warp = 0; warp < q->blocks.size(); ++warp) any_missing = any_missing || q->not_baked(warp);
@@ -257,7 +273,7 @@ void GpuDevice::tidy(Wave& wave, Questions questions) {
   wave.packet.outgrown.clear();
   wave.left_out.clear();
   for (const Question* q : questions) {
-    const auto mirror = mirrors_.find(&q->field);
+    const auto mirror = mirrors_.find(q->field);
     if (!q->is_answered || mirror == mirrors_.end() || !mirror->second) continue;
     for (size_t warp = 0; warp < q->blocks.size(); ++warp) {
       if (!q->not_baked(warp)) continue;
@@ -273,6 +289,7 @@ void GpuDevice::forget_fields() {
   if (!is_open_) return;
   (void)runtime_->enter();  // the next wave reports a failure
   mirrors_.clear();
+  tables_.buffers.clear();
   counts_.bytes_resident = memory_->used();
 }
 

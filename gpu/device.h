@@ -39,23 +39,41 @@ class GpuDevice final : public VisibilityDevice {
   SegmentCounts query(const Field& field, const SegmentTask& task, const RayBatch& rays, const LightRaySource& source,
                       const uint32_t* shading_point_instance, std::span<const uint32_t> blocks, int32_t candidate_slot,
                       RayStates& states) override;
+  bool see_cells(std::span<const CellTask> tasks, const CellPoints& points, const CellSums& sums,
+                 std::span<uint32_t> undecided) override;
   void forget_fields() override;
   DeviceCounts counts() const override;
   size_t waiting() const;  // questions that no wave has taken yet
 
   struct Question;  // gpu/device_questions.h
+  // Tables in device memory by their addresses on the host; without memory: those that there was no room for.
+  struct Tables {
+    std::map<const void*, DeviceBuffer> buffers;
+    template <class T>
+    T* at(const void* host) const {
+      return buffers.at(host).as<T>();
+    }
+  };
+
   // What one wave sends and receives.
   struct Wave {
-    Wave(DeviceMemory& memory, Stream s)
+    Wave(DeviceMemory& memory, Stream s, const Tables& all_tables)
         : stream(s),
+          tables(all_tables),
           in(memory),
           fields(memory),
           made(memory, StagingBuffer::Side::device),
           out(memory),
           missing(memory) {}
     const Stream stream;
+    const Tables& tables;
     StagingBuffer in, fields, made, out, missing;  // questions, packet, rays that are made on the device, answers
-    const int32_t* point_sets = nullptr;           // on the device
+    struct NewTable {
+      size_t at;  // in `in`
+      DeviceAddress to;
+      size_t bytes;
+    };
+    std::vector<NewTable> new_tables;
     Packet packet;
     std::vector<std::unique_ptr<FieldMirror>> left_out;  // which streams may still use
     bool is_busy = false;                                // from being taken until its questions are answered
@@ -71,7 +89,7 @@ class GpuDevice final : public VisibilityDevice {
   // Answers all that wait. Called and left with the lock; never throws.
   void run(Lock& lock, Wave& wave);
   void submit(Wave& wave, Questions questions);
-  static std::span<const int32_t> point_sets_of(Questions questions);
+  bool has_tables(Wave& wave, const Question& question);
   void update_mirrors(Wave& wave, Questions questions);
   void collect(Wave& wave, Questions questions);
   void tidy(Wave& wave, Questions questions);
@@ -96,8 +114,8 @@ class GpuDevice final : public VisibilityDevice {
   bool is_open_ = false, is_lost_ = false;
   DeviceCounts counts_;
   std::optional<DeviceMemory> memory_;
-  std::vector<std::unique_ptr<Wave>> waves_;                      // k_streams
-  DeviceBuffer point_sets_;                                       // make_point_sets(), once they are needed
+  std::vector<std::unique_ptr<Wave>> waves_;  // k_streams
+  Tables tables_;
   std::map<const Field*, std::unique_ptr<FieldMirror>> mirrors_;  // null: left out
 };
 

@@ -2,6 +2,8 @@
 #include "gpu/device_questions.h"
 
 #include <algorithm>
+#include <cstddef>
+#include <map>
 
 #include "core/light/light_sampling.h"
 #include "field/query/query.hd.h"
@@ -63,7 +65,7 @@ size_t stage_firsts(StagingBuffer& in, const T* of_rays, size_t points, size_t c
 struct ConeQuestion : MaskQuestion<ConeMasks> {
   ConeQuestion(const Field& of, const ConeTask& cone_task, const ShadingPointBatch& all, const Sphere& ball,
                std::span<const uint32_t> asked, const int32_t* all_flags)
-      : MaskQuestion(of, blocks_with(asked, all_flags, k_may_shadow)),
+      : MaskQuestion(&of, blocks_with(asked, all_flags, k_may_shadow)),
         task(cone_task),
         points(all),
         light(ball),
@@ -107,9 +109,11 @@ struct ConeQuestion : MaskQuestion<ConeMasks> {
 struct StratumQuestion : MaskQuestion<StratumMasks> {
   StratumQuestion(const Field& of, const StratumTask& stratum_task, const RayBatch& all, const LightRaySource& source,
                   const StagedRays::Others& others, std::span<const uint32_t> asked)
-      : MaskQuestion(of, blocks_with(asked, others.wanted, 1)), task(stratum_task), rays(all, source, others, blocks) {}
+      : MaskQuestion(&of, blocks_with(asked, others.wanted, 1)),
+        task(stratum_task),
+        rays(all, source, others, blocks) {}
 
-  std::span<const int32_t> point_sets() const override { return rays.point_sets(); }
+  void list(std::vector<Table>& tables) const override { rays.list(tables); }
   void stage(GpuDevice::Wave& wave) override {
     rays.stage(wave);
     clear_at = wave.out.reserve(blocks.size() * k_warp * sizeof(float));
@@ -147,11 +151,11 @@ struct StratumQuestion : MaskQuestion<StratumMasks> {
 struct RayQuestion : MaskQuestion<RayMasks> {
   RayQuestion(const Field& of, const SegmentTask& segment_task, const RayBatch& all, const LightRaySource& source,
               const uint32_t* instance, std::span<const uint32_t> asked)
-      : MaskQuestion(of, {asked.begin(), asked.end()}),
+      : MaskQuestion(&of, {asked.begin(), asked.end()}),
         task(segment_task),
         rays(all, source, {.instance = instance}, blocks) {}
 
-  std::span<const int32_t> point_sets() const override { return rays.point_sets(); }
+  void list(std::vector<Table>& tables) const override { rays.list(tables); }
   void stage(GpuDevice::Wave& wave) override {
     rays.stage(wave);
     stage_masks(wave.out);
@@ -172,6 +176,143 @@ struct RayQuestion : MaskQuestion<RayMasks> {
 
   const SegmentTask& task;
   StagedRays rays;
+};
+
+// Cells of a sky for a batch of points: tasks and what they refer to as one copy, whose pointers are made the device's.
+struct SkyQuestion : GpuDevice::Question {
+  SkyQuestion(std::span<const CellTask> cells, const CellPoints& of, std::vector<uint32_t> asked)
+      : Question(nullptr, std::move(asked)), tasks(cells), points(of) {
+    for (const CellTask& task : tasks) look_at(task);
+  }
+
+  void list(std::vector<Table>& tables) const override {
+    for (const auto& [view, at] : maps) {
+      tables.push_back({view->depth, size_t(view->depth_bytes) * size_t(view->directions)});
+      tables.push_back({view->coverage, size_t(view->coverage_bytes) * size_t(view->directions)});
+    }
+    for (const auto& [view, at] : radiance) tables.push_back({view->words, size_t(view->bytes) * size_t(view->count)});
+  }
+
+  void stage(GpuDevice::Wave& wave) override {
+    for (auto& [view, at] : maps) {
+      MapsView copy = *view;
+      copy.depth = wave.tables.at<const uint8_t>(view->depth);
+      copy.coverage = wave.tables.at<const uint8_t>(view->coverage);
+      at = wave.in.append(&copy, sizeof copy);
+    }
+    for (auto& [view, at] : radiance) {
+      RadianceView copy = *view;
+      copy.words = wave.tables.at<const uint8_t>(view->words);
+      at = wave.in.append(&copy, sizeof copy);
+    }
+    pointers.clear();
+    for (auto& [plane, at] : planes) {
+      PlaneRadiance copy = *plane;
+      at = wave.in.append(&copy, sizeof copy);
+      point(wave.in, at + offsetof(PlaneRadiance, view), radiance[plane->view]);
+    }
+    tasks_at = wave.in.append(tasks.data(), tasks.size_bytes());
+    for (size_t k = 0; k < tasks.size(); ++k) stage_task(wave.in, tasks[k], tasks_at + k * sizeof(CellTask));
+    const float* const arrays[] = {points.px, points.py, points.pz, points.gx, points.gy,
+                                   points.gz, points.sx, points.sy, points.sz};
+    for (int i = 0; i < 9; ++i) points_at[i] = wave.in.append(arrays[i], size_t(points.size) * sizeof(float));
+    sums_at = wave.out.reserve(6 * size_t(points.size) * sizeof(float));
+    masks_at = wave.out.reserve(blocks.size() * tasks.size() * sizeof(uint32_t));
+  }
+
+  void settle(GpuDevice::Wave& wave) override {
+    for (const auto& [from, to] : pointers) *wave.in.host<const void*>(from) = wave.in.device<const std::byte>(to);
+  }
+
+  Status launch(Runtime& runtime, const FieldView&, const GpuDevice::Wave& wave) const override {
+    const auto in = [&](int i) { return wave.in.device<const float>(points_at[i]); };
+    const auto sum = [&](int i) { return wave.out.device<float>(sums_at) + i * points.size; };
+    const SkyArguments a = {
+        wave.in.device<const CellTask>(tasks_at),
+        uint32_t(tasks.size()),
+        {in(0), in(1), in(2), in(3), in(4), in(5), in(6), in(7), in(8), points.size, points.grazing},
+        {sum(0), sum(1), sum(2), sum(3), sum(4), sum(5)},
+        wave.out.device<uint32_t>(masks_at),
+        uint32_t(blocks.size())};
+    return launch_kernel(runtime, wave, Kernel::sky_cells, a);
+  }
+
+  void take_answers(const StagingBuffer& out) override {
+    const float* const from = out.host<float>(sums_at);
+    sums.assign(from, from + 6 * size_t(points.size));
+    const uint32_t* const words = out.host<uint32_t>(masks_at);
+    masks.assign(words, words + blocks.size() * tasks.size());
+  }
+  bool not_baked(size_t) const override { return false; }
+
+  // Notes the tables of a task.
+  void look_at(const CellTask& task) {
+    const auto add = [](auto& places, const auto* p) {
+      if (p) places[p] = 0;
+    };
+    if (task.own) add(maps, task.own->lines.maps);
+    for (int k = 0; k < task.map_count; ++k) add(maps, task.maps[k].maps);
+    if (task.own_radiance) add(radiance, task.own_radiance->view);
+    for (int k = 0; task.map_radiance && task.reflects && k < task.map_count; ++k) {
+      add(radiance, task.map_radiance[k].view);
+    }
+    for (int k = 0; k < task.plane_count; ++k) {
+      add(planes, task.planes[k].radiance);
+      if (task.planes[k].radiance) add(radiance, task.planes[k].radiance->view);
+    }
+  }
+
+  // The pointer at `from` shall be the place `to` on the device.
+  void point(StagingBuffer& in, size_t from, size_t to) {
+    *in.host<const void*>(from) = nullptr;
+    pointers.emplace_back(from, to);
+  }
+  template <class T, class Place>
+  void point_to(StagingBuffer& in, size_t from, const T* table, const Place& places) {
+    if (table) point(in, from, places.at(table));
+  }
+
+  void stage_task(StagingBuffer& in, const CellTask& task, size_t at) {
+    if (task.own) {
+      const size_t own = in.append(task.own, sizeof *task.own);
+      point_to(in, own + offsetof(OwnLines, lines) + offsetof(MapLines, maps), task.own->lines.maps, maps);
+      point(in, at + offsetof(CellTask, own), own);
+    }
+    if (task.own_radiance) {
+      const size_t own = in.append(task.own_radiance, sizeof *task.own_radiance);
+      point_to(in, own + offsetof(MapRadiance, view), task.own_radiance->view, radiance);
+      point(in, at + offsetof(CellTask, own_radiance), own);
+    }
+    const size_t lines = in.append(task.maps, size_t(task.map_count) * sizeof(MapLines));
+    const bool reflects = task.reflects && task.map_radiance;
+    const size_t back = in.append(task.map_radiance, reflects ? size_t(task.map_count) * sizeof(MapRadiance) : 0);
+    for (int k = 0; k < task.map_count; ++k) {
+      const size_t i = size_t(k);
+      point_to(in, lines + i * sizeof(MapLines) + offsetof(MapLines, maps), task.maps[k].maps, maps);
+      if (!reflects) continue;
+      point_to(in, back + i * sizeof(MapRadiance) + offsetof(MapRadiance, view), task.map_radiance[k].view, radiance);
+    }
+    const size_t plane = in.append(task.planes, size_t(task.plane_count) * sizeof(PlaneLines));
+    for (int k = 0; k < task.plane_count; ++k) {
+      point_to(in, plane + size_t(k) * sizeof(PlaneLines) + offsetof(PlaneLines, radiance), task.planes[k].radiance,
+               planes);
+    }
+    point(in, at + offsetof(CellTask, maps), lines);
+    point(in, at + offsetof(CellTask, map_radiance), back);
+    point(in, at + offsetof(CellTask, planes), plane);
+    point(in, at + offsetof(CellTask, balls), in.append(task.balls, size_t(task.ball_count) * sizeof(BallLines)));
+  }
+
+  const std::span<const CellTask> tasks;
+  const CellPoints& points;
+  // Places in the wave's `in`.
+  std::map<const MapsView*, size_t> maps;
+  std::map<const RadianceView*, size_t> radiance;
+  std::map<const PlaneRadiance*, size_t> planes;
+  std::vector<std::pair<size_t, size_t>> pointers;
+  size_t tasks_at = 0, points_at[9], sums_at = 0, masks_at = 0;
+  std::vector<float> sums;
+  std::vector<uint32_t> masks;
 };
 
 // The blocks that the device left to the CPU.
@@ -227,9 +368,10 @@ StagedRays::StagedRays(const RayBatch& rays, const LightRaySource& source, const
       blocks_(blocks),
       is_made_(sends_points(source, words_a_ray(others), blocks.size())) {}
 
-std::span<const int32_t> StagedRays::point_sets() const {
-  if (!is_made_ || source_.range.columns > 0) return {};
-  return source_.lights->point_sets;
+void StagedRays::list(std::vector<GpuDevice::Question::Table>& tables) const {
+  if (!is_made_ || source_.range.columns > 0) return;
+  const auto& sets = source_.lights->point_sets;
+  tables.push_back({sets.data(), sets.size() * sizeof(int32_t)});
 }
 
 void StagedRays::stage_points(StagingBuffer& in) {
@@ -272,26 +414,27 @@ Status StagedRays::launch(Runtime& runtime, const GpuDevice::Wave& wave) const {
   const auto in = [&](int i) { return wave.in.device<const float>(points_at_[i]); };
   const auto words = [&](int i) { return wave.in.device<const uint32_t>(points_at_[i]); };
   const auto made = [&](int i) { return wave.made.device<float>(at_[i]); };
-  const LightRayArguments a = {source_.lights->lights[source_.light],
-                               source_.light,
-                               source_.range,
-                               {in(0), in(1), in(2), in(3), in(4), in(5), in(6), in(7), in(8), in(9), in(10), words(11),
-                                words(12), words(13), wave.in.device<const int32_t>(points_at_[14])},
-                               uint32_t(rays_.size),
-                               wave.point_sets,
-                               wave.in.device<const uint32_t>(blocks_at_),
-                               made(0),
-                               made(1),
-                               made(2),
-                               made(3),
-                               made(4),
-                               made(5),
-                               made(6),
-                               others_.pdf ? wave.made.device<float>(pdf_at_) : nullptr,
-                               others_.radius ? wave.made.device<float>(radius_at_) : nullptr,
-                               others_.wanted ? wave.made.device<int32_t>(wanted_at_) : nullptr,
-                               others_.instance ? wave.made.device<uint32_t>(instance_at_) : nullptr,
-                               uint32_t(blocks_.size())};
+  const LightRayArguments a = {
+      source_.lights->lights[source_.light],
+      source_.light,
+      source_.range,
+      {in(0), in(1), in(2), in(3), in(4), in(5), in(6), in(7), in(8), in(9), in(10), words(11), words(12), words(13),
+       wave.in.device<const int32_t>(points_at_[14])},
+      uint32_t(rays_.size),
+      source_.range.columns > 0 ? nullptr : wave.tables.at<const int32_t>(source_.lights->point_sets.data()),
+      wave.in.device<const uint32_t>(blocks_at_),
+      made(0),
+      made(1),
+      made(2),
+      made(3),
+      made(4),
+      made(5),
+      made(6),
+      others_.pdf ? wave.made.device<float>(pdf_at_) : nullptr,
+      others_.radius ? wave.made.device<float>(radius_at_) : nullptr,
+      others_.wanted ? wave.made.device<int32_t>(wanted_at_) : nullptr,
+      others_.instance ? wave.made.device<uint32_t>(instance_at_) : nullptr,
+      uint32_t(blocks_.size())};
   return launch_kernel(runtime, wave, Kernel::light_rays, a);
 }
 
@@ -342,6 +485,19 @@ SegmentCounts GpuDevice::query(const Field& field, const SegmentTask& task, cons
     merge_rays(m, block, candidate_slot, states);
   });
   return counts;
+}
+
+bool GpuDevice::see_cells(std::span<const CellTask> tasks, const CellPoints& points, const CellSums& sums,
+                          std::span<uint32_t> undecided) {
+  std::vector<uint32_t> blocks;
+  for (uint32_t i = 0; i < uint32_t(points.size); i += k_warp) blocks.push_back(i);
+  SkyQuestion q(tasks, points, std::move(blocks));
+  ask(q);
+  if (!q.is_answered) return false;
+  float* const to[] = {sums.red, sums.green, sums.blue, sums.reflected_red, sums.reflected_green, sums.reflected_blue};
+  for (size_t i = 0; i < 6; ++i) std::copy_n(q.sums.data() + i * size_t(points.size), points.size, to[i]);
+  std::copy(q.masks.begin(), q.masks.end(), undecided.begin());
+  return true;
 }
 
 }  // namespace fieldtrace::gpu

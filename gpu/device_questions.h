@@ -13,20 +13,30 @@ namespace fieldtrace::gpu {
 static_assert(k_warp == k_batch_padding);
 
 struct GpuDevice::Question {
-  Question(const Field& of, std::vector<uint32_t> asked) : field(of), blocks(std::move(asked)) {}
+  // A table that is copied to the device once (GpuDevice::Tables).
+  struct Table {
+    const void* host;
+    size_t bytes;
+  };
+
+  // of == null: it is about no field.
+  Question(const Field* of, std::vector<uint32_t> asked) : field(of), blocks(std::move(asked)) {}
   virtual ~Question() = default;
   // Puts the arrays into `in`, and makes room for the answers in `out` and for rays in `made`.
   virtual void stage(Wave& wave) = 0;
-  // What it needs of LightTable::point_sets: all or nothing.
-  virtual std::span<const int32_t> point_sets() const { return {}; }
+  // The tables that it refers to.
+  virtual void list(std::vector<Table>&) const {}
+  // Once `in` stays where it is on the device: completes pointers into it.
+  virtual void settle(Wave&) {}
   // `view`: the field's on the device.
   virtual Status launch(Runtime& runtime, const FieldView& view, const Wave& wave) const = 0;
   virtual void take_answers(const StagingBuffer& out) = 0;
   virtual bool not_baked(size_t warp) const = 0;
 
-  const Field& field;
+  const Field* const field;
   const std::vector<uint32_t> blocks;  // that are asked about, by their first entry; warp i has the block i
-  FieldMirror* mirror = nullptr;       // of the field, while it is submitted; null: the CPU answers
+  FieldMirror* mirror = nullptr;       // of the field, while it is submitted
+  bool is_asked = false;               // the device answers, as far as it can
   size_t missing = 0;                  // place of its words
   bool is_taken = false, is_done = false, is_answered = false;  // by a wave
 };
@@ -67,7 +77,7 @@ class StagedRays {
 
   StagedRays(const RayBatch& rays, const LightRaySource& source, const Others& others,
              std::span<const uint32_t> blocks);
-  std::span<const int32_t> point_sets() const;
+  void list(std::vector<GpuDevice::Question::Table>& tables) const;
   void stage(GpuDevice::Wave& wave);
   // Starts the kernel that makes them, if they are made there.
   Status launch(Runtime& runtime, const GpuDevice::Wave& wave) const;

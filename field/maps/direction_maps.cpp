@@ -57,6 +57,7 @@ MapsView DirectionMaps::view() const {
   view.coverage = coverage_.data();
   view.depth_bytes = int32_t(2 * texels_of_map());
   view.coverage_bytes = coverage_bytes(size_.texels);
+  view.directions = int32_t(depth_.size() / texels_of_map());
   for (int level = 1, begin = 0; level <= view.levels; ++level) {
     view.level_begin[level - 1] = begin;
     begin += level_bytes(size_.texels, level);

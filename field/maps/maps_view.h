@@ -21,6 +21,7 @@ struct MapsView {
   const uint8_t* depth = nullptr;
   const uint8_t* coverage = nullptr;
   int32_t depth_bytes = 0, coverage_bytes = 0;       // of one direction
+  int32_t directions = 0;                            // maps
   int32_t level_begin[k_most_coverage_levels] = {};  // bytes; [k] is that of level k + 1
 };
 

@@ -45,6 +45,7 @@ RadianceView RadiancePyramids::view() const {
   view.levels = levels_of(texels_);
   view.words = reinterpret_cast<const uint8_t*>(words_.data());
   view.bytes = int32_t(words_of_pyramid(texels_) * sizeof(uint32_t));
+  view.count = int32_t(words_.size() / words_of_pyramid(texels_));
   view.scale = scale_;
   int32_t begin = 0;
   for (int level = 0; level < view.levels; ++level) {

@@ -19,6 +19,7 @@ struct RadianceView {
   int levels = 0;
   const uint8_t* words = nullptr;
   int32_t bytes = 0;                                 // of one pyramid
+  int32_t count = 0;                                 // pyramids
   int32_t level_begin[k_most_radiance_levels] = {};  // bytes
   float scale = 0.0f;
 };

@@ -1,6 +1,7 @@
 #include "hybrid/light/sky_light.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
 #include <tuple>
@@ -17,8 +18,6 @@ namespace {
 
 // Shading points that share what is set up for a cell.
 constexpr size_t k_sky_batch = 256;
-// Lanes of the widest vector.
-constexpr size_t k_most_lanes = 16;
 // Clusters whose normals spread more (ShadingCluster::spread) are lit in so many parts.
 constexpr float k_widest_spread = 0.3f;
 constexpr uint32_t k_wide_cluster_parts = 8;
@@ -53,11 +52,8 @@ Vec3 SkyLight::direction_in(uint32_t cell, float x, float y) const {
 
 CellPoints SkyLight::cell_points() const {
   const ShadingPointBatch& p = centres_;
-  return {p.px.data(), p.py.data(),
-          p.pz.data(), p.gx.data(),
-          p.gy.data(), p.gz.data(),
-          p.sx.data(), p.sy.data(),
-          p.sz.data(), int32_t((p.size + k_most_lanes - 1) / k_most_lanes * k_most_lanes),
+  return {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(),
+          p.gz.data(), p.sx.data(), p.sy.data(), p.sz.data(), int32_t(padded(p.size)),
           grazing_};
 }
 
@@ -69,28 +65,62 @@ void SkyLight::see_cells(const Job& job) {
   }
   const CellSums sums = {red_.data(),           green_.data(),           blue_.data(),
                          reflected_red_.data(), reflected_green_.data(), reflected_blue_.data()};
-  const float reflected = sky_->indirect() ? sky_->indirect()->mean_luminance() : 0.0f;
-  undecided_.resize(size_t(points.size) + k_batch_padding);
   open_cells_.clear();
+  if (see_cells_by_device(job, points, sums)) return;
+  undecided_.resize(size_t(points.size) + k_batch_padding);
   for (size_t k = 0; k < occluders_.cells().size(); ++k) {
     if (occluders_.is_clear(k)) continue;
     OwnObject own;
     const CellTask task = occluders_.task(k, own);
     const int open = kernel(task, points, sums, undecided_.data());
     job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
-    const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
-    const float solid_angle = occluders_.cell(k).width() * occluders_.cell(k).width();
-    const float light = luminance({task.weight[0], task.weight[1], task.weight[2]}) + reflected * solid_angle;
     for (int i = 0; i < open; ++i) {
       const auto point = uint32_t(undecided_[size_t(i)]);
       if (point >= centres_.size) break;  // padding
-      const float cosine =
-          scalar::cosine_over_cell<float>(glm::dot(vector, shading(centres_, point)), task.cosine_half);
-      // Parts of cells across the horizon have cosines far above the mean.
-      open_cells_.push_back(
-          {point, occluders_.cells()[k], std::max(cosine, k_least_cosine * task.cosine_half) * light});
+      add_open_cell(task, k, point);
     }
   }
+}
+
+// False: there is none, or it has not done it.
+bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums) {
+  VisibilityDevice* const device = context_.answerer.device();
+  if (!device) return false;
+  const size_t cells = occluders_.cells().size();
+  task_places_.clear();
+  tasks_.clear();
+  own_objects_.resize(cells);  // tasks refer to them
+  for (size_t k = 0; k < cells; ++k) {
+    if (occluders_.is_clear(k)) continue;
+    task_places_.push_back(uint32_t(k));
+    tasks_.push_back(occluders_.task(k, own_objects_[k]));
+  }
+  if (tasks_.empty()) return true;
+  const size_t blocks = size_t(points.size) / k_batch_padding;
+  masks_.assign(blocks * tasks_.size(), 0);
+  if (!device->see_cells(tasks_, points, sums, masks_)) return false;
+  for (size_t t = 0; t < tasks_.size(); ++t) {
+    const CellTask& task = tasks_[t];
+    job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
+    for (size_t block = 0; block < blocks; ++block) {
+      for (uint32_t mask = masks_[block * tasks_.size() + t]; mask != 0; mask &= mask - 1) {
+        const auto point = uint32_t(block * k_batch_padding) + uint32_t(std::countr_zero(mask));
+        if (point < centres_.size) add_open_cell(task, task_places_[t], point);
+      }
+    }
+  }
+  return true;
+}
+
+void SkyLight::add_open_cell(const CellTask& task, size_t place, uint32_t point) {
+  const float width = occluders_.cell(place).width(), solid_angle = width * width;
+  const float reflected = sky_->indirect() ? sky_->indirect()->mean_luminance() : 0.0f;
+  const float light = luminance({task.weight[0], task.weight[1], task.weight[2]}) + reflected * solid_angle;
+  const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
+  const float cosine = scalar::cosine_over_cell<float>(glm::dot(vector, shading(centres_, point)), task.cosine_half);
+  // Parts of cells across the horizon have cosines far above the mean.
+  open_cells_.push_back(
+      {point, occluders_.cells()[place], std::max(cosine, k_least_cosine * task.cosine_half) * light});
 }
 
 // By point, keeping the order otherwise.

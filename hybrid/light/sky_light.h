@@ -56,6 +56,8 @@ class SkyLight {
                      LightReceivers& receivers) const;
   void gather_batch(const Job& job);
   void see_cells(const Job& job);
+  bool see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums);
+  void add_open_cell(const CellTask& task, size_t place, uint32_t point);
   float hidden_scale(size_t point) const;
   void sort_open_cells();
   void sample_open_cells(const Job& job);
@@ -89,6 +91,11 @@ class SkyLight {
   AlignedVector<float> reflected_red_, reflected_green_, reflected_blue_;  // irradiance of what objects send back
   std::vector<float> open_;  // luminance of the open sky's irradiance, by point
   AlignedVector<int32_t> undecided_;
+  // For a device: the cells that are seen, by their places among the occluders', and its masks.
+  std::vector<uint32_t> task_places_;
+  std::vector<CellTask> tasks_;
+  std::vector<OwnObject> own_objects_;
+  std::vector<uint32_t> masks_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
   std::vector<uint32_t> open_begin_;
   std::vector<float> weight_sums_;

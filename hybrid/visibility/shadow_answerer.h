@@ -105,6 +105,8 @@ class ShadowAnswerer {
   // Whether strata of the group's light may be filtered: some candidate leaves them to filter().
   bool filters(const ShadowGroup& group) const { return !group.open.empty(); }
   bool checks() const { return settings_.check; }
+  // That of the settings; null: the CPU.
+  VisibilityDevice* device() const { return settings_.device; }
   // Filters `strata` strata of a light for each of `shading_points` (indices into the group's; their by_rays must be
   // 0), whose rays sample_light() laid out in `batch`: sets batch.clear, and undecided[i] to 1 for strata that are not
   // settled, whose clear[i] is meaningless.

@@ -16,6 +16,7 @@
 
 #include "core/light/shading_points.h"
 #include "core/platform/error.h"
+#include "field/maps/cell_task.h"
 #include "field/query/segment_kernels.h"
 #include "field/store/field.h"
 
@@ -44,6 +45,13 @@ class VisibilityDevice {
   virtual SegmentCounts query(const Field& field, const SegmentTask&, const RayBatch&, const LightRaySource& source,
                               const uint32_t* shading_point_instance, std::span<const uint32_t> blocks,
                               int32_t candidate_slot, RayStates&) = 0;
+  // What see_cell() (field/maps/cell_visibility.hd.h) of all tasks, in order, leaves in `sums` that were 0; and for
+  // each k_batch_padding points, a multiple of which there must be, a mask of those for which a task is undecided:
+  // undecided[block * tasks.size() + task]. Maps and radiance that tasks refer to stay as they are until
+  // forget_fields(). False: nothing was done, and see_cell() must do it.
+  virtual bool see_cells(std::span<const CellTask>, const CellPoints&, const CellSums&, std::span<uint32_t>) {
+    return false;
+  }
   // Drops all copies of fields, and says what has gone wrong meanwhile.
   virtual void forget_fields() {}
   virtual DeviceCounts counts() const { return {}; }
