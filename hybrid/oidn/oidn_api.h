@@ -31,8 +31,7 @@ void oidnReleaseFilter(OIDNFilterImpl* filter);
 
 }  // extern "C"
 
-// Of its enumerations.
-inline constexpr int k_oidn_cpu = 1;
-inline constexpr int k_oidn_float3 = 3;
+// Of its enumerations OIDNDeviceType and OIDNFormat.
+enum : int { k_oidn_cpu = 1, k_oidn_float3 = 3 };
 
 }  // namespace fieldtrace

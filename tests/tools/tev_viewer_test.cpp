@@ -346,7 +346,7 @@ TEST(TevViewer, AViewerThatComesBackIsSentEverythingAgain) {
     viewer.hang_up();
   }
   ASSERT_TRUE(viewer.accept_one());
-  painter.paint(300);
+  painter.paint(3);
   ShownImage shown;
   std::atomic<bool> understood = false;
   std::thread reader([&] { understood = viewer.read(shown); });

@@ -135,20 +135,20 @@ class Connection {
 
 ViewerAddress parse_viewer_address(const std::string& text) {
   const size_t colon = text.rfind(':');
-  const UsageError wrong("--tev " + text + ": write HOST:PORT, for example 127.0.0.1:14158");
-  if (colon == std::string::npos || colon == 0) throw wrong;
+  const auto wrong = [&] { return UsageError("--tev " + text + ": write HOST:PORT, for example 127.0.0.1:14158"); };
+  if (colon == std::string::npos || colon == 0) throw wrong();
   ViewerAddress address{text.substr(0, colon), text.substr(colon + 1)};
   int port = 0;
   const char* const end = address.port.data() + address.port.size();
   const auto [last, error] = std::from_chars(address.port.data(), end, port);
-  if (error != std::errc() || last != end || port < 1 || port > 65535) throw wrong;
+  if (error != std::errc() || last != end || port < 1 || port > 65535) throw wrong();
   std::string& host = address.host;
   if (host.front() == '[' && host.back() == ']') {
     host = host.substr(1, host.size() - 2);
   } else if (host.find(':') != std::string::npos) {
-    throw wrong;
+    throw wrong();
   }
-  if (host.empty()) throw wrong;
+  if (host.empty()) throw wrong();
   return address;
 }
 
