@@ -96,7 +96,7 @@ struct RenderCallbacks {
   WarningSink warning;
   // Called by any thread, by several at once, when pixels have new values: R, G, B of `tile` row by row; its x and y
   // count from the picture's corner. Those of pictures by rounds come again and again.
-  std::function<void(const Rect& tile, std::span<const Rgb> pixels)> tile;
+  std::function<void(const Rect& tile, std::span<const Rgb> pixels)> tile = {};
   const std::atomic<bool>* stop = nullptr;  // set to end early; finished tiles are kept
 };
 
