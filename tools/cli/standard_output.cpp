@@ -17,6 +17,8 @@ void prepare_streams() {
     if (held >= 0 && held != stream) close(held);
   }
   std::signal(SIGXFSZ, SIG_IGN);
+  // Longer than any help text, so that what fails is the flush at the end, which knows the reason.
+  if (!isatty(STDOUT_FILENO)) std::setvbuf(stdout, nullptr, _IOFBF, size_t(1) << 16);
 }
 
 std::string flush_standard_output() {
