@@ -18,7 +18,8 @@ void prepare_streams() {
   }
   std::signal(SIGXFSZ, SIG_IGN);
   // Longer than any help text, so that what fails is the flush at the end, which knows the reason.
-  if (!isatty(STDOUT_FILENO)) std::setvbuf(stdout, nullptr, _IOFBF, size_t(1) << 16);
+  static char buffer[size_t(1) << 16];
+  if (!isatty(STDOUT_FILENO)) std::setvbuf(stdout, buffer, _IOFBF, sizeof(buffer));
 }
 
 std::string flush_standard_output() {
