@@ -63,9 +63,10 @@ struct OcclusionScratch {
   ShadowBatch batch;
   ShadowGroup group;
 };
-tbb::enumerable_thread_specific<OcclusionScratch>& scratch() {
-  static auto* const s = new tbb::enumerable_thread_specific<OcclusionScratch>;
-  return *s;
+// Of this thread.
+OcclusionScratch& scratch() {
+  thread_local OcclusionScratch s;
+  return s;
 }
 
 // Copies rays [begin, end), and sets what bounds them.
@@ -101,7 +102,7 @@ void fill(const RayBuffers& from, size_t begin, size_t end, ShadowBatch& batch, 
 void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const Buffer<uint8_t>& results,
               AnswerCounts& counts) {
   for_chunks(*s.device, rays.count(), [&](size_t begin, size_t end) {
-    auto& [batch, group] = scratch().local();
+    auto& [batch, group] = scratch();
     Bounds3 origins;
     fill(rays, begin, end, batch, origins, group.light);
     const bool any = origins.lower.x <= origins.upper.x;
@@ -160,9 +161,10 @@ struct HitScratch {
   std::vector<double> lengths;
   HitWorkspace work;
 };
-tbb::enumerable_thread_specific<HitScratch>& hit_scratch() {
-  static auto* const s = new tbb::enumerable_thread_specific<HitScratch>;
-  return *s;
+// Of this thread.
+HitScratch& hit_scratch() {
+  thread_local HitScratch s;
+  return s;
 }
 
 // The hits of the rays of a chunk, with errors in t.
@@ -205,7 +207,7 @@ FTHit status_of(const HitScratch& h, size_t i, double t_max) {
 
 void nearest(const SceneObject& s, float alpha, const RayBuffers& rays, const HitBuffers& out, AnswerCounts& counts) {
   for_chunks(*s.device, rays.count(), [&](size_t begin, size_t end) {
-    HitScratch& h = hit_scratch().local();
+    HitScratch& h = hit_scratch();
     h.rays.resize(end - begin);
     h.paths.assign(end - begin, {});
     h.lengths.assign(end - begin, 1.0);

@@ -205,7 +205,8 @@ class Rounds {
       time_share = 1.0 - left / double(options_.time_limit);
     }
     std::vector<uint32_t> counts = allocation.further(limits);
-    done_ = std::max({done_, has_target ? noise_target / noise : 0.0, time_share});
+    const double reached = has_target && noise > noise_target ? noise_target / noise : has_target ? 1.0 : 0.0;
+    done_ = std::min(std::max({done_, reached, time_share}), 1.0);
     expected_ = std::clamp(done_ * (1.0 + allocation.work_of(counts) / work), done_, 1.0);
     return counts;
   }
