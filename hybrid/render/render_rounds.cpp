@@ -179,7 +179,7 @@ class Rounds {
     }
     const SampleAllocation allocation(state_.film, options_.error_measure);
     const double noise = allocation.mean_square();
-    const std::vector<uint32_t> none(cells_.count(), 0);
+    std::vector<uint32_t> none(cells_.count(), 0);
     const bool has_target = options_.target_error > 0.0f;
     const double target = has_target ? double(options_.target_error) * double(options_.target_error) : 0.0;
     const double noise_target = std::max(target - state_.field_mean_square, 0.0);
