@@ -1,5 +1,6 @@
 #include "hybrid/api/api_objects.h"
 
+#include <bit>
 #include <map>
 #include <new>
 #include <variant>
@@ -159,7 +160,7 @@ FTError ftNewDevice(uint32_t threads, FTDevice* device) {
     require(device != nullptr, "ftNewDevice: nowhere to put the device");
     require(threads <= k_most_threads, "ftNewDevice: more than 1024 threads");
     const int count = threads > 0 ? int(threads) : tbb::task_arena::automatic;
-    *device = reinterpret_cast<FTDevice>(register_object(std::make_shared<Device>(count)));
+    *device = std::bit_cast<FTDevice>(register_object(std::make_shared<Device>(count)));
   });
 }
 

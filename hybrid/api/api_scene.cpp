@@ -1,4 +1,5 @@
 // Scenes, fields and pictures of the C interface.
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -102,7 +103,7 @@ FTError ftNewScene(FTDevice device, FTScene* scene) {
     require(scene != nullptr, "ftNewScene: nowhere to put the scene");
     const auto object = std::make_shared<SceneObject>(d);
     object->scene.film.crop = {0, 0, object->scene.film.width, object->scene.film.height};
-    *scene = reinterpret_cast<FTScene>(register_object(object));
+    *scene = std::bit_cast<FTScene>(register_object(object));
   });
 }
 
@@ -114,7 +115,7 @@ FTError ftLoadScene(FTDevice device, const char* path, FTScene* scene) {
     object->scene = load_scene(text_of(path, "path"));
     for (const Instance& i : object->scene.instances) object->transforms.push_back(i.to_world);
     d->arena.execute([&] { object->commit(); });
-    *scene = reinterpret_cast<FTScene>(register_object(object));
+    *scene = std::bit_cast<FTScene>(register_object(object));
   });
 }
 
