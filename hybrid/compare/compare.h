@@ -12,14 +12,12 @@
 
 #include "core/image/image.h"
 #include "core/scene/scene.h"
+#include "hybrid/film/sample_allocation.h"
 
 namespace fieldtrace {
 
 // Side in pixels of the blocks that `ImageDifference::worst_block_rmse` is taken over.
 inline constexpr int k_difference_block = 16;
-
-// Added to the denominators of the relative metrics, so that black pixels count without dominating.
-inline constexpr double k_relative_floor = 1e-2;
 
 // a: the image, b: the reference; means are over all pixels and compared channels. A value that is not finite in either
 // image makes every figure that it enters NaN.

@@ -14,7 +14,7 @@ float* put(float* out, const DVec3& v) {
 
 }  // namespace
 
-uint64_t PixelSums::add(int half, std::span<const Rgb> samples) {
+uint64_t PixelSums::add(int half, std::span<const Rgb> samples, double work_of_one, double seconds_of_one) {
   uint64_t not_finite = 0;
   DVec3 sum = radiance[half], of_squares = squares;
   for (const Rgb& r : samples) {
@@ -35,6 +35,8 @@ uint64_t PixelSums::add(int half, std::span<const Rgb> samples) {
   radiance[half] = sum;
   squares = of_squares;
   count[half] += uint32_t(samples.size());
+  work += float(double(samples.size()) * work_of_one);
+  seconds += double(samples.size()) * seconds_of_one;
   return not_finite;
 }
 
@@ -50,7 +52,7 @@ void PixelSums::merge(const PixelSums& other) {
 
 DVec3 PixelSums::variance() const {
   if (count[0] > 0 && count[1] > 0) {
-    const DVec3 half = 0.5 * (radiance[0] / double(count[0]) - radiance[1] / double(count[1]));
+    const DVec3 half = 0.5 * (mean_of(0) - mean_of(1));
     return half * half;
   }
   const double n = double(samples());

@@ -22,11 +22,13 @@ struct PixelSums {
   float work = 0.0f;     // camera samples and the rays that they took
   double seconds = 0.0;  // that they took one thread
 
-  // Adds samples in their order; those that are not finite count as black. Returns how many these are.
-  uint64_t add(int half, std::span<const Rgb> samples);
+  // Adds samples in their order; those that are not finite count as black. Returns how many these are. `work` and
+  // `seconds` are those of one sample.
+  uint64_t add(int half, std::span<const Rgb> samples, double work = 0.0, double seconds = 0.0);
   void merge(const PixelSums& other);
 
   uint32_t samples() const { return count[0] + count[1]; }
+  DVec3 mean_of(int half) const { return count[half] > 0 ? radiance[half] / double(count[half]) : DVec3(0.0); }
   DVec3 mean() const { return samples() ? (radiance[0] + radiance[1]) / double(samples()) : DVec3(0.0); }
   // The variance of mean(), by channel: of two halves, which must be alike in size, that of their difference, a random
   // number with one degree of freedom; of one, that of independent samples, which stratified ones fall below. 0 for

@@ -6,9 +6,6 @@
 namespace fieldtrace {
 namespace {
 
-// Of the metric relmse.
-constexpr double k_relative_floor = 1e-2;
-
 struct CellSums {
   double pixels = 0.0, square = 0.0, work = 0.0, samples = 0.0;
 

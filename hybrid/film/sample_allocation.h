@@ -20,8 +20,11 @@ namespace fieldtrace {
 // Pixels along each side of a block.
 inline constexpr int k_noise_block = 8;
 
+// Added to the denominators of relative metrics, so that black pixels count without dominating.
+inline constexpr double k_relative_floor = 1e-2;
+
 // What an error is measured by: the root of the mean square over pixels and channels of the difference (absolute), or
-// of the difference over sqrt(value^2 + .01) (relative; the square is the metric relmse).
+// of the difference over sqrt(value^2 + k_relative_floor) (relative; the square is the metric relmse).
 enum class ErrorMeasure { absolute, relative };
 
 // The mean over channels of squares, by the measure, where the picture's value is `value`.

@@ -19,4 +19,8 @@ struct PixelPosition {
 };
 std::vector<PixelPosition> tile_pixels(const Rect& tile);
 
+inline bool contains(const Rect& r, const PixelPosition& p) {
+  return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
+}
+
 }  // namespace fieldtrace

@@ -30,7 +30,7 @@ FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields, counting);
   settings.light_samples = light_samples;
   settings.sky_by_maps = stage.sky.light != nullptr;
-  settings.first_hits = settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
+  settings.first_hits = false;
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings, stage.lights);
   const double repeats = double(picture.spp) * double(options.light_samples) / double(light_samples);
   FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}), repeats, picture.callbacks.stop);

@@ -40,12 +40,10 @@ void check_options(const RenderOptions& o, int spp) {
     throw UsageError("the time limit is " + std::to_string(o.time_limit) + " s; it must be 0 or more");
   if (o.by_rounds() && spp < 2 && o.spp != 0)
     throw UsageError("a picture to an error or a time needs 2 samples a pixel at least, but --spp allows 1");
-  if (o.by_rounds() && o.chart == Chart::thesis)
-    throw UsageError("a picture to an error or a time is not made with the thesis' chart; give the samples by --spp");
   if (!o.checkpoint.empty() && !(o.checkpoint_seconds >= 0.0))
     throw UsageError("a checkpoint every " + std::to_string(o.checkpoint_seconds) + " s; it must be 0 or more");
   if (o.keeps_sums() && o.chart == Chart::thesis)
-    throw UsageError("renders with the thesis' chart have no checkpoints");
+    throw UsageError("pictures by the thesis' chart are made of --spp samples at once: no target, limit, checkpoint");
   if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
 }
 

@@ -30,10 +30,6 @@
 namespace fieldtrace {
 namespace {
 
-double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
-
-double seconds_until(Clock::time_point end) { return std::chrono::duration<double>(end - Clock::now()).count(); }
-
 // The cache of `options`; null if there is none, or no fields to keep in it.
 std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const WarningSink& warning) {
   if (options.field_cache.empty() || no_fields) return nullptr;
@@ -111,84 +107,6 @@ std::string outgrown(const Picture& picture, bool out_of_addresses, const std::s
          " (raise --field-memory to avoid it)";
 }
 
-// The squared error that may be left.
-double square_of_target(const RenderOptions& options) {
-  return double(options.target_error) * double(options.target_error);
-}
-
-// Pictures of which fewer samples of a pixel reach the error, or the end of the time, are left to rays.
-constexpr double k_fewest_samples = 8.0;
-
-// How many samples a pixel of a picture by rounds will need, with rays alone.
-void expect_samples(Picture& picture, Stage& stage, int threads) {
-  const RayContext rays(picture, stage);
-  const SampleCost cost = survey_noise(picture, rays.context());
-  double samples = double(k_infinity);
-  if (picture.options.target_error > 0.0f) samples = cost.variance / square_of_target(picture.options);
-  if (picture.options.time_limit > 0.0f) {
-    const double pixels = double(picture.window.width) * double(picture.window.height);
-    const double seconds = std::max(cost.seconds * pixels / threads, 1e-9);
-    samples = std::min(samples, double(picture.options.time_limit) / seconds);
-  }
-  picture.expect(samples);
-  // What fields could spare then, surveys take.
-  if (samples < k_fewest_samples) stage.trust = 0.0f;
-}
-
-// Light samples of each camera sample, as a survey finds that they lower the noise most for their work.
-void choose_light_samples(const Picture& picture, TransportContext& context) {
-  // Where fields answer, rays are not all that samples cost, and a survey has chosen already.
-  if (picture.options.method != Method::monte_carlo || picture.spp < k_fewest_samples) return;
-  if (picture.options.light_samples != 1 || picture.options.light_estimator != LightEstimator::automatic) return;
-  const int open = context.settings.open_light_samples;
-  double least = double(k_infinity);
-  TransportSettings best = context.settings;
-  std::vector<std::pair<int, int>> tried;
-  for (const std::pair<int, int>& samples : {std::pair(1, open), std::pair(1, 1), std::pair(4, std::max(4, open))}) {
-    if (std::find(tried.begin(), tried.end(), samples) != tried.end()) continue;
-    tried.push_back(samples);
-    context.settings.light_samples = samples.first;
-    context.settings.open_light_samples = samples.second;
-    const SampleCost cost = survey_noise(picture, context);
-    if (!(cost.variance * cost.work < least)) continue;
-    least = cost.variance * cost.work;
-    best = context.settings;
-  }
-  context.settings = best;
-}
-
-// Tolerances of lights where the usual one errs too much for a target error, in parts of it.
-constexpr float k_less_trust = 0.125f;
-
-// Whether fields will reach the target error, and sooner than rays; if not, says in `stage` how far to trust them next.
-bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided) {
-  const RayContext rays(picture, stage);
-  const FieldError error = survey_field_error(picture, context, rays.context(), double(picture.spp));
-  const double target = square_of_target(picture.options);
-  decided.field_mean_square = error.mean_square;
-  if (picture.options.target_error == 0.0f) {
-    const double pixels = double(picture.window.width) * double(picture.window.height);
-    const double seconds = std::max(seconds_until(*stage.deadline), 0.0) * tbb::this_task_arena::max_concurrency();
-    const auto noise_in_time = [&](const SampleCost& cost) { return cost.variance * cost.seconds * pixels / seconds; };
-    if (error.mean_square + noise_in_time(error.fields) <= noise_in_time(error.rays)) return true;
-    stage.trust = 0.0f;
-    return false;
-  }
-  // Where the tolerance may be at fault, less of it is tried first.
-  const bool by_tolerance = context.settings.estimates && !picture.options.tolerance && stage.trust == 1.0f;
-  if (by_tolerance && error.mean_square > 0.25 * target) {
-    stage.trust = k_less_trust;
-    return false;
-  }
-  const double left = target - error.mean_square;
-  if (error.fields.work_to(left) <= error.rays.work_to(target)) {
-    decided.expected_samples = int(std::clamp(error.fields.variance / left, 1.0, double(picture.spp)));
-    return true;
-  }
-  stage.trust = 0.0f;
-  return false;
-}
-
 // One attempt with the fields of `plan`. Returns false if they exceeded their memory; `plan` is then the next
 // attempt's.
 bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult& result) {
@@ -250,9 +168,9 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state.expected_samples = picture.spp;
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed) {
-      choose_light_samples(picture, context);
+      choose_light_samples(picture, context, stats);
       stats.open_light_samples = context.settings.open_light_samples;
-      if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state)) return false;
+      if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state, stats)) return false;
     }
     state.planned_samples = picture.spp;
     state.trust = stage.trust;
@@ -355,7 +273,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       picture.expect(stage.resumed->planned_samples);
       result.stats.resumed = true;
     } else if (picture.by_rounds()) {
-      expect_samples(picture, stage, threads);
+      expect_samples(picture, stage, result.stats);
     }
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);

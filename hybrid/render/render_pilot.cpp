@@ -4,11 +4,14 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <mutex>
+#include <cmath>
+#include <memory>
+#include <utility>
 
 #include "core/platform/parallel.h"
 #include "core/sampling/sobol.hd.h"
 #include "hybrid/film/sample_allocation.h"
+#include "hybrid/stats/stopwatch.h"
 #include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
@@ -28,6 +31,36 @@ constexpr double k_least_samples = 8.0, k_most_samples = 512.0;
 // Pixels of one task.
 constexpr size_t k_task_pixels = 16;
 
+// Camera samples of a picture, by its measure of errors.
+struct SampleCost {
+  double variance = 0.0;  // of one sample, mean over pixels and channels
+  double work = 0.0;      // of one sample: itself and its rays
+  double seconds = 0.0;   // of one sample, of one thread
+
+  // Work until noise is `mean_square`; infinite where that is not above 0.
+  double work_to(double mean_square) const {
+    return mean_square > 0.0 ? std::max(variance / mean_square, 1.0) * work : double(k_infinity);
+  }
+};
+
+// A context in which rays answer everything.
+class RayContext {
+ public:
+  RayContext(const Picture& picture, const Stage& stage);
+  const TransportContext& context() const { return *context_; }
+
+ private:
+  std::unique_ptr<ShadowAnswerer> answerer_;
+  std::unique_ptr<TransportContext> context_;
+};
+
+// How far pictures in a context and by rays differ where noise is averaged away, as a mean square; and what samples of
+// either cost.
+struct FieldError {
+  double mean_square = 0.0;
+  SampleCost fields, rays;
+};
+
 struct Survey {
   std::vector<PixelPosition> pixels;
   std::vector<PixelSums> sums;
@@ -35,7 +68,7 @@ struct Survey {
 
 // Traces the survey's pixels with `samples` samples of each half.
 void trace_survey(const Picture& picture, const TransportContext& context, uint32_t samples, uint32_t replicate,
-                  Survey& survey) {
+                  Survey& survey, Stats& stats) {
   survey.sums.assign(survey.pixels.size(), {});
   tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
   const size_t tasks = (survey.pixels.size() + k_task_pixels - 1) / k_task_pixels;
@@ -46,10 +79,8 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
     TransportWorker& worker = workers.local();
     for (int half = 0; half < 2; ++half) {
       const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit>) {
-        PixelSums& sums = survey.sums[begin + pixel];
-        sums.add(half, radiance);
-        sums.work += float(double(radiance.size()) * worker.sample_cost().work);
-        sums.seconds += double(radiance.size()) * worker.sample_cost().seconds;
+        const TransportWorker::Cost& cost = worker.sample_cost();
+        survey.sums[begin + pixel].add(half, radiance, cost.work, cost.seconds);
       };
       const auto goes_on = [&] { return !picture.stopped(); };
       // Isolated like the tiles of the picture (render_tiles).
@@ -58,6 +89,10 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
       });
     }
   });
+  for (const TransportWorker& worker : workers) {
+    stats.survey_rays += worker.stats().rays_exact;
+    stats.add_bake(worker.stats());
+  }
 }
 
 SampleCost cost_of(const Survey& survey, ErrorMeasure measure) {
@@ -73,24 +108,18 @@ SampleCost cost_of(const Survey& survey, ErrorMeasure measure) {
   return {cost.variance / double(survey.sums.size()), cost.work / samples, cost.seconds / samples};
 }
 
-// The mean of one half; of both: half < 0.
-DVec3 mean_of(const PixelSums& p, int half) {
-  return p.count[half] > 0 ? p.radiance[half] / double(p.count[half]) : DVec3(0.0);
-}
-
-}  // namespace
-
 RayContext::RayContext(const Picture& picture, const Stage& stage) {
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
   answerer_ = std::make_unique<ShadowAnswerer>(picture.scene, stage.accel, stage.traits, none,
                                                AnswererSettings{picture.settings.isa, 0.0f});
   TransportSettings settings = picture.settings;
-  settings.first_hits = settings.count_first_hits = settings.count_reflections = settings.occlusion = false;
+  settings.first_hits = false;
   context_ =
       std::make_unique<TransportContext>(picture.scene, stage.accel, stage.camera, *answerer_, settings, stage.lights);
 }
 
-SampleCost survey_noise(const Picture& picture, const TransportContext& context) {
+// Of camera samples in `context`, by blocks of pixels that a grid spreads over the window.
+SampleCost survey_noise(const Picture& picture, const TransportContext& context, Stats& stats) {
   Survey survey;
   const Rect& w = picture.window;
   const int step = 4 * std::clamp(std::min(w.width, w.height) / 32, 1, k_block_step);
@@ -100,12 +129,13 @@ SampleCost survey_noise(const Picture& picture, const TransportContext& context)
       for (const PixelPosition& p : tile_pixels(block)) survey.pixels.push_back(p);
     }
   }
-  trace_survey(picture, context, k_noise_samples, k_noise_replicates, survey);
+  trace_survey(picture, context, k_noise_samples, k_noise_replicates, survey, stats);
   return cost_of(survey, picture.options.error_measure);
 }
 
+// From single pixels spread over the window, with `samples` samples each, as far as few and many go.
 FieldError survey_field_error(const Picture& picture, const TransportContext& context, const TransportContext& rays,
-                              double samples) {
+                              double samples, Stats& stats) {
   const Rect& w = picture.window;
   const double wanted = std::max(double(w.width) * double(w.height) / k_pixels_each, double(k_fewest_pixels));
   const double side = std::max(std::sqrt(double(w.width) * double(w.height) / wanted), 1.0);
@@ -120,19 +150,101 @@ FieldError survey_field_error(const Picture& picture, const TransportContext& co
   }
   Survey by_rays = by_fields;
   const auto half_samples = uint32_t(std::clamp(0.5 * samples, k_least_samples, k_most_samples));
-  trace_survey(picture, context, half_samples, k_error_replicates, by_fields);
-  trace_survey(picture, rays, half_samples, k_error_replicates, by_rays);
+  trace_survey(picture, context, half_samples, k_error_replicates, by_fields, stats);
+  trace_survey(picture, rays, half_samples, k_error_replicates, by_rays, stats);
   FieldError error;
   for (size_t i = 0; i < by_fields.pixels.size(); ++i) {
     const PixelSums &f = by_fields.sums[i], &r = by_rays.sums[i];
     // Noise of the halves is independent: the mean of the product is the square of what both share.
-    const DVec3 product = (mean_of(f, 0) - mean_of(r, 0)) * (mean_of(f, 1) - mean_of(r, 1));
+    const DVec3 product = (f.mean_of(0) - r.mean_of(0)) * (f.mean_of(1) - r.mean_of(1));
     error.mean_square += weighted_square(product, r.mean(), picture.options.error_measure);
   }
   error.mean_square = std::max(error.mean_square / double(by_fields.pixels.size()), 0.0);
   error.fields = cost_of(by_fields, picture.options.error_measure);
   error.rays = cost_of(by_rays, picture.options.error_measure);
   return error;
+}
+
+// The squared error that may be left.
+double square_of_target(const RenderOptions& options) {
+  return double(options.target_error) * double(options.target_error);
+}
+
+// Pictures of which fewer samples of a pixel reach the error, or the end of the time, are left to rays.
+constexpr double k_fewest_samples = 8.0;
+
+// Tolerances of lights where the usual one errs too much for a target error, in parts of it.
+constexpr float k_less_trust = 0.125f;
+
+double pixels_of(const Picture& picture) { return double(picture.window.width) * double(picture.window.height); }
+
+double threads() { return double(tbb::this_task_arena::max_concurrency()); }
+
+}  // namespace
+
+void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
+  const RayContext rays(picture, stage);
+  const SampleCost cost = survey_noise(picture, rays.context(), stats);
+  double samples = double(k_infinity);
+  if (picture.options.target_error > 0.0f) samples = cost.variance / square_of_target(picture.options);
+  if (picture.options.time_limit > 0.0f) {
+    const double seconds = std::max(cost.seconds * pixels_of(picture) / threads(), 1e-9);
+    samples = std::min(samples, double(picture.options.time_limit) / seconds);
+  }
+  picture.expect(samples);
+  // What fields could spare then, surveys take.
+  if (samples < k_fewest_samples) stage.trust = 0.0f;
+}
+
+void choose_light_samples(const Picture& picture, TransportContext& context, Stats& stats) {
+  // Where fields answer, rays are not all that samples cost, and a survey has chosen already.
+  if (picture.options.method != Method::monte_carlo || picture.spp < k_fewest_samples) return;
+  if (picture.options.light_samples != 1 || picture.options.light_estimator != LightEstimator::automatic) return;
+  const int open = context.settings.open_light_samples;
+  double least = double(k_infinity);
+  TransportSettings best = context.settings;
+  std::vector<std::pair<int, int>> tried;
+  for (const std::pair<int, int>& samples : {std::pair(1, open), std::pair(1, 1), std::pair(4, std::max(4, open))}) {
+    if (std::find(tried.begin(), tried.end(), samples) != tried.end()) continue;
+    tried.push_back(samples);
+    context.settings.light_samples = samples.first;
+    context.settings.open_light_samples = samples.second;
+    const SampleCost cost = survey_noise(picture, context, stats);
+    if (!(cost.variance * cost.work < least)) continue;
+    least = cost.variance * cost.work;
+    best = context.settings;
+  }
+  context.settings = best;
+}
+
+bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
+                   Stats& stats) {
+  const RayContext rays(picture, stage);
+  const FieldError error = survey_field_error(picture, context, rays.context(), double(picture.spp), stats);
+  const double target = square_of_target(picture.options);
+  decided.field_mean_square = error.mean_square;
+  if (picture.options.target_error == 0.0f) {
+    const double seconds = std::max(-seconds_since(*stage.deadline), 0.0) * threads();
+    const auto noise_in_time = [&](const SampleCost& cost) {
+      return cost.variance * cost.seconds * pixels_of(picture) / seconds;
+    };
+    if (error.mean_square + noise_in_time(error.fields) <= noise_in_time(error.rays)) return true;
+    stage.trust = 0.0f;
+    return false;
+  }
+  // Where the tolerance may be at fault, less of it is tried first.
+  const bool by_tolerance = context.settings.estimates && !picture.options.tolerance && stage.trust == 1.0f;
+  if (by_tolerance && error.mean_square > 0.25 * target) {
+    stage.trust = k_less_trust;
+    return false;
+  }
+  const double left = target - error.mean_square;
+  if (error.fields.work_to(left) <= error.rays.work_to(target)) {
+    decided.expected_samples = int(std::clamp(error.fields.variance / left, 1.0, double(picture.spp)));
+    return true;
+  }
+  stage.trust = 0.0f;
+  return false;
 }
 
 }  // namespace fieldtrace

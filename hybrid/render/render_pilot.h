@@ -1,47 +1,25 @@
-// What a few pixels of a picture by rounds show before it is begun: how many samples it will need, and how far what is
-// not rays is off.
+// What is decided about a picture by rounds before it is begun, by surveys of a few of its pixels.
 //
-// Determinism: as pictures. Thread-safety: called by one thread; tracing is parallel.
+// Surveys count as such in the statistics, and what they bake as bakes. Determinism: as pictures. Thread-safety: called
+// by one thread; tracing is parallel.
 #pragma once
 
+#include "hybrid/film/checkpoint.h"
 #include "hybrid/path/transport_context.h"
 #include "hybrid/render/picture.h"
+#include "hybrid/stats/stats.h"
 
 namespace fieldtrace {
 
-// Camera samples of a picture, by its measure of errors.
-struct SampleCost {
-  double variance = 0.0;  // of one sample, mean over pixels and channels
-  double work = 0.0;      // of one sample: itself and its rays
-  double seconds = 0.0;   // of one sample, of one thread
+// Sets how many samples a pixel is expected to need with rays alone. Where these are few, fields are not trusted.
+void expect_samples(Picture& picture, Stage& stage, Stats& stats);
 
-  // Work until noise is `mean_square`; infinite where that is not above 0.
-  double work_to(double mean_square) const {
-    return mean_square > 0.0 ? std::max(variance / mean_square, 1.0) * work : double(k_infinity);
-  }
-};
+// Sets the light samples of each camera sample that lower Monte Carlo's noise most for their work.
+void choose_light_samples(const Picture& picture, TransportContext& context, Stats& stats);
 
-// A context in which rays answer everything.
-class RayContext {
- public:
-  RayContext(const Picture& picture, const Stage& stage);
-  const TransportContext& context() const { return *context_; }
-
- private:
-  std::unique_ptr<ShadowAnswerer> answerer_;
-  std::unique_ptr<TransportContext> context_;
-};
-
-// Of camera samples in `context`, by blocks of pixels that a grid spreads over the window.
-SampleCost survey_noise(const Picture& picture, const TransportContext& context);
-
-// The mean square of how far pictures in `context` and by rays differ where noise is averaged away, from single pixels
-// spread over the window; and what samples of either cost. `samples`: of each pixel.
-struct FieldError {
-  double mean_square = 0.0;
-  SampleCost fields, rays;
-};
-FieldError survey_field_error(const Picture& picture, const TransportContext& context, const TransportContext& rays,
-                              double samples);
+// Whether fields will reach the target error, and sooner than rays, or err less at the end of the time; if not, says in
+// `stage` how far to trust them next. Sets what `decided` says of errors and samples.
+bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
+                   Stats& stats);
 
 }  // namespace fieldtrace

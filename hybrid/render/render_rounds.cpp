@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "hybrid/film/sample_allocation.h"
+#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {
@@ -26,12 +27,6 @@ constexpr double k_most_decay = 1.5;
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;
-
-double seconds_of(Clock::duration d) { return std::chrono::duration<double>(d).count(); }
-
-bool contains(const Rect& r, const PixelPosition& p) {
-  return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
-}
 
 // The rounds of one picture.
 class Rounds {
@@ -162,7 +157,7 @@ class Rounds {
   // Writes a checkpoint if one is due.
   void keep(bool now) {
     if (options_.checkpoint.empty()) return;
-    if (!now && seconds_of(Clock::now() - kept_) < options_.checkpoint_seconds) return;
+    if (!now && seconds_since(kept_) < options_.checkpoint_seconds) return;
     try {
       write_checkpoint(options_.checkpoint, state_);
     } catch (const Error& error) {
@@ -199,9 +194,9 @@ class Rounds {
     limits.least_work = k_least_round * work;
     double time_share = 0.0;
     if (job_.deadline) {
-      const double left = seconds_of(*job_.deadline - Clock::now());
+      const double left = -seconds_since(*job_.deadline);
       if (left < k_least_time * double(options_.time_limit)) return none;
-      limits.work = k_round_time * left * (work - work_before_) / seconds_of(Clock::now() - begin_);
+      limits.work = k_round_time * left * (work - work_before_) / seconds_since(begin_);
       time_share = 1.0 - left / double(options_.time_limit);
     }
     std::vector<uint32_t> counts = allocation.further(limits);

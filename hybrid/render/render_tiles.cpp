@@ -24,10 +24,6 @@ Rect traced_window(const Scene& scene, const Rect& window) {
           end(window.y + window.height - 1, scene.film.height) - y};
 }
 
-bool contains(const Rect& r, const PixelPosition& p) {
-  return p.x >= r.x && p.y >= r.y && p.x < r.x + r.width && p.y < r.y + r.height;
-}
-
 // Returns false if it was stopped.
 bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& worker, TileSums& result) {
   result.pixels = tile_pixels(tile);
@@ -37,12 +33,9 @@ bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& w
   for (const PixelPosition& p : result.pixels) counts.push_back(pass.samples_of_half(p));
   for (int half = 0; half < pass.halves; ++half) {
     const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
-      PixelSums& sums = result.sums[pixel];
-      const uint64_t not_finite = sums.add(half, radiance);
-      if (not_finite > 0) job.not_finite += not_finite;
       const TransportWorker::Cost& cost = worker.sample_cost();
-      sums.seconds += double(radiance.size()) * cost.seconds;
-      sums.work += float(double(radiance.size()) * cost.work);
+      const uint64_t not_finite = result.sums[pixel].add(half, radiance, cost.work, cost.seconds);
+      if (not_finite > 0) job.not_finite += not_finite;
       for (const FirstHit& first : firsts) result.aovs[pixel].add(first);
     };
     if (!trace_pixels(

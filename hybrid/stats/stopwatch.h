@@ -17,4 +17,8 @@ class ScopedTimer {
   std::chrono::steady_clock::time_point begin_;
 };
 
+inline double seconds_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
 }  // namespace fieldtrace

@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "tests/support/command_files.h"
+#include "tests/support/warnings.h"
 
 namespace fieldtrace::test {
 namespace {
@@ -19,21 +20,6 @@ bool comes_true(const std::function<bool()>& condition) {
   }
   return false;
 }
-
-struct Warnings {
-  std::mutex mutex;
-  std::vector<std::string> texts;
-  WarningSink sink() {
-    return [this](const std::string& text) {
-      const std::lock_guard lock(mutex);
-      texts.push_back(text);
-    };
-  }
-  size_t count() {
-    const std::lock_guard lock(mutex);
-    return texts.size();
-  }
-};
 
 WatcherOptions often(const std::string& path) {
   WatcherOptions o;

@@ -15,6 +15,7 @@
 #include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/command_files.h"
 #include "tests/support/small_scenes.h"
+#include "tests/support/warnings.h"
 
 namespace fieldtrace::test {
 namespace {
@@ -156,25 +157,6 @@ class Viewer {
   bool timed_out_ = false;
 };
 
-struct Warnings {
-  std::mutex mutex;
-  std::vector<std::string> texts;
-  WarningSink sink() {
-    return [this](const std::string& text) {
-      const std::lock_guard lock(mutex);
-      texts.push_back(text);
-    };
-  }
-  size_t count() {
-    const std::lock_guard lock(mutex);
-    return texts.size();
-  }
-  bool wait() {
-    for (int i = 0; i < 2000 && count() == 0; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    return count() > 0;
-  }
-};
-
 // Patience that no busy machine exceeds.
 ViewerTimes patient() { return {.connect = 20.0, .retry = 0.01, .finish = 60.0}; }
 
@@ -296,6 +278,15 @@ struct Painter {
   }
 };
 
+// Finishes while the viewer reads.
+void finish_and_read(TevViewer& sender, Viewer& viewer, ShownImage& shown) {
+  std::atomic<bool> understood = false;
+  std::thread reader([&] { understood = viewer.read(shown); });
+  EXPECT_TRUE(sender.finish());
+  reader.join();
+  EXPECT_TRUE(understood);
+}
+
 // The viewer reads nothing until all is painted, more than the system keeps for it; then what it is sent is new.
 TEST(TevViewer, ASlowViewerHoldsNothingUpAndIsSentTheNewestPixels) {
   Painter painter(2000, 1500);
@@ -310,11 +301,7 @@ TEST(TevViewer, ASlowViewerHoldsNothingUpAndIsSentTheNewestPixels) {
   }
   painter.paint(5000);
   ShownImage shown;
-  std::atomic<bool> understood = false;
-  std::thread reader([&] { understood = viewer.read(shown); });
-  EXPECT_TRUE(sender.finish());
-  reader.join();
-  EXPECT_TRUE(understood);
+  finish_and_read(sender, viewer, shown);
   EXPECT_EQ(warnings.count(), 0u);
   EXPECT_TRUE(shown.pixels == painter.expected);
   // A block at a time, once but for those that were on their way.
@@ -348,11 +335,7 @@ TEST(TevViewer, AViewerThatComesBackIsSentEverythingAgain) {
   ASSERT_TRUE(viewer.accept_one());
   painter.paint(3);
   ShownImage shown;
-  std::atomic<bool> understood = false;
-  std::thread reader([&] { understood = viewer.read(shown); });
-  EXPECT_TRUE(sender.finish());
-  reader.join();
-  EXPECT_TRUE(understood);
+  finish_and_read(sender, viewer, shown);
   EXPECT_EQ(shown.creations, 1);
   EXPECT_EQ(shown.pixels, painter.expected);
   ASSERT_EQ(warnings.count(), 1u);

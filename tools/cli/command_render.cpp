@@ -43,8 +43,6 @@ struct RenderArguments {
   bool quiet = false;
 };
 
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
 std::vector<OutputFile> outputs_of(const RenderArguments& arguments) {
   std::vector<OutputFile> outputs;
   for (const std::string& path : arguments.outputs) outputs.push_back({"-o", path});
