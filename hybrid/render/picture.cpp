@@ -44,6 +44,8 @@ void check_options(const RenderOptions& o, int spp) {
     throw UsageError("a checkpoint every " + std::to_string(o.checkpoint_seconds) + " s; it must be 0 or more");
   if (o.keeps_sums() && o.chart == Chart::thesis)
     throw UsageError("pictures by the thesis' chart are made of --spp samples at once: no target, limit, checkpoint");
+  if (o.slice && o.keeps_sums())
+    throw UsageError("slices are of pictures of --spp samples at once: no target error, time limit, checkpoint");
   if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
 }
 

@@ -21,6 +21,7 @@
 #include "core/scene/scene.h"
 #include "core/simd/isa.h"
 #include "field/store/risk_classes.h"
+#include "hybrid/film/part.h"
 #include "hybrid/film/sample_allocation.h"
 #include "hybrid/stats/stats.h"
 
@@ -84,6 +85,7 @@ struct RenderOptions {
   // one to go on from. Empty: none.
   std::string checkpoint, resume;
   double checkpoint_seconds = 60.0;
+  std::optional<Slice> slice;  // only these tiles; not for pictures by rounds or with checkpoints
 
   bool keeps_sums() const { return by_rounds() || !checkpoint.empty() || !resume.empty(); }
   bool by_rounds() const { return target_error > 0.0f || time_limit > 0.0f; }
@@ -104,8 +106,12 @@ struct RenderResult {
   Image image;  // R, G, B and the AOV channels; width and height of the crop window; unfinished tiles are 0
   Stats stats;
   bool interrupted = false;
+  std::optional<Part> part;  // of a slice: what to write with the image
 };
 
+// Slices: each makes the decisions that the whole picture makes, from the whole picture, so that its tiles are those of
+// the whole bit for bit. One exception is an Error: fields of a slice that outgrow their memory.
+//
 // Throws Error for a scene that cannot be rendered, UsageError for contradictory or out-of-range options.
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks = {});
 

@@ -47,11 +47,25 @@ bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& w
   return true;
 }
 
+// Indices of the picture's tiles that its slice has, or of all.
+std::vector<size_t> tiles_to_trace(const Picture& picture, const std::vector<Rect>& tiles) {
+  std::vector<size_t> chosen(tiles.size());
+  std::iota(chosen.begin(), chosen.end(), size_t(0));
+  if (!picture.options.slice || tiles.empty()) return chosen;
+  const auto in_first_row = [&](const Rect& tile) { return tile.y == tiles[0].y; };
+  const auto columns = int(std::count_if(tiles.begin(), tiles.end(), in_first_row));
+  const std::vector<int> slices = slices_of_tiles(columns, int(tiles.size()) / columns, picture.options.slice->count);
+  std::erase_if(chosen, [&](size_t i) { return slices[i] != picture.options.slice->number; });
+  return chosen;
+}
+
 }  // namespace
 
-std::vector<Rect> picture_tiles(const Picture& picture) {
-  return make_tiles(picture.by_rounds() ? picture.window : traced_window(picture.scene, picture.window), k_tile_size);
+Rect traced_pixels(const Picture& picture) {
+  return picture.by_rounds() ? picture.window : traced_window(picture.scene, picture.window);
 }
+
+std::vector<Rect> picture_tiles(const Picture& picture) { return make_tiles(traced_pixels(picture), k_tile_size); }
 
 Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
   Image image;
@@ -116,8 +130,7 @@ void render_tiles(Job& job, Image& image, Stats& stats) {
   Pass pass;
   pass.samples_of_half = [&](const PixelPosition&) { return uint32_t(picture.spp); };
   const std::vector<Rect> tiles = picture_tiles(picture);
-  pass.tiles.resize(tiles.size());
-  std::iota(pass.tiles.begin(), pass.tiles.end(), size_t(0));
+  pass.tiles = tiles_to_trace(picture, tiles);
   const auto finished = [&](size_t index, const TileSums& tile) {
     for (size_t i = 0; i < tile.pixels.size(); ++i) {
       if (contains(picture.window, tile.pixels[i]))

@@ -44,7 +44,10 @@ struct TileSums {
   std::vector<AovSums> aovs;
 };
 
-// The tiles that a picture is traced in.
+// The pixels that a picture traces: its window, or more where pixels depend on their neighbours'.
+Rect traced_pixels(const Picture& picture);
+
+// The tiles that a picture is traced in, row by row.
 std::vector<Rect> picture_tiles(const Picture& picture);
 
 // A black image of the picture's window and layers.
@@ -56,7 +59,7 @@ Image make_image(const Rect& window, const std::vector<Aov>& aovs);
 void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t tile, const TileSums&)>& finished,
                  const std::function<void(size_t tiles)>& progress, Stats& stats);
 
-// Renders all tiles in one pass, unless the budget or an interrupt stops it.
+// Renders all tiles, or those of the picture's slice, in one pass, unless the budget or an interrupt stops it.
 void render_tiles(Job& job, Image& image, Stats& stats);
 
 // Hands the part of `tile` (pixels of the film) within the window to callbacks.tile, if there is one.

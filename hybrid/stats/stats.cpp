@@ -68,6 +68,7 @@ std::string Stats::to_json() const {
   j["method"] = method;
   j["spp"] = spp;
   if (resumed) j["resumed"] = true;
+  if (!slice.empty()) j["slice"] = slice;
   if (by_rounds) {
     j["target_error"] = target_error;
     j["time_limit"] = time_limit;

@@ -71,6 +71,7 @@ struct Stats {
   bool by_rounds = false;
   uint32_t rounds = 0;  // finished
   bool resumed = false;
+  std::string slice;  // "K/N"; empty: the whole picture
   double error_noise = 0, error_fields = 0, error_estimate = 0;
   double samples_mean = 0;
   uint32_t samples_fewest = 0, samples_most = 0;
