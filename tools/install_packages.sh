@@ -2,15 +2,20 @@
 # Installs the Debian packages that Fieldtrace needs: only those that are missing, with sudo if need be.
 #   --with-oidn   also puts Intel Open Image Denoise, for `render --denoise`, into build/oidn, from the package pyoidn for
 #                 Python (200 MB); tools/build.sh and tools/test.sh find it there
+#   --with-slurm  also installs Slurm (13 MB), for the test farm.slurm, which starts one of its own; Debian enables the
+#                 services slurmctld, slurmd and munge
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-oidn=
-case ${1:-} in
-  --with-oidn) oidn=build/oidn ;;
-  "") ;;
-  *) sed -n '2,4s/^# //p' "$0" >&2; exit 2 ;;
-esac
+oidn=''
+slurm=()
+for option in "$@"; do
+  case $option in
+    --with-oidn) oidn=build/oidn ;;
+    --with-slurm) slurm=("slurm-wlm") ;;
+    *) sed -n '2,6s/^# //p' "$0" >&2; exit 2 ;;
+  esac
+done
 
 # Last, because it needs python3-venv.
 install_oidn() {
@@ -36,6 +41,7 @@ packages=(
   libgtest-dev libopenvdb-tools glmark2-data python3 python3-venv    # tests; the demo's bunny
   chromium                                                           # tests: pages as a browser shows them
   libbenchmark-dev clang-format clang-tidy                           # -DFIELDTRACE_BENCHMARKS=ON; changing the code
+  "${slurm[@]}"
 )
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
