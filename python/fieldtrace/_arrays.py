@@ -33,7 +33,7 @@ def _in_place(array: NDArray[Any]) -> NDArray[Any]:
     fits = array.flags.aligned and (array.ndim == 1 or array.strides[1] == size or array.shape[1] == 1)
     if array.shape[0] > 1:
         fits = fits and array.strides[0] >= row and array.strides[0] % size == 0
-    return array if fits else np.ascontiguousarray(array)
+    return array if fits else array.copy(order="C")
 
 
 def _as_float32(name: str, value: ArrayLike, expected: str) -> NDArray[np.float32]:

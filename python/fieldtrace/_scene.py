@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import operator
-from typing import Any, Callable, NamedTuple, NoReturn, Optional, Sequence, SupportsFloat, SupportsIndex, Union
+from typing import Callable, NamedTuple, NoReturn, Optional, Sequence, SupportsFloat, SupportsIndex, Union, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -152,7 +152,7 @@ class Scene:
         directions, plane and field_memory before the first commit; tolerance, from the next commit on."""
         for name, value in settings.items():
             if name == "tolerance":
-                self._core.set_float(name, float(value))  # type: ignore[arg-type]
+                self._core.set_float(name, float(value))
                 continue
             try:
                 integer = operator.index(value)  # type: ignore[arg-type]
@@ -319,9 +319,12 @@ class Scene:
 
 
 _Rows = NDArray[np.float32]
+_RayArrays = tuple[_Rows, _Rows, Optional[NDArray[np.float32]], Optional[NDArray[np.uint32]]]
 
 
-def _rays(origins: ArrayLike, directions: ArrayLike, tmax: Optional[ArrayLike], from_instances: Optional[ArrayLike]) -> Any:
+def _rays(
+    origins: ArrayLike, directions: ArrayLike, tmax: Optional[ArrayLike], from_instances: Optional[ArrayLike]
+) -> tuple[_RayArrays, _arrays.Shape]:
     """((origins, directions, tmax, from_instances), shape): flat arrays, and the shape that they stand for."""
     o, d = _arrays.rows("origins", origins), _arrays.rows("directions", directions)
     shape = _arrays.common_shape(origins=o, directions=d)
@@ -346,6 +349,22 @@ def load_scene(path: Path, threads: SupportsIndex = 0) -> Scene:
     return scene
 
 
+@overload
+def render(
+    path: Path,
+    output: None = None,
+    threads: SupportsIndex = 0,
+    progress: Optional[Progress] = None,
+    **settings: Union[SupportsIndex, SupportsFloat],
+) -> NDArray[np.float32]: ...
+@overload
+def render(
+    path: Path,
+    output: Path,
+    threads: SupportsIndex = 0,
+    progress: Optional[Progress] = None,
+    **settings: Union[SupportsIndex, SupportsFloat],
+) -> None: ...
 def render(
     path: Path,
     output: Optional[Path] = None,
