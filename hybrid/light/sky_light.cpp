@@ -99,13 +99,18 @@ bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, con
   }
   if (tasks_.empty()) return true;
   const size_t blocks = size_t(points.size) / k_batch_padding;
-  masks_.assign(blocks * tasks_.size(), 0);
-  if (!device->see_cells(tasks_, points, sums, masks_)) return false;
+  SkyQuestion question{tasks_, points};
+  DeviceWave wave;
+  wave.skies.push_back(&question);
+  device->answer(wave);
+  if (!question.is_answered) return false;
+  float* const to[] = {sums.red, sums.green, sums.blue, sums.reflected_red, sums.reflected_green, sums.reflected_blue};
+  for (size_t i = 0; i < 6; ++i) std::copy_n(question.sums.data() + i * size_t(points.size), points.size, to[i]);
   for (size_t t = 0; t < tasks_.size(); ++t) {
     const CellTask& task = tasks_[t];
     job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
     for (size_t block = 0; block < blocks; ++block) {
-      for (uint32_t mask = masks_[block * tasks_.size() + t]; mask != 0; mask &= mask - 1) {
+      for (uint32_t mask = question.undecided[block * tasks_.size() + t]; mask != 0; mask &= mask - 1) {
         const auto point = uint32_t(block * k_batch_padding) + uint32_t(std::countr_zero(mask));
         if (point < centres_.size) add_open_cell(task, task_places_[t], point);
       }

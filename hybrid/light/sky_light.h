@@ -110,11 +110,10 @@ class SkyLight {
   AlignedVector<float> reflected_red_, reflected_green_, reflected_blue_;  // irradiance of what objects send back
   std::vector<float> open_;  // luminance of the open sky's irradiance, by point
   AlignedVector<int32_t> undecided_;
-  // For a device: the cells that are seen, by their places among the occluders', and its masks.
+  // For a device: the cells that are seen, by their places among the occluders'.
   std::vector<uint32_t> task_places_;
   std::vector<CellTask> tasks_;
   std::vector<OwnObject> own_objects_;
-  std::vector<uint32_t> masks_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
   std::vector<uint32_t> open_begin_;
   std::vector<float> weight_sums_;

@@ -284,7 +284,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   std::unique_ptr<VisibilityDevice> device;
   if (picture.wants_fields && options.chart == Chart::orthographic) {
     device =
-        open_device(options.device, {segment_kernels(picture.settings.isa), options.device_memory, told_once.warning});
+        open_device(options.device, {options.device_memory, told_once.warning});
   }
   RenderResult result;
   result.stats.tolerance = options.base_tolerance();

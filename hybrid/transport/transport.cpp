@@ -174,11 +174,22 @@ void TransportWorker::Impl::pass_hidden_emitters() {
   }
 }
 
+DirectLight::Request TransportWorker::Impl::light_request(int vertex_number) {
+  const bool first = vertex_number == 0;
+  return {.direct = direct,
+          .receivers = receivers,
+          .vertices = vertices,
+          .light_samples = first ? settings.light_samples : 1,
+          .first = first,
+          .pixels = first ? pixels : std::span<const PixelPosition>(),
+          .firsts = first && settings.count_first_hits ? std::span(firsts) : std::span<FirstHit>(),
+          .stats = stats};
+}
+
 void TransportWorker::Impl::gather_light(int vertex_number) {
   const bool first = vertex_number == 0;
-  direct.gather(receivers, vertices, first ? settings.light_samples : 1, first,
-                first ? pixels : std::span<const PixelPosition>(),
-                first && settings.count_first_hits ? std::span(firsts) : std::span<FirstHit>(), stats);
+  const DirectLight::Request request = light_request(vertex_number);
+  DirectLight::gather({&request, 1});
   const auto arriving = [&r = receivers](size_t i) {
     return Rgb(r.arriving_red[i], r.arriving_green[i], r.arriving_blue[i]);
   };

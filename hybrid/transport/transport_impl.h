@@ -129,6 +129,7 @@ struct TransportWorker::Impl {
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
   void add_emission(const PathState& path, const Rgb& throughput, const Vec3& origin, const Vec3& direction,
                     uint32_t light, const LightHit& hit);
+  DirectLight::Request light_request(int vertex_number);
   void gather_light(int vertex_number);
   void scatter(int vertex_number);
   void go_on(int vertex_number);

@@ -99,7 +99,7 @@ TEST_F(DeviceFailure, OfAnyCallWhileWavesOverlap) {
   const RenderResult cpu = render(scene, o);
   o.threads = 4;
   const uint64_t calls = test::render_emulated(scene, o).log.calls;
-  ASSERT_GT(calls, 300u);
+  ASSERT_GT(calls, 150u);
   for (uint64_t n = 10; n < calls; n += 1 + calls / 41) {
     EmulatedFaults faults;
     faults.failing_call = n;
@@ -158,11 +158,11 @@ TEST_F(DeviceFailure, MemoryEndsAnywhere) {
 }
 
 TEST_F(DeviceFailure, ThreadsShareALostDevice) {
-  const Scene scene = two_objects(64);
+  const Scene scene = two_objects(96);
   RenderOptions o = options();
   const RenderResult cpu = render(scene, o);
   o.threads = 4;
-  for (const uint64_t n : {20u, 60u, 150u, 400u}) {
+  for (const uint64_t n : {20u, 60u, 150u, 300u}) {
     EmulatedFaults faults;
     faults.failing_call = n;
     faults.lost = true;

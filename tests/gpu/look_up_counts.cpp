@@ -8,6 +8,7 @@
 // other files, an object over a floor, three objects under three lights, a crowd. One thread, so that figures are
 // reproducible. Exit codes: 0; 1 a scene cannot be rendered, or its picture is not the CPU's; 2 wrong use; 77 there are
 // no kernels.
+#include <bit>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
@@ -50,15 +51,20 @@ void run_counted(Kernel kernel, uint32_t warps, const void* arguments) {
   if (kernel == Kernel::light_cones) {
     const auto& a = *static_cast<const gpu::ConeArguments*>(arguments);
     c.lookups += lookups_of(a.masks, warps);
-    for (uint32_t i = 0; i < entries; ++i) c.entries += (a.flags[i] & k_may_shadow) != 0;
+    for (uint32_t w = 0; w < warps; ++w) c.entries += uint64_t(std::popcount(a.wanted[w]));
   } else if (kernel == Kernel::filter_strata) {
     const auto& a = *static_cast<const gpu::StratumArguments*>(arguments);
     c.lookups += lookups_of(a.masks, warps);
-    for (uint32_t i = 0; i < entries; ++i) c.entries += a.wanted[i] > 0 && a.rays.tmax[i] >= 0.0f;
+    for (uint32_t i = 0; i < entries; ++i) {
+      const uint32_t w = i / gpu::k_warp, lane = i % gpu::k_warp;
+      c.entries += (a.wanted[w] >> lane & 1u) && a.rays.tmax[a.blocks[w] + lane] >= 0.0f;
+    }
   } else if (kernel == Kernel::query) {
     const auto& a = *static_cast<const gpu::QueryArguments*>(arguments);
     c.lookups += lookups_of(a.masks, warps);
-    for (uint32_t i = 0; i < entries; ++i) c.entries += a.rays.tmax[i] >= 0.0f;
+    for (uint32_t i = 0; i < entries; ++i) {
+      c.entries += a.rays.tmax[a.blocks[i / gpu::k_warp] + i % gpu::k_warp] >= 0.0f;
+    }
   }
 }
 
