@@ -2,22 +2,25 @@
 # Installs the Debian packages that Fieldtrace needs: only those that are missing, with sudo if need be.
 #   --with-oidn   also puts Intel Open Image Denoise, for `render --denoise`, into build/oidn, from the package pyoidn for
 #                 Python (200 MB); tools/build.sh and tools/test.sh find it there
+#   --with-python also puts what the tests of the Python package need, Mitsuba among it, into build/python (400 MB)
 #   --with-slurm  also installs Slurm (13 MB), for the test farm.slurm, which starts one of its own; Debian enables the
 #                 services slurmctld, slurmd and munge
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-oidn=''
+oidn=
+python=
 slurm=()
 for option in "$@"; do
   case $option in
     --with-oidn) oidn=build/oidn ;;
+    --with-python) python=build/python ;;
     --with-slurm) slurm=("slurm-wlm") ;;
-    *) sed -n '2,6s/^# //p' "$0" >&2; exit 2 ;;
+    *) sed -n '2,7s/^# //p' "$0" >&2; exit 2 ;;
   esac
 done
 
-# Last, because it needs python3-venv.
+# Last, because these need python3-venv.
 install_oidn() {
   [[ -n $oidn ]] || return 0
   if compgen -G "$oidn/lib/python3*/site-packages/pyoidn/oidn/lib/cmake" >/dev/null; then
@@ -28,6 +31,15 @@ install_oidn() {
   if ! { python3 -m venv "$oidn" && "$oidn/bin/pip" install -q --no-deps pyoidn==2.5.1.0; }; then
     rm -rf "$oidn"
     echo "install_packages: pyoidn could not be installed; --denoise needs Open Image Denoise 2 from elsewhere" >&2
+    exit 1
+  fi
+}
+
+install_python() {
+  [[ -n $python ]] || return 0
+  if ! { python3 -m venv "$python" && "$python/bin/pip" install -q --disable-pip-version-check \
+           nanobind scikit-build-core numpy matplotlib mypy mitsuba; }; then
+    echo "install_packages: the Python packages could not be installed; tests that need them are skipped" >&2
     exit 1
   fi
 }
@@ -44,6 +56,8 @@ packages=(
   "${slurm[@]}"
 )
 
+[[ -z $python ]] || packages+=(python3-dev libllvm19)               # the Python package; Mitsuba's variants of LLVM
+
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "install_packages: this system has no apt; install the equivalents of: ${packages[*]}" >&2
   exit 1
@@ -57,6 +71,7 @@ done
 if [[ ${#missing[@]} -eq 0 ]]; then
   echo "install_packages: everything is installed"
   install_oidn
+  install_python
   exit 0
 fi
 
@@ -79,3 +94,4 @@ if ! { "${as_root[@]}" apt-get update -q &&
   exit 1
 fi
 install_oidn
+install_python

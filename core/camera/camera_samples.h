@@ -15,6 +15,7 @@ inline constexpr uint32_t k_camera_stream = 0x43414d00u;
 struct CameraSamples {
   size_t size = 0;
   uint32_t replicate = 0;  // number of the sequences; those of different numbers are independent
+  bool whole_blocks = false;  // of each block of 8 x 8 pixels of the film they hold all that are sampled
   AlignedVector<uint32_t> x, y, index;
 
   // Keeps the capacity; the entries below n are unspecified.

@@ -85,16 +85,16 @@ void AmbientOcclusion::count(size_t begin, std::span<FirstHit> firsts, Stats& st
   }
 }
 
-void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
+void AmbientOcclusion::gather(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats) {
   if (context_.occlusion_sky) {
-    gather_by_maps(firsts, stats);
+    gather_by_maps(pixels, firsts, stats);
   } else {
     gather_by_rays(firsts, stats);
   }
 }
 
 // Under a white sky a surface of albedo 1 sends on the unoccluded share.
-void AmbientOcclusion::gather_by_maps(std::span<FirstHit> firsts, Stats& stats) {
+void AmbientOcclusion::gather_by_maps(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats) {
   fill_shading_points(0, points_.size());
   receivers_.clear(points_.size());
   receivers_.points = shading_points_;
@@ -108,7 +108,7 @@ void AmbientOcclusion::gather_by_maps(std::span<FirstHit> firsts, Stats& stats) 
   }
   clusters_.build(receivers_, {}, k_shadow_batch, context_.settings.pixel_samples == 1);
   const uint64_t samples = stats.samples;
-  by_maps_.gather(clusters_, receivers_, {}, context_.settings.light_samples, {}, stats);
+  by_maps_.gather(clusters_, receivers_, {}, context_.settings.light_samples, pixels, {}, stats);
   stats.samples = samples;  // of lights alone
   const auto rays = float(context_.settings.light_samples);
   for (size_t i = 0; i < points_.size(); ++i) {

@@ -472,18 +472,19 @@ void DirectLight::gather_group(Job& job) {
 }
 
 void DirectLight::gather(LightReceivers& receivers, std::span<const PathVertex> vertices, int light_samples, bool first,
-                         std::span<FirstHit> firsts, Stats& stats) {
+                         std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats) {
   const int pixel_samples = first ? context_.settings.pixel_samples : 1;
   candidates_.pixel_samples = int64_t(pixel_samples) * light_samples;
   const auto most = uint32_t(std::max(2 * k_shadow_batch / light_samples, 1));
-  clusters_.build(receivers, context_.light_extents, most, candidates_.few_samples() || pixel_samples == 1);
+  clusters_.build(receivers, context_.light_extents, most,
+                  pixel_samples == 1 || (candidates_.few_samples() && !(first && context_.sky)));
   for (auto* sum : {&receivers.arriving_red, &receivers.arriving_green, &receivers.arriving_blue}) {
     sum->assign(receivers.size(), 0.0f);
   }
   Job job{receivers, vertices, light_samples, light_samples, first, false, firsts, stats};
   if (first) job.open_samples = std::max(light_samples, context_.settings.open_light_samples);
   job.has_sky_maps = first && context_.sky;
-  if (job.has_sky_maps) sky_.gather(clusters_, receivers, vertices, light_samples, firsts, stats);
+  if (job.has_sky_maps) sky_.gather(clusters_, receivers, vertices, light_samples, pixels, firsts, stats);
   for (job.begin = 0; job.begin < clusters_.size(); job.begin = job.end) {
     size_t samples = 0;
     for (job.end = job.begin; job.end < clusters_.size(); ++job.end) {

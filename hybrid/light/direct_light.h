@@ -39,10 +39,10 @@ class DirectLight {
   explicit DirectLight(const TransportContext& context) : context_(context), sky_(context, context.sky) {}
 
   // Sorts the receivers as ShadingClusters does, and fills what arrives at them. `first`: they are those of camera
-  // rays, all samples of a pixel one after another. `firsts`, if not empty, is indexed by path and receives the counts
-  // of shadow rays.
+  // rays, all samples of a pixel one after another. `pixels`: by path, if blocks of pixels are whole, else empty.
+  // `firsts`, if not empty, is indexed by path and receives the counts of shadow rays.
   void gather(LightReceivers& receivers, std::span<const PathVertex> vertices, int light_samples, bool first,
-              std::span<FirstHit> firsts, Stats& stats);
+              std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats);
 
  private:
   // What gather() was given, and the light being gathered.

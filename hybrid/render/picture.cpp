@@ -105,7 +105,12 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
 
 void Picture::expect(double samples) {
   spp = int(std::clamp(samples, 1.0, double(most_samples)));
-  settings.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
+  split_lobes(settings, options.lobe_samples);
+}
+
+void Picture::split_lobes(TransportSettings& s, int lobe_samples) const {
+  s.lobe_samples = lobe_samples;
+  s.pixel_samples = std::min(spp, batch_samples(lobe_samples));
 }
 
 bool Picture::is_adaptive() const {

@@ -189,6 +189,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state = *stage.resumed;
     context.settings.light_samples = state.light_samples;
     context.settings.open_light_samples = state.open_light_samples;
+    picture.split_lobes(context.settings, state.lobe_samples);
   } else if (options.keeps_sums()) {
     state.identity = stage.identity;
     state.restarts = stats.field_restarts;
@@ -196,6 +197,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed) {
       choose_light_samples(picture, context, stats);
+      choose_lobe_samples(picture, context, stats);
       stats.open_light_samples = context.settings.open_light_samples;
       if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state, stats)) return false;
     }
@@ -203,6 +205,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state.trust = stage.trust;
     state.light_samples = context.settings.light_samples;
     state.open_light_samples = context.settings.open_light_samples;
+    state.lobe_samples = context.settings.lobe_samples;
   }
   result.image = make_image(picture.window, picture.aovs);
   Stats done;

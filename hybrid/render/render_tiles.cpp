@@ -13,20 +13,21 @@
 namespace fieldtrace {
 namespace {
 
-// The pixels to trace for a window. Where candidates may overflow, a ray's test depends on its group, and the groups on
-// the tile; whole tiles of the film are traced then, so that a pixel is the same in every window.
+// The pixels to trace for a window: whole blocks of the film, since irradiance may be fitted within these. Where
+// candidates may overflow, a ray's test depends on its group, and the groups on the tile; whole tiles of the film are
+// traced then, so that a pixel is the same in every window.
 Rect traced_window(const Scene& scene, const Rect& window) {
-  if (scene.instances.size() <= k_most_candidates) return window;
-  const auto floor_to_tile = [](int v) { return v / k_tile_size * k_tile_size; };
-  const auto end = [&](int last, int film) { return std::min(floor_to_tile(last) + k_tile_size, film); };
-  const int x = floor_to_tile(window.x), y = floor_to_tile(window.y);
+  const int unit = scene.instances.size() <= k_most_candidates ? k_block_size : k_tile_size;
+  const auto floor_to_unit = [unit](int v) { return v / unit * unit; };
+  const auto end = [&](int last, int film) { return std::min(floor_to_unit(last) + unit, film); };
+  const int x = floor_to_unit(window.x), y = floor_to_unit(window.y);
   return {x, y, end(window.x + window.width - 1, scene.film.width) - x,
           end(window.y + window.height - 1, scene.film.height) - y};
 }
 
 // Returns false if it was stopped.
 bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& worker, TileSums& result) {
-  result.pixels = tile_pixels(tile);
+  result.pixels = tile_pixels(tile, worker.fits_blocks());
   result.sums.assign(result.pixels.size(), {});
   result.aovs.assign(job.context.settings.first_hits ? result.pixels.size() : 0, {});
   std::vector<uint32_t> counts;

@@ -113,6 +113,7 @@ struct Stats {
   double check_strata_sum = 0.0, check_strata_worst = 0.0;
   CheckedDifferences check_sky;       // shares of direction cells of the sky
   CheckedDifferences check_indirect;  // irradiance of what objects send on, in units of the open sky's
+  CheckedDifferences check_fitted;    // irradiance of pixels that was fitted to others', likewise
   CheckedDifferences check_surfels;   // radiance of surfels, in units of their mean
 
   int field_directions = 0, field_plane = 0;

@@ -41,6 +41,10 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
   paths.resize(samples.size);
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
   sample_indices = {samples.index.data(), samples.size};
+  pixels.clear();
+  if (samples.whole_blocks && fits_blocks()) {
+    for (size_t i = 0; i < samples.size; ++i) pixels.push_back({int(samples.x[i]), int(samples.y[i])});
+  }
   pixel_seeds.resize(samples.size);
   vertex_seeds.resize(samples.size);
   for (size_t begin = 0, end = 0; begin < samples.size; begin = end) {
@@ -173,6 +177,7 @@ void TransportWorker::Impl::pass_hidden_emitters() {
 void TransportWorker::Impl::gather_light(int vertex_number) {
   const bool first = vertex_number == 0;
   direct.gather(receivers, vertices, first ? settings.light_samples : 1, first,
+                first ? pixels : std::span<const PixelPosition>(),
                 first && settings.count_first_hits ? std::span(firsts) : std::span<FirstHit>(), stats);
   const auto arriving = [&r = receivers](size_t i) {
     return Rgb(r.arriving_red[i], r.arriving_green[i], r.arriving_blue[i]);
@@ -323,7 +328,7 @@ void TransportWorker::Impl::trace(const CameraSamples& samples) {
   intersect(0);
   if (settings.hide_emitters) pass_hidden_emitters();
   arrive(0);
-  if (settings.occlusion) occlusion.gather(firsts, stats);
+  if (settings.occlusion) occlusion.gather(pixels, firsts, stats);
   gather_light(0);
   scatter(0);
   camera_paths.swap(next_paths);
@@ -352,6 +357,8 @@ const TransportWorker::Cost& TransportWorker::sample_cost() const { return impl_
 std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context) {
   return std::make_unique<TransportWorker>(context);
 }
+
+bool TransportWorker::fits_blocks() const { return impl_->fits_blocks(); }
 
 std::span<const FirstHit> TransportWorker::first_hits() const { return impl_->firsts; }
 

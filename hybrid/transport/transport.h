@@ -32,6 +32,9 @@ class TransportWorker final : public PathFollower {
   // is best.
   void trace(const CameraSamples& samples, std::span<Rgb> radiance);
 
+  // Whether irradiance is fitted within blocks of pixels, if samples hold these whole.
+  bool fits_blocks() const;
+
   // Of the samples of the last trace(); empty unless the settings keep first hits.
   std::span<const FirstHit> first_hits() const;
 

@@ -44,6 +44,7 @@ struct TransportWorker::Impl {
   // By camera ray. The three members of a camera path that differ from a new one's are set where a path is needed.
   AlignedVector<uint32_t> pixel_seeds, vertex_seeds;
   std::span<const uint32_t> sample_indices;
+  std::vector<PixelPosition> pixels;  // of camera samples; empty where none are interpolated between
   TransportWorker::Cost sample_cost;
   std::vector<PathVertex> vertex_storage;  // never shrinks, because new vertices cost time
   std::span<PathVertex> vertices;
@@ -74,6 +75,8 @@ struct TransportWorker::Impl {
 
   // Whether diffuse surfaces of this number know what comes from those instances that send light by way of the sky.
   bool knows_indirect(int vertex_number) const { return context.indirect && context.has_sky_maps(vertex_number); }
+
+  bool fits_blocks() const { return context.sky || context.occlusion_sky; }
 
   void trace(const CameraSamples& samples);
   void generate(const CameraSamples& samples);

@@ -1,23 +1,29 @@
-"""Visibility, nearest hits and pictures by displacement fields; the C interface for numpy."""
+"""Visibility, nearest hits and pictures by displacement fields: the C interface of Fieldtrace for numpy."""
 
-from ._core import Error, Scene
+from . import _core
+from ._arrays import NO_INSTANCE
+from ._errors import Cancelled, Error, ErrorCode, InputError, InvalidArgument, InvalidOperation, OutOfMemory
+from ._scene import Hit, Hits, Light, Occlusion, Scene, Visibility, load_scene, render
 
-__all__ = ["Error", "Scene", "render"]
+__all__ = [
+    "NO_INSTANCE",
+    "Cancelled",
+    "Error",
+    "ErrorCode",
+    "Hit",
+    "Hits",
+    "InputError",
+    "InvalidArgument",
+    "InvalidOperation",
+    "Light",
+    "Occlusion",
+    "OutOfMemory",
+    "Scene",
+    "Visibility",
+    "__version__",
+    "load_scene",
+    "render",
+]
 
-CLEAR, BLOCKED, UNDECIDED = 0, 1, 2
-
-
-def render(path, spp=0, threads=0, **settings):
-    """Renders a scene file: linear radiance, float32 of shape (height, width, 3), row 0 at the top.
-
-    `settings` are the names of ftSetSceneInt, and `tolerance`. Raises Error with the library's message.
-    """
-    scene = Scene(str(path), threads)
-    scene.set("spp", spp)
-    for name, value in settings.items():
-        if name == "tolerance":
-            scene.set_float(name, value)
-        else:
-            scene.set(name, value)
-    scene.commit()
-    return scene.render()
+_version = _core.version()
+__version__ = f"{_version // 10000}.{_version // 100 % 100}.{_version % 100}"
