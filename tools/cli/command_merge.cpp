@@ -42,7 +42,7 @@ void add_merge_command(CommandLine& line) {
   CLI::App& command = *line.app.add_subcommand("merge", "Join the parts of a picture that render --slice wrote");
   command.add_option("parts", arguments->parts, "All parts of one picture, in any order")
       ->required()
-      ->type_name("PART.exr...");
+      ->type_name("PART.exr");
   command.add_option("-o", arguments->outputs, "Image to write, .exr or .png; may be repeated")
       ->required()
       ->type_name("OUT")

@@ -89,7 +89,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, MergedSlices,
 TEST_F(MergedPicture, IsTheCropWindow) {
   for (const char* name : {"object_over_floor", "crowd", "environment_map"}) {
     const Scene scene = test::hybrid_scene(name, k_size).scene;
-    for (const Rect window : {Rect{13, 21, 80, 67}, Rect{50, 60, 1, 1}}) {
+    for (const Rect window : {Rect{13, 21, 93, 40}, Rect{50, 60, 1, 1}}) {
       RenderOptions o = options_of(Method::hybrid);
       o.leave_to_rays = false;
       o.crop = window;
