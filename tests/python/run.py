@@ -5,7 +5,7 @@
     run.py test BUILD PACKAGES MODULE...    runs unittest modules of this folder there
 
 PACKAGES is a virtual environment with what the tests need (tools/install_packages.sh --with-python); the new one sees
-them. Exit code 77 if a package is missing, which is named.
+them. Exit code 77 if a package is missing, or anything else because of which a test is skipped; it is named.
 """
 
 import os
@@ -73,8 +73,13 @@ def main():
     os.chdir(folder)
     os.environ.update(PYTHONPATH=str(HERE), FIELDTRACE_SOURCE=str(SOURCE), MPLBACKEND="Agg")
     os.environ["PATH"] = f"{build / 'bin'}:{os.environ['PATH']}"
-    python = str(folder / "environment/bin/python")
-    os.execv(python, [python, "-X", "faulthandler", "-m", "unittest", "-v", *modules])
+    command = [folder / "environment/bin/python", "-X", "faulthandler", "-m", "unittest", "-v", *modules]
+    last = ""
+    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        for line in process.stdout:
+            print(line, end="", flush=True)
+            last = line.strip() or last
+    sys.exit(SKIPPED if process.returncode == 0 and "skipped=" in last else process.returncode)
 
 
 if __name__ == "__main__":
