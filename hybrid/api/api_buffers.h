@@ -28,6 +28,7 @@ class Buffer {
 
   explicit operator bool() const { return data_ != nullptr; }
   size_t count() const { return count_; }
+  size_t stride() const { return stride_; }  // bytes
   const char* name() const { return name_; }
   // Throws Failure if it was not given, unless it has no elements.
   const Buffer& needed() const {

@@ -6,6 +6,7 @@
 #include "core/platform/parallel.h"
 #include "core/surface/surface.h"
 #include "hybrid/api/api_buffers.h"
+#include "hybrid/api/ray_kernels.h"
 #include "hybrid/api/scene_object.h"
 
 using namespace fieldtrace;
@@ -37,20 +38,17 @@ void for_chunks(Device& device, size_t count, const Body& body) {
   });
 }
 
-void require_rays(const SceneObject& s, const RayBuffers& rays) {
-  rays.origins.needed(), rays.directions.needed();
+void require_rays(const SceneObject& s, const RayBuffers& rays, size_t begin, size_t end) {
   const size_t instances = s.scene.instances.size();
-  for_chunks(*s.device, rays.count(), [&](size_t begin, size_t end) {
-    for (size_t i = begin; i < end; ++i) {
-      const Vec3 d = vector_at(rays.directions, i);
-      const uint32_t from = rays.instance_of(i);
-      if (is_finite(vector_at(rays.origins, i)) && is_finite(d) && d != Vec3(0.0f) && !std::isnan(rays.t_of(i)) &&
-          (from == k_none || from < instances))
-        continue;
-      require(from == k_none || from < instances, "ray " + std::to_string(i) + " leaves an instance that is not there");
-      require(false, "ray " + std::to_string(i) + " has numbers that are not finite, or no direction");
-    }
-  });
+  for (size_t i = begin; i < end; ++i) {
+    const Vec3 d = vector_at(rays.directions, i);
+    const uint32_t from = rays.instance_of(i);
+    if (is_finite(vector_at(rays.origins, i)) && is_finite(d) && d != Vec3(0.0f) && !std::isnan(rays.t_of(i)) &&
+        (from == k_none || from < instances))
+      continue;
+    require(from == k_none || from < instances, "ray " + std::to_string(i) + " leaves an instance that is not there");
+    require(false, "ray " + std::to_string(i) + " has numbers that are not finite, or no direction");
+  }
 }
 
 // Unit, also where the length over- or underflows.
@@ -63,51 +61,66 @@ struct OcclusionScratch {
   ShadowBatch batch;
   ShadowGroup group;
 };
-// Of this thread.
-OcclusionScratch& scratch() {
+// Of this thread. Not inlined: the address of a thread's variable is a call in shared libraries, made again and again
+// where the compiler sees the variable.
+[[gnu::noinline]] OcclusionScratch& scratch() {
   thread_local OcclusionScratch s;
   return s;
 }
 
-// Copies rays [begin, end), and sets what bounds them.
-void fill(const RayBuffers& from, size_t begin, size_t end, ShadowBatch& batch, Bounds3& origins, LightExtent& ends) {
+// Copies rays [begin, end), checks them, and sets what bounds them. Throws Failure for rays that are errors.
+void fill(const SceneObject& s, const RayBuffers& from, size_t begin, size_t end, ShadowBatch& batch, Bounds3& origins,
+          LightExtent& ends) {
+  static const GatherKernel gather = gather_kernel_for(resolve_isa(Isa::automatic));
   batch.resize(end - begin);
-  ends = {};
+  const RaySource source = {from.origins.at(begin),
+                            from.origins.stride(),
+                            from.directions.at(begin),
+                            from.directions.stride(),
+                            from.t_max ? from.t_max.at(begin) : nullptr,
+                            from.t_max.stride()};
+  const RayExtent extent = gather(source, batch.rays);
+  bool faulty = extent.faulty;
   for (size_t i = begin; i < end; ++i) {
-    const Vec3 o = vector_at(from.origins, i);
-    Vec3 d = vector_at(from.directions, i);
-    float t = from.t_of(i);
-    if (t >= 0.0f) {
-      origins.extend(o);
-      const Vec3 target = o + t * d;
-      if (t == k_infinity || !is_finite(target)) {
-        double length = 0.0;
-        d = unit(d, length);
-        t = t == k_infinity ? t : float(double(t) * length);
-        ends.kind = LightExtent::Kind::everywhere;
-      } else if (ends.kind == LightExtent::Kind::bounded) {
-        const Vec3 slack = gamma_bound(2) * (glm::abs(o) + glm::abs(t * d));
-        ends.bounds.extend(target - slack);
-        ends.bounds.extend(target + slack);
-      }
-    }
-    batch.rays.set(i - begin, o, d, t);
-    batch.instance[i - begin] = from.instance_of(i);
+    const uint32_t instance = from.instance_of(i);
+    faulty |= instance != k_none && instance >= s.scene.instances.size();
+    batch.instance[i - begin] = instance;
   }
-  ends.ball = {ends.bounds.centre(), 0.5f * glm::length(ends.bounds.diagonal())};
-  if (ends.kind == LightExtent::Kind::bounded && !(ends.ball.radius < k_infinity && is_finite(ends.ball.centre)))
-    ends.kind = LightExtent::Kind::everywhere;
+  if (faulty) require_rays(s, from, begin, end);
+  origins = extent.origins;
+  ends = {};
+  if (origins.empty()) return;
+  if (!extent.unbounded) {
+    // Of o + t d: |t d| is at most |o| + |o + t d|, and rounded too.
+    const auto most = [](const Bounds3& b) { return glm::max(glm::abs(b.lower), glm::abs(b.upper)); };
+    const Vec3 slack = gamma_bound(4) * (2.0f * most(origins) + most(extent.ends));
+    ends.bounds = {extent.ends.lower - slack, extent.ends.upper + slack};
+    ends.ball = {ends.bounds.centre(), 0.5f * glm::length(ends.bounds.diagonal())};
+    if (ends.ball.radius < k_infinity && is_finite(ends.ball.centre)) return;
+  }
+  ends.kind = LightExtent::Kind::everywhere;
+  for (size_t i = 0; i < batch.rays.size; ++i) {
+    const float t = batch.rays.tmax[i];
+    const Vec3 o = batch.rays.origin(i), d = batch.rays.direction(i);
+    if (!(t >= 0.0f) || is_finite(o + t * d)) continue;
+    double length = 0.0;
+    const Vec3 direction = unit(d, length);
+    batch.rays.set(i, o, direction, t == k_infinity ? t : float(double(t) * length));
+  }
 }
 
+// Nothing is written to `results` if any ray is an error.
 void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const Buffer<uint8_t>& results,
               AnswerCounts& counts) {
-  for_chunks(*s.device, rays.count(), [&](size_t begin, size_t end) {
+  const size_t count = rays.count();
+  const std::unique_ptr<uint8_t[]> answers(new uint8_t[count]);
+  std::atomic<uint64_t> all_exact = 0;
+  for_chunks(*s.device, count, [&](size_t begin, size_t end) {
     auto& [batch, group] = scratch();
     Bounds3 origins;
-    fill(rays, begin, end, batch, origins, group.light);
-    const bool any = origins.lower.x <= origins.upper.x;
+    fill(s, rays, begin, end, batch, origins, group.light);
     Stats stats;
-    if (any) {
+    if (!origins.empty()) {
       s.shadows->find_ray_candidates(origins, group);
       if (traces) {
         s.shadows->answer(group, batch, stats);
@@ -115,14 +128,21 @@ void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const B
         s.shadows->look_up(group, batch, stats);
       }
     }
-    uint64_t exact = 0;
-    for (size_t i = begin; i < end; ++i) {
-      const bool open = batch.exact[i - begin];
-      exact += open;
-      *results.at(i) = !traces && open ? FT_UNDECIDED_OCCLUSION : batch.blocked[i - begin] ? FT_BLOCKED : FT_CLEAR;
+    const uint8_t *const exact = batch.exact.data(), *const blocked = batch.blocked.data();
+    uint8_t* const out = answers.get() + begin;
+    uint32_t undecided = 0;
+    for (size_t i = 0; i < end - begin; ++i) {
+      undecided += exact[i];
+      out[i] = uint8_t(!traces && exact[i] ? FT_UNDECIDED_OCCLUSION : blocked[i] ? FT_BLOCKED : FT_CLEAR);
     }
-    counts.add(end - begin, end - begin - exact);
+    all_exact.fetch_add(undecided, std::memory_order_relaxed);
   });
+  if (results.stride() == 1) {
+    std::copy_n(answers.get(), count, results.at(0));
+  } else {
+    for (size_t i = 0; i < count; ++i) *results.at(i) = answers[i];
+  }
+  counts.add(count, count - all_exact);
 }
 
 FTError occlusion(FTScene scene, const char* name, bool traces, const float* origins, size_t origin_stride,
@@ -134,12 +154,11 @@ FTError occlusion(FTScene scene, const char* name, bool traces, const float* ori
                              {"t_max", t_max, t_max_stride, count},
                              {"from", from, from_stride, count}};
     const Buffer<uint8_t> answers("results", results, result_stride, count);
-    answers.needed();
+    rays.origins.needed(), rays.directions.needed(), answers.needed();
     require_apart(answers, rays.origins, rays.directions, rays.t_max, rays.from);
     const std::shared_lock lock(s.mutex);
     s.require_commit(name);
-    require_rays(s, rays);
-    occluded(s, rays, traces, answers, s.occlusion_counts);
+    if (count > 0) occluded(s, rays, traces, answers, s.occlusion_counts);
   });
 }
 
@@ -161,8 +180,8 @@ struct HitScratch {
   std::vector<double> lengths;
   HitWorkspace work;
 };
-// Of this thread.
-HitScratch& hit_scratch() {
+// Of this thread; not inlined, as scratch().
+[[gnu::noinline]] HitScratch& hit_scratch() {
   thread_local HitScratch s;
   return s;
 }
@@ -270,7 +289,7 @@ FTError ftNearest(FTScene scene, float max_error, const float* origins, size_t o
                             {"normals", normals, normal_stride, count},
                             {"primitives", primitives, primitive_stride, count},
                             {"instances", instances, instance_stride, count}};
-    out.status.needed();
+    rays.origins.needed(), rays.directions.needed(), out.status.needed();
     const auto apart_from_rays = [&](const auto& result) {
       require_apart(result, rays.origins, rays.directions, rays.t_max, rays.from);
     };
@@ -283,7 +302,7 @@ FTError ftNearest(FTScene scene, float max_error, const float* origins, size_t o
     require(max_error > 0.0f && max_error <= 1.0f, "ftNearest: max_error must lie within (0, 1]");
     const std::shared_lock lock(s.mutex);
     s.require_commit("ftNearest");
-    require_rays(s, rays);
+    for_chunks(*s.device, count, [&](size_t begin, size_t end) { require_rays(s, rays, begin, end); });
     const float tolerance = s.options.base_tolerance();
     const float alpha = tolerance > 0.0f ? max_error / (k_blur_of_tolerance * tolerance) : max_error;
     nearest(s, alpha, rays, out, s.hit_counts);
