@@ -84,8 +84,7 @@ void SkyLight::see_cells(const Job& job) {
 
 // False: there is none, or it has not done it.
 bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums) {
-  VisibilityDevice* const device = context_.answerer.device();
-  if (!device) return false;
+  if (!job.device) return false;
   const size_t cells = occluders_.cells().size();
   task_places_.clear();
   tasks_.clear();
@@ -100,7 +99,7 @@ bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, con
   SkyQuestion question{tasks_, points};
   DeviceWave wave;
   wave.skies.push_back(&question);
-  device->answer(wave);
+  job.device->answer(wave);
   if (!question.is_answered) return false;
   float* const to[] = {sums.red, sums.green, sums.blue, sums.reflected_red, sums.reflected_green, sums.reflected_blue};
   for (size_t i = 0; i < 6; ++i) std::copy_n(question.sums.data() + i * size_t(points.size), points.size, to[i]);
@@ -336,10 +335,10 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
 }
 
 void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
-                      int light_samples, std::span<FirstHit> firsts, Stats& stats) {
+                      int light_samples, std::span<FirstHit> firsts, Stats& stats, VisibilityDevice* device) {
   const ScopedTimer timer(stats.time_secondary);
   choose_points(clusters, receivers, vertices);
-  Job job{receivers, light_samples, firsts, stats};
+  Job job{receivers, light_samples, firsts, stats, device};
   for (size_t begin = 0, end = 0; begin < order_.size(); begin = end) {
     const uint32_t first = order_[begin], instance = points_.instance[first];
     job.place = places_[first];

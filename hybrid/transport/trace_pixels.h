@@ -24,48 +24,72 @@ struct PixelRun {
   uint32_t count = 0;
 };
 
-// Traces counts[i] camera samples of pixels[i], those of the sequences of number `replicate` from the first on. Calls
-// add(i, radiance, firsts) for runs of samples of pixels[i], in the order of pixels and sample indices whatever the
-// batches; `firsts` holds the camera samples' first hits, empty unless the worker's settings keep them. lobe_samples:
-// as in these settings; each camera sample may split into this many rays. Before each batch goes_on() is called; if it
-// returns false, the rest is skipped and false returned.
+// Cuts counts[i] camera samples of pixels[i], those of the sequences of number `replicate` from the first on, into
+// batches. lobe_samples: as in the worker's settings; each camera sample may split into this many rays.
+class PixelBatches {
+ public:
+  PixelBatches(std::span<const PixelPosition> pixels, std::span<const uint32_t> counts, uint32_t replicate,
+               int lobe_samples)
+      : pixels_(pixels), counts_(counts), replicate_(replicate), most_(size_t(batch_samples(lobe_samples))) {}
+
+  // The next batch, in the order of pixels and sample indices, and whose samples it holds. False: there is none.
+  bool next(CameraSamples& samples, std::vector<PixelRun>& runs) {
+    samples.replicate = replicate_;
+    samples.resize(most_);
+    runs.clear();
+    size_t size = 0;
+    while (pixel_ < pixels_.size()) {
+      const size_t left = counts_[pixel_] - done_;
+      if (size > 0 && size + left > most_) break;
+      const auto count = uint32_t(std::min(left, most_));
+      const PixelPosition& p = pixels_[pixel_];
+      for (uint32_t i = 0; i < count; ++i) samples.set(size + i, uint32_t(p.x), uint32_t(p.y), done_ + i);
+      if (count > 0) runs.push_back({pixel_, size, count});
+      size += count;
+      done_ += count;
+      if (done_ < counts_[pixel_]) break;
+      ++pixel_, done_ = 0;
+    }
+    samples.resize(size);
+    return size > 0;
+  }
+
+ private:
+  const std::span<const PixelPosition> pixels_;
+  const std::span<const uint32_t> counts_;
+  const uint32_t replicate_;
+  const size_t most_;
+  size_t pixel_ = 0;
+  uint32_t done_ = 0;  // samples of that pixel
+};
+
+// Calls add(i, radiance, firsts) for runs of samples of pixel i; `firsts` holds the camera samples' first hits, empty
+// unless the worker's settings keep them.
+template <class Add>
+void add_runs(std::span<const PixelRun> runs, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
+              const Add& add) {
+  for (const PixelRun& run : runs) {
+    add(run.pixel, radiance.subspan(run.begin, run.count),
+        firsts.empty() ? firsts : firsts.subspan(run.begin, run.count));
+  }
+}
+
+// Traces the batches of PixelBatches and calls add() of add_runs() for all. Before each batch goes_on() is called; if
+// it returns false, the rest is skipped and false returned.
 template <class GoesOn, class Add>
 bool trace_pixels(std::span<const PixelPosition> pixels, std::span<const uint32_t> counts, uint32_t replicate,
                   int lobe_samples, TransportWorker& worker, const GoesOn& goes_on, const Add& add) {
-  const size_t most = size_t(batch_samples(lobe_samples));
+  PixelBatches batches(pixels, counts, replicate, lobe_samples);
   CameraSamples samples;
-  samples.replicate = replicate;
   std::vector<Rgb> radiance;
   std::vector<PixelRun> runs;
-  size_t pixel = 0;
-  uint32_t done = 0;  // samples of that pixel
-  while (true) {
-    samples.resize(most);
-    runs.clear();
-    size_t size = 0;
-    while (pixel < pixels.size()) {
-      const size_t left = counts[pixel] - done;
-      if (size > 0 && size + left > most) break;
-      const auto count = uint32_t(std::min(left, most));
-      const PixelPosition& p = pixels[pixel];
-      for (uint32_t i = 0; i < count; ++i) samples.set(size + i, uint32_t(p.x), uint32_t(p.y), done + i);
-      if (count > 0) runs.push_back({pixel, size, count});
-      size += count;
-      done += count;
-      if (done < counts[pixel]) break;
-      ++pixel, done = 0;
-    }
-    if (size == 0) return true;
+  while (batches.next(samples, runs)) {
     if (!goes_on()) return false;
-    samples.resize(size);
-    radiance.resize(size);
+    radiance.resize(samples.size);
     worker.trace(samples, radiance);
-    const std::span<const FirstHit> firsts = worker.first_hits();
-    for (const PixelRun& run : runs) {
-      add(run.pixel, std::span<const Rgb>(radiance).subspan(run.begin, run.count),
-          firsts.empty() ? firsts : firsts.subspan(run.begin, run.count));
-    }
+    add_runs(runs, radiance, worker.first_hits(), add);
   }
+  return true;
 }
 
 // The same with `spp` samples of every pixel.
