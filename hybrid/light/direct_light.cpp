@@ -148,7 +148,9 @@ void DirectLight::gather_light(std::span<const Request> requests, uint32_t light
   });
 }
 
-void DirectLight::gather_by_levels(std::span<const Request> requests) {
+void DirectLight::gather_waves(std::span<const Request> requests) {
+  if (requests.empty()) return;
+  const TransportContext& context = requests[0].direct.context_;
   for_all(requests.size(), [&](size_t r) {
     const Request& request = requests[r];
     DirectLight& d = request.direct;
@@ -156,26 +158,17 @@ void DirectLight::gather_by_levels(std::span<const Request> requests) {
     for (size_t i = 0; i + 1 < d.begins_.size(); ++i) d.group(i).begin(*d.shared_, d.begins_[i], d.begins_[i + 1]);
     if (!d.shared_->has_sky_maps) return;
     d.sky_.gather(d.clusters_, request.receivers, request.vertices, request.light_samples, request.pixels,
-                  request.firsts, request.stats);
+                  request.firsts, request.stats, context.answerer.device());
   });
-  const size_t lights = requests[0].direct.context_.lights.size();
-  for (uint32_t light = 0; light < lights; ++light) gather_light(requests, light);
+  for (uint32_t light = 0; light < context.lights.size(); ++light) gather_light(requests, light);
 }
 
-void DirectLight::gather(std::span<const Request> requests) {
-  if (requests.empty()) return;
-  const TransportContext& context = requests[0].direct.context_;
-  if (!context.answerer.device()) {
-    for (const Request& r : requests) {
-      r.direct.prepare(r);
-      if (r.direct.shared_->has_sky_maps) {
-        r.direct.sky_.gather(r.direct.clusters_, r.receivers, r.vertices, r.light_samples, r.pixels, r.firsts, r.stats);
-      }
-      r.direct.gather_by_groups();
-    }
-    return;
-  }
-  gather_by_levels(requests);
+void DirectLight::gather(const Request& r) {
+  DirectLight& d = r.direct;
+  d.prepare(r);
+  if (d.shared_->has_sky_maps)
+    d.sky_.gather(d.clusters_, r.receivers, r.vertices, r.light_samples, r.pixels, r.firsts, r.stats);
+  d.gather_by_groups();
 }
 
 }  // namespace fieldtrace

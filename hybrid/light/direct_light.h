@@ -37,10 +37,11 @@ class DirectLight {
     std::span<FirstHit> firsts;             // if not empty, indexed by path: receives the counts of shadow rays
     Stats& stats;
   };
-  // Sorts the receivers as ShadingClusters does, and fills what arrives at them. Several requests go from level to
-  // level together, in parallel, so that their questions are the waves of the context's device; without one, group by
-  // group.
-  static void gather(std::span<const Request> requests);
+  // Sorts the receivers as ShadingClusters does, and fills what arrives at them, group by group.
+  static void gather(const Request& request);
+  // The same for several requests of one context, which go from level to level together, in parallel, so that their
+  // questions are waves of the context's device, which there must be.
+  static void gather_waves(std::span<const Request> requests);
 
  private:
   void prepare(const Request& request);
@@ -48,7 +49,6 @@ class DirectLight {
   // The groups' first clusters, and the end of the last one's.
   void cut_into_groups();
   void gather_by_groups();
-  static void gather_by_levels(std::span<const Request> requests);
   static void gather_light(std::span<const Request> requests, uint32_t light);
 
   const TransportContext& context_;

@@ -86,8 +86,7 @@ void SkyLight::see_cells(const Job& job) {
 
 // False: there is none, or it has not done it.
 bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums) {
-  VisibilityDevice* const device = context_.answerer.device();
-  if (!device) return false;
+  if (!job.device) return false;
   const size_t cells = occluders_.cells().size();
   task_places_.clear();
   tasks_.clear();
@@ -102,7 +101,7 @@ bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, con
   SkyQuestion question{tasks_, points};
   DeviceWave wave;
   wave.skies.push_back(&question);
-  device->answer(wave);
+  job.device->answer(wave);
   if (!question.is_answered) return false;
   float* const to[] = {sums.red, sums.green, sums.blue, sums.reflected_red, sums.reflected_green, sums.reflected_blue};
   for (size_t i = 0; i < 6; ++i) std::copy_n(question.sums.data() + i * size_t(points.size), points.size, to[i]);
@@ -393,14 +392,14 @@ void SkyLight::for_batches(Job job, std::span<const uint32_t> numbers, const F& 
 
 void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
                       int light_samples, std::span<const PixelPosition> pixels, std::span<FirstHit> firsts,
-                      Stats& stats) {
+                      Stats& stats, VisibilityDevice* device) {
   const ScopedTimer timer(stats.time_secondary);
   choose_points(clusters, receivers, vertices);
   find_blocks(receivers, pixels);
   const Vec3 up(0.0f, 0.0f, 1.0f);
   unit_ = luminance(sky_->radiance().irradiance(up) + sky_->radiance().irradiance(-up)) + 1e-30f;
   if (sky_->indirect()) unit_ = std::max(unit_, k_pi * sky_->indirect()->mean_luminance());
-  const Job job{receivers, light_samples, firsts, stats};
+  const Job job{receivers, light_samples, firsts, stats, device};
   while (!wanted_.empty()) {
     for_batches(job, wanted_, [&](const Job& batch) {
       see_batch(batch);

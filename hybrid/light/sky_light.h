@@ -30,9 +30,10 @@ class SkyLight {
       : context_(context), sky_(sky), concentrated_(context, sky) {}
 
   // Adds what the plainly diffuse ones of `clusters` and the bodies of plastics reflect of the sky's light. The other
-  // arguments: as DirectLight::gather.
+  // arguments: as DirectLight::gather. `device`: asked about the cells; null: the CPU's kernels answer.
   void gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
-              int light_samples, std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats);
+              int light_samples, std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats,
+              VisibilityDevice* device = nullptr);
 
  private:
   struct Job {
@@ -40,6 +41,7 @@ class SkyLight {
     int light_samples;
     std::span<FirstHit> firsts;
     Stats& stats;
+    VisibilityDevice* device = nullptr;
     std::span<const ShadingCluster> clusters = {};  // of one instance; centres_ holds their centres
     std::span<const uint32_t> numbers = {};         // of these
     Sphere place = {};                              // SkyMaps::place() of all of them

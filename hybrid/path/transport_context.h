@@ -98,6 +98,8 @@ struct TransportContext {
   bool open_area_can_be_hit = false;       // and is not part of the sky
   // Whether `sky` gives all the light of the sky that diffuse surfaces of this number get from light samples.
   bool has_sky_maps(int vertex_number) const { return sky && vertex_number == 0; }
+  // Whether irradiance is fitted within blocks of pixels (hybrid/light/pixel_blocks.h).
+  bool fits_blocks() const { return sky || occlusion_sky; }
 };
 
 }  // namespace fieldtrace

@@ -283,8 +283,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
 
   std::unique_ptr<VisibilityDevice> device;
   if (picture.wants_fields && options.chart == Chart::orthographic) {
-    device =
-        open_device(options.device, {options.device_memory, told_once.warning});
+    device = open_device(options.device, {options.device_memory, told_once.warning});
   }
   RenderResult result;
   result.stats.tolerance = options.base_tolerance();
@@ -360,6 +359,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     stats.device_blocks = counts.blocks;
     stats.device_blocks_cpu = counts.blocks_cpu;
     stats.device_waves = counts.waves;
+    stats.device_waves_full = counts.waves_full;
+    stats.device_samples = counts.samples;
     stats.device_bytes = counts.bytes_peak;
   }
   stats.seed = picture.settings.seed;

@@ -24,6 +24,7 @@
 #include "hybrid/film/part.h"
 #include "hybrid/film/sample_allocation.h"
 #include "hybrid/stats/stats.h"
+#include "hybrid/visibility/visibility_device.h"
 
 namespace fieldtrace {
 
@@ -64,14 +65,15 @@ struct RenderOptions {
   uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's memory
   int threads = 0;                 // 0: all hardware threads
   Isa isa = Isa::automatic;
-  std::string device = "cpu";    // that answers shadow rays; others: visibility_device.h
-  uint64_t device_memory = 0;    // bytes of its memory that fields may take there; 0: all
-  std::optional<Rect> crop;      // within the film's crop window
-  std::optional<int> max_depth;  // overrides the integrator's
-  bool check = false;            // also trace an exact ray for every field's answer, and count disagreements
-  bool force_undecided = false;  // test aid: look up, then treat every cell as undecided
-  bool whole_lights = true;      // let fields answer whole lights first; false: single rays only
-  bool leave_to_rays = true;     // leave objects to exact rays whose fields do not pay, by a survey
+  std::string device = "cpu";              // that answers shadow rays; others: visibility_device.h
+  uint64_t device_memory = 0;              // bytes of its memory that fields may take there; 0: all
+  uint64_t wave_samples = k_wave_samples;  // test aid: light samples that its waves are made from, at least
+  std::optional<Rect> crop;                // within the film's crop window
+  std::optional<int> max_depth;            // overrides the integrator's
+  bool check = false;                      // also trace an exact ray for every field's answer, and count disagreements
+  bool force_undecided = false;            // test aid: look up, then treat every cell as undecided
+  bool whole_lights = true;                // let fields answer whole lights first; false: single rays only
+  bool leave_to_rays = true;               // leave objects to exact rays whose fields do not pay, by a survey
   FieldHits field_hits = FieldHits::automatic;
   LightEstimator light_estimator = LightEstimator::automatic;
   uint64_t fewest_answers = 0;     // also leave those whose field would answer fewer rays of the film

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "core/platform/parallel.h"
+#include "hybrid/render/render_bands.h"
 #include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
@@ -27,17 +28,10 @@ Rect traced_window(const Scene& scene, const Rect& window) {
 
 // Returns false if it was stopped.
 bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& worker, TileSums& result) {
-  result.pixels = tile_pixels(tile, worker.fits_blocks());
-  result.sums.assign(result.pixels.size(), {});
-  result.aovs.assign(job.context.settings.first_hits ? result.pixels.size() : 0, {});
-  std::vector<uint32_t> counts;
-  for (const PixelPosition& p : result.pixels) counts.push_back(pass.samples_of_half(p));
+  const std::vector<uint32_t> counts = begin_tile(job, pass, tile, result);
   for (int half = 0; half < pass.halves; ++half) {
     const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
-      const TransportWorker::Cost& cost = worker.sample_cost();
-      const uint64_t not_finite = result.sums[pixel].add(half, radiance, cost.work, cost.seconds);
-      if (not_finite > 0) job.not_finite += not_finite;
-      for (const FirstHit& first : firsts) result.aovs[pixel].add(first);
+      result.add(job, half, pixel, radiance, firsts, worker.sample_cost());
     };
     if (!trace_pixels(
             result.pixels, counts, pass.first_replicate + uint32_t(half), job.context.settings.lobe_samples, worker,
@@ -63,6 +57,22 @@ std::vector<size_t> tiles_to_trace(const Picture& picture, const std::vector<Rec
 
 Rect traced_pixels(const Picture& picture) {
   return picture.by_rounds() ? picture.window : traced_window(picture.scene, picture.window);
+}
+
+std::vector<uint32_t> begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums) {
+  sums.pixels = tile_pixels(tile, job.context.fits_blocks());
+  sums.sums.assign(sums.pixels.size(), {});
+  sums.aovs.assign(job.context.settings.first_hits ? sums.pixels.size() : 0, {});
+  std::vector<uint32_t> counts;
+  for (const PixelPosition& p : sums.pixels) counts.push_back(pass.samples_of_half(p));
+  return counts;
+}
+
+void TileSums::add(Job& job, int half, size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
+                   const TransportWorker::Cost& cost) {
+  const uint64_t not_finite = sums[pixel].add(half, radiance, cost.work, cost.seconds);
+  if (not_finite > 0) job.not_finite += not_finite;
+  for (const FirstHit& first : firsts) aovs[pixel].add(first);
 }
 
 std::vector<Rect> picture_tiles(const Picture& picture) { return make_tiles(traced_pixels(picture), k_tile_size); }
@@ -105,6 +115,7 @@ void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t til
     TransportWorker transport;
     TileSums sums;
   };
+  if (job.context.answerer.device()) return trace_bands(job, pass, finished, progress, stats);
   const std::vector<Rect> tiles = picture_tiles(job.picture);
   std::atomic<size_t> done = 0;
   tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(job.context); });

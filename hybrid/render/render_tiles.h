@@ -13,6 +13,7 @@
 #include "hybrid/path/tiles.h"
 #include "hybrid/path/transport_context.h"
 #include "hybrid/render/picture.h"
+#include "hybrid/transport/transport.h"
 
 namespace fieldtrace {
 
@@ -42,10 +43,17 @@ struct TileSums {
   std::vector<PixelPosition> pixels;
   std::vector<PixelSums> sums;
   std::vector<AovSums> aovs;
+
+  // Adds samples of pixels[pixel] in one half.
+  void add(Job& job, int half, size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
+           const TransportWorker::Cost& cost);
 };
 
 // The pixels that a picture traces: its window, or more where pixels depend on their neighbours'.
 Rect traced_pixels(const Picture& picture);
+
+// Makes the sums of a tile, and returns the camera samples that a half takes of each of its pixels.
+std::vector<uint32_t> begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums);
 
 // The tiles that a picture is traced in, row by row.
 std::vector<Rect> picture_tiles(const Picture& picture);

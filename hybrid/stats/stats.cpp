@@ -140,6 +140,8 @@ std::string Stats::to_json() const {
                  {"blocks", device_blocks},
                  {"blocks_cpu", device_blocks_cpu},
                  {"waves", device_waves},
+                 {"waves_full", device_waves_full},
+                 {"samples", device_samples},
                  {"bytes_peak", device_bytes}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};
   j["version"] = version;

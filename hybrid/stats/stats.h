@@ -131,8 +131,10 @@ struct Stats {
   uint64_t field_restarts = 0;  // attempts that exceeded the budget
   uint64_t bake_rays = 0;
   // Of a device other than the CPU: blocks of 32 rays or shading points that it answered, those that it left to the
-  // CPU, waits for it, and the most bytes of its memory.
-  uint64_t device_blocks = 0, device_blocks_cpu = 0, device_waves = 0, device_bytes = 0;
+  // CPU, waits for it, those for k_wave_samples light samples or more, the light samples of all
+  // (hybrid/visibility/visibility_device.h), and the most bytes of its memory.
+  uint64_t device_blocks = 0, device_blocks_cpu = 0, device_waves = 0, device_waves_full = 0, device_samples = 0;
+  uint64_t device_bytes = 0;
   uint64_t memory_peak_bytes = 0;
   std::string version;
 

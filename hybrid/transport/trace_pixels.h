@@ -24,61 +24,96 @@ struct PixelRun {
   uint32_t count = 0;
 };
 
-// Traces counts[i] camera samples of pixels[i], those of the sequences of number `replicate` from the first on. Calls
-// add(i, radiance, firsts) for runs of samples of pixels[i], in the order of pixels and sample indices whatever the
-// batches; `firsts` holds the camera samples' first hits, empty unless the worker's settings keep them. lobe_samples:
-// as in these settings; each camera sample may split into this many rays. Before each batch goes_on() is called; if it
-// returns false, the rest is skipped and false returned.
-template <class GoesOn, class Add>
-bool trace_pixels(std::span<const PixelPosition> pixels, std::span<const uint32_t> counts, uint32_t replicate,
-                  int lobe_samples, TransportWorker& worker, const GoesOn& goes_on, const Add& add) {
-  const size_t most = size_t(batch_samples(lobe_samples));
-  CameraSamples samples;
-  samples.replicate = replicate;
-  std::vector<Rgb> radiance;
-  std::vector<PixelRun> runs;
-  const bool by_blocks = worker.fits_blocks();
-  size_t pixel = 0;
-  uint32_t done = 0;  // samples of that pixel
-  while (true) {
-    samples.resize(most);
+// Cuts counts[i] camera samples of pixels[i], those of the sequences of number `replicate` from the first on, into
+// batches. lobe_samples: as in the worker's settings; each camera sample may split into this many rays. by_blocks: as
+// for tile_pixels().
+class PixelBatches {
+ public:
+  PixelBatches(std::span<const PixelPosition> pixels, std::span<const uint32_t> counts, uint32_t replicate,
+               int lobe_samples, bool by_blocks)
+      : pixels_(pixels),
+        counts_(counts),
+        replicate_(replicate),
+        most_(size_t(batch_samples(lobe_samples))),
+        by_blocks_(by_blocks) {}
+
+  // The next batch, in the order of pixels and sample indices, and whose samples it holds. False: there is none.
+  bool next(CameraSamples& samples, std::vector<PixelRun>& runs) {
+    samples.replicate = replicate_;
+    samples.resize(most_);
     runs.clear();
     size_t size = 0;
     samples.whole_blocks = true;
-    while (pixel < pixels.size()) {
+    while (pixel_ < pixels_.size()) {
       // Whole blocks, or pixels, unless one alone does not fit.
-      const auto is_one = [&](size_t a, size_t b) { return by_blocks && in_one_block(pixels[a], pixels[b]); };
-      size_t block_end = pixel + 1, block_size = counts[pixel];
-      for (; block_end < pixels.size() && is_one(pixel, block_end); ++block_end) block_size += counts[block_end];
-      const bool begins = done == 0 && (pixel == 0 || !is_one(pixel - 1, pixel));
-      const bool is_whole = begins && block_size <= most;
-      if (size > 0 && samples.whole_blocks && (!is_whole || size + block_size > most)) break;
+      size_t block_end = pixel_ + 1, block_size = counts_[pixel_];
+      for (; block_end < pixels_.size() && is_one(pixel_, block_end); ++block_end) block_size += counts_[block_end];
+      const bool begins = done_ == 0 && (pixel_ == 0 || !is_one(pixel_ - 1, pixel_));
+      const bool is_whole = begins && block_size <= most_;
+      if (size > 0 && samples.whole_blocks && (!is_whole || size + block_size > most_)) break;
       if (!is_whole) samples.whole_blocks = false;
-      while (pixel < block_end) {
-        const size_t left = counts[pixel] - done;
-        if (size > 0 && size + left > most) break;
-        const auto count = uint32_t(std::min(left, most));
-        const PixelPosition& p = pixels[pixel];
-        for (uint32_t i = 0; i < count; ++i) samples.set(size + i, uint32_t(p.x), uint32_t(p.y), done + i);
-        if (count > 0) runs.push_back({pixel, size, count});
-        size += count;
-        done += count;
-        if (done < counts[pixel]) break;
-        ++pixel, done = 0;
+      while (pixel_ < block_end && add(samples, runs, size)) {
       }
-      if (pixel < block_end) break;
+      if (pixel_ < block_end) break;
     }
-    if (size == 0) return true;
-    if (!goes_on()) return false;
     samples.resize(size);
-    radiance.resize(size);
-    worker.trace(samples, radiance);
-    const std::span<const FirstHit> firsts = worker.first_hits();
-    for (const PixelRun& run : runs) {
-      add(run.pixel, std::span<const Rgb>(radiance).subspan(run.begin, run.count),
-          firsts.empty() ? firsts : firsts.subspan(run.begin, run.count));
-    }
+    return size > 0;
   }
+
+ private:
+  bool is_one(size_t a, size_t b) const { return by_blocks_ && in_one_block(pixels_[a], pixels_[b]); }
+
+  // Adds what is left of a pixel's samples, or as many as fit. Returns whether it is the pixel's last.
+  bool add(CameraSamples& samples, std::vector<PixelRun>& runs, size_t& size) {
+    const size_t left = counts_[pixel_] - done_;
+    if (size > 0 && size + left > most_) return false;
+    const auto count = uint32_t(std::min(left, most_));
+    const PixelPosition& p = pixels_[pixel_];
+    for (uint32_t i = 0; i < count; ++i) samples.set(size + i, uint32_t(p.x), uint32_t(p.y), done_ + i);
+    if (count > 0) runs.push_back({pixel_, size, count});
+    size += count;
+    done_ += count;
+    if (done_ < counts_[pixel_]) return false;
+    ++pixel_, done_ = 0;
+    return true;
+  }
+
+  const std::span<const PixelPosition> pixels_;
+  const std::span<const uint32_t> counts_;
+  const uint32_t replicate_;
+  const size_t most_;
+  const bool by_blocks_;
+  size_t pixel_ = 0;
+  uint32_t done_ = 0;  // samples of that pixel
+};
+
+// Calls add(i, radiance, firsts) for runs of samples of pixel i; `firsts` holds the camera samples' first hits, empty
+// unless the worker's settings keep them.
+template <class Add>
+void add_runs(std::span<const PixelRun> runs, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
+              const Add& add) {
+  for (const PixelRun& run : runs) {
+    add(run.pixel, radiance.subspan(run.begin, run.count),
+        firsts.empty() ? firsts : firsts.subspan(run.begin, run.count));
+  }
+}
+
+// Traces the batches of PixelBatches and calls add() of add_runs() for all. Before each batch goes_on() is called; if
+// it returns false, the rest is skipped and false returned.
+template <class GoesOn, class Add>
+bool trace_pixels(std::span<const PixelPosition> pixels, std::span<const uint32_t> counts, uint32_t replicate,
+                  int lobe_samples, TransportWorker& worker, const GoesOn& goes_on, const Add& add) {
+  PixelBatches batches(pixels, counts, replicate, lobe_samples, worker.fits_blocks());
+  CameraSamples samples;
+  std::vector<Rgb> radiance;
+  std::vector<PixelRun> runs;
+  while (batches.next(samples, runs)) {
+    if (!goes_on()) return false;
+    radiance.resize(samples.size);
+    worker.trace(samples, radiance);
+    add_runs(runs, radiance, worker.first_hits(), add);
+  }
+  return true;
 }
 
 // The same with `spp` samples of every pixel.

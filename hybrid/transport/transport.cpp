@@ -1,10 +1,13 @@
 #include "hybrid/transport/transport.h"
 
+#include <tbb/task_arena.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
 #include "core/math/finite.h"
+#include "core/platform/parallel.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/sky/indirect_light.h"
 #include "hybrid/stats/stopwatch.h"
@@ -42,7 +45,7 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
   sample_indices = {samples.index.data(), samples.size};
   pixels.clear();
-  if (samples.whole_blocks && fits_blocks()) {
+  if (samples.whole_blocks && context.fits_blocks()) {
     for (size_t i = 0; i < samples.size; ++i) pixels.push_back({int(samples.x[i]), int(samples.y[i])});
   }
   pixel_seeds.resize(samples.size);
@@ -187,9 +190,12 @@ DirectLight::Request TransportWorker::Impl::light_request(int vertex_number) {
 }
 
 void TransportWorker::Impl::gather_light(int vertex_number) {
+  DirectLight::gather(light_request(vertex_number));
+  add_light(vertex_number);
+}
+
+void TransportWorker::Impl::add_light(int vertex_number) {
   const bool first = vertex_number == 0;
-  const DirectLight::Request request = light_request(vertex_number);
-  DirectLight::gather({&request, 1});
   const auto arriving = [&r = receivers](size_t i) {
     return Rgb(r.arriving_red[i], r.arriving_green[i], r.arriving_blue[i]);
   };
@@ -333,34 +339,98 @@ void TransportWorker::Impl::go_on(int vertex_number) {
   }
 }
 
-void TransportWorker::Impl::trace(const CameraSamples& samples) {
+void TransportWorker::Impl::begin(const CameraSamples& samples, std::span<Rgb> to) {
+  radiance = to;
+  std::fill(radiance.begin(), radiance.end(), Rgb(0.0f));
+  occlusion.clear();
+  sample_cost = {};
   generate(samples);
-  if (settings.max_depth == 0 || samples.size == 0) return;
+}
+
+bool TransportWorker::Impl::meet_first() {
+  if (settings.max_depth == 0 || paths.empty()) return false;
   intersect(0);
   if (settings.hide_emitters) pass_hidden_emitters();
   arrive(0);
   if (settings.occlusion) occlusion.gather(pixels, firsts, stats);
-  gather_light(0);
+  return true;
+}
+
+void TransportWorker::Impl::leave_first() {
   scatter(0);
   camera_paths.swap(next_paths);
-  go_on(0);
+}
+
+// `rays_before`: rays_traced() before the batch; `seconds`: all that it took.
+void TransportWorker::Impl::end(uint64_t rays_before, double seconds) {
+  if (radiance.empty()) return;
+  const auto count = double(radiance.size());
+  sample_cost.seconds = seconds / count;
+  sample_cost.work = 1.0 + double(rays_traced() - rays_before) / count;
 }
 
 void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radiance) {
   Impl& w = *impl_;
-  w.radiance = radiance;
-  std::fill(radiance.begin(), radiance.end(), Rgb(0.0f));
-  w.occlusion.clear();
-  const uint64_t rays_before = w.stats.rays_primary + w.stats.rays_exact;
-  w.sample_cost = {};
+  const uint64_t rays_before = w.rays_traced();
+  double seconds = 0.0;
   {
-    const ScopedTimer timer(w.sample_cost.seconds);
-    w.trace(samples);
+    const ScopedTimer timer(seconds);
+    w.begin(samples, radiance);
+    if (w.meet_first()) {
+      w.gather_light(0);
+      w.leave_first();
+      w.go_on(0);
+    }
   }
-  if (samples.size == 0) return;
-  const uint64_t rays = w.stats.rays_primary + w.stats.rays_exact - rays_before;
-  w.sample_cost.seconds /= double(samples.size);
-  w.sample_cost.work = 1.0 + double(rays) / double(samples.size);
+  w.end(rays_before, seconds);
+}
+
+void TransportWorker::trace(std::span<const Batch> band) {
+  std::vector<uint64_t> rays_before(band.size());
+  std::vector<uint8_t> goes_on(band.size(), 1);
+  const auto for_band = [&](const auto& work) {
+    parallel_for(band.size(), [&](size_t i) {
+      // Isolated: a thread that waits for a bake must not begin another batch with the same workspaces.
+      if (goes_on[i]) tbb::this_task_arena::isolate([&] { work(i, *band[i].worker.impl_); });
+    });
+  };
+  const auto gather_light = [&](int vertex_number) {
+    std::vector<DirectLight::Request> requests;
+    for (size_t i = 0; i < band.size(); ++i) {
+      if (goes_on[i]) requests.push_back(band[i].worker.impl_->light_request(vertex_number));
+    }
+    DirectLight::gather_waves(requests);
+  };
+  double seconds = 0.0;
+  {
+    const ScopedTimer timer(seconds);
+    for_band([&](size_t i, Impl& w) {
+      rays_before[i] = w.rays_traced();
+      w.begin(band[i].samples, band[i].radiance);
+      goes_on[i] = w.meet_first();
+    });
+    gather_light(0);
+    for_band([&](size_t i, Impl& w) {
+      w.add_light(0);
+      w.leave_first();
+      goes_on[i] = !w.paths.empty();
+    });
+    for (int n = 1; std::find(goes_on.begin(), goes_on.end(), uint8_t(1)) != goes_on.end(); ++n) {
+      for_band([&](size_t, Impl& w) {
+        w.intersect(n);
+        w.arrive(n);
+      });
+      gather_light(n);
+      for_band([&](size_t i, Impl& w) {
+        w.add_light(n);
+        w.scatter(n);
+        goes_on[i] = !w.paths.empty();
+      });
+    }
+  }
+  for (size_t i = 0; i < band.size(); ++i) {
+    band[i].worker.impl_->end(rays_before[i], seconds / double(band.size()));
+  }
 }
 
 const TransportWorker::Cost& TransportWorker::sample_cost() const { return impl_->sample_cost; }
@@ -369,14 +439,14 @@ std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context
   return std::make_unique<TransportWorker>(context);
 }
 
-bool TransportWorker::fits_blocks() const { return impl_->fits_blocks(); }
+bool TransportWorker::fits_blocks() const { return impl_->context.fits_blocks(); }
 
 std::span<const FirstHit> TransportWorker::first_hits() const { return impl_->firsts; }
 
 uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths,
                                  std::span<Rgb> radiance) {
   Impl& w = *impl_;
-  const uint64_t before = w.stats.rays_primary + w.stats.rays_exact;
+  const uint64_t before = w.rays_traced();
   w.follow_radiance.assign(vertices.size(), Rgb(0.0f));
   w.radiance = w.follow_radiance;
   for (uint32_t i = 0; i < vertices.size(); ++i) {
@@ -397,7 +467,7 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
     const Rgb& sum = w.follow_radiance[i];
     radiance[i] = is_finite(sum) ? sum : Rgb(0.0f);
   }
-  return w.stats.rays_primary + w.stats.rays_exact - before;
+  return w.rays_traced() - before;
 }
 
 }  // namespace fieldtrace

@@ -76,9 +76,11 @@ struct TransportWorker::Impl {
   // Whether diffuse surfaces of this number know what comes from those instances that send light by way of the sky.
   bool knows_indirect(int vertex_number) const { return context.indirect && context.has_sky_maps(vertex_number); }
 
-  bool fits_blocks() const { return context.sky || context.occlusion_sky; }
-
-  void trace(const CameraSamples& samples);
+  void begin(const CameraSamples& samples, std::span<Rgb> to);
+  bool meet_first();  // whether light samples may be taken where the camera rays ended
+  void leave_first();
+  void end(uint64_t rays_before, double seconds);
+  uint64_t rays_traced() const { return stats.rays_primary + stats.rays_exact; }
   void generate(const CameraSamples& samples);
   void pass_hidden_emitters();
   void intersect(int vertex_number);
@@ -131,6 +133,7 @@ struct TransportWorker::Impl {
                     uint32_t light, const LightHit& hit);
   DirectLight::Request light_request(int vertex_number);
   void gather_light(int vertex_number);
+  void add_light(int vertex_number);
   void scatter(int vertex_number);
   void go_on(int vertex_number);
   bool goes_on(bool is_diffuse, int vertex_number) const;

@@ -94,12 +94,13 @@ TEST_F(DeviceFailure, OfTheNthCallForEveryN) {
 
 // With waves of several threads in both streams: which call is the n-th differs from run to run.
 TEST_F(DeviceFailure, OfAnyCallWhileWavesOverlap) {
-  const Scene scene = two_objects(32);
+  const Scene scene = two_objects(64);
   RenderOptions o = options();
+  o.wave_samples = 2000;
   const RenderResult cpu = render(scene, o);
   o.threads = 4;
   const uint64_t calls = test::render_emulated(scene, o).log.calls;
-  ASSERT_GT(calls, 150u);
+  ASSERT_GT(calls, 300u);
   for (uint64_t n = 10; n < calls; n += 1 + calls / 41) {
     EmulatedFaults faults;
     faults.failing_call = n;
@@ -160,6 +161,7 @@ TEST_F(DeviceFailure, MemoryEndsAnywhere) {
 TEST_F(DeviceFailure, ThreadsShareALostDevice) {
   const Scene scene = two_objects(96);
   RenderOptions o = options();
+  o.wave_samples = 2000;
   const RenderResult cpu = render(scene, o);
   o.threads = 4;
   for (const uint64_t n : {20u, 60u, 150u, 300u}) {

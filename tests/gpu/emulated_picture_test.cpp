@@ -1,7 +1,11 @@
 // Whole pictures through an emulated GPU equal those of the CPU, bit for bit, and it is the GPU that answers them.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <numeric>
+
 #include "tests/gpu/picture_checks.h"
+#include "tests/gpu/recording_device.h"
 #include "tests/support/hybrid_scenes.h"
 
 namespace fieldtrace {
@@ -69,6 +73,7 @@ TEST(EmulatedPicture, IsTheSameForAnyThreads) {
   const Scene scene = knot_over_floor(Mat3(1.0f), 96);
   RenderOptions o = options_for(1, 16);
   o.threads = 8;
+  o.wave_samples = 20000;  // several bands
   const test::EmulatedPicture many = test::render_emulated(scene, o);
   expect_equal(many.result, render(scene, o), "8 threads");
   gpu::EmulatedFaults faults;
@@ -125,6 +130,51 @@ TEST(EmulatedPicture, SkyCellsAreTheDevices) {
     EXPECT_TRUE(is_clean(small.log)) << s.name;
   }
   EXPECT_TRUE(any);
+}
+
+// How a picture is cut into waves does not change it.
+TEST(EmulatedPicture, IsTheSameForWavesOfAnySize) {
+  for (const bool is_crowd : {false, true}) {
+    const Scene scene = is_crowd ? crowd(96) : knot_over_floor(Mat3(1.0f), 96);
+    for (const RenderOptions& split : {options_for(1, 16), options_for(4, 1)}) {
+      const RenderResult cpu = render(scene, split);
+      uint64_t waves = ~uint64_t(0);
+      for (const uint64_t wave_samples : {uint64_t(1), uint64_t(20000), uint64_t(1) << 40}) {
+        RenderOptions o = split;
+        o.wave_samples = wave_samples;
+        const EmulatedPicture device = render_emulated(scene, o);
+        expect_equal(device.result, cpu, std::to_string(wave_samples));
+        expect_no_fault(device, std::to_string(wave_samples));
+        EXPECT_LT(device.result.stats.device_waves, waves);
+        waves = device.result.stats.device_waves;
+      }
+    }
+  }
+}
+
+// A ball between a floor that fills the picture and a light: the light of nearly all points is asked about.
+TEST(EmulatedPicture, WavesHoldAMillionSamples) {
+  SceneMaker s;
+  s.film(320, 320);
+  s.scene.camera.to_world = look_at({0, 0, 0.5f}, {0, 0, 0}, {0, 1, 0});
+  s.scene.camera.fov_x_degrees = 40.0f;
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  s.instance(s.shape(ShapeKind::rectangle), grey, scaling(Vec3(6.0f)));
+  s.instance(s.mesh(make_knot({.along = 256, .around = 24})), grey, translation({0, 0, 3}));
+  Affine light = scaling(Vec3(1.5f));
+  light[3] = {0, 0, 8};
+  s.area_light(s.instance(s.shape(ShapeKind::sphere), grey, light), Rgb(60.0f));
+  RenderOptions o = options_for(1, 64);
+  WaveSizes sizes;
+  const RenderResult device = render_recorded(s.scene, o, sizes);
+  EXPECT_EQ(device.image.data, render(s.scene, o).image.data);
+  std::vector<uint64_t>& whole = sizes[int(Level::whole_lights)];
+  ASSERT_GE(whole.size(), 2u);
+  std::sort(whole.begin(), whole.end());
+  // All but that of the last tiles.
+  for (size_t i = 1; i < whole.size(); ++i) EXPECT_GE(whole[i], k_wave_samples) << i;
+  EXPECT_GE(device.stats.device_waves_full, whole.size() - 1);
+  EXPECT_GT(device.stats.device_samples, std::accumulate(whole.begin(), whole.end(), uint64_t(0)) - 1);
 }
 
 // The device copies what its questions need and no more.

@@ -6,9 +6,12 @@
 // the warps' instructions, requests and sectors (tests/gpu/ptx_counts.h), and the bytes over the bus in both
 // directions, with what fields' copies and blocks that were left to the CPU take. Without a scene: three that need no
 // other files, an object over a floor, three objects under three lights, a crowd. One thread, so that figures are
-// reproducible. Exit codes: 0; 1 a scene cannot be rendered, or its picture is not the CPU's; 2 wrong use; 77 there are
-// no kernels.
+// reproducible; fields are baked before. And for each scene the samples of its waves. Exit codes: 0; 1 a scene cannot
+// be rendered, or its picture is not the CPU's; 2 wrong use; 77 there are no kernels.
+#include <unistd.h>
+
 #include <bit>
+#include <filesystem>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
@@ -17,6 +20,7 @@
 #include "tests/gpu/picture_checks.h"
 #include "tests/gpu/ptx_counts.h"
 #include "tests/gpu/ptx_kernels.h"
+#include "tests/gpu/recording_device.h"
 #include "tests/support/reference_scenes.h"
 
 namespace fieldtrace {
@@ -68,9 +72,23 @@ void run_counted(Kernel kernel, uint32_t warps, const void* arguments) {
   }
 }
 
+struct Folder {
+  Folder() { std::filesystem::create_directories(path); }
+  ~Folder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path, ignored);
+  }
+  const std::string path =
+      (std::filesystem::temp_directory_path() / ("fieldtrace_look_up_counts_" + std::to_string(getpid()))).string();
+};
+
 nlohmann::json count(const Scene& scene, RenderOptions o) {
   for (QuestionCounts& c : counts) c = {};
   o.threads = 1;
+  // The fields are baked before.
+  const Folder folder;
+  o.field_cache = folder.path;
+  render(scene, o);
   gpu::EmulatedFaults faults;
   faults.run_kernel = &run_counted;
   const test::EmulatedPicture picture = test::render_emulated(scene, o, faults);
@@ -90,7 +108,13 @@ nlohmann::json count(const Scene& scene, RenderOptions o) {
                                                {"bytes_up", picture.log.bytes_up[int(kernel)]},
                                                {"bytes_down", picture.log.bytes_down[int(kernel)]}};
   }
+  test::WaveSizes sizes;
+  test::render_recorded(scene, o, sizes);
+  nlohmann::json waves;
+  const char* const levels[test::k_levels] = {"light_cones", "filter_strata", "query", "sky_cells"};
+  for (int i = 0; i < test::k_levels; ++i) waves[levels[i]] = sizes[i];
   return {{"kinds", kinds},
+          {"wave_samples", waves},
           {"bytes_resident", picture.result.stats.device_bytes},
           {"blocks", picture.result.stats.device_blocks},
           {"blocks_cpu", picture.result.stats.device_blocks_cpu}};
