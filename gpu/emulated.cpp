@@ -59,7 +59,12 @@ bool EmulatedRuntime::lies_inside(const std::map<std::byte*, size_t>& memory, co
 
 void EmulatedRuntime::queue(Stream stream, std::vector<const void*> uses, std::function<void()> run) {
   require(log_->streams > 0);
-  queues_[stream].work.push_back({std::move(run), std::move(uses)});
+  Queue& q = queues_[stream];
+  if (q.failure != k_success) {  // what it would use has not been done
+    ++q.begun;
+    return;
+  }
+  q.work.push_back({std::move(run), std::move(uses)});
 }
 
 void EmulatedRuntime::run_until(Stream stream, uint64_t end) {
