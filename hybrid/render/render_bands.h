@@ -2,8 +2,7 @@
 // the questions about their light are waves of k_wave_samples light samples and more (hybrid/visibility).
 //
 // Two bands are under way at once: while the device answers for one, the CPU works on the other. A band holds fewer
-// light samples only at the end of the picture. It takes some 1.5 kB of memory for a camera sample, and 100 B for each
-// light sample that is not settled at once (docs/gpu.md).
+// light samples only at the end of the picture. What it takes of memory: docs/gpu.md.
 #pragma once
 
 #include "hybrid/render/render_tiles.h"
