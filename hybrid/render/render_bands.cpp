@@ -1,4 +1,8 @@
-#include "hybrid/render/render_bands.h"
+// The tiles of a picture in bands of many, for a device: a band's batches go from surface to surface together, so that
+// the questions about their light are waves of k_wave_samples light samples and more (hybrid/visibility).
+//
+// Two bands are under way at once: while the device answers for one, the CPU works on the other. A band holds fewer
+// light samples only at the end of the picture. What it takes of memory: docs/gpu.md.
 
 #include <tbb/task_arena.h>
 
@@ -8,6 +12,7 @@
 #include <mutex>
 
 #include "core/platform/parallel.h"
+#include "hybrid/render/render_tiles.h"
 #include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {

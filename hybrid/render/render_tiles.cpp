@@ -7,7 +7,6 @@
 #include <numeric>
 
 #include "core/platform/parallel.h"
-#include "hybrid/render/render_bands.h"
 #include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 

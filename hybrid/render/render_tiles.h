@@ -67,6 +67,10 @@ Image make_image(const Rect& window, const std::vector<Aov>& aovs);
 void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t tile, const TileSums&)>& finished,
                  const std::function<void(size_t tiles)>& progress, Stats& stats);
 
+// The same for a context whose answerer has a device (render_bands.cpp).
+void trace_bands(Job& job, const Pass& pass, const std::function<void(size_t tile, const TileSums&)>& finished,
+                 const std::function<void(size_t tiles)>& progress, Stats& stats);
+
 // Renders all tiles, or those of the picture's slice, in one pass, unless the budget or an interrupt stops it.
 void render_tiles(Job& job, Image& image, Stats& stats);
 
