@@ -269,9 +269,12 @@ bool GpuDevice::has_tables(Wave& wave, const Item& item) {
     const auto [found, is_new] = tables_.buffers.try_emplace(t.host);
     if (is_new) {
       try {
+        // The place in the wave first: a table that has memory is taken for there by later waves.
+        const size_t at = wave.in.append(t.host, t.bytes);
         // A word more: reads of bytes are of four.
-        found->second = DeviceBuffer(*memory_, t.bytes + sizeof(uint32_t));
-        wave.new_tables.push_back({wave.in.append(t.host, t.bytes), found->second.address(), t.bytes});
+        DeviceBuffer table(*memory_, t.bytes + sizeof(uint32_t));
+        wave.new_tables.push_back({at, table.address(), t.bytes});
+        found->second = std::move(table);
       } catch (const OutOfDeviceMemory& e) {
         const std::lock_guard lock(mutex_);
         warnings_.push_back("a table of " + std::to_string(t.bytes / 1000) +

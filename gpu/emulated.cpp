@@ -264,10 +264,11 @@ Status EmulatedRuntime::synchronise(Stream stream) {
   log_->synchronisations += 1;
   const Status status = count();
   const Status failure = std::exchange(queues_[stream].failure, k_success);
-  // A device that fails does nothing more, and each stream says so.
+  // As CUDA's failures of work: every stream's work is lost, and what comes later is too until the stream has said so,
+  // since it may need what was lost.
   if (status != k_success) {
     for (Queue& q : queues_) {
-      if (&q != &queues_[stream] && !q.work.empty()) q.failure = status;
+      if (&q != &queues_[stream]) q.failure = status;
       q.begun += q.work.size();
       q.work.clear();
     }
