@@ -27,12 +27,12 @@ AmbientOcclusion::AmbientOcclusion(const TransportContext& context)
       by_maps_(context, context.occlusion_sky),
       sky_(context.settings.occlusion ? make_lights(white_sky()) : LightTable{}) {}
 
-void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t index) {
+void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t pixel, uint32_t index) {
   // A shading normal that points away from the camera spans the wrong hemisphere.
   const bool turned = glm::dot(vertex.frame.n, vertex.facing) < 0.0f;
   points_.push_back({vertex.surface->position, vertex.facing, turned ? -vertex.frame.n : vertex.frame.n,
                      vertex.surface->error, scalar::hash_combine(vertex.seed, k_occlusion_stream), index,
-                     vertex.surface->instance, slot});
+                     vertex.surface->instance, slot, pixel});
 }
 
 void AmbientOcclusion::fill_shading_points(size_t begin, size_t end) {
@@ -102,7 +102,9 @@ void AmbientOcclusion::gather_by_maps(std::span<const PixelPosition> pixels, std
     std::fill_n(v->begin(), points_.size(), 1.0f / k_pi);
   }
   std::fill_n(receivers_.kind.begin(), points_.size(), ReceiverKind::diffuse);
-  for (uint32_t i = 0; i < points_.size(); ++i) receivers_.path[i] = points_[i].slot;
+  for (uint32_t i = 0; i < points_.size(); ++i) {
+    receivers_.path[i] = points_[i].slot, receivers_.pixel[i] = points_[i].pixel;
+  }
   for (auto* sum : {&receivers_.arriving_red, &receivers_.arriving_green, &receivers_.arriving_blue}) {
     sum->assign(points_.size(), 0.0f);
   }

@@ -26,9 +26,9 @@ class AmbientOcclusion {
 
   // Forgets the points added so far.
   void clear() { points_.clear(); }
-  // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`. Works for any
-  // material: the rays leave on the side of the geometric normal that the camera sees.
-  void add(const PathVertex& vertex, uint32_t slot, uint32_t index);
+  // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`; `pixel`: as in
+  // LightReceivers. Works for any material: the rays leave on the side of the geometric normal that the camera sees.
+  void add(const PathVertex& vertex, uint32_t slot, uint32_t pixel, uint32_t index);
   // Adds the counts of all points to firsts[slot]; its time and rays count as those of shadow rays. `pixels`: as
   // DirectLight::gather.
   void gather(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats);
@@ -37,7 +37,7 @@ class AmbientOcclusion {
   struct Point {
     Vec3 position, facing, shading;
     float error;
-    uint32_t seed, index, instance, slot;
+    uint32_t seed, index, instance, slot, pixel;
   };
 
   void gather_by_maps(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats);

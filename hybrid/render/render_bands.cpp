@@ -13,7 +13,6 @@
 
 #include "core/platform/parallel.h"
 #include "hybrid/render/render_tiles.h"
-#include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {
 namespace {
@@ -40,7 +39,6 @@ struct TileOfBand {
 
 struct BatchOfBand {
   TileOfBand* tile = nullptr;
-  int half = 0;
   CameraSamples samples;
   std::vector<PixelRun> runs;
   std::vector<Rgb> radiance;
@@ -60,7 +58,7 @@ class TileRuns {
       t.tile = pass_.tiles[next_];
       t.counts = begin_tile(job_, pass_, tiles_[t.tile], t.sums);
       for (const uint32_t count : t.counts) t.light_samples += count;
-      t.light_samples *= uint64_t(pass_.halves) * uint64_t(job_.context.settings.light_samples);
+      t.light_samples *= uint64_t(pass_.halves.count) * uint64_t(job_.context.settings.light_samples);
       samples += t.light_samples;
     }
     return run;
@@ -84,18 +82,14 @@ class TileBatches {
         tiles_(tiles) {}
 
   bool next(BatchOfBand& batch) {
-    for (; tile_ < tiles_.size(); ++tile_, half_ = 0) {
+    for (; tile_ < tiles_.size(); ++tile_, batches_.reset()) {
       TileOfBand& t = tiles_[tile_];
-      for (; half_ < pass_.halves; ++half_, batches_.reset()) {
-        if (!batches_) {
-          batches_ = std::make_unique<PixelBatches>(t.sums.pixels, t.counts, pass_.first_replicate + uint32_t(half_),
-                                                    lobe_samples_, by_blocks_);
-        }
-        if (!batches_->next(batch.samples, batch.runs)) continue;
-        batch.tile = &t;
-        batch.half = half_;
-        return true;
+      if (!batches_) {
+        batches_ = std::make_unique<PixelBatches>(t.sums.pixels, t.counts, pass_.halves, lobe_samples_, by_blocks_);
       }
+      if (!batches_->next(batch.samples, batch.runs)) continue;
+      batch.tile = &t;
+      return true;
     }
     return false;
   }
@@ -106,7 +100,6 @@ class TileBatches {
   const Pass& pass_;
   std::deque<TileOfBand>& tiles_;
   size_t tile_ = 0;
-  int half_ = 0;
   std::unique_ptr<PixelBatches> batches_;
 };
 
@@ -158,8 +151,8 @@ class BandTracer {
     for (size_t i = 0; i < band.size(); ++i) {
       const BatchOfBand& batch = band[i];
       add_runs(batch.runs, batch.radiance, workers_[i].first_hits(),
-               [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
-                 batch.tile->sums.add(job_, batch.half, pixel, radiance, firsts, workers_[i].sample_cost());
+               [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
+                 batch.tile->sums.add(job_, run, radiance, firsts, workers_[i].sample_cost());
                });
     }
   }

@@ -77,17 +77,15 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
     const auto pixels = std::span<const PixelPosition>(survey.pixels).subspan(begin, end - begin);
     const std::vector<uint32_t> counts(pixels.size(), samples);
     TransportWorker& worker = workers.local();
-    for (int half = 0; half < 2; ++half) {
-      const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit>) {
-        const TransportWorker::Cost& cost = worker.sample_cost();
-        survey.sums[begin + pixel].add(half, radiance, cost.work, cost.seconds);
-      };
-      const auto goes_on = [&] { return !picture.stopped(); };
-      // Isolated like the tiles of the picture (render_tiles).
-      tbb::this_task_arena::isolate([&] {
-        trace_pixels(pixels, counts, replicate + uint32_t(half), context.settings.lobe_samples, worker, goes_on, add);
-      });
-    }
+    const auto add = [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit>) {
+      const TransportWorker::Cost& cost = worker.sample_cost();
+      survey.sums[begin + run.pixel].add(run.half, radiance, cost.work, cost.seconds);
+    };
+    const auto goes_on = [&] { return !picture.stopped(); };
+    // Isolated like the tiles of the picture (render_tiles).
+    tbb::this_task_arena::isolate([&] {
+      trace_pixels(pixels, counts, Halves{2, replicate}, context.settings.lobe_samples, worker, goes_on, add);
+    });
   });
   for (const TransportWorker& worker : workers) {
     stats.survey_rays += worker.stats().rays_exact;

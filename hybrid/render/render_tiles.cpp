@@ -7,7 +7,6 @@
 #include <numeric>
 
 #include "core/platform/parallel.h"
-#include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
@@ -28,16 +27,12 @@ Rect traced_window(const Scene& scene, const Rect& window) {
 // Returns false if it was stopped.
 bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& worker, TileSums& result) {
   const std::vector<uint32_t> counts = begin_tile(job, pass, tile, result);
-  for (int half = 0; half < pass.halves; ++half) {
-    const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
-      result.add(job, half, pixel, radiance, firsts, worker.sample_cost());
-    };
-    if (!trace_pixels(
-            result.pixels, counts, pass.first_replicate + uint32_t(half), job.context.settings.lobe_samples, worker,
-            [&] { return job.goes_on(); }, add))
-      return false;
-  }
-  return true;
+  const auto add = [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
+    result.add(job, run, radiance, firsts, worker.sample_cost());
+  };
+  return trace_pixels(
+      result.pixels, counts, pass.halves, job.context.settings.lobe_samples, worker, [&] { return job.goes_on(); },
+      add);
 }
 
 // Indices of the picture's tiles that its slice has, or of all.
@@ -67,11 +62,11 @@ std::vector<uint32_t> begin_tile(const Job& job, const Pass& pass, const Rect& t
   return counts;
 }
 
-void TileSums::add(Job& job, int half, size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
+void TileSums::add(Job& job, const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
                    const TransportWorker::Cost& cost) {
-  const uint64_t not_finite = sums[pixel].add(half, radiance, cost.work, cost.seconds);
+  const uint64_t not_finite = sums[run.pixel].add(run.half, radiance, cost.work, cost.seconds);
   if (not_finite > 0) job.not_finite += not_finite;
-  for (const FirstHit& first : firsts) aovs[pixel].add(first);
+  for (const FirstHit& first : firsts) aovs[run.pixel].add(first);
 }
 
 std::vector<Rect> picture_tiles(const Picture& picture) { return make_tiles(traced_pixels(picture), k_tile_size); }

@@ -13,7 +13,7 @@
 #include "hybrid/path/tiles.h"
 #include "hybrid/path/transport_context.h"
 #include "hybrid/render/picture.h"
-#include "hybrid/transport/transport.h"
+#include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {
 
@@ -32,8 +32,7 @@ struct Job {
 
 // Camera samples that one pass over the tiles takes.
 struct Pass {
-  int halves = 1;
-  uint32_t first_replicate = 0;                                   // of the first half; the second takes the next one
+  Halves halves;
   std::function<uint32_t(const PixelPosition&)> samples_of_half;  // of each pixel
   std::vector<size_t> tiles;                                      // indices into picture_tiles(), in order
 };
@@ -44,8 +43,8 @@ struct TileSums {
   std::vector<PixelSums> sums;
   std::vector<AovSums> aovs;
 
-  // Adds samples of pixels[pixel] in one half.
-  void add(Job& job, int half, size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
+  // Adds samples of a run.
+  void add(Job& job, const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
            const TransportWorker::Cost& cost);
 };
 

@@ -37,9 +37,8 @@ bool shows_sample(const PathVertex& vertex, const PathState& leaving, uint32_t i
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
   const ScopedTimer timer(stats.time_primary);
-  const uint32_t picture_seed =
-      samples.replicate == 0 ? settings.seed : scalar::hash_combine(settings.seed, samples.replicate);
-  context.camera.sample(samples, picture_seed, settings.isa, rays, near_distance);
+  make_seeds(samples);
+  context.camera.sample(samples, pixel_seeds, settings.isa, rays, near_distance);
   paths.swap(camera_paths);
   paths.resize(samples.size);
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
@@ -48,14 +47,21 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
   if (samples.whole_blocks && context.fits_blocks()) {
     for (size_t i = 0; i < samples.size; ++i) pixels.push_back({int(samples.x[i]), int(samples.y[i])});
   }
-  pixel_seeds.resize(samples.size);
-  vertex_seeds.resize(samples.size);
+}
+
+void TransportWorker::Impl::make_seeds(const CameraSamples& samples) {
+  for (auto* v : {&pixel_seeds, &vertex_seeds, &pixel_numbers}) v->resize(padded(samples.size));
+  uint32_t number = 0;
   for (size_t begin = 0, end = 0; begin < samples.size; begin = end) {
-    const uint32_t x = samples.x[begin], y = samples.y[begin];
-    for (end = begin + 1; end < samples.size && samples.x[end] == x && samples.y[end] == y;) ++end;
+    const uint32_t x = samples.x[begin], y = samples.y[begin], replicate = samples.replicate[begin];
+    const auto is_same = [&](size_t i) { return samples.x[i] == x && samples.y[i] == y; };
+    for (end = begin + 1; end < samples.size && is_same(end) && samples.replicate[end] == replicate;) ++end;
+    const uint32_t picture_seed = replicate == 0 ? settings.seed : scalar::hash_combine(settings.seed, replicate);
     const uint32_t seed = scalar::pixel_seed(picture_seed, x, y);
     std::fill_n(&pixel_seeds[begin], end - begin, seed);
     std::fill_n(&vertex_seeds[begin], end - begin, scalar::vertex_seed(seed, 0));
+    number += begin == 0 || !is_same(begin - 1);
+    std::fill_n(&pixel_numbers[begin], end - begin, number);
   }
 }
 
@@ -457,7 +463,11 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   w.vertices = w.vertex_storage;
   w.paths.swap(paths);
   w.receivers.clear(w.vertices.size());
-  for (uint32_t i = 0; i < w.vertices.size(); ++i) w.receivers.add(w.vertices[i], i, w.paths[i]);
+  w.pixel_numbers.resize(w.paths.size());
+  for (uint32_t i = 0; i < w.vertices.size(); ++i) {
+    w.pixel_numbers[i] = w.paths[i].pixel_seed;
+    w.receivers.add(w.vertices[i], i, w.paths[i], w.pixel_numbers[i]);
+  }
   if (w.settings.max_depth != 0) {
     w.gather_light(0);
     w.scatter(0);

@@ -43,6 +43,7 @@ struct TransportWorker::Impl {
   std::vector<PathState> camera_paths;
   // By camera ray. The three members of a camera path that differ from a new one's are set where a path is needed.
   AlignedVector<uint32_t> pixel_seeds, vertex_seeds;
+  AlignedVector<uint32_t> pixel_numbers;  // by slot; another one for each pixel of the batch
   std::span<const uint32_t> sample_indices;
   std::vector<PixelPosition> pixels;  // of camera samples; empty where none are interpolated between
   TransportWorker::Cost sample_cost;
@@ -82,6 +83,7 @@ struct TransportWorker::Impl {
   void end(uint64_t rays_before, double seconds);
   uint64_t rays_traced() const { return stats.rays_primary + stats.rays_exact; }
   void generate(const CameraSamples& samples);
+  void make_seeds(const CameraSamples& samples);
   void pass_hidden_emitters();
   void intersect(int vertex_number);
   bool answers_lobes(int vertex_number) const;
