@@ -267,7 +267,7 @@ void Accel::occluded_by(uint32_t instance, const RayBatch& rays, std::span<const
 
 void Accel::intersect_with(uint32_t instance, const RayBatch& rays, HitBatch& hits) const {
   const Instance& placed = impl_->scene.instances[instance];
-  RayBatch in_object;
+  thread_local RayBatch in_object;
   in_object.resize(rays.size);
   for (size_t i = 0; i < rays.size; ++i) {
     in_object.set(i, transform_point(placed.to_object, rays.origin(i)),

@@ -37,8 +37,8 @@ struct CallbackRays {
 // Calls body(rays) for the valid rays of a callback, k_most_user_rays lanes at a time.
 template <class Body>
 void for_rays(const int* valid, RTCRayN* from, unsigned n, const Body& body) {
+  thread_local CallbackRays rays;  // allocating costs more than a look-up
   for (unsigned begin = 0; begin < n; begin += unsigned(k_most_user_rays)) {
-    CallbackRays rays;
     rays.take(valid, from, begin, std::min(n, begin + unsigned(k_most_user_rays)), n);
     if (rays.rays.size > 0) body(rays);
   }

@@ -19,6 +19,7 @@ struct Scratch {
   RayBatch open;
   HitBatch hits;
   std::vector<uint32_t> lanes;
+  Stats stats;  // nobody reads it
 };
 // Of this thread.
 Scratch& scratch() {
@@ -42,18 +43,18 @@ class InstanceGeometry final : public UserGeometry {
   }
 
   void occluded(const RayBatch& rays, uint8_t* blocked) const noexcept override {
-    query([&](Scratch& s, Stats& stats) {
+    query([&](Scratch& s) {
       fill(rays, s);
-      scene_->shadows->answer(s.group, s.batch, stats);
+      scene_->shadows->answer(s.group, s.batch, s.stats);
       std::copy_n(s.batch.blocked.data(), rays.size, blocked);
     });
   }
 
   void intersect(const RayBatch& rays, Hit* hits) const noexcept override {
-    query([&](Scratch& s, Stats& stats) {
+    query([&](Scratch& s) {
       // Where the field is certain that nothing is met, no ray is traced.
       fill(rays, s);
-      scene_->shadows->look_up(s.group, s.batch, stats);
+      scene_->shadows->look_up(s.group, s.batch, s.stats);
       s.lanes.clear();
       s.open.resize(rays.size);
       for (uint32_t i = 0; i < rays.size; ++i) {
@@ -80,9 +81,8 @@ class InstanceGeometry final : public UserGeometry {
     (void)guarded(scene_->device, [&] {
       const std::shared_lock lock(scene_->mutex);
       scene_->require_commit("a ray to an attached instance");
-      Stats stats;
       // A thread that waits in a bake must not begin another query with the same scratch memory.
-      tbb::this_task_arena::isolate([&] { body(scratch(), stats); });
+      tbb::this_task_arena::isolate([&] { body(scratch()); });
     });
   }
 
