@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
-#include <regex>
 #include <set>
 #include <string>
 #include <thread>
@@ -153,9 +152,9 @@ TEST(ApiThreads, TheTableHoldsEveryFunction) {
   for (const char* const header : {"fieldtrace.h", "fieldtrace_embree.h"}) {
     std::ifstream file(std::string(FIELDTRACE_SOURCE_DIR) + "/fieldtrace/" + header);
     const std::string text((std::istreambuf_iterator<char>(file)), {});
-    const std::regex function("FT_API \\w+ (ft\\w+)\\(");
-    for (std::sregex_iterator at(text.begin(), text.end(), function), end; at != end; ++at) {
-      declared.insert((*at)[1]);
+    for (size_t at = text.find("\nFT_API "); at != std::string::npos; at = text.find("\nFT_API ", at + 1)) {
+      const size_t name = text.find(" ft", at) + 1;
+      declared.insert(text.substr(name, text.find('(', name) - name));
     }
   }
   for (const Function& f : functions()) called.insert(f.name);
@@ -179,7 +178,7 @@ TEST(ApiThreads, EveryFunctionAtOnce) {
       // A reference of its own, whatever the others do.
       EXPECT_EQ(ftRetainScene(c.scene), FT_ERROR_NONE);
       EXPECT_EQ(ftRetainDevice(c.device), FT_ERROR_NONE);
-      for (size_t i = 0; i < 2 * all.size(); ++i) {
+      for (size_t i = 0; i < all.size(); ++i) {
         const Function& f = all[(i + size_t(k) * 5) % all.size()];
         const std::string name = f.name;
         if (name == "ftGetDeviceError") {
