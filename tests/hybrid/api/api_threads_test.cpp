@@ -51,6 +51,12 @@ struct Function {
   FTError expected = FT_ERROR_NONE;
 };
 
+// For Caller::pixels.
+FTError set_small_camera(FTScene scene) {
+  const float at[3] = {0, 2, 5}, to[3] = {0, 1, 0}, up[3] = {0, 1, 0};
+  return ftSetSceneCamera(scene, at, to, up, 40, 8, 8);
+}
+
 constexpr FTError k_order = FT_ERROR_INVALID_OPERATION;
 
 // Every function of the headers, with what it returns on a committed scene.
@@ -89,11 +95,7 @@ std::vector<Function> functions() {
       {"ftSetInstanceReflectance", [](C c) { return ftSetInstanceReflectance(c.scene, 0, c.normals); }},
       {"ftSetInstanceRadiance", [](C c) { return ftSetInstanceRadiance(c.scene, 0, c.normals); }},
       {"ftSetSceneSky", [](C c) { return ftSetSceneSky(c.scene, c.normals); }},
-      {"ftSetSceneCamera",
-       [](C c) {
-         const float at[3] = {0, 2, 5}, to[3] = {0, 1, 0}, up[3] = {0, 1, 0};
-         return ftSetSceneCamera(c.scene, at, to, up, 40, 8, 8);
-       }},
+      {"ftSetSceneCamera", [](C c) { return set_small_camera(c.scene); }},
       {"ftSetSceneInt", [](C c) { return ftSetSceneInt(c.scene, "spp", 1); }},
       {"ftSetSceneFloat", [](C c) { return ftSetSceneFloat(c.scene, "tolerance", 0.1); }},
       {"ftCommitScene", [](C c) { return ftCommitScene(c.scene); }},
@@ -166,6 +168,8 @@ TEST(ApiThreads, TheTableHoldsEveryFunction) {
 TEST(ApiThreads, EveryFunctionAtOnce) {
   const test::TemporaryFolder folder;
   const ApiScene s;
+  ASSERT_EQ(set_small_camera(s.scene), FT_ERROR_NONE);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
   const std::vector<Function> all = functions();
   const RTCDevice embree = rtcNewDevice("threads=1");
   std::vector<std::thread> threads;
