@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <bit>
 #include <thread>
 
 #include "core/simd/isa.h"
@@ -243,7 +244,7 @@ TEST(EmulatedStreams, AFailureIsToldByEveryStream) {
     if (!is_late) fail();
     EXPECT_EQ(r.synchronise(1), EmulatedFaults::k_launch_failed);
     EXPECT_EQ(r.synchronise(1), k_success);
-    EXPECT_EQ(*reinterpret_cast<uint32_t*>(place), 0xcdcdcdcdu);
+    EXPECT_EQ(*std::bit_cast<const uint32_t*>(place), 0xcdcdcdcdu);
     ASSERT_EQ(r.free(place) | r.destroy_streams() | r.close(), k_success);
     EXPECT_EQ(log->misuse, 0u);
   }

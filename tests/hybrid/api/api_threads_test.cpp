@@ -215,7 +215,9 @@ TEST(ApiThreads, EveryFunctionAtOnce) {
 
 // Every thread asks while one moves instances and another releases.
 TEST(ApiThreads, AskCommitAndReleaseAtOnce) {
-  const auto [device, scene] = ApiScene().take();
+  const std::pair<FTDevice, FTScene> handles = ApiScene().take();
+  const FTDevice device = handles.first;
+  const FTScene scene = handles.second;
   std::vector<std::thread> threads;
   for (int k = 0; k < 8; ++k) {
     ASSERT_EQ(ftRetainScene(scene), FT_ERROR_NONE);
@@ -247,7 +249,9 @@ TEST(ApiThreads, AskCommitAndReleaseAtOnce) {
 
 // The last reference goes while calls are under way: they end as if it had stayed.
 TEST(ApiThreads, ReleasedWhileInUse) {
-  const auto [device, scene] = ApiScene().take();
+  const std::pair<FTDevice, FTScene> handles = ApiScene().take();
+  const FTDevice device = handles.first;
+  const FTScene scene = handles.second;
   std::vector<std::thread> threads;
   for (int k = 0; k < 7; ++k) {
     threads.emplace_back([=] {
