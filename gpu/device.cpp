@@ -1,13 +1,14 @@
 #include "gpu/device.h"
 
 #include <algorithm>
+#include <numeric>
 
-#include "gpu/device_questions.h"
+#include "hybrid/visibility/query_and_bake.h"
 
 namespace fieldtrace::gpu {
 
 GpuDevice::GpuDevice(std::unique_ptr<Runtime> runtime, std::span<const std::byte> kernels, const DeviceOptions& options)
-    : runtime_(std::move(runtime)), cpu_(options.kernels), warning_(options.warning) {
+    : runtime_(std::move(runtime)), warning_(options.warning) {
   Runtime& r = *runtime_;
   check(r, r.initialise(), "starting CUDA");
   int count = 0;
@@ -74,16 +75,72 @@ bool GpuDevice::attempt(const Work& work) {
   }
 }
 
-void GpuDevice::ask(Question& question) {
-  if (question.blocks.empty()) return;
+namespace {
+
+void add_items(const DeviceWave& wave, std::vector<Item>& items) {
+  const auto add = [&](auto* question) {
+    if (question->blocks.empty()) return;
+    Item item{question, question->field, {}, question->samples};
+    item.warps.resize(question->blocks.size());
+    std::iota(item.warps.begin(), item.warps.end(), 0u);
+    items.push_back(std::move(item));
+  };
+  for (ConeQuestion* q : wave.cones) add(q);
+  for (StratumQuestion* q : wave.strata) add(q);
+  for (RayQuestion* q : wave.rays) add(q);
+  for (SkyQuestion* q : wave.skies) {
+    if (q->points.size == 0 || q->tasks.empty()) continue;
+    Item item{q, nullptr, {}, uint64_t(q->points.size) * q->tasks.size()};
+    item.warps.resize(size_t(q->points.size) / k_warp);
+    items.push_back(std::move(item));
+  }
+}
+
+// Blocks that have been answered.
+size_t answered_blocks(const Item& item) {
+  return std::visit(
+      [](const auto* q) -> size_t {
+        if (!q->is_answered) return 0;
+        if constexpr (std::is_same_v<decltype(q), const SkyQuestion*>) {
+          return size_t(q->points.size) / k_warp;
+        } else {
+          return size_t(
+              std::count_if(q->masks.begin(), q->masks.end(), [](const auto& m) { return m.not_baked == 0; }));
+        }
+      },
+      item.question);
+}
+
+}  // namespace
+
+void GpuDevice::answer(const DeviceWave& wave) {
+  Request request;
+  add_items(wave, request.items);
+  uint64_t blocks = 0;
+  for (const Item& item : request.items) blocks += item.warps.size();
+  // Once more for what was finished but not resident; as often as fields are asked again after bakes.
+  std::vector<Item> all = request.items;
+  for (int round = 0; !request.items.empty() && round <= k_most_bake_rounds; ++round) {
+    request.is_taken = request.is_done = false;
+    ask(request);
+    std::erase_if(request.items, [](const Item& item) { return item.warps.empty(); });
+  }
+  uint64_t answered = 0;
+  for (const Item& item : all) answered += answered_blocks(item);
+  const std::lock_guard lock(mutex_);
+  counts_.blocks += answered;
+  counts_.blocks_cpu += blocks - answered;
+}
+
+void GpuDevice::ask(Request& request) {
   Lock lock(mutex_);
   if (is_lost_) {
-    counts_.blocks_cpu += question.blocks.size();
+    for (Item& item : request.items) item.warps.clear();
     return;
   }
-  waiting_.push_back(&question);
-  while (!question.is_done) {
-    Wave* const wave = is_used_ || question.is_taken ? nullptr : free_wave();
+  waiting_.push_back(&request);
+  while (!request.is_done) {
+    Wave* const wave = is_used_ || request.is_taken ? nullptr : free_wave();
     if (wave) {
       run(lock, *wave);
     } else {
@@ -104,9 +161,14 @@ GpuDevice::Wave* GpuDevice::free_wave() {
 }
 
 void GpuDevice::run(Lock& lock, Wave& wave) {
-  std::vector<Question*> questions;
-  questions.swap(waiting_);
-  for (Question* q : questions) q->is_taken = true;
+  std::vector<Request*> requests;
+  requests.swap(waiting_);
+  uint64_t samples = 0;
+  for (Request* r : requests) {
+    r->is_taken = true;
+    for (Item& item : r->items) samples += std::exchange(item.samples, 0);
+  }
+  std::vector<Item*> items;
   wave.is_busy = is_used_ = true;
   const bool was_lost = is_lost_;
   const auto give_back = [&] {
@@ -115,37 +177,41 @@ void GpuDevice::run(Lock& lock, Wave& wave) {
     changed_.notify_all();
   };
   lock.unlock();
-  bool is_right = !was_lost && attempt([&] { submit(wave, questions); });
+  bool is_right = !was_lost && attempt([&] {
+    for (Request* r : requests) {
+      for (Item& item : r->items) items.push_back(&item);
+    }
+    submit(wave, items);
+  });
   give_back();
   lock.unlock();
-  is_right = is_right && attempt([&] { collect(wave, questions); });
+  is_right = is_right && attempt([&] { collect(wave, items); });
   lock.lock();
   changed_.wait(lock, [&] { return !is_used_; });
   is_used_ = true;
   lock.unlock();
+  for (Request* r : requests) {
+    for (Item& item : r->items) item.warps.clear();
+  }
   // Of a failed wave everything stays until no other is busy, which may use it.
-  if (is_right) attempt([&] { tidy(wave, questions); });
+  if (is_right) attempt([&] { tidy(wave, items); });
   const uint64_t used = memory_->used(), peak = memory_->peak();
   give_back();
   wave.is_busy = false;
-  for (Question* q : questions) {
-    q->is_done = true;
-    size_t left = q->is_answered ? 0 : q->blocks.size();
-    for (size_t warp = 0; q->is_answered && warp < q->blocks.size(); ++warp) left += q->not_baked(warp);
-    counts_.blocks += q->blocks.size() - left;
-    counts_.blocks_cpu += left;
-  }
+  for (Request* r : requests) r->is_done = true;
   counts_.waves += 1;
+  counts_.samples += samples;
+  counts_.waves_full += samples >= k_wave_samples;
   counts_.bytes_resident = used;
   counts_.bytes_peak = peak;
   if (!is_lost_) return;
   for (const auto& other : waves_) {
     if (other->is_busy) return;
   }
-  // The last one out; questions that wait are left to the CPU.
-  for (Question* q : waiting_) {
-    q->is_done = true;
-    counts_.blocks_cpu += q->blocks.size();
+  // The last one out; requests that wait are left to the CPU.
+  for (Request* r : waiting_) {
+    r->is_done = true;
+    for (Item& item : r->items) item.warps.clear();
   }
   waiting_.clear();
   release();
@@ -176,13 +242,12 @@ void GpuDevice::stage_mirror(Wave& wave, const Field& field) {
   }
 }
 
-void GpuDevice::update_mirrors(Wave& wave, Questions questions) {
+void GpuDevice::update_mirrors(Wave& wave, Items items) {
   std::set<const Field*> staged;
-  for (Question* q : questions) {
-    if (!q->field || !q->is_asked) continue;
-    if (staged.insert(q->field).second) stage_mirror(wave, *q->field);
-    q->mirror = mirrors_[q->field].get();
-    q->is_asked = q->mirror != nullptr;
+  for (Item* item : items) {
+    if (!item->field || !item->is_asked) continue;
+    if (staged.insert(item->field).second) stage_mirror(wave, *item->field);
+    item->is_asked = mirrors_[item->field] != nullptr;
   }
   const Packet& packet = wave.packet;
   if (packet.runs.empty()) return;
@@ -192,22 +257,24 @@ void GpuDevice::update_mirrors(Wave& wave, Questions questions) {
   wave.fields.copy_to_device(wave.stream);
   const ScatterArguments arguments = {wave.fields.device<const ScatterRun>(runs),
                                       wave.fields.device<const uint32_t>(words), uint32_t(packet.runs.size())};
-  check(*runtime_, runtime_->launch(wave.stream, Kernel::scatter, arguments.warps, &arguments, sizeof arguments),
-        "starting the kernel scatter");
+  start_kernel(*runtime_, wave, Kernel::scatter, arguments);
 }
 
 // Whether the tables of a question are on the device, or come with the wave.
-bool GpuDevice::has_tables(Wave& wave, const Question& question) {
-  std::vector<Question::Table> tables;
-  question.list(tables);
+bool GpuDevice::has_tables(Wave& wave, const Item& item) {
+  std::vector<HostTable> tables;
+  list_tables(item, tables);
   bool has_all = true;
-  for (const Question::Table& t : tables) {
+  for (const HostTable& t : tables) {
     const auto [found, is_new] = tables_.buffers.try_emplace(t.host);
     if (is_new) {
       try {
+        // The place in the wave first: a table that has memory is taken for there by later waves.
+        const size_t at = wave.in.append(t.host, t.bytes);
         // A word more: reads of bytes are of four.
-        found->second = DeviceBuffer(*memory_, t.bytes + sizeof(uint32_t));
-        wave.new_tables.push_back({wave.in.append(t.host, t.bytes), found->second.address(), t.bytes});
+        DeviceBuffer table(*memory_, t.bytes + sizeof(uint32_t));
+        wave.new_tables.push_back({at, table.address(), t.bytes});
+        found->second = std::move(table);
       } catch (const OutOfDeviceMemory& e) {
         const std::lock_guard lock(mutex_);
         warnings_.push_back("a table of " + std::to_string(t.bytes / 1000) +
@@ -220,24 +287,22 @@ bool GpuDevice::has_tables(Wave& wave, const Question& question) {
 }
 
 // Copies the questions to the device while the other stream's wave runs, then starts the kernels after that one's.
-void GpuDevice::submit(Wave& wave, Questions questions) {
+void GpuDevice::submit(Wave& wave, Items items) {
   Runtime& r = *runtime_;
   check(r, r.enter(), "choosing the device");
   for (StagingBuffer* buffer : {&wave.in, &wave.fields, &wave.made, &wave.out, &wave.missing}) buffer->clear();
   wave.packet.words.clear();
   wave.packet.runs.clear();
   wave.new_tables.clear();
-  for (Question* q : questions) {
-    const auto found = mirrors_.find(q->field);
-    q->is_asked = (found == mirrors_.end() || found->second) && has_tables(wave, *q);
-    if (!q->is_asked) continue;
-    q->stage(wave);
-    q->missing = wave.missing.reserve(q->field ? q->blocks.size() * k_missing_words * sizeof(uint32_t) : 0);
+  wave.launches.clear();
+  for (Item* item : items) {
+    const auto found = mirrors_.find(item->field);
+    item->is_asked = (found == mirrors_.end() || found->second) && has_tables(wave, *item);
+    item->unbaked.clear();
   }
+  wave.launches.add(items, wave);
   for (StagingBuffer* buffer : {&wave.in, &wave.made, &wave.out, &wave.missing}) buffer->ensure_device();
-  for (Question* q : questions) {
-    if (q->is_asked) q->settle(wave);
-  }
+  for (const auto& launch : wave.launches.all()) launch->settle(wave);
   wave.in.copy_to_device(wave.stream);
   for (Stream other = 0; other < k_streams; ++other) {
     if (other != wave.stream) check(r, r.follow(wave.stream, other), "ordering streams");
@@ -246,39 +311,37 @@ void GpuDevice::submit(Wave& wave, Questions questions) {
     const DeviceAddress from = std::bit_cast<DeviceAddress>(wave.in.device<std::byte>(t.at));
     check(r, r.copy_on_device(wave.stream, t.to, from, t.bytes), "copying on the device");
   }
-  update_mirrors(wave, questions);
-  for (const Question* q : questions) {
-    if (q->is_asked) check(r, q->launch(r, q->mirror ? q->mirror->view() : FieldView{}, wave), "starting a kernel");
+  update_mirrors(wave, items);
+  wave.rays.start(r, wave.stream, wave.in, wave.made, wave.receivers, tables_);
+  for (const auto& launch : wave.launches.all()) {
+    const FieldMirror* const mirror = launch->field ? mirrors_[launch->field].get() : nullptr;
+    launch->is_started = mirror || !launch->field;
+    if (launch->is_started) launch->start(r, mirror ? mirror->view() : FieldView{}, wave);
   }
   wave.out.copy_to_host(wave.stream);
 }
 
-void GpuDevice::collect(Wave& wave, Questions questions) {
+void GpuDevice::collect(Wave& wave, Items items) {
   check(*runtime_, runtime_->synchronise(wave.stream), "waiting for the GPU");
-  bool any_missing = false;
-  for (Question* q : questions) {
-    if (!q->is_asked) continue;
-    q->take_answers(wave.out);
-    q->is_answered = true;
-    for (size_t warp = 0; warp < q->blocks.size(); ++warp) any_missing = any_missing || q->not_baked(warp);
+  for (const auto& launch : wave.launches.all()) {
+    if (launch->is_started) launch->take_answers(wave);
   }
-  if (!any_missing) return;
+  if (std::all_of(items.begin(), items.end(), [](const Item* item) { return item->unbaked.empty(); })) return;
   wave.missing.copy_to_host(wave.stream);
   check(*runtime_, runtime_->synchronise(wave.stream), "waiting for the GPU");
 }
 
-// Remembers what was missing, and releases what no stream uses any more: later waves have other pools, and those before
-// are done, since this one followed them.
-void GpuDevice::tidy(Wave& wave, Questions questions) {
+// Remembers what was missing, leaves to ask again what is finished by now, and releases what no stream uses any more:
+// later waves have other pools, and those before are done, since this one followed them.
+void GpuDevice::tidy(Wave& wave, Items items) {
   wave.packet.outgrown.clear();
   wave.left_out.clear();
-  for (const Question* q : questions) {
-    const auto mirror = mirrors_.find(q->field);
-    if (!q->is_answered || mirror == mirrors_.end() || !mirror->second) continue;
-    for (size_t warp = 0; warp < q->blocks.size(); ++warp) {
-      if (!q->not_baked(warp)) continue;
-      const size_t at = q->missing + warp * k_missing_words * sizeof(uint32_t);
-      mirror->second->want({wave.missing.host<const uint32_t>(at), k_missing_words});
+  for (Item* item : items) {
+    const auto mirror = mirrors_.find(item->field);
+    if (mirror == mirrors_.end() || !mirror->second) continue;
+    for (const Item::Unbaked& block : item->unbaked) {
+      const bool any_finished = mirror->second->want({wave.missing.host<const uint32_t>(block.words), k_missing_words});
+      if (any_finished) item->warps.push_back(block.warp);
     }
   }
 }

@@ -1,7 +1,7 @@
 // What the kernels take and give. A thread block is one warp and answers one block of k_batch_padding (32) rays or
-// shading points: lane l of warp b has the entry 32 b + l of every array. Answers are a structure of masks for each
-// warp, bit l of which is lane l's. A warp in which any lane met something that is not resident answers nothing: all
-// bits of its mask `not_baked` are set, and its lanes name what they met, in any order, in 4 words each of `missing`.
+// shading points: lane l of warp b has the entry blocks[b] + l of the arrays that a wave's questions share. Answers are
+// a structure of masks for each warp (field/query/answer_masks.h). A warp in which any lane met something that is not
+// resident answers nothing: its lanes name what they met, in any order, in 4 words each of `missing`.
 //
 // Thread-safety: values. Memory layout: pointers are device addresses; plain data throughout.
 #pragma once
@@ -11,6 +11,7 @@
 #include "core/light/light.hd.h"
 #include "core/platform/platform.h"
 #include "field/maps/cell_task.h"
+#include "field/query/answer_masks.h"
 #include "field/query/query_tasks.h"
 
 namespace fieldtrace::gpu {
@@ -31,7 +32,7 @@ FT_HD constexpr uint32_t missing_word(MissingKind kind, uint32_t number) {
 constexpr MissingKind missing_kind(uint32_t word) { return MissingKind(word >> k_missing_shift); }
 constexpr uint32_t missing_number(uint32_t word) { return word & ((1u << k_missing_shift) - 1); }
 
-// ShadingPointBatch as light_cones() reads it.
+// ShadingPointBatch as light_cones() reads it. Of `transmits` word i is a mask of the points from 32 i on.
 struct PointArrays {
   const float *px, *py, *pz, *gx, *gy, *gz, *error, *radius;
   const uint32_t *instance, *transmits;
@@ -41,69 +42,67 @@ struct RayArrays {
   const float *ox, *oy, *oz, *dx, *dy, *dz, *tmax;
 };
 
-// ShadingPointBatch as light_rays() reads it, and what a question asks for all rays of a shading point. None transmits.
+// ShadingPointBatch as light_rays() reads it.
 struct ReceiverArrays {
   const float *px, *py, *pz, *gx, *gy, *gz, *sx, *sy, *sz, *error, *radius;
-  const uint32_t *seed, *sample, *instance;
-  const int32_t* wanted;
+  const uint32_t *seed, *sample, *instance, *transmits;
 };
 
-// Makes the rays of core/light/light_sampling.h: warp b those of slots blocks[b] and the 31 after it, each slot's
-// shading point being its number / range.count. What has no pointer is not written.
+// What a warp of light_rays() makes: the rays of slots `first` to first + 31, each slot's shading point being `point` +
+// its number / range.count. Others than the first `slots` are inactive.
+struct LightRayBlock {
+  uint32_t point, first, slots;
+};
+
+// The tables of lights whose samples need one.
+struct LightTables {
+  const int32_t* point_sets;  // make_point_sets(); unused on a grid (range.columns > 0)
+  const LightTriangle* triangles;
+  const EnvironmentRow* rows;
+  const float *sums, *texels;
+};
+
+// Makes the rays of core/light/light_sampling.h.
 struct LightRayArguments {
   Light light;
   uint32_t light_index;
   LightSampleRange range;
+  bool any_transmits;  // of the shading points that sample_light() was given together
   ReceiverArrays receivers;
-  uint32_t slots;             // others are inactive
-  const int32_t* point_sets;  // make_point_sets(); unused on a grid (range.columns > 0)
-  const uint32_t* blocks;
-  float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *pdf, *radius;
-  int32_t* wanted;
+  LightTables tables;
+  const LightRayBlock* blocks;
+  const uint32_t* numbers;  // of the slots, by entry, instead of their places; null: they are numbered as they lie
+  float *ox, *oy, *oz, *dx, *dy, *dz, *tmax, *pdf, *radius;  // by entry, as `instance`
   uint32_t* instance;
   uint32_t warps;
-};
-
-struct ConeMasks {
-  uint32_t clear, blocked, by_strata, not_baked;
-  uint32_t lookups;  // of the warp
 };
 
 struct ConeArguments {
   ConeTask task;
   float light_centre[3], light_radius;  // world space
   PointArrays points;
-  const int32_t* flags;
+  const uint32_t *blocks, *wanted;  // wanted: a mask of the points that are meant
   ConeMasks* masks;
   uint32_t* missing;
   uint32_t warps;
-};
-
-struct StratumMasks {
-  uint32_t refused, not_baked;
-  uint32_t lookups;
 };
 
 struct StratumArguments {
   StratumTask task;
   RayArrays rays;
   const float *pdf, *radius;
-  const int32_t* wanted;
-  float* clear;  // the share that the object leaves clear
+  const uint32_t *blocks, *wanted;
+  float* clear;  // by entry of the blocks: the share that the object leaves clear
   StratumMasks* masks;
   uint32_t* missing;
   uint32_t warps;
-};
-
-struct RayMasks {
-  uint32_t crosses, blocked, undecided, not_baked;
-  uint32_t lookups;
 };
 
 struct QueryArguments {
   SegmentTask task;
   RayArrays rays;
   const uint32_t* instance;
+  const uint32_t* blocks;
   RayMasks* masks;
   uint32_t* missing;
   uint32_t warps;

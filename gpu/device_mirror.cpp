@@ -56,10 +56,14 @@ void FieldMirror::grow(Pool& pool, size_t items, const Growth& growth) {
   check(runtime, runtime.copy_on_device(growth.stream, to, old.address(), old.bytes()), "copying on the device");
 }
 
-void FieldMirror::want(std::span<const uint32_t> words) {
+bool FieldMirror::want(std::span<const uint32_t> words) {
+  bool any = false;
   for (const uint32_t word : words) {
-    if (word != k_nothing) wanted_.push_back(word);
+    if (word == k_nothing) continue;
+    wanted_.push_back(word);
+    any = any || take(word);
   }
+  return any;
 }
 
 // Whether what the word names is finished and not here yet.

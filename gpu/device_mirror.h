@@ -28,8 +28,8 @@ class FieldMirror {
  public:
   FieldMirror(const Field& field, DeviceMemory& memory);
 
-  // `words`: of `missing`, k_nothing among them.
-  void want(std::span<const uint32_t> words);
+  // `words`: of `missing`, k_nothing among them. Returns whether the next stage() finds any of them finished.
+  bool want(std::span<const uint32_t> words);
   // Makes room for what is wanted and finished, by work of `stream`, and adds it to `packet`, which must be spread
   // there before the next call. Throws OutOfDeviceMemory, or DeviceError; the mirror is then of no use, but streams may
   // use it.

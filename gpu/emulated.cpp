@@ -59,7 +59,12 @@ bool EmulatedRuntime::lies_inside(const std::map<std::byte*, size_t>& memory, co
 
 void EmulatedRuntime::queue(Stream stream, std::vector<const void*> uses, std::function<void()> run) {
   require(log_->streams > 0);
-  queues_[stream].work.push_back({std::move(run), std::move(uses)});
+  Queue& q = queues_[stream];
+  if (q.failure != k_success) {  // what it would use has not been done
+    ++q.begun;
+    return;
+  }
+  q.work.push_back({std::move(run), std::move(uses)});
 }
 
 void EmulatedRuntime::run_until(Stream stream, uint64_t end) {
@@ -259,10 +264,11 @@ Status EmulatedRuntime::synchronise(Stream stream) {
   log_->synchronisations += 1;
   const Status status = count();
   const Status failure = std::exchange(queues_[stream].failure, k_success);
-  // A device that fails does nothing more, and each stream says so.
+  // As CUDA's failures of work: every stream's work is lost, and what comes later is too until the stream has said so,
+  // since it may need what was lost.
   if (status != k_success) {
     for (Queue& q : queues_) {
-      if (&q != &queues_[stream] && !q.work.empty()) q.failure = status;
+      if (&q != &queues_[stream]) q.failure = status;
       q.begun += q.work.size();
       q.work.clear();
     }

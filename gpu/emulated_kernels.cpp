@@ -53,14 +53,17 @@ void light_cones(const ConeArguments& a) {
   int32_t flags[k_warp];
   const Sphere light = {{a.light_centre[0], a.light_centre[1], a.light_centre[2]}, a.light_radius};
   for (uint32_t warp = 0; warp < a.warps; ++warp) {
-    const uint32_t first = warp * k_warp;
+    const uint32_t first = a.blocks[warp], wanted = a.wanted[warp];
     load(a.points.px + first, p.px), load(a.points.py + first, p.py), load(a.points.pz + first, p.pz);
     load(a.points.gx + first, p.gx), load(a.points.gy + first, p.gy), load(a.points.gz + first, p.gz);
     load(a.points.error + first, p.error), load(a.points.radius + first, p.radius);
-    load(a.points.instance + first, p.instance), load(a.points.transmits + first, p.transmits);
-    std::copy_n(a.flags + first, k_warp, flags);
+    load(a.points.instance + first, p.instance);
+    for (uint32_t lane = 0; lane < k_warp; ++lane) {
+      p.transmits[lane] = uint8_t(a.points.transmits[first / k_warp] >> lane & 1u);
+      flags[lane] = wanted >> lane & 1u ? k_may_shadow : 0;
+    }
     const ConeCounts counts = scalar::light_cones_batch<float>(a.task, p, light, k_first_block, flags, unknowns);
-    const auto queried = [&](uint32_t lane) { return a.flags[first + lane] & k_may_shadow; };
+    const auto queried = [&](uint32_t lane) { return (wanted >> lane & 1u) != 0; };
     ConeMasks& m = a.masks[warp];
     m.lookups = uint32_t(counts.lookups);
     m.not_baked = unknowns.blocks.empty() ? 0 : k_all_lanes;
@@ -80,11 +83,11 @@ void filter_strata(const StratumArguments& a) {
   alignas(k_cache_line) float pdf[k_warp], radius[k_warp], clear[k_warp];
   alignas(k_cache_line) int32_t wanted[k_warp], refused[k_warp];
   for (uint32_t warp = 0; warp < a.warps; ++warp) {
-    const uint32_t first = warp * k_warp;
+    const uint32_t first = a.blocks[warp];
     load_rays(a.rays, first, rays);
     std::copy_n(a.pdf + first, k_warp, pdf);
     std::copy_n(a.radius + first, k_warp, radius);
-    std::copy_n(a.wanted + first, k_warp, wanted);
+    for (uint32_t lane = 0; lane < k_warp; ++lane) wanted[lane] = int32_t(a.wanted[warp] >> lane & 1u);
     std::fill_n(clear, k_warp, 1.0f);
     std::fill_n(refused, k_warp, 0);
     StratumMasks& m = a.masks[warp];
@@ -92,7 +95,7 @@ void filter_strata(const StratumArguments& a) {
         scalar::filter_strata_batch<float>(a.task, rays, pdf, radius, wanted, k_first_block, clear, refused, unknowns));
     m.not_baked = unknowns.blocks.empty() ? 0 : k_all_lanes;
     m.refused = mask_of([&](uint32_t lane) { return refused[lane]; });
-    std::copy_n(clear, k_warp, a.clear + first);
+    std::copy_n(clear, k_warp, a.clear + warp * k_warp);
     uint32_t* const words = blank_words(a.missing, warp);
     name_missing(MissingKind::tile, unknowns.tiles, words, 0);
     unknowns.blocks.clear();
@@ -104,7 +107,7 @@ void query(const QueryArguments& a) {
   RayStates states;
   states.keep_verdicts = true;
   for (uint32_t warp = 0; warp < a.warps; ++warp) {
-    const uint32_t first = warp * k_warp;
+    const uint32_t first = a.blocks[warp];
     load_rays(a.rays, first, rays);
     states.reset(k_warp);
     const SegmentCounts counts = scalar::query_batch<float>(a.task, rays, a.instance + first, 0, k_warp, 0, states);
@@ -124,37 +127,63 @@ void query(const QueryArguments& a) {
   }
 }
 
-// By the CPU's batch loops over all shading points.
-void light_rays(const LightRayArguments& a) {
+// The tables that the light needs, as far as it reads them.
+LightTable table_of(const LightRayArguments& a) {
   LightTable table;
   table.lights.resize(a.light_index + 1);
   table.lights[a.light_index] = a.light;
-  if (a.range.columns == 0) table.point_sets.assign(a.point_sets, a.point_sets + k_point_sets * k_set_words);
-  const uint32_t count = uint32_t(a.range.count), size = a.slots / count;
-  const ReceiverArrays& from = a.receivers;
-  ShadingPointBatch p;
-  p.resize(size);
-  std::fill(p.transmits.begin(), p.transmits.end(), uint8_t(0));
-  const auto copy = [&](const auto* array, auto& to) { std::copy_n(array, size, to.data()); };
-  copy(from.px, p.px), copy(from.py, p.py), copy(from.pz, p.pz);
-  copy(from.gx, p.gx), copy(from.gy, p.gy), copy(from.gz, p.gz);
-  copy(from.sx, p.sx), copy(from.sy, p.sy), copy(from.sz, p.sz);
-  copy(from.error, p.error), copy(from.seed, p.seed), copy(from.sample, p.sample), copy(from.instance, p.instance);
+  const LightTables& from = a.tables;
+  if (a.range.columns == 0) table.point_sets.assign(from.point_sets, from.point_sets + k_point_sets * k_set_words);
+  if (a.light.kind == LightKind::mesh) {
+    table.triangles.assign(from.triangles, from.triangles + a.light.first_triangle + a.light.triangle_count);
+  }
+  if (a.light.kind == LightKind::environment) {
+    const size_t width = a.light.width, height = a.light.height;
+    table.environment.rows.assign(from.rows, from.rows + height);
+    table.environment.sums.assign(from.sums, from.sums + (width + 1) * height);
+    table.environment.texels.assign(from.texels, from.texels + 3 * width * height);
+  }
+  return table;
+}
+
+// The light's samples by the CPU's batch loops, for one shading point after another.
+void light_rays(const LightRayArguments& a) {
+  const LightTable table = table_of(a);
+  const auto points_of = [&](uint32_t r) {
+    const ReceiverArrays& from = a.receivers;
+    ShadingPointBatch p;
+    // If any of them transmits, all are sampled so: the second point stands for it.
+    p.resize(a.any_transmits ? 2 : 1);
+    for (size_t i = 0; i < p.size; ++i) {
+      p.px[i] = from.px[r], p.py[i] = from.py[r], p.pz[i] = from.pz[r];
+      p.gx[i] = from.gx[r], p.gy[i] = from.gy[r], p.gz[i] = from.gz[r];
+      p.sx[i] = from.sx[r], p.sy[i] = from.sy[r], p.sz[i] = from.sz[r];
+      p.error[i] = from.error[r];
+      p.seed[i] = from.seed[r], p.sample[i] = from.sample[r], p.instance[i] = from.instance[r];
+      p.transmits[i] = i == 1 || (from.transmits[r / k_warp] >> (r % k_warp) & 1u);
+    }
+    return p;
+  };
+  const uint32_t count = uint32_t(a.range.count);
   ShadowBatch made;
-  sample_light(table, a.light_index, p, a.range, Isa::scalar, made);
-  const AlignedVector<float>* const rays[] = {&made.rays.ox, &made.rays.oy, &made.rays.oz,   &made.rays.dx,
-                                              &made.rays.dy, &made.rays.dz, &made.rays.tmax, &made.pdf};
-  float* const to[] = {a.ox, a.oy, a.oz, a.dx, a.dy, a.dz, a.tmax, a.pdf};
   for (uint32_t warp = 0; warp < a.warps; ++warp) {
+    const LightRayBlock& block = a.blocks[warp];
+    uint32_t made_of = ~0u;
     for (uint32_t lane = 0; lane < k_warp; ++lane) {
-      const uint32_t slot = a.blocks[warp] + lane, at = warp * k_warp + lane;
-      const bool is_slot = slot < a.slots;
-      for (int i = 0; i < 8; ++i) {
-        if (to[i]) to[i][at] = is_slot ? (*rays[i])[slot] : i == 5 ? 1.0f : i == 6 ? -1.0f : 0.0f;
+      const uint32_t at = warp * k_warp + lane, place = block.first + lane;
+      const bool is_slot = place < block.slots;
+      const uint32_t slot = is_slot && a.numbers ? a.numbers[at] : place, r = block.point + slot / count;
+      if (is_slot && made_of != r) {
+        sample_light(table, a.light_index, points_of(r), a.range, Isa::scalar, made);
+        made_of = r;
       }
-      if (a.radius) a.radius[at] = is_slot ? from.radius[slot / count] : 0.0f;
-      if (a.wanted) a.wanted[at] = is_slot ? from.wanted[slot / count] : 0;
-      if (a.instance) a.instance[at] = is_slot ? from.instance[slot / count] : ~0u;
+      const AlignedVector<float>* const rays[] = {&made.rays.ox, &made.rays.oy, &made.rays.oz,   &made.rays.dx,
+                                                  &made.rays.dy, &made.rays.dz, &made.rays.tmax, &made.pdf};
+      float* const to[] = {a.ox, a.oy, a.oz, a.dx, a.dy, a.dz, a.tmax, a.pdf};
+      for (int i = 0; i < 8; ++i)
+        to[i][at] = is_slot ? (*rays[i])[slot % count] : i == 5 ? 1.0f : i == 6 ? -1.0f : 0.0f;
+      a.radius[at] = is_slot ? a.receivers.radius[r] : 0.0f;
+      a.instance[at] = is_slot ? a.receivers.instance[r] : ~0u;
     }
   }
 }

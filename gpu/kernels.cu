@@ -3,8 +3,10 @@
 //
 // Compiled without contraction (gpu/CMakeLists.txt), so that answers are the CPU's, bit for bit. Launched with one warp
 // a thread block and a thread block for each of the arguments' `warps`.
+#include "core/light/light_environment.hd.h"
 #include "core/light/light_ray.hd.h"
 #include "core/light/light_shapes_area.hd.h"
+#include "core/sampling/sobol.hd.h"
 #include "field/maps/cell_visibility.hd.h"
 #include "field/query/task_answers.hd.h"
 #include "gpu/device_arguments.h"
@@ -61,10 +63,15 @@ __device__ Vec3Lanes<float> load(const float* x, const float* y, const float* z,
 
 }  // namespace
 
+// The lane's entry of the arrays that the wave's questions share.
+__device__ uint32_t block_entry(const uint32_t* blocks) { return blocks[blockIdx.x] + lane_index(); }
+// Of masks for each 32 entries, of which the first of a block is a multiple.
+__device__ bool has_bit(uint32_t mask) { return (mask >> lane_index() & 1u) != 0; }
+
 extern "C" __global__ void __launch_bounds__(k_warp) light_cones(const __grid_constant__ ConeArguments a) {
-  const uint32_t i = entry_index();
+  const uint32_t i = block_entry(a.blocks);
   const PointArrays& r = a.points;
-  const bool queried = (a.flags[i] & k_may_shadow) != 0;
+  const bool queried = has_bit(a.wanted[blockIdx.x]);
   LaneMissing missing(a.missing);
   scalar::PointAnswer<float> answer = {{false, false, false, 0}, false};
   if (queried) {
@@ -73,7 +80,7 @@ extern "C" __global__ void __launch_bounds__(k_warp) light_cones(const __grid_co
                                              r.error[i],
                                              r.radius[i],
                                              r.instance[i] == a.task.segment.instance,
-                                             r.transmits[i] == 0};
+                                             !has_bit(r.transmits[i / k_warp])};
     const Vec3Lanes<float> centre = {a.light_centre[0], a.light_centre[1], a.light_centre[2]};
     answer =
         scalar::answer_light<float>(a.task, point, centre, a.light_radius, queried,
@@ -90,17 +97,17 @@ extern "C" __global__ void __launch_bounds__(k_warp) light_cones(const __grid_co
 }
 
 extern "C" __global__ void __launch_bounds__(k_warp) filter_strata(const __grid_constant__ StratumArguments a) {
-  const uint32_t i = entry_index();
+  const uint32_t i = block_entry(a.blocks);
   const RayArrays& r = a.rays;
   const float tmax = r.tmax[i];
-  const bool queried = a.wanted[i] > 0 && tmax >= 0.0f;
+  const bool queried = has_bit(a.wanted[blockIdx.x]) && tmax >= 0.0f;
   LaneMissing missing(a.missing);
   scalar::StratumAnswer<float> answer = {1.0f, false, false, 0};
   if (queried) {
     answer = scalar::answer_stratum<float>(a.task, load(r.ox, r.oy, r.oz, i), load(r.dx, r.dy, r.dz, i), tmax, a.pdf[i],
                                            a.radius[i], queried, TellMissing{missing, MissingKind::tile});
   }
-  a.clear[i] = answer.clear;
+  a.clear[entry_index()] = answer.clear;
   StratumMasks m;
   m.refused = ballot(answer.refused);
   m.not_baked = missing.finish(answer.unknown);
@@ -109,7 +116,7 @@ extern "C" __global__ void __launch_bounds__(k_warp) filter_strata(const __grid_
 }
 
 extern "C" __global__ void __launch_bounds__(k_warp) query(const __grid_constant__ QueryArguments a) {
-  const uint32_t i = entry_index();
+  const uint32_t i = block_entry(a.blocks);
   const RayArrays& r = a.rays;
   LaneMissing missing(a.missing);
   const scalar::SegmentVerdict<float> answer = scalar::answer_segment<float>(
@@ -128,84 +135,102 @@ extern "C" __global__ void __launch_bounds__(k_warp) query(const __grid_constant
 
 namespace {
 
-// The ray of one slot to a light of a kind that needs no table.
-template <class Kind>
-__device__ void make_ray(const LightRayArguments& a, uint32_t slot, uint32_t to) {
+// The ray of sample k from shading point r.
+template <class Kind, bool k_transmits>
+__device__ void make_ray(const LightRayArguments& a, const Kind& kind, uint32_t r, uint32_t k, uint32_t to) {
   const ReceiverArrays& p = a.receivers;
-  const uint32_t r = slot / uint32_t(a.range.count), k = slot % uint32_t(a.range.count);
   const uint32_t dimension = k_light_dimension + 2 * a.light_index;
+  const float transmits = float(p.transmits[r / k_warp] >> (r % k_warp) & 1u);
   const scalar::ShadingPointInput<float> in = {load(p.px, p.py, p.pz, r),
                                                load(p.gx, p.gy, p.gz, r),
                                                load(p.sx, p.sy, p.sz, r),
                                                p.error[r],
-                                               0.0f,
+                                               transmits,
                                                p.seed[r],
                                                p.sample[r],
                                                p.instance[r]};
-  const Kind kind(a.light);
-  const auto point =
-      scalar::shading_point_lanes<float, Kind, false>(a.light, dimension, scalar::set_stream(dimension), a.range, in);
-  const scalar::CentredPair<float> at =
-      a.range.columns > 0 ? scalar::centre_of_cell<float>(a.range, uint32_t(a.range.first) + k)
-                          : scalar::gather_point<float>(a.point_sets, point.points, point.first_index + k);
-  const auto ray = scalar::light_ray<float, Kind, false>(kind, point, kind.setup(point.at), at, 0.0f);
+  const auto point = scalar::shading_point_lanes<float, Kind, k_transmits>(a.light, dimension,
+                                                                           scalar::set_stream(dimension), a.range, in);
+  const uint32_t index = point.first_index + k;
+  float third = 0.0f;
+  if constexpr (Kind::k_third_number) third = scalar::sample_2d<float>(index, point.third_seeds).x;
+  const scalar::CentredPair<float> at = a.range.columns > 0
+                                            ? scalar::centre_of_cell<float>(a.range, uint32_t(a.range.first) + k)
+                                            : scalar::gather_point<float>(a.tables.point_sets, point.points, index);
+  const auto ray = scalar::light_ray<float, Kind, k_transmits>(kind, point, kind.setup(point.at), at, third);
   const scalar::StoredRay<float> stored = scalar::stored_ray<float, Kind>(ray, ray.active);
   a.ox[to] = ray.origin.x, a.oy[to] = ray.origin.y, a.oz[to] = ray.origin.z;
   a.dx[to] = stored.d.x, a.dy[to] = stored.d.y, a.dz[to] = stored.d.z;
   a.tmax[to] = stored.tmax;
-  if (a.pdf) a.pdf[to] = stored.pdf;
+  a.pdf[to] = stored.pdf;
 }
 
 __device__ void make_inactive(const LightRayArguments& a, uint32_t to) {
-  a.ox[to] = a.oy[to] = a.oz[to] = a.dx[to] = a.dy[to] = 0.0f;
+  a.ox[to] = a.oy[to] = a.oz[to] = a.dx[to] = a.dy[to] = a.pdf[to] = 0.0f;
   a.dz[to] = 1.0f;
   a.tmax[to] = -1.0f;
-  if (a.pdf) a.pdf[to] = 0.0f;
 }
 
-__device__ void make_ray_of_kind(const LightRayArguments& a, uint32_t slot, uint32_t to) {
+template <class Kind, class... Tables>
+__device__ void make_ray(const LightRayArguments& a, uint32_t r, uint32_t k, uint32_t to, const Tables*... tables) {
+  const Kind kind(a.light, tables...);
+  if (a.any_transmits) {
+    make_ray<Kind, true>(a, kind, r, k, to);
+  } else {
+    make_ray<Kind, false>(a, kind, r, k, to);
+  }
+}
+
+__device__ void make_ray_of_kind(const LightRayArguments& a, uint32_t r, uint32_t k, uint32_t to) {
   switch (a.light.kind) {
+    case LightKind::none:
+      return make_inactive(a, to);
     case LightKind::sphere:
-      return make_ray<scalar::SphereLight<float>>(a, slot, to);
+      return make_ray<scalar::SphereLight<float>>(a, r, k, to);
     case LightKind::sphere_inside:
     case LightKind::ellipsoid:
-      return make_ray<scalar::EllipsoidLight<float>>(a, slot, to);
+      return make_ray<scalar::EllipsoidLight<float>>(a, r, k, to);
     case LightKind::rectangle:
-      return make_ray<scalar::RectangleLight<float>>(a, slot, to);
+      return make_ray<scalar::RectangleLight<float>>(a, r, k, to);
     case LightKind::parallelogram:
-      return make_ray<scalar::ParallelogramLight<float>>(a, slot, to);
+      return make_ray<scalar::ParallelogramLight<float>>(a, r, k, to);
     case LightKind::disk:
-      return make_ray<scalar::DiskLight<float>>(a, slot, to);
+      return make_ray<scalar::DiskLight<float>>(a, r, k, to);
     case LightKind::cylinder:
-      return make_ray<scalar::CylinderLight<float>>(a, slot, to);
+      return make_ray<scalar::CylinderLight<float>>(a, r, k, to);
+    case LightKind::mesh:
+      return make_ray<scalar::MeshLight<float>>(a, r, k, to, a.tables.triangles);
     case LightKind::point:
-      return make_ray<scalar::PointLight<float>>(a, slot, to);
+      return make_ray<scalar::PointLight<float>>(a, r, k, to);
     case LightKind::directional:
-      return make_ray<scalar::DirectionalLight<float>>(a, slot, to);
+      return make_ray<scalar::DirectionalLight<float>>(a, r, k, to);
     case LightKind::constant:
-      return make_ray<scalar::ConstantLight<float>>(a, slot, to);
-    default:  // not asked (gpu/device_questions.h)
-      return make_inactive(a, to);
+      return make_ray<scalar::ConstantLight<float>>(a, r, k, to);
+    case LightKind::environment:
+      return make_ray<scalar::EnvironmentLight<float>>(a, r, k, to, a.tables.rows, a.tables.sums, a.tables.texels);
   }
 }
 
 }  // namespace
 
 extern "C" __global__ void __launch_bounds__(k_warp) light_rays(const __grid_constant__ LightRayArguments a) {
-  const uint32_t slot = a.blocks[blockIdx.x] + lane_index(), to = entry_index();
-  const bool is_slot = slot < a.slots;
-  const uint32_t r = is_slot ? slot / uint32_t(a.range.count) : 0;
-  if (is_slot) {
-    make_ray_of_kind(a, slot, to);
-  } else {
+  const LightRayBlock block = a.blocks[blockIdx.x];
+  const uint32_t place = block.first + lane_index(), to = entry_index();
+  if (place >= block.slots) {
     make_inactive(a, to);
+    a.radius[to] = 0.0f;
+    a.instance[to] = 0xffffffffu;
+    return;
   }
-  if (a.radius) a.radius[to] = is_slot ? a.receivers.radius[r] : 0.0f;
-  if (a.wanted) a.wanted[to] = is_slot ? a.receivers.wanted[r] : 0;
-  if (a.instance) a.instance[to] = is_slot ? a.receivers.instance[r] : 0xffffffffu;
+  const uint32_t slot = a.numbers ? a.numbers[to] : place, count = uint32_t(a.range.count);
+  const uint32_t r = block.point + slot / count;
+  make_ray_of_kind(a, r, slot % count, to);
+  a.radius[to] = a.receivers.radius[r];
+  a.instance[to] = a.receivers.instance[r];
 }
 
-// Its arrays of parallelograms lie in local memory. At least 8 warps a multiprocessor: else the compiler spills on sm_75.
+// Its arrays of parallelograms lie in local memory. At least 8 warps a multiprocessor: else the compiler spills on
+// sm_75.
 extern "C" __global__ void __launch_bounds__(k_warp, 8) sky_cells(const __grid_constant__ SkyArguments a) {
   const uint32_t i = entry_index();
   const CellPoints& in = a.points;

@@ -3,16 +3,20 @@
 #   --with-oidn   also puts Intel Open Image Denoise, for `render --denoise`, into build/oidn, from the package pyoidn for
 #                 Python (200 MB); tools/build.sh and tools/test.sh find it there
 #   --with-python also puts what the tests of the Python package need, Mitsuba among it, into build/python (400 MB)
+#   --with-slurm  also installs Slurm (13 MB), for the test farm.slurm, which starts one of its own; Debian enables the
+#                 services slurmctld, slurmd and munge
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 oidn=
 python=
+slurm=()
 for option in "$@"; do
   case $option in
     --with-oidn) oidn=build/oidn ;;
     --with-python) python=build/python ;;
-    *) sed -n '2,5s/^# //p' "$0" >&2; exit 2 ;;
+    --with-slurm) slurm=("slurm-wlm") ;;
+    *) sed -n '2,7s/^# //p' "$0" >&2; exit 2 ;;
   esac
 done
 
@@ -49,6 +53,7 @@ packages=(
   libgtest-dev libopenvdb-tools glmark2-data python3 python3-venv    # tests; the demo's bunny
   chromium                                                           # tests: pages as a browser shows them
   libbenchmark-dev clang-format clang-tidy                           # -DFIELDTRACE_BENCHMARKS=ON; changing the code
+  "${slurm[@]}"
 )
 
 [[ -z $python ]] || packages+=(python3-dev libllvm19)               # the Python package; Mitsuba's variants of LLVM

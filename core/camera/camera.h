@@ -34,9 +34,10 @@ class CameraSampler {
   CameraSampler& operator=(const CameraSampler&) = delete;
 
   // Generates the rays of camera samples in SIMD lanes, bit-identical for every instruction set; the members are those
-  // of CameraRay. Sample points come from stream k_camera_stream of `seed` (core/sampling/sobol.hd.h). Resizes `rays`
-  // and near_distance, the latter to whole vectors. Throws UsageError if this processor cannot run `isa`.
-  void sample(const CameraSamples& samples, uint32_t seed, Isa isa, RayBatch& rays,
+  // of CameraRay. Sample points come from stream k_camera_stream of pixel_seeds[i] (core/sampling/sobol.hd.h), which
+  // are padded as the samples are. Resizes `rays` and near_distance, the latter to whole vectors. Throws UsageError if
+  // this processor cannot run `isa`.
+  void sample(const CameraSamples& samples, const AlignedVector<uint32_t>& pixel_seeds, Isa isa, RayBatch& rays,
               AlignedVector<float>& near_distance) const;
 
   // The ray through film position p in pixels; (0, 0) is the film's top left corner. u_lens is in [0, 1)^2.

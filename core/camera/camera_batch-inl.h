@@ -16,20 +16,20 @@ FT_LANES_BEGIN
 
 // Fills `rays` and near_distance for all samples. All arrays are padded to whole vectors.
 template <class F>
-inline void sample_camera_batch(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,
-                                float* near_distance) {
-  Uint_t<F> last_px = splat_uint<F>(0u), last_py = last_px;
+inline void sample_camera_batch(const CameraLens& lens, const CameraSamples& samples, const uint32_t* pixel_seeds,
+                                RayBatch& rays, float* near_distance) {
+  Uint_t<F> last_seed = splat_uint<F>(0u);
   SobolSeeds<F> film_seeds = {}, aperture_seeds = {};
   for (size_t i = 0; i < samples.size; i += size_t(Lanes<F>::k_count)) {
     const Uint_t<F> px = load_uint_lanes<F>(samples.x.data() + i), py = load_uint_lanes<F>(samples.y.data() + i);
     const Uint_t<F> index = load_uint_lanes<F>(samples.index.data() + i);
-    // Many samples of one pixel share its seeds.
-    if (i == 0 || !all(as_int(px) == as_int(last_px)) || !all(as_int(py) == as_int(last_py))) {
-      const Uint_t<F> camera_seed =
-          hash_combine_lanes<F>(pixel_seed_lanes<F>(seed, px, py), splat_uint<F>(k_camera_stream));
+    const Uint_t<F> seed = load_uint_lanes<F>(pixel_seeds + i);
+    // Many samples of one sequence share its seeds.
+    if (i == 0 || !all(as_int(seed) == as_int(last_seed))) {
+      const Uint_t<F> camera_seed = hash_combine_lanes<F>(seed, splat_uint<F>(k_camera_stream));
       film_seeds = sobol_seeds<F>(camera_seed, 0);
       if (lens.aperture_radius > 0.0f) aperture_seeds = sobol_seeds<F>(camera_seed, 1);
-      last_px = px, last_py = py;
+      last_seed = seed;
     }
     const UnitPair<F> film = sample_2d<F>(index, film_seeds);
     UnitPair<F> aperture = {splat<F>(0.0f), splat<F>(0.0f)};

@@ -13,9 +13,9 @@
 #if HWY_TARGET != HWY_SCALAR  // the scalar target is served by sample_camera_scalar
 FT_LANES_BEGIN
 
-inline void sample_camera_lanes(const CameraLens& lens, const CameraSamples& samples, uint32_t seed, RayBatch& rays,
-                                float* near_distance) {
-  sample_camera_batch<F32>(lens, samples, seed, rays, near_distance);
+inline void sample_camera_lanes(const CameraLens& lens, const CameraSamples& samples, const uint32_t* pixel_seeds,
+                                RayBatch& rays, float* near_distance) {
+  sample_camera_batch<F32>(lens, samples, pixel_seeds, rays, near_distance);
 }
 
 FT_LANES_END

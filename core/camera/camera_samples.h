@@ -11,19 +11,20 @@ namespace fieldtrace {
 // The stream of sample points for camera rays (see vertex_seed in core/sampling/sobol.hd.h).
 inline constexpr uint32_t k_camera_stream = 0x43414d00u;
 
-// Camera samples: the pixel of the whole film that each belongs to, and its index in that pixel's sequence.
+// Camera samples: the pixel of the whole film that each belongs to, and its index in one of that pixel's sequences.
 struct CameraSamples {
   size_t size = 0;
-  uint32_t replicate = 0;  // number of the sequences; those of different numbers are independent
+  bool whole_blocks = false;  // of each block of 8 x 8 pixels of the film they hold all that are sampled
   AlignedVector<uint32_t> x, y, index;
+  AlignedVector<uint32_t> replicate;  // number of the sequence; those of different numbers are independent
 
   // Keeps the capacity; the entries below n are unspecified.
   void resize(size_t n) {
     size = n;
-    for (auto* v : {&x, &y, &index}) v->resize(padded(n));
+    for (auto* v : {&x, &y, &index, &replicate}) v->resize(padded(n));
   }
-  void set(size_t i, uint32_t pixel_x, uint32_t pixel_y, uint32_t number) {
-    x[i] = pixel_x, y[i] = pixel_y, index[i] = number;
+  void set(size_t i, uint32_t pixel_x, uint32_t pixel_y, uint32_t number, uint32_t sequence = 0) {
+    x[i] = pixel_x, y[i] = pixel_y, index[i] = number, replicate[i] = sequence;
   }
 };
 

@@ -41,6 +41,7 @@ void require_image_writable(const std::string& path);
 
 struct ImageReadOptions {
   bool linearise = true;  // decode integers from sRGB; false: the stored values divided by their largest
+  std::map<std::string, std::string>* metadata = nullptr;  // if given, gets the header's strings (EXR)
 };
 
 // Reads every channel of the file's first image as float. Colour channels stored as integers (of 8 or 16 bits) are

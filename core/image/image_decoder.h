@@ -3,6 +3,7 @@
 // Thread-safety: the function may be called from any thread.
 #pragma once
 
+#include <map>
 #include <string>
 
 #include "core/image/image.h"
@@ -15,6 +16,7 @@ inline constexpr const char* k_image_decoder_function = "fieldtrace_decode_image
 struct DecodedImage {
   Image image;              // every channel as stored, integers divided by the largest of their type
   bool is_integer = false;  // stored as integers
+  std::map<std::string, std::string> metadata;  // strings of the header
 };
 
 // Reads the first picture of the file at `path`, which must be a regular file, into `result`. Throws std::runtime_error

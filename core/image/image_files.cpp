@@ -218,6 +218,7 @@ Image read_image(const std::string& path, const ImageReadOptions& options) {
     throw Error({path}, std::string("cannot be read as an image: it is damaged or needs too much memory (") +
                             error.what() + ")");
   }
+  if (options.metadata) *options.metadata = std::move(read.metadata);
   Image& image = read.image;
   if (read.is_integer && options.linearise) {
     for (size_t i = 0; i < image.data.size(); ++i) {

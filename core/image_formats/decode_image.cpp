@@ -66,6 +66,9 @@ extern "C" void fieldtrace_decode_image(const std::string& path, DecodedImage& r
   image.channels = spec.channelnames;
   image.data.resize(size_t(spec.width) * spec.height * spec.nchannels);
   result.is_integer = !spec.format.is_floating_point();
+  for (const OIIO::ParamValue& value : spec.extra_attribs) {
+    if (value.type() == OIIO::TypeString) result.metadata[value.name().string()] = value.get_string();
+  }
   input->geterror();  // of what came before the pixels
   const bool whole = read_pixels(*input, image.data.data());
   const std::string message = input->geterror();

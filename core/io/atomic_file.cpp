@@ -55,8 +55,9 @@ std::string shortened(const std::string& name, size_t room) {
   return name.substr(0, length);
 }
 
-// Unique among processes by the process id and among threads by the counter; O_EXCL catches the rest. A name that
-// leaves no room for these is shortened.
+// Unique among the processes of a machine by the process id and among threads by the counter. Processes of other
+// machines, and killed ones, may have had the same: the next call then gives another. A name that leaves no room for
+// these is shortened.
 std::string temporary_name(const std::string& target) {
   static std::atomic<unsigned> counter{0};
   const fs::path path(target), folder = folder_of(path);
@@ -81,8 +82,12 @@ bool reaches_the_disk(const std::string& path) {
 }  // namespace
 
 AtomicFile::AtomicFile(const std::string& path) : path_(path), target_(resolve_target(path)) {
-  const std::string name = temporary_name(target_);
-  const int file = open(name.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666);
+  std::string name;
+  int file = -1;
+  do {
+    name = temporary_name(target_);
+    file = open(name.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666);
+  } while (file < 0 && errno == EEXIST);
   if (file < 0) {
     const int reason = errno;
     const std::string advice = reason == ENOENT   ? " (make the folder first)"

@@ -56,6 +56,7 @@ struct LightRaySource {
   uint32_t light = 0;
   const ShadingPointBatch* points = nullptr;
   LightSampleRange range = {};
+  const uint32_t* slots = nullptr;  // the slot that each ray was copied from; null: they are all there, in order
 };
 
 struct ShadowBatch {

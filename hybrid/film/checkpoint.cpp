@@ -14,7 +14,7 @@
 namespace fieldtrace {
 namespace {
 
-constexpr char k_magic[] = "fieldtrace checkpoint 1\n";
+constexpr char k_magic[] = "fieldtrace checkpoint 2\n";
 constexpr size_t k_magic_size = sizeof(k_magic) - 1;
 static_assert(std::is_trivially_copyable_v<PixelSums> && std::is_trivially_copyable_v<AovSums>);
 
@@ -35,6 +35,7 @@ nlohmann::json header_of(const Checkpoint& c) {
   j["field_mean_square"] = c.field_mean_square;
   j["light_samples"] = c.light_samples;
   j["open_light_samples"] = c.open_light_samples;
+  j["lobe_samples"] = c.lobe_samples;
   j["restarts"] = c.restarts;
   j["decay"] = c.decay;
   j["noise"] = c.noise;
@@ -150,6 +151,7 @@ Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& ident
   c.field_mean_square = j.at("field_mean_square");
   c.light_samples = j.at("light_samples");
   c.open_light_samples = j.at("open_light_samples");
+  c.lobe_samples = j.at("lobe_samples");
   c.restarts = j.at("restarts");
   c.decay = j.at("decay");
   c.noise = j.at("noise");

@@ -23,7 +23,7 @@ struct Checkpoint {
   int planned_samples = 1, expected_samples = 1;
   float trust = 1.0f;
   double field_mean_square = 0.0;
-  int light_samples = 1, open_light_samples = 1;
+  int light_samples = 1, open_light_samples = 1, lobe_samples = 1;
   uint64_t restarts = 0;  // of the render, because fields had outgrown their memory
 
   double decay = 1.0;                 // of noise by samples, as the last round showed it (SampleAllocation::Limits)

@@ -27,12 +27,12 @@ AmbientOcclusion::AmbientOcclusion(const TransportContext& context)
       by_maps_(context, context.occlusion_sky),
       sky_(context.settings.occlusion ? make_lights(white_sky()) : LightTable{}) {}
 
-void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t index) {
+void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t pixel, uint32_t index) {
   // A shading normal that points away from the camera spans the wrong hemisphere.
   const bool turned = glm::dot(vertex.frame.n, vertex.facing) < 0.0f;
   points_.push_back({vertex.surface->position, vertex.facing, turned ? -vertex.frame.n : vertex.frame.n,
                      vertex.surface->error, scalar::hash_combine(vertex.seed, k_occlusion_stream), index,
-                     vertex.surface->instance, slot});
+                     vertex.surface->instance, slot, pixel});
 }
 
 void AmbientOcclusion::fill_shading_points(size_t begin, size_t end) {
@@ -85,16 +85,16 @@ void AmbientOcclusion::count(size_t begin, std::span<FirstHit> firsts, Stats& st
   }
 }
 
-void AmbientOcclusion::gather(std::span<FirstHit> firsts, Stats& stats) {
+void AmbientOcclusion::gather(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats) {
   if (context_.occlusion_sky) {
-    gather_by_maps(firsts, stats);
+    gather_by_maps(pixels, firsts, stats);
   } else {
     gather_by_rays(firsts, stats);
   }
 }
 
 // Under a white sky a surface of albedo 1 sends on the unoccluded share.
-void AmbientOcclusion::gather_by_maps(std::span<FirstHit> firsts, Stats& stats) {
+void AmbientOcclusion::gather_by_maps(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats) {
   fill_shading_points(0, points_.size());
   receivers_.clear(points_.size());
   receivers_.points = shading_points_;
@@ -102,13 +102,15 @@ void AmbientOcclusion::gather_by_maps(std::span<FirstHit> firsts, Stats& stats) 
     std::fill_n(v->begin(), points_.size(), 1.0f / k_pi);
   }
   std::fill_n(receivers_.kind.begin(), points_.size(), ReceiverKind::diffuse);
-  for (uint32_t i = 0; i < points_.size(); ++i) receivers_.path[i] = points_[i].slot;
+  for (uint32_t i = 0; i < points_.size(); ++i) {
+    receivers_.path[i] = points_[i].slot, receivers_.pixel[i] = points_[i].pixel;
+  }
   for (auto* sum : {&receivers_.arriving_red, &receivers_.arriving_green, &receivers_.arriving_blue}) {
     sum->assign(points_.size(), 0.0f);
   }
   clusters_.build(receivers_, {}, k_shadow_batch, context_.settings.pixel_samples == 1);
   const uint64_t samples = stats.samples;
-  by_maps_.gather(clusters_, receivers_, {}, context_.settings.light_samples, {}, stats);
+  by_maps_.gather(clusters_, receivers_, {}, context_.settings.light_samples, pixels, {}, stats);
   stats.samples = samples;  // of lights alone
   const auto rays = float(context_.settings.light_samples);
   for (size_t i = 0; i < points_.size(); ++i) {

@@ -26,20 +26,21 @@ class AmbientOcclusion {
 
   // Forgets the points added so far.
   void clear() { points_.clear(); }
-  // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`. Works for any
-  // material: the rays leave on the side of the geometric normal that the camera sees.
-  void add(const PathVertex& vertex, uint32_t slot, uint32_t index);
-  // Adds the counts of all points to firsts[slot]; its time and rays count as those of shadow rays.
-  void gather(std::span<FirstHit> firsts, Stats& stats);
+  // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`; `pixel`: as in
+  // LightReceivers. Works for any material: the rays leave on the side of the geometric normal that the camera sees.
+  void add(const PathVertex& vertex, uint32_t slot, uint32_t pixel, uint32_t index);
+  // Adds the counts of all points to firsts[slot]; its time and rays count as those of shadow rays. `pixels`: as
+  // DirectLight::gather.
+  void gather(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats);
 
  private:
   struct Point {
     Vec3 position, facing, shading;
     float error;
-    uint32_t seed, index, instance, slot;
+    uint32_t seed, index, instance, slot, pixel;
   };
 
-  void gather_by_maps(std::span<FirstHit> firsts, Stats& stats);
+  void gather_by_maps(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats);
   void gather_by_rays(std::span<FirstHit> firsts, Stats& stats);
   void fill_shading_points(size_t begin, size_t end);
   // Where the rays of the points in shading_points_ can end.

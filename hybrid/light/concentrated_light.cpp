@@ -79,12 +79,13 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
 }
 
 void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres,
-                               const Sphere& ball, float grazing, int light_samples, LightReceivers& receivers,
-                               std::span<FirstHit> firsts, float count, Stats& stats) {
+                               float grazing, int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts,
+                               float count, Stats& stats) {
   const SkyRadiance& sky = sky_->radiance();
   const auto meets = [&](const SkyOccluder& o, const Sphere& from) {
     return meets_cone(o.ball, from, sky.concentrated_axis(), sky.concentrated_angle());
   };
+  const Sphere ball = ball_about(centres);
   hiding_.clear();
   for (const SkyOccluder& o : sky_->maps().occluders()) {
     if (o.instance == centres.instance[0] && o.is_flat) continue;

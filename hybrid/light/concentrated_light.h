@@ -19,11 +19,10 @@ class ConcentratedLight {
   // `sky` as for SkyLight.
   ConcentratedLight(const TransportContext& context, const Sky* sky) : context_(context), sky_(sky) {}
 
-  // Adds what arrives at clusters of one instance, whose centres are `centres`, within `ball`, all of one
-  // CellPoints::grazing. `firsts`: as DirectLight::gather; each sample counts for `count` rays there.
-  void gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres, const Sphere& ball,
-              float grazing, int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts, float count,
-              Stats& stats);
+  // Adds what arrives at clusters of one instance, whose centres are `centres`, all of one CellPoints::grazing.
+  // `firsts`: as DirectLight::gather; each sample counts for `count` rays there.
+  void gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres, float grazing,
+              int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts, float count, Stats& stats);
 
  private:
   struct Job {

@@ -29,11 +29,11 @@ void LightReceivers::clear(size_t most) {
   points.resize(most);
   points.size = 0;
   for (auto* v : {&red, &green, &blue}) v->resize(padded(most));
-  for (auto* v : {&path, &vertex}) v->resize(padded(most));
+  for (auto* v : {&pixel, &path, &vertex}) v->resize(padded(most));
   kind.resize(padded(most));
 }
 
-void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& state) {
+void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& state, uint32_t pixel_number) {
   const Material& material = *v.material;
   if (material.delta() || material.dark) return;
   const size_t i = points.size++;
@@ -47,7 +47,7 @@ void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& s
   p.transmits[i] = material.transmits();
   kind[i] = kind_of(material);
   reflect(i, kind[i] == ReceiverKind::diffuse ? material.reflectance : Rgb(0.0f));
-  path[i] = v.path, vertex[i] = index;
+  pixel[i] = pixel_number, path[i] = v.path, vertex[i] = index;
 }
 
 size_t LightReceivers::add_run(const RayBatch& rays, const SurfaceBatch& s, const HitRun& run, uint32_t instance,
@@ -90,7 +90,7 @@ void LightReceivers::sort_by_instance(size_t begin, size_t end) {
   for (auto* v : {&p.px, &p.py, &p.pz, &p.gx, &p.gy, &p.gz, &p.sx, &p.sy, &p.sz, &p.error, &red, &green, &blue}) {
     permute(*v);
   }
-  for (auto* v : {&p.seed, &p.sample, &p.instance, &path, &vertex}) permute(*v);
+  for (auto* v : {&p.seed, &p.sample, &p.instance, &pixel, &path, &vertex}) permute(*v);
   permute(p.transmits), permute(kind);
 }
 

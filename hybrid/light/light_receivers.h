@@ -25,6 +25,7 @@ struct LightReceivers {
   ShadingPointBatch points;               // radii are 0
   AlignedVector<float> red, green, blue;  // albedo / pi where plainly diffuse, else 0
   AlignedVector<ReceiverKind> kind;
+  AlignedVector<uint32_t> pixel;   // a number that those of one pixel share
   AlignedVector<uint32_t> path;    // index of the PathState
   AlignedVector<uint32_t> vertex;  // index of the PathVertex; k_none: none
   // DirectLight's result: the radiance reflected towards the path, path throughput not included.
@@ -34,9 +35,9 @@ struct LightReceivers {
   // Forgets all and makes room for `most`.
   void clear(size_t most);
   // `vertex`: whose index is `index`, or k_none if it will not be kept. Skips delta and dark materials.
-  void add(const PathVertex& vertex, uint32_t index, const PathState& state);
+  void add(const PathVertex& vertex, uint32_t index, const PathState& state, uint32_t pixel_number);
   // Adds what the rays of a run have met on one side of a surface, all of one plainly diffuse material, and returns the
-  // index of the first. Leaves points.seed and points.sample to the caller.
+  // index of the first. Leaves points.seed, points.sample and `pixel` to the caller.
   size_t add_run(const RayBatch& rays, const SurfaceBatch& surfaces, const HitRun& run, uint32_t instance,
                  const Material& material);
   // Gives a plainly diffuse receiver its own albedo.

@@ -19,8 +19,8 @@ struct LightEstimate {
   bool spares_bodies = false;  // what the diffuse bodies of plastics reflect is known already
 };
 
-// Radiance that slots [begin, begin + count) of an answered batch, all samples of a shading point, send towards the path
-// through its vertex, without path throughput.
+// Radiance that slots [begin, begin + count) of an answered batch, all samples of a shading point, send towards the
+// path through its vertex, without path throughput.
 Rgb reflected_light(const ShadowBatch& batch, size_t begin, int count, const LightEstimate& light,
                     const PathVertex& vertex);
 // The same through a plainly diffuse point that reflects `reflected` (albedo / pi) and sends one path on at most.

@@ -76,10 +76,10 @@ bool all_join(const LightReceivers& receivers, size_t first, size_t end) {
          std::all_of(kind + first + 1, kind + end, [&](ReceiverKind k) { return k == kind[first]; });
 }
 
-size_t pixel_end(const ShadingPointBatch& p, size_t begin) {
+size_t pixel_end(const LightReceivers& r, size_t begin) {
   size_t end = begin + 1;
   for (const size_t step : {64, 8, 1}) {
-    while (end + step <= p.size && p.seed[end + step - 1] == p.seed[begin]) end += step;
+    while (end + step <= r.size() && r.pixel[end + step - 1] == r.pixel[begin]) end += step;
   }
   return end;
 }
@@ -150,7 +150,7 @@ void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExte
   bool is_even = true;
   for (size_t begin = 0, end = 0; begin < p.size; begin = end) {
     if (begin == pixel) {
-      pixel = pixel_end(p, begin);
+      pixel = pixel_end(receivers, begin);
       is_even = on_one_instance(p, begin, pixel);
       if (!is_even) receivers.sort_by_instance(begin, pixel);
     }

@@ -5,6 +5,7 @@
 // Thread-safety: values.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -22,6 +23,8 @@ struct ShadingCluster {
   // Whether the light of a sky's maps leaves nothing to light samples.
   bool takes_maps_alone() const { return plain_diffuse() || kind == ReceiverKind::smooth_coated; }
   uint32_t size() const { return end - begin; }
+  // The root mean square of these lengths.
+  float mean_spread() const { return spread / std::sqrt(float(size())); }
 };
 
 // A cluster's radius is at most this share of its distance from any light: light arrives at its points nearly as at its

@@ -19,8 +19,10 @@ namespace {
 // Shading points that share what is set up for a cell.
 constexpr size_t k_sky_batch = 256;
 // Clusters whose normals spread more (ShadingCluster::spread) are lit in so many parts.
-constexpr float k_widest_spread = 0.3f;
+constexpr float k_widest_spread = 0.25f;
 constexpr uint32_t k_wide_cluster_parts = 8;
+// How far what was asked for may lie from its fit, for each unit of tolerance, in units of the open sky.
+constexpr float k_fit_tolerance = 0.05f;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
 constexpr float k_open_cell_rays = 8.0f;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
@@ -84,8 +86,7 @@ void SkyLight::see_cells(const Job& job) {
 
 // False: there is none, or it has not done it.
 bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums) {
-  VisibilityDevice* const device = context_.answerer.device();
-  if (!device) return false;
+  if (!job.device) return false;
   const size_t cells = occluders_.cells().size();
   task_places_.clear();
   tasks_.clear();
@@ -97,13 +98,18 @@ bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, con
   }
   if (tasks_.empty()) return true;
   const size_t blocks = size_t(points.size) / k_batch_padding;
-  masks_.assign(blocks * tasks_.size(), 0);
-  if (!device->see_cells(tasks_, points, sums, masks_)) return false;
+  SkyQuestion question{tasks_, points};
+  DeviceWave wave;
+  wave.skies.push_back(&question);
+  job.device->answer(wave);
+  if (!question.is_answered) return false;
+  float* const to[] = {sums.red, sums.green, sums.blue, sums.reflected_red, sums.reflected_green, sums.reflected_blue};
+  for (size_t i = 0; i < 6; ++i) std::copy_n(question.sums.data() + i * size_t(points.size), points.size, to[i]);
   for (size_t t = 0; t < tasks_.size(); ++t) {
     const CellTask& task = tasks_[t];
     job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
     for (size_t block = 0; block < blocks; ++block) {
-      for (uint32_t mask = masks_[block * tasks_.size() + t]; mask != 0; mask &= mask - 1) {
+      for (uint32_t mask = question.undecided[block * tasks_.size() + t]; mask != 0; mask &= mask - 1) {
         const auto point = uint32_t(block * k_batch_padding) + uint32_t(std::countr_zero(mask));
         if (point < centres_.size) add_open_cell(task, task_places_[t], point);
       }
@@ -213,26 +219,39 @@ void SkyLight::add_rays() {
   }
 }
 
+// Keeps what arrives at the points of a batch.
+void SkyLight::keep_arrivals(const Job& job) {
+  for (size_t i = 0; i < centres_.size; ++i) {
+    const uint32_t c = job.numbers[i];
+    const Rgb of_sky = glm::max(Rgb(red_[i], green_[i], blue_[i]), Rgb(0.0f)), open = open_irradiance_[c];
+    const auto share = [](float part, float whole) { return whole > 0.0f ? part / whole : 0.0f; };
+    arrivals_[c].values = {share(of_sky.x, open.x),   share(of_sky.y, open.y),     share(of_sky.z, open.z),
+                           reflected_red_[i] / unit_, reflected_green_[i] / unit_, reflected_blue_[i] / unit_};
+    traced_[c] = ray_counts_[i];
+  }
+}
+
 void SkyLight::add_irradiance(const Job& job) {
   LightReceivers& r = job.receivers;
   const float sky_share = 1.0f - sky_->radiance().concentrated_share();
-  for (size_t i = 0; i < centres_.size; ++i) {
-    const ShadingCluster& c = job.clusters[i];
-    const Rgb of_sky = glm::max(Rgb(red_[i], green_[i], blue_[i]), Rgb(0.0f));
-    const Rgb e = of_sky + Rgb(reflected_red_[i], reflected_green_[i], reflected_blue_[i]);
+  for (size_t i = 0; i < clusters_.size(); ++i) {
+    const ShadingCluster& c = clusters_[i];
+    const auto& v = arrivals_[i].values;
+    const Rgb of_sky = open_irradiance_[i] * Rgb(v[0], v[1], v[2]);
+    const Rgb e = of_sky + unit_ * Rgb(v[3], v[4], v[5]);
     for (size_t k = c.begin; k < c.end; ++k) {
       r.arriving_red[k] += e.x * r.red[k], r.arriving_green[k] += e.y * r.green[k];
       r.arriving_blue[k] += e.z * r.blue[k];
     }
     if (sky_->radiance().is_black()) continue;  // no light samples are spared
     const uint64_t samples = uint64_t(c.size()) * uint64_t(job.light_samples);
-    const uint64_t traced = std::min(samples, uint64_t(ray_counts_[i]));
+    const uint64_t traced = std::min(samples, uint64_t(traced_[i]));
     job.stats.samples += samples;
     job.stats.samples_spared += samples - traced;
     job.stats.samples_by_strata += samples - traced;
     if (job.firsts.empty()) continue;
     // As many rays as light samples, of the weight that light samples give them.
-    const float open = std::max(open_[i], 1e-30f);
+    const float open = std::max(luminance(open_irradiance_[i]), 1e-30f);
     const float count = sky_share * float(job.light_samples), clear = std::min(luminance(of_sky) / open, 1.0f);
     for (size_t k = c.begin; k < c.end; ++k) {
       FirstHit& first = job.firsts[r.path[k]];
@@ -241,6 +260,11 @@ void SkyLight::add_irradiance(const Job& job) {
       first.shadow_exact += count * float(traced) / float(samples);
     }
   }
+}
+
+void SkyLight::add_concentrated(const Job& job) {
+  concentrated_.gather(job.clusters, centres_, grazing_, job.light_samples, job.receivers, job.firsts,
+                       sky_->radiance().concentrated_share(), job.stats);
 }
 
 // Cells do not quite add up to the sky; where they take all of it, nothing must be left.
@@ -252,25 +276,21 @@ float SkyLight::hidden_scale(size_t point) const {
   return 1.0f + weight * (luminance(sky_->radiance().irradiance(n)) / light_->irradiance(n) - 1.0f);
 }
 
-void SkyLight::gather_batch(const Job& job) {
+// Finds what arrives at centres_ of the sky's cells.
+void SkyLight::see_batch(const Job& job) {
   occluders_.find(*sky_, centres_, job.place);
   grid_ = sky_->maps().occluders()[centres_.instance[0]].cells;
   light_ = &sky_->cells_of(centres_.instance[0]);
   see_cells(job);
   open_.resize(centres_.size);
   for (size_t i = 0; i < centres_.size; ++i) {
-    const Rgb open = sky_->radiance().irradiance(shading(centres_, i), grazing_);
+    const Rgb open = open_irradiance_[job.numbers[i]];
     open_[i] = luminance(open);
     const float scale = hidden_scale(i);
     red_[i] = open.x - red_[i] * scale, green_[i] = open.y - green_[i] * scale, blue_[i] = open.z - blue_[i] * scale;
   }
   sample_open_cells(job);
   trace(job);
-  add_irradiance(job);
-  if (context_.answerer.checks()) check_cells(job);
-  if (!sky_->radiance().concentrated()) return;
-  concentrated_.gather(job.clusters, centres_, occluders_.ball(), grazing_, job.light_samples, job.receivers,
-                       job.firsts, sky_->radiance().concentrated_share(), job.stats);
 }
 
 // Sets what the bodies of a cluster's plastics reflect. Returns their CellPoints::grazing.
@@ -304,7 +324,7 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
     const ShadingCluster& cluster = clusters[c];
     if (cluster.kind == ReceiverKind::other) continue;
     grazing = cluster.plain_diffuse() ? 0.0f : light_bodies(cluster, vertices, receivers);
-    if (cluster.spread <= k_widest_spread) {
+    if (cluster.mean_spread() <= k_widest_spread) {
       add(cluster, centres, c);
       continue;
     }
@@ -316,25 +336,39 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
       add(part, receivers.points, part.begin);
     }
   }
-  points_.size = clusters_.size();
-  order_.resize(clusters_.size());
-  std::iota(order_.begin(), order_.end(), 0u);
-  places_.resize(clusters_.size());
-  for (size_t i = 0; i < places_.size(); ++i) {
+  const size_t count = clusters_.size();
+  points_.size = count;
+  places_.resize(count), open_irradiance_.resize(count);
+  for (size_t i = 0; i < count; ++i) {
     places_[i] = sky_->maps().place(points_.instance[i], position(points_, i));
+    open_irradiance_[i] = sky_->radiance().irradiance(shading(points_, i), grazing_of_[i]);
   }
+  arrivals_.assign(count, {}), fitted_.assign(count, 0), traced_.assign(count, 0);
+}
+
+// Chooses which points are asked for first: all, if receivers have no pixels.
+void SkyLight::find_blocks(const LightReceivers& receivers, std::span<const PixelPosition> pixels) {
+  wanted_.resize(clusters_.size());
+  std::iota(wanted_.begin(), wanted_.end(), 0u);
+  if (pixels.empty()) return;
+  pixels_.clear(), groups_.clear();
+  uint32_t group = 0;
+  for (uint32_t i = 0; i < clusters_.size(); ++i) {
+    pixels_.push_back(pixels[receivers.path[clusters_[i].begin]]);
+    if (points_.instance[i] != points_.instance[group] || grazing_of_[i] != grazing_of_[group]) group = i;
+    groups_.push_back(clusters_[i].mean_spread() > k_widest_spread ? k_none : group);
+  }
+  blocks_.find(points_, pixels_, groups_, wanted_);
+}
+
+template <class F>
+void SkyLight::for_batches(Job job, std::span<const uint32_t> numbers, const F& f) {
+  order_.assign(numbers.begin(), numbers.end());
   const auto key = [&](uint32_t i) {
     const Vec3& c = places_[i].centre;
     return std::tuple(points_.instance[i], grazing_of_[i], c.x, c.y, c.z);
   };
   std::stable_sort(order_.begin(), order_.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
-}
-
-void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
-                      int light_samples, std::span<FirstHit> firsts, Stats& stats) {
-  const ScopedTimer timer(stats.time_secondary);
-  choose_points(clusters, receivers, vertices);
-  Job job{receivers, light_samples, firsts, stats};
   for (size_t begin = 0, end = 0; begin < order_.size(); begin = end) {
     const uint32_t first = order_[begin], instance = points_.instance[first];
     job.place = places_[first];
@@ -344,15 +378,43 @@ void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers
       const uint32_t next = order_[end];
       if (points_.instance[next] != instance || grazing_of_[next] != grazing_) break;
       if (places_[next].centre != job.place.centre) break;
-      batch_.push_back(clusters_[order_[end]]);
+      batch_.push_back(clusters_[next]);
     }
     job.clusters = batch_;
+    job.numbers = std::span(order_).subspan(begin, end - begin);
     centres_.resize(batch_.size());
     for (size_t i = 0; i < batch_.size(); ++i) centres_.copy(i, points_, order_[begin + i], 1);
     // Lanes of the padding see what the first point sees.
     for (size_t i = batch_.size(); i < padded(batch_.size()); ++i) centres_.copy(i, centres_, 0, 1);
-    gather_batch(job);
+    f(job);
   }
+}
+
+void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
+                      int light_samples, std::span<const PixelPosition> pixels, std::span<FirstHit> firsts,
+                      Stats& stats, VisibilityDevice* device) {
+  const ScopedTimer timer(stats.time_secondary);
+  choose_points(clusters, receivers, vertices);
+  find_blocks(receivers, pixels);
+  const Vec3 up(0.0f, 0.0f, 1.0f);
+  unit_ = luminance(sky_->radiance().irradiance(up) + sky_->radiance().irradiance(-up)) + 1e-30f;
+  if (sky_->indirect()) unit_ = std::max(unit_, k_pi * sky_->indirect()->mean_luminance());
+  const Job job{receivers, light_samples, firsts, stats, device};
+  while (!wanted_.empty()) {
+    for_batches(job, wanted_, [&](const Job& batch) {
+      see_batch(batch);
+      keep_arrivals(batch);
+      if (context_.answerer.checks()) check_cells(batch);
+    });
+    if (pixels.empty()) break;
+    blocks_.refine(k_fit_tolerance * context_.settings.tolerance, arrivals_, fitted_, wanted_);
+  }
+  add_irradiance(job);
+  if (context_.answerer.checks()) check_fitted(job);
+  if (!sky_->radiance().concentrated()) return;
+  wanted_.resize(clusters_.size());
+  std::iota(wanted_.begin(), wanted_.end(), 0u);
+  for_batches(job, wanted_, [&](const Job& batch) { add_concentrated(batch); });
 }
 
 void SkyLight::check_cells(const Job& job) {
@@ -361,6 +423,26 @@ void SkyLight::check_cells(const Job& job) {
     check_point(job, i);
     if (sky_->indirect()) check_indirect(job, i);
   }
+}
+
+// Asks for some of the points that were fitted.
+void SkyLight::check_fitted(const Job& job) {
+  wanted_.clear();
+  for (uint32_t i = 0; i < fitted_.size(); ++i) {
+    if (fitted_[i] && scalar::hash_uint(points_.seed[i]) % k_check_interval == 0) wanted_.push_back(i);
+  }
+  Stats uncounted;
+  const Job asking{job.receivers, job.light_samples, {}, uncounted};
+  for_batches(asking, wanted_, [&](const Job& batch) {
+    see_batch(batch);
+    for (size_t i = 0; i < centres_.size; ++i) {
+      const auto& v = arrivals_[batch.numbers[i]].values;
+      const Rgb fitted = open_irradiance_[batch.numbers[i]] * Rgb(v[0], v[1], v[2]) + unit_ * Rgb(v[3], v[4], v[5]);
+      const Rgb asked =
+          Rgb(red_[i], green_[i], blue_[i]) + Rgb(reflected_red_[i], reflected_green_[i], reflected_blue_[i]);
+      job.stats.check_fitted.add(double(luminance(fitted) - luminance(asked)) / double(unit_));
+    }
+  });
 }
 
 void SkyLight::check_point(const Job& job, size_t point) {

@@ -2,6 +2,8 @@
 // maps, once per cluster of shading points. Cells that maps leave undecided are rays. Where the light that objects send
 // on is known (hybrid/sky/indirect_light.h), the same reads bring it.
 //
+// On even surfaces a few pixels of a block are asked for, and the others fitted to them (pixel_blocks.h).
+//
 // The irradiance is that of the open sky less what cells take from it. Undecided cells share rays in proportion to what
 // they weigh, stratified over them; they alone bring noise.
 // Thread-safety: a SkyLight belongs to one thread.
@@ -12,6 +14,7 @@
 
 #include "hybrid/light/concentrated_light.h"
 #include "hybrid/light/light_receivers.h"
+#include "hybrid/light/pixel_blocks.h"
 #include "hybrid/light/shading_clusters.h"
 #include "hybrid/path/aovs.h"
 #include "hybrid/path/transport_context.h"
@@ -27,9 +30,10 @@ class SkyLight {
       : context_(context), sky_(sky), concentrated_(context, sky) {}
 
   // Adds what the plainly diffuse ones of `clusters` and the bodies of plastics reflect of the sky's light. The other
-  // arguments: as DirectLight::gather.
+  // arguments: as DirectLight::gather. `device`: asked about the cells; null: the CPU's kernels answer.
   void gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
-              int light_samples, std::span<FirstHit> firsts, Stats& stats);
+              int light_samples, std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats,
+              VisibilityDevice* device = nullptr);
 
  private:
   struct Job {
@@ -37,7 +41,9 @@ class SkyLight {
     int light_samples;
     std::span<FirstHit> firsts;
     Stats& stats;
+    VisibilityDevice* device = nullptr;
     std::span<const ShadingCluster> clusters = {};  // of one instance; centres_ holds their centres
+    std::span<const uint32_t> numbers = {};         // of these
     Sphere place = {};                              // SkyMaps::place() of all of them
   };
   // A cell that is undecided for a point of the batch, and its weight there.
@@ -54,7 +60,11 @@ class SkyLight {
   void choose_points(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices);
   float light_bodies(const ShadingCluster& cluster, std::span<const PathVertex> vertices,
                      LightReceivers& receivers) const;
-  void gather_batch(const Job& job);
+  void find_blocks(const LightReceivers& receivers, std::span<const PixelPosition> pixels);
+  // Calls f(job) for batches of the clusters of these numbers, of one instance and place each.
+  template <class F>
+  void for_batches(Job job, std::span<const uint32_t> numbers, const F& f);
+  void see_batch(const Job& job);
   void see_cells(const Job& job);
   bool see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums);
   void add_open_cell(const CellTask& task, size_t place, uint32_t point);
@@ -64,12 +74,15 @@ class SkyLight {
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
   void trace(const Job& job);
   void add_rays();
+  void keep_arrivals(const Job& job);
   void add_irradiance(const Job& job);
+  void add_concentrated(const Job& job);
   // A direction in a cell; x and y in [0, 1].
   Vec3 direction_in(uint32_t cell, float x, float y) const;
   CellPoints cell_points() const;
   // For --check: compares what maps see of all decided cells of some points with rays.
   void check_cells(const Job& job);
+  void check_fitted(const Job& job);
   void check_point(const Job& job, size_t point);
   void check_indirect(const Job& job, size_t point);
 
@@ -84,18 +97,25 @@ class SkyLight {
   ShadingPointBatch points_;              // what stands for each
   std::vector<float> grazing_of_;         // CellPoints::grazing of these
   std::vector<Sphere> places_;            // of these
-  std::vector<uint32_t> order_;           // of these, by instance and place
+  std::vector<Rgb> open_irradiance_;      // of these, of the open sky
+  std::vector<SkyArrival> arrivals_;      // at these
+  std::vector<uint8_t> fitted_;           // whether these were fitted
+  std::vector<uint32_t> traced_;          // rays of these
+  float unit_ = 1.0f;                     // of arrivals_'s irradiance of what objects send on
+  PixelBlocks blocks_;
+  std::vector<PixelPosition> pixels_;      // of these, for blocks_
+  std::vector<uint32_t> groups_, wanted_;  // likewise
+  std::vector<uint32_t> order_;            // of those of for_batches(), by instance and place
   std::vector<ShadingCluster> batch_;
   ShadingPointBatch centres_;
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance of the sky
   AlignedVector<float> reflected_red_, reflected_green_, reflected_blue_;  // irradiance of what objects send back
   std::vector<float> open_;  // luminance of the open sky's irradiance, by point
   AlignedVector<int32_t> undecided_;
-  // For a device: the cells that are seen, by their places among the occluders', and its masks.
+  // For a device: the cells that are seen, by their places among the occluders'.
   std::vector<uint32_t> task_places_;
   std::vector<CellTask> tasks_;
   std::vector<OwnObject> own_objects_;
-  std::vector<uint32_t> masks_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
   std::vector<uint32_t> open_begin_;
   std::vector<float> weight_sums_;

@@ -30,6 +30,7 @@ struct TransportSettings {
   int rr_depth = 5;
   bool hide_emitters = false;
   int most_undecided = 0;   // strata of a light; where fields leave more open, they are not trusted about the others
+  float tolerance = 0.0f;   // RenderOptions::tolerance
   bool estimates = false;   // irradiance once per cluster where it hardly varies, instead of once per vertex
   bool first_hits = false;  // keep what camera rays hit, for AOVs
   // Only with first_hits:
@@ -97,6 +98,8 @@ struct TransportContext {
   bool open_area_can_be_hit = false;       // and is not part of the sky
   // Whether `sky` gives all the light of the sky that diffuse surfaces of this number get from light samples.
   bool has_sky_maps(int vertex_number) const { return sky && vertex_number == 0; }
+  // Whether irradiance is fitted within blocks of pixels (hybrid/light/pixel_blocks.h).
+  bool fits_blocks() const { return sky || occlusion_sky; }
 };
 
 }  // namespace fieldtrace

@@ -43,6 +43,7 @@ FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std
 
 TransportSettings settings_for(const Picture& picture, const FieldSet& fields, float tolerance) {
   TransportSettings s = picture.settings;
+  s.tolerance = tolerance;
   const RenderOptions& options = picture.options;
   const std::vector<Field*> answering = fields.pointers();
   s.estimates = options.whole_lights && !options.force_undecided &&

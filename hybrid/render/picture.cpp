@@ -44,6 +44,8 @@ void check_options(const RenderOptions& o, int spp) {
     throw UsageError("a checkpoint every " + std::to_string(o.checkpoint_seconds) + " s; it must be 0 or more");
   if (o.keeps_sums() && o.chart == Chart::thesis)
     throw UsageError("pictures by the thesis' chart are made of --spp samples at once: no target, limit, checkpoint");
+  if (o.slice && o.keeps_sums())
+    throw UsageError("slices are of pictures of --spp samples at once: no target error, time limit, checkpoint");
   if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
 }
 
@@ -103,7 +105,12 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
 
 void Picture::expect(double samples) {
   spp = int(std::clamp(samples, 1.0, double(most_samples)));
-  settings.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
+  split_lobes(settings, options.lobe_samples);
+}
+
+void Picture::split_lobes(TransportSettings& s, int lobe_samples) const {
+  s.lobe_samples = lobe_samples;
+  s.pixel_samples = std::min(spp, batch_samples(lobe_samples));
 }
 
 bool Picture::is_adaptive() const {

@@ -44,6 +44,8 @@ struct Picture {
 
   // Sets `spp`.
   void expect(double samples);
+  // Sets how many rays leave a glossy surface, and with them what fits into one batch.
+  void split_lobes(TransportSettings& s, int lobe_samples) const;
   bool by_rounds() const { return options.by_rounds(); }
   bool is_adaptive() const;  // whether lights that may be hidden get more light samples
   // Light samples of each camera sample where lights may be hidden; `open_rays` as FieldSurvey::open_rays.

@@ -10,6 +10,7 @@
 
 #include "core/platform/error.h"
 #include "field/file/hash.h"
+#include "hybrid/render/render_tiles.h"
 
 namespace fieldtrace {
 namespace {
@@ -20,7 +21,7 @@ std::string hash_of_file(const std::string& path) {
   std::vector<char> part(1 << 20);
   while (file.read(part.data(), std::streamsize(part.size())) || file.gcount() > 0)
     hasher.add(part.data(), size_t(file.gcount()));
-  if (!file.eof()) throw Error({path}, "cannot be read again, to see whether the checkpoint is of this scene");
+  if (!file.eof()) throw Error({path}, "cannot be read again, to see which scene this is");
   return hasher.result().hex();
 }
 
@@ -80,6 +81,17 @@ PictureIdentity picture_identity(const Picture& picture) {
     files[std::filesystem::path(path).filename().string()] += hash_of_file(path);
   for (const auto& [name, hash] : files) identity.push_back({"the file " + name, hash});
   return identity;
+}
+
+Part part_of(const Picture& picture) {
+  Part part;
+  part.slice = *picture.options.slice;
+  part.window = picture.window;
+  part.traced = traced_pixels(picture);
+  part.identity = picture_identity(picture);
+  part.identity.push_back({"--spp", std::to_string(picture.spp)});
+  part.channels = make_image(picture.window, picture.aovs).channels;
+  return part;
 }
 
 }  // namespace fieldtrace

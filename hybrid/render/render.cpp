@@ -107,6 +107,33 @@ std::string outgrown(const Picture& picture, bool out_of_addresses, const std::s
          " (raise --field-memory to avoid it)";
 }
 
+[[noreturn]] void fail_outgrown(const Picture& picture, bool out_of_addresses) {
+  const std::string memory = std::to_string(picture.field_memory / 1000000) + " MB; ";
+  throw Error("the fields of slice " + slice_text(*picture.options.slice) + " outgrew " +
+              (out_of_addresses ? "the address space that they may reserve; raise the limit (ulimit -v)"
+                                : "their " + memory + "raise --field-memory") +
+              ", or give coarser fields to all slices by --directions and --plane: what the whole picture would do "
+              "without memory, no slice can tell");
+}
+
+// What depends on the memory of a machine, or on surveys.
+PictureIdentity decisions_of(const FieldSet& fields, const FieldPlan& plan, const TransportContext& context,
+                             const Stage& stage, size_t maps_left_out, float tolerance) {
+  Stats s;
+  fields.count(s);
+  const auto number = [](auto n) { return std::to_string(n); };
+  return {{"fields", number(s.field_objects)},
+          {"objects left to rays", number(s.field_left_to_rays)},
+          {"objects left to rays for shadows on themselves", number(s.field_self_to_rays)},
+          {"the fields' cells", number(s.field_directions) + " x " + number(s.field_plane)},
+          {"objects whose fields answer glossy rays", number(plan.hit_instances.size())},
+          {"light samples where a light may be hidden", number(context.settings.open_light_samples)},
+          {"the tolerance of lights", number(tolerance)},
+          {"direction maps", stage.sky.maps ? number(stage.sky.maps->bytes()) + " bytes" : "none"},
+          {"light from surface to surface by maps", context.indirect ? "yes" : "no"},
+          {"radiance maps left out for memory", number(maps_left_out)}};
+}
+
 // One attempt with the fields of `plan`. Returns false if they exceeded their memory; `plan` is then the next
 // attempt's.
 bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult& result) {
@@ -162,6 +189,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state = *stage.resumed;
     context.settings.light_samples = state.light_samples;
     context.settings.open_light_samples = state.open_light_samples;
+    picture.split_lobes(context.settings, state.lobe_samples);
   } else if (options.keeps_sums()) {
     state.identity = stage.identity;
     state.restarts = stats.field_restarts;
@@ -169,6 +197,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed) {
       choose_light_samples(picture, context, stats);
+      choose_lobe_samples(picture, context, stats);
       stats.open_light_samples = context.settings.open_light_samples;
       if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state, stats)) return false;
     }
@@ -176,6 +205,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state.trust = stage.trust;
     state.light_samples = context.settings.light_samples;
     state.open_light_samples = context.settings.open_light_samples;
+    state.lobe_samples = context.settings.lobe_samples;
   }
   result.image = make_image(picture.window, picture.aovs);
   Stats done;
@@ -193,12 +223,18 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     stats.field_restarts += 1;
     std::string change;
     plan = fields.next_plan(change);
+    // Without what the cache held the picture is the same.
+    if (options.slice && plan.read_cache) fail_outgrown(picture, fields.budget().out_of_addresses());
     warn(warning, {}, outgrown(picture, fields.budget().out_of_addresses(), change));
     return false;
   }
   result.interrupted = job.interrupted;
   stats.merge_counters(done);
   fields.count(stats);
+  if (result.part) {
+    result.part->decided =
+        decisions_of(fields, plan, context, stage, glossy ? glossy->maps_left_out() : 0, stats.tolerance);
+  }
   stats.field_bytes_maps = context.lobes ? context.lobes->bytes() : 0;
   if (stage.sky.maps) stats.field_bytes_maps += stage.sky.maps->bytes();
   if (context.indirect) stats.field_bytes_maps += context.indirect->bytes();
@@ -247,8 +283,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
 
   std::unique_ptr<VisibilityDevice> device;
   if (picture.wants_fields && options.chart == Chart::orthographic) {
-    device =
-        open_device(options.device, {segment_kernels(picture.settings.isa), options.device_memory, told_once.warning});
+    device = open_device(options.device, {options.device_memory, told_once.warning});
   }
   RenderResult result;
   result.stats.tolerance = options.base_tolerance();
@@ -267,6 +302,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       stage.deadline =
           begin + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<float>(options.time_limit));
     if (options.keeps_sums()) stage.identity = picture_identity(picture);
+    if (options.slice) result.part = part_of(picture);
     if (!options.resume.empty()) {
       stage.resumed = read_checkpoint(options.resume, stage.identity);
       stage.trust = stage.resumed->trust;
@@ -307,6 +343,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   stats.time_secondary /= threads;
   stats.time_bake /= threads;
   stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
+  if (options.slice) stats.slice = slice_text(*options.slice);
   stats.spp = picture.by_rounds() ? int(std::lround(stats.samples_mean)) : picture.spp;
   stats.target_error = options.target_error;
   stats.time_limit = options.time_limit;
@@ -322,6 +359,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     stats.device_blocks = counts.blocks;
     stats.device_blocks_cpu = counts.blocks_cpu;
     stats.device_waves = counts.waves;
+    stats.device_waves_full = counts.waves_full;
+    stats.device_samples = counts.samples;
     stats.device_bytes = counts.bytes_peak;
   }
   stats.seed = picture.settings.seed;

@@ -21,8 +21,10 @@
 #include "core/scene/scene.h"
 #include "core/simd/isa.h"
 #include "field/store/risk_classes.h"
+#include "hybrid/film/part.h"
 #include "hybrid/film/sample_allocation.h"
 #include "hybrid/stats/stats.h"
+#include "hybrid/visibility/visibility_device.h"
 
 namespace fieldtrace {
 
@@ -63,14 +65,15 @@ struct RenderOptions {
   uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's memory
   int threads = 0;                 // 0: all hardware threads
   Isa isa = Isa::automatic;
-  std::string device = "cpu";    // that answers shadow rays; others: visibility_device.h
-  uint64_t device_memory = 0;    // bytes of its memory that fields may take there; 0: all
-  std::optional<Rect> crop;      // within the film's crop window
-  std::optional<int> max_depth;  // overrides the integrator's
-  bool check = false;            // also trace an exact ray for every field's answer, and count disagreements
-  bool force_undecided = false;  // test aid: look up, then treat every cell as undecided
-  bool whole_lights = true;      // let fields answer whole lights first; false: single rays only
-  bool leave_to_rays = true;     // leave objects to exact rays whose fields do not pay, by a survey
+  std::string device = "cpu";              // that answers shadow rays; others: visibility_device.h
+  uint64_t device_memory = 0;              // bytes of its memory that fields may take there; 0: all
+  uint64_t wave_samples = k_wave_samples;  // test aid: light samples that its waves are made from, at least
+  std::optional<Rect> crop;                // within the film's crop window
+  std::optional<int> max_depth;            // overrides the integrator's
+  bool check = false;                      // also trace an exact ray for every field's answer, and count disagreements
+  bool force_undecided = false;            // test aid: look up, then treat every cell as undecided
+  bool whole_lights = true;                // let fields answer whole lights first; false: single rays only
+  bool leave_to_rays = true;               // leave objects to exact rays whose fields do not pay, by a survey
   FieldHits field_hits = FieldHits::automatic;
   LightEstimator light_estimator = LightEstimator::automatic;
   uint64_t fewest_answers = 0;     // also leave those whose field would answer fewer rays of the film
@@ -84,6 +87,7 @@ struct RenderOptions {
   // one to go on from. Empty: none.
   std::string checkpoint, resume;
   double checkpoint_seconds = 60.0;
+  std::optional<Slice> slice;  // only these tiles; not for pictures by rounds or with checkpoints
 
   bool keeps_sums() const { return by_rounds() || !checkpoint.empty() || !resume.empty(); }
   bool by_rounds() const { return target_error > 0.0f || time_limit > 0.0f; }
@@ -104,8 +108,12 @@ struct RenderResult {
   Image image;  // R, G, B and the AOV channels; width and height of the crop window; unfinished tiles are 0
   Stats stats;
   bool interrupted = false;
+  std::optional<Part> part;  // of a slice: what to write with the image
 };
 
+// Slices: each makes the decisions that the whole picture makes, from the whole picture, so that its tiles are those of
+// the whole bit for bit. One exception is an Error: fields of a slice that outgrow their memory.
+//
 // Throws Error for a scene that cannot be rendered, UsageError for contradictory or out-of-range options.
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks = {});
 

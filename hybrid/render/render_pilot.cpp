@@ -77,17 +77,15 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
     const auto pixels = std::span<const PixelPosition>(survey.pixels).subspan(begin, end - begin);
     const std::vector<uint32_t> counts(pixels.size(), samples);
     TransportWorker& worker = workers.local();
-    for (int half = 0; half < 2; ++half) {
-      const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit>) {
-        const TransportWorker::Cost& cost = worker.sample_cost();
-        survey.sums[begin + pixel].add(half, radiance, cost.work, cost.seconds);
-      };
-      const auto goes_on = [&] { return !picture.stopped(); };
-      // Isolated like the tiles of the picture (render_tiles).
-      tbb::this_task_arena::isolate([&] {
-        trace_pixels(pixels, counts, replicate + uint32_t(half), context.settings.lobe_samples, worker, goes_on, add);
-      });
-    }
+    const auto add = [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit>) {
+      const TransportWorker::Cost& cost = worker.sample_cost();
+      survey.sums[begin + run.pixel].add(run.half, radiance, cost.work, cost.seconds);
+    };
+    const auto goes_on = [&] { return !picture.stopped(); };
+    // Isolated like the tiles of the picture (render_tiles).
+    tbb::this_task_arena::isolate([&] {
+      trace_pixels(pixels, counts, Halves{2, replicate}, context.settings.lobe_samples, worker, goes_on, add);
+    });
   });
   for (const TransportWorker& worker : workers) {
     stats.survey_rays += worker.stats().rays_exact;
@@ -173,6 +171,9 @@ double square_of_target(const RenderOptions& options) {
 // Pictures of which fewer samples of a pixel reach the error, or the end of the time, are left to rays.
 constexpr double k_fewest_samples = 8.0;
 
+// Lobe samples that are tried beside one.
+constexpr int k_more_lobe_samples = 4;
+
 // Tolerances of lights where the usual one errs too much for a target error, in parts of it.
 constexpr float k_less_trust = 0.125f;
 
@@ -215,6 +216,18 @@ void choose_light_samples(const Picture& picture, TransportContext& context, Sta
     best = context.settings;
   }
   context.settings = best;
+}
+
+void choose_lobe_samples(const Picture& picture, TransportContext& context, Stats& stats) {
+  // Radiance maps answer for whole lobes.
+  if (picture.options.lobe_samples != 1 || picture.spp < k_fewest_samples || context.lobes) return;
+  const std::vector<Bsdf>& all = picture.scene.bsdfs;
+  const auto splits = [](const Bsdf& b) { return b.kind != BsdfKind::diffuse && b.kind != BsdfKind::conductor; };
+  if (std::none_of(all.begin(), all.end(), splits)) return;
+  const SampleCost one = survey_noise(picture, context, stats);
+  picture.split_lobes(context.settings, k_more_lobe_samples);
+  const SampleCost more = survey_noise(picture, context, stats);
+  if (!(more.variance * more.work < one.variance * one.work)) picture.split_lobes(context.settings, 1);
 }
 
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,

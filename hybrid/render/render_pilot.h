@@ -17,6 +17,9 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats);
 // Sets the light samples of each camera sample that lower Monte Carlo's noise most for their work.
 void choose_light_samples(const Picture& picture, TransportContext& context, Stats& stats);
 
+// Sets the lobe samples of each camera sample likewise, for either method.
+void choose_lobe_samples(const Picture& picture, TransportContext& context, Stats& stats);
+
 // Whether fields will reach the target error, and sooner than rays, or err less at the end of the time; if not, says in
 // `stage` how far to trust them next. Sets what `decided` says of errors and samples.
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,

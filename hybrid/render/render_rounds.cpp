@@ -114,8 +114,8 @@ class Rounds {
 
   void trace() {
     Pass pass;
-    pass.halves = picture_.by_rounds() ? 2 : 1;
-    pass.first_replicate = uint32_t(pass.halves) * state_.round;
+    pass.halves.count = picture_.by_rounds() ? 2 : 1;
+    pass.halves.first_replicate = uint32_t(pass.halves.count) * state_.round;
     pass.samples_of_half = [&](const PixelPosition& p) { return samples_of_half(p); };
     for (size_t i = 0; i < tiles_.size(); ++i) {
       const std::vector<PixelPosition> pixels = tile_pixels(tiles_[i]);

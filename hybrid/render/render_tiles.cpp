@@ -7,50 +7,69 @@
 #include <numeric>
 
 #include "core/platform/parallel.h"
-#include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
 namespace {
 
-// The pixels to trace for a window. Where candidates may overflow, a ray's test depends on its group, and the groups on
-// the tile; whole tiles of the film are traced then, so that a pixel is the same in every window.
+// The pixels to trace for a window: whole blocks of the film, since irradiance may be fitted within these. Where
+// candidates may overflow, a ray's test depends on its group, and the groups on the tile; whole tiles of the film are
+// traced then, so that a pixel is the same in every window.
 Rect traced_window(const Scene& scene, const Rect& window) {
-  if (scene.instances.size() <= k_most_candidates) return window;
-  const auto floor_to_tile = [](int v) { return v / k_tile_size * k_tile_size; };
-  const auto end = [&](int last, int film) { return std::min(floor_to_tile(last) + k_tile_size, film); };
-  const int x = floor_to_tile(window.x), y = floor_to_tile(window.y);
+  const int unit = scene.instances.size() <= k_most_candidates ? k_block_size : k_tile_size;
+  const auto floor_to_unit = [unit](int v) { return v / unit * unit; };
+  const auto end = [&](int last, int film) { return std::min(floor_to_unit(last) + unit, film); };
+  const int x = floor_to_unit(window.x), y = floor_to_unit(window.y);
   return {x, y, end(window.x + window.width - 1, scene.film.width) - x,
           end(window.y + window.height - 1, scene.film.height) - y};
 }
 
 // Returns false if it was stopped.
 bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& worker, TileSums& result) {
-  result.pixels = tile_pixels(tile);
-  result.sums.assign(result.pixels.size(), {});
-  result.aovs.assign(job.context.settings.first_hits ? result.pixels.size() : 0, {});
-  std::vector<uint32_t> counts;
-  for (const PixelPosition& p : result.pixels) counts.push_back(pass.samples_of_half(p));
-  for (int half = 0; half < pass.halves; ++half) {
-    const auto add = [&](size_t pixel, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
-      const TransportWorker::Cost& cost = worker.sample_cost();
-      const uint64_t not_finite = result.sums[pixel].add(half, radiance, cost.work, cost.seconds);
-      if (not_finite > 0) job.not_finite += not_finite;
-      for (const FirstHit& first : firsts) result.aovs[pixel].add(first);
-    };
-    if (!trace_pixels(
-            result.pixels, counts, pass.first_replicate + uint32_t(half), job.context.settings.lobe_samples, worker,
-            [&] { return job.goes_on(); }, add))
-      return false;
-  }
-  return true;
+  const std::vector<uint32_t> counts = begin_tile(job, pass, tile, result);
+  const auto add = [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
+    result.add(job, run, radiance, firsts, worker.sample_cost());
+  };
+  return trace_pixels(
+      result.pixels, counts, pass.halves, job.context.settings.lobe_samples, worker, [&] { return job.goes_on(); },
+      add);
+}
+
+// Indices of the picture's tiles that its slice has, or of all.
+std::vector<size_t> tiles_to_trace(const Picture& picture, const std::vector<Rect>& tiles) {
+  std::vector<size_t> chosen(tiles.size());
+  std::iota(chosen.begin(), chosen.end(), size_t(0));
+  if (!picture.options.slice || tiles.empty()) return chosen;
+  const auto in_first_row = [&](const Rect& tile) { return tile.y == tiles[0].y; };
+  const auto columns = int(std::count_if(tiles.begin(), tiles.end(), in_first_row));
+  const std::vector<int> slices = slices_of_tiles(columns, int(tiles.size()) / columns, picture.options.slice->count);
+  std::erase_if(chosen, [&](size_t i) { return slices[i] != picture.options.slice->number; });
+  return chosen;
 }
 
 }  // namespace
 
-std::vector<Rect> picture_tiles(const Picture& picture) {
-  return make_tiles(picture.by_rounds() ? picture.window : traced_window(picture.scene, picture.window), k_tile_size);
+Rect traced_pixels(const Picture& picture) {
+  return picture.by_rounds() ? picture.window : traced_window(picture.scene, picture.window);
 }
+
+std::vector<uint32_t> begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums) {
+  sums.pixels = tile_pixels(tile, job.context.fits_blocks());
+  sums.sums.assign(sums.pixels.size(), {});
+  sums.aovs.assign(job.context.settings.first_hits ? sums.pixels.size() : 0, {});
+  std::vector<uint32_t> counts;
+  for (const PixelPosition& p : sums.pixels) counts.push_back(pass.samples_of_half(p));
+  return counts;
+}
+
+void TileSums::add(Job& job, const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
+                   const TransportWorker::Cost& cost) {
+  const uint64_t not_finite = sums[run.pixel].add(run.half, radiance, cost.work, cost.seconds);
+  if (not_finite > 0) job.not_finite += not_finite;
+  for (const FirstHit& first : firsts) aovs[run.pixel].add(first);
+}
+
+std::vector<Rect> picture_tiles(const Picture& picture) { return make_tiles(traced_pixels(picture), k_tile_size); }
 
 Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
   Image image;
@@ -90,6 +109,7 @@ void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t til
     TransportWorker transport;
     TileSums sums;
   };
+  if (job.context.answerer.device()) return trace_bands(job, pass, finished, progress, stats);
   const std::vector<Rect> tiles = picture_tiles(job.picture);
   std::atomic<size_t> done = 0;
   tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(job.context); });
@@ -115,8 +135,7 @@ void render_tiles(Job& job, Image& image, Stats& stats) {
   Pass pass;
   pass.samples_of_half = [&](const PixelPosition&) { return uint32_t(picture.spp); };
   const std::vector<Rect> tiles = picture_tiles(picture);
-  pass.tiles.resize(tiles.size());
-  std::iota(pass.tiles.begin(), pass.tiles.end(), size_t(0));
+  pass.tiles = tiles_to_trace(picture, tiles);
   const auto finished = [&](size_t index, const TileSums& tile) {
     for (size_t i = 0; i < tile.pixels.size(); ++i) {
       if (contains(picture.window, tile.pixels[i]))

@@ -13,6 +13,7 @@
 #include "hybrid/path/tiles.h"
 #include "hybrid/path/transport_context.h"
 #include "hybrid/render/picture.h"
+#include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {
 
@@ -31,8 +32,7 @@ struct Job {
 
 // Camera samples that one pass over the tiles takes.
 struct Pass {
-  int halves = 1;
-  uint32_t first_replicate = 0;                                   // of the first half; the second takes the next one
+  Halves halves;
   std::function<uint32_t(const PixelPosition&)> samples_of_half;  // of each pixel
   std::vector<size_t> tiles;                                      // indices into picture_tiles(), in order
 };
@@ -42,9 +42,19 @@ struct TileSums {
   std::vector<PixelPosition> pixels;
   std::vector<PixelSums> sums;
   std::vector<AovSums> aovs;
+
+  // Adds samples of a run.
+  void add(Job& job, const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
+           const TransportWorker::Cost& cost);
 };
 
-// The tiles that a picture is traced in.
+// The pixels that a picture traces: its window, or more where pixels depend on their neighbours'.
+Rect traced_pixels(const Picture& picture);
+
+// Makes the sums of a tile, and returns the camera samples that a half takes of each of its pixels.
+std::vector<uint32_t> begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums);
+
+// The tiles that a picture is traced in, row by row.
 std::vector<Rect> picture_tiles(const Picture& picture);
 
 // A black image of the picture's window and layers.
@@ -56,7 +66,11 @@ Image make_image(const Rect& window, const std::vector<Aov>& aovs);
 void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t tile, const TileSums&)>& finished,
                  const std::function<void(size_t tiles)>& progress, Stats& stats);
 
-// Renders all tiles in one pass, unless the budget or an interrupt stops it.
+// The same for a context whose answerer has a device (render_bands.cpp).
+void trace_bands(Job& job, const Pass& pass, const std::function<void(size_t tile, const TileSums&)>& finished,
+                 const std::function<void(size_t tiles)>& progress, Stats& stats);
+
+// Renders all tiles, or those of the picture's slice, in one pass, unless the budget or an interrupt stops it.
 void render_tiles(Job& job, Image& image, Stats& stats);
 
 // Hands the part of `tile` (pixels of the film) within the window to callbacks.tile, if there is one.

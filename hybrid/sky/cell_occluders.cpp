@@ -73,15 +73,17 @@ bool meets_cone(const Sphere& ball, const Sphere& from, const Vec3& axis, float 
   return widest >= k_pi || glm::dot(to, axis) >= std::cos(widest) * distance;
 }
 
-void CellOccluders::bound(const ShadingPointBatch& points) {
+Sphere ball_about(const ShadingPointBatch& points) {
   Bounds3 bounds;
+  for (size_t i = 0; i < points.size; ++i) bounds.extend(Vec3(points.px[i], points.py[i], points.pz[i]));
+  return {bounds.centre(), 0.5f * glm::length(bounds.diagonal())};
+}
+
+void CellOccluders::bound(const ShadingPointBatch& points) {
   Vec3 sum(0.0f);
   const auto normal = [&](size_t i) { return Vec3(points.sx[i], points.sy[i], points.sz[i]); };
-  for (size_t i = 0; i < points.size; ++i) {
-    bounds.extend(Vec3(points.px[i], points.py[i], points.pz[i]));
-    sum += normal(i);
-  }
-  ball_ = {bounds.centre(), 0.5f * glm::length(bounds.diagonal())};
+  for (size_t i = 0; i < points.size; ++i) sum += normal(i);
+  ball_ = ball_about(points);
   mean_normal_ = glm::length(sum) > 0.0f ? glm::normalize(sum) : Vec3(0.0f, 0.0f, 1.0f);
   float least = 1.0f;
   for (size_t i = 0; i < points.size; ++i) least = std::min(least, glm::dot(mean_normal_, normal(i)));

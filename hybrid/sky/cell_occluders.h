@@ -21,6 +21,9 @@ struct OwnObject {
   MapRadiance radiance;
 };
 
+// A ball about all points.
+Sphere ball_about(const ShadingPointBatch& points);
+
 class CellOccluders {
  public:
   // `points` is not empty, all of one instance and one place(); `sky` must outlive what is found.

@@ -53,6 +53,7 @@ void Stats::merge_counters(const Stats& o) {
   check_strata_worst = std::max(check_strata_worst, o.check_strata_worst);
   check_sky.merge(o.check_sky);
   check_indirect.merge(o.check_indirect);
+  check_fitted.merge(o.check_fitted);
   check_surfels.merge(o.check_surfels);
   for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
     for (int self = 0; self < 2; ++self) {
@@ -67,6 +68,7 @@ std::string Stats::to_json() const {
   j["method"] = method;
   j["spp"] = spp;
   if (resumed) j["resumed"] = true;
+  if (!slice.empty()) j["slice"] = slice;
   if (by_rounds) {
     j["target_error"] = target_error;
     j["time_limit"] = time_limit;
@@ -124,6 +126,7 @@ std::string Stats::to_json() const {
   };
   j["check"]["sky"] = differences(check_sky);
   j["check"]["indirect"] = differences(check_indirect);
+  j["check"]["fitted"] = differences(check_fitted);
   j["check"]["surfels"] = differences(check_surfels);
   j["field"] = {
       {"objects", field_objects},           {"left_to_rays", field_left_to_rays}, {"own_to_rays", field_self_to_rays},
@@ -137,6 +140,8 @@ std::string Stats::to_json() const {
                  {"blocks", device_blocks},
                  {"blocks_cpu", device_blocks_cpu},
                  {"waves", device_waves},
+                 {"waves_full", device_waves_full},
+                 {"samples", device_samples},
                  {"bytes_peak", device_bytes}};
   j["memory"] = {{"peak_bytes", memory_peak_bytes}};
   j["version"] = version;

@@ -71,6 +71,7 @@ struct Stats {
   bool by_rounds = false;
   uint32_t rounds = 0;  // finished
   bool resumed = false;
+  std::string slice;  // "K/N"; empty: the whole picture
   double error_noise = 0, error_fields = 0, error_estimate = 0;
   double samples_mean = 0;
   uint32_t samples_fewest = 0, samples_most = 0;
@@ -112,6 +113,7 @@ struct Stats {
   double check_strata_sum = 0.0, check_strata_worst = 0.0;
   CheckedDifferences check_sky;       // shares of direction cells of the sky
   CheckedDifferences check_indirect;  // irradiance of what objects send on, in units of the open sky's
+  CheckedDifferences check_fitted;    // irradiance of pixels that was fitted to others', likewise
   CheckedDifferences check_surfels;   // radiance of surfels, in units of their mean
 
   int field_directions = 0, field_plane = 0;
@@ -129,8 +131,10 @@ struct Stats {
   uint64_t field_restarts = 0;  // attempts that exceeded the budget
   uint64_t bake_rays = 0;
   // Of a device other than the CPU: blocks of 32 rays or shading points that it answered, those that it left to the
-  // CPU, waits for it, and the most bytes of its memory.
-  uint64_t device_blocks = 0, device_blocks_cpu = 0, device_waves = 0, device_bytes = 0;
+  // CPU, waits for it, those for k_wave_samples light samples or more, the light samples of all
+  // (hybrid/visibility/visibility_device.h), and the most bytes of its memory.
+  uint64_t device_blocks = 0, device_blocks_cpu = 0, device_waves = 0, device_waves_full = 0, device_samples = 0;
+  uint64_t device_bytes = 0;
   uint64_t memory_peak_bytes = 0;
   std::string version;
 

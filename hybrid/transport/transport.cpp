@@ -1,10 +1,13 @@
 #include "hybrid/transport/transport.h"
 
+#include <tbb/task_arena.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
 #include "core/math/finite.h"
+#include "core/platform/parallel.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/sky/indirect_light.h"
 #include "hybrid/stats/stopwatch.h"
@@ -34,21 +37,31 @@ bool shows_sample(const PathVertex& vertex, const PathState& leaving, uint32_t i
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
   const ScopedTimer timer(stats.time_primary);
-  const uint32_t picture_seed =
-      samples.replicate == 0 ? settings.seed : scalar::hash_combine(settings.seed, samples.replicate);
-  context.camera.sample(samples, picture_seed, settings.isa, rays, near_distance);
+  make_seeds(samples);
+  context.camera.sample(samples, pixel_seeds, settings.isa, rays, near_distance);
   paths.swap(camera_paths);
   paths.resize(samples.size);
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
   sample_indices = {samples.index.data(), samples.size};
-  pixel_seeds.resize(samples.size);
-  vertex_seeds.resize(samples.size);
+  pixels.clear();
+  if (samples.whole_blocks && context.fits_blocks()) {
+    for (size_t i = 0; i < samples.size; ++i) pixels.push_back({int(samples.x[i]), int(samples.y[i])});
+  }
+}
+
+void TransportWorker::Impl::make_seeds(const CameraSamples& samples) {
+  for (auto* v : {&pixel_seeds, &vertex_seeds, &pixel_numbers}) v->resize(padded(samples.size));
+  uint32_t number = 0;
   for (size_t begin = 0, end = 0; begin < samples.size; begin = end) {
-    const uint32_t x = samples.x[begin], y = samples.y[begin];
-    for (end = begin + 1; end < samples.size && samples.x[end] == x && samples.y[end] == y;) ++end;
+    const uint32_t x = samples.x[begin], y = samples.y[begin], replicate = samples.replicate[begin];
+    const auto is_same = [&](size_t i) { return samples.x[i] == x && samples.y[i] == y; };
+    for (end = begin + 1; end < samples.size && is_same(end) && samples.replicate[end] == replicate;) ++end;
+    const uint32_t picture_seed = replicate == 0 ? settings.seed : scalar::hash_combine(settings.seed, replicate);
     const uint32_t seed = scalar::pixel_seed(picture_seed, x, y);
     std::fill_n(&pixel_seeds[begin], end - begin, seed);
     std::fill_n(&vertex_seeds[begin], end - begin, scalar::vertex_seed(seed, 0));
+    number += begin == 0 || !is_same(begin - 1);
+    std::fill_n(&pixel_numbers[begin], end - begin, number);
   }
 }
 
@@ -170,10 +183,25 @@ void TransportWorker::Impl::pass_hidden_emitters() {
   }
 }
 
-void TransportWorker::Impl::gather_light(int vertex_number) {
+DirectLight::Request TransportWorker::Impl::light_request(int vertex_number) {
   const bool first = vertex_number == 0;
-  direct.gather(receivers, vertices, first ? settings.light_samples : 1, first,
-                first && settings.count_first_hits ? std::span(firsts) : std::span<FirstHit>(), stats);
+  return {.direct = direct,
+          .receivers = receivers,
+          .vertices = vertices,
+          .light_samples = first ? settings.light_samples : 1,
+          .first = first,
+          .pixels = first ? pixels : std::span<const PixelPosition>(),
+          .firsts = first && settings.count_first_hits ? std::span(firsts) : std::span<FirstHit>(),
+          .stats = stats};
+}
+
+void TransportWorker::Impl::gather_light(int vertex_number) {
+  DirectLight::gather(light_request(vertex_number));
+  add_light(vertex_number);
+}
+
+void TransportWorker::Impl::add_light(int vertex_number) {
+  const bool first = vertex_number == 0;
   const auto arriving = [&r = receivers](size_t i) {
     return Rgb(r.arriving_red[i], r.arriving_green[i], r.arriving_blue[i]);
   };
@@ -317,34 +345,98 @@ void TransportWorker::Impl::go_on(int vertex_number) {
   }
 }
 
-void TransportWorker::Impl::trace(const CameraSamples& samples) {
+void TransportWorker::Impl::begin(const CameraSamples& samples, std::span<Rgb> to) {
+  radiance = to;
+  std::fill(radiance.begin(), radiance.end(), Rgb(0.0f));
+  occlusion.clear();
+  sample_cost = {};
   generate(samples);
-  if (settings.max_depth == 0 || samples.size == 0) return;
+}
+
+bool TransportWorker::Impl::meet_first() {
+  if (settings.max_depth == 0 || paths.empty()) return false;
   intersect(0);
   if (settings.hide_emitters) pass_hidden_emitters();
   arrive(0);
-  if (settings.occlusion) occlusion.gather(firsts, stats);
-  gather_light(0);
+  if (settings.occlusion) occlusion.gather(pixels, firsts, stats);
+  return true;
+}
+
+void TransportWorker::Impl::leave_first() {
   scatter(0);
   camera_paths.swap(next_paths);
-  go_on(0);
+}
+
+// `rays_before`: rays_traced() before the batch; `seconds`: all that it took.
+void TransportWorker::Impl::end(uint64_t rays_before, double seconds) {
+  if (radiance.empty()) return;
+  const auto count = double(radiance.size());
+  sample_cost.seconds = seconds / count;
+  sample_cost.work = 1.0 + double(rays_traced() - rays_before) / count;
 }
 
 void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radiance) {
   Impl& w = *impl_;
-  w.radiance = radiance;
-  std::fill(radiance.begin(), radiance.end(), Rgb(0.0f));
-  w.occlusion.clear();
-  const uint64_t rays_before = w.stats.rays_primary + w.stats.rays_exact;
-  w.sample_cost = {};
+  const uint64_t rays_before = w.rays_traced();
+  double seconds = 0.0;
   {
-    const ScopedTimer timer(w.sample_cost.seconds);
-    w.trace(samples);
+    const ScopedTimer timer(seconds);
+    w.begin(samples, radiance);
+    if (w.meet_first()) {
+      w.gather_light(0);
+      w.leave_first();
+      w.go_on(0);
+    }
   }
-  if (samples.size == 0) return;
-  const uint64_t rays = w.stats.rays_primary + w.stats.rays_exact - rays_before;
-  w.sample_cost.seconds /= double(samples.size);
-  w.sample_cost.work = 1.0 + double(rays) / double(samples.size);
+  w.end(rays_before, seconds);
+}
+
+void TransportWorker::trace(std::span<const Batch> band) {
+  std::vector<uint64_t> rays_before(band.size());
+  std::vector<uint8_t> goes_on(band.size(), 1);
+  const auto for_band = [&](const auto& work) {
+    parallel_for(band.size(), [&](size_t i) {
+      // Isolated: a thread that waits for a bake must not begin another batch with the same workspaces.
+      if (goes_on[i]) tbb::this_task_arena::isolate([&] { work(i, *band[i].worker.impl_); });
+    });
+  };
+  const auto gather_light = [&](int vertex_number) {
+    std::vector<DirectLight::Request> requests;
+    for (size_t i = 0; i < band.size(); ++i) {
+      if (goes_on[i]) requests.push_back(band[i].worker.impl_->light_request(vertex_number));
+    }
+    DirectLight::gather_waves(requests);
+  };
+  double seconds = 0.0;
+  {
+    const ScopedTimer timer(seconds);
+    for_band([&](size_t i, Impl& w) {
+      rays_before[i] = w.rays_traced();
+      w.begin(band[i].samples, band[i].radiance);
+      goes_on[i] = w.meet_first();
+    });
+    gather_light(0);
+    for_band([&](size_t i, Impl& w) {
+      w.add_light(0);
+      w.leave_first();
+      goes_on[i] = !w.paths.empty();
+    });
+    for (int n = 1; std::find(goes_on.begin(), goes_on.end(), uint8_t(1)) != goes_on.end(); ++n) {
+      for_band([&](size_t, Impl& w) {
+        w.intersect(n);
+        w.arrive(n);
+      });
+      gather_light(n);
+      for_band([&](size_t i, Impl& w) {
+        w.add_light(n);
+        w.scatter(n);
+        goes_on[i] = !w.paths.empty();
+      });
+    }
+  }
+  for (size_t i = 0; i < band.size(); ++i) {
+    band[i].worker.impl_->end(rays_before[i], seconds / double(band.size()));
+  }
 }
 
 const TransportWorker::Cost& TransportWorker::sample_cost() const { return impl_->sample_cost; }
@@ -353,12 +445,14 @@ std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context
   return std::make_unique<TransportWorker>(context);
 }
 
+bool TransportWorker::fits_blocks() const { return impl_->context.fits_blocks(); }
+
 std::span<const FirstHit> TransportWorker::first_hits() const { return impl_->firsts; }
 
 uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<PathState>& paths,
                                  std::span<Rgb> radiance) {
   Impl& w = *impl_;
-  const uint64_t before = w.stats.rays_primary + w.stats.rays_exact;
+  const uint64_t before = w.rays_traced();
   w.follow_radiance.assign(vertices.size(), Rgb(0.0f));
   w.radiance = w.follow_radiance;
   for (uint32_t i = 0; i < vertices.size(); ++i) {
@@ -369,7 +463,11 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   w.vertices = w.vertex_storage;
   w.paths.swap(paths);
   w.receivers.clear(w.vertices.size());
-  for (uint32_t i = 0; i < w.vertices.size(); ++i) w.receivers.add(w.vertices[i], i, w.paths[i]);
+  w.pixel_numbers.resize(w.paths.size());
+  for (uint32_t i = 0; i < w.vertices.size(); ++i) {
+    w.pixel_numbers[i] = w.paths[i].pixel_seed;
+    w.receivers.add(w.vertices[i], i, w.paths[i], w.pixel_numbers[i]);
+  }
   if (w.settings.max_depth != 0) {
     w.gather_light(0);
     w.scatter(0);
@@ -379,7 +477,7 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
     const Rgb& sum = w.follow_radiance[i];
     radiance[i] = is_finite(sum) ? sum : Rgb(0.0f);
   }
-  return w.stats.rays_primary + w.stats.rays_exact - before;
+  return w.rays_traced() - before;
 }
 
 }  // namespace fieldtrace

@@ -32,6 +32,18 @@ class TransportWorker final : public PathFollower {
   // is best.
   void trace(const CameraSamples& samples, std::span<Rgb> radiance);
 
+  // The same for a band of batches, with a worker each, of one context: they go from surface to surface together, in
+  // parallel, and their light's visibility is asked of the context's device, which there must be, in waves.
+  struct Batch {
+    TransportWorker& worker;
+    const CameraSamples& samples;
+    std::span<Rgb> radiance;
+  };
+  static void trace(std::span<const Batch> band);
+
+  // Whether irradiance is fitted within blocks of pixels, if samples hold these whole.
+  bool fits_blocks() const;
+
   // Of the samples of the last trace(); empty unless the settings keep first hits.
   std::span<const FirstHit> first_hits() const;
 

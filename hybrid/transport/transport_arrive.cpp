@@ -39,7 +39,7 @@ void TransportWorker::Impl::record_first_hit(uint32_t path, const PathVertex& ve
   first.depth = near_distance[path] + hits.t[path];
   first.position = DVec3(vertex.surface->position) + scene.origin;
   first.object = vertex.surface->instance + 1;
-  if (settings.occlusion) occlusion.add(vertex, paths[path].slot, paths[path].index);
+  if (settings.occlusion) occlusion.add(vertex, paths[path].slot, pixel_numbers[paths[path].slot], paths[path].index);
 }
 
 // Albedo and normal for denoisers; of a smooth surface, unless the path goes on from there.
@@ -200,11 +200,13 @@ void TransportWorker::Impl::add_run(Arrival& arrival, const HitRun& run, const M
     const size_t count = run.end - run.begin;
     std::copy_n(&vertex_seeds[run.begin], count, &points.seed[first]);
     std::copy_n(&sample_indices[run.begin], count, &points.sample[first]);
+    std::copy_n(&pixel_numbers[run.begin], count, &receivers.pixel[first]);
     return;
   }
   for (uint32_t i = run.begin; i < run.end; ++i) {
     const size_t to = first + (i - run.begin);
     points.seed[to] = arrival.seed_of(paths[i]), points.sample[to] = paths[i].index;
+    receivers.pixel[to] = pixel_numbers[paths[i].slot];
   }
 }
 
@@ -224,7 +226,7 @@ void TransportWorker::Impl::add_vertex(Arrival& arrival, uint32_t i, const MetIn
   if (!arrival.is_first && !survives_roulette(path, v.seed, arrival.vertex_number)) return;
   v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
   const bool is_kept = arrival.diffuse_goes_on || !v.material->plain_diffuse();
-  receivers.add(v, is_kept ? uint32_t(arrival.vertices) : k_none, path);
+  receivers.add(v, is_kept ? uint32_t(arrival.vertices) : k_none, path, pixel_numbers[path.slot]);
   arrival.vertices += is_kept;
 }
 

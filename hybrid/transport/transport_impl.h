@@ -43,7 +43,9 @@ struct TransportWorker::Impl {
   std::vector<PathState> camera_paths;
   // By camera ray. The three members of a camera path that differ from a new one's are set where a path is needed.
   AlignedVector<uint32_t> pixel_seeds, vertex_seeds;
+  AlignedVector<uint32_t> pixel_numbers;  // by slot; another one for each pixel of the batch
   std::span<const uint32_t> sample_indices;
+  std::vector<PixelPosition> pixels;  // of camera samples; empty where none are interpolated between
   TransportWorker::Cost sample_cost;
   std::vector<PathVertex> vertex_storage;  // never shrinks, because new vertices cost time
   std::span<PathVertex> vertices;
@@ -75,8 +77,13 @@ struct TransportWorker::Impl {
   // Whether diffuse surfaces of this number know what comes from those instances that send light by way of the sky.
   bool knows_indirect(int vertex_number) const { return context.indirect && context.has_sky_maps(vertex_number); }
 
-  void trace(const CameraSamples& samples);
+  void begin(const CameraSamples& samples, std::span<Rgb> to);
+  bool meet_first();  // whether light samples may be taken where the camera rays ended
+  void leave_first();
+  void end(uint64_t rays_before, double seconds);
+  uint64_t rays_traced() const { return stats.rays_primary + stats.rays_exact; }
   void generate(const CameraSamples& samples);
+  void make_seeds(const CameraSamples& samples);
   void pass_hidden_emitters();
   void intersect(int vertex_number);
   bool answers_lobes(int vertex_number) const;
@@ -126,7 +133,9 @@ struct TransportWorker::Impl {
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
   void add_emission(const PathState& path, const Rgb& throughput, const Vec3& origin, const Vec3& direction,
                     uint32_t light, const LightHit& hit);
+  DirectLight::Request light_request(int vertex_number);
   void gather_light(int vertex_number);
+  void add_light(int vertex_number);
   void scatter(int vertex_number);
   void go_on(int vertex_number);
   bool goes_on(bool is_diffuse, int vertex_number) const;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "hybrid/visibility/device_answers.h"
 #include "hybrid/visibility/shadow_workspace.h"
 
 namespace fieldtrace {
@@ -46,14 +47,19 @@ Shaft shaft_to(const ShadingPointBatch& shading_points, size_t r, const LightExt
 
 }  // namespace
 
+// The origin of a ray lies up to `error` away from its shading point.
+Sphere ShadowAnswerer::light_with_errors(const ShadingPointBatch& shading_points, const LightExtent& extent) {
+  Sphere light = extent.ball;
+  for (size_t r = 0; r < shading_points.size; ++r) light.radius = std::max(light.radius, shading_points.error[r]);
+  return light;
+}
+
 ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                                const std::vector<Field*>& fields, const AnswererSettings& settings,
                                const std::vector<const ThesisField*>& thesis_fields)
     : scene_(scene),
       accel_(accel),
       kernels_(segment_kernels(settings.isa)),
-      cpu_(kernels_),
-      device_(settings.device ? *settings.device : cpu_),
       thesis_kernels_(thesis_kernels(settings.isa)),
       settings_(settings),
       candidates_(scene),
@@ -68,7 +74,9 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
 
 ShadowAnswerer::~ShadowAnswerer() = default;
 
-void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const {
+void ShadowAnswerer::choose_candidates(CandidateRequest& request) const {
+  const ShadingPointBatch& shading_points = request.points;
+  ShadowGroup& group = request.group;
   group.candidates.clear();
   group.open.clear();
   group.open_points.clear();
@@ -86,22 +94,30 @@ void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, Sh
   group.shadow.assign(size, all);
   group.by_rays.assign(size, all);
   if (settings_.check) group.blocked_by.assign(shading_points.size, k_none);
-  if (!group.is_tested) {
-    if (settings_.count_uses && !settings_.whole_scene) count_untested(shading_points, group, stats);
-    return;
-  }
+  if (group.is_tested || !settings_.count_uses || settings_.whole_scene) return;
+  count_untested(shading_points, group, request.stats);
+}
+
+void ShadowAnswerer::test_candidates(CandidateRequest& request) const {
+  ShadowGroup& group = request.group;
+  if (!group.is_tested) return;
   Workspace& work = *workspaces_.local();
-  work.shafts.assign(shading_points.size, std::nullopt);
-  Sphere light = group.light.ball;
-  // The origin of a ray lies up to `error` away from its shading point.
-  for (size_t r = 0; r < shading_points.size; ++r) light.radius = std::max(light.radius, shading_points.error[r]);
+  work.shafts.assign(request.points.size, std::nullopt);
+  const Sphere light = light_with_errors(request.points, group.light);
   for (uint32_t slot = 0; slot < group.candidates.size(); ++slot) {
-    test_candidate(slot, shading_points, light, group, work, stats);
+    const ConeQuestion* const question = request.questions.empty() ? nullptr : &request.questions[slot];
+    test_candidate(slot, question, request, light, work);
   }
 }
 
-void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shading_points, const Sphere& light,
-                                    ShadowGroup& group, Workspace& work, Stats& stats) const {
+void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const {
+  CandidateRequest request{shading_points, group, stats};
+  choose_candidates(request);
+  test_candidates(request);
+}
+
+void ShadowAnswerer::meet_bounds(uint32_t slot, const ShadingPointBatch& shading_points, const Sphere& light,
+                                 const ShadowGroup& group, Workspace& work) const {
   const ShadowInstance& o = instances_[group.candidates[slot]];
   work.flags.assign(padded(shading_points.size), 0);
   if (o.in_ball) {
@@ -109,20 +125,38 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
   } else {
     kernels_.hull_meets_box(o.box, shading_points, light, work.flags.data());
   }
-  uint32_t most_samples = 0;
   for (size_t r = 0; r < work.flags.size(); ++r) {
     if (r >= shading_points.size || group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // padding, or settled
     // By the test that chose the candidates, too: else an instance that only other shading points brought in could
     // count.
-    if (work.flags[r]) {
-      std::optional<Shaft>& shaft = work.shafts[r];
-      if (!shaft) shaft.emplace(shaft_to(shading_points, r, group.light));
-      if (!candidates_.meets(*shaft, group.candidates[slot])) work.flags[r] = 0;
+    if (!work.flags[r]) continue;
+    std::optional<Shaft>& shaft = work.shafts[r];
+    if (!shaft) shaft.emplace(shaft_to(shading_points, r, group.light));
+    if (!candidates_.meets(*shaft, group.candidates[slot])) work.flags[r] = 0;
+  }
+}
+
+void ShadowAnswerer::test_candidate(uint32_t slot, const ConeQuestion* question, const CandidateRequest& request,
+                                    const Sphere& light, Workspace& work) const {
+  const ShadingPointBatch& shading_points = request.points;
+  ShadowGroup& group = request.group;
+  const ShadowInstance& o = instances_[group.candidates[slot]];
+  if (question) {
+    work.flags.assign(padded(shading_points.size), 0);
+    for (size_t i = 0; i < question->blocks.size(); ++i) {
+      for_each_wanted(*question, i, [&](uint32_t r) {
+        if (!(group.shadow[r] & k_light_blocked)) work.flags[r] = k_may_shadow;
+      });
     }
+  } else {
+    meet_bounds(slot, shading_points, light, group, work);
+  }
+  uint32_t most_samples = 0;
+  for (size_t r = 0; r < work.flags.size(); ++r) {
     if (!work.flags[r]) continue;
     group.met[r] = 1;
     if (settings_.count_uses)
-      use_of(o, stats).add_met(group.light_samples[r], shading_points.instance[r] == group.candidates[slot]);
+      use_of(o, request.stats).add_met(group.light_samples[r], shading_points.instance[r] == group.candidates[slot]);
     most_samples = std::max(most_samples, group.light_samples[r]);
   }
   if (most_samples == 0) return;
@@ -132,7 +166,7 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
     for (size_t r = 0; r < shading_points.size; ++r) {
       if (group.light_samples[r] < k_fewest_cone_samples) work.flags[r] = 0;
     }
-    query_cones(o, shading_points, group, work, stats);
+    query_cones(o, cone_task(o, group), question, request, work);
     for (size_t r = 0; r < shading_points.size; ++r) {
       if (group.light_samples[r] < k_fewest_cone_samples) work.flags[r] = work.before[r];
     }
@@ -145,30 +179,40 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ShadingPointBatch& shad
     group.by_rays[r] |= (flag & (k_may_shadow | k_by_strata)) == k_may_shadow;
     if (settings_.check && flag & k_light_blocked) group.blocked_by[r] = group.candidates[slot];
     if (settings_.count_uses && o.field && work.before[r] && (!flag || flag & k_light_blocked)) {
-      use_of(o, stats).add_answered(group.light_samples[r], shading_points.instance[r] == group.candidates[slot]);
+      use_of(o, request.stats)
+          .add_answered(group.light_samples[r], shading_points.instance[r] == group.candidates[slot]);
     }
   }
   const uint32_t end = uint32_t(group.open_points.size());
   if (end > begin) group.open.push_back({slot, begin, end});
 }
 
-void ShadowAnswerer::collect(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const {
+void ShadowAnswerer::collect(const RayRequest& request, Workspace& work) const {
   work.states.keep_verdicts = settings_.check || settings_.count_uses;
-  work.states.reset(batch.rays.size);
-  classify(group, batch, work, stats);
-  kernels_.collect(work.states, batch.rays.size, batch.blocked.data(), work.exact);
-  stats.rays_crossing += work.exact.crossing;
+  work.states.reset(request.batch.rays.size);
+  classify(request, work);
+  kernels_.collect(work.states, request.batch.rays.size, request.batch.blocked.data(), work.exact);
+  request.stats.rays_crossing += work.exact.crossing;
 }
 
-void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {
+void ShadowAnswerer::answer(RayRequest& request) const {
+  const ShadowGroup& group = request.group;
+  Stats& stats = request.stats;
   if (group.candidates.empty()) return;
   Workspace& work = *workspaces_.local();
+  const uint64_t traced = stats.rays_exact;
   if (group.candidates.size() > k_most_candidates) {
-    trace_all(batch, work, stats);
-    return;
+    trace_all(request.batch, work, stats);
+  } else {
+    collect(request, work);
+    trace(group, request.batch, work, stats);
   }
-  collect(group, batch, work, stats);
-  trace(group, batch, work, stats);
+  if (request.counts_open) stats.rays_open += stats.rays_exact - traced;
+}
+
+void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats, bool counts_open) const {
+  RayRequest request{group, batch, stats, counts_open};
+  answer(request);
 }
 
 void ShadowAnswerer::find_ray_candidates(const Bounds3& origins, ShadowGroup& group) const {
@@ -185,7 +229,7 @@ void ShadowAnswerer::look_up(const ShadowGroup& group, ShadowBatch& batch, Stats
     return;
   }
   Workspace& work = *workspaces_.local();
-  collect(group, batch, work, stats);
+  collect({group, batch, stats}, work);
   for (size_t k = 0; k < work.exact.one_count; ++k) batch.exact[size_t(work.exact.one_undecided_slot[k])] = 1;
   for (size_t k = 0; k < work.exact.many_count; ++k) batch.exact[size_t(work.exact.many_undecided_slots[k])] = 1;
 }

@@ -7,8 +7,12 @@
 // undecided is traced against that candidate alone, others against the whole scene, as are all single rays of a group
 // with candidate overflow (more than k_most_candidates).
 //
+// Each step takes a list of groups, too. Their questions then go to the settings' device as one wave, if there is one;
+// the calls for one group leave it out.
+//
 // Files: shadow_answerer.cpp culls; shadow_answerer_lights.cpp looks up whole lights and strata,
-// shadow_answerer_rays.cpp single rays, and traces the rest; shadow_answerer_checks.cpp counts.
+// shadow_answerer_rays.cpp single rays, and traces the rest; shadow_answerer_device.cpp asks a device;
+// shadow_answerer_checks.cpp counts.
 // Thread-safety: const functions may be called from any number of threads; fields grow on demand meanwhile.
 // Determinism: an answer depends on nothing but the ray or shading point, the light and the objects; with candidate
 // overflow also on the group's other shading points.
@@ -97,6 +101,38 @@ class ShadowAnswerer {
                  const std::vector<const ThesisField*>& thesis_fields = {});
   ~ShadowAnswerer();
 
+  // A group that find_candidates() fills, and what it asks the device.
+  struct CandidateRequest {
+    const ShadingPointBatch& points;
+    ShadowGroup& group;
+    Stats& stats;
+    // By candidate: what its bounds leave to ask, whole lights where it answers them.
+    std::vector<ConeQuestion> questions = {};
+  };
+  // The same for filter() and answer().
+  struct FilterRequest {
+    const ShadowGroup& group;
+    const ShadingPointBatch& all;
+    std::span<const uint32_t> shading_points;
+    int strata;
+    ShadowBatch& batch;
+    std::vector<uint8_t>& undecided;
+    Stats& stats;
+    std::vector<StratumQuestion> questions = {};  // by ShadowGroup::open
+  };
+  struct RayRequest {
+    const ShadowGroup& group;
+    ShadowBatch& batch;
+    Stats& stats;
+    bool counts_open = false;                 // traced rays count as Stats::rays_open, too
+    std::vector<RayQuestion> questions = {};  // by candidate
+  };
+  // All of a list, side by side where there is a device. Requests must not share what they write, but for the counters
+  // of the statistics where there is no device.
+  void find_candidates(std::span<CandidateRequest> requests) const;
+  void filter(std::span<FilterRequest> requests) const;
+  void answer(std::span<RayRequest> requests) const;
+
   // Fills `group` for the shading points' positions, geometric normals, errors, radii and instances; the caller sets
   // group.light and group.light_samples. With fields, whole lights are answered where they can be: such shading points
   // need no rays.
@@ -131,7 +167,7 @@ class ShadowAnswerer {
   // inactive slots. The rays must leave shading points that `group` was made for. Adds to `stats` rays_exact,
   // rays_crossing, look-ups and checks, not rays_shadow; baking time goes to stats.time_bake, and the caller subtracts
   // it from time.secondary.
-  void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
+  void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats, bool counts_open = false) const;
 
   // For rays that were not sampled from a light: fills `group` for rays from `origins` to group.light, which answer()
   // and look_up() then take.
@@ -142,19 +178,35 @@ class ShadowAnswerer {
  private:
   struct Workspace;  // hybrid/visibility/shadow_workspace.h
 
-  // Tests all shading points against one candidate; with a field, whole lights too.
-  void test_candidate(uint32_t slot, const ShadingPointBatch& shading_points, const Sphere& light, ShadowGroup& group,
-                      Workspace& work, Stats& stats) const;
-  void query_cones(const ShadowInstance& occluder, const ShadingPointBatch& shading_points, const ShadowGroup& group,
-                   Workspace& work, Stats& stats) const;
+  void choose_candidates(CandidateRequest& request) const;
+  void test_candidates(CandidateRequest& request) const;
+  // Sets work.flags for the shading points that the candidate's bounds may shadow, of those that are not settled.
+  void meet_bounds(uint32_t slot, const ShadingPointBatch& shading_points, const Sphere& light,
+                   const ShadowGroup& group, Workspace& work) const;
+  // Tests all shading points against one candidate; with a field, whole lights too. `question`: what was asked about
+  // it; null: nothing.
+  void test_candidate(uint32_t slot, const ConeQuestion* question, const CandidateRequest& request, const Sphere& light,
+                      Workspace& work) const;
+  void query_cones(const ShadowInstance& occluder, const ConeTask& task, const ConeQuestion* question,
+                   const CandidateRequest& request, Workspace& work) const;
+  static Sphere light_with_errors(const ShadingPointBatch& shading_points, const LightExtent& extent);
+  static ConeTask cone_task(const ShadowInstance& occluder, const ShadowGroup& group);
+  static StratumTask stratum_task(const ShadowInstance& occluder, int strata);
+  SegmentTask ray_task(const ShadowInstance& occluder, const ShadowGroup& group) const;
+  // What goes to the device (shadow_answerer_device.cpp).
+  void ask_cones(CandidateRequest& request) const;
+  void ask_strata(FilterRequest& request) const;
+  void ask_rays(RayRequest& request) const;
+  void filter(FilterRequest& request) const;
+  void answer(RayRequest& request) const;
   void multiply_shares(const ShadowGroup& group, uint32_t slot, Workspace& work, AlignedVector<float>& clear) const;
   // query_and_bake() with the occluder's field.
   template <class Query>
   void bake_and_repeat(const ShadowInstance& occluder, size_t size, ConeUnknowns& unknowns, Stats& stats,
                        int most_rounds, const Query& query) const;
   // Looks up all rays; work.exact receives those that are undecided.
-  void collect(const ShadowGroup& group, ShadowBatch& batch, Workspace& work, Stats& stats) const;
-  void classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const;
+  void collect(const RayRequest& request, Workspace& work) const;
+  void classify(const RayRequest& request, Workspace& work) const;
   void bake_unknown(const ShadowInstance& occluder, const SegmentTask& task, int32_t slot, const ShadowBatch& batch,
                     Workspace& work, Stats& stats) const;
   FieldUse& use_of(const ShadowInstance& occluder, Stats& stats) const;
@@ -167,8 +219,6 @@ class ShadowAnswerer {
   const Scene& scene_;
   const Accel& accel_;
   const SegmentKernels& kernels_;
-  CpuDevice cpu_;
-  VisibilityDevice& device_;  // `cpu_`, or that of the settings
   const ThesisKernels& thesis_kernels_;
   AnswererSettings settings_;
   ShadowCandidates candidates_;

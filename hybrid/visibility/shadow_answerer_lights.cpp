@@ -1,10 +1,12 @@
 // Look-ups of whole lights and of strata.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "field/bake/bake.h"
 #include "field/bake/bake_coverage.h"
 #include "field/query/cone.hd.h"
+#include "hybrid/visibility/device_answers.h"
 #include "hybrid/visibility/shadow_workspace.h"
 
 namespace fieldtrace {
@@ -40,17 +42,21 @@ void ShadowAnswerer::bake_and_repeat(const ShadowInstance& o, size_t size, ConeU
   query_and_bake(size, unknowns, query, bake, most_rounds);
 }
 
-void ShadowAnswerer::query_cones(const ShadowInstance& o, const ShadingPointBatch& shading_points,
-                                 const ShadowGroup& group, Workspace& work, Stats& stats) const {
+ConeTask ShadowAnswerer::cone_task(const ShadowInstance& o, const ShadowGroup& group) {
   ConeTask task = o.cone;
-  const Sphere& light = group.light.ball;
-  const int side = plane_fit_side_for(task.segment, light);
+  const int side = plane_fit_side_for(task.segment, group.light.ball);
   if (task.segment.reads_depth && side * side <= group.pixel_samples) task.plane_fit_side = side;
+  return task;
+}
+
+void ShadowAnswerer::query_cones(const ShadowInstance& o, const ConeTask& task, const ConeQuestion* question,
+                                 const CandidateRequest& request, Workspace& work) const {
   ConeUnknowns& unknowns = work.unknowns;
+  Stats& stats = request.stats;
   const int most_rounds = std::max(k_most_bake_rounds, 2 * task.plane_fit_side * task.plane_fit_side);
-  bake_and_repeat(o, shading_points.size, unknowns, stats, most_rounds, [&](std::span<const uint32_t> blocks) {
-    const ConeCounts counts =
-        device_.light_cones(*o.field, task, shading_points, light, blocks, work.flags.data(), unknowns);
+  bake_and_repeat(o, request.points.size, unknowns, stats, most_rounds, [&](std::span<const uint32_t> blocks) {
+    const ConeCounts counts = light_cones(kernels_, std::exchange(question, nullptr), task, request.points,
+                                          request.group.light.ball, blocks, work.flags.data(), unknowns);
     stats.cones_clear += counts.clear;
     stats.cones_blocked += counts.blocked;
     stats.lookups += counts.lookups;
@@ -80,6 +86,20 @@ void ShadowAnswerer::multiply_shares(const ShadowGroup& group, uint32_t slot, Wo
 void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& all,
                             std::span<const uint32_t> shading_points, int strata, ShadowBatch& batch,
                             std::vector<uint8_t>& undecided, Stats& stats) const {
+  FilterRequest request{group, all, shading_points, strata, batch, undecided, stats};
+  filter(request);
+}
+
+StratumTask ShadowAnswerer::stratum_task(const ShadowInstance& o, int strata) {
+  StratumTask task;
+  task.segment = o.cone.segment;
+  task.least_disc = k_least_light_disc / std::sqrt(float(strata));
+  task.share = 1.0f / float(strata);
+  return task;
+}
+
+void ShadowAnswerer::filter(FilterRequest& request) const {
+  const auto& [group, all, shading_points, strata, batch, undecided, stats, questions] = request;
   Workspace& work = *workspaces_.local();
   const size_t slots = padded(batch.rays.size), count = size_t(strata);
   batch.in_shares = true;
@@ -94,7 +114,8 @@ void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& a
     std::fill_n(work.radius.begin() + std::ptrdiff_t(r * count), count, all.radius[shading_points[r]]);
   }
   ConeUnknowns& unknowns = work.unknowns;
-  for (const ShadowGroup::OpenCandidate& open : group.open) {
+  for (size_t n = 0; n < group.open.size(); ++n) {
+    const ShadowGroup::OpenCandidate& open = group.open[n];
     const ShadowInstance& o = instances_[group.candidates[open.slot]];
     work.flags.assign(slots, 0);
     bool is_queried = false;
@@ -105,16 +126,13 @@ void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& a
       std::fill_n(work.flags.begin() + std::ptrdiff_t(r * count), count, 1);
     }
     if (!is_queried) continue;
-    StratumTask task;
-    task.segment = o.cone.segment;
-    task.least_disc = k_least_light_disc / std::sqrt(float(strata));
-    task.share = 1.0f / float(strata);
+    const StratumTask task = stratum_task(o, strata);
+    const StratumQuestion* question = questions.empty() ? nullptr : &questions[n];
     work.clear.assign(slots, 1.0f);
     work.refused.assign(slots, 0);
     bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
-      stats.lookups +=
-          device_.filter_strata(*o.field, task, batch.rays, batch.source, batch.pdf.data(), work.radius.data(),
-                                work.flags.data(), blocks, work.clear.data(), work.refused.data(), unknowns);
+      stats.lookups += filter_strata(kernels_, std::exchange(question, nullptr), task, batch, work.radius.data(),
+                                     work.flags.data(), blocks, work.clear.data(), work.refused.data(), unknowns);
     });
     // What no pool has room for is undecided.
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "field/bake/bake.h"
+#include "hybrid/visibility/device_answers.h"
 #include "hybrid/visibility/shadow_workspace.h"
 
 namespace fieldtrace {
@@ -45,18 +46,23 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
             kernels_.cross_ball(task, batch.rays, begin, begin + k_batch_padding, slot, states).crossings;
       }
     } else {
-      again = device_.query(*o.field, task, batch.rays, batch.source, batch.instance.data(), blocks, slot, states);
+      again = query(kernels_, nullptr, task, batch, blocks, slot, states);
     }
     stats.lookups += again.lookups;
     stats.sphere_crossings += again.crossings;
   }
 }
 
-void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch, Workspace& work, Stats& stats) const {
+// What coverage maps leave undecided about other objects, cells mostly do as well, and they cost far more to bake.
+SegmentTask ShadowAnswerer::ray_task(const ShadowInstance& o, const ShadowGroup& group) const {
+  SegmentTask task = o.cone.segment;
+  task.self_only = group.is_tested && !group.few_samples() && settings_.whole_lights && settings_.tolerance < 1.0f;
+  return task;
+}
+
+void ShadowAnswerer::classify(const RayRequest& request, Workspace& work) const {
+  const auto& [group, batch, stats, counts_open, questions] = request;
   const size_t n = padded(batch.rays.size);
-  // What coverage maps leave undecided about other objects, cells mostly do as well, and they cost far more to bake.
-  const bool strata_tried =
-      group.is_tested && !group.few_samples() && settings_.whole_lights && settings_.tolerance < 1.0f;
   for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
     const ShadowInstance& o = instances_[group.candidates[slot]];
     SegmentCounts counts;
@@ -68,10 +74,9 @@ void ShadowAnswerer::classify(const ShadowGroup& group, const ShadowBatch& batch
     } else if (!o.field) {
       counts = kernels_.cross_ball(o.cone.segment, batch.rays, 0, n, int32_t(slot), work.states);
     } else {
-      SegmentTask task = o.cone.segment;
-      task.self_only = strata_tried;
-      counts = device_.query(*o.field, task, batch.rays, batch.source, batch.instance.data(),
-                             all_blocks(n, work.blocks), int32_t(slot), work.states);
+      const SegmentTask task = ray_task(o, group);
+      const RayQuestion* const question = questions.empty() ? nullptr : &questions[slot];
+      counts = query(kernels_, question, task, batch, all_blocks(n, work.blocks), int32_t(slot), work.states);
       bake_unknown(o, task, int32_t(slot), batch, work, stats);
       if (settings_.check) check_answers(o, batch, work, stats);
       if (settings_.count_uses) count_uses(o, batch, work, stats);

@@ -13,20 +13,6 @@ std::map<std::string, DeviceKind>& registry() {
 
 }  // namespace
 
-SegmentCounts CpuDevice::query(const Field&, const SegmentTask& task, const RayBatch& rays, const LightRaySource&,
-                               const uint32_t* shading_point_instance, std::span<const uint32_t> blocks,
-                               int32_t candidate_slot, RayStates& states) {
-  SegmentCounts counts;
-  for (size_t i = 0, next = 0; i < blocks.size(); i = next) {
-    for (next = i + 1; next < blocks.size() && blocks[next] == blocks[next - 1] + k_batch_padding;) ++next;
-    const SegmentCounts run = kernels_.query(task, rays, shading_point_instance, blocks[i],
-                                             blocks[next - 1] + k_batch_padding, candidate_slot, states);
-    counts.crossings += run.crossings;
-    counts.lookups += run.lookups;
-  }
-  return counts;
-}
-
 bool register_device_kind(DeviceKind kind) {
   registry()[kind.name] = std::move(kind);
   return true;

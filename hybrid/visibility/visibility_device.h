@@ -1,9 +1,11 @@
 // The seam between the shadow answerer and the machine that answers its questions about fields: `cpu`, or another
 // device that has registered itself by name (gpu/).
 //
-// A device answers as the CPU's kernels do (field/query/segment_kernels.h), bit for bit, so that pictures do not depend
-// on it. It reads a field's cells and tiles from a copy of its own; what that lacks, and what the device cannot answer
-// for any reason, it has the CPU's kernels answer. Fields are baked by the CPU alone.
+// Questions go to a device in waves: those of one level of light visibility for a band of many tiles, each about one
+// occluder. Rays and shading points that several questions name are the same arrays, so that a device takes them once
+// a wave. Answers are the CPU's kernels' (field/query/segment_kernels.h), bit for bit, so that pictures do not depend
+// on the device; device_answers.h merges them. What a device leaves - it reads fields from a copy of its own, and may
+// fail at any time - those kernels answer. Fields are baked by the CPU alone.
 // Thread-safety: devices answer any number of threads at once; forget_fields() is called by one thread while no other
 // asks, and devices are destroyed likewise. The list of kinds is written before main() and by tests alone.
 #pragma once
@@ -17,72 +19,91 @@
 #include "core/light/shading_points.h"
 #include "core/platform/error.h"
 #include "field/maps/cell_task.h"
+#include "field/query/answer_masks.h"
 #include "field/query/segment_kernels.h"
 #include "field/store/field.h"
 
 namespace fieldtrace {
+
+// A question about one field; what it refers to stays as it is until it is answered.
+struct DeviceQuestion {
+  const Field* field = nullptr;  // whose view is the task's; null: nothing is asked
+  // Of k_batch_padding entries, by their first ones, ascending; and for each a mask of the entries that are meant.
+  std::vector<uint32_t> blocks, wanted;
+  uint64_t samples = 0;      // light samples, strata or rays that the entries stand for
+  bool is_answered = false;  // the answers are there, a mask for each block
+};
+
+// Whether a ball of light is seen from shading points.
+struct ConeQuestion : DeviceQuestion {
+  ConeTask task;
+  const ShadingPointBatch* points = nullptr;
+  Sphere light;
+  std::vector<ConeMasks> masks;
+};
+
+// The share of strata that the object leaves clear. Rays that have a source may be made anew from it.
+struct StratumQuestion : DeviceQuestion {
+  StratumTask task;
+  const ShadowBatch* batch = nullptr;  // its rays, densities and source
+  const float* radius = nullptr;       // by ray; where the rays have a source, those of its points
+  std::vector<StratumMasks> masks;
+  std::vector<float> clear;  // by entry of the blocks
+};
+
+// What the field knows about single rays.
+struct RayQuestion : DeviceQuestion {
+  SegmentTask task;
+  const ShadowBatch* batch = nullptr;  // its rays, instances and source
+  std::vector<RayMasks> masks;
+};
+
+// What see_cell() (field/maps/cell_visibility.hd.h) of all tasks, in order, leaves in sums that were 0; and for each
+// k_batch_padding points, a multiple of which there must be, a mask of those for which a task is undecided:
+// undecided[block * tasks.size() + task]. Maps and radiance that tasks refer to stay as they are until forget_fields().
+struct SkyQuestion {
+  std::span<const CellTask> tasks;
+  CellPoints points = {};
+  bool is_answered = false;
+  std::vector<float> sums = {};  // red, green, blue, and the reflected ones: those of all points one after another
+  std::vector<uint32_t> undecided = {};
+};
+
+struct DeviceWave {
+  std::vector<ConeQuestion*> cones;
+  std::vector<StratumQuestion*> strata;
+  std::vector<RayQuestion*> rays;
+  std::vector<SkyQuestion*> skies;
+  bool empty() const { return cones.empty() && strata.empty() && rays.empty() && skies.empty(); }
+};
 
 // What a device other than the CPU has done so far.
 struct DeviceCounts {
   uint64_t blocks = 0;      // of k_batch_padding rays or shading points that it answered
   uint64_t blocks_cpu = 0;  // those that it left to the CPU: their cells were not resident, or it had failed
   uint64_t waves = 0;       // synchronisations with it
+  uint64_t samples = 0;     // that all questions stood for (DeviceQuestion::samples), and cells of skies for each point
+  uint64_t waves_full = 0;  // waves of at least k_wave_samples samples
   uint64_t bytes_resident = 0, bytes_peak = 0;  // of its memory
 };
+
+// Light samples that a wave is made from, if the picture has as many.
+inline constexpr uint64_t k_wave_samples = 1048576;
 
 class VisibilityDevice {
  public:
   virtual ~VisibilityDevice() = default;
-  // As the functions of the same name in SegmentKernels. The task's field is `field`'s view. Once a field is gone,
-  // forget_fields() comes before the next question. Rays that have a source may be made anew from it; `radius` and
-  // `wanted` are then the same in all slots of a shading point, and `shading_point_instance` is the points'.
-  virtual ConeCounts light_cones(const Field& field, const ConeTask&, const ShadingPointBatch&, const Sphere& light,
-                                 std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns&) = 0;
-  virtual uint64_t filter_strata(const Field& field, const StratumTask&, const RayBatch&, const LightRaySource& source,
-                                 const float* pdf, const float* radius, const int32_t* wanted,
-                                 std::span<const uint32_t> blocks, float* clear, int32_t* refused, ConeUnknowns&) = 0;
-  // For the rays of all `blocks`, in ascending order.
-  virtual SegmentCounts query(const Field& field, const SegmentTask&, const RayBatch&, const LightRaySource& source,
-                              const uint32_t* shading_point_instance, std::span<const uint32_t> blocks,
-                              int32_t candidate_slot, RayStates&) = 0;
-  // What see_cell() (field/maps/cell_visibility.hd.h) of all tasks, in order, leaves in `sums` that were 0; and for
-  // each k_batch_padding points, a multiple of which there must be, a mask of those for which a task is undecided:
-  // undecided[block * tasks.size() + task]. Maps and radiance that tasks refer to stay as they are until
-  // forget_fields(). False: nothing was done, and see_cell() must do it.
-  virtual bool see_cells(std::span<const CellTask>, const CellPoints&, const CellSums&, std::span<uint32_t>) {
-    return false;
-  }
+  // Answers what it can, and returns when that is done. Once a field is gone, forget_fields() comes before the next
+  // wave.
+  virtual void answer(const DeviceWave& wave) = 0;
   // Drops all copies of fields, and says what has gone wrong meanwhile.
   virtual void forget_fields() {}
   virtual DeviceCounts counts() const { return {}; }
 };
 
-// The CPU: its kernels.
-class CpuDevice : public VisibilityDevice {
- public:
-  explicit CpuDevice(const SegmentKernels& kernels) : kernels_(kernels) {}
-
-  ConeCounts light_cones(const Field&, const ConeTask& task, const ShadingPointBatch& points, const Sphere& light,
-                         std::span<const uint32_t> blocks, int32_t* flags, ConeUnknowns& unknowns) override {
-    return kernels_.light_cones(task, points, light, blocks, flags, unknowns);
-  }
-  uint64_t filter_strata(const Field&, const StratumTask& task, const RayBatch& rays, const LightRaySource&,
-                         const float* pdf, const float* radius, const int32_t* wanted, std::span<const uint32_t> blocks,
-                         float* clear, int32_t* refused, ConeUnknowns& unknowns) override {
-    return kernels_.filter_strata(task, rays, pdf, radius, wanted, blocks, clear, refused, unknowns);
-  }
-  SegmentCounts query(const Field&, const SegmentTask& task, const RayBatch& rays, const LightRaySource& source,
-                      const uint32_t* shading_point_instance, std::span<const uint32_t> blocks, int32_t candidate_slot,
-                      RayStates& states) override;
-
- private:
-  const SegmentKernels& kernels_;
-};
-
 struct DeviceOptions {
-  const SegmentKernels& kernels;  // the CPU's, for what the device leaves
-  uint64_t memory = 0;            // bytes that it may allocate; 0: as much as it has
-  WarningSink warning;            // called by forget_fields() and when the device is destroyed
+  uint64_t memory = 0;  // bytes that it may allocate; 0: as much as it has
+  WarningSink warning;  // called by forget_fields() and when the device is destroyed
 };
 
 struct DeviceKind {

@@ -99,6 +99,16 @@ TEST_F(AtomicFiles, TheFolderIsFlushedAfterTheFile) {
   }
 }
 
+// What a killed process or one of another machine, with the same number, has left or is writing.
+TEST_F(AtomicFiles, TemporaryNamesThatAreTakenAreLeftAlone) {
+  for (int i = 0; i < 100; ++i)
+    std::ofstream(at("file." + std::to_string(getpid()) + "-" + std::to_string(i) + ".tmp")) << "other";
+  EXPECT_EQ(write_and_read("file", "text"), "text");
+  EXPECT_EQ(files(), 101u);
+  for (const auto& entry : fs::directory_iterator(folder_.path()))
+    EXPECT_EQ(read_text(entry.path()), entry.path().filename() == "file" ? "text" : "other");
+}
+
 TEST_F(AtomicFiles, ScratchFoldersAreDistinctAndGoWithTheirContents) {
   {
     const ScratchFolder first(folder_.path(), "name"), second(folder_.path(), "name");

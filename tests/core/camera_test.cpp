@@ -125,10 +125,12 @@ TEST(Camera, RaysOfABatchAreThoseOfSinglePointsOnEveryMachine) {
           const size_t x = in_runs ? 5 + i / 64 : i * 7 % 32, y = in_runs ? 3 + i / 48 : i * 5 % 20;
           samples.set(i, uint32_t(x), uint32_t(y), uint32_t(i * i));
         }
+        AlignedVector<uint32_t> seeds(padded(count));
+        for (size_t i = 0; i < count; ++i) seeds[i] = scalar::pixel_seed(k_seed, samples.x[i], samples.y[i]);
         for (const Isa isa : supported_isas()) {
           RayBatch rays;
           AlignedVector<float> near_distance;
-          sampler.sample(samples, k_seed, isa, rays, near_distance);
+          sampler.sample(samples, seeds, isa, rays, near_distance);
           ASSERT_EQ(rays.size, count);
           for (size_t i = 0; i < count; ++i) {
             const uint32_t seed = scalar::vertex_seed(k_seed, samples.x[i], samples.y[i], k_camera_stream);

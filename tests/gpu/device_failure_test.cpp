@@ -92,10 +92,32 @@ TEST_F(DeviceFailure, OfTheNthCallForEveryN) {
   }
 }
 
-// With waves of several threads in both streams: which call is the n-th differs from run to run.
-TEST_F(DeviceFailure, OfAnyCallWhileWavesOverlap) {
+// What a wave could not have is not taken for there by the next one.
+TEST_F(DeviceFailure, OfTheNthAllocationForEveryWave) {
   const Scene scene = two_objects(32);
   RenderOptions o = options();
+  o.wave_samples = 2000;
+  const RenderResult cpu = render(scene, o);
+  constexpr uint64_t k_of_first_waves = 130;
+  ASSERT_GT(test::render_emulated(scene, o).log.calls, k_of_first_waves + 50);
+  uint64_t used_after = 0;
+  for (uint64_t n = 0; n < k_of_first_waves; n += 3) {
+    EmulatedFaults faults;
+    faults.failing_call = n;
+    faults.failure = EmulatedFaults::k_out_of_memory;
+    const test::EmulatedPicture picture = test::render_emulated(scene, o, faults);
+    EXPECT_EQ(picture.result.image.data, cpu.image.data) << n;
+    EXPECT_TRUE(test::is_clean(picture.log)) << n << " " << picture.log.misuse;
+    used_after += any_contains(picture.warnings, "does not fit") && picture.result.stats.device_blocks > 0;
+  }
+  EXPECT_GT(used_after, 10u);
+}
+
+// With waves of several threads in both streams: which call is the n-th differs from run to run.
+TEST_F(DeviceFailure, OfAnyCallWhileWavesOverlap) {
+  const Scene scene = two_objects(64);
+  RenderOptions o = options();
+  o.wave_samples = 2000;
   const RenderResult cpu = render(scene, o);
   o.threads = 4;
   const uint64_t calls = test::render_emulated(scene, o).log.calls;
@@ -158,11 +180,12 @@ TEST_F(DeviceFailure, MemoryEndsAnywhere) {
 }
 
 TEST_F(DeviceFailure, ThreadsShareALostDevice) {
-  const Scene scene = two_objects(64);
+  const Scene scene = two_objects(96);
   RenderOptions o = options();
+  o.wave_samples = 2000;
   const RenderResult cpu = render(scene, o);
   o.threads = 4;
-  for (const uint64_t n : {20u, 60u, 150u, 400u}) {
+  for (const uint64_t n : {20u, 60u, 150u, 300u}) {
     EmulatedFaults faults;
     faults.failing_call = n;
     faults.lost = true;

@@ -17,7 +17,7 @@
 #include "gpu/device.h"
 #include "gpu/emulated.h"
 #include "gpu/runtime_cuda.h"
-#include "tests/gpu/random_questions.h"
+#include "tests/gpu/ask_device.h"
 
 extern "C" const std::byte fieldtrace_kernels[];
 extern "C" const uint64_t fieldtrace_kernels_bytes;
@@ -37,12 +37,6 @@ std::unique_ptr<Runtime> open_runtime(const Options& options) {
 
 std::span<const std::byte> kernels() { return {fieldtrace_kernels, size_t(fieldtrace_kernels_bytes)}; }
 
-std::vector<uint32_t> blocks_of(size_t entries) {
-  std::vector<uint32_t> blocks;
-  for (size_t b = 0; b < padded(entries); b += k_warp) blocks.push_back(uint32_t(b));
-  return blocks;
-}
-
 // ---- equal answers
 
 template <class T>
@@ -55,14 +49,14 @@ bool same(const AlignedVector<T>& a, const AlignedVector<T>& b) {
 }
 
 // Asks until the device leaves nothing to the CPU, but no more often than a mirror can grow; compares every time.
-// ask(device) returns the answers.
+// ask(answerer) returns the answers.
 template <class Ask>
-bool check_question(VisibilityDevice& device, VisibilityDevice& cpu, const Ask& ask) {
-  const auto expected = ask(cpu);
+bool check_question(const Answerer& by, const Ask& ask) {
+  const auto expected = ask(Answerer{by.kernels});
   for (int round = 0; round < 64; ++round) {
-    const uint64_t before = device.counts().blocks_cpu;
-    if (!ask(device).equals(expected)) return false;
-    if (device.counts().blocks_cpu == before) return true;
+    const uint64_t before = by.device->counts().blocks_cpu;
+    if (!ask(by).equals(expected)) return false;
+    if (by.device->counts().blocks_cpu == before) return true;
   }
   return false;
 }
@@ -93,41 +87,39 @@ struct LightAnswers {
 };
 
 // The number of questions with a wrong answer, of each kind.
-size_t check_answers(VisibilityDevice& device, VisibilityDevice& cpu, size_t entries) {
+size_t check_answers(const Answerer& by, size_t entries) {
   TestRandom random(1);
   const RandomField field({32, 64}, 1.0f, random);
   Values values(2);
   size_t wrong = 0;
   for (size_t done = 0; done < entries;) {
     const Launch l = random_launch(field, values);
-    const std::vector<uint32_t> blocks = blocks_of(l.entries);
     done += l.entries;
     const QueryInputs rays(l, values);
-    wrong += !check_question(device, cpu, [&](VisibilityDevice& d) {
+    const ShadowBatch batch = batch_of(rays.rays, rays.instances);
+    wrong += !check_question(by, [&](const Answerer& a) {
       RayStates states;
       states.keep_verdicts = true;
       states.reset(l.entries);
-      const SegmentCounts counts =
-          d.query(field.field(), l.task, rays.rays, {}, rays.instances.data(), blocks, 0, states);
+      const SegmentCounts counts = ask_rays(a, field.field(), l.task, batch, states);
       return RayAnswers{states.state, states.verdict, counts};
     });
     const StratumInputs strata(l, values);
-    wrong += !check_question(device, cpu, [&](VisibilityDevice& d) {
+    wrong += !check_question(by, [&](const Answerer& of) {
       StratumAnswers a = {AlignedVector<float>(padded(l.entries), 1.0f), AlignedVector<int32_t>(padded(l.entries)), 0};
       ConeUnknowns unknowns;
-      a.lookups = d.filter_strata(field.field(), strata.task, strata.rays, {}, strata.pdf.data(), strata.radius.data(),
-                                  strata.wanted.data(), blocks, a.clear.data(), a.refused.data(), unknowns);
+      a.lookups = ask_strata(of, field.field(), strata, a.clear.data(), a.refused.data(), unknowns);
       return a;
     });
     const ConeInputs cones(l, values);
-    wrong += !check_question(device, cpu, [&](VisibilityDevice& d) {
+    wrong += !check_question(by, [&](const Answerer& of) {
       LightAnswers a = {cones.flags, {}};
       ConeUnknowns unknowns;
-      a.counts = d.light_cones(field.field(), cones.task, cones.points, cones.light, blocks, a.flags.data(), unknowns);
+      a.counts = ask_cones(of, field.field(), cones, a.flags.data(), unknowns);
       return a;
     });
   }
-  device.forget_fields();
+  by.device->forget_fields();
   return wrong;
 }
 
@@ -196,6 +188,8 @@ Timing time_kernel(Runtime& runtime, const Field& field, const SegmentTask& task
   for (int i = 0; i < 7; ++i) at[i] = in.append(arrays[i]->data(), arrays[i]->size() * sizeof(float));
   const std::vector<uint32_t> instances(padded(rays.size), task.instance + 1);
   const size_t instances_at = in.append(instances.data(), instances.size() * sizeof(uint32_t));
+  const std::vector<uint32_t> blocks = blocks_of(rays.size);
+  const size_t blocks_at = in.append(blocks.data(), blocks.size() * sizeof(uint32_t));
   const size_t masks_at = out.reserve(warps * sizeof(RayMasks));
   DeviceBuffer missing(memory, size_t(warps) * k_missing_words * sizeof(uint32_t));
   for (StagingBuffer* b : {&in, &out}) b->ensure_device();
@@ -204,6 +198,7 @@ Timing time_kernel(Runtime& runtime, const Field& field, const SegmentTask& task
   QueryArguments a = {task,
                       {array(0), array(1), array(2), array(3), array(4), array(5), array(6)},
                       in.device<const uint32_t>(instances_at),
+                      in.device<const uint32_t>(blocks_at),
                       out.device<RayMasks>(masks_at),
                       missing.as<uint32_t>(),
                       warps};
@@ -231,21 +226,20 @@ Timing time_kernel(Runtime& runtime, const Field& field, const SegmentTask& task
 }
 
 // Look-ups a second of whole questions, copies of rays and answers included; the best of 5.
-double time_question(VisibilityDevice& device, const Field& field, const SegmentTask& task, const RayBatch& rays) {
-  const std::vector<uint32_t> blocks = blocks_of(rays.size);
-  const std::vector<uint32_t> instances(padded(rays.size), task.instance + 1);
+double time_question(const Answerer& by, const Field& field, const SegmentTask& task, const RayBatch& rays) {
+  const ShadowBatch batch = batch_of(rays, AlignedVector<uint32_t>(padded(rays.size), task.instance + 1));
   double best = 0.0;
   for (int round = 0; round < 8; ++round) {  // the first ones copy the field
     RayStates states;
     states.reset(rays.size);
     const auto start = std::chrono::steady_clock::now();
-    const SegmentCounts counts = device.query(field, task, rays, {}, instances.data(), blocks, 0, states);
+    const SegmentCounts counts = ask_rays(by, field, task, batch, states);
     if (round >= 3) best = std::max(best, double(counts.lookups) / seconds_since(start));
   }
   return best;
 }
 
-nlohmann::json time_look_ups(Runtime& runtime, VisibilityDevice& device, VisibilityDevice& cpu, bool quick) {
+nlohmann::json time_look_ups(Runtime& runtime, const Answerer& by, bool quick) {
   nlohmann::json rows = nlohmann::json::array();
   const FieldParameters sizes[] = {{32, 64}, {64, 64}, {64, 128}};
   TestRandom random(5);
@@ -269,9 +263,9 @@ nlohmann::json time_look_ups(Runtime& runtime, VisibilityDevice& device, Visibil
                       {"kernel_lookups_per_second", t.kernel},
                       {"kernel_slowest", t.least},
                       {"kernel_fastest", t.most},
-                      {"question_lookups_per_second", time_question(device, field, task, rays)},
-                      {"cpu_one_thread_lookups_per_second", time_question(cpu, field, task, rays)}});
-      device.forget_fields();
+                      {"question_lookups_per_second", time_question(by, field, task, rays)},
+                      {"cpu_one_thread_lookups_per_second", time_question({by.kernels}, field, task, rays)}});
+      by.device->forget_fields();
     }
   }
   return rows;
@@ -284,10 +278,10 @@ int run(const Options& options) {
   if (devices[0].rfind("none", 0) == 0) return 77;
   const SegmentKernels& table = segment_kernels(resolve_isa(Isa::automatic));
   GpuDevice device(open_runtime(options), kernels(),
-                   {table, 0, [](const std::string& text) { std::cerr << "warning: " << text << "\n"; }});
-  CpuDevice cpu(table);
+                   {0, [](const std::string& text) { std::cerr << "warning: " << text << "\n"; }});
+  const Answerer by = {table, &device};
   const size_t entries = options.quick ? 1 << 15 : 1 << 21;
-  const size_t wrong = check_answers(device, cpu, entries);
+  const size_t wrong = check_answers(by, entries);
   const DeviceCounts counts = device.counts();
   std::cout << entries
             << " entries of each kind of question; questions answered otherwise than by the CPU, or never by "
@@ -300,7 +294,7 @@ int run(const Options& options) {
                            {"emulated", options.emulated},
                            {"cpu_isa", isa_name(resolve_isa(Isa::automatic))},
                            {"parity", {{"entries_of_each_kind", entries}, {"wrong_questions", wrong}}},
-                           {"look_ups", time_look_ups(*runtime, device, cpu, options.quick)}};
+                           {"look_ups", time_look_ups(*runtime, by, options.quick)}};
   (void)runtime->destroy_streams();
   (void)runtime->close();
   std::cout << report["look_ups"].dump(2) << "\n";

@@ -7,7 +7,7 @@
 #include "core/simd/isa.h"
 #include "gpu/device.h"
 #include "gpu/emulated.h"
-#include "tests/support/random_lines.h"
+#include "tests/gpu/ask_device.h"
 
 namespace fieldtrace::gpu {
 namespace {
@@ -23,7 +23,7 @@ class GpuDeviceTest : public ::testing::Test {
 
   void open(const EmulatedFaults& faults = {}) {
     device_ = std::make_unique<GpuDevice>(std::make_unique<EmulatedRuntime>(faults, log_), std::span<const std::byte>(),
-                                          DeviceOptions{segment_kernels(Isa::scalar), 0, {}});
+                                          DeviceOptions{0, {}});
   }
 
   // Rays through a square of half a side `width`, tilted.
@@ -38,27 +38,30 @@ class GpuDeviceTest : public ::testing::Test {
     return rays;
   }
 
-  RayStates ask(VisibilityDevice& device, const Field& field) { return ask(device, field, rays_); }
+  RayStates ask(VisibilityDevice& device, const Field& field) { return ask(&device, field, rays_); }
   RayStates ask(VisibilityDevice& device, const Field& field, const RayBatch& rays) {
+    return ask(&device, field, rays);
+  }
+  // null: the CPU's answers.
+  RayStates ask(VisibilityDevice* device, const Field& field, const RayBatch& rays) {
     SegmentTask task;
     task.field = field.view();
     task.policy.visibility_max_class = 63;
     std::fill_n(task.to_unit, 12, 0.0f);
     task.to_unit[0] = task.to_unit[4] = task.to_unit[8] = 1.0f;
     task.instance = 7;
-    const std::vector<uint32_t> instances(k_rays, 3);
+    const ShadowBatch batch = batch_of(rays, AlignedVector<uint32_t>(k_rays, 3u));
     RayStates states;
     states.keep_verdicts = true;
     states.reset(k_rays);
-    device.query(field, task, rays, {}, instances.data(), blocks_, 0, states);
+    ask_rays({segment_kernels(Isa::scalar), device}, field, task, batch, states);
     return states;
   }
 
   // Bakes all visibility cells that the rays meet, as if every line were blocked, or clear.
   void bake(Field& field, bool blocked) { bake(field, blocked, rays_); }
   void bake(Field& field, bool blocked, const RayBatch& rays) {
-    CpuDevice cpu(segment_kernels(Isa::scalar));
-    for (const uint32_t slice : ask(cpu, field, rays).unknown_visibility) {
+    for (const uint32_t slice : ask(nullptr, field, rays).unknown_visibility) {
       const std::optional<uint32_t> cell = field.claim(FieldLayer::visibility, slice);
       if (!cell) continue;
       for (uint32_t c = *cell; c < *cell + uint32_t(scalar::k_slice_cells); ++c) {
@@ -81,7 +84,7 @@ class GpuDeviceTest : public ::testing::Test {
   const Sphere ball_{Vec3(0.0f), 1.0f};
 };
 
-TEST_F(GpuDeviceTest, AnswersItselfFromTheSecondTimeOn) {
+TEST_F(GpuDeviceTest, AnswersItselfOnceItIsBaked) {
   open();
   Field field(ball_, {32, 64});
   EXPECT_EQ(ask(*device_, field).unknown_blocks, blocks_);  // the CPU says what to bake
@@ -91,15 +94,19 @@ TEST_F(GpuDeviceTest, AnswersItselfFromTheSecondTimeOn) {
   EXPECT_EQ(device_->counts().blocks, blocks_.size());
 }
 
-// A field that was complete before is copied as it is asked for.
+// A field that was complete before is copied as it is asked for: the question is asked again at once.
 TEST_F(GpuDeviceTest, CopiesWhatTheFieldHadBefore) {
   open();
   Field field(ball_, {32, 64});
   bake(field, true);
   EXPECT_TRUE(all_have(ask(*device_, field), k_hidden));
-  EXPECT_EQ(device_->counts().blocks, 0u);
-  EXPECT_TRUE(all_have(ask(*device_, field), k_hidden));
   EXPECT_EQ(device_->counts().blocks, blocks_.size());
+  EXPECT_EQ(device_->counts().waves, 2u);
+  EXPECT_TRUE(all_have(ask(*device_, field), k_hidden));
+  EXPECT_EQ(device_->counts().blocks, 2 * blocks_.size());
+  EXPECT_EQ(device_->counts().waves, 3u);
+  EXPECT_EQ(device_->counts().blocks_cpu, 0u);
+  EXPECT_EQ(device_->counts().samples, 2 * k_rays);  // what is asked again stands for nothing new
 }
 
 TEST_F(GpuDeviceTest, ForgetsFieldsThatGo) {
@@ -112,7 +119,7 @@ TEST_F(GpuDeviceTest, ForgetsFieldsThatGo) {
     for (int i = 0; i < 2; ++i) {
       EXPECT_TRUE(all_have(ask(*device_, *field), blocked ? k_hidden : RayStates::k_crosses));
     }
-    EXPECT_EQ(device_->counts().blocks - before, blocks_.size());
+    EXPECT_EQ(device_->counts().blocks - before, 2 * blocks_.size());
     EXPECT_GT(device_->counts().bytes_resident, 0u);
     device_->forget_fields();
   }
@@ -127,7 +134,9 @@ TEST_F(GpuDeviceTest, ThreadsShareWaves) {
   bake(field, true);
   const auto ask_beside = [&] { EXPECT_TRUE(all_have(ask(*device_, field), k_hidden)); };
   EmulatedFaults faults;
+  bool is_copied = false;
   faults.at_synchronise = [&] {
+    if (!is_copied) return;
     const int n = ++synchronisations;
     if (n == 1) threads.emplace_back(ask_beside);
     if (n == 2) {
@@ -139,12 +148,14 @@ TEST_F(GpuDeviceTest, ThreadsShareWaves) {
   };
   open(faults);
   ask_beside();
+  is_copied = true;
+  ask_beside();
   for (std::thread& t : threads) t.join();
-  EXPECT_EQ(device_->counts().waves, 3u);
-  EXPECT_EQ(log_->launches[int(Kernel::query)], 4u);
+  EXPECT_EQ(device_->counts().waves, 5u);
+  EXPECT_EQ(log_->launches[int(Kernel::query)], 6u);  // the rays of each have arrays of their own
   EXPECT_EQ(log_->launches[int(Kernel::scatter)], 1u);
-  EXPECT_EQ(device_->counts().blocks, 2 * blocks_.size());
-  EXPECT_EQ(device_->counts().blocks_cpu, 2 * blocks_.size());
+  EXPECT_EQ(device_->counts().blocks, 5 * blocks_.size());
+  EXPECT_EQ(device_->counts().blocks_cpu, 0u);
   device_.reset();
   EXPECT_EQ(log_->misuse, 0u);
 }
@@ -165,10 +176,10 @@ TEST_F(GpuDeviceTest, WavesFollowEachOther) {
       if (once) std::thread(once).join();
     };
     open(faults);
-    ask(*device_, field);  // names what is missing
+    ask(*device_, field);
     beside = [&] { EXPECT_TRUE(all_have(ask(*device_, field), k_hidden)); };
     EXPECT_TRUE(all_have(ask(*device_, field), k_hidden));
-    EXPECT_EQ(device_->counts().blocks, 2 * blocks_.size());
+    EXPECT_EQ(device_->counts().blocks, 3 * blocks_.size());
     const uint64_t resident = device_->counts().bytes_resident;
     for (const RayBatch& rays : wide) {
       beside = [&] {
@@ -177,8 +188,8 @@ TEST_F(GpuDeviceTest, WavesFollowEachOther) {
       EXPECT_TRUE(all_have(ask(*device_, field), k_hidden));
     }
     EXPECT_GT(device_->counts().bytes_resident, resident);
-    // Only where something was met for the first time.
-    EXPECT_EQ(device_->counts().blocks_cpu, 5 * blocks_.size());
+    EXPECT_EQ(device_->counts().blocks, 15 * blocks_.size());
+    EXPECT_EQ(device_->counts().blocks_cpu, 0u);
     EXPECT_EQ(log_->launches[int(Kernel::scatter)], 5u * (eager + 1));
     device_.reset();
     EXPECT_EQ(log_->misuse, 0u);
@@ -216,20 +227,26 @@ TEST(EmulatedStreams, HaveNoOrderButByFollow) {
   }
 }
 
+// What a stream is given after the failure may need what was lost: it is lost too.
 TEST(EmulatedStreams, AFailureIsToldByEveryStream) {
-  const auto log = std::make_shared<EmulatedLog>();
-  EmulatedFaults faults;
-  faults.failing_call = 6;
-  EmulatedRuntime r(faults, log);
-  DeviceAddress place = 0;
-  ASSERT_EQ(r.open(0) | r.create_streams() | r.allocate(4, place), k_success);
-  ASSERT_EQ(r.fill_zero(0, place, 4) | r.fill_zero(1, place, 4) | r.follow(1, 0), k_success);
-  EXPECT_EQ(r.synchronise(0), EmulatedFaults::k_launch_failed);
-  EXPECT_EQ(r.synchronise(1), EmulatedFaults::k_launch_failed);
-  EXPECT_EQ(r.synchronise(1), k_success);
-  EXPECT_EQ(*reinterpret_cast<uint32_t*>(place), 0xcdcdcdcdu);
-  ASSERT_EQ(r.free(place) | r.destroy_streams() | r.close(), k_success);
-  EXPECT_EQ(log->misuse, 0u);
+  for (const bool is_late : {false, true}) {
+    const auto log = std::make_shared<EmulatedLog>();
+    EmulatedFaults faults;
+    faults.failing_call = is_late ? 4 : 6;
+    EmulatedRuntime r(faults, log);
+    DeviceAddress place = 0;
+    ASSERT_EQ(r.open(0) | r.create_streams() | r.allocate(4, place), k_success);
+    ASSERT_EQ(r.fill_zero(0, place, 4), k_success);
+    const auto fail = [&] { EXPECT_EQ(r.synchronise(0), EmulatedFaults::k_launch_failed); };
+    if (is_late) fail();
+    ASSERT_EQ(r.fill_zero(1, place, 4) | r.follow(1, 0), k_success);
+    if (!is_late) fail();
+    EXPECT_EQ(r.synchronise(1), EmulatedFaults::k_launch_failed);
+    EXPECT_EQ(r.synchronise(1), k_success);
+    EXPECT_EQ(*reinterpret_cast<uint32_t*>(place), 0xcdcdcdcdu);
+    ASSERT_EQ(r.free(place) | r.destroy_streams() | r.close(), k_success);
+    EXPECT_EQ(log->misuse, 0u);
+  }
 }
 
 }  // namespace

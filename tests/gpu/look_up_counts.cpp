@@ -6,8 +6,12 @@
 // the warps' instructions, requests and sectors (tests/gpu/ptx_counts.h), and the bytes over the bus in both
 // directions, with what fields' copies and blocks that were left to the CPU take. Without a scene: three that need no
 // other files, an object over a floor, three objects under three lights, a crowd. One thread, so that figures are
-// reproducible. Exit codes: 0; 1 a scene cannot be rendered, or its picture is not the CPU's; 2 wrong use; 77 there are
-// no kernels.
+// reproducible; fields are baked before. And for each scene the samples of its waves. Exit codes: 0; 1 a scene cannot
+// be rendered, or its picture is not the CPU's; 2 wrong use; 77 there are no kernels.
+#include <unistd.h>
+
+#include <bit>
+#include <filesystem>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
@@ -16,6 +20,7 @@
 #include "tests/gpu/picture_checks.h"
 #include "tests/gpu/ptx_counts.h"
 #include "tests/gpu/ptx_kernels.h"
+#include "tests/gpu/recording_device.h"
 #include "tests/support/reference_scenes.h"
 
 namespace fieldtrace {
@@ -50,21 +55,40 @@ void run_counted(Kernel kernel, uint32_t warps, const void* arguments) {
   if (kernel == Kernel::light_cones) {
     const auto& a = *static_cast<const gpu::ConeArguments*>(arguments);
     c.lookups += lookups_of(a.masks, warps);
-    for (uint32_t i = 0; i < entries; ++i) c.entries += (a.flags[i] & k_may_shadow) != 0;
+    for (uint32_t w = 0; w < warps; ++w) c.entries += uint64_t(std::popcount(a.wanted[w]));
   } else if (kernel == Kernel::filter_strata) {
     const auto& a = *static_cast<const gpu::StratumArguments*>(arguments);
     c.lookups += lookups_of(a.masks, warps);
-    for (uint32_t i = 0; i < entries; ++i) c.entries += a.wanted[i] > 0 && a.rays.tmax[i] >= 0.0f;
+    for (uint32_t i = 0; i < entries; ++i) {
+      const uint32_t w = i / gpu::k_warp, lane = i % gpu::k_warp;
+      c.entries += (a.wanted[w] >> lane & 1u) && a.rays.tmax[a.blocks[w] + lane] >= 0.0f;
+    }
   } else if (kernel == Kernel::query) {
     const auto& a = *static_cast<const gpu::QueryArguments*>(arguments);
     c.lookups += lookups_of(a.masks, warps);
-    for (uint32_t i = 0; i < entries; ++i) c.entries += a.rays.tmax[i] >= 0.0f;
+    for (uint32_t i = 0; i < entries; ++i) {
+      c.entries += a.rays.tmax[a.blocks[i / gpu::k_warp] + i % gpu::k_warp] >= 0.0f;
+    }
   }
 }
+
+struct Folder {
+  Folder() { std::filesystem::create_directories(path); }
+  ~Folder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path, ignored);
+  }
+  const std::string path =
+      (std::filesystem::temp_directory_path() / ("fieldtrace_look_up_counts_" + std::to_string(getpid()))).string();
+};
 
 nlohmann::json count(const Scene& scene, RenderOptions o) {
   for (QuestionCounts& c : counts) c = {};
   o.threads = 1;
+  // The fields are baked before.
+  const Folder folder;
+  o.field_cache = folder.path;
+  render(scene, o);
   gpu::EmulatedFaults faults;
   faults.run_kernel = &run_counted;
   const test::EmulatedPicture picture = test::render_emulated(scene, o, faults);
@@ -84,7 +108,13 @@ nlohmann::json count(const Scene& scene, RenderOptions o) {
                                                {"bytes_up", picture.log.bytes_up[int(kernel)]},
                                                {"bytes_down", picture.log.bytes_down[int(kernel)]}};
   }
+  test::WaveSizes sizes;
+  test::render_recorded(scene, o, sizes);
+  nlohmann::json waves;
+  const char* const levels[test::k_levels] = {"light_cones", "filter_strata", "query", "sky_cells"};
+  for (int i = 0; i < test::k_levels; ++i) waves[levels[i]] = sizes[i];
   return {{"kinds", kinds},
+          {"wave_samples", waves},
           {"bytes_resident", picture.result.stats.device_bytes},
           {"blocks", picture.result.stats.device_blocks},
           {"blocks_cpu", picture.result.stats.device_blocks_cpu}};

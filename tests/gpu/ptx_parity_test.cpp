@@ -9,8 +9,8 @@
 #include "core/simd/isa.h"
 #include "gpu/device_arguments.h"
 #include "gpu/runtime.h"
+#include "tests/gpu/ask_device.h"
 #include "tests/gpu/ptx_kernels.h"
-#include "tests/gpu/random_questions.h"
 #include "tests/support/cell_tasks.h"
 #include "tests/support/light_test_scenes.h"
 
@@ -132,7 +132,9 @@ TEST_F(PtxParity, Query) {
       const QueryInputs inputs(l, values);
       const auto& [rays, instances] = inputs;
       Outputs<RayMasks> out(l.warps);
-      launch({l.task, arrays_of(rays), instances.data(), out.masks.data(), out.missing.data(), uint32_t(l.warps)});
+      const std::vector<uint32_t> blocks = blocks_of(l.entries);
+      launch({l.task, arrays_of(rays), instances.data(), blocks.data(), out.masks.data(), out.missing.data(),
+              uint32_t(l.warps)});
       for (const SegmentKernels* table : tables_) {
         RayStates states;
         states.keep_verdicts = true;
@@ -180,8 +182,11 @@ TEST_F(PtxParity, FilterStrata) {
       const auto& [task, rays, pdf, radius, wanted] = inputs;
       Outputs<StratumMasks> out(l.warps);
       std::vector<float> shares(padded(l.entries), -1.0f);
-      launch({task, arrays_of(rays), pdf.data(), radius.data(), wanted.data(), shares.data(), out.masks.data(),
-              out.missing.data(), uint32_t(l.warps)});
+      const std::vector<uint32_t> all = blocks_of(l.entries);
+      std::vector<uint32_t> asked;
+      for (const uint32_t b : all) asked.push_back(wanted_mask(b, [&w = wanted](uint32_t i) { return w[i] != 0; }));
+      launch({task, arrays_of(rays), pdf.data(), radius.data(), all.data(), asked.data(), shares.data(),
+              out.masks.data(), out.missing.data(), uint32_t(l.warps)});
       for (const SegmentKernels* table : tables_) {
         AlignedVector<float> clear(padded(l.entries), 1.0f);
         AlignedVector<int32_t> failed(padded(l.entries), 0);
@@ -230,7 +235,12 @@ TEST_F(PtxParity, LightCones) {
       const Sphere& light = inputs.light;
       const ShadingPointBatch& points = inputs.points;
       const AlignedVector<int32_t>& flags = inputs.flags;
-      const std::vector<uint32_t> transmits(points.transmits.begin(), points.transmits.end());
+      const std::vector<uint32_t> all = blocks_of(l.entries);
+      std::vector<uint32_t> transmits, wanted;
+      for (const uint32_t b : all) {
+        transmits.push_back(wanted_mask(b, [&](uint32_t i) { return points.transmits[i] != 0; }));
+        wanted.push_back(wanted_mask(b, [&](uint32_t i) { return (flags[i] & k_may_shadow) != 0; }));
+      }
       Outputs<ConeMasks> out(l.warps);
       ConeArguments a = {
           task,
@@ -238,7 +248,8 @@ TEST_F(PtxParity, LightCones) {
           light.radius,
           {points.px.data(), points.py.data(), points.pz.data(), points.gx.data(), points.gy.data(), points.gz.data(),
            points.error.data(), points.radius.data(), points.instance.data(), transmits.data()},
-          flags.data(),
+          all.data(),
+          wanted.data(),
           out.masks.data(),
           out.missing.data(),
           uint32_t(l.warps)};
@@ -252,7 +263,7 @@ TEST_F(PtxParity, LightCones) {
           const ConeCounts c = table->light_cones(task, points, light, blocks, found.data(), unknowns);
           const ConeMasks& m = out.masks[warp];
           ASSERT_TRUE(m.not_baked == 0 || m.not_baked == k_all_lanes);
-          // The flags that the masks make of the old ones (gpu/device_questions.cpp) must be the CPU's.
+          // The flags that the masks make of the old ones (hybrid/visibility/device_answers.cpp) must be the CPU's.
           const auto flag = [&](uint32_t lane) {
             int32_t f = flags[first + lane];
             if (m.by_strata >> lane & 1u) f |= k_by_strata;
@@ -284,8 +295,8 @@ TEST_F(PtxParity, LightCones) {
   });
 }
 
-// A light of a random kind that needs no table, at times with extreme values.
-Light random_light(Values& values) {
+// A light of a random kind, with its tables, at times with extreme values.
+LightTable random_light(Values& values) {
   using namespace light_test;
   TestRandom& random = values.random;
   std::mt19937 turns(random.index(1u << 30));
@@ -299,9 +310,14 @@ Light random_light(Values& values) {
   const bool flip = random.index(2) == 0;
   constexpr ShapeKind k_shapes[] = {ShapeKind::sphere, ShapeKind::rectangle, ShapeKind::disk, ShapeKind::cylinder};
   constexpr EmitterKind k_emitters[] = {EmitterKind::point, EmitterKind::directional, EmitterKind::constant};
-  const uint32_t kind = random.index(7);
-  Light light = make_lights(kind < 4 ? area_scene(k_shapes[kind], to_world, flip) : emitter_scene(k_emitters[kind - 4]))
-                    .lights[0];
+  const uint32_t kind = random.index(10) % 9;  // spheres more often: only some of them are of the kind `sphere`
+  const Scene scene = kind < 4    ? area_scene(k_shapes[kind], to_world, flip)
+                      : kind < 7  ? emitter_scene(k_emitters[kind - 4])
+                      : kind == 7 ? area_scene(mesh_shape(), to_world, flip)
+                                  : environment_scene(9, 7, spotted_texel, Mat3(random_rotation(turns)));
+  LightTable table = make_lights(scene);
+  table.point_sets = make_point_sets();
+  Light& light = table.lights[0];
   float* const groups[] = {light.centre,         light.axis[0],        light.axis[1],        light.axis[2],
                            light.normal_axis[0], light.normal_axis[1], light.normal_axis[2], light.normal,
                            light.unit_axis[0],   light.unit_axis[1]};
@@ -312,7 +328,7 @@ Light random_light(Values& values) {
        {&light.half_size[0], &light.half_size[1], &light.radius, &light.area, &light.error_base, &light.error_slope}) {
     *f = values.spoilt(*f);
   }
-  return light;
+  return table;
 }
 
 LightSampleRange random_range(TestRandom& random) {
@@ -350,40 +366,48 @@ TEST_F(PtxParity, LightRays) {
   for_each_variant<LightRayArguments>("light_rays", [&](const auto& launch, const std::string& targets) {
     Values values(5);
     TestRandom& random = values.random;
-    LightTable table;
-    table.point_sets = make_point_sets();
-    size_t slots = 0, active = 0, kinds[13] = {};
+    size_t slots = 0, active = 0, by_number = 0, transmitting = 0, kinds[13] = {};
     while (slots < k_least_entries) {
-      values.wild = random.index(4) == 0 ? 0.1f : 0.0f;
+      // The side of a point that transmits is the sign of a cosine, which NaN has on a CPU alone.
+      const bool transmits = random.index(3) == 0;
+      values.wild = !transmits && random.index(4) == 0 ? 0.1f : 0.0f;
       const uint32_t index = random.index(4);
+      LightTable table = random_light(values);
+      const Light light = table.lights[0];
       table.lights.assign(4, {});
-      table.lights[index] = random_light(values);
-      const Light& light = table.lights[index];
+      table.lights[index] = light;
       if (light.kind == LightKind::none) continue;
-      const LightSampleRange range = random_range(random);
-      const ShadingPointBatch points = random_points(1 + random.index(200), light, values);
-      const size_t count = size_t(range.count), size = points.size * count;
-      std::vector<int32_t> wanted(points.size);
-      for (int32_t& w : wanted) w = int32_t(random.index(2));
-      std::vector<uint32_t> blocks;
-      for (size_t b = 0; b < padded(size); b += k_warp) {
-        if (random.index(8) != 0) blocks.push_back(uint32_t(b));
+      LightSampleRange range = random_range(random);
+      if (light.kind == LightKind::mesh) range.columns = 0;
+      ShadingPointBatch points = random_points(1 + random.index(200), light, values);
+      for (size_t i = 0; transmits && i < points.size; ++i) points.transmits[i] = uint8_t(random.index(2));
+      points.transmits[0] = uint8_t(transmits);
+      std::vector<uint32_t> transmit_masks;
+      for (const uint32_t b : blocks_of(points.size)) {
+        transmit_masks.push_back(wanted_mask(b, [&](uint32_t i) { return i < points.size && points.transmits[i]; }));
       }
+      const size_t count = size_t(range.count), size = points.size * count;
+      // All slots, or some of them anywhere.
+      std::vector<uint32_t> numbers(padded(size), 0u);
+      const bool has_numbers = random.index(2) == 0;
+      for (uint32_t i = 0; i < size; ++i) numbers[i] = has_numbers ? random.index(uint32_t(size)) : i;
+      std::vector<LightRayBlock> blocks;
+      for (const uint32_t b : blocks_of(size)) blocks.push_back({0, b, uint32_t(size)});
       std::vector<float> made[9];
-      for (auto& m : made) m.assign(blocks.size() * k_warp, -7.0f);
-      std::vector<uint32_t> instance(blocks.size() * k_warp, 99u);
-      std::vector<int32_t> asked(blocks.size() * k_warp, 99);
-      const bool has_others = random.index(2) == 0;
+      for (auto& m : made) m.assign(numbers.size(), -7.0f);
+      std::vector<uint32_t> instance(numbers.size(), 99u);
       const ShadingPointBatch& p = points;
       launch({light,
               index,
               range,
+              transmits,
               {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(), p.gz.data(), p.sx.data(), p.sy.data(),
                p.sz.data(), p.error.data(), p.radius.data(), p.seed.data(), p.sample.data(), p.instance.data(),
-               wanted.data()},
-              uint32_t(size),
-              range.columns > 0 ? nullptr : table.point_sets.data(),
+               transmit_masks.data()},
+              {range.columns > 0 ? nullptr : table.point_sets.data(), table.triangles.data(),
+               table.environment.rows.data(), table.environment.sums.data(), table.environment.texels.data()},
               blocks.data(),
+              has_numbers ? numbers.data() : nullptr,
               made[0].data(),
               made[1].data(),
               made[2].data(),
@@ -391,10 +415,9 @@ TEST_F(PtxParity, LightRays) {
               made[4].data(),
               made[5].data(),
               made[6].data(),
-              has_others ? made[7].data() : nullptr,
-              has_others ? made[8].data() : nullptr,
-              has_others ? asked.data() : nullptr,
-              has_others ? instance.data() : nullptr,
+              made[7].data(),
+              made[8].data(),
+              instance.data(),
               uint32_t(blocks.size())});
       for (const Isa isa : {Isa::scalar, resolve_isa(Isa::automatic)}) {
         ShadowBatch cpu;
@@ -402,33 +425,35 @@ TEST_F(PtxParity, LightRays) {
         const AlignedVector<float>* const rays[] = {&cpu.rays.ox, &cpu.rays.oy, &cpu.rays.oz,   &cpu.rays.dx,
                                                     &cpu.rays.dy, &cpu.rays.dz, &cpu.rays.tmax, &cpu.pdf};
         for (size_t at = 0; at < instance.size(); ++at) {
-          const size_t slot = blocks[at / k_warp] + at % k_warp;
-          if (slot >= size) {
+          const size_t slot = numbers[at], r = slot / count;
+          if (at >= size) {
             ASSERT_LT(made[6][at], 0.0f);
-            ASSERT_EQ(asked[at], has_others ? 0 : 99);
             continue;
           }
-          for (int i = 0; i < (has_others ? 8 : 7); ++i) {
+          for (int i = 0; i < 8; ++i) {
             const float a = made[i][at], b = (*rays[i])[slot];
             ASSERT_TRUE((std::isnan(a) && std::isnan(b)) || std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b))
                 << targets << ", kind " << int(light.kind) << ", array " << i << ": " << a << " and " << b;
           }
           active += made[6][at] >= 0.0f;
-          if (!has_others) continue;
-          ASSERT_EQ(instance[at], points.instance[slot / count]);
-          ASSERT_EQ(asked[at], wanted[slot / count]);
-          ASSERT_EQ(std::bit_cast<uint32_t>(made[8][at]), std::bit_cast<uint32_t>(points.radius[slot / count]));
+          ASSERT_EQ(instance[at], points.instance[r]);
+          ASSERT_EQ(std::bit_cast<uint32_t>(made[8][at]), std::bit_cast<uint32_t>(points.radius[r]));
         }
       }
       slots += instance.size();
+      by_number += has_numbers ? instance.size() : 0;
+      transmitting += transmits ? instance.size() : 0;
       kinds[int(light.kind)] += instance.size();
     }
     for (const LightKind kind :
          {LightKind::sphere, LightKind::sphere_inside, LightKind::rectangle, LightKind::parallelogram, LightKind::disk,
-          LightKind::ellipsoid, LightKind::cylinder, LightKind::point, LightKind::directional, LightKind::constant}) {
+          LightKind::ellipsoid, LightKind::cylinder, LightKind::mesh, LightKind::point, LightKind::directional,
+          LightKind::constant, LightKind::environment}) {
       EXPECT_GT(kinds[int(kind)], slots / 100) << int(kind);
     }
     EXPECT_GT(active, slots / 5);  // of both instruction sets
+    EXPECT_GT(by_number, slots / 3);
+    EXPECT_GT(transmitting, slots / 5);
   });
 }
 

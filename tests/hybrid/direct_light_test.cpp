@@ -77,7 +77,7 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
     TransportWorker worker(context);
     trace_pixels(
         tile_pixels(scene.film.crop), pixel_samples, 1, worker, [] { return true; },
-        [](size_t, std::span<const Rgb>, std::span<const FirstHit>) {});
+        [](const PixelRun&, std::span<const Rgb>, std::span<const FirstHit>) {});
     const Stats& stats = worker.stats();
     EXPECT_GT(stats.strata, 5000u);
     EXPECT_GT(stats.rays_crossing, 1000u);

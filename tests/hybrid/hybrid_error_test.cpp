@@ -97,7 +97,7 @@ Image unshadowed(const Scene& scene, uint32_t seed) {
   Image image{scene.film.width, scene.film.height, {"R", "G", "B"}, {}};
   trace_pixels(
       pixels, 1, 1, worker, [] { return true; },
-      [&](size_t, std::span<const Rgb> values, std::span<const FirstHit>) {
+      [&](const PixelRun&, std::span<const Rgb> values, std::span<const FirstHit>) {
         for (const Rgb& v : values) image.data.insert(image.data.end(), {v.x, v.y, v.z});
       });
   return image;

@@ -79,7 +79,7 @@ TEST(LightReceivers, RunsAreTheirVertices) {
         v.frame.n = turned ? -surface.shading_normal : surface.shading_normal;
         const bool inside = glm::dot(surface.geometric_normal, wave.rays.direction(i)) > 0.0f;
         v.facing = inside ? -surface.geometric_normal : surface.geometric_normal;
-        single.add(v, k_none, {});
+        single.add(v, k_none, {}, 0);
       }
     }
     ASSERT_EQ(runs.size(), single.size());
@@ -107,7 +107,7 @@ LightReceivers pixels(TestRandom& random) {
       for (uint32_t i = begin; i < end; ++i) {
         const size_t at =
             r.add_run(wave.rays, wave.surfaces, {i, i + 1}, is_mixed ? random.index(3) : instance, material);
-        r.points.seed[at] = seed;
+        r.points.seed[at] = r.pixel[at] = seed;
         r.points.sample[at] = r.path[at] = uint32_t(at);
         if (seed % 3) r.points.gx[at] = 0.0f, r.points.gy[at] = 0.0f, r.points.gz[at] = 1.0f;  // others fall apart
       }

@@ -41,7 +41,7 @@ struct Pixels {
   LightReceivers receivers() const {
     LightReceivers r;
     r.clear(vertices.size());
-    for (uint32_t i = 0; i < vertices.size(); ++i) r.add(vertices[i], i, paths[vertices[i].path]);
+    for (uint32_t i = 0; i < vertices.size(); ++i) r.add(vertices[i], i, paths[vertices[i].path], vertices[i].seed);
     return r;
   }
   bool is_lit(uint32_t m) const { return !vertices[m].material->delta() && !vertices[m].material->dark; }

@@ -443,9 +443,9 @@ TEST(Transport, SamplesArriveInOrderWhateverTheBatches) {
     std::vector<float> depths;
     trace_pixels(
         pixels, k_spp, lobe_samples, worker, [] { return true; },
-        [&](size_t pixel, std::span<const Rgb> values, std::span<const FirstHit> firsts) {
+        [&](const PixelRun& run, std::span<const Rgb> values, std::span<const FirstHit> firsts) {
           EXPECT_EQ(values.size(), firsts.size());
-          radiance[pixel].insert(radiance[pixel].end(), values.begin(), values.end());
+          radiance[run.pixel].insert(radiance[run.pixel].end(), values.begin(), values.end());
           for (const FirstHit& first : firsts) depths.push_back(first.depth);
         });
     return std::pair(radiance, depths);

@@ -14,6 +14,8 @@ import subprocess
 import sys
 import tempfile
 
+import api_pages
+
 HERE = pathlib.Path(__file__).resolve().parent
 DOCUMENTS = HERE.parents[1] / "docs/api"
 EXAMPLE = re.compile(r"^```c\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -52,15 +54,18 @@ def main():
         run("cc", "-std=c99", HERE / "consumer_c/main.c", "-o", folder / "by_pkg_config", *flags)
         beside = {**os.environ, "LD_LIBRARY_PATH": str(prefix / "lib")}
         run(folder / "by_pkg_config", env=beside)
-        # The examples of the documents.
-        examples = [e for page in sorted(DOCUMENTS.glob("*.md")) for e in EXAMPLE.findall(page.read_text())]
+        # The examples of the documents: whole programs of the first page, fragments of the others.
+        faults, fragments = api_pages.faults_and_program(prefix / "include/fieldtrace/fieldtrace.h", DOCUMENTS)
+        if faults:
+            sys.exit("\n".join(faults))
+        examples = EXAMPLE.findall((DOCUMENTS / "README.md").read_text())
         if not examples:
             sys.exit(f"{DOCUMENTS} has no examples")
-        for text in examples:
+        for text in [*examples, fragments]:
             (folder / "example.c").write_text(text)
             run("cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", folder / "example.c", "-o",
                 folder / "example", *flags)
-            run(folder / "example", env=beside)
+            run(folder / "example", env=beside, cwd=folder)
         print("package: all is well")
 
 

@@ -75,7 +75,7 @@ void run(const Arguments& arguments) {
     parallel_for(tiles.size(), [&](size_t i) {
       trace_pixels(
           tile_pixels(tiles[i]), arguments.spp, settings.lobe_samples, workers.local(), [] { return true; },
-          [](size_t, std::span<const Rgb>, std::span<const FirstHit>) {});
+          [](const PixelRun&, std::span<const Rgb>, std::span<const FirstHit>) {});
     });
     for (const TransportWorker& worker : workers) stats.merge_counters(worker.stats());
   });

@@ -24,6 +24,7 @@ struct CommandLine {
 
 // Each adds one command to `line.app`. Their actions throw Error and UsageError.
 void add_render_command(CommandLine& line);
+void add_merge_command(CommandLine& line);
 void add_bake_command(CommandLine& line);
 void add_mesh_command(CommandLine& line);
 void add_info_command(CommandLine& line);

@@ -13,6 +13,7 @@
 #include "field/file/field_info.h"
 #include "field/file/maps_file.h"
 #include "field/file/thesis_file.h"
+#include "hybrid/film/part.h"
 #include "hybrid/visibility/visibility_device.h"
 #include "tools/cli/command.h"
 #include "tools/cli/options.h"
@@ -37,8 +38,12 @@ void print_mesh(const std::string& path) {
 }
 
 void print_image(const std::string& path) {
-  const Image image = read_image(path);
+  std::map<std::string, std::string> metadata;
+  ImageReadOptions options;
+  options.metadata = &metadata;
+  const Image image = read_image(path, options);
   fmt::print("image      {}\nsize       {}x{}\n", path, image.width, image.height);
+  if (const auto slice = slice_of(metadata)) fmt::print("slice      {}\n", slice_text(*slice));
   for (size_t c = 0; c < image.channel_count(); ++c) {
     double sum = 0.0;
     float least = k_infinity, most = -k_infinity;

@@ -1,6 +1,8 @@
 // `fieldtrace render`: one scene to images and statistics.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -11,6 +13,7 @@
 #include "field/file/vdb_grid.h"
 #include "hybrid/denoise/denoise.h"
 #include "hybrid/render/picture.h"
+#include "hybrid/render/picture_identity.h"
 #include "hybrid/stats/stopwatch.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
@@ -26,9 +29,6 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// Stops beyond which every finite float becomes 0 or infinite.
-constexpr double k_max_exposure = 126.0;
-
 struct RenderArguments {
   SceneArguments scene;
   RenderOptions options;
@@ -38,6 +38,7 @@ struct RenderArguments {
   float exposure = 0.0f;
   bool float32 = false;
   bool denoise = false;
+  bool skip_done = false;
   std::optional<ViewerAddress> viewer;
   bool watch = false;
   bool quiet = false;
@@ -55,6 +56,19 @@ void require_outputs_writable(const RenderArguments& arguments) {
   for (const std::string& path : arguments.outputs) require_image_writable(path);
   if (!arguments.stats_file.empty()) require_writable(arguments.stats_file);
   if (!arguments.options.checkpoint.empty()) require_writable(arguments.options.checkpoint);
+}
+
+// A part is one file, whose slice another command joins: nothing that needs the whole picture.
+void require_slice_alone(const RenderArguments& arguments) {
+  if (!arguments.options.slice) return;
+  if (arguments.options.keeps_sums())
+    throw UsageError("--slice is for pictures of --spp samples: no target error, time limit, checkpoint");
+  if (arguments.denoise)
+    throw UsageError("--denoise needs the whole picture, of which --slice renders a part; give one of them");
+  if (arguments.outputs.size() > 1) throw UsageError("--slice writes one part; give one -o");
+  std::string ending = std::filesystem::path(arguments.outputs[0]).extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  if (ending != ".exr") throw UsageError("-o " + arguments.outputs[0] + ": parts are EXR files; end the name in .exr");
 }
 
 // Denoises the picture and removes the layers that nobody asked for. Returns what denoised it; empty: nothing did.
@@ -81,6 +95,10 @@ void write_outputs(const RenderArguments& arguments, const RenderResult& result,
                       {"fieldtrace:spp", std::to_string(result.stats.spp)}};
   if (result.interrupted) options.metadata["fieldtrace:interrupted"] = "1";
   if (!denoiser.empty()) options.metadata["fieldtrace:denoised"] = denoiser;
+  if (result.part) {
+    write_part(arguments.outputs[0], result.image, *result.part, options.metadata);
+    return;
+  }
   for (const std::string& path : arguments.outputs) write_image(path, result.image, options);
 }
 
@@ -168,6 +186,7 @@ void print_summary(const Stats& s) {
   fmt::print(stderr, "{}, {}x{}, {} spp x {} light sample{}, seed {}, {} thread{}, {}\n", s.method, s.width, s.height,
              s.spp, s.light_samples, s.light_samples == 1 ? "" : "s", s.seed, s.threads, s.threads == 1 ? "" : "s",
              s.isa);
+  if (!s.slice.empty()) fmt::print(stderr, "slice   {}\n", s.slice);
   fmt::print(stderr, "scene   {} triangles, {} instances, {} lights\n", count(s.triangles), s.instances, s.lights);
   fmt::print(stderr, "time    {:.2f} s: load {:.2f}, bake {:.2f}, primary {:.2f}, secondary {:.2f}\n", s.time_total,
              s.time_load, s.time_bake, s.time_primary, s.time_secondary);
@@ -218,8 +237,16 @@ void print_summary(const Stats& s) {
   }
 }
 
+// Whether the part to be rendered is there, whole.
+bool is_done(const RenderArguments& arguments, const Scene& scene, const RenderOptions& options) {
+  if (!arguments.skip_done) return false;
+  const RenderCallbacks none;
+  return holds_part(arguments.outputs[0], part_of(Picture(scene, options, none)));
+}
+
 int run_render(const RenderArguments& arguments, const std::string& command) {
   const Clock::time_point start = Clock::now();
+  require_slice_alone(arguments);
   if (arguments.denoise) require_denoiser();
   watched_files(arguments);
   require_outputs_writable(arguments);
@@ -236,6 +263,12 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   RenderOptions options = arguments.options;
   if (!arguments.crop.empty()) options.crop = parse_crop(arguments.crop, scene.film.crop, "film");
   if (arguments.denoise) options.aovs.insert(options.aovs.end(), denoise_layers().begin(), denoise_layers().end());
+  if (is_done(arguments, scene, options)) {
+    progress.clear();
+    if (!arguments.quiet)
+      fmt::print(stderr, "{}: slice {} is there already\n", arguments.outputs[0], slice_text(*options.slice));
+    return k_exit_success;
+  }
   RenderCallbacks callbacks;
   std::mutex terminal;  // previews warn from threads of their own
   callbacks.progress = [&](float share, const char* stage) {
@@ -260,6 +293,12 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
     if (previews.viewer) show_result(result.image, *previews.picture);
   }
 
+  if (result.interrupted && result.part) {
+    if (previews.viewer) previews.viewer->finish();
+    progress.clear();
+    fmt::print(stderr, "fieldtrace: interrupted; the part was not written\n");
+    return k_exit_interrupted;
+  }
   Stats& stats = result.stats;
   const Clock::time_point write_begin = Clock::now();
   write_outputs(arguments, result, command, denoiser);
@@ -290,9 +329,7 @@ void add_render_command(CommandLine& line) {
   add_render_options(command, arguments->options);
   command.add_option("--crop", arguments->crop, "Pixels of the film to render")->type_name("X,Y,W,H");
   command.add_option("--stats", arguments->stats_file, "Write the statistics as JSON")->type_name("FILE.json");
-  command.add_option("--exposure", arguments->exposure, "Exposure of a PNG in stops (default: 0)")
-      ->check(number_between(-k_max_exposure, k_max_exposure))
-      ->type_name("EV");
+  add_exposure_option(command, arguments->exposure);
   command
       .add_option_function<std::string>(
           "--tev", [arguments](const std::string& text) { arguments->viewer = parse_viewer_address(text); },
@@ -301,6 +338,14 @@ void add_render_command(CommandLine& line) {
   command.add_flag("--watch", arguments->watch, "Write the PNG outputs every few seconds while rendering");
   command.add_flag("--denoise", arguments->denoise, "Remove the noise by Intel Open Image Denoise before writing");
   command.add_flag("--float32", arguments->float32, "Write EXR as 32-bit float instead of 16-bit half");
+  CLI::Option* const slice =
+      command
+          .add_option_function<std::string>(
+              "--slice", [arguments](const std::string& text) { arguments->options.slice = parse_slice(text); },
+              "Render the K-th of N parts of the picture, for `fieldtrace merge` to join")
+          ->type_name("K/N");
+  command.add_flag("--skip-done", arguments->skip_done, "Leave a part that is there, and whole, as it is")
+      ->needs(slice);
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
   command.callback(
       [arguments, &line] { line.action = [arguments, &line] { return run_render(*arguments, line.text); }; });

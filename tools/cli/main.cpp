@@ -54,6 +54,7 @@ int run(int argc, char** argv) {
   app.set_version_flag("--version", "fieldtrace " FIELDTRACE_VERSION);
   app.require_subcommand(1);
   add_render_command(line);
+  add_merge_command(line);
   add_bake_command(line);
   add_mesh_command(line);
   add_info_command(line);

@@ -22,6 +22,8 @@ namespace {
 // Keeps products with the pixels of a large film far below 2^63.
 constexpr int k_max_samples = 1 << 20;
 constexpr int k_max_threads = 4096;
+// Stops beyond which every finite float becomes 0 or infinite.
+constexpr double k_max_exposure = 126.0;
 // 10^18 bytes.
 constexpr int64_t k_max_megabytes = int64_t(1000) * 1000 * 1000 * 1000;
 
@@ -288,6 +290,12 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
           "Longest path, -1 for no limit, 1: emission only, 2: direct light (default: the scene's)")
       ->check(whole_number_between(-1, 1 << 16))
       ->type_name("N");
+}
+
+void add_exposure_option(CLI::App& command, float& exposure) {
+  command.add_option("--exposure", exposure, "Exposure of a PNG in stops (default: 0)")
+      ->check(number_between(-k_max_exposure, k_max_exposure))
+      ->type_name("EV");
 }
 
 Rect parse_crop(const std::string& text, const Rect& whole, const std::string& name) {

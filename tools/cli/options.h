@@ -60,6 +60,9 @@ WarningSink print_warnings(ProgressLine& progress);
 // Options of RenderOptions as spelled in the render command; --device is parsed and checked too.
 void add_render_options(CLI::App& command, RenderOptions& options);
 
+// The exposure of PNG outputs, in stops.
+void add_exposure_option(CLI::App& command, float& exposure);
+
 // "x,y,w,h". Throws UsageError unless these are four whole numbers within `whole`, the pixels of what `name` denotes
 // ("film").
 Rect parse_crop(const std::string& text, const Rect& whole, const std::string& name);

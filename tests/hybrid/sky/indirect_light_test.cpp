@@ -256,15 +256,18 @@ TEST(IndirectLight, IsPathsAtToleranceZero) {
 
 // What --check says of estimates.
 TEST(IndirectLight, IsComparedWithRays) {
-  Corner s(48, 4);
+  Corner s(96, 4);
   s.objects();
   s.light(EmitterKind::constant, Rgb(1.0f));
-  RenderOptions o = options_for(s.scene, Method::hybrid, 48, 16);
+  RenderOptions o = options_for(s.scene, Method::hybrid, 96, 16);
   o.check = true;
   const Stats stats = render(s.scene, o).stats;
   ASSERT_GT(stats.check_indirect.compared, 5u);
   EXPECT_GT(stats.check_indirect.sum, 0.0);
   EXPECT_LT(stats.check_indirect.sum, 0.02 * double(stats.check_indirect.compared));
+  ASSERT_GT(stats.check_fitted.compared, 10u);
+  EXPECT_LT(stats.check_fitted.sum, 0.005 * double(stats.check_fitted.compared));
+  EXPECT_LT(std::abs(stats.check_fitted.bias), 0.002 * double(stats.check_fitted.compared));
   ASSERT_GT(stats.check_surfels.compared, 10u);
   EXPECT_GT(stats.check_surfels.sum, 0.0);
   EXPECT_LT(std::abs(stats.check_surfels.bias), 0.02 * double(stats.check_surfels.compared));

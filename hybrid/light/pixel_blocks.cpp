@@ -1,0 +1,213 @@
+#include "hybrid/light/pixel_blocks.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fieldtrace {
+namespace {
+
+// Blocks with fewer members are not worth their samples.
+constexpr uint32_t k_fewest_members = 8;
+// How far normals may lie from their fit, as a length, and positions, in units of the nearest sample's distance from
+// the middle one.
+constexpr float k_bent_normal = 0.4f, k_bent_position = 1.0f;
+// How far out samples lie, in sides of the block.
+constexpr float k_sample_radius = 0.4f;
+
+struct Offset {
+  float x, y;
+};
+
+// A function linear in the pixel's place, a + x b + y c, fitted to samples.
+class LinearFit {
+ public:
+  explicit LinearFit(std::span<const Offset> at) {
+    for (const Offset& o : at) mean_.x += o.x, mean_.y += o.y;
+    const auto count = float(at.size());
+    mean_.x /= count, mean_.y /= count;
+    double xx = 0.0, xy = 0.0, yy = 0.0;
+    for (const Offset& o : at) {
+      const double x = o.x - mean_.x, y = o.y - mean_.y;
+      xx += x * x, xy += x * y, yy += y * y;
+    }
+    const double determinant = xx * yy - xy * xy;
+    is_regular_ = determinant > 0.25 * xx * yy && xx > 0.0 && yy > 0.0;
+    if (!is_regular_) return;
+    for (size_t i = 0; i < at.size(); ++i) {
+      const double x = at[i].x - mean_.x, y = at[i].y - mean_.y;
+      x_[i] = float((yy * x - xy * y) / determinant), y_[i] = float((xx * y - xy * x) / determinant);
+    }
+    share_ = 1.0f / count;
+  }
+  bool is_regular() const { return is_regular_; }
+  // The weight of sample i at a place.
+  float weight(size_t i, const Offset& o) const { return share_ + (o.x - mean_.x) * x_[i] + (o.y - mean_.y) * y_[i]; }
+
+ private:
+  bool is_regular_ = false;
+  Offset mean_ = {0.0f, 0.0f};
+  float share_ = 0.0f, x_[k_block_samples] = {}, y_[k_block_samples] = {};
+};
+
+Offset offset_of(const PixelPosition& p) { return {float(p.x & 7), float(p.y & 7)}; }
+
+Vec3 position_of(const ShadingPointBatch& p, size_t i) { return {p.px[i], p.py[i], p.pz[i]}; }
+Vec3 shading_of(const ShadingPointBatch& p, size_t i) { return {p.sx[i], p.sy[i], p.sz[i]}; }
+Vec3 geometric_of(const ShadingPointBatch& p, size_t i) { return {p.gx[i], p.gy[i], p.gz[i]}; }
+
+}  // namespace
+
+bool PixelBlocks::is_even(const Block& block) const {
+  std::array<Offset, k_block_samples> at;
+  for (size_t s = 0; s < k_block_samples; ++s) at[s] = offset_of(pixels_[block.sample[s]]);
+  const LinearFit fit(at);
+  if (!fit.is_regular()) return false;
+  // Beyond a step all samples but some lie near by.
+  float nearest = k_infinity;
+  for (size_t s = 0; s + 1 < k_block_samples; ++s) {
+    const Vec3 middle = position_of(*points_, block.sample[k_block_samples - 1]);
+    nearest = std::min(nearest, glm::length(position_of(*points_, block.sample[s]) - middle));
+  }
+  const float extent = k_bent_position * nearest;
+  for (uint32_t m = block.begin; m < block.end; ++m) {
+    const uint32_t i = members_[m];
+    const Offset o = offset_of(pixels_[i]);
+    Vec3 position(0.0f), shading(0.0f), geometric(0.0f);
+    for (size_t s = 0; s < k_block_samples; ++s) {
+      const float w = fit.weight(s, o);
+      const uint32_t of = block.sample[s];
+      position += w * position_of(*points_, of);
+      shading += w * shading_of(*points_, of);
+      geometric += w * geometric_of(*points_, of);
+    }
+    if (!(glm::length(position - position_of(*points_, i)) <= extent) ||
+        !(glm::length(shading - shading_of(*points_, i)) <= k_bent_normal) ||
+        !(glm::length(geometric - geometric_of(*points_, i)) <= k_bent_normal))
+      return false;
+  }
+  return true;
+}
+
+// Adds members [begin, end), which lie in one block, to tried_ if they may be fitted.
+bool PixelBlocks::add(uint32_t begin, uint32_t end, int side) {
+  if (end - begin < k_fewest_members) return false;
+  Block block;
+  block.begin = begin, block.end = end, block.side = side;
+  const float middle = 0.5f * float(side - 1);
+  Offset targets[k_block_samples];
+  for (size_t s = 0; s + 1 < k_block_samples; ++s) {
+    const float angle = 2.0f * k_pi * (0.25f + float(s) / float(k_block_samples - 1));
+    const float out = k_sample_radius * float(side);
+    targets[s] = {middle + out * std::cos(angle), middle + out * std::sin(angle)};
+  }
+  targets[k_block_samples - 1] = {middle, middle};
+  for (size_t s = 0; s < k_block_samples; ++s) {
+    float least = k_infinity;
+    for (uint32_t m = begin; m < end; ++m) {
+      const PixelPosition& p = pixels_[members_[m]];
+      const float dx = float(p.x % side) - targets[s].x, dy = float(p.y % side) - targets[s].y;
+      if (dx * dx + dy * dy < least) least = dx * dx + dy * dy, block.sample[s] = members_[m];
+    }
+    if (least > 2.0f) return false;
+    if (std::find(block.sample.begin(), block.sample.begin() + s, block.sample[s]) != block.sample.begin() + s)
+      return false;
+  }
+  if (!is_even(block)) return false;
+  tried_.push_back(block);
+  return true;
+}
+
+void PixelBlocks::want(uint32_t point, std::vector<uint32_t>& wanted) {
+  if (asked_[point]) return;
+  asked_[point] = 1;
+  wanted.push_back(point);
+}
+
+// Tries the quarters of a block, or wants all of it.
+void PixelBlocks::split(const Block& block, std::vector<uint32_t>& wanted) {
+  const int half = block.side / 2;
+  if (half >= 4) {
+    std::stable_sort(members_.begin() + block.begin, members_.begin() + block.end, [&](uint32_t a, uint32_t b) {
+      const auto quarter = [&](uint32_t i) { return (pixels_[i].y & half) * 2 + (pixels_[i].x & half); };
+      return quarter(a) < quarter(b);
+    });
+  }
+  for (uint32_t begin = block.begin, end = begin; begin < block.end; begin = end) {
+    while (end < block.end && (half < 4 || in_one_block(pixels_[members_[begin]], pixels_[members_[end]], half))) ++end;
+    if (half >= 4 && add(begin, end, half)) {
+      for (const uint32_t i : tried_.back().sample) want(i, wanted);
+    } else {
+      for (uint32_t m = begin; m < end; ++m) want(members_[m], wanted);
+    }
+  }
+}
+
+void PixelBlocks::find(const ShadingPointBatch& points, std::span<const PixelPosition> pixels,
+                       std::span<const uint32_t> groups, std::vector<uint32_t>& wanted) {
+  points_ = &points;
+  pixels_ = pixels;
+  asked_.assign(pixels.size(), 0);
+  members_.clear(), tried_.clear();
+  wanted.clear();
+  for (uint32_t begin = 0, end = 0; begin < pixels.size(); begin = end) {
+    const auto first = uint32_t(members_.size());
+    bool is_one = groups[begin] != k_none;
+    for (end = begin; end < pixels.size() && in_one_block(pixels[begin], pixels[end], 8); ++end) {
+      is_one = is_one && groups[end] == groups[begin];
+      is_one = is_one && (end == begin || pixels[end].x != pixels[end - 1].x || pixels[end].y != pixels[end - 1].y);
+      members_.push_back(end);
+    }
+    const auto last = uint32_t(members_.size());
+    if (!is_one) {
+      for (uint32_t i = begin; i < end; ++i) want(i, wanted);
+    } else if (add(first, last, 8)) {
+      for (const uint32_t i : tried_.back().sample) want(i, wanted);
+    } else {
+      Block block;
+      block.begin = first, block.end = last;
+      split(block, wanted);
+    }
+  }
+  std::sort(wanted.begin(), wanted.end());
+}
+
+void PixelBlocks::refine(float tolerance, std::span<SkyArrival> arrivals, std::span<uint8_t> fitted,
+                         std::vector<uint32_t>& wanted) {
+  blocks_.swap(tried_);
+  tried_.clear();
+  wanted.clear();
+  for (const Block& block : blocks_) {
+    std::array<Offset, k_block_samples> at;
+    for (size_t s = 0; s < k_block_samples; ++s) at[s] = offset_of(pixels_[block.sample[s]]);
+    const LinearFit fit(at);
+    const auto value_at = [&](const Offset& o) {
+      SkyArrival sum;
+      for (size_t s = 0; s < k_block_samples; ++s) {
+        const float w = fit.weight(s, o);
+        for (size_t c = 0; c < SkyArrival::k_channels; ++c) sum.values[c] += w * arrivals[block.sample[s]].values[c];
+      }
+      return sum;
+    };
+    bool stands = true;
+    for (size_t s = 0; s < k_block_samples && stands; ++s) {
+      const SkyArrival value = value_at(at[s]);
+      for (size_t c = 0; c < SkyArrival::k_channels; ++c) {
+        stands = stands && std::abs(value.values[c] - arrivals[block.sample[s]].values[c]) <= tolerance;
+      }
+    }
+    if (!stands) {
+      split(block, wanted);
+      continue;
+    }
+    for (uint32_t m = block.begin; m < block.end; ++m) {
+      const uint32_t i = members_[m];
+      if (asked_[i]) continue;
+      arrivals[i] = value_at(offset_of(pixels_[i]));
+      for (float& v : arrivals[i].values) v = std::max(v, 0.0f);
+      fitted[i] = 1;
+    }
+  }
+  std::sort(wanted.begin(), wanted.end());
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,163 @@
+// Lists of groups, whose questions go to a device as one wave: what it answers is merged where the CPU's kernels would
+// be asked, group by group.
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+
+#include "core/platform/parallel.h"
+#include "hybrid/stats/stopwatch.h"
+#include "hybrid/visibility/device_answers.h"
+#include "hybrid/visibility/shadow_workspace.h"
+
+namespace fieldtrace {
+namespace {
+
+// Calls work(request) for all, in parallel but for those that share their statistics, which must follow one another.
+template <class Request, class Work>
+void for_each_request(std::span<Request> requests, const Work& work) {
+  std::vector<size_t> begins;
+  for (size_t i = 0; i < requests.size(); ++i) {
+    if (i == 0 || &requests[i].stats != &requests[i - 1].stats) begins.push_back(i);
+  }
+  if (begins.empty()) return;
+  begins.push_back(requests.size());
+  parallel_for(begins.size() - 1, [&](size_t part) {
+    // Isolated: a thread that waits for a bake must not begin another part with the same workspace.
+    tbb::this_task_arena::isolate([&] {
+      Stats& stats = requests[begins[part]].stats;
+      const double bake_before = stats.time_bake;
+      {
+        const ScopedTimer timer(stats.time_secondary);
+        for (size_t i = begins[part]; i < begins[part + 1]; ++i) work(requests[i]);
+      }
+      stats.time_secondary -= stats.time_bake - bake_before;
+    });
+  });
+}
+
+template <class Question, class Request>
+void list_questions(std::span<Request> requests, std::vector<Question*>& list) {
+  for (Request& request : requests) {
+    for (Question& question : request.questions) {
+      if (question.field && !question.blocks.empty()) list.push_back(&question);
+    }
+  }
+}
+
+}  // namespace
+
+void ShadowAnswerer::ask_cones(CandidateRequest& request) const {
+  const auto& [points, group, stats, unused] = request;
+  if (!group.is_tested) return;
+  Workspace& work = *workspaces_.local();
+  work.shafts.assign(points.size, std::nullopt);
+  const Sphere light = light_with_errors(points, group.light);
+  request.questions.resize(group.candidates.size());
+  for (uint32_t slot = 0; slot < group.candidates.size(); ++slot) {
+    ConeQuestion& question = request.questions[slot];
+    meet_bounds(slot, points, light, group, work);
+    for (uint32_t block = 0; block < work.flags.size(); block += k_batch_padding) {
+      add_block(question, block, wanted_mask(block, [&](uint32_t r) { return work.flags[r] != 0; }));
+    }
+    const ShadowInstance& o = instances_[group.candidates[slot]];
+    uint32_t most_samples = 0;
+    for (size_t i = 0; i < question.blocks.size(); ++i) {
+      for_each_wanted(question, i, [&](uint32_t r) {
+        question.samples += group.light_samples[r];
+        most_samples = std::max(most_samples, group.light_samples[r]);
+      });
+    }
+    if (!o.answers_cones || most_samples < k_fewest_cone_samples) continue;
+    question.field = o.field;
+    question.task = cone_task(o, group);
+    question.points = &points;
+    question.light = group.light.ball;
+  }
+}
+
+void ShadowAnswerer::find_candidates(std::span<CandidateRequest> requests) const {
+  if (!settings_.device) {
+    for (CandidateRequest& request : requests) choose_candidates(request), test_candidates(request);
+    return;
+  }
+  for_each_request(requests, [&](CandidateRequest& request) {
+    choose_candidates(request);
+    ask_cones(request);
+  });
+  DeviceWave wave;
+  list_questions(requests, wave.cones);
+  settings_.device->answer(wave);
+  for_each_request(requests, [&](CandidateRequest& request) { test_candidates(request); });
+}
+
+void ShadowAnswerer::ask_strata(FilterRequest& request) const {
+  const auto& [group, all, shading_points, strata, batch, undecided, stats, unused] = request;
+  std::vector<uint32_t> place(all.size, k_none);
+  for (uint32_t r = 0; r < shading_points.size(); ++r) place[shading_points[r]] = r;
+  std::vector<uint8_t> is_open;
+  request.questions.resize(group.open.size());
+  for (size_t n = 0; n < group.open.size(); ++n) {
+    const ShadowGroup::OpenCandidate& open = group.open[n];
+    is_open.assign(shading_points.size(), 0);
+    for (uint32_t i = open.begin; i < open.end; ++i) {
+      const uint32_t r = place[group.open_points[i]];
+      if (r != k_none) is_open[r] = 1;
+    }
+    const ShadowInstance& o = instances_[group.candidates[open.slot]];
+    StratumQuestion& question = request.questions[n];
+    question.field = o.field;
+    question.task = stratum_task(o, strata);
+    question.batch = &batch;
+    for (uint32_t block = 0; block < batch.rays.size; block += k_batch_padding) {
+      add_block(question, block, wanted_mask(block, [&](uint32_t slot) {
+                  return slot < batch.rays.size && is_open[slot / uint32_t(strata)];
+                }));
+    }
+    for (const uint32_t mask : question.wanted) question.samples += uint64_t(std::popcount(mask));
+  }
+}
+
+void ShadowAnswerer::filter(std::span<FilterRequest> requests) const {
+  if (!settings_.device) {
+    for (FilterRequest& request : requests) filter(request);
+    return;
+  }
+  for_each_request(requests, [&](FilterRequest& request) { ask_strata(request); });
+  DeviceWave wave;
+  list_questions(requests, wave.strata);
+  settings_.device->answer(wave);
+  for_each_request(requests, [&](FilterRequest& request) { filter(request); });
+}
+
+void ShadowAnswerer::ask_rays(RayRequest& request) const {
+  const ShadowGroup& group = request.group;
+  const ShadowBatch& batch = request.batch;
+  if (group.candidates.size() > k_most_candidates) return;
+  request.questions.resize(group.candidates.size());
+  for (size_t slot = 0; slot < group.candidates.size(); ++slot) {
+    const ShadowInstance& o = instances_[group.candidates[slot]];
+    if (!o.in_ball || o.thesis || !o.field) continue;
+    RayQuestion& question = request.questions[slot];
+    question.field = o.field;
+    question.task = ray_task(o, group);
+    question.batch = &batch;
+    for (uint32_t block = 0; block < batch.rays.size; block += k_batch_padding) {
+      add_block(question, block, wanted_mask(block, [&](uint32_t i) { return batch.rays.tmax[i] >= 0.0f; }));
+    }
+    for (const uint32_t mask : question.wanted) question.samples += uint64_t(std::popcount(mask));
+  }
+}
+
+void ShadowAnswerer::answer(std::span<RayRequest> requests) const {
+  if (!settings_.device) {
+    for (RayRequest& request : requests) answer(request);
+    return;
+  }
+  for_each_request(requests, [&](RayRequest& request) { ask_rays(request); });
+  DeviceWave wave;
+  list_questions(requests, wave.rays);
+  settings_.device->answer(wave);
+  for_each_request(requests, [&](RayRequest& request) { answer(request); });
+}
+
+}  // namespace fieldtrace
