@@ -218,11 +218,14 @@ struct Accel::Impl {
     return result;
   }
 
-  static void intersect(RTCScene of, const RayBatch& rays, HitBatch& hits, Coherence coherence) {
+  // `only`: the instance that `of` is the shape of; k_none: it holds instances.
+  static void intersect(RTCScene of, const RayBatch& rays, HitBatch& hits, Coherence coherence,
+                        uint32_t only = k_none) {
     intersect_packets(of, coherence, rays, [&](const RTCRayHit16& packet, size_t begin) {
       uint32_t* const instance = hits.instance.data() + begin;
       for (int lane = 0; lane < k_width; ++lane) {
-        instance[lane] = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID ? packet.hit.instID[0][lane] : k_none;
+        const uint32_t met = only == k_none ? packet.hit.instID[0][lane] : only;
+        instance[lane] = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID ? met : k_none;
       }
       const auto copy = [begin](const auto& from, auto& to) { std::memcpy(to.data() + begin, from, sizeof(from)); };
       copy(packet.hit.primID, hits.primitive), copy(packet.ray.tfar, hits.t);
@@ -260,6 +263,17 @@ void Accel::occluded_by(uint32_t instance, const RayBatch& rays, std::span<const
                         uint8_t* blocked) const {
   const Instance& placed = impl_->scene.instances[instance];
   occluded_packets(impl_->shapes[placed.shape].get(), &placed.to_object, rays, indices, blocked);
+}
+
+void Accel::intersect_with(uint32_t instance, const RayBatch& rays, HitBatch& hits) const {
+  const Instance& placed = impl_->scene.instances[instance];
+  thread_local RayBatch in_object;
+  in_object.resize(rays.size);
+  for (size_t i = 0; i < rays.size; ++i) {
+    in_object.set(i, transform_point(placed.to_object, rays.origin(i)),
+                  transform_vector(placed.to_object, rays.direction(i)), rays.tmax[i]);
+  }
+  Impl::intersect(impl_->shapes[placed.shape].get(), in_object, hits, Coherence::incoherent, instance);
 }
 
 void Accel::shape_intersect(uint32_t shape, const RayBatch& rays, ShapeHits& hits) const {

@@ -1,5 +1,5 @@
-// The acceleration structure. This header and accel.cpp / accel_analytic.cpp are the only code of the renderer that
-// uses Embree.
+// The acceleration structure. The sources of core/trace are the only code that uses Embree: this one and
+// accel_analytic.cpp for the renderer, user_geometry.cpp for Embree scenes of other programs.
 //
 // Each shape has a separate Embree scene in object space; the whole scene is a scene of instances of those. All queries
 // take batches and use the packet width and flags that measured fastest for that kind of ray. The result for a ray does
@@ -47,6 +47,9 @@ class Accel {
 
   // The same against one instance only (rays in world space).
   void occluded_by(uint32_t instance, const RayBatch& rays, std::span<const uint32_t> indices, uint8_t* blocked) const;
+
+  // Nearest hits of one instance, world space.
+  void intersect_with(uint32_t instance, const RayBatch& rays, HitBatch& hits) const;
 
   // Nearest hits of one shape in object space, for baking: rays.size rays.
   void shape_intersect(uint32_t shape, const RayBatch& rays, ShapeHits& hits) const;

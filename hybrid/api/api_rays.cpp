@@ -51,12 +51,6 @@ void require_rays(const SceneObject& s, const RayBuffers& rays, size_t begin, si
   }
 }
 
-// Unit, also where the length over- or underflows.
-Vec3 unit(const Vec3& d, double& length) {
-  length = glm::length(DVec3(d));
-  return Vec3(DVec3(d) / length);
-}
-
 struct OcclusionScratch {
   ShadowBatch batch;
   ShadowGroup group;
@@ -99,14 +93,7 @@ void fill(const SceneObject& s, const RayBuffers& from, size_t begin, size_t end
     if (ends.ball.radius < k_infinity && is_finite(ends.ball.centre)) return;
   }
   ends.kind = LightExtent::Kind::everywhere;
-  for (size_t i = 0; i < batch.rays.size; ++i) {
-    const float t = batch.rays.tmax[i];
-    const Vec3 o = batch.rays.origin(i), d = batch.rays.direction(i);
-    if (!(t >= 0.0f) || is_finite(o + t * d)) continue;
-    double length = 0.0;
-    const Vec3 direction = unit(d, length);
-    batch.rays.set(i, o, direction, t == k_infinity ? t : float(double(t) * length));
-  }
+  make_endless_rays_unit(batch.rays);
 }
 
 // Nothing is written to `results` if any ray is an error.

@@ -1,5 +1,6 @@
 #include "hybrid/api/scene_object.h"
 
+#include "core/math/finite.h"
 #include "core/platform/address_space.h"
 
 namespace fieldtrace::api {
@@ -41,6 +42,22 @@ void SceneObject::require_commit(const char* function) const {
 Field* SceneObject::field_of(uint32_t mesh) const {
   require(mesh < scene.shapes.size(), "there is no mesh " + std::to_string(mesh));
   return mesh < hit_fields.size() ? hit_fields[mesh] : nullptr;
+}
+
+Vec3 unit(const Vec3& d, double& length) {
+  length = glm::length(DVec3(d));
+  return Vec3(DVec3(d) / length);
+}
+
+void make_endless_rays_unit(RayBatch& rays) {
+  for (size_t i = 0; i < rays.size; ++i) {
+    const float t = rays.tmax[i];
+    const Vec3 o = rays.origin(i), d = rays.direction(i);
+    if (!(t >= 0.0f) || is_finite(o + t * d)) continue;
+    double length = 0.0;
+    const Vec3 direction = unit(d, length);
+    rays.set(i, o, direction, t == k_infinity ? t : float(double(t) * length));
+  }
 }
 
 Progress::Progress(Device& device) {

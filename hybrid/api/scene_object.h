@@ -4,6 +4,7 @@
 #pragma once
 
 #include <atomic>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -12,6 +13,7 @@
 
 #include "core/scene/scene.h"
 #include "core/trace/accel.h"
+#include "core/trace/user_geometry.h"
 #include "field/store/field.h"
 #include "hybrid/api/api_objects.h"
 #include "hybrid/fields/field_set.h"
@@ -66,7 +68,17 @@ struct SceneObject {
   std::unique_ptr<Sky> sky;
 
   AnswerCounts occlusion_counts, hit_counts;
+
+  // By the caller's Embree scene, under `attached_mutex`. Each holds this object: detaching frees it.
+  std::mutex attached_mutex;
+  std::map<const void*, std::vector<std::unique_ptr<AttachedGeometry>>> attached;
 };
+
+// Unit, also where the length over- or underflows.
+Vec3 unit(const Vec3& d, double& length);
+
+// Gives rays whose end is not finite unit directions, as rays of group.light without bounds must have.
+void make_endless_rays_unit(RayBatch& rays);
 
 // Calls the device's progress callback, and remembers that it asked to stop.
 class Progress {

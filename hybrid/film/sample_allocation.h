@@ -59,6 +59,9 @@ class NoiseCells {
   size_t columns_ = 0, rows_ = 0;
 };
 
+// How much faster than that of random samples noise may be expected to fall (SampleAllocation::Limits::decay).
+inline constexpr double k_most_decay = 1.5;
+
 class SampleAllocation {
  public:
   // The film's samples must be in two halves alike.

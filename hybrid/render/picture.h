@@ -73,6 +73,8 @@ struct Stage {
   VisibilityDevice* device = nullptr;  // null: the CPU
   // Of a picture to an error: by what its tolerance is multiplied; 0: rays answer everything.
   float trust = 1.0f;
+  // With which the error of fields is surveyed: of unstratified samples, as many as reach the error or fill the time.
+  double survey_samples = 0.0;
   std::optional<Clock::time_point> deadline = {};  // of a picture with a time limit
   PictureIdentity identity = {};                   // of a picture with checkpoints
   std::optional<Checkpoint> resumed = {};          // where the picture goes on

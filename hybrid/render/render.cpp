@@ -196,8 +196,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state.expected_samples = picture.spp;
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed) {
-      choose_light_samples(picture, context, stats);
-      choose_lobe_samples(picture, context, stats);
+      choose_samples(picture, !estimates_anything, context, stats);
       stats.open_light_samples = context.settings.open_light_samples;
       if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state, stats)) return false;
     }

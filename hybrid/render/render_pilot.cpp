@@ -19,8 +19,9 @@ namespace fieldtrace {
 namespace {
 
 // Numbers of sequences that no round uses.
-constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u;
-// Noise is surveyed by one block of 4 x 4 pixels in this many by as many, with 4 samples of each half.
+constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u, k_decay_replicates = 0x80000004u;
+// Noise is surveyed by one block of 4 x 4 pixels in this many by as many, with 4 samples of each half; how fast it
+// falls, with 1 besides.
 constexpr int k_block_step = 6;
 constexpr uint32_t k_noise_samples = 4;
 // Field errors by one pixel in this many, as far as there are,
@@ -47,7 +48,7 @@ struct SampleCost {
 class RayContext {
  public:
   RayContext(const Picture& picture, const Stage& stage);
-  const TransportContext& context() const { return *context_; }
+  TransportContext& context() const { return *context_; }
 
  private:
   std::unique_ptr<ShadowAnswerer> answerer_;
@@ -117,7 +118,8 @@ RayContext::RayContext(const Picture& picture, const Stage& stage) {
 }
 
 // Of camera samples in `context`, by blocks of pixels that a grid spreads over the window.
-SampleCost survey_noise(const Picture& picture, const TransportContext& context, Stats& stats) {
+SampleCost survey_noise(const Picture& picture, const TransportContext& context, Stats& stats,
+                        uint32_t samples = k_noise_samples, uint32_t replicates = k_noise_replicates) {
   Survey survey;
   const Rect& w = picture.window;
   const int step = 4 * std::clamp(std::min(w.width, w.height) / 32, 1, k_block_step);
@@ -127,8 +129,29 @@ SampleCost survey_noise(const Picture& picture, const TransportContext& context,
       for (const PixelPosition& p : tile_pixels(block)) survey.pixels.push_back(p);
     }
   }
-  trace_survey(picture, context, k_noise_samples, k_noise_replicates, survey, stats);
+  trace_survey(picture, context, samples, replicates, survey, stats);
   return cost_of(survey, picture.options.error_measure);
+}
+
+// The noise of uniform samples, as few of them show it.
+struct NoiseForecast {
+  SampleCost cost;
+  double decay = 1.0;  // as in SampleAllocation::Limits
+
+  double samples_to(double mean_square) const {
+    constexpr double n = 2.0 * k_noise_samples;
+    return n * std::pow(cost.variance / n / mean_square, 1.0 / decay);
+  }
+};
+
+NoiseForecast forecast_noise(const Picture& picture, const TransportContext& context, Stats& stats) {
+  NoiseForecast forecast = {survey_noise(picture, context, stats)};
+  const SampleCost few = survey_noise(picture, context, stats, 1, k_decay_replicates);
+  if (forecast.cost.variance > 0.0 && few.variance > 0.0) {
+    const double decay = 1.0 + std::log(few.variance / forecast.cost.variance) / std::log(double(k_noise_samples));
+    forecast.decay = std::clamp(decay, 1.0, k_most_decay);
+  }
+  return forecast;
 }
 
 // From single pixels spread over the window, with `samples` samples each, as far as few and many go.
@@ -171,6 +194,10 @@ double square_of_target(const RenderOptions& options) {
 // Pictures of which fewer samples of a pixel reach the error, or the end of the time, are left to rays.
 constexpr double k_fewest_samples = 8.0;
 
+// Where fields need this many times less work than rays with the usual samples, those that suit rays best are not
+// sought.
+constexpr double k_clear_gain = 4.0;
+
 // Lobe samples that are tried beside one.
 constexpr int k_more_lobe_samples = 4;
 
@@ -185,21 +212,28 @@ double threads() { return double(tbb::this_task_arena::max_concurrency()); }
 
 void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
   const RayContext rays(picture, stage);
-  const SampleCost cost = survey_noise(picture, rays.context(), stats);
+  const NoiseForecast noise = forecast_noise(picture, rays.context(), stats);
   double samples = double(k_infinity);
-  if (picture.options.target_error > 0.0f) samples = cost.variance / square_of_target(picture.options);
+  stage.survey_samples = samples;
+  if (picture.options.target_error > 0.0f) {
+    samples = noise.samples_to(square_of_target(picture.options));
+    stage.survey_samples = noise.cost.variance / square_of_target(picture.options);
+  }
   if (picture.options.time_limit > 0.0f) {
-    const double seconds = std::max(cost.seconds * pixels_of(picture) / threads(), 1e-9);
-    samples = std::min(samples, double(picture.options.time_limit) / seconds);
+    const double seconds = std::max(noise.cost.seconds * pixels_of(picture) / threads(), 1e-9);
+    const double in_time = double(picture.options.time_limit) / seconds;
+    samples = std::min(samples, in_time);
+    stage.survey_samples = std::min(stage.survey_samples, in_time);
   }
   picture.expect(samples);
   // What fields could spare then, surveys take.
   if (samples < k_fewest_samples) stage.trust = 0.0f;
 }
 
+namespace {
+
+// The light samples of each camera sample that lower the noise of rays alone most for their work.
 void choose_light_samples(const Picture& picture, TransportContext& context, Stats& stats) {
-  // Where fields answer, rays are not all that samples cost, and a survey has chosen already.
-  if (picture.options.method != Method::monte_carlo || picture.spp < k_fewest_samples) return;
   if (picture.options.light_samples != 1 || picture.options.light_estimator != LightEstimator::automatic) return;
   const int open = context.settings.open_light_samples;
   double least = double(k_infinity);
@@ -218,9 +252,10 @@ void choose_light_samples(const Picture& picture, TransportContext& context, Sta
   context.settings = best;
 }
 
+// The lobe samples of each camera sample likewise.
 void choose_lobe_samples(const Picture& picture, TransportContext& context, Stats& stats) {
   // Radiance maps answer for whole lobes.
-  if (picture.options.lobe_samples != 1 || picture.spp < k_fewest_samples || context.lobes) return;
+  if (picture.options.lobe_samples != 1 || context.lobes) return;
   const std::vector<Bsdf>& all = picture.scene.bsdfs;
   const auto splits = [](const Bsdf& b) { return b.kind != BsdfKind::diffuse && b.kind != BsdfKind::conductor; };
   if (std::none_of(all.begin(), all.end(), splits)) return;
@@ -230,10 +265,20 @@ void choose_lobe_samples(const Picture& picture, TransportContext& context, Stat
   if (!(more.variance * more.work < one.variance * one.work)) picture.split_lobes(context.settings, 1);
 }
 
+}  // namespace
+
+void choose_samples(const Picture& picture, bool rays_alone, TransportContext& context, Stats& stats) {
+  if (picture.spp < k_fewest_samples) return;
+  // Where fields answer, a survey has chosen light samples already.
+  if (rays_alone) choose_light_samples(picture, context, stats);
+  choose_lobe_samples(picture, context, stats);
+}
+
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
                    Stats& stats) {
   const RayContext rays(picture, stage);
-  const FieldError error = survey_field_error(picture, context, rays.context(), double(picture.spp), stats);
+  const auto survey = [&] { return survey_field_error(picture, context, rays.context(), stage.survey_samples, stats); };
+  FieldError error = survey();
   const double target = square_of_target(picture.options);
   decided.field_mean_square = error.mean_square;
   if (picture.options.target_error == 0.0f) {
@@ -251,9 +296,17 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
     stage.trust = k_less_trust;
     return false;
   }
-  const double left = target - error.mean_square;
-  if (error.fields.work_to(left) <= error.rays.work_to(target)) {
-    decided.expected_samples = int(std::clamp(error.fields.variance / left, 1.0, double(picture.spp)));
+  const auto left = [&] { return target - error.mean_square; };
+  const auto gain = [&] { return error.rays.work_to(target) / error.fields.work_to(left()); };
+  if (gain() >= 1.0 && gain() < k_clear_gain) {
+    choose_samples(picture, /*rays_alone=*/true, rays.context(), stats);
+    error = survey();
+    decided.field_mean_square = error.mean_square;
+  }
+  if (gain() >= 1.0) {
+    const NoiseForecast noise = forecast_noise(picture, context, stats);
+    decided.expected_samples = int(std::clamp(noise.samples_to(left()), 1.0, double(picture.most_samples)));
+    decided.decay = noise.decay;
     return true;
   }
   stage.trust = 0.0f;

@@ -14,11 +14,9 @@ namespace fieldtrace {
 // Sets how many samples a pixel is expected to need with rays alone. Where these are few, fields are not trusted.
 void expect_samples(Picture& picture, Stage& stage, Stats& stats);
 
-// Sets the light samples of each camera sample that lower Monte Carlo's noise most for their work.
-void choose_light_samples(const Picture& picture, TransportContext& context, Stats& stats);
-
-// Sets the lobe samples of each camera sample likewise, for either method.
-void choose_lobe_samples(const Picture& picture, TransportContext& context, Stats& stats);
+// Sets the light and lobe samples of each camera sample that lower noise most for their work; where fields answer, the
+// latter alone.
+void choose_samples(const Picture& picture, bool rays_alone, TransportContext& context, Stats& stats);
 
 // Whether fields will reach the target error, and sooner than rays, or err less at the end of the time; if not, says in
 // `stage` how far to trust them next. Sets what `decided` says of errors and samples.

@@ -22,8 +22,6 @@ constexpr double k_round_growth = 4.0;
 constexpr double k_least_round = 1.0 / 8.0;
 // For the same reason pixels get at least half as many again as they have in later rounds, or none.
 constexpr double k_least_growth = 1.5;
-// How much faster than that of random samples noise may be expected to fall.
-constexpr double k_most_decay = 1.5;
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;

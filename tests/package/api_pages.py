@@ -1,4 +1,4 @@
-"""Checks the pages of docs/api: one for each function of the header, whose synopsis is the header's and whose example
+"""Checks the pages of docs/api: one for each function of the headers, whose synopsis is the header's and whose example
 compiles and runs.
 
 The examples become functions of one program. Each is given a device, and a scene of a bowl that was committed.
@@ -10,7 +10,7 @@ FUNCTION = re.compile(r"^FT_API [^;]*?\b(ft\w+)\([^;]*\);", re.MULTILINE)
 BLOCK = re.compile(r"^```c\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 PROGRAM = """\
-#include <fieldtrace/fieldtrace.h>
+#include <fieldtrace/fieldtrace_embree.h>
 #include <stdio.h>
 
 enum {{ SIDE = 24, POSITIONS = (SIDE + 1) * (SIDE + 1), TRIANGLES = 2 * SIDE * SIDE }};
@@ -82,17 +82,18 @@ def one_line(declaration):
     return " ".join(declaration.replace("FT_API ", "").split())
 
 
-def faults_and_program(header, pages):
-    """What is wrong with the pages (a folder) of the header's functions, and a C program of all examples."""
-    declared = {m.group(1): one_line(m.group(0)) for m in FUNCTION.finditer(header.read_text())}
+def faults_and_program(headers, pages):
+    """What is wrong with the pages (a folder) of the headers' functions, and a C program of all examples."""
+    text = "".join(header.read_text() for header in headers)
+    declared = {m.group(1): one_line(m.group(0)) for m in FUNCTION.finditer(text)}
     faults, functions, names = [], [], []
     there = {page.stem: page for page in sorted(pages.glob("ft*.md"))}
-    faults += [f"{header.name}: {name} has no page {pages.name}/{name}.md" for name in declared if name not in there]
+    faults += [f"{name} has no page {pages.name}/{name}.md" for name in declared if name not in there]
     index = (pages / "README.md").read_text()
     for name, page in there.items():
         blocks = BLOCK.findall(page.read_text())
         if name not in declared:
-            faults.append(f"{page.name}: {header.name} has no function {name}")
+            faults.append(f"{page.name}: no header has a function {name}")
         elif len(blocks) != 2:
             faults.append(f"{page.name}: holds {len(blocks)} blocks of C, not a synopsis and an example")
         elif one_line(blocks[0]) != declared[name]:

@@ -18,6 +18,7 @@ import api_pages
 
 HERE = pathlib.Path(__file__).resolve().parent
 DOCUMENTS = HERE.parents[1] / "docs/api"
+EXAMPLES = HERE.parents[1] / "examples"
 EXAMPLE = re.compile(r"^```c\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -33,6 +34,13 @@ def check_symbols(library):
     foreign = [name for name in shown if not name.startswith("ft") and not name.startswith("FIELDTRACE_")]
     if foreign or len(shown) < 30:
         sys.exit(f"{library} shows {foreign or shown}")
+
+
+def check_picture(path):
+    """Light, penumbrae and the background: many shades, some black."""
+    shades = set(path.read_bytes()[-3 * 192 * 128:])
+    if len(shades) < 100 or 0 not in shades:
+        sys.exit(f"{path} has {len(shades)} shades")
 
 
 def main():
@@ -55,7 +63,8 @@ def main():
         beside = {**os.environ, "LD_LIBRARY_PATH": str(prefix / "lib")}
         run(folder / "by_pkg_config", env=beside)
         # The examples of the documents: whole programs of the first page, fragments of the others.
-        faults, fragments = api_pages.faults_and_program(prefix / "include/fieldtrace/fieldtrace.h", DOCUMENTS)
+        headers = [prefix / "include/fieldtrace" / name for name in ("fieldtrace.h", "fieldtrace_embree.h")]
+        faults, fragments = api_pages.faults_and_program(headers, DOCUMENTS)
         if faults:
             sys.exit("\n".join(faults))
         examples = EXAMPLE.findall((DOCUMENTS / "README.md").read_text())
@@ -64,8 +73,12 @@ def main():
         for text in [*examples, fragments]:
             (folder / "example.c").write_text(text)
             run("cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", folder / "example.c", "-o",
-                folder / "example", *flags)
+                folder / "example", *flags, "-lembree3")
             run(folder / "example", env=beside, cwd=folder)
+        run("c++", "-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", EXAMPLES / "embree_renderer.cpp", "-o",
+            folder / "embree_renderer", *flags, "-lembree3")
+        run(folder / "embree_renderer", env=beside, cwd=folder)
+        check_picture(folder / "embree_renderer.ppm")
         print("package: all is well")
 
 

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <utility>
 #include <vector>
 
 #include "core/mesh/mesh.h"
@@ -55,6 +56,9 @@ struct ApiScene {
       EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);
     }
   }
+  // The handles, with the references that this held.
+  std::pair<FTDevice, FTScene> take() { return {std::exchange(device, nullptr), std::exchange(scene, nullptr)}; }
+
   ApiScene(const ApiScene&) = delete;
   ApiScene& operator=(const ApiScene&) = delete;
 

@@ -1,9 +1,7 @@
 // The C interface used wrongly: every call returns an error with a message, and none writes, crashes or hangs.
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "tests/support/api_scene.h"
@@ -297,67 +295,6 @@ TEST(ApiErrors, CallbacksHearAndCancel) {
   EXPECT_EQ(ftGetSceneInt(s.scene, "cells_baked", &baked), FT_ERROR_NONE);
   EXPECT_EQ(ftGetSceneInt(s.scene, "cells_full", &full), FT_ERROR_NONE);
   EXPECT_LT(baked, full / 2);
-}
-
-// Every thread asks while one moves instances and another releases.
-TEST(ApiThreads, AskCommitAndReleaseAtOnce) {
-  FTDevice device = nullptr;
-  FTScene scene = nullptr;
-  {
-    ApiScene s;
-    std::swap(device, s.device), std::swap(scene, s.scene);
-  }
-  std::vector<std::thread> threads;
-  for (int k = 0; k < 8; ++k) {
-    ASSERT_EQ(ftRetainScene(scene), FT_ERROR_NONE);
-    threads.emplace_back([=] {
-      std::vector<float> o(300), d(300);
-      for (size_t i = 0; i < 300; ++i) o[i] = float(i % 7) - 3.0f, d[i] = float((i * 5 + size_t(k)) % 11) - 4.5f;
-      std::vector<uint8_t> results(100), status(100);
-      for (int round = 0; round < 8; ++round) {
-        if (k == 0) {
-          const float moved[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0.1f * float(round), 1.5f, 0};
-          EXPECT_EQ(ftSetInstanceTransform(scene, 0, moved), FT_ERROR_NONE);
-          EXPECT_EQ(ftCommitScene(scene), FT_ERROR_NONE);
-        }
-        EXPECT_EQ(occluded(scene, o.data(), d.data(), nullptr, 100, results.data()), FT_ERROR_NONE);
-        EXPECT_EQ(ftNearest(scene, 0.05f, o.data(), 0, d.data(), 0, nullptr, 0, nullptr, 0, 100, status.data(), 0,
-                            nullptr, 0, nullptr, 0, nullptr, 0, nullptr, 0),
-                  FT_ERROR_NONE);
-        EXPECT_EQ(ftSetSceneInt(scene, "no such", k), FT_ERROR_INVALID_ARGUMENT);
-        EXPECT_EQ(ftGetDeviceError(device, nullptr), FT_ERROR_INVALID_ARGUMENT);
-      }
-      EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
-    });
-  }
-  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
-  for (std::thread& t : threads) t.join();
-  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_INVALID_ARGUMENT);  // gone
-  EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);
-}
-
-// The last reference goes while calls are under way: they end as if it had stayed.
-TEST(ApiThreads, ReleasedWhileInUse) {
-  FTDevice device = nullptr;
-  FTScene scene = nullptr;
-  {
-    ApiScene s;
-    std::swap(device, s.device), std::swap(scene, s.scene);
-  }
-  std::vector<std::thread> threads;
-  for (int k = 0; k < 7; ++k) {
-    threads.emplace_back([=] {
-      const std::vector<float> o(3000, 0.3f), d(3000, 0.7f);
-      std::vector<uint8_t> results(1000);
-      FTError code = FT_ERROR_NONE;
-      while (code == FT_ERROR_NONE) code = occluded(scene, o.data(), d.data(), nullptr, 1000, results.data());
-      EXPECT_EQ(code, FT_ERROR_INVALID_ARGUMENT);
-    });
-  }
-  std::this_thread::sleep_for(std::chrono::milliseconds(50));
-  EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);  // the scene keeps what it needs
-  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
-  for (std::thread& t : threads) t.join();
 }
 
 }  // namespace

@@ -1,0 +1,149 @@
+// Instances of the C interface within Embree scenes of other programs.
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+
+#include "core/surface/surface.h"
+#include "core/trace/user_geometry.h"
+#include "fieldtrace/fieldtrace_embree.h"
+#include "hybrid/api/scene_object.h"
+
+using namespace fieldtrace;
+using namespace fieldtrace::api;
+
+namespace {
+
+struct Scratch {
+  ShadowBatch batch;
+  ShadowGroup group;
+  RayBatch open;
+  HitBatch hits;
+  std::vector<uint32_t> lanes;
+  Stats stats;  // nobody reads it
+};
+// Of this thread.
+Scratch& scratch() {
+  thread_local Scratch s;
+  return s;
+}
+
+class InstanceGeometry final : public UserGeometry {
+ public:
+  InstanceGeometry(std::shared_ptr<const SceneObject> scene, uint32_t instance)
+      : scene_(std::move(scene)), instance_(instance) {}
+
+  Bounds3 bounds() const noexcept override {
+    const std::shared_lock lock(scene_->mutex);
+    const Instance& placed = scene_->scene.instances[instance_];
+    const Bounds3& shape = scene_->scene.shapes[placed.shape].bounds;
+    Bounds3 b;
+    for (int c = 0; c < 8; ++c) b.extend(transform_point(placed.to_world, shape.corner(c)));
+    const Vec3 slack = gamma_bound(8) * (glm::max(glm::abs(b.lower), glm::abs(b.upper)) + b.diagonal());
+    return {b.lower - slack, b.upper + slack};
+  }
+
+  void occluded(const RayBatch& rays, uint8_t* blocked) const noexcept override {
+    query([&](Scratch& s) {
+      fill(rays, s);
+      scene_->shadows->answer(s.group, s.batch, s.stats);
+      std::copy_n(s.batch.blocked.data(), rays.size, blocked);
+    });
+  }
+
+  void intersect(const RayBatch& rays, Hit* hits) const noexcept override {
+    query([&](Scratch& s) {
+      // Where the field is certain that nothing is met, no ray is traced.
+      fill(rays, s);
+      scene_->shadows->look_up(s.group, s.batch, s.stats);
+      s.lanes.clear();
+      s.open.resize(rays.size);
+      for (uint32_t i = 0; i < rays.size; ++i) {
+        if (!(rays.tmax[i] >= 0.0f) || !(s.batch.exact[i] || s.batch.blocked[i])) continue;
+        s.open.set(s.lanes.size(), rays.origin(i), rays.direction(i), rays.tmax[i]);
+        s.lanes.push_back(i);
+      }
+      if (s.lanes.empty()) return;
+      s.open.resize(s.lanes.size());
+      s.hits.resize(s.lanes.size());
+      scene_->accel->intersect_with(instance_, s.open, s.hits);
+      for (size_t k = 0; k < s.lanes.size(); ++k) {
+        if (s.hits.instance[k] == k_none) continue;
+        const Vec3 normal = surface_at(scene_->scene, s.open, s.hits, k).geometric_normal;
+        hits[s.lanes[k]] = {true, s.hits.t[k], s.hits.u[k], s.hits.v[k], normal, s.hits.primitive[k]};
+      }
+    });
+  }
+
+ private:
+  // Embree's callers take no errors: the rays meet nothing then, and the device's callback hears of it.
+  template <class Body>
+  void query(const Body& body) const noexcept {
+    (void)guarded(scene_->device, [&] {
+      const std::shared_lock lock(scene_->mutex);
+      scene_->require_commit("a ray to an attached instance");
+      // A thread that waits in a bake must not begin another query with the same scratch memory.
+      tbb::this_task_arena::isolate([&] { body(scratch()); });
+    });
+  }
+
+  void fill(const RayBatch& rays, Scratch& s) const {
+    s.batch.resize(rays.size);
+    for (size_t i = 0; i < rays.size; ++i) {
+      s.batch.rays.set(i, rays.origin(i), rays.direction(i), rays.tmax[i]);
+      s.batch.instance[i] = k_none;
+    }
+    make_endless_rays_unit(s.batch.rays);
+    s.group.candidates.assign(1, instance_);
+    s.group.is_tested = false;
+    s.group.open.clear();
+  }
+
+  const std::shared_ptr<const SceneObject> scene_;
+  const uint32_t instance_;
+};
+
+}  // namespace
+
+FTError ftAttachEmbree(FTScene scene, RTCDevice embree, RTCScene target, uint32_t* geometry_ids) {
+  return guarded(device_of(scene), [&] {
+    const std::shared_ptr<SceneObject> s = find(scene);
+    require(embree != nullptr, "ftAttachEmbree: the Embree device is null");
+    require(target != nullptr, "ftAttachEmbree: the Embree scene is null");
+    const std::lock_guard attaching(s->attached_mutex);
+    require(!s->attached.contains(target), "ftAttachEmbree: this scene is attached to that Embree scene already");
+    size_t count = 0;
+    {
+      const std::shared_lock lock(s->mutex);
+      s->require_commit("ftAttachEmbree");
+      count = s->scene.instances.size();
+    }
+    // Not under the lock: Embree asks for bounds.
+    std::vector<std::unique_ptr<AttachedGeometry>> made;
+    for (uint32_t i = 0; i < count; ++i) {
+      try {
+        made.push_back(std::make_unique<AttachedGeometry>(embree, target, std::make_unique<InstanceGeometry>(s, i)));
+      } catch (const Error& e) {
+        throw Failure(FT_ERROR_INVALID_ARGUMENT, std::string("ftAttachEmbree: ") + e.what());
+      }
+    }
+    for (uint32_t i = 0; i < count; ++i) {
+      if (geometry_ids) geometry_ids[i] = made[i]->id();
+    }
+    s->attached[target] = std::move(made);
+  });
+}
+
+FTError ftDetachEmbree(FTScene scene, RTCScene target) {
+  return guarded(device_of(scene), [&] {
+    const std::shared_ptr<SceneObject> s = find(scene);
+    std::vector<std::unique_ptr<AttachedGeometry>> ended;
+    {
+      const std::lock_guard lock(s->attached_mutex);
+      const auto found = s->attached.find(target);
+      require(found != s->attached.end(), "ftDetachEmbree: nothing of this scene is attached to that Embree scene");
+      ended.swap(found->second);
+      s->attached.erase(found);
+    }
+    ended.clear();
+  });
+}
