@@ -70,8 +70,9 @@ FT_API uint32_t ftGetVersion(void);
 FT_API FTError ftNewDevice(uint32_t threads, FTDevice* device);
 FT_API FTError ftRetainDevice(FTDevice device);
 FT_API FTError ftReleaseDevice(FTDevice device);
-/* The calling thread's last error on this device, or, with a null or freed device, its last error that belongs to no
- * device; forgets it. `message`, if not null, receives text that is valid until the thread's next such call. */
+/* The calling thread's last error on this device, or, with a null device, or a freed one that has none left, its last
+ * error that belongs to no device; forgets it. `message`, if not null, receives text that is valid until the thread's
+ * next such call. */
 FT_API FTError ftGetDeviceError(FTDevice device, const char** message);
 FT_API FTError ftSetDeviceErrorCallback(FTDevice device, FTErrorCallback callback, void* user);
 /* For ftBakeFields() and ftRender*(). */

@@ -109,6 +109,7 @@ FTError ftAttachEmbree(FTScene scene, RTCDevice embree, RTCScene target, uint32_
     const std::shared_ptr<SceneObject> s = find(scene);
     require(embree != nullptr, "ftAttachEmbree: the Embree device is null");
     require(target != nullptr, "ftAttachEmbree: the Embree scene is null");
+    if (geometry_ids) require_place(geometry_ids, "ftAttachEmbree: the geometry IDs");
     const std::lock_guard attaching(s->attached_mutex);
     require(!s->attached.contains(target), "ftAttachEmbree: this scene is attached to that Embree scene already");
     size_t count = 0;

@@ -157,7 +157,7 @@ uint32_t ftGetVersion(void) { return 10000 * FT_VERSION_MAJOR + 100 * FT_VERSION
 FTError ftNewDevice(uint32_t threads, FTDevice* device) {
   return guarded(std::shared_ptr<Device>(), [&] {
     constexpr uint32_t k_most_threads = 1024;
-    require(device != nullptr, "ftNewDevice: nowhere to put the device");
+    require_place(device, "ftNewDevice: the device");
     require(threads <= k_most_threads, "ftNewDevice: more than 1024 threads");
     const int count = threads > 0 ? int(threads) : tbb::task_arena::automatic;
     *device = std::bit_cast<FTDevice>(register_object(std::make_shared<Device>(count)));
@@ -174,7 +174,11 @@ FTError ftReleaseDevice(FTDevice device) {
 
 FTError ftGetDeviceError(FTDevice device, const char** message) {
   const std::shared_ptr<Device> of = device_or_null(device);
-  const auto error = t_errors.find(of ? of->handle : 0);
+  if (reinterpret_cast<uintptr_t>(message) % alignof(const char*) != 0)
+    return report(of, FT_ERROR_INVALID_ARGUMENT, "ftGetDeviceError: the pointer to the message is not aligned");
+  // Of a device that was freed between an error and this call, too.
+  auto error = t_errors.find(reinterpret_cast<uintptr_t>(device));
+  if (error == t_errors.end() && !of) error = t_errors.find(0);
   LastError last;
   if (error != t_errors.end()) {
     last = std::move(error->second);

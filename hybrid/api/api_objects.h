@@ -31,6 +31,13 @@ inline void require(bool holds, const std::string& message) {
   if (!holds) throw Failure(FT_ERROR_INVALID_ARGUMENT, message);
 }
 
+// Throws Failure(FT_ERROR_INVALID_ARGUMENT) unless a T can be written there.
+template <class T>
+void require_place(const T* result, const std::string& name) {
+  require(result != nullptr, name + ": nowhere to put it");
+  require(reinterpret_cast<uintptr_t>(result) % alignof(T) == 0, name + ": the pointer to it is not aligned");
+}
+
 struct Device {
   explicit Device(int threads) : arena(threads) {}
 

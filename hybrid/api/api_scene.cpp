@@ -18,8 +18,8 @@ using namespace fieldtrace::api;
 
 namespace {
 
-using Alone = std::unique_lock<std::shared_mutex>;
-using Shared = std::shared_lock<std::shared_mutex>;
+using Alone = std::unique_lock<TurnMutex>;
+using Shared = std::shared_lock<TurnMutex>;
 
 Affine transform_of(const float* columns) {
   if (!columns) return Affine(1.0f);
@@ -100,7 +100,7 @@ RenderResult render_scene(SceneObject& s) {
 FTError ftNewScene(FTDevice device, FTScene* scene) {
   return guarded(device_or_null(device), [&] {
     const std::shared_ptr<Device> d = find(device);
-    require(scene != nullptr, "ftNewScene: nowhere to put the scene");
+    require_place(scene, "ftNewScene: the scene");
     const auto object = std::make_shared<SceneObject>(d);
     object->scene.film.crop = {0, 0, object->scene.film.width, object->scene.film.height};
     *scene = std::bit_cast<FTScene>(register_object(object));
@@ -110,7 +110,7 @@ FTError ftNewScene(FTDevice device, FTScene* scene) {
 FTError ftLoadScene(FTDevice device, const char* path, FTScene* scene) {
   return guarded(device_or_null(device), [&] {
     const std::shared_ptr<Device> d = find(device);
-    require(scene != nullptr, "ftLoadScene: nowhere to put the scene");
+    require_place(scene, "ftLoadScene: the scene");
     const auto object = std::make_shared<SceneObject>(d);
     object->scene = load_scene(text_of(path, "path"));
     for (const Instance& i : object->scene.instances) object->transforms.push_back(i.to_world);
@@ -125,6 +125,7 @@ FTError ftAddMesh(FTScene scene, const float* positions, size_t position_stride,
     const Buffer<const float, 3> from("positions", positions, position_stride, position_count);
     const Buffer<const uint32_t, 3> corners("triangles", triangles, triangle_stride, triangle_count);
     from.needed(), corners.needed();
+    if (mesh) require_place(mesh, "ftAddMesh: the mesh's number");
     require(position_count > 0 && triangle_count > 0, "ftAddMesh: a mesh has positions and triangles");
     const size_t most = std::numeric_limits<int32_t>::max();
     require(position_count <= most && triangle_count <= most, "ftAddMesh: too many positions or triangles");
@@ -154,6 +155,7 @@ FTError ftAddMesh(FTScene scene, const float* positions, size_t position_stride,
 FTError ftAddInstance(FTScene scene, uint32_t mesh, const float* transform, uint32_t* instance) {
   return guarded(scene, [&](SceneObject& s) {
     const Affine to_world = transform_of(transform);
+    if (instance) require_place(instance, "ftAddInstance: the instance's number");
     const Alone lock(s.mutex);
     require_open(s, "ftAddInstance");
     require(mesh < s.scene.shapes.size(), "there is no mesh " + std::to_string(mesh));
@@ -285,8 +287,7 @@ FTError ftCommitScene(FTScene scene) {
 
 FTError ftGetSceneOrigin(FTScene scene, double* origin) {
   return guarded(scene, [&](SceneObject& s) {
-    require(origin != nullptr && reinterpret_cast<uintptr_t>(origin) % alignof(double) == 0,
-            "ftGetSceneOrigin: nowhere to put the origin, or not aligned");
+    require_place(origin, "ftGetSceneOrigin: the origin");
     const Shared lock(s.mutex);
     for (int c = 0; c < 3; ++c) origin[c] = s.scene.origin[c];
   });
@@ -339,7 +340,7 @@ FTError ftLoadField(FTScene scene, uint32_t mesh, const char* path) {
 FTError ftGetSceneInt(FTScene scene, const char* name, int64_t* value) {
   return guarded(scene, [&](SceneObject& s) {
     const std::string key = text_of(name, "name");
-    require(value != nullptr, "ftGetSceneInt: nowhere to put the value");
+    require_place(value, "ftGetSceneInt: the value");
     const Shared lock(s.mutex);
     if (key == "meshes" || key == "instances" || key == "width" || key == "height") {
       const Rect& crop = s.scene.film.crop;
@@ -371,7 +372,7 @@ FTError ftGetSceneInt(FTScene scene, const char* name, int64_t* value) {
 FTError ftGetMeshInt(FTScene scene, uint32_t mesh, const char* name, int64_t* value) {
   return guarded(scene, [&](SceneObject& s) {
     const std::string key = text_of(name, "name");
-    require(value != nullptr, "ftGetMeshInt: nowhere to put the value");
+    require_place(value, "ftGetMeshInt: the value");
     const Shared lock(s.mutex);
     s.require_commit("ftGetMeshInt");
     const Field* const field = s.field_of(mesh);
@@ -391,7 +392,7 @@ FTError ftGetMeshInt(FTScene scene, uint32_t mesh, const char* name, int64_t* va
 FTError ftGetSceneFloat(FTScene scene, const char* name, double* value) {
   return guarded(scene, [&](SceneObject& s) {
     const std::string key = text_of(name, "name");
-    require(value != nullptr, "ftGetSceneFloat: nowhere to put the value");
+    require_place(value, "ftGetSceneFloat: the value");
     require(key == "certified_occlusion" || key == "certified_hits", "there is no float \"" + key + "\"");
     *value = (key == "certified_hits" ? s.hit_counts : s.occlusion_counts).share();
   });
@@ -408,6 +409,9 @@ FTError ftRender(FTScene scene, float* pixels, size_t pixel_stride, size_t row_s
     if (row_stride == 0) row_stride = pixel_stride == 0 ? width * 3 * sizeof(float) : width * pixel_stride;
     require(row_stride >= row_bytes && row_stride % alignof(float) == 0,
             "ftRender: the rows overlap, or their stride is no multiple of a float's size");
+    constexpr uintptr_t k_last = std::numeric_limits<uintptr_t>::max();
+    require(row_stride <= k_last / 2 / height && row.begin() <= k_last - row_stride * height,
+            "ftRender: the rows reach beyond memory");
     const RenderResult result = render_scene(s);
     for (size_t y = 0; y < height; ++y) {
       const Buffer<float, 3> target("the row of pixels",

@@ -35,6 +35,26 @@ struct AnswerCounts {
   double share() const { return rays == 0 ? 0.0 : double(certified) / double(rays); }
 };
 
+// A shared mutex whose changes get their turn, which those of std::shared_mutex may wait for without end while threads
+// keep asking. Not recursive, not even shared: a change that waits holds up whoever comes after it.
+class TurnMutex {
+ public:
+  void lock() {
+    const std::lock_guard turn(turn_);
+    mutex_.lock();
+  }
+  void unlock() { mutex_.unlock(); }
+  void lock_shared() {
+    const std::lock_guard turn(turn_);
+    mutex_.lock_shared();
+  }
+  void unlock_shared() { mutex_.unlock_shared(); }
+
+ private:
+  std::mutex turn_;
+  std::shared_mutex mutex_;
+};
+
 struct SceneObject {
   explicit SceneObject(std::shared_ptr<Device> of) : device(std::move(of)) {}
 
@@ -46,7 +66,7 @@ struct SceneObject {
   Field* field_of(uint32_t mesh) const;
 
   std::shared_ptr<Device> device;
-  mutable std::shared_mutex mutex;
+  mutable TurnMutex mutex;
   Scene scene;  // as committed, but for instances
   RenderOptions options;
   FieldParameters parameters;
