@@ -409,8 +409,8 @@ FTError ftRender(FTScene scene, float* pixels, size_t pixel_stride, size_t row_s
     if (row_stride == 0) row_stride = pixel_stride == 0 ? width * 3 * sizeof(float) : width * pixel_stride;
     require(row_stride >= row_bytes && row_stride % alignof(float) == 0,
             "ftRender: the rows overlap, or their stride is no multiple of a float's size");
-    constexpr uintptr_t k_last = std::numeric_limits<uintptr_t>::max();
-    require(row_stride <= k_last / 2 / height && row.begin() <= k_last - row_stride * height,
+    const uintptr_t last = std::numeric_limits<uintptr_t>::max();
+    require(row_stride <= last / 2 / height && row.begin() <= last - row_stride * height,
             "ftRender: the rows reach beyond memory");
     const RenderResult result = render_scene(s);
     for (size_t y = 0; y < height; ++y) {

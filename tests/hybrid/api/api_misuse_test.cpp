@@ -3,6 +3,7 @@
 
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cstring>
 #include <fstream>
 #include <functional>
@@ -370,7 +371,8 @@ void forget_errors(FTDevice device) { ftGetDeviceError(device, nullptr), ftGetDe
 // The code, which has a message, and nothing was written.
 void expect_error(const Function& f, const Use& use, FTError code, const std::string& what, FTDevice device) {
   forget_errors(device);
-  const auto before = use.memory();
+  std::vector<std::vector<uint64_t>> before;  // a copy: the call may write there
+  before = use.memory();
   EXPECT_EQ(f.call(use), code) << f.name << ", " << what;
   const char* message = nullptr;
   EXPECT_EQ(ftGetDeviceError(device, &message), code) << f.name << ", " << what;
@@ -428,7 +430,7 @@ TEST(ApiMisuse, HandlesThatAreNone) {
     Use use(f.arguments, s.device, s.scene);
     const std::array<void*, 5> bad = {nullptr, on_stack, is_device ? static_cast<void*>(freed_device) : freed_scene,
                                       is_device ? static_cast<void*>(s.scene) : s.device,
-                                      reinterpret_cast<void*>(uintptr_t(-16))};
+                                      std::bit_cast<void*>(~uintptr_t(15))};
     for (size_t k = 0; k < bad.size(); ++k) {
       if (is_device) {
         use.device = static_cast<FTDevice>(bad[k]);
