@@ -41,6 +41,7 @@ def main():
     parser.add_argument("--rays", type=int, default=1_000_000)
     parser.add_argument("--pairs", type=int, default=21)
     parser.add_argument("--repeats", type=int, default=3, help="of the batch in a turn")
+    parser.add_argument("--before", type=int, default=150, help="times that the batch is asked first, until bakes are due")
     parser.add_argument("--triangles", type=int, default=100_000)
     options = parser.parse_args()
 
@@ -78,7 +79,7 @@ def main():
             return float(seconds), int(blocked)
 
         everything = ["renderer", "library", *kinds]
-        blocked = {kind: turn(kind, 2)[1] for kind in everything}  # bakes
+        blocked = {kind: turn(kind, options.before)[1] for kind in everything}  # bakes
         if len(set(blocked.values())) != 1:
             raise SystemExit(f"answers differ: {blocked}")
         print(f"{options.rays} rays, {blocked['Python'] / options.rays:.0%} blocked, "

@@ -579,7 +579,8 @@ TEST(ApiMisuse, EachFromEightThreads) {
   }
 }
 
-// Threads that begin at different functions of one scene: whatever the others do, a call has the code that it has alone.
+// Threads that begin at different functions of one scene: whatever the others do, a call has the code that it has
+// alone.
 TEST(ApiMisuse, DifferentOnesFromEightThreads) {
   const auto s = make_scene();
   const std::vector<Function>& all = functions();
