@@ -118,7 +118,7 @@ FT_API FTError ftCommitScene(FTScene scene);
 /* `origin`: 3 doubles; the file's coordinates are those used here plus the origin. */
 FT_API FTError ftGetSceneOrigin(FTScene scene, double* origin);
 
-/* ---- Fields: baked on demand by queries, or whole ahead of them ---- */
+/* ---- Fields: baked where queries ask often enough, or whole ahead of them ---- */
 
 /* Bakes all fields of the scene whole. Cancelled, what is baked is kept. */
 FT_API FTError ftBakeFields(FTScene scene);

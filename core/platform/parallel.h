@@ -1,4 +1,4 @@
-// Parallel loops over TBB.
+// Parallel loops over TBB, and work in arenas.
 //
 // TBB guarantees that writes before a loop are visible inside it, and writes inside it after it. TBB's own
 // synchronisation is invisible to a thread sanitizer, so these guarantees are repeated in instrumented atomics.
@@ -7,6 +7,7 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <atomic>
 #include <cstddef>
@@ -38,6 +39,29 @@ void parallel_for(size_t count, const Body& body) {
       },
       tbb::simple_partitioner());
   done.take();
+}
+
+// arena.execute(body): where the arena is full, another of its threads calls body() while this one waits. Rethrows what
+// body() throws.
+template <class Body>
+void execute_in(tbb::task_arena& arena, const Body& body) {
+  Handover begun, done;
+  // Also where body() throws.
+  struct Give {
+    Handover& handover;
+    ~Give() { handover.give(); }
+  };
+  struct Take {
+    const Handover& handover;
+    ~Take() { handover.take(); }
+  };
+  begun.give();
+  const Take take{done};
+  arena.execute([&] {
+    begun.take();
+    const Give give{done};
+    body();
+  });
 }
 
 }  // namespace fieldtrace

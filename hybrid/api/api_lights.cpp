@@ -331,7 +331,7 @@ FTError ftLightVisibility(FTScene scene, const float* points, size_t point_strid
     const LightTable table = make_lights(lamps);
     std::vector<LightExtent> extents;
     for (uint32_t k = 0; k < light_count; ++k) extents.push_back(light_extent(lamps, k));
-    s.device->arena.execute([&] {
+    execute_in(s.device->arena, [&] {
       parallel_for((point_count + k_points_of_chunk - 1) / k_points_of_chunk, [&](size_t c) {
         tbb::this_task_arena::isolate([&] {
           const size_t begin = c * k_points_of_chunk, end = std::min(point_count, begin + k_points_of_chunk);
@@ -370,7 +370,7 @@ FTError ftSkyVisibility(FTScene scene, const float* points, size_t point_stride,
     for (size_t i = 0; i < point_count; ++i)
       require(at.instance_of(i) != k_none, "point " + std::to_string(i) + " lies on no instance");
     if (point_count == 0) return;
-    s.device->arena.execute([&] {
+    execute_in(s.device->arena, [&] {
       const Sky& sky = sky_of(s);
       std::vector<size_t> order(point_count);
       std::iota(order.begin(), order.end(), size_t(0));

@@ -7,6 +7,7 @@
 
 #include "core/image/image.h"
 #include "core/loader/scene_xml.h"
+#include "core/platform/parallel.h"
 #include "field/bake/bake_full.h"
 #include "field/file/field_file.h"
 #include "field/store/field_budget.h"
@@ -114,7 +115,7 @@ FTError ftLoadScene(FTDevice device, const char* path, FTScene* scene) {
     const auto object = std::make_shared<SceneObject>(d);
     object->scene = load_scene(text_of(path, "path"));
     for (const Instance& i : object->scene.instances) object->transforms.push_back(i.to_world);
-    d->arena.execute([&] { object->commit(); });
+    execute_in(d->arena, [&] { object->commit(); });
     *scene = std::bit_cast<FTScene>(register_object(object));
   });
 }
@@ -281,7 +282,7 @@ FTError ftSetSceneFloat(FTScene scene, const char* name, double value) {
 FTError ftCommitScene(FTScene scene) {
   return guarded(scene, [&](SceneObject& s) {
     const Alone lock(s.mutex);
-    s.device->arena.execute([&] { s.commit(); });
+    execute_in(s.device->arena, [&] { s.commit(); });
   });
 }
 
@@ -302,7 +303,7 @@ FTError ftBakeFields(FTScene scene) {
     for (uint32_t i = 0; i < s.hit_fields.size(); ++i) {
       if (s.hit_fields[i]) shapes.push_back(i);
     }
-    s.device->arena.execute([&] {
+    execute_in(s.device->arena, [&] {
       for (size_t i = 0; i < shapes.size() && !*progress.stop(); ++i) {
         FullBakeCallbacks callbacks;
         callbacks.stop = progress.stop();
@@ -322,7 +323,7 @@ FTError ftSaveField(FTScene scene, uint32_t mesh, const char* path) {
     s.require_commit("ftSaveField");
     const Field* const field = s.field_of(mesh);
     require(field != nullptr, "mesh " + std::to_string(mesh) + " has no field");
-    s.device->arena.execute([&] { save_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
+    execute_in(s.device->arena, [&] { save_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
   });
 }
 
@@ -333,7 +334,7 @@ FTError ftLoadField(FTScene scene, uint32_t mesh, const char* path) {
     s.require_commit("ftLoadField");
     Field* const field = s.field_of(mesh);
     require(field != nullptr, "mesh " + std::to_string(mesh) + " has no field");
-    s.device->arena.execute([&] { load_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
+    execute_in(s.device->arena, [&] { load_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
   });
 }
 

@@ -1,5 +1,7 @@
 #include "hybrid/api/scene_object.h"
 
+#include <algorithm>
+
 #include "core/math/finite.h"
 #include "core/platform/address_space.h"
 
@@ -21,12 +23,18 @@ void SceneObject::commit() {
     plan.parameters = parameters;
     const uint64_t memory = options.field_memory ? options.field_memory : default_field_memory();
     fields.emplace(scene, traits, plan, memory, true, reservable_bytes());
+    demands.clear();
+    for (const Field* field : fields->all_pointers())
+      demands.push_back(field ? std::make_unique<SliceDemand>(*field) : nullptr);
   }
   accel = std::make_unique<Accel>(scene);
   AnswererSettings settings;
   settings.isa = resolve_isa(Isa::automatic);
   settings.tolerance = options.base_tolerance();
-  shadows = std::make_unique<ShadowAnswerer>(scene, *accel, traits, fields->pointers(), settings);
+  settings.demands = demands;
+  std::vector<Field*> shadow_fields = fields->pointers();
+  if (settings.tolerance == 0.0f) std::fill(shadow_fields.begin(), shadow_fields.end(), nullptr);  // all rays are exact
+  shadows = std::make_unique<ShadowAnswerer>(scene, *accel, traits, shadow_fields, settings);
   hit_fields = fields->all_pointers();
   std::vector<uint32_t> suited = HitAnswerer::suited_instances(scene, traits, parameters, 0);
   std::erase_if(suited, [&](uint32_t i) { return !hit_fields[scene.instances[i].shape]; });

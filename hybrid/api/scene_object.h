@@ -14,6 +14,7 @@
 #include "core/scene/scene.h"
 #include "core/trace/accel.h"
 #include "core/trace/user_geometry.h"
+#include "field/bake/slice_demand.h"
 #include "field/store/field.h"
 #include "hybrid/api/api_objects.h"
 #include "hybrid/fields/field_set.h"
@@ -77,6 +78,7 @@ struct SceneObject {
   // Made by commit(); references go upwards.
   std::vector<ShapeTraits> traits;
   std::optional<FieldSet> fields;
+  std::vector<std::unique_ptr<SliceDemand>> demands;  // by shape
   std::unique_ptr<Accel> accel;
   std::unique_ptr<ShadowAnswerer> shadows;
   std::unique_ptr<HitAnswerer> hits;

@@ -141,6 +141,7 @@ HitAnswerer::HitAnswerer(const Scene& scene, const Accel& accel, std::span<const
       kernels_(segment_kernels(settings.isa)),
       tolerance_(settings.tolerance),
       check_(settings.check),
+      demands_(settings.demands),
       is_object_(scene.instances.size(), 0) {
   for (const uint32_t i : instances) {
     const uint32_t shape = scene.instances[i].shape;
@@ -159,16 +160,20 @@ HitAnswerer::HitAnswerer(const Scene& scene, const Accel& accel, std::span<const
 
 HitAnswerer::~HitAnswerer() = default;
 
-void HitAnswerer::bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const {
+bool HitAnswerer::bake(const Object& object, HitUnknowns& unknowns, Stats& stats) const {
   BakeCounters counters;
   const uint32_t shape = scene_.instances[object.task.instance].shape;
-  const auto bake_layer = [&](FieldLayer layer, const std::vector<uint32_t>& slices) {
+  bool goes_on = false;
+  const auto bake_layer = [&](FieldLayer layer, std::vector<uint32_t>& slices) {
+    keep_due(demands_, shape, layer, slices);
+    goes_on = goes_on || !slices.empty();
     if (!slices.empty()) bake_slices(*object.field, layer, slices, accel_, shape, counters);
   };
   bake_layer(FieldLayer::visibility, unknowns.visibility);
   bake_layer(FieldLayer::depth, unknowns.depth);
   bake_layer(FieldLayer::primitive, unknowns.primitive);
   stats.add_bake(counters);
+  return goes_on && !object.field->pool_full();
 }
 
 void HitAnswerer::trace_others(HitWorkspace& work) const {
@@ -204,10 +209,7 @@ void HitAnswerer::query_object(const Object& object, HitAnswers& answers, HitWor
       [&](std::span<const uint32_t> blocks) {
         stats.lookups += kernels_.nearest_hits(object.task, queries, blocks, answers, work.unknowns);
       },
-      [&] {
-        bake(object, work.unknowns, stats);
-        return !object.field->pool_full();
-      });
+      [&] { return bake(object, work.unknowns, stats); });
   for (const uint32_t block : work.unknowns.blocks) {
     for (uint32_t j = block; j < block + k_batch_padding; ++j) {
       if (answers.verdict[j] != scalar::k_verdict_none) answers.verdict[j] = scalar::k_verdict_undecided;

@@ -94,7 +94,8 @@ class HitAnswerer {
   void trace_others(HitWorkspace& work) const;
   void order_objects(HitWorkspace& work) const;
   void query_object(const Object& object, HitAnswers& answers, HitWorkspace& work, Stats& stats) const;
-  void bake(const Object& object, const HitUnknowns& unknowns, Stats& stats) const;
+  // False: the rest is not to be baked.
+  bool bake(const Object& object, HitUnknowns& unknowns, Stats& stats) const;
   void find_triangle(const HitWorkspace& work, size_t j, Nearest& nearest) const;
   Nearest put_together(const HitWorkspace& work, size_t j) const;
   void settle(HitBatch& hits, HitWorkspace& work, Stats& stats) const;
@@ -106,6 +107,7 @@ class HitAnswerer {
   const SegmentKernels& kernels_;
   float tolerance_;
   bool check_;
+  SliceDemands demands_;
   std::vector<Object> objects_;
   std::vector<uint8_t> is_object_;              // by instance
   std::shared_ptr<const Accel::Group> others_;  // the other instances; null: there are none

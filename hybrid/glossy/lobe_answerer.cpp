@@ -161,6 +161,7 @@ void LobeAnswerer::query(const RayBatch& rays, std::span<const PathState> paths,
           stats.lookups += kernels_.filter_lobes(maps_[p]->task(), batch, blocks, answers, unknowns);
         },
         [&] {
+          sort_unique(unknowns.tiles);
           maps_[p]->bake(unknowns.tiles, stats);
           return true;
         });

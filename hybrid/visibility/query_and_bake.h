@@ -4,9 +4,12 @@
 #pragma once
 
 #include <algorithm>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include "core/trace/rays.h"
+#include "field/bake/slice_demand.h"
 #include "field/query/segment_kernels.h"
 
 namespace fieldtrace {
@@ -17,13 +20,26 @@ namespace fieldtrace {
 // another.
 inline constexpr int k_most_bake_rounds = 6;
 
+// One entry a ray in `list`; leaves what is to be baked, sorted, without repeats.
 inline void sort_unique(std::vector<uint32_t>& list) {
   std::sort(list.begin(), list.end());
   list.erase(std::unique(list.begin(), list.end()), list.end());
 }
 
+// Bakes by shape that wait until they are due; empty: none does.
+using SliceDemands = std::span<const std::unique_ptr<SliceDemand>>;
+
+// sort_unique() of the slices that are due. One entry a ray.
+inline void keep_due(SliceDemands demands, uint32_t shape, FieldLayer layer, std::vector<uint32_t>& slices) {
+  if (demands.empty()) {
+    sort_unique(slices);
+  } else {
+    demands[shape]->count(layer, slices);
+  }
+}
+
 // Calls query(blocks) for all blocks of k_batch_padding among `size` entries, and again for those that it put into
-// unknowns.blocks, after bake() has baked what it reported there (unknowns.lists(), sorted, without repeats). Ends when
+// unknowns.blocks, after bake() has baked what it reported there (unknowns.lists(), an entry each time). Ends when
 // nothing is unknown, after the round in which bake() returned false, or after `most_rounds` of baking, which must be
 // at least the longest chain of cells that one answer needs. Blocks still unknown then stay in unknowns.blocks.
 // Unknowns: ConeUnknowns or HitUnknowns.
@@ -40,7 +56,6 @@ void query_and_bake(size_t size, Unknowns& unknowns, const Query& query, const B
     unknowns.blocks.clear();
     query(blocks);
     if (unknowns.blocks.empty()) break;
-    for (std::vector<uint32_t>* list : unknowns.lists()) sort_unique(*list);
     goes_on = bake();
     for (std::vector<uint32_t>* list : unknowns.lists()) list->clear();
   }

@@ -32,6 +32,7 @@
 #include "field/thesis/thesis_field.h"
 #include "field/thesis/thesis_kernels.h"
 #include "hybrid/stats/stats.h"
+#include "hybrid/visibility/query_and_bake.h"
 #include "hybrid/visibility/shadow_candidates.h"
 #include "hybrid/visibility/shape_traits.h"
 #include "hybrid/visibility/visibility_device.h"
@@ -51,6 +52,9 @@ struct AnswererSettings {
   VisibilityDevice* device = nullptr;  // answers instead of the CPU; must outlive the answerer
   // Per shape: not 0 where its field does not answer rays from the object itself. Empty: all fields do.
   std::vector<uint8_t> self_to_rays = {};
+  // Per shape: bakes for single rays and hits wait until they are due. Empty: they happen at the first question. Must
+  // outlive the answerer.
+  SliceDemands demands = {};
 };
 
 // Beyond this many candidates, one traversal of the whole scene costs less than their tests of single rays

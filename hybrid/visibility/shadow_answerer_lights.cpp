@@ -34,6 +34,7 @@ void ShadowAnswerer::bake_and_repeat(const ShadowInstance& o, size_t size, ConeU
     // In a full pool this is the last round; single rays answer what is still unknown.
     const bool is_full = o.field->pool_full() || o.field->coverage().full();
     BakeCounters counters;
+    sort_unique(unknowns.tiles), sort_unique(unknowns.slices);
     if (!unknowns.tiles.empty()) bake_coverage(*o.field, unknowns.tiles, accel_, shape, counters);
     if (!unknowns.slices.empty()) bake_slices(*o.field, FieldLayer::depth, unknowns.slices, accel_, shape, counters);
     stats.add_bake(counters);

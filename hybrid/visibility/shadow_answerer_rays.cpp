@@ -27,8 +27,10 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
   RayStates& states = work.states;
   for (int round = 0; !states.unknown_blocks.empty(); ++round) {
     BakeCounters counters;
+    bool goes_on = false;
     const auto bake = [&](FieldLayer layer, std::vector<uint32_t>& slices) {
-      sort_unique(slices);
+      keep_due(settings_.demands, shape, layer, slices);
+      goes_on = goes_on || !slices.empty();
       bake_slices(*o.field, layer, slices, accel_, shape, counters);
       slices.clear();
     };
@@ -37,10 +39,10 @@ void ShadowAnswerer::bake_unknown(const ShadowInstance& o, const SegmentTask& ta
     stats.add_bake(counters);
     std::vector<uint32_t> blocks;
     blocks.swap(states.unknown_blocks);
-    const bool give_up = o.field->pool_full() || round >= k_most_bake_rounds;
+    const bool give_up = !goes_on || o.field->pool_full() || round >= k_most_bake_rounds;
     SegmentCounts again;
     if (give_up) {
-      // Without room to bake, all rays of such a block are traced.
+      // Without room to bake, or while bakes wait, all rays of such a block are traced.
       for (const uint32_t begin : blocks) {
         again.crossings +=
             kernels_.cross_ball(task, batch.rays, begin, begin + k_batch_padding, slot, states).crossings;

@@ -60,7 +60,8 @@ class HitBatches : public testing::Test {
     answers.resize(queries.rays.size);
     HitUnknowns unknowns;
     BakeCounters counters;
-    const auto bake = [&](FieldLayer layer, const std::vector<uint32_t>& slices) {
+    const auto bake = [&](FieldLayer layer, std::vector<uint32_t>& slices) {
+      sort_unique(slices);
       bake_slices(fixture_.field(), layer, slices, fixture_.accel(), 0, counters);
     };
     query_and_bake(

@@ -1,11 +1,13 @@
 """Scenes for the benchmark and the tests, loaded by Mitsuba: name -> function(folder, resolution)."""
 
 import pathlib
+import sys
 
 import mitsuba as mi
-import numpy as np
 
-SCENES = pathlib.Path(__file__).resolve().parents[2] / "scenes"
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "tools/benchmarks"))
+import knot_mesh
 
 
 def knot_file(folder, around, across):
@@ -13,26 +15,11 @@ def knot_file(folder, around, across):
     file = pathlib.Path(folder) / f"knot_{around}_{across}.ply"
     if file.exists():
         return file
-    u = np.linspace(0, 2 * np.pi, around, endpoint=False)
-
-    def curve(u):
-        r = 1 + 0.4 * np.cos(3 * u)
-        return np.stack([r * np.cos(2 * u), 0.5 * np.sin(3 * u), r * np.sin(2 * u)], -1)
-
-    along = curve(u + 1e-3) - curve(u - 1e-3)
-    binormal = np.cross(along, curve(u + 1e-3) + curve(u - 1e-3) - 2 * curve(u))
-    binormal /= np.linalg.norm(binormal, axis=1, keepdims=True)
-    normal = np.cross(binormal, along)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    v = np.linspace(0, 2 * np.pi, across, endpoint=False)[:, None]
-    tube = curve(u)[:, None] + 0.25 * (np.cos(v) * normal[:, None] + np.sin(v) * binormal[:, None])
-    a = np.arange(around * across).reshape(around, across)
-    b, c, d = np.roll(a, -1, 0), np.roll(a, (-1, -1), (0, 1)), np.roll(a, -1, 1)
-    triangles = np.concatenate([np.stack([a, c, b], -1), np.stack([a, d, c], -1)]).reshape(-1, 3)
-    mesh = mi.Mesh("knot", around * across, len(triangles))
+    positions, triangles = knot_mesh.knot(around, across)
+    mesh = mi.Mesh("knot", len(positions), len(triangles))
     parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = tube.astype(np.float32).ravel()
-    parameters["faces"] = triangles.astype(np.uint32).ravel()
+    parameters["vertex_positions"] = positions.ravel()
+    parameters["faces"] = triangles.ravel()
     parameters.update()
     mesh.write_ply(str(file))
     return file
@@ -69,7 +56,8 @@ def knot(folder, resolution, around=1000, across=50):
     return mi.load_dict({
         **_frame(resolution),
         "lamp": _lamp([2, 4, 1], 0.8),
-        "knot": {"type": "ply", "filename": str(file), "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.4, 0.2]}}},
+        "knot": {"type": "ply", "filename": str(file),
+                 "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.4, 0.2]}}},
     })
 
 
@@ -102,7 +90,7 @@ def groups(folder, resolution):
 
 
 def _of_file(name):
-    return lambda folder, resolution: mi.load_file(str(SCENES / f"{name}.xml"), resolution=str(resolution))
+    return lambda folder, resolution: mi.load_file(str(ROOT / f"scenes/{name}.xml"), resolution=str(resolution))
 
 
 EXAMPLES = {

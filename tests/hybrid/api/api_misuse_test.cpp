@@ -579,6 +579,25 @@ TEST(ApiMisuse, EachFromEightThreads) {
   }
 }
 
+// Threads that begin at different functions of one scene: whatever the others do, a call has the code that it has
+// alone.
+TEST(ApiMisuse, DifferentOnesFromEightThreads) {
+  const auto s = make_scene();
+  const std::vector<Function>& all = functions();
+  std::vector<std::thread> threads;
+  for (int t = 0; t < k_threads; ++t) {
+    threads.emplace_back([&, t] {
+      for (size_t i = 0; i < all.size(); ++i) {
+        const Function& f = all[(i + size_t(t) * 5) % all.size()];
+        const FTError expected = f.order == Order::before_commit ? FT_ERROR_INVALID_OPERATION : FT_ERROR_NONE;
+        EXPECT_EQ(f.call(Use(f.arguments, s->device, s->scene)), expected) << f.name;
+        EXPECT_EQ(ftGetDeviceError(s->device, nullptr), expected) << f.name;
+      }
+    });
+  }
+  for (std::thread& t : threads) t.join();
+}
+
 // The last reference goes while every one of 8 threads is calling.
 TEST(ApiMisuse, EachReleasedWhileInUse) {
   for (const Function& f : functions()) {

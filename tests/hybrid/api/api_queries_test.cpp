@@ -78,6 +78,7 @@ size_t differences(const std::vector<uint8_t>& answers, const std::vector<uint8_
 
 TEST(ApiOccluded, IsThatOfExactRays) {
   const ApiScene s;
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
   const Rays rays = random_rays(20000, 1);
   const Exact exact = trace(s.same.scene, rays);
   size_t undecided = 0;
@@ -98,7 +99,33 @@ TEST(ApiOccluded, TracesEveryRayAtToleranceZero) {
   const Rays rays = random_rays(20000, 2);
   Rays unit = rays;  // those without end become unit
   for (size_t i = 0; i < rays.size(); i += 5) unit.directions[i] = glm::normalize(rays.directions[i]);
+  for (int round = 0; round < 600; ++round) ask(s.scene, unit, true);  // nor do bakes fall due
   EXPECT_EQ(ask(s.scene, unit, false), trace(s.same.scene, unit).blocked);
+  int64_t baked = -1;
+  EXPECT_EQ(ftGetSceneInt(s.scene, "cells_baked", &baked), FT_ERROR_NONE);
+  EXPECT_EQ(baked, 0);
+}
+
+// Rays that come back are worth a bake, rays all over the place are not.
+TEST(ApiOccluded, BakesForRaysThatComeBack) {
+  const ApiScene s;
+  const Rays rays = random_rays(2000, 8);
+  const Exact exact = trace(s.same.scene, rays);
+  const auto cells_baked = [&] {
+    int64_t cells = -1;
+    EXPECT_EQ(ftGetSceneInt(s.scene, "cells_baked", &cells), FT_ERROR_NONE);
+    return cells;
+  };
+  size_t undecided = 0, undecided_later = 0;
+  EXPECT_LE(differences(ask(s.scene, rays, true), exact.blocked, undecided), rays.size() / 500);
+  EXPECT_EQ(cells_baked(), 0);
+  const int most = 4 * 32 * (16 + 2);  // of rays that each cell, and each depth, can wait for
+  for (int round = 0; round < most && cells_baked() == 0; ++round) ask(s.scene, rays, false);
+  EXPECT_GT(cells_baked(), 0);
+  for (int round = 0; round < most; ++round) ask(s.scene, rays, true);
+  EXPECT_LE(differences(ask(s.scene, rays, true), exact.blocked, undecided_later), rays.size() / 500);
+  EXPECT_LT(undecided_later, undecided / 2);
+  EXPECT_LE(differences(ask(s.scene, rays, false), exact.blocked, undecided), rays.size() / 500);
 }
 
 TEST(ApiOccluded, FollowsTransformsWithoutANewBake) {
@@ -129,6 +156,7 @@ TEST(ApiOccluded, FollowsTransformsWithoutANewBake) {
 
 TEST(ApiNearest, IsThatOfExactRays) {
   const ApiScene s;
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
   const Rays rays = random_rays(20000, 4);
   const Exact exact = trace(s.same.scene, rays);
   std::vector<uint8_t> status(rays.size(), 9);
@@ -286,6 +314,7 @@ TEST(ApiFields, AreTheSameFromAFile) {
   int64_t baked = 0, loaded = 0;
   {
     const ApiScene s;
+    ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
     answers = ask(s.scene, rays, true);
     ASSERT_EQ(ftSaveField(s.scene, 0, path.c_str()), FT_ERROR_NONE);
     ASSERT_EQ(ftGetMeshInt(s.scene, 0, "cells_baked", &baked), FT_ERROR_NONE);
