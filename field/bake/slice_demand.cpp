@@ -8,11 +8,11 @@
 namespace fieldtrace {
 
 SliceDemand::SliceDemand(const Field& field) : slices_(field.slice_count()) {
-  constexpr uint32_t k_most = std::numeric_limits<uint16_t>::max();
+  const uint32_t most = std::numeric_limits<uint16_t>::max();
   const uint32_t lines = uint32_t(field.parameters().lines);
   const uint32_t rays[k_field_layers] = {lines, lines + 2, 1};  // of a cell
   for (size_t layer = 0; layer < k_field_layers; ++layer)
-    due_[layer] = std::min(k_most, uint32_t(scalar::k_slice_cells) * rays[layer] / k_bake_rays_of_ray);
+    due_[layer] = std::min(most, uint32_t(scalar::k_slice_cells) * rays[layer] / k_bake_rays_of_ray);
   asked_.reset(static_cast<uint16_t*>(std::calloc(k_field_layers * size_t(slices_), sizeof(uint16_t))));
   if (!asked_) throw std::bad_alloc();
 }
