@@ -131,10 +131,12 @@ void ShadowAnswerer::filter(FilterRequest& request) const {
     const StratumQuestion* question = questions.empty() ? nullptr : &questions[n];
     work.clear.assign(slots, 1.0f);
     work.refused.assign(slots, 0);
-    bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds, [&](std::span<const uint32_t> blocks) {
-      stats.lookups += filter_strata(kernels_, std::exchange(question, nullptr), task, batch, work.radius.data(),
-                                     work.flags.data(), blocks, work.clear.data(), work.refused.data(), unknowns);
-    });
+    bake_and_repeat(o, batch.rays.size, unknowns, stats, k_most_bake_rounds,
+                    [&, &stats = stats, &batch = batch](std::span<const uint32_t> blocks) {
+                      stats.lookups +=
+                          filter_strata(kernels_, std::exchange(question, nullptr), task, batch, work.radius.data(),
+                                        work.flags.data(), blocks, work.clear.data(), work.refused.data(), unknowns);
+                    });
     // What no pool has room for is undecided.
     for (const uint32_t block : unknowns.blocks) std::fill_n(work.refused.begin() + block, k_batch_padding, 1);
     for (size_t i = 0; i < batch.rays.size; ++i) undecided[i] |= work.flags[i] && work.refused[i];
