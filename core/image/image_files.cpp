@@ -21,6 +21,7 @@
 #include <thread>
 
 #include "core/image/image_decoder.h"
+#include "core/image/plain_images.h"
 #include "core/io/atomic_file.h"
 #include "core/io/input_file.h"
 #include "core/platform/error.h"
@@ -202,14 +203,11 @@ void require_image_writable(const std::string& path) {
   require_writable(path);
 }
 
-Image read_image(const std::string& path, const ImageReadOptions& options) {
-  std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) throw Error({path}, "no such file; check the name");
-  if (std::filesystem::is_directory(path, ignored)) throw Error({path}, "it is a folder; name an image file");
-  require_regular_file(path);
+namespace {
+
+void decode_by_module(const std::string& path, DecodedImage& read) {
   static ImageDecoder* const decode =
       reinterpret_cast<ImageDecoder*>(module_function(k_image_decoder_module, k_image_decoder_function));
-  DecodedImage read;
   try {
     decode(path, read);
   } catch (const std::runtime_error& error) {
@@ -218,6 +216,17 @@ Image read_image(const std::string& path, const ImageReadOptions& options) {
     throw Error({path}, std::string("cannot be read as an image: it is damaged or needs too much memory (") +
                             error.what() + ")");
   }
+}
+
+}  // namespace
+
+Image read_image(const std::string& path, const ImageReadOptions& options) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) throw Error({path}, "no such file; check the name");
+  if (std::filesystem::is_directory(path, ignored)) throw Error({path}, "it is a folder; name an image file");
+  require_regular_file(path);
+  DecodedImage read;
+  if (!read_plain_image(path, read)) decode_by_module(path, read);
   if (options.metadata) *options.metadata = std::move(read.metadata);
   Image& image = read.image;
   if (read.is_integer && options.linearise) {
