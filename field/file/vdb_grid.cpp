@@ -1,6 +1,7 @@
 #include "field/file/vdb_grid.h"
 
 #include "core/platform/module.h"
+#include "core/platform/parallel.h"
 
 namespace fieldtrace {
 
@@ -10,6 +11,8 @@ const VdbFunctions& vdb() {
 }
 
 std::future<void> open_vdb_early() {
+  // TBB opens libraries of its own when it is first used, which would have to wait until the module is open.
+  parallel_for(2, [](size_t) {});
   return std::async(std::launch::async, [] {
     try {
       vdb();

@@ -1,4 +1,4 @@
-// The cell kernel for every Highway target.
+// The cell kernels for every Highway target.
 
 // clang-format off: foreach_target.h includes this file again for each target and must come first.
 #undef HWY_TARGET_INCLUDE
@@ -8,15 +8,21 @@
 // clang-format on
 
 #include "core/simd/lanes-inl.h"
+#include "field/maps/cell_irradiance.hd.h"
 #include "field/maps/cell_kernels.h"
 #include "field/maps/cell_kernels_scalar.h"
 #include "field/maps/cell_visibility.hd.h"
 
-#if HWY_TARGET != HWY_SCALAR  // see_cell_scalar() covers it
+#if HWY_TARGET != HWY_SCALAR  // cell_kernels_scalar.h covers it
 FT_LANES_BEGIN
 
 int see_cell_of_target(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
   return see_cell<F32>(task, points, sums, undecided);
+}
+
+void sum_cells_of_target(const CellLights& cells, const CellNormals& normals, float grazing,
+                         const CellLightSums& sums) {
+  sum_cells<F32>(cells, normals, grazing, sums);
 }
 
 FT_LANES_END
@@ -27,7 +33,11 @@ FT_LANES_END
 
 namespace fieldtrace {
 
-CellKernel cell_kernel_for(Isa isa) { FT_RETURN_FORM_FOR(isa, see_cell_of_target, see_cell_scalar) }
+CellKernel cell_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, see_cell_of_target, see_cell_scalar)}
+
+CellLightKernel cell_light_kernel_for(Isa isa) {
+  FT_RETURN_FORM_FOR(isa, sum_cells_of_target, sum_cells_scalar)
+}
 
 }  // namespace fieldtrace
 #endif

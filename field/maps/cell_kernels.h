@@ -1,14 +1,20 @@
-// see_cell() of field/maps/cell_visibility.hd.h for each instruction set. Thread-safety: pure functions.
+// see_cell() of field/maps/cell_visibility.hd.h and sum_cells() of field/maps/cell_irradiance.hd.h for each instruction
+// set. Thread-safety: pure functions.
 #pragma once
 
 #include "core/simd/isa.h"
+#include "field/maps/cell_lights.h"
 #include "field/maps/cell_task.h"
 
 namespace fieldtrace {
 
 using CellKernel = int (*)(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
 
+using CellLightKernel = void (*)(const CellLights& cells, const CellNormals& normals, float grazing,
+                                 const CellLightSums& sums);
+
 // `isa` must be resolved. The same bits for each.
 CellKernel cell_kernel_for(Isa isa);
+CellLightKernel cell_light_kernel_for(Isa isa);
 
 }  // namespace fieldtrace

@@ -1,11 +1,16 @@
 #include "field/maps/cell_kernels_scalar.h"
 
+#include "field/maps/cell_irradiance.hd.h"
 #include "field/maps/cell_visibility.hd.h"
 
 namespace fieldtrace {
 
 int see_cell_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
   return scalar::see_cell<float>(task, points, sums, undecided);
+}
+
+void sum_cells_scalar(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums) {
+  scalar::sum_cells<float>(cells, normals, grazing, sums);
 }
 
 }  // namespace fieldtrace

@@ -1,10 +1,12 @@
-// The cell kernel with one float a lane: the reference, and `--isa scalar`.
+// The cell kernels with one float a lane: the reference, and `--isa scalar`.
 #pragma once
 
+#include "field/maps/cell_lights.h"
 #include "field/maps/cell_task.h"
 
 namespace fieldtrace {
 
 int see_cell_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
+void sum_cells_scalar(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums);
 
 }  // namespace fieldtrace

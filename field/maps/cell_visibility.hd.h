@@ -17,6 +17,7 @@
 
 #include "core/platform/platform.h"
 #include "core/simd/lanes.hd.h"
+#include "field/maps/cell_irradiance.hd.h"
 #include "field/maps/cell_radiance.hd.h"
 #include "field/maps/cell_task.h"
 
@@ -28,23 +29,6 @@ constexpr float k_most_near = 0.25f;
 constexpr float k_least_clear = 0.004f;
 // Cells whose direction rises less above the tangent plane (sine) are undecided on the object itself.
 constexpr float k_least_rise = 0.05f;
-
-// The mean of max(0, x) for x uniform in [mean - half, mean + half]: of the cosine over a cell across the horizon.
-// Without a condition, so that compilers make vectors of loops over floats, too.
-template <class F>
-FT_HD_INLINE F cosine_over_cell(F mean, F half) {
-  const F zero = splat<F>(0.0f);
-  const F across = min(max(mean + half, zero), half + half);
-  return across * across / (splat<F>(4.0f) * half) + max(mean - half, zero);
-}
-
-// What light weighs that arrives at the cosine `c`, in [0, 1]: c times the transmittance of an interface
-// (CellPoints::grazing).
-template <class F>
-FT_HD_INLINE F weight_of_cosine(F c, float grazing) {
-  const F one = splat<F>(1.0f), x = max(one - c, splat<F>(0.0f)), x2 = x * x;
-  return c * (one - splat<F>(grazing) * (x2 * x2 * x));
-}
 
 // The share of cosine_over_cell(shading, half), above 0, that lies above a second horizon, at which a cell's centre has
 // the cosine `geometric`. `turn`: the cosine between the two normals. 1 where the normals agree.

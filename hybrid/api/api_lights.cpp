@@ -216,7 +216,7 @@ const Sky& sky_of(SceneObject& s) {
   });
   auto sky_maps =
       std::make_unique<SkyMaps>(s.scene, s.traits, std::move(mapped), std::move(maps), size.directions, SkyTolerance());
-  auto sky = std::make_unique<Sky>(*sky_maps, white_sky());
+  auto sky = std::make_unique<Sky>(*sky_maps, SkyRadiance(white_sky()));
   s.sky_maps = std::move(sky_maps);
   s.sky = std::move(sky);
   return *s.sky;

@@ -268,12 +268,33 @@ void SkyLight::add_concentrated(const Job& job) {
 }
 
 // Cells do not quite add up to the sky; where they take all of it, nothing must be left.
-float SkyLight::hidden_scale(size_t point) const {
-  const float hidden = luminance({red_[point], green_[point], blue_[point]});
-  const float weight = std::min((hidden / open_[point] - k_least_enclosed) / k_least_enclosed, 1.0f);
-  if (!(weight > 0.0f)) return 1.0f;
-  const Vec3 n = shading(centres_, point);
-  return 1.0f + weight * (luminance(sky_->radiance().irradiance(n)) / light_->irradiance(n) - 1.0f);
+void SkyLight::scale_hidden() {
+  const auto hidden = [&](size_t i) { return luminance({red_[i], green_[i], blue_[i]}) / open_[i]; };
+  enclosed_.clear();
+  for (uint32_t i = 0; i < centres_.size; ++i) {
+    if (hidden(i) > k_least_enclosed) enclosed_.push_back(i);
+  }
+  if (enclosed_.empty()) return;
+  const size_t size = padded(enclosed_.size());
+  for (auto* arrays : {enclosed_normals_, enclosed_sums_}) {
+    for (int a = 0; a < 3; ++a) arrays[a].assign(size, 0.0f);
+  }
+  for (size_t k = 0; k < enclosed_.size(); ++k) {
+    const Vec3 n = shading(centres_, enclosed_[k]);
+    for (int a = 0; a < 3; ++a) enclosed_normals_[a][k] = n[a];
+  }
+  const auto& n = enclosed_normals_;
+  auto& sums = enclosed_sums_;
+  cell_light_kernel_for(context_.settings.isa)(light_->lights(), {n[0].data(), n[1].data(), n[2].data(), int32_t(size)},
+                                               0.0f, {sums[0].data(), sums[1].data(), sums[2].data()});
+  for (size_t k = 0; k < enclosed_.size(); ++k) {
+    const uint32_t i = enclosed_[k];
+    const float weight = std::min((hidden(i) - k_least_enclosed) / k_least_enclosed, 1.0f);
+    const float whole = luminance(sky_->radiance().irradiance(shading(centres_, i)));
+    const float of_cells = luminance({sums[0][k], sums[1][k], sums[2][k]});
+    const float scale = 1.0f + weight * (whole / of_cells - 1.0f);
+    red_[i] *= scale, green_[i] *= scale, blue_[i] *= scale;
+  }
 }
 
 // Finds what arrives at centres_ of the sky's cells.
@@ -283,11 +304,11 @@ void SkyLight::see_batch(const Job& job) {
   light_ = &sky_->cells_of(centres_.instance[0]);
   see_cells(job);
   open_.resize(centres_.size);
+  for (size_t i = 0; i < centres_.size; ++i) open_[i] = luminance(open_irradiance_[job.numbers[i]]);
+  scale_hidden();
   for (size_t i = 0; i < centres_.size; ++i) {
     const Rgb open = open_irradiance_[job.numbers[i]];
-    open_[i] = luminance(open);
-    const float scale = hidden_scale(i);
-    red_[i] = open.x - red_[i] * scale, green_[i] = open.y - green_[i] * scale, blue_[i] = open.z - blue_[i] * scale;
+    red_[i] = open.x - red_[i], green_[i] = open.y - green_[i], blue_[i] = open.z - blue_[i];
   }
   sample_open_cells(job);
   trace(job);

@@ -68,7 +68,7 @@ class SkyLight {
   void see_cells(const Job& job);
   bool see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums);
   void add_open_cell(const CellTask& task, size_t place, uint32_t point);
-  float hidden_scale(size_t point) const;
+  void scale_hidden();
   void sort_open_cells();
   void sample_open_cells(const Job& job);
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
@@ -111,6 +111,9 @@ class SkyLight {
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance of the sky
   AlignedVector<float> reflected_red_, reflected_green_, reflected_blue_;  // irradiance of what objects send back
   std::vector<float> open_;  // luminance of the open sky's irradiance, by point
+  // Points that hardly see the sky, their normals, and the sums of all cells' irradiance on them.
+  std::vector<uint32_t> enclosed_;
+  AlignedVector<float> enclosed_normals_[3], enclosed_sums_[3];
   AlignedVector<int32_t> undecided_;
   // For a device: the cells that are seen, by their places among the occluders'.
   std::vector<uint32_t> task_places_;

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <limits>
+#include <optional>
 
+#include "core/platform/parallel.h"
 #include "field/file/maps_file.h"
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
@@ -56,31 +58,42 @@ struct MapSource {
   MapSize size = {};
   BakeCounters counters = {};
 
-  // Null if `callbacks.stop` was set meanwhile.
-  std::unique_ptr<DirectionMaps> make(const MappedShape& of) {
-    if (!cache) return bake(of);
-    const Shape& shape = scene.shapes[of.shape];
-    const FieldIdentity identity = maps_identity(shape, of.stretch, size);
-    std::unique_ptr<DirectionMaps> maps = load(identity, of.ball);
-    if (!maps) {
-      maps = bake(of);
-      if (maps) store(*maps, identity, shape);
+  // Of all shapes, those in the cache first. Fewer if `callbacks.stop` was set meanwhile.
+  std::vector<std::unique_ptr<DirectionMaps>> make(const std::vector<MappedShape>& shapes) {
+    std::vector<std::unique_ptr<DirectionMaps>> maps(shapes.size());
+    if (cache) load(shapes, maps);
+    for (size_t i = 0; i < shapes.size(); ++i) {
+      if (callbacks.progress) callbacks.progress(float(i) / float(shapes.size()), "bake");
+      if (!maps[i]) {
+        maps[i] = bake(shapes[i]);
+        if (!maps[i]) {
+          maps.resize(i);
+          break;
+        }
+        if (cache) store(*maps[i], identity_of(shapes[i]), scene.shapes[shapes[i].shape]);
+      }
+      if (cache) stats.field_bytes_disk += cache->bytes_on_disk(identity_of(shapes[i]));
     }
-    stats.field_bytes_disk += cache->bytes_on_disk(identity);
     return maps;
   }
 
  private:
+  FieldIdentity identity_of(const MappedShape& of) const {
+    return maps_identity(scene.shapes[of.shape], of.stretch, size);
+  }
+
   std::unique_ptr<DirectionMaps> bake(const MappedShape& of) {
     auto maps = std::make_unique<DirectionMaps>(of.ball, size);
     const DMat3 to_object = of.is_deformed() ? glm::inverse(of.stretch) : DMat3(1.0);
     return bake_maps(*maps, accel, of.shape, to_object, callbacks.stop, counters) ? std::move(maps) : nullptr;
   }
 
-  std::unique_ptr<DirectionMaps> load(const FieldIdentity& identity, const Sphere& ball) {
+  void load(const std::vector<MappedShape>& shapes, std::vector<std::unique_ptr<DirectionMaps>>& maps) {
     const ScopedTimer timer(stats.time_cache);
-    std::optional<DirectionMaps> held = cache->load_maps(identity, ball);
-    return held ? std::make_unique<DirectionMaps>(std::move(*held)) : nullptr;
+    parallel_for(shapes.size(), [&](size_t i) {
+      std::optional<DirectionMaps> held = cache->load_maps(identity_of(shapes[i]), shapes[i].ball);
+      if (held) maps[i] = std::make_unique<DirectionMaps>(std::move(*held));
+    });
   }
 
   void store(const DirectionMaps& maps, const FieldIdentity& identity, const Shape& shape) {
@@ -153,14 +166,12 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   if (!for_light) size = choose(request.occlusion_rays);
   if (size.directions == 0) return stage;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
-  std::vector<std::unique_ptr<DirectionMaps>> maps;
+  // Before the cache, which is being opened meanwhile.
+  std::optional<SkyRadiance> light;
+  if (for_light) light.emplace(scene);
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size};
-  for (size_t i = 0; i < shapes.size(); ++i) {
-    if (callbacks.progress) callbacks.progress(float(i) / float(shapes.size()), "bake");
-    maps.push_back(source.make(shapes[i]));
-    if (maps.back()) continue;
-    return stage;  // stopped
-  }
+  std::vector<std::unique_ptr<DirectionMaps>> maps = source.make(shapes);
+  if (maps.size() < shapes.size()) return stage;  // stopped
   // Stages count the seconds of all threads.
   source.counters.seconds *= double(tbb::this_task_arena::max_concurrency());
   stats.add_bake(source.counters);
@@ -168,8 +179,8 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(mapped), std::move(maps), size.directions,
                                          sky_tolerance(slack));
   stats.sky_directions = size.directions, stats.sky_texels = size.texels;
-  if (for_light) stage.light = std::make_unique<Sky>(*stage.maps, scene);
-  if (request.occlusion_rays > 0) stage.occlusion = std::make_unique<Sky>(*stage.maps, white_sky());
+  if (light) stage.light = std::make_unique<Sky>(*stage.maps, std::move(*light));
+  if (request.occlusion_rays > 0) stage.occlusion = std::make_unique<Sky>(*stage.maps, SkyRadiance(white_sky()));
   return stage;
 }
 

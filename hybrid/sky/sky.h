@@ -17,9 +17,9 @@ inline constexpr int k_cell_parts = 2;
 class Sky {
  public:
   // `maps` must outlive this.
-  Sky(const SkyMaps& maps, const Scene& lights)
+  Sky(const SkyMaps& maps, SkyRadiance radiance)
       : maps_(maps),
-        radiance_(lights),
+        radiance_(std::move(radiance)),
         world_(radiance_.cells(Mat3(1.0f), maps.directions(), k_cell_parts)),
         grids_(maps.is_crowd() ? 0 : maps.occluders().size()) {}
 

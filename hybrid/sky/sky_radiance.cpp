@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numeric>
 
 #include "core/platform/parallel.h"
 #include "core/simd/vec_lanes.h"
+#include "core/trace/rays.h"
 #include "field/bake/cell_lines.h"
 #include "field/chart/chart.hd.h"
-#include "field/maps/cell_visibility.hd.h"
+#include "field/maps/cell_kernels.h"
 
 namespace fieldtrace {
 namespace {
@@ -193,35 +193,9 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
   }
 }
 
-float SkyCells::irradiance(const Vec3& n) const {
-  float sum = 0.0f;
-  for (size_t begin = 0, end = 0; begin < cells.size(); begin = end) {
-    while (end < cells.size() && cells[end].side == cells[begin].side) ++end;
-    sum += irradiance(n, begin, end);
-  }
-  return sum;
-}
-
-// Of cells of one width.
-float SkyCells::irradiance(const Vec3& n, size_t begin, size_t end) const {
-  const float *x = vx.data(), *y = vy.data(), *z = vz.data(), *r = red.data(), *g = green.data(), *b = blue.data();
-  const float half = half_width[begin], width = cells[begin].width();
-  // Sums side by side, so that the compiler makes vectors of them.
-  constexpr size_t k_sums = 16;
-  float sums[k_sums] = {};
-  size_t i = begin;
-  for (; i + k_sums <= end; i += k_sums) {
-    for (size_t k = 0; k < k_sums; ++k) {
-      const size_t c = i + k;
-      const float cosine = scalar::cosine_over_cell<float>(n.x * x[c] + n.y * y[c] + n.z * z[c], half);
-      sums[k] += cosine * luminance({r[c], g[c], b[c]});
-    }
-  }
-  for (; i < end; ++i) {
-    sums[0] +=
-        scalar::cosine_over_cell<float>(n.x * x[i] + n.y * y[i] + n.z * z[i], half) * luminance({r[i], g[i], b[i]});
-  }
-  return std::accumulate(sums, sums + k_sums, 0.0f) * (width * width);
+CellLights SkyCells::lights() const {
+  return {vx.data(),  vy.data(),    vz.data(),   half_width.data(),    solid_angle.data(),
+          red.data(), green.data(), blue.data(), int32_t(cells.size())};
 }
 
 void SkyRadiance::add_cell(const Mat3& grid, const SkyCell& cell, SkyCells& cells) const {
@@ -248,6 +222,7 @@ void SkyRadiance::add_cell(const Mat3& grid, const SkyCell& cell, SkyCells& cell
   cells.directions.push_back(fine_.empty() ? cell_frame(cell.u, cell.v, cell.side).c
                                            : glm::normalize(glm::transpose(grid) * d));
   cells.half_width.push_back(cell_half_width(cell.side));
+  cells.solid_angle.push_back(cell.width() * cell.width());
   cells.red.push_back(mean.x), cells.green.push_back(mean.y), cells.blue.push_back(mean.z);
   cells.vx.push_back(d.x), cells.vy.push_back(d.y), cells.vz.push_back(d.z);
 }
@@ -284,30 +259,19 @@ SkyCells SkyRadiance::cells(const Mat3& grid, int directions, int parts) const {
 
 std::vector<Rgb> SkyRadiance::make_table(float grazing) const {
   const SkyCells sky = cells(Mat3(1.0f), k_table_cells);
-  const float solid_angle = 4.0f * k_pi / float(k_table_cells * k_table_cells);
-  constexpr size_t k_side = size_t(k_table_cells) + 1;
+  const CellLightKernel kernel = cell_light_kernel_for(resolve_isa(Isa::automatic));
+  constexpr size_t k_side = size_t(k_table_cells) + 1, k_padded = padded(k_side);
   std::vector<Rgb> table(k_side * k_side);
   parallel_for(k_side, [&](size_t row) {
-    // Structures of arrays over a row, so that the compiler makes vectors of the loop over it.
-    const float half = sky.half_width[0];
-    struct Column {
-      float x[k_side], y[k_side], z[k_side];
-    } n, sum = {};
+    AlignedVector<float> x(k_padded, 0.0f), y(x), z(x), red(k_padded), green(k_padded), blue(k_padded);
     for (size_t i = 0; i < k_side; ++i) {
       const float step = 2.0f / float(k_table_cells);
       const auto d = scalar::frame_from_square<float>(float(row) * step - 1.0f, float(i) * step - 1.0f).c;
-      n.x[i] = d.x, n.y[i] = d.y, n.z[i] = d.z;
+      x[i] = d.x, y[i] = d.y, z[i] = d.z;
     }
-    for (size_t cell = 0; cell < size_t(k_table_cells * k_table_cells); ++cell) {
-      const Vec3 v(sky.vx[cell], sky.vy[cell], sky.vz[cell]);
-      const Rgb light(sky.red[cell], sky.green[cell], sky.blue[cell]);
-      for (size_t i = 0; i < k_side; ++i) {
-        const float mean = n.x[i] * v.x + n.y[i] * v.y + n.z[i] * v.z;
-        const float cosine = scalar::weight_of_cosine<float>(scalar::cosine_over_cell<float>(mean, half), grazing);
-        sum.x[i] += cosine * light.x, sum.y[i] += cosine * light.y, sum.z[i] += cosine * light.z;
-      }
-    }
-    for (size_t i = 0; i < k_side; ++i) table[row * k_side + i] = Rgb(sum.x[i], sum.y[i], sum.z[i]) * solid_angle;
+    kernel(sky.lights(), {x.data(), y.data(), z.data(), int32_t(k_padded)}, grazing,
+           {red.data(), green.data(), blue.data()});
+    for (size_t i = 0; i < k_side; ++i) table[row * k_side + i] = Rgb(red[i], green[i], blue[i]);
   });
   return table;
 }

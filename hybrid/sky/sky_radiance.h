@@ -15,6 +15,7 @@
 #include "core/math/math.h"
 #include "core/platform/aligned_vector.h"
 #include "core/scene/scene.h"
+#include "field/maps/cell_lights.h"
 
 namespace fieldtrace {
 
@@ -30,15 +31,13 @@ struct SkyCell {
 struct SkyCells {
   std::vector<SkyCell> cells;
   std::vector<Vec3> directions;           // unit, of their light's centres, in the grid
-  std::vector<float> half_width;          // half extent, radians
+  AlignedVector<float> half_width;        // half extent, radians
+  AlignedVector<float> solid_angle;       // steradians
   AlignedVector<float> red, green, blue;  // mean radiance
   AlignedVector<float> vx, vy, vz;        // mean direction, weighted by luminance: shorter than 1
-  // Irradiance (luminance) on a surface of unit normal `n` as the sum over all cells: differs from that of the whole
-  // sky by about 1/1000.
-  float irradiance(const Vec3& n) const;
 
- private:
-  float irradiance(const Vec3& n, size_t begin, size_t end) const;
+  // Their sum of irradiance differs from that of the whole sky by about 1/1000.
+  CellLights lights() const;
 };
 
 class SkyRadiance {

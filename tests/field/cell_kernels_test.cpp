@@ -72,6 +72,44 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
   EXPECT_GT(reflected, all / 20);
 }
 
+TEST(CellKernels, SumTheOpenSkyAlikeOnEveryInstructionSet) {
+  TestRandom random(11);
+  constexpr int k_normals = 64, k_cells = 300;
+  AlignedVector<float> v[3], light[3], half, solid_angle, n[3];
+  for (int c = 0; c < k_cells; ++c) {
+    const Vec3 d = random.direction() * random.uniform(0.9f, 1.0f);
+    for (int a = 0; a < 3; ++a) v[a].push_back(d[a]), light[a].push_back(random.log_uniform(1e-6f, 1e6f));
+    half.push_back(random.log_uniform(1e-3f, 0.5f)), solid_angle.push_back(4.0f * half.back() * half.back());
+  }
+  for (int i = 0; i < k_normals; ++i) {
+    const Vec3 d = random.direction();
+    for (int a = 0; a < 3; ++a) n[a].push_back(d[a]);
+  }
+  const CellLights cells = {v[0].data(),     v[1].data(),     v[2].data(),     half.data(), solid_angle.data(),
+                            light[0].data(), light[1].data(), light[2].data(), k_cells};
+  const CellNormals normals = {n[0].data(), n[1].data(), n[2].data(), k_normals};
+  for (const float grazing : {0.0f, 0.7f}) {
+    const auto sums_of = [&](Isa isa) {
+      std::array<AlignedVector<float>, 3> sums;
+      for (auto& sum : sums) sum.assign(k_normals, -1.0f);
+      cell_light_kernel_for(isa)(cells, normals, grazing, {sums[0].data(), sums[1].data(), sums[2].data()});
+      return sums;
+    };
+    const auto expected = sums_of(Isa::scalar);
+    for (const Isa isa : supported_isas()) EXPECT_EQ(sums_of(isa), expected) << isa_name(isa);
+    for (size_t i = 0; i < k_normals; ++i) {
+      double exact = 0.0;
+      for (size_t c = 0; c < k_cells; ++c) {
+        const double mean = double(n[0][i]) * v[0][c] + double(n[1][i]) * v[1][c] + double(n[2][i]) * v[2][c];
+        const double high = std::max(mean + half[c], 0.0), low = std::max(mean - half[c], 0.0);
+        const double cosine = (high * high - low * low) / (4.0 * half[c]), dark = std::max(1.0 - cosine, 0.0);
+        exact += double(solid_angle[c]) * light[1][c] * cosine * (1.0 - double(grazing) * std::pow(dark, 5));
+      }
+      EXPECT_NEAR(expected[1][i], exact, 1e-4 * exact) << i;
+    }
+  }
+}
+
 // A point on an edge's line or near it, in the plane or near it, over the parallelogram or far away.
 Vec3 extreme_point(const Parallelogram& q, TestRandom& random) {
   const auto coordinate = [&] {

@@ -236,7 +236,7 @@ TEST(SkyCrowd, CostAndMemoryAreBounded) {
   constexpr size_t k_instance_bytes = 384;
   EXPECT_LT(many.bytes() - few.bytes(),
             k_instance_bytes * (large.scene.instances.size() - small.scene.instances.size()));
-  const Sky sky(many, large.scene);
+  const Sky sky(many, SkyRadiance(large.scene));
   EXPECT_EQ(&sky.cells_of(1), &sky.cells_of(2));  // one set for all
 }
 
