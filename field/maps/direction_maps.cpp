@@ -102,12 +102,15 @@ bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const DM
   const auto start = std::chrono::steady_clock::now();
   const MapSize size = maps.size();
   const Sphere ball = maps.ball();
+  const bool is_deformed = to_object != DMat3(1.0);
+  const auto in_object = [&](const Vec3& v) { return is_deformed ? Vec3(to_object * DVec3(v)) : v; };
   const auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
   std::atomic<uint64_t> traced = 0;
   parallel_for(size_t(size.maps()), [&](size_t direction) {
     if (stopped()) return;
     const CellFrame frame =
         cell_frame(int(direction) / size.directions, int(direction) % size.directions, size.directions);
+    const Vec3 along = in_object(-frame.c * ball.radius);
     uint16_t* const depth = maps.depths(int(direction));
     RayBatch rays;
     ShapeHits hits;
@@ -125,9 +128,7 @@ bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const DM
         if (half_squared <= 0.0f) continue;  // outside the ball
         const float half = std::sqrt(half_squared);
         const Vec3 entry = frame.s * x + frame.t * y + frame.c * half;
-        const auto in_object = [&](const Vec3& v) { return Vec3(to_object * DVec3(v)); };
-        rays.set(texels.size(), in_object(ball.centre + entry * ball.radius), in_object(-frame.c * ball.radius),
-                 2.0f * half);
+        rays.set(texels.size(), in_object(ball.centre + entry * ball.radius), along, 2.0f * half);
         texels.push_back(size_t(row) * size_t(size.texels) + size_t(column));
         halves.push_back(half);
       }

@@ -260,16 +260,16 @@ SkyCells SkyRadiance::cells(const Mat3& grid, int directions, int parts) const {
 std::vector<Rgb> SkyRadiance::make_table(float grazing) const {
   const SkyCells sky = cells(Mat3(1.0f), k_table_cells);
   const CellLightKernel kernel = cell_light_kernel_for(resolve_isa(Isa::automatic));
-  constexpr size_t k_side = size_t(k_table_cells) + 1, k_padded = padded(k_side);
+  constexpr size_t k_side = size_t(k_table_cells) + 1;
   std::vector<Rgb> table(k_side * k_side);
   parallel_for(k_side, [&](size_t row) {
-    AlignedVector<float> x(k_padded, 0.0f), y(x), z(x), red(k_padded), green(k_padded), blue(k_padded);
+    AlignedVector<float> x(padded(k_side), 0.0f), y(x), z(x), red(x), green(x), blue(x);
     for (size_t i = 0; i < k_side; ++i) {
       const float step = 2.0f / float(k_table_cells);
       const auto d = scalar::frame_from_square<float>(float(row) * step - 1.0f, float(i) * step - 1.0f).c;
       x[i] = d.x, y[i] = d.y, z[i] = d.z;
     }
-    kernel(sky.lights(), {x.data(), y.data(), z.data(), int32_t(k_padded)}, grazing,
+    kernel(sky.lights(), {x.data(), y.data(), z.data(), int32_t(x.size())}, grazing,
            {red.data(), green.data(), blue.data()});
     for (size_t i = 0; i < k_side; ++i) table[row * k_side + i] = Rgb(red[i], green[i], blue[i]);
   });
