@@ -29,14 +29,15 @@ int32_t coverage_bytes(int texels) {
   return bytes;
 }
 
-bool is_power_of_two_in(int value, int low, int high) {
-  return value >= low && value <= high && std::has_single_bit(unsigned(value));
-}
+// What a field file stores together, leaves of 8 directions, are whole.
+constexpr int k_least_directions = 4, k_most_directions = 128;
 
 }  // namespace
 
 bool valid_map_size(const MapSize& size) {
-  return is_power_of_two_in(size.directions, 4, 128) && is_power_of_two_in(size.texels, 8, 256);
+  return size.directions >= k_least_directions && size.directions <= k_most_directions &&
+         size.directions % k_least_directions == 0 && size.texels >= 8 && size.texels <= 256 &&
+         std::has_single_bit(unsigned(size.texels));
 }
 
 DirectionMaps::DirectionMaps(const Sphere& ball, const MapSize& size)

@@ -21,7 +21,7 @@
 namespace fieldtrace {
 
 struct MapSize {
-  int directions = 32;  // D, a power of two in [4, 128]
+  int directions = 32;  // D, a multiple of 4 in [4, 128]
   int texels = 64;      // T, a power of two in [8, 256]
   uint64_t maps() const { return uint64_t(directions) * uint64_t(directions); }
   uint64_t lines() const { return maps() * uint64_t(texels) * uint64_t(texels); }

@@ -50,6 +50,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   }
   const bool is_open = picture.settings.occlusion_distance == k_infinity;
   if (picture.settings.occlusion && is_open) request.occlusion_rays = picture.rays_per_light();
+  request.samples = uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
   return request;
 }

@@ -23,6 +23,9 @@ namespace {
 constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
 constexpr int k_share_side = 32;  // camera rays along each side of the film (diffuse_share)
 constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
+// Of crowds, whose cells read several objects each, in pictures of fewer light samples a pixel than k_few_samples.
+constexpr int k_crowd_directions = 12;
+constexpr uint64_t k_few_samples = 4;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
 
@@ -34,17 +37,21 @@ SkyTolerance sky_tolerance(float slack) {
   return t;
 }
 
+int wanted_directions(bool crowd, float slack, uint64_t samples) {
+  if (crowd) return samples < k_few_samples ? k_crowd_directions : k_coarse_directions;
+  if (slack >= k_coarse_tolerance) return k_coarse_directions;
+  return slack <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
+}
+
 // D = 0: none is affordable for so many rays.
-MapSize choose_size(size_t shapes, bool crowd, float slack, uint64_t rays, uint64_t most_bytes) {
+MapSize choose_size(size_t shapes, int directions, uint64_t rays, uint64_t most_bytes) {
   MapSize size;
-  size.directions = slack >= k_coarse_tolerance || crowd ? k_coarse_directions
-                    : slack <= k_fine_tolerance          ? k_fine_directions
-                                                         : k_usual_directions;
+  size.directions = directions;
   const auto fits = [&](uint64_t most_rays) {
     return size.lines() * shapes <= most_rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
   while (size.directions > k_coarse_directions && !fits(k_usual_maps_gain * rays)) size.directions /= 2;
-  if (size.directions == k_coarse_directions && !fits(k_coarse_maps_gain * rays)) size.directions = 0;
+  if (size.directions <= k_coarse_directions && !fits(k_coarse_maps_gain * rays)) size.directions = 0;
   return size;
 }
 
@@ -152,7 +159,7 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const auto choose = [&](uint64_t rays) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
     if (rays < k_crowd_rays * instances) return MapSize{0, 0};
-    return choose_size(shapes.size(), crowd, slack, rays, request.most_bytes);
+    return choose_size(shapes.size(), wanted_directions(crowd, slack, request.samples), rays, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
   const bool spoils_light = !by_request && instances > k_most_under_map && has_map(scene);

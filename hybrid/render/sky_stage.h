@@ -24,6 +24,7 @@ struct SkyStage {
 struct SkyRequest {
   // Rays of the whole film that maps would spare Monte Carlo; 0: not wanted.
   uint64_t light_rays = 0, occlusion_rays = 0;
+  uint64_t samples = 0;     // light samples of a pixel
   uint64_t most_bytes = 0;  // that maps may take
 };
 

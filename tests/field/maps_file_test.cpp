@@ -57,7 +57,7 @@ bool same(const DirectionMaps& a, const DirectionMaps& b) {
 
 TEST(MapsFile, LoadsWhatWasSavedBitForBit) {
   const TemporaryFolder folder;
-  for (const MapSize size : {MapSize{4, 8}, MapSize{4, 256}, MapSize{16, 32}, MapSize{128, 8}}) {
+  for (const MapSize size : {MapSize{4, 8}, MapSize{4, 256}, MapSize{16, 32}, MapSize{12, 16}, MapSize{128, 8}}) {
     const DirectionMaps maps = random_maps(size);
     const uint64_t bytes = save_direction_maps(maps, identity_of(size), folder / "a.vdb");
     EXPECT_EQ(bytes, fs::file_size(folder / "a.vdb"));
