@@ -48,14 +48,16 @@ const std::vector<std::string>& denoise_layers() {
   return layers;
 }
 
-std::string denoise(Image& image, int threads) {
+std::string denoise(Image& image, const DenoiseOptions& options) {
   std::vector<float> colour = three_channels(image, "R"), albedo = three_channels(image, std::string(k_albedo) + ".R"),
                      normal = three_channels(image, std::string(k_normal) + ".X"), result(colour.size());
   if (colour.empty()) return {};
   std::string name;
   try {
     const auto denoiser = reinterpret_cast<Denoiser*>(module_function(k_denoiser_module, k_denoiser_function));
-    denoiser({image.width, image.height, colour.data(), albedo.data(), normal.data(), result.data(), threads}, name);
+    denoiser({image.width, image.height, colour.data(), albedo.data(), normal.data(), result.data(), options.threads,
+              options.noisy_layers},
+             name);
   } catch (const Error&) {
     throw;
   } catch (const std::exception& error) {

@@ -18,9 +18,16 @@ void require_denoiser();
 // The layers that denoise() reads.
 const std::vector<std::string>& denoise_layers();
 
+struct DenoiseOptions {
+  int threads = 0;  // 0: all
+  // Whether albedo and normals have noise of their own, as those of a lens out of focus do: they are then filtered first,
+  // which takes two thirds of the time.
+  bool noisy_layers = false;
+};
+
 // Replaces R, G and B of `image`, which has the channels of denoise_layers(); other channels stay. Returns the name and
-// version of what denoised. threads: 0 for all. Throws Error if that fails; the image is then unchanged.
-std::string denoise(Image& image, int threads);
+// version of what denoised. Throws Error if that fails; the image is then unchanged.
+std::string denoise(Image& image, const DenoiseOptions& options);
 
 // Removes the channels of those layers that `kept` does not name.
 void drop_denoise_layers(Image& image, const std::vector<std::string>& kept);

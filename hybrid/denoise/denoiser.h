@@ -14,13 +14,14 @@ inline constexpr const char* k_denoiser_function = "fieldtrace_denoise";
 
 struct DenoiserInput {
   int width = 0, height = 0;
-  // Linear radiance, 0 or more; albedo, 0 to 1; unit normals, shorter where surfaces differ. The last two are filtered
-  // in place, so that their noise does not become the picture's.
+  // Linear radiance, 0 or more; albedo, 0 to 1; unit normals, shorter where surfaces differ.
   float* colour = nullptr;
   float* albedo = nullptr;
   float* normal = nullptr;
   float* result = nullptr;
   int threads = 0;  // 0: all
+  // Albedo and normal are filtered first, in place, so that their noise does not become the picture's.
+  bool noisy_layers = false;
 };
 
 // Fills `result` and names the library and its version. Throws std::runtime_error with the library's reason.

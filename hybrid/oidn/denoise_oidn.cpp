@@ -63,8 +63,10 @@ extern "C" void fieldtrace_denoise(const DenoiserInput& input, std::string& name
   const int version = oidnGetDeviceInt(device.get(), "version");
   name = "Intel Open Image Denoise " + std::to_string(version / 10000) + "." + std::to_string(version / 100 % 100) +
          "." + std::to_string(version % 100);
-  filter(device.get(), input, {{"albedo", input.albedo}, {"output", input.albedo}}, {});
-  filter(device.get(), input, {{"normal", input.normal}, {"output", input.normal}}, {});
+  if (input.noisy_layers) {
+    filter(device.get(), input, {{"albedo", input.albedo}, {"output", input.albedo}}, {});
+    filter(device.get(), input, {{"normal", input.normal}, {"output", input.normal}}, {});
+  }
   filter(device.get(), input,
          {{"color", input.colour}, {"albedo", input.albedo}, {"normal", input.normal}, {"output", input.result}},
          {"hdr", "cleanAux"});

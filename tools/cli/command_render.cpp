@@ -72,11 +72,12 @@ void require_slice_alone(const RenderArguments& arguments) {
 }
 
 // Denoises the picture and removes the layers that nobody asked for. Returns what denoised it; empty: nothing did.
-std::string denoise_result(const RenderArguments& arguments, RenderResult& result, const WarningSink& warning) {
+std::string denoise_result(const RenderArguments& arguments, const Scene& scene, RenderResult& result,
+                           const WarningSink& warning) {
   const ScopedTimer timer(result.stats.time_denoise);
   std::string denoiser;
   try {
-    denoiser = denoise(result.image, arguments.options.threads);
+    denoiser = denoise(result.image, {arguments.options.threads, scene.camera.aperture_radius > 0.0f});
   } catch (const std::exception& error) {
     warn(warning, {}, std::string(error.what()) + "; the picture is written with its noise");
   }
@@ -289,7 +290,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   std::string denoiser;
   if (arguments.denoise) {
     callbacks.progress(1.0f, "denoise");
-    denoiser = denoise_result(arguments, result, callbacks.warning);
+    denoiser = denoise_result(arguments, scene, result, callbacks.warning);
     if (previews.viewer) show_result(result.image, *previews.picture);
   }
 

@@ -42,7 +42,7 @@ TEST_F(DenoiseCommand, WritesTheDenoisedPictureAndNoOtherLayers) {
   ASSERT_EQ(with({"a.exr", "-o", "a.png", "--denoise", "--stats", "a.json"}).code, 0);
   ASSERT_EQ(with({"b.exr", "--denoise", "--aov", "depth,denoise_normal"}).code, 0);
   Image expected = image("noisy.exr");
-  denoise(expected, 0);
+  denoise(expected, {.threads = 0});
   const Image plain = image("a.exr"), layered = image("b.exr"), shown = image("a.png");
   EXPECT_EQ(plain.channel_count(), 3u);
   Image kept = expected;

@@ -104,6 +104,23 @@ def our_jobs(context, shot, reference, crop, aim):
     return jobs
 
 
+def our_denoised_jobs(context, shot, reference, crop, aim, notes):
+    """Our methods with one lobe sample and --denoise, the fewest camera samples for the error: {name: (job, details)}."""
+    programs, jobs = context.programs, {}
+    for method in ("montecarlo", "hybrid"):
+        base = lobes(shot.with_(method=method), 1, "--denoise")
+        try:
+            spp, errors = fewest(lambda n: programs.error(base.with_(spp=n), reference, crop=crop)[0], aim, 1)
+        except BenchmarkError as e:
+            notes.append(f"Our denoised pictures left out: {e}")
+            break
+        if spp is not None:
+            best = base.with_(spp=spp)
+            jobs[f"{method} denoised"] = (lambda best=best: frame_seconds(programs.render(best)),
+                                          {"spp": spp, "rmse": errors[spp]})
+    return jobs
+
+
 def peer_jobs(context, peer, reference, crop, aim):
     """Mitsuba's path tracer with the fewest samples for the error, raw and denoised: {name: (job, details)}."""
     picture = context.programs.work / "peer.exr"
@@ -137,6 +154,7 @@ def reflection(context):
     methods, notes = {}, frame_notes(context)
     with contextlib.ExitStack() as stack:
         jobs = our_jobs(context, shot, reference, crop, aim)
+        jobs.update(our_denoised_jobs(context, shot, reference, crop, aim, notes))
         if not context.peer_missing:
             try:
                 peer = stack.enter_context(Peer(context.peer_python, "llvm_ad_rgb", shot.scene, shot.defines))
@@ -153,4 +171,6 @@ def reflection(context):
     if not context.peer_missing:
         figures.append(Figure("Mitsuba / hybrid", against(methods, ["path"]), AT_LEAST, 8.0, "x"))
         figures.append(Figure("Mitsuba, denoised / hybrid", against(methods, ["denoised"]), AT_LEAST, 1.5, "x"))
+        figures.append(Figure("Mitsuba, denoised / hybrid, denoised",
+                              against(methods, ["denoised"], "hybrid denoised"), AT_LEAST, 1.5, "x"))
     return RowResult(figures, notes)

@@ -144,12 +144,12 @@ def frame_to_error(context, shot, reference_shot, aim, is_warm, folders=()):
     return methods
 
 
-def against(methods, names):
-    """Ratio of the quickest of `names` to the hybrid; None if either is missing."""
+def against(methods, names, ours="hybrid"):
+    """Ratio of the quickest of `names` to `ours`; None if either is missing."""
     found = [methods[n]["seconds"] for n in names if "seconds" in methods.get(n, {})]
-    if not found or "seconds" not in methods.get("hybrid", {}):
+    if not found or "seconds" not in methods.get(ours, {}):
         return None
-    return ratio(min(found, key=lambda s: s["median"]), methods["hybrid"]["seconds"])["value"]
+    return ratio(min(found, key=lambda s: s["median"]), methods[ours]["seconds"])["value"]
 
 
 def peer_names(methods, variants=VARIANTS):
