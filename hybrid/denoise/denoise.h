@@ -20,8 +20,8 @@ const std::vector<std::string>& denoise_layers();
 
 struct DenoiseOptions {
   int threads = 0;  // 0: all
-  // Whether albedo and normals have noise of their own, as those of a lens out of focus do: they are then filtered first,
-  // which takes two thirds of the time.
+  // Whether albedo and normals have noise of their own, as those of a lens out of focus do: they are then filtered
+  // first, which takes two thirds of the time.
   bool noisy_layers = false;
 };
 
