@@ -131,9 +131,18 @@ FT_HD_INLINE F share_by_coverage(const MapLines& lines, F x, F y, F footprint, M
   return select(read, (upper + (lower - upper) * fy) * splat<F>(1.0f / 255.0f) * (shrink * shrink), zero);
 }
 
-// Of an object that the points do not lie on.
+// Where the lines through points read a map.
 template <class F>
-FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const Vec3Lanes<F>& p) {
+struct MapPlace {
+  F x, y, z;          // texels, and the point's coordinate
+  F footprint;        // texels
+  Mask_t<F> inside;   // something may be read
+  Mask_t<F> by_share; // by coverage
+  Mask_t<F> by_depth;
+};
+
+template <class F>
+FT_HD_INLINE MapPlace<F> place_in_map(const MapLines& lines, const Vec3Lanes<F>& p) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), texels = splat<F>(float(lines.maps->texels));
   const F z = affine<F>(lines.z, p);
   // Far points follow their ray to the centre plane. In the ball, where contacts matter, the map's own line stands for
@@ -147,17 +156,32 @@ FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const Vec3Lanes<F>&
   const F middle = splat<F>(0.5f * float(lines.maps->texels));
   const F reach = middle + splat<F>(1.5f * 1.4142136f) * footprint;
   const Mask_t<F> inside = ahead & (abs(x - middle) <= reach) & (abs(y - middle) <= reach);
-  if (!any(inside)) return {zero, and_not(ahead, ahead)};
   const Mask_t<F> wide = inside & (z < zero - one) & (footprint >= splat<F>(1.4142135f));
-  MapShare<F> share = {zero, and_not(ahead, ahead)};
   const Mask_t<F> fine = and_not(wide, ahead) & (x >= zero) & (y >= zero) & (x <= texels) & (y <= texels);
-  if (any(fine)) share = share_by_depth<F>(lines, x, y, z, fine);
-  if (any(wide)) share.hidden = select(wide, share_by_coverage<F>(lines, x, y, footprint, wide), share.hidden);
+  return {x, y, z, footprint, inside, wide, fine};
+}
+
+// Of an object that the points do not lie on.
+template <class F>
+FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const MapPlace<F>& at) {
+  MapShare<F> share = {splat<F>(0.0f), and_not(at.inside, at.inside)};
+  if (!any(at.inside)) return share;
+  if (any(at.by_depth)) share = share_by_depth<F>(lines, at.x, at.y, at.z, at.by_depth);
+  if (any(at.by_share)) {
+    const F covered = share_by_coverage<F>(lines, at.x, at.y, at.footprint, at.by_share);
+    share.hidden = select(at.by_share, covered, share.hidden);
+  }
   return share;
 }
 
-// Of the object that the points lie on; g: their geometric normals, world space.
 template <class F>
+FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const Vec3Lanes<F>& p) {
+  return share_of_map<F>(lines, place_in_map<F>(lines, p));
+}
+
+// Of the object that the points lie on; g: their geometric normals, world space. `k_within`: what rises above the
+// tangent plane beyond MapLines::within is undecided, since nearer surfaces may lie beneath it.
+template <class F, bool k_within = false>
 FT_HD_INLINE MapShare<F> share_of_own(const OwnLines& own, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   const MapLines& lines = own.lines;
@@ -176,7 +200,10 @@ FT_HD_INLINE MapShare<F> share_of_own(const OwnLines& own, const Vec3Lanes<F>& p
   for (int i = 0; i < 4; ++i) {
     const F dx = taps.dx0 + splat<F>(float(i % 2)), dy = taps.dy0 + splat<F>(float(i / 2));
     const F above = taps.depth[i] - (code + (slope_x * dx + slope_y * dy) * per_texel);
-    const Mask_t<F> is_hidden = above > high;
+    Mask_t<F> is_hidden = above > high;
+    if constexpr (k_within) {
+      is_hidden = is_hidden & (taps.depth[i] <= code + splat<F>(lines.within * (0.5f * k_depth_codes)));
+    }
     hidden = hidden + select(is_hidden, taps.weight[i], zero);
     near = near + select(and_not(is_hidden, above > low), taps.weight[i], zero);
   }
@@ -340,10 +367,16 @@ FT_HD_INLINE F overlap(const CellCut<F>* a, int a_count, F a_share, const CellCu
 template <class F>
 class PlanesSeen {
  public:
-  FT_HD_INLINE PlanesSeen(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& s) {
+  FT_HD_INLINE PlanesSeen(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& s)
+      : PlanesSeen(task, p, s, [](const PlaneLines&, F share) { return share; }) {}
+
+  // limit(plane, share): the part of a share that counts.
+  template <class Limit>
+  FT_HD_INLINE PlanesSeen(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& s, const Limit& limit) {
     const F half = splat<F>(0.5f);
     for (int k = 0; k < task.plane_count; ++k) {
-      const F share = share_of_slope<F>(task.planes[k], task.planes[k].centre, task.cosine_half, p);
+      const PlaneLines& lines = task.planes[k];
+      const F share = limit(lines, share_of_slope<F>(lines, lines.centre, task.cosine_half, p));
       if (!any(share > zero_)) continue;
       if (count_ == k_most_planes) {
         clear_ = clear_ * (one_ - share);
@@ -545,13 +578,11 @@ struct CellTaken {
   Mask_t<F> open;           // undecided
 };
 
-// cosine: cosine_over_cell() of the shading normals s.
+// What was seen, of points whose shading normals see the cell at `cosine`.
 template <class F>
-FT_HD_INLINE CellTaken<F> take_cell(const CellTask& task, float grazing, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
-                                    const Vec3Lanes<F>& s, F cosine) {
+FT_HD_INLINE CellTaken<F> taken_of(const CellTask& task, float grazing, const CellSeen<F>& seen, F cosine) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   const Mask_t<F> lit = cosine > zero;
-  const CellSeen<F> seen = look_at_cell<F>(task, p, g, s, cosine);
   if (grazing > 0.0f) cosine = weight_of_cosine<F>(cosine, grazing);
   // Nothing of what is undecided counts; where an object sends light back, hidden cells may be undecided, too.
   const Mask_t<F> open = task.reflects ? seen.near & lit : seen.near & lit & (seen.clear > zero);
@@ -562,6 +593,13 @@ FT_HD_INLINE CellTaken<F> take_cell(const CellTask& task, float grazing, const V
           open};
 }
 
+// cosine: cosine_over_cell() of the shading normals s.
+template <class F>
+FT_HD_INLINE CellTaken<F> take_cell(const CellTask& task, float grazing, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
+                                    const Vec3Lanes<F>& s, F cosine) {
+  return taken_of<F>(task, grazing, look_at_cell<F>(task, p, g, s, cosine), cosine);
+}
+
 // The cosine of the cell for shading normals s.
 template <class F>
 FT_HD_INLINE F cosine_of(const CellTask& task, const Vec3Lanes<F>& s) {
@@ -570,9 +608,10 @@ FT_HD_INLINE F cosine_of(const CellTask& task, const Vec3Lanes<F>& s) {
 
 // Adds what the cell's hidden and undecided parts take from the points' irradiance, and what comes back from them.
 // Lists the points for which it is undecided in `undecided`, which has room for all and a vector more, and returns
-// their number.
-template <class F>
-FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
+// their number. Look: as LookAtCell.
+template <class F, class Look>
+FT_HD_INLINE int see_cell_by(const CellTask& task, const CellPoints& points, const CellSums& sums,
+                             int32_t* undecided) {
   constexpr int k_count = Lanes<F>::k_count;
   int listed = 0;
   for (int32_t i = 0; i < points.size; i += k_count) {
@@ -581,7 +620,7 @@ FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const 
     if (!any(cosine > splat<F>(0.0f))) continue;
     const Vec3Lanes<F> p = {load_lanes<F>(points.px + i), load_lanes<F>(points.py + i), load_lanes<F>(points.pz + i)};
     const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
-    const CellTaken<F> taken = take_cell<F>(task, points.grazing, p, g, s, cosine);
+    const CellTaken<F> taken = taken_of<F>(task, points.grazing, Look::look(task, p, g, s, cosine), cosine);
     const auto add = [&](float* sum, F value) { store_lanes(load_lanes<F>(sum + i) + value, sum + i); };
     add(sums.red, taken.irradiance.x), add(sums.green, taken.irradiance.y), add(sums.blue, taken.irradiance.z);
     if (task.reflects) {
@@ -591,6 +630,19 @@ FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const 
     if (any(taken.open)) listed += compress_store(lane_sequence<F>(i), taken.open, undecided + listed);
   }
   return listed;
+}
+
+template <class F>
+struct LookAtCell {
+  static FT_HD_INLINE CellSeen<F> look(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
+                                       const Vec3Lanes<F>& s, F cosine) {
+    return look_at_cell<F>(task, p, g, s, cosine);
+  }
+};
+
+template <class F>
+FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
+  return see_cell_by<F, LookAtCell<F>>(task, points, sums, undecided);
 }
 
 FT_LANES_END

@@ -180,26 +180,28 @@ TEST_P(OcclusionPicture, ToleranceZeroIsMonteCarlo) {
   }
 }
 
-// By direction maps without a cut-off distance, else by the same rays.
+// By direction maps: without a cut-off distance, and with one that ends among the objects, in them and beyond them.
 TEST_P(OcclusionPicture, HybridIsNearMonteCarlo) {
-  RenderOptions o = options(Method::monte_carlo, k_infinity);
-  o.aovs = {"ao", "object"};
-  o.light_samples = 1024;
-  const Image expected = render(scene_, o).image;
-  o = options(Method::hybrid, k_infinity);
-  o.check = true;
-  const RenderResult r = render(scene_, o);
   // Crowds read coarse maps; below many objects floors are too bright.
   const bool is_crowd = std::string(GetParam()) == "crowd";
-  EXPECT_NEAR(mean_difference(r.image, expected, true), 0.0, 3e-3);
-  EXPECT_NEAR(mean_difference(r.image, expected, false), 0.0, is_crowd ? 6e-3 : 3e-3);
-  EXPECT_GT(r.stats.check_sky.compared, 100u);
-  const double most = is_crowd ? 0.06 : 0.03;
-  EXPECT_LT(r.stats.check_sky.sum, most * double(r.stats.check_sky.compared));
-  o.ao_distance = k_near;
-  const Image near = render(scene_, o).image, exact = render(scene_, options(Method::monte_carlo, k_near)).image;
-  const size_t channel = size_t(near.channel_index("ao.Y"));
-  for (size_t i = channel; i < near.data.size(); i += near.channel_count()) ASSERT_EQ(near.data[i], exact.data[i]);
+  for (const float distance : {k_infinity, 0.15f, k_near, 40.0f}) {
+    RenderOptions o = options(Method::monte_carlo, distance);
+    o.aovs = {"ao", "object"};
+    o.light_samples = 1024;
+    const Image expected = render(scene_, o).image;
+    for (const float tolerance : {0.03f, k_default_tolerance, 1.0f}) {
+      o = options(Method::hybrid, distance);
+      o.check = true;
+      o.tolerance = tolerance;
+      const RenderResult r = render(scene_, o);
+      EXPECT_NEAR(mean_difference(r.image, expected, true), 0.0, 3e-3) << distance << " " << tolerance;
+      EXPECT_NEAR(mean_difference(r.image, expected, false), 0.0, is_crowd ? 6e-3 : 3e-3)
+          << distance << " " << tolerance;
+      EXPECT_GT(r.stats.check_sky.compared, 100u);
+      const double most = is_crowd ? 0.06 : 0.03;
+      EXPECT_LT(r.stats.check_sky.sum, most * double(r.stats.check_sky.compared)) << distance << " " << tolerance;
+    }
+  }
 }
 
 TEST_P(OcclusionPicture, DoesNotDependOnThreadsOrInstructionSet) {
