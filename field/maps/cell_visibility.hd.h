@@ -29,6 +29,8 @@ constexpr float k_most_near = 0.25f;
 constexpr float k_least_clear = 0.004f;
 // Cells whose direction rises less above the tangent plane (sine) are undecided on the object itself.
 constexpr float k_least_rise = 0.05f;
+// A quarter of a cell's width, in footprints (cell_occluders.cpp: a footprint is .58 of the width).
+constexpr float k_quarter_of_cell = 0.25f / 0.58f;
 
 // The share of cosine_over_cell(shading, half), above 0, that lies above a second horizon, at which a cell's centre has
 // the cosine `geometric`. `turn`: the cosine between the two normals. 1 where the normals agree.
@@ -99,6 +101,21 @@ FT_HD_INLINE MapShare<F> share_by_depth(const MapLines& lines, F x, F y, F z, Ma
   return {select(wanted, hidden, zero), undecided};
 }
 
+// The same of cells that are wider than texels, by four reads.
+template <class F>
+FT_HD_INLINE MapShare<F> share_by_depths(const MapLines& lines, F x, F y, F z, F footprint, Mask_t<F> wanted) {
+  const F quarter = splat<F>(k_quarter_of_cell) * footprint, part = splat<F>(0.25f);
+  F hidden = splat<F>(0.0f), near = hidden;
+  for (int k = 0; k < 4; ++k) {
+    const MapShare<F> share = share_by_depth<F>(lines, k % 2 ? x + quarter : x - quarter,
+                                                k / 2 ? y + quarter : y - quarter, z, wanted);
+    hidden = hidden + part * share.hidden;
+    near = near + select(share.near, part, splat<F>(0.0f));
+  }
+  const Mask_t<F> undecided = near > splat<F>(k_most_near);
+  return {hidden, undecided};
+}
+
 // footprint: texels. A footprint wider than the map reads the coarsest level, and is hidden by the map's part of it.
 template <class F>
 FT_HD_INLINE F share_by_coverage(const MapLines& lines, F x, F y, F footprint, Mask_t<F> wanted) {
@@ -166,7 +183,13 @@ template <class F>
 FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const MapPlace<F>& at) {
   MapShare<F> share = {splat<F>(0.0f), and_not(at.inside, at.inside)};
   if (!any(at.inside)) return share;
-  if (any(at.by_depth)) share = share_by_depth<F>(lines, at.x, at.y, at.z, at.by_depth);
+  const Mask_t<F> broad = at.by_depth & (at.footprint >= splat<F>(1.4142135f));
+  if (any(and_not(broad, at.by_depth))) share = share_by_depth<F>(lines, at.x, at.y, at.z, at.by_depth);
+  if (any(broad)) {
+    const MapShare<F> wide = share_by_depths<F>(lines, at.x, at.y, at.z, at.footprint, broad);
+    share.hidden = select(broad, wide.hidden, share.hidden);
+    share.near = and_not(broad, share.near) | wide.near;
+  }
   if (any(at.by_share)) {
     const F covered = share_by_coverage<F>(lines, at.x, at.y, at.footprint, at.by_share);
     share.hidden = select(at.by_share, covered, share.hidden);

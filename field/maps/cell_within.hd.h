@@ -22,9 +22,6 @@
 
 FT_LANES_BEGIN
 
-// A quarter of a cell's width, in footprints (cell_occluders.cpp: a footprint is .58 of the width).
-constexpr float k_quarter_of_cell = 0.25f / 0.58f;
-
 // The depths of the first surfaces of the lines that read_depths() reads, as codes of the same map; 0: none.
 template <class F>
 FT_HD_INLINE DepthTaps<F> read_first(const MapLines& lines, F x, F y, Mask_t<F> wanted) {
