@@ -19,6 +19,7 @@
 #include "core/simd/lanes.hd.h"
 #include "field/maps/cell_task.h"
 #include "field/maps/cell_visibility.hd.h"
+#include "field/maps/map_shares.hd.h"
 
 FT_LANES_BEGIN
 

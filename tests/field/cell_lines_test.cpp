@@ -42,7 +42,7 @@ void expect_in_cell(const Line& line, const Vec3& anchor, const CellOfLine& c, c
 }
 
 TEST(OppositeCell, HasTheOppositeFrame) {
-  for (const int directions : {4, 16, 32, 64}) {
+  for (const int directions : {4, 12, 16, 32, 64}) {
     for (int cell = 0; cell < directions * directions; ++cell) {
       const CellFrame of = cell_frame(cell / directions, cell % directions, directions);
       const int opposite = opposite_cell(cell, directions);
