@@ -22,7 +22,8 @@ struct MapLines {
   float margin = 0;                // depths nearer than this to the point's are undecided, units of z
   int32_t depth_begin = 0, coverage_begin = 0;  // of the map, bytes
   const MapsView* maps = nullptr;
-  // For cells seen within a distance (cell_within.hd.h): the distance, units of z, and the map of the opposite direction.
+  // For cells seen within a distance (cell_within.hd.h): the distance, units of z, and the map of the opposite
+  // direction.
   float within = 0;
   int32_t back_begin = 0;  // bytes
 };

@@ -1,8 +1,7 @@
 // What a batch of shading points sees of one direction cell of the sky, read from direction maps.
 //
-// What objects leave clear (map_shares.hd.h) and what parallelograms do multiply. Where a map leaves an object undecided,
-// the cell is.
-// Thread-safety: pure functions over a CellTask.
+// What objects leave clear (map_shares.hd.h) and what parallelograms do multiply. Where a map leaves an object
+// undecided, the cell is. Thread-safety: pure functions over a CellTask.
 
 #if defined(FIELDTRACE_FIELD_MAPS_CELL_VISIBILITY_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_FIELD_MAPS_CELL_VISIBILITY_HD_H_
@@ -436,8 +435,7 @@ FT_HD_INLINE F cosine_of(const CellTask& task, const Vec3Lanes<F>& s) {
 // Lists the points for which it is undecided in `undecided`, which has room for all and a vector more, and returns
 // their number. Look: as LookAtCell.
 template <class F, class Look>
-FT_HD_INLINE int see_cell_by(const CellTask& task, const CellPoints& points, const CellSums& sums,
-                             int32_t* undecided) {
+FT_HD_INLINE int see_cell_by(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
   constexpr int k_count = Lanes<F>::k_count;
   int listed = 0;
   for (int32_t i = 0; i < points.size; i += k_count) {

@@ -3,10 +3,9 @@
 // An object in front: a bilinear read of the mipmap of coverage whose texels match the cell's footprint at the object's
 // centre plane (the tent and the texel together have the variance of the cell: texel = .58 x width), or, where the
 // footprint is below a texel or a half, or the point lies within the object's ball, percentage-closer filtering of 2 x
-// 2 depths (Reeves, Salesin, Cook, "Rendering Antialiased Shadows with Depth Maps", SIGGRAPH 1987), at four places where
-// the cell is wider. The object that the point lies on: the same against the point's tangent plane, moved up by a bias
-// that grows with its slope. Depths about as high as the point are undecided.
-// Thread-safety: pure functions.
+// 2 depths (Reeves, Salesin, Cook, "Rendering Antialiased Shadows with Depth Maps", SIGGRAPH 1987), at four places
+// where the cell is wider. The object that the point lies on: the same against the point's tangent plane, moved up by a
+// bias that grows with its slope. Depths about as high as the point are undecided. Thread-safety: pure functions.
 
 #if defined(FIELDTRACE_FIELD_MAPS_MAP_SHARES_HD_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef FIELDTRACE_FIELD_MAPS_MAP_SHARES_HD_H_
@@ -90,8 +89,8 @@ FT_HD_INLINE MapShare<F> share_by_depths(const MapLines& lines, F x, F y, F z, F
   const F quarter = splat<F>(k_quarter_of_cell) * footprint, part = splat<F>(0.25f);
   F hidden = splat<F>(0.0f), near = hidden;
   for (int k = 0; k < 4; ++k) {
-    const MapShare<F> share = share_by_depth<F>(lines, k % 2 ? x + quarter : x - quarter,
-                                                k / 2 ? y + quarter : y - quarter, z, wanted);
+    const MapShare<F> share =
+        share_by_depth<F>(lines, k % 2 ? x + quarter : x - quarter, k / 2 ? y + quarter : y - quarter, z, wanted);
     hidden = hidden + part * share.hidden;
     near = near + select(share.near, part, splat<F>(0.0f));
   }
@@ -134,10 +133,10 @@ FT_HD_INLINE F share_by_coverage(const MapLines& lines, F x, F y, F footprint, M
 // Where the lines through points read a map.
 template <class F>
 struct MapPlace {
-  F x, y, z;          // texels, and the point's coordinate
-  F footprint;        // texels
-  Mask_t<F> inside;   // something may be read
-  Mask_t<F> by_share; // by coverage
+  F x, y, z;           // texels, and the point's coordinate
+  F footprint;         // texels
+  Mask_t<F> inside;    // something may be read
+  Mask_t<F> by_share;  // by coverage
   Mask_t<F> by_depth;
 };
 

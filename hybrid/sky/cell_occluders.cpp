@@ -165,7 +165,8 @@ void CellOccluders::add(const SkyOccluder& o) {
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
         const Vec3 unit = to_maps * d;
-        const MapLines lines = map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit, cell(k).width(), distance_);
+        const MapLines lines =
+            map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit, cell(k).width(), distance_);
         if (indirect_) {
           insert(k, o, lines);
         } else {

@@ -40,8 +40,7 @@ TEST(SharesOfPlanesWithin, AreAConeAboutTheNormal) {
         const PlaneLines lines = q.lines(d);
         const float half = 0.5f * cell_width(directions);
         const float share = scalar::share_of_slope<float>(lines, lines.centre, half, lanes(Vec3(0.0f)));
-        const float part =
-            scalar::share_of_plane_within<float>(lines, share, half, distance, lanes(Vec3(0.0f)));
+        const float part = scalar::share_of_plane_within<float>(lines, share, half, distance, lanes(Vec3(0.0f)));
         EXPECT_GE(part, 0.0f);
         EXPECT_LE(part, share);
         const double cosine = std::max(-glm::dot(d, n), 0.0f);

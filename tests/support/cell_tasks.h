@@ -125,8 +125,8 @@ inline Answer ask(CellKernel kernel, const CellTask& task, const Points& points,
   for (auto& sum : answer.sums) sum = before;
   AlignedVector<int32_t> listed(size_t(points.size) + k_batch_padding);
   const int count = kernel(task, points.view(),
-                           {answer.sums[0].data(), answer.sums[1].data(), answer.sums[2].data(),
-                            answer.sums[3].data(), answer.sums[4].data(), answer.sums[5].data()},
+                           {answer.sums[0].data(), answer.sums[1].data(), answer.sums[2].data(), answer.sums[3].data(),
+                            answer.sums[4].data(), answer.sums[5].data()},
                            listed.data());
   answer.undecided.assign(listed.begin(), listed.begin() + count);
   return answer;

@@ -352,8 +352,7 @@ TEST_F(CommandLine, CompareLooksAtOneLayer) {
   EXPECT_NE(difference("ao")["rmse"], difference("depth")["rmse"]);
   EXPECT_TRUE(difference("ao")["flip"].is_null());
   expect_failure(1, "has no layer a", {"compare", "layers0.exr", "layers5.exr", "--layer", "a"});
-  expect_failure(1, "R, G and B",
-                 {"compare", "layers0.exr", "layers5.exr", "--layer", "ao", "--report", "page.html"});
+  expect_failure(1, "R, G and B", {"compare", "layers0.exr", "layers5.exr", "--layer", "ao", "--report", "page.html"});
 }
 
 TEST_F(CommandLine, MeshesAreWrittenAndDescribed) {
