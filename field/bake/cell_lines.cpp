@@ -1,6 +1,7 @@
 #include "field/bake/cell_lines.h"
 
 #include <algorithm>
+#include <cstdlib>
 
 #include "core/simd/vec_lanes.h"
 #include "field/chart/chart.hd.h"
@@ -30,6 +31,13 @@ int direction_cell(const Vec3& direction, int directions) {
   scalar::CellAddress<float> cell;
   scalar::find_direction_cell(lanes(direction), make_axis(directions), cell);
   return cell.u * directions + cell.v;
+}
+
+int opposite_cell(int cell, int directions) {
+  // Of centres, in 1 / D: opposite directions lie beyond the diamond of the hemisphere, as far from its edges.
+  const int u = 2 * (cell / directions) + 1 - directions, v = 2 * (cell % directions) + 1 - directions;
+  const int to_u = (u < 0 ? 1 : -1) * (directions - std::abs(v)), to_v = (v < 0 ? 1 : -1) * (directions - std::abs(u));
+  return (to_u + directions - 1) / 2 * directions + (to_v + directions - 1) / 2;
 }
 
 CellFrame cell_frame(int u, int v, int directions) {

@@ -26,6 +26,9 @@ CellFrame cell_frame(int u, int v, int directions);
 Vec3 direction_in_cell(int u, int v, float x, float y, int directions);
 // The number u D + v of the cell of a unit direction.
 int direction_cell(const Vec3& direction, int directions);
+// The number of the cell whose directions are opposite to those of cell `cell`. Its frame has the same s, and opposite
+// t and c. `directions` is even.
+int opposite_cell(int cell, int directions);
 
 // Point k of a low-discrepancy sequence in [0, 1)^4 (Roberts' R4: additive recurrence with the powers of 1 / phi_4,
 // phi_4 the root of x^5 = x + 1), shifted modulo 1 by a hash of `cell`.

@@ -1,5 +1,5 @@
-// see_cell() of field/maps/cell_visibility.hd.h and sum_cells() of field/maps/cell_irradiance.hd.h for each instruction
-// set. Thread-safety: pure functions.
+// see_cell() of field/maps/cell_visibility.hd.h, see_cell_within() of field/maps/cell_within.hd.h and sum_cells() of
+// field/maps/cell_irradiance.hd.h for each instruction set. Thread-safety: pure functions.
 #pragma once
 
 #include "core/simd/isa.h"
@@ -15,6 +15,7 @@ using CellLightKernel = void (*)(const CellLights& cells, const CellNormals& nor
 
 // `isa` must be resolved. The same bits for each.
 CellKernel cell_kernel_for(Isa isa);
+CellKernel cell_within_kernel_for(Isa isa);
 CellLightKernel cell_light_kernel_for(Isa isa);
 
 }  // namespace fieldtrace

@@ -2,11 +2,16 @@
 
 #include "field/maps/cell_irradiance.hd.h"
 #include "field/maps/cell_visibility.hd.h"
+#include "field/maps/cell_within.hd.h"
 
 namespace fieldtrace {
 
 int see_cell_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
   return scalar::see_cell<float>(task, points, sums, undecided);
+}
+
+int see_cell_within_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
+  return scalar::see_cell_within<float>(task, points, sums, undecided);
 }
 
 void sum_cells_scalar(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums) {

@@ -7,6 +7,7 @@
 namespace fieldtrace {
 
 int see_cell_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
+int see_cell_within_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
 void sum_cells_scalar(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums);
 
 }  // namespace fieldtrace

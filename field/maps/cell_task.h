@@ -22,6 +22,10 @@ struct MapLines {
   float margin = 0;                // depths nearer than this to the point's are undecided, units of z
   int32_t depth_begin = 0, coverage_begin = 0;  // of the map, bytes
   const MapsView* maps = nullptr;
+  // For cells seen within a distance (cell_within.hd.h): the distance, units of z, and the map of the opposite
+  // direction.
+  float within = 0;
+  int32_t back_begin = 0;  // bytes
 };
 
 // What the object sends back along the cell: the lines of the nearest of its radiance maps, whose directions may be
@@ -95,6 +99,7 @@ struct CellTask {
   const MapRadiance* own_radiance = nullptr;
   const MapRadiance* map_radiance = nullptr;
   bool reflects = false;
+  float within = 0;  // world units: farther surfaces hide nothing; cell_within.hd.h alone
 };
 
 // Shading points of one instance, structures of arrays of `size` values (a multiple of the vector's length), aligned.

@@ -122,4 +122,21 @@ Image cropped(const Image& image, const Rect& window) {
   return part;
 }
 
+Image layer_of(const Image& image, const std::string& layer) {
+  std::vector<size_t> from;
+  Image part;
+  part.width = image.width, part.height = image.height;
+  for (size_t c = 0; c < image.channel_count(); ++c) {
+    if (!image.channels[c].starts_with(layer + ".")) continue;
+    from.push_back(c);
+    part.channels.push_back(image.channels[c]);
+  }
+  if (from.empty()) throw Error("it has no layer " + layer);
+  part.data.reserve(size_t(image.width) * size_t(image.height) * from.size());
+  for (size_t i = 0; i < image.data.size(); i += image.channel_count()) {
+    for (const size_t c : from) part.data.push_back(image.data[i + c]);
+  }
+  return part;
+}
+
 }  // namespace fieldtrace

@@ -41,4 +41,7 @@ ImageDifference compare_images(const Image& image, const Image& reference, const
 // The pixels of `window`, with all channels. Unchecked: it lies inside the image.
 Image cropped(const Image& image, const Rect& window);
 
+// The channels LAYER.NAME of one layer. Throws Error if there are none.
+Image layer_of(const Image& image, const std::string& layer);
+
 }  // namespace fieldtrace

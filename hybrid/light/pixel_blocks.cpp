@@ -63,11 +63,13 @@ bool PixelBlocks::is_even(const Block& block) const {
   const LinearFit fit(at);
   if (!fit.is_regular()) return false;
   // Beyond a step all samples but some lie near by.
-  float nearest = k_infinity;
+  float nearest = k_infinity, farthest = 0.0f;
   for (size_t s = 0; s + 1 < k_block_samples; ++s) {
     const Vec3 middle = position_of(*points_, block.sample[k_block_samples - 1]);
-    nearest = std::min(nearest, glm::length(position_of(*points_, block.sample[s]) - middle));
+    const float distance = glm::length(position_of(*points_, block.sample[s]) - middle);
+    nearest = std::min(nearest, distance), farthest = std::max(farthest, distance);
   }
+  if (farthest > k_sample_radius * widest_) return false;
   const float extent = k_bent_position * nearest;
   for (uint32_t m = block.begin; m < block.end; ++m) {
     const uint32_t i = members_[m];
@@ -143,8 +145,9 @@ void PixelBlocks::split(const Block& block, std::vector<uint32_t>& wanted) {
 }
 
 void PixelBlocks::find(const ShadingPointBatch& points, std::span<const PixelPosition> pixels,
-                       std::span<const uint32_t> groups, std::vector<uint32_t>& wanted) {
+                       std::span<const uint32_t> groups, float widest, std::vector<uint32_t>& wanted) {
   points_ = &points;
+  widest_ = widest;
   pixels_ = pixels;
   asked_.assign(pixels.size(), 0);
   members_.clear(), tried_.clear();

@@ -32,9 +32,10 @@ inline constexpr size_t k_block_samples = 6;
 class PixelBlocks {
  public:
   // Finds blocks among points, of which point i stands for pixel pixels[i]; those of a block are consecutive. Points
-  // with different groups[i] share no block, and those of group k_none lie in none. Writes the points to ask for first.
+  // with different groups[i] share no block, and those of group k_none lie in none. No block is wider than `widest`
+  // (world units). Writes the points to ask for first.
   void find(const ShadingPointBatch& points, std::span<const PixelPosition> pixels, std::span<const uint32_t> groups,
-            std::vector<uint32_t>& wanted);
+            float widest, std::vector<uint32_t>& wanted);
 
   // Tests blocks with what was asked for. arrivals[i] is known of the points asked for so far, and is set at those of
   // blocks that stand, with fitted[i] = 1. Writes what to ask for next: nothing once all is known.
@@ -53,6 +54,7 @@ class PixelBlocks {
   void want(uint32_t point, std::vector<uint32_t>& wanted);
 
   const ShadingPointBatch* points_ = nullptr;
+  float widest_ = 0.0f;
   std::span<const PixelPosition> pixels_;
   std::vector<uint8_t> asked_;
   std::vector<uint32_t> members_;

@@ -9,7 +9,6 @@
 #include "core/sampling/sobol.hd.h"
 #include "core/surface/surface.h"
 #include "field/bake/cell_lines.h"
-#include "field/maps/cell_kernels.h"
 #include "field/maps/cell_visibility.hd.h"
 #include "hybrid/stats/stopwatch.h"
 
@@ -59,8 +58,13 @@ CellPoints SkyLight::cell_points() const {
           grazing_};
 }
 
+CellKernel SkyLight::cell_kernel() const {
+  const Isa isa = context_.settings.isa;
+  return sky_->distance() < k_infinity ? cell_within_kernel_for(isa) : cell_kernel_for(isa);
+}
+
 void SkyLight::see_cells(const Job& job) {
-  const CellKernel kernel = cell_kernel_for(context_.settings.isa);
+  const CellKernel kernel = cell_kernel();
   const CellPoints points = cell_points();
   for (auto* v : {&red_, &green_, &blue_, &reflected_red_, &reflected_green_, &reflected_blue_}) {
     v->assign(size_t(points.size), 0.0f);
@@ -177,7 +181,7 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     const float cosine = glm::dot(n, d);
     if (!(cosine > 0.0f && glm::dot(d, geometric(all, from)) > 0.0f)) continue;
     if (rays_.ox.size() <= cell_rays_.size()) rays_.resize(2 * cell_rays_.size() + k_batch_padding);
-    rays_.set(cell_rays_.size(), leave(all, from, d), d, k_infinity);
+    rays_.set(cell_rays_.size(), leave(all, from, d), d, sky_->distance());
     const float width = light_->cells[open.cell].width(), solid_angle = width * width;
     const float received = scalar::weight_of_cosine<float>(cosine, grazing_);
     cell_rays_.push_back({point, received * solid_angle * total / (open.weight * float(count))});
@@ -379,7 +383,8 @@ void SkyLight::find_blocks(const LightReceivers& receivers, std::span<const Pixe
     if (points_.instance[i] != points_.instance[group] || grazing_of_[i] != grazing_of_[group]) group = i;
     groups_.push_back(clusters_[i].mean_spread() > k_widest_spread ? k_none : group);
   }
-  blocks_.find(points_, pixels_, groups_, wanted_);
+  // What hides within a distance does so over no more than that distance.
+  blocks_.find(points_, pixels_, groups_, sky_->distance(), wanted_);
 }
 
 template <class F>
@@ -467,7 +472,7 @@ void SkyLight::check_fitted(const Job& job) {
 }
 
 void SkyLight::check_point(const Job& job, size_t point) {
-  const CellKernel kernel = cell_kernel_for(context_.settings.isa);
+  const CellKernel kernel = cell_kernel();
   const ShadingCluster& cluster = job.clusters[point];
   const ShadingPointBatch& all = job.receivers.points;
   CellPoints points = cell_points();
@@ -501,7 +506,7 @@ void SkyLight::check_point(const Job& job, size_t point) {
       const float x = (float(i / k_check_side) + 0.5f) / float(k_check_side);
       const float y = (float(i % k_check_side) + 0.5f) / float(k_check_side);
       const Vec3 d = direction_in(occluders_.cells()[k], x, y);
-      rays.set(size_t(i), leave(all, cluster.begin + uint32_t(i) % cluster.size(), d), d, k_infinity);
+      rays.set(size_t(i), leave(all, cluster.begin + uint32_t(i) % cluster.size(), d), d, sky_->distance());
     }
     AlignedVector<uint8_t> blocked(padded(size_t(k_check_rays)), 0);
     context_.accel.occluded(rays, indices, blocked.data());

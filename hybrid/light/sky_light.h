@@ -12,6 +12,7 @@
 #include <span>
 #include <vector>
 
+#include "field/maps/cell_kernels.h"
 #include "hybrid/light/concentrated_light.h"
 #include "hybrid/light/light_receivers.h"
 #include "hybrid/light/pixel_blocks.h"
@@ -64,6 +65,7 @@ class SkyLight {
   // Calls f(job) for batches of the clusters of these numbers, of one instance and place each.
   template <class F>
   void for_batches(Job job, std::span<const uint32_t> numbers, const F& f);
+  CellKernel cell_kernel() const;
   void see_batch(const Job& job);
   void see_cells(const Job& job);
   bool see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums);

@@ -48,8 +48,8 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   if (is_lit || plans_indirect(picture.scene, stage.traits, depth, light_rays)) {
     request.light_rays = uint64_t(diffuse_share(picture.scene, stage.accel, stage.camera) * double(light_rays));
   }
-  const bool is_open = picture.settings.occlusion_distance == k_infinity;
-  if (picture.settings.occlusion && is_open) request.occlusion_rays = picture.rays_per_light();
+  if (picture.settings.occlusion) request.occlusion_rays = picture.rays_per_light();
+  request.occlusion_distance = picture.settings.occlusion_distance;
   request.samples = uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
   return request;

@@ -170,7 +170,10 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
     size = choose(light_rays);
   }
   const bool for_light = size.directions > 0;
-  if (!for_light) size = choose(request.occlusion_rays);
+  // Within less than an object's radius rays are cheap and their noise is low.
+  const bool is_far = by_request || request.occlusion_distance >= median_radius(scene, mapped);
+  const uint64_t occlusion_rays = is_far ? request.occlusion_rays : 0;
+  if (!for_light) size = choose(occlusion_rays);
   if (size.directions == 0) return stage;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   // Before the cache, which is being opened meanwhile.
@@ -187,7 +190,9 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
                                          sky_tolerance(slack));
   stats.sky_directions = size.directions, stats.sky_texels = size.texels;
   if (light) stage.light = std::make_unique<Sky>(*stage.maps, std::move(*light));
-  if (request.occlusion_rays > 0) stage.occlusion = std::make_unique<Sky>(*stage.maps, SkyRadiance(white_sky()));
+  if (occlusion_rays > 0) {
+    stage.occlusion = std::make_unique<Sky>(*stage.maps, SkyRadiance(white_sky()), request.occlusion_distance);
+  }
   return stage;
 }
 

@@ -24,6 +24,7 @@ struct SkyStage {
 struct SkyRequest {
   // Rays of the whole film that maps would spare Monte Carlo; 0: not wanted.
   uint64_t light_rays = 0, occlusion_rays = 0;
+  float occlusion_distance = k_infinity;  // of the layer `ao`
   uint64_t samples = 0;     // light samples of a pixel
   uint64_t most_bytes = 0;  // that maps may take
 };
@@ -38,10 +39,11 @@ bool has_sky(const Scene& scene);
 // Opens the cache that maps are kept in; null: there is none.
 using CacheOpener = std::function<FieldCache*()>;
 
-// Makes nothing where the tolerance admits no estimates, or where maps would cost too much memory, or too many rays
-// (unless a resolution of fields is requested, or nothing is to be left to rays).
-// Reads the maps that the cache holds, bakes the rest and stores it there; `cache` is called only if there are maps to
-// make. What cannot be stored causes a warning. Maps are incomplete if `callbacks.stop` was set meanwhile.
+// Makes nothing where the tolerance admits no estimates, or where maps would cost too much memory, or too many rays;
+// and nothing for the layer `ao` within less than the radius of most objects (unless a resolution of fields is
+// requested, or nothing is to be left to rays). Reads the maps that the cache holds, bakes the rest and stores it
+// there; `cache` is called only if there are maps to make. What cannot be stored causes a warning. Maps are incomplete
+// if `callbacks.stop` was set meanwhile.
 SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                   const RenderOptions& options, const SkyRequest& request, const CacheOpener& cache,
                   const RenderCallbacks& callbacks, Stats& stats);

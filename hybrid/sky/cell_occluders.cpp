@@ -20,8 +20,8 @@ constexpr float k_divided_clear = 0.4f;
 // Groups are read as one if they subtend less than so many widths of a cell (OccluderGroups::find).
 constexpr float k_even_group = 2.0f, k_varying_group = 1.0f;
 
-// `unit`: the cell's direction in unit space; `width`: its extent, radians.
-MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3& unit, float width) {
+// `unit`: the cell's direction in unit space; `width`: its extent, radians; `distance`: Sky::distance().
+MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3& unit, float width, float distance) {
   const Mat3& frame = sky.frame(map);  // s, t, c
   const float half_texels = 0.5f * float(o.view.texels), along = glm::dot(frame[2], unit);
   MapLines lines;
@@ -35,6 +35,10 @@ MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3
   lines.depth_begin = map * o.view.depth_bytes;
   lines.coverage_begin = map * o.view.coverage_bytes;
   lines.maps = &o.view;
+  if (distance < k_infinity) {
+    lines.within = along * distance / o.half_map;
+    lines.back_begin = opposite_cell(map, sky.directions()) * o.view.depth_bytes;
+  }
   return lines;
 }
 
@@ -55,10 +59,14 @@ PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) {
   return lines;
 }
 
+float height_of(const PlaneLines& plane, const Vec3& p) {
+  const float* const h = plane.height;
+  return h[0] * p.x + h[1] * p.y + h[2] * p.z + h[3];
+}
+
 // Whether the cell leaves the plane on the side on which all points of the ball are, so that none sees it there.
 bool turns_away(const PlaneLines& plane, const Sphere& from, float half) {
-  const float* const h = plane.height;
-  const float height = h[0] * from.centre.x + h[1] * from.centre.y + h[2] * from.centre.z + h[3];
+  const float height = height_of(plane, from.centre);
   return std::abs(height) > from.radius && (height > 0.0f ? plane.centre.rise : -plane.centre.rise) > half;
 }
 
@@ -114,6 +122,15 @@ void CellOccluders::find_lit() {
   }
 }
 
+// Whether something of it may lie within the distance of a point.
+bool CellOccluders::is_reached(const SkyOccluder& o) const {
+  if (distance_ == k_infinity) return true;
+  constexpr float k_rounding = 1e-4f;
+  const float reach = (distance_ + ball_.radius) * (1.0f + k_rounding);
+  if (glm::length(o.ball.centre - ball_.centre) - o.ball.radius > reach) return false;
+  return o.kind != SkyOccluder::Kind::plane || std::abs(height_of(plane_lines(o, Vec3(0.0f)), ball_.centre)) <= reach;
+}
+
 void CellOccluders::add(const SkyOccluder& o) {
   const Vec3 to = glm::transpose(grid_) * (o.ball.centre - ball_.centre);
   const float distance = glm::length(to), reach = o.ball.radius + ball_.radius;
@@ -148,7 +165,8 @@ void CellOccluders::add(const SkyOccluder& o) {
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
         const Vec3 unit = to_maps * d;
-        const MapLines lines = map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit, cell(k).width());
+        const MapLines lines =
+            map_lines(o, *sky_, direction_cell(unit, sky_->directions()), unit, cell(k).width(), distance_);
         if (indirect_) {
           insert(k, o, lines);
         } else {
@@ -200,6 +218,7 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   sky_ = &maps;
   light_ = &sky.cells_of(points.instance[0]);
   indirect_ = sky.indirect();
+  distance_ = sky.distance();
   const SkyOccluder& self = maps.occluders()[points.instance[0]];
   grid_ = self.cells;
   own_ = self.kind == SkyOccluder::Kind::map && !self.is_flat ? &self : nullptr;
@@ -207,12 +226,13 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   find_lit();
   // Where light varies within cells, lobes tell it worse; none sends light back.
   const float widths = indirect_ ? 0.0f : sky.radiance().is_even() ? k_even_group : k_varying_group;
-  maps.find(place, widths * maps.cell_width(), near_, lobes_);
+  maps.find(place, widths * maps.cell_width(), distance_, near_, lobes_);
   add_far();
   for (const uint32_t i : near_) {
     const SkyOccluder& o = maps.occluders()[i];
     // Nothing is known of a ball's inside, not even to points on the object.
-    if (&o != &self || (o.kind == SkyOccluder::Kind::ball && !o.is_flat)) add(o);
+    if (&o == &self && (o.kind != SkyOccluder::Kind::ball || o.is_flat)) continue;
+    if (is_reached(o)) add(o);
   }
 }
 
@@ -230,6 +250,7 @@ CellTask CellOccluders::task(size_t k, OwnObject& own) const {
     task.weight[a] = weight[a] * solid_angle;
   }
   task.clear = far_[k];
+  task.within = distance_;
   task.half = 0.5f * width;
   task.cosine_half = light.half_width[cell];
   if (own_) {
@@ -238,7 +259,7 @@ CellTask CellOccluders::task(size_t k, OwnObject& own) const {
     const int map = own_cells ? this->cell(k).within(sky_->directions()) : direction_cell(unit, sky_->directions());
     const Mat3 axes = own_->grid * sky_->frame(map);
     OwnLines& o = own.lines;
-    o.lines = map_lines(*own_, *sky_, map, unit, width);
+    o.lines = map_lines(*own_, *sky_, map, unit, width, distance_);
     o.clear_within = sky_->tolerance().clear_within;
     o.hidden_from = sky_->tolerance().hidden_from;
     if (this->cell(k).side > sky_->directions()) o.clear_within *= k_divided_clear;

@@ -45,6 +45,7 @@ class CellOccluders {
  private:
   void bound(const ShadingPointBatch& points);
   void find_lit();
+  bool is_reached(const SkyOccluder& occluder) const;
   void add(const SkyOccluder& occluder);
   void insert(size_t k, const SkyOccluder& occluder, const MapLines& lines);
   void add_far();
@@ -53,6 +54,7 @@ class CellOccluders {
   const SkyCells* light_ = nullptr;
   const IndirectLight* indirect_ = nullptr;
   const SkyOccluder* own_ = nullptr;  // the points' own object, if it can hide anything from them
+  float distance_ = k_infinity;       // Sky::distance()
   Mat3 grid_ = Mat3(1.0f);
   Sphere ball_;
   Vec3 mean_normal_ = Vec3(0.0f);

@@ -71,6 +71,21 @@ MappedShapes mapped_shapes(const Scene& scene, std::span<const ShapeTraits> trai
   return result;
 }
 
+float median_radius(const Scene& scene, const MappedShapes& mapped) {
+  std::vector<float> radii;
+  for (size_t i = 0; i < scene.instances.size(); ++i) {
+    if (mapped.of_instance[i] == k_none) continue;
+    const DAffine to_world(scene.instances[i].to_world);
+    // Stretches have the determinant 1.
+    const double scale = std::cbrt(std::abs(glm::determinant(DMat3(to_world[0], to_world[1], to_world[2]))));
+    radii.push_back(float(scale) * mapped.shapes[mapped.of_instance[i]].ball.radius);
+  }
+  if (radii.empty()) return 0.0f;
+  const auto middle = radii.begin() + ptrdiff_t(radii.size() / 2);
+  std::nth_element(radii.begin(), middle, radii.end());
+  return *middle;
+}
+
 void MappedShapes::drop_deformed() {
   std::vector<uint32_t> kept(shapes.size(), k_none);
   std::vector<MappedShape> rest;

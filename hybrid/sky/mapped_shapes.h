@@ -32,4 +32,7 @@ struct MappedShapes {
 inline constexpr size_t k_most_deformed = 64;
 MappedShapes mapped_shapes(const Scene& scene, std::span<const ShapeTraits> traits);
 
+// The median radius of the instances that have maps, world units; 0 if there are none.
+float median_radius(const Scene& scene, const MappedShapes& mapped);
+
 }  // namespace fieldtrace

@@ -16,14 +16,16 @@ inline constexpr int k_cell_parts = 2;
 
 class Sky {
  public:
-  // `maps` must outlive this.
-  Sky(const SkyMaps& maps, SkyRadiance radiance)
+  // `maps` must outlive this. What lies farther than `distance` (world units) hides nothing.
+  Sky(const SkyMaps& maps, SkyRadiance radiance, float distance = k_infinity)
       : maps_(maps),
+        distance_(distance),
         radiance_(std::move(radiance)),
         world_(radiance_.cells(Mat3(1.0f), maps.directions(), k_cell_parts)),
         grids_(maps.is_crowd() ? 0 : maps.occluders().size()) {}
 
   const SkyMaps& maps() const { return maps_; }
+  float distance() const { return distance_; }
   const SkyRadiance& radiance() const { return radiance_; }
   // What objects send back; null: not known.
   const IndirectLight* indirect() const { return indirect_.get(); }
@@ -44,6 +46,7 @@ class Sky {
   };
 
   const SkyMaps& maps_;
+  float distance_;
   SkyRadiance radiance_;
   std::shared_ptr<const IndirectLight> indirect_;
   SkyCells world_;

@@ -41,6 +41,20 @@ void expect_in_cell(const Line& line, const Vec3& anchor, const CellOfLine& c, c
   EXPECT_EQ(int(at.b), c.b);
 }
 
+TEST(OppositeCell, HasTheOppositeFrame) {
+  for (const int directions : {4, 12, 16, 32, 64}) {
+    for (int cell = 0; cell < directions * directions; ++cell) {
+      const CellFrame of = cell_frame(cell / directions, cell % directions, directions);
+      const int opposite = opposite_cell(cell, directions);
+      ASSERT_EQ(opposite, direction_cell(-of.c, directions)) << cell;
+      const CellFrame to = cell_frame(opposite / directions, opposite % directions, directions);
+      EXPECT_NEAR(glm::length(to.c + of.c), 0.0f, 1e-6f);
+      EXPECT_NEAR(glm::length(to.s - of.s), 0.0f, 1e-6f);
+      EXPECT_NEAR(glm::length(to.t + of.t), 0.0f, 1e-6f);
+    }
+  }
+}
+
 TEST(Lines, ThroughFeetLieInTheirCells) {
   TestRandom random(1);
   const FieldParameters p;

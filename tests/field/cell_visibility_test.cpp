@@ -4,13 +4,10 @@
 
 #include <gtest/gtest.h>
 
-#include <numeric>
-
 #include "core/mesh/mesh_procedural.h"
 #include "core/simd/vec_lanes.h"
-#include "core/trace/accel.h"
-#include "field/store/field.h"
 #include "tests/support/cell_tasks.h"
+#include "tests/support/mapped_mesh.h"
 
 namespace fieldtrace {
 namespace {
@@ -70,19 +67,6 @@ TEST(ShareAbove, ChangesNothingWhereNormalsAgree) {
     EXPECT_EQ(scalar::share_above<float>(0.9f, 0.9f, -half, 0.8f, half), 0.0f);
   }
 }
-
-struct ShareErrors {
-  double largest = 0.0, sum = 0.0, signed_sum = 0.0;
-  int cells = 0, partial = 0;
-
-  void add(double share, double exact) {
-    const double error = std::abs(share - exact);
-    largest = std::max(largest, error), sum += error, signed_sum += share - exact;
-    ++cells, partial += exact > 0.0 && exact < 1.0;
-  }
-  double mean() const { return sum / cells; }
-  double bias() const { return signed_sum / cells; }
-};
 
 TEST(SharesOfPlanes, AreNearThoseOfRays) {
   TestRandom random(21);
@@ -151,40 +135,6 @@ TEST(SharesOfPlanes, SumUpToTheirIrradiance) {
   EXPECT_GT(hidden / k_trials, 0.1);
   EXPECT_LT(std::sqrt(squares / k_trials), 0.005);
 }
-
-struct MappedMesh {
-  Scene scene;
-  std::unique_ptr<Accel> accel;
-  std::unique_ptr<DirectionMaps> maps;
-
-  MappedMesh(TriangleMesh mesh, const MapSize& size) {
-    const Sphere ball = field_ball(mesh.bounds());
-    for (Vec3& p : mesh.positions) p = (p - ball.centre) / ball.radius;
-    Shape shape;
-    shape.bounds = mesh.bounds();
-    shape.mesh = std::move(mesh);
-    scene.shapes.push_back(std::move(shape));
-    accel = std::make_unique<Accel>(scene);
-    maps = std::make_unique<DirectionMaps>(Sphere{Vec3(0.0f), 1.0f}, size);
-    BakeCounters counters;
-    bake_maps(*maps, *accel, 0, DMat3(1.0), nullptr, counters);
-  }
-
-  // The part of side x side rays from `p` over a cell that are blocked.
-  double share(const Vec3& p, int cell, int side) const {
-    const size_t count = size_t(side * side);
-    RayBatch rays;
-    rays.resize(count);
-    for (size_t i = 0; i < count; ++i) {
-      const float x = (float(i / size_t(side)) + 0.5f) / float(side),
-                  y = (float(i % size_t(side)) + 0.5f) / float(side);
-      rays.set(i, p, direction_in(cell, maps->size().directions, x, y), k_infinity);
-    }
-    std::vector<uint8_t> blocked(padded(count), 0);
-    accel->shape_occluded(0, rays, blocked.data());
-    return double(std::accumulate(blocked.begin(), blocked.begin() + ptrdiff_t(count), 0)) / double(count);
-  }
-};
 
 class SharesOfMaps : public testing::TestWithParam<const char*> {};
 

@@ -114,6 +114,25 @@ TEST(AmbientOcclusion, PointBesideAWall) {
   EXPECT_NEAR(render_occlusion(maker.scene, k_infinity), 0.5, 5e-3);
 }
 
+// The same by direction cells, which know parallelograms.
+TEST(AmbientOcclusion, CellsBesideAWall) {
+  SceneMaker maker = origin_of_a_plane();
+  constexpr float k_wall = 2.0f;
+  maker.instance(maker.shape(ShapeKind::rectangle), 0,
+                 Affine(Vec3(0, 0, 500), Vec3(0, 500, 0), Vec3(-1, 0, 0), Vec3(k_wall, 0, 0)));
+  for (const double distance : {1.9, 2.1, 2.5, 4.0, 20.0}) {
+    RenderOptions o = options_for(Method::hybrid, 1, 64);
+    o.directions = 32;  // by request: nothing is left to rays for its cost
+    o.ao_distance = float(distance);
+    const RenderResult r = render(maker.scene, o);
+    const double c = std::min(double(k_wall) / distance, 1.0);
+    const double hidden = (std::acos(c) - c * std::sqrt(1.0 - c * c)) / M_PI;
+    EXPECT_NEAR(mean_occlusion(r.image), 1.0 - hidden, 3e-3) << distance;
+    EXPECT_EQ(r.stats.rays_shadow, 0u);
+    EXPECT_EQ(r.stats.sky_directions, 32);
+  }
+}
+
 // Occlusion is the same for every material and path depth.
 TEST(AmbientOcclusion, DoesNotDependOnTheMaterialOrThePaths) {
   for (const BsdfKind kind : {BsdfKind::diffuse, BsdfKind::conductor, BsdfKind::dielectric}) {
@@ -180,26 +199,32 @@ TEST_P(OcclusionPicture, ToleranceZeroIsMonteCarlo) {
   }
 }
 
-// By direction maps without a cut-off distance, else by the same rays.
+// By direction maps: without a cut-off distance, and with one that ends among the objects, in them and beyond them.
 TEST_P(OcclusionPicture, HybridIsNearMonteCarlo) {
-  RenderOptions o = options(Method::monte_carlo, k_infinity);
-  o.aovs = {"ao", "object"};
-  o.light_samples = 1024;
-  const Image expected = render(scene_, o).image;
-  o = options(Method::hybrid, k_infinity);
-  o.check = true;
-  const RenderResult r = render(scene_, o);
   // Crowds read coarse maps; below many objects floors are too bright.
   const bool is_crowd = std::string(GetParam()) == "crowd";
-  EXPECT_NEAR(mean_difference(r.image, expected, true), 0.0, 3e-3);
-  EXPECT_NEAR(mean_difference(r.image, expected, false), 0.0, is_crowd ? 6e-3 : 3e-3);
-  EXPECT_GT(r.stats.check_sky.compared, 100u);
-  const double most = is_crowd ? 0.06 : 0.03;
-  EXPECT_LT(r.stats.check_sky.sum, most * double(r.stats.check_sky.compared));
-  o.ao_distance = k_near;
-  const Image near = render(scene_, o).image, exact = render(scene_, options(Method::monte_carlo, k_near)).image;
-  const size_t channel = size_t(near.channel_index("ao.Y"));
-  for (size_t i = channel; i < near.data.size(); i += near.channel_count()) ASSERT_EQ(near.data[i], exact.data[i]);
+  for (const float distance : {k_infinity, 0.15f, k_near, 40.0f}) {
+    RenderOptions o = options(Method::monte_carlo, distance);
+    o.aovs = {"ao", "object"};
+    o.light_samples = 1024;
+    const Image expected = render(scene_, o).image;
+    for (const float tolerance : {k_default_tolerance, 0.03f, 1.0f}) {
+      if (tolerance != k_default_tolerance && distance != k_near) continue;
+      o = options(Method::hybrid, distance);
+      o.check = true;
+      o.tolerance = tolerance;
+      const RenderResult r = render(scene_, o);
+      // At tolerance 1 nothing near by is left to rays.
+      const bool is_coarse = tolerance == 1.0f;
+      EXPECT_NEAR(mean_difference(r.image, expected, true), 0.0, is_coarse ? 6e-3 : 3e-3)
+          << distance << " " << tolerance;
+      EXPECT_NEAR(mean_difference(r.image, expected, false), 0.0, is_coarse || is_crowd ? 6e-3 : 3e-3)
+          << distance << " " << tolerance;
+      EXPECT_GT(r.stats.check_sky.compared, 100u);
+      const double most = is_crowd ? 0.06 : 0.03;
+      EXPECT_LT(r.stats.check_sky.sum, most * double(r.stats.check_sky.compared)) << distance << " " << tolerance;
+    }
+  }
 }
 
 TEST_P(OcclusionPicture, DoesNotDependOnThreadsOrInstructionSet) {

@@ -137,17 +137,17 @@ class Command(unittest.TestCase):
             folder = pathlib.Path(folder)
             out = folder / "out"
             done = run("--quick", "--repeats", "2", "--resolution", "32", "--work", folder / "work", "--output", out,
-                       "--rows", "ceiling,secondary-warm,baseline,cells,whole-lights,whole-skies,targets")
+                       "--rows", "ceiling,secondary-warm,baseline,cells,whole-lights,whole-skies,targets,occlusion")
             self.assertEqual(done.returncode, 0, done.stderr)
             self.assertEqual(sorted(path.name for path in out.iterdir()), ["measure.json.gz", "measure.md"])
             result = json.loads(gzip.decompress((out / "measure.json.gz").read_bytes()))
             rows = {row["name"]: row for row in result["rows"]}
             self.assertEqual(list(rows), ["ceiling", "secondary-warm", "baseline", "cells", "whole-lights", "whole-skies",
-                                          "targets"])
+                                          "targets", "occlusion"])
             # No peer is configured: its row is skipped, and marked as such.
             self.assertEqual(rows["baseline"]["figures"], [])
             self.assertIn("--peer-python", rows["baseline"]["skipped"])
-            for name in ("ceiling", "secondary-warm", "cells", "whole-lights", "whole-skies", "targets"):
+            for name in ("ceiling", "secondary-warm", "cells", "whole-lights", "whole-skies", "targets", "occlusion"):
                 self.assertIsNone(rows[name]["error"])
                 self.assertTrue(rows[name]["figures"])
                 for figure in rows[name]["figures"]:

@@ -120,16 +120,19 @@ struct Answer {
   std::vector<int32_t> undecided;
 };
 
-inline Answer ask(Isa isa, const CellTask& task, const Points& points, const AlignedVector<float>& before) {
+inline Answer ask(CellKernel kernel, const CellTask& task, const Points& points, const AlignedVector<float>& before) {
   Answer answer;
   for (auto& sum : answer.sums) sum = before;
   AlignedVector<int32_t> listed(size_t(points.size) + k_batch_padding);
-  const int count = cell_kernel_for(isa)(task, points.view(),
-                                         {answer.sums[0].data(), answer.sums[1].data(), answer.sums[2].data(),
-                                          answer.sums[3].data(), answer.sums[4].data(), answer.sums[5].data()},
-                                         listed.data());
+  const int count = kernel(task, points.view(),
+                           {answer.sums[0].data(), answer.sums[1].data(), answer.sums[2].data(), answer.sums[3].data(),
+                            answer.sums[4].data(), answer.sums[5].data()},
+                           listed.data());
   answer.undecided.assign(listed.begin(), listed.begin() + count);
   return answer;
+}
+inline Answer ask(Isa isa, const CellTask& task, const Points& points, const AlignedVector<float>& before) {
+  return ask(cell_kernel_for(isa), task, points, before);
 }
 
 struct RandomTask {

@@ -340,6 +340,21 @@ TEST_F(CommandLine, CompareMeasuresAndJudges) {
   expect_failure(2, "four whole numbers", {"compare", "b.exr", "a.exr", "--crop", ""});
 }
 
+TEST_F(CommandLine, CompareLooksAtOneLayer) {
+  for (const char* seed : {"0", "5"}) {
+    const std::string file = std::string("layers") + seed + ".exr";
+    ASSERT_EQ(run({"render", "scene.xml", "-o", file, "--aov", "ao,depth", "--seed", seed, "--quiet"}).code, 0);
+  }
+  const auto difference = [&](const char* layer) {
+    return nlohmann::json::parse(run({"compare", "layers0.exr", "layers5.exr", "--json", "--layer", layer}).out);
+  };
+  EXPECT_GT(difference("ao")["rmse"].get<double>(), 0.0);
+  EXPECT_NE(difference("ao")["rmse"], difference("depth")["rmse"]);
+  EXPECT_TRUE(difference("ao")["flip"].is_null());
+  expect_failure(1, "has no layer a", {"compare", "layers0.exr", "layers5.exr", "--layer", "a"});
+  expect_failure(1, "R, G and B", {"compare", "layers0.exr", "layers5.exr", "--layer", "ao", "--report", "page.html"});
+}
+
 TEST_F(CommandLine, MeshesAreWrittenAndDescribed) {
   for (const char* kind : {"supershape", "hyperboloid", "knot", "plane", "cube"}) {
     EXPECT_EQ(run({"mesh", kind, "-o", std::string(kind) + ".ply"}).code, 0) << kind;

@@ -24,10 +24,21 @@ namespace {
 struct CompareArguments {
   std::string image, reference;
   std::string report;  // HTML page to write; empty: none
-  std::optional<std::string> crop;
+  std::optional<std::string> crop, layer;
   bool json = false;
   std::optional<double> limit;
 };
+
+// All channels of a file, or those of one layer.
+Image read_channels(const std::string& path, const std::optional<std::string>& layer) {
+  Image image = read_image(path);
+  if (!layer) return image;
+  try {
+    return layer_of(image, *layer);
+  } catch (const Error& e) {
+    throw Error({path}, e.what());
+  }
+}
 
 // Where the file's neighbours lie.
 std::string folder_of(const std::string& path) {
@@ -97,10 +108,10 @@ int run_compare(const CompareArguments& arguments, const std::string& command) {
   }
 
   Comparison comparison;
-  comparison.image = read_image(arguments.image);
+  comparison.image = read_channels(arguments.image, arguments.layer);
   Rect window = {0, 0, comparison.image.width, comparison.image.height};
   if (arguments.crop) window = parse_crop(*arguments.crop, window, "image");
-  comparison.reference = read_image(arguments.reference);
+  comparison.reference = read_channels(arguments.reference, arguments.layer);
   compare_named(arguments, window, comparison);
   const ImageDifference& d = comparison.difference;
   if (!arguments.report.empty()) {
@@ -132,6 +143,11 @@ void add_compare_command(CommandLine& line) {
           "--crop", [arguments](const std::string& text) { arguments->crop = text; },
           "Pixels to compare (default: all)")
       ->type_name("X,Y,W,H");
+  command
+      .add_option_function<std::string>(
+          "--layer", [arguments](const std::string& name) { arguments->layer = name; },
+          "Layer to compare (default: R, G and B)")
+      ->type_name("NAME");
   command.add_flag("--json", arguments->json, "Print JSON");
   command.add_option("--report", arguments->report, "HTML page to write: figures, pictures, differences, FLIP maps")
       ->type_name("FILE");

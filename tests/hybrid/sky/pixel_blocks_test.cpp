@@ -41,7 +41,7 @@ Result gather(const Surface& surface, const Function& f, float tolerance) {
   Result result{std::vector<SkyArrival>(count), std::vector<uint8_t>(count), std::vector<int>(count)};
   PixelBlocks blocks;
   std::vector<uint32_t> wanted;
-  blocks.find(surface.points, surface.pixels, surface.groups, wanted);
+  blocks.find(surface.points, surface.pixels, surface.groups, k_infinity, wanted);
   for (int round = 0; !wanted.empty(); ++round) {
     EXPECT_LT(round, 4);
     for (const uint32_t i : wanted) {

@@ -209,7 +209,7 @@ TEST(SkyCrowd, GroupsHideWhatTheirObjectsDo) {
   for (const Vec3& at : {Vec3(0, 0, 60), Vec3(40, -30, 25), Vec3(-50, 3, 30)}) {
     std::vector<uint32_t> near;
     std::vector<OccluderGroups::Lobe> far;
-    maps.find({at, 0.5f}, maps.cell_width(), near, far);
+    maps.find({at, 0.5f}, maps.cell_width(), k_infinity, near, far);
     ASSERT_EQ(near.size(), 1u);  // the floor
     EXPECT_EQ(near[0], 0u);
     EXPECT_LT(far.size(), 100u);
@@ -244,8 +244,8 @@ TEST(SkyCrowd, CostAndMemoryAreBounded) {
   std::vector<uint32_t> near_few, near_many;
   std::vector<OccluderGroups::Lobe> far_few, far_many;
   const Sphere place{Vec3(0.1f, 0.2f, 0.4f), 0.4f};
-  few.find(place, 2.0f * few.cell_width(), near_few, far_few);
-  many.find(place, 2.0f * many.cell_width(), near_many, far_many);
+  few.find(place, 2.0f * few.cell_width(), k_infinity, near_few, far_few);
+  many.find(place, 2.0f * many.cell_width(), k_infinity, near_many, far_many);
   EXPECT_LT(near_few.size(), 40u);
   EXPECT_LT(near_many.size(), near_few.size() + 20u);
   EXPECT_LT(far_many.size(), 3 * far_few.size());

@@ -118,9 +118,10 @@ class Programs:
             temporary.rename(path)
         return path
 
-    def compare(self, picture, reference, crop=None):
-        """The figures of `fieldtrace compare`, within `crop` (X,Y,W,H) if given."""
+    def compare(self, picture, reference, crop=None, layer=None):
+        """The figures of `fieldtrace compare`, within `crop` (X,Y,W,H) and of `layer` if given."""
         window = ["--crop", ",".join(map(str, crop))] if crop else []
+        window += ["--layer", layer] if layer else []
         return json.loads(run([self.program, "compare", picture, reference, "--json", *window]))
 
     def error(self, shot, reference, cache=None, crop=None):

@@ -2,7 +2,8 @@
 
 import dataclasses
 
-from . import rows_error, rows_frame, rows_glossy, rows_lookup, rows_peer, rows_quality, rows_target, rows_whole
+from . import (rows_error, rows_frame, rows_glossy, rows_lookup, rows_occlusion, rows_peer, rows_quality, rows_target,
+               rows_whole)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +38,7 @@ ROWS = [
     Row(18, "whole-lights", rows_whole.lights),
     Row(19, "whole-skies", rows_whole.skies),
     Row(20, "targets", rows_target.targets),
+    Row(21, "occlusion", rows_occlusion.occlusion),
 ]
 
 
