@@ -27,8 +27,6 @@ constexpr float k_fit_tolerance = 0.05f;
 constexpr float k_open_cell_rays = 8.0f;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
 constexpr float k_least_cosine = 0.25f;
-// From this hidden share of the sky on, what is hidden is corrected, from twice as much fully.
-constexpr float k_least_enclosed = 0.25f;
 // A sample stream separate from that of the lights, which use the vertex seeds unchanged.
 constexpr uint32_t k_sky_stream = 0x534b5900u;
 // --check: one cluster in so many, and rays in each cell (a square number).
@@ -69,19 +67,8 @@ void SkyLight::see_cells(const Job& job) {
                          reflected_red_.data(), reflected_green_.data(), reflected_blue_.data()};
   open_cells_.clear();
   if (see_cells_by_device(job, points, sums)) return;
-  undecided_.resize(size_t(points.size) + k_batch_padding);
-  for (size_t k = 0; k < occluders_.cells().size(); ++k) {
-    if (occluders_.is_clear(k)) continue;
-    OwnObject own;
-    const CellTask task = occluders_.task(k, own);
-    const int open = kernel(task, points, sums, undecided_.data());
-    job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
-    for (int i = 0; i < open; ++i) {
-      const auto point = uint32_t(undecided_[size_t(i)]);
-      if (point >= centres_.size) break;  // padding
-      add_open_cell(task, k, point);
-    }
-  }
+  job.stats.lookups += occluders_.see(kernel, points, sums, undecided_,
+                                      [&](const CellTask& task, size_t k, uint32_t i) { add_open_cell(task, k, i); });
 }
 
 // False: there is none, or it has not done it.
@@ -267,15 +254,6 @@ void SkyLight::add_concentrated(const Job& job) {
                        sky_->radiance().concentrated_share(), job.stats);
 }
 
-// Cells do not quite add up to the sky; where they take all of it, nothing must be left.
-float SkyLight::hidden_scale(size_t point) const {
-  const float hidden = luminance({red_[point], green_[point], blue_[point]});
-  const float weight = std::min((hidden / open_[point] - k_least_enclosed) / k_least_enclosed, 1.0f);
-  if (!(weight > 0.0f)) return 1.0f;
-  const Vec3 n = shading(centres_, point);
-  return 1.0f + weight * (luminance(sky_->radiance().irradiance(n)) / light_->irradiance(n) - 1.0f);
-}
-
 // Finds what arrives at centres_ of the sky's cells.
 void SkyLight::see_batch(const Job& job) {
   occluders_.find(*sky_, centres_, job.place);
@@ -286,7 +264,8 @@ void SkyLight::see_batch(const Job& job) {
   for (size_t i = 0; i < centres_.size; ++i) {
     const Rgb open = open_irradiance_[job.numbers[i]];
     open_[i] = luminance(open);
-    const float scale = hidden_scale(i);
+    const float hidden = luminance({red_[i], green_[i], blue_[i]}) / open_[i];
+    const float scale = sky_->hidden_scale(hidden, centres_.instance[i], shading(centres_, i));
     red_[i] = open.x - red_[i] * scale, green_[i] = open.y - green_[i] * scale, blue_[i] = open.z - blue_[i] * scale;
   }
   sample_open_cells(job);

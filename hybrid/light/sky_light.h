@@ -68,7 +68,6 @@ class SkyLight {
   void see_cells(const Job& job);
   bool see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums);
   void add_open_cell(const CellTask& task, size_t place, uint32_t point);
-  float hidden_scale(size_t point) const;
   void sort_open_cells();
   void sample_open_cells(const Job& job);
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);

@@ -2,6 +2,7 @@
 // Thread-safety: const.
 #pragma once
 
+#include <algorithm>
 #include <deque>
 #include <mutex>
 
@@ -13,6 +14,8 @@ namespace fieldtrace {
 
 // Cells whose light varies are divided so often along each side.
 inline constexpr int k_cell_parts = 2;
+// From this hidden share of the sky on, what is hidden is corrected, from twice as much fully.
+inline constexpr float k_least_enclosed = 0.25f;
 
 class Sky {
  public:
@@ -35,6 +38,13 @@ class Sky {
     Grid& grid = grids_[instance];
     std::call_once(grid.once, [&] { grid.cells = radiance_.cells(o.cells, maps_.directions(), k_cell_parts); });
     return grid.cells;
+  }
+  // Cells do not quite add up to the sky; where they take all of it, nothing must be left. What cells hide of it, times
+  // this, is what they hide of irradiance(). `hidden_share`: of the sky; `n`: the unit normal of a point of `instance`.
+  float hidden_scale(float hidden_share, uint32_t instance, const Vec3& n) const {
+    const float weight = std::min((hidden_share - k_least_enclosed) / k_least_enclosed, 1.0f);
+    if (!(weight > 0.0f)) return 1.0f;
+    return 1.0f + weight * (luminance(radiance_.irradiance(n)) / cells_of(instance).irradiance(n) - 1.0f);
   }
 
  private:

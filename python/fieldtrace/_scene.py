@@ -164,13 +164,13 @@ class Scene:
 
     def get(self, name: str) -> Union[int, float]:
         """By name: meshes, instances, width, height; of all fields: fields, directions, plane, bytes, cells_baked,
-        cells_full, memory_exceeded; of the queries so far: certified_occlusion, certified_hits."""
+        cells_certified, cells_full, memory_exceeded; of the queries so far: certified_occlusion, certified_hits."""
         if name in ("certified_occlusion", "certified_hits"):
             return self._core.get_float(name)
         return self._core.get_int(name)
 
     def get_mesh(self, mesh: SupportsIndex, name: str) -> int:
-        """Of a mesh's field, by name: bytes, cells_baked, cells_full; 0 if it has none."""
+        """Of a mesh's field, by name: bytes, cells_baked, cells_certified, cells_full; 0 if it has none."""
         return self._core.get_mesh_int(_arrays.number("mesh", mesh), name)
 
     @property

@@ -154,6 +154,51 @@ TEST(ApiOccluded, FollowsTransformsWithoutANewBake) {
   EXPECT_EQ(before, after);
 }
 
+int64_t number(FTScene scene, const char* name) {
+  int64_t value = -1;
+  EXPECT_EQ(ftGetSceneInt(scene, name, &value), FT_ERROR_NONE) << name;
+  return value;
+}
+
+// Queries and pictures take a new tolerance with the commit, and not before it.
+TEST(ApiSettings, ToleranceWaitsForACommit) {
+  const ApiScene s;
+  const float from[] = {3, 3, 5}, to[] = {0, 0.8f, 0}, up[] = {0, 1, 0}, radiance[] = {4, 4, 4};
+  ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 45.0f, 24, 16), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetInstanceRadiance(s.scene, 1, radiance), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneInt(s.scene, "spp", 4), FT_ERROR_NONE);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
+  const Rays rays = random_rays(5000, 9);
+  struct Answers {
+    std::vector<uint8_t> occlusion, hits;
+    std::vector<float> pixels;
+    int64_t certified = 0;
+  };
+  const auto answers = [&] {
+    Answers a = {ask(s.scene, rays, true), std::vector<uint8_t>(rays.size()), std::vector<float>(24 * 16 * 3),
+                 number(s.scene, "cells_certified")};
+    EXPECT_EQ(ftNearest(s.scene, 0.02f, &rays.origins[0].x, 0, &rays.directions[0].x, 0, nullptr, 0, nullptr, 0,
+                        rays.size(), a.hits.data(), 0, nullptr, 0, nullptr, 0, nullptr, 0, nullptr, 0),
+              FT_ERROR_NONE);
+    EXPECT_EQ(ftRender(s.scene, a.pixels.data(), 0, 0), FT_ERROR_NONE);
+    return a;
+  };
+  const Answers before = answers();
+  ASSERT_EQ(ftSetSceneFloat(s.scene, "tolerance", 0.6), FT_ERROR_NONE);
+  const Answers waiting = answers();
+  EXPECT_EQ(waiting.occlusion, before.occlusion);
+  EXPECT_EQ(waiting.hits, before.hits);
+  EXPECT_EQ(waiting.pixels, before.pixels);
+  EXPECT_EQ(waiting.certified, before.certified);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  const Answers after = answers();
+  EXPECT_NE(after.occlusion, before.occlusion);
+  EXPECT_NE(after.hits, before.hits);
+  EXPECT_NE(after.pixels, before.pixels);
+  EXPECT_GT(after.certified, before.certified);
+}
+
 TEST(ApiNearest, IsThatOfExactRays) {
   const ApiScene s;
   ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
@@ -304,6 +349,34 @@ TEST(ApiSkyVisibility, IsTheShareOfExactRays) {
   }
   EXPECT_LE(sum / double(p.at.size()), 0.015);
   EXPECT_GT(shaded, 3u);
+}
+
+// Where all of the sky is hidden, nothing is left of it.
+TEST(ApiSkyVisibility, IsNothingWithinAShell) {
+  FTDevice device = nullptr;
+  FTScene scene = nullptr;
+  ASSERT_EQ(ftNewDevice(2, &device), FT_ERROR_NONE);
+  ASSERT_EQ(ftNewScene(device, &scene), FT_ERROR_NONE);
+  const TriangleMesh shell = make_sphere();
+  TriangleMesh floor;
+  floor.positions = {{-0.2f, 0, -0.2f}, {-0.2f, 0, 0.2f}, {0.2f, 0, 0.2f}, {0.2f, 0, -0.2f}};
+  floor.triangles = {{0, 1, 2}, {0, 2, 3}};
+  for (const TriangleMesh& mesh : {shell, floor}) {
+    uint32_t number = 0;
+    ASSERT_EQ(ftAddMesh(scene, &mesh.positions[0].x, sizeof(Vec3), mesh.positions.size(), &mesh.triangles[0].x,
+                        sizeof(UVec3), mesh.triangles.size(), &number),
+              FT_ERROR_NONE);
+    ASSERT_EQ(ftAddInstance(scene, number, nullptr, nullptr), FT_ERROR_NONE);
+  }
+  ASSERT_EQ(ftCommitScene(scene), FT_ERROR_NONE);
+  const Vec3 p(0.05f, 0, 0.02f), n(0, 1, 0);
+  const uint32_t from = 1;
+  float share = -1.0f, certain = -1.0f;
+  ASSERT_EQ(ftSkyVisibility(scene, &p.x, 0, &n.x, 0, &from, 0, 1, &share, 0, &certain, 0), FT_ERROR_NONE);
+  EXPECT_LE(share, 1e-5f);
+  EXPECT_GT(certain, 0.9f);
+  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
+  EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);
 }
 
 TEST(ApiFields, AreTheSameFromAFile) {
