@@ -369,12 +369,18 @@ TEST(ApiSkyVisibility, IsNothingWithinAShell) {
     ASSERT_EQ(ftAddInstance(scene, number, nullptr, nullptr), FT_ERROR_NONE);
   }
   ASSERT_EQ(ftCommitScene(scene), FT_ERROR_NONE);
-  const Vec3 p(0.05f, 0, 0.02f), n(0, 1, 0);
-  const uint32_t from = 1;
-  float share = -1.0f, certain = -1.0f;
-  ASSERT_EQ(ftSkyVisibility(scene, &p.x, 0, &n.x, 0, &from, 0, 1, &share, 0, &certain, 0), FT_ERROR_NONE);
-  EXPECT_LE(share, 1e-5f);
-  EXPECT_GT(certain, 0.9f);
+  std::vector<Vec3> at, normals;
+  for (int i = 0; i < 100; ++i) {
+    const float y = 1.0f - 0.02f * float(i) - 0.01f, r = std::sqrt(1.0f - y * y), a = 2.4f * float(i);
+    at.push_back({0.05f, 0, 0.02f});
+    normals.push_back({r * std::cos(a), y, r * std::sin(a)});
+  }
+  const std::vector<uint32_t> from(at.size(), 1);
+  std::vector<float> shares(at.size(), -1.0f);
+  ASSERT_EQ(ftSkyVisibility(scene, &at[0].x, 0, &normals[0].x, 0, from.data(), 0, at.size(), shares.data(), 0, nullptr,
+                            0),
+            FT_ERROR_NONE);
+  for (const float share : shares) EXPECT_LE(share, 1e-5f);
   EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
   EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);
 }
