@@ -185,8 +185,8 @@ class Scene:
     # ---- Fields ----
 
     def bake(self, progress: Optional[Progress] = None) -> None:
-        """Bakes all fields whole, which queries do on demand otherwise. Ctrl-C, and what `progress` raises, cancel;
-        what is baked is kept."""
+        """Bakes all fields whole; otherwise each part is baked once many rays have asked for it. Ctrl-C, and what
+        `progress` raises, cancel; what is baked is kept."""
         self._core.bake(progress)
 
     def save_field(self, mesh: SupportsIndex, path: Path) -> None:
