@@ -239,6 +239,26 @@ TEST(ApiNearest, IsThatOfExactRays) {
   EXPECT_LT(undecided, rays.size() / 2);
 }
 
+// A few rays find their hits certified at once where all is baked; the triangles of hits are not, and are baked for
+// them.
+TEST(ApiNearest, IsCertifiedAtOnceWhereAllIsBaked) {
+  const ApiScene s;
+  const Rays rays = random_rays(200, 10);
+  const auto certified = [&] {
+    std::vector<uint8_t> status(rays.size(), 9);
+    std::vector<uint32_t> instances(rays.size(), 9);
+    EXPECT_EQ(ftNearest(s.scene, 0.1f, &rays.origins[0].x, 0, &rays.directions[0].x, 0, nullptr, 0, nullptr, 0,
+                        rays.size(), status.data(), 0, nullptr, 0, nullptr, 0, nullptr, 0, instances.data(), 0),
+              FT_ERROR_NONE);
+    size_t hits = 0;
+    for (size_t i = 0; i < rays.size(); ++i) hits += status[i] == FT_HIT && instances[i] < 2;  // of the knots
+    return hits;
+  };
+  EXPECT_EQ(certified(), 0u);
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
+  EXPECT_GT(certified(), 20u);
+}
+
 // Points on the floor.
 struct Points {
   std::vector<Vec3> at, normals;
@@ -377,9 +397,9 @@ TEST(ApiSkyVisibility, IsNothingWithinAShell) {
   }
   const std::vector<uint32_t> from(at.size(), 1);
   std::vector<float> shares(at.size(), -1.0f);
-  ASSERT_EQ(ftSkyVisibility(scene, &at[0].x, 0, &normals[0].x, 0, from.data(), 0, at.size(), shares.data(), 0, nullptr,
-                            0),
-            FT_ERROR_NONE);
+  ASSERT_EQ(
+      ftSkyVisibility(scene, &at[0].x, 0, &normals[0].x, 0, from.data(), 0, at.size(), shares.data(), 0, nullptr, 0),
+      FT_ERROR_NONE);
   for (const float share : shares) EXPECT_LE(share, 1e-5f);
   EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
   EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);
