@@ -126,11 +126,11 @@ FT_API FTError ftBakeFields(FTScene scene);
 FT_API FTError ftSaveField(FTScene scene, uint32_t mesh, const char* path);
 /* Adds what a file holds to the mesh's field, which must have its geometry and resolution. */
 FT_API FTError ftLoadField(FTScene scene, uint32_t mesh, const char* path);
-/* "meshes" "instances" "width" "height"; over all fields "fields" "directions" "plane" "bytes" "cells_baked"
- * "cells_full" and "memory_exceeded" (1: what does not fit is left to exact rays). The latter after the first commit.
- */
+/* "meshes" "instances" "width" "height"; over all fields, after the first commit, "fields" "directions" "plane" "bytes"
+ * "cells_baked", "cells_certified" (of these, those that answer at the tolerance; counted anew by each call),
+ * "cells_full" and "memory_exceeded" (1: what does not fit is left to exact rays). */
 FT_API FTError ftGetSceneInt(FTScene scene, const char* name, int64_t* value);
-/* Of a mesh's field: "bytes" "cells_baked" "cells_full"; all 0 if it has none. */
+/* Of a mesh's field: "bytes" "cells_baked" "cells_certified" "cells_full"; all 0 if it has none. */
 FT_API FTError ftGetMeshInt(FTScene scene, uint32_t mesh, const char* name, int64_t* value);
 /* Of the queries so far: "certified_occlusion", "certified_hits": shares that fields or bounds answered, [0, 1]. */
 FT_API FTError ftGetSceneFloat(FTScene scene, const char* name, double* value);

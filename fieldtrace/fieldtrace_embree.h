@@ -17,10 +17,11 @@ extern "C" {
  * rays otherwise; nearest hits are exact, and fields spare rays that miss. Hits: geomID, primID the triangle, u and v
  * its barycentric coordinates, Ng the unit normal in world space, instID that of the traversal. Filter functions are
  * not called. Space: that of the Embree scene is the world of `scene`. After instances moved: ftCommitScene(), then
- * rtcCommitGeometry() of theirs and rtcCommitScene(). Attached instances keep the scene, even if its last handle is
- * released. */
+ * rtcCommitGeometry() of theirs and rtcCommitScene(). Attached instances keep the scene beyond the last release of its
+ * handle, until they are detached. */
 FT_API FTError ftAttachEmbree(FTScene scene, RTCDevice embree, RTCScene target, uint32_t* geometry_ids);
-/* Detaches all that ftAttachEmbree() attached to `target`, which the caller then commits. No ray may be in it. */
+/* Detaches all that ftAttachEmbree() attached to `target`, which the caller then commits. No ray may be in it. Frees a
+ * scene whose handle was released before: of released handles this one function is asked. */
 FT_API FTError ftDetachEmbree(FTScene scene, RTCScene target);
 
 #ifdef __cplusplus

@@ -1,7 +1,7 @@
 #include "gpu/device.h"
 
 #include <algorithm>
-#include <numeric>
+#include <type_traits>
 
 #include "hybrid/visibility/query_and_bake.h"
 
@@ -77,20 +77,32 @@ bool GpuDevice::attempt(const Work& work) {
 
 namespace {
 
+MirrorSource source_of(const DeviceQuestion& question) { return *question.field; }
+MirrorSource source_of(const LobeQuestion& question) { return {*question.tiles, question.task.segment.field}; }
+
+template <class Question>
+bool has_answer(const Question& q, size_t block) {
+  return q.is_answered && q.masks[block].not_baked == 0;
+}
+
 void add_items(const DeviceWave& wave, std::vector<Item>& items) {
   const auto add = [&](auto* question) {
-    if (question->blocks.empty()) return;
-    Item item{question, question->field, {}, question->samples};
-    item.warps.resize(question->blocks.size());
-    std::iota(item.warps.begin(), item.warps.end(), 0u);
-    items.push_back(std::move(item));
+    Item item{question, source_of(*question), {}, question->is_answered ? 0 : question->samples};
+    for (uint32_t b = 0; b < question->blocks.size(); ++b) {
+      if (!has_answer(*question, b)) item.warps.push_back(b);
+    }
+    item.answered_before = question->blocks.size() - item.warps.size();
+    question->unbaked = {};
+    if (!item.warps.empty()) items.push_back(std::move(item));
   };
   for (ConeQuestion* q : wave.cones) add(q);
   for (StratumQuestion* q : wave.strata) add(q);
   for (RayQuestion* q : wave.rays) add(q);
+  for (LobeQuestion* q : wave.lobes) add(q);
   for (SkyQuestion* q : wave.skies) {
-    if (q->points.size == 0 || q->tasks.empty()) continue;
-    Item item{q, nullptr, {}, uint64_t(q->points.size) * q->tasks.size()};
+    const size_t tasks = q->tasks->tasks().size();
+    if (q->points.size == 0 || tasks == 0) continue;
+    Item item{q, {}, {}, uint64_t(q->points.size) * tasks};
     item.warps.resize(size_t(q->points.size) / k_warp);
     items.push_back(std::move(item));
   }
@@ -100,12 +112,30 @@ void add_items(const DeviceWave& wave, std::vector<Item>& items) {
 size_t answered_blocks(const Item& item) {
   return std::visit(
       [](const auto* q) -> size_t {
-        if (!q->is_answered) return 0;
         if constexpr (std::is_same_v<decltype(q), const SkyQuestion*>) {
-          return size_t(q->points.size) / k_warp;
+          return q->is_answered ? size_t(q->points.size) / k_warp : 0;
         } else {
-          return size_t(
-              std::count_if(q->masks.begin(), q->masks.end(), [](const auto& m) { return m.not_baked == 0; }));
+          size_t answered = 0;
+          for (size_t b = 0; b < q->blocks.size(); ++b) answered += has_answer(*q, b);
+          return answered;
+        }
+      },
+      item.question);
+}
+
+bool was_asked(const Item& item) {
+  return std::visit([](const auto* q) { return q->is_answered; }, item.question);
+}
+
+// Names what a block met that is not baked.
+void name_unbaked(Item& item, std::span<const uint32_t> words) {
+  std::visit(
+      [&](auto* q) {
+        if constexpr (std::is_base_of_v<DeviceQuestion, std::remove_pointer_t<decltype(q)>>) {
+          std::vector<uint32_t>* const lists[] = {&q->unbaked.visibility, &q->unbaked.depth, &q->unbaked.tiles};
+          for (const uint32_t word : words) {
+            if (word != k_nothing) lists[int(missing_kind(word))]->push_back(missing_number(word));
+          }
         }
       },
       item.question);
@@ -116,8 +146,12 @@ size_t answered_blocks(const Item& item) {
 void GpuDevice::answer(const DeviceWave& wave) {
   Request request;
   add_items(wave, request.items);
-  uint64_t blocks = 0;
-  for (const Item& item : request.items) blocks += item.warps.size();
+  uint64_t first_asked = 0, answered = 0, answered_again = 0;
+  std::vector<uint8_t> is_again;
+  for (const Item& item : request.items) {
+    is_again.push_back(was_asked(item));
+    if (!is_again.back()) first_asked += item.warps.size();
+  }
   // Once more for what was finished but not resident; as often as fields are asked again after bakes.
   std::vector<Item> all = request.items;
   for (int round = 0; !request.items.empty() && round <= k_most_bake_rounds; ++round) {
@@ -125,11 +159,13 @@ void GpuDevice::answer(const DeviceWave& wave) {
     ask(request);
     std::erase_if(request.items, [](const Item& item) { return item.warps.empty(); });
   }
-  uint64_t answered = 0;
-  for (const Item& item : all) answered += answered_blocks(item);
+  for (size_t i = 0; i < all.size(); ++i) {
+    (is_again[i] ? answered_again : answered) += answered_blocks(all[i]) - all[i].answered_before;
+  }
   const std::lock_guard lock(mutex_);
-  counts_.blocks += answered;
-  counts_.blocks_cpu += blocks - answered;
+  counts_.blocks += answered + answered_again;
+  counts_.blocks_cpu += first_asked - answered;
+  counts_.blocks_cpu -= answered_again;
 }
 
 void GpuDevice::ask(Request& request) {
@@ -217,37 +253,41 @@ void GpuDevice::run(Lock& lock, Wave& wave) {
   release();
 }
 
-void GpuDevice::leave_out(Wave& wave, const Field& field, const std::string& why) {
-  const FieldParameters& p = field.parameters();
-  std::unique_ptr<FieldMirror>& mirror = mirrors_[&field];
+void GpuDevice::leave_out(Wave& wave, const MirrorSource& source, const std::string& why) {
+  std::string what = "an object's radiance maps do";
+  if (source.field) {
+    const FieldParameters& p = source.field->parameters();
+    what = "a field of " + std::to_string(p.directions) + " x " + std::to_string(p.plane) + " cells does";
+  }
+  std::unique_ptr<FieldMirror>& mirror = mirrors_[source.tiles];
   if (mirror) wave.left_out.push_back(std::move(mirror));
   mirror = nullptr;
   const std::lock_guard lock(mutex_);
-  warnings_.push_back("a field of " + std::to_string(p.directions) + " x " + std::to_string(p.plane) +
-                      " cells does not fit into the GPU's memory (" + why + "); the CPU answers for its object");
+  warnings_.push_back(what + " not fit into the GPU's memory (" + why + "); the CPU answers for its object");
 }
 
-// Once for each field of a wave: what a mirror has put into the packet stays where it is until the packet is spread.
-void GpuDevice::stage_mirror(Wave& wave, const Field& field) {
-  const auto [found, is_new] = mirrors_.try_emplace(&field);
+// Once for each source of a wave: what a mirror has put into the packet stays where it is until the packet is spread.
+void GpuDevice::stage_mirror(Wave& wave, const MirrorSource& source) {
+  const auto [found, is_new] = mirrors_.try_emplace(source.tiles);
   Packet& packet = wave.packet;
   const size_t words = packet.words.size(), runs = packet.runs.size();
   try {
-    if (is_new) found->second = std::make_unique<FieldMirror>(field, *memory_);
+    if (is_new) found->second = std::make_unique<FieldMirror>(source, *memory_);
     if (found->second) found->second->stage(packet, wave.stream);
   } catch (const OutOfDeviceMemory& e) {
     packet.words.resize(words);
     packet.runs.resize(runs);
-    leave_out(wave, field, e.what());
+    leave_out(wave, source, e.what());
   }
 }
 
 void GpuDevice::update_mirrors(Wave& wave, Items items) {
-  std::set<const Field*> staged;
+  std::set<const CoverageTiles*> staged;
   for (Item* item : items) {
-    if (!item->field || !item->is_asked) continue;
-    if (staged.insert(item->field).second) stage_mirror(wave, *item->field);
-    item->is_asked = mirrors_[item->field] != nullptr;
+    const CoverageTiles* const tiles = item->source.tiles;
+    if (!tiles || !item->is_asked) continue;
+    if (staged.insert(tiles).second) stage_mirror(wave, item->source);
+    item->is_asked = mirrors_[tiles] != nullptr;
   }
   const Packet& packet = wave.packet;
   if (packet.runs.empty()) return;
@@ -296,7 +336,7 @@ void GpuDevice::submit(Wave& wave, Items items) {
   wave.new_tables.clear();
   wave.launches.clear();
   for (Item* item : items) {
-    const auto found = mirrors_.find(item->field);
+    const auto found = mirrors_.find(item->source.tiles);
     item->is_asked = (found == mirrors_.end() || found->second) && has_tables(wave, *item);
     item->unbaked.clear();
   }
@@ -314,8 +354,8 @@ void GpuDevice::submit(Wave& wave, Items items) {
   update_mirrors(wave, items);
   wave.rays.start(r, wave.stream, wave.in, wave.made, wave.receivers, tables_);
   for (const auto& launch : wave.launches.all()) {
-    const FieldMirror* const mirror = launch->field ? mirrors_[launch->field].get() : nullptr;
-    launch->is_started = mirror || !launch->field;
+    const FieldMirror* const mirror = launch->tiles ? mirrors_[launch->tiles].get() : nullptr;
+    launch->is_started = mirror || !launch->tiles;
     if (launch->is_started) launch->start(r, mirror ? mirror->view() : FieldView{}, wave);
   }
   wave.out.copy_to_host(wave.stream);
@@ -337,11 +377,15 @@ void GpuDevice::tidy(Wave& wave, Items items) {
   wave.packet.outgrown.clear();
   wave.left_out.clear();
   for (Item* item : items) {
-    const auto mirror = mirrors_.find(item->field);
+    const auto mirror = mirrors_.find(item->source.tiles);
     if (mirror == mirrors_.end() || !mirror->second) continue;
     for (const Item::Unbaked& block : item->unbaked) {
-      const bool any_finished = mirror->second->want({wave.missing.host<const uint32_t>(block.words), k_missing_words});
-      if (any_finished) item->warps.push_back(block.warp);
+      const std::span words(wave.missing.host<const uint32_t>(block.words), k_missing_words);
+      if (mirror->second->want(words)) {
+        item->warps.push_back(block.warp);
+      } else {
+        name_unbaked(*item, words);
+      }
     }
   }
 }

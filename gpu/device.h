@@ -7,9 +7,9 @@
 // follow that one's. Threads that do not wait trace exact rays meanwhile.
 //
 // Blocks that met what is not resident, but finished in the field, are asked about again at once, in a wave of their
-// own. Others are left to the CPU's kernels, which report what must be baked, as ever. After a failure of any call a
-// warning says so, and the CPU answers everything. An object that does not fit into the device's memory is left to the
-// CPU, with a warning. Thread-safety: as VisibilityDevice.
+// own. Others are left to those who asked, and what they lack is named (DeviceQuestion::unbaked). After a failure of
+// any call a warning says so, and the CPU answers everything. An object that does not fit into the device's memory is
+// left to the CPU, with a warning. Thread-safety: as VisibilityDevice.
 #pragma once
 
 #include <condition_variable>
@@ -69,8 +69,8 @@ class GpuDevice final : public VisibilityDevice {
   void update_mirrors(Wave& wave, Items items);
   void collect(Wave& wave, Items items);
   void tidy(Wave& wave, Items items);
-  void stage_mirror(Wave& wave, const Field& field);
-  void leave_out(Wave& wave, const Field& field, const std::string& why);
+  void stage_mirror(Wave& wave, const MirrorSource& source);
+  void leave_out(Wave& wave, const MirrorSource& source, const std::string& why);
   // Whether `work` did not throw; else the device is lost.
   template <class Work>
   bool attempt(const Work& work);
@@ -91,7 +91,7 @@ class GpuDevice final : public VisibilityDevice {
   std::optional<DeviceMemory> memory_;
   std::vector<std::unique_ptr<Wave>> waves_;  // k_streams
   DeviceTables tables_;
-  std::map<const Field*, std::unique_ptr<FieldMirror>> mirrors_;  // null: left out
+  std::map<const CoverageTiles*, std::unique_ptr<FieldMirror>> mirrors_;  // by MirrorSource::tiles; null: left out
 };
 
 // The devices of a runtime, a line each, or why there are none.

@@ -108,12 +108,36 @@ struct QueryArguments {
   uint32_t warps;
 };
 
-// The cells of a sky, in order, for the points of one instance: what see_cell() of all of them leaves in sums that were
-// 0. undecided: for each warp a mask for each cell.
+// LobeBatch.
+struct LobeArrays {
+  RayArrays rays;
+  const float *nx, *ny, *nz, *density, *blur;
+  const uint32_t* instance;
+};
+
+struct LobeArguments {
+  ConeTask task;
+  LobeArrays lobes;
+  const uint32_t* blocks;
+  float *clear, *red, *green, *blue, *distance;  // by entry of the blocks
+  LobeMasks* masks;
+  uint32_t* missing;
+  uint32_t warps;
+};
+
+// What a warp of sky_cells() sees: cells of a sky, in order, from 32 points of one instance.
+struct SkyBlock {
+  uint32_t first_task, cells;
+  uint32_t undecided;  // place of its masks
+  float grazing;       // CellPoints::grazing
+};
+
+// What see_cell() of all cells of a block leaves in sums that were 0: points and sums by entry, 32 for each block.
+// undecided: for each block a mask for each cell.
 struct SkyArguments {
   const CellTask* tasks;  // with device addresses
-  uint32_t cells;
-  CellPoints points;  // a multiple of 32
+  const SkyBlock* blocks;
+  CellPoints points;  // but for grazing
   CellSums sums;      // all six
   uint32_t* undecided;
   uint32_t warps;

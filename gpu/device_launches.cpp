@@ -71,7 +71,7 @@ class MaskLaunch : public KernelLaunch {
 
 class ConeLaunch final : public MaskLaunch<ConeQuestion, ConeMasks> {
  public:
-  explicit ConeLaunch(const ConeQuestion& q) : MaskLaunch(q.field) {}
+  explicit ConeLaunch(const ConeQuestion& q) : MaskLaunch(&q.field->coverage()) {}
   void start(Runtime& runtime, const FieldView& view, const WaveBuffers& wave) const override {
     const ConeQuestion& q = first_question();
     ConeArguments a = {q.task,         {q.light.centre.x, q.light.centre.y, q.light.centre.z},
@@ -86,7 +86,7 @@ class ConeLaunch final : public MaskLaunch<ConeQuestion, ConeMasks> {
 
 class StratumLaunch final : public MaskLaunch<StratumQuestion, StratumMasks> {
  public:
-  StratumLaunch(const StratumQuestion& q, size_t set) : MaskLaunch(q.field), set_(set) {}
+  StratumLaunch(const StratumQuestion& q, size_t set) : MaskLaunch(&q.field->coverage()), set_(set) {}
   void stage(WaveBuffers& wave) override {
     MaskLaunch::stage(wave);
     clear_at_ = wave.out.reserve(warps * k_warp * sizeof(float));
@@ -118,7 +118,7 @@ class StratumLaunch final : public MaskLaunch<StratumQuestion, StratumMasks> {
 
 class RayLaunch final : public MaskLaunch<RayQuestion, RayMasks> {
  public:
-  RayLaunch(const RayQuestion& q, size_t set) : MaskLaunch(q.field), set_(set) {}
+  RayLaunch(const RayQuestion& q, size_t set) : MaskLaunch(&q.field->coverage()), set_(set) {}
   void start(Runtime& runtime, const FieldView& view, const WaveBuffers& wave) const override {
     QueryArguments a = {first_question().task,
                         wave.rays.arrays(set_, wave.in, wave.made),
@@ -135,6 +135,43 @@ class RayLaunch final : public MaskLaunch<RayQuestion, RayMasks> {
   const size_t set_;
 };
 
+class LobeLaunch final : public MaskLaunch<LobeQuestion, LobeMasks> {
+ public:
+  explicit LobeLaunch(const LobeQuestion& q) : MaskLaunch(q.tiles) {}
+  void stage(WaveBuffers& wave) override {
+    MaskLaunch::stage(wave);
+    for (size_t& at : values_at_) at = wave.out.reserve(warps * k_warp * sizeof(float));
+  }
+  void start(Runtime& runtime, const FieldView& view, const WaveBuffers& wave) const override {
+    const auto values = [&](int i) { return wave.out.device<float>(values_at_[i]); };
+    LobeArguments a = {first_question().task,
+                       wave.lobes.arrays(wave.in),
+                       blocks(wave),
+                       values(0),
+                       values(1),
+                       values(2),
+                       values(3),
+                       values(4),
+                       masks(wave),
+                       missing(wave),
+                       warps};
+    a.task.segment.field = view;
+    start_kernel(runtime, wave, Kernel::filter_lobes, a);
+  }
+
+ private:
+  void take_more(LobeQuestion& q, uint32_t warp, uint32_t from, const WaveBuffers& wave) override {
+    const size_t entries = q.blocks.size() * k_warp;
+    q.values.resize(k_lobe_values * entries);
+    for (size_t v = 0; v < k_lobe_values; ++v) {
+      std::copy_n(wave.out.host<float>(values_at_[v]) + from * k_warp, k_warp,
+                  q.values.data() + v * entries + warp * k_warp);
+    }
+  }
+
+  size_t values_at_[k_lobe_values] = {};
+};
+
 template <class... Functions>
 struct Overloaded : Functions... {
   using Functions::operator()...;
@@ -142,9 +179,23 @@ struct Overloaded : Functions... {
 template <class... Functions>
 Overloaded(Functions...) -> Overloaded<Functions...>;
 
-template <class T>
-void append_bytes(std::string& key, const T& value) {
-  key.append(reinterpret_cast<const char*>(&value), sizeof value);
+template <class... T>
+void append_bytes(std::string& key, const T&... values) {
+  (key.append(reinterpret_cast<const char*>(&values), sizeof values), ...);
+}
+
+// Member by member, since padding differs from one task to the next. What is seen of the field is the source's.
+void append_task(std::string& key, const SegmentTask& t) {
+  append_bytes(key, t.policy.visibility_max_class, t.policy.depth_max_class, t.policy.answer_all, t.policy.slack,
+               t.to_unit, t.to_unit_stretch, t.to_unit_area, t.keeps_angles, t.instance, t.self_only, t.reads_depth);
+}
+void append_task(std::string& key, const ConeTask& t) {
+  append_task(key, t.segment);
+  append_bytes(key, t.from_unit, t.half_extent, t.plane_fit_side);
+}
+void append_task(std::string& key, const StratumTask& t) {
+  append_task(key, t.segment);
+  append_bytes(key, t.share, t.least_disc);
 }
 
 }  // namespace
@@ -160,6 +211,7 @@ void WaveLaunches::add(std::span<Item* const> items, WaveBuffers& wave) {
   wave.cone_points.clear();
   wave.receivers.clear();
   wave.rays.clear();
+  wave.lobes.clear();
   const auto rays_of = [&](const auto& question, const float* radius) {
     return wave.rays.add(*question.batch, radius, wave.receivers);
   };
@@ -173,40 +225,53 @@ void WaveLaunches::add(std::span<Item* const> items, WaveBuffers& wave) {
   wave.rays.stage(wave.in, wave.made);
   for (Item* item : items) {
     if (!item->is_asked) continue;
-    // The kind, and what it is about; padding in it at worst parts what could go together.
+    // The kind, and what it is about.
     std::string key(1, char(item->question.index()));
-    append_bytes(key, item->field);
+    append_bytes(key, std::bit_cast<uintptr_t>(item->source.tiles));
     const auto add_strata = [&](StratumQuestion& q) {
       const WaveRays::Place rays = rays_of(q, q.radius);
-      append_bytes(key, q.task);
+      append_task(key, q.task);
       append_bytes(key, rays.set);
       launch_for<StratumLaunch>(key, q, rays.set).add(*item, q, rays.first);
     };
     const auto add_rays = [&](RayQuestion& q) {
       const WaveRays::Place rays = rays_of(q, nullptr);
-      append_bytes(key, q.task);
+      append_task(key, q.task);
       append_bytes(key, rays.set);
       launch_for<RayLaunch>(key, q, rays.set).add(*item, q, rays.first);
     };
     const auto add_cones = [&](ConeQuestion& q) {
-      append_bytes(key, q.task);
+      append_task(key, q.task);
       append_bytes(key, q.light);
       launch_for<ConeLaunch>(key, q).add(*item, q, wave.cone_points.add(*q.points));
     };
-    std::visit(
-        Overloaded{[&](ConeQuestion* q) { add_cones(*q); }, [&](StratumQuestion* q) { add_strata(*q); },
-                   [&](RayQuestion* q) { add_rays(*q); }, [&](SkyQuestion* q) { launches_.push_back(sky_launch(*q)); }},
-        item->question);
+    const auto add_lobes = [&](LobeQuestion& q) {
+      append_task(key, q.task);
+      launch_for<LobeLaunch>(key, q).add(*item, q, wave.lobes.add(*q.batch));
+    };
+    const auto add_sky = [&](SkyQuestion& q) {
+      if (!sky_) {
+        auto launch = make_sky_launch();
+        sky_ = launch.get();
+        launches_.push_back(std::move(launch));
+      }
+      sky_->add(q);
+    };
+    std::visit(Overloaded{[&](ConeQuestion* q) { add_cones(*q); }, [&](StratumQuestion* q) { add_strata(*q); },
+                          [&](RayQuestion* q) { add_rays(*q); }, [&](LobeQuestion* q) { add_lobes(*q); },
+                          [&](SkyQuestion* q) { add_sky(*q); }},
+               item->question);
   }
   wave.cone_points.stage(wave.in);
   wave.receivers.stage(wave.in);
+  wave.lobes.stage(wave.in);
   for (const auto& launch : launches_) launch->stage(wave);
 }
 
 void list_tables(const Item& item, std::vector<HostTable>& tables) {
   std::visit(Overloaded{[&](const StratumQuestion* q) { WaveRays::list_tables(q->batch->source, tables); },
                         [&](const RayQuestion* q) { WaveRays::list_tables(q->batch->source, tables); },
-                        [&](SkyQuestion* q) { list_sky_tables(*q, tables); }, [](const ConeQuestion*) {}},
+                        [&](const SkyQuestion* q) { list_sky_tables(*q, tables); }, [](const auto*) {}},
              item.question);
 }
 

@@ -1,6 +1,7 @@
 // A wave on its way: the questions that it takes, the arrays that they share, and the launches that answer them.
 //
-// Questions of one kind about the same occluder and light are one launch, whichever tiles they come from.
+// Questions of one kind about the same occluder and light are one launch, whichever tiles they come from; so are all
+// about skies.
 // Thread-safety: those of one wave belong to one thread.
 #pragma once
 
@@ -18,11 +19,12 @@ static_assert(k_warp == k_batch_padding);
 
 // A question as the device takes it.
 struct Item {
-  std::variant<ConeQuestion*, StratumQuestion*, RayQuestion*, SkyQuestion*> question;
-  const Field* field = nullptr;  // null: it is about none
-  std::vector<uint32_t> warps;   // the blocks that are asked about, by their index in the question
+  std::variant<ConeQuestion*, StratumQuestion*, RayQuestion*, LobeQuestion*, SkyQuestion*> question;
+  MirrorSource source;          // of what its kernel reads of fields; of nothing: it reads none
+  std::vector<uint32_t> warps;  // the blocks that are asked about, by their index in the question
   uint64_t samples = 0;
-  bool is_asked = false;  // the device answers, as far as it can
+  size_t answered_before = 0;  // blocks
+  bool is_asked = false;       // the device answers, as far as it can
   // Of the last wave: blocks that met what is not resident, with the places of the words that name it.
   struct Unbaked {
     uint32_t warp;
@@ -46,28 +48,39 @@ struct WaveBuffers {
   StagingBuffer in, fields, made, out, missing;  // questions, packet, rays that are made on the device, answers
   WavePoints cone_points{WavePoints::Use::cones}, receivers{WavePoints::Use::light_samples};
   WaveRays rays;
+  WaveLobes lobes;
 };
 
 // Some questions that one kernel answers.
 class KernelLaunch {
  public:
-  explicit KernelLaunch(const Field* of) : field(of) {}
+  // `of`: MirrorSource::tiles.
+  explicit KernelLaunch(const CoverageTiles* of) : tiles(of) {}
   virtual ~KernelLaunch() = default;
   // Puts what is its own into `in`, and makes room for the answers.
   virtual void stage(WaveBuffers& wave) = 0;
   // Once `in` stays where it is on the device: completes pointers into it.
   virtual void settle(WaveBuffers&) {}
-  // `view`: the field's on the device.
+  // `view`: the source's on the device.
   virtual void start(Runtime& runtime, const FieldView& view, const WaveBuffers& wave) const = 0;
   virtual void take_answers(const WaveBuffers& wave) = 0;
 
-  const Field* const field;
+  const CoverageTiles* const tiles;
   bool is_started = false;
 };
 
+// Cells of skies (device_sky.cpp).
+class SkyLaunch : public KernelLaunch {
+ public:
+  SkyLaunch() : KernelLaunch(nullptr) {}
+  virtual void add(SkyQuestion& question) = 0;
+};
+std::unique_ptr<SkyLaunch> make_sky_launch();
+void list_sky_tables(const SkyQuestion& question, std::vector<HostTable>& tables);
+
 class WaveLaunches {
  public:
-  void clear() { launches_.clear(), launch_of_.clear(); }
+  void clear() { launches_.clear(), launch_of_.clear(), sky_ = nullptr; }
   // Adds those of `items` that are asked, with what they share.
   void add(std::span<Item* const> items, WaveBuffers& wave);
   std::span<const std::unique_ptr<KernelLaunch>> all() const { return launches_; }
@@ -78,14 +91,11 @@ class WaveLaunches {
 
   std::vector<std::unique_ptr<KernelLaunch>> launches_;
   std::map<std::string, size_t> launch_of_;
+  SkyLaunch* sky_ = nullptr;  // of launches_; null: none
 };
 
 // The tables that a question refers to.
 void list_tables(const Item& item, std::vector<HostTable>& tables);
-
-// Cells of a sky (device_sky.cpp).
-std::unique_ptr<KernelLaunch> sky_launch(SkyQuestion& question);
-void list_sky_tables(SkyQuestion& question, std::vector<HostTable>& tables);
 
 template <class Arguments>
 void start_kernel(Runtime& runtime, const WaveBuffers& wave, Kernel kernel, const Arguments& arguments) {

@@ -1,4 +1,5 @@
-// A field's copy in device memory: the slices and tiles that the device's questions have met and the CPU has finished.
+// A field's copy in device memory: the slices and tiles that the device's questions have met and the CPU has finished;
+// or radiance maps', which are tiles alone.
 //
 // Questions name what they met and did not find (`missing`); it is copied as soon as it is finished, in stream order
 // before the next wave of questions; waves of other streams follow (Runtime::follow). The copy numbers pages, bricks
@@ -24,9 +25,21 @@ struct Packet {
   void add(DeviceAddress to, const void* from, uint32_t count);
 };
 
+// What a mirror copies; must outlive it.
+struct MirrorSource {
+  MirrorSource() = default;
+  MirrorSource(const Field& of) : field(&of), tiles(&of.coverage()), view(of.view()) {}
+  // Radiance maps, seen by `maps`.
+  MirrorSource(const CoverageTiles& of, const FieldView& maps) : tiles(&of), view(maps) {}
+
+  const Field* field = nullptr;          // null: there are tiles alone
+  const CoverageTiles* tiles = nullptr;  // another one of each source; null: nothing is copied
+  FieldView view;                        // on the host
+};
+
 class FieldMirror {
  public:
-  FieldMirror(const Field& field, DeviceMemory& memory);
+  FieldMirror(const MirrorSource& source, DeviceMemory& memory);
 
   // `words`: of `missing`, k_nothing among them. Returns whether the next stage() finds any of them finished.
   bool want(std::span<const uint32_t> words);
@@ -58,7 +71,7 @@ class FieldMirror {
   void add_slice(uint32_t word, Packet& packet);
   void add_tile(uint32_t slot, Packet& packet);
 
-  const Field& field_;
+  const MirrorSource source_;
   DeviceMemory& memory_;
   std::vector<uint32_t> wanted_, taken_;
   // What the tables on the device hold, and the words of them that the next packet changes.
@@ -73,7 +86,8 @@ class FieldMirror {
   int32_t page_count_ = 1, tile_count_ = int32_t(CoverageTiles::k_fixed_tiles);
   Pool top_pool_, page_pool_, tile_table_;
   Pool visibility_{scalar::k_brick_cells}, depth_{scalar::k_brick_cells * sizeof(int32_t)},
-      certificate_{scalar::k_brick_cells * sizeof(int32_t)}, sums_{CoverageTiles::k_tile_bytes};
+      certificate_{scalar::k_brick_cells * sizeof(int32_t)}, sums_{CoverageTiles::k_tile_bytes},
+      radiance_{CoverageTiles::k_radiance_bytes};
 };
 
 }  // namespace fieldtrace::gpu

@@ -1,28 +1,40 @@
-// Cells of a sky for a batch of points: tasks and what they refer to as one copy, whose pointers are made the device's.
+// Cells of skies: the batches of a wave as one launch, with their tasks and what these refer to as one copy, whose
+// pointers are made the device's.
 #include <algorithm>
 #include <cstddef>
 #include <map>
+#include <set>
 
 #include "gpu/device_launches.h"
 
 namespace fieldtrace::gpu {
 namespace {
 
-class SkyLaunch final : public KernelLaunch {
- public:
-  explicit SkyLaunch(SkyQuestion& question)
-      : KernelLaunch(nullptr), q_(question), tasks_(question.tasks), warps_(uint32_t(question.points.size) / k_warp) {
-    for (const CellTask& task : tasks_) look_at(task);
+// Calls maps(view), radiance(view) and planes(radiance) for all that a question's tasks refer to outside of itself;
+// null where they refer to none.
+template <class Maps, class Radiance, class Planes>
+void for_each_table(const SkyQuestion& q, const Maps& maps, const Radiance& radiance, const Planes& planes) {
+  for (const OwnLines& own : q.tasks->own()) maps(own.lines.maps);
+  for (const MapLines& lines : q.tasks->maps()) maps(lines.maps);
+  for (const MapRadiance& r : q.tasks->own_radiance()) radiance(r.view);
+  for (const MapRadiance& r : q.tasks->map_radiance()) radiance(r.view);
+  for (const PlaneLines& plane : q.tasks->planes()) {
+    planes(plane.radiance);
+    radiance(plane.radiance ? plane.radiance->view : nullptr);
   }
+}
 
-  void list(std::vector<HostTable>& tables) const {
-    for (const auto& [view, at] : maps_) {
-      tables.push_back({view->depth, size_t(view->depth_bytes) * size_t(view->directions)});
-      tables.push_back({view->coverage, size_t(view->coverage_bytes) * size_t(view->directions)});
-    }
-    for (const auto& [view, at] : radiance_) {
-      tables.push_back({view->words, size_t(view->bytes) * size_t(view->count)});
-    }
+class SkyCellsLaunch final : public SkyLaunch {
+ public:
+  void add(SkyQuestion& question) override {
+    parts_.push_back({&question, warps_});
+    warps_ += uint32_t(question.points.size) / k_warp;
+    const auto add_to = [](auto& places) {
+      return [&places](const auto* p) {
+        if (p) places[p] = 0;
+      };
+    };
+    for_each_table(question, add_to(maps_), add_to(radiance_), add_to(planes_));
   }
 
   void stage(WaveBuffers& wave) override {
@@ -40,15 +52,29 @@ class SkyLaunch final : public KernelLaunch {
     for (auto& [plane, at] : planes_) {
       PlaneRadiance copy = *plane;
       at = wave.in.append(&copy, sizeof copy);
-      point(wave.in, at + offsetof(PlaneRadiance, view), radiance_[plane->view]);
+      if (plane->view) point(wave.in, at + offsetof(PlaneRadiance, view), radiance_.at(plane->view));
     }
-    tasks_at_ = wave.in.append(tasks_.data(), tasks_.size_bytes());
-    for (size_t k = 0; k < tasks_.size(); ++k) stage_task(wave.in, tasks_[k], tasks_at_ + k * sizeof(CellTask));
-    const CellPoints& p = q_.points;
-    const float* const arrays[] = {p.px, p.py, p.pz, p.gx, p.gy, p.gz, p.sx, p.sy, p.sz};
-    for (int i = 0; i < 9; ++i) points_at_[i] = wave.in.append(arrays[i], size_t(p.size) * sizeof(float));
-    sums_at_ = wave.out.reserve(6 * size_t(p.size) * sizeof(float));
-    masks_at_ = wave.out.reserve(warps_ * tasks_.size() * sizeof(uint32_t));
+    uint32_t masks = 0, tasks = 0;
+    for (Part& p : parts_) {
+      const auto count = uint32_t(p.question->tasks->tasks().size());
+      p.first_mask = masks;
+      p.first_task = tasks;
+      masks += uint32_t(p.question->points.size) / k_warp * count;
+      tasks += count;
+    }
+    tasks_at_ = wave.in.reserve(tasks * sizeof(CellTask));
+    for (const Part& p : parts_) stage_tasks(wave.in, p);
+    stage_blocks(wave.in);
+    using Points = const float* CellPoints::*;
+    constexpr Points k_arrays[] = {&CellPoints::px, &CellPoints::py, &CellPoints::pz, &CellPoints::gx, &CellPoints::gy,
+                                   &CellPoints::gz, &CellPoints::sx, &CellPoints::sy, &CellPoints::sz};
+    for (int i = 0; i < 9; ++i) {
+      points_at_[i] = wave.in.reserve(size() * sizeof(float));
+      float* to = wave.in.host<float>(points_at_[i]);
+      for (const Part& p : parts_) to = std::copy_n(p.question->points.*k_arrays[i], p.question->points.size, to);
+    }
+    sums_at_ = wave.out.reserve(6 * size() * sizeof(float));
+    masks_at_ = wave.out.reserve(masks * sizeof(uint32_t));
   }
 
   void settle(WaveBuffers& wave) override {
@@ -56,12 +82,11 @@ class SkyLaunch final : public KernelLaunch {
   }
 
   void start(Runtime& runtime, const FieldView&, const WaveBuffers& wave) const override {
-    const int32_t size = q_.points.size;
     const auto in = [&](int i) { return wave.in.device<const float>(points_at_[i]); };
-    const auto sum = [&](int i) { return wave.out.device<float>(sums_at_) + i * size; };
+    const auto sum = [&](size_t i) { return wave.out.device<float>(sums_at_) + i * size(); };
     const SkyArguments a = {wave.in.device<const CellTask>(tasks_at_),
-                            uint32_t(tasks_.size()),
-                            {in(0), in(1), in(2), in(3), in(4), in(5), in(6), in(7), in(8), size, q_.points.grazing},
+                            wave.in.device<const SkyBlock>(blocks_at_),
+                            {in(0), in(1), in(2), in(3), in(4), in(5), in(6), in(7), in(8), int32_t(size()), 0.0f},
                             {sum(0), sum(1), sum(2), sum(3), sum(4), sum(5)},
                             wave.out.device<uint32_t>(masks_at_),
                             warps_};
@@ -69,87 +94,117 @@ class SkyLaunch final : public KernelLaunch {
   }
 
   void take_answers(const WaveBuffers& wave) override {
-    const float* const from = wave.out.host<float>(sums_at_);
-    q_.sums.assign(from, from + 6 * size_t(q_.points.size));
+    const float* const sums = wave.out.host<float>(sums_at_);
     const uint32_t* const words = wave.out.host<uint32_t>(masks_at_);
-    q_.undecided.assign(words, words + warps_ * tasks_.size());
-    q_.is_answered = true;
+    for (const Part& p : parts_) {
+      SkyQuestion& q = *p.question;
+      const size_t count = size_t(q.points.size);
+      q.sums.resize(6 * count);
+      for (size_t i = 0; i < 6; ++i) {
+        std::copy_n(sums + i * size() + p.first_warp * k_warp, count, q.sums.data() + i * count);
+      }
+      const uint32_t* const from = words + p.first_mask;
+      q.undecided.assign(from, from + count / k_warp * q.tasks->tasks().size());
+      q.is_answered = true;
+    }
   }
 
  private:
-  // Notes the tables of a task.
-  void look_at(const CellTask& task) {
-    const auto add = [](auto& places, const auto* p) {
-      if (p) places[p] = 0;
-    };
-    if (task.own) add(maps_, task.own->lines.maps);
-    for (int k = 0; k < task.map_count; ++k) add(maps_, task.maps[k].maps);
-    if (task.own_radiance) add(radiance_, task.own_radiance->view);
-    for (int k = 0; task.map_radiance && task.reflects && k < task.map_count; ++k) {
-      add(radiance_, task.map_radiance[k].view);
-    }
-    for (int k = 0; k < task.plane_count; ++k) {
-      add(planes_, task.planes[k].radiance);
-      if (task.planes[k].radiance) add(radiance_, task.planes[k].radiance->view);
-    }
-  }
+  struct Part {
+    SkyQuestion* question;
+    uint32_t first_warp, first_mask = 0, first_task = 0;
+  };
+
+  size_t size() const { return size_t(warps_) * k_warp; }
 
   // The pointer at `from` shall be the place `to` on the device.
   void point(StagingBuffer& in, size_t from, size_t to) {
     *in.host<const void*>(from) = nullptr;
     pointers_.emplace_back(from, to);
   }
-  template <class T, class Place>
-  void point_to(StagingBuffer& in, size_t from, const T* table, const Place& places) {
-    if (table) point(in, from, places.at(table));
+
+  // Copies a list, and makes what `member` of each refers to the place that it has.
+  template <class T, class Table, class Places>
+  size_t stage_list(StagingBuffer& in, std::span<const T> list, size_t member, const Table* T::*table,
+                    const Places& places) {
+    const size_t at = in.append(list.data(), list.size_bytes());
+    for (size_t i = 0; i < list.size(); ++i) {
+      if (list[i].*table) point(in, at + i * sizeof(T) + member, places.at(list[i].*table));
+    }
+    return at;
   }
 
-  void stage_task(StagingBuffer& in, const CellTask& task, size_t at) {
-    if (task.own) {
-      const size_t own = in.append(task.own, sizeof *task.own);
-      point_to(in, own + offsetof(OwnLines, lines) + offsetof(MapLines, maps), task.own->lines.maps, maps_);
-      point(in, at + offsetof(CellTask, own), own);
+  void stage_tasks(StagingBuffer& in, const Part& part) {
+    const CellTasks& t = *part.question->tasks;
+    const size_t own = in.append(t.own().data(), t.own().size_bytes());
+    for (size_t i = 0; i < t.own().size(); ++i) {
+      const MapsView* const view = t.own()[i].lines.maps;
+      if (view) {
+        point(in, own + i * sizeof(OwnLines) + offsetof(OwnLines, lines) + offsetof(MapLines, maps), maps_.at(view));
+      }
     }
-    if (task.own_radiance) {
-      const size_t own = in.append(task.own_radiance, sizeof *task.own_radiance);
-      point_to(in, own + offsetof(MapRadiance, view), task.own_radiance->view, radiance_);
-      point(in, at + offsetof(CellTask, own_radiance), own);
+    const size_t maps = stage_list(in, t.maps(), offsetof(MapLines, maps), &MapLines::maps, maps_);
+    const auto radiance = [&](std::span<const MapRadiance> list) {
+      return stage_list(in, list, offsetof(MapRadiance, view), &MapRadiance::view, radiance_);
+    };
+    const size_t own_radiance = radiance(t.own_radiance()), map_radiance = radiance(t.map_radiance());
+    const size_t planes = stage_list(in, t.planes(), offsetof(PlaneLines, radiance), &PlaneLines::radiance, planes_);
+    const size_t balls = in.append(t.balls().data(), t.balls().size_bytes());
+    const size_t tasks = tasks_at_ + part.first_task * sizeof(CellTask);
+    std::copy(t.tasks().begin(), t.tasks().end(), in.host<CellTask>(tasks));
+    for (size_t k = 0; k < t.tasks().size(); ++k) {
+      const CellTask& task = t.tasks()[k];
+      const size_t at = tasks + k * sizeof(CellTask);
+      // The place of what the task refers to lies as far into its list as on the host.
+      const auto point_into = [&](size_t member, const auto* first, const auto& list, size_t list_at) {
+        if (first) point(in, at + member, list_at + size_t(first - list.data()) * sizeof *first);
+      };
+      point_into(offsetof(CellTask, own), task.own, t.own(), own);
+      point_into(offsetof(CellTask, maps), task.maps, t.maps(), maps);
+      point_into(offsetof(CellTask, own_radiance), task.own_radiance, t.own_radiance(), own_radiance);
+      point_into(offsetof(CellTask, map_radiance), task.map_radiance, t.map_radiance(), map_radiance);
+      point_into(offsetof(CellTask, planes), task.planes, t.planes(), planes);
+      point_into(offsetof(CellTask, balls), task.balls, t.balls(), balls);
     }
-    const size_t lines = in.append(task.maps, size_t(task.map_count) * sizeof(MapLines));
-    const bool reflects = task.reflects && task.map_radiance;
-    const size_t back = in.append(task.map_radiance, reflects ? size_t(task.map_count) * sizeof(MapRadiance) : 0);
-    for (int k = 0; k < task.map_count; ++k) {
-      const size_t i = size_t(k);
-      point_to(in, lines + i * sizeof(MapLines) + offsetof(MapLines, maps), task.maps[k].maps, maps_);
-      if (!reflects) continue;
-      point_to(in, back + i * sizeof(MapRadiance) + offsetof(MapRadiance, view), task.map_radiance[k].view, radiance_);
-    }
-    const size_t plane = in.append(task.planes, size_t(task.plane_count) * sizeof(PlaneLines));
-    for (int k = 0; k < task.plane_count; ++k) {
-      point_to(in, plane + size_t(k) * sizeof(PlaneLines) + offsetof(PlaneLines, radiance), task.planes[k].radiance,
-               planes_);
-    }
-    point(in, at + offsetof(CellTask, maps), lines);
-    point(in, at + offsetof(CellTask, map_radiance), back);
-    point(in, at + offsetof(CellTask, planes), plane);
-    point(in, at + offsetof(CellTask, balls), in.append(task.balls, size_t(task.ball_count) * sizeof(BallLines)));
   }
 
-  SkyQuestion& q_;
-  const std::span<const CellTask> tasks_;
-  const uint32_t warps_;
+  void stage_blocks(StagingBuffer& in) {
+    blocks_at_ = in.reserve(warps_ * sizeof(SkyBlock));
+    SkyBlock* to = in.host<SkyBlock>(blocks_at_);
+    for (const Part& p : parts_) {
+      const auto cells = uint32_t(p.question->tasks->tasks().size());
+      for (uint32_t b = 0; b < uint32_t(p.question->points.size) / k_warp; ++b) {
+        *to++ = {p.first_task, cells, p.first_mask + b * cells, p.question->points.grazing};
+      }
+    }
+  }
+
+  std::vector<Part> parts_;
+  uint32_t warps_ = 0;
   // Places in the wave's `in`.
   std::map<const MapsView*, size_t> maps_;
   std::map<const RadianceView*, size_t> radiance_;
   std::map<const PlaneRadiance*, size_t> planes_;
   std::vector<std::pair<size_t, size_t>> pointers_;
-  size_t tasks_at_ = 0, points_at_[9], sums_at_ = 0, masks_at_ = 0;
+  size_t tasks_at_ = 0, blocks_at_ = 0, points_at_[9], sums_at_ = 0, masks_at_ = 0;
 };
 
 }  // namespace
 
-std::unique_ptr<KernelLaunch> sky_launch(SkyQuestion& question) { return std::make_unique<SkyLaunch>(question); }
+std::unique_ptr<SkyLaunch> make_sky_launch() { return std::make_unique<SkyCellsLaunch>(); }
 
-void list_sky_tables(SkyQuestion& question, std::vector<HostTable>& tables) { SkyLaunch(question).list(tables); }
+void list_sky_tables(const SkyQuestion& question, std::vector<HostTable>& tables) {
+  std::set<const void*> listed;
+  const auto is_new = [&](const void* view) { return view && listed.insert(view).second; };
+  const auto add_maps = [&](const MapsView* view) {
+    if (!is_new(view)) return;
+    tables.push_back({view->depth, size_t(view->depth_bytes) * size_t(view->directions)});
+    tables.push_back({view->coverage, size_t(view->coverage_bytes) * size_t(view->directions)});
+  };
+  const auto add_radiance = [&](const RadianceView* view) {
+    if (is_new(view)) tables.push_back({view->words, size_t(view->bytes) * size_t(view->count)});
+  };
+  for_each_table(question, add_maps, add_radiance, [](const PlaneRadiance*) {});
+}
 
 }  // namespace fieldtrace::gpu

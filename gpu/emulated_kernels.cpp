@@ -127,6 +127,34 @@ void query(const QueryArguments& a) {
   }
 }
 
+void filter_lobes(const LobeArguments& a) {
+  LobeBatch lobes;
+  lobes.resize(k_warp);
+  LobeAnswers answers;
+  answers.resize(k_warp);
+  ConeUnknowns unknowns;
+  const LobeArrays& from = a.lobes;
+  for (uint32_t warp = 0; warp < a.warps; ++warp) {
+    const uint32_t first = a.blocks[warp];
+    load_rays(from.rays, first, lobes.rays);
+    load(from.nx + first, lobes.nx), load(from.ny + first, lobes.ny), load(from.nz + first, lobes.nz);
+    load(from.density + first, lobes.density), load(from.blur + first, lobes.blur);
+    load(from.instance + first, lobes.instance);
+    LobeMasks& m = a.masks[warp];
+    m.lookups = uint32_t(scalar::filter_lobes_batch<float>(a.task, lobes, k_first_block, answers, unknowns));
+    m.not_baked = unknowns.blocks.empty() ? 0 : k_all_lanes;
+    m.refused = mask_of([&](uint32_t lane) { return answers.refused[lane]; });
+    const std::pair<const AlignedVector<float>*, float*> values[] = {{&answers.clear, a.clear},
+                                                                     {&answers.red, a.red},
+                                                                     {&answers.green, a.green},
+                                                                     {&answers.blue, a.blue},
+                                                                     {&answers.distance, a.distance}};
+    for (const auto& [of, to] : values) std::copy_n(of->data(), k_warp, to + warp * k_warp);
+    name_missing(MissingKind::tile, unknowns.tiles, blank_words(a.missing, warp), 0);
+    unknowns.blocks.clear();
+  }
+}
+
 // The tables that the light needs, as far as it reads them.
 LightTable table_of(const LightRayArguments& a) {
   LightTable table;
@@ -189,18 +217,25 @@ void light_rays(const LightRayArguments& a) {
 }
 
 void sky_cells(const SkyArguments& a) {
-  const size_t size = size_t(a.warps) * k_warp;
-  const CellSums& s = a.sums;
-  for (float* sum : {s.red, s.green, s.blue, s.reflected_red, s.reflected_green, s.reflected_blue}) {
-    std::fill_n(sum, size, 0.0f);
-  }
-  std::fill_n(a.undecided, size_t(a.warps) * a.cells, 0u);
-  std::vector<int32_t> listed(size + k_batch_padding);
-  for (uint32_t k = 0; k < a.cells; ++k) {
-    const int count = scalar::see_cell<float>(a.tasks[k], a.points, s, listed.data());
-    for (int i = 0; i < count; ++i) {
-      const uint32_t point = uint32_t(listed[size_t(i)]);
-      a.undecided[point / k_warp * a.cells + k] |= 1u << (point % k_warp);
+  int32_t listed[2 * k_warp];
+  for (uint32_t warp = 0; warp < a.warps; ++warp) {
+    const SkyBlock& block = a.blocks[warp];
+    const uint32_t i = warp * k_warp;
+    const CellPoints& p = a.points;
+    const CellPoints points = {p.px + i, p.py + i, p.pz + i, p.gx + i,        p.gy + i,     p.gz + i,
+                               p.sx + i, p.sy + i, p.sz + i, int32_t(k_warp), block.grazing};
+    const CellSums& s = a.sums;
+    const CellSums sums = {s.red + i,           s.green + i,           s.blue + i,
+                           s.reflected_red + i, s.reflected_green + i, s.reflected_blue + i};
+    for (float* sum :
+         {sums.red, sums.green, sums.blue, sums.reflected_red, sums.reflected_green, sums.reflected_blue}) {
+      std::fill_n(sum, k_warp, 0.0f);
+    }
+    for (uint32_t k = 0; k < block.cells; ++k) {
+      const int count = scalar::see_cell<float>(a.tasks[block.first_task + k], points, sums, listed);
+      uint32_t mask = 0;
+      for (int l = 0; l < count; ++l) mask |= 1u << uint32_t(listed[l]);
+      a.undecided[block.undecided + k] = mask;
     }
   }
 }
@@ -226,6 +261,8 @@ void run_emulated_kernel(Kernel kernel, uint32_t, const void* arguments) {
       return light_rays(*static_cast<const LightRayArguments*>(arguments));
     case Kernel::sky_cells:
       return sky_cells(*static_cast<const SkyArguments*>(arguments));
+    case Kernel::filter_lobes:
+      return filter_lobes(*static_cast<const LobeArguments*>(arguments));
     case Kernel::scatter:
       return scatter(*static_cast<const ScatterArguments*>(arguments));
   }

@@ -133,6 +133,26 @@ extern "C" __global__ void __launch_bounds__(k_warp) query(const __grid_constant
   if (lane_index() == 0) a.masks[blockIdx.x] = m;
 }
 
+extern "C" __global__ void __launch_bounds__(k_warp) filter_lobes(const __grid_constant__ LobeArguments a) {
+  const uint32_t i = block_entry(a.blocks), to = entry_index();
+  const LobeArrays& l = a.lobes;
+  const RayArrays& r = l.rays;
+  LaneMissing missing(a.missing);
+  const scalar::LobeLanes<float> lobe =
+      scalar::make_lobe<float>(a.task, load(r.ox, r.oy, r.oz, i), load(r.dx, r.dy, r.dz, i), r.tmax[i], l.density[i]);
+  const scalar::LobeAnswer<float> answer =
+      scalar::answer_lobe<float>(a.task, lobe, load(l.nx, l.ny, l.nz, i), l.instance[i] == a.task.segment.instance,
+                                 l.blur[i], TellMissing{missing, MissingKind::tile});
+  a.clear[to] = answer.clear;
+  a.red[to] = answer.radiance.red, a.green[to] = answer.radiance.green, a.blue[to] = answer.radiance.blue;
+  a.distance[to] = answer.distance;
+  LobeMasks m;
+  m.refused = ballot(answer.refused);
+  m.not_baked = missing.finish(answer.unknown);
+  m.lookups = warp_sum(uint32_t(answer.lookups));
+  if (lane_index() == 0) a.masks[blockIdx.x] = m;
+}
+
 namespace {
 
 // The ray of sample k from shading point r.
@@ -233,22 +253,23 @@ extern "C" __global__ void __launch_bounds__(k_warp) light_rays(const __grid_con
 // sm_75.
 extern "C" __global__ void __launch_bounds__(k_warp, 8) sky_cells(const __grid_constant__ SkyArguments a) {
   const uint32_t i = entry_index();
+  const SkyBlock block = a.blocks[blockIdx.x];
   const CellPoints& in = a.points;
   const Vec3Lanes<float> p = load(in.px, in.py, in.pz, i), g = load(in.gx, in.gy, in.gz, i),
                          s = load(in.sx, in.sy, in.sz, i);
   Vec3Lanes<float> taken = {0.0f, 0.0f, 0.0f}, reflected = taken;
-  for (uint32_t k = 0; k < a.cells; ++k) {
-    const CellTask& task = a.tasks[k];
+  for (uint32_t k = 0; k < block.cells; ++k) {
+    const CellTask& task = a.tasks[block.first_task + k];
     const float cosine = scalar::cosine_of<float>(task, s);
     bool open = false;
     if (cosine > 0.0f) {
-      const scalar::CellTaken<float> of_cell = scalar::take_cell<float>(task, in.grazing, p, g, s, cosine);
+      const scalar::CellTaken<float> of_cell = scalar::take_cell<float>(task, block.grazing, p, g, s, cosine);
       taken = taken + of_cell.irradiance;
       if (task.reflects) reflected = reflected + of_cell.reflected;
       open = of_cell.open;
     }
     const uint32_t mask = ballot(open);
-    if (lane_index() == 0) a.undecided[blockIdx.x * a.cells + k] = mask;
+    if (lane_index() == 0) a.undecided[block.undecided + k] = mask;
   }
   a.sums.red[i] = taken.x, a.sums.green[i] = taken.y, a.sums.blue[i] = taken.z;
   a.sums.reflected_red[i] = reflected.x, a.sums.reflected_green[i] = reflected.y;

@@ -28,10 +28,10 @@ struct DeviceProperties {
 };
 
 // The functions of gpu/kernels.cu, by the structures of gpu/device_arguments.h.
-enum class Kernel { light_cones, filter_strata, query, scatter, light_rays, sky_cells };
-inline constexpr int k_kernels = 6;
-inline constexpr const char* k_kernel_names[k_kernels] = {"light_cones", "filter_strata", "query",
-                                                          "scatter",     "light_rays",    "sky_cells"};
+enum class Kernel { light_cones, filter_strata, query, scatter, light_rays, sky_cells, filter_lobes };
+inline constexpr int k_kernels = 7;
+inline constexpr const char* k_kernel_names[k_kernels] = {"light_cones", "filter_strata", "query",       "scatter",
+                                                          "light_rays",  "sky_cells",     "filter_lobes"};
 
 // A number below k_streams.
 using Stream = int;

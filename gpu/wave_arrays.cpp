@@ -1,6 +1,7 @@
 #include "gpu/wave_arrays.h"
 
 #include <algorithm>
+#include <array>
 
 #include "core/light/light_sampling.h"
 
@@ -117,7 +118,7 @@ WaveRays::Place WaveRays::add(const ShadowBatch& batch, const float* radius, Wav
   b.point = points.add(*source.points);
   const bool transmits = any_transmits(*source.points), by_number = source.slots != nullptr;
   std::string key;
-  append_bytes(key, source.lights);
+  append_bytes(key, std::bit_cast<uintptr_t>(source.lights));
   append_bytes(key, source.light);
   append_bytes(key, source.range);
   append_bytes(key, transmits);
@@ -238,6 +239,47 @@ const float* WaveRays::radius(size_t set, const StagingBuffer& in, const Staging
 }
 const uint32_t* WaveRays::instance(size_t set, const StagingBuffer& in, const StagingBuffer& made) const {
   return place<uint32_t>(set, sets_[set].instance_at, in, made);
+}
+
+void WaveLobes::clear() {
+  batches_.clear();
+  places_.clear();
+  size_ = 0;
+}
+
+uint32_t WaveLobes::add(const LobeBatch& batch) {
+  const auto [found, is_new] = places_.try_emplace(&batch, size_);
+  if (is_new) {
+    batches_.emplace_back(&batch, size_);
+    size_ += uint32_t(padded(batch.rays.size));
+  }
+  return found->second;
+}
+
+void WaveLobes::stage(StagingBuffer& in) {
+  if (size_ == 0) return;
+  const auto floats_of = [](const LobeBatch& b) {
+    const RayBatch& r = b.rays;
+    return std::array{&r.ox, &r.oy, &r.oz, &r.dx, &r.dy, &r.dz, &r.tmax, &b.nx, &b.ny, &b.nz, &b.density, &b.blur};
+  };
+  for (size_t i = 0; i < std::size(floats_at_); ++i) {
+    floats_at_[i] = in.reserve(size_ * sizeof(float));
+    float* const to = in.host<float>(floats_at_[i]);
+    for (const auto& [batch, first] : batches_) {
+      std::copy_n(floats_of(*batch)[i]->data(), padded(batch->rays.size), to + first);
+    }
+  }
+  instance_at_ = in.reserve(size_ * sizeof(uint32_t));
+  uint32_t* const to = in.host<uint32_t>(instance_at_);
+  for (const auto& [batch, first] : batches_) {
+    std::copy_n(batch->instance.data(), padded(batch->rays.size), to + first);
+  }
+}
+
+LobeArrays WaveLobes::arrays(const StagingBuffer& in) const {
+  const auto f = [&](int i) { return in.device<const float>(floats_at_[i]); };
+  return {{f(0), f(1), f(2), f(3), f(4), f(5), f(6)}, f(7), f(8), f(9), f(10), f(11),
+          in.device<const uint32_t>(instance_at_)};
 }
 
 }  // namespace fieldtrace::gpu

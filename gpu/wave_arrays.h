@@ -1,5 +1,6 @@
 // The arrays that questions of a wave share: shading points, and rays, which the device makes from shading points where
-// they are samples of a light. Each batch is sent once a wave, however many occluders it is asked about.
+// they are samples of a light; and samples of lobes. Each batch is sent once a wave, however many occluders it is asked
+// about.
 //
 // Memory layout: structures of arrays; batches lie one after another, each padded to whole blocks of 32 entries.
 // Thread-safety: those of one wave belong to one thread.
@@ -10,6 +11,7 @@
 #include <vector>
 
 #include "core/light/shading_points.h"
+#include "field/query/segment_kernels.h"
 #include "gpu/device_arguments.h"
 #include "gpu/device_memory.h"
 
@@ -112,6 +114,22 @@ class WaveRays {
   std::map<std::string, size_t> making_of_;
   std::vector<Making> makings_;
   std::vector<Set> sets_ = std::vector<Set>(1);
+};
+
+// Samples of lobes, which are sent.
+class WaveLobes {
+ public:
+  void clear();
+  // As WavePoints::add().
+  uint32_t add(const LobeBatch& batch);
+  void stage(StagingBuffer& in);
+  LobeArrays arrays(const StagingBuffer& in) const;
+
+ private:
+  std::vector<std::pair<const LobeBatch*, uint32_t>> batches_;
+  std::map<const LobeBatch*, uint32_t> places_;
+  uint32_t size_ = 0;
+  size_t floats_at_[12] = {}, instance_at_ = 0;  // in the order of LobeArrays
 };
 
 }  // namespace fieldtrace::gpu

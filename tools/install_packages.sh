@@ -5,18 +5,21 @@
 #   --with-python also puts what the tests of the Python package need, Mitsuba among it, into build/python (400 MB)
 #   --with-slurm  also installs Slurm (13 MB), for the test farm.slurm, which starts one of its own; Debian enables the
 #                 services slurmctld, slurmd and munge
+#   --with-clean-root  also installs mmdebstrap, for the test package.clean_root, which downloads a Debian of its own
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 oidn=
 python=
 slurm=()
+clean_root=()
 for option in "$@"; do
   case $option in
     --with-oidn) oidn=build/oidn ;;
     --with-python) python=build/python ;;
     --with-slurm) slurm=("slurm-wlm") ;;
-    *) sed -n '2,7s/^# //p' "$0" >&2; exit 2 ;;
+    --with-clean-root) clean_root=("mmdebstrap") ;;
+    *) sed -n '2,8s/^# //p' "$0" >&2; exit 2 ;;
   esac
 done
 
@@ -53,7 +56,7 @@ packages=(
   libgtest-dev libopenvdb-tools glmark2-data python3 python3-venv    # tests; the demo's bunny
   chromium                                                           # tests: pages as a browser shows them
   libbenchmark-dev clang-format clang-tidy                           # -DFIELDTRACE_BENCHMARKS=ON; changing the code
-  "${slurm[@]}"
+  "${slurm[@]}" "${clean_root[@]}"
 )
 
 [[ -z $python ]] || packages+=(python3-dev libllvm19)               # the Python package; Mitsuba's variants of LLVM

@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Not by a run path: the address sanitizer's dlopen() would look in its own.
+// Not by a run path where that can be helped: the address sanitizer's dlopen() would look in its own.
 std::string module_path(const std::string& file) {
   const fs::path program = fs::read_symlink("/proc/self/exe");
   const fs::path beside_program = (program.parent_path() / FIELDTRACE_MODULE_DIR / file).lexically_normal();
@@ -24,9 +24,9 @@ std::string module_path(const std::string& file) {
     const fs::path beside_library = (library.parent_path() / "fieldtrace" / file).lexically_normal();
     if (fs::exists(beside_library, ignored)) return beside_library.string();
   }
-  // Linked statically into another program.
+  // Linked statically into another program: where the build was to be installed, or on that program's run path.
   const fs::path installed = fs::path(FIELDTRACE_INSTALLED_MODULES) / file;
-  return fs::exists(installed, ignored) ? installed.string() : beside_program.string();
+  return fs::exists(installed, ignored) ? installed.string() : file;
 }
 
 }  // namespace

@@ -20,7 +20,7 @@ SliceDemand::SliceDemand(const Field& field) : slices_(field.slice_count()) {
 void SliceDemand::count(FieldLayer layer, std::vector<uint32_t>& slices) {
   std::sort(slices.begin(), slices.end());
   uint16_t* const asked = asked_.get() + size_t(layer) * slices_;
-  const uint32_t due = due_[size_t(layer)];
+  const uint32_t due = waits_.load(std::memory_order_relaxed) ? due_[size_t(layer)] : 0;
   size_t kept = 0;
   for (size_t i = 0, next = 0; i < slices.size(); i = next) {
     const uint32_t slice = slices[i];

@@ -7,6 +7,7 @@
 // order.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <cstdlib>
 #include <memory>
@@ -27,6 +28,8 @@ class SliceDemand {
 
   // `slices`: one entry for each ray that asked. Counts them and keeps those that are due, sorted, without repeats.
   void count(FieldLayer layer, std::vector<uint32_t>& slices);
+  // From now on all slices are due: of a field that was baked ahead of its rays.
+  void stop_waiting() { waits_.store(false, std::memory_order_relaxed); }
 
  private:
   struct Free {
@@ -35,6 +38,7 @@ class SliceDemand {
   uint32_t slices_ = 0;
   uint32_t due_[k_field_layers] = {};  // by layer: from this many rays on
   std::unique_ptr<uint16_t[], Free> asked_;
+  std::atomic<bool> waits_ = true;
 };
 
 }  // namespace fieldtrace

@@ -18,6 +18,11 @@ struct StratumMasks {
   uint32_t lookups;
 };
 
+struct LobeMasks {
+  uint32_t refused, not_baked;
+  uint32_t lookups;
+};
+
 struct RayMasks {
   uint32_t crosses, blocked, undecided, not_baked;
   uint32_t lookups;

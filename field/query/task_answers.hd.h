@@ -1,5 +1,6 @@
-// What is asked of one candidate object (field/query/query_tasks.h), answered for one shading point, stratum or ray in
-// each lane. The CPU's batches (field/query/segment_batch-inl.h) and the GPU's kernels (gpu/kernels.cu) call these.
+// What is asked of one candidate object (field/query/query_tasks.h), answered for one shading point, stratum, ray or
+// sample of a lobe in each lane. The CPU's batches (field/query/segment_batch-inl.h) and the GPU's kernels
+// (gpu/kernels.cu) call these.
 //
 // Space: world space, transformed by the tasks. Thread-safety: pure functions over a FieldView.
 
@@ -11,6 +12,7 @@
 #endif
 
 #include "field/query/cone.hd.h"
+#include "field/query/lobe.hd.h"
 #include "field/query/query.hd.h"
 #include "field/query/query_tasks.h"
 #include "field/query/stratum.hd.h"
@@ -152,6 +154,76 @@ FT_HD_INLINE StratumAnswer<F> answer_stratum(const StratumTask& task, const Vec3
   StratumAnswer<F> answer = filter_stratum<F>(task.segment.field, task.segment.policy, task.least_disc, stratum,
                                               tmax * scale, queried, tell_tile);
   answer.clear = select(queried, answer.clear, one);
+  return answer;
+}
+
+// Half width of a sample's tube, relative to the side of a square of its solid angle. Half of that area is read, which
+// leaves three fifths of the bias of reading all of it, with a twentieth more noise (docs/decisions/015-glossy.md).
+constexpr float k_lobe_share = 0.35f;
+// A sample in the far tail of a lobe stands for a large part of the sphere: no tube is wider than this tangent.
+constexpr float k_widest_lobe = 0.12f;
+
+// A sample of a reflected lobe: a ray that stands for 1 / density of solid angle.
+template <class F>
+struct LobeLanes {
+  LightStratum<F> stratum;
+  Vec3Lanes<F> p;    // the shading point
+  F scale, stretch;  // unit-space length of the ray's world direction; bound on that of its neighbours, relative to it
+  Mask_t<F> meets;   // the object's ball
+};
+
+// (o, d, tmax): inactive if tmax < 0 or density <= 0.
+template <class F>
+FT_HD_INLINE LobeLanes<F> make_lobe(const ConeTask& task, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d, F tmax,
+                                    F density) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  const float* m = task.segment.to_unit;
+  const Vec3Lanes<F> q = transformed_vector(m, d);
+  LobeLanes<F> lobe;
+  lobe.scale = sqrt(dot(q, q));
+  lobe.p = transformed_point(m, o);
+  // The side of a square of about the sample's solid angle.
+  const F side = sqrt(one / max(density, splat<F>(1e-30f)));
+  lobe.stretch = splat<F>(task.segment.to_unit_stretch) / lobe.scale;
+  const F width = min(side * splat<F>(k_lobe_share) * lobe.stretch, splat<F>(k_widest_lobe));
+  lobe.stratum = round_stratum<F>(lobe.p, q * (one / lobe.scale), width);
+  const Mask_t<F> active = (tmax >= zero) & (density > zero);
+  if (!task.segment.keeps_angles) {
+    LightStratum<F>& stratum = lobe.stratum;
+    transform_tube(task.segment, o, d, side * splat<F>(k_lobe_share), stratum);
+    const F narrowed = splat<F>(k_widest_lobe) / max(stratum.width, splat<F>(k_widest_lobe));
+    for (F* extent : {&stratum.width, &stratum.world_width, &stratum.bend}) *extent = *extent * narrowed;
+  }
+  lobe.meets = active & ((span_of_stratum(lobe.stratum).half > zero) | (lobe.stratum.bend > splat<F>(k_most_bend)));
+  return lobe;
+}
+
+// What the object sends along a sample of a lobe. The ray leaves a surface with the geometric normal `normal`, on the
+// ray's side; on_object: the task's instance. Refused unless it leaves another object, from outside this one's ball or
+// with all of this one in front. `distance`: in units of the ray's direction, 0 where clear is 1. blur: as filter_lobe.
+template <class F, class TellTile>
+FT_HD_INLINE LobeAnswer<F> answer_lobe(const ConeTask& task, const LobeLanes<F>& lobe, const Vec3Lanes<F>& normal,
+                                       Mask_t<F> on_object, F blur, const TellTile& tell_tile) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  LightCone<F> cone;
+  cone.near = zero;
+  cone.p = lobe.p;
+  cone.axis = lobe.stratum.direction;
+  cone.sine = lobe.stratum.width;
+  const Mask_t<F> outside = !(dot(lobe.p, lobe.p) < one);
+  const Mask_t<F> wanted = and_not(on_object, lobe.meets & (outside | faces_object<F>(task, cone, normal)));
+  LobeAnswer<F> answer;
+  answer.clear = one;
+  answer.radiance = {zero, zero, zero};
+  answer.distance = zero;
+  answer.unknown = answer.refused = and_not(wanted, wanted);
+  answer.lookups = splat_int<F>(0);
+  if (any(wanted)) {
+    const F unit_blur = task.segment.keeps_angles ? blur / max(lobe.stretch, one) : blur;
+    answer = filter_lobe<F>(task.segment.field, lobe.stratum, unit_blur, wanted, tell_tile);
+    answer.distance = select(answer.clear < one, answer.distance / lobe.scale, zero);
+  }
+  answer.refused = answer.refused | and_not(wanted, lobe.meets);
   return answer;
 }
 

@@ -2,6 +2,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <map>
 
 #include "core/surface/surface.h"
 #include "core/trace/user_geometry.h"
@@ -29,13 +30,13 @@ Scratch& scratch() {
 
 class InstanceGeometry final : public UserGeometry {
  public:
-  InstanceGeometry(std::shared_ptr<const SceneObject> scene, uint32_t instance)
-      : scene_(std::move(scene)), instance_(instance) {}
+  // `scene` must outlive this.
+  InstanceGeometry(const SceneObject& scene, uint32_t instance) : scene_(scene), instance_(instance) {}
 
   Bounds3 bounds() const noexcept override {
-    const std::shared_lock lock(scene_->mutex);
-    const Instance& placed = scene_->scene.instances[instance_];
-    const Bounds3& shape = scene_->scene.shapes[placed.shape].bounds;
+    const std::shared_lock lock(scene_.mutex);
+    const Instance& placed = scene_.scene.instances[instance_];
+    const Bounds3& shape = scene_.scene.shapes[placed.shape].bounds;
     Bounds3 b;
     for (int c = 0; c < 8; ++c) b.extend(transform_point(placed.to_world, shape.corner(c)));
     const Vec3 slack = gamma_bound(8) * (glm::max(glm::abs(b.lower), glm::abs(b.upper)) + b.diagonal());
@@ -45,7 +46,7 @@ class InstanceGeometry final : public UserGeometry {
   void occluded(const RayBatch& rays, uint8_t* blocked) const noexcept override {
     query([&](Scratch& s) {
       fill(rays, s);
-      scene_->shadows->answer(s.group, s.batch, s.stats);
+      scene_.shadows->answer(s.group, s.batch, s.stats);
       std::copy_n(s.batch.blocked.data(), rays.size, blocked);
     });
   }
@@ -54,7 +55,7 @@ class InstanceGeometry final : public UserGeometry {
     query([&](Scratch& s) {
       // Where the field is certain that nothing is met, no ray is traced.
       fill(rays, s);
-      scene_->shadows->look_up(s.group, s.batch, s.stats);
+      scene_.shadows->look_up(s.group, s.batch, s.stats);
       s.lanes.clear();
       s.open.resize(rays.size);
       for (uint32_t i = 0; i < rays.size; ++i) {
@@ -65,10 +66,10 @@ class InstanceGeometry final : public UserGeometry {
       if (s.lanes.empty()) return;
       s.open.resize(s.lanes.size());
       s.hits.resize(s.lanes.size());
-      scene_->accel->intersect_with(instance_, s.open, s.hits);
+      scene_.accel->intersect_with(instance_, s.open, s.hits);
       for (size_t k = 0; k < s.lanes.size(); ++k) {
         if (s.hits.instance[k] == k_none) continue;
-        const Vec3 normal = surface_at(scene_->scene, s.open, s.hits, k).geometric_normal;
+        const Vec3 normal = surface_at(scene_.scene, s.open, s.hits, k).geometric_normal;
         hits[s.lanes[k]] = {true, s.hits.t[k], s.hits.u[k], s.hits.v[k], normal, s.hits.primitive[k]};
       }
     });
@@ -78,9 +79,9 @@ class InstanceGeometry final : public UserGeometry {
   // Embree's callers take no errors: the rays meet nothing then, and the device's callback hears of it.
   template <class Body>
   void query(const Body& body) const noexcept {
-    (void)guarded(scene_->device, [&] {
-      const std::shared_lock lock(scene_->mutex);
-      scene_->require_commit("a ray to an attached instance");
+    (void)guarded(scene_.device, [&] {
+      const std::shared_lock lock(scene_.mutex);
+      scene_.require_commit("a ray to an attached instance");
       // A thread that waits in a bake must not begin another query with the same scratch memory.
       tbb::this_task_arena::isolate([&] { body(scratch()); });
     });
@@ -98,53 +99,77 @@ class InstanceGeometry final : public UserGeometry {
     s.group.open.clear();
   }
 
-  const std::shared_ptr<const SceneObject> scene_;
+  const SceneObject& scene_;
   const uint32_t instance_;
 };
+
+// Attaches all instances or none. Throws Failure if Embree refuses.
+std::vector<std::unique_ptr<AttachedGeometry>> attach(const SceneObject& s, RTCDevice embree, RTCScene target) {
+  size_t count = 0;
+  {
+    const std::shared_lock lock(s.mutex);
+    s.require_commit("ftAttachEmbree");
+    count = s.scene.instances.size();
+  }
+  // Not under the lock: Embree asks for bounds.
+  std::vector<std::unique_ptr<AttachedGeometry>> made;
+  for (uint32_t i = 0; i < count; ++i) {
+    try {
+      made.push_back(std::make_unique<AttachedGeometry>(embree, target, std::make_unique<InstanceGeometry>(s, i)));
+    } catch (const Error& e) {
+      throw Failure(FT_ERROR_INVALID_ARGUMENT, std::string("ftAttachEmbree: ") + e.what());
+    }
+  }
+  return made;
+}
+
+// What is attached, by the handle and the caller's scene. It keeps the object, so that it outlives the handle, which is
+// never used for another one.
+struct Attachment {
+  std::shared_ptr<SceneObject> scene;
+  std::vector<std::unique_ptr<AttachedGeometry>> geometries;  // destroyed before it
+};
+
+struct Attachments {
+  std::mutex mutex;
+  std::map<std::pair<FTScene, RTCScene>, Attachment> all;
+};
+
+// Never destroyed, as the registry of handles.
+Attachments& attachments() {
+  static Attachments* const a = new Attachments;
+  return *a;
+}
 
 }  // namespace
 
 FTError ftAttachEmbree(FTScene scene, RTCDevice embree, RTCScene target, uint32_t* geometry_ids) {
   return guarded(device_of(scene), [&] {
-    const std::shared_ptr<SceneObject> s = find(scene);
+    Attachment made{find(scene), {}};
     require(embree != nullptr, "ftAttachEmbree: the Embree device is null");
     require(target != nullptr, "ftAttachEmbree: the Embree scene is null");
     if (geometry_ids) require_place(geometry_ids, "ftAttachEmbree: the geometry IDs");
-    const std::lock_guard attaching(s->attached_mutex);
-    require(!s->attached.contains(target), "ftAttachEmbree: this scene is attached to that Embree scene already");
-    size_t count = 0;
-    {
-      const std::shared_lock lock(s->mutex);
-      s->require_commit("ftAttachEmbree");
-      count = s->scene.instances.size();
-    }
-    // Not under the lock: Embree asks for bounds.
-    std::vector<std::unique_ptr<AttachedGeometry>> made;
-    for (uint32_t i = 0; i < count; ++i) {
-      try {
-        made.push_back(std::make_unique<AttachedGeometry>(embree, target, std::make_unique<InstanceGeometry>(s, i)));
-      } catch (const Error& e) {
-        throw Failure(FT_ERROR_INVALID_ARGUMENT, std::string("ftAttachEmbree: ") + e.what());
-      }
-    }
-    for (uint32_t i = 0; i < count; ++i) {
-      if (geometry_ids) geometry_ids[i] = made[i]->id();
-    }
-    s->attached[target] = std::move(made);
+    Attachments& a = attachments();
+    const std::lock_guard lock(a.mutex);
+    require(!a.all.contains({scene, target}), "ftAttachEmbree: this scene is attached to that Embree scene already");
+    made.geometries = attach(*made.scene, embree, target);
+    const auto& geometries = a.all.emplace(std::pair(scene, target), std::move(made)).first->second.geometries;
+    if (!geometry_ids) return;
+    std::transform(geometries.begin(), geometries.end(), geometry_ids, [](const auto& g) { return g->id(); });
   });
 }
 
 FTError ftDetachEmbree(FTScene scene, RTCScene target) {
   return guarded(device_of(scene), [&] {
-    const std::shared_ptr<SceneObject> s = find(scene);
-    std::vector<std::unique_ptr<AttachedGeometry>> ended;
-    {
-      const std::lock_guard lock(s->attached_mutex);
-      const auto found = s->attached.find(target);
-      require(found != s->attached.end(), "ftDetachEmbree: nothing of this scene is attached to that Embree scene");
-      ended.swap(found->second);
-      s->attached.erase(found);
+    Attachment ended;  // destroyed without the lock
+    Attachments& a = attachments();
+    const std::lock_guard lock(a.mutex);
+    const auto found = a.all.find({scene, target});
+    if (found == a.all.end()) {
+      (void)find(scene);
+      require(false, "ftDetachEmbree: nothing of this scene is attached to that Embree scene");
     }
-    ended.clear();
+    ended = std::move(found->second);
+    a.all.erase(found);
   });
 }

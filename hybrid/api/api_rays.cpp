@@ -290,7 +290,7 @@ FTError ftNearest(FTScene scene, float max_error, const float* origins, size_t o
     const std::shared_lock lock(s.mutex);
     s.require_commit("ftNearest");
     for_chunks(*s.device, count, [&](size_t begin, size_t end) { require_rays(s, rays, begin, end); });
-    const float tolerance = s.options.base_tolerance();
+    const float tolerance = s.base_tolerance();
     const float alpha = tolerance > 0.0f ? max_error / (k_blur_of_tolerance * tolerance) : max_error;
     nearest(s, alpha, rays, out, s.hit_counts);
   });

@@ -10,6 +10,7 @@
 #include "core/platform/parallel.h"
 #include "field/bake/bake_full.h"
 #include "field/file/field_file.h"
+#include "field/file/field_info.h"
 #include "field/store/field_budget.h"
 #include "hybrid/api/api_buffers.h"
 #include "hybrid/api/scene_object.h"
@@ -84,12 +85,32 @@ int int_within(const char* name, int64_t value, int64_t least, int64_t most) {
   return int(value);
 }
 
+// What a field holds, by name.
+using FieldNumber = uint64_t (*)(const Field& field, float tolerance);
+const std::map<std::string, FieldNumber>& field_numbers() {
+  static const std::map<std::string, FieldNumber> numbers = {
+      {"bytes", [](const Field& f, float) { return f.bytes(); }},
+      {"cells_baked", [](const Field& f, float) { return f.cells_baked(); }},
+      {"cells_certified",
+       [](const Field& f, float tolerance) {
+         uint64_t cells = 0;
+         for (const FieldLayer layer : {FieldLayer::visibility, FieldLayer::depth}) {
+           const LayerInfo info = layer_info(f, layer, tolerance);
+           cells += info.clear + info.blocked;
+         }
+         return cells;
+       }},
+      {"cells_full", [](const Field& f, float) { return f.cells_full(); }}};
+  return numbers;
+}
+
 RenderResult render_scene(SceneObject& s) {
   Progress progress(*s.device);
   RenderCallbacks callbacks;
   callbacks.progress = [&](float share, const char*) { progress(double(share)); };
   callbacks.stop = progress.stop();
   RenderOptions options = s.options;
+  options.tolerance = s.tolerance;
   options.threads = s.device->arena.max_concurrency();
   RenderResult result = render(s.scene, options, callbacks);
   progress.require_not_stopped();
@@ -310,6 +331,7 @@ FTError ftBakeFields(FTScene scene) {
         callbacks.progress = [&](double share) { progress((double(i) + share) / double(shapes.size())); };
         BakeCounters counters;
         bake_full(*s.hit_fields[shapes[i]], *s.accel, shapes[i], counters, callbacks);
+        s.demands[shapes[i]]->stop_waiting();  // of the triangles of hits, which are not baked ahead
       }
     });
     progress.require_not_stopped();
@@ -352,21 +374,19 @@ FTError ftGetSceneInt(FTScene scene, const char* name, int64_t* value) {
       return;
     }
     s.require_commit("ftGetSceneInt");
-    uint64_t fields = 0, bytes = 0, baked = 0, full = 0;
-    for (const Field* field : s.hit_fields) {
-      if (!field) continue;
-      ++fields, bytes += field->bytes(), baked += field->cells_baked(), full += field->cells_full();
+    const auto number = field_numbers().find(key);
+    uint64_t found = 0;
+    if (key == "directions" || key == "plane") {
+      found = uint64_t(key == "plane" ? s.parameters.plane : s.parameters.directions);
+    } else if (key == "memory_exceeded") {
+      found = s.fields->budget().exceeded() ? 1 : 0;
+    } else {
+      require(key == "fields" || number != field_numbers().end(), "there is no integer \"" + key + "\"");
+      for (const Field* field : s.hit_fields) {
+        if (field) found += key == "fields" ? 1 : number->second(*field, s.base_tolerance());
+      }
     }
-    const std::map<std::string, uint64_t> values = {{"fields", fields},
-                                                    {"directions", uint64_t(s.parameters.directions)},
-                                                    {"plane", uint64_t(s.parameters.plane)},
-                                                    {"bytes", bytes},
-                                                    {"cells_baked", baked},
-                                                    {"cells_full", full},
-                                                    {"memory_exceeded", s.fields->budget().exceeded() ? 1 : 0}};
-    const auto found = values.find(key);
-    require(found != values.end(), "there is no integer \"" + key + "\"");
-    *value = clamped(found->second);
+    *value = clamped(found);
   });
 }
 
@@ -377,16 +397,9 @@ FTError ftGetMeshInt(FTScene scene, uint32_t mesh, const char* name, int64_t* va
     const Shared lock(s.mutex);
     s.require_commit("ftGetMeshInt");
     const Field* const field = s.field_of(mesh);
-    uint64_t found = 0;
-    if (key == "bytes") {
-      found = field ? field->bytes() : 0;
-    } else if (key == "cells_baked") {
-      found = field ? field->cells_baked() : 0;
-    } else {
-      require(key == "cells_full", "there is no integer \"" + key + "\"");
-      found = field ? field->cells_full() : 0;
-    }
-    *value = clamped(found);
+    const auto number = field_numbers().find(key);
+    require(number != field_numbers().end(), "there is no integer \"" + key + "\"");
+    *value = field ? clamped(number->second(*field, s.base_tolerance())) : 0;
   });
 }
 

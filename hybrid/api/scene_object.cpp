@@ -28,9 +28,10 @@ void SceneObject::commit() {
       demands.push_back(field ? std::make_unique<SliceDemand>(*field) : nullptr);
   }
   accel = std::make_unique<Accel>(scene);
+  tolerance = options.tolerance;
   AnswererSettings settings;
   settings.isa = resolve_isa(Isa::automatic);
-  settings.tolerance = options.base_tolerance();
+  settings.tolerance = base_tolerance();
   settings.demands = demands;
   std::vector<Field*> shadow_fields = fields->pointers();
   if (settings.tolerance == 0.0f) std::fill(shadow_fields.begin(), shadow_fields.end(), nullptr);  // all rays are exact

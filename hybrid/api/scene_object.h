@@ -4,7 +4,6 @@
 #pragma once
 
 #include <atomic>
-#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -13,7 +12,6 @@
 
 #include "core/scene/scene.h"
 #include "core/trace/accel.h"
-#include "core/trace/user_geometry.h"
 #include "field/bake/slice_demand.h"
 #include "field/store/field.h"
 #include "hybrid/api/api_objects.h"
@@ -74,6 +72,8 @@ struct SceneObject {
   // Set since the last commit, by instance.
   std::vector<Affine> transforms;
   bool was_committed = false;
+  std::optional<float> tolerance;  // as committed
+  float base_tolerance() const { return tolerance.value_or(k_default_tolerance); }
 
   // Made by commit(); references go upwards.
   std::vector<ShapeTraits> traits;
@@ -90,10 +90,6 @@ struct SceneObject {
   std::unique_ptr<Sky> sky;
 
   AnswerCounts occlusion_counts, hit_counts;
-
-  // By the caller's Embree scene, under `attached_mutex`. Each holds this object: detaching frees it.
-  std::mutex attached_mutex;
-  std::map<const void*, std::vector<std::unique_ptr<AttachedGeometry>>> attached;
 };
 
 // Unit, also where the length over- or underflows.

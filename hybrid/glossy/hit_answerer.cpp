@@ -210,9 +210,12 @@ void HitAnswerer::query_object(const Object& object, HitAnswers& answers, HitWor
         stats.lookups += kernels_.nearest_hits(object.task, queries, blocks, answers, work.unknowns);
       },
       [&] { return bake(object, work.unknowns, stats); });
+  // Without room to bake, or while bakes wait.
   for (const uint32_t block : work.unknowns.blocks) {
     for (uint32_t j = block; j < block + k_batch_padding; ++j) {
-      if (answers.verdict[j] != scalar::k_verdict_none) answers.verdict[j] = scalar::k_verdict_undecided;
+      int32_t& verdict = answers.verdict[j];
+      if (verdict == scalar::k_verdict_unknown_visibility || verdict == scalar::k_verdict_unknown_depth)
+        verdict = scalar::k_verdict_undecided;
     }
   }
   for (size_t j = 0; j < n; ++j) {

@@ -1,9 +1,13 @@
 #include "hybrid/glossy/lobe_answerer.h"
 
 #include <algorithm>
+#include <utility>
 
+#include "core/platform/parallel.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/glossy/radiance_maps.h"
+#include "hybrid/stats/stopwatch.h"
+#include "hybrid/visibility/device_answers.h"
 #include "hybrid/visibility/direction_order.h"
 #include "hybrid/visibility/query_and_bake.h"
 
@@ -136,8 +140,7 @@ void LobeAnswerer::trace_others(const RayBatch& rays, HitBatch& hits, LobeWorksp
   shading_.accel.intersect(*others_, work.some.rays, hits, Coherence::incoherent);
 }
 
-void LobeAnswerer::query(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work,
-                         Stats& stats) const {
+void LobeAnswerer::fill_batch(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const {
   order_by_direction(rays, work.queried, work.order);
   LobeBatch& batch = work.batch;
   batch.resize(work.queried.size());
@@ -150,15 +153,36 @@ void LobeAnswerer::query(const RayBatch& rays, std::span<const PathState> paths,
     batch.blur[j] = blur_ * path.alpha;
     batch.instance[j] = path.instance;
   }
+}
+
+void LobeAnswerer::ask(LobeWorkspace& work) const {
+  const size_t count = work.queried.size();
+  work.questions.assign(count > 0 ? maps_.size() : 0, {});
+  for (size_t p = 0; p < work.questions.size(); ++p) {
+    LobeQuestion& question = work.questions[p];
+    question.task = maps_[p]->task();
+    question.tiles = &maps_[p]->tiles();
+    question.batch = &work.batch;
+    question.samples = count;
+    for (uint32_t block = 0; block < count; block += k_batch_padding) {
+      add_block(question, block, wanted_mask(block, [&](uint32_t j) { return j < count; }));
+    }
+  }
+}
+
+void LobeAnswerer::query(LobeWorkspace& work, Stats& stats) const {
+  const LobeBatch& batch = work.batch;
   work.answers.resize(maps_.size());
   ConeUnknowns& unknowns = work.unknowns;
   for (size_t p = 0; p < maps_.size(); ++p) {
     LobeAnswers& answers = work.answers[p];
     answers.resize(batch.rays.size);
+    const LobeQuestion* question = work.questions.empty() ? nullptr : &work.questions[p];
     query_and_bake(
         batch.rays.size, unknowns,
         [&](std::span<const uint32_t> blocks) {
-          stats.lookups += kernels_.filter_lobes(maps_[p]->task(), batch, blocks, answers, unknowns);
+          stats.lookups += filter_lobes(kernels_, std::exchange(question, nullptr), maps_[p]->task(), batch, blocks,
+                                        answers, unknowns);
         },
         [&] {
           sort_unique(unknowns.tiles);
@@ -191,32 +215,83 @@ void LobeAnswerer::put_together(const HitBatch& hits, LobeWorkspace& work) const
 }
 
 // Traces the rays that the maps refused.
-void LobeAnswerer::trace_exact(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits,
-                               LobeWorkspace& work, Stats& stats) const {
+void LobeAnswerer::trace_exact(const Request& r) const {
   if (hits_) {
-    hits_->intersect(rays, paths, work.exact, hits, work.hits, stats);
+    hits_->intersect(r.rays, r.paths, r.work.exact, r.hits, r.work.hits, r.stats);
     return;
   }
-  for (const uint32_t i : work.exact) stats.rays_glossy_exact += !paths[i].diffuse;
-  intersect_subset(shading_.accel, rays, work.exact, hits, work.some);
+  for (const uint32_t i : r.work.exact) r.stats.rays_glossy_exact += !r.paths[i].diffuse;
+  intersect_subset(shading_.accel, r.rays, r.work.exact, r.hits, r.work.some);
 }
 
-void LobeAnswerer::answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
-                          Stats& stats) const {
-  hits.resize(rays.size);
-  work.filtered.clear();
-  find_queried(rays, paths, work);
-  trace_others(rays, hits, work);
-  if (!work.queried.empty()) {
-    query(rays, paths, work, stats);
-    put_together(hits, work);
-    for (FilteredRay& ray : work.filtered) {
+void LobeAnswerer::begin(const Request& r) const {
+  r.hits.resize(r.rays.size);
+  r.work.filtered.clear();
+  find_queried(r.rays, r.paths, r.work);
+  trace_others(r.rays, r.hits, r.work);
+  if (!r.work.queried.empty()) fill_batch(r.rays, r.paths, r.work);
+  r.work.questions.clear();
+}
+
+void LobeAnswerer::finish(const Request& r) const {
+  if (!r.work.queried.empty()) {
+    query(r.work, r.stats);
+    put_together(r.hits, r.work);
+    for (FilteredRay& ray : r.work.filtered) {
       if (ray.clear >= k_least_share) continue;
       ray.clear = 0.0f;
-      hits.instance[ray.ray] = k_none;
+      r.hits.instance[ray.ray] = k_none;
     }
   }
-  trace_exact(rays, paths, hits, work, stats);
+  trace_exact(r);
+}
+
+void LobeAnswerer::answer(const Request& request) const {
+  begin(request);
+  finish(request);
+}
+
+void LobeAnswerer::answer(std::span<const Request> requests, VisibilityDevice& device) const {
+  const auto for_all = [&](const auto& work) {
+    parallel_for(requests.size(), [&](size_t i) {
+      // Isolated: a thread that waits for a bake must not begin another with the same workspace.
+      tbb::this_task_arena::isolate([&] {
+        Stats& stats = requests[i].stats;
+        const double bake_before = stats.time_bake;
+        {
+          const ScopedTimer timer(stats.time_secondary);
+          work(requests[i]);
+        }
+        stats.time_secondary -= stats.time_bake - bake_before;
+      });
+    });
+  };
+  for_all([&](const Request& r) {
+    begin(r);
+    ask(r.work);
+  });
+  DeviceWave wave;
+  for (const Request& r : requests) {
+    for (LobeQuestion& question : r.work.questions) wave.lobes.push_back(&question);
+  }
+  for (int round = 0; !wave.empty(); ++round) {
+    device.answer(wave);
+    if (round == k_most_bake_rounds) break;
+    for_all([&](const Request& r) {
+      for (size_t p = 0; p < r.work.questions.size(); ++p) {
+        std::vector<uint32_t>& tiles = r.work.questions[p].unbaked.tiles;
+        sort_unique(tiles);
+        if (!tiles.empty()) maps_[p]->bake(tiles, r.stats);
+      }
+    });
+    wave = {};
+    for (const Request& r : requests) {
+      for (LobeQuestion& question : r.work.questions) {
+        if (!question.unbaked.empty()) wave.lobes.push_back(&question);
+      }
+    }
+  }
+  for_all([&](const Request& r) { finish(r); });
 }
 
 }  // namespace fieldtrace

@@ -19,6 +19,7 @@
 #include "hybrid/stats/stats.h"
 #include "hybrid/visibility/direction_order.h"
 #include "hybrid/visibility/shape_traits.h"
+#include "hybrid/visibility/visibility_device.h"
 
 namespace fieldtrace {
 
@@ -44,8 +45,9 @@ struct LobeWorkspace {
   AlignedVector<int32_t> met;
   std::vector<uint32_t> queried, exact;
   DirectionOrder order;
-  LobeBatch batch;                   // of `queried`
-  std::vector<LobeAnswers> answers;  // by object
+  LobeBatch batch;                      // of `queried`
+  std::vector<LobeQuestion> questions;  // by object; empty: no device is asked
+  std::vector<LobeAnswers> answers;     // by object
   ConeUnknowns unknowns;
   RaySubset some;
   HitWorkspace hits;
@@ -74,16 +76,29 @@ class LobeAnswerer {
   // hits (resized by this) receives where each ray ends; for glossy paths, where the share that work.filtered leaves of
   // them does. work.hits.certified lists the hits that are known only within an error bound. rays[i] belongs to
   // paths[i]; rays are unit and infinite.
-  void answer(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
-              Stats& stats) const;
+  struct Request {
+    const RayBatch& rays;
+    std::span<const PathState> paths;
+    HitBatch& hits;
+    LobeWorkspace& work;
+    Stats& stats;
+  };
+  void answer(const Request& request) const;
+  // The same for several requests, in parallel, whose maps `device` is asked about as one wave, and again about what
+  // had to be baked; the CPU's kernels answer what it leaves. Its time counts as secondary.
+  void answer(std::span<const Request> requests, VisibilityDevice& device) const;
 
  private:
+  // Finds what is to be looked up, and traces what is not.
+  void begin(const Request& request) const;
+  void finish(const Request& request) const;
   void find_queried(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const;
   void trace_others(const RayBatch& rays, HitBatch& hits, LobeWorkspace& work) const;
-  void query(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work, Stats& stats) const;
+  void fill_batch(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const;
+  void ask(LobeWorkspace& work) const;
+  void query(LobeWorkspace& work, Stats& stats) const;
   void put_together(const HitBatch& hits, LobeWorkspace& work) const;
-  void trace_exact(const RayBatch& rays, std::span<const PathState> paths, HitBatch& hits, LobeWorkspace& work,
-                   Stats& stats) const;
+  void trace_exact(const Request& request) const;
 
   const TransportContext& shading_;
   const SegmentKernels& kernels_;

@@ -1,7 +1,9 @@
 #include "hybrid/light/ambient_occlusion.h"
 
 #include <algorithm>
+#include <optional>
 
+#include "core/platform/parallel.h"
 #include "core/sampling/sobol.hd.h"
 #include "hybrid/light/direct_light.h"
 #include "hybrid/stats/stopwatch.h"
@@ -85,16 +87,33 @@ void AmbientOcclusion::count(size_t begin, std::span<FirstHit> firsts, Stats& st
   }
 }
 
-void AmbientOcclusion::gather(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats) {
-  if (context_.occlusion_sky) {
-    gather_by_maps(pixels, firsts, stats);
-  } else {
-    gather_by_rays(firsts, stats);
-  }
+void AmbientOcclusion::gather(const Request& r) {
+  AmbientOcclusion& o = r.occlusion;
+  if (!o.context_.occlusion_sky) return o.gather_by_rays(r.firsts, r.stats);
+  SkyLight::gather(o.sky_request(r));
+  o.take_irradiance(r);
+}
+
+void AmbientOcclusion::gather_waves(std::span<const Request> requests) {
+  if (requests.empty()) return;
+  const TransportContext& context = requests[0].occlusion.context_;
+  const auto for_all = [&](const auto& work) {
+    // Isolated: a thread that waits must not begin another with the same workspaces.
+    parallel_for(requests.size(), [&](size_t i) { tbb::this_task_arena::isolate([&] { work(i, requests[i]); }); });
+  };
+  // A device does not know what lies within a distance.
+  if (!context.occlusion_sky || context.occlusion_sky->distance() < k_infinity)
+    return for_all([](size_t, const Request& r) { gather(r); });
+  std::vector<std::optional<SkyLight::Request>> made(requests.size());
+  for_all([&](size_t i, const Request& r) { made[i].emplace(r.occlusion.sky_request(r)); });
+  std::vector<SkyLight::Request> skies;
+  for (const auto& sky : made) skies.push_back(*sky);
+  SkyLight::gather_waves(skies, *context.answerer.device());
+  for_all([](size_t, const Request& r) { r.occlusion.take_irradiance(r); });
 }
 
 // Under a white sky a surface of albedo 1 sends on the unoccluded share.
-void AmbientOcclusion::gather_by_maps(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats) {
+SkyLight::Request AmbientOcclusion::sky_request(const Request& r) {
   fill_shading_points(0, points_.size());
   receivers_.clear(points_.size());
   receivers_.points = shading_points_;
@@ -109,12 +128,15 @@ void AmbientOcclusion::gather_by_maps(std::span<const PixelPosition> pixels, std
     sum->assign(points_.size(), 0.0f);
   }
   clusters_.build(receivers_, {}, k_shadow_batch, context_.settings.pixel_samples == 1);
-  const uint64_t samples = stats.samples;
-  by_maps_.gather(clusters_, receivers_, {}, context_.settings.light_samples, pixels, {}, stats);
-  stats.samples = samples;  // of lights alone
+  samples_before_ = r.stats.samples;
+  return {by_maps_, clusters_, receivers_, {}, context_.settings.light_samples, r.pixels, {}, r.stats};
+}
+
+void AmbientOcclusion::take_irradiance(const Request& r) {
+  r.stats.samples = samples_before_;  // of lights alone
   const auto rays = float(context_.settings.light_samples);
   for (size_t i = 0; i < points_.size(); ++i) {
-    FirstHit& first = firsts[receivers_.path[i]];
+    FirstHit& first = r.firsts[receivers_.path[i]];
     // Rays below the surface do not count: of a hemisphere about the shading normal, (1 + cos) / 2 lies above both.
     const ShadingPointBatch& p = receivers_.points;
     const float cosine = p.sx[i] * p.gx[i] + p.sy[i] * p.gy[i] + p.sz[i] * p.gz[i];

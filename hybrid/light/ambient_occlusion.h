@@ -29,9 +29,18 @@ class AmbientOcclusion {
   // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`; `pixel`: as in
   // LightReceivers. Works for any material: the rays leave on the side of the geometric normal that the camera sees.
   void add(const PathVertex& vertex, uint32_t slot, uint32_t pixel, uint32_t index);
-  // Adds the counts of all points to firsts[slot]; its time and rays count as those of shadow rays. `pixels`: as
-  // DirectLight::gather.
-  void gather(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats);
+  // What gather() is given; `pixels`: as DirectLight::Request.
+  struct Request {
+    AmbientOcclusion& occlusion;
+    std::span<const PixelPosition> pixels;
+    std::span<FirstHit> firsts;
+    Stats& stats;
+  };
+  // Adds the counts of all points to firsts[slot]; its time and rays count as those of shadow rays.
+  static void gather(const Request& request);
+  // The same for several requests of one context, in parallel, whose cells are asked of the context's device in waves;
+  // there must be one.
+  static void gather_waves(std::span<const Request> requests);
 
  private:
   struct Point {
@@ -40,7 +49,9 @@ class AmbientOcclusion {
     uint32_t seed, index, instance, slot, pixel;
   };
 
-  void gather_by_maps(std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats);
+  // By maps: what the sky is asked for, and what it answered.
+  SkyLight::Request sky_request(const Request& request);
+  void take_irradiance(const Request& request);
   void gather_by_rays(std::span<FirstHit> firsts, Stats& stats);
   void fill_shading_points(size_t begin, size_t end);
   // Where the rays of the points in shading_points_ can end.
@@ -50,6 +61,7 @@ class AmbientOcclusion {
   const TransportContext& context_;
   SkyLight by_maps_;
   LightReceivers receivers_;
+  uint64_t samples_before_ = 0;  // light samples of the statistics
   ShadingClusters clusters_;
   LightTable sky_;  // one constant light; empty where the settings want no occlusion
   std::vector<Point> points_;

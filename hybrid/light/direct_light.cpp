@@ -73,6 +73,10 @@ void DirectLight::cut_into_groups() {
   begins_.push_back(clusters_.size());
 }
 
+SkyLight::Request DirectLight::sky_request(const Request& r) {
+  return {sky_, clusters_, r.receivers, r.vertices, r.light_samples, r.pixels, r.firsts, r.stats};
+}
+
 void DirectLight::gather_by_groups() {
   const ShadowAnswerer& answerer = context_.answerer;
   Stats& stats = shared_->stats;
@@ -156,18 +160,19 @@ void DirectLight::gather_waves(std::span<const Request> requests) {
     DirectLight& d = request.direct;
     d.prepare(request);
     for (size_t i = 0; i + 1 < d.begins_.size(); ++i) d.group(i).begin(*d.shared_, d.begins_[i], d.begins_[i + 1]);
-    if (!d.shared_->has_sky_maps) return;
-    d.sky_.gather(d.clusters_, request.receivers, request.vertices, request.light_samples, request.pixels,
-                  request.firsts, request.stats, context.answerer.device());
   });
+  std::vector<SkyLight::Request> skies;
+  for (const Request& r : requests) {
+    if (r.direct.shared_->has_sky_maps) skies.push_back(r.direct.sky_request(r));
+  }
+  SkyLight::gather_waves(skies, *context.answerer.device());
   for (uint32_t light = 0; light < context.lights.size(); ++light) gather_light(requests, light);
 }
 
 void DirectLight::gather(const Request& r) {
   DirectLight& d = r.direct;
   d.prepare(r);
-  if (d.shared_->has_sky_maps)
-    d.sky_.gather(d.clusters_, r.receivers, r.vertices, r.light_samples, r.pixels, r.firsts, r.stats);
+  if (d.shared_->has_sky_maps) SkyLight::gather(d.sky_request(r));
   d.gather_by_groups();
 }
 

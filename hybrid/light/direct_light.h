@@ -48,6 +48,7 @@ class DirectLight {
   GroupLight& group(size_t i);
   // The groups' first clusters, and the end of the last one's.
   void cut_into_groups();
+  SkyLight::Request sky_request(const Request& request);
   void gather_by_groups();
   static void gather_light(std::span<const Request> requests, uint32_t light);
 

@@ -1,7 +1,6 @@
 #include "hybrid/light/sky_light.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <numeric>
 #include <tuple>
@@ -26,8 +25,6 @@ constexpr float k_fit_tolerance = 0.05f;
 constexpr float k_open_cell_rays = 8.0f;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
 constexpr float k_least_cosine = 0.25f;
-// From this hidden share of the sky on, what is hidden is corrected, from twice as much fully.
-constexpr float k_least_enclosed = 0.25f;
 // A sample stream separate from that of the lights, which use the vertex seeds unchanged.
 constexpr uint32_t k_sky_stream = 0x534b5900u;
 // --check: one cluster in so many, and rays in each cell (a square number).
@@ -63,74 +60,31 @@ CellKernel SkyLight::cell_kernel() const {
   return sky_->distance() < k_infinity ? cell_within_kernel_for(isa) : cell_kernel_for(isa);
 }
 
-void SkyLight::see_cells(const Job& job) {
-  const CellKernel kernel = cell_kernel();
-  const CellPoints points = cell_points();
+// Of the batch's points.
+CellSums SkyLight::clear_sums() {
   for (auto* v : {&red_, &green_, &blue_, &reflected_red_, &reflected_green_, &reflected_blue_}) {
-    v->assign(size_t(points.size), 0.0f);
+    v->assign(padded(centres_.size), 0.0f);
   }
-  const CellSums sums = {red_.data(),           green_.data(),           blue_.data(),
-                         reflected_red_.data(), reflected_green_.data(), reflected_blue_.data()};
   open_cells_.clear();
-  if (see_cells_by_device(job, points, sums)) return;
-  undecided_.resize(size_t(points.size) + k_batch_padding);
-  for (size_t k = 0; k < occluders_.cells().size(); ++k) {
-    if (occluders_.is_clear(k)) continue;
-    OwnObject own;
-    const CellTask task = occluders_.task(k, own);
-    const int open = kernel(task, points, sums, undecided_.data());
-    job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
-    for (int i = 0; i < open; ++i) {
-      const auto point = uint32_t(undecided_[size_t(i)]);
-      if (point >= centres_.size) break;  // padding
-      add_open_cell(task, k, point);
-    }
-  }
+  return {red_.data(),           green_.data(),           blue_.data(),
+          reflected_red_.data(), reflected_green_.data(), reflected_blue_.data()};
 }
 
-// False: there is none, or it has not done it.
-bool SkyLight::see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums) {
-  if (!job.device) return false;
-  const size_t cells = occluders_.cells().size();
-  task_places_.clear();
-  tasks_.clear();
-  own_objects_.resize(cells);  // tasks refer to them
-  for (size_t k = 0; k < cells; ++k) {
-    if (occluders_.is_clear(k)) continue;
-    task_places_.push_back(uint32_t(k));
-    tasks_.push_back(occluders_.task(k, own_objects_[k]));
-  }
-  if (tasks_.empty()) return true;
-  const size_t blocks = size_t(points.size) / k_batch_padding;
-  SkyQuestion question{tasks_, points};
-  DeviceWave wave;
-  wave.skies.push_back(&question);
-  job.device->answer(wave);
-  if (!question.is_answered) return false;
-  float* const to[] = {sums.red, sums.green, sums.blue, sums.reflected_red, sums.reflected_green, sums.reflected_blue};
-  for (size_t i = 0; i < 6; ++i) std::copy_n(question.sums.data() + i * size_t(points.size), points.size, to[i]);
-  for (size_t t = 0; t < tasks_.size(); ++t) {
-    const CellTask& task = tasks_[t];
-    job.stats.lookups += uint64_t(task.map_count + (task.own != nullptr)) * centres_.size;
-    for (size_t block = 0; block < blocks; ++block) {
-      for (uint32_t mask = question.undecided[block * tasks_.size() + t]; mask != 0; mask &= mask - 1) {
-        const auto point = uint32_t(block * k_batch_padding) + uint32_t(std::countr_zero(mask));
-        if (point < centres_.size) add_open_cell(task, task_places_[t], point);
-      }
-    }
-  }
-  return true;
+void SkyLight::see_cells(const Job& job) {
+  const CellSums sums = clear_sums();
+  job.stats.lookups += occluders_.see(
+      cell_kernel(), cell_points(), sums, undecided_,
+      [&](const CellTask& task, size_t k, uint32_t i) { add_open_cell(task, occluders_.cells()[k], i); });
 }
 
-void SkyLight::add_open_cell(const CellTask& task, size_t place, uint32_t point) {
-  const float width = occluders_.cell(place).width(), solid_angle = width * width;
+void SkyLight::add_open_cell(const CellTask& task, uint32_t cell, uint32_t point) {
+  const float width = light_->cells[cell].width(), solid_angle = width * width;
   const float reflected = sky_->indirect() ? sky_->indirect()->mean_luminance() : 0.0f;
   const float light = luminance({task.weight[0], task.weight[1], task.weight[2]}) + reflected * solid_angle;
   const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
   const float cosine = scalar::cosine_over_cell<float>(glm::dot(vector, shading(centres_, point)), task.cosine_half);
   // Parts of cells across the horizon have cosines far above the mean.
-  open_cells_.push_back(
-      {point, occluders_.cells()[place], std::max(cosine, k_least_cosine * task.cosine_half) * light});
+  open_cells_.push_back({point, cell, std::max(cosine, k_least_cosine * task.cosine_half) * light});
 }
 
 // By point, keeping the order otherwise.
@@ -271,45 +225,25 @@ void SkyLight::add_concentrated(const Job& job) {
                        sky_->radiance().concentrated_share(), job.stats);
 }
 
-// Cells do not quite add up to the sky; where they take all of it, nothing must be left.
-void SkyLight::scale_hidden() {
-  const auto hidden = [&](size_t i) { return luminance({red_[i], green_[i], blue_[i]}) / open_[i]; };
-  enclosed_.clear();
-  for (uint32_t i = 0; i < centres_.size; ++i) {
-    if (hidden(i) > k_least_enclosed) enclosed_.push_back(i);
-  }
-  if (enclosed_.empty()) return;
-  const size_t size = padded(enclosed_.size());
-  for (auto* arrays : {enclosed_normals_, enclosed_sums_}) {
-    for (int a = 0; a < 3; ++a) arrays[a].assign(size, 0.0f);
-  }
-  for (size_t k = 0; k < enclosed_.size(); ++k) {
-    const Vec3 n = shading(centres_, enclosed_[k]);
-    for (int a = 0; a < 3; ++a) enclosed_normals_[a][k] = n[a];
-  }
-  const auto& n = enclosed_normals_;
-  auto& sums = enclosed_sums_;
-  cell_light_kernel_for(context_.settings.isa)(light_->lights(), {n[0].data(), n[1].data(), n[2].data(), int32_t(size)},
-                                               0.0f, {sums[0].data(), sums[1].data(), sums[2].data()});
-  for (size_t k = 0; k < enclosed_.size(); ++k) {
-    const uint32_t i = enclosed_[k];
-    const float weight = std::min((hidden(i) - k_least_enclosed) / k_least_enclosed, 1.0f);
-    const float whole = luminance(sky_->radiance().irradiance(shading(centres_, i)));
-    const float of_cells = luminance({sums[0][k], sums[1][k], sums[2][k]});
-    const float scale = 1.0f + weight * (whole / of_cells - 1.0f);
-    red_[i] *= scale, green_[i] *= scale, blue_[i] *= scale;
-  }
+// The grid and its light, as centres_ see them.
+void SkyLight::begin_batch() {
+  grid_ = sky_->maps().occluders()[centres_.instance[0]].cells;
+  light_ = &sky_->cells_of(centres_.instance[0]);
 }
 
 // Finds what arrives at centres_ of the sky's cells.
 void SkyLight::see_batch(const Job& job) {
+  begin_batch();
   occluders_.find(*sky_, centres_, job.place);
-  grid_ = sky_->maps().occluders()[centres_.instance[0]].cells;
-  light_ = &sky_->cells_of(centres_.instance[0]);
   see_cells(job);
+  finish_batch(job);
+}
+
+// Once the cells' sums are known.
+void SkyLight::finish_batch(const Job& job) {
   open_.resize(centres_.size);
   for (size_t i = 0; i < centres_.size; ++i) open_[i] = luminance(open_irradiance_[job.numbers[i]]);
-  scale_hidden();
+  enclosed_.scale(*sky_, centres_, open_, context_.settings.isa, {red_.data(), green_.data(), blue_.data()});
   for (size_t i = 0; i < centres_.size; ++i) {
     const Rgb open = open_irradiance_[job.numbers[i]];
     red_[i] = open.x - red_[i], green_[i] = open.y - green_[i], blue_[i] = open.z - blue_[i];
@@ -387,8 +321,7 @@ void SkyLight::find_blocks(const LightReceivers& receivers, std::span<const Pixe
   blocks_.find(points_, pixels_, groups_, sky_->distance(), wanted_);
 }
 
-template <class F>
-void SkyLight::for_batches(Job job, std::span<const uint32_t> numbers, const F& f) {
+void SkyLight::for_batches(Job job, std::span<const uint32_t> numbers, const std::function<void(const Job&)>& f) {
   order_.assign(numbers.begin(), numbers.end());
   const auto key = [&](uint32_t i) {
     const Vec3& c = places_[i].centre;
@@ -416,31 +349,43 @@ void SkyLight::for_batches(Job job, std::span<const uint32_t> numbers, const F& 
   }
 }
 
-void SkyLight::gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
-                      int light_samples, std::span<const PixelPosition> pixels, std::span<FirstHit> firsts,
-                      Stats& stats, VisibilityDevice* device) {
-  const ScopedTimer timer(stats.time_secondary);
-  choose_points(clusters, receivers, vertices);
-  find_blocks(receivers, pixels);
+SkyLight::Job SkyLight::job_of(const Request& r) const { return {r.receivers, r.light_samples, r.firsts, r.stats}; }
+
+void SkyLight::begin(const Request& r) {
+  choose_points(r.clusters, r.receivers, r.vertices);
+  find_blocks(r.receivers, r.pixels);
   const Vec3 up(0.0f, 0.0f, 1.0f);
   unit_ = luminance(sky_->radiance().irradiance(up) + sky_->radiance().irradiance(-up)) + 1e-30f;
   if (sky_->indirect()) unit_ = std::max(unit_, k_pi * sky_->indirect()->mean_luminance());
-  const Job job{receivers, light_samples, firsts, stats, device};
-  while (!wanted_.empty()) {
-    for_batches(job, wanted_, [&](const Job& batch) {
-      see_batch(batch);
-      keep_arrivals(batch);
-      if (context_.answerer.checks()) check_cells(batch);
-    });
-    if (pixels.empty()) break;
-    blocks_.refine(k_fit_tolerance * context_.settings.tolerance, arrivals_, fitted_, wanted_);
-  }
+}
+
+void SkyLight::refine(const Request& r) {
+  wanted_.clear();
+  if (r.pixels.empty()) return;
+  blocks_.refine(k_fit_tolerance * context_.settings.tolerance, arrivals_, fitted_, wanted_);
+}
+
+void SkyLight::finish(const Request& r) {
+  const Job job = job_of(r);
   add_irradiance(job);
   if (context_.answerer.checks()) check_fitted(job);
   if (!sky_->radiance().concentrated()) return;
   wanted_.resize(clusters_.size());
   std::iota(wanted_.begin(), wanted_.end(), 0u);
   for_batches(job, wanted_, [&](const Job& batch) { add_concentrated(batch); });
+}
+
+void SkyLight::gather(const Request& r) {
+  const ScopedTimer timer(r.stats.time_secondary);
+  SkyLight& s = r.sky;
+  for (s.begin(r); !s.wanted_.empty(); s.refine(r)) {
+    s.for_batches(s.job_of(r), s.wanted_, [&](const Job& batch) {
+      s.see_batch(batch);
+      s.keep_arrivals(batch);
+      if (s.context_.answerer.checks()) s.check_cells(batch);
+    });
+  }
+  s.finish(r);
 }
 
 void SkyLight::check_cells(const Job& job) {

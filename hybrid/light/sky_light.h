@@ -6,13 +6,18 @@
 //
 // The irradiance is that of the open sky less what cells take from it. Undecided cells share rays in proportion to what
 // they weigh, stratified over them; they alone bring noise.
+//
+// A device is asked about the cells in sky_light_waves.cpp.
 // Thread-safety: a SkyLight belongs to one thread.
 #pragma once
 
+#include <deque>
+#include <functional>
 #include <span>
 #include <vector>
 
 #include "field/maps/cell_kernels.h"
+#include "field/maps/cell_tasks.h"
 #include "hybrid/light/concentrated_light.h"
 #include "hybrid/light/light_receivers.h"
 #include "hybrid/light/pixel_blocks.h"
@@ -20,6 +25,7 @@
 #include "hybrid/path/aovs.h"
 #include "hybrid/path/transport_context.h"
 #include "hybrid/sky/cell_occluders.h"
+#include "hybrid/sky/enclosed_points.h"
 #include "hybrid/sky/sky.h"
 
 namespace fieldtrace {
@@ -30,11 +36,22 @@ class SkyLight {
   SkyLight(const TransportContext& context, const Sky* sky)
       : context_(context), sky_(sky), concentrated_(context, sky) {}
 
-  // Adds what the plainly diffuse ones of `clusters` and the bodies of plastics reflect of the sky's light. The other
-  // arguments: as DirectLight::gather. `device`: asked about the cells; null: the CPU's kernels answer.
-  void gather(const ShadingClusters& clusters, LightReceivers& receivers, std::span<const PathVertex> vertices,
-              int light_samples, std::span<const PixelPosition> pixels, std::span<FirstHit> firsts, Stats& stats,
-              VisibilityDevice* device = nullptr);
+  // What gather() is given; the arguments as DirectLight::Request.
+  struct Request {
+    SkyLight& sky;
+    const ShadingClusters& clusters;
+    LightReceivers& receivers;
+    std::span<const PathVertex> vertices;
+    int light_samples = 1;
+    std::span<const PixelPosition> pixels;
+    std::span<FirstHit> firsts;
+    Stats& stats;
+  };
+  // Adds what the plainly diffuse ones of the clusters and the bodies of plastics reflect of the sky's light.
+  static void gather(const Request& request);
+  // The same for several requests, in parallel, which ask `device` about their cells in waves; the CPU's kernels answer
+  // what it leaves.
+  static void gather_waves(std::span<const Request> requests, VisibilityDevice& device);
 
  private:
   struct Job {
@@ -42,7 +59,6 @@ class SkyLight {
     int light_samples;
     std::span<FirstHit> firsts;
     Stats& stats;
-    VisibilityDevice* device = nullptr;
     std::span<const ShadingCluster> clusters = {};  // of one instance; centres_ holds their centres
     std::span<const uint32_t> numbers = {};         // of these
     Sphere place = {};                              // SkyMaps::place() of all of them
@@ -51,6 +67,17 @@ class SkyLight {
   struct OpenCell {
     uint32_t point, cell;
     float weight;
+  };
+  // A batch whose cells a device is asked about.
+  struct AskedBatch {
+    std::vector<ShadingCluster> clusters;
+    std::vector<uint32_t> numbers;
+    Sphere place;
+    float grazing = 0.0f;
+    ShadingPointBatch centres;
+    CellTasks tasks;
+    std::vector<uint32_t> cells;  // of these, as OpenCell::cell
+    SkyQuestion question;
   };
   // A ray towards an open cell: its part of the irradiance for a radiance of 1.
   struct CellRay {
@@ -62,15 +89,24 @@ class SkyLight {
   float light_bodies(const ShadingCluster& cluster, std::span<const PathVertex> vertices,
                      LightReceivers& receivers) const;
   void find_blocks(const LightReceivers& receivers, std::span<const PixelPosition> pixels);
+  void begin(const Request& request);
+  Job job_of(const Request& request) const;
+  // What is asked for after a round: nothing once all is known.
+  void refine(const Request& request);
+  void finish(const Request& request);
   // Calls f(job) for batches of the clusters of these numbers, of one instance and place each.
-  template <class F>
-  void for_batches(Job job, std::span<const uint32_t> numbers, const F& f);
+  void for_batches(Job job, std::span<const uint32_t> numbers, const std::function<void(const Job&)>& f);
   CellKernel cell_kernel() const;
+  void begin_batch();
   void see_batch(const Job& job);
+  CellSums clear_sums();
   void see_cells(const Job& job);
-  bool see_cells_by_device(const Job& job, const CellPoints& points, const CellSums& sums);
-  void add_open_cell(const CellTask& task, size_t place, uint32_t point);
-  void scale_hidden();
+  void finish_batch(const Job& job);
+  // The same by a device: asks about the cells of all batches that are wanted, and takes the answers.
+  void ask_cells(const Request& request);
+  void take_cells(const Request& request);
+  void take_answers(const AskedBatch& batch, const Job& job);
+  void add_open_cell(const CellTask& task, uint32_t cell, uint32_t point);
   void sort_open_cells();
   void sample_open_cells(const Job& job);
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
@@ -113,14 +149,9 @@ class SkyLight {
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance of the sky
   AlignedVector<float> reflected_red_, reflected_green_, reflected_blue_;  // irradiance of what objects send back
   std::vector<float> open_;  // luminance of the open sky's irradiance, by point
-  // Points that hardly see the sky, their normals, and the sums of all cells' irradiance on them.
-  std::vector<uint32_t> enclosed_;
-  AlignedVector<float> enclosed_normals_[3], enclosed_sums_[3];
+  EnclosedPoints enclosed_;
   AlignedVector<int32_t> undecided_;
-  // For a device: the cells that are seen, by their places among the occluders'.
-  std::vector<uint32_t> task_places_;
-  std::vector<CellTask> tasks_;
-  std::vector<OwnObject> own_objects_;
+  std::deque<AskedBatch> asked_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
   std::vector<uint32_t> open_begin_;
   std::vector<float> weight_sums_;

@@ -222,6 +222,7 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   const SkyOccluder& self = maps.occluders()[points.instance[0]];
   grid_ = self.cells;
   own_ = self.kind == SkyOccluder::Kind::map && !self.is_flat ? &self : nullptr;
+  count_ = points.size;
   bound(points);
   find_lit();
   // Where light varies within cells, lobes tell it worse; none sends light back.

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/light/shading_points.h"
+#include "field/maps/cell_kernels.h"
 #include "hybrid/sky/sky.h"
 
 namespace fieldtrace {
@@ -42,6 +43,29 @@ class CellOccluders {
   // The task refers to this object and to `own`.
   CellTask task(size_t k, OwnObject& own) const;
 
+  // Adds what all cells hide from `points`, those of find() padded to a multiple of k_batch_padding, to `sums`, and
+  // calls undecided(task, k, i) for each cell k that is undecided for a point i. Returns the look-ups that it took.
+  // `scratch` is resized.
+  template <class F>
+  uint64_t see(CellKernel kernel, const CellPoints& points, const CellSums& sums, AlignedVector<int32_t>& scratch,
+               const F& undecided) const {
+    uint64_t lookups = 0;
+    scratch.resize(size_t(points.size) + k_batch_padding);
+    for (size_t k = 0; k < lit_.size(); ++k) {
+      if (is_clear(k)) continue;
+      OwnObject own;
+      const CellTask cell = task(k, own);
+      const int open = kernel(cell, points, sums, scratch.data());
+      lookups += uint64_t(cell.map_count + (cell.own != nullptr)) * count_;
+      for (int j = 0; j < open; ++j) {
+        const auto i = uint32_t(scratch[size_t(j)]);
+        if (i >= count_) break;  // padding
+        undecided(cell, k, i);
+      }
+    }
+    return lookups;
+  }
+
  private:
   void bound(const ShadingPointBatch& points);
   void find_lit();
@@ -56,6 +80,7 @@ class CellOccluders {
   const SkyOccluder* own_ = nullptr;  // the points' own object, if it can hide anything from them
   float distance_ = k_infinity;       // Sky::distance()
   Mat3 grid_ = Mat3(1.0f);
+  size_t count_ = 0;  // of points
   Sphere ball_;
   Vec3 mean_normal_ = Vec3(0.0f);
   float normal_sine_ = 0.0f, normal_cosine_ = 1.0f;  // of the angle between it and the farthest normal

@@ -2,6 +2,7 @@
 // Thread-safety: const.
 #pragma once
 
+#include <algorithm>
 #include <deque>
 #include <mutex>
 

@@ -65,16 +65,25 @@ void TransportWorker::Impl::make_seeds(const CameraSamples& samples) {
   }
 }
 
-void TransportWorker::Impl::intersect(int vertex_number) {
+void TransportWorker::Impl::begin_rays() {
   stats.rays_primary += rays.size;
   lobe_work.hits.certified.clear();
+}
+
+void TransportWorker::Impl::intersect(int vertex_number) {
+  begin_rays();
   if (answers_lobes(vertex_number)) {
-    intersect_lobes(vertex_number);
+    intersect_lobes();
+    take_lobes(vertex_number);
   } else if (context.hits && vertex_number > 0) {
     intersect_by_hits();
   } else {
     intersect_all(vertex_number);
   }
+  end_rays(vertex_number);
+}
+
+void TransportWorker::Impl::end_rays(int vertex_number) {
   mark_certified();
   if (settings.count_reflections && vertex_number == 1) record_reflections();
 }
@@ -110,13 +119,17 @@ bool TransportWorker::Impl::answers_lobes(int vertex_number) const {
   return context.lobes && (vertex_number == 1 || (vertex_number > 1 && settings.max_depth < 0));
 }
 
-void TransportWorker::Impl::intersect_lobes(int vertex_number) {
+void TransportWorker::Impl::intersect_lobes() {
   const double bake_before = stats.time_bake;
   {
     const ScopedTimer timer(stats.time_secondary);
-    context.lobes->answer(rays, paths, hits, lobe_work, stats);
+    context.lobes->answer(lobe_request());
   }
   stats.time_secondary -= stats.time_bake - bake_before;
+}
+
+// Adds what maps answered, once hits are known.
+void TransportWorker::Impl::take_lobes(int vertex_number) {
   for (const FilteredRay& filtered : lobe_work.filtered) {
     PathState& path = paths[filtered.ray];
     const bool is_counted = knows_indirect(vertex_number - 1) && context.indirect->sends(filtered.instance);
@@ -358,7 +371,6 @@ bool TransportWorker::Impl::meet_first() {
   intersect(0);
   if (settings.hide_emitters) pass_hidden_emitters();
   arrive(0);
-  if (settings.occlusion) occlusion.gather(pixels, firsts, stats);
   return true;
 }
 
@@ -383,6 +395,7 @@ void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radianc
     const ScopedTimer timer(seconds);
     w.begin(samples, radiance);
     if (w.meet_first()) {
+      if (w.settings.occlusion) AmbientOcclusion::gather(w.occlusion_request());
       w.gather_light(0);
       w.leave_first();
       w.go_on(0);
@@ -392,6 +405,8 @@ void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radianc
 }
 
 void TransportWorker::trace(std::span<const Batch> band) {
+  if (band.empty()) return;
+  const Impl& first = *band[0].worker.impl_;
   std::vector<uint64_t> rays_before(band.size());
   std::vector<uint8_t> goes_on(band.size(), 1);
   const auto for_band = [&](const auto& work) {
@@ -399,6 +414,14 @@ void TransportWorker::trace(std::span<const Batch> band) {
       // Isolated: a thread that waits for a bake must not begin another batch with the same workspaces.
       if (goes_on[i]) tbb::this_task_arena::isolate([&] { work(i, *band[i].worker.impl_); });
     });
+  };
+  const auto gather_occlusion = [&] {
+    std::vector<AmbientOcclusion::Request> requests;
+    for (size_t i = 0; i < band.size(); ++i) {
+      Impl& w = *band[i].worker.impl_;
+      if (goes_on[i] && w.settings.occlusion) requests.push_back(w.occlusion_request());
+    }
+    AmbientOcclusion::gather_waves(requests);
   };
   const auto gather_light = [&](int vertex_number) {
     std::vector<DirectLight::Request> requests;
@@ -415,6 +438,7 @@ void TransportWorker::trace(std::span<const Batch> band) {
       w.begin(band[i].samples, band[i].radiance);
       goes_on[i] = w.meet_first();
     });
+    gather_occlusion();
     gather_light(0);
     for_band([&](size_t i, Impl& w) {
       w.add_light(0);
@@ -422,10 +446,24 @@ void TransportWorker::trace(std::span<const Batch> band) {
       goes_on[i] = !w.paths.empty();
     });
     for (int n = 1; std::find(goes_on.begin(), goes_on.end(), uint8_t(1)) != goes_on.end(); ++n) {
-      for_band([&](size_t, Impl& w) {
-        w.intersect(n);
-        w.arrive(n);
-      });
+      if (const LobeAnswerer* const lobes = first.answers_lobes(n) ? first.context.lobes : nullptr) {
+        std::vector<LobeAnswerer::Request> requests;
+        for_band([&](size_t, Impl& w) { w.begin_rays(); });
+        for (size_t i = 0; i < band.size(); ++i) {
+          if (goes_on[i]) requests.push_back(band[i].worker.impl_->lobe_request());
+        }
+        lobes->answer(requests, *first.context.answerer.device());
+        for_band([&](size_t, Impl& w) {
+          w.take_lobes(n);
+          w.end_rays(n);
+          w.arrive(n);
+        });
+      } else {
+        for_band([&](size_t, Impl& w) {
+          w.intersect(n);
+          w.arrive(n);
+        });
+      }
       gather_light(n);
       for_band([&](size_t i, Impl& w) {
         w.add_light(n);

@@ -89,7 +89,11 @@ struct TransportWorker::Impl {
   bool answers_lobes(int vertex_number) const;
   void record_reflections();
   void intersect_all(int vertex_number);
-  void intersect_lobes(int vertex_number);
+  LobeAnswerer::Request lobe_request() { return {rays, paths, hits, lobe_work, stats}; }
+  void intersect_lobes();
+  void take_lobes(int vertex_number);
+  void begin_rays();
+  void end_rays(int vertex_number);
   void intersect_by_hits();
   void mark_certified();
   void find_surfaces(bool only_emission);
@@ -133,6 +137,7 @@ struct TransportWorker::Impl {
   bool survives_roulette(PathState& path, uint32_t seed, int vertex_number) const;
   void add_emission(const PathState& path, const Rgb& throughput, const Vec3& origin, const Vec3& direction,
                     uint32_t light, const LightHit& hit);
+  AmbientOcclusion::Request occlusion_request() { return {occlusion, pixels, firsts, stats}; }
   DirectLight::Request light_request(int vertex_number);
   void gather_light(int vertex_number);
   void add_light(int vertex_number);

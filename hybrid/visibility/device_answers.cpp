@@ -86,6 +86,25 @@ uint64_t filter_strata(const SegmentKernels& kernels, const StratumQuestion* que
   return lookups + by_cpu(left);
 }
 
+uint64_t filter_lobes(const SegmentKernels& kernels, const LobeQuestion* question, const ConeTask& task,
+                      const LobeBatch& batch, std::span<const uint32_t> blocks, LobeAnswers& answers,
+                      ConeUnknowns& unknowns) {
+  if (!question || !question->is_answered) return kernels.filter_lobes(task, batch, blocks, answers, unknowns);
+  AlignedVector<float>* const to[k_lobe_values] = {&answers.clear, &answers.red, &answers.green, &answers.blue,
+                                                   &answers.distance};
+  const size_t entries = question->blocks.size() * k_batch_padding;
+  uint64_t lookups = 0;
+  const std::vector<uint32_t> left = merge_blocks(*question, blocks, lookups, [&](uint32_t block, size_t i) {
+    for (size_t v = 0; v < k_lobe_values; ++v) {
+      std::copy_n(&question->values[v * entries + i * k_batch_padding], k_batch_padding, &(*to[v])[block]);
+    }
+    for (uint32_t lane = 0; lane < k_batch_padding; ++lane) {
+      answers.refused[block + lane] = has_lane(question->masks[i].refused, lane);
+    }
+  });
+  return lookups + kernels.filter_lobes(task, batch, left, answers, unknowns);
+}
+
 SegmentCounts query(const SegmentKernels& kernels, const RayQuestion* question, const SegmentTask& task,
                     const ShadowBatch& batch, std::span<const uint32_t> blocks, int32_t candidate_slot,
                     RayStates& states) {

@@ -24,6 +24,10 @@ SegmentCounts query(const SegmentKernels& kernels, const RayQuestion* question, 
                     const ShadowBatch& batch, std::span<const uint32_t> blocks, int32_t candidate_slot,
                     RayStates& states);
 
+uint64_t filter_lobes(const SegmentKernels& kernels, const LobeQuestion* question, const ConeTask& task,
+                      const LobeBatch& batch, std::span<const uint32_t> blocks, LobeAnswers& answers,
+                      ConeUnknowns& unknowns);
+
 // Asks about a block where any entry is meant.
 inline void add_block(DeviceQuestion& question, uint32_t block, uint32_t wanted) {
   if (wanted == 0) return;

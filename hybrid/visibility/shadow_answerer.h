@@ -201,6 +201,9 @@ class ShadowAnswerer {
   void ask_cones(CandidateRequest& request) const;
   void ask_strata(FilterRequest& request) const;
   void ask_rays(RayRequest& request) const;
+  template <class Question, class Request, class SlotOf>
+  void ask_and_bake(std::span<Request> requests, std::vector<Question*> DeviceWave::*list, const SlotOf& slot_of) const;
+  void bake_unbaked(const ShadowInstance& occluder, DeviceQuestion::Unbaked& unbaked, Stats& stats) const;
   void filter(FilterRequest& request) const;
   void answer(RayRequest& request) const;
   void multiply_shares(const ShadowGroup& group, uint32_t slot, Workspace& work, AlignedVector<float>& clear) const;

@@ -1,10 +1,14 @@
 // Lists of groups, whose questions go to a device as one wave: what it answers is merged where the CPU's kernels would
-// be asked, group by group.
+// be asked, group by group. Blocks that met what is not baked are asked about again once it is, but for whole lights:
+// which of their points count depends on what the occluders before have settled, and with it what is to be baked; the
+// CPU's kernels answer these blocks.
 #include <tbb/task_arena.h>
 
 #include <algorithm>
 
 #include "core/platform/parallel.h"
+#include "field/bake/bake.h"
+#include "field/bake/bake_coverage.h"
 #include "hybrid/stats/stopwatch.h"
 #include "hybrid/visibility/device_answers.h"
 #include "hybrid/visibility/shadow_workspace.h"
@@ -46,8 +50,50 @@ void list_questions(std::span<Request> requests, std::vector<Question*>& list) {
 
 }  // namespace
 
+// Asks the device about all questions; has the CPU bake what blocks lack, and asks about these again. What is baked is
+// what the CPU's kernels would have baked: all rays of such questions are asked about, whatever other occluders answer.
+// slot_of(request, n): the candidate that question n is about.
+template <class Question, class Request, class SlotOf>
+void ShadowAnswerer::ask_and_bake(std::span<Request> requests, std::vector<Question*> DeviceWave::*list,
+                                  const SlotOf& slot_of) const {
+  DeviceWave wave;
+  list_questions(requests, wave.*list);
+  for (int round = 0; !wave.empty(); ++round) {
+    settings_.device->answer(wave);
+    if (round == k_most_bake_rounds) return;
+    for_each_request(requests, [&](Request& request) {
+      for (size_t n = 0; n < request.questions.size(); ++n) {
+        DeviceQuestion::Unbaked& unbaked = request.questions[n].unbaked;
+        if (unbaked.empty()) continue;
+        bake_unbaked(instances_[request.group.candidates[slot_of(request, n)]], unbaked, request.stats);
+      }
+    });
+    wave = {};
+    for (Request& request : requests) {
+      for (Question& question : request.questions) {
+        if (!question.unbaked.empty()) (wave.*list).push_back(&question);
+      }
+    }
+  }
+}
+
+// Leaves nothing to ask again where there is no room.
+void ShadowAnswerer::bake_unbaked(const ShadowInstance& o, DeviceQuestion::Unbaked& unbaked, Stats& stats) const {
+  const uint32_t shape = scene_.instances[o.cone.segment.instance].shape;
+  BakeCounters counters;
+  for (std::vector<uint32_t>* numbers : {&unbaked.visibility, &unbaked.depth, &unbaked.tiles}) sort_unique(*numbers);
+  if (!unbaked.tiles.empty()) bake_coverage(*o.field, unbaked.tiles, accel_, shape, counters);
+  for (const auto& [layer, slices] :
+       {std::pair(FieldLayer::visibility, &unbaked.visibility), std::pair(FieldLayer::depth, &unbaked.depth)}) {
+    if (!slices->empty()) bake_slices(*o.field, layer, *slices, accel_, shape, counters);
+  }
+  stats.add_bake(counters);
+  if (o.field->pool_full() || o.field->coverage().full()) unbaked = {};
+}
+
 void ShadowAnswerer::ask_cones(CandidateRequest& request) const {
-  const auto& [points, group, stats, unused] = request;
+  const ShadingPointBatch& points = request.points;
+  const ShadowGroup& group = request.group;
   if (!group.is_tested) return;
   Workspace& work = *workspaces_.local();
   work.shafts.assign(points.size, std::nullopt);
@@ -91,8 +137,11 @@ void ShadowAnswerer::find_candidates(std::span<CandidateRequest> requests) const
 }
 
 void ShadowAnswerer::ask_strata(FilterRequest& request) const {
-  const auto& [group, all, shading_points, strata, batch, undecided, stats, unused] = request;
-  std::vector<uint32_t> place(all.size, k_none);
+  const ShadowGroup& group = request.group;
+  const std::span<const uint32_t> shading_points = request.shading_points;
+  const ShadowBatch& batch = request.batch;
+  const auto strata = uint32_t(request.strata);
+  std::vector<uint32_t> place(request.all.size, k_none);
   for (uint32_t r = 0; r < shading_points.size(); ++r) place[shading_points[r]] = r;
   std::vector<uint8_t> is_open;
   request.questions.resize(group.open.size());
@@ -106,12 +155,11 @@ void ShadowAnswerer::ask_strata(FilterRequest& request) const {
     const ShadowInstance& o = instances_[group.candidates[open.slot]];
     StratumQuestion& question = request.questions[n];
     question.field = o.field;
-    question.task = stratum_task(o, strata);
+    question.task = stratum_task(o, request.strata);
     question.batch = &batch;
     for (uint32_t block = 0; block < batch.rays.size; block += k_batch_padding) {
-      add_block(question, block, wanted_mask(block, [&](uint32_t slot) {
-                  return slot < batch.rays.size && is_open[slot / uint32_t(strata)];
-                }));
+      add_block(question, block,
+                wanted_mask(block, [&](uint32_t slot) { return slot < batch.rays.size && is_open[slot / strata]; }));
     }
     for (const uint32_t mask : question.wanted) question.samples += uint64_t(std::popcount(mask));
   }
@@ -123,9 +171,8 @@ void ShadowAnswerer::filter(std::span<FilterRequest> requests) const {
     return;
   }
   for_each_request(requests, [&](FilterRequest& request) { ask_strata(request); });
-  DeviceWave wave;
-  list_questions(requests, wave.strata);
-  settings_.device->answer(wave);
+  ask_and_bake(requests, &DeviceWave::strata,
+               [](const FilterRequest& request, size_t n) { return request.group.open[n].slot; });
   for_each_request(requests, [&](FilterRequest& request) { filter(request); });
 }
 
@@ -154,9 +201,7 @@ void ShadowAnswerer::answer(std::span<RayRequest> requests) const {
     return;
   }
   for_each_request(requests, [&](RayRequest& request) { ask_rays(request); });
-  DeviceWave wave;
-  list_questions(requests, wave.rays);
-  settings_.device->answer(wave);
+  ask_and_bake(requests, &DeviceWave::rays, [](const RayRequest&, size_t n) { return n; });
   for_each_request(requests, [&](RayRequest& request) { answer(request); });
 }
 

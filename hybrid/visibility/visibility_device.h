@@ -18,7 +18,7 @@
 
 #include "core/light/shading_points.h"
 #include "core/platform/error.h"
-#include "field/maps/cell_task.h"
+#include "field/maps/cell_tasks.h"
 #include "field/query/answer_masks.h"
 #include "field/query/segment_kernels.h"
 #include "field/store/field.h"
@@ -27,11 +27,17 @@ namespace fieldtrace {
 
 // A question about one field; what it refers to stays as it is until it is answered.
 struct DeviceQuestion {
-  const Field* field = nullptr;  // whose view is the task's; null: nothing is asked
+  const Field* field = nullptr;  // whose view is the task's; null: nothing is asked, or it is about radiance maps
   // Of k_batch_padding entries, by their first ones, ascending; and for each a mask of the entries that are meant.
   std::vector<uint32_t> blocks, wanted;
   uint64_t samples = 0;      // light samples, strata or rays that the entries stand for
   bool is_answered = false;  // the answers are there, a mask for each block
+  // What the blocks that were left met that is not baked, as far as it was named, with repeats. Once it is baked the
+  // question may be asked again: then these blocks are.
+  struct Unbaked {
+    std::vector<uint32_t> visibility, depth, tiles;  // slices of two layers, coverage tiles
+    bool empty() const { return visibility.empty() && depth.empty() && tiles.empty(); }
+  } unbaked;
 };
 
 // Whether a ball of light is seen from shading points.
@@ -58,11 +64,23 @@ struct RayQuestion : DeviceQuestion {
   std::vector<RayMasks> masks;
 };
 
+// The radiance that an object with radiance maps sends along samples of reflected lobes.
+struct LobeQuestion : DeviceQuestion {
+  ConeTask task;
+  const CoverageTiles* tiles = nullptr;  // whose view is the task's
+  const LobeBatch* batch = nullptr;
+  std::vector<LobeMasks> masks;
+  // By entry of the blocks; of all one after another: clear, red, green, blue, distance, as LobeAnswers.
+  std::vector<float> values;
+};
+inline constexpr size_t k_lobe_values = 5;
+
 // What see_cell() (field/maps/cell_visibility.hd.h) of all tasks, in order, leaves in sums that were 0; and for each
 // k_batch_padding points, a multiple of which there must be, a mask of those for which a task is undecided:
-// undecided[block * tasks.size() + task]. Maps and radiance that tasks refer to stay as they are until forget_fields().
+// undecided[block * number of tasks + task]. Maps and radiance that tasks refer to stay as they are until
+// forget_fields().
 struct SkyQuestion {
-  std::span<const CellTask> tasks;
+  const CellTasks* tasks = nullptr;
   CellPoints points = {};
   bool is_answered = false;
   std::vector<float> sums = {};  // red, green, blue, and the reflected ones: those of all points one after another
@@ -73,14 +91,15 @@ struct DeviceWave {
   std::vector<ConeQuestion*> cones;
   std::vector<StratumQuestion*> strata;
   std::vector<RayQuestion*> rays;
+  std::vector<LobeQuestion*> lobes;
   std::vector<SkyQuestion*> skies;
-  bool empty() const { return cones.empty() && strata.empty() && rays.empty() && skies.empty(); }
+  bool empty() const { return cones.empty() && strata.empty() && rays.empty() && lobes.empty() && skies.empty(); }
 };
 
 // What a device other than the CPU has done so far.
 struct DeviceCounts {
-  uint64_t blocks = 0;      // of k_batch_padding rays or shading points that it answered
-  uint64_t blocks_cpu = 0;  // those that it left to the CPU: their cells were not resident, or it had failed
+  uint64_t blocks = 0;      // of k_batch_padding rays, lobe samples or shading points that it answered
+  uint64_t blocks_cpu = 0;  // those that were left to the CPU: their cells were not resident, or it had failed
   uint64_t waves = 0;       // synchronisations with it
   uint64_t samples = 0;     // that all questions stood for (DeviceQuestion::samples), and cells of skies for each point
   uint64_t waves_full = 0;  // waves of at least k_wave_samples samples

@@ -164,13 +164,13 @@ class Scene:
 
     def get(self, name: str) -> Union[int, float]:
         """By name: meshes, instances, width, height; of all fields: fields, directions, plane, bytes, cells_baked,
-        cells_full, memory_exceeded; of the queries so far: certified_occlusion, certified_hits."""
+        cells_certified, cells_full, memory_exceeded; of the queries so far: certified_occlusion, certified_hits."""
         if name in ("certified_occlusion", "certified_hits"):
             return self._core.get_float(name)
         return self._core.get_int(name)
 
     def get_mesh(self, mesh: SupportsIndex, name: str) -> int:
-        """Of a mesh's field, by name: bytes, cells_baked, cells_full; 0 if it has none."""
+        """Of a mesh's field, by name: bytes, cells_baked, cells_certified, cells_full; 0 if it has none."""
         return self._core.get_mesh_int(_arrays.number("mesh", mesh), name)
 
     @property
@@ -185,8 +185,8 @@ class Scene:
     # ---- Fields ----
 
     def bake(self, progress: Optional[Progress] = None) -> None:
-        """Bakes all fields whole, which queries do on demand otherwise. Ctrl-C, and what `progress` raises, cancel;
-        what is baked is kept."""
+        """Bakes all fields whole; otherwise each part is baked once many rays have asked for it. Ctrl-C, and what
+        `progress` raises, cancel; what is baked is kept."""
         self._core.bake(progress)
 
     def save_field(self, mesh: SupportsIndex, path: Path) -> None:

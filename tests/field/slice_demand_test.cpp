@@ -37,6 +37,12 @@ TEST_F(SliceDemands, AreCountedByRayAndLayer) {
   EXPECT_EQ(ask(FieldLayer::visibility, {}, 1), std::vector<uint32_t>());
 }
 
+TEST_F(SliceDemands, WaitNoMoreOnceStopped) {
+  EXPECT_EQ(ask(FieldLayer::primitive, {4, 2, 4}, 1), std::vector<uint32_t>());
+  demand_.stop_waiting();
+  EXPECT_EQ(ask(FieldLayer::primitive, {4, 2, 4}, 1), std::vector<uint32_t>({2, 4}));
+}
+
 // Counts of threads may be lost, but not for good.
 TEST_F(SliceDemands, AreDueWhateverThreadsDo) {
   std::vector<std::thread> threads;

@@ -65,6 +65,20 @@ inline uint64_t ask_strata(const Answerer& by, const Field& field, const Stratum
                        clear, refused, unknowns);
 }
 
+inline uint64_t ask_lobes(const Answerer& by, const CoverageTiles& tiles, const LobeInputs& in, LobeAnswers& answers,
+                          ConeUnknowns& unknowns) {
+  LobeQuestion q;
+  q.task = in.task;
+  q.tiles = &tiles;
+  q.batch = &in.lobes;
+  q.samples = in.lobes.rays.size;
+  for (const uint32_t block : blocks_of(in.lobes.rays.size)) add_block(q, block, k_all_lanes);
+  DeviceWave wave;
+  wave.lobes.push_back(&q);
+  if (by.device) by.device->answer(wave);
+  return filter_lobes(by.kernels, &q, in.task, in.lobes, blocks_of(in.lobes.rays.size), answers, unknowns);
+}
+
 inline ConeCounts ask_cones(const Answerer& by, const Field& field, const ConeInputs& in, int32_t* flags,
                             ConeUnknowns& unknowns) {
   auto q = question_about<ConeQuestion>(field, in.task, in.points.size,

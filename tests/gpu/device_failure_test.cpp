@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "core/mesh/mesh_procedural.h"
-#include "tests/gpu/emulated_device.h"
+#include "tests/gpu/picture_checks.h"
 #include "tests/support/small_scenes.h"
 
 namespace fieldtrace {
@@ -193,6 +193,30 @@ TEST_F(DeviceFailure, ThreadsShareALostDevice) {
     EXPECT_EQ(picture.result.image.data, cpu.image.data) << n;
     EXPECT_TRUE(test::is_clean(picture.log)) << n;
     EXPECT_EQ(picture.warnings.size(), 1u) << n;
+  }
+}
+
+// Skies and glossy rays, too: their maps and waves.
+TEST_F(DeviceFailure, OfTheNthCallUnderASkyOverAGlossyFloor) {
+  const Scene scene = test::glossy_floor(128, true);
+  RenderOptions o = test::glossy_options();
+  o.crop = Rect{56, 64, 8, 8};
+  o.threads = 1;
+  const RenderResult cpu = render(scene, o);
+  const test::EmulatedPicture whole = test::render_emulated(scene, o);
+  ASSERT_GT(whole.log.launches[int(gpu::Kernel::filter_lobes)], 0u);
+  ASSERT_GT(whole.log.launches[int(gpu::Kernel::sky_cells)], 0u);
+  const uint64_t calls = whole.log.calls, step = 1 + calls / 7;
+  for (const gpu::Status failure : {EmulatedFaults::k_launch_failed, EmulatedFaults::k_out_of_memory}) {
+    for (uint64_t n = 10; n < calls; n += step) {
+      EmulatedFaults faults;
+      faults.failing_call = n;
+      faults.failure = failure;
+      faults.lost = failure == EmulatedFaults::k_launch_failed;
+      const test::EmulatedPicture picture = test::render_emulated(scene, o, faults);
+      EXPECT_EQ(picture.result.image.data, cpu.image.data) << failure << " at call " << n;
+      EXPECT_TRUE(test::is_clean(picture.log)) << failure << " at call " << n;
+    }
   }
 }
 

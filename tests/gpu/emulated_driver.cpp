@@ -82,9 +82,10 @@ CUresult cuModuleUnload(CUmodule) {
   return CUDA_SUCCESS;
 }
 CUresult cuModuleGetFunction(CUfunction* function, CUmodule module, const char* name) {
-  const std::string names[] = {"light_cones", "filter_strata", "query", "scatter", "light_rays", "sky_cells"};
+  const std::string names[] = {"light_cones", "filter_strata", "query",       "scatter",
+                               "light_rays",  "sky_cells",     "filter_lobes"};
   if (module != handle<CUmodule>(2)) return CUDA_ERROR_INVALID_HANDLE;
-  for (int i = 0; i < 6; ++i) {
+  for (int i = 0; i < int(std::size(names)); ++i) {
     if (names[i] != name) continue;
     *function = handle<CUfunction>(i);
     return CUDA_SUCCESS;

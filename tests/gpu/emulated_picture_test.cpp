@@ -132,6 +132,62 @@ TEST(EmulatedPicture, SkyCellsAreTheDevices) {
   EXPECT_TRUE(any);
 }
 
+// The layer `ao` asks the cells of a white sky.
+TEST(EmulatedPicture, OcclusionIsTheDevices) {
+  const Scene scene = knot_over_floor(Mat3(1.0f), 48);
+  RenderOptions o = options_for(1, 16);
+  o.aovs = {"ao"};
+  const RenderResult cpu = render(scene, o);
+  WaveSizes sizes;
+  const RenderResult device = render_recorded(scene, o, sizes);
+  expect_equal(device, cpu, "ao");
+  EXPECT_FALSE(sizes[int(Level::sky_cells)].empty());
+  o.ao_distance = 1.0f;  // rays, which no field answers
+  expect_same_picture(scene, o, "nearby");
+}
+
+// The cells of many batches are one wave, as large as k_wave_samples where the band has as many.
+TEST(EmulatedPicture, WavesOfSkyCellsHoldAMillionSamples) {
+  Scene scene = knot_over_floor(Mat3(1.0f), 160);
+  Emitter sky;
+  sky.kind = EmitterKind::constant;
+  scene.emitters = {sky};
+  for (Instance& i : scene.instances) i.emitter = k_none;
+  const RenderOptions o = options_for(1, 16);
+  WaveSizes sizes;
+  const RenderResult device = render_recorded(scene, o, sizes);
+  expect_equal(device, render(scene, o), "sky");
+  const std::vector<uint64_t>& waves = sizes[int(Level::sky_cells)];
+  ASSERT_FALSE(waves.empty());
+  EXPECT_GE(*std::max_element(waves.begin(), waves.end()), k_wave_samples);
+  EXPECT_GE(device.stats.device_waves_full, 1u);
+}
+
+// What radiance maps tell of samples of lobes is asked of the device, whichever way these come by.
+TEST(EmulatedPicture, GlossyRaysAreTheDevices) {
+  for (const bool sky : {false, true}) {
+    const Scene scene = glossy_floor(128, sky);
+    RenderOptions o = glossy_options();
+    const RenderResult cpu = render(scene, o);
+    for (const uint64_t wave_samples : {uint64_t(1), uint64_t(1) << 40}) {
+      o.wave_samples = wave_samples;
+      const EmulatedPicture device = render_emulated(scene, o);
+      const std::string name = std::string(sky ? "sky" : "lamp") + " " + std::to_string(wave_samples);
+      expect_equal(device.result, cpu, name);
+      EXPECT_EQ(device.result.stats.rays_glossy_exact, cpu.stats.rays_glossy_exact) << name;
+      expect_no_fault(device, name);
+      EXPECT_GT(device.log.launches[int(gpu::Kernel::filter_lobes)], 0u) << name;
+      EXPECT_GT(device.result.stats.device_blocks, device.result.stats.device_blocks_cpu) << name;
+    }
+    // Without room for the maps the CPU answers, with a warning.
+    o.device_memory = 4000000;
+    const EmulatedPicture small = render_emulated(scene, o);
+    expect_equal(small.result, cpu, "small");
+    EXPECT_FALSE(small.warnings.empty());
+    EXPECT_TRUE(is_clean(small.log));
+  }
+}
+
 // How a picture is cut into waves does not change it.
 TEST(EmulatedPicture, IsTheSameForWavesOfAnySize) {
   for (const bool is_crowd : {false, true}) {

@@ -6,7 +6,7 @@
 #include <set>
 
 #include "gpu/emulated.h"
-#include "tests/support/random_lines.h"
+#include "tests/gpu/random_questions.h"
 
 namespace fieldtrace::gpu {
 namespace {
@@ -132,6 +132,40 @@ TEST_F(FieldMirrorTest, WaitsForWhatIsNotFinished) {
   expect_holds({5, 6}, {7}, {});
   update();
   EXPECT_EQ(runs_, 0u);
+}
+
+// Radiance maps are tiles alone, each with the radiance of its lines.
+TEST_F(FieldMirrorTest, HoldsRadianceBesideTiles) {
+  const RandomMaps maps(16, 32, 0.5f, random_);
+  FieldMirror mirror({maps.tiles(), maps.view()}, memory_);
+  std::vector<uint32_t> words;
+  for (uint32_t slot = 0; slot < maps.tiles().slot_count(); slot += 3) {
+    words.push_back(missing_word(MissingKind::tile, slot));
+  }
+  mirror.want(words);
+  Packet packet;
+  mirror.stage(packet, 0);
+  runtime_.synchronise(0);
+  const ScatterArguments arguments = {packet.runs.data(), packet.words.data(), uint32_t(packet.runs.size())};
+  run_emulated_kernel(Kernel::scatter, arguments.warps, &arguments);
+  const CoverageView a = maps.view().coverage, b = mirror.view().coverage;
+  ASSERT_NE(b.radiance, nullptr);
+  size_t wrong = 0, stored = 0;
+  for (uint32_t slot = 0; slot < maps.tiles().slot_count(); ++slot) {
+    const int32_t from = slot % 3 == 0 ? a.tile_of[slot] : 0, to = b.tile_of[slot];
+    if (from < 2) {
+      wrong += to != from;
+      continue;
+    }
+    ++stored;
+    const float* const radiance = a.radiance + from * 3 * k_words;
+    wrong += to < 2 || !std::equal(a.sums + from * k_words, a.sums + (from + 1) * k_words, b.sums + to * k_words) ||
+             !std::equal(radiance, radiance + 3 * k_words, b.radiance + to * 3 * k_words);
+  }
+  EXPECT_EQ(wrong, 0u);
+  EXPECT_GT(stored, 50u);
+  EXPECT_EQ(mirror.view().visibility, nullptr);
+  EXPECT_EQ(log_->misuse, 0u);
 }
 
 // As much as makes every pool grow several times, in several waves.

@@ -3,9 +3,10 @@
 //   gpu_check [--emulated] [--quick] [--json FILE]
 //
 // Random and extreme questions go to the device until it answers all of them itself; its answers must be the CPU's, bit
-// for bit. Then single rays are timed: kernels alone on resident fields of three sizes, and whole questions with their
-// copies. --emulated: a device in host memory, whose times mean nothing. --quick: fewer questions, one small field.
-// Exit codes: 0 all answers are equal; 1 they are not, or the device fails; 2 wrong use; 77 there is no device.
+// for bit. Then single rays are timed: kernels alone on resident fields of three sizes, with the share of the memory's
+// bandwidth that they reach if no two warps share a sector, and whole questions with their copies. --emulated: a device
+// in host memory, whose times mean nothing. --quick: fewer questions, one small field. Exit codes: 0 all answers are
+// equal; 1 they are not, or the device fails; 2 wrong use; 77 there is no device.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -18,6 +19,7 @@
 #include "gpu/emulated.h"
 #include "gpu/runtime_cuda.h"
 #include "tests/gpu/ask_device.h"
+#include "tests/gpu/ptx_counts.h"
 
 extern "C" const std::byte fieldtrace_kernels[];
 extern "C" const uint64_t fieldtrace_kernels_bytes;
@@ -86,10 +88,21 @@ struct LightAnswers {
   }
 };
 
+struct LobesAnswers {
+  LobeAnswers of;
+  uint64_t lookups;
+  bool equals(const LobesAnswers& o) const {
+    return same(of.clear, o.of.clear) && same(of.red, o.of.red) && same(of.green, o.of.green) &&
+           same(of.blue, o.of.blue) && same(of.distance, o.of.distance) && same(of.refused, o.of.refused) &&
+           lookups == o.lookups;
+  }
+};
+
 // The number of questions with a wrong answer, of each kind.
 size_t check_answers(const Answerer& by, size_t entries) {
   TestRandom random(1);
   const RandomField field({32, 64}, 1.0f, random);
+  const RandomMaps maps(16, 32, 1.0f, random);
   Values values(2);
   size_t wrong = 0;
   for (size_t done = 0; done < entries;) {
@@ -118,6 +131,14 @@ size_t check_answers(const Answerer& by, size_t entries) {
       a.counts = ask_cones(of, field.field(), cones, a.flags.data(), unknowns);
       return a;
     });
+    const LobeInputs lobes(random_launch(maps.view(), values), values);
+    wrong += !check_question(by, [&](const Answerer& of) {
+      LobesAnswers a;
+      a.of.resize(lobes.lobes.rays.size);
+      ConeUnknowns unknowns;
+      a.lookups = ask_lobes(of, maps.tiles(), lobes, a.of, unknowns);
+      return a;
+    });
   }
   by.device->forget_fields();
   return wrong;
@@ -142,6 +163,50 @@ RayBatch beam(size_t rays, bool coherent, TestRandom& random) {
     batch.set(i, o, d, 1.0f);
   }
   return batch;
+}
+
+// Bytes a second that the device copies within its memory, reads and writes counted: the best of 5.
+double time_copies(Runtime& runtime, size_t bytes) {
+  constexpr Stream k_stream = 0;
+  DeviceMemory memory(runtime, ~uint64_t(0));
+  DeviceBuffer from(memory, bytes), to(memory, bytes);
+  check(runtime, runtime.fill_zero(k_stream, from.address(), bytes), "clearing device memory");
+  double best = 0.0;
+  for (int round = 0; round < 6; ++round) {
+    check(runtime, runtime.synchronise(k_stream), "waiting for the GPU");
+    const auto start = std::chrono::steady_clock::now();
+    check(runtime, runtime.copy_on_device(k_stream, to.address(), from.address(), bytes), "copying on the device");
+    check(runtime, runtime.synchronise(k_stream), "waiting for the GPU");
+    if (round > 0) best = std::max(best, 2.0 * double(bytes) / seconds_since(start));  // the first one warms up
+  }
+  return best;
+}
+
+// Bytes of memory that warps read and write for a look-up, a sector once for each warp: counted while the kernel's PTX
+// runs on the CPU, for the first of `rays`; 0 where there is none.
+double bytes_per_look_up(const Field& field, const SegmentTask& task, const RayBatch& rays) {
+  constexpr size_t k_counted = 1 << 14;
+  for (const ptx::CountingKernel& kernel : ptx::counting_kernels()) {
+    if (kernel.name != k_kernel_names[int(Kernel::query)]) continue;
+    const size_t count = std::min(rays.size, k_counted);
+    const std::vector<uint32_t> instances(padded(count), task.instance + 1), blocks = blocks_of(count);
+    std::vector<RayMasks> masks(blocks.size());
+    std::vector<uint32_t> missing(blocks.size() * k_missing_words);
+    QueryArguments a = {task,
+                        {rays.ox.data(), rays.oy.data(), rays.oz.data(), rays.dx.data(), rays.dy.data(), rays.dz.data(),
+                         rays.tmax.data()},
+                        instances.data(),
+                        blocks.data(),
+                        masks.data(),
+                        missing.data(),
+                        uint32_t(blocks.size())};
+    a.task.field = field.view();
+    const ptx::PtxCounts counts = kernel.launch(a.warps, &a);
+    uint64_t lookups = 0;
+    for (const RayMasks& m : masks) lookups += m.lookups;
+    return double(counts.warp_sectors * ptx::k_sector_bytes) / double(std::max<uint64_t>(lookups, 1));
+  }
+  return 0.0;
 }
 
 struct Timing {
@@ -243,6 +308,7 @@ nlohmann::json time_look_ups(Runtime& runtime, const Answerer& by, bool quick) {
   nlohmann::json rows = nlohmann::json::array();
   const FieldParameters sizes[] = {{32, 64}, {64, 64}, {64, 128}};
   TestRandom random(5);
+  const double copied = time_copies(runtime, quick ? size_t(1) << 20 : size_t(1) << 30);
   for (const FieldParameters& p : sizes) {
     if (quick && p.directions > 32) break;
     const RandomField random_field(p, 1.0f, random, false);
@@ -254,6 +320,7 @@ nlohmann::json time_look_ups(Runtime& runtime, const Answerer& by, bool quick) {
     for (const bool coherent : {true, false}) {
       const RayBatch rays = beam(quick ? 1 << 14 : 1 << 22, coherent, random);
       const Timing t = time_kernel(runtime, field, task, rays);
+      const double bytes = bytes_per_look_up(field, task, rays);
       rows.push_back({{"directions", p.directions},
                       {"plane", p.plane},
                       {"field_bytes", uint64_t(field.slice_count()) * 9 * uint64_t(scalar::k_slice_cells)},
@@ -263,6 +330,9 @@ nlohmann::json time_look_ups(Runtime& runtime, const Answerer& by, bool quick) {
                       {"kernel_lookups_per_second", t.kernel},
                       {"kernel_slowest", t.least},
                       {"kernel_fastest", t.most},
+                      {"bytes_per_lookup", bytes},
+                      {"copied_bytes_per_second", copied},
+                      {"share_of_bandwidth", t.kernel * bytes / copied},
                       {"question_lookups_per_second", time_question(by, field, task, rays)},
                       {"cpu_one_thread_lookups_per_second", time_question({by.kernels}, field, task, rays)}});
       by.device->forget_fields();

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What a look-up costs on the rays of three pictures stays within gpu/budget.json.
+"""What a look-up costs on the rays of four pictures stays within gpu/budget.json.
 
     look_up_budget_test.py --budget gpu/budget.json [--update | --table] PROGRAM [ARGUMENT...]
 

@@ -4,8 +4,10 @@
 //
 // Prints JSON: for each scene and kind of question, over all launches, the questions asked (entries), their look-ups,
 // the warps' instructions, requests and sectors (tests/gpu/ptx_counts.h), and the bytes over the bus in both
-// directions, with what fields' copies and blocks that were left to the CPU take. Without a scene: three that need no
-// other files, an object over a floor, three objects under three lights, a crowd. One thread, so that figures are
+// directions, with what fields' copies and blocks that were left to the CPU take. Of a sky's cells questions are cells
+// of points, look-ups the maps that these read. Without a scene: four that need no other files, an object over a floor,
+// three objects under three lights, a crowd, a glossy floor under a sky. "cold": blocks of 32 that the device answered
+// and left to the CPU while fields were baked, and the rays of these bakes. One thread, so that figures are
 // reproducible; fields are baked before. And for each scene the samples of its waves. Exit codes: 0; 1 a scene cannot
 // be rendered, or its picture is not the CPU's; 2 wrong use; 77 there are no kernels.
 #include <unistd.h>
@@ -63,6 +65,20 @@ void run_counted(Kernel kernel, uint32_t warps, const void* arguments) {
       const uint32_t w = i / gpu::k_warp, lane = i % gpu::k_warp;
       c.entries += (a.wanted[w] >> lane & 1u) && a.rays.tmax[a.blocks[w] + lane] >= 0.0f;
     }
+  } else if (kernel == Kernel::filter_lobes) {
+    const auto& a = *static_cast<const gpu::LobeArguments*>(arguments);
+    c.lookups += lookups_of(a.masks, warps);
+    for (uint32_t i = 0; i < entries; ++i) {
+      c.entries += a.lobes.density[a.blocks[i / gpu::k_warp] + i % gpu::k_warp] > 0.0f;
+    }
+  } else if (kernel == Kernel::sky_cells) {
+    const auto& a = *static_cast<const gpu::SkyArguments*>(arguments);
+    for (const gpu::SkyBlock& block : std::span(a.blocks, warps)) {
+      c.entries += uint64_t(block.cells) * gpu::k_warp;
+      for (const CellTask& task : std::span(a.tasks + block.first_task, block.cells)) {
+        c.lookups += uint64_t(task.map_count + (task.own != nullptr)) * gpu::k_warp;
+      }
+    }
   } else if (kernel == Kernel::query) {
     const auto& a = *static_cast<const gpu::QueryArguments*>(arguments);
     c.lookups += lookups_of(a.masks, warps);
@@ -85,17 +101,18 @@ struct Folder {
 nlohmann::json count(const Scene& scene, RenderOptions o) {
   for (QuestionCounts& c : counts) c = {};
   o.threads = 1;
-  // The fields are baked before.
+  // The fields are baked before; meanwhile the device leaves what it meets first to the CPU.
   const Folder folder;
   o.field_cache = folder.path;
-  render(scene, o);
+  const Stats cold = test::render_emulated(scene, o).result.stats;
   gpu::EmulatedFaults faults;
   faults.run_kernel = &run_counted;
   const test::EmulatedPicture picture = test::render_emulated(scene, o, faults);
   for (const std::string& warning : picture.warnings) throw Error(warning);
   if (picture.result.image.data != render(scene, o).image.data) throw Error("the picture is not the CPU's");
   nlohmann::json kinds;
-  for (const Kernel kernel : {Kernel::light_cones, Kernel::filter_strata, Kernel::query}) {
+  for (const Kernel kernel :
+       {Kernel::light_cones, Kernel::filter_strata, Kernel::query, Kernel::filter_lobes, Kernel::sky_cells}) {
     const QuestionCounts& c = counts[int(kernel)];
     kinds[gpu::k_kernel_names[int(kernel)]] = {{"entries", c.entries},
                                                {"lookups", c.lookups},
@@ -111,11 +128,12 @@ nlohmann::json count(const Scene& scene, RenderOptions o) {
   test::WaveSizes sizes;
   test::render_recorded(scene, o, sizes);
   nlohmann::json waves;
-  const char* const levels[test::k_levels] = {"light_cones", "filter_strata", "query", "sky_cells"};
+  const char* const levels[test::k_levels] = {"light_cones", "filter_strata", "query", "filter_lobes", "sky_cells"};
   for (int i = 0; i < test::k_levels; ++i) waves[levels[i]] = sizes[i];
   return {{"kinds", kinds},
           {"wave_samples", waves},
           {"bytes_resident", picture.result.stats.device_bytes},
+          {"cold", {{"blocks", cold.device_blocks}, {"blocks_cpu", cold.device_blocks_cpu}, {"rays", cold.bake_rays}}},
           {"blocks", picture.result.stats.device_blocks},
           {"blocks_cpu", picture.result.stats.device_blocks_cpu}};
 }
@@ -138,6 +156,9 @@ int run(const std::string& path, const SceneLoadOptions& loading, int spp, int l
     scenes["floor"] = count(test::load_reference_scene(test::reference_scene("floor")), o);
     scenes["three_objects"] = count(test::load_reference_scene(test::reference_scene("area_lights")), o);
     scenes["crowd"] = count(test::crowd(64), o);
+    o.lobe_samples = 256;
+    o.crop = Rect{32, 48, 48, 48};
+    scenes["glossy"] = count(test::glossy_floor(128, true), o);
   }
   std::cout << nlohmann::json{{"target", ptx::counting_kernels()[0].target}, {"code", code}, {"scenes", scenes}}.dump(2)
             << "\n";

@@ -83,6 +83,30 @@ inline Scene knot_over_floor(const Mat3& shape, int size) {
   return s.scene;
 }
 
+// A rough metal floor under a diffuse object, whose radiance maps answer glossy rays once there are enough of them; lit
+// by a lamp and, if `sky`, by the sky.
+inline Scene glossy_floor(int size, bool sky) {
+  SceneMaker m;
+  m.film(size, size);
+  m.scene.camera.to_world = look_at({3, 3, 5}, {0, 0.4f, 0}, {0, 1, 0});
+  m.scene.integrator.max_depth = 3;
+  const uint32_t clay = m.bsdf(BsdfKind::diffuse, Rgb(0.5f, 0.4f, 0.3f));
+  m.scene.bsdfs[clay].two_sided = true;
+  const uint32_t metal = m.metal(0.15f);
+  m.instance(m.mesh(make_knot({.along = 256, .around = 24})), clay, translation({0, 1.2f, 0}));
+  m.lit_floor(metal, clay);
+  if (sky) m.light(EmitterKind::constant, Rgb(0.3f));
+  return m.scene;
+}
+
+// A crop of a film of 128 x 128 pixels, whose lobe samples pay for radiance maps.
+inline RenderOptions glossy_options() {
+  RenderOptions o = options_for(1, 4);
+  o.lobe_samples = 256;
+  o.crop = Rect{44, 60, 16, 16};
+  return o;
+}
+
 // Instances of three meshes, more than single rays are tested against.
 inline Scene crowd(int size) {
   SceneMaker maker;

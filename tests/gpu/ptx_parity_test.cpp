@@ -1,5 +1,6 @@
 // The kernels' PTX gives the answers of the CPU's kernels, scalar and SIMD, bit for bit: more than a million entries
-// each, of which many hold extreme values, over fields of which all, most or none is baked.
+// each, of which many hold extreme values, over fields of which all, most or none is baked. Cells of skies:
+// ptx_sky_parity_test.cpp.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -10,14 +11,11 @@
 #include "gpu/device_arguments.h"
 #include "gpu/runtime.h"
 #include "tests/gpu/ask_device.h"
-#include "tests/gpu/ptx_kernels.h"
-#include "tests/support/cell_tasks.h"
+#include "tests/gpu/ptx_variants.h"
 #include "tests/support/light_test_scenes.h"
 
 namespace fieldtrace::gpu {
 namespace {
-
-constexpr size_t k_least_entries = 1 << 20;
 
 // ---- the CPU's answers about one warp
 
@@ -78,20 +76,6 @@ struct Outputs {
   std::vector<Masks> masks;
   std::vector<uint32_t> missing;
 };
-
-// Calls run(launch, architectures) for each variant of a kernel.
-template <class Arguments, class Run>
-void for_each_variant(const std::string& name, const Run& run) {
-  int variants = 0;
-  for (const ptx::PtxKernel& kernel : ptx::ptx_kernels()) {
-    if (kernel.name != name) continue;
-    ASSERT_EQ(kernel.argument_bytes, sizeof(Arguments));
-    ++variants;
-    run([&](const Arguments& a) { kernel.launch(a.warps, &a); }, kernel.targets);
-    if (testing::Test::HasFatalFailure()) return;
-  }
-  ASSERT_GT(variants, 0);
-}
 
 class PtxParity : public ::testing::Test {
  protected:
@@ -295,6 +279,76 @@ TEST_F(PtxParity, LightCones) {
   });
 }
 
+TEST_F(PtxParity, FilterLobes) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
+  const RandomMaps whole(16, 32, 1.0f, random_), most(16, 32, 0.995f, random_), none(16, 32, 0.0f, random_);
+  for_each_variant<LobeArguments>("filter_lobes", [&](const auto& launch, const std::string& targets) {
+    Values values(7);
+    size_t entries = 0, partial = 0, dark = 0, bright = 0, refused = 0, not_baked = 0;
+    while (entries < k_least_entries) {
+      const uint32_t which = values.random.index(64);
+      const Launch l = random_launch((which == 0 ? none : which < 16 ? most : whole).view(), values);
+      const LobeInputs inputs(l, values);
+      const LobeBatch& in = inputs.lobes;
+      Outputs<LobeMasks> out(l.warps);
+      std::vector<float> found[k_lobe_values];
+      for (auto& f : found) f.assign(padded(l.entries), -7.0f);
+      const std::vector<uint32_t> all = blocks_of(l.entries);
+      launch({inputs.task,
+              {arrays_of(in.rays), in.nx.data(), in.ny.data(), in.nz.data(), in.density.data(), in.blur.data(),
+               in.instance.data()},
+              all.data(),
+              found[0].data(),
+              found[1].data(),
+              found[2].data(),
+              found[3].data(),
+              found[4].data(),
+              out.masks.data(),
+              out.missing.data(),
+              uint32_t(l.warps)});
+      for (const SegmentKernels* table : tables_) {
+        LobeAnswers answers;
+        answers.resize(l.entries);
+        const AlignedVector<float>* const expected[] = {&answers.clear, &answers.red, &answers.green, &answers.blue,
+                                                        &answers.distance};
+        for (size_t warp = 0; warp < l.warps; ++warp) {
+          const uint32_t first = uint32_t(warp * k_warp);
+          const std::array<uint32_t, 1> blocks = {first};
+          ConeUnknowns unknowns;
+          const uint64_t lookups = table->filter_lobes(inputs.task, in, blocks, answers, unknowns);
+          WarpAnswers cpu = {!unknowns.blocks.empty(),
+                             uint32_t(lookups),
+                             {mask_of([&](uint32_t lane) { return answers.refused[first + lane] != 0; })},
+                             {},
+                             {}};
+          const LobeMasks& m = out.masks[warp];
+          ASSERT_TRUE(m.not_baked == 0 || m.not_baked == k_all_lanes);
+          WarpAnswers gpu = {m.not_baked != 0, m.lookups, {m.refused}, {}, {}};
+          for (size_t v = 0; v < k_lobe_values; ++v) {
+            cpu.clear.insert(cpu.clear.end(), expected[v]->begin() + first, expected[v]->begin() + first + k_warp);
+            gpu.clear.insert(gpu.clear.end(), found[v].begin() + first, found[v].begin() + first + k_warp);
+          }
+          add_words(MissingKind::tile, unknowns.tiles, cpu.missing);
+          if (gpu.not_baked) gpu.missing = out.words_of(warp, gpu.is_full);
+          expect_equal(gpu, cpu, targets);
+          if (HasFatalFailure()) return;
+          not_baked += gpu.not_baked;
+          if (gpu.not_baked) continue;
+          refused += size_t(std::popcount(m.refused));
+          for (size_t lane = 0; lane < k_warp; ++lane) {
+            const float c = gpu.clear[lane];
+            partial += c > 0.0f && c<1.0f, dark += c == 0.0f, bright += gpu.clear[2 * k_warp + lane]> 0.0f;
+          }
+        }
+      }
+      entries += l.entries;
+    }
+    for (const size_t n : {partial, dark, bright, refused}) EXPECT_GT(n, entries / 50);
+    EXPECT_GT(not_baked, 1000u);
+    EXPECT_LT(not_baked, entries / 64);
+  });
+}
+
 // A light of a random kind, with its tables, at times with extreme values.
 LightTable random_light(Values& values) {
   using namespace light_test;
@@ -366,11 +420,10 @@ TEST_F(PtxParity, LightRays) {
   for_each_variant<LightRayArguments>("light_rays", [&](const auto& launch, const std::string& targets) {
     Values values(5);
     TestRandom& random = values.random;
-    size_t slots = 0, active = 0, by_number = 0, transmitting = 0, kinds[13] = {};
+    size_t slots = 0, active = 0, by_number = 0, transmitting = 0, below = 0, sideless = 0, kinds[13] = {};
     while (slots < k_least_entries) {
-      // The side of a point that transmits is the sign of a cosine, which NaN has on a CPU alone.
       const bool transmits = random.index(3) == 0;
-      values.wild = !transmits && random.index(4) == 0 ? 0.1f : 0.0f;
+      values.wild = random.index(4) == 0 ? 0.1f : 0.0f;
       const uint32_t index = random.index(4);
       LightTable table = random_light(values);
       const Light light = table.lights[0];
@@ -430,7 +483,14 @@ TEST_F(PtxParity, LightRays) {
             ASSERT_LT(made[6][at], 0.0f);
             continue;
           }
+          // The side of a point that transmits is the sign of a cosine, which NaN has on a CPU alone.
+          const Vec3 g(points.gx[r], points.gy[r], points.gz[r]), d = cpu.rays.direction(slot);
+          const float cosine = glm::dot(g, d) + glm::dot(Vec3(points.sx[r], points.sy[r], points.sz[r]), d);
+          const bool has_side = !points.transmits[r] || (cpu.rays.tmax[slot] >= 0.0f && !std::isnan(cosine));
+          sideless += !has_side;
+          below += points.transmits[r] && cpu.rays.tmax[slot] >= 0.0f && glm::dot(g, d) < 0.0f;
           for (int i = 0; i < 8; ++i) {
+            if (!has_side && values.wild > 0.0f) break;
             const float a = made[i][at], b = (*rays[i])[slot];
             ASSERT_TRUE((std::isnan(a) && std::isnan(b)) || std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b))
                 << targets << ", kind " << int(light.kind) << ", array " << i << ": " << a << " and " << b;
@@ -454,100 +514,8 @@ TEST_F(PtxParity, LightRays) {
     EXPECT_GT(active, slots / 5);  // of both instruction sets
     EXPECT_GT(by_number, slots / 3);
     EXPECT_GT(transmitting, slots / 5);
-  });
-}
-
-// What the CPU's kernel makes of cells one after another: six sums, and a mask for each warp and cell.
-struct CellAnswers {
-  std::vector<float> sums[6];
-  std::vector<uint32_t> undecided;
-};
-
-CellAnswers see_cells(Isa isa, std::span<const CellTask> tasks, const CellPoints& points) {
-  CellAnswers a;
-  for (auto& sum : a.sums) sum.assign(size_t(points.size) + k_batch_padding, 0.0f);
-  AlignedVector<float> sums[6];
-  for (auto& sum : sums) sum.assign(size_t(points.size), 0.0f);
-  a.undecided.assign(size_t(points.size) / k_warp * tasks.size(), 0u);
-  AlignedVector<int32_t> listed(size_t(points.size) + k_batch_padding);
-  for (size_t k = 0; k < tasks.size(); ++k) {
-    const int count = cell_kernel_for(isa)(
-        tasks[k], points,
-        {sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data(), sums[4].data(), sums[5].data()},
-        listed.data());
-    for (int i = 0; i < count; ++i) {
-      const uint32_t point = uint32_t(listed[size_t(i)]);
-      a.undecided[point / k_warp * tasks.size() + k] |= 1u << (point % k_warp);
-    }
-  }
-  for (int c = 0; c < 6; ++c) a.sums[c].assign(sums[c].begin(), sums[c].end());
-  return a;
-}
-
-TEST_F(PtxParity, SkyCells) {
-  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
-  std::vector<DirectionMaps> maps;
-  for (const int texels : {8, 16, 64}) maps.push_back(test::noisy_maps(texels, random_));
-  std::vector<MapsView> views;
-  for (const DirectionMaps& m : maps) views.push_back(m.view());
-  std::vector<RadiancePyramids> pyramids;
-  for (const int texels : {2, 8, 16}) pyramids.push_back(test::noisy_radiance(texels, 4, random_));
-  std::vector<RadianceView> radiance;
-  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
-  for_each_variant<SkyArguments>("sky_cells", [&](const auto& launch, const std::string& targets) {
-    Values values(6);
-    TestRandom& random = values.random;
-    size_t looked = 0, undecided = 0, taken = 0, reflected = 0, points_seen = 0;
-    while (looked < k_least_entries) {
-      // Pointers into each of them: they stay where they are.
-      std::vector<std::unique_ptr<test::RandomTask>> made;
-      std::vector<CellTask> tasks;
-      for (uint32_t n = 1 + random.index(40); n > 0; --n) {
-        made.push_back(std::make_unique<test::RandomTask>());
-        test::make_task(views, random, *made.back());
-        if (random.index(2)) test::add_radiance(radiance, random, *made.back());
-        tasks.push_back(made.back()->task);
-      }
-      test::Points points = test::random_points(*made[0], 1 + random.index(256), random);
-      values.wild = random.index(4) == 0 ? 0.05f : 0.0f;
-      for (auto& array : points.values) {
-        for (float& v : array) v = values.spoilt(v);
-      }
-      CellPoints view = points.view();
-      view.grazing = random.index(2) ? random.uniform() : 0.0f;
-      const uint32_t warps = uint32_t(view.size) / k_warp;
-      CellAnswers gpu;
-      for (auto& sum : gpu.sums) sum.assign(size_t(view.size), -7.0f);
-      gpu.undecided.assign(warps * tasks.size(), 0xcdcdcdcdu);
-      launch({tasks.data(),
-              uint32_t(tasks.size()),
-              view,
-              {gpu.sums[0].data(), gpu.sums[1].data(), gpu.sums[2].data(), gpu.sums[3].data(), gpu.sums[4].data(),
-               gpu.sums[5].data()},
-              gpu.undecided.data(),
-              warps});
-      for (const Isa isa : {Isa::scalar, resolve_isa(Isa::automatic)}) {
-        // What max() makes of NaN depends on the CPU's instruction set; a GPU's does as the scalar one.
-        if (values.wild > 0.0f && isa != Isa::scalar) continue;
-        const CellAnswers cpu = see_cells(isa, tasks, view);
-        ASSERT_EQ(gpu.undecided, cpu.undecided) << targets << " " << isa_name(isa);
-        for (int c = 0; c < 6; ++c) {
-          for (size_t i = 0; i < size_t(view.size); ++i) {
-            const float a = gpu.sums[c][i], b = cpu.sums[c][i];
-            ASSERT_TRUE((std::isnan(a) && std::isnan(b)) || std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b))
-                << targets << " " << isa_name(isa) << ", sum " << c << ": " << a << " and " << b;
-          }
-        }
-      }
-      for (const uint32_t mask : gpu.undecided) undecided += size_t(std::popcount(mask));
-      for (size_t i = 0; i < size_t(view.size); ++i) taken += gpu.sums[0][i] > 0.0f, reflected += gpu.sums[3][i] > 0.0f;
-      points_seen += size_t(view.size);
-      looked += size_t(view.size) * tasks.size();
-    }
-    EXPECT_GT(undecided, looked / 50);
-    EXPECT_LT(undecided, looked / 2);
-    EXPECT_GT(taken, points_seen / 4);
-    EXPECT_GT(reflected, points_seen / 10);
+    EXPECT_GT(below, slots / 20);  // light from below the surface
+    EXPECT_LT(sideless, slots / 4);
   });
 }
 

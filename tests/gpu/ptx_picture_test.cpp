@@ -63,6 +63,30 @@ TEST(PtxPicture, EqualsTheCpusOfHardScenes) {
   }
 }
 
+TEST(PtxPicture, EqualsTheCpusOfGlossyFloors) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
+  const Scene scene = glossy_floor(128, true);
+  RenderOptions o = glossy_options();
+  o.aovs = {"ao"};
+  const EmulatedPicture device = render_emulated(scene, o, by_ptx());
+  expect_equal(device.result, render(scene, o), "glossy floor");
+  expect_no_fault(device, "glossy floor");
+  EXPECT_GT(device.log.launches[int(gpu::Kernel::filter_lobes)], 0u);
+  EXPECT_GT(device.log.launches[int(gpu::Kernel::sky_cells)], 0u);
+}
+
+// Light from below the surface.
+TEST(PtxPicture, EqualsTheCpusOfSurfacesThatTransmit) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
+  Scene scene = knot_over_floor(Mat3(1.0f), 32);
+  for (Bsdf& b : scene.bsdfs) b.kind = BsdfKind::rough_dielectric, b.alpha_u = b.alpha_v = 0.5f;
+  const RenderOptions o = options_for(1, 16);
+  const EmulatedPicture device = render_emulated(scene, o, by_ptx());
+  expect_equal(device.result, render(scene, o), "transmits");
+  expect_no_fault(device, "transmits");
+  EXPECT_GT(device.log.launches[int(gpu::Kernel::light_rays)], 0u);
+}
+
 #if defined(FIELDTRACE_EMULATED_DRIVER)
 // As the driver gets them: a copy of as many bytes as the launch says.
 TEST(PtxPicture, EqualsTheCpusThroughTheRuntimeLayer) {

@@ -17,6 +17,27 @@ inline constexpr size_t k_most_entries = 4096;  // of one launch
 
 // ---- fields of random cells
 
+// Empty, whole, behind an edge, or noise; at one depth, on a slope, or in two layers.
+inline TileLines random_tile(TestRandom& random) {
+  TileLines lines(CoverageTiles::k_lines_per_tile);
+  const uint32_t shape = random.index(6), depths = random.index(4), depth = 1 + random.index(1000);
+  const float x = random.uniform(-1, 1), y = random.uniform(-1, 1), edge = random.uniform(-8.0f, 40.0f);
+  for (uint32_t i = 0; i < lines.size(); ++i) {
+    const float column = float(i % 32), row = float(i / 32);
+    const bool inside = shape == 0   ? false
+                        : shape <= 2 ? true
+                        : shape <= 4 ? x * column + y * row < edge
+                                     : random.index(2) == 0;
+    uint32_t code = depth;
+    if (depths == 1)
+      code = 1 + uint32_t(std::min(std::max(float(depth) + 8 * x * column + 8 * y * row, 0.0f), 1022.0f));
+    if (depths == 2) code = row < 16 ? depth : 1 + (depth + 300) % 1000;
+    if (depths == 3) code = std::min(depth + random.index(3), 1023u);
+    lines[i] = uint16_t(inside ? code : 0);
+  }
+  return lines;
+}
+
 class RandomField {
  public:
   // baked: share of the slices and tiles.
@@ -49,29 +70,38 @@ class RandomField {
     }
     field_.finish(layer, slice);
   }
-  // Empty, whole, behind an edge, or noise; at one depth, on a slope, or in two layers.
   void bake_tile(uint32_t slot, TestRandom& random) {
-    if (!field_.coverage().claim(slot)) return;
-    TileLines lines(CoverageTiles::k_lines_per_tile);
-    const uint32_t shape = random.index(6), depths = random.index(4), depth = 1 + random.index(1000);
-    const float x = random.uniform(-1, 1), y = random.uniform(-1, 1), edge = random.uniform(-8.0f, 40.0f);
-    for (uint32_t i = 0; i < lines.size(); ++i) {
-      const float column = float(i % 32), row = float(i / 32);
-      const bool inside = shape == 0   ? false
-                          : shape <= 2 ? true
-                          : shape <= 4 ? x * column + y * row < edge
-                                       : random.index(2) == 0;
-      uint32_t code = depth;
-      if (depths == 1)
-        code = 1 + uint32_t(std::min(std::max(float(depth) + 8 * x * column + 8 * y * row, 0.0f), 1022.0f));
-      if (depths == 2) code = row < 16 ? depth : 1 + (depth + 300) % 1000;
-      if (depths == 3) code = std::min(depth + random.index(3), 1023u);
-      lines[i] = uint16_t(inside ? code : 0);
-    }
-    field_.coverage().finish(slot, lines);
+    if (field_.coverage().claim(slot)) field_.coverage().finish(slot, random_tile(random));
   }
 
   Field field_;
+};
+
+// Radiance maps of random tiles.
+class RandomMaps {
+ public:
+  // baked: share of the tiles.
+  RandomMaps(int directions, int plane, float baked, TestRandom& random)
+      : tiles_(directions, plane, nullptr, TilePayload::radiance) {
+    view_.directions = make_axis(directions);
+    view_.coverage = tiles_.view();
+    std::vector<Rgb> radiance(CoverageTiles::k_lines_per_tile);
+    for (uint32_t slot = 0; slot < tiles_.slot_count(); ++slot) {
+      if (random.uniform() >= baked || !tiles_.claim(slot)) continue;
+      const TileLines lines = random_tile(random);
+      const Rgb colour(random.uniform(), random.log_uniform(1e-3f, 1e3f), 0.0f);
+      for (size_t i = 0; i < lines.size(); ++i) {
+        radiance[i] = lines[i] == 0 ? Rgb(0.0f) : colour * random.uniform(0.5f, 1.0f);
+      }
+      tiles_.finish(slot, lines, radiance);
+    }
+  }
+  const CoverageTiles& tiles() const { return tiles_; }
+  const FieldView& view() const { return view_; }
+
+ private:
+  CoverageTiles tiles_;
+  FieldView view_;
 };
 
 // ---- random and extreme values
@@ -122,7 +152,7 @@ struct Launch {
   size_t entries, warps;
 };
 
-inline Launch random_launch(const RandomField& field, Values& values) {
+inline Launch random_launch(const FieldView& view, Values& values) {
   TestRandom& random = values.random;
   Launch l;
   l.entries = 1 + random.index(k_most_entries);
@@ -146,7 +176,7 @@ inline Launch random_launch(const RandomField& field, Values& values) {
   l.task.to_unit_stretch = values.spoilt(1.0f / (l.size * squash));
   l.task.to_unit_area = values.spoilt(1.0f / (l.size * l.size * squash));
   l.task.keeps_angles = is_similar && random.index(4) != 0;
-  l.task.field = field.view();
+  l.task.field = view;
   l.task.policy = {int(random.index(66)) - 1, int(random.index(66)) - 1, random.index(4) == 0,
                    random.log_uniform(0.1f, 10.0f)};
   l.task.instance = random.index(3);
@@ -157,6 +187,8 @@ inline Launch random_launch(const RandomField& field, Values& values) {
   values.wild = wild[random.index(4)];
   return l;
 }
+
+inline Launch random_launch(const RandomField& field, Values& values) { return random_launch(field.view(), values); }
 
 // Rays about the object of a launch, past or towards it; those of the padding are inactive.
 inline RayBatch rays_about(const Launch& l, Values& values) {
@@ -235,6 +267,31 @@ struct ConeInputs {
   Sphere light;
   ShadingPointBatch points;
   AlignedVector<int32_t> flags;
+};
+
+// Samples of lobes about the object of a launch over radiance maps.
+struct LobeInputs {
+  LobeInputs(const Launch& l, Values& values) {
+    TestRandom& random = values.random;
+    task.segment = l.task;
+    std::copy_n(l.from_unit, 9, task.from_unit);
+    for (float& h : task.half_extent) h = random.uniform(0.1f, 0.6f);
+    lobes.resize(l.entries);
+    lobes.rays = rays_about(l, values);
+    std::fill(lobes.density.begin(), lobes.density.end(), 0.0f);
+    const float least_density = random.log_uniform(1.0f, 1e4f);
+    for (size_t i = 0; i < l.entries; ++i) {
+      const Vec3 d = glm::normalize(lobes.rays.direction(i));
+      if (lobes.rays.tmax[i] >= 0.0f) lobes.rays.set(i, lobes.rays.origin(i), d, values.spoilt(k_infinity));
+      const Vec3 n = values.spoilt(random.index(4) == 0 ? random.direction() : d);
+      lobes.nx[i] = n.x, lobes.ny[i] = n.y, lobes.nz[i] = n.z;
+      lobes.density[i] = values.spoilt(least_density * random.log_uniform(1.0f, 1e3f));
+      lobes.blur[i] = values.spoilt(random.log_uniform(0.01f, 0.5f));
+      lobes.instance[i] = random.index(3);
+    }
+  }
+  ConeTask task;
+  LobeBatch lobes;
 };
 
 }  // namespace fieldtrace::gpu

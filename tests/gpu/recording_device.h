@@ -7,8 +7,8 @@
 
 namespace fieldtrace::test {
 
-enum class Level { whole_lights, strata, rays, sky_cells };
-inline constexpr int k_levels = 4;
+enum class Level { whole_lights, strata, rays, lobes, sky_cells };
+inline constexpr int k_levels = 5;
 
 // By level, the samples of each wave that was asked.
 using WaveSizes = std::vector<uint64_t>[k_levels];
@@ -22,8 +22,9 @@ class RecordingDevice final : public VisibilityDevice {
     note(Level::whole_lights, wave.cones);
     note(Level::strata, wave.strata);
     note(Level::rays, wave.rays);
+    note(Level::lobes, wave.lobes);
     uint64_t cells = 0;
-    for (const SkyQuestion* q : wave.skies) cells += uint64_t(q->points.size) * q->tasks.size();
+    for (const SkyQuestion* q : wave.skies) cells += uint64_t(q->points.size) * q->tasks->tasks().size();
     note(Level::sky_cells, cells);
     device_->answer(wave);
   }

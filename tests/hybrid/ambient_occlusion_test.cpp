@@ -270,7 +270,17 @@ TEST(AmbientOcclusion, BakesNoMoreThanItGains) {
   }
 }
 
-// With a distance the layer is exact rays: no survey counts them for fields, which they would not ask.
+// Maps are for distances of an object's radius and more; shorter rays are cheap.
+TEST(AmbientOcclusion, MapsAnswerFromAnObjectsRadiusOn) {
+  const Scene scene = hybrid_scene("object_over_floor", 64).scene;
+  RenderOptions o = options_for(Method::hybrid, 1, 64);
+  o.ao_distance = 0.5f;
+  EXPECT_EQ(render(scene, o).stats.field_bytes_maps, 0u);
+  o.ao_distance = 2.0f;
+  EXPECT_GT(render(scene, o).stats.field_bytes_maps, 0u);
+}
+
+// Within less the layer is exact rays: no survey counts them for fields, which they would not ask.
 TEST(AmbientOcclusion, RaysWithADistanceBakeNothing) {
   uint64_t surveyed = 0, baked = 0;
   for (const int size : {64, 128}) {

@@ -54,8 +54,7 @@ def main():
             run("cmake", "-S", HERE / name, "-B", folder / name, f"-DCMAKE_PREFIX_PATH={prefix}")
             run("cmake", "--build", folder / name)
             for program in programs:
-                # A program linked statically looks for modules where the build was configured to be installed.
-                files = [folder / "field.vdb"] if program == "consumer" and name == "consumer_c" else []
+                files = [folder / "field.vdb"] if name == "consumer_c" else []
                 print(run(folder / name / program, *files), end="")
         environment = {**os.environ, "PKG_CONFIG_PATH": str(prefix / "lib/pkgconfig")}
         flags = run("pkg-config", "--cflags", "--libs", "fieldtrace", env=environment).split()

@@ -48,6 +48,7 @@ class Occluded(unittest.TestCase):
 
     def test_certified_answers_are_the_same(self):
         scene, _ = two_tori()
+        scene.bake()
         origins, directions = rays(20000, 2)
         certified = scene.occluded_certified(origins, directions, 1)
         decided = certified != Occlusion.UNDECIDED
@@ -96,6 +97,7 @@ class Nearest(unittest.TestCase):
 
     def test_hits_of_fields_face_the_ray(self):
         scene, _ = two_tori()
+        scene.bake()
         origins, directions = rays(5000, 4)
         hits = scene.nearest(origins, directions, max_error=0.2)
         found = hits.status == Hit.HIT
@@ -160,7 +162,7 @@ class Scenes(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             file = pathlib.Path(folder) / "täst.vdb"
             scene, _ = two_tori()
-            scene.occluded(*rays(20000, 6))
+            scene.bake()
             baked = scene.get_mesh(0, "cells_baked")
             self.assertGreater(baked, 0)
             scene.save_field(0, file)
@@ -179,6 +181,7 @@ class Scenes(unittest.TestCase):
         scene.bake(told.append)
         baked = scene.get("cells_baked")
         self.assertGreaterEqual(baked, scene.get("cells_full"))
+        self.assertTrue(0 < scene.get("cells_certified") < baked)
         scene.occluded(*rays(20000, 7))
         scene.nearest(*rays(20000, 7))
         self.assertEqual(scene.get("cells_baked"), baked)  # nothing was left to bake

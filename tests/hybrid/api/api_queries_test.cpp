@@ -1,4 +1,5 @@
 // Answers of the C interface against exact rays, and what it keeps from commit to commit.
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -154,6 +155,51 @@ TEST(ApiOccluded, FollowsTransformsWithoutANewBake) {
   EXPECT_EQ(before, after);
 }
 
+int64_t number(FTScene scene, const char* name) {
+  int64_t value = -1;
+  EXPECT_EQ(ftGetSceneInt(scene, name, &value), FT_ERROR_NONE) << name;
+  return value;
+}
+
+// Queries and pictures take a new tolerance with the commit, and not before it.
+TEST(ApiSettings, ToleranceWaitsForACommit) {
+  const ApiScene s;
+  const float from[] = {3, 3, 5}, to[] = {0, 0.8f, 0}, up[] = {0, 1, 0}, radiance[] = {4, 4, 4};
+  ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 45.0f, 24, 16), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetInstanceRadiance(s.scene, 1, radiance), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneInt(s.scene, "spp", 4), FT_ERROR_NONE);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
+  const Rays rays = random_rays(5000, 9);
+  struct Answers {
+    std::vector<uint8_t> occlusion, hits;
+    std::vector<float> pixels;
+    int64_t certified = 0;
+  };
+  const auto answers = [&] {
+    Answers a = {ask(s.scene, rays, true), std::vector<uint8_t>(rays.size()), std::vector<float>(24 * 16 * 3),
+                 number(s.scene, "cells_certified")};
+    EXPECT_EQ(ftNearest(s.scene, 0.02f, &rays.origins[0].x, 0, &rays.directions[0].x, 0, nullptr, 0, nullptr, 0,
+                        rays.size(), a.hits.data(), 0, nullptr, 0, nullptr, 0, nullptr, 0, nullptr, 0),
+              FT_ERROR_NONE);
+    EXPECT_EQ(ftRender(s.scene, a.pixels.data(), 0, 0), FT_ERROR_NONE);
+    return a;
+  };
+  const Answers before = answers();
+  ASSERT_EQ(ftSetSceneFloat(s.scene, "tolerance", 0.6), FT_ERROR_NONE);
+  const Answers waiting = answers();
+  EXPECT_EQ(waiting.occlusion, before.occlusion);
+  EXPECT_EQ(waiting.hits, before.hits);
+  EXPECT_EQ(waiting.pixels, before.pixels);
+  EXPECT_EQ(waiting.certified, before.certified);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  const Answers after = answers();
+  EXPECT_NE(after.occlusion, before.occlusion);
+  EXPECT_NE(after.hits, before.hits);
+  EXPECT_NE(after.pixels, before.pixels);
+  EXPECT_GT(after.certified, before.certified);
+}
+
 TEST(ApiNearest, IsThatOfExactRays) {
   const ApiScene s;
   ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
@@ -192,6 +238,86 @@ TEST(ApiNearest, IsThatOfExactRays) {
   EXPECT_GT(exact_hits, rays.size() / 20);
   EXPECT_GT(misses, rays.size() / 10);
   EXPECT_LT(undecided, rays.size() / 2);
+}
+
+// One instance of each mesh, unmoved; small fields.
+struct PlainScene {
+  FTDevice device = nullptr;
+  FTScene scene = nullptr;
+
+  explicit PlainScene(const std::vector<TriangleMesh>& meshes) {
+    EXPECT_EQ(ftNewDevice(2, &device), FT_ERROR_NONE);
+    EXPECT_EQ(ftNewScene(device, &scene), FT_ERROR_NONE);
+    EXPECT_EQ(ftSetSceneInt(scene, "directions", 32), FT_ERROR_NONE);
+    EXPECT_EQ(ftSetSceneInt(scene, "plane", 64), FT_ERROR_NONE);
+    for (const TriangleMesh& mesh : meshes) {
+      uint32_t number = 0;
+      EXPECT_EQ(ftAddMesh(scene, &mesh.positions[0].x, sizeof(Vec3), mesh.positions.size(), &mesh.triangles[0].x,
+                          sizeof(UVec3), mesh.triangles.size(), &number),
+                FT_ERROR_NONE);
+      EXPECT_EQ(ftAddInstance(scene, number, nullptr, nullptr), FT_ERROR_NONE);
+    }
+    EXPECT_EQ(ftCommitScene(scene), FT_ERROR_NONE);
+  }
+  ~PlainScene() {
+    EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
+    EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);
+  }
+  PlainScene(const PlainScene&) = delete;
+  PlainScene& operator=(const PlainScene&) = delete;
+};
+
+// Few rays find their hits certified at once where all is baked; the triangles of hits are not, and are baked for them.
+TEST(ApiNearest, IsCertifiedAtOnceWhereAllIsBaked) {
+  const PlainScene s({make_sphere()});
+  std::vector<Vec3> origins, directions;
+  for (int i = 0; i < 50; ++i) {
+    const float a = 2.4f * float(i);
+    origins.push_back({3.0f * std::cos(a), 3.0f * std::sin(a), 0.02f * float(i) - 0.5f});
+    directions.push_back(Vec3(0.2f, 0.1f, 0.3f) - origins.back());
+  }
+  const auto hits = [&] {
+    std::vector<uint8_t> status(50, 9);
+    EXPECT_EQ(ftNearest(s.scene, 0.1f, &origins[0].x, 0, &directions[0].x, 0, nullptr, 0, nullptr, 0, 50, status.data(),
+                        0, nullptr, 0, nullptr, 0, nullptr, 0, nullptr, 0),
+              FT_ERROR_NONE);
+    return std::count(status.begin(), status.end(), uint8_t(FT_HIT));
+  };
+  EXPECT_EQ(hits(), 0);
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
+  EXPECT_GT(hits(), 5);
+}
+
+// Rays beside one whose part of the field waits for its bake keep their answers.
+TEST(ApiNearest, AnUndecidedRayTakesNothingFromOthers) {
+  const PlainScene s({make_knot({.along = 128, .around = 16})});
+  const Rays rays = random_rays(400, 12);
+  // Of 15 times one ray, with another one among them.
+  const auto ask = [&](size_t many, size_t one) {
+    std::vector<Vec3> origins(16, rays.origins[many]), directions(16, rays.directions[many]);
+    origins[7] = rays.origins[one], directions[7] = rays.directions[one];
+    std::vector<uint8_t> status(16, 9);
+    EXPECT_EQ(ftNearest(s.scene, 0.1f, &origins[0].x, 0, &directions[0].x, 0, nullptr, 0, nullptr, 0, 16, status.data(),
+                        0, nullptr, 0, nullptr, 0, nullptr, 0, nullptr, 0),
+              FT_ERROR_NONE);
+    return status[0];
+  };
+  std::vector<size_t> waiting;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    if (ask(i, i) == FT_UNDECIDED_HIT) waiting.push_back(i);
+  }
+  ASSERT_GT(waiting.size(), 10u);
+  const size_t other = waiting.back();
+  waiting.pop_back();
+  size_t misses = 0;
+  for (const size_t i : waiting) {
+    for (int round = 0; round < 60; ++round) ask(i, i);  // bakes what it needs
+    if (ask(i, i) != FT_MISS) continue;
+    ++misses;
+    EXPECT_EQ(ask(i, other), FT_MISS);
+  }
+  EXPECT_GT(misses, 2u);
+  EXPECT_EQ(ask(other, other), FT_UNDECIDED_HIT);
 }
 
 // Points on the floor.
@@ -304,6 +430,26 @@ TEST(ApiSkyVisibility, IsTheShareOfExactRays) {
   }
   EXPECT_LE(sum / double(p.at.size()), 0.015);
   EXPECT_GT(shaded, 3u);
+}
+
+// Where all of the sky is hidden, nothing is left of it.
+TEST(ApiSkyVisibility, IsNothingWithinAShell) {
+  TriangleMesh floor;
+  floor.positions = {{-0.2f, 0, -0.2f}, {-0.2f, 0, 0.2f}, {0.2f, 0, 0.2f}, {0.2f, 0, -0.2f}};
+  floor.triangles = {{0, 1, 2}, {0, 2, 3}};
+  const PlainScene s({make_sphere(), floor});
+  std::vector<Vec3> at, normals;
+  for (int i = 0; i < 100; ++i) {
+    const float y = 1.0f - 0.02f * float(i) - 0.01f, r = std::sqrt(1.0f - y * y), a = 2.4f * float(i);
+    at.push_back({0.05f, 0, 0.02f});
+    normals.push_back({r * std::cos(a), y, r * std::sin(a)});
+  }
+  const std::vector<uint32_t> from(at.size(), 1);
+  std::vector<float> shares(at.size(), -1.0f);
+  ASSERT_EQ(
+      ftSkyVisibility(s.scene, &at[0].x, 0, &normals[0].x, 0, from.data(), 0, at.size(), shares.data(), 0, nullptr, 0),
+      FT_ERROR_NONE);
+  for (const float share : shares) EXPECT_LE(share, 1e-5f);
 }
 
 TEST(ApiFields, AreTheSameFromAFile) {
