@@ -1,6 +1,7 @@
 #include "gpu/device_launches.h"
 
 #include <algorithm>
+#include <bit>
 
 namespace fieldtrace::gpu {
 namespace {

@@ -3,6 +3,7 @@
 // Thread-safety: the function may be called from any thread.
 #pragma once
 
+#include <cstdint>
 #include <map>
 #include <string>
 
@@ -12,6 +13,13 @@ namespace fieldtrace {
 
 inline constexpr const char* k_image_decoder_module = "image_formats";
 inline constexpr const char* k_image_decoder_function = "fieldtrace_decode_image";
+
+// What headers may promise, before memory is taken for it. All: 2^31 floats are 8 GiB.
+inline constexpr uint64_t k_most_image_values = uint64_t(1) << 31;
+// The most values (every channel of every pixel counted) that a byte of a file can encode. EXR: DWA deflates (1,032
+// bytes a byte) one coefficient of 2 bytes for each block of 8 x 8 values. Radiance: runs of 127 in 2 bytes for each of
+// 4 components, 3 * 127 / 8.
+inline constexpr double k_exr_values_per_byte = 1032 / 2 * 64, k_hdr_values_per_byte = 48;
 
 struct DecodedImage {
   Image image;              // every channel as stored, integers divided by the largest of their type

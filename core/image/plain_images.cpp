@@ -16,13 +16,12 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <thread>
 #include <utility>
+#include <vector>
 
 namespace fieldtrace {
 namespace {
-
-// The most values that a byte of a file can encode (core/image_formats/image_headers.cpp says why).
-constexpr double k_most_exr_values = 1032 / 2 * 64, k_most_hdr_values = 48;
 
 using File = std::unique_ptr<std::FILE, decltype([](std::FILE* file) { std::fclose(file); })>;
 using Signature = std::array<unsigned char, 4>;
@@ -37,8 +36,9 @@ Signature signature_of(std::FILE* file) {
 }
 
 bool fits(double width, double height, size_t channels, double most_values_per_byte, const std::string& path) {
-  return width >= 1 && height >= 1 &&
-         width * height * double(channels) <= most_values_per_byte * double(std::filesystem::file_size(path));
+  const double values = width * height * double(channels);
+  return width >= 1 && height >= 1 && values <= double(k_most_image_values) &&
+         values <= most_values_per_byte * double(std::filesystem::file_size(path));
 }
 
 // Of a picture without layers, in OpenImageIO's order; none where there are others.
@@ -56,7 +56,7 @@ std::optional<std::vector<std::string>> plain_channels(const Imf::ChannelList& l
 }
 
 bool read_exr(const std::string& path, DecodedImage& result) {
-  Imf::MultiPartInputFile file(path.c_str());
+  Imf::MultiPartInputFile file(path.c_str(), int(std::thread::hardware_concurrency()));
   if (file.parts() != 1 || !file.partComplete(0)) return false;
   const Imf::Header& header = file.header(0);
   if (header.hasType() && header.type() != Imf::SCANLINEIMAGE && header.type() != Imf::TILEDIMAGE) return false;
@@ -64,7 +64,7 @@ bool read_exr(const std::string& path, DecodedImage& result) {
   if (!names) return false;
   const Imath::Box2i window = header.dataWindow();
   const int64_t width = int64_t(window.max.x) - window.min.x + 1, height = int64_t(window.max.y) - window.min.y + 1;
-  if (!fits(double(width), double(height), names->size(), k_most_exr_values, path)) return false;
+  if (!fits(double(width), double(height), names->size(), k_exr_values_per_byte, path)) return false;
 
   DecodedImage read;
   Image& image = read.image;
@@ -93,11 +93,10 @@ using Pixel = std::array<uint8_t, 4>;  // red, green, blue and their exponent
 class Bytes {
  public:
   explicit Bytes(std::FILE* file) : file_(file) {}
-  // 0 past the end.
+  // Anything past the end.
   uint8_t next() {
-    const int byte = std::getc(file_);
-    ended_ = ended_ || byte == EOF;
-    return uint8_t(byte);
+    if (at_ == buffer_.size()) fill();
+    return buffer_[at_++];
   }
   std::string line() {
     std::string text;
@@ -106,13 +105,25 @@ class Bytes {
       if (c == '\n') break;
       text += c;
     }
-    return text;
+    return ended_ ? std::string() : text;
   }
   bool ended() const { return ended_; }  // more was asked for than there is
 
  private:
-  static constexpr size_t k_longest_line = 1024;
+  static constexpr size_t k_longest_line = 1024, k_block = 65536;
+
+  void fill() {
+    buffer_.resize(k_block);
+    buffer_.resize(std::fread(buffer_.data(), 1, k_block, file_));
+    at_ = 0;
+    if (!buffer_.empty()) return;
+    ended_ = true;
+    buffer_.assign(1, 0);
+  }
+
   std::FILE* file_;
+  std::vector<uint8_t> buffer_;
+  size_t at_ = 0;
   bool ended_ = false;
 };
 
@@ -155,13 +166,15 @@ bool read_row(Bytes& bytes, std::vector<Pixel>& row) {
 bool read_hdr(const std::string& path, std::FILE* file, DecodedImage& result) {
   constexpr size_t k_channels = 3;
   Bytes bytes(file);
-  while (!bytes.line().empty()) {
-  }
+  bool is_rgbe = false;
+  for (std::string line = bytes.line(); !line.empty(); line = bytes.line())
+    is_rgbe = is_rgbe || line == "FORMAT=32-bit_rle_rgbe";
+  if (!is_rgbe) return false;
   int width = 0, height = 0, end = 0;
   const std::string size = bytes.line();
   if (std::sscanf(size.c_str(), "-Y %d +X %d%n", &height, &width, &end) != 2 || size_t(end) != size.size())
     return false;
-  if (!fits(width, height, k_channels, k_most_hdr_values, path)) return false;
+  if (!fits(width, height, k_channels, k_hdr_values_per_byte, path)) return false;
   Image image;
   image.width = width, image.height = height, image.channels = {"R", "G", "B"};
   image.data.reserve(size_t(width) * size_t(height) * k_channels);

@@ -11,9 +11,6 @@
 namespace fieldtrace {
 namespace {
 
-// Protects the allocation against a damaged header: 2^31 floats are 8 GiB.
-constexpr uint64_t k_max_values = uint64_t(1) << 31;
-
 std::string reason_or(std::string reason, const char* otherwise) {
   return reason.empty() ? std::string(otherwise) : std::move(reason);
 }
@@ -26,7 +23,7 @@ std::unique_ptr<OIIO::ImageInput> open_image(const std::string& path) {
   if (!input) throw Failure(reason_or(OIIO::geterror(), "its header is damaged or of an unknown format"));
   const OIIO::ImageSpec& spec = input->spec();
   const uint64_t values = uint64_t(std::max(spec.width, 0)) * std::max(spec.height, 0) * std::max(spec.nchannels, 0);
-  if (values == 0 || values > k_max_values || spec.depth > 1) {
+  if (values == 0 || values > k_most_image_values || spec.depth > 1) {
     throw Failure("it has no pixels, too many or a third dimension");
   }
   check_size(path, input->format_name(), spec);

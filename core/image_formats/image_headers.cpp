@@ -8,6 +8,8 @@
 #include <limits>
 #include <vector>
 
+#include "core/image/image_decoder.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -35,13 +37,12 @@ double most_values_per_byte(const std::string& format, const OIIO::ImageSpec& sp
   // 8 pixels of a palette of two colours with alpha: 4 channels each.
   constexpr double k_uncompressed = 32;
   constexpr double k_deflate = 1032;
-  if (format == "pnm") return 8;      // 1-bit grey; never compressed
-  if (format == "hdr") return 48;     // runs of 127 in 2 bytes for each of 4 components: 3 * 127 / 8
+  if (format == "pnm") return 8;  // 1-bit grey; never compressed
+  if (format == "hdr") return k_hdr_values_per_byte;
   if (format == "targa") return 256;  // runs of 128 pixels in 2 bytes, through a palette with alpha
   if (format == "gif") return 10924;  // LZW: 12 bits for strings of at most 2^12 pixels, 4 channels each
   if (format == "png") return k_deflate * k_uncompressed;
-  // DWA deflates one coefficient of 2 bytes for each block of 8 x 8 values.
-  if (format == "openexr") return k_deflate / 2 * 64;
+  if (format == "openexr") return k_exr_values_per_byte;
   const std::string compression = spec.get_string_attribute("compression");
   // OpenImageIO reports a BMP's compression only if it has one.
   if (format == "bmp" && (compression.empty() || compression == "none")) return k_uncompressed;

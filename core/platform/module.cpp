@@ -11,12 +11,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Not by a run path where that can be helped: the address sanitizer's dlopen() would look in its own.
+fs::path beside_program(const std::string& file) {
+  return (fs::read_symlink("/proc/self/exe").parent_path() / FIELDTRACE_MODULE_DIR / file).lexically_normal();
+}
+
+// A path that exists, or `file` for the loader to find. Not by a run path where that can be helped: the address
+// sanitizer's dlopen() would look in its own.
 std::string module_path(const std::string& file) {
-  const fs::path program = fs::read_symlink("/proc/self/exe");
-  const fs::path beside_program = (program.parent_path() / FIELDTRACE_MODULE_DIR / file).lexically_normal();
+  const fs::path of_program = beside_program(file);
   std::error_code ignored;
-  if (fs::exists(beside_program, ignored)) return beside_program.string();
+  if (fs::exists(of_program, ignored)) return of_program.string();
   // Within libfieldtrace.so, the folder that it lies in.
   Dl_info info;
   if (dladdr(reinterpret_cast<const void*>(&module_function), &info) && info.dli_fname) {
@@ -32,13 +36,14 @@ std::string module_path(const std::string& file) {
 }  // namespace
 
 void* module_function(const std::string& name, const char* function) {
-  const std::string path = module_path("libfieldtrace_" + name + ".so");
+  const std::string file = "libfieldtrace_" + name + ".so", path = module_path(file);
   void* const module = dlopen(path.c_str(), RTLD_LAZY | RTLD_LOCAL);
   void* const address = module ? dlsym(module, function) : nullptr;
   if (address) return address;
   const char* const reason = dlerror();
-  throw Error({path}, "a part of this program that must lie there cannot be opened (" +
-                          std::string(reason ? reason : "no reason given") + "); build or install the program again");
+  throw Error({path == file ? beside_program(file).string() : path},
+              "a part of this program that must lie there cannot be opened (" +
+                  std::string(reason ? reason : "no reason given") + "); build or install the program again");
 }
 
 }  // namespace fieldtrace

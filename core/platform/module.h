@@ -3,10 +3,10 @@
 //
 // A module NAME is libfieldtrace_NAME.so, built by fieldtrace_module() (cmake/Components.cmake); it lies in
 // ../lib/fieldtrace beside the folder of the program; or, for libfieldtrace.so in other programs, in the folder
-// fieldtrace beside that library; or, for programs that hold the static library, where it was to be installed or on the program's
-// run path. It is reached by plain functions, is never closed, and
-// lets no exceptions out but those of the standard library and of libraries that derive from them: sanitizers take
-// types that module and program both define, Error for one, for two types. Module and program must be of one build.
+// fieldtrace beside that library; or, for programs that hold the static library, where it was to be installed or on the
+// program's run path. It is reached by plain functions, is never closed, and lets no exceptions out but those of the
+// standard library and of libraries that derive from them: sanitizers take types that module and program both define,
+// Error for one, for two types. Module and program must be of one build.
 // Thread-safety: pure functions.
 #pragma once
 

@@ -28,10 +28,16 @@ template <class F>
 FT_HD_INLINE DepthTaps<F> read_first(const MapLines& lines, F x, F y, Mask_t<F> wanted) {
   MapLines back = lines;
   back.depth_begin = lines.back_begin;
-  // Frames of opposite directions have the same s, and opposite t and c.
-  DepthTaps<F> taps = read_depths<F>(back, x, splat<F>(float(lines.maps->texels)) - y, wanted);
-  const F zero = splat<F>(0.0f), ends = splat<F>(k_depth_codes + 2.0f);
-  for (int i = 0; i < 4; ++i) taps.depth[i] = select(taps.depth[i] > zero, ends - taps.depth[i], zero);
+  // Frames of opposite directions have the same s, and opposite t and c: row 0 there is the last one here. Read between
+  // the two rows, so that they are those of read_depths() wherever y lies.
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f), ends = splat<F>(k_depth_codes + 2.0f);
+  const F row = within_table<F>(floor(y - half), splat<F>(float(lines.maps->texels - 2)));
+  const F fy = min(max(y - half - row, zero), one);
+  DepthTaps<F> taps = read_depths<F>(back, x, splat<F>(float(lines.maps->texels - 1)) - row, wanted);
+  for (int i = 0; i < 4; ++i) {
+    taps.depth[i] = select(taps.depth[i] > zero, ends - taps.depth[i], zero);
+    taps.weight[i] = (taps.weight[i] + taps.weight[i]) * (i < 2 ? fy : one - fy);
+  }
   return taps;
 }
 
@@ -61,11 +67,10 @@ FT_HD_INLINE F part_within(const MapLines& lines, const MapPlace<F>& at, F far, 
 
 // By the first and the last surface of 2 x 2 lines.
 template <class F>
-FT_HD_INLINE MapShare<F> share_by_depths_within(const MapLines& lines, const MapPlace<F>& at, F code, F far,
-                                                Mask_t<F> wanted) {
+FT_HD_INLINE MapShare<F> share_by_lines_within(const MapLines& lines, F x, F y, F code, F far, Mask_t<F> wanted) {
   const F zero = splat<F>(0.0f), margin = splat<F>(lines.margin * (0.5f * k_depth_codes));
-  const DepthTaps<F> taps = read_depths<F>(lines, at.x, at.y, wanted);
-  const DepthTaps<F> back = read_first<F>(lines, at.x, at.y, wanted);
+  const DepthTaps<F> taps = read_depths<F>(lines, x, y, wanted);
+  const DepthTaps<F> back = read_first<F>(lines, x, y, wanted);
   F hidden = zero, near = zero;
   for (int i = 0; i < 4; ++i) {
     const F last = taps.depth[i];
@@ -80,6 +85,26 @@ FT_HD_INLINE MapShare<F> share_by_depths_within(const MapLines& lines, const Map
   }
   const Mask_t<F> undecided = wanted & (near > splat<F>(k_most_near));
   return {select(wanted, hidden, zero), undecided};
+}
+
+// The same; of cells that are wider than texels by four reads, as share_by_depths().
+template <class F>
+FT_HD_INLINE MapShare<F> share_by_depths_within(const MapLines& lines, const MapPlace<F>& at, F code, F far,
+                                                Mask_t<F> wanted) {
+  const F zero = splat<F>(0.0f), part = splat<F>(0.25f);
+  const Mask_t<F> broad = wanted & (at.footprint >= splat<F>(k_broad_footprint));
+  if (!any(broad)) return share_by_lines_within<F>(lines, at.x, at.y, code, far, wanted);
+  // Elsewhere the four places are one.
+  const F quarter = select(broad, splat<F>(k_quarter_of_cell) * at.footprint, zero);
+  F hidden = zero, near = zero;
+  for (int k = 0; k < 4; ++k) {
+    const MapShare<F> share = share_by_lines_within<F>(lines, k % 2 ? at.x + quarter : at.x - quarter,
+                                                       k / 2 ? at.y + quarter : at.y - quarter, code, far, wanted);
+    hidden = hidden + part * share.hidden;
+    near = near + select(share.near, part, zero);
+  }
+  const Mask_t<F> undecided = near > splat<F>(k_most_near);
+  return {hidden, undecided};
 }
 
 // Of an object that the points do not lie on.

@@ -27,6 +27,9 @@ constexpr float k_most_near = 0.25f;
 constexpr float k_least_rise = 0.05f;
 // A quarter of a cell's width, in footprints (cell_occluders.cpp: a footprint is .58 of the width).
 constexpr float k_quarter_of_cell = 0.25f / 0.58f;
+// Footprints wider than this are broad, texels: half way, in powers of two, from the texels of the map to those of
+// level 1 of its coverage.
+constexpr float k_broad_footprint = 1.4142135f;
 
 template <class F>
 struct MapShare {
@@ -155,7 +158,7 @@ FT_HD_INLINE MapPlace<F> place_in_map(const MapLines& lines, const Vec3Lanes<F>&
   const F middle = splat<F>(0.5f * float(lines.maps->texels));
   const F reach = middle + splat<F>(1.5f * 1.4142136f) * footprint;
   const Mask_t<F> inside = ahead & (abs(x - middle) <= reach) & (abs(y - middle) <= reach);
-  const Mask_t<F> wide = inside & (z < zero - one) & (footprint >= splat<F>(1.4142135f));
+  const Mask_t<F> wide = inside & (z < zero - one) & (footprint >= splat<F>(k_broad_footprint));
   const Mask_t<F> fine = and_not(wide, ahead) & (x >= zero) & (y >= zero) & (x <= texels) & (y <= texels);
   return {x, y, z, footprint, inside, wide, fine};
 }
@@ -165,7 +168,7 @@ template <class F>
 FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const MapPlace<F>& at) {
   MapShare<F> share = {splat<F>(0.0f), and_not(at.inside, at.inside)};
   if (!any(at.inside)) return share;
-  const Mask_t<F> broad = at.by_depth & (at.footprint >= splat<F>(1.4142135f));
+  const Mask_t<F> broad = at.by_depth & (at.footprint >= splat<F>(k_broad_footprint));
   if (any(and_not(broad, at.by_depth))) share = share_by_depth<F>(lines, at.x, at.y, at.z, at.by_depth);
   if (any(broad)) {
     const MapShare<F> wide = share_by_depths<F>(lines, at.x, at.y, at.z, at.footprint, broad);

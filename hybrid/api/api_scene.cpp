@@ -331,7 +331,8 @@ FTError ftBakeFields(FTScene scene) {
         callbacks.progress = [&](double share) { progress((double(i) + share) / double(shapes.size())); };
         BakeCounters counters;
         bake_full(*s.hit_fields[shapes[i]], *s.accel, shapes[i], counters, callbacks);
-        s.demands[shapes[i]]->stop_waiting();  // of the triangles of hits, which are not baked ahead
+        // Of the triangles of hits, which are not baked ahead.
+        if (!*progress.stop()) s.demands[shapes[i]]->stop_waiting();
       }
     });
     progress.require_not_stopped();

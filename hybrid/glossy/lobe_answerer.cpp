@@ -282,6 +282,7 @@ void LobeAnswerer::answer(std::span<const Request> requests, VisibilityDevice& d
         std::vector<uint32_t>& tiles = r.work.questions[p].unbaked.tiles;
         sort_unique(tiles);
         if (!tiles.empty()) maps_[p]->bake(tiles, r.stats);
+        if (maps_[p]->tiles().full()) r.work.questions[p].unbaked = {};
       }
     });
     wave = {};

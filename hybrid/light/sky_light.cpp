@@ -422,6 +422,7 @@ void SkyLight::check_point(const Job& job, size_t point) {
   const ShadingPointBatch& all = job.receivers.points;
   CellPoints points = cell_points();
   points.grazing = 0.0f;
+  undecided_.resize(size_t(points.size) + k_batch_padding);
   AlignedVector<float> red(size_t(points.size)), green(size_t(points.size)), blue(size_t(points.size));
   const CellSums sums = {red.data(), green.data(), blue.data()};
   const Vec3 n = shading(centres_, point), g = geometric(centres_, point);

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <thread>
 
@@ -51,6 +52,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   if (picture.settings.occlusion) request.occlusion_rays = picture.rays_per_light();
   request.occlusion_distance = picture.settings.occlusion_distance;
   request.samples = uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
+  if (picture.by_rounds()) request.samples = std::numeric_limits<uint64_t>::max();
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
   return request;
 }

@@ -38,7 +38,7 @@ SkyTolerance sky_tolerance(float slack) {
 }
 
 int wanted_directions(bool crowd, float slack, uint64_t samples) {
-  if (crowd) return samples < k_few_samples ? k_crowd_directions : k_coarse_directions;
+  if (crowd) return slack >= 1.0f && samples < k_few_samples ? k_crowd_directions : k_coarse_directions;
   if (slack >= k_coarse_tolerance) return k_coarse_directions;
   return slack <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
 }

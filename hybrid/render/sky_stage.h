@@ -25,7 +25,8 @@ struct SkyRequest {
   // Rays of the whole film that maps would spare Monte Carlo; 0: not wanted.
   uint64_t light_rays = 0, occlusion_rays = 0;
   float occlusion_distance = k_infinity;  // of the layer `ao`
-  uint64_t samples = 0;     // light samples of a pixel
+  // Light samples of a pixel; the most that there may be where rounds decide.
+  uint64_t samples = 0;
   uint64_t most_bytes = 0;  // that maps may take
 };
 

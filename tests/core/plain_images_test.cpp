@@ -162,11 +162,37 @@ TEST_F(PlainImages, DamageIsLeftToOpenImageIO) {
       write_bytes(path, damaged);
       DecodedImage read;
       if (!read_plain_image(path, read)) continue;
-      // Pixels may differ: a checksum is the only thing that OpenImageIO looks at and others need not.
-      const Image& image = read.image;
-      EXPECT_EQ(image.data.size(), size_t(image.width) * size_t(image.height) * image.channel_count());
+      const DecodedImage other = by_openimageio(path);
+      EXPECT_EQ(read.image.width, other.image.width) << name << " " << at;
+      EXPECT_EQ(read.image.height, other.image.height) << name << " " << at;
+      EXPECT_EQ(read.image.channels, other.image.channels) << name << " " << at;
+      ASSERT_EQ(read.image.data.size(), other.image.data.size()) << name << " " << at;
+      size_t differ = 0;  // in more than OpenImageIO's rounding of tiny values
+      for (size_t i = 0; i < read.image.data.size(); ++i) {
+        const float a = read.image.data[i], b = other.image.data[i];
+        differ += !(std::abs(a - b) <= 1e-6f * std::abs(b)) && !(std::isnan(a) && std::isnan(b)) && a != b;
+      }
+      EXPECT_EQ(differ, 0u) << name << " " << at;
     }
   }
+}
+
+// Of other encodings, or of none that is named.
+TEST_F(PlainImages, OnlyRgbeIsRead) {
+  const std::string good = flat_hdr(16, 9, 16 * 9), format = "FORMAT=32-bit_rle_rgbe\n";
+  const size_t at = good.find(format);
+  ASSERT_NE(at, std::string::npos);
+  const auto with = [&](const std::string& line) {
+    std::string bytes = good;
+    bytes.replace(at, format.size(), line);
+    write_bytes(file("a.hdr"), bytes);
+  };
+  for (const char* line : {"FORMAT=32-bit_rle_xyze\n", "", "FORMAT=32-bit_rle_rgbe\r\n"}) {
+    with(line);
+    expect_left(file("a.hdr"));
+  }
+  with("# a comment\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1\n");
+  expect_as_openimageio(file("a.hdr"));
 }
 
 TEST_F(PlainImages, HeadersThatPromiseTooMuchAreLeft) {
@@ -177,10 +203,13 @@ TEST_F(PlainImages, HeadersThatPromiseTooMuchAreLeft) {
   const size_t at = bytes.find("dataWindow");
   ASSERT_NE(at, std::string::npos);
   const size_t corner = at + std::strlen("dataWindow") + 1 + std::strlen("box2i") + 1 + 4 + 8;
-  const int32_t far[] = {100000, 90000};
-  std::memcpy(&bytes[corner], far, sizeof far);
-  write_bytes(file("large.exr"), bytes);
-  expect_left(file("large.exr"));
+  // More than the file can hold; and more than memory should, where the file could hold it.
+  for (const int32_t side : {100000, 30000}) {
+    const int32_t far[] = {side, side};
+    std::memcpy(&bytes[corner], far, sizeof far);
+    write_bytes(file("large.exr"), bytes + std::string(side == 30000 ? 1000000 : 0, 'x'));
+    expect_left(file("large.exr"));
+  }
 }
 
 TEST_F(PlainImages, LayersAndOtherFormatsAreLeft) {

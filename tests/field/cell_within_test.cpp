@@ -170,6 +170,29 @@ TEST_P(WithinDistance, FarDistancesHideAsNone) {
 INSTANTIATE_TEST_SUITE_P(Meshes, WithinDistance, testing::Values("knot", "supershape", "sphere"),
                          [](const auto& instance) { return std::string(instance.param); });
 
+// The first surfaces are those of the lines whose last ones are read, also where the place lies on a row of texels.
+TEST(CellWithin, FirstSurfacesAreOfTheSameLines) {
+  constexpr int k_texels = 8;
+  DirectionMaps maps({Vec3(0.0f), 1.0f}, {.directions = 4, .texels = k_texels});
+  for (int i = 0; i < k_texels * k_texels; ++i) {
+    maps.depths(0)[i] = uint16_t(1000 + i);
+    // The opposite map: rows the other way.
+    maps.depths(1)[(k_texels - 1 - i / k_texels) * k_texels + i % k_texels] = uint16_t(2000 + i);
+  }
+  const MapsView view = maps.view();
+  MapLines lines;
+  lines.maps = &view, lines.depth_begin = 0, lines.back_begin = view.depth_bytes;
+  for (const float y : {0.0f, 0.5f, 1.0f, 1.5f, 2.25f, 3.5f, 6.5f, 7.5f, 8.0f}) {
+    const auto last = scalar::read_depths<float>(lines, 3.3f, y, true);
+    const auto first = scalar::read_first<float>(lines, 3.3f, y, true);
+    for (int i = 0; i < 4; ++i) {
+      const float line = last.depth[i] - 1000.0f;
+      EXPECT_EQ(first.depth[i ^ 2], k_depth_codes + 2.0f - (2000.0f + line)) << y << " " << i;
+      EXPECT_NEAR(first.weight[i ^ 2], last.weight[i], 1e-6f) << y << " " << i;
+    }
+  }
+}
+
 TEST(CellWithin, GivesTheSameBitsOnEveryInstructionSet) {
   TestRandom random(55);
   std::vector<DirectionMaps> maps;

@@ -146,6 +146,22 @@ TEST(EmulatedPicture, OcclusionIsTheDevices) {
   expect_same_picture(scene, o, "nearby");
 }
 
+// --check asks the CPU's kernel about cells that the device has answered.
+TEST(EmulatedPicture, SkyCellsAreChecked) {
+  Scene scene = knot_over_floor(Mat3(1.0f), 48);
+  Emitter sky;
+  sky.kind = EmitterKind::constant;
+  scene.emitters = {sky};
+  for (Instance& i : scene.instances) i.emitter = k_none;
+  RenderOptions o = options_for(1, 16);
+  o.check = true;
+  WaveSizes sizes;
+  const RenderResult device = render_recorded(scene, o, sizes);
+  EXPECT_FALSE(sizes[int(Level::sky_cells)].empty());
+  EXPECT_GT(device.stats.check_sky.compared, 0u);
+  expect_equal(device, render(scene, o), "checked");
+}
+
 // The cells of many batches are one wave, as large as k_wave_samples where the band has as many.
 TEST(EmulatedPicture, WavesOfSkyCellsHoldAMillionSamples) {
   Scene scene = knot_over_floor(Mat3(1.0f), 160);
