@@ -18,12 +18,12 @@ function(fieldtrace_component)
   endforeach()
 endfunction()
 
-# fieldtrace_module(NAME [MAY_INCLUDE FOLDER...] [LIBRARIES LIB...])
+# fieldtrace_module(NAME [COMPONENT NAME] [MAY_INCLUDE FOLDER...] [LIBRARIES LIB...])
 #
 # Makes the sources of the calling folder LIBRARY/COMPONENT libfieldtrace_NAME.so, which programs open when they first
 # need it (core/platform/module.h). It uses headers of MAY_INCLUDE alone; libraries that bring many others belong here.
 function(fieldtrace_module name)
-  cmake_parse_arguments(ARG "" "" "MAY_INCLUDE;LIBRARIES" ${ARGN})
+  cmake_parse_arguments(ARG "" "COMPONENT" "MAY_INCLUDE;LIBRARIES" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
     message(FATAL_ERROR "fieldtrace_module: unknown: ${ARG_UNPARSED_ARGUMENTS}")
   endif()
@@ -36,5 +36,8 @@ function(fieldtrace_module name)
     LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/${FIELDTRACE_MODULE_DIR})
   # What links the library finds the module built.
   add_dependencies(fieldtrace_${_library} fieldtrace_${name})
-  install(TARGETS fieldtrace_${name} LIBRARY DESTINATION ${FIELDTRACE_MODULE_DIR})
+  if(NOT ARG_COMPONENT)
+    set(ARG_COMPONENT Unspecified)
+  endif()
+  install(TARGETS fieldtrace_${name} LIBRARY DESTINATION ${FIELDTRACE_MODULE_DIR} COMPONENT ${ARG_COMPONENT})
 endfunction()

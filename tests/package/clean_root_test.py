@@ -27,7 +27,7 @@ fieldtrace --version
 fieldtrace mesh knot -o knot.ply
 fieldtrace bake knot.ply -o knot.vdb --full --directions 32 --plane 64
 fieldtrace info knot.vdb
-fieldtrace render scenes/rectangle_light_box.xml -o box.exr -o box.png --spp 1
+fieldtrace render scenes/rectangle_light_box.xml -o box.exr -o box.png --spp 1 --aov depth
 fieldtrace compare box.exr box.exr --fail-above 0
 ./consumer field.vdb
 if ldd /usr/bin/fieldtrace /usr/lib/libfieldtrace.so.* /usr/lib/fieldtrace/*.so | grep "not found"; then exit 1; fi
