@@ -259,7 +259,7 @@ SkyCells SkyRadiance::cells(const Mat3& grid, int directions, int parts) const {
 
 std::vector<Rgb> SkyRadiance::make_table(float grazing) const {
   const SkyCells sky = cells(Mat3(1.0f), k_table_cells);
-  const CellLightKernel kernel = cell_light_kernel_for(resolve_isa(Isa::automatic));
+  const CellLightKernel kernel = cell_light_kernel_for(resolve_isa(Isa::automatic));  // the same bits by any
   constexpr size_t k_side = size_t(k_table_cells) + 1;
   std::vector<Rgb> table(k_side * k_side);
   parallel_for(k_side, [&](size_t row) {
