@@ -14,7 +14,7 @@
 namespace fieldtrace {
 namespace {
 
-constexpr char k_magic[] = "fieldtrace checkpoint 2\n";
+constexpr char k_magic[] = "fieldtrace checkpoint 3\n";
 constexpr size_t k_magic_size = sizeof(k_magic) - 1;
 static_assert(std::is_trivially_copyable_v<PixelSums> && std::is_trivially_copyable_v<AovSums>);
 
@@ -31,7 +31,7 @@ nlohmann::json header_of(const Checkpoint& c) {
   j["identity"] = c.identity;
   j["planned_samples"] = c.planned_samples;
   j["expected_samples"] = c.expected_samples;
-  j["trust"] = c.trust;
+  j["accuracy"] = int(c.accuracy);
   j["field_mean_square"] = c.field_mean_square;
   j["light_samples"] = c.light_samples;
   j["open_light_samples"] = c.open_light_samples;
@@ -147,7 +147,7 @@ Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& ident
   require_same(path, c.identity, identity);
   c.planned_samples = j.at("planned_samples");
   c.expected_samples = j.at("expected_samples");
-  c.trust = j.at("trust");
+  c.accuracy = FieldAccuracy(j.at("accuracy").get<int>());
   c.field_mean_square = j.at("field_mean_square");
   c.light_samples = j.at("light_samples");
   c.open_light_samples = j.at("open_light_samples");

@@ -16,12 +16,20 @@ namespace fieldtrace {
 // What a picture depends on, by the names of options ("--seed", "5").
 using PictureIdentity = std::vector<std::pair<std::string, std::string>>;
 
+// What answers in a picture to an error, from the cheapest on; each errs less than the one before.
+enum class FieldAccuracy : uint8_t {
+  coarse_maps,     // direction maps for few samples, and fields at the usual tolerance
+  usual,           // both as in pictures without a target error
+  less_tolerance,  // fields at a part of the usual tolerance
+  rays             // neither
+};
+
 struct Checkpoint {
   PictureIdentity identity;
-  // Decisions: samples that a pixel was expected to need, by rays when fields were chosen, and with them; how far
-  // fields are trusted and how far they err; and light samples of each camera sample.
+  // Decisions: samples that a pixel was expected to need, by rays when fields were chosen, and with them; how
+  // accurate fields are and how far they err; and light samples of each camera sample.
   int planned_samples = 1, expected_samples = 1;
-  float trust = 1.0f;
+  FieldAccuracy accuracy = FieldAccuracy::usual;
   double field_mean_square = 0.0;
   int light_samples = 1, open_light_samples = 1, lobe_samples = 1;
   uint64_t restarts = 0;  // of the render, because fields had outgrown their memory

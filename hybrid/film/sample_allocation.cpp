@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/platform/parallel.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -37,13 +39,16 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure) {
   const NoiseCells cells(window);
   const size_t columns = cells.columns(), rows = cells.rows();
   std::vector<CellSums> sums(cells.count());
-  for (int y = window.y; y < window.y + window.height; ++y) {
-    for (int x = window.x; x < window.x + window.width; ++x) {
-      const PixelSums& p = film.pixels[film.index(x, y)];
-      CellSums& s = sums[cells.cell(x, y)];
-      s.add({1.0, noise_square(p, measure), p.work, double(p.samples())});
+  parallel_for(rows, [&](size_t row) {
+    const int top = window.y + int(row) * k_noise_block;
+    for (int y = top; y < std::min(top + k_noise_block, window.y + window.height); ++y) {
+      for (int x = window.x; x < window.x + window.width; ++x) {
+        const PixelSums& p = film.pixels[film.index(x, y)];
+        CellSums& s = sums[cells.cell(x, y)];
+        s.add({1.0, noise_square(p, measure), p.work, double(p.samples())});
+      }
     }
-  }
+  });
   pixels_ = double(film.pixels.size());
   cells_.resize(sums.size());
   for (size_t row = 0; row < rows; ++row) {
@@ -106,41 +111,51 @@ double SampleAllocation::work() const {
   return sum;
 }
 
-double SampleAllocation::goal(const NoiseCell& c, double scale, const Limits& limits) const {
-  // m n^p / w: for p = 1 the variance over the work.
-  const double gain = c.variance * std::pow(c.samples, limits.decay - 1.0) / c.work;
-  const double wanted = std::pow(scale * scale * gain, 1.0 / (limits.decay + 1.0));
-  const double most = std::min(c.samples * limits.growth, limits.most);
-  const double goal = std::min(wanted, most);
-  return goal > c.samples * limits.least_growth ? goal : c.samples;
+SampleAllocation::Shares SampleAllocation::shares(const Limits& limits) const {
+  Shares shares = {limits, {}};
+  for (const NoiseCell& c : cells_) {
+    // m n^p / w: for p = 1 the variance over the work.
+    const double gain = c.variance * std::pow(c.samples, limits.decay - 1.0) / c.work;
+    shares.of_cells.push_back(std::pow(gain, 1.0 / (limits.decay + 1.0)));
+  }
+  return shares;
 }
 
-double SampleAllocation::predicted(size_t colour, double scale, const Limits& limits) const {
+double SampleAllocation::goal(size_t cell, double scale, const Shares& shares) const {
+  const double samples = cells_[cell].samples;
+  const double most = std::min(samples * shares.limits.growth, shares.limits.most);
+  const double goal = std::min(scale * shares.of_cells[cell], most);
+  return goal > samples * shares.limits.least_growth ? goal : samples;
+}
+
+double SampleAllocation::predicted(size_t colour, double scale, const Shares& shares) const {
   double sum = 0.0;
   for (size_t i = colour; i < cells_.size(); i += 2) {
     const NoiseCell& c = cells_[i];
     if (!(c.pixels > 0.0) || !(c.samples > 0.0)) continue;
-    sum += c.pixels * c.variance / c.samples * std::pow(c.samples / goal(c, scale, limits), limits.decay);
+    const double reached = goal(i, scale, shares);
+    const double left = reached > c.samples ? std::pow(c.samples / reached, shares.limits.decay) : 1.0;
+    sum += c.pixels * c.variance / c.samples * left;
   }
   return sum / std::max(colour_pixels_[colour], 1.0);
 }
 
-double SampleAllocation::further_work(size_t colour, double scale, const Limits& limits) const {
+double SampleAllocation::further_work(size_t colour, double scale, const Shares& shares) const {
   double sum = 0.0;
   for (size_t i = colour; i < cells_.size(); i += 2) {
     const NoiseCell& c = cells_[i];
-    sum += c.pixels * c.work * (goal(c, scale, limits) - c.samples);
+    sum += c.pixels * c.work * (goal(i, scale, shares) - c.samples);
   }
   return sum;
 }
 
-double SampleAllocation::scale_of(size_t colour, double mean_square, double work, const Limits& limits) const {
-  // Both sides of the search are far beyond any goal: samples per sqrt(variance / work).
+double SampleAllocation::scale_of(size_t colour, double mean_square, double work, const Shares& shares) const {
+  // Both sides of the search are far beyond any goal.
   double low = 1e-30, high = 1e30;
   for (int i = 0; i < 256 && high > low * 1.0001; ++i) {
     const double middle = std::sqrt(low * high);
     const bool is_too_much =
-        predicted(colour, middle, limits) < mean_square || further_work(colour, middle, limits) > work;
+        predicted(colour, middle, shares) < mean_square || further_work(colour, middle, shares) > work;
     (is_too_much ? high : low) = middle;
   }
   return high;
@@ -148,19 +163,20 @@ double SampleAllocation::scale_of(size_t colour, double mean_square, double work
 
 std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
   std::vector<uint32_t> counts(cells_.size(), 0);
+  const Shares wanted = shares(limits);
   for (size_t colour = 0; colour < 2; ++colour) {
     const double now = colour_mean_square_[colour];
     if (!(now > limits.mean_square)) continue;
     // Blocks' variances that are mixed with those around are not quite what they are by themselves.
-    const double target = limits.mean_square * predicted(colour, 0.0, limits) / now;
+    const double target = limits.mean_square * predicted(colour, 0.0, wanted) / now;
     const double share = pixels_ > 0.0 ? colour_pixels_[colour] / pixels_ : 0.0;
-    double scale = scale_of(colour, target, share * limits.work, limits);
-    if (further_work(colour, scale, limits) < share * limits.least_work)
-      scale = scale_of(colour, 0.0, share * std::min(limits.work, limits.least_work), limits);
+    double scale = scale_of(colour, target, share * limits.work, wanted);
+    if (further_work(colour, scale, wanted) < share * limits.least_work)
+      scale = scale_of(colour, 0.0, share * std::min(limits.work, limits.least_work), wanted);
     for (size_t i = colour; i < cells_.size(); i += 2) {
       const NoiseCell& c = cells_[i];
       if (!(c.pixels > 0.0)) continue;
-      const double more = goal(c, scale, limits) - c.samples;
+      const double more = goal(i, scale, wanted) - c.samples;
       counts[i] = uint32_t(std::min(std::ceil(0.5 * more), std::floor(0.5 * (limits.most - c.samples))));
     }
   }

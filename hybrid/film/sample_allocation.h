@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "hybrid/film/film_sums.h"
+#include "hybrid/film/noise_forecast.h"
 
 namespace fieldtrace {
 
@@ -59,9 +60,6 @@ class NoiseCells {
   size_t columns_ = 0, rows_ = 0;
 };
 
-// How much faster than that of random samples noise may be expected to fall (SampleAllocation::Limits::decay).
-inline constexpr double k_most_decay = 1.5;
-
 class SampleAllocation {
  public:
   // The film's samples must be in two halves alike.
@@ -94,13 +92,19 @@ class SampleAllocation {
   double work_of(const std::vector<uint32_t>& further) const;
 
  private:
-  // The goal for a cell's samples where a unit of mean square is worth 1 / scale^2 of work.
-  double goal(const NoiseCell& cell, double scale, const Limits& limits) const;
+  // Limits, and in what proportion cells want samples.
+  struct Shares {
+    const Limits& limits;
+    std::vector<double> of_cells;
+  };
+  Shares shares(const Limits& limits) const;
+  // The goal for a cell's samples where each share is worth `scale` of them.
+  double goal(size_t cell, double scale, const Shares& shares) const;
   // Of the pixels of one colour: the mean square that is expected, and the work until then.
-  double predicted(size_t colour, double scale, const Limits& limits) const;
-  double further_work(size_t colour, double scale, const Limits& limits) const;
-  // The scale at which a colour's noise or work is what the limits say.
-  double scale_of(size_t colour, double mean_square, double work, const Limits& limits) const;
+  double predicted(size_t colour, double scale, const Shares& shares) const;
+  double further_work(size_t colour, double scale, const Shares& shares) const;
+  // The scale at which a colour's noise or work is what is given.
+  double scale_of(size_t colour, double mean_square, double work, const Shares& shares) const;
 
   std::vector<NoiseCell> cells_;
   double pixels_ = 0.0, mean_square_ = 0.0;

@@ -12,6 +12,7 @@
 #include "core/trace/accel.h"
 #include "field/file/field_cache.h"
 #include "hybrid/film/checkpoint.h"
+#include "hybrid/film/noise_forecast.h"
 #include "hybrid/path/aovs.h"
 #include "hybrid/render/render.h"
 #include "hybrid/render/sky_stage.h"
@@ -25,6 +26,9 @@ using Clock = std::chrono::steady_clock;
 // Up to this many light samples a pixel their noise exceeds what estimates at the default tolerance err; with more the
 // tolerance is less in proportion (docs/decisions/030-tolerance-by-noise.md).
 inline constexpr double k_tolerated_light_samples = 128.0;
+
+// The part of the usual tolerance that fields of FieldAccuracy::less_tolerance have.
+inline constexpr float k_less_tolerance = 0.125f;
 
 // A picture to be made: what all attempts at it share.
 struct Picture {
@@ -71,13 +75,17 @@ struct Stage {
   std::unique_ptr<FieldCache> cache = nullptr;  // opened when it is first needed
   SkyStage sky = {};
   VisibilityDevice* device = nullptr;  // null: the CPU
-  // Of a picture to an error: by what its tolerance is multiplied; 0: rays answer everything.
-  float trust = 1.0f;
-  // With which the error of fields is surveyed: of unstratified samples, as many as reach the error or fill the time.
+  FieldAccuracy accuracy = FieldAccuracy::usual;
+  NoiseForecast ray_noise = {};  // of a picture by rounds, by rays alone
+  // With which the error of fields is surveyed: as many as rays take to the error in each half, or to fill the time.
   double survey_samples = 0.0;
+  std::vector<PixelSums> ray_survey = {};  // what rays gave then, for every accuracy
   std::optional<Clock::time_point> deadline = {};  // of a picture with a time limit
   PictureIdentity identity = {};                   // of a picture with checkpoints
   std::optional<Checkpoint> resumed = {};          // where the picture goes on
+
+  float tolerance_share() const { return accuracy == FieldAccuracy::less_tolerance ? k_less_tolerance : 1.0f; }
+  bool uses_fields() const { return accuracy != FieldAccuracy::rays; }
 };
 
 }  // namespace fieldtrace

@@ -53,8 +53,26 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   request.occlusion_distance = picture.settings.occlusion_distance;
   request.samples = uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   if (picture.by_rounds()) request.samples = std::numeric_limits<uint64_t>::max();
+  request.coarse = stage.accuracy == FieldAccuracy::coarse_maps;
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
   return request;
+}
+
+// Makes the direction maps of the stage's accuracy, where the picture wants any.
+void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
+  if (!picture.wants_fields) return;
+  stage.sky = {};
+  const auto cache = [&] {
+    if (!stage.cache) stage.cache = open_cache(picture.options, /*no_fields=*/false, picture.callbacks.warning);
+    return stage.cache.get();
+  };
+  const SkyRequest request = sky_request(picture, stage);
+  stage.sky =
+      make_sky(picture.scene, stage.accel, stage.traits, picture.options, request, cache, picture.callbacks, stats);
+  make_indirect({picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
+                 picture.callbacks, request, picture.options.check},
+                stage.sky, stats);
+  if (stage.sky.light && !has_sky(picture.scene) && !stage.sky.light->indirect()) stage.sky.light.reset();
 }
 
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
@@ -80,7 +98,7 @@ bool wants_fields(const Picture& picture, const Stage& stage, const FieldPlan& p
   const std::vector<Emitter>& emitters = picture.scene.emitters;
   const bool maps_answer =
       stage.sky.light && std::all_of(emitters.begin(), emitters.end(), [](const Emitter& e) { return is_sky(e.kind); });
-  return picture.wants_fields && stage.trust > 0.0f && !(maps_answer && plan.hit_instances.empty());
+  return picture.wants_fields && stage.uses_fields() && !(maps_answer && plan.hit_instances.empty());
 }
 
 void warn_of_no_hits(const Picture& picture) {
@@ -147,7 +165,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
                   stage.address_space);
   int open_samples = options.light_samples;
   bool surveyed = leave_unpaid(picture, stage, fields, open_samples, stats);
-  stats.tolerance = picture.light_tolerance(open_samples) * stage.trust;
+  stats.tolerance = picture.light_tolerance(open_samples) * stage.tolerance_share();
   if (!stage.cache) stage.cache = open_cache(options, fields.empty(), warning);
   FieldCache* const cache = stage.cache.get();
   if (cache) {
@@ -161,11 +179,11 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   settings.device = stage.device;
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
-  tracing.sky_by_maps = stage.sky.light != nullptr && stage.trust > 0.0f;
+  tracing.sky_by_maps = stage.sky.light != nullptr && stage.uses_fields();
   tracing.open_light_samples = stats.open_light_samples = open_samples;
   if (picture.is_adaptive()) tracing.open_sun_samples = std::max(options.light_samples, k_open_sun_samples);
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, tracing, stage.lights);
-  const bool estimates = stage.trust > 0.0f;
+  const bool estimates = stage.uses_fields();
   context.sky = estimates ? stage.sky.light.get() : nullptr;
   context.indirect = context.sky ? context.sky->indirect() : nullptr;
   context.occlusion_sky = estimates ? stage.sky.occlusion.get() : nullptr;
@@ -204,7 +222,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
       if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state, stats)) return false;
     }
     state.planned_samples = picture.spp;
-    state.trust = stage.trust;
+    state.accuracy = stage.accuracy;
     state.light_samples = context.settings.light_samples;
     state.open_light_samples = context.settings.open_light_samples;
     state.lobe_samples = context.settings.lobe_samples;
@@ -307,7 +325,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     if (options.slice) result.part = part_of(picture);
     if (!options.resume.empty()) {
       stage.resumed = read_checkpoint(options.resume, stage.identity);
-      stage.trust = stage.resumed->trust;
+      stage.accuracy = stage.resumed->accuracy;
       picture.expect(stage.resumed->planned_samples);
       result.stats.resumed = true;
     } else if (picture.by_rounds()) {
@@ -318,23 +336,14 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       render_by_thesis(picture, stage, result);
       return;
     }
-    if (picture.wants_fields && stage.trust > 0.0f) {
-      const auto cache = [&] {
-        stage.cache = open_cache(options, /*no_fields=*/false, told_once.warning);
-        return stage.cache.get();
-      };
-      const SkyRequest request = sky_request(picture, stage);
-      stage.sky = make_sky(scene, accel, stage.traits, options, request, cache, told_once, result.stats);
-      make_indirect(
-          {scene, accel, stage.camera, stage.traits, stage.lights, picture.settings, told_once, request, options.check},
-          stage.sky, result.stats);
-      if (stage.sky.light && !has_sky(scene) && !stage.sky.light->indirect()) stage.sky.light.reset();
-    }
     stage.device = device.get();
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);
+    if (stage.uses_fields()) make_maps(picture, stage, result.stats);
     for (bool is_done = false; !is_done;) {
       is_done = attempt(picture, stage, plan, result);
+      const bool wants_finer = stage.uses_fields() && stage.accuracy != FieldAccuracy::coarse_maps;
+      if (!is_done && wants_finer && stage.sky.can_be_finer) make_maps(picture, stage, result.stats);
       if (device) device->forget_fields();
     }
   });

@@ -20,28 +20,23 @@ namespace {
 
 // Numbers of sequences that no round uses.
 constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u, k_decay_replicates = 0x80000004u;
-// Noise is surveyed by one block of 4 x 4 pixels in this many by as many, with 4 samples of each half; how fast it
-// falls, with 1 besides.
-constexpr int k_block_step = 6;
+// One pixel in this many, but a least number, tells how noisy pictures are, with 4 samples of each half; how fast noise
+// falls, with 1 besides;
+constexpr int k_noise_pixels_each = 128, k_fewest_noise_pixels = 2048;
 constexpr uint32_t k_noise_samples = 4;
-// Field errors by one pixel in this many, as far as there are,
-constexpr int k_pixels_each = 512;
-constexpr int k_fewest_pixels = 256;
-// with this many samples of each half.
+// and how far fields err, with this many samples of each half.
+constexpr int k_error_pixels_each = 512, k_fewest_error_pixels = 256;
 constexpr double k_least_samples = 8.0, k_most_samples = 512.0;
 // Pixels of one task.
 constexpr size_t k_task_pixels = 16;
+
+double pixels_of(const Picture& picture) { return double(picture.window.width) * double(picture.window.height); }
 
 // Camera samples of a picture, by its measure of errors.
 struct SampleCost {
   double variance = 0.0;  // of one sample, mean over pixels and channels
   double work = 0.0;      // of one sample: itself and its rays
   double seconds = 0.0;   // of one sample, of one thread
-
-  // Work until noise is `mean_square`; infinite where that is not above 0.
-  double work_to(double mean_square) const {
-    return mean_square > 0.0 ? std::max(variance / mean_square, 1.0) * work : double(k_infinity);
-  }
 };
 
 // A context in which rays answer everything.
@@ -55,17 +50,27 @@ class RayContext {
   std::unique_ptr<TransportContext> context_;
 };
 
-// How far pictures in a context and by rays differ where noise is averaged away, as a mean square; and what samples of
-// either cost.
-struct FieldError {
-  double mean_square = 0.0;
-  SampleCost fields, rays;
-};
-
 struct Survey {
   std::vector<PixelPosition> pixels;
-  std::vector<PixelSums> sums;
+  std::vector<PixelSums> sums = {};
 };
+
+// Single pixels spread over the window, as far as it has so many.
+std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each, int fewest) {
+  const Rect& w = picture.window;
+  const double wanted = std::max(pixels_of(picture) / pixels_each, double(fewest));
+  const double side = std::max(std::sqrt(pixels_of(picture) / wanted), 1.0);
+  std::vector<PixelPosition> pixels;
+  for (double y = 0.0; y < double(w.height); y += side) {
+    for (double x = 0.0; x < double(w.width); x += side) {
+      const auto seed = scalar::pixel_seed(picture.settings.seed, uint32_t(x), uint32_t(y));
+      const auto place = scalar::sample_2d(0, seed, 0);
+      pixels.push_back({w.x + std::min(int(x + side * double(place.x)), w.width - 1),
+                        w.y + std::min(int(y + side * double(place.y)), w.height - 1)});
+    }
+  }
+  return pixels;
+}
 
 // Traces the survey's pixels with `samples` samples of each half.
 void trace_survey(const Picture& picture, const TransportContext& context, uint32_t samples, uint32_t replicate,
@@ -117,73 +122,45 @@ RayContext::RayContext(const Picture& picture, const Stage& stage) {
       std::make_unique<TransportContext>(picture.scene, stage.accel, stage.camera, *answerer_, settings, stage.lights);
 }
 
-// Of camera samples in `context`, by blocks of pixels that a grid spreads over the window.
+// Of camera samples in `context`.
 SampleCost survey_noise(const Picture& picture, const TransportContext& context, Stats& stats,
                         uint32_t samples = k_noise_samples, uint32_t replicates = k_noise_replicates) {
-  Survey survey;
-  const Rect& w = picture.window;
-  const int step = 4 * std::clamp(std::min(w.width, w.height) / 32, 1, k_block_step);
-  for (int y = 0; y < w.height; y += step) {
-    for (int x = 0; x < w.width; x += step) {
-      const Rect block{w.x + x, w.y + y, std::min(4, w.width - x), std::min(4, w.height - y)};
-      for (const PixelPosition& p : tile_pixels(block)) survey.pixels.push_back(p);
-    }
-  }
+  Survey survey = {survey_pixels(picture, k_noise_pixels_each, k_fewest_noise_pixels)};
   trace_survey(picture, context, samples, replicates, survey, stats);
   return cost_of(survey, picture.options.error_measure);
 }
 
-// The noise of uniform samples, as few of them show it.
-struct NoiseForecast {
-  SampleCost cost;
-  double decay = 1.0;  // as in SampleAllocation::Limits
-
-  double samples_to(double mean_square) const {
-    constexpr double n = 2.0 * k_noise_samples;
-    return n * std::pow(cost.variance / n / mean_square, 1.0 / decay);
-  }
-};
-
 NoiseForecast forecast_noise(const Picture& picture, const TransportContext& context, Stats& stats) {
-  NoiseForecast forecast = {survey_noise(picture, context, stats)};
+  const SampleCost cost = survey_noise(picture, context, stats);
   const SampleCost few = survey_noise(picture, context, stats, 1, k_decay_replicates);
-  if (forecast.cost.variance > 0.0 && few.variance > 0.0) {
-    const double decay = 1.0 + std::log(few.variance / forecast.cost.variance) / std::log(double(k_noise_samples));
+  constexpr double n = 2.0 * k_noise_samples;
+  NoiseForecast forecast = {n, cost.variance / n, 1.0, cost.work, cost.seconds};
+  if (cost.variance > 0.0 && few.variance > 0.0) {
+    const double decay = 1.0 + std::log(few.variance / cost.variance) / std::log(double(k_noise_samples));
     forecast.decay = std::clamp(decay, 1.0, k_most_decay);
   }
   return forecast;
 }
 
-// From single pixels spread over the window, with `samples` samples each, as far as few and many go.
-FieldError survey_field_error(const Picture& picture, const TransportContext& context, const TransportContext& rays,
-                              double samples, Stats& stats) {
-  const Rect& w = picture.window;
-  const double wanted = std::max(double(w.width) * double(w.height) / k_pixels_each, double(k_fewest_pixels));
-  const double side = std::max(std::sqrt(double(w.width) * double(w.height) / wanted), 1.0);
-  Survey by_fields;
-  for (double y = 0.0; y < double(w.height); y += side) {
-    for (double x = 0.0; x < double(w.width); x += side) {
-      const auto seed = scalar::pixel_seed(picture.settings.seed, uint32_t(x), uint32_t(y));
-      const auto place = scalar::sample_2d(0, seed, 0);
-      by_fields.pixels.push_back({w.x + std::min(int(x + side * double(place.x)), w.width - 1),
-                                  w.y + std::min(int(y + side * double(place.y)), w.height - 1)});
-    }
-  }
-  Survey by_rays = by_fields;
+// How far pictures in `context` and by rays differ where noise is averaged away, as a mean square; with `samples`
+// samples of each pixel, as far as few and many go. `ray_sums`: by rays, if not empty; they are traced, and kept there,
+// otherwise.
+double survey_field_error(const Picture& picture, const TransportContext& context, const TransportContext& rays,
+                          double samples, std::vector<PixelSums>& ray_sums, Stats& stats) {
+  Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
+  Survey by_rays = {by_fields.pixels, ray_sums};
   const auto half_samples = uint32_t(std::clamp(0.5 * samples, k_least_samples, k_most_samples));
   trace_survey(picture, context, half_samples, k_error_replicates, by_fields, stats);
-  trace_survey(picture, rays, half_samples, k_error_replicates, by_rays, stats);
-  FieldError error;
+  if (ray_sums.empty()) trace_survey(picture, rays, half_samples, k_error_replicates, by_rays, stats);
+  ray_sums = by_rays.sums;
+  double mean_square = 0.0;
   for (size_t i = 0; i < by_fields.pixels.size(); ++i) {
     const PixelSums &f = by_fields.sums[i], &r = by_rays.sums[i];
     // Noise of the halves is independent: the mean of the product is the square of what both share.
     const DVec3 product = (f.mean_of(0) - r.mean_of(0)) * (f.mean_of(1) - r.mean_of(1));
-    error.mean_square += weighted_square(product, r.mean(), picture.options.error_measure);
+    mean_square += weighted_square(product, r.mean(), picture.options.error_measure);
   }
-  error.mean_square = std::max(error.mean_square / double(by_fields.pixels.size()), 0.0);
-  error.fields = cost_of(by_fields, picture.options.error_measure);
-  error.rays = cost_of(by_rays, picture.options.error_measure);
-  return error;
+  return std::max(mean_square / double(by_fields.pixels.size()), 0.0);
 }
 
 // The squared error that may be left.
@@ -198,13 +175,11 @@ constexpr double k_fewest_samples = 8.0;
 // sought.
 constexpr double k_clear_gain = 4.0;
 
+// Where fields make more of the squared target, they are made more accurate if they can be.
+constexpr double k_field_share = 0.7;
+
 // Lobe samples that are tried beside one.
 constexpr int k_more_lobe_samples = 4;
-
-// Tolerances of lights where the usual one errs too much for a target error, in parts of it.
-constexpr float k_less_trust = 0.125f;
-
-double pixels_of(const Picture& picture) { return double(picture.window.width) * double(picture.window.height); }
 
 double threads() { return double(tbb::this_task_arena::max_concurrency()); }
 
@@ -212,22 +187,26 @@ double threads() { return double(tbb::this_task_arena::max_concurrency()); }
 
 void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
   const RayContext rays(picture, stage);
-  const NoiseForecast noise = forecast_noise(picture, rays.context(), stats);
+  const RenderOptions& options = picture.options;
+  const NoiseForecast noise = stage.ray_noise = forecast_noise(picture, rays.context(), stats);
   double samples = double(k_infinity);
   stage.survey_samples = samples;
-  if (picture.options.target_error > 0.0f) {
-    samples = noise.samples_to(square_of_target(picture.options));
-    stage.survey_samples = noise.cost.variance / square_of_target(picture.options);
+  if (options.target_error > 0.0f) {
+    const double target = square_of_target(options);
+    samples = noise.samples_to(target);
+    // Twice as many, so that each half's noise is the target's, but no more than random ones would be.
+    stage.survey_samples = std::min(2.0 * samples, noise.samples * noise.mean_square / target);
+    if (!options.tolerance && !options.directions && !options.plane) stage.accuracy = FieldAccuracy::coarse_maps;
   }
-  if (picture.options.time_limit > 0.0f) {
-    const double seconds = std::max(noise.cost.seconds * pixels_of(picture) / threads(), 1e-9);
-    const double in_time = double(picture.options.time_limit) / seconds;
+  if (options.time_limit > 0.0f) {
+    const double seconds = std::max(noise.seconds * pixels_of(picture) / threads(), 1e-9);
+    const double in_time = double(options.time_limit) / seconds;
     samples = std::min(samples, in_time);
     stage.survey_samples = std::min(stage.survey_samples, in_time);
   }
   picture.expect(samples);
   // What fields could spare then, surveys take.
-  if (samples < k_fewest_samples) stage.trust = 0.0f;
+  if (samples < k_fewest_samples) stage.accuracy = FieldAccuracy::rays;
 }
 
 namespace {
@@ -265,6 +244,18 @@ void choose_lobe_samples(const Picture& picture, TransportContext& context, Stat
   if (!(more.variance * more.work < one.variance * one.work)) picture.split_lobes(context.settings, 1);
 }
 
+// Whether another accuracy may take fields' part of the error down. Sets it.
+bool errs_less(const Picture& picture, Stage& stage, const TransportContext& context) {
+  if (picture.options.tolerance) return false;
+  if (stage.accuracy == FieldAccuracy::coarse_maps) {
+    stage.accuracy = FieldAccuracy::usual;
+    if (stage.sky.can_be_finer) return true;
+  }
+  if (stage.accuracy != FieldAccuracy::usual || !context.settings.estimates) return false;
+  stage.accuracy = FieldAccuracy::less_tolerance;
+  return true;
+}
+
 }  // namespace
 
 void choose_samples(const Picture& picture, bool rays_alone, TransportContext& context, Stats& stats) {
@@ -277,40 +268,31 @@ void choose_samples(const Picture& picture, bool rays_alone, TransportContext& c
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
                    Stats& stats) {
   const RayContext rays(picture, stage);
-  const auto survey = [&] { return survey_field_error(picture, context, rays.context(), stage.survey_samples, stats); };
-  FieldError error = survey();
+  const double error =
+      survey_field_error(picture, context, rays.context(), stage.survey_samples, stage.ray_survey, stats);
+  decided.field_mean_square = error;
+  const bool has_target = picture.options.target_error > 0.0f;
   const double target = square_of_target(picture.options);
-  decided.field_mean_square = error.mean_square;
-  if (picture.options.target_error == 0.0f) {
-    const double seconds = std::max(-seconds_since(*stage.deadline), 0.0) * threads();
-    const auto noise_in_time = [&](const SampleCost& cost) {
-      return cost.variance * cost.seconds * pixels_of(picture) / seconds;
-    };
-    if (error.mean_square + noise_in_time(error.fields) <= noise_in_time(error.rays)) return true;
-    stage.trust = 0.0f;
-    return false;
-  }
-  // Where the tolerance may be at fault, less of it is tried first.
-  const bool by_tolerance = context.settings.estimates && !picture.options.tolerance && stage.trust == 1.0f;
-  if (by_tolerance && error.mean_square > 0.25 * target) {
-    stage.trust = k_less_trust;
-    return false;
-  }
-  const auto left = [&] { return target - error.mean_square; };
-  const auto gain = [&] { return error.rays.work_to(target) / error.fields.work_to(left()); };
-  if (gain() >= 1.0 && gain() < k_clear_gain) {
-    choose_samples(picture, /*rays_alone=*/true, rays.context(), stats);
-    error = survey();
-    decided.field_mean_square = error.mean_square;
-  }
-  if (gain() >= 1.0) {
-    const NoiseForecast noise = forecast_noise(picture, context, stats);
-    decided.expected_samples = int(std::clamp(noise.samples_to(left()), 1.0, double(picture.most_samples)));
+  if (has_target && error > k_field_share * target && errs_less(picture, stage, context)) return false;
+  const NoiseForecast noise = forecast_noise(picture, context, stats);
+  bool are_better;
+  if (has_target) {
+    const double work = noise.work_to(target - error);
+    double ray_work = stage.ray_noise.work_to(target);
+    if (ray_work >= work && ray_work < k_clear_gain * work) {
+      choose_samples(picture, /*rays_alone=*/true, rays.context(), stats);
+      ray_work = forecast_noise(picture, rays.context(), stats).work_to(target);
+    }
+    are_better = ray_work >= work;
+    decided.expected_samples = int(std::clamp(noise.samples_to(target - error), 1.0, double(picture.most_samples)));
     decided.decay = noise.decay;
-    return true;
+  } else {
+    const double seconds = std::max(-seconds_since(*stage.deadline), 0.0) * threads() / pixels_of(picture);
+    const auto noise_in_time = [&](const NoiseForecast& n) { return n.mean_square_of(seconds / n.seconds); };
+    are_better = error + noise_in_time(noise) <= noise_in_time(stage.ray_noise);
   }
-  stage.trust = 0.0f;
-  return false;
+  if (!are_better) stage.accuracy = FieldAccuracy::rays;
+  return are_better;
 }
 
 }  // namespace fieldtrace

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <mutex>
+#include <shared_mutex>
 
+#include "core/platform/parallel.h"
 #include "hybrid/film/sample_allocation.h"
 #include "hybrid/stats/stopwatch.h"
 
@@ -42,8 +44,8 @@ class Rounds {
       begin();
     } else {
       for (const Rect& tile : tiles_) show(tile);
+      if (picture_.by_rounds()) work_before_ = SampleAllocation(state_.film, options_.error_measure).work();
     }
-    work_before_ = picture_.by_rounds() ? SampleAllocation(state_.film, options_.error_measure).work() : 0.0;
   }
 
   void render() {
@@ -63,12 +65,13 @@ class Rounds {
   void write(Image& image) {
     const FilmSums& film = state_.film;
     const Rect& w = film.window;
-    for (int y = w.y; y < w.y + w.height; ++y) {
+    parallel_for(size_t(w.height), [&](size_t row) {
+      const int y = w.y + int(row);
       for (int x = w.x; x < w.x + w.width; ++x) {
         const size_t i = film.index(x, y);
         write_pixel(picture_, {x, y}, film.pixels[i], film.aovs.empty() ? nullptr : &film.aovs[i], image);
       }
-    }
+    });
     if (!picture_.by_rounds()) return;
     const SampleAllocation allocation(film, options_.error_measure);
     stats_.by_rounds = true;
@@ -97,7 +100,8 @@ class Rounds {
     if (picture_.by_rounds()) {
       const double expected = std::min(double(state_.expected_samples), double(picture_.most_samples));
       const double share = has_fields() ? 1.0 : k_first_share;
-      const auto first = uint32_t(std::clamp(0.5 * expected * share, 1.0, double(k_most_first)));
+      const double most = std::clamp(std::floor(0.5 * double(picture_.most_samples)), 1.0, double(k_most_first));
+      const auto first = uint32_t(std::clamp(std::ceil(0.5 * expected * share), 1.0, most));
       // With a time limit, all pixels have something soon.
       state_.counts.assign(cells_.count(), job_.deadline ? 1 : first);
     } else {
@@ -122,10 +126,13 @@ class Rounds {
       if (is_wanted && !state_.tiles_done[i]) pass.tiles.push_back(i);
     }
     const auto finished = [&](size_t tile, const TileSums& sums) {
+      {
+        const std::shared_lock lock(mutex_);
+        add(sums);
+        state_.tiles_done[tile] = 1;
+      }
       const std::lock_guard lock(mutex_);
-      add(sums);
       show(tiles_[tile]);
-      state_.tiles_done[tile] = 1;
       keep(/*now=*/false);
     };
     const auto progress = [&](size_t done) {
@@ -176,6 +183,12 @@ class Rounds {
     const bool has_target = options_.target_error > 0.0f;
     const double target = has_target ? double(options_.target_error) * double(options_.target_error) : 0.0;
     const double noise_target = std::max(target - state_.field_mean_square, 0.0);
+    if (has_target && state_.field_mean_square >= target) {
+      warn(picture_.callbacks.warning, {},
+           "fields alone err by " + std::to_string(std::sqrt(state_.field_mean_square)) +
+               ", so more samples cannot reach the target error; render the picture again without --resume");
+      return none;
+    }
     SampleAllocation::Limits limits;
     limits.mean_square = noise_target;
     limits.growth = k_round_growth;
@@ -212,7 +225,7 @@ class Rounds {
   Checkpoint state_;
   NoiseCells cells_;
   Progress progress_;
-  std::mutex mutex_;
+  std::shared_mutex mutex_;  // shared: of those who add a tile
   std::string failure_;  // of the last checkpoint
   const Clock::time_point begin_ = Clock::now();
   Clock::time_point kept_ = begin_;

@@ -156,25 +156,29 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const bool by_request = options.directions || options.plane || !options.leave_to_rays;
   const bool crowd = scene.instances.size() > k_crowd;
   const uint64_t instances = crowd ? instances_in_view(scene) : 0;
-  const auto choose = [&](uint64_t rays) {
+  const auto choose = [&](uint64_t rays, bool coarse) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
     if (rays < k_crowd_rays * instances) return MapSize{0, 0};
-    return choose_size(shapes.size(), wanted_directions(crowd, slack, request.samples), rays, request.most_bytes);
+    int directions = wanted_directions(crowd, slack, request.samples);
+    if (coarse) directions = std::min(directions, k_coarse_directions);
+    return choose_size(shapes.size(), directions, rays, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
   const bool spoils_light = !by_request && instances > k_most_under_map && has_map(scene);
   const uint64_t light_rays = spoils_light ? 0 : request.light_rays;
-  MapSize size = choose(light_rays);
+  MapSize size = choose(light_rays, request.coarse);
   if (size.directions == 0 && light_rays > 0) {
     mapped.drop_deformed();
-    size = choose(light_rays);
+    size = choose(light_rays, request.coarse);
   }
   const bool for_light = size.directions > 0;
   // Within less than an object's radius rays are cheap and their noise is low.
   const bool is_far = by_request || request.occlusion_distance >= median_radius(scene, mapped);
   const uint64_t occlusion_rays = is_far ? request.occlusion_rays : 0;
-  if (!for_light) size = choose(occlusion_rays);
+  if (!for_light) size = choose(occlusion_rays, request.coarse);
   if (size.directions == 0) return stage;
+  const MapSize usual = choose(for_light ? light_rays : occlusion_rays, /*coarse=*/false);
+  stage.can_be_finer = size.directions < usual.directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   // Before the cache, which is being opened meanwhile.
   std::optional<SkyRadiance> light;

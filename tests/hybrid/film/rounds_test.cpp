@@ -10,6 +10,8 @@
 
 #include "core/io/scratch_folder.h"
 #include "hybrid/compare/compare.h"
+#include "hybrid/render/picture.h"
+#include "hybrid/render/picture_identity.h"
 #include "hybrid/render/render.h"
 #include "tests/support/hybrid_scenes.h"
 
@@ -229,6 +231,38 @@ TEST(Checkpoints, AreRefusedForOtherOptionsByName) {
         << name << ": " << refusal(changed, scene);
   }
   EXPECT_NE(refusal(o, test::hybrid_scene("materials", 16).scene).find("the scene was"), std::string::npos);
+}
+
+// As for a picture whose first target allowed fields to err more than the next one does.
+TEST(Checkpoints, EndWhereFieldsErrMoreThanTheTarget) {
+  const ScratchFolder folder(testing::TempDir(), "rounds");
+  const Scene scene = test::hybrid_scene("environment_map", k_size).scene;
+  RenderOptions o = options_of(Method::hybrid, 0.04f, 3);
+  o.checkpoint = folder.path() + "/picture";
+  const Image first = render(scene, o).image;
+  const RenderCallbacks none;
+  Checkpoint state = read_checkpoint(o.checkpoint, picture_identity(Picture(scene, o, none)));
+  state.field_mean_square = 0.02 * 0.02;
+  write_checkpoint(o.checkpoint, state);
+  o.resume = o.checkpoint;
+  o.target_error = 0.01f;
+  std::string warning;
+  RenderCallbacks callbacks;
+  callbacks.warning = [&](const std::string& message) { warning += message; };
+  const RenderResult result = render(scene, o, callbacks);
+  EXPECT_EQ(result.image.data, first.data);
+  EXPECT_NEAR(result.stats.error_fields, 0.02, 1e-12);
+  EXPECT_NE(warning.find("fields alone err by 0.02"), std::string::npos) << warning;
+}
+
+TEST(Rounds, TakeCoarseMapsWhereTheTargetAllowsThem) {
+  const Scene scene = test::hybrid_scene("environment_map", 256).scene;
+  const Stats loose = render(scene, options_of(Method::hybrid, 0.05f, 3)).stats;
+  const Stats tight = render(scene, options_of(Method::hybrid, 0.002f, 3)).stats;
+  EXPECT_EQ(loose.sky_directions, 16);
+  EXPECT_GT(loose.lookups, 0u);
+  EXPECT_EQ(tight.sky_directions, 32);
+  EXPECT_LT(tight.error_fields, 0.002);
 }
 
 TEST(Rounds, StopAtTheMostSamples) {

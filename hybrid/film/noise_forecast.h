@@ -1,0 +1,27 @@
+// What further camera samples of a picture will cost, and what noise they will leave. Thread-safety: values.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace fieldtrace {
+
+// How much faster than that of random samples noise may be expected to fall (SampleAllocation::Limits::decay).
+inline constexpr double k_most_decay = 1.5;
+
+// Of uniform samples, as few of them showed it. Errors are mean squares over pixels and channels.
+struct NoiseForecast {
+  double samples = 1.0, mean_square = 0.0;  // of each pixel, and the noise that they had left
+  double decay = 1.0;                       // it falls as samples^-decay: 1 for random samples, more for stratified
+  double work = 1.0, seconds = 0.0;         // of one sample and its rays; of one thread
+
+  double mean_square_of(double n) const { return mean_square * std::pow(samples / n, decay); }
+  // Infinite where `error` is not above 0.
+  double samples_to(double error) const {
+    return error > 0.0 ? samples * std::pow(mean_square / error, 1.0 / decay) : std::numeric_limits<double>::infinity();
+  }
+  double work_to(double error) const { return std::max(samples_to(error), 1.0) * work; }
+};
+
+}  // namespace fieldtrace
