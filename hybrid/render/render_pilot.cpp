@@ -32,13 +32,6 @@ constexpr size_t k_task_pixels = 16;
 
 double pixels_of(const Picture& picture) { return double(picture.window.width) * double(picture.window.height); }
 
-// Camera samples of a picture, by its measure of errors.
-struct SampleCost {
-  double variance = 0.0;  // of one sample, mean over pixels and channels
-  double work = 0.0;      // of one sample: itself and its rays
-  double seconds = 0.0;   // of one sample, of one thread
-};
-
 // A context in which rays answer everything.
 class RayContext {
  public:
@@ -99,17 +92,20 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
   }
 }
 
-SampleCost cost_of(const Survey& survey, ErrorMeasure measure) {
-  SampleCost cost;
-  double samples = 0.0;
+NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
+  NoiseForecast noise;
+  double samples = 0.0, work = 0.0, seconds = 0.0;
   for (const PixelSums& p : survey.sums) {
-    cost.variance += noise_square(p, measure) * double(p.samples());
-    cost.work += p.work;
-    cost.seconds += p.seconds;
+    noise.mean_square += noise_square(p, measure) / double(survey.sums.size());
     samples += double(p.samples());
+    work += p.work;
+    seconds += p.seconds;
   }
-  if (!(samples > 0.0)) return {0.0, 1.0, 0.0};
-  return {cost.variance / double(survey.sums.size()), cost.work / samples, cost.seconds / samples};
+  if (!(samples > 0.0)) return noise;
+  noise.samples = samples / double(survey.sums.size());
+  noise.work = work / samples;
+  noise.seconds = seconds / samples;
+  return noise;
 }
 
 RayContext::RayContext(const Picture& picture, const Stage& stage) {
@@ -122,24 +118,22 @@ RayContext::RayContext(const Picture& picture, const Stage& stage) {
       std::make_unique<TransportContext>(picture.scene, stage.accel, stage.camera, *answerer_, settings, stage.lights);
 }
 
-// Of camera samples in `context`.
-SampleCost survey_noise(const Picture& picture, const TransportContext& context, Stats& stats,
-                        uint32_t samples = k_noise_samples, uint32_t replicates = k_noise_replicates) {
+// What few samples in `context` leave; how noise falls is not known by that.
+NoiseForecast survey_noise(const Picture& picture, const TransportContext& context, Stats& stats,
+                           uint32_t samples = k_noise_samples, uint32_t replicates = k_noise_replicates) {
   Survey survey = {survey_pixels(picture, k_noise_pixels_each, k_fewest_noise_pixels)};
   trace_survey(picture, context, samples, replicates, survey, stats);
-  return cost_of(survey, picture.options.error_measure);
+  return noise_of(survey, picture.options.error_measure);
 }
 
 NoiseForecast forecast_noise(const Picture& picture, const TransportContext& context, Stats& stats) {
-  const SampleCost cost = survey_noise(picture, context, stats);
-  const SampleCost few = survey_noise(picture, context, stats, 1, k_decay_replicates);
-  constexpr double n = 2.0 * k_noise_samples;
-  NoiseForecast forecast = {n, cost.variance / n, 1.0, cost.work, cost.seconds};
-  if (cost.variance > 0.0 && few.variance > 0.0) {
-    const double decay = 1.0 + std::log(few.variance / cost.variance) / std::log(double(k_noise_samples));
-    forecast.decay = std::clamp(decay, 1.0, k_most_decay);
+  NoiseForecast noise = survey_noise(picture, context, stats);
+  const NoiseForecast few = survey_noise(picture, context, stats, 1, k_decay_replicates);
+  if (noise.mean_square > 0.0 && few.mean_square > 0.0) {
+    const double decay = std::log(few.mean_square / noise.mean_square) / std::log(noise.samples / few.samples);
+    noise.decay = std::clamp(decay, 1.0, k_most_decay);
   }
-  return forecast;
+  return noise;
 }
 
 // How far pictures in `context` and by rays differ where noise is averaged away, as a mean square; with `samples`
@@ -223,9 +217,9 @@ void choose_light_samples(const Picture& picture, TransportContext& context, Sta
     tried.push_back(samples);
     context.settings.light_samples = samples.first;
     context.settings.open_light_samples = samples.second;
-    const SampleCost cost = survey_noise(picture, context, stats);
-    if (!(cost.variance * cost.work < least)) continue;
-    least = cost.variance * cost.work;
+    const NoiseForecast noise = survey_noise(picture, context, stats);
+    if (!(noise.mean_square * noise.work < least)) continue;
+    least = noise.mean_square * noise.work;
     best = context.settings;
   }
   context.settings = best;
@@ -238,10 +232,10 @@ void choose_lobe_samples(const Picture& picture, TransportContext& context, Stat
   const std::vector<Bsdf>& all = picture.scene.bsdfs;
   const auto splits = [](const Bsdf& b) { return b.kind != BsdfKind::diffuse && b.kind != BsdfKind::conductor; };
   if (std::none_of(all.begin(), all.end(), splits)) return;
-  const SampleCost one = survey_noise(picture, context, stats);
+  const NoiseForecast one = survey_noise(picture, context, stats);
   picture.split_lobes(context.settings, k_more_lobe_samples);
-  const SampleCost more = survey_noise(picture, context, stats);
-  if (!(more.variance * more.work < one.variance * one.work)) picture.split_lobes(context.settings, 1);
+  const NoiseForecast more = survey_noise(picture, context, stats);
+  if (!(more.mean_square * more.work < one.mean_square * one.work)) picture.split_lobes(context.settings, 1);
 }
 
 // Whether another accuracy may take fields' part of the error down. Sets it.
