@@ -357,15 +357,12 @@ int run(const Options& options) {
             << " entries of each kind of question; questions answered otherwise than by the CPU, or never by "
             << "the device: " << wrong << "; blocks by the device " << counts.blocks << ", by the CPU meanwhile "
             << counts.blocks_cpu << "\n";
-  check(*runtime, runtime->open(0), "opening the device");
-  check(*runtime, runtime->load_kernels(kernels()), "loading the kernels");
-  check(*runtime, runtime->create_streams(), "making streams");
+  check(*runtime, runtime->open(0, kernels()), "opening the device");
   nlohmann::json report = {{"device", devices[0]},
                            {"emulated", options.emulated},
                            {"cpu_isa", isa_name(resolve_isa(Isa::automatic))},
                            {"parity", {{"entries_of_each_kind", entries}, {"wrong_questions", wrong}}},
                            {"look_ups", time_look_ups(*runtime, by, options.quick)}};
-  (void)runtime->destroy_streams();
   (void)runtime->close();
   std::cout << report["look_ups"].dump(2) << "\n";
   if (!options.json.empty()) std::ofstream(options.json) << report.dump(2) << "\n";
