@@ -1,4 +1,5 @@
-// The kernels as loops over warps, by the batch loops of the scalar look-ups over each warp's 32 entries.
+// The kernels as loops over warps, by the functions that kernels.cu calls, or by the batch loops of the scalar look-ups
+// around these.
 #include <algorithm>
 #include <bit>
 
