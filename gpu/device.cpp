@@ -10,18 +10,13 @@ namespace fieldtrace::gpu {
 GpuDevice::GpuDevice(std::unique_ptr<Runtime> runtime, std::span<const std::byte> kernels, const DeviceOptions& options)
     : runtime_(std::move(runtime)), warning_(options.warning) {
   Runtime& r = *runtime_;
-  check(r, r.initialise(), "starting CUDA");
-  int count = 0;
-  check(r, r.device_count(count), "counting CUDA devices");
-  if (count == 0) throw Error("this machine has no CUDA device");
-  DeviceProperties properties;
-  check(r, r.properties(0, properties), "asking for the device's properties");
+  std::vector<DeviceProperties> devices;
+  check(r, r.list(devices), "looking for CUDA devices");
+  if (devices.empty()) throw Error("this machine has no CUDA device");
   is_open_ = true;
   try {
-    check(r, r.open(0), ("opening " + properties.name).c_str());
-    check(r, r.load_kernels(kernels), ("loading the kernels into " + properties.name).c_str());
-    check(r, r.create_streams(), "making streams");
-    memory_.emplace(r, options.memory ? options.memory : properties.memory);
+    check(r, r.open(0, kernels), ("opening " + devices[0].name).c_str());
+    memory_.emplace(r, options.memory ? options.memory : devices[0].memory);
     for (Stream s = 0; s < k_streams; ++s) waves_.push_back(std::make_unique<Wave>(*memory_, s, tables_));
   } catch (...) {
     release();
@@ -49,7 +44,6 @@ void GpuDevice::release() {
   mirrors_.clear();
   waves_.clear();
   tables_.buffers.clear();
-  (void)runtime_->destroy_streams();
   (void)runtime_->close();
 }
 
@@ -412,16 +406,14 @@ DeviceCounts GpuDevice::counts() const {
 
 std::vector<std::string> list_devices(Runtime& runtime) {
   try {
-    check(runtime, runtime.initialise(), "starting CUDA");
-    int count = 0;
-    check(runtime, runtime.device_count(count), "counting CUDA devices");
-    if (count == 0) return {"none: this machine has no CUDA device"};
+    std::vector<DeviceProperties> devices;
+    check(runtime, runtime.list(devices), "looking for CUDA devices");
+    if (devices.empty()) return {"none: this machine has no CUDA device"};
     std::vector<std::string> lines;
-    for (int i = 0; i < count; ++i) {
-      DeviceProperties p;
-      check(runtime, runtime.properties(i, p), "asking for the device's properties");
-      lines.push_back(std::to_string(i) + ": " + p.name + ", compute capability " + std::to_string(p.compute_major) +
-                      "." + std::to_string(p.compute_minor) + ", " + std::to_string(p.memory / 1000000) + " MB");
+    for (const DeviceProperties& p : devices) {
+      lines.push_back(std::to_string(lines.size()) + ": " + p.name + ", compute capability " +
+                      std::to_string(p.compute_major) + "." + std::to_string(p.compute_minor) + ", " +
+                      std::to_string(p.memory / 1000000) + " MB");
     }
     return lines;
   } catch (const Error& e) {

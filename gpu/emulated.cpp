@@ -91,54 +91,32 @@ void EmulatedRuntime::release(std::map<std::byte*, size_t>& memory, void* addres
   memory.erase(found);
 }
 
-Status EmulatedRuntime::initialise() {
+Status EmulatedRuntime::list(std::vector<DeviceProperties>& devices) {
   const std::lock_guard lock(mutex_);
   const Status status = count();
-  return faults_.has_driver ? status : EmulatedFaults::k_no_driver;
-}
-
-Status EmulatedRuntime::device_count(int& devices) {
-  const std::lock_guard lock(mutex_);
-  devices = faults_.devices;
-  return count();
-}
-
-Status EmulatedRuntime::properties(int, DeviceProperties& properties) {
-  const std::lock_guard lock(mutex_);
-  properties = {"Emulated GPU", 9, 0, faults_.memory};
-  return count();
-}
-
-Status EmulatedRuntime::open(int) {
-  const std::lock_guard lock(mutex_);
-  const Status status = count();
-  if (status == k_success) log_->open_devices += 1;
+  if (!faults_.has_driver) return EmulatedFaults::k_no_driver;
+  devices.assign(size_t(faults_.devices), {"Emulated GPU", 9, 0, faults_.memory});
   return status;
 }
 
-Status EmulatedRuntime::load_kernels(std::span<const std::byte>) {
+// Each of its steps may fail, so that what the ones before have opened is left to be closed.
+Status EmulatedRuntime::open(int, std::span<const std::byte>) {
   const std::lock_guard lock(mutex_);
-  const Status status = count();
-  return faults_.has_kernels ? status : EmulatedFaults::k_no_image;
-}
-
-Status EmulatedRuntime::create_streams() {
-  const std::lock_guard lock(mutex_);
-  const Status status = count();
+  Status status = count();
+  if (status == k_success) log_->open_devices += 1;
+  if (status == k_success) status = count();
+  if (status == k_success && !faults_.has_kernels) status = EmulatedFaults::k_no_image;
+  if (status == k_success) status = count();
   if (status == k_success) log_->streams += k_streams;
   return status;
 }
 
 // As a driver's, the functions that release do so even where they report what failed before.
-Status EmulatedRuntime::destroy_streams() {
-  const std::lock_guard lock(mutex_);
-  for (const Queue& q : queues_) require(q.work.empty());
-  log_->streams = 0;
-  return count_release();
-}
-
 Status EmulatedRuntime::close() {
   const std::lock_guard lock(mutex_);
+  for (const Queue& q : queues_) require(q.work.empty());
+  require(memory_.empty() && host_memory_.empty());
+  log_->streams = 0;
   if (log_->open_devices > 0) log_->open_devices -= 1;
   return count_release();
 }

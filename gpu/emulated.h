@@ -25,7 +25,7 @@ struct EmulatedFaults {
   static constexpr uint64_t k_never = ~uint64_t(0);
   static constexpr Status k_out_of_memory = 2, k_no_image = 209, k_launch_failed = 719, k_no_driver = 100;
 
-  uint64_t failing_call = k_never;   // counted from 0 over all functions with a status
+  uint64_t failing_call = k_never;   // counted from 0 over all functions with a status; open() is three
   Status failure = k_launch_failed;  // what it returns
   bool lost = false;                 // so do all later calls
   bool has_driver = true, has_kernels = true;
@@ -55,13 +55,8 @@ class EmulatedRuntime final : public Runtime {
       : faults_(faults), log_(std::move(log)) {}
   ~EmulatedRuntime() override;
 
-  Status initialise() override;
-  Status device_count(int& count) override;
-  Status properties(int device, DeviceProperties& properties) override;
-  Status open(int device) override;
-  Status load_kernels(std::span<const std::byte> image) override;
-  Status create_streams() override;
-  Status destroy_streams() override;
+  Status list(std::vector<DeviceProperties>& devices) override;
+  Status open(int device, std::span<const std::byte> image) override;
   Status close() override;
   Status enter() override;
   Status allocate(size_t bytes, DeviceAddress& address) override;

@@ -1,4 +1,5 @@
-// The kernels as loops over warps, by the batch loops of the scalar look-ups over each warp's 32 entries.
+// The kernels as loops over warps, by the functions that kernels.cu calls, or by the batch loops of the scalar look-ups
+// around these.
 #include <algorithm>
 #include <bit>
 
@@ -102,28 +103,34 @@ void filter_strata(const StratumArguments& a) {
   }
 }
 
+// Ray by ray, as the kernel does: the CPU's batches run its steps one after another over many rays.
 void query(const QueryArguments& a) {
-  RayBatch rays;
-  RayStates states;
-  states.keep_verdicts = true;
+  const RayArrays& r = a.rays;
+  int32_t verdicts[k_warp];
+  std::vector<uint32_t> visibility, depth;
   for (uint32_t warp = 0; warp < a.warps; ++warp) {
-    const uint32_t first = a.blocks[warp];
-    load_rays(a.rays, first, rays);
-    states.reset(k_warp);
-    const SegmentCounts counts = scalar::query_batch<float>(a.task, rays, a.instance + first, 0, k_warp, 0, states);
-    const auto verdicts = [&](int32_t verdict) {
-      return mask_of([&](uint32_t lane) { return states.verdict[lane] == verdict; });
-    };
     RayMasks& m = a.masks[warp];
-    m.lookups = uint32_t(counts.lookups);
-    m.not_baked = states.unknown_blocks.empty() ? 0 : k_all_lanes;
-    m.crosses = ~verdicts(scalar::k_verdict_none);
-    m.blocked = verdicts(scalar::k_verdict_blocked);
-    m.undecided = verdicts(scalar::k_verdict_undecided);
+    m.lookups = 0;
+    for (uint32_t lane = 0; lane < k_warp; ++lane) {
+      const uint32_t i = a.blocks[warp] + lane;
+      const scalar::SegmentVerdict<float> answer =
+          scalar::answer_segment<float>(a.task, {r.ox[i], r.oy[i], r.oz[i]}, {r.dx[i], r.dy[i], r.dz[i]}, r.tmax[i],
+                                        a.instance[i] == a.task.instance);
+      verdicts[lane] = answer.verdict;
+      m.lookups += uint32_t(answer.lookups);
+      if (answer.verdict == scalar::k_verdict_unknown_visibility) visibility.push_back(uint32_t(answer.slice));
+      if (answer.verdict == scalar::k_verdict_unknown_depth) depth.push_back(uint32_t(answer.slice));
+    }
+    const auto lanes_with = [&](int32_t verdict) {
+      return mask_of([&](uint32_t lane) { return verdicts[lane] == verdict; });
+    };
+    m.not_baked = visibility.empty() && depth.empty() ? 0 : k_all_lanes;
+    m.crosses = ~lanes_with(scalar::k_verdict_none);
+    m.blocked = lanes_with(scalar::k_verdict_blocked);
+    m.undecided = lanes_with(scalar::k_verdict_undecided);
     uint32_t* const words = blank_words(a.missing, warp);
-    const uint32_t next = name_missing(MissingKind::visibility, states.unknown_visibility, words, 0);
-    name_missing(MissingKind::depth, states.unknown_depth, words, next);
-    states.unknown_blocks.clear();
+    const uint32_t next = name_missing(MissingKind::visibility, visibility, words, 0);
+    name_missing(MissingKind::depth, depth, words, next);
   }
 }
 

@@ -171,13 +171,8 @@ __device__ void make_ray(const LightRayArguments& a, const Kind& kind, uint32_t 
                                                p.instance[r]};
   const auto point = scalar::shading_point_lanes<float, Kind, k_transmits>(a.light, dimension,
                                                                            scalar::set_stream(dimension), a.range, in);
-  const uint32_t index = point.first_index + k;
-  float third = 0.0f;
-  if constexpr (Kind::k_third_number) third = scalar::sample_2d<float>(index, point.third_seeds).x;
-  const scalar::CentredPair<float> at = a.range.columns > 0
-                                            ? scalar::centre_of_cell<float>(a.range, uint32_t(a.range.first) + k)
-                                            : scalar::gather_point<float>(a.tables.point_sets, point.points, index);
-  const auto ray = scalar::light_ray<float, Kind, k_transmits>(kind, point, kind.setup(point.at), at, third);
+  const auto at = scalar::light_sample_point<float, Kind>(a.range, a.tables.point_sets, point, k);
+  const auto ray = scalar::light_ray<float, Kind, k_transmits>(kind, point, kind.setup(point.at), at.point, at.third);
   const scalar::StoredRay<float> stored = scalar::stored_ray<float, Kind>(ray, ray.active);
   a.ox[to] = ray.origin.x, a.oy[to] = ray.origin.y, a.oz[to] = ray.origin.z;
   a.dx[to] = stored.d.x, a.dy[to] = stored.d.y, a.dz[to] = stored.d.z;

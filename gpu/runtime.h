@@ -1,7 +1,7 @@
-// What the GPU back end asks of a CUDA driver: some twenty functions, behind a table, so that everything above them
-// runs without a GPU (gpu/emulated.h) and every failure can be tried.
+// What the GPU back end asks of a CUDA driver: fifteen functions, behind a table, so that everything above them runs
+// without a GPU (gpu/emulated.h) and every failure can be tried.
 //
-// Every function returns a status that the caller must look at (gpu/device_memory.h throws). Copies, fills and launches
+// Each of them returns a status that the caller must look at (gpu/device_memory.h throws). Copies, fills and launches
 // are asynchronous: they happen in the order of their stream, by the end of its synchronise() at the latest, and host
 // memory that they read or write must stay as it is until then. Streams have no order among each other but by follow().
 // Thread-safety: any number of threads, which call enter() first; opening and closing by one alone. Memory layout:
@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
 namespace fieldtrace::gpu {
 
@@ -41,17 +42,13 @@ class Runtime {
  public:
   virtual ~Runtime() = default;
 
-  virtual Status initialise() = 0;
-  virtual Status device_count(int& count) = 0;
-  virtual Status properties(int device, DeviceProperties& properties) = 0;
-
-  // Opens a device, its kernels and its streams. After a failure, as after success, close() releases what was opened.
-  virtual Status open(int device) = 0;
-  virtual Status load_kernels(std::span<const std::byte> image) = 0;
-  virtual Status create_streams() = 0;
-  virtual Status destroy_streams() = 0;
+  // Starts the driver. The devices that it knows, which may be none.
+  virtual Status list(std::vector<DeviceProperties>& devices) = 0;
+  // Opens a device of the list, the kernels of the image and the streams. After a failure, as after success, close()
+  // releases what was opened. Streams must be idle then.
+  virtual Status open(int device, std::span<const std::byte> image) = 0;
   virtual Status close() = 0;
-  // Makes the device that of the calling thread.
+  // Makes the device that of the calling thread; open() does so, too.
   virtual Status enter() = 0;
 
   virtual Status allocate(size_t bytes, DeviceAddress& address) = 0;
@@ -70,6 +67,7 @@ class Runtime {
   virtual Status follow(Stream stream, Stream other) = 0;
   virtual Status synchronise(Stream stream) = 0;
 
+  // What a status means.
   virtual bool out_of_memory(Status status) const = 0;
   virtual std::string describe(Status status) const = 0;
 };

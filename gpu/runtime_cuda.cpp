@@ -19,60 +19,40 @@ class CudaRuntime final : public Runtime {
  public:
   explicit CudaRuntime(const DriverFunctions& functions) : cu_(functions) {}
 
-  Status initialise() override { return cu_.Init(0); }
-  Status device_count(int& count) override { return cu_.DeviceGetCount(&count); }
-
-  Status properties(int index, DeviceProperties& p) override {
-    int device = 0;
-    char name[256] = {};
-    size_t bytes = 0;
-    Status status = cu_.DeviceGet(&device, index);
-    if (!status) status = cu_.DeviceGetName(name, int(sizeof name) - 1, device);
-    if (!status) status = cu_.DeviceGetAttribute(&p.compute_major, k_attribute_compute_major, device);
-    if (!status) status = cu_.DeviceGetAttribute(&p.compute_minor, k_attribute_compute_minor, device);
-    if (!status) status = cu_.DeviceTotalMem(&bytes, device);
-    p.name = name;
-    p.memory = bytes;
+  Status list(std::vector<DeviceProperties>& devices) override {
+    int count = 0;
+    Status status = cu_.Init(0);
+    if (!status) status = cu_.DeviceGetCount(&count);
+    for (int i = 0; !status && i < count; ++i) status = properties(i, devices.emplace_back());
     return status;
   }
 
-  Status open(int index) override {
+  Status open(int index, std::span<const std::byte> image) override {
     Status status = cu_.DeviceGet(&device_, index);
     if (!status) status = cu_.DevicePrimaryCtxRetain(&context_, device_);
-    return status ? status : enter();
-  }
-
-  Status load_kernels(std::span<const std::byte> image) override {
-    Status status = cu_.ModuleLoadData(&module_, image.data());
+    if (!status) status = enter();
+    if (!status) status = cu_.ModuleLoadData(&module_, image.data());
     for (int k = 0; !status && k < k_kernels; ++k) {
       status = cu_.ModuleGetFunction(&functions_[k], module_, k_kernel_names[k]);
     }
-    return status;
-  }
-
-  Status create_streams() override {
-    Status status = k_success;
     for (int s = 0; !status && s < k_streams; ++s) {
       status = cu_.StreamCreate(&streams_[s], k_stream_non_blocking);
       if (!status) status = cu_.EventCreate(&events_[s], k_event_without_time);
     }
     return status;
   }
-  Status destroy_streams() override {
+
+  // Goes on after failures; returns the first one.
+  Status close() override {
     Status first = k_success;
     const auto note = [&](Status status) { first = first ? first : status; };
     for (int s = 0; s < k_streams; ++s) {
       if (events_[s]) note(cu_.EventDestroy(std::exchange(events_[s], nullptr)));
       if (streams_[s]) note(cu_.StreamDestroy(std::exchange(streams_[s], nullptr)));
     }
+    if (module_) note(cu_.ModuleUnload(std::exchange(module_, nullptr)));
+    if (std::exchange(context_, nullptr)) note(cu_.DevicePrimaryCtxRelease(device_));
     return first;
-  }
-
-  Status close() override {
-    const Status unloaded = module_ ? cu_.ModuleUnload(std::exchange(module_, nullptr)) : k_success;
-    const Status released = context_ ? cu_.DevicePrimaryCtxRelease(device_) : k_success;
-    context_ = nullptr;
-    return unloaded ? unloaded : released;
   }
 
   Status enter() override { return cu_.CtxSetCurrent(context_); }
@@ -122,6 +102,20 @@ class CudaRuntime final : public Runtime {
   }
 
  private:
+  Status properties(int index, DeviceProperties& p) const {
+    int device = 0;
+    char name[256] = {};
+    size_t bytes = 0;
+    Status status = cu_.DeviceGet(&device, index);
+    if (!status) status = cu_.DeviceGetName(name, int(sizeof name) - 1, device);
+    if (!status) status = cu_.DeviceGetAttribute(&p.compute_major, k_attribute_compute_major, device);
+    if (!status) status = cu_.DeviceGetAttribute(&p.compute_minor, k_attribute_compute_minor, device);
+    if (!status) status = cu_.DeviceTotalMem(&bytes, device);
+    p.name = name;
+    p.memory = bytes;
+    return status;
+  }
+
   const DriverFunctions cu_;
   int device_ = 0;
   DriverHandle context_ = nullptr, module_ = nullptr;

@@ -1,6 +1,6 @@
 // The run-time layer over CUDA's driver, opened when it is first asked for: nothing is linked, and no header of CUDA is
 // needed. The types that stand for CUDA's are checked against its headers where a CUDA compiler is found
-// (tests/gpu/driver_types_test.cpp).
+// (tests/gpu/cuda_runtime_test.cpp).
 //
 // Thread-safety: as gpu/runtime.h.
 #pragma once

@@ -32,14 +32,20 @@ else
   echo "gpu_check: compute-sanitizer is not in the PATH: left out" >&2
 fi
 
-for device in cpu cuda; do
-  "$bin/fieldtrace" render scenes/bunny_two_lights.xml -o "$work/$device.exr" --spp 4 --device "$device" \
-    --stats "$work/$device.json"
+# Area lights, a sky, and glossy rays by radiance maps.
+pictures=("bunny_two_lights --spp 4" "sky --spp 16" "glossy_floor --light-samples 4 --lobe-samples 256")
+for picture in "${pictures[@]}"; do
+  read -r scene options <<<"$picture"
+  for device in cpu cuda; do
+    # shellcheck disable=SC2086  # options are words
+    "$bin/fieldtrace" render "scenes/$scene.xml" -o "$work/$scene.$device.exr" $options --device "$device" \
+      --stats "$work/$scene.$device.json"
+  done
+  "$bin/fieldtrace" compare "$work/$scene.cpu.exr" "$work/$scene.cuda.exr" --fail-above 0
 done
-"$bin/fieldtrace" compare "$work/cpu.exr" "$work/cuda.exr" --fail-above 0
 
 out=docs/benchmarks/gpu-$(date +%Y-%m-%d)-$(git rev-parse --short HEAD).json
-python3 - "$work" "$out" "$sanitizer" <<'EOF'
+python3 - "$work" "$out" "$sanitizer" "${pictures[@]%% *}" <<'EOF'
 import datetime
 import json
 import pathlib
@@ -63,10 +69,12 @@ report = {"date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespe
                                                         "--format=csv,noheader"),
           "compiler": (output("nvcc", "--version") or "").split("\n")[-1], "compute_sanitizer": sanitizer,
           **json.loads((work / "look_ups.json").read_text()),
-          "pictures": {d: json.loads((work / f"{d}.json").read_text()) for d in ("cpu", "cuda")}}
-name = report["pictures"]["cuda"]["device"]["name"]
-if name != "cuda":
-    sys.exit(f"gpu_check: the picture was answered by {name}")
+          "pictures": {s: {d: json.loads((work / f"{s}.{d}.json").read_text()) for d in ("cpu", "cuda")}
+                       for s in sys.argv[4:]}}
+for scene, by in report["pictures"].items():
+    device = by["cuda"]["device"]
+    if device["name"] != "cuda" or device["blocks"] == 0:
+        sys.exit(f"gpu_check: {scene} was answered by {device['name']}")
 out.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
 print(f"written: {out}")
 EOF

@@ -102,12 +102,8 @@ struct LightBatch {
   // Writes one vector of slots: sample first_index + k of each lane's shading point.
   FT_HD_INLINE void emit(Slots& to, size_t slot, const ShadingPointLanes<F>& r, const typename Kind::Setup& setup,
                          Uint_t<F> k) const {
-    const Uint_t<F> index = r.first_index + k;
-    F third = splat<F>(0.0f);
-    if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
-    const CentredPair<F> point = range.columns > 0 ? centre_of_cell<F>(range, splat_uint<F>(uint32_t(range.first)) + k)
-                                                   : gather_point<F>(point_sets, r.points, index);
-    emit(to, slot, r, setup, point, third);
+    const LightSamplePoint<F> at = light_sample_point<F, Kind>(range, point_sets, r, k);
+    emit(to, slot, r, setup, at.point, at.third);
   }
 
   FT_HD_INLINE void emit(Slots& to, size_t slot, const ShadingPointLanes<F>& r, const typename Kind::Setup& setup,

@@ -14,6 +14,7 @@
 
 #include "core/light/light_shapes.hd.h"
 #include "core/sampling/point_sets.hd.h"
+#include "core/sampling/sobol.hd.h"
 
 FT_LANES_BEGIN
 
@@ -81,6 +82,23 @@ FT_HD_INLINE ShadingPointLanes<F> shading_point_lanes(const Light& light, uint32
 template <class F>
 FT_HD_INLINE CentredPair<F> centre_of_cell(const LightSampleRange& range, Uint_t<F> k) {
   return grid_point<F>(k, range.columns, range.total / range.columns);
+}
+
+// Sample k of a shading point: its point of the light's square and, where the kind of light takes one, a third number.
+template <class F>
+struct LightSamplePoint {
+  CentredPair<F> point;
+  F third;
+};
+template <class F, class Kind>
+FT_HD_INLINE LightSamplePoint<F> light_sample_point(const LightSampleRange& range, const int32_t* point_sets,
+                                                    const ShadingPointLanes<F>& r, Uint_t<F> k) {
+  const Uint_t<F> index = r.first_index + k;
+  F third = splat<F>(0.0f);
+  if constexpr (Kind::k_third_number) third = sample_2d<F>(index, r.third_seeds).x;
+  return {range.columns > 0 ? centre_of_cell<F>(range, splat_uint<F>(uint32_t(range.first)) + k)
+                            : gather_point<F>(point_sets, r.points, index),
+          third};
 }
 
 template <class F, class Sample>

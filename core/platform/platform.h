@@ -2,16 +2,14 @@
 // core/simd/isa_dispatch.h.
 #pragma once
 
-// FT_HD marks a function that is compiled for the host and, by a CUDA compiler, for the device too.
-#if defined(__CUDACC__)
-#define FT_HD __host__ __device__
-#else
+// FT_HD marks a function that is compiled for the host and, by a device's compiler, for the device too. Such a compiler
+// has defined it, FT_HD_INLINE and, while it compiles for the device, FT_DEVICE_PASS before it reads this file.
+#if !defined(FT_HD)
 #define FT_HD
 #endif
 
 // FT_HD_INLINE marks lane code that must be inlined: a call would pass whole vectors through memory.
-#if defined(__CUDACC__)
-#define FT_HD_INLINE __host__ __device__ __forceinline__
+#if defined(FT_HD_INLINE)
 #elif defined(__GNUC__)
 #define FT_HD_INLINE inline __attribute__((always_inline))
 #else
@@ -19,7 +17,7 @@
 #endif
 
 // FT_THREAD_SANITIZER is defined in host code built with -fsanitize=thread.
-#if defined(__CUDA_ARCH__)
+#if defined(FT_DEVICE_PASS)
 #elif defined(__SANITIZE_THREAD__)
 #define FT_THREAD_SANITIZER
 #elif defined(__has_feature)

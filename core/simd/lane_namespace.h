@@ -1,4 +1,4 @@
-// The namespace of lane code: fieldtrace::scalar in ordinary and CUDA translation units, and one per instruction set
+// The namespace of lane code: fieldtrace::scalar in ordinary and GPU translation units, and one per instruction set
 // (fieldtrace::N_AVX3, ...) inside a Highway foreach_target translation unit.
 #pragma once
 

@@ -1,7 +1,7 @@
-// Lane types: the vocabulary for writing chart maths, sampling and look-ups once for scalar, SIMD and CUDA code.
+// Lane types: the vocabulary for writing chart maths, sampling and look-ups once for scalar, SIMD and GPU code.
 //
 // Generic code is a template over a float lane type F (with Int_t<F>, Mask_t<F>) and uses only the operators + - * / <
-// <= > >= == and the functions below. They are defined here for plain `float` (the reference, and each CUDA thread),
+// <= > >= == and the functions below. They are defined here for plain `float` (the reference, and each GPU thread),
 // and in core/simd/lanes-inl.h for Highway vectors. This header and every *.hd.h built on it is included again for each
 // Highway target, inside that target's namespace, so that code compiled for one instruction set is never linked into
 // another.
@@ -112,7 +112,7 @@ FT_HD inline T load_element(const T* p) {
 FT_HD inline void order_loads() {
 #if defined(FT_THREAD_SANITIZER)
   std::atomic_signal_fence(std::memory_order_acquire);  // the only fence that the sanitizer supports
-#elif !defined(__CUDA_ARCH__)
+#elif !defined(FT_DEVICE_PASS)
   std::atomic_thread_fence(std::memory_order_acquire);
 #endif
 }

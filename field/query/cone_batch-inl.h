@@ -9,6 +9,7 @@
 #endif
 
 #include "field/query/segment_kernels.h"
+#include "field/query/states.hd.h"
 #include "field/query/task_answers.hd.h"
 
 FT_LANES_BEGIN
@@ -59,9 +60,7 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
       counts.lookups += uint64_t(sum_of(cone.lookups));
       counts.clear += uint64_t(count_true(cone.clear));
       counts.blocked += uint64_t(count_true(cone.blocked));
-      const Int_t<F> open = select(answer.by_strata, flag | splat_int<F>(k_by_strata), flag);
-      const Int_t<F> found = select(cone.blocked, splat_int<F>(k_light_blocked), open);
-      store_lanes(select(cone.clear, splat_int<F>(0), found), flags + i);
+      store_lanes(updated_flag<F>(flag, cone.clear, cone.blocked, answer.by_strata), flags + i);
     }
     if (missing) unknowns.blocks.push_back(block);
   }

@@ -1,4 +1,4 @@
-// Field queries: the nearest surface of one object along a ray. Written once for a float, a SIMD vector and a CUDA
+// Field queries: the nearest surface of one object along a ray. Written once for a float, a SIMD vector and a GPU
 // thread.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). From outside the ball, the visibility cell of the whole

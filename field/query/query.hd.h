@@ -1,5 +1,5 @@
 // Field queries: is the segment between two points free of one object? Written once for a float, a SIMD vector and a
-// CUDA thread.
+// GPU thread.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). The query first reads the *visibility* cell of the whole
 // line. The cell's certificate covers all lines whose foot of the perpendicular lies in that cell, which is exactly how

@@ -22,6 +22,22 @@ struct SegmentTask {
   bool reads_depth = true;       // false: what the visibility cell does not decide stays undecided
 };
 
+// An object without a field: its bounds decide which rays must be traced.
+struct BoxTask {
+  float to_object[12];  // world -> object space, 3 x 4, column-major
+  float to_object_stretch = 0.0f;
+  float lower[3], upper[3];  // object space
+  uint32_t instance = 0;
+  bool skip_self = false;  // flat objects cannot block rays that leave them
+};
+
+// Of a ray's state: the candidates' answers about it so far.
+struct RayStateBits {
+  static constexpr int32_t k_crosses = 1;    // meets some candidate's bounds
+  static constexpr int32_t k_blocked = 2;    // by some candidate
+  static constexpr int32_t k_undecided = 4;  // added once for each candidate that needs an exact ray
+};
+
 // Bits of a shading point's flag: what stands between it and a light.
 inline constexpr int32_t k_may_shadow = 1;     // some object may shadow it: single rays must decide
 inline constexpr int32_t k_light_blocked = 2;  // the whole light is hidden

@@ -9,8 +9,8 @@
 #define FIELDTRACE_FIELD_QUERY_RAY_STATES_INL_H_
 #endif
 
-#include "core/simd/lanes.hd.h"
 #include "field/query/segment_kernels.h"
+#include "field/query/states.hd.h"
 
 FT_LANES_BEGIN
 
@@ -32,12 +32,8 @@ FT_HD_INLINE RayLanes<F> load_rays(const RayBatch& r, size_t i) {
 template <class F>
 FT_HD_INLINE void update_states(RayStates& states, size_t i, Mask_t<F> crosses, Mask_t<F> blocked, Mask_t<F> undecided,
                                 int32_t candidate_slot) {
-  const Int_t<F> zero = splat_int<F>(0);
-  Int_t<F> state = load_int_lanes<F>(&states.state[i]);
-  state = state | select(crosses, splat_int<F>(RayStates::k_crosses), zero);
-  state = state | select(blocked, splat_int<F>(RayStates::k_blocked), zero);
-  state = state + select(undecided, splat_int<F>(RayStates::k_undecided), zero);
-  store_lanes(state, &states.state[i]);
+  const Int_t<F> state = load_int_lanes<F>(&states.state[i]);
+  store_lanes(updated_state<F>(state, crosses, blocked, undecided), &states.state[i]);
   const Int_t<F> undecided_slot = load_int_lanes<F>(&states.undecided_slot[i]);
   store_lanes(select(undecided, splat_int<F>(candidate_slot), undecided_slot), &states.undecided_slot[i]);
 }

@@ -8,12 +8,13 @@
 #define FIELDTRACE_FIELD_QUERY_SEGMENT_BATCH_INL_H_
 #endif
 
+#include "field/query/bounds.hd.h"
 #include "field/query/cone_batch-inl.h"
 #include "field/query/hit_batch-inl.h"
 #include "field/query/lobe_batch-inl.h"
-#include "field/query/query.hd.h"
 #include "field/query/ray_states-inl.h"
 #include "field/query/segment_kernels.h"
+#include "field/query/task_answers.hd.h"
 
 FT_LANES_BEGIN
 
@@ -116,7 +117,6 @@ inline int answer_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   int deep = 0;
   for (int k = 0; k < count; ++k) {
     const Mask_t<F> wanted = s.wanted[k];
-    // Without a wanted line every mask is empty, `wanted` included.
     LineView<F> line = {wanted, wanted, wanted, splat_int<F>(0)};
     if (any(wanted)) line = look_up_line(task.field, task.policy, s.at[k]);
     LineAnswer<F> answer = answer_by_line(s.segment[k], wanted, line);
@@ -184,35 +184,15 @@ inline SegmentCounts cross_ball_batch(const SegmentTask& task, const RayBatch& r
   return counts;
 }
 
-// Clips a ray to a slab, widened by the rounding of the subtraction, the reciprocal and the product (pbrt, section
-// 6.8.2: factor 1 + 2 gamma(3)).
-template <class F>
-FT_HD_INLINE void clip_slab(F o, F d, F lower, F upper, F& enter, F& leave) {
-  // A component too small to divide by is replaced by a tiny one of the same sign: the slab is then missed, or met
-  // everywhere.
-  const F inverse = splat<F>(1.0f) / copysign(max(abs(d), splat<F>(1e-30f)), d);
-  const F a = (lower - o) * inverse;
-  const F b = (upper - o) * inverse;
-  const F widen = splat<F>(1.0f + 2.0f * (3.0f * 0x1p-24f) / (1.0f - 3.0f * 0x1p-24f));
-  enter = max(enter, min(a, b));
-  leave = min(leave, max(a, b) * widen);
-}
-
 template <class F>
 inline SegmentCounts cross_box_batch(const BoxTask& task, const RayBatch& rays, const uint32_t* shading_point_instance,
                                      size_t begin, size_t end, int32_t candidate_slot, RayStates& states) {
   SegmentCounts counts;
-  const Uint_t<F> instance = splat_uint<F>(task.skip_self ? task.instance : 0xfffffffeu);
+  const Uint_t<F> skipped = splat_uint<F>(skipped_instance(task));
   for (size_t i = begin; i < end; i += size_t(Lanes<F>::k_count)) {
     const RayLanes<F> r = load_rays<F>(rays, i);
-    F enter = splat<F>(0.0f), leave = r.tmax;
-    for (int axis = 0; axis < 3; ++axis) {
-      clip_slab(transformed(task.to_object, axis, r.o) + splat<F>(task.to_object[9 + axis]),
-                transformed(task.to_object, axis, r.d), splat<F>(task.lower[axis]), splat<F>(task.upper[axis]), enter,
-                leave);
-    }
-    const Mask_t<F> self = load_uint_lanes<F>(shading_point_instance + i) == instance;
-    const Mask_t<F> crosses = and_not(self, (enter <= leave) & (r.tmax >= splat<F>(0.0f)));
+    const Mask_t<F> crosses =
+        crosses_box(task, r.o, r.d, r.tmax, load_uint_lanes<F>(shading_point_instance + i) == skipped);
     if (!any(crosses)) continue;
     counts.crossings += size_t(count_true(crosses));
     update_states<F>(states, i, crosses, and_not(crosses, crosses), crosses, candidate_slot);
@@ -229,51 +209,25 @@ FT_HD_INLINE void raise_flags(Mask_t<F> raised, int32_t* flags) {
 template <class F>
 inline void hull_meets_ball_batch(const SegmentTask& task, const ShadingPointBatch& shading_points, const Sphere& light,
                                   int32_t* flags) {
-  const float* m = task.to_unit;
   const Vec3Lanes<F> centre = {splat<F>(light.centre.x), splat<F>(light.centre.y), splat<F>(light.centre.z)};
-  const F radius = splat<F>(light.radius * task.to_unit_stretch);
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
+  const F light_radius = splat<F>(light.radius);
   for (size_t i = 0; i < padded(shading_points.size); i += size_t(Lanes<F>::k_count)) {
-    const Vec3Lanes<F> world = load_points<F>(shading_points, i);
-    const Vec3Lanes<F> to_light = centre - world;
-    const Vec3Lanes<F> p = transformed_point(m, world), axis = transformed_vector(m, to_light);
-    const F length_squared = max(dot(axis, axis), splat<F>(1e-30f));
-    // Wherever the hull can touch the ball it is no wider than at t + (1 + radius) / length, that is beyond the axis
-    // point nearest to the ball's centre by the ball's reach.
-    const F length = sqrt(length_squared);
-    const F t = (zero - dot(p, axis)) / length_squared;
-    const F t_near = min(max(t, zero), one);
-    const F t_far = min(max(t + (one + radius) / length, zero), one);
-    const Vec3Lanes<F> gap = p + axis * t_near;
-    // The added 2^-9 exceeds the rounding of this test many times over.
-    const F near = load_lanes<F>(&shading_points.radius[i]) * splat<F>(task.to_unit_stretch);
-    const F hull = max(radius, near) * t_far + near * (one - t_far);
-    const F reach = (one + hull) * splat<F>(1.0f + 0x1p-9f) + (abs(p.x) + abs(p.y) + abs(p.z)) * splat<F>(0x1p-20f);
-    raise_flags<F>(dot(gap, gap) <= reach * reach, flags + i);
+    const F radius = load_lanes<F>(&shading_points.radius[i]);
+    raise_flags<F>(hull_meets_ball(task, load_points<F>(shading_points, i), radius, centre, light_radius), flags + i);
   }
 }
 
 template <class F>
 inline void hull_meets_box_batch(const BoxTask& task, const ShadingPointBatch& shading_points, const Sphere& light,
                                  int32_t* flags) {
-  const float* m = task.to_object;
   const Vec3Lanes<F> centre = {splat<F>(light.centre.x), splat<F>(light.centre.y), splat<F>(light.centre.z)};
-  const F light_radius = splat<F>(light.radius), stretch = splat<F>(task.to_object_stretch * (1.0f + 0x1p-9f));
-  const Uint_t<F> instance = splat_uint<F>(task.skip_self ? task.instance : 0xfffffffeu);
+  const F light_radius = splat<F>(light.radius);
+  const Uint_t<F> skipped = splat_uint<F>(skipped_instance(task));
   for (size_t i = 0; i < padded(shading_points.size); i += size_t(Lanes<F>::k_count)) {
-    const Vec3Lanes<F> world = load_points<F>(shading_points, i);
-    const Vec3Lanes<F> to_light = centre - world;
-    F enter = splat<F>(0.0f), leave = splat<F>(1.0f);
-    const F margin = max(light_radius, load_lanes<F>(&shading_points.radius[i])) * stretch;
-    for (int axis = 0; axis < 3; ++axis) {
-      const F p = transformed(m, axis, world) + splat<F>(m[9 + axis]);
-      // Covers the light's radius, the shading point's offset from its surface (the caller makes the radius no less),
-      // and rounding.
-      const F lower = splat<F>(task.lower[axis]) - margin, upper = splat<F>(task.upper[axis]) + margin;
-      clip_slab(p, transformed(m, axis, to_light), lower, upper, enter, leave);
-    }
-    const Mask_t<F> self = load_uint_lanes<F>(&shading_points.instance[i]) == instance;
-    raise_flags<F>(and_not(self, enter <= leave), flags + i);
+    const F radius = load_lanes<F>(&shading_points.radius[i]);
+    const Mask_t<F> is_skipped = load_uint_lanes<F>(&shading_points.instance[i]) == skipped;
+    raise_flags<F>(hull_meets_box(task, load_points<F>(shading_points, i), radius, centre, light_radius, is_skipped),
+                   flags + i);
   }
 }
 
@@ -283,20 +237,18 @@ inline void collect_batch(const RayStates& states, size_t rays, uint8_t* blocked
   lists.many_undecided_slots.resize(padded(rays) + k_block);
   lists.one_count = lists.many_count = 0;
   lists.crossing = 0;
-  const Int_t<F> zero = splat_int<F>(0), k_blocked = splat_int<F>(RayStates::k_blocked);
-  const Int_t<F> one_undecided = splat_int<F>(RayStates::k_undecided);
+  const Int_t<F> zero = splat_int<F>(0);
   for (size_t i = 0; i < padded(rays); i += size_t(Lanes<F>::k_count)) {
     const Int_t<F> state = load_int_lanes<F>(&states.state[i]);
     const Mask_t<F> touched = !(state == zero);
     if (!any(touched)) continue;
     lists.crossing += size_t(count_true(touched));
-    const Mask_t<F> is_blocked = (state & k_blocked) == k_blocked;
-    const Int_t<F> undecided = state & splat_int<F>(~(RayStates::k_undecided - 1));
-    const Mask_t<F> one = and_not(is_blocked, undecided == one_undecided);
-    const Mask_t<F> many = and_not(is_blocked, undecided > one_undecided);
+    const UndecidedRays<F> undecided = undecided_rays<F>(state);
     const Int_t<F> index = lane_sequence<F>(int32_t(i));
-    lists.one_count += size_t(compress_store(index, one, lists.one_undecided_slot.data() + lists.one_count));
-    lists.many_count += size_t(compress_store(index, many, lists.many_undecided_slots.data() + lists.many_count));
+    lists.one_count +=
+        size_t(compress_store(index, undecided.by_one, lists.one_undecided_slot.data() + lists.one_count));
+    lists.many_count +=
+        size_t(compress_store(index, undecided.by_more, lists.many_undecided_slots.data() + lists.many_count));
   }
   for (size_t i = 0; i < rays; ++i) blocked[i] = uint8_t((states.state[i] / RayStates::k_blocked) & 1);
 }

@@ -19,11 +19,7 @@
 namespace fieldtrace {
 
 // The candidates' answers about each ray so far.
-struct RayStates {
-  static constexpr int32_t k_crosses = 1;    // meets some candidate's bounds
-  static constexpr int32_t k_blocked = 2;    // by some candidate
-  static constexpr int32_t k_undecided = 4;  // added once for each candidate that needs an exact ray
-
+struct RayStates : RayStateBits {
   AlignedVector<int32_t> state;
   AlignedVector<int32_t> undecided_slot;  // candidate_slot of the last undecided candidate
   // Blocks of k_batch_padding rays that met cells not baked yet, by their first ray, with their states untouched; and
@@ -38,15 +34,6 @@ struct RayStates {
     undecided_slot.resize(padded(rays));
     if (keep_verdicts) verdict.resize(padded(rays));
   }
-};
-
-// An object without a field: its bounds decide which rays must be traced.
-struct BoxTask {
-  float to_object[12];  // world -> object space, 3 x 4, column-major
-  float to_object_stretch = 0.0f;
-  float lower[3], upper[3];  // object space
-  uint32_t instance = 0;
-  bool skip_self = false;  // flat objects cannot block rays that leave them
 };
 
 struct SegmentCounts {

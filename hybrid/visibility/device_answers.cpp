@@ -1,6 +1,7 @@
 #include "hybrid/visibility/device_answers.h"
 
 #include "field/query/query.hd.h"
+#include "field/query/states.hd.h"
 
 namespace fieldtrace {
 namespace {
@@ -38,10 +39,8 @@ void merge_rays(const RayMasks& m, uint32_t block, int32_t candidate_slot, RaySt
                                       : scalar::k_verdict_clear;
     }
     if (!crosses) continue;
-    states.state[i] |= RayStates::k_crosses | (blocked ? RayStates::k_blocked : 0);
-    if (!undecided) continue;
-    states.state[i] += RayStates::k_undecided;
-    states.undecided_slot[i] = candidate_slot;
+    states.state[i] = scalar::updated_state<float>(states.state[i], crosses, blocked, undecided);
+    if (undecided) states.undecided_slot[i] = candidate_slot;
   }
 }
 
@@ -60,9 +59,7 @@ ConeCounts light_cones(const SegmentKernels& kernels, const ConeQuestion* questi
       const bool clear = has_lane(m.clear, lane), blocked = has_lane(m.blocked, lane);
       counts.clear += clear;
       counts.blocked += blocked;
-      if (has_lane(m.by_strata, lane)) flag |= k_by_strata;
-      if (clear) flag = 0;
-      if (blocked) flag = k_light_blocked;
+      flag = scalar::updated_flag<float>(flag, clear, blocked, has_lane(m.by_strata, lane));
     }
   });
   const ConeCounts rest = kernels.light_cones(task, points, light, left, flags, unknowns);

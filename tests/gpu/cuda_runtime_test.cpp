@@ -133,7 +133,7 @@ TEST_F(EmulatedDriver, RendersTheCpusPicture) {
   EXPECT_EQ(render(s.scene, o, callbacks).image.data, cpu.image.data);
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_EQ(warnings[0],
-            "--device driver: loading the kernels into Driver of a test: other (CUDA error 209); the CPU answers "
+            "--device driver: opening Driver of a test: other (CUDA error 209); the CPU answers "
             "instead");
   EXPECT_EQ(left_(), 0);
 }

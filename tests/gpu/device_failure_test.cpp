@@ -140,7 +140,8 @@ TEST_F(DeviceFailure, NothingToUse) {
   faults.has_driver = false;
   test::EmulatedPicture picture = test::render_emulated(scene_, options(), faults);
   expect_cpus_picture(picture, "no driver");
-  EXPECT_TRUE(any_contains(picture.warnings, "--device emulated: starting CUDA: no driver; the CPU answers instead"));
+  EXPECT_TRUE(any_contains(picture.warnings,
+                           "--device emulated: looking for CUDA devices: no driver; the CPU answers instead"));
   EXPECT_EQ(picture.result.stats.device, "cpu");
   faults = {};
   faults.devices = 0;
@@ -151,7 +152,7 @@ TEST_F(DeviceFailure, NothingToUse) {
   faults.has_kernels = false;
   picture = test::render_emulated(scene_, options(), faults);
   expect_cpus_picture(picture, "wrong architecture");
-  EXPECT_TRUE(any_contains(picture.warnings, "loading the kernels into Emulated GPU: no kernel image"));
+  EXPECT_TRUE(any_contains(picture.warnings, "opening Emulated GPU: no kernel image"));
 }
 
 TEST_F(DeviceFailure, MemoryEndsAnywhere) {

@@ -59,6 +59,18 @@ TEST(EmulatedPicture, EqualsTheCpusOfACrowd) {
   expect_same_picture(scene, options_for(4, 1), "4 x 1");
 }
 
+TEST(EmulatedPicture, EqualsTheCpusOfTheDemo) {
+  for (const bool sky : {false, true}) {
+    const Scene scene = demo(64, sky);
+    const RenderOptions o = options_for(4, 4);
+    const EmulatedPicture device = render_emulated(scene, o);
+    const std::string name = sky ? "sky" : "lights";
+    expect_equal(device.result, render(scene, o), name);
+    expect_no_fault(device, name);
+    EXPECT_GT(device.log.launches[int(sky ? gpu::Kernel::sky_cells : gpu::Kernel::light_cones)], 0u) << name;
+  }
+}
+
 TEST(EmulatedPicture, EqualsTheCpusOfHardScenes) {
   for (const test::HybridScene& s : test::hybrid_scenes(24)) {
     const RenderOptions o = options_for(1, 16);

@@ -15,10 +15,7 @@ constexpr int k_words = int(scalar::k_tile_words);
 
 class FieldMirrorTest : public ::testing::Test {
  protected:
-  FieldMirrorTest() {
-    runtime_.open(0);
-    runtime_.create_streams();
-  }
+  FieldMirrorTest() { runtime_.open(0, {}); }
 
   // What a wave does with the mirror's packet.
   void update() {

@@ -207,7 +207,7 @@ TEST(EmulatedStreams, HaveNoOrderButByFollow) {
       EmulatedRuntime r(faults, log);
       void* host = nullptr;
       DeviceAddress first = 0, second = 0;
-      ASSERT_EQ(r.open(0) | r.create_streams() | r.allocate_host(8, host), k_success);
+      ASSERT_EQ(r.open(0, {}) | r.allocate_host(8, host), k_success);
       ASSERT_EQ(r.allocate(4, first) | r.allocate(4, second), k_success);
       uint32_t* const words = static_cast<uint32_t*>(host);
       words[0] = 5;
@@ -222,7 +222,7 @@ TEST(EmulatedStreams, HaveNoOrderButByFollow) {
       ASSERT_EQ(r.synchronise(1), k_success);
       EXPECT_EQ(words[1], eager ? 0u : follows ? 5u : 0xcdcdcdcdu);
       ASSERT_EQ(r.synchronise(0) | r.free(first) | r.free(second) | r.free_host(host), k_success);
-      ASSERT_EQ(r.destroy_streams() | r.close(), k_success);
+      ASSERT_EQ(r.close(), k_success);
       EXPECT_EQ(log->misuse, 0u);
     }
   }
@@ -233,10 +233,10 @@ TEST(EmulatedStreams, AFailureIsToldByEveryStream) {
   for (const bool is_late : {false, true}) {
     const auto log = std::make_shared<EmulatedLog>();
     EmulatedFaults faults;
-    faults.failing_call = is_late ? 4 : 6;
+    faults.failing_call = is_late ? 5 : 7;
     EmulatedRuntime r(faults, log);
     DeviceAddress place = 0;
-    ASSERT_EQ(r.open(0) | r.create_streams() | r.allocate(4, place), k_success);
+    ASSERT_EQ(r.open(0, {}) | r.allocate(4, place), k_success);
     ASSERT_EQ(r.fill_zero(0, place, 4), k_success);
     const auto fail = [&] { EXPECT_EQ(r.synchronise(0), EmulatedFaults::k_launch_failed); };
     if (is_late) fail();
@@ -245,7 +245,7 @@ TEST(EmulatedStreams, AFailureIsToldByEveryStream) {
     EXPECT_EQ(r.synchronise(1), EmulatedFaults::k_launch_failed);
     EXPECT_EQ(r.synchronise(1), k_success);
     EXPECT_EQ(*std::bit_cast<const uint32_t*>(place), 0xcdcdcdcdu);
-    ASSERT_EQ(r.free(place) | r.destroy_streams() | r.close(), k_success);
+    ASSERT_EQ(r.free(place) | r.close(), k_success);
     EXPECT_EQ(log->misuse, 0u);
   }
 }

@@ -3,6 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
+
+#include "core/loader/scene_xml.h"
+#include "core/mesh/mesh_io.h"
 #include "core/mesh/mesh_procedural.h"
 #include "tests/gpu/emulated_device.h"
 #include "tests/support/field_checks.h"
@@ -81,6 +85,34 @@ inline Scene knot_over_floor(const Mat3& shape, int size) {
                           Affine(0.7f * turned[0], 0.4f * turned[1], 0.4f * turned[2], turned[3])),
                Rgb(60.0f));
   return s.scene;
+}
+
+// The demo, with a knot in the place of its bunny: under its two lights, or under its sky.
+inline Scene demo(int width, bool sky) {
+  const TemporaryFolder folder;
+  const auto save = [&](const char* name, const TriangleMesh& mesh) {
+    const std::string path = folder.path() + "/" + name;
+    save_ply(path, mesh);
+    return path;
+  };
+  SceneLoadOptions options;
+  options.strict = true;
+  options.parameters = {{"width", std::to_string(width)}, {"height", std::to_string(width * 9 / 16)}};
+  if (sky) options.parameters["lights"] = "demo_sky.xml";
+  options.parameters["bunny"] = folder.path() + "/knot.obj";
+  {
+    const TriangleMesh knot = make_knot({.along = 256, .around = 24});
+    std::ofstream obj(options.parameters["bunny"]);
+    for (const Vec3& p : knot.positions) obj << "v " << p.x << " " << p.y << " " << p.z << "\n";
+    for (const auto& t : knot.triangles) obj << "f " << t[0] + 1 << " " << t[1] + 1 << " " << t[2] + 1 << "\n";
+  }
+  options.parameters["shape1"] =
+      save("shape1.ply", make_supershape({.longitude = {.m = 7, .n1 = 0.6, .n2 = 1.2, .n3 = 1.2},
+                                          .latitude = {.m = 3, .n1 = 1.2, .n2 = 1.6, .n3 = 1.6}}));
+  options.parameters["shape2"] =
+      save("shape2.ply", make_supershape({.longitude = {.m = 5, .n1 = 0.4, .n2 = 1.7, .n3 = 1.7},
+                                          .latitude = {.m = 4, .n1 = 10, .n2 = 10, .n3 = 10}}));
+  return load_scene(std::string(FIELDTRACE_SOURCE_DIR) + "/scenes/demo.xml", options);
 }
 
 // A rough metal floor under a diffuse object, whose radiance maps answer glossy rays once there are enough of them; lit

@@ -51,6 +51,18 @@ TEST(PtxPicture, EqualsTheCpusOfACrowd) {
   expect_same_picture(scene, options_for(4, 1), "4 x 1", by_ptx());
 }
 
+TEST(PtxPicture, EqualsTheCpusOfTheDemo) {
+  if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
+  for (const bool sky : {false, true}) {
+    const Scene scene = demo(64, sky);
+    const RenderOptions o = options_for(4, 4);
+    const EmulatedPicture device = render_emulated(scene, o, by_ptx());
+    expect_equal(device.result, render(scene, o), sky ? "sky" : "lights");
+    expect_no_fault(device, sky ? "sky" : "lights");
+    EXPECT_GT(device.log.launches[int(sky ? gpu::Kernel::sky_cells : gpu::Kernel::light_cones)], 0u);
+  }
+}
+
 // Skies and glossy surfaces, too: what the device has no questions for is the CPU's, and the rest the device's.
 TEST(PtxPicture, EqualsTheCpusOfHardScenes) {
   if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;

@@ -81,6 +81,13 @@ CLI::Validator whole_number_between(int64_t least, int64_t most) {
       fmt::format("in [{}, {}]", least, most));
 }
 
+// What --device can name: the CPU, and the devices that have registered themselves.
+std::vector<std::string> device_names() {
+  std::vector<std::string> names = {"cpu"};
+  for (const DeviceKind& kind : device_kinds()) names.push_back(kind.name);
+  return names;
+}
+
 CLI::Validator field_directions() { return one_of({"32", "64", "128", "256"}); }
 CLI::Validator field_plane() { return one_of({"64", "128", "256", "512"}); }
 CLI::Validator thread_count() { return whole_number_between(0, k_max_threads); }
@@ -230,7 +237,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
             options.device = name;
           },
           "Machine that answers shadow rays (default: cpu)")
-      ->check(one_of({"cpu", "cuda"}))
+      ->check(one_of(device_names()))
       ->type_name("NAME");
   add_megabytes(command, "--device-memory", options.device_memory,
                 "Memory of the device that fields may take there (default: all)");
