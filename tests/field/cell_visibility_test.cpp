@@ -153,7 +153,7 @@ TEST_P(SharesOfMaps, AreNearThoseOfRays) {
     double total = 0.0, exact_total = 0.0;
     for (int cell = 0; cell < k_cells; ++cell) {
       const Vec3 d = direction_in(cell, 32, 0.5f, 0.5f);
-      const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p));
+      const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p), {});
       // Where the ball is out of reach of the cell's filter, 1.25 widths about its centre.
       const float cosine = std::clamp(-glm::dot(d, p) / distance, -1.0f, 1.0f);
       if (std::acos(cosine) > std::asin(1.0f / distance) + 1.25f * cell_width(32)) {
@@ -196,7 +196,7 @@ TEST_P(SharesOfMaps, ByDepthsAreNearThoseOfRays) {
   for (int trial = 0; trial < 4000; ++trial) {
     const int cell = int(random.index(32 * 32));
     const Vec3 p = random.in_ball();
-    const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p));
+    const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p), {});
     share.near ? void(++undecided[0]) : others.add(double(share.hidden), m.share(p, cell, 16));
 
     const UVec3 t = mesh.triangles[random.index(uint32_t(mesh.triangles.size()))];

@@ -158,8 +158,8 @@ TEST_P(WithinDistance, FarDistancesHideAsNone) {
     const int cell = int(random.index(k_cells));
     const Vec3 p = random.direction() * random.log_uniform(0.1f, 5.0f);
     const MapLines lines = lines_within(view_, cell, 7.0f);
-    const auto within = scalar::share_of_map_within<float>(lines, lanes(p));
-    const auto share = scalar::share_of_map<float>(lines, lanes(p));
+    const auto within = scalar::share_of_map_within<float>(lines, lanes(p), {});
+    const auto share = scalar::share_of_map<float>(lines, lanes(p), {});
     ASSERT_EQ(within.hidden, share.hidden);
     ASSERT_EQ(within.near, share.near);
     hidden += share.hidden > 0.0f;
