@@ -109,8 +109,7 @@ FT_HD_INLINE MapShare<F> share_by_depths_within(const MapLines& lines, const Map
 
 // Of an object that the points do not lie on.
 template <class F>
-FT_HD_INLINE MapShare<F> share_of_map_within(const MapLines& lines, const Vec3Lanes<F>& p,
-                                             const Vec3Lanes<F>& lean) {
+FT_HD_INLINE MapShare<F> share_of_map_within(const MapLines& lines, const Vec3Lanes<F>& p, const Vec3Lanes<F>& lean) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
   MapPlace<F> at = place_in_map<F>(lines, p, lean);
   const F reach = at.z + splat<F>(lines.within);
