@@ -25,6 +25,16 @@ FT_HD_INLINE F cosine_over_cell(F mean, F half) {
   return across * across / (splat<F>(4.0f) * half) + max(mean - half, zero);
 }
 
+// How far the middle of a cell's light moves when the light is weighed by the cosine: the change of the cosine, for
+// cosines uniform in [mean - half, mean + half] of which only those above 0 count.
+template <class F>
+FT_HD_INLINE F cosine_shift(F mean, F half) {
+  const F zero = splat<F>(0.0f), third = splat<F>(1.0f / 3.0f);
+  const F whole = half * half * third / max(mean, half);
+  const F across = max(mean + half, zero) * (third + third) - mean;
+  return select(mean >= half, whole, across);
+}
+
 // What light weighs that arrives at the cosine `c`, in [0, 1]: c times the transmittance of an interface
 // (CellPoints::grazing).
 template <class F>

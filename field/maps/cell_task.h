@@ -19,6 +19,7 @@ struct MapLines {
   float z[4];                      // its coordinate along the map's direction
   float slope_u = 0, slope_v = 0;  // texels that the cell's ray moves per unit of z: it is not quite the map's line
   float reach = 0;                 // texels of the footprint per unit of z
+  float per_z = 0;                 // world units along the cell's ray per unit of z
   float margin = 0;                // depths nearer than this to the point's are undecided, units of z
   int32_t depth_begin = 0, coverage_begin = 0;  // of the map, bytes
   const MapsView* maps = nullptr;

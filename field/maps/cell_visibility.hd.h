@@ -338,6 +338,19 @@ struct CellSeen {
   F clear;                  // share that nothing hides
   Mask_t<F> near;           // undecided
   Vec3Lanes<F> light = {};  // radiance that comes back, mean over the cell
+
+  FT_HD_INLINE void hide(const MapShare<F>& share) {
+    clear = select(share.near, clear, clear * (splat<F>(1.0f) - share.hidden));
+    near = near | share.near;
+  }
+  FT_HD_INLINE bool is_open() const { return any(clear > splat<F>(k_least_clear)); }
+
+  // Once all maps are read. reached: where balls matter.
+  FT_HD_INLINE void finish(const CellTask& task, const Vec3Lanes<F>& p, Mask_t<F> reached) {
+    for (int k = 0; k < task.ball_count; ++k) near = near | (reached & may_meet<F>(task.balls[k], task, p));
+    // Whatever other lanes went on for.
+    clear = select(clear > splat<F>(k_least_clear), clear, splat<F>(0.0f));
+  }
 };
 
 // Of the light that a cell sends to the shading normals `s` at the cosine `cosine`, the share from above the surface.
@@ -349,50 +362,68 @@ FT_HD_INLINE F above_surface(const CellTask& task, const Vec3Lanes<F>& g, const 
   return select(cut, share_above<F>(cosine, dot3<F>(task.vector, s), at, dot(g, s), task.cosine_half), one);
 }
 
+// The share of the point's own object, of a cell of which the part `above` comes from above its surface.
+template <class F>
+FT_HD_INLINE MapShare<F> with_surface(const MapShare<F>& share, F above) {
+  const F one = splat<F>(1.0f);
+  return {one - (one - share.hidden) * above, and_not(above <= splat<F>(0.0f), share.near)};
+}
+
+// How far points turn from a cell's direction, to the middle of what their cosine leaves of its light.
+template <class F>
+FT_HD_INLINE Vec3Lanes<F> lean_of(const CellTask& task, const Vec3Lanes<F>& s) {
+  return s * cosine_shift<F>(dot3<F>(task.vector, s), splat<F>(task.cosine_half));
+}
+
+// Where nothing sends light back. planes_clear: what parallelograms leave; own(), map(lines, lean): shares of the
+// points' own object and of others.
+template <class F, class Own, class Map>
+FT_HD_INLINE CellSeen<F> look_at_objects(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
+                                         const Vec3Lanes<F>& s, F cosine, F planes_clear, const Own& own,
+                                         const Map& map) {
+  const Mask_t<F> lit = cosine > splat<F>(0.0f);
+  CellSeen<F> seen = {planes_clear * splat<F>(task.clear), and_not(lit, lit)};
+  if (task.own) seen.hide(with_surface<F>(own(), above_surface<F>(task, g, s, cosine)));
+  if (task.map_count > 0) {
+    const Vec3Lanes<F> lean = lean_of<F>(task, s);
+    for (int k = 0; k < task.map_count && seen.is_open(); ++k) seen.hide(map(task.maps[k], lean));
+  }
+  seen.finish(task, p, lit);
+  return seen;
+}
+
+template <class F>
+FT_HD_INLINE CellSeen<F> look_at_reflecting_cell(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
+                                                 const Vec3Lanes<F>& s, F cosine) {
+  const Mask_t<F> lit = cosine > splat<F>(0.0f);
+  CellLight<F> light(task, p, s);
+  CellSeen<F> seen = {light.clear(), and_not(lit, lit)};
+  F own_share = splat<F>(0.0f);
+  if (task.own) {
+    const MapShare<F> share = share_of_own<F>(*task.own, p, g);
+    const F above = above_surface<F>(task, g, s, cosine);
+    const MapShare<F> hidden = with_surface<F>(share, above);
+    own_share = hidden.hidden;
+    seen.hide(hidden);
+    light.add_own(share.hidden * above, own_share, p);
+  }
+  const Vec3Lanes<F> lean = lean_of<F>(task, s);
+  for (int k = 0; k < task.map_count && any(light.open()); ++k) {
+    const MapShare<F> share = share_of_map<F>(task.maps[k], p, lean);
+    seen.hide({share.hidden, light.add_map(k, share, p)});
+  }
+  seen.light = light.finish(own_share, p);
+  seen.finish(task, p, light.open());
+  return seen;
+}
+
 template <class F>
 FT_HD_INLINE CellSeen<F> look_at_cell(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
                                       const Vec3Lanes<F>& s, F cosine) {
-  const Mask_t<F> lit = cosine > splat<F>(0.0f);
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  CellSeen<F> seen = {one, and_not(lit, lit), {zero, zero, zero}};
-  F own_share = zero;
-  Mask_t<F> reached = lit;  // where balls matter
-  const auto hide = [&](const MapShare<F>& share) {
-    seen.clear = select(share.near, seen.clear, seen.clear * (one - share.hidden));
-    seen.near = seen.near | share.near;
-  };
-  if (!task.reflects) {
-    seen.clear = PlanesSeen<F>(task, p, s).clear() * splat<F>(task.clear);
-    if (task.own) {
-      const MapShare<F> share = share_of_own<F>(*task.own, p, g);
-      const F above = above_surface<F>(task, g, s, cosine);
-      hide({one - (one - share.hidden) * above, and_not(above <= zero, share.near)});
-    }
-    for (int k = 0; k < task.map_count; ++k) {
-      if (!any(seen.clear > splat<F>(k_least_clear))) break;
-      hide(share_of_map<F>(task.maps[k], p));
-    }
-  } else {
-    CellLight<F> light(task, p, s);
-    seen.clear = light.clear();
-    if (task.own) {
-      const MapShare<F> share = share_of_own<F>(*task.own, p, g);
-      const F above = above_surface<F>(task, g, s, cosine);
-      own_share = one - (one - share.hidden) * above;
-      hide({own_share, and_not(above <= zero, share.near)});
-      light.add_own(share.hidden * above, own_share, p);
-    }
-    for (int k = 0; k < task.map_count && any(light.open()); ++k) {
-      const MapShare<F> share = share_of_map<F>(task.maps[k], p);
-      hide({share.hidden, light.add_map(k, share, p)});
-    }
-    seen.light = light.finish(own_share, p);
-    reached = light.open();
-  }
-  for (int k = 0; k < task.ball_count; ++k) seen.near = seen.near | (reached & may_meet<F>(task.balls[k], task, p));
-  // Whatever other lanes went on for.
-  seen.clear = select(seen.clear > splat<F>(k_least_clear), seen.clear, zero);
-  return seen;
+  if (task.reflects) return look_at_reflecting_cell<F>(task, p, g, s, cosine);
+  return look_at_objects<F>(
+      task, p, g, s, cosine, PlanesSeen<F>(task, p, s).clear(), [&] { return share_of_own<F>(*task.own, p, g); },
+      [&](const MapLines& lines, const Vec3Lanes<F>& lean) { return share_of_map<F>(lines, p, lean); });
 }
 
 // What a cell adds to the sums of points.

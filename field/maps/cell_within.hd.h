@@ -109,9 +109,9 @@ FT_HD_INLINE MapShare<F> share_by_depths_within(const MapLines& lines, const Map
 
 // Of an object that the points do not lie on.
 template <class F>
-FT_HD_INLINE MapShare<F> share_of_map_within(const MapLines& lines, const Vec3Lanes<F>& p) {
+FT_HD_INLINE MapShare<F> share_of_map_within(const MapLines& lines, const Vec3Lanes<F>& p, const Vec3Lanes<F>& lean) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  MapPlace<F> at = place_in_map<F>(lines, p);
+  MapPlace<F> at = place_in_map<F>(lines, p, lean);
   const F reach = at.z + splat<F>(lines.within);
   const Mask_t<F> reached = reach > zero - one, cut = reached & (reach < one);
   at.inside = at.inside & reached, at.by_share = at.by_share & reached;
@@ -152,30 +152,13 @@ FT_HD_INLINE F share_of_plane_within(const PlaneLines& plane, F share, float hal
 template <class F>
 FT_HD_INLINE CellSeen<F> look_at_cell_within(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
                                              const Vec3Lanes<F>& s, F cosine) {
-  const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  const Mask_t<F> lit = cosine > zero;
   const PlanesSeen<F> planes(task, p, s, [&](const PlaneLines& plane, F share) {
-    if (!any(share > zero)) return share;
+    if (!any(share > splat<F>(0.0f))) return share;
     return share_of_plane_within<F>(plane, share, task.cosine_half, task.within, p);
   });
-  CellSeen<F> seen = {planes.clear() * splat<F>(task.clear), and_not(lit, lit), {zero, zero, zero}};
-  const auto hide = [&](const MapShare<F>& share) {
-    seen.clear = select(share.near, seen.clear, seen.clear * (one - share.hidden));
-    seen.near = seen.near | share.near;
-  };
-  if (task.own) {
-    const MapShare<F> share = share_of_own<F, true>(*task.own, p, g);
-    const F above = above_surface<F>(task, g, s, cosine);
-    hide({one - (one - share.hidden) * above, and_not(above <= zero, share.near)});
-  }
-  for (int k = 0; k < task.map_count; ++k) {
-    if (!any(seen.clear > splat<F>(k_least_clear))) break;
-    hide(share_of_map_within<F>(task.maps[k], p));
-  }
-  for (int k = 0; k < task.ball_count; ++k) seen.near = seen.near | (lit & may_meet<F>(task.balls[k], task, p));
-  // Whatever other lanes went on for.
-  seen.clear = select(seen.clear > splat<F>(k_least_clear), seen.clear, zero);
-  return seen;
+  return look_at_objects<F>(
+      task, p, g, s, cosine, planes.clear(), [&] { return share_of_own<F, true>(*task.own, p, g); },
+      [&](const MapLines& lines, const Vec3Lanes<F>& lean) { return share_of_map_within<F>(lines, p, lean); });
 }
 
 template <class F>

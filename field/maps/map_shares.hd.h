@@ -143,23 +143,31 @@ struct MapPlace {
   Mask_t<F> by_depth;
 };
 
+// lean: how far each point turns from the cell's direction, to the middle of what its cosine leaves of the cell.
 template <class F>
-FT_HD_INLINE MapPlace<F> place_in_map(const MapLines& lines, const Vec3Lanes<F>& p) {
+FT_HD_INLINE MapPlace<F> place_in_map(const MapLines& lines, const Vec3Lanes<F>& p, const Vec3Lanes<F>& lean) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), texels = splat<F>(float(lines.maps->texels));
-  const F z = affine<F>(lines.z, p);
-  // Far points follow their ray to the centre plane. In the ball, where contacts matter, the map's own line stands for
-  // it, half a cell away at most.
-  const F rise = min(max(zero - one - z, zero), one) * (zero - z);
-  const F x = affine<F>(lines.u, p) + splat<F>(lines.slope_u) * rise;
-  const F y = affine<F>(lines.v, p) + splat<F>(lines.slope_v) * rise;
-  const F footprint = splat<F>(lines.reach) * max(zero - z, zero);
+  const F middle = splat<F>(0.5f * float(lines.maps->texels)), per_texel = splat<F>(2.0f / float(lines.maps->texels));
+  const F z = affine<F>(lines.z, p), ahead_of_point = max(zero - z, zero);
+  const F on_line_x = affine<F>(lines.u, p), on_line_y = affine<F>(lines.v, p);
+  const F across_x = (on_line_x - middle) * per_texel, across_y = (on_line_y - middle) * per_texel;
+  const F from_centre = across_x * across_x + across_y * across_y + z * z;  // squared
+  // Points outside the ball follow their ray to the centre plane. Within, what hides them may be nearer: the nearer
+  // they are to the centre, the more the map's own line stands for the ray.
+  const F rise = min(from_centre, one) * ahead_of_point;
+  F x = on_line_x + splat<F>(lines.slope_u) * rise, y = on_line_y + splat<F>(lines.slope_v) * rise;
+  const F footprint = splat<F>(lines.reach) * ahead_of_point;
   const Mask_t<F> ahead = z < one;
-  // Within the map and one and a half of the texels that are read.
-  const F middle = splat<F>(0.5f * float(lines.maps->texels));
+  // Within the map and one and a half of the texels that are read. Without the lean, which culling does not know.
   const F reach = middle + splat<F>(1.5f * 1.4142136f) * footprint;
   const Mask_t<F> inside = ahead & (abs(x - middle) <= reach) & (abs(y - middle) <= reach);
-  const Mask_t<F> wide = inside & (z < zero - one) & (footprint >= splat<F>(k_broad_footprint));
-  const Mask_t<F> fine = and_not(wide, ahead) & (x >= zero) & (y >= zero) & (x <= texels) & (y <= texels);
+  // To first order. The part of the lean along the cell's direction moves nothing.
+  const F aside = ahead_of_point * splat<F>(lines.per_z), lean_z = dot3<F>(lines.z, lean);
+  x = x + (dot3<F>(lines.u, lean) - splat<F>(lines.slope_u) * lean_z) * aside;
+  y = y + (dot3<F>(lines.v, lean) - splat<F>(lines.slope_v) * lean_z) * aside;
+  const Mask_t<F> before = (z < zero) & (from_centre > one);
+  const Mask_t<F> wide = inside & before & (footprint >= splat<F>(k_broad_footprint));
+  const Mask_t<F> fine = and_not(wide, inside) & (x >= zero) & (y >= zero) & (x <= texels) & (y <= texels);
   return {x, y, z, footprint, inside, wide, fine};
 }
 
@@ -183,8 +191,8 @@ FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const MapPlace<F>& 
 }
 
 template <class F>
-FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const Vec3Lanes<F>& p) {
-  return share_of_map<F>(lines, place_in_map<F>(lines, p));
+FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const Vec3Lanes<F>& p, const Vec3Lanes<F>& lean) {
+  return share_of_map<F>(lines, place_in_map<F>(lines, p, lean));
 }
 
 // Of the object that the points lie on; g: their geometric normals, world space. `k_within`: what rises above the

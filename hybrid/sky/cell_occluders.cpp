@@ -31,6 +31,7 @@ MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3
   lines.slope_u = half_texels * glm::dot(frame[0], unit) / along;
   lines.slope_v = half_texels * glm::dot(frame[1], unit) / along;
   lines.reach = k_footprint * width * half_texels / along;
+  lines.per_z = o.half_map / along;
   lines.margin = sky.tolerance().margin / half_texels;
   lines.depth_begin = map * o.view.depth_bytes;
   lines.coverage_begin = map * o.view.coverage_bytes;

@@ -55,6 +55,21 @@ TEST(ShareAbove, IsNearThatOfASquare) {
   EXPECT_GT(cells, 500);
 }
 
+// The middle of what the cosine leaves of a square about a direction, against sums.
+TEST(CosineShift, IsThatOfTheMiddle) {
+  TestRandom random(44);
+  constexpr int k_steps = 4000;
+  for (int trial = 0; trial < 300; ++trial) {
+    const float half = random.log_uniform(0.01f, 0.2f), mean = random.uniform(-0.9f, 5.0f) * half;
+    double weight = 0.0, sum = 0.0;
+    for (int i = 0; i < k_steps; ++i) {
+      const double c = double(mean) + double(half) * ((2.0 * i + 1.0) / k_steps - 1.0);
+      if (c > 0.0) weight += c, sum += c * c;
+    }
+    EXPECT_NEAR(scalar::cosine_shift<float>(mean, half), sum / weight - double(mean), 1e-3 * double(half));
+  }
+}
+
 TEST(ShareAbove, ChangesNothingWhereNormalsAgree) {
   TestRandom random(42);
   for (int trial = 0; trial < 10000; ++trial) {
@@ -153,7 +168,7 @@ TEST_P(SharesOfMaps, AreNearThoseOfRays) {
     double total = 0.0, exact_total = 0.0;
     for (int cell = 0; cell < k_cells; ++cell) {
       const Vec3 d = direction_in(cell, 32, 0.5f, 0.5f);
-      const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p));
+      const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p), {});
       // Where the ball is out of reach of the cell's filter, 1.25 widths about its centre.
       const float cosine = std::clamp(-glm::dot(d, p) / distance, -1.0f, 1.0f);
       if (std::acos(cosine) > std::asin(1.0f / distance) + 1.25f * cell_width(32)) {
@@ -183,6 +198,67 @@ TEST_P(SharesOfMaps, AreNearThoseOfRays) {
   EXPECT_NEAR(sum / exact_sum, 1.0, 0.02);
 }
 
+// Points outside the ball follow the cell's ray to the centre plane; the nearer to the centre, the less they do.
+TEST(MapPlace, FollowsRaysOutsideTheBall) {
+  TestRandom random(33);
+  constexpr float k_half = 32.0f;
+  MapsView view;
+  view.texels = 64;
+  int outside = 0;
+  for (int trial = 0; trial < 4000; ++trial) {
+    const int cell = int(random.index(16 * 16));
+    const CellFrame frame = cell_frame(cell / 16, cell % 16, 16);
+    const Vec3 d = direction_in(cell, 16, random.uniform(), random.uniform());
+    const float along = glm::dot(frame.c, d);
+    MapLines lines = lines_of(view, cell, 16, 2.0f);
+    lines.slope_u = k_half * glm::dot(frame.s, d) / along, lines.slope_v = k_half * glm::dot(frame.t, d) / along;
+    const Vec3 p = random.direction() * random.uniform(0.0f, 3.0f);
+    const float z = glm::dot(frame.c, p), distance = glm::length(p);
+    const scalar::MapPlace<float> at = scalar::place_in_map<float>(lines, lanes(p), {});
+    const float part = z < 0.0f ? std::min(distance * distance, 1.0f) : 0.0f;
+    const Vec3 met = p - d * (part * z / along);
+    EXPECT_NEAR(at.x, k_half * (1.0f + glm::dot(frame.s, met)), 1e-4f * k_half);
+    EXPECT_NEAR(at.y, k_half * (1.0f + glm::dot(frame.t, met)), 1e-4f * k_half);
+    outside += z < 0.0f && distance > 1.0f;
+  }
+  EXPECT_GT(outside, 1000);
+}
+
+// What points of a floor see of an object in a ball that touches it, weighed by their cosine: cells lean to where the
+// cosine is larger. Without the lean floors are too bright.
+TEST_P(SharesOfMaps, WeighedByTheCosineAreNearThoseOfRays) {
+  TestRandom random(34);
+  constexpr int k_directions = 16, k_cells = k_directions * k_directions, k_trials = 96, k_side = 12;
+  const MappedMesh m(std::string(GetParam()) == "knot" ? make_knot({.along = 256, .around = 24})
+                                                       : make_supershape({.around = 96, .along = 48}),
+                     {.directions = k_directions, .texels = 64});
+  const MapsView view = m.maps->view();
+  const float half = 0.5f * cell_width(k_directions);
+  double squares = 0.0, bias = 0.0, centred_bias = 0.0;
+  for (int trial = 0; trial < k_trials; ++trial) {
+    const float distance = random.uniform(1.2f, 3.0f), rise = 1.0f / distance;
+    const Vec3 to = random.direction(), p = -to * distance;
+    const Vec3 n = rise * to + std::sqrt(1.0f - rise * rise) * glm::normalize(glm::cross(to, random.direction()));
+    double sum = 0.0, centred = 0.0, exact = 0.0, open = 0.0;
+    for (int cell = 0; cell < k_cells; ++cell) {
+      const Vec3 d = direction_in(cell, k_directions, 0.5f, 0.5f);
+      const float mean = glm::dot(d, n), cosine = scalar::cosine_over_cell<float>(mean, half);
+      open += double(cosine);
+      if (!(cosine > 0.0f)) continue;
+      const MapLines lines = lines_of(view, cell, k_directions, 0.0f);
+      const Vec3 lean = n * scalar::cosine_shift<float>(mean, half);
+      sum += double(cosine * scalar::share_of_map<float>(lines, lanes(p), lanes(lean)).hidden);
+      centred += double(cosine * scalar::share_of_map<float>(lines, lanes(p), {}).hidden);
+      exact += m.received(p, n, cell, k_side);
+    }
+    squares += (sum - exact) * (sum - exact) / (open * open);
+    bias += (sum - exact) / open / k_trials, centred_bias += (centred - exact) / open / k_trials;
+  }
+  EXPECT_LT(std::sqrt(squares / k_trials), 0.005);
+  EXPECT_LT(centred_bias, -0.0004);
+  EXPECT_LT(std::abs(bias), 0.75 * std::abs(centred_bias));
+}
+
 // Points in the ball compare depths: of other objects, and of the one that they lie on.
 TEST_P(SharesOfMaps, ByDepthsAreNearThoseOfRays) {
   TestRandom random(32);
@@ -196,7 +272,7 @@ TEST_P(SharesOfMaps, ByDepthsAreNearThoseOfRays) {
   for (int trial = 0; trial < 4000; ++trial) {
     const int cell = int(random.index(32 * 32));
     const Vec3 p = random.in_ball();
-    const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p));
+    const scalar::MapShare<float> share = scalar::share_of_map<float>(lines_of(view, cell, 32, 2.0f), lanes(p), {});
     share.near ? void(++undecided[0]) : others.add(double(share.hidden), m.share(p, cell, 16));
 
     const UVec3 t = mesh.triangles[random.index(uint32_t(mesh.triangles.size()))];

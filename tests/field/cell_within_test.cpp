@@ -79,7 +79,7 @@ TEST_P(WithinDistance, SharesFromOutsideAreNearThoseOfRays) {
     const Vec3 p = random.direction() * from;
     double total = 0.0, exact_total = 0.0;
     for (int cell = 0; cell < k_cells; ++cell) {
-      const auto share = scalar::share_of_map_within<float>(lines_within(view_, cell, distance), lanes(p));
+      const auto share = scalar::share_of_map_within<float>(lines_within(view_, cell, distance), lanes(p), {});
       const float cosine = std::clamp(-glm::dot(direction_in(cell, k_directions, 0.5f, 0.5f), p) / from, -1.0f, 1.0f);
       if (std::acos(cosine) > std::asin(1.0f / from) + 1.25f * cell_width(k_directions)) {
         EXPECT_EQ(share.hidden, 0.0f);
@@ -115,7 +115,7 @@ TEST_P(WithinDistance, SharesByDepthsAreNearThoseOfRays) {
     const int cell = int(random.index(k_cells));
     const float distance = random.log_uniform(0.05f, 4.0f);
     const Vec3 p = random.in_ball();
-    const auto share = scalar::share_of_map_within<float>(lines_within(view_, cell, distance), lanes(p));
+    const auto share = scalar::share_of_map_within<float>(lines_within(view_, cell, distance), lanes(p), {});
     ++all[0];
     if (share.near) {
       ++undecided[0];
@@ -158,8 +158,8 @@ TEST_P(WithinDistance, FarDistancesHideAsNone) {
     const int cell = int(random.index(k_cells));
     const Vec3 p = random.direction() * random.log_uniform(0.1f, 5.0f);
     const MapLines lines = lines_within(view_, cell, 7.0f);
-    const auto within = scalar::share_of_map_within<float>(lines, lanes(p));
-    const auto share = scalar::share_of_map<float>(lines, lanes(p));
+    const auto within = scalar::share_of_map_within<float>(lines, lanes(p), {});
+    const auto share = scalar::share_of_map<float>(lines, lanes(p), {});
     ASSERT_EQ(within.hidden, share.hidden);
     ASSERT_EQ(within.near, share.near);
     hidden += share.hidden > 0.0f;

@@ -45,6 +45,7 @@ inline MapLines lines_of(const MapsView& view, int cell, int directions, float m
   set_row(frame.t * half, half, lines.v);
   set_row(frame.c, 0.0f, lines.z);
   lines.reach = 0.58f * cell_width(directions) * half;
+  lines.per_z = 1.0f;
   lines.margin = margin / half;
   lines.depth_begin = cell * view.depth_bytes;
   lines.coverage_begin = cell * view.coverage_bytes;

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numeric>
 #include <vector>
 
 #include "core/trace/accel.h"
@@ -49,6 +48,18 @@ struct MappedMesh {
 
   // The part of side x side rays from `p` over a cell that are blocked within `distance`.
   double share(const Vec3& p, int cell, int side, float distance = k_infinity) const {
+    return blocked_mean(p, cell, side, distance, [](const Vec3&) { return 1.0; });
+  }
+
+  // Of the cosines of these rays for the normal `n`, over their number, what is blocked.
+  double received(const Vec3& p, const Vec3& n, int cell, int side) const {
+    return blocked_mean(p, cell, side, k_infinity,
+                        [&](const Vec3& d) { return std::max(double(glm::dot(n, d)), 0.0); });
+  }
+
+ private:
+  template <class Weight>
+  double blocked_mean(const Vec3& p, int cell, int side, float distance, const Weight& weight) const {
     const size_t count = size_t(side * side);
     RayBatch rays;
     rays.resize(count);
@@ -59,7 +70,9 @@ struct MappedMesh {
     }
     std::vector<uint8_t> blocked(padded(count), 0);
     accel->shape_occluded(0, rays, blocked.data());
-    return double(std::accumulate(blocked.begin(), blocked.begin() + ptrdiff_t(count), 0)) / double(count);
+    double sum = 0.0;
+    for (size_t i = 0; i < count; ++i) sum += blocked[i] ? weight(rays.direction(i)) : 0.0;
+    return sum / double(count);
   }
 };
 
