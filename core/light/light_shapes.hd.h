@@ -267,7 +267,8 @@ struct RectangleLight {
     // The angle k + u S, and x / z, the tangent of the elevation of the cut through x. With the published f = c / sine
     // its sine is 1 / sqrt(f^2 + b0^2), so the tangent is sine / sqrt(c^2 - (1 - b0^2) sine^2): no quotient by the
     // sine.
-    const SinCos<F> us = sincos_turns<F>(max(u * s.turns, zero));
+    // In this order, since a light of NaN has no turns: max() is its first operand then.
+    const SinCos<F> us = sincos_turns<F>(max(zero, u * s.turns));
     const F cosine = s.cosine_k * us.cosine - s.sine_k * us.sine;
     const F sine = s.sine_k * us.cosine + s.cosine_k * us.sine;
     const F c = cosine * s.b0 - s.b1;
