@@ -1,5 +1,5 @@
-// Compiler-dependent macros. The project's other macros (FT_*) are those of core/simd/lane_namespace.h and
-// core/simd/isa_dispatch.h.
+// Compiler-dependent macros. The project's other macros (FT_*) are those of core/simd/lane_namespace.h,
+// core/simd/isa_dispatch.h and, for the device's compiler, gpu/device_code.h.
 #pragma once
 
 // FT_HD marks a function that is compiled for the host and, by a device's compiler, for the device too. Such a compiler

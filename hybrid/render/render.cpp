@@ -72,7 +72,10 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   make_indirect({picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
                  picture.callbacks, request, picture.options.check},
                 stage.sky, stats);
-  if (stage.sky.light && !has_sky(picture.scene) && !stage.sky.light->indirect()) stage.sky.light.reset();
+  if (stage.sky.light && !has_sky(picture.scene) && !stage.sky.light->indirect()) {
+    stage.sky.light.reset();
+    stage.sky.can_be_finer = false;
+  }
 }
 
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
@@ -155,8 +158,8 @@ PictureIdentity decisions_of(const FieldSet& fields, const FieldPlan& plan, cons
           {"radiance maps left out for memory", number(maps_left_out)}};
 }
 
-// One attempt with the fields of `plan`. Returns false if they exceeded their memory; `plan` is then the next
-// attempt's.
+// One attempt with the fields of `plan`. Returns false if they exceeded their memory, `plan` is then the next
+// attempt's, or if a survey changed the stage's accuracy.
 bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult& result) {
   const RenderOptions& options = picture.options;
   const WarningSink& warning = picture.callbacks.warning;
@@ -212,14 +215,22 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     context.settings.open_light_samples = state.open_light_samples;
     picture.split_lobes(context.settings, state.lobe_samples);
   } else if (options.keeps_sums()) {
-    state.identity = stage.identity;
+    // What has not come to where the checkpoint was written may not write over it.
+    if (!stage.resumed) state.identity = stage.identity;
     state.restarts = stats.field_restarts;
     state.expected_samples = picture.spp;
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
-    if (picture.by_rounds() && surveyed) {
+    if (picture.by_rounds() && surveyed && !stage.resumed) {
       choose_samples(picture, !estimates_anything, context, stats);
       stats.open_light_samples = context.settings.open_light_samples;
-      if (estimates_anything && job.goes_on() && !trusts_fields(picture, stage, context, state, stats)) return false;
+      const FieldAccuracy accuracy = stage.accuracy;
+      const bool is_decided =
+          !estimates_anything || !job.goes_on() || trusts_fields(picture, stage, context, state, stats);
+      // What fields that outgrew their memory show depends on the threads.
+      if (fields.budget().exceeded())
+        stage.accuracy = accuracy;
+      else if (!is_decided)
+        return false;
     }
     state.planned_samples = picture.spp;
     state.accuracy = stage.accuracy;

@@ -48,18 +48,21 @@ struct Survey {
   std::vector<PixelSums> sums = {};
 };
 
-// Single pixels spread over the window, as far as it has so many.
+// Single pixels, one in each part of the window, which columns and rows divide evenly, as far as it has so many.
 std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each, int fewest) {
   const Rect& w = picture.window;
   const double wanted = std::max(pixels_of(picture) / pixels_each, double(fewest));
   const double side = std::max(std::sqrt(pixels_of(picture) / wanted), 1.0);
+  const int columns = int(std::ceil(w.width / side)), rows = int(std::ceil(w.height / side));
+  const auto place = [](int i, float shift, int count, int size) {
+    return std::min(int((double(i) + double(shift)) * size / count), size - 1);
+  };
   std::vector<PixelPosition> pixels;
-  for (double y = 0.0; y < double(w.height); y += side) {
-    for (double x = 0.0; x < double(w.width); x += side) {
-      const auto seed = scalar::pixel_seed(picture.settings.seed, uint32_t(x), uint32_t(y));
-      const auto place = scalar::sample_2d(0, seed, 0);
-      pixels.push_back({w.x + std::min(int(x + side * double(place.x)), w.width - 1),
-                        w.y + std::min(int(y + side * double(place.y)), w.height - 1)});
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < columns; ++i) {
+      const auto seed = scalar::pixel_seed(picture.settings.seed, uint32_t(i), uint32_t(j));
+      const auto shift = scalar::sample_2d(0, seed, 0);
+      pixels.push_back({w.x + place(i, shift.x, columns, w.width), w.y + place(j, shift.y, rows, w.height)});
     }
   }
   return pixels;
@@ -136,25 +139,33 @@ NoiseForecast forecast_noise(const Picture& picture, const TransportContext& con
   return noise;
 }
 
-// How far pictures in `context` and by rays differ where noise is averaged away, as a mean square; with `samples`
-// samples of each pixel, as far as few and many go. `ray_sums`: by rays, if not empty; they are traced, and kept there,
-// otherwise.
-double survey_field_error(const Picture& picture, const TransportContext& context, const TransportContext& rays,
-                          double samples, std::vector<PixelSums>& ray_sums, Stats& stats) {
+// How far pictures in a context and by rays differ where noise is averaged away, as a mean square; and what noise and
+// what samples these had.
+struct FieldError {
+  double mean_square = 0.0;
+  NoiseForecast fields, rays;
+};
+
+// With `samples` samples of each pixel, as far as few and many go. `ray_sums`: by rays, if not empty; they are traced,
+// and kept there, otherwise.
+FieldError survey_field_error(const Picture& picture, const TransportContext& context, const TransportContext& rays,
+                              double samples, std::vector<PixelSums>& ray_sums, Stats& stats) {
   Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
   Survey by_rays = {by_fields.pixels, ray_sums};
   const auto half_samples = uint32_t(std::clamp(0.5 * samples, k_least_samples, k_most_samples));
   trace_survey(picture, context, half_samples, k_error_replicates, by_fields, stats);
   if (ray_sums.empty()) trace_survey(picture, rays, half_samples, k_error_replicates, by_rays, stats);
   ray_sums = by_rays.sums;
-  double mean_square = 0.0;
+  const ErrorMeasure measure = picture.options.error_measure;
+  FieldError error = {0.0, noise_of(by_fields, measure), noise_of(by_rays, measure)};
   for (size_t i = 0; i < by_fields.pixels.size(); ++i) {
     const PixelSums &f = by_fields.sums[i], &r = by_rays.sums[i];
     // Noise of the halves is independent: the mean of the product is the square of what both share.
     const DVec3 product = (f.mean_of(0) - r.mean_of(0)) * (f.mean_of(1) - r.mean_of(1));
-    mean_square += weighted_square(product, r.mean(), picture.options.error_measure);
+    error.mean_square += weighted_square(product, r.mean(), measure);
   }
-  return std::max(mean_square / double(by_fields.pixels.size()), 0.0);
+  error.mean_square = std::max(error.mean_square / double(by_fields.pixels.size()), 0.0);
+  return error;
 }
 
 // The squared error that may be left.
@@ -240,7 +251,8 @@ void choose_lobe_samples(const Picture& picture, TransportContext& context, Stat
 
 // Whether another accuracy may take fields' part of the error down. Sets it.
 bool errs_less(const Picture& picture, Stage& stage, const TransportContext& context) {
-  if (picture.options.tolerance) return false;
+  const bool is_late = stage.deadline && seconds_since(*stage.deadline) > 0.0;
+  if (picture.options.tolerance || picture.stopped() || is_late) return false;
   if (stage.accuracy == FieldAccuracy::coarse_maps) {
     stage.accuracy = FieldAccuracy::usual;
     if (stage.sky.can_be_finer) return true;
@@ -262,15 +274,15 @@ void choose_samples(const Picture& picture, bool rays_alone, TransportContext& c
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
                    Stats& stats) {
   const RayContext rays(picture, stage);
-  const double error =
+  const FieldError survey =
       survey_field_error(picture, context, rays.context(), stage.survey_samples, stage.ray_survey, stats);
+  const double error = survey.mean_square;
   decided.field_mean_square = error;
-  const bool has_target = picture.options.target_error > 0.0f;
-  const double target = square_of_target(picture.options);
-  if (has_target && error > k_field_share * target && errs_less(picture, stage, context)) return false;
-  const NoiseForecast noise = forecast_noise(picture, context, stats);
   bool are_better;
-  if (has_target) {
+  if (picture.options.target_error > 0.0f) {
+    const double target = square_of_target(picture.options);
+    if (error > k_field_share * target && errs_less(picture, stage, context)) return false;
+    const NoiseForecast noise = forecast_noise(picture, context, stats);
     const double work = noise.work_to(target - error);
     double ray_work = stage.ray_noise.work_to(target);
     if (ray_work >= work && ray_work < k_clear_gain * work) {
@@ -283,7 +295,7 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
   } else {
     const double seconds = std::max(-seconds_since(*stage.deadline), 0.0) * threads() / pixels_of(picture);
     const auto noise_in_time = [&](const NoiseForecast& n) { return n.mean_square_of(seconds / n.seconds); };
-    are_better = error + noise_in_time(noise) <= noise_in_time(stage.ray_noise);
+    are_better = error + noise_in_time(survey.fields) <= noise_in_time(survey.rays);
   }
   if (!are_better) stage.accuracy = FieldAccuracy::rays;
   return are_better;

@@ -19,7 +19,7 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats);
 void choose_samples(const Picture& picture, bool rays_alone, TransportContext& context, Stats& stats);
 
 // Whether fields will reach the target error, and sooner than rays, or err less at the end of the time; if not, says in
-// `stage` how far to trust them next. Sets what `decided` says of errors and samples.
+// `stage` what accuracy to try next. Sets what `decided` says of errors and samples.
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
                    Stats& stats);
 

@@ -161,7 +161,7 @@ class Rounds {
 
   // Writes a checkpoint if one is due.
   void keep(bool now) {
-    if (options_.checkpoint.empty()) return;
+    if (options_.checkpoint.empty() || state_.identity.empty()) return;
     if (!now && seconds_since(kept_) < options_.checkpoint_seconds) return;
     try {
       write_checkpoint(options_.checkpoint, state_);
@@ -226,7 +226,7 @@ class Rounds {
   NoiseCells cells_;
   Progress progress_;
   std::shared_mutex mutex_;  // shared: of those who add a tile
-  std::string failure_;  // of the last checkpoint
+  std::string failure_;      // of the last checkpoint
   const Clock::time_point begin_ = Clock::now();
   Clock::time_point kept_ = begin_;
   double work_before_ = 0.0;

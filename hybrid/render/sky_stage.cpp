@@ -175,10 +175,9 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   // Within less than an object's radius rays are cheap and their noise is low.
   const bool is_far = by_request || request.occlusion_distance >= median_radius(scene, mapped);
   const uint64_t occlusion_rays = is_far ? request.occlusion_rays : 0;
-  if (!for_light) size = choose(occlusion_rays, request.coarse);
+  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false);
   if (size.directions == 0) return stage;
-  const MapSize usual = choose(for_light ? light_rays : occlusion_rays, /*coarse=*/false);
-  stage.can_be_finer = size.directions < usual.directions;
+  stage.can_be_finer = for_light && size.directions < choose(light_rays, /*coarse=*/false).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   // Before the cache, which is being opened meanwhile.
   std::optional<SkyRadiance> light;

@@ -16,7 +16,7 @@ namespace fieldtrace {
 
 // What answers for a picture's skies; null members: rays do.
 struct SkyStage {
-  bool can_be_finer = false;  // there would be more directions, had fewer not been requested
+  bool can_be_finer = false;  // for light there would be more directions, had fewer not been requested
   std::unique_ptr<SkyMaps> maps;
   std::unique_ptr<Sky> light;      // of the scene's emitters
   std::unique_ptr<Sky> occlusion;  // of the layer `ao`
@@ -29,7 +29,7 @@ struct SkyRequest {
   // Light samples of a pixel; the most that there may be where rounds decide.
   uint64_t samples = 0;
   uint64_t most_bytes = 0;  // that maps may take
-  bool coarse = false;      // the fewest directions that are ever usual
+  bool coarse = false;      // maps for light have no more directions than for few samples
 };
 
 // Of the surfaces that a grid of camera rays over the whole film meets, the share that are diffuse and opaque: only
