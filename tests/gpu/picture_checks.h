@@ -91,7 +91,7 @@ inline Scene knot_over_floor(const Mat3& shape, int size) {
 inline Scene demo(int width, bool sky) {
   const TemporaryFolder folder;
   const auto save = [&](const char* name, const TriangleMesh& mesh) {
-    const std::string path = folder.path() + "/" + name;
+    std::string path = folder.path() + "/" + name;
     save_ply(path, mesh);
     return path;
   };
