@@ -59,6 +59,7 @@ sources=$(for file in $sources; do
   if grep -qF "\"$PWD/$file\"" build/tidy/compile_commands.json; then echo "$file"
   else echo "tidy: $file is not part of this build, and is left out" >&2; fi
 done)
+if [[ -z $sources ]]; then exit 0; fi
 echo "tidy: $(wc -w <<<"$sources") files"
 log=build/tidy/tidy.log
 status=0
