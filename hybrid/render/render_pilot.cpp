@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "core/platform/parallel.h"
@@ -249,17 +250,15 @@ void choose_lobe_samples(const Picture& picture, TransportContext& context, Stat
   if (!(more.mean_square * more.work < one.mean_square * one.work)) picture.split_lobes(context.settings, 1);
 }
 
-// Whether another accuracy may take fields' part of the error down. Sets it.
-bool errs_less(const Picture& picture, Stage& stage, const TransportContext& context) {
+// The next accuracy that may take fields' part of the error down; none where there is none, or no time.
+std::optional<FieldAccuracy> finer_accuracy(const Picture& picture, const Stage& stage,
+                                            const TransportContext& context) {
   const bool is_late = stage.deadline && seconds_since(*stage.deadline) > 0.0;
-  if (picture.options.tolerance || picture.stopped() || is_late) return false;
-  if (stage.accuracy == FieldAccuracy::coarse_maps) {
-    stage.accuracy = FieldAccuracy::usual;
-    if (stage.sky.can_be_finer) return true;
-  }
-  if (stage.accuracy != FieldAccuracy::usual || !context.settings.estimates) return false;
-  stage.accuracy = FieldAccuracy::less_tolerance;
-  return true;
+  if (picture.options.tolerance || picture.stopped() || is_late) return {};
+  if (stage.accuracy == FieldAccuracy::coarse_maps && stage.sky.can_be_finer) return FieldAccuracy::usual;
+  if (stage.accuracy < FieldAccuracy::less_tolerance && context.settings.estimates)
+    return FieldAccuracy::less_tolerance;
+  return {};
 }
 
 }  // namespace
@@ -281,7 +280,11 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
   bool are_better;
   if (picture.options.target_error > 0.0f) {
     const double target = square_of_target(picture.options);
-    if (error > k_field_share * target && errs_less(picture, stage, context)) return false;
+    const std::optional<FieldAccuracy> finer = finer_accuracy(picture, stage, context);
+    if (finer && error > k_field_share * target) {
+      stage.accuracy = *finer;
+      return false;
+    }
     const NoiseForecast noise = forecast_noise(picture, context, stats);
     const double work = noise.work_to(target - error);
     double ray_work = stage.ray_noise.work_to(target);

@@ -19,19 +19,12 @@ using namespace test;
 
 TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
   TestRandom random(5);
-  std::vector<DirectionMaps> maps;
-  for (const int texels : {8, 16, 64}) maps.push_back(noisy_maps(texels, random));
-  std::vector<MapsView> views;
-  for (const DirectionMaps& m : maps) views.push_back(m.view());
-  std::vector<RadiancePyramids> pyramids;
-  for (const int texels : {2, 8, 16}) pyramids.push_back(noisy_radiance(texels, 4, random));
-  std::vector<RadianceView> radiance;
-  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  const NoisyMaps maps({8, 16, 64}, {2, 8, 16}, random);
   size_t undecided = 0, taken = 0, partly = 0, all = 0, reflected = 0;
   for (int trial = 0; trial < 2000; ++trial) {
     RandomTask r;
-    make_task(views, random, r);
-    if (trial % 4 >= 2) add_radiance(radiance, random, r);
+    make_task(maps.views, random, r);
+    if (trial % 4 >= 2) add_radiance(maps.radiance, random, r);
     const Points points = random_points(r, 1 + random.index(100), random);
     AlignedVector<float> before(size_t(points.size), 0.0f);
     if (trial % 2) std::generate(before.begin(), before.end(), [&] { return random.uniform(); });
@@ -184,18 +177,11 @@ TEST(CellKernels, AnyBitsOfPointsAreSafe) {
                    std::bit_cast<float>((random.index(1u << 16) << 16) | random.index(1u << 16))}[random.index(9)];
     return random.index(2) ? value : -value;
   };
-  std::vector<DirectionMaps> maps;
-  for (const int texels : {8, 64}) maps.push_back(noisy_maps(texels, random));
-  std::vector<MapsView> views;
-  for (const DirectionMaps& m : maps) views.push_back(m.view());
-  std::vector<RadiancePyramids> pyramids;
-  for (const int texels : {2, 16}) pyramids.push_back(noisy_radiance(texels, 4, random));
-  std::vector<RadianceView> radiance;
-  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  const NoisyMaps maps({8, 64}, {2, 16}, random);
   for (int trial = 0; trial < 4000; ++trial) {
     RandomTask r;
-    make_task(views, random, r);
-    if (trial % 2) add_radiance(radiance, random, r);
+    make_task(maps.views, random, r);
+    if (trial % 2) add_radiance(maps.radiance, random, r);
     const Points sound = random_points(r, 64, random);
     Points points = sound;
     std::vector<uint8_t> is_sound(size_t(points.size), 1);

@@ -195,14 +195,11 @@ TEST(CellWithin, FirstSurfacesAreOfTheSameLines) {
 
 TEST(CellWithin, GivesTheSameBitsOnEveryInstructionSet) {
   TestRandom random(55);
-  std::vector<DirectionMaps> maps;
-  for (const int texels : {8, 16, 64}) maps.push_back(noisy_maps(texels, random));
-  std::vector<MapsView> views;
-  for (const DirectionMaps& m : maps) views.push_back(m.view());
+  const NoisyMaps maps({8, 16, 64}, {}, random);
   size_t undecided = 0, taken = 0, all = 0;
   for (int trial = 0; trial < 2000; ++trial) {
     RandomTask r;
-    make_task(views, random, r);
+    make_task(maps.views, random, r);
     r.task.within = random.log_uniform(1e-2f, 1e2f);
     const auto set = [&](MapLines& lines) {
       lines.within = r.task.within;

@@ -160,11 +160,7 @@ TEST(EmulatedPicture, OcclusionIsTheDevices) {
 
 // --check asks the CPU's kernel about cells that the device has answered.
 TEST(EmulatedPicture, SkyCellsAreChecked) {
-  Scene scene = knot_over_floor(Mat3(1.0f), 48);
-  Emitter sky;
-  sky.kind = EmitterKind::constant;
-  scene.emitters = {sky};
-  for (Instance& i : scene.instances) i.emitter = k_none;
+  const Scene scene = knot_under_sky(48);
   RenderOptions o = options_for(1, 16);
   o.check = true;
   WaveSizes sizes;
@@ -176,11 +172,7 @@ TEST(EmulatedPicture, SkyCellsAreChecked) {
 
 // The cells of many batches are one wave, as large as k_wave_samples where the band has as many.
 TEST(EmulatedPicture, WavesOfSkyCellsHoldAMillionSamples) {
-  Scene scene = knot_over_floor(Mat3(1.0f), 160);
-  Emitter sky;
-  sky.kind = EmitterKind::constant;
-  scene.emitters = {sky};
-  for (Instance& i : scene.instances) i.emitter = k_none;
+  const Scene scene = knot_under_sky(160);
   const RenderOptions o = options_for(1, 16);
   WaveSizes sizes;
   const RenderResult device = render_recorded(scene, o, sizes);

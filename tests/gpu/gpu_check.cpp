@@ -172,22 +172,15 @@ size_t check_answers(const Answerer& by, size_t entries) {
 size_t check_cells(VisibilityDevice& device, size_t entries) {
   Values values(3);
   TestRandom& random = values.random;
-  std::vector<DirectionMaps> maps;
-  for (const int texels : {8, 16, 64}) maps.push_back(test::noisy_maps(texels, random));
-  std::vector<MapsView> views;
-  for (const DirectionMaps& m : maps) views.push_back(m.view());
-  std::vector<RadiancePyramids> pyramids;
-  for (const int texels : {2, 8, 16}) pyramids.push_back(test::noisy_radiance(texels, 4, random));
-  std::vector<RadianceView> radiance;
-  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  const test::NoisyMaps maps({8, 16, 64}, {2, 8, 16}, random);
   size_t wrong = 0;
   for (size_t done = 0; done < entries;) {
     std::vector<std::unique_ptr<test::RandomTask>> made;
     CellTasks tasks;
     for (uint32_t n = 1 + random.index(40); n > 0; --n) {
       made.push_back(std::make_unique<test::RandomTask>());
-      test::make_task(views, random, *made.back());
-      if (random.index(2)) test::add_radiance(radiance, random, *made.back());
+      test::make_task(maps.views, random, *made.back());
+      if (random.index(2)) test::add_radiance(maps.radiance, random, *made.back());
       tasks.add(made.back()->task);
     }
     tasks.link();

@@ -87,6 +87,16 @@ inline Scene knot_over_floor(const Mat3& shape, int size) {
   return s.scene;
 }
 
+// The same without the lights, under a constant sky.
+inline Scene knot_under_sky(int size) {
+  Scene scene = knot_over_floor(Mat3(1.0f), size);
+  Emitter sky;
+  sky.kind = EmitterKind::constant;
+  scene.emitters = {sky};
+  for (Instance& i : scene.instances) i.emitter = k_none;
+  return scene;
+}
+
 // The demo, with a knot in the place of its bunny: under its two lights, or under its sky.
 inline Scene demo(int width, bool sky) {
   const TemporaryFolder folder;

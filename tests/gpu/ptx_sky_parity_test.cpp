@@ -41,14 +41,7 @@ CellAnswers see_cells(Isa isa, std::span<const CellTask> tasks, std::span<const 
 TEST(PtxParityOfSkies, SkyCells) {
   if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
   TestRandom maps_random(7);
-  std::vector<DirectionMaps> maps;
-  for (const int texels : {8, 16, 64}) maps.push_back(test::noisy_maps(texels, maps_random));
-  std::vector<MapsView> views;
-  for (const DirectionMaps& m : maps) views.push_back(m.view());
-  std::vector<RadiancePyramids> pyramids;
-  for (const int texels : {2, 8, 16}) pyramids.push_back(test::noisy_radiance(texels, 4, maps_random));
-  std::vector<RadianceView> radiance;
-  for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  const test::NoisyMaps maps({8, 16, 64}, {2, 8, 16}, maps_random);
   for_each_variant<SkyArguments>("sky_cells", [&](const auto& launch, const std::string& targets) {
     Values values(6);
     TestRandom& random = values.random;
@@ -59,8 +52,8 @@ TEST(PtxParityOfSkies, SkyCells) {
       std::vector<CellTask> tasks;
       for (uint32_t n = 1 + random.index(40); n > 0; --n) {
         made.push_back(std::make_unique<test::RandomTask>());
-        test::make_task(views, random, *made.back());
-        if (random.index(2)) test::add_radiance(radiance, random, *made.back());
+        test::make_task(maps.views, random, *made.back());
+        if (random.index(2)) test::add_radiance(maps.radiance, random, *made.back());
         tasks.push_back(made.back()->task);
       }
       test::Points points = test::random_points(*made[0], 1 + random.index(256), random);

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <span>
 #include <vector>
 
@@ -163,6 +164,24 @@ inline RadiancePyramids noisy_radiance(int texels, int count, TestRandom& random
   }
   return pyramids;
 }
+
+// Noisy maps of several sizes, of radiance likewise, and their views.
+struct NoisyMaps {
+  NoisyMaps(std::initializer_list<int> texels, std::initializer_list<int> radiance_texels, TestRandom& random) {
+    constexpr int k_count = 4;
+    for (const int t : texels) maps.push_back(noisy_maps(t, random));
+    for (const DirectionMaps& m : maps) views.push_back(m.view());
+    for (const int t : radiance_texels) pyramids.push_back(noisy_radiance(t, k_count, random));
+    for (const RadiancePyramids& p : pyramids) radiance.push_back(p.view());
+  }
+  NoisyMaps(const NoisyMaps&) = delete;
+  NoisyMaps& operator=(const NoisyMaps&) = delete;
+
+  std::vector<DirectionMaps> maps;
+  std::vector<MapsView> views;
+  std::vector<RadiancePyramids> pyramids;
+  std::vector<RadianceView> radiance;
+};
 
 // Light that comes back from some of what a task holds.
 inline void add_radiance(std::span<const RadianceView> views, TestRandom& random, RandomTask& r) {
