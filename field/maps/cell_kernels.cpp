@@ -20,6 +20,10 @@ int see_cell_of_target(const CellTask& task, const CellPoints& points, const Cel
   return see_cell<F32>(task, points, sums, undecided);
 }
 
+void see_own_of_target(const OwnLines& own, const CellPoints& points, const OwnShares& kept) {
+  see_own<F32>(own, points, kept);
+}
+
 void sum_cells_of_target(const CellLights& cells, const CellNormals& normals, float grazing,
                          const CellLightSums& sums) {
   sum_cells<F32>(cells, normals, grazing, sums);
@@ -34,6 +38,10 @@ FT_LANES_END
 namespace fieldtrace {
 
 CellKernel cell_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, see_cell_of_target, see_cell_scalar)}
+
+OwnShareKernel own_share_kernel_for(Isa isa) {
+  FT_RETURN_FORM_FOR(isa, see_own_of_target, see_own_scalar)
+}
 
 CellLightKernel cell_light_kernel_for(Isa isa) {
   FT_RETURN_FORM_FOR(isa, sum_cells_of_target, sum_cells_scalar)

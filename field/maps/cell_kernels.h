@@ -1,5 +1,5 @@
-// see_cell() of field/maps/cell_visibility.hd.h, see_cell_within() of field/maps/cell_within.hd.h and sum_cells() of
-// field/maps/cell_irradiance.hd.h for each instruction set. Thread-safety: pure functions.
+// see_cell() and see_own() of field/maps/cell_visibility.hd.h, see_cell_within() of field/maps/cell_within.hd.h and
+// sum_cells() of field/maps/cell_irradiance.hd.h for each instruction set. Thread-safety: pure functions.
 #pragma once
 
 #include "core/simd/isa.h"
@@ -10,12 +10,15 @@ namespace fieldtrace {
 
 using CellKernel = int (*)(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
 
+using OwnShareKernel = void (*)(const OwnLines& own, const CellPoints& points, const OwnShares& kept);
+
 using CellLightKernel = void (*)(const CellLights& cells, const CellNormals& normals, float grazing,
                                  const CellLightSums& sums);
 
 // `isa` must be resolved. The same bits for each.
 CellKernel cell_kernel_for(Isa isa);
 CellKernel cell_within_kernel_for(Isa isa);
+OwnShareKernel own_share_kernel_for(Isa isa);
 CellLightKernel cell_light_kernel_for(Isa isa);
 
 }  // namespace fieldtrace

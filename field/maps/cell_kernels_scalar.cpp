@@ -14,6 +14,10 @@ int see_cell_within_scalar(const CellTask& task, const CellPoints& points, const
   return scalar::see_cell_within<float>(task, points, sums, undecided);
 }
 
+void see_own_scalar(const OwnLines& own, const CellPoints& points, const OwnShares& kept) {
+  scalar::see_own<float>(own, points, kept);
+}
+
 void sum_cells_scalar(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums) {
   scalar::sum_cells<float>(cells, normals, grazing, sums);
 }

@@ -8,6 +8,7 @@ namespace fieldtrace {
 
 int see_cell_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
 int see_cell_within_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
+void see_own_scalar(const OwnLines& own, const CellPoints& points, const OwnShares& kept);
 void sum_cells_scalar(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums);
 
 }  // namespace fieldtrace

@@ -84,6 +84,11 @@ struct BallLines {
   float radius;
 };
 
+// What the points' own object hides of a cell, by point: its share, and 1 where it is undecided, else 0.
+struct OwnShares {
+  float *hidden, *near;
+};
+
 struct CellTask {
   float direction[3];  // unit, of the centre of the cell's light
   float half = 0;      // half extent of the cell, radians
@@ -92,6 +97,7 @@ struct CellTask {
   float weight[3];     // radiance x solid angle, RGB
   float clear = 1.0f;  // share that what is not listed leaves
   const OwnLines* own = nullptr;
+  const OwnShares* own_shares = nullptr;  // of `own`, where they are known
   const MapLines* maps = nullptr;
   const PlaneLines* planes = nullptr;
   const BallLines* balls = nullptr;

@@ -375,15 +375,16 @@ FT_HD_INLINE Vec3Lanes<F> lean_of(const CellTask& task, const Vec3Lanes<F>& s) {
   return s * cosine_shift<F>(dot3<F>(task.vector, s), splat<F>(task.cosine_half));
 }
 
-// Where nothing sends light back. planes_clear: what parallelograms leave; own(), map(lines, lean): shares of the
-// points' own object and of others.
-template <class F, class Own, class Map>
+// Where nothing sends light back. own(), map(lines, lean): shares of the points' own object and of others; planes():
+// what parallelograms leave.
+template <class F, class Own, class Map, class Planes>
 FT_HD_INLINE CellSeen<F> look_at_objects(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
-                                         const Vec3Lanes<F>& s, F cosine, F planes_clear, const Own& own,
-                                         const Map& map) {
+                                         const Vec3Lanes<F>& s, F cosine, const Own& own, const Map& map,
+                                         const Planes& planes) {
   const Mask_t<F> lit = cosine > splat<F>(0.0f);
-  CellSeen<F> seen = {planes_clear * splat<F>(task.clear), and_not(lit, lit)};
+  CellSeen<F> seen = {splat<F>(task.clear), and_not(lit, lit)};
   if (task.own) seen.hide(with_surface<F>(own(), above_surface<F>(task, g, s, cosine)));
+  if (task.plane_count > 0 && seen.is_open()) seen.clear = seen.clear * planes();
   if (task.map_count > 0) {
     const Vec3Lanes<F> lean = lean_of<F>(task, s);
     for (int k = 0; k < task.map_count && seen.is_open(); ++k) seen.hide(map(task.maps[k], lean));
@@ -392,15 +393,15 @@ FT_HD_INLINE CellSeen<F> look_at_objects(const CellTask& task, const Vec3Lanes<F
   return seen;
 }
 
-template <class F>
+template <class F, class Own>
 FT_HD_INLINE CellSeen<F> look_at_reflecting_cell(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
-                                                 const Vec3Lanes<F>& s, F cosine) {
+                                                 const Vec3Lanes<F>& s, F cosine, const Own& own) {
   const Mask_t<F> lit = cosine > splat<F>(0.0f);
   CellLight<F> light(task, p, s);
   CellSeen<F> seen = {light.clear(), and_not(lit, lit)};
   F own_share = splat<F>(0.0f);
   if (task.own) {
-    const MapShare<F> share = share_of_own<F>(*task.own, p, g);
+    const MapShare<F> share = own();
     const F above = above_surface<F>(task, g, s, cosine);
     const MapShare<F> hidden = with_surface<F>(share, above);
     own_share = hidden.hidden;
@@ -417,13 +418,14 @@ FT_HD_INLINE CellSeen<F> look_at_reflecting_cell(const CellTask& task, const Vec
   return seen;
 }
 
-template <class F>
+template <class F, class Own>
 FT_HD_INLINE CellSeen<F> look_at_cell(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
-                                      const Vec3Lanes<F>& s, F cosine) {
-  if (task.reflects) return look_at_reflecting_cell<F>(task, p, g, s, cosine);
+                                      const Vec3Lanes<F>& s, F cosine, const Own& own) {
+  if (task.reflects) return look_at_reflecting_cell<F>(task, p, g, s, cosine, own);
   return look_at_objects<F>(
-      task, p, g, s, cosine, PlanesSeen<F>(task, p, s).clear(), [&] { return share_of_own<F>(*task.own, p, g); },
-      [&](const MapLines& lines, const Vec3Lanes<F>& lean) { return share_of_map<F>(lines, p, lean); });
+      task, p, g, s, cosine, own,
+      [&](const MapLines& lines, const Vec3Lanes<F>& lean) { return share_of_map<F>(lines, p, lean); },
+      [&] { return PlanesSeen<F>(task, p, s).clear(); });
 }
 
 // What a cell adds to the sums of points.
@@ -453,7 +455,8 @@ FT_HD_INLINE CellTaken<F> taken_of(const CellTask& task, float grazing, const Ce
 template <class F>
 FT_HD_INLINE CellTaken<F> take_cell(const CellTask& task, float grazing, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
                                     const Vec3Lanes<F>& s, F cosine) {
-  return taken_of<F>(task, grazing, look_at_cell<F>(task, p, g, s, cosine), cosine);
+  const auto own = [&] { return share_of_own<F>(*task.own, p, g); };
+  return taken_of<F>(task, grazing, look_at_cell<F>(task, p, g, s, cosine, own), cosine);
 }
 
 // The cosine of the cell for shading normals s.
@@ -475,7 +478,7 @@ FT_HD_INLINE int see_cell_by(const CellTask& task, const CellPoints& points, con
     if (!any(cosine > splat<F>(0.0f))) continue;
     const Vec3Lanes<F> p = {load_lanes<F>(points.px + i), load_lanes<F>(points.py + i), load_lanes<F>(points.pz + i)};
     const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
-    const CellTaken<F> taken = taken_of<F>(task, points.grazing, Look::look(task, p, g, s, cosine), cosine);
+    const CellTaken<F> taken = taken_of<F>(task, points.grazing, Look::look(task, p, g, s, cosine, i), cosine);
     const auto add = [&](float* sum, F value) { store_lanes(load_lanes<F>(sum + i) + value, sum + i); };
     add(sums.red, taken.irradiance.x), add(sums.green, taken.irradiance.y), add(sums.blue, taken.irradiance.z);
     if (task.reflects) {
@@ -487,13 +490,33 @@ FT_HD_INLINE int see_cell_by(const CellTask& task, const CellPoints& points, con
   return listed;
 }
 
+// What see_own() kept of the points from `i` on.
+template <class F>
+FT_HD_INLINE MapShare<F> kept_share(const OwnShares& kept, int32_t i) {
+  return {load_lanes<F>(kept.hidden + i), load_lanes<F>(kept.near + i) > splat<F>(0.0f)};
+}
+
 template <class F>
 struct LookAtCell {
   static FT_HD_INLINE CellSeen<F> look(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
-                                       const Vec3Lanes<F>& s, F cosine) {
-    return look_at_cell<F>(task, p, g, s, cosine);
+                                       const Vec3Lanes<F>& s, F cosine, int32_t i) {
+    return look_at_cell<F>(task, p, g, s, cosine, [&] {
+      return task.own_shares ? kept_share<F>(*task.own_shares, i) : share_of_own<F>(*task.own, p, g);
+    });
   }
 };
+
+// What the points' own object hides of a cell, for cells that read the same of it.
+template <class F>
+FT_HD_INLINE void see_own(const OwnLines& own, const CellPoints& points, const OwnShares& kept) {
+  for (int32_t i = 0; i < points.size; i += Lanes<F>::k_count) {
+    const Vec3Lanes<F> p = {load_lanes<F>(points.px + i), load_lanes<F>(points.py + i), load_lanes<F>(points.pz + i)};
+    const Vec3Lanes<F> g = {load_lanes<F>(points.gx + i), load_lanes<F>(points.gy + i), load_lanes<F>(points.gz + i)};
+    const MapShare<F> share = share_of_own<F>(own, p, g);
+    store_lanes(share.hidden, kept.hidden + i);
+    store_lanes(select(share.near, splat<F>(1.0f), splat<F>(0.0f)), kept.near + i);
+  }
+}
 
 template <class F>
 FT_HD_INLINE int see_cell(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {

@@ -152,19 +152,20 @@ FT_HD_INLINE F share_of_plane_within(const PlaneLines& plane, F share, float hal
 template <class F>
 FT_HD_INLINE CellSeen<F> look_at_cell_within(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
                                              const Vec3Lanes<F>& s, F cosine) {
-  const PlanesSeen<F> planes(task, p, s, [&](const PlaneLines& plane, F share) {
+  const auto limit = [&](const PlaneLines& plane, F share) {
     if (!any(share > splat<F>(0.0f))) return share;
     return share_of_plane_within<F>(plane, share, task.cosine_half, task.within, p);
-  });
+  };
   return look_at_objects<F>(
-      task, p, g, s, cosine, planes.clear(), [&] { return share_of_own<F, true>(*task.own, p, g); },
-      [&](const MapLines& lines, const Vec3Lanes<F>& lean) { return share_of_map_within<F>(lines, p, lean); });
+      task, p, g, s, cosine, [&] { return share_of_own<F, true>(*task.own, p, g); },
+      [&](const MapLines& lines, const Vec3Lanes<F>& lean) { return share_of_map_within<F>(lines, p, lean); },
+      [&] { return PlanesSeen<F>(task, p, s, limit).clear(); });
 }
 
 template <class F>
 struct LookAtCellWithin {
   static FT_HD_INLINE CellSeen<F> look(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& g,
-                                       const Vec3Lanes<F>& s, F cosine) {
+                                       const Vec3Lanes<F>& s, F cosine, int32_t) {
     return look_at_cell_within<F>(task, p, g, s, cosine);
   }
 };

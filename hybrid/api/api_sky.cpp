@@ -87,7 +87,7 @@ class SkyBatch {
                            reflected_red_.data(), reflected_green_.data(), reflected_blue_.data()};
     open_cells_.clear();
     open_.assign(p.size, 0.0f);
-    occluders_.see(cell_kernel_for(isa_), at, sums, undecided_, [&](const CellTask& task, size_t k, uint32_t i) {
+    occluders_.see(isa_, at, sums, scratch_, [&](const CellTask& task, size_t k, uint32_t i) {
       const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
       const float cosine = scalar::cosine_over_cell<float>(glm::dot(vector, normal(i)), task.cosine_half);
       if (!(cosine > 0.0f)) return;
@@ -121,7 +121,7 @@ class SkyBatch {
   CellOccluders occluders_;
   EnclosedPoints enclosed_;
   AlignedVector<float> hidden_, green_, blue_, reflected_red_, reflected_green_, reflected_blue_;
-  AlignedVector<int32_t> undecided_;
+  CellScratch scratch_;
   std::vector<OpenCell> open_cells_;
   std::vector<float> whole_, seen_, open_;  // irradiance, by point: of the open sky; what is seen; of undecided cells
   std::vector<uint32_t> indices_;

@@ -55,11 +55,6 @@ CellPoints SkyLight::cell_points() const {
           grazing_};
 }
 
-CellKernel SkyLight::cell_kernel() const {
-  const Isa isa = context_.settings.isa;
-  return sky_->distance() < k_infinity ? cell_within_kernel_for(isa) : cell_kernel_for(isa);
-}
-
 // Of the batch's points.
 CellSums SkyLight::clear_sums() {
   for (auto* v : {&red_, &green_, &blue_, &reflected_red_, &reflected_green_, &reflected_blue_}) {
@@ -73,7 +68,7 @@ CellSums SkyLight::clear_sums() {
 void SkyLight::see_cells(const Job& job) {
   const CellSums sums = clear_sums();
   job.stats.lookups += occluders_.see(
-      cell_kernel(), cell_points(), sums, undecided_,
+      context_.settings.isa, cell_points(), sums, cell_scratch_,
       [&](const CellTask& task, size_t k, uint32_t i) { add_open_cell(task, occluders_.cells()[k], i); });
 }
 
@@ -417,12 +412,13 @@ void SkyLight::check_fitted(const Job& job) {
 }
 
 void SkyLight::check_point(const Job& job, size_t point) {
-  const CellKernel kernel = cell_kernel();
+  const CellKernel kernel = occluders_.kernel_for(context_.settings.isa);
   const ShadingCluster& cluster = job.clusters[point];
   const ShadingPointBatch& all = job.receivers.points;
   CellPoints points = cell_points();
   points.grazing = 0.0f;
-  undecided_.resize(size_t(points.size) + k_batch_padding);
+  AlignedVector<int32_t>& undecided = cell_scratch_.undecided;
+  undecided.resize(size_t(points.size) + k_batch_padding);
   AlignedVector<float> red(size_t(points.size)), green(size_t(points.size)), blue(size_t(points.size));
   const CellSums sums = {red.data(), green.data(), blue.data()};
   const Vec3 n = shading(centres_, point), g = geometric(centres_, point);
@@ -442,9 +438,8 @@ void SkyLight::check_point(const Job& job, size_t point) {
       task.reflects = false;
       task.weight[0] = 1.0f;
       std::fill(red.begin(), red.end(), 0.0f);
-      const int open = kernel(task, points, sums, undecided_.data());
-      if (std::find(undecided_.begin(), undecided_.begin() + open, int32_t(point)) != undecided_.begin() + open)
-        continue;
+      const auto end = undecided.begin() + kernel(task, points, sums, undecided.data());
+      if (std::find(undecided.begin(), end, int32_t(point)) != end) continue;
       const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
       share -= red[point] / scalar::cosine_over_cell<float>(glm::dot(vector, n), task.cosine_half);
     }

@@ -96,7 +96,6 @@ class SkyLight {
   void finish(const Request& request);
   // Calls f(job) for batches of the clusters of these numbers, of one instance and place each.
   void for_batches(Job job, std::span<const uint32_t> numbers, const std::function<void(const Job&)>& f);
-  CellKernel cell_kernel() const;
   void begin_batch();
   void see_batch(const Job& job);
   CellSums clear_sums();
@@ -150,7 +149,7 @@ class SkyLight {
   AlignedVector<float> reflected_red_, reflected_green_, reflected_blue_;  // irradiance of what objects send back
   std::vector<float> open_;  // luminance of the open sky's irradiance, by point
   EnclosedPoints enclosed_;
-  AlignedVector<int32_t> undecided_;
+  CellScratch cell_scratch_;
   std::deque<AskedBatch> asked_;
   std::vector<OpenCell> open_cells_, sorted_cells_;
   std::vector<uint32_t> open_begin_;

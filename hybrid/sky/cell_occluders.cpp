@@ -71,6 +71,22 @@ bool turns_away(const PlaneLines& plane, const Sphere& from, float half) {
   return std::abs(height) > from.radius && (height > 0.0f ? plane.centre.rise : -plane.centre.rise) > half;
 }
 
+// Whether the plane hides all of the cell from all points of the ball: share_of_slope()
+// (field/maps/cell_visibility.hd.h) would find it inside all edges from the ball's worst point.
+bool hides(const PlaneLines& plane, const Sphere& from, float half) {
+  constexpr float k_rounding = 1e-3f;
+  half *= 1.0f + k_rounding;
+  const float height = height_of(plane, from.centre), high = std::abs(height) + from.radius;
+  const float fall = height > 0.0f ? -plane.centre.rise : plane.centre.rise;
+  if (!(std::abs(height) > from.radius) || fall < half) return false;
+  const auto within = [&](const float* row, float change, float per_unit) {
+    const float at = row[0] * from.centre.x + row[1] * from.centre.y + row[2] * from.centre.z + row[3];
+    const float per_length = std::sqrt(per_unit), edge = 1.0f - std::abs(at) - from.radius * per_length;
+    return fall * edge - half * std::abs(edge) >= high * (std::abs(change) + half * per_length);
+  };
+  return within(plane.x, plane.centre.dx, plane.per_unit_x) && within(plane.y, plane.centre.dy, plane.per_unit_y);
+}
+
 }  // namespace
 
 bool meets_cone(const Sphere& ball, const Sphere& from, const Vec3& axis, float angle) {
@@ -161,7 +177,7 @@ void CellOccluders::add(const SkyOccluder& o) {
         continue;
       }
     }
-    if (!faces[k]) continue;
+    if (!faces[k] || far_[k] == 0.0f) continue;
     const Vec3 d(x[k], y[k], z[k]);
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
@@ -178,6 +194,10 @@ void CellOccluders::add(const SkyOccluder& o) {
       case SkyOccluder::Kind::plane: {
         const PlaneLines plane = plane_lines(o, grid_ * d);
         if (turns_away(plane, ball_, 0.5f * cell(k).width())) break;
+        if (!indirect_ && distance_ == k_infinity && hides(plane, ball_, light_->half_width[lit_[k]])) {
+          far_[k] = 0.0f;
+          break;
+        }
         planes_[k].push_back(plane);
         if (indirect_) planes_[k].back().radiance = indirect_->plane_radiance(o);
         break;
@@ -230,12 +250,23 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   const float widths = indirect_ ? 0.0f : sky.radiance().is_even() ? k_even_group : k_varying_group;
   maps.find(place, widths * maps.cell_width(), distance_, near_, lobes_);
   add_far();
-  for (const uint32_t i : near_) {
-    const SkyOccluder& o = maps.occluders()[i];
-    // Nothing is known of a ball's inside, not even to points on the object.
-    if (&o == &self && (o.kind != SkyOccluder::Kind::ball || o.is_flat)) continue;
-    if (is_reached(o)) add(o);
+  // Parallelograms before others, which do not matter where one hides a cell.
+  for (const bool planes : {true, false}) {
+    for (const uint32_t i : near_) {
+      const SkyOccluder& o = maps.occluders()[i];
+      if ((o.kind == SkyOccluder::Kind::plane) != planes) continue;
+      // Nothing is known of a ball's inside, not even to points on the object.
+      if (&o == &self && (o.kind != SkyOccluder::Kind::ball || o.is_flat)) continue;
+      if (is_reached(o)) add(o);
+    }
   }
+}
+
+bool CellOccluders::reads_own_alike(size_t a, size_t b) const {
+  // Within a distance, how far counts goes by the part's own direction.
+  if (!own_ || own_->cells != own_->grid || distance_ < k_infinity || a >= lit_.size() || b >= lit_.size()) return false;
+  const int directions = sky_->directions();
+  return cell(a).side > directions && cell(b).side > directions && cell(a).within(directions) == cell(b).within(directions);
 }
 
 CellTask CellOccluders::task(size_t k, OwnObject& own) const {
@@ -255,6 +286,8 @@ CellTask CellOccluders::task(size_t k, OwnObject& own) const {
   task.within = distance_;
   task.half = 0.5f * width;
   task.cosine_half = light.half_width[cell];
+  task.reflects = indirect_ != nullptr;
+  if (far_[k] == 0.0f) return task;
   if (own_) {
     const bool own_cells = own_->cells == own_->grid;
     const Vec3 unit = own_cells ? light.directions[cell] : glm::transpose(own_->grid) * direction;
@@ -274,7 +307,6 @@ CellTask CellOccluders::task(size_t k, OwnObject& own) const {
   }
   task.maps = maps_[k].data(), task.map_count = int(maps_[k].size());
   task.map_radiance = radiance_[k].data();
-  task.reflects = indirect_ != nullptr;
   task.planes = planes_[k].data(), task.plane_count = int(planes_[k].size());
   task.balls = balls_[k].data(), task.ball_count = int(balls_[k].size());
   return task;

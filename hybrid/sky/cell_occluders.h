@@ -22,6 +22,12 @@ struct OwnObject {
   MapRadiance radiance;
 };
 
+// What see() works with, resized by it.
+struct CellScratch {
+  AlignedVector<int32_t> undecided;
+  AlignedVector<float> own_hidden, own_near;
+};
+
 // A ball about all points.
 Sphere ball_about(const ShadingPointBatch& points);
 
@@ -43,22 +49,36 @@ class CellOccluders {
   // The task refers to this object and to `own`.
   CellTask task(size_t k, OwnObject& own) const;
 
+  // The kernel of tasks.
+  CellKernel kernel_for(Isa isa) const {
+    return distance_ < k_infinity ? cell_within_kernel_for(isa) : cell_kernel_for(isa);
+  }
+
   // Adds what all cells hide from `points`, those of find() padded to a multiple of k_batch_padding, to `sums`, and
   // calls undecided(task, k, i) for each cell k that is undecided for a point i. Returns the look-ups that it took.
-  // `scratch` is resized.
   template <class F>
-  uint64_t see(CellKernel kernel, const CellPoints& points, const CellSums& sums, AlignedVector<int32_t>& scratch,
-               const F& undecided) const {
+  uint64_t see(Isa isa, const CellPoints& points, const CellSums& sums, CellScratch& scratch, const F& undecided) const {
+    const CellKernel kernel = kernel_for(isa);
+    const OwnShareKernel see_own = own_share_kernel_for(isa);
+    scratch.undecided.resize(size_t(points.size) + k_batch_padding);
+    scratch.own_hidden.resize(size_t(points.size)), scratch.own_near.resize(size_t(points.size));
+    const OwnShares kept = {scratch.own_hidden.data(), scratch.own_near.data()};
     uint64_t lookups = 0;
-    scratch.resize(size_t(points.size) + k_batch_padding);
+    size_t kept_of = lit_.size();  // a cell whose shares are kept
     for (size_t k = 0; k < lit_.size(); ++k) {
       if (is_clear(k)) continue;
       OwnObject own;
-      const CellTask cell = task(k, own);
-      const int open = kernel(cell, points, sums, scratch.data());
-      lookups += uint64_t(cell.map_count + (cell.own != nullptr)) * count_;
+      CellTask cell = task(k, own);
+      const bool is_kept = cell.own && reads_own_alike(kept_of, k);
+      if (cell.own && !is_kept && reads_own_alike(k, k + 1)) {
+        see_own(own.lines, points, kept);
+        kept_of = k;
+      }
+      if (is_kept || kept_of == k) cell.own_shares = &kept;
+      const int open = kernel(cell, points, sums, scratch.undecided.data());
+      lookups += uint64_t(cell.map_count + (cell.own && !is_kept)) * count_;
       for (int j = 0; j < open; ++j) {
-        const auto i = uint32_t(scratch[size_t(j)]);
+        const auto i = uint32_t(scratch.undecided[size_t(j)]);
         if (i >= count_) break;  // padding
         undecided(cell, k, i);
       }
@@ -70,6 +90,8 @@ class CellOccluders {
   void bound(const ShadingPointBatch& points);
   void find_lit();
   bool is_reached(const SkyOccluder& occluder) const;
+  // Whether cells a and b are parts of one, and read the same place of the map of the points' own object.
+  bool reads_own_alike(size_t a, size_t b) const;
   void add(const SkyOccluder& occluder);
   void insert(size_t k, const SkyOccluder& occluder, const MapLines& lines);
   void add_far();
