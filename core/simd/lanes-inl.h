@@ -183,6 +183,7 @@ HWY_INLINE U32 load_byte_lanes<F32>(const uint8_t* p) {
   return {hn::PromoteTo(DU(), hn::LoadU(d8, p))};
 }
 HWY_INLINE void store_lanes(F32 a, float* p) { store(a, p); }
+HWY_INLINE void store_lanes(I32 a, int32_t* p) { store(a, p); }
 HWY_INLINE void store_lanes(U32 a, uint32_t* p) { store(a, p); }
 template <>
 HWY_INLINE I32 load_int_lanes<F32>(const int32_t* p) {

@@ -12,6 +12,7 @@
 #include "field/maps/cell_kernels.h"
 #include "field/maps/cell_kernels_scalar.h"
 #include "field/maps/cell_visibility.hd.h"
+#include "field/maps/direction_cells.hd.h"
 
 #if HWY_TARGET != HWY_SCALAR  // cell_kernels_scalar.h covers it
 FT_LANES_BEGIN
@@ -27,6 +28,10 @@ void see_own_of_target(const OwnLines& own, const CellPoints& points, const OwnS
 void sum_cells_of_target(const CellLights& cells, const CellNormals& normals, float grazing,
                          const CellLightSums& sums) {
   sum_cells<F32>(cells, normals, grazing, sums);
+}
+
+void find_cells_of_target(const DirectionRow& row, int32_t directions, int32_t* cells) {
+  find_cells<F32>(row, directions, cells);
 }
 
 FT_LANES_END
@@ -45,6 +50,10 @@ OwnShareKernel own_share_kernel_for(Isa isa) {
 
 CellLightKernel cell_light_kernel_for(Isa isa) {
   FT_RETURN_FORM_FOR(isa, sum_cells_of_target, sum_cells_scalar)
+}
+
+DirectionCellKernel direction_cell_kernel_for(Isa isa) {
+  FT_RETURN_FORM_FOR(isa, find_cells_of_target, find_cells_scalar)
 }
 
 }  // namespace fieldtrace

@@ -3,6 +3,7 @@
 #include "field/maps/cell_irradiance.hd.h"
 #include "field/maps/cell_visibility.hd.h"
 #include "field/maps/cell_within.hd.h"
+#include "field/maps/direction_cells.hd.h"
 
 namespace fieldtrace {
 
@@ -20,6 +21,10 @@ void see_own_scalar(const OwnLines& own, const CellPoints& points, const OwnShar
 
 void sum_cells_scalar(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums) {
   scalar::sum_cells<float>(cells, normals, grazing, sums);
+}
+
+void find_cells_scalar(const DirectionRow& row, int32_t directions, int32_t* cells) {
+  scalar::find_cells<float>(row, directions, cells);
 }
 
 }  // namespace fieldtrace

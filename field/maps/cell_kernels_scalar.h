@@ -10,5 +10,6 @@ int see_cell_scalar(const CellTask& task, const CellPoints& points, const CellSu
 int see_cell_within_scalar(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
 void see_own_scalar(const OwnLines& own, const CellPoints& points, const OwnShares& kept);
 void sum_cells_scalar(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums);
+void find_cells_scalar(const DirectionRow& row, int32_t directions, int32_t* cells);
 
 }  // namespace fieldtrace

@@ -1,4 +1,4 @@
-// The light of direction cells, and surfaces that it falls on. Plain data, shared by every instruction set.
+// The light of direction cells, directions and surfaces that it falls on. Plain data, shared by every instruction set.
 //
 // Thread-safety: values.
 #pragma once
@@ -20,6 +20,15 @@ struct CellLights {
 struct CellNormals {
   const float *x, *y, *z;
   int32_t size = 0;
+};
+
+// Unit directions: `sine` times vectors of the equator plus `up`. Structures of arrays of `size` values (a multiple of
+// the vector's length), aligned.
+struct DirectionRow {
+  const float *x, *y, *z;  // of the equator, unit
+  int32_t size = 0;
+  float sine = 1.0f;
+  float up[3] = {};
 };
 
 // Irradiance; aligned, one value a normal.

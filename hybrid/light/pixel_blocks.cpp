@@ -40,8 +40,17 @@ class LinearFit {
     share_ = 1.0f / count;
   }
   bool is_regular() const { return is_regular_; }
-  // The weight of sample i at a place.
-  float weight(size_t i, const Offset& o) const { return share_ + (o.x - mean_.x) * x_[i] + (o.y - mean_.y) * y_[i]; }
+  // value(i): that of sample i. Returns a function of the place.
+  template <class Value>
+  auto fit(const Value& value) const {
+    using T = std::decay_t<decltype(value(0))>;
+    T mean = share_ * value(0), per_x = x_[0] * value(0), per_y = y_[0] * value(0);
+    for (size_t i = 1; i < k_block_samples; ++i) {
+      const T v = value(i);
+      mean += share_ * v, per_x += x_[i] * v, per_y += y_[i] * v;
+    }
+    return [=, middle = mean_](const Offset& o) { return mean + (o.x - middle.x) * per_x + (o.y - middle.y) * per_y; };
+  }
 
  private:
   bool is_regular_ = false;
@@ -71,20 +80,15 @@ bool PixelBlocks::is_even(const Block& block) const {
   }
   if (farthest > k_sample_radius * widest_) return false;
   const float extent = k_bent_position * nearest;
+  const auto position = fit.fit([&](size_t s) { return position_of(*points_, block.sample[s]); });
+  const auto shading = fit.fit([&](size_t s) { return shading_of(*points_, block.sample[s]); });
+  const auto geometric = fit.fit([&](size_t s) { return geometric_of(*points_, block.sample[s]); });
   for (uint32_t m = block.begin; m < block.end; ++m) {
     const uint32_t i = members_[m];
     const Offset o = offset_of(pixels_[i]);
-    Vec3 position(0.0f), shading(0.0f), geometric(0.0f);
-    for (size_t s = 0; s < k_block_samples; ++s) {
-      const float w = fit.weight(s, o);
-      const uint32_t of = block.sample[s];
-      position += w * position_of(*points_, of);
-      shading += w * shading_of(*points_, of);
-      geometric += w * geometric_of(*points_, of);
-    }
-    if (!(glm::length(position - position_of(*points_, i)) <= extent) ||
-        !(glm::length(shading - shading_of(*points_, i)) <= k_bent_normal) ||
-        !(glm::length(geometric - geometric_of(*points_, i)) <= k_bent_normal))
+    if (!(glm::length(position(o) - position_of(*points_, i)) <= extent) ||
+        !(glm::length(shading(o) - shading_of(*points_, i)) <= k_bent_normal) ||
+        !(glm::length(geometric(o) - geometric_of(*points_, i)) <= k_bent_normal))
       return false;
   }
   return true;
@@ -183,14 +187,7 @@ void PixelBlocks::refine(float tolerance, std::span<SkyArrival> arrivals, std::s
     std::array<Offset, k_block_samples> at;
     for (size_t s = 0; s < k_block_samples; ++s) at[s] = offset_of(pixels_[block.sample[s]]);
     const LinearFit fit(at);
-    const auto value_at = [&](const Offset& o) {
-      SkyArrival sum;
-      for (size_t s = 0; s < k_block_samples; ++s) {
-        const float w = fit.weight(s, o);
-        for (size_t c = 0; c < SkyArrival::k_channels; ++c) sum.values[c] += w * arrivals[block.sample[s]].values[c];
-      }
-      return sum;
-    };
+    const auto value_at = fit.fit([&](size_t s) { return arrivals[block.sample[s]]; });
     bool stands = true;
     for (size_t s = 0; s < k_block_samples && stands; ++s) {
       const SkyArrival value = value_at(at[s]);

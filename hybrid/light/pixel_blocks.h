@@ -24,6 +24,16 @@ namespace fieldtrace {
 struct SkyArrival {
   static constexpr int k_channels = 6;
   std::array<float, k_channels> values = {};
+
+  SkyArrival& operator+=(const SkyArrival& other) {
+    for (size_t c = 0; c < k_channels; ++c) values[c] += other.values[c];
+    return *this;
+  }
+  friend SkyArrival operator+(SkyArrival a, const SkyArrival& b) { return a += b; }
+  friend SkyArrival operator*(float weight, SkyArrival a) {
+    for (float& v : a.values) v *= weight;
+    return a;
+  }
 };
 
 // Points of a block that are asked for first.

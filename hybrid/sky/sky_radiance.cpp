@@ -154,15 +154,20 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
     double area = 0.0;
   };
   std::vector<std::vector<Sum>> bands(k_bands);
-  std::vector<Vec3> around;  // the equator's directions
+  const size_t row_size = padded(size_t(columns));
+  AlignedVector<float> around[3];  // the equator's directions
+  for (auto& component : around) component.assign(row_size, 0.0f);
   for (int column = 0; column < columns; ++column) {
     const float x = (float(column) + 0.5f) / float(finer);
-    around.push_back(map_direction(emitter, map, x, 0.5f * float(map.height - 1)));
+    const Vec3 d = map_direction(emitter, map, x, 0.5f * float(map.height - 1));
+    for (int a = 0; a < 3; ++a) around[a][size_t(column)] = d[a];
   }
+  const DirectionCellKernel find_cells = direction_cell_kernel_for(resolve_isa(Isa::automatic));  // the same by any
   parallel_for(k_bands, [&](size_t band) {
     std::vector<Sum>& sums = bands[band];
     sums.resize(k_cells);
     std::vector<Rgb> row_light(size_t(map.width) + 1);
+    AlignedVector<int32_t> cells(row_size);
     for (int row = int(size_t(rows) * band / k_bands); row < int(size_t(rows) * (band + 1) / k_bands); ++row) {
       const float y = (float(row) + 0.5f) / float(finer);
       const int above = std::min(int(y), map.height - 2);
@@ -175,11 +180,13 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
       const double theta = double(k_pi) * double(y) / double(map.height - 1);
       const double sine = std::sin(theta);
       const Vec3 up = emitter.rotation[1] * float(std::cos(theta));
+      find_cells({around[0].data(), around[1].data(), around[2].data(), int32_t(row_size), float(sine), {up.x, up.y, up.z}},
+                 k_fine_cells, cells.data());
       for (int column = 0; column < columns; ++column) {
         const float x = (float(column) + 0.5f) / float(finer);
         const auto left = size_t(x);
         const Rgb light = glm::mix(row_light[left], row_light[left + 1], x - float(left));
-        Sum& sum = sums[size_t(direction_cell(around[size_t(column)] * float(sine) + up, k_fine_cells))];
+        Sum& sum = sums[size_t(cells[size_t(column)])];
         sum.light += DVec3(light) * sine;
         sum.area += sine;
       }
