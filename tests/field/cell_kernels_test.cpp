@@ -29,6 +29,8 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
     AlignedVector<float> before(size_t(points.size), 0.0f);
     if (trial % 2) std::generate(before.begin(), before.end(), [&] { return random.uniform(); });
     const Answer expected = ask(Isa::scalar, r.task, points, before);
+    OwnLines other_own = r.own;
+    std::fill(std::begin(other_own.lines.u), std::end(other_own.lines.u), 0.0f);
     undecided += expected.undecided.size(), all += size_t(points.size);
     for (size_t i = 0; i < size_t(points.size); ++i) {
       const float most = r.task.weight[0] * scalar::cosine_over_cell<float>(r.task.vector[0] * points.values[6][i] +
@@ -45,8 +47,21 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
       reflected += back > 0.0f;
       taken += sum > 0.0f, partly += sum > 0.01f * most && sum < 0.99f * most;
     }
+    std::vector<std::pair<Isa, bool>> ways;  // the latter: by what was kept of the points' own object
     for (const Isa isa : supported_isas()) {
-      const Answer answer = ask(isa, r.task, points, before);
+      ways.push_back({isa, false});
+      if (r.task.own) ways.push_back({isa, true});
+    }
+    for (const auto& [isa, by_kept] : ways) {
+      AlignedVector<float> hidden(size_t(points.size), -1.0f), near(hidden);
+      const OwnShares kept = {hidden.data(), near.data()};
+      CellTask task = r.task;
+      if (by_kept) {
+        own_share_kernel_for(isa)(*task.own, points.view(), kept);
+        task.own_shares = &kept;
+        task.own = &other_own;  // whose map would say otherwise
+      }
+      const Answer answer = ask(isa, task, points, before);
       ASSERT_EQ(answer.undecided, expected.undecided) << isa_name(isa) << " " << trial;
       for (int channel = 0; channel < 6; ++channel) {
         for (size_t i = 0; i < size_t(points.size); ++i) {
@@ -63,6 +78,32 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
   EXPECT_GT(taken, all / 4);
   EXPECT_GT(partly, all / 50);
   EXPECT_GT(reflected, all / 20);
+}
+
+TEST(CellKernels, FindTheSameCellsOnEveryInstructionSet) {
+  TestRandom random(13);
+  constexpr int k_size = 64;
+  for (const int directions : {1, 16, 128}) {
+    AlignedVector<float> around[3];
+    Vec3 up = random.direction();
+    const Vec3 x = glm::normalize(glm::cross(up, random.direction())), y = glm::cross(up, x);
+    const float sine = random.uniform();
+    up *= std::sqrt(1.0f - sine * sine);
+    for (int i = 0; i < k_size; ++i) {
+      const float phi = 2.0f * k_pi * random.uniform();
+      const Vec3 d = x * std::cos(phi) + y * std::sin(phi);
+      for (int a = 0; a < 3; ++a) around[a].push_back(d[a]);
+    }
+    const DirectionRow row = {around[0].data(), around[1].data(), around[2].data(), k_size, sine, {up.x, up.y, up.z}};
+    for (const Isa isa : supported_isas()) {
+      AlignedVector<int32_t> cells(k_size, -1);
+      direction_cell_kernel_for(isa)(row, directions, cells.data());
+      for (size_t i = 0; i < k_size; ++i) {
+        const Vec3 d(around[0][i], around[1][i], around[2][i]);
+        ASSERT_EQ(cells[i], direction_cell(d * sine + up, directions)) << isa_name(isa) << " " << directions;
+      }
+    }
+  }
 }
 
 TEST(CellKernels, SumTheOpenSkyAlikeOnEveryInstructionSet) {
