@@ -29,7 +29,7 @@ constexpr uint32_t k_noise_samples = 4;
 constexpr int k_error_pixels_each = 512, k_fewest_error_pixels = 256;
 constexpr double k_least_samples = 8.0, k_most_samples = 512.0;
 // Pixels of one task.
-constexpr size_t k_task_pixels = 16;
+constexpr size_t k_task_pixels = 64;
 
 double pixels_of(const Picture& picture) { return double(picture.window.width) * double(picture.window.height); }
 
