@@ -44,13 +44,9 @@ namespace fieldtrace {
 
 CellKernel cell_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, see_cell_of_target, see_cell_scalar)}
 
-OwnShareKernel own_share_kernel_for(Isa isa) {
-  FT_RETURN_FORM_FOR(isa, see_own_of_target, see_own_scalar)
-}
+OwnShareKernel own_share_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, see_own_of_target, see_own_scalar)}
 
-CellLightKernel cell_light_kernel_for(Isa isa) {
-  FT_RETURN_FORM_FOR(isa, sum_cells_of_target, sum_cells_scalar)
-}
+CellLightKernel cell_light_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, sum_cells_of_target, sum_cells_scalar)}
 
 DirectionCellKernel direction_cell_kernel_for(Isa isa) {
   FT_RETURN_FORM_FOR(isa, find_cells_of_target, find_cells_scalar)

@@ -296,7 +296,8 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
   for (size_t i = 0; i < count; ++i) {
     places_[i] = sky_->maps().place(points_.instance[i], position(points_, i));
     // Neighbours on floors and walls have one normal.
-    const bool as_before = i > 0 && shading(points_, i) == shading(points_, i - 1) && grazing_of_[i] == grazing_of_[i - 1];
+    const bool as_before =
+        i > 0 && shading(points_, i) == shading(points_, i - 1) && grazing_of_[i] == grazing_of_[i - 1];
     open_irradiance_[i] =
         as_before ? open_irradiance_[i - 1] : sky_->radiance().irradiance(shading(points_, i), grazing_of_[i]);
   }

@@ -264,9 +264,11 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
 
 bool CellOccluders::reads_own_alike(size_t a, size_t b) const {
   // Within a distance, how far counts goes by the part's own direction.
-  if (!own_ || own_->cells != own_->grid || distance_ < k_infinity || a >= lit_.size() || b >= lit_.size()) return false;
+  if (!own_ || own_->cells != own_->grid || distance_ < k_infinity || a >= lit_.size() || b >= lit_.size())
+    return false;
   const int directions = sky_->directions();
-  return cell(a).side > directions && cell(b).side > directions && cell(a).within(directions) == cell(b).within(directions);
+  return cell(a).side > directions && cell(b).side > directions &&
+         cell(a).within(directions) == cell(b).within(directions);
 }
 
 CellTask CellOccluders::task(size_t k, OwnObject& own) const {

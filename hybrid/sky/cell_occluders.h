@@ -57,7 +57,8 @@ class CellOccluders {
   // Adds what all cells hide from `points`, those of find() padded to a multiple of k_batch_padding, to `sums`, and
   // calls undecided(task, k, i) for each cell k that is undecided for a point i. Returns the look-ups that it took.
   template <class F>
-  uint64_t see(Isa isa, const CellPoints& points, const CellSums& sums, CellScratch& scratch, const F& undecided) const {
+  uint64_t see(Isa isa, const CellPoints& points, const CellSums& sums, CellScratch& scratch,
+               const F& undecided) const {
     const CellKernel kernel = kernel_for(isa);
     const OwnShareKernel see_own = own_share_kernel_for(isa);
     scratch.undecided.resize(size_t(points.size) + k_batch_padding);

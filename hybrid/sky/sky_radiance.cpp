@@ -180,8 +180,9 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
       const double theta = double(k_pi) * double(y) / double(map.height - 1);
       const double sine = std::sin(theta);
       const Vec3 up = emitter.rotation[1] * float(std::cos(theta));
-      find_cells({around[0].data(), around[1].data(), around[2].data(), int32_t(row_size), float(sine), {up.x, up.y, up.z}},
-                 k_fine_cells, cells.data());
+      find_cells(
+          {around[0].data(), around[1].data(), around[2].data(), int32_t(row_size), float(sine), {up.x, up.y, up.z}},
+          k_fine_cells, cells.data());
       for (int column = 0; column < columns; ++column) {
         const float x = (float(column) + 0.5f) / float(finer);
         const auto left = size_t(x);

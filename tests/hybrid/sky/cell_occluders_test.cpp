@@ -16,7 +16,6 @@
 namespace fieldtrace {
 namespace {
 
-
 constexpr int k_directions = 8, k_texels = 32;
 
 // A turned knot over a square floor under a sky that is bright at the horizon, so that its cells there have parts.
@@ -94,8 +93,8 @@ struct Sums {
 };
 
 CellPoints view_of(const ShadingPointBatch& p) {
-  return {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(), p.gz.data(),
-          p.sx.data(), p.sy.data(), p.sz.data(), int32_t(padded(p.size))};
+  return {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(),
+          p.gz.data(), p.sx.data(), p.sy.data(), p.sz.data(), int32_t(padded(p.size))};
 }
 
 // What points see with what their cells share is what each cell's task alone says.
