@@ -109,7 +109,7 @@ class CellOccluders {
   float normal_sine_ = 0.0f, normal_cosine_ = 1.0f;  // of the angle between it and the farthest normal
   std::vector<uint32_t> lit_;
   std::vector<float> lit_x_, lit_y_, lit_z_;  // their directions, in the grid
-  std::vector<float> far_;                    // share of each cell that far groups leave clear
+  std::vector<float> far_;  // share of each cell that far groups leave clear; 0 also where a parallelogram hides all
   std::vector<uint32_t> near_;
   std::vector<OccluderGroups::Lobe> lobes_;
   std::vector<uint8_t> faces_;

@@ -59,7 +59,7 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
       if (by_kept) {
         own_share_kernel_for(isa)(*task.own, points.view(), kept);
         task.own_shares = &kept;
-        task.own = &other_own;  // whose map would say otherwise
+        task.own = &other_own;  // whose map may say otherwise
       }
       const Answer answer = ask(isa, task, points, before);
       ASSERT_EQ(answer.undecided, expected.undecided) << isa_name(isa) << " " << trial;
