@@ -177,7 +177,7 @@ void CellOccluders::add(const SkyOccluder& o) {
         continue;
       }
     }
-    if (!faces[k] || far_[k] == 0.0f) continue;
+    if (!faces[k] || clear_[k] == 0.0f) continue;
     const Vec3 d(x[k], y[k], z[k]);
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
@@ -195,7 +195,7 @@ void CellOccluders::add(const SkyOccluder& o) {
         const PlaneLines plane = plane_lines(o, grid_ * d);
         if (turns_away(plane, ball_, 0.5f * cell(k).width())) break;
         if (!indirect_ && distance_ == k_infinity && hides(plane, ball_, light_->half_width[lit_[k]])) {
-          far_[k] = 0.0f;
+          clear_[k] = 0.0f;
           break;
         }
         planes_[k].push_back(plane);
@@ -221,9 +221,9 @@ void CellOccluders::insert(size_t k, const SkyOccluder& o, const MapLines& lines
 
 // In a loop that compilers vectorise: lobes are wide.
 void CellOccluders::add_far() {
-  far_.assign(lit_.size(), 1.0f);
+  clear_.assign(lit_.size(), 1.0f);
   const float *x = lit_x_.data(), *y = lit_y_.data(), *z = lit_z_.data();
-  float* const far = far_.data();
+  float* const far = clear_.data();
   for (const OccluderGroups::Lobe& lobe : lobes_) {
     const Vec3 d = lobe.per_width * (glm::transpose(grid_) * lobe.direction);
     const float shift = 1.0f - lobe.per_width, height = lobe.height;
@@ -284,12 +284,12 @@ CellTask CellOccluders::task(size_t k, OwnObject& own) const {
     task.vector[a] = vector[a];
     task.weight[a] = weight[a] * solid_angle;
   }
-  task.clear = far_[k];
+  task.clear = clear_[k];
   task.within = distance_;
   task.half = 0.5f * width;
   task.cosine_half = light.half_width[cell];
   task.reflects = indirect_ != nullptr;
-  if (far_[k] == 0.0f) return task;
+  if (clear_[k] == 0.0f) return task;
   if (own_) {
     const bool own_cells = own_->cells == own_->grid;
     const Vec3 unit = own_cells ? light.directions[cell] : glm::transpose(own_->grid) * direction;

@@ -41,7 +41,7 @@ class CellOccluders {
   std::span<const uint32_t> cells() const { return lit_; }
   // Whether nothing can hide the cell.
   bool is_clear(size_t k) const {
-    return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty() && far_[k] == 1.0f;
+    return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty() && clear_[k] == 1.0f;
   }
   // The unit direction of the centre of the cell's light.
   Vec3 direction(size_t k) const { return grid_ * light_->directions[lit_[k]]; }
@@ -109,7 +109,7 @@ class CellOccluders {
   float normal_sine_ = 0.0f, normal_cosine_ = 1.0f;  // of the angle between it and the farthest normal
   std::vector<uint32_t> lit_;
   std::vector<float> lit_x_, lit_y_, lit_z_;  // their directions, in the grid
-  std::vector<float> far_;  // share of each cell that far groups leave clear; 0 also where a parallelogram hides all
+  std::vector<float> clear_;                  // CellTask::clear: 0 where a parallelogram hides all
   std::vector<uint32_t> near_;
   std::vector<OccluderGroups::Lobe> lobes_;
   std::vector<uint8_t> faces_;
