@@ -34,11 +34,10 @@ struct Checkpoint {
   int light_samples = 1, open_light_samples = 1, lobe_samples = 1;
   uint64_t restarts = 0;  // of the render, because fields had outgrown their memory
 
-  double decay = 1.0;                 // of noise by samples, as the last round showed it (SampleAllocation::Limits)
-  double noise = 0.0, samples = 0.0;  // the mean square and the samples of a pixel before it
+  double decay = 1.0;  // of noise by samples, as surveys showed it (SampleAllocation::decay())
 
   uint32_t round = 0;               // the one that is being traced
-  std::vector<uint32_t> counts;     // its samples of each half, by cell; by one number for all where there are no cells
+  std::vector<uint32_t> counts;     // its samples of a pixel, by cell; by one number for all where there are no cells
   std::vector<uint8_t> tiles_done;  // its tiles
   FilmSums film;
 };

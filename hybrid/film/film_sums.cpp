@@ -1,5 +1,6 @@
 #include "hybrid/film/film_sums.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/math/finite.h"
@@ -14,15 +15,15 @@ float* put(float* out, const DVec3& v) {
 
 }  // namespace
 
-uint64_t PixelSums::add(int half, std::span<const Rgb> samples, double work_of_one, double seconds_of_one) {
+uint64_t PixelSums::add(int quarter, std::span<const Rgb> samples, double work_of_one, double seconds_of_one) {
   uint64_t not_finite = 0;
-  DVec3 sum = radiance[half], of_squares = squares;
+  DVec3 sum = radiance[quarter], of_squares = squares;
   for (const Rgb& r : samples) {
     sum += DVec3(r);
     of_squares += DVec3(r) * DVec3(r);
   }
   if (!std::isfinite(sum.x + sum.y + sum.z)) {  // never by overflow: the samples are floats
-    sum = radiance[half], of_squares = squares;
+    sum = radiance[quarter], of_squares = squares;
     for (const Rgb& r : samples) {
       if (is_finite(r)) {
         sum += DVec3(r);
@@ -32,29 +33,62 @@ uint64_t PixelSums::add(int half, std::span<const Rgb> samples, double work_of_o
       }
     }
   }
-  radiance[half] = sum;
+  radiance[quarter] = sum;
   squares = of_squares;
-  count[half] += uint32_t(samples.size());
+  count[quarter / 2] += uint32_t(samples.size());
   work += float(double(samples.size()) * work_of_one);
   seconds += double(samples.size()) * seconds_of_one;
   return not_finite;
 }
 
-void PixelSums::merge(const PixelSums& other) {
-  for (int half = 0; half < 2; ++half) {
-    radiance[half] += other.radiance[half];
-    count[half] += other.count[half];
+uint64_t PixelSums::add_of(uint32_t first, uint32_t total, std::span<const Rgb> samples, double work_of_one,
+                           double seconds_of_one) {
+  uint64_t not_finite = 0;
+  while (!samples.empty()) {
+    const uint64_t quarter = uint64_t(first) * 4 / total, end = ((quarter + 1) * total + 3) / 4;
+    const size_t n = std::min(samples.size(), size_t(end - first));
+    not_finite += add(int(quarter), samples.first(n), work_of_one, seconds_of_one);
+    samples = samples.subspan(n);
+    first += uint32_t(n);
   }
+  return not_finite;
+}
+
+void PixelSums::append(const PixelSums& later) {
+  if (has_halves() && later.samples() > 0) {
+    const bool is_quarter = later.samples() > samples();
+    const DVec3 halves[2] = {sum_of(0), sum_of(1)};
+    radiance[0] = is_quarter ? halves[0] + halves[1] : halves[0];
+    radiance[1] = is_quarter ? DVec3(0.0) : halves[1];
+    radiance[2] = radiance[3] = DVec3(0.0);
+    count[0] = samples();
+    count[1] = 0;
+  }
+  merge(later);
+}
+
+void PixelSums::merge(const PixelSums& other) {
+  for (int quarter = 0; quarter < 4; ++quarter) radiance[quarter] += other.radiance[quarter];
+  for (int half = 0; half < 2; ++half) count[half] += other.count[half];
   squares += other.squares;
   work += other.work;
   seconds += other.seconds;
 }
 
-DVec3 PixelSums::variance() const {
-  if (count[0] > 0 && count[1] > 0) {
-    const DVec3 half = 0.5 * (mean_of(0) - mean_of(1));
-    return half * half;
-  }
+DVec3 PixelSums::half_difference() const {
+  const DVec3 half = 0.5 * (mean_of(0) - mean_of(1));
+  return half * half;
+}
+
+DVec3 PixelSums::quarter_difference() const {
+  const double of_quarter = 0.5 * double(count[0]);
+  const DVec3 first = 0.5 / of_quarter * (radiance[0] - radiance[1]);
+  const DVec3 second = 0.5 / of_quarter * (radiance[2] - radiance[3]);
+  return 0.5 * (first * first + second * second);
+}
+
+DVec3 PixelSums::variance(double decay) const {
+  if (has_halves()) return half_difference() / (std::exp2(decay) - 1.0);
   const double n = double(samples());
   if (n < 2.0) return DVec3(0.0);
   const DVec3 m = mean();
@@ -66,7 +100,8 @@ FilmSums::FilmSums(const Rect& w, bool has_layers) : window(w) {
   if (has_layers) aovs.resize(pixels.size());
 }
 
-float* write_pixel(const PixelSums& sums, const AovSums& aovs, const std::vector<Aov>& layers, float* out) {
+float* write_pixel(const PixelSums& sums, const AovSums& aovs, const std::vector<Aov>& layers, double decay,
+                   float* out) {
   out = put(out, sums.mean());
   for (const Aov layer : layers) {
     switch (layer) {
@@ -74,7 +109,7 @@ float* write_pixel(const PixelSums& sums, const AovSums& aovs, const std::vector
         *out++ = float(sums.samples());
         break;
       case Aov::variance:
-        out = put(out, sums.variance());
+        out = put(out, sums.variance(decay));
         break;
       case Aov::time:
         *out++ = float(sums.seconds * 1e9);

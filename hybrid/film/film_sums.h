@@ -1,8 +1,9 @@
 // What the camera samples of a picture add up to, pixel by pixel.
 //
-// Samples of pictures whose error is estimated come in two halves, drawn independently of each other: half their
-// difference has the variance of the pixel's mean. Other pictures have the first half alone. Thread-safety: values; a
-// pixel belongs to one thread at a time.
+// A pixel's samples are one sequence. Where a picture's error is estimated it is kept in quarters, one after the other,
+// and has a power of two of samples, at least 2: halves and quarters of such a sequence are as well distributed as the
+// whole, and how much they differ tells the variance of the mean. Other pictures have the first quarter alone.
+// Thread-safety: values; a pixel belongs to one thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -16,24 +17,38 @@
 namespace fieldtrace {
 
 struct PixelSums {
-  DVec3 radiance[2] = {DVec3(0.0), DVec3(0.0)};  // by half
-  DVec3 squares = DVec3(0.0);                    // of both halves' samples
-  uint32_t count[2] = {0, 0};
-  float work = 0.0f;     // camera samples and the rays that they took
-  double seconds = 0.0;  // that they took one thread
+  DVec3 radiance[4] = {DVec3(0.0), DVec3(0.0), DVec3(0.0),
+                       DVec3(0.0)};  // by quarter; of two samples, the first and third
+  DVec3 squares = DVec3(0.0);        // of all samples
+  uint32_t count[2] = {0, 0};        // of samples, by half
+  float work = 0.0f;                 // camera samples and the rays that they took
+  double seconds = 0.0;              // that they took one thread
 
   // Adds samples in their order; those that are not finite count as black. Returns how many these are. `work` and
   // `seconds` are those of one sample.
-  uint64_t add(int half, std::span<const Rgb> samples, double work = 0.0, double seconds = 0.0);
+  uint64_t add(int quarter, std::span<const Rgb> samples, double work = 0.0, double seconds = 0.0);
+  // The same of a sequence that is to have `total` samples, from `first` on.
+  uint64_t add_of(uint32_t first, uint32_t total, std::span<const Rgb> samples, double work, double seconds);
+  // Adds, quarter by quarter.
   void merge(const PixelSums& other);
+  // Adds samples that go on where these end, in quarters of what both are then; if there are samples, by quarters, then
+  // at least as many.
+  void append(const PixelSums& later);
 
   uint32_t samples() const { return count[0] + count[1]; }
-  DVec3 mean_of(int half) const { return count[half] > 0 ? radiance[half] / double(count[half]) : DVec3(0.0); }
-  DVec3 mean() const { return samples() ? (radiance[0] + radiance[1]) / double(samples()) : DVec3(0.0); }
-  // The variance of mean(), by channel: of two halves, which must be alike in size, that of their difference, a random
-  // number with one degree of freedom; of one, that of independent samples, which stratified ones fall below. 0 for
-  // less than two samples.
-  DVec3 variance() const;
+  DVec3 sum_of(int half) const { return radiance[2 * half] + radiance[2 * half + 1]; }
+  DVec3 mean_of(int half) const { return count[half] > 0 ? sum_of(half) / double(count[half]) : DVec3(0.0); }
+  DVec3 mean() const { return samples() ? (sum_of(0) + sum_of(1)) / double(samples()) : DVec3(0.0); }
+  bool has_halves() const { return count[1] > 0; }
+  bool has_quarters() const { return count[0] > 1 && has_halves(); }
+  // The square of half the halves' difference, by channel, a random number with one degree of freedom: in the mean what
+  // the variance of the mean has fallen by from half the samples to all, and itself where halves are independent.
+  DVec3 half_difference() const;
+  // The same of the quarters of each half, mean of both: what it fell by from a quarter to half of the samples.
+  DVec3 quarter_difference() const;
+  // The variance of mean(), by channel, where it falls as samples^-decay; of samples that are not in halves, that of
+  // independent samples, which stratified ones fall below. 0 for less than two samples.
+  DVec3 variance(double decay = 1.0) const;
 };
 
 // The sums of a window's pixels, row by row.
@@ -48,7 +63,9 @@ struct FilmSums {
   size_t index(int x, int y) const { return size_t(y - window.y) * size_t(window.width) + size_t(x - window.x); }
 };
 
-// Writes a pixel: R, G, B and the channels of `layers`. Returns the end of the output.
-float* write_pixel(const PixelSums& sums, const AovSums& aovs, const std::vector<Aov>& layers, float* out);
+// Writes a pixel: R, G, B and the channels of `layers`. `decay` as for PixelSums::variance(). Returns the end of the
+// output.
+float* write_pixel(const PixelSums& sums, const AovSums& aovs, const std::vector<Aov>& layers, double decay,
+                   float* out);
 
 }  // namespace fieldtrace

@@ -7,8 +7,8 @@
 
 namespace fieldtrace {
 
-// How much faster than that of random samples noise may be expected to fall (SampleAllocation::Limits::decay).
-inline constexpr double k_most_decay = 1.5;
+// How much faster than that of random samples noise may be expected to fall (SampleAllocation::decay()).
+inline constexpr double k_most_decay = 2.0;
 
 // Of uniform samples, as few of them showed it. Errors are mean squares over pixels and channels.
 struct NoiseForecast {

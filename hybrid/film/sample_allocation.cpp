@@ -9,12 +9,35 @@ namespace fieldtrace {
 namespace {
 
 struct CellSums {
-  double pixels = 0.0, square = 0.0, work = 0.0, samples = 0.0;
+  double pixels = 0.0, square = 0.0, work = 0.0, samples = 0.0;  // square: half_difference()
+  double of_quarters = 0.0, of_their_halves = 0.0;  // of pixels in quarters: these' and halves' differences
 
-  void add(const CellSums& o) { pixels += o.pixels, square += o.square, work += o.work, samples += o.samples; }
-  // Of one sample: the variance of the means times their samples.
-  double variance() const { return pixels > 0.0 ? square / pixels * (samples / pixels) : 0.0; }
+  void add(const CellSums& o) {
+    pixels += o.pixels, square += o.square, work += o.work, samples += o.samples;
+    of_quarters += o.of_quarters, of_their_halves += o.of_their_halves;
+  }
+  // The variance of one sample, if that of more of them falls by `decay`.
+  double variance(double decay) const {
+    if (!(pixels > 0.0)) return 0.0;
+    return square / pixels / (std::exp2(decay) - 1.0) * std::pow(samples / pixels, decay);
+  }
+  // How the squares fall; pixels that do not show it count as if they fell by `decay`.
+  double decay_or(double decay) const {
+    const double others = square - of_their_halves, factor = of_quarters + others * std::exp2(decay);
+    return square > 0.0 ? std::log2(std::clamp(factor / square, 2.0, std::exp2(k_most_decay))) : decay;
+  }
 };
+
+CellSums sums_of(const PixelSums& p, ErrorMeasure measure) {
+  CellSums s = {1.0, half_difference(p, measure), p.work, double(p.samples())};
+  if (!p.has_quarters()) return s;
+  s.of_quarters = weighted_square(p.quarter_difference(), p.mean(), measure);
+  s.of_their_halves = s.square;
+  return s;
+}
+
+// The power of two that is nearest by ratio.
+double nearest_power(double n) { return std::exp2(std::round(std::log2(n))); }
 
 }  // namespace
 
@@ -24,8 +47,8 @@ double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure me
   return (weighted.x + weighted.y + weighted.z) / 3.0;
 }
 
-double noise_square(const PixelSums& pixel, ErrorMeasure measure) {
-  return weighted_square(pixel.variance(), pixel.mean(), measure);
+double half_difference(const PixelSums& pixel, ErrorMeasure measure) {
+  return weighted_square(pixel.half_difference(), pixel.mean(), measure);
 }
 
 NoiseCells::NoiseCells(const Rect& window) : window_(window) {
@@ -34,7 +57,7 @@ NoiseCells::NoiseCells(const Rect& window) : window_(window) {
   rows_ = blocks_along(window_.height);
 }
 
-SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure) {
+SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, double decay) {
   const Rect& window = film.window;
   const NoiseCells cells(window);
   const size_t columns = cells.columns(), rows = cells.rows();
@@ -43,37 +66,42 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure) {
     const int top = window.y + int(row) * k_noise_block;
     for (int y = top; y < std::min(top + k_noise_block, window.y + window.height); ++y) {
       for (int x = window.x; x < window.x + window.width; ++x) {
-        const PixelSums& p = film.pixels[film.index(x, y)];
-        CellSums& s = sums[cells.cell(x, y)];
-        s.add({1.0, noise_square(p, measure), p.work, double(p.samples())});
+        sums[cells.cell(x, y)].add(sums_of(film.pixels[film.index(x, y)], measure));
       }
     }
   });
+  CellSums colours[2];
+  for (size_t i = 0; i < sums.size(); ++i) colours[i & 1].add(sums[i]);
+  for (size_t colour = 0; colour < 2; ++colour) {
+    const CellSums& shown = colours[1 - colour].pixels > 0.0 ? colours[1 - colour] : colours[colour];
+    colour_decay_[colour] = shown.decay_or(decay);
+  }
   pixels_ = double(film.pixels.size());
   cells_.resize(sums.size());
   for (size_t row = 0; row < rows; ++row) {
     for (size_t column = 0; column < columns; ++column) {
       for (size_t colour = 0; colour < 2; ++colour) {
         const size_t block = row * columns + column;
+        const double p = colour_decay_[colour];
         const CellSums &own = sums[2 * block + colour], &other = sums[2 * block + 1 - colour];
         // Half of what is known comes from the blocks around: a block's own estimate is noisy.
         double around = 0.0, weight = 0.0;
         for (size_t r = row - std::min<size_t>(row, 1); r <= std::min(row + 1, rows - 1); ++r) {
           for (size_t c = column - std::min<size_t>(column, 1); c <= std::min(column + 1, columns - 1); ++c) {
             const CellSums& near = sums[2 * (r * columns + c) + 1 - colour];
-            around += near.pixels * near.variance();
+            around += near.pixels * near.variance(p);
             weight += near.pixels;
           }
         }
-        around = weight > 0.0 ? around / weight : own.variance();
+        around = weight > 0.0 ? around / weight : own.variance(p);
         NoiseCell& cell = cells_[2 * block + colour];
         cell.pixels = own.pixels;
-        const double variance = other.pixels > 0.0 ? other.variance() : own.variance();
+        const double variance = other.pixels > 0.0 ? other.variance(p) : own.variance(p);
         cell.variance = 0.5 * (variance + around);
         const CellSums& shown = other.samples > 0.0 ? other : own;
         cell.work = shown.samples > 0.0 ? shown.work / shown.samples : 1.0;
         cell.samples = own.pixels > 0.0 ? own.samples / own.pixels : 0.0;
-        cell.mean_square = cell.samples > 0.0 ? variance / cell.samples : 0.0;
+        cell.mean_square = cell.samples > 0.0 ? variance * std::pow(cell.samples, -p) : 0.0;
         colour_pixels_[colour] += own.pixels;
         colour_mean_square_[colour] += own.pixels * cell.mean_square;
       }
@@ -83,6 +111,8 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure) {
     mean_square_ += colour_mean_square_[colour] / std::max(pixels_, 1.0);
     colour_mean_square_[colour] /= std::max(colour_pixels_[colour], 1.0);
   }
+  colours[0].add(colours[1]);
+  decay_ = colours[0].decay_or(decay);
 }
 
 double SampleAllocation::mean_samples() const {
@@ -113,10 +143,10 @@ double SampleAllocation::work() const {
 
 SampleAllocation::Shares SampleAllocation::shares(const Limits& limits) const {
   Shares shares = {limits, {}};
-  for (const NoiseCell& c : cells_) {
-    // m n^p / w: for p = 1 the variance over the work.
-    const double gain = c.variance * std::pow(c.samples, limits.decay - 1.0) / c.work;
-    shares.of_cells.push_back(std::pow(gain, 1.0 / (limits.decay + 1.0)));
+  for (size_t i = 0; i < cells_.size(); ++i) {
+    const NoiseCell& c = cells_[i];
+    const double decay = colour_decay_[i & 1];
+    shares.of_cells.push_back(std::pow(c.variance / c.work, 1.0 / (decay + 1.0)));
   }
   return shares;
 }
@@ -125,7 +155,9 @@ double SampleAllocation::goal(size_t cell, double scale, const Shares& shares) c
   const double samples = cells_[cell].samples;
   const double most = std::min(samples * shares.limits.growth, shares.limits.most);
   const double goal = std::min(scale * shares.of_cells[cell], most);
-  return goal > samples * shares.limits.least_growth ? goal : samples;
+  if (!(goal > samples)) return samples;
+  const double power = nearest_power(goal);
+  return power > most ? 0.5 * power : power;
 }
 
 double SampleAllocation::predicted(size_t colour, double scale, const Shares& shares) const {
@@ -133,9 +165,7 @@ double SampleAllocation::predicted(size_t colour, double scale, const Shares& sh
   for (size_t i = colour; i < cells_.size(); i += 2) {
     const NoiseCell& c = cells_[i];
     if (!(c.pixels > 0.0) || !(c.samples > 0.0)) continue;
-    const double reached = goal(i, scale, shares);
-    const double left = reached > c.samples ? std::pow(c.samples / reached, shares.limits.decay) : 1.0;
-    sum += c.pixels * c.variance / c.samples * left;
+    sum += c.pixels * c.variance * std::pow(goal(i, scale, shares), -colour_decay_[colour]);
   }
   return sum / std::max(colour_pixels_[colour], 1.0);
 }
@@ -176,8 +206,7 @@ std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
     for (size_t i = colour; i < cells_.size(); i += 2) {
       const NoiseCell& c = cells_[i];
       if (!(c.pixels > 0.0)) continue;
-      const double more = goal(i, scale, wanted) - c.samples;
-      counts[i] = uint32_t(std::min(std::ceil(0.5 * more), std::floor(0.5 * (limits.most - c.samples))));
+      counts[i] = uint32_t(goal(i, scale, wanted) - c.samples);
     }
   }
   return counts;
@@ -185,7 +214,7 @@ std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
 
 double SampleAllocation::work_of(const std::vector<uint32_t>& further) const {
   double sum = 0.0;
-  for (size_t i = 0; i < cells_.size(); ++i) sum += cells_[i].pixels * cells_[i].work * 2.0 * double(further[i]);
+  for (size_t i = 0; i < cells_.size(); ++i) sum += cells_[i].pixels * cells_[i].work * double(further[i]);
   return sum;
 }
 

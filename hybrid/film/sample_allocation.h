@@ -2,11 +2,15 @@
 //
 // A picture's mean square error falls fastest for its cost if each pixel gets samples in proportion to
 // sqrt(variance / cost) of one of them (Neyman, "On the two different aspects of the representative method", 1934);
-// where it falls as n^-p, in proportion to the (p + 1)st root of what p = 1 takes the square root of.
-// Variances are those of blocks of pixels, from the differences of their halves (PixelSums::variance). So that no
-// pixel's mean depends on why its sampling went on or ended, the pixels of a block take turns like the fields of a
-// chessboard: each colour is planned by itself, from what the other one shows, and ends when that says so. (A bright
-// sample that asked for more samples of its own pixel would be averaged away, a missing one would not be made up for.)
+// where it falls as n^-p, in proportion to the (p + 1)st root of what p = 1 takes the square root of. That is rounded
+// to a power of two, since a sequence is well distributed where it has one, and hardly better than half of it before.
+// Variances are those of blocks of pixels, from the differences of their halves. So that no pixel's mean depends on why
+// its sampling went on or ended, the pixels of a block take turns like the fields of a chessboard: each colour is
+// planned by itself, from what the other one shows, and ends when that says so. (A bright sample that asked for more
+// samples of its own pixel would be averaged away, a missing one would not be made up for.)
+// Halves differ by V(n / 2) - V(n), if n samples leave the variance V(n); where that falls as n^-p, by (2^p - 1) V(n).
+// The quarters tell p: they differ by 2^p times as much (Aitken, "On Bernoulli's numerical solution of algebraic
+// equations", 1926: the limit of a geometric sequence from three of its members).
 // Thread-safety: values.
 #pragma once
 
@@ -30,17 +34,17 @@ enum class ErrorMeasure { absolute, relative };
 
 // The mean over channels of squares, by the measure, where the picture's value is `value`.
 double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure measure);
-// That of a pixel's noise.
-double noise_square(const PixelSums& pixel, ErrorMeasure measure);
+// That of PixelSums::half_difference().
+double half_difference(const PixelSums& pixel, ErrorMeasure measure);
 
 // One colour of one block. Pixels of the same cell always have the same number of samples.
 struct NoiseCell {
   double pixels = 0.0;
-  // As the other colour of the block shows it, mean over pixels and channels: the mean square error now; and the
-  // variance of one sample, half of it from the blocks around.
+  // As the other colour of the block shows it, mean over pixels and channels: the mean square error now; and that of
+  // one sample if it falls as it does, half of it from the blocks around.
   double mean_square = 0.0, variance = 0.0;
   double work = 1.0;     // of a sample
-  double samples = 0.0;  // of each pixel, both halves
+  double samples = 0.0;  // of each pixel
 };
 
 // How a window's pixels fall into cells.
@@ -62,11 +66,13 @@ class NoiseCells {
 
 class SampleAllocation {
  public:
-  // The film's samples must be in two halves alike.
-  SampleAllocation(const FilmSums& film, ErrorMeasure measure);
+  // The film's samples must be in quarters, or halves at least; `decay` is used where it has no quarters.
+  SampleAllocation(const FilmSums& film, ErrorMeasure measure, double decay);
 
   // The mean square error that noise makes, by the measure, as the colours show it of each other.
   double mean_square() const { return mean_square_; }
+  // The mean square falls as samples^-decay: 1 for random samples, more for stratified ones.
+  double decay() const { return decay_; }
   // The mean number of samples of a pixel, and the least and the most.
   double mean_samples() const;
   uint32_t fewest_samples() const;
@@ -83,10 +89,9 @@ class SampleAllocation {
     double least_work = 0.0;     // and at least, if there are any
     double growth = k_infinity;  // no pixel gets more than this many times the samples that it has
     double most = k_infinity;    // samples of a pixel, in all
-    double least_growth = 1.0;   // pixels that would get fewer times their samples get none
-    double decay = 1.0;          // the mean square falls as samples^-decay: 1 for random samples, more for stratified
   };
-  // Further samples of each half, by cell. All 0 only where the limits allow none.
+  // Further samples of each pixel, by cell: with those that it has a power of two. All 0 only where the limits allow
+  // none.
   std::vector<uint32_t> further(const Limits& limits) const;
   // The work of such samples.
   double work_of(const std::vector<uint32_t>& further) const;
@@ -107,8 +112,9 @@ class SampleAllocation {
   double scale_of(size_t colour, double mean_square, double work, const Shares& shares) const;
 
   std::vector<NoiseCell> cells_;
-  double pixels_ = 0.0, mean_square_ = 0.0;
+  double pixels_ = 0.0, mean_square_ = 0.0, decay_ = 1.0;
   double colour_pixels_[2] = {0.0, 0.0}, colour_mean_square_[2] = {0.0, 0.0};
+  double colour_decay_[2] = {1.0, 1.0};  // as the other colour shows it
 };
 
 }  // namespace fieldtrace

@@ -219,6 +219,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     if (!stage.resumed) state.identity = stage.identity;
     state.restarts = stats.field_restarts;
     state.expected_samples = picture.spp;
+    state.decay = stage.ray_noise.decay;
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed && !stage.resumed) {
       choose_samples(picture, !estimates_anything, context, stats);

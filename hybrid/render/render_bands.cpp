@@ -33,7 +33,6 @@ uint64_t samples_of_band(const Job& job) {
 struct TileOfBand {
   size_t tile = 0;
   TileSums sums;
-  std::vector<uint32_t> counts;
   uint64_t light_samples = 0;
 };
 
@@ -56,9 +55,9 @@ class TileRuns {
     for (uint64_t samples = 0; next_ < pass_.tiles.size() && samples < band_samples; ++next_) {
       TileOfBand& t = run.emplace_back();
       t.tile = pass_.tiles[next_];
-      t.counts = begin_tile(job_, pass_, tiles_[t.tile], t.sums);
-      for (const uint32_t count : t.counts) t.light_samples += count;
-      t.light_samples *= uint64_t(pass_.halves.count) * uint64_t(job_.context.settings.light_samples);
+      begin_tile(job_, pass_, tiles_[t.tile], t.sums);
+      for (const SampleRange& range : t.sums.ranges) t.light_samples += range.count;
+      t.light_samples *= uint64_t(job_.context.settings.light_samples);
       samples += t.light_samples;
     }
     return run;
@@ -75,17 +74,14 @@ class TileRuns {
 // The batches of some tiles, in order.
 class TileBatches {
  public:
-  TileBatches(const Job& job, const Pass& pass, std::deque<TileOfBand>& tiles)
-      : lobe_samples_(job.context.settings.lobe_samples),
-        by_blocks_(job.context.fits_blocks()),
-        pass_(pass),
-        tiles_(tiles) {}
+  TileBatches(const Job& job, std::deque<TileOfBand>& tiles)
+      : lobe_samples_(job.context.settings.lobe_samples), by_blocks_(job.context.fits_blocks()), tiles_(tiles) {}
 
   bool next(BatchOfBand& batch) {
     for (; tile_ < tiles_.size(); ++tile_, batches_.reset()) {
       TileOfBand& t = tiles_[tile_];
       if (!batches_) {
-        batches_ = std::make_unique<PixelBatches>(t.sums.pixels, t.counts, pass_.halves, lobe_samples_, by_blocks_);
+        batches_ = std::make_unique<PixelBatches>(t.sums.pixels, t.sums.ranges, Sequences{}, lobe_samples_, by_blocks_);
       }
       if (!batches_->next(batch.samples, batch.runs)) continue;
       batch.tile = &t;
@@ -97,7 +93,6 @@ class TileBatches {
  private:
   const int lobe_samples_;
   const bool by_blocks_;
-  const Pass& pass_;
   std::deque<TileOfBand>& tiles_;
   size_t tile_ = 0;
   std::unique_ptr<PixelBatches> batches_;
@@ -105,7 +100,7 @@ class TileBatches {
 
 class BandTracer {
  public:
-  BandTracer(Job& job, const Pass& pass) : job_(job), pass_(pass) {}
+  explicit BandTracer(Job& job) : job_(job) {}
 
   // Traces all samples of some tiles, in bands of at least `band_samples` light samples if there are as many. Calls
   // finished(tile) for each in order. Returns false if it was stopped.
@@ -114,7 +109,7 @@ class BandTracer {
     uint64_t all = 0;
     for (const TileOfBand& t : tiles) all += t.light_samples;
     const uint64_t bands = std::max<uint64_t>(all / band_samples, 1);
-    TileBatches batches(job_, pass_, tiles);
+    TileBatches batches(job_, tiles);
     size_t next = 0;  // tile to finish
     std::deque<BatchOfBand> band;
     bool has_more = true;
@@ -158,7 +153,6 @@ class BandTracer {
   }
 
   Job& job_;
-  const Pass& pass_;
   std::deque<TransportWorker> workers_;
 };
 
@@ -170,7 +164,7 @@ void trace_bands(Job& job, const Pass& pass, const std::function<void(size_t til
   TileRuns runs(job, pass);
   std::atomic<size_t> done = 0;
   std::vector<std::unique_ptr<BandTracer>> tracers;
-  while (tracers.size() < k_bands) tracers.push_back(std::make_unique<BandTracer>(job, pass));
+  while (tracers.size() < k_bands) tracers.push_back(std::make_unique<BandTracer>(job));
   parallel_for(k_bands, [&](size_t i) {
     // Isolated: a thread that waits for its own band must not begin the other one.
     tbb::this_task_arena::isolate([&] {

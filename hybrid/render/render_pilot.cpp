@@ -69,7 +69,7 @@ std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each
   return pixels;
 }
 
-// Traces the survey's pixels with `samples` samples of each half.
+// Traces the survey's pixels with `samples` samples of each half; the halves are of sequences of their own.
 void trace_survey(const Picture& picture, const TransportContext& context, uint32_t samples, uint32_t replicate,
                   Survey& survey, Stats& stats) {
   survey.sums.assign(survey.pixels.size(), {});
@@ -78,16 +78,16 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
   parallel_for(tasks, [&](size_t task) {
     const size_t begin = task * k_task_pixels, end = std::min(begin + k_task_pixels, survey.pixels.size());
     const auto pixels = std::span<const PixelPosition>(survey.pixels).subspan(begin, end - begin);
-    const std::vector<uint32_t> counts(pixels.size(), samples);
+    const std::vector<SampleRange> ranges(pixels.size(), {0, samples});
     TransportWorker& worker = workers.local();
     const auto add = [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit>) {
       const TransportWorker::Cost& cost = worker.sample_cost();
-      survey.sums[begin + run.pixel].add(run.half, radiance, cost.work, cost.seconds);
+      survey.sums[begin + run.pixel].add(2 * run.sequence, radiance, cost.work, cost.seconds);
     };
     const auto goes_on = [&] { return !picture.stopped(); };
     // Isolated like the tiles of the picture (render_tiles).
     tbb::this_task_arena::isolate([&] {
-      trace_pixels(pixels, counts, Halves{2, replicate}, context.settings.lobe_samples, worker, goes_on, add);
+      trace_pixels(pixels, ranges, Sequences{2, replicate}, context.settings.lobe_samples, worker, goes_on, add);
     });
   });
   for (const TransportWorker& worker : workers) {
@@ -96,17 +96,18 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
   }
 }
 
+// What the samples of one half leave: twice what is left by both.
 NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
   NoiseForecast noise;
   double samples = 0.0, work = 0.0, seconds = 0.0;
   for (const PixelSums& p : survey.sums) {
-    noise.mean_square += noise_square(p, measure) / double(survey.sums.size());
+    noise.mean_square += 2.0 * half_difference(p, measure) / double(survey.sums.size());
     samples += double(p.samples());
     work += p.work;
     seconds += p.seconds;
   }
   if (!(samples > 0.0)) return noise;
-  noise.samples = samples / double(survey.sums.size());
+  noise.samples = 0.5 * samples / double(survey.sums.size());
   noise.work = work / samples;
   noise.seconds = seconds / samples;
   return noise;
@@ -161,7 +162,7 @@ FieldError survey_field_error(const Picture& picture, const TransportContext& co
   FieldError error = {0.0, noise_of(by_fields, measure), noise_of(by_rays, measure)};
   for (size_t i = 0; i < by_fields.pixels.size(); ++i) {
     const PixelSums &f = by_fields.sums[i], &r = by_rays.sums[i];
-    // Noise of the halves is independent: the mean of the product is the square of what both share.
+    // The halves' noise is independent: the mean of the product is the square of what both share.
     const DVec3 product = (f.mean_of(0) - r.mean_of(0)) * (f.mean_of(1) - r.mean_of(1));
     error.mean_square += weighted_square(product, r.mean(), measure);
   }

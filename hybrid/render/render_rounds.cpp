@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <mutex>
+#include <optional>
 #include <shared_mutex>
 
 #include "core/platform/parallel.h"
@@ -15,15 +16,13 @@ namespace {
 // The first round of rays takes this share of the samples that the picture is expected to need; where fields answer,
 // all of them, because each round asks them anew;
 constexpr double k_first_share = 1.0 / 8.0;
-// but of each half no more than this,
-constexpr uint32_t k_most_first = 8;
+// but no more than this,
+constexpr double k_most_first = 16.0;
 // and later rounds multiply a pixel's samples by this at most.
 constexpr double k_round_growth = 4.0;
 // A round takes this share of the work so far at least: it pays again for clusters, and noise that few pixels make is
 // underestimated.
 constexpr double k_least_round = 1.0 / 8.0;
-// For the same reason pixels get at least half as many again as they have in later rounds, or none.
-constexpr double k_least_growth = 1.5;
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;
@@ -44,7 +43,7 @@ class Rounds {
       begin();
     } else {
       for (const Rect& tile : tiles_) show(tile);
-      if (picture_.by_rounds()) work_before_ = SampleAllocation(state_.film, options_.error_measure).work();
+      if (picture_.by_rounds()) work_before_ = allocation().work();
     }
   }
 
@@ -65,23 +64,26 @@ class Rounds {
   void write(Image& image) {
     const FilmSums& film = state_.film;
     const Rect& w = film.window;
+    std::optional<SampleAllocation> noise;
+    if (picture_.by_rounds()) noise = allocation();
+    const double decay = noise ? noise->decay() : 1.0;
     parallel_for(size_t(w.height), [&](size_t row) {
       const int y = w.y + int(row);
       for (int x = w.x; x < w.x + w.width; ++x) {
         const size_t i = film.index(x, y);
-        write_pixel(picture_, {x, y}, film.pixels[i], film.aovs.empty() ? nullptr : &film.aovs[i], image);
+        const AovSums* const aovs = film.aovs.empty() ? nullptr : &film.aovs[i];
+        write_pixel(picture_, {x, y}, film.pixels[i], aovs, decay, image);
       }
     });
-    if (!picture_.by_rounds()) return;
-    const SampleAllocation allocation(film, options_.error_measure);
+    if (!noise) return;
     stats_.by_rounds = true;
     stats_.rounds = state_.round;
-    stats_.error_noise = std::sqrt(allocation.mean_square());
+    stats_.error_noise = std::sqrt(noise->mean_square());
     stats_.error_fields = std::sqrt(state_.field_mean_square);
-    stats_.error_estimate = std::sqrt(allocation.mean_square() + state_.field_mean_square);
-    stats_.samples_mean = allocation.mean_samples();
-    stats_.samples_fewest = allocation.fewest_samples();
-    stats_.samples_most = allocation.most_samples();
+    stats_.error_estimate = std::sqrt(noise->mean_square() + state_.field_mean_square);
+    stats_.samples_mean = noise->mean_samples();
+    stats_.samples_fewest = noise->fewest_samples();
+    stats_.samples_most = noise->most_samples();
   }
 
  private:
@@ -100,29 +102,32 @@ class Rounds {
     if (picture_.by_rounds()) {
       const double expected = std::min(double(state_.expected_samples), double(picture_.most_samples));
       const double share = has_fields() ? 1.0 : k_first_share;
-      const double most = std::clamp(std::floor(0.5 * double(picture_.most_samples)), 1.0, double(k_most_first));
-      const auto first = uint32_t(std::clamp(std::ceil(0.5 * expected * share), 1.0, most));
+      const double most = std::clamp(double(picture_.most_samples), 2.0, k_most_first);
+      const double first = std::exp2(std::floor(std::log2(std::clamp(expected * share, 2.0, most))));
       // With a time limit, all pixels have something soon.
-      state_.counts.assign(cells_.count(), job_.deadline ? 1 : first);
+      state_.counts.assign(cells_.count(), job_.deadline ? 2 : uint32_t(first));
     } else {
       state_.counts.assign(1, uint32_t(picture_.most_samples));
     }
   }
 
-  uint32_t samples_of_half(const PixelPosition& p) const {
-    if (!picture_.by_rounds()) return state_.counts[0];
-    return state_.counts[cells_.cell(p.x, p.y)];
+  SampleAllocation allocation() const { return {state_.film, options_.error_measure, state_.decay}; }
+
+  // The samples of a pixel that the round adds, which go on where those before have ended.
+  SampleRange samples_of(const PixelPosition& p) const {
+    const FilmSums& film = state_.film;
+    const uint32_t done = contains(film.window, p) ? film.pixels[film.index(p.x, p.y)].samples() : 0;
+    return {done, state_.counts[picture_.by_rounds() ? cells_.cell(p.x, p.y) : 0]};
   }
 
   void trace() {
     Pass pass;
-    pass.halves.count = picture_.by_rounds() ? 2 : 1;
-    pass.halves.first_replicate = uint32_t(pass.halves.count) * state_.round;
-    pass.samples_of_half = [&](const PixelPosition& p) { return samples_of_half(p); };
+    pass.in_quarters = picture_.by_rounds();
+    pass.samples = [&](const PixelPosition& p) { return samples_of(p); };
     for (size_t i = 0; i < tiles_.size(); ++i) {
       const std::vector<PixelPosition> pixels = tile_pixels(tiles_[i]);
       const bool is_wanted =
-          std::any_of(pixels.begin(), pixels.end(), [&](const auto& p) { return samples_of_half(p); });
+          std::any_of(pixels.begin(), pixels.end(), [&](const auto& p) { return samples_of(p).count > 0; });
       if (is_wanted && !state_.tiles_done[i]) pass.tiles.push_back(i);
     }
     const auto finished = [&](size_t tile, const TileSums& sums) {
@@ -149,7 +154,7 @@ class Rounds {
     for (size_t i = 0; i < tile.pixels.size(); ++i) {
       if (!contains(film.window, tile.pixels[i])) continue;
       const size_t at = film.index(tile.pixels[i].x, tile.pixels[i].y);
-      film.pixels[at].merge(tile.sums[i]);
+      film.pixels[at].append(tile.sums[i]);
       if (!tile.aovs.empty()) film.aovs[at].merge(tile.aovs[i]);
     }
   }
@@ -171,13 +176,13 @@ class Rounds {
     kept_ = Clock::now();
   }
 
-  // Further samples (by rounds: of each half, by cell); all 0: the picture is done.
+  // Further samples of a pixel (by rounds: by cell); all 0: the picture is done.
   std::vector<uint32_t> next() {
     if (!picture_.by_rounds()) {
       const uint32_t done = state_.film.pixels[0].samples();
       return {uint32_t(std::max(picture_.most_samples - int(done), 0))};
     }
-    const SampleAllocation allocation(state_.film, options_.error_measure);
+    const SampleAllocation allocation = this->allocation();
     const double noise = allocation.mean_square();
     std::vector<uint32_t> none(cells_.count(), 0);
     const bool has_target = options_.target_error > 0.0f;
@@ -193,14 +198,6 @@ class Rounds {
     limits.mean_square = noise_target;
     limits.growth = k_round_growth;
     limits.most = double(picture_.most_samples);
-    if (has_fields()) limits.least_growth = k_least_growth;
-    const double samples = allocation.mean_samples();
-    if (state_.noise > 0.0 && noise > 0.0 && samples > state_.samples) {
-      const double decay = std::log(state_.noise / noise) / std::log(samples / state_.samples);
-      state_.decay = std::clamp(decay, 1.0, k_most_decay);
-    }
-    state_.noise = noise, state_.samples = samples;
-    limits.decay = state_.decay;
     const double work = allocation.work();
     limits.least_work = k_least_round * work;
     double time_share = 0.0;

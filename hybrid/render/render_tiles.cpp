@@ -26,13 +26,13 @@ Rect traced_window(const Scene& scene, const Rect& window) {
 
 // Returns false if it was stopped.
 bool trace_tile(Job& job, const Pass& pass, const Rect& tile, TransportWorker& worker, TileSums& result) {
-  const std::vector<uint32_t> counts = begin_tile(job, pass, tile, result);
+  begin_tile(job, pass, tile, result);
   const auto add = [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts) {
     result.add(job, run, radiance, firsts, worker.sample_cost());
   };
   return trace_pixels(
-      result.pixels, counts, pass.halves, job.context.settings.lobe_samples, worker, [&] { return job.goes_on(); },
-      add);
+      result.pixels, result.ranges, Sequences{}, job.context.settings.lobe_samples, worker,
+      [&] { return job.goes_on(); }, add);
 }
 
 // Indices of the picture's tiles that its slice has, or of all.
@@ -53,18 +53,21 @@ Rect traced_pixels(const Picture& picture) {
   return picture.by_rounds() ? picture.window : traced_window(picture.scene, picture.window);
 }
 
-std::vector<uint32_t> begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums) {
+void begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums) {
   sums.pixels = tile_pixels(tile, job.context.fits_blocks());
   sums.sums.assign(sums.pixels.size(), {});
   sums.aovs.assign(job.context.settings.first_hits ? sums.pixels.size() : 0, {});
-  std::vector<uint32_t> counts;
-  for (const PixelPosition& p : sums.pixels) counts.push_back(pass.samples_of_half(p));
-  return counts;
+  sums.in_quarters = pass.in_quarters;
+  sums.ranges.clear();
+  for (const PixelPosition& p : sums.pixels) sums.ranges.push_back(pass.samples(p));
 }
 
 void TileSums::add(Job& job, const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
                    const TransportWorker::Cost& cost) {
-  const uint64_t not_finite = sums[run.pixel].add(run.half, radiance, cost.work, cost.seconds);
+  PixelSums& s = sums[run.pixel];
+  const uint64_t not_finite = in_quarters
+                                  ? s.add_of(run.first, ranges[run.pixel].end(), radiance, cost.work, cost.seconds)
+                                  : s.add(0, radiance, cost.work, cost.seconds);
   if (not_finite > 0) job.not_finite += not_finite;
   for (const FirstHit& first : firsts) aovs[run.pixel].add(first);
 }
@@ -84,9 +87,9 @@ Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
 }
 
 void write_pixel(const Picture& picture, const PixelPosition& p, const PixelSums& sums, const AovSums* aovs,
-                 Image& image) {
+                 double decay, Image& image) {
   float* const out = image.pixel(p.x - picture.window.x, p.y - picture.window.y);
-  write_pixel(sums, aovs ? *aovs : AovSums{}, picture.aovs, out);
+  write_pixel(sums, aovs ? *aovs : AovSums{}, picture.aovs, decay, out);
 }
 
 void show_tile(const Picture& picture, const Rect& tile, const std::function<Rgb(const PixelPosition&)>& radiance) {
@@ -133,13 +136,13 @@ void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t til
 void render_tiles(Job& job, Image& image, Stats& stats) {
   const Picture& picture = job.picture;
   Pass pass;
-  pass.samples_of_half = [&](const PixelPosition&) { return uint32_t(picture.spp); };
+  pass.samples = [&](const PixelPosition&) { return SampleRange{0, uint32_t(picture.spp)}; };
   const std::vector<Rect> tiles = picture_tiles(picture);
   pass.tiles = tiles_to_trace(picture, tiles);
   const auto finished = [&](size_t index, const TileSums& tile) {
     for (size_t i = 0; i < tile.pixels.size(); ++i) {
       if (contains(picture.window, tile.pixels[i]))
-        write_pixel(picture, tile.pixels[i], tile.sums[i], tile.aovs.empty() ? nullptr : &tile.aovs[i], image);
+        write_pixel(picture, tile.pixels[i], tile.sums[i], tile.aovs.empty() ? nullptr : &tile.aovs[i], 1.0, image);
     }
     show_tile(picture, tiles[index], [&](const PixelPosition& p) {
       const float* const rgb = image.pixel(p.x - picture.window.x, p.y - picture.window.y);

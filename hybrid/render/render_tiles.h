@@ -32,14 +32,16 @@ struct Job {
 
 // Camera samples that one pass over the tiles takes.
 struct Pass {
-  Halves halves;
-  std::function<uint32_t(const PixelPosition&)> samples_of_half;  // of each pixel
-  std::vector<size_t> tiles;                                      // indices into picture_tiles(), in order
+  std::function<SampleRange(const PixelPosition&)> samples;  // of each pixel
+  std::vector<size_t> tiles;                                 // indices into picture_tiles(), in order
+  bool in_quarters = false;                                  // of what the ranges end with (PixelSums)
 };
 
 // What a pass adds up in a tile. `aovs` is empty if there are no layers of first hits.
 struct TileSums {
   std::vector<PixelPosition> pixels;
+  std::vector<SampleRange> ranges;
+  bool in_quarters = false;
   std::vector<PixelSums> sums;
   std::vector<AovSums> aovs;
 
@@ -51,8 +53,8 @@ struct TileSums {
 // The pixels that a picture traces: its window, or more where pixels depend on their neighbours'.
 Rect traced_pixels(const Picture& picture);
 
-// Makes the sums of a tile, and returns the camera samples that a half takes of each of its pixels.
-std::vector<uint32_t> begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums);
+// Makes the sums of a tile, without samples yet.
+void begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums);
 
 // The tiles that a picture is traced in, row by row.
 std::vector<Rect> picture_tiles(const Picture& picture);
@@ -76,9 +78,9 @@ void render_tiles(Job& job, Image& image, Stats& stats);
 // Hands the part of `tile` (pixels of the film) within the window to callbacks.tile, if there is one.
 void show_tile(const Picture& picture, const Rect& tile, const std::function<Rgb(const PixelPosition&)>& radiance);
 
-// Writes a pixel of the window.
+// Writes a pixel of the window. `decay`: as for PixelSums::variance().
 void write_pixel(const Picture& picture, const PixelPosition& p, const PixelSums& sums, const AovSums* aovs,
-                 Image& image);
+                 double decay, Image& image);
 
 // Calls the picture's progress callback at most ten times a second, from one thread at a time, with shares that do not
 // fall.

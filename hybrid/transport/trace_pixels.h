@@ -18,29 +18,37 @@ inline constexpr int k_fewest_batch_samples = 16;
 // one pixel alone; where workers fit blocks of pixels (tile_pixels() by blocks), whole blocks or parts of one.
 inline int batch_samples(int lobe_samples) { return std::max(k_batch_samples / lobe_samples, k_fewest_batch_samples); }
 
-// Numbers of the sequences that samples are taken from: two halves of a pixel's samples are independent.
-struct Halves {
+// The sequences that a pixel's samples are taken from, which are independent of each other.
+struct Sequences {
   int count = 1;
-  uint32_t first_replicate = 0;  // of the first half; the second has the next one
+  uint32_t first_replicate = 0;  // of the first one; the next has the next number
 };
 
-// Samples of pixels[pixel] in one half, which fill [begin, begin + count) of a batch.
+// Part of a sequence.
+struct SampleRange {
+  uint32_t first = 0, count = 0;
+
+  uint32_t end() const { return first + count; }
+};
+
+// Samples of pixels[pixel] of one sequence, which fill [begin, begin + count) of a batch; `first` is the first one's
+// place in the sequence.
 struct PixelRun {
   size_t pixel = 0, begin = 0;
-  uint32_t count = 0;
-  int half = 0;
+  uint32_t first = 0, count = 0;
+  int sequence = 0;
 };
 
-// Cuts counts[i] camera samples of pixels[i] in each half, from each sequence's first on, into batches. Halves of a
-// pixel lie together: they are lit as one. lobe_samples: as in the worker's settings; each camera sample may split into
-// this many rays. by_blocks: as for tile_pixels().
+// Cuts the camera samples ranges[i] of pixels[i] in each sequence into batches. Sequences of a pixel lie together: they
+// are lit as one. lobe_samples: as in the worker's settings; each camera sample may split into this many rays.
+// by_blocks: as for tile_pixels().
 class PixelBatches {
  public:
-  PixelBatches(std::span<const PixelPosition> pixels, std::span<const uint32_t> counts, const Halves& halves,
+  PixelBatches(std::span<const PixelPosition> pixels, std::span<const SampleRange> ranges, const Sequences& sequences,
                int lobe_samples, bool by_blocks)
       : pixels_(pixels),
-        counts_(counts),
-        halves_(halves),
+        ranges_(ranges),
+        sequences_(sequences),
         most_(size_t(batch_samples(lobe_samples))),
         by_blocks_(by_blocks) {}
 
@@ -67,7 +75,7 @@ class PixelBatches {
   }
 
  private:
-  size_t samples_of(size_t pixel) const { return size_t(counts_[pixel]) * size_t(halves_.count); }
+  size_t samples_of(size_t pixel) const { return size_t(ranges_[pixel].count) * size_t(sequences_.count); }
   bool is_one(size_t a, size_t b) const { return by_blocks_ && in_one_block(pixels_[a], pixels_[b]); }
 
   // Adds what is left of a pixel's samples, or as many as fit. Returns whether it is the pixel's last.
@@ -75,13 +83,13 @@ class PixelBatches {
     const size_t left = samples_of(pixel_) - done_;
     if (size > 0 && size + left > most_) return false;
     const PixelPosition& p = pixels_[pixel_];
+    const SampleRange& range = ranges_[pixel_];
     for (const size_t end = done_ + std::min(left, most_); done_ < end;) {
-      const auto half = uint32_t(done_ / counts_[pixel_]), first = uint32_t(done_ % counts_[pixel_]);
-      const auto count = uint32_t(std::min<size_t>(counts_[pixel_] - first, end - done_));
-      for (uint32_t i = 0; i < count; ++i) {
-        samples.set(size + i, uint32_t(p.x), uint32_t(p.y), first + i, halves_.first_replicate + half);
-      }
-      runs.push_back({pixel_, size, count, int(half)});
+      const auto sequence = uint32_t(done_ / range.count), done_of_it = uint32_t(done_ % range.count);
+      const auto count = uint32_t(std::min<size_t>(range.count - done_of_it, end - done_));
+      const uint32_t first = range.first + done_of_it, replicate = sequences_.first_replicate + sequence;
+      for (uint32_t i = 0; i < count; ++i) samples.set(size + i, uint32_t(p.x), uint32_t(p.y), first + i, replicate);
+      runs.push_back({pixel_, size, first, count, int(sequence)});
       size += count, done_ += count;
     }
     if (done_ < samples_of(pixel_)) return false;
@@ -90,16 +98,16 @@ class PixelBatches {
   }
 
   const std::span<const PixelPosition> pixels_;
-  const std::span<const uint32_t> counts_;
-  const Halves halves_;
+  const std::span<const SampleRange> ranges_;
+  const Sequences sequences_;
   const size_t most_;
   const bool by_blocks_;
   size_t pixel_ = 0;
-  size_t done_ = 0;  // samples of that pixel, half after half
+  size_t done_ = 0;  // samples of that pixel, sequence after sequence
 };
 
-// Calls add(run, radiance, firsts) for runs of samples of one pixel and half; `firsts` holds the camera samples' first
-// hits, empty unless the worker's settings keep them.
+// Calls add(run, radiance, firsts) for runs of samples of one pixel and sequence; `firsts` holds the camera samples'
+// first hits, empty unless the worker's settings keep them.
 template <class Add>
 void add_runs(std::span<const PixelRun> runs, std::span<const Rgb> radiance, std::span<const FirstHit> firsts,
               const Add& add) {
@@ -111,9 +119,10 @@ void add_runs(std::span<const PixelRun> runs, std::span<const Rgb> radiance, std
 // Traces the batches of PixelBatches and calls add() of add_runs() for all. Before each batch goes_on() is called; if
 // it returns false, the rest is skipped and false returned.
 template <class GoesOn, class Add>
-bool trace_pixels(std::span<const PixelPosition> pixels, std::span<const uint32_t> counts, const Halves& halves,
-                  int lobe_samples, TransportWorker& worker, const GoesOn& goes_on, const Add& add) {
-  PixelBatches batches(pixels, counts, halves, lobe_samples, worker.fits_blocks());
+bool trace_pixels(std::span<const PixelPosition> pixels, std::span<const SampleRange> ranges,
+                  const Sequences& sequences, int lobe_samples, TransportWorker& worker, const GoesOn& goes_on,
+                  const Add& add) {
+  PixelBatches batches(pixels, ranges, sequences, lobe_samples, worker.fits_blocks());
   CameraSamples samples;
   std::vector<Rgb> radiance;
   std::vector<PixelRun> runs;
@@ -126,12 +135,12 @@ bool trace_pixels(std::span<const PixelPosition> pixels, std::span<const uint32_
   return true;
 }
 
-// The same with `spp` samples of every pixel.
+// The same with the first `spp` samples of every pixel.
 template <class GoesOn, class Add>
 bool trace_pixels(std::span<const PixelPosition> pixels, int spp, int lobe_samples, TransportWorker& worker,
                   const GoesOn& goes_on, const Add& add) {
-  const std::vector<uint32_t> counts(pixels.size(), uint32_t(spp));
-  return trace_pixels(pixels, counts, Halves{}, lobe_samples, worker, goes_on, add);
+  const std::vector<SampleRange> ranges(pixels.size(), {0, uint32_t(spp)});
+  return trace_pixels(pixels, ranges, Sequences{}, lobe_samples, worker, goes_on, add);
 }
 
 }  // namespace fieldtrace

@@ -27,8 +27,7 @@ class CheckpointFile : public testing::Test {
     c.restarts = 2, c.round = 3;
     c.film = FilmSums({1, 2, 5, 7}, layers);
     for (PixelSums& p : c.film.pixels) {
-      p.radiance[0] = DVec3(value(rng));
-      p.radiance[1] = DVec3(value(rng));
+      for (DVec3& quarter : p.radiance) quarter = DVec3(value(rng));
       p.squares = DVec3(value(rng));
       p.count[0] = p.count[1] = uint32_t(rng() % 100);
       p.work = float(value(rng)), p.seconds = value(rng);
@@ -76,7 +75,7 @@ TEST_F(CheckpointFile, HoldsWhatWasWritten) {
     EXPECT_EQ(r.film.window.y, 2);
     ASSERT_EQ(r.film.pixels.size(), c.film.pixels.size());
     for (size_t i = 0; i < r.film.pixels.size(); ++i) {
-      EXPECT_EQ(r.film.pixels[i].radiance[1], c.film.pixels[i].radiance[1]);
+      EXPECT_EQ(r.film.pixels[i].radiance[3], c.film.pixels[i].radiance[3]);
       EXPECT_EQ(r.film.pixels[i].squares, c.film.pixels[i].squares);
       EXPECT_EQ(r.film.pixels[i].count[0], c.film.pixels[i].count[0]);
       EXPECT_EQ(r.film.pixels[i].work, c.film.pixels[i].work);

@@ -25,7 +25,7 @@ TEST(FilmSums, MeansAreThoseOfAllSamples) {
     const std::vector<Rgb> samples = random_samples(rng, count);
     PixelSums sums;
     EXPECT_EQ(sums.add(0, std::span(samples).first(count / 2)), 0u);
-    EXPECT_EQ(sums.add(1, std::span(samples).subspan(count / 2)), 0u);
+    EXPECT_EQ(sums.add(2, std::span(samples).subspan(count / 2)), 0u);
     DVec3 mean(0.0);
     for (const Rgb& s : samples) mean += DVec3(s);
     mean /= double(count);
@@ -51,13 +51,73 @@ TEST(FilmSums, VariancesAreThoseOfTheMean) {
     double estimated = 0.0, squares = 0.0;
     for (size_t i = 0; i < pixels; ++i) {
       PixelSums sums;
-      for (int half = 0; half < halves; ++half) sums.add(half, random_samples(rng, of_half));
+      for (int half = 0; half < halves; ++half) sums.add(2 * half, random_samples(rng, of_half));
       estimated += sums.variance().x / double(pixels);
       squares += (sums.mean().x - 1.5) * (sums.mean().x - 1.5) / double(pixels);
     }
     EXPECT_NEAR(estimated / squares, 1.0, 0.05) << halves;
     // Uniform numbers in [0, 3].
     EXPECT_NEAR(estimated * double(of_half) * halves, 0.75, 0.04) << halves;
+  }
+}
+
+// Numbers of which n leave a variance that falls as n^-2: of one sequence, halves and quarters tell that and the
+// mean's.
+TEST(FilmSums, QuartersTellHowVarianceFalls) {
+  std::mt19937 rng(4);
+  std::normal_distribution<double> normal;
+  const size_t pixels = 20000;
+  double halves = 0.0, quarters = 0.0, squares = 0.0, variances = 0.0;
+  for (size_t i = 0; i < pixels; ++i) {
+    // The sums of all, and of the first half and quarters given these: V(n) = 1 / n^2.
+    const auto split = [&](double mean, double n) {
+      const double apart = std::sqrt(4.0 / (n * n) - 1.0 / (n * n)) * normal(rng);
+      return std::pair(mean + apart, mean - apart);
+    };
+    const double all = normal(rng) / 8.0;
+    const auto [first, second] = split(all, 8.0);
+    PixelSums sums;
+    int quarter = 0;
+    for (const double half : {first, second}) {
+      const auto [a, b] = split(half, 4.0);
+      for (const double mean : {a, b}) {
+        const std::vector<Rgb> of_quarter(2, Rgb(float(mean)));
+        sums.add(quarter++, of_quarter);
+      }
+    }
+    halves += sums.half_difference().x;
+    quarters += sums.quarter_difference().x;
+    squares += sums.mean().x * sums.mean().x;
+    variances += sums.variance(2.0).x;
+  }
+  EXPECT_NEAR(quarters / halves, 4.0, 0.2);
+  EXPECT_NEAR(variances / squares, 1.0, 0.05);
+}
+
+// However a sequence is cut into rounds, the sums are those of taking it at once.
+TEST(FilmSums, RoundsAddUpToOneSequence) {
+  std::mt19937 rng(5);
+  for (const std::vector<uint32_t>& totals :
+       {std::vector<uint32_t>{2, 4, 8, 16}, {2, 8, 32}, {4, 64}, {2, 64}, {1, 2, 4}}) {
+    const std::vector<Rgb> samples = random_samples(rng, totals.back());
+    PixelSums rounds;
+    for (const uint32_t total : totals) {
+      const uint32_t done = rounds.samples();
+      PixelSums round;
+      // In two runs, as batches may cut them.
+      const uint32_t cut = (done + total) / 2;
+      round.add_of(done, total, std::span(samples).subspan(done, cut - done), 1.0, 1.0);
+      round.add_of(cut, total, std::span(samples).subspan(cut, total - cut), 1.0, 1.0);
+      rounds.append(round);
+      PixelSums whole;
+      whole.add_of(0, total, std::span(samples).first(total), 1.0, 1.0);
+      EXPECT_EQ(rounds.samples(), total);
+      EXPECT_EQ(rounds.count[0], (total + 1) / 2);
+      for (int quarter = 0; quarter < 4; ++quarter) {
+        EXPECT_NEAR(rounds.radiance[quarter].x, whole.radiance[quarter].x, 1e-9) << total << " " << quarter;
+      }
+      EXPECT_EQ(rounds.work, whole.work);
+    }
   }
 }
 
@@ -96,7 +156,7 @@ TEST(FilmSums, LayersOfSamples) {
   aovs.samples = aovs.hits = 2;
   aovs.depth = 8.0;
   float out[9] = {};
-  EXPECT_EQ(write_pixel(sums, aovs, layers, out), out + 9);
+  EXPECT_EQ(write_pixel(sums, aovs, layers, 1.0, out), out + 9);
   EXPECT_EQ(out[0], 2.0f);
   EXPECT_EQ(out[3], 2.0f);
   EXPECT_EQ(out[4], 4.0f);

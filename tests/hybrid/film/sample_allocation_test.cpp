@@ -1,9 +1,10 @@
-// Where further camera samples go: in proportion to sqrt(variance / work), within limits, and held out.
+// Where further camera samples go: by variance and work, within limits, and held out; and how noise falls.
 #include "hybrid/film/sample_allocation.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <functional>
 #include <random>
@@ -12,11 +13,12 @@ namespace fieldtrace {
 namespace {
 
 struct Pixel {
-  double deviation = 0.1, work = 2.0, mean = 1.0;
-  uint32_t of_half = 4;
+  double deviation = 0.1, work = 2.0, mean = 1.0;  // of one sample
+  uint32_t samples = 8;
+  double decay = 1.0;  // the variance of n samples is deviation^2 n^-decay
 };
 
-// A film whose halves differ as independent normal samples would.
+// A film whose quarters differ as normal samples would.
 FilmSums film_of(const Rect& window, uint32_t seed, const std::function<Pixel(int, int)>& pixel) {
   std::mt19937 rng(seed);
   std::normal_distribution<double> normal;
@@ -25,12 +27,20 @@ FilmSums film_of(const Rect& window, uint32_t seed, const std::function<Pixel(in
     for (int x = window.x; x < window.x + window.width; ++x) {
       const Pixel p = pixel(x, y);
       PixelSums& sums = film.pixels[film.index(x, y)];
-      for (int half = 0; half < 2; ++half) {
-        sums.count[half] = p.of_half;
-        const double noise = p.deviation / std::sqrt(double(p.of_half));
-        for (int c = 0; c < 3; ++c) sums.radiance[half][c] = p.of_half * (p.mean + noise * normal(rng));
+      const double variance = p.deviation * p.deviation * std::pow(double(p.samples), -p.decay);
+      // By how much the mean of half the samples is farther off.
+      const double apart = std::sqrt(variance * (std::exp2(p.decay) - 1.0)), factor = std::exp2(0.5 * p.decay);
+      for (int c = 0; c < 3; ++c) {
+        const double mean = p.mean + std::sqrt(variance) * normal(rng), of_halves = apart * normal(rng);
+        for (int half = 0; half < 2; ++half) {
+          const double of_quarters = factor * apart * normal(rng);
+          const double of_half = half == 0 ? mean + of_halves : mean - of_halves;
+          sums.radiance[2 * half][c] = 0.25 * p.samples * (of_half + of_quarters);
+          sums.radiance[2 * half + 1][c] = 0.25 * p.samples * (of_half - of_quarters);
+        }
       }
-      sums.work = float(p.work * 2.0 * p.of_half);
+      sums.count[0] = sums.count[1] = p.samples / 2;
+      sums.work = float(p.work * p.samples);
     }
   }
   return film;
@@ -45,7 +55,7 @@ TEST(SampleAllocation, NoiseIsTheMeanSquareError) {
     const DVec3 error = p.mean() - DVec3(1.0);
     squares += glm::dot(error, error) / 3.0 / double(film.pixels.size());
   }
-  const SampleAllocation allocation(film, ErrorMeasure::absolute);
+  const SampleAllocation allocation(film, ErrorMeasure::absolute, 1.0);
   EXPECT_NEAR(allocation.mean_square() / squares, 1.0, 0.05);
   EXPECT_EQ(allocation.mean_samples(), 8.0);
   EXPECT_EQ(allocation.fewest_samples(), 8u);
@@ -56,7 +66,7 @@ TEST(SampleAllocation, NoiseIsTheMeanSquareError) {
 TEST(SampleAllocation, RelativeNoiseIsWeighedByTheMean) {
   const auto noise = [](double mean) {
     const FilmSums film = film_of(k_window, 2, [&](int, int) { return Pixel{.deviation = 0.01, .mean = mean}; });
-    return SampleAllocation(film, ErrorMeasure::relative).mean_square();
+    return SampleAllocation(film, ErrorMeasure::relative, 1.0).mean_square();
   };
   EXPECT_NEAR(noise(1.0) / noise(3.0), 9.01 / 1.01, 0.05);
 }
@@ -65,13 +75,13 @@ TEST(SampleAllocation, SamplesFollowDeviationAndWork) {
   const FilmSums film = film_of(k_window, 3, [](int x, int) {
     return x < 64 ? Pixel{.deviation = 0.1} : x < 160 ? Pixel{.deviation = 0.4} : Pixel{.deviation = 0.4, .work = 8.0};
   });
-  const SampleAllocation allocation(film, ErrorMeasure::absolute);
+  const SampleAllocation allocation(film, ErrorMeasure::absolute, 1.0);
   const NoiseCells cells(k_window);
   const std::vector<uint32_t> counts = allocation.further({.mean_square = 1e-5});
   const auto mean_at = [&](int from, int to) {
     double sum = 0.0, n = 0.0;
     for (int y = 24; y < 120; ++y) {
-      for (int x = from; x < to; ++x) sum += 8.0 + 2.0 * counts[cells.cell(x, y)], n += 1.0;
+      for (int x = from; x < to; ++x) sum += 8.0 + counts[cells.cell(x, y)], n += 1.0;
     }
     return sum / n;
   };
@@ -79,18 +89,57 @@ TEST(SampleAllocation, SamplesFollowDeviationAndWork) {
   EXPECT_NEAR(mean_at(88, 136) / mean_at(184, 240), 2.0, 0.15);
 }
 
+// Of samples that are better spread than random ones, the film tells itself how noise falls; where it falls in several
+// ways, nearly.
+TEST(SampleAllocation, NoiseOfSequencesIsTheMeanSquareError) {
+  const auto ratio = [](const std::function<Pixel(int, int)>& pixel) {
+    const FilmSums film = film_of(k_window, 9, pixel);
+    double squares = 0.0;
+    for (const PixelSums& p : film.pixels) {
+      const DVec3 error = p.mean() - DVec3(1.0);
+      squares += glm::dot(error, error) / 3.0 / double(film.pixels.size());
+    }
+    return std::sqrt(SampleAllocation(film, ErrorMeasure::absolute, 1.0).mean_square() / squares);
+  };
+  for (const double decay : {1.0, 1.5, 2.0}) {
+    EXPECT_NEAR(ratio([&](int, int) { return Pixel{.samples = 16, .decay = decay}; }), 1.0, 0.05) << decay;
+  }
+  EXPECT_NEAR(ratio([](int x, int) { return Pixel{.deviation = x < 64 ? 0.1 : 0.2, .decay = x < 64 ? 1.0 : 2.0}; }),
+              1.0, 0.15);
+  EXPECT_NEAR(ratio([](int x, int) {
+                return x < 128 ? Pixel{.samples = 4, .decay = 2.0}
+                               : Pixel{.deviation = 0.4, .samples = 64, .decay = 1.5};
+              }),
+              1.0, 0.15);
+  const FilmSums film = film_of(k_window, 10, [](int, int) { return Pixel{.samples = 16, .decay = 1.5}; });
+  EXPECT_NEAR(SampleAllocation(film, ErrorMeasure::absolute, 1.0).decay(), 1.5, 0.05);
+}
+
+TEST(SampleAllocation, HalvesAloneFallAsIsSaid) {
+  FilmSums film = film_of(k_window, 11, [](int, int) { return Pixel{.samples = 2}; });
+  for (PixelSums& p : film.pixels) {
+    p.radiance[0] = p.sum_of(0);
+    p.radiance[2] = p.sum_of(1);
+    p.radiance[1] = p.radiance[3] = DVec3(0.0);
+  }
+  const SampleAllocation random(film, ErrorMeasure::absolute, 1.0), spread(film, ErrorMeasure::absolute, 2.0);
+  EXPECT_EQ(random.decay(), 1.0);
+  EXPECT_EQ(spread.decay(), 2.0);
+  EXPECT_NEAR(random.mean_square() / spread.mean_square(), 3.0, 1e-9);
+}
+
 // Drawing what was planned gives the noise that was asked for.
 TEST(SampleAllocation, PlansMeetTheirTarget) {
   const auto deviation = [](int x, int y) { return 0.02 + 0.5 * std::abs(std::sin(0.05 * x) * std::cos(0.07 * y)); };
   const FilmSums film = film_of(k_window, 4, [&](int x, int y) { return Pixel{.deviation = deviation(x, y)}; });
-  const SampleAllocation allocation(film, ErrorMeasure::absolute);
+  const SampleAllocation allocation(film, ErrorMeasure::absolute, 1.0);
   const NoiseCells cells(k_window);
   for (const double target : {4e-3, 1e-3, 1e-4}) {
     const std::vector<uint32_t> counts = allocation.further({.mean_square = target});
     double expected = 0.0;
     for (int y = k_window.y; y < k_window.y + k_window.height; ++y) {
       for (int x = k_window.x; x < k_window.x + k_window.width; ++x) {
-        const double n = 8.0 + 2.0 * counts[cells.cell(x, y)];
+        const double n = 8.0 + counts[cells.cell(x, y)];
         expected += deviation(x, y) * deviation(x, y) / n / double(film.pixels.size());
       }
     }
@@ -100,12 +149,12 @@ TEST(SampleAllocation, PlansMeetTheirTarget) {
 
 TEST(SampleAllocation, LimitsHold) {
   const FilmSums film = film_of(k_window, 5, [](int x, int) { return Pixel{.deviation = x < 50 ? 2.0 : 0.1}; });
-  const SampleAllocation allocation(film, ErrorMeasure::absolute);
+  const SampleAllocation allocation(film, ErrorMeasure::absolute, 1.0);
   for (const uint32_t n : allocation.further({.growth = 3.0})) EXPECT_LE(n, 8u);
-  for (const uint32_t n : allocation.further({.growth = 30.0, .most = 13.0})) EXPECT_LE(n, 2u);
+  for (const uint32_t n : allocation.further({.growth = 30.0, .most = 33.0})) EXPECT_LE(n, 24u);
+  for (const uint32_t n : allocation.further({.mean_square = 1e-4})) EXPECT_TRUE(std::has_single_bit(n + 8));
   const double pixels = 250.0 * 130.0;
   const std::vector<uint32_t> some = allocation.further({.work = 40.0 * pixels});
-  // A round rounds up to whole samples of each half.
   EXPECT_GT(allocation.work_of(some), 30.0 * pixels);
   EXPECT_LT(allocation.work_of(some), 44.0 * pixels);
   for (const uint32_t n : allocation.further({.mean_square = 1.0})) EXPECT_EQ(n, 0u);
@@ -121,7 +170,7 @@ TEST(SampleAllocation, PixelsDoNotDecideAboutThemselves) {
       if (((x ^ y) & 1) == 0) changed.pixels[changed.index(x, y)].radiance[0] *= 3.0;
     }
   }
-  const SampleAllocation before(film, ErrorMeasure::absolute), after(changed, ErrorMeasure::absolute);
+  const SampleAllocation before(film, ErrorMeasure::absolute, 1.0), after(changed, ErrorMeasure::absolute, 1.0);
   const NoiseCells cells(k_window);
   const std::vector<uint32_t> counts_before = before.further({.mean_square = 1e-4}),
                               counts_after = after.further({.mean_square = 1e-4});
@@ -143,10 +192,11 @@ TEST(SampleAllocation, PixelsDoNotDecideAboutThemselves) {
 TEST(SampleAllocation, SmallAndEvenFilms) {
   for (const Rect window : {Rect{0, 0, 1, 1}, Rect{7, 3, 1, 9}, Rect{0, 0, 8, 8}}) {
     const FilmSums noisy = film_of(window, 7, [](int, int) { return Pixel{}; });
-    const std::vector<uint32_t> counts = SampleAllocation(noisy, ErrorMeasure::absolute).further({.mean_square = 1e-6});
+    const std::vector<uint32_t> counts =
+        SampleAllocation(noisy, ErrorMeasure::absolute, 1.0).further({.mean_square = 1e-6});
     EXPECT_TRUE(std::any_of(counts.begin(), counts.end(), [](uint32_t n) { return n > 0; }));
     const FilmSums even = film_of(window, 8, [](int, int) { return Pixel{.deviation = 0.0}; });
-    const SampleAllocation done(even, ErrorMeasure::absolute);
+    const SampleAllocation done(even, ErrorMeasure::absolute, 1.0);
     EXPECT_LT(done.mean_square(), 1e-30);
     for (const uint32_t n : done.further({.mean_square = 1e-6})) EXPECT_EQ(n, 0u);
   }
