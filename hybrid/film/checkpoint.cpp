@@ -58,11 +58,12 @@ class Reader {
     at_ += size;
     return begin;
   }
-  template <class T>
-  void take_array(std::vector<T>& values, uint64_t count) {
-    if (count > bytes_.size() / sizeof(T)) damaged();
+  template <class Vector>
+  void take_array(Vector& values, uint64_t count) {
+    constexpr size_t k_size = sizeof(typename Vector::value_type);
+    if (count > bytes_.size() / k_size) damaged();
     values.resize(count);
-    if (count > 0) std::memcpy(static_cast<void*>(values.data()), take(count * sizeof(T)), count * sizeof(T));
+    if (count > 0) std::memcpy(static_cast<void*>(values.data()), take(count * k_size), count * k_size);
   }
   bool at_end() const { return at_ == bytes_.size(); }
   [[noreturn]] void damaged() const {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/math/math.h"
+#include "core/platform/zeroed_vector.h"
 #include "core/scene/scene.h"
 #include "hybrid/path/aovs.h"
 
@@ -54,8 +55,8 @@ struct PixelSums {
 // The sums of a window's pixels, row by row.
 struct FilmSums {
   Rect window;
-  std::vector<PixelSums> pixels;
-  std::vector<AovSums> aovs;  // empty unless layers are asked for
+  ZeroedVector<PixelSums> pixels;
+  ZeroedVector<AovSums> aovs;  // empty unless layers are asked for
 
   FilmSums() = default;
   FilmSums(const Rect& window, bool has_layers);

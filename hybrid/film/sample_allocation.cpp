@@ -36,9 +36,6 @@ CellSums sums_of(const PixelSums& p, ErrorMeasure measure) {
   return s;
 }
 
-// The power of two that is nearest by ratio.
-double nearest_power(double n) { return std::exp2(std::round(std::log2(n))); }
-
 }  // namespace
 
 double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure measure) {
@@ -142,30 +139,34 @@ double SampleAllocation::work() const {
 }
 
 SampleAllocation::Shares SampleAllocation::shares(const Limits& limits) const {
-  Shares shares = {limits, {}};
+  Shares shares = {{}, {}};
   for (size_t i = 0; i < cells_.size(); ++i) {
     const NoiseCell& c = cells_[i];
     const double decay = colour_decay_[i & 1];
-    shares.of_cells.push_back(std::pow(c.variance / c.work, 1.0 / (decay + 1.0)));
+    const double most = std::min(c.samples * limits.growth, limits.most);
+    Shares::Cell cell;
+    cell.wanted = std::log2(c.variance / c.work) / (decay + 1.0);
+    if (c.pixels > 0.0 && c.samples > 0.0) {
+      cell.least = int(std::floor(std::log2(c.samples)));
+      cell.most = std::max(int(std::floor(std::log2(std::min(most, 0x1p31)))), cell.least);
+    }
+    shares.cells.push_back(cell);
+  }
+  for (size_t colour = 0; colour < 2; ++colour) {
+    for (int i = 0; i < k_powers; ++i) shares.left[colour][i] = std::exp2(-colour_decay_[colour] * i);
   }
   return shares;
 }
 
-double SampleAllocation::goal(size_t cell, double scale, const Shares& shares) const {
-  const double samples = cells_[cell].samples;
-  const double most = std::min(samples * shares.limits.growth, shares.limits.most);
-  const double goal = std::min(scale * shares.of_cells[cell], most);
-  if (!(goal > samples)) return samples;
-  const double power = nearest_power(goal);
-  return power > most ? 0.5 * power : power;
+int SampleAllocation::goal(const Shares::Cell& cell, double scale) {
+  return int(std::clamp(std::nearbyint(scale + cell.wanted), double(cell.least), double(cell.most)));
 }
 
 double SampleAllocation::predicted(size_t colour, double scale, const Shares& shares) const {
   double sum = 0.0;
   for (size_t i = colour; i < cells_.size(); i += 2) {
     const NoiseCell& c = cells_[i];
-    if (!(c.pixels > 0.0) || !(c.samples > 0.0)) continue;
-    sum += c.pixels * c.variance * std::pow(goal(i, scale, shares), -colour_decay_[colour]);
+    if (c.samples > 0.0) sum += c.pixels * c.variance * shares.left[colour][goal(shares.cells[i], scale)];
   }
   return sum / std::max(colour_pixels_[colour], 1.0);
 }
@@ -174,16 +175,16 @@ double SampleAllocation::further_work(size_t colour, double scale, const Shares&
   double sum = 0.0;
   for (size_t i = colour; i < cells_.size(); i += 2) {
     const NoiseCell& c = cells_[i];
-    sum += c.pixels * c.work * (goal(i, scale, shares) - c.samples);
+    if (c.samples > 0.0) sum += c.pixels * c.work * (double(1u << goal(shares.cells[i], scale)) - c.samples);
   }
   return sum;
 }
 
 double SampleAllocation::scale_of(size_t colour, double mean_square, double work, const Shares& shares) const {
   // Both sides of the search are far beyond any goal.
-  double low = 1e-30, high = 1e30;
-  for (int i = 0; i < 256 && high > low * 1.0001; ++i) {
-    const double middle = std::sqrt(low * high);
+  double low = -1100.0, high = 1100.0;
+  while (high - low > 1e-4) {
+    const double middle = 0.5 * (low + high);
     const bool is_too_much =
         predicted(colour, middle, shares) < mean_square || further_work(colour, middle, shares) > work;
     (is_too_much ? high : low) = middle;
@@ -198,15 +199,15 @@ std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
     const double now = colour_mean_square_[colour];
     if (!(now > limits.mean_square)) continue;
     // Blocks' variances that are mixed with those around are not quite what they are by themselves.
-    const double target = limits.mean_square * predicted(colour, 0.0, wanted) / now;
+    const double target = limits.mean_square * predicted(colour, -k_infinity, wanted) / now;
     const double share = pixels_ > 0.0 ? colour_pixels_[colour] / pixels_ : 0.0;
     double scale = scale_of(colour, target, share * limits.work, wanted);
     if (further_work(colour, scale, wanted) < share * limits.least_work)
       scale = scale_of(colour, 0.0, share * std::min(limits.work, limits.least_work), wanted);
     for (size_t i = colour; i < cells_.size(); i += 2) {
       const NoiseCell& c = cells_[i];
-      if (!(c.pixels > 0.0)) continue;
-      counts[i] = uint32_t(goal(i, scale, wanted) - c.samples);
+      if (!(c.samples > 0.0)) continue;
+      counts[i] = (1u << goal(wanted.cells[i], scale)) - uint32_t(c.samples);
     }
   }
   return counts;

@@ -97,14 +97,21 @@ class SampleAllocation {
   double work_of(const std::vector<uint32_t>& further) const;
 
  private:
-  // Limits, and in what proportion cells want samples.
+  // Powers of two of samples.
+  static constexpr int k_powers = 32;
+
+  // In what proportion cells want samples. Numbers of samples are logarithms to the base 2.
   struct Shares {
-    const Limits& limits;
-    std::vector<double> of_cells;
+    struct Cell {
+      double wanted = 0.0;      // beside others
+      int least = 0, most = 0;  // what it has, and may have
+    };
+    std::vector<Cell> cells;
+    double left[2][k_powers];  // of the mean square of one sample, by colour
   };
   Shares shares(const Limits& limits) const;
-  // The goal for a cell's samples where each share is worth `scale` of them.
-  double goal(size_t cell, double scale, const Shares& shares) const;
+  // The goal for a cell's samples where `scale` is added to what is wanted.
+  static int goal(const Shares::Cell& cell, double scale);
   // Of the pixels of one colour: the mean square that is expected, and the work until then.
   double predicted(size_t colour, double scale, const Shares& shares) const;
   double further_work(size_t colour, double scale, const Shares& shares) const;

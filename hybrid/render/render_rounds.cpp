@@ -43,7 +43,10 @@ class Rounds {
       begin();
     } else {
       for (const Rect& tile : tiles_) show(tile);
-      if (picture_.by_rounds()) work_before_ = allocation().work();
+      if (picture_.by_rounds()) {
+        allocation_ = allocation();
+        work_before_ = allocation_->work();
+      }
     }
   }
 
@@ -64,9 +67,10 @@ class Rounds {
   void write(Image& image) {
     const FilmSums& film = state_.film;
     const Rect& w = film.window;
-    std::optional<SampleAllocation> noise;
-    if (picture_.by_rounds()) noise = allocation();
-    const double decay = noise ? noise->decay() : 1.0;
+    // An interrupted round has samples that it did not count.
+    if (job_.interrupted) allocation_ = {};
+    if (picture_.by_rounds() && !allocation_) allocation_ = allocation();
+    const double decay = allocation_ ? allocation_->decay() : 1.0;
     parallel_for(size_t(w.height), [&](size_t row) {
       const int y = w.y + int(row);
       for (int x = w.x; x < w.x + w.width; ++x) {
@@ -75,15 +79,16 @@ class Rounds {
         write_pixel(picture_, {x, y}, film.pixels[i], aovs, decay, image);
       }
     });
-    if (!noise) return;
+    if (!allocation_) return;
+    const SampleAllocation& noise = *allocation_;
     stats_.by_rounds = true;
     stats_.rounds = state_.round;
-    stats_.error_noise = std::sqrt(noise->mean_square());
+    stats_.error_noise = std::sqrt(noise.mean_square());
     stats_.error_fields = std::sqrt(state_.field_mean_square);
-    stats_.error_estimate = std::sqrt(noise->mean_square() + state_.field_mean_square);
-    stats_.samples_mean = noise->mean_samples();
-    stats_.samples_fewest = noise->fewest_samples();
-    stats_.samples_most = noise->most_samples();
+    stats_.error_estimate = std::sqrt(noise.mean_square() + state_.field_mean_square);
+    stats_.samples_mean = noise.mean_samples();
+    stats_.samples_fewest = noise.fewest_samples();
+    stats_.samples_most = noise.most_samples();
   }
 
  private:
@@ -182,7 +187,7 @@ class Rounds {
       const uint32_t done = state_.film.pixels[0].samples();
       return {uint32_t(std::max(picture_.most_samples - int(done), 0))};
     }
-    const SampleAllocation allocation = this->allocation();
+    const SampleAllocation& allocation = allocation_.emplace(this->allocation());
     const double noise = allocation.mean_square();
     std::vector<uint32_t> none(cells_.count(), 0);
     const bool has_target = options_.target_error > 0.0f;
@@ -226,6 +231,7 @@ class Rounds {
   std::string failure_;      // of the last checkpoint
   const Clock::time_point begin_ = Clock::now();
   Clock::time_point kept_ = begin_;
+  std::optional<SampleAllocation> allocation_;  // of the rounds so far
   double work_before_ = 0.0;
   double done_ = 0.0, expected_ = 0.1;  // shares of the work, for the progress line
 };
