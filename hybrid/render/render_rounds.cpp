@@ -121,7 +121,8 @@ class Rounds {
   // The samples of a pixel that the round adds, which go on where those before have ended.
   SampleRange samples_of(const PixelPosition& p) const {
     const FilmSums& film = state_.film;
-    const uint32_t done = contains(film.window, p) ? film.pixels[film.index(p.x, p.y)].samples() : 0;
+    const bool is_begun = state_.round > 0 && contains(film.window, p);
+    const uint32_t done = is_begun ? film.pixels[film.index(p.x, p.y)].samples() : 0;
     return {done, state_.counts[picture_.by_rounds() ? cells_.cell(p.x, p.y) : 0]};
   }
 
@@ -159,8 +160,14 @@ class Rounds {
     for (size_t i = 0; i < tile.pixels.size(); ++i) {
       if (!contains(film.window, tile.pixels[i])) continue;
       const size_t at = film.index(tile.pixels[i].x, tile.pixels[i].y);
-      film.pixels[at].append(tile.sums[i]);
-      if (!tile.aovs.empty()) film.aovs[at].merge(tile.aovs[i]);
+      if (state_.round == 0) {
+        // Not read before: memory that is written first is zeroed once, and not mapped twice.
+        film.pixels[at] = tile.sums[i];
+        if (!tile.aovs.empty()) film.aovs[at] = tile.aovs[i];
+      } else {
+        film.pixels[at].append(tile.sums[i]);
+        if (!tile.aovs.empty()) film.aovs[at].merge(tile.aovs[i]);
+      }
     }
   }
 
