@@ -6,6 +6,7 @@
 // Thread-safety: values; a pixel belongs to one thread at a time.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -51,6 +52,9 @@ struct PixelSums {
   // independent samples, which stratified ones fall below. 0 for less than two samples.
   DVec3 variance(double decay = 1.0) const;
 };
+
+// A pixel's samples of two sequences that are independent of each other, each in quarters.
+using SequencePair = std::array<PixelSums, 2>;
 
 // The sums of a window's pixels, row by row.
 struct FilmSums {

@@ -21,10 +21,15 @@ struct CellSums {
     if (!(pixels > 0.0)) return 0.0;
     return square / pixels / (std::exp2(decay) - 1.0) * std::pow(samples / pixels, decay);
   }
-  // How the squares fall; pixels that do not show it count as if they fell by `decay`.
+  // How the mean square falls from half the samples to all: that of pixels without quarters by `decay`.
   double decay_or(double decay) const {
-    const double others = square - of_their_halves, factor = of_quarters + others * std::exp2(decay);
-    return square > 0.0 ? std::log2(std::clamp(factor / square, 2.0, std::exp2(k_most_decay))) : decay;
+    if (!(square > 0.0)) return decay;
+    double left = std::max(square - of_their_halves, 0.0) / (std::exp2(later_decay(decay)) - 1.0);
+    if (of_their_halves > 0.0) {
+      const double before = std::clamp(std::log2(of_quarters / of_their_halves), 1.0, k_most_decay);
+      left += of_their_halves / (std::exp2(later_decay(before)) - 1.0);
+    }
+    return std::log2(1.0 + square / left);
   }
 };
 

@@ -77,9 +77,9 @@ struct Stage {
   VisibilityDevice* device = nullptr;  // null: the CPU
   FieldAccuracy accuracy = FieldAccuracy::usual;
   NoiseForecast ray_noise = {};  // of a picture by rounds, by rays alone
-  // With which the error of fields is surveyed: as many as rays take to the error in each half, or to fill the time.
+  // Of each sequence with which the error of fields is surveyed: as many as rays take to the error, or in the time.
   double survey_samples = 0.0;
-  std::vector<PixelSums> ray_survey = {};  // what rays gave then, for every accuracy
+  std::vector<SequencePair> ray_survey = {};       // what rays gave then, for every accuracy
   std::optional<Clock::time_point> deadline = {};  // of a picture with a time limit
   PictureIdentity identity = {};                   // of a picture with checkpoints
   std::optional<Checkpoint> resumed = {};          // where the picture goes on

@@ -19,15 +19,14 @@
 namespace fieldtrace {
 namespace {
 
-// Numbers of sequences that no round uses.
-constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u, k_decay_replicates = 0x80000004u;
-// One pixel in this many, but a least number, tells how noisy pictures are, with 4 samples of each half; how fast noise
-// falls, with 1 besides;
+// Numbers of sequences that no round uses; each survey takes two.
+constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u;
+// One pixel in this many, but a least number, tells how noisy pictures are, with this many samples of each sequence;
 constexpr int k_noise_pixels_each = 128, k_fewest_noise_pixels = 2048;
 constexpr uint32_t k_noise_samples = 4;
-// and how far fields err, with this many samples of each half.
+// and how far fields err, with these.
 constexpr int k_error_pixels_each = 512, k_fewest_error_pixels = 256;
-constexpr double k_least_samples = 8.0, k_most_samples = 512.0;
+constexpr double k_least_samples = 64.0, k_most_samples = 512.0;
 // Pixels of one task.
 constexpr size_t k_task_pixels = 64;
 
@@ -46,7 +45,7 @@ class RayContext {
 
 struct Survey {
   std::vector<PixelPosition> pixels;
-  std::vector<PixelSums> sums = {};
+  std::vector<SequencePair> sums = {};
 };
 
 // Single pixels, one in each part of the window, which columns and rows divide evenly, as far as it has so many.
@@ -69,7 +68,7 @@ std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each
   return pixels;
 }
 
-// Traces the survey's pixels with `samples` samples of each half; the halves are of sequences of their own.
+// Traces the survey's pixels with `samples` samples of each sequence.
 void trace_survey(const Picture& picture, const TransportContext& context, uint32_t samples, uint32_t replicate,
                   Survey& survey, Stats& stats) {
   survey.sums.assign(survey.pixels.size(), {});
@@ -82,7 +81,8 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
     TransportWorker& worker = workers.local();
     const auto add = [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit>) {
       const TransportWorker::Cost& cost = worker.sample_cost();
-      survey.sums[begin + run.pixel].add(2 * run.sequence, radiance, cost.work, cost.seconds);
+      PixelSums& sums = survey.sums[begin + run.pixel][size_t(run.sequence)];
+      sums.add_of(run.first, samples, radiance, cost.work, cost.seconds);
     };
     const auto goes_on = [&] { return !picture.stopped(); };
     // Isolated like the tiles of the picture (render_tiles).
@@ -96,17 +96,25 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
   }
 }
 
-// What the samples of one half leave: twice what is left by both.
+// What the samples of one sequence leave, and how that falls with their number: halves and quarters of a sequence tell
+// what a half and a quarter of it leave more, if it has quarters.
 NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
   NoiseForecast noise;
-  double samples = 0.0, work = 0.0, seconds = 0.0;
-  for (const PixelSums& p : survey.sums) {
-    noise.mean_square += 2.0 * half_difference(p, measure) / double(survey.sums.size());
-    samples += double(p.samples());
-    work += p.work;
-    seconds += p.seconds;
+  double samples = 0.0, work = 0.0, seconds = 0.0, fall = 0.0;
+  for (const SequencePair& pair : survey.sums) {
+    const DVec3 value = 0.5 * (pair[0].mean() + pair[1].mean()), apart = pair[0].mean() - pair[1].mean();
+    noise.mean_square += 0.5 * weighted_square(apart * apart, value, measure);
+    for (const PixelSums& p : pair) {
+      if (p.has_quarters()) fall += 0.5 * weighted_square(p.half_difference() + p.quarter_difference(), value, measure);
+      samples += double(p.samples());
+      work += p.work;
+      seconds += p.seconds;
+    }
   }
   if (!(samples > 0.0)) return noise;
+  if (noise.mean_square > 0.0)
+    noise.decay = std::clamp(0.5 * std::log2(1.0 + fall / noise.mean_square), 1.0, k_most_decay);
+  noise.mean_square /= double(survey.sums.size());
   noise.samples = 0.5 * samples / double(survey.sums.size());
   noise.work = work / samples;
   noise.seconds = seconds / samples;
@@ -123,22 +131,11 @@ RayContext::RayContext(const Picture& picture, const Stage& stage) {
       std::make_unique<TransportContext>(picture.scene, stage.accel, stage.camera, *answerer_, settings, stage.lights);
 }
 
-// What few samples in `context` leave; how noise falls is not known by that.
-NoiseForecast survey_noise(const Picture& picture, const TransportContext& context, Stats& stats,
-                           uint32_t samples = k_noise_samples, uint32_t replicates = k_noise_replicates) {
-  Survey survey = {survey_pixels(picture, k_noise_pixels_each, k_fewest_noise_pixels)};
-  trace_survey(picture, context, samples, replicates, survey, stats);
-  return noise_of(survey, picture.options.error_measure);
-}
-
+// What samples in `context` leave, as few of them show it.
 NoiseForecast forecast_noise(const Picture& picture, const TransportContext& context, Stats& stats) {
-  NoiseForecast noise = survey_noise(picture, context, stats);
-  const NoiseForecast few = survey_noise(picture, context, stats, 1, k_decay_replicates);
-  if (noise.mean_square > 0.0 && few.mean_square > 0.0) {
-    const double decay = std::log(few.mean_square / noise.mean_square) / std::log(noise.samples / few.samples);
-    noise.decay = std::clamp(decay, 1.0, k_most_decay);
-  }
-  return noise;
+  Survey survey = {survey_pixels(picture, k_noise_pixels_each, k_fewest_noise_pixels)};
+  trace_survey(picture, context, k_noise_samples, k_noise_replicates, survey, stats);
+  return noise_of(survey, picture.options.error_measure);
 }
 
 // How far pictures in a context and by rays differ where noise is averaged away, as a mean square; and what noise and
@@ -148,23 +145,23 @@ struct FieldError {
   NoiseForecast fields, rays;
 };
 
-// With `samples` samples of each pixel, as far as few and many go. `ray_sums`: by rays, if not empty; they are traced,
-// and kept there, otherwise.
+// With about `samples` samples of each sequence, as far as few and many go. `ray_sums`: by rays, if not empty; they are
+// traced, and kept there, otherwise.
 FieldError survey_field_error(const Picture& picture, const TransportContext& context, const TransportContext& rays,
-                              double samples, std::vector<PixelSums>& ray_sums, Stats& stats) {
+                              double samples, std::vector<SequencePair>& ray_sums, Stats& stats) {
   Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
   Survey by_rays = {by_fields.pixels, ray_sums};
-  const auto half_samples = uint32_t(std::clamp(0.5 * samples, k_least_samples, k_most_samples));
-  trace_survey(picture, context, half_samples, k_error_replicates, by_fields, stats);
-  if (ray_sums.empty()) trace_survey(picture, rays, half_samples, k_error_replicates, by_rays, stats);
+  const auto of_sequence = uint32_t(nearest_power(std::clamp(samples, k_least_samples, k_most_samples)));
+  trace_survey(picture, context, of_sequence, k_error_replicates, by_fields, stats);
+  if (ray_sums.empty()) trace_survey(picture, rays, of_sequence, k_error_replicates, by_rays, stats);
   ray_sums = by_rays.sums;
   const ErrorMeasure measure = picture.options.error_measure;
   FieldError error = {0.0, noise_of(by_fields, measure), noise_of(by_rays, measure)};
   for (size_t i = 0; i < by_fields.pixels.size(); ++i) {
-    const PixelSums &f = by_fields.sums[i], &r = by_rays.sums[i];
-    // The halves' noise is independent: the mean of the product is the square of what both share.
-    const DVec3 product = (f.mean_of(0) - r.mean_of(0)) * (f.mean_of(1) - r.mean_of(1));
-    error.mean_square += weighted_square(product, r.mean(), measure);
+    const SequencePair &f = by_fields.sums[i], &r = by_rays.sums[i];
+    // The sequences' noise is independent: the mean of the product is the square of what both share.
+    const DVec3 product = (f[0].mean() - r[0].mean()) * (f[1].mean() - r[1].mean());
+    error.mean_square += weighted_square(product, 0.5 * (r[0].mean() + r[1].mean()), measure);
   }
   error.mean_square = std::max(error.mean_square / double(by_fields.pixels.size()), 0.0);
   return error;
@@ -201,15 +198,15 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
   if (options.target_error > 0.0f) {
     const double target = square_of_target(options);
     samples = noise.samples_to(target);
-    // Twice as many, so that each half's noise is the target's, but no more than random ones would be.
-    stage.survey_samples = std::min(2.0 * samples, noise.samples * noise.mean_square / target);
+    // Each sequence's noise is the target's then; but no more than the sequences of random samples would have.
+    stage.survey_samples = std::min(samples, 0.5 * noise.samples * noise.mean_square / target);
     if (!options.tolerance && !options.directions && !options.plane) stage.accuracy = FieldAccuracy::coarse_maps;
   }
   if (options.time_limit > 0.0f) {
     const double seconds = std::max(noise.seconds * pixels_of(picture) / threads(), 1e-9);
     const double in_time = double(options.time_limit) / seconds;
     samples = std::min(samples, in_time);
-    stage.survey_samples = std::min(stage.survey_samples, in_time);
+    stage.survey_samples = std::min(stage.survey_samples, 0.5 * in_time);
   }
   picture.expect(samples);
   // What fields could spare then, surveys take.
@@ -230,7 +227,7 @@ void choose_light_samples(const Picture& picture, TransportContext& context, Sta
     tried.push_back(samples);
     context.settings.light_samples = samples.first;
     context.settings.open_light_samples = samples.second;
-    const NoiseForecast noise = survey_noise(picture, context, stats);
+    const NoiseForecast noise = forecast_noise(picture, context, stats);
     if (!(noise.mean_square * noise.work < least)) continue;
     least = noise.mean_square * noise.work;
     best = context.settings;
@@ -245,9 +242,9 @@ void choose_lobe_samples(const Picture& picture, TransportContext& context, Stat
   const std::vector<Bsdf>& all = picture.scene.bsdfs;
   const auto splits = [](const Bsdf& b) { return b.kind != BsdfKind::diffuse && b.kind != BsdfKind::conductor; };
   if (std::none_of(all.begin(), all.end(), splits)) return;
-  const NoiseForecast one = survey_noise(picture, context, stats);
+  const NoiseForecast one = forecast_noise(picture, context, stats);
   picture.split_lobes(context.settings, k_more_lobe_samples);
-  const NoiseForecast more = survey_noise(picture, context, stats);
+  const NoiseForecast more = forecast_noise(picture, context, stats);
   if (!(more.mean_square * more.work < one.mean_square * one.work)) picture.split_lobes(context.settings, 1);
 }
 

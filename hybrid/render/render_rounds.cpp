@@ -22,7 +22,7 @@ constexpr double k_most_first = 16.0;
 constexpr double k_round_growth = 4.0;
 // A round takes this share of the work so far at least: it pays again for clusters, and noise that few pixels make is
 // underestimated.
-constexpr double k_least_round = 1.0 / 8.0;
+constexpr double k_least_round = 1.0 / 32.0;
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;
@@ -108,7 +108,8 @@ class Rounds {
       const double expected = std::min(double(state_.expected_samples), double(picture_.most_samples));
       const double share = has_fields() ? 1.0 : k_first_share;
       const double most = std::clamp(double(picture_.most_samples), 2.0, k_most_first);
-      const double first = std::exp2(std::floor(std::log2(std::clamp(expected * share, 2.0, most))));
+      const double nearest = nearest_power(std::clamp(expected * share, 2.0, most));
+      const double first = nearest > most ? 0.5 * nearest : nearest;
       // With a time limit, all pixels have something soon.
       state_.counts.assign(cells_.count(), job_.deadline ? 2 : uint32_t(first));
     } else {
