@@ -16,13 +16,13 @@ namespace {
 
 constexpr char k_magic[] = "fieldtrace checkpoint 4\n";
 constexpr size_t k_magic_size = sizeof(k_magic) - 1;
-static_assert(std::is_trivially_copyable_v<PixelSums> && std::is_trivially_copyable_v<AovSums>);
+static_assert(std::is_trivially_copyable_v<StoredSums> && std::is_trivially_copyable_v<AovSums>);
 
 // Sizes tell builds apart whose sums lie otherwise in memory.
 std::string layout() {
   const uint16_t order = 1;
   const bool is_little = *reinterpret_cast<const uint8_t*>(&order) == 1;
-  return std::to_string(sizeof(PixelSums)) + " " + std::to_string(sizeof(AovSums)) + (is_little ? " little" : " big");
+  return std::to_string(sizeof(StoredSums)) + " " + std::to_string(sizeof(AovSums)) + (is_little ? " little" : " big");
 }
 
 nlohmann::json header_of(const Checkpoint& c) {
@@ -114,7 +114,7 @@ void write_checkpoint(const std::string& path, const Checkpoint& c) {
   put(header.data(), header.size());
   put(c.counts.data(), c.counts.size() * sizeof(uint32_t));
   put(c.tiles_done.data(), c.tiles_done.size());
-  put(c.film.pixels.data(), c.film.pixels.size() * sizeof(PixelSums));
+  put(c.film.pixels.data(), c.film.pixels.size() * sizeof(StoredSums));
   put(c.film.aovs.data(), c.film.aovs.size() * sizeof(AovSums));
   const Hash128 hash = hasher.result();
   file.write_at(file.end(), &hash, sizeof(hash));

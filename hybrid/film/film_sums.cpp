@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "core/math/finite.h"
 
@@ -93,6 +94,33 @@ DVec3 PixelSums::variance(double decay) const {
   if (n < 2.0) return DVec3(0.0);
   const DVec3 m = mean();
   return glm::max(squares / n - m * m, DVec3(0.0)) / (n - 1.0);
+}
+
+static_assert(sizeof(StoredSums) == 64 && sizeof(DVec3) == 6 * sizeof(float));
+
+StoredSums::StoredSums(const PixelSums& sums)
+    : values_{}, count_{sums.count[0], sums.count[1]}, work_(sums.work), seconds_(float(sums.seconds)) {
+  if (sums.has_halves()) {
+    for (int i = 0; i < 12; ++i) values_[i] = float(sums.radiance[i / 3][i % 3]);
+  } else {
+    std::memcpy(values_, &sums.radiance[0], sizeof(DVec3));
+    std::memcpy(values_ + 6, &sums.squares, sizeof(DVec3));
+  }
+}
+
+StoredSums::operator PixelSums() const {
+  PixelSums sums;
+  sums.count[0] = count_[0];
+  sums.count[1] = count_[1];
+  sums.work = work_;
+  sums.seconds = seconds_;
+  if (sums.has_halves()) {
+    for (int i = 0; i < 12; ++i) sums.radiance[i / 3][i % 3] = values_[i];
+  } else {
+    std::memcpy(&sums.radiance[0], values_, sizeof(DVec3));
+    std::memcpy(&sums.squares, values_ + 6, sizeof(DVec3));
+  }
+  return sums;
 }
 
 FilmSums::FilmSums(const Rect& w, bool has_layers) : window(w) {

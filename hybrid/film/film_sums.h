@@ -56,10 +56,25 @@ struct PixelSums {
 // A pixel's samples of two sequences that are independent of each other, each in quarters.
 using SequencePair = std::array<PixelSums, 2>;
 
+// PixelSums as a film keeps them, in little memory: what a film first writes to is a good part of a short frame. Halves
+// and quarters are rounded to floats; sums in one piece are not, so that checkpoints change no picture.
+class StoredSums {
+ public:
+  StoredSums() = default;
+  StoredSums(const PixelSums& sums);
+  operator PixelSums() const;
+  uint32_t samples() const { return count_[0] + count_[1]; }
+
+ private:
+  alignas(8) float values_[12];  // radiance by quarter; or six doubles, the first one and squares
+  uint32_t count_[2];
+  float work_, seconds_;
+};
+
 // The sums of a window's pixels, row by row.
 struct FilmSums {
   Rect window;
-  ZeroedVector<PixelSums> pixels;
+  ZeroedVector<StoredSums> pixels;
   ZeroedVector<AovSums> aovs;  // empty unless layers are asked for
 
   FilmSums() = default;

@@ -166,7 +166,9 @@ class Rounds {
         film.pixels[at] = tile.sums[i];
         if (!tile.aovs.empty()) film.aovs[at] = tile.aovs[i];
       } else {
-        film.pixels[at].append(tile.sums[i]);
+        PixelSums sums = film.pixels[at];
+        sums.append(tile.sums[i]);
+        film.pixels[at] = sums;
         if (!tile.aovs.empty()) film.aovs[at].merge(tile.aovs[i]);
       }
     }
@@ -174,7 +176,8 @@ class Rounds {
 
   void show(const Rect& tile) const {
     const FilmSums& film = state_.film;
-    show_tile(picture_, tile, [&](const PixelPosition& p) { return Rgb(film.pixels[film.index(p.x, p.y)].mean()); });
+    show_tile(picture_, tile,
+              [&](const PixelPosition& p) { return Rgb(PixelSums(film.pixels[film.index(p.x, p.y)]).mean()); });
   }
 
   // Writes a checkpoint if one is due.

@@ -121,6 +121,29 @@ TEST(FilmSums, RoundsAddUpToOneSequence) {
   }
 }
 
+TEST(FilmSums, StoredSumsAreTheSums) {
+  std::mt19937 rng(6);
+  const std::vector<Rgb> samples = random_samples(rng, 8);
+  PixelSums whole, quarters;
+  whole.add(0, samples, 2.0, 0.25);
+  quarters.add_of(0, 8, samples, 2.0, 0.25);
+  const PixelSums w = StoredSums(whole), q = StoredSums(quarters), none = StoredSums(PixelSums());
+  EXPECT_EQ(StoredSums(whole).samples(), 8u);
+  EXPECT_EQ(w.mean(), whole.mean());
+  EXPECT_EQ(w.variance(), whole.variance());
+  EXPECT_EQ(none.samples(), 0u);
+  EXPECT_EQ(none.mean(), DVec3(0.0));
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_NEAR(q.mean()[c], quarters.mean()[c], 1e-6);
+    EXPECT_NEAR(q.half_difference()[c], quarters.half_difference()[c], 1e-6);
+    EXPECT_NEAR(q.quarter_difference()[c], quarters.quarter_difference()[c], 1e-6);
+  }
+  for (const PixelSums& sums : {w, q}) {
+    EXPECT_EQ(sums.work, 16.0f);
+    EXPECT_EQ(sums.seconds, 2.0);
+  }
+}
+
 TEST(FilmSums, OneSampleHasNoVariance) {
   PixelSums sums;
   const std::vector<Rgb> sample = {Rgb(2.0f)};
