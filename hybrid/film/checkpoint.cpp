@@ -60,10 +60,10 @@ class Reader {
   }
   template <class Vector>
   void take_array(Vector& values, uint64_t count) {
-    constexpr size_t k_size = sizeof(typename Vector::value_type);
-    if (count > bytes_.size() / k_size) damaged();
+    constexpr size_t element = sizeof(typename Vector::value_type);
+    if (count > bytes_.size() / element) damaged();
     values.resize(count);
-    if (count > 0) std::memcpy(static_cast<void*>(values.data()), take(count * k_size), count * k_size);
+    if (count > 0) std::memcpy(static_cast<void*>(values.data()), take(count * element), count * element);
   }
   bool at_end() const { return at_ == bytes_.size(); }
   [[noreturn]] void damaged() const {
