@@ -18,7 +18,7 @@ inline void want_huge_pages(void* memory, size_t bytes) {
   constexpr size_t k_page = size_t(2) << 20;
   const auto address = reinterpret_cast<size_t>(memory);
   const size_t begin = (address + k_page - 1) / k_page * k_page, end = (address + bytes) / k_page * k_page;
-  if (end > begin) madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
+  if (end > begin) madvise(static_cast<char*>(memory) + (begin - address), end - begin, MADV_HUGEPAGE);
 }
 
 // Throws std::bad_alloc, as std::allocator does.
