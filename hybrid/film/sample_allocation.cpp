@@ -34,9 +34,10 @@ struct CellSums {
 };
 
 CellSums sums_of(const PixelSums& p, ErrorMeasure measure) {
-  CellSums s = {1.0, half_difference(p, measure), p.work, double(p.samples())};
+  const DVec3 mean = p.mean();
+  CellSums s = {1.0, weighted_square(p.half_difference(), mean, measure), p.work, double(p.samples())};
   if (!p.has_quarters()) return s;
-  s.of_quarters = weighted_square(p.quarter_difference(), p.mean(), measure);
+  s.of_quarters = weighted_square(p.quarter_difference(), mean, measure);
   s.of_their_halves = s.square;
   return s;
 }
@@ -47,10 +48,6 @@ double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure me
   if (measure == ErrorMeasure::absolute) return (squares.x + squares.y + squares.z) / 3.0;
   const DVec3 weighted = squares / (value * value + k_relative_floor);
   return (weighted.x + weighted.y + weighted.z) / 3.0;
-}
-
-double half_difference(const PixelSums& pixel, ErrorMeasure measure) {
-  return weighted_square(pixel.half_difference(), pixel.mean(), measure);
 }
 
 NoiseCells::NoiseCells(const Rect& window) : window_(window) {

@@ -34,8 +34,6 @@ enum class ErrorMeasure { absolute, relative };
 
 // The mean over channels of squares, by the measure, where the picture's value is `value`.
 double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure measure);
-// That of PixelSums::half_difference().
-double half_difference(const PixelSums& pixel, ErrorMeasure measure);
 
 // One colour of one block. Pixels of the same cell always have the same number of samples.
 struct NoiseCell {

@@ -43,10 +43,7 @@ class Rounds {
       begin();
     } else {
       for (const Rect& tile : tiles_) show(tile);
-      if (picture_.by_rounds()) {
-        allocation_ = allocation();
-        work_before_ = allocation_->work();
-      }
+      if (picture_.by_rounds()) work_before_ = allocation().work();
     }
   }
 
@@ -67,10 +64,7 @@ class Rounds {
   void write(Image& image) {
     const FilmSums& film = state_.film;
     const Rect& w = film.window;
-    // An interrupted round has samples that it did not count.
-    if (job_.interrupted) allocation_ = {};
-    if (picture_.by_rounds() && !allocation_) allocation_ = allocation();
-    const double decay = allocation_ ? allocation_->decay() : 1.0;
+    const double decay = picture_.by_rounds() ? allocation().decay() : 1.0;
     parallel_for(size_t(w.height), [&](size_t row) {
       const int y = w.y + int(row);
       for (int x = w.x; x < w.x + w.width; ++x) {
@@ -79,8 +73,8 @@ class Rounds {
         write_pixel(picture_, {x, y}, film.pixels[i], aovs, decay, image);
       }
     });
-    if (!allocation_) return;
-    const SampleAllocation& noise = *allocation_;
+    if (!picture_.by_rounds()) return;
+    const SampleAllocation& noise = allocation();
     stats_.by_rounds = true;
     stats_.rounds = state_.round;
     stats_.error_noise = std::sqrt(noise.mean_square());
@@ -117,7 +111,11 @@ class Rounds {
     }
   }
 
-  SampleAllocation allocation() const { return {state_.film, options_.error_measure, state_.decay}; }
+  // Of all samples so far.
+  const SampleAllocation& allocation() {
+    if (!allocation_) allocation_.emplace(state_.film, options_.error_measure, state_.decay);
+    return *allocation_;
+  }
 
   // The samples of a pixel that the round adds, which go on where those before have ended.
   SampleRange samples_of(const PixelPosition& p) const {
@@ -128,6 +126,7 @@ class Rounds {
   }
 
   void trace() {
+    allocation_.reset();
     Pass pass;
     pass.in_quarters = picture_.by_rounds();
     pass.samples = [&](const PixelPosition& p) { return samples_of(p); };
@@ -198,7 +197,7 @@ class Rounds {
       const uint32_t done = state_.film.pixels[0].samples();
       return {uint32_t(std::max(picture_.most_samples - int(done), 0))};
     }
-    const SampleAllocation& allocation = allocation_.emplace(this->allocation());
+    const SampleAllocation& allocation = this->allocation();
     const double noise = allocation.mean_square();
     std::vector<uint32_t> none(cells_.count(), 0);
     const bool has_target = options_.target_error > 0.0f;
@@ -242,7 +241,7 @@ class Rounds {
   std::string failure_;      // of the last checkpoint
   const Clock::time_point begin_ = Clock::now();
   Clock::time_point kept_ = begin_;
-  std::optional<SampleAllocation> allocation_;  // of the rounds so far
+  std::optional<SampleAllocation> allocation_;  // made when it is asked for
   double work_before_ = 0.0;
   double done_ = 0.0, expected_ = 0.1;  // shares of the work, for the progress line
 };
