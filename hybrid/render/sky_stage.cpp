@@ -26,6 +26,8 @@ constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directio
 // Of crowds, whose cells read several objects each, in pictures of fewer light samples a pixel than k_few_samples.
 constexpr int k_crowd_directions = 12;
 constexpr uint64_t k_few_samples = 4;
+// Pictures of fewer light samples a pixel have more noise than the errors of coarse maps.
+constexpr uint64_t k_coarse_samples = 16;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
 
@@ -39,7 +41,7 @@ SkyTolerance sky_tolerance(float slack) {
 
 int wanted_directions(bool crowd, float slack, uint64_t samples) {
   if (crowd) return slack >= 1.0f && samples < k_few_samples ? k_crowd_directions : k_coarse_directions;
-  if (slack >= k_coarse_tolerance) return k_coarse_directions;
+  if (slack >= k_coarse_tolerance || (slack >= 1.0f && samples < k_coarse_samples)) return k_coarse_directions;
   return slack <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
 }
 

@@ -65,10 +65,16 @@ float height_of(const PlaneLines& plane, const Vec3& p) {
   return h[0] * p.x + h[1] * p.y + h[2] * p.z + h[3];
 }
 
+// Whether a plane at this height leaves the ball on one side.
+bool is_apart(float height, const Sphere& ball) {
+  constexpr float k_rounding = 1e-3f;
+  return std::abs(height) > (1.0f + k_rounding) * ball.radius;
+}
+
 // Whether the cell leaves the plane on the side on which all points of the ball are, so that none sees it there.
 bool turns_away(const PlaneLines& plane, const Sphere& from, float half) {
   const float height = height_of(plane, from.centre);
-  return std::abs(height) > from.radius && (height > 0.0f ? plane.centre.rise : -plane.centre.rise) > half;
+  return is_apart(height, from) && (height > 0.0f ? plane.centre.rise : -plane.centre.rise) > half;
 }
 
 // Whether the plane hides all of the cell from all points of the ball: share_of_slope()
@@ -78,7 +84,7 @@ bool hides(const PlaneLines& plane, const Sphere& from, float half) {
   half *= 1.0f + k_rounding;
   const float height = height_of(plane, from.centre), high = std::abs(height) + from.radius;
   const float fall = height > 0.0f ? -plane.centre.rise : plane.centre.rise;
-  if (!(std::abs(height) > from.radius) || fall < half) return false;
+  if (!is_apart(height, from) || fall < half) return false;
   const auto within = [&](const float* row, float change, float per_unit) {
     const float at = row[0] * from.centre.x + row[1] * from.centre.y + row[2] * from.centre.z + row[3];
     const float per_length = std::sqrt(per_unit), edge = 1.0f - std::abs(at) - from.radius * per_length;

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "core/mesh/mesh_procedural.h"
@@ -23,7 +24,8 @@ struct Under : test::SceneMaker {
   uint32_t floor, knot;
   std::unique_ptr<Accel> accel;
   std::unique_ptr<SkyMaps> maps;
-  std::unique_ptr<Sky> sky, near_sky;  // the latter: what is farther than 1 hides nothing
+  // What is farther than 1 hides nothing of the second; objects send light back to the third.
+  std::unique_ptr<Sky> sky, near_sky, lit_sky;
 
   Under() {
     const uint32_t grey = bsdf(BsdfKind::diffuse, Rgb(0.5f));
@@ -50,6 +52,21 @@ struct Under : test::SceneMaker {
     maps = std::make_unique<SkyMaps>(scene, traits, std::move(shapes), std::move(baked), k_directions, SkyTolerance());
     sky = std::make_unique<Sky>(*maps, SkyRadiance(scene));
     near_sky = std::make_unique<Sky>(*maps, SkyRadiance(scene), 1.0f);
+    lit_sky = std::make_unique<Sky>(*maps, SkyRadiance(scene));
+    lit_sky->set_indirect(random_light(traits));
+  }
+
+  std::shared_ptr<const IndirectLight> random_light(std::span<const ShapeTraits> traits) const {
+    const std::vector<uint8_t> sends(scene.instances.size(), 1);
+    const auto light = std::make_shared<IndirectLight>(scene, *accel, *maps, traits, sends, IndirectSize{8, 16, 16});
+    TestRandom random(5);
+    for (size_t i = 0; i < light->size(); ++i) {
+      std::vector<Rgb> radiance(light->surfels(i).points.size());
+      for (Rgb& r : radiance) r = Rgb(random.uniform(), random.uniform(), random.uniform());
+      light->set_radiance(i, radiance);
+    }
+    light->finish();
+    return light;
   }
 
   // Points on `on` that rays from about `at` meet, padded as the kernels want them.
@@ -105,11 +122,11 @@ TEST(CellOccluders, SharingChangesNothing) {
   const std::vector<Isa> isas = supported_isas();
   CellOccluders occluders;
   CellScratch scratch;
-  size_t shared = 0, undecided = 0;
+  size_t shared = 0, undecided = 0, reflected = 0;
   for (size_t trial = 0; trial < 240; ++trial) {
-    const Isa isa = isas[trial / 2 % isas.size()];
-    const Sky& sky = trial % 2 ? *scene.near_sky : *scene.sky;
-    const uint32_t on = trial % 3 ? scene.knot : scene.floor;
+    const Isa isa = isas[trial % isas.size()];
+    const Sky& sky = *std::array{scene.sky.get(), scene.near_sky.get(), scene.lit_sky.get()}[trial / 5 % 3];
+    const uint32_t on = trial / 15 % 3 ? scene.knot : scene.floor;
     const Vec3 at = random.direction() * 4.0f * Vec3(1, 1, 0.4f) + Vec3(0, 0, 3);
     const ShadingPointBatch points = scene.points_on(on, at, 1 + random.index(60), random);
     const size_t size = padded(points.size);
@@ -121,7 +138,7 @@ TEST(CellOccluders, SharingChangesNothing) {
       if (occluders.is_clear(k)) continue;
       OwnObject own;
       const CellTask task = occluders.task(k, own);
-      EXPECT_TRUE(task.clear > 0.0f || &sky == scene.sky.get());
+      EXPECT_TRUE(task.clear > 0.0f || &sky != scene.near_sky.get());
       const int open = occluders.kernel_for(isa)(task, view_of(points), expected.view(), listed.data());
       alone += uint64_t(task.map_count + (task.own != nullptr)) * points.size;
       for (int j = 0; j < open; ++j) {
@@ -131,13 +148,14 @@ TEST(CellOccluders, SharingChangesNothing) {
     const uint64_t lookups =
         occluders.see(isa, view_of(points), found.view(), scratch,
                       [&](const CellTask&, size_t k, uint32_t i) { found.undecided.emplace_back(uint32_t(k), i); });
-    if (&sky == scene.sky.get()) {
-      EXPECT_LE(lookups, alone);
-    } else {
+    if (&sky == scene.near_sky.get()) {
       EXPECT_EQ(lookups, alone);
+    } else {
+      EXPECT_LE(lookups, alone);
     }
     shared += lookups < alone, undecided += found.undecided.size();
     ASSERT_EQ(found.undecided, expected.undecided) << trial;
+    reflected += found.values[3][0] > 0.0f;
     for (int channel = 0; channel < 6; ++channel) {
       for (size_t i = 0; i < points.size; ++i) {
         ASSERT_EQ(found.values[channel][i], expected.values[channel][i]) << trial << " " << i;
@@ -146,6 +164,7 @@ TEST(CellOccluders, SharingChangesNothing) {
   }
   EXPECT_GT(shared, 20u);
   EXPECT_GT(undecided, 100u);
+  EXPECT_GT(reflected, 20u);
 }
 
 // Of a cell that a parallelogram hides from all points, it blocks all rays by itself.

@@ -233,6 +233,21 @@ TEST(SkyLight, OfABrightHorizonIsNearMonteCarlo) {
   expect_near(r.image, exact.image, s.floor + 2, 0.02, 100);
 }
 
+// Finer maps would pay for so large a film, but their errors do not show beside the noise of few samples.
+TEST_P(SkyPicture, OfFewSamplesHasCoarseMaps) {
+  constexpr int k_size = 48, k_few = 15;
+  SkyScene s(GetParam(), k_size, 2 * k_coarse);
+  s.object(knot(), placed(turned() * 0.9f, {0, 0, 1.3f}));
+  const Image exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, 1024)).image;
+  const Image noisy = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, k_few)).image;
+  const RenderResult r = render(s.scene, options_for(s.scene, Method::hybrid, k_size, 1, k_few));
+  EXPECT_EQ(r.stats.sky_directions, 16);
+  EXPECT_EQ(render(s.scene, options_for(s.scene, Method::hybrid, k_size, 1, k_few + 1)).stats.sky_directions, 32);
+  for (const uint32_t i : {0u, 1u}) {
+    EXPECT_LT(difference(r.image, exact, i).rmse, 0.5 * difference(noisy, exact, i).rmse) << i;
+  }
+}
+
 // Four camera samples share what they see: amid a picture of 160 pixels a side they lie close together.
 TEST_P(SkyPicture, OfSharedVisibilityIsNearMonteCarlo) {
   constexpr int k_size = 40;
