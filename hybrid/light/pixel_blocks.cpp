@@ -80,6 +80,7 @@ bool PixelBlocks::is_even(const Block& block) const {
     nearest = std::min(nearest, distance), farthest = std::max(farthest, distance);
   }
   if (farthest > k_sample_radius * widest_) return false;
+  const auto is_near = [](const Vec3& apart, float length) { return glm::dot(apart, apart) <= length * length; };
   const float extent = k_bent_position * nearest;
   const auto position = fit.fit([&](size_t s) { return position_of(*points_, block.sample[s]); });
   const auto shading = fit.fit([&](size_t s) { return shading_of(*points_, block.sample[s]); });
@@ -87,9 +88,9 @@ bool PixelBlocks::is_even(const Block& block) const {
   for (uint32_t m = block.begin; m < block.end; ++m) {
     const uint32_t i = members_[m];
     const Offset o = offset_of(pixels_[i]);
-    if (!(glm::length(position(o) - position_of(*points_, i)) <= extent) ||
-        !(glm::length(shading(o) - shading_of(*points_, i)) <= k_bent_normal) ||
-        !(glm::length(geometric(o) - geometric_of(*points_, i)) <= k_bent_normal))
+    if (!is_near(position(o) - position_of(*points_, i), extent) ||
+        !is_near(shading(o) - shading_of(*points_, i), k_bent_normal) ||
+        !is_near(geometric(o) - geometric_of(*points_, i), k_bent_normal))
       return false;
   }
   return true;

@@ -15,15 +15,19 @@ Vec3 direction_of(const Vec3& sum, const Vec3& otherwise) {
   return length > 0.0f ? sum / length : otherwise;
 }
 
-// Sum of values[i] - origin, in eight running sums that the compiler vectorises.
+// Sum of values[i] - origin, in eight running sums that the compiler vectorises, and in four where fewer are left.
 float sum_from(const float* values, size_t count, float origin) {
-  float sums[8] = {};
+  float sums[8] = {}, rest = 0.0f;
   size_t i = 0;
   for (; i + 8 <= count; i += 8) {
     for (size_t j = 0; j < 8; ++j) sums[j] += values[i + j] - origin;
   }
-  for (size_t j = 0; i < count; ++i, ++j) sums[j] += values[i] - origin;
-  return ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7]));
+  if (i + 4 <= count) {
+    for (size_t j = 0; j < 4; ++j) sums[j] += values[i + j] - origin;
+    i += 4;
+  }
+  for (; i < count; ++i) rest += values[i] - origin;
+  return ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7])) + rest;
 }
 
 // The largest of value(i) >= 0 for i < count. As integers, which have the same order, because the compiler vectorises
