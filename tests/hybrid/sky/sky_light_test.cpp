@@ -235,7 +235,7 @@ TEST(SkyLight, OfABrightHorizonIsNearMonteCarlo) {
 
 // Finer maps would pay for so large a film, but their errors do not show beside the noise of few samples.
 TEST_P(SkyPicture, OfFewSamplesHasCoarseMaps) {
-  constexpr int k_size = 48, k_few = 15;
+  constexpr int k_size = 48, k_few = 7;
   SkyScene s(GetParam(), k_size, 2 * k_coarse);
   s.object(knot(), placed(turned() * 0.9f, {0, 0, 1.3f}));
   const Image exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, 1024)).image;
