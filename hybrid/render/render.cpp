@@ -6,10 +6,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <future>
 #include <limits>
 #include <memory>
 #include <thread>
 
+#include "field/file/vdb_grid.h"
 #include "hybrid/fields/field_resolution.h"
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
@@ -325,6 +327,12 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
+    // Surveys of pictures by rounds may leave all lights but skies to rays.
+    std::future<void> vdb;
+    const auto open_vdb = [&] {
+      if (picture.by_rounds() && picture.wants_fields && !options.field_cache.empty()) vdb = open_vdb_early();
+    };
+    if (has_sky(scene)) open_vdb();
     const Clock::time_point build_begin = Clock::now();
     const Accel accel(scene);
     result.stats.time_build = seconds_since(build_begin);
@@ -343,6 +351,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     } else if (picture.by_rounds()) {
       expect_samples(picture, stage, result.stats);
     }
+    if (!vdb.valid() && stage.uses_fields()) open_vdb();
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);
