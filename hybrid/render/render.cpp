@@ -48,13 +48,16 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   const bool is_lit = has_sky(picture.scene) && depth != 0 && depth != 1;
   // A light sample sends one ray to the sky and one from the material.
   const uint64_t light_rays = 2 * picture.rays_per_light();
-  if (is_lit || plans_indirect(picture.scene, stage.traits, depth, light_rays)) {
+  const bool is_indirect = plans_indirect(picture.scene, stage.traits, depth, light_rays);
+  if (is_lit || is_indirect) {
     request.light_rays = uint64_t(diffuse_share(picture.scene, stage.accel, stage.camera) * double(light_rays));
   }
   if (picture.settings.occlusion) request.occlusion_rays = picture.rays_per_light();
   request.occlusion_distance = picture.settings.occlusion_distance;
-  request.samples = uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
-  if (picture.by_rounds()) request.samples = std::numeric_limits<uint64_t>::max();
+  // Light from surface to surface is smooth: errors of its maps show beside the noise of any number of samples.
+  const bool any_number = picture.by_rounds() || is_indirect;
+  request.samples = any_number ? std::numeric_limits<uint64_t>::max()
+                               : uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   request.coarse = stage.accuracy == FieldAccuracy::coarse_maps;
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
   return request;
@@ -327,7 +330,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
-    // Surveys of pictures by rounds may leave all lights but skies to rays.
+    // Surveys often leave area lights to rays in pictures by rounds, and hardly ever skies.
     std::future<void> vdb;
     const auto open_vdb = [&] {
       if (picture.by_rounds() && picture.wants_fields && !options.field_cache.empty()) vdb = open_vdb_early();
@@ -345,6 +348,11 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     if (options.slice) result.part = part_of(picture);
     if (!options.resume.empty()) {
       stage.resumed = read_checkpoint(options.resume, stage.identity);
+      const int planned = stage.resumed->planned_samples;
+      if (!picture.by_rounds() && picture.spp < planned) {
+        throw Error({options.resume}, "holds a picture of " + std::to_string(planned) +
+                                          " samples a pixel; give --spp " + std::to_string(planned) + " or more");
+      }
       stage.accuracy = stage.resumed->accuracy;
       picture.expect(stage.resumed->planned_samples);
       result.stats.resumed = true;

@@ -26,7 +26,7 @@ constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directio
 // Of crowds, whose cells read several objects each, in pictures of fewer light samples a pixel than k_few_samples.
 constexpr int k_crowd_directions = 12;
 constexpr uint64_t k_few_samples = 4;
-// Pictures of fewer light samples a pixel have more noise than the errors of coarse maps.
+// In pictures of fewer light samples a pixel the errors of coarse maps hardly show beside the noise.
 constexpr uint64_t k_coarse_samples = 8;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;

@@ -26,7 +26,7 @@ struct SkyRequest {
   // Rays of the whole film that maps would spare Monte Carlo; 0: not wanted.
   uint64_t light_rays = 0, occlusion_rays = 0;
   float occlusion_distance = k_infinity;  // of the layer `ao`
-  // Light samples of a pixel; the most that there may be where rounds decide.
+  // Light samples of a pixel; the most that there may be where their number tells nothing of the noise.
   uint64_t samples = 0;
   uint64_t most_bytes = 0;  // that maps may take
   bool coarse = false;      // maps for light have no more directions than for few samples

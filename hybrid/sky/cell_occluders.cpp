@@ -65,16 +65,19 @@ float height_of(const PlaneLines& plane, const Vec3& p) {
   return h[0] * p.x + h[1] * p.y + h[2] * p.z + h[3];
 }
 
-// Whether a plane at this height leaves the ball on one side.
-bool is_apart(float height, const Sphere& ball) {
-  constexpr float k_rounding = 1e-3f;
-  return std::abs(height) > (1.0f + k_rounding) * ball.radius;
+// Whether the ball lies on one side of the plane, `height` (height_of()) from its centre: by more than the heights of
+// its points and its radius are rounded.
+bool is_apart(const PlaneLines& plane, float height, const Sphere& ball) {
+  const float* const h = plane.height;
+  const Vec3 c = glm::abs(ball.centre);
+  const float largest = std::abs(h[0]) * c.x + std::abs(h[1]) * c.y + std::abs(h[2]) * c.z + std::abs(h[3]);
+  return std::abs(height) > ball.radius + gamma_bound(16) * (largest + ball.radius);
 }
 
 // Whether the cell leaves the plane on the side on which all points of the ball are, so that none sees it there.
 bool turns_away(const PlaneLines& plane, const Sphere& from, float half) {
   const float height = height_of(plane, from.centre);
-  return is_apart(height, from) && (height > 0.0f ? plane.centre.rise : -plane.centre.rise) > half;
+  return is_apart(plane, height, from) && (height > 0.0f ? plane.centre.rise : -plane.centre.rise) > half;
 }
 
 // Whether the plane hides all of the cell from all points of the ball: share_of_slope()
@@ -84,7 +87,7 @@ bool hides(const PlaneLines& plane, const Sphere& from, float half) {
   half *= 1.0f + k_rounding;
   const float height = height_of(plane, from.centre), high = std::abs(height) + from.radius;
   const float fall = height > 0.0f ? -plane.centre.rise : plane.centre.rise;
-  if (!is_apart(height, from) || fall < half) return false;
+  if (!is_apart(plane, height, from) || fall < half) return false;
   const auto within = [&](const float* row, float change, float per_unit) {
     const float at = row[0] * from.centre.x + row[1] * from.centre.y + row[2] * from.centre.z + row[3];
     const float per_length = std::sqrt(per_unit), edge = 1.0f - std::abs(at) - from.radius * per_length;

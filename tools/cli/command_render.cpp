@@ -256,8 +256,8 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   ProgressLine progress(!arguments.quiet);
   progress.update(0.0, "loading");
   std::future<void> opened;  // while the scene is loaded; pictures by rounds open it where they come to want it
-  const RenderOptions& wanted = arguments.options;
-  if (wanted.method == Method::hybrid && !wanted.field_cache.empty() && !wanted.by_rounds()) opened = open_vdb_early();
+  const RenderOptions& o = arguments.options;
+  if (o.method == Method::hybrid && !o.field_cache.empty() && !o.by_rounds()) opened = open_vdb_early();
   const Scene scene = load_scene(arguments.scene, progress);
   require_distinct_files(outputs_of(arguments), scene.files);
   const double load_seconds = seconds_since(start);

@@ -198,6 +198,13 @@ TEST(Checkpoints, GoOnForMoreSamplesOrLessError) {
   EXPECT_LT(more.stats.rays_primary, uint64_t(61 * k_size * k_size));
   o.spp = 16;
   EXPECT_EQ(render(scene, o).image.data, more.image.data) << "fewer samples than there are change nothing";
+  o.spp = 3;
+  try {
+    render(scene, o);
+    ADD_FAILURE() << "what was decided for 4 samples is not what 3 would have";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("give --spp 4 or more"), std::string::npos) << error.what();
+  }
 
   RenderOptions e = options_of(Method::hybrid, 0.04f, 3);
   e.checkpoint = folder.path() + "/error";

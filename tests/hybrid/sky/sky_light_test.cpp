@@ -17,7 +17,7 @@ using test::SceneMaker;
 
 constexpr float k_albedo = 0.5f;
 // Maps are baked for what a whole film sends to the sky: it is far larger than the window that tests render.
-// 2,048 samples a side of the film: D = 16 for up to two shapes; 4,096: D = 32.
+// 2,048 samples a side of the film: D = 16 for up to two shapes; 4,096, with 8 light samples or more: D = 32.
 constexpr int k_coarse = 2048;
 
 enum class Sky { constant, map, sun, horizon };
