@@ -18,7 +18,7 @@ namespace {
 constexpr size_t k_sky_batch = 256;
 // Clusters whose normals spread more (ShadingCluster::spread) are lit in so many parts.
 constexpr float k_widest_spread = 0.25f;
-constexpr uint32_t k_wide_cluster_parts = 8;
+constexpr uint32_t k_wide_cluster_parts = 32;
 // How far what was asked for may lie from its fit, for each unit of tolerance, in units of the open sky.
 constexpr float k_fit_tolerance = 0.05f;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
@@ -287,7 +287,8 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
       ShadingCluster part = cluster;
       part.begin = cluster.begin + cluster.size() * k / parts,
       part.end = cluster.begin + cluster.size() * (k + 1) / parts;
-      add(part, receivers.points, part.begin);
+      // The first samples of a pixel lie apart; every n-th lies near the others.
+      add(part, receivers.points, cluster.begin + k);
     }
   }
   const size_t count = clusters_.size();
