@@ -16,9 +16,9 @@ namespace {
 
 // Shading points that share what is set up for a cell.
 constexpr size_t k_sky_batch = 256;
-// Clusters whose normals spread more (ShadingCluster::spread) are lit in so many parts.
+// Clusters whose normals spread more (ShadingCluster::spread) are lit at so many of their points, or at twice as many.
 constexpr float k_widest_spread = 0.25f;
-constexpr uint32_t k_wide_cluster_parts = 32;
+constexpr uint32_t k_wide_cluster_points = 32;
 // How far what was asked for may lie from its fit, for each unit of tolerance, in units of the open sky.
 constexpr float k_fit_tolerance = 0.05f;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
@@ -104,6 +104,13 @@ void SkyLight::sample_open_cells(const Job& job) {
   }
 }
 
+// The receiver that ray k of a point leaves from.
+size_t SkyLight::start_of_ray(const Job& job, size_t point, uint32_t k) const {
+  const uint32_t own = own_points_[job.numbers[point]];
+  const ShadingCluster& cluster = job.clusters[point];
+  return own != k_none ? own : cluster.begin + k % cluster.size();
+}
+
 // Draws the rays of one point.
 void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) {
   const uint32_t point = cells[0].point;
@@ -126,7 +133,7 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     const OpenCell& open = cells[size_t(place)];
     const auto in_cell = scalar::sample_2d(uint32_t(k), seed, 0);
     const Vec3 d = direction_in(open.cell, in_cell.x, in_cell.y);
-    const size_t from = cluster.begin + size_t(k) % cluster.size();
+    const size_t from = start_of_ray(job, point, uint32_t(k));
     const float cosine = glm::dot(n, d);
     if (!(cosine > 0.0f && glm::dot(d, geometric(all, from)) > 0.0f)) continue;
     if (rays_.ox.size() <= cell_rays_.size()) rays_.resize(2 * cell_rays_.size() + k_batch_padding);
@@ -260,19 +267,20 @@ float SkyLight::light_bodies(const ShadingCluster& cluster, std::span<const Path
   return grazing;
 }
 
-// One point stands for a cluster whose normals hardly differ; of others, for each of a few parts one of its own points.
+// One point stands for a cluster whose normals hardly differ; for others, some of their own.
 void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& receivers,
                              std::span<const PathVertex> vertices) {
   ShadingPointBatch centres;
   clusters.centres(0, clusters.size(), centres);
   clusters_.clear();
-  grazing_of_.clear();
+  grazing_of_.clear(), own_points_.clear();
   points_.resize(receivers.size());
   float grazing = 0.0f;
   const auto add = [&](const ShadingCluster& part, const ShadingPointBatch& from, size_t i) {
     points_.copy(clusters_.size(), from, i, 1);
     clusters_.push_back(part);
     grazing_of_.push_back(grazing);
+    own_points_.push_back(&from == &centres ? k_none : uint32_t(i));
   };
   for (size_t c = 0; c < clusters.size(); ++c) {
     const ShadingCluster& cluster = clusters[c];
@@ -282,13 +290,16 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
       add(cluster, centres, c);
       continue;
     }
-    const uint32_t parts = std::min(cluster.size(), k_wide_cluster_parts);
-    for (uint32_t k = 0; k < parts; ++k) {
+    // The first samples of a sequence are spread evenly, every n-th is not. Each sequence has points of its own.
+    const auto& seed = receivers.points.seed;
+    for (uint32_t begin = cluster.begin, end = begin; begin < cluster.end; begin = end) {
+      while (end < cluster.end && seed[end] == seed[begin]) ++end;
+      const uint32_t each = std::max((end - begin) / k_wide_cluster_points, 1u);
       ShadingCluster part = cluster;
-      part.begin = cluster.begin + cluster.size() * k / parts,
-      part.end = cluster.begin + cluster.size() * (k + 1) / parts;
-      // The first samples of a pixel lie apart; every n-th lies near the others.
-      add(part, receivers.points, cluster.begin + k);
+      for (uint32_t k = 0; begin + k * each < end; ++k) {
+        part.begin = begin + k * each, part.end = std::min(part.begin + each, end);
+        add(part, receivers.points, begin + k);
+      }
     }
   }
   const size_t count = clusters_.size();
@@ -418,7 +429,6 @@ void SkyLight::check_fitted(const Job& job) {
 
 void SkyLight::check_point(const Job& job, size_t point) {
   const CellKernel kernel = occluders_.kernel_for(context_.settings.isa);
-  const ShadingCluster& cluster = job.clusters[point];
   const ShadingPointBatch& all = job.receivers.points;
   CellPoints points = cell_points();
   points.grazing = 0.0f;
@@ -452,7 +462,7 @@ void SkyLight::check_point(const Job& job, size_t point) {
       const float x = (float(i / k_check_side) + 0.5f) / float(k_check_side);
       const float y = (float(i % k_check_side) + 0.5f) / float(k_check_side);
       const Vec3 d = direction_in(occluders_.cells()[k], x, y);
-      rays.set(size_t(i), leave(all, cluster.begin + uint32_t(i) % cluster.size(), d), d, sky_->distance());
+      rays.set(size_t(i), leave(all, start_of_ray(job, point, uint32_t(i)), d), d, sky_->distance());
     }
     AlignedVector<uint8_t> blocked(padded(size_t(k_check_rays)), 0);
     context_.accel.occluded(rays, indices, blocked.data());
@@ -463,7 +473,6 @@ void SkyLight::check_point(const Job& job, size_t point) {
 
 // Compares what objects send back to a point with the radiance of what rays meet, distributed by the cosine.
 void SkyLight::check_indirect(const Job& job, size_t point) {
-  const ShadingCluster& cluster = job.clusters[point];
   const ShadingPointBatch& all = job.receivers.points;
   const Frame frame = frame_about(shading(centres_, point));
   const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream);
@@ -476,7 +485,7 @@ void SkyLight::check_indirect(const Job& job, size_t point) {
     const auto u = scalar::sample_2d(k, seed, 2);
     const float radius = std::sqrt(u.x), angle = 2.0f * k_pi * u.y;
     const Vec3 d = frame.to_world({radius * std::cos(angle), radius * std::sin(angle), std::sqrt(1.0f - u.x)});
-    const size_t from = cluster.begin + k % cluster.size();
+    const size_t from = start_of_ray(job, point, k);
     if (glm::dot(d, geometric(all, from)) > 0.0f) rays.set(count++, leave(all, from, d), d, k_infinity);
   }
   rays.resize(count);

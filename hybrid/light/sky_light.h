@@ -108,6 +108,7 @@ class SkyLight {
   void add_open_cell(const CellTask& task, uint32_t cell, uint32_t point);
   void sort_open_cells();
   void sample_open_cells(const Job& job);
+  size_t start_of_ray(const Job& job, size_t point, uint32_t k) const;
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
   void trace(const Job& job);
   void add_rays();
@@ -133,6 +134,7 @@ class SkyLight {
   std::vector<ShadingCluster> clusters_;  // those to light, in parts where they are wide
   ShadingPointBatch points_;              // what stands for each
   std::vector<float> grazing_of_;         // CellPoints::grazing of these
+  std::vector<uint32_t> own_points_;      // receivers at which these are lit; k_none: at a cluster's centre
   std::vector<Sphere> places_;            // of these
   std::vector<Rgb> open_irradiance_;      // of these, of the open sky
   std::vector<SkyArrival> arrivals_;      // at these

@@ -350,7 +350,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       stage.resumed = read_checkpoint(options.resume, stage.identity);
       const int planned = stage.resumed->planned_samples;
       if (!picture.by_rounds() && picture.spp < planned) {
-        throw Error({options.resume}, "holds a picture of " + std::to_string(planned) +
+        throw Error({options.resume}, "was begun for " + std::to_string(planned) +
                                           " samples a pixel; give --spp " + std::to_string(planned) + " or more");
       }
       stage.accuracy = stage.resumed->accuracy;
