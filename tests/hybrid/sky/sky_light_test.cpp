@@ -233,6 +233,23 @@ TEST(SkyLight, OfABrightHorizonIsNearMonteCarlo) {
   expect_near(r.image, exact.image, s.floor + 2, 0.02, 100);
 }
 
+// Pixels of a tube's silhouettes are lit at several of their points, which must be spread over them.
+TEST(SkyLight, SilhouettesLoseNoiseWithSamples) {
+  constexpr int k_size = 96;
+  SkyScene s(Sky::constant, k_size, k_size);
+  s.scene.instances.clear();
+  // As bright as the sky where it is open, so that its outline is no noise.
+  s.instance(s.mesh(knot()), s.bsdf(BsdfKind::diffuse, Rgb(1.0f)), placed(turned(), {0, 0, 1.3f}));
+  const auto noise = [&](int spp) {
+    RenderOptions o = options_for(s.scene, Method::hybrid, k_size, spp, 1);
+    o.directions = 32;  // by request: nothing is left to rays for its cost
+    const Image a = render(s.scene, o).image;
+    o.seed = 2;
+    return difference(a, render(s.scene, o).image, 0).rmse;
+  };
+  EXPECT_LT(noise(256), 0.3 * noise(16));  // .20; .43 with every n-th of the points
+}
+
 // Finer maps would pay for so large a film, but their errors do not show beside the noise of few samples.
 TEST_P(SkyPicture, OfFewSamplesHasCoarseMaps) {
   constexpr int k_size = 48, k_few = 7;
