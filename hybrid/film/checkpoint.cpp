@@ -14,7 +14,7 @@
 namespace fieldtrace {
 namespace {
 
-constexpr char k_magic[] = "fieldtrace checkpoint 6\n";
+constexpr char k_magic[] = "fieldtrace checkpoint 7\n";
 constexpr size_t k_magic_size = sizeof(k_magic) - 1;
 static_assert(std::is_trivially_copyable_v<StoredSums> && std::is_trivially_copyable_v<AovSums>);
 
@@ -38,6 +38,7 @@ nlohmann::json header_of(const Checkpoint& c) {
   j["lobe_samples"] = c.lobe_samples;
   j["restarts"] = c.restarts;
   j["decay"] = c.decay;
+  j["first_mean_square"] = c.first_mean_square;
   j["round"] = c.round;
   j["window"] = {c.film.window.x, c.film.window.y, c.film.window.width, c.film.window.height};
   j["counts"] = c.counts.size();
@@ -153,6 +154,7 @@ Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& ident
   c.lobe_samples = j.at("lobe_samples");
   c.restarts = j.at("restarts");
   c.decay = j.at("decay");
+  c.first_mean_square = j.at("first_mean_square");
   c.round = j.at("round");
   const auto& w = j.at("window");
   c.film.window = {w.at(0), w.at(1), w.at(2), w.at(3)};

@@ -35,6 +35,8 @@ struct Checkpoint {
   uint64_t restarts = 0;  // of the render, because fields had outgrown their memory
 
   double decay = 1.0;  // of noise by samples, as surveys showed it (SampleAllocation::decay())
+  // The noise of one sample of each pixel, as a survey showed it, if the first round takes no more; else 0.
+  double first_mean_square = 0.0;
 
   uint32_t round = 0;               // the one that is being traced
   std::vector<uint32_t> counts;     // its samples of a pixel, by cell; by one number for all where there are no cells

@@ -77,6 +77,7 @@ void PixelSums::merge(const PixelSums& other) {
 }
 
 DVec3 PixelSums::half_difference() const {
+  if (!has_halves()) return DVec3(0.0);
   const DVec3 half = 0.5 * (mean_of(0) - mean_of(1));
   return half * half;
 }

@@ -1,7 +1,7 @@
 // What the camera samples of a picture add up to, pixel by pixel.
 //
 // A pixel's samples are one sequence. Where a picture's error is estimated it is kept in quarters, one after the other,
-// and has a power of two of samples, at least 2: halves and quarters of such a sequence are as well distributed as the
+// and has a power of two of samples, 2 or more unless one will do: halves and quarters of such a sequence are as well distributed as the
 // whole, and how much they differ tells the variance of the mean. Other pictures have the first quarter alone.
 // Thread-safety: values; a pixel belongs to one thread at a time.
 #pragma once
@@ -44,7 +44,8 @@ struct PixelSums {
   bool has_halves() const { return count[1] > 0; }
   bool has_quarters() const { return count[0] > 1 && has_halves(); }
   // The square of half the halves' difference, by channel, a random number with one degree of freedom: in the mean what
-  // the variance of the mean has fallen by from half the samples to all, and itself where halves are independent.
+  // the variance of the mean has fallen by from half the samples to all, and itself where halves are independent. 0
+  // for one sample.
   DVec3 half_difference() const;
   // The same of the quarters of each half, mean of both: what it fell by from a quarter to half of the samples.
   DVec3 quarter_difference() const;

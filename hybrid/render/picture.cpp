@@ -122,6 +122,10 @@ int Picture::open_samples(double open_rays) const {
   return is_adaptive() ? open_light_samples(options.light_samples, open_rays) : options.light_samples;
 }
 
+int Picture::open_sun_samples() const {
+  return is_adaptive() ? std::max(options.light_samples, k_open_sun_samples) : 1;
+}
+
 float Picture::light_tolerance(int open_samples) const {
   if (options.tolerance) return *options.tolerance;
   if (options.target_error > 0.0f) return k_default_tolerance;  // a survey tells whether it will do

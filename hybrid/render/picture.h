@@ -54,6 +54,7 @@ struct Picture {
   bool is_adaptive() const;  // whether lights that may be hidden get more light samples
   // Light samples of each camera sample where lights may be hidden; `open_rays` as FieldSurvey::open_rays.
   int open_samples(double open_rays) const;
+  int open_sun_samples() const;  // the same of suns
   // That of lights, which take `open_samples` light samples for each camera sample.
   float light_tolerance(int open_samples) const;
   bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
@@ -64,6 +65,12 @@ struct Picture {
 
 // The pixels of the film's crop window; of `requested` if given. Throws UsageError if that does not lie within.
 Rect crop_window(const Film& film, const std::optional<Rect>& requested);
+
+// The noise of rays alone with these light samples of each camera sample, `open` where a light may be hidden.
+struct RayNoise {
+  int light_samples = 1, open_light_samples = 1;
+  NoiseForecast noise;
+};
 
 // What is made from a picture's scene, once for all attempts.
 struct Stage {
@@ -76,7 +83,7 @@ struct Stage {
   SkyStage sky = {};
   VisibilityDevice* device = nullptr;  // null: the CPU
   FieldAccuracy accuracy = FieldAccuracy::usual;
-  NoiseForecast ray_noise = {};  // of a picture by rounds, by rays alone
+  std::vector<RayNoise> ray_noise = {};  // of a picture by rounds; the first: with the light samples of the options
   // Of each sequence with which the error of fields is surveyed: as many as rays take to the error, or in the time.
   double survey_samples = 0.0;
   std::vector<SequencePair> ray_survey = {};       // what rays gave then, for every accuracy

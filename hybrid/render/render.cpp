@@ -189,7 +189,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
   tracing.sky_by_maps = stage.sky.light != nullptr && stage.uses_fields();
   tracing.open_light_samples = stats.open_light_samples = open_samples;
-  if (picture.is_adaptive()) tracing.open_sun_samples = std::max(options.light_samples, k_open_sun_samples);
+  tracing.open_sun_samples = picture.open_sun_samples();
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, tracing, stage.lights);
   const bool estimates = stage.uses_fields();
   context.sky = estimates ? stage.sky.light.get() : nullptr;
@@ -224,10 +224,10 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     if (!stage.resumed) state.identity = stage.identity;
     state.restarts = stats.field_restarts;
     state.expected_samples = picture.spp;
-    state.decay = stage.ray_noise.decay;
+    if (!stage.ray_noise.empty()) state.decay = stage.ray_noise.front().noise.decay;
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed && !stage.resumed) {
-      choose_samples(picture, !estimates_anything, context, stats);
+      choose_samples(picture, stage, !estimates_anything, context, state, stats);
       stats.open_light_samples = context.settings.open_light_samples;
       const FieldAccuracy accuracy = stage.accuracy;
       const bool is_decided =
@@ -350,8 +350,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       stage.resumed = read_checkpoint(options.resume, stage.identity);
       const int planned = stage.resumed->planned_samples;
       if (!picture.by_rounds() && picture.spp < planned) {
-        throw Error({options.resume}, "was begun for " + std::to_string(planned) +
-                                          " samples a pixel; give --spp " + std::to_string(planned) + " or more");
+        throw Error({options.resume}, "was begun for " + std::to_string(planned) + " samples a pixel; give --spp " +
+                                          std::to_string(planned) + " or more");
       }
       stage.accuracy = stage.resumed->accuracy;
       picture.expect(stage.resumed->planned_samples);

@@ -100,22 +100,30 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
 // what a half and a quarter of it leave more, if it has quarters.
 NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
   NoiseForecast noise;
-  double samples = 0.0, work = 0.0, seconds = 0.0, fall = 0.0;
+  double samples = 0.0, work = 0.0, seconds = 0.0, fall = 0.0, squares = 0.0;
   for (const SequencePair& pair : survey.sums) {
     const DVec3 value = 0.5 * (pair[0].mean() + pair[1].mean()), apart = pair[0].mean() - pair[1].mean();
-    noise.mean_square += 0.5 * weighted_square(apart * apart, value, measure);
+    const double of_pixel = 0.5 * weighted_square(apart * apart, value, measure);
+    double fall_of_pixel = 0.0;
     for (const PixelSums& p : pair) {
-      if (p.has_quarters()) fall += 0.5 * weighted_square(p.half_difference() + p.quarter_difference(), value, measure);
+      if (p.has_quarters())
+        fall_of_pixel += 0.5 * weighted_square(p.half_difference() + p.quarter_difference(), value, measure);
       samples += double(p.samples());
       work += p.work;
       seconds += p.seconds;
     }
+    noise.mean_square += of_pixel;
+    fall += fall_of_pixel;
+    squares += (of_pixel + fall_of_pixel) * (of_pixel + fall_of_pixel);
   }
   if (!(samples > 0.0)) return noise;
+  const auto pixels = double(survey.sums.size());
+  noise.first = (noise.mean_square + fall) / pixels;
+  noise.first_error = std::sqrt(std::max(squares / pixels - noise.first * noise.first, 0.0) / pixels);
   if (noise.mean_square > 0.0)
     noise.decay = std::clamp(0.5 * std::log2(1.0 + fall / noise.mean_square), 1.0, k_most_decay);
-  noise.mean_square /= double(survey.sums.size());
-  noise.samples = 0.5 * samples / double(survey.sums.size());
+  noise.mean_square /= pixels;
+  noise.samples = 0.5 * samples / pixels;
   noise.work = work / samples;
   noise.seconds = seconds / samples;
   return noise;
@@ -127,6 +135,7 @@ RayContext::RayContext(const Picture& picture, const Stage& stage) {
                                                AnswererSettings{picture.settings.isa, 0.0f});
   TransportSettings settings = picture.settings;
   settings.first_hits = false;
+  settings.open_sun_samples = picture.open_sun_samples();
   context_ =
       std::make_unique<TransportContext>(picture.scene, stage.accel, stage.camera, *answerer_, settings, stage.lights);
 }
@@ -172,7 +181,7 @@ double square_of_target(const RenderOptions& options) {
   return double(options.target_error) * double(options.target_error);
 }
 
-// Pictures of which fewer samples of a pixel reach the error, or the end of the time, are left to rays.
+// Pictures that need no more work than this many samples of a pixel with the usual light samples are left to rays.
 constexpr double k_fewest_samples = 8.0;
 
 // Where fields need this many times less work than rays with the usual samples, those that suit rays best are not
@@ -182,17 +191,68 @@ constexpr double k_clear_gain = 4.0;
 // Where fields make more of the squared target, they are made more accurate if they can be.
 constexpr double k_field_share = 0.7;
 
-// Lobe samples that are tried beside one.
-constexpr int k_more_lobe_samples = 4;
+// Light and lobe samples that are tried beside one.
+constexpr int k_more_light_samples = 4, k_more_lobe_samples = 4;
+
+// Standard errors of a survey by which the noise of one sample must lie below the target where no more are taken.
+constexpr double k_sure = 2.0;
 
 double threads() { return double(tbb::this_task_arena::max_concurrency()); }
+
+// Whether light samples may be chosen.
+bool chooses_light_samples(const Picture& picture) {
+  return picture.options.light_samples == 1 && picture.options.light_estimator == LightEstimator::automatic;
+}
+
+void set_light_samples(const RayNoise& r, TransportSettings& settings) {
+  settings.light_samples = r.light_samples;
+  settings.open_light_samples = r.open_light_samples;
+}
+
+// Of rays with these light samples: each is surveyed once.
+RayNoise survey_ray_noise(const Picture& picture, Stage& stage, const RayContext& rays, int light_samples, int open,
+                          Stats& stats) {
+  RayNoise r = {light_samples, open, {}};
+  for (const RayNoise& known : stage.ray_noise) {
+    if (known.light_samples == light_samples && known.open_light_samples == open) return known;
+  }
+  set_light_samples(r, rays.context().settings);
+  r.noise = forecast_noise(picture, rays.context(), stats);
+  stage.ray_noise.push_back(r);
+  return r;
+}
+
+// The light samples of those surveyed that lower the noise of rays alone most for their work.
+const RayNoise& best_for_rays(const Stage& stage) {
+  return *std::min_element(stage.ray_noise.begin(), stage.ray_noise.end(), [](const RayNoise& a, const RayNoise& b) {
+    return a.noise.mean_square * a.noise.work < b.noise.mean_square * b.noise.work;
+  });
+}
+
+// Whether one sample of each pixel leaves no more than this mean square.
+bool one_will_do(const NoiseForecast& noise, double mean_square) {
+  return noise.first + k_sure * noise.first_error <= mean_square;
+}
+
+// Sets what `decided` says of samples, if their noise may have this mean square.
+void plan_samples(const Picture& picture, const Stage& stage, const NoiseForecast& noise, double mean_square,
+                  Checkpoint& decided) {
+  decided.expected_samples = int(std::clamp(noise.samples_to(mean_square), 1.0, double(picture.most_samples)));
+  decided.decay = noise.decay;
+  // One sample tells nothing of its variance.
+  const std::vector<Aov>& layers = picture.aovs;
+  if (stage.deadline || std::find(layers.begin(), layers.end(), Aov::variance) != layers.end()) return;
+  if (one_will_do(noise, mean_square)) decided.first_mean_square = noise.first;
+}
 
 }  // namespace
 
 void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
   const RayContext rays(picture, stage);
   const RenderOptions& options = picture.options;
-  const NoiseForecast noise = stage.ray_noise = forecast_noise(picture, rays.context(), stats);
+  const TransportSettings& usual = picture.settings;
+  survey_ray_noise(picture, stage, rays, usual.light_samples, usual.open_light_samples, stats);
+  const NoiseForecast noise = stage.ray_noise.front().noise;
   double samples = double(k_infinity);
   stage.survey_samples = samples;
   if (options.target_error > 0.0f) {
@@ -207,6 +267,13 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
     const double in_time = double(options.time_limit) / seconds;
     samples = std::min(samples, in_time);
     stage.survey_samples = std::min(stage.survey_samples, 0.5 * in_time);
+  } else if (samples >= k_fewest_samples && !has_sky(picture.scene) && chooses_light_samples(picture)) {
+    // Fewer may do, if they have more light samples.
+    survey_ray_noise(picture, stage, rays, k_more_light_samples, k_more_light_samples, stats);
+    const NoiseForecast& best = best_for_rays(stage).noise;
+    const double target = square_of_target(options);
+    if (best.work_to(target) < k_fewest_samples * noise.work)
+      samples = std::min(best.samples_to(target), k_fewest_samples - 1.0);
   }
   picture.expect(samples);
   // What fields could spare then, surveys take.
@@ -215,37 +282,47 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
 
 namespace {
 
-// The light samples of each camera sample that lower the noise of rays alone most for their work.
-void choose_light_samples(const Picture& picture, TransportContext& context, Stats& stats) {
-  if (picture.options.light_samples != 1 || picture.options.light_estimator != LightEstimator::automatic) return;
-  const int open = context.settings.open_light_samples;
-  double least = double(k_infinity);
-  TransportSettings best = context.settings;
-  std::vector<std::pair<int, int>> tried;
-  for (const std::pair<int, int>& samples : {std::pair(1, open), std::pair(1, 1), std::pair(4, std::max(4, open))}) {
-    if (std::find(tried.begin(), tried.end(), samples) != tried.end()) continue;
-    tried.push_back(samples);
-    context.settings.light_samples = samples.first;
-    context.settings.open_light_samples = samples.second;
-    const NoiseForecast noise = forecast_noise(picture, context, stats);
-    if (!(noise.mean_square * noise.work < least)) continue;
-    least = noise.mean_square * noise.work;
-    best = context.settings;
-  }
-  context.settings = best;
-}
-
-// The lobe samples of each camera sample likewise.
-void choose_lobe_samples(const Picture& picture, TransportContext& context, Stats& stats) {
+// The lobe samples of each camera sample that lower noise most for their work, and their noise, if there is a choice.
+std::optional<NoiseForecast> choose_lobe_samples(const Picture& picture, TransportContext& context, Stats& stats) {
   // Radiance maps answer for whole lobes.
-  if (picture.options.lobe_samples != 1 || context.lobes) return;
+  if (picture.options.lobe_samples != 1 || context.lobes) return {};
   const std::vector<Bsdf>& all = picture.scene.bsdfs;
   const auto splits = [](const Bsdf& b) { return b.kind != BsdfKind::diffuse && b.kind != BsdfKind::conductor; };
-  if (std::none_of(all.begin(), all.end(), splits)) return;
+  if (std::none_of(all.begin(), all.end(), splits)) return {};
   const NoiseForecast one = forecast_noise(picture, context, stats);
   picture.split_lobes(context.settings, k_more_lobe_samples);
   const NoiseForecast more = forecast_noise(picture, context, stats);
-  if (!(more.mean_square * more.work < one.mean_square * one.work)) picture.split_lobes(context.settings, 1);
+  if (more.mean_square * more.work < one.mean_square * one.work) return more;
+  picture.split_lobes(context.settings, 1);
+  return one;
+}
+
+// The samples of each camera sample that suit rays best; returns what these are expected to leave.
+NoiseForecast choose_for_rays(const Picture& picture, Stage& stage, const RayContext& rays, TransportContext& context,
+                              Stats& stats) {
+  if (chooses_light_samples(picture)) {
+    const int open = context.settings.open_light_samples;
+    survey_ray_noise(picture, stage, rays, 1, open, stats);
+    survey_ray_noise(picture, stage, rays, k_more_light_samples, std::max(k_more_light_samples, open), stats);
+    set_light_samples(best_for_rays(stage), context.settings);
+  }
+  return choose_lobe_samples(picture, context, stats).value_or(best_for_rays(stage).noise);
+}
+
+// The same where few samples do: then the work counts that these take.
+NoiseForecast choose_few_for_rays(const Picture& picture, Stage& stage, const RayContext& rays, double target,
+                                  TransportContext& context, Stats& stats) {
+  const TransportSettings& s = context.settings;
+  const auto of_context = [&] {
+    return survey_ray_noise(picture, stage, rays, s.light_samples, s.open_light_samples, stats);
+  };
+  if (!chooses_light_samples(picture)) return of_context().noise;
+  if (!one_will_do(stage.ray_noise.front().noise, target)) of_context();
+  const auto best = std::min_element(
+      stage.ray_noise.begin(), stage.ray_noise.end(),
+      [&](const RayNoise& a, const RayNoise& b) { return a.noise.work_to(target) < b.noise.work_to(target); });
+  set_light_samples(*best, context.settings);
+  return best->noise;
 }
 
 // The next accuracy that may take fields' part of the error down; none where there is none, or no time.
@@ -261,11 +338,23 @@ std::optional<FieldAccuracy> finer_accuracy(const Picture& picture, const Stage&
 
 }  // namespace
 
-void choose_samples(const Picture& picture, bool rays_alone, TransportContext& context, Stats& stats) {
-  if (picture.spp < k_fewest_samples) return;
-  // Where fields answer, a survey has chosen light samples already.
-  if (rays_alone) choose_light_samples(picture, context, stats);
-  choose_lobe_samples(picture, context, stats);
+void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, TransportContext& context,
+                    Checkpoint& decided, Stats& stats) {
+  const bool is_short = picture.spp < k_fewest_samples;
+  if (!rays_alone) {
+    // A survey has chosen light samples already.
+    if (!is_short) choose_lobe_samples(picture, context, stats);
+    return;
+  }
+  const double target = square_of_target(picture.options);
+  if (is_short && !(target > 0.0)) return;
+  const RayContext rays(picture, stage);
+  NoiseForecast noise;
+  if (is_short)
+    noise = choose_few_for_rays(picture, stage, rays, target, context, stats);
+  else
+    noise = choose_for_rays(picture, stage, rays, context, stats);
+  if (target > 0.0) plan_samples(picture, stage, noise, target, decided);
 }
 
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
@@ -285,14 +374,11 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
     }
     const NoiseForecast noise = forecast_noise(picture, context, stats);
     const double work = noise.work_to(target - error);
-    double ray_work = stage.ray_noise.work_to(target);
-    if (ray_work >= work && ray_work < k_clear_gain * work) {
-      choose_samples(picture, /*rays_alone=*/true, rays.context(), stats);
-      ray_work = forecast_noise(picture, rays.context(), stats).work_to(target);
-    }
+    double ray_work = stage.ray_noise.front().noise.work_to(target);
+    if (ray_work >= work && ray_work < k_clear_gain * work)
+      ray_work = choose_for_rays(picture, stage, rays, rays.context(), stats).work_to(target);
     are_better = ray_work >= work;
-    decided.expected_samples = int(std::clamp(noise.samples_to(target - error), 1.0, double(picture.most_samples)));
-    decided.decay = noise.decay;
+    plan_samples(picture, stage, noise, target - error, decided);
   } else {
     const double seconds = std::max(-seconds_since(*stage.deadline), 0.0) * threads() / pixels_of(picture);
     const auto noise_in_time = [&](const NoiseForecast& n) { return n.mean_square_of(seconds / n.seconds); };

@@ -14,9 +14,10 @@ namespace fieldtrace {
 // Sets how many samples a pixel is expected to need with rays alone. Where these are few, fields are not trusted.
 void expect_samples(Picture& picture, Stage& stage, Stats& stats);
 
-// Sets the light and lobe samples of each camera sample that lower noise most for their work; where fields answer, the
-// latter alone.
-void choose_samples(const Picture& picture, bool rays_alone, TransportContext& context, Stats& stats);
+// Sets the light and lobe samples of each camera sample that lower noise most for their work, and what `decided` says
+// of camera samples; where fields answer, lobe samples alone.
+void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, TransportContext& context,
+                    Checkpoint& decided, Stats& stats);
 
 // Whether fields will reach the target error, and sooner than rays, or err less at the end of the time; if not, says in
 // `stage` what accuracy to try next. Sets what `decided` says of errors and samples.

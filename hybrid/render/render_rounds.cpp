@@ -74,15 +74,15 @@ class Rounds {
       }
     });
     if (!picture_.by_rounds()) return;
-    const SampleAllocation& noise = allocation();
+    const SampleAllocation& samples = allocation();
     stats_.by_rounds = true;
     stats_.rounds = state_.round;
-    stats_.error_noise = std::sqrt(noise.mean_square());
+    stats_.error_noise = std::sqrt(noise());
     stats_.error_fields = std::sqrt(state_.field_mean_square);
-    stats_.error_estimate = std::sqrt(noise.mean_square() + state_.field_mean_square);
-    stats_.samples_mean = noise.mean_samples();
-    stats_.samples_fewest = noise.fewest_samples();
-    stats_.samples_most = noise.most_samples();
+    stats_.error_estimate = std::sqrt(noise() + state_.field_mean_square);
+    stats_.samples_mean = samples.mean_samples();
+    stats_.samples_fewest = samples.fewest_samples();
+    stats_.samples_most = samples.most_samples();
   }
 
  private:
@@ -105,11 +105,21 @@ class Rounds {
       const double nearest = nearest_power(std::clamp(expected * share, 2.0, most));
       const double first = nearest > most ? 0.5 * nearest : nearest;
       // With a time limit, all pixels have something soon.
-      state_.counts.assign(cells_.count(), job_.deadline ? 2 : uint32_t(first));
+      const uint32_t count = has_one_sample() ? 1 : job_.deadline ? 2 : uint32_t(first);
+      state_.counts.assign(cells_.count(), count);
+      if (has_one_sample()) expected_ = 1.0;
     } else {
       state_.counts.assign(1, uint32_t(picture_.most_samples));
     }
   }
+
+  // Whether pixels have one sample at most, of whose noise a survey tells.
+  bool has_one_sample() const {
+    return state_.first_mean_square > 0.0 && (state_.round == 0 || (state_.round == 1 && !is_any(state_.counts)));
+  }
+
+  // The mean square error that noise makes.
+  double noise() { return has_one_sample() ? state_.first_mean_square : allocation().mean_square(); }
 
   // Of all samples so far.
   const SampleAllocation& allocation() {
@@ -197,8 +207,7 @@ class Rounds {
       const uint32_t done = state_.film.pixels[0].samples();
       return {uint32_t(std::max(picture_.most_samples - int(done), 0))};
     }
-    const SampleAllocation& allocation = this->allocation();
-    const double noise = allocation.mean_square();
+    const double noise = this->noise();
     std::vector<uint32_t> none(cells_.count(), 0);
     const bool has_target = options_.target_error > 0.0f;
     const double target = has_target ? double(options_.target_error) * double(options_.target_error) : 0.0;
@@ -209,6 +218,8 @@ class Rounds {
                ", so more samples cannot reach the target error; render the picture again without --resume");
       return none;
     }
+    if (has_one_sample()) return std::vector<uint32_t>(cells_.count(), noise > noise_target ? 1 : 0);
+    const SampleAllocation& allocation = this->allocation();
     SampleAllocation::Limits limits;
     limits.mean_square = noise_target;
     limits.growth = k_round_growth;
