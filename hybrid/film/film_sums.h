@@ -1,8 +1,9 @@
 // What the camera samples of a picture add up to, pixel by pixel.
 //
 // A pixel's samples are one sequence. Where a picture's error is estimated it is kept in quarters, one after the other,
-// and has a power of two of samples, 2 or more unless one will do: halves and quarters of such a sequence are as well distributed as the
-// whole, and how much they differ tells the variance of the mean. Other pictures have the first quarter alone.
+// and has a power of two of samples, two or more unless one will do: halves and quarters of such a sequence are as well
+// distributed as the whole, and how much they differ tells the variance of the mean. Other pictures have the first
+// quarter alone.
 // Thread-safety: values; a pixel belongs to one thread at a time.
 #pragma once
 
