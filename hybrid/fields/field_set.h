@@ -60,8 +60,9 @@ class FieldSet {
   // Leaves objects to exact rays whose bake takes more rays than a survey without fields counts light samples past
   // them; and shadows on themselves where their cells do.
   void leave_unpaid(const FieldSurvey& survey);
-  // The same by what fields answered in a survey; and objects whose fields leave too much undecided.
-  void leave_to_rays(const FieldSurvey& survey, uint64_t fewest_answers);
+  // The same by what fields answered in a survey; and objects whose fields leave too much undecided; and all, if their
+  // look-ups cost more than the exact rays that they spare in the whole picture.
+  void leave_to_rays(const FieldSurvey& survey, double rays_spared, uint64_t fewest_answers);
   const FieldBudget& budget() const { return *budget_; }
 
   // Reads fields from the cache, if the plan allows it.

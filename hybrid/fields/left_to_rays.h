@@ -16,6 +16,9 @@ namespace fieldtrace {
 inline constexpr double k_most_undecided = 0.75;
 inline constexpr uint64_t k_fewest_surveyed = 256;
 
+// Exact rays that take the time of one look-up (docs/decisions/012-left-to-rays.md).
+inline constexpr double k_look_up_cost = 0.5;
+
 // Whether an object with the survey counts `use` is left to exact rays. `scale`: rays of the picture for each surveyed
 // ray. `fewest_answers`: an object whose field would answer fewer rays of the whole picture is left, too.
 bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers);
@@ -30,6 +33,7 @@ struct FieldSurvey {
   double scale = 1.0;          // camera samples of the picture for each surveyed one
   Stats stats;                 // of the survey's own rays
   double open_rays = 0.0;      // shadow rays for each camera sample of one light sample
+  double look_ups = 0.0;       // of the whole picture
   bool interrupted = false;    // by `stop`; the counts are then meaningless
 };
 

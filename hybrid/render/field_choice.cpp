@@ -53,7 +53,7 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields, f
   return s;
 }
 
-bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats) {
+bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, OpenLight& open, Stats& stats) {
   const bool leaves = wants_survey(picture, fields) && picture.options.whole_lights;
   if (!leaves && !picture.is_adaptive()) return true;
   TransportSettings settings = picture.settings;
@@ -61,13 +61,13 @@ bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, 
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
   FieldSurvey survey = survey_picture(picture, stage, none, {}, picture.options.base_tolerance(), settings, 1, stats);
   if (survey.interrupted) return false;
-  open_samples = picture.open_samples(survey.open_rays);
-  survey.scale *= double(open_samples) / double(picture.options.light_samples);
+  open = {picture.open_samples(survey.open_rays), survey.open_rays};
+  survey.scale *= double(open.samples) / double(picture.options.light_samples);
   if (leaves) fields.leave_unpaid(survey);
   return true;
 }
 
-bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, int& open_samples,
+bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, OpenLight& open,
                    Stats& stats) {
   if (!wants_survey(picture, fields)) return true;
   const int64_t of_pixel = int64_t(picture.spp) * picture.options.light_samples;
@@ -77,9 +77,10 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
                                       int(std::min<int64_t>(of_pixel, k_most_survey_samples)), stats);
   if (survey.interrupted) return false;
   // What fields answer spares as many light samples as exact rays alone would get.
-  survey.scale *= double(open_samples) / double(picture.options.light_samples);
-  open_samples = picture.open_samples(survey.open_rays);
-  fields.leave_to_rays(survey, picture.options.fewest_answers);
+  survey.scale *= double(open.samples) / double(picture.options.light_samples);
+  const double rays_spared = (open.rays - survey.open_rays) * double(picture.film_samples()) * double(open.samples);
+  fields.leave_to_rays(survey, rays_spared, picture.options.fewest_answers);
+  if (fields.answers_shadows()) open = {picture.open_samples(survey.open_rays), survey.open_rays};
   return true;
 }
 

@@ -77,6 +77,7 @@ FieldSurvey survey_fields(const TransportContext& context, const Rect& film, dou
   survey.scale = double(film.width) * double(film.height) * repeats / double(pixels);
   for (const TransportWorker& worker : workers) survey.stats.merge_counters(worker.stats());
   survey.open_rays = double(survey.stats.rays_open) / (double(pixels) * double(context.settings.light_samples));
+  survey.look_ups = double(survey.stats.lookups) * survey.scale;
   survey.uses = survey.stats.field_uses;
   survey.uses.resize(context.scene.shapes.size());
   return survey;

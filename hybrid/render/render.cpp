@@ -171,16 +171,16 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   Stats& stats = result.stats;
   FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, wants_fields(picture, stage, plan),
                   stage.address_space);
-  int open_samples = options.light_samples;
-  bool surveyed = leave_unpaid(picture, stage, fields, open_samples, stats);
-  stats.tolerance = picture.light_tolerance(open_samples) * stage.tolerance_share();
+  OpenLight open = {options.light_samples};
+  bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
+  stats.tolerance = picture.light_tolerance(open.samples) * stage.tolerance_share();
   if (!stage.cache) stage.cache = open_cache(options, fields.empty(), warning);
   FieldCache* const cache = stage.cache.get();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
   }
-  surveyed = surveyed && leave_to_rays(picture, stage, fields, stats.tolerance, open_samples, stats);
+  surveyed = surveyed && leave_to_rays(picture, stage, fields, stats.tolerance, open, stats);
   AnswererSettings settings{picture.settings.isa, stats.tolerance, options.check, options.force_undecided,
                             options.whole_lights};
   settings.self_to_rays = fields.self_to_rays();
@@ -188,7 +188,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
   tracing.sky_by_maps = stage.sky.light != nullptr && stage.uses_fields();
-  tracing.open_light_samples = stats.open_light_samples = open_samples;
+  tracing.open_light_samples = stats.open_light_samples = open.samples;
   tracing.open_sun_samples = picture.open_sun_samples();
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, tracing, stage.lights);
   const bool estimates = stage.uses_fields();
