@@ -28,13 +28,19 @@ bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers);
 // remain there are wrong more often than elsewhere.
 bool leaves_self_to_rays(const FieldUse& use, double scale, double fewest_answers);
 
+// Shadow rays of a camera sample for each of its light samples.
+struct ShadowRays {
+  double open = 0.0;    // from its first surface to lights that may have more samples there
+  double others = 0.0;  // all others
+};
+
 struct FieldSurvey {
   std::vector<FieldUse> uses;  // per shape of the scene
   double scale = 1.0;          // camera samples of the picture for each surveyed one
   Stats stats;                 // of the survey's own rays
-  double open_rays = 0.0;      // shadow rays for each camera sample of one light sample
-  double look_ups = 0.0;       // of the whole picture
-  bool interrupted = false;    // by `stop`; the counts are then meaningless
+  ShadowRays rays = {};
+  double look_ups = 0.0;     // of the whole picture
+  bool interrupted = false;  // by `stop`; the counts are then meaningless
 };
 
 }  // namespace fieldtrace

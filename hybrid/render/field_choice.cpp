@@ -61,7 +61,7 @@ bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, 
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
   FieldSurvey survey = survey_picture(picture, stage, none, {}, picture.options.base_tolerance(), settings, 1, stats);
   if (survey.interrupted) return false;
-  open = {picture.open_samples(survey.open_rays), survey.open_rays};
+  open = {picture.open_samples(survey.rays.open), survey.rays};
   survey.scale *= double(open.samples) / double(picture.options.light_samples);
   if (leaves) fields.leave_unpaid(survey);
   return true;
@@ -78,9 +78,10 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   if (survey.interrupted) return false;
   // What fields answer spares as many light samples as exact rays alone would get.
   survey.scale *= double(open.samples) / double(picture.options.light_samples);
-  const double rays_spared = (open.rays - survey.open_rays) * double(picture.film_samples()) * double(open.samples);
-  fields.leave_to_rays(survey, rays_spared, picture.options.fewest_answers);
-  if (fields.answers_shadows()) open = {picture.open_samples(survey.open_rays), survey.open_rays};
+  const double spared_of_sample = (open.rays.open - survey.rays.open) * double(open.samples) +
+                                  (open.rays.others - survey.rays.others) * double(picture.options.light_samples);
+  fields.leave_to_rays(survey, spared_of_sample * double(picture.film_samples()), picture.options.fewest_answers);
+  if (fields.answers_shadows()) open = {picture.open_samples(survey.rays.open), survey.rays};
   return true;
 }
 

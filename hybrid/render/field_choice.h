@@ -11,8 +11,8 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields, f
 
 // Where lights may be hidden.
 struct OpenLight {
-  int samples = 1;           // light samples of each camera sample
-  double rays = k_infinity;  // of a camera sample, for each light sample; infinite: not surveyed
+  int samples = 1;                    // light samples of each camera sample
+  ShadowRays rays = {k_infinity, 0};  // infinite: not surveyed
 };
 
 // Leaves to exact rays the objects that too few light samples pass for what their fields cost, before anything is baked

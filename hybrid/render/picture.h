@@ -52,7 +52,7 @@ struct Picture {
   void split_lobes(TransportSettings& s, int lobe_samples) const;
   bool by_rounds() const { return options.by_rounds(); }
   bool is_adaptive() const;  // whether lights that may be hidden get more light samples
-  // Light samples of each camera sample where lights may be hidden; `open_rays` as FieldSurvey::open_rays.
+  // Light samples of each camera sample where lights may be hidden; `open_rays` as ShadowRays::open.
   int open_samples(double open_rays) const;
   int open_sun_samples() const;  // the same of suns
   // That of lights, which take `open_samples` light samples for each camera sample.

@@ -118,8 +118,8 @@ NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
   }
   if (!(samples > 0.0)) return noise;
   const auto pixels = double(survey.sums.size());
-  noise.first = (noise.mean_square + fall) / pixels;
-  noise.first_error = std::sqrt(std::max(squares / pixels - noise.first * noise.first, 0.0) / pixels);
+  noise.quarter = (noise.mean_square + fall) / pixels;
+  noise.quarter_error = std::sqrt(std::max(squares / pixels - noise.quarter * noise.quarter, 0.0) / pixels);
   if (noise.mean_square > 0.0)
     noise.decay = std::clamp(0.5 * std::log2(1.0 + fall / noise.mean_square), 1.0, k_most_decay);
   noise.mean_square /= pixels;
@@ -229,9 +229,10 @@ const RayNoise& best_for_rays(const Stage& stage) {
   });
 }
 
-// Whether one sample of each pixel leaves no more than this mean square.
+// Whether one sample of each pixel, as a survey of noise saw it, leaves no more than this mean square.
+static_assert(k_noise_samples == 4, "a quarter of a survey's samples is one");
 bool one_will_do(const NoiseForecast& noise, double mean_square) {
-  return noise.first + k_sure * noise.first_error <= mean_square;
+  return noise.quarter + k_sure * noise.quarter_error <= mean_square;
 }
 
 // Sets what `decided` says of samples, if their noise may have this mean square.
@@ -242,7 +243,7 @@ void plan_samples(const Picture& picture, const Stage& stage, const NoiseForecas
   // One sample tells nothing of its variance.
   const std::vector<Aov>& layers = picture.aovs;
   if (stage.deadline || std::find(layers.begin(), layers.end(), Aov::variance) != layers.end()) return;
-  if (one_will_do(noise, mean_square)) decided.first_mean_square = noise.first;
+  if (one_will_do(noise, mean_square)) decided.first_mean_square = noise.quarter;
 }
 
 }  // namespace

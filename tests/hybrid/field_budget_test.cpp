@@ -247,5 +247,28 @@ TEST(FieldSet, StepsDownToFewerObjects) {
   EXPECT_TRUE(FieldSet(scene, traits, plan, budget, false).empty());
 }
 
+TEST(FieldSet, IsLeftToRaysWhereLookUpsCostMoreThanTheySpare) {
+  Scene scene;
+  Shape& shape = scene.shapes.emplace_back();
+  shape.mesh = make_sphere({.around = 32, .along = 32});
+  shape.bounds = shape.mesh.bounds();
+  scene.instances.emplace_back().shape = 0;
+  const std::vector<ShapeTraits> traits = shape_traits(scene);
+  FieldPlan plan;
+  plan.parameters = k_small;
+  FieldSurvey survey;
+  survey.uses = {{.answered = uint64_t(1) << 50}};
+  survey.look_ups = 1e6;
+  for (const double spared : {0.99e6 * k_look_up_cost, 1.01e6 * k_look_up_cost}) {
+    for (const bool cost_decides : {false, true}) {
+      plan.light_samples = cost_decides ? 1e12 : std::numeric_limits<double>::infinity();
+      FieldSet fields(scene, traits, plan, FieldBudget::k_no_limit, true);
+      ASSERT_TRUE(fields.answers_shadows());
+      fields.leave_to_rays(survey, spared, 0);
+      EXPECT_EQ(fields.answers_shadows(), !cost_decides || spared > 1e6 * k_look_up_cost) << spared;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace fieldtrace

@@ -70,6 +70,27 @@ TEST(Hybrid, BakesTakeNoMoreRaysThanThePictureHasLightSamples) {
   }
 }
 
+// What fields answer of lights without extent spares rays, too, though these have no more samples where they are
+// hidden.
+TEST(Hybrid, FieldsPayUnderPointLights) {
+  Scene scene = hybrid_scene("object_over_floor", 64).scene;
+  Emitter& light = scene.emitters.emplace_back();
+  light.kind = EmitterKind::point;
+  light.value = Rgb(10.0f);
+  light.position = {3.0f, -2.0f, 3.5f};
+  scene.emitters.erase(scene.emitters.begin());
+  scene.instances.pop_back();  // the sphere that was the light
+  RenderOptions o = options_for(Method::hybrid, 1);
+  o.max_depth = 2;
+  o.spp = 256;
+  o.leave_to_rays = true;
+  const Stats stats = render(scene, o).stats;
+  EXPECT_GT(stats.lookups, 0u);
+  EXPECT_EQ(stats.field_left_to_rays, 0u);
+  o.method = Method::monte_carlo;
+  EXPECT_LT(stats.rays_exact, render(scene, o).stats.rays_exact / 2);
+}
+
 TEST(OpenLightSamples, ArePowersOfTwoThatSendFewRays) {
   EXPECT_EQ(open_light_samples(1, 0.0), 8);
   EXPECT_EQ(open_light_samples(1, 1e300), 1);
