@@ -16,23 +16,23 @@ constexpr int k_most_blocks = 16;
 constexpr int k_block_distance = 3;
 // Blocks shrink, to 4 x 4 pixels at least, where the film would hold fewer along its shorter side.
 constexpr int k_fewest_blocks = 4;
-// With at least this many light samples, a quarter of the blocks sends enough rays.
-constexpr int k_many_light_samples = 128;
+// With at least this many light samples of a pixel, over all lights, a quarter of the blocks sends enough rays.
+constexpr int64_t k_many_light_samples = 128;
 
 // Pixels along a block's side, so that its rays fill a few packets whatever the number of light samples.
-int block_side(const Rect& film, int light_samples) {
+int block_side(const Rect& film, int64_t light_samples) {
   int side = light_samples >= 16 ? 4 : light_samples >= 4 ? 8 : 16;
   while (side > 4 && std::min(film.width, film.height) < k_fewest_blocks * k_block_distance * side) side /= 2;
   return side;
 }
 
-int blocks_along(int pixels, int side, int light_samples) {
+int blocks_along(int pixels, int side, int64_t light_samples) {
   const int most = light_samples >= k_many_light_samples ? k_most_blocks / 2 : k_most_blocks;
   return std::clamp(pixels / (side * k_block_distance), 1, most);
 }
 
 // Each block lies about the middle of its share of the film, at multiples of 4 pixels like the blocks of tile_pixels().
-std::vector<Rect> survey_blocks(const Rect& film, int light_samples) {
+std::vector<Rect> survey_blocks(const Rect& film, int64_t light_samples) {
   const int side = block_side(film, light_samples);
   const int columns = blocks_along(film.width, side, light_samples);
   const int rows = blocks_along(film.height, side, light_samples);
@@ -55,7 +55,8 @@ std::vector<Rect> survey_blocks(const Rect& film, int light_samples) {
 FieldSurvey survey_fields(const TransportContext& context, const Rect& film, double repeats,
                           const std::atomic<bool>* stop) {
   FieldSurvey survey;
-  const std::vector<Rect> blocks = survey_blocks(film, context.settings.light_samples);
+  const int64_t lights = std::max(int64_t(context.scene.emitters.size()), int64_t(1));
+  const std::vector<Rect> blocks = survey_blocks(film, lights * context.settings.light_samples);
   std::atomic<bool> interrupted = false;
   tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
   parallel_for(blocks.size(), [&](size_t i) {

@@ -93,7 +93,9 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   // No shape is left out for its cost where every cell answers, or where undecided cells or a resolution are requested.
   const bool by_request = options.force_undecided || options.directions || options.plane;
   if (options.leave_to_rays && !by_request && options.base_tolerance() < 1.0f) {
-    plan.light_samples = double(picture.rays_per_light()) * double(scene.emitters.size());
+    // Rays answer for clusters of so few light samples, whatever fields cost.
+    const bool few = int64_t(picture.spp) * options.light_samples < k_fewest_cone_samples;
+    plan.light_samples = few ? 0.0 : double(picture.rays_per_light()) * double(scene.emitters.size());
   }
   if (picture.wants_fields)
     plan.hit_instances =

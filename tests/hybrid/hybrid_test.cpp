@@ -7,6 +7,7 @@
 #include "hybrid/compare/compare.h"
 #include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/render.h"
+#include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/hybrid_scenes.h"
 
@@ -89,6 +90,19 @@ TEST(Hybrid, FieldsPayUnderPointLights) {
   EXPECT_EQ(stats.field_left_to_rays, 0u);
   o.method = Method::monte_carlo;
   EXPECT_LT(stats.rays_exact, render(scene, o).stats.rays_exact / 2);
+}
+
+// Clusters of fewer light samples than cones and strata take send rays: surveys of fields would be in vain.
+TEST(Hybrid, LeavesFewLightSamplesToRays) {
+  const Scene scene = hybrid_scene("object_over_floor", 512).scene;
+  RenderOptions o = options_for(Method::hybrid, 1);
+  o.leave_to_rays = true;
+  for (const int samples : {1, k_fewest_cone_samples - 1, k_fewest_cone_samples}) {
+    o.spp = samples;
+    const Stats stats = render(scene, o).stats;
+    EXPECT_EQ(stats.field_objects > 0, samples >= k_fewest_cone_samples) << samples;
+    EXPECT_EQ(stats.lookups > 0, samples >= k_fewest_cone_samples) << samples;
+  }
 }
 
 TEST(OpenLightSamples, ArePowersOfTwoThatSendFewRays) {
@@ -331,20 +345,20 @@ INSTANTIATE_TEST_SUITE_P(Scenes, HybridPicture,
 
 // The film decides which fields there are: a pixel must not depend on the window that it is rendered in.
 TEST(Hybrid, FieldsAreThoseOfTheFilmInEveryWindow) {
-  Scene scene = hybrid_scene("object_over_floor", 2048).scene;
+  Scene scene = hybrid_scene("object_over_floor", 1024).scene;
   // A light of 3 degrees, which gets fine cells if there are enough rays.
   Instance& lamp = scene.instances[scene.emitters[0].instance];
   for (int axis = 0; axis < 3; ++axis) lamp.to_world[axis] *= 0.25f;
   for (int column = 0; column < 4; ++column) lamp.to_object[column] *= 4.0f;
   RenderOptions o;
   o.method = Method::hybrid;
-  o.spp = 1;
-  o.light_samples = 1;  // 4.2 million rays for the film, a few hundred for the window
-  o.crop = Rect{1000, 1000, 16, 16};
-  EXPECT_EQ(render(scene, o).stats.field_directions, 64);
-  scene.film.width = scene.film.height = 1024;
-  scene.film.crop = {0, 0, 1024, 1024};
+  o.spp = 4;
+  o.light_samples = 1;  // 4.2 million rays for the film, a thousand for the window
   o.crop = Rect{500, 500, 16, 16};
+  EXPECT_EQ(render(scene, o).stats.field_directions, 64);
+  scene.film.width = scene.film.height = 512;
+  scene.film.crop = {0, 0, 512, 512};
+  o.crop = Rect{250, 250, 16, 16};
   EXPECT_EQ(render(scene, o).stats.field_directions, 32);
 }
 
