@@ -5,6 +5,7 @@
 // Thread-safety: load_scene() may be called from several threads; `warning` is called from the calling thread only.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <string>
 
@@ -19,6 +20,8 @@ struct SceneLoadOptions {
   // Unknown elements, properties, plugins and unused parameters are an Error instead of a warning.
   bool strict = false;
   WarningSink warning;
+  // Called before meshes and bitmaps are read: whether an emitter is a sky (`constant`, `envmap`).
+  std::function<void(bool has_sky)> parsed = {};
 };
 
 // Loads the scene at `path` with everything it refers to: included files, meshes and bitmaps, searched for beside the

@@ -83,6 +83,11 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   }
 }
 
+// Rays answer for clusters of so few light samples, whatever fields cost.
+bool has_few_light_samples(int spp, const RenderOptions& options) {
+  return int64_t(spp) * options.light_samples < k_fewest_cone_samples;
+}
+
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   const Scene& scene = picture.scene;
   const RenderOptions& options = picture.options;
@@ -93,9 +98,9 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   // No shape is left out for its cost where every cell answers, or where undecided cells or a resolution are requested.
   const bool by_request = options.force_undecided || options.directions || options.plane;
   if (options.leave_to_rays && !by_request && options.base_tolerance() < 1.0f) {
-    // Rays answer for clusters of so few light samples, whatever fields cost.
-    const bool few = int64_t(picture.spp) * options.light_samples < k_fewest_cone_samples;
-    plan.light_samples = few ? 0.0 : double(picture.rays_per_light()) * double(scene.emitters.size());
+    plan.light_samples = has_few_light_samples(picture.spp, options)
+                             ? 0.0
+                             : double(picture.rays_per_light()) * double(scene.emitters.size());
   }
   if (picture.wants_fields)
     plan.hit_instances =
@@ -312,6 +317,13 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
 
 }  // namespace
 
+bool is_likely_to_use_cache(const RenderOptions& options, bool has_sky) {
+  if (options.method != Method::hybrid || options.field_cache.empty()) return false;
+  // Under area lights surveys often leave pictures by rounds to rays.
+  const bool are_few = options.spp != 0 && has_few_light_samples(options.spp, options);
+  return has_sky || !(options.by_rounds() || are_few);
+}
+
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
   const Clock::time_point begin = Clock::now();
   // Each attempt would repeat its warnings.
@@ -332,12 +344,6 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     more_threads.emplace(tbb::global_control::max_allowed_parallelism, size_t(threads));
   tbb::task_arena arena(threads);
   arena.execute([&] {
-    // Surveys often leave area lights to rays in pictures by rounds, and hardly ever skies.
-    std::future<void> vdb;
-    const auto open_vdb = [&] {
-      if (picture.by_rounds() && picture.wants_fields && !options.field_cache.empty()) vdb = open_vdb_early();
-    };
-    if (has_sky(scene)) open_vdb();
     const Clock::time_point build_begin = Clock::now();
     const Accel accel(scene);
     result.stats.time_build = seconds_since(build_begin);
@@ -361,7 +367,9 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     } else if (picture.by_rounds()) {
       expect_samples(picture, stage, result.stats);
     }
-    if (!vdb.valid() && stage.uses_fields()) open_vdb();
+    std::future<void> vdb;
+    if (picture.by_rounds() && picture.wants_fields && stage.uses_fields() && !options.field_cache.empty())
+      vdb = open_vdb_early();
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);

@@ -69,6 +69,21 @@ TEST_F(StartUp, ModulesAreOpenedWhenNeeded) {
   EXPECT_FALSE(holds(cache, "OpenImageIO"));
 }
 
+// Of few light samples, fields answer skies alone.
+TEST_F(StartUp, FewLightSamplesOpenNoFieldFiles) {
+  const std::vector<std::string> arguments = {"-o", "a.exr", "--field-cache", "cache", "--spp", "1", "--quiet"};
+  const auto libraries_with = [&](const std::string& scene) {
+    std::vector<std::string> all = {"render", scene};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    return libraries_of(all);
+  };
+  expect_few(libraries_with("scene.xml"));
+  std::string sky = k_small_scene;
+  sky.insert(sky.rfind("</scene>"), "<emitter type=\"constant\"/>");
+  write("sky.xml", sky);
+  EXPECT_TRUE(holds(libraries_with("sky.xml"), "libfieldtrace_vdb.so"));
+}
+
 // The program alone, as one that was copied elsewhere.
 TEST_F(StartUp, AMissingModuleIsNamedBeforeWorkStarts) {
   ASSERT_EQ(run({"render", "scene.xml", "-o", "layers.exr", "--aov", "depth", "--quiet"}).code, 0);

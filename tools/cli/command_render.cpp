@@ -255,10 +255,10 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   const std::atomic<bool>& stop = stop_on_interrupt();
   ProgressLine progress(!arguments.quiet);
   progress.update(0.0, "loading");
-  std::future<void> opened;  // while the scene is loaded; pictures by rounds open it where they come to want it
-  const RenderOptions& o = arguments.options;
-  if (o.method == Method::hybrid && !o.field_cache.empty() && !o.by_rounds()) opened = open_vdb_early();
-  const Scene scene = load_scene(arguments.scene, progress);
+  std::future<void> opened;
+  const Scene scene = load_scene(arguments.scene, progress, [&](bool has_sky) {
+    if (is_likely_to_use_cache(arguments.options, has_sky)) opened = open_vdb_early();
+  });
   require_distinct_files(outputs_of(arguments), scene.files);
   const double load_seconds = seconds_since(start);
 

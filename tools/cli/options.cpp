@@ -146,7 +146,7 @@ WarningSink print_warnings(ProgressLine& progress) {
   };
 }
 
-Scene load_scene(const SceneArguments& arguments, ProgressLine& progress) {
+Scene load_scene(const SceneArguments& arguments, ProgressLine& progress, std::function<void(bool has_sky)> parsed) {
   SceneLoadOptions options;
   for (const std::string& definition : arguments.definitions) {
     const size_t equals = definition.find('=');
@@ -157,6 +157,7 @@ Scene load_scene(const SceneArguments& arguments, ProgressLine& progress) {
   }
   options.strict = arguments.strict;
   options.warning = print_warnings(progress);
+  options.parsed = std::move(parsed);
   return load_scene(arguments.path, options);
 }
 

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -50,9 +51,10 @@ void add_scene_options(CLI::App& command, SceneArguments& arguments);
 // Only -D name=value and --strict, for commands whose positional argument need not be a scene.
 void add_scene_reading_options(CLI::App& command, SceneArguments& arguments);
 
-// Loads the scene. Warnings go to stderr without disturbing the progress line. Throws Error, and UsageError for a
-// malformed -D.
-Scene load_scene(const SceneArguments& arguments, ProgressLine& progress);
+// Loads the scene. Warnings go to stderr without disturbing the progress line. `parsed` as in SceneLoadOptions. Throws
+// Error, and UsageError for a malformed -D.
+Scene load_scene(const SceneArguments& arguments, ProgressLine& progress,
+                 std::function<void(bool has_sky)> parsed = {});
 
 // Prints "fieldtrace: warning: ..." to stderr without disturbing the progress line, which must outlive the sink.
 WarningSink print_warnings(ProgressLine& progress);
