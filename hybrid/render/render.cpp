@@ -319,9 +319,11 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
 
 bool is_likely_to_use_cache(const RenderOptions& options, bool has_sky) {
   if (options.method != Method::hybrid || options.field_cache.empty()) return false;
-  // Under area lights surveys often leave pictures by rounds to rays.
+  const std::vector<std::string>& layers = options.aovs;
+  if (has_sky || std::find(layers.begin(), layers.end(), "ao") != layers.end()) return true;
+  // Surveys often leave pictures by rounds to rays then.
   const bool are_few = options.spp != 0 && has_few_light_samples(options.spp, options);
-  return has_sky || !(options.by_rounds() || are_few);
+  return !options.by_rounds() && !are_few;
 }
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
