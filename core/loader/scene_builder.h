@@ -58,7 +58,7 @@ struct SceneBuilder {
   // The existing file that `name` refers to in the file of `node`, recorded in Scene::files. Throws Error if there is
   // none, or if it is a device, a pipe or the like.
   std::string input_file(const SceneNode& node, const std::string& name) {
-    const std::string path = resolve_file(node, name);
+    std::string path = resolve_file(node, name);
     if (is_special_file(path)) throw Error(node.where, "'" + path + "' " + k_special_file_message);
     scene.files.push_back(path);
     return path;
