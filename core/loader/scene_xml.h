@@ -2,7 +2,8 @@
 // both.
 //
 // Source: Mitsuba 3 documentation, "Scene XML file format" and the plugin reference; deviations are in docs/scenes.md.
-// Thread-safety: load_scene() may be called from several threads; `warning` is called from the calling thread only.
+// Thread-safety: load_scene() may be called from several threads; `warning` and `parsed` are called from the calling
+// thread only.
 #pragma once
 
 #include <functional>

@@ -33,7 +33,7 @@ struct FieldPlan {
   size_t most_fields = std::numeric_limits<size_t>::max();
   bool read_cache = true;
   // Light samples of the whole picture, over all lights. A shape whose bake would cost more rays than that is left to
-  // exact rays, because its field cannot pay for itself. Infinite: no shape is.
+  // exact rays, because its field cannot pay for itself. Infinite: no shape is; 0: all are.
   double light_samples = std::numeric_limits<double>::infinity();
   std::vector<uint32_t> hit_instances;  // their shapes get fields for glossy rays even where shadow rays gain nothing
 };

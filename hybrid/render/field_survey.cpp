@@ -19,7 +19,7 @@ constexpr int k_fewest_blocks = 4;
 // With at least this many light samples of a pixel, over all lights, a quarter of the blocks sends enough rays.
 constexpr int64_t k_many_light_samples = 128;
 
-// Pixels along a block's side, so that its rays fill a few packets whatever the number of light samples.
+// Pixels along a block's side, so that its rays to all lights fill a few packets whatever their number.
 int block_side(const Rect& film, int64_t light_samples) {
   int side = light_samples >= 16 ? 4 : light_samples >= 4 ? 8 : 16;
   while (side > 4 && std::min(film.width, film.height) < k_fewest_blocks * k_block_distance * side) side /= 2;

@@ -83,7 +83,8 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   }
 }
 
-// Rays answer for clusters of so few light samples, whatever fields cost.
+// Clusters of so few light samples send rays; what single rays gain from cells does not pay for surveys
+// (docs/decisions/012-left-to-rays.md).
 bool has_few_light_samples(int spp, const RenderOptions& options) {
   return int64_t(spp) * options.light_samples < k_fewest_cone_samples;
 }
@@ -320,10 +321,12 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
 bool is_likely_to_use_cache(const RenderOptions& options, bool has_sky) {
   if (options.method != Method::hybrid || options.field_cache.empty()) return false;
   const std::vector<std::string>& layers = options.aovs;
-  if (has_sky || std::find(layers.begin(), layers.end(), "ao") != layers.end()) return true;
+  if (has_sky) return true;
   // Surveys often leave pictures by rounds to rays then.
+  if (options.by_rounds()) return false;
+  if (std::find(layers.begin(), layers.end(), "ao") != layers.end()) return true;
   const bool are_few = options.spp != 0 && has_few_light_samples(options.spp, options);
-  return !options.by_rounds() && !are_few;
+  return !are_few;
 }
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {

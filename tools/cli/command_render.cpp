@@ -217,7 +217,7 @@ void print_summary(const Stats& s) {
                megabytes(s.field_bytes_maps));
   }
   if (s.field_left_to_rays > 0) {
-    fmt::print(stderr, "left    {} object{} to exact rays for shadows: fields would answer too little\n",
+    fmt::print(stderr, "left    {} object{} to exact rays for shadows: fields would gain too little\n",
                s.field_left_to_rays, s.field_left_to_rays == 1 ? "" : "s");
   }
   if (s.field_self_to_rays > 0) {
