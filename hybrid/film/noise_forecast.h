@@ -22,10 +22,10 @@ inline double nearest_power(double n) { return std::exp2(std::nearbyint(std::log
 
 // Of uniform samples, as few of them showed it. Errors are mean squares over pixels and channels.
 struct NoiseForecast {
-  double samples = 1.0, mean_square = 0.0;  // of each pixel, and the noise that they had left
-  double decay = 1.0;                       // it fell as samples^-decay: 1 for random samples, more for stratified
-  double work = 1.0, seconds = 0.0;         // of one sample and its rays; of one thread
-  double quarter = 0.0;                     // the noise that a quarter of them left
+  double samples = 1.0, mean_square = 0.0;    // of each pixel, and the noise that they had left
+  double decay = 1.0;                         // it fell as samples^-decay: 1 for random samples, more for stratified
+  double work = 1.0, seconds = 0.0;           // of one sample and its rays; of one thread
+  double quarter = 0.0, quarter_error = 0.0;  // the noise that a quarter of them left, and its standard error
 
   double mean_square_of(double n) const { return mean_square * std::pow(samples / n, later_decay(decay)); }
   // Infinite where `error` is not above 0.

@@ -100,20 +100,26 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
 // what a half and a quarter of it leave more, if it has quarters.
 NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
   NoiseForecast noise;
-  double samples = 0.0, work = 0.0, seconds = 0.0, fall = 0.0;
+  double samples = 0.0, work = 0.0, seconds = 0.0, fall = 0.0, squares = 0.0;
   for (const SequencePair& pair : survey.sums) {
     const DVec3 value = 0.5 * (pair[0].mean() + pair[1].mean()), apart = pair[0].mean() - pair[1].mean();
-    noise.mean_square += 0.5 * weighted_square(apart * apart, value, measure);
+    const double of_pixel = 0.5 * weighted_square(apart * apart, value, measure);
+    double fall_of_pixel = 0.0;
     for (const PixelSums& p : pair) {
-      if (p.has_quarters()) fall += 0.5 * weighted_square(p.half_difference() + p.quarter_difference(), value, measure);
+      if (p.has_quarters())
+        fall_of_pixel += 0.5 * weighted_square(p.half_difference() + p.quarter_difference(), value, measure);
       samples += double(p.samples());
       work += p.work;
       seconds += p.seconds;
     }
+    noise.mean_square += of_pixel;
+    fall += fall_of_pixel;
+    squares += (of_pixel + fall_of_pixel) * (of_pixel + fall_of_pixel);
   }
   if (!(samples > 0.0)) return noise;
   const auto pixels = double(survey.sums.size());
   noise.quarter = (noise.mean_square + fall) / pixels;
+  noise.quarter_error = std::sqrt(std::max(squares / pixels - noise.quarter * noise.quarter, 0.0) / pixels);
   if (noise.mean_square > 0.0)
     noise.decay = std::clamp(0.5 * std::log2(1.0 + fall / noise.mean_square), 1.0, k_most_decay);
   noise.mean_square /= pixels;
@@ -188,6 +194,9 @@ constexpr double k_field_share = 0.7;
 // Light and lobe samples that are tried beside one.
 constexpr int k_more_light_samples = 4, k_more_lobe_samples = 4;
 
+// Standard errors of a survey by which the noise of one sample must lie below the target where no more are taken.
+constexpr double k_sure = 2.0;
+
 double threads() { return double(tbb::this_task_arena::max_concurrency()); }
 
 // Whether light samples may be chosen.
@@ -222,7 +231,9 @@ const RayNoise& best_for_rays(const Stage& stage) {
 
 // Whether one sample of each pixel, as a survey of noise saw it, leaves no more than this mean square.
 static_assert(k_noise_samples == 4, "a quarter of a survey's samples is one");
-bool one_will_do(const NoiseForecast& noise, double mean_square) { return noise.quarter <= mean_square; }
+bool one_will_do(const NoiseForecast& noise, double mean_square) {
+  return noise.quarter + k_sure * noise.quarter_error <= mean_square;
+}
 
 // Sets what `decided` says of samples, if their noise may have this mean square.
 void plan_samples(const Picture& picture, const Stage& stage, const NoiseForecast& noise, double mean_square,
