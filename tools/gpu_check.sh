@@ -1,19 +1,34 @@
 #!/usr/bin/env bash
-# One command for a machine with an NVIDIA GPU and CUDA's compiler: builds, runs the tests without a GPU, then puts a
-# few million random and extreme questions to the GPU, whose answers must be the CPU's, bit for bit; runs
-# compute-sanitizer over it, compares pictures, and times look-ups, coherent and random, on fields of three sizes.
-# Writes docs/benchmarks/gpu-DATE-COMMIT.json. Exit codes: 0 all answers are equal; 77 there is no GPU; else what failed.
+# One command for a machine with an NVIDIA GPU: builds, runs the tests without a GPU, then puts a few million random and
+# extreme questions to the GPU, whose answers must be the CPU's, bit for bit; runs compute-sanitizer over it; renders
+# whole frames on both machines, which must be equal, and times them; and times look-ups, coherent and random, on fields
+# of three sizes. Writes docs/benchmarks/gpu-DATE-COMMIT.json.
+#
+#   tools/gpu_check.sh [--built COMMIT]
+#
+# --built: build/release is of COMMIT, and was built and tested elsewhere: for machines that reach no packages. Exit
+# codes: 0 all answers are equal; 77 there is no GPU; else what failed.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-tools/build.sh
+commit=
+if [[ $# -eq 2 && $1 == --built ]]; then
+  commit=$2
+elif [[ $# -ne 0 ]]; then
+  echo "usage: tools/gpu_check.sh [--built COMMIT]" >&2
+  exit 2
+fi
+if [[ -z $commit ]]; then tools/build.sh; fi
 bin=build/release/bin
 if [[ ! -x $bin/gpu_check ]]; then
   echo "gpu_check: the tests were not built" >&2
   exit 1
 fi
 "$bin/fieldtrace" info --devices
-ctest --test-dir build/release -L gpu --output-on-failure --parallel "$(nproc)"
+if [[ -z $commit ]]; then
+  ctest --test-dir build/release -L gpu --output-on-failure --parallel "$(nproc)"
+  commit=$(git rev-parse HEAD)
+fi
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -32,28 +47,19 @@ else
   echo "gpu_check: compute-sanitizer is not in the PATH: left out" >&2
 fi
 
-# Area lights, a sky, and glossy rays by radiance maps.
-pictures=("bunny_two_lights --spp 4" "sky --spp 16" "glossy_floor --light-samples 4 --lobe-samples 256")
-for picture in "${pictures[@]}"; do
-  read -r scene options <<<"$picture"
-  for device in cpu cuda; do
-    # shellcheck disable=SC2086  # options are words
-    "$bin/fieldtrace" render "scenes/$scene.xml" -o "$work/$scene.$device.exr" $options --device "$device" \
-      --stats "$work/$scene.$device.json"
-  done
-  "$bin/fieldtrace" compare "$work/$scene.cpu.exr" "$work/$scene.cuda.exr" --fail-above 0
-done
+python3 tools/benchmarks/gpu_frames.py --program "$bin/fieldtrace" --work "$work" --output "$work/frames.json"
 
-out=docs/benchmarks/gpu-$(date +%Y-%m-%d)-$(git rev-parse --short HEAD).json
-python3 - "$work" "$out" "$sanitizer" "${pictures[@]%% *}" <<'EOF'
+out=docs/benchmarks/gpu-$(date +%Y-%m-%d)-${commit:0:7}.json
+python3 - "$work" "$out" "$sanitizer" "$commit" <<'EOF'
 import datetime
 import json
+import os
 import pathlib
 import platform
 import subprocess
 import sys
 
-work, out, sanitizer = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3]
+work, out, sanitizer, commit = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3], sys.argv[4]
 
 
 def output(*command):
@@ -64,17 +70,11 @@ def output(*command):
 
 
 report = {"date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
-          "commit": output("git", "rev-parse", "HEAD"), "uncommitted": bool(output("git", "status", "--porcelain")),
-          "machine": platform.platform(), "gpu": output("nvidia-smi", "--query-gpu=name,driver_version,clocks.max.sm",
-                                                        "--format=csv,noheader"),
-          "compiler": (output("nvcc", "--version") or "").split("\n")[-1], "compute_sanitizer": sanitizer,
-          **json.loads((work / "look_ups.json").read_text()),
-          "pictures": {s: {d: json.loads((work / f"{s}.{d}.json").read_text()) for d in ("cpu", "cuda")}
-                       for s in sys.argv[4:]}}
-for scene, by in report["pictures"].items():
-    device = by["cuda"]["device"]
-    if device["name"] != "cuda" or device["blocks"] == 0:
-        sys.exit(f"gpu_check: {scene} was answered by {device['name']}")
+          "commit": commit, "uncommitted": bool(output("git", "status", "--porcelain")),
+          "machine": platform.platform(), "cpus": os.cpu_count(),
+          "gpu": output("nvidia-smi", "--query-gpu=name,driver_version,clocks.max.sm", "--format=csv,noheader"),
+          "compute_sanitizer": sanitizer, **json.loads((work / "look_ups.json").read_text()),
+          "frames": json.loads((work / "frames.json").read_text())}
 out.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
 print(f"written: {out}")
 EOF

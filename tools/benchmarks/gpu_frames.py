@@ -1,0 +1,115 @@
+#!/usr/bin/env python3
+"""Times whole frames answered by a GPU beside the same machine's CPU, with fields baked before.
+
+    gpu_frames.py [--program build/release/bin/fieldtrace] [--work DIR] [--repeats 5] [--resolution 1024]
+        [--scenes NAME ...] --output FILE.json
+
+Of each scene, in turn: Monte Carlo, the hybrid on the CPU, the hybrid on the GPU. Both hybrid pictures must be equal,
+bit for bit. The file holds the medians of the stages in seconds and each device's counts; a table is printed. Exit
+codes: 0 all pictures are equal and the GPU answered; 1 not; 2 wrong use.
+"""
+
+import argparse
+import json
+import pathlib
+import statistics
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+SCENES = {
+    "bunny over a floor": ("bunny_floor.xml", "--spp 4 --light-samples 16", 1),
+    "three objects, three lights": ("three_objects.xml", "--spp 4 --light-samples 16", 1),
+    "three objects, 16 x 1": ("three_objects.xml", "--spp 16 --light-samples 1", 1),
+    "crowd of 10,000": ("crowd.xml", "--spp 1 --light-samples 16", 1),
+    "sky": ("sky.xml", "--spp 16", 1),
+    "glossy floor": ("glossy_floor.xml", "--light-samples 4 --lobe-samples 256", 0.5),
+}
+METHODS = {
+    "monte carlo": "--method montecarlo --light-estimator adaptive",
+    "cpu": "--method hybrid --device cpu",
+    "cuda": "--method hybrid --device cuda",
+}
+
+
+def make_meshes(program, work):
+    """Writes the meshes of three_objects.xml and the crowd; returns the options that name them."""
+    shapes = {
+        "shape1": "supershape --m 7 --n1 0.6 --n2 1.2 --n3 1.2 --m-lat 3 --n1-lat 1.2 --n2-lat 1.6 --n3-lat 1.6",
+        "shape2": "supershape --m 5 --n1 0.4 --n2 1.7 --n3 1.7 --m-lat 4 --n1-lat 10 --n2-lat 10 --n3-lat 10",
+        "knot": "knot --along 512 --around 24",
+    }
+    options = []
+    for name, arguments in shapes.items():
+        path = work / f"{name}.ply"
+        subprocess.run([program, "mesh", *arguments.split(), "-o", path], check=True, stdout=subprocess.DEVNULL)
+        options += ["-D", f"{name}={path}"]
+    crowd = work / "crowd"
+    subprocess.run([sys.executable, ROOT / "tools/make_crowd.py", "--program", program, "-o", crowd], check=True,
+                   stdout=subprocess.DEVNULL)
+    return {"three_objects.xml": options, "crowd.xml": ["-D", f"crowd={crowd}/instances.xml"]}
+
+
+def frame_seconds(stats):
+    """Seconds of a frame: all but what reads, builds and writes."""
+    time = stats["time"]
+    return time["total"] - time["load"] - time["build"] - time["write"]
+
+
+def render(program, scene, options, method, work):
+    picture, stats = work / f"{method}.exr", work / "stats.json"
+    subprocess.run([program, "render", ROOT / "scenes" / scene, "-o", picture, "--float32", "--quiet", "--stats", stats,
+                    *METHODS[method].split(), *options], check=True)
+    return json.loads(stats.read_text(encoding="utf-8"))
+
+
+def is_equal(program, work):
+    command = [program, "compare", work / "cpu.exr", work / "cuda.exr", "--fail-above", "0"]
+    return subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode == 0
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/bin/fieldtrace")
+    parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("gpu_frames"))
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--resolution", type=int, default=1024)
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
+    parser.add_argument("--options", default="", help="further options of fieldtrace, for all renders")
+    parser.add_argument("--output", type=pathlib.Path, required=True)
+    arguments = parser.parse_args()
+    program, work = arguments.program.resolve(), arguments.work.resolve()
+    work.mkdir(parents=True, exist_ok=True)
+    meshes = make_meshes(program, work)
+    report, fine = {}, True
+    print(f"{'scene':28} {'frame: MC':>10} {'CPU':>8} {'GPU':>8}   {'secondary: CPU':>14} {'GPU':>8}  blocks GPU, CPU")
+    for name in arguments.scenes:
+        scene, options, scale = SCENES[name]
+        options = [*options.split(), *arguments.options.split(), *meshes.get(scene, []), "-D",
+                   f"resolution={int(arguments.resolution * scale)}"]
+        cache = ["--field-cache", work / f"cache_{scene}"]
+        runs = {method: [] for method in METHODS}
+        render(program, scene, [*options, *cache], "cpu", work)
+        for _ in range(arguments.repeats):
+            for method, of in runs.items():
+                of.append(render(program, scene, options + (cache if method != "monte carlo" else []), method, work))
+        equal = is_equal(program, work)
+        row = report[name] = {"options": " ".join(map(str, options)), "equal": equal, "by": {}}
+        for method, of in runs.items():
+            stages = {stage: statistics.median(s["time"][stage] for s in of) for stage in of[0]["time"]}
+            row["by"][method] = {"frame": statistics.median(map(frame_seconds, of)), "time": stages,
+                                 "device": of[-1]["device"], "lookups": of[-1]["lookups"], "rays": of[-1]["rays"],
+                                 "field": of[-1]["field"], "threads": of[-1]["threads"]}
+        by = row["by"]
+        device = by["cuda"]["device"]
+        fine = fine and equal and device["name"] == "cuda" and device["blocks"] > 0
+        print(f"{name:28} {by['monte carlo']['frame']:10.3f} {by['cpu']['frame']:8.3f} {by['cuda']['frame']:8.3f}   "
+              f"{by['cpu']['time']['secondary']:14.3f} {by['cuda']['time']['secondary']:8.3f}  {device['blocks']}, "
+              f"{device['blocks_cpu']}{'' if equal else '  NOT EQUAL'}", flush=True)
+        arguments.output.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    return 0 if fine else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
