@@ -1,7 +1,7 @@
 // The cells of a sky by a device: batches of many requests as one wave.
 //
 // Batches are cut as the CPU cuts them, since what is left out of a batch's cells depends on all of its points. A wave
-// ends with the requests that bring it to k_wave_samples: so what it keeps of its batches is bounded.
+// ends with the requests that bring it to k_sky_wave_cells: so what it keeps of its batches is bounded.
 #include <bit>
 
 #include "core/platform/parallel.h"
@@ -10,6 +10,9 @@
 
 namespace fieldtrace {
 namespace {
+
+// Cells of points. More than light samples: a thread sees all cells of its point, so that a million are few threads.
+constexpr uint64_t k_sky_wave_cells = 4194304;
 
 uint64_t samples_of(const SkyQuestion& question) {
   return uint64_t(question.points.size) * question.tasks->tasks().size();
@@ -108,7 +111,7 @@ void SkyLight::gather_waves(std::span<const Request> requests, VisibilityDevice&
   for (drop_known(); !open.empty(); drop_known()) {
     for (size_t begin = 0, end = 0; begin < open.size(); begin = end) {
       DeviceWave wave;
-      for (uint64_t samples = 0; end < open.size() && samples < k_wave_samples;) {
+      for (uint64_t samples = 0; end < open.size() && samples < k_sky_wave_cells;) {
         const auto some = std::span(open).subspan(end, std::min(threads, open.size() - end));
         for_all(some, [](SkyLight& sky, const Request& r) { sky.ask_cells(r); });
         for (const Request& r : some) {

@@ -81,7 +81,7 @@ struct Stage {
   uint64_t address_space = k_no_address_limit;  // that fields may reserve
   std::unique_ptr<FieldCache> cache = nullptr;  // opened when it is first needed
   SkyStage sky = {};
-  VisibilityDevice* device = nullptr;  // null: the CPU
+  OpeningDevice* device = nullptr;  // null: the CPU
   FieldAccuracy accuracy = FieldAccuracy::usual;
   std::vector<RayNoise> ray_noise = {};  // of a picture by rounds; the first: with the light samples of the options
   // Of each sequence with which the error of fields is surveyed: as many as rays take to the error, or in the time.

@@ -192,8 +192,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   AnswererSettings settings{picture.settings.isa, stats.tolerance, options.check, options.force_undecided,
                             options.whole_lights};
   settings.self_to_rays = fields.self_to_rays();
-  settings.device = stage.device;
-  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
+  ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
   tracing.sky_by_maps = stage.sky.light != nullptr && stage.uses_fields();
   tracing.open_light_samples = stats.open_light_samples = open.samples;
@@ -219,6 +218,9 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     context.lobes = glossy->lobes();
     context.hits = glossy->hits();
     warn_of_no_maps(picture, stage, glossy->maps_left_out());
+  }
+  if (stage.device && (context.sky || context.occlusion_sky || context.lobes || !fields.empty())) {
+    answerer.use(stage.device->get());
   }
   Job job{picture, context, fields.budget(), stage.deadline};
   Checkpoint state;
@@ -337,9 +339,9 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   Picture picture(scene, options, told_once);
   const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
 
-  std::unique_ptr<VisibilityDevice> device;
+  std::optional<OpeningDevice> opening;
   if (picture.wants_fields && options.chart == Chart::orthographic) {
-    device = open_device(options.device, {options.device_memory, told_once.warning});
+    opening.emplace(options.device, DeviceOptions{options.device_memory, told_once.warning});
   }
   RenderResult result;
   result.stats.tolerance = options.base_tolerance();
@@ -380,7 +382,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       render_by_thesis(picture, stage, result);
       return;
     }
-    stage.device = device.get();
+    if (opening) stage.device = &*opening;
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);
     if (stage.uses_fields()) make_maps(picture, stage, result.stats);
@@ -388,7 +390,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       is_done = attempt(picture, stage, plan, result);
       const bool wants_finer = stage.uses_fields() && stage.accuracy != FieldAccuracy::coarse_maps;
       if (!is_done && wants_finer && stage.sky.can_be_finer) make_maps(picture, stage, result.stats);
-      if (device) device->forget_fields();
+      if (opening && opening->in_use()) opening->in_use()->forget_fields();
     }
   });
 
@@ -408,6 +410,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   stats.height = picture.window.height;
   stats.threads = threads;
   stats.isa = isa_name(picture.settings.isa);
+  const VisibilityDevice* const device = opening ? opening->in_use() : nullptr;
+  if (opening && !device) opening->get();  // says what is missing also where nothing was to be asked
   stats.device = device ? options.device : "cpu";
   if (device) {
     const DeviceCounts counts = device->counts();

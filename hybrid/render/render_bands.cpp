@@ -1,8 +1,6 @@
 // The tiles of a picture in bands of many, for a device: a band's batches go from surface to surface together, so that
-// the questions about their light are waves of k_wave_samples light samples and more (hybrid/visibility).
-//
-// Two bands are under way at once: while the device answers for one, the CPU works on the other. A band holds fewer
-// light samples only at the end of the picture. What it takes of memory: docs/gpu.md.
+// the questions about their light are waves of k_wave_samples light samples and more (hybrid/visibility). A band holds
+// fewer only at the end of the picture. What it takes of memory: docs/gpu.md.
 
 #include <tbb/task_arena.h>
 
@@ -17,23 +15,28 @@
 namespace fieldtrace {
 namespace {
 
-// Bands under way at once: as many as a device has waves.
-constexpr size_t k_bands = 2;
+// Bands under way at once: while some wait for the device, the CPU works on the others (decision 040).
+constexpr size_t k_bands = 4;
 
 // The light samples of a band, in waves: most shading points have no occluder to be asked about, so a band holds more
 // than a wave where its camera samples are few enough for that, those of a quarter of a wave.
 constexpr uint64_t k_most_waves_a_band = 4;
 
+// What a camera sample is counted as: its light samples or, if more, those of a glossy lobe.
+uint64_t samples_of_camera_sample(const Job& job) {
+  return uint64_t(std::max(job.context.settings.light_samples, job.context.settings.lobe_samples));
+}
+
 uint64_t samples_of_band(const Job& job) {
   const uint64_t wave = std::max<uint64_t>(job.picture.options.wave_samples, 1);
-  const uint64_t waves = uint64_t(job.context.settings.light_samples) / k_most_waves_a_band;
+  const uint64_t waves = samples_of_camera_sample(job) / k_most_waves_a_band;
   return wave * std::clamp<uint64_t>(waves, 1, k_most_waves_a_band);
 }
 
 struct TileOfBand {
   size_t tile = 0;
   TileSums sums;
-  uint64_t light_samples = 0;
+  uint64_t samples = 0;  // light samples, or those of lobes
 };
 
 struct BatchOfBand {
@@ -56,9 +59,9 @@ class TileRuns {
       TileOfBand& t = run.emplace_back();
       t.tile = pass_.tiles[next_];
       begin_tile(job_, pass_, tiles_[t.tile], t.sums);
-      for (const SampleRange& range : t.sums.ranges) t.light_samples += range.count;
-      t.light_samples *= uint64_t(job_.context.settings.light_samples);
-      samples += t.light_samples;
+      for (const SampleRange& range : t.sums.ranges) t.samples += range.count;
+      t.samples *= samples_of_camera_sample(job_);
+      samples += t.samples;
     }
     return run;
   }
@@ -107,7 +110,7 @@ class BandTracer {
   template <class Finished>
   bool trace(std::deque<TileOfBand>& tiles, uint64_t band_samples, const Finished& finished) {
     uint64_t all = 0;
-    for (const TileOfBand& t : tiles) all += t.light_samples;
+    for (const TileOfBand& t : tiles) all += t.samples;
     const uint64_t bands = std::max<uint64_t>(all / band_samples, 1);
     TileBatches batches(job_, tiles);
     size_t next = 0;  // tile to finish
@@ -119,7 +122,7 @@ class BandTracer {
       while (has_more && samples < (all + bands - 1) / bands) {
         has_more = batches.next(band.emplace_back());
         if (!has_more) break;
-        samples += band.back().samples.size * uint64_t(job_.context.settings.light_samples);
+        samples += band.back().samples.size * samples_of_camera_sample(job_);
       }
       if (!has_more) band.pop_back();
       if (!job_.goes_on()) return false;

@@ -7,7 +7,7 @@
 // undecided is traced against that candidate alone, others against the whole scene, as are all single rays of a group
 // with candidate overflow (more than k_most_candidates).
 //
-// Each step takes a list of groups, too. Their questions then go to the settings' device as one wave, if there is one;
+// Each step takes a list of groups, too. Their questions then go to a device as one wave, if there is one;
 // the calls for one group leave it out.
 //
 // Files: shadow_answerer.cpp culls; shadow_answerer_lights.cpp looks up whole lights and strata,
@@ -49,7 +49,6 @@ struct AnswererSettings {
   // Trace every shadow ray against the whole scene. A shading point's light then cannot depend on its group, which
   // otherwise decides whether the light is sampled or, where nothing can block it, known in closed form.
   bool whole_scene = false;
-  VisibilityDevice* device = nullptr;  // answers instead of the CPU; must outlive the answerer
   // Per shape: not 0 where its field does not answer rays from the object itself. Empty: all fields do.
   std::vector<uint8_t> self_to_rays = {};
   // Per shape: bakes for single rays and hits wait until they are due. Empty: they happen at the first question. Must
@@ -145,8 +144,9 @@ class ShadowAnswerer {
   // Whether strata of the group's light may be filtered: some candidate leaves them to filter().
   bool filters(const ShadowGroup& group) const { return !group.open.empty(); }
   bool checks() const { return settings_.check; }
-  // That of the settings; null: the CPU.
-  VisibilityDevice* device() const { return settings_.device; }
+  // That which answers instead of the CPU, and must outlive this; null: the CPU answers.
+  VisibilityDevice* device() const { return device_; }
+  void use(VisibilityDevice* device) { device_ = device; }
   // Filters `strata` strata of a light for each of `shading_points` (indices into the group's; their by_rays must be
   // 0), whose rays sample_light() laid out in `batch`: sets batch.clear, and undecided[i] to 1 for strata that are not
   // settled, whose clear[i] is meaningless.
@@ -228,6 +228,7 @@ class ShadowAnswerer {
   const SegmentKernels& kernels_;
   const ThesisKernels& thesis_kernels_;
   AnswererSettings settings_;
+  VisibilityDevice* device_ = nullptr;
   ShadowCandidates candidates_;
   std::vector<ShadowInstance> instances_;  // one per instance
   mutable tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces_;

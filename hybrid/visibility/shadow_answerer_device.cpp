@@ -59,7 +59,7 @@ void ShadowAnswerer::ask_and_bake(std::span<Request> requests, std::vector<Quest
   DeviceWave wave;
   list_questions(requests, wave.*list);
   for (int round = 0; !wave.empty(); ++round) {
-    settings_.device->answer(wave);
+    device_->answer(wave);
     if (round == k_most_bake_rounds) return;
     for_each_request(requests, [&](Request& request) {
       for (size_t n = 0; n < request.questions.size(); ++n) {
@@ -122,7 +122,7 @@ void ShadowAnswerer::ask_cones(CandidateRequest& request) const {
 }
 
 void ShadowAnswerer::find_candidates(std::span<CandidateRequest> requests) const {
-  if (!settings_.device) {
+  if (!device_) {
     for (CandidateRequest& request : requests) choose_candidates(request), test_candidates(request);
     return;
   }
@@ -132,7 +132,7 @@ void ShadowAnswerer::find_candidates(std::span<CandidateRequest> requests) const
   });
   DeviceWave wave;
   list_questions(requests, wave.cones);
-  settings_.device->answer(wave);
+  device_->answer(wave);
   for_each_request(requests, [&](CandidateRequest& request) { test_candidates(request); });
 }
 
@@ -166,7 +166,7 @@ void ShadowAnswerer::ask_strata(FilterRequest& request) const {
 }
 
 void ShadowAnswerer::filter(std::span<FilterRequest> requests) const {
-  if (!settings_.device) {
+  if (!device_) {
     for (FilterRequest& request : requests) filter(request);
     return;
   }
@@ -196,7 +196,7 @@ void ShadowAnswerer::ask_rays(RayRequest& request) const {
 }
 
 void ShadowAnswerer::answer(std::span<RayRequest> requests) const {
-  if (!settings_.device) {
+  if (!device_) {
     for (RayRequest& request : requests) answer(request);
     return;
   }

@@ -34,15 +34,20 @@ DeviceKind device_kind(const std::string& name) {
   return kind;
 }
 
-std::unique_ptr<VisibilityDevice> open_device(const std::string& name, const DeviceOptions& options) {
-  if (name == "cpu") return nullptr;
-  const DeviceKind kind = device_kind(name);
+OpeningDevice::OpeningDevice(const std::string& name, const DeviceOptions& options)
+    : name_(name), warning_(options.warning) {
+  if (name == "cpu") return;
+  opening_ = std::async(std::launch::async, [kind = device_kind(name), options] { return kind.open(options); });
+}
+
+VisibilityDevice* OpeningDevice::get() {
+  if (!opening_.valid()) return device_.get();
   try {
-    return kind.open(options);
+    device_ = opening_.get();
   } catch (const Error& e) {
-    warn(options.warning, {}, "--device " + name + ": " + e.what() + "; the CPU answers instead");
-    return nullptr;
+    warn(warning_, {}, "--device " + name_ + ": " + e.what() + "; the CPU answers instead");
   }
+  return device_.get();
 }
 
 }  // namespace fieldtrace

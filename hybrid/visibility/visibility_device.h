@@ -11,6 +11,7 @@
 #pragma once
 
 #include <functional>
+#include <future>
 #include <memory>
 #include <span>
 #include <string>
@@ -107,7 +108,7 @@ struct DeviceCounts {
 };
 
 // Light samples that a wave is made from, if the picture has as many.
-inline constexpr uint64_t k_wave_samples = 1048576;
+inline constexpr uint64_t k_wave_samples = 131072;
 
 class VisibilityDevice {
  public:
@@ -142,8 +143,23 @@ std::vector<DeviceKind> device_kinds();
 // Throws UsageError if the kind is not registered, or if this build lacks something for it.
 DeviceKind device_kind(const std::string& name);
 
-// The device of that name; null for `cpu`. Where it cannot be opened a warning says why and that the CPU answers, and
-// it is null, too. Throws UsageError as device_kind() does.
-std::unique_ptr<VisibilityDevice> open_device(const std::string& name, const DeviceOptions& options);
+// A device that a thread of its own opens, since that takes longer than many a frame. Where it cannot be opened a
+// warning says why and that the CPU answers.
+// Thread-safety: one thread at a time.
+class OpeningDevice {
+ public:
+  // `name`: of a registered kind, or `cpu`. Throws UsageError as device_kind() does.
+  OpeningDevice(const std::string& name, const DeviceOptions& options);
+  // Waits until it is open; null: the CPU answers.
+  VisibilityDevice* get();
+  // What get() has returned; null before.
+  VisibilityDevice* in_use() const { return device_.get(); }
+
+ private:
+  const std::string name_;
+  const WarningSink warning_;
+  std::future<std::unique_ptr<VisibilityDevice>> opening_;
+  std::unique_ptr<VisibilityDevice> device_;
+};
 
 }  // namespace fieldtrace
