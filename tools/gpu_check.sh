@@ -47,7 +47,7 @@ else
   echo "gpu_check: compute-sanitizer is not in the PATH: left out" >&2
 fi
 
-python3 tools/benchmarks/gpu_frames.py --program "$bin/fieldtrace" --work "$work" --output "$work/frames.json"
+python3 tools/benchmarks/gpu_frames.py --device cuda --program "$bin/fieldtrace" --work "$work" --output "$work/frames.json"
 
 out=docs/benchmarks/gpu-$(date +%Y-%m-%d)-${commit:0:7}.json
 python3 - "$work" "$out" "$sanitizer" "$commit" <<'EOF'

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Times whole frames answered by a GPU beside the same machine's CPU, with fields baked before.
 
-    gpu_frames.py [--program build/release/bin/fieldtrace] [--work DIR] [--repeats 5] [--resolution 1024]
-        [--scenes NAME ...] --output FILE.json
+    gpu_frames.py --device NAME [--program build/release/bin/fieldtrace] [--work DIR] [--repeats 5]
+        [--resolution 1024] [--scenes NAME ...] [--options OPTIONS] --output FILE.json
 
-Of each scene, in turn: Monte Carlo, the hybrid on the CPU, the hybrid on the GPU. Both hybrid pictures must be equal,
-bit for bit. The file holds the medians of the stages in seconds and each device's counts; a table is printed. Exit
-codes: 0 all pictures are equal and the GPU answered; 1 not; 2 wrong use.
+NAME: of `fieldtrace render --device`. Of each scene, in turn: Monte Carlo, the hybrid on the CPU, the hybrid on the GPU.
+Both hybrid pictures must be equal, bit for bit. The file holds the medians of the stages in seconds and each device's
+counts; a table is printed. Exit codes: 0 all pictures are equal and the GPU answered; 1 not; 2 wrong use.
 """
 
 import argparse
@@ -29,7 +29,7 @@ SCENES = {
 METHODS = {
     "monte carlo": "--method montecarlo --light-estimator adaptive",
     "cpu": "--method hybrid --device cpu",
-    "cuda": "--method hybrid --device cuda",
+    "gpu": "--method hybrid --device {device}",
 }
 
 
@@ -55,10 +55,10 @@ def frame_seconds(stats):
     return time["total"] - time["load"] - time["build"] - time["write"]
 
 
-def render(program, scene, options, method, work):
+def render(program, device, scene, options, method, work):
     picture, stats = work / f"{method}.exr", work / "stats.json"
     subprocess.run([program, "render", ROOT / "scenes" / scene, "-o", picture, "--float32", "--quiet", "--stats", stats,
-                    *METHODS[method].split(), *options], check=True)
+                    *METHODS[method].format(device=device).split(), *options], check=True)
     return json.loads(stats.read_text(encoding="utf-8"))
 
 
@@ -74,11 +74,12 @@ def pixel_bytes(path):
 
 def is_equal(work):
     """Whether all layers of the two pictures are the same, bit for bit."""
-    return pixel_bytes(work / "cpu.exr") == pixel_bytes(work / "cuda.exr")
+    return pixel_bytes(work / "cpu.exr") == pixel_bytes(work / "gpu.exr")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", required=True)
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/bin/fieldtrace")
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("gpu_frames"))
     parser.add_argument("--repeats", type=int, default=5)
@@ -87,6 +88,7 @@ def main():
     parser.add_argument("--options", default="", help="further options of fieldtrace, for all renders")
     parser.add_argument("--output", type=pathlib.Path, required=True)
     arguments = parser.parse_args()
+    device = arguments.device
     program, work = arguments.program.resolve(), arguments.work.resolve()
     work.mkdir(parents=True, exist_ok=True)
     meshes = make_meshes(program, work)
@@ -98,10 +100,11 @@ def main():
                    f"resolution={int(arguments.resolution * scale)}"]
         cache = ["--field-cache", work / f"cache_{scene}"]
         runs = {method: [] for method in METHODS}
-        render(program, scene, [*options, *cache], "cpu", work)
+        render(program, device, scene, [*options, *cache], "cpu", work)
         for _ in range(arguments.repeats):
             for method, of in runs.items():
-                of.append(render(program, scene, options + (cache if method != "monte carlo" else []), method, work))
+                with_cache = options if method == "monte carlo" else [*options, *cache]
+                of.append(render(program, device, scene, with_cache, method, work))
         equal = is_equal(work)
         row = report[name] = {"options": " ".join(map(str, options)), "equal": equal, "by": {}}
         for method, of in runs.items():
@@ -110,11 +113,11 @@ def main():
                                  "device": of[-1]["device"], "lookups": of[-1]["lookups"], "rays": of[-1]["rays"],
                                  "field": of[-1]["field"], "threads": of[-1]["threads"]}
         by = row["by"]
-        device = by["cuda"]["device"]
-        fine = fine and equal and device["name"] == "cuda" and device["blocks"] > 0
-        print(f"{name:28} {by['monte carlo']['frame']:10.3f} {by['cpu']['frame']:8.3f} {by['cuda']['frame']:8.3f}   "
-              f"{by['cpu']['time']['secondary']:14.3f} {by['cuda']['time']['secondary']:8.3f}  {device['blocks']}, "
-              f"{device['blocks_cpu']}{'' if equal else '  NOT EQUAL'}", flush=True)
+        answered = by["gpu"]["device"]
+        fine = fine and equal and answered["name"] == device and answered["blocks"] > 0
+        print(f"{name:28} {by['monte carlo']['frame']:10.3f} {by['cpu']['frame']:8.3f} {by['gpu']['frame']:8.3f}   "
+              f"{by['cpu']['time']['secondary']:14.3f} {by['gpu']['time']['secondary']:8.3f}  {answered['blocks']}, "
+              f"{answered['blocks_cpu']}{'' if equal else '  NOT EQUAL'}", flush=True)
         arguments.output.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     return 0 if fine else 1
 
