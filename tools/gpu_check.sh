@@ -25,7 +25,9 @@ if [[ ! -x $bin/gpu_check ]]; then
   exit 1
 fi
 "$bin/fieldtrace" info --devices
+tested=elsewhere
 if [[ -z $commit ]]; then
+  tested=here
   ctest --test-dir build/release -L gpu --output-on-failure --parallel "$(nproc)"
   commit=$(git rev-parse HEAD)
 fi
@@ -50,7 +52,7 @@ fi
 python3 tools/benchmarks/gpu_frames.py --device cuda --program "$bin/fieldtrace" --work "$work" --output "$work/frames.json"
 
 out=docs/benchmarks/gpu-$(date +%Y-%m-%d)-${commit:0:7}.json
-python3 - "$work" "$out" "$sanitizer" "$commit" <<'EOF'
+python3 - "$work" "$out" "$sanitizer" "$commit" "$tested" <<'EOF'
 import datetime
 import json
 import os
@@ -59,7 +61,8 @@ import platform
 import subprocess
 import sys
 
-work, out, sanitizer, commit = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3], sys.argv[4]
+work, out = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
+sanitizer, commit, tested = sys.argv[3:]
 
 
 def output(*command):
@@ -70,7 +73,9 @@ def output(*command):
 
 
 report = {"date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
-          "commit": commit, "uncommitted": bool(output("git", "status", "--porcelain")),
+          "commit": commit, "built_and_tested_by_cpu": tested,
+          "uncommitted": None if tested == "elsewhere" else bool(output("git", "status", "--porcelain")),
+          "compiler": (output("nvcc", "--version") or "").split("\n")[-1],
           "machine": platform.platform(), "cpus": os.cpu_count(),
           "gpu": output("nvidia-smi", "--query-gpu=name,driver_version,clocks.max.sm", "--format=csv,noheader"),
           "compute_sanitizer": sanitizer, **json.loads((work / "look_ups.json").read_text()),

@@ -219,7 +219,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     context.hits = glossy->hits();
     warn_of_no_maps(picture, stage, glossy->maps_left_out());
   }
-  if (stage.device && (context.sky || context.occlusion_sky || context.lobes || !fields.empty())) {
+  if (stage.device && (context.sky || context.occlusion_sky || context.lobes || fields.answers_shadows())) {
     answerer.use(stage.device->get());
   }
   Job job{picture, context, fields.budget(), stage.deadline};

@@ -54,7 +54,8 @@ struct RenderOptions {
   int lobe_samples = 1;          // rays per glossy hit of the camera path
   std::optional<uint32_t> seed;  // default: the scene file's
   // [0, 1]; 0: every ray is traced, 1: every cell answers. Default: k_default_tolerance, for lights less where a pixel
-  // has so many light samples that estimates would err more than noise (docs/decisions/030-tolerance-by-noise.md).
+  // has so many light samples that estimates would err more than noise (docs/decisions/030-tolerance-by-noise.md), for
+  // skies more where it has few (docs/decisions/024-skies.md).
   std::optional<float> tolerance;
   Chart chart = Chart::orthographic;
   int directions = 0;              // D: 32, 64, 128, 256; 0: chosen from the scene. Thesis: M, 32, 64 or 128; 0: 64

@@ -169,7 +169,7 @@ void trace_bands(Job& job, const Pass& pass, const std::function<void(size_t til
   std::vector<std::unique_ptr<BandTracer>> tracers;
   while (tracers.size() < k_bands) tracers.push_back(std::make_unique<BandTracer>(job));
   parallel_for(k_bands, [&](size_t i) {
-    // Isolated: a thread that waits for its own band must not begin the other one.
+    // Isolated: a thread that waits for its own band must not begin another one.
     tbb::this_task_arena::isolate([&] {
       for (auto run = runs.take(samples); !run.empty() && !job.interrupted; run = runs.take(samples)) {
         const bool is_done = tracers[i]->trace(run, samples, [&](const TileOfBand& t) {

@@ -30,19 +30,32 @@ constexpr uint64_t k_few_samples = 4;
 constexpr uint64_t k_coarse_samples = 8;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
+// Light samples a pixel below which the default tolerance rises in proportion, and how far: few rays err more than
+// maps.
+constexpr float k_slack_samples = 32.0f, k_most_slack = 3.0f;
+// More tolerance than the default takes no line for hidden within fewer texels: some points would be black.
+constexpr float k_least_hidden_from = 1.0f;
 
 SkyTolerance sky_tolerance(float slack) {
   SkyTolerance t;
   t.margin /= slack;
   t.clear_within *= std::min(slack, 1.0f / t.clear_within);
-  t.hidden_from = std::max(t.hidden_from / slack, t.clear_within);
+  t.hidden_from = std::max(t.hidden_from / slack, std::max(t.clear_within, slack > 1.0f ? k_least_hidden_from : 0.0f));
   return t;
 }
 
-int wanted_directions(bool crowd, float slack, uint64_t samples) {
-  if (crowd) return slack >= 1.0f && samples < k_few_samples ? k_crowd_directions : k_coarse_directions;
-  if (slack >= k_coarse_tolerance || (slack >= 1.0f && samples < k_coarse_samples)) return k_coarse_directions;
-  return slack <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
+// In units of the default.
+float slack_of(const RenderOptions& options, const SkyRequest& request, bool can_be_finer) {
+  if (options.tolerance) return *options.tolerance / k_default_tolerance;
+  if (can_be_finer) return k_most_slack;  // a survey tells whether they will do
+  return std::clamp(k_slack_samples / float(request.samples), 1.0f, k_most_slack);
+}
+
+// `given`: of --tolerance or the default, in units of that.
+int wanted_directions(bool crowd, float given, uint64_t samples) {
+  if (crowd) return given >= 1.0f && samples < k_few_samples ? k_crowd_directions : k_coarse_directions;
+  if (given >= k_coarse_tolerance || (given >= 1.0f && samples < k_coarse_samples)) return k_coarse_directions;
+  return given <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
 }
 
 // D = 0: none is affordable for so many rays.
@@ -152,7 +165,7 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
                   const RenderCallbacks& callbacks, Stats& stats) {
   SkyStage stage;
   if (!(options.base_tolerance() > 0.0f) || options.force_undecided) return stage;
-  const float slack = options.base_tolerance() / k_default_tolerance;
+  const float given = options.base_tolerance() / k_default_tolerance;
   MappedShapes mapped = mapped_shapes(scene, traits);
   const std::vector<MappedShape>& shapes = mapped.shapes;
   const bool by_request = options.directions || options.plane || !options.leave_to_rays;
@@ -161,7 +174,7 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const auto choose = [&](uint64_t rays, bool coarse) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
     if (rays < k_crowd_rays * instances) return MapSize{0, 0};
-    int directions = wanted_directions(crowd, slack, request.samples);
+    int directions = wanted_directions(crowd, given, request.samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
     return choose_size(shapes.size(), directions, rays, request.most_bytes);
   };
@@ -179,7 +192,7 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const uint64_t occlusion_rays = is_far ? request.occlusion_rays : 0;
   if (!for_light) size = choose(occlusion_rays, /*coarse=*/false);
   if (size.directions == 0) return stage;
-  stage.can_be_finer = for_light && size.directions < choose(light_rays, /*coarse=*/false).directions;
+  const bool can_be_finer = for_light && size.directions < choose(light_rays, /*coarse=*/false).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   // Before the cache, which is being opened meanwhile.
   std::optional<SkyRadiance> light;
@@ -192,7 +205,8 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   stats.add_bake(source.counters);
   stats.sky_objects = shapes.size();
   stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(mapped), std::move(maps), size.directions,
-                                         sky_tolerance(slack));
+                                         sky_tolerance(slack_of(options, request, can_be_finer)));
+  stage.can_be_finer = can_be_finer;
   stats.sky_directions = size.directions, stats.sky_texels = size.texels;
   if (light) stage.light = std::make_unique<Sky>(*stage.maps, std::move(*light));
   if (occlusion_rays > 0) {

@@ -29,7 +29,7 @@ struct SkyRequest {
   // Light samples of a pixel; the most that there may be where their number tells nothing of the noise.
   uint64_t samples = 0;
   uint64_t most_bytes = 0;  // that maps may take
-  bool coarse = false;      // maps for light have no more directions than for few samples
+  bool coarse = false;      // maps for light have no more directions than for few samples, and their tolerance
 };
 
 // Of the surfaces that a grid of camera rays over the whole film meets, the share that are diffuse and opaque: only

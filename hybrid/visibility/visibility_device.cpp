@@ -1,6 +1,7 @@
 #include "hybrid/visibility/visibility_device.h"
 
 #include <map>
+#include <system_error>
 
 namespace fieldtrace {
 namespace {
@@ -37,14 +38,19 @@ DeviceKind device_kind(const std::string& name) {
 OpeningDevice::OpeningDevice(const std::string& name, const DeviceOptions& options)
     : name_(name), warning_(options.warning) {
   if (name == "cpu") return;
-  opening_ = std::async(std::launch::async, [kind = device_kind(name), options] { return kind.open(options); });
+  const auto open = [kind = device_kind(name), options] { return kind.open(options); };
+  try {
+    opening_ = std::async(std::launch::async, open);
+  } catch (const std::system_error&) {
+    opening_ = std::async(std::launch::deferred, open);  // no further thread can be started
+  }
 }
 
 VisibilityDevice* OpeningDevice::get() {
   if (!opening_.valid()) return device_.get();
   try {
     device_ = opening_.get();
-  } catch (const Error& e) {
+  } catch (const std::exception& e) {
     warn(warning_, {}, "--device " + name_ + ": " + e.what() + "; the CPU answers instead");
   }
   return device_.get();

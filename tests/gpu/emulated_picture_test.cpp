@@ -170,8 +170,8 @@ TEST(EmulatedPicture, SkyCellsAreChecked) {
   expect_equal(device, render(scene, o), "checked");
 }
 
-// The cells of many batches are one wave, as large as k_wave_samples where the band has as many.
-TEST(EmulatedPicture, WavesOfSkyCellsHoldAMillionSamples) {
+// The cells of many batches are one wave.
+TEST(EmulatedPicture, WavesOfSkyCellsAreFull) {
   const Scene scene = knot_under_sky(160);
   const RenderOptions o = options_for(1, 16);
   WaveSizes sizes;
@@ -181,6 +181,39 @@ TEST(EmulatedPicture, WavesOfSkyCellsHoldAMillionSamples) {
   ASSERT_FALSE(waves.empty());
   EXPECT_GE(*std::max_element(waves.begin(), waves.end()), k_wave_samples);
   EXPECT_GE(device.stats.device_waves_full, 1u);
+}
+
+// A device is opened, but not used, where no field and no map would be asked.
+TEST(EmulatedPicture, IsTheCpusWhereNothingIsAsked) {
+  const Scene scene = knot_over_floor(Mat3(1.0f), 32);
+  RenderOptions o;
+  o.spp = o.light_samples = 1;  // too few for fields
+  const EmulatedPicture device = render_emulated(scene, o);
+  expect_equal(device.result, render(scene, o), "nothing asked");
+  EXPECT_EQ(device.result.stats.device, "cpu");
+  EXPECT_TRUE(device.warnings.empty());
+  EXPECT_TRUE(is_clean(device.log));
+}
+
+TEST(EmulatedPicture, IsTheCpusWhereOpeningFails) {
+  const Scene scene = knot_over_floor(Mat3(1.0f), 32);
+  DeviceKind kind;
+  kind.name = "failing";
+  kind.open = [](const DeviceOptions&) -> std::unique_ptr<VisibilityDevice> { throw std::bad_alloc(); };
+  register_device_kind(kind);
+  for (const int light_samples : {1, 16}) {
+    RenderOptions o = options_for(1, light_samples);
+    const Image cpu = render(scene, o).image;
+    o.device = "failing";
+    std::vector<std::string> warnings;
+    RenderCallbacks callbacks;
+    callbacks.warning = [&](const std::string& message) { warnings.push_back(message); };
+    const RenderResult r = render(scene, o, callbacks);
+    EXPECT_EQ(r.image.data, cpu.data);
+    EXPECT_EQ(r.stats.device, "cpu");
+    ASSERT_EQ(warnings.size(), 1u);
+    EXPECT_EQ(warnings[0].rfind("--device failing: ", 0), 0u) << warnings[0];
+  }
 }
 
 // What radiance maps tell of samples of lobes is asked of the device, whichever way these come by.
@@ -229,7 +262,7 @@ TEST(EmulatedPicture, IsTheSameForWavesOfAnySize) {
 }
 
 // A ball between a floor that fills the picture and a light: the light of nearly all points is asked about.
-TEST(EmulatedPicture, WavesHoldAMillionSamples) {
+TEST(EmulatedPicture, WavesAreFull) {
   SceneMaker s;
   s.film(320, 320);
   s.scene.camera.to_world = look_at({0, 0, 0.5f}, {0, 0, 0}, {0, 1, 0});

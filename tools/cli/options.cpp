@@ -202,7 +202,8 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->type_name("S");
   command
       .add_option("--tolerance", options.tolerance,
-                  "From 0 (every ray exact) to 1 (every cell answers) (default: 0.1, less with many samples)")
+                  "From 0 (every ray exact) to 1 (every cell answers) (default: 0.1, less with many samples, under "
+                  "skies more with few)")
       ->check(number_between(0.0, 1.0))
       ->type_name("T");
   command.add_option("--directions", options.directions, "Direction cells D of a field (default: from the scene)")

@@ -265,6 +265,30 @@ TEST_P(SkyPicture, OfFewSamplesHasCoarseMaps) {
   }
 }
 
+// Few rays err more than what maps would say of the cells that they are sent to.
+TEST_P(SkyPicture, OfFewSamplesHasMoreTolerance) {
+  constexpr int k_size = 64;
+  SkyScene s(GetParam(), k_size, 2 * k_coarse);
+  s.object(knot(), placed(turned() * 0.9f, {0, 0, 1.3f}));
+  const Image exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, 1024)).image;
+  for (const int samples : {4, 16, 32}) {
+    RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 1, samples);
+    const RenderResult usual = render(s.scene, o);
+    o.tolerance = k_default_tolerance;
+    const RenderResult given = render(s.scene, o);
+    EXPECT_EQ(usual.stats.sky_directions, given.stats.sky_directions);
+    if (samples == 32) {
+      EXPECT_EQ(usual.image.data, given.image.data);
+      continue;
+    }
+    EXPECT_LT(usual.stats.rays_exact, given.stats.rays_exact) << samples;
+    for (const uint32_t i : {0u, 1u}) {
+      EXPECT_LT(difference(usual.image, exact, i).rmse, 1.1 * difference(given.image, exact, i).rmse)
+          << samples << " " << i;
+    }
+  }
+}
+
 // Four camera samples share what they see: amid a picture of 160 pixels a side they lie close together.
 TEST_P(SkyPicture, OfSharedVisibilityIsNearMonteCarlo) {
   constexpr int k_size = 40;
