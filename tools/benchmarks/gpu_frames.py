@@ -4,62 +4,31 @@
     gpu_frames.py --device NAME [--program build/release/bin/fieldtrace] [--work DIR] [--repeats 5]
         [--resolution 1024] [--scenes NAME ...] [--options OPTIONS] --output FILE.json
 
-NAME: of `fieldtrace render --device`. Of each scene, in turn: Monte Carlo, the hybrid on the CPU, the hybrid on the GPU.
-Both hybrid pictures must be equal, bit for bit. The file holds the medians of the stages in seconds and each device's
-counts; a table is printed. Exit codes: 0 all pictures are equal and the GPU answered; 1 not; 2 wrong use.
+NAME: of `fieldtrace render --device`. Of each scene, in turn: Monte Carlo, the hybrid on the CPU, the hybrid on the
+GPU. Both hybrid pictures must be equal, bit for bit. The file holds the medians of the stages in seconds and each
+device's counts; a table is printed. Exit codes: 0 all pictures are equal and the GPU answered; 1 not; 2 wrong use.
 """
 
 import argparse
 import json
 import pathlib
-import statistics
-import subprocess
 import sys
+
+from measuring.context import Context
+from measuring.programs import Programs, frame_seconds
+from measuring.timing import in_turn, summary
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
+# Scene, samples of `Shot`, further options, and the share of the resolution.
 SCENES = {
-    "bunny over a floor": ("bunny_floor.xml", "--spp 4 --light-samples 16", 1),
-    "three objects, three lights": ("three_objects.xml", "--spp 4 --light-samples 16", 1),
-    "three objects, 16 x 1": ("three_objects.xml", "--spp 16 --light-samples 1", 1),
-    "sky": ("sky.xml", "--spp 16", 1),
-    "ambient occlusion": ("three_objects.xml", "--spp 4 --light-samples 16 --aov ao", 1),
-    "glossy floor": ("glossy_floor.xml", "--light-samples 4 --lobe-samples 256", 0.5),
+    "bunny over a floor": ("bunny_floor.xml", {"spp": 4, "light_samples": 16}, (), 1),
+    "three objects, three lights": ("three_objects.xml", {"spp": 4, "light_samples": 16}, (), 1),
+    "three objects, 16 x 1": ("three_objects.xml", {"spp": 16}, (), 1),
+    "sky": ("sky.xml", {"spp": 16}, (), 1),
+    "ambient occlusion": ("three_objects.xml", {"spp": 4, "light_samples": 16}, ("--aov", "ao"), 1),
+    "glossy floor": ("glossy_floor.xml", {"light_samples": 4}, ("--lobe-samples", "256"), 0.5),
 }
-METHODS = {
-    "monte carlo": "--method montecarlo --light-estimator adaptive",
-    "cpu": "--method hybrid --device cpu",
-    "gpu": "--method hybrid --device {device}",
-}
-
-
-def make_meshes(program, work):
-    """Writes the meshes of three_objects.xml; returns the options that name them."""
-    shapes = {
-        "shape1": "supershape --m 7 --n1 0.6 --n2 1.2 --n3 1.2 --m-lat 3 --n1-lat 1.2 --n2-lat 1.6 --n3-lat 1.6",
-        "shape2": "supershape --m 5 --n1 0.4 --n2 1.7 --n3 1.7 --m-lat 4 --n1-lat 10 --n2-lat 10 --n3-lat 10",
-        "knot": "knot --along 512 --around 24",
-    }
-    options = []
-    for name, arguments in shapes.items():
-        path = work / f"{name}.ply"
-        subprocess.run([program, "mesh", *arguments.split(), "-o", path], check=True,
-                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        options += ["-D", f"{name}={path}"]
-    return {"three_objects.xml": options}
-
-
-def frame_seconds(stats):
-    """Seconds of a frame: all but what reads, builds and writes."""
-    time = stats["time"]
-    return time["total"] - time["load"] - time["build"] - time["write"]
-
-
-def render(program, device, scene, options, method, work):
-    picture, stats = work / f"{method}.exr", work / "stats.json"
-    subprocess.run([program, "render", ROOT / "scenes" / scene, "-o", picture, "--float32", "--quiet", "--stats", stats,
-                    *METHODS[method].format(device=device).split(), *options], check=True)
-    return json.loads(stats.read_text(encoding="utf-8"))
 
 
 def pixel_bytes(path):
@@ -72,9 +41,24 @@ def pixel_bytes(path):
     return data[int.from_bytes(data[at + 1:at + 9], "little"):]
 
 
-def is_equal(work):
-    """Whether all layers of the two pictures are the same, bit for bit."""
-    return pixel_bytes(work / "cpu.exr") == pixel_bytes(work / "gpu.exr")
+def measure(context, device, shot):
+    """Medians of the stages of one scene by each method, with the counts of its last render."""
+    programs = context.programs
+    monte_carlo = shot.with_(options=(*shot.options, "--light-estimator", "adaptive"))
+    cpu, gpu = (shot.with_(method="hybrid", options=(*shot.options, "--device", name)) for name in ("cpu", device))
+    cache = programs.cache_for(cpu)
+    pictures = {name: programs.work / f"{name}.exr" for name in ("cpu", "gpu")}
+    runs = in_turn({"monte carlo": lambda: programs.render(monte_carlo),
+                    "cpu": lambda: programs.render(cpu, pictures["cpu"], cache),
+                    "gpu": lambda: programs.render(gpu, pictures["gpu"], cache)}, context.repeats)
+    by = {}
+    for method, of in runs.items():
+        stages = {stage: summary(s["time"][stage] for s in of)["median"] for stage in of[0]["time"]}
+        by[method] = {"frame": summary(map(frame_seconds, of))["median"], "time": stages,
+                      **{key: of[-1][key] for key in ("device", "lookups", "rays", "field", "threads")}}
+    # Bit for bit, in all layers.
+    equal = pixel_bytes(pictures["cpu"]) == pixel_bytes(pictures["gpu"])
+    return {"options": " ".join(gpu.words()), "equal": equal, "by": by}
 
 
 def main():
@@ -89,35 +73,22 @@ def main():
     parser.add_argument("--output", type=pathlib.Path, required=True)
     arguments = parser.parse_args()
     device = arguments.device
-    program, work = arguments.program.resolve(), arguments.work.resolve()
-    work.mkdir(parents=True, exist_ok=True)
-    meshes = make_meshes(program, work)
+    context = Context(Programs(arguments.program.resolve(), arguments.work.resolve()), arguments.repeats, quick=False)
+    context.programs.drop_caches()
     report, fine = {}, True
     print(f"{'scene':28} {'frame: MC':>10} {'CPU':>8} {'GPU':>8}   {'secondary: CPU':>14} {'GPU':>8}  blocks GPU, CPU")
     for name in arguments.scenes:
-        scene, options, scale = SCENES[name]
-        options = [*options.split(), *arguments.options.split(), *meshes.get(scene, []), "-D",
-                   f"resolution={int(arguments.resolution * scale)}"]
-        cache = ["--field-cache", work / f"cache_{scene}"]
-        runs = {method: [] for method in METHODS}
-        render(program, device, scene, [*options, *cache], "cpu", work)
-        for _ in range(arguments.repeats):
-            for method, of in runs.items():
-                with_cache = options if method == "monte carlo" else [*options, *cache]
-                of.append(render(program, device, scene, with_cache, method, work))
-        equal = is_equal(work)
-        row = report[name] = {"options": " ".join(map(str, options)), "equal": equal, "by": {}}
-        for method, of in runs.items():
-            stages = {stage: statistics.median(s["time"][stage] for s in of) for stage in of[0]["time"]}
-            row["by"][method] = {"frame": statistics.median(map(frame_seconds, of)), "time": stages,
-                                 "device": of[-1]["device"], "lookups": of[-1]["lookups"], "rays": of[-1]["rays"],
-                                 "field": of[-1]["field"], "threads": of[-1]["threads"]}
+        scene, samples, options, scale = SCENES[name]
+        defines = context.three_objects() if scene == "three_objects.xml" else ()
+        shot = context.shot(scene, int(arguments.resolution * scale), defines,
+                            options=(*options, *arguments.options.split()), **samples)
+        row = report[name] = measure(context, device, shot)
         by = row["by"]
         answered = by["gpu"]["device"]
-        fine = fine and equal and answered["name"] == device and answered["blocks"] > 0
+        fine = fine and row["equal"] and answered["name"] == device and answered["blocks"] > 0
         print(f"{name:28} {by['monte carlo']['frame']:10.3f} {by['cpu']['frame']:8.3f} {by['gpu']['frame']:8.3f}   "
               f"{by['cpu']['time']['secondary']:14.3f} {by['gpu']['time']['secondary']:8.3f}  {answered['blocks']}, "
-              f"{answered['blocks_cpu']}{'' if equal else '  NOT EQUAL'}", flush=True)
+              f"{answered['blocks_cpu']}{'' if row['equal'] else '  NOT EQUAL'}", flush=True)
         arguments.output.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     return 0 if fine else 1
 
