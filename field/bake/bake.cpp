@@ -16,11 +16,9 @@ constexpr int k_cells = scalar::k_slice_cells;
 constexpr int k_first_round = 4;         // lines a cell traces before it may stop
 constexpr size_t k_slices_at_once = 16;  // bounds the ray batch: 16 * 32 cells * 12 lines = 6144 rays
 
-// Limits of a plane fit: the cosine of the largest angle between a normal and their mean (60 degrees), and the largest
-// residual, in ball radii (docs/decisions/003-certificates.md).
-constexpr float k_min_normal_cosine = 0.5f;
+// Largest residual of a plane fit, in ball radii (docs/decisions/003-certificates.md), and in half widths of a plane
+// cell; the smaller of the two holds.
 constexpr float k_max_residual = 0.005f;
-// The residual's limit in half widths of a plane cell; the smaller of the two holds.
 constexpr float k_max_residual_cells = 0.64f;
 
 // A depth cell's lines fan out from a pivot at its frontmost hit. A pivot that turns out to lie further from it than
@@ -213,7 +211,7 @@ SliceBaker::FittedPlane SliceBaker::fit_plane(const DepthCellFit& cell, int anch
                                               const Vec3& axis) const {
   FittedPlane plane;
   const auto member = [&](int k) {
-    return glm::dot(cell.normals[k], cell.normals[anchor]) >= k_min_normal_cosine &&
+    return glm::dot(cell.normals[k], cell.normals[anchor]) > 0.0f &&
            std::abs(glm::dot(cell.points[k] - cell.points[anchor], cell.normals[anchor])) <= 4.0f * max_residual_;
   };
   Vec3 centroid(0.0f), normal(0.0f);
@@ -265,12 +263,11 @@ void SliceBaker::store_depth_cell(const Claimed& slice, uint32_t i, const std::v
   };
 
   const FittedPlane plane = fit_plane(cell, 0, in_plane, frame.c);
-  float residual = 0.0f, spread = 1.0f;
+  float residual = 0.0f;
   for (int k = 0; k < cell.hits; ++k) {
     residual = std::max(residual, std::abs(plane.distance(cell.points[k])));
-    spread = std::min(spread, glm::dot(cell.normals[k], plane.normal));
   }
-  const bool is_one_surface = residual <= max_residual_ && spread >= k_min_normal_cosine && plane.faces;
+  const bool is_one_surface = residual <= max_residual_ && plane.faces;
   if (is_one_surface && misses == 0) {
     store(plane, scalar::k_kind_plane_fit, edge_class(plane), residual);
     return;

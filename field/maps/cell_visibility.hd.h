@@ -19,9 +19,6 @@
 
 FT_LANES_BEGIN
 
-// Below this share a cell counts as hidden whatever is undecided.
-constexpr float k_least_clear = 0.004f;
-
 // The share of cosine_over_cell(shading, half), above 0, that lies above a second horizon, at which a cell's centre has
 // the cosine `geometric`. `turn`: the cosine between the two normals. 1 where the normals agree.
 template <class F>
@@ -285,7 +282,7 @@ class CellLight : PlanesSeen<F> {
   }
 
   // Where what lies behind the objects met so far still matters.
-  FT_HD_INLINE Mask_t<F> open() const { return front_ > splat<F>(k_least_clear); }
+  FT_HD_INLINE Mask_t<F> open() const { return front_ > zero_; }
 
   // Returns where an undecided answer of the map matters.
   FT_HD_INLINE Mask_t<F> add_map(int k, const MapShare<F>& share, const Vec3Lanes<F>& p) {
@@ -305,7 +302,7 @@ class CellLight : PlanesSeen<F> {
       add(radiance_of_map<F>(map, p, affine<F>(task_.maps[k].z, p), wanted),
           select(wanted, before * share.hidden, zero_));
     }
-    return share.near & (before > splat<F>(k_least_clear));
+    return share.near & (before > zero_);
   }
 
   // Of `own_share` hidden by the points' own object, which lies before all planes.
@@ -343,13 +340,12 @@ struct CellSeen {
     clear = select(share.near, clear, clear * (splat<F>(1.0f) - share.hidden));
     near = near | share.near;
   }
-  FT_HD_INLINE bool is_open() const { return any(clear > splat<F>(k_least_clear)); }
+  FT_HD_INLINE bool is_open() const { return any(clear > splat<F>(0.0f)); }
 
   // Once all maps are read. reached: where balls matter.
   FT_HD_INLINE void finish(const CellTask& task, const Vec3Lanes<F>& p, Mask_t<F> reached) {
     for (int k = 0; k < task.ball_count; ++k) near = near | (reached & may_meet<F>(task.balls[k], task, p));
-    // Whatever other lanes went on for.
-    clear = select(clear > splat<F>(k_least_clear), clear, splat<F>(0.0f));
+    clear = max(clear, splat<F>(0.0f));  // sums of weights are 1 but for rounding
   }
 };
 

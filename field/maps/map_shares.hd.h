@@ -23,8 +23,6 @@ FT_LANES_BEGIN
 
 // Of a read of 2 x 2 depths, the share of undecided ones above which it is undecided.
 constexpr float k_most_near = 0.25f;
-// Cells whose direction rises less above the tangent plane (sine) are undecided on the object itself.
-constexpr float k_least_rise = 0.05f;
 // A quarter of a cell's width, in footprints (cell_occluders.cpp: a footprint is .58 of the width).
 constexpr float k_quarter_of_cell = 0.25f / 0.58f;
 // Footprints wider than this are broad, texels: half way, in powers of two, from the texels of the map to those of
@@ -205,8 +203,8 @@ FT_HD_INLINE MapShare<F> share_of_own(const OwnLines& own, const Vec3Lanes<F>& p
   const F x = min(max(affine<F>(lines.u, p), zero), texels), y = min(max(affine<F>(lines.v, p), zero), texels);
   const F code = one + (affine<F>(lines.z, p) + one) * splat<F>(0.5f * k_depth_codes);
   const F facing = dot3<F>(own.c, g);
-  const Mask_t<F> rises = facing > splat<F>(k_least_rise);
-  const F inverse = one / max(facing, splat<F>(k_least_rise));
+  const Mask_t<F> rises = facing > zero;
+  const F inverse = one / select(rises, facing, one);
   const F per_texel = splat<F>(k_depth_codes / float(lines.maps->texels));
   const F slope_x = zero - dot3<F>(own.s, g) * inverse, slope_y = zero - dot3<F>(own.t, g) * inverse;
   const F steep = (one + abs(slope_x) + abs(slope_y)) * per_texel;

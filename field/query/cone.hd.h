@@ -74,9 +74,6 @@ struct ConeAnswer {
 // open, and makes fewer than 1 more answer in 10,000 wrong (docs/decisions/009-cones.md).
 FT_HD constexpr float chord_share(const QueryPolicy& policy) { return 1.0f / (1.0f + policy.slack); }
 
-// Lights whose disc has a larger radius, in ball radii, stay open.
-constexpr float k_widest_disc = 0.5f;
-
 // Whether the light's end of the cone lies beyond the object's ball. Whole lines then answer for its segments if the
 // object lies in front of the shading point.
 template <class F>
@@ -177,15 +174,14 @@ FT_HD_INLINE ConeAnswer<F> through_lines(const FieldView& field, const QueryPoli
   const F widest = max(cone.half_width(span.middle - reach), cone.half_width(span.middle + reach));
   const F radius = widest + reach * sqrt(dot(across, across));
   const MapSquare<F> square = rectangle_about(map, middle, radius, radius);
-  const Mask_t<F> queried = wanted & (radius < splat<F>(k_widest_disc));
   const TexelRect<F>& rect = square.rect;
-  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, map.direction, rect, queried, tell_missing);
+  const CoverageSum<F> sum = sum_coverage<F>(field.coverage, map.direction, rect, wanted, tell_missing);
   const Int_t<F> texels = (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
   ConeAnswer<F> answer;
   answer.unknown = sum.unknown;
-  answer.clear = and_not(sum.unknown, queried & (sum.count == splat_int<F>(0)));
-  answer.blocked = and_not(sum.unknown | answer.clear, queried & square.whole & (sum.count == texels));
-  answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
+  answer.clear = and_not(sum.unknown, wanted & (sum.count == splat_int<F>(0)));
+  answer.blocked = and_not(sum.unknown | answer.clear, wanted & square.whole & (sum.count == texels));
+  answer.lookups = select(wanted, splat_int<F>(1), splat_int<F>(0));
   if (any(answer.blocked)) {
     const F slant = cone.tangent + cone.near / cone.distance + sqrt(dot(across, across));
     const F rise = depth_difference<F>(field.coverage, map.direction, rect, sum, answer.blocked);

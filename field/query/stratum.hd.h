@@ -7,7 +7,7 @@
 // can meet, then that of what lies in the disc placed there; the disc is placed once more, and summed to fractions of
 // texels. (Percentage-closer soft shadows, Fernando, SIGGRAPH 2005 sketches, search for the blocker's depth likewise,
 // in one depth map for a whole light.) Strata that the maps do not resolve are refused: discs smaller than about a
-// texel, blockers whose depth does not converge, several layers of blockers, features as thin as texels.
+// texel, and several layers of blockers.
 //
 // Where the way from world to unit space does not keep angles, the disc is the ellipse that a disc of the world becomes
 // in the map (the footprint of Heckbert, "Fundamentals of Texture Mapping and Image Warping", 1989, section 3.3), and
@@ -52,12 +52,11 @@ FT_HD_INLINE LightStratum<F> round_stratum(const Vec3Lanes<F>& p, const Vec3Lane
 }
 
 // Half widths of a stratum's tube along a map's axes: the light's per unit of distance, and those of the shading
-// points. skewed: the axes are far from the tube's.
+// points.
 template <class F>
 struct TubeWidths {
   F x, y;
   F near_x, near_y;
-  Mask_t<F> skewed;
 };
 
 // Half width of the disc that the rays of a stratum from all of its shading points fill at a distance t: the variances
@@ -75,13 +74,10 @@ struct StratumAnswer {
   Int_t<F> lookups;
 };
 
-// The depth has converged if the disc, placed once more, would move by less than this share of its half width.
-constexpr float k_most_disc_drift = 0.5f;
-// Limits on how far the stratum's rays diverge from the map's lines between the depths in a disc (means of its halves:
-// depth_difference()), in half widths of the disc; the first where it is partly filled, the second where wholly. Beyond
-// them one surface may hide another from the lines where the rays pass between the two.
+// Limit on how far the stratum's rays diverge from the map's lines between the depths in a disc (means of its halves:
+// depth_difference()), in half widths of the disc. Beyond it one surface may hide another from the lines where the rays
+// pass between the two.
 constexpr float k_most_apart = 1.0f;
-constexpr float k_most_apart_filled = 0.5f;
 // A stratum's errors are a sixteenth of the light's (k_strata of hybrid/light/direct_light.h) and differ from those of
 // others. What the width of the shading points lends to its disc is the same in all of them, and counts as its root.
 constexpr float k_near_share = 0.25f;
@@ -90,13 +86,6 @@ constexpr float k_near_share = 0.25f;
 constexpr float k_widest_near = 2.0f;
 // Rays of one stratum differ in length to a depth by no more than this share: the tube's width is right to first order.
 constexpr float k_most_bend = 0.25f;
-// Largest correlation of a tube's extents along a map's axes. A rectangle is wrong about the variance along its
-// diagonal by up to c / (1 - c) = 1.5 of itself, a sixteenth of which counts in that of the whole light.
-constexpr float k_most_skew = 0.6f;
-// Tiles with a larger thin-feature ratio than this (field/store/coverage.hd.h) need discs of the half width below, in
-// texels.
-constexpr float k_most_thin_features = 0.15f;
-constexpr float k_coarse_disc = 4.0f;
 
 // Which coverage map of an object is read along a ray: as the ray's end sees it, or as its origin does. The same lines
 // meet the object in both, but at different surfaces first, and so at different depths.
@@ -147,7 +136,7 @@ FT_HD_INLINE ConeSpan<F> span_of_stratum(const LightStratum<F>& stratum) {
 template <class F>
 FT_HD_INLINE TubeWidths<F> widths_in_map(const LightStratum<F>& stratum, const CoverageMap<F>& map) {
   const F near = stratum.near;
-  if (!stratum.to_unit) return {stratum.width, stratum.width, near, near, stratum.width < splat<F>(0.0f)};
+  if (!stratum.to_unit) return {stratum.width, stratum.width, near, near};
   const float* m = stratum.to_unit;
   const F inverse_cosine = splat<F>(1.0f) / dot(stratum.direction, map.frame.c);
   const auto row = [&](const Vec3Lanes<F>& axis) {
@@ -159,8 +148,7 @@ FT_HD_INLINE TubeWidths<F> widths_in_map(const LightStratum<F>& stratum, const C
   };
   const Vec3Lanes<F> x = row(map.frame.s), y = row(map.frame.t);
   const F extent_x = sqrt(dot(x, x)), extent_y = sqrt(dot(y, y)), scale = stratum.world_width * stratum.world_unit;
-  return {scale * extent_x, scale * extent_y, near * extent_x, near * extent_y,
-          abs(dot(x, y)) > splat<F>(k_most_skew) * extent_x * extent_y};
+  return {scale * extent_x, scale * extent_y, near * extent_x, near * extent_y};
 }
 
 template <class F, class TellMissing>
@@ -196,9 +184,6 @@ struct StratumDisc {
   Mask_t<F> read;     // the rectangle is not empty
   CoverageArea<F> area;
   Mask_t<F> unknown;
-  F drift;  // how far the disc would move if placed once more, in texels
-
-  FT_HD_INLINE F least_half() const { return min(half_x, half_y); }
 };
 
 template <class F, class TellMissing>
@@ -228,11 +213,10 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   disc.read = hit & (disc.rect.x0 < disc.rect.x1) & (disc.rect.y0 < disc.rect.y1);
   disc.area = sum_coverage_area<F>(field.coverage, map.direction, disc.rect, disc.read, tell_missing);
   disc.unknown = near.unknown | disc.area.unknown;
-  disc.drift = abs(tube.reach_of(disc.area.depths, disc.area.count) - disc.t) * tube.slope * scale;
   return disc;
 }
 
-// How far the stratum's rays diverge from the map's lines between the depths in a disc, in half widths of the disc.
+// How far the stratum's rays diverge from the map's lines between the depths in a disc, in texels.
 template <class F>
 FT_HD_INLINE F depths_apart(const FieldView& field, const StratumTube<F>& tube, const StratumDisc<F>& disc,
                             Mask_t<F> wanted) {
@@ -241,7 +225,7 @@ FT_HD_INLINE F depths_apart(const FieldView& field, const StratumTube<F>& tube, 
   const CoverageSum<F> all = sum_coverage<F>(view, tube.map.direction, rect, wanted, [](Int_t<F>, Mask_t<F>) {});
   const F rise = depth_difference<F>(view, tube.map.direction, rect, all, wanted);
   const F width = max(tube.widths.x, tube.widths.y);
-  return rise * (tube.slope + width) * splat<F>(view.half_lines) / disc.least_half();
+  return rise * (tube.slope + width) * splat<F>(view.half_lines);
 }
 
 // The object lies in front of the shading point, which is outside the ball, or inside it with the whole object in front
@@ -259,8 +243,8 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
   // Where the light lies within the ball, segments end before their lines do.
   const F least_length = length * (one - stratum.bend);
   answer.refused = wanted & (span.half > zero) & (span.middle + span.half > least_length);
-  const F near = stratum.near_bound * splat<F>(field.coverage.half_lines);
-  answer.refused = answer.refused | (wanted & (near > splat<F>(k_widest_near * policy.slack)));
+  const F widest = stratum.near_bound * splat<F>(field.coverage.half_lines);
+  answer.refused = answer.refused | (wanted & (widest > splat<F>(k_widest_near * policy.slack)));
   if (stratum.to_unit) answer.refused = answer.refused | (wanted & (stratum.bend > splat<F>(k_most_bend)));
   const Mask_t<F> queried = and_not(answer.refused, wanted & (span.half > zero));
   answer.lookups = select(queried, splat_int<F>(1), splat_int<F>(0));
@@ -286,20 +270,12 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
 
   // Errors are measured by the disc of the light's part alone and a share of that of the shading points.
   const TubeWidths<F>& widths = tube.widths;
-  const F slack = splat<F>(policy.slack), least_near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
-  const F least_half = half_width(stratum, min(widths.x, widths.y), least_near, disc.t);
-  const F disc_half = max(least_half * splat<F>(field.coverage.half_lines), splat<F>(0.5f));
-  const Mask_t<F> unsettled = and_not(full, some & (disc.drift > disc_half * splat<F>(k_most_disc_drift) * slack));
-  const F apart = depths_apart<F>(field, tube, disc, some) * disc.least_half() / disc_half;
-  const F most = select(full, splat<F>(k_most_apart_filled), splat<F>(k_most_apart)) * slack;
-  const Mask_t<F> layered = some & (apart > most);
-  const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
-  const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
-  const F coarse = splat<F>(k_coarse_disc / policy.slack), fine = splat<F>(least_disc / policy.slack);
-  const F least = select(thin_ratio > splat<F>(k_most_thin_features), coarse, fine);
-  const Mask_t<F> small = open & (least_half * scale < least), skewed = some & widths.skewed;
-  answer.refused = answer.refused | and_not(answer.unknown, small | unsettled | layered | skewed);
+  const F near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
+  const F half = half_width(stratum, min(widths.x, widths.y), near, disc.t) * splat<F>(field.coverage.half_lines);
+  const Mask_t<F> small = open & (half < splat<F>(least_disc / policy.slack));
+  const F apart = depths_apart<F>(field, tube, disc, some) / max(half, splat<F>(0.5f));
+  const Mask_t<F> layered = some & (apart > splat<F>(k_most_apart * policy.slack));
+  answer.refused = answer.refused | and_not(answer.unknown, small | layered);
   return answer;
 }
 

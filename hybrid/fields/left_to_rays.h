@@ -10,22 +10,18 @@
 
 namespace fieldtrace {
 
-// An object is left to exact rays if its field leaves more than this share of the rays from elsewhere undecided, among
-// at least so many surveyed rays: an undecided ray costs a look-up and then an exact ray that grazes the object, the
-// slowest kind to trace (docs/decisions/012-left-to-rays.md).
+// Shading points on an object are left to exact rays if its field leaves more than this share of their rays undecided:
+// what it answers of the rest is wrong more often than elsewhere (docs/decisions/012-left-to-rays.md).
 inline constexpr double k_most_undecided = 0.75;
-inline constexpr uint64_t k_fewest_surveyed = 256;
 
 // Exact rays that take the time of one look-up (docs/decisions/012-left-to-rays.md).
 inline constexpr double k_look_up_cost = 0.5;
 
-// Whether an object with the survey counts `use` is left to exact rays. `scale`: rays of the picture for each surveyed
-// ray. `fewest_answers`: an object whose field would answer fewer rays of the whole picture is left, too.
+// Whether an object with the survey counts `use` is left to exact rays: its field would answer fewer than
+// `fewest_answers` rays of the whole picture. `scale`: rays of the picture for each surveyed ray.
 bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers);
 
-// Whether only shading points on the object itself are left to exact rays: where their object's field leaves more than
-// k_most_undecided of them undecided, or answers fewer than `fewest_answers` in the whole picture. The answers that
-// remain there are wrong more often than elsewhere.
+// The same of shading points on the object itself alone, which k_most_undecided leaves to exact rays, too.
 bool leaves_self_to_rays(const FieldUse& use, double scale, double fewest_answers);
 
 // Shadow rays of a camera sample for each of its light samples.

@@ -7,11 +7,8 @@
 namespace fieldtrace {
 namespace {
 
-// Blocks with fewer members are not worth their samples.
-constexpr uint32_t k_fewest_members = 8;
-// How far normals may lie from their fit, as a length, and positions, in units of the nearest sample's distance from
-// the middle one.
-constexpr float k_bent_normal = 0.4f, k_bent_position = 1.0f;
+// How far normals may lie from their fit, as a length.
+constexpr float k_bent_normal = 0.4f;
 // How far out samples lie, in sides of the block.
 constexpr float k_sample_radius = 0.4f;
 
@@ -81,24 +78,19 @@ bool PixelBlocks::is_even(const Block& block) const {
   }
   if (farthest > k_sample_radius * widest_) return false;
   const auto is_near = [](const Vec3& apart, float length) { return glm::dot(apart, apart) <= length * length; };
-  const float extent = k_bent_position * nearest;
   const auto position = fit.fit([&](size_t s) { return position_of(*points_, block.sample[s]); });
   const auto shading = fit.fit([&](size_t s) { return shading_of(*points_, block.sample[s]); });
   const auto geometric = fit.fit([&](size_t s) { return geometric_of(*points_, block.sample[s]); });
-  for (uint32_t m = block.begin; m < block.end; ++m) {
-    const uint32_t i = members_[m];
+  return std::all_of(members_.begin() + block.begin, members_.begin() + block.end, [&](uint32_t i) {
     const Offset o = offset_of(pixels_[i]);
-    if (!is_near(position(o) - position_of(*points_, i), extent) ||
-        !is_near(shading(o) - shading_of(*points_, i), k_bent_normal) ||
-        !is_near(geometric(o) - geometric_of(*points_, i), k_bent_normal))
-      return false;
-  }
-  return true;
+    return is_near(position(o) - position_of(*points_, i), nearest) &&
+           is_near(shading(o) - shading_of(*points_, i), k_bent_normal) &&
+           is_near(geometric(o) - geometric_of(*points_, i), k_bent_normal);
+  });
 }
 
 // Adds members [begin, end), which lie in one block, to tried_ if they may be fitted.
 bool PixelBlocks::add(uint32_t begin, uint32_t end, int side) {
-  if (end - begin < k_fewest_members) return false;
   Block block;
   block.begin = begin, block.end = end, block.side = side;
   const float middle = 0.5f * float(side - 1);
