@@ -19,6 +19,9 @@
 
 FT_LANES_BEGIN
 
+// What is left of a cell that is hidden whole: weights of a read add up to 1 but for rounding.
+constexpr float k_hidden_rounding = 1e-6f;
+
 // The share of cosine_over_cell(shading, half), above 0, that lies above a second horizon, at which a cell's centre has
 // the cosine `geometric`. `turn`: the cosine between the two normals. 1 where the normals agree.
 template <class F>
@@ -282,7 +285,7 @@ class CellLight : PlanesSeen<F> {
   }
 
   // Where what lies behind the objects met so far still matters.
-  FT_HD_INLINE Mask_t<F> open() const { return front_ > zero_; }
+  FT_HD_INLINE Mask_t<F> open() const { return front_ > splat<F>(k_hidden_rounding); }
 
   // Returns where an undecided answer of the map matters.
   FT_HD_INLINE Mask_t<F> add_map(int k, const MapShare<F>& share, const Vec3Lanes<F>& p) {
@@ -302,7 +305,7 @@ class CellLight : PlanesSeen<F> {
       add(radiance_of_map<F>(map, p, affine<F>(task_.maps[k].z, p), wanted),
           select(wanted, before * share.hidden, zero_));
     }
-    return share.near & (before > zero_);
+    return share.near & (before > splat<F>(k_hidden_rounding));
   }
 
   // Of `own_share` hidden by the points' own object, which lies before all planes.
@@ -340,12 +343,13 @@ struct CellSeen {
     clear = select(share.near, clear, clear * (splat<F>(1.0f) - share.hidden));
     near = near | share.near;
   }
-  FT_HD_INLINE bool is_open() const { return any(clear > splat<F>(0.0f)); }
+  FT_HD_INLINE bool is_open() const { return any(clear > splat<F>(k_hidden_rounding)); }
 
   // Once all maps are read. reached: where balls matter.
   FT_HD_INLINE void finish(const CellTask& task, const Vec3Lanes<F>& p, Mask_t<F> reached) {
     for (int k = 0; k < task.ball_count; ++k) near = near | (reached & may_meet<F>(task.balls[k], task, p));
-    clear = max(clear, splat<F>(0.0f));  // sums of weights are 1 but for rounding
+    // Whatever other lanes went on for.
+    clear = select(clear > splat<F>(k_hidden_rounding), clear, splat<F>(0.0f));
   }
 };
 

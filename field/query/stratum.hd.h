@@ -78,7 +78,7 @@ struct StratumAnswer {
 // depth_difference()), in half widths of the disc. Beyond it one surface may hide another from the lines where the rays
 // pass between the two.
 constexpr float k_most_apart = 1.0f;
-// A stratum's errors are a sixteenth of the light's (k_strata of hybrid/light/direct_light.h) and differ from those of
+// A stratum's errors are a sixteenth of the light's (k_strata of hybrid/light/group_light.h) and differ from those of
 // others. What the width of the shading points lends to its disc is the same in all of them, and counts as its root.
 constexpr float k_near_share = 0.25f;
 // Strata seen from shading points farther apart than this (half width, in texels) are refused: what hides the light
@@ -179,7 +179,6 @@ template <class F>
 struct StratumDisc {
   F t;                // distance from the ray's origin
   F half_x, half_y;   // half widths in texels
-  F x, y;             // in texels
   PlaneRect<F> rect;  // of the map, [0, L]^2
   Mask_t<F> read;     // the rectangle is not empty
   CoverageArea<F> area;
@@ -205,11 +204,10 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   disc.half_x = x_at(disc.t) * scale;
   disc.half_y = y_at(disc.t) * scale;
   const Vec3Lanes<F> centre = stratum.at(disc.t);
-  disc.x = map.texels(centre, map.frame.s);
-  disc.y = map.texels(centre, map.frame.t);
+  const F x = map.texels(centre, map.frame.s), y = map.texels(centre, map.frame.t);
   const F lines = scale + scale, w = disc.half_x, h = disc.half_y;
   const auto within = [&](F value) { return min(max(zero, value), lines); };
-  disc.rect = {within(disc.x - w), within(disc.x + w), within(disc.y - h), within(disc.y + h)};
+  disc.rect = {within(x - w), within(x + w), within(y - h), within(y + h)};
   disc.read = hit & (disc.rect.x0 < disc.rect.x1) & (disc.rect.y0 < disc.rect.y1);
   disc.area = sum_coverage_area<F>(field.coverage, map.direction, disc.rect, disc.read, tell_missing);
   disc.unknown = near.unknown | disc.area.unknown;

@@ -109,10 +109,10 @@ FT_HD_INLINE TexelRect<F> texels_about(const CoverageView& view, const PlaneRect
   return {texel(rect.x0), min(texel(rect.x1) + one, lines), texel(rect.y0), min(texel(rect.y1) + one, lines)};
 }
 
-// Sums over the rectangle's area, with boundary texels weighted by the part of them that lies inside.
+// Lines that hit in the rectangle's area, with boundary texels weighted by the part of them that lies inside.
 template <class F>
 struct CoverageArea {
-  F count, depths;
+  F count;
   Mask_t<F> unknown;
 };
 
@@ -146,24 +146,21 @@ template <class F, class TellMissing>
 FT_HD_INLINE CoverageArea<F> sum_coverage_area(const CoverageView& view, Int_t<F> direction, const PlaneRect<F>& rect,
                                                Mask_t<F> wanted, const TellMissing& tell_missing) {
   const F zero = splat<F>(0.0f);
-  CoverageArea<F> area = {zero, zero, wanted};
+  CoverageArea<F> area = {zero, wanted};
   const TexelRect<F> within = texels_about<F>(view, rect);
   const auto add_tile = [&](Mask_t<F> filled, Int_t<F> base, Int_t<F> column, Int_t<F> row) {
     const TileSpan<F> x = span_in_tile<F>(rect.x0, rect.x1, column), y = span_in_tile<F>(rect.y0, rect.y1, row);
-    F count = zero, depths = zero;
+    F count = zero;
     for (int j = 0; j < 4; ++j) {
       const Int_t<F> line = base + y.corner[j] * splat_int<F>(k_tile_corners);
-      F row_count = zero, row_depths = zero;
+      F row_count = zero;
       for (int i = 0; i < 4; ++i) {
         const Int_t<F> word = gather(view.sums, select(filled, line + x.corner[i], splat_int<F>(0)));
         row_count = row_count + to_float(word & splat_int<F>((1 << k_count_bits) - 1)) * x.weight[i];
-        row_depths = row_depths + to_float(shift_right<k_count_bits>(word)) * x.weight[i];
       }
       count = count + row_count * y.weight[j];
-      depths = depths + row_depths * y.weight[j];
     }
     area.count = area.count + select(filled, count, zero);
-    area.depths = area.depths + select(filled, depths, zero);
   };
   area.unknown = visit_tiles<F>(view, direction, within, wanted, tell_missing, add_tile);
   return area;

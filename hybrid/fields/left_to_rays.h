@@ -21,7 +21,8 @@ inline constexpr double k_look_up_cost = 0.5;
 // `fewest_answers` rays of the whole picture. `scale`: rays of the picture for each surveyed ray.
 bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers);
 
-// The same of shading points on the object itself alone, which k_most_undecided leaves to exact rays, too.
+// Whether shading points on the object itself are: where more than k_most_undecided of their surveyed rays are
+// undecided, or fewer than `fewest_answers` of the whole picture's would be answered.
 bool leaves_self_to_rays(const FieldUse& use, double scale, double fewest_answers);
 
 // Shadow rays of a camera sample for each of its light samples.

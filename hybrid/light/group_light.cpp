@@ -218,6 +218,10 @@ void GroupLight::take_strata(const Batch& batch) {
       undecided += batch.undecided[slot] && batch.shadows.rays.tmax[slot] >= 0.0f;
     }
     stats.strata_refused += uint64_t(undecided);
+    if (seen.decided == 0.0f) {
+      open_.push_back(cluster);
+      continue;
+    }
     if (context_.answerer.checks()) check_strata(cluster, seen);
     const uint32_t samples = candidates_.light_samples[cluster];
     context_.answerer.count_filtered(candidates_, cluster, uint32_t(float(samples) * seen.decided), stats);

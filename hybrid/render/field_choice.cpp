@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "hybrid/light/direct_light.h"
 #include "hybrid/render/field_survey.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
