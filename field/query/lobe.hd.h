@@ -5,7 +5,7 @@
 // rays about a sample of the lobe is a disc at the depth of what it meets, and the mean over the lines in that disc is
 // what a sample of that solid angle sees. Filtering a sample over its share of the lobe is ray footprint estimation
 // (Igehy, "Tracing Ray Differentials", SIGGRAPH 1999) on a pre-shaded object. What the maps do not resolve is refused:
-// discs where one texel would blur too much of the lobe.
+// discs where one texel would blur too much of the lobe, and features as thin as texels where discs are small.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
 
@@ -70,8 +70,12 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
     const auto mean = [&](F s) { return select(read, max(s * inverse_area, zero), zero); };
     answer.radiance = {mean(sum.red), mean(sum.green), mean(sum.blue)};
   }
+  const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
+  const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
+  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const Mask_t<F> blurred = half_texel > unit_blur * disc.t;
-  answer.refused = answer.refused | (open & blurred);
+  const Mask_t<F> thin = (thin_ratio > splat<F>(k_most_thin_features)) & (disc.least_half() < splat<F>(k_coarse_disc));
+  answer.refused = answer.refused | (open & (blurred | thin));
   return answer;
 }
 

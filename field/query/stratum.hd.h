@@ -7,7 +7,7 @@
 // can meet, then that of what lies in the disc placed there; the disc is placed once more, and summed to fractions of
 // texels. (Percentage-closer soft shadows, Fernando, SIGGRAPH 2005 sketches, search for the blocker's depth likewise,
 // in one depth map for a whole light.) Strata that the maps do not resolve are refused: discs smaller than about a
-// texel, and several layers of blockers.
+// texel, several layers of blockers, features as thin as texels.
 //
 // Where the way from world to unit space does not keep angles, the disc is the ellipse that a disc of the world becomes
 // in the map (the footprint of Heckbert, "Fundamentals of Texture Mapping and Image Warping", 1989, section 3.3), and
@@ -86,6 +86,10 @@ constexpr float k_near_share = 0.25f;
 constexpr float k_widest_near = 2.0f;
 // Rays of one stratum differ in length to a depth by no more than this share: the tube's width is right to first order.
 constexpr float k_most_bend = 0.25f;
+// Tiles with a larger thin-feature ratio than this (field/store/coverage.hd.h) need discs of the half width below, in
+// texels.
+constexpr float k_most_thin_features = 0.15f;
+constexpr float k_coarse_disc = 4.0f;
 
 // Which coverage map of an object is read along a ray: as the ray's end sees it, or as its origin does. The same lines
 // meet the object in both, but at different surfaces first, and so at different depths.
@@ -179,10 +183,13 @@ template <class F>
 struct StratumDisc {
   F t;                // distance from the ray's origin
   F half_x, half_y;   // half widths in texels
+  F x, y;             // in texels
   PlaneRect<F> rect;  // of the map, [0, L]^2
   Mask_t<F> read;     // the rectangle is not empty
   CoverageArea<F> area;
   Mask_t<F> unknown;
+
+  FT_HD_INLINE F least_half() const { return min(half_x, half_y); }
 };
 
 template <class F, class TellMissing>
@@ -204,10 +211,11 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   disc.half_x = x_at(disc.t) * scale;
   disc.half_y = y_at(disc.t) * scale;
   const Vec3Lanes<F> centre = stratum.at(disc.t);
-  const F x = map.texels(centre, map.frame.s), y = map.texels(centre, map.frame.t);
+  disc.x = map.texels(centre, map.frame.s);
+  disc.y = map.texels(centre, map.frame.t);
   const F lines = scale + scale, w = disc.half_x, h = disc.half_y;
   const auto within = [&](F value) { return min(max(zero, value), lines); };
-  disc.rect = {within(x - w), within(x + w), within(y - h), within(y + h)};
+  disc.rect = {within(disc.x - w), within(disc.x + w), within(disc.y - h), within(disc.y + h)};
   disc.read = hit & (disc.rect.x0 < disc.rect.x1) & (disc.rect.y0 < disc.rect.y1);
   disc.area = sum_coverage_area<F>(field.coverage, map.direction, disc.rect, disc.read, tell_missing);
   disc.unknown = near.unknown | disc.area.unknown;
@@ -270,7 +278,11 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
   const TubeWidths<F>& widths = tube.widths;
   const F near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
   const F half = half_width(stratum, min(widths.x, widths.y), near, disc.t) * splat<F>(field.coverage.half_lines);
-  const Mask_t<F> small = open & (half < splat<F>(least_disc / policy.slack));
+  const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
+  const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
+  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
+  const F coarse = splat<F>(k_coarse_disc / policy.slack), fine = splat<F>(least_disc / policy.slack);
+  const Mask_t<F> small = open & (half < select(thin_ratio > splat<F>(k_most_thin_features), coarse, fine));
   const F apart = depths_apart<F>(field, tube, disc, some) / max(half, splat<F>(0.5f));
   const Mask_t<F> layered = some & (apart > splat<F>(k_most_apart * policy.slack));
   answer.refused = answer.refused | and_not(answer.unknown, small | layered);

@@ -12,6 +12,21 @@ constexpr int32_t k_unknown = 0, k_empty = 1, k_claimed = -1;
 // Sums are addressed by 31-bit word offsets.
 constexpr uint64_t k_most_tiles = (uint64_t(1) << 31) / scalar::k_tile_words - 1;
 
+int32_t thin_feature_ratio_of(std::span<const uint16_t> lines) {
+  int thin = 0, edges = 0;
+  const auto differs = [&](int i, int j) { return (lines[size_t(i)] != 0) != (lines[size_t(j)] != 0); };
+  for (int y = 0; y < k_side; ++y) {
+    for (int x = 0; x < k_side; ++x) {
+      const int i = y * k_side + x;
+      const bool left = x > 0 && differs(i, i - 1), right = x + 1 < k_side && differs(i, i + 1);
+      const bool below = y > 0 && differs(i, i - k_side), above = y + 1 < k_side && differs(i, i + k_side);
+      edges += left + below;
+      thin += (left && right) || (below && above);
+    }
+  }
+  return edges ? int32_t(scalar::k_thin_feature_steps * float(thin) / float(edges)) : 0;
+}
+
 int32_t line_word(uint16_t line) { return line == 0 ? 0 : 1 + (int32_t(line - 1) << scalar::k_count_bits); }
 
 }  // namespace
@@ -130,6 +145,7 @@ bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines, std::
       }
     }
     if (!radiance.empty()) store_radiance(tile, radiance);
+    shared(sums[scalar::k_tile_thin_features]).store(thin_feature_ratio_of(lines), std::memory_order_relaxed);
     stored_.fetch_add(1, std::memory_order_relaxed);
   }
   baked_.fetch_add(1, std::memory_order_relaxed);

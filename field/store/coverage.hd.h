@@ -26,10 +26,15 @@ FT_LANES_BEGIN
 
 constexpr int k_tile_lines = 32;
 constexpr int k_tile_corners = k_tile_lines + 1;
-constexpr int k_tile_words = 1104;  // 33 * 33, padded to whole cache lines
+constexpr int k_tile_words = 1104;  // 33 * 33 and the thin-feature ratio, padded to whole cache lines
 constexpr int k_coverage_depths = 1024;
 constexpr float k_coverage_depth_step = 2.0f / float(k_coverage_depths - 1);
 constexpr int k_count_bits = 11;
+// The word after a tile's sums: its thin-feature ratio in steps, the share of its outlines that belongs to features one
+// texel wide (the number of texels that differ from both neighbours along an axis, over the number of neighbouring
+// pairs that differ). Where it is large, the lines do not resolve the object.
+constexpr int k_tile_thin_features = k_tile_corners * k_tile_corners;
+constexpr float k_thin_feature_steps = 256.0f;
 
 // Texels [x0, x1) x [y0, y1) of one direction cell's plane.
 template <class F>
@@ -200,6 +205,18 @@ FT_HD_INLINE RadianceSum<F> sum_radiance_area(const CoverageView& view, Int_t<F>
   visit_tiles<F>(
       view, direction, within, wanted, [](Int_t<F>, Mask_t<F>) {}, add_tile);
   return sum;
+}
+
+// Thin-feature ratio (k_tile_thin_features) of the tile that holds a texel; 0 where it is empty or not baked.
+template <class F>
+FT_HD_INLINE F thin_feature_ratio_at(const CoverageView& view, Int_t<F> direction, Int_t<F> x, Int_t<F> y,
+                                     Mask_t<F> wanted) {
+  const Int_t<F> zero = splat_int<F>(0), tiles = splat_int<F>(view.tiles);
+  const Int_t<F> slot = (direction * tiles + shift_right<5>(y)) * tiles + shift_right<5>(x);
+  const Int_t<F> tile = max(gather(view.tile_of, select(wanted, slot, zero)), zero);
+  order_loads();
+  const Int_t<F> steps = gather(view.sums, tile * splat_int<F>(k_tile_words) + splat_int<F>(k_tile_thin_features));
+  return to_float(steps) * splat<F>(1.0f / k_thin_feature_steps);
 }
 
 FT_LANES_END

@@ -218,7 +218,7 @@ void GroupLight::take_strata(const Batch& batch) {
       undecided += batch.undecided[slot] && batch.shadows.rays.tmax[slot] >= 0.0f;
     }
     stats.strata_refused += uint64_t(undecided);
-    if (seen.decided == 0.0f) {
+    if (undecided > context_.settings.most_undecided) {
       open_.push_back(cluster);
       continue;
     }

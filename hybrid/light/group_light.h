@@ -23,6 +23,8 @@ inline constexpr int k_shadow_batch = 8192;
 // The strata of a light: a grid of k_strata_side x k_strata_side cells of its sample square.
 inline constexpr int k_strata_side = 4;
 inline constexpr int k_strata = k_strata_side * k_strata_side;
+// TransportSettings::most_undecided at the default tolerance (docs/decisions/023-clusters.md).
+inline constexpr int k_most_undecided_strata = 4;
 
 class GroupLight {
  public:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "hybrid/light/direct_light.h"
 #include "hybrid/render/field_survey.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
@@ -47,6 +48,8 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields, f
   const std::vector<Field*> answering = fields.pointers();
   s.estimates = options.whole_lights && !options.force_undecided &&
                 std::any_of(answering.begin(), answering.end(), [](const Field* f) { return f != nullptr; });
+  if (!s.estimates) return s;
+  s.most_undecided = int(k_most_undecided_strata * tolerance / k_default_tolerance);
   return s;
 }
 

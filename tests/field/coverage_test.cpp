@@ -123,6 +123,26 @@ TEST(Coverage, AreasWeighTexelsByWhatLiesWithin) {
   }
 }
 
+TEST(Coverage, ThinFeatureRatioTellsThinFromSolid) {
+  CoverageTiles tiles(32, 64);
+  TestRandom random(5);
+  TileLines half(CoverageTiles::k_lines_per_tile), stripes(half), noise = random_lines(random, 0.5f);
+  for (int i = 0; i < k_side * k_side; ++i) {
+    half[size_t(i)] = i % k_side < k_side / 2 ? 9 : 0;
+    stripes[size_t(i)] = i % 2 ? 9 : 0;
+  }
+  float ratio[3];
+  const TileLines* const lines[] = {&half, &stripes, &noise};
+  for (uint32_t t = 0; t < 3; ++t) {
+    ASSERT_TRUE(tiles.claim(t));
+    ASSERT_TRUE(tiles.finish(t, *lines[t]));
+    ratio[t] = scalar::thin_feature_ratio_at<float>(tiles.view(), 0, int32_t(t) * k_side, 0, true);
+  }
+  EXPECT_EQ(ratio[0], 0.0f);
+  EXPECT_GT(ratio[1], 0.9f);
+  EXPECT_GT(ratio[2], 0.3f);
+}
+
 TEST(Coverage, TilesThatAreNotBakedAreNamed) {
   CoverageTiles tiles(32, 64);
   const CoverageView view = tiles.view();
