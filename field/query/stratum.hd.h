@@ -277,8 +277,8 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
   // Errors are measured by the disc of the light's part alone and a share of that of the shading points.
   const TubeWidths<F>& widths = tube.widths;
   const F near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
-  const F half = half_width(stratum, min(widths.x, widths.y), near, disc.t) * splat<F>(field.coverage.half_lines);
   const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
+  const F half = half_width(stratum, min(widths.x, widths.y), near, disc.t) * scale;
   const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
   const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const F coarse = splat<F>(k_coarse_disc / policy.slack), fine = splat<F>(least_disc / policy.slack);

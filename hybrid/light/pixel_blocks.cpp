@@ -81,6 +81,7 @@ bool PixelBlocks::is_even(const Block& block) const {
   const auto position = fit.fit([&](size_t s) { return position_of(*points_, block.sample[s]); });
   const auto shading = fit.fit([&](size_t s) { return shading_of(*points_, block.sample[s]); });
   const auto geometric = fit.fit([&](size_t s) { return geometric_of(*points_, block.sample[s]); });
+  // No member lies farther from where the samples place it than the nearest sample from the middle one.
   return std::all_of(members_.begin() + block.begin, members_.begin() + block.end, [&](uint32_t i) {
     const Offset o = offset_of(pixels_[i]);
     return is_near(position(o) - position_of(*points_, i), nearest) &&
