@@ -57,7 +57,8 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
                                                     MissingList<F>{unknowns.tiles}, MissingList<F>{unknowns.slices});
       const ConeAnswer<F>& cone = answer.cone;
       missing = missing || any(cone.unknown);
-      counts.lookups += uint64_t(sum_of(cone.lookups));
+      // Lanes that wait for a bake ask again.
+      counts.lookups += uint64_t(sum_of(select(cone.unknown, splat_int<F>(0), cone.lookups)));
       counts.clear += uint64_t(count_true(cone.clear));
       counts.blocked += uint64_t(count_true(cone.blocked));
       store_lanes(updated_flag<F>(flag, cone.clear, cone.blocked, answer.by_strata), flags + i);

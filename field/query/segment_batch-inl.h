@@ -64,14 +64,17 @@ inline void finish_block(const SegmentVerdict<F>* results, size_t block, int32_t
     }
     return;
   }
+  Int_t<F> lookups = splat_int<F>(0);
   for (int part = 0; part < k_vectors; ++part) {
     const Int_t<F> verdict = results[part].verdict;
     const Mask_t<F> crosses = !(verdict == splat_int<F>(k_verdict_none));
+    lookups = lookups + results[part].lookups;
     counts.crossings += size_t(count_true(crosses));
     update_states<F>(states, block + size_t(part * Lanes<F>::k_count), crosses,
                      verdict == splat_int<F>(k_verdict_blocked), verdict == splat_int<F>(k_verdict_undecided),
                      candidate_slot);
   }
+  counts.lookups += size_t(sum_of(lookups));
 }
 
 // Transforms segments to unit space; returns how many vectors meet the ball.
@@ -90,24 +93,21 @@ inline int transform_step(const SegmentTask& task, const RayBatch& rays, const u
     s.wanted[crossing] = task.self_only ? and_not(self, self) : line_wanted(segment, self);
     s.vector[crossing] = v;
     s.result[v].verdict = splat_int<F>(k_verdict_none);
+    s.result[v].lookups = splat_int<F>(0);
     crossing += any(segment.crosses);
   }
   return crossing;
 }
 
-// Addresses the visibility cells that are wanted; returns how many rays will read one.
+// Addresses the visibility cells that are wanted.
 template <class F>
-inline size_t line_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
-  size_t lookups = 0;
+inline void line_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   for (int k = 0; k < count; ++k) {
-    if (!any(s.wanted[k])) continue;
-    lookups += size_t(count_true(s.wanted[k]));
-    find_direction_cell(upward(s.segment[k].direction), task.field.directions, s.at[k]);
+    if (any(s.wanted[k])) find_direction_cell(upward(s.segment[k].direction), task.field.directions, s.at[k]);
   }
   for (int k = 0; k < count; ++k) {
     if (any(s.wanted[k])) find_plane_cell(s.segment[k].foot, task.field.directions, task.field.plane, s.at[k]);
   }
-  return lookups;
 }
 
 // Verdicts by visibility cells; returns how many vectors need depth cells, packed to the front with their masks in
@@ -130,10 +130,9 @@ inline int answer_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   return deep;
 }
 
-// Verdicts by depth cells; returns the number of look-ups.
+// Verdicts by depth cells.
 template <class F>
-inline size_t depth_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
-  size_t lookups = 0;
+inline void depth_step(const SegmentTask& task, int count, QueryScratch<F>& s) {
   for (int k = 0; k < count; ++k) {
     find_direction_cell(depth_anchor(s.segment[k]).direction, task.field.directions, s.at[k]);
   }
@@ -141,12 +140,9 @@ inline size_t depth_step(const SegmentTask& task, int count, QueryScratch<F>& s)
     find_plane_cell(depth_anchor(s.segment[k]).p, task.field.directions, task.field.plane, s.at[k]);
   }
   for (int k = 0; k < count; ++k) {
-    SegmentVerdict<F>& result = s.result[s.vector[k]];
-    result.lookups = splat_int<F>(0);
-    answer_by_depth(task.field, task.policy, s.segment[k], depth_anchor(s.segment[k]), s.at[k], s.wanted[k], result);
-    lookups += size_t(sum_of(result.lookups));
+    answer_by_depth(task.field, task.policy, s.segment[k], depth_anchor(s.segment[k]), s.at[k], s.wanted[k],
+                    s.result[s.vector[k]]);
   }
-  return lookups;
 }
 
 template <class F>
@@ -159,9 +155,9 @@ inline SegmentCounts query_batch(const SegmentTask& task, const RayBatch& rays, 
     const size_t last = end - first < k_blocks_at_once * k_block ? end : first + k_blocks_at_once * k_block;
     const int vectors = int((last - first) / k_count);
     const int crossing = transform_step(task, rays, shading_point_instance, first, vectors, s);
-    counts.lookups += line_step(task, crossing, s);
+    line_step(task, crossing, s);
     const int deep = answer_step(task, crossing, s);
-    if (task.reads_depth) counts.lookups += depth_step(task, deep, s);
+    if (task.reads_depth) depth_step(task, deep, s);
     for (size_t block = first; block < last; block += k_block) {
       finish_block(&s.result[(block - first) / k_count], block, candidate_slot, states, counts);
     }

@@ -100,12 +100,12 @@ void FieldSet::leave_unpaid(const FieldSurvey& survey) {
   }
 }
 
-void FieldSet::leave_to_rays(const FieldSurvey& survey, double rays_spared, uint64_t fewest_answers) {
+void FieldSet::leave_to_rays(const FieldSurvey& survey, double rays_spared) {
   const bool pay = !cost_decides() || rays_spared >= k_look_up_cost * survey.look_ups;
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s] || left_to_rays_[s]) continue;
     const double needed = cost_decides() ? needed_rays(s) : 0.0, cells = cost_decides() ? bake_rays_[s] : 0.0;
-    left_to_rays_[s] = !pay || leaves_to_rays(survey.uses[s], survey.scale, std::max(needed, double(fewest_answers)));
+    left_to_rays_[s] = !pay || leaves_to_rays(survey.uses[s], survey.scale, needed);
     self_to_rays_[s] = self_to_rays_[s] || leaves_self_to_rays(survey.uses[s], survey.scale, cells);
   }
 }

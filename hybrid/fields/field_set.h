@@ -62,7 +62,7 @@ class FieldSet {
   void leave_unpaid(const FieldSurvey& survey);
   // The same by what fields answered in a survey; and objects whose fields leave too much undecided; and all, if their
   // look-ups cost more than the exact rays that they spare in the whole picture.
-  void leave_to_rays(const FieldSurvey& survey, double rays_spared, uint64_t fewest_answers);
+  void leave_to_rays(const FieldSurvey& survey, double rays_spared);
   const FieldBudget& budget() const { return *budget_; }
 
   // Reads fields from the cache, if the plan allows it.

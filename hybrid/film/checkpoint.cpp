@@ -14,7 +14,7 @@
 namespace fieldtrace {
 namespace {
 
-constexpr char k_magic[] = "fieldtrace checkpoint 7\n";
+constexpr char k_magic[] = "fieldtrace checkpoint 8\n";
 constexpr size_t k_magic_size = sizeof(k_magic) - 1;
 static_assert(std::is_trivially_copyable_v<StoredSums> && std::is_trivially_copyable_v<AovSums>);
 

@@ -18,10 +18,9 @@ using PictureIdentity = std::vector<std::pair<std::string, std::string>>;
 
 // What answers in a picture to an error, from the cheapest on; each errs less than the one before.
 enum class FieldAccuracy : uint8_t {
-  coarse_maps,     // direction maps for few samples, and fields at the usual tolerance
-  usual,           // both as in pictures without a target error
-  less_tolerance,  // fields at a part of the usual tolerance
-  rays             // neither
+  coarse_maps,  // direction maps for few samples, and fields
+  usual,        // both as in pictures without a target error
+  rays          // neither
 };
 
 struct Checkpoint {

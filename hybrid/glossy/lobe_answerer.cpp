@@ -31,11 +31,12 @@ void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) 
   std::sort(layers.begin(), layers.end(), [](const Layer& a, const Layer& b) { return a.distance < b.distance; });
   for (const Layer& layer : layers) {
     if (layer.distance >= end) break;
-    const bool was_seen = ray.clear >= 0.5f;
     const LobeAnswers& a = *layer.answers;
+    if (a.clear[i] >= 1.0f) continue;
+    const bool was_seen = ray.clear >= 0.5f;
     ray.radiance += Rgb(a.red[i], a.green[i], a.blue[i]) * ray.clear;
     ray.clear *= a.clear[i];
-    if (was_seen && ray.clear < 0.5f) {
+    if (ray.instance == k_none || (was_seen && ray.clear < 0.5f)) {
       ray.instance = layer.instance;
       ray.distance = layer.distance;
     }
@@ -73,11 +74,11 @@ LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint
   const uint64_t patches_in_memory = most_bytes / sizeof(Rgb);
   std::vector<uint8_t> has_maps(scene.instances.size(), 0);
   for (const uint32_t i : suited) {
-    const uint64_t patches = RadianceMaps::count_patches(scene, i, most_rays);
+    const uint64_t patches = RadianceMaps::count_patches(scene, i);
     if (patches > most_patches) continue;
     // Before address space is reserved for them.
-    const bool may_fit = patches <= patches_in_memory && RadianceMaps::tile_bytes(most_rays) <= most_bytes;
-    auto maps = may_fit ? std::make_unique<RadianceMaps>(shading, i, most_rays) : nullptr;
+    const bool may_fit = patches <= patches_in_memory && RadianceMaps::tile_bytes() <= most_bytes;
+    auto maps = may_fit ? std::make_unique<RadianceMaps>(shading, i) : nullptr;
     const uint64_t bytes = maps ? maps->radiance().bytes() + maps->tiles().bytes_when_full() : 0;
     if (!maps || bytes > most_bytes) {
       ++left_out_for_memory_;

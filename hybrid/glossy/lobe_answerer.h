@@ -31,8 +31,8 @@ struct FilteredRay {
   uint32_t ray = 0;          // its index
   Rgb radiance = Rgb(0.0f);  // arriving along it from objects with maps
   float clear = 1.0f;        // share of the ray that goes on to its hit
-  // If clear < 0.5: the object behind which it first is.
-  uint32_t instance = 0;
+  // The object behind which clear < 0.5, or the first that hides some of the ray; k_none: nothing hides it.
+  uint32_t instance = k_none;
   float distance = 0.0f;
 };
 
@@ -57,6 +57,8 @@ class LobeAnswerer {
  public:
   // With more suited objects none has maps: their tests would cost more than a ray.
   static constexpr size_t k_most_objects = 16;
+  // Pictures of fewer glossy rays do not repay maps (docs/decisions/015-glossy.md).
+  static constexpr uint64_t k_fewest_rays = uint64_t(1) << 25;
 
   // The instances that may have maps: none where there are more than k_most_objects.
   static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits);

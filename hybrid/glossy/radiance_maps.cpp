@@ -11,10 +11,6 @@
 namespace fieldtrace {
 namespace {
 
-int plane_for(uint64_t most_rays) {
-  return most_rays >= RadianceMaps::k_many_rays ? RadianceMaps::k_plane : RadianceMaps::k_plane / 2;
-}
-
 // Patch edges about as long as the spacing of lines.
 float patch_of(const Scene& scene, uint32_t instance, int lines) {
   const Instance& placed = scene.instances[instance];
@@ -36,19 +32,19 @@ Vec2 barycentric(const Vec3& p0, const Vec3& e1, const Vec3& e2, const Vec3& p) 
 
 }  // namespace
 
-uint64_t RadianceMaps::count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays) {
-  return SurfaceRadiance::count_patches(scene, instance, patch_of(scene, instance, 2 * plane_for(most_rays)));
+uint64_t RadianceMaps::count_patches(const Scene& scene, uint32_t instance) {
+  return SurfaceRadiance::count_patches(scene, instance, patch_of(scene, instance, 2 * k_plane));
 }
 
-uint64_t RadianceMaps::tile_bytes(uint64_t most_rays) {
-  return CoverageTiles::pool_bytes(k_directions, plane_for(most_rays), TilePayload::radiance);
+uint64_t RadianceMaps::tile_bytes() {
+  return CoverageTiles::pool_bytes(k_directions, k_plane, TilePayload::radiance);
 }
 
-RadianceMaps::RadianceMaps(const TransportContext& shading, uint32_t instance, uint64_t most_rays)
+RadianceMaps::RadianceMaps(const TransportContext& shading, uint32_t instance)
     : scene_(shading.scene),
       accel_(shading.accel),
       ball_(field_ball(scene_.shapes[scene_.instances[instance].shape].bounds)),
-      tiles_(k_directions, plane_for(most_rays), nullptr, TilePayload::radiance),
+      tiles_(k_directions, k_plane, nullptr, TilePayload::radiance),
       radiance_(shading, instance, patch_of(scene_, instance, tiles_.lines())) {
   AnswererSettings settings;
   settings.tolerance = 1.0f;

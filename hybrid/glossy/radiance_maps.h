@@ -19,17 +19,16 @@ class RadianceMaps {
  public:
   // Direction cells along each side of the octahedral map: coarse, because lobes are wide.
   static constexpr int k_directions = 32;
-  // Cells along each side of a map where at least k_many_rays glossy rays share it, else half as many; lines are twice
-  // as many. Finer maps leave fewer rays to trace and cost four times as much to bake.
+  // Cells along each side of a map; lines are twice as many. Finer maps leave fewer rays to trace and cost four times as
+  // much to bake.
   static constexpr int k_plane = 64;
-  static constexpr uint64_t k_many_rays = uint64_t(1) << 25;
 
   // Bytes of complete tiles, without their tables and patches.
-  static uint64_t tile_bytes(uint64_t most_rays);
+  static uint64_t tile_bytes();
   // Surface patches that the constructor would make.
-  static uint64_t count_patches(const Scene& scene, uint32_t instance, uint64_t most_rays);
-  // `shading` (as for SurfaceRadiance) must outlive this. `most_rays`: upper bound on the glossy rays of the picture.
-  RadianceMaps(const TransportContext& shading, uint32_t instance, uint64_t most_rays);
+  static uint64_t count_patches(const Scene& scene, uint32_t instance);
+  // `shading` (as for SurfaceRadiance) must outlive this.
+  RadianceMaps(const TransportContext& shading, uint32_t instance);
 
   uint32_t instance() const { return radiance_.instance(); }
   const SurfaceRadiance& radiance() const { return radiance_; }

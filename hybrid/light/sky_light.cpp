@@ -124,7 +124,8 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
   const float whole = std::max(open_[point], total);
   const float samples = float(cluster.size()) * float(job.light_samples);
   const int count = int(std::ceil(samples * std::min(k_open_cell_rays * (total / whole), 1.0f)));
-  const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream + centres_.sample[point]);
+  // Rays of later samples of a pixel are others.
+  const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream + all.sample[cluster.begin]);
   const float offset = scalar::sample_2d(0, seed, 1).x;
   ray_counts_[point] = uint32_t(count);
   for (int k = 0; k < count; ++k) {
@@ -199,9 +200,13 @@ void SkyLight::add_irradiance(const Job& job) {
     const auto& v = arrivals_[i].values;
     const Rgb of_sky = open_irradiance_[i] * Rgb(v[0], v[1], v[2]);
     const Rgb e = of_sky + unit_ * Rgb(v[3], v[4], v[5]);
+    // Where some points stand for all, what each reflects goes with what arrives there: plastics seen at grazing angles
+    // are darker.
+    const uint32_t own = own_points_[i];
     for (size_t k = c.begin; k < c.end; ++k) {
-      r.arriving_red[k] += e.x * r.red[k], r.arriving_green[k] += e.y * r.green[k];
-      r.arriving_blue[k] += e.z * r.blue[k];
+      const size_t at = own == k_none ? k : own;
+      r.arriving_red[k] += e.x * r.red[at], r.arriving_green[k] += e.y * r.green[at];
+      r.arriving_blue[k] += e.z * r.blue[at];
     }
     if (sky_->radiance().is_black()) continue;  // no light samples are spared
     const uint64_t samples = uint64_t(c.size()) * uint64_t(job.light_samples);

@@ -7,6 +7,13 @@ bool can_be_hit(EmitterKind kind) { return kind == EmitterKind::area || is_sky(k
 
 }  // namespace
 
+bool has_open_area(const Scene& scene, const LightTable& lights) {
+  for (size_t i = 0; i < scene.emitters.size(); ++i) {
+    if (scene.emitters[i].kind == EmitterKind::area && !sampled_in_closed_form(lights.lights[i])) return true;
+  }
+  return false;
+}
+
 TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraSampler& c, const ShadowAnswerer& sa,
                                    const TransportSettings& ts, std::shared_ptr<const LightTable> made)
     : scene(s),
@@ -27,8 +34,8 @@ TransportContext::TransportContext(const Scene& s, const Accel& a, const CameraS
     emission_can_be_hit |= can_be_hit(emitter.kind);
     area_can_be_hit |= emitter.kind == EmitterKind::area;
     open_form_can_be_hit |= can_be_hit(emitter.kind) && !closed;
-    open_area_can_be_hit |= can_be_hit(emitter.kind) && !closed && !is_sky(emitter.kind);
   }
+  open_area_can_be_hit = has_open_area(s, lights);
 }
 
 }  // namespace fieldtrace

@@ -67,6 +67,9 @@ class IndirectLight;
 class Sky;
 
 // Everything that workers share. All references must outlive it.
+// Whether an area light is not sampled in closed form: paths find it, too. `lights`: those of the scene.
+bool has_open_area(const Scene& scene, const LightTable& lights);
+
 struct TransportContext {
   // `lights`: the scene's light table, if it exists already; null: it is made.
   TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera, const ShadowAnswerer& answerer,
@@ -95,7 +98,7 @@ struct TransportContext {
   bool emission_can_be_hit = false;        // some emitter has an area or surrounds the scene
   bool area_can_be_hit = false;            // some emitter has an area
   bool open_form_can_be_hit = false;       // one of those is not sampled in closed form
-  bool open_area_can_be_hit = false;       // and is not part of the sky
+  bool open_area_can_be_hit = false;       // has_open_area()
   // Whether `sky` gives all the light of the sky that diffuse surfaces of this number get from light samples.
   bool has_sky_maps(int vertex_number) const { return sky && vertex_number == 0; }
   // Whether irradiance is fitted within blocks of pixels (hybrid/light/pixel_blocks.h).

@@ -80,7 +80,7 @@ bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields,
   survey.scale *= double(open.samples) / double(picture.options.light_samples);
   const double spared_of_sample = (open.rays.open - survey.rays.open) * double(open.samples) +
                                   (open.rays.others - survey.rays.others) * double(picture.options.light_samples);
-  fields.leave_to_rays(survey, spared_of_sample * double(picture.film_samples()), picture.options.fewest_answers);
+  fields.leave_to_rays(survey, spared_of_sample * double(picture.film_samples()));
   if (fields.answers_shadows()) open = {picture.open_samples(survey.rays.open), survey.rays};
   return true;
 }

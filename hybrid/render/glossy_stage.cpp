@@ -64,16 +64,19 @@ void GlossyStage::make_hits(const GlossyInput& input) {
 }
 
 void GlossyStage::make_maps(const GlossyInput& input) {
+  const RenderOptions& options = input.options;
+  const uint64_t most_rays = input.camera_samples * uint64_t(options.lobe_samples);
+  const bool by_request = options.directions || options.plane || !options.leave_to_rays;
+  if (!by_request && most_rays < LobeAnswerer::k_fewest_rays) return;
   const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(input.scene, input.traits);
   if (suited.empty()) return;
-  const uint64_t most_rays = input.camera_samples * uint64_t(input.options.lobe_samples);
   no_fields_.assign(input.scene.shapes.size(), nullptr);
   exact_ = std::make_unique<ShadowAnswerer>(input.scene, input.accel, input.traits, no_fields_,
                                             patch_answerer_settings(input.settings.isa));
   shading_ = std::make_unique<TransportContext>(input.scene, input.accel, input.camera, *exact_,
                                                 patch_settings(input.settings), input.lights);
   shading_->make_follower = make_path_follower;
-  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, input.options.base_tolerance(), most_rays,
+  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, options.base_tolerance(), most_rays,
                                           input.most_map_bytes, hits_.get());
   maps_left_out_ = lobes_->left_out_for_memory();
   if (lobes_->empty()) lobes_.reset();

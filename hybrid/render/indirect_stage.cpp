@@ -37,8 +37,9 @@ IndirectSize choose_size(size_t occluders) {
 
 }  // namespace
 
-bool plans_indirect(const Scene& scene, std::span<const ShapeTraits> traits, int depth, uint64_t light_rays) {
-  if ((depth >= 0 && depth < 3) || scene.emitters.empty()) return false;
+bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth,
+                    uint64_t light_rays) {
+  if ((depth >= 0 && depth < 3) || scene.emitters.empty() || has_open_area(scene, lights)) return false;
   const size_t count = scene.instances.size();
   if (count > k_crowd) return false;  // its far groups send no light back
   size_t planes = 0;
@@ -70,7 +71,8 @@ bool plans_indirect(const Scene& scene, std::span<const ShapeTraits> traits, int
 
 void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   const int depth = input.settings.max_depth;
-  if (!stage.light || !plans_indirect(input.scene, input.traits, depth, input.request.light_rays)) return;
+  if (!stage.light || !plans_indirect(input.scene, *input.lights, input.traits, depth, input.request.light_rays))
+    return;
   std::vector<uint8_t> sends;
   size_t planes = 0;
   for (const SkyOccluder& o : stage.maps->occluders()) {
@@ -87,7 +89,6 @@ void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   const ShadowAnswerer answerer(input.scene, input.accel, input.traits, no_fields, by_rays);
   TransportContext shading(input.scene, input.accel, input.camera, answerer,
                            surfel_settings(input.settings, k_surfel_samples), input.lights);
-  if (shading.open_area_can_be_hit) return;  // such lights are also found by paths
   shading.sky = stage.light.get();
   shading.make_follower = make_path_follower;
   const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends, size);

@@ -25,8 +25,9 @@ struct IndirectInput {
 };
 
 // Whether, by counts alone, diffuse light that objects send on is to be known in a picture: paths may have three
-// surfaces or more (`depth`: max_depth), and shading costs less than the `light_rays` that it spares.
-bool plans_indirect(const Scene& scene, std::span<const ShapeTraits> traits, int depth, uint64_t light_rays);
+// surfaces or more (`depth`: max_depth) and find no light, and shading costs less than the `light_rays` that it spares.
+bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth,
+                    uint64_t light_rays);
 
 // Gives `stage.light`, if there is one, the light that diffuse objects send on, where that is planned and fits into
 // memory. Leaves it without if `callbacks.stop` was set meanwhile.

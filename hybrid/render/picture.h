@@ -27,9 +27,6 @@ using Clock = std::chrono::steady_clock;
 // tolerance is less in proportion (docs/decisions/030-tolerance-by-noise.md).
 inline constexpr double k_tolerated_light_samples = 128.0;
 
-// The part of the usual tolerance that fields of FieldAccuracy::less_tolerance have.
-inline constexpr float k_less_tolerance = 0.125f;
-
 // A picture to be made: what all attempts at it share.
 struct Picture {
   const Scene& scene;
@@ -91,7 +88,6 @@ struct Stage {
   PictureIdentity identity = {};                   // of a picture with checkpoints
   std::optional<Checkpoint> resumed = {};          // where the picture goes on
 
-  float tolerance_share() const { return accuracy == FieldAccuracy::less_tolerance ? k_less_tolerance : 1.0f; }
   bool uses_fields() const { return accuracy != FieldAccuracy::rays; }
 };
 

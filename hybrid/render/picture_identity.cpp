@@ -64,7 +64,7 @@ PictureIdentity picture_identity(const Picture& picture) {
       {"--field-hits", name_of(o.field_hits)},
       {"--field-memory", text(o.field_memory)},
       {"what answers",
-       fmt::format("{:d}{:d}{:d} {}", o.force_undecided, o.whole_lights, o.leave_to_rays, o.fewest_answers)},
+       fmt::format("{:d}{:d}{:d}", o.force_undecided, o.whole_lights, o.leave_to_rays)},
       {"--max-depth", text(picture.settings.max_depth)},
       {"--aov", layers},
       {"--ao-distance", text(o.ao_distance)},

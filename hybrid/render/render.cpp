@@ -48,7 +48,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   const bool is_lit = has_sky(picture.scene) && depth != 0 && depth != 1;
   // A light sample sends one ray to the sky and one from the material.
   const uint64_t light_rays = 2 * picture.rays_per_light();
-  const bool is_indirect = plans_indirect(picture.scene, stage.traits, depth, light_rays);
+  const bool is_indirect = plans_indirect(picture.scene, *stage.lights, stage.traits, depth, light_rays);
   if (is_lit || is_indirect) {
     request.light_rays = uint64_t(diffuse_share(picture.scene, stage.accel, stage.camera) * double(light_rays));
   }
@@ -80,6 +80,7 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   if (stage.sky.light && !has_sky(picture.scene) && !stage.sky.light->indirect()) {
     stage.sky.light.reset();
     stage.sky.can_be_finer = false;
+    if (!stage.sky.occlusion) stage.sky.maps.reset(), stats.sky_objects = 0;
   }
 }
 
@@ -181,7 +182,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
                   stage.address_space);
   OpenLight open = {options.light_samples};
   bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
-  stats.tolerance = picture.light_tolerance(open.samples) * stage.tolerance_share();
+  stats.tolerance = picture.light_tolerance(open.samples);
   if (!stage.cache) stage.cache = open_cache(options, fields.empty(), warning);
   FieldCache* const cache = stage.cache.get();
   if (cache) {
@@ -401,7 +402,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   stats.time_bake /= threads;
   stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
   if (options.slice) stats.slice = slice_text(*options.slice);
-  stats.spp = picture.by_rounds() ? int(std::lround(stats.samples_mean)) : picture.spp;
+  stats.spp = picture.by_rounds() ? int(std::lround(stats.samples_mean)) : picture.most_samples;
   stats.target_error = options.target_error;
   stats.time_limit = options.time_limit;
   stats.light_samples = options.light_samples;

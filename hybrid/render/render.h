@@ -77,7 +77,6 @@ struct RenderOptions {
   bool leave_to_rays = true;               // leave objects to exact rays whose fields do not pay, by a survey
   FieldHits field_hits = FieldHits::automatic;
   LightEstimator light_estimator = LightEstimator::automatic;
-  uint64_t fewest_answers = 0;     // also leave those whose field would answer fewer rays of the film
   std::vector<std::string> aovs;   // albedo normal depth position visibility exact object ao
   float ao_distance = k_infinity;  // world units, > 0: farther surfaces do not occlude in the layer ao
   // Pictures by rounds (render_rounds.h); `spp`, unless 0, is then the most samples of a pixel.

@@ -188,7 +188,7 @@ constexpr double k_fewest_samples = 8.0;
 // sought.
 constexpr double k_clear_gain = 4.0;
 
-// Where fields make more of the squared target, they are made more accurate if they can be.
+// Where fields make more of the squared target, maps are made finer if they can be.
 constexpr double k_field_share = 0.7;
 
 // Light and lobe samples that are tried beside one.
@@ -326,15 +326,10 @@ NoiseForecast choose_few_for_rays(const Picture& picture, Stage& stage, const Ra
   return best->noise;
 }
 
-// The next accuracy that may take fields' part of the error down; none where there is none, or no time.
-std::optional<FieldAccuracy> finer_accuracy(const Picture& picture, const Stage& stage,
-                                            const TransportContext& context) {
+// Whether finer maps may take fields' part of the error down, and there is time.
+bool can_be_finer(const Picture& picture, const Stage& stage) {
   const bool is_late = stage.deadline && seconds_since(*stage.deadline) > 0.0;
-  if (picture.options.tolerance || picture.stopped() || is_late) return {};
-  if (stage.accuracy == FieldAccuracy::coarse_maps && stage.sky.can_be_finer) return FieldAccuracy::usual;
-  if (stage.accuracy < FieldAccuracy::less_tolerance && context.settings.estimates)
-    return FieldAccuracy::less_tolerance;
-  return {};
+  return stage.accuracy == FieldAccuracy::coarse_maps && stage.sky.can_be_finer && !picture.stopped() && !is_late;
 }
 
 }  // namespace
@@ -368,9 +363,8 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
   bool are_better;
   if (picture.options.target_error > 0.0f) {
     const double target = square_of_target(picture.options);
-    const std::optional<FieldAccuracy> finer = finer_accuracy(picture, stage, context);
-    if (finer && error > k_field_share * target) {
-      stage.accuracy = *finer;
+    if (error > k_field_share * target && can_be_finer(picture, stage)) {
+      stage.accuracy = FieldAccuracy::usual;
       return false;
     }
     const NoiseForecast noise = forecast_noise(picture, context, stats);

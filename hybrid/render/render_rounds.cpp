@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <mutex>
 #include <optional>
 #include <shared_mutex>
@@ -77,9 +78,14 @@ class Rounds {
     const SampleAllocation& samples = allocation();
     stats_.by_rounds = true;
     stats_.rounds = state_.round;
-    stats_.error_noise = std::sqrt(noise());
+    // Pixels of fewer than two samples tell nothing of their noise.
+    const bool is_known = has_one_sample() || samples.fewest_samples() >= 2;
+    const double square = is_known ? noise() : std::numeric_limits<double>::infinity();
+    stats_.error_noise = std::sqrt(square);
     stats_.error_fields = std::sqrt(state_.field_mean_square);
-    stats_.error_estimate = std::sqrt(noise() + state_.field_mean_square);
+    stats_.error_estimate = std::sqrt(square + state_.field_mean_square);
+    if (samples.fewest_samples() == 0 && !picture_.stopped())
+      warn(picture_.callbacks.warning, {}, "the time was up before all of the picture was traced; the rest is black");
     stats_.samples_mean = samples.mean_samples();
     stats_.samples_fewest = samples.fewest_samples();
     stats_.samples_most = samples.most_samples();

@@ -132,6 +132,7 @@ void TransportWorker::Impl::intersect_lobes() {
 void TransportWorker::Impl::take_lobes(int vertex_number) {
   for (const FilteredRay& filtered : lobe_work.filtered) {
     PathState& path = paths[filtered.ray];
+    if (filtered.instance == k_none) continue;
     const bool is_counted = knows_indirect(vertex_number - 1) && context.indirect->sends(filtered.instance);
     radiance[path.slot] +=
         path.throughput * (is_counted ? path.interface_share * filtered.radiance : filtered.radiance);

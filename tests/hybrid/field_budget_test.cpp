@@ -264,7 +264,7 @@ TEST(FieldSet, IsLeftToRaysWhereLookUpsCostMoreThanTheySpare) {
       plan.light_samples = cost_decides ? 1e12 : std::numeric_limits<double>::infinity();
       FieldSet fields(scene, traits, plan, FieldBudget::k_no_limit, true);
       ASSERT_TRUE(fields.answers_shadows());
-      fields.leave_to_rays(survey, spared, 0);
+      fields.leave_to_rays(survey, spared);
       EXPECT_EQ(fields.answers_shadows(), !cost_decides || spared > 1e6 * k_look_up_cost) << spared;
     }
   }
