@@ -1,6 +1,7 @@
 #include "hybrid/render/glossy_stage.h"
 
 #include <algorithm>
+#include <limits>
 #include <set>
 
 #include "hybrid/glossy/surface_radiance.h"
@@ -65,9 +66,10 @@ void GlossyStage::make_hits(const GlossyInput& input) {
 
 void GlossyStage::make_maps(const GlossyInput& input) {
   const RenderOptions& options = input.options;
-  const uint64_t most_rays = input.camera_samples * uint64_t(options.lobe_samples);
   const bool by_request = options.directions || options.plane || !options.leave_to_rays;
-  if (!by_request && most_rays < LobeAnswerer::k_fewest_rays) return;
+  const uint64_t most_rays = by_request ? std::numeric_limits<uint64_t>::max()
+                                        : input.camera_samples * uint64_t(options.lobe_samples);
+  if (most_rays < LobeAnswerer::k_fewest_rays) return;
   const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(input.scene, input.traits);
   if (suited.empty()) return;
   no_fields_.assign(input.scene.shapes.size(), nullptr);

@@ -84,7 +84,9 @@ TEST(GlossyLobes, MapsLeftOutForMemoryAreToldAboutOnce) {
   callbacks.warning = [&](const std::string& line) { warnings.push_back(line); };
   // Too few rays pay for maps: memory is not why there are none.
   o.field_memory = 1'000'000;
+  o.leave_to_rays = true;
   EXPECT_EQ(render(scene, o, callbacks).stats.field_bytes_maps, 0u);
+  o.leave_to_rays = false;
   for (const std::string& line : warnings) EXPECT_EQ(line.find("radiance maps"), std::string::npos) << line;
   o.lobe_samples = 1024;
   warnings.clear();
