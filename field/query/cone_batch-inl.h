@@ -48,6 +48,7 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
   const Int_t<F> may = splat_int<F>(k_may_shadow);
   for (const uint32_t block : blocks) {
     bool missing = false;
+    uint64_t open_lookups = 0;
     for (size_t i = block; i < block + k_batch_padding; i += size_t(Lanes<F>::k_count)) {
       const Int_t<F> flag = load_int_lanes<F>(flags + i);
       const Mask_t<F> queried = (flag & may) == may;
@@ -57,13 +58,19 @@ inline ConeCounts light_cones_batch(const ConeTask& task, const ShadingPointBatc
                                                     MissingList<F>{unknowns.tiles}, MissingList<F>{unknowns.slices});
       const ConeAnswer<F>& cone = answer.cone;
       missing = missing || any(cone.unknown);
-      // Lanes that wait for a bake ask again.
-      counts.lookups += uint64_t(sum_of(select(cone.unknown, splat_int<F>(0), cone.lookups)));
+      const Int_t<F> settled = select(cone.clear | cone.blocked, cone.lookups, splat_int<F>(0));
+      counts.lookups += uint64_t(sum_of(settled));
+      open_lookups += uint64_t(sum_of(cone.lookups - settled));
       counts.clear += uint64_t(count_true(cone.clear));
       counts.blocked += uint64_t(count_true(cone.blocked));
       store_lanes(updated_flag<F>(flag, cone.clear, cone.blocked, answer.by_strata), flags + i);
     }
-    if (missing) unknowns.blocks.push_back(block);
+    // What is not settled is asked again once the block's tiles are baked.
+    if (missing) {
+      unknowns.blocks.push_back(block);
+    } else {
+      counts.lookups += open_lookups;
+    }
   }
   return counts;
 }

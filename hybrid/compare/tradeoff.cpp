@@ -305,7 +305,7 @@ std::string tradeoff_csv_row(const TradeoffRow& row, const std::vector<ErrorPoin
   const RenderOptions& o = row.options;
   constexpr const char* k_ladders[] = {"samples", "resolution", "target", "time"};
   const TimeAtError time = seconds_at_error(monte_carlo, d.rmse);
-  const auto unless_0 = [](double v) { return v > 0.0 ? fmt::format("{:.6g}", v) : std::string(); };
+  const auto unless_0 = [](double v) { return v > 0.0 && std::isfinite(v) ? fmt::format("{:.6g}", v) : std::string(); };
   return fmt::format(
       "{},{},{},{:.6g},{},{},{},{},{},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g},"
       "{:.6g},{:.6g},{:.6g},{},{},{},{}",

@@ -32,7 +32,6 @@ void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) 
   for (const Layer& layer : layers) {
     if (layer.distance >= end) break;
     const LobeAnswers& a = *layer.answers;
-    if (a.clear[i] >= 1.0f) continue;
     const bool was_seen = ray.clear >= 0.5f;
     ray.radiance += Rgb(a.red[i], a.green[i], a.blue[i]) * ray.clear;
     ray.clear *= a.clear[i];

@@ -200,9 +200,9 @@ void SkyLight::add_irradiance(const Job& job) {
     const auto& v = arrivals_[i].values;
     const Rgb of_sky = open_irradiance_[i] * Rgb(v[0], v[1], v[2]);
     const Rgb e = of_sky + unit_ * Rgb(v[3], v[4], v[5]);
-    // Where some points stand for all, what each reflects goes with what arrives there: plastics seen at grazing angles
-    // are darker.
-    const uint32_t own = own_points_[i];
+    // Where some points stand for all, what a plastic reflects there goes with what arrives: seen at grazing angles it
+    // is darker. Textures do not go with the light; the mean of all points has less of their noise.
+    const uint32_t own = c.plain_diffuse() ? k_none : own_points_[i];
     for (size_t k = c.begin; k < c.end; ++k) {
       const size_t at = own == k_none ? k : own;
       r.arriving_red[k] += e.x * r.red[at], r.arriving_green[k] += e.y * r.green[at];

@@ -66,10 +66,10 @@ class LobeAnswerer;
 class IndirectLight;
 class Sky;
 
-// Everything that workers share. All references must outlive it.
 // Whether an area light is not sampled in closed form: paths find it, too. `lights`: those of the scene.
 bool has_open_area(const Scene& scene, const LightTable& lights);
 
+// Everything that workers share. All references must outlive it.
 struct TransportContext {
   // `lights`: the scene's light table, if it exists already; null: it is made.
   TransportContext(const Scene& scene, const Accel& accel, const CameraSampler& camera, const ShadowAnswerer& answerer,

@@ -80,7 +80,11 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   if (stage.sky.light && !has_sky(picture.scene) && !stage.sky.light->indirect()) {
     stage.sky.light.reset();
     stage.sky.can_be_finer = false;
-    if (!stage.sky.occlusion) stage.sky.maps.reset(), stats.sky_objects = 0;
+    if (!stage.sky.occlusion) {
+      stage.sky.maps.reset();
+      stats.sky_objects = 0;
+      stats.sky_directions = stats.sky_texels = 0;
+    }
   }
 }
 
@@ -402,7 +406,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   stats.time_bake /= threads;
   stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
   if (options.slice) stats.slice = slice_text(*options.slice);
-  stats.spp = picture.by_rounds() ? int(std::lround(stats.samples_mean)) : picture.most_samples;
+  if (picture.by_rounds()) stats.spp = int(std::lround(stats.samples_mean));
+  if (stats.spp == 0) stats.spp = picture.spp;
   stats.target_error = options.target_error;
   stats.time_limit = options.time_limit;
   stats.light_samples = options.light_samples;

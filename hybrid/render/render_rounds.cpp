@@ -74,17 +74,20 @@ class Rounds {
         write_pixel(picture_, {x, y}, film.pixels[i], aovs, decay, image);
       }
     });
-    if (!picture_.by_rounds()) return;
+    if (!picture_.by_rounds()) {
+      stats_.spp = int(film.pixels[0].samples());
+      return;
+    }
     const SampleAllocation& samples = allocation();
     stats_.by_rounds = true;
     stats_.rounds = state_.round;
-    // Pixels of fewer than two samples tell nothing of their noise.
-    const bool is_known = has_one_sample() || samples.fewest_samples() >= 2;
+    // Pixels of fewer than two samples tell nothing of their noise, unless a survey did.
+    const bool is_known = samples.fewest_samples() >= (has_one_sample() ? 1u : 2u);
     const double square = is_known ? noise() : std::numeric_limits<double>::infinity();
     stats_.error_noise = std::sqrt(square);
     stats_.error_fields = std::sqrt(state_.field_mean_square);
     stats_.error_estimate = std::sqrt(square + state_.field_mean_square);
-    if (samples.fewest_samples() == 0 && !picture_.stopped())
+    if (samples.fewest_samples() == 0 && job_.timed_out())
       warn(picture_.callbacks.warning, {}, "the time was up before all of the picture was traced; the rest is black");
     stats_.samples_mean = samples.mean_samples();
     stats_.samples_fewest = samples.fewest_samples();

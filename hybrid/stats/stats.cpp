@@ -6,6 +6,7 @@
 namespace fieldtrace {
 
 void Stats::merge_counters(const Stats& o) {
+  spp = std::max(spp, o.spp);
   if (o.by_rounds) {
     by_rounds = true;
     rounds = o.rounds;

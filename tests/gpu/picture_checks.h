@@ -125,7 +125,7 @@ inline Scene demo(int width, bool sky) {
   return load_scene(std::string(FIELDTRACE_SOURCE_DIR) + "/scenes/demo.xml", options);
 }
 
-// A rough metal floor under a diffuse object, whose radiance maps answer glossy rays once there are enough of them; lit
+// A rough metal floor under a diffuse object, whose radiance maps answer glossy rays; lit
 // by a lamp and, if `sky`, by the sky.
 inline Scene glossy_floor(int size, bool sky) {
   SceneMaker m;
@@ -141,7 +141,7 @@ inline Scene glossy_floor(int size, bool sky) {
   return m.scene;
 }
 
-// A crop of a film of 128 x 128 pixels, whose lobe samples pay for radiance maps.
+// A crop of a film of 128 x 128 pixels; radiance maps by request.
 inline RenderOptions glossy_options() {
   RenderOptions o = options_for(1, 4);
   o.lobe_samples = 256;

@@ -239,10 +239,15 @@ TEST(BakeScene, AFolderIsTheCacheOfTheRender) {
   EXPECT_EQ(warm.image.data, cold.image.data);
   EXPECT_GE(warm.stats.field_cells_baked, cold.stats.field_cells_baked);  // also those of more light samples
   EXPECT_GT(warm.stats.field_bytes_disk, 0u);
+  // Whatever is asked again after a bake counts once: which objects keep their fields depends on it.
+  EXPECT_GT(cold.stats.lookups, 0u);
+  EXPECT_EQ(warm.stats.lookups, cold.stats.lookups);
   // More samples demand more; the next render has them.
   options.spp = 16;
-  EXPECT_GT(render(scene, options).stats.bake_rays, 0u);
-  EXPECT_EQ(render(scene, options).stats.bake_rays, 0u);
+  const Stats more = render(scene, options).stats, again = render(scene, options).stats;
+  EXPECT_GT(more.bake_rays, 0u);
+  EXPECT_EQ(again.bake_rays, 0u);
+  EXPECT_EQ(again.lookups, more.lookups);
 }
 
 TEST(BakeScene, ADamagedCacheChangesNothingButTime) {

@@ -51,7 +51,7 @@ RenderOptions options_for(Method method, int lobe_samples) {
   return o;
 }
 
-// A crop of a film that is large enough for radiance maps to pay.
+// A crop of a larger film, of which a few tiles are baked.
 constexpr int k_film = 128;
 RenderOptions crop_options(Method method, int lobe_samples) {
   RenderOptions o = options_for(method, lobe_samples);
@@ -105,9 +105,26 @@ TEST(GlossyLobes, MapsLeftOutForMemoryAreToldAboutOnce) {
   EXPECT_EQ(told, 1);
 }
 
+// Only pictures of many glossy rays repay maps, whatever part of them is rendered; or they are made by request.
+TEST(GlossyLobes, NeedManyRaysOrARequest) {
+  constexpr int k_side = 1024;  // with 32 lobe samples a pixel as many rays as maps need
+  static_assert(uint64_t(k_side) * k_side * 32 == LobeAnswerer::k_fewest_rays);
+  const Scene scene = glossy_scene(0.3f, false, k_side).scene;
+  const auto map_bytes = [&](int lobe_samples, bool leave_to_rays, int directions) {
+    RenderOptions o = options_for(Method::hybrid, lobe_samples);
+    o.leave_to_rays = leave_to_rays;
+    o.directions = directions;
+    o.crop = Rect{480, 640, 8, 8};
+    return render(scene, o).stats.field_bytes_maps;
+  };
+  EXPECT_EQ(map_bytes(31, true, 0), 0u);
+  EXPECT_GT(map_bytes(32, true, 0), 0u);
+  EXPECT_GT(map_bytes(31, false, 0), 0u);
+  EXPECT_GT(map_bytes(31, true, 32), 0u);
+}
+
 // Filtering removes more noise than its blur adds error.
 TEST(GlossyLobes, FewSamplesAreNoWorseThanRays) {
-  // A crop of a film large enough for radiance maps to pay.
   const Scene scene = glossy_scene(0.3f, false, 512).scene;
   const auto picture = [&](Method method, int lobe_samples) {
     RenderOptions o = options_for(method, lobe_samples);

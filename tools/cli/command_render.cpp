@@ -194,8 +194,12 @@ void print_summary(const Stats& s) {
   fmt::print(stderr, "rays    {} primary, {} shadow ({} near an object), {} glossy\n", count(s.rays_primary),
              count(s.rays_shadow), count(s.rays_crossing), count(s.rays_glossy));
   if (s.by_rounds) {
-    fmt::print(stderr, "error   {:.3g} estimated: noise {:.3g}, fields {:.3g}; {} rounds, {} to {} samples a pixel\n",
-               s.error_estimate, s.error_noise, s.error_fields, s.rounds, s.samples_fewest, s.samples_most);
+    const std::string error = std::isfinite(s.error_estimate)
+                                  ? fmt::format("{:.3g} estimated: noise {:.3g}, fields {:.3g}", s.error_estimate,
+                                                s.error_noise, s.error_fields)
+                                  : "not known";
+    fmt::print(stderr, "error   {}; {} rounds, {} to {} samples a pixel\n", error, s.rounds, s.samples_fewest,
+               s.samples_most);
   }
   if (s.field_objects > 0) {
     // The thesis' chart has no plane cells.

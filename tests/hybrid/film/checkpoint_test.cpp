@@ -22,7 +22,7 @@ class CheckpointFile : public testing::Test {
     Checkpoint c;
     c.identity = {{"--seed", "5"}, {"--method", "hybrid"}};
     c.planned_samples = 90, c.expected_samples = 17;
-    c.accuracy = FieldAccuracy::usual, c.field_mean_square = 1.0 / 3.0;
+    c.accuracy = FieldAccuracy::coarse_maps, c.field_mean_square = 1.0 / 3.0;
     c.light_samples = 4, c.open_light_samples = 8, c.lobe_samples = 2;
     c.restarts = 2, c.round = 3;
     c.film = FilmSums({1, 2, 5, 7}, layers);
@@ -65,7 +65,7 @@ TEST_F(CheckpointFile, HoldsWhatWasWritten) {
     const Checkpoint r = read_checkpoint(path_, c.identity);
     EXPECT_EQ(r.planned_samples, 90);
     EXPECT_EQ(r.expected_samples, 17);
-    EXPECT_EQ(r.accuracy, FieldAccuracy::usual);
+    EXPECT_EQ(r.accuracy, FieldAccuracy::coarse_maps);
     EXPECT_EQ(r.field_mean_square, 1.0 / 3.0);
     EXPECT_EQ(r.light_samples, 4);
     EXPECT_EQ(r.open_light_samples, 8);

@@ -188,6 +188,7 @@ TEST(Checkpoints, GoOnForMoreSamplesOrLessError) {
   o.aovs = {};
   const RenderResult more = render(scene, o);
   EXPECT_TRUE(more.stats.resumed);
+  EXPECT_EQ(more.stats.spp, 64);
   EXPECT_LT(rmse(more.image, reference), 0.5 * before);
   RenderOptions at_once = o;
   at_once.resume = at_once.checkpoint = "";
@@ -197,7 +198,9 @@ TEST(Checkpoints, GoOnForMoreSamplesOrLessError) {
   EXPECT_GT(more.stats.rays_primary, uint64_t(60 * k_size * k_size - 1));
   EXPECT_LT(more.stats.rays_primary, uint64_t(61 * k_size * k_size));
   o.spp = 16;
-  EXPECT_EQ(render(scene, o).image.data, more.image.data) << "fewer samples than there are change nothing";
+  const RenderResult fewer = render(scene, o);
+  EXPECT_EQ(fewer.image.data, more.image.data) << "fewer samples than there are change nothing";
+  EXPECT_EQ(fewer.stats.spp, 64);
   o.spp = 3;
   try {
     render(scene, o);
@@ -358,8 +361,24 @@ TEST(Rounds, EndWithTheTime) {
     }
     EXPECT_NEAR(result.stats.samples_mean, samples, 1e-6 * samples);
     // However slow the machine is: what has samples in both halves has an estimate.
-    EXPECT_TRUE(result.stats.samples_fewest < 2 || result.stats.error_estimate > 0.0);
+    EXPECT_GT(result.stats.error_estimate, 0.0);
+    EXPECT_EQ(std::isfinite(result.stats.error_estimate), result.stats.samples_fewest >= 2);
   }
+}
+
+TEST(Rounds, WithoutTimeTellNothingOfTheError) {
+  const Scene scene = test::hybrid_scene("materials", k_size).scene;
+  RenderOptions o = options_of(Method::monte_carlo, 0.0f, 3);
+  o.time_limit = 1e-6f;
+  std::vector<std::string> warnings;
+  RenderCallbacks callbacks;
+  callbacks.warning = [&](const std::string& line) { warnings.push_back(line); };
+  const Stats stats = render(scene, o, callbacks).stats;
+  EXPECT_EQ(stats.samples_fewest, 0u);
+  EXPECT_TRUE(std::isinf(stats.error_estimate));
+  EXPECT_NE(stats.to_json().find("\"estimate\": null"), std::string::npos) << stats.to_json();
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_NE(warnings[0].find("the rest is black"), std::string::npos);
 }
 
 TEST(Rounds, RefuseWhatCannotBe) {

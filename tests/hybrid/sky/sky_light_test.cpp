@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "core/io/scratch_folder.h"
 #include "core/mesh/mesh_procedural.h"
 #include "core/mesh/mesh_stress.h"
 #include "hybrid/render/render.h"
@@ -275,7 +276,8 @@ TEST(SkyLight, LaterSamplesAreIndependent) {
   RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 4, 1);
   o.directions = 32;
   o.tolerance = 0.01f;  // many cells are undecided
-  o.checkpoint = testing::TempDir() + "later_samples.ckpt";
+  const ScratchFolder folder(testing::TempDir(), "later_samples");
+  o.checkpoint = folder.path() + "/first";
   const Image first = render(s.scene, o).image;
   o.resume = o.checkpoint;
   o.checkpoint.clear();
