@@ -26,7 +26,7 @@ CASES = {
     "wide light": FLOOR + " -D light_radius=0.8",
     "2 M triangles": FLOOR + " -D format=ply -D mesh={work}/knot.ply",
     "4 x 16 samples": "scenes/bunny_floor.xml --spp 4 --light-samples 16",
-    "small picture": "scenes/demo.xml",
+    "few samples, two lights": "scenes/demo.xml",
     "wires": "scenes/stress.xml --light-samples 64 -D objects={work}/globe.xml",
     "crowd": "scenes/crowd.xml --light-samples 16 -D crowd={work}/instances.xml",
     "glossy rays": "scenes/glossy_floor.xml --light-samples 4 --lobe-samples 16",
@@ -83,7 +83,7 @@ def main():
     print("| | Monte Carlo | fields, cold | fields, warm |\n|---|---|---|---|")
     for name in options.only:
         arguments = CASES[name].format(work=work).split()
-        if name == "small picture":
+        if name == "few samples, two lights":
             arguments += [word for shape in SHAPES for word in ("-D", f"{shape}={work / shape}.ply")]
         measured = measure(options.program, arguments, work, options.repeats)
         cells = [re.sub(r"\b0\.", ".", f"{total:.2f} ({secondary:.2f})") for total, secondary in measured]
