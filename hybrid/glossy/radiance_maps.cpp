@@ -36,9 +36,7 @@ uint64_t RadianceMaps::count_patches(const Scene& scene, uint32_t instance) {
   return SurfaceRadiance::count_patches(scene, instance, patch_of(scene, instance, 2 * k_plane));
 }
 
-uint64_t RadianceMaps::tile_bytes() {
-  return CoverageTiles::pool_bytes(k_directions, k_plane, TilePayload::radiance);
-}
+uint64_t RadianceMaps::tile_bytes() { return CoverageTiles::pool_bytes(k_directions, k_plane, TilePayload::radiance); }
 
 RadianceMaps::RadianceMaps(const TransportContext& shading, uint32_t instance)
     : scene_(shading.scene),

@@ -19,8 +19,8 @@ class RadianceMaps {
  public:
   // Direction cells along each side of the octahedral map: coarse, because lobes are wide.
   static constexpr int k_directions = 32;
-  // Cells along each side of a map; lines are twice as many. Finer maps leave fewer rays to trace and cost four times as
-  // much to bake.
+  // Cells along each side of a map; lines are twice as many. Finer maps leave fewer rays to trace and cost four times
+  // as much to bake.
   static constexpr int k_plane = 64;
 
   // Bytes of complete tiles, without their tables and patches.

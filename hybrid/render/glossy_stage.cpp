@@ -66,9 +66,8 @@ void GlossyStage::make_hits(const GlossyInput& input) {
 
 void GlossyStage::make_maps(const GlossyInput& input) {
   const RenderOptions& options = input.options;
-  const bool by_request = options.directions || options.plane || !options.leave_to_rays;
-  const uint64_t most_rays = by_request ? std::numeric_limits<uint64_t>::max()
-                                        : input.camera_samples * uint64_t(options.lobe_samples);
+  const uint64_t most_rays = options.at_any_cost() ? std::numeric_limits<uint64_t>::max()
+                                                   : input.camera_samples * uint64_t(options.lobe_samples);
   if (most_rays < LobeAnswerer::k_fewest_rays) return;
   const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(input.scene, input.traits);
   if (suited.empty()) return;
@@ -78,8 +77,8 @@ void GlossyStage::make_maps(const GlossyInput& input) {
   shading_ = std::make_unique<TransportContext>(input.scene, input.accel, input.camera, *exact_,
                                                 patch_settings(input.settings), input.lights);
   shading_->make_follower = make_path_follower;
-  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, options.base_tolerance(), most_rays,
-                                          input.most_map_bytes, hits_.get());
+  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, options.base_tolerance(), most_rays, input.most_map_bytes,
+                                          hits_.get());
   maps_left_out_ = lobes_->left_out_for_memory();
   if (lobes_->empty()) lobes_.reset();
 }

@@ -101,9 +101,8 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   plan.parameters = choose_resolution(scene, stage.traits, picture.rays_per_light());
   if (options.directions) plan.parameters.directions = options.directions;
   if (options.plane) plan.parameters.plane = options.plane;
-  // No shape is left out for its cost where every cell answers, or where undecided cells or a resolution are requested.
-  const bool by_request = options.force_undecided || options.directions || options.plane;
-  if (options.leave_to_rays && !by_request && options.base_tolerance() < 1.0f) {
+  // No shape is left out for its cost where every cell answers, or undecided cells are requested.
+  if (!options.at_any_cost() && !options.force_undecided && options.base_tolerance() < 1.0f) {
     plan.light_samples = has_few_light_samples(picture.spp, options)
                              ? 0.0
                              : double(picture.rays_per_light()) * double(scene.emitters.size());

@@ -92,6 +92,8 @@ struct RenderOptions {
   bool keeps_sums() const { return by_rounds() || !checkpoint.empty() || !resume.empty(); }
   bool by_rounds() const { return target_error > 0.0f || time_limit > 0.0f; }
   float base_tolerance() const { return tolerance.value_or(k_default_tolerance); }
+  // Whether fields and maps are made whatever they cost.
+  bool at_any_cost() const { return directions > 0 || plane > 0 || !leave_to_rays; }
 };
 
 struct RenderCallbacks {

@@ -168,7 +168,7 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const float given = options.base_tolerance() / k_default_tolerance;
   MappedShapes mapped = mapped_shapes(scene, traits);
   const std::vector<MappedShape>& shapes = mapped.shapes;
-  const bool by_request = options.directions || options.plane || !options.leave_to_rays;
+  const bool by_request = options.at_any_cost();
   const bool crowd = scene.instances.size() > k_crowd;
   const uint64_t instances = crowd ? instances_in_view(scene) : 0;
   const auto choose = [&](uint64_t rays, bool coarse) {
