@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <span>
 
 #include "core/light/light.hd.h"
 #include "core/trace/rays.h"
@@ -32,6 +33,9 @@ struct ShadingPointBatch {
     for (auto* v : {&seed, &sample, &instance}) v->resize(padded(n));
     transmits.resize(padded(n));
   }
+  Vec3 position(size_t i) const { return {px[i], py[i], pz[i]}; }
+  Vec3 geometric_normal(size_t i) const { return {gx[i], gy[i], gz[i]}; }
+  Vec3 shading_normal(size_t i) const { return {sx[i], sy[i], sz[i]}; }
   // Entries [i, i + count) become those of `from` from j on.
   void copy(size_t i, const ShadingPointBatch& from, size_t j, size_t count) {
     using B = ShadingPointBatch;
@@ -46,6 +50,12 @@ struct ShadingPointBatch {
     copy_array(from.transmits, transmits);
   }
 };
+
+// `chosen` becomes the entries `indices` of `all`.
+inline void copy_points(const ShadingPointBatch& all, std::span<const uint32_t> indices, ShadingPointBatch& chosen) {
+  chosen.resize(indices.size());
+  for (size_t i = 0; i < indices.size(); ++i) chosen.copy(i, all, indices[i], 1);
+}
 
 struct LightTable;
 

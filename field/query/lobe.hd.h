@@ -70,11 +70,9 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
     const auto mean = [&](F s) { return select(read, max(s * inverse_area, zero), zero); };
     answer.radiance = {mean(sum.red), mean(sum.green), mean(sum.blue)};
   }
-  const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
-  const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
   const Mask_t<F> blurred = half_texel > unit_blur * disc.t;
-  const Mask_t<F> thin = (thin_ratio > splat<F>(k_most_thin_features)) & (disc.least_half() < splat<F>(k_coarse_disc));
+  const Mask_t<F> thin =
+      is_among_thin_features(field, tube, disc, open) & (disc.least_half() < splat<F>(k_coarse_disc));
   answer.refused = answer.refused | (open & (blurred | thin));
   return answer;
 }

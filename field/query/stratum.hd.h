@@ -192,6 +192,16 @@ struct StratumDisc {
   FT_HD_INLINE F least_half() const { return min(half_x, half_y); }
 };
 
+// Whether lines as thin as texels abound about a disc's centre.
+template <class F>
+FT_HD_INLINE Mask_t<F> is_among_thin_features(const FieldView& field, const StratumTube<F>& tube,
+                                              const StratumDisc<F>& disc, Mask_t<F> wanted) {
+  const F zero = splat<F>(0.0f), one = splat<F>(1.0f), scale = splat<F>(field.coverage.half_lines);
+  const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), scale + scale - one)); };
+  return thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), wanted) >
+         splat<F>(k_most_thin_features);
+}
+
 template <class F, class TellMissing>
 FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratum<F>& stratum,
                                        const StratumTube<F>& tube, Mask_t<F> open, const TellMissing& tell_missing) {
@@ -277,12 +287,9 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
   // Errors are measured by the disc of the light's part alone and a share of that of the shading points.
   const TubeWidths<F>& widths = tube.widths;
   const F near = min(widths.near_x, widths.near_y) * splat<F>(k_near_share);
-  const F scale = splat<F>(field.coverage.half_lines), lines = scale + scale;
-  const F half = half_width(stratum, min(widths.x, widths.y), near, disc.t) * scale;
-  const auto texel = [&](F value) { return small_to_int(min(max(zero, floor(value)), lines - one)); };
-  const F thin_ratio = thin_feature_ratio_at<F>(field.coverage, tube.map.direction, texel(disc.x), texel(disc.y), open);
+  const F half = half_width(stratum, min(widths.x, widths.y), near, disc.t) * splat<F>(field.coverage.half_lines);
   const F coarse = splat<F>(k_coarse_disc / policy.slack), fine = splat<F>(least_disc / policy.slack);
-  const Mask_t<F> small = open & (half < select(thin_ratio > splat<F>(k_most_thin_features), coarse, fine));
+  const Mask_t<F> small = open & (half < select(is_among_thin_features(field, tube, disc, open), coarse, fine));
   const F apart = depths_apart<F>(field, tube, disc, some) / max(half, splat<F>(0.5f));
   const Mask_t<F> layered = some & (apart > splat<F>(k_most_apart * policy.slack));
   answer.refused = answer.refused | and_not(answer.unknown, small | layered);

@@ -74,7 +74,7 @@ class SkyBatch {
     Vec3 direction;
   };
 
-  Vec3 normal(size_t i) const { return {points.sx[i], points.sy[i], points.sz[i]}; }
+  Vec3 normal(size_t i) const { return points.shading_normal(i); }
 
   void see_cells() {
     const ShadingPointBatch& p = points;
@@ -105,7 +105,7 @@ class SkyBatch {
     blocked_.assign(n, 0);
     for (size_t j = 0; j < n; ++j) {
       const auto& [i, weight, direction] = open_cells_[j];
-      const Vec3 p(points.px[i], points.py[i], points.pz[i]);
+      const Vec3 p = points.position(i);
       rays_.set(j, offset_origin(p, normal(i), points.error[i], direction), direction, k_infinity);
     }
     s_.accel->occluded(rays_, indices_, blocked_.data());

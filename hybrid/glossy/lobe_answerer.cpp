@@ -61,15 +61,17 @@ std::vector<uint32_t> LobeAnswerer::suited_instances(const Scene& scene, std::sp
   return suited;
 }
 
-LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, float tolerance,
-                           uint64_t most_rays, uint64_t most_bytes, const HitAnswerer* hits)
+LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, const Settings& settings,
+                           const HitAnswerer* hits)
     : shading_(shading),
       kernels_(segment_kernels(shading.settings.isa)),
       hits_(hits),
-      blur_(k_blur_of_tolerance * tolerance) {
+      blur_(k_blur_of_tolerance * settings.tolerance),
+      check_(settings.check) {
   const Scene& scene = shading.scene;
-  const uint64_t most_patches =
-      std::min(most_rays / std::max<uint64_t>(rays_per_patch(shading), 1), SurfaceRadiance::k_most_patches - 1);
+  uint64_t most_bytes = settings.most_bytes;
+  const uint64_t most_patches = std::min(settings.most_rays / std::max<uint64_t>(rays_per_patch(shading), 1),
+                                         SurfaceRadiance::k_most_patches - 1);
   const uint64_t patches_in_memory = most_bytes / sizeof(Rgb);
   std::vector<uint8_t> has_maps(scene.instances.size(), 0);
   for (const uint32_t i : suited) {
@@ -96,6 +98,11 @@ LobeAnswerer::LobeAnswerer(const TransportContext& shading, std::span<const uint
 }
 
 LobeAnswerer::~LobeAnswerer() = default;
+
+RadianceMaps* LobeAnswerer::maps_of(uint32_t instance) const {
+  const auto found = std::find_if(maps_.begin(), maps_.end(), [&](const auto& m) { return m->instance() == instance; });
+  return found == maps_.end() ? nullptr : found->get();
+}
 
 uint64_t LobeAnswerer::bytes() const {
   uint64_t sum = 0;
@@ -237,6 +244,7 @@ void LobeAnswerer::finish(const Request& r) const {
   if (!r.work.queried.empty()) {
     query(r.work, r.stats);
     put_together(r.hits, r.work);
+    if (check_) check_filtered(r);
     for (FilteredRay& ray : r.work.filtered) {
       if (ray.clear >= k_least_share) continue;
       ray.clear = 0.0f;

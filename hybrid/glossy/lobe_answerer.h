@@ -63,12 +63,17 @@ class LobeAnswerer {
   // The instances that may have maps: none where there are more than k_most_objects.
   static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits);
 
-  // Maps of `suited`, shaded by paths of `shading` (SurfaceRadiance), which must outlive this. `most_rays`: upper bound
-  // on the glossy rays of the picture; objects whose shading could take more are left out, as are those whose maps
-  // could exceed `most_bytes` together with those before them. `hits`, if not null, answers the rays that the maps
-  // refuse, and must outlive this.
-  LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, float tolerance, uint64_t most_rays,
-               uint64_t most_bytes, const HitAnswerer* hits = nullptr);
+  struct Settings {
+    float tolerance = 0.0f;
+    uint64_t most_rays = 0;   // upper bound on the glossy rays of the picture: objects whose shading could take more
+                              // have no maps
+    uint64_t most_bytes = 0;  // nor have those whose maps could exceed this together with those before them
+    bool check = false;       // compare some of the maps' answers with rays
+  };
+  // Maps of `suited`, shaded by paths of `shading` (SurfaceRadiance), which must outlive this. `hits`, if not null,
+  // answers the rays that the maps refuse, and must outlive this.
+  LobeAnswerer(const TransportContext& shading, std::span<const uint32_t> suited, const Settings& settings,
+               const HitAnswerer* hits = nullptr);
   ~LobeAnswerer();
 
   bool empty() const { return maps_.empty(); }
@@ -101,11 +106,14 @@ class LobeAnswerer {
   void query(LobeWorkspace& work, Stats& stats) const;
   void put_together(const HitBatch& hits, LobeWorkspace& work) const;
   void trace_exact(const Request& request) const;
+  void check_filtered(const Request& request) const;  // lobe_answerer_checks.cpp
+  RadianceMaps* maps_of(uint32_t instance) const;     // null: it has none
 
   const TransportContext& shading_;
   const SegmentKernels& kernels_;
   const HitAnswerer* hits_;
   float blur_;  // tangent that half a texel may subtend, per unit of alpha
+  bool check_;
   std::vector<std::unique_ptr<RadianceMaps>> maps_;
   size_t left_out_for_memory_ = 0;
   std::shared_ptr<const Accel::Group> others_;  // instances without maps; null: there are none

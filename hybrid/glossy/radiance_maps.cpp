@@ -51,6 +51,22 @@ RadianceMaps::RadianceMaps(const TransportContext& shading, uint32_t instance)
   task_.segment.field.coverage = tiles_.view();
 }
 
+SurfaceRadiance::Side RadianceMaps::side_at(uint32_t triangle, const Vec2& uv, const Vec3& direction) const {
+  const Instance& placed = scene_.instances[instance()];
+  const TriangleMesh& mesh = scene_.shapes[placed.shape].mesh;
+  const UVec3 t = mesh.triangles[triangle];
+  const Vec3 normal = glm::cross(mesh.positions[t.y] - mesh.positions[t.x], mesh.positions[t.z] - mesh.positions[t.x]);
+  const bool behind = (glm::dot(normal, direction) > 0.0f) != placed.flip_normals;
+  return radiance_.side_at(triangle, uv.x, uv.y, behind);
+}
+
+Rgb RadianceMaps::radiance_at(const HitBatch& hits, size_t i, const Vec3& direction) {
+  const Vec3 d = Mat3(scene_.instances[instance()].to_object) * direction;
+  const SurfaceRadiance::Side side[] = {side_at(hits.primitive[i], {hits.u[i], hits.v[i]}, d)};
+  radiance_.shade(side);
+  return radiance_.radiance(side[0]);
+}
+
 void RadianceMaps::bake(std::span<const uint32_t> slots, Stats& stats) {
   const auto start = std::chrono::steady_clock::now();
   const Instance& placed = scene_.instances[instance()];
@@ -77,9 +93,7 @@ void RadianceMaps::bake(std::span<const uint32_t> slots, Stats& stats) {
       const UVec3 t = mesh.triangles[hits.primitive[r]];
       const Vec3 p0 = mesh.positions[t.x], e1 = mesh.positions[t.y] - p0, e2 = mesh.positions[t.z] - p0;
       const Vec3 d = rays.rays.direction(r), p = rays.rays.origin(r) + d * hits.t[r];
-      const bool behind = (glm::dot(glm::cross(e1, e2), d) > 0.0f) != placed.flip_normals;
-      const Vec2 uv = barycentric(p0, e1, e2, p);
-      sides.push_back(radiance_.side_at(hits.primitive[r], uv.x, uv.y, behind));
+      sides.push_back(side_at(hits.primitive[r], barycentric(p0, e1, e2, p), d));
       texels.push_back(rays.texels[r]);
     }
     bake_rays += radiance_.shade(sides);

@@ -39,7 +39,14 @@ class RadianceMaps {
   // Like bake_coverage(), but also shades the surface that the lines meet; both are counted in `stats` as baking.
   void bake(std::span<const uint32_t> slots, Stats& stats);
 
+  // What the instance's surface sends back along a ray in world space that met it: what lines hold. Shades it if it is
+  // not shaded yet.
+  Rgb radiance_at(const HitBatch& hits, size_t i, const Vec3& direction);
+
  private:
+  // Of a surface that a ray of the object's space met: barycentric coordinates of vertices 1 and 2.
+  SurfaceRadiance::Side side_at(uint32_t triangle, const Vec2& uv, const Vec3& direction) const;
+
   const Scene& scene_;
   const Accel& accel_;
   Sphere ball_;

@@ -164,7 +164,7 @@ void check_surfels(std::span<const Block> blocks, const SurfelRadiance& radiance
     }
     differences[k] = sum / double(leaving.size());
   });
-  for (const double d : differences) stats.check_surfels.add(d / double(mean));
+  for (const double d : differences) stats.checked(CheckedEstimate::surfels).add(d, double(mean));
 }
 
 }  // namespace

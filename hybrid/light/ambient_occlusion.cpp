@@ -61,7 +61,7 @@ LightExtent AmbientOcclusion::reach() const {
   float error = 0.0f;
   Bounds3 bounds;
   for (size_t r = 0; r < shading_points_.size; ++r) {
-    bounds.extend({shading_points_.px[r], shading_points_.py[r], shading_points_.pz[r]});
+    bounds.extend(shading_points_.position(r));
     error = std::max(error, shading_points_.error[r]);
   }
   // Rays start up to `error` away from their points, rounded once more (light_kernels.h), and unit directions are off

@@ -57,7 +57,7 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
           if (shadows_.rays.tmax[slot] < 0.0f) continue;
           const bool is_clear = !shadows_.blocked[slot];
           if (is_clear) {
-            const Vec3 n(r.points.sx[k], r.points.sy[k], r.points.sz[k]);
+            const Vec3 n = r.points.shading_normal(k);
             const float cosine = glm::dot(n, glm::normalize(shadows_.rays.direction(slot)));
             const float passed = scalar::weight_of_cosine<float>(cosine, job.grazing) / cosine;
             sum += Rgb(shadows_.red[slot], shadows_.green[slot], shadows_.blue[slot]) *
@@ -93,7 +93,7 @@ void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const S
   }
   open_.clear(), hidden_.clear();
   for (size_t i = 0; i < clusters.size(); ++i) {
-    const Sphere from = {Vec3(centres.px[i], centres.py[i], centres.pz[i]), centres.radius[i]};
+    const Sphere from = {centres.position(i), centres.radius[i]};
     const bool may_be_hidden =
         std::any_of(hiding_.begin(), hiding_.end(), [&](const SkyOccluder* o) { return meets(*o, from); });
     (may_be_hidden ? hidden_ : open_).push_back(clusters[i]);

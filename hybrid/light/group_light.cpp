@@ -11,11 +11,6 @@ namespace {
 
 constexpr float k_undecided = -1.0f;  // StrataSeen::share
 
-void select_points(const ShadingPointBatch& all, std::span<const uint32_t> indices, ShadingPointBatch& chosen) {
-  chosen.resize(indices.size());
-  for (size_t i = 0; i < indices.size(); ++i) chosen.copy(i, all, indices[i], 1);
-}
-
 void add_products(size_t count, float a, const float* b, const float* c, float* __restrict sum) {
   for (size_t i = 0; i < count; ++i) sum[i] += a * b[i] * c[i];
 }
@@ -27,9 +22,12 @@ void add_light(LightReceivers& r, size_t begin, size_t count, const Rgb& value, 
   add_products(count, value.z, &r.blue[begin], factors, &r.arriving_blue[begin]);
 }
 
-Rgb value_of(const Light& light) { return {light.value[0], light.value[1], light.value[2]}; }
-
 }  // namespace
+
+Rgb GroupLight::light_value() const {
+  const float* const value = context_.lights.lights[light_].value;
+  return {value[0], value[1], value[2]};
+}
 
 bool GroupLight::on_grid() const {
   // Points of mesh lights take a third random number.
@@ -44,13 +42,12 @@ bool GroupLight::is_above(const Vec3& p, const Vec3& normal, float margin) const
 }
 
 bool GroupLight::is_above(uint32_t cluster) const {
-  const Vec3 p(centres_.px[cluster], centres_.py[cluster], centres_.pz[cluster]);
-  const Vec3 g(centres_.gx[cluster], centres_.gy[cluster], centres_.gz[cluster]);
-  const Vec3 s(centres_.sx[cluster], centres_.sy[cluster], centres_.sz[cluster]);
+  const Vec3 p = centres_.position(cluster);
   const float distance = glm::length(context_.light_extents[light_].ball.centre - p);
   const float radius = centres_.radius[cluster];
   const float margin = radius + (distance + radius) * cluster_of(cluster).spread;
-  return is_above(p, g, margin) && is_above(p, s, margin);
+  return is_above(p, centres_.geometric_normal(cluster), margin) &&
+         is_above(p, centres_.shading_normal(cluster), margin);
 }
 
 void GroupLight::count_seen(size_t point, float decided, float clear) const {
@@ -60,7 +57,8 @@ void GroupLight::count_seen(size_t point, float decided, float clear) const {
   first.shadow_clear += clear * float(shared_->light_samples);
 }
 
-void GroupLight::add_irradiance(uint32_t cluster, const Vec3& irradiance, float decided, float clear) {
+void GroupLight::add_irradiance(uint32_t cluster, const Vec3& irradiance, const StrataSeen* seen) {
+  if (context_.answerer.checks()) check_irradiance(cluster, irradiance, seen);
   const ShadingCluster& c = cluster_of(cluster);
   LightReceivers& r = shared_->receivers;
   const float *sx = &r.points.sx[c.begin], *sy = &r.points.sy[c.begin], *sz = &r.points.sz[c.begin];
@@ -70,8 +68,9 @@ void GroupLight::add_irradiance(uint32_t cluster, const Vec3& irradiance, float 
     const float cosine = sx[i] * irradiance.x + sy[i] * irradiance.y + sz[i] * irradiance.z;
     received[i] = cosine > 0.0f ? cosine : 0.0f;
   }
-  add_light(r, c.begin, c.size(), value_of(context_.lights.lights[light_]), received);
+  add_light(r, c.begin, c.size(), light_value(), received);
   if (shared_->firsts.empty()) return;
+  const float decided = seen ? seen->decided : 1.0f, clear = seen ? seen->clear : 1.0f;
   for (size_t i = c.begin; i < c.end; ++i) count_seen(i, decided, clear);
 }
 
@@ -101,12 +100,12 @@ GroupLight::Batch& GroupLight::next_batch() {
 void GroupLight::add_cluster_irradiance() {
   ShadingPointBatch& centres = next_batch().selected;
   laid_out_ = 0;
-  select_points(centres_, clear_, centres);
+  copy_points(centres_, clear_, centres);
   irradiance_vectors(context_.lights.lights[light_], centres, context_.settings.isa, vectors_);
   for (size_t r = 0; r < clear_.size(); ++r) {
     const uint32_t cluster = clear_[r];
     if (vectors_.known[r] && cluster_of(cluster).plain_diffuse() && is_above(cluster)) {
-      add_irradiance(cluster, Vec3(vectors_.x[r], vectors_.y[r], vectors_.z[r]), 1.0f, 1.0f);
+      add_irradiance(cluster, Vec3(vectors_.x[r], vectors_.y[r], vectors_.z[r]), nullptr);
     } else {
       push_sampled(cluster);
     }
@@ -122,7 +121,7 @@ void GroupLight::add_point_irradiance() {
   laid_out_ = 0;
   select(sampled_, points);
   whole_irradiance(context_.lights.lights[light_], points, context_.settings.isa, irradiance_);
-  const Rgb value = value_of(context_.lights.lights[light_]);
+  const Rgb value = light_value();
   const auto is_known = [&](size_t i) { return irradiance_[i] >= 0.0f; };
   size_t i = 0;
   for (const Sampled& s : sampled_) {
@@ -195,7 +194,7 @@ ShadowAnswerer::FilterRequest GroupLight::ask_strata() {
   batch.clusters =
       std::span(filtered_).subspan(next_filtered_, std::min(k_clusters, filtered_.size() - next_filtered_));
   next_filtered_ += batch.clusters.size();
-  select_points(centres_, batch.clusters, batch.selected);
+  copy_points(centres_, batch.clusters, batch.selected);
   sample_light(context_.lights, light_, batch.selected, {k_strata, 0, k_strata, k_strata_side}, context_.settings.isa,
                batch.shadows);
   shared_->stats.strata += batch.shadows.active;
@@ -248,7 +247,7 @@ void GroupLight::list_open() {
     const uint32_t index = seen_of_[cluster];
     const StrataSeen* seen = index == k_none ? nullptr : &seen_[index];
     const bool is_lit = seen && seen->whole;
-    if (is_lit) add_irradiance(cluster, seen->irradiance, seen->decided, seen->clear);
+    if (is_lit) add_irradiance(cluster, seen->irradiance, seen);
     if (is_lit && seen->decided == 1.0f) {
       shared_->stats.samples_spared += candidates_.light_samples[cluster];
       shared_->stats.samples_by_strata += candidates_.light_samples[cluster];
@@ -349,7 +348,7 @@ void GroupLight::add_samples(Batch& batch) {
   const int samples = batch.samples;
   shared_->stats.rays_shadow += shadows.active;
   const Light& light = context_.lights.lights[light_];
-  const LightEstimate estimate = {value_of(light), shared_->light_samples, context_.closed_form[light_] != 0,
+  const LightEstimate estimate = {light_value(), shared_->light_samples, context_.closed_form[light_] != 0,
                                   light.kind == LightKind::environment, sky_is_mapped_};
   const size_t m = size_t(samples);
   const float share = float(shared_->light_samples) / float(samples);  // so that all shading points count alike
@@ -416,50 +415,6 @@ void GroupLight::count_dark() {
       }
     }
   }
-}
-
-void GroupLight::check_whole() {
-  for (const bool blocked : {false, true}) {
-    sampled_.clear();
-    std::vector<uint32_t> clusters;
-    for (const uint32_t cluster : blocked ? dark_ : clear_) push_sampled(cluster);
-    if (sampled_.empty()) continue;
-    for (const Sampled& s : sampled_) clusters.insert(clusters.end(), s.size(), s.cluster);
-    Batch& batch = next_batch();
-    laid_out_ = 0;
-    select(sampled_, batch.selected);
-    sample_light(context_.lights, light_, batch.selected, shared_->light_samples, context_.settings.isa, batch.shadows);
-    context_.answerer.check_whole(candidates_, blocked, clusters, shared_->light_samples, batch.shadows,
-                                  shared_->stats);
-  }
-}
-
-// 64 rays to each stratum, from the cluster's points in turn.
-void GroupLight::check_strata(uint32_t cluster, const StrataSeen& seen) const {
-  constexpr int k_side = 8, k_columns = k_strata_side * k_side, k_rays = k_side * k_side;
-  const ShadingCluster& c = cluster_of(cluster);
-  const ShadingPointBatch& points = shared_->receivers.points;
-  // One cluster in so many, whatever the groups.
-  constexpr uint32_t k_interval = 16;
-  if (scalar::hash_uint(points.seed[c.begin]) % k_interval != 0) return;
-  ShadingPointBatch centre;
-  const uint32_t only[] = {cluster};
-  select_points(centres_, only, centre);
-  ShadowBatch by_rows, rays;
-  constexpr int k_all = k_strata * k_rays;
-  sample_light(context_.lights, light_, centre, {k_all, 0, k_all, k_columns}, context_.settings.isa, by_rows);
-  rays.resize(size_t(k_all));
-  const Vec3 middle(centre.px[0], centre.py[0], centre.pz[0]);
-  for (int i = 0; i < k_all; ++i) {
-    const int row = i / k_columns, column = i % k_columns;
-    const int stratum = row / k_side * k_strata_side + column / k_side;
-    const int ray = row % k_side * k_side + column % k_side;
-    const uint32_t from = c.begin + uint32_t(ray) % c.size();
-    const Vec3 aside = Vec3(points.px[from], points.py[from], points.pz[from]) - middle;
-    rays.rays.set(size_t(stratum * k_rays + ray), by_rows.rays.origin(size_t(i)) + aside,
-                  by_rows.rays.direction(size_t(i)) - aside, by_rows.rays.tmax[size_t(i)]);
-  }
-  context_.answerer.check_shares(candidates_, k_rays, rays, seen.share, shared_->stats);
 }
 
 void GroupLight::begin(const Shared& shared, size_t begin, size_t end) {

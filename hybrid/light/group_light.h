@@ -115,22 +115,25 @@ class GroupLight {
   void add_range(const Batch& batch, const Sampled& sampled, size_t first_slot, const LightEstimate& estimate);
   void select(std::span<const Sampled> batch, ShadingPointBatch& selected) const;
 
+  Rgb light_value() const;
   bool on_grid() const;  // cells of the light's sample square are parts of the light
   // Whether the whole light lies above a horizon at p, by more than `margin`.
   bool is_above(const Vec3& p, const Vec3& normal, float margin) const;
   // The same for both horizons of all points of a cluster of the group.
   bool is_above(uint32_t cluster) const;
-  // Reflects the vector irradiance `irradiance` (of a light of radiance 1) at a cluster's points; `decided` is the
-  // share of the light that this accounts for, `clear` what is seen of it.
-  void add_irradiance(uint32_t cluster, const Vec3& irradiance, float decided, float clear);
+  // Reflects the vector irradiance `irradiance` (of a light of radiance 1) at a cluster's points: of the strata that
+  // are decided, or of the whole light, if `seen` is null.
+  void add_irradiance(uint32_t cluster, const Vec3& irradiance, const StrataSeen* seen);
   void count_seen(size_t point, float decided, float clear) const;
   FirstHit& first_of(size_t point) const { return shared_->firsts[shared_->receivers.path[point]]; }
   const ShadingCluster& cluster_of(uint32_t cluster) const { return shared_->clusters[begin_ + cluster]; }
   void push_sampled(uint32_t cluster, uint32_t strata = k_none, bool is_lit = false);
   void count_dark();
-  // For --check: traces what whole lights were found; and compares strata with rays.
+  // For --check (group_light_checks.cpp): traces what whole lights were found; compares strata, and the irradiance of
+  // clusters, with rays.
   void check_whole();
   void check_strata(uint32_t cluster, const StrataSeen& seen) const;
+  void check_irradiance(uint32_t cluster, const Vec3& irradiance, const StrataSeen* seen) const;
 
   const TransportContext& context_;
   const Shared* shared_ = nullptr;

@@ -58,10 +58,6 @@ class LinearFit {
 
 Offset offset_of(const PixelPosition& p) { return {float(p.x & 7), float(p.y & 7)}; }
 
-Vec3 position_of(const ShadingPointBatch& p, size_t i) { return {p.px[i], p.py[i], p.pz[i]}; }
-Vec3 shading_of(const ShadingPointBatch& p, size_t i) { return {p.sx[i], p.sy[i], p.sz[i]}; }
-Vec3 geometric_of(const ShadingPointBatch& p, size_t i) { return {p.gx[i], p.gy[i], p.gz[i]}; }
-
 }  // namespace
 
 bool PixelBlocks::is_even(const Block& block) const {
@@ -72,21 +68,21 @@ bool PixelBlocks::is_even(const Block& block) const {
   // Beyond a step all samples but some lie near by.
   float nearest = k_infinity, farthest = 0.0f;
   for (size_t s = 0; s + 1 < k_block_samples; ++s) {
-    const Vec3 middle = position_of(*points_, block.sample[k_block_samples - 1]);
-    const float distance = glm::length(position_of(*points_, block.sample[s]) - middle);
+    const Vec3 middle = points_->position(block.sample[k_block_samples - 1]);
+    const float distance = glm::length(points_->position(block.sample[s]) - middle);
     nearest = std::min(nearest, distance), farthest = std::max(farthest, distance);
   }
   if (farthest > k_sample_radius * widest_) return false;
   const auto is_near = [](const Vec3& apart, float length) { return glm::dot(apart, apart) <= length * length; };
-  const auto position = fit.fit([&](size_t s) { return position_of(*points_, block.sample[s]); });
-  const auto shading = fit.fit([&](size_t s) { return shading_of(*points_, block.sample[s]); });
-  const auto geometric = fit.fit([&](size_t s) { return geometric_of(*points_, block.sample[s]); });
+  const auto position = fit.fit([&](size_t s) { return points_->position(block.sample[s]); });
+  const auto shading = fit.fit([&](size_t s) { return points_->shading_normal(block.sample[s]); });
+  const auto geometric = fit.fit([&](size_t s) { return points_->geometric_normal(block.sample[s]); });
   // No member lies farther from where the samples place it than the nearest sample from the middle one.
   return std::all_of(members_.begin() + block.begin, members_.begin() + block.end, [&](uint32_t i) {
     const Offset o = offset_of(pixels_[i]);
-    return is_near(position(o) - position_of(*points_, i), nearest) &&
-           is_near(shading(o) - shading_of(*points_, i), k_bent_normal) &&
-           is_near(geometric(o) - geometric_of(*points_, i), k_bent_normal);
+    return is_near(position(o) - points_->position(i), nearest) &&
+           is_near(shading(o) - points_->shading_normal(i), k_bent_normal) &&
+           is_near(geometric(o) - points_->geometric_normal(i), k_bent_normal);
   });
 }
 

@@ -122,8 +122,8 @@ void ShadingClusters::add(const LightReceivers& receivers, std::span<const Light
   }
   const Vec3 facing(mean(p.gx, 0.0f), mean(p.gy, 0.0f), mean(p.gz, 0.0f));
   const Vec3 shading(mean(p.sx, 0.0f), mean(p.sy, 0.0f), mean(p.sz, 0.0f));
-  const Vec3 g = direction_of(facing, {p.gx[begin], p.gy[begin], p.gz[begin]});
-  const Vec3 s = direction_of(shading, {p.sx[begin], p.sy[begin], p.sz[begin]});
+  const Vec3 g = direction_of(facing, p.geometric_normal(begin));
+  const Vec3 s = direction_of(shading, p.shading_normal(begin));
   const size_t i = clusters_.size();
   clusters_.push_back({uint32_t(begin), uint32_t(end),
                        std::max(spread_bound(facing, count), spread_bound(shading, count)), receivers.kind[begin]});

@@ -25,21 +25,6 @@ constexpr float k_fit_tolerance = 0.05f;
 constexpr float k_open_cell_rays = 8.0f;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
 constexpr float k_least_cosine = 0.25f;
-// A sample stream separate from that of the lights, which use the vertex seeds unchanged.
-constexpr uint32_t k_sky_stream = 0x534b5900u;
-// --check: one cluster in so many, and rays in each cell (a square number).
-constexpr uint32_t k_check_interval = 256;
-constexpr int k_check_side = 4, k_check_rays = k_check_side * k_check_side;
-constexpr uint32_t k_check_reflected_rays = 256;
-
-Vec3 position(const ShadingPointBatch& p, size_t i) { return {p.px[i], p.py[i], p.pz[i]}; }
-Vec3 shading(const ShadingPointBatch& p, size_t i) { return {p.sx[i], p.sy[i], p.sz[i]}; }
-Vec3 geometric(const ShadingPointBatch& p, size_t i) { return {p.gx[i], p.gy[i], p.gz[i]}; }
-
-// The start of a ray from a shading point.
-Vec3 leave(const ShadingPointBatch& p, size_t i, const Vec3& d) {
-  return offset_origin(position(p, i), geometric(p, i), p.error[i], d);
-}
 
 }  // namespace
 
@@ -77,7 +62,8 @@ void SkyLight::add_open_cell(const CellTask& task, uint32_t cell, uint32_t point
   const float reflected = sky_->indirect() ? sky_->indirect()->mean_luminance() : 0.0f;
   const float light = luminance({task.weight[0], task.weight[1], task.weight[2]}) + reflected * solid_angle;
   const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
-  const float cosine = scalar::cosine_over_cell<float>(glm::dot(vector, shading(centres_, point)), task.cosine_half);
+  const float cosine =
+      scalar::cosine_over_cell<float>(glm::dot(vector, centres_.shading_normal(point)), task.cosine_half);
   // Parts of cells across the horizon have cosines far above the mean.
   open_cells_.push_back({point, cell, std::max(cosine, k_least_cosine * task.cosine_half) * light});
 }
@@ -104,6 +90,10 @@ void SkyLight::sample_open_cells(const Job& job) {
   }
 }
 
+Vec3 SkyLight::ray_origin(const ShadingPointBatch& points, size_t i, const Vec3& d) {
+  return offset_origin(points.position(i), points.geometric_normal(i), points.error[i], d);
+}
+
 // The receiver that ray k of a point leaves from.
 size_t SkyLight::start_of_ray(const Job& job, size_t point, uint32_t k) const {
   const uint32_t own = own_points_[job.numbers[point]];
@@ -120,7 +110,7 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
   float total = 0.0f;
   for (const OpenCell& open : cells) weight_sums_.push_back(total += open.weight);
   if (!(total > 0.0f)) return;
-  const Vec3 n = shading(centres_, point);
+  const Vec3 n = centres_.shading_normal(point);
   const float whole = std::max(open_[point], total);
   const float samples = float(cluster.size()) * float(job.light_samples);
   const int count = int(std::ceil(samples * std::min(k_open_cell_rays * (total / whole), 1.0f)));
@@ -136,9 +126,9 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     const Vec3 d = direction_in(open.cell, in_cell.x, in_cell.y);
     const size_t from = start_of_ray(job, point, uint32_t(k));
     const float cosine = glm::dot(n, d);
-    if (!(cosine > 0.0f && glm::dot(d, geometric(all, from)) > 0.0f)) continue;
+    if (!(cosine > 0.0f && glm::dot(d, all.geometric_normal(from)) > 0.0f)) continue;
     if (rays_.ox.size() <= cell_rays_.size()) rays_.resize(2 * cell_rays_.size() + k_batch_padding);
-    rays_.set(cell_rays_.size(), leave(all, from, d), d, sky_->distance());
+    rays_.set(cell_rays_.size(), ray_origin(all, from, d), d, sky_->distance());
     const float width = light_->cells[open.cell].width(), solid_angle = width * width;
     const float received = scalar::weight_of_cosine<float>(cosine, grazing_);
     cell_rays_.push_back({point, received * solid_angle * total / (open.weight * float(count))});
@@ -311,12 +301,12 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
   points_.size = count;
   places_.resize(count), open_irradiance_.resize(count);
   for (size_t i = 0; i < count; ++i) {
-    places_[i] = sky_->maps().place(points_.instance[i], position(points_, i));
+    places_[i] = sky_->maps().place(points_.instance[i], points_.position(i));
     // Neighbours on floors and walls have one normal.
     const bool as_before =
-        i > 0 && shading(points_, i) == shading(points_, i - 1) && grazing_of_[i] == grazing_of_[i - 1];
+        i > 0 && points_.shading_normal(i) == points_.shading_normal(i - 1) && grazing_of_[i] == grazing_of_[i - 1];
     open_irradiance_[i] =
-        as_before ? open_irradiance_[i - 1] : sky_->radiance().irradiance(shading(points_, i), grazing_of_[i]);
+        as_before ? open_irradiance_[i - 1] : sky_->radiance().irradiance(points_.shading_normal(i), grazing_of_[i]);
   }
   arrivals_.assign(count, {}), fitted_.assign(count, 0), traced_.assign(count, 0);
 }
@@ -402,111 +392,6 @@ void SkyLight::gather(const Request& r) {
     });
   }
   s.finish(r);
-}
-
-void SkyLight::check_cells(const Job& job) {
-  for (size_t i = 0; i < centres_.size; ++i) {
-    if (scalar::hash_uint(centres_.seed[i]) % k_check_interval != 0) continue;
-    check_point(job, i);
-    if (sky_->indirect()) check_indirect(job, i);
-  }
-}
-
-// Asks for some of the points that were fitted.
-void SkyLight::check_fitted(const Job& job) {
-  wanted_.clear();
-  for (uint32_t i = 0; i < fitted_.size(); ++i) {
-    if (fitted_[i] && scalar::hash_uint(points_.seed[i]) % k_check_interval == 0) wanted_.push_back(i);
-  }
-  Stats uncounted;
-  const Job asking{job.receivers, job.light_samples, {}, uncounted};
-  for_batches(asking, wanted_, [&](const Job& batch) {
-    see_batch(batch);
-    for (size_t i = 0; i < centres_.size; ++i) {
-      const auto& v = arrivals_[batch.numbers[i]].values;
-      const Rgb fitted = open_irradiance_[batch.numbers[i]] * Rgb(v[0], v[1], v[2]) + unit_ * Rgb(v[3], v[4], v[5]);
-      const Rgb asked =
-          Rgb(red_[i], green_[i], blue_[i]) + Rgb(reflected_red_[i], reflected_green_[i], reflected_blue_[i]);
-      job.stats.check_fitted.add(double(luminance(fitted) - luminance(asked)) / double(unit_));
-    }
-  });
-}
-
-void SkyLight::check_point(const Job& job, size_t point) {
-  const CellKernel kernel = occluders_.kernel_for(context_.settings.isa);
-  const ShadingPointBatch& all = job.receivers.points;
-  CellPoints points = cell_points();
-  points.grazing = 0.0f;
-  AlignedVector<int32_t>& undecided = cell_scratch_.undecided;
-  undecided.resize(size_t(points.size) + k_batch_padding);
-  AlignedVector<float> red(size_t(points.size)), green(size_t(points.size)), blue(size_t(points.size));
-  const CellSums sums = {red.data(), green.data(), blue.data()};
-  const Vec3 n = shading(centres_, point), g = geometric(centres_, point);
-  // Only cells that lie wholly above both horizons.
-  const float least = std::sin(std::min(sky_->maps().cell_width(), 0.5f * k_pi));
-  RayBatch rays;
-  rays.resize(size_t(k_check_rays));
-  std::vector<uint32_t> indices(size_t(k_check_rays), 0);
-  std::iota(indices.begin(), indices.end(), 0u);
-  for (size_t k = 0; k < occluders_.cells().size(); ++k) {
-    const Vec3 centre = occluders_.direction(k);
-    if (glm::dot(centre, n) < least || glm::dot(centre, g) < least) continue;
-    float share = 1.0f;
-    if (!occluders_.is_clear(k)) {
-      OwnObject own;
-      CellTask task = occluders_.task(k, own);
-      task.reflects = false;
-      task.weight[0] = 1.0f;
-      std::fill(red.begin(), red.end(), 0.0f);
-      const auto end = undecided.begin() + kernel(task, points, sums, undecided.data());
-      if (std::find(undecided.begin(), end, int32_t(point)) != end) continue;
-      const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
-      share -= red[point] / scalar::cosine_over_cell<float>(glm::dot(vector, n), task.cosine_half);
-    }
-    for (int i = 0; i < k_check_rays; ++i) {
-      const float x = (float(i / k_check_side) + 0.5f) / float(k_check_side);
-      const float y = (float(i % k_check_side) + 0.5f) / float(k_check_side);
-      const Vec3 d = direction_in(occluders_.cells()[k], x, y);
-      rays.set(size_t(i), leave(all, start_of_ray(job, point, uint32_t(i)), d), d, sky_->distance());
-    }
-    AlignedVector<uint8_t> blocked(padded(size_t(k_check_rays)), 0);
-    context_.accel.occluded(rays, indices, blocked.data());
-    const auto hidden = std::accumulate(blocked.begin(), blocked.begin() + k_check_rays, 0);
-    job.stats.check_sky.add(double(share) - (1.0 - double(hidden) / double(k_check_rays)));
-  }
-}
-
-// Compares what objects send back to a point with the radiance of what rays meet, distributed by the cosine.
-void SkyLight::check_indirect(const Job& job, size_t point) {
-  const ShadingPointBatch& all = job.receivers.points;
-  const Frame frame = frame_about(shading(centres_, point));
-  const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream);
-  RayBatch rays;
-  HitBatch hits;
-  rays.resize(k_check_reflected_rays);
-  hits.resize(k_check_reflected_rays);
-  size_t count = 0;
-  for (uint32_t k = 0; k < k_check_reflected_rays; ++k) {
-    const auto u = scalar::sample_2d(k, seed, 2);
-    const float radius = std::sqrt(u.x), angle = 2.0f * k_pi * u.y;
-    const Vec3 d = frame.to_world({radius * std::cos(angle), radius * std::sin(angle), std::sqrt(1.0f - u.x)});
-    const size_t from = start_of_ray(job, point, k);
-    if (glm::dot(d, geometric(all, from)) > 0.0f) rays.set(count++, leave(all, from, d), d, k_infinity);
-  }
-  rays.resize(count);
-  hits.resize(count);
-  context_.accel.intersect(rays, hits, Coherence::incoherent);
-  double sum = 0.0;
-  for (size_t i = 0; i < count; ++i) {
-    if (hits.instance[i] == k_none) continue;
-    const Vec3 origin = rays.origin(i), d = rays.direction(i);
-    const float cosine = glm::dot(shading(centres_, point), d);
-    const float share = scalar::weight_of_cosine<float>(cosine, grazing_) / std::max(cosine, 1e-6f);
-    sum += double(share * luminance(sky_->indirect()->radiance(hits.instance[i], origin + d * hits.t[i], origin, d)));
-  }
-  const double exact = sum * double(k_pi) / double(k_check_reflected_rays);
-  const double estimate = double(luminance({reflected_red_[point], reflected_green_[point], reflected_blue_[point]}));
-  if (open_[point] > 0.0f) job.stats.check_indirect.add((estimate - exact) / double(open_[point]));
 }
 
 }  // namespace fieldtrace

@@ -54,6 +54,9 @@ class SkyLight {
   static void gather_waves(std::span<const Request> requests, VisibilityDevice& device);
 
  private:
+  // A sample stream separate from that of the lights, which use the vertex seeds unchanged.
+  static constexpr uint32_t k_sky_stream = 0x534b5900u;
+
   struct Job {
     LightReceivers& receivers;
     int light_samples;
@@ -109,6 +112,8 @@ class SkyLight {
   void sort_open_cells();
   void sample_open_cells(const Job& job);
   size_t start_of_ray(const Job& job, size_t point, uint32_t k) const;
+  // Of a ray along d from point i.
+  static Vec3 ray_origin(const ShadingPointBatch& points, size_t i, const Vec3& d);
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
   void trace(const Job& job);
   void add_rays();
@@ -118,11 +123,12 @@ class SkyLight {
   // A direction in a cell; x and y in [0, 1].
   Vec3 direction_in(uint32_t cell, float x, float y) const;
   CellPoints cell_points() const;
-  // For --check: compares what maps see of all decided cells of some points with rays.
+  // For --check (sky_light_checks.cpp): compares some points' decided cells, what arrives there, and what was fitted,
+  // with rays.
   void check_cells(const Job& job);
+  void check_shares(const Job& job, size_t point);
+  void check_arrival(const Job& job, size_t point);
   void check_fitted(const Job& job);
-  void check_point(const Job& job, size_t point);
-  void check_indirect(const Job& job, size_t point);
 
   const TransportContext& context_;
   const Sky* sky_;

@@ -109,13 +109,13 @@ bool meets_cone(const Sphere& ball, const Sphere& from, const Vec3& axis, float 
 
 Sphere ball_about(const ShadingPointBatch& points) {
   Bounds3 bounds;
-  for (size_t i = 0; i < points.size; ++i) bounds.extend(Vec3(points.px[i], points.py[i], points.pz[i]));
+  for (size_t i = 0; i < points.size; ++i) bounds.extend(points.position(i));
   return {bounds.centre(), 0.5f * glm::length(bounds.diagonal())};
 }
 
 void CellOccluders::bound(const ShadingPointBatch& points) {
   Vec3 sum(0.0f);
-  const auto normal = [&](size_t i) { return Vec3(points.sx[i], points.sy[i], points.sz[i]); };
+  const auto normal = [&](size_t i) { return points.shading_normal(i); };
   for (size_t i = 0; i < points.size; ++i) sum += normal(i);
   ball_ = ball_about(points);
   mean_normal_ = glm::length(sum) > 0.0f ? glm::normalize(sum) : Vec3(0.0f, 0.0f, 1.0f);

@@ -35,7 +35,7 @@ void EnclosedPoints::scale(const Sky& sky, const ShadingPointBatch& points, std:
   for (size_t k = 0; k < points_.size(); ++k) {
     const uint32_t i = points_[k];
     const float weight = std::min((share(i) - k_least_enclosed) / k_least_enclosed, 1.0f);
-    const float whole = luminance(sky.radiance().irradiance({points.sx[i], points.sy[i], points.sz[i]}));
+    const float whole = luminance(sky.radiance().irradiance(points.shading_normal(i)));
     const float scale = 1.0f + weight * (whole / luminance({sums_[0][k], sums_[1][k], sums_[2][k]}) - 1.0f);
     hidden.red[i] *= scale, hidden.green[i] *= scale, hidden.blue[i] *= scale;
   }

@@ -49,13 +49,7 @@ void Stats::merge_counters(const Stats& o) {
     check_bundles[bundle].answers += o.check_bundles[bundle].answers;
     check_bundles[bundle].wrong += o.check_bundles[bundle].wrong;
   }
-  check_strata += o.check_strata;
-  check_strata_sum += o.check_strata_sum;
-  check_strata_worst = std::max(check_strata_worst, o.check_strata_worst);
-  check_sky.merge(o.check_sky);
-  check_indirect.merge(o.check_indirect);
-  check_fitted.merge(o.check_fitted);
-  check_surfels.merge(o.check_surfels);
+  for (int e = 0; e < k_checked_estimates; ++e) check_estimates[e].merge(o.check_estimates[e]);
   for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
     for (int self = 0; self < 2; ++self) {
       check_by[verdict][self].answers += o.check_by[verdict][self].answers;
@@ -115,20 +109,15 @@ std::string Stats::to_json() const {
   }
   j["check"]["clusters"] = count(check_bundles[int(CheckedBundle::cluster)]);
   j["check"]["cells"] = count(check_bundles[int(CheckedBundle::cell)]);
-  j["check"]["strata"] = {{"compared", check_strata},
-                          {"mean_difference", check_strata ? check_strata_sum / double(check_strata) : 0.0},
-                          {"worst_difference", check_strata_worst}};
   const auto differences = [](const CheckedDifferences& d) {
-    const double compared = double(std::max<uint64_t>(d.compared, 1));
     return nlohmann::json{{"compared", d.compared},
-                          {"mean_difference", d.sum / compared},
-                          {"bias", d.bias / compared},
-                          {"worst_difference", d.worst}};
+                          {"mean_difference", d.mean_difference()},
+                          {"bias", d.bias()},
+                          {"worst_difference", d.worst_difference()}};
   };
-  j["check"]["sky"] = differences(check_sky);
-  j["check"]["indirect"] = differences(check_indirect);
-  j["check"]["fitted"] = differences(check_fitted);
-  j["check"]["surfels"] = differences(check_surfels);
+  for (int e = 0; e < k_checked_estimates; ++e) {
+    j["check"][k_checked_estimate_names[e]] = differences(check_estimates[e]);
+  }
   j["field"] = {
       {"objects", field_objects},           {"left_to_rays", field_left_to_rays}, {"own_to_rays", field_self_to_rays},
       {"survey_rays", survey_rays},         {"directions", field_directions},     {"plane", field_plane},

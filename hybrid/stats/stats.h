@@ -40,21 +40,45 @@ inline constexpr const char* k_checked_verdict_names[k_checked_verdicts] = {"cle
 // What gave such an answer: a whole light seen from a cluster, or a cell for a single ray.
 enum class CheckedBundle { cluster, cell };
 
-// Estimates compared with rays.
+// Estimates that --check compares with rays.
+enum class CheckedEstimate {
+  strata,      // shares of lights' strata
+  irradiance,  // of clusters, by one light; unit: what arrives unhidden
+  sky,         // shares of direction cells of the sky
+  arriving,    // irradiance by the sky; unit: the open sky's
+  indirect,    // irradiance by what objects send on, likewise
+  fitted,      // irradiance of pixels that was fitted to others', likewise
+  surfels,     // radiance of surfels; unit: their mean
+  lobes        // radiance along glossy rays, by radiance maps; unit: what rays find
+};
+inline constexpr int k_checked_estimates = 8;
+inline constexpr const char* k_checked_estimate_names[k_checked_estimates] = {
+    "strata", "irradiance", "sky", "arriving", "indirect", "fitted", "surfels", "lobes"};
+
+// Their differences. Each comes with the unit that it is measured in, and results are in means of these: a difference
+// counts little where next to nothing arrives.
 struct CheckedDifferences {
   uint64_t compared = 0;
-  double sum = 0.0, bias = 0.0, worst = 0.0;  // of sizes; of signed differences; the largest size
+  double units = 0.0, sizes = 0.0, sum = 0.0, largest = 0.0;
 
-  void add(double difference) {
+  double mean_difference() const { return sizes / unit_sum(); }
+  double bias() const { return sum / unit_sum(); }
+  double worst_difference() const { return largest * double(compared) / unit_sum(); }
+
+  void add(double difference, double unit = 1.0) {
     compared += 1;
-    sum += std::abs(difference), bias += difference;
-    worst = std::max(worst, std::abs(difference));
+    units += unit;
+    sizes += std::abs(difference), sum += difference;
+    largest = std::max(largest, std::abs(difference));
   }
   void merge(const CheckedDifferences& o) {
     compared += o.compared;
-    sum += o.sum, bias += o.bias;
-    worst = std::max(worst, o.worst);
+    units += o.units, sizes += o.sizes, sum += o.sum;
+    largest = std::max(largest, o.largest);
   }
+
+ private:
+  double unit_sum() const { return units > 0.0 ? units : 1.0; }
 };
 
 struct Stats {
@@ -107,14 +131,8 @@ struct Stats {
     uint64_t answers = 0, wrong = 0;
   };
   CheckCount check_by[k_checked_verdicts][2];
-  CheckCount check_bundles[2];  // by CheckedBundle
-  // Shares of strata compared with rays: how many, and the sum of the differences and the largest.
-  uint64_t check_strata = 0;
-  double check_strata_sum = 0.0, check_strata_worst = 0.0;
-  CheckedDifferences check_sky;       // shares of direction cells of the sky
-  CheckedDifferences check_indirect;  // irradiance of what objects send on, in units of the open sky's
-  CheckedDifferences check_fitted;    // irradiance of pixels that was fitted to others', likewise
-  CheckedDifferences check_surfels;   // radiance of surfels, in units of their mean
+  CheckCount check_bundles[2];                              // by CheckedBundle
+  CheckedDifferences check_estimates[k_checked_estimates];  // by CheckedEstimate
 
   int field_directions = 0, field_plane = 0;
   uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
@@ -160,11 +178,8 @@ struct Stats {
     count.answers += 1;
     count.wrong += wrong;
   }
-  void add_checked_share(double difference) {
-    check_strata += 1;
-    check_strata_sum += difference;
-    check_strata_worst = std::max(check_strata_worst, difference);
-  }
+  CheckedDifferences& checked(CheckedEstimate estimate) { return check_estimates[int(estimate)]; }
+  const CheckedDifferences& checked(CheckedEstimate estimate) const { return check_estimates[int(estimate)]; }
   void add_bake(const BakeCounters& counters) {
     bake_rays += counters.rays;
     time_bake += counters.seconds;

@@ -40,7 +40,7 @@ Bounds3 bounds_of(const ShadingPointBatch& shading_points) {
 
 // The shaft of all rays that may leave one shading point.
 Shaft shaft_to(const ShadingPointBatch& shading_points, size_t r, const LightExtent& light) {
-  const Vec3 p(shading_points.px[r], shading_points.py[r], shading_points.pz[r]);
+  const Vec3 p = shading_points.position(r);
   const Vec3 reach(shading_points.error[r] + shading_points.radius[r]);
   return {{p - reach, p + reach}, light};
 }

@@ -77,7 +77,7 @@ void ShadowAnswerer::check_shares(const ShadowGroup& group, int rays, const Shad
       clear += batch.rays.tmax[i] >= 0.0f && !hidden[i];
     }
     if (shares[s] < 0.0f || active < rays) continue;
-    stats.add_checked_share(std::abs(double(shares[s]) - double(clear) / double(active)));
+    stats.checked(CheckedEstimate::strata).add(double(shares[s]) - double(clear) / double(active));
   }
 }
 

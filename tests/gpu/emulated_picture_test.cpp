@@ -166,7 +166,7 @@ TEST(EmulatedPicture, SkyCellsAreChecked) {
   WaveSizes sizes;
   const RenderResult device = render_recorded(scene, o, sizes);
   EXPECT_FALSE(sizes[int(Level::sky_cells)].empty());
-  EXPECT_GT(device.stats.check_sky.compared, 0u);
+  EXPECT_GT(device.stats.checked(CheckedEstimate::sky).compared, 0u);
   expect_equal(device, render(scene, o), "checked");
 }
 

@@ -220,9 +220,9 @@ TEST_P(OcclusionPicture, HybridIsNearMonteCarlo) {
           << distance << " " << tolerance;
       EXPECT_NEAR(mean_difference(r.image, expected, false), 0.0, is_coarse || is_crowd ? 6e-3 : 3e-3)
           << distance << " " << tolerance;
-      EXPECT_GT(r.stats.check_sky.compared, 100u);
+      EXPECT_GT(r.stats.checked(CheckedEstimate::sky).compared, 100u);
       const double most = is_crowd ? 0.06 : 0.03;
-      EXPECT_LT(r.stats.check_sky.sum, most * double(r.stats.check_sky.compared)) << distance << " " << tolerance;
+      EXPECT_LT(r.stats.checked(CheckedEstimate::sky).mean_difference(), most) << distance << " " << tolerance;
     }
   }
 }

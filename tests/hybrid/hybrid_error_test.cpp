@@ -163,6 +163,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, HybridErrorTest, testing::ValuesIn(k_scenes),
 // Every scene is tested above, and certified answers about solid meshes are right.
 TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
   uint64_t answers = 0, wrong = 0;
+  uint64_t compared = 0;
   size_t seen = 0;
   for (const HybridScene& s : hybrid_scenes(32)) {
     SCOPED_TRACE(s.name);
@@ -175,16 +176,21 @@ TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
     const Stats stats = render(s.scene, o).stats;
     // Of lights within objects' balls only rays from the objects themselves are looked up.
     if (has_sky(s)) {
-      EXPECT_GT(stats.check_sky.compared, 1000u);
-      EXPECT_LT(stats.check_sky.sum, 0.03 * double(stats.check_sky.compared));
-      EXPECT_LT(std::abs(stats.check_sky.bias), 0.005 * double(stats.check_sky.compared));
+      EXPECT_GT(stats.checked(CheckedEstimate::sky).compared, 1000u);
+      EXPECT_LT(stats.checked(CheckedEstimate::sky).mean_difference(), 0.03);
+      EXPECT_LT(std::abs(stats.checked(CheckedEstimate::sky).bias()), 0.005);
     } else if (s.name != "lights_within") {
       EXPECT_GT(stats.check_answers, 1000u);
     }
+    const CheckedDifferences& irradiance = stats.checked(CheckedEstimate::irradiance);
+    compared += irradiance.compared;
+    EXPECT_LT(irradiance.mean_difference(), 0.01);
+    EXPECT_LT(std::abs(irradiance.bias()), 0.005);
     if (s.solid) answers += stats.check_answers, wrong += stats.check_wrong;
   }
   EXPECT_EQ(seen, std::size(k_scenes));
   EXPECT_GT(answers, 50000u);
+  EXPECT_GT(compared, 50u);
   EXPECT_LE(double(wrong), k_wrong_share * double(answers));
 }
 

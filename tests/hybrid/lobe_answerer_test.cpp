@@ -75,6 +75,23 @@ TEST(GlossyLobes, AreThoseOfMonteCarloWhenConverged) {
   }
 }
 
+// What --check says of the maps' answers; and that it changes no picture.
+TEST(GlossyLobes, AreComparedWithRays) {
+  for (const float alpha : {0.15f, 0.4f}) {
+    const Scene scene = glossy_scene(alpha, false).scene;
+    RenderOptions o = options_for(Method::hybrid, 512);
+    const Image plain = render(scene, o).image;
+    o.check = true;
+    const RenderResult checked = render(scene, o);
+    EXPECT_EQ(plain.data, checked.image.data);
+    const CheckedDifferences& lobes = checked.stats.checked(CheckedEstimate::lobes);
+    EXPECT_GT(lobes.compared, 50u);
+    EXPECT_GT(lobes.mean_difference(), 0.0);
+    EXPECT_LT(lobes.mean_difference(), 0.15);
+    EXPECT_LT(std::abs(lobes.bias()), 0.05);
+  }
+}
+
 TEST(GlossyLobes, MapsLeftOutForMemoryAreToldAboutOnce) {
   const Scene scene = glossy_scene(0.15f, false).scene;
   RenderOptions o = options_for(Method::hybrid, 1);

@@ -169,9 +169,12 @@ void print_checks(const Stats& s) {
                k_checked_verdict_names[v], percent(wrong, answers));
     title = "      ";
   }
-  if (s.check_strata > 0) {
-    fmt::print(stderr, "{}  strata differ from rays by {:.4f} in the mean, {:.2f} at most ({} compared)\n", title,
-               s.check_strata_sum / double(s.check_strata), s.check_strata_worst, s.check_strata);
+  for (int e = 0; e < k_checked_estimates; ++e) {
+    const CheckedDifferences& d = s.check_estimates[e];
+    if (d.compared == 0) continue;
+    fmt::print(stderr, "{}  {} compared with rays: {:.4f} in the mean, {:.2f} at most, bias {:+.4f} ({})\n", title,
+               k_checked_estimate_names[e], d.mean_difference(), d.worst_difference(), d.bias(), d.compared);
+    title = "      ";
   }
 }
 

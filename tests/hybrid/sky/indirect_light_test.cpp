@@ -262,15 +262,19 @@ TEST(IndirectLight, IsComparedWithRays) {
   RenderOptions o = options_for(s.scene, Method::hybrid, 96, 16);
   o.check = true;
   const Stats stats = render(s.scene, o).stats;
-  ASSERT_GT(stats.check_indirect.compared, 5u);
-  EXPECT_GT(stats.check_indirect.sum, 0.0);
-  EXPECT_LT(stats.check_indirect.sum, 0.02 * double(stats.check_indirect.compared));
-  ASSERT_GT(stats.check_fitted.compared, 10u);
-  EXPECT_LT(stats.check_fitted.sum, 0.005 * double(stats.check_fitted.compared));
-  EXPECT_LT(std::abs(stats.check_fitted.bias), 0.002 * double(stats.check_fitted.compared));
-  ASSERT_GT(stats.check_surfels.compared, 10u);
-  EXPECT_GT(stats.check_surfels.sum, 0.0);
-  EXPECT_LT(std::abs(stats.check_surfels.bias), 0.02 * double(stats.check_surfels.compared));
+  ASSERT_GT(stats.checked(CheckedEstimate::indirect).compared, 5u);
+  EXPECT_GT(stats.checked(CheckedEstimate::indirect).mean_difference(), 0.0);
+  EXPECT_LT(stats.checked(CheckedEstimate::indirect).mean_difference(), 0.02);
+  ASSERT_GT(stats.checked(CheckedEstimate::arriving).compared, 5u);
+  EXPECT_GT(stats.checked(CheckedEstimate::arriving).mean_difference(), 0.0);
+  EXPECT_LT(stats.checked(CheckedEstimate::arriving).mean_difference(), 0.03);
+  EXPECT_LT(std::abs(stats.checked(CheckedEstimate::arriving).bias()), 0.01);
+  ASSERT_GT(stats.checked(CheckedEstimate::fitted).compared, 10u);
+  EXPECT_LT(stats.checked(CheckedEstimate::fitted).mean_difference(), 0.005);
+  EXPECT_LT(std::abs(stats.checked(CheckedEstimate::fitted).bias()), 0.002);
+  ASSERT_GT(stats.checked(CheckedEstimate::surfels).compared, 10u);
+  EXPECT_GT(stats.checked(CheckedEstimate::surfels).mean_difference(), 0.0);
+  EXPECT_LT(std::abs(stats.checked(CheckedEstimate::surfels).bias()), 0.02);
 }
 
 }  // namespace
