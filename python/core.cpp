@@ -9,6 +9,7 @@
 #include <nanobind/stl/optional.h>
 
 #include <array>
+#include <mutex>
 #include <string>
 
 #include "fieldtrace/fieldtrace.hpp"
@@ -83,11 +84,15 @@ class Scene {
   void call_long(const nb::object& progress, const Work& work) {
     long_calls_.run(device_.get(), progress, [&] { check(work(get())); });
   }
+  // Held where the picture's size must stay as it is, or changes. Never together with the GIL, which others may need
+  // to go on.
+  std::mutex& size_mutex() { return size_mutex_; }
 
  private:
   ft::Device device_;
   ft::Scene scene_;
   LongCalls long_calls_;
+  std::mutex size_mutex_;
 };
 
 std::string text(const nb::bytes& path) { return {path.c_str(), path.size()}; }
@@ -162,12 +167,17 @@ void sky_visibility(const Scene& s, const Rows<const float>& points, const Rows<
 
 void render(Scene& s, const nb::ndarray<float, nb::ndim<3>, nb::c_contig, nb::device::cpu>& pixels,
             const nb::object& progress) {
-  int64_t width = 0, height = 0;
-  s.call(ftGetSceneInt, "width", &width);
-  s.call(ftGetSceneInt, "height", &height);
-  if (int64_t(pixels.shape(0)) != height || int64_t(pixels.shape(1)) != width || pixels.shape(2) != 3)
-    throw nb::value_error("pixels: not of the picture's size");
-  s.call_long(progress, [&](FTScene scene) { return ftRender(scene, pixels.data(), 0, 0); });
+  const auto rows = int64_t(pixels.shape(0)), columns = int64_t(pixels.shape(1)), channels = int64_t(pixels.shape(2));
+  float* const data = pixels.data();
+  s.call_long(progress, [&](FTScene scene) {
+    const std::lock_guard lock(s.size_mutex());
+    int64_t width = 0, height = 0;
+    s.check(ftGetSceneInt(scene, "width", &width));
+    s.check(ftGetSceneInt(scene, "height", &height));
+    if (rows != height || columns != width || channels != 3)
+      throw nb::value_error("pixels: not of the picture's size; has another thread set the camera?");
+    return ftRender(scene, data, 0, 0);
+  });
 }
 
 // ft::Error becomes what fieldtrace._errors makes of it. Messages may name files whose names are no UTF-8.
@@ -221,9 +231,12 @@ NB_MODULE(_core, m) {
           "set_sky", [](const Scene& s, const Triple& rgb) { s.call(ftSetSceneSky, rgb.data()); }, "rgb"_a)
       .def(
           "set_camera",
-          [](const Scene& s, const Triple& origin, const Triple& target, const Triple& up, float degrees,
-             uint32_t width, uint32_t height) {
-            s.call(ftSetSceneCamera, origin.data(), target.data(), up.data(), degrees, width, height);
+          [](Scene& s, const Triple& origin, const Triple& target, const Triple& up, float degrees, uint32_t width,
+             uint32_t height) {
+            s.call([&](FTScene scene) {
+              const std::lock_guard lock(s.size_mutex());
+              return ftSetSceneCamera(scene, origin.data(), target.data(), up.data(), degrees, width, height);
+            });
           },
           "origin"_a, "target"_a, "up"_a, "degrees"_a, "width"_a, "height"_a)
       .def(

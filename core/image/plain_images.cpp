@@ -44,7 +44,7 @@ bool fits(double width, double height, size_t channels, double most_values_per_b
 // Of a picture without layers, in OpenImageIO's order; none where there are others.
 std::optional<std::vector<std::string>> plain_channels(const Imf::ChannelList& list) {
   std::vector<std::string> names;
-  for (const char* name : {"R", "G", "B", "A", "Y"}) {
+  for (const char* name : {"R", "G", "B", "Y", "A"}) {
     const Imf::Channel* const channel = list.findChannel(name);
     if (!channel) continue;
     if (channel->type == Imf::UINT || channel->xSampling != 1 || channel->ySampling != 1) return std::nullopt;

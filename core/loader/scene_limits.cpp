@@ -96,6 +96,8 @@ double condition(const DMat3& m) {
   return largest;
 }
 
+double smallest_stretch(const DMat3& m) { return 1 / largest_stretch(glm::inverse(m)); }
+
 // Checks one instance of a scene of the given diameter.
 void check_instance(const Scene& scene, const Instance& instance, double diameter, const SourceLocation& where) {
   const DAffine t(instance.to_world);
@@ -116,7 +118,7 @@ void check_instance(const Scene& scene, const Instance& instance, double diamete
                             "less unequally, or transform the mesh's vertices beforehand",
                             growth, k_largest_condition));
   }
-  const double largest = largest_stretch(linear), smallest = 1 / largest_stretch(glm::inverse(linear));
+  const double largest = largest_stretch(linear), smallest = smallest_stretch(linear);
   if (!(smallest >= k_smallest_scale && largest <= k_largest_scale)) {
     throw Error(where,
                 fmt::format("the transform scales by {:.3g}; factors between {:.3g} and {:.3g} are possible, so "
@@ -160,6 +162,16 @@ WorldTriangle triangle_of(const TriangleMesh& mesh, const UVec3& index, const DA
   return {corner(index.x), corner(index.y), corner(index.z)};
 }
 
+// From p to the world's box about a transformed box.
+double distance_to_box(const Bounds3& bounds, const DAffine& t, const DVec3& p) {
+  DVec3 lower(std::numeric_limits<double>::infinity()), upper = -lower;
+  for (int c = 0; c < 8; ++c) {
+    const DVec3 b(bounds.corner(c)), corner = t[0] * b.x + t[1] * b.y + t[2] * b.z + t[3];
+    lower = glm::min(lower, corner), upper = glm::max(upper, corner);
+  }
+  return glm::length(glm::max(glm::max(lower - p, p - upper), DVec3(0.0)));
+}
+
 double longest_edge(const TriangleMesh& mesh) {
   double longest = 0;
   for (const UVec3& index : mesh.triangles)
@@ -179,6 +191,16 @@ double steepest(const Camera& camera, const Film& film) {
 }
 
 }  // namespace
+
+double largest_origin(const Scene& scene) {
+  double most = k_largest_coordinate;
+  for (const Instance& instance : scene.instances) {
+    const DAffine t(instance.to_world);
+    // Less its own translation, each coordinate of an origin is at most twice as far.
+    most = std::min(most, k_largest_ray * smallest_stretch(DMat3(t[0], t[1], t[2])) / 4);
+  }
+  return most;
+}
 
 double camera_reach(const Camera& camera, const Film& film) {
   const double aperture = camera.aperture_radius;
@@ -219,8 +241,10 @@ void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, co
     const Instance& instance = scene.instances[i];
     const DAffine t(instance.to_world);
     const double stretch = largest_stretch(DMat3(t[0], t[1], t[2]));
-    if (longest[instance.shape] * stretch <= k_blurred_triangle * nearest) continue;
-    const TriangleMesh& mesh = scene.shapes[instance.shape].mesh;
+    const Shape& shape = scene.shapes[instance.shape];
+    const double reach = std::max(distance_to_box(shape.bounds, t, camera), nearest);
+    if (longest[instance.shape] * stretch <= k_blurred_triangle * reach) continue;
+    const TriangleMesh& mesh = shape.mesh;
     for (const UVec3& index : mesh.triangles) {
       const WorldTriangle triangle = triangle_of(mesh, index, t);
       const double edge = triangle.longest_edge(), distance = std::max(triangle.distance(camera), nearest);

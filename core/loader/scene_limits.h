@@ -55,6 +55,11 @@ struct ScenePlaces {
 // its transforms are those passed to Embree.
 void check_scene_limits(const Scene& scene, const ScenePlaces& places);
 
+// The largest coordinate from which rays may start whose directions are no longer than k_longest_direction: they are
+// within the limits above in the space of every shape, too.
+double largest_origin(const Scene& scene);
+inline constexpr double k_longest_direction = 0x1p18;
+
 // Warns of triangles so large compared with their distance from the camera that surfaces and shadows on them blur; an
 // Error in strict mode.
 void warn_of_blurred_triangles(const Scene& scene, const ScenePlaces& places, const Diagnostics& diagnostics);

@@ -30,9 +30,11 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
     const auto found = std::find(image.channels.begin(), image.channels.end(), name);
     return found == image.channels.end() ? missing : size_t(found - image.channels.begin());
   };
-  // Grey images have one channel, or two with alpha; the first serves for all three colours.
+  // Grey images have one channel, or two with alpha; one serves for all three colours.
   const bool grey = channels < 3;
-  const size_t red = index_of("R", 0), green = grey ? red : index_of("G", 1), blue = grey ? red : index_of("B", 2);
+  const size_t other_than_alpha = image.channels[0] == "A" && channels > 1 ? 1 : 0;
+  const size_t red = index_of("R", index_of("Y", other_than_alpha)), green = grey ? red : index_of("G", 1),
+               blue = grey ? red : index_of("B", 2);
   Bitmap bitmap;
   bitmap.width = image.width;
   bitmap.height = image.height;

@@ -8,6 +8,8 @@
 namespace fieldtrace {
 
 DielectricFresnel fresnel_dielectric(float cos_incident, float eta) {
+  // Exactly nothing: rounding would leave a little, and where that decides whether there is a lobe at all, much.
+  if (eta == 1.0f) return {0.0f, -cos_incident, 1.0f};
   const bool outside = cos_incident >= 0.0f;
   const float eta_it = outside ? 1.0f / eta : eta;
   const float ci = std::min(std::abs(cos_incident), 1.0f);

@@ -75,7 +75,10 @@ bool is_corner(std::string_view word) {
 // Supplies the text one line at a time, so that line() is the line being parsed.
 class LineFeed : public std::streambuf {
  public:
-  LineFeed(const std::string& path, std::string_view text) : rest_(text), where_{path, 0} {}
+  LineFeed(const std::string& path, std::string_view text) : rest_(text), where_{path, 0} {
+    constexpr std::string_view k_byte_order_mark = "\xEF\xBB\xBF";
+    if (rest_.starts_with(k_byte_order_mark)) rest_.remove_prefix(k_byte_order_mark.size());
+  }
 
   const SourceLocation& where() const { return where_; }
   bool not_finite() const { return not_finite_; }  // the line's numbers hold a NaN or an infinity
@@ -106,17 +109,11 @@ class LineFeed : public std::streambuf {
  private:
   // Line ends: LF, CR LF, and CR (classic Mac OS).
   std::string_view take_line() {
-    size_t end = std::min(rest_.find('\n'), rest_.size());
+    const size_t end = std::min(rest_.find_first_of("\r\n"), rest_.size());
     unterminated_ = end == rest_.size();
-    size_t next = std::min(end + 1, rest_.size());
-    const size_t cr = rest_.substr(0, end).find('\r');
-    if (cr != std::string_view::npos) {
-      if (cr + 1 != end || unterminated_) next = cr + 1;
-      unterminated_ = false;
-      end = cr;
-    }
     const std::string_view line = rest_.substr(0, end);
-    rest_.remove_prefix(next);
+    rest_.remove_prefix(end);
+    rest_.remove_prefix(rest_.starts_with("\r\n") ? 2 : rest_.empty() ? 0 : 1);
     ++lines_taken_;
     return line;
   }

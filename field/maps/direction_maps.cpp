@@ -37,7 +37,7 @@ constexpr int k_least_directions = 4, k_most_directions = 128;
 bool valid_map_size(const MapSize& size) {
   return size.directions >= k_least_directions && size.directions <= k_most_directions &&
          size.directions % k_least_directions == 0 && size.texels >= 8 && size.texels <= 256 &&
-         std::has_single_bit(unsigned(size.texels));
+         std::has_single_bit(unsigned(size.texels)) && size.lines() < uint64_t(1) << 30;  // 32-bit places
 }
 
 DirectionMaps::DirectionMaps(const Sphere& ball, const MapSize& size)

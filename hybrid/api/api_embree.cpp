@@ -93,7 +93,7 @@ class InstanceGeometry final : public UserGeometry {
       s.batch.rays.set(i, rays.origin(i), rays.direction(i), rays.tmax[i]);
       s.batch.instance[i] = k_none;
     }
-    make_endless_rays_unit(s.batch.rays);
+    make_unit(s.batch.rays);
     s.group.candidates.assign(1, instance_);
     s.group.is_tested = false;
     s.group.open.clear();

@@ -36,6 +36,7 @@ Scene scene_of_lights(const Buffer<const uint32_t>& shapes, const Buffer<const f
     const float size = is_sphere ? glm::length(x) : glm::length(glm::cross(x, y));
     require(is_finite(centre) && is_finite(x) && (is_sphere || is_finite(y)) && size > 0.0f && std::isfinite(size),
             "light " + number + " is not finite, or has no area");
+    for (const Vec3& part : {centre, x, is_sphere ? x : y}) require_within_limits(part, "light " + number);
     Instance instance;
     instance.shape = shape;
     instance.emitter = uint32_t(k);

@@ -1,6 +1,9 @@
 // Rays of the C interface: occlusion and nearest hits.
 #include <tbb/enumerable_thread_specific.h>
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <cmath>
 
 #include "core/platform/parallel.h"
@@ -41,11 +44,14 @@ void for_chunks(Device& device, size_t count, const Body& body) {
 void require_rays(const SceneObject& s, const RayBuffers& rays, size_t begin, size_t end) {
   const size_t instances = s.scene.instances.size();
   for (size_t i = begin; i < end; ++i) {
-    const Vec3 d = vector_at(rays.directions, i);
+    const Vec3 d = vector_at(rays.directions, i), far = glm::abs(vector_at(rays.origins, i));
     const uint32_t from = rays.instance_of(i);
-    if (is_finite(vector_at(rays.origins, i)) && is_finite(d) && d != Vec3(0.0f) && !std::isnan(rays.t_of(i)) &&
+    const bool is_near = std::max({far.x, far.y, far.z}) <= s.largest_coordinate || !(rays.t_of(i) >= 0.0f);
+    if (is_finite(far) && is_finite(d) && d != Vec3(0.0f) && !std::isnan(rays.t_of(i)) && is_near &&
         (from == k_none || from < instances))
       continue;
+    require(is_near || !is_finite(far), "ray " + std::to_string(i) + " starts beyond the coordinate " +
+                                            fmt::format("{:.2g}", s.largest_coordinate) + ", too far from the scene");
     require(from == k_none || from < instances, "ray " + std::to_string(i) + " leaves an instance that is not there");
     require(false, "ray " + std::to_string(i) + " has numbers that are not finite, or no direction");
   }
@@ -80,20 +86,22 @@ void fill(const SceneObject& s, const RayBuffers& from, size_t begin, size_t end
     faulty |= instance != k_none && instance >= s.scene.instances.size();
     batch.instance[i - begin] = instance;
   }
-  if (faulty) require_rays(s, from, begin, end);
   origins = extent.origins;
+  const auto most = [](const Bounds3& b) { return glm::max(glm::abs(b.lower), glm::abs(b.upper)); };
+  const Vec3 farthest = origins.empty() ? Vec3(0.0f) : most(origins);
+  faulty |= !(std::max({farthest.x, farthest.y, farthest.z}) <= s.largest_coordinate);
+  if (faulty) require_rays(s, from, begin, end);
   ends = {};
   if (origins.empty()) return;
+  if (extent.unbounded || extent.uneven) make_unit(batch.rays);
   if (!extent.unbounded) {
     // Of o + t d: |t d| is at most |o| + |o + t d|, and rounded too.
-    const auto most = [](const Bounds3& b) { return glm::max(glm::abs(b.lower), glm::abs(b.upper)); };
-    const Vec3 slack = gamma_bound(4) * (2.0f * most(origins) + most(extent.ends));
+    const Vec3 slack = gamma_bound(6) * (2.0f * farthest + most(extent.ends));
     ends.bounds = {extent.ends.lower - slack, extent.ends.upper + slack};
     ends.ball = {ends.bounds.centre(), 0.5f * glm::length(ends.bounds.diagonal())};
     if (ends.ball.radius < k_infinity && is_finite(ends.ball.centre)) return;
   }
   ends.kind = LightExtent::Kind::everywhere;
-  make_endless_rays_unit(batch.rays);
 }
 
 // Nothing is written to `results` if any ray is an error.

@@ -105,6 +105,7 @@ const std::map<std::string, FieldNumber>& field_numbers() {
 }
 
 RenderResult render_scene(SceneObject& s) {
+  check_limits(s.scene);  // the camera may have moved since the commit
   Progress progress(*s.device);
   RenderCallbacks callbacks;
   callbacks.progress = [&](float share, const char*) { progress(double(share)); };
@@ -245,6 +246,7 @@ FTError ftSetSceneCamera(FTScene scene, const float* from, const float* to, cons
                          uint32_t width, uint32_t height) {
   return guarded(scene, [&](SceneObject& s) {
     const Vec3 eye = triple(from, "from"), target = triple(to, "to"), above = triple(up, "up");
+    require_within_limits(eye, "the camera");
     const Vec3 side = glm::cross(above, target - eye);
     require(glm::length(side) > 0.0f && is_finite(glm::normalize(side)), "`up` lies along the view, or there is none");
     require(horizontal_degrees > 0.0f && horizontal_degrees < 180.0f, "the angle must lie within (0, 180) degrees");

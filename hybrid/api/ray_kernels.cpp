@@ -61,27 +61,33 @@ inline api::RayExtent gather_rays_lanes(const api::RaySource& from, RayBatch& ra
   const float* const origins[3] = {rays.ox.data(), rays.oy.data(), rays.oz.data()};
   const float* const directions[3] = {rays.dx.data(), rays.dy.data(), rays.dz.data()};
   BoundsLanes starts, ends;
-  hn::Vec<DF> bad = hn::Zero(d), far = hn::Zero(d);  // not 0 where set
+  hn::Vec<DF> bad = hn::Zero(d), far = hn::Zero(d), uneven = hn::Zero(d);  // not 0 where set
+  const hn::Vec<DF> least = hn::Set(d, api::k_least_square), most = hn::Set(d, api::k_most_square);
   const hn::Vec<DF> one = hn::Set(d, 1.0f);
   for (size_t i = 0; i < padded(rays.size); i += hn::Lanes(d)) {
     const hn::Vec<DF> t = hn::Load(d, rays.tmax.data() + i);
     const hn::Mask<DF> active = hn::Ge(t, hn::Zero(d));
     hn::Mask<DF> good = hn::Eq(t, t), finite = good, directed = hn::Ne(t, t);
+    hn::Vec<DF> square = hn::Zero(d);
     for (int c = 0; c < 3; ++c) {
       const hn::Vec<DF> o = hn::Load(d, origins[c] + i), v = hn::Load(d, directions[c] + i);
       const hn::Vec<DF> end = hn::Add(o, hn::Mul(t, v));
       good = hn::And(good, hn::And(hn::IsFinite(o), hn::IsFinite(v)));
+      square = hn::Add(square, hn::Mul(v, v));
       directed = hn::Or(directed, hn::Ne(v, hn::Zero(d)));
       finite = hn::And(finite, hn::IsFinite(end));
       starts.extend(c, o, active), ends.extend(c, end, active);
     }
     bad = hn::IfThenElse(hn::And(good, directed), bad, one);
     far = hn::IfThenElse(hn::And(active, hn::Not(finite)), one, far);
+    const hn::Mask<DF> usual = hn::And(hn::Ge(square, least), hn::Le(square, most));
+    uneven = hn::IfThenElse(hn::And(active, hn::Not(usual)), one, uneven);
   }
   api::RayExtent extent;
   extent.origins = starts.bounds(), extent.ends = ends.bounds();
   extent.faulty = !hn::AllTrue(d, hn::Eq(bad, hn::Zero(d)));
   extent.unbounded = !hn::AllTrue(d, hn::Eq(far, hn::Zero(d)));
+  extent.uneven = !hn::AllTrue(d, hn::Eq(uneven, hn::Zero(d)));
   return extent;
 }
 
@@ -112,6 +118,7 @@ RayExtent gather_rays_scalar(const RaySource& from, RayBatch& rays) {
     const Vec3 end = o + t * d;
     extent.origins.extend(o), extent.ends.extend(end);
     if (!finite(end)) extent.unbounded = true;
+    if (!is_usual_square(d.x * d.x + d.y * d.y + d.z * d.z)) extent.uneven = true;
   }
   return extent;
 }

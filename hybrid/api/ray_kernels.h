@@ -8,6 +8,10 @@
 
 namespace fieldtrace::api {
 
+inline constexpr float k_most_square = 0x1p36f, k_least_square = 0x1p-36f;  // scene_limits.h: k_longest_direction
+// Whether a direction of this squared length may go to Embree as it is, in the space of any shape.
+inline bool is_usual_square(float square) { return square >= k_least_square && square <= k_most_square; }
+
 // Strides are the bytes from one ray to the next. t_max null: infinite.
 struct RaySource {
   const float* origins;
@@ -23,6 +27,7 @@ struct RayExtent {
   Bounds3 origins;         // empty: there are none
   Bounds3 ends;            // of the points at t_max, as computed; unless unbounded
   bool unbounded = false;  // some point at t_max is not finite
+  bool uneven = false;     // the square of some direction's length is not usual
   bool faulty = false;     // some ray has numbers that are not finite, no direction, or NaN as t_max
 };
 

@@ -2,10 +2,19 @@
 
 #include <algorithm>
 
+#include "core/loader/scene_limits.h"
 #include "core/math/finite.h"
 #include "core/platform/address_space.h"
+#include "hybrid/api/ray_kernels.h"
 
 namespace fieldtrace::api {
+
+void check_limits(const Scene& scene) {
+  ScenePlaces places;
+  for (size_t i = 0; i < scene.instances.size(); ++i) places.instances.push_back({"instance " + std::to_string(i)});
+  places.camera = {"the camera"};
+  check_scene_limits(scene, places);
+}
 
 void SceneObject::commit() {
   if (scene.instances.empty()) throw Failure(FT_ERROR_INVALID_OPERATION, "ftCommitScene: the scene has no instances");
@@ -17,6 +26,8 @@ void SceneObject::commit() {
     instance.to_world = transforms[i];
     instance.to_object = Affine(inverse_affine(DAffine(transforms[i])));
   }
+  check_limits(scene);
+  largest_coordinate = float(largest_origin(scene));
   if (traits.empty()) traits = shape_traits(scene);
   if (!fields) {
     FieldPlan plan;
@@ -58,11 +69,17 @@ Vec3 unit(const Vec3& d, double& length) {
   return Vec3(DVec3(d) / length);
 }
 
-void make_endless_rays_unit(RayBatch& rays) {
+void require_within_limits(const Vec3& position, const std::string& name) {
+  const Vec3 far = glm::abs(position);
+  if (std::max({far.x, far.y, far.z}) <= float(k_largest_coordinate)) return;
+  throw Failure(FT_ERROR_INVALID_ARGUMENT, name + " reaches beyond the coordinate 1.1e12");
+}
+
+void make_unit(RayBatch& rays) {
   for (size_t i = 0; i < rays.size; ++i) {
     const float t = rays.tmax[i];
     const Vec3 o = rays.origin(i), d = rays.direction(i);
-    if (!(t >= 0.0f) || is_finite(o + t * d)) continue;
+    if (!(t >= 0.0f) || (is_finite(o + t * d) && is_usual_square(glm::dot(d, d)))) continue;
     double length = 0.0;
     const Vec3 direction = unit(d, length);
     rays.set(i, o, direction, t == k_infinity ? t : float(double(t) * length));

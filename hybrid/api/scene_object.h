@@ -54,6 +54,9 @@ class TurnMutex {
   std::shared_mutex mutex_;
 };
 
+// Throws Error for a scene of lengths that single precision cannot hold (core/loader/scene_limits.h).
+void check_limits(const Scene& scene);
+
 struct SceneObject {
   explicit SceneObject(std::shared_ptr<Device> of) : device(std::move(of)) {}
 
@@ -69,6 +72,7 @@ struct SceneObject {
   Scene scene;  // as committed, but for instances
   RenderOptions options;
   FieldParameters parameters;
+  float largest_coordinate = 0.0f;  // of what queries may name
   // Set since the last commit, by instance.
   std::vector<Affine> transforms;
   bool was_committed = false;
@@ -95,8 +99,12 @@ struct SceneObject {
 // Unit, also where the length over- or underflows.
 Vec3 unit(const Vec3& d, double& length);
 
-// Gives rays whose end is not finite unit directions, as rays of group.light without bounds must have.
-void make_endless_rays_unit(RayBatch& rays);
+// Gives unit directions to rays whose end is not finite, as rays of group.light without bounds must have, and to those
+// whose direction's length is not usual (RayExtent).
+void make_unit(RayBatch& rays);
+
+// Throws Failure(FT_ERROR_INVALID_ARGUMENT) unless all of a position is within k_largest_coordinate.
+void require_within_limits(const Vec3& position, const std::string& name);
 
 // Calls the device's progress callback, and remembers that it asked to stop.
 class Progress {

@@ -14,7 +14,7 @@
 namespace fieldtrace {
 namespace {
 
-constexpr char k_magic[] = "fieldtrace checkpoint 8\n";
+constexpr char k_magic[] = "fieldtrace checkpoint 9\n";
 constexpr size_t k_magic_size = sizeof(k_magic) - 1;
 static_assert(std::is_trivially_copyable_v<StoredSums> && std::is_trivially_copyable_v<AovSums>);
 
@@ -85,19 +85,21 @@ std::string read_bytes(const std::string& path) {
   return bytes;
 }
 
-void require_same(const std::string& path, const PictureIdentity& theirs, const PictureIdentity& ours) {
-  const std::map<std::string, std::string> there(theirs.begin(), theirs.end());
-  std::string differences;
-  for (const auto& [name, value] : ours) {
-    const auto found = there.find(name);
-    const std::string other = found == there.end() ? "nothing" : found->second;
-    if (other != value) differences += (differences.empty() ? "" : "; ") + name + " was " + other + ", is " + value;
-  }
-  if (!differences.empty())
-    throw Error({path}, "the checkpoint is of another picture: " + differences + "; resume with what was given then");
-}
-
 }  // namespace
+
+std::vector<std::string> differences_of(const PictureIdentity& one, const PictureIdentity& other) {
+  const std::map<std::string, std::string> ours(one.begin(), one.end()), theirs(other.begin(), other.end());
+  std::vector<std::string> differences;
+  for (const auto& [name, here] : ours) {
+    const auto found = theirs.find(name);
+    const std::string there = found == theirs.end() ? "nothing" : found->second;
+    if (there != here) differences.push_back(name + " is " + here + ", not " + there);
+  }
+  for (const auto& [name, there] : theirs) {
+    if (ours.count(name) == 0) differences.push_back(name + " is nothing, not " + there);
+  }
+  return differences;
+}
 
 void write_checkpoint(const std::string& path, const Checkpoint& c) {
   const std::string header = header_of(c).dump();
@@ -144,7 +146,11 @@ Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& ident
     throw Error({path}, "the checkpoint was written by another build of the program; resume with that one");
   Checkpoint c;
   c.identity = j.at("identity").get<PictureIdentity>();
-  require_same(path, c.identity, identity);
+  std::string differences;
+  for (const std::string& difference : differences_of(identity, c.identity))
+    differences += (differences.empty() ? "" : "; ") + difference;
+  if (!differences.empty())
+    throw Error({path}, "the checkpoint is of another picture: " + differences + "; resume with what was given then");
   c.planned_samples = j.at("planned_samples");
   c.expected_samples = j.at("expected_samples");
   c.accuracy = FieldAccuracy(j.at("accuracy").get<int>());

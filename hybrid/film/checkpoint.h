@@ -16,6 +16,9 @@ namespace fieldtrace {
 // What a picture depends on, by the names of options ("--seed", "5").
 using PictureIdentity = std::vector<std::pair<std::string, std::string>>;
 
+// What `one` says differently from `other`: "--seed is 5, not 6".
+std::vector<std::string> differences_of(const PictureIdentity& one, const PictureIdentity& other);
+
 // What answers in a picture to an error, from the cheapest on; each errs less than the one before.
 enum class FieldAccuracy : uint8_t {
   coarse_maps,  // direction maps for few samples, and fields

@@ -29,7 +29,7 @@ std::string part_text(const Part& part) {
   const Json j = {{"slice", part.slice.number},       {"of", part.slice.count},    {"window", rect_json(part.window)},
                   {"traced", rect_json(part.traced)}, {"identity", part.identity}, {"decided", part.decided},
                   {"channels", part.channels}};
-  // Names and values need not be UTF-8.
+  // Channels' names need not be UTF-8.
   return j.dump(-1, ' ', /*ensure_ascii=*/true, Json::error_handler_t::replace);
 }
 
@@ -109,34 +109,20 @@ ReadPart read_part(const std::string& path) {
   return read;
 }
 
-// What `one` says differently from `other`: "--seed is 5, not 6".
-void add_differences(const PictureIdentity& one, const PictureIdentity& other, std::vector<std::string>& differences) {
-  const Strings ours(one.begin(), one.end()), theirs(other.begin(), other.end());
-  const auto value = [](const Strings& of, const std::string& name) {
-    const auto found = of.find(name);
-    return found == of.end() ? std::string("nothing") : found->second;
-  };
-  for (const auto& [name, here] : ours) {
-    if (value(theirs, name) != here) differences.push_back(name + " is " + here + ", not " + value(theirs, name));
-  }
-  for (const auto& [name, there] : theirs) {
-    if (ours.count(name) == 0) differences.push_back(name + " is nothing, not " + there);
-  }
-}
-
 std::string joined(const std::vector<std::string>& words, const char* between) {
   std::string text;
   for (const std::string& word : words) text += (text.empty() ? "" : between) + word;
   return text;
 }
 
-std::string differences_of(const Part& part, const Part& of_most) {
+std::string what_differs(const Part& part, const Part& of_most) {
   std::vector<std::string> all;
   if (part.slice.count != of_most.slice.count)
     all.push_back("it is one of " + std::to_string(part.slice.count) + " slices, not of " +
                   std::to_string(of_most.slice.count));
-  add_differences(part.identity, of_most.identity, all);
-  add_differences(part.decided, of_most.decided, all);
+  for (const auto& [one, other] : {std::pair(&part.identity, &of_most.identity), {&part.decided, &of_most.decided}}) {
+    for (std::string& difference : differences_of(*one, *other)) all.push_back(std::move(difference));
+  }
   if (all.empty()) all.emplace_back("it has other tiles or layers");
   return joined(all, ", ");
 }
@@ -256,7 +242,7 @@ MergedPicture merge_parts(const std::vector<std::string>& paths) {
   for (const HeldPart& p : parts) {
     if (!same_picture(p.part, first.part)) {
       faults.push_back(p.path + ": is a part of another picture than " + first.path + ": " +
-                       differences_of(p.part, first.part));
+                       what_differs(p.part, first.part));
       continue;
     }
     const HeldPart*& there = by_slice[size_t(p.part.slice.number - 1)];

@@ -20,10 +20,10 @@ constexpr uint32_t k_surfel_stream = 0x53524645u;
 constexpr size_t k_surfel_block = 256;
 // --check: one block in so many.
 constexpr size_t k_check_blocks = 8;
-// Bounces at most, and the relative change of the mean radiance from which on the rest is a geometric series of at most
-// this ratio.
+// Where there is no limit: bounces at most. What remains is a geometric series, of at most this ratio; none further is
+// shaded once it is no more than this part of all.
 constexpr int k_most_bounces = 16;
-constexpr float k_least_change = 0.04f, k_most_ratio = 0.9f;
+constexpr float k_least_rest = 0.01f, k_most_ratio = 0.99f;
 
 using SurfelRadiance = std::vector<std::vector<Rgb>>;  // by instance and surfel
 
@@ -136,10 +136,14 @@ DVec3 sum_of(const SurfelRadiance& radiance) {
   return sum;
 }
 
-// Adds all further bounces: each brings what the last one has changed since `before`, times `ratio`.
-void add_series(const SurfelRadiance& before, const DVec3& ratio, SurfelRadiance& radiance) {
-  const Rgb q(glm::clamp(ratio, DVec3(0.0), DVec3(k_most_ratio)));
-  const Rgb rest = q / (1.0f - q);
+// What all further bounces bring, if each is `ratio` of the one before, as a multiple of the last one.
+DVec3 rest_of(const DVec3& ratio) {
+  const DVec3 q = glm::clamp(ratio, DVec3(0.0), DVec3(k_most_ratio));
+  return q / (1.0 - q);
+}
+
+// Adds that: the last bounce is what has changed since `before`.
+void add_series(const SurfelRadiance& before, const Rgb& rest, SurfelRadiance& radiance) {
   for (size_t i = 0; i < radiance.size(); ++i) {
     for (size_t k = 0; k < radiance[i].size(); ++k) {
       radiance[i][k] += glm::max(radiance[i][k] - before[i][k], Rgb(0.0f)) * rest;
@@ -194,13 +198,14 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
     if (stopped()) break;
     const DVec3 all = sum_of(radiance), change_before = change;
     change = all - sum_of(before);
-    const bool converges = std::abs(luminance(Rgb(change))) <= k_least_change * luminance(Rgb(all));
-    const bool is_last = no_limit && converges;
-    if (is_last) add_series(before, change / glm::max(change_before, DVec3(1e-30)), radiance);
+    const DVec3 rest = rest_of(change / glm::max(change_before, DVec3(1e-30)));
+    const bool converges = bounce > 0 && luminance(Rgb(change * rest)) <= k_least_rest * luminance(Rgb(all));
+    const bool is_last = converges || bounce + 1 == most;
+    if (no_limit && is_last) add_series(before, Rgb(rest), radiance);
     parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
     light->finish();
     sky.set_indirect(light);
-    if (is_last) break;
+    if (no_limit && is_last) break;
   }
   stats.bake_rays += rays;
   timer.reset();

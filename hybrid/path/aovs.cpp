@@ -75,12 +75,12 @@ void AovSums::add(const FirstHit& first) {
   ++samples;
   if (first.hit) {
     ++hits;
-    albedo += first.albedo;
-    normal += first.normal;
+    albedo += DVec3(first.albedo);
+    normal += DVec3(first.normal);
     depth += first.depth;
     position += first.position;
-    denoise_albedo += first.shown_albedo;
-    denoise_normal += first.shown_normal;
+    denoise_albedo += DVec3(first.shown_albedo);
+    denoise_normal += DVec3(first.shown_normal);
   }
   visibility += first.shadow_rays > 0.0f ? double(first.shadow_clear) / double(first.shadow_rays) : 1.0;
   exact += first.shadow_rays > 0.0f ? std::min(double(first.shadow_exact) / double(first.shadow_rays), 1.0) : 0.0;
@@ -115,31 +115,33 @@ void AovSums::merge(const AovSums& later) {
 }
 
 float* AovSums::write(Aov aov, float* out) const {
-  const float per_sample = samples ? 1.0f / float(samples) : 0.0f;
+  const double per_sample = samples ? 1.0 / samples : 0.0;
   const double per_hit = hits ? 1.0 / hits : 0.0;
   switch (aov) {
     case Aov::albedo:
-      return put(out, albedo * per_sample);
+      return put(out, Vec3(albedo * per_sample));
     case Aov::normal:
-      return put(out, normal * per_sample);
+      return put(out, Vec3(normal * per_sample));
     case Aov::depth:
       *out = float(depth * per_hit);
       break;
     case Aov::position:
       return put(out, Vec3(position * per_hit));
     case Aov::visibility:
-      *out = float(visibility) * per_sample;
+      *out = float(visibility * per_sample);
       break;
     case Aov::exact:
-      *out = float(exact) * per_sample;
+      *out = float(exact * per_sample);
       break;
     case Aov::object:
       *out = float(object);
       break;
-    case Aov::ao:
-      *out =
-          float(hits * (occlusion_rays > 0.0 ? occlusion_clear / occlusion_rays : 1.0) + (samples - hits)) * per_sample;
+    case Aov::ao: {
+      // Maps estimate, and may err on the bright side.
+      const double clear = occlusion_rays > 0.0 ? std::min(occlusion_clear / occlusion_rays, 1.0) : 1.0;
+      *out = float((hits * clear + (samples - hits)) * per_sample);
       break;
+    }
     case Aov::reflected_depth:
       *out = reflected_hits ? float(reflected_depth / double(reflected_hits)) : 0.0f;
       break;
@@ -150,9 +152,9 @@ float* AovSums::write(Aov aov, float* out) const {
       *out = glossy_rays ? float(double(glossy_exact) / double(glossy_rays)) : 0.0f;
       break;
     case Aov::denoise_albedo:
-      return put(out, denoise_albedo * per_sample);
+      return put(out, Vec3(denoise_albedo * per_sample));
     case Aov::denoise_normal:
-      return put(out, denoise_normal * per_sample);
+      return put(out, Vec3(denoise_normal * per_sample));
     case Aov::samples:
     case Aov::variance:
     case Aov::time:

@@ -88,8 +88,8 @@ struct FirstHit {
 // Sums over one pixel's camera samples, added in the order of their indices.
 struct AovSums {
   int samples = 0, hits = 0;
-  Rgb albedo = Rgb(0.0f);
-  Vec3 normal = Vec3(0.0f);
+  DVec3 albedo = DVec3(0.0);
+  DVec3 normal = DVec3(0.0);
   double depth = 0.0;
   DVec3 position = DVec3(0.0);
   double visibility = 0.0, exact = 0.0;
@@ -99,8 +99,8 @@ struct AovSums {
   uint64_t glossy_rays = 0, glossy_exact = 0, reflected_hits = 0;
   double reflected_depth = 0.0;
   uint32_t reflected_object = 0;
-  Rgb denoise_albedo = Rgb(0.0f);
-  Vec3 denoise_normal = Vec3(0.0f);
+  DVec3 denoise_albedo = DVec3(0.0);
+  DVec3 denoise_normal = DVec3(0.0);
 
   void add(const FirstHit& first);
   void merge(const AovSums& later);  // adds the sums over later camera samples

@@ -33,7 +33,8 @@ FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std
   settings.first_hits = false;
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings, stage.lights);
   const double repeats = double(picture.spp) * double(options.light_samples) / double(light_samples);
-  FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}), repeats, picture.callbacks.stop);
+  const auto goes_on = [&] { return !picture.stopped() && !stage.is_late(); };
+  FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}), repeats, goes_on);
   stats.survey_rays += survey.stats.rays_exact;
   stats.add_bake(survey.stats);
   return survey;

@@ -53,14 +53,14 @@ std::vector<Rect> survey_blocks(const Rect& film, int64_t light_samples) {
 }  // namespace
 
 FieldSurvey survey_fields(const TransportContext& context, const Rect& film, double repeats,
-                          const std::atomic<bool>* stop) {
+                          const std::function<bool()>& goes_on) {
   FieldSurvey survey;
   const int64_t lights = std::max(int64_t(context.scene.emitters.size()), int64_t(1));
   const std::vector<Rect> blocks = survey_blocks(film, lights * context.settings.light_samples);
   std::atomic<bool> interrupted = false;
   tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
   parallel_for(blocks.size(), [&](size_t i) {
-    if (interrupted || (stop && stop->load(std::memory_order_relaxed))) {
+    if (interrupted || !goes_on()) {
       interrupted = true;
       return;
     }

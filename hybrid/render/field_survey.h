@@ -8,16 +8,16 @@
 // Thread-safety: a pure function but for the fields, which grow on demand.
 #pragma once
 
-#include <atomic>
+#include <functional>
 
 #include "hybrid/fields/left_to_rays.h"
 #include "hybrid/transport/transport.h"
 
 namespace fieldtrace {
 
-// `context.answerer` must count uses (AnswererSettings::count_uses). `film`: the film's crop window. `repeats`: light
-// samples of a pixel of the picture per one of the survey.
+// Interrupted once goes_on() is false. `context.answerer` must count uses (AnswererSettings::count_uses). `film`: the
+// film's crop window. `repeats`: light samples of a pixel of the picture per one of the survey.
 FieldSurvey survey_fields(const TransportContext& context, const Rect& film, double repeats,
-                          const std::atomic<bool>* stop);
+                          const std::function<bool()>& goes_on);
 
 }  // namespace fieldtrace

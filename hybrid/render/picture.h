@@ -83,12 +83,15 @@ struct Stage {
   std::vector<RayNoise> ray_noise = {};  // of a picture by rounds; the first: with the light samples of the options
   // Of each sequence with which the error of fields is surveyed: as many as rays take to the error, or in the time.
   double survey_samples = 0.0;
-  std::vector<SequencePair> ray_survey = {};       // what rays gave then, for every accuracy
-  std::optional<Clock::time_point> deadline = {};  // of a picture with a time limit
-  PictureIdentity identity = {};                   // of a picture with checkpoints
-  std::optional<Checkpoint> resumed = {};          // where the picture goes on
+  std::vector<SequencePair> ray_survey = {};         // what rays gave then, for every accuracy
+  std::optional<Clock::time_point> deadline = {};    // of a picture with a time limit
+  std::optional<Clock::time_point> survey_end = {};  // likewise
+  PictureIdentity identity = {};                     // of a picture with checkpoints
+  std::optional<Checkpoint> resumed = {};            // where the picture goes on
 
   bool uses_fields() const { return accuracy != FieldAccuracy::rays; }
+  // Whether surveys of fields, which bake for them, have taken their share of a time limit: rays are left then.
+  bool is_late() const { return survey_end && uses_fields() && Clock::now() >= *survey_end; }
 };
 
 }  // namespace fieldtrace

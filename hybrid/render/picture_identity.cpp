@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <vector>
 
@@ -23,6 +24,12 @@ std::string hash_of_file(const std::string& path) {
     hasher.add(part.data(), size_t(file.gcount()));
   if (!file.eof()) throw Error({path}, "cannot be read again, to see which scene this is");
   return hasher.result().hex();
+}
+
+// Names and values of users need not be UTF-8; files that hold an identity must be.
+std::string valid_utf8(const std::string& text) {
+  using Json = nlohmann::json;
+  return Json::parse(Json(text).dump(-1, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace));
 }
 
 const char* name_of(LightEstimator estimator) {
@@ -79,6 +86,7 @@ PictureIdentity picture_identity(const Picture& picture) {
   for (const std::string& path : std::set<std::string>(scene.files.begin(), scene.files.end()))
     files[std::filesystem::path(path).filename().string()] += hash_of_file(path);
   for (const auto& [name, hash] : files) identity.push_back({"the file " + name, hash});
+  for (auto& [name, value] : identity) name = valid_utf8(name), value = valid_utf8(value);
   return identity;
 }
 

@@ -193,6 +193,10 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     fields.load(*cache);
   }
   surveyed = surveyed && leave_to_rays(picture, stage, fields, stats.tolerance, open, stats);
+  if (!surveyed && stage.is_late() && !picture.stopped()) {
+    stage.accuracy = FieldAccuracy::rays;
+    return false;
+  }
   AnswererSettings settings{picture.settings.isa, stats.tolerance, options.check, options.force_undecided,
                             options.whole_lights};
   settings.self_to_rays = fields.self_to_rays();
@@ -262,6 +266,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   Stats done;
   if (picture.stopped() || !surveyed) {
     job.interrupted = true;  // perhaps amid decisions, which no checkpoint may keep
+    if (stage.resumed) render_rounds(job, *stage.resumed, result.image, done);  // writes what there was
   } else if (options.keeps_sums()) {
     render_rounds(job, std::move(state), result.image, done);
   } else {
@@ -360,9 +365,11 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.stats.time_build = seconds_since(build_begin);
     Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
                 std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
-    if (options.time_limit > 0.0f)
-      stage.deadline =
-          begin + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<float>(options.time_limit));
+    if (options.time_limit > 0.0f) {
+      const auto limit = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<float>(options.time_limit));
+      stage.deadline = begin + limit;
+      stage.survey_end = begin + limit / 2;
+    }
     if (options.keeps_sums()) stage.identity = picture_identity(picture);
     if (options.slice) result.part = part_of(picture);
     if (!options.resume.empty()) {

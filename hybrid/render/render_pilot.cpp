@@ -68,9 +68,9 @@ std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each
   return pixels;
 }
 
-// Traces the survey's pixels with `samples` samples of each sequence.
-void trace_survey(const Picture& picture, const TransportContext& context, uint32_t samples, uint32_t replicate,
-                  Survey& survey, Stats& stats) {
+// Traces the survey's pixels with `samples` samples of each sequence, while goes_on().
+void trace_survey(const TransportContext& context, uint32_t samples, uint32_t replicate,
+                  const std::function<bool()>& goes_on, Survey& survey, Stats& stats) {
   survey.sums.assign(survey.pixels.size(), {});
   tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
   const size_t tasks = (survey.pixels.size() + k_task_pixels - 1) / k_task_pixels;
@@ -84,7 +84,6 @@ void trace_survey(const Picture& picture, const TransportContext& context, uint3
       PixelSums& sums = survey.sums[begin + run.pixel][size_t(run.sequence)];
       sums.add_of(run.first, samples, radiance, cost.work, cost.seconds);
     };
-    const auto goes_on = [&] { return !picture.stopped(); };
     // Isolated like the tiles of the picture (render_tiles).
     tbb::this_task_arena::isolate([&] {
       trace_pixels(pixels, ranges, Sequences{2, replicate}, context.settings.lobe_samples, worker, goes_on, add);
@@ -143,7 +142,8 @@ RayContext::RayContext(const Picture& picture, const Stage& stage) {
 // What samples in `context` leave, as few of them show it.
 NoiseForecast forecast_noise(const Picture& picture, const TransportContext& context, Stats& stats) {
   Survey survey = {survey_pixels(picture, k_noise_pixels_each, k_fewest_noise_pixels)};
-  trace_survey(picture, context, k_noise_samples, k_noise_replicates, survey, stats);
+  const auto goes_on = [&] { return !picture.stopped(); };
+  trace_survey(context, k_noise_samples, k_noise_replicates, goes_on, survey, stats);
   return noise_of(survey, picture.options.error_measure);
 }
 
@@ -154,15 +154,16 @@ struct FieldError {
   NoiseForecast fields, rays;
 };
 
-// With about `samples` samples of each sequence, as far as few and many go. `ray_sums`: by rays, if not empty; they are
-// traced, and kept there, otherwise.
-FieldError survey_field_error(const Picture& picture, const TransportContext& context, const TransportContext& rays,
-                              double samples, std::vector<SequencePair>& ray_sums, Stats& stats) {
+// With about Stage::survey_samples of each sequence, as far as few and many go; a late stage's tells nothing.
+// `ray_sums`: by rays, if not empty; they are traced, and kept there, otherwise.
+FieldError survey_field_error(const Picture& picture, const Stage& stage, const TransportContext& context,
+                              const TransportContext& rays, std::vector<SequencePair>& ray_sums, Stats& stats) {
   Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
   Survey by_rays = {by_fields.pixels, ray_sums};
-  const auto of_sequence = uint32_t(nearest_power(std::clamp(samples, k_least_samples, k_most_samples)));
-  trace_survey(picture, context, of_sequence, k_error_replicates, by_fields, stats);
-  if (ray_sums.empty()) trace_survey(picture, rays, of_sequence, k_error_replicates, by_rays, stats);
+  const auto of_sequence = uint32_t(nearest_power(std::clamp(stage.survey_samples, k_least_samples, k_most_samples)));
+  const auto goes_on = [&] { return !picture.stopped() && !stage.is_late(); };
+  trace_survey(context, of_sequence, k_error_replicates, goes_on, by_fields, stats);
+  if (ray_sums.empty()) trace_survey(rays, of_sequence, k_error_replicates, goes_on, by_rays, stats);
   ray_sums = by_rays.sums;
   const ErrorMeasure measure = picture.options.error_measure;
   FieldError error = {0.0, noise_of(by_fields, measure), noise_of(by_rays, measure)};
@@ -356,8 +357,11 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
                    Stats& stats) {
   const RayContext rays(picture, stage);
-  const FieldError survey =
-      survey_field_error(picture, context, rays.context(), stage.survey_samples, stage.ray_survey, stats);
+  const FieldError survey = survey_field_error(picture, stage, context, rays.context(), stage.ray_survey, stats);
+  if (stage.is_late() && !picture.stopped()) {
+    stage.accuracy = FieldAccuracy::rays;
+    return false;
+  }
   const double error = survey.mean_square;
   decided.field_mean_square = error;
   bool are_better;

@@ -202,9 +202,11 @@ class Rounds {
   void keep(bool now) {
     if (options_.checkpoint.empty() || state_.identity.empty()) return;
     if (!now && seconds_since(kept_) < options_.checkpoint_seconds) return;
+    // What fields that outgrew their memory show depends on the threads, and is about to be given up.
+    if (job_.budget.exceeded()) return;
     try {
       write_checkpoint(options_.checkpoint, state_);
-    } catch (const Error& error) {
+    } catch (const std::exception& error) {
       failure_ = error.what();  // the picture goes on
     }
     kept_ = Clock::now();

@@ -335,6 +335,22 @@ TEST(Bsdf, AllFamiliesStayFiniteAtTheExtremes) {
   }
 }
 
+// Rounding must not leave a little: `principled` has no lobe at all then.
+TEST(Fresnel, OfEqualIndicesReflectsNothing) {
+  for (int i = -1000; i <= 1000; ++i) {
+    const float cosine = float(i) / 1000.0f;
+    const DielectricFresnel f = fresnel_dielectric(cosine, 1.0f);
+    EXPECT_EQ(f.reflectance, 0.0f) << cosine;
+    EXPECT_EQ(f.cos_transmitted, -cosine);
+  }
+  Material m = principled(0.8f, 0.5f, 1.0f, 0.0f);
+  m.relative_ior = 1.0f;
+  for (const float z : {0.05f, 0.2f, 0.5f, 0.9f}) {
+    const Vec3 wi(std::sqrt(1.0f - z * z), 0.0f, z);
+    EXPECT_EQ(evaluate_bsdf(m, wi, {-wi.x, 0.0f, z}), Rgb(0.0f)) << z;
+  }
+}
+
 // The integrals that the fits approximate, by the midpoint rule.
 TEST(Fresnel, DiffuseReflectanceIsTheMeanOverCosines) {
   for (const float eta : {0.45f, 0.55f, 0.67f, 0.8f, 0.95f, 1.05f, 1.3f, 1.5f, 1.9f, 2.4f}) {

@@ -113,6 +113,9 @@ TEST_F(MeshIo, ObjAcceptsOddButLegalText) {
   const TriangleMesh crlf = load("a.obj", "v 0 0 0\r\nv +1. .0 -0e3\r\n\tv 1 1E0 0 1.0\r\nf 1/ 2// \\\r\n  3\r\n");
   EXPECT_EQ(crlf.triangles, (std::vector<UVec3>{{0, 1, 2}}));
   EXPECT_EQ(crlf.positions[1], Vec3(1, 0, 0));
+  const TriangleMesh marked = load("c.obj", "\xEF\xBB\xBFv 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n");
+  EXPECT_EQ(marked.positions, (std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}}));
+  EXPECT_EQ(load("d.obj", "v 0 0 0\r\rv 1 0 0\n\r\nv 1 1 0\r\n\nf 1 2 3\r").triangles.size(), 1u);
   const TriangleMesh mac = load("b.obj", "v 0 0 0\rv 1 0 0\rv 1 1 0\rf 1 2 3");
   EXPECT_EQ(mac.triangles.size(), 1u);
   const TriangleMesh colours = load("c.obj", "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 1 1 0 1 0 0\nf 1 2 3\n");

@@ -109,6 +109,7 @@ TEST_F(PlainImages, ExrIsWhatOpenImageIOReads) {
                                     {.type = TypeDesc::FLOAT, .compression = "none"},
                                     {.channels = {"R", "G", "B", "A"}, .compression = "piz"},
                                     {.channels = {"Y"}, .type = TypeDesc::FLOAT, .compression = "zips"},
+                                    {.channels = {"Y", "A"}, .type = TypeDesc::FLOAT},
                                     {.compression = "rle", .x = -5, .y = 11},
                                     {.compression = "dwaa", .tile = 16},
                                     {.channels = {"R", "G"}, .compression = "pxr24"},

@@ -82,6 +82,29 @@ TEST_F(CommandOutputs, LittleAddressSpaceIsEnoughToBakeAScene) {
   EXPECT_EQ(run({"info", "limited.vdb"}, limit_addresses).code, 0);
 }
 
+// The EXR of so many pixels is too large, the PNG and the statistics are not.
+TEST_F(CommandOutputs, OneThatCannotBeWrittenDoesNotLoseTheOthers) {
+  const auto between = [] {
+    const rlimit limit = {8192, 8192};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  };
+  const Outcome o = run({"render", "scene.xml", "-o", "a.exr", "-o", "a.png", "--float32", "-D", "size=256", "--quiet",
+                         "--stats", "s.json"},
+                        between);
+  EXPECT_EQ(o.code, 1);
+  EXPECT_EQ(o.err, "fieldtrace: a.exr: cannot be written: File too large\n");
+  EXPECT_EQ(files(), (std::set<std::string>{"a.png", "ball.ply", "s.json", "scene.xml"}));
+}
+
+TEST_F(CommandOutputs, TheResumedCheckpointSurvives) {
+  ASSERT_EQ(run({"render", "scene.xml", "-o", "a.png", "--quiet", "--checkpoint", "c"}).code, 0);
+  const std::string before = read_text(folder_ / "c");
+  expect_failure(2, "--stats c: would overwrite the input c",
+                 {"render", "scene.xml", "-o", "a.png", "--quiet", "--resume", "c", "--stats", "c"});
+  EXPECT_EQ(read_text(folder_ / "c"), before);
+  EXPECT_EQ(run({"render", "scene.xml", "-o", "a.png", "--quiet", "--resume", "c", "--checkpoint", "c"}).code, 0);
+}
+
 TEST_F(CommandOutputs, StatisticsThatCannotBeWrittenLeaveNothing) {
   // An image of a few pixels is smaller than its statistics.
   const auto between = [] {

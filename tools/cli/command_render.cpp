@@ -5,6 +5,7 @@
 #include <cctype>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <filesystem>
 #include <mutex>
 #include <optional>
@@ -52,6 +53,14 @@ std::vector<OutputFile> outputs_of(const RenderArguments& arguments) {
   return outputs;
 }
 
+// The checkpoint that is resumed may be written again as the new one alone.
+void require_resumed_survives(const RenderArguments& arguments) {
+  if (arguments.options.resume.empty()) return;
+  std::vector<OutputFile> outputs = outputs_of(arguments);
+  std::erase_if(outputs, [](const OutputFile& output) { return output.option == "--checkpoint"; });
+  require_distinct_files(outputs, {{arguments.options.resume}});
+}
+
 void require_outputs_writable(const RenderArguments& arguments) {
   for (const std::string& path : arguments.outputs) require_image_writable(path);
   if (!arguments.stats_file.empty()) require_writable(arguments.stats_file);
@@ -85,8 +94,28 @@ std::string denoise_result(const RenderArguments& arguments, const Scene& scene,
   return denoiser;
 }
 
+// Writes of several files, of which one that fails does not lose the others.
+class Writes {
+ public:
+  template <class Write>
+  void attempt(const Write& write) {
+    try {
+      write();
+    } catch (const std::exception&) {
+      if (!failure_) failure_ = std::current_exception();
+    }
+  }
+  // What the first failure threw.
+  void rethrow() const {
+    if (failure_) std::rethrow_exception(failure_);
+  }
+
+ private:
+  std::exception_ptr failure_;
+};
+
 void write_outputs(const RenderArguments& arguments, const RenderResult& result, const std::string& command,
-                   const std::string& denoiser) {
+                   const std::string& denoiser, Writes& writes) {
   ImageWriteOptions options;
   options.exposure = arguments.exposure;
   options.half = !arguments.float32;
@@ -97,10 +126,10 @@ void write_outputs(const RenderArguments& arguments, const RenderResult& result,
   if (result.interrupted) options.metadata["fieldtrace:interrupted"] = "1";
   if (!denoiser.empty()) options.metadata["fieldtrace:denoised"] = denoiser;
   if (result.part) {
-    write_part(arguments.outputs[0], result.image, *result.part, options.metadata);
+    writes.attempt([&] { write_part(arguments.outputs[0], result.image, *result.part, options.metadata); });
     return;
   }
-  for (const std::string& path : arguments.outputs) write_image(path, result.image, options);
+  for (const std::string& path : arguments.outputs) writes.attempt([&] { write_image(path, result.image, options); });
 }
 
 // Who shows the picture while it is rendered.
@@ -259,6 +288,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   watched_files(arguments);
   require_outputs_writable(arguments);
   require_distinct_files(outputs_of(arguments), {{arguments.scene.path}});
+  require_resumed_survives(arguments);
   const std::atomic<bool>& stop = stop_on_interrupt();
   ProgressLine progress(!arguments.quiet);
   progress.update(0.0, "loading");
@@ -310,7 +340,8 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   }
   Stats& stats = result.stats;
   const Clock::time_point write_begin = Clock::now();
-  write_outputs(arguments, result, command, denoiser);
+  Writes writes;
+  write_outputs(arguments, result, command, denoiser, writes);
   stats.time_write = seconds_since(write_begin);
   if (previews.viewer) previews.viewer->finish();
   progress.clear();
@@ -318,8 +349,9 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   stats.time_load = load_seconds;
   stats.time_total = seconds_since(start);
   stats.memory_peak_bytes = peak_memory_bytes();
-  if (!arguments.stats_file.empty()) write_text_file(arguments.stats_file, stats.to_json());
+  if (!arguments.stats_file.empty()) writes.attempt([&] { write_text_file(arguments.stats_file, stats.to_json()); });
   if (!arguments.quiet) print_summary(stats);
+  writes.rethrow();
   if (!result.interrupted) return k_exit_success;
   fmt::print(stderr, "fieldtrace: interrupted; the finished tiles were written\n");
   return k_exit_interrupted;

@@ -163,6 +163,14 @@ TEST(ApiErrors, GeometryAndSettings) {
   EXPECT_EQ(ftSetInstanceTransform(s.scene, 0, flat), FT_ERROR_INVALID_ARGUMENT);
   EXPECT_EQ(ftSetInstanceTransform(s.scene, 3, nullptr), FT_ERROR_INVALID_ARGUMENT);
   EXPECT_EQ(ftAddInstance(s.scene, 2, nullptr, nullptr), FT_ERROR_INVALID_ARGUMENT);
+  // Less than single precision can undo.
+  const float thin[12] = {1, 0, 0, 0, 0.6f, 0.8f, 0, 0.6f, 0.80000025f, 0, 0, 0};
+  ASSERT_EQ(ftSetInstanceTransform(s.scene, 1, thin), FT_ERROR_NONE);
+  EXPECT_EQ(ftCommitScene(s.scene), FT_ERROR_INPUT);
+  EXPECT_NE(message_of(s.device).find("instance 1: the transform all but flattens"), std::string::npos);
+  ASSERT_EQ(ftSetInstanceTransform(s.scene, 1, nullptr), FT_ERROR_NONE);
+  const float off[3] = {0, 0, 1e19f}, ahead[3] = {0, 0, 0}, above[3] = {0, 1, 0};
+  EXPECT_EQ(ftSetSceneCamera(s.scene, off, ahead, above, 40, 4, 4), FT_ERROR_INVALID_ARGUMENT);
   const float red[3] = {2, 0, 0}, black[3] = {0, 0, 0}, bad[3] = {k_nan, 0, 0};
   EXPECT_EQ(ftSetInstanceReflectance(s.scene, 0, red), FT_ERROR_INVALID_ARGUMENT);
   EXPECT_EQ(ftSetInstanceRadiance(s.scene, 0, bad), FT_ERROR_INVALID_ARGUMENT);
@@ -197,7 +205,13 @@ TEST(ApiErrors, RaysAndBuffers) {
   }
   o[5] = std::numeric_limits<float>::infinity();
   refused(occluded(s.scene, o.data(), d.data(), t.data(), 100, results.data()), "infinite");
-  o[5] = 0.5f;
+  o[5] = 1e19f;
+  EXPECT_EQ(occluded(s.scene, o.data(), d.data(), t.data(), 100, results.data()), FT_ERROR_INVALID_ARGUMENT);
+  EXPECT_NE(message_of(s.device).find("ray 1 starts beyond"), std::string::npos);
+  t[1] = -1.0f;  // asks nothing
+  EXPECT_EQ(occluded(s.scene, o.data(), d.data(), t.data(), 100, results.data()), FT_ERROR_NONE);
+  results.assign(100, 9);
+  o[5] = 0.5f, t[1] = 1.0f;
   std::fill_n(d.begin() + 30, 3, 0.0f);
   refused(occluded(s.scene, o.data(), d.data(), t.data(), 100, results.data()), "no direction");
   d.assign(300, 1.0f);
@@ -248,6 +262,14 @@ TEST(ApiErrors, PointsAndLights) {
     EXPECT_EQ(ask(), FT_ERROR_INVALID_ARGUMENT);
     *bad = was;
   }
+  for (float* const far : {&p[0], &light[1], &light[3]}) {
+    const float was = *far;
+    *far = 1e19f;
+    EXPECT_EQ(ask(), FT_ERROR_INVALID_ARGUMENT);
+    EXPECT_EQ(ask_sky() == FT_ERROR_INVALID_ARGUMENT, far == p);
+    *far = was;
+  }
+  share = -1;
   n[1] = 2;
   EXPECT_EQ(ask(), FT_ERROR_INVALID_ARGUMENT);
   EXPECT_EQ(ask_sky(), FT_ERROR_INVALID_ARGUMENT);

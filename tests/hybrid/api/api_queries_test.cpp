@@ -93,6 +93,21 @@ TEST(ApiOccluded, IsThatOfExactRays) {
   EXPECT_GT(share, 0.5);
 }
 
+// The same rays with directions of any length; Embree ends the program for the longest.
+TEST(ApiOccluded, DoesNotDependOnTheLengthOfDirections) {
+  const ApiScene s;
+  const Rays rays = random_rays(4000, 5);
+  const std::vector<uint8_t> expected = ask(s.scene, rays, false);
+  for (const float scale : {1e-30f, 1e-18f, 1e-6f, 1e6f, 1e19f, 1e30f}) {
+    Rays scaled = rays;
+    for (size_t i = 0; i < rays.size(); ++i) scaled.directions[i] *= scale, scaled.t_max[i] /= scale;
+    const std::vector<uint8_t> answers = ask(s.scene, scaled, false);
+    size_t wrong = 0;
+    for (size_t i = 0; i < rays.size(); ++i) wrong += answers[i] != expected[i];
+    EXPECT_LE(wrong, 4u) << scale;  // along edges
+  }
+}
+
 TEST(ApiOccluded, TracesEveryRayAtToleranceZero) {
   const ApiScene s;
   ASSERT_EQ(ftSetSceneFloat(s.scene, "tolerance", 0.0), FT_ERROR_NONE);

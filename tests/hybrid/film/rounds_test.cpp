@@ -219,6 +219,42 @@ TEST(Checkpoints, GoOnForMoreSamplesOrLessError) {
   EXPECT_LT(rmse(less.image, reference), 0.0125);
 }
 
+// However early a resumed render is stopped, what was there is written.
+TEST(Checkpoints, StoppedAtOnceKeepThePicture) {
+  const ScratchFolder folder(testing::TempDir(), "rounds");
+  const Scene scene = test::hybrid_scene("object_over_floor", k_size).scene;
+  for (const Method method : {Method::monte_carlo, Method::hybrid}) {
+    RenderOptions o = options_of(method, 0.0f, 3);
+    o.spp = 4;
+    o.aovs = {};
+    o.checkpoint = folder.path() + "/stopped";
+    const Image before = render(scene, o).image;
+    o.resume = o.checkpoint;
+    o.spp = 16;
+    const std::atomic<bool> stop = true;
+    RenderCallbacks callbacks;
+    callbacks.stop = &stop;
+    const RenderResult stopped = render(scene, o, callbacks);
+    EXPECT_TRUE(stopped.interrupted);
+    EXPECT_EQ(stopped.image.data, before.data) << int(method);
+  }
+}
+
+// Names and values of a command need not be UTF-8, and a parameter that is left out makes another picture.
+TEST(Checkpoints, ParametersMayBeAnyBytes) {
+  const ScratchFolder folder(testing::TempDir(), "rounds");
+  Scene scene = test::hybrid_scene("object_over_floor", 16).scene;
+  scene.parameters["caf\xe9"] = "\xff";
+  RenderOptions o = options_of(Method::monte_carlo, 0.0f, 3);
+  o.spp = 2;
+  o.checkpoint = folder.path() + "/bytes";
+  const Image whole = render(scene, o).image;
+  o.resume = o.checkpoint;
+  EXPECT_EQ(render(scene, o).image.data, whole.data);
+  scene.parameters.clear();
+  EXPECT_THROW(render(scene, o), Error);
+}
+
 TEST(Checkpoints, AreRefusedForOtherOptionsByName) {
   const ScratchFolder folder(testing::TempDir(), "rounds");
   const Scene scene = test::hybrid_scene("object_over_floor", 16).scene;
@@ -259,10 +295,10 @@ TEST(Checkpoints, AreRefusedForOtherOptionsByName) {
   for (const auto& [name, change] : changes) {
     RenderOptions changed = o;
     change(changed);
-    EXPECT_NE(refusal(changed, scene).find(name + (name == "--target-error" ? " or" : " was")), std::string::npos)
+    EXPECT_NE(refusal(changed, scene).find(name + (name == "--target-error" ? " or" : " is")), std::string::npos)
         << name << ": " << refusal(changed, scene);
   }
-  EXPECT_NE(refusal(o, test::hybrid_scene("materials", 16).scene).find("the scene was"), std::string::npos);
+  EXPECT_NE(refusal(o, test::hybrid_scene("materials", 16).scene).find("the scene is"), std::string::npos);
 }
 
 // As for a picture whose first target allowed fields to err more than the next one does.

@@ -112,6 +112,34 @@ TEST(IndirectLight, OfManyBouncesIsNearMonteCarlo) {
   expect_near_monte_carlo(s.scene, 48, 0.035, 0.01, 0.04);
 }
 
+// In a white room under a skylight, of which each bounce leaves nearly all.
+TEST(IndirectLight, OfEndlessBouncesIsNearMonteCarlo) {
+  SceneMaker s;
+  s.scene.camera.to_world = look_at({0, -1.9f, 1}, {0, 2, 0.8f}, {0, 0, 1});
+  s.film(k_film, k_film);
+  constexpr int k_window = 32;
+  s.scene.camera.fov_x_degrees = float(2.0 * std::atan(0.7 * k_film / k_window) * 180.0 / M_PI);
+  s.scene.integrator.max_depth = -1;
+  s.scene.integrator.rr_depth = 50;
+  const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.97f));
+  s.scene.bsdfs[white].two_sided = true;
+  const uint32_t square = s.shape(ShapeKind::rectangle);
+  s.instance(square, white, placed({2, 0, 0}, {0, 2, 0}, {0, 0, 1}, {0, 0, 0}));
+  for (const float side : {-1.0f, 1.0f}) {
+    s.instance(square, white, placed({2, 0, 0}, {0, 0, 1}, {0, 1, 0}, {0, 2 * side, 1}));
+    s.instance(square, white, placed({0, 2, 0}, {0, 0, 1}, {1, 0, 0}, {2 * side, 0, 1}));
+    s.instance(square, white, placed({0.5f, 0, 0}, {0, 2, 0}, {0, 0, 1}, {1.5f * side, 0, 2}));
+  }
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_window, 16);
+  const RenderResult estimate = render(s.scene, o);
+  EXPECT_EQ(estimate.stats.rays_primary, uint64_t(16 * k_window * k_window));
+  o.method = Method::monte_carlo;
+  o.spp = 256;
+  const Difference d = difference(estimate.image, render(s.scene, o).image);
+  EXPECT_LT(std::abs(d.bias), 0.01);
+}
+
 // A lamp, a sun and a blue sky together.
 TEST(IndirectLight, OfAllLightsIsNearMonteCarlo) {
   Corner s(48, 3);
