@@ -41,6 +41,13 @@ void parallel_for(size_t count, const Body& body) {
   done.take();
 }
 
+// The same for bodies that use scratch memory of their thread and wait within, for a bake or an inner loop: a thread
+// that waits begins no other call.
+template <class Body>
+void parallel_for_isolated(size_t count, const Body& body) {
+  parallel_for(count, [&](size_t i) { tbb::this_task_arena::isolate([&] { body(i); }); });
+}
+
 // arena.execute(body): where the arena is full, another of its threads calls body() while this one waits. Rethrows what
 // body() throws.
 template <class Body>

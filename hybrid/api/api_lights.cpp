@@ -184,21 +184,19 @@ FTError ftLightVisibility(FTScene scene, const float* points, size_t point_strid
     std::vector<LightExtent> extents;
     for (uint32_t k = 0; k < light_count; ++k) extents.push_back(light_extent(lamps, k));
     execute_in(s.device->arena, [&] {
-      parallel_for((point_count + k_points_of_chunk - 1) / k_points_of_chunk, [&](size_t c) {
-        tbb::this_task_arena::isolate([&] {
-          const size_t begin = c * k_points_of_chunk, end = std::min(point_count, begin + k_points_of_chunk);
-          ShadingPointBatch batch;
-          batch.resize(end - begin);
-          for (size_t j = 0; j < padded(end - begin); ++j) set_point(at, std::min(begin + j, end - 1), batch, j);
-          for (uint32_t k = 0; k < light_count; ++k) {
-            LightChunk chunk(s, table, k, extents[k]);
-            chunk.see(batch);
-            for (size_t i = begin; i < end; ++i) {
-              *seen.at(i * light_count + k) = chunk.share(i - begin);
-              if (sure) *sure.at(i * light_count + k) = chunk.certain(i - begin);
-            }
+      parallel_for_isolated((point_count + k_points_of_chunk - 1) / k_points_of_chunk, [&](size_t c) {
+        const size_t begin = c * k_points_of_chunk, end = std::min(point_count, begin + k_points_of_chunk);
+        ShadingPointBatch batch;
+        batch.resize(end - begin);
+        for (size_t j = 0; j < padded(end - begin); ++j) set_point(at, std::min(begin + j, end - 1), batch, j);
+        for (uint32_t k = 0; k < light_count; ++k) {
+          LightChunk chunk(s, table, k, extents[k]);
+          chunk.see(batch);
+          for (size_t i = begin; i < end; ++i) {
+            *seen.at(i * light_count + k) = chunk.share(i - begin);
+            if (sure) *sure.at(i * light_count + k) = chunk.certain(i - begin);
           }
-        });
+        }
       });
     });
   });

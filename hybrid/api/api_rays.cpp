@@ -34,10 +34,8 @@ template <class Body>
 void for_chunks(Device& device, size_t count, const Body& body) {
   const size_t chunks = (count + k_rays_of_chunk - 1) / k_rays_of_chunk;
   execute_in(device.arena, [&] {
-    parallel_for(chunks, [&](size_t c) {
-      // A thread that waits in a bake must not begin another chunk with the same scratch memory.
-      tbb::this_task_arena::isolate([&] { body(c * k_rays_of_chunk, std::min(count, (c + 1) * k_rays_of_chunk)); });
-    });
+    parallel_for_isolated(chunks,
+                          [&](size_t c) { body(c * k_rays_of_chunk, std::min(count, (c + 1) * k_rays_of_chunk)); });
   });
 }
 

@@ -155,26 +155,24 @@ FTError ftSkyVisibility(FTScene scene, const float* points, size_t point_stride,
       std::iota(order.begin(), order.end(), size_t(0));
       std::stable_sort(order.begin(), order.end(),
                        [&](size_t a, size_t b) { return at.instance_of(a) < at.instance_of(b); });
-      parallel_for((point_count + k_points_of_chunk - 1) / k_points_of_chunk, [&](size_t c) {
-        tbb::this_task_arena::isolate([&] {
-          const size_t last = std::min(point_count, (c + 1) * k_points_of_chunk);
-          SkyBatch batch(s, sky);
-          for (size_t begin = c * k_points_of_chunk, end = begin; begin < last; begin = end) {
-            const uint32_t instance = at.instance_of(order[begin]);
-            const auto place_of = [&](size_t k) { return sky.maps().place(instance, vector_at(at.points, order[k])); };
-            const Sphere place = place_of(begin);
-            for (end = begin + 1; end < last && at.instance_of(order[end]) == instance; ++end) {
-              if (place_of(end).centre != place.centre) break;
-            }
-            batch.points.resize(end - begin);
-            for (size_t k = begin; k < end; ++k) set_point(at, order[k], batch.points, k - begin);
-            batch.see(place);
-            for (size_t k = begin; k < end; ++k) {
-              *seen.at(order[k]) = batch.share(k - begin);
-              if (sure) *sure.at(order[k]) = batch.certain(k - begin);
-            }
+      parallel_for_isolated((point_count + k_points_of_chunk - 1) / k_points_of_chunk, [&](size_t c) {
+        const size_t last = std::min(point_count, (c + 1) * k_points_of_chunk);
+        SkyBatch batch(s, sky);
+        for (size_t begin = c * k_points_of_chunk, end = begin; begin < last; begin = end) {
+          const uint32_t instance = at.instance_of(order[begin]);
+          const auto place_of = [&](size_t k) { return sky.maps().place(instance, vector_at(at.points, order[k])); };
+          const Sphere place = place_of(begin);
+          for (end = begin + 1; end < last && at.instance_of(order[end]) == instance; ++end) {
+            if (place_of(end).centre != place.centre) break;
           }
-        });
+          batch.points.resize(end - begin);
+          for (size_t k = begin; k < end; ++k) set_point(at, order[k], batch.points, k - begin);
+          batch.see(place);
+          for (size_t k = begin; k < end; ++k) {
+            *seen.at(order[k]) = batch.share(k - begin);
+            if (sure) *sure.at(order[k]) = batch.certain(k - begin);
+          }
+        }
       });
     });
   });

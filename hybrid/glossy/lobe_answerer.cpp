@@ -6,7 +6,7 @@
 #include "core/platform/parallel.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/glossy/radiance_maps.h"
-#include "hybrid/stats/stopwatch.h"
+#include "hybrid/stats/secondary_timer.h"
 #include "hybrid/visibility/device_answers.h"
 #include "hybrid/visibility/direction_order.h"
 #include "hybrid/visibility/query_and_bake.h"
@@ -261,17 +261,10 @@ void LobeAnswerer::answer(const Request& request) const {
 
 void LobeAnswerer::answer(std::span<const Request> requests, VisibilityDevice& device) const {
   const auto for_all = [&](const auto& work) {
-    parallel_for(requests.size(), [&](size_t i) {
-      // Isolated: a thread that waits for a bake must not begin another with the same workspace.
-      tbb::this_task_arena::isolate([&] {
-        Stats& stats = requests[i].stats;
-        const double bake_before = stats.time_bake;
-        {
-          const ScopedTimer timer(stats.time_secondary);
-          work(requests[i]);
-        }
-        stats.time_secondary -= stats.time_bake - bake_before;
-      });
+    parallel_for_isolated(requests.size(), [&](size_t i) {
+      Stats& stats = requests[i].stats;
+      const SecondaryTimer timer(stats);
+      work(requests[i]);
     });
   };
   for_all([&](const Request& r) {

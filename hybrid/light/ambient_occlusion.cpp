@@ -6,7 +6,7 @@
 #include "core/platform/parallel.h"
 #include "core/sampling/sobol.hd.h"
 #include "hybrid/light/direct_light.h"
-#include "hybrid/stats/stopwatch.h"
+#include "hybrid/stats/secondary_timer.h"
 
 namespace fieldtrace {
 namespace {
@@ -98,8 +98,7 @@ void AmbientOcclusion::gather_waves(std::span<const Request> requests) {
   if (requests.empty()) return;
   const TransportContext& context = requests[0].occlusion.context_;
   const auto for_all = [&](const auto& work) {
-    // Isolated: a thread that waits must not begin another with the same workspaces.
-    parallel_for(requests.size(), [&](size_t i) { tbb::this_task_arena::isolate([&] { work(i, requests[i]); }); });
+    parallel_for_isolated(requests.size(), [&](size_t i) { work(i, requests[i]); });
   };
   // A device does not know what lies within a distance.
   if (!context.occlusion_sky || context.occlusion_sky->distance() < k_infinity)
@@ -150,21 +149,17 @@ void AmbientOcclusion::gather_by_rays(std::span<FirstHit> firsts, Stats& stats) 
   const size_t group_size = size_t(std::max(k_shadow_batch / settings.light_samples, 1));
   for (size_t begin = 0; begin < points_.size(); begin += group_size) {
     fill_shading_points(begin, std::min(begin + group_size, points_.size()));
-    const double bake_before = stats.time_bake;
-    {
-      const ScopedTimer timer(stats.time_secondary);
-      candidates_.light = reach();
-      candidates_.light_samples.assign(shading_points_.size, 1);
-      candidates_.pixel_samples = 1;  // no cone answers for so wide a light
-      context_.occlusion_answerer->find_candidates(shading_points_, candidates_, stats);
-      sample_light(sky_, 0, shading_points_, settings.light_samples, settings.isa, rays_);
-      for (size_t i = 0; i < rays_.rays.size; ++i) {
-        if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;
-        rays_.source = {};  // not those of a light any more
-      }
-      context_.occlusion_answerer->answer(candidates_, rays_, stats);
+    const SecondaryTimer timer(stats);
+    candidates_.light = reach();
+    candidates_.light_samples.assign(shading_points_.size, 1);
+    candidates_.pixel_samples = 1;  // no cone answers for so wide a light
+    context_.occlusion_answerer->find_candidates(shading_points_, candidates_, stats);
+    sample_light(sky_, 0, shading_points_, settings.light_samples, settings.isa, rays_);
+    for (size_t i = 0; i < rays_.rays.size; ++i) {
+      if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;
+      rays_.source = {};  // not those of a light any more
     }
-    stats.time_secondary -= stats.time_bake - bake_before;
+    context_.occlusion_answerer->answer(candidates_, rays_, stats);
     count(begin, firsts, stats);
   }
 }

@@ -1,19 +1,11 @@
 #include "hybrid/light/direct_light.h"
 
-#include <tbb/task_arena.h>
-
 #include "core/platform/parallel.h"
+#include "hybrid/stats/secondary_timer.h"
 #include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {
-
-// Calls work(i) for i in [0, count) in parallel. Isolated: a thread that waits must not begin another with the same
-// workspaces.
-template <class Work>
-void for_all(size_t count, const Work& work) {
-  parallel_for(count, [&](size_t i) { tbb::this_task_arena::isolate([&] { work(i); }); });
-}
 
 // Lists that several threads fill, one each, as one.
 template <class T>
@@ -85,15 +77,14 @@ void DirectLight::gather_by_groups() {
     g.begin(*shared_, begins_[i], begins_[i + 1]);
     for (uint32_t light = 0; light < context_.lights.size(); ++light) {
       if (!g.begin_light(light)) continue;
-      const double bake_before = stats.time_bake;
       {
-        const ScopedTimer timer(stats.time_secondary);
+        const SecondaryTimer timer(stats);
         auto request = g.ask_candidates();
         answerer.find_candidates(request.points, request.group, stats);
       }
       g.take_candidates();
       {
-        const ScopedTimer timer(stats.time_secondary);
+        const SecondaryTimer timer(stats);
         for (g.list_strata(); g.has_strata(); g.take_strata()) {
           const auto request = g.ask_strata();
           answerer.filter(request.group, request.all, request.shading_points, request.strata, request.batch,
@@ -102,10 +93,9 @@ void DirectLight::gather_by_groups() {
       }
       for (g.list_open(); g.has_samples(); g.take_samples()) {
         const auto request = g.ask_samples();
-        const ScopedTimer timer(stats.time_secondary);
+        const SecondaryTimer timer(stats);
         answerer.answer(request.group, request.batch, stats, g.counts_open());
       }
-      stats.time_secondary -= stats.time_bake - bake_before;
       g.finish_light();
     }
   }
@@ -114,14 +104,14 @@ void DirectLight::gather_by_groups() {
 void DirectLight::gather_light(std::span<const Request> requests, uint32_t light) {
   const ShadowAnswerer& answerer = requests[0].direct.context_.answerer;
   std::vector<std::vector<GroupLight*>> groups(requests.size());  // that the light may reach
-  for_all(requests.size(), [&](size_t r) {
+  parallel_for_isolated(requests.size(), [&](size_t r) {
     DirectLight& d = requests[r].direct;
     for (size_t i = 0; i + 1 < d.begins_.size(); ++i) {
       if (d.groups_[i].begin_light(light)) groups[r].push_back(&d.groups_[i]);
     }
   });
   const auto for_groups = [&](const auto& work) {
-    for_all(requests.size(), [&](size_t r) {
+    parallel_for_isolated(requests.size(), [&](size_t r) {
       const ScopedTimer timer(requests[r].stats.time_secondary);
       for (GroupLight* g : groups[r]) work(r, *g);
     });
@@ -155,7 +145,7 @@ void DirectLight::gather_light(std::span<const Request> requests, uint32_t light
 void DirectLight::gather_waves(std::span<const Request> requests) {
   if (requests.empty()) return;
   const TransportContext& context = requests[0].direct.context_;
-  for_all(requests.size(), [&](size_t r) {
+  parallel_for_isolated(requests.size(), [&](size_t r) {
     const Request& request = requests[r];
     DirectLight& d = request.direct;
     d.prepare(request);

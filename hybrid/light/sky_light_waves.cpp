@@ -90,12 +90,9 @@ void SkyLight::take_cells(const Request& request) {
 
 void SkyLight::gather_waves(std::span<const Request> requests, VisibilityDevice& device) {
   const auto for_all = [](std::span<const Request> some, const auto& work) {
-    parallel_for(some.size(), [&](size_t i) {
-      // Isolated: a thread that waits must not begin another with the same workspaces.
-      tbb::this_task_arena::isolate([&] {
-        const ScopedTimer timer(some[i].stats.time_secondary);
-        work(some[i].sky, some[i]);
-      });
+    parallel_for_isolated(some.size(), [&](size_t i) {
+      const ScopedTimer timer(some[i].stats.time_secondary);
+      work(some[i].sky, some[i]);
     });
   };
   for_all(requests, [](SkyLight& sky, const Request& r) { sky.begin(r); });

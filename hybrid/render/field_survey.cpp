@@ -1,7 +1,6 @@
 #include "hybrid/render/field_survey.h"
 
 #include <tbb/enumerable_thread_specific.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 
@@ -59,7 +58,7 @@ FieldSurvey survey_fields(const TransportContext& context, const Rect& film, dou
   const std::vector<Rect> blocks = survey_blocks(film, lights * context.settings.light_samples);
   std::atomic<bool> interrupted = false;
   tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
-  parallel_for(blocks.size(), [&](size_t i) {
+  parallel_for_isolated(blocks.size(), [&](size_t i) {
     if (interrupted || !goes_on()) {
       interrupted = true;
       return;
@@ -69,8 +68,7 @@ FieldSurvey survey_fields(const TransportContext& context, const Rect& film, dou
     samples.resize(pixels.size());
     for (size_t p = 0; p < pixels.size(); ++p) samples.set(p, uint32_t(pixels[p].x), uint32_t(pixels[p].y), 0);
     std::vector<Rgb> radiance(samples.size);
-    // Isolated like the tiles of the picture (render_tiles).
-    tbb::this_task_arena::isolate([&] { workers.local().trace(samples, radiance); });
+    workers.local().trace(samples, radiance);
   });
   survey.interrupted = interrupted;
   uint64_t pixels = 0;

@@ -2,8 +2,6 @@
 // the questions about their light are waves of k_wave_samples light samples and more (hybrid/visibility). A band holds
 // fewer only at the end of the picture. What it takes of memory: docs/gpu.md.
 
-#include <tbb/task_arena.h>
-
 #include <algorithm>
 #include <deque>
 #include <memory>
@@ -168,17 +166,14 @@ void trace_bands(Job& job, const Pass& pass, const std::function<void(size_t til
   std::atomic<size_t> done = 0;
   std::vector<std::unique_ptr<BandTracer>> tracers;
   while (tracers.size() < k_bands) tracers.push_back(std::make_unique<BandTracer>(job));
-  parallel_for(k_bands, [&](size_t i) {
-    // Isolated: a thread that waits for its own band must not begin another one.
-    tbb::this_task_arena::isolate([&] {
-      for (auto run = runs.take(samples); !run.empty() && !job.interrupted; run = runs.take(samples)) {
-        const bool is_done = tracers[i]->trace(run, samples, [&](const TileOfBand& t) {
-          finished(t.tile, t.sums);
-          progress(++done);
-        });
-        if (!is_done) job.interrupted = true;
-      }
-    });
+  parallel_for_isolated(k_bands, [&](size_t i) {
+    for (auto run = runs.take(samples); !run.empty() && !job.interrupted; run = runs.take(samples)) {
+      const bool is_done = tracers[i]->trace(run, samples, [&](const TileOfBand& t) {
+        finished(t.tile, t.sums);
+        progress(++done);
+      });
+      if (!is_done) job.interrupted = true;
+    }
   });
   for (const auto& tracer : tracers) tracer->merge_counters(stats);
 }

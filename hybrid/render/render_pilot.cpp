@@ -74,7 +74,7 @@ void trace_survey(const TransportContext& context, uint32_t samples, uint32_t re
   survey.sums.assign(survey.pixels.size(), {});
   tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
   const size_t tasks = (survey.pixels.size() + k_task_pixels - 1) / k_task_pixels;
-  parallel_for(tasks, [&](size_t task) {
+  parallel_for_isolated(tasks, [&](size_t task) {
     const size_t begin = task * k_task_pixels, end = std::min(begin + k_task_pixels, survey.pixels.size());
     const auto pixels = std::span<const PixelPosition>(survey.pixels).subspan(begin, end - begin);
     const std::vector<SampleRange> ranges(pixels.size(), {0, samples});
@@ -84,10 +84,7 @@ void trace_survey(const TransportContext& context, uint32_t samples, uint32_t re
       PixelSums& sums = survey.sums[begin + run.pixel][size_t(run.sequence)];
       sums.add_of(run.first, samples, radiance, cost.work, cost.seconds);
     };
-    // Isolated like the tiles of the picture (render_tiles).
-    tbb::this_task_arena::isolate([&] {
-      trace_pixels(pixels, ranges, Sequences{2, replicate}, context.settings.lobe_samples, worker, goes_on, add);
-    });
+    trace_pixels(pixels, ranges, Sequences{2, replicate}, context.settings.lobe_samples, worker, goes_on, add);
   });
   for (const TransportWorker& worker : workers) {
     stats.survey_rays += worker.stats().rays_exact;

@@ -116,14 +116,10 @@ void trace_tiles(Job& job, const Pass& pass, const std::function<void(size_t til
   const std::vector<Rect> tiles = picture_tiles(job.picture);
   std::atomic<size_t> done = 0;
   tbb::enumerable_thread_specific<Worker> workers([&] { return Worker(job.context); });
-  parallel_for(pass.tiles.size(), [&](size_t i) {
+  parallel_for_isolated(pass.tiles.size(), [&](size_t i) {
     if (job.interrupted) return;
     Worker& worker = workers.local();
-    bool is_done = false;
-    // Isolated: a thread that waits for a bake inside a tile must not start another tile with the same worker.
-    tbb::this_task_arena::isolate(
-        [&] { is_done = trace_tile(job, pass, tiles[pass.tiles[i]], worker.transport, worker.sums); });
-    if (is_done) {
+    if (trace_tile(job, pass, tiles[pass.tiles[i]], worker.transport, worker.sums)) {
       finished(pass.tiles[i], worker.sums);
       progress(++done);
     } else {

@@ -1,7 +1,5 @@
 #include "hybrid/transport/transport.h"
 
-#include <tbb/task_arena.h>
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -10,6 +8,7 @@
 #include "core/platform/parallel.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/sky/indirect_light.h"
+#include "hybrid/stats/secondary_timer.h"
 #include "hybrid/stats/stopwatch.h"
 #include "hybrid/transport/transport_impl.h"
 
@@ -97,15 +96,11 @@ void TransportWorker::Impl::intersect_all(int vertex_number) {
 }
 
 void TransportWorker::Impl::intersect_by_hits() {
-  const double bake_before = stats.time_bake;
-  {
-    const ScopedTimer timer(stats.time_secondary);
-    hits.resize(rays.size);
-    all_rays.resize(rays.size);
-    std::iota(all_rays.begin(), all_rays.end(), 0u);
-    context.hits->intersect(rays, paths, all_rays, hits, lobe_work.hits, stats);
-  }
-  stats.time_secondary -= stats.time_bake - bake_before;
+  const SecondaryTimer timer(stats);
+  hits.resize(rays.size);
+  all_rays.resize(rays.size);
+  std::iota(all_rays.begin(), all_rays.end(), 0u);
+  context.hits->intersect(rays, paths, all_rays, hits, lobe_work.hits, stats);
 }
 
 void TransportWorker::Impl::mark_certified() {
@@ -120,12 +115,8 @@ bool TransportWorker::Impl::answers_lobes(int vertex_number) const {
 }
 
 void TransportWorker::Impl::intersect_lobes() {
-  const double bake_before = stats.time_bake;
-  {
-    const ScopedTimer timer(stats.time_secondary);
-    context.lobes->answer(lobe_request());
-  }
-  stats.time_secondary -= stats.time_bake - bake_before;
+  const SecondaryTimer timer(stats);
+  context.lobes->answer(lobe_request());
 }
 
 // Adds what maps answered, once hits are known.
@@ -411,9 +402,8 @@ void TransportWorker::trace(std::span<const Batch> band) {
   std::vector<uint64_t> rays_before(band.size());
   std::vector<uint8_t> goes_on(band.size(), 1);
   const auto for_band = [&](const auto& work) {
-    parallel_for(band.size(), [&](size_t i) {
-      // Isolated: a thread that waits for a bake must not begin another batch with the same workspaces.
-      if (goes_on[i]) tbb::this_task_arena::isolate([&] { work(i, *band[i].worker.impl_); });
+    parallel_for_isolated(band.size(), [&](size_t i) {
+      if (goes_on[i]) work(i, *band[i].worker.impl_);
     });
   };
   const auto gather_occlusion = [&] {

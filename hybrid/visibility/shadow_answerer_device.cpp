@@ -2,14 +2,13 @@
 // be asked, group by group. Blocks that met what is not baked are asked about again once it is, but for whole lights:
 // which of their points count depends on what the occluders before have settled, and with it what is to be baked; the
 // CPU's kernels answer these blocks.
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 
 #include "core/platform/parallel.h"
 #include "field/bake/bake.h"
 #include "field/bake/bake_coverage.h"
-#include "hybrid/stats/stopwatch.h"
+#include "hybrid/stats/secondary_timer.h"
 #include "hybrid/visibility/device_answers.h"
 #include "hybrid/visibility/shadow_workspace.h"
 
@@ -25,17 +24,10 @@ void for_each_request(std::span<Request> requests, const Work& work) {
   }
   if (begins.empty()) return;
   begins.push_back(requests.size());
-  parallel_for(begins.size() - 1, [&](size_t part) {
-    // Isolated: a thread that waits for a bake must not begin another part with the same workspace.
-    tbb::this_task_arena::isolate([&] {
-      Stats& stats = requests[begins[part]].stats;
-      const double bake_before = stats.time_bake;
-      {
-        const ScopedTimer timer(stats.time_secondary);
-        for (size_t i = begins[part]; i < begins[part + 1]; ++i) work(requests[i]);
-      }
-      stats.time_secondary -= stats.time_bake - bake_before;
-    });
+  parallel_for_isolated(begins.size() - 1, [&](size_t part) {
+    Stats& stats = requests[begins[part]].stats;
+    const SecondaryTimer timer(stats);
+    for (size_t i = begins[part]; i < begins[part + 1]; ++i) work(requests[i]);
   });
 }
 
