@@ -30,9 +30,9 @@ struct LightTable {
   size_t size() const { return lights.size(); }
 };
 
-// Precomputes every emitter of the scene. Throws Error if an area light names no instance, a mesh that glows has more
-// than 2^26 triangles, if an environment's map is
-// not valid for make_environment, or if there are two environments.
+// Precomputes every emitter of the scene. Throws Error if an area light names no instance, if a mesh that glows has
+// more than 2^26 triangles, if an environment's map is not valid for make_environment, or if there are two
+// environments.
 LightTable make_lights(const Scene& scene);
 
 // Fills `out` (resized to shading_points.size * light_samples) with one shadow ray per shading point and sample towards

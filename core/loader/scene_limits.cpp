@@ -192,14 +192,18 @@ double steepest(const Camera& camera, const Film& film) {
 
 }  // namespace
 
-double largest_origin(const Scene& scene) {
-  double most = k_largest_coordinate;
+RayLimits ray_limits(const Scene& scene) {
+  RayLimits limits = {k_largest_coordinate, k_largest_ray, 0.0};
   for (const Instance& instance : scene.instances) {
     const DAffine t(instance.to_world);
-    // Less its own translation, each coordinate of an origin is at most twice as far.
-    most = std::min(most, k_largest_ray * smallest_stretch(DMat3(t[0], t[1], t[2])) / 4);
+    // Of vectors whose coordinates are no larger, with room for a sum of two.
+    const double reach = k_largest_ray * smallest_stretch(DMat3(t[0], t[1], t[2])) / 4;
+    limits.largest_coordinate = std::min(limits.largest_coordinate, reach - glm::length(t[3]));
+    limits.longest_direction = std::min(limits.longest_direction, reach);
   }
-  return most;
+  // Products with two edges that a millionth of the scene measures do not underflow.
+  limits.shortest_direction = world_box(scene, {}).diameter() * 0x1p-20;
+  return limits;
 }
 
 double camera_reach(const Camera& camera, const Film& film) {

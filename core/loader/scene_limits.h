@@ -55,10 +55,12 @@ struct ScenePlaces {
 // its transforms are those passed to Embree.
 void check_scene_limits(const Scene& scene, const ScenePlaces& places);
 
-// The largest coordinate from which rays may start whose directions are no longer than k_longest_direction: they are
-// within the limits above in the space of every shape, too.
-double largest_origin(const Scene& scene);
-inline constexpr double k_longest_direction = 0x1p18;
+// What rays that are not the renderer's own may be, so that they are within the limits above in the space of every
+// shape: the largest coordinate that they start at (0 or less: there is none), and the lengths of their directions.
+struct RayLimits {
+  double largest_coordinate, longest_direction, shortest_direction;
+};
+RayLimits ray_limits(const Scene& scene);
 
 // Warns of triangles so large compared with their distance from the camera that surfaces and shadows on them blur; an
 // Error in strict mode.

@@ -109,11 +109,14 @@ class LineFeed : public std::streambuf {
  private:
   // Line ends: LF, CR LF, and CR (classic Mac OS).
   std::string_view take_line() {
-    const size_t end = std::min(rest_.find_first_of("\r\n"), rest_.size());
+    // Looked for once, however many lines end before it.
+    if (to_line_feed_ == 0) to_line_feed_ = std::min(rest_.find('\n'), rest_.size());
+    const size_t end = std::min(rest_.substr(0, to_line_feed_).find('\r'), to_line_feed_);
     unterminated_ = end == rest_.size();
     const std::string_view line = rest_.substr(0, end);
-    rest_.remove_prefix(end);
-    rest_.remove_prefix(rest_.starts_with("\r\n") ? 2 : rest_.empty() ? 0 : 1);
+    const size_t next = end + (rest_.substr(end).starts_with("\r\n") ? 2 : unterminated_ ? 0 : 1);
+    rest_.remove_prefix(next);
+    to_line_feed_ -= std::min(next, to_line_feed_);
     ++lines_taken_;
     return line;
   }
@@ -172,6 +175,7 @@ class LineFeed : public std::streambuf {
   SourceLocation where_;
   int lines_taken_ = 0;
   bool not_finite_ = false;
+  size_t to_line_feed_ = 0;    // from the rest's beginning; 0: not known
   bool unterminated_ = false;  // the line is the file's last and has no end
   std::string joined_;
 };

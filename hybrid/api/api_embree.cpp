@@ -60,7 +60,7 @@ class InstanceGeometry final : public UserGeometry {
       s.open.resize(rays.size);
       for (uint32_t i = 0; i < rays.size; ++i) {
         if (!(rays.tmax[i] >= 0.0f) || !(s.batch.exact[i] || s.batch.blocked[i])) continue;
-        s.open.set(s.lanes.size(), rays.origin(i), rays.direction(i), rays.tmax[i]);
+        s.open.copy(s.lanes.size(), s.batch.rays, i);
         s.lanes.push_back(i);
       }
       if (s.lanes.empty()) return;
@@ -70,7 +70,10 @@ class InstanceGeometry final : public UserGeometry {
       for (size_t k = 0; k < s.lanes.size(); ++k) {
         if (s.hits.instance[k] == k_none) continue;
         const Vec3 normal = surface_at(scene_.scene, s.open, s.hits, k).geometric_normal;
-        hits[s.lanes[k]] = {true, s.hits.t[k], s.hits.u[k], s.hits.v[k], normal, s.hits.primitive[k]};
+        double length = 0.0, given = 0.0;  // of its direction, which may have been made unit
+        unit(s.open.direction(k), length), unit(rays.direction(s.lanes[k]), given);
+        const auto t = float(double(s.hits.t[k]) * length / given);
+        hits[s.lanes[k]] = {true, t, s.hits.u[k], s.hits.v[k], normal, s.hits.primitive[k]};
       }
     });
   }
@@ -91,9 +94,10 @@ class InstanceGeometry final : public UserGeometry {
     s.batch.resize(rays.size);
     for (size_t i = 0; i < rays.size; ++i) {
       s.batch.rays.set(i, rays.origin(i), rays.direction(i), rays.tmax[i]);
+      if (rays.tmax[i] >= 0.0f) require_within(rays.origin(i), scene_.largest_coordinate, "a ray's origin");
       s.batch.instance[i] = k_none;
     }
-    make_unit(s.batch.rays);
+    make_unit(s.batch.rays, scene_.usual);
     s.group.candidates.assign(1, instance_);
     s.group.is_tested = false;
     s.group.open.clear();

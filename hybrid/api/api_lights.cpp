@@ -11,8 +11,8 @@ using namespace fieldtrace::api;
 
 namespace {
 
-// A scene of nothing but the lights.
-Scene scene_of_lights(const Buffer<const uint32_t>& shapes, const Buffer<const float, 9>& lights) {
+// A scene of nothing but the lights, of coordinates of at most `most`.
+Scene scene_of_lights(const Buffer<const uint32_t>& shapes, const Buffer<const float, 9>& lights, double most) {
   Scene scene;
   for (const ShapeKind kind : {ShapeKind::sphere, ShapeKind::disk, ShapeKind::rectangle}) {
     Shape shape;
@@ -36,7 +36,7 @@ Scene scene_of_lights(const Buffer<const uint32_t>& shapes, const Buffer<const f
     const float size = is_sphere ? glm::length(x) : glm::length(glm::cross(x, y));
     require(is_finite(centre) && is_finite(x) && (is_sphere || is_finite(y)) && size > 0.0f && std::isfinite(size),
             "light " + number + " is not finite, or has no area");
-    for (const Vec3& part : {centre, x, is_sphere ? x : y}) require_within_limits(part, "light " + number);
+    for (const Vec3& part : {centre, x, is_sphere ? x : y}) require_within(part, most, "light " + number);
     Instance instance;
     instance.shape = shape;
     instance.emitter = uint32_t(k);
@@ -178,7 +178,7 @@ FTError ftLightVisibility(FTScene scene, const float* points, size_t point_strid
     const std::shared_lock lock(s.mutex);
     s.require_commit("ftLightVisibility");
     require_points(s, at);
-    const Scene lamps = scene_of_lights(kinds, places);
+    const Scene lamps = scene_of_lights(kinds, places, s.largest_coordinate);
     if (point_count == 0 || light_count == 0) return;
     const LightTable table = make_lights(lamps);
     std::vector<LightExtent> extents;

@@ -76,7 +76,8 @@ void fill(const SceneObject& s, const RayBuffers& from, size_t begin, size_t end
                             from.directions.at(begin),
                             from.directions.stride(),
                             from.t_max ? from.t_max.at(begin) : nullptr,
-                            from.t_max.stride()};
+                            from.t_max.stride(),
+                            s.usual};
   const RayExtent extent = gather(source, batch.rays);
   bool faulty = extent.faulty;
   for (size_t i = begin; i < end; ++i) {
@@ -91,7 +92,7 @@ void fill(const SceneObject& s, const RayBuffers& from, size_t begin, size_t end
   if (faulty) require_rays(s, from, begin, end);
   ends = {};
   if (origins.empty()) return;
-  if (extent.unbounded || extent.uneven) make_unit(batch.rays);
+  if (extent.unbounded || extent.uneven) make_unit(batch.rays, s.usual);
   if (!extent.unbounded) {
     // Of o + t d: |t d| is at most |o| + |o + t d|, and rounded too.
     const Vec3 slack = gamma_bound(6) * (2.0f * farthest + most(extent.ends));

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "core/image/image.h"
+#include "core/loader/scene_limits.h"
 #include "core/loader/scene_xml.h"
 #include "core/platform/parallel.h"
 #include "field/bake/bake_full.h"
@@ -246,7 +247,7 @@ FTError ftSetSceneCamera(FTScene scene, const float* from, const float* to, cons
                          uint32_t width, uint32_t height) {
   return guarded(scene, [&](SceneObject& s) {
     const Vec3 eye = triple(from, "from"), target = triple(to, "to"), above = triple(up, "up");
-    require_within_limits(eye, "the camera");
+    require_within(eye, k_largest_coordinate, "the camera");
     const Vec3 side = glm::cross(above, target - eye);
     require(glm::length(side) > 0.0f && is_finite(glm::normalize(side)), "`up` lies along the view, or there is none");
     require(horizontal_degrees > 0.0f && horizontal_degrees < 180.0f, "the angle must lie within (0, 180) degrees");

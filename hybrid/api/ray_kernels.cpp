@@ -62,7 +62,7 @@ inline api::RayExtent gather_rays_lanes(const api::RaySource& from, RayBatch& ra
   const float* const directions[3] = {rays.dx.data(), rays.dy.data(), rays.dz.data()};
   BoundsLanes starts, ends;
   hn::Vec<DF> bad = hn::Zero(d), far = hn::Zero(d), uneven = hn::Zero(d);  // not 0 where set
-  const hn::Vec<DF> least = hn::Set(d, api::k_least_square), most = hn::Set(d, api::k_most_square);
+  const hn::Vec<DF> least = hn::Set(d, from.usual.least), most = hn::Set(d, from.usual.most);
   const hn::Vec<DF> one = hn::Set(d, 1.0f);
   for (size_t i = 0; i < padded(rays.size); i += hn::Lanes(d)) {
     const hn::Vec<DF> t = hn::Load(d, rays.tmax.data() + i);
@@ -118,7 +118,7 @@ RayExtent gather_rays_scalar(const RaySource& from, RayBatch& rays) {
     const Vec3 end = o + t * d;
     extent.origins.extend(o), extent.ends.extend(end);
     if (!finite(end)) extent.unbounded = true;
-    if (!is_usual_square(d.x * d.x + d.y * d.y + d.z * d.z)) extent.uneven = true;
+    if (!from.usual.has(d.x * d.x + d.y * d.y + d.z * d.z)) extent.uneven = true;
   }
   return extent;
 }

@@ -8,9 +8,11 @@
 
 namespace fieldtrace::api {
 
-inline constexpr float k_most_square = 0x1p36f, k_least_square = 0x1p-36f;  // scene_limits.h: k_longest_direction
-// Whether a direction of this squared length may go to Embree as it is, in the space of any shape.
-inline bool is_usual_square(float square) { return square >= k_least_square && square <= k_most_square; }
+// Squared lengths of directions that may go to Embree as they are, in the space of every shape.
+struct UsualSquares {
+  float least = 0.0f, most = k_infinity;
+  bool has(float square) const { return square >= least && square <= most; }
+};
 
 // Strides are the bytes from one ray to the next. t_max null: infinite.
 struct RaySource {
@@ -20,6 +22,7 @@ struct RaySource {
   size_t direction_stride;
   const float* t_max;
   size_t t_max_stride;
+  UsualSquares usual;
 };
 
 // Of the rays with t_max >= 0, but for `faulty`.

@@ -1,11 +1,12 @@
 #include "hybrid/api/scene_object.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
 #include "core/loader/scene_limits.h"
 #include "core/math/finite.h"
 #include "core/platform/address_space.h"
-#include "hybrid/api/ray_kernels.h"
 
 namespace fieldtrace::api {
 
@@ -27,7 +28,14 @@ void SceneObject::commit() {
     instance.to_object = Affine(inverse_affine(DAffine(transforms[i])));
   }
   check_limits(scene);
-  largest_coordinate = float(largest_origin(scene));
+  const RayLimits limits = ray_limits(scene);
+  if (!(limits.largest_coordinate > 0.0))
+    throw Error(
+        "an instance is scaled so far down, for its distance from the origin, that single precision cannot hold "
+        "rays to it; use larger units, or bring it nearer");
+  largest_coordinate = float(limits.largest_coordinate);
+  usual = {float(limits.shortest_direction * limits.shortest_direction),
+           float(std::min(limits.longest_direction * limits.longest_direction, 0x1p126))};
   if (traits.empty()) traits = shape_traits(scene);
   if (!fields) {
     FieldPlan plan;
@@ -69,17 +77,18 @@ Vec3 unit(const Vec3& d, double& length) {
   return Vec3(DVec3(d) / length);
 }
 
-void require_within_limits(const Vec3& position, const std::string& name) {
+void require_within(const Vec3& position, double most, const std::string& name) {
   const Vec3 far = glm::abs(position);
-  if (std::max({far.x, far.y, far.z}) <= float(k_largest_coordinate)) return;
-  throw Failure(FT_ERROR_INVALID_ARGUMENT, name + " reaches beyond the coordinate 1.1e12");
+  if (double(std::max({far.x, far.y, far.z})) <= most) return;
+  throw Failure(FT_ERROR_INVALID_ARGUMENT,
+                fmt::format("{} lies beyond the coordinate {:.2g}, too far off", name, most));
 }
 
-void make_unit(RayBatch& rays) {
+void make_unit(RayBatch& rays, const UsualSquares& usual) {
   for (size_t i = 0; i < rays.size; ++i) {
     const float t = rays.tmax[i];
     const Vec3 o = rays.origin(i), d = rays.direction(i);
-    if (!(t >= 0.0f) || (is_finite(o + t * d) && is_usual_square(glm::dot(d, d)))) continue;
+    if (!(t >= 0.0f) || (is_finite(o + t * d) && usual.has(glm::dot(d, d)))) continue;
     double length = 0.0;
     const Vec3 direction = unit(d, length);
     rays.set(i, o, direction, t == k_infinity ? t : float(double(t) * length));

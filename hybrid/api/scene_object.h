@@ -15,6 +15,7 @@
 #include "field/bake/slice_demand.h"
 #include "field/store/field.h"
 #include "hybrid/api/api_objects.h"
+#include "hybrid/api/ray_kernels.h"
 #include "hybrid/fields/field_set.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/render/render.h"
@@ -73,6 +74,7 @@ struct SceneObject {
   RenderOptions options;
   FieldParameters parameters;
   float largest_coordinate = 0.0f;  // of what queries may name
+  UsualSquares usual;               // of their directions
   // Set since the last commit, by instance.
   std::vector<Affine> transforms;
   bool was_committed = false;
@@ -100,11 +102,11 @@ struct SceneObject {
 Vec3 unit(const Vec3& d, double& length);
 
 // Gives unit directions to rays whose end is not finite, as rays of group.light without bounds must have, and to those
-// whose direction's length is not usual (RayExtent).
-void make_unit(RayBatch& rays);
+// whose direction's length is not usual.
+void make_unit(RayBatch& rays, const UsualSquares& usual);
 
-// Throws Failure(FT_ERROR_INVALID_ARGUMENT) unless all of a position is within k_largest_coordinate.
-void require_within_limits(const Vec3& position, const std::string& name);
+// Throws Failure(FT_ERROR_INVALID_ARGUMENT) unless all coordinates are at most `most`.
+void require_within(const Vec3& position, double most, const std::string& name);
 
 // Calls the device's progress callback, and remembers that it asked to stop.
 class Progress {

@@ -2,6 +2,7 @@
 // for.
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "core/math/frame.h"
 #include "core/sampling/sobol.hd.h"
@@ -22,12 +23,16 @@ constexpr uint32_t k_check_stream = 0x4c4f4245u;
 void LobeAnswerer::check_filtered(const Request& r) const {
   RayBatch rays;
   HitBatch hits;
-  for (const FilteredRay& filtered : r.work.filtered) {
-    const PathState& path = r.paths[filtered.ray];
+  std::map<uint32_t, Rgb> answered;  // by ray: of those that maps were asked about, and that they did not refuse
+  for (const uint32_t ray : r.work.queried) answered[ray] = Rgb(0.0f);
+  for (const uint32_t ray : r.work.exact) answered.erase(ray);
+  for (const FilteredRay& filtered : r.work.filtered) answered[filtered.ray] = filtered.radiance;
+  for (const auto& [ray, radiance] : answered) {
+    const PathState& path = r.paths[ray];
     const uint32_t seed = scalar::hash_combine(path.pixel_seed, k_check_stream + path.index);
     if (scalar::hash_uint(seed) % k_check_interval != 0) continue;
-    const Vec3 origin = r.rays.origin(filtered.ray);
-    const Frame frame = frame_about(r.rays.direction(filtered.ray));
+    const Vec3 origin = r.rays.origin(ray);
+    const Frame frame = frame_about(r.rays.direction(ray));
     const float half = std::min(scalar::k_lobe_share / std::sqrt(path.bsdf_density), scalar::k_widest_lobe);
     rays.resize(size_t(k_check_rays));
     hits.resize(size_t(k_check_rays));
@@ -42,7 +47,7 @@ void LobeAnswerer::check_filtered(const Request& r) const {
       RadianceMaps* const maps = hits.instance[k] == k_none ? nullptr : maps_of(hits.instance[k]);
       if (maps) found += double(luminance(maps->radiance_at(hits, k, rays.direction(k)))) / double(k_check_rays);
     }
-    r.stats.checked(CheckedEstimate::lobes).add(double(luminance(filtered.radiance)) - found, found);
+    r.stats.checked(CheckedEstimate::lobes).add(double(luminance(radiance)) - found, found);
   }
 }
 

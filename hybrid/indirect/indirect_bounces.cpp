@@ -20,8 +20,8 @@ constexpr uint32_t k_surfel_stream = 0x53524645u;
 constexpr size_t k_surfel_block = 256;
 // --check: one block in so many.
 constexpr size_t k_check_blocks = 8;
-// Where there is no limit: bounces at most. What remains is a geometric series, of at most this ratio; none further is
-// shaded once it is no more than this part of all.
+// Bounces that are shaded at most. Where more are wanted, what remains is a geometric series, of at most this ratio;
+// none further is shaded once it is no more than this part of all.
 constexpr int k_most_bounces = 16;
 constexpr float k_least_rest = 0.01f, k_most_ratio = 0.99f;
 
@@ -136,10 +136,10 @@ DVec3 sum_of(const SurfelRadiance& radiance) {
   return sum;
 }
 
-// What all further bounces bring, if each is `ratio` of the one before, as a multiple of the last one.
-DVec3 rest_of(const DVec3& ratio) {
+// What `further` bounces (infinity: all) bring, if each is `ratio` of the one before, as a multiple of the last one.
+DVec3 rest_of(const DVec3& ratio, double further) {
   const DVec3 q = glm::clamp(ratio, DVec3(0.0), DVec3(k_most_ratio));
-  return q / (1.0 - q);
+  return q * (1.0 - glm::pow(q, DVec3(further))) / (1.0 - q);
 }
 
 // Adds that: the last bounce is what has changed since `before`.
@@ -183,8 +183,8 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
   for (size_t i = 0; i < radiance.size(); ++i) radiance[i].resize(light->surfels(i).points.size());
   SurfelShader shader(shading, *light);
   std::atomic<uint64_t> rays = 0;
-  const bool no_limit = bounces < 0 || bounces > k_most_bounces;
-  const int most = no_limit ? k_most_bounces : bounces;
+  const bool adds_series = bounces < 0 || bounces > k_most_bounces;
+  const int most = adds_series ? k_most_bounces : bounces;
   sky.set_indirect(nullptr);
   SurfelRadiance before;
   DVec3 change(0.0);  // of the sum over all, by the last bounce
@@ -198,14 +198,15 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
     if (stopped()) break;
     const DVec3 all = sum_of(radiance), change_before = change;
     change = all - sum_of(before);
-    const DVec3 rest = rest_of(change / glm::max(change_before, DVec3(1e-30)));
+    const double further = bounces < 0 ? double(k_infinity) : double(bounces - (bounce + 1));
+    const DVec3 rest = rest_of(change / glm::max(change_before, DVec3(1e-30)), further);
     const bool converges = bounce > 0 && luminance(Rgb(change * rest)) <= k_least_rest * luminance(Rgb(all));
     const bool is_last = converges || bounce + 1 == most;
-    if (no_limit && is_last) add_series(before, Rgb(rest), radiance);
+    if (adds_series && is_last) add_series(before, Rgb(rest), radiance);
     parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
     light->finish();
     sky.set_indirect(light);
-    if (no_limit && is_last) break;
+    if (adds_series && is_last) break;
   }
   stats.bake_rays += rays;
   timer.reset();

@@ -228,6 +228,7 @@ void GroupLight::take_strata(const Batch& batch) {
     if (all && seen.clear == 1.0f) {
       clear_.push_back(cluster);
     } else if (all && seen.clear == 0.0f) {
+      if (context_.answerer.checks() && seen.whole) check_irradiance(cluster, Vec3(0.0f), &seen);
       dark_.push_back(cluster);
     } else {
       seen_of_[cluster] = uint32_t(seen_.size());

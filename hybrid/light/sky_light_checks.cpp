@@ -23,7 +23,8 @@ void SkyLight::check_cells(const Job& job) {
   for (size_t i = 0; i < centres_.size; ++i) {
     if (scalar::hash_uint(centres_.seed[i]) % k_check_interval != 0) continue;
     check_shares(job, i);
-    check_arrival(job, i);
+    // Skies of both kinds in one picture would mix their units.
+    if (sky_ != context_.occlusion_sky || !context_.sky) check_arrival(job, i);
   }
 }
 

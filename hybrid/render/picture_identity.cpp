@@ -26,10 +26,19 @@ std::string hash_of_file(const std::string& path) {
   return hasher.result().hex();
 }
 
-// Names and values of users need not be UTF-8; files that hold an identity must be.
+// Names and values of users need not be UTF-8; files that hold an identity must be. Others are spelt by bytes.
 std::string valid_utf8(const std::string& text) {
-  using Json = nlohmann::json;
-  return Json::parse(Json(text).dump(-1, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace));
+  try {
+    (void)nlohmann::json(text).dump();
+    return text;
+  } catch (const nlohmann::json::type_error&) {
+  }
+  std::string spelt = "bytes ";
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    spelt += byte < 0x80 && c != '\\' ? std::string(1, c) : fmt::format("\\x{:02x}", byte);
+  }
+  return spelt;
 }
 
 const char* name_of(LightEstimator estimator) {

@@ -127,6 +127,9 @@ void warn_of_no_hits(const Picture& picture) {
        "--field-hits always: fields answer no glossy ray of this picture (docs/command_line.md says which they can)");
 }
 
+// Surveys of fields may take this part of a time limit: 1 / k_survey_part.
+constexpr int k_survey_part = 2;
+
 // Prefiltered radiance maps may take 1 / k_map_share of the fields' budget, in addition to it.
 constexpr uint64_t k_map_share = 4;
 
@@ -232,7 +235,8 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   }
   Job job{picture, context, fields.budget(), stage.deadline};
   Checkpoint state;
-  if (stage.resumed && stage.resumed->restarts == stats.field_restarts) {
+  const bool resumes = stage.resumed && stage.resumed->restarts == stats.field_restarts;
+  if (resumes) {
     state = *stage.resumed;
     context.settings.light_samples = state.light_samples;
     context.settings.open_light_samples = state.open_light_samples;
@@ -264,13 +268,18 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   }
   result.image = make_image(picture.window, picture.aovs);
   Stats done;
-  if (picture.stopped() || !surveyed) {
+  const bool begins = surveyed && !picture.stopped();
+  if (!begins) {
     job.interrupted = true;  // perhaps amid decisions, which no checkpoint may keep
-    if (stage.resumed) render_rounds(job, *stage.resumed, result.image, done);  // writes what there was
   } else if (options.keeps_sums()) {
     render_rounds(job, std::move(state), result.image, done);
   } else {
     render_tiles(job, result.image, done);
+  }
+  // However early a resumed picture is stopped, what was there is written.
+  if (picture.stopped() && stage.resumed && !(begins && resumes)) {
+    job.interrupted = true;
+    render_rounds(job, *stage.resumed, result.image, done);
   }
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
   // Even if all tiles were finished before the budget ran out: whether they are depends on the threads.
@@ -368,7 +377,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     if (options.time_limit > 0.0f) {
       const auto limit = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<float>(options.time_limit));
       stage.deadline = begin + limit;
-      stage.survey_end = begin + limit / 2;
+      // What a resumed picture decided, holds.
+      if (picture.wants_fields && options.resume.empty()) stage.survey_end = begin + limit / k_survey_part;
     }
     if (options.keeps_sums()) stage.identity = picture_identity(picture);
     if (options.slice) result.part = part_of(picture);

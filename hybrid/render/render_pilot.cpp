@@ -4,7 +4,9 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -68,10 +70,21 @@ std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each
   return pixels;
 }
 
-// Traces the survey's pixels with `samples` samples of each sequence, while goes_on().
-void trace_survey(const TransportContext& context, uint32_t samples, uint32_t replicate,
-                  const std::function<bool()>& goes_on, Survey& survey, Stats& stats) {
+using GoesOn = std::function<bool()>;
+
+GoesOn until_stopped(const Picture& picture) {
+  return [&] { return !picture.stopped(); };
+}
+// For surveys of fields, which bake.
+GoesOn until_late(const Picture& picture, const Stage& stage) {
+  return [&] { return !picture.stopped() && !stage.is_late(); };
+}
+
+// Traces the survey's pixels with `samples` samples of each sequence. False if goes_on() became false meanwhile.
+bool trace_survey(const TransportContext& context, uint32_t samples, uint32_t replicate, const GoesOn& goes_on,
+                  Survey& survey, Stats& stats) {
   survey.sums.assign(survey.pixels.size(), {});
+  std::atomic<bool> is_complete = true;
   tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
   const size_t tasks = (survey.pixels.size() + k_task_pixels - 1) / k_task_pixels;
   parallel_for_isolated(tasks, [&](size_t task) {
@@ -84,12 +97,14 @@ void trace_survey(const TransportContext& context, uint32_t samples, uint32_t re
       PixelSums& sums = survey.sums[begin + run.pixel][size_t(run.sequence)];
       sums.add_of(run.first, samples, radiance, cost.work, cost.seconds);
     };
-    trace_pixels(pixels, ranges, Sequences{2, replicate}, context.settings.lobe_samples, worker, goes_on, add);
+    if (!trace_pixels(pixels, ranges, Sequences{2, replicate}, context.settings.lobe_samples, worker, goes_on, add))
+      is_complete = false;
   });
   for (const TransportWorker& worker : workers) {
     stats.survey_rays += worker.stats().rays_exact;
     stats.add_bake(worker.stats());
   }
+  return is_complete;
 }
 
 // What the samples of one sequence leave, and how that falls with their number: halves and quarters of a sequence tell
@@ -136,11 +151,11 @@ RayContext::RayContext(const Picture& picture, const Stage& stage) {
       std::make_unique<TransportContext>(picture.scene, stage.accel, stage.camera, *answerer_, settings, stage.lights);
 }
 
-// What samples in `context` leave, as few of them show it.
-NoiseForecast forecast_noise(const Picture& picture, const TransportContext& context, Stats& stats) {
+// What samples in `context` leave, as few of them show it; nothing if goes_on() became false meanwhile.
+std::optional<NoiseForecast> forecast_noise(const Picture& picture, const TransportContext& context,
+                                            const GoesOn& goes_on, Stats& stats) {
   Survey survey = {survey_pixels(picture, k_noise_pixels_each, k_fewest_noise_pixels)};
-  const auto goes_on = [&] { return !picture.stopped(); };
-  trace_survey(context, k_noise_samples, k_noise_replicates, goes_on, survey, stats);
+  if (!trace_survey(context, k_noise_samples, k_noise_replicates, goes_on, survey, stats)) return {};
   return noise_of(survey, picture.options.error_measure);
 }
 
@@ -151,16 +166,16 @@ struct FieldError {
   NoiseForecast fields, rays;
 };
 
-// With about Stage::survey_samples of each sequence, as far as few and many go; a late stage's tells nothing.
-// `ray_sums`: by rays, if not empty; they are traced, and kept there, otherwise.
-FieldError survey_field_error(const Picture& picture, const Stage& stage, const TransportContext& context,
-                              const TransportContext& rays, std::vector<SequencePair>& ray_sums, Stats& stats) {
+// With about Stage::survey_samples of each sequence, as far as few and many go. `ray_sums`: by rays, if not empty; they
+// are traced, and kept there, otherwise. Nothing if goes_on() became false meanwhile.
+std::optional<FieldError> survey_field_error(const Picture& picture, const Stage& stage,
+                                             const TransportContext& context, const TransportContext& rays,
+                                             const GoesOn& goes_on, std::vector<SequencePair>& ray_sums, Stats& stats) {
   Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
   Survey by_rays = {by_fields.pixels, ray_sums};
   const auto of_sequence = uint32_t(nearest_power(std::clamp(stage.survey_samples, k_least_samples, k_most_samples)));
-  const auto goes_on = [&] { return !picture.stopped() && !stage.is_late(); };
-  trace_survey(context, of_sequence, k_error_replicates, goes_on, by_fields, stats);
-  if (ray_sums.empty()) trace_survey(rays, of_sequence, k_error_replicates, goes_on, by_rays, stats);
+  if (!trace_survey(context, of_sequence, k_error_replicates, goes_on, by_fields, stats)) return {};
+  if (ray_sums.empty() && !trace_survey(rays, of_sequence, k_error_replicates, goes_on, by_rays, stats)) return {};
   ray_sums = by_rays.sums;
   const ErrorMeasure measure = picture.options.error_measure;
   FieldError error = {0.0, noise_of(by_fields, measure), noise_of(by_rays, measure)};
@@ -215,7 +230,7 @@ RayNoise survey_ray_noise(const Picture& picture, Stage& stage, const RayContext
     if (known.light_samples == light_samples && known.open_light_samples == open) return known;
   }
   set_light_samples(r, rays.context().settings);
-  r.noise = forecast_noise(picture, rays.context(), stats);
+  r.noise = forecast_noise(picture, rays.context(), until_stopped(picture), stats).value_or(NoiseForecast{});
   stage.ray_noise.push_back(r);
   return r;
 }
@@ -282,16 +297,18 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
 namespace {
 
 // The lobe samples of each camera sample that lower noise most for their work, and their noise, if there is a choice.
-std::optional<NoiseForecast> choose_lobe_samples(const Picture& picture, TransportContext& context, Stats& stats) {
+std::optional<NoiseForecast> choose_lobe_samples(const Picture& picture, TransportContext& context,
+                                                 const GoesOn& goes_on, Stats& stats) {
   // Radiance maps answer for whole lobes.
   if (picture.options.lobe_samples != 1 || context.lobes) return {};
   const std::vector<Bsdf>& all = picture.scene.bsdfs;
   const auto splits = [](const Bsdf& b) { return b.kind != BsdfKind::diffuse && b.kind != BsdfKind::conductor; };
   if (std::none_of(all.begin(), all.end(), splits)) return {};
-  const NoiseForecast one = forecast_noise(picture, context, stats);
+  const std::optional<NoiseForecast> one = forecast_noise(picture, context, goes_on, stats);
+  if (!one) return {};
   picture.split_lobes(context.settings, k_more_lobe_samples);
-  const NoiseForecast more = forecast_noise(picture, context, stats);
-  if (more.mean_square * more.work < one.mean_square * one.work) return more;
+  const std::optional<NoiseForecast> more = forecast_noise(picture, context, goes_on, stats);
+  if (more && more->mean_square * more->work < one->mean_square * one->work) return more;
   picture.split_lobes(context.settings, 1);
   return one;
 }
@@ -305,7 +322,7 @@ NoiseForecast choose_for_rays(const Picture& picture, Stage& stage, const RayCon
     survey_ray_noise(picture, stage, rays, k_more_light_samples, std::max(k_more_light_samples, open), stats);
     set_light_samples(best_for_rays(stage), context.settings);
   }
-  return choose_lobe_samples(picture, context, stats).value_or(best_for_rays(stage).noise);
+  return choose_lobe_samples(picture, context, until_stopped(picture), stats).value_or(best_for_rays(stage).noise);
 }
 
 // The same where few samples do: then the work counts that these take.
@@ -337,7 +354,7 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
   const bool is_short = picture.spp < k_fewest_samples;
   if (!rays_alone) {
     // A survey has chosen light samples already.
-    if (!is_short) choose_lobe_samples(picture, context, stats);
+    if (!is_short) choose_lobe_samples(picture, context, until_late(picture, stage), stats);
     return;
   }
   const double target = square_of_target(picture.options);
@@ -354,12 +371,15 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
                    Stats& stats) {
   const RayContext rays(picture, stage);
-  const FieldError survey = survey_field_error(picture, stage, context, rays.context(), stage.ray_survey, stats);
-  if (stage.is_late() && !picture.stopped()) {
+  const GoesOn goes_on = until_late(picture, stage);
+  const auto leave_to_rays = [&] {
     stage.accuracy = FieldAccuracy::rays;
     return false;
-  }
-  const double error = survey.mean_square;
+  };
+  const std::optional<FieldError> survey =
+      survey_field_error(picture, stage, context, rays.context(), goes_on, stage.ray_survey, stats);
+  if (!survey) return leave_to_rays();
+  const double error = survey->mean_square;
   decided.field_mean_square = error;
   bool are_better;
   if (picture.options.target_error > 0.0f) {
@@ -368,17 +388,18 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
       stage.accuracy = FieldAccuracy::usual;
       return false;
     }
-    const NoiseForecast noise = forecast_noise(picture, context, stats);
-    const double work = noise.work_to(target - error);
+    const std::optional<NoiseForecast> noise = forecast_noise(picture, context, goes_on, stats);
+    if (!noise) return leave_to_rays();
+    const double work = noise->work_to(target - error);
     double ray_work = stage.ray_noise.front().noise.work_to(target);
     if (ray_work >= work && ray_work < k_clear_gain * work)
       ray_work = choose_for_rays(picture, stage, rays, rays.context(), stats).work_to(target);
     are_better = ray_work >= work;
-    plan_samples(picture, stage, noise, target - error, decided);
+    plan_samples(picture, stage, *noise, target - error, decided);
   } else {
     const double seconds = std::max(-seconds_since(*stage.deadline), 0.0) * threads() / pixels_of(picture);
     const auto noise_in_time = [&](const NoiseForecast& n) { return n.mean_square_of(seconds / n.seconds); };
-    are_better = error + noise_in_time(survey.fields) <= noise_in_time(survey.rays);
+    are_better = error + noise_in_time(survey->fields) <= noise_in_time(survey->rays);
   }
   if (!are_better) stage.accuracy = FieldAccuracy::rays;
   return are_better;

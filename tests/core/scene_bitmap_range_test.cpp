@@ -26,6 +26,19 @@ const std::string k_textured =
     "<string name='filename' value='map.exr'/></texture></bsdf></shape>";
 const std::string k_sky = "<emitter type='envmap'><string name='filename' value='map.exr'/></emitter>";
 
+// Grey with alpha: alpha is not the picture, in whatever order the file has them.
+TEST_F(SceneBitmapRange, AlphaIsNoColour) {
+  for (const std::vector<std::string>& channels :
+       {std::vector<std::string>{"Y", "A"}, {"A", "Y"}, {"Y"}, {"A", "R", "G", "B"}, {"R", "G", "B", "A"}}) {
+    Image image{4, 3, channels, std::vector<float>(12 * channels.size())};
+    for (size_t i = 0; i < image.data.size(); ++i) image.data[i] = channels[i % channels.size()] == "A" ? 1.0f : 0.25f;
+    write_image(path("map.exr"), image, {});
+    const Scene scene = load(k_textured);
+    ASSERT_EQ(scene.bitmaps.size(), 1u);
+    for (const Rgb& pixel : scene.bitmaps[0].pixels) EXPECT_EQ(pixel, Rgb(0.25f)) << channels[0];
+  }
+}
+
 TEST_F(SceneBitmapRange, PixelsOutsideAreCutOffWithAWarning) {
   write_map("map.exr", {-0.5f, 0.75f, 3.0f});
   for (const char* raw : {"false", "true"}) {

@@ -164,6 +164,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, HybridErrorTest, testing::ValuesIn(k_scenes),
 TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
   uint64_t answers = 0, wrong = 0;
   uint64_t compared = 0;
+  double differences = 0.0;
   size_t seen = 0;
   for (const HybridScene& s : hybrid_scenes(32)) {
     SCOPED_TRACE(s.name);
@@ -184,6 +185,7 @@ TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
     }
     const CheckedDifferences& irradiance = stats.checked(CheckedEstimate::irradiance);
     compared += irradiance.compared;
+    differences += irradiance.mean_difference();
     EXPECT_LT(irradiance.mean_difference(), 0.01);
     EXPECT_LT(std::abs(irradiance.bias()), 0.005);
     if (s.solid) answers += stats.check_answers, wrong += stats.check_wrong;
@@ -191,6 +193,7 @@ TEST(HybridError, OfSolidMeshesFewAnswersAreWrong) {
   EXPECT_EQ(seen, std::size(k_scenes));
   EXPECT_GT(answers, 50000u);
   EXPECT_GT(compared, 50u);
+  EXPECT_GT(differences, 0.0);
   EXPECT_LE(double(wrong), k_wrong_share * double(answers));
 }
 

@@ -31,7 +31,9 @@ int run_merge(const MergeArguments& arguments, const std::string& command) {
     options.metadata[name] = merged.metadata[name];
   options.metadata["fieldtrace:command"] = command;
   options.metadata["fieldtrace:part_command"] = merged.metadata["fieldtrace:command"];
-  for (const std::string& path : arguments.outputs) write_image(path, merged.image, options);
+  Writes writes;
+  for (const std::string& path : arguments.outputs) writes.attempt([&] { write_image(path, merged.image, options); });
+  writes.rethrow();
   return k_exit_success;
 }
 

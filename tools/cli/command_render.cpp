@@ -5,7 +5,6 @@
 #include <cctype>
 #include <chrono>
 #include <cmath>
-#include <exception>
 #include <filesystem>
 #include <mutex>
 #include <optional>
@@ -93,26 +92,6 @@ std::string denoise_result(const RenderArguments& arguments, const Scene& scene,
   drop_denoise_layers(result.image, arguments.options.aovs);
   return denoiser;
 }
-
-// Writes of several files, of which one that fails does not lose the others.
-class Writes {
- public:
-  template <class Write>
-  void attempt(const Write& write) {
-    try {
-      write();
-    } catch (const std::exception&) {
-      if (!failure_) failure_ = std::current_exception();
-    }
-  }
-  // What the first failure threw.
-  void rethrow() const {
-    if (failure_) std::rethrow_exception(failure_);
-  }
-
- private:
-  std::exception_ptr failure_;
-};
 
 void write_outputs(const RenderArguments& arguments, const RenderResult& result, const std::string& command,
                    const std::string& denoiser, Writes& writes) {

@@ -38,4 +38,11 @@ void require_distinct_files(std::span<const OutputFile> outputs, std::span<const
   }
 }
 
+void Writes::rethrow() const {
+  if (messages_.size() == 1) std::rethrow_exception(first_);
+  std::string all;
+  for (const std::string& message : messages_) all += (all.empty() ? "" : "; ") + message;
+  if (!all.empty()) throw Error(all);
+}
+
 }  // namespace fieldtrace

@@ -31,7 +31,7 @@ struct Rays {
   RaySource source(bool ends = true) const {
     const size_t bytes = floats * sizeof(float);
     const float* const p = data.data();
-    return {p, bytes, p + 3, bytes, ends ? p + 6 : nullptr, bytes};
+    return {p, bytes, p + 3, bytes, ends ? p + 6 : nullptr, bytes, {1e-4f, 1e12f}};
   }
 };
 
@@ -56,6 +56,7 @@ void expect_same(const RaySource& source, size_t count) {
     EXPECT_EQ(extent.faulty, scalar.faulty);
     if (scalar.faulty) continue;
     EXPECT_EQ(extent.unbounded, scalar.unbounded);
+    EXPECT_EQ(extent.uneven, scalar.uneven);
     EXPECT_EQ(extent.origins.lower, scalar.origins.lower);
     EXPECT_EQ(extent.origins.upper, scalar.origins.upper);
     if (scalar.unbounded) continue;
@@ -78,7 +79,7 @@ TEST(RayKernels, PackedArraysAreThoseOfScalarCode) {
   for (size_t count = 0; count < 70; ++count) {
     Rays rays(3 * count, 7, uint32_t(count));
     const float* const p = rays.data.data();
-    const RaySource packed = {p, 12, p + 3 * count, 12, p + 6 * count, 4};
+    const RaySource packed = {p, 12, p + 3 * count, 12, p + 6 * count, 4, {}};
     expect_same(packed, count);
   }
 }

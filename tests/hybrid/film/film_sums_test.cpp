@@ -169,6 +169,29 @@ TEST(FilmSums, PartsMergeToTheWhole) {
   EXPECT_EQ(merged.seconds, 2.0);
 }
 
+// A million samples, and estimates that err on the bright side.
+TEST(FilmSums, LayersStayRight) {
+  FirstHit first;
+  first.hit = true;
+  first.albedo = first.shown_albedo = Rgb(0.7f, 0.3f, 0.9f);
+  first.normal = first.shown_normal = Vec3(0.6f, 0.0f, 0.8f);
+  first.occlusion_rays = 1.0f, first.occlusion_clear = 1.02f;
+  AovSums sums;
+  constexpr int k_samples = 1 << 20;
+  for (int i = 0; i < k_samples; ++i) sums.add(first);
+  float out[3];
+  for (const Aov aov : {Aov::albedo, Aov::denoise_albedo}) {
+    sums.write(aov, out);
+    for (int c = 0; c < 3; ++c) EXPECT_NEAR(out[c], first.albedo[c], 1e-6f);
+  }
+  for (const Aov aov : {Aov::normal, Aov::denoise_normal}) {
+    sums.write(aov, out);
+    for (int c = 0; c < 3; ++c) EXPECT_NEAR(out[c], first.normal[c], 1e-6f);
+  }
+  sums.write(Aov::ao, out);
+  EXPECT_EQ(out[0], 1.0f);
+}
+
 TEST(FilmSums, LayersOfSamples) {
   PixelSums sums;
   const std::vector<Rgb> samples = {Rgb(1.0f), Rgb(3.0f)};

@@ -251,6 +251,8 @@ TEST(Checkpoints, ParametersMayBeAnyBytes) {
   const Image whole = render(scene, o).image;
   o.resume = o.checkpoint;
   EXPECT_EQ(render(scene, o).image.data, whole.data);
+  scene.parameters["caf\xe9"] = "\xfe";
+  EXPECT_THROW(render(scene, o), Error);
   scene.parameters.clear();
   EXPECT_THROW(render(scene, o), Error);
 }

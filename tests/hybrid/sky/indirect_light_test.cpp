@@ -112,14 +112,15 @@ TEST(IndirectLight, OfManyBouncesIsNearMonteCarlo) {
   expect_near_monte_carlo(s.scene, 48, 0.035, 0.01, 0.04);
 }
 
-// In a white room under a skylight, of which each bounce leaves nearly all.
-TEST(IndirectLight, OfEndlessBouncesIsNearMonteCarlo) {
+// Each bounce leaves nearly all: without an end, and with one beyond the bounces that are shaded.
+class WhiteRoom : public testing::TestWithParam<int> {};
+TEST_P(WhiteRoom, IsNearMonteCarlo) {
   SceneMaker s;
   s.scene.camera.to_world = look_at({0, -1.9f, 1}, {0, 2, 0.8f}, {0, 0, 1});
   s.film(k_film, k_film);
   constexpr int k_window = 32;
   s.scene.camera.fov_x_degrees = float(2.0 * std::atan(0.7 * k_film / k_window) * 180.0 / M_PI);
-  s.scene.integrator.max_depth = -1;
+  s.scene.integrator.max_depth = GetParam();
   s.scene.integrator.rr_depth = 50;
   const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.97f));
   s.scene.bsdfs[white].two_sided = true;
@@ -139,6 +140,9 @@ TEST(IndirectLight, OfEndlessBouncesIsNearMonteCarlo) {
   const Difference d = difference(estimate.image, render(s.scene, o).image);
   EXPECT_LT(std::abs(d.bias), 0.01);
 }
+
+INSTANTIATE_TEST_SUITE_P(Depths, WhiteRoom, testing::Values(-1, 24),
+                         [](const auto& depth) { return depth.param < 0 ? "endless" : "deep"; });
 
 // A lamp, a sun and a blue sky together.
 TEST(IndirectLight, OfAllLightsIsNearMonteCarlo) {
