@@ -60,7 +60,9 @@ class InstanceGeometry final : public UserGeometry {
       s.open.resize(rays.size);
       for (uint32_t i = 0; i < rays.size; ++i) {
         if (!(rays.tmax[i] >= 0.0f) || !(s.batch.exact[i] || s.batch.blocked[i])) continue;
-        s.open.copy(s.lanes.size(), s.batch.rays, i);
+        // The caller's, so that its hit does not depend on where the traversal has shortened it.
+        const Vec3 d = rays.direction(i);
+        s.open.copy(s.lanes.size(), scene_.usual.has(glm::dot(d, d)) ? rays : s.batch.rays, i);
         s.lanes.push_back(i);
       }
       if (s.lanes.empty()) return;

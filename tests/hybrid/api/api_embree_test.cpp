@@ -127,6 +127,24 @@ std::vector<RTCRayHit> random_rays(size_t count, unsigned seed) {
   return rays;
 }
 
+// Distances are in units of the direction, whatever its length.
+TEST_F(AttachedScene, DirectionsMayHaveAnyLength) {
+  attach();
+  for (const RTCRayHit& r : random_rays(2000, 9)) {
+    const RTCRayHit expected = intersect_one(target_, r);
+    for (const float scale : {1e-12f, 1e12f}) {
+      RTCRayHit scaled = r;
+      scaled.ray.dir_x *= scale, scaled.ray.dir_y *= scale, scaled.ray.dir_z *= scale;
+      scaled.ray.tnear /= scale, scaled.ray.tfar /= scale;
+      const RTCRayHit a = intersect_one(target_, scaled);
+      if (a.hit.geomID != expected.hit.geomID || a.hit.primID != expected.hit.primID) continue;  // edges
+      if (a.hit.geomID == RTC_INVALID_GEOMETRY_ID) continue;
+      ASSERT_NEAR(a.ray.tfar * scale, expected.ray.tfar, 1e-4f * (1.0f + expected.ray.tfar)) << scale;
+      EXPECT_EQ(occluded_one(target_, scaled), true);
+    }
+  }
+}
+
 TEST_F(AttachedScene, HitsAreThoseOfItsTriangles) {
   attach();
   make_oracle();
