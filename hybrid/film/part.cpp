@@ -96,14 +96,14 @@ ReadPart read_part(const std::string& path) {
   const auto text = read.metadata.find(k_part), hash = read.metadata.find(k_part_hash);
   if (text == read.metadata.end() || hash == read.metadata.end())
     throw NoPart("is no part of a picture; parts are written by `fieldtrace render --slice`");
-  const NoPart damaged("is damaged; render this slice again");
+  const auto damaged = [] { return NoPart("is damaged; render this slice again"); };
   try {
     const Json j = Json::parse(text->second);
     read.part = part_of_json(j);
     if (!put_in_order(read.image, read.part.channels) || hash_of(text->second, read.image) != hash->second)
-      throw damaged;
+      throw damaged();
   } catch (const Json::exception&) {
-    throw damaged;
+    throw damaged();
   }
   if (!is_sound(read.part, read.image)) throw NoPart("is a part of another version of the program");
   return read;

@@ -1,4 +1,5 @@
 // The C interface used wrongly: every call returns an error with a message, and none writes, crashes or hangs.
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -82,7 +83,7 @@ TEST(ApiErrors, NullAndForeignHandles) {
   int on_stack[4] = {};
   const ApiScene s(false);
   for (const FTScene bad : {FTScene(nullptr), reinterpret_cast<FTScene>(on_stack), reinterpret_cast<FTScene>(s.device),
-                            reinterpret_cast<FTScene>(uintptr_t(-16))}) {
+                            std::bit_cast<FTScene>(uintptr_t(-16))}) {
     for (const auto* calls : {&scene_calls(), &queries()}) {
       for (const Call& c : *calls) {
         EXPECT_EQ(c.call(bad), FT_ERROR_INVALID_ARGUMENT) << c.name;
@@ -197,7 +198,7 @@ TEST(ApiErrors, RaysAndBuffers) {
     EXPECT_FALSE(message_of(s.device).empty()) << what;
     for (const uint8_t r : results) ASSERT_EQ(r, 9) << what;
   };
-  for (float* const bad : {&o[299], &d[0], &t[50]}) {
+  for (float* const bad : {&o[299], d.data(), &t[50]}) {
     const float was = *bad;
     *bad = k_nan;
     refused(occluded(s.scene, o.data(), d.data(), t.data(), 100, results.data()), "NaN");
