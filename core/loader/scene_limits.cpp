@@ -59,8 +59,8 @@ WorldBox world_box(const Scene& scene, const ScenePlaces& places) {
     const Instance& instance = scene.instances[i];
     const DAffine t(instance.to_world);
     for (int c = 0; c < 8; ++c) {
-      const DVec3 p(scene.shapes[instance.shape].bounds.corner(c));
-      box.extend(t[0] * p.x + t[1] * p.y + t[2] * p.z + t[3], 0, "the shape", place_of(places.instances, i));
+      const DVec3 corner(scene.shapes[instance.shape].bounds.corner(c));
+      box.extend(transform_point(t, corner), 0, "the shape", place_of(places.instances, i));
     }
   }
   for (size_t i = 0; i < scene.emitters.size(); ++i) {
@@ -141,6 +141,10 @@ void check_instance(const Scene& scene, const Instance& instance, double diamete
   }
 }
 
+double distance_to_box(const DVec3& lower, const DVec3& upper, const DVec3& p) {
+  return glm::length(glm::max(glm::max(lower - p, p - upper), DVec3(0.0)));
+}
+
 struct WorldTriangle {
   DVec3 a, b, c;
   double longest_edge() const { return std::max({glm::length(b - a), glm::length(c - b), glm::length(a - c)}); }
@@ -150,15 +154,12 @@ struct WorldTriangle {
     const double length = glm::length(normal);
     const DVec3 lower = glm::min(a, glm::min(b, c)), upper = glm::max(a, glm::max(b, c));
     const double to_plane = length > 0 ? std::abs(glm::dot(p - a, normal)) / length : 0.0;
-    return std::max(to_plane, glm::length(glm::max(glm::max(lower - p, p - upper), DVec3(0.0))));
+    return std::max(to_plane, distance_to_box(lower, upper, p));
   }
 };
 
 WorldTriangle triangle_of(const TriangleMesh& mesh, const UVec3& index, const DAffine& t) {
-  const auto corner = [&](uint32_t i) {
-    const DVec3 p(mesh.positions[i]);
-    return t[0] * p.x + t[1] * p.y + t[2] * p.z + t[3];
-  };
+  const auto corner = [&](uint32_t i) { return transform_point(t, DVec3(mesh.positions[i])); };
   return {corner(index.x), corner(index.y), corner(index.z)};
 }
 
@@ -166,10 +167,10 @@ WorldTriangle triangle_of(const TriangleMesh& mesh, const UVec3& index, const DA
 double distance_to_box(const Bounds3& bounds, const DAffine& t, const DVec3& p) {
   DVec3 lower(std::numeric_limits<double>::infinity()), upper = -lower;
   for (int c = 0; c < 8; ++c) {
-    const DVec3 b(bounds.corner(c)), corner = t[0] * b.x + t[1] * b.y + t[2] * b.z + t[3];
+    const DVec3 corner = transform_point(t, DVec3(bounds.corner(c)));
     lower = glm::min(lower, corner), upper = glm::max(upper, corner);
   }
-  return glm::length(glm::max(glm::max(lower - p, p - upper), DVec3(0.0)));
+  return distance_to_box(lower, upper, p);
 }
 
 double longest_edge(const TriangleMesh& mesh) {

@@ -23,10 +23,7 @@ DBounds world_bounds(const Scene& scene, const ScenePlacement& placement) {
   for (size_t i = 0; i < scene.instances.size(); ++i) {
     const Bounds3& b = scene.shapes[scene.instances[i].shape].bounds;
     const DAffine& t = placement.instances[i];
-    for (int c = 0; c < 8; ++c) {
-      const DVec3 corner(b.corner(c));
-      result.extend(t[0] * corner.x + t[1] * corner.y + t[2] * corner.z + t[3]);
-    }
+    for (int c = 0; c < 8; ++c) result.extend(transform_point(t, DVec3(b.corner(c))));
   }
   return result;
 }

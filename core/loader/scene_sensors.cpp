@@ -159,8 +159,7 @@ void build_default_sensor(SceneBuilder& builder) {
     const Bounds3& b = scene.shapes[scene.instances[i].shape].bounds;
     const DAffine& t = builder.placement.instances[i];
     for (int c = 0; c < 8; ++c) {
-      const DVec3 corner(b.corner(c));
-      const DVec3 p = t[0] * corner.x + t[1] * corner.y + t[2] * corner.z + t[3];
+      const DVec3 p = transform_point(t, DVec3(b.corner(c)));
       lower = glm::min(lower, p);
       upper = glm::max(upper, p);
     }

@@ -33,8 +33,8 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
   // Grey images have one channel, or two with alpha; one serves for all three colours.
   const bool grey = channels < 3;
   const size_t other_than_alpha = image.channels[0] == "A" && channels > 1 ? 1 : 0;
-  const size_t red = index_of("R", index_of("Y", other_than_alpha)), green = grey ? red : index_of("G", 1),
-               blue = grey ? red : index_of("B", 2);
+  const size_t red = index_of("R", grey ? index_of("Y", other_than_alpha) : 0);
+  const size_t green = grey ? red : index_of("G", 1), blue = grey ? red : index_of("B", 2);
   Bitmap bitmap;
   bitmap.width = image.width;
   bitmap.height = image.height;

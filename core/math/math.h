@@ -40,6 +40,7 @@ constexpr float gamma_bound(int n) {
 inline float luminance(const Rgb& c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }  // IEC 61966-2-1
 
 inline Vec3 transform_point(const Affine& a, const Vec3& p) { return a[0] * p.x + a[1] * p.y + a[2] * p.z + a[3]; }
+inline DVec3 transform_point(const DAffine& a, const DVec3& p) { return a[0] * p.x + a[1] * p.y + a[2] * p.z + a[3]; }
 inline Vec3 transform_vector(const Affine& a, const Vec3& v) { return a[0] * v.x + a[1] * v.y + a[2] * v.z; }
 
 // a after b: transform_point(compose(a, b), p) == transform_point(a, transform_point(b, p)).

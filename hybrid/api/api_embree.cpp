@@ -61,8 +61,7 @@ class InstanceGeometry final : public UserGeometry {
       for (uint32_t i = 0; i < rays.size; ++i) {
         if (!(rays.tmax[i] >= 0.0f) || !(s.batch.exact[i] || s.batch.blocked[i])) continue;
         // The caller's, so that its hit does not depend on where the traversal has shortened it.
-        const Vec3 d = rays.direction(i);
-        s.open.copy(s.lanes.size(), scene_.usual.has(glm::dot(d, d)) ? rays : s.batch.rays, i);
+        s.open.copy(s.lanes.size(), is_usual(rays.direction(i)) ? rays : s.batch.rays, i);
         s.lanes.push_back(i);
       }
       if (s.lanes.empty()) return;
@@ -72,9 +71,10 @@ class InstanceGeometry final : public UserGeometry {
       for (size_t k = 0; k < s.lanes.size(); ++k) {
         if (s.hits.instance[k] == k_none) continue;
         const Vec3 normal = surface_at(scene_.scene, s.open, s.hits, k).geometric_normal;
-        double length = 0.0, given = 0.0;  // of its direction, which may have been made unit
-        unit(s.open.direction(k), length), unit(rays.direction(s.lanes[k]), given);
-        const auto t = float(double(s.hits.t[k]) * length / given);
+        const Vec3 given = rays.direction(s.lanes[k]);
+        double length = 1.0;
+        if (!is_usual(given)) unit(given, length);  // it has been traced as a unit direction
+        const auto t = float(double(s.hits.t[k]) / length);
         hits[s.lanes[k]] = {true, t, s.hits.u[k], s.hits.v[k], normal, s.hits.primitive[k]};
       }
     });
@@ -92,11 +92,14 @@ class InstanceGeometry final : public UserGeometry {
     });
   }
 
+  bool is_usual(const Vec3& direction) const { return scene_.usual.has(glm::dot(direction, direction)); }
+
   void fill(const RayBatch& rays, Scratch& s) const {
     s.batch.resize(rays.size);
     for (size_t i = 0; i < rays.size; ++i) {
       s.batch.rays.set(i, rays.origin(i), rays.direction(i), rays.tmax[i]);
-      if (rays.tmax[i] >= 0.0f) require_within(rays.origin(i), scene_.largest_coordinate, "a ray's origin");
+      if (rays.tmax[i] >= 0.0f && !is_within(rays.origin(i), scene_.largest_coordinate))
+        throw Failure(FT_ERROR_INVALID_ARGUMENT, "a ray to an attached instance starts too far from the scene");
       s.batch.instance[i] = k_none;
     }
     make_unit(s.batch.rays, scene_.usual);

@@ -1,6 +1,5 @@
 #include "hybrid/api/api_points.h"
 
-#include <algorithm>
 #include <cmath>
 
 namespace fieldtrace::api {
@@ -16,9 +15,9 @@ void require_points(const SceneObject& s, const PointBuffers& p) {
   for (size_t i = 0; i < p.count(); ++i) {
     const uint32_t from = p.instance_of(i);
     const char* fault = nullptr;
-    const Vec3 far = glm::abs(vector_at(p.points, i));
-    if (!(std::max({far.x, far.y, far.z}) <= s.largest_coordinate)) fault = "lies too far from the scene";
-    if (!is_finite(far)) fault = "is not finite";
+    const Vec3 position = vector_at(p.points, i);
+    if (!is_within(position, s.largest_coordinate)) fault = "lies too far from the scene";
+    if (!is_finite(position)) fault = "is not finite";
     if (!(std::abs(glm::length(vector_at(p.normals, i)) - 1.0f) < k_unit_slack))
       fault = "has a normal that is not unit";
     if (from != k_none && from >= s.scene.instances.size()) fault = "lies on an instance that is not there";

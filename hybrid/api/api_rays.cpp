@@ -42,14 +42,14 @@ void for_chunks(Device& device, size_t count, const Body& body) {
 void require_rays(const SceneObject& s, const RayBuffers& rays, size_t begin, size_t end) {
   const size_t instances = s.scene.instances.size();
   for (size_t i = begin; i < end; ++i) {
-    const Vec3 d = vector_at(rays.directions, i), far = glm::abs(vector_at(rays.origins, i));
+    const Vec3 o = vector_at(rays.origins, i), d = vector_at(rays.directions, i);
     const uint32_t from = rays.instance_of(i);
-    const bool is_near = std::max({far.x, far.y, far.z}) <= s.largest_coordinate || !(rays.t_of(i) >= 0.0f);
-    if (is_finite(far) && is_finite(d) && d != Vec3(0.0f) && !std::isnan(rays.t_of(i)) && is_near &&
+    const bool is_near = is_within(o, s.largest_coordinate) || !(rays.t_of(i) >= 0.0f);
+    if (is_finite(o) && is_finite(d) && d != Vec3(0.0f) && !std::isnan(rays.t_of(i)) && is_near &&
         (from == k_none || from < instances))
       continue;
-    require(is_near || !is_finite(far), "ray " + std::to_string(i) + " starts beyond the coordinate " +
-                                            fmt::format("{:.2g}", s.largest_coordinate) + ", too far from the scene");
+    require(is_near || !is_finite(o), "ray " + std::to_string(i) + " starts beyond the coordinate " +
+                                          fmt::format("{:.2g}", s.largest_coordinate) + ", too far from the scene");
     require(from == k_none || from < instances, "ray " + std::to_string(i) + " leaves an instance that is not there");
     require(false, "ray " + std::to_string(i) + " has numbers that are not finite, or no direction");
   }
@@ -88,7 +88,7 @@ void fill(const SceneObject& s, const RayBuffers& from, size_t begin, size_t end
   origins = extent.origins;
   const auto most = [](const Bounds3& b) { return glm::max(glm::abs(b.lower), glm::abs(b.upper)); };
   const Vec3 farthest = origins.empty() ? Vec3(0.0f) : most(origins);
-  faulty |= !(std::max({farthest.x, farthest.y, farthest.z}) <= s.largest_coordinate);
+  faulty |= !is_within(farthest, s.largest_coordinate);
   if (faulty) require_rays(s, from, begin, end);
   ends = {};
   if (origins.empty()) return;

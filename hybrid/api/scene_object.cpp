@@ -77,9 +77,13 @@ Vec3 unit(const Vec3& d, double& length) {
   return Vec3(DVec3(d) / length);
 }
 
+bool is_within(const Vec3& position, double most) {
+  const DVec3 far = glm::abs(DVec3(position));
+  return far.x <= most && far.y <= most && far.z <= most;
+}
+
 void require_within(const Vec3& position, double most, const std::string& name) {
-  const Vec3 far = glm::abs(position);
-  if (double(std::max({far.x, far.y, far.z})) <= most) return;
+  if (is_within(position, most)) return;
   throw Failure(FT_ERROR_INVALID_ARGUMENT,
                 fmt::format("{} lies beyond the coordinate {:.2g}, too far off", name, most));
 }

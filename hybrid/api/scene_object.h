@@ -105,7 +105,9 @@ Vec3 unit(const Vec3& d, double& length);
 // whose direction's length is not usual.
 void make_unit(RayBatch& rays, const UsualSquares& usual);
 
-// Throws Failure(FT_ERROR_INVALID_ARGUMENT) unless all coordinates are at most `most`.
+// Whether all coordinates are at most `most`: of no NaN.
+bool is_within(const Vec3& position, double most);
+// Throws Failure(FT_ERROR_INVALID_ARGUMENT) unless they are.
 void require_within(const Vec3& position, double most, const std::string& name);
 
 // Calls the device's progress callback, and remembers that it asked to stop.

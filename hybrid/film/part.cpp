@@ -29,7 +29,7 @@ std::string part_text(const Part& part) {
   const Json j = {{"slice", part.slice.number},       {"of", part.slice.count},    {"window", rect_json(part.window)},
                   {"traced", rect_json(part.traced)}, {"identity", part.identity}, {"decided", part.decided},
                   {"channels", part.channels}};
-  // Channels' names need not be UTF-8.
+  // A caller's strings need not be UTF-8.
   return j.dump(-1, ' ', /*ensure_ascii=*/true, Json::error_handler_t::replace);
 }
 

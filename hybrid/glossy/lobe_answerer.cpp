@@ -262,8 +262,7 @@ void LobeAnswerer::answer(const Request& request) const {
 void LobeAnswerer::answer(std::span<const Request> requests, VisibilityDevice& device) const {
   const auto for_all = [&](const auto& work) {
     parallel_for_isolated(requests.size(), [&](size_t i) {
-      Stats& stats = requests[i].stats;
-      const SecondaryTimer timer(stats);
+      const SecondaryTimer timer(requests[i].stats);
       work(requests[i]);
     });
   };

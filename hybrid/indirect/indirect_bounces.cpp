@@ -201,12 +201,12 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
     const double further = bounces < 0 ? double(k_infinity) : double(bounces - (bounce + 1));
     const DVec3 rest = rest_of(change / glm::max(change_before, DVec3(1e-30)), further);
     const bool converges = bounce > 0 && luminance(Rgb(change * rest)) <= k_least_rest * luminance(Rgb(all));
-    const bool is_last = converges || bounce + 1 == most;
-    if (adds_series && is_last) add_series(before, Rgb(rest), radiance);
+    const bool is_last = adds_series && (converges || bounce + 1 == most);
+    if (is_last) add_series(before, Rgb(rest), radiance);
     parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
     light->finish();
     sky.set_indirect(light);
-    if (adds_series && is_last) break;
+    if (is_last) break;
   }
   stats.bake_rays += rays;
   timer.reset();

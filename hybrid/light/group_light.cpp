@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/sampling/sobol.hd.h"
 #include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {

@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "core/sampling/sobol.hd.h"
+#include "core/sampling/warp.hd.h"
 #include "field/bake/cell_lines.h"
 #include "field/maps/cell_visibility.hd.h"
 #include "hybrid/light/sky_light.h"
@@ -104,12 +105,11 @@ void SkyLight::check_arrival(const Job& job, size_t point) {
   for (uint32_t k = 0; k < k_arrival_rays; ++k) {
     const size_t from = start_of_ray(job, point, k);
     const auto u = scalar::sample_2d(k, seed, 2);
-    const float radius = std::sqrt(u.x), angle = 2.0f * k_pi * u.y, cosine = std::sqrt(1.0f - u.x);
-    const Vec3 d =
-        frame_about(all.shading_normal(from)).to_world({radius * std::cos(angle), radius * std::sin(angle), cosine});
+    const auto local = scalar::cosine_hemisphere(u.x, u.y);
+    const Vec3 d = frame_about(all.shading_normal(from)).to_world({local.x, local.y, local.z});
     if (!(glm::dot(d, all.geometric_normal(from)) > 0.0f)) continue;
     rays.set(cosines.size(), ray_origin(all, from, d), d, sky_->distance());
-    cosines.push_back(std::max(cosine, 1e-6f));
+    cosines.push_back(std::max(local.z, 1e-6f));
   }
   rays.resize(cosines.size());
   hits.resize(cosines.size());

@@ -33,8 +33,7 @@ FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std
   settings.first_hits = false;
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings, stage.lights);
   const double repeats = double(picture.spp) * double(options.light_samples) / double(light_samples);
-  const auto goes_on = [&] { return !picture.stopped() && !stage.is_late(); };
-  FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}), repeats, goes_on);
+  FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}), repeats, until_late(picture, stage));
   stats.survey_rays += survey.stats.rays_exact;
   stats.add_bake(survey.stats);
   return survey;

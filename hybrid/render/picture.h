@@ -4,6 +4,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -93,5 +94,10 @@ struct Stage {
   // Whether surveys of fields, which bake for them, have taken their share of a time limit: rays are left then.
   bool is_late() const { return survey_end && uses_fields() && Clock::now() >= *survey_end; }
 };
+
+// Whether a survey that may bake fields goes on. Both must outlive this.
+inline std::function<bool()> until_late(const Picture& picture, const Stage& stage) {
+  return [&] { return !picture.stopped() && !stage.is_late(); };
+}
 
 }  // namespace fieldtrace

@@ -75,10 +75,6 @@ using GoesOn = std::function<bool()>;
 GoesOn until_stopped(const Picture& picture) {
   return [&] { return !picture.stopped(); };
 }
-// For surveys of fields, which bake.
-GoesOn until_late(const Picture& picture, const Stage& stage) {
-  return [&] { return !picture.stopped() && !stage.is_late(); };
-}
 
 // Traces the survey's pixels with `samples` samples of each sequence. False if goes_on() became false meanwhile.
 bool trace_survey(const TransportContext& context, uint32_t samples, uint32_t replicate, const GoesOn& goes_on,
@@ -166,17 +162,17 @@ struct FieldError {
   NoiseForecast fields, rays;
 };
 
-// With about Stage::survey_samples of each sequence, as far as few and many go. `ray_sums`: by rays, if not empty; they
-// are traced, and kept there, otherwise. Nothing if goes_on() became false meanwhile.
-std::optional<FieldError> survey_field_error(const Picture& picture, const Stage& stage,
-                                             const TransportContext& context, const TransportContext& rays,
-                                             const GoesOn& goes_on, std::vector<SequencePair>& ray_sums, Stats& stats) {
+// With about Stage::survey_samples of each sequence, as far as few and many go. Rays are traced once for all accuracies
+// (Stage::ray_survey). Nothing if the picture was stopped meanwhile or the stage became late.
+std::optional<FieldError> survey_field_error(const Picture& picture, Stage& stage, const TransportContext& context,
+                                             const TransportContext& rays, Stats& stats) {
   Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
-  Survey by_rays = {by_fields.pixels, ray_sums};
+  Survey by_rays = {by_fields.pixels, stage.ray_survey};
   const auto of_sequence = uint32_t(nearest_power(std::clamp(stage.survey_samples, k_least_samples, k_most_samples)));
+  const GoesOn goes_on = until_late(picture, stage);
   if (!trace_survey(context, of_sequence, k_error_replicates, goes_on, by_fields, stats)) return {};
-  if (ray_sums.empty() && !trace_survey(rays, of_sequence, k_error_replicates, goes_on, by_rays, stats)) return {};
-  ray_sums = by_rays.sums;
+  if (by_rays.sums.empty() && !trace_survey(rays, of_sequence, k_error_replicates, goes_on, by_rays, stats)) return {};
+  stage.ray_survey = by_rays.sums;
   const ErrorMeasure measure = picture.options.error_measure;
   FieldError error = {0.0, noise_of(by_fields, measure), noise_of(by_rays, measure)};
   for (size_t i = 0; i < by_fields.pixels.size(); ++i) {
@@ -371,13 +367,11 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
                    Stats& stats) {
   const RayContext rays(picture, stage);
-  const GoesOn goes_on = until_late(picture, stage);
   const auto leave_to_rays = [&] {
     stage.accuracy = FieldAccuracy::rays;
     return false;
   };
-  const std::optional<FieldError> survey =
-      survey_field_error(picture, stage, context, rays.context(), goes_on, stage.ray_survey, stats);
+  const std::optional<FieldError> survey = survey_field_error(picture, stage, context, rays.context(), stats);
   if (!survey) return leave_to_rays();
   const double error = survey->mean_square;
   decided.field_mean_square = error;
@@ -388,7 +382,7 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
       stage.accuracy = FieldAccuracy::usual;
       return false;
     }
-    const std::optional<NoiseForecast> noise = forecast_noise(picture, context, goes_on, stats);
+    const std::optional<NoiseForecast> noise = forecast_noise(picture, context, until_late(picture, stage), stats);
     if (!noise) return leave_to_rays();
     const double work = noise->work_to(target - error);
     double ray_work = stage.ray_noise.front().noise.work_to(target);

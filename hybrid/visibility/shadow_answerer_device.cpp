@@ -25,8 +25,7 @@ void for_each_request(std::span<Request> requests, const Work& work) {
   if (begins.empty()) return;
   begins.push_back(requests.size());
   parallel_for_isolated(begins.size() - 1, [&](size_t part) {
-    Stats& stats = requests[begins[part]].stats;
-    const SecondaryTimer timer(stats);
+    const SecondaryTimer timer(requests[begins[part]].stats);
     for (size_t i = begins[part]; i < begins[part + 1]; ++i) work(requests[i]);
   });
 }

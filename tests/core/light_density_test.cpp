@@ -39,9 +39,9 @@ struct Parametrised {
         return {2 * a - 1, 2 * b - 1, 0};
     }
   }
-  DVec3 point(double a, double b) const { return apply(to_world, object_point(a, b)); }
+  DVec3 point(double a, double b) const { return transform_point(to_world, object_point(a, b)); }
   glm::dvec2 parameters(const DVec3& world) const {
-    const DVec3 p = apply(inverse_affine(to_world), world);
+    const DVec3 p = transform_point(inverse_affine(to_world), world);
     const double turn = std::atan2(p.y, p.x) / (2 * M_PI), b = turn < 0 ? turn + 1 : turn;
     switch (kind) {
       case ShapeKind::sphere:
@@ -62,8 +62,6 @@ struct Parametrised {
     const DVec3 db = (point(a, b + k_step) - point(a, b - k_step)) / (2 * k_step);
     return side * glm::cross(da, db);
   }
-
-  static DVec3 apply(const DAffine& t, const DVec3& p) { return t[0] * p.x + t[1] * p.y + t[2] * p.z + t[3]; }
 };
 
 std::vector<Parametrised> parametrised_lights() {

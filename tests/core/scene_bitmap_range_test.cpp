@@ -39,6 +39,17 @@ TEST_F(SceneBitmapRange, AlphaIsNoColour) {
   }
 }
 
+// Three channels of other names are the colours in their order.
+TEST_F(SceneBitmapRange, ThreeChannelsAreColours) {
+  Image image{2, 1, {"X", "Y", "Z"}, {0.1f, 0.2f, 0.3f, 0.1f, 0.2f, 0.3f}};
+  ImageWriteOptions options;
+  options.half = false;
+  write_image(path("map.exr"), image, options);
+  const Scene scene = load(k_textured);
+  ASSERT_EQ(scene.bitmaps.size(), 1u);
+  EXPECT_EQ(scene.bitmaps[0].pixels[0], Rgb(0.1f, 0.2f, 0.3f));
+}
+
 TEST_F(SceneBitmapRange, PixelsOutsideAreCutOffWithAWarning) {
   write_map("map.exr", {-0.5f, 0.75f, 3.0f});
   for (const char* raw : {"false", "true"}) {
