@@ -23,6 +23,7 @@
 #include "core/image/image_decoder.h"
 #include "core/image/plain_images.h"
 #include "core/io/atomic_file.h"
+#include "core/io/file_ending.h"
 #include "core/io/input_file.h"
 #include "core/platform/error.h"
 #include "core/platform/module.h"
@@ -37,8 +38,7 @@ enum class Format { exr, png };
 constexpr float k_half_max = 65504.0f;
 
 Format format_of(const std::string& path) {
-  std::string ending = std::filesystem::path(path).extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  const std::string ending = file_ending(path);
   if (ending == ".exr") return Format::exr;
   if (ending == ".png") return Format::png;
   throw Error({path}, "unknown image format '" + ending + "'; end the name in .exr or .png");

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -11,6 +10,7 @@
 #include <memory>
 
 #include "core/io/atomic_file.h"
+#include "core/io/file_ending.h"
 #include "core/io/input_file.h"
 #include "core/math/finite.h"
 #include "core/mesh/mesh_readers.h"
@@ -44,12 +44,6 @@ Bytes read_file(const std::string& path) {
     throw Error(where, "cannot be read to its end, check the disk");
   }
   return bytes;
-}
-
-std::string lower_extension(const std::string& path) {
-  std::string e = fs::path(path).extension().string();
-  std::transform(e.begin(), e.end(), e.begin(), [](unsigned char c) { return char(std::tolower(c)); });
-  return e;
 }
 
 const char* plural(uint64_t n) { return n == 1 ? "" : "s"; }
@@ -135,7 +129,7 @@ void validate_mesh(TriangleMesh& mesh, const std::string& name, const WarningSin
 
 TriangleMesh load_mesh(const std::string& path, const MeshLoadOptions& options, const WarningSink& warning) {
   const SourceLocation where{path};
-  const std::string extension = lower_extension(path);
+  const std::string extension = file_ending(path);
   const bool obj = extension == ".obj";
   if (!obj && extension != ".ply") {
     throw Error(where, "unknown kind of mesh file, convert it to .obj or .ply");

@@ -90,7 +90,7 @@ class LineFeed : public std::streambuf {
     where_.line = lines_taken_ + 1;
     joined_.clear();
     std::string_view line = take_line();
-    if (line.ends_with('\\')) {  // line continuation, which the parser does not support
+    if (line.ends_with('\\') && !is_comment(line)) {  // line continuation, which the parser does not support
       while (line.ends_with('\\')) {
         joined_.append(line.substr(0, line.size() - 1)).push_back(' ');
         line = rest_.empty() ? std::string_view() : take_line();
@@ -99,6 +99,7 @@ class LineFeed : public std::streambuf {
     } else {
       joined_.assign(line);
     }
+    drop_comment(joined_);
     check(joined_);
     drop_trailing_slashes(joined_);
     joined_.push_back('\n');
@@ -119,6 +120,17 @@ class LineFeed : public std::streambuf {
     to_line_feed_ -= std::min(next, to_line_feed_);
     ++lines_taken_;
     return line;
+  }
+
+  static bool is_comment(std::string_view line) { return next_word(line).starts_with('#'); }
+
+  // Behind the numbers of a line; names may begin with the sign.
+  static void drop_comment(std::string& line) {
+    std::string_view rest = line;
+    const std::string_view keyword = next_word(rest);
+    if (keyword != "v" && keyword != "vn" && keyword != "vt" && keyword != "f") return;
+    const size_t comment = std::min(line.find(" #"), line.find("\t#"));
+    if (comment != std::string::npos) line.erase(comment);
   }
 
   // The parser would read the next corner's index in place of one missing after a slash.

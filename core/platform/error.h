@@ -1,10 +1,12 @@
 // User-actionable errors with their source location, and the sink for warnings.
 //
-// Thread-safety: `Error` is a value. A `WarningSink` may be called from one thread at a time.
+// Thread-safety: `Error` is a value. A `WarningSink` may be called from one thread at a time, unless
+// it says otherwise.
 #pragma once
 
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <set>
 #include <stdexcept>
 #include <string>
@@ -45,11 +47,17 @@ inline void warn(const WarningSink& sink, const SourceLocation& where, const std
   if (sink) sink(Error::format_location(where) + message);
 }
 
-// Forwards each distinct warning once. Copies of the result share their memory of past warnings.
+// Forwards each distinct warning once, one at a time from any thread. Copies of the result share their memory of past
+// warnings.
 inline WarningSink without_repeats(WarningSink sink) {
   if (!sink) return sink;
-  return [sink = std::move(sink), seen = std::make_shared<std::set<std::string>>()](const std::string& message) {
-    if (seen->insert(message).second) sink(message);
+  struct Past {
+    std::mutex mutex = {};
+    std::set<std::string> seen = {};
+  };
+  return [sink = std::move(sink), past = std::make_shared<Past>()](const std::string& message) {
+    const std::lock_guard lock(past->mutex);
+    if (past->seen.insert(message).second) sink(message);
   };
 }
 

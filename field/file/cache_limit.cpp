@@ -53,6 +53,27 @@ std::vector<CachedFile> cached_files(const std::string& folder) {
   return files;
 }
 
+// Those of fields that nobody writes now.
+void remove_all_abandoned_writes(const std::string& folder) {
+  std::set<std::string> fields;
+  std::error_code failed;
+  for (fs::directory_iterator entry(folder, failed), end; !failed && entry != end; entry.increment(failed)) {
+    const fs::path& path = entry->path();  // HASH.vdb.PROCESS-NUMBER.tmp
+    const fs::path field = fs::path(path.stem()).stem();
+    Hash128 ignored;
+    if (path.extension() == ".tmp" && field.extension() == ".vdb" && parse_hash(field.stem().string(), ignored))
+      fields.insert((fs::path(folder) / field).string());
+  }
+  for (const std::string& field : fields) {
+    try {
+      const FileLock lock(field + ".lock", LockWait::none);
+      if (lock.held()) remove_abandoned_writes(field);
+    } catch (const Error&) {
+      continue;  // another user's
+    }
+  }
+}
+
 // False if the file is in use, or was used since it was listed.
 bool remove_unused(const CachedFile& file) {
   try {
@@ -78,6 +99,7 @@ TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const st
   } catch (const Error&) {
     return {};  // the folder cannot be written to
   }
+  remove_all_abandoned_writes(folder);
   std::vector<CachedFile> files = cached_files(folder);
   std::sort(files.begin(), files.end(), [](const CachedFile& a, const CachedFile& b) {
     return a.used != b.used ? a.used < b.used : a.path < b.path;
@@ -88,7 +110,6 @@ TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const st
     if (result.bytes <= most_bytes) break;
     if (keep.count(file.path.filename().string()) != 0 || !remove_unused(file)) continue;
     result.bytes -= file.bytes;
-    ++result.removed;
   }
   return result;
 }

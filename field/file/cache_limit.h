@@ -14,8 +14,7 @@ namespace fieldtrace {
 
 // What a folder holds after trimming.
 struct TrimmedCache {
-  uint64_t bytes = 0;    // of the remaining field files
-  uint64_t removed = 0;  // files
+  uint64_t bytes = 0;  // of the remaining field files
 };
 
 // Removes the least recently used files of `folder` until the others take at most `most_bytes`. Files named in `keep`

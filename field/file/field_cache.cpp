@@ -48,7 +48,7 @@ FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSi
                               "; name a folder that you may write to");
   }
   try {
-    require_writable((fs::path(folder) / "fields").string());
+    require_writable_folder(folder);
   } catch (const Error& e) {
     if (access(folder.c_str(), R_OK | X_OK) != 0) throw;
     read_only_ = true;
@@ -61,6 +61,16 @@ FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSi
            std::to_string(outdated.bytes) + " bytes) of an earlier format than " +
            std::to_string(k_field_format_version) +
            ", which cannot be used; their fields are baked again; delete the files, or give --field-cache-limit");
+}
+
+void FieldCache::require_writable_folder(const std::string& folder) {
+  // No name that users give to folders.
+  const std::string probe = (fs::path(folder) / ".fieldtrace-probe").string();
+  try {
+    require_writable(probe);
+  } catch (const Error& e) {
+    throw Error({folder}, std::string(e.what()).substr(probe.size() + 2));  // behind "PROBE: "
+  }
 }
 
 std::string FieldCache::path_of(const FieldIdentity& identity) const {

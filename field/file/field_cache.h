@@ -34,6 +34,8 @@ class FieldCache {
       : FieldCache(folder, 0, std::move(warning)) {}
   // `most_bytes`: limit on the field files in the folder; 0: none.
   FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning = {});
+  // Throws Error unless files can be made in the folder.
+  static void require_writable_folder(const std::string& folder);
 
   // Adds what the cache holds of the field to `field`. False, with the field unchanged, if there is no file or none
   // that can be used; the latter causes a warning. Never throws because of a file's contents.

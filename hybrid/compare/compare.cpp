@@ -85,6 +85,7 @@ ImageDifference compare_images(const Image& image, const Image& reference, const
   if (!is_inside(w, all)) throw Error("the window to compare is not inside the images");
 
   ImageDifference result;
+  result.worst_block_x = w.x, result.worst_block_y = w.y;  // of equal pictures
   Sums total;
   const int end_x = w.x + w.width, end_y = w.y + w.height;
   for (int y = w.y; y < end_y; y += k_difference_block) {

@@ -49,7 +49,7 @@ dmat3 xyz_of_rgb() {
 struct ColourSpace {
   dmat3 to_xyz = xyz_of_rgb();
   dvec3 white = to_xyz * dvec3(1.0);
-  dmat3 to_relative_xyz = dmat3(glm::dmat3(1.0 / white.x, 0, 0, 0, 1.0 / white.y, 0, 0, 0, 1.0 / white.z)) * to_xyz;
+  dmat3 to_relative_xyz = dmat3(1.0 / white.x, 0, 0, 0, 1.0 / white.y, 0, 0, 0, 1.0 / white.z) * to_xyz;
   dmat3 to_rgb = glm::inverse(to_relative_xyz);
 
   // YCxCz, a linear form of CIELAB (section 4.1.1).

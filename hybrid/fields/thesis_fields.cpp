@@ -49,6 +49,8 @@ bool ThesisFieldSet::make_field(uint32_t s, const Accel& accel, FieldCache* cach
     cache->store(*fields_[s], identity);
   } catch (const Error& e) {
     warn(warning, {}, std::string(e.what()) + "; the field is not kept");
+  } catch (const std::bad_alloc&) {
+    warn(warning, {}, "there is not enough memory to keep a field; it is not kept");
   }
   return true;
 }

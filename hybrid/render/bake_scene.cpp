@@ -9,6 +9,7 @@
 
 #include "core/io/atomic_file.h"
 #include "core/io/scratch_folder.h"
+#include "core/loader/scene_recentre.h"
 #include "core/trace/accel.h"
 #include "field/bake/bake_full.h"
 #include "field/file/field_cache.h"
@@ -30,7 +31,7 @@ class Output {
   Output(const std::string& path, uint64_t cache_limit, const WarningSink& warning) : path_(path) {
     vdb();  // throws if nothing can be written for want of it
     if (fs::is_directory(path)) {
-      require_writable((fs::path(path) / "fields").string());
+      FieldCache::require_writable_folder(path);
       cache_ = std::make_unique<FieldCache>(path, cache_limit, warning);
     } else {
       require_writable(path);
@@ -63,6 +64,8 @@ class Output {
   }
 
   const std::string& path() const { return path_; }
+  // That the fields are written to.
+  std::string folder() const { return cache_ ? path_ : fs::absolute(path_).parent_path().string(); }
 
  private:
   std::string path_of(const FieldIdentity& identity, const BakeResult& result) const {
@@ -110,7 +113,9 @@ void bake_fully(const Scene& scene, const std::vector<uint32_t>& shapes, const B
                std::to_string(field.coverage().slot_count()) +
                " coverage tiles; they will be baked when a render demands them (or raise --field-memory)");
     }
-    output.save(field, field_identity(shape, options.fields), shape.name, result);
+    // Nothing may replace what earlier bakes have kept.
+    if (field.cells_baked() + field.coverage().tiles_baked() > 0)
+      output.save(field, field_identity(shape, options.fields), shape.name, result);
   }
 }
 
@@ -164,7 +169,7 @@ FieldParameters bake_by_renders(const Scene& scene, const ScratchFolder& scratch
 
 void bake_demand(const Scene& scene, const std::vector<uint32_t>& shapes, const BakeOptions& options,
                  const RenderCallbacks& callbacks, Output& output, BakeResult& result) {
-  const ScratchFolder scratch(fs::absolute(output.path()).parent_path().string(), ".fieldtrace-bake-");
+  const ScratchFolder scratch(output.folder(), ".fieldtrace-bake-");
   FieldParameters fields;
   try {
     fields = bake_by_renders(scene, scratch, options, callbacks, result);
@@ -210,6 +215,11 @@ Scene scene_of_mesh(TriangleMesh mesh, const std::string& name) {
   shape.bounds = shape.mesh.bounds();
   scene.instances.emplace_back();
   scene.film.crop = {0, 0, scene.film.width, scene.film.height};
+  // As scenes of it are loaded, whose renders look for the field by the mesh's vertices.
+  ScenePlacement placement;
+  placement.instances.emplace_back(1.0);
+  recentre_meshes(scene, placement);
+  place_scene(scene, placement);
   return scene;
 }
 

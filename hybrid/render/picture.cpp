@@ -103,8 +103,10 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
 }
 
-void Picture::expect(double samples) {
-  spp = int(std::clamp(samples, 1.0, double(most_samples)));
+void Picture::expect(double samples) { plan(int(std::clamp(samples, 1.0, double(most_samples)))); }
+
+void Picture::plan(int samples) {
+  spp = samples;
   split_lobes(settings, options.lobe_samples);
 }
 

@@ -44,8 +44,9 @@ struct Picture {
   // Throws UsageError if options are out of range.
   Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c);
 
-  // Sets `spp`.
+  // Sets `spp`: to what --spp allows, or to what a resumed picture was begun with.
   void expect(double samples);
+  void plan(int samples);
   // Sets how many rays leave a glossy surface, and with them what fits into one batch.
   void split_lobes(TransportSettings& s, int lobe_samples) const;
   bool by_rounds() const { return options.by_rounds(); }
@@ -86,18 +87,22 @@ struct Stage {
   double survey_samples = 0.0;
   std::vector<SequencePair> ray_survey = {};         // what rays gave then, for every accuracy
   std::optional<Clock::time_point> deadline = {};    // of a picture with a time limit
-  std::optional<Clock::time_point> survey_end = {};  // likewise
+  std::optional<Clock::time_point> survey_end = {};  // likewise: surveys have taken their share of it then
   PictureIdentity identity = {};                     // of a picture with checkpoints
   std::optional<Checkpoint> resumed = {};            // where the picture goes on
 
   bool uses_fields() const { return accuracy != FieldAccuracy::rays; }
-  // Whether surveys of fields, which bake for them, have taken their share of a time limit: rays are left then.
-  bool is_late() const { return survey_end && uses_fields() && Clock::now() >= *survey_end; }
+  bool surveys_are_over() const { return survey_end && Clock::now() >= *survey_end; }
 };
+
+// Whether fields, for which surveys bake, are given up for the time that these took.
+inline bool is_late(const Picture& picture, const Stage& stage) {
+  return picture.wants_fields && stage.uses_fields() && stage.surveys_are_over();
+}
 
 // Whether a survey that may bake fields goes on. Both must outlive this.
 inline std::function<bool()> until_late(const Picture& picture, const Stage& stage) {
-  return [&] { return !picture.stopped() && !stage.is_late(); };
+  return [&] { return !picture.stopped() && !is_late(picture, stage); };
 }
 
 }  // namespace fieldtrace

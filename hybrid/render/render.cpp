@@ -94,6 +94,16 @@ bool has_few_light_samples(int spp, const RenderOptions& options) {
   return int64_t(spp) * options.light_samples < k_fewest_cone_samples;
 }
 
+// The samples of a pixel that a resumed picture has at least: the first command's, and with those of the pass that it
+// is amid. Tiles of it that are done have them.
+int samples_begun(const Checkpoint& state) {
+  const bool is_amid = !state.film.pixels.empty() && !state.counts.empty() && state.counts[0] > 0;
+  if (!is_amid) return state.planned_samples;
+  uint32_t fewest = std::numeric_limits<uint32_t>::max();
+  for (const StoredSums& p : state.film.pixels) fewest = std::min(fewest, PixelSums(p).samples());
+  return std::max(state.planned_samples, int(fewest + state.counts[0]));
+}
+
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   const Scene& scene = picture.scene;
   const RenderOptions& options = picture.options;
@@ -127,8 +137,10 @@ void warn_of_no_hits(const Picture& picture) {
        "--field-hits always: fields answer no glossy ray of this picture (docs/command_line.md says which they can)");
 }
 
-// Surveys of fields may take this part of a time limit: 1 / k_survey_part.
+// Surveys may take this part of a time limit: 1 / k_survey_part.
 constexpr int k_survey_part = 2;
+// Seconds: 30 years, which clocks can add.
+constexpr float k_most_time_limit = 1e9f;
 
 // Prefiltered radiance maps may take 1 / k_map_share of the fields' budget, in addition to it.
 constexpr uint64_t k_map_share = 4;
@@ -196,7 +208,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     fields.load(*cache);
   }
   surveyed = surveyed && leave_to_rays(picture, stage, fields, stats.tolerance, open, stats);
-  if (!surveyed && stage.is_late() && !picture.stopped()) {
+  if (!surveyed && is_late(picture, stage) && !picture.stopped()) {
     stage.accuracy = FieldAccuracy::rays;
     return false;
   }
@@ -206,7 +218,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
   tracing.sky_by_maps = stage.sky.light != nullptr && stage.uses_fields();
-  tracing.open_light_samples = stats.open_light_samples = open.samples;
+  tracing.open_light_samples = open.samples;
   tracing.open_sun_samples = picture.open_sun_samples();
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, tracing, stage.lights);
   const bool estimates = stage.uses_fields();
@@ -250,7 +262,6 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed && !stage.resumed) {
       choose_samples(picture, stage, !estimates_anything, context, state, stats);
-      stats.open_light_samples = context.settings.open_light_samples;
       const FieldAccuracy accuracy = stage.accuracy;
       const bool is_decided =
           !estimates_anything || !job.goes_on() || trusts_fields(picture, stage, context, state, stats);
@@ -266,6 +277,8 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state.open_light_samples = context.settings.open_light_samples;
     state.lobe_samples = context.settings.lobe_samples;
   }
+  stats.light_samples = context.settings.light_samples;
+  stats.open_light_samples = context.settings.open_light_samples;
   result.image = make_image(picture.window, picture.aovs);
   Stats done;
   const bool begins = surveyed && !picture.stopped();
@@ -294,6 +307,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     return false;
   }
   result.interrupted = job.interrupted;
+  result.has_samples = job.has_samples;
   stats.merge_counters(done);
   fields.count(stats);
   if (result.part) {
@@ -332,6 +346,7 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   job.interrupted = !complete;
   render_tiles(job, result.image, result.stats);
   result.interrupted = job.interrupted;
+  result.has_samples = job.has_samples;
   fields.count(result.stats);
   warn_of_not_finite(job);
 }
@@ -375,22 +390,23 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
                 std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
     if (options.time_limit > 0.0f) {
-      const auto limit = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<float>(options.time_limit));
+      const auto seconds = std::chrono::duration<float>(std::min(options.time_limit, k_most_time_limit));
+      const auto limit = std::chrono::duration_cast<Clock::duration>(seconds);
       stage.deadline = begin + limit;
       // What a resumed picture decided, holds.
-      if (picture.wants_fields && options.resume.empty()) stage.survey_end = begin + limit / k_survey_part;
+      if (options.resume.empty()) stage.survey_end = begin + limit / k_survey_part;
     }
     if (options.keeps_sums()) stage.identity = picture_identity(picture);
     if (options.slice) result.part = part_of(picture);
     if (!options.resume.empty()) {
       stage.resumed = read_checkpoint(options.resume, stage.identity);
-      const int planned = stage.resumed->planned_samples;
-      if (!picture.by_rounds() && picture.spp < planned) {
-        throw Error({options.resume}, "was begun for " + std::to_string(planned) + " samples a pixel; give --spp " +
-                                          std::to_string(planned) + " or more");
+      const int goal = picture.by_rounds() ? 0 : samples_begun(*stage.resumed);
+      if (picture.spp < goal) {
+        throw Error({options.resume}, "was begun for " + std::to_string(goal) + " samples a pixel; give --spp " +
+                                          std::to_string(goal) + " or more");
       }
       stage.accuracy = stage.resumed->accuracy;
-      picture.expect(stage.resumed->planned_samples);
+      picture.plan(stage.resumed->planned_samples);
       result.stats.resumed = true;
     } else if (picture.by_rounds()) {
       expect_samples(picture, stage, result.stats);
@@ -422,12 +438,14 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   stats.time_bake /= threads;
   stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
   if (options.slice) stats.slice = slice_text(*options.slice);
-  if (picture.by_rounds()) stats.spp = int(std::lround(stats.samples_mean));
-  if (stats.spp == 0) stats.spp = picture.spp;
+  if (picture.by_rounds())
+    stats.spp = int(std::lround(stats.samples_mean));
+  else if (stats.spp == 0)
+    stats.spp = picture.spp;
   stats.target_error = options.target_error;
   stats.time_limit = options.time_limit;
-  stats.light_samples = options.light_samples;
-  stats.open_light_samples = std::max(stats.open_light_samples, options.light_samples);
+  if (stats.light_samples == 0) stats.light_samples = options.light_samples;
+  stats.open_light_samples = std::max(stats.open_light_samples, stats.light_samples);
   stats.width = picture.window.width;
   stats.height = picture.window.height;
   stats.threads = threads;

@@ -110,6 +110,7 @@ struct RenderResult {
   Image image;  // R, G, B and the AOV channels; width and height of the crop window; unfinished tiles are 0
   Stats stats;
   bool interrupted = false;
+  bool has_samples = false;  // of any pixel
   std::optional<Part> part;  // of a slice: what to write with the image
 };
 

@@ -72,8 +72,9 @@ std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each
 
 using GoesOn = std::function<bool()>;
 
-GoesOn until_stopped(const Picture& picture) {
-  return [&] { return !picture.stopped(); };
+// For surveys of rays, without which there is a picture, too.
+GoesOn while_surveys_may(const Picture& picture, const Stage& stage) {
+  return [&] { return !picture.stopped() && !stage.surveys_are_over(); };
 }
 
 // Traces the survey's pixels with `samples` samples of each sequence. False if goes_on() became false meanwhile.
@@ -218,17 +219,19 @@ void set_light_samples(const RayNoise& r, TransportSettings& settings) {
   settings.open_light_samples = r.open_light_samples;
 }
 
-// Of rays with these light samples: each is surveyed once.
-RayNoise survey_ray_noise(const Picture& picture, Stage& stage, const RayContext& rays, int light_samples, int open,
-                          Stats& stats) {
+// Adds to what is known of rays (Stage::ray_noise) what they leave with these light samples: each is surveyed once,
+// while surveys may go on.
+void survey_ray_noise(const Picture& picture, Stage& stage, const RayContext& rays, int light_samples, int open,
+                      Stats& stats) {
   RayNoise r = {light_samples, open, {}};
   for (const RayNoise& known : stage.ray_noise) {
-    if (known.light_samples == light_samples && known.open_light_samples == open) return known;
+    if (known.light_samples == light_samples && known.open_light_samples == open) return;
   }
   set_light_samples(r, rays.context().settings);
-  r.noise = forecast_noise(picture, rays.context(), until_stopped(picture), stats).value_or(NoiseForecast{});
+  const auto noise = forecast_noise(picture, rays.context(), while_surveys_may(picture, stage), stats);
+  if (!noise) return;
+  r.noise = *noise;
   stage.ray_noise.push_back(r);
-  return r;
 }
 
 // The light samples of those surveyed that lower the noise of rays alone most for their work.
@@ -262,6 +265,12 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
   const RenderOptions& options = picture.options;
   const TransportSettings& usual = picture.settings;
   survey_ray_noise(picture, stage, rays, usual.light_samples, usual.open_light_samples, stats);
+  if (stage.ray_noise.empty()) {
+    // There is time for a few samples at most.
+    picture.expect(1.0);
+    stage.accuracy = FieldAccuracy::rays;
+    return;
+  }
   const NoiseForecast noise = stage.ray_noise.front().noise;
   double samples = double(k_infinity);
   stage.survey_samples = samples;
@@ -318,18 +327,17 @@ NoiseForecast choose_for_rays(const Picture& picture, Stage& stage, const RayCon
     survey_ray_noise(picture, stage, rays, k_more_light_samples, std::max(k_more_light_samples, open), stats);
     set_light_samples(best_for_rays(stage), context.settings);
   }
-  return choose_lobe_samples(picture, context, until_stopped(picture), stats).value_or(best_for_rays(stage).noise);
+  const GoesOn goes_on = while_surveys_may(picture, stage);
+  return choose_lobe_samples(picture, context, goes_on, stats).value_or(best_for_rays(stage).noise);
 }
 
 // The same where few samples do: then the work counts that these take.
 NoiseForecast choose_few_for_rays(const Picture& picture, Stage& stage, const RayContext& rays, double target,
                                   TransportContext& context, Stats& stats) {
   const TransportSettings& s = context.settings;
-  const auto of_context = [&] {
-    return survey_ray_noise(picture, stage, rays, s.light_samples, s.open_light_samples, stats);
-  };
-  if (!chooses_light_samples(picture)) return of_context().noise;
-  if (!one_will_do(stage.ray_noise.front().noise, target)) of_context();
+  if (!chooses_light_samples(picture) || !one_will_do(stage.ray_noise.front().noise, target))
+    survey_ray_noise(picture, stage, rays, s.light_samples, s.open_light_samples, stats);
+  if (!chooses_light_samples(picture)) return stage.ray_noise.back().noise;
   const auto best = std::min_element(
       stage.ray_noise.begin(), stage.ray_noise.end(),
       [&](const RayNoise& a, const RayNoise& b) { return a.noise.work_to(target) < b.noise.work_to(target); });
@@ -339,8 +347,8 @@ NoiseForecast choose_few_for_rays(const Picture& picture, Stage& stage, const Ra
 
 // Whether finer maps may take fields' part of the error down, and there is time.
 bool can_be_finer(const Picture& picture, const Stage& stage) {
-  const bool is_late = stage.deadline && seconds_since(*stage.deadline) > 0.0;
-  return stage.accuracy == FieldAccuracy::coarse_maps && stage.sky.can_be_finer && !picture.stopped() && !is_late;
+  const bool is_over = stage.deadline && seconds_since(*stage.deadline) > 0.0;
+  return stage.accuracy == FieldAccuracy::coarse_maps && stage.sky.can_be_finer && !picture.stopped() && !is_over;
 }
 
 }  // namespace
@@ -354,7 +362,7 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
     return;
   }
   const double target = square_of_target(picture.options);
-  if (is_short && !(target > 0.0)) return;
+  if (stage.ray_noise.empty() || (is_short && !(target > 0.0))) return;
   const RayContext rays(picture, stage);
   NoiseForecast noise;
   if (is_short)

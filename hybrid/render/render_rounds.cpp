@@ -43,6 +43,8 @@ class Rounds {
     if (state_.film.pixels.empty()) {
       begin();
     } else {
+      const auto& pixels = state_.film.pixels;
+      job_.has_samples = std::any_of(pixels.begin(), pixels.end(), [](const PixelSums& p) { return p.samples() > 0; });
       for (const Rect& tile : tiles_) show(tile);
       if (picture_.by_rounds()) work_before_ = allocation().work();
     }
@@ -58,7 +60,6 @@ class Rounds {
       state_.round += 1;
     }
     keep(/*now=*/true);
-    if (!failure_.empty()) warn(picture_.callbacks.warning, {}, failure_);
     if (job_.interrupted && job_.timed_out() && !picture_.stopped()) job_.interrupted = false;
   }
 
@@ -156,6 +157,7 @@ class Rounds {
       if (is_wanted && !state_.tiles_done[i]) pass.tiles.push_back(i);
     }
     const auto finished = [&](size_t tile, const TileSums& sums) {
+      job_.has_samples = true;
       {
         const std::shared_lock lock(mutex_);
         add(sums);
@@ -170,8 +172,6 @@ class Rounds {
       progress_.report(picture_.by_rounds() ? done_ + (expected_ - done_) * share : share);
     };
     trace_tiles(job_, pass, finished, progress, stats_);
-    if (!failure_.empty()) warn(picture_.callbacks.warning, {}, failure_ + "; the render goes on without it");
-    failure_.clear();
   }
 
   void add(const TileSums& tile) {
@@ -207,7 +207,7 @@ class Rounds {
     try {
       write_checkpoint(options_.checkpoint, state_);
     } catch (const std::exception& error) {
-      failure_ = error.what();  // the picture goes on
+      warn(picture_.callbacks.warning, {}, error.what() + std::string(now ? "" : "; the render goes on without it"));
     }
     kept_ = Clock::now();
   }
@@ -260,7 +260,6 @@ class Rounds {
   NoiseCells cells_;
   Progress progress_;
   std::shared_mutex mutex_;  // shared: of those who add a tile
-  std::string failure_;      // of the last checkpoint
   const Clock::time_point begin_ = Clock::now();
   Clock::time_point kept_ = begin_;
   std::optional<SampleAllocation> allocation_;  // made when it is asked for

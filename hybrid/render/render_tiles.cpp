@@ -136,6 +136,7 @@ void render_tiles(Job& job, Image& image, Stats& stats) {
   const std::vector<Rect> tiles = picture_tiles(picture);
   pass.tiles = tiles_to_trace(picture, tiles);
   const auto finished = [&](size_t index, const TileSums& tile) {
+    job.has_samples = true;
     for (size_t i = 0; i < tile.pixels.size(); ++i) {
       if (contains(picture.window, tile.pixels[i]))
         write_pixel(picture, tile.pixels[i], tile.sums[i], tile.aovs.empty() ? nullptr : &tile.aovs[i], 1.0, image);

@@ -24,6 +24,7 @@ struct Job {
   const FieldBudget& budget;
   std::optional<Clock::time_point> deadline = {};  // begins no batch of camera samples after it
   std::atomic<bool> interrupted = false;
+  std::atomic<bool> has_samples = false;  // of any tile, those of a resumed picture included
   std::atomic<uint64_t> not_finite = 0;
 
   bool timed_out() const { return deadline && Clock::now() >= *deadline; }

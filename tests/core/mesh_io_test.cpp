@@ -110,6 +110,11 @@ TEST_F(MeshIo, ObjMakesOneVertexOfEachDistinctTriple) {
 }
 
 TEST_F(MeshIo, ObjAcceptsOddButLegalText) {
+  const TriangleMesh commented = load("a.obj",
+                                      "# made by C:\\tmp\\\nv 0 0 0 # the first\nv 1 0 0\t#\n  # C:\\\nv 0 1 0\ng #1\n"
+                                      "f 1 2 3 # all\n");
+  EXPECT_EQ(commented.positions, (std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}));
+  EXPECT_EQ(commented.triangles, (std::vector<UVec3>{{0, 1, 2}}));
   const TriangleMesh crlf = load("a.obj", "v 0 0 0\r\nv +1. .0 -0e3\r\n\tv 1 1E0 0 1.0\r\nf 1/ 2// \\\r\n  3\r\n");
   EXPECT_EQ(crlf.triangles, (std::vector<UVec3>{{0, 1, 2}}));
   EXPECT_EQ(crlf.positions[1], Vec3(1, 0, 0));

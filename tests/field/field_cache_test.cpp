@@ -344,6 +344,26 @@ TEST_F(LimitedCache, ForeignFilesAreNeitherCountedNorRemoved) {
   EXPECT_TRUE(warnings_.lines.empty());
 }
 
+TEST_F(LimitedCache, HalfWrittenFilesOfKilledProcessesGo) {
+  const auto write = [&](const std::string& name) {
+    std::ofstream(folder_ / name) << "half";
+    return folder_ / name;
+  };
+  const std::string abandoned = write(std::string(32, 'a') + ".vdb.1-0.tmp"), foreign = write("notes.txt.1-0.tmp"),
+                    held = write(std::string(32, 'b') + ".vdb.1-0.tmp");
+  const FileLock writer(folder_ / (std::string(32, 'b') + ".vdb.lock"));
+  add(1, 40);
+  store_and_trim(1);
+  EXPECT_FALSE(fs::exists(abandoned));
+  EXPECT_TRUE(fs::exists(foreign));
+  EXPECT_TRUE(fs::exists(held));
+}
+
+TEST_F(LimitedCache, AFolderWithinMayHaveAnyName) {
+  fs::create_directory(folder_ / "fields");
+  EXPECT_TRUE(fs::exists(add(1, 40)));
+}
+
 TEST_F(LimitedCache, AFileThatIsBeingWrittenStays) {
   const std::string a = add(1, 40), b = add(2, 30);
   const FileLock writer(a + ".lock");

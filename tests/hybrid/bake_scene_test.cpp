@@ -5,12 +5,16 @@
 
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <random>
 
+#include "core/loader/scene_xml.h"
+#include "core/mesh/mesh_io.h"
 #include "core/mesh/mesh_procedural.h"
 #include "core/trace/accel.h"
 #include "field/bake/bake_full.h"
 #include "field/file/field_cache.h"
+#include "field/file/field_info.h"
 #include "field/query/query.hd.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/field_checks.h"
@@ -127,6 +131,26 @@ TEST(FullBake, MakesEveryReachableCellAndCanBeStopped) {
   ASSERT_EQ(part.fields.size(), 1u);
   EXPECT_GT(std::get<FieldFileInfo>(part.fields[0].info).visibility.cells_baked, 0u);
   EXPECT_LT(std::get<FieldFileInfo>(part.fields[0].info).visibility.cells_baked, info.visibility.cells_reachable);
+
+  // Stopped before anything is finished: what is there stays.
+  callbacks.progress = {};
+  const BakeResult none = bake_scene(scene, folder / "ball.vdb", options, callbacks);
+  EXPECT_TRUE(none.interrupted);
+  EXPECT_TRUE(none.fields.empty());
+  EXPECT_EQ(field_info(folder / "ball.vdb").visibility.cells_baked, info.visibility.cells_baked);
+}
+
+// A scene's loader moves such vertices, and its renders look for fields of what it has moved.
+TEST(FullBake, AMeshFarFromItsOriginHasTheFieldThatScenesOfItLookFor) {
+  const TemporaryFolder folder;
+  TriangleMesh mesh = make_sphere({});
+  for (Vec3& p : mesh.positions) p += Vec3(300.0f, 0.0f, 0.0f);
+  save_ply(folder / "far.ply", mesh);
+  std::ofstream(folder / "scene.xml") << R"(<scene version="3.0.0">
+    <shape type="ply"><string name="filename" value="far.ply"/></shape></scene>)";
+  const Scene alone = scene_of_mesh(mesh, "far.ply"), within = load_scene(folder / "scene.xml");
+  EXPECT_EQ(field_identity(alone.shapes[0], k_small), field_identity(within.shapes[0], k_small));
+  EXPECT_LT(glm::length(alone.shapes[0].mesh.positions[0]), 10.0f);
 }
 
 TEST(FullBake, KeepsToItsMemory) {

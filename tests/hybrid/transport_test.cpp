@@ -552,7 +552,9 @@ TEST(Transport, StopFlagEndsEarly) {
   callbacks.stop = &stop;
   const RenderResult r = render(scene, busy_options(), callbacks);
   EXPECT_TRUE(r.interrupted);
+  EXPECT_FALSE(r.has_samples);
   for (const float v : r.image.data) ASSERT_EQ(v, 0.0f);
+  EXPECT_TRUE(render(scene, busy_options()).has_samples);
 }
 
 TEST(Transport, ProgressRisesToOne) {

@@ -1,4 +1,5 @@
 // Runs the built program: exit codes, messages, files.
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -10,12 +11,14 @@
 #include "core/image/image.h"
 #include "hybrid/path/aovs.h"
 #include "tests/support/program.h"
+#include "tests/support/waiting.h"
 #include "tools/cli/options.h"
 
 namespace fieldtrace {
 namespace {
 
 namespace fs = std::filesystem;
+using test::comes_true;
 using test::Outcome;
 using test::Program;
 using test::read_text;
@@ -321,6 +324,10 @@ TEST_F(CommandLine, CompareMeasuresAndJudges) {
   EXPECT_NE(part["rmse"], j["rmse"]);
   EXPECT_EQ(part["worst_block"]["x"], 3);
   EXPECT_EQ(part["worst_block"]["y"], 5);
+  const auto same = nlohmann::json::parse(run({"compare", "a.exr", "a.exr", "--json", "--crop", "3,5,8,9"}).out);
+  EXPECT_EQ(same["worst_block"]["rmse"], 0.0);
+  EXPECT_EQ(same["worst_block"]["x"], 3);
+  EXPECT_EQ(same["worst_block"]["y"], 5);
   expect_failure(2, "not inside the image", {"compare", "b.exr", "a.exr", "--crop", "0,0,1000,1"});
   expect_failure(2, "four whole numbers", {"compare", "b.exr", "a.exr", "--crop", ""});
 }
@@ -350,14 +357,63 @@ TEST_F(CommandLine, MeshesAreWrittenAndDescribed) {
   EXPECT_NE(run({"info", "scene.xml"}).out.find("32x24"), std::string::npos);
 }
 
+// Also with leading zeros, which CLI11 would read as octal.
+TEST_F(CommandLine, WholeNumbersAreDecimal) {
+  const Outcome o = run({"render", "scene.xml", "-o", "a.exr", "--spp", "010", "--seed", "0019", "--threads", "02",
+                         "--stats", "s.json", "--quiet"});
+  ASSERT_EQ(o.code, 0) << o.err;
+  const auto stats = nlohmann::json::parse(read_text(folder_ / "s.json"));
+  EXPECT_EQ(stats["spp"], 10);
+  EXPECT_EQ(stats["seed"], 19);
+  EXPECT_EQ(stats["threads"], 2);
+  ASSERT_EQ(run({"mesh", "sphere", "--around", "010", "--along", "08", "-o", "s.ply"}).code, 0);
+  EXPECT_NE(run({"info", "s.ply"}).out.find("triangles  140"), std::string::npos);
+  expect_failure(2, "'0x10' is not a whole number", {"mesh", "sphere", "--around", "0x10", "-o", "t.ply"});
+}
+
+TEST_F(CommandLine, EmptyValuesAreRefused) {
+  for (const char* option : {"--resume", "--checkpoint", "--stats", "--crop", "--field-cache"})
+    expect_failure(2, "it is empty", {"render", "scene.xml", "-o", "a.exr", option, ""});
+  for (const char* option : {"--target-error", "--target-error-relative", "--time-limit"}) {
+    for (const char* value : {"inf", "1e10", "nan", "0"})
+      expect_failure(2, "not a number greater than 0", {"render", "scene.xml", "-o", "a.exr", option, value});
+  }
+}
+
+TEST_F(CommandLine, StatisticsTellTheLimitThatWasGiven) {
+  ASSERT_EQ(run({"render", "scene.xml", "-o", "a.exr", "--time-limit", "60", "--spp", "2", "--stats", "s.json"}).code,
+            0);
+  EXPECT_EQ(nlohmann::json::parse(read_text(folder_ / "s.json"))["time_limit"], 60);
+}
+
+// A viewer that is not there makes a warning, which goes nowhere: neither to a full disk nor to a reader that has gone.
+TEST_F(CommandLine, APictureDoesNotFailForItsMessages) {
+  const std::vector<std::string> render = {"render", "scene.xml", "-o", "a.exr", "--tev", "127.0.0.1:1"};
+  const auto to_full_device = [] { dup2(open("/dev/full", O_WRONLY), STDERR_FILENO); };
+  const auto to_nobody = [] {
+    int ends[2];
+    if (pipe(ends) != 0) return;
+    close(ends[0]);
+    dup2(ends[1], STDERR_FILENO);
+  };
+  for (const std::function<void()>& prepare :
+       {std::function<void()>(to_full_device), std::function<void()>(to_nobody)}) {
+    EXPECT_EQ(Program(folder_, render, FIELDTRACE_PROGRAM, prepare).wait().code, 0);
+    EXPECT_EQ(read_image((folder_ / "a.exr").string()).width, 32);
+    fs::remove(folder_ / "a.exr");
+  }
+}
+
 TEST_F(CommandLine, InterruptWritesTheFinishedTiles) {
   // Many tiles, each well under a second but many seconds in total: the render stops after the tiles in progress.
-  Program program(folder_, {"render", "scene.xml", "-o", "a.exr", "--spp", "8192", "-D", "size=512", "--quiet"});
+  Program program(folder_, {"render", "scene.xml", "-o", "a.exr", "--spp", "8192", "-D", "size=512", "--quiet",
+                            "--checkpoint", "kept", "--checkpoint-every", "0"});
+  ASSERT_TRUE(comes_true([&] { return fs::exists(folder_ / "kept"); }));
   ASSERT_TRUE(program.interrupt());
   const Outcome o = program.wait();
   EXPECT_EQ(o.code, 130) << o.err;
   EXPECT_NE(o.err.find("interrupted"), std::string::npos) << o.err;
-  EXPECT_EQ(files(), (std::set<std::string>{"a.exr", "scene.xml"}));
+  EXPECT_EQ(files(), (std::set<std::string>{"a.exr", "kept", "scene.xml"}));
   EXPECT_EQ(read_image((folder_ / "a.exr").string()).width, 512);
 }
 
@@ -372,14 +428,10 @@ TEST_F(CommandLine, ATradeoffInterruptedBeforeItsReferenceLeavesNothing) {
   EXPECT_TRUE(fs::is_empty(folder_ / "out"));
 }
 
-// Waits until a trade-off's table has a row. False if that does not happen within 60 s.
+// Whether a trade-off's table has a row.
 bool has_row(const fs::path& table) {
-  for (int i = 0; i < 12000; ++i) {
-    const std::string text = read_text(table);
-    if (std::count(text.begin(), text.end(), '\n') >= 2) return true;
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  }
-  return false;
+  const std::string text = read_text(table);
+  return std::count(text.begin(), text.end(), '\n') >= 2;
 }
 
 TEST_F(CommandLine, ATradeoffThatEndsEarlyKeepsItsReferenceAndItsRows) {
@@ -387,7 +439,7 @@ TEST_F(CommandLine, ATradeoffThatEndsEarlyKeepsItsReferenceAndItsRows) {
   for (const bool killed : {false, true}) {
     fs::remove_all(out);
     Program program(folder_, {"tradeoff", "scene.xml", "-o", "out", "-D", "size=2048", "--quick", "--quiet"});
-    ASSERT_TRUE(has_row(out / "tradeoff.csv.partial"));
+    ASSERT_TRUE(comes_true([&] { return has_row(out / "tradeoff.csv.partial"); }));
     if (killed) {
       program.kill_now();
     } else {

@@ -346,7 +346,7 @@ TEST_F(ReadOnlyCache, IsReadWithOneWarning) {
   const std::set<std::string> before = files();
   const Outcome o = run(render("a.exr"), respect_permissions);
   EXPECT_EQ(o.code, 0) << o.err;
-  EXPECT_EQ(o.err.rfind("fieldtrace: warning: cache/fields: cannot be written: Permission denied", 0), 0u) << o.err;
+  EXPECT_EQ(o.err.rfind("fieldtrace: warning: cache: cannot be written: Permission denied", 0), 0u) << o.err;
   EXPECT_NE(o.err.find("none is kept"), std::string::npos) << o.err;
   EXPECT_EQ(std::count(o.err.begin(), o.err.end(), '\n'), 1) << o.err;
   EXPECT_NE(read_text(folder_ / "s.json").find("\"rays\": 0"), std::string::npos) << "fields were baked again";
@@ -357,7 +357,7 @@ TEST_F(ReadOnlyCache, IsReadWithOneWarning) {
 }
 
 TEST_F(ReadOnlyCache, IsNoPlaceToBakeInto) {
-  expect_failure(1, "cache/fields: cannot be written: Permission denied",
+  expect_failure(1, "cache: cannot be written: Permission denied",
                  {"bake", "ball.ply", "-o", "cache", "--chart", "thesis", "--directions", "32"}, respect_permissions);
 }
 

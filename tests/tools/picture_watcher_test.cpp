@@ -5,21 +5,13 @@
 #include <filesystem>
 
 #include "tests/support/command_files.h"
+#include "tests/support/waiting.h"
 #include "tests/support/warnings.h"
 
 namespace fieldtrace::test {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Waits for up to 20 s.
-bool comes_true(const std::function<bool()>& condition) {
-  for (int i = 0; i < 2000; ++i) {
-    if (condition()) return true;
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  return false;
-}
 
 WatcherOptions often(const std::string& path) {
   WatcherOptions o;
@@ -110,6 +102,7 @@ TEST_F(WatchCommand, APictureIsThereBeforeTheRenderEnds) {
 
 TEST_F(WatchCommand, TheFileInTheEndIsThePicture) {
   ASSERT_EQ(run({"render", "scene.xml", "-o", "a.png", "--quiet"}).code, 0);
+  EXPECT_EQ(run({"render", "scene.xml", "-o", "A.PNG", "--watch", "--quiet"}).code, 0);
   const Outcome o = run({"render", "scene.xml", "-o", "b.png", "-o", "c.exr", "--watch", "--quiet"});
   EXPECT_EQ(o.code, 0);
   EXPECT_EQ(o.err, "");

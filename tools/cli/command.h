@@ -32,7 +32,4 @@ void add_compare_command(CommandLine& line);
 void add_tradeoff_command(CommandLine& line);
 void add_thesis_command(CommandLine& line);
 
-// For documented features that are not implemented yet.
-inline UsageError not_available_yet(const std::string& what) { return UsageError(what + ": not available yet"); }
-
 }  // namespace fieldtrace

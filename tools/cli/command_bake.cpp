@@ -2,9 +2,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 
+#include "core/io/atomic_file.h"
+#include "core/io/file_ending.h"
 #include "core/loader/scene_limits.h"
 #include "core/mesh/mesh_io.h"
 #include "hybrid/fields/field_resolution.h"
@@ -16,6 +17,7 @@
 #include "tools/cli/options.h"
 #include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
+#include "tools/cli/standard_output.h"
 
 namespace fieldtrace {
 
@@ -32,8 +34,7 @@ struct BakeArguments {
 };
 
 bool is_mesh(const std::string& path) {
-  std::string ending = std::filesystem::path(path).extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  const std::string ending = file_ending(path);
   return ending == ".obj" || ending == ".ply";
 }
 
@@ -49,7 +50,8 @@ void check_limit(const BakeArguments& arguments) {
 }
 
 // The numbered files of all objects that may get a field. Those in a cache are named by what they hold.
-void check_inputs_survive(const BakeArguments& arguments, const Scene& scene, const std::vector<ShapeTraits>& traits) {
+void check_numbered_outputs(const BakeArguments& arguments, const Scene& scene,
+                            const std::vector<ShapeTraits>& traits) {
   if (std::filesystem::is_directory(arguments.output)) return;
   const auto wanted = size_t(std::count_if(traits.begin(), traits.end(), [](const auto& t) { return t.wants_field; }));
   std::vector<OutputFile> outputs;
@@ -59,6 +61,7 @@ void check_inputs_survive(const BakeArguments& arguments, const Scene& scene, co
   std::vector<std::string> inputs = scene.files;
   inputs.push_back(arguments.input.path);  // a mesh alone has no scene file
   require_distinct_files(outputs, inputs);
+  for (const OutputFile& output : outputs) require_writable(output.path);
 }
 
 std::string summary(const FieldFileInfo& info) {
@@ -95,7 +98,7 @@ int run_bake(const BakeArguments& arguments) {
   if (mesh)
     check_scene_limits(scene, {.instances = {{arguments.input.path}}, .emitters = {}, .camera = {}, .scene = {}});
   const std::vector<ShapeTraits> traits = shape_traits(scene);
-  check_inputs_survive(arguments, scene, traits);
+  check_numbered_outputs(arguments, scene, traits);
   BakeOptions options = arguments.options;
   if (by_thesis) options.thesis_directions = thesis_directions(arguments.directions, arguments.plane);
   options.fields = choose_resolution(scene, traits, k_large_picture_rays);
@@ -107,9 +110,11 @@ int run_bake(const BakeArguments& arguments) {
     fmt::print("{}: {}, {}\n", field.path, field.object,
                std::visit([](const auto& info) { return summary(info); }, field.info));
   }
-  if (result.fields.empty()) fmt::print("nothing written: the scene's shadow rays demand no field\n");
+  if (result.fields.empty() && !result.interrupted)
+    fmt::print("nothing written: the scene's shadow rays demand no field\n");
   if (!result.interrupted) return k_exit_success;
-  fmt::print(stderr, "fieldtrace: interrupted; the finished cells were written\n");
+  print_message("fieldtrace: interrupted; {}\n",
+                result.fields.empty() ? "nothing was written" : "the finished cells were written");
   return k_exit_interrupted;
 }
 
@@ -136,7 +141,7 @@ void add_bake_command(CommandLine& line) {
   add_memory_option(command, arguments->options.field_memory);
   add_cache_limit_option(command, arguments->options.cache_limit);
   command.add_option("--threads", arguments->options.threads, "Threads (default: 0, all)")
-      ->check(thread_count())
+      ->transform(thread_count())
       ->type_name("N");
   add_scene_reading_options(command, arguments->input);
   command.callback([arguments, &line] { line.action = [arguments] { return run_bake(*arguments); }; });

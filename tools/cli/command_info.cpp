@@ -2,13 +2,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <thread>
 
 #include "core/image/image.h"
+#include "core/io/file_ending.h"
 #include "core/mesh/mesh_io.h"
 #include "field/file/field_info.h"
 #include "field/file/maps_file.h"
@@ -167,6 +167,11 @@ void print_field(const std::string& path) {
 
 using Json = nlohmann::ordered_json;
 
+// Names of files need not be UTF-8.
+void print_json(const Json& json) {
+  fmt::print("{}\n", json.dump(2, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace));
+}
+
 // Entries common to fields of all charts; `cells`: the chart's parameters.
 Json header_json(const std::string& path, const FieldFileHeader& header, const Json& cells) {
   const FieldIdentity& identity = header.identity;
@@ -189,7 +194,7 @@ void print_thesis_field_json(const std::string& path) {
                    {"misses", info.misses},
                    {"normals", info.has_normals},
                    {"bytes", {{"disk", info.bytes_disk}, {"memory", info.bytes_memory}}}});
-  fmt::print("{}\n", json.dump(2));
+  print_json(json);
 }
 
 void print_maps_json(const std::string& path) {
@@ -199,7 +204,7 @@ void print_maps_json(const std::string& path) {
   json.update(Json{{"texels", info.size.lines()},
                    {"hits", info.hits},
                    {"bytes", {{"disk", info.bytes_disk}, {"memory", info.bytes_memory}}}});
-  fmt::print("{}\n", json.dump(2));
+  print_json(json);
 }
 
 void print_field_json(const std::string& path) {
@@ -236,7 +241,7 @@ void print_field_json(const std::string& path) {
                      {"cells", info.bytes_cells},
                      {"coverage", info.bytes_coverage}}},
                    {"compression", info.compression()}});
-  fmt::print("{}\n", json.dump(2));
+  print_json(json);
 }
 
 void print_field_file(const std::string& path, bool json) {
@@ -271,8 +276,7 @@ int run_info(const InfoArguments& arguments) {
     return k_exit_success;
   }
   const std::string& path = arguments.file.path;
-  std::string ending = std::filesystem::path(path).extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  const std::string ending = file_ending(path);
   if (arguments.json && ending != ".vdb") {
     throw UsageError("--json: only of fields; " + path + " does not end in .vdb");
   }

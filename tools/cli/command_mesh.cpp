@@ -2,12 +2,16 @@
 #include <fmt/format.h>
 
 #include <filesystem>
+#include <limits>
+#include <type_traits>
 
 #include "core/io/atomic_file.h"
 #include "core/mesh/mesh_io.h"
 #include "core/mesh/mesh_procedural.h"
 #include "core/mesh/mesh_stress.h"
 #include "tools/cli/command.h"
+#include "tools/cli/options.h"
+#include "tools/cli/standard_output.h"
 
 namespace fieldtrace {
 
@@ -16,7 +20,12 @@ namespace {
 // One parameter of a generator: its option, target and description. The default shown is that of the struct.
 template <class T>
 void parameter(CLI::App& command, const std::string& name, T& target, const std::string& help) {
-  command.add_option("--" + name, target, fmt::format("{} (default: {})", help, target))->type_name("X");
+  CLI::Option* const option =
+      command.add_option("--" + name, target, fmt::format("{} (default: {})", help, target))->type_name("X");
+  if constexpr (std::is_integral_v<T>) {
+    using Limits = std::numeric_limits<T>;
+    option->transform(whole_number_between(Limits::min(), Limits::max()).description(""));
+  }
 }
 
 void superformula(CLI::App& command, const std::string& suffix, Superformula& f, const std::string& which) {
@@ -114,7 +123,7 @@ void add_parameters(CLI::App& command, SliverFanParams& p) {
 
 int write_mesh(const std::string& path, const TriangleMesh& mesh) {
   save_ply(path, mesh);
-  fmt::print(stderr, "{}: {} triangles, {} vertices\n", path, mesh.triangles.size(), mesh.positions.size());
+  print_message("{}: {} triangles, {} vertices\n", path, mesh.triangles.size(), mesh.positions.size());
   return k_exit_success;
 }
 

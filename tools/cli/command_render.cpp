@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "core/io/atomic_file.h"
+#include "core/io/file_ending.h"
 #include "field/file/vdb_grid.h"
 #include "hybrid/denoise/denoise.h"
 #include "hybrid/render/picture.h"
@@ -21,6 +22,7 @@
 #include "tools/cli/output_files.h"
 #include "tools/cli/picture_watcher.h"
 #include "tools/cli/progress.h"
+#include "tools/cli/standard_output.h"
 #include "tools/cli/tev_viewer.h"
 
 namespace fieldtrace {
@@ -74,9 +76,8 @@ void require_slice_alone(const RenderArguments& arguments) {
   if (arguments.denoise)
     throw UsageError("--denoise needs the whole picture, of which --slice renders a part; give one of them");
   if (arguments.outputs.size() > 1) throw UsageError("--slice writes one part; give one -o");
-  std::string ending = std::filesystem::path(arguments.outputs[0]).extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
-  if (ending != ".exr") throw UsageError("-o " + arguments.outputs[0] + ": parts are EXR files; end the name in .exr");
+  if (file_ending(arguments.outputs[0]) != ".exr")
+    throw UsageError("-o " + arguments.outputs[0] + ": parts are EXR files; end the name in .exr");
 }
 
 // Denoises the picture and removes the layers that nobody asked for. Returns what denoised it; empty: nothing did.
@@ -122,7 +123,7 @@ std::vector<std::string> watched_files(const RenderArguments& arguments) {
   std::vector<std::string> paths;
   if (!arguments.watch) return paths;
   for (const std::string& path : arguments.outputs) {
-    if (std::filesystem::path(path).extension() == ".png") paths.push_back(path);
+    if (file_ending(path) == ".png") paths.push_back(path);
   }
   if (paths.empty()) throw UsageError("--watch writes the PNG outputs, and there is none; add -o NAME.png");
   return paths;
@@ -173,15 +174,15 @@ void print_checks(const Stats& s) {
     const uint64_t answers = s.check_by[v][0].answers + s.check_by[v][1].answers;
     const uint64_t wrong = s.check_by[v][0].wrong + s.check_by[v][1].wrong;
     if (answers == 0) continue;
-    fmt::print(stderr, "{}  {} of {} certified answers `{}` wrong ({})\n", title, wrong, answers,
-               k_checked_verdict_names[v], percent(wrong, answers));
+    print_message("{}  {} of {} certified answers `{}` wrong ({})\n", title, wrong, answers, k_checked_verdict_names[v],
+                  percent(wrong, answers));
     title = "      ";
   }
   for (int e = 0; e < k_checked_estimates; ++e) {
     const CheckedDifferences& d = s.check_estimates[e];
     if (d.compared == 0) continue;
-    fmt::print(stderr, "{}  {} compared with rays: {:.4f} in the mean, {:.2f} at most, bias {:+.4f} ({})\n", title,
-               k_checked_estimate_names[e], d.mean_difference(), d.worst_difference(), d.bias(), d.compared);
+    print_message("{}  {} compared with rays: {:.4f} in the mean, {:.2f} at most, bias {:+.4f} ({})\n", title,
+                  k_checked_estimate_names[e], d.mean_difference(), d.worst_difference(), d.bias(), d.compared);
     title = "      ";
   }
 }
@@ -189,67 +190,66 @@ void print_checks(const Stats& s) {
 // Which share of the light samples was answered how.
 void print_answers(const Stats& s) {
   if (s.samples_spared == 0) return;
-  fmt::print(stderr, "light   samples: {} by whole lights, {} by strata, {} by cells, {} by rays\n",
-             percent(s.samples_by_clusters(), s.samples), percent(s.samples_by_strata, s.samples),
-             percent(s.samples_by_cells(), s.samples), percent(s.rays_exact, s.samples));
+  print_message("light   samples: {} by whole lights, {} by strata, {} by cells, {} by rays\n",
+                percent(s.samples_by_clusters(), s.samples), percent(s.samples_by_strata, s.samples),
+                percent(s.samples_by_cells(), s.samples), percent(s.rays_exact, s.samples));
 }
 
 void print_summary(const Stats& s) {
-  fmt::print(stderr, "{}, {}x{}, {} spp x {} light sample{}, seed {}, {} thread{}, {}\n", s.method, s.width, s.height,
-             s.spp, s.light_samples, s.light_samples == 1 ? "" : "s", s.seed, s.threads, s.threads == 1 ? "" : "s",
-             s.isa);
-  if (!s.slice.empty()) fmt::print(stderr, "slice   {}\n", s.slice);
-  fmt::print(stderr, "scene   {} triangles, {} instances, {} lights\n", count(s.triangles), s.instances, s.lights);
-  fmt::print(stderr, "time    {:.2f} s: load {:.2f}, bake {:.2f}, primary {:.2f}, secondary {:.2f}\n", s.time_total,
-             s.time_load, s.time_bake, s.time_primary, s.time_secondary);
-  fmt::print(stderr, "rays    {} primary, {} shadow ({} near an object), {} glossy\n", count(s.rays_primary),
-             count(s.rays_shadow), count(s.rays_crossing), count(s.rays_glossy));
+  print_message("{}, {}x{}, {} spp x {} light sample{}, seed {}, {} thread{}, {}\n", s.method, s.width, s.height, s.spp,
+                s.light_samples, s.light_samples == 1 ? "" : "s", s.seed, s.threads, s.threads == 1 ? "" : "s", s.isa);
+  if (!s.slice.empty()) print_message("slice   {}\n", s.slice);
+  print_message("scene   {} triangles, {} instances, {} lights\n", count(s.triangles), s.instances, s.lights);
+  print_message("time    {:.2f} s: load {:.2f}, bake {:.2f}, primary {:.2f}, secondary {:.2f}\n", s.time_total,
+                s.time_load, s.time_bake, s.time_primary, s.time_secondary);
+  print_message("rays    {} primary, {} shadow ({} near an object), {} glossy\n", count(s.rays_primary),
+                count(s.rays_shadow), count(s.rays_crossing), count(s.rays_glossy));
   if (s.by_rounds) {
     const std::string error = std::isfinite(s.error_estimate)
                                   ? fmt::format("{:.3g} estimated: noise {:.3g}, fields {:.3g}", s.error_estimate,
                                                 s.error_noise, s.error_fields)
                                   : "not known";
-    fmt::print(stderr, "error   {}; {} rounds, {} to {} samples a pixel\n", error, s.rounds, s.samples_fewest,
-               s.samples_most);
+    print_message("error   {}; {} rounds, {} to {} samples a pixel\n", error, s.rounds, s.samples_fewest,
+                  s.samples_most);
   }
   if (s.field_objects > 0) {
     // The thesis' chart has no plane cells.
     const std::string cells = s.field_plane == 0 ? fmt::format("chart thesis, M = {}", s.field_directions)
                                                  : fmt::format("{} x {} cells", s.field_directions, s.field_plane);
-    fmt::print(stderr, "fields  {} object{}, {}, {} of {} baked, {} in memory\n", s.field_objects,
-               s.field_objects == 1 ? "" : "s", cells, count(s.field_cells_baked), count(s.field_cells_full),
-               megabytes(s.field_bytes_memory));
+    print_message("fields  {} object{}, {}, {} of {} baked, {} in memory\n", s.field_objects,
+                  s.field_objects == 1 ? "" : "s", cells, count(s.field_cells_baked), count(s.field_cells_full),
+                  megabytes(s.field_bytes_memory));
   } else if (s.field_restarts > 0) {
-    fmt::print(stderr, "fields  none: {} are too little for any\n", megabytes(s.field_bytes_budget));
+    print_message("fields  none: {} are too little for any\n", megabytes(s.field_bytes_budget));
   } else if (s.sky_objects == 0 && s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {
-    fmt::print(stderr, "fields  none: every object is too simple to gain from one\n");
+    print_message("fields  none: every object is too simple to gain from one\n");
   }
   if (s.open_light_samples > s.light_samples && s.rays_open > 0)
-    fmt::print(stderr, "light   {} samples for each camera sample where it may be hidden\n", s.open_light_samples);
+    print_message("light   {} samples for each camera sample where it may be hidden\n", s.open_light_samples);
   if (s.sky_objects > 0) {
-    fmt::print(stderr, "sky     direction maps of {} object{}, {} x {} of {} x {} texels, {}\n", s.sky_objects,
-               s.sky_objects == 1 ? "" : "s", s.sky_directions, s.sky_directions, s.sky_texels, s.sky_texels,
-               megabytes(s.field_bytes_maps));
+    print_message("sky     direction maps of {} object{}, {} x {} of {} x {} texels, {}\n", s.sky_objects,
+                  s.sky_objects == 1 ? "" : "s", s.sky_directions, s.sky_directions, s.sky_texels, s.sky_texels,
+                  megabytes(s.field_bytes_maps));
   }
   if (s.field_left_to_rays > 0) {
-    fmt::print(stderr, "left    {} object{} to exact rays for shadows: fields would gain too little\n",
-               s.field_left_to_rays, s.field_left_to_rays == 1 ? "" : "s");
+    print_message("left    {} object{} to exact rays for shadows: fields would gain too little\n", s.field_left_to_rays,
+                  s.field_left_to_rays == 1 ? "" : "s");
   }
   if (s.field_self_to_rays > 0) {
-    fmt::print(stderr, "left    {} object{} to exact rays for shadows on themselves\n", s.field_self_to_rays,
-               s.field_self_to_rays == 1 ? "" : "s");
+    print_message("left    {} object{} to exact rays for shadows on themselves\n", s.field_self_to_rays,
+                  s.field_self_to_rays == 1 ? "" : "s");
   }
-  fmt::print(stderr, "exact   {:.1f} % of the shadow rays near an object, {:.2f} objects a ray\n",
-             100.0 * s.exact_fraction(), s.spheres_per_ray());
+  print_message("exact   {:.1f} % of the shadow rays near an object, {:.2f} objects a ray\n",
+                100.0 * s.exact_fraction(), s.spheres_per_ray());
   if (s.rays_glossy > 0) {
-    fmt::print(stderr, "        {} of the glossy rays\n", percent(s.rays_glossy_exact, s.rays_glossy));
+    print_message("        {} of the glossy rays\n", percent(s.rays_glossy_exact, s.rays_glossy));
   }
   print_answers(s);
   print_checks(s);
   if (s.time_total > 0) {
-    fmt::print(stderr, "speed   {}rays/s, peak memory {}\n",
-               count(uint64_t(double(s.rays_primary + s.rays_shadow + s.rays_glossy) / s.time_total)) + " ",
-               megabytes(s.memory_peak_bytes));
+    print_message("speed   {}rays/s, peak memory {}\n",
+                  count(uint64_t(double(s.rays_primary + s.rays_shadow + s.rays_glossy) / s.time_total)) + " ",
+                  megabytes(s.memory_peak_bytes));
   }
 }
 
@@ -284,7 +284,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   if (is_done(arguments, scene, options)) {
     progress.clear();
     if (!arguments.quiet)
-      fmt::print(stderr, "{}: slice {} is there already\n", arguments.outputs[0], slice_text(*options.slice));
+      print_message("{}: slice {} is there already\n", arguments.outputs[0], slice_text(*options.slice));
     return k_exit_success;
   }
   RenderCallbacks callbacks;
@@ -311,10 +311,11 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
     if (previews.viewer) show_result(result.image, *previews.picture);
   }
 
-  if (result.interrupted && result.part) {
+  // What is there from before is better than black.
+  if (result.interrupted && (result.part || !result.has_samples)) {
     if (previews.viewer) previews.viewer->finish();
     progress.clear();
-    fmt::print(stderr, "fieldtrace: interrupted; the part was not written\n");
+    print_message("fieldtrace: interrupted; {} was not written\n", result.part ? "the part" : "the picture");
     return k_exit_interrupted;
   }
   Stats& stats = result.stats;
@@ -326,13 +327,14 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   progress.clear();
   stats.version = FIELDTRACE_VERSION;
   stats.time_load = load_seconds;
+  stats.time_limit = arguments.options.time_limit;
   stats.time_total = seconds_since(start);
   stats.memory_peak_bytes = peak_memory_bytes();
   if (!arguments.stats_file.empty()) writes.attempt([&] { write_text_file(arguments.stats_file, stats.to_json()); });
   if (!arguments.quiet) print_summary(stats);
   writes.rethrow();
   if (!result.interrupted) return k_exit_success;
-  fmt::print(stderr, "fieldtrace: interrupted; the finished tiles were written\n");
+  print_message("fieldtrace: interrupted; the finished tiles were written\n");
   return k_exit_interrupted;
 }
 
@@ -347,8 +349,12 @@ void add_render_command(CommandLine& line) {
       ->type_name("OUT")
       ->allow_extra_args(false);
   add_render_options(command, arguments->options);
-  command.add_option("--crop", arguments->crop, "Pixels of the film to render")->type_name("X,Y,W,H");
-  command.add_option("--stats", arguments->stats_file, "Write the statistics as JSON")->type_name("FILE.json");
+  command.add_option("--crop", arguments->crop, "Pixels of the film to render")
+      ->check(not_empty())
+      ->type_name("X,Y,W,H");
+  command.add_option("--stats", arguments->stats_file, "Write the statistics as JSON")
+      ->check(not_empty())
+      ->type_name("FILE.json");
   add_exposure_option(command, arguments->exposure);
   command
       .add_option_function<std::string>(

@@ -12,6 +12,7 @@
 #include "tools/cli/options.h"
 #include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
+#include "tools/cli/standard_output.h"
 #include "tools/thesis/measure.h"
 #include "tools/thesis/report.h"
 
@@ -60,10 +61,10 @@ int run_command(const ThesisArguments& arguments, const std::string& command) {
   write_text_file((folder / "hybrid.csv").string(), thesis_hybrid_csv(report));
   write_text_file(page, thesis_page(report, command, FIELDTRACE_VERSION));
   if (!complete) {
-    fmt::print(stderr, "fieldtrace: interrupted; what was finished is in {}\n", page);
+    print_message("fieldtrace: interrupted; what was finished is in {}\n", page);
     return k_exit_interrupted;
   }
-  if (!arguments.quiet) fmt::print(stderr, "{} and the tables beside it written\n", page);
+  if (!arguments.quiet) print_message("{} and the tables beside it written\n", page);
   return k_exit_success;
 }
 
@@ -77,7 +78,7 @@ void add_thesis_command(CommandLine& line) {
   command.add_option("--bunny", arguments->options.bunny, "The bunny's mesh; without it a torus knot takes its place")
       ->type_name("MESH");
   command.add_option("--threads", arguments->threads, "Threads (default: 0, all)")
-      ->check(thread_count())
+      ->transform(thread_count())
       ->type_name("N");
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
   command.callback(

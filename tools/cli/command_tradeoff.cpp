@@ -13,6 +13,7 @@
 #include "tools/cli/options.h"
 #include "tools/cli/output_files.h"
 #include "tools/cli/progress.h"
+#include "tools/cli/standard_output.h"
 #include "tools/report/tradeoff_page.h"
 
 namespace fieldtrace {
@@ -68,7 +69,6 @@ class GrowingTable {
     fs::remove(partial_path_, ignored);
   }
   std::string partial_path() const { return partial_path_.string(); }
-  std::string final_path() const { return final_path_.string(); }
 
  private:
   // Truncates the file to the lines that were written whole.
@@ -139,14 +139,14 @@ int run_command(const TradeoffArguments& arguments, const std::string& command) 
   const bool complete = run_tradeoff(scene, plan, arguments.folder, reference, callbacks);
   progress.clear();
   if (!complete) {
-    fmt::print(stderr, "fieldtrace: interrupted; {}\n", what_is_left(table, reference.image, reference_path));
+    print_message("fieldtrace: interrupted; {}\n", what_is_left(table, reference.image, reference_path));
     return k_exit_interrupted;
   }
   table.finish();
   write_text_file(parts_path, parts_table);
   report.reference = std::move(reference.image);
   write_text_file(page_path, tradeoff_page(report, arguments.folder));
-  if (!arguments.quiet) fmt::print(stderr, "{} and the tables and the reference beside it written\n", page_path);
+  if (!arguments.quiet) print_message("{} and the tables and the reference beside it written\n", page_path);
   return k_exit_success;
 }
 
@@ -159,7 +159,7 @@ void add_tradeoff_command(CommandLine& line) {
   command.add_option("-o", arguments->folder, "Folder to write, made if missing")->required()->type_name("DIR");
   command.add_flag("--quick", arguments->plan.quick, "Few samples and field resolutions, a coarser reference");
   command.add_option("--threads", arguments->plan.base.threads, "Threads (default: 0, all)")
-      ->check(thread_count())
+      ->transform(thread_count())
       ->type_name("N");
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
   command.callback(

@@ -14,6 +14,7 @@
 #include "hybrid/visibility/visibility_device.h"
 #include "tools/cli/command.h"
 #include "tools/cli/progress.h"
+#include "tools/cli/standard_output.h"
 
 namespace fieldtrace {
 
@@ -24,6 +25,8 @@ constexpr int k_max_samples = 1 << 20;
 constexpr int k_max_threads = 4096;
 // Stops beyond which every finite float becomes 0 or infinite.
 constexpr double k_max_exposure = 126.0;
+// Of errors, and of seconds: 30 years.
+constexpr double k_most_limit = 1e9;
 // 10^18 bytes.
 constexpr int64_t k_max_megabytes = int64_t(1000) * 1000 * 1000 * 1000;
 
@@ -61,21 +64,30 @@ CLI::Validator number_between(double least, double most) {
       fmt::format("in [{}, {}]", least, most));
 }
 
-CLI::Validator positive_number() {
+CLI::Validator positive_number(double most) {
+  const std::string and_most = std::isfinite(most) ? fmt::format(" and at most {}", most) : std::string();
   return CLI::Validator(
-      [](std::string& text) {
+      [=](std::string& text) {
         const auto value = whole_parse<double>(text);
-        if (value && float(*value) > 0.0f) return std::string();
-        return fmt::format("'{}' is not a number greater than 0", text);
+        if (value && float(*value) > 0.0f && *value <= most) return std::string();
+        return fmt::format("'{}' is not a number greater than 0{}", text, and_most);
       },
       "> 0");
+}
+
+CLI::Validator not_empty() {
+  return CLI::Validator(
+      [](std::string& text) { return text.empty() ? "it is empty; leave the option out" : std::string(); }, "");
 }
 
 CLI::Validator whole_number_between(int64_t least, int64_t most) {
   return CLI::Validator(
       [=](std::string& text) {
         const auto value = whole_parse<int64_t>(text);
-        if (value && *value >= least && *value <= most) return std::string();
+        if (value && *value >= least && *value <= most) {
+          text = std::to_string(*value);
+          return std::string();
+        }
         return fmt::format("'{}' is not a whole number between {} and {}", text, least, most);
       },
       fmt::format("in [{}, {}]", least, most));
@@ -110,7 +122,7 @@ CLI::Option* add_megabytes(CLI::App& command, const char* name, uint64_t& bytes,
   return command
       .add_option_function<uint64_t>(
           name, [&bytes](const uint64_t& megabytes) { bytes = megabytes * 1000000; }, help)
-      ->check(whole_number_between(1, k_max_megabytes))
+      ->transform(whole_number_between(1, k_max_megabytes))
       ->type_name("MB");
 }
 
@@ -142,7 +154,7 @@ void add_scene_options(CLI::App& command, SceneArguments& arguments) {
 WarningSink print_warnings(ProgressLine& progress) {
   return [&progress](const std::string& message) {
     progress.clear();
-    fmt::print(stderr, "fieldtrace: warning: {}\n", message);
+    print_message("fieldtrace: warning: {}\n", message);
   };
 }
 
@@ -175,7 +187,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
                                                                    {"adaptive", LightEstimator::adaptive}};
   static const std::vector<std::string> aovs = aov_names();
   const auto whole = [&](const char* name, int& target, int64_t least, int64_t most, const char* help) {
-    command.add_option(name, target, help)->check(whole_number_between(least, most))->type_name("N");
+    command.add_option(name, target, help)->transform(whole_number_between(least, most))->type_name("N");
   };
 
   command
@@ -198,7 +210,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
   command
       .add_option_function<uint32_t>(
           "--seed", [&options](const uint32_t& seed) { options.seed = seed; }, "Random seed (default: the scene's)")
-      ->check(whole_number_between(0, std::numeric_limits<uint32_t>::max()))
+      ->transform(whole_number_between(0, std::numeric_limits<uint32_t>::max()))
       ->type_name("S");
   command
       .add_option("--tolerance", options.tolerance,
@@ -221,10 +233,13 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->type_name("WHEN");
   CLI::Option* const cache =
       command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
+          ->check(not_empty())
           ->type_name("DIR");
   add_cache_limit_option(command, options.field_cache_limit)->needs(cache);
   add_memory_option(command, options.field_memory);
-  command.add_option("--threads", options.threads, "Threads (default: 0, all)")->check(thread_count())->type_name("N");
+  command.add_option("--threads", options.threads, "Threads (default: 0, all)")
+      ->transform(thread_count())
+      ->type_name("N");
   command
       .add_option_function<std::string>(
           "--isa", [&options](const std::string& name) { options.isa = isas.at(name); },
@@ -258,7 +273,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
     return command
         .add_option_function<float>(
             name, [&target](const float& value) { target = value; }, help)
-        ->check(positive_number())
+        ->check(positive_number(k_most_limit))
         ->type_name(type);
   };
   add_positive(
@@ -272,19 +287,21 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
             options.error_measure = ErrorMeasure::relative;
           },
           "The same, relative: the root of relmse")
-      ->check(positive_number())
+      ->check(positive_number(k_most_limit))
       ->type_name("E")
       ->excludes("--target-error");
   CLI::Option* const checkpoint =
       command
           .add_option("--checkpoint", options.checkpoint,
                       "File that keeps what has been rendered: for --resume, after an interrupt or for more samples")
+          ->check(not_empty())
           ->type_name("FILE");
   command.add_option("--checkpoint-every", options.checkpoint_seconds, "Seconds between checkpoints (default: 60)")
-      ->check(number_between(0.0, 1e9))
+      ->check(number_between(0.0, k_most_limit))
       ->type_name("S")
       ->needs(checkpoint);
   command.add_option("--resume", options.resume, "Checkpoint to go on from, with the options that it was written with")
+      ->check(not_empty())
       ->type_name("FILE");
   add_positive("--time-limit", options.time_limit, "S", "Seconds after which the picture is finished as it is");
   command
@@ -297,7 +314,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       .add_option_function<int>(
           "--max-depth", [&options](const int& depth) { options.max_depth = depth; },
           "Longest path, -1 for no limit, 1: emission only, 2: direct light (default: the scene's)")
-      ->check(whole_number_between(-1, 1 << 16))
+      ->transform(whole_number_between(-1, 1 << 16))
       ->type_name("N");
 }
 

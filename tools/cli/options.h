@@ -6,6 +6,7 @@
 
 #include <CLI/CLI.hpp>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -20,17 +21,20 @@ class ProgressLine;
 // A number in [least, most]; NaN and trailing characters are refused.
 CLI::Validator number_between(double least, double most);
 
-// A number that is greater than 0 in single precision, including "inf".
-CLI::Validator positive_number();
+// A number that is greater than 0 in single precision, and at most `most`: "inf" by default.
+CLI::Validator positive_number(double most = std::numeric_limits<double>::infinity());
 
-// A whole number in [least, most].
+// No empty text: what a variable gives that is not set.
+CLI::Validator not_empty();
+
+// A whole number in [least, most]. To be given to transform(): CLI11 would read 010 as octal, this makes it 10.
 CLI::Validator whole_number_between(int64_t least, int64_t most);
 
 // D in {32, 64, 128, 256} and N in {64, 128, 256, 512}: few values, so that caches can be reused.
 CLI::Validator field_directions();
 CLI::Validator field_plane();
 
-// Threads to use: 0 (all) to 4096.
+// Threads to use: 0 (all) to 4096; as whole_number_between().
 CLI::Validator thread_count();
 
 // --chart.

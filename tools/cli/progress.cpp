@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "tools/cli/standard_output.h"
+
 namespace fieldtrace {
 
 namespace {
@@ -35,14 +37,14 @@ void ProgressLine::update(double share, const std::string& stage) {
   const double elapsed = std::chrono::duration<double>(now - start_).count();
   std::string line = fmt::format("{:3.0f} %  {}  {} elapsed", 100.0 * done, stage, minutes(elapsed));
   if (done >= k_share_for_estimate) line += fmt::format(", {} left", minutes(elapsed * (1.0 - done) / done));
-  fmt::print(stderr, "\r{}\033[K", line);
+  print_message("\r{}\033[K", line);
   std::fflush(stderr);
 }
 
 void ProgressLine::clear() {
   if (!drawn_) return;
   drawn_ = false;
-  fmt::print(stderr, "\r\033[K");
+  print_message("\r\033[K");
   std::fflush(stderr);
 }
 

@@ -17,13 +17,14 @@ void prepare_streams() {
     if (held >= 0 && held != stream) close(held);
   }
   std::signal(SIGXFSZ, SIG_IGN);
+  std::signal(SIGPIPE, SIG_IGN);
   // Longer than any help text, so that what fails is the flush at the end, which knows the reason.
   static char buffer[size_t(1) << 16];
   if (!isatty(STDOUT_FILENO)) std::setvbuf(stdout, buffer, _IOFBF, sizeof(buffer));
 }
 
 std::string flush_standard_output() {
-  if (std::fflush(stdout) != 0) return std::strerror(errno);
+  if (std::fflush(stdout) != 0) return errno == EPIPE ? std::string() : std::strerror(errno);
   if (std::ferror(stdout) != 0) return "an earlier write failed";
   // Network file systems may report errors only on closing a descriptor; this one has to stay open.
   const int copy = dup(STDOUT_FILENO);

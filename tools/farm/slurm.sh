@@ -41,6 +41,8 @@ while [[ $# -gt 0 ]]; do
   shift
 done
 [[ ${#outputs[@]} -gt 0 ]] || fail 2 "say what to write: -o OUT.exr"
+arguments=()
+for output in "${outputs[@]}"; do arguments+=(-o "$output"); done
 
 command -v sbatch >/dev/null ||
   fail 1 "there is no sbatch; run this where Slurm's commands are, or render the slices by hand (docs/farm.md)"
@@ -61,6 +63,10 @@ parts=${outputs[0]}.parts
 status=0
 complaint=$("$program" render "$scene" "${of_render[@]}" --slice "1/$count" -o "$program/none.exr" 2>&1) || status=$?
 [[ $status -ne 2 ]] || fail 2 "$complaint"
+# The merge's: a part that is not there comes last.
+status=0
+complaint=$("$program" merge "$program/none.exr" "${arguments[@]}" "${of_merge[@]}" 2>&1) || status=$?
+[[ $complaint == *"$program/none.exr"* ]] || fail "$status" "$complaint"
 mkdir -p "$parts" || fail 1 "$parts: the folder cannot be made"
 
 # As the shell of a job reads it: one word, or all.
@@ -82,8 +88,6 @@ SCRIPT
 ) || { rmdir "$parts" 2>/dev/null || true; fail 1 "sbatch refused the slices; its message says why"; }
 slices=${slices%%;*}
 
-arguments=()
-for output in "${outputs[@]}"; do arguments+=(-o "$output"); done
 merge=$(sbatch --parsable --requeue --job-name="merge of $(basename "$scene")" --dependency="afterok:$slices" \
   --kill-on-invalid-dep=yes --open-mode=append --output="$(log merge)" --ntasks=1 <<SCRIPT
 #!/usr/bin/env bash

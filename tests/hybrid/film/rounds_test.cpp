@@ -240,6 +240,41 @@ TEST(Checkpoints, StoppedAtOnceKeepThePicture) {
   }
 }
 
+// A pass for more samples that was stopped is begun for these, whatever the first command's were.
+TEST(Checkpoints, APassIsNotCutShort) {
+  const ScratchFolder folder(testing::TempDir(), "rounds");
+  const Scene scene = test::hybrid_scene("object_over_floor", k_size).scene;
+  RenderOptions o = options_of(Method::monte_carlo, 0.0f, 3);
+  o.spp = 2;
+  o.aovs = {};
+  o.checkpoint = folder.path() + "/pass";
+  o.checkpoint_seconds = 0.0;
+  o.threads = 1;
+  render(scene, o);
+  o.resume = o.checkpoint;
+  o.spp = 8;
+  std::atomic<bool> stop = false;
+  std::atomic<int> tiles = 0;
+  RenderCallbacks callbacks;
+  callbacks.stop = &stop;
+  // Those of the first pass are shown before.
+  const int before = (k_size / 32) * (k_size / 32);
+  callbacks.tile = [&](const Rect&, std::span<const Rgb>) { stop = ++tiles > before; };
+  EXPECT_TRUE(render(scene, o, callbacks).interrupted);
+  const auto refusal = [&]() -> std::string {
+    try {
+      render(scene, o);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  o.spp = 4;
+  EXPECT_NE(refusal().find("was begun for 8 samples a pixel"), std::string::npos) << refusal();
+  o.spp = 8;
+  EXPECT_EQ(refusal(), "");
+}
+
 // Names and values of a command need not be UTF-8, and a parameter that is left out makes another picture.
 TEST(Checkpoints, ParametersMayBeAnyBytes) {
   const ScratchFolder folder(testing::TempDir(), "rounds");
