@@ -60,6 +60,8 @@ BsdfSample sample_unmasked(const Material& material, const Vec3& wi, const Vec2&
   return {};
 }
 
+bool is_plastic(BsdfKind kind) { return kind == BsdfKind::plastic || kind == BsdfKind::rough_plastic; }
+
 Microfacet microfacet_of(const Bsdf& bsdf) {
   return {bsdf.microfacet, std::max(bsdf.alpha_u, k_min_alpha), std::max(bsdf.alpha_v, k_min_alpha)};
 }
@@ -72,9 +74,9 @@ bool is_textured(const Scene& scene, uint32_t bsdf) {
   };
   for (uint32_t b = bsdf; b != k_none; b = scene.bsdfs[b].back) {
     const Bsdf& side = scene.bsdfs[b];
-    for (const uint32_t texture : {side.reflectance, side.transmittance, side.diffuse_reflectance, side.opacity}) {
-      if (varies(texture)) return true;
-    }
+    if (varies(side.reflectance) || varies(side.opacity)) return true;
+    if (transmits(side.kind) && varies(side.transmittance)) return true;
+    if (is_plastic(side.kind) && varies(side.diffuse_reflectance)) return true;
   }
   return false;
 }
@@ -132,8 +134,7 @@ Rgb material_albedo(const Material& m) {
   if (m.dark) return Rgb(0.0f);
   if (m.kind == BsdfKind::conductor || m.kind == BsdfKind::rough_conductor)
     return m.reflectance * fresnel_conductor(1.0f, m.eta, m.k) * m.opacity;
-  const bool is_plastic = m.kind == BsdfKind::plastic || m.kind == BsdfKind::rough_plastic;
-  return (is_plastic ? m.diffuse_reflectance : m.reflectance) * m.opacity;
+  return (is_plastic(m.kind) ? m.diffuse_reflectance : m.reflectance) * m.opacity;
 }
 
 float lobe_alpha(const Material& m) {

@@ -65,6 +65,9 @@ class LightChunk {
     group_.light = extent;
     group_.light.instance = k_none;  // a number of another scene
     group_.pixel_samples = k_strata;
+    const StrataGrid grid = strata_grid(lights.lights[light]);
+    has_strata_ = grid.columns > 0;
+    if (has_strata_) columns_ = grid.columns;
   }
 
   void see(const ShadingPointBatch& points) {
@@ -81,7 +84,7 @@ class LightChunk {
       if (!shadow || shadow & k_light_blocked) {
         seen.certain = seen.active;
         seen.clear = shadow ? 0.0f : float(seen.active);
-      } else if (!group_.by_rays[i] && s_.shadows->filters(group_)) {
+      } else if (has_strata_ && !group_.by_rays[i] && s_.shadows->filters(group_)) {
         filtered_.push_back(i);
       } else {
         for (uint32_t k = 0; k < uint32_t(k_strata); ++k) left_.push_back(i * uint32_t(k_strata) + k);
@@ -101,7 +104,7 @@ class LightChunk {
   };
 
   void sample(const ShadingPointBatch& points, ShadowBatch& rays) const {
-    sample_light(lights_, light_, points, {k_strata, 0, k_strata, k_strata_side}, isa_, rays);
+    sample_light(lights_, light_, points, {k_strata, 0, k_strata, columns_}, isa_, rays);
   }
 
   void filter(const ShadingPointBatch& points) {
@@ -144,6 +147,8 @@ class LightChunk {
   const SceneObject& s_;
   const LightTable& lights_;
   uint32_t light_;
+  bool has_strata_ = false;
+  int columns_ = 4;  // of the sample points
   Isa isa_;
   ShadowGroup group_;
   ShadowBatch rays_, shares_, traced_;

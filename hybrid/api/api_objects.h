@@ -42,7 +42,8 @@ struct Device {
   explicit Device(int threads) : arena(threads) {}
 
   tbb::task_arena arena;
-  std::mutex mutex;  // of the callbacks
+  std::mutex mutex;           // of the callbacks
+  std::mutex progress_mutex;  // held while the progress callback runs
   FTErrorCallback on_error = nullptr;
   FTProgressCallback on_progress = nullptr;
   void* error_user = nullptr;

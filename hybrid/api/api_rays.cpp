@@ -9,6 +9,7 @@
 #include "core/platform/parallel.h"
 #include "core/surface/surface.h"
 #include "hybrid/api/api_buffers.h"
+#include "hybrid/api/flat_origins.h"
 #include "hybrid/api/ray_kernels.h"
 #include "hybrid/api/scene_object.h"
 
@@ -58,6 +59,8 @@ void require_rays(const SceneObject& s, const RayBuffers& rays, size_t begin, si
 struct OcclusionScratch {
   ShadowBatch batch;
   ShadowGroup group;
+  std::vector<uint32_t> blocked;
+  HitBatch hits;
 };
 // Of this thread. Not inlined: the address of a thread's variable is a call in shared libraries, made again and again
 // where the compiler sees the variable.
@@ -103,6 +106,19 @@ void fill(const SceneObject& s, const RayBuffers& from, size_t begin, size_t end
   ends.kind = LightExtent::Kind::everywhere;
 }
 
+// Rays that were traced may have met the flat mesh that they leave.
+void unblock_flat_origins(const SceneObject& s, ShadowBatch& batch, std::vector<uint32_t>& blocked, HitBatch& hits) {
+  blocked.clear();
+  for (uint32_t i = 0; i < batch.rays.size; ++i) {
+    if (batch.exact[i] && batch.blocked[i] && is_flat(s, batch.instance[i])) blocked.push_back(i);
+  }
+  if (blocked.empty()) return;
+  hits.resize(batch.rays.size);
+  s.accel->intersect(batch.rays, hits, Coherence::incoherent);
+  pass_flat_origins(s, batch.rays, batch.instance, blocked, hits);
+  for (const uint32_t i : blocked) batch.blocked[i] = hits.instance[i] != k_none;
+}
+
 // Nothing is written to `results` if any ray is an error.
 void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const Buffer<uint8_t>& results,
               AnswerCounts& counts) {
@@ -110,7 +126,7 @@ void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const B
   const std::unique_ptr<uint8_t[]> answers(new uint8_t[count]);
   std::atomic<uint64_t> all_exact = 0;
   for_chunks(*s.device, count, [&](size_t begin, size_t end) {
-    auto& [batch, group] = scratch();
+    auto& [batch, group, traced, hits] = scratch();
     Bounds3 origins;
     fill(s, rays, begin, end, batch, origins, group.light);
     Stats stats;
@@ -118,6 +134,7 @@ void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const B
       s.shadows->find_ray_candidates(origins, group);
       if (traces) {
         s.shadows->answer(group, batch, stats);
+        if (rays.from) unblock_flat_origins(s, batch, traced, hits);
       } else {
         s.shadows->look_up(group, batch, stats);
       }
@@ -167,7 +184,7 @@ struct HitScratch {
   RayBatch rays;
   HitBatch hits;
   std::vector<PathState> paths;
-  std::vector<uint32_t> which;
+  std::vector<uint32_t> which, from;
   std::vector<Vec3> normals;
   std::vector<float> errors;
   std::vector<uint8_t> undecided;
@@ -201,6 +218,7 @@ void find_hits(const SceneObject& s, HitScratch& h) {
   } else {
     s.accel->intersect(h.rays, h.hits, Coherence::incoherent);
   }
+  pass_flat_origins(s, h.rays, h.from, h.which, h.hits);
   for (const uint32_t i : h.which) {
     if (h.undecided[i] || h.hits.instance[i] == k_none || h.normals[i] != Vec3(0.0f)) continue;
     const Vec3 normal = surface_at(s.scene, h.rays, h.hits, i).geometric_normal;
@@ -223,6 +241,7 @@ void nearest(const SceneObject& s, float alpha, const RayBuffers& rays, const Hi
     HitScratch& h = hit_scratch();
     h.rays.resize(end - begin);
     h.paths.assign(end - begin, {});
+    h.from.assign(end - begin, k_none);
     h.lengths.assign(end - begin, 1.0);
     h.which.clear();
     for (size_t i = begin; i < end; ++i) {
@@ -232,7 +251,7 @@ void nearest(const SceneObject& s, float alpha, const RayBuffers& rays, const Hi
       h.rays.set(j, vector_at(rays.origins, i), d, active ? k_infinity : -1.0f);
       h.paths[j].alpha = alpha;
       h.paths[j].unweighted = false;
-      h.paths[j].instance = rays.instance_of(i);
+      h.from[j] = h.paths[j].instance = rays.instance_of(i);
       if (active) h.which.push_back(uint32_t(j));
     }
     find_hits(s, h);

@@ -1,4 +1,5 @@
 // Scenes, fields and pictures of the C interface.
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -6,6 +7,7 @@
 #include <map>
 
 #include "core/image/image.h"
+#include "core/io/file_ending.h"
 #include "core/loader/scene_limits.h"
 #include "core/loader/scene_xml.h"
 #include "core/platform/parallel.h"
@@ -105,18 +107,25 @@ const std::map<std::string, FieldNumber>& field_numbers() {
   return numbers;
 }
 
-RenderResult render_scene(SceneObject& s) {
+void bake_whole(SceneObject& s, uint32_t shape, BakeCounters& counters, const FullBakeCallbacks& callbacks) {
+  try {
+    bake_full(*s.hit_fields[shape], *s.accel, shape, counters, callbacks);
+  } catch (const Error&) {
+    throw Failure(FT_ERROR_OUT_OF_MEMORY,
+                  "ftBakeFields: all cells of the fields take more memory than \"field_memory\" "
+                  "or the system gives them; set coarser \"directions\" and \"plane\"");
+  }
+}
+
+RenderResult render_scene(SceneObject& s, Progress& progress) {
   check_limits(s.scene);  // the camera may have moved since the commit
-  Progress progress(*s.device);
   RenderCallbacks callbacks;
   callbacks.progress = [&](float share, const char*) { progress(double(share)); };
   callbacks.stop = progress.stop();
   RenderOptions options = s.options;
   options.tolerance = s.tolerance;
   options.threads = s.device->arena.max_concurrency();
-  RenderResult result = render(s.scene, options, callbacks);
-  progress.require_not_stopped();
-  return result;
+  return render(s.scene, options, callbacks);
 }
 
 }  // namespace
@@ -207,7 +216,12 @@ FTError ftSetInstanceReflectance(FTScene scene, uint32_t instance, const float* 
     require(value.x <= 1.0f && value.y <= 1.0f && value.z <= 1.0f, "the reflectance is more than 1");
     const Alone lock(s.mutex);
     require_instance(s, instance);
-    s.scene.instances[instance].bsdf = add_diffuse(s.scene, value);
+    const auto [own, is_new] = s.own_bsdfs.try_emplace(instance, 0);
+    if (is_new)
+      own->second = add_diffuse(s.scene, value);
+    else
+      s.scene.textures[s.scene.bsdfs[own->second].reflectance].color0 = value;
+    s.scene.instances[instance].bsdf = own->second;
   });
 }
 
@@ -231,15 +245,16 @@ FTError ftSetSceneSky(FTScene scene, const float* rgb) {
   return guarded(scene, [&](SceneObject& s) {
     const Rgb value = colour(rgb, "the sky");
     const Alone lock(s.mutex);
-    for (Emitter& e : s.scene.emitters) {
-      if (e.kind != EmitterKind::constant) continue;
-      e.value = value;
-      return;
-    }
     Emitter sky;
     sky.kind = EmitterKind::constant;
     sky.value = value;
-    s.scene.emitters.push_back(sky);
+    // In place of the map of a scene file, too.
+    std::vector<Emitter>& all = s.scene.emitters;
+    const auto old = std::find_if(all.begin(), all.end(), [](const Emitter& e) { return is_sky(e.kind); });
+    if (old == all.end())
+      all.push_back(sky);
+    else
+      *old = sky;
   });
 }
 
@@ -256,8 +271,12 @@ FTError ftSetSceneCamera(FTScene scene, const float* from, const float* to, cons
             "a picture has 1 to 32768 pixels a side");
     const Alone lock(s.mutex);
     const Vec3 z = glm::normalize(target - eye), x = glm::normalize(side);
-    s.scene.camera.to_world = Affine(x, glm::cross(z, x), z, eye);
-    s.scene.camera.fov_x_degrees = horizontal_degrees;
+    Camera pinhole;
+    pinhole.to_world = Affine(x, glm::cross(z, x), z, eye);
+    pinhole.fov_x_degrees = horizontal_degrees;
+    s.scene.camera = pinhole;
+    s.fits_clips = true;
+    s.fit_clips();
     s.scene.film.width = int(width), s.scene.film.height = int(height);
     s.scene.film.crop = {0, 0, int(width), int(height)};
   });
@@ -333,7 +352,7 @@ FTError ftBakeFields(FTScene scene) {
         callbacks.stop = progress.stop();
         callbacks.progress = [&](double share) { progress((double(i) + share) / double(shapes.size())); };
         BakeCounters counters;
-        bake_full(*s.hit_fields[shapes[i]], *s.accel, shapes[i], counters, callbacks);
+        bake_whole(s, shapes[i], counters, callbacks);
         // Of the triangles of hits, which are not baked ahead.
         if (!*progress.stop()) s.demands[shapes[i]]->stop_waiting();
       }
@@ -430,7 +449,8 @@ FTError ftRender(FTScene scene, float* pixels, size_t pixel_stride, size_t row_s
     const uintptr_t last = std::numeric_limits<uintptr_t>::max();
     require(row_stride <= last / 2 / height && row.begin() <= last - row_stride * height,
             "ftRender: the rows reach beyond memory");
-    const RenderResult result = render_scene(s);
+    Progress progress(*s.device);
+    const RenderResult result = render_scene(s, progress);
     for (size_t y = 0; y < height; ++y) {
       const Buffer<float, 3> target("the row of pixels",
                                     reinterpret_cast<float*>(reinterpret_cast<char*>(pixels) + y * row_stride),
@@ -438,6 +458,7 @@ FTError ftRender(FTScene scene, float* pixels, size_t pixel_stride, size_t row_s
       for (size_t x = 0; x < width; ++x)
         std::memcpy(target.at(x), result.image.pixel(int(x), int(y)), 3 * sizeof(float));
     }
+    progress.require_not_stopped();
   });
 }
 
@@ -446,7 +467,12 @@ FTError ftRenderToFile(FTScene scene, const char* path) {
     const std::string file = text_of(path, "path");
     const Shared lock(s.mutex);
     s.require_commit("ftRenderToFile");
+    const std::string ending = file_ending(file);
+    require(ending == ".exr" || ending == ".png", "ftRenderToFile: end the name in .exr or .png");
     require_image_writable(file);
-    write_image(file, render_scene(s).image);
+    Progress progress(*s.device);
+    const RenderResult result = render_scene(s, progress);
+    progress.require_not_stopped();
+    write_image(file, result.image);
   });
 }

@@ -27,6 +27,7 @@ void SceneObject::commit() {
     instance.to_world = transforms[i];
     instance.to_object = Affine(inverse_affine(DAffine(transforms[i])));
   }
+  fit_clips();
   check_limits(scene);
   const RayLimits limits = ray_limits(scene);
   if (!(limits.largest_coordinate > 0.0))
@@ -36,16 +37,7 @@ void SceneObject::commit() {
   largest_coordinate = float(limits.largest_coordinate);
   usual = {float(limits.shortest_direction * limits.shortest_direction),
            float(std::min(limits.longest_direction * limits.longest_direction, 0x1p126))};
-  if (traits.empty()) traits = shape_traits(scene);
-  if (!fields) {
-    FieldPlan plan;
-    plan.parameters = parameters;
-    const uint64_t memory = options.field_memory ? options.field_memory : default_field_memory();
-    fields.emplace(scene, traits, plan, memory, true, reservable_bytes());
-    demands.clear();
-    for (const Field* field : fields->all_pointers())
-      demands.push_back(field ? std::make_unique<SliceDemand>(*field) : nullptr);
-  }
+  if (!fields) make_fields();
   accel = std::make_unique<Accel>(scene);
   tolerance = options.tolerance;
   AnswererSettings settings;
@@ -60,6 +52,36 @@ void SceneObject::commit() {
   std::erase_if(suited, [&](uint32_t i) { return !hit_fields[scene.instances[i].shape]; });
   if (!suited.empty()) hits = std::make_unique<HitAnswerer>(scene, *accel, traits, hit_fields, suited, settings);
   was_committed = true;
+}
+
+// All or, if memory ends meanwhile, nothing.
+void SceneObject::make_fields() {
+  traits = shape_traits(scene);
+  FieldPlan plan;
+  plan.parameters = parameters;
+  const uint64_t memory = options.field_memory ? options.field_memory : default_field_memory();
+  try {
+    fields.emplace(scene, traits, plan, memory, true, reservable_bytes());
+    demands.clear();
+    for (const Field* field : fields->all_pointers())
+      demands.push_back(field ? std::make_unique<SliceDemand>(*field) : nullptr);
+  } catch (...) {
+    demands.clear(), fields.reset();
+    throw;
+  }
+}
+
+void SceneObject::fit_clips() {
+  if (!fits_clips) return;
+  // A thousand times nearer than anything that pictures of the whole scene show sharply.
+  constexpr float k_near_share = 1e-6f;
+  const Vec3 eye = scene.camera.to_world[3];
+  const Bounds3 box = scene.world_bounds();
+  float farthest = 0.0f;
+  for (int c = 0; c < 8; ++c) farthest = std::max(farthest, glm::length(box.corner(c) - eye));
+  if (!(farthest > 0.0f && farthest < k_infinity)) return;
+  scene.camera.far_clip = 2.0f * farthest;
+  scene.camera.near_clip = k_near_share * farthest;
 }
 
 void SceneObject::require_commit(const char* function) const {
@@ -99,14 +121,14 @@ void make_unit(RayBatch& rays, const UsualSquares& usual) {
   }
 }
 
-Progress::Progress(Device& device) {
+Progress::Progress(Device& device) : device_(device) {
   const std::lock_guard lock(device.mutex);
   callback_ = device.on_progress, user_ = device.progress_user;
 }
 
 void Progress::operator()(double share) {
   if (!callback_) return;
-  const std::lock_guard lock(mutex_);
+  const std::lock_guard lock(device_.progress_mutex);
   if (!stop_ && !callback_(user_, share)) stop_ = true;
 }
 

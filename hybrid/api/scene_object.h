@@ -4,6 +4,7 @@
 #pragma once
 
 #include <atomic>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -63,10 +64,13 @@ struct SceneObject {
 
   // With `mutex` held alone. Throws Error if Embree or the system refuses.
   void commit();
+  void make_fields();
   // Throws Failure before the first commit. With `mutex` held.
   void require_commit(const char* function) const;
   // Null for numbers that are no mesh's: Failure. Before the first commit, or without a field: null.
   Field* field_of(uint32_t mesh) const;
+  // Moves the camera's clipping planes so that they clip nothing of the scene as committed, if `fits_clips`.
+  void fit_clips();
 
   std::shared_ptr<Device> device;
   mutable TurnMutex mutex;
@@ -77,6 +81,8 @@ struct SceneObject {
   UsualSquares usual;               // of their directions
   // Set since the last commit, by instance.
   std::vector<Affine> transforms;
+  std::map<uint32_t, uint32_t> own_bsdfs;  // that ftSetInstanceReflectance() made, by instance
+  bool fits_clips = false;                 // the camera's clipping planes follow the scene
   bool was_committed = false;
   std::optional<float> tolerance;  // as committed
   float base_tolerance() const { return tolerance.value_or(k_default_tolerance); }
@@ -120,9 +126,9 @@ class Progress {
   void require_not_stopped() const;
 
  private:
+  Device& device_;
   FTProgressCallback callback_ = nullptr;
   void* user_ = nullptr;
-  std::mutex mutex_;
   std::atomic<bool> stop_ = false;
 };
 

@@ -374,7 +374,7 @@ def render(
 ) -> Optional[NDArray[np.float32]]:
     """Renders a scene file: Scene.render() of it, or, with `output`, to a file, .exr or .png, and returns None.
 
-    `settings` as in Scene.set(): spp=16, say; by default the scene file's.
+    `settings` as in Scene.set() after a commit: spp=16, say; by default the scene file's.
     """
     scene = load_scene(path, threads)
     scene.set(**settings)

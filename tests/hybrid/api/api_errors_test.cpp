@@ -1,7 +1,9 @@
 // The C interface used wrongly: every call returns an error with a message, and none writes, crashes or hangs.
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -318,6 +320,26 @@ TEST(ApiErrors, CallbacksHearAndCancel) {
   EXPECT_EQ(ftGetSceneInt(s.scene, "cells_baked", &baked), FT_ERROR_NONE);
   EXPECT_EQ(ftGetSceneInt(s.scene, "cells_full", &full), FT_ERROR_NONE);
   EXPECT_LT(baked, full / 2);
+
+  // What is finished of a picture is there.
+  const float from[] = {3, 3, 5}, to[] = {0, 0.8f, 0}, up[] = {0, 1, 0}, sky[] = {1, 1, 1};
+  ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 45.0f, 64, 64), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneSky(s.scene, sky), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneInt(s.scene, "spp", 2), FT_ERROR_NONE);
+  const auto stop_at_end = [](void*, double share) { return share < 1.0 ? 1 : 0; };
+  ASSERT_EQ(ftSetDeviceProgressCallback(s.device, stop_at_end, nullptr), FT_ERROR_NONE);
+  std::vector<float> pixels(64 * 64 * 3, -1.0f);
+  EXPECT_EQ(ftRender(s.scene, pixels.data(), 0, 0), FT_ERROR_CANCELLED);
+  EXPECT_EQ(std::count(pixels.begin(), pixels.end(), -1.0f), 0);
+  EXPECT_GT(std::accumulate(pixels.begin(), pixels.end(), 0.0), 64.0 * 64.0 * 0.2);
+  EXPECT_EQ(ftRenderToFile(s.scene, "picture.jpg"), FT_ERROR_INVALID_ARGUMENT);
+}
+
+TEST(ApiErrors, FieldsBeyondTheirMemoryAreOutOfMemory) {
+  const ApiScene s(/*commits=*/false);
+  ASSERT_EQ(ftSetSceneInt(s.scene, "field_memory", 1 << 20), FT_ERROR_NONE);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  EXPECT_EQ(ftBakeFields(s.scene), FT_ERROR_OUT_OF_MEMORY);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // Answers of the C interface against exact rays, and what it keeps from commit to commit.
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <random>
 
 #include "core/trace/accel.h"
@@ -510,6 +511,89 @@ TEST(ApiRender, IsThatOfTheRenderer) {
   }
   EXPECT_GT(sum, 0.2 * 24 * 16);
   EXPECT_LT(sum, 1.0 * 24 * 16);
+}
+
+// Pictures of 8 x 8 pixels from high above the floor: their mean, less what the knots make of it.
+float mean_from_above(const ApiScene& s) {
+  std::vector<float> pixels(8 * 8 * 3, -1.0f);
+  EXPECT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  EXPECT_EQ(ftRender(s.scene, pixels.data(), 0, 0), FT_ERROR_NONE);
+  return std::accumulate(pixels.begin(), pixels.end(), 0.0f) / float(pixels.size());
+}
+
+TEST(ApiRender, ClipsNothingInAnyUnit) {
+  for (const float unit : {1e-3f, 1.0f, 1e5f}) {
+    SCOPED_TRACE(unit);
+    const ApiScene s(/*commits=*/false);
+    for (uint32_t i = 0; i < 3; ++i) {
+      const float columns[12] = {unit, 0, 0, 0, unit, 0, 0, 0, unit, 0, 0, 0}, black[] = {0, 0, 0};
+      ASSERT_EQ(ftSetInstanceTransform(s.scene, i, columns), FT_ERROR_NONE);
+      ASSERT_EQ(ftSetInstanceReflectance(s.scene, i, black), FT_ERROR_NONE);
+    }
+    const float from[] = {0, 5 * unit, 0}, to[] = {0, 0, 0}, up[] = {1, 0, 0}, sky[] = {1, 1, 1};
+    ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 40.0f, 8, 8), FT_ERROR_NONE);
+    ASSERT_EQ(ftSetSceneSky(s.scene, sky), FT_ERROR_NONE);
+    EXPECT_EQ(mean_from_above(s), 0.0f);
+  }
+}
+
+TEST(ApiRender, ASkyAndAReflectanceReplaceThoseBefore) {
+  const ApiScene s;
+  const float from[] = {0, 9, 0}, to[] = {0, 0, 0}, up[] = {1, 0, 0}, sky[] = {1, 1, 1}, black[] = {0, 0, 0};
+  ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 120.0f, 8, 8), FT_ERROR_NONE);
+  for (const float* colour : {sky, black}) ASSERT_EQ(ftSetSceneSky(s.scene, colour), FT_ERROR_NONE);
+  EXPECT_EQ(mean_from_above(s), 0.0f);
+  for (uint32_t i = 0; i < 3; ++i) {
+    for (const float* colour : {sky, black}) ASSERT_EQ(ftSetInstanceReflectance(s.scene, i, colour), FT_ERROR_NONE);
+  }
+  ASSERT_EQ(ftSetSceneSky(s.scene, sky), FT_ERROR_NONE);
+  const float all = mean_from_above(s);
+  EXPECT_GT(all, 0.1f);  // the sky beside the floor
+  EXPECT_LT(all, 0.95f);
+}
+
+// Whatever else the rays meet, and whether fields or rays answer.
+TEST(ApiQueries, FlatMeshesDoNotHideRaysThatLeaveThem) {
+  const ApiScene s;
+  std::vector<Vec3> origins, directions;
+  const Rays random = random_rays(500, 7);
+  for (size_t i = 0; i < random.size(); ++i) {
+    // From just below the floor, and from farther.
+    origins.emplace_back(random.origins[i].x, i % 2 == 0 ? -1e-6f : -0.5f, random.origins[i].z);
+    directions.push_back(Vec3(0.3f * random.directions[i].x, std::abs(random.directions[i].y) + 0.1f, 0.1f));
+  }
+  constexpr uint32_t k_floor = 2;
+  const size_t n = origins.size();
+  const std::vector<uint32_t> from(n, k_floor);
+  std::vector<uint8_t> blocked(n), status(n);
+  std::vector<float> t(n);
+  std::vector<uint32_t> met(n);
+  ASSERT_EQ(ftOccluded(s.scene, &origins[0].x, sizeof(Vec3), &directions[0].x, sizeof(Vec3), nullptr, 0, from.data(), 0,
+                       n, blocked.data(), 0),
+            FT_ERROR_NONE);
+  ASSERT_EQ(ftNearest(s.scene, 1e-6f, &origins[0].x, sizeof(Vec3), &directions[0].x, sizeof(Vec3), nullptr, 0,
+                      from.data(), 0, n, status.data(), 0, t.data(), 0, nullptr, 0, nullptr, 0, met.data(), 0),
+            FT_ERROR_NONE);
+  // The same rays from above the floor.
+  Rays above;
+  for (size_t i = 0; i < n; ++i) {
+    const float begin = (1e-4f - origins[i].y) / directions[i].y;
+    above.origins.push_back(origins[i] + begin * directions[i]);
+    above.directions.push_back(directions[i]);
+    above.t_max.push_back(k_infinity);
+  }
+  const Exact exact = trace(s.same.scene, above);
+  size_t hits = 0;
+  for (size_t i = 0; i < n; ++i) {
+    EXPECT_EQ(blocked[i], exact.blocked[i] ? FT_BLOCKED : FT_CLEAR) << i;
+    if (status[i] == FT_UNDECIDED_HIT) continue;
+    ASSERT_EQ(status[i], exact.hits.instance[i] == k_none ? FT_MISS : FT_HIT) << i;
+    if (status[i] != FT_HIT) continue;
+    ++hits;
+    EXPECT_EQ(met[i], exact.hits.instance[i]);
+    EXPECT_NEAR(t[i], exact.hits.t[i] + (1e-4f - origins[i].y) / directions[i].y, 1e-3f);
+  }
+  EXPECT_GT(hits, 20u);
 }
 
 }  // namespace
