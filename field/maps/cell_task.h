@@ -106,6 +106,8 @@ struct CellTask {
   const MapRadiance* own_radiance = nullptr;
   const MapRadiance* map_radiance = nullptr;
   bool reflects = false;
+  // The shading normals are not the geometric ones, of points whose own object hides nothing from them.
+  bool bent = false;
   float within = 0;  // world units: farther surfaces hide nothing; cell_within.hd.h alone
 };
 

@@ -362,6 +362,12 @@ FT_HD_INLINE F above_surface(const CellTask& task, const Vec3Lanes<F>& g, const 
   return select(cut, share_above<F>(cosine, dot3<F>(task.vector, s), at, dot(g, s), task.cosine_half), one);
 }
 
+template <class F>
+FT_HD_INLINE MapShare<F> nothing_hidden() {
+  const F zero = splat<F>(0.0f);
+  return {zero, zero > zero};
+}
+
 // The share of the point's own object, of a cell of which the part `above` comes from above its surface.
 template <class F>
 FT_HD_INLINE MapShare<F> with_surface(const MapShare<F>& share, F above) {
@@ -383,7 +389,11 @@ FT_HD_INLINE CellSeen<F> look_at_objects(const CellTask& task, const Vec3Lanes<F
                                          const Planes& planes) {
   const Mask_t<F> lit = cosine > splat<F>(0.0f);
   CellSeen<F> seen = {splat<F>(task.clear), and_not(lit, lit)};
-  if (task.own) seen.hide(with_surface<F>(own(), above_surface<F>(task, g, s, cosine)));
+  if (task.own) {
+    seen.hide(with_surface<F>(own(), above_surface<F>(task, g, s, cosine)));
+  } else if (task.bent) {
+    seen.hide(with_surface<F>(nothing_hidden<F>(), above_surface<F>(task, g, s, cosine)));
+  }
   if (task.plane_count > 0 && seen.is_open()) seen.clear = seen.clear * planes();
   if (task.map_count > 0) {
     const Vec3Lanes<F> lean = lean_of<F>(task, s);
@@ -400,8 +410,8 @@ FT_HD_INLINE CellSeen<F> look_at_reflecting_cell(const CellTask& task, const Vec
   CellLight<F> light(task, p, s);
   CellSeen<F> seen = {light.clear(), and_not(lit, lit)};
   F own_share = splat<F>(0.0f);
-  if (task.own) {
-    const MapShare<F> share = own();
+  if (task.own || task.bent) {
+    const MapShare<F> share = task.own ? own() : nothing_hidden<F>();
     const F above = above_surface<F>(task, g, s, cosine);
     const MapShare<F> hidden = with_surface<F>(share, above);
     own_share = hidden.hidden;

@@ -70,15 +70,25 @@ class SurfelShader {
   uint64_t shade(const Block& block, std::span<Rgb> leaving) {
     const size_t count = block.end - block.begin;
     std::vector<PathVertex> vertices;
-    std::vector<PathState> paths(count);
+    std::vector<PathState> paths;
     std::vector<SurfacePoint> surfaces(count);  // what the vertices refer to
     std::vector<Material> materials(count);
-    for (size_t i = 0; i < count; ++i) {
+    std::vector<uint32_t> lit;  // not those of which nothing leaves
+    for (uint32_t i = 0; i < count; ++i) {
       const auto point = uint32_t(block.begin + i);
-      vertices.push_back(vertex_at(block.instance, point, surfaces[i], materials[i]));
-      paths[i].pixel_seed = scalar::pixel_seed(seed_, point, scalar::hash_combine(block.instance, k_surfel_stream));
+      const PathVertex vertex = vertex_at(block.instance, point, surfaces[i], materials[i]);
+      leaving[i] = Rgb(0.0f);
+      if (materials[i].dark || materials[i].reflectance == Rgb(0.0f)) continue;
+      lit.push_back(i);
+      vertices.push_back(vertex);
+      paths.emplace_back().pixel_seed =
+          scalar::pixel_seed(seed_, point, scalar::hash_combine(block.instance, k_surfel_stream));
     }
-    return followers_.local()->follow(vertices, paths, leaving);
+    if (lit.empty()) return 0;
+    std::vector<Rgb> of_lit(lit.size());
+    const uint64_t rays = followers_.local()->follow(vertices, paths, of_lit);
+    for (size_t k = 0; k < lit.size(); ++k) leaving[lit[k]] = of_lit[k];
+    return rays;
   }
 
  private:
@@ -173,7 +183,7 @@ void check_surfels(std::span<const Block> blocks, const SurfelRadiance& radiance
 
 }  // namespace
 
-bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const TransportContext& shading, int bounces,
+bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, TransportContext& shading, int bounces,
                     const TransportContext* exact, const std::atomic<bool>* stop, Stats& stats) {
   const auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
   double seconds = 0.0;
@@ -181,7 +191,6 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
   const std::vector<Block> blocks = make_blocks(*light);
   SurfelRadiance radiance(light->size());
   for (size_t i = 0; i < radiance.size(); ++i) radiance[i].resize(light->surfels(i).points.size());
-  SurfelShader shader(shading, *light);
   std::atomic<uint64_t> rays = 0;
   const bool adds_series = bounces < 0 || bounces > k_most_bounces;
   const int most = adds_series ? k_most_bounces : bounces;
@@ -190,6 +199,9 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const
   DVec3 change(0.0);  // of the sum over all, by the last bounce
   for (int bounce = 0; bounce < most && !stopped(); ++bounce) {
     before = radiance;
+    // What comes by way of mirrors and glass takes more of a path's length than a bounce.
+    if (bounces >= 0) shading.settings.max_depth = bounce + 2;
+    SurfelShader shader(shading, *light);
     parallel_for(blocks.size(), [&](size_t i) {
       if (stopped()) return;
       const Block& b = blocks[i];

@@ -20,7 +20,7 @@ inline constexpr int k_surfel_samples = 16;
 // false if `stop` (may be null) was set meanwhile; `sky` then has none. Rays and time are counted as baking.
 // With `exact` (its max_depth is that of paths from surfels, and it has no sky maps), some surfels are compared with
 // paths from them.
-bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, const TransportContext& shading, int bounces,
+bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, TransportContext& shading, int bounces,
                     const TransportContext* exact, const std::atomic<bool>* stop, Stats& stats);
 
 }  // namespace fieldtrace

@@ -28,13 +28,6 @@ Rgb GroupLight::light_value() const {
   return {value[0], value[1], value[2]};
 }
 
-bool GroupLight::on_grid() const {
-  // Points of mesh lights take a third random number.
-  const LightKind kind = context_.lights.lights[light_].kind;
-  return context_.light_extents[light_].kind == LightExtent::Kind::bounded && kind != LightKind::mesh &&
-         kind != LightKind::point;
-}
-
 bool GroupLight::is_above(const Vec3& p, const Vec3& normal, float margin) const {
   const Sphere& ball = context_.light_extents[light_].ball;
   return glm::dot(normal, ball.centre - p) > ball.radius + margin;
@@ -178,7 +171,7 @@ void GroupLight::list_strata() {
   seen_of_.assign(centres_.size, k_none);
   filtered_.clear();
   next_filtered_ = 0;
-  if (!context_.answerer.filters(candidates_) || !on_grid()) return;
+  if (!context_.answerer.filters(candidates_) || grid_.columns == 0) return;
   std::vector<uint32_t> others;
   for (const uint32_t c : open_) {
     const bool filters = !candidates_.by_rays[c] && candidates_.light_samples[c] >= k_fewest_cone_samples;
@@ -194,7 +187,7 @@ ShadowAnswerer::FilterRequest GroupLight::ask_strata() {
       std::span(filtered_).subspan(next_filtered_, std::min(k_clusters, filtered_.size() - next_filtered_));
   next_filtered_ += batch.clusters.size();
   copy_points(centres_, batch.clusters, batch.selected);
-  sample_light(context_.lights, light_, batch.selected, {k_strata, 0, k_strata, k_strata_side}, context_.settings.isa,
+  sample_light(context_.lights, light_, batch.selected, {k_strata, 0, k_strata, grid_.columns}, context_.settings.isa,
                batch.shadows);
   shared_->stats.strata += batch.shadows.active;
   return {candidates_, centres_, batch.clusters, k_strata, batch.shadows, batch.undecided, shared_->stats};
@@ -271,7 +264,7 @@ GroupLight::Batch& GroupLight::sample_next(bool may_be_hidden) {
   next_sampled_ += batch.sampled.size();
   select(batch.sampled, batch.selected);
   LightSampleRange range = {batch.samples, 0, batch.samples};
-  if (may_be_hidden && on_grid()) range.cell_columns = range.cell_rows = k_strata_side;
+  if (may_be_hidden) range.cell_columns = grid_.columns, range.cell_rows = grid_.rows;
   sample_light(context_.lights, light_, batch.selected, range, context_.settings.isa, batch.shadows);
   shared_->stats.samples += batch.selected.size * uint64_t(batch.samples - shared_->light_samples);
   batch.has_strata = false;
@@ -432,6 +425,7 @@ void GroupLight::begin(const Shared& shared, size_t begin, size_t end) {
 
 bool GroupLight::begin_light(uint32_t light) {
   light_ = light;
+  grid_ = strata_grid(context_.lights.lights[light]);
   const LightKind kind = context_.lights.lights[light].kind;
   if (kind == LightKind::none) return false;
   const bool is_of_sky = is_sky(context_.scene.emitters[light].kind);

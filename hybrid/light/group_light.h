@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/light/light_irradiance.h"
+#include "hybrid/light/light_strata.h"
 #include "hybrid/light/reflected_light.h"
 #include "hybrid/light/shading_clusters.h"
 #include "hybrid/path/aovs.h"
@@ -20,9 +21,6 @@ namespace fieldtrace {
 // Light samples in one batch, which stays in the second-level cache.
 inline constexpr int k_shadow_batch = 8192;
 
-// The strata of a light: a grid of k_strata_side x k_strata_side cells of its sample square.
-inline constexpr int k_strata_side = 4;
-inline constexpr int k_strata = k_strata_side * k_strata_side;
 // TransportSettings::most_undecided at the default tolerance (docs/decisions/023-clusters.md).
 inline constexpr int k_most_undecided_strata = 4;
 
@@ -116,7 +114,6 @@ class GroupLight {
   void select(std::span<const Sampled> batch, ShadingPointBatch& selected) const;
 
   Rgb light_value() const;
-  bool on_grid() const;  // cells of the light's sample square are parts of the light
   // Whether the whole light lies above a horizon at p, by more than `margin`.
   bool is_above(const Vec3& p, const Vec3& normal, float margin) const;
   // The same for both horizons of all points of a cluster of the group.
@@ -140,6 +137,7 @@ class GroupLight {
   size_t begin_ = 0, end_ = 0;  // the group's clusters
   uint64_t samples_ = 0;        // of all of them
   uint32_t light_ = 0;
+  StrataGrid grid_;             // of the light
   bool counts_open_ = false;    // the light is one for which open_samples is meant
   bool sky_is_mapped_ = false;  // the light is part of a sky that SkyLight gathers
   ShadingPointBatch centres_;   // of the clusters

@@ -31,7 +31,8 @@ void GroupLight::check_whole() {
 
 // 64 rays to each stratum, from the cluster's points in turn.
 void GroupLight::check_strata(uint32_t cluster, const StrataSeen& seen) const {
-  constexpr int k_side = 8, k_columns = k_strata_side * k_side, k_rays = k_side * k_side;
+  constexpr int k_side = 8, k_rays = k_side * k_side;
+  const int columns = grid_.columns * k_side;
   const ShadingCluster& c = cluster_of(cluster);
   const ShadingPointBatch& points = shared_->receivers.points;
   if (scalar::hash_uint(points.seed[c.begin]) % k_strata_interval != 0) return;
@@ -40,12 +41,12 @@ void GroupLight::check_strata(uint32_t cluster, const StrataSeen& seen) const {
   copy_points(centres_, only, centre);
   ShadowBatch by_rows, rays;
   constexpr int k_all = k_strata * k_rays;
-  sample_light(context_.lights, light_, centre, {k_all, 0, k_all, k_columns}, context_.settings.isa, by_rows);
+  sample_light(context_.lights, light_, centre, {k_all, 0, k_all, columns}, context_.settings.isa, by_rows);
   rays.resize(size_t(k_all));
   const Vec3 middle = centre.position(0);
   for (int i = 0; i < k_all; ++i) {
-    const int row = i / k_columns, column = i % k_columns;
-    const int stratum = row / k_side * k_strata_side + column / k_side;
+    const int row = i / columns, column = i % columns;
+    const int stratum = row / k_side * grid_.columns + column / k_side;
     const int ray = row % k_side * k_side + column % k_side;
     const uint32_t from = c.begin + uint32_t(ray) % c.size();
     const Vec3 aside = points.position(from) - middle;
@@ -65,7 +66,7 @@ void GroupLight::check_irradiance(uint32_t cluster, const Vec3& irradiance, cons
   points.copy(0, all, c.begin, c.size());
   const int each = int(std::max(k_irradiance_rays / c.size(), 1u));
   LightSampleRange range = {each, 0, each};
-  range.cell_columns = range.cell_rows = k_strata_side;
+  if (seen) range.cell_columns = grid_.columns, range.cell_rows = grid_.rows;
   ShadowBatch rays;
   sample_light(context_.lights, light_, points, range, context_.settings.isa, rays);
   std::vector<uint32_t> counted;

@@ -19,6 +19,8 @@ constexpr size_t k_sky_batch = 256;
 // Clusters whose normals spread more (ShadingCluster::spread) are lit at so many of their points, or at twice as many.
 constexpr float k_widest_spread = 0.25f;
 constexpr uint32_t k_wide_cluster_points = 32;
+// So are those that a lens spreads over more than this share of the smallest object's radius.
+constexpr float k_widest_blur = 0.25f;
 // How far what was asked for may lie from its fit, for each unit of tolerance, in units of the open sky.
 constexpr float k_fit_tolerance = 0.05f;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
@@ -262,7 +264,7 @@ float SkyLight::light_bodies(const ShadingCluster& cluster, std::span<const Path
   return grazing;
 }
 
-// One point stands for a cluster whose normals hardly differ; for others, some of their own.
+// One point stands for a cluster whose normals hardly differ and that is in focus; for others, some of their own.
 void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& receivers,
                              std::span<const PathVertex> vertices) {
   ShadingPointBatch centres;
@@ -270,6 +272,8 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
   clusters_.clear();
   grazing_of_.clear(), own_points_.clear();
   points_.resize(receivers.size());
+  const float widest =
+      context_.scene.camera.aperture_radius > 0.0f ? k_widest_blur * sky_->maps().smallest_radius() : k_infinity;
   float grazing = 0.0f;
   const auto add = [&](const ShadingCluster& part, const ShadingPointBatch& from, size_t i) {
     points_.copy(clusters_.size(), from, i, 1);
@@ -281,7 +285,7 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
     const ShadingCluster& cluster = clusters[c];
     if (cluster.kind == ReceiverKind::other) continue;
     grazing = cluster.plain_diffuse() ? 0.0f : light_bodies(cluster, vertices, receivers);
-    if (cluster.mean_spread() <= k_widest_spread) {
+    if (cluster.mean_spread() <= k_widest_spread && centres.radius[c] <= widest) {
       add(cluster, centres, c);
       continue;
     }
@@ -321,7 +325,7 @@ void SkyLight::find_blocks(const LightReceivers& receivers, std::span<const Pixe
   for (uint32_t i = 0; i < clusters_.size(); ++i) {
     pixels_.push_back(pixels[receivers.path[clusters_[i].begin]]);
     if (points_.instance[i] != points_.instance[group] || grazing_of_[i] != grazing_of_[group]) group = i;
-    groups_.push_back(clusters_[i].mean_spread() > k_widest_spread ? k_none : group);
+    groups_.push_back(own_points_[i] != k_none ? k_none : group);
   }
   // What hides within a distance does so over no more than that distance.
   blocks_.find(points_, pixels_, groups_, sky_->distance(), wanted_);

@@ -41,7 +41,7 @@ class CellOccluders {
   std::span<const uint32_t> cells() const { return lit_; }
   // Whether nothing can hide the cell.
   bool is_clear(size_t k) const {
-    return !own_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty() && clear_[k] == 1.0f;
+    return !own_ && !bent_ && maps_[k].empty() && planes_[k].empty() && balls_[k].empty() && clear_[k] == 1.0f;
   }
   // The unit direction of the centre of the cell's light.
   Vec3 direction(size_t k) const { return grid_ * light_->directions[lit_[k]]; }
@@ -101,6 +101,7 @@ class CellOccluders {
   const SkyCells* light_ = nullptr;
   const IndirectLight* indirect_ = nullptr;
   const SkyOccluder* own_ = nullptr;  // the points' own object, if it can hide anything from them
+  bool bent_ = false;                 // CellTask::bent
   float distance_ = k_infinity;       // Sky::distance()
   Mat3 grid_ = Mat3(1.0f);
   size_t count_ = 0;  // of points

@@ -99,6 +99,9 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     o.grid = Mat3(rotation);
     if (!crowd) o.cells = o.grid;
   }
+  for (const SkyOccluder& o : occluders_) {
+    if (o.kind != SkyOccluder::Kind::plane) smallest_radius_ = std::min(smallest_radius_, o.ball.radius);
+  }
   if (!crowd) return;
   groups_ = OccluderGroups(scene, occluders_, directions);
   std::vector<float> radii;

@@ -75,6 +75,22 @@ struct Pane {
   }
 };
 
+// Surveys have no layers.
+TEST(DenoiseLayers, ArePassedOnInSurveyedPictures) {
+  const Pane pane(BsdfKind::conductor, 45.0f, Rgb(0.9f, 0.5f, 0.1f));
+  RenderOptions o = layered(16);
+  o.light_estimator = LightEstimator::adaptive;
+  const Vec3 adaptive = mean(render(pane.maker.scene, o).image, "denoise_albedo.R");
+  expect_near(adaptive, mean(render(pane.maker.scene, layered(16)).image, "denoise_albedo.R"), 1e-3f);
+  o.light_estimator = LightEstimator::automatic;
+  o.method = Method::hybrid;
+  expect_near(mean(render(pane.maker.scene, o).image, "denoise_albedo.R"), adaptive, 1e-3f);
+  o.method = Method::monte_carlo;
+  o.target_error = 0.5f;
+  o.spp = 0;
+  EXPECT_TRUE(render(pane.maker.scene, o).has_samples);
+}
+
 TEST(DenoiseLayers, AMirrorShowsWhatItReflects) {
   const Pane pane(BsdfKind::conductor, 45.0f, Rgb(0.9f, 0.5f, 0.1f));
   const Image image = render(pane.maker.scene, layered(4)).image;

@@ -275,6 +275,91 @@ INSTANTIATE_TEST_SUITE_P(Kinds, IndirectLightBeside,
                                                                           : "metals";
                          });
 
+// A room behind a pane: what comes by way of glass takes an edge more of a path than a bounce.
+TEST(IndirectLight, OfLimitedPathsThroughGlassHasMonteCarlosMean) {
+  constexpr int k_window = 24;
+  for (const int depth : {4, 5, -1}) {
+    SCOPED_TRACE(depth);
+    SceneMaker s;
+    s.scene.camera.to_world = look_at({-1.9f, 0.3f, 1.6f}, {2, 0, 1.2f}, {0, 0, 1});
+    s.film(k_film, k_film);
+    s.scene.camera.fov_x_degrees = float(2.0 * std::atan(0.7 * k_film / k_window) * 180.0 / M_PI);
+    s.scene.integrator.max_depth = depth;
+    s.scene.integrator.rr_depth = 50;
+    const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.8f));
+    s.scene.bsdfs[white].two_sided = true;
+    const uint32_t square = s.shape(ShapeKind::rectangle);
+    const auto wall = [&](uint32_t bsdf, const Vec3& x, const Vec3& y, const Vec3& at) {
+      s.instance(square, bsdf, placed(x, y, glm::normalize(glm::cross(x, y)), at));
+    };
+    for (const float z : {0.0f, 3.0f}) wall(white, {2, 0, 0}, {0, 2, 0}, {0, 0, z});
+    for (const float y : {-2.0f, 2.0f}) wall(white, {2, 0, 0}, {0, 0, 1.5f}, {0, y, 1.5f});
+    wall(white, {0, 2, 0}, {0, 0, 1.5f}, {-2, 0, 1.5f});
+    // The last wall has a window of 1.5 x 1.5.
+    for (const float z : {0.375f, 2.625f}) wall(white, {0, 2, 0}, {0, 0, 0.375f}, {2, 0, z});
+    for (const float y : {-1.375f, 1.375f}) wall(white, {0, 0.625f, 0}, {0, 0, 0.75f}, {2, y, 1.5f});
+    wall(s.bsdf(BsdfKind::thin_dielectric, Rgb(1.0f)), {0, 0.75f, 0}, {0, 0, 0.75f}, {2, 0, 1.5f});
+    s.light(EmitterKind::constant, Rgb(1.0f));
+    RenderOptions o = options_for(s.scene, Method::hybrid, k_window, 64);
+    o.check = true;
+    const RenderResult estimate = render(s.scene, o);
+    EXPECT_GT(estimate.stats.checked(CheckedEstimate::surfels).compared, 0u);
+    o.check = false;
+    o.method = Method::monte_carlo;
+    o.spp = 512;
+    EXPECT_LT(std::abs(difference(estimate.image, render(s.scene, o).image).bias), 0.02);
+  }
+}
+
+// The back of a one-sided wall, between which and the camera a pane stands, which surfels send paths through.
+TEST(IndirectLight, BackSidesOfOneSidedSurfacesSendNothing) {
+  constexpr int k_window = 24;
+  SceneMaker s;
+  s.scene.camera.to_world = look_at({0.75f, -8, 2}, {0.75f, 0, 0}, {0, 0, 1});
+  s.film(k_film, k_film);
+  s.scene.camera.fov_x_degrees = float(2.0 * std::atan(0.04 * k_film / k_window) * 180.0 / M_PI);
+  s.scene.integrator.max_depth = -1;
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.8f));
+  s.scene.bsdfs[grey].two_sided = true;
+  const uint32_t square = s.shape(ShapeKind::rectangle);
+  s.instance(square, grey, placed({4, 0, 0}, {0, 4, 0}, {0, 0, 1}, {0, 0, 0}));
+  s.instance(square, s.bsdf(BsdfKind::diffuse, Rgb(0.8f)),
+             placed({0, 0, 1.5f}, {0, 1.5f, 0}, {-1, 0, 0}, {0, 0, 1.5f}));
+  s.instance(square, s.bsdf(BsdfKind::thin_dielectric, Rgb(1.0f)),
+             placed({0, 0, 3}, {0, 3, 0}, {-1, 0, 0}, {1.5f, 0, 3}));
+  const uint32_t cube = s.mesh(make_cube({}));
+  for (const float x : {-4.0f, 5.0f}) {
+    for (const float y : {-5.0f, 5.0f})
+      s.instance(cube, grey, placed({0.3f, 0, 0}, {0, 0.3f, 0}, {0, 0, 0.3f}, {x, y, 0.3f}));
+  }
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_window, 256);
+  o.check = true;
+  const RenderResult estimate = render(s.scene, o);
+  EXPECT_GT(estimate.stats.checked(CheckedEstimate::surfels).compared, 0u);
+  o.check = false;
+  o.method = Method::monte_carlo;
+  o.spp = 2048;
+  const Difference d = difference(estimate.image, render(s.scene, o).image);
+  EXPECT_LT(std::abs(d.bias), 0.02);
+  EXPECT_LT(d.worst_block, 0.05);
+}
+
+// It can be hit, but there is nothing to be found.
+TEST(IndirectLight, ABlackLampChangesNothing) {
+  Corner s(32, 5);
+  s.objects();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  const uint32_t lamp =
+      s.instance(s.shape(ShapeKind::cylinder), s.grey, placed({0.1f, 0, 0}, {0, 0.1f, 0}, {0, 0, 0.1f}, {1, 1, 3}));
+  s.area_light(lamp, Rgb(0.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, 32, 16);
+  o.check = true;
+  EXPECT_GT(render(s.scene, o).stats.checked(CheckedEstimate::surfels).compared, 0u);
+  s.scene.emitters.back().value = Rgb(1.0f);
+  EXPECT_EQ(render(s.scene, o).stats.checked(CheckedEstimate::surfels).compared, 0u);
+}
+
 TEST(IndirectLight, IsPathsAtToleranceZero) {
   Corner s(16, 3);
   s.objects();

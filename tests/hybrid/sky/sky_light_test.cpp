@@ -474,6 +474,61 @@ TEST(SkyLight, OfSlatsOfPlasticHasMonteCarlosMean) {
   EXPECT_NEAR(difference(exact, image, 0).mean, d.mean, 0.03 * d.mean);
 }
 
+// Light from below a flat surface does not reach it, wherever its shading normals turn.
+TEST(SkyLight, OfBentNormalsComesFromAboveTheSurface) {
+  constexpr int k_size = 16;
+  for (const bool reflects : {false, true}) {
+    SkyScene s(Sky::constant, k_size, k_coarse);
+    s.object(knot(), Affine(1.0f));  // far below, for maps
+    s.scene.instances.back().to_world = placed(Mat3(1.0f), Vec3(0, 0, -20));
+    s.scene.instances.back().to_object = Affine(inverse_affine(DAffine(s.scene.instances.back().to_world)));
+    if (reflects) s.scene.integrator.max_depth = 3;
+    TriangleMesh bent;
+    bent.positions = {{-2, -2, 0}, {2, -2, 0}, {2, 2, 0}, {-2, 2, 0}};
+    bent.normals.assign(4, Vec3(0.8660254f, 0, 0.5f));
+    bent.triangles = {{0, 1, 2}, {0, 2, 3}};
+    s.scene.instances[s.floor].shape = s.mesh(bent);
+    s.scene.bsdfs[s.grey].two_sided = true;
+    RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 16, 1);
+    o.aovs.push_back("ao");
+    const Image estimate = render(s.scene, o).image;
+    o.method = Method::monte_carlo;
+    o.spp = 256;
+    const Image exact = render(s.scene, o).image;
+    const Difference d = difference(estimate, exact, s.floor);
+    EXPECT_GT(d.pixels, 50u);
+    EXPECT_LT(std::abs(d.bias), 0.02 * d.mean);
+    const int ao = estimate.channel_index("ao.Y"), object = estimate.channel_index("object.Y");
+    double of_estimate = 0.0, of_exact = 0.0;
+    for (int i = 0; i < k_size * k_size; ++i) {
+      const float* const a = estimate.pixel(i % k_size, i / k_size);
+      if (a[object] != float(s.floor)) continue;
+      of_estimate += double(a[ao]), of_exact += double(exact.pixel(i % k_size, i / k_size)[ao]);
+    }
+    EXPECT_NEAR(of_estimate, of_exact, 0.02 * of_exact);
+  }
+}
+
+// A pixel out of focus sees the floor beside a ball's foot and beneath it.
+TEST(SkyLight, ThroughALensIsNearMonteCarlo) {
+  constexpr int k_size = 32;
+  SkyScene s(Sky::constant, k_size, k_coarse);
+  for (const float y : {-1.0f, 0.0f, 1.5f})
+    s.instance(s.shape(ShapeKind::sphere), s.grey, placed(Mat3(0.4f), Vec3(0.3f * y, y, 0.4f)));
+  s.object(knot(), placed(turned() * 0.4f, Vec3(1.2f, 0.5f, 0.5f)));
+  s.scene.camera.to_world = look_at({0, -4, 1.5f}, {0, 0, 0.3f}, {0, 0, 1});
+  s.scene.camera.aperture_radius = 0.4f;
+  s.scene.camera.focus_distance = 20.0f;
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 64, 1);
+  const Image estimate = render(s.scene, o).image;
+  o.method = Method::monte_carlo;
+  o.spp = 1024;
+  const Difference d = difference(estimate, render(s.scene, o).image, s.floor);
+  EXPECT_GT(d.pixels, 100u);
+  EXPECT_LT(d.rmse, 0.02);
+  EXPECT_LT(std::abs(d.bias), 0.004);
+}
+
 // What the body of a smooth plastic sends on finds nothing where the sky is all that can be met and is counted already.
 // Layers that tell what such rays meet keep them.
 TEST(SkyLight, BodiesOfPlasticsSendNoRaysInVain) {
