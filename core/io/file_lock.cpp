@@ -14,10 +14,11 @@ namespace fieldtrace {
 FileLock::FileLock(const std::string& path, LockWait wait) {
   file_ = open(path.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
   // Another user's, perhaps: locks need no right to write.
-  if (file_ < 0 && errno == EACCES) file_ = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  const int refused = errno;
+  if (file_ < 0 && refused == EACCES) file_ = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (file_ < 0) {
-    throw Error({path},
-                std::string("cannot be written: ") + std::strerror(errno) + " (choose a folder that you may write to)");
+    throw Error({path}, std::string("cannot be written: ") + std::strerror(refused) +
+                            " (choose a folder that you may write to)");
   }
   // Each open() creates a separate lock owner, so threads exclude one another as processes do.
   while (flock(file_, wait == LockWait::none ? LOCK_EX | LOCK_NB : LOCK_EX) != 0) {

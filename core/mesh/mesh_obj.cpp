@@ -90,16 +90,13 @@ class LineFeed : public std::streambuf {
     where_.line = lines_taken_ + 1;
     joined_.clear();
     std::string_view line = take_line();
-    if (line.ends_with('\\') && !is_comment(line)) {  // line continuation, which the parser does not support
-      while (line.ends_with('\\')) {
-        joined_.append(line.substr(0, line.size() - 1)).push_back(' ');
-        line = rest_.empty() ? std::string_view() : take_line();
-      }
-      joined_.append(line);
-    } else {
-      joined_.assign(line);
+    const bool has_numbers = is_of_numbers(line);
+    line = without_comment(line, has_numbers);
+    while (line.ends_with('\\')) {  // line continuation, which the parser does not support
+      joined_.append(line.substr(0, line.size() - 1)).push_back(' ');
+      line = rest_.empty() ? std::string_view() : without_comment(take_line(), has_numbers);
     }
-    drop_comment(joined_);
+    joined_.append(line);
     check(joined_);
     drop_trailing_slashes(joined_);
     joined_.push_back('\n');
@@ -122,15 +119,16 @@ class LineFeed : public std::streambuf {
     return line;
   }
 
-  static bool is_comment(std::string_view line) { return next_word(line).starts_with('#'); }
+  static bool is_of_numbers(std::string_view line) {
+    const std::string_view keyword = next_word(line);
+    return keyword == "v" || keyword == "vn" || keyword == "vt" || keyword == "f";
+  }
 
-  // Behind the numbers of a line; names may begin with the sign.
-  static void drop_comment(std::string& line) {
+  // Comments may stand behind numbers; names of groups may begin with the sign.
+  static std::string_view without_comment(std::string_view line, bool has_numbers) {
     std::string_view rest = line;
-    const std::string_view keyword = next_word(rest);
-    if (keyword != "v" && keyword != "vn" && keyword != "vt" && keyword != "f") return;
-    const size_t comment = std::min(line.find(" #"), line.find("\t#"));
-    if (comment != std::string::npos) line.erase(comment);
+    if (next_word(rest).starts_with('#')) return {};
+    return has_numbers ? line.substr(0, std::min(line.find(" #"), line.find("\t#"))) : line;
   }
 
   // The parser would read the next corner's index in place of one missing after a slash.

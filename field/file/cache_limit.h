@@ -1,9 +1,10 @@
 // Keeping a field cache small: which files go when a folder holds too much.
 //
 // Only files made by a cache count: named as FieldIdentity::file_name() names them, and ending as a field file ends
-// (field/file/field_file.h). All others, fields under the user's own names included, are neither counted nor removed. A
-// file's last use is its modification time, which FieldCache sets when it reads or writes the file. Thread-safety: any
-// number of threads and processes may trim one folder, beside others that use it.
+// (field/file/field_file.h). All others, fields under the user's own names included, are neither counted nor removed,
+// but for what killed processes have half written. A file's last use is its modification time, which FieldCache sets
+// when it reads or writes the file. Thread-safety: any number of threads and processes may trim one folder, beside
+// others that use it.
 #pragma once
 
 #include <cstdint>

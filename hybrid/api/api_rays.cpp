@@ -59,7 +59,7 @@ void require_rays(const SceneObject& s, const RayBuffers& rays, size_t begin, si
 struct OcclusionScratch {
   ShadowBatch batch;
   ShadowGroup group;
-  std::vector<uint32_t> blocked;
+  std::vector<uint32_t> suspects;  // rays that may have met the flat mesh that they leave
   HitBatch hits;
 };
 // Of this thread. Not inlined: the address of a thread's variable is a call in shared libraries, made again and again
@@ -126,7 +126,7 @@ void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const B
   const std::unique_ptr<uint8_t[]> answers(new uint8_t[count]);
   std::atomic<uint64_t> all_exact = 0;
   for_chunks(*s.device, count, [&](size_t begin, size_t end) {
-    auto& [batch, group, traced, hits] = scratch();
+    auto& [batch, group, suspects, hits] = scratch();
     Bounds3 origins;
     fill(s, rays, begin, end, batch, origins, group.light);
     Stats stats;
@@ -134,7 +134,7 @@ void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const B
       s.shadows->find_ray_candidates(origins, group);
       if (traces) {
         s.shadows->answer(group, batch, stats);
-        if (rays.from) unblock_flat_origins(s, batch, traced, hits);
+        if (rays.from) unblock_flat_origins(s, batch, suspects, hits);
       } else {
         s.shadows->look_up(group, batch, stats);
       }

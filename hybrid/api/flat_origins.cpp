@@ -1,6 +1,7 @@
 #include "hybrid/api/flat_origins.h"
 
 #include <algorithm>
+#include <cmath>
 #include <vector>
 
 namespace fieldtrace::api {

@@ -18,6 +18,17 @@ void check_limits(const Scene& scene) {
 }
 
 void SceneObject::commit() {
+  const bool is_first = !fields;
+  try {
+    prepare();
+  } catch (...) {
+    hits.reset(), shadows.reset(), accel.reset();
+    if (is_first) demands.clear(), fields.reset();  // so that other sizes of fields may be set
+    throw;
+  }
+}
+
+void SceneObject::prepare() {
   if (scene.instances.empty()) throw Failure(FT_ERROR_INVALID_OPERATION, "ftCommitScene: the scene has no instances");
   was_committed = false;
   sky.reset(), sky_maps.reset();
@@ -54,21 +65,15 @@ void SceneObject::commit() {
   was_committed = true;
 }
 
-// All or, if memory ends meanwhile, nothing.
 void SceneObject::make_fields() {
   traits = shape_traits(scene);
   FieldPlan plan;
   plan.parameters = parameters;
   const uint64_t memory = options.field_memory ? options.field_memory : default_field_memory();
-  try {
-    fields.emplace(scene, traits, plan, memory, true, reservable_bytes());
-    demands.clear();
-    for (const Field* field : fields->all_pointers())
-      demands.push_back(field ? std::make_unique<SliceDemand>(*field) : nullptr);
-  } catch (...) {
-    demands.clear(), fields.reset();
-    throw;
-  }
+  fields.emplace(scene, traits, plan, memory, true, reservable_bytes());
+  demands.clear();
+  for (const Field* field : fields->all_pointers())
+    demands.push_back(field ? std::make_unique<SliceDemand>(*field) : nullptr);
 }
 
 void SceneObject::fit_clips() {

@@ -64,13 +64,15 @@ struct SceneObject {
 
   // With `mutex` held alone. Throws Error if Embree or the system refuses.
   void commit();
-  void make_fields();
   // Throws Failure before the first commit. With `mutex` held.
   void require_commit(const char* function) const;
   // Null for numbers that are no mesh's: Failure. Before the first commit, or without a field: null.
   Field* field_of(uint32_t mesh) const;
   // Moves the camera's clipping planes so that they clip nothing of the scene as committed, if `fits_clips`.
   void fit_clips();
+  // Parts of commit().
+  void prepare();
+  void make_fields();
 
   std::shared_ptr<Device> device;
   mutable TurnMutex mutex;

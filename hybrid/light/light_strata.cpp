@@ -1,7 +1,6 @@
 #include "hybrid/light/light_strata.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "core/math/math.h"
 

@@ -15,7 +15,7 @@ struct StrataGrid {
 
 // The grid whose cells are about as wide as high, as the tubes that fields see them by. None for lights whose cells
 // are no parts of what is seen of them (meshes, lights that are sampled on their far side, too), and for lights too
-// long for such cells.
+// long for such cells. Sheared lights are judged by their edges.
 StrataGrid strata_grid(const Light& light);
 
 }  // namespace fieldtrace

@@ -19,7 +19,7 @@ constexpr size_t k_sky_batch = 256;
 // Clusters whose normals spread more (ShadingCluster::spread) are lit at so many of their points, or at twice as many.
 constexpr float k_widest_spread = 0.25f;
 constexpr uint32_t k_wide_cluster_points = 32;
-// So are those that a lens spreads over more than this share of the smallest object's radius.
+// So are those that a lens blurs by more than this share of the median object's radius.
 constexpr float k_widest_blur = 0.25f;
 // How far what was asked for may lie from its fit, for each unit of tolerance, in units of the open sky.
 constexpr float k_fit_tolerance = 0.05f;
@@ -27,6 +27,14 @@ constexpr float k_fit_tolerance = 0.05f;
 constexpr float k_open_cell_rays = 8.0f;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
 constexpr float k_least_cosine = 0.25f;
+
+// The radius, in world space and across the view, over which the lens spreads a pixel that sees a point.
+float blur_at(const Camera& camera, const Vec3& point) {
+  if (!(camera.aperture_radius > 0.0f)) return 0.0f;
+  const Vec3 axis = camera.to_world[2];  // as long as a unit of the camera's
+  const float depth = glm::dot(point - camera.to_world[3], axis) / glm::dot(axis, axis);
+  return glm::length(axis) * camera.aperture_radius * std::abs(depth / camera.focus_distance - 1.0f);
+}
 
 }  // namespace
 
@@ -272,8 +280,7 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
   clusters_.clear();
   grazing_of_.clear(), own_points_.clear();
   points_.resize(receivers.size());
-  const float widest =
-      context_.scene.camera.aperture_radius > 0.0f ? k_widest_blur * sky_->maps().smallest_radius() : k_infinity;
+  const float widest = k_widest_blur * sky_->maps().median_radius();
   float grazing = 0.0f;
   const auto add = [&](const ShadingCluster& part, const ShadingPointBatch& from, size_t i) {
     points_.copy(clusters_.size(), from, i, 1);
@@ -285,7 +292,7 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
     const ShadingCluster& cluster = clusters[c];
     if (cluster.kind == ReceiverKind::other) continue;
     grazing = cluster.plain_diffuse() ? 0.0f : light_bodies(cluster, vertices, receivers);
-    if (cluster.mean_spread() <= k_widest_spread && centres.radius[c] <= widest) {
+    if (cluster.mean_spread() <= k_widest_spread && blur_at(context_.scene.camera, centres.position(c)) <= widest) {
       add(cluster, centres, c);
       continue;
     }

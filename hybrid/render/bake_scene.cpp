@@ -113,7 +113,7 @@ void bake_fully(const Scene& scene, const std::vector<uint32_t>& shapes, const B
                std::to_string(field.coverage().slot_count()) +
                " coverage tiles; they will be baked when a render demands them (or raise --field-memory)");
     }
-    // Nothing may replace what earlier bakes have kept.
+    // A field of which nothing is baked replaces no file.
     if (field.cells_baked() + field.coverage().tiles_baked() > 0)
       output.save(field, field_identity(shape, options.fields), shape.name, result);
   }

@@ -33,7 +33,8 @@ FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std
   settings.first_hits = false;
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings, stage.lights);
   const double repeats = double(picture.spp) * double(options.light_samples) / double(light_samples);
-  FieldSurvey survey = survey_fields(context, crop_window(picture.scene.film, {}), repeats, until_late(picture, stage));
+  FieldSurvey survey =
+      survey_fields(context, crop_window(picture.scene.film, {}), repeats, while_surveys_may(picture, stage));
   stats.survey_rays += survey.stats.rays_exact;
   stats.add_bake(survey.stats);
   return survey;
@@ -60,7 +61,8 @@ bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, 
   settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
   const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
   FieldSurvey survey = survey_picture(picture, stage, none, {}, picture.options.base_tolerance(), settings, 1, stats);
-  if (survey.interrupted) return false;
+  // Where rays answer and time is short, there are no more light samples than elsewhere.
+  if (survey.interrupted) return !picture.stopped() && !is_late(picture, stage);
   open = {picture.open_samples(survey.rays.open), survey.rays};
   survey.scale *= double(open.samples) / double(picture.options.light_samples);
   if (leaves) fields.leave_unpaid(survey);

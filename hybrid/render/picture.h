@@ -100,9 +100,9 @@ inline bool is_late(const Picture& picture, const Stage& stage) {
   return picture.wants_fields && stage.uses_fields() && stage.surveys_are_over();
 }
 
-// Whether a survey that may bake fields goes on. Both must outlive this.
-inline std::function<bool()> until_late(const Picture& picture, const Stage& stage) {
-  return [&] { return !picture.stopped() && !is_late(picture, stage); };
+// Whether a survey goes on. Both must outlive this.
+inline std::function<bool()> while_surveys_may(const Picture& picture, const Stage& stage) {
+  return [&] { return !picture.stopped() && !stage.surveys_are_over(); };
 }
 
 }  // namespace fieldtrace

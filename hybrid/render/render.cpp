@@ -97,11 +97,13 @@ bool has_few_light_samples(int spp, const RenderOptions& options) {
 // The samples of a pixel that a resumed picture has at least: the first command's, and with those of the pass that it
 // is amid. Tiles of it that are done have them.
 int samples_begun(const Checkpoint& state) {
-  const bool is_amid = !state.film.pixels.empty() && !state.counts.empty() && state.counts[0] > 0;
-  if (!is_amid) return state.planned_samples;
+  const bool is_begun = !state.film.pixels.empty() && !state.counts.empty() && state.counts[0] > 0;
+  if (!is_begun) return state.planned_samples;
+  const std::vector<uint8_t>& done = state.tiles_done;
+  const bool is_done = std::all_of(done.begin(), done.end(), [](uint8_t tile) { return tile != 0; });
   uint32_t fewest = std::numeric_limits<uint32_t>::max();
   for (const StoredSums& p : state.film.pixels) fewest = std::min(fewest, PixelSums(p).samples());
-  return std::max(state.planned_samples, int(fewest + state.counts[0]));
+  return std::max(state.planned_samples, int(fewest + (is_done ? 0 : state.counts[0])));
 }
 
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {

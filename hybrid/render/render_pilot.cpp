@@ -72,11 +72,6 @@ std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each
 
 using GoesOn = std::function<bool()>;
 
-// For surveys of rays, without which there is a picture, too.
-GoesOn while_surveys_may(const Picture& picture, const Stage& stage) {
-  return [&] { return !picture.stopped() && !stage.surveys_are_over(); };
-}
-
 // Traces the survey's pixels with `samples` samples of each sequence. False if goes_on() became false meanwhile.
 bool trace_survey(const TransportContext& context, uint32_t samples, uint32_t replicate, const GoesOn& goes_on,
                   Survey& survey, Stats& stats) {
@@ -170,7 +165,7 @@ std::optional<FieldError> survey_field_error(const Picture& picture, Stage& stag
   Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
   Survey by_rays = {by_fields.pixels, stage.ray_survey};
   const auto of_sequence = uint32_t(nearest_power(std::clamp(stage.survey_samples, k_least_samples, k_most_samples)));
-  const GoesOn goes_on = until_late(picture, stage);
+  const GoesOn goes_on = while_surveys_may(picture, stage);
   if (!trace_survey(context, of_sequence, k_error_replicates, goes_on, by_fields, stats)) return {};
   if (by_rays.sums.empty() && !trace_survey(rays, of_sequence, k_error_replicates, goes_on, by_rays, stats)) return {};
   stage.ray_survey = by_rays.sums;
@@ -240,6 +235,9 @@ const RayNoise& best_for_rays(const Stage& stage) {
     return a.noise.mean_square * a.noise.work < b.noise.mean_square * b.noise.work;
   });
 }
+
+// Not where time ended before a rival of the usual light samples was surveyed.
+bool has_choice(const Stage& stage) { return stage.ray_noise.size() > 1 || !stage.surveys_are_over(); }
 
 // Whether one sample of each pixel, as a survey of noise saw it, leaves no more than this mean square.
 static_assert(k_noise_samples == 4, "a quarter of a survey's samples is one");
@@ -325,7 +323,7 @@ NoiseForecast choose_for_rays(const Picture& picture, Stage& stage, const RayCon
     const int open = context.settings.open_light_samples;
     survey_ray_noise(picture, stage, rays, 1, open, stats);
     survey_ray_noise(picture, stage, rays, k_more_light_samples, std::max(k_more_light_samples, open), stats);
-    set_light_samples(best_for_rays(stage), context.settings);
+    if (has_choice(stage)) set_light_samples(best_for_rays(stage), context.settings);
   }
   const GoesOn goes_on = while_surveys_may(picture, stage);
   return choose_lobe_samples(picture, context, goes_on, stats).value_or(best_for_rays(stage).noise);
@@ -341,7 +339,7 @@ NoiseForecast choose_few_for_rays(const Picture& picture, Stage& stage, const Ra
   const auto best = std::min_element(
       stage.ray_noise.begin(), stage.ray_noise.end(),
       [&](const RayNoise& a, const RayNoise& b) { return a.noise.work_to(target) < b.noise.work_to(target); });
-  set_light_samples(*best, context.settings);
+  if (has_choice(stage)) set_light_samples(*best, context.settings);
   return best->noise;
 }
 
@@ -358,7 +356,7 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
   const bool is_short = picture.spp < k_fewest_samples;
   if (!rays_alone) {
     // A survey has chosen light samples already.
-    if (!is_short) choose_lobe_samples(picture, context, until_late(picture, stage), stats);
+    if (!is_short) choose_lobe_samples(picture, context, while_surveys_may(picture, stage), stats);
     return;
   }
   const double target = square_of_target(picture.options);
@@ -390,7 +388,8 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
       stage.accuracy = FieldAccuracy::usual;
       return false;
     }
-    const std::optional<NoiseForecast> noise = forecast_noise(picture, context, until_late(picture, stage), stats);
+    const std::optional<NoiseForecast> noise =
+        forecast_noise(picture, context, while_surveys_may(picture, stage), stats);
     if (!noise) return leave_to_rays();
     const double work = noise->work_to(target - error);
     double ray_work = stage.ray_noise.front().noise.work_to(target);

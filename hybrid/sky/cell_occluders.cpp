@@ -96,15 +96,6 @@ bool hides(const PlaneLines& plane, const Sphere& from, float half) {
   return within(plane.x, plane.centre.dx, plane.per_unit_x) && within(plane.y, plane.centre.dy, plane.per_unit_y);
 }
 
-// Whether a shading normal is not the geometric one but for rounding.
-bool are_bent(const ShadingPointBatch& points) {
-  constexpr float k_rounding = 1e-5f;
-  for (size_t i = 0; i < points.size; ++i) {
-    if (glm::dot(points.geometric_normal(i), points.shading_normal(i)) < 1.0f - k_rounding) return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 bool meets_cone(const Sphere& ball, const Sphere& from, const Vec3& axis, float angle) {
@@ -261,7 +252,7 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   const SkyOccluder& self = maps.occluders()[points.instance[0]];
   grid_ = self.cells;
   own_ = self.kind == SkyOccluder::Kind::map && !self.is_flat ? &self : nullptr;
-  bent_ = !own_ && are_bent(points);
+  bent_ = self.is_bent;
   count_ = points.size;
   bound(points);
   find_lit();

@@ -44,6 +44,27 @@ Sphere world_ball(const Instance& instance, const Sphere& ball) {
   return {transform_point(instance.to_world, ball.centre), ball.radius * stretch_bound(to_world)};
 }
 
+// Whether shading normals of a flat mesh are not its plane's, but for rounding.
+bool is_bent(const TriangleMesh& mesh) {
+  constexpr float k_rounding = 1e-5f;
+  for (const UVec3& t : mesh.triangles) {
+    const Vec3 a = mesh.positions[t.x], n = glm::cross(mesh.positions[t.y] - a, mesh.positions[t.z] - a);
+    if (!(glm::length(n) > 0.0f)) continue;
+    const Vec3 plane = glm::normalize(n);
+    return std::any_of(mesh.normals.begin(), mesh.normals.end(), [&](const Vec3& normal) {
+      return std::abs(glm::dot(glm::normalize(normal), plane)) < 1.0f - k_rounding;
+    });
+  }
+  return false;
+}
+
+// Infinite of none.
+float median(std::vector<float> values) {
+  if (values.empty()) return k_infinity;
+  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
+  return values[values.size() / 2];
+}
+
 }  // namespace
 
 SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, MappedShapes shapes,
@@ -61,6 +82,8 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
   const bool crowd = scene.instances.size() > k_crowd;
   std::vector<Sphere> balls;
   for (const Shape& shape : scene.shapes) balls.push_back(tight_ball(shape));
+  std::vector<uint8_t> bent;
+  for (size_t s = 0; s < scene.shapes.size(); ++s) bent.push_back(traits[s].is_flat && is_bent(scene.shapes[s].mesh));
   std::vector<std::optional<Parallelogram>> planes;  // by shape, as many instances may share one
   for (size_t s = 0; s < scene.shapes.size(); ++s) planes.push_back(parallelogram(scene.shapes[s], traits[s]));
   for (uint32_t i = 0; i < occluders_.size(); ++i) {
@@ -68,6 +91,7 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     SkyOccluder& o = occluders_[i];
     o.instance = i;
     o.is_flat = traits[instance.shape].is_flat;
+    o.is_bent = bent[instance.shape] != 0;
     o.ball = world_ball(instance, balls[instance.shape]);
     if (const auto& plane = planes[instance.shape]) {
       o.kind = SkyOccluder::Kind::plane;
@@ -99,15 +123,15 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     o.grid = Mat3(rotation);
     if (!crowd) o.cells = o.grid;
   }
+  std::vector<float> radii, of_objects;
   for (const SkyOccluder& o : occluders_) {
-    if (o.kind != SkyOccluder::Kind::plane) smallest_radius_ = std::min(smallest_radius_, o.ball.radius);
+    radii.push_back(o.ball.radius);
+    if (o.kind != SkyOccluder::Kind::plane) of_objects.push_back(o.ball.radius);
   }
+  median_radius_ = median(of_objects);
   if (!crowd) return;
   groups_ = OccluderGroups(scene, occluders_, directions);
-  std::vector<float> radii;
-  for (const SkyOccluder& o : occluders_) radii.push_back(o.ball.radius);
-  std::nth_element(radii.begin(), radii.begin() + radii.size() / 2, radii.end());
-  place_side_ = k_place_side * radii[radii.size() / 2];
+  place_side_ = k_place_side * median(radii);
 }
 
 Sphere SkyMaps::place(uint32_t instance, const Vec3& point) const {

@@ -35,6 +35,7 @@ struct SkyOccluder {
   enum class Kind : uint8_t { plane, map, ball };
   Kind kind = Kind::ball;
   bool is_flat = false;  // cannot hide anything from points on it
+  bool is_bent = false;  // flat, but not all of its shading normals are the plane's
   uint32_t instance = k_none;
   Sphere ball;             // encloses it
   float half_map = 0.0f;   // half the world extent of its maps
@@ -57,7 +58,7 @@ class SkyMaps {
   float cell_width() const { return 2.0f * std::sqrt(k_pi) / float(directions_); }  // radians
   const SkyTolerance& tolerance() const { return tolerance_; }
   std::span<const SkyOccluder> occluders() const { return occluders_; }  // by instance
-  float smallest_radius() const { return smallest_radius_; }             // of balls about occluders that are no planes
+  float median_radius() const { return median_radius_; }                 // of balls about occluders that are no planes
   const MappedShapes& shapes() const { return shapes_; }
   // The frame of direction cell u D + v: columns s, t, c.
   const Mat3& frame(int direction) const { return frames_[size_t(direction)]; }
@@ -77,7 +78,7 @@ class SkyMaps {
   SkyTolerance tolerance_;
   std::vector<SkyOccluder> occluders_;
   OccluderGroups groups_;  // of a crowd
-  float place_side_ = k_infinity, smallest_radius_ = k_infinity;
+  float place_side_ = k_infinity, median_radius_ = k_infinity;
   std::vector<Mat3> frames_;
 };
 

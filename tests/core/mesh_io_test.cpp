@@ -111,7 +111,7 @@ TEST_F(MeshIo, ObjMakesOneVertexOfEachDistinctTriple) {
 
 TEST_F(MeshIo, ObjAcceptsOddButLegalText) {
   const TriangleMesh commented = load("a.obj",
-                                      "# made by C:\\tmp\\\nv 0 0 0 # the first\nv 1 0 0\t#\n  # C:\\\nv 0 1 0\ng #1\n"
+                                      "# made by C:\\tmp\\\nv 0 0 0 # C:\\\nv 1 0 0\t#\n  # C:\\\nv 0 1 0\ng #1\n"
                                       "f 1 2 3 # all\n");
   EXPECT_EQ(commented.positions, (std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}));
   EXPECT_EQ(commented.triangles, (std::vector<UVec3>{{0, 1, 2}}));

@@ -94,12 +94,17 @@ class Script(Folder):
             ([scene, "3", "-o", "a.exr", "--spp", "0"], "--spp: '0' is not a whole number"),
             ([scene, "3", "-o", "a.exr", "--denoise"], "--denoise needs the whole picture"),
             ([scene, "3", "-o", "a.exr", "--target-error", "0.1"], "--slice is for pictures of --spp samples"),
+            ([scene, "3", "-o", "a.exr", "--exposure", "x"], "--exposure: 'x' is not a number"),
         ]
         for arguments, message in cases:
             with self.subTest(message):
                 code, text = self.refusal(*arguments, path=path)
                 self.assertEqual(code, 2, text)
                 self.assertIn(message, text)
+        for output, message in [("a.jpg", "end the name in .exr or .png"), ("none/a.exr", "cannot be written")]:
+            code, text = self.refusal(scene, "3", "-o", "b.exr", "-o", output, path=path)
+            self.assertEqual(code, 1, text)
+            self.assertIn(message, text)
         code, text = self.refusal("none.xml", "3", "-o", "a.exr", path=path)
         self.assertEqual((code, text), (1, "slurm.sh: none.xml: no such file; check the name\n"))
         code, text = self.refusal(scene, "3", "-o", "a.exr", path=path, program="/none/fieldtrace")

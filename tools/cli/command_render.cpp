@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -304,13 +303,6 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   open_previews(arguments, crop_window(scene.film, options.crop), callbacks, previews);
   RenderResult result = render(scene, options, callbacks);
   previews.watcher.reset();
-  std::string denoiser;
-  if (arguments.denoise) {
-    callbacks.progress(1.0f, "denoise");
-    denoiser = denoise_result(arguments, scene, result, callbacks.warning);
-    if (previews.viewer) show_result(result.image, *previews.picture);
-  }
-
   // What is there from before is better than black.
   if (result.interrupted && (result.part || !result.has_samples)) {
     if (previews.viewer) previews.viewer->finish();
@@ -318,6 +310,13 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
     print_message("fieldtrace: interrupted; {} was not written\n", result.part ? "the part" : "the picture");
     return k_exit_interrupted;
   }
+  std::string denoiser;
+  if (arguments.denoise) {
+    callbacks.progress(1.0f, "denoise");
+    denoiser = denoise_result(arguments, scene, result, callbacks.warning);
+    if (previews.viewer) show_result(result.image, *previews.picture);
+  }
+
   Stats& stats = result.stats;
   const Clock::time_point write_begin = Clock::now();
   Writes writes;

@@ -82,7 +82,6 @@ int run_and_report(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     return report(k_exit_input, "out of memory; use a smaller image, coarser fields or fewer triangles");
   } catch (const std::system_error& e) {
-    if (std::ferror(stdout) && e.code() == std::errc::broken_pipe) return k_exit_input;  // nobody reads on
     if (std::ferror(stdout)) return report(k_exit_input, standard_output_message(e.code().message()));
     return report(k_exit_input, e.what());
   } catch (const std::exception& e) {

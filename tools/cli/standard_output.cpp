@@ -24,7 +24,7 @@ void prepare_streams() {
 }
 
 std::string flush_standard_output() {
-  if (std::fflush(stdout) != 0) return errno == EPIPE ? std::string() : std::strerror(errno);
+  if (std::fflush(stdout) != 0) return std::strerror(errno);
   if (std::ferror(stdout) != 0) return "an earlier write failed";
   // Network file systems may report errors only on closing a descriptor; this one has to stay open.
   const int copy = dup(STDOUT_FILENO);

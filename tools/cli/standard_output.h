@@ -18,8 +18,7 @@ namespace fieldtrace {
 // would end the program and leave its temporary files behind.
 void prepare_streams();
 
-// Flushes what was printed so far. Returns the reason of this or an earlier failure; empty on success, and where nobody
-// reads it any more.
+// Flushes what was printed so far. Returns the reason of this or an earlier failure; empty on success.
 std::string flush_standard_output();
 
 // The error message for a reason.

@@ -513,8 +513,8 @@ TEST(ApiRender, IsThatOfTheRenderer) {
   EXPECT_LT(sum, 1.0 * 24 * 16);
 }
 
-// Pictures of 8 x 8 pixels from high above the floor: their mean, less what the knots make of it.
-float mean_from_above(const ApiScene& s) {
+// The mean of a picture of 8 x 8 pixels.
+float mean_of_picture(const ApiScene& s) {
   std::vector<float> pixels(8 * 8 * 3, -1.0f);
   EXPECT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
   EXPECT_EQ(ftRender(s.scene, pixels.data(), 0, 0), FT_ERROR_NONE);
@@ -533,7 +533,7 @@ TEST(ApiRender, ClipsNothingInAnyUnit) {
     const float from[] = {0, 5 * unit, 0}, to[] = {0, 0, 0}, up[] = {1, 0, 0}, sky[] = {1, 1, 1};
     ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 40.0f, 8, 8), FT_ERROR_NONE);
     ASSERT_EQ(ftSetSceneSky(s.scene, sky), FT_ERROR_NONE);
-    EXPECT_EQ(mean_from_above(s), 0.0f);
+    EXPECT_EQ(mean_of_picture(s), 0.0f);
   }
 }
 
@@ -542,12 +542,12 @@ TEST(ApiRender, ASkyAndAReflectanceReplaceThoseBefore) {
   const float from[] = {0, 9, 0}, to[] = {0, 0, 0}, up[] = {1, 0, 0}, sky[] = {1, 1, 1}, black[] = {0, 0, 0};
   ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 120.0f, 8, 8), FT_ERROR_NONE);
   for (const float* colour : {sky, black}) ASSERT_EQ(ftSetSceneSky(s.scene, colour), FT_ERROR_NONE);
-  EXPECT_EQ(mean_from_above(s), 0.0f);
+  EXPECT_EQ(mean_of_picture(s), 0.0f);
   for (uint32_t i = 0; i < 3; ++i) {
     for (const float* colour : {sky, black}) ASSERT_EQ(ftSetInstanceReflectance(s.scene, i, colour), FT_ERROR_NONE);
   }
   ASSERT_EQ(ftSetSceneSky(s.scene, sky), FT_ERROR_NONE);
-  const float all = mean_from_above(s);
+  const float all = mean_of_picture(s);
   EXPECT_GT(all, 0.1f);  // the sky beside the floor
   EXPECT_LT(all, 0.95f);
 }

@@ -257,10 +257,11 @@ TEST(Checkpoints, APassIsNotCutShort) {
   std::atomic<int> tiles = 0;
   RenderCallbacks callbacks;
   callbacks.stop = &stop;
-  // Those of the first pass are shown before.
-  const int before = (k_size / 32) * (k_size / 32);
-  callbacks.tile = [&](const Rect&, std::span<const Rgb>) { stop = ++tiles > before; };
+  // Those of the first pass are shown before; then the pass ends amid its tiles.
+  constexpr int k_tiles = ((k_size + 31) / 32) * ((k_size + 31) / 32);
+  callbacks.tile = [&](const Rect&, std::span<const Rgb>) { stop = ++tiles > k_tiles; };
   EXPECT_TRUE(render(scene, o, callbacks).interrupted);
+  EXPECT_EQ(tiles, k_tiles + 1);
   const auto refusal = [&]() -> std::string {
     try {
       render(scene, o);
@@ -272,6 +273,16 @@ TEST(Checkpoints, APassIsNotCutShort) {
   o.spp = 4;
   EXPECT_NE(refusal().find("was begun for 8 samples a pixel"), std::string::npos) << refusal();
   o.spp = 8;
+  // Its last checkpoint but one: all tiles are there, and the pass is not ended.
+  const std::string last = folder.path() + "/last";
+  RenderCallbacks at_end;
+  at_end.progress = [&](float share, const char*) {
+    if (share == 1.0f)
+      std::filesystem::copy_file(o.checkpoint, last, std::filesystem::copy_options::overwrite_existing);
+  };
+  render(scene, o, at_end);
+  ASSERT_TRUE(std::filesystem::exists(last));
+  o.resume = last;
   EXPECT_EQ(refusal(), "");
 }
 
