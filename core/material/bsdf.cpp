@@ -140,7 +140,8 @@ Rgb material_albedo(const Material& m) {
 float lobe_alpha(const Material& m) {
   if (m.kind == BsdfKind::diffuse) return k_diffuse_alpha;
   if (m.delta() || m.kind == BsdfKind::plastic) return 0.0f;
-  return std::sqrt(m.microfacet.alpha_u * m.microfacet.alpha_v);
+  const float alpha = std::min(m.microfacet.alpha_u, m.microfacet.alpha_v);
+  return m.kind == BsdfKind::principled && m.clearcoat > 0.0f ? std::min(alpha, m.clearcoat_alpha) : alpha;
 }
 
 Rgb evaluate_bsdf(const Material& material, const Vec3& wi, const Vec3& wo) {

@@ -70,8 +70,8 @@ bool is_textured(const Scene& scene, uint32_t bsdf);
 // Fresnel at normal incidence for conductors); zero for dark materials.
 Rgb material_albedo(const Material& material);
 
-// Roughness of the narrowest lobe, not counting a mask: 0 for delta lobes (smooth plastic included), the geometric mean
-// of alpha_u and alpha_v for microfacets, k_diffuse_alpha for diffuse surfaces. Independent of direction.
+// Roughness of the narrowest lobe across its narrower side, not counting a mask: 0 for delta lobes (smooth plastic
+// included), k_diffuse_alpha for diffuse surfaces. Independent of direction.
 inline constexpr float k_diffuse_alpha = 1.0f;
 float lobe_alpha(const Material& material);
 

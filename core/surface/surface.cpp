@@ -151,6 +151,11 @@ SurfacePoint surface_near(const Scene& scene, uint32_t instance_index, uint32_t 
   s.primitive = primitive;
   s.position = position;
   s.geometric_normal = s.shading_normal = outside ? normal : -normal;
+  // Vertex normals tell which side is which, whatever the triangles' winding.
+  if (!shape.mesh.normals.empty()) {
+    const Vec3 shading(to_vec(to_object.normal(local.shading)));
+    if (glm::length(shading) > 0.0f) s.shading_normal = glm::normalize(instance.flip_normals ? -shading : shading);
+  }
   s.uv = triangle_uv(shape, primitive, u, v);
   const double rounding = scalar::rounding_error<double>(to_world, to_object, local, lanes(DVec3(position)),
                                                          lanes(DVec3(normal)), glm::length(world_normal));

@@ -14,6 +14,9 @@
 namespace fieldtrace {
 namespace {
 
+// Sides of the squares of directions that tubes stand for, in roughnesses of the lobe.
+constexpr float k_widest_tube = 1.4f;
+
 // Rays whose remaining share is smaller are not followed.
 constexpr float k_least_share = 0x1p-12f;
 // Surfaces that a path visits beyond its patch, for estimating what shading the patch costs.
@@ -110,6 +113,17 @@ uint64_t LobeAnswerer::bytes() const {
   return sum;
 }
 
+namespace {
+
+// The samples' density, by which a tube's width goes: not wider than k_widest_tube times the lobe's roughness, however
+// few samples a lobe has, since no further camera samples take that blur away.
+float tube_density(const PathState& path) {
+  const float side = k_widest_tube * path.alpha;
+  return std::max(path.bsdf_density, 1.0f / (side * side));
+}
+
+}  // namespace
+
 void LobeAnswerer::find_queried(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const {
   const size_t n = rays.size;
   work.exact.clear();
@@ -119,7 +133,7 @@ void LobeAnswerer::find_queried(const RayBatch& rays, std::span<const PathState>
   for (uint32_t i = 0; i < n; ++i) {
     const PathState& path = paths[i];
     if (path.alpha > 0.0f && !path.unweighted && path.bsdf_density > 0.0f) {
-      work.density[i] = path.bsdf_density;
+      work.density[i] = tube_density(path);
     } else {
       work.exact.push_back(i);
     }
@@ -156,7 +170,7 @@ void LobeAnswerer::fill_batch(const RayBatch& rays, std::span<const PathState> p
     const PathState& path = paths[work.queried[j]];
     batch.rays.copy(j, rays, work.queried[j]);
     batch.nx[j] = path.side.x, batch.ny[j] = path.side.y, batch.nz[j] = path.side.z;
-    batch.density[j] = path.bsdf_density;
+    batch.density[j] = tube_density(path);
     batch.blur[j] = blur_ * path.alpha;
     batch.instance[j] = path.instance;
   }

@@ -33,7 +33,7 @@ void LobeAnswerer::check_filtered(const Request& r) const {
     if (scalar::hash_uint(seed) % k_check_interval != 0) continue;
     const Vec3 origin = r.rays.origin(ray);
     const Frame frame = frame_about(r.rays.direction(ray));
-    const float half = std::min(scalar::k_lobe_share / std::sqrt(path.bsdf_density), scalar::k_widest_lobe);
+    const float half = std::min(scalar::k_lobe_share / std::sqrt(r.work.density[ray]), scalar::k_widest_lobe);
     rays.resize(size_t(k_check_rays));
     hits.resize(size_t(k_check_rays));
     const auto within = [&](int k) { return (2.0f * (float(k) + 0.5f) / float(k_check_side) - 1.0f) * half; };

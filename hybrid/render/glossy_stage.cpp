@@ -58,10 +58,12 @@ GlossyStage::GlossyStage(const GlossyInput& input) {
 GlossyStage::~GlossyStage() = default;
 
 void GlossyStage::make_hits(const GlossyInput& input) {
-  if (input.hit_instances.empty()) return;
+  std::vector<uint32_t> instances(input.hit_instances.begin(), input.hit_instances.end());
+  // Fields that their memory had no room for: the render is about to begin again.
+  std::erase_if(instances, [&](uint32_t i) { return !input.fields[input.scene.instances[i].shape]; });
+  if (instances.empty()) return;
   const AnswererSettings settings{input.settings.isa, input.options.base_tolerance(), input.options.check};
-  hits_ = std::make_unique<HitAnswerer>(input.scene, input.accel, input.traits, input.fields, input.hit_instances,
-                                        settings);
+  hits_ = std::make_unique<HitAnswerer>(input.scene, input.accel, input.traits, input.fields, instances, settings);
 }
 
 void GlossyStage::make_maps(const GlossyInput& input) {

@@ -288,9 +288,13 @@ TEST(Bsdf, LobeAlphaIsTheNarrowestLobes) {
   EXPECT_EQ(lobe_alpha(glass(1.5f)), 0.0f);
   EXPECT_EQ(lobe_alpha(thin_glass(1.5f)), 0.0f);
   EXPECT_EQ(lobe_alpha(plastic(0.5f, 1.5f)), 0.0f);
-  EXPECT_FLOAT_EQ(lobe_alpha(rough(MicrofacetKind::ggx, 0.1f, 0.4f)), 0.2f);
+  EXPECT_FLOAT_EQ(lobe_alpha(rough(MicrofacetKind::ggx, 0.1f, 0.4f)), 0.1f);
+  EXPECT_FLOAT_EQ(lobe_alpha(rough(MicrofacetKind::ggx, 0.4f, 0.1f)), 0.1f);
   EXPECT_FLOAT_EQ(lobe_alpha(rough_glass(MicrofacetKind::ggx, 0.3f, 0.3f, 1.5f)), 0.3f);
-  EXPECT_FLOAT_EQ(lobe_alpha(principled(0.5f, 0.5f, 0.0f, 1.0f)), 0.25f);
+  EXPECT_FLOAT_EQ(lobe_alpha(principled(0.5f, 0.5f, 0.0f, 0.0f)), 0.25f);
+  const Material coated = principled(0.5f, 0.5f, 0.0f, 1.0f);
+  EXPECT_LT(coated.clearcoat_alpha, 0.25f);
+  EXPECT_EQ(lobe_alpha(coated), coated.clearcoat_alpha);
   EXPECT_EQ(lobe_alpha(masked(diffuse(0.5f), 0.5f)), k_diffuse_alpha);
 }
 

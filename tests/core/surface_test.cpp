@@ -182,6 +182,34 @@ TEST(Surface, OffsetRaysLeaveCoordinatePlanes) {
 }
 
 // The bound is useful only if it is small: a few ulps of the coordinates and of the object's size.
+// Of points near a mesh, as of rays that meet it: vertex normals tell the outside, whatever the triangles' winding.
+TEST(Surface, VertexNormalsTellTheOutsideNearAMesh) {
+  Random random(11);
+  for (const bool winds_inwards : {false, true}) {
+    for (const bool flips : {false, true}) {
+      SceneMaker maker;
+      TriangleMesh ball = make_sphere({.around = 32, .along = 16});
+      ball.normals.clear();
+      for (const Vec3& p : ball.positions) ball.normals.push_back(glm::normalize(p));
+      if (winds_inwards) {
+        for (UVec3& t : ball.triangles) std::swap(t.y, t.z);
+      }
+      maker.instance(maker.mesh(ball), maker.bsdf(BsdfKind::diffuse, Rgb(0.5f)), random.transform(3.0f));
+      maker.scene.instances[0].flip_normals = flips;
+      const Scene& scene = maker.scene;
+      const Accel accel(scene);
+      for (const SurfacePoint& met : shoot(scene, accel, random, 64)) {
+        for (const float side : {-1.0f, 1.0f}) {
+          const SurfacePoint near =
+              surface_near(scene, 0, met.primitive, met.position, side * met.geometric_normal, met.error);
+          EXPECT_GT(glm::dot(near.shading_normal, met.shading_normal), 0.999f);
+          EXPECT_GT(glm::dot(near.geometric_normal, met.geometric_normal), 0.999f);
+        }
+      }
+    }
+  }
+}
+
 TEST(Surface, ErrorIsAFewUlps) {
   Random random(3);
   size_t hit = 0;

@@ -144,6 +144,20 @@ TEST_F(LimitedProgram, MakesTheSamePictureWhereTheFieldsFit) {
   }
 }
 
+// The tables of such fields alone do not fit.
+TEST_F(LimitedProgram, BeginsAgainWhereFieldsForGlossyRaysDoNotFit) {
+  std::string scene = k_scene;
+  const std::string depth = "\"max_depth\" value=\"2\"", floor = "<scale value=\"5\"/></transform></shape>";
+  scene.replace(scene.find(depth), depth.size(), "\"max_depth\" value=\"3\"");
+  scene.replace(scene.find(floor), floor.size(),
+                "<scale value=\"5\"/></transform><bsdf type=\"roughconductor\"><float name=\"alpha\" value=\"0.3\"/>"
+                "</bsdf></shape>");
+  std::ofstream(folder_ / "scene.xml") << scene;
+  const Render limited = render(2441, 2, " --directions 256 --plane 512 --field-hits always --lobe-samples 16");
+  EXPECT_EQ(limited.outcome.code, 0) << limited.outcome.err;
+  EXPECT_NE(limited.outcome.err.find("begins again"), std::string::npos) << limited.outcome.err;
+}
+
 // Files are made, read, and merged with what another image demands.
 TEST_F(LimitedProgram, KeepsItsFields) {
   for (const char* seed : {"1", "2"}) {
