@@ -365,7 +365,7 @@ FT_HD_INLINE F above_surface(const CellTask& task, const Vec3Lanes<F>& g, const 
 template <class F>
 FT_HD_INLINE MapShare<F> nothing_hidden() {
   const F zero = splat<F>(0.0f);
-  return {zero, zero > zero};
+  return {zero, zero > splat<F>(1.0f)};
 }
 
 // The share of the point's own object, of a cell of which the part `above` comes from above its surface.

@@ -17,7 +17,6 @@ namespace {
 
 using test::scaling;
 using test::SceneMaker;
-using test::translation;
 
 struct Random {
   std::mt19937 engine;
