@@ -60,8 +60,6 @@ BsdfSample sample_unmasked(const Material& material, const Vec3& wi, const Vec2&
   return {};
 }
 
-bool is_plastic(BsdfKind kind) { return kind == BsdfKind::plastic || kind == BsdfKind::rough_plastic; }
-
 Microfacet microfacet_of(const Bsdf& bsdf) {
   return {bsdf.microfacet, std::max(bsdf.alpha_u, k_min_alpha), std::max(bsdf.alpha_v, k_min_alpha)};
 }

@@ -43,7 +43,7 @@ struct Material {
   // A single cosine lobe.
   bool plain_diffuse() const { return kind == BsdfKind::diffuse && !masked(); }
   // A diffuse body under an interface that reflects as well.
-  bool coated_diffuse() const { return (kind == BsdfKind::plastic || kind == BsdfKind::rough_plastic) && !masked(); }
+  bool coated_diffuse() const { return is_plastic(kind) && !masked(); }
   // Sampling several directions at one point reduces noise beyond what light samples achieve.
   bool glossy() const { return kind != BsdfKind::diffuse && kind != BsdfKind::conductor; }
   // sample_bsdf chooses between lobes and so needs u_lobe.

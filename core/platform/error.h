@@ -1,7 +1,7 @@
 // User-actionable errors with their source location, and the sink for warnings.
 //
-// Thread-safety: `Error` is a value. A `WarningSink` may be called from one thread at a time, unless
-// it says otherwise.
+// Thread-safety: `Error` is a value. A `WarningSink` may be called from one thread at a time, unless it
+// says otherwise.
 #pragma once
 
 #include <functional>

@@ -61,6 +61,8 @@ enum class BsdfKind : uint8_t {
 inline bool transmits(BsdfKind kind) {
   return kind == BsdfKind::dielectric || kind == BsdfKind::rough_dielectric || kind == BsdfKind::thin_dielectric;
 }
+// Whether surfaces of this kind are a diffuse body under an interface.
+inline bool is_plastic(BsdfKind kind) { return kind == BsdfKind::plastic || kind == BsdfKind::rough_plastic; }
 // Whether surfaces of this kind have a lobe of finite width about the mirrored or refracted direction.
 inline bool is_rough(BsdfKind kind) {
   return kind == BsdfKind::rough_conductor || kind == BsdfKind::rough_dielectric || kind == BsdfKind::rough_plastic ||

@@ -91,27 +91,27 @@ bool remove_unused(const CachedFile& file) {
 
 }  // namespace
 
-TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep) {
+uint64_t trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep) {
   // One at a time: two processes that count the same files would both remove them, and too many in all.
   std::optional<FileLock> trimming;
   try {
     trimming.emplace((fs::path(folder) / "trim.lock").string());
   } catch (const Error&) {
-    return {};  // the folder cannot be written to
+    return 0;  // the folder cannot be written to
   }
   remove_all_abandoned_writes(folder);
   std::vector<CachedFile> files = cached_files(folder);
   std::sort(files.begin(), files.end(), [](const CachedFile& a, const CachedFile& b) {
     return a.used != b.used ? a.used < b.used : a.path < b.path;
   });
-  TrimmedCache result;
-  for (const CachedFile& file : files) result.bytes += file.bytes;
+  uint64_t bytes = 0;
+  for (const CachedFile& file : files) bytes += file.bytes;
   for (const CachedFile& file : files) {
-    if (result.bytes <= most_bytes) break;
+    if (bytes <= most_bytes) break;
     if (keep.count(file.path.filename().string()) != 0 || !remove_unused(file)) continue;
-    result.bytes -= file.bytes;
+    bytes -= file.bytes;
   }
-  return result;
+  return bytes;
 }
 
 OutdatedFiles outdated_files(const std::string& folder) {

@@ -13,14 +13,10 @@
 
 namespace fieldtrace {
 
-// What a folder holds after trimming.
-struct TrimmedCache {
-  uint64_t bytes = 0;  // of the remaining field files
-};
-
 // Removes the least recently used files of `folder` until the others take at most `most_bytes`. Files named in `keep`
-// stay, as do files that are locked at the moment or cannot be removed. Throws nothing.
-TrimmedCache trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep);
+// stay, as do files that are locked at the moment or cannot be removed. Returns the bytes of what stays. Throws
+// nothing.
+uint64_t trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep);
 
 // Field files of earlier formats, which this program cannot read and whose names it no longer looks for. Another
 // version that shares the folder may still use them, so only trim_cache() removes them. Throws nothing.

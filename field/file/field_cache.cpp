@@ -215,10 +215,10 @@ void FieldCache::store(const DirectionMaps& maps, const FieldIdentity& identity)
 void FieldCache::trim() {
   if (most_bytes_ == 0 || read_only_) return;
   const std::lock_guard lock(mutex_);
-  const TrimmedCache left = trim_cache(folder_, most_bytes_, used_);
-  if (left.bytes <= most_bytes_) return;
+  const uint64_t left = trim_cache(folder_, most_bytes_, used_);
+  if (left <= most_bytes_) return;
   warn(warning_, {folder_},
-       "holds " + std::to_string(left.bytes) + " bytes of fields that are in use, more than its limit of " +
+       "holds " + std::to_string(left) + " bytes of fields that are in use, more than its limit of " +
            std::to_string(most_bytes_) + "; raise --field-cache-limit, or use another folder");
 }
 

@@ -59,7 +59,9 @@ void require_rays(const SceneObject& s, const RayBuffers& rays, size_t begin, si
 struct OcclusionScratch {
   ShadowBatch batch;
   ShadowGroup group;
-  std::vector<uint32_t> suspects;  // rays that may have met the flat mesh that they leave
+  // Rays that may have met the flat mesh that they leave.
+  std::vector<uint32_t> suspects, from;
+  RayBatch rays;
   HitBatch hits;
 };
 // Of this thread. Not inlined: the address of a thread's variable is a call in shared libraries, made again and again
@@ -107,16 +109,20 @@ void fill(const SceneObject& s, const RayBuffers& from, size_t begin, size_t end
 }
 
 // Rays that were traced may have met the flat mesh that they leave.
-void unblock_flat_origins(const SceneObject& s, ShadowBatch& batch, std::vector<uint32_t>& blocked, HitBatch& hits) {
-  blocked.clear();
+void unblock_flat_origins(const SceneObject& s, OcclusionScratch& o) {
+  ShadowBatch& batch = o.batch;
+  o.suspects.clear(), o.from.clear();
   for (uint32_t i = 0; i < batch.rays.size; ++i) {
-    if (batch.exact[i] && batch.blocked[i] && is_flat(s, batch.instance[i])) blocked.push_back(i);
+    if (!batch.exact[i] || !batch.blocked[i] || !is_flat(s, batch.instance[i])) continue;
+    o.suspects.push_back(i);
+    o.from.push_back(batch.instance[i]);
   }
-  if (blocked.empty()) return;
-  hits.resize(batch.rays.size);
-  s.accel->intersect(batch.rays, hits, Coherence::incoherent);
-  pass_flat_origins(s, batch.rays, batch.instance, blocked, hits);
-  for (const uint32_t i : blocked) batch.blocked[i] = hits.instance[i] != k_none;
+  if (o.suspects.empty()) return;
+  o.rays.resize(o.suspects.size()), o.hits.resize(o.suspects.size());
+  for (size_t k = 0; k < o.suspects.size(); ++k) o.rays.copy(k, batch.rays, o.suspects[k]);
+  s.accel->intersect(o.rays, o.hits, Coherence::incoherent);
+  pass_flat_origins(s, o.rays, o.from, o.hits);
+  for (size_t k = 0; k < o.suspects.size(); ++k) batch.blocked[o.suspects[k]] = o.hits.instance[k] != k_none;
 }
 
 // Nothing is written to `results` if any ray is an error.
@@ -126,7 +132,9 @@ void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const B
   const std::unique_ptr<uint8_t[]> answers(new uint8_t[count]);
   std::atomic<uint64_t> all_exact = 0;
   for_chunks(*s.device, count, [&](size_t begin, size_t end) {
-    auto& [batch, group, suspects, hits] = scratch();
+    OcclusionScratch& own = scratch();
+    ShadowBatch& batch = own.batch;
+    ShadowGroup& group = own.group;
     Bounds3 origins;
     fill(s, rays, begin, end, batch, origins, group.light);
     Stats stats;
@@ -134,7 +142,7 @@ void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const B
       s.shadows->find_ray_candidates(origins, group);
       if (traces) {
         s.shadows->answer(group, batch, stats);
-        if (rays.from) unblock_flat_origins(s, batch, suspects, hits);
+        if (rays.from) unblock_flat_origins(s, own);
       } else {
         s.shadows->look_up(group, batch, stats);
       }
@@ -184,7 +192,8 @@ struct HitScratch {
   RayBatch rays;
   HitBatch hits;
   std::vector<PathState> paths;
-  std::vector<uint32_t> which, from;
+  std::vector<uint32_t> which;
+  std::vector<uint32_t> from;  // empty: no ray leaves an instance
   std::vector<Vec3> normals;
   std::vector<float> errors;
   std::vector<uint8_t> undecided;
@@ -218,7 +227,7 @@ void find_hits(const SceneObject& s, HitScratch& h) {
   } else {
     s.accel->intersect(h.rays, h.hits, Coherence::incoherent);
   }
-  pass_flat_origins(s, h.rays, h.from, h.which, h.hits);
+  if (!h.from.empty()) pass_flat_origins(s, h.rays, h.from, h.hits);
   for (const uint32_t i : h.which) {
     if (h.undecided[i] || h.hits.instance[i] == k_none || h.normals[i] != Vec3(0.0f)) continue;
     const Vec3 normal = surface_at(s.scene, h.rays, h.hits, i).geometric_normal;
@@ -241,7 +250,7 @@ void nearest(const SceneObject& s, float alpha, const RayBuffers& rays, const Hi
     HitScratch& h = hit_scratch();
     h.rays.resize(end - begin);
     h.paths.assign(end - begin, {});
-    h.from.assign(end - begin, k_none);
+    h.from.clear();
     h.lengths.assign(end - begin, 1.0);
     h.which.clear();
     for (size_t i = begin; i < end; ++i) {
@@ -251,7 +260,8 @@ void nearest(const SceneObject& s, float alpha, const RayBuffers& rays, const Hi
       h.rays.set(j, vector_at(rays.origins, i), d, active ? k_infinity : -1.0f);
       h.paths[j].alpha = alpha;
       h.paths[j].unweighted = false;
-      h.from[j] = h.paths[j].instance = rays.instance_of(i);
+      h.paths[j].instance = rays.instance_of(i);
+      if (rays.from) h.from.push_back(h.paths[j].instance);
       if (active) h.which.push_back(uint32_t(j));
     }
     find_hits(s, h);

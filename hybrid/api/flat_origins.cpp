@@ -19,18 +19,17 @@ bool is_flat(const SceneObject& s, uint32_t instance) {
   return instance != k_none && s.traits[s.scene.instances[instance].shape].is_flat;
 }
 
-void pass_flat_origins(const SceneObject& s, const RayBatch& rays, std::span<const uint32_t> from,
-                       std::span<const uint32_t> which, HitBatch& hits) {
+void pass_flat_origins(const SceneObject& s, const RayBatch& rays, std::span<const uint32_t> from, HitBatch& hits) {
   // A line meets a plane once: more often only as triangles that meet at an edge are planes by rounding.
   constexpr int k_most_passes = 4;
-  std::vector<uint32_t> own(which.begin(), which.end());
+  const auto meets_own = [&](uint32_t i) { return is_flat(s, from[i]) && hits.instance[i] == from[i]; };
+  std::vector<uint32_t> own;
+  for (uint32_t i = 0; i < rays.size; ++i) {
+    if (meets_own(i)) own.push_back(i);
+  }
   RayBatch beyond;
   HitBatch found;
-  for (int pass = 0; pass < k_most_passes; ++pass) {
-    std::erase_if(own, [&](uint32_t i) {
-      return hits.instance[i] == k_none || hits.instance[i] != from[i] || !is_flat(s, from[i]);
-    });
-    if (own.empty()) return;
+  for (int pass = 0; pass < k_most_passes && !own.empty(); ++pass) {
     beyond.resize(own.size());
     std::vector<float> starts(own.size());
     for (size_t k = 0; k < own.size(); ++k) {
@@ -46,10 +45,9 @@ void pass_flat_origins(const SceneObject& s, const RayBatch& rays, std::span<con
       hits.copy(own[k], found, k);
       hits.t[own[k]] += starts[k];
     }
+    std::erase_if(own, [&](uint32_t i) { return !meets_own(i); });
   }
-  for (const uint32_t i : own) {
-    if (hits.instance[i] == from[i]) hits.instance[i] = k_none;
-  }
+  for (const uint32_t i : own) hits.instance[i] = k_none;
 }
 
 }  // namespace fieldtrace::api

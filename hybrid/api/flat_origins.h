@@ -12,9 +12,8 @@ namespace fieldtrace::api {
 
 bool is_flat(const SceneObject& s, uint32_t instance);  // of k_none: not
 
-// Sends those rays of `which` that hit the flat mesh that they leave (`from`, by ray, or k_none) on behind it. `hits`:
-// of `rays`; gets what they meet there, with t from the rays' own origins.
-void pass_flat_origins(const SceneObject& s, const RayBatch& rays, std::span<const uint32_t> from,
-                       std::span<const uint32_t> which, HitBatch& hits);
+// Sends rays that hit the flat mesh that they leave (`from`, by ray, or k_none) on behind it. `hits`: of `rays`; gets
+// what they meet there, with t from the rays' own origins.
+void pass_flat_origins(const SceneObject& s, const RayBatch& rays, std::span<const uint32_t> from, HitBatch& hits);
 
 }  // namespace fieldtrace::api

@@ -52,6 +52,13 @@ uint64_t rays_per_patch(const TransportContext& shading) {
   return SurfaceRadiance::k_samples * (lights + (goes_on ? k_further_surfaces * (lights + 1) : 0));
 }
 
+// The samples' density, by which a tube's width goes: not wider than k_widest_tube times the lobe's roughness, however
+// few samples a lobe has, since no further camera samples take that blur away.
+float tube_density(const PathState& path) {
+  const float side = k_widest_tube * path.alpha;
+  return std::max(path.bsdf_density, 1.0f / (side * side));
+}
+
 }  // namespace
 
 std::vector<uint32_t> LobeAnswerer::suited_instances(const Scene& scene, std::span<const ShapeTraits> traits) {
@@ -113,17 +120,6 @@ uint64_t LobeAnswerer::bytes() const {
   return sum;
 }
 
-namespace {
-
-// The samples' density, by which a tube's width goes: not wider than k_widest_tube times the lobe's roughness, however
-// few samples a lobe has, since no further camera samples take that blur away.
-float tube_density(const PathState& path) {
-  const float side = k_widest_tube * path.alpha;
-  return std::max(path.bsdf_density, 1.0f / (side * side));
-}
-
-}  // namespace
-
 void LobeAnswerer::find_queried(const RayBatch& rays, std::span<const PathState> paths, LobeWorkspace& work) const {
   const size_t n = rays.size;
   work.exact.clear();
@@ -170,7 +166,7 @@ void LobeAnswerer::fill_batch(const RayBatch& rays, std::span<const PathState> p
     const PathState& path = paths[work.queried[j]];
     batch.rays.copy(j, rays, work.queried[j]);
     batch.nx[j] = path.side.x, batch.ny[j] = path.side.y, batch.nz[j] = path.side.z;
-    batch.density[j] = tube_density(path);
+    batch.density[j] = work.density[work.queried[j]];
     batch.blur[j] = blur_ * path.alpha;
     batch.instance[j] = path.instance;
   }

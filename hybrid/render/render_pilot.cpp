@@ -159,7 +159,7 @@ struct FieldError {
 };
 
 // With about Stage::survey_samples of each sequence, as far as few and many go. Rays are traced once for all accuracies
-// (Stage::ray_survey). Nothing if the picture was stopped meanwhile or the stage became late.
+// (Stage::ray_survey). Nothing if the picture was stopped meanwhile or surveys were over.
 std::optional<FieldError> survey_field_error(const Picture& picture, Stage& stage, const TransportContext& context,
                                              const TransportContext& rays, Stats& stats) {
   Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
@@ -333,9 +333,10 @@ NoiseForecast choose_for_rays(const Picture& picture, Stage& stage, const RayCon
 NoiseForecast choose_few_for_rays(const Picture& picture, Stage& stage, const RayContext& rays, double target,
                                   TransportContext& context, Stats& stats) {
   const TransportSettings& s = context.settings;
-  if (!chooses_light_samples(picture) || !one_will_do(stage.ray_noise.front().noise, target))
+  const bool chooses = chooses_light_samples(picture);
+  if (!chooses || !one_will_do(stage.ray_noise.front().noise, target))
     survey_ray_noise(picture, stage, rays, s.light_samples, s.open_light_samples, stats);
-  if (!chooses_light_samples(picture)) return stage.ray_noise.back().noise;
+  if (!chooses) return stage.ray_noise.back().noise;
   const auto best = std::min_element(
       stage.ray_noise.begin(), stage.ray_noise.end(),
       [&](const RayNoise& a, const RayNoise& b) { return a.noise.work_to(target) < b.noise.work_to(target); });

@@ -104,7 +104,7 @@ SkyRadiance::SkyRadiance(const Scene& scene) {
   }
   if (fine_.empty()) return;
   table_ = make_table(0.0f);
-  const auto is_coated = [](const Bsdf& b) { return b.kind == BsdfKind::plastic || b.kind == BsdfKind::rough_plastic; };
+  const auto is_coated = [](const Bsdf& b) { return is_plastic(b.kind); };
   if (std::any_of(scene.bsdfs.begin(), scene.bsdfs.end(), is_coated)) coated_table_ = make_table(1.0f);
   double rest = 0.0;
   for (const Rgb& c : fine_) rest += double(luminance(c + constant_)) / double(fine_.size());

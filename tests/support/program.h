@@ -8,15 +8,15 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <iterator>
 #include <sstream>
 #include <string>
-#include <thread>
 #include <vector>
+
+#include "tests/support/waiting.h"
 
 namespace fieldtrace::test {
 
@@ -70,21 +70,20 @@ class Program {
 
   // Waits until the program handles SIGINT itself, then sends it. False if that does not happen within 20 s.
   bool interrupt() const {
-    for (int i = 0; i < 2000; ++i) {
-      std::istringstream lines(read_text("/proc/" + std::to_string(child_) + "/status"));
-      std::string word;
-      while (lines >> word) {
-        if (word != "SigCgt:") continue;
-        lines >> word;
-        const uint64_t caught = std::stoull(word, nullptr, 16);
-        if ((caught >> (SIGINT - 1)) & 1) return kill(child_, SIGINT) == 0;
-      }
-      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    return comes_true([&] { return handles_interrupts(); }) && kill(child_, SIGINT) == 0;
+  }
+
+ private:
+  bool handles_interrupts() const {
+    std::istringstream lines(read_text("/proc/" + std::to_string(child_) + "/status"));
+    for (std::string word; lines >> word;) {
+      if (word != "SigCgt:") continue;
+      lines >> word;
+      return (std::stoull(word, nullptr, 16) >> (SIGINT - 1)) & 1;
     }
     return false;
   }
 
- private:
   std::filesystem::path folder_;
   pid_t child_ = -1;
 };

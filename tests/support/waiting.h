@@ -7,9 +7,9 @@
 
 namespace fieldtrace::test {
 
-// Waits until the condition holds. False if it does not within a minute.
-inline bool comes_true(const std::function<bool()>& condition) {
-  for (int i = 0; i < 6000; ++i) {
+// Waits until the condition holds. False if it does not in that time.
+inline bool comes_true(const std::function<bool()>& condition, int seconds = 20) {
+  for (int i = 0; i < 100 * seconds; ++i) {
     if (condition()) return true;
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }

@@ -1,13 +1,12 @@
 // Collects warnings that any thread gives.
 #pragma once
 
-#include <chrono>
 #include <mutex>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "core/platform/error.h"
+#include "tests/support/waiting.h"
 
 namespace fieldtrace::test {
 
@@ -27,8 +26,7 @@ struct Warnings {
   }
   // Waits for the first one for up to 20 s.
   bool wait() {
-    for (int i = 0; i < 2000 && count() == 0; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    return count() > 0;
+    return comes_true([&] { return count() > 0; });
   }
 };
 

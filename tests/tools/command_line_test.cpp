@@ -439,7 +439,7 @@ TEST_F(CommandLine, ATradeoffThatEndsEarlyKeepsItsReferenceAndItsRows) {
   for (const bool killed : {false, true}) {
     fs::remove_all(out);
     Program program(folder_, {"tradeoff", "scene.xml", "-o", "out", "-D", "size=2048", "--quick", "--quiet"});
-    ASSERT_TRUE(comes_true([&] { return has_row(out / "tradeoff.csv.partial"); }));
+    ASSERT_TRUE(comes_true([&] { return has_row(out / "tradeoff.csv.partial"); }, /*seconds=*/60));
     if (killed) {
       program.kill_now();
     } else {

@@ -18,6 +18,11 @@ using test::SceneMaker;
 // As far as a film's size tells the number of its rays, maps are worth their making; tests render a window of it.
 constexpr int k_film = 2048;
 
+// The film's angle, of which a window in the middle sees this tangent to its sides.
+float film_degrees(double tangent, int window) {
+  return float(2.0 * std::atan(tangent * k_film / window) * 180.0 / M_PI);
+}
+
 Affine placed(const Vec3& x, const Vec3& y, const Vec3& z, const Vec3& at) { return Affine(x, y, z, at); }
 
 // A corner of a floor and two walls, of which one is mirrored, with a turned and mirrored knot and a sphere.
@@ -27,8 +32,7 @@ struct Corner : SceneMaker {
   explicit Corner(int window, int depth) {
     scene.camera.to_world = look_at({4.5f, 3.6f, 3.2f}, {-0.4f, -0.4f, 0.7f}, {0, 0, 1});
     film(k_film, k_film);
-    const double widest = std::tan(0.5 * 36.0 * M_PI / 180.0) * k_film / window;
-    scene.camera.fov_x_degrees = float(2.0 * std::atan(widest) * 180.0 / M_PI);
+    scene.camera.fov_x_degrees = film_degrees(std::tan(0.5 * 36.0 * M_PI / 180.0), window);
     scene.integrator.max_depth = depth;
     grey = bsdf(BsdfKind::diffuse, Rgb(0.7f));
     red = bsdf(BsdfKind::diffuse, Rgb(0.8f, 0.3f, 0.2f));
@@ -119,7 +123,7 @@ TEST_P(WhiteRoom, IsNearMonteCarlo) {
   s.scene.camera.to_world = look_at({0, -1.9f, 1}, {0, 2, 0.8f}, {0, 0, 1});
   s.film(k_film, k_film);
   constexpr int k_window = 32;
-  s.scene.camera.fov_x_degrees = float(2.0 * std::atan(0.7 * k_film / k_window) * 180.0 / M_PI);
+  s.scene.camera.fov_x_degrees = film_degrees(0.7, k_window);
   s.scene.integrator.max_depth = GetParam();
   s.scene.integrator.rr_depth = 50;
   const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.97f));
@@ -275,6 +279,18 @@ INSTANTIATE_TEST_SUITE_P(Kinds, IndirectLightBeside,
                                                                           : "metals";
                          });
 
+// Of so many samples of a scene whose light maps send on, from Monte Carlo.
+Difference difference_by_maps(const Scene& scene, int window, int samples, int samples_of_monte_carlo) {
+  RenderOptions o = options_for(scene, Method::hybrid, window, samples);
+  o.check = true;
+  const RenderResult estimate = render(scene, o);
+  EXPECT_GT(estimate.stats.checked(CheckedEstimate::surfels).compared, 0u);
+  o.check = false;
+  o.method = Method::monte_carlo;
+  o.spp = samples_of_monte_carlo;
+  return difference(estimate.image, render(scene, o).image);
+}
+
 // A room behind a pane: what comes by way of glass takes an edge more of a path than a bounce.
 TEST(IndirectLight, OfLimitedPathsThroughGlassHasMonteCarlosMean) {
   constexpr int k_window = 24;
@@ -283,7 +299,7 @@ TEST(IndirectLight, OfLimitedPathsThroughGlassHasMonteCarlosMean) {
     SceneMaker s;
     s.scene.camera.to_world = look_at({-1.9f, 0.3f, 1.6f}, {2, 0, 1.2f}, {0, 0, 1});
     s.film(k_film, k_film);
-    s.scene.camera.fov_x_degrees = float(2.0 * std::atan(0.7 * k_film / k_window) * 180.0 / M_PI);
+    s.scene.camera.fov_x_degrees = film_degrees(0.7, k_window);
     s.scene.integrator.max_depth = depth;
     s.scene.integrator.rr_depth = 50;
     const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.8f));
@@ -300,14 +316,7 @@ TEST(IndirectLight, OfLimitedPathsThroughGlassHasMonteCarlosMean) {
     for (const float y : {-1.375f, 1.375f}) wall(white, {0, 0.625f, 0}, {0, 0, 0.75f}, {2, y, 1.5f});
     wall(s.bsdf(BsdfKind::thin_dielectric, Rgb(1.0f)), {0, 0.75f, 0}, {0, 0, 0.75f}, {2, 0, 1.5f});
     s.light(EmitterKind::constant, Rgb(1.0f));
-    RenderOptions o = options_for(s.scene, Method::hybrid, k_window, 64);
-    o.check = true;
-    const RenderResult estimate = render(s.scene, o);
-    EXPECT_GT(estimate.stats.checked(CheckedEstimate::surfels).compared, 0u);
-    o.check = false;
-    o.method = Method::monte_carlo;
-    o.spp = 512;
-    EXPECT_LT(std::abs(difference(estimate.image, render(s.scene, o).image).bias), 0.02);
+    EXPECT_LT(std::abs(difference_by_maps(s.scene, k_window, 64, 512).bias), 0.02);
   }
 }
 
@@ -317,7 +326,7 @@ TEST(IndirectLight, BackSidesOfOneSidedSurfacesSendNothing) {
   SceneMaker s;
   s.scene.camera.to_world = look_at({0.75f, -8, 2}, {0.75f, 0, 0}, {0, 0, 1});
   s.film(k_film, k_film);
-  s.scene.camera.fov_x_degrees = float(2.0 * std::atan(0.04 * k_film / k_window) * 180.0 / M_PI);
+  s.scene.camera.fov_x_degrees = film_degrees(0.04, k_window);
   s.scene.integrator.max_depth = -1;
   const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.8f));
   s.scene.bsdfs[grey].two_sided = true;
@@ -333,14 +342,7 @@ TEST(IndirectLight, BackSidesOfOneSidedSurfacesSendNothing) {
       s.instance(cube, grey, placed({0.3f, 0, 0}, {0, 0.3f, 0}, {0, 0, 0.3f}, {x, y, 0.3f}));
   }
   s.light(EmitterKind::constant, Rgb(1.0f));
-  RenderOptions o = options_for(s.scene, Method::hybrid, k_window, 256);
-  o.check = true;
-  const RenderResult estimate = render(s.scene, o);
-  EXPECT_GT(estimate.stats.checked(CheckedEstimate::surfels).compared, 0u);
-  o.check = false;
-  o.method = Method::monte_carlo;
-  o.spp = 2048;
-  const Difference d = difference(estimate.image, render(s.scene, o).image);
+  const Difference d = difference_by_maps(s.scene, k_window, 256, 2048);
   EXPECT_LT(std::abs(d.bias), 0.02);
   EXPECT_LT(d.worst_block, 0.05);
 }
