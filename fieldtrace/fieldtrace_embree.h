@@ -21,7 +21,7 @@ extern "C" {
  * handle, until they are detached. */
 FT_API FTError ftAttachEmbree(FTScene scene, RTCDevice embree, RTCScene target, uint32_t* geometry_ids);
 /* Detaches all that ftAttachEmbree() attached to `target`, which the caller then commits. No ray may be in it. Frees a
- * scene whose handle was released before: of released handles this one function is asked. */
+ * scene whose handle was released before: no other function takes a released handle. */
 FT_API FTError ftDetachEmbree(FTScene scene, RTCScene target);
 
 #ifdef __cplusplus

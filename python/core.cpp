@@ -39,7 +39,7 @@ Column<T> column(const Array& a, const char* name, size_t parts) {
   const int64_t stride = a.stride(0) * int64_t(sizeof(T));
   const bool packed = count <= 1;  // such arrays may have any stride
   bool fits = packed || stride >= int64_t(parts * sizeof(T));
-  if (a.ndim() == 2) fits = fits && a.shape(1) == parts && (parts == 1 || a.stride(1) == 1);
+  if (a.ndim() == 2) fits = fits && a.shape(1) == parts && (parts == 1 || count == 0 || a.stride(1) == 1);
   if (!fits) throw nb::value_error((std::string(name) + ": no rows of the expected layout").c_str());
   return {a.data(), packed ? 0 : size_t(stride), count};
 }

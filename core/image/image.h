@@ -38,6 +38,8 @@ void write_image(const std::string& path, const Image& image, const ImageWriteOp
 // Throws Error, as write_image would, if the extension is neither .exr nor .png or the file cannot be written now.
 // Leaves nothing behind; to be called before long work starts.
 void require_image_writable(const std::string& path);
+// Throws Error if the format of `path` cannot hold so many pixels: PNG holds less than 2^32 bytes of them.
+void require_image_size(const std::string& path, int width, int height);
 
 struct ImageReadOptions {
   bool linearise = true;  // decode integers from sRGB; false: the stored values divided by their largest

@@ -7,6 +7,7 @@
 #include <ImfOutputFile.h>
 #include <ImfStringAttribute.h>
 #include <ImfThreading.h>
+#include <fmt/format.h>
 #include <png.h>
 
 #include <algorithm>
@@ -16,6 +17,7 @@
 #include <cstring>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <stdexcept>
 #include <thread>
 
@@ -189,11 +191,18 @@ void write_png(CheckedFile& file, const Image& image, const std::vector<uint8_t>
 void write_image(const std::string& path, const Image& image, const ImageWriteOptions& options) {
   const Format format = format_of(path);
   require_consistent(path, image);
+  require_image_size(path, image.width, image.height);
   if (format == Format::exr) {
     write_file(path, [&](CheckedFile& file) { write_exr(file, image, options); });
   } else {
     const std::vector<uint8_t> pixels = png_pixels(path, image, options.exposure);
     write_file(path, [&](CheckedFile& file) { write_png(file, image, pixels); });
+  }
+}
+
+void require_image_size(const std::string& path, int width, int height) {
+  if (format_of(path) == Format::png && uint64_t(width) * uint64_t(height) * 3 > std::numeric_limits<uint32_t>::max()) {
+    throw Error({path}, fmt::format("{} x {} pixels are too many for PNG; write .exr", width, height));
   }
 }
 

@@ -37,6 +37,8 @@ std::string resolve_target(const std::string& path) {
   if (fs::exists(status) && !fs::is_regular_file(status)) {
     throw cannot_write(path, "it is not a regular file; name one");
   }
+  // Renaming asks for the folder's permission alone.
+  if (fs::exists(status) && access(path.c_str(), W_OK) != 0) throw cannot_write(path, std::strerror(errno));
   return write_target(path);
 }
 
@@ -104,6 +106,8 @@ AtomicFile::~AtomicFile() {
 }
 
 void AtomicFile::commit() {
+  struct stat replaced;
+  if (stat(target_.c_str(), &replaced) == 0) chmod(temporary_.c_str(), replaced.st_mode & 07777);
   if (!reaches_the_disk(temporary_)) throw cannot_write(path_, std::strerror(errno));
   if (std::rename(temporary_.c_str(), target_.c_str()) != 0) throw cannot_write(path_, std::strerror(errno));
   temporary_.clear();

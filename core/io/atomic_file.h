@@ -1,7 +1,8 @@
 // Files that appear whole or not at all: written under a temporary name in the same folder, then renamed.
 //
 // rename(2) replaces its target atomically within one file system only, so the temporary file lies beside the final one
-// and not in /tmp. Symbolic links are followed: the file that a link points to is replaced or made, not the link.
+// and not in /tmp. Symbolic links are followed: the file that a link points to is replaced or made, not the link. Files
+// that are replaced keep their permissions, and must be writable.
 // Thread-safety: distinct objects are independent, even for the same path, where the last commit wins.
 #pragma once
 
@@ -15,8 +16,8 @@ namespace fieldtrace {
 // One pending write. The destructor removes the temporary file unless it was committed.
 class AtomicFile {
  public:
-  // Creates the empty temporary file. Throws Error naming `path` and the reason if the folder is missing or not
-  // writable, or if `path` is not a regular file (a folder, a device).
+  // Creates the empty temporary file. Throws Error naming `path` and the reason if the folder is missing, if it or the
+  // file of that name is not writable, or if `path` is not a regular file (a folder, a device).
   explicit AtomicFile(const std::string& path);
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;

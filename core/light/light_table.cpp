@@ -81,12 +81,13 @@ void set_affine(Light& light, const Placement& p, double unit_area) {
   set_error(light, p.condition(), sum_of_magnitudes(reach));
 }
 
-void set_mesh(LightTable& table, Light& light, const TriangleMesh& mesh, const Placement& p) {
+void set_mesh(LightTable& table, Light& light, const Shape& shape, const Placement& p) {
+  const TriangleMesh& mesh = shape.mesh;
   // Cross products of world-space edges point along the transformed object-space normal, or against it if mirrored.
   const double orientation = p.determinant < 0 ? -p.sign : p.sign;
   constexpr size_t k_most_triangles = size_t(1) << 26;  // 32-bit places in their table
   if (mesh.triangles.size() > k_most_triangles)
-    throw Error("a mesh of more than 2^26 triangles cannot glow; use a coarser one as the light");
+    throw Error({shape.name}, "a mesh of more than 2^26 triangles cannot glow; use a coarser one as the light");
   std::vector<double> cumulative(mesh.triangles.size() + 1, 0.0);
   DVec3 reach(0.0);
   const auto corner = [&](uint32_t vertex) { return p.linear * DVec3(mesh.positions[vertex]) + p.origin; };
@@ -156,7 +157,7 @@ void set_area_light(LightTable& table, Light& light, const Scene& scene, uint32_
     case ShapeKind::mesh:
       light.kind = LightKind::mesh;
       light.emission_sign = float(p.sign);
-      set_mesh(table, light, shape.mesh, p);
+      set_mesh(table, light, shape, p);
       break;
   }
   if (!(light.area > 0)) light.kind = LightKind::none;

@@ -61,8 +61,10 @@ Bsdf parse_conductor(SceneBuilder& builder, const SceneNode&, Properties& proper
   bsdf.eta = properties.colour("eta", metal->eta, ColourRole::index);
   bsdf.k = properties.colour("k", metal->k, ColourRole::index);
   const float outside = parse_index(properties, "ext_eta", "vacuum");
-  bsdf.eta /= outside;
-  bsdf.k /= outside;
+  // Beyond this metals reflect everything, and their squares would overflow.
+  constexpr float k_largest_index = 0x1p20f;
+  bsdf.eta = glm::min(bsdf.eta / outside, Rgb(k_largest_index));
+  bsdf.k = glm::min(bsdf.k / outside, Rgb(k_largest_index));
   return bsdf;
 }
 

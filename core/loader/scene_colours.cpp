@@ -71,34 +71,6 @@ std::vector<Sample> parse_samples(const std::string& text, const SourceLocation&
   return samples;
 }
 
-Rgb parse_spectrum(const SceneNode& node, ColourRole role, const Diagnostics& diagnostics) {
-  const Rgb white = role == ColourRole::emission ? k_equal_energy_white : Rgb(1.0f);
-  if (!node.type.empty()) {
-    if (node.type == "d65" || node.type == "uniform") {
-      float scale = 1;
-      const char* const key = node.type == "d65" ? "scale" : "value";
-      for (const SceneNode& child : node.children)
-        if (child.name == key) scale = float(parse_number(child.required("value"), child.where));
-      return Rgb(scale);
-    }
-    diagnostics.unknown(node.where, "unknown spectrum type '" + node.type + "', taken to be 1");
-    return white;
-  }
-  if (node.attribute("filename"))
-    throw Error(node.where, "<spectrum filename=...> is not available yet; give its values as wavelength:value");
-  const std::string& text = node.required("value");
-  if (text.find(':') == std::string::npos) {
-    const std::vector<double> numbers = parse_numbers(text, node.where);
-    if (numbers.size() != 1)
-      throw Error(node.where,
-                  "a <spectrum> needs one number, or pairs of wavelength:value; use <rgb> for three numbers");
-    return float(numbers[0]) * white;
-  }
-  diagnostics.warning(node.where,
-                      "the spectrum is converted to RGB by a fit of the CIE curves; expect a few per cent off");
-  return spectrum_to_rgb(parse_samples(text, node.where)) * white;
-}
-
 // "#rrggbb", 8-bit sRGB.
 Rgb parse_hex(const std::string& text, const SourceLocation& where) {
   Rgb result;
@@ -118,6 +90,45 @@ Rgb parse_rgb(const SceneNode& node) {
   if (numbers.size() == 1) return Rgb(float(numbers[0]));
   if (numbers.size() != 3) throw Error(node.where, "<rgb> needs one or three numbers or #rrggbb, not '" + text + "'");
   return {float(numbers[0]), float(numbers[1]), float(numbers[2])};
+}
+
+Rgb parse_spectrum(const SceneNode& node, ColourRole role, const Diagnostics& diagnostics) {
+  const Rgb white = role == ColourRole::emission ? k_equal_energy_white : Rgb(1.0f);
+  if (!node.type.empty()) {
+    if (node.type == "d65" || node.type == "uniform") {
+      Rgb result(1.0f);
+      for (const SceneNode& child : node.children) {
+        if (child.tag == "float" && child.name == (node.type == "d65" ? "scale" : "value"))
+          result *= float(parse_number(child.required("value"), child.where));
+        else if (child.tag == "rgb" && child.name == "color" && node.type == "d65")
+          result *= parse_rgb(child);
+        else
+          diagnostics.unknown(
+              child.where, "unknown property '" + child.name + "' of <spectrum type=\"" + node.type + "\">, ignored");
+      }
+      return result;
+    }
+    diagnostics.unknown(node.where, "unknown spectrum type '" + node.type + "', taken to be 1");
+    return white;
+  }
+  if (node.attribute("filename"))
+    throw Error(node.where, "<spectrum filename=...> is not available yet; give its values as wavelength:value");
+  const std::string& text = node.required("value");
+  if (text.find(':') == std::string::npos) {
+    const std::vector<double> numbers = parse_numbers(text, node.where);
+    if (numbers.size() != 1)
+      throw Error(node.where,
+                  "a <spectrum> needs one number, or pairs of wavelength:value; use <rgb> for three numbers");
+    return float(numbers[0]) * white;
+  }
+  diagnostics.warning(node.where,
+                      "the spectrum is converted to RGB by a fit of the CIE curves; expect a few per cent off");
+  const std::vector<Sample> samples = parse_samples(text, node.where);
+  const Rgb rgb = spectrum_to_rgb(samples) * white;
+  // Saturated reflectances lie beyond sRGB.
+  const bool is_reflectance = role == ColourRole::reflectance &&
+                              std::all_of(samples.begin(), samples.end(), [](const Sample& s) { return s.value <= 1; });
+  return is_reflectance ? glm::min(rgb, Rgb(1.0f)) : rgb;
 }
 
 }  // namespace

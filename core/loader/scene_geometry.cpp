@@ -79,11 +79,12 @@ void load_mesh_file(SceneBuilder& builder, const SceneNode& node, Properties& pr
   if (filename.empty()) throw Error(node.where, "<shape type=\"" + node.type + "\"> lacks its filename");
   const std::string path = builder.input_file(node, filename);
   MeshLoadOptions options;
+  options.format = node.type == "obj" ? MeshFormat::obj : MeshFormat::ply;
   options.face_normals = properties.boolean("face_normals", false);
   options.compute_normals = true;
   if (properties.has("flip_tex_coords")) options.flip_tex_coords = properties.boolean("flip_tex_coords", false);
   const std::string flip = !options.flip_tex_coords ? "unset" : *options.flip_tex_coords ? "yes" : "no";
-  const std::string key = (options.face_normals ? "flat " : "smooth ") + flip + " " + path;
+  const std::string key = node.type + (options.face_normals ? " flat " : " smooth ") + flip + " " + path;
   part.shape = share_shape(builder, key, [&] {
     Shape shape;
     shape.kind = ShapeKind::mesh;

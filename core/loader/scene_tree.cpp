@@ -26,22 +26,23 @@ constexpr uint64_t k_max_scene_bytes = uint64_t(1) << 30;
 struct KnownTag {
   const char* tag;
   const char* attributes;
+  bool has_children = false;
 };
 constexpr KnownTag k_known_tags[] = {
-    {"scene", " version type id name "},
-    {"integrator", " type id name version "},
-    {"sensor", " type id name version "},
-    {"film", " type id name version "},
-    {"rfilter", " type id name version "},
-    {"sampler", " type id name version "},
-    {"shape", " type id name version "},
-    {"emitter", " type id name version "},
-    {"bsdf", " type id name version "},
-    {"texture", " type id name version "},
-    {"medium", " type id name version "},
-    {"phase", " type id name version "},
-    {"volume", " type id name version "},
-    {"spectrum", " type id name version value filename "},
+    {"scene", " version type id name ", true},
+    {"integrator", " type id name version ", true},
+    {"sensor", " type id name version ", true},
+    {"film", " type id name version ", true},
+    {"rfilter", " type id name version ", true},
+    {"sampler", " type id name version ", true},
+    {"shape", " type id name version ", true},
+    {"emitter", " type id name version ", true},
+    {"bsdf", " type id name version ", true},
+    {"texture", " type id name version ", true},
+    {"medium", " type id name version ", true},
+    {"phase", " type id name version ", true},
+    {"volume", " type id name version ", true},
+    {"spectrum", " type id name version value filename ", true},
     {"rgb", " name value "},
     {"float", " name value "},
     {"integer", " name value "},
@@ -50,7 +51,7 @@ constexpr KnownTag k_known_tags[] = {
     {"point", " name value x y z "},
     {"vector", " name value x y z "},
     {"ref", " id name "},
-    {"transform", " name "},
+    {"transform", " name ", true},
     {"translate", " value x y z "},
     {"scale", " value x y z "},
     {"rotate", " value x y z angle "},
@@ -134,8 +135,10 @@ class TreeReader {
     file.folders = std::make_shared<SearchFolders>(outer);
     file.folders->insert(file.folders->begin(), path.parent_path());
 
+    // As it is: the parser counts bytes of what it has converted.
     pugi::xml_document document;
-    const pugi::xml_parse_result result = document.load_buffer(text.data(), text.size());
+    const pugi::xml_parse_result result =
+        document.load_buffer(text.data(), text.size(), pugi::parse_default, pugi::encoding_utf8);
     if (!result) throw Error(file.at(result.offset), std::string("is not well-formed XML: ") + result.description());
     const pugi::xml_node root = document.document_element();
     if (!root) throw Error({file.name, 1}, "holds no element; a scene file starts with <scene version=\"3.0.0\">");
@@ -174,6 +177,8 @@ class TreeReader {
     std::ifstream stream(path, std::ios::binary);
     if (text.empty() || !stream.read(text.data(), std::streamsize(text.size())))
       throw Error({path.string(), 0}, "cannot be read, or is empty; check the path and its permissions");
+    if (text.substr(0, 4).find('\0') != std::string::npos)
+      throw Error({path.string(), 0}, "is not in UTF-8, but in UTF-16 or another encoding; save it as UTF-8");
     return text;
   }
 
@@ -231,8 +236,15 @@ class TreeReader {
       aliases_.push_back({node.required("id"), node.required("as"), where});
     } else {
       for (const pugi::xml_node child : xml.children()) read_element(child, file, depth + 1, node.children);
+      if (!known->has_children) drop_children(node);
       out.push_back(std::move(node));
     }
+  }
+
+  void drop_children(SceneNode& node) const {
+    for (const SceneNode& child : node.children)
+      diagnostics_.unknown(child.where, "<" + child.tag + "> has no meaning inside <" + node.tag + ">, ignored");
+    node.children.clear();
   }
 
   // Replaces every `$name` by the longest parameter name that matches; `\$` is a literal dollar.

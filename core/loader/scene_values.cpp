@@ -4,7 +4,9 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <optional>
 
+#include "core/io/number_text.h"
 #include "core/loader/scene_transforms.h"
 
 namespace fieldtrace {
@@ -46,21 +48,13 @@ std::vector<double> parse_numbers(const std::string& text, const SourceLocation&
     if (at == end) return result;
     const char* stop = std::find_if(at, end, separates);
     const std::string token(at, stop);
-    if (*at == '+') ++at;
-    double value = 0;
-    const auto [parsed, error] = std::from_chars(at, stop, value);
-    if (error == std::errc::result_out_of_range) {
-      // Underflow or overflow of double; underflow is 0 for every purpose here.
-      if (token.find("e-") == std::string::npos && token.find("E-") == std::string::npos)
-        throw Error(where, "'" + token + "' is too large for single precision");
-      value = 0;
-    } else if (error != std::errc() || parsed != stop) {
-      throw Error(where, "'" + token + "' is not a number; write one, such as 0.5");
-    }
-    if (!std::isfinite(value)) throw Error(where, "'" + token + "' is not a finite number");
-    if (std::abs(value) > double(std::numeric_limits<float>::max()))
+    const std::optional<double> value = parse_double(token);
+    if (!value) throw Error(where, "'" + token + "' is not a number; write one, such as 0.5");
+    if (std::isnan(*value) || token.find_first_of("nN") != std::string::npos)
+      throw Error(where, "'" + token + "' is not a finite number");
+    if (std::abs(*value) > double(std::numeric_limits<float>::max()))
       throw Error(where, "'" + token + "' is too large for single precision");
-    result.push_back(value);
+    result.push_back(*value);
     at = stop;
   }
 }

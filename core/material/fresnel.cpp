@@ -29,6 +29,9 @@ Rgb fresnel_conductor(float cos_incident, const Rgb& eta, const Rgb& k) {
 }
 
 float fresnel_diffuse_reflectance(float eta) {
+  // As much light passes a square unit of the interface both ways, per steradian and index squared.
+  constexpr float k_least_fitted = 0.4f;
+  if (eta < k_least_fitted) return 1.0f - eta * eta * (1.0f - fresnel_diffuse_reflectance(1.0f / eta));
   const float r = 1.0f / eta;
   if (eta < 1.0f) return ((-1.4399f * eta + 0.7099f) * eta + 0.6681f) + 0.0636f * r;
   return 0.919317f + r * (-3.4793f + r * (6.75335f + r * (-7.80989f + r * (4.98554f - r * 1.36881f))));

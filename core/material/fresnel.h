@@ -24,7 +24,7 @@ DielectricFresnel fresnel_dielectric(float cos_incident, float eta);
 Rgb fresnel_conductor(float cos_incident, const Rgb& eta, const Rgb& k);
 
 // Mean reflectance of diffuse light at a smooth interface: the integral of 2 F(c) c over cosines c in [0, 1]. eta =
-// index of the far side / index of the near side, about 0.4 to 2.5; accurate to 0.01 in that range.
+// index of the far side / index of the near side; accurate to 0.01 up to 2.5, and to 0.03 up to 10.
 float fresnel_diffuse_reflectance(float eta);
 
 }  // namespace fieldtrace

@@ -6,11 +6,15 @@
 namespace fieldtrace {
 namespace {
 
-// Coordinates are clamped to this range so that texel indices fit an int. Floats of this size are multiples of 2^-3 or
-// coarser, so no texture detail is lost.
+// Coordinates are kept in this range, so that texel indices fit an int.
 constexpr float k_largest_coordinate = 0x1p20f;
 
-float sanitise(float x) { return std::isfinite(x) ? std::clamp(x, -k_largest_coordinate, k_largest_coordinate) : 0.0f; }
+// By whole periods of all patterns, which is exact, unless the edge goes on without end.
+float sanitise(float x, bool repeats) {
+  if (!std::isfinite(x)) return 0.0f;
+  if (repeats && std::abs(x) > k_largest_coordinate) return x - 2.0f * std::floor(0.5f * x);
+  return std::clamp(x, -k_largest_coordinate, k_largest_coordinate);
+}
 
 // Maps any texel index to [0, n).
 int wrap_index(int64_t i, int n, WrapMode mode) {
@@ -39,7 +43,8 @@ Rgb lookup_bitmap(const Bitmap& bitmap, const Texture& texture, const Vec2& uv) 
 
 Vec2 place_on(const Texture& texture, const Vec2& uv) {
   const Vec2 p = texture.uv_transform * Vec3(uv, 1.0f);
-  return {sanitise(p.x), sanitise(p.y)};
+  const bool repeats = texture.kind == TextureKind::checkerboard || texture.wrap != WrapMode::clamp;
+  return {sanitise(p.x, repeats), sanitise(p.y, repeats)};
 }
 
 // Whether p lies on the checkerboard's square at the origin or on one connected to it by corners.

@@ -46,6 +46,13 @@ Bytes read_file(const std::string& path) {
   return bytes;
 }
 
+MeshFormat format_by_ending(const std::string& path) {
+  const std::string ending = file_ending(path);
+  if (ending == ".obj") return MeshFormat::obj;
+  if (ending == ".ply") return MeshFormat::ply;
+  throw Error({path}, "unknown kind of mesh file, convert it to .obj or .ply");
+}
+
 const char* plural(uint64_t n) { return n == 1 ? "" : "s"; }
 
 void check_arrays(const TriangleMesh& mesh, const SourceLocation& where) {
@@ -110,6 +117,29 @@ void mend_texcoords(TriangleMesh& mesh, const SourceLocation& where, const Warni
   if (bad) warn(warning, where, fmt::format("{} texture coordinate{} not finite, set to 0", bad, plural(bad)));
 }
 
+// Vertices that no triangle uses would count towards the mesh's bounds.
+void drop_unused_vertices(TriangleMesh& mesh) {
+  std::vector<bool> is_used(mesh.positions.size());
+  for (const UVec3& t : mesh.triangles)
+    for (int c = 0; c < 3; ++c) is_used[t[c]] = true;
+  if (std::find(is_used.begin(), is_used.end(), false) == is_used.end()) return;
+  std::vector<uint32_t> places(is_used.size());
+  uint32_t kept = 0;
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (!is_used[i]) continue;
+    places[i] = kept;
+    mesh.positions[kept] = mesh.positions[i];
+    if (!mesh.normals.empty()) mesh.normals[kept] = mesh.normals[i];
+    if (!mesh.texcoords.empty()) mesh.texcoords[kept] = mesh.texcoords[i];
+    ++kept;
+  }
+  mesh.positions.resize(kept);
+  if (!mesh.normals.empty()) mesh.normals.resize(kept);
+  if (!mesh.texcoords.empty()) mesh.texcoords.resize(kept);
+  for (UVec3& t : mesh.triangles)
+    for (int c = 0; c < 3; ++c) t[c] = places[t[c]];
+}
+
 }  // namespace
 
 std::string mesh_readers::quote(std::string_view text) {
@@ -123,23 +153,25 @@ void validate_mesh(TriangleMesh& mesh, const std::string& name, const WarningSin
   const SourceLocation where{name};
   check_arrays(mesh, where);
   drop_degenerate(mesh, where, warning);
+  drop_unused_vertices(mesh);
   mend_normals(mesh, where, warning);
   mend_texcoords(mesh, where, warning);
 }
 
 TriangleMesh load_mesh(const std::string& path, const MeshLoadOptions& options, const WarningSink& warning) {
   const SourceLocation where{path};
-  const std::string extension = file_ending(path);
-  const bool obj = extension == ".obj";
-  if (!obj && extension != ".ply") {
-    throw Error(where, "unknown kind of mesh file, convert it to .obj or .ply");
-  }
+  const bool obj = (options.format ? *options.format : format_by_ending(path)) == MeshFormat::obj;
   mesh_readers::RawMesh raw;
   {
     const Bytes bytes = read_file(path);
     raw = obj ? mesh_readers::read_obj(path, bytes.view()) : mesh_readers::read_ply(path, bytes.view(), warning);
   }
   TriangleMesh mesh = std::move(raw.mesh);
+  if (raw.uncut_polygons) {
+    warn(warning, where,
+         fmt::format("{} polygon{} cross themselves or have too many corners, and are cut as if convex",
+                     raw.uncut_polygons, plural(raw.uncut_polygons)));
+  }
   if (raw.short_polygons) {
     warn(warning, where,
          fmt::format("{} polygon{} of fewer than three corners dropped", raw.short_polygons,
@@ -149,10 +181,6 @@ TriangleMesh load_mesh(const std::string& path, const MeshLoadOptions& options, 
   validate_mesh(mesh, path, warning);
 
   if (options.compute_normals && !options.face_normals && mesh.normals.empty()) compute_vertex_normals(mesh);
-  if (options.flip_normals) {
-    for (UVec3& t : mesh.triangles) std::swap(t.y, t.z);
-    for (Vec3& n : mesh.normals) n = -n;
-  }
   if (options.flip_tex_coords.value_or(obj)) {
     for (Vec2& t : mesh.texcoords) t.y = 1.0f - t.y;
   }

@@ -223,6 +223,7 @@ class Builder {
       raw_.mesh.triangles.push_back({first, previous, v});
       previous = v;
     }
+    raw_.end_polygon(raw_.mesh.triangles.size() - size_t(count - 2), size_t(count - 2));
   }
 
   RawMesh finish() {

@@ -7,7 +7,9 @@
 #include <bit>
 #include <charconv>
 #include <cstring>
+#include <optional>
 
+#include "core/io/number_text.h"
 #include "core/mesh/mesh_readers.h"
 
 namespace fieldtrace::mesh_readers {
@@ -201,18 +203,14 @@ class AsciiSource {
   }
 
   double value(Type) {
-    std::string_view word = next_word(line_);
+    const std::string_view word = next_word(line_);
     if (word.empty()) {
       throw Error(where_, rest_.empty() ? "the file ends within this line, it is cut short"
                                         : "fewer values than the header announces, add the missing ones");
     }
-    const std::string_view shown = word;
-    if (word.front() == '+') word.remove_prefix(1);
-    double v = 0.0;
-    const auto [end, ec] = std::from_chars(word.data(), word.data() + word.size(), v);
-    if (ec == std::errc::result_out_of_range) return out_of_range(word);
-    if (ec != std::errc() || end != word.data() + word.size()) throw Error(where_, quote(shown) + " is not a number");
-    return v;
+    const std::optional<double> v = parse_double(word);
+    if (!v) throw Error(where_, quote(word) + " is not a number");
+    return *v;
   }
 
   void end_record() {
@@ -228,15 +226,6 @@ class AsciiSource {
   }
 
  private:
-  // Underflow of double reads as zero, overflow as infinity (which the caller refuses where it matters).
-  static double out_of_range(std::string_view word) {
-    if (word.front() == '-') word.remove_prefix(1);
-    const size_t e = word.find_first_of("eE");
-    const bool small =
-        e != std::string_view::npos ? word.substr(e + 1, 1) == "-" : word.front() == '0' || word.front() == '.';
-    return small ? 0.0 : double(k_infinity);
-  }
-
   std::string_view rest_, line_;
   SourceLocation where_;
 };
@@ -336,25 +325,32 @@ void skip(Source& source, const Property& p) {
 
 template <class Source>
 void read_vertices(Source& source, const Element& e, TriangleMesh& mesh) {
-  // Slots: 0..2 position, 3..5 normal, 6..7 texture coordinates. Names in one row are synonyms.
-  static constexpr std::string_view k_names[][3] = {
-      {"x"}, {"y"}, {"z"}, {"nx"}, {"ny"}, {"nz"}, {"u", "s", "texture_u"}, {"v", "t", "texture_v"}};
+  // Slots: 0..2 position, 3..5 normal, 6..7 texture coordinate.
   constexpr int k_slots = 8, k_skipped = k_slots;
+  std::array<std::string_view, k_slots> names = {"x", "y", "z", "nx", "ny", "nz", "u", "v"};
+  const auto has = [&](std::string_view name) {
+    return std::any_of(e.properties.begin(), e.properties.end(),
+                       [&](const Property& p) { return p.name == name && !p.list; });
+  };
+  // The first pair that is whole, in Mitsuba's order.
+  static constexpr std::string_view k_pairs[][2] = {{"u", "v"}, {"texture_u", "texture_v"}, {"s", "t"}};
+  for (const auto& [u, v] : k_pairs) {
+    if (!has(u) || !has(v)) continue;
+    names[6] = u, names[7] = v;
+    break;
+  }
   std::vector<int> slots(e.properties.size(), k_skipped);
   bool found[k_slots] = {};
   for (size_t i = 0; i < slots.size(); ++i) {
-    for (int s = 0; s < k_slots; ++s) {
-      for (const std::string_view name : k_names[s]) {
-        if (name.empty() || name != e.properties[i].name || e.properties[i].list || found[s]) continue;
-        slots[i] = s;
-        found[s] = true;
-      }
-    }
+    const auto slot = size_t(std::find(names.begin(), names.end(), e.properties[i].name) - names.begin());
+    if (slot == k_slots || e.properties[i].list || found[slot]) continue;
+    slots[i] = int(slot);
+    found[slot] = true;
   }
   for (int s = 0; s < 3; ++s) {
     if (!found[s]) {
       throw Error({source.where().file, e.line},
-                  fmt::format("element \"vertex\" has no property {}, add it", quote(k_names[s][0])));
+                  fmt::format("element \"vertex\" has no property {}, add it", quote(names[size_t(s)])));
     }
   }
   const bool normals = found[3] && found[4] && found[5], texcoords = found[6] && found[7];
@@ -382,8 +378,14 @@ void read_vertices(Source& source, const Element& e, TriangleMesh& mesh) {
   }
 }
 
+struct Polygon {
+  size_t first, count;  // triangles
+};
+
+// Returns the polygons that were read before the vertices, and so are to be ended later.
 template <class Source>
-void read_faces(Source& source, const Element& e, uint64_t vertex_count, RawMesh& raw) {
+std::vector<Polygon> read_faces(Source& source, const Element& e, uint64_t vertex_count, RawMesh& raw,
+                                const WarningSink& warning) {
   size_t indices = e.properties.size();
   for (size_t k = 0; k < e.properties.size(); ++k) {
     const Property& p = e.properties[k];
@@ -392,6 +394,13 @@ void read_faces(Source& source, const Element& e, uint64_t vertex_count, RawMesh
   if (indices == e.properties.size()) {
     throw Error({source.where().file, e.line}, "element \"face\" has no list vertex_indices, add it");
   }
+  const bool has_texcoords = std::any_of(e.properties.begin(), e.properties.end(),
+                                         [](const Property& p) { return p.list && p.name == "texcoord"; });
+  if (has_texcoords) {
+    warn(warning, {source.where().file, e.line},
+         "texture coordinates of faces are ignored; export the mesh with those of vertices (s t or u v)");
+  }
+  std::vector<Polygon> early;
   std::vector<UVec3>& triangles = raw.mesh.triangles;
   triangles.reserve(e.count);
   for (uint64_t i = 0; i < e.count; ++i) {
@@ -416,10 +425,20 @@ void read_faces(Source& source, const Element& e, uint64_t vertex_count, RawMesh
         if (c >= 2) triangles.push_back({first, previous, v});
         previous = v;
       }
-      if (corners < 3) ++raw.short_polygons;
+      if (corners < 3) {
+        ++raw.short_polygons;
+        continue;
+      }
+      const Polygon polygon{triangles.size() - size_t(corners - 2), size_t(corners - 2)};
+      if (raw.mesh.positions.empty()) {
+        if (corners > 3) early.push_back(polygon);
+      } else {
+        raw.end_polygon(polygon.first, polygon.count);
+      }
     }
     source.end_record();
   }
+  return early;
 }
 
 template <class Source>
@@ -430,13 +449,14 @@ RawMesh read_body(Source source, const Header& header, const std::string& path, 
   if (!face) throw Error({path}, "the PLY header has no element \"face\", export the mesh with its faces");
   if (vertex->count > k_max_vertices) throw Error({path, vertex->line}, "too many vertices for 32-bit indices");
   RawMesh raw;
+  std::vector<Polygon> early;
   for (const Element& e : header.elements) {
     if (e.properties.empty()) continue;
     check_room(source, e);
     if (&e == vertex) {
       read_vertices(source, e, raw.mesh);
     } else if (&e == face) {
-      read_faces(source, e, vertex->count, raw);
+      early = read_faces(source, e, vertex->count, raw, warning);
     } else {
       for (uint64_t i = 0; i < e.count; ++i) {
         source.begin_record(e, i);
@@ -445,6 +465,7 @@ RawMesh read_body(Source source, const Header& header, const std::string& path, 
       }
     }
   }
+  for (const Polygon& polygon : early) raw.end_polygon(polygon.first, polygon.count);
   source.finish(warning);
   return raw;
 }

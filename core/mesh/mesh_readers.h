@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/mesh/mesh.h"
+#include "core/mesh/polygon.h"
 #include "core/platform/error.h"
 
 namespace fieldtrace::mesh_readers {
@@ -17,6 +18,12 @@ namespace fieldtrace::mesh_readers {
 struct RawMesh {
   TriangleMesh mesh;
   uint64_t short_polygons = 0;  // polygons of fewer than three corners, which are dropped
+  uint64_t uncut_polygons = 0;  // those that cut_concave() leaves as they are
+
+  // `count` triangles from `first` on are a polygon, around its first corner; positions are known.
+  void end_polygon(size_t first, size_t count) {
+    if (count > 1) uncut_polygons += !cut_concave(mesh.positions, &mesh.triangles[first], count);
+  }
 };
 
 RawMesh read_obj(const std::string& path, std::string_view text);

@@ -1,6 +1,7 @@
 #include "core/platform/module.h"
 
 #include <dlfcn.h>
+#include <link.h>
 
 #include <filesystem>
 
@@ -11,23 +12,24 @@ namespace {
 
 namespace fs = std::filesystem;
 
-fs::path beside_program(const std::string& file) {
+// Where the module lies beside what holds this code: the program, or a library in other programs.
+fs::path expected_path(const std::string& file) {
+  Dl_info info;
+  link_map* object = nullptr;
+  const bool known = dladdr1(reinterpret_cast<const void*>(&module_function), &info, reinterpret_cast<void**>(&object),
+                             RTLD_DL_LINKMAP) != 0;
+  // The program's own name is empty there.
+  if (known && object && object->l_name[0] != '\0') {
+    return (fs::absolute(object->l_name).parent_path() / "fieldtrace" / file).lexically_normal();
+  }
   return (fs::read_symlink("/proc/self/exe").parent_path() / FIELDTRACE_MODULE_DIR / file).lexically_normal();
 }
 
 // A path that exists, or `file` for the loader to find. Not by a run path where that can be helped: the address
 // sanitizer's dlopen() would look in its own.
 std::string module_path(const std::string& file) {
-  const fs::path of_program = beside_program(file);
   std::error_code ignored;
-  if (fs::exists(of_program, ignored)) return of_program.string();
-  // Within libfieldtrace.so, the folder that it lies in.
-  Dl_info info;
-  if (dladdr(reinterpret_cast<const void*>(&module_function), &info) && info.dli_fname) {
-    const fs::path library = fs::absolute(info.dli_fname, ignored);
-    const fs::path beside_library = (library.parent_path() / "fieldtrace" / file).lexically_normal();
-    if (fs::exists(beside_library, ignored)) return beside_library.string();
-  }
+  if (const fs::path expected = expected_path(file); fs::exists(expected, ignored)) return expected.string();
   // Linked statically into another program: where the build was to be installed, or on that program's run path.
   const fs::path installed = fs::path(FIELDTRACE_INSTALLED_MODULES) / file;
   return fs::exists(installed, ignored) ? installed.string() : file;
@@ -41,7 +43,7 @@ void* module_function(const std::string& name, const char* function) {
   void* const address = module ? dlsym(module, function) : nullptr;
   if (address) return address;
   const char* const reason = dlerror();
-  throw Error({path == file ? beside_program(file).string() : path},
+  throw Error({path == file ? expected_path(file).string() : path},
               "a part of this program that must lie there cannot be opened (" +
                   std::string(reason ? reason : "no reason given") + "); build or install the program again");
 }

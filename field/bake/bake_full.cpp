@@ -175,7 +175,8 @@ FullBakeResult bake_full(Field& field, const Accel& accel, uint32_t shape, BakeC
         "all cells of a field of this size take more address space than may be reserved; raise the limit "
         "(ulimit -v), or use a smaller --directions or --plane");
   };
-  if (budget && needed > budget->limit()) fail();
+  // The field's own bricks are a part of what it needs.
+  if (budget && needed > budget->limit() - std::min(budget->used(), budget->limit()) + field.bytes()) fail();
   FullBaker baker(field, accel, shape, counters, callbacks);
   baker.bake_layer(FieldLayer::visibility);
   baker.bake_layer(FieldLayer::depth);

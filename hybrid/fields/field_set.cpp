@@ -164,6 +164,7 @@ FieldPlan FieldSet::next_plan(std::string& change) const {
     return next;
   }
   next.read_cache = true;
+  ++next.reductions;
   if (!next.hit_instances.empty()) {
     next.hit_instances.clear();
     change = "begins again with exact rays for what glossy rays meet";

@@ -32,6 +32,7 @@ struct FieldPlan {
   FieldParameters parameters;
   size_t most_fields = std::numeric_limits<size_t>::max();
   bool read_cache = true;
+  uint32_t reductions = 0;  // by how many steps the picture has less than was asked for
   // Light samples of the whole picture, over all lights. A shape whose bake would cost more rays than that is left to
   // exact rays, because its field cannot pay for itself. Infinite: no shape is; 0: all are.
   double light_samples = std::numeric_limits<double>::infinity();

@@ -14,7 +14,7 @@
 namespace fieldtrace {
 namespace {
 
-constexpr char k_magic[] = "fieldtrace checkpoint 9\n";
+constexpr char k_magic[] = "fieldtrace checkpoint 10\n";
 constexpr size_t k_magic_size = sizeof(k_magic) - 1;
 static_assert(std::is_trivially_copyable_v<StoredSums> && std::is_trivially_copyable_v<AovSums>);
 
@@ -36,7 +36,7 @@ nlohmann::json header_of(const Checkpoint& c) {
   j["light_samples"] = c.light_samples;
   j["open_light_samples"] = c.open_light_samples;
   j["lobe_samples"] = c.lobe_samples;
-  j["restarts"] = c.restarts;
+  j["reductions"] = c.reductions;
   j["decay"] = c.decay;
   j["first_mean_square"] = c.first_mean_square;
   j["round"] = c.round;
@@ -158,7 +158,7 @@ Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& ident
   c.light_samples = j.at("light_samples");
   c.open_light_samples = j.at("open_light_samples");
   c.lobe_samples = j.at("lobe_samples");
-  c.restarts = j.at("restarts");
+  c.reductions = j.at("reductions");
   c.decay = j.at("decay");
   c.first_mean_square = j.at("first_mean_square");
   c.round = j.at("round");

@@ -34,7 +34,7 @@ struct Checkpoint {
   FieldAccuracy accuracy = FieldAccuracy::usual;
   double field_mean_square = 0.0;
   int light_samples = 1, open_light_samples = 1, lobe_samples = 1;
-  uint64_t restarts = 0;  // of the render, because fields had outgrown their memory
+  uint32_t reductions = 0;  // of fields that had outgrown their memory (FieldPlan)
 
   double decay = 1.0;  // of noise by samples, as surveys showed it (SampleAllocation::decay())
   // The noise of one sample of each pixel, as a survey showed it, if the first round takes no more; else 0.

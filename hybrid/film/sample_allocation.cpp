@@ -33,11 +33,29 @@ struct CellSums {
   }
 };
 
-CellSums sums_of(const PixelSums& p, ErrorMeasure measure) {
-  const DVec3 mean = p.mean();
-  CellSums s = {1.0, weighted_square(p.half_difference(), mean, measure), p.work, double(p.samples())};
+// The value that a pixel's error is relative to: its diagonal neighbours', which are of its colour. Its own goes up and
+// down with its noise: a bright sample that one half alone has would be an error of 1, however bright it is.
+DVec3 value_about(const FilmSums& film, int x, int y) {
+  const Rect& w = film.window;
+  const auto mean = [&](int i, int j) { return PixelSums(film.pixels[film.index(i, j)]).mean(); };
+  DVec3 sum(0.0);
+  double count = 0.0;
+  for (const int j : {y - 1, y + 1}) {
+    for (const int i : {x - 1, x + 1}) {
+      if (i < w.x || i >= w.x + w.width || j < w.y || j >= w.y + w.height) continue;
+      sum += mean(i, j);
+      ++count;
+    }
+  }
+  return count > 0.0 ? sum / count : mean(x, y);
+}
+
+CellSums sums_of(const FilmSums& film, int x, int y, ErrorMeasure measure) {
+  const PixelSums p = film.pixels[film.index(x, y)];
+  const DVec3 value = measure == ErrorMeasure::relative ? value_about(film, x, y) : DVec3(0.0);
+  CellSums s = {1.0, weighted_square(p.half_difference(), value, measure), p.work, double(p.samples())};
   if (!p.has_quarters()) return s;
-  s.of_quarters = weighted_square(p.quarter_difference(), mean, measure);
+  s.of_quarters = weighted_square(p.quarter_difference(), value, measure);
   s.of_their_halves = s.square;
   return s;
 }
@@ -65,7 +83,7 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
     const int top = window.y + int(row) * k_noise_block;
     for (int y = top; y < std::min(top + k_noise_block, window.y + window.height); ++y) {
       for (int x = window.x; x < window.x + window.width; ++x) {
-        sums[cells.cell(x, y)].add(sums_of(film.pixels[film.index(x, y)], measure));
+        sums[cells.cell(x, y)].add(sums_of(film, x, y, measure));
       }
     }
   });

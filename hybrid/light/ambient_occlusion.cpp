@@ -127,12 +127,12 @@ SkyLight::Request AmbientOcclusion::sky_request(const Request& r) {
     sum->assign(points_.size(), 0.0f);
   }
   clusters_.build(receivers_, {}, k_shadow_batch, context_.settings.pixel_samples == 1);
-  samples_before_ = r.stats.samples;
+  before_ = {r.stats.samples, r.stats.samples_spared, r.stats.samples_by_strata};
   return {by_maps_, clusters_, receivers_, {}, context_.settings.light_samples, r.pixels, {}, r.stats};
 }
 
 void AmbientOcclusion::take_irradiance(const Request& r) {
-  r.stats.samples = samples_before_;  // of lights alone
+  r.stats.samples = before_.all, r.stats.samples_spared = before_.spared, r.stats.samples_by_strata = before_.by_strata;
   const auto rays = float(context_.settings.light_samples);
   for (size_t i = 0; i < points_.size(); ++i) {
     FirstHit& first = r.firsts[receivers_.path[i]];

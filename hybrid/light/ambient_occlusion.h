@@ -61,7 +61,9 @@ class AmbientOcclusion {
   const TransportContext& context_;
   SkyLight by_maps_;
   LightReceivers receivers_;
-  uint64_t samples_before_ = 0;  // light samples of the statistics
+  struct {
+    uint64_t all = 0, spared = 0, by_strata = 0;
+  } before_;  // light samples of the statistics
   ShadingClusters clusters_;
   LightTable sky_;  // one constant light; empty where the settings want no occlusion
   std::vector<Point> points_;

@@ -85,7 +85,8 @@ void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const S
   const auto meets = [&](const SkyOccluder& o, const Sphere& from) {
     return meets_cone(o.ball, from, sky.concentrated_axis(), sky.concentrated_angle());
   };
-  const Sphere ball = ball_about(centres);
+  Sphere ball = ball_about(centres);
+  ball.radius += *std::max_element(centres.radius.begin(), centres.radius.begin() + ptrdiff_t(centres.size));
   hiding_.clear();
   for (const SkyOccluder& o : sky_->maps().occluders()) {
     if (o.instance == centres.instance[0] && o.is_flat) continue;

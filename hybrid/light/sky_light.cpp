@@ -281,16 +281,19 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
   grazing_of_.clear(), own_points_.clear();
   points_.resize(receivers.size());
   const float widest = k_widest_blur * sky_->maps().median_radius();
-  float grazing = 0.0f;
+  float grazing = 0.0f, radius = 0.0f;
   const auto add = [&](const ShadingCluster& part, const ShadingPointBatch& from, size_t i) {
     points_.copy(clusters_.size(), from, i, 1);
     clusters_.push_back(part);
     grazing_of_.push_back(grazing);
     own_points_.push_back(&from == &centres ? k_none : uint32_t(i));
+    // A point of a cluster's own is no farther from the cluster's others than this.
+    if (&from != &centres) points_.radius[clusters_.size() - 1] = 2.0f * radius;
   };
   for (size_t c = 0; c < clusters.size(); ++c) {
     const ShadingCluster& cluster = clusters[c];
     if (cluster.kind == ReceiverKind::other) continue;
+    radius = centres.radius[c];
     grazing = cluster.plain_diffuse() ? 0.0f : light_bodies(cluster, vertices, receivers);
     if (cluster.mean_spread() <= k_widest_spread && blur_at(context_.scene.camera, centres.position(c)) <= widest) {
       add(cluster, centres, c);

@@ -35,6 +35,27 @@ IndirectSize choose_size(size_t occluders) {
   return size;
 }
 
+bool contains(const Bounds3& box, const Vec3& p) {
+  return glm::all(glm::lessThanEqual(box.lower, p)) && glm::all(glm::lessThanEqual(p, box.upper));
+}
+
+// Whether the camera, or an object's centre, lies within the box of another object, such as a room's. Maps know objects
+// from without, and which of two comes first by their centres.
+bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits) {
+  std::vector<Bounds3> boxes;
+  for (const Instance& i : scene.instances) {
+    boxes.push_back(world_bounds(scene.shapes[i.shape].bounds, i.to_world));
+  }
+  for (size_t k = 0; k < boxes.size(); ++k) {
+    const uint32_t shape = scene.instances[k].shape;
+    if (parallelogram(scene.shapes[shape], traits[shape])) continue;
+    if (contains(boxes[k], scene.camera.to_world[3])) return true;
+    for (size_t other = 0; other < boxes.size(); ++other)
+      if (other != k && contains(boxes[k], boxes[other].centre())) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth,
@@ -42,31 +63,20 @@ bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<cons
   if ((depth >= 0 && depth < 3) || scene.emitters.empty() || has_open_area(scene, lights)) return false;
   const size_t count = scene.instances.size();
   if (count > k_crowd) return false;  // its far groups send no light back
-  size_t planes = 0;
-  std::vector<Vec3> senders;
-  std::vector<Bounds3> others;
+  size_t planes = 0, senders = 0, others = 0;
   for (const Instance& i : scene.instances) {
     planes += parallelogram(scene.shapes[i.shape], traits[i.shape]).has_value();
-    const Bounds3 box = world_bounds(scene.shapes[i.shape].bounds, i.to_world);
     if (is_diffuse_and_opaque(scene, i.bsdf)) {
-      senders.push_back(box.centre());
-    } else if (!has_diffuse_body(scene, i.bsdf)) {
-      others.push_back(box);
+      ++senders;
+    } else {
+      others += !has_diffuse_body(scene, i.bsdf);
     }
   }
   const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
-  // Paths to what is neither diffuse nor a plastic go on. Without a sky the maps would be made for the rest alone; and
-  // where most of that stands amid such surfaces, few paths are spared.
-  if (!has_sky(scene) && senders.size() < count) return false;
-  if (4 * others.size() > senders.size()) return false;
-  const auto is_amid = [&](const Vec3& centre) {
-    return std::any_of(others.begin(), others.end(), [&](const Bounds3& box) {
-      return glm::length(centre - box.centre()) <= 0.5f * glm::length(box.diagonal());
-    });
-  };
-  const auto amid = size_t(std::count_if(senders.begin(), senders.end(), is_amid));
-  return 2 * amid < senders.size() && planes <= size_t(k_most_planes) &&
-         surfels * k_surfel_rays <= light_rays * k_indirect_gain;
+  // Paths to what is neither diffuse nor a plastic go on: without a sky the maps would be made for the rest alone.
+  if ((!has_sky(scene) && senders < count) || 4 * others > senders) return false;
+  return planes <= size_t(k_most_planes) && surfels * k_surfel_rays <= light_rays * k_indirect_gain &&
+         !has_insides(scene, traits);
 }
 
 void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {

@@ -97,7 +97,7 @@ struct Stage {
 
 // Whether fields, for which surveys bake, are given up for the time that these took.
 inline bool is_late(const Picture& picture, const Stage& stage) {
-  return picture.wants_fields && stage.uses_fields() && stage.surveys_are_over();
+  return picture.wants_fields && stage.uses_fields() && !stage.resumed && stage.surveys_are_over();
 }
 
 // Whether a survey goes on. Both must outlive this.

@@ -200,6 +200,11 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   Stats& stats = result.stats;
   FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, wants_fields(picture, stage, plan),
                   stage.address_space);
+  if (stage.resumed && plan.reductions < stage.resumed->reductions) {
+    std::string known;
+    plan = fields.next_plan(known);
+    return false;
+  }
   OpenLight open = {options.light_samples};
   bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
   stats.tolerance = picture.light_tolerance(open.samples);
@@ -249,7 +254,9 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   }
   Job job{picture, context, fields.budget(), stage.deadline};
   Checkpoint state;
-  const bool resumes = stage.resumed && stage.resumed->restarts == stats.field_restarts;
+  const bool resumes = stage.resumed && stage.resumed->reductions == plan.reductions;
+  if (stage.resumed && !resumes)
+    warn(warning, {options.resume}, "was made with more of the fields' memory, so the picture begins anew");
   if (resumes) {
     state = *stage.resumed;
     context.settings.light_samples = state.light_samples;
@@ -258,7 +265,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   } else if (options.keeps_sums()) {
     // What has not come to where the checkpoint was written may not write over it.
     if (!stage.resumed) state.identity = stage.identity;
-    state.restarts = stats.field_restarts;
+    state.reductions = plan.reductions;
     state.expected_samples = picture.spp;
     if (!stage.ray_noise.empty()) state.decay = stage.ray_noise.front().noise.decay;
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
@@ -291,9 +298,10 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   } else {
     render_tiles(job, result.image, done);
   }
-  // However early a resumed picture is stopped, what was there is written.
-  if (picture.stopped() && stage.resumed && !(begins && resumes)) {
-    job.interrupted = true;
+  // However early a resumed picture ends, what was there is written.
+  const bool ends = picture.stopped() || stage.surveys_are_over();
+  if (ends && stage.resumed && !(begins && resumes)) {
+    job.interrupted = picture.stopped();
     render_rounds(job, *stage.resumed, result.image, done);
   }
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
@@ -395,8 +403,8 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       const auto seconds = std::chrono::duration<float>(std::min(options.time_limit, k_most_time_limit));
       const auto limit = std::chrono::duration_cast<Clock::duration>(seconds);
       stage.deadline = begin + limit;
-      // What a resumed picture decided, holds.
-      if (options.resume.empty()) stage.survey_end = begin + limit / k_survey_part;
+      // What a resumed picture decided, holds: its surveys may take all of the time.
+      stage.survey_end = begin + (options.resume.empty() ? limit / k_survey_part : limit);
     }
     if (options.keeps_sums()) stage.identity = picture_identity(picture);
     if (options.slice) result.part = part_of(picture);

@@ -37,7 +37,6 @@ float mean_coverage(const MapsView& view, int map) {
 float covered_area(const SkyOccluder& o, const DMat3& to_unit, const Vec3& d, int directions) {
   const DVec3 u = to_unit * DVec3(d);
   const double length = glm::length(u), scale = length / std::abs(glm::determinant(to_unit));
-  if (o.kind == SkyOccluder::Kind::plane) return float(scale * 4.0 * std::abs(u.z) / length);
   return float(scale * 4.0) * mean_coverage(o.view, direction_cell(Vec3(u / length), directions));
 }
 
@@ -54,9 +53,10 @@ OccluderGroups::OccluderGroups(const Scene& scene, std::span<const SkyOccluder> 
     Node& leaf = leaves[i];
     leaf.centre = box.centre(), leaf.half = 0.5f * box.diagonal();
     leaf.occluder = i;
-    const bool is_known = o.kind == SkyOccluder::Kind::plane || o.view.coverage;
+    leaf.has_plane = o.kind == SkyOccluder::Kind::plane;
+    const bool is_known = leaf.has_plane || o.view.coverage;
     leaf.radius = is_known ? glm::length(leaf.half) : k_infinity;
-    if (!is_known) continue;
+    if (!o.view.coverage) continue;
     const DMat3 to_unit = linear_part(o.to_unit);
     for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
       const Vec3 d = group_direction(k);
@@ -89,6 +89,7 @@ void OccluderGroups::build(Leaves leaves) {
     Bounds3 box;
     for (const Node* child : {&a, &b}) box.extend(child->centre - child->half), box.extend(child->centre + child->half);
     node.centre = box.centre(), node.half = 0.5f * box.diagonal();
+    node.has_plane = a.has_plane || b.has_plane;
     node.radius = std::isfinite(a.radius + b.radius) ? glm::length(node.half) : k_infinity;
     for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
       const Vec3 d = group_direction(k);
@@ -116,7 +117,8 @@ void OccluderGroups::find(const Sphere& place, float cell_width, float angle, fl
       i = node.next;
       continue;
     }
-    if (distance + reach <= most_distance && node.radius + k_place_part * place.radius <= angle * distance) {
+    if (!node.has_plane && distance + reach <= most_distance &&
+        node.radius + k_place_part * place.radius <= angle * distance) {
       i = node.next;
       const Vec3 d = to / distance;
       const float opacity = opacity_of(node.opacity[direction_cell(d, k_group_directions)]);

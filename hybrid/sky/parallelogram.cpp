@@ -1,8 +1,31 @@
 #include "hybrid/sky/parallelogram.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <vector>
 
 namespace fieldtrace {
+
+namespace {
+
+// Whether some triangles have the same corners, as the two faces of a leaf have: then areas tell nothing.
+bool has_covering_triangles(const TriangleMesh& mesh) {
+  std::vector<std::array<std::array<float, 3>, 3>> all;
+  all.reserve(mesh.triangles.size());
+  for (const UVec3& t : mesh.triangles) {
+    auto& corners = all.emplace_back();
+    for (int c = 0; c < 3; ++c) {
+      const Vec3& p = mesh.positions[t[c]];
+      corners[size_t(c)] = {p.x, p.y, p.z};
+    }
+    std::sort(corners.begin(), corners.end());
+  }
+  std::sort(all.begin(), all.end());
+  return std::adjacent_find(all.begin(), all.end()) != all.end();
+}
+
+}  // namespace
 
 // The flat convex hull of a mesh is tried as a parallelogram along two of its first triangle's edges; the
 // triangles must have its area.
@@ -27,6 +50,7 @@ std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits
     const double whole = glm::length(normal) * (upper.x - lower.x) * (upper.y - lower.y);
     constexpr double k_error = 1e-5;
     if (upper.z - lower.z > k_error * std::sqrt(whole) || std::abs(area - whole) > k_error * whole) continue;
+    if (has_covering_triangles(shape.mesh)) return {};
     const DVec3 middle = 0.5 * (lower + upper);
     return Parallelogram{
         origin + x * middle.x + y * middle.y,

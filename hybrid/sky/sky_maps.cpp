@@ -58,11 +58,12 @@ bool is_bent(const TriangleMesh& mesh) {
   return false;
 }
 
-// Infinite of none.
+// The lower one of two; infinite of none.
 float median(std::vector<float> values) {
   if (values.empty()) return k_infinity;
-  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
-  return values[values.size() / 2];
+  const auto middle = values.begin() + ptrdiff_t((values.size() - 1) / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
 }
 
 }  // namespace
@@ -128,7 +129,7 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     radii.push_back(o.ball.radius);
     if (o.kind != SkyOccluder::Kind::plane) of_objects.push_back(o.ball.radius);
   }
-  median_radius_ = median(of_objects);
+  median_radius_ = median(of_objects.empty() ? radii : of_objects);
   if (!crowd) return;
   groups_ = OccluderGroups(scene, occluders_, directions);
   place_side_ = k_place_side * median(radii);

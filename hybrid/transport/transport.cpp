@@ -359,7 +359,7 @@ void TransportWorker::Impl::begin(const CameraSamples& samples, std::span<Rgb> t
 }
 
 bool TransportWorker::Impl::meet_first() {
-  if (settings.max_depth == 0 || paths.empty()) return false;
+  if (paths.empty() || (settings.max_depth == 0 && !settings.first_hits)) return false;
   intersect(0);
   if (settings.hide_emitters) pass_hidden_emitters();
   arrive(0);

@@ -96,7 +96,7 @@ inline PathState& TransportWorker::Impl::arriving_path(const Arrival& arrival, u
 void TransportWorker::Impl::arrive(int vertex_number) {
   Arrival arrival{.vertex_number = vertex_number, .is_first = vertex_number == 0};
   arrival.seed = scalar::vertex_seed(arrival.pixel_seed, uint32_t(vertex_number));
-  arrival.emission_counts = !(settings.hide_emitters && vertex_number == 0);
+  arrival.emission_counts = settings.max_depth != 0 && !(settings.hide_emitters && vertex_number == 0);
   arrival.shows_hits = vertex_number == 0 ? settings.first_hits : showing > 0;
   if (!arrival.is_first && arrival.shows_hits) show_nothing();
   // The last surface matters only if it emits, or is shown.

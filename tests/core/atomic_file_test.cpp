@@ -99,6 +99,21 @@ TEST_F(AtomicFiles, TheFolderIsFlushedAfterTheFile) {
   }
 }
 
+TEST_F(AtomicFiles, ReplacedFilesKeepTheirPermissionsAndReadOnlyOnesStay) {
+  const std::string path = at("file").string();
+  write_text_file(path, "old");
+  ASSERT_EQ(chmod(path.c_str(), 0640), 0);
+  write_text_file(path, "new");
+  struct stat held;
+  ASSERT_EQ(stat(path.c_str(), &held), 0);
+  EXPECT_EQ(held.st_mode & 07777, 0640u);
+  ASSERT_EQ(chmod(path.c_str(), 0440), 0);
+  if (access(path.c_str(), W_OK) == 0) GTEST_SKIP() << "this user may write to everything";
+  EXPECT_THROW(require_writable(path), Error);
+  EXPECT_THROW(write_text_file(path, "newer"), Error);
+  EXPECT_EQ(read_text(path), "new");
+}
+
 // What a killed process or one of another machine, with the same number, has left or is writing.
 TEST_F(AtomicFiles, TemporaryNamesThatAreTakenAreLeftAlone) {
   for (int i = 0; i < 100; ++i)

@@ -58,6 +58,13 @@ constexpr BadScene k_bad_scenes[] = {
      "scene.xml:3: ", "'reflectance' must lie in [0, 1]"},
     {"WavelengthsFallBack", "<emitter type='constant'><spectrum name='radiance' value='500:1 400:2'/></emitter>",
      "scene.xml:2: ", "must increase"},
+    {"SpectrumAboveOne",
+     "<shape type='cube'><bsdf type='diffuse'><spectrum name='reflectance' value='400:2 700:2'/></bsdf></shape>",
+     "scene.xml:2: ", "'reflectance' must lie in [0, 1]"},
+    {"TooSmallAndMalformed", "<shape type='sphere'><float name='radius' value='1e-999junk'/></shape>",
+     "scene.xml:2: ", "'1e-999junk' is not a number"},
+    {"TooLargeInTenths", "<shape type='sphere'><float name='radius' value='1e999e-1'/></shape>",
+     "scene.xml:2: ", "'1e999e-1' is not a number"},
     {"SpectrumFile", "<emitter type='constant'><spectrum name='radiance' filename='a.spd'/></emitter>",
      "scene.xml:2: ", "not available yet"},
     // transforms
@@ -291,6 +298,20 @@ TEST_F(SceneErrors, ParametersThatBlowUpAreRefused) {
   EXPECT_NE(error_of(body).find("grows beyond"), std::string::npos);
 }
 
+TEST_F(SceneErrors, OtherEncodingsAreRefused) {
+  const std::string text = "<scene version=\"3.0.0\"/>";
+  std::string wide;
+  for (const char c : text) wide += std::string(1, c) + '\0';
+  for (const std::string& bytes : {wide, "\xff\xfe" + wide}) {
+    try {
+      load_file(write("wide.xml", bytes));
+      FAIL();
+    } catch (const Error& e) {
+      EXPECT_NE(std::string(e.what()).find("save it as UTF-8"), std::string::npos) << e.what();
+    }
+  }
+}
+
 // ---------------------------------------------------------------- unknown things
 
 struct UnknownThing {
@@ -306,6 +327,16 @@ constexpr UnknownThing k_unknown_things[] = {
     {"Attribute", "<shape type='cube' colour='red'/>", "scene.xml:2: ", "unknown attribute 'colour' of <shape>"},
     {"Property", "<shape type='cube'>\n<float name='size' value='1'/></shape>",
      "scene.xml:3: ", "unknown property 'size' of <shape type=\"cube\">"},
+    {"ChildOfAReference",
+     "<bsdf type='diffuse' id='a'/><shape type='cube'><ref id='a'>\n<float name='alpha' value='.3'/></ref></shape>",
+     "scene.xml:3: ", "<float> has no meaning inside <ref>"},
+    {"ChildOfANumber",
+     "<shape type='sphere'><float name='radius' value='1'>\n<float name='b' value='2'/></float></shape>",
+     "scene.xml:3: ", "<float> has no meaning inside <float>"},
+    {"PropertyOfDaylight",
+     "<emitter type='constant'><spectrum type='d65' name='radiance'>\n<float name='value' "
+     "value='2'/></spectrum></emitter>",
+     "scene.xml:3: ", "unknown property 'value' of <spectrum type=\"d65\">"},
     {"NestedObject", "<shape type='cube'><medium type='homogeneous'/></shape>", "scene.xml:2: ", "<medium>"},
     {"Shape", "<shape type='sdfgrid'/>", "scene.xml:2: ", "unknown shape type 'sdfgrid'"},
     {"Bsdf", "<shape type='cube'><bsdf type='hair'/></shape>", "scene.xml:2: ", "unknown bsdf type 'hair'"},

@@ -221,6 +221,11 @@ TEST_F(SceneXml, ColoursOfEveryForm) {
   const Rgb grey = colour("<spectrum name=\"reflectance\" value=\"300:.4, 900:.4\"/>");
   expect_near(grey, Rgb(0.4f));
   EXPECT_TRUE(warned("converted to RGB"));
+  // Within [0, 1], but beyond sRGB.
+  EXPECT_EQ(colour("<spectrum name=\"reflectance\" value=\"400:.05 480:.1 550:.9 700:.95\"/>").x, 1.0f);
+  expect_near(
+      colour("<spectrum type=\"uniform\" name=\"reflectance\"><float name=\"value\" value=\".25\"/></spectrum>"),
+      Rgb(0.25f));
   // Mitsuba 3.9.1 gives (0.6816, 0.4858, 0.2806); the fit of the CIE curves and the missing D65 account for a few per
   // cent.
   const Rgb ramp = colour("<spectrum name=\"reflectance\" value=\"400:.2 700:.8\"/>");
@@ -232,6 +237,14 @@ TEST_F(SceneXml, EmittedFlatSpectrumIsTheEqualEnergyWhite) {
   const Scene s = load(k_sensor + "<emitter type=\"constant\"><spectrum name=\"radiance\" value=\"5\"/></emitter>");
   const Rgb mitsuba(6.02397f, 4.74146f, 4.54458f);
   for (int i = 0; i < 3; ++i) EXPECT_NEAR(s.emitters[0].value[i], mitsuba[i], 1e-5f * mitsuba[i]);
+}
+
+TEST_F(SceneXml, DaylightMayHaveAColourAndAScale) {
+  const Scene s = load(k_sensor +
+                       "<emitter type=\"constant\"><spectrum type=\"d65\" name=\"radiance\"><rgb name=\"color\" "
+                       "value=\"10 2 1\"/><float name=\"scale\" value=\".5\"/></spectrum></emitter>");
+  EXPECT_EQ(s.emitters[0].value, Rgb(5.0f, 1.0f, 0.5f));
+  EXPECT_FALSE(warned("unknown property"));
 }
 
 TEST_F(SceneXml, ConductorsByNameAndByNumber) {

@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <span>
 #include <thread>
 
 #include "core/mesh/mesh_procedural.h"
@@ -211,6 +213,35 @@ TEST_F(FieldMemory, APictureThatOutgrowsItsMemoryDoesNotDependOnTheCache) {
   EXPECT_EQ(first.image.data, second.image.data);
   o.field_cache.clear();
   EXPECT_EQ(run(o).image.data, first.image.data);
+}
+
+// Nor does what is left of a picture whose fields had outgrown their memory when it was interrupted.
+TEST_F(FieldMemory, AResumedPictureKeepsItsSmallerFields) {
+  const test::TemporaryFolder folder;
+  RenderOptions more = options();
+  more.field_cache = folder.path() + "/cache";
+  more.light_samples = 64;
+  run(more);
+  RenderOptions o = options();
+  o.field_memory = run(o).stats.field_bytes_peak * 9 / 10;
+  const RenderResult whole = run(o);
+  ASSERT_EQ(whole.stats.field_directions, 32);
+  o.checkpoint = folder.path() + "/picture";
+  o.checkpoint_seconds = 0.0;
+  o.threads = 1;
+  std::atomic<bool> stop = false;
+  RenderCallbacks callbacks;
+  bool is_second = false;
+  callbacks.stop = &stop;
+  callbacks.warning = [&](const std::string&) { is_second = true; };
+  callbacks.tile = [&](const Rect&, std::span<const Rgb>) { stop = is_second; };
+  ASSERT_TRUE(render(scene_, o, callbacks).interrupted);
+  o.resume = o.checkpoint;
+  o.field_cache = more.field_cache;
+  const RenderResult resumed = run(o);
+  EXPECT_EQ(resumed.stats.field_directions, 32);
+  EXPECT_EQ(resumed.image.data, whole.image.data);
+  EXPECT_TRUE(warnings_.empty());
 }
 
 // If complete fields fit for some objects only, those with the most triangles get them.

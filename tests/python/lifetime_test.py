@@ -3,9 +3,14 @@
 import copy
 import gc
 import importlib.metadata
+import os
+import pathlib
 import pickle
 import resource
+import shutil
+import subprocess
 import sys
+import tempfile
 import unittest
 import weakref
 
@@ -14,6 +19,19 @@ import numpy as np
 import fieldtrace
 from fieldtrace import Scene
 from shapes import rays, sheet, torus
+
+
+MAKE_FIELD = """
+import sys
+from fieldtrace import Scene
+from shapes import torus
+scene = Scene(threads=2)
+scene.set(directions=32, plane=64)
+scene.add_instance(scene.add_mesh(*torus()))
+scene.commit()
+scene.bake()
+scene.save_field(0, sys.argv[1])
+"""
 
 
 def resident():
@@ -91,6 +109,23 @@ class Lifetime(unittest.TestCase):
         for call in (pickle.dumps, copy.copy, copy.deepcopy):
             with self.subTest(call.__name__), self.assertRaisesRegex(TypeError, "cannot be pickled or copied"):
                 call(scene)
+
+    def test_modules_are_those_beside_the_library(self):
+        # What lies beside the interpreter may be of another version.
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            python = root / "bin/python"
+            python.parent.mkdir()
+            shutil.copy(os.path.realpath(sys.executable), python)
+            others = root / "lib/fieldtrace"
+            others.mkdir(parents=True)
+            (others / "libfieldtrace_vdb.so").write_text("of another version", encoding="ascii")
+            words = [python, "-c", MAKE_FIELD, root / "field.vdb"]
+            paths = os.pathsep.join([str(pathlib.Path(__file__).parent), *sys.path])
+            done = subprocess.run(words, env={**os.environ, "PYTHONHOME": sys.base_prefix, "PYTHONPATH": paths},
+                                  capture_output=True, text=True, timeout=120)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertTrue((root / "field.vdb").is_file())
 
     def test_version(self):
         self.assertEqual(fieldtrace.__version__, importlib.metadata.version("fieldtrace"))

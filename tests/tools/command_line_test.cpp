@@ -417,6 +417,15 @@ TEST_F(CommandLine, InterruptWritesTheFinishedTiles) {
   EXPECT_EQ(read_image((folder_ / "a.exr").string()).width, 512);
 }
 
+TEST_F(CommandLine, AnInterruptedMeshIsNotWritten) {
+  Program program(folder_, {"mesh", "knot", "--along", "20000", "--around", "100", "-o", "a.ply"});
+  ASSERT_TRUE(program.interrupt());
+  const Outcome o = program.wait();
+  EXPECT_EQ(o.code, 130) << o.err;
+  EXPECT_EQ(o.err, "fieldtrace: interrupted; a.ply was not written\n");
+  EXPECT_EQ(files(), std::set<std::string>{"scene.xml"});
+}
+
 TEST_F(CommandLine, ATradeoffInterruptedBeforeItsReferenceLeavesNothing) {
   // 512 x 24 pixels with a reference of 4096 samples: long enough to be interrupted.
   Program program(folder_, {"tradeoff", "scene.xml", "-o", "out", "-D", "size=512", "--quiet"});

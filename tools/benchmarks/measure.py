@@ -96,6 +96,8 @@ def main(words):
     programs.drop_caches()
     log = lambda text: print(text, file=sys.stderr, flush=True)
     missing = find_peer(arguments.peer_python)
+    if arguments.peer_python and missing:
+        raise BenchmarkError(f"--peer-python: {missing}")
     version = None if missing else peer_version(arguments.peer_python)
     context = Context(programs, arguments.repeats, arguments.quick, arguments.tolerance, arguments.resolution,
                       arguments.peer_python, missing, version, arguments.meshes.resolve(), log)

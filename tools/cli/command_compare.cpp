@@ -1,6 +1,7 @@
 // `fieldtrace compare`: how far an image is from a reference.
 #include <fmt/format.h>
 
+#include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -12,6 +13,7 @@
 #include "hybrid/compare/compare.h"
 #include "hybrid/compare/flip.h"
 #include "tools/cli/command.h"
+#include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
 #include "tools/cli/output_files.h"
 #include "tools/cli/standard_output.h"
@@ -100,7 +102,9 @@ void compare_named(const CompareArguments& arguments, const Rect& window, Compar
 }
 
 int run_compare(const CompareArguments& arguments, const std::string& command) {
+  const std::atomic<bool>* stop = nullptr;
   if (!arguments.report.empty()) {
+    stop = &stop_on_interrupt();
     const OutputFile outputs[] = {{"--report", arguments.report}};
     const std::string inputs[] = {arguments.image, arguments.reference};
     require_distinct_files(outputs, inputs);
@@ -114,6 +118,7 @@ int run_compare(const CompareArguments& arguments, const std::string& command) {
   comparison.reference = read_channels(arguments.reference, arguments.layer);
   compare_named(arguments, window, comparison);
   const ImageDifference& d = comparison.difference;
+  if (stop && *stop) return report_interrupted(arguments.report);
   if (!arguments.report.empty()) {
     const std::string how = fmt::format("{} x {} pixels from {}, {}", window.width, window.height, window.x, window.y);
     write_text_file(arguments.report, compare_page(*comparison.picture, arguments.reference, comparison.reference, how,
@@ -150,7 +155,8 @@ void add_compare_command(CommandLine& line) {
       ->type_name("NAME");
   command.add_flag("--json", arguments->json, "Print JSON");
   command.add_option("--report", arguments->report, "HTML page to write: figures, pictures, differences, FLIP maps")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->check(not_empty());
   command
       .add_option_function<double>(
           "--fail-above", [arguments](const double& limit) { arguments->limit = limit; },

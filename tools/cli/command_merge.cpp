@@ -1,8 +1,11 @@
 // `fieldtrace merge`: the parts of `fieldtrace render --slice` to one picture.
 #include <fmt/format.h>
 
+#include <atomic>
+
 #include "hybrid/film/part.h"
 #include "tools/cli/command.h"
+#include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
 #include "tools/cli/output_files.h"
 
@@ -23,6 +26,7 @@ int run_merge(const MergeArguments& arguments, const std::string& command) {
     outputs.push_back({"-o", path});
   }
   require_distinct_files(outputs, arguments.parts);
+  const std::atomic<bool>& stop = stop_on_interrupt();
   MergedPicture merged = merge_parts(arguments.parts);
   ImageWriteOptions options;
   options.exposure = arguments.exposure;
@@ -32,7 +36,10 @@ int run_merge(const MergeArguments& arguments, const std::string& command) {
   options.metadata["fieldtrace:command"] = command;
   options.metadata["fieldtrace:part_command"] = merged.metadata["fieldtrace:command"];
   Writes writes;
-  for (const std::string& path : arguments.outputs) writes.attempt([&] { write_image(path, merged.image, options); });
+  for (const std::string& path : arguments.outputs) {
+    if (stop) return report_interrupted(path);
+    writes.attempt([&] { write_image(path, merged.image, options); });
+  }
   writes.rethrow();
   return k_exit_success;
 }

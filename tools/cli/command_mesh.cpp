@@ -1,6 +1,7 @@
 // `fieldtrace mesh`: procedural meshes as PLY files. The generators check their parameters' ranges.
 #include <fmt/format.h>
 
+#include <atomic>
 #include <filesystem>
 #include <limits>
 #include <type_traits>
@@ -10,6 +11,7 @@
 #include "core/mesh/mesh_procedural.h"
 #include "core/mesh/mesh_stress.h"
 #include "tools/cli/command.h"
+#include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
 #include "tools/cli/standard_output.h"
 
@@ -121,7 +123,8 @@ void add_parameters(CLI::App& command, SliverFanParams& p) {
   parameter(command, "aspect", p.aspect, "Width / length of a sliver, 1e-7 to 0.1");
 }
 
-int write_mesh(const std::string& path, const TriangleMesh& mesh) {
+int write_mesh(const std::string& path, const TriangleMesh& mesh, const std::atomic<bool>& stop) {
+  if (stop) return report_interrupted(path);
   save_ply(path, mesh);
   print_message("{}: {} triangles, {} vertices\n", path, mesh.triangles.size(), mesh.positions.size());
   return k_exit_success;
@@ -146,7 +149,8 @@ void add_generator(CLI::App& mesh, CommandLine& line, const char* name, const ch
   command.callback([arguments, make, &line] {
     line.action = [arguments, make] {
       require_ply(arguments->output);
-      return write_mesh(arguments->output, make(arguments->params));
+      const std::atomic<bool>& stop = stop_on_interrupt();
+      return write_mesh(arguments->output, make(arguments->params), stop);
     };
   });
 }

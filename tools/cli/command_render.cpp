@@ -279,6 +279,8 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
 
   RenderOptions options = arguments.options;
   if (!arguments.crop.empty()) options.crop = parse_crop(arguments.crop, scene.film.crop, "film");
+  const Rect& window = options.crop ? *options.crop : scene.film.crop;
+  for (const std::string& path : arguments.outputs) require_image_size(path, window.width, window.height);
   if (arguments.denoise) options.aovs.insert(options.aovs.end(), denoise_layers().begin(), denoise_layers().end());
   if (is_done(arguments, scene, options)) {
     progress.clear();

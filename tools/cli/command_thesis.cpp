@@ -76,7 +76,8 @@ void add_thesis_command(CommandLine& line) {
   command.add_option("-o", arguments->folder, "Folder to write, made if missing")->required()->type_name("DIR");
   command.add_flag("--quick", arguments->options.quick, "Small pictures, M = 32 only");
   command.add_option("--bunny", arguments->options.bunny, "The bunny's mesh; without it a torus knot takes its place")
-      ->type_name("MESH");
+      ->type_name("MESH")
+      ->check(not_empty());
   command.add_option("--threads", arguments->threads, "Threads (default: 0, all)")
       ->transform(thread_count())
       ->type_name("N");

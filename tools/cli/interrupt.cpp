@@ -2,6 +2,9 @@
 
 #include <csignal>
 
+#include "tools/cli/command.h"
+#include "tools/cli/standard_output.h"
+
 namespace fieldtrace {
 
 namespace {
@@ -23,6 +26,11 @@ const std::atomic<bool>& stop_on_interrupt() {
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
   return stop_flag;
+}
+
+int report_interrupted(const std::string& file) {
+  print_message("fieldtrace: interrupted; {} was not written\n", file);
+  return k_exit_interrupted;
 }
 
 }  // namespace fieldtrace

@@ -32,15 +32,12 @@ struct DemoArguments {
   int reference_spp = 4096;
 };
 
-// Tells whether a kept reference belongs to this scene: a hash of the scene file, what was loaded and how it is
-// rendered.
+// Tells whether a kept reference belongs to this scene: a hash of all its files, its parameters and how it is rendered.
 std::string fingerprint(const DemoArguments& arguments, const Scene& scene) {
   std::ostringstream text;
-  text << std::ifstream(arguments.scene.path, std::ios::binary).rdbuf();
-  const Bounds3 b = scene.world_bounds();
-  text << fmt::format("{} {} {}x{} {} {} {} {} {} {} {}", FIELDTRACE_VERSION, arguments.reference_spp, scene.film.width,
-                      scene.film.height, scene.triangle_count(), b.lower.x, b.lower.y, b.lower.z, b.upper.x, b.upper.y,
-                      b.upper.z);
+  for (const std::string& file : scene.files) text << std::ifstream(file, std::ios::binary).rdbuf();
+  for (const auto& [name, value] : scene.parameters) text << fmt::format("{}={}\n", name, value);
+  text << fmt::format("{} {} {}", FIELDTRACE_VERSION, arguments.reference_spp, scene.seed);
   const std::string bytes = text.str();
   Hasher hasher;
   hasher.add(bytes.data(), bytes.size());

@@ -24,7 +24,7 @@ class CheckpointFile : public testing::Test {
     c.planned_samples = 90, c.expected_samples = 17;
     c.accuracy = FieldAccuracy::coarse_maps, c.field_mean_square = 1.0 / 3.0;
     c.light_samples = 4, c.open_light_samples = 8, c.lobe_samples = 2;
-    c.restarts = 2, c.round = 3;
+    c.reductions = 2, c.round = 3;
     c.film = FilmSums({1, 2, 5, 7}, layers);
     for (StoredSums& stored : c.film.pixels) {
       PixelSums p;
@@ -70,7 +70,7 @@ TEST_F(CheckpointFile, HoldsWhatWasWritten) {
     EXPECT_EQ(r.light_samples, 4);
     EXPECT_EQ(r.open_light_samples, 8);
     EXPECT_EQ(r.lobe_samples, 2);
-    EXPECT_EQ(r.restarts, 2u);
+    EXPECT_EQ(r.reductions, 2u);
     EXPECT_EQ(r.round, 3u);
     EXPECT_EQ(r.counts, c.counts);
     EXPECT_EQ(r.tiles_done, c.tiles_done);

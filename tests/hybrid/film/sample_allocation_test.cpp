@@ -72,6 +72,28 @@ TEST(SampleAllocation, RelativeNoiseIsWeighedByTheMean) {
   EXPECT_NEAR(noise(1.0) / noise(3.0), 9.01 / 1.01, 0.05);
 }
 
+// A bright sample in one half of a pixel counts by its brightness: a pixel's own mean would hide it.
+TEST(SampleAllocation, RelativeNoiseOfRareBrightSamplesIsTheirError) {
+  const Rect window = {0, 0, 512, 512};
+  std::mt19937 rng(7);
+  std::bernoulli_distribution is_bright(0.02);
+  for (const uint32_t samples : {8u, 32u}) {
+    FilmSums film(window, false);
+    double squares = 0.0;
+    for (StoredSums& stored : film.pixels) {
+      PixelSums sums;
+      for (uint32_t i = 0; i < samples; ++i) sums.radiance[i % 4] += DVec3(is_bright(rng) ? 5.1 : 0.1);
+      sums.count[0] = sums.count[1] = samples / 2;
+      stored = sums;
+      const double error = sums.mean().x - 0.2;
+      squares += error * error / (0.2 * 0.2 + k_relative_floor) / double(film.pixels.size());
+    }
+    const double ratio = std::sqrt(SampleAllocation(film, ErrorMeasure::relative, 1.0).mean_square() / squares);
+    EXPECT_GT(ratio, 0.95) << samples;
+    EXPECT_LT(ratio, 1.35) << samples;
+  }
+}
+
 TEST(SampleAllocation, SamplesFollowDeviationAndWork) {
   const FilmSums film = film_of(k_window, 3, [](int x, int) {
     return x < 64 ? Pixel{.deviation = 0.1} : x < 160 ? Pixel{.deviation = 0.4} : Pixel{.deviation = 0.4, .work = 8.0};
@@ -113,7 +135,8 @@ TEST(SampleAllocation, NoiseOfSequencesIsTheMeanSquareError) {
     EXPECT_NEAR(ratio([&](int, int) { return Pixel{.samples = 16, .decay = decay}; }), 1.0, 0.05) << decay;
   }
   // Where it falls faster, further samples are expected to gain less: so much is left that (2^2 - 1) / (2^1.75 - 1).
-  EXPECT_NEAR(ratio([](int, int) { return Pixel{.samples = 16, .decay = 2.0}; }), std::sqrt(3.0 / (std::exp2(later_decay(2.0)) - 1.0)), 0.05);
+  EXPECT_NEAR(ratio([](int, int) { return Pixel{.samples = 16, .decay = 2.0}; }),
+              std::sqrt(3.0 / (std::exp2(later_decay(2.0)) - 1.0)), 0.05);
   EXPECT_NEAR(ratio([](int x, int) { return Pixel{.deviation = x < 64 ? 0.1 : 0.2, .decay = x < 64 ? 1.0 : 2.0}; }),
               1.0, 0.15);
   EXPECT_NEAR(ratio([](int x, int) {

@@ -225,6 +225,42 @@ TEST(IndirectLight, ClosedRoomsAreDark) {
   }
 }
 
+// Maps know objects from without: a room that is one mesh, and what stands in another object, is left to paths.
+TEST(IndirectLight, WithinOtherObjectsIsMonteCarlos) {
+  constexpr int k_window = 24;
+  for (const bool is_room : {true, false}) {
+    SceneMaker s;
+    s.film(k_film, k_film);
+    s.scene.camera.fov_x_degrees = film_degrees(0.7, k_window);
+    s.scene.integrator.max_depth = -1;
+    const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.7f)), red = s.bsdf(BsdfKind::diffuse, Rgb(0.8f, 0.2f, 0.2f));
+    s.scene.bsdfs[grey].two_sided = true;
+    const uint32_t square = s.shape(ShapeKind::rectangle), ball = s.shape(ShapeKind::sphere);
+    if (is_room) {
+      s.scene.camera.to_world = look_at({0, -1.9f, 0.3f}, {0, 0, -1.2f}, {0, 0, 1});
+      s.instance(s.mesh(make_cube({.half_size = 2.0f})), grey, Affine(1.0f));
+      s.area_light(s.instance(square, grey, placed({0.5f, 0, 0}, {0, -0.5f, 0}, {0, 0, -1}, {0, 0, 1.95f})),
+                   Rgb(10.0f));
+      s.instance(ball, red, placed({0.6f, 0, 0}, {0, 0.6f, 0}, {0, 0, 0.6f}, {0, 0, -1.4f}));
+    } else {
+      s.scene.camera.to_world = look_at({0, -6, 3}, {0, 0, 0.6f}, {0, 0, 1});
+      s.instance(square, grey, test::scaling(Vec3(4.0f)));
+      s.instance(ball, red, placed({0.5f, 0, 0}, {0, 0.5f, 0}, {0, 0, 0.5f}, {0, 0, 0.85f}));
+      const uint32_t glass = s.bsdf(BsdfKind::dielectric, Rgb(1.0f));
+      s.instance(ball, glass, placed({0.8f, 0, 0}, {0, 0.8f, 0}, {0, 0, 0.8f}, {0, 0, 0.85f}));
+      for (const float x : {-1.8f, 1.8f})
+        s.instance(ball, grey, placed({0.6f, 0, 0}, {0, 0.6f, 0}, {0, 0, 0.6f}, {x, 0, 0.6f}));
+      s.light(EmitterKind::constant, Rgb(1.0f));
+    }
+    RenderOptions o = options_for(s.scene, Method::hybrid, k_window, 64);
+    const Image estimate = render(s.scene, o).image;
+    o.method = Method::monte_carlo;
+    o.spp = 256;
+    const Difference d = difference(estimate, render(s.scene, o).image);
+    EXPECT_LT(std::abs(d.bias), 0.01) << is_room;
+  }
+}
+
 TEST(IndirectLight, DoesNotDependOnTheMachineOrTheWindow) {
   Corner s(32, 4);
   s.objects();

@@ -237,6 +237,44 @@ TEST(SkyCrowd, GroupsHideWhatTheirObjectsDo) {
   }
 }
 
+// A closed hall of 256 panels: groups of them must not count as independent of each other.
+TEST(SkyCrowd, HallsOfPanelsAreDark) {
+  SceneMaker s;
+  s.scene.camera.to_world = look_at({0, -3.5f, 2}, {0, 2, 1}, {0, 0, 1});
+  s.scene.camera.fov_x_degrees = 70.0f;
+  s.film(64, 64);
+  const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.8f));
+  s.scene.bsdfs[white].two_sided = true;
+  const uint32_t square = s.shape(ShapeKind::rectangle);
+  const auto panel = [&](const Vec3& x, const Vec3& y, const Vec3& at) {
+    s.instance(square, white, Affine(0.5f * x, 0.5f * y, glm::cross(x, y), at));
+  };
+  const Vec3 x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
+  for (int i = 0; i < 8; ++i) {
+    const float a = float(i) - 3.5f;
+    for (int j = 0; j < 8; ++j) {
+      for (const float height : {0.0f, 4.0f}) panel(x, y, {a, float(j) - 3.5f, height});
+    }
+    for (int k = 0; k < 4; ++k) {
+      for (const float side : {-4.0f, 4.0f}) {
+        panel(x, z, {a, side, float(k) + 0.5f});
+        panel(y, z, {side, a, float(k) + 0.5f});
+      }
+    }
+  }
+  s.light(EmitterKind::constant, Rgb(1.0f / 0.8f));
+  RenderOptions o;
+  o.method = Method::hybrid;
+  o.spp = 16;
+  o.directions = 32;
+  o.threads = 2;
+  const RenderResult r = render(s.scene, o);
+  ASSERT_GT(r.stats.sky_directions, 0);
+  double sum = 0.0;
+  for (const float v : r.image.data) sum += double(v);
+  EXPECT_LT(sum / double(r.image.data.size()), 0.03);  // groups let in .2 of the sky, or .3
+}
+
 // What a place reads grows with what is near: 16 times the instances about it add groups alone.
 TEST(SkyCrowd, CostAndMemoryAreBounded) {
   const Crowd small(64, k_side), large(64, 4 * k_side);

@@ -529,6 +529,24 @@ TEST(SkyLight, ThroughALensIsNearMonteCarlo) {
   EXPECT_LT(std::abs(d.bias), 0.004);
 }
 
+// Nor is a pixel out of focus lit by all of the sun or none: whether something hides it is asked for all that it sees.
+TEST(SkyLight, OfASunThroughALensIsNearMonteCarlo) {
+  constexpr int k_size = 32;
+  SkyScene s(Sky::sun, k_size, k_coarse);
+  s.instance(s.shape(ShapeKind::sphere), s.grey, placed(Mat3(0.6f), Vec3(0, 0, 0.6f)));
+  s.scene.camera.to_world = look_at({0, -6, 3}, {0, 0, 0}, {0, 0, 1});
+  s.scene.camera.aperture_radius = 0.6f;
+  s.scene.camera.focus_distance = 20.0f;
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 256, 1);
+  const Image estimate = render(s.scene, o).image;
+  o.method = Method::monte_carlo;
+  o.spp = 2048;
+  const Difference d = difference(estimate, render(s.scene, o).image, s.floor);
+  EXPECT_GT(d.pixels, 100u);
+  EXPECT_LT(d.rmse, 0.02);
+  EXPECT_LT(std::abs(d.bias), 0.003);
+}
+
 // What the body of a smooth plastic sends on finds nothing where the sky is all that can be met and is counted already.
 // Layers that tell what such rays meet keep them.
 TEST(SkyLight, BodiesOfPlasticsSendNoRaysInVain) {

@@ -9,7 +9,7 @@ import contextlib
 from .context import AT_LEAST, AT_MOST, Figure, RowResult
 from .peer import Peer
 from .programs import BenchmarkError, frame_seconds
-from .rows_peer import OTHER_SEED, against, frame_notes
+from .rows_peer import OTHER_SEED, OUR_METHODS, OWN_MONTE_CARLO, against, frame_notes
 from .search import fewest, staircase
 from .timing import in_turn, ratio, summary
 
@@ -89,17 +89,17 @@ def our_jobs(context, shot, reference, crop, aim):
     """Each of our methods with its quickest pair of camera and lobe samples for the error: {name: (job, details)}."""
     programs = context.programs
     jobs = {}
-    for method in ("montecarlo", "hybrid"):
-        def measure(spp, count, method=method):
-            error, stats = programs.error(lobes(shot.with_(method=method, spp=spp), count), reference, crop=crop)
-            context.log(f"  {method}, {spp} x {count}: RMSE {error:.5f}, {frame_seconds(stats):.3f} s")
+    for name, (method, options) in OUR_METHODS.items():
+        def measure(spp, count, name=name, method=method, options=options):
+            error, stats = programs.error(lobes(shot.with_(method=method, spp=spp), count, *options), reference, crop=crop)
+            context.log(f"  {name}, {spp} x {count}: RMSE {error:.5f}, {frame_seconds(stats):.3f} s")
             return error, frame_seconds(stats)
 
         reached = staircase(measure, aim, 16 if context.quick else 64, 8 if context.quick else 64)
         if reached:
             spp, count = reached[0]["spp"], reached[0]["light_samples"]
-            best = lobes(shot.with_(method=method, spp=spp), count)
-            jobs[method] = (lambda best=best: frame_seconds(programs.render(best)),
+            best = lobes(shot.with_(method=method, spp=spp), count, *options)
+            jobs[name] = (lambda best=best: frame_seconds(programs.render(best)),
                             {"spp": spp, "lobe_samples": count, "rmse": reached[0]["rmse"]})
     return jobs
 
@@ -107,8 +107,8 @@ def our_jobs(context, shot, reference, crop, aim):
 def our_denoised_jobs(context, shot, reference, crop, aim, notes):
     """Our methods with one lobe sample and --denoise, the fewest camera samples for the error: {name: (job, details)}."""
     programs, jobs = context.programs, {}
-    for method in ("montecarlo", "hybrid"):
-        base = lobes(shot.with_(method=method), 1, "--denoise")
+    for name, (method, options) in OUR_METHODS.items():
+        base = lobes(shot.with_(method=method), 1, "--denoise", *options)
         try:
             spp, errors = fewest(lambda n: programs.error(base.with_(spp=n), reference, crop=crop)[0], aim, 1)
         except BenchmarkError as e:
@@ -116,7 +116,7 @@ def our_denoised_jobs(context, shot, reference, crop, aim, notes):
             break
         if spp is not None:
             best = base.with_(spp=spp)
-            jobs[f"{method} denoised"] = (lambda best=best: frame_seconds(programs.render(best)),
+            jobs[f"{name} denoised"] = (lambda best=best: frame_seconds(programs.render(best)),
                                           {"spp": spp, "rmse": errors[spp]})
     return jobs
 
@@ -167,7 +167,7 @@ def reflection(context):
                     notes.append("Denoising left out: --peer-python lacks the package pyoidn")
         for name, seconds in in_turn({name: job for name, (job, _) in jobs.items()}, context.repeats).items():
             methods[name] = {**jobs[name][1], "seconds": summary(seconds)}
-    figures = [Figure("own Monte Carlo / hybrid", against(methods, ["montecarlo"]), None, None, "x", methods)]
+    figures = [Figure("own Monte Carlo / hybrid", against(methods, OWN_MONTE_CARLO), None, None, "x", methods)]
     if not context.peer_missing:
         figures.append(Figure("Mitsuba / hybrid", against(methods, ["path"]), AT_LEAST, 8.0, "x"))
         figures.append(Figure("Mitsuba, denoised / hybrid", against(methods, ["denoised"]), AT_LEAST, 1.5, "x"))

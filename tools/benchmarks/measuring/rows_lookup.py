@@ -6,13 +6,6 @@ from .timing import in_turn, ratio, summary
 BUNNY = "/usr/share/glmark2/models/bunny.obj"
 
 
-def best_of(run, prefix):
-    """Name and rate (rays per second of processor time) of the fastest benchmark with this name prefix."""
-    rates = {name: b["rays/s"] for name, b in run.items() if name.startswith(prefix)}
-    name = max(rates, key=rates.get)
-    return name, rates[name]
-
-
 def rates_of(runs, place):
     """Summaries of the fastest look-up and the fastest Embree form, by their medians over the runs."""
     result = {}

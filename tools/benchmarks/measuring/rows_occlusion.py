@@ -53,8 +53,7 @@ def stages(context):
 def measure_stage(context, stage):
     """{error: {method: summary of seconds}}."""
     programs = context.programs
-    path = programs.work / f"occlusion_{stage.name.replace(' ', '_').replace(',', '')}.xml"
-    path.write_text(stage.text(context.resolution or (64 if context.quick else 512)), encoding="utf-8")
+    path = programs.scene(stage.name, stage.text(context.resolution or (64 if context.quick else 512)))
     distance = () if stage.distance is None else ("--ao-distance", str(stage.distance))
     rays = Shot(path, options=(*OPTIONS, *distance))
     reference = programs.reference(rays.with_(light_samples=context.samples(REFERENCE_RAYS)))

@@ -6,15 +6,18 @@ over camera rays too; the deviation of Mitsuba's mean from it is in the details.
 """
 
 import contextlib
-import hashlib
 
-from .context import AT_LEAST, AT_MOST, ROOT, Figure, RowResult, light
+from .context import AT_LEAST, AT_MOST, Figure, RowResult, light
 from .peer import VARIANTS, Peer
-from .programs import BenchmarkError, frame_seconds, run
+from .programs import ADAPTIVE, BenchmarkError, frame_seconds
 from .search import LADDER, fewest, staircase
 from .timing import in_turn, ratio, summary
 
 INTEGRATORS = ("direct", "path")
+# Our methods: {name: (--method, further options)}. The quicker of the first two counts as our Monte Carlo.
+OUR_METHODS = {"montecarlo": ("montecarlo", ()), "montecarlo adaptive": ("montecarlo", ADAPTIVE),
+               "hybrid": ("hybrid", ())}
+OWN_MONTE_CARLO = ("montecarlo", "montecarlo adaptive")
 OTHER_SEED = 1000
 
 
@@ -130,15 +133,16 @@ def frame_to_error(context, shot, reference_shot, aim, is_warm, folders=()):
             for name, (job, details) in peer_jobs(context, peers, reference, aim).items():
                 methods[name] = details
                 jobs[name] = job
-        for method in ("montecarlo", "hybrid"):
+        for name, (method, options) in OUR_METHODS.items():
             warm = is_warm and method == "hybrid"
-            chosen = cheapest(context, shot.with_(method=method), reference, aim, warm)
+            ours = shot.with_(method=method, options=(*shot.options, *options))
+            chosen = cheapest(context, ours, reference, aim, warm)
             if chosen is None:
                 continue
-            best = shot.with_(method=method, spp=chosen["spp"], light_samples=chosen["light_samples"])
+            best = ours.with_(spp=chosen["spp"], light_samples=chosen["light_samples"])
             cache = programs.cache_for(best) if warm else None
-            methods[method] = {key: chosen[key] for key in ("spp", "light_samples", "rmse")}
-            jobs[method] = lambda best=best, cache=cache: frame_seconds(programs.render(best, cache=cache))
+            methods[name] = {key: chosen[key] for key in ("spp", "light_samples", "rmse")}
+            jobs[name] = lambda best=best, cache=cache: frame_seconds(programs.render(best, cache=cache))
         for name, seconds in in_turn(jobs, context.repeats).items():
             methods[name]["seconds"] = summary(seconds)
     return methods
@@ -166,7 +170,7 @@ def three_objects(context):
     aim = 0.05 if context.quick else 0.005
     reference = shot.with_(spp=context.samples(256), light_samples=8, seed=OTHER_SEED)
     methods = frame_to_error(context, shot, reference, aim, is_warm=True)
-    figures = [Figure("own Monte Carlo / hybrid, warm", against(methods, ["montecarlo"]), AT_LEAST, 5.0, "x", methods)]
+    figures = [Figure("own Monte Carlo / hybrid, warm", against(methods, OWN_MONTE_CARLO), AT_LEAST, 5.0, "x", methods)]
     if not context.peer_missing:
         names = peer_names(methods)
         figures.append(Figure("Mitsuba's quickest / hybrid, warm", against(methods, names), AT_LEAST, 4.0, "x",
@@ -177,19 +181,14 @@ def three_objects(context):
 def crowd(context):
     """400 instances of a knot of 100 k triangles, a light of 20 degrees: to an RMSE of .01, the bake counted."""
     count, words = (36, "knot --along 256 --around 16") if context.quick else (400, "knot --along 1562 --around 32")
-    script = ROOT / "tools/make_crowd.py"
-    version = hashlib.sha256(script.read_bytes() + words.encode()).hexdigest()[:8]
-    folder = context.programs.work / f"crowd-{count}-{version}"
-    if not (folder / "instances.xml").is_file():
-        run([script, "--program", context.programs.program, "-o", folder, "--mesh", words,
-             "--instances", str(count)])
+    folder = context.programs.crowd(words, count)
     # The light is about 108 units away.
     shot = context.shot("crowd.xml", 512, (("crowd", (folder / "instances.xml").resolve()), ("light_radius", 19),
                                            ("light_radiance", 17.7)))
     aim = 0.05 if context.quick else 0.01
     reference = shot.with_(spp=context.samples(256), light_samples=8, seed=OTHER_SEED)
     methods = frame_to_error(context, shot, reference, aim, is_warm=False, folders=[folder.resolve()])
-    figures = [Figure("own Monte Carlo / hybrid, cold", against(methods, ["montecarlo"]), None, None, "x", methods)]
+    figures = [Figure("own Monte Carlo / hybrid, cold", against(methods, OWN_MONTE_CARLO), None, None, "x", methods)]
     if not context.peer_missing:
         names = peer_names(methods)
         figures.append(Figure("Mitsuba's better variant / hybrid, cold", against(methods, names), AT_LEAST, 4.0, "x",

@@ -9,11 +9,11 @@ Carlo's; all in turn with the pictures to the error, fields from a cache.
 import math
 
 from .context import AT_LEAST, AT_MOST, ROOT, Figure, RowResult
-from .programs import Shot, frame_seconds
+from .programs import ADAPTIVE, Shot, frame_seconds
 from .rows_whole import light_frames, sky_frames
 from .search import fewest
 from .timing import in_turn, summary
-from .whole_frames import ADAPTIVE, around_aim, time_to
+from .whole_frames import around_aim, time_to
 
 SEEDS = (1000, 2000)
 LIGHT_TARGETS, SKY_TARGETS = (0.01, 0.005, 0.0025), (0.02, 0.01, 0.005)
@@ -32,9 +32,7 @@ def scenes(context):
         for frame in frames:
             if frame.name.startswith("crowd"):
                 continue
-            path = context.programs.work / f"target_{frame.name.replace(' ', '_').replace(',', '')}.xml"
-            path.write_text(frame.text(resolution), encoding="utf-8")
-            yield frame.name, Shot(path), targets
+            yield frame.name, Shot(context.programs.scene(frame.name, frame.text(resolution))), targets
     size = (("width", resolution), ("height", max(resolution * 9 // 16, 1)))
     yield "demo", Shot(ROOT / "scenes/demo.xml", defines=(*context.three_objects()[:2], *size)), LIGHT_TARGETS
 

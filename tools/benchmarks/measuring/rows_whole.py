@@ -3,8 +3,7 @@
 import math
 
 from . import frame_scenes as fs
-from .context import ROOT
-from .programs import run
+from .programs import text_hash
 from .whole_frames import Frame, whole
 
 
@@ -22,11 +21,8 @@ WIDE_VIEW = {"origin": "0.4, 4.3, 9.2", "target": "0, 0.7, 0.2", "fov": 36}
 
 def crowd_shapes(context):
     """400 instances of a knot of 100 k triangles: text, and the folder of the file that it includes."""
-    script = ROOT / "tools/make_crowd.py"
     words = "knot --along 256 --around 16" if context.quick else "knot --along 1562 --around 32"
-    folder = context.programs.work / ("crowd-quick" if context.quick else "crowd")
-    if not (folder / "instances.xml").is_file():
-        run([script, "--program", context.programs.program, "-o", folder, "--mesh", words, "--instances", "400"])
+    folder = context.programs.crowd(words, 400)
     colours = (("ochre", "0.7, 0.5, 0.2"), ("slate", "0.3, 0.4, 0.5"), ("moss", "0.3, 0.5, 0.2"))
     materials = [fs.material(rgb, f' id="{name}"') for name, rgb in colours]
     return [*materials, f'<include filename="{(folder / "instances.xml").resolve()}"/>', fs.floor(100.0)]
@@ -81,15 +77,13 @@ def horizon_sky(up):
 
 def write_panorama(context, name, radiance):
     """Writes a panorama of 256 x 128 pixels as .hdr, which Mitsuba reads too; radiance(up) of the sine of elevation."""
-    path = context.programs.work / f"{name}.hdr"
-    if path.is_file():
-        return path.resolve()
     width, height = 256, 128
     rows = []
     for y in range(height):
         value = radiance(math.cos(math.pi * (y + 0.5) / height))
         mantissa, exponent = math.frexp(value)
         rows.append(bytes([int(mantissa * 256.0)] * 3 + [exponent + 128]) * width)
+    path = context.programs.work / f"{name}-{text_hash(repr(rows))}.hdr"
     path.write_bytes(f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode() + b"".join(rows))
     return path.resolve()
 

@@ -11,12 +11,11 @@ import math
 
 from .context import AT_LEAST, Figure, RowResult
 from .peer import Peer
-from .programs import BenchmarkError, Shot, frame_seconds
-from .search import LADDER, fewest
+from .programs import ADAPTIVE, BenchmarkError, Shot, frame_seconds
+from .search import fewest
 from .timing import in_turn, summary
 
 OTHER_SEED = 1000
-ADAPTIVE = ("--light-estimator", "adaptive")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,9 +99,7 @@ def methods_of(context, stack, frame, shot, reference):
 def measure_frame(context, frame):
     """Seconds of each method to each aim: {error: {method: summary}}."""
     programs = context.programs
-    path = programs.work / f"{frame.name.replace(' ', '_').replace(',', '')}.xml"
-    path.write_text(frame.text(context.resolution or (32 if context.quick else 512)), encoding="utf-8")
-    shot = Shot(path)
+    shot = Shot(programs.scene(frame.name, frame.text(context.resolution or (32 if context.quick else 512))))
     reference = programs.reference(shot.with_(spp=context.samples(frame.reference_spp), seed=OTHER_SEED))
     seconds = {}
     with contextlib.ExitStack() as stack:
