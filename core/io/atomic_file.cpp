@@ -37,8 +37,6 @@ std::string resolve_target(const std::string& path) {
   if (fs::exists(status) && !fs::is_regular_file(status)) {
     throw cannot_write(path, "it is not a regular file; name one");
   }
-  // Renaming asks for the folder's permission alone.
-  if (fs::exists(status) && access(path.c_str(), W_OK) != 0) throw cannot_write(path, std::strerror(errno));
   return write_target(path);
 }
 
@@ -106,9 +104,9 @@ AtomicFile::~AtomicFile() {
 }
 
 void AtomicFile::commit() {
+  if (!reaches_the_disk(temporary_)) throw cannot_write(path_, std::strerror(errno));
   struct stat replaced;
   if (stat(target_.c_str(), &replaced) == 0) chmod(temporary_.c_str(), replaced.st_mode & 07777);
-  if (!reaches_the_disk(temporary_)) throw cannot_write(path_, std::strerror(errno));
   if (std::rename(temporary_.c_str(), target_.c_str()) != 0) throw cannot_write(path_, std::strerror(errno));
   temporary_.clear();
   // The new name, too. The file is whole either way, so a folder that may not be opened for reading is no failure.
@@ -176,6 +174,10 @@ std::string write_target(const std::string& path) {
   return failed ? at.string() : resolved.string();
 }
 
-void require_writable(const std::string& path) { const AtomicFile probe(path); }
+void require_writable(const std::string& path) {
+  const AtomicFile probe(path);
+  // Renaming asks for the folder's permission alone.
+  if (access(path.c_str(), W_OK) != 0 && errno != ENOENT) throw cannot_write(path, std::strerror(errno));
+}
 
 }  // namespace fieldtrace

@@ -2,7 +2,7 @@
 //
 // rename(2) replaces its target atomically within one file system only, so the temporary file lies beside the final one
 // and not in /tmp. Symbolic links are followed: the file that a link points to is replaced or made, not the link. Files
-// that are replaced keep their permissions, and must be writable.
+// that are replaced keep their permissions.
 // Thread-safety: distinct objects are independent, even for the same path, where the last commit wins.
 #pragma once
 
@@ -16,8 +16,8 @@ namespace fieldtrace {
 // One pending write. The destructor removes the temporary file unless it was committed.
 class AtomicFile {
  public:
-  // Creates the empty temporary file. Throws Error naming `path` and the reason if the folder is missing, if it or the
-  // file of that name is not writable, or if `path` is not a regular file (a folder, a device).
+  // Creates the empty temporary file. Throws Error naming `path` and the reason if the folder is missing or not
+  // writable, or if `path` is not a regular file (a folder, a device).
   explicit AtomicFile(const std::string& path);
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
@@ -68,7 +68,8 @@ void write_text_file(const std::string& path, std::string_view text);
 // last one if what it points to does not exist. Throws Error if more than 40 follow one another.
 std::string write_target(const std::string& path);
 
-// Throws Error, as writing would, if `path` cannot be written now. Leaves nothing behind and changes no existing file;
+// Throws Error, as writing would, if `path` cannot be written now, and if there is a file that may not be written to,
+// which writing would replace. Leaves nothing behind and changes no existing file;
 // to be called before long work starts.
 void require_writable(const std::string& path);
 

@@ -6,8 +6,7 @@
 namespace fieldtrace {
 namespace {
 
-// A number that double cannot hold: below 1 if its exponent is negative, or, without an exponent, if no digit but 0
-// stands before its point.
+// A number that double cannot hold.
 double beyond_double(std::string_view text) {
   const bool is_negative = text.starts_with('-');
   const size_t exponent = text.find_first_of("eE");
@@ -21,8 +20,10 @@ double beyond_double(std::string_view text) {
 }  // namespace
 
 std::optional<double> parse_double(std::string_view text) {
-  if (text.starts_with('+')) text.remove_prefix(1);
-  if (text.starts_with('+')) return std::nullopt;
+  if (text.starts_with('+')) {
+    text.remove_prefix(1);
+    if (text.starts_with('-')) return std::nullopt;
+  }
   double value = 0.0;
   const char* const end = text.data() + text.size();
   const auto [stop, error] = std::from_chars(text.data(), end, value);

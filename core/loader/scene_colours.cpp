@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/image/image.h"
 #include "core/loader/scene_values.h"
 
 namespace fieldtrace {
@@ -77,8 +78,7 @@ Rgb parse_hex(const std::string& text, const SourceLocation& where) {
   if (text.size() != 7 || text.find_first_not_of("0123456789abcdefABCDEF", 1) != std::string::npos)
     throw Error(where, "'" + text + "' is not a colour of the form #rrggbb");
   for (int i = 0; i < 3; ++i) {
-    const double v = std::stoi(text.substr(1 + 2 * size_t(i), 2), nullptr, 16) / 255.0;
-    result[i] = float(v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4));  // IEC 61966-2-1
+    result[i] = srgb_decode(float(std::stoi(text.substr(1 + 2 * size_t(i), 2), nullptr, 16)) / 255.0f);
   }
   return result;
 }
@@ -98,7 +98,7 @@ Rgb parse_spectrum(const SceneNode& node, ColourRole role, const Diagnostics& di
     if (node.type == "d65" || node.type == "uniform") {
       Rgb result(1.0f);
       for (const SceneNode& child : node.children) {
-        if (child.tag == "float" && child.name == (node.type == "d65" ? "scale" : "value"))
+        if ((child.tag == "float" || child.tag == "integer") && child.name == (node.type == "d65" ? "scale" : "value"))
           result *= float(parse_number(child.required("value"), child.where));
         else if (child.tag == "rgb" && child.name == "color" && node.type == "d65")
           result *= parse_rgb(child);

@@ -69,6 +69,18 @@ const KnownTag* find_tag(const std::string& tag) {
   return nullptr;
 }
 
+// Throws Error if the XML declaration names another encoding.
+void require_utf8(const std::string& text, const std::string& file) {
+  const size_t begin = text.find("<?xml"), end = text.find("?>");
+  if (begin > 3 || end == std::string::npos) return;  // behind a byte order mark at most
+  std::string declaration = text.substr(begin, end - begin);
+  std::transform(declaration.begin(), declaration.end(), declaration.begin(),
+                 [](unsigned char c) { return char(std::tolower(c)); });
+  if (declaration.find("encoding") == std::string::npos || declaration.find("utf-8") != std::string::npos) return;
+  if (declaration.find("ascii") != std::string::npos) return;
+  throw Error({file, 1}, "declares another encoding than UTF-8; save it as UTF-8");
+}
+
 struct Alias {
   std::string id, as;
   SourceLocation where;
@@ -179,6 +191,7 @@ class TreeReader {
       throw Error({path.string(), 0}, "cannot be read, or is empty; check the path and its permissions");
     if (text.substr(0, 4).find('\0') != std::string::npos)
       throw Error({path.string(), 0}, "is not in UTF-8, but in UTF-16 or another encoding; save it as UTF-8");
+    require_utf8(text, path.string());
     return text;
   }
 

@@ -227,49 +227,36 @@ void put_float(char*& at, float value) {
   put_word(at, word);
 }
 
-void write_body(Writer& out, const TriangleMesh& mesh, bool binary) {
+void write_body(Writer& out, const TriangleMesh& mesh) {
   const bool normals = !mesh.normals.empty(), texcoords = !mesh.texcoords.empty();
-  out.print("ply\nformat {} 1.0\n", binary ? "binary_little_endian" : "ascii");
+  out.print("ply\nformat binary_little_endian 1.0\n");
   out.print("element vertex {}\nproperty float x\nproperty float y\nproperty float z\n", mesh.positions.size());
   if (normals) out.print("property float nx\nproperty float ny\nproperty float nz\n");
   if (texcoords) out.print("property float s\nproperty float t\n");
   out.print("element face {}\nproperty list uchar int vertex_indices\nend_header\n", mesh.triangles.size());
   char record[8 * sizeof(float)];
   for (size_t i = 0; i < mesh.positions.size(); ++i) {
-    float values[8];
-    int n = 0;
-    for (int c = 0; c < 3; ++c) values[n++] = mesh.positions[i][c];
-    for (int c = 0; normals && c < 3; ++c) values[n++] = mesh.normals[i][c];
-    for (int c = 0; texcoords && c < 2; ++c) values[n++] = mesh.texcoords[i][c];
     char* at = record;
-    for (int k = 0; k < n; ++k) {
-      if (binary) {
-        put_float(at, values[k]);
-      } else {
-        out.print("{}{}", values[k], k + 1 < n ? ' ' : '\n');  // the shortest text that reads back unchanged
-      }
-    }
-    if (binary) out.bytes(record, size_t(at - record));
+    for (int c = 0; c < 3; ++c) put_float(at, mesh.positions[i][c]);
+    for (int c = 0; normals && c < 3; ++c) put_float(at, mesh.normals[i][c]);
+    for (int c = 0; texcoords && c < 2; ++c) put_float(at, mesh.texcoords[i][c]);
+    out.bytes(record, size_t(at - record));
   }
   for (const UVec3& t : mesh.triangles) {
-    if (binary) {
-      char* at = record;
-      *at++ = 3;
-      for (int c = 0; c < 3; ++c) put_word(at, t[c]);
-      out.bytes(record, size_t(at - record));
-    } else {
-      out.print("3 {} {} {}\n", t.x, t.y, t.z);
-    }
+    char* at = record;
+    *at++ = 3;
+    for (int c = 0; c < 3; ++c) put_word(at, t[c]);
+    out.bytes(record, size_t(at - record));
   }
 }
 
 }  // namespace
 
-void save_ply(const std::string& path, const TriangleMesh& mesh, const PlySaveOptions& options) {
+void save_ply(const std::string& path, const TriangleMesh& mesh) {
   AtomicFile file(path);
   CheckedFile checked(file.temporary_path());
   Writer out(checked);
-  write_body(out, mesh, options.binary);
+  write_body(out, mesh);
   out.finish();
   checked.close();
   if (checked.failed()) throw Error({path}, "cannot be written: " + checked.reason());

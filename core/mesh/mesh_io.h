@@ -43,13 +43,9 @@ TriangleMesh load_mesh(const std::string& path, const MeshLoadOptions& options =
 // - texture coordinates that are not finite become 0, with one counted warning.
 void validate_mesh(TriangleMesh& mesh, const std::string& name, const WarningSink& warning = {});
 
-struct PlySaveOptions {
-  bool binary = true;  // little endian; else ascii with enough digits to restore every float exactly
-};
-
-// Writes positions, normals (nx ny nz) and texture coordinates (s t) where the mesh has them, and triangles. The file
-// is written under a temporary name in the same folder and renamed into place. Throws Error if it cannot be written.
-// Unchecked: the mesh has passed validate_mesh.
-void save_ply(const std::string& path, const TriangleMesh& mesh, const PlySaveOptions& options = {});
+// Writes positions, normals (nx ny nz) and texture coordinates (s t) where the mesh has them, and triangles, as binary
+// PLY, little endian. The file is written under a temporary name in the same folder and renamed into place. Throws
+// Error if it cannot be written. Unchecked: the mesh has passed validate_mesh.
+void save_ply(const std::string& path, const TriangleMesh& mesh);
 
 }  // namespace fieldtrace

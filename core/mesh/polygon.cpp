@@ -49,7 +49,13 @@ bool is_flat(const std::vector<Corner>& corners, size_t i) {
 
 bool cut_concave(const std::vector<Vec3>& positions, UVec3* fan, size_t count) {
   DVec3 normal(0.0);
-  for (size_t i = 0; i < count; ++i) normal += area_vector(positions, fan[i]);
+  bool has_area = false;
+  for (size_t i = 0; i < count; ++i) {
+    const DVec3 area = area_vector(positions, fan[i]);
+    normal += area;
+    has_area |= area != DVec3(0.0);
+  }
+  if (normal == DVec3(0.0)) return !has_area;
   if (std::all_of(fan, fan + count,
                   [&](const UVec3& t) { return glm::dot(area_vector(positions, t), normal) >= 0.0; })) {
     return true;
@@ -74,8 +80,9 @@ bool cut_concave(const std::vector<Vec3>& positions, UVec3* fan, size_t count) {
   while (corners.size() > 3) {
     const size_t n = corners.size();
     i %= n;
-    if (!is_ear(corners, i) && !is_flat(corners, i)) {
-      if (++tried > n) return false;
+    // Flat ones only where there are no ears: their vertices may be a neighbour's, too.
+    if (!is_ear(corners, i) && !(tried >= n && is_flat(corners, i))) {
+      if (++tried > 2 * n) return false;
       ++i;
       continue;
     }

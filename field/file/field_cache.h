@@ -41,9 +41,6 @@ class FieldCache {
   // that can be used; the latter causes a warning. Never throws because of a file's contents.
   bool load(Field& field, const FieldIdentity& identity);
 
-  // Whether stores do nothing because the folder is read-only.
-  bool read_only() const { return read_only_; }
-
   // Adds the field's finished slices to the cache. Writes nothing if the file is known to hold all of them, or if the
   // folder is read-only. Throws Error if the file cannot be written; or, with the file left as it is, if its contents
   // take more than half of the machine's memory, or more than memory or address space allows. A file that cannot be

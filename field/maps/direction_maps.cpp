@@ -8,15 +8,10 @@
 
 #include "core/platform/parallel.h"
 #include "field/bake/cell_lines.h"
+#include "field/maps/pyramid_levels.h"
 
 namespace fieldtrace {
 namespace {
-
-int levels_of(int texels) {
-  int levels = 0;
-  for (int n = texels / 2; n > 0; n /= 2) ++levels;
-  return levels;
-}
 
 int32_t level_bytes(int texels, int level) {
   const int n = (texels >> level) + 1;
@@ -25,7 +20,7 @@ int32_t level_bytes(int texels, int level) {
 
 int32_t coverage_bytes(int texels) {
   int32_t bytes = 0;
-  for (int level = 1; level <= levels_of(texels); ++level) bytes += level_bytes(texels, level);
+  for (int level = 1; level <= pyramid_levels(texels); ++level) bytes += level_bytes(texels, level);
   return bytes;
 }
 
@@ -53,7 +48,7 @@ uint64_t DirectionMaps::bytes_of(const MapSize& size) {
 MapsView DirectionMaps::view() const {
   MapsView view;
   view.texels = size_.texels;
-  view.levels = levels_of(size_.texels);
+  view.levels = pyramid_levels(size_.texels);
   view.depth = reinterpret_cast<const uint8_t*>(depth_.data());
   view.coverage = coverage_.data();
   view.depth_bytes = int32_t(2 * texels_of_map());

@@ -1,14 +1,13 @@
 #include "field/maps/radiance_pyramids.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <vector>
 
+#include "field/maps/pyramid_levels.h"
+
 namespace fieldtrace {
 namespace {
-
-int levels_of(int texels) { return std::bit_width(unsigned(texels)) - 1; }
 
 size_t words_of_pyramid(int texels) {
   size_t words = 0;
@@ -42,7 +41,7 @@ uint64_t RadiancePyramids::bytes_of(int texels, int count) {
 RadianceView RadiancePyramids::view() const {
   RadianceView view;
   view.texels = texels_;
-  view.levels = levels_of(texels_);
+  view.levels = pyramid_levels(texels_);
   view.words = reinterpret_cast<const uint8_t*>(words_.data());
   view.bytes = int32_t(words_of_pyramid(texels_) * sizeof(uint32_t));
   view.count = int32_t(words_.size() / words_of_pyramid(texels_));
@@ -61,7 +60,7 @@ void RadiancePyramids::set_most(float radiance) {
 }
 
 void RadiancePyramids::fill(int i, std::span<const Rgb> radiance, std::span<const uint8_t> is_known) {
-  const int levels = levels_of(texels_);
+  const int levels = pyramid_levels(texels_);
   std::vector<std::vector<Texel>> pyramid(static_cast<size_t>(levels));
   pyramid[0].resize(radiance.size());
   for (size_t t = 0; t < radiance.size(); ++t) {

@@ -14,6 +14,8 @@ namespace fieldtrace {
 
 class FieldBudget {
  public:
+  // Maps of each kind (direction maps, radiance maps of glossy rays) may take 1 / k_map_share of it, besides.
+  static constexpr uint64_t k_map_share = 4;
   static constexpr uint64_t k_no_limit = std::numeric_limits<uint64_t>::max();
 
   explicit FieldBudget(uint64_t bytes = k_no_limit) : limit_(bytes) {}

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/math/finite.h"
 #include "core/math/math.h"
 #include "hybrid/api/api_objects.h"
 
@@ -72,7 +73,5 @@ inline Vec3 vector_at(const Buffer<const float, 3>& buffer, size_t i) {
   const float* const v = buffer.at(i);
   return {v[0], v[1], v[2]};
 }
-
-inline bool is_finite(const Vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
 
 }  // namespace fieldtrace::api

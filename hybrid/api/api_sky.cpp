@@ -16,16 +16,13 @@ using namespace fieldtrace::api;
 
 namespace {
 
-// Direction maps may take 1 / k_api_map_share of the fields' budget, in addition to it.
-constexpr uint64_t k_api_map_share = 4;
-
 // Makes maps unless they are there.
 const Sky& sky_of(SceneObject& s) {
   const std::lock_guard lock(s.sky_mutex);
   if (s.sky) return *s.sky;
   MappedShapes mapped = mapped_shapes(s.scene, s.traits);
   const MapSize size;
-  if (DirectionMaps::bytes_of(size) * mapped.shapes.size() > s.fields->budget().limit() / k_api_map_share)
+  if (DirectionMaps::bytes_of(size) * mapped.shapes.size() > s.fields->budget().limit() / FieldBudget::k_map_share)
     throw Failure(FT_ERROR_OUT_OF_MEMORY, "ftSkyVisibility: the direction maps do not fit; raise \"field_memory\"");
   std::vector<std::unique_ptr<DirectionMaps>> maps;
   BakeCounters counters;

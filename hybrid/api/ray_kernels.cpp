@@ -97,6 +97,7 @@ FT_LANES_END
 #if HWY_ONCE
 #include <cmath>
 
+#include "core/math/finite.h"
 #include "core/simd/isa_dispatch.h"
 
 namespace fieldtrace::api {
@@ -105,7 +106,6 @@ RayExtent gather_rays_scalar(const RaySource& from, RayBatch& rays) {
   const auto at = [](const float* data, size_t i, size_t stride) {
     return reinterpret_cast<const float*>(reinterpret_cast<const char*>(data) + i * stride);
   };
-  const auto finite = [](const Vec3& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); };
   RayExtent extent;
   for (size_t i = 0; i < rays.size; ++i) {
     const float *const p = at(from.origins, i, from.origin_stride), *const v =
@@ -113,11 +113,11 @@ RayExtent gather_rays_scalar(const RaySource& from, RayBatch& rays) {
     const Vec3 o(p[0], p[1], p[2]), d(v[0], v[1], v[2]);
     const float t = from.t_max ? *at(from.t_max, i, from.t_max_stride) : k_infinity;
     rays.set(i, o, d, t);
-    if (!finite(o) || !finite(d) || d == Vec3(0.0f) || std::isnan(t)) extent.faulty = true;
+    if (!is_finite(o) || !is_finite(d) || d == Vec3(0.0f) || std::isnan(t)) extent.faulty = true;
     if (!(t >= 0.0f)) continue;
     const Vec3 end = o + t * d;
     extent.origins.extend(o), extent.ends.extend(end);
-    if (!finite(end)) extent.unbounded = true;
+    if (!is_finite(end)) extent.unbounded = true;
     if (!from.usual.has(d.x * d.x + d.y * d.y + d.z * d.z)) extent.uneven = true;
   }
   return extent;

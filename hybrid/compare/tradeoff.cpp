@@ -13,8 +13,6 @@ namespace fieldtrace {
 
 namespace {
 
-bool is_hybrid(const RenderOptions& options) { return options.method == Method::hybrid; }
-
 std::string time_columns(const TimeAtError& time) {
   if (!std::isfinite(time.seconds)) return ",";
   constexpr const char* k_relations[] = {"equals", "more_than", "less_than"};

@@ -28,6 +28,8 @@ enum class Ladder {
   time         // pictures in a time (RenderOptions::time_limit), rendered cold alone
 };
 
+inline bool is_hybrid(const RenderOptions& options) { return options.method == Method::hybrid; }
+
 struct TradeoffCase {
   RenderOptions options;
   Ladder ladder = Ladder::samples;

@@ -33,13 +33,14 @@ struct CellSums {
   }
 };
 
-// The value that a pixel's error is relative to: its diagonal neighbours', which are of its colour. Its own goes up and
-// down with its noise: a bright sample that one half alone has would be an error of 1, however bright it is.
+// The value that a pixel's error is relative to: the mean of its own and its diagonal neighbours', which are of its
+// colour. Its own alone goes up and down with its noise: a bright sample that one half has would be an error of 1,
+// however bright it is. Its neighbours' alone would make too much of a highlight amid dark ones.
 DVec3 value_about(const FilmSums& film, int x, int y) {
   const Rect& w = film.window;
   const auto mean = [&](int i, int j) { return PixelSums(film.pixels[film.index(i, j)]).mean(); };
-  DVec3 sum(0.0);
-  double count = 0.0;
+  DVec3 sum = mean(x, y);
+  double count = 1.0;
   for (const int j : {y - 1, y + 1}) {
     for (const int i : {x - 1, x + 1}) {
       if (i < w.x || i >= w.x + w.width || j < w.y || j >= w.y + w.height) continue;
@@ -47,7 +48,7 @@ DVec3 value_about(const FilmSums& film, int x, int y) {
       ++count;
     }
   }
-  return count > 0.0 ? sum / count : mean(x, y);
+  return sum / count;
 }
 
 CellSums sums_of(const FilmSums& film, int x, int y, ErrorMeasure measure) {

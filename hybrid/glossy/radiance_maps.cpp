@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 
+#include "core/math/barycentric.h"
 #include "field/bake/tile_lines.h"
 #include "field/store/field.h"
 #include "hybrid/visibility/shadow_answerer.h"
@@ -18,16 +19,6 @@ float patch_of(const Scene& scene, uint32_t instance, int lines) {
   float narrowest = k_infinity;
   for (int axis = 0; axis < 3; ++axis) narrowest = std::min(narrowest, glm::length(Vec3(placed.to_world[axis])));
   return 2.0f * ball.radius * narrowest / float(lines);
-}
-
-// Barycentric coordinates (of vertices 1 and 2) of the point nearest to `p` in a triangle's plane, clamped to the
-// triangle against rounding.
-Vec2 barycentric(const Vec3& p0, const Vec3& e1, const Vec3& e2, const Vec3& p) {
-  const Vec3 n = glm::cross(e1, e2), d = p - p0;
-  const float area = glm::dot(n, n);
-  if (!(area > 0.0f)) return Vec2(1.0f / 3.0f);
-  const float u = std::clamp(glm::dot(glm::cross(d, e2), n) / area, 0.0f, 1.0f);
-  return {u, std::clamp(glm::dot(glm::cross(e1, d), n) / area, 0.0f, 1.0f - u)};
 }
 
 }  // namespace
@@ -93,7 +84,7 @@ void RadianceMaps::bake(std::span<const uint32_t> slots, Stats& stats) {
       const UVec3 t = mesh.triangles[hits.primitive[r]];
       const Vec3 p0 = mesh.positions[t.x], e1 = mesh.positions[t.y] - p0, e2 = mesh.positions[t.z] - p0;
       const Vec3 d = rays.rays.direction(r), p = rays.rays.origin(r) + d * hits.t[r];
-      sides.push_back(side_at(hits.primitive[r], barycentric(p0, e1, e2, p), d));
+      sides.push_back(side_at(hits.primitive[r], barycentric(DVec3(p0), DVec3(e1), DVec3(e2), DVec3(p)), d));
       texels.push_back(rays.texels[r]);
     }
     bake_rays += radiance_.shade(sides);

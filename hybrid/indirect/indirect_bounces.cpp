@@ -7,6 +7,7 @@
 #include <cmath>
 #include <optional>
 
+#include "core/math/barycentric.h"
 #include "core/platform/parallel.h"
 #include "core/sampling/sobol.hd.h"
 #include "hybrid/path/patch_vertex.h"
@@ -43,17 +44,10 @@ std::vector<Block> make_blocks(const IndirectLight& light) {
   return blocks;
 }
 
-// Barycentric coordinates of vertices 1 and 2 of the place on a triangle that is nearest to p in its plane.
-Vec2 barycentric(const TriangleMesh& mesh, const SurfaceSpot& spot) {
+Vec2 place_on_triangle(const TriangleMesh& mesh, const SurfaceSpot& spot) {
   const UVec3& t = mesh.triangles[spot.primitive];
-  const DVec3 origin(mesh.positions[t.x]), p = DVec3(spot.position) - origin;
-  const DVec3 e1 = DVec3(mesh.positions[t.y]) - origin, e2 = DVec3(mesh.positions[t.z]) - origin;
-  const DVec3 n = glm::cross(e1, e2);
-  const double area = glm::dot(n, n);
-  if (!(area > 0.0)) return Vec2(1.0f / 3.0f);
-  const double u = std::clamp(glm::dot(glm::cross(p, e2), n) / area, 0.0, 1.0);
-  const double v = std::clamp(glm::dot(glm::cross(e1, p), n) / area, 0.0, 1.0 - u);
-  return {float(u), float(v)};
+  const DVec3 p0(mesh.positions[t.x]);
+  return barycentric(p0, DVec3(mesh.positions[t.y]) - p0, DVec3(mesh.positions[t.z]) - p0, DVec3(spot.position));
 }
 
 // Shades the surfels of a scene once.
@@ -99,7 +93,7 @@ class SurfelShader {
     hits.instance[0] = instance, hits.primitive[0] = spot.primitive, hits.t[0] = 0.0f;
     const Shape& shape = scene_.shapes[of.shape];
     if (is_meshed(shape.kind)) {
-      const Vec2 at = barycentric(shape.mesh, spot);
+      const Vec2 at = place_on_triangle(shape.mesh, spot);
       hits.u[0] = at.x, hits.v[0] = at.y;
     }
     RayBatch rays;

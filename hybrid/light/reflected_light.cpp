@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "core/sampling/power_heuristic.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -28,13 +30,6 @@ float visible_sum(const float* weight, const Seen& seen, int n) {
   return ((sums[0] + sums[4]) + (sums[2] + sums[6])) + ((sums[1] + sums[5]) + (sums[3] + sums[7]));
 }
 
-// Weight of a light sample by the power heuristic; both densities include their numbers of samples.
-float power_weight(float light_density, float bsdf_density) {
-  // The quotient first: squares of the densities of tiny lights overflow.
-  const float ratio = bsdf_density / light_density;
-  return 1.0f / (1.0f + ratio * ratio);
-}
-
 // The same sum, weighted against sampling the cosine lobe; weight x pdf is the cosine.
 template <class Seen>
 float visible_sum_weighted(const float* weight, const float* pdf, const Seen& seen, int n, int light_samples,
@@ -44,7 +39,7 @@ float visible_sum_weighted(const float* weight, const float* pdf, const Seen& se
     const float visible = seen.of(weight[k], size_t(k));
     if (!(visible > 0.0f && pdf[k] > 0.0f)) continue;
     const float bsdf_density = lobe_samples * weight[k] * pdf[k] / k_pi;
-    sum += visible * power_weight(float(light_samples) * pdf[k], bsdf_density);
+    sum += visible * power_heuristic(float(light_samples) * pdf[k], bsdf_density);
   }
   return sum;
 }
@@ -60,7 +55,7 @@ Rgb visible_radiance(const ShadowBatch& batch, const Seen& seen, size_t begin, i
     if (!(visible > 0.0f && batch.pdf[i] > 0.0f)) continue;
     const float bsdf_density = lobe_samples * batch.weight[i] * batch.pdf[i] / k_pi;
     sum += Rgb(batch.red[i], batch.green[i], batch.blue[i]) *
-           (visible * power_weight(float(light_samples) * batch.pdf[i], bsdf_density));
+           (visible * power_heuristic(float(light_samples) * batch.pdf[i], bsdf_density));
   }
   return sum;
 }
@@ -89,8 +84,8 @@ Rgb visible_light(const ShadowBatch& batch, const Seen& seen, size_t begin, int 
     const Vec3 wo = v.frame.to_local(glm::normalize(batch.rays.direction(i)));
     const float cosine = v.material->transmits() ? std::abs(wo.z) : wo.z;
     if (!(cosine > 0.0f)) continue;
-    const float mis = batch.pdf[i] > 0.0f ? power_weight(float(light.light_samples) * batch.pdf[i],
-                                                         v.lobe_samples * bsdf_pdf(*v.material, v.wi, wo))
+    const float mis = batch.pdf[i] > 0.0f ? power_heuristic(float(light.light_samples) * batch.pdf[i],
+                                                            v.lobe_samples * bsdf_pdf(*v.material, v.wi, wo))
                                           : 1.0f;
     // Both evaluate_bsdf and weight include the cosine.
     const Rgb reflected = evaluate_bsdf(reflecting, v.wi, wo) * (visible / cosine * mis);

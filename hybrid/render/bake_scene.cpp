@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <filesystem>
 #include <memory>
-#include <thread>
 
 #include "core/io/atomic_file.h"
 #include "core/io/scratch_folder.h"
 #include "core/loader/scene_recentre.h"
+#include "core/platform/threads.h"
 #include "core/trace/accel.h"
 #include "field/bake/bake_full.h"
 #include "field/file/field_cache.h"
@@ -229,7 +229,7 @@ BakeResult bake_scene(const Scene& scene, const std::string& path, const BakeOpt
   const std::vector<uint32_t> shapes = shapes_to_bake(scene, options.full || by_thesis);
   Output output(path, options.cache_limit, callbacks.warning);
   BakeResult result;
-  const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
+  const int threads = threads_or_all(options.threads);
   tbb::task_arena arena(threads);
   const auto bake = by_thesis ? bake_by_thesis : options.full ? bake_fully : bake_demand;
   arena.execute([&] { bake(scene, shapes, options, callbacks, output, result); });

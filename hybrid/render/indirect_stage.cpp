@@ -35,23 +35,23 @@ IndirectSize choose_size(size_t occluders) {
   return size;
 }
 
-bool contains(const Bounds3& box, const Vec3& p) {
-  return glm::all(glm::lessThanEqual(box.lower, p)) && glm::all(glm::lessThanEqual(p, box.upper));
-}
-
-// Whether the camera, or an object's centre, lies within the box of another object, such as a room's. Maps know objects
-// from without, and which of two comes first by their centres.
+// Whether the camera, or an object's centre, lies in the box of another object, such as a room's, in that object's own
+// space. Maps know objects from without, and which of two comes first by their centres.
 bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits) {
-  std::vector<Bounds3> boxes;
-  for (const Instance& i : scene.instances) {
-    boxes.push_back(world_bounds(scene.shapes[i.shape].bounds, i.to_world));
-  }
-  for (size_t k = 0; k < boxes.size(); ++k) {
-    const uint32_t shape = scene.instances[k].shape;
-    if (parallelogram(scene.shapes[shape], traits[shape])) continue;
-    if (contains(boxes[k], scene.camera.to_world[3])) return true;
-    for (size_t other = 0; other < boxes.size(); ++other)
-      if (other != k && contains(boxes[k], boxes[other].centre())) return true;
+  std::vector<Vec3> centres;
+  for (const Instance& i : scene.instances)
+    centres.push_back(transform_point(i.to_world, scene.shapes[i.shape].bounds.centre()));
+  for (size_t k = 0; k < centres.size(); ++k) {
+    const Instance& instance = scene.instances[k];
+    if (traits[instance.shape].is_flat) continue;
+    const Bounds3& box = scene.shapes[instance.shape].bounds;
+    const auto is_within = [&](const Vec3& p) {
+      const Vec3 at = transform_point(instance.to_object, p);
+      return glm::all(glm::lessThan(box.lower, at)) && glm::all(glm::lessThan(at, box.upper));
+    };
+    if (is_within(scene.camera.to_world[3])) return true;
+    for (size_t other = 0; other < centres.size(); ++other)
+      if (other != k && is_within(centres[other])) return true;
   }
   return false;
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/platform/error.h"
+#include "field/file/field_identity.h"
 #include "field/file/hash.h"
 #include "hybrid/render/render_tiles.h"
 
@@ -67,7 +68,7 @@ PictureIdentity picture_identity(const Picture& picture) {
   for (const std::string& name : o.aovs) layers += (layers.empty() ? "" : ",") + name;
   const Rect& w = picture.window;
   PictureIdentity identity = {
-      {"the version", FIELDTRACE_VERSION},
+      {"the version", fmt::format("{}, fields {}", FIELDTRACE_VERSION, k_field_format_version)},
       {"--method", o.method == Method::hybrid ? "hybrid" : "montecarlo"},
       {"--chart", o.chart == Chart::thesis ? "thesis" : "orthographic"},
       {"--seed", text(picture.settings.seed)},

@@ -11,6 +11,7 @@
 #include <memory>
 #include <thread>
 
+#include "core/platform/threads.h"
 #include "field/file/vdb_grid.h"
 #include "hybrid/fields/field_resolution.h"
 #include "hybrid/fields/field_set.h"
@@ -39,9 +40,6 @@ std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fie
   return std::make_unique<FieldCache>(options.field_cache, options.field_cache_limit, warning);
 }
 
-// Direction maps may take 1 / k_sky_share of the fields' budget, in addition to it.
-constexpr uint64_t k_sky_share = 4;
-
 SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   SkyRequest request;
   const int depth = picture.settings.max_depth;
@@ -59,7 +57,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   request.samples = any_number ? std::numeric_limits<uint64_t>::max()
                                : uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   request.coarse = stage.accuracy == FieldAccuracy::coarse_maps;
-  request.most_bytes = std::min(picture.field_memory, stage.address_space) / k_sky_share;
+  request.most_bytes = std::min(picture.field_memory, stage.address_space) / FieldBudget::k_map_share;
   return request;
 }
 
@@ -143,9 +141,6 @@ void warn_of_no_hits(const Picture& picture) {
 constexpr int k_survey_part = 2;
 // Seconds: 30 years, which clocks can add.
 constexpr float k_most_time_limit = 1e9f;
-
-// Prefiltered radiance maps may take 1 / k_map_share of the fields' budget, in addition to it.
-constexpr uint64_t k_map_share = 4;
 
 void warn_of_no_maps(const Picture& picture, const Stage& stage, size_t objects) {
   if (objects == 0) return;
@@ -244,7 +239,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   if (picture.wants_fields && estimates) {
     glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
                                options, all_fields, plan.hit_instances, picture.film_samples(),
-                               std::min(picture.field_memory, stage.address_space) / k_map_share});
+                               std::min(picture.field_memory, stage.address_space) / FieldBudget::k_map_share});
     context.lobes = glossy->lobes();
     context.hits = glossy->hits();
     warn_of_no_maps(picture, stage, glossy->maps_left_out());
@@ -299,7 +294,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     render_tiles(job, result.image, done);
   }
   // However early a resumed picture ends, what was there is written.
-  const bool ends = picture.stopped() || stage.surveys_are_over();
+  const bool ends = picture.stopped() || (!begins && stage.surveys_are_over());
   if (ends && stage.resumed && !(begins && resumes)) {
     job.interrupted = picture.stopped();
     render_rounds(job, *stage.resumed, result.image, done);
@@ -380,7 +375,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   RenderCallbacks told_once = callbacks;
   told_once.warning = without_repeats(callbacks.warning);
   Picture picture(scene, options, told_once);
-  const int threads = options.threads > 0 ? options.threads : std::max(int(std::thread::hardware_concurrency()), 1);
+  const int threads = threads_or_all(options.threads);
 
   std::optional<OpeningDevice> opening;
   if (picture.wants_fields && options.chart == Chart::orthographic) {

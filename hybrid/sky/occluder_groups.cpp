@@ -16,6 +16,9 @@ namespace {
 constexpr float k_lobe_width = 0.4f;
 // Part of a place's radius that adds to what a group subtends.
 constexpr float k_place_part = 0.5f;
+// Groups of parallelograms that hide more than this of their box are walls: their parts adjoin, and are read one by
+// one, as shares of groups multiply.
+constexpr float k_solid = 0.9f;
 // Texel 0 of a coarsest level of 1 x 1 texels is the lowest byte of its last entry (maps_view.h).
 constexpr int k_last_entry = 3 * 4;
 
@@ -37,6 +40,7 @@ float mean_coverage(const MapsView& view, int map) {
 float covered_area(const SkyOccluder& o, const DMat3& to_unit, const Vec3& d, int directions) {
   const DVec3 u = to_unit * DVec3(d);
   const double length = glm::length(u), scale = length / std::abs(glm::determinant(to_unit));
+  if (o.kind == SkyOccluder::Kind::plane) return float(scale * 4.0 * std::abs(u.z) / length);
   return float(scale * 4.0) * mean_coverage(o.view, direction_cell(Vec3(u / length), directions));
 }
 
@@ -53,10 +57,10 @@ OccluderGroups::OccluderGroups(const Scene& scene, std::span<const SkyOccluder> 
     Node& leaf = leaves[i];
     leaf.centre = box.centre(), leaf.half = 0.5f * box.diagonal();
     leaf.occluder = i;
-    leaf.has_plane = o.kind == SkyOccluder::Kind::plane;
-    const bool is_known = leaf.has_plane || o.view.coverage;
+    leaf.is_planes = o.kind == SkyOccluder::Kind::plane;
+    const bool is_known = leaf.is_planes || o.view.coverage;
     leaf.radius = is_known ? glm::length(leaf.half) : k_infinity;
-    if (!o.view.coverage) continue;
+    if (!is_known) continue;
     const DMat3 to_unit = linear_part(o.to_unit);
     for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
       const Vec3 d = group_direction(k);
@@ -89,7 +93,7 @@ void OccluderGroups::build(Leaves leaves) {
     Bounds3 box;
     for (const Node* child : {&a, &b}) box.extend(child->centre - child->half), box.extend(child->centre + child->half);
     node.centre = box.centre(), node.half = 0.5f * box.diagonal();
-    node.has_plane = a.has_plane || b.has_plane;
+    node.is_planes = a.is_planes && b.is_planes;
     node.radius = std::isfinite(a.radius + b.radius) ? glm::length(node.half) : k_infinity;
     for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
       const Vec3 d = group_direction(k);
@@ -117,19 +121,20 @@ void OccluderGroups::find(const Sphere& place, float cell_width, float angle, fl
       i = node.next;
       continue;
     }
-    if (!node.has_plane && distance + reach <= most_distance &&
-        node.radius + k_place_part * place.radius <= angle * distance) {
-      i = node.next;
+    if (distance + reach <= most_distance && node.radius + k_place_part * place.radius <= angle * distance) {
       const Vec3 d = to / distance;
       const float opacity = opacity_of(node.opacity[direction_cell(d, k_group_directions)]);
-      const float solid_angle = opacity * projected_area(node.half, d) / (distance * distance);
-      if (solid_angle == 0.0f) continue;
-      const Vec3 along = node.half * d;
-      const float spread = (glm::dot(node.half, node.half) - glm::dot(along, along)) / (6.0f * distance * distance);
-      const float variance = width * width + spread;
-      // The lobe's integral is 2 pi s^2 4 / 5.
-      far.push_back({d, std::min(solid_angle / (1.6f * k_pi * variance), 1.0f), 0.25f / variance});
-      continue;
+      if (!(node.is_planes && opacity > k_solid)) {
+        i = node.next;
+        const float solid_angle = opacity * projected_area(node.half, d) / (distance * distance);
+        if (solid_angle == 0.0f) continue;
+        const Vec3 along = node.half * d;
+        const float spread = (glm::dot(node.half, node.half) - glm::dot(along, along)) / (6.0f * distance * distance);
+        const float variance = width * width + spread;
+        // The lobe's integral is 2 pi s^2 4 / 5.
+        far.push_back({d, std::min(solid_angle / (1.6f * k_pi * variance), 1.0f), 0.25f / variance});
+        continue;
+      }
     }
     if (node.next == i + 1) near.push_back(node.occluder);
     ++i;

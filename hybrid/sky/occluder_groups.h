@@ -43,7 +43,7 @@ class OccluderGroups {
   struct Node {
     Vec3 centre, half;       // of its box
     float radius = 0.0f;     // about the centre; infinite where something is known by rays alone
-    bool has_plane = false;  // is read part by part: parallelograms may adjoin, and leave nothing between them
+    bool is_planes = false;  // parallelograms alone
     uint32_t next = 0;       // node after its descendants
     uint32_t occluder = 0;   // leaves only
     uint16_t opacity[k_group_directions * k_group_directions] = {};  // of k_opaque

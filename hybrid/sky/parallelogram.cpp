@@ -1,26 +1,32 @@
 #include "hybrid/sky/parallelogram.h"
 
 #include <algorithm>
-#include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <vector>
 
 namespace fieldtrace {
 
 namespace {
 
+// Of a triangle's corners, whatever their order.
+uint64_t corners_hash(const TriangleMesh& mesh, const UVec3& t) {
+  uint64_t sum = 0;
+  for (int c = 0; c < 3; ++c) {
+    uint64_t corner = 0;
+    for (int a = 0; a < 3; ++a)
+      corner = (corner ^ std::bit_cast<uint32_t>(mesh.positions[t[c]][a])) * 0x9e3779b97f4a7c15u;
+    sum += corner ^ corner >> 32;
+  }
+  return sum;
+}
+
 // Whether some triangles have the same corners, as the two faces of a leaf have: then areas tell nothing.
 bool has_covering_triangles(const TriangleMesh& mesh) {
-  std::vector<std::array<std::array<float, 3>, 3>> all;
+  std::vector<uint64_t> all;
   all.reserve(mesh.triangles.size());
-  for (const UVec3& t : mesh.triangles) {
-    auto& corners = all.emplace_back();
-    for (int c = 0; c < 3; ++c) {
-      const Vec3& p = mesh.positions[t[c]];
-      corners[size_t(c)] = {p.x, p.y, p.z};
-    }
-    std::sort(corners.begin(), corners.end());
-  }
+  for (const UVec3& t : mesh.triangles) all.push_back(corners_hash(mesh, t));
   std::sort(all.begin(), all.end());
   return std::adjacent_find(all.begin(), all.end()) != all.end();
 }

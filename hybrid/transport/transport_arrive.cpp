@@ -1,5 +1,6 @@
 // What happens where a wave of rays ends: emission is added, surfaces are looked up and handed to direct light.
 
+#include "core/sampling/power_heuristic.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/sky/indirect_light.h"
 #include "hybrid/transport/transport_impl.h"
@@ -14,9 +15,7 @@ void TransportWorker::Impl::add_emission(const PathState& path, const Rgb& throu
     if (path.diffuse && context.closed_form[light]) return;
     const float density = float(path.light_samples) *
                           light_pdf(context.lights, light, origin, path.normal, path.transmits, direction, hit);
-    // As a quotient, because squares of large densities overflow.
-    const float ratio = density / path.bsdf_density;
-    weight = 1.0f / (1.0f + ratio * ratio);
+    weight = power_heuristic(path.bsdf_density, density);
   }
   radiance[path.slot] += throughput * emitted_radiance(context.lights, light, direction) * weight;
 }

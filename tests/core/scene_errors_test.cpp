@@ -302,7 +302,8 @@ TEST_F(SceneErrors, OtherEncodingsAreRefused) {
   const std::string text = "<scene version=\"3.0.0\"/>";
   std::string wide;
   for (const char c : text) wide += std::string(1, c) + '\0';
-  for (const std::string& bytes : {wide, "\xff\xfe" + wide}) {
+  const std::string latin = "<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>\n" + text;
+  for (const std::string& bytes : {wide, "\xff\xfe" + wide, latin}) {
     try {
       load_file(write("wide.xml", bytes));
       FAIL();

@@ -10,6 +10,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import unittest
 import weakref
@@ -110,6 +111,8 @@ class Lifetime(unittest.TestCase):
             with self.subTest(call.__name__), self.assertRaisesRegex(TypeError, "cannot be pickled or copied"):
                 call(scene)
 
+    @unittest.skipIf(sysconfig.get_config_var("Py_ENABLE_SHARED") and not sys.executable.startswith("/usr"),
+                     "a copy of this interpreter does not find its library")
     def test_modules_are_those_beside_the_library(self):
         # What lies beside the interpreter may be of another version.
         with tempfile.TemporaryDirectory() as folder:

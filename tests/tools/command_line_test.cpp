@@ -418,7 +418,7 @@ TEST_F(CommandLine, InterruptWritesTheFinishedTiles) {
 }
 
 TEST_F(CommandLine, AnInterruptedMeshIsNotWritten) {
-  Program program(folder_, {"mesh", "knot", "--along", "20000", "--around", "100", "-o", "a.ply"});
+  Program program(folder_, {"mesh", "knot", "--along", "20000", "--around", "250", "-o", "a.ply"});
   ASSERT_TRUE(program.interrupt());
   const Outcome o = program.wait();
   EXPECT_EQ(o.code, 130) << o.err;

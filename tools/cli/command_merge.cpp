@@ -37,7 +37,10 @@ int run_merge(const MergeArguments& arguments, const std::string& command) {
   options.metadata["fieldtrace:part_command"] = merged.metadata["fieldtrace:command"];
   Writes writes;
   for (const std::string& path : arguments.outputs) {
-    if (stop) return report_interrupted(path);
+    if (stop) {
+      writes.rethrow();
+      return report_interrupted(path);
+    }
     writes.attempt([&] { write_image(path, merged.image, options); });
   }
   writes.rethrow();

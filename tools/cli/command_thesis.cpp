@@ -4,9 +4,9 @@
 #include <tbb/task_arena.h>
 
 #include <filesystem>
-#include <thread>
 
 #include "core/io/atomic_file.h"
+#include "core/platform/threads.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
@@ -50,7 +50,7 @@ int run_command(const ThesisArguments& arguments, const std::string& command) {
   callbacks.progress = [&](double share, const std::string& stage) { progress.update(share, stage); };
   ThesisReport report;
   bool complete = false;
-  const int threads = arguments.threads > 0 ? arguments.threads : std::max(int(std::thread::hardware_concurrency()), 1);
+  const int threads = threads_or_all(arguments.threads);
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, size_t(threads));
   tbb::task_arena(threads).execute([&] { complete = run_thesis(options, callbacks, report); });
   progress.clear();

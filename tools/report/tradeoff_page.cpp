@@ -70,8 +70,6 @@ constexpr const char* k_rows_begin = R"(<h2>All measurements</h2>
 <details><summary>show</summary>
 )";
 
-bool is_hybrid(const RenderOptions& options) { return options.method == Method::hybrid; }
-
 std::string number(double v) { return fmt::format("{:.6g}", v); }
 std::string seconds(double v) { return fmt::format("{:.3g} s", v); }
 

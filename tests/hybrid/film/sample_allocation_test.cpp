@@ -72,26 +72,33 @@ TEST(SampleAllocation, RelativeNoiseIsWeighedByTheMean) {
   EXPECT_NEAR(noise(1.0) / noise(3.0), 9.01 / 1.01, 0.05);
 }
 
-// A bright sample in one half of a pixel counts by its brightness: a pixel's own mean would hide it.
-TEST(SampleAllocation, RelativeNoiseOfRareBrightSamplesIsTheirError) {
-  const Rect window = {0, 0, 512, 512};
+// A bright sample in one half of a pixel counts by its brightness: a pixel's own mean would hide it. Bright pixels amid
+// dark ones count by theirs, not by their neighbours'.
+TEST(SampleAllocation, RelativeNoiseOfBrightSamplesAndPixelsIsTheirError) {
   std::mt19937 rng(7);
-  std::bernoulli_distribution is_bright(0.02);
-  for (const uint32_t samples : {8u, 32u}) {
-    FilmSums film(window, false);
+  std::uniform_real_distribution<double> uniform;
+  std::normal_distribution<double> normal;
+  const auto ratio = [&](uint32_t samples, const auto& value, const auto& sample) {
+    FilmSums film({0, 0, 512, 512}, false);
     double squares = 0.0;
     for (StoredSums& stored : film.pixels) {
       PixelSums sums;
-      for (uint32_t i = 0; i < samples; ++i) sums.radiance[i % 4] += DVec3(is_bright(rng) ? 5.1 : 0.1);
+      const double exact = value();
+      for (uint32_t i = 0; i < samples; ++i) sums.radiance[i % 4] += DVec3(sample(exact));
       sums.count[0] = sums.count[1] = samples / 2;
       stored = sums;
-      const double error = sums.mean().x - 0.2;
-      squares += error * error / (0.2 * 0.2 + k_relative_floor) / double(film.pixels.size());
+      const double error = sums.mean().x - exact;
+      squares += error * error / (exact * exact + k_relative_floor) / double(film.pixels.size());
     }
-    const double ratio = std::sqrt(SampleAllocation(film, ErrorMeasure::relative, 1.0).mean_square() / squares);
-    EXPECT_GT(ratio, 0.95) << samples;
-    EXPECT_LT(ratio, 1.35) << samples;
-  }
+    return std::sqrt(SampleAllocation(film, ErrorMeasure::relative, 1.0).mean_square() / squares);
+  };
+  const auto even = [] { return 0.2; };
+  const auto rarely_bright = [&](double) { return uniform(rng) < 0.02 ? 5.1 : 0.1; };
+  EXPECT_GT(ratio(8, even, rarely_bright), 0.65);  // .3 by a pixel's own mean
+  EXPECT_NEAR(ratio(64, even, rarely_bright), 1.0, 0.1);
+  const auto few_bright = [&] { return uniform(rng) < 0.001 ? 10.0 : 0.1; };
+  const auto noisy = [&](double exact) { return exact + (exact > 1.0 ? exact : 0.03) * normal(rng); };
+  EXPECT_NEAR(ratio(16, few_bright, noisy), 1.3, 0.25);  // 12 by its neighbours'
 }
 
 TEST(SampleAllocation, SamplesFollowDeviationAndWork) {

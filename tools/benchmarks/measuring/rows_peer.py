@@ -64,8 +64,8 @@ def baseline(context):
     return RowResult(baseline_under(context, 4) + baseline_under(context, 20), notes)
 
 
-def cheapest(context, base, reference, aim, is_warm):
-    """The quickest (spp, light samples) of our method `base.method` that reach the error; None if none does."""
+def cheapest(context, name, base, reference, aim, is_warm):
+    """The quickest (spp, light samples) of our method `name` that reach the error; None if none does."""
     programs = context.programs
 
     def measure(spp, light_samples):
@@ -73,7 +73,7 @@ def cheapest(context, base, reference, aim, is_warm):
         cache = programs.cache_for(shot) if is_warm else None
         error, stats = programs.error(shot, reference, cache)
         seconds = frame_seconds(stats)
-        context.log(f"  {base.method}, {spp} x {light_samples}: RMSE {error:.5f}, {seconds:.3f} s")
+        context.log(f"  {name}, {spp} x {light_samples}: RMSE {error:.5f}, {seconds:.3f} s")
         return error, seconds
 
     reached = staircase(measure, aim, 16 if context.quick else 512, 8 if context.quick else 64)
@@ -136,7 +136,7 @@ def frame_to_error(context, shot, reference_shot, aim, is_warm, folders=()):
         for name, (method, options) in OUR_METHODS.items():
             warm = is_warm and method == "hybrid"
             ours = shot.with_(method=method, options=(*shot.options, *options))
-            chosen = cheapest(context, ours, reference, aim, warm)
+            chosen = cheapest(context, name, ours, reference, aim, warm)
             if chosen is None:
                 continue
             best = ours.with_(spp=chosen["spp"], light_samples=chosen["light_samples"])
