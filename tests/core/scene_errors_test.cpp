@@ -395,7 +395,7 @@ TEST_F(SceneErrors, MutatedScenesThrowNothingButErrors) {
 <shape type="cylinder"><point name="p1" x="1" y="0" z="2"/><bsdf type="dielectric"><string name="int_ior" value="bk7"/></bsdf></shape>
 <shape type="obj"><string name="filename" value="m.obj"/><bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf></shape>
 <emitter type="constant"><spectrum name="radiance" value="400:1, 700:2"/></emitter></scene>)";
-  const std::string alphabet = "<>/\"'=$\\ \n\t0123456789-+.e,:abcxyz_#&;\0\xff";
+  const std::string alphabet = std::string("<>/\"'=$\\ \n\t0123456789-+.e,:abcxyz_#&;\xff") + '\0';
   std::mt19937 random(20240229);
   const auto below = [&](size_t n) { return size_t(random() % n); };
   int loaded = 0, refused = 0;
