@@ -17,7 +17,7 @@ uint64_t corners_hash(const TriangleMesh& mesh, const UVec3& t) {
     uint64_t corner = 0;
     for (int a = 0; a < 3; ++a)
       corner = (corner ^ std::bit_cast<uint32_t>(mesh.positions[t[c]][a])) * 0x9e3779b97f4a7c15u;
-    sum += corner ^ corner >> 32;
+    sum += (corner ^ corner >> 32) * 0x9e3779b97f4a7c15u;
   }
   return sum;
 }

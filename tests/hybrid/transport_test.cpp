@@ -7,6 +7,7 @@
 #include "core/trace/accel.h"
 #include "hybrid/render/render.h"
 #include "hybrid/transport/trace_pixels.h"
+#include "tests/support/image_mean.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
 
@@ -14,6 +15,7 @@ namespace fieldtrace {
 namespace {
 
 using test::look_at;
+using test::mean;
 using test::scaling;
 using test::SceneMaker;
 using test::translation;
@@ -28,13 +30,6 @@ RenderOptions options_for(int spp, int light_samples = 1) {
 }
 
 // Mean of channel `c` over the picture.
-double mean(const Image& image, size_t c = 0) {
-  double sum = 0.0;
-  const size_t n = image.channel_count();
-  for (size_t i = c; i < image.data.size(); i += n) sum += image.data[i];
-  return sum / double(image.data.size() / n);
-}
-
 size_t channel(const Image& image, const std::string& name) {
   const auto found = std::find(image.channels.begin(), image.channels.end(), name);
   EXPECT_NE(found, image.channels.end()) << name;
