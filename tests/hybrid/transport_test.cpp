@@ -7,7 +7,7 @@
 #include "core/trace/accel.h"
 #include "hybrid/render/render.h"
 #include "hybrid/transport/trace_pixels.h"
-#include "tests/support/image_mean.h"
+#include "tests/support/image_statistics.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
 

@@ -126,6 +126,13 @@ Image to_image(const SampledPicture& picture, const std::vector<double>& values)
 
 }  // namespace
 
+double mean(const Image& image, size_t channel) {
+  double sum = 0.0;
+  const size_t n = image.channel_count();
+  for (size_t i = channel; i < image.data.size(); i += n) sum += double(image.data[i]);
+  return sum / double(image.data.size() / n);
+}
+
 double sidak_threshold(double level, double tests) { return -std::expm1(std::log1p(-level) / tests); }
 
 double two_sided_p(double t, double degrees_of_freedom) {

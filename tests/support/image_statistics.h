@@ -16,6 +16,9 @@
 
 namespace fieldtrace::test {
 
+// The mean of one channel of a picture that holds pixels.
+double mean(const Image& image, size_t channel = 0);
+
 // What independent renders tell about a picture. Arrays: width * height * 3.
 struct SampledPicture {
   int width = 0, height = 0;

@@ -7,7 +7,7 @@
 
 #include "core/mesh/mesh_procedural.h"
 #include "hybrid/render/render.h"
-#include "tests/support/image_mean.h"
+#include "tests/support/image_statistics.h"
 #include "tests/support/small_scenes.h"
 
 namespace fieldtrace {

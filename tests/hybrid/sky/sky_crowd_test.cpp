@@ -9,7 +9,7 @@
 #include "hybrid/render/render.h"
 #include "hybrid/sky/sky.h"
 #include "hybrid/visibility/linear_map.h"
-#include "tests/support/image_mean.h"
+#include "tests/support/image_statistics.h"
 #include "tests/support/small_scenes.h"
 
 namespace fieldtrace {
