@@ -106,8 +106,6 @@ int main() {
   std::fprintf(file, "P6\n%d %d\n255\n", width, height);
   std::fwrite(picture.data(), 1, picture.size(), file);
   const bool failed = std::fclose(file) != 0;
-  double share = 0.0;
-  ftGetSceneFloat(objects, "certified_occlusion", &share);
   if (ftDetachEmbree(objects, world) || ftReleaseScene(objects) || ftReleaseDevice(ft)) return 1;
   rtcReleaseScene(world);
   rtcReleaseDevice(embree);

@@ -43,7 +43,7 @@ typedef struct FTSceneTag* FTScene;
 typedef enum FTError {
   FT_ERROR_NONE = 0,
   FT_ERROR_INVALID_ARGUMENT = 1,  /* null, freed or foreign handles; bad numbers, names and buffers */
-  FT_ERROR_INVALID_OPERATION = 2, /* wrong order: a query before the first commit, say */
+  FT_ERROR_INVALID_OPERATION = 2, /* wrong order: a query before the first commit, or after one that failed, say */
   FT_ERROR_INPUT = 3,             /* a file that is missing, damaged or does not fit; a scene that cannot be rendered */
   FT_ERROR_OUT_OF_MEMORY = 4,
   FT_ERROR_CANCELLED = 5, /* the progress callback returned 0 */
@@ -96,12 +96,14 @@ FT_API FTError ftAddMesh(FTScene scene, const float* positions, size_t position_
 FT_API FTError ftAddInstance(FTScene scene, uint32_t mesh, const float* transform, uint32_t* instance);
 /* Takes effect with the next commit. Fields are kept. */
 FT_API FTError ftSetInstanceTransform(FTScene scene, uint32_t instance, const float* transform);
-/* For ftRender(): two-sided diffuse reflectance, and radiance sent on the side of the geometric normal; RGB. */
+/* For ftRender(), from the next call on, without a commit: two-sided diffuse reflectance, and radiance sent on the side
+ * of the geometric normal; RGB. */
 FT_API FTError ftSetInstanceReflectance(FTScene scene, uint32_t instance, const float* rgb);
 FT_API FTError ftSetInstanceRadiance(FTScene scene, uint32_t instance, const float* rgb);
-/* For ftRender(): radiance from everywhere around. */
+/* For ftRender(), likewise: radiance from everywhere around. */
 FT_API FTError ftSetSceneSky(FTScene scene, const float* rgb);
-/* For ftRender(): a pinhole that looks from `from` to `to`; `up` points up in the picture; degrees, pixels. */
+/* For ftRender(), likewise: a pinhole that looks from `from` to `to`; `up` points up in the picture; degrees,
+ * pixels. */
 FT_API FTError ftSetSceneCamera(FTScene scene, const float* from, const float* to, const float* up,
                                 float horizontal_degrees, uint32_t width, uint32_t height);
 
@@ -113,18 +115,20 @@ FT_API FTError ftSetSceneCamera(FTScene scene, const float* from, const float* t
 FT_API FTError ftSetSceneInt(FTScene scene, const char* name, int64_t value);
 FT_API FTError ftSetSceneFloat(FTScene scene, const char* name, double value);
 
-/* Makes the scene as it was set answer queries. Builds what exact rays need anew; keeps all fields. */
+/* Makes the scene as it was set answer queries. Builds what exact rays need anew; keeps all fields. If it fails,
+ * nothing answers until a commit succeeds. */
 FT_API FTError ftCommitScene(FTScene scene);
 /* `origin`: 3 doubles; the file's coordinates are those used here plus the origin. */
 FT_API FTError ftGetSceneOrigin(FTScene scene, double* origin);
 
 /* ---- Fields: baked where queries ask often enough, or whole ahead of them ---- */
 
-/* Bakes all fields of the scene whole. Cancelled, what is baked is kept. */
+/* Bakes all fields of the scene whole. Cancelled, or out of memory, what is baked is kept. */
 FT_API FTError ftBakeFields(FTScene scene);
 /* What is baked of a mesh's field, as a .vdb file; meshes without a field (small or flat ones) are an error. */
 FT_API FTError ftSaveField(FTScene scene, uint32_t mesh, const char* path);
-/* Adds what a file holds to the mesh's field, which must have its geometry and resolution. */
+/* Adds what a file holds to the mesh's field, which must have its geometry and resolution. Out of memory, what was read
+ * is kept. */
 FT_API FTError ftLoadField(FTScene scene, uint32_t mesh, const char* path);
 /* "meshes" "instances" "width" "height"; over all fields, after the first commit, "fields" "directions" "plane" "bytes"
  * "cells_baked", "cells_certified" (of these, those that answer at the tolerance; counted anew by each call),
@@ -132,7 +136,8 @@ FT_API FTError ftLoadField(FTScene scene, uint32_t mesh, const char* path);
 FT_API FTError ftGetSceneInt(FTScene scene, const char* name, int64_t* value);
 /* Of a mesh's field: "bytes" "cells_baked" "cells_certified" "cells_full"; all 0 if it has none. */
 FT_API FTError ftGetMeshInt(FTScene scene, uint32_t mesh, const char* name, int64_t* value);
-/* Of the queries so far: "certified_occlusion", "certified_hits": shares that fields or bounds answered, [0, 1]. */
+/* Of the rays of ftOccluded*() so far "certified_occlusion", of those of ftNearest() "certified_hits": shares that
+ * fields or bounds answered, [0, 1]. */
 FT_API FTError ftGetSceneFloat(FTScene scene, const char* name, double* value);
 
 /* ---- Queries ----
@@ -152,7 +157,7 @@ FT_API FTError ftOccludedCertified(FTScene scene, const float* origins, size_t o
 /* status[i], a byte: FT_MISS, FT_HIT or FT_UNDECIDED_HIT. Of hits: t, unit geometric normal (float[3]) on the side that
  * the ray comes from, triangle of the mesh (of certified hits one near it) and instance; of others these are not
  * written. Each but `status` may be null. A certified hit lies within `max_error` x its distance of the surface, a
- * tangent in (0, 1]. Meshes without fields are traced, and never undecided. */
+ * tangent in (0, 1]. Meshes without fields are traced, and never undecided; at tolerance 1 all are. */
 FT_API FTError ftNearest(FTScene scene, float max_error, const float* origins, size_t origin_stride,
                          const float* directions, size_t direction_stride, const float* t_max, size_t t_max_stride,
                          const uint32_t* from, size_t from_stride, size_t count, uint8_t* status, size_t status_stride,
@@ -170,14 +175,15 @@ FT_API FTError ftLightVisibility(FTScene scene, const float* points, size_t poin
                                  size_t light_count, float* shares, size_t share_stride, float* certain,
                                  size_t certain_stride);
 /* The cosine-weighted share of the sky that points on instances see: 1 is an open hemisphere. `from` is needed here.
- * The first call bakes direction maps. */
+ * The first call after each commit bakes direction maps. */
 FT_API FTError ftSkyVisibility(FTScene scene, const float* points, size_t point_stride, const float* normals,
                                size_t normal_stride, const uint32_t* from, size_t from_stride, size_t point_count,
                                float* shares, size_t share_stride, float* certain, size_t certain_stride);
 
 /* ---- Pictures ---- */
 
-/* Linear radiance, RGB, row 0 at the top, of "width" x "height" pixels of the committed scene. */
+/* Linear radiance, RGB, row 0 at the top, of "width" x "height" pixels. Meshes, transforms and tolerance are those of
+ * the last commit, all else as it was set last. */
 FT_API FTError ftRender(FTScene scene, float* pixels, size_t pixel_stride, size_t row_stride);
 /* To .exr or .png. */
 FT_API FTError ftRenderToFile(FTScene scene, const char* path);

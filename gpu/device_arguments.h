@@ -93,7 +93,7 @@ struct StratumArguments {
   const float *pdf, *radius;
   const uint32_t *blocks, *wanted;
   float* clear;  // by entry of the blocks: the share that the object leaves clear
-  StratumMasks* masks;
+  ShareMasks* masks;
   uint32_t* missing;
   uint32_t warps;
 };
@@ -120,7 +120,7 @@ struct LobeArguments {
   LobeArrays lobes;
   const uint32_t* blocks;
   float *clear, *red, *green, *blue, *distance;  // by entry of the blocks
-  LobeMasks* masks;
+  ShareMasks* masks;
   uint32_t* missing;
   uint32_t warps;
 };

@@ -85,7 +85,7 @@ class ConeLaunch final : public MaskLaunch<ConeQuestion, ConeMasks> {
   }
 };
 
-class StratumLaunch final : public MaskLaunch<StratumQuestion, StratumMasks> {
+class StratumLaunch final : public MaskLaunch<StratumQuestion, ShareMasks> {
  public:
   StratumLaunch(const StratumQuestion& q, size_t set) : MaskLaunch(&q.field->coverage()), set_(set) {}
   void stage(WaveBuffers& wave) override {
@@ -136,7 +136,7 @@ class RayLaunch final : public MaskLaunch<RayQuestion, RayMasks> {
   const size_t set_;
 };
 
-class LobeLaunch final : public MaskLaunch<LobeQuestion, LobeMasks> {
+class LobeLaunch final : public MaskLaunch<LobeQuestion, ShareMasks> {
  public:
   explicit LobeLaunch(const LobeQuestion& q) : MaskLaunch(q.tiles) {}
   void stage(WaveBuffers& wave) override {

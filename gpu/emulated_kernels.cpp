@@ -91,7 +91,7 @@ void filter_strata(const StratumArguments& a) {
     for (uint32_t lane = 0; lane < k_warp; ++lane) wanted[lane] = int32_t(a.wanted[warp] >> lane & 1u);
     std::fill_n(clear, k_warp, 1.0f);
     std::fill_n(refused, k_warp, 0);
-    StratumMasks& m = a.masks[warp];
+    ShareMasks& m = a.masks[warp];
     m.lookups = uint32_t(
         scalar::filter_strata_batch<float>(a.task, rays, pdf, radius, wanted, k_first_block, clear, refused, unknowns));
     m.not_baked = unknowns.blocks.empty() ? 0 : k_all_lanes;
@@ -147,7 +147,7 @@ void filter_lobes(const LobeArguments& a) {
     load(from.nx + first, lobes.nx), load(from.ny + first, lobes.ny), load(from.nz + first, lobes.nz);
     load(from.density + first, lobes.density), load(from.blur + first, lobes.blur);
     load(from.instance + first, lobes.instance);
-    LobeMasks& m = a.masks[warp];
+    ShareMasks& m = a.masks[warp];
     m.lookups = uint32_t(scalar::filter_lobes_batch<float>(a.task, lobes, k_first_block, answers, unknowns));
     m.not_baked = unknowns.blocks.empty() ? 0 : k_all_lanes;
     m.refused = mask_of([&](uint32_t lane) { return answers.refused[lane]; });

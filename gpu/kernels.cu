@@ -108,7 +108,7 @@ extern "C" __global__ void __launch_bounds__(k_warp) filter_strata(const __grid_
                                            a.radius[i], queried, TellMissing{missing, MissingKind::tile});
   }
   a.clear[entry_index()] = answer.clear;
-  StratumMasks m;
+  ShareMasks m;
   m.refused = ballot(answer.refused);
   m.not_baked = missing.finish(answer.unknown);
   m.lookups = warp_sum(uint32_t(answer.lookups));
@@ -146,7 +146,7 @@ extern "C" __global__ void __launch_bounds__(k_warp) filter_lobes(const __grid_c
   a.clear[to] = answer.clear;
   a.red[to] = answer.radiance.red, a.green[to] = answer.radiance.green, a.blue[to] = answer.radiance.blue;
   a.distance[to] = answer.distance;
-  LobeMasks m;
+  ShareMasks m;
   m.refused = ballot(answer.refused);
   m.not_baked = missing.finish(answer.unknown);
   m.lookups = warp_sum(uint32_t(answer.lookups));

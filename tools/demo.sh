@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Sets everything up, builds, and renders one scene by both methods under two area lights, and under a sky: images in
-# demo/ and demo/sky/, and tables. The reference images take most of the time; they are kept in demo/ and reused. After
-# a change of the renderer, delete demo/ to render it again. Further arguments go to fieldtrace_demo (for example: -D width=960 -D height=540).
+# demo/ and demo/sky/, and tables. Behind the first build, the reference images take most of the time; they are kept in
+# demo/ and reused. After a change of the renderer, delete demo/ to render it again. Further arguments go to
+# fieldtrace_demo (for example: -D width=960 -D height=540).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

@@ -4,7 +4,10 @@
 // as an AOV. Thread-safety: a value; the functions may be called from any thread.
 #pragma once
 
+#include <array>
 #include <map>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -21,6 +24,11 @@ struct Image {
   // Index of a channel by name, or -1.
   int channel_index(const std::string& name) const;
 };
+
+// Indices of the channels R, G and B; nothing if one is missing.
+std::optional<std::array<int, 3>> colour_channels(const Image& image);
+// The image with these channels of it, in this order.
+Image select_channels(const Image& image, std::span<const size_t> channels);
 
 struct ImageWriteOptions {
   // EXR: 16-bit half (else 32-bit float). The layers depth, position and object are always 32-bit float.

@@ -155,17 +155,14 @@ void write_exr(CheckedFile& file, const Image& image, const ImageWriteOptions& o
 
 // 8-bit sRGB values of the channels R, G and B.
 std::vector<uint8_t> png_pixels(const std::string& path, const Image& image, float exposure) {
-  std::array<int, 3> channel;
-  for (int c = 0; c < 3; ++c) {
-    channel[c] = image.channel_index(std::string(1, "RGB"[c]));
-    if (channel[c] < 0) throw Error({path}, "a PNG needs the channels R, G and B; write an .exr instead");
-  }
+  const auto colours = colour_channels(image);
+  if (!colours) throw Error({path}, "a PNG needs the channels R, G and B; write an .exr instead");
   const float scale = std::exp2(exposure);
   std::vector<uint8_t> pixels(size_t(image.width) * image.height * 3);
   for (size_t i = 0; i < pixels.size() / 3; ++i) {
     const float* source = &image.data[i * image.channel_count()];
     for (int c = 0; c < 3; ++c) {
-      pixels[3 * i + c] = uint8_t(std::lround(255.0f * srgb_encode(scale * source[channel[c]])));
+      pixels[3 * i + c] = uint8_t(std::lround(255.0f * srgb_encode(scale * source[(*colours)[c]])));
     }
   }
   return pixels;

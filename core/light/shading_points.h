@@ -27,11 +27,13 @@ struct ShadingPointBatch {
   AlignedVector<uint32_t> instance;  // the instance that the point lies on
   AlignedVector<uint8_t> transmits;  // 1: directions below the surface carry light too (not opaque)
 
+  // Arrays never shrink: entries that come back would be zeroed, in vain.
   void resize(size_t n) {
     size = n;
-    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error, &radius}) v->resize(padded(n));
-    for (auto* v : {&seed, &sample, &instance}) v->resize(padded(n));
-    transmits.resize(padded(n));
+    const auto grow = [n](auto& v) { v.resize(std::max(v.size(), padded(n))); };
+    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error, &radius}) grow(*v);
+    for (auto* v : {&seed, &sample, &instance}) grow(*v);
+    grow(transmits);
   }
   Vec3 position(size_t i) const { return {px[i], py[i], pz[i]}; }
   Vec3 geometric_normal(size_t i) const { return {gx[i], gy[i], gz[i]}; }

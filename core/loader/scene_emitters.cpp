@@ -51,8 +51,8 @@ void check_environment(const SceneBuilder& builder, const Bitmap& map, const std
     throw Error(where, "the environment map '" + path + "' has " + std::to_string(map.width) + " x " +
                            std::to_string(map.height) + " pixels; it needs at least " +
                            std::to_string(k_least_environment_width) + " x " +
-                           std::to_string(k_least_environment_height) + ", twice as wide as high, and at most " +
-                           std::to_string(k_most_environment_texels));
+                           std::to_string(k_least_environment_height) + ", and at most " +
+                           std::to_string(k_most_environment_texels) + " pixels in all");
   }
   float largest = 0.0f;
   size_t negative = 0;

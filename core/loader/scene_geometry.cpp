@@ -2,6 +2,7 @@
 
 #include "core/loader/scene_builder.h"
 #include "core/loader/scene_transforms.h"
+#include "core/math/frame.h"
 #include "core/mesh/mesh_io.h"
 
 namespace fieldtrace {
@@ -110,7 +111,7 @@ void fold_cylinder(SceneBuilder& builder, const SceneNode& node, Properties& pro
   const DVec3 p0 = properties.point("p0", DVec3(0.0)), p1 = properties.point("p1", DVec3(0.0, 0.0, 1.0));
   const double radius = properties.number("radius", 1.0, k_positive), length = glm::length(p1 - p0);
   if (!(length > 0)) throw Error(node.where, "the cylinder has no length; give p0 and p1 that differ");
-  const DMat3 frame = frame_from_normal((p1 - p0) / length);
+  const DMat3 frame = basis_about((p1 - p0) / length);
   part.to_world = compose(part.to_world, DAffine(frame[0] * radius, frame[1] * radius, frame[2] * length, p0));
   part.shape = share_shape(builder, "cylinder", [] {
     return make_analytic(ShapeKind::cylinder, "cylinder", Vec3(-1.0f, -1.0f, 0.0f), Vec3(1.0f));

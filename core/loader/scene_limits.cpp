@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "core/loader/scene_recentre.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -165,12 +167,9 @@ WorldTriangle triangle_of(const TriangleMesh& mesh, const UVec3& index, const DA
 
 // From p to the world's box about a transformed box.
 double distance_to_box(const Bounds3& bounds, const DAffine& t, const DVec3& p) {
-  DVec3 lower(std::numeric_limits<double>::infinity()), upper = -lower;
-  for (int c = 0; c < 8; ++c) {
-    const DVec3 corner = transform_point(t, DVec3(bounds.corner(c)));
-    lower = glm::min(lower, corner), upper = glm::max(upper, corner);
-  }
-  return distance_to_box(lower, upper, p);
+  DBounds world;
+  world.extend(t, bounds);
+  return distance_to_box(world.lower, world.upper, p);
 }
 
 double longest_edge(const TriangleMesh& mesh) {

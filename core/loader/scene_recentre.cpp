@@ -1,36 +1,17 @@
 #include "core/loader/scene_recentre.h"
 
-#include <limits>
-
 namespace fieldtrace {
-namespace {
-
-struct DBounds {
-  DVec3 lower = DVec3(std::numeric_limits<double>::infinity());
-  DVec3 upper = DVec3(-std::numeric_limits<double>::infinity());
-
-  void extend(const DVec3& p) {
-    lower = glm::min(lower, p);
-    upper = glm::max(upper, p);
-  }
-  bool empty() const { return !(lower.x <= upper.x); }
-  DVec3 centre() const { return 0.5 * lower + 0.5 * upper; }
-  bool far_off() const { return !empty() && glm::length(centre()) > k_recentre_diagonals * glm::length(upper - lower); }
-};
 
 DBounds world_bounds(const Scene& scene, const ScenePlacement& placement) {
   DBounds result;
   for (size_t i = 0; i < scene.instances.size(); ++i) {
-    const Bounds3& b = scene.shapes[scene.instances[i].shape].bounds;
-    const DAffine& t = placement.instances[i];
-    for (int c = 0; c < 8; ++c) result.extend(transform_point(t, DVec3(b.corner(c))));
+    result.extend(placement.instances[i], scene.shapes[scene.instances[i].shape].bounds);
   }
   return result;
 }
 
-}  // namespace
-
 void recentre_meshes(Scene& scene, ScenePlacement& placement) {
+  std::vector<DVec3> moved_by(scene.shapes.size(), DVec3(0.0));
   for (size_t s = 0; s < scene.shapes.size(); ++s) {
     Shape& shape = scene.shapes[s];
     if (shape.kind != ShapeKind::mesh) continue;
@@ -41,11 +22,12 @@ void recentre_meshes(Scene& scene, ScenePlacement& placement) {
     const Vec3 centre(bounds.centre());
     for (Vec3& p : shape.mesh.positions) p -= centre;
     shape.bounds = shape.mesh.bounds();
-    for (size_t i = 0; i < scene.instances.size(); ++i)
-      if (scene.instances[i].shape == s) {
-        DAffine& t = placement.instances[i];
-        t[3] += t[0] * double(centre.x) + t[1] * double(centre.y) + t[2] * double(centre.z);
-      }
+    moved_by[s] = DVec3(centre);
+  }
+  for (size_t i = 0; i < scene.instances.size(); ++i) {
+    const DVec3& d = moved_by[scene.instances[i].shape];
+    DAffine& t = placement.instances[i];
+    t[3] += t[0] * d.x + t[1] * d.y + t[2] * d.z;
   }
 }
 

@@ -6,6 +6,7 @@
 // object's origin keeps further arithmetic from losing more. Thread-safety: pure functions on the caller's data.
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "core/math/math.h"
@@ -23,6 +24,26 @@ struct ScenePlacement {
 // A scene (or mesh) is moved if its centre lies farther from the origin than this many of its diagonals; beyond,
 // offsets cost more than log2(4) = 2 bits of each coordinate.
 inline constexpr double k_recentre_diagonals = 4;
+
+// Bounds3 in double precision.
+struct DBounds {
+  DVec3 lower = DVec3(std::numeric_limits<double>::infinity());
+  DVec3 upper = DVec3(-std::numeric_limits<double>::infinity());
+
+  void extend(const DVec3& p) {
+    lower = glm::min(lower, p);
+    upper = glm::max(upper, p);
+  }
+  void extend(const DAffine& a, const Bounds3& b) {
+    for (int c = 0; c < 8; ++c) extend(transform_point(a, DVec3(b.corner(c))));
+  }
+  bool empty() const { return !(lower.x <= upper.x); }
+  DVec3 centre() const { return 0.5 * lower + 0.5 * upper; }
+  bool far_off() const { return !empty() && glm::length(centre()) > k_recentre_diagonals * glm::length(upper - lower); }
+};
+
+// Of all instances, in the file's coordinates.
+DBounds world_bounds(const Scene& scene, const ScenePlacement& placement);
 
 // Moves the vertices of distant meshes to their object's origin and adjusts `placement.instances`, so that no world
 // position changes. The subtraction is exact for distant coordinates (Sterbenz' lemma).

@@ -154,25 +154,16 @@ void build_default_sensor(SceneBuilder& builder) {
   scene.film.crop = {0, 0, scene.film.width, scene.film.height};
   scene.sample_count = 4;
   scene.camera.fov_x_degrees = 45.0f;
-  DVec3 lower(std::numeric_limits<double>::infinity()), upper(-lower);
-  for (size_t i = 0; i < scene.instances.size(); ++i) {
-    const Bounds3& b = scene.shapes[scene.instances[i].shape].bounds;
-    const DAffine& t = builder.placement.instances[i];
-    for (int c = 0; c < 8; ++c) {
-      const DVec3 p = transform_point(t, DVec3(b.corner(c)));
-      lower = glm::min(lower, p);
-      upper = glm::max(upper, p);
-    }
-  }
   if (scene.instances.empty()) return;
+  const DBounds bounds = world_bounds(scene, builder.placement);
   // Looks along +z from a distance at which the largest extent fits a field of view of 45 degrees.
-  const DVec3 extent = upper - lower, centre = 0.5 * lower + 0.5 * upper;
+  const DVec3 extent = bounds.upper - bounds.lower, centre = bounds.centre();
   const double edge = std::max({extent.x, extent.y, extent.z});
   const double distance = edge / (2 * std::tan(glm::radians(22.5)));
   scene.camera.near_clip = float(distance / 100);
   scene.camera.far_clip = float(edge * 5 + distance);
   scene.camera.focus_distance = float(distance + extent.z / 2);
-  builder.placement.camera = translation(DVec3(centre.x, centre.y, lower.z - distance));
+  builder.placement.camera = translation(DVec3(centre.x, centre.y, bounds.lower.z - distance));
 }
 
 void build_integrator(SceneBuilder& builder, const SceneNode& node) {

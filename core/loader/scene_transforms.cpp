@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "core/loader/scene_values.h"
+#include "core/math/frame.h"
 
 namespace fieldtrace {
 namespace {
@@ -59,7 +60,7 @@ DAffine parse_look_at(const SceneNode& node) {
   if (const std::string* text = node.attribute("up")) up = parse_triple(node, *text);
   const double distance = glm::length(target - origin);
   if (!(distance > 0)) throw Error(node.where, "<lookat> has its target at its origin; move one of them");
-  if (up == DVec3(0.0)) up = frame_from_normal((target - origin) / distance)[0];
+  if (up == DVec3(0.0)) up = basis_about((target - origin) / distance)[0];
   const DVec3 left = glm::cross(up / glm::length(up), (target - origin) / distance);
   if (!(glm::length(left) > k_singular))
     throw Error(node.where, "<lookat> looks along its up vector; tilt one of them");
@@ -96,13 +97,6 @@ DAffine look_at(const DVec3& origin, const DVec3& target, const DVec3& up) {
   const DVec3 forward = glm::normalize(target - origin);
   const DVec3 left = glm::normalize(glm::cross(up, forward));
   return DAffine(left, glm::cross(forward, left), forward, origin);
-}
-
-DMat3 frame_from_normal(const DVec3& n) {
-  const double sign = std::copysign(1.0, n.z);
-  const double a = -1.0 / (sign + n.z);
-  const double b = n.x * n.y * a;
-  return DMat3(DVec3(1 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3(b, sign + n.y * n.y * a, -n.y), n);
 }
 
 DAffine parse_transform(const SceneNode& transform, const Diagnostics& diagnostics) {
@@ -170,6 +164,27 @@ DAffine rigid_part(const DAffine& transform, const std::string& owner, const Sou
       throw Error(where, owner + "'s to_world is sheared; use rotations and translations only");
   if (std::abs(scale - 1) > k_rigid_tolerance)
     diagnostics.warning(where, "the scale of " + owner + "'s to_world is left out");
+  return t;
+}
+
+DAffine without_digits_lost(const DAffine& transform) {
+  DAffine t = transform;
+  // Each entry of a lamp of half size .01 is off by up to 5e-5 of its axes' length.
+  constexpr double k_most = 1e-4;
+  for (int i = 1; i < 3; ++i) {
+    for (int j = 0; j < i; ++j) {
+      const double product = glm::dot(t[i], t[j]), squared = glm::dot(t[j], t[j]);
+      if (std::abs(product) <= k_most * glm::length(t[i]) * std::sqrt(squared)) t[i] -= t[j] * (product / squared);
+    }
+  }
+  for (int i = 1; i < 3; ++i) {
+    for (int j = 0; j < i; ++j) {
+      const double ratio = glm::length(t[j]) / glm::length(t[i]);
+      if (std::abs(ratio - 1.0) > k_most) continue;
+      t[i] *= ratio;
+      break;
+    }
+  }
   return t;
 }
 

@@ -24,10 +24,6 @@ DAffine rotation(const DVec3& axis, double degrees);
 // guarantees that `up` is not parallel to the viewing direction.
 DAffine look_at(const DVec3& origin, const DVec3& target, const DVec3& up);
 
-// Orthonormal frame with the unit vector n as third column (Duff et al., "Building an Orthonormal Basis, Revisited",
-// JCGT 6(1), 2017, listing 3); the same frame as Mitsuba's.
-DMat3 frame_from_normal(const DVec3& n);
-
 // Throws Error unless `transform` and its inverse are finite in single precision and its linear part has full rank.
 void require_invertible(const DAffine& transform, const SourceLocation& where);
 
@@ -35,6 +31,10 @@ void require_invertible(const DAffine& transform, const SourceLocation& where);
 // subject of messages. Throws Error if the transform is singular, non-uniformly scaled or sheared.
 DAffine rigid_part(const DAffine& transform, const std::string& owner, const SourceLocation& where,
                    const Diagnostics& diagnostics);
+
+// `transform` with those axes made orthogonal, and as long as each other, that are so but for the digits of a file that
+// gives six decimals.
+DAffine without_digits_lost(const DAffine& transform);
 
 // Whether the linear part's determinant is negative.
 bool is_mirrored(const DAffine& transform);

@@ -1,5 +1,7 @@
 #include "core/loader/scene_values.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cctype>
 #include <charconv>
@@ -140,12 +142,8 @@ std::string Properties::string(const std::string& name, const std::string& missi
 std::string Properties::choice(const std::string& name, const std::string& missing,
                                std::initializer_list<const char*> choices) {
   std::string value = string(name, missing);
-  std::string list;
-  for (const char* choice : choices) {
-    if (value == choice) return value;
-    list += (list.empty() ? "" : ", ") + std::string(choice);
-  }
-  throw Error(where(name), "'" + name + "' is '" + value + "' but must be one of " + list);
+  if (std::find(choices.begin(), choices.end(), value) != choices.end()) return value;
+  throw Error(where(name), fmt::format("'{}' is '{}' but must be one of {}", name, value, fmt::join(choices, ", ")));
 }
 
 DVec3 Properties::point(const std::string& name, const DVec3& missing) {

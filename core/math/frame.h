@@ -15,12 +15,20 @@ struct Frame {
   Vec3 to_world(const Vec3& v) const { return s * v.x + t * v.y + n * v.z; }
 };
 
-// A frame about the unit vector n (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017).
+// An orthonormal right-handed basis whose third column is the unit vector n (Duff et al., "Building an Orthonormal
+// Basis, Revisited", JCGT 6(1), 2017, listing 3); the same as Mitsuba's.
+template <class T>
+glm::mat<3, 3, T> basis_about(const glm::vec<3, T>& n) {
+  using Column = glm::vec<3, T>;
+  const T sign = std::copysign(T(1), n.z);
+  const T a = T(-1) / (sign + n.z);
+  const T b = n.x * n.y * a;
+  return {Column(T(1) + sign * n.x * n.x * a, sign * b, -sign * n.x), Column(b, sign + n.y * n.y * a, -n.y), n};
+}
+
 inline Frame frame_about(const Vec3& n) {
-  const float sign = std::copysign(1.0f, n.z);
-  const float a = -1.0f / (sign + n.z);
-  const float b = n.x * n.y * a;
-  return {{1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x}, {b, sign + n.y * n.y * a, -n.y}, n};
+  const Mat3 basis = basis_about(n);
+  return {basis[0], basis[1], basis[2]};
 }
 
 // The frame about the unit vector n whose s lies in the plane of n and `tangent` (any length). Falls back to

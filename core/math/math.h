@@ -69,6 +69,9 @@ struct Bounds3 {
     lower = glm::min(lower, b.lower);
     upper = glm::max(upper, b.upper);
   }
+  void extend(const Affine& a, const Bounds3& b) {  // by the box b, transformed
+    for (int c = 0; c < 8; ++c) extend(transform_point(a, b.corner(c)));
+  }
   Vec3 centre() const { return 0.5f * (lower + upper); }
   Vec3 diagonal() const { return upper - lower; }
   // Corner 0 ... 7: bit i of `index` chooses the upper end along axis i.

@@ -4,11 +4,10 @@
 
 namespace fieldtrace::mesh_grid {
 
-void require_range(const char* mesh, const char* parameter, double value, double least, double most) {
+void require_range(const char* mesh, const char* option, double value, double least, double most) {
   // Compared in float, the type of most parameters: 1e-6f is slightly below 1e-6.
   if (!(float(value) >= float(least) && float(value) <= float(most))) {
-    throw UsageError(
-        fmt::format("{}: {} is {:g}, it must be between {:g} and {:g}", mesh, parameter, value, least, most));
+    throw UsageError(fmt::format("{}: {} is {:g}, it must be between {:g} and {:g}", mesh, option, value, least, most));
   }
 }
 

@@ -35,8 +35,9 @@ inline void require(bool legal, const std::string& message) {
   if (!legal) throw UsageError(message);
 }
 
-inline void require_count(const char* mesh, const char* parameter, int64_t value, int64_t least, int64_t most) {
-  require(value >= least && value <= most, std::string(mesh) + ": " + parameter + " is " + std::to_string(value) +
+// Requires a whole number in [least, most]. `option`: of `fieldtrace mesh`.
+inline void require_count(const char* mesh, const char* option, int64_t value, int64_t least, int64_t most) {
+  require(value >= least && value <= most, std::string(mesh) + ": " + option + " is " + std::to_string(value) +
                                                ", it must be between " + std::to_string(least) + " and " +
                                                std::to_string(most));
 }
@@ -47,7 +48,7 @@ inline void require_triangles(const char* mesh, uint64_t count) {
 }
 
 // Requires a float in [least, most]; NaN is refused.
-void require_range(const char* mesh, const char* parameter, double value, double least, double most);
+void require_range(const char* mesh, const char* option, double value, double least, double most);
 
 inline uint64_t triangle_count(const GridShape& g) {
   return 2 * uint64_t(g.columns) * (uint64_t(g.rows) - (g.poles ? 1 : 0));

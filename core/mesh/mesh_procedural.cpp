@@ -42,9 +42,10 @@ SinCos sin_cos_turn(int64_t numerator, int64_t denominator) {
 // vertices coincide in float. Far above float's 2^-24, far below what is visible.
 constexpr double k_min_radius_share = 0x1p-10;
 
-void check(const char* which, const Superformula& f) {
-  const auto range = [&](const char* parameter, double value, double least, double most) {
-    require_range("supershape", (std::string(which) + "." + parameter).c_str(), value, least, most);
+// `suffix`: of the options.
+void check(const std::string& suffix, const Superformula& f) {
+  const auto range = [&](const char* name, double value, double least, double most) {
+    require_range("supershape", ("--" + (name + suffix)).c_str(), value, least, most);
   };
   range("m", f.m, 0.0, 1000.0);
   range("n1", f.n1, 0.01, 1000.0);
@@ -77,11 +78,11 @@ std::vector<double> radii(const Superformula& f, double begin, double end, int c
 }  // namespace
 
 TriangleMesh make_supershape(const SupershapeParams& params) {
-  check("longitude", params.longitude);
-  check("latitude", params.latitude);
-  require_count("supershape", "around", params.around, 3, k_max_cells);
-  require_count("supershape", "along", params.along, 2, k_max_cells);
-  require_range("supershape", "radius", params.radius, k_min_size, k_max_size);
+  check("", params.longitude);
+  check("-lat", params.latitude);
+  require_count("supershape", "--around", params.around, 3, k_max_cells);
+  require_count("supershape", "--along", params.along, 2, k_max_cells);
+  require_range("supershape", "--radius", params.radius, k_min_size, k_max_size);
   const GridShape grid{params.around, params.along, true, false, true};
   require_triangles("supershape", triangle_count(grid));
 
@@ -104,12 +105,12 @@ TriangleMesh make_supershape(const SupershapeParams& params) {
 // ---------------------------------------------------------------- hyperboloid
 
 TriangleMesh make_hyperboloid(const HyperboloidParams& params) {
-  require_range("hyperboloid", "waist", params.waist, k_min_size, k_max_size);
-  require_range("hyperboloid", "rim", params.rim, params.waist, k_max_size);
-  require(params.rim > params.waist, "hyperboloid: rim must be larger than waist");
-  require_range("hyperboloid", "half_height", params.half_height, k_min_size, k_max_size);
-  require_count("hyperboloid", "around", params.around, 3, k_max_cells);
-  require_count("hyperboloid", "along", params.along, 1, k_max_cells);
+  require_range("hyperboloid", "--waist", params.waist, k_min_size, k_max_size);
+  require_range("hyperboloid", "--rim", params.rim, params.waist, k_max_size);
+  require(params.rim > params.waist, "hyperboloid: --rim must be larger than --waist");
+  require_range("hyperboloid", "--half-height", params.half_height, k_min_size, k_max_size);
+  require_count("hyperboloid", "--around", params.around, 3, k_max_cells);
+  require_count("hyperboloid", "--along", params.along, 1, k_max_cells);
   const GridShape grid{params.around, params.along, true, false, false};
   require_triangles("hyperboloid", triangle_count(grid));
 
@@ -129,14 +130,14 @@ TriangleMesh make_hyperboloid(const HyperboloidParams& params) {
 // ---------------------------------------------------------------- knot
 
 TriangleMesh make_knot(const KnotParams& params) {
-  require_count("knot", "p", params.p, 1, 64);
-  require_count("knot", "q", params.q, 0, 64);
-  require(std::gcd(params.p, params.q) == 1, "knot: p and q have a common factor, divide both by it");
-  require_range("knot", "major", params.major, k_min_size, k_max_size);
-  require_range("knot", "minor", params.minor, 0.0, params.major);
-  require(params.minor > 0.0f && params.minor < params.major, "knot: minor must lie between 0 and major");
-  require_count("knot", "along", params.along, 8, 1 << 22);
-  require_count("knot", "around", params.around, 3, k_max_cells);
+  require_count("knot", "--p", params.p, 1, 64);
+  require_count("knot", "--q", params.q, 0, 64);
+  require(std::gcd(params.p, params.q) == 1, "knot: --p and --q have a common factor, divide both by it");
+  require_range("knot", "--major", params.major, k_min_size, k_max_size);
+  require_range("knot", "--minor", params.minor, 0.0, params.major);
+  require(params.minor > 0.0f && params.minor < params.major, "knot: --minor must lie between 0 and --major");
+  require_count("knot", "--along", params.along, 8, 1 << 22);
+  require_count("knot", "--around", params.around, 3, k_max_cells);
   const GridShape grid{params.along, params.around, true, true, false};
   require_triangles("knot", triangle_count(grid));
 
@@ -167,8 +168,8 @@ TriangleMesh make_knot(const KnotParams& params) {
   }
   // Some hundred roundings of a float of the knot's size: a thinner tube would lose its roundness.
   const double thinnest = 0x1p-16 * (major + minor);
-  require_range("knot", "tube", params.tube, thinnest, 1.0 / curvature);
-  require(params.tube * curvature < 1.0, "knot: tube must be below the curve's smallest radius of curvature");
+  require_range("knot", "--tube", params.tube, thinnest, 1.0 / curvature);
+  require(params.tube * curvature < 1.0, "knot: --tube must be below the curve's smallest radius of curvature");
 
   const double tube = params.tube;
   std::vector<SinCos> ring(size_t(params.around));
@@ -184,9 +185,9 @@ TriangleMesh make_knot(const KnotParams& params) {
 // ---------------------------------------------------------------- sphere, plane, cube
 
 TriangleMesh make_sphere(const SphereParams& params) {
-  require_range("sphere", "radius", params.radius, k_min_size, k_max_size);
-  require_count("sphere", "around", params.around, 3, k_max_cells);
-  require_count("sphere", "along", params.along, 2, k_max_cells);
+  require_range("sphere", "--radius", params.radius, k_min_size, k_max_size);
+  require_count("sphere", "--around", params.around, 3, k_max_cells);
+  require_count("sphere", "--along", params.along, 2, k_max_cells);
   const GridShape grid{params.around, params.along, true, false, true};
   require_triangles("sphere", triangle_count(grid));
   return build(grid, GridNormals::given, [&](int i, int j) {
@@ -198,9 +199,9 @@ TriangleMesh make_sphere(const SphereParams& params) {
 }
 
 TriangleMesh make_plane(const PlaneParams& params) {
-  require_range("plane", "half_size", params.half_size, k_min_size, k_max_size);
-  require_count("plane", "columns", params.columns, 1, k_max_cells);
-  require_count("plane", "rows", params.rows, 1, k_max_cells);
+  require_range("plane", "--half-size", params.half_size, k_min_size, k_max_size);
+  require_count("plane", "--columns", params.columns, 1, k_max_cells);
+  require_count("plane", "--rows", params.rows, 1, k_max_cells);
   const GridShape grid{params.columns, params.rows};
   require_triangles("plane", triangle_count(grid));
   const double s = params.half_size;
@@ -212,8 +213,8 @@ TriangleMesh make_plane(const PlaneParams& params) {
 }
 
 TriangleMesh make_cube(const CubeParams& params) {
-  require_range("cube", "half_size", params.half_size, k_min_size, k_max_size);
-  require_count("cube", "divisions", params.divisions, 1, 2048);
+  require_range("cube", "--half-size", params.half_size, k_min_size, k_max_size);
+  require_count("cube", "--divisions", params.divisions, 1, 2048);
   const int n = params.divisions;
   const GridShape grid{n, n};
   require_triangles("cube", 6 * triangle_count(grid));

@@ -7,8 +7,8 @@
 // All meshes lie in object space around the origin and, with default parameters, within the unit sphere. They have unit
 // normals and texture coordinates in [0, 1]^2. Triangles run anticlockwise seen from outside (from +z for the plane).
 // Closed surfaces are watertight by position: vertices on a texture seam are repeated bit for bit. Every function
-// throws UsageError, naming the parameter, for a value outside the range stated beside it. Thread-safety: pure
-// functions. Memory layout: see core/mesh/mesh.h.
+// throws UsageError, naming the option of `fieldtrace mesh`, for a value outside the range stated beside it.
+// Thread-safety: pure functions. Memory layout: see core/mesh/mesh.h.
 #pragma once
 
 #include "core/mesh/mesh.h"

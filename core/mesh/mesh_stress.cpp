@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <random>
 
+#include "core/math/frame.h"
 #include "core/mesh/mesh_grid.h"
 #include "core/mesh/mesh_procedural.h"
 
@@ -13,20 +14,11 @@ using namespace mesh_grid;
 
 constexpr double k_pi_d = 3.14159265358979323846;
 
-// Two unit vectors that form a right-handed frame with the unit vector n (n = first x second). Duff et al., "Building
-// an Orthonormal Basis, Revisited", Journal of Computer Graphics Techniques 6(1), 2017.
-void basis(const DVec3& n, DVec3& first, DVec3& second) {
-  const double sign = std::copysign(1.0, n.z);
-  const double a = -1.0 / (sign + n.z), b = n.x * n.y * a;
-  first = {1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x};
-  second = {b, sign + n.y * n.y * a, -n.y};
-}
-
 // Torus: a closed tube around a circle about `axis`.
 TriangleMesh ring(const DVec3& centre, const DVec3& axis, double circle_radius, double wire_radius, int along,
                   int around) {
-  DVec3 x, y;
-  basis(axis, x, y);
+  const DMat3 basis = basis_about(axis);
+  const DVec3 x = basis[0], y = basis[1];
   const GridShape grid{along, around, true, true, false};
   return build(grid, GridNormals::given, [&](int i, int j) {
     const double u = 2.0 * k_pi_d * i / along, v = 2.0 * k_pi_d * j / around;
@@ -54,13 +46,13 @@ class Random {
 }  // namespace
 
 TriangleMesh make_comb(const CombParams& params) {
-  require_count("comb", "slats", params.slats, 1, 100000);
-  require_range("comb", "solid_share", params.solid_share, 1e-4, 1.0);
-  require(params.solid_share < 1.0f, "comb: solid_share must be below 1, else the slats touch");
+  require_count("comb", "--slats", params.slats, 1, 100000);
+  require_range("comb", "--solid-share", params.solid_share, 1e-4, 1.0);
+  require(params.solid_share < 1.0f, "comb: --solid-share must be below 1, else the slats touch");
   constexpr double k_half = 0.55;
   // 32 roundings of a float near 1 keep the two faces of a slat apart.
   require(2.0 * k_half / params.slats * params.solid_share >= 0x1p-19,
-          "comb: the slats are thinner than floats can tell, lower slats or raise solid_share");
+          "comb: the slats are thinner than floats can tell, lower --slats or raise --solid-share");
   const TriangleMesh cube = make_cube({.half_size = 1.0f});
   const double pitch = 2.0 * k_half / params.slats;
   TriangleMesh mesh;
@@ -74,12 +66,12 @@ TriangleMesh make_comb(const CombParams& params) {
 }
 
 TriangleMesh make_wire_globe(const WireGlobeParams& params) {
-  require_count("wire globe", "meridians", params.meridians, 0, 1000);
-  require_count("wire globe", "parallels", params.parallels, 0, 1000);
-  require(params.meridians + params.parallels > 0, "wire globe: meridians or parallels must be positive");
-  require_range("wire globe", "wire_radius", params.wire_radius, 1e-5, 0.1);
-  require_count("wire globe", "along", params.along, 8, 32768);
-  require_count("wire globe", "around", params.around, 3, 256);
+  require_count("wire globe", "--meridians", params.meridians, 0, 1000);
+  require_count("wire globe", "--parallels", params.parallels, 0, 1000);
+  require(params.meridians + params.parallels > 0, "wire globe: --meridians or --parallels must be positive");
+  require_range("wire globe", "--wire-radius", params.wire_radius, 1e-5, 0.1);
+  require_count("wire globe", "--along", params.along, 8, 32768);
+  require_count("wire globe", "--around", params.around, 3, 256);
   require_triangles("wire globe", 2 * uint64_t(params.along) * uint64_t(params.around) *
                                       uint64_t(params.meridians + params.parallels));
   const double wire = params.wire_radius, radius = 1.0 - wire;
@@ -98,11 +90,11 @@ TriangleMesh make_wire_globe(const WireGlobeParams& params) {
 }
 
 TriangleMesh make_hair_ball(const HairBallParams& params) {
-  require_count("hair ball", "hairs", params.hairs, 1, 1000000);
-  require_count("hair ball", "segments", params.segments, 1, 64);
-  require_range("hair ball", "hair_radius", params.hair_radius, 1e-5, 0.05);
-  require_range("hair ball", "ball_radius", params.ball_radius, 0.05, 0.9);
-  require_range("hair ball", "bend", params.bend, 0.0, 1.0);
+  require_count("hair ball", "--hairs", params.hairs, 1, 1000000);
+  require_count("hair ball", "--segments", params.segments, 1, 64);
+  require_range("hair ball", "--hair-radius", params.hair_radius, 1e-5, 0.05);
+  require_range("hair ball", "--ball-radius", params.ball_radius, 0.05, 0.9);
+  require_range("hair ball", "--bend", params.bend, 0.0, 1.0);
   constexpr int k_sides = 3;
   const GridShape grid{k_sides, params.segments + 1, true, false, true};
   require_triangles("hair ball", uint64_t(params.hairs) * triangle_count(grid));
@@ -119,8 +111,8 @@ TriangleMesh make_hair_ball(const HairBallParams& params) {
       const double r = params.ball_radius + s * length;
       return r * glm::normalize(root + double(params.bend) * length * s * s * side);
     };
-    DVec3 x, y;
-    basis(root, x, y);
+    const DMat3 basis = basis_about(root);
+    const DVec3 x = basis[0], y = basis[1];
     // Row 0 is the centre of the root's cap, the last row the tip; the rings in between taper linearly.
     append(mesh, build(grid, GridNormals::smooth, [&](int i, int j) {
              if (j == 0) return SurfacePoint{centre(0.0), -root};
@@ -133,10 +125,10 @@ TriangleMesh make_hair_ball(const HairBallParams& params) {
 }
 
 TriangleMesh make_wavy_sheet(const WavySheetParams& params) {
-  require_range("wavy sheet", "half_size", params.half_size, 0.01, 0.7);
-  require_range("wavy sheet", "amplitude", params.amplitude, 0.0, 0.15);
-  require_range("wavy sheet", "waves", params.waves, 0.0, 1000.0);
-  require_count("wavy sheet", "cells", params.cells, 1, 4096);
+  require_range("wavy sheet", "--half-size", params.half_size, 0.01, 0.7);
+  require_range("wavy sheet", "--amplitude", params.amplitude, 0.0, 0.15);
+  require_range("wavy sheet", "--waves", params.waves, 0.0, 1000.0);
+  require_count("wavy sheet", "--cells", params.cells, 1, 4096);
   const GridShape grid{params.cells, params.cells};
   const double s = params.half_size, a = params.amplitude, k = k_pi_d * params.waves / s;
   return build(grid, GridNormals::given, [&](int i, int j) {
@@ -148,8 +140,8 @@ TriangleMesh make_wavy_sheet(const WavySheetParams& params) {
 }
 
 TriangleMesh make_holy_sphere(const HolySphereParams& params) {
-  require_count("holy sphere", "holes", params.holes, 0, 1000);
-  require_range("holy sphere", "hole_radius_degrees", params.hole_radius_degrees, 0.0, 60.0);
+  require_count("holy sphere", "--holes", params.holes, 0, 1000);
+  require_range("holy sphere", "--hole-radius", params.hole_radius_degrees, 0.0, 60.0);
   TriangleMesh mesh = make_sphere({.radius = 1.0f, .around = params.around, .along = params.along});
 
   // Hole centres on a Fibonacci spiral.
@@ -170,8 +162,8 @@ TriangleMesh make_holy_sphere(const HolySphereParams& params) {
 }
 
 TriangleMesh make_sliver_fan(const SliverFanParams& params) {
-  require_count("sliver fan", "slivers", params.slivers, 1, 1000000);
-  require_range("sliver fan", "aspect", params.aspect, 1e-7, 0.1);
+  require_count("sliver fan", "--slivers", params.slivers, 1, 1000000);
+  require_range("sliver fan", "--aspect", params.aspect, 1e-7, 0.1);
   constexpr double k_half_length = 0.9;
   const DVec3 tip(-k_half_length, 0.0, 0.0);
   TriangleMesh mesh;

@@ -10,10 +10,7 @@ size_t Scene::triangle_count() const {
 
 Bounds3 Scene::world_bounds() const {
   Bounds3 b;
-  for (const Instance& i : instances) {
-    const Bounds3& s = shapes[i.shape].bounds;
-    for (int c = 0; c < 8; ++c) b.extend(transform_point(i.to_world, s.corner(c)));
-  }
+  for (const Instance& i : instances) b.extend(i.to_world, shapes[i.shape].bounds);
   return b;
 }
 

@@ -1,10 +1,10 @@
 #include "field/bake/bake.h"
 
 #include <algorithm>
-#include <chrono>
 #include <thread>
 #include <vector>
 
+#include "core/platform/stopwatch.h"
 #include "field/bake/cell_lines.h"
 #include "field/store/encode.h"
 #include "field/store/risk_classes.h"
@@ -407,7 +407,7 @@ struct Claims {
 
 void bake_slices(Field& field, FieldLayer layer, std::span<const uint32_t> slices, const Accel& accel, uint32_t shape,
                  BakeCounters& counters) {
-  const auto start = std::chrono::steady_clock::now();
+  const ScopedTimer timer(counters.seconds);
   Claims claims(field, layer);
   claims.list.reserve(slices.size());
   std::vector<uint32_t> elsewhere;
@@ -443,7 +443,6 @@ void bake_slices(Field& field, FieldLayer layer, std::span<const uint32_t> slice
       if (claims.take(slice)) bake_claims();
     }
   }
-  counters.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 }  // namespace fieldtrace

@@ -1,14 +1,13 @@
 #include "field/bake/bake_coverage.h"
 
-#include <chrono>
-
+#include "core/platform/stopwatch.h"
 #include "field/bake/tile_lines.h"
 
 namespace fieldtrace {
 
 void bake_coverage(Field& field, std::span<const uint32_t> slots, const Accel& accel, uint32_t shape,
                    BakeCounters& counters) {
-  const auto start = std::chrono::steady_clock::now();
+  const ScopedTimer timer(counters.seconds);
   CoverageTiles& tiles = field.coverage();
   TileRays rays;
   ShapeHits hits;
@@ -25,7 +24,6 @@ void bake_coverage(Field& field, std::span<const uint32_t> slots, const Accel& a
     }
     tiles.finish(slot, lines);
   });
-  counters.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 }  // namespace fieldtrace

@@ -111,9 +111,10 @@ class FullBaker {
     const uint32_t count = field_.coverage().slot_count();
     for (uint32_t begin = 0; begin < count; begin += k_tiles_at_once) {
       const uint32_t end = std::min(begin + k_tiles_at_once, count);
+      const uint32_t missing = missing_tiles(begin, end);
       // Which of these tiles take memory is known only once they are baked. Requiring room for all of them keeps what
       // is baked independent of the threads' timing.
-      if (!has_room(end - begin)) return count - begin;
+      if (missing > 0 && !has_room(missing)) return missing_tiles(begin, count);
       parallel_for((end - begin + k_tiles_per_task - 1) / k_tiles_per_task, [&](size_t task) {
         if (is_stopped()) return;
         const uint32_t first = begin + uint32_t(task) * k_tiles_per_task;
@@ -131,6 +132,11 @@ class FullBaker {
   bool stopped() const { return stopped_; }
 
  private:
+  uint32_t missing_tiles(uint32_t begin, uint32_t end) const {
+    uint32_t missing = 0;
+    for (uint32_t slot = begin; slot < end; ++slot) missing += !field_.coverage().finished(slot);
+    return missing;
+  }
   bool is_stopped() {
     if (callbacks_.stop && callbacks_.stop->load(std::memory_order_relaxed)) stopped_ = true;
     return stopped_;

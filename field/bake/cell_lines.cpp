@@ -1,6 +1,7 @@
 #include "field/bake/cell_lines.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 
 #include "core/simd/vec_lanes.h"
@@ -43,6 +44,12 @@ int opposite_cell(int cell, int directions) {
 CellFrame cell_frame(int u, int v, int directions) {
   const auto f = scalar::frame_from_square(in_cell(u, 0.5f, directions), in_cell(v, 0.5f, directions));
   return {to_vec(f.c), to_vec(f.s), to_vec(f.t)};
+}
+
+std::optional<BallLine> line_of_texel(const CellFrame& frame, int x, int y, int texels) {
+  const float s = in_cell(x, 0.5f, texels), t = in_cell(y, 0.5f, texels), squared = 1.0f - (s * s + t * t);
+  if (squared <= 0.0f) return {};
+  return BallLine{frame.s * s + frame.t * t, std::sqrt(squared)};
 }
 
 std::array<float, 4> cell_point(uint32_t cell, int k) {

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 
 #include "core/math/math.h"
 #include "field/store/field.h"
@@ -22,6 +23,13 @@ struct CellFrame {
   Vec3 c, s, t;
 };
 CellFrame cell_frame(int u, int v, int directions);
+// A line along a frame's c: its foot, and half its length within the ball.
+struct BallLine {
+  Vec3 foot;
+  float half;
+};
+// Of the middle of texel (x, y) of the plane [-1, 1]^2 of s and t; none outside the ball.
+std::optional<BallLine> line_of_texel(const CellFrame& frame, int x, int y, int texels);
 // The direction at (x, y) of a cell, x and y in [0, 1].
 Vec3 direction_in_cell(int u, int v, float x, float y, int directions);
 // The number u D + v of the cell of a unit direction.

@@ -26,14 +26,10 @@ FieldVerdict public_verdict(int verdict) {
 
 }  // namespace
 
-UnitTransform::UnitTransform(const Sphere& ball) : m{} {
-  const double scale = 1.0 / double(ball.radius);
-  m[0] = m[4] = m[8] = float(scale);
-  for (int i = 0; i < 3; ++i) m[9 + i] = float(-double(ball.centre[i]) * scale);
-}
-
 SingleRayQuery::SingleRayQuery(Field& field, const Accel& accel, uint32_t shape)
-    : field_(field), accel_(accel), shape_(shape), to_unit_(field.ball()) {}
+    : field_(field), accel_(accel), shape_(shape) {
+  write_unit_transform(Affine(1.0f), field.ball(), to_unit_);
+}
 
 bool SingleRayQuery::bake(std::optional<FieldLayer> layer, uint32_t slice) {
   if (!layer) return false;
@@ -42,7 +38,7 @@ bool SingleRayQuery::bake(std::optional<FieldLayer> layer, uint32_t slice) {
 }
 
 FieldVerdict SingleRayQuery::occluded(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_max, bool self) {
-  const auto segment = scalar::segment_in_unit_space(to_unit_.m, lanes(o), lanes(d), t_max);
+  const auto segment = scalar::segment_in_unit_space(to_unit_, lanes(o), lanes(d), t_max);
   for (;;) {
     const auto answer = scalar::query_segment(field_.view(), policy, segment, self);
     if (!bake(unknown_layer(answer.verdict), uint32_t(answer.slice))) return public_verdict(answer.verdict);
@@ -51,7 +47,7 @@ FieldVerdict SingleRayQuery::occluded(const QueryPolicy& policy, const Vec3& o, 
 
 FieldHit SingleRayQuery::nearest(const QueryPolicy& policy, const Vec3& o, const Vec3& d, float t_min, float t_max,
                                  bool self) {
-  const auto segment = scalar::segment_in_unit_space(to_unit_.m, lanes(o + d * t_min), lanes(d), t_max - t_min);
+  const auto segment = scalar::segment_in_unit_space(to_unit_, lanes(o + d * t_min), lanes(d), t_max - t_min);
   for (;;) {
     const auto answer = scalar::nearest_on_segment(field_.view(), policy, segment, self);
     const bool lacks_primitive = answer.verdict == k_verdict_blocked && answer.primitive == scalar::k_not_baked;

@@ -29,12 +29,6 @@ struct FieldHit {
   uint32_t primitive = k_none;  // a triangle near the hit: the one that the cell's centre line meets, if any
 };
 
-// Unit space <- object space of the field's ball, 3 x 4, column-major.
-struct UnitTransform {
-  explicit UnitTransform(const Sphere& ball);
-  float m[12];
-};
-
 class SingleRayQuery {
  public:
   // `shape` is the field's object in `accel`; field and accel must outlive the query.
@@ -55,7 +49,7 @@ class SingleRayQuery {
   Field& field_;
   const Accel& accel_;
   uint32_t shape_;
-  UnitTransform to_unit_;
+  float to_unit_[12];  // from object space
   BakeCounters counters_;
 };
 

@@ -1,7 +1,6 @@
 #include "field/bake/tile_lines.h"
 
 #include <algorithm>
-#include <cmath>
 #include <thread>
 
 #include "field/bake/cell_lines.h"
@@ -26,20 +25,16 @@ struct Claim {
 void TileRays::lay(const CoverageTiles& tiles, uint32_t slot, const Sphere& ball, int directions) {
   const CoverageTiles::Place place = tiles.place(slot);
   const CellFrame frame = cell_frame(int(place.direction) / directions, int(place.direction) % directions, directions);
-  const float step = 2.0f / float(tiles.lines());
   halves.clear();
   texels.clear();
   rays.resize(CoverageTiles::k_lines_per_tile);
   for (int i = 0; i < k_side * k_side; ++i) {
-    const float x = (float(place.x + i % k_side) + 0.5f) * step - 1.0f;
-    const float y = (float(place.y + i / k_side) + 0.5f) * step - 1.0f;
-    const float half_squared = 1.0f - (x * x + y * y);
-    if (half_squared <= 0.0f) continue;  // outside the ball
-    const float half = std::sqrt(half_squared);
-    const Vec3 entry = frame.s * x + frame.t * y + frame.c * half;
-    rays.set(texels.size(), ball.centre + entry * ball.radius, -frame.c * ball.radius, 2.0f * half);
+    const auto line = line_of_texel(frame, place.x + i % k_side, place.y + i / k_side, tiles.lines());
+    if (!line) continue;
+    const Vec3 entry = line->foot + frame.c * line->half;
+    rays.set(texels.size(), ball.centre + entry * ball.radius, -frame.c * ball.radius, 2.0f * line->half);
     texels.push_back(i);
-    halves.push_back(half);
+    halves.push_back(line->half);
   }
   rays.resize(texels.size());
 }

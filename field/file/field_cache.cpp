@@ -105,35 +105,14 @@ void FieldCache::mark_used(const FieldIdentity& identity) {
   fs::last_write_time(path_of(identity), fs::file_time_type::clock::now(), ignored);
 }
 
-bool FieldCache::load_or_tell(Field& field, const FieldIdentity& identity, const std::string& path, Tell tell) {
-  try {
-    remember(load_field(field, identity, path), identity);
-    return true;
-  } catch (const FieldFileError& e) {
-    tell_unusable(path, e.reason(), tell);
-  }
-  return false;
-}
-
-bool FieldCache::load(Field& field, const FieldIdentity& identity) {
-  const std::string path = path_of(identity);
-  std::error_code failed;
-  if (!fs::exists(path, failed)) return false;
-  mark_used(identity);
-  try {
-    return load_or_tell(field, identity, path, Tell::always);
-  } catch (const std::bad_alloc&) {
-    tell_unusable(path, "is larger than memory allows", Tell::always);
-  }
-  return false;
-}
-
 // Files that do not fit into memory are left as they are: replaced by this field alone, a file would lose what others
 // have baked.
 void FieldCache::load_to_merge(Field& held, const FieldIdentity& identity, const std::string& path) {
   try {
     if (size_of_file(path) > machine_memory_bytes()) throw std::bad_alloc();
-    load_or_tell(held, identity, path, Tell::unless_told);
+    remember(load_field(held, identity, path).slices, identity);
+  } catch (const FieldFileError& e) {
+    tell_unusable(path, e.reason(), Tell::unless_told);
   } catch (const std::bad_alloc&) {
     throw Error({path}, "is larger than memory allows, and is left as it is");
   }
@@ -194,6 +173,14 @@ void FieldCache::store_whole(const FieldIdentity& identity, const Save& save) {
   const FileLock lock(path + ".lock");
   remove_abandoned_writes(path);
   save(path);
+}
+
+bool FieldCache::load(Field& field, const FieldIdentity& identity) {
+  const auto load_and_remember = [&](const std::string& path) {
+    remember(load_field(field, identity, path).slices, identity);
+    return true;
+  };
+  return load_whole(identity, load_and_remember).has_value();
 }
 
 std::optional<ThesisField> FieldCache::load_thesis(const FieldIdentity& identity) {

@@ -196,11 +196,12 @@ FieldFile::FieldFile(const std::string& path) : grids_(std::make_unique<Grids>()
 
 FieldFile::~FieldFile() = default;
 
-bool FieldFile::copy_to(Field& field) const {
-  if (!same_ball(field.ball(), header_.ball)) return false;
-  if (!same_parameters(field.parameters(), header_.identity.parameters)) return false;
-  if (copy_bricks(field, 0, grids_->origins.size())) copy_tiles(field, 0, grids_->coverage.slots().size());
-  return true;
+FieldFile::Copied FieldFile::copy_to(Field& field) const {
+  if (!same_ball(field.ball(), header_.ball)) return Copied::nothing;
+  if (!same_parameters(field.parameters(), header_.identity.parameters)) return Copied::nothing;
+  const bool all =
+      copy_bricks(field, 0, grids_->origins.size()) && copy_tiles(field, 0, grids_->coverage.slots().size());
+  return all ? Copied::all : Copied::part;
 }
 
 void FieldFile::visit_pieces(const std::function<void(const Field&)>& visit) const {
@@ -221,7 +222,6 @@ void FieldFile::visit_pieces(const std::function<void(const Field&)>& visit) con
   }
 }
 
-// False if the field's pool fills up first.
 bool FieldFile::copy_bricks(Field& field, size_t first_brick, size_t end_brick) const {
   const uint32_t plane_bricks = uint32_t(field.view().plane_bricks);
   BrickData brick{};
@@ -236,7 +236,7 @@ bool FieldFile::copy_bricks(Field& field, size_t first_brick, size_t end_brick) 
       const uint32_t slice = (direction_brick * 16 + bit % 16) * plane_bricks + plane_brick;
       const std::optional<uint32_t> first = field.claim(layer, slice);
       if (!first) {
-        if (field.pool_full()) return false;
+        if (field.pool_full() && !field.finished(layer, slice)) return false;
         continue;  // baked, or claimed by another thread
       }
       const size_t in_brick = size_t(bit % 16) * scalar::k_slice_cells;
@@ -261,14 +261,19 @@ bool FieldFile::copy_bricks(Field& field, size_t first_brick, size_t end_brick) 
   return true;
 }
 
-void FieldFile::copy_tiles(Field& field, size_t first, size_t end) const {
+bool FieldFile::copy_tiles(Field& field, size_t first, size_t end) const {
+  CoverageTiles& tiles = field.coverage();
   TileLines lines(CoverageTiles::k_lines_per_tile);
   for (size_t i = first; i < end; ++i) {
     const uint32_t slot = grids_->coverage.slots()[i];
-    if (!field.coverage().claim(slot)) continue;
+    if (!tiles.claim(slot)) {
+      if (tiles.full() && !tiles.finished(slot)) return false;
+      continue;  // baked, or claimed by another thread
+    }
     grids_->coverage.read(slot, lines);
-    field.coverage().finish(slot, lines);
+    if (!tiles.finish(slot, lines)) return false;
   }
+  return true;
 }
 
 Hash128 slices_hash(const Field& field) {
@@ -278,15 +283,16 @@ Hash128 slices_hash(const Field& field) {
   return hasher.result();
 }
 
-Hash128 load_field(Field& field, const FieldIdentity& identity, const std::string& path) {
+LoadedField load_field(Field& field, const FieldIdentity& identity, const std::string& path) {
   const FieldFile file(path);
   const FieldIdentity& held = file.header().identity;
   if (held.geometry != identity.geometry || held.primitive_count != identity.primitive_count) {
     throw FieldFileError(path, "belongs to another mesh");
   }
   if (!(held == identity)) throw FieldFileError(path, "has another chart or other parameters");
-  if (!file.copy_to(field)) throw FieldFileError(path, "has another bounding sphere");
-  return file.slices();
+  const FieldFile::Copied copied = file.copy_to(field);
+  if (copied == FieldFile::Copied::nothing) throw FieldFileError(path, "has another bounding sphere");
+  return {file.slices(), copied == FieldFile::Copied::all};
 }
 
 // ---- writing

@@ -69,17 +69,19 @@ class FieldFile {
   // slices_hash() of a field with the file's contents.
   const Hash128& slices() const { return slices_; }
 
-  // Adds the file's slices to those of a field. False, and `field` unchanged, if its ball or parameters differ from the
-  // file's. Stops early when the field's pool is full.
-  bool copy_to(Field& field) const;
+  // Adds the file's slices and tiles to those of a field. nothing: its ball or parameters differ from the file's. part:
+  // the field's pool is full, and had no room for some.
+  enum class Copied { nothing, part, all };
+  Copied copy_to(Field& field) const;
 
   // Passes the file's contents to `visit` in fields that hold a piece each: the bricks of one direction brick, or the
   // tiles of one part of the coverage table. Memory stays small, however many equal bricks a small file stands for.
   void visit_pieces(const std::function<void(const Field&)>& visit) const;
 
  private:
-  bool copy_bricks(Field& field, size_t first, size_t end) const;  // of Grids::origins
-  void copy_tiles(Field& field, size_t first, size_t end) const;   // of the coverage grid's slots
+  // Of Grids::origins, and of the coverage grid's slots. False if the field's pool fills up first.
+  bool copy_bricks(Field& field, size_t first, size_t end) const;
+  bool copy_tiles(Field& field, size_t first, size_t end) const;
   struct Grids;
   FieldFileHeader header_;
   uint64_t bytes_ = 0;
@@ -97,8 +99,13 @@ void save_field(const Field& field, const FieldIdentity& identity, const std::st
 // The same for the union of fields of one identity and ball; a slice that several have is taken from the first.
 void save_fields(std::span<const Field* const> fields, const FieldIdentity& identity, const std::string& path);
 
+struct LoadedField {
+  Hash128 slices;      // FieldFile::slices() of the file
+  bool whole = false;  // else the field's pool had no room for all of it
+};
+
 // Loads `path` into `field`. Throws FieldFileError, with the field unchanged, for whatever the constructor of FieldFile
-// refuses and for a file of another identity or ball. Returns FieldFile::slices() of the file.
-Hash128 load_field(Field& field, const FieldIdentity& identity, const std::string& path);
+// refuses and for a file of another identity or ball.
+LoadedField load_field(Field& field, const FieldIdentity& identity, const std::string& path);
 
 }  // namespace fieldtrace

@@ -6,7 +6,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <vector>
 
 #include "core/io/input_file.h"
 #include "core/platform/machine_memory.h"
@@ -46,18 +45,12 @@ std::string other_format(int version) {
 
 void append_trailer(const std::string& path, const std::string& name) {
   Hasher hasher;
-  uint64_t bytes = 0;
-  std::ifstream in(path, std::ios::binary);
-  std::vector<char> buffer(1 << 20);
-  while (in.read(buffer.data(), std::streamsize(buffer.size())), in.gcount() > 0) {
-    hasher.add(buffer.data(), size_t(in.gcount()));
-    bytes += uint64_t(in.gcount());
-  }
-  const std::array<char, k_trailer_bytes> trailer = make_trailer(bytes, hasher.result());
+  const std::optional<uint64_t> bytes = hasher.add_file(path);
+  const std::array<char, k_trailer_bytes> trailer = make_trailer(bytes.value_or(0), hasher.result());
   std::ofstream out(path, std::ios::binary | std::ios::app);
   out.write(trailer.data(), trailer.size());
   out.close();
-  if (!in.is_open() || in.bad() || !out) throw Error({name}, std::string("cannot be written: ") + std::strerror(errno));
+  if (!bytes || !out) throw Error({name}, std::string("cannot be written: ") + std::strerror(errno));
 }
 
 std::optional<int> trailer_version(const std::string& path) {

@@ -2,7 +2,9 @@
 
 #include <xxhash.h>
 
+#include <fstream>
 #include <new>
+#include <vector>
 
 namespace fieldtrace {
 
@@ -36,6 +38,17 @@ Hasher::Hasher() : state_(XXH3_createState()) {
 void Hasher::FreeState::operator()(XXH3_state_s* state) const { XXH3_freeState(state); }
 
 void Hasher::add(const void* data, size_t bytes) { XXH3_128bits_update(state_.get(), data, bytes); }
+
+std::optional<uint64_t> Hasher::add_file(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::vector<char> piece(1 << 20);
+  uint64_t bytes = 0;
+  while (file.read(piece.data(), std::streamsize(piece.size())), file.gcount() > 0) {
+    add(piece.data(), size_t(file.gcount()));
+    bytes += uint64_t(file.gcount());
+  }
+  return file.eof() ? std::optional(bytes) : std::nullopt;
+}
 
 Hash128 Hasher::result() const {
   const XXH128_hash_t hash = XXH3_128bits_digest(state_.get());

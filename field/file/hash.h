@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 struct XXH3_state_s;
@@ -36,6 +37,8 @@ class Hasher {
   void add_value(const T& value) {
     add(&value, sizeof(T));
   }
+  // A file's contents. Returns its size; nothing if it cannot be read to its end.
+  std::optional<uint64_t> add_file(const std::string& path);
   // The hash of everything added so far; more may be added afterwards.
   Hash128 result() const;
 

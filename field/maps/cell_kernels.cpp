@@ -8,30 +8,15 @@
 // clang-format on
 
 #include "core/simd/lanes-inl.h"
-#include "field/maps/cell_irradiance.hd.h"
-#include "field/maps/cell_kernels.h"
-#include "field/maps/cell_kernels_scalar.h"
-#include "field/maps/cell_visibility.hd.h"
-#include "field/maps/direction_cells.hd.h"
+#include "field/maps/cell_kernels-inl.h"
 
-#if HWY_TARGET != HWY_SCALAR  // cell_kernels_scalar.h covers it
+#if HWY_TARGET != HWY_SCALAR  // cell_kernels_scalar() covers it
 FT_LANES_BEGIN
 
-int see_cell_of_target(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided) {
-  return see_cell<F32>(task, points, sums, undecided);
-}
-
-void see_own_of_target(const OwnLines& own, const CellPoints& points, const OwnShares& kept) {
-  see_own<F32>(own, points, kept);
-}
-
-void sum_cells_of_target(const CellLights& cells, const CellNormals& normals, float grazing,
-                         const CellLightSums& sums) {
-  sum_cells<F32>(cells, normals, grazing, sums);
-}
-
-void find_cells_of_target(const DirectionRow& row, int32_t directions, int32_t* cells) {
-  find_cells<F32>(row, directions, cells);
+// The kernels' addresses are taken inside the target's own namespace, so that no instance is shared between targets.
+const CellKernels& cell_kernels_of_target() {
+  static constexpr CellKernels k_kernels = make_cell_kernels<F32>();
+  return k_kernels;
 }
 
 FT_LANES_END
@@ -42,15 +27,7 @@ FT_LANES_END
 
 namespace fieldtrace {
 
-CellKernel cell_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, see_cell_of_target, see_cell_scalar)}
-
-OwnShareKernel own_share_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, see_own_of_target, see_own_scalar)}
-
-CellLightKernel cell_light_kernel_for(Isa isa){FT_RETURN_FORM_FOR(isa, sum_cells_of_target, sum_cells_scalar)}
-
-DirectionCellKernel direction_cell_kernel_for(Isa isa) {
-  FT_RETURN_FORM_FOR(isa, find_cells_of_target, find_cells_scalar)
-}
+const CellKernels& cell_kernels(Isa isa) { FT_RETURN_FORM_FOR(isa, cell_kernels_of_target(), cell_kernels_scalar()) }
 
 }  // namespace fieldtrace
 #endif

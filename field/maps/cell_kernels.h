@@ -11,18 +11,15 @@ namespace fieldtrace {
 
 using CellKernel = int (*)(const CellTask& task, const CellPoints& points, const CellSums& sums, int32_t* undecided);
 
-using OwnShareKernel = void (*)(const OwnLines& own, const CellPoints& points, const OwnShares& kept);
-
-using CellLightKernel = void (*)(const CellLights& cells, const CellNormals& normals, float grazing,
-                                 const CellLightSums& sums);
-
-using DirectionCellKernel = void (*)(const DirectionRow& row, int32_t directions, int32_t* cells);
+struct CellKernels {
+  CellKernel see_cell, see_cell_within;
+  void (*see_own)(const OwnLines& own, const CellPoints& points, const OwnShares& kept);
+  void (*sum_cells)(const CellLights& cells, const CellNormals& normals, float grazing, const CellLightSums& sums);
+  void (*find_cells)(const DirectionRow& row, int32_t directions, int32_t* cells);
+};
 
 // `isa` must be resolved. The same bits for each.
-CellKernel cell_kernel_for(Isa isa);
-CellKernel cell_within_kernel_for(Isa isa);
-OwnShareKernel own_share_kernel_for(Isa isa);
-CellLightKernel cell_light_kernel_for(Isa isa);
-DirectionCellKernel direction_cell_kernel_for(Isa isa);
+const CellKernels& cell_kernels(Isa isa);
+const CellKernels& cell_kernels_scalar();
 
 }  // namespace fieldtrace

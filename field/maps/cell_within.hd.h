@@ -87,24 +87,16 @@ FT_HD_INLINE MapShare<F> share_by_lines_within(const MapLines& lines, F x, F y, 
   return {select(wanted, hidden, zero), undecided};
 }
 
-// The same; of cells that are wider than texels by four reads, as share_by_depths().
+// The same; of cells that are wider than texels by four reads.
 template <class F>
 FT_HD_INLINE MapShare<F> share_by_depths_within(const MapLines& lines, const MapPlace<F>& at, F code, F far,
                                                 Mask_t<F> wanted) {
-  const F zero = splat<F>(0.0f), part = splat<F>(0.25f);
   const Mask_t<F> broad = wanted & (at.footprint >= splat<F>(k_broad_footprint));
   if (!any(broad)) return share_by_lines_within<F>(lines, at.x, at.y, code, far, wanted);
   // Elsewhere the four places are one.
-  const F quarter = select(broad, splat<F>(k_quarter_of_cell) * at.footprint, zero);
-  F hidden = zero, near = zero;
-  for (int k = 0; k < 4; ++k) {
-    const MapShare<F> share = share_by_lines_within<F>(lines, k % 2 ? at.x + quarter : at.x - quarter,
-                                                       k / 2 ? at.y + quarter : at.y - quarter, code, far, wanted);
-    hidden = hidden + part * share.hidden;
-    near = near + select(share.near, part, zero);
-  }
-  const Mask_t<F> undecided = near > splat<F>(k_most_near);
-  return {hidden, undecided};
+  const F quarter = select(broad, splat<F>(k_quarter_of_cell) * at.footprint, splat<F>(0.0f));
+  return share_by_four<F>(at.x, at.y, quarter,
+                          [&](F x, F y) { return share_by_lines_within<F>(lines, x, y, code, far, wanted); });
 }
 
 // Of an object that the points do not lie on.

@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <bit>
-#include <chrono>
-#include <cmath>
 #include <vector>
 
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "field/bake/cell_lines.h"
-#include "field/maps/pyramid_levels.h"
+#include "field/maps/radiance_pyramids.h"
 
 namespace fieldtrace {
 namespace {
@@ -95,7 +94,7 @@ void DirectionMaps::finish(int direction) {
 
 bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const DMat3& to_object,
                const std::atomic<bool>* stop, BakeCounters& counters) {
-  const auto start = std::chrono::steady_clock::now();
+  const ScopedTimer timer(counters.seconds);
   const MapSize size = maps.size();
   const Sphere ball = maps.ball();
   const bool is_deformed = to_object != DMat3(1.0);
@@ -118,15 +117,12 @@ bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const DM
       const int x0 = block % (size.texels / 8) * 8, y0 = block / (size.texels / 8) * 4;
       for (int i = 0; i < 32; ++i) {
         const int column = x0 + i % 8, row = y0 + i / 8;
-        const float x = (float(column) + 0.5f) * 2.0f / float(size.texels) - 1.0f;
-        const float y = (float(row) + 0.5f) * 2.0f / float(size.texels) - 1.0f;
-        const float half_squared = 1.0f - (x * x + y * y);
-        if (half_squared <= 0.0f) continue;  // outside the ball
-        const float half = std::sqrt(half_squared);
-        const Vec3 entry = frame.s * x + frame.t * y + frame.c * half;
-        rays.set(texels.size(), in_object(ball.centre + entry * ball.radius), along, 2.0f * half);
+        const auto line = line_of_texel(frame, column, row, size.texels);
+        if (!line) continue;
+        const Vec3 entry = line->foot + frame.c * line->half;
+        rays.set(texels.size(), in_object(ball.centre + entry * ball.radius), along, 2.0f * line->half);
         texels.push_back(size_t(row) * size_t(size.texels) + size_t(column));
-        halves.push_back(half);
+        halves.push_back(line->half);
       }
     }
     rays.resize(texels.size());
@@ -141,7 +137,6 @@ bool bake_maps(DirectionMaps& maps, const Accel& accel, uint32_t shape, const DM
     traced += texels.size();
   });
   counters.rays += traced;
-  counters.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return !stopped();
 }
 

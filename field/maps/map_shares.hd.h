@@ -84,19 +84,17 @@ FT_HD_INLINE MapShare<F> share_by_depth(const MapLines& lines, F x, F y, F z, Ma
   return {select(wanted, hidden, zero), undecided};
 }
 
-// The same of cells that are wider than texels, by four reads.
-template <class F>
-FT_HD_INLINE MapShare<F> share_by_depths(const MapLines& lines, F x, F y, F z, F footprint, Mask_t<F> wanted) {
-  const F quarter = splat<F>(k_quarter_of_cell) * footprint, part = splat<F>(0.25f);
-  F hidden = splat<F>(0.0f), near = hidden;
+// Of cells that are wider than texels, by four of read(x, y), each `quarter` from the middle along x and y.
+template <class F, class Read>
+FT_HD_INLINE MapShare<F> share_by_four(F x, F y, F quarter, const Read& read) {
+  const F zero = splat<F>(0.0f), part = splat<F>(0.25f);
+  F hidden = zero, near = zero;
   for (int k = 0; k < 4; ++k) {
-    const MapShare<F> share =
-        share_by_depth<F>(lines, k % 2 ? x + quarter : x - quarter, k / 2 ? y + quarter : y - quarter, z, wanted);
+    const MapShare<F> share = read(k % 2 ? x + quarter : x - quarter, k / 2 ? y + quarter : y - quarter);
     hidden = hidden + part * share.hidden;
-    near = near + select(share.near, part, splat<F>(0.0f));
+    near = near + select(share.near, part, zero);
   }
-  const Mask_t<F> undecided = near > splat<F>(k_most_near);
-  return {hidden, undecided};
+  return {hidden, near > splat<F>(k_most_near)};
 }
 
 // footprint: texels. A footprint wider than the map reads the coarsest level, and is hidden by the map's part of it.
@@ -177,7 +175,8 @@ FT_HD_INLINE MapShare<F> share_of_map(const MapLines& lines, const MapPlace<F>& 
   const Mask_t<F> broad = at.by_depth & (at.footprint >= splat<F>(k_broad_footprint));
   if (any(and_not(broad, at.by_depth))) share = share_by_depth<F>(lines, at.x, at.y, at.z, at.by_depth);
   if (any(broad)) {
-    const MapShare<F> wide = share_by_depths<F>(lines, at.x, at.y, at.z, at.footprint, broad);
+    const MapShare<F> wide = share_by_four<F>(at.x, at.y, splat<F>(k_quarter_of_cell) * at.footprint,
+                                              [&](F x, F y) { return share_by_depth<F>(lines, x, y, at.z, broad); });
     share.hidden = select(broad, wide.hidden, share.hidden);
     share.near = and_not(broad, share.near) | wide.near;
   }

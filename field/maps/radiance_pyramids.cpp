@@ -4,8 +4,6 @@
 #include <cmath>
 #include <vector>
 
-#include "field/maps/pyramid_levels.h"
-
 namespace fieldtrace {
 namespace {
 

@@ -3,6 +3,7 @@
 // Memory layout: radiance_view.h. Thread-safety: different pyramids may be filled at once; const otherwise.
 #pragma once
 
+#include <bit>
 #include <span>
 
 #include "core/math/math.h"
@@ -10,6 +11,9 @@
 #include "field/maps/radiance_view.h"
 
 namespace fieldtrace {
+
+// Levels of half, a quarter, ... of `texels` along a side, a power of two, down to one.
+inline int pyramid_levels(int texels) { return std::bit_width(unsigned(texels)) - 1; }
 
 class RadiancePyramids {
  public:

@@ -13,12 +13,8 @@ struct ConeMasks {
   uint32_t lookups;  // of the block
 };
 
-struct StratumMasks {
-  uint32_t refused, not_baked;
-  uint32_t lookups;
-};
-
-struct LobeMasks {
+// Of strata and of lobes.
+struct ShareMasks {
   uint32_t refused, not_baked;
   uint32_t lookups;
 };

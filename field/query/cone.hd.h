@@ -21,6 +21,7 @@
 #define FIELDTRACE_FIELD_QUERY_CONE_HD_H_
 #endif
 
+#include "core/sampling/warp.hd.h"
 #include "core/simd/lanes.hd.h"
 #include "field/chart/chart.hd.h"
 #include "field/query/query.hd.h"
@@ -196,13 +197,7 @@ template <class F, class TellMissing>
 FT_HD_INLINE ConeAnswer<F> from_plane_fit(const FieldView& field, const QueryPolicy& policy, const LightCone<F>& cone,
                                           int side, Mask_t<F> wanted, const TellMissing& tell_missing) {
   const F one = splat<F>(1.0f);
-  // An orthonormal basis about the axis (Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 2017).
-  const F sign = copysign(one, cone.axis.z);
-  const F a = splat<F>(-1.0f) / (sign + cone.axis.z);
-  const F b = cone.axis.x * cone.axis.y * a;
-  const Vec3Lanes<F> across_x = {one + sign * cone.axis.x * cone.axis.x * a, sign * b,
-                                 splat<F>(0.0f) - sign * cone.axis.x};
-  const Vec3Lanes<F> across_y = {b, sign + cone.axis.y * cone.axis.y * a, splat<F>(0.0f) - cone.axis.y};
+  const Basis<F> across = make_basis<F>(cone.axis);
   ConeAnswer<F> answer;
   answer.clear = answer.blocked = wanted;
   answer.unknown = and_not(wanted, wanted);
@@ -215,7 +210,7 @@ FT_HD_INLINE ConeAnswer<F> from_plane_fit(const FieldView& field, const QueryPol
     // demanded or not depending on what other threads have baked, and memory use with them.
     const Mask_t<F> queried = and_not(answer.unknown, answer.clear | answer.blocked);
     if (!any(queried)) break;
-    Vec3Lanes<F> d = cone.axis + across_x * (cone.tangent * splat<F>(x)) + across_y * (cone.tangent * splat<F>(y));
+    Vec3Lanes<F> d = cone.axis + across.x * (cone.tangent * splat<F>(x)) + across.y * (cone.tangent * splat<F>(y));
     d = d * (one / sqrt(dot(d, d)));
     const Vec3Lanes<F> back = {-d.x, -d.y, -d.z};
     const Vec3Lanes<F> end = cone.p + d * cone.distance;

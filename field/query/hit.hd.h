@@ -18,10 +18,7 @@ FT_LANES_BEGIN
 // The world-space direction of a unit-space normal: by the transpose of world -> unit.
 template <class F>
 FT_HD_INLINE Vec3Lanes<F> world_normal(const float* m, const Vec3Lanes<F>& n) {
-  const auto along_column = [&](int i) {
-    return splat<F>(m[i]) * n.x + splat<F>(m[i + 1]) * n.y + splat<F>(m[i + 2]) * n.z;
-  };
-  const Vec3Lanes<F> w = {along_column(0), along_column(3), along_column(6)};
+  const Vec3Lanes<F> w = transposed_vector(m, n);
   return w * (splat<F>(1.0f) / sqrt(max(dot(w, w), splat<F>(1e-37f))));
 }
 

@@ -53,7 +53,8 @@ struct UnitSegment {
   Mask_t<F> crosses, origin_inside, end_inside;
 };
 
-// Row `axis` of a 3 x 4 column-major transform, applied to a vector; then all rows, to a vector and to a point.
+// Row `axis` of a 3 x 4 column-major transform, applied to a vector; then all rows, to a vector and to a point; then
+// the transpose, to a vector.
 template <class F>
 FT_HD_INLINE F transformed(const float* m, int axis, const Vec3Lanes<F>& v) {
   return splat<F>(m[axis]) * v.x + splat<F>(m[3 + axis]) * v.y + splat<F>(m[6 + axis]) * v.z;
@@ -66,6 +67,13 @@ template <class F>
 FT_HD_INLINE Vec3Lanes<F> transformed_point(const float* m, const Vec3Lanes<F>& p) {
   return transformed_vector(m, p) + Vec3Lanes<F>{splat<F>(m[9]), splat<F>(m[10]), splat<F>(m[11])};
 }
+template <class F>
+FT_HD_INLINE Vec3Lanes<F> transposed_vector(const float* m, const Vec3Lanes<F>& v) {
+  const auto along_column = [&](int i) {
+    return splat<F>(m[i]) * v.x + splat<F>(m[i + 1]) * v.y + splat<F>(m[i + 2]) * v.z;
+  };
+  return {along_column(0), along_column(3), along_column(6)};
+}
 
 // Transforms a world-space ray into unit space. to_unit: 3 x 4, column-major. An inactive ray (tmax < 0) crosses
 // nothing. Written in place: copying the struct would read its narrow masks by wide loads, which stall on the stores
@@ -74,14 +82,8 @@ template <class F>
 FT_HD_INLINE void write_segment(const float* to_unit, const Vec3Lanes<F>& o, const Vec3Lanes<F>& d, F tmax,
                                 UnitSegment<F>& s) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  const F m0 = splat<F>(to_unit[0]), m1 = splat<F>(to_unit[1]), m2 = splat<F>(to_unit[2]);
-  const F m3 = splat<F>(to_unit[3]), m4 = splat<F>(to_unit[4]), m5 = splat<F>(to_unit[5]);
-  const F m6 = splat<F>(to_unit[6]), m7 = splat<F>(to_unit[7]), m8 = splat<F>(to_unit[8]);
-  s.origin = {m0 * o.x + m3 * o.y + m6 * o.z + splat<F>(to_unit[9]),
-              m1 * o.x + m4 * o.y + m7 * o.z + splat<F>(to_unit[10]),
-              m2 * o.x + m5 * o.y + m8 * o.z + splat<F>(to_unit[11])};
-  const Vec3Lanes<F> q = {m0 * d.x + m3 * d.y + m6 * d.z, m1 * d.x + m4 * d.y + m7 * d.z,
-                          m2 * d.x + m5 * d.y + m8 * d.z};
+  s.origin = transformed_point(to_unit, o);
+  const Vec3Lanes<F> q = transformed_vector(to_unit, d);
   const F scale = sqrt(dot(q, q));
   s.direction = q * (one / scale);
   s.length = tmax * scale;

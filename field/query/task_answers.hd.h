@@ -30,11 +30,7 @@ FT_HD_INLINE F most_turn(const FieldView& field) {
 // the plane by the spacing of the lines, which they do not resolve.
 template <class F>
 FT_HD_INLINE Mask_t<F> faces_object(const ConeTask& task, const LightCone<F>& cone, const Vec3Lanes<F>& world_normal) {
-  const float* m = task.from_unit;
-  const auto along_column = [&](int i) {
-    return splat<F>(m[i]) * world_normal.x + splat<F>(m[i + 1]) * world_normal.y + splat<F>(m[i + 2]) * world_normal.z;
-  };
-  const Vec3Lanes<F> n = {along_column(0), along_column(3), along_column(6)};
+  const Vec3Lanes<F> n = transposed_vector(task.from_unit, world_normal);
   const F reach = abs(n.x) * splat<F>(task.half_extent[0]) + abs(n.y) * splat<F>(task.half_extent[1]) +
                   abs(n.z) * splat<F>(task.half_extent[2]);
   const FieldView& field = task.segment.field;

@@ -36,6 +36,8 @@ class CoverageTiles {
 
   // L for planes of N x N cells: two lines for each cell along each side, within limits.
   static int lines_for(int plane);
+  // Tiles of all directions.
+  static uint64_t slots_for(int directions, int plane);
   // Address space of the tables; of a whole pool.
   static uint64_t table_bytes(int directions, int plane);
   static uint64_t pool_bytes(int directions, int plane, TilePayload payload = TilePayload::none);
@@ -79,7 +81,7 @@ class CoverageTiles {
   static constexpr uint32_t k_part_slots = 1024;
   static constexpr uint32_t k_fixed_tiles = 2;  // 0: not baked, 1: empty; both all zero
 
-  static uint64_t slots_for(int directions, int plane);
+ private:
   static uint64_t pool_tiles(uint64_t slots, TilePayload payload);  // in a whole pool
   static uint64_t parts_of(uint64_t slots) { return (slots + k_part_slots - 1) / k_part_slots; }
   bool charge(uint64_t bytes);

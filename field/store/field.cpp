@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <string>
 
 #include "core/platform/shared_value.h"
 #include "core/scene/scene.h"
@@ -26,17 +25,15 @@ bool power_between(int value, int low, int high) {
   return value >= low && value <= high && std::has_single_bit(unsigned(value));
 }
 
-void require_power(const char* name, int value, int low, int high) {
-  if (!power_between(value, low, high)) {
-    throw UsageError(std::string(name) + " must be a power of two from " + std::to_string(low) + " to " +
-                     std::to_string(high));
-  }
+// Why a Field cannot have these parameters; null if it can.
+const char* fault_of(const FieldParameters& p) {
+  if (!power_between(p.directions, 32, 256)) return "directions must be a power of two from 32 to 256";
+  if (!power_between(p.plane, 64, 512)) return "plane must be a power of two from 64 to 512";
+  return p.lines < 4 || p.lines > k_max_lines ? "lines per cell must lie in 4 ... 32" : nullptr;
 }
 
 const FieldParameters& checked(const FieldParameters& p) {
-  require_power("directions", p.directions, 32, 256);
-  require_power("plane", p.plane, 64, 512);
-  if (p.lines < 4 || p.lines > k_max_lines) throw UsageError("lines per cell must lie in 4 ... 32");
+  if (const char* fault = fault_of(p)) throw UsageError(fault);
   return p;
 }
 
@@ -50,6 +47,12 @@ uint64_t pool_bricks(const FieldParameters& p) {
   return std::min<uint64_t>(direction_bricks_of(p) * plane_bricks_of(p) + 1, k_max_pool_bricks);
 }
 
+uint64_t bytes_of_all_layers() {  // of one brick
+  uint64_t bytes = 0;
+  for (int layer = 0; layer < k_field_layers; ++layer) bytes += Field::brick_bytes(FieldLayer(layer));
+  return bytes;
+}
+
 // The part of a whole pool, 0 to 1, that fits into an address space of that size beside the tables.
 double pool_share(const FieldParameters& p, uint64_t address_space) {
   const uint64_t whole = Field::reserved_bytes(p), tables = Field::table_bytes(p);
@@ -59,10 +62,7 @@ double pool_share(const FieldParameters& p, uint64_t address_space) {
 
 }  // namespace
 
-bool valid_parameters(const FieldParameters& p) {
-  return power_between(p.directions, 32, 256) && power_between(p.plane, 64, 512) && p.lines >= 4 &&
-         p.lines <= k_max_lines;
-}
+bool valid_parameters(const FieldParameters& p) { return !fault_of(p); }
 
 Sphere field_ball(const Bounds3& bounds) {
   Sphere ball;
@@ -73,6 +73,16 @@ Sphere field_ball(const Bounds3& bounds) {
   ball.radius = 0.5f * glm::length(bounds.diagonal()) * (1.0f + gamma_bound(16)) + gamma_bound(8) * largest;
   ball.radius = std::max(ball.radius, std::numeric_limits<float>::min());
   return ball;
+}
+
+void write_unit_transform(const Affine& to_object, const Sphere& ball, float out[12]) {
+  const double inverse_radius = 1.0 / double(ball.radius);
+  for (int column = 0; column < 4; ++column) {
+    for (int row = 0; row < 3; ++row) {
+      const double shift = column == 3 ? double(ball.centre[row]) : 0.0;
+      out[column * 3 + row] = float((double(to_object[column][row]) - shift) * inverse_radius);
+    }
+  }
 }
 
 Field::Field(const Sphere& ball, const FieldParameters& parameters, FieldBudget* budget, uint64_t address_space)
@@ -107,11 +117,8 @@ uint64_t Field::brick_bytes(FieldLayer layer) {
 uint64_t Field::most_bytes(const FieldParameters& p) {
   const uint64_t direction_bricks = direction_bricks_of(p);
   const uint64_t bricks = direction_bricks * plane_bricks_of(p);
-  const uint64_t tiles_along = uint64_t(CoverageTiles::lines_for(p.plane) / scalar::k_tile_lines);
-  const uint64_t tiles = uint64_t(p.directions) * uint64_t(p.directions) * tiles_along * tiles_along;
-  uint64_t brick_bytes_of_all = 0;
-  for (int layer = 0; layer < k_field_layers; ++layer) brick_bytes_of_all += brick_bytes(FieldLayer(layer));
-  return sizeof(int32_t) * (direction_bricks + bricks + tiles) + bricks * brick_bytes_of_all +
+  const uint64_t tiles = CoverageTiles::slots_for(p.directions, p.plane);
+  return sizeof(int32_t) * (direction_bricks + bricks + tiles) + bricks * bytes_of_all_layers() +
          tiles * CoverageTiles::k_tile_bytes;
 }
 
@@ -122,8 +129,7 @@ uint64_t Field::table_bytes(const FieldParameters& p) {
 }
 
 uint64_t Field::reserved_bytes(const FieldParameters& p) {
-  uint64_t brick = 2 * sizeof(SliceMask);
-  for (int layer = 0; layer < k_field_layers; ++layer) brick += brick_bytes(FieldLayer(layer));
+  const uint64_t brick = 2 * sizeof(SliceMask) + bytes_of_all_layers();
   return table_bytes(p) + pool_bricks(p) * brick + CoverageTiles::pool_bytes(p.directions, p.plane);
 }
 

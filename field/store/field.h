@@ -45,6 +45,9 @@ bool valid_parameters(const FieldParameters& parameters);
 // inside.
 Sphere field_ball(const Bounds3& bounds);
 
+// World -> unit space of a ball in object space, 3 x 4, column-major; composed in double.
+void write_unit_transform(const Affine& to_object, const Sphere& ball, float out[12]);
+
 // A slice's place in the chart, and its cells in the pool.
 struct SliceAddress {
   int u = 0, v = 0;    // direction cell

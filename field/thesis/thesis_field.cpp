@@ -1,11 +1,11 @@
 #include "field/thesis/thesis_field.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <mutex>
 
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "field/thesis/chart_thesis.hd.h"
 
 namespace fieldtrace {
@@ -130,7 +130,7 @@ std::optional<ThesisField> bake_thesis_field(const Accel& accel, const Scene& sc
     const uint32_t begin = uint32_t(task) * k_per_task;
     const uint32_t end = std::min(begin + k_per_task, uint32_t(scalar::k_thesis_positions));
     for (uint32_t position = begin; position < end; ++position) bake_position(input, position, work, field);
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    const double seconds = seconds_since(start);
     const std::lock_guard lock(mutex);
     if (callbacks.counters) {
       callbacks.counters->rays += uint64_t(end - begin) * input.inwards.size();
@@ -154,12 +154,7 @@ ThesisInstanceView thesis_instance_view(const ThesisField& field, const Instance
   view.field = field.view();
   view.slack = thesis_slack(field.m());
   view.instance = index;
-  const DVec3 centre(field.ball().centre);
-  const double inverse = 1.0 / double(field.ball().radius);
-  for (int column = 0; column < 4; ++column) {
-    const DVec3 c = (DVec3(instance.to_object[column]) - (column == 3 ? centre : DVec3(0.0))) * inverse;
-    for (int row = 0; row < 3; ++row) view.to_unit[3 * column + row] = float(c[row]);
-  }
+  write_unit_transform(instance.to_object, field.ball(), view.to_unit);
   for (int column = 0; column < 3; ++column) {
     for (int row = 0; row < 3; ++row) view.to_normal[3 * column + row] = instance.to_object[row][column];
   }

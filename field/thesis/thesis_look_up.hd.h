@@ -75,10 +75,7 @@ FT_HD_INLINE Vec3Lanes<F> thesis_normal(const ThesisInstanceView& view, Int_t<F>
     return to_float((byte & splat_int<F>(255)) - splat_int<F>(k_thesis_normal_zero));
   };
   const F x = component(word), y = component(shift_right<8>(word)), z = component(shift_right<16>(word));
-  const float* m = view.to_normal;
-  const Vec3Lanes<F> n = {splat<F>(m[0]) * x + splat<F>(m[3]) * y + splat<F>(m[6]) * z,
-                          splat<F>(m[1]) * x + splat<F>(m[4]) * y + splat<F>(m[7]) * z,
-                          splat<F>(m[2]) * x + splat<F>(m[5]) * y + splat<F>(m[8]) * z};
+  const Vec3Lanes<F> n = transformed_vector<F>(view.to_normal, {x, y, z});
   return n * (splat<F>(1.0f) / sqrt(max(dot(n, n), splat<F>(Tiny::k_smallest_normal))));
 }
 

@@ -36,9 +36,8 @@ class InstanceGeometry final : public UserGeometry {
   Bounds3 bounds() const noexcept override {
     const std::shared_lock lock(scene_.mutex);
     const Instance& placed = scene_.scene.instances[instance_];
-    const Bounds3& shape = scene_.scene.shapes[placed.shape].bounds;
     Bounds3 b;
-    for (int c = 0; c < 8; ++c) b.extend(transform_point(placed.to_world, shape.corner(c)));
+    b.extend(placed.to_world, scene_.scene.shapes[placed.shape].bounds);
     const Vec3 slack = gamma_bound(8) * (glm::max(glm::abs(b.lower), glm::abs(b.upper)) + b.diagonal());
     return {b.lower - slack, b.upper + slack};
   }
@@ -46,7 +45,7 @@ class InstanceGeometry final : public UserGeometry {
   void occluded(const RayBatch& rays, uint8_t* blocked) const noexcept override {
     query([&](Scratch& s) {
       fill(rays, s);
-      scene_.shadows->answer(s.group, s.batch, s.stats);
+      scene_.shadows->answer({s.group, s.batch, s.stats});
       std::copy_n(s.batch.blocked.data(), rays.size, blocked);
     });
   }

@@ -73,7 +73,7 @@ class LightChunk {
   void see(const ShadingPointBatch& points) {
     seen_.assign(points.size, {});
     group_.light_samples.assign(points.size, uint32_t(k_strata));
-    s_.shadows->find_candidates(points, group_, stats_);
+    s_.shadows->find_candidates({points, group_, stats_});
     sample(points, rays_);
     filtered_.clear(), left_.clear();
     for (uint32_t i = 0; i < points.size; ++i) {
@@ -111,7 +111,7 @@ class LightChunk {
     selected_.resize(filtered_.size());
     for (size_t r = 0; r < filtered_.size(); ++r) selected_.copy(r, points, filtered_[r], 1);
     sample(selected_, shares_);
-    s_.shadows->filter(group_, points, filtered_, k_strata, shares_, undecided_, stats_);
+    s_.shadows->filter({group_, points, filtered_, k_strata, shares_, undecided_, stats_});
     for (size_t r = 0; r < filtered_.size(); ++r) {
       Seen& seen = seen_[filtered_[r]];
       for (size_t k = 0; k < size_t(k_strata); ++k) {
@@ -136,7 +136,7 @@ class LightChunk {
       traced_.instance[j] = rays_.instance[left_[j]];
     }
     if (left_.empty()) return;
-    s_.shadows->answer(group_, traced_, stats_);
+    s_.shadows->answer({group_, traced_, stats_});
     for (size_t j = 0; j < left_.size(); ++j) {
       Seen& seen = seen_[left_[j] / uint32_t(k_strata)];
       seen.clear += traced_.blocked[j] ? 0.0f : 1.0f;

@@ -141,7 +141,7 @@ void occluded(const SceneObject& s, const RayBuffers& rays, bool traces, const B
     if (!origins.empty()) {
       s.shadows->find_ray_candidates(origins, group);
       if (traces) {
-        s.shadows->answer(group, batch, stats);
+        s.shadows->answer({group, batch, stats});
         if (rays.from) unblock_flat_origins(s, own);
       } else {
         s.shadows->look_up(group, batch, stats);
@@ -196,7 +196,7 @@ struct HitScratch {
   std::vector<uint32_t> from;  // empty: no ray leaves an instance
   std::vector<Vec3> normals;
   std::vector<float> errors;
-  std::vector<uint8_t> undecided;
+  std::vector<uint8_t> undecided, traced;  // traced: by an exact ray alone
   std::vector<double> lengths;
   HitWorkspace work;
 };
@@ -212,6 +212,7 @@ void find_hits(const SceneObject& s, HitScratch& h) {
   h.hits.resize(n);
   std::fill(h.hits.instance.begin(), h.hits.instance.end(), k_none);
   h.undecided.assign(n, 0);
+  h.traced.assign(n, 0);
   h.errors.assign(n, 0.0f);
   h.normals.assign(n, Vec3(0.0f));
   Stats stats;
@@ -219,12 +220,15 @@ void find_hits(const SceneObject& s, HitScratch& h) {
     h.work.exact.clear();
     s.hits->look_up(h.rays, h.paths, h.which, h.hits, h.work, stats);
     for (const uint32_t i : h.work.exact) h.undecided[i] = 1;
+    for (const uint32_t i : h.which)
+      h.traced[i] = h.hits.instance[i] != k_none && !s.has_certified_hits[h.hits.instance[i]];
     for (const CertifiedHit& hit : h.work.certified) {
       const float cosine = std::abs(glm::dot(hit.normal, h.rays.direction(hit.ray)));
       h.normals[hit.ray] = hit.normal;
       h.errors[hit.ray] = hit.error / std::max(cosine, std::numeric_limits<float>::min());
     }
   } else {
+    for (const uint32_t i : h.which) h.traced[i] = 1;
     s.accel->intersect(h.rays, h.hits, Coherence::incoherent);
   }
   if (!h.from.empty()) pass_flat_origins(s, h.rays, h.from, h.hits);
@@ -265,11 +269,11 @@ void nearest(const SceneObject& s, float alpha, const RayBuffers& rays, const Hi
       if (active) h.which.push_back(uint32_t(j));
     }
     find_hits(s, h);
-    uint64_t decided = 0;
+    uint64_t certified = 0;
     for (size_t i = begin; i < end; ++i) {
       const size_t j = i - begin;
       const FTHit status = status_of(h, j, double(rays.t_of(i)) * h.lengths[j]);
-      decided += status != FT_UNDECIDED_HIT;
+      certified += status != FT_UNDECIDED_HIT && !h.traced[j];
       *out.status.at(i) = uint8_t(status);
       if (status != FT_HIT) continue;
       if (out.t) *out.t.at(i) = float(double(h.hits.t[j]) / h.lengths[j]);
@@ -277,7 +281,7 @@ void nearest(const SceneObject& s, float alpha, const RayBuffers& rays, const Hi
       if (out.primitives) *out.primitives.at(i) = h.hits.primitive[j];
       if (out.instances) *out.instances.at(i) = h.hits.instance[j];
     }
-    counts.add(end - begin, decided);
+    counts.add(end - begin, certified);
   });
 }
 

@@ -107,14 +107,17 @@ const std::map<std::string, FieldNumber>& field_numbers() {
   return numbers;
 }
 
-void bake_whole(SceneObject& s, uint32_t shape, BakeCounters& counters, const FullBakeCallbacks& callbacks) {
+void bake_whole(SceneObject& s, uint32_t shape, const FullBakeCallbacks& callbacks) {
+  BakeCounters counters;
   try {
-    bake_full(*s.hit_fields[shape], *s.accel, shape, counters, callbacks);
+    const FullBakeResult baked = bake_full(*s.hit_fields[shape], *s.accel, shape, counters, callbacks);
+    if (baked.stopped || baked.tiles_left_out == 0) return;
   } catch (const Error&) {
-    throw Failure(FT_ERROR_OUT_OF_MEMORY,
-                  "ftBakeFields: all cells of the fields take more memory than \"field_memory\" "
-                  "or the system gives them; set coarser \"directions\" and \"plane\"");
+    // Its message names options of the command line.
   }
+  throw Failure(FT_ERROR_OUT_OF_MEMORY,
+                "ftBakeFields: whole fields take more memory than \"field_memory\" or the system gives them; "
+                "set coarser \"directions\" and \"plane\"");
 }
 
 RenderResult render_scene(SceneObject& s, Progress& progress) {
@@ -325,6 +328,9 @@ FTError ftSetSceneFloat(FTScene scene, const char* name, double value) {
 FTError ftCommitScene(FTScene scene) {
   return guarded(scene, [&](SceneObject& s) {
     const Alone lock(s.mutex);
+    // Scene files may hold a sky alone; ftLoadScene() has committed those.
+    if (!s.fields && s.scene.instances.empty())
+      throw Failure(FT_ERROR_INVALID_OPERATION, "ftCommitScene: the scene has no instances");
     execute_in(s.device->arena, [&] { s.commit(); });
   });
 }
@@ -351,8 +357,7 @@ FTError ftBakeFields(FTScene scene) {
         FullBakeCallbacks callbacks;
         callbacks.stop = progress.stop();
         callbacks.progress = [&](double share) { progress((double(i) + share) / double(shapes.size())); };
-        BakeCounters counters;
-        bake_whole(s, shapes[i], counters, callbacks);
+        bake_whole(s, shapes[i], callbacks);
         // Of the triangles of hits, which are not baked ahead.
         if (!*progress.stop()) s.demands[shapes[i]]->stop_waiting();
       }
@@ -379,7 +384,12 @@ FTError ftLoadField(FTScene scene, uint32_t mesh, const char* path) {
     s.require_commit("ftLoadField");
     Field* const field = s.field_of(mesh);
     require(field != nullptr, "mesh " + std::to_string(mesh) + " has no field");
-    execute_in(s.device->arena, [&] { load_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
+    LoadedField loaded;
+    execute_in(s.device->arena,
+               [&] { loaded = load_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
+    if (!loaded.whole)
+      throw Failure(FT_ERROR_OUT_OF_MEMORY,
+                    "ftLoadField: \"field_memory\", or the system, has no room for all of the field; a part was read");
   });
 }
 

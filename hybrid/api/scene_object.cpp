@@ -29,7 +29,6 @@ void SceneObject::commit() {
 }
 
 void SceneObject::prepare() {
-  if (scene.instances.empty()) throw Failure(FT_ERROR_INVALID_OPERATION, "ftCommitScene: the scene has no instances");
   was_committed = false;
   sky.reset(), sky_maps.reset();
   hits.reset(), shadows.reset(), accel.reset();
@@ -61,6 +60,10 @@ void SceneObject::prepare() {
   hit_fields = fields->all_pointers();
   std::vector<uint32_t> suited = HitAnswerer::suited_instances(scene, traits, parameters, 0);
   std::erase_if(suited, [&](uint32_t i) { return !hit_fields[scene.instances[i].shape]; });
+  // At tolerance 1 cells answer whose error has no known bound.
+  if (settings.tolerance >= 1.0f) suited.clear();
+  has_certified_hits.assign(scene.instances.size(), 0);
+  for (const uint32_t i : suited) has_certified_hits[i] = 1;
   if (!suited.empty()) hits = std::make_unique<HitAnswerer>(scene, *accel, traits, hit_fields, suited, settings);
   was_committed = true;
 }

@@ -97,6 +97,7 @@ struct SceneObject {
   std::unique_ptr<ShadowAnswerer> shadows;
   std::unique_ptr<HitAnswerer> hits;
   std::vector<Field*> hit_fields;
+  std::vector<uint8_t> has_certified_hits;  // by instance: `hits` asks its field
 
   // Made by the first query of the sky after a commit, under `sky_mutex`.
   std::mutex sky_mutex;

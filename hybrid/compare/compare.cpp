@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "core/platform/error.h"
-#include "hybrid/compare/flip.h"
 
 namespace fieldtrace {
 
@@ -17,10 +16,9 @@ using ChannelPairs = std::vector<std::pair<int, int>>;
 
 ChannelPairs channels_to_compare(const Image& image, const Image& reference) {
   ChannelPairs pairs;
-  if (has_colour(image) && has_colour(reference)) {
-    for (const char* name : {"R", "G", "B"}) {
-      pairs.emplace_back(image.channel_index(name), reference.channel_index(name));
-    }
+  const auto colours = colour_channels(image), others = colour_channels(reference);
+  if (colours && others) {
+    for (size_t c = 0; c < 3; ++c) pairs.emplace_back((*colours)[c], (*others)[c]);
     return pairs;
   }
   for (size_t c = 0; c < image.channel_count(); ++c) {
@@ -125,19 +123,11 @@ Image cropped(const Image& image, const Rect& window) {
 
 Image layer_of(const Image& image, const std::string& layer) {
   std::vector<size_t> from;
-  Image part;
-  part.width = image.width, part.height = image.height;
   for (size_t c = 0; c < image.channel_count(); ++c) {
-    if (!image.channels[c].starts_with(layer + ".")) continue;
-    from.push_back(c);
-    part.channels.push_back(image.channels[c]);
+    if (image.channels[c].starts_with(layer + ".")) from.push_back(c);
   }
   if (from.empty()) throw Error("it has no layer " + layer);
-  part.data.reserve(size_t(image.width) * size_t(image.height) * from.size());
-  for (size_t i = 0; i < image.data.size(); i += image.channel_count()) {
-    for (const size_t c : from) part.data.push_back(image.data[i + c]);
-  }
-  return part;
+  return select_channels(image, from);
 }
 
 }  // namespace fieldtrace

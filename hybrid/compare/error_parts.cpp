@@ -6,15 +6,10 @@
 
 #include "core/platform/error.h"
 #include "hybrid/compare/compare.h"
-#include "hybrid/compare/flip.h"
 
 namespace fieldtrace {
 
 namespace {
-
-std::array<int, 3> colours(const Image& image) {
-  return {image.channel_index("R"), image.channel_index("G"), image.channel_index("B")};
-}
 
 // Means over channels, summed over pixels.
 struct Sums {
@@ -33,15 +28,15 @@ ErrorParts split_error(const std::vector<Image>& pictures, const Image& referenc
   if (pictures.size() < 2) throw Error("bias and variance need two pictures or more");
   std::vector<const Image*> all = {&reference_1, &reference_2};
   for (const Image& p : pictures) all.push_back(&p);
+  std::vector<std::array<int, 3>> channels;
   for (const Image* image : all) {
-    if (!has_colour(*image))
-      throw Error("bias and variance are those of the channels R, G and B, and an image lacks one");
+    const auto colours = colour_channels(*image);
+    if (!colours) throw Error("bias and variance are those of the channels R, G and B, and an image lacks one");
+    channels.push_back(*colours);
     if (image->width != reference_1.width || image->height != reference_1.height || image->data.empty()) {
       throw Error("bias and variance need pictures of one size");
     }
   }
-  std::vector<std::array<int, 3>> channels;
-  for (const Image* image : all) channels.push_back(colours(*image));
 
   const double k = double(pictures.size());
   const auto add_pixel = [&](int x, int y, Sums& sums) {

@@ -230,8 +230,7 @@ void add_errors(const Seen& image, const Seen& reference, const ColourSpace& spa
 // The colours of an image, without its other channels; 0 where a value is not finite.
 class Colours {
  public:
-  explicit Colours(const Image& image)
-      : image_(image), channels_{image.channel_index("R"), image.channel_index("G"), image.channel_index("B")} {}
+  explicit Colours(const Image& image) : image_(image), channels_(colour_channels(image).value()) {}
   dvec3 operator()(size_t i) const {
     const float* p = &image_.data[i * image_.channel_count()];
     const dvec3 c = {p[channels_[0]], p[channels_[1]], p[channels_[2]]};
@@ -253,7 +252,7 @@ class Colours {
 
 void require_colours(const Image& image) {
   if (image.width <= 0 || image.height <= 0) throw Error("there are no pixels to compare");
-  if (!has_colour(image)) throw Error("FLIP compares the channels R, G and B, and an image lacks one");
+  if (!colour_channels(image)) throw Error("FLIP compares the channels R, G and B, and an image lacks one");
 }
 
 void require_comparable(const Image& image, const Image& reference) {
@@ -286,10 +285,6 @@ void set_mean(FlipMap& map, bool finite) {
 }
 
 }  // namespace
-
-bool has_colour(const Image& image) {
-  return image.channel_index("R") >= 0 && image.channel_index("G") >= 0 && image.channel_index("B") >= 0;
-}
 
 FlipMap ldr_flip(const Image& image, const Image& reference, double pixels_per_degree) {
   require_comparable(image, reference);

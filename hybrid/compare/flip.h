@@ -46,7 +46,4 @@ FlipMap hdr_flip(const Image& image, const Image& reference, const std::optional
 // Throws Error if the image has no pixels or lacks R, G or B.
 FlipExposures flip_exposures(const Image& reference);
 
-// Whether an image has what FLIP compares.
-bool has_colour(const Image& image);
-
 }  // namespace fieldtrace

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/io/scratch_folder.h"
+#include "core/platform/stopwatch.h"
 #include "hybrid/compare/flip.h"
 
 namespace fieldtrace {
@@ -89,7 +90,7 @@ class TradeoffRun {
     };
     const auto start = std::chrono::steady_clock::now();
     RenderResult result = render(scene_, options, callbacks);
-    seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    seconds = seconds_since(start);
     done_ += work;
     return result;
   }

@@ -77,16 +77,7 @@ void drop_denoise_layers(Image& image, const std::vector<std::string>& kept) {
     const std::string layer = layer_of(image.channels[c]);
     if (!holds(denoise_layers(), layer) || holds(kept, layer)) stay.push_back(c);
   }
-  if (stay.size() == image.channel_count()) return;
-  std::vector<std::string> channels;
-  for (const size_t c : stay) channels.push_back(image.channels[c]);
-  std::vector<float> data;
-  data.reserve(image.data.size() / image.channel_count() * stay.size());
-  for (size_t i = 0; i < image.data.size(); i += image.channel_count()) {
-    for (const size_t c : stay) data.push_back(image.data[i + c]);
-  }
-  image.channels = std::move(channels);
-  image.data = std::move(data);
+  if (stay.size() < image.channel_count()) image = select_channels(image, stay);
 }
 
 }  // namespace fieldtrace

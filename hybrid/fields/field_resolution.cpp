@@ -13,8 +13,7 @@ namespace {
 
 // How much wider the object's field sees a light than the scene does.
 float widening(const Instance& instance, const LightExtent& light, const Vec3& centre) {
-  const Affine& m = instance.to_object;
-  const DMat3 to_object{DVec3(m[0]), DVec3(m[1]), DVec3(m[2])};
+  const DMat3 to_object = linear_part(instance.to_object);
   if (light.kind == LightExtent::Kind::everywhere || keeps_angles(to_object)) return 1.0f;
   const bool bounded = light.kind == LightExtent::Kind::bounded;
   const DVec3 direction(bounded ? light.ball.centre - centre : light.towards);

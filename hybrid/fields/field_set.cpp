@@ -13,6 +13,10 @@ namespace {
 
 constexpr int k_fewest_directions = 32, k_fewest_plane = 64;
 
+// Shading points on an object are left to exact rays if its field leaves more than this share of their rays undecided:
+// what it answers of the rest is wrong more often than elsewhere (docs/decisions/012-left-to-rays.md).
+constexpr double k_most_undecided = 0.75;
+
 // Shapes that want a field, by decreasing gain: the order in which they get one.
 std::vector<uint32_t> shapes_by_gain(const Scene& scene, std::span<const ShapeTraits> traits) {
   std::vector<uint64_t> gain(scene.shapes.size(), 0);
@@ -26,6 +30,15 @@ std::vector<uint32_t> shapes_by_gain(const Scene& scene, std::span<const ShapeTr
 }
 
 }  // namespace
+
+bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers) {
+  return double(use.answered) * scale < fewest_answers;
+}
+
+bool leaves_self_to_rays(const FieldUse& use, double scale, double fewest_answers) {
+  const double answered = double(use.self_answered), undecided = double(use.self_undecided);
+  return undecided > k_most_undecided * (answered + undecided) || answered * scale < fewest_answers;
+}
 
 uint64_t default_field_memory() { return machine_memory_bytes() / 2; }
 

@@ -1,5 +1,7 @@
 #include "hybrid/film/checkpoint.h"
 
+#include <fmt/format.h>
+
 #include <cstring>
 #include <fstream>
 #include <map>
@@ -25,21 +27,27 @@ std::string layout() {
   return std::to_string(sizeof(StoredSums)) + " " + std::to_string(sizeof(AovSums)) + (is_little ? " little" : " big");
 }
 
+// Calls f with the header's plain values and their names.
+template <class C, class F>
+void visit_header(C& c, const F& f) {
+  f("planned_samples", c.planned_samples);
+  f("expected_samples", c.expected_samples);
+  f("accuracy", c.accuracy);
+  f("field_mean_square", c.field_mean_square);
+  f("light_samples", c.light_samples);
+  f("open_light_samples", c.open_light_samples);
+  f("lobe_samples", c.lobe_samples);
+  f("reductions", c.reductions);
+  f("decay", c.decay);
+  f("first_mean_square", c.first_mean_square);
+  f("round", c.round);
+}
+
 nlohmann::json header_of(const Checkpoint& c) {
   nlohmann::json j;
   j["layout"] = layout();
   j["identity"] = c.identity;
-  j["planned_samples"] = c.planned_samples;
-  j["expected_samples"] = c.expected_samples;
-  j["accuracy"] = int(c.accuracy);
-  j["field_mean_square"] = c.field_mean_square;
-  j["light_samples"] = c.light_samples;
-  j["open_light_samples"] = c.open_light_samples;
-  j["lobe_samples"] = c.lobe_samples;
-  j["reductions"] = c.reductions;
-  j["decay"] = c.decay;
-  j["first_mean_square"] = c.first_mean_square;
-  j["round"] = c.round;
+  visit_header(c, [&](const char* name, const auto& value) { j[name] = value; });
   j["window"] = {c.film.window.x, c.film.window.y, c.film.window.width, c.film.window.height};
   j["counts"] = c.counts.size();
   j["tiles"] = c.tiles_done.size();
@@ -146,22 +154,11 @@ Checkpoint read_checkpoint(const std::string& path, const PictureIdentity& ident
     throw Error({path}, "the checkpoint was written by another build of the program; resume with that one");
   Checkpoint c;
   c.identity = j.at("identity").get<PictureIdentity>();
-  std::string differences;
-  for (const std::string& difference : differences_of(identity, c.identity))
-    differences += (differences.empty() ? "" : "; ") + difference;
+  const std::vector<std::string> differences = differences_of(identity, c.identity);
   if (!differences.empty())
-    throw Error({path}, "the checkpoint is of another picture: " + differences + "; resume with what was given then");
-  c.planned_samples = j.at("planned_samples");
-  c.expected_samples = j.at("expected_samples");
-  c.accuracy = FieldAccuracy(j.at("accuracy").get<int>());
-  c.field_mean_square = j.at("field_mean_square");
-  c.light_samples = j.at("light_samples");
-  c.open_light_samples = j.at("open_light_samples");
-  c.lobe_samples = j.at("lobe_samples");
-  c.reductions = j.at("reductions");
-  c.decay = j.at("decay");
-  c.first_mean_square = j.at("first_mean_square");
-  c.round = j.at("round");
+    throw Error({path}, fmt::format("the checkpoint is of another picture: {}; resume with what was given then",
+                                    fmt::join(differences, "; ")));
+  visit_header(c, [&](const char* name, auto& value) { j.at(name).get_to(value); });
   const auto& w = j.at("window");
   c.film.window = {w.at(0), w.at(1), w.at(2), w.at(3)};
   reader.take_array(c.counts, j.at("counts"));

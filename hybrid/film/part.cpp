@@ -1,5 +1,7 @@
 #include "hybrid/film/part.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -54,16 +56,14 @@ std::string hash_of(const std::string& text, const Image& image) {
 // The image with its channels in that order. False if it has others.
 bool put_in_order(Image& image, const std::vector<std::string>& channels) {
   if (channels == image.channels) return true;
-  std::vector<int> from;
-  for (const std::string& name : channels) from.push_back(image.channel_index(name));
-  if (channels.size() != image.channels.size() || std::count(from.begin(), from.end(), -1) > 0) return false;
-  const size_t stride = channels.size();
-  std::vector<float> pixel(stride);
-  for (size_t i = 0; i < image.data.size(); i += stride) {
-    for (size_t c = 0; c < stride; ++c) pixel[c] = image.data[i + size_t(from[c])];
-    std::copy(pixel.begin(), pixel.end(), image.data.begin() + std::ptrdiff_t(i));
+  std::vector<size_t> from;
+  for (const std::string& name : channels) {
+    const int c = image.channel_index(name);
+    if (c < 0) return false;
+    from.push_back(size_t(c));
   }
-  image.channels = channels;
+  if (from.size() != image.channel_count()) return false;
+  image = select_channels(image, from);
   return true;
 }
 
@@ -109,12 +109,6 @@ ReadPart read_part(const std::string& path) {
   return read;
 }
 
-std::string joined(const std::vector<std::string>& words, const char* between) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : between) + word;
-  return text;
-}
-
 std::string what_differs(const Part& part, const Part& of_most) {
   std::vector<std::string> all;
   if (part.slice.count != of_most.slice.count)
@@ -124,7 +118,7 @@ std::string what_differs(const Part& part, const Part& of_most) {
     for (std::string& difference : differences_of(*one, *other)) all.push_back(std::move(difference));
   }
   if (all.empty()) all.emplace_back("it has other tiles or layers");
-  return joined(all, ", ");
+  return fmt::format("{}", fmt::join(all, ", "));
 }
 
 bool same_picture(const Part& a, const Part& b) {
@@ -199,7 +193,7 @@ std::string ranges_text(const std::vector<int>& numbers) {
     ranges.push_back(end == i + 1 ? first : first + " to " + std::to_string(numbers[end - 1]));
     i = end;
   }
-  return joined(ranges, ", ");
+  return fmt::format("{}", fmt::join(ranges, ", "));
 }
 
 }  // namespace
@@ -235,7 +229,7 @@ MergedPicture merge_parts(const std::vector<std::string>& paths) {
       faults.push_back(path + ": " + fault.what());
     }
   }
-  if (parts.empty()) throw Error(joined(faults, "; "));
+  if (parts.empty()) throw Error(fmt::format("{}", fmt::join(faults, "; ")));
   const HeldPart& first = most_common(parts);
   const int count = first.part.slice.count;
   std::vector<const HeldPart*> by_slice(size_t(count), nullptr);
@@ -260,7 +254,7 @@ MergedPicture merge_parts(const std::vector<std::string>& paths) {
     faults.push_back("slice" + std::string(missing.size() > 1 ? "s " : " ") + ranges_text(missing) + " of " +
                      std::to_string(count) + (missing.size() > 1 ? " are missing" : " is missing"));
   }
-  if (!faults.empty()) throw Error(joined(faults, "; "));
+  if (!faults.empty()) throw Error(fmt::format("{}", fmt::join(faults, "; ")));
   MergedPicture merged;
   merged.slices = count;
   merged.metadata = by_slice[0]->metadata;

@@ -1,9 +1,9 @@
 #include "hybrid/glossy/radiance_maps.h"
 
 #include <algorithm>
-#include <chrono>
 
 #include "core/math/barycentric.h"
+#include "core/platform/stopwatch.h"
 #include "field/bake/tile_lines.h"
 #include "field/store/field.h"
 #include "hybrid/visibility/shadow_answerer.h"
@@ -92,7 +92,7 @@ void RadianceMaps::bake(std::span<const uint32_t> slots, Stats& stats) {
     for (size_t k = 0; k < sides.size(); ++k) colours[size_t(texels[k])] = radiance_.radiance(sides[k]);
     tiles_.finish(slot, lines, colours);
   });
-  stats.add_bake({bake_rays, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
+  stats.add_bake({bake_rays, seconds_since(start)});
 }
 
 }  // namespace fieldtrace

@@ -76,7 +76,7 @@ SurfaceRadiance::SurfaceRadiance(const TransportContext& shading, uint32_t index
       seed_(shading.settings.seed),
       instance_(index),
       is_textured_(is_textured(shading.scene, shading.scene.instances[index].bsdf)),
-      followers_([&shading] { return shading.make_follower(shading); }) {
+      followers_([&shading] { return make_path_follower(shading); }) {
   const Instance& instance = scene_.instances[index];
   const TriangleMesh& mesh = scene_.shapes[instance.shape].mesh;
   first_.reserve(mesh.triangles.size() + 1);

@@ -33,9 +33,9 @@ class SurfaceRadiance {
   static uint64_t count_patches(const Scene& scene, uint32_t instance, float patch);
   static constexpr uint64_t k_most_patches = uint64_t(1) << 31;
 
-  // Patches are the first surfaces of paths of `shading` (made by its make_follower), which must outlive this. Its
-  // max_depth counts from them, its light_samples must be k_samples, and its answerer must trace whole scenes
-  // (AnswererSettings::whole_scene), so that a patch's radiance does not depend on which others are shaded with it.
+  // Patches are the first surfaces of paths of `shading`, which must outlive this. Its max_depth counts from them, its
+  // light_samples must be k_samples, and its answerer must trace whole scenes (AnswererSettings::whole_scene), so that
+  // a patch's radiance does not depend on which others are shaded with it.
   SurfaceRadiance(const TransportContext& shading, uint32_t instance, float patch);
 
   uint32_t instance() const { return instance_; }

@@ -9,9 +9,9 @@
 
 #include "core/math/barycentric.h"
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "core/sampling/sobol.hd.h"
 #include "hybrid/path/patch_vertex.h"
-#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {
@@ -58,7 +58,7 @@ class SurfelShader {
         seed_(shading.settings.seed),
         lobe_samples_(float(shading.settings.lobe_samples)),
         light_(light),
-        followers_([&shading] { return shading.make_follower(shading); }) {}
+        followers_([&shading] { return make_path_follower(shading); }) {}
 
   // Returns the number of rays traced.
   uint64_t shade(const Block& block, std::span<Rgb> leaving) {

@@ -153,13 +153,13 @@ void AmbientOcclusion::gather_by_rays(std::span<FirstHit> firsts, Stats& stats) 
     candidates_.light = reach();
     candidates_.light_samples.assign(shading_points_.size, 1);
     candidates_.pixel_samples = 1;  // no cone answers for so wide a light
-    context_.occlusion_answerer->find_candidates(shading_points_, candidates_, stats);
+    context_.occlusion_answerer->find_candidates({shading_points_, candidates_, stats});
     sample_light(sky_, 0, shading_points_, settings.light_samples, settings.isa, rays_);
     for (size_t i = 0; i < rays_.rays.size; ++i) {
       if (rays_.rays.tmax[i] >= 0.0f) rays_.rays.tmax[i] = settings.occlusion_distance;
       rays_.source = {};  // not those of a light any more
     }
-    context_.occlusion_answerer->answer(candidates_, rays_, stats);
+    context_.occlusion_answerer->answer({candidates_, rays_, stats});
     count(begin, firsts, stats);
   }
 }

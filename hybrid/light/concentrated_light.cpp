@@ -11,6 +11,12 @@ namespace {
 // Light samples in one batch.
 constexpr size_t k_concentrated_batch = 4096;
 
+Sphere ball_about_clusters(const ShadingPointBatch& centres) {
+  Sphere ball = ball_about(centres);
+  ball.radius += *std::max_element(centres.radius.begin(), centres.radius.begin() + ptrdiff_t(centres.size));
+  return ball;
+}
+
 }  // namespace
 
 void ConcentratedLight::trace(Stats& stats) {
@@ -78,25 +84,33 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
   }
 }
 
+bool ConcentratedLight::may_hide(const SkyOccluder& o, const Sphere& from) const {
+  const SkyRadiance& sky = sky_->radiance();
+  return meets_cone(o.ball, from, sky.concentrated_axis(), sky.concentrated_angle());
+}
+
+void ConcentratedLight::begin(const ShadingPointBatch& points) {
+  const Sphere ball = ball_about_clusters(points);
+  near_.clear();
+  for (const SkyOccluder& o : sky_->maps().occluders()) {
+    if (may_hide(o, ball)) near_.push_back(&o);
+  }
+}
+
 void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres,
                                float grazing, int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts,
                                float count, Stats& stats) {
-  const SkyRadiance& sky = sky_->radiance();
-  const auto meets = [&](const SkyOccluder& o, const Sphere& from) {
-    return meets_cone(o.ball, from, sky.concentrated_axis(), sky.concentrated_angle());
-  };
-  Sphere ball = ball_about(centres);
-  ball.radius += *std::max_element(centres.radius.begin(), centres.radius.begin() + ptrdiff_t(centres.size));
+  const Sphere ball = ball_about_clusters(centres);
   hiding_.clear();
-  for (const SkyOccluder& o : sky_->maps().occluders()) {
-    if (o.instance == centres.instance[0] && o.is_flat) continue;
-    if (meets(o, ball)) hiding_.push_back(&o);
+  for (const SkyOccluder* o : near_) {
+    if (o->instance == centres.instance[0] && o->is_flat) continue;
+    if (may_hide(*o, ball)) hiding_.push_back(o);
   }
   open_.clear(), hidden_.clear();
   for (size_t i = 0; i < clusters.size(); ++i) {
     const Sphere from = {centres.position(i), centres.radius[i]};
     const bool may_be_hidden =
-        std::any_of(hiding_.begin(), hiding_.end(), [&](const SkyOccluder* o) { return meets(*o, from); });
+        std::any_of(hiding_.begin(), hiding_.end(), [&](const SkyOccluder* o) { return may_hide(*o, from); });
     (may_be_hidden ? hidden_ : open_).push_back(clusters[i]);
   }
   const Job job{grazing, light_samples, receivers, firsts, count, stats};

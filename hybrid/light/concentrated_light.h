@@ -19,6 +19,9 @@ class ConcentratedLight {
   // `sky` as for SkyLight.
   ConcentratedLight(const TransportContext& context, const Sky* sky) : context_(context), sky_(sky) {}
 
+  // Finds what may hide the light from any of `points`, which are not empty. Before gather() of clusters among these:
+  // that asks about no other objects, of which crowds have many.
+  void begin(const ShadingPointBatch& points);
   // Adds what arrives at clusters of one instance, whose centres are `centres`, all of one CellPoints::grazing.
   // `firsts`: as DirectLight::gather; each sample counts for `count` rays there.
   void gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres, float grazing,
@@ -33,11 +36,13 @@ class ConcentratedLight {
     float count;
     Stats& stats;
   };
+  bool may_hide(const SkyOccluder& occluder, const Sphere& from) const;
   void gather_some(const Job& job, std::span<const ShadingCluster> clusters, bool may_be_hidden);
   void trace(Stats& stats);
 
   const TransportContext& context_;
   const Sky* sky_;
+  std::vector<const SkyOccluder*> near_;    // hiding the light from some of all points
   std::vector<const SkyOccluder*> hiding_;  // from some of the clusters
   std::vector<ShadingCluster> open_, hidden_;
   ShadingPointBatch selected_;

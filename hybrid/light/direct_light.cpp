@@ -1,8 +1,8 @@
 #include "hybrid/light/direct_light.h"
 
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "hybrid/stats/secondary_timer.h"
-#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {
@@ -79,22 +79,17 @@ void DirectLight::gather_by_groups() {
       if (!g.begin_light(light)) continue;
       {
         const SecondaryTimer timer(stats);
-        auto request = g.ask_candidates();
-        answerer.find_candidates(request.points, request.group, stats);
+        answerer.find_candidates(g.ask_candidates());
       }
       g.take_candidates();
       {
         const SecondaryTimer timer(stats);
-        for (g.list_strata(); g.has_strata(); g.take_strata()) {
-          const auto request = g.ask_strata();
-          answerer.filter(request.group, request.all, request.shading_points, request.strata, request.batch,
-                          request.undecided, stats);
-        }
+        for (g.list_strata(); g.has_strata(); g.take_strata()) answerer.filter(g.ask_strata());
       }
       for (g.list_open(); g.has_samples(); g.take_samples()) {
         const auto request = g.ask_samples();
         const SecondaryTimer timer(stats);
-        answerer.answer(request.group, request.batch, stats, g.counts_open());
+        answerer.answer(request);
       }
       g.finish_light();
     }
@@ -130,10 +125,7 @@ void DirectLight::gather_light(std::span<const Request> requests, uint32_t light
   PerRequest<ShadowAnswerer::RayRequest> rays(requests.size());
   for_groups([&](size_t r, GroupLight& g) {
     g.take_strata();
-    for (g.list_open(); g.has_samples();) {
-      rays.of[r].push_back(g.ask_samples());
-      rays.of[r].back().counts_open = g.counts_open();
-    }
+    for (g.list_open(); g.has_samples();) rays.of[r].push_back(g.ask_samples());
   });
   answerer.answer(rays.all());
   for_groups([&](size_t, GroupLight& g) {

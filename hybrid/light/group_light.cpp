@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "hybrid/stats/stopwatch.h"
+#include "core/platform/stopwatch.h"
 
 namespace fieldtrace {
 namespace {
@@ -289,7 +289,7 @@ ShadowAnswerer::RayRequest GroupLight::ask_samples() {
   batch.has_strata =
       std::any_of(batch.sampled.begin(), batch.sampled.end(), [](const Sampled& s) { return s.strata != k_none; });
   if (batch.has_strata) choose_traced(batch);
-  return {candidates_, batch.has_strata ? batch.traced : batch.shadows, shared_->stats};
+  return {candidates_, batch.has_strata ? batch.traced : batch.shadows, shared_->stats, counts_open_};
 }
 
 // What strata have settled takes its share; the other samples are traced.

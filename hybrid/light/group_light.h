@@ -61,8 +61,6 @@ class GroupLight {
   // Lights what is seen whole, and ends this light.
   void finish_light();
 
-  // Whether the light's open samples are more than the others, and counted.
-  bool counts_open() const { return counts_open_; }
   Stats& stats() const { return shared_->stats; }
 
  private:

@@ -5,11 +5,11 @@
 #include <numeric>
 #include <tuple>
 
+#include "core/platform/stopwatch.h"
 #include "core/sampling/sobol.hd.h"
 #include "core/surface/surface.h"
 #include "field/bake/cell_lines.h"
 #include "field/maps/cell_visibility.hd.h"
-#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {
@@ -25,6 +25,8 @@ constexpr float k_widest_blur = 0.25f;
 constexpr float k_fit_tolerance = 0.05f;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
 constexpr float k_open_cell_rays = 8.0f;
+// Rays that are traced together, at most.
+constexpr size_t k_most_cell_rays = 1 << 16;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
 constexpr float k_least_cosine = 0.25f;
 
@@ -107,8 +109,12 @@ Vec3 SkyLight::ray_origin(const ShadingPointBatch& points, size_t i, const Vec3&
 // The receiver that ray k of a point leaves from.
 size_t SkyLight::start_of_ray(const Job& job, size_t point, uint32_t k) const {
   const uint32_t own = own_points_[job.numbers[point]];
-  const ShadingCluster& cluster = job.clusters[point];
-  return own != k_none ? own : cluster.begin + k % cluster.size();
+  return own != k_none ? own : receiver_of_ray(job, point, k);
+}
+
+// The receiver whose sample ray k of a point is.
+uint32_t SkyLight::receiver_of_ray(const Job& job, size_t point, uint32_t k) {
+  return job.clusters[point].begin + k % job.clusters[point].size();
 }
 
 // Draws the rays of one point.
@@ -141,7 +147,9 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     rays_.set(cell_rays_.size(), ray_origin(all, from, d), d, sky_->distance());
     const float width = light_->cells[open.cell].width(), solid_angle = width * width;
     const float received = scalar::weight_of_cosine<float>(cosine, grazing_);
-    cell_rays_.push_back({point, received * solid_angle * total / (open.weight * float(count))});
+    cell_rays_.push_back({point, receiver_of_ray(job, point, uint32_t(k)),
+                          received * solid_angle * total / (open.weight * float(count))});
+    if (cell_rays_.size() == k_most_cell_rays) trace(job);
   }
 }
 
@@ -162,6 +170,7 @@ void SkyLight::trace(const Job& job) {
   job.stats.rays_crossing += count;
   job.stats.rays_shadow += count;
   add_rays();
+  cell_rays_.clear();
 }
 
 // Adds what the rays bring, of the sky or of what they meet.
@@ -172,10 +181,12 @@ void SkyLight::add_rays() {
     if (!blocked_[i]) {
       const Rgb e = sky_->radiance().radiance(d) * ray.weight;
       red_[ray.point] += e.x, green_[ray.point] += e.y, blue_[ray.point] += e.z;
+      by_rays_[ray.receiver] += e;
     } else if (sky_->indirect()) {
       const Vec3 origin = rays_.origin(i), position = origin + d * hits_.t[i];
       const Rgb e = sky_->indirect()->radiance(hits_.instance[i], position, origin, d) * ray.weight;
       reflected_red_[ray.point] += e.x, reflected_green_[ray.point] += e.y, reflected_blue_[ray.point] += e.z;
+      by_rays_[ray.receiver] += e;
     }
   }
 }
@@ -203,10 +214,15 @@ void SkyLight::add_irradiance(const Job& job) {
     // Where some points stand for all, what a plastic reflects there goes with what arrives: seen at grazing angles it
     // is darker. Textures do not go with the light; the mean of all points has less of their noise.
     const uint32_t own = c.plain_diffuse() ? k_none : own_points_[i];
+    // Each sample has the noise of its own rays, so that how much samples differ tells the noise of their mean.
+    const bool has_rays = traced_[i] > 0 && !fitted_[i];
+    Rgb by_rays(0.0f);
+    for (size_t k = c.begin; has_rays && k < c.end; ++k) by_rays += by_rays_[k];
     for (size_t k = c.begin; k < c.end; ++k) {
       const size_t at = own == k_none ? k : own;
-      r.arriving_red[k] += e.x * r.red[at], r.arriving_green[k] += e.y * r.green[at];
-      r.arriving_blue[k] += e.z * r.blue[at];
+      const Rgb arriving = has_rays ? e + (float(c.size()) * by_rays_[k] - by_rays) : e;
+      r.arriving_red[k] += arriving.x * r.red[at], r.arriving_green[k] += arriving.y * r.green[at];
+      r.arriving_blue[k] += arriving.z * r.blue[at];
     }
     if (sky_->radiance().is_black()) continue;  // no light samples are spared
     const uint64_t samples = uint64_t(c.size()) * uint64_t(job.light_samples);
@@ -323,6 +339,7 @@ void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& re
         as_before ? open_irradiance_[i - 1] : sky_->radiance().irradiance(points_.shading_normal(i), grazing_of_[i]);
   }
   arrivals_.assign(count, {}), fitted_.assign(count, 0), traced_.assign(count, 0);
+  by_rays_.assign(receivers.size(), Rgb(0.0f));
 }
 
 // Chooses which points are asked for first: all, if receivers have no pixels.
@@ -389,7 +406,8 @@ void SkyLight::finish(const Request& r) {
   const Job job = job_of(r);
   add_irradiance(job);
   if (context_.answerer.checks()) check_fitted(job);
-  if (!sky_->radiance().concentrated()) return;
+  if (!sky_->radiance().concentrated() || clusters_.empty()) return;
+  concentrated_.begin(points_);
   wanted_.resize(clusters_.size());
   std::iota(wanted_.begin(), wanted_.end(), 0u);
   for_batches(job, wanted_, [&](const Job& batch) { add_concentrated(batch); });

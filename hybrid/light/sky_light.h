@@ -5,7 +5,7 @@
 // On even surfaces a few pixels of a block are asked for, and the others fitted to them (pixel_blocks.h).
 //
 // The irradiance is that of the open sky less what cells take from it. Undecided cells share rays in proportion to what
-// they weigh, stratified over them; they alone bring noise.
+// they weigh, stratified over them; they alone bring noise, and each to one of a cluster's samples.
 //
 // A device is asked about the cells in sky_light_waves.cpp.
 // Thread-safety: a SkyLight belongs to one thread.
@@ -84,7 +84,7 @@ class SkyLight {
   };
   // A ray towards an open cell: its part of the irradiance for a radiance of 1.
   struct CellRay {
-    uint32_t point;
+    uint32_t point, receiver;
     float weight;
   };
 
@@ -112,6 +112,7 @@ class SkyLight {
   void sort_open_cells();
   void sample_open_cells(const Job& job);
   size_t start_of_ray(const Job& job, size_t point, uint32_t k) const;
+  static uint32_t receiver_of_ray(const Job& job, size_t point, uint32_t k);
   // Of a ray along d from point i.
   static Vec3 ray_origin(const ShadingPointBatch& points, size_t i, const Vec3& d);
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);
@@ -146,6 +147,7 @@ class SkyLight {
   std::vector<SkyArrival> arrivals_;      // at these
   std::vector<uint8_t> fitted_;           // whether these were fitted
   std::vector<uint32_t> traced_;          // rays of these
+  std::vector<Rgb> by_rays_;              // irradiance that rays bring, by receiver
   float unit_ = 1.0f;                     // of arrivals_'s irradiance of what objects send on
   PixelBlocks blocks_;
   std::vector<PixelPosition> pixels_;      // of these, for blocks_

@@ -5,8 +5,8 @@
 #include <bit>
 
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "hybrid/light/sky_light.h"
-#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {

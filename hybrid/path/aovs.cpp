@@ -1,5 +1,7 @@
 #include "hybrid/path/aovs.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
 #include "core/platform/error.h"
@@ -49,11 +51,8 @@ std::vector<Aov> parse_aovs(const std::vector<std::string>& names) {
   for (const std::string& name : names) {
     const auto* entry =
         std::find_if(std::begin(k_entries), std::end(k_entries), [&](const AovEntry& e) { return name == e.name; });
-    if (entry == std::end(k_entries)) {
-      std::string known;
-      for (const AovEntry& e : k_entries) known += std::string(known.empty() ? "" : ", ") + e.name;
-      throw UsageError("unknown AOV '" + name + "'; known are " + known);
-    }
+    if (entry == std::end(k_entries))
+      throw UsageError(fmt::format("unknown AOV '{}'; known are {}", name, fmt::join(aov_names(), ", ")));
     if (std::find(result.begin(), result.end(), entry->aov) == result.end()) result.push_back(entry->aov);
   }
   return result;

@@ -3,7 +3,6 @@
 // Thread-safety: a TransportContext is const once it is set up, and shared.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -88,8 +87,6 @@ struct TransportContext {
   const IndirectLight* indirect = nullptr;
   const Sky* occlusion_sky = nullptr;  // answers for the layer `ao`; null: rays do
   TransportSettings settings;
-  // Makes what shades the surfaces that glossy rays meet (hybrid/glossy/surface_radiance.h); may be null if `lobes` is.
-  std::function<std::unique_ptr<PathFollower>(const TransportContext&)> make_follower;
   std::shared_ptr<const LightTable> shared_lights;
   const LightTable& lights;
   std::vector<LightExtent> light_extents;  // where each light's rays end
@@ -104,5 +101,8 @@ struct TransportContext {
   // Whether irradiance is fitted within blocks of pixels (hybrid/light/pixel_blocks.h).
   bool fits_blocks() const { return sky || occlusion_sky; }
 };
+
+// Follows paths by `context`, which must outlive it (hybrid/transport/transport.cpp).
+std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context);
 
 }  // namespace fieldtrace

@@ -38,24 +38,22 @@ class Output {
     }
   }
 
-  void save(const Field& field, const FieldIdentity& identity, const std::string& object, BakeResult& result) {
-    const std::string path = path_of(identity, result);
+  template <class AnyField>
+  void save(const AnyField& field, const FieldIdentity& identity, const std::string& object, BakeResult& result) {
+    constexpr bool by_thesis = std::is_same_v<AnyField, ThesisField>;
+    const std::string path = cache_ ? cache_->path_of(identity) : numbered_path(path_, result.fields.size());
     if (cache_) {
       cache_->store(field, identity);
+    } else if constexpr (by_thesis) {
+      save_thesis_field(field, identity, path);
     } else {
       save_field(field, identity, path);
     }
-    result.fields.push_back({object, path, field_info(path)});
-  }
-
-  void save(const ThesisField& field, const FieldIdentity& identity, const std::string& object, BakeResult& result) {
-    const std::string path = path_of(identity, result);
-    if (cache_) {
-      cache_->store(field, identity);
+    if constexpr (by_thesis) {
+      result.fields.push_back({object, path, thesis_file_info(path)});
     } else {
-      save_thesis_field(field, identity, path);
+      result.fields.push_back({object, path, field_info(path)});
     }
-    result.fields.push_back({object, path, thesis_file_info(path)});
   }
 
   // To be called when all fields are saved.
@@ -68,10 +66,6 @@ class Output {
   std::string folder() const { return cache_ ? path_ : fs::absolute(path_).parent_path().string(); }
 
  private:
-  std::string path_of(const FieldIdentity& identity, const BakeResult& result) const {
-    return cache_ ? cache_->path_of(identity) : numbered_path(path_, result.fields.size());
-  }
-
   std::string path_;
   std::unique_ptr<FieldCache> cache_;
 };

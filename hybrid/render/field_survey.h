@@ -10,7 +10,7 @@
 
 #include <functional>
 
-#include "hybrid/fields/left_to_rays.h"
+#include "hybrid/fields/field_set.h"
 #include "hybrid/transport/transport.h"
 
 namespace fieldtrace {

@@ -78,7 +78,6 @@ void GlossyStage::make_maps(const GlossyInput& input) {
                                             patch_answerer_settings(input.settings.isa));
   shading_ = std::make_unique<TransportContext>(input.scene, input.accel, input.camera, *exact_,
                                                 patch_settings(input.settings), input.lights);
-  shading_->make_follower = make_path_follower;
   const LobeAnswerer::Settings settings{options.base_tolerance(), most_rays, input.most_map_bytes, options.check};
   lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, settings, hits_.get());
   maps_left_out_ = lobes_->left_out_for_memory();

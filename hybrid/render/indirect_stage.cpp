@@ -100,13 +100,11 @@ void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   TransportContext shading(input.scene, input.accel, input.camera, answerer,
                            surfel_settings(input.settings, k_surfel_samples), input.lights);
   shading.sky = stage.light.get();
-  shading.make_follower = make_path_follower;
   const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends, size);
   if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
   shading.indirect = light.get();
   TransportContext exact(input.scene, input.accel, input.camera, answerer,
                          surfel_settings(input.settings, k_check_samples), input.lights);
-  exact.make_follower = make_path_follower;
   shade_indirect(light, *stage.light, shading, depth < 0 ? -1 : depth - 2, input.check ? &exact : nullptr,
                  input.callbacks.stop, stats);
 }

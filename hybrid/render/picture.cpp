@@ -136,7 +136,7 @@ float Picture::light_tolerance(int open_samples) const {
 }
 
 uint64_t Picture::film_samples() const {
-  const Rect film = crop_window(scene.film, {});
+  const Rect film = by_rounds() ? window : crop_window(scene.film, {});
   return uint64_t(film.width) * uint64_t(film.height) * uint64_t(spp);
 }
 

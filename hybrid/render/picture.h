@@ -57,7 +57,8 @@ struct Picture {
   // That of lights, which take `open_samples` light samples for each camera sample.
   float light_tolerance(int open_samples) const;
   bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
-  // Of the whole film, so that fields, and with them pixels, are the same in every window.
+  // Of the whole film, so that fields, and with them pixels, are the same in every window; by rounds, where pixels
+  // depend on it, of the window.
   uint64_t film_samples() const;
   uint64_t rays_per_light() const { return film_samples() * uint64_t(options.light_samples); }
 };

@@ -3,11 +3,9 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <vector>
 
 #include "core/platform/error.h"
 #include "field/file/field_identity.h"
@@ -16,16 +14,6 @@
 
 namespace fieldtrace {
 namespace {
-
-std::string hash_of_file(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  Hasher hasher;
-  std::vector<char> part(1 << 20);
-  while (file.read(part.data(), std::streamsize(part.size())) || file.gcount() > 0)
-    hasher.add(part.data(), size_t(file.gcount()));
-  if (!file.eof()) throw Error({path}, "cannot be read again, to see which scene this is");
-  return hasher.result().hex();
-}
 
 // Names and values of users need not be UTF-8; files that hold an identity must be. Others are spelt by bytes.
 std::string valid_utf8(const std::string& text) {
@@ -42,16 +30,8 @@ std::string valid_utf8(const std::string& text) {
   return spelt;
 }
 
-const char* name_of(LightEstimator estimator) {
-  switch (estimator) {
-    case LightEstimator::samples:
-      return "samples";
-    case LightEstimator::adaptive:
-      return "adaptive";
-    case LightEstimator::automatic:
-      break;
-  }
-  return "automatic";
+const char* name_of(LightEstimator e) {
+  return e == LightEstimator::samples ? "samples" : e == LightEstimator::adaptive ? "adaptive" : "automatic";
 }
 
 const char* name_of(FieldHits hits) {
@@ -64,8 +44,6 @@ PictureIdentity picture_identity(const Picture& picture) {
   const RenderOptions& o = picture.options;
   const Scene& scene = picture.scene;
   const auto text = [](const auto& value) { return fmt::format("{}", value); };
-  std::string layers;
-  for (const std::string& name : o.aovs) layers += (layers.empty() ? "" : ",") + name;
   const Rect& w = picture.window;
   PictureIdentity identity = {
       {"the version", fmt::format("{}, fields {}", FIELDTRACE_VERSION, k_field_format_version)},
@@ -82,7 +60,7 @@ PictureIdentity picture_identity(const Picture& picture) {
       {"--field-memory", text(o.field_memory)},
       {"what answers", fmt::format("{:d}{:d}{:d}", o.force_undecided, o.whole_lights, o.leave_to_rays)},
       {"--max-depth", text(picture.settings.max_depth)},
-      {"--aov", layers},
+      {"--aov", fmt::format("{}", fmt::join(o.aovs, ","))},
       {"--ao-distance", text(o.ao_distance)},
       {"the crop window", fmt::format("{},{},{},{}", w.x, w.y, w.width, w.height)},
       {"--target-error or --time-limit", o.by_rounds() ? "given" : "not given"},
@@ -93,8 +71,11 @@ PictureIdentity picture_identity(const Picture& picture) {
   for (const auto& [name, value] : scene.parameters) identity.push_back({"-D " + name, value});
   // By their names alone: the same scene may be reached by another path.
   std::map<std::string, std::string> files;
-  for (const std::string& path : std::set<std::string>(scene.files.begin(), scene.files.end()))
-    files[std::filesystem::path(path).filename().string()] += hash_of_file(path);
+  for (const std::string& path : std::set<std::string>(scene.files.begin(), scene.files.end())) {
+    Hasher hasher;
+    if (!hasher.add_file(path)) throw Error({path}, "cannot be read again, to see which scene this is");
+    files[std::filesystem::path(path).filename().string()] += hasher.result().hex();
+  }
   for (const auto& [name, hash] : files) identity.push_back({"the file " + name, hash});
   for (auto& [name, value] : identity) name = valid_utf8(name), value = valid_utf8(value);
   return identity;

@@ -11,6 +11,7 @@
 #include <memory>
 #include <thread>
 
+#include "core/platform/stopwatch.h"
 #include "core/platform/threads.h"
 #include "field/file/vdb_grid.h"
 #include "hybrid/fields/field_resolution.h"
@@ -28,7 +29,6 @@
 #include "hybrid/render/render_rounds.h"
 #include "hybrid/render/render_tiles.h"
 #include "hybrid/render/sky_stage.h"
-#include "hybrid/stats/stopwatch.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {

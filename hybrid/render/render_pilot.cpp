@@ -12,9 +12,9 @@
 #include <utility>
 
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "core/sampling/sobol.hd.h"
 #include "hybrid/film/sample_allocation.h"
-#include "hybrid/stats/stopwatch.h"
 #include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 

@@ -8,8 +8,8 @@
 #include <shared_mutex>
 
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "hybrid/film/sample_allocation.h"
-#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {

@@ -7,13 +7,13 @@
 #include <optional>
 
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "field/file/maps_file.h"
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
 #include "hybrid/light/ambient_occlusion.h"
 #include "hybrid/path/patch_vertex.h"
 #include "hybrid/render/sky_crowd.h"
-#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 namespace {

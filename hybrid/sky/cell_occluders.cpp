@@ -65,13 +65,24 @@ float height_of(const PlaneLines& plane, const Vec3& p) {
   return h[0] * p.x + h[1] * p.y + h[2] * p.z + h[3];
 }
 
-// Whether the ball lies on one side of the plane, `height` (height_of()) from its centre: by more than the heights of
-// its points and its radius are rounded.
-bool is_apart(const PlaneLines& plane, float height, const Sphere& ball) {
+// By how much the heights of a ball's points and its radius are rounded, at most.
+float height_error(const PlaneLines& plane, const Sphere& ball) {
   const float* const h = plane.height;
   const Vec3 c = glm::abs(ball.centre);
   const float largest = std::abs(h[0]) * c.x + std::abs(h[1]) * c.y + std::abs(h[2]) * c.z + std::abs(h[3]);
-  return std::abs(height) > ball.radius + gamma_bound(16) * (largest + ball.radius);
+  return gamma_bound(16) * (largest + ball.radius);
+}
+
+// Whether the ball lies on one side of the plane, `height` (height_of()) from its centre.
+bool is_apart(const PlaneLines& plane, float height, const Sphere& ball) {
+  return std::abs(height) > ball.radius + height_error(plane, ball);
+}
+
+// Whether a flat object that point i is on lies in the plane, which then hides nothing from it. object: encloses it.
+bool holds(const PlaneLines& plane, const Sphere& object, const ShadingPointBatch& points, size_t i) {
+  const Vec3 normal(plane.height[0], plane.height[1], plane.height[2]);
+  const float rise = glm::length(glm::cross(normal, points.geometric_normal(i))) * object.radius;
+  return std::abs(height_of(plane, points.position(i))) + rise <= height_error(plane, object) + points.error[i];
 }
 
 // Whether the cell leaves the plane on the side on which all points of the ball are, so that none sees it there.
@@ -202,8 +213,9 @@ void CellOccluders::add(const SkyOccluder& o) {
       }
       case SkyOccluder::Kind::plane: {
         const PlaneLines plane = plane_lines(o, grid_ * d);
-        if (turns_away(plane, ball_, 0.5f * cell(k).width())) break;
-        if (!indirect_ && distance_ == k_infinity && hides(plane, ball_, light_->half_width[lit_[k]])) {
+        const float half = light_->half_width[lit_[k]];
+        if (turns_away(plane, ball_, half)) break;
+        if (!indirect_ && distance_ == k_infinity && hides(plane, ball_, half)) {
           clear_[k] = 0.0f;
           break;
         }
@@ -266,6 +278,7 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
       if ((o.kind == SkyOccluder::Kind::plane) != planes) continue;
       // Nothing is known of a ball's inside, not even to points on the object.
       if (&o == &self && (o.kind != SkyOccluder::Kind::ball || o.is_flat)) continue;
+      if (planes && self.is_flat && holds(plane_lines(o, Vec3(0.0f)), self.ball, points, 0)) continue;
       if (is_reached(o)) add(o);
     }
   }

@@ -51,7 +51,7 @@ class CellOccluders {
 
   // The kernel of tasks.
   CellKernel kernel_for(Isa isa) const {
-    return distance_ < k_infinity ? cell_within_kernel_for(isa) : cell_kernel_for(isa);
+    return distance_ < k_infinity ? cell_kernels(isa).see_cell_within : cell_kernels(isa).see_cell;
   }
 
   // Adds what all cells hide from `points`, those of find() padded to a multiple of k_batch_padding, to `sums`, and
@@ -60,7 +60,6 @@ class CellOccluders {
   uint64_t see(Isa isa, const CellPoints& points, const CellSums& sums, CellScratch& scratch,
                const F& undecided) const {
     const CellKernel kernel = kernel_for(isa);
-    const OwnShareKernel see_own = own_share_kernel_for(isa);
     scratch.undecided.resize(size_t(points.size) + k_batch_padding);
     scratch.own_hidden.resize(size_t(points.size)), scratch.own_near.resize(size_t(points.size));
     const OwnShares kept = {scratch.own_hidden.data(), scratch.own_near.data()};
@@ -72,7 +71,7 @@ class CellOccluders {
       CellTask cell = task(k, own);
       const bool is_kept = cell.own && reads_own_alike(kept_of, k);
       if (cell.own && !is_kept && reads_own_alike(k, k + 1)) {
-        see_own(own.lines, points, kept);
+        cell_kernels(isa).see_own(own.lines, points, kept);
         kept_of = k;
       }
       if (is_kept || kept_of == k) cell.own_shares = &kept;

@@ -29,9 +29,9 @@ void EnclosedPoints::scale(const Sky& sky, const ShadingPointBatch& points, std:
     const uint32_t i = points_[k];
     normals_[0][k] = points.sx[i], normals_[1][k] = points.sy[i], normals_[2][k] = points.sz[i];
   }
-  cell_light_kernel_for(isa)(sky.cells_of(points.instance[0]).lights(),
-                             {normals_[0].data(), normals_[1].data(), normals_[2].data(), int32_t(size)}, 0.0f,
-                             {sums_[0].data(), sums_[1].data(), sums_[2].data()});
+  cell_kernels(isa).sum_cells(sky.cells_of(points.instance[0]).lights(),
+                              {normals_[0].data(), normals_[1].data(), normals_[2].data(), int32_t(size)}, 0.0f,
+                              {sums_[0].data(), sums_[1].data(), sums_[2].data()});
   for (size_t k = 0; k < points_.size(); ++k) {
     const uint32_t i = points_[k];
     const float weight = std::min((share(i) - k_least_enclosed) / k_least_enclosed, 1.0f);

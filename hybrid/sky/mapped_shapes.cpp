@@ -46,8 +46,7 @@ MappedShapes mapped_shapes(const Scene& scene, std::span<const ShapeTraits> trai
   for (size_t i = 0; i < scene.instances.size(); ++i) {
     const uint32_t s = scene.instances[i].shape;
     if (is_plane[s]) continue;
-    const DAffine to_world(scene.instances[i].to_world);
-    const DMat3 linear(to_world[0], to_world[1], to_world[2]);
+    const DMat3 linear = linear_part(scene.instances[i].to_world);
     uint32_t& of_instance = result.of_instance[i];
     if (keeps_angles(linear)) {
       if (plain[s] == k_none) {
@@ -75,9 +74,8 @@ float median_radius(const Scene& scene, const MappedShapes& mapped) {
   std::vector<float> radii;
   for (size_t i = 0; i < scene.instances.size(); ++i) {
     if (mapped.of_instance[i] == k_none) continue;
-    const DAffine to_world(scene.instances[i].to_world);
     // Stretches have the determinant 1.
-    const double scale = std::cbrt(std::abs(glm::determinant(DMat3(to_world[0], to_world[1], to_world[2]))));
+    const double scale = std::cbrt(std::abs(glm::determinant(linear_part(scene.instances[i].to_world))));
     radii.push_back(float(scale) * mapped.shapes[mapped.of_instance[i]].ball.radius);
   }
   if (radii.empty()) return 0.0f;

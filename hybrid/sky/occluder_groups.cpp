@@ -26,7 +26,7 @@ constexpr float k_opaque = 65535.0f;
 uint16_t opacity_code(float opacity) { return uint16_t(std::clamp(opacity, 0.0f, 1.0f) * k_opaque + 0.5f); }
 float opacity_of(uint16_t code) { return float(code) / k_opaque; }
 
-// Area of a box's projection along unit d.
+// Area of a box's projection along unit d; of several, by the mean of their components' sizes, the mean.
 float projected_area(const Vec3& half, const Vec3& d) {
   return 4.0f * (half.y * half.z * std::abs(d.x) + half.z * half.x * std::abs(d.y) + half.x * half.y * std::abs(d.z));
 }
@@ -44,7 +44,29 @@ float covered_area(const SkyOccluder& o, const DMat3& to_unit, const Vec3& d, in
   return float(scale * 4.0) * mean_coverage(o.view, direction_cell(Vec3(u / length), directions));
 }
 
-Vec3 group_direction(int k) { return cell_frame(k / k_group_directions, k % k_group_directions, k_group_directions).c; }
+// Directions of each cell. Its middle alone may lie along a plane, which then hides nothing.
+constexpr int k_per_cell = 4;
+struct GroupDirections {
+  Vec3 in_cell[k_group_directions * k_group_directions][k_per_cell];
+  Vec3 mean_size[k_group_directions * k_group_directions];  // mean of their components' absolute values
+};
+
+const GroupDirections& group_directions() {
+  static const GroupDirections all = [] {
+    GroupDirections of;
+    for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
+      of.mean_size[k] = Vec3(0.0f);
+      for (int i = 0; i < k_per_cell; ++i) {
+        const float x = i % 2 == 0 ? 0.25f : 0.75f, y = i < 2 ? 0.25f : 0.75f;
+        const Vec3 d = direction_in_cell(k / k_group_directions, k % k_group_directions, x, y, k_group_directions);
+        of.in_cell[k][i] = d;
+        of.mean_size[k] += glm::abs(d) / float(k_per_cell);
+      }
+    }
+    return of;
+  }();
+  return all;
+}
 
 }  // namespace
 
@@ -63,9 +85,10 @@ OccluderGroups::OccluderGroups(const Scene& scene, std::span<const SkyOccluder> 
     if (!is_known) continue;
     const DMat3 to_unit = linear_part(o.to_unit);
     for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
-      const Vec3 d = group_direction(k);
-      const float area = projected_area(leaf.half, d);
-      leaf.opacity[k] = opacity_code(area > 0.0f ? covered_area(o, to_unit, d, directions) / area : 0.0f);
+      const float area = projected_area(leaf.half, group_directions().mean_size[k]);
+      float covered = 0.0f;
+      for (const Vec3& d : group_directions().in_cell[k]) covered += covered_area(o, to_unit, d, directions);
+      leaf.opacity[k] = opacity_code(area > 0.0f ? covered / (area * float(k_per_cell)) : 0.0f);
     }
   }
   nodes_.reserve(leaves.empty() ? 0 : 2 * leaves.size() - 1);
@@ -96,7 +119,7 @@ void OccluderGroups::build(Leaves leaves) {
     node.is_planes = a.is_planes && b.is_planes;
     node.radius = std::isfinite(a.radius + b.radius) ? glm::length(node.half) : k_infinity;
     for (int k = 0; k < k_group_directions * k_group_directions; ++k) {
-      const Vec3 d = group_direction(k);
+      const Vec3& d = group_directions().mean_size[k];
       const float area = projected_area(node.half, d);
       if (!(area > 0.0f)) continue;
       const float of_a = projected_area(a.half, d) / area, of_b = projected_area(b.half, d) / area;

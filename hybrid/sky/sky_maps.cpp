@@ -40,8 +40,7 @@ Sphere tight_ball(const Shape& shape) {
 }
 
 Sphere world_ball(const Instance& instance, const Sphere& ball) {
-  const DMat3 to_world(DVec3(instance.to_world[0]), DVec3(instance.to_world[1]), DVec3(instance.to_world[2]));
-  return {transform_point(instance.to_world, ball.centre), ball.radius * stretch_bound(to_world)};
+  return {transform_point(instance.to_world, ball.centre), ball.radius * stretch_bound(linear_part(instance.to_world))};
 }
 
 // Whether shading normals of a flat mesh are not its plane's, but for rounding.
@@ -97,11 +96,10 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     if (const auto& plane = planes[instance.shape]) {
       o.kind = SkyOccluder::Kind::plane;
       // In world space: a shear gives the image of the plane another normal.
-      const DAffine to_world(instance.to_world);
-      const DMat3 linear(to_world[0], to_world[1], to_world[2]);
+      const DMat3 linear = linear_part(instance.to_world);
       const DVec3 x = linear * plane->axes[0], y = linear * plane->axes[1];
       const DMat3 axes(x, y, glm::normalize(glm::cross(x, y)));
-      write_coordinates(DAffine(1.0), linear * plane->centre + to_world[3], axes, o.to_unit);
+      write_coordinates(DAffine(1.0), linear * plane->centre + DVec3(instance.to_world[3]), axes, o.to_unit);
       continue;
     }
     const uint32_t mapped = shapes_.of_instance[i];

@@ -162,7 +162,7 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
     const Vec3 d = map_direction(emitter, map, x, 0.5f * float(map.height - 1));
     for (int a = 0; a < 3; ++a) around[a][size_t(column)] = d[a];
   }
-  const DirectionCellKernel find_cells = direction_cell_kernel_for(resolve_isa(Isa::automatic));  // the same by any
+  const auto find_cells = cell_kernels(resolve_isa(Isa::automatic)).find_cells;  // the same by any
   parallel_for(k_bands, [&](size_t band) {
     std::vector<Sum>& sums = bands[band];
     sums.resize(k_cells);
@@ -267,7 +267,7 @@ SkyCells SkyRadiance::cells(const Mat3& grid, int directions, int parts) const {
 
 std::vector<Rgb> SkyRadiance::make_table(float grazing) const {
   const SkyCells sky = cells(Mat3(1.0f), k_table_cells);
-  const CellLightKernel kernel = cell_light_kernel_for(resolve_isa(Isa::automatic));  // the same bits by any
+  const auto sum_cells = cell_kernels(resolve_isa(Isa::automatic)).sum_cells;  // the same bits by any
   constexpr size_t k_side = size_t(k_table_cells) + 1;
   std::vector<Rgb> table(k_side * k_side);
   parallel_for(k_side, [&](size_t row) {
@@ -277,8 +277,8 @@ std::vector<Rgb> SkyRadiance::make_table(float grazing) const {
       const auto d = scalar::frame_from_square<float>(float(row) * step - 1.0f, float(i) * step - 1.0f).c;
       x[i] = d.x, y[i] = d.y, z[i] = d.z;
     }
-    kernel(sky.lights(), {x.data(), y.data(), z.data(), int32_t(x.size())}, grazing,
-           {red.data(), green.data(), blue.data()});
+    sum_cells(sky.lights(), {x.data(), y.data(), z.data(), int32_t(x.size())}, grazing,
+              {red.data(), green.data(), blue.data()});
     for (size_t i = 0; i < k_side; ++i) table[row * k_side + i] = Rgb(red[i], green[i], blue[i]);
   });
   return table;

@@ -1,7 +1,6 @@
 #include "hybrid/sky/surfels.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "core/platform/parallel.h"
 #include "core/sampling/sobol.hd.h"
@@ -64,12 +63,8 @@ DirectionHits hits_along(const Accel& accel, const MappedShape& shape, const DMa
   result.last = result.first;
   std::vector<SurfaceLine> lines, going_on;
   for (int i = 0; i < texels * texels; ++i) {
-    const float x = (float(i % texels) + 0.5f) * 2.0f / float(texels) - 1.0f;
-    const float y = (float(i / texels) + 0.5f) * 2.0f / float(texels) - 1.0f;
-    const float half_squared = 1.0f - (x * x + y * y);
-    if (half_squared <= 0.0f) continue;
-    const float half = std::sqrt(half_squared);
-    lines.push_back({frame.s * x + frame.t * y - frame.c * half, 0.0f, 2.0f * half, uint32_t(i)});
+    const auto line = line_of_texel(frame, i % texels, i / texels, texels);
+    if (line) lines.push_back({line->foot - frame.c * line->half, 0.0f, 2.0f * line->half, uint32_t(i)});
   }
   RayBatch rays;
   ShapeHits hits;

@@ -1,8 +1,8 @@
 // Adds the wall time of a scope, less what is baked within it, to a thread's Stats::time_secondary.
 #pragma once
 
+#include "core/platform/stopwatch.h"
 #include "hybrid/stats/stats.h"
-#include "hybrid/stats/stopwatch.h"
 
 namespace fieldtrace {
 

@@ -35,26 +35,13 @@ void Stats::merge_counters(const Stats& o) {
   strata += o.strata;
   strata_refused += o.strata_refused;
   field_uses.resize(std::max(field_uses.size(), o.field_uses.size()));
-  for (size_t s = 0; s < o.field_uses.size(); ++s) {
-    field_uses[s].answered += o.field_uses[s].answered;
-    field_uses[s].undecided += o.field_uses[s].undecided;
-    field_uses[s].self_answered += o.field_uses[s].self_answered;
-    field_uses[s].self_undecided += o.field_uses[s].self_undecided;
-    field_uses[s].met += o.field_uses[s].met;
-    field_uses[s].self_met += o.field_uses[s].self_met;
-  }
+  for (size_t s = 0; s < o.field_uses.size(); ++s) field_uses[s].merge(o.field_uses[s]);
   check_answers += o.check_answers;
   check_wrong += o.check_wrong;
-  for (int bundle = 0; bundle < 2; ++bundle) {
-    check_bundles[bundle].answers += o.check_bundles[bundle].answers;
-    check_bundles[bundle].wrong += o.check_bundles[bundle].wrong;
-  }
+  for (int bundle = 0; bundle < 2; ++bundle) check_bundles[bundle].merge(o.check_bundles[bundle]);
   for (int e = 0; e < k_checked_estimates; ++e) check_estimates[e].merge(o.check_estimates[e]);
   for (int verdict = 0; verdict < k_checked_verdicts; ++verdict) {
-    for (int self = 0; self < 2; ++self) {
-      check_by[verdict][self].answers += o.check_by[verdict][self].answers;
-      check_by[verdict][self].wrong += o.check_by[verdict][self].wrong;
-    }
+    for (int self = 0; self < 2; ++self) check_by[verdict][self].merge(o.check_by[verdict][self]);
   }
 }
 

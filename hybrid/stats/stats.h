@@ -30,6 +30,11 @@ struct FieldUse {
     met += samples;
     self_met += self ? samples : 0;
   }
+  void merge(const FieldUse& o) {
+    answered += o.answered, undecided += o.undecided;
+    self_answered += o.self_answered, self_undecided += o.self_undecided;
+    met += o.met, self_met += o.self_met;
+  }
 };
 
 // Verdicts that --check counts: of shadow rays (clear, blocked) and of glossy rays (miss, hit).
@@ -129,6 +134,7 @@ struct Stats {
   // check_by[CheckedVerdict][self]: 1 for shading points on the object itself, else 0.
   struct CheckCount {
     uint64_t answers = 0, wrong = 0;
+    void merge(const CheckCount& o) { answers += o.answers, wrong += o.wrong; }
   };
   CheckCount check_by[k_checked_verdicts][2];
   CheckCount check_bundles[2];                              // by CheckedBundle
@@ -170,13 +176,10 @@ struct Stats {
 
   // Counts one checked answer. `self`: whether the shading point lies on the object itself.
   void add_check(CheckedVerdict verdict, CheckedBundle bundle, bool self, bool wrong) {
-    check_bundles[int(bundle)].answers += 1;
-    check_bundles[int(bundle)].wrong += wrong;
+    check_bundles[int(bundle)].merge({1, wrong});
     check_answers += 1;
     check_wrong += wrong;
-    CheckCount& count = check_by[int(verdict)][self];
-    count.answers += 1;
-    count.wrong += wrong;
+    check_by[int(verdict)][self].merge({1, wrong});
   }
   CheckedDifferences& checked(CheckedEstimate estimate) { return check_estimates[int(estimate)]; }
   const CheckedDifferences& checked(CheckedEstimate estimate) const { return check_estimates[int(estimate)]; }

@@ -135,12 +135,4 @@ bool trace_pixels(std::span<const PixelPosition> pixels, std::span<const SampleR
   return true;
 }
 
-// The same with the first `spp` samples of every pixel.
-template <class GoesOn, class Add>
-bool trace_pixels(std::span<const PixelPosition> pixels, int spp, int lobe_samples, TransportWorker& worker,
-                  const GoesOn& goes_on, const Add& add) {
-  const std::vector<SampleRange> ranges(pixels.size(), {0, uint32_t(spp)});
-  return trace_pixels(pixels, ranges, Sequences{}, lobe_samples, worker, goes_on, add);
-}
-
 }  // namespace fieldtrace

@@ -6,10 +6,10 @@
 
 #include "core/math/finite.h"
 #include "core/platform/parallel.h"
+#include "core/platform/stopwatch.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/sky/indirect_light.h"
 #include "hybrid/stats/secondary_timer.h"
-#include "hybrid/stats/stopwatch.h"
 #include "hybrid/transport/transport_impl.h"
 
 namespace fieldtrace {

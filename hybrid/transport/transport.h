@@ -63,7 +63,4 @@ class TransportWorker final : public PathFollower {
   std::unique_ptr<Impl> impl_;
 };
 
-// For TransportContext::make_follower.
-std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context);
-
 }  // namespace fieldtrace

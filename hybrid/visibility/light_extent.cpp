@@ -46,7 +46,7 @@ bool hides_nothing_of_itself(ShapeKind kind, bool flipped) {
 
 Bounds3 world_bounds(const Bounds3& object_space, const Affine& to_world) {
   Bounds3 result;
-  for (int c = 0; c < 8; ++c) result.extend(transform_point(to_world, object_space.corner(c)));
+  result.extend(to_world, object_space);
   // Rounding of the transform, three products and a sum on each coordinate.
   const Vec3 slack = gamma_bound(4) * glm::max(glm::abs(result.lower), glm::abs(result.upper));
   result.lower -= slack;

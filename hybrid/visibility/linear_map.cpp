@@ -5,7 +5,7 @@
 
 namespace fieldtrace {
 
-DMat3 linear_part(const float m[12]) {
+DMat3 linear_part(const float* m) {
   return {DVec3(m[0], m[1], m[2]), DVec3(m[3], m[4], m[5]), DVec3(m[6], m[7], m[8])};
 }
 

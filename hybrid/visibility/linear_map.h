@@ -10,8 +10,9 @@ namespace fieldtrace {
 // Relative error of lengths that is allowed for: far above that of matrices given to six digits, far below what shows.
 inline constexpr double k_stretch_slack = 0x1p-10;
 
-// The linear part of a 3 x 4 matrix, column-major.
-DMat3 linear_part(const float m[12]);
+// The linear part of a 3 x 4 matrix, column-major; of the array, the first 9 values are read.
+DMat3 linear_part(const float* m);
+inline DMat3 linear_part(const Affine& m) { return {DVec3(m[0]), DVec3(m[1]), DVec3(m[2])}; }
 
 // Bound on how much `a` lengthens a vector: the square root of the largest eigenvalue of a^T a (Smith, "Eigenvalues of
 // a symmetric 3 x 3 matrix", CACM 1961), plus the slack.

@@ -62,7 +62,7 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
       kernels_(segment_kernels(settings.isa)),
       thesis_kernels_(thesis_kernels(settings.isa)),
       settings_(settings),
-      candidates_(scene),
+      tree_(scene),
       workspaces_([] { return std::make_unique<Workspace>(); }) {
   instances_.reserve(scene.instances.size());
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
@@ -74,7 +74,7 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
 
 ShadowAnswerer::~ShadowAnswerer() = default;
 
-void ShadowAnswerer::choose_candidates(CandidateRequest& request) const {
+void ShadowAnswerer::choose_candidates(const CandidateRequest& request) const {
   const ShadingPointBatch& shading_points = request.points;
   ShadowGroup& group = request.group;
   group.candidates.clear();
@@ -84,7 +84,7 @@ void ShadowAnswerer::choose_candidates(CandidateRequest& request) const {
     group.candidates.assign(k_most_candidates + 1, 0);  // candidate overflow
   } else {
     const size_t limit = group.few_samples() ? k_most_candidates : instances_.size();
-    candidates_.select(bounds_of(shading_points), group.light, limit, group.candidates);
+    tree_.find(Shaft(bounds_of(shading_points), group.light), group.light.instance, limit, group.candidates);
   }
   const size_t size = padded(shading_points.size);
   group.is_tested = group.light.kind == LightExtent::Kind::bounded && !settings_.whole_scene &&
@@ -98,7 +98,7 @@ void ShadowAnswerer::choose_candidates(CandidateRequest& request) const {
   count_untested(shading_points, group, request.stats);
 }
 
-void ShadowAnswerer::test_candidates(CandidateRequest& request) const {
+void ShadowAnswerer::test_candidates(const CandidateRequest& request) const {
   ShadowGroup& group = request.group;
   if (!group.is_tested) return;
   Workspace& work = *workspaces_.local();
@@ -110,8 +110,7 @@ void ShadowAnswerer::test_candidates(CandidateRequest& request) const {
   }
 }
 
-void ShadowAnswerer::find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const {
-  CandidateRequest request{shading_points, group, stats};
+void ShadowAnswerer::find_candidates(const CandidateRequest& request) const {
   choose_candidates(request);
   test_candidates(request);
 }
@@ -132,7 +131,7 @@ void ShadowAnswerer::meet_bounds(uint32_t slot, const ShadingPointBatch& shading
     if (!work.flags[r]) continue;
     std::optional<Shaft>& shaft = work.shafts[r];
     if (!shaft) shaft.emplace(shaft_to(shading_points, r, group.light));
-    if (!candidates_.meets(*shaft, group.candidates[slot])) work.flags[r] = 0;
+    if (!shaft->meets(tree_.bounds(group.candidates[slot]))) work.flags[r] = 0;
   }
 }
 
@@ -195,7 +194,7 @@ void ShadowAnswerer::collect(const RayRequest& request, Workspace& work) const {
   request.stats.rays_crossing += work.exact.crossing;
 }
 
-void ShadowAnswerer::answer(RayRequest& request) const {
+void ShadowAnswerer::answer(const RayRequest& request) const {
   const ShadowGroup& group = request.group;
   Stats& stats = request.stats;
   if (group.candidates.empty()) return;
@@ -210,16 +209,11 @@ void ShadowAnswerer::answer(RayRequest& request) const {
   if (request.counts_open) stats.rays_open += stats.rays_exact - traced;
 }
 
-void ShadowAnswerer::answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats, bool counts_open) const {
-  RayRequest request{group, batch, stats, counts_open};
-  answer(request);
-}
-
 void ShadowAnswerer::find_ray_candidates(const Bounds3& origins, ShadowGroup& group) const {
   group.pixel_samples = 1;
   group.is_tested = false;
   group.open.clear();
-  candidates_.select(origins, group.light, k_most_candidates, group.candidates);
+  tree_.find(Shaft(origins, group.light), group.light.instance, k_most_candidates, group.candidates);
 }
 
 void ShadowAnswerer::look_up(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const {

@@ -32,8 +32,8 @@
 #include "field/thesis/thesis_field.h"
 #include "field/thesis/thesis_kernels.h"
 #include "hybrid/stats/stats.h"
+#include "hybrid/visibility/instance_tree.h"
 #include "hybrid/visibility/query_and_bake.h"
-#include "hybrid/visibility/shadow_candidates.h"
 #include "hybrid/visibility/shape_traits.h"
 #include "hybrid/visibility/visibility_device.h"
 
@@ -136,10 +136,10 @@ class ShadowAnswerer {
   void filter(std::span<FilterRequest> requests) const;
   void answer(std::span<RayRequest> requests) const;
 
-  // Fills `group` for the shading points' positions, geometric normals, errors, radii and instances; the caller sets
+  // Fills `group` for the positions, geometric normals, errors, radii and instances of `points`; the caller sets
   // group.light and group.light_samples. With fields, whole lights are answered where they can be: such shading points
   // need no rays.
-  void find_candidates(const ShadingPointBatch& shading_points, ShadowGroup& group, Stats& stats) const;
+  void find_candidates(const CandidateRequest& request) const;
 
   // Whether strata of the group's light may be filtered: some candidate leaves them to filter().
   bool filters(const ShadowGroup& group) const { return !group.open.empty(); }
@@ -150,8 +150,7 @@ class ShadowAnswerer {
   // Filters `strata` strata of a light for each of `shading_points` (indices into the group's; their by_rays must be
   // 0), whose rays sample_light() laid out in `batch`: sets batch.clear, and undecided[i] to 1 for strata that are not
   // settled, whose clear[i] is meaningless.
-  void filter(const ShadowGroup& group, const ShadingPointBatch& all, std::span<const uint32_t> shading_points,
-              int strata, ShadowBatch& batch, std::vector<uint8_t>& undecided, Stats& stats) const;
+  void filter(const FilterRequest& request) const;
 
   // Call for a shading point with what filter() has settled of its samples: counts uses of the fields.
   void count_filtered(const ShadowGroup& group, uint32_t shading_point, uint32_t samples, Stats& stats) const;
@@ -171,7 +170,7 @@ class ShadowAnswerer {
   // inactive slots. The rays must leave shading points that `group` was made for. Adds to `stats` rays_exact,
   // rays_crossing, look-ups and checks, not rays_shadow; baking time goes to stats.time_bake, and the caller subtracts
   // it from time.secondary.
-  void answer(const ShadowGroup& group, ShadowBatch& batch, Stats& stats, bool counts_open = false) const;
+  void answer(const RayRequest& request) const;
 
   // For rays that were not sampled from a light: fills `group` for rays from `origins` to group.light, which answer()
   // and look_up() then take.
@@ -182,8 +181,8 @@ class ShadowAnswerer {
  private:
   struct Workspace;  // hybrid/visibility/shadow_workspace.h
 
-  void choose_candidates(CandidateRequest& request) const;
-  void test_candidates(CandidateRequest& request) const;
+  void choose_candidates(const CandidateRequest& request) const;
+  void test_candidates(const CandidateRequest& request) const;
   // Sets work.flags for the shading points that the candidate's bounds may shadow, of those that are not settled.
   void meet_bounds(uint32_t slot, const ShadingPointBatch& shading_points, const Sphere& light,
                    const ShadowGroup& group, Workspace& work) const;
@@ -204,8 +203,6 @@ class ShadowAnswerer {
   template <class Question, class Request, class SlotOf>
   void ask_and_bake(std::span<Request> requests, std::vector<Question*> DeviceWave::*list, const SlotOf& slot_of) const;
   void bake_unbaked(const ShadowInstance& occluder, DeviceQuestion::Unbaked& unbaked, Stats& stats) const;
-  void filter(FilterRequest& request) const;
-  void answer(RayRequest& request) const;
   void multiply_shares(const ShadowGroup& group, uint32_t slot, Workspace& work, AlignedVector<float>& clear) const;
   // query_and_bake() with the occluder's field.
   template <class Query>
@@ -229,7 +226,7 @@ class ShadowAnswerer {
   const ThesisKernels& thesis_kernels_;
   AnswererSettings settings_;
   VisibilityDevice* device_ = nullptr;
-  ShadowCandidates candidates_;
+  InstanceTree tree_;
   std::vector<ShadowInstance> instances_;  // one per instance
   mutable tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces_;
 };

@@ -114,7 +114,7 @@ void ShadowAnswerer::ask_cones(CandidateRequest& request) const {
 
 void ShadowAnswerer::find_candidates(std::span<CandidateRequest> requests) const {
   if (!device_) {
-    for (CandidateRequest& request : requests) choose_candidates(request), test_candidates(request);
+    for (const CandidateRequest& request : requests) find_candidates(request);
     return;
   }
   for_each_request(requests, [&](CandidateRequest& request) {
@@ -124,7 +124,7 @@ void ShadowAnswerer::find_candidates(std::span<CandidateRequest> requests) const
   DeviceWave wave;
   list_questions(requests, wave.cones);
   device_->answer(wave);
-  for_each_request(requests, [&](CandidateRequest& request) { test_candidates(request); });
+  for_each_request(requests, [&](const CandidateRequest& request) { test_candidates(request); });
 }
 
 void ShadowAnswerer::ask_strata(FilterRequest& request) const {
@@ -158,13 +158,13 @@ void ShadowAnswerer::ask_strata(FilterRequest& request) const {
 
 void ShadowAnswerer::filter(std::span<FilterRequest> requests) const {
   if (!device_) {
-    for (FilterRequest& request : requests) filter(request);
+    for (const FilterRequest& request : requests) filter(request);
     return;
   }
   for_each_request(requests, [&](FilterRequest& request) { ask_strata(request); });
   ask_and_bake(requests, &DeviceWave::strata,
                [](const FilterRequest& request, size_t n) { return request.group.open[n].slot; });
-  for_each_request(requests, [&](FilterRequest& request) { filter(request); });
+  for_each_request(requests, [&](const FilterRequest& request) { filter(request); });
 }
 
 void ShadowAnswerer::ask_rays(RayRequest& request) const {
@@ -188,12 +188,12 @@ void ShadowAnswerer::ask_rays(RayRequest& request) const {
 
 void ShadowAnswerer::answer(std::span<RayRequest> requests) const {
   if (!device_) {
-    for (RayRequest& request : requests) answer(request);
+    for (const RayRequest& request : requests) answer(request);
     return;
   }
   for_each_request(requests, [&](RayRequest& request) { ask_rays(request); });
   ask_and_bake(requests, &DeviceWave::rays, [](const RayRequest&, size_t n) { return n; });
-  for_each_request(requests, [&](RayRequest& request) { answer(request); });
+  for_each_request(requests, [&](const RayRequest& request) { answer(request); });
 }
 
 }  // namespace fieldtrace

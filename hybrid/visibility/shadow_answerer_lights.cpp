@@ -84,13 +84,6 @@ void ShadowAnswerer::multiply_shares(const ShadowGroup& group, uint32_t slot, Wo
   }
 }
 
-void ShadowAnswerer::filter(const ShadowGroup& group, const ShadingPointBatch& all,
-                            std::span<const uint32_t> shading_points, int strata, ShadowBatch& batch,
-                            std::vector<uint8_t>& undecided, Stats& stats) const {
-  FilterRequest request{group, all, shading_points, strata, batch, undecided, stats};
-  filter(request);
-}
-
 StratumTask ShadowAnswerer::stratum_task(const ShadowInstance& o, int strata) {
   StratumTask task;
   task.segment = o.cone.segment;
@@ -99,7 +92,7 @@ StratumTask ShadowAnswerer::stratum_task(const ShadowInstance& o, int strata) {
   return task;
 }
 
-void ShadowAnswerer::filter(FilterRequest& request) const {
+void ShadowAnswerer::filter(const FilterRequest& request) const {
   const auto& [group, all, shading_points, strata, batch, undecided, stats, questions] = request;
   Workspace& work = *workspaces_.local();
   const size_t slots = padded(batch.rays.size), count = size_t(strata);

@@ -12,28 +12,13 @@
 namespace fieldtrace {
 namespace {
 
-// World -> unit space of a ball in object space, composed in double.
-void write_unit_transform(const Instance& instance, const Sphere& ball, float out[12]) {
-  const double inverse_radius = 1.0 / double(ball.radius);
-  for (int column = 0; column < 4; ++column) {
-    for (int row = 0; row < 3; ++row) {
-      const double shift = column == 3 ? double(ball.centre[row]) : 0.0;
-      out[column * 3 + row] = float((double(instance.to_object[column][row]) - shift) * inverse_radius);
-    }
-  }
-}
-
 // Whether the plane through the unit ball of `a` across the line to the centre of b's ball parts the two.
 bool parts(const ShadowInstance& a, const ShadowInstance& b) {
-  const float* m = a.cone.segment.to_unit;
-  const DMat3 to_unit = linear_part(m);
+  const DMat3 to_unit = linear_part(a.cone.segment.to_unit);
   const DVec3 between = to_unit * (b.centre - a.centre);
   const double distance = glm::length(between);
   if (!(distance > 1.0)) return false;
-  const float* from = b.cone.from_unit;
-  const DMat3 from_unit(DVec3(from[0], from[1], from[2]), DVec3(from[3], from[4], from[5]),
-                        DVec3(from[6], from[7], from[8]));
-  return distance > 1.0 + glm::length((between / distance) * (to_unit * from_unit));
+  return distance > 1.0 + glm::length((between / distance) * (to_unit * linear_part(b.cone.from_unit)));
 }
 
 }  // namespace
@@ -52,7 +37,7 @@ ShadowInstance make_shadow_instance(const Scene& scene, uint32_t index, const Sh
   o.cone.segment.reads_depth = settings.self_to_rays.empty() || !settings.self_to_rays[instance.shape];
   if (field) o.cone.segment.field = field->view();
   if (thesis) o.thesis = thesis_instance_view(*thesis, instance, index);
-  write_unit_transform(instance, ball, o.cone.segment.to_unit);
+  write_unit_transform(instance.to_object, ball, o.cone.segment.to_unit);
   const DMat3 to_unit = linear_part(o.cone.segment.to_unit);
   o.cone.segment.to_unit_stretch = stretch_bound(to_unit);
   o.cone.segment.to_unit_area = area_bound(to_unit);

@@ -54,7 +54,7 @@ struct StratumQuestion : DeviceQuestion {
   StratumTask task;
   const ShadowBatch* batch = nullptr;  // its rays, densities and source
   const float* radius = nullptr;       // by ray; where the rays have a source, those of its points
-  std::vector<StratumMasks> masks;
+  std::vector<ShareMasks> masks;
   std::vector<float> clear;  // by entry of the blocks
 };
 
@@ -70,7 +70,7 @@ struct LobeQuestion : DeviceQuestion {
   ConeTask task;
   const CoverageTiles* tiles = nullptr;  // whose view is the task's
   const LobeBatch* batch = nullptr;
-  std::vector<LobeMasks> masks;
+  std::vector<ShareMasks> masks;
   // By entry of the blocks; of all one after another: clear, red, green, blue, distance, as LobeAnswers.
   std::vector<float> values;
 };

@@ -253,26 +253,28 @@ TEST(ProceduralMesh, ExtremeSizesStaySound) {
 TEST(ProceduralMesh, IllegalParametersAreNamed) {
   const float nan = std::nanf("");
   EXPECT_EQ(usage_message([] { make_sphere({.radius = 1.0f, .around = 2}); }),
-            "sphere: around is 2, it must be between 3 and 32768");
+            "sphere: --around is 2, it must be between 3 and 32768");
   EXPECT_EQ(usage_message([] { make_sphere({.radius = -1.0f}); }),
-            "sphere: radius is -1, it must be between 1e-06 and 1e+06");
+            "sphere: --radius is -1, it must be between 1e-06 and 1e+06");
   EXPECT_NE(usage_message([&] { make_sphere({.radius = nan}); }), "no error");
   EXPECT_EQ(usage_message([] { make_supershape({.longitude = {.m = 4, .n1 = 0}}); }),
-            "supershape: longitude.n1 is 0, it must be between 0.01 and 1000");
-  EXPECT_NE(usage_message([] { make_supershape({.latitude = {.m = -1}}); }).find("latitude.m"), std::string::npos);
+            "supershape: --n1 is 0, it must be between 0.01 and 1000");
+  EXPECT_NE(usage_message([] { make_supershape({.latitude = {.m = -1}}); }).find("--m-lat is"), std::string::npos);
   EXPECT_EQ(usage_message([] { make_knot({.p = 2, .q = 4}); }),
-            "knot: p and q have a common factor, divide both by it");
+            "knot: --p and --q have a common factor, divide both by it");
   EXPECT_NE(usage_message([] { make_knot({.tube = 5.0f}); }).find("tube"), std::string::npos);
   EXPECT_NE(usage_message([] { make_knot({.minor = 0.7f}); }).find("minor"), std::string::npos);
   EXPECT_NE(usage_message([] { make_knot({.along = 4000000, .around = 300}); }).find("lower the resolution"),
             std::string::npos);
   EXPECT_NE(usage_message([] { make_hyperboloid({.waist = 1.0f, .rim = 1.0f}); }).find("rim"), std::string::npos);
-  EXPECT_NE(usage_message([] { make_cube({.half_size = k_infinity}); }).find("half_size"), std::string::npos);
+  EXPECT_NE(usage_message([] { make_cube({.half_size = k_infinity}); }).find("--half-size"), std::string::npos);
   EXPECT_NE(usage_message([] { make_plane({.columns = 0}); }).find("columns"), std::string::npos);
-  EXPECT_NE(usage_message([] { make_comb({.solid_share = 1.0f}); }).find("solid_share"), std::string::npos);
+  EXPECT_NE(usage_message([] { make_comb({.solid_share = 1.0f}); }).find("--solid-share"), std::string::npos);
   EXPECT_NE(usage_message([] { make_wire_globe({.meridians = 0, .parallels = 0}); }), "no error");
   EXPECT_NE(usage_message([] { make_hair_ball({.hairs = 0}); }).find("hairs"), std::string::npos);
   EXPECT_NE(usage_message([] { make_holy_sphere({.holes = 1000, .hole_radius_degrees = 60}); }), "no error");
+  EXPECT_EQ(usage_message([] { make_holy_sphere({.hole_radius_degrees = 70}); }),
+            "holy sphere: --hole-radius is 70, it must be between 0 and 60");
 }
 
 TEST(StressMesh, HairBallDependsOnItsSeedAlone) {

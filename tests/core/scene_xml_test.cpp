@@ -4,6 +4,7 @@
 #include <set>
 
 #include "core/image/image.h"
+#include "core/light/light_sampling.h"
 #include "core/loader/scene_transforms.h"
 #include "core/material/named_materials.h"
 #include "tests/support/scene_test_files.h"
@@ -449,6 +450,28 @@ TEST_F(SceneXml, EmittersOfEveryKind) {
 }
 
 // ---------------------------------------------------------------- the scenes that come with the program
+
+// What matrices of six digits lose is far more than the roundings that kinds of lights allow for.
+TEST_F(SceneXml, LampsTurnedByMatricesOfSixDigitsStayWhatTheyAre) {
+  const std::string turned = "0.153209 -0.128558 0 0  0.128558 0.153209 0 0  0 0 0.2 2  0 0 0 1";
+  const std::string twice =
+      "0.049240 -0.064279 0.058682 0  0.041318 0.076604 0.049240 0  -0.076604 0 0.064279 2  0 0 0 1";
+  const std::string sheared = "0.2 0.001 0 0  0 0.2 0 0  0 0 0.2 2  0 0 0 1";
+  const auto lamp = [](const std::string& type, const std::string& matrix) {
+    return shape(type, to_world("<matrix value=\"" + matrix + "\"/>") + "<emitter type=\"area\"/>");
+  };
+  const Scene s = load(k_sensor + lamp("sphere", turned) + lamp("rectangle", twice) + lamp("sphere", sheared) +
+                       lamp("rectangle", sheared));
+  const LightTable lights = make_lights(s);
+  EXPECT_EQ(lights.lights[0].kind, LightKind::sphere);
+  EXPECT_EQ(lights.lights[1].kind, LightKind::rectangle);
+  EXPECT_EQ(lights.lights[2].kind, LightKind::ellipsoid);
+  EXPECT_EQ(lights.lights[3].kind, LightKind::parallelogram);
+  const Vec3 corner = transform_point(s.instances[1].to_world, Vec3(1, 1, 0));
+  EXPECT_NEAR(corner.x, 0.049240f - 0.064279f, 1e-6f);
+  EXPECT_NEAR(corner.y, 0.041318f + 0.076604f, 1e-6f);
+  EXPECT_NEAR(corner.z, 2.0f - 0.076604f, 1e-6f);
+}
 
 TEST_F(SceneXml, ShippedScenesLoadStrictlyWithoutWarnings) {
   strict = true;

@@ -57,7 +57,7 @@ TEST(CellKernels, GiveTheSameBitsOnEveryInstructionSet) {
       const OwnShares kept = {hidden.data(), near.data()};
       CellTask task = r.task;
       if (by_kept) {
-        own_share_kernel_for(isa)(*task.own, points.view(), kept);
+        cell_kernels(isa).see_own(*task.own, points.view(), kept);
         task.own_shares = &kept;
         task.own = &other_own;  // whose map may say otherwise
       }
@@ -97,7 +97,7 @@ TEST(CellKernels, FindTheSameCellsOnEveryInstructionSet) {
     const DirectionRow row = {around[0].data(), around[1].data(), around[2].data(), k_size, sine, {up.x, up.y, up.z}};
     for (const Isa isa : supported_isas()) {
       AlignedVector<int32_t> cells(k_size, -1);
-      direction_cell_kernel_for(isa)(row, directions, cells.data());
+      cell_kernels(isa).find_cells(row, directions, cells.data());
       for (size_t i = 0; i < k_size; ++i) {
         const Vec3 d(around[0][i], around[1][i], around[2][i]);
         ASSERT_EQ(cells[i], direction_cell(d * sine + up, directions)) << isa_name(isa) << " " << directions;
@@ -126,7 +126,7 @@ TEST(CellKernels, SumTheOpenSkyAlikeOnEveryInstructionSet) {
     const auto sums_of = [&](Isa isa) {
       std::array<AlignedVector<float>, 3> sums;
       for (auto& sum : sums) sum.assign(k_normals, -1.0f);
-      cell_light_kernel_for(isa)(cells, normals, grazing, {sums[0].data(), sums[1].data(), sums[2].data()});
+      cell_kernels(isa).sum_cells(cells, normals, grazing, {sums[0].data(), sums[1].data(), sums[2].data()});
       return sums;
     };
     const auto expected = sums_of(Isa::scalar);

@@ -209,11 +209,11 @@ TEST(CellWithin, GivesTheSameBitsOnEveryInstructionSet) {
     for (MapLines& lines : r.maps) set(lines);
     const Points points = random_points(r, 1 + random.index(100), random);
     const AlignedVector<float> before(size_t(points.size), 0.0f);
-    const Answer expected = ask(cell_within_kernel_for(Isa::scalar), r.task, points, before);
+    const Answer expected = ask(cell_kernels(Isa::scalar).see_cell_within, r.task, points, before);
     undecided += expected.undecided.size(), all += size_t(points.size);
     for (size_t i = 0; i < size_t(points.size); ++i) taken += expected.sums[0][i] > 0.0f;
     for (const Isa isa : supported_isas()) {
-      const Answer answer = ask(cell_within_kernel_for(isa), r.task, points, before);
+      const Answer answer = ask(cell_kernels(isa).see_cell_within, r.task, points, before);
       ASSERT_EQ(answer.undecided, expected.undecided) << isa_name(isa) << " " << trial;
       for (size_t i = 0; i < size_t(points.size); ++i) {
         ASSERT_EQ(std::bit_cast<uint32_t>(answer.sums[0][i]), std::bit_cast<uint32_t>(expected.sums[0][i]))

@@ -125,7 +125,8 @@ TEST(FieldFile, RoundTripIsExactForEveryParameter) {
     test::fill_miss_brick(field, 9, 3);
     save_field(field, identity, folder / "a.vdb");
     Field loaded(test::test_ball(), parameters);
-    const Hash128 slices = load_field(loaded, identity, folder / "a.vdb");
+    const auto [slices, whole] = load_field(loaded, identity, folder / "a.vdb");
+    EXPECT_TRUE(whole);
     EXPECT_EQ(differing_slices(field, loaded), 0u);
     EXPECT_EQ(loaded.cells_baked(), field.cells_baked());
     EXPECT_EQ(loaded.bytes(), field.bytes());
@@ -151,6 +152,27 @@ TEST(FieldFile, LoadingAddsToWhatAFieldHas) {
   Field loaded(test::test_ball(), k_small);
   load_field(loaded, identity, folder / "union.vdb");
   EXPECT_EQ(differing_slices(loaded, both), 0u);
+}
+
+// Whatever is left out, bricks or tiles, is told; what is there already takes no room.
+TEST(FieldFile, LoadingTellsWhetherAFieldHasRoom) {
+  const TemporaryFolder folder;
+  const FieldIdentity identity = test::test_identity(k_small);
+  Field field(test::test_ball(), k_small);
+  test::fill_random_slices(field, 1, 200);
+  const uint64_t bricks = field.bytes();
+  for (const uint32_t slot : {5u, 2000u}) {
+    ASSERT_TRUE(field.coverage().claim(slot));
+    ASSERT_TRUE(field.coverage().finish(slot, TileLines(CoverageTiles::k_lines_per_tile, 3)));
+  }
+  save_field(field, identity, folder / "all.vdb");
+  for (const uint64_t room : {bricks / 2, bricks, field.bytes() - 1, field.bytes()}) {
+    FieldBudget budget(room);
+    Field loaded(test::test_ball(), k_small, &budget);
+    EXPECT_EQ(load_field(loaded, identity, folder / "all.vdb").whole, room == field.bytes()) << room;
+    save_field(loaded, identity, folder / "some.vdb");
+    EXPECT_TRUE(load_field(loaded, identity, folder / "some.vdb").whole) << room;
+  }
 }
 
 TEST(FieldFile, AnEmptyFieldIsAFileToo) {

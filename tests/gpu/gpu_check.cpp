@@ -14,6 +14,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "core/platform/stopwatch.h"
 #include "core/simd/isa.h"
 #include "field/maps/cell_tasks.h"
 #include "gpu/device.h"
@@ -110,8 +111,9 @@ bool answers_as_cpu(VisibilityDevice& device, SkyQuestion& question) {
   const auto sum = [&](size_t i) { return sums.data() + i * size; };
   AlignedVector<int32_t> listed(size + k_warp);
   for (size_t k = 0; k < cells; ++k) {
-    const int count = cell_kernel_for(Isa::scalar)(question.tasks->tasks()[k], question.points,
-                                                   {sum(0), sum(1), sum(2), sum(3), sum(4), sum(5)}, listed.data());
+    const int count = cell_kernels(Isa::scalar)
+                          .see_cell(question.tasks->tasks()[k], question.points,
+                                    {sum(0), sum(1), sum(2), sum(3), sum(4), sum(5)}, listed.data());
     for (int l = 0; l < count; ++l) {
       const auto i = size_t(listed[size_t(l)]);
       undecided[i / k_warp * cells + k] |= 1u << (i % k_warp);
@@ -199,10 +201,6 @@ size_t check_cells(VisibilityDevice& device, size_t entries) {
 }
 
 // ---- times
-
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
 
 // Rays through the unit ball: of a parallel beam in the order of a grid, or anywhere.
 RayBatch beam(size_t rays, bool coherent, TestRandom& random) {

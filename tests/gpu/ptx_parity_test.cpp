@@ -164,7 +164,7 @@ TEST_F(PtxParity, FilterStrata) {
       const Launch l = random_launch(any_field(), values);
       const StratumInputs inputs(l, values);
       const auto& [task, rays, pdf, radius, wanted] = inputs;
-      Outputs<StratumMasks> out(l.warps);
+      Outputs<ShareMasks> out(l.warps);
       std::vector<float> shares(padded(l.entries), -1.0f);
       const std::vector<uint32_t> all = blocks_of(l.entries);
       std::vector<uint32_t> asked;
@@ -186,7 +186,7 @@ TEST_F(PtxParity, FilterStrata) {
                              {clear.begin() + first, clear.begin() + first + k_warp},
                              {}};
           add_words(MissingKind::tile, unknowns.tiles, cpu.missing);
-          const StratumMasks& m = out.masks[warp];
+          const ShareMasks& m = out.masks[warp];
           ASSERT_TRUE(m.not_baked == 0 || m.not_baked == k_all_lanes);
           WarpAnswers gpu = {
               m.not_baked != 0, m.lookups, {m.refused}, {shares.begin() + first, shares.begin() + first + k_warp}, {}};
@@ -290,7 +290,7 @@ TEST_F(PtxParity, FilterLobes) {
       const Launch l = random_launch((which == 0 ? none : which < 16 ? most : whole).view(), values);
       const LobeInputs inputs(l, values);
       const LobeBatch& in = inputs.lobes;
-      Outputs<LobeMasks> out(l.warps);
+      Outputs<ShareMasks> out(l.warps);
       std::vector<float> found[k_lobe_values];
       for (auto& f : found) f.assign(padded(l.entries), -7.0f);
       const std::vector<uint32_t> all = blocks_of(l.entries);
@@ -321,7 +321,7 @@ TEST_F(PtxParity, FilterLobes) {
                              {mask_of([&](uint32_t lane) { return answers.refused[first + lane] != 0; })},
                              {},
                              {}};
-          const LobeMasks& m = out.masks[warp];
+          const ShareMasks& m = out.masks[warp];
           ASSERT_TRUE(m.not_baked == 0 || m.not_baked == k_all_lanes);
           WarpAnswers gpu = {m.not_baked != 0, m.lookups, {m.refused}, {}, {}};
           for (size_t v = 0; v < k_lobe_values; ++v) {

@@ -27,8 +27,8 @@ CellAnswers see_cells(Isa isa, std::span<const CellTask> tasks, std::span<const 
                                p.sx + i, p.sy + i, p.sz + i, int32_t(k_warp), blocks[w].grazing};
     const auto sum = [&](int c) { return sums[c].data() + i; };
     for (uint32_t k = 0; k < blocks[w].cells; ++k) {
-      const int count = cell_kernel_for(isa)(tasks[blocks[w].first_task + k], points,
-                                             {sum(0), sum(1), sum(2), sum(3), sum(4), sum(5)}, listed.data());
+      const int count = cell_kernels(isa).see_cell(tasks[blocks[w].first_task + k], points,
+                                                   {sum(0), sum(1), sum(2), sum(3), sum(4), sum(5)}, listed.data());
       uint32_t mask = 0;
       for (int l = 0; l < count; ++l) mask |= 1u << uint32_t(listed[size_t(l)]);
       a.undecided.push_back(mask);

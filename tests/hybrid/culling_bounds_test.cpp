@@ -1,5 +1,3 @@
-#include "hybrid/visibility/shadow_candidates.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -75,7 +73,7 @@ void check_group(const Scene& scene, uint32_t emitter, uint32_t occluder, const 
   group.pixel_samples = k_fewest_cone_samples;
   const ShadingPointBatch batch = shading_points_at(points, gamma_bound(3));
   Stats stats;
-  answerer.find_candidates(batch, group, stats);
+  answerer.find_candidates({batch, group, stats});
   const bool found = std::find(group.candidates.begin(), group.candidates.end(), occluder) != group.candidates.end();
   ASSERT_TRUE(found) << what;
   for (size_t r = 0; r < batch.size; ++r)

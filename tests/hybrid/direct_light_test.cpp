@@ -75,8 +75,10 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
     settings.isa = resolve_isa(Isa::automatic);
     const TransportContext context(scene, accel, camera, answerer, settings);
     TransportWorker worker(context);
+    const std::vector<PixelPosition> pixels = tile_pixels(scene.film.crop);
+    const std::vector<SampleRange> ranges(pixels.size(), {0, uint32_t(pixel_samples)});
     trace_pixels(
-        tile_pixels(scene.film.crop), pixel_samples, 1, worker, [] { return true; },
+        pixels, ranges, {}, 1, worker, [] { return true; },
         [](const PixelRun&, std::span<const Rgb>, std::span<const FirstHit>) {});
     const Stats& stats = worker.stats();
     EXPECT_GT(stats.strata, 5000u);

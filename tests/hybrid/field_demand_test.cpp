@@ -107,7 +107,7 @@ TEST(FieldDemand, OfPartsOfLightsDoesNotDependOnTheOrder) {
                  ShadowBatch batch;
                  std::vector<uint8_t> undecided;
                  sample_light(lights, 0, part_of(part, open), k_parts, resolve_isa(Isa::automatic), batch);
-                 answerer.filter(group, part, open, k_parts.count, batch, undecided, stats);
+                 answerer.filter({group, part, open, k_parts.count, batch, undecided, stats});
                }).tiles;
     }
   }

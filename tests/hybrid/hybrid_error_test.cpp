@@ -95,8 +95,9 @@ Image unshadowed(const Scene& scene, uint32_t seed) {
     for (int x = 0; x < scene.film.width; ++x) pixels.push_back({x, y});
   }
   Image image{scene.film.width, scene.film.height, {"R", "G", "B"}, {}};
+  const std::vector<SampleRange> ranges(pixels.size(), {0, 1});
   trace_pixels(
-      pixels, 1, 1, worker, [] { return true; },
+      pixels, ranges, {}, 1, worker, [] { return true; },
       [&](const PixelRun&, std::span<const Rgb> values, std::span<const FirstHit>) {
         for (const Rgb& v : values) image.data.insert(image.data.end(), {v.x, v.y, v.z});
       });

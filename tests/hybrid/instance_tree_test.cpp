@@ -6,7 +6,6 @@
 
 #include <algorithm>
 
-#include "hybrid/visibility/shadow_candidates.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
 

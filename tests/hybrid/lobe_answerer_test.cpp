@@ -10,7 +10,6 @@
 #include "hybrid/compare/compare.h"
 #include "hybrid/glossy/radiance_maps.h"
 #include "hybrid/render/render.h"
-#include "hybrid/transport/transport.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/random_lines.h"
@@ -286,9 +285,7 @@ struct ExactShading {
       : accel(scene),
         camera(scene.camera, scene.film),
         exact(scene, accel, shape_traits(scene), std::vector<Field*>(scene.shapes.size()), answering(whole_scene)),
-        context(scene, accel, camera, exact, transport(max_depth)) {
-    context.make_follower = make_path_follower;
-  }
+        context(scene, accel, camera, exact, transport(max_depth)) {}
 
   static AnswererSettings answering(bool whole_scene) {
     AnswererSettings settings;

@@ -112,7 +112,7 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
   group.light_samples.assign(shading_points.size, k_rays);
   group.pixel_samples = k_rays;
   Stats unused;
-  answerer.find_candidates(shading_points, group, unused);
+  answerer.find_candidates({shading_points, group, unused});
   ShadowBatch batch;
   sample_light(lights, light, shading_points, k_rays, Isa::scalar, batch);
   std::vector<uint32_t> active;
@@ -129,7 +129,7 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
       bounds.extend(p - Vec3(shading_points.error[r]));
       bounds.extend(p + Vec3(shading_points.error[r]));
     }
-    ShadowCandidates(scene).select(bounds, group.light, scene.instances.size(), candidates);
+    InstanceTree(scene).find(Shaft(bounds, group.light), group.light.instance, scene.instances.size(), candidates);
   }
   std::vector<uint8_t> blocked;
   for (uint32_t instance = 0; instance < scene.instances.size(); ++instance) {
@@ -146,7 +146,7 @@ void tally_group(const Scene& scene, const Accel& accel, const ShadowAnswerer& a
   blocked.assign(batch.rays.size, 0);
   accel.occluded(batch.rays, active, blocked.data());
   Stats stats;
-  answerer.answer(group, batch, stats);
+  answerer.answer({group, batch, stats});
   tally.answers += active.size();
   for (const uint32_t i : active) tally.different += batch.blocked[i] != blocked[i];
 }
@@ -220,12 +220,12 @@ TEST(ShadowCandidates, FewAreChosenInVain) {
     const ShadowAnswerer answerer(maker.scene, accel, shape_traits(maker.scene), {nullptr}, {.isa = Isa::scalar});
     ShadowGroup group;
     group.light = light_extent(maker.scene, 0);
-    ShadowCandidates(maker.scene).select(bounds, group.light, balls.size(), group.candidates);
+    InstanceTree(maker.scene).find(Shaft(bounds, group.light), group.light.instance, balls.size(), group.candidates);
     chosen += group.candidates.size();
     group.light_samples.assign(shading_points.size, 1);
     group.pixel_samples = k_fewest_cone_samples;
     Stats unused;
-    answerer.find_candidates(shading_points, group, unused);
+    answerer.find_candidates({shading_points, group, unused});
     std::vector<uint8_t> is_near(balls.size(), 0);
     for (size_t r = 0; r < shading_points.size; ++r) {
       const Vec3 p(shading_points.px[r], shading_points.py[r], shading_points.pz[r]), axis = light - p;
@@ -268,11 +268,11 @@ TEST(ShadowCandidates, StopsBeyondTheLimit) {
   const uint32_t grey = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f)), sphere = maker.shape(ShapeKind::sphere);
   for (int i = 0; i < 50; ++i) maker.instance(sphere, grey, translation({float(i), 0, 0}));
   maker.light(EmitterKind::point, Rgb(1.0f), {60, 0, 0});
-  const ShadowCandidates candidates(maker.scene);
-  const Bounds3 shading_points = {Vec3(-5, 0, 0), Vec3(-5, 0, 0)};
+  const InstanceTree tree(maker.scene);
+  const Shaft shaft({Vec3(-5, 0, 0), Vec3(-5, 0, 0)}, light_extent(maker.scene, 0));
   std::vector<uint32_t> instances;
   for (const size_t limit : {size_t(0), size_t(7), size_t(49), size_t(50)}) {
-    candidates.select(shading_points, light_extent(maker.scene, 0), limit, instances);
+    tree.find(shaft, k_none, limit, instances);
     EXPECT_EQ(instances.size(), std::min(limit + 1, size_t(50)));
     EXPECT_TRUE(std::ranges::is_sorted(instances));
   }

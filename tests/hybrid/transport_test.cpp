@@ -432,12 +432,13 @@ TEST(Transport, SamplesArriveInOrderWhateverTheBatches) {
   const TransportContext context(scene, accel, camera, answerer, settings);
   const std::vector<PixelPosition> pixels = {{20, 20}, {35, 22}, {50, 30}};
   constexpr int k_spp = 1700;
+  const std::vector<SampleRange> ranges(pixels.size(), {0, k_spp});
   const auto samples_of = [&](int lobe_samples) {
     TransportWorker worker(context);
     std::vector<std::vector<Rgb>> radiance(pixels.size());
     std::vector<float> depths;
     trace_pixels(
-        pixels, k_spp, lobe_samples, worker, [] { return true; },
+        pixels, ranges, {}, lobe_samples, worker, [] { return true; },
         [&](const PixelRun& run, std::span<const Rgb> values, std::span<const FirstHit> firsts) {
           EXPECT_EQ(values.size(), firsts.size());
           radiance[run.pixel].insert(radiance[run.pixel].end(), values.begin(), values.end());

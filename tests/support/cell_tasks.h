@@ -134,7 +134,7 @@ inline Answer ask(CellKernel kernel, const CellTask& task, const Points& points,
   return answer;
 }
 inline Answer ask(Isa isa, const CellTask& task, const Points& points, const AlignedVector<float>& before) {
-  return ask(cell_kernel_for(isa), task, points, before);
+  return ask(cell_kernels(isa).see_cell, task, points, before);
 }
 
 struct RandomTask {

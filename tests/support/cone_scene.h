@@ -47,7 +47,7 @@ struct ConeScene {
     group.light = light_extent(maker.scene, 0);
     group.light_samples.assign(shading_points.size, uint32_t(light_samples));
     group.pixel_samples = light_samples;
-    from.find_candidates(shading_points, group, stats);
+    from.find_candidates({shading_points, group, stats});
     return group;
   }
   ShadowGroup query(const ShadingPointBatch& shading_points, Isa isa, float tolerance, Stats& stats) const {

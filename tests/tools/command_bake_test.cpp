@@ -154,6 +154,11 @@ TEST_F(CommandBake, RefusesWhatItCannotBake) {
   };
   expect(2, "--full", {"bake", "ball.ply", "-o", "f.vdb"});
   expect(2, ".vdb", {"bake", "ball.ply", "--full", "-o", "f.ply"});
+  // Of scenes, which `ball.ply` is not; nor is the field that `info` would look for.
+  expect(2, "-D: only of scenes", {"bake", "ball.ply", "--full", "-o", "f.vdb", "-D", "a=b"});
+  expect(2, "--strict: only of scenes", {"bake", "ball.ply", "--full", "-o", "f.vdb", "--strict"});
+  expect(2, "-D: only of scenes", {"info", "ball.ply", "-D", "a=b"});
+  expect(2, "--strict: only of scenes", {"info", "missing.vdb", "--strict"});
   expect(2, "--plane", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--plane", "64"});
   expect(2, "--directions 256", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--directions", "256"});
   expect(1, "--field-memory", {"bake", "ball.ply", "-o", "f.vdb", "--chart", "thesis", "--field-memory", "1"});

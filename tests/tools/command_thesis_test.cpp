@@ -2,12 +2,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <set>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "core/image/image.h"
@@ -142,14 +144,38 @@ TEST(CommandThesis, ABrowserFindsNothingMissingOnThePage) {
   EXPECT_EQ(with("</head>", "<link rel=\"stylesheet\" href=\"absent.css\">").errors.size(), 1u);
 }
 
+// What has no rows yet leaves that of an earlier run in its place.
 TEST(CommandThesis, InterruptedRunKeepsWhatIsFinished) {
   const TemporaryFolder folder;
-  Program program(folder.path(), {"thesis", "-o", "out"});
-  ASSERT_TRUE(program.interrupt());
-  const Outcome o = program.wait();
-  EXPECT_EQ(o.code, 130) << o.err;
-  EXPECT_NE(o.err.find("interrupted"), std::string::npos) << o.err;
-  EXPECT_NE(read_text(folder / "out/thesis.html").find("</html>"), std::string::npos);
+  fs::create_directory(folder / "out");
+  const std::vector<std::string> tables = {"thesis.csv", "growth.csv", "charts.csv", "hybrid.csv"};
+  const auto text = [&](const std::string& name) { return read_text(folder / ("out/" + name)); };
+  for (const std::string& name : tables) std::ofstream(folder / ("out/" + name)) << "older";
+  std::ofstream(folder / "out/thesis.html") << "older";
+  // Later and later, until something is finished.
+  int attempts = 0;
+  for (double seconds = 0.0; text("thesis.html") == "older"; seconds = std::max(2.0 * seconds, 0.125)) {
+    ASSERT_LT(++attempts, 15);
+    Program program(folder.path(), {"thesis", "-o", "out", "--quick"});
+    std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
+    ASSERT_TRUE(program.interrupt());
+    const Outcome o = program.wait();
+    EXPECT_EQ(o.code, 130) << o.err;
+    const bool is_written = text("thesis.html") != "older";
+    EXPECT_NE(o.err.find(is_written ? "what was finished is in" : "interrupted; nothing was written"),
+              std::string::npos)
+        << o.err;
+    for (const std::string& name : tables) {
+      if (!is_written || name == "hybrid.csv") {
+        EXPECT_EQ(text(name), "older") << name;
+      }
+    }
+  }
+  EXPECT_GT(attempts, 1);
+  EXPECT_NE(text("thesis.html").find("</html>"), std::string::npos);
+  const std::string finished = text("thesis.csv");
+  EXPECT_EQ(finished.rfind("case,", 0), 0u);
+  EXPECT_GE(std::count(finished.begin(), finished.end(), '\n'), 2);
 }
 
 TEST(CommandThesis, AFolderThatCannotBeMadeIsNamed) {

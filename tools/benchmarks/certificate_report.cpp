@@ -148,6 +148,8 @@ Result measure(const Object& object, Field& field, SingleRayQuery& query, const 
   std::vector<Segment> segments;
   RayBatch rays;
   std::vector<uint8_t> blocked;
+  float to_unit[12];
+  write_unit_transform(Affine(1.0f), field.ball(), to_unit);
   for (int c = 0; c < clusters; ++c) {
     segments.clear();
     generate(object, field, random, segments);
@@ -157,8 +159,7 @@ Result measure(const Object& object, Field& field, SingleRayQuery& query, const 
     object.accel->shape_occluded(0, rays, blocked.data());
     for (size_t i = 0; i < segments.size(); ++i) {
       const Segment& s = segments[i];
-      const auto unit = scalar::segment_in_unit_space(UnitTransform(field.ball()).m, {s.o.x, s.o.y, s.o.z},
-                                                      {s.d.x, s.d.y, s.d.z}, s.t_max);
+      const auto unit = scalar::segment_in_unit_space(to_unit, {s.o.x, s.o.y, s.o.z}, {s.d.x, s.d.y, s.d.z}, s.t_max);
       if (!unit.crosses) continue;
       ++result.queries;
       for (int l = 0; l < k_limit_count; ++l) {

@@ -16,7 +16,7 @@
 #include "core/loader/scene_xml.h"
 #include "core/platform/error.h"
 #include "core/platform/parallel.h"
-#include "hybrid/stats/stopwatch.h"
+#include "core/platform/stopwatch.h"
 #include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {
@@ -73,8 +73,10 @@ void run(const Arguments& arguments) {
     const std::vector<Rect> tiles = make_tiles({0, 0, scene.film.width, scene.film.height}, k_tile_size);
     tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
     parallel_for(tiles.size(), [&](size_t i) {
+      const std::vector<PixelPosition> pixels = tile_pixels(tiles[i]);
+      const std::vector<SampleRange> ranges(pixels.size(), {0, uint32_t(arguments.spp)});
       trace_pixels(
-          tile_pixels(tiles[i]), arguments.spp, settings.lobe_samples, workers.local(), [] { return true; },
+          pixels, ranges, {}, settings.lobe_samples, workers.local(), [] { return true; },
           [](const PixelRun&, std::span<const Rgb>, std::span<const FirstHit>) {});
     });
     for (const TransportWorker& worker : workers) stats.merge_counters(worker.stats());

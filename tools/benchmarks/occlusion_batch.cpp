@@ -91,7 +91,7 @@ void answer(const api::SceneObject& s, std::vector<Chunk>& chunks) {
       std::fill(chunk.batch.exact.begin(), chunk.batch.exact.end(), uint8_t(0));
       Stats stats;
       s.shadows->find_ray_candidates(chunk.origins, chunk.group);
-      s.shadows->answer(chunk.group, chunk.batch, stats);
+      s.shadows->answer({chunk.group, chunk.batch, stats});
     });
   });
 }

@@ -81,6 +81,7 @@ int run_bake(const BakeArguments& arguments) {
   check_limit(arguments);
   const bool mesh = is_mesh(arguments.input.path);
   const bool by_thesis = arguments.options.chart == Chart::thesis;
+  if (mesh) refuse_scene_reading_options(arguments.input);
   if (mesh && !arguments.options.full && !by_thesis) {
     throw UsageError("a mesh alone demands no cells; bake it with --full, or name a scene");
   }
@@ -140,9 +141,7 @@ void add_bake_command(CommandLine& line) {
   add_chart_option(command, arguments->options.chart);
   add_memory_option(command, arguments->options.field_memory);
   add_cache_limit_option(command, arguments->options.cache_limit);
-  command.add_option("--threads", arguments->options.threads, "Threads (default: 0, all)")
-      ->transform(thread_count())
-      ->type_name("N");
+  add_threads_option(command, arguments->options.threads);
   add_scene_reading_options(command, arguments->input);
   command.callback([arguments, &line] { line.action = [arguments] { return run_bake(*arguments); }; });
 }

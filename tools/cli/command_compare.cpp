@@ -11,7 +11,6 @@
 #include "core/image/image.h"
 #include "core/io/atomic_file.h"
 #include "hybrid/compare/compare.h"
-#include "hybrid/compare/flip.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
@@ -89,7 +88,7 @@ std::string to_text(const Comparison& comparison) {
 void compare_named(const CompareArguments& arguments, const Rect& window, Comparison& c) {
   try {
     c.difference = compare_images(c.image, c.reference, window);
-    if (!has_colour(c.image) || !has_colour(c.reference)) {
+    if (!colour_channels(c.image) || !colour_channels(c.reference)) {
       if (!arguments.report.empty()) throw Error("a page shows the channels R, G and B, and one lacks them");
       return;
     }
@@ -156,11 +155,9 @@ void add_compare_command(CommandLine& line) {
   command.add_flag("--json", arguments->json, "Print JSON");
   command.add_option("--report", arguments->report, "HTML page to write: figures, pictures, differences, FLIP maps")
       ->type_name("FILE")
-      ->check(not_empty());
-  command
-      .add_option_function<double>(
-          "--fail-above", [arguments](const double& limit) { arguments->limit = limit; },
-          "Exit with 1 if the rmse is above this")
+      ->check(not_empty())
+      ->excludes("--layer");  // a page shows colours
+  command.add_option("--fail-above", arguments->limit, "Exit with 1 if the rmse is above this")
       ->check(number_between(0.0, std::numeric_limits<double>::max()))
       ->type_name("RMSE");
   command.callback(

@@ -261,9 +261,9 @@ struct InfoArguments {
 };
 
 void print_devices() {
-  std::string isas;
-  for (const Isa isa : supported_isas()) isas += std::string(isas.empty() ? "" : ", ") + isa_name(isa);
-  fmt::print("cpu        {} threads, {}\n", std::thread::hardware_concurrency(), isas);
+  std::vector<const char*> isas;
+  for (const Isa isa : supported_isas()) isas.push_back(isa_name(isa));
+  fmt::print("cpu        {} threads, {}\n", std::thread::hardware_concurrency(), fmt::join(isas, ", "));
   for (const DeviceKind& kind : device_kinds()) {
     for (const std::string& line : kind.list()) fmt::print("{:<10} {}\n", kind.name, line);
     if (!kind.lacks.empty()) fmt::print("{:<10} cannot be used: {}\n", kind.name, kind.lacks);
@@ -280,6 +280,7 @@ int run_info(const InfoArguments& arguments) {
   if (arguments.json && ending != ".vdb") {
     throw UsageError("--json: only of fields; " + path + " does not end in .vdb");
   }
+  if (ending != ".xml") refuse_scene_reading_options(arguments.file);
   if (ending == ".vdb") {
     print_field_file(path, arguments.json);
   } else if (ending == ".xml") {
@@ -303,7 +304,7 @@ void add_info_command(CommandLine& line) {
   CLI::Option* const devices =
       command.add_flag("--devices", arguments->devices, "List the devices that --device names, instead of a file");
   devices->excludes(file);
-  command.add_flag("--json", arguments->json, "Print JSON (fields only)");
+  devices->excludes(command.add_flag("--json", arguments->json, "Print JSON (fields only)"));
   add_scene_reading_options(command, arguments->file);
   command.callback([arguments, file, devices, &line] {
     if (file->empty() && devices->empty()) throw CLI::RequiredError("file");

@@ -10,11 +10,11 @@
 
 #include "core/io/atomic_file.h"
 #include "core/io/file_ending.h"
+#include "core/platform/stopwatch.h"
 #include "field/file/vdb_grid.h"
 #include "hybrid/denoise/denoise.h"
 #include "hybrid/render/picture.h"
 #include "hybrid/render/picture_identity.h"
-#include "hybrid/stats/stopwatch.h"
 #include "tools/cli/command.h"
 #include "tools/cli/interrupt.h"
 #include "tools/cli/options.h"
@@ -77,6 +77,12 @@ void require_slice_alone(const RenderArguments& arguments) {
   if (arguments.outputs.size() > 1) throw UsageError("--slice writes one part; give one -o");
   if (file_ending(arguments.outputs[0]) != ".exr")
     throw UsageError("-o " + arguments.outputs[0] + ": parts are EXR files; end the name in .exr");
+}
+
+// Rendered by that chart, each camera sample takes --light-samples, hidden lights or not.
+void require_estimator_of_chart(const RenderOptions& options) {
+  if (options.chart == Chart::thesis && options.light_estimator == LightEstimator::adaptive)
+    throw UsageError("--light-estimator adaptive: not with --chart thesis; give one of them");
 }
 
 // Denoises the picture and removes the layers that nobody asked for. Returns what denoised it; empty: nothing did.
@@ -262,6 +268,7 @@ bool is_done(const RenderArguments& arguments, const Scene& scene, const RenderO
 int run_render(const RenderArguments& arguments, const std::string& command) {
   const Clock::time_point start = Clock::now();
   require_slice_alone(arguments);
+  require_estimator_of_chart(arguments.options);
   if (arguments.denoise) require_denoiser();
   watched_files(arguments);
   require_outputs_writable(arguments);

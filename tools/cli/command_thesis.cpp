@@ -29,11 +29,16 @@ struct ThesisArguments {
   bool quiet = false;
 };
 
+// Unless it has nothing but its head: what an earlier run has written stays. Returns whether it has rows.
+bool write_rows(const fs::path& path, const std::string& table) {
+  const bool has_rows = table.find('\n') + 1 < table.size();
+  if (has_rows) write_text_file(path.string(), table);
+  return has_rows;
+}
+
 int run_command(const ThesisArguments& arguments, const std::string& command) {
   const fs::path folder = arguments.folder;
-  std::error_code failed;
-  fs::create_directories(folder, failed);
-  if (failed) throw Error({arguments.folder}, "the folder cannot be made: " + failed.message());
+  make_folder(arguments.folder);
   const std::string page = (folder / "thesis.html").string();
   std::vector<OutputFile> outputs;
   for (const char* name : {"thesis.csv", "growth.csv", "charts.csv", "hybrid.csv", "thesis.html"}) {
@@ -55,13 +60,14 @@ int run_command(const ThesisArguments& arguments, const std::string& command) {
   tbb::task_arena(threads).execute([&] { complete = run_thesis(options, callbacks, report); });
   progress.clear();
 
-  write_text_file((folder / "thesis.csv").string(), thesis_csv(report));
-  write_text_file((folder / "growth.csv").string(), thesis_growth_csv(report));
-  write_text_file((folder / "charts.csv").string(), thesis_charts_csv(report));
-  write_text_file((folder / "hybrid.csv").string(), thesis_hybrid_csv(report));
-  write_text_file(page, thesis_page(report, command, FIELDTRACE_VERSION));
+  bool has_rows = write_rows(folder / "thesis.csv", thesis_csv(report));
+  has_rows |= write_rows(folder / "growth.csv", thesis_growth_csv(report));
+  has_rows |= write_rows(folder / "charts.csv", thesis_charts_csv(report));
+  has_rows |= write_rows(folder / "hybrid.csv", thesis_hybrid_csv(report));
+  if (has_rows) write_text_file(page, thesis_page(report, command, FIELDTRACE_VERSION));
   if (!complete) {
-    print_message("fieldtrace: interrupted; what was finished is in {}\n", page);
+    print_message("fieldtrace: interrupted; {}\n",
+                  has_rows ? "what was finished is in " + page : "nothing was written: no row was finished");
     return k_exit_interrupted;
   }
   if (!arguments.quiet) print_message("{} and the tables beside it written\n", page);
@@ -78,9 +84,7 @@ void add_thesis_command(CommandLine& line) {
   command.add_option("--bunny", arguments->options.bunny, "The bunny's mesh; without it a torus knot takes its place")
       ->type_name("MESH")
       ->check(not_empty());
-  command.add_option("--threads", arguments->threads, "Threads (default: 0, all)")
-      ->transform(thread_count())
-      ->type_name("N");
+  add_threads_option(command, arguments->threads);
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
   command.callback(
       [arguments, &line] { line.action = [arguments, &line] { return run_command(*arguments, line.text); }; });

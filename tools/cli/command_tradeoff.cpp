@@ -29,39 +29,30 @@ struct TradeoffArguments {
   bool quiet = false;
 };
 
-void make_folder(const std::string& folder) {
-  std::error_code failed;
-  fs::create_directories(folder, failed);
-  if (failed) throw Error({folder}, "the folder cannot be made: " + failed.message());
-}
-
-// Written line by line under a name that marks it as partial, so that a crash loses nothing. Rows are kept if a later
-// one cannot be written or never comes; without any the file goes.
+// Written row by row under a name that marks it as partial, so that a crash loses nothing. The first row, with the
+// head, replaces the rows that an interrupted run has left there. Rows are kept if a later one cannot be written or
+// never comes.
 class GrowingTable {
  public:
   explicit GrowingTable(const fs::path& final_path)
-      : final_path_(final_path), partial_path_(final_path.string() + ".partial") {
-    add(tradeoff_csv_header());
-  }
-  ~GrowingTable() {
-    std::error_code ignored;
-    if (!has_rows()) fs::remove(partial_path_, ignored);
-  }
-  GrowingTable(const GrowingTable&) = delete;
-  GrowingTable& operator=(const GrowingTable&) = delete;
+      : final_path_(final_path), partial_path_(final_path.string() + ".partial") {}
 
-  void add(const std::string& line) {
+  void add(const std::string& row) {
     const uint64_t whole = text_.size();
-    text_ += line + "\n";
+    if (whole == 0) text_ = tradeoff_csv_header() + "\n";
+    text_ += row + "\n";
     std::ofstream out(partial_path_, std::ios::binary | (whole > 0 ? std::ios::app : std::ios::trunc));
-    out << line << "\n";
+    const bool is_open = out.is_open();
+    out << text_.substr(whole);
     out.close();
     if (out) return;
-    const int reason = errno;
+    const std::string reason = std::strerror(errno);
     text_.resize(whole);
-    throw failure(std::strerror(reason));
+    if (is_open) drop_half_row();
+    throw Error({partial_path_.string()},
+                "cannot be written: " + reason + (has_rows() ? "; the rows so far are kept" : ""));
   }
-  bool has_rows() const { return text_.size() > tradeoff_csv_header().size() + 1; }
+  bool has_rows() const { return !text_.empty(); }
   // Written again as a whole: only a verified table replaces an older one.
   void finish() {
     write_text_file(final_path_.string(), text_);
@@ -71,15 +62,13 @@ class GrowingTable {
   std::string partial_path() const { return partial_path_.string(); }
 
  private:
-  // Truncates the file to the lines that were written whole.
-  Error failure(const std::string& reason) const {
+  // Truncates the file to the rows that were written whole.
+  void drop_half_row() const {
     std::error_code ignored;
-    if (has_rows()) {
+    if (has_rows())
       fs::resize_file(partial_path_, text_.size(), ignored);
-      return Error({partial_path_.string()}, "cannot be written: " + reason + "; the rows so far are kept");
-    }
-    fs::remove(partial_path_, ignored);
-    return Error({partial_path_.string()}, "cannot be written: " + reason);
+    else
+      fs::remove(partial_path_, ignored);
   }
 
   fs::path final_path_, partial_path_;
@@ -158,9 +147,7 @@ void add_tradeoff_command(CommandLine& line) {
   add_scene_options(command, arguments->scene);
   command.add_option("-o", arguments->folder, "Folder to write, made if missing")->required()->type_name("DIR");
   command.add_flag("--quick", arguments->plan.quick, "Few samples and field resolutions, a coarser reference");
-  command.add_option("--threads", arguments->plan.base.threads, "Threads (default: 0, all)")
-      ->transform(thread_count())
-      ->type_name("N");
+  add_threads_option(command, arguments->plan.base.threads);
   command.add_flag("--quiet", arguments->quiet, "No progress and no summary");
   command.callback(
       [arguments, &line] { line.action = [arguments, &line] { return run_command(*arguments, line.text); }; });

@@ -3,10 +3,8 @@
 #include <fmt/format.h>
 #include <sys/resource.h>
 
-#include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <map>
 #include <optional>
 
 #include "core/loader/scene_xml.h"
@@ -49,6 +47,24 @@ CLI::Validator one_of(std::vector<std::string> values) {
         return fmt::format("'{}' is not one of {}", text, list);
       },
       "{" + list + "}");
+}
+
+// An option that takes the names of values, listed in this order.
+template <class T>
+void add_choice(CLI::App& command, const char* name, T& target, const std::vector<std::pair<std::string, T>>& choices,
+                const char* type, const char* help) {
+  std::vector<std::string> names;
+  for (const auto& [choice, value] : choices) names.push_back(choice);
+  command
+      .add_option_function<std::string>(
+          name,
+          [&target, choices](const std::string& text) {
+            for (const auto& [choice, value] : choices)
+              if (text == choice) target = value;
+          },
+          help)
+      ->check(one_of(names))
+      ->type_name(type);
 }
 
 }  // namespace
@@ -102,18 +118,17 @@ std::vector<std::string> device_names() {
 
 CLI::Validator field_directions() { return one_of({"32", "64", "128", "256"}); }
 CLI::Validator field_plane() { return one_of({"64", "128", "256", "512"}); }
-CLI::Validator thread_count() { return whole_number_between(0, k_max_threads); }
+
+void add_threads_option(CLI::App& command, int& threads) {
+  command.add_option("--threads", threads, "Threads (default: 0, all)")
+      ->transform(whole_number_between(0, k_max_threads))
+      ->type_name("N");
+}
 
 void add_chart_option(CLI::App& command, Chart& chart) {
-  static const std::map<std::string, Chart> charts = {{"orthographic", Chart::orthographic}, {"thesis", Chart::thesis}};
-  command
-      .add_option_function<std::string>(
-          "--chart", [&chart](const std::string& name) { chart = charts.at(name); },
-          "How rays are cut into cells (default: orthographic); thesis: whole fields of nearest cells, M = "
-          "--directions "
-          "(32, 64, 128; default: 64), no --plane")
-      ->check(one_of({"orthographic", "thesis"}))
-      ->type_name("NAME");
+  add_choice(command, "--chart", chart, {{"orthographic", Chart::orthographic}, {"thesis", Chart::thesis}}, "NAME",
+             "How rays are cut into cells (default: orthographic); thesis: whole fields of nearest cells, M = "
+             "--directions (32, 64, 128; default: 64), no --plane");
 }
 
 namespace {
@@ -146,6 +161,12 @@ void add_scene_reading_options(CLI::App& command, SceneArguments& arguments) {
                    "Refuse scenes of which something would be left out, cut off or blurred with a warning");
 }
 
+void refuse_scene_reading_options(const SceneArguments& arguments) {
+  if (arguments.definitions.empty() && !arguments.strict) return;
+  const char* const option = arguments.strict ? "--strict" : "-D";
+  throw UsageError(fmt::format("{}: only of scenes; {} does not end in .xml", option, arguments.path));
+}
+
 void add_scene_options(CLI::App& command, SceneArguments& arguments) {
   command.add_option("scene", arguments.path, "Scene file (Mitsuba 3 XML subset)")->required()->type_name("SCENE.xml");
   add_scene_reading_options(command, arguments);
@@ -174,42 +195,23 @@ Scene load_scene(const SceneArguments& arguments, ProgressLine& progress, std::f
 }
 
 void add_render_options(CLI::App& command, RenderOptions& options) {
-  static const std::map<std::string, Method> methods = {{"hybrid", Method::hybrid},
-                                                        {"montecarlo", Method::monte_carlo}};
-  static const std::map<std::string, Isa> isas = {{"auto", Isa::automatic},
-                                                  {"scalar", Isa::scalar},
-                                                  {"sse4", Isa::sse4},
-                                                  {"avx2", Isa::avx2},
-                                                  {"avx512", Isa::avx512}};
-  static const std::map<std::string, FieldHits> hits = {
-      {"auto", FieldHits::automatic}, {"always", FieldHits::always}, {"never", FieldHits::never}};
-  static const std::map<std::string, LightEstimator> estimators = {{"samples", LightEstimator::samples},
-                                                                   {"adaptive", LightEstimator::adaptive}};
-  static const std::vector<std::string> aovs = aov_names();
-  const auto whole = [&](const char* name, int& target, int64_t least, int64_t most, const char* help) {
+  const std::vector<std::string> aovs = aov_names();
+  const auto whole = [&](const char* name, auto& target, int64_t least, int64_t most, const char* help) {
     command.add_option(name, target, help)->transform(whole_number_between(least, most))->type_name("N");
   };
 
-  command
-      .add_option_function<std::string>(
-          "--method", [&options](const std::string& name) { options.method = methods.at(name); },
-          "How secondary rays are answered (default: hybrid)")
-      ->check(one_of({"hybrid", "montecarlo"}))
-      ->type_name("NAME");
+  add_choice(command, "--method", options.method, {{"hybrid", Method::hybrid}, {"montecarlo", Method::monte_carlo}},
+             "NAME", "How secondary rays are answered (default: hybrid)");
   whole("--spp", options.spp, 1, k_max_samples, "Camera samples a pixel (default: the scene's)");
   whole("--light-samples", options.light_samples, 1, k_most_light_samples,
         "Shadow rays per light and hit (default: 1)");
-  command
-      .add_option_function<std::string>(
-          "--light-estimator", [&options](const std::string& name) { options.light_estimator = estimators.at(name); },
-          "Light samples where something may hide the light: as many as elsewhere, or up to 8 for each camera sample "
-          "(default: adaptive for hybrid, samples for montecarlo)")
-      ->check(one_of({"samples", "adaptive"}))
-      ->type_name("NAME");
+  add_choice(
+      command, "--light-estimator", options.light_estimator,
+      {{"samples", LightEstimator::samples}, {"adaptive", LightEstimator::adaptive}}, "NAME",
+      "Light samples where something may hide the light: as many as elsewhere, or up to 8 for each camera sample "
+      "(default: adaptive for hybrid, samples for montecarlo)");
   whole("--lobe-samples", options.lobe_samples, 1, k_most_lobe_samples, "Rays per glossy hit (default: 1)");
-  command
-      .add_option_function<uint32_t>(
-          "--seed", [&options](const uint32_t& seed) { options.seed = seed; }, "Random seed (default: the scene's)")
+  command.add_option("--seed", options.seed, "Random seed (default: the scene's)")
       ->transform(whole_number_between(0, std::numeric_limits<uint32_t>::max()))
       ->type_name("S");
   command
@@ -225,27 +227,23 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->check(field_plane())
       ->type_name("N");
   add_chart_option(command, options.chart);
-  command
-      .add_option_function<std::string>(
-          "--field-hits", [&options](const std::string& name) { options.field_hits = hits.at(name); },
-          "Whether fields answer glossy rays by certified hits (default: auto, where their bake pays)")
-      ->check(one_of({"auto", "always", "never"}))
-      ->type_name("WHEN");
+  add_choice(command, "--field-hits", options.field_hits,
+             {{"auto", FieldHits::automatic}, {"always", FieldHits::always}, {"never", FieldHits::never}}, "WHEN",
+             "Whether fields answer glossy rays by certified hits (default: auto, where their bake pays)");
   CLI::Option* const cache =
       command.add_option("--field-cache", options.field_cache, "Folder that keeps fields between renders")
           ->check(not_empty())
           ->type_name("DIR");
   add_cache_limit_option(command, options.field_cache_limit)->needs(cache);
   add_memory_option(command, options.field_memory);
-  command.add_option("--threads", options.threads, "Threads (default: 0, all)")
-      ->transform(thread_count())
-      ->type_name("N");
-  command
-      .add_option_function<std::string>(
-          "--isa", [&options](const std::string& name) { options.isa = isas.at(name); },
-          "Instruction set of the look-ups (default: auto)")
-      ->check(one_of({"auto", "scalar", "sse4", "avx2", "avx512"}))
-      ->type_name("NAME");
+  add_threads_option(command, options.threads);
+  add_choice(command, "--isa", options.isa,
+             {{"auto", Isa::automatic},
+              {"scalar", Isa::scalar},
+              {"sse4", Isa::sse4},
+              {"avx2", Isa::avx2},
+              {"avx512", Isa::avx512}},
+             "NAME", "Instruction set of the look-ups (default: auto)");
   command
       .add_option_function<std::string>(
           "--device",
@@ -264,17 +262,10 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
                   fmt::format("Further layers of the EXR, separated by commas: {}", fmt::join(aovs, ", ")))
       ->delimiter(',')
       ->allow_extra_args(false)
-      ->check([](const std::string& name) {
-        if (std::find(aovs.begin(), aovs.end(), name) != aovs.end()) return std::string();
-        return fmt::format("'{}' is not one of {}", name, fmt::join(aovs, ", "));
-      })
+      ->check(one_of(aovs).description({}))  // the help lists them already
       ->type_name("LIST");
   const auto add_positive = [&](const char* name, float& target, const char* type, const char* help) {
-    return command
-        .add_option_function<float>(
-            name, [&target](const float& value) { target = value; }, help)
-        ->check(positive_number(k_most_limit))
-        ->type_name(type);
+    command.add_option(name, target, help)->check(positive_number(k_most_limit))->type_name(type);
   };
   add_positive(
       "--target-error", options.target_error, "E",
@@ -305,17 +296,12 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
       ->type_name("FILE");
   add_positive("--time-limit", options.time_limit, "S", "Seconds after which the picture is finished as it is");
   command
-      .add_option_function<float>(
-          "--ao-distance", [&options](const float& distance) { options.ao_distance = distance; },
-          "World units beyond which nothing occludes the layer ao (default: inf)")
+      .add_option("--ao-distance", options.ao_distance,
+                  "World units beyond which nothing occludes the layer ao (default: inf)")
       ->check(positive_number())
       ->type_name("D");
-  command
-      .add_option_function<int>(
-          "--max-depth", [&options](const int& depth) { options.max_depth = depth; },
-          "Longest path, -1 for no limit, 1: emission only, 2: direct light (default: the scene's)")
-      ->transform(whole_number_between(-1, 1 << 16))
-      ->type_name("N");
+  whole("--max-depth", options.max_depth, -1, 1 << 16,
+        "Longest path, -1 for no limit, 1: emission only, 2: direct light (default: the scene's)");
 }
 
 void add_exposure_option(CLI::App& command, float& exposure) {

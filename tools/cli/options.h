@@ -34,8 +34,8 @@ CLI::Validator whole_number_between(int64_t least, int64_t most);
 CLI::Validator field_directions();
 CLI::Validator field_plane();
 
-// Threads to use: 0 (all) to 4096; as whole_number_between().
-CLI::Validator thread_count();
+// --threads: 0 (all) to 4096.
+void add_threads_option(CLI::App& command, int& threads);
 
 // --chart.
 void add_chart_option(CLI::App& command, Chart& chart);
@@ -54,6 +54,8 @@ void add_scene_options(CLI::App& command, SceneArguments& arguments);
 
 // Only -D name=value and --strict, for commands whose positional argument need not be a scene.
 void add_scene_reading_options(CLI::App& command, SceneArguments& arguments);
+// Where it is none: throws UsageError if either was given.
+void refuse_scene_reading_options(const SceneArguments& arguments);
 
 // Loads the scene. Warnings go to stderr without disturbing the progress line. `parsed` as in SceneLoadOptions. Throws
 // Error, and UsageError for a malformed -D.

@@ -1,7 +1,9 @@
 #include "tools/cli/output_files.h"
 
+#include <fmt/format.h>
 #include <sys/stat.h>
 
+#include <filesystem>
 #include <map>
 
 #include "core/io/atomic_file.h"
@@ -38,11 +40,15 @@ void require_distinct_files(std::span<const OutputFile> outputs, std::span<const
   }
 }
 
+void make_folder(const std::string& folder) {
+  std::error_code failed;
+  std::filesystem::create_directories(folder, failed);
+  if (failed) throw Error({folder}, "the folder cannot be made: " + failed.message());
+}
+
 void Writes::rethrow() const {
   if (messages_.size() == 1) std::rethrow_exception(first_);
-  std::string all;
-  for (const std::string& message : messages_) all += (all.empty() ? "" : "; ") + message;
-  if (!all.empty()) throw Error(all);
+  if (!messages_.empty()) throw Error(fmt::format("{}", fmt::join(messages_, "; ")));
 }
 
 }  // namespace fieldtrace

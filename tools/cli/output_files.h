@@ -1,5 +1,5 @@
-// Detects outputs that would overwrite one another or an input of the program; writes several, each whatever becomes of
-// the others.
+// Detects outputs that would overwrite one another or an input of the program; makes their folder; writes several, each
+// whatever becomes of the others.
 //
 // Files are the same if their resolved paths are equal or if they are one file under several names (hard links). Costs
 // one look at each file, however many there are.
@@ -21,6 +21,9 @@ struct OutputFile {
 
 // Throws UsageError, naming both, if two outputs are the same file, or if an output is the same file as an input.
 void require_distinct_files(std::span<const OutputFile> outputs, std::span<const std::string> inputs);
+
+// A folder to write to, and those it lies in, unless they are there. Throws Error if it cannot be made.
+void make_folder(const std::string& folder);
 
 class Writes {
  public:

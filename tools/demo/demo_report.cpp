@@ -7,10 +7,9 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
-#include <sstream>
 
 #include "core/io/atomic_file.h"
+#include "core/platform/stopwatch.h"
 #include "field/file/hash.h"
 #include "hybrid/compare/tradeoff.h"
 #include "tools/cli/command.h"
@@ -34,13 +33,12 @@ struct DemoArguments {
 
 // Tells whether a kept reference belongs to this scene: a hash of all its files, its parameters and how it is rendered.
 std::string fingerprint(const DemoArguments& arguments, const Scene& scene) {
-  std::ostringstream text;
-  for (const std::string& file : scene.files) text << std::ifstream(file, std::ios::binary).rdbuf();
-  for (const auto& [name, value] : scene.parameters) text << fmt::format("{}={}\n", name, value);
-  text << fmt::format("{} {} {}", FIELDTRACE_VERSION, arguments.reference_spp, scene.seed);
-  const std::string bytes = text.str();
   Hasher hasher;
-  hasher.add(bytes.data(), bytes.size());
+  for (const std::string& file : scene.files) hasher.add_file(file);
+  std::string text;
+  for (const auto& [name, value] : scene.parameters) text += fmt::format("{}={}\n", name, value);
+  text += fmt::format("{} {} {}", FIELDTRACE_VERSION, arguments.reference_spp, scene.seed);
+  hasher.add(text.data(), text.size());
   return hasher.result().hex();
 }
 
@@ -126,15 +124,13 @@ void check_inputs_survive(const fs::path& folder, const std::string& reference_p
 
 int run_demo(const DemoArguments& arguments) {
   const fs::path folder = arguments.folder;
-  std::error_code failed;
-  fs::create_directories(folder, failed);
-  if (failed) throw Error({arguments.folder}, "the folder cannot be made: " + failed.message());
+  make_folder(arguments.folder);
   require_writable((folder / "demo.csv").string());
 
   ProgressLine progress(true);
   const auto start = std::chrono::steady_clock::now();
   const Scene scene = load_scene(arguments.scene, progress);
-  const double load_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double load_seconds = seconds_since(start);
   const TradeoffPlan plan = make_plan(scene, arguments.reference_spp);
   const std::string reference_path = (folder / fmt::format("reference-{}.exr", fingerprint(arguments, scene))).string();
   check_inputs_survive(folder, reference_path, plan, scene.files);

@@ -36,12 +36,11 @@ std::string base64(const std::string& bytes) {
 }
 
 struct Channels {
-  int r, g, b;
-  explicit Channels(const Image& image)
-      : r(image.channel_index("R")), g(image.channel_index("G")), b(image.channel_index("B")) {}
+  std::array<int, 3> rgb;
+  explicit Channels(const Image& image) : rgb(colour_channels(image).value()) {}
   Rgb operator()(const Image& image, int x, int y) const {
     const float* p = image.pixel(x, y);
-    return Rgb(p[r], p[g], p[b]);
+    return Rgb(p[rgb[0]], p[rgb[1]], p[rgb[2]]);
   }
 };
 

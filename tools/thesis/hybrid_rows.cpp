@@ -3,6 +3,7 @@
 #include <chrono>
 
 #include "core/io/scratch_folder.h"
+#include "core/platform/stopwatch.h"
 #include "hybrid/render/render.h"
 #include "tools/thesis/picture.h"
 
@@ -69,7 +70,7 @@ Timed timed_render(const Scene& scene, const RenderOptions& options, const std::
   const auto start = std::chrono::steady_clock::now();
   Timed timed;
   timed.result = render(scene, options, callbacks);
-  timed.milliseconds = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  timed.milliseconds = 1e3 * seconds_since(start);
   return timed;
 }
 

@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "core/io/scratch_folder.h"
+#include "core/platform/stopwatch.h"
 #include "field/file/thesis_file.h"
 #include "tools/report/embedded_picture.h"
 #include "tools/thesis/chart_rows.h"
@@ -18,13 +19,7 @@
 namespace fieldtrace {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 constexpr float k_difference_gain = 4.0f;
-
-double milliseconds_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
 
 // Thrown to end the run early; never leaves run_thesis.
 struct Stopped {};
@@ -100,9 +95,9 @@ class ThesisRun {
     std::vector<double> times;
     for (int k = 0; k < options_.repeats(); ++k) {
       check_stop();
-      const Clock::time_point start = Clock::now();
+      const auto start = std::chrono::steady_clock::now();
       picture = render_phong(scene, tracer, o);
-      times.push_back(milliseconds_since(start));
+      times.push_back(1e3 * seconds_since(start));
     }
     return *std::min_element(times.begin(), times.end());
   }
@@ -143,11 +138,11 @@ class ThesisRun {
     callbacks.stop = callbacks_.stop;
     const double work = double(m) * m;
     callbacks.progress = [&](float share) { report(double(share) * work); };
-    const Clock::time_point start = Clock::now();
+    const auto start = std::chrono::steady_clock::now();
     std::optional<ThesisField> field = bake_thesis_field(accel, scene, shape, m, callbacks);
     if (!field) throw Stopped();
     done_ += work;
-    return {std::move(*field), 1e-3 * milliseconds_since(start), 0};
+    return {std::move(*field), seconds_since(start), 0};
   }
 
   uint64_t vdb_bytes(const ThesisField& field, const Shape& shape) const {

@@ -2,12 +2,15 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <fstream>
 #include <limits>
 #include <numeric>
 #include <string>
 #include <vector>
 
+#include "field/bake/bake_full.h"
 #include "tests/support/api_scene.h"
+#include "tests/support/field_checks.h"
 
 namespace fieldtrace {
 namespace {
@@ -336,10 +339,82 @@ TEST(ApiErrors, CallbacksHearAndCancel) {
 }
 
 TEST(ApiErrors, FieldsBeyondTheirMemoryAreOutOfMemory) {
-  const ApiScene s(/*commits=*/false);
-  ASSERT_EQ(ftSetSceneInt(s.scene, "field_memory", 1 << 20), FT_ERROR_NONE);
-  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
-  EXPECT_EQ(ftBakeFields(s.scene), FT_ERROR_OUT_OF_MEMORY);
+  // For less than the cells, and for the cells without the tiles that lights ask for.
+  const auto cells = int64_t(full_brick_bytes({.directions = 32, .plane = 64}));
+  for (const int64_t memory : {int64_t(1) << 20, cells + 100'000}) {
+    const ApiScene s(/*commits=*/false);
+    ASSERT_EQ(ftSetSceneInt(s.scene, "field_memory", memory), FT_ERROR_NONE);
+    ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+    EXPECT_EQ(ftBakeFields(s.scene), FT_ERROR_OUT_OF_MEMORY) << memory;
+    EXPECT_NE(message_of(s.device).find("field_memory"), std::string::npos);
+    int64_t baked = -1;
+    ASSERT_EQ(ftGetSceneInt(s.scene, "cells_baked", &baked), FT_ERROR_NONE);
+    EXPECT_EQ(baked > 0, memory > cells);  // what fits is kept
+  }
+}
+
+// A field's own memory suffices for all that its file holds, and for a bake that finds it all there; an eighth of it
+// does not.
+TEST(ApiErrors, AFieldThatIsReadInPartIsOutOfMemory) {
+  const test::TemporaryFolder folder;
+  const std::string whole = folder / "whole.vdb", part = folder / "part.vdb";
+  int64_t bytes = 0, cells = 0, baked = 0;
+  {
+    const ApiScene s;
+    ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
+    ASSERT_EQ(ftSaveField(s.scene, 0, whole.c_str()), FT_ERROR_NONE);
+    ASSERT_EQ(ftGetSceneInt(s.scene, "bytes", &bytes), FT_ERROR_NONE);
+    ASSERT_EQ(ftGetSceneInt(s.scene, "cells_baked", &cells), FT_ERROR_NONE);
+  }
+  for (const bool fits : {false, true}) {
+    const ApiScene s(/*commits=*/false);
+    ASSERT_EQ(ftSetSceneInt(s.scene, "field_memory", fits ? bytes : bytes / 8), FT_ERROR_NONE);
+    ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+    const FTError expected = fits ? FT_ERROR_NONE : FT_ERROR_OUT_OF_MEMORY;
+    EXPECT_EQ(ftLoadField(s.scene, 0, whole.c_str()), expected);
+    if (!fits) {
+      EXPECT_NE(message_of(s.device).find("field_memory"), std::string::npos);
+    }
+    EXPECT_EQ(ftBakeFields(s.scene), expected);
+    ASSERT_EQ(ftGetSceneInt(s.scene, "cells_baked", &baked), FT_ERROR_NONE);
+    EXPECT_GT(baked, 0);
+    EXPECT_EQ(baked == cells, fits);
+    // What is there already takes no room.
+    ASSERT_EQ(ftSaveField(s.scene, 0, part.c_str()), FT_ERROR_NONE);
+    EXPECT_EQ(ftLoadField(s.scene, 0, part.c_str()), FT_ERROR_NONE);
+  }
+}
+
+// `fieldtrace render` takes it, too.
+TEST(ApiErrors, AFileOfASkyAloneIsNone) {
+  const test::TemporaryFolder folder;
+  const std::string path = folder / "sky.xml";
+  std::ofstream(path) << R"(<scene version="3.0.0">
+    <emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>
+    <sensor type="perspective"><sampler type="independent"><integer name="sample_count" value="1"/></sampler>
+      <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/><rfilter type="box"/>
+      </film></sensor></scene>)";
+  FTDevice device = nullptr;
+  FTScene scene = nullptr;
+  ASSERT_EQ(ftNewDevice(2, &device), FT_ERROR_NONE);
+  ASSERT_EQ(ftLoadScene(device, path.c_str(), &scene), FT_ERROR_NONE);
+  for (int commit = 0; commit < 2; ++commit) {
+    std::vector<float> pixels(4 * 4 * 3, -1.0f);
+    ASSERT_EQ(ftRender(scene, pixels.data(), 0, 0), FT_ERROR_NONE);
+    for (const float value : pixels) EXPECT_NEAR(value, 0.5f, 1e-6f);
+    const float origin[3] = {0, 0, 0}, direction[3] = {0, 1, 0};
+    uint8_t result = 9, status = 9;
+    EXPECT_EQ(occluded(scene, origin, direction, nullptr, 1, &result), FT_ERROR_NONE);
+    EXPECT_EQ(result, FT_CLEAR);
+    EXPECT_EQ(ftNearest(scene, 0.1f, origin, 0, direction, 0, nullptr, 0, nullptr, 0, 1, &status, 0, nullptr, 0,
+                        nullptr, 0, nullptr, 0, nullptr, 0),
+              FT_ERROR_NONE);
+    EXPECT_EQ(status, FT_MISS);
+    EXPECT_EQ(ftBakeFields(scene), FT_ERROR_NONE);
+    ASSERT_EQ(ftCommitScene(scene), FT_ERROR_NONE);
+  }
+  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
+  EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);
 }
 
 }  // namespace

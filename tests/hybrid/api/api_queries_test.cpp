@@ -304,6 +304,59 @@ TEST(ApiNearest, IsCertifiedAtOnceWhereAllIsBaked) {
   EXPECT_GT(hits(), 5);
 }
 
+double certified_hits(FTScene scene) {
+  double share = -1.0;
+  EXPECT_EQ(ftGetSceneFloat(scene, "certified_hits", &share), FT_ERROR_NONE);
+  return share;
+}
+
+struct NearestHits {
+  std::vector<uint8_t> status;
+  std::vector<uint32_t> instances;
+};
+NearestHits nearest(FTScene scene, const Rays& rays) {
+  NearestHits hits = {std::vector<uint8_t>(rays.size(), 9), std::vector<uint32_t>(rays.size(), k_none)};
+  EXPECT_EQ(ftNearest(scene, 0.1f, &rays.origins[0].x, 0, &rays.directions[0].x, 0, nullptr, 0, nullptr, 0, rays.size(),
+                      hits.status.data(), 0, nullptr, 0, nullptr, 0, nullptr, 0, hits.instances.data(), 0),
+            FT_ERROR_NONE);
+  return hits;
+}
+
+TEST(ApiNearest, CountsAsCertifiedWhatFieldsAnswer) {
+  const ApiScene s;
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
+  const Rays rays = random_rays(2000, 13);
+  const NearestHits hits = nearest(s.scene, rays);
+  size_t certified = 0, on_floor = 0;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const bool met_floor = hits.status[i] == FT_HIT && hits.instances[i] == 2;  // two triangles have no field
+    on_floor += met_floor;
+    certified += hits.status[i] != FT_UNDECIDED_HIT && !met_floor;
+  }
+  EXPECT_GT(on_floor, 100u);
+  EXPECT_DOUBLE_EQ(certified_hits(s.scene), double(certified) / double(rays.size()));
+}
+
+// As in pictures: some cells answer there whose error has no known bound.
+TEST(ApiNearest, TracesEveryRayAtToleranceOne) {
+  const ApiScene s;
+  ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneFloat(s.scene, "tolerance", 1.0), FT_ERROR_NONE);
+  ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
+  const Rays rays = random_rays(2000, 14);
+  const NearestHits hits = nearest(s.scene, rays);
+  Rays endless = rays;
+  endless.t_max.assign(rays.size(), k_infinity);
+  const Exact exact = trace(s.same.scene, endless);
+  size_t wrong = 0;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    EXPECT_NE(hits.status[i], FT_UNDECIDED_HIT) << i;
+    wrong += hits.instances[i] != exact.hits.instance[i];
+  }
+  EXPECT_LE(wrong, 4u);  // along edges
+  EXPECT_EQ(certified_hits(s.scene), 0.0);
+}
+
 // Rays beside one whose part of the field waits for its bake keep their answers.
 TEST(ApiNearest, AnUndecidedRayTakesNothingFromOthers) {
   const PlainScene s({make_knot({.along = 128, .around = 16})});

@@ -54,7 +54,7 @@ TEST_P(ErrorOf, RoundsIsAsEstimated) {
   for (const Method method : {Method::monte_carlo, Method::hybrid}) {
     for (const float target : {0.04f, 0.02f, 0.01f}) {
       double estimated = 0.0, found = 0.0;
-      for (uint32_t seed = 1; seed <= 4; ++seed) {
+      for (uint32_t seed = 1; seed <= 12; ++seed) {
         const RenderResult result = render(scene, options_of(method, target, seed));
         EXPECT_LE(result.stats.error_estimate, target * 1.0001);
         EXPECT_TRUE(result.stats.samples_fewest >= 2u || result.stats.samples_most == 1u);
@@ -379,7 +379,7 @@ TEST(Rounds, TakeCoarseMapsWhereTheTargetAllowsThem) {
   EXPECT_GT(loose.lookups, 0u);
   EXPECT_EQ(tight.sky_directions, 32);
   EXPECT_GT(tight.lookups, 0u);
-  EXPECT_GT(tight.error_fields, 0.0);
+  EXPECT_GT(loose.error_fields, tight.error_fields);
 }
 
 // Then a survey tells of its noise; lower targets go on from it.

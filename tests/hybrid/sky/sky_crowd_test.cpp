@@ -274,6 +274,41 @@ TEST(SkyCrowd, HallsOfPanelsAreDark) {
   EXPECT_LT(test::mean(r.image), 0.06);  // groups let in .3 of the sky
 }
 
+// A floor of 80 x 80 tiles across the grid's poles, most of it at grazing angles, hides all below the horizon.
+TEST(SkyCrowd, FloorsOfTilesHideWhatOneFloorDoes) {
+  constexpr int k_tiles = 80;
+  SceneMaker s;
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.5f)), tile = s.shape(ShapeKind::rectangle);
+  const auto corner = [](int i) { return double(i - k_tiles / 2); };
+  for (int i = 0; i < k_tiles; ++i) {
+    for (int j = 0; j < k_tiles; ++j) {
+      s.instance(tile, grey,
+                 Affine(Vec3(0.5f, 0, 0), Vec3(0, 0.5f, 0), Vec3(0, 0, 1),
+                        Vec3(float(corner(i)) + 0.5f, float(corner(j)) + 0.5f, 0)));
+    }
+  }
+  const std::vector<ShapeTraits> traits = shape_traits(s.scene);
+  const SkyMaps maps(s.scene, traits, mapped_shapes(s.scene, traits), {}, 16, {});
+  const Vec3 at(0.3f, 0.2f, 0.5f);
+  std::vector<uint32_t> near;
+  std::vector<OccluderGroups::Lobe> far;
+  maps.find({at, 0.1f}, maps.cell_width(), k_infinity, near, far);
+  const auto below = [&](double x, double y) {  // of a quadrant up to a corner at (x, y)
+    x -= double(at.x), y -= double(at.y);
+    return std::atan(x * y / (double(at.z) * std::sqrt(x * x + y * y + double(at.z) * double(at.z))));
+  };
+  const auto of_square = [&](int i, int j, int n) {
+    const double x = corner(i), y = corner(j);
+    return below(x + n, y + n) - below(x, y + n) - below(x + n, y) + below(x, y);
+  };
+  double sum = 0.0;
+  for (const OccluderGroups::Lobe& lobe : far) sum += solid_angle(lobe);
+  for (const uint32_t i : near) sum += of_square(int(i) / k_tiles, int(i) % k_tiles, 1);
+  const double whole = of_square(0, 0, k_tiles);
+  ASSERT_GT(whole, 6.0);
+  EXPECT_NEAR(sum, whole, 0.03 * whole);
+}
+
 // What a place reads grows with what is near: 16 times the instances about it add groups alone.
 TEST(SkyCrowd, CostAndMemoryAreBounded) {
   const Crowd small(64, k_side), large(64, 4 * k_side);

@@ -301,6 +301,35 @@ TEST(SkyLight, LaterSamplesAreIndependent) {
   EXPECT_LT(product, 0.15 * square);  // -.06; .29 with the same rays
 }
 
+// What rays to undecided cells err by is seen in how much a pixel's samples differ, though they are lit as one.
+TEST(SkyLight, VarianceHoldsTheNoiseOfSharedRays) {
+  constexpr int k_size = 32;
+  SkyScene s(Sky::constant, k_size, k_size);
+  s.object(knot(), placed(turned(), {0, 0, 1.05f}));
+  s.scene.camera.fov_x_degrees = 2.0f;  // pixels so small that all their points see the same
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 16, 1);
+  o.aovs.push_back("variance");
+  o.directions = 32;
+  o.tolerance = 0.01f;  // many cells are undecided
+  const Image few = render(s.scene, o).image;
+  o.spp = 1024;
+  const Image many = render(s.scene, o).image;
+  const int object = many.channel_index("object.Y"), variance = many.channel_index("variance.G");
+  ASSERT_GE(variance, 0);
+  double estimated = 0.0, found = 0.0;
+  for (int y = 0; y < k_size; ++y) {
+    for (int x = 0; x < k_size; ++x) {
+      if (many.pixel(x, y)[object] != float(s.floor + 2)) continue;
+      const double error = double(few.pixel(x, y)[1]) - double(many.pixel(x, y)[1]);
+      estimated += double(few.pixel(x, y)[variance]), found += error * error;
+    }
+  }
+  EXPECT_GT(found, 0.0);
+  // Independent samples would err as much as they are estimated to; those of one sequence err by less.
+  EXPECT_GT(estimated, found);
+  EXPECT_LT(estimated, 10.0 * found);
+}
+
 // Finer maps would pay for so large a film, but their errors do not show beside the noise of few samples.
 TEST_P(SkyPicture, OfFewSamplesHasCoarseMaps) {
   constexpr int k_size = 48, k_few = 7;
@@ -598,7 +627,27 @@ TEST_P(SkyPicture, OfWallsIsNearMonteCarlo) {
   expect_near(r.image, exact.image, s.floor + 3, k_floor_error, 50);
 }
 
-// Coordinates in the plane are orthogonal to its normal whatever a shear does to the shape's.
+// Rectangles that lie in each other, on a floor and turned, hide nothing from each other, and the sky from others.
+TEST(SkyLight, OfRectanglesInOnePlaneIsNearMonteCarlo) {
+  constexpr int k_size = 40;
+  SkyScene s(Sky::constant, k_size, k_coarse);
+  s.object(supershape(), placed(Mat3(0.6f), {0, 0, 0.65f}));
+  const uint32_t square = s.shape(ShapeKind::rectangle);
+  s.instance(square, s.grey, placed(Mat3(1.5f), {0.2f, -0.3f, 0}));
+  for (const float size : {0.9f, 0.4f}) s.instance(square, s.grey, placed(turned() * size, {-1.5f, 0.5f, 1.2f}));
+  const RenderResult exact = render(s.scene, options_for(s.scene, Method::monte_carlo, k_size, 1, 4096));
+  const RenderResult r = render(s.scene, options_for(s.scene, Method::hybrid, k_size, 1, 4096));
+  EXPECT_GT(r.stats.bake_rays, 0u);
+  // Which of two in one plane a pixel shows is chance.
+  EXPECT_NEAR(mean(r.image), mean(exact.image), 0.002);
+  double squares = 0.0;
+  for (size_t i = 0; i < r.image.data.size(); i += r.image.channel_count()) {
+    const double error = double(r.image.data[i]) - double(exact.image.data[i]);
+    squares += error * error;
+  }
+  EXPECT_LT(std::sqrt(squares / double(k_size * k_size)), k_object_error);
+}
+
 // Areas alone do not tell a square from a triangle with a back.
 TEST(SkyMaps, TrianglesWithABackAreNoParallelograms) {
   TriangleMesh leaf;
@@ -612,6 +661,7 @@ TEST(SkyMaps, TrianglesWithABackAreNoParallelograms) {
   EXPECT_TRUE(parallelogram(s.scene.shapes[1], traits[1]));
 }
 
+// Coordinates in the plane are orthogonal to its normal whatever a shear does to the shape's.
 TEST(SkyMaps, PlanesAreParallelogramsInWorldSpace) {
   SceneMaker maker;
   const uint32_t wall = maker.shape(ShapeKind::rectangle), bsdf = maker.bsdf(BsdfKind::diffuse, Rgb(0.5f));
