@@ -61,8 +61,13 @@ struct DirectionFrame {
   Vec3Lanes<F> c, s, t;
 };
 
+// Frames are turned about c by the angle whose tangent is 1 / golden ratio: upright edges, which many objects have,
+// then meet the rows and columns of a plane's cells at a slope far from that of every line through few cells, and so
+// do edges that are diagonal to them (docs/decisions/042-turned-frames.md).
+constexpr float k_turn_cosine = 0.85065081f, k_turn_sine = 0.52573111f;
+
 // Square -> direction and frame. At the square's centre and corners (the poles, where the frame is not unique) it is
-// the one between the axes.
+// one of those beside them. Frames of opposite directions have the same s, and opposite t and c.
 template <class F>
 FT_HD_INLINE DirectionFrame<F> frame_from_square(F u, F v) {
   const F one = splat<F>(1.0f);
@@ -88,10 +93,16 @@ FT_HD_INLINE DirectionFrame<F> frame_from_square(F u, F v) {
   const F sin_phi = copysign((cos_y + sin_y) * splat<F>(0.70710678f), v);
   const F cos_theta = copysign(one - r * r, signed_distance);
   const F sin_theta = r * sqrt(splat<F>(2.0f) - r * r);
+  const Vec3Lanes<F> south = {cos_theta * cos_phi, cos_theta * sin_phi, -sin_theta};
+  const Vec3Lanes<F> east = {-sin_phi, cos_phi, splat<F>(0.0f)};
+  // Opposite directions turn the other way; of those on the equator, but for rounding, one has a negative u.
+  const auto off_equator = r < splat<F>(1.0f - 0x1p-20f);
+  const F turn = copysign(splat<F>(k_turn_sine), select(off_equator, signed_distance, u));
+  const F keep = splat<F>(k_turn_cosine);
   DirectionFrame<F> f;
   f.c = {sin_theta * cos_phi, sin_theta * sin_phi, cos_theta};
-  f.s = {cos_theta * cos_phi, cos_theta * sin_phi, -sin_theta};
-  f.t = {-sin_phi, cos_phi, splat<F>(0.0f)};
+  f.s = south * keep + east * turn;
+  f.t = east * keep - south * turn;
   return f;
 }
 

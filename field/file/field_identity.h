@@ -14,7 +14,7 @@
 namespace fieldtrace {
 
 // Part of every identity: raised whenever the bytes of a baked cell, or the file that holds them, change their meaning.
-inline constexpr int k_field_format_version = 9;
+inline constexpr int k_field_format_version = 10;
 
 inline constexpr const char* k_chart_orthographic = "orthographic";
 inline constexpr const char* k_chart_thesis = "thesis";

@@ -11,7 +11,7 @@
 //
 // Where the way from world to unit space does not keep angles, the disc is the ellipse that a disc of the world becomes
 // in the map (the footprint of Heckbert, "Fundamentals of Texture Mapping and Image Warping", 1989, section 3.3), and
-// what is summed is the rectangle along the map's axes of the same variance along each of them.
+// what is summed are rectangles along the map's axes that have its covariance together.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
 
@@ -52,11 +52,12 @@ FT_HD_INLINE LightStratum<F> round_stratum(const Vec3Lanes<F>& p, const Vec3Lane
 }
 
 // Half widths of a stratum's tube along a map's axes: the light's per unit of distance, and those of the shading
-// points.
+// points; and the correlation of offsets along the two axes.
 template <class F>
 struct TubeWidths {
   F x, y;
   F near_x, near_y;
+  F correlation;
 };
 
 // Half width of the disc that the rays of a stratum from all of its shading points fill at a distance t: the variances
@@ -90,6 +91,9 @@ constexpr float k_most_bend = 0.25f;
 // texels.
 constexpr float k_most_thin_features = 0.15f;
 constexpr float k_coarse_disc = 4.0f;
+
+// Rectangles along a disc that is aslant to the map's axes.
+constexpr int k_aslant_rects = 4;
 
 // Which coverage map of an object is read along a ray: as the ray's end sees it, or as its origin does. The same lines
 // meet the object in both, but at different surfaces first, and so at different depths.
@@ -140,19 +144,15 @@ FT_HD_INLINE ConeSpan<F> span_of_stratum(const LightStratum<F>& stratum) {
 template <class F>
 FT_HD_INLINE TubeWidths<F> widths_in_map(const LightStratum<F>& stratum, const CoverageMap<F>& map) {
   const F near = stratum.near;
-  if (!stratum.to_unit) return {stratum.width, stratum.width, near, near};
-  const float* m = stratum.to_unit;
+  if (!stratum.to_unit) return {stratum.width, stratum.width, near, near, splat<F>(0.0f)};
   const F inverse_cosine = splat<F>(1.0f) / dot(stratum.direction, map.frame.c);
   const auto row = [&](const Vec3Lanes<F>& axis) {
-    const Vec3Lanes<F> u = axis - map.frame.c * (dot(stratum.direction, axis) * inverse_cosine);
-    const auto along_column = [&](int i) {
-      return splat<F>(m[i]) * u.x + splat<F>(m[i + 1]) * u.y + splat<F>(m[i + 2]) * u.z;
-    };
-    return Vec3Lanes<F>{along_column(0), along_column(3), along_column(6)};
+    return transposed_vector(stratum.to_unit, axis - map.frame.c * (dot(stratum.direction, axis) * inverse_cosine));
   };
   const Vec3Lanes<F> x = row(map.frame.s), y = row(map.frame.t);
   const F extent_x = sqrt(dot(x, x)), extent_y = sqrt(dot(y, y)), scale = stratum.world_width * stratum.world_unit;
-  return {scale * extent_x, scale * extent_y, near * extent_x, near * extent_y};
+  return {scale * extent_x, scale * extent_y, near * extent_x, near * extent_y,
+          dot(x, y) / max(extent_x * extent_y, splat<F>(1e-30f))};
 }
 
 template <class F, class TellMissing>
@@ -178,19 +178,32 @@ FT_HD_INLINE StratumTube<F> tube_of_stratum(const FieldView& field, SeenFrom see
   return tube;
 }
 
-// The disc of a stratum where its tube meets something, placed twice, and the map's sums over it.
+// The disc of a stratum where its tube meets something, placed twice.
 template <class F>
 struct StratumDisc {
   F t;                // distance from the ray's origin
   F half_x, half_y;   // half widths in texels
   F x, y;             // in texels
-  PlaneRect<F> rect;  // of the map, [0, L]^2
-  Mask_t<F> read;     // the rectangle is not empty
-  CoverageArea<F> area;
+  PlaneRect<F> rect;  // of the map
+  Mask_t<F> read;     // it meets something, and the rectangle is not empty
   Mask_t<F> unknown;
 
   FT_HD_INLINE F least_half() const { return min(half_x, half_y); }
 };
+
+// The rectangle within (x +- half_x, y +- half_y), in texels, clipped to the map, [0, L]^2.
+template <class F>
+FT_HD_INLINE PlaneRect<F> clipped_rect(const FieldView& field, F x, F y, F half_x, F half_y) {
+  const F zero = splat<F>(0.0f), lines = splat<F>(2.0f * field.coverage.half_lines);
+  const auto within = [&](F value) { return min(max(zero, value), lines); };
+  return {within(x - half_x), within(x + half_x), within(y - half_y), within(y + half_y)};
+}
+
+// Where a rectangle is not empty.
+template <class F>
+FT_HD_INLINE Mask_t<F> has_area(const PlaneRect<F>& rect) {
+  return (rect.x0 < rect.x1) & (rect.y0 < rect.y1);
+}
 
 // Whether lines as thin as texels abound about a disc's centre.
 template <class F>
@@ -205,7 +218,7 @@ FT_HD_INLINE Mask_t<F> is_among_thin_features(const FieldView& field, const Stra
 template <class F, class TellMissing>
 FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratum<F>& stratum,
                                        const StratumTube<F>& tube, Mask_t<F> open, const TellMissing& tell_missing) {
-  const F zero = splat<F>(0.0f), half = splat<F>(0.5f);
+  const F half = splat<F>(0.5f);
   const CoverageMap<F>& map = tube.map;
   const F scale = splat<F>(field.coverage.half_lines);
   const TubeWidths<F>& widths = tube.widths;
@@ -223,13 +236,41 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   const Vec3Lanes<F> centre = stratum.at(disc.t);
   disc.x = map.texels(centre, map.frame.s);
   disc.y = map.texels(centre, map.frame.t);
-  const F lines = scale + scale, w = disc.half_x, h = disc.half_y;
-  const auto within = [&](F value) { return min(max(zero, value), lines); };
-  disc.rect = {within(disc.x - w), within(disc.x + w), within(disc.y - h), within(disc.y + h)};
-  disc.read = hit & (disc.rect.x0 < disc.rect.x1) & (disc.rect.y0 < disc.rect.y1);
-  disc.area = sum_coverage_area<F>(field.coverage, map.direction, disc.rect, disc.read, tell_missing);
-  disc.unknown = near.unknown | disc.area.unknown;
+  disc.rect = clipped_rect<F>(field, disc.x, disc.y, disc.half_x, disc.half_y);
+  disc.read = hit & has_area(disc.rect);
+  disc.unknown = near.unknown;
   return disc;
+}
+
+template <class F>
+struct HiddenShare {
+  F share;            // of the disc, [0, 1] but for rounding
+  Mask_t<F> unknown;  // or the disc is
+};
+
+// Of discs to read. Discs that are aslant to the map's axes are some rectangles in a row along the disc.
+template <class F, class TellMissing>
+FT_HD_INLINE HiddenShare<F> hidden_share(const FieldView& field, const LightStratum<F>& stratum,
+                                         const StratumTube<F>& tube, const StratumDisc<F>& disc,
+                                         const TellMissing& tell_missing) {
+  const F one = splat<F>(1.0f), aslant = min(abs(tube.widths.correlation), one), length = sqrt(aslant);
+  const int count = stratum.to_unit ? k_aslant_rects : 1;
+  const float part = 1.0f / float(count);
+  // The row spreads evenly over `length`, and what is left goes across.
+  const F within = sqrt(one - aslant * splat<F>(1.0f - part * part));
+  const F w = max(disc.half_x * within, splat<F>(0.5f)), h = max(disc.half_y * within, splat<F>(0.5f));
+  HiddenShare<F> found = {splat<F>(0.0f), disc.unknown};
+  for (int i = 0; i < count; ++i) {
+    const F at = length * splat<F>(float(2 * i + 1) * part - 1.0f);
+    const F x = disc.x + disc.half_x * at, y = disc.y + disc.half_y * copysign(one, tube.widths.correlation) * at;
+    const PlaneRect<F> rect = clipped_rect<F>(field, x, y, w, h);
+    const CoverageArea<F> area =
+        sum_coverage_area<F>(field.coverage, tube.map.direction, rect, disc.read & has_area(rect), tell_missing);
+    found.share = found.share + area.count;
+    found.unknown = found.unknown | area.unknown;
+  }
+  found.share = found.share * (splat<F>(0.25f * part) / (w * h));
+  return found;
 }
 
 // How far the stratum's rays diverge from the map's lines between the depths in a disc, in texels.
@@ -276,11 +317,12 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
   if (!any(open)) return answer;
 
   const StratumDisc<F> disc = place_disc<F>(field, stratum, tube, open, tell_missing);
+  const HiddenShare<F> found = hidden_share<F>(field, stratum, tube, disc, tell_missing);
   answer.lookups = answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) +
                    select(disc.read, splat_int<F>(1), splat_int<F>(0));
-  answer.unknown = answer.unknown | disc.unknown;
+  answer.unknown = answer.unknown | found.unknown;
   // Float sums: within a few roundings of 0 or 1 the disc counts as empty or full.
-  const F hidden = disc.area.count / (splat<F>(4.0f) * disc.half_x * disc.half_y);
+  const F hidden = found.share;
   const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
 
