@@ -1,6 +1,6 @@
 // Shading points that gather light and their shadow rays: one batch per group of points and light.
 //
-// Memory layout: structures of arrays, padded like RayBatch; ray slot r * light_samples + k belongs to shading point r.
+// Memory layout: structures of arrays, padded like RayBatch or longer; ray slot r * light_samples + k belongs to shading point r.
 // Thread-safety: values.
 #pragma once
 

@@ -105,9 +105,10 @@ void build_shape(SceneBuilder& builder, const SceneNode& node) {
   }
   ShapePart part;
   if (!parse_part(builder, node, part)) return;
-  const ShapeKind kind = builder.scene.shapes[part.shape].kind;
   // Spheres, rectangles and disks are sampled better than what they are scaled or sheared to.
-  if (part.emitter && kind != ShapeKind::mesh) part.to_world = without_digits_lost(part.to_world);
+  const ShapeKind kind = builder.scene.shapes[part.shape].kind;
+  const bool is_round_or_square = kind == ShapeKind::sphere || kind == ShapeKind::rectangle || kind == ShapeKind::disk;
+  if (part.emitter && is_round_or_square) part.to_world = without_digits_lost(part.to_world);
   const uint32_t index = add_instance(builder, part, part.id, part.to_world, part.where);
   if (!part.emitter) return;
   // An area that underflows in single precision cannot be sampled either.

@@ -169,8 +169,9 @@ DAffine rigid_part(const DAffine& transform, const std::string& owner, const Sou
 
 DAffine without_digits_lost(const DAffine& transform) {
   DAffine t = transform;
-  // Each entry of a lamp of half size .01 is off by up to 5e-5 of its axes' length.
-  constexpr double k_most = 1e-4;
+  // Entries of a lamp of half size .01 are off by up to 5e-5 of its axes' length, and products of two axes by the root
+  // of 3 as much for each of them.
+  constexpr double k_most = 2e-4;
   for (int i = 1; i < 3; ++i) {
     for (int j = 0; j < i; ++j) {
       const double product = glm::dot(t[i], t[j]), squared = glm::dot(t[j], t[j]);

@@ -38,7 +38,7 @@ class Hasher {
     add(&value, sizeof(T));
   }
   // A file's contents. Returns its size; nothing if it cannot be read to its end.
-  std::optional<uint64_t> add_file(const std::string& path);
+  [[nodiscard]] std::optional<uint64_t> add_file(const std::string& path);
   // The hash of everything added so far; more may be added afterwards.
   Hash128 result() const;
 

@@ -57,19 +57,23 @@ FT_HD_INLINE LobeAnswer<F> filter_lobe(const FieldView& field, const LightStratu
   if (!any(open)) return answer;
 
   const StratumDisc<F> disc = place_disc<F>(field, stratum, tube, open, tell_missing);
-  const CoverageArea<F> area =
-      sum_coverage_area<F>(field.coverage, tube.map.direction, disc.rect, disc.read, tell_missing);
+  const DiscRects<F> rects(field, stratum, tube, disc);
+  const CoverageArea<F> area = sum_disc<F>(tube, rects, tell_missing);
   answer.lookups = answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) +
                    select(disc.read, splat_int<F>(1), splat_int<F>(0));
-  answer.unknown = answer.unknown | disc.unknown | area.unknown;
+  answer.unknown = answer.unknown | area.unknown;
   answer.distance = disc.t;
-  const F inverse_area = one / (splat<F>(4.0f) * disc.half_x * disc.half_y);
-  const Mask_t<F> read = and_not(answer.unknown, disc.read & (area.count * inverse_area > splat<F>(1e-4f)));
+  const Mask_t<F> read = and_not(answer.unknown, disc.read & (area.count * rects.per_area > splat<F>(1e-4f)));
   if (any(read)) {
-    answer.clear = select(read, min(max(one - area.count * inverse_area, zero), one), one);
-    const RadianceSum<F> sum = sum_radiance_area<F>(field.coverage, tube.map.direction, disc.rect, read);
+    answer.clear = select(read, min(max(one - area.count * rects.per_area, zero), one), one);
+    RadianceSum<F> sum = {zero, zero, zero};
+    for (int i = 0; i < rects.count; ++i) {
+      const PlaneRect<F> rect = rects.rect(i);
+      const RadianceSum<F> part = sum_radiance_area<F>(field.coverage, tube.map.direction, rect, read & has_area(rect));
+      sum = {sum.red + part.red, sum.green + part.green, sum.blue + part.blue};
+    }
     // Differences of float sums: rounding may take a black object below zero.
-    const auto mean = [&](F s) { return select(read, max(s * inverse_area, zero), zero); };
+    const auto mean = [&](F s) { return select(read, max(s * rects.per_area, zero), zero); };
     answer.radiance = {mean(sum.red), mean(sum.green), mean(sum.blue)};
   }
   const Mask_t<F> blurred = half_texel > unit_blur * disc.t;

@@ -11,7 +11,7 @@
 //
 // Where the way from world to unit space does not keep angles, the disc is the ellipse that a disc of the world becomes
 // in the map (the footprint of Heckbert, "Fundamentals of Texture Mapping and Image Warping", 1989, section 3.3), and
-// what is summed are rectangles along the map's axes that have its covariance together.
+// what is summed are rectangles along the map's axes in a row along it.
 //
 // Space: unit space of the object (field/chart/chart.hd.h). Thread-safety: pure functions over a FieldView.
 
@@ -242,35 +242,48 @@ FT_HD_INLINE StratumDisc<F> place_disc(const FieldView& field, const LightStratu
   return disc;
 }
 
+// What a disc to read is summed over: rectangles of one size, one by one. Discs that are aslant to the map's axes are a
+// row of them along the disc, which have its variances and nearly its covariance (15/16 of it, of four).
 template <class F>
-struct HiddenShare {
-  F share;            // of the disc, [0, 1] but for rounding
-  Mask_t<F> unknown;  // or the disc is
+struct DiscRects {
+  const FieldView& field;
+  const StratumDisc<F>& disc;
+  int count;
+  F x, y;      // from the disc's middle to the row's end
+  F w, h;      // half widths of each
+  F per_area;  // 1 / the area of all
+
+  FT_HD_INLINE DiscRects(const FieldView& f, const LightStratum<F>& stratum, const StratumTube<F>& tube,
+                         const StratumDisc<F>& d)
+      : field(f), disc(d), count(stratum.to_unit ? k_aslant_rects : 1) {
+    const F one = splat<F>(1.0f), half = splat<F>(0.5f);
+    const F aslant = min(abs(tube.widths.correlation), one), length = sqrt(aslant);
+    const float part = 1.0f / float(count);
+    // The row spreads evenly over `length`, and what is left goes across.
+    const F within = sqrt(one - aslant * splat<F>(1.0f - part * part));
+    x = disc.half_x * length, y = disc.half_y * copysign(length, tube.widths.correlation);
+    w = max(disc.half_x * within, half), h = max(disc.half_y * within, half);
+    per_area = splat<F>(0.25f * part) / (w * h);
+  }
+  FT_HD_INLINE PlaneRect<F> rect(int i) const {
+    const F at = splat<F>(float(2 * i + 1) / float(count) - 1.0f);
+    return clipped_rect<F>(field, disc.x + x * at, disc.y + y * at, w, h);
+  }
 };
 
-// Of discs to read. Discs that are aslant to the map's axes are some rectangles in a row along the disc.
+// Lines of a disc that hit, over all of its rectangles.
 template <class F, class TellMissing>
-FT_HD_INLINE HiddenShare<F> hidden_share(const FieldView& field, const LightStratum<F>& stratum,
-                                         const StratumTube<F>& tube, const StratumDisc<F>& disc,
-                                         const TellMissing& tell_missing) {
-  const F one = splat<F>(1.0f), aslant = min(abs(tube.widths.correlation), one), length = sqrt(aslant);
-  const int count = stratum.to_unit ? k_aslant_rects : 1;
-  const float part = 1.0f / float(count);
-  // The row spreads evenly over `length`, and what is left goes across.
-  const F within = sqrt(one - aslant * splat<F>(1.0f - part * part));
-  const F w = max(disc.half_x * within, splat<F>(0.5f)), h = max(disc.half_y * within, splat<F>(0.5f));
-  HiddenShare<F> found = {splat<F>(0.0f), disc.unknown};
-  for (int i = 0; i < count; ++i) {
-    const F at = length * splat<F>(float(2 * i + 1) * part - 1.0f);
-    const F x = disc.x + disc.half_x * at, y = disc.y + disc.half_y * copysign(one, tube.widths.correlation) * at;
-    const PlaneRect<F> rect = clipped_rect<F>(field, x, y, w, h);
-    const CoverageArea<F> area =
-        sum_coverage_area<F>(field.coverage, tube.map.direction, rect, disc.read & has_area(rect), tell_missing);
-    found.share = found.share + area.count;
-    found.unknown = found.unknown | area.unknown;
+FT_HD_INLINE CoverageArea<F> sum_disc(const StratumTube<F>& tube, const DiscRects<F>& rects,
+                                      const TellMissing& tell_missing) {
+  CoverageArea<F> sum = {splat<F>(0.0f), rects.disc.unknown};
+  for (int i = 0; i < rects.count; ++i) {
+    const PlaneRect<F> rect = rects.rect(i);
+    const CoverageArea<F> area = sum_coverage_area<F>(rects.field.coverage, tube.map.direction, rect,
+                                                      rects.disc.read & has_area(rect), tell_missing);
+    sum.count = sum.count + area.count;
+    sum.unknown = sum.unknown | area.unknown;
   }
-  found.share = found.share * (splat<F>(0.25f * part) / (w * h));
-  return found;
+  return sum;
 }
 
 // How far the stratum's rays diverge from the map's lines between the depths in a disc, in texels.
@@ -317,12 +330,13 @@ FT_HD_INLINE StratumAnswer<F> filter_stratum(const FieldView& field, const Query
   if (!any(open)) return answer;
 
   const StratumDisc<F> disc = place_disc<F>(field, stratum, tube, open, tell_missing);
-  const HiddenShare<F> found = hidden_share<F>(field, stratum, tube, disc, tell_missing);
+  const DiscRects<F> rects(field, stratum, tube, disc);
+  const CoverageArea<F> area = sum_disc<F>(tube, rects, tell_missing);
   answer.lookups = answer.lookups + select(open, splat_int<F>(1), splat_int<F>(0)) +
                    select(disc.read, splat_int<F>(1), splat_int<F>(0));
-  answer.unknown = answer.unknown | found.unknown;
+  answer.unknown = answer.unknown | area.unknown;
   // Float sums: within a few roundings of 0 or 1 the disc counts as empty or full.
-  const F hidden = found.share;
+  const F hidden = area.count * rects.per_area;
   const Mask_t<F> some = disc.read & (hidden > splat<F>(1e-4f)), full = disc.read & (hidden > splat<F>(1.0f - 1e-4f));
   answer.clear = select(some, select(full, zero, one - hidden), answer.clear);
 

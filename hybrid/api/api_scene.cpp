@@ -107,17 +107,17 @@ const std::map<std::string, FieldNumber>& field_numbers() {
   return numbers;
 }
 
-void bake_whole(SceneObject& s, uint32_t shape, const FullBakeCallbacks& callbacks) {
+// Returns whether there was room for all of it.
+bool bake_whole(SceneObject& s, uint32_t shape, const FullBakeCallbacks& callbacks) {
   BakeCounters counters;
   try {
     const FullBakeResult baked = bake_full(*s.hit_fields[shape], *s.accel, shape, counters, callbacks);
-    if (baked.stopped || baked.tiles_left_out == 0) return;
+    // Of the triangles of hits, which are not baked ahead.
+    if (!baked.stopped) s.demands[shape]->stop_waiting();
+    return baked.stopped || baked.tiles_left_out == 0;
   } catch (const Error&) {
-    // Its message names options of the command line.
+    return false;  // its message names options of the command line
   }
-  throw Failure(FT_ERROR_OUT_OF_MEMORY,
-                "ftBakeFields: whole fields take more memory than \"field_memory\" or the system gives them; "
-                "set coarser \"directions\" and \"plane\"");
 }
 
 RenderResult render_scene(SceneObject& s, Progress& progress) {
@@ -352,17 +352,20 @@ FTError ftBakeFields(FTScene scene) {
     for (uint32_t i = 0; i < s.hit_fields.size(); ++i) {
       if (s.hit_fields[i]) shapes.push_back(i);
     }
+    bool all_fit = true;
     execute_in(s.device->arena, [&] {
       for (size_t i = 0; i < shapes.size() && !*progress.stop(); ++i) {
         FullBakeCallbacks callbacks;
         callbacks.stop = progress.stop();
         callbacks.progress = [&](double share) { progress((double(i) + share) / double(shapes.size())); };
-        bake_whole(s, shapes[i], callbacks);
-        // Of the triangles of hits, which are not baked ahead.
-        if (!*progress.stop()) s.demands[shapes[i]]->stop_waiting();
+        all_fit = bake_whole(s, shapes[i], callbacks) && all_fit;
       }
     });
     progress.require_not_stopped();
+    if (all_fit) return;
+    throw Failure(FT_ERROR_OUT_OF_MEMORY,
+                  "ftBakeFields: whole fields take more memory than \"field_memory\" or the system gives them; "
+                  "set coarser \"directions\" and \"plane\"");
   });
 }
 

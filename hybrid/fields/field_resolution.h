@@ -34,7 +34,7 @@ float narrowest_light_degrees(const Scene& scene, std::span<const ShapeTraits> t
 // The approximate share of the film that the bounding ball of an instance covers: 0 behind the camera, 1 around it.
 float projected_share(const Scene& scene, const Instance& instance);
 
-// `rays_per_light`: pixels of the film x camera samples x light samples.
+// `rays_per_light`: pixels of the film (by rounds: of the window) x camera samples x light samples.
 FieldParameters choose_resolution(const Scene& scene, std::span<const ShapeTraits> traits, uint64_t rays_per_light);
 
 }  // namespace fieldtrace

@@ -1,6 +1,7 @@
 #include "hybrid/glossy/radiance_maps.h"
 
 #include <algorithm>
+#include <chrono>
 
 #include "core/math/barycentric.h"
 #include "core/platform/stopwatch.h"

@@ -147,7 +147,7 @@ void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExte
       clusters_.push_back({uint32_t(i), uint32_t(i + 1), 0.0f, receivers.kind[i]});
     }
     centres_.copy(0, p, 0, p.size);
-    std::fill(centres_.sample.begin(), centres_.sample.end(), 0);
+    std::fill_n(centres_.sample.begin(), centres_.size, 0u);
     return;
   }
   size_t pixel = 0;

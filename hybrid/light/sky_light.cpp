@@ -106,15 +106,16 @@ Vec3 SkyLight::ray_origin(const ShadingPointBatch& points, size_t i, const Vec3&
   return offset_origin(points.position(i), points.geometric_normal(i), points.error[i], d);
 }
 
-// The receiver that ray k of a point leaves from.
-size_t SkyLight::start_of_ray(const Job& job, size_t point, uint32_t k) const {
-  const uint32_t own = own_points_[job.numbers[point]];
-  return own != k_none ? own : receiver_of_ray(job, point, k);
+// The receiver whose sample a ray of a point is; `at`: where in the cluster, [0, 1).
+uint32_t SkyLight::receiver_of_ray(const Job& job, size_t point, float at) {
+  const ShadingCluster& cluster = job.clusters[point];
+  return cluster.begin + std::min(uint32_t(at * float(cluster.size())), cluster.size() - 1);
 }
 
-// The receiver whose sample ray k of a point is.
-uint32_t SkyLight::receiver_of_ray(const Job& job, size_t point, uint32_t k) {
-  return job.clusters[point].begin + k % job.clusters[point].size();
+// The receiver that it leaves from.
+size_t SkyLight::start_of_ray(const Job& job, size_t point, float at) const {
+  const uint32_t own = own_points_[job.numbers[point]];
+  return own != k_none ? own : receiver_of_ray(job, point, at);
 }
 
 // Draws the rays of one point.
@@ -140,14 +141,16 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     const OpenCell& open = cells[size_t(place)];
     const auto in_cell = scalar::sample_2d(uint32_t(k), seed, 0);
     const Vec3 d = direction_in(open.cell, in_cell.x, in_cell.y);
-    const size_t from = start_of_ray(job, point, uint32_t(k));
+    // Whatever the order of the cells, each part of the cluster gets as many rays to each part of them.
+    const float in_cluster = scalar::sample_2d(uint32_t(k), seed, 2).x;
+    const size_t from = start_of_ray(job, point, in_cluster);
     const float cosine = glm::dot(n, d);
     if (!(cosine > 0.0f && glm::dot(d, all.geometric_normal(from)) > 0.0f)) continue;
     if (rays_.ox.size() <= cell_rays_.size()) rays_.resize(2 * cell_rays_.size() + k_batch_padding);
     rays_.set(cell_rays_.size(), ray_origin(all, from, d), d, sky_->distance());
     const float width = light_->cells[open.cell].width(), solid_angle = width * width;
     const float received = scalar::weight_of_cosine<float>(cosine, grazing_);
-    cell_rays_.push_back({point, receiver_of_ray(job, point, uint32_t(k)),
+    cell_rays_.push_back({point, receiver_of_ray(job, point, in_cluster),
                           received * solid_angle * total / (open.weight * float(count))});
     if (cell_rays_.size() == k_most_cell_rays) trace(job);
   }

@@ -111,8 +111,8 @@ class SkyLight {
   void add_open_cell(const CellTask& task, uint32_t cell, uint32_t point);
   void sort_open_cells();
   void sample_open_cells(const Job& job);
-  size_t start_of_ray(const Job& job, size_t point, uint32_t k) const;
-  static uint32_t receiver_of_ray(const Job& job, size_t point, uint32_t k);
+  static uint32_t receiver_of_ray(const Job& job, size_t point, float at);
+  size_t start_of_ray(const Job& job, size_t point, float at) const;
   // Of a ray along d from point i.
   static Vec3 ray_origin(const ShadingPointBatch& points, size_t i, const Vec3& d);
   void sample_cells_of(const Job& job, std::span<const OpenCell> cells);

@@ -84,7 +84,8 @@ void SkyLight::check_shares(const Job& job, size_t point) {
       const float x = (float(i / k_check_side) + 0.5f) / float(k_check_side);
       const float y = (float(i % k_check_side) + 0.5f) / float(k_check_side);
       const Vec3 d = direction_in(occluders_.cells()[k], x, y);
-      rays.set(size_t(i), ray_origin(all, start_of_ray(job, point, uint32_t(i)), d), d, sky_->distance());
+      const size_t from = start_of_ray(job, point, scalar::sample_2d(uint32_t(i), uint32_t(k), 0).x);
+      rays.set(size_t(i), ray_origin(all, from, d), d, sky_->distance());
     }
     AlignedVector<uint8_t> blocked(padded(size_t(k_check_rays)), 0);
     context_.accel.occluded(rays, indices, blocked.data());
@@ -103,7 +104,7 @@ void SkyLight::check_arrival(const Job& job, size_t point) {
   rays.resize(k_arrival_rays);
   std::vector<float> cosines;
   for (uint32_t k = 0; k < k_arrival_rays; ++k) {
-    const size_t from = start_of_ray(job, point, k);
+    const size_t from = start_of_ray(job, point, scalar::sample_2d(k, seed, 4).x);
     const auto u = scalar::sample_2d(k, seed, 2);
     const auto local = scalar::cosine_hemisphere(u.x, u.y);
     const Vec3 d = frame_about(all.shading_normal(from)).to_world({local.x, local.y, local.z});

@@ -37,7 +37,8 @@ void SkyLight::ask_cells(const Request& request) {
       b.cells.push_back(occluders_.cells()[k]);
     }
     b.tasks.link();
-    b.centres = centres_;
+    b.centres.resize(centres_.size);
+    b.centres.copy(0, centres_, 0, padded(centres_.size));
     std::swap(centres_, b.centres);  // the question refers to the batch's own
     b.question.points = cell_points();
     std::swap(centres_, b.centres);

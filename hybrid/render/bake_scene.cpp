@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <memory>
+#include <type_traits>
 
 #include "core/io/atomic_file.h"
 #include "core/io/scratch_folder.h"

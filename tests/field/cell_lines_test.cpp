@@ -55,6 +55,32 @@ TEST(OppositeCell, HasTheOppositeFrame) {
   }
 }
 
+// An upright pole through the ball's middle, a tenth as wide as what is between two lines: over all directions lines
+// meet as much of it as there is. None would if planes had a column of texels along it.
+TEST(CellFrame, LinesMeetUprightPolesThinnerThanTheirSpacing) {
+  constexpr int k_directions = 16, k_texels = 64;
+  constexpr float k_radius = 0.0015f, k_half_height = 0.8f, k_texel = 2.0f / float(k_texels);
+  double found = 0.0, expected = 0.0;
+  for (int cell = 0; cell < k_directions * k_directions; ++cell) {
+    const CellFrame frame = cell_frame(cell / k_directions, cell % k_directions, k_directions);
+    const Vec3 across = glm::normalize(glm::cross(Vec3(0, 0, 1), frame.c)), along = glm::cross(frame.c, across);
+    const float length = k_half_height * std::abs(along.z);
+    if (length < 10.0f * k_radius) continue;
+    for (int y = 0; y < k_texels; ++y) {
+      for (int x = 0; x < k_texels; ++x) {
+        const auto line = line_of_texel(frame, x, y, k_texels);
+        if (!line) continue;
+        const bool meets =
+            std::abs(glm::dot(line->foot, across)) < k_radius && std::abs(glm::dot(line->foot, along)) < length;
+        found += meets ? 1.0 : 0.0;
+      }
+    }
+    expected += double(4.0f * k_radius * length / (k_texel * k_texel));
+  }
+  EXPECT_GT(expected, 500.0);
+  EXPECT_NEAR(found / expected, 1.0, 0.1);
+}
+
 TEST(Lines, ThroughFeetLieInTheirCells) {
   TestRandom random(1);
   const FieldParameters p;

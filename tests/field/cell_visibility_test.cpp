@@ -231,7 +231,7 @@ TEST(MapPlace, FollowsRaysOutsideTheBall) {
 // cosine is larger. Without the lean floors are too bright.
 TEST_P(SharesOfMaps, WeighedByTheCosineAreNearThoseOfRays) {
   TestRandom random(34);
-  constexpr int k_directions = 16, k_cells = k_directions * k_directions, k_trials = 96, k_side = 12;
+  constexpr int k_directions = 16, k_cells = k_directions * k_directions, k_trials = 384, k_side = 12;
   const MappedMesh m(std::string(GetParam()) == "knot" ? make_knot({.along = 256, .around = 24})
                                                        : make_supershape({.around = 96, .along = 48}),
                      {.directions = k_directions, .texels = 64});
@@ -258,8 +258,8 @@ TEST_P(SharesOfMaps, WeighedByTheCosineAreNearThoseOfRays) {
     bias += (sum - exact) / open / k_trials, centred_bias += (centred - exact) / open / k_trials;
   }
   EXPECT_LT(std::sqrt(squares / k_trials), 0.005);
-  EXPECT_LT(std::abs(bias), 0.001);
-  EXPECT_GT(bias - centred_bias, 0.0002);  // .00022 to .0004 over ten seeds
+  EXPECT_LT(centred_bias, -0.0002);
+  EXPECT_LT(std::abs(bias), 0.75 * std::abs(centred_bias));
 }
 
 // Points in the ball compare depths: of other objects, and of the one that they lie on.

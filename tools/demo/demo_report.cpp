@@ -34,7 +34,9 @@ struct DemoArguments {
 // Tells whether a kept reference belongs to this scene: a hash of all its files, its parameters and how it is rendered.
 std::string fingerprint(const DemoArguments& arguments, const Scene& scene) {
   Hasher hasher;
-  for (const std::string& file : scene.files) hasher.add_file(file);
+  for (const std::string& file : scene.files) {
+    if (!hasher.add_file(file)) throw Error({file}, "cannot be read again, to see which scene this is");
+  }
   std::string text;
   for (const auto& [name, value] : scene.parameters) text += fmt::format("{}={}\n", name, value);
   text += fmt::format("{} {} {}", FIELDTRACE_VERSION, arguments.reference_spp, scene.seed);

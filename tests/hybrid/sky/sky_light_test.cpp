@@ -330,6 +330,39 @@ TEST(SkyLight, VarianceHoldsTheNoiseOfSharedRays) {
   EXPECT_LT(estimated, 10.0 * found);
 }
 
+// The same of pictures by rounds, whose halves tell.
+TEST(SkyLight, HalvesTellTheNoiseOfSharedRays) {
+  constexpr int k_size = 32;
+  SkyScene s(Sky::constant, k_size, k_size);
+  s.object(knot(), placed(turned(), {0, 0, 1.05f}));
+  s.scene.camera.fov_x_degrees = 2.0f;
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 1024, 1);
+  o.directions = 32;
+  o.tolerance = 0.01f;
+  const Image many = render(s.scene, o).image;
+  const int object = many.channel_index("object.Y");
+  double estimated = 0.0, found = 0.0;
+  for (uint32_t seed = 1; seed <= 4; ++seed) {
+    o.seed = seed;
+    o.spp = 16;
+    o.target_error = 0.01f;  // all pixels have 16 samples then
+    o.aovs = {"object", "variance"};
+    const RenderResult r = render(s.scene, o);
+    ASSERT_EQ(r.stats.samples_fewest, 16u);
+    ASSERT_GT(r.stats.lookups, 0u);
+    const int variance = r.image.channel_index("variance.G");
+    for (int i = 0; i < k_size * k_size; ++i) {
+      const float* const p = r.image.pixel(i % k_size, i / k_size);
+      const float* const exact = many.pixel(i % k_size, i / k_size);
+      if (exact[object] != float(s.floor + 2)) continue;
+      const double error = double(p[1]) - double(exact[1]);
+      estimated += double(p[variance]), found += error * error;
+    }
+  }
+  EXPECT_GT(found, 0.0);
+  EXPECT_NEAR(estimated / found, 1.0, 0.6);
+}
+
 // Finer maps would pay for so large a film, but their errors do not show beside the noise of few samples.
 TEST_P(SkyPicture, OfFewSamplesHasCoarseMaps) {
   constexpr int k_size = 48, k_few = 7;
