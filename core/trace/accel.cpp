@@ -33,13 +33,13 @@ RTCIntersectContext make_context(Coherence coherence) {
   return context;
 }
 
-// Sets what the packets of one query share.
+// Sets what the packets of one query share. Inactive lanes need numbers, too: Embree 3 built with assertions, as
+// Debian's is, stops at what is none where it cuts packets for AVX2 and less.
 void prepare(RTCRay16& packet) {
+  packet = {};
   for (int lane = 0; lane < k_width; ++lane) {
-    packet.tnear[lane] = packet.time[lane] = 0.0f;
     packet.mask[lane] = 0xffffffffu;
     packet.id[lane] = unsigned(lane);
-    packet.flags[lane] = 0;
   }
 }
 
