@@ -93,7 +93,6 @@ void SkyLight::sort_open_cells() {
 
 void SkyLight::sample_open_cells(const Job& job) {
   sort_open_cells();
-  cell_rays_.clear();
   ray_counts_.assign(centres_.size, 0);
   for (size_t i = 0; i < centres_.size; ++i) {
     const std::span<const OpenCell> cells =

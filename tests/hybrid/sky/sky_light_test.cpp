@@ -268,15 +268,37 @@ TEST(SkyLight, SilhouettesLoseNoiseWithSamples) {
   EXPECT_LT(noise(256), 0.3 * noise(16));  // .20; .43 with every n-th of the points
 }
 
+// A knot of which many cells are undecided, in pixels so small that all their points see the same: what a picture errs
+// by is the noise of rays that each pixel's samples share.
+struct SharedRays : SkyScene {
+  static constexpr int k_size = 32;
+
+  SharedRays() : SkyScene(Sky::constant, k_size, k_size) {
+    object(knot(), placed(turned(), {0, 0, 1.05f}));
+    scene.camera.fov_x_degrees = 2.0f;
+  }
+  RenderOptions options(int spp) const {
+    RenderOptions o = options_for(scene, Method::hybrid, k_size, spp, 1);
+    o.directions = 32;
+    o.tolerance = 0.01f;
+    return o;
+  }
+  // Calls f(x, y) for the pixels of the knot.
+  template <class F>
+  void for_pixels(const Image& image, const F& f) const {
+    const int channel = image.channel_index("object.Y");
+    for (int y = 0; y < k_size; ++y) {
+      for (int x = 0; x < k_size; ++x) {
+        if (image.pixel(x, y)[channel] == float(floor + 2)) f(x, y);
+      }
+    }
+  }
+};
+
 // A pixel's later samples send other rays to undecided cells: what two passes err by is independent.
 TEST(SkyLight, LaterSamplesAreIndependent) {
-  constexpr int k_size = 32;
-  SkyScene s(Sky::constant, k_size, k_size);
-  s.object(knot(), placed(turned(), {0, 0, 1.05f}));
-  s.scene.camera.fov_x_degrees = 2.0f;  // pixels so small that all their points see the same
-  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 4, 1);
-  o.directions = 32;
-  o.tolerance = 0.01f;  // many cells are undecided
+  const SharedRays s;
+  RenderOptions o = s.options(4);
   const ScratchFolder folder(testing::TempDir(), "later_samples");
   o.checkpoint = folder.path() + "/first";
   const Image first = render(s.scene, o).image;
@@ -284,83 +306,60 @@ TEST(SkyLight, LaterSamplesAreIndependent) {
   o.checkpoint.clear();
   o.spp = 8;
   const Image both = render(s.scene, o).image;
-  o.resume.clear();
-  o.spp = 1024;
-  const Image many = render(s.scene, o).image;
-  const int channel = many.channel_index("object.Y");
+  const Image many = render(s.scene, s.options(1024)).image;
   double product = 0.0, square = 0.0;
-  for (int y = 0; y < k_size; ++y) {
-    for (int x = 0; x < k_size; ++x) {
-      if (many.pixel(x, y)[channel] != float(s.floor + 2)) continue;
-      const double a = double(first.pixel(x, y)[1]), b = 2.0 * double(both.pixel(x, y)[1]) - a;
-      const double expected = double(many.pixel(x, y)[1]);
-      product += (a - expected) * (b - expected), square += (a - expected) * (a - expected);
-    }
-  }
+  s.for_pixels(many, [&](int x, int y) {
+    const double a = double(first.pixel(x, y)[1]), b = 2.0 * double(both.pixel(x, y)[1]) - a;
+    const double expected = double(many.pixel(x, y)[1]);
+    product += (a - expected) * (b - expected), square += (a - expected) * (a - expected);
+  });
   EXPECT_GT(square, 0.0);
   EXPECT_LT(product, 0.15 * square);  // -.06; .29 with the same rays
 }
 
 // What rays to undecided cells err by is seen in how much a pixel's samples differ, though they are lit as one.
-TEST(SkyLight, VarianceHoldsTheNoiseOfSharedRays) {
-  constexpr int k_size = 32;
-  SkyScene s(Sky::constant, k_size, k_size);
-  s.object(knot(), placed(turned(), {0, 0, 1.05f}));
-  s.scene.camera.fov_x_degrees = 2.0f;  // pixels so small that all their points see the same
-  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 16, 1);
-  o.aovs.push_back("variance");
-  o.directions = 32;
-  o.tolerance = 0.01f;  // many cells are undecided
-  const Image few = render(s.scene, o).image;
-  o.spp = 1024;
-  const Image many = render(s.scene, o).image;
-  const int object = many.channel_index("object.Y"), variance = many.channel_index("variance.G");
-  ASSERT_GE(variance, 0);
+struct Variances {
   double estimated = 0.0, found = 0.0;
-  for (int y = 0; y < k_size; ++y) {
-    for (int x = 0; x < k_size; ++x) {
-      if (many.pixel(x, y)[object] != float(s.floor + 2)) continue;
+
+  void add(const SharedRays& s, const Image& few, const Image& many) {
+    const int variance = few.channel_index("variance.G");
+    ASSERT_GE(variance, 0);
+    s.for_pixels(many, [&](int x, int y) {
       const double error = double(few.pixel(x, y)[1]) - double(many.pixel(x, y)[1]);
       estimated += double(few.pixel(x, y)[variance]), found += error * error;
-    }
+    });
   }
-  EXPECT_GT(found, 0.0);
+};
+
+TEST(SkyLight, VarianceHoldsTheNoiseOfSharedRays) {
+  const SharedRays s;
+  RenderOptions o = s.options(16);
+  o.aovs.push_back("variance");
+  Variances v;
+  v.add(s, render(s.scene, o).image, render(s.scene, s.options(1024)).image);
+  EXPECT_GT(v.found, 0.0);
   // Independent samples would err as much as they are estimated to; those of one sequence err by less.
-  EXPECT_GT(estimated, found);
-  EXPECT_LT(estimated, 10.0 * found);
+  EXPECT_GT(v.estimated, v.found);
+  EXPECT_LT(v.estimated, 10.0 * v.found);
 }
 
 // The same of pictures by rounds, whose halves tell.
 TEST(SkyLight, HalvesTellTheNoiseOfSharedRays) {
-  constexpr int k_size = 32;
-  SkyScene s(Sky::constant, k_size, k_size);
-  s.object(knot(), placed(turned(), {0, 0, 1.05f}));
-  s.scene.camera.fov_x_degrees = 2.0f;
-  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 1024, 1);
-  o.directions = 32;
-  o.tolerance = 0.01f;
-  const Image many = render(s.scene, o).image;
-  const int object = many.channel_index("object.Y");
-  double estimated = 0.0, found = 0.0;
+  const SharedRays s;
+  const Image many = render(s.scene, s.options(1024)).image;
+  RenderOptions o = s.options(16);
+  o.target_error = 0.01f;  // all pixels have 16 samples then
+  o.aovs.push_back("variance");
+  Variances v;
   for (uint32_t seed = 1; seed <= 4; ++seed) {
     o.seed = seed;
-    o.spp = 16;
-    o.target_error = 0.01f;  // all pixels have 16 samples then
-    o.aovs = {"object", "variance"};
     const RenderResult r = render(s.scene, o);
     ASSERT_EQ(r.stats.samples_fewest, 16u);
     ASSERT_GT(r.stats.lookups, 0u);
-    const int variance = r.image.channel_index("variance.G");
-    for (int i = 0; i < k_size * k_size; ++i) {
-      const float* const p = r.image.pixel(i % k_size, i / k_size);
-      const float* const exact = many.pixel(i % k_size, i / k_size);
-      if (exact[object] != float(s.floor + 2)) continue;
-      const double error = double(p[1]) - double(exact[1]);
-      estimated += double(p[variance]), found += error * error;
-    }
+    v.add(s, r.image, many);
   }
-  EXPECT_GT(found, 0.0);
-  EXPECT_NEAR(estimated / found, 1.0, 0.6);
+  EXPECT_GT(v.found, 0.0);
+  EXPECT_NEAR(v.estimated / v.found, 1.0, 0.6);
 }
 
 // Finer maps would pay for so large a film, but their errors do not show beside the noise of few samples.
