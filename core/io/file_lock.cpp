@@ -5,13 +5,16 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <cstring>
+#include <thread>
 
 #include "core/platform/error.h"
+#include "core/platform/stopwatch.h"
 
 namespace fieldtrace {
 
-FileLock::FileLock(const std::string& path, LockWait wait) {
+FileLock::FileLock(const std::string& path, LockWait wait, double most_seconds) {
   file_ = open(path.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
   // Another user's, perhaps: locks need no right to write.
   const int refused = errno;
@@ -21,12 +24,19 @@ FileLock::FileLock(const std::string& path, LockWait wait) {
                             " (choose a folder that you may write to)");
   }
   // Each open() creates a separate lock owner, so threads exclude one another as processes do.
-  while (flock(file_, wait == LockWait::none ? LOCK_EX | LOCK_NB : LOCK_EX) != 0) {
-    if (errno == EINTR) continue;
+  const auto begin = std::chrono::steady_clock::now();
+  while (flock(file_, LOCK_EX | LOCK_NB) != 0) {
     const int reason = errno;
+    if (reason == EINTR) continue;
+    const bool is_taken = reason == EWOULDBLOCK;
+    if (is_taken && wait == LockWait::until_free && seconds_since(begin) < most_seconds) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+      continue;
+    }
     close(file_);
     file_ = -1;
-    if (wait == LockWait::none && reason == EWOULDBLOCK) return;
+    if (is_taken && wait == LockWait::none) return;
+    if (is_taken) throw Error({path}, "is locked by another program, which does not go on (let it, or end it)");
     throw Error({path}, std::string("cannot be locked: ") + std::strerror(reason) +
                             " (choose a folder on a file system with locks)");
   }

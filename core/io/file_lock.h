@@ -11,11 +11,15 @@ namespace fieldtrace {
 
 enum class LockWait { until_free, none };
 
+// Longer than any program that is not stopped holds a lock.
+inline constexpr double k_longest_lock_wait = 60.0;  // seconds
+
 class FileLock {
  public:
   // Takes the lock on `path`, which is created empty if it does not exist. Waits for it or, with LockWait::none, only
-  // tries once. Throws Error if the file cannot be locked.
-  explicit FileLock(const std::string& path, LockWait wait = LockWait::until_free);
+  // tries once. Throws Error if the file cannot be locked, or not within this time.
+  explicit FileLock(const std::string& path, LockWait wait = LockWait::until_free,
+                    double most_seconds = k_longest_lock_wait);
   ~FileLock();
   FileLock(const FileLock&) = delete;
   FileLock& operator=(const FileLock&) = delete;

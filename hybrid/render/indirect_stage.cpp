@@ -10,10 +10,8 @@
 namespace fieldtrace {
 namespace {
 
-// Rays that shading may cost for each that Monte Carlo would send from first surfaces: those leave noise behind.
-constexpr uint64_t k_indirect_gain = 8;
-// What a surfel costs, in rays.
-constexpr uint64_t k_surfel_rays = 64;
+// Rays of Monte Carlo from first surfaces, at least, for each surfel to shade: that costs more, but leaves no noise.
+constexpr uint64_t k_rays_a_surfel = 8;
 // --check: light samples of a surfel.
 constexpr int k_check_samples = 64;
 // With at most so many occluders maps are finer.
@@ -75,8 +73,7 @@ bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<cons
   const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
   // Paths to what is neither diffuse nor a plastic go on: without a sky the maps would be made for the rest alone.
   if ((!has_sky(scene) && senders < count) || 4 * others > senders) return false;
-  return planes <= size_t(k_most_planes) && surfels * k_surfel_rays <= light_rays * k_indirect_gain &&
-         !has_insides(scene, traits);
+  return planes <= size_t(k_most_planes) && surfels * k_rays_a_surfel <= light_rays && !has_insides(scene, traits);
 }
 
 void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {

@@ -22,12 +22,10 @@ namespace {
 // less than a fifth of that noise, which would take Monte Carlo 25 times the rays.
 constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
 constexpr int k_share_side = 32;  // camera rays along each side of the film (diffuse_share)
-constexpr int k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
-// Of crowds, whose cells read several objects each, in pictures of fewer light samples a pixel than k_few_samples.
-constexpr int k_crowd_directions = 12;
-constexpr uint64_t k_few_samples = 4;
-// In pictures of fewer light samples a pixel the errors of coarse maps hardly show beside the noise.
-constexpr uint64_t k_coarse_samples = 8;
+constexpr int k_fewest_directions = 8, k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
+// In pictures of fewer light samples a pixel the errors of the least maps, and of coarse ones, hardly show beside the
+// noise.
+constexpr uint64_t k_few_samples = 4, k_coarse_samples = 8;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
 // Light samples a pixel below which the default tolerance rises in proportion, and how far: few rays err more than
@@ -51,22 +49,28 @@ float slack_of(const RenderOptions& options, const SkyRequest& request, bool can
   return std::clamp(k_slack_samples / float(request.samples), 1.0f, k_most_slack);
 }
 
-// `given`: of --tolerance or the default, in units of that.
+// Where finer ones cost too much. `given`: of --tolerance or the default, in units of that.
+int least_directions(float given, uint64_t samples) {
+  return given >= 1.0f && samples < k_few_samples ? k_fewest_directions : k_coarse_directions;
+}
+
 int wanted_directions(bool crowd, float given, uint64_t samples) {
-  if (crowd) return given >= 1.0f && samples < k_few_samples ? k_crowd_directions : k_coarse_directions;
+  // A crowd's cells read several objects each.
+  if (crowd || (given >= 1.0f && samples == 1)) return least_directions(given, samples);
   if (given >= k_coarse_tolerance || (given >= 1.0f && samples < k_coarse_samples)) return k_coarse_directions;
   return given <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
 }
 
 // D = 0: none is affordable for so many rays.
-MapSize choose_size(size_t shapes, int directions, uint64_t rays, uint64_t most_bytes) {
+MapSize choose_size(size_t shapes, int directions, int least, uint64_t rays, uint64_t most_bytes) {
   MapSize size;
   size.directions = directions;
-  const auto fits = [&](uint64_t most_rays) {
-    return size.lines() * shapes <= most_rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
+  const auto fits = [&] {
+    const uint64_t gain = size.directions > k_coarse_directions ? k_usual_maps_gain : k_coarse_maps_gain;
+    return size.lines() * shapes <= gain * rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
-  while (size.directions > k_coarse_directions && !fits(k_usual_maps_gain * rays)) size.directions /= 2;
-  if (size.directions <= k_coarse_directions && !fits(k_coarse_maps_gain * rays)) size.directions = 0;
+  while (size.directions > least && !fits()) size.directions /= 2;
+  if (!fits()) size.directions = 0;
   return size;
 }
 
@@ -176,7 +180,7 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
     if (rays < k_crowd_rays * instances) return MapSize{0, 0};
     int directions = wanted_directions(crowd, given, request.samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
-    return choose_size(shapes.size(), directions, rays, request.most_bytes);
+    return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
   const bool spoils_light = !by_request && instances > k_most_under_map && has_map(scene);

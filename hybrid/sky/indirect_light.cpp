@@ -16,8 +16,6 @@ namespace {
 // A second window of a plane covers objects and what lies within so many of their radii, if it is less than this share
 // of the plane.
 constexpr float k_window_reach = 2.0f, k_largest_window = 0.25f;
-// Planes whose radius is a smaller share of another's count as objects on it.
-constexpr float k_small_plane = 0.5f;
 // How far beyond a plane, in units of its radius, something must reach to be on that side.
 constexpr float k_beside = 1e-4f;
 
@@ -66,7 +64,7 @@ PlaneWindow object_window(std::span<const SkyOccluder> all, const SkyOccluder& p
   PlaneWindow window{Vec2(1.0f), Vec2(-1.0f)};
   const float reach_x = glm::length(row_of(plane.to_unit, 0)), reach_y = glm::length(row_of(plane.to_unit, 1));
   for (const SkyOccluder& o : all) {
-    if (o.kind == SkyOccluder::Kind::plane && o.ball.radius > k_small_plane * plane.ball.radius) continue;
+    if (o.kind == SkyOccluder::Kind::plane) continue;
     const Vec3 at = transform_by(plane.to_unit, o.ball.centre);
     const float radius = k_window_reach * o.ball.radius;
     if (std::abs(at.z) > radius) continue;

@@ -1,5 +1,7 @@
 #include "hybrid/visibility/shadow_answerer.h"
 
+#include <tbb/enumerable_thread_specific.h>
+
 #include <algorithm>
 
 #include "hybrid/visibility/device_answers.h"
@@ -54,6 +56,10 @@ Sphere ShadowAnswerer::light_with_errors(const ShadingPointBatch& shading_points
   return light;
 }
 
+struct ShadowAnswerer::Workspaces {
+  tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> by_thread{[] { return std::make_unique<Workspace>(); }};
+};
+
 ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                                const std::vector<Field*>& fields, const AnswererSettings& settings,
                                const std::vector<const ThesisField*>& thesis_fields)
@@ -63,7 +69,7 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
       thesis_kernels_(thesis_kernels(settings.isa)),
       settings_(settings),
       tree_(scene),
-      workspaces_([] { return std::make_unique<Workspace>(); }) {
+      workspaces_(std::make_unique<Workspaces>()) {
   instances_.reserve(scene.instances.size());
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
     const uint32_t s = scene.instances[i].shape;
@@ -73,6 +79,8 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
 }
 
 ShadowAnswerer::~ShadowAnswerer() = default;
+
+ShadowAnswerer::Workspace& ShadowAnswerer::workspace() const { return *workspaces_->by_thread.local(); }
 
 void ShadowAnswerer::choose_candidates(const CandidateRequest& request) const {
   const ShadingPointBatch& shading_points = request.points;
@@ -101,7 +109,7 @@ void ShadowAnswerer::choose_candidates(const CandidateRequest& request) const {
 void ShadowAnswerer::test_candidates(const CandidateRequest& request) const {
   ShadowGroup& group = request.group;
   if (!group.is_tested) return;
-  Workspace& work = *workspaces_.local();
+  Workspace& work = workspace();
   work.shafts.assign(request.points.size, std::nullopt);
   const Sphere light = light_with_errors(request.points, group.light);
   for (uint32_t slot = 0; slot < group.candidates.size(); ++slot) {
@@ -198,7 +206,7 @@ void ShadowAnswerer::answer(const RayRequest& request) const {
   const ShadowGroup& group = request.group;
   Stats& stats = request.stats;
   if (group.candidates.empty()) return;
-  Workspace& work = *workspaces_.local();
+  Workspace& work = workspace();
   const uint64_t traced = stats.rays_exact;
   if (group.candidates.size() > k_most_candidates) {
     trace_all(request.batch, work, stats);
@@ -222,7 +230,7 @@ void ShadowAnswerer::look_up(const ShadowGroup& group, ShadowBatch& batch, Stats
     for (size_t i = 0; i < batch.rays.size; ++i) batch.exact[i] = batch.rays.tmax[i] >= 0.0f;
     return;
   }
-  Workspace& work = *workspaces_.local();
+  Workspace& work = workspace();
   collect({group, batch, stats}, work);
   for (size_t k = 0; k < work.exact.one_count; ++k) batch.exact[size_t(work.exact.one_undecided_slot[k])] = 1;
   for (size_t k = 0; k < work.exact.many_count; ++k) batch.exact[size_t(work.exact.many_undecided_slots[k])] = 1;

@@ -18,8 +18,6 @@
 // overflow also on the group's other shading points.
 #pragma once
 
-#include <tbb/enumerable_thread_specific.h>
-
 #include <memory>
 #include <span>
 #include <vector>
@@ -179,7 +177,10 @@ class ShadowAnswerer {
   void look_up(const ShadowGroup& group, ShadowBatch& batch, Stats& stats) const;
 
  private:
-  struct Workspace;  // hybrid/visibility/shadow_workspace.h
+  struct Workspace;   // hybrid/visibility/shadow_workspace.h
+  struct Workspaces;  // one for each thread
+
+  Workspace& workspace() const;  // of the calling thread
 
   void choose_candidates(const CandidateRequest& request) const;
   void test_candidates(const CandidateRequest& request) const;
@@ -228,7 +229,7 @@ class ShadowAnswerer {
   VisibilityDevice* device_ = nullptr;
   InstanceTree tree_;
   std::vector<ShadowInstance> instances_;  // one per instance
-  mutable tbb::enumerable_thread_specific<std::unique_ptr<Workspace>> workspaces_;
+  std::unique_ptr<Workspaces> workspaces_;
 };
 
 }  // namespace fieldtrace

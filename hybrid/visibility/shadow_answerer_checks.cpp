@@ -13,7 +13,7 @@ CheckedVerdict checked_verdict(bool blocked) { return blocked ? CheckedVerdict::
 
 void ShadowAnswerer::check_whole(const ShadowGroup& group, bool blocked, std::span<const uint32_t> shading_points,
                                  int samples, const ShadowBatch& batch, Stats& stats) const {
-  Workspace& work = *workspaces_.local();
+  Workspace& work = workspace();
   std::vector<uint8_t> hidden(batch.rays.size, 0), crosses(batch.rays.size, 0), crosses_self(batch.rays.size, 0);
   for (const uint32_t candidate : group.candidates) {
     const ShadowInstance& o = instances_[candidate];
@@ -61,7 +61,7 @@ void ShadowAnswerer::check_answers(const ShadowInstance& o, const ShadowBatch& b
 
 void ShadowAnswerer::check_shares(const ShadowGroup& group, int rays, const ShadowBatch& batch,
                                   std::span<const float> shares, Stats& stats) const {
-  Workspace& work = *workspaces_.local();
+  Workspace& work = workspace();
   std::vector<uint8_t> hidden(batch.rays.size, 0);
   work.indices.clear();
   for (uint32_t i = 0; i < batch.rays.size; ++i) {

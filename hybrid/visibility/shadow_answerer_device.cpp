@@ -86,7 +86,7 @@ void ShadowAnswerer::ask_cones(CandidateRequest& request) const {
   const ShadingPointBatch& points = request.points;
   const ShadowGroup& group = request.group;
   if (!group.is_tested) return;
-  Workspace& work = *workspaces_.local();
+  Workspace& work = workspace();
   work.shafts.assign(points.size, std::nullopt);
   const Sphere light = light_with_errors(points, group.light);
   request.questions.resize(group.candidates.size());

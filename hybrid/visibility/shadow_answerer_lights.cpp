@@ -94,7 +94,7 @@ StratumTask ShadowAnswerer::stratum_task(const ShadowInstance& o, int strata) {
 
 void ShadowAnswerer::filter(const FilterRequest& request) const {
   const auto& [group, all, shading_points, strata, batch, undecided, stats, questions] = request;
-  Workspace& work = *workspaces_.local();
+  Workspace& work = workspace();
   const size_t slots = padded(batch.rays.size), count = size_t(strata);
   batch.in_shares = true;
   batch.clear.assign(slots, 1.0f);

@@ -433,6 +433,13 @@ TEST(FieldCache, AFileLargerThanMemoryIsLeftAsItIs) {
 
 // ---- processes that are killed
 
+TEST(FieldCache, AStoppedWriterHoldsNobodyUpForever) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "field.vdb.lock";
+  const FileLock writer(path);
+  EXPECT_THROW(FileLock(path, LockWait::until_free, 0.05), Error);
+}
+
 TEST(FieldCache, AKilledWriterHoldsNobodyUp) {
   const TemporaryFolder folder;
   const FieldIdentity identity = test::test_identity(k_small);

@@ -123,18 +123,18 @@ TEST(SkyCrowd, IsNearMonteCarlo) {
   }
 }
 
-// With fewer than 4 light samples a pixel cells are wider: what they err by is a fifth of Monte Carlo's noise.
+// With fewer than 4 light samples a pixel cells are wider: what they err by is a quarter of Monte Carlo's noise.
 TEST(SkyCrowd, OfFewSamplesIsNearMonteCarlo) {
   constexpr int k_size = 64;
   const Crowd crowd(k_size);
   const Image exact = render(crowd.scene, options_for(crowd, Method::monte_carlo, k_size, 1, 1024)).image;
   const RenderResult r = render(crowd.scene, options_for(crowd, Method::hybrid, k_size, 1, 2));
   const Image noisy = render(crowd.scene, options_for(crowd, Method::monte_carlo, k_size, 1, 2)).image;
-  EXPECT_EQ(r.stats.sky_directions, 12);
+  EXPECT_EQ(r.stats.sky_directions, 8);
   EXPECT_EQ(render(crowd.scene, options_for(crowd, Method::hybrid, k_size, 1, 4)).stats.sky_directions, 16);
   for (const bool of_floor : {true, false}) {
     const Error e = error_of(r.image, exact, of_floor);
-    EXPECT_LT(e.rmse, 0.2 * error_of(noisy, exact, of_floor).rmse) << of_floor;
+    EXPECT_LT(e.rmse, 0.25 * error_of(noisy, exact, of_floor).rmse) << of_floor;
     EXPECT_LT(std::abs(e.bias), 0.03) << of_floor;
   }
 }
