@@ -96,7 +96,9 @@ void SkyLight::check_shares(const Job& job, size_t point) {
 
 // Rays from all points of the cluster, distributed by the cosine.
 void SkyLight::check_arrival(const Job& job, size_t point) {
-  if (!(open_[point] > 0.0f)) return;
+  const IndirectLight* const indirect = sky_->indirect();
+  const bool has_sky = open_[point] > 0.0f;
+  if (!has_sky && !indirect) return;
   const ShadingPointBatch& all = job.receivers.points;
   const uint32_t seed = scalar::hash_combine(centres_.seed[point], k_sky_stream);
   RayBatch rays;
@@ -115,7 +117,6 @@ void SkyLight::check_arrival(const Job& job, size_t point) {
   rays.resize(cosines.size());
   hits.resize(cosines.size());
   context_.accel.intersect(rays, hits, Coherence::incoherent);
-  const IndirectLight* const indirect = sky_->indirect();
   double of_sky = 0.0, of_objects = 0.0;
   for (size_t i = 0; i < cosines.size(); ++i) {
     const Vec3 origin = rays.origin(i), d = rays.direction(i);
@@ -126,12 +127,12 @@ void SkyLight::check_arrival(const Job& job, size_t point) {
       of_objects += double(share * luminance(indirect->radiance(hits.instance[i], origin + d * hits.t[i], origin, d)));
     }
   }
-  const double each = double(k_pi) / double(k_arrival_rays), open = double(open_[point]);
+  const double each = double(k_pi) / double(k_arrival_rays), unit = double(has_sky ? open_[point] : unit_);
   const double sky = double(luminance({red_[point], green_[point], blue_[point]}));
-  job.stats.checked(CheckedEstimate::arriving).add(sky - of_sky * each, open);
+  if (has_sky) job.stats.checked(CheckedEstimate::arriving).add(sky - of_sky * each, unit);
   if (!indirect) return;
   const double reflected = double(luminance({reflected_red_[point], reflected_green_[point], reflected_blue_[point]}));
-  job.stats.checked(CheckedEstimate::indirect).add(reflected - of_objects * each, open);
+  job.stats.checked(CheckedEstimate::indirect).add(reflected - of_objects * each, unit);
 }
 
 }  // namespace fieldtrace

@@ -13,15 +13,21 @@ namespace {
 // At most this many blocks along each side of the film, and at most one in k_block_distance block widths.
 constexpr int k_most_blocks = 16;
 constexpr int k_block_distance = 3;
+// Blocks shrink, to 4 x 4 pixels at least, where the film would hold fewer along its shorter side.
+constexpr int k_fewest_blocks = 4;
 
 // Pixels along a block's side, so that its rays to all lights fill a few packets whatever their number.
-int block_side(int64_t light_samples) { return light_samples >= 16 ? 4 : light_samples >= 4 ? 8 : 16; }
+int block_side(const Rect& film, int64_t light_samples) {
+  int side = light_samples >= 16 ? 4 : light_samples >= 4 ? 8 : 16;
+  while (side > 4 && std::min(film.width, film.height) < k_fewest_blocks * k_block_distance * side) side /= 2;
+  return side;
+}
 
 int blocks_along(int pixels, int side) { return std::clamp(pixels / (side * k_block_distance), 1, k_most_blocks); }
 
 // Each block lies about the middle of its share of the film, at multiples of 4 pixels like the blocks of tile_pixels().
 std::vector<Rect> survey_blocks(const Rect& film, int64_t light_samples) {
-  const int side = block_side(light_samples);
+  const int side = block_side(film, light_samples);
   const int columns = blocks_along(film.width, side), rows = blocks_along(film.height, side);
   const auto place = [side](int i, int count, int pixels) {
     const int middle = int((2 * int64_t(i) + 1) * pixels / (2 * int64_t(count)));

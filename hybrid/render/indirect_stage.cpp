@@ -17,6 +17,9 @@ constexpr int k_check_samples = 64;
 // With at most so many occluders maps are finer.
 constexpr size_t k_few_occluders = 16;
 
+// How many times as large an object is of which others may lie before and behind parts.
+constexpr float k_much_larger = 4.0f;
+
 // Settings for paths from surfels.
 TransportSettings surfel_settings(TransportSettings settings, int samples) {
   settings.light_samples = settings.lobe_samples = samples;
@@ -34,22 +37,35 @@ IndirectSize choose_size(size_t occluders) {
 }
 
 // Whether the camera, or an object's centre, lies in the box of another object, such as a room's, in that object's own
-// space. Maps know objects from without, and which of two comes first by their centres.
+// space, or an object's centre in the ball of a much larger one, such as a ground's. Maps know objects from without,
+// and which of two comes first by their centres.
 bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits) {
   std::vector<Vec3> centres;
-  for (const Instance& i : scene.instances)
-    centres.push_back(transform_point(i.to_world, scene.shapes[i.shape].bounds.centre()));
+  std::vector<Sphere> balls;
+  for (const Instance& i : scene.instances) {
+    const Shape& shape = scene.shapes[i.shape];
+    centres.push_back(transform_point(i.to_world, shape.bounds.centre()));
+    const Bounds3 box = world_bounds(shape.bounds, i.to_world);
+    balls.push_back({box.centre(), 0.5f * glm::length(box.diagonal())});
+  }
   for (size_t k = 0; k < centres.size(); ++k) {
     const Instance& instance = scene.instances[k];
-    if (traits[instance.shape].is_flat) continue;
+    const ShapeTraits& of = traits[instance.shape];
+    if (parallelogram(scene.shapes[instance.shape], of)) continue;
     const Bounds3& box = scene.shapes[instance.shape].bounds;
     const auto is_within = [&](const Vec3& p) {
       const Vec3 at = transform_point(instance.to_object, p);
-      return glm::all(glm::lessThan(box.lower, at)) && glm::all(glm::lessThan(at, box.upper));
+      return !of.is_flat && glm::all(glm::lessThan(box.lower, at)) && glm::all(glm::lessThan(at, box.upper));
     };
     if (is_within(scene.camera.to_world[3])) return true;
-    for (size_t other = 0; other < centres.size(); ++other)
-      if (other != k && is_within(centres[other])) return true;
+    for (size_t other = 0; other < centres.size(); ++other) {
+      if (other == k) continue;
+      const bool is_small = balls[other].radius * k_much_larger < balls[k].radius;
+      if (is_within(centres[other]) ||
+          (is_small && glm::distance(balls[other].centre, balls[k].centre) < balls[k].radius)) {
+        return true;
+      }
+    }
   }
   return false;
 }

@@ -137,6 +137,12 @@ void warn_of_no_hits(const Picture& picture) {
        "--field-hits always: fields answer no glossy ray of this picture (docs/command_line.md says which they can)");
 }
 
+void warn_of_no_variance(const Picture& picture) {
+  if (picture.by_rounds() || picture.spp > 1) return;
+  if (std::find(picture.aovs.begin(), picture.aovs.end(), Aov::variance) == picture.aovs.end()) return;
+  warn(picture.callbacks.warning, {}, "one sample of a pixel tells nothing of its variance: the layer is 0");
+}
+
 // Surveys may take this part of a time limit: 1 / k_survey_part.
 constexpr int k_survey_part = 2;
 // Seconds: 30 years, which clocks can add.
@@ -375,6 +381,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   RenderCallbacks told_once = callbacks;
   told_once.warning = without_repeats(callbacks.warning);
   Picture picture(scene, options, told_once);
+  warn_of_no_variance(picture);
   const int threads = threads_or_all(options.threads);
 
   std::optional<OpeningDevice> opening;

@@ -23,8 +23,8 @@ namespace {
 constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
 constexpr int k_share_side = 32;  // camera rays along each side of the film (diffuse_share)
 constexpr int k_fewest_directions = 8, k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
-// In pictures of fewer light samples a pixel the errors of the least maps, and of coarse ones, hardly show beside the
-// noise.
+// In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
+// beside the noise.
 constexpr uint64_t k_few_samples = 4, k_coarse_samples = 8;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
@@ -51,12 +51,13 @@ float slack_of(const RenderOptions& options, const SkyRequest& request, bool can
 
 // Where finer ones cost too much. `given`: of --tolerance or the default, in units of that.
 int least_directions(float given, uint64_t samples) {
-  return given >= 1.0f && samples < k_few_samples ? k_fewest_directions : k_coarse_directions;
+  return given >= 1.0f && samples < k_coarse_samples ? k_fewest_directions : k_coarse_directions;
 }
 
 int wanted_directions(bool crowd, float given, uint64_t samples) {
   // A crowd's cells read several objects each.
-  if (crowd || (given >= 1.0f && samples == 1)) return least_directions(given, samples);
+  if (given >= 1.0f && samples < (crowd ? k_few_samples : 2)) return k_fewest_directions;
+  if (crowd) return k_coarse_directions;
   if (given >= k_coarse_tolerance || (given >= 1.0f && samples < k_coarse_samples)) return k_coarse_directions;
   return given <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
 }

@@ -78,8 +78,11 @@ bool is_apart(const PlaneLines& plane, float height, const Sphere& ball) {
   return std::abs(height) > ball.radius + height_error(plane, ball);
 }
 
-// Whether a flat object that point i is on lies in the plane, which then hides nothing from it. object: encloses it.
-bool holds(const PlaneLines& plane, const Sphere& object, const ShadingPointBatch& points, size_t i) {
+// Whether a flat object that point i is on lies in the plane of a flat occluder, which then hides nothing from it.
+// object: encloses the former.
+bool holds(const SkyOccluder& occluder, const Sphere& object, const ShadingPointBatch& points, size_t i) {
+  PlaneLines plane = {};
+  std::copy_n(occluder.height, 4, plane.height);
   const Vec3 normal(plane.height[0], plane.height[1], plane.height[2]);
   const float rise = glm::length(glm::cross(normal, points.geometric_normal(i))) * object.radius;
   return std::abs(height_of(plane, points.position(i))) + rise <= height_error(plane, object) + points.error[i];
@@ -278,7 +281,7 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
       if ((o.kind == SkyOccluder::Kind::plane) != planes) continue;
       // Nothing is known of a ball's inside, not even to points on the object.
       if (&o == &self && (o.kind != SkyOccluder::Kind::ball || o.is_flat)) continue;
-      if (planes && self.is_flat && holds(plane_lines(o, Vec3(0.0f)), self.ball, points, 0)) continue;
+      if (o.is_flat && self.is_flat && holds(o, self.ball, points, 0)) continue;
       if (is_reached(o)) add(o);
     }
   }

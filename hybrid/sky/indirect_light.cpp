@@ -59,12 +59,12 @@ void seen_sides(const Scene& scene, std::span<const SkyOccluder> all, const SkyO
   }
 }
 
-// The part of a plane about objects.
-PlaneWindow object_window(std::span<const SkyOccluder> all, const SkyOccluder& plane) {
+// The part of a plane about objects and, if wanted, about smaller planes.
+PlaneWindow object_window(std::span<const SkyOccluder> all, const SkyOccluder& plane, bool with_planes) {
   PlaneWindow window{Vec2(1.0f), Vec2(-1.0f)};
   const float reach_x = glm::length(row_of(plane.to_unit, 0)), reach_y = glm::length(row_of(plane.to_unit, 1));
   for (const SkyOccluder& o : all) {
-    if (o.kind == SkyOccluder::Kind::plane) continue;
+    if (o.kind == SkyOccluder::Kind::plane && !(with_planes && o.ball.radius < plane.ball.radius)) continue;
     const Vec3 at = transform_by(plane.to_unit, o.ball.centre);
     const float radius = k_window_reach * o.ball.radius;
     if (std::abs(at.z) > radius) continue;
@@ -125,6 +125,10 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
           std::make_shared<const Surfels>(make_surfels(accel, mapped.shapes[k], size.directions, size.texels));
     }
     own.surfels = of_mapped[k];
+    if (own.surfels->points.empty()) {
+      others_.push_back(o.ball);
+      continue;
+    }
     own.pyramids = std::make_unique<RadiancePyramids>(size.texels, 2 * size.directions * size.directions);
     own.view = own.pyramids->view();
   }
@@ -137,9 +141,13 @@ void IndirectLight::add_plane(const Scene& scene, const Accel& accel, const Para
   bool sides[2];
   seen_sides(scene, maps_.occluders(), o, sides);
   std::vector<PlaneWindow> windows(1);
-  const PlaneWindow about_objects = object_window(maps_.occluders(), o);
-  const Vec2 size = glm::max(about_objects.upper - about_objects.lower, Vec2(0.0f));
-  if (size.x * size.y > 0.0f && 0.25f * size.x * size.y < k_largest_window) windows.push_back(about_objects);
+  for (const bool with_planes : {true, false}) {
+    const PlaneWindow about_objects = object_window(maps_.occluders(), o, with_planes);
+    const Vec2 size = glm::max(about_objects.upper - about_objects.lower, Vec2(0.0f));
+    if (!(size.x * size.y > 0.0f && 0.25f * size.x * size.y < k_largest_window)) continue;
+    windows.push_back(about_objects);
+    break;
+  }
   const DAffine to_world(instance.to_world);
   // The side that heights are positive on: mirrored transforms exchange the sides.
   const bool mirrored = glm::determinant(DMat3(to_world[0], to_world[1], to_world[2])) < 0.0;

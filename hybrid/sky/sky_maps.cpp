@@ -57,6 +57,33 @@ bool is_bent(const TriangleMesh& mesh) {
   return false;
 }
 
+// A flat shape's plane, in object space.
+struct ShapePlane {
+  DVec3 point = DVec3(0.0), x = DVec3(1.0, 0.0, 0.0), y = DVec3(0.0, 1.0, 0.0);  // x and y lie in it
+};
+
+// That of the largest triangle; of disks and rectangles the plane z = 0.
+ShapePlane plane_of(const Shape& shape) {
+  ShapePlane plane;
+  double largest = -1.0;
+  for (const UVec3& t : shape.mesh.triangles) {
+    const DVec3 point(shape.mesh.positions[t.x]);
+    const DVec3 x = DVec3(shape.mesh.positions[t.y]) - point, y = DVec3(shape.mesh.positions[t.z]) - point;
+    const double area = glm::length(glm::cross(x, y));
+    if (area > largest) largest = area, plane = {point, x, y};
+  }
+  return plane;
+}
+
+void write_height(const ShapePlane& plane, const Affine& to_world, float height[4]) {
+  const DMat3 linear = linear_part(to_world);
+  const DVec3 n = glm::cross(linear * plane.x, linear * plane.y);
+  if (!(glm::length(n) > 0.0)) return;
+  const DVec3 unit = glm::normalize(n);
+  for (int a = 0; a < 3; ++a) height[a] = float(unit[a]);
+  height[3] = float(-glm::dot(unit, linear * plane.point + DVec3(to_world[3])));
+}
+
 // The lower one of two; infinite of none.
 float median(std::vector<float> values) {
   if (values.empty()) return k_infinity;
@@ -86,6 +113,10 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
   for (size_t s = 0; s < scene.shapes.size(); ++s) bent.push_back(traits[s].is_flat && is_bent(scene.shapes[s].mesh));
   std::vector<std::optional<Parallelogram>> planes;  // by shape, as many instances may share one
   for (size_t s = 0; s < scene.shapes.size(); ++s) planes.push_back(parallelogram(scene.shapes[s], traits[s]));
+  std::vector<ShapePlane> flat;  // by shape, of those that are
+  for (size_t s = 0; s < scene.shapes.size(); ++s) {
+    flat.push_back(traits[s].is_flat ? plane_of(scene.shapes[s]) : ShapePlane());
+  }
   for (uint32_t i = 0; i < occluders_.size(); ++i) {
     const Instance& instance = scene.instances[i];
     SkyOccluder& o = occluders_[i];
@@ -93,6 +124,7 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     o.is_flat = traits[instance.shape].is_flat;
     o.is_bent = bent[instance.shape] != 0;
     o.ball = world_ball(instance, balls[instance.shape]);
+    if (o.is_flat) write_height(flat[instance.shape], instance.to_world, o.height);
     if (const auto& plane = planes[instance.shape]) {
       o.kind = SkyOccluder::Kind::plane;
       // In world space: a shear gives the image of the plane another normal.

@@ -40,6 +40,7 @@ struct SkyOccluder {
   Sphere ball;             // encloses it
   float half_map = 0.0f;   // half the world extent of its maps
   float to_unit[12] = {};  // world to unit space of the maps, or to the plane's coordinates; columns
+  float height[4] = {};    // of a flat one: world to the distance from its plane; 0 if it has no area
   // Columns: axes of the maps' grid in world space, orthonormal, may mirror; those of the world where there are no
   // maps.
   Mat3 grid = Mat3(1.0f);

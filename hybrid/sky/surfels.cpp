@@ -15,21 +15,32 @@ constexpr int k_voxels = 32, k_faces = 6;  // the former a power of two
 constexpr int k_most_layers = 8;
 constexpr float k_beyond = 1e-4f;
 
+// A closed surface is met by lines from one side first and from the other last. The share of lines that may meet it
+// otherwise: at edges and small holes.
+constexpr float k_most_unlike_closed = 0.02f;
+
 // What lines of one direction meet.
 struct Met {
   SurfaceSpot spot;
   Vec3 normal;       // unit, towards the line's beginning
   uint32_t key;      // of voxel and face
   float off_centre;  // squared distance from the voxel's middle, unit space
+  bool is_first, is_front;
 };
 struct DirectionHits {
   std::vector<Met> met;
-  std::vector<uint32_t> first, last;  // by texel: index into met, or k_none
+  // By texel: index into met, or k_none.
+  std::vector<uint32_t> first, last_front, last_back;
 };
+
+// Which sides of a closed surface lie outside.
+enum class Outside { fronts, backs, unknown };
+
+bool is_seen(const Met& met, Outside outside) { return met.is_first || met.is_front == (outside == Outside::fronts); }
 
 // `unit`, `normal`: in the space of the shape's ball.
 Met meet(const Vec3& unit, const Vec3& normal, uint32_t primitive, const MappedShape& shape, const DMat3& to_object) {
-  Met met;
+  Met met = {};
   met.spot = {Vec3(to_object * DVec3(shape.ball.centre + unit * shape.ball.radius)), primitive};
   met.normal = Vec3(glm::normalize(shape.stretch * DVec3(normal)));  // by the inverse transpose of to_object
   const Vec3 place = (unit + 1.0f) * (0.5f * float(k_voxels));
@@ -60,7 +71,7 @@ DirectionHits hits_along(const Accel& accel, const MappedShape& shape, const DMa
   const auto in_object = [&](const Vec3& v) { return Vec3(to_object * DVec3(v)); };
   DirectionHits result;
   result.first.assign(size_t(texels) * size_t(texels), k_none);
-  result.last = result.first;
+  result.last_front = result.last_back = result.first;
   std::vector<SurfaceLine> lines, going_on;
   for (int i = 0; i < texels * texels; ++i) {
     const auto line = line_of_texel(frame, i % texels, i / texels, texels);
@@ -85,20 +96,37 @@ DirectionHits hits_along(const Accel& accel, const MappedShape& shape, const DMa
       const Vec3 n(glm::transpose(to_object) * DVec3(hits.nx[r], hits.ny[r], hits.nz[r]));
       const float length = glm::length(n), along = glm::dot(n, frame.c);
       const auto index = uint32_t(result.met.size());
-      const bool is_first = result.first[line.texel] == k_none;
-      if (is_first) result.first[line.texel] = index;
-      if (is_first || along < 0.0f) {
-        result.last[line.texel] = index;
-        const Vec3 unit = length > 0.0f ? n / length : -frame.c;
-        result.met.push_back(
-            meet(line.entry + frame.c * line.at, along > 0.0f ? -unit : unit, hits.primitive[r], shape, to_object));
-      }
+      const Vec3 unit = length > 0.0f ? n / length : -frame.c;
+      Met met = meet(line.entry + frame.c * line.at, along > 0.0f ? -unit : unit, hits.primitive[r], shape, to_object);
+      met.is_first = result.first[line.texel] == k_none;
+      met.is_front = along < 0.0f;
+      if (met.is_first) result.first[line.texel] = index;
+      (met.is_front ? result.last_front : result.last_back)[line.texel] = index;
+      result.met.push_back(met);
       line.at += k_beyond;
       if (line.at < line.length) going_on.push_back(line);
     }
     lines.swap(going_on);
   }
   return result;
+}
+
+// Where lines meet no more than one surface it does not matter.
+Outside outside_of(std::span<const DirectionHits> hits) {
+  size_t lines = 0, several = 0, by_front = 0, by_back = 0;
+  for (const DirectionHits& d : hits) {
+    for (size_t t = 0; t < d.first.size(); ++t) {
+      if (d.first[t] == k_none) continue;
+      const uint32_t front = d.last_front[t], back = d.last_back[t];
+      ++lines;
+      several += d.first[t] != (front == k_none ? back : back == k_none ? front : std::max(front, back));
+      if (front == k_none || back == k_none) continue;
+      (d.met[d.first[t]].is_front ? by_front : by_back) += d.met[d.first[t]].is_front == (back > front);
+    }
+  }
+  const auto most = size_t(k_most_unlike_closed * float(lines));
+  if (several <= most || by_front + most >= lines) return Outside::fronts;
+  return by_back + most >= lines ? Outside::backs : Outside::unknown;
 }
 
 }  // namespace
@@ -110,10 +138,14 @@ Surfels make_surfels(const Accel& accel, const MappedShape& shape, int direction
     const CellFrame frame = cell_frame(int(i) / directions, int(i) % directions, directions);
     hits[i] = hits_along(accel, shape, to_object, frame, texels);
   });
+  const Outside outside = outside_of(hits);
+  if (outside == Outside::unknown) return {};
   constexpr size_t k_keys = size_t(k_voxels) * k_voxels * k_voxels * k_faces;
   std::vector<uint32_t> of_key(k_keys, k_none);
   for (const DirectionHits& of_direction : hits) {
-    for (const Met& met : of_direction.met) of_key[met.key] = 0;
+    for (const Met& met : of_direction.met) {
+      if (is_seen(met, outside)) of_key[met.key] = 0;
+    }
   }
   uint32_t count = 0;
   for (uint32_t& point : of_key) {
@@ -127,6 +159,7 @@ Surfels make_surfels(const Accel& accel, const MappedShape& shape, int direction
   std::vector<float> off_centre(count, k_infinity);
   for (const DirectionHits& of_direction : hits) {
     for (const Met& met : of_direction.met) {
+      if (!is_seen(met, outside)) continue;
       const size_t point = of_key[met.key];
       SurfaceSpot* const spots = &result.reflectance_spots[point * size_t(Surfels::k_reflectance_spots)];
       if (counts[point] == 0) std::fill_n(spots, Surfels::k_reflectance_spots, met.spot);
@@ -137,10 +170,11 @@ Surfels make_surfels(const Accel& accel, const MappedShape& shape, int direction
     }
   }
   for (const DirectionHits& of_direction : hits) {
-    for (const std::vector<uint32_t>* seen : {&of_direction.first, &of_direction.last}) {
-      for (const uint32_t i : *seen) {
-        result.texels.push_back(i == k_none ? k_none : of_key[of_direction.met[i].key]);
-      }
+    const auto point_of = [&](uint32_t i) { return i == k_none ? k_none : of_key[of_direction.met[i].key]; };
+    for (const uint32_t i : of_direction.first) result.texels.push_back(point_of(i));
+    for (size_t t = 0; t < of_direction.first.size(); ++t) {
+      const uint32_t last = (outside == Outside::fronts ? of_direction.last_front : of_direction.last_back)[t];
+      result.texels.push_back(point_of(last == k_none ? of_direction.first[t] : last));
     }
   }
   return result;

@@ -35,7 +35,8 @@ struct Surfels {
 
 // Of a shape: those that parallel lines through the T x T texels of each cell of D x D directions
 // meet, merged by voxels and the main axis of their normals. Pyramid 2 i + s: seen along direction i, what a line meets
-// first (s = 0), and the last that it meets from the front (1).
+// first (s = 0), and the last that it meets from outside (1). Nothing where it is unknown which sides lie outside: of
+// cups and sheets with folds, from whose insides a line's last surface is another.
 Surfels make_surfels(const Accel& accel, const MappedShape& shape, int directions, int texels);
 
 // A rectangle of a parallelogram's coordinates.

@@ -117,6 +117,70 @@ TEST(IndirectLight, OfManyBouncesIsNearMonteCarlo) {
   expect_near_monte_carlo(s.scene, 48, 0.035, 0.01, 0.04);
 }
 
+TriangleMesh turned_inside_out(TriangleMesh mesh) {
+  for (UVec3& t : mesh.triangles) std::swap(t.y, t.z);
+  for (Vec3& n : mesh.normals) n = -n;
+  return mesh;
+}
+
+// What a closed surface sends to itself does not depend on its winding, and what an open one does not on its sides.
+TEST(IndirectLight, OfAnyWindingIsNearMonteCarlo) {
+  const TriangleMesh knot = make_knot({.along = 192, .around = 16}),
+                     vase = make_hyperboloid({.around = 48, .along = 24});
+  for (const TriangleMesh& mesh : {turned_inside_out(knot), vase, turned_inside_out(vase)}) {
+    Corner s(48, -1);
+    const uint32_t shape = s.mesh(mesh);
+    s.instance(shape, s.grey, placed({1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-0.3f, 0.3f, 0.9f}));
+    s.light(EmitterKind::constant, Rgb(1.0f));
+    RenderOptions o = options_for(s.scene, Method::hybrid, 48, 64);
+    const Image estimate = render(s.scene, o).image;
+    o.method = Method::monte_carlo;
+    o.spp = 1024;
+    o.seed = 7;
+    const Difference d = difference(estimate, render(s.scene, o).image);
+    EXPECT_LT(d.rmse, 0.035);
+    EXPECT_LT(std::abs(d.bias), 0.01);
+    EXPECT_LT(d.worst_block, 0.04);
+  }
+}
+
+// A floor far wider than what casts the only shadow on it knows its light finely enough there.
+TEST(IndirectLight, TablesShadeWideFloors) {
+  SceneMaker s;
+  s.scene.camera.to_world = look_at({2.5f, 2.0f, 1.2f}, {0, 0, 0.4f}, {0, 0, 1});
+  s.film(k_film, k_film);
+  s.scene.camera.fov_x_degrees = film_degrees(std::tan(0.5 * 50.0 * M_PI / 180.0), 48);
+  s.scene.integrator.max_depth = 3;
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.7f)), square = s.shape(ShapeKind::rectangle);
+  s.scene.bsdfs[grey].two_sided = true;
+  s.instance(square, grey, placed({100, 0, 0}, {0, 100, 0}, {0, 0, 1}, {0, 0, 0}));
+  s.instance(square, grey, placed({1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, 0.6f}));
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  expect_near_monte_carlo(s.scene, 48, 0.03, 0.004, 0.02);
+}
+
+// Parts of a large ground lie before an object and parts behind it: paths answer.
+TEST(IndirectLight, OnALargeGroundIsNearMonteCarlo) {
+  SceneMaker s;
+  s.scene.camera.to_world = look_at({13.0f, 4.0f, 3.0f}, {8, 0, 0.8f}, {0, 0, 1});
+  s.film(k_film, k_film);
+  s.scene.camera.fov_x_degrees = film_degrees(std::tan(0.5 * 40.0 * M_PI / 180.0), 48);
+  s.scene.integrator.max_depth = 3;
+  const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.8f)), dark = s.bsdf(BsdfKind::diffuse, Rgb(0.05f));
+  for (const uint32_t b : {white, dark}) s.scene.bsdfs[b].two_sided = true;
+  const uint32_t ball = s.shape(ShapeKind::sphere);
+  s.instance(s.shape(ShapeKind::disk), white, placed({20, 0, 0}, {0, 20, 0}, {0, 0, 1}, {0, 0, 0}));
+  s.instance(ball, white, placed({0.5f, 0, 0}, {0, 0.5f, 0}, {0, 0, 0.5f}, {8, 0, 1.5f}));
+  s.instance(ball, dark, placed({1, 0, 0}, {0, 1, 0}, {0, 0, 0.1f}, {8, 0, 0.7f}));
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, 48, 64);
+  const Image estimate = render(s.scene, o).image;
+  o.method = Method::monte_carlo;
+  o.spp = 1024;
+  o.seed = 7;
+  EXPECT_LT(difference(estimate, render(s.scene, o).image).worst_block, 0.06);
+}
+
 // Each bounce leaves nearly all: without an end, and with one beyond the bounces that are shaded.
 class WhiteRoom : public testing::TestWithParam<int> {};
 TEST_P(WhiteRoom, IsNearMonteCarlo) {

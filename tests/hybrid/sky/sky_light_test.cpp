@@ -680,6 +680,36 @@ TEST(SkyLight, OfRectanglesInOnePlaneIsNearMonteCarlo) {
   EXPECT_LT(std::sqrt(squares / double(k_size * k_size)), k_object_error);
 }
 
+// Pieces of a floor hide nothing from one another, whatever their shape: nor where they meet.
+TEST(SkyLight, OfAFloorOfPiecesIsEven) {
+  constexpr int k_size = 40;
+  SceneMaker s;
+  s.film(k_size, k_size);
+  s.scene.camera.to_world = look_at({1.2f, -2.0f, 3.0f}, {0, 0, 0}, {0, 0, 1});
+  s.scene.camera.fov_x_degrees = 40.0f;
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.6f));
+  s.scene.bsdfs[grey].two_sided = true;
+  constexpr int k_pieces = 7;
+  for (int i = 0; i < k_pieces; ++i) {
+    const auto corner = [&](int k) {
+      const float a = 2.0f * k_pi * float(k) / float(k_pieces);
+      return Vec3(5.0f * std::cos(a), 5.0f * std::sin(a), 0);
+    };
+    TriangleMesh piece;
+    piece.positions = {{0.1f, 0.2f, 0}, corner(i), corner(i + 1)};
+    piece.triangles = {{0, 1, 2}};
+    s.instance(s.mesh(piece), grey, Affine(1.0f));
+  }
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o;
+  o.method = Method::hybrid;
+  o.spp = 64;
+  o.directions = 32;  // maps at any cost
+  const RenderResult r = render(s.scene, o);
+  EXPECT_GT(r.stats.bake_rays, 0u);
+  for (size_t i = 0; i < r.image.data.size(); i += r.image.channel_count()) EXPECT_NEAR(r.image.data[i], 0.6f, 0.002f);
+}
+
 // Areas alone do not tell a square from a triangle with a back.
 TEST(SkyMaps, TrianglesWithABackAreNoParallelograms) {
   TriangleMesh leaf;
