@@ -6,6 +6,7 @@
 
 #include <cerrno>
 #include <chrono>
+#include <cmath>
 #include <cstring>
 #include <thread>
 
@@ -36,7 +37,10 @@ FileLock::FileLock(const std::string& path, LockWait wait, double most_seconds) 
     close(file_);
     file_ = -1;
     if (is_taken && wait == LockWait::none) return;
-    if (is_taken) throw Error({path}, "is locked by another program, which does not go on (let it, or end it)");
+    if (is_taken) {
+      throw Error({path}, "has been locked by other programs for " + std::to_string(std::lround(most_seconds)) +
+                              " seconds (if one is stopped, let it go on or end it)");
+    }
     throw Error({path}, std::string("cannot be locked: ") + std::strerror(reason) +
                             " (choose a folder on a file system with locks)");
   }

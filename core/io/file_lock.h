@@ -11,8 +11,8 @@ namespace fieldtrace {
 
 enum class LockWait { until_free, none };
 
-// Longer than any program that is not stopped holds a lock.
-inline constexpr double k_longest_lock_wait = 60.0;  // seconds
+// Longer than programs that are not stopped hold a lock, one after the other.
+inline constexpr double k_longest_lock_wait = 600.0;  // seconds
 
 class FileLock {
  public:

@@ -680,6 +680,22 @@ TEST(SkyLight, OfRectanglesInOnePlaneIsNearMonteCarlo) {
   EXPECT_LT(std::sqrt(squares / double(k_size * k_size)), k_object_error);
 }
 
+// The fewer samples and pixels, the fewer directions.
+TEST(SkyLight, FewSamplesHaveTheLeastMaps) {
+  SkyScene s(Sky::constant, 512, k_coarse);
+  s.object(supershape(), placed(Mat3(0.6f), {0, 0, 0.65f}));
+  const auto directions = [&](int size, int spp) {
+    s.film(size, size);
+    RenderOptions o = options_for(s.scene, Method::hybrid, size, spp, 1);
+    o.crop = Rect{0, 0, 4, 4};
+    return render(s.scene, o).stats.sky_directions;
+  };
+  EXPECT_EQ(directions(1024, 1), 8);
+  EXPECT_EQ(directions(1024, 4), 16);
+  EXPECT_EQ(directions(1024, 8), 32);
+  EXPECT_EQ(directions(80, 4), 8);
+}
+
 // Pieces of a floor hide nothing from one another, whatever their shape: nor where they meet.
 TEST(SkyLight, OfAFloorOfPiecesIsEven) {
   constexpr int k_size = 40;
