@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "field/store/field.h"
 #include "hybrid/indirect/indirect_bounces.h"
 #include "hybrid/path/patch_vertex.h"
 #include "hybrid/transport/transport.h"
@@ -40,15 +41,11 @@ IndirectSize choose_size(size_t occluders) {
 // space, or an object's centre in the ball of a much larger one, such as a ground's. Maps know objects from without,
 // and which of two comes first by their centres.
 bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits) {
-  std::vector<Vec3> centres;
-  std::vector<Sphere> balls;
+  std::vector<Sphere> balls;  // about their boxes
   for (const Instance& i : scene.instances) {
-    const Shape& shape = scene.shapes[i.shape];
-    centres.push_back(transform_point(i.to_world, shape.bounds.centre()));
-    const Bounds3 box = world_bounds(shape.bounds, i.to_world);
-    balls.push_back({box.centre(), 0.5f * glm::length(box.diagonal())});
+    balls.push_back(field_ball(world_bounds(scene.shapes[i.shape].bounds, i.to_world)));
   }
-  for (size_t k = 0; k < centres.size(); ++k) {
+  for (size_t k = 0; k < balls.size(); ++k) {
     const Instance& instance = scene.instances[k];
     const ShapeTraits& of = traits[instance.shape];
     if (parallelogram(scene.shapes[instance.shape], of)) continue;
@@ -58,13 +55,11 @@ bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits) {
       return !of.is_flat && glm::all(glm::lessThan(box.lower, at)) && glm::all(glm::lessThan(at, box.upper));
     };
     if (is_within(scene.camera.to_world[3])) return true;
-    for (size_t other = 0; other < centres.size(); ++other) {
-      if (other == k) continue;
+    for (size_t other = 0; other < balls.size(); ++other) {
+      const Vec3& centre = balls[other].centre;
       const bool is_small = balls[other].radius * k_much_larger < balls[k].radius;
-      if (is_within(centres[other]) ||
-          (is_small && glm::distance(balls[other].centre, balls[k].centre) < balls[k].radius)) {
-        return true;
-      }
+      const bool is_in_ball = glm::distance(centre, balls[k].centre) < balls[k].radius;
+      if (other != k && (is_within(centre) || (is_small && is_in_ball))) return true;
     }
   }
   return false;

@@ -24,6 +24,13 @@ float film_degrees(double tangent, int window) {
   return float(2.0 * std::atan(tangent * k_film / window) * 180.0 / M_PI);
 }
 
+// Looks with z up at a film whose window in the middle sees `degrees`.
+void set_view(Scene& scene, const Vec3& from, const Vec3& at, double degrees, int window, int depth) {
+  scene.camera.to_world = look_at(from, at, {0, 0, 1});
+  scene.camera.fov_x_degrees = film_degrees(std::tan(0.5 * degrees * M_PI / 180.0), window);
+  scene.integrator.max_depth = depth;
+}
+
 Affine placed(const Vec3& x, const Vec3& y, const Vec3& z, const Vec3& at) { return Affine(x, y, z, at); }
 
 // A corner of a floor and two walls, of which one is mirrored, with a turned and mirrored knot and a sphere.
@@ -31,10 +38,8 @@ struct Corner : SceneMaker {
   uint32_t grey, red;
 
   explicit Corner(int window, int depth) {
-    scene.camera.to_world = look_at({4.5f, 3.6f, 3.2f}, {-0.4f, -0.4f, 0.7f}, {0, 0, 1});
     film(k_film, k_film);
-    scene.camera.fov_x_degrees = film_degrees(std::tan(0.5 * 36.0 * M_PI / 180.0), window);
-    scene.integrator.max_depth = depth;
+    set_view(scene, {4.5f, 3.6f, 3.2f}, {-0.4f, -0.4f, 0.7f}, 36.0, window, depth);
     grey = bsdf(BsdfKind::diffuse, Rgb(0.7f));
     red = bsdf(BsdfKind::diffuse, Rgb(0.8f, 0.3f, 0.2f));
     for (const uint32_t b : {grey, red}) scene.bsdfs[b].two_sided = true;
@@ -150,10 +155,8 @@ TEST(IndirectLight, OfAnyWindingIsNearMonteCarlo) {
 // A floor far wider than what casts the only shadow on it knows its light finely enough there.
 TEST(IndirectLight, TablesShadeWideFloors) {
   SceneMaker s;
-  s.scene.camera.to_world = look_at({2.5f, 2.0f, 1.2f}, {0, 0, 0.4f}, {0, 0, 1});
   s.film(k_film, k_film);
-  s.scene.camera.fov_x_degrees = film_degrees(std::tan(0.5 * 50.0 * M_PI / 180.0), 48);
-  s.scene.integrator.max_depth = 3;
+  set_view(s.scene, {2.5f, 2.0f, 1.2f}, {0, 0, 0.4f}, 50.0, 48, 3);
   const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.7f)), square = s.shape(ShapeKind::rectangle);
   s.scene.bsdfs[grey].two_sided = true;
   s.instance(square, grey, placed({100, 0, 0}, {0, 100, 0}, {0, 0, 1}, {0, 0, 0}));
@@ -165,10 +168,8 @@ TEST(IndirectLight, TablesShadeWideFloors) {
 // Parts of a large ground lie before an object and parts behind it: paths answer.
 TEST(IndirectLight, OnALargeGroundIsNearMonteCarlo) {
   SceneMaker s;
-  s.scene.camera.to_world = look_at({13.0f, 4.0f, 3.0f}, {8, 0, 0.8f}, {0, 0, 1});
   s.film(k_film, k_film);
-  s.scene.camera.fov_x_degrees = film_degrees(std::tan(0.5 * 40.0 * M_PI / 180.0), 48);
-  s.scene.integrator.max_depth = 3;
+  set_view(s.scene, {13.0f, 4.0f, 3.0f}, {8, 0, 0.8f}, 40.0, 48, 3);
   const uint32_t white = s.bsdf(BsdfKind::diffuse, Rgb(0.8f)), dark = s.bsdf(BsdfKind::diffuse, Rgb(0.05f));
   for (const uint32_t b : {white, dark}) s.scene.bsdfs[b].two_sided = true;
   const uint32_t ball = s.shape(ShapeKind::sphere);
