@@ -62,6 +62,10 @@ typedef void (*FTErrorCallback)(void* user, FTError code, const char* message);
 /* `share` of the work done, in [0, 1]. Returns 0 to cancel. From one thread at a time, not always the caller's. */
 typedef int (*FTProgressCallback)(void* user, double share);
 
+/* What a scene file says and is rendered otherwise, or what a call had to leave out: text, with file and line where it
+ * has them, that is valid during the call. From one thread at a time, not always the caller's. */
+typedef void (*FTWarningCallback)(void* user, const char* message);
+
 /* ---- Devices: threads, errors, callbacks ---- */
 
 /* 10000 major + 100 minor + patch of the library that runs. */
@@ -77,6 +81,9 @@ FT_API FTError ftGetDeviceError(FTDevice device, const char** message);
 FT_API FTError ftSetDeviceErrorCallback(FTDevice device, FTErrorCallback callback, void* user);
 /* For ftBakeFields() and ftRender*(). */
 FT_API FTError ftSetDeviceProgressCallback(FTDevice device, FTProgressCallback callback, void* user);
+
+/* For ftLoadScene() and ftRender*(): without it their warnings are lost. */
+FT_API FTError ftSetDeviceWarningCallback(FTDevice device, FTWarningCallback callback, void* user);
 
 /* ---- Scenes ---- */
 

@@ -11,6 +11,8 @@
 #include <array>
 #include <mutex>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "fieldtrace/fieldtrace.hpp"
 #include "long_call.h"
@@ -65,11 +67,35 @@ Column<T> values(const std::optional<Values<T>>& a, const char* name, size_t cou
 using Columns = std::optional<std::array<float, 12>>;
 using Triple = std::array<float, 3>;
 
+// The warnings of a device's calls that nobody has taken yet.
+class Warnings {
+ public:
+  explicit Warnings(FTDevice device) { ft::check(ftSetDeviceWarningCallback(device, &add, this), device); }
+  Warnings(const Warnings&) = delete;
+  Warnings& operator=(const Warnings&) = delete;
+
+  std::vector<std::string> take() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(messages_, {});
+  }
+
+ private:
+  static void add(void* user, const char* message) {
+    Warnings& of = *static_cast<Warnings*>(user);
+    const std::lock_guard lock(of.mutex_);
+    of.messages_.emplace_back(message);
+  }
+
+  std::mutex mutex_;
+  std::vector<std::string> messages_;
+};
+
 // A scene and the device that is its own.
 class Scene {
  public:
-  explicit Scene(uint32_t threads) : device_(threads), scene_(device_) {}
-  Scene(uint32_t threads, const std::string& path) : device_(threads), scene_(device_, path) {}
+  explicit Scene(uint32_t threads) : device_(threads), warnings_(device_.get()), scene_(device_) {}
+  Scene(uint32_t threads, const std::string& path)
+      : device_(threads), warnings_(device_.get()), scene_(device_, path) {}
 
   FTScene get() const { return scene_.get(); }
   void check(FTError code) const { scene_.check(code); }
@@ -87,9 +113,11 @@ class Scene {
   // Held where the picture's size must stay as it is, or changes. Never together with the GIL, which others may need
   // to go on.
   std::mutex& size_mutex() { return size_mutex_; }
+  std::vector<std::string> take_warnings() { return warnings_.take(); }
 
  private:
   ft::Device device_;
+  Warnings warnings_;
   ft::Scene scene_;
   LongCalls long_calls_;
   std::mutex size_mutex_;
@@ -274,6 +302,13 @@ NB_MODULE(_core, m) {
              std::array<double, 3> origin = {};
              s.call(ftGetSceneOrigin, origin.data());
              return nb::make_tuple(origin[0], origin[1], origin[2]);
+           })
+      .def("take_warnings",
+           [](Scene& s) {
+             nb::list messages;  // bytes: they may name files whose names are no UTF-8
+             for (const std::string& message : s.take_warnings())
+               messages.append(nb::bytes(message.data(), message.size()));
+             return messages;
            })
       .def("commit", [](const Scene& s) { s.call(ftCommitScene); })
       .def(

@@ -15,7 +15,7 @@
 
 namespace fieldtrace {
 
-FileLock::FileLock(const std::string& path, LockWait wait, double most_seconds) {
+FileLock::FileLock(const std::string& path, LockWait wait, double most_seconds, const std::atomic<bool>* stop) {
   file_ = open(path.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
   // Another user's, perhaps: locks need no right to write.
   const int refused = errno;
@@ -30,7 +30,9 @@ FileLock::FileLock(const std::string& path, LockWait wait, double most_seconds) 
     const int reason = errno;
     if (reason == EINTR) continue;
     const bool is_taken = reason == EWOULDBLOCK;
-    if (is_taken && wait == LockWait::until_free && seconds_since(begin) < most_seconds) {
+    const bool stopped = stop && stop->load(std::memory_order_relaxed);
+    const double waited = seconds_since(begin);
+    if (is_taken && wait == LockWait::until_free && !stopped && waited < most_seconds) {
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
       continue;
     }
@@ -38,7 +40,7 @@ FileLock::FileLock(const std::string& path, LockWait wait, double most_seconds) 
     file_ = -1;
     if (is_taken && wait == LockWait::none) return;
     if (is_taken) {
-      throw Error({path}, "has been locked by other programs for " + std::to_string(std::lround(most_seconds)) +
+      throw Error({path}, "has been locked by other programs for " + std::to_string(std::lround(waited)) +
                               " seconds (if one is stopped, let it go on or end it)");
     }
     throw Error({path}, std::string("cannot be locked: ") + std::strerror(reason) +

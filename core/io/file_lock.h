@@ -5,6 +5,7 @@
 // would let two holders in.
 #pragma once
 
+#include <atomic>
 #include <string>
 
 namespace fieldtrace {
@@ -17,9 +18,10 @@ inline constexpr double k_longest_lock_wait = 600.0;  // seconds
 class FileLock {
  public:
   // Takes the lock on `path`, which is created empty if it does not exist. Waits for it or, with LockWait::none, only
-  // tries once. Throws Error if the file cannot be locked, or not within this time.
+  // tries once. Throws Error if the file cannot be locked, or not within this time or before `stop` (may be null) is
+  // set.
   explicit FileLock(const std::string& path, LockWait wait = LockWait::until_free,
-                    double most_seconds = k_longest_lock_wait);
+                    double most_seconds = k_longest_lock_wait, const std::atomic<bool>* stop = nullptr);
   ~FileLock();
   FileLock(const FileLock&) = delete;
   FileLock& operator=(const FileLock&) = delete;

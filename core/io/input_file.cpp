@@ -15,6 +15,11 @@ bool is_special_file(const std::string& path) {
   return fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status);
 }
 
+bool is_folder(const std::string& path) {
+  std::error_code ignored;
+  return fs::is_directory(path, ignored);
+}
+
 uint64_t require_regular_file(const std::string& path) {
   if (is_special_file(path)) throw Error({path}, k_special_file_message);
   std::error_code failed;

@@ -10,6 +10,8 @@ namespace fieldtrace {
 
 // Whether `path` exists and is neither a regular file nor a folder. Links are followed.
 bool is_special_file(const std::string& path);
+// Whether the path is one of a folder, as far as this program may see.
+bool is_folder(const std::string& path);
 
 // Size in bytes of the file at `path`. Throws Error naming it unless it is a regular file, or if it is larger than the
 // machine's memory, since callers read all of it.

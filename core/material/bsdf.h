@@ -42,8 +42,8 @@ struct Material {
   bool absorbs() const { return dark && !masked(); }
   // A single cosine lobe.
   bool plain_diffuse() const { return kind == BsdfKind::diffuse && !masked(); }
-  // A diffuse body under an interface that reflects as well.
-  bool coated_diffuse() const { return is_plastic(kind) && !masked(); }
+  // A diffuse body under an interface that reflects as well, and that CoatedBody fits.
+  bool coated_diffuse() const { return !masked() && is_coated_diffuse(kind, relative_ior, rough_transmittance); }
   // Sampling several directions at one point reduces noise beyond what light samples achieve.
   bool glossy() const { return kind != BsdfKind::diffuse && kind != BsdfKind::conductor; }
   // sample_bsdf chooses between lobes and so needs u_lobe.
@@ -89,6 +89,8 @@ struct CoatedBody {
   float grazing = 0.0f;
 };
 CoatedBody coated_body(const Material& material, float cos_wi);
+// What that fits: the interface's transmittance at a cosine in [0, 1], relative to that at normal incidence.
+float relative_transmittance(const Material& material, float cosine);
 // The same material without it: what its interface reflects.
 Material without_body(const Material& material);
 

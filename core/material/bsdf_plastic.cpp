@@ -103,21 +103,20 @@ BsdfSample sample_rough_plastic(const Material& material, const Vec3& wi, const 
 namespace fieldtrace {
 
 CoatedBody coated_body(const Material& material, float cos_wi) {
-  // Mean over cosines with weight 2 c: their squares are uniform.
-  constexpr int k_nodes = 32;
-  float mean = 0.0f;
-  for (int i = 0; i < k_nodes; ++i) {
-    mean += bsdf::transmittance(material, std::sqrt((float(i) + 0.5f) / float(k_nodes))) / float(k_nodes);
-  }
-  const float normal = bsdf::transmittance(material, 1.0f);
-  const float internal = material.kind == BsdfKind::rough_plastic ? material.rough_transmittance->internal_reflectance
-                                                                  : bsdf::smooth_internal_reflectance(material);
+  const auto transmittance = [&](float cosine) { return bsdf::transmittance(material, cosine); };
+  const float normal = transmittance(1.0f);
+  const RoughTransmittance* const table = material.rough_transmittance;
+  const float internal = table ? table->internal_reflectance : bsdf::smooth_internal_reflectance(material);
   CoatedBody body;
   if (!(cos_wi > 0.0f && normal > 0.0f)) return body;
-  body.reflected = bsdf::body_value(material, internal) * (bsdf::transmittance(material, cos_wi) * normal);
-  // The integral of 2 c (1 - c)^5 is 1/21. Rough interfaces that transmit more at grazing angles are left as they are.
-  body.grazing = std::clamp(21.0f * (1.0f - mean / normal), 0.0f, 1.5f);
+  body.reflected = bsdf::body_value(material, internal) * (transmittance(cos_wi) * normal);
+  body.grazing = table ? table->grazing : grazing_of(transmittance);
   return body;
+}
+
+float relative_transmittance(const Material& material, float cosine) {
+  const float normal = bsdf::transmittance(material, 1.0f);
+  return normal > 0.0f ? bsdf::transmittance(material, cosine) / normal : 0.0f;
 }
 
 Material without_body(const Material& material) {

@@ -58,6 +58,7 @@ RoughTransmittance make_rough_transmittance(const Microfacet& microfacet, float 
     inside += double(reflected_share(microfacet, wi, 1.0f / relative_ior)) * wi.z;
   }
   table.internal_reflectance = float(2.0 * inside / RoughTransmittance::k_nodes);
+  table.grazing = grazing_of([&](float cosine) { return transmittance_at(table, cosine); });
   return table;
 }
 

@@ -7,6 +7,9 @@
 // linearly in the cosine. Thread-safety: pure functions.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+
 #include "core/material/microfacet.h"
 
 namespace fieldtrace {
@@ -16,5 +19,19 @@ RoughTransmittance make_rough_transmittance(const Microfacet& microfacet, float 
 
 // cosine in [0, 1].
 float transmittance_at(const RoughTransmittance& table, float cosine);
+
+// CoatedBody::grazing of an interface, of its transmittance by cosine.
+template <class Transmittance>
+float grazing_of(const Transmittance& transmittance) {
+  // Mean over cosines with weight 2 c: their squares are uniform.
+  constexpr int k_nodes = 32;
+  float mean = 0.0f;
+  for (int i = 0; i < k_nodes; ++i) {
+    mean += transmittance(std::sqrt((float(i) + 0.5f) / float(k_nodes))) / float(k_nodes);
+  }
+  const float normal = transmittance(1.0f);
+  // The integral of 2 c (1 - c)^5 is 1/21.
+  return normal > 0.0f ? std::max(21.0f * (1.0f - mean / normal), 0.0f) : 0.0f;
+}
 
 }  // namespace fieldtrace

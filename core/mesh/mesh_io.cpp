@@ -13,6 +13,7 @@
 #include "core/io/file_ending.h"
 #include "core/io/input_file.h"
 #include "core/math/finite.h"
+#include "core/mesh/mesh_parts.h"
 #include "core/mesh/mesh_readers.h"
 
 namespace fieldtrace {
@@ -115,29 +116,6 @@ void mend_texcoords(TriangleMesh& mesh, const SourceLocation& where, const Warni
     ++bad;
   }
   if (bad) warn(warning, where, fmt::format("{} texture coordinate{} not finite, set to 0", bad, plural(bad)));
-}
-
-// Vertices that no triangle uses would count towards the mesh's bounds.
-void drop_unused_vertices(TriangleMesh& mesh) {
-  std::vector<bool> is_used(mesh.positions.size());
-  for (const UVec3& t : mesh.triangles)
-    for (int c = 0; c < 3; ++c) is_used[t[c]] = true;
-  if (std::find(is_used.begin(), is_used.end(), false) == is_used.end()) return;
-  std::vector<uint32_t> places(is_used.size());
-  uint32_t kept = 0;
-  for (size_t i = 0; i < places.size(); ++i) {
-    if (!is_used[i]) continue;
-    places[i] = kept;
-    mesh.positions[kept] = mesh.positions[i];
-    if (!mesh.normals.empty()) mesh.normals[kept] = mesh.normals[i];
-    if (!mesh.texcoords.empty()) mesh.texcoords[kept] = mesh.texcoords[i];
-    ++kept;
-  }
-  mesh.positions.resize(kept);
-  if (!mesh.normals.empty()) mesh.normals.resize(kept);
-  if (!mesh.texcoords.empty()) mesh.texcoords.resize(kept);
-  for (UVec3& t : mesh.triangles)
-    for (int c = 0; c < 3; ++c) t[c] = places[t[c]];
 }
 
 }  // namespace

@@ -201,7 +201,7 @@ class Builder {
       throw Error(feed_.where(), fmt::format("vertex {} is not finite, mend the mesh", positions_.size() + 1));
     }
     positions_.push_back(p);
-    first_.push_back(k_none_yet);
+    latest_.push_back(k_none_yet);
   }
   void normal(float x, float y, float z) {
     const float nan = std::numeric_limits<float>::quiet_NaN();
@@ -234,6 +234,7 @@ class Builder {
 
  private:
   static constexpr uint32_t k_none_yet = 0xffffffffu;
+  static constexpr int k_longest_search = 64;
 
   // Zero-based index, or -1 for none. Negative indices count back from the latest entry.
   int64_t resolve(int index, size_t count, const char* what) const {
@@ -246,20 +247,22 @@ class Builder {
     return i;
   }
 
-  // The output vertex of a position/texture/normal triple; the vertices of a position form a linked list.
+  // The output vertex of a position/texture/normal triple. The vertices of a position form a list, latest first, of
+  // which no more is searched than a mesh needs that shares vertices at all.
   uint32_t corner(const tinyobj::index_t& c) {
     const int64_t v = resolve(c.vertex_index, positions_.size(), "vertex");
     const int64_t t = resolve(c.texcoord_index, texcoords_.size(), "texture coordinate");
     const int64_t n = resolve(c.normal_index, normals_.size(), "normal");
-    uint32_t* link = &first_[size_t(v)];
-    while (*link != k_none_yet) {
-      Vertex& known = vertices_[*link];
-      if (known.texcoord == t && known.normal == n) return *link;
-      link = &known.next;
+    uint32_t& latest = latest_[size_t(v)];
+    uint32_t known = latest;
+    for (int i = 0; known != k_none_yet && i < k_longest_search; ++i) {
+      const Vertex& vertex = vertices_[known];
+      if (vertex.texcoord == t && vertex.normal == n) return known;
+      known = vertex.before;
     }
     const uint32_t id = uint32_t(vertices_.size());
-    *link = id;
-    vertices_.push_back({t, n, k_none_yet});
+    vertices_.push_back({t, n, latest});
+    latest = id;
     any_texcoord_ |= t >= 0;
     any_normal_ |= n >= 0;
     raw_.mesh.positions.push_back(positions_[size_t(v)]);
@@ -270,12 +273,12 @@ class Builder {
 
   struct Vertex {
     int64_t texcoord, normal;
-    uint32_t next;
+    uint32_t before;  // of the same position
   };
   const LineFeed& feed_;
   std::vector<Vec3> positions_, normals_;
   std::vector<Vec2> texcoords_;
-  std::vector<uint32_t> first_;  // for each position, its first output vertex
+  std::vector<uint32_t> latest_;  // for each position, its latest output vertex
   std::vector<Vertex> vertices_;
   bool any_texcoord_ = false, any_normal_ = false;
   RawMesh raw_;

@@ -451,7 +451,7 @@ RawMesh read_body(Source source, const Header& header, const std::string& path, 
   RawMesh raw;
   std::vector<Polygon> early;
   for (const Element& e : header.elements) {
-    if (e.properties.empty()) continue;
+    if (e.properties.empty() && (&e != vertex || e.count == 0)) continue;
     check_room(source, e);
     if (&e == vertex) {
       read_vertices(source, e, raw.mesh);

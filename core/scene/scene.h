@@ -75,7 +75,17 @@ struct RoughTransmittance {
   static constexpr int k_nodes = 64;
   std::array<float, k_nodes> outside = {};  // from outside, at cosines i / (k_nodes - 1)
   float internal_reflectance = 0.0f;        // of diffuse light from inside
+  float grazing = 0.0f;                     // CoatedBody::grazing
 };
+// Interfaces of more have a transmittance that CoatedBody does not fit: it falls too soon.
+inline constexpr float k_most_grazing = 1.5f;
+
+// Whether a surface is a diffuse body under an interface that CoatedBody (core/material/bsdf.h) fits. `rough`: of rough
+// plastics, their interface's.
+inline bool is_coated_diffuse(BsdfKind kind, float relative_ior, const RoughTransmittance* rough) {
+  if (kind == BsdfKind::plastic) return relative_ior >= 1.0f;  // none is reflected wholly from outside
+  return kind == BsdfKind::rough_plastic && rough->grazing <= k_most_grazing;
+}
 
 // Every texture index refers to Scene::textures and is valid, except that `opacity` may be k_none.
 struct Bsdf {

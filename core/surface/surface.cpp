@@ -169,13 +169,14 @@ Vec3 surface_tangent(const Scene& scene, const SurfacePoint& surface) {
   if (shape.kind == ShapeKind::rectangle) return instance.to_world[0];
   if (shape.kind == ShapeKind::mesh) {
     const TriangleMesh& mesh = shape.mesh;
-    if (mesh.texcoords.empty()) return Vec3(0.0f);
     const UVec3 index = mesh.triangles[surface.primitive];
+    const Vec3 e1 = mesh.positions[index.y] - mesh.positions[index.x];
+    // Barycentric coordinates stand for texture coordinates.
+    if (mesh.texcoords.empty()) return transform_vector(instance.to_world, e1);
     const Vec2 d1 = mesh.texcoords[index.y] - mesh.texcoords[index.x];
     const Vec2 d2 = mesh.texcoords[index.z] - mesh.texcoords[index.x];
     const float det = d1.x * d2.y - d1.y * d2.x;
     if (det == 0.0f) return Vec3(0.0f);
-    const Vec3 e1 = mesh.positions[index.y] - mesh.positions[index.x];
     const Vec3 e2 = mesh.positions[index.z] - mesh.positions[index.x];
     return transform_vector(instance.to_world, (e1 * d2.y - e2 * d1.y) * std::copysign(1.0f, det));
   }

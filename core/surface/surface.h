@@ -67,8 +67,8 @@ Vec2 triangle_uv(const Shape& shape, uint32_t primitive, float u, float v);
 SurfacePoint surface_near(const Scene& scene, uint32_t instance, uint32_t primitive, const Vec3& position,
                           const Vec3& normal, float error);
 
-// The derivative of the position with respect to u (world space, any length), which orients anisotropic roughness. Zero
-// where no texture coordinates define it.
+// The derivative of the position with respect to u (world space, any length), which orients anisotropic roughness; of a
+// mesh without texture coordinates to the first barycentric coordinate. Zero where texture coordinates define none.
 Vec3 surface_tangent(const Scene& scene, const SurfacePoint& surface);
 
 // The origin from which a ray in direction d leaves the surface without hitting it again: moved by `error` along the

@@ -91,14 +91,10 @@ bool remove_unused(const CachedFile& file) {
 
 }  // namespace
 
-uint64_t trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep) {
+uint64_t trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep,
+                    const std::atomic<bool>* stop) {
   // One at a time: two processes that count the same files would both remove them, and too many in all.
-  std::optional<FileLock> trimming;
-  try {
-    trimming.emplace((fs::path(folder) / "trim.lock").string());
-  } catch (const Error&) {
-    return 0;  // the folder cannot be written to
-  }
+  const FileLock trimming((fs::path(folder) / "trim.lock").string(), LockWait::until_free, k_longest_lock_wait, stop);
   remove_all_abandoned_writes(folder);
   std::vector<CachedFile> files = cached_files(folder);
   std::sort(files.begin(), files.end(), [](const CachedFile& a, const CachedFile& b) {

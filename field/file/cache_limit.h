@@ -7,6 +7,7 @@
 // others that use it.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <set>
 #include <string>
@@ -14,9 +15,10 @@
 namespace fieldtrace {
 
 // Removes the least recently used files of `folder` until the others take at most `most_bytes`. Files named in `keep`
-// stay, as do files that are locked at the moment or cannot be removed. Returns the bytes of what stays. Throws
-// nothing.
-uint64_t trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep);
+// stay, as do files that are locked at the moment or cannot be removed. Returns the bytes of what stays. Throws Error
+// if others trim the folder all the while that it waits for them (FileLock; `stop` may be null).
+uint64_t trim_cache(const std::string& folder, uint64_t most_bytes, const std::set<std::string>& keep,
+                    const std::atomic<bool>* stop = nullptr);
 
 // Field files of earlier formats, which this program cannot read and whose names it no longer looks for. Another
 // version that shares the folder may still use them, so only trim_cache() removes them. Throws nothing.

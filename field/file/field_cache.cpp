@@ -8,6 +8,7 @@
 
 #include "core/io/atomic_file.h"
 #include "core/io/file_lock.h"
+#include "core/io/input_file.h"
 #include "core/platform/address_space.h"
 #include "core/platform/machine_memory.h"
 #include "field/file/cache_limit.h"
@@ -38,12 +39,13 @@ uint64_t size_of_file(const std::string& path) {
 
 }  // namespace
 
-FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning)
-    : folder_(folder), most_bytes_(most_bytes), warning_(std::move(warning)) {
+FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning,
+                       const std::atomic<bool>* stop)
+    : folder_(folder), most_bytes_(most_bytes), warning_(std::move(warning)), stop_(stop) {
   vdb();  // long work learns here, not at its end, if the module is missing
   std::error_code failed;
   fs::create_directories(folder, failed);
-  if (!fs::is_directory(folder)) {
+  if (!is_folder(folder)) {
     throw Error({folder}, "cannot be made a folder for fields" + (failed ? ": " + failed.message() : std::string()) +
                               "; name a folder that you may write to");
   }
@@ -132,7 +134,7 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
   mark_used(identity);
   if (known_complete(slices, identity)) return;
   const std::string path = path_of(identity);
-  const FileLock lock(path + ".lock");
+  const FileLock lock(path + ".lock", LockWait::until_free, k_longest_lock_wait, stop_);
   remove_abandoned_writes(path);
   // The file may hold what other processes added since this field was loaded.
   FieldBudget budget(machine_memory_bytes() / 2);
@@ -170,7 +172,7 @@ void FieldCache::store_whole(const FieldIdentity& identity, const Save& save) {
   if (read_only_) return;
   mark_used(identity);
   const std::string path = path_of(identity);
-  const FileLock lock(path + ".lock");
+  const FileLock lock(path + ".lock", LockWait::until_free, k_longest_lock_wait, stop_);
   remove_abandoned_writes(path);
   save(path);
 }
@@ -202,11 +204,15 @@ void FieldCache::store(const DirectionMaps& maps, const FieldIdentity& identity)
 void FieldCache::trim() {
   if (most_bytes_ == 0 || read_only_) return;
   const std::lock_guard lock(mutex_);
-  const uint64_t left = trim_cache(folder_, most_bytes_, used_);
-  if (left <= most_bytes_) return;
-  warn(warning_, {folder_},
-       "holds " + std::to_string(left) + " bytes of fields that are in use, more than its limit of " +
-           std::to_string(most_bytes_) + "; raise --field-cache-limit, or use another folder");
+  try {
+    const uint64_t left = trim_cache(folder_, most_bytes_, used_, stop_);
+    if (left <= most_bytes_) return;
+    warn(warning_, {folder_},
+         "holds " + std::to_string(left) + " bytes of fields that are in use, more than its limit of " +
+             std::to_string(most_bytes_) + "; raise --field-cache-limit, or use another folder");
+  } catch (const Error& e) {
+    warn(warning_, {}, std::string(e.what()) + "; the limit of " + folder_ + " is not kept");
+  }
 }
 
 }  // namespace fieldtrace

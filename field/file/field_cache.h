@@ -10,6 +10,7 @@
 // any number of processes may share the folder.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <map>
 #include <mutex>
@@ -32,8 +33,10 @@ class FieldCache {
   // earlier formats or may only be read.
   explicit FieldCache(const std::string& folder, WarningSink warning = {})
       : FieldCache(folder, 0, std::move(warning)) {}
-  // `most_bytes`: limit on the field files in the folder; 0: none.
-  FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning = {});
+  // `most_bytes`: limit on the field files in the folder; 0: none. Once `stop` (may be null) is set nobody else's lock
+  // is waited for.
+  FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning = {},
+             const std::atomic<bool>* stop = nullptr);
   // Throws Error unless files can be made in the folder.
   static void require_writable_folder(const std::string& folder);
 
@@ -83,6 +86,7 @@ class FieldCache {
   std::string folder_;
   uint64_t most_bytes_ = 0;
   WarningSink warning_;
+  const std::atomic<bool>* stop_;
   std::mutex mutex_;
   std::map<std::string, Known> known_;  // by file name
   std::set<std::string> used_;          // file names

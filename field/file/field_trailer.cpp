@@ -71,7 +71,9 @@ std::string read_checked(const std::string& path) {
   std::error_code failed;
   if (is_special_file(path)) throw FieldFileError(path, k_special_file_message);
   if (!std::filesystem::is_regular_file(path, failed)) throw FieldFileError(path, "there is no such file");
-  if (std::filesystem::file_size(path, failed) > machine_memory_bytes()) {
+  const uint64_t size = std::filesystem::file_size(path, failed);
+  if (failed) throw FieldFileError(path, "cannot be read: " + failed.message());  // removed meanwhile, say
+  if (size > machine_memory_bytes()) {
     throw FieldFileError(path, "is larger than the memory of this machine");
   }
   std::ifstream in(path, std::ios::binary | std::ios::ate);

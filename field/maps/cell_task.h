@@ -13,6 +13,10 @@
 
 namespace fieldtrace {
 
+// A texel that a footprint is read from, in widths of the cell: a tent and its texel of this width have the variance of
+// a box of width 1.
+inline constexpr float k_footprint = 0.58f;
+
 // The lines of an object's map that stand for the cell's rays.
 struct MapLines {
   float u[4], v[4];                // the point in the map, texels: where the map's line through it crosses the plane

@@ -23,8 +23,8 @@ FT_LANES_BEGIN
 
 // Of a read of 2 x 2 depths, the share of undecided ones above which it is undecided.
 constexpr float k_most_near = 0.25f;
-// A quarter of a cell's width, in footprints (cell_occluders.cpp: a footprint is .58 of the width).
-constexpr float k_quarter_of_cell = 0.25f / 0.58f;
+// A quarter of a cell's width, in footprints.
+constexpr float k_quarter_of_cell = 0.25f / k_footprint;
 // Footprints wider than this are broad, texels: half way, in powers of two, from the texels of the map to those of
 // level 1 of its coverage.
 constexpr float k_broad_footprint = 1.4142135f;

@@ -21,7 +21,6 @@ class RadiancePyramids {
   RadiancePyramids(int texels, int count);
 
   static uint64_t bytes_of(int texels, int count);
-  int texels() const { return texels_; }
   uint64_t bytes() const { return words_.size() * sizeof(uint32_t); }
   RadianceView view() const;
 

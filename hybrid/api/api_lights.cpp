@@ -51,12 +51,6 @@ Scene scene_of_lights(const Buffer<const uint32_t>& shapes, const Buffer<const f
   return scene;
 }
 
-struct LightResults {
-  const Buffer<float>& shares;
-  const Buffer<float>& certain;
-  size_t light_count;
-};
-
 // One chunk of points and one light.
 class LightChunk {
  public:

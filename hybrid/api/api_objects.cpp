@@ -114,6 +114,20 @@ std::shared_ptr<Device> device_of(FTScene scene) noexcept {
   return object ? object->device : nullptr;
 }
 
+WarningSink warnings_of(Device& device) {
+  return [&device](const std::string& message) {
+    FTWarningCallback callback = nullptr;
+    void* user = nullptr;
+    {
+      const std::lock_guard lock(device.mutex);
+      callback = device.on_warning, user = device.warning_user;
+    }
+    if (!callback) return;
+    const std::lock_guard lock(device.warning_mutex);
+    callback(user, message.c_str());
+  };
+}
+
 FTError report(const std::shared_ptr<Device>& device, FTError code, const char* message) noexcept {
   FTErrorCallback callback = nullptr;
   void* user = nullptr;
@@ -202,6 +216,14 @@ FTError ftSetDeviceProgressCallback(FTDevice device, FTProgressCallback callback
     const std::shared_ptr<Device> d = find(device);
     const std::lock_guard lock(d->mutex);
     d->on_progress = callback, d->progress_user = user;
+  });
+}
+
+FTError ftSetDeviceWarningCallback(FTDevice device, FTWarningCallback callback, void* user) {
+  return guarded(device_or_null(device), [&] {
+    const std::shared_ptr<Device> d = find(device);
+    const std::lock_guard lock(d->mutex);
+    d->on_warning = callback, d->warning_user = user;
   });
 }
 

@@ -44,10 +44,13 @@ struct Device {
   tbb::task_arena arena;
   std::mutex mutex;           // of the callbacks
   std::mutex progress_mutex;  // held while the progress callback runs
+  std::mutex warning_mutex;   // held while the warning callback runs
   FTErrorCallback on_error = nullptr;
   FTProgressCallback on_progress = nullptr;
+  FTWarningCallback on_warning = nullptr;
   void* error_user = nullptr;
   void* progress_user = nullptr;
+  void* warning_user = nullptr;
   uintptr_t handle = 0;  // set once registered
 };
 
@@ -64,6 +67,8 @@ std::shared_ptr<SceneObject> find(FTScene scene);
 std::shared_ptr<Device> device_or_null(FTDevice device) noexcept;
 std::shared_ptr<Device> device_of(FTScene scene) noexcept;
 
+// Hands warnings to the device's callback, if it has one. `device` must outlive it.
+WarningSink warnings_of(Device& device);
 // Keeps the error for ftGetDeviceError() of this thread and calls the error callback. `device` may be null.
 FTError report(const std::shared_ptr<Device>& device, FTError code, const char* message) noexcept;
 // Code and message of the exception being handled.

@@ -125,6 +125,7 @@ RenderResult render_scene(SceneObject& s, Progress& progress) {
   RenderCallbacks callbacks;
   callbacks.progress = [&](float share, const char*) { progress(double(share)); };
   callbacks.stop = progress.stop();
+  callbacks.warning = without_repeats(warnings_of(*s.device));
   RenderOptions options = s.options;
   options.tolerance = s.tolerance;
   options.threads = s.device->arena.max_concurrency();
@@ -148,7 +149,9 @@ FTError ftLoadScene(FTDevice device, const char* path, FTScene* scene) {
     const std::shared_ptr<Device> d = find(device);
     require_place(scene, "ftLoadScene: the scene");
     const auto object = std::make_shared<SceneObject>(d);
-    object->scene = load_scene(text_of(path, "path"));
+    SceneLoadOptions options;
+    options.warning = without_repeats(warnings_of(*d));
+    object->scene = load_scene(text_of(path, "path"), options);
     for (const Instance& i : object->scene.instances) object->transforms.push_back(i.to_world);
     execute_in(d->arena, [&] { object->commit(); });
     *scene = std::bit_cast<FTScene>(register_object(object));
@@ -178,6 +181,7 @@ FTError ftAddMesh(FTScene scene, const float* positions, size_t position_stride,
               "triangle " + std::to_string(i) + " refers to a position that is not there");
       shape.mesh.triangles[i] = UVec3(t[0], t[1], t[2]);
     }
+    drop_unused_vertices(shape.mesh);
     shape.bounds = shape.mesh.bounds();
     const Alone lock(s.mutex);
     require_open(s, "ftAddMesh");

@@ -16,7 +16,7 @@
 namespace fieldtrace {
 namespace {
 
-constexpr char k_magic[] = "fieldtrace checkpoint 10\n";
+constexpr char k_magic[] = "fieldtrace checkpoint 11\n";
 constexpr size_t k_magic_size = sizeof(k_magic) - 1;
 static_assert(std::is_trivially_copyable_v<StoredSums> && std::is_trivially_copyable_v<AovSums>);
 
@@ -38,6 +38,8 @@ void visit_header(C& c, const F& f) {
   f("open_light_samples", c.open_light_samples);
   f("lobe_samples", c.lobe_samples);
   f("reductions", c.reductions);
+  f("tolerance", c.tolerance);
+  f("decided", c.decided);
   f("decay", c.decay);
   f("first_mean_square", c.first_mean_square);
   f("round", c.round);
@@ -98,13 +100,16 @@ std::string read_bytes(const std::string& path) {
 std::vector<std::string> differences_of(const PictureIdentity& one, const PictureIdentity& other) {
   const std::map<std::string, std::string> ours(one.begin(), one.end()), theirs(other.begin(), other.end());
   std::vector<std::string> differences;
+  const auto add = [&](const std::string& name, const std::string& here, const std::string& there) {
+    const auto told = [](const std::string& value) { return value.empty() ? "nothing" : value; };
+    if (there != here) differences.push_back(name + " is " + told(here) + " instead of " + told(there));
+  };
   for (const auto& [name, here] : ours) {
     const auto found = theirs.find(name);
-    const std::string there = found == theirs.end() ? "nothing" : found->second;
-    if (there != here) differences.push_back(name + " is " + here + ", not " + there);
+    add(name, here, found == theirs.end() ? "" : found->second);
   }
   for (const auto& [name, there] : theirs) {
-    if (ours.count(name) == 0) differences.push_back(name + " is nothing, not " + there);
+    if (ours.count(name) == 0) add(name, "", there);
   }
   return differences;
 }

@@ -16,7 +16,7 @@ namespace fieldtrace {
 // What a picture depends on, by the names of options ("--seed", "5").
 using PictureIdentity = std::vector<std::pair<std::string, std::string>>;
 
-// What `one` says differently from `other`: "--seed is 5, not 6".
+// What `one` says differently from `other`: "--seed is 5 instead of 6".
 std::vector<std::string> differences_of(const PictureIdentity& one, const PictureIdentity& other);
 
 // What answers in a picture to an error, from the cheapest on; each errs less than the one before.
@@ -35,6 +35,9 @@ struct Checkpoint {
   double field_mean_square = 0.0;
   int light_samples = 1, open_light_samples = 1, lobe_samples = 1;
   uint32_t reductions = 0;  // of fields that had outgrown their memory (FieldPlan)
+
+  float tolerance = 0.0f;        // of lights
+  PictureIdentity decided = {};  // what depends on memory
 
   double decay = 1.0;  // of noise by samples, as surveys showed it (SampleAllocation::decay())
   // The noise of one sample of each pixel, as a survey showed it, if the first round takes no more; else 0.

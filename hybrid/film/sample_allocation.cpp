@@ -8,12 +8,20 @@
 namespace fieldtrace {
 namespace {
 
+// What a cell's samples may have missed: a sample as bright as half of the cells that are not black (root mean square
+// of their pixels), once in so many times as many.
+constexpr double k_unseen = 0.25;
+
+// Cells get no more where that leaves so many times what is left if all get the most.
+constexpr double k_all_but = 1.01;
+
 struct CellSums {
   double pixels = 0.0, square = 0.0, work = 0.0, samples = 0.0;  // square: half_difference()
+  double of_value = 0.0;                                         // square of the mean
   double of_quarters = 0.0, of_their_halves = 0.0;  // of pixels in quarters: these' and halves' differences
 
   void add(const CellSums& o) {
-    pixels += o.pixels, square += o.square, work += o.work, samples += o.samples;
+    pixels += o.pixels, square += o.square, work += o.work, samples += o.samples, of_value += o.of_value;
     of_quarters += o.of_quarters, of_their_halves += o.of_their_halves;
   }
   // The variance of one sample, if that of more of them falls by `decay`.
@@ -54,7 +62,9 @@ DVec3 value_about(const FilmSums& film, int x, int y) {
 CellSums sums_of(const FilmSums& film, int x, int y, ErrorMeasure measure) {
   const PixelSums p = film.pixels[film.index(x, y)];
   const DVec3 value = measure == ErrorMeasure::relative ? value_about(film, x, y) : DVec3(0.0);
-  CellSums s = {1.0, weighted_square(p.half_difference(), value, measure), p.work, double(p.samples())};
+  const DVec3 mean = p.mean();
+  CellSums s = {1.0, weighted_square(p.half_difference(), value, measure), p.work, double(p.samples()),
+                weighted_square(mean * mean, value, measure)};
   if (!p.has_quarters()) return s;
   s.of_quarters = weighted_square(p.quarter_difference(), value, measure);
   s.of_their_halves = s.square;
@@ -95,6 +105,19 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
     colour_decay_[colour] = shown.decay_or(decay);
   }
   pixels_ = double(film.pixels.size());
+  // As the other colour shows it, too.
+  const auto unseen_by = [&](size_t colour) {
+    const size_t shown = colours[1 - colour].pixels > 0.0 ? 1 - colour : colour;
+    std::vector<double> values;
+    for (size_t i = shown; i < sums.size(); i += 2) {
+      if (sums[i].of_value > 0.0) values.push_back(sums[i].of_value / sums[i].pixels);
+    }
+    if (values.empty()) return k_unseen;
+    const auto middle = values.begin() + ptrdiff_t(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return k_unseen * *middle;
+  };
+  const double unseen[2] = {unseen_by(0), unseen_by(1)};
   cells_.resize(sums.size());
   for (size_t row = 0; row < rows; ++row) {
     for (size_t column = 0; column < columns; ++column) {
@@ -115,8 +138,10 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
         NoiseCell& cell = cells_[2 * block + colour];
         cell.pixels = own.pixels;
         const double variance = other.pixels > 0.0 ? other.variance(p) : own.variance(p);
-        cell.variance = 0.5 * (variance + around);
         const CellSums& shown = other.samples > 0.0 ? other : own;
+        const double of_whole_cell = 0.5 * k_noise_block * k_noise_block * shown.samples / std::max(shown.pixels, 1.0);
+        cell.variance = 0.5 * (variance + around);
+        if (of_whole_cell > 0.0) cell.unseen = unseen[colour] / of_whole_cell;
         cell.work = shown.samples > 0.0 ? shown.work / shown.samples : 1.0;
         cell.samples = own.pixels > 0.0 ? own.samples / own.pixels : 0.0;
         cell.mean_square = cell.samples > 0.0 ? variance * std::pow(cell.samples, -p) : 0.0;
@@ -166,7 +191,9 @@ SampleAllocation::Shares SampleAllocation::shares(const Limits& limits) const {
     const double decay = colour_decay_[i & 1];
     const double most = std::min(c.samples * limits.growth, limits.most);
     Shares::Cell cell;
-    cell.wanted = std::log2(c.variance / c.work) / (decay + 1.0);
+    // A target ends by what is seen, and would end no later.
+    cell.variance = limits.mean_square > 0.0 ? c.variance : std::max(c.variance, c.unseen);
+    cell.wanted = std::log2(cell.variance / c.work) / (decay + 1.0);
     if (c.pixels > 0.0 && c.samples > 0.0) {
       cell.least = int(std::floor(std::log2(c.samples)));
       cell.most = std::max(int(std::floor(std::log2(std::min(most, 0x1p31)))), cell.least);
@@ -187,7 +214,7 @@ double SampleAllocation::predicted(size_t colour, double scale, const Shares& sh
   double sum = 0.0;
   for (size_t i = colour; i < cells_.size(); i += 2) {
     const NoiseCell& c = cells_[i];
-    if (c.samples > 0.0) sum += c.pixels * c.variance * shares.left[colour][goal(shares.cells[i], scale)];
+    if (c.samples > 0.0) sum += c.pixels * shares.cells[i].variance * shares.left[colour][goal(shares.cells[i], scale)];
   }
   return sum / std::max(colour_pixels_[colour], 1.0);
 }
@@ -204,6 +231,8 @@ double SampleAllocation::further_work(size_t colour, double scale, const Shares&
 double SampleAllocation::scale_of(size_t colour, double mean_square, double work, const Shares& shares) const {
   // Both sides of the search are far beyond any goal.
   double low = -1100.0, high = 1100.0;
+  // Where noisy cells have all that they may get, others would gain nothing to speak of.
+  mean_square = std::max(mean_square, k_all_but * predicted(colour, high, shares));
   while (high - low > 1e-4) {
     const double middle = 0.5 * (low + high);
     const bool is_too_much =
@@ -218,9 +247,10 @@ std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
   const Shares wanted = shares(limits);
   for (size_t colour = 0; colour < 2; ++colour) {
     const double now = colour_mean_square_[colour];
-    if (!(now > limits.mean_square)) continue;
+    if (limits.mean_square > 0.0 && !(now > limits.mean_square)) continue;
     // Blocks' variances that are mixed with those around are not quite what they are by themselves.
-    const double target = limits.mean_square * predicted(colour, -k_infinity, wanted) / now;
+    const double target =
+        limits.mean_square > 0.0 ? limits.mean_square * predicted(colour, -k_infinity, wanted) / now : 0.0;
     const double share = pixels_ > 0.0 ? colour_pixels_[colour] / pixels_ : 0.0;
     double scale = scale_of(colour, target, share * limits.work, wanted);
     if (further_work(colour, scale, wanted) < share * limits.least_work)

@@ -41,6 +41,7 @@ struct NoiseCell {
   // As the other colour of the block shows it, mean over pixels and channels: the mean square error now; and that of
   // one sample if it falls as it does, half of it from the blocks around.
   double mean_square = 0.0, variance = 0.0;
+  double unseen = 0.0;   // of one sample: what all may have missed
   double work = 1.0;     // of a sample
   double samples = 0.0;  // of each pixel
 };
@@ -101,6 +102,7 @@ class SampleAllocation {
   // In what proportion cells want samples. Numbers of samples are logarithms to the base 2.
   struct Shares {
     struct Cell {
+      double variance = 0.0;    // that counts
       double wanted = 0.0;      // beside others
       int least = 0, most = 0;  // what it has, and may have
     };

@@ -123,7 +123,7 @@ std::vector<uint32_t> HitAnswerer::suited_instances(const Scene& scene, std::spa
     if (instance.emitter != k_none || lets_light_through(scene, instance.bsdf)) continue;
     if (is_textured(scene, instance.bsdf) && !cells_resolve_textures(shape, parameters)) continue;
     suited.push_back(i);
-    if (suited.size() > k_most_objects) return {};
+    if (suited.size() > k_most_candidates) return {};
   }
   return suited;
 }

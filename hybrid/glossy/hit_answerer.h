@@ -55,8 +55,6 @@ SurfacePoint surface_of(const Scene& scene, const RayBatch& rays, const HitBatch
 
 class HitAnswerer {
  public:
-  // With more objects, one ray through all of them costs less than their tests.
-  static constexpr size_t k_most_objects = 16;
   // With fewer triangles a ray costs no more than the look-ups (docs/decisions/016-certified-hits.md).
   static constexpr size_t k_fewest_triangles = 1000000;
 

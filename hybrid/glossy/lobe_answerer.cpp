@@ -6,6 +6,7 @@
 #include "core/platform/parallel.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/glossy/radiance_maps.h"
+#include "hybrid/path/patch_vertex.h"
 #include "hybrid/stats/secondary_timer.h"
 #include "hybrid/visibility/device_answers.h"
 #include "hybrid/visibility/direction_order.h"
@@ -49,7 +50,7 @@ void compose(std::vector<Layer>& layers, size_t i, float end, FilteredRay& ray) 
 uint64_t rays_per_patch(const TransportContext& shading) {
   const uint64_t lights = shading.scene.emitters.size();
   const bool goes_on = shading.settings.max_depth < 0 || shading.settings.max_depth > 2;
-  return SurfaceRadiance::k_samples * (lights + (goes_on ? k_further_surfaces * (lights + 1) : 0));
+  return k_patch_samples * (lights + (goes_on ? k_further_surfaces * (lights + 1) : 0));
 }
 
 // The samples' density, by which a tube's width goes: not wider than k_widest_tube times the lobe's roughness, however
@@ -66,7 +67,7 @@ std::vector<uint32_t> LobeAnswerer::suited_instances(const Scene& scene, std::sp
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
     if (!traits[scene.instances[i].shape].wants_field || !SurfaceRadiance::suits(scene, i)) continue;
     suited.push_back(i);
-    if (suited.size() > k_most_objects) return {};
+    if (suited.size() > k_most_candidates) return {};
   }
   return suited;
 }

@@ -55,12 +55,10 @@ struct LobeWorkspace {
 
 class LobeAnswerer {
  public:
-  // With more suited objects none has maps: their tests would cost more than a ray.
-  static constexpr size_t k_most_objects = 16;
   // Pictures of fewer glossy rays do not repay maps (docs/decisions/015-glossy.md).
   static constexpr uint64_t k_fewest_rays = uint64_t(1) << 25;
 
-  // The instances that may have maps: none where there are more than k_most_objects.
+  // The instances that may have maps: none where there are more than k_most_candidates.
   static std::vector<uint32_t> suited_instances(const Scene& scene, std::span<const ShapeTraits> traits);
 
   struct Settings {

@@ -132,7 +132,7 @@ PathVertex SurfaceRadiance::vertex_at(Side side, const SurfacePoint& surface, Ma
   PathVertex v = patch_vertex(scene_, surface, back, material);
   if (is_textured_) material.reflectance = mean_reflectance(side, is_turned(surface, back));
   v.seed = scalar::vertex_seed(seed_, side, instance_, k_patch_stream);
-  v.lobe_samples = float(k_samples);
+  v.lobe_samples = float(k_patch_samples);
   return v;
 }
 

@@ -18,9 +18,6 @@ namespace fieldtrace {
 
 class SurfaceRadiance {
  public:
-  // Light samples of each patch towards every light, and paths that continue from it.
-  static constexpr int k_samples = 16;
-
   // One side of a patch: 2 patch + 1 is the side that the geometric normal points away from, 2 patch the other.
   using Side = uint32_t;
 
@@ -34,8 +31,8 @@ class SurfaceRadiance {
   static constexpr uint64_t k_most_patches = uint64_t(1) << 31;
 
   // Patches are the first surfaces of paths of `shading`, which must outlive this. Its max_depth counts from them, its
-  // light_samples must be k_samples, and its answerer must trace whole scenes (AnswererSettings::whole_scene), so that
-  // a patch's radiance does not depend on which others are shaded with it.
+  // light_samples must be k_patch_samples, and its answerer must trace whole scenes (AnswererSettings::whole_scene), so
+  // that a patch's radiance does not depend on which others are shaded with it.
   SurfaceRadiance(const TransportContext& shading, uint32_t instance, float patch);
 
   uint32_t instance() const { return instance_; }

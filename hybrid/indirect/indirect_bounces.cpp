@@ -177,7 +177,7 @@ void check_surfels(std::span<const Block> blocks, const SurfelRadiance& radiance
 
 }  // namespace
 
-bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, TransportContext& shading, int bounces,
+void shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, TransportContext& shading, int bounces,
                     const TransportContext* exact, const std::atomic<bool>* stop, Stats& stats) {
   const auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
   double seconds = 0.0;
@@ -217,9 +217,11 @@ bool shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, Trans
   stats.bake_rays += rays;
   timer.reset();
   stats.time_bake += seconds * double(tbb::this_task_arena::max_concurrency());
-  if (stopped()) sky.set_indirect(nullptr);
-  if (exact && !stopped()) check_surfels(blocks, radiance, *exact, *light, stats);
-  return !stopped();
+  if (stopped()) {
+    sky.set_indirect(nullptr);
+  } else if (exact) {
+    check_surfels(blocks, radiance, *exact, *light, stats);
+  }
 }
 
 }  // namespace fieldtrace

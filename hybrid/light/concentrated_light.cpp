@@ -2,14 +2,12 @@
 
 #include <algorithm>
 
-#include "field/maps/cell_visibility.hd.h"
+#include "core/material/bsdf.h"
+#include "hybrid/light/group_light.h"
 #include "hybrid/sky/cell_occluders.h"
 
 namespace fieldtrace {
 namespace {
-
-// Light samples in one batch.
-constexpr size_t k_concentrated_batch = 4096;
 
 Sphere ball_about_clusters(const ShadingPointBatch& centres) {
   Sphere ball = ball_about(centres);
@@ -37,8 +35,8 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
   const int samples = may_be_hidden ? most_samples : job.light_samples;
   const Rgb value = Rgb(light.value[0], light.value[1], light.value[2]) / float(samples);
   // So that all shading points count alike.
-  const float count = job.count * float(job.light_samples) / float(samples);
-  const size_t m = size_t(samples), most = std::max(k_concentrated_batch / m, size_t(1));
+  const float count = sky_->radiance().concentrated_share() * float(job.light_samples) / float(samples);
+  const size_t m = size_t(samples), most = std::max(size_t(k_shadow_batch) / m, size_t(1));
   LightReceivers& r = job.receivers;
   for (size_t begin = 0, end = 0; begin < clusters.size(); begin = end) {
     size_t points = 0;
@@ -58,6 +56,9 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
     for (size_t i = begin; i < end; ++i) {
       const ShadingCluster& c = clusters[i];
       for (size_t k = c.begin; k < c.end; ++k) {
+        // What is diffuse may have no vertex.
+        const Material* const coated =
+            r.kind[k] == ReceiverKind::diffuse ? nullptr : job.vertices[r.vertex[k]].material;
         Rgb sum(0.0f);
         for (const size_t last = slot + m; slot < last; ++slot) {
           if (shadows_.rays.tmax[slot] < 0.0f) continue;
@@ -65,9 +66,9 @@ void ConcentratedLight::gather_some(const Job& job, std::span<const ShadingClust
           if (is_clear) {
             const Vec3 n = r.points.shading_normal(k);
             const float cosine = glm::dot(n, glm::normalize(shadows_.rays.direction(slot)));
-            const float passed = scalar::weight_of_cosine<float>(cosine, job.grazing) / cosine;
-            sum += Rgb(shadows_.red[slot], shadows_.green[slot], shadows_.blue[slot]) *
-                   (job.grazing > 0.0f && cosine > 0.0f ? shadows_.weight[slot] * passed : shadows_.weight[slot]);
+            const float passed = coated ? relative_transmittance(*coated, std::clamp(cosine, 0.0f, 1.0f)) : 1.0f;
+            sum +=
+                Rgb(shadows_.red[slot], shadows_.green[slot], shadows_.blue[slot]) * (shadows_.weight[slot] * passed);
           }
           if (job.firsts.empty()) continue;
           FirstHit& first = job.firsts[r.path[k]];
@@ -98,8 +99,8 @@ void ConcentratedLight::begin(const ShadingPointBatch& points) {
 }
 
 void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres,
-                               float grazing, int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts,
-                               float count, Stats& stats) {
+                               std::span<const PathVertex> vertices, int light_samples, LightReceivers& receivers,
+                               std::span<FirstHit> firsts, Stats& stats) {
   const Sphere ball = ball_about_clusters(centres);
   hiding_.clear();
   for (const SkyOccluder* o : near_) {
@@ -113,7 +114,7 @@ void ConcentratedLight::gather(std::span<const ShadingCluster> clusters, const S
         std::any_of(hiding_.begin(), hiding_.end(), [&](const SkyOccluder* o) { return may_hide(*o, from); });
     (may_be_hidden ? hidden_ : open_).push_back(clusters[i]);
   }
-  const Job job{grazing, light_samples, receivers, firsts, count, stats};
+  const Job job{vertices, light_samples, receivers, firsts, stats};
   gather_some(job, open_, false);
   gather_some(job, hidden_, true);
 }

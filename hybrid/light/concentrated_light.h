@@ -22,18 +22,18 @@ class ConcentratedLight {
   // Finds what may hide the light from any of `points`, which are not empty. Before gather() of clusters among these:
   // that asks about no other objects, of which crowds have many.
   void begin(const ShadingPointBatch& points);
-  // Adds what arrives at clusters of one instance, whose centres are `centres`, all of one CellPoints::grazing.
-  // `firsts`: as DirectLight::gather; each sample counts for `count` rays there.
-  void gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres, float grazing,
-              int light_samples, LightReceivers& receivers, std::span<FirstHit> firsts, float count, Stats& stats);
+  // Adds what arrives at clusters of one instance, whose centres are `centres`; `vertices`: those of the receivers.
+  // `firsts`: as DirectLight::gather; each sample counts there as so many rays as SkyRadiance::concentrated_share().
+  void gather(std::span<const ShadingCluster> clusters, const ShadingPointBatch& centres,
+              std::span<const PathVertex> vertices, int light_samples, LightReceivers& receivers,
+              std::span<FirstHit> firsts, Stats& stats);
 
  private:
   struct Job {
-    float grazing;
+    std::span<const PathVertex> vertices;
     int light_samples;
     LightReceivers& receivers;
     std::span<FirstHit> firsts;
-    float count;
     Stats& stats;
   };
   bool may_hide(const SkyOccluder& occluder, const Sphere& from) const;

@@ -245,11 +245,6 @@ void SkyLight::add_irradiance(const Job& job) {
   }
 }
 
-void SkyLight::add_concentrated(const Job& job) {
-  concentrated_.gather(job.clusters, centres_, grazing_, job.light_samples, job.receivers, job.firsts,
-                       sky_->radiance().concentrated_share(), job.stats);
-}
-
 // The grid and its light, as centres_ see them.
 void SkyLight::begin_batch() {
   grid_ = sky_->maps().occluders()[centres_.instance[0]].cells;
@@ -412,7 +407,10 @@ void SkyLight::finish(const Request& r) {
   concentrated_.begin(points_);
   wanted_.resize(clusters_.size());
   std::iota(wanted_.begin(), wanted_.end(), 0u);
-  for_batches(job, wanted_, [&](const Job& batch) { add_concentrated(batch); });
+  for_batches(job, wanted_, [&](const Job& batch) {
+    concentrated_.gather(batch.clusters, centres_, r.vertices, batch.light_samples, batch.receivers, batch.firsts,
+                         batch.stats);
+  });
 }
 
 void SkyLight::gather(const Request& r) {

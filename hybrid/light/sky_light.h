@@ -120,7 +120,6 @@ class SkyLight {
   void add_rays();
   void keep_arrivals(const Job& job);
   void add_irradiance(const Job& job);
-  void add_concentrated(const Job& job);
   // A direction in a cell; x and y in [0, 1].
   Vec3 direction_in(uint32_t cell, float x, float y) const;
   CellPoints cell_points() const;

@@ -1,16 +1,14 @@
 #include "hybrid/path/patch_vertex.h"
 
-#include <algorithm>
-#include <initializer_list>
-
 namespace fieldtrace {
 namespace {
 
-// Whether both sides are opaque and of one of the kinds.
-bool is_opaque(const Scene& scene, uint32_t first, std::initializer_list<BsdfKind> kinds) {
+// Whether both sides are opaque, and such that is_wanted(bsdf).
+template <class Wanted>
+bool is_opaque(const Scene& scene, uint32_t first, const Wanted& is_wanted) {
   for (uint32_t b = first; b != k_none; b = scene.bsdfs[b].two_sided ? scene.bsdfs[b].back : k_none) {
     const Bsdf& bsdf = scene.bsdfs[b];
-    if (std::find(kinds.begin(), kinds.end(), bsdf.kind) == kinds.end()) return false;
+    if (!is_wanted(bsdf)) return false;
     if (bsdf.opacity == k_none) continue;
     const Texture& opacity = scene.textures[bsdf.opacity];
     if (opacity.kind != TextureKind::constant || opacity.color0 != Rgb(1.0f)) return false;
@@ -20,10 +18,16 @@ bool is_opaque(const Scene& scene, uint32_t first, std::initializer_list<BsdfKin
 
 }  // namespace
 
-bool is_diffuse_and_opaque(const Scene& scene, uint32_t bsdf) { return is_opaque(scene, bsdf, {BsdfKind::diffuse}); }
+bool is_diffuse_and_opaque(const Scene& scene, uint32_t bsdf) {
+  return is_opaque(scene, bsdf, [](const Bsdf& b) { return b.kind == BsdfKind::diffuse; });
+}
 
 bool has_diffuse_body(const Scene& scene, uint32_t bsdf) {
-  return is_opaque(scene, bsdf, {BsdfKind::diffuse, BsdfKind::plastic, BsdfKind::rough_plastic});
+  return is_opaque(scene, bsdf, [&](const Bsdf& b) {
+    const RoughTransmittance* const rough =
+        b.kind == BsdfKind::rough_plastic ? &scene.rough_transmittances[b.rough_transmittance] : nullptr;
+    return b.kind == BsdfKind::diffuse || is_coated_diffuse(b.kind, b.int_ior / b.ext_ior, rough);
+  });
 }
 
 bool is_turned(const SurfacePoint& surface, bool back) {

@@ -8,6 +8,7 @@
 #include <type_traits>
 
 #include "core/io/atomic_file.h"
+#include "core/io/input_file.h"
 #include "core/io/scratch_folder.h"
 #include "core/loader/scene_recentre.h"
 #include "core/platform/threads.h"
@@ -31,7 +32,7 @@ class Output {
  public:
   Output(const std::string& path, uint64_t cache_limit, const WarningSink& warning) : path_(path) {
     vdb();  // throws if nothing can be written for want of it
-    if (fs::is_directory(path)) {
+    if (is_folder(path)) {
       FieldCache::require_writable_folder(path);
       cache_ = std::make_unique<FieldCache>(path, cache_limit, warning);
     } else {
@@ -79,8 +80,9 @@ std::vector<uint32_t> shapes_to_bake(const Scene& scene, bool full) {
     if (traits[s].wants_field || only_one) shapes.push_back(s);
   }
   if (shapes.empty()) {
-    throw Error("no object of the scene gets a field: all are flat or have fewer than " +
-                std::to_string(k_fewest_field_triangles) + " triangles, and are left to exact rays");
+    throw Error("no object of the scene gets a field: all are flat, have fewer than " +
+                std::to_string(k_fewest_field_triangles) +
+                " triangles, or consist of parts much smaller than the whole, and are left to exact rays");
   }
   return shapes;
 }

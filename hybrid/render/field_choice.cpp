@@ -59,8 +59,7 @@ bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, 
   if (!leaves && !picture.is_adaptive()) return true;
   TransportSettings settings = picture.settings;
   settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
-  const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
-  FieldSurvey survey = survey_picture(picture, stage, none, {}, picture.options.base_tolerance(), settings, 1, stats);
+  FieldSurvey survey = survey_picture(picture, stage, {}, {}, picture.options.base_tolerance(), settings, 1, stats);
   // Where rays answer and time is short, there are no more light samples than elsewhere.
   if (survey.interrupted) return !picture.stopped() && !is_late(picture, stage);
   open = {picture.open_samples(survey.rays.open), survey.rays};

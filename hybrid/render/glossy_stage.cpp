@@ -4,21 +4,14 @@
 #include <limits>
 #include <set>
 
-#include "hybrid/glossy/surface_radiance.h"
+#include "hybrid/path/patch_vertex.h"
 
 namespace fieldtrace {
 namespace {
 
-// Demand decides which patches are shaded together, so their light must not depend on that: whole_scene.
-AnswererSettings patch_answerer_settings(Isa isa) {
-  AnswererSettings settings{isa, 0.0f};
-  settings.whole_scene = true;
-  return settings;
-}
-
 // Settings for paths that begin at the second surface of a camera path.
 TransportSettings patch_settings(TransportSettings settings) {
-  settings.light_samples = SurfaceRadiance::k_samples;
+  settings.light_samples = k_patch_samples;
   settings.lobe_samples = 1;
   if (settings.max_depth > 0) settings.max_depth -= 1;
   settings.first_hits = false;
@@ -73,13 +66,11 @@ void GlossyStage::make_maps(const GlossyInput& input) {
   if (most_rays < LobeAnswerer::k_fewest_rays) return;
   const std::vector<uint32_t> suited = LobeAnswerer::suited_instances(input.scene, input.traits);
   if (suited.empty()) return;
-  no_fields_.assign(input.scene.shapes.size(), nullptr);
-  exact_ = std::make_unique<ShadowAnswerer>(input.scene, input.accel, input.traits, no_fields_,
-                                            patch_answerer_settings(input.settings.isa));
-  shading_ = std::make_unique<TransportContext>(input.scene, input.accel, input.camera, *exact_,
-                                                patch_settings(input.settings), input.lights);
+  // Demand decides which patches are shaded together, so their light must not depend on that: whole scenes.
+  shading_ = std::make_unique<RayContext>(input.scene, input.accel, input.traits, input.camera,
+                                          patch_settings(input.settings), input.lights, true);
   const LobeAnswerer::Settings settings{options.base_tolerance(), most_rays, input.most_map_bytes, options.check};
-  lobes_ = std::make_unique<LobeAnswerer>(*shading_, suited, settings, hits_.get());
+  lobes_ = std::make_unique<LobeAnswerer>(shading_->context(), suited, settings, hits_.get());
   maps_left_out_ = lobes_->left_out_for_memory();
   if (lobes_->empty()) lobes_.reset();
 }

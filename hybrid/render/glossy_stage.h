@@ -9,6 +9,7 @@
 #include "core/camera/camera.h"
 #include "hybrid/glossy/hit_answerer.h"
 #include "hybrid/glossy/lobe_answerer.h"
+#include "hybrid/path/ray_context.h"
 #include "hybrid/render/render.h"
 #include "hybrid/transport/transport.h"
 #include "hybrid/visibility/shadow_answerer.h"
@@ -54,9 +55,7 @@ class GlossyStage {
   std::unique_ptr<HitAnswerer> hits_;
   // Patches are shaded by exact rays: their shading points lie all over an object, and would bake its field for few
   // rays each.
-  std::vector<Field*> no_fields_;
-  std::unique_ptr<ShadowAnswerer> exact_;
-  std::unique_ptr<TransportContext> shading_;
+  std::unique_ptr<RayContext> shading_;
   std::unique_ptr<LobeAnswerer> lobes_;
   size_t maps_left_out_ = 0;
 };

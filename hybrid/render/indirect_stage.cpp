@@ -5,6 +5,7 @@
 #include "field/store/field.h"
 #include "hybrid/indirect/indirect_bounces.h"
 #include "hybrid/path/patch_vertex.h"
+#include "hybrid/path/ray_context.h"
 #include "hybrid/transport/transport.h"
 #include "hybrid/visibility/light_extent.h"
 
@@ -87,10 +88,10 @@ bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<cons
   return planes <= size_t(k_most_planes) && surfels * k_rays_a_surfel <= light_rays && !has_insides(scene, traits);
 }
 
-void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
+bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   const int depth = input.settings.max_depth;
   if (!stage.light || !plans_indirect(input.scene, *input.lights, input.traits, depth, input.request.light_rays))
-    return;
+    return true;
   std::vector<uint8_t> sends;
   size_t planes = 0;
   for (const SkyOccluder& o : stage.maps->occluders()) {
@@ -100,21 +101,20 @@ void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   }
   const IndirectSize size = choose_size(sends.size());
   const uint64_t bytes = IndirectLight::cost(planes, sends.size() - planes, size).bytes;
-  if (bytes + stage.maps->bytes() > input.request.most_bytes) return;
-  const std::vector<Field*> no_fields(input.scene.shapes.size(), nullptr);
-  AnswererSettings by_rays{input.settings.isa, 0.0f};
-  by_rays.whole_scene = true;
-  const ShadowAnswerer answerer(input.scene, input.accel, input.traits, no_fields, by_rays);
-  TransportContext shading(input.scene, input.accel, input.camera, answerer,
-                           surfel_settings(input.settings, k_surfel_samples), input.lights);
-  shading.sky = stage.light.get();
+  if (bytes + stage.maps->bytes() > input.request.most_bytes) return true;
+  const auto by_rays = [&](int samples) {
+    return RayContext(input.scene, input.accel, input.traits, input.camera, surfel_settings(input.settings, samples),
+                      input.lights, true);
+  };
+  RayContext shading = by_rays(k_patch_samples);
+  shading.context().sky = stage.light.get();
   const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends, size);
   if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
-  shading.indirect = light.get();
-  TransportContext exact(input.scene, input.accel, input.camera, answerer,
-                         surfel_settings(input.settings, k_check_samples), input.lights);
-  shade_indirect(light, *stage.light, shading, depth < 0 ? -1 : depth - 2, input.check ? &exact : nullptr,
-                 input.callbacks.stop, stats);
+  shading.context().indirect = light.get();
+  const RayContext exact = by_rays(k_check_samples);
+  shade_indirect(light, *stage.light, shading.context(), depth < 0 ? -1 : depth - 2,
+                 input.check ? &exact.context() : nullptr, input.callbacks.stop, stats);
+  return stage.light->indirect() != nullptr;
 }
 
 }  // namespace fieldtrace

@@ -30,7 +30,7 @@ bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<cons
                     uint64_t light_rays);
 
 // Gives `stage.light`, if there is one, the light that diffuse objects send on, where that is planned and fits into
-// memory. Leaves it without if `callbacks.stop` was set meanwhile.
-void make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats);
+// memory. Leaves it without, and returns false, if `callbacks.stop` was set meanwhile.
+bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats);
 
 }  // namespace fieldtrace

@@ -63,7 +63,7 @@ PictureIdentity picture_identity(const Picture& picture) {
       {"--aov", fmt::format("{}", fmt::join(o.aovs, ","))},
       {"--ao-distance", text(o.ao_distance)},
       {"the crop window", fmt::format("{},{},{},{}", w.x, w.y, w.width, w.height)},
-      {"--target-error or --time-limit", o.by_rounds() ? "given" : "not given"},
+      {"--target-error or --time-limit", o.by_rounds() ? "given" : "absent"},
       {"the error's measure", o.error_measure == ErrorMeasure::relative ? "relative" : "absolute"},
       {"the film", fmt::format("{} x {}", scene.film.width, scene.film.height)},
       {"the scene", fmt::format("{} instances, {} triangles, {} emitters", scene.instances.size(),

@@ -1,16 +1,19 @@
 #include "hybrid/render/render.h"
 
+#include <fmt/format.h>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <future>
 #include <limits>
 #include <memory>
 #include <thread>
 
+#include "core/platform/stop_at.h"
 #include "core/platform/stopwatch.h"
 #include "core/platform/threads.h"
 #include "field/file/vdb_grid.h"
@@ -35,9 +38,10 @@ namespace fieldtrace {
 namespace {
 
 // The cache of `options`; null if there is none, or no fields to keep in it.
-std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const WarningSink& warning) {
+std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const RenderCallbacks& callbacks) {
   if (options.field_cache.empty() || no_fields) return nullptr;
-  return std::make_unique<FieldCache>(options.field_cache, options.field_cache_limit, warning);
+  return std::make_unique<FieldCache>(options.field_cache, options.field_cache_limit, callbacks.warning,
+                                      callbacks.stop);
 }
 
 SkyRequest sky_request(const Picture& picture, const Stage& stage) {
@@ -58,31 +62,43 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
                                : uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   request.coarse = stage.accuracy == FieldAccuracy::coarse_maps;
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / FieldBudget::k_map_share;
+  request.bounces_alone = !is_lit;
   return request;
 }
 
-// Makes the direction maps of the stage's accuracy, where the picture wants any.
+void drop_maps(Stage& stage, Stats& stats) {
+  stage.sky = {};
+  stats.sky_objects = 0;
+  stats.sky_directions = stats.sky_texels = 0;
+}
+
+// Makes the direction maps of the stage's accuracy, where the picture wants any. Where they are not whole once surveys
+// have had their share of a time limit, rays answer.
 void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   if (!picture.wants_fields) return;
-  stage.sky = {};
+  drop_maps(stage, stats);
   const auto cache = [&] {
-    if (!stage.cache) stage.cache = open_cache(picture.options, /*no_fields=*/false, picture.callbacks.warning);
+    if (!stage.cache) stage.cache = open_cache(picture.options, /*no_fields=*/false, picture.callbacks);
     return stage.cache.get();
   };
+  const StopAt stop(picture.callbacks.stop, stage.survey_end);
+  RenderCallbacks callbacks = picture.callbacks;
+  callbacks.stop = stop.flag();
   const SkyRequest request = sky_request(picture, stage);
-  stage.sky =
-      make_sky(picture.scene, stage.accel, stage.traits, picture.options, request, cache, picture.callbacks, stats);
-  make_indirect({picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
-                 picture.callbacks, request, picture.options.check},
-                stage.sky, stats);
+  stage.sky = make_sky(picture.scene, stage.accel, stage.traits, picture.options, request, cache, callbacks, stats);
+  const bool is_late_for_maps = stop.is_set() && !stage.sky.maps;
+  const bool has_all = make_indirect({picture.scene, stage.accel, stage.camera, stage.traits, stage.lights,
+                                      picture.settings, callbacks, request, picture.options.check},
+                                     stage.sky, stats);
+  if ((is_late_for_maps || !has_all) && !picture.stopped()) {
+    drop_maps(stage, stats);
+    if (!stage.resumed) stage.accuracy = FieldAccuracy::rays;
+    return;
+  }
   if (stage.sky.light && !has_sky(picture.scene) && !stage.sky.light->indirect()) {
     stage.sky.light.reset();
     stage.sky.can_be_finer = false;
-    if (!stage.sky.occlusion) {
-      stage.sky.maps.reset();
-      stats.sky_objects = 0;
-      stats.sky_directions = stats.sky_texels = 0;
-    }
+    if (!stage.sky.occlusion) drop_maps(stage, stats);
   }
 }
 
@@ -175,22 +191,56 @@ std::string outgrown(const Picture& picture, bool out_of_addresses, const std::s
               "without memory, no slice can tell");
 }
 
-// What depends on the memory of a machine, or on surveys.
+// What depends on the memory of a machine.
+PictureIdentity decided_by_memory(const TransportContext& context, const Stage& stage, size_t maps_left_out) {
+  const bool has_maps = stage.uses_fields() && stage.sky.maps;
+  return {{"direction maps", has_maps ? std::to_string(stage.sky.maps->bytes()) + " bytes" : "none"},
+          {"light from surface to surface by maps", context.indirect ? "yes" : "no"},
+          {"radiance maps left out for memory", std::to_string(maps_left_out)}};
+}
+
+// The same, and what surveys decide.
 PictureIdentity decisions_of(const FieldSet& fields, const FieldPlan& plan, const TransportContext& context,
                              const Stage& stage, size_t maps_left_out, float tolerance) {
   Stats s;
   fields.count(s);
   const auto number = [](auto n) { return std::to_string(n); };
-  return {{"fields", number(s.field_objects)},
-          {"objects left to rays", number(s.field_left_to_rays)},
-          {"objects left to rays for shadows on themselves", number(s.field_self_to_rays)},
-          {"the fields' cells", number(s.field_directions) + " x " + number(s.field_plane)},
-          {"objects whose fields answer glossy rays", number(plan.hit_instances.size())},
-          {"light samples where a light may be hidden", number(context.settings.open_light_samples)},
-          {"the tolerance of lights", number(tolerance)},
-          {"direction maps", stage.sky.maps ? number(stage.sky.maps->bytes()) + " bytes" : "none"},
-          {"light from surface to surface by maps", context.indirect ? "yes" : "no"},
-          {"radiance maps left out for memory", number(maps_left_out)}};
+  PictureIdentity decisions = decided_by_memory(context, stage, maps_left_out);
+  const PictureIdentity by_surveys = {
+      {"fields", number(s.field_objects)},
+      {"objects left to rays", number(s.field_left_to_rays)},
+      {"objects left to rays for shadows on themselves", number(s.field_self_to_rays)},
+      {"the fields' cells", number(s.field_directions) + " x " + number(s.field_plane)},
+      {"objects whose fields answer glossy rays", number(plan.hit_instances.size())},
+      {"light samples where a light may be hidden", number(context.settings.open_light_samples)},
+      {"the tolerance of lights", number(tolerance)}};
+  decisions.insert(decisions.end(), by_surveys.begin(), by_surveys.end());
+  return decisions;
+}
+
+// What a checkpoint's picture decided, without its samples.
+Checkpoint decisions_alone(Checkpoint state) {
+  state.film = {};
+  state.counts.clear(), state.tiles_done.clear();
+  state.round = 0;
+  return state;
+}
+
+// Takes samples as a checkpoint's picture had decided.
+void set_samples(const Picture& picture, const Checkpoint& decided, TransportContext& context) {
+  context.settings.light_samples = decided.light_samples;
+  context.settings.open_light_samples = decided.open_light_samples;
+  picture.split_lobes(context.settings, decided.lobe_samples);
+}
+
+// What depends on memory may not change amid a picture. Where the time is up nothing is added.
+void require_same_decisions(const Picture& picture, const Stage& stage, const PictureIdentity& decided) {
+  if (picture.stopped() || stage.surveys_are_over()) return;
+  const std::vector<std::string> differences = differences_of(decided, stage.resumed->decided);
+  if (differences.empty()) return;
+  throw Error({picture.options.resume},
+              fmt::format("the picture was begun with other memory: {}; resume it with as much as it had",
+                          fmt::join(differences, "; ")));
 }
 
 // One attempt with the fields of `plan`. Returns false if they exceeded their memory, `plan` is then the next
@@ -208,8 +258,9 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   }
   OpenLight open = {options.light_samples};
   bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
-  stats.tolerance = picture.light_tolerance(open.samples);
-  if (!stage.cache) stage.cache = open_cache(options, fields.empty(), warning);
+  const bool resumes = stage.resumed && stage.resumed->reductions == plan.reductions;
+  stats.tolerance = resumes ? stage.resumed->tolerance : picture.light_tolerance(open.samples);
+  if (!stage.cache) stage.cache = open_cache(options, fields.empty(), picture.callbacks);
   FieldCache* const cache = stage.cache.get();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
@@ -236,8 +287,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   // Single rays of the layer `ao` gain nothing from fields.
   std::optional<ShadowAnswerer> for_occlusion;
   if (picture.settings.occlusion && !context.occlusion_sky && !fields.empty()) {
-    const std::vector<Field*> no_fields(picture.scene.shapes.size(), nullptr);
-    for_occlusion.emplace(picture.scene, stage.accel, stage.traits, no_fields, settings);
+    for_occlusion.emplace(picture.scene, stage.accel, stage.traits, std::vector<Field*>(), settings);
     context.occlusion_answerer = &*for_occlusion;
   }
   const std::vector<Field*> all_fields = fields.all_pointers();
@@ -255,20 +305,26 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   }
   Job job{picture, context, fields.budget(), stage.deadline};
   Checkpoint state;
-  const bool resumes = stage.resumed && stage.resumed->reductions == plan.reductions;
-  if (stage.resumed && !resumes)
-    warn(warning, {options.resume}, "was made with more of the fields' memory, so the picture begins anew");
+  if (stage.resumed && !resumes) {
+    std::error_code failed;
+    job.keeps_at_end = std::filesystem::equivalent(options.resume, options.checkpoint, failed);
+    warn(warning, {options.resume},
+         std::string("was made with more of the fields' memory, so the picture begins anew") +
+             (job.keeps_at_end ? "; the file stays as it is until the picture is done" : ""));
+  }
   if (resumes) {
     state = *stage.resumed;
-    context.settings.light_samples = state.light_samples;
-    context.settings.open_light_samples = state.open_light_samples;
-    picture.split_lobes(context.settings, state.lobe_samples);
+    set_samples(picture, state, context);
   } else if (options.keeps_sums()) {
-    // What has not come to where the checkpoint was written may not write over it.
-    if (!stage.resumed) state.identity = stage.identity;
+    if (stage.resumed) {
+      state = decisions_alone(*stage.resumed);
+      set_samples(picture, state, context);
+    } else {
+      state.identity = stage.identity;
+      state.expected_samples = picture.spp;
+      if (!stage.ray_noise.empty()) state.decay = stage.ray_noise.front().noise.decay;
+    }
     state.reductions = plan.reductions;
-    state.expected_samples = picture.spp;
-    if (!stage.ray_noise.empty()) state.decay = stage.ray_noise.front().noise.decay;
     const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
     if (picture.by_rounds() && surveyed && !stage.resumed) {
       choose_samples(picture, stage, !estimates_anything, context, state, stats);
@@ -286,6 +342,15 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     state.light_samples = context.settings.light_samples;
     state.open_light_samples = context.settings.open_light_samples;
     state.lobe_samples = context.settings.lobe_samples;
+    state.tolerance = stats.tolerance;
+  }
+  if (options.keeps_sums() && surveyed) {
+    const PictureIdentity decided = decided_by_memory(context, stage, glossy ? glossy->maps_left_out() : 0);
+    if (resumes) {
+      require_same_decisions(picture, stage, decided);
+    } else {
+      state.decided = decided;
+    }
   }
   stats.light_samples = context.settings.light_samples;
   stats.open_light_samples = context.settings.open_light_samples;
@@ -306,8 +371,15 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
     render_rounds(job, *stage.resumed, result.image, done);
   }
   stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
-  // Even if all tiles were finished before the budget ran out: whether they are depends on the threads.
-  if (fields.budget().exceeded() && !picture.stopped()) {
+  // Even if all tiles were finished before the budget ran out: whether they are depends on the threads. Late in a
+  // picture with a time limit, which depends on them anyway, what there is is more than what a new beginning makes.
+  const bool ends_early = fields.budget().exceeded() && stage.surveys_are_over() && job.has_samples;
+  if (ends_early && !picture.stopped()) {
+    job.interrupted = false;
+    warn(warning, {},
+         outgrown(picture, fields.budget().out_of_addresses(),
+                  "ends early with the samples that it has, which no checkpoint keeps"));
+  } else if (fields.budget().exceeded() && !picture.stopped()) {
     stats.add_bake(done);
     stats.field_restarts += 1;
     std::string change;
@@ -342,14 +414,13 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   const RenderCallbacks& callbacks = picture.callbacks;
   const int m = thesis_directions(options.directions, options.plane);
   ThesisFieldSet fields(picture.scene, stage.traits, m, picture.field_memory);
-  const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), callbacks.warning);
+  const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), callbacks);
   ThesisBakeCallbacks bake;
   bake.stop = callbacks.stop;
   if (callbacks.progress) bake.progress = [&](float share) { callbacks.progress(share, "bake"); };
   const bool complete = fields.make(stage.accel, cache.get(), bake, callbacks.warning, result.stats);
   AnswererSettings settings{picture.settings.isa, options.base_tolerance(), options.check};
-  const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
-  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, none, settings, fields.pointers());
+  const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, {}, settings, fields.pointers());
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, picture.settings, stage.lights);
   const FieldBudget no_limit;
   result.image = make_image(picture.window, picture.aovs);
@@ -439,6 +510,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       is_done = attempt(picture, stage, plan, result);
       const bool wants_finer = stage.uses_fields() && stage.accuracy != FieldAccuracy::coarse_maps;
       if (!is_done && wants_finer && stage.sky.can_be_finer) make_maps(picture, stage, result.stats);
+      if (!is_done && !stage.uses_fields()) drop_maps(stage, result.stats);
       if (opening && opening->in_use()) opening->in_use()->forget_fields();
     }
   });

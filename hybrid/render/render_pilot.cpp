@@ -15,6 +15,7 @@
 #include "core/platform/stopwatch.h"
 #include "core/sampling/sobol.hd.h"
 #include "hybrid/film/sample_allocation.h"
+#include "hybrid/path/ray_context.h"
 #include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
@@ -33,17 +34,6 @@ constexpr double k_least_samples = 64.0, k_most_samples = 512.0;
 constexpr size_t k_task_pixels = 64;
 
 double pixels_of(const Picture& picture) { return double(picture.window.width) * double(picture.window.height); }
-
-// A context in which rays answer everything.
-class RayContext {
- public:
-  RayContext(const Picture& picture, const Stage& stage);
-  TransportContext& context() const { return *context_; }
-
- private:
-  std::unique_ptr<ShadowAnswerer> answerer_;
-  std::unique_ptr<TransportContext> context_;
-};
 
 struct Survey {
   std::vector<PixelPosition> pixels;
@@ -132,15 +122,11 @@ NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
   return noise;
 }
 
-RayContext::RayContext(const Picture& picture, const Stage& stage) {
-  const std::vector<Field*> none(picture.scene.shapes.size(), nullptr);
-  answerer_ = std::make_unique<ShadowAnswerer>(picture.scene, stage.accel, stage.traits, none,
-                                               AnswererSettings{picture.settings.isa, 0.0f});
+RayContext make_ray_context(const Picture& picture, const Stage& stage) {
   TransportSettings settings = picture.settings;
   settings.first_hits = false;
   settings.open_sun_samples = picture.open_sun_samples();
-  context_ =
-      std::make_unique<TransportContext>(picture.scene, stage.accel, stage.camera, *answerer_, settings, stage.lights);
+  return {picture.scene, stage.accel, stage.traits, stage.camera, settings, stage.lights, false};
 }
 
 // What samples in `context` leave, as few of them show it; nothing if goes_on() became false meanwhile.
@@ -197,7 +183,7 @@ constexpr double k_clear_gain = 4.0;
 constexpr double k_field_share = 0.7;
 
 // Light and lobe samples that are tried beside one.
-constexpr int k_more_light_samples = 4, k_more_lobe_samples = 4;
+constexpr int k_more_samples = 4;
 
 // Standard errors of a survey by which the noise of one sample must lie below the target where no more are taken.
 constexpr double k_sure = 2.0;
@@ -216,7 +202,7 @@ void set_light_samples(const RayNoise& r, TransportSettings& settings) {
 
 // Adds to what is known of rays (Stage::ray_noise) what they leave with these light samples: each is surveyed once,
 // while surveys may go on.
-void survey_ray_noise(const Picture& picture, Stage& stage, const RayContext& rays, int light_samples, int open,
+void survey_ray_noise(const Picture& picture, Stage& stage, RayContext& rays, int light_samples, int open,
                       Stats& stats) {
   RayNoise r = {light_samples, open, {}};
   for (const RayNoise& known : stage.ray_noise) {
@@ -259,7 +245,7 @@ void plan_samples(const Picture& picture, const Stage& stage, const NoiseForecas
 }  // namespace
 
 void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
-  const RayContext rays(picture, stage);
+  RayContext rays = make_ray_context(picture, stage);
   const RenderOptions& options = picture.options;
   const TransportSettings& usual = picture.settings;
   survey_ray_noise(picture, stage, rays, usual.light_samples, usual.open_light_samples, stats);
@@ -286,7 +272,7 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
     stage.survey_samples = std::min(stage.survey_samples, 0.5 * in_time);
   } else if (samples >= k_fewest_samples && !has_sky(picture.scene) && chooses_light_samples(picture)) {
     // Fewer may do, if they have more light samples.
-    survey_ray_noise(picture, stage, rays, k_more_light_samples, k_more_light_samples, stats);
+    survey_ray_noise(picture, stage, rays, k_more_samples, k_more_samples, stats);
     const NoiseForecast& best = best_for_rays(stage).noise;
     const double target = square_of_target(options);
     if (best.work_to(target) < k_fewest_samples * noise.work)
@@ -309,7 +295,7 @@ std::optional<NoiseForecast> choose_lobe_samples(const Picture& picture, Transpo
   if (std::none_of(all.begin(), all.end(), splits)) return {};
   const std::optional<NoiseForecast> one = forecast_noise(picture, context, goes_on, stats);
   if (!one) return {};
-  picture.split_lobes(context.settings, k_more_lobe_samples);
+  picture.split_lobes(context.settings, k_more_samples);
   const std::optional<NoiseForecast> more = forecast_noise(picture, context, goes_on, stats);
   if (more && more->mean_square * more->work < one->mean_square * one->work) return more;
   picture.split_lobes(context.settings, 1);
@@ -317,12 +303,12 @@ std::optional<NoiseForecast> choose_lobe_samples(const Picture& picture, Transpo
 }
 
 // The samples of each camera sample that suit rays best; returns what these are expected to leave.
-NoiseForecast choose_for_rays(const Picture& picture, Stage& stage, const RayContext& rays, TransportContext& context,
+NoiseForecast choose_for_rays(const Picture& picture, Stage& stage, RayContext& rays, TransportContext& context,
                               Stats& stats) {
   if (chooses_light_samples(picture)) {
     const int open = context.settings.open_light_samples;
     survey_ray_noise(picture, stage, rays, 1, open, stats);
-    survey_ray_noise(picture, stage, rays, k_more_light_samples, std::max(k_more_light_samples, open), stats);
+    survey_ray_noise(picture, stage, rays, k_more_samples, std::max(k_more_samples, open), stats);
     if (has_choice(stage)) set_light_samples(best_for_rays(stage), context.settings);
   }
   const GoesOn goes_on = while_surveys_may(picture, stage);
@@ -330,7 +316,7 @@ NoiseForecast choose_for_rays(const Picture& picture, Stage& stage, const RayCon
 }
 
 // The same where few samples do: then the work counts that these take.
-NoiseForecast choose_few_for_rays(const Picture& picture, Stage& stage, const RayContext& rays, double target,
+NoiseForecast choose_few_for_rays(const Picture& picture, Stage& stage, RayContext& rays, double target,
                                   TransportContext& context, Stats& stats) {
   const TransportSettings& s = context.settings;
   const bool chooses = chooses_light_samples(picture);
@@ -362,7 +348,7 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
   }
   const double target = square_of_target(picture.options);
   if (stage.ray_noise.empty() || (is_short && !(target > 0.0))) return;
-  const RayContext rays(picture, stage);
+  RayContext rays = make_ray_context(picture, stage);
   NoiseForecast noise;
   if (is_short)
     noise = choose_few_for_rays(picture, stage, rays, target, context, stats);
@@ -373,7 +359,7 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
 
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
                    Stats& stats) {
-  const RayContext rays(picture, stage);
+  RayContext rays = make_ray_context(picture, stage);
   const auto leave_to_rays = [&] {
     stage.accuracy = FieldAccuracy::rays;
     return false;

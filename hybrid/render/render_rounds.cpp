@@ -1,6 +1,7 @@
 #include "hybrid/render/render_rounds.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <mutex>
@@ -24,6 +25,8 @@ constexpr double k_round_growth = 4.0;
 // A round takes this share of the work so far at least: it pays again for clusters, and noise that few pixels make is
 // underestimated.
 constexpr double k_least_round = 1.0 / 32.0;
+// Of windows of fewer pixels the first round takes at least so many samples: fewer tell nothing of their noise.
+constexpr double k_fewest_seen = 256.0;
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;
@@ -115,8 +118,12 @@ class Rounds {
       const double nearest = nearest_power(std::clamp(expected * share, 2.0, most));
       const double first = nearest > most ? 0.5 * nearest : nearest;
       // With a time limit, all pixels have something soon.
+      const double least = std::exp2(std::ceil(std::log2(k_fewest_seen / double(state_.film.pixels.size()))));
+      if (least > 1.0) state_.first_mean_square = 0.0;
       const uint32_t count = has_one_sample() ? 1 : job_.deadline ? 2 : uint32_t(first);
-      state_.counts.assign(cells_.count(), count);
+      const uint32_t most_samples = std::bit_floor(uint32_t(std::max(picture_.most_samples, 2)));
+      state_.counts.assign(cells_.count(),
+                           std::clamp(uint32_t(std::max(least, 1.0)), count, std::max(count, most_samples)));
       if (has_one_sample()) expected_ = 1.0;
     } else {
       state_.counts.assign(1, uint32_t(picture_.most_samples));
@@ -202,6 +209,7 @@ class Rounds {
   void keep(bool now) {
     if (options_.checkpoint.empty() || state_.identity.empty()) return;
     if (!now && seconds_since(kept_) < options_.checkpoint_seconds) return;
+    if (job_.keeps_at_end && (!now || job_.interrupted)) return;
     // What fields that outgrew their memory show depends on the threads, and is about to be given up.
     if (job_.budget.exceeded()) return;
     try {

@@ -26,6 +26,7 @@ struct Job {
   std::atomic<bool> interrupted = false;
   std::atomic<bool> has_samples = false;  // of any tile, those of a resumed picture included
   std::atomic<uint64_t> not_finite = 0;
+  bool keeps_at_end = false;  // writes its checkpoint once it is done, and none before
 
   bool timed_out() const { return deadline && Clock::now() >= *deadline; }
   bool goes_on() const { return !picture.stopped() && !budget.exceeded() && !timed_out(); }

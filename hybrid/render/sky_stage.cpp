@@ -21,6 +21,8 @@ namespace {
 // Rays that maps may cost for each that they replace. Coarse maps, whose errors suit the noise of few samples, leave
 // less than a fifth of that noise, which would take Monte Carlo 25 times the rays.
 constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
+// The same without a sky, where light samples' noise stays.
+constexpr uint64_t k_bounce_maps_gain = 1;
 constexpr int k_share_side = 32;  // camera rays along each side of the film (diffuse_share)
 constexpr int k_fewest_directions = 8, k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
 // In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
@@ -63,11 +65,12 @@ int wanted_directions(bool crowd, float given, uint64_t samples) {
 }
 
 // D = 0: none is affordable for so many rays.
-MapSize choose_size(size_t shapes, int directions, int least, uint64_t rays, uint64_t most_bytes) {
+MapSize choose_size(size_t shapes, int directions, int least, uint64_t rays, bool bounces_alone, uint64_t most_bytes) {
   MapSize size;
   size.directions = directions;
   const auto fits = [&] {
-    const uint64_t gain = size.directions > k_coarse_directions ? k_usual_maps_gain : k_coarse_maps_gain;
+    const uint64_t usual = size.directions > k_coarse_directions ? k_usual_maps_gain : k_coarse_maps_gain;
+    const uint64_t gain = bounces_alone ? k_bounce_maps_gain : usual;
     return size.lines() * shapes <= gain * rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
   while (size.directions > least && !fits()) size.directions /= 2;
@@ -176,28 +179,30 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const bool by_request = options.at_any_cost();
   const bool crowd = scene.instances.size() > k_crowd;
   const uint64_t instances = crowd ? instances_in_view(scene) : 0;
-  const auto choose = [&](uint64_t rays, bool coarse) {
+  const auto choose = [&](uint64_t rays, bool coarse, bool bounces_alone) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
     if (rays < k_crowd_rays * instances) return MapSize{0, 0};
     int directions = wanted_directions(crowd, given, request.samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
-    return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, request.most_bytes);
+    return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, bounces_alone,
+                       request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
   const bool spoils_light = !by_request && instances > k_most_under_map && has_map(scene);
   const uint64_t light_rays = spoils_light ? 0 : request.light_rays;
-  MapSize size = choose(light_rays, request.coarse);
+  MapSize size = choose(light_rays, request.coarse, request.bounces_alone);
   if (size.directions == 0 && light_rays > 0) {
     mapped.drop_deformed();
-    size = choose(light_rays, request.coarse);
+    size = choose(light_rays, request.coarse, request.bounces_alone);
   }
   const bool for_light = size.directions > 0;
   // Within less than an object's radius rays are cheap and their noise is low.
   const bool is_far = by_request || request.occlusion_distance >= median_radius(scene, mapped);
   const uint64_t occlusion_rays = is_far ? request.occlusion_rays : 0;
-  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false);
+  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false, /*bounces_alone=*/false);
   if (size.directions == 0) return stage;
-  const bool can_be_finer = for_light && size.directions < choose(light_rays, /*coarse=*/false).directions;
+  const bool can_be_finer =
+      for_light && size.directions < choose(light_rays, /*coarse=*/false, request.bounces_alone).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   // Before the cache, which is being opened meanwhile.
   std::optional<SkyRadiance> light;

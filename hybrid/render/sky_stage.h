@@ -28,8 +28,9 @@ struct SkyRequest {
   float occlusion_distance = k_infinity;  // of the layer `ao`
   // Light samples of a pixel; the most that there may be where their number tells nothing of the noise.
   uint64_t samples = 0;
-  uint64_t most_bytes = 0;  // that maps may take
-  bool coarse = false;      // maps for light have no more directions than for few samples, and their tolerance
+  uint64_t most_bytes = 0;     // that maps may take
+  bool bounces_alone = false;  // there is no sky: light from surface to surface is all that maps are for
+  bool coarse = false;         // maps for light have no more directions than for few samples, and their tolerance
 };
 
 // Of the surfaces that a grid of camera rays over the whole film meets, the share that are diffuse and opaque: only

@@ -10,15 +10,10 @@
 namespace fieldtrace {
 namespace {
 
-// A texel that a footprint is read from, in widths of the cell: a tent and its texel of this width have the variance of
-// a box of width 1.
-constexpr float k_footprint = 0.58f;
 // A bilinear read covers so many texels about its place.
 constexpr float k_read_reach = 1.5f;
 // What a cell whose light varies counts as clear on its own object, of what others do: it may be bright.
 constexpr float k_divided_clear = 0.4f;
-// Groups are read as one if they subtend less than so many widths of a cell (OccluderGroups::find).
-constexpr float k_widest_group = 1.0f;
 
 // `unit`: the cell's direction in unit space; `width`: its extent, radians; `distance`: Sky::distance().
 MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3& unit, float width, float distance) {
@@ -271,8 +266,7 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   count_ = points.size;
   bound(points);
   find_lit();
-  const float widths = indirect_ ? 0.0f : k_widest_group;  // none sends light back
-  maps.find(place, widths * maps.cell_width(), distance_, near_, lobes_);
+  maps.find(place, distance_, near_, lobes_);
   add_far();
   // Parallelograms before others, which do not matter where one hides a cell.
   for (const bool planes : {true, false}) {

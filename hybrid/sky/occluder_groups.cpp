@@ -131,8 +131,8 @@ void OccluderGroups::build(Leaves leaves) {
   nodes_[at].next = uint32_t(nodes_.size());
 }
 
-void OccluderGroups::find(const Sphere& place, float cell_width, float angle, float most_distance,
-                          std::vector<uint32_t>& near, std::vector<Lobe>& far) const {
+void OccluderGroups::find(const Sphere& place, float cell_width, float most_distance, std::vector<uint32_t>& near,
+                          std::vector<Lobe>& far) const {
   near.clear(), far.clear();
   const float width = k_lobe_width * cell_width;
   for (uint32_t i = 0; i < nodes_.size();) {
@@ -144,7 +144,7 @@ void OccluderGroups::find(const Sphere& place, float cell_width, float angle, fl
       i = node.next;
       continue;
     }
-    if (distance + reach <= most_distance && node.radius + k_place_part * place.radius <= angle * distance) {
+    if (distance + reach <= most_distance && node.radius + k_place_part * place.radius <= cell_width * distance) {
       const Vec3 d = to / distance;
       const float opacity = opacity_of(node.opacity[direction_cell(d, k_group_directions)]);
       if (!(node.is_planes && opacity > k_solid)) {

@@ -32,10 +32,10 @@ class OccluderGroups {
   // `frames`: of D x D direction cells, by whose numbers the occluders have maps.
   OccluderGroups(const Scene& scene, std::span<const SkyOccluder> occluders, int directions);
 
-  // The occluders that points within `place` must read one by one, and lobes that stand for all others: of groups that
-  // subtend less than `angle` for its points (half of it, as a radius). Radians. What lies farther than `most_distance`
-  // from all of them is left out; what may reach across it is near.
-  void find(const Sphere& place, float cell_width, float angle, float most_distance, std::vector<uint32_t>& near,
+  // The occluders that points within `place` must read one by one, and lobes that stand for all others: of groups whose
+  // radius subtends less than `cell_width`, radians, for its points. What lies farther than `most_distance` from all of
+  // them is left out; what may reach across it is near.
+  void find(const Sphere& place, float cell_width, float most_distance, std::vector<uint32_t>& near,
             std::vector<Lobe>& far) const;
   uint64_t bytes() const { return nodes_.capacity() * sizeof(Node); }
 

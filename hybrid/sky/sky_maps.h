@@ -68,7 +68,7 @@ class SkyMaps {
   // Points of an instance that have the same centre of place() see the same groups; without a crowd all do.
   Sphere place(uint32_t instance, const Vec3& point) const;
   // As OccluderGroups::find; `near` is all occluders if they are no crowd.
-  void find(const Sphere& place, float angle, float distance, std::vector<uint32_t>& near,
+  void find(const Sphere& place, float distance, std::vector<uint32_t>& near,
             std::vector<OccluderGroups::Lobe>& far) const;
   uint64_t bytes() const;
 

@@ -48,7 +48,6 @@ class SkyRadiance {
   // The cells of a grid whose axes are the columns of `grid`, a rotation that may mirror. Those whose light varies are
   // divided in parts x parts.
   SkyCells cells(const Mat3& grid, int directions, int parts = 1) const;
-  bool is_even() const { return fine_.empty(); }  // constant all over
   // Radiance from a unit direction, without what is concentrated: interpolated on a fine grid.
   Rgb radiance(const Vec3& d) const;
   // Irradiance of the open sky, without what is concentrated, on a surface of the unit normal `n`, by way of an

@@ -73,8 +73,9 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
   instances_.reserve(scene.instances.size());
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
     const uint32_t s = scene.instances[i].shape;
-    const ThesisField* thesis = thesis_fields.empty() ? nullptr : thesis_fields[s];
-    instances_.push_back(make_shadow_instance(scene, i, traits[s], fields[s], thesis, settings));
+    Field* const field = fields.empty() ? nullptr : fields[s];
+    const ThesisField* const thesis = thesis_fields.empty() ? nullptr : thesis_fields[s];
+    instances_.push_back(make_shadow_instance(scene, i, traits[s], field, thesis, settings));
   }
 }
 

@@ -7,8 +7,8 @@
 // undecided is traced against that candidate alone, others against the whole scene, as are all single rays of a group
 // with candidate overflow (more than k_most_candidates).
 //
-// Each step takes a list of groups, too. Their questions then go to a device as one wave, if there is one;
-// the calls for one group leave it out.
+// Each step takes a list of groups, too, whose questions go to a device as one wave; the calls for one group leave it
+// out.
 //
 // Files: shadow_answerer.cpp culls; shadow_answerer_lights.cpp looks up whole lights and strata,
 // shadow_answerer_rays.cpp single rays, and traces the rest; shadow_answerer_device.cpp asks a device;
@@ -94,7 +94,8 @@ struct ShadowInstance;  // hybrid/visibility/shadow_instance.h
 
 class ShadowAnswerer {
  public:
-  // traits[s] belongs to shape s. fields[s] is its field, or null: its instances are then answered by exact rays.
+  // traits[s] belongs to shape s. fields[s] is its field, or null: its instances are then answered by exact rays;
+  // empty: all are.
   // Instead a shape may have a field in the thesis' chart in thesis_fields[s], which answers every single ray that
   // meets it, whatever the tolerance; empty: none. The scene, `accel` and the fields must outlive this.
   ShadowAnswerer(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
@@ -128,8 +129,8 @@ class ShadowAnswerer {
     bool counts_open = false;                 // traced rays count as Stats::rays_open, too
     std::vector<RayQuestion> questions = {};  // by candidate
   };
-  // All of a list, side by side where there is a device. Requests must not share what they write, but for the counters
-  // of the statistics where there is no device.
+  // All of a list, side by side; device() must not be null. Requests must not share what they write, but for the
+  // statistics of those that follow one another.
   void find_candidates(std::span<CandidateRequest> requests) const;
   void filter(std::span<FilterRequest> requests) const;
   void answer(std::span<RayRequest> requests) const;

@@ -113,10 +113,6 @@ void ShadowAnswerer::ask_cones(CandidateRequest& request) const {
 }
 
 void ShadowAnswerer::find_candidates(std::span<CandidateRequest> requests) const {
-  if (!device_) {
-    for (const CandidateRequest& request : requests) find_candidates(request);
-    return;
-  }
   for_each_request(requests, [&](CandidateRequest& request) {
     choose_candidates(request);
     ask_cones(request);
@@ -157,10 +153,6 @@ void ShadowAnswerer::ask_strata(FilterRequest& request) const {
 }
 
 void ShadowAnswerer::filter(std::span<FilterRequest> requests) const {
-  if (!device_) {
-    for (const FilterRequest& request : requests) filter(request);
-    return;
-  }
   for_each_request(requests, [&](FilterRequest& request) { ask_strata(request); });
   ask_and_bake(requests, &DeviceWave::strata,
                [](const FilterRequest& request, size_t n) { return request.group.open[n].slot; });
@@ -187,10 +179,6 @@ void ShadowAnswerer::ask_rays(RayRequest& request) const {
 }
 
 void ShadowAnswerer::answer(std::span<RayRequest> requests) const {
-  if (!device_) {
-    for (const RayRequest& request : requests) answer(request);
-    return;
-  }
   for_each_request(requests, [&](RayRequest& request) { ask_rays(request); });
   ask_and_bake(requests, &DeviceWave::rays, [](const RayRequest&, size_t n) { return n; });
   for_each_request(requests, [&](const RayRequest& request) { answer(request); });

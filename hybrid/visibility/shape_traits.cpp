@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/mesh/mesh_parts.h"
+#include "field/store/field.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -30,14 +33,19 @@ bool is_flat(const Shape& shape) {
                      [&](const Vec3& v) { return std::abs(glm::dot(DVec3(v) - base, normal)) <= slack; });
 }
 
+bool suits_field(const Shape& shape) {
+  if (shape.kind != ShapeKind::mesh || shape.triangle_count() < k_fewest_field_triangles) return false;
+  const float size = k_least_part * field_ball(shape.bounds).radius;
+  return share_of_small_parts(shape.mesh, size) <= k_most_small_parts;
+}
+
 }  // namespace
 
 std::vector<ShapeTraits> shape_traits(const Scene& scene) {
   std::vector<ShapeTraits> traits;
   for (const Shape& shape : scene.shapes) {
     const bool flat = is_flat(shape);
-    const bool many = shape.kind == ShapeKind::mesh && shape.triangle_count() >= k_fewest_field_triangles;
-    traits.push_back({flat, many && !flat});
+    traits.push_back({flat, !flat && suits_field(shape)});
   }
   return traits;
 }

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import enum
 import operator
+import os
+import sys
+import warnings
 from typing import Callable, NamedTuple, NoReturn, Optional, Sequence, SupportsFloat, SupportsIndex, Union, overload
 
 import numpy as np
@@ -311,11 +314,22 @@ class Scene:
         """Linear radiance, RGB, (height, width, 3), row 0 at the top. Ctrl-C, and what `progress` raises, cancel."""
         pixels = np.empty((self._core.get_int("height"), self._core.get_int("width"), 3), np.float32)
         self._core.render(pixels, progress)
+        _warn(self._core)
         return pixels
 
     def render_to_file(self, path: Path, progress: Optional[Progress] = None) -> None:
         """The same to .exr or .png."""
         self._core.render_to_file(_arrays.path(path), progress)
+        _warn(self._core)
+
+
+def _warn(core: _core.Scene) -> None:
+    """Issues the library's warnings as Python's, at the first line that is not this package's."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__") == __name__:
+        level, frame = level + 1, frame.f_back
+    for message in core.take_warnings():
+        warnings.warn(os.fsdecode(message), stacklevel=level)
 
 
 _Rows = NDArray[np.float32]
@@ -343,9 +357,13 @@ def _points(points: ArrayLike, normals: ArrayLike) -> tuple[tuple[_Rows, _Rows],
 
 
 def load_scene(path: Path, threads: SupportsIndex = 0) -> Scene:
-    """A scene file in the subset of Mitsuba's format that `fieldtrace render` reads; committed. See Scene.origin."""
+    """A scene file in the subset of Mitsuba's format that `fieldtrace render` reads; committed. See Scene.origin.
+
+    What the file says and is rendered otherwise is a UserWarning.
+    """
     scene = Scene.__new__(Scene)
     scene._core = _core.Scene.load(_arrays.path(path), _arrays.number("threads", threads))
+    _warn(scene._core)
     return scene
 
 

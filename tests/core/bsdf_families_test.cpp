@@ -48,6 +48,9 @@ TEST(CoatedBodies, AreWhatInterfacesLeave) {
         const Vec3 wo = direction(cosine, 2.0f * k_pi * (float(i % k_side) + 0.5f) / float(k_side));
         const double left =
             double((evaluate_bsdf(named.material, wi, wo) - evaluate_bsdf(interface, wi, wo)).y) / double(cosine);
+        ASSERT_NEAR(double(body.reflected.y * relative_transmittance(named.material, cosine)), left,
+                    1e-3 * double(body.reflected.y))
+            << named.name << " " << z << " " << cosine;
         const double passed = 1.0 - double(body.grazing) * std::pow(1.0 - double(cosine), 5.0);
         const double estimate = double(body.reflected.y) * passed;
         all += left, by_body += estimate;
@@ -58,6 +61,18 @@ TEST(CoatedBodies, AreWhatInterfacesLeave) {
       EXPECT_NEAR(by_body / all, 1.0, 2e-3) << named.name << " " << z;
     }
   }
+}
+
+// Interfaces that the fit is not for are left to samples.
+TEST(CoatedBodies, AreOnlyThoseThatAreFitted) {
+  constexpr MicrofacetKind ggx = MicrofacetKind::ggx, beckmann = MicrofacetKind::beckmann;
+  EXPECT_TRUE(rough_plastic(ggx, 0.4f, 0.5f, 1.49f).coated_diffuse());
+  EXPECT_TRUE(rough_plastic(beckmann, 1.0f, 0.5f, 1.49f).coated_diffuse());
+  EXPECT_TRUE(plastic(0.5f, 1.0f, false).coated_diffuse());
+  EXPECT_FALSE(rough_plastic(ggx, 0.7f, 0.5f, 1.49f).coated_diffuse());
+  EXPECT_FALSE(rough_plastic(ggx, 1.0f, 0.5f, 1.3f).coated_diffuse());
+  EXPECT_FALSE(rough_plastic(beckmann, 0.1f, 0.5f, 0.9f).coated_diffuse());
+  EXPECT_FALSE(plastic(0.5f, 0.9f, false).coated_diffuse());
 }
 
 std::vector<Named> rough_dielectrics() {

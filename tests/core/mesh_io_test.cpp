@@ -110,6 +110,21 @@ TEST_F(MeshIo, ObjMakesOneVertexOfEachDistinctTriple) {
   EXPECT_EQ(mesh.texcoords[2], Vec2(1.0f, 0.25f));
 }
 
+// A position with a normal for each of very many faces is not searched among all of them.
+TEST_F(MeshIo, ObjReadsVerticesOfManyNormals) {
+  constexpr int k_faces = 100'000;
+  std::string text = "v 0 1 0\n";
+  for (int i = 0; i < k_faces; ++i) text += fmt::format("v {} 0 {}\nvn {} 1 1\n", i, i % 2, i + 1);
+  for (int i = 0; i + 1 < k_faces; ++i)
+    text += fmt::format("f 1//{} {}//{} {}//{}\n", i + 1, i + 2, i + 1, i + 3, i + 1);
+  const TriangleMesh mesh = load("a.obj", text);
+  EXPECT_EQ(mesh.triangles.size(), size_t(k_faces - 1));
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+    for (int c = 0; c < 3; ++c) ASSERT_GT(glm::dot(mesh.normals[mesh.triangles[i][c]], Vec3(float(i) + 1, 1, 1)), 0.0f);
+    ASSERT_EQ(mesh.positions[mesh.triangles[i].x], Vec3(0, 1, 0));
+  }
+}
+
 TEST_F(MeshIo, ObjAcceptsOddButLegalText) {
   const TriangleMesh commented = load("a.obj",
                                       "# made by C:\\tmp\\\nv 0 0 0 # C:\\\nv 1 0 0\t#\n  # C:\\\nv 0 1 0\ng #1\n"
@@ -321,6 +336,9 @@ TEST_F(MeshIo, PlyHeaderErrorsNameTheLine) {
             "a.ply: the PLY header has no element \"face\", export the mesh with its faces");
   EXPECT_EQ(ply(start + "element vertex 1\nproperty float x\nproperty float z\nelement face 0\nend_header\n0 0\n"),
             "a.ply:3: element \"vertex\" has no property \"y\", add it");
+  EXPECT_EQ(
+      ply(start + "element vertex 4\nelement face 1\nproperty list int int vertex_indices\nend_header\n4 0 1 2 3\n"),
+      "a.ply:3: element \"vertex\" has no property \"x\", add it");
   EXPECT_EQ(ply(start + "element vertex 0\nelement face 1\nproperty int a\nend_header\n0\n"),
             "a.ply:4: element \"face\" has no list vertex_indices, add it");
   EXPECT_EQ(ply(start + "element vertex 0\nelement face 0\nend_header\n"),

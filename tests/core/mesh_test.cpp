@@ -4,6 +4,7 @@
 #include <random>
 
 #include "core/mesh/mesh_normals.h"
+#include "core/mesh/mesh_parts.h"
 #include "core/mesh/mesh_procedural.h"
 #include "core/mesh/mesh_stress.h"
 #include "core/platform/error.h"
@@ -309,6 +310,91 @@ TEST(StressMesh, SliversAreAsThinAsAsked) {
     const double length = glm::length(mesh.positions[t.y] - mesh.positions[t.x]);
     ASSERT_GT(width, 0.0);
     ASSERT_LT(width / length, 3e-7);
+  }
+}
+
+// Copies of a mesh, moved and scaled, in one.
+TriangleMesh joined(const TriangleMesh& mesh, const std::vector<std::pair<Vec3, float>>& places) {
+  TriangleMesh all;
+  for (const auto& [place, size] : places) {
+    const auto first = uint32_t(all.positions.size());
+    for (const Vec3& p : mesh.positions) all.positions.push_back(place + size * p);
+    for (const UVec3& t : mesh.triangles) all.triangles.push_back(t + first);
+  }
+  return all;
+}
+
+// Every triangle with vertices of its own.
+TriangleMesh faceted(const TriangleMesh& mesh) {
+  TriangleMesh facets;
+  for (const UVec3& t : mesh.triangles) {
+    const auto first = uint32_t(facets.positions.size());
+    for (int c = 0; c < 3; ++c) facets.positions.push_back(mesh.positions[t[c]]);
+    facets.triangles.push_back(UVec3(first, first + 1, first + 2));
+  }
+  return facets;
+}
+
+TEST(MeshParts, SmallOnesAreFoundByTheirBoxes) {
+  const TriangleMesh sphere = make_sphere({});
+  const double diagonal = double(glm::length(sphere.bounds().diagonal()));
+  // Radii 1, 1/2 and 1/4: areas as 16, 4 and 1.
+  const TriangleMesh three = joined(sphere, {{Vec3(0), 1.0f}, {Vec3(3, 0, 0), 0.5f}, {Vec3(5, 0, 0), 0.25f}});
+  for (const TriangleMesh& mesh : {three, faceted(three)}) {
+    EXPECT_EQ(share_of_small_parts(mesh, float(0.2 * diagonal)), 0.0);
+    EXPECT_NEAR(share_of_small_parts(mesh, float(0.4 * diagonal)), 1.0 / 21.0, 1e-6);
+    EXPECT_NEAR(share_of_small_parts(mesh, float(0.7 * diagonal)), 5.0 / 21.0, 1e-6);
+    EXPECT_NEAR(share_of_small_parts(mesh, float(2.0 * diagonal)), 1.0, 1e-12);
+  }
+  EXPECT_EQ(share_of_small_parts(TriangleMesh(), 1.0f), 0.0);
+}
+
+// Against parts that a search from triangle to triangle finds, in a soup of random triangles on few places.
+TEST(MeshParts, AreWhatSharesPlaces) {
+  std::mt19937 random(4);
+  for (int round = 0; round < 50; ++round) {
+    TriangleMesh mesh;
+    const int places = 3 + int(random() % 60);
+    std::vector<Vec3> at;
+    for (int i = 0; i < places; ++i) at.push_back(Vec3(float(random() % 1000), float(random() % 1000), -0.0f));
+    for (int i = 0; i < 90; ++i)
+      mesh.positions.push_back(at[random() % at.size()] * Vec3(1.0f, 1.0f, i % 2 ? 1.0f : -1.0f));
+    for (int i = 0; i < 25; ++i) mesh.triangles.push_back(UVec3(random() % 90, random() % 90, random() % 90));
+    const size_t n = mesh.triangles.size();
+    const auto touch = [&](size_t a, size_t b) {
+      for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+          if (mesh.positions[mesh.triangles[a][i]] == mesh.positions[mesh.triangles[b][j]]) return true;
+        }
+      }
+      return false;
+    };
+    std::vector<int> part(n, -1);
+    double small = 0.0, all = 0.0;
+    const float size = 900.0f;
+    for (size_t seed = 0; seed < n; ++seed) {
+      if (part[seed] >= 0) continue;
+      std::vector<size_t> members = {seed};
+      part[seed] = int(seed);
+      for (size_t k = 0; k < members.size(); ++k) {
+        for (size_t other = 0; other < n; ++other) {
+          if (part[other] >= 0 || !touch(members[k], other)) continue;
+          part[other] = int(seed);
+          members.push_back(other);
+        }
+      }
+      Bounds3 bounds;
+      double area = 0.0;
+      for (const size_t k : members) {
+        const UVec3& t = mesh.triangles[k];
+        const DVec3 a(mesh.positions[t.x]), b(mesh.positions[t.y]), c(mesh.positions[t.z]);
+        for (const DVec3& p : {a, b, c}) bounds.extend(Vec3(p));
+        area += glm::length(glm::cross(b - a, c - a));
+      }
+      all += area;
+      if (glm::length(bounds.diagonal()) < size) small += area;
+    }
+    EXPECT_NEAR(share_of_small_parts(mesh, size), all > 0.0 ? small / all : 0.0, 1e-9) << round;
   }
 }
 

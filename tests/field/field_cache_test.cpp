@@ -440,6 +440,27 @@ TEST(FieldCache, AStoppedWriterHoldsNobodyUpForever) {
   EXPECT_THROW(FileLock(path, LockWait::until_free, 0.05), Error);
 }
 
+// Whoever interrupts a render does not wait for others' locks.
+TEST(FieldCache, AnInterruptedRenderWaitsForNobody) {
+  const TemporaryFolder folder;
+  const FieldIdentity identity = test::test_identity(k_small);
+  std::atomic<bool> stop = true;
+  Warnings warnings;
+  FieldCache cache(folder.path(), 1, warnings.sink(), &stop);
+  Field field = make_field();
+  test::fill_random_slices(field, 1, 100);
+  {
+    const FileLock writer(cache.path_of(identity) + ".lock");
+    EXPECT_THROW(cache.store(field, identity), Error);
+    const FileLock trimmer(folder / "trim.lock");
+    cache.trim();
+    ASSERT_EQ(warnings.lines.size(), 1u);
+    EXPECT_NE(warnings.lines[0].find("is not kept"), std::string::npos) << warnings.lines[0];
+  }
+  cache.store(field, identity);  // that are free are taken
+  EXPECT_GT(cache.bytes_on_disk(identity), 0u);
+}
+
 TEST(FieldCache, AKilledWriterHoldsNobodyUp) {
   const TemporaryFolder folder;
   const FieldIdentity identity = test::test_identity(k_small);

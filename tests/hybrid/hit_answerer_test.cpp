@@ -260,7 +260,7 @@ TEST(CertifiedHits, AreWantedWhereLargeMeshesAreSentManyRays) {
       without_knot([](SceneMaker& m) { m.scene.instances[0].bsdf = m.bsdf(BsdfKind::rough_dielectric, Rgb(1.0f)); }));
   EXPECT_TRUE(without_knot([](SceneMaker& m) { m.area_light(0, Rgb(1.0f)); }));
   SceneMaker crowd = small;
-  for (size_t i = 0; i < HitAnswerer::k_most_objects; ++i) crowd.instance(0, 0, Affine(1.0f));
+  for (size_t i = 0; i < k_most_candidates; ++i) crowd.instance(0, 0, Affine(1.0f));
   EXPECT_EQ(chosen(crowd.scene, k_few), none);
   o.tolerance = 1.0f;
   EXPECT_EQ(chosen(small.scene, k_few), none);

@@ -9,6 +9,7 @@
 #include "core/mesh/mesh_procedural.h"
 #include "hybrid/compare/compare.h"
 #include "hybrid/glossy/radiance_maps.h"
+#include "hybrid/path/patch_vertex.h"
 #include "hybrid/render/render.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "tests/support/field_checks.h"
@@ -296,7 +297,7 @@ struct ExactShading {
   static TransportSettings transport(int max_depth) {
     TransportSettings settings;
     settings.isa = resolve_isa(Isa::automatic);
-    settings.light_samples = SurfaceRadiance::k_samples;
+    settings.light_samples = k_patch_samples;
     settings.max_depth = max_depth;
     return settings;
   }

@@ -22,6 +22,11 @@ static void count_error(void* user, FTError code, const char* message) {{
   ++*(int*)user;
 }}
 
+static void note(void* user, const char* message) {{
+  (void)user;
+  fprintf(stderr, "%s\\n", message);
+}}
+
 static int cancel(void* user, double share) {{
   (void)user, (void)share;
   return 0;

@@ -4,6 +4,7 @@ import os
 import pathlib
 import tempfile
 import unittest
+import warnings
 
 import numpy as np
 
@@ -76,6 +77,21 @@ class Errors(unittest.TestCase):
     def test_little_memory(self):
         with self.assertRaises(fieldtrace.Error):
             self.committed(torus, field_memory=1000, directions=32, plane=64).bake()
+
+    def test_what_a_file_says_in_vain_warns(self):
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "scene.xml"
+            file.write_text(
+                '<scene version="3.0.0"><emitter type="constant"/>'
+                '<shape type="sphere"><bsdf type="velvet"/></shape></scene>'
+            )
+            with self.assertWarnsRegex(UserWarning, "scene.xml:1: .*velvet") as caught:
+                fieldtrace.load_scene(file)
+            self.assertEqual(caught.filename, __file__)
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                with self.assertRaises(UserWarning):
+                    fieldtrace.render(file)
 
     def test_errors_of_progress(self):
         scene = self.committed(torus, directions=32, plane=64)

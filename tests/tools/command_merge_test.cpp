@@ -88,7 +88,7 @@ TEST_F(CommandMerge, NamesWhatIsWrong) {
   expect_failure(2, "-o is required", merge(3, {}));
   // A part of the same scene by other options, and of another one of that name.
   ASSERT_EQ(run(command(2, 3, {"--seed", "7"})).code, 0);
-  expect_failure(1, "part 2.exr: is a part of another picture than part 3.exr: --seed is 7, not 0",
+  expect_failure(1, "part 2.exr: is a part of another picture than part 3.exr: --seed is 7 instead of 0",
                  merge(3, {"-o", "out.exr"}));
   std::string scene = k_small_scene;
   scene.replace(scene.find("\"40\""), 4, "\"41\"");

@@ -6,6 +6,7 @@
 
 #include "core/io/atomic_file.h"
 #include "core/io/file_ending.h"
+#include "core/io/input_file.h"
 #include "core/loader/scene_limits.h"
 #include "core/mesh/mesh_io.h"
 #include "hybrid/fields/field_resolution.h"
@@ -40,19 +41,19 @@ bool is_mesh(const std::string& path) {
 
 // OpenVDB programs require the extension; a folder is a field cache.
 void check_output(const std::string& path) {
-  if (std::filesystem::is_directory(path) || std::filesystem::path(path).extension() == ".vdb") return;
+  if (is_folder(path) || std::filesystem::path(path).extension() == ".vdb") return;
   throw UsageError("-o " + path + ": name a file ending in .vdb, or a folder that exists");
 }
 
 void check_limit(const BakeArguments& arguments) {
-  if (arguments.options.cache_limit == 0 || std::filesystem::is_directory(arguments.output)) return;
+  if (arguments.options.cache_limit == 0 || is_folder(arguments.output)) return;
   throw UsageError("--field-cache-limit: -o must name a folder that exists, " + arguments.output + " is none");
 }
 
 // The numbered files of all objects that may get a field. Those in a cache are named by what they hold.
 void check_numbered_outputs(const BakeArguments& arguments, const Scene& scene,
                             const std::vector<ShapeTraits>& traits) {
-  if (std::filesystem::is_directory(arguments.output)) return;
+  if (is_folder(arguments.output)) return;
   const auto wanted = size_t(std::count_if(traits.begin(), traits.end(), [](const auto& t) { return t.wants_field; }));
   std::vector<OutputFile> outputs;
   for (size_t i = 0; i < std::max<size_t>(wanted, 1); ++i) {

@@ -225,9 +225,10 @@ void print_summary(const Stats& s) {
                   s.field_objects == 1 ? "" : "s", cells, count(s.field_cells_baked), count(s.field_cells_full),
                   megabytes(s.field_bytes_memory));
   } else if (s.field_restarts > 0) {
-    print_message("fields  none: {} are too little for any\n", megabytes(s.field_bytes_budget));
+    print_message("fields  none: {} are too little for those that would gain\n", megabytes(s.field_bytes_budget));
   } else if (s.sky_objects == 0 && s.field_left_to_rays == 0 && s.method == "hybrid" && s.tolerance > 0) {
-    print_message("fields  none: every object is too simple to gain from one\n");
+    print_message("fields  none: {}\n",
+                  s.by_rounds ? "rays reach the error as soon, or no object suits one" : "no object suits one");
   }
   if (s.open_light_samples > s.light_samples && s.rays_open > 0)
     print_message("light   {} samples for each camera sample where it may be hidden\n", s.open_light_samples);
@@ -319,6 +320,9 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
     print_message("fieldtrace: interrupted; {} was not written\n", result.part ? "the part" : "the picture");
     return k_exit_interrupted;
   }
+  if (!result.has_samples && options.time_limit > 0.0f)
+    throw Error("the time was up before anything was traced, and " + arguments.outputs[0] +
+                " was not written; give --time-limit more");
   std::string denoiser;
   if (arguments.denoise) {
     callbacks.progress(1.0f, "denoise");

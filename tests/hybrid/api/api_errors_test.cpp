@@ -16,6 +16,7 @@ namespace fieldtrace {
 namespace {
 
 using test::ApiScene;
+using test::TemporaryFolder;
 
 constexpr float k_nan = std::numeric_limits<float>::quiet_NaN();
 
@@ -110,6 +111,7 @@ TEST(ApiErrors, NullAndForeignHandles) {
     EXPECT_EQ(ftReleaseDevice(bad), FT_ERROR_INVALID_ARGUMENT);
     EXPECT_EQ(ftSetDeviceErrorCallback(bad, nullptr, nullptr), FT_ERROR_INVALID_ARGUMENT);
     EXPECT_EQ(ftSetDeviceProgressCallback(bad, nullptr, nullptr), FT_ERROR_INVALID_ARGUMENT);
+    EXPECT_EQ(ftSetDeviceWarningCallback(bad, nullptr, nullptr), FT_ERROR_INVALID_ARGUMENT);
   }
   EXPECT_EQ(scene, nullptr);
   EXPECT_EQ(ftNewDevice(0, nullptr), FT_ERROR_INVALID_ARGUMENT);
@@ -336,6 +338,31 @@ TEST(ApiErrors, CallbacksHearAndCancel) {
   EXPECT_EQ(std::count(pixels.begin(), pixels.end(), -1.0f), 0);
   EXPECT_GT(std::accumulate(pixels.begin(), pixels.end(), 0.0), 64.0 * 64.0 * 0.2);
   EXPECT_EQ(ftRenderToFile(s.scene, "picture.jpg"), FT_ERROR_INVALID_ARGUMENT);
+}
+
+TEST(ApiErrors, WarningsAreHeard) {
+  const ApiScene s;
+  const TemporaryFolder folder;
+  const std::string path = folder / "scene.xml";
+  std::ofstream(path) << "<scene version=\"3.0.0\">\n<emitter type=\"constant\"/>\n<shape type=\"torus\"/>\n</scene>\n";
+  std::vector<std::string> heard;
+  const auto on_warning = [](void* user, const char* message) {
+    static_cast<std::vector<std::string>*>(user)->emplace_back(message);
+  };
+  ASSERT_EQ(ftSetDeviceWarningCallback(s.device, on_warning, &heard), FT_ERROR_NONE);
+  FTScene scene = nullptr;
+  ASSERT_EQ(ftLoadScene(s.device, path.c_str(), &scene), FT_ERROR_NONE);
+  const auto of_torus = [&](const std::string& message) {
+    return message.find(path + ":3: ") == 0 && message.find("torus") != std::string::npos;
+  };
+  EXPECT_EQ(std::count_if(heard.begin(), heard.end(), of_torus), 1);
+  const size_t count = heard.size();
+  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
+  // None is left that could be called.
+  ASSERT_EQ(ftSetDeviceWarningCallback(s.device, nullptr, nullptr), FT_ERROR_NONE);
+  ASSERT_EQ(ftLoadScene(s.device, path.c_str(), &scene), FT_ERROR_NONE);
+  EXPECT_EQ(heard.size(), count);
+  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
 }
 
 TEST(ApiErrors, FieldsBeyondTheirMemoryAreOutOfMemory) {

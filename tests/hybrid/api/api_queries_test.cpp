@@ -545,6 +545,58 @@ TEST(ApiFields, AreTheSameFromAFile) {
   EXPECT_EQ(baked, loaded);
 }
 
+// A mesh's number in a scene of it alone, which is committed.
+int64_t number_of(const TriangleMesh& mesh, const char* name) {
+  FTDevice device = nullptr;
+  FTScene scene = nullptr;
+  EXPECT_EQ(ftNewDevice(2, &device), FT_ERROR_NONE);
+  EXPECT_EQ(ftNewScene(device, &scene), FT_ERROR_NONE);
+  EXPECT_EQ(ftSetSceneInt(scene, "directions", 32), FT_ERROR_NONE);
+  EXPECT_EQ(ftSetSceneInt(scene, "plane", 64), FT_ERROR_NONE);
+  EXPECT_EQ(ftAddMesh(scene, &mesh.positions[0].x, 0, mesh.positions.size(), &mesh.triangles[0].x, 0,
+                      mesh.triangles.size(), nullptr),
+            FT_ERROR_NONE);
+  EXPECT_EQ(ftAddInstance(scene, 0, nullptr, nullptr), FT_ERROR_NONE);
+  EXPECT_EQ(ftCommitScene(scene), FT_ERROR_NONE);
+  EXPECT_EQ(ftBakeFields(scene), FT_ERROR_NONE);
+  int64_t value = -1;
+  EXPECT_EQ(ftGetMeshInt(scene, 0, name, &value), FT_ERROR_NONE);
+  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
+  EXPECT_EQ(ftReleaseDevice(device), FT_ERROR_NONE);
+  return value;
+}
+
+// Buffers of positions that several meshes share.
+TEST(ApiFields, DoNotDependOnPositionsThatNoTriangleUses) {
+  const TriangleMesh knot = make_knot({.along = 64, .around = 8});
+  TriangleMesh among = {{Vec3(1e4f), Vec3(-1e4f, 0, 3)}, {}, {}, {}};
+  among.positions.insert(among.positions.end(), knot.positions.begin(), knot.positions.end());
+  among.positions.push_back(Vec3(0, 1e5f, 0));
+  for (const UVec3& t : knot.triangles) among.triangles.push_back(t + 2u);
+  const int64_t certified = number_of(knot, "cells_certified");
+  EXPECT_GT(certified, 0);
+  EXPECT_EQ(number_of(among, "cells_certified"), certified);
+}
+
+// Cells would call themselves empty where none of their lines meets such a part.
+TEST(ApiFields, AreNotMadeOfSmallParts) {
+  const TriangleMesh ball = make_sphere({.around = 8, .along = 8});
+  const auto scattered = [&](float radius) {
+    TriangleMesh all;
+    std::mt19937 random(3);
+    std::uniform_real_distribution<float> x(-1.0f, 1.0f);
+    for (int i = 0; i < 100; ++i) {
+      const auto first = uint32_t(all.positions.size());
+      const Vec3 centre(x(random), 0.0f, x(random));
+      for (const Vec3& p : ball.positions) all.positions.push_back(centre + radius * p);
+      for (const UVec3& t : ball.triangles) all.triangles.push_back(t + first);
+    }
+    return all;
+  };
+  EXPECT_GT(number_of(scattered(0.1f), "cells_full"), 0);
+  EXPECT_EQ(number_of(scattered(0.01f), "cells_full"), 0);
+}
+
 TEST(ApiRender, IsThatOfTheRenderer) {
   const ApiScene s;
   const float from[] = {3, 3, 5}, to[] = {0, 0.8f, 0}, up[] = {0, 1, 0}, sky[] = {1, 1, 1};

@@ -86,11 +86,11 @@ TEST_F(CheckpointFile, HoldsWhatWasWritten) {
 TEST_F(CheckpointFile, AnotherPictureIsRefusedByWhatDiffers) {
   write_checkpoint(path_, example(false));
   const std::string message = refusal({{"--seed", "6"}, {"--method", "hybrid"}});
-  EXPECT_NE(message.find("--seed is 6, not 5"), std::string::npos) << message;
+  EXPECT_NE(message.find("--seed is 6 instead of 5"), std::string::npos) << message;
   EXPECT_EQ(message.find("--method"), std::string::npos) << message;
-  EXPECT_NE(refusal({{"--seed", "5"}, {"--method", "hybrid"}, {"-D x", "1"}}).find("-D x is 1, not nothing"),
+  EXPECT_NE(refusal({{"--seed", "5"}, {"--method", "hybrid"}, {"-D x", "1"}}).find("-D x is 1 instead of nothing"),
             std::string::npos);
-  EXPECT_NE(refusal({{"--seed", "5"}}).find("--method is nothing, not hybrid"), std::string::npos);
+  EXPECT_NE(refusal({{"--seed", "5"}}).find("--method is nothing instead of hybrid"), std::string::npos);
 }
 
 // Whatever byte is changed, and wherever the file ends.

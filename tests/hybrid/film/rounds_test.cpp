@@ -175,6 +175,24 @@ TEST(Checkpoints, InterruptsLeaveNoTrace) {
   }
 }
 
+// Pictures under a sky whose maps were given up for rays go on by rays.
+TEST(Checkpoints, MapsThatWereGivenUpStaySo) {
+  const ScratchFolder folder(testing::TempDir(), "rounds");
+  size_t by_rays = 0;
+  for (const char* name : {"environment", "environment_map"}) {
+    const Scene scene = test::hybrid_scene(name, k_size).scene;
+    for (const float target : {0.05f, 0.02f, 0.005f}) {
+      RenderOptions o = options_of(Method::hybrid, target, 3);
+      o.checkpoint = folder.path() + "/maps";
+      const RenderResult whole = render(scene, o);
+      by_rays += whole.stats.sky_objects == 0;
+      o.resume = o.checkpoint;
+      EXPECT_EQ(render(scene, o).image.data, whole.image.data) << name << target;
+    }
+  }
+  EXPECT_GT(by_rays, 0u);
+}
+
 TEST(Checkpoints, GoOnForMoreSamplesOrLessError) {
   const ScratchFolder folder(testing::TempDir(), "rounds");
   const Scene scene = test::hybrid_scene("object_over_floor", k_size).scene;
@@ -237,6 +255,34 @@ TEST(Checkpoints, StoppedAtOnceKeepThePicture) {
     const RenderResult stopped = render(scene, o, callbacks);
     EXPECT_TRUE(stopped.interrupted);
     EXPECT_EQ(stopped.image.data, before.data) << int(method);
+  }
+}
+
+// What answered in the first half of a picture answers in the second.
+TEST(Checkpoints, OtherMemoryIsRefused) {
+  const ScratchFolder folder(testing::TempDir(), "rounds");
+  const Scene scene = test::hybrid_scene("object_over_floor", k_size).scene;
+  RenderOptions o = options_of(Method::hybrid, 0.0f, 3);
+  o.spp = 4;
+  o.aovs = {};
+  o.checkpoint = folder.path() + "/memory";
+  render(scene, o);
+  o.resume = o.checkpoint;
+  o.spp = 8;
+  const RenderCallbacks none;
+  Checkpoint state = read_checkpoint(o.checkpoint, picture_identity(Picture(scene, o, none)));
+  const auto maps = std::find_if(state.decided.begin(), state.decided.end(),
+                                 [](const auto& decision) { return decision.first == "direction maps"; });
+  ASSERT_NE(maps, state.decided.end());
+  EXPECT_EQ(maps->second, "none");
+  maps->second = "77 bytes";
+  write_checkpoint(o.checkpoint, state);
+  try {
+    render(scene, o);
+    ADD_FAILURE() << "maps came and went";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("direction maps is none instead of 77 bytes"), std::string::npos)
+        << error.what();
   }
 }
 
@@ -463,6 +509,28 @@ TEST(Rounds, WithoutTimeTellNothingOfTheError) {
   EXPECT_NE(stats.to_json().find("\"estimate\": null"), std::string::npos) << stats.to_json();
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_NE(warnings[0].find("the rest is black"), std::string::npos);
+}
+
+// Of one pixel, too, whose own samples alone tell of its noise.
+TEST(Rounds, SmallWindowsHaveSamplesToJudgeBy) {
+  const Scene scene = test::hybrid_scene("object_over_floor", k_size).scene;
+  RenderOptions o = options_of(Method::monte_carlo, 0.5f, 3);
+  for (const int side : {1, 2, 8}) {
+    o.crop = Rect{20, 24, side, side};
+    EXPECT_GE(render(scene, o).stats.samples_mean * side * side, 256.0);
+    o.spp = 4;
+    EXPECT_LE(render(scene, o).stats.samples_most, 4u);
+    o.spp = 0;
+  }
+}
+
+// Direction maps would take more than the time: rays answer.
+TEST(Rounds, MapsThatAreNotMadeInTimeAreGivenUp) {
+  const Scene scene = test::hybrid_scene("environment_map", k_size).scene;
+  RenderOptions o = options_of(Method::hybrid, 0.0f, 3);
+  o.tolerance = 0.01f;  // the finest maps
+  o.time_limit = 0.5f;
+  EXPECT_TRUE(render(scene, o).has_samples);
 }
 
 TEST(Rounds, RefuseWhatCannotBe) {

@@ -234,6 +234,26 @@ TEST(SampleAllocation, PixelsDoNotDecideAboutThemselves) {
   EXPECT_EQ(others, film.pixels.size() / 2);
 }
 
+// What shows no noise may have missed rare light: it is looked at again, if less than what is noisy.
+TEST(SampleAllocation, BlocksWithoutNoiseAreNotForgotten) {
+  const FilmSums film = film_of(
+      k_window, 9, [](int x, int) { return x < 50 ? Pixel{.deviation = 0.5} : Pixel{.deviation = 0.0, .mean = 0.0}; });
+  const NoiseCells cells(k_window);
+  const double work = 800.0 * double(film.pixels.size());
+  const std::vector<uint32_t> counts = SampleAllocation(film, ErrorMeasure::absolute, 1.0).further({.work = work});
+  for (const int y : {20, 100}) {
+    for (const int x : {100, 101, 200, 201}) {
+      EXPECT_GT(counts[cells.cell(x, y)], 0u);
+      EXPECT_LT(counts[cells.cell(x, y)], counts[cells.cell(20 + x % 2, y)]);
+    }
+  }
+  // Nothing is seen yet: all wants the same.
+  const FilmSums black = film_of(k_window, 9, [](int, int) { return Pixel{.deviation = 0.0, .mean = 0.0}; });
+  const SampleAllocation nothing(black, ErrorMeasure::absolute, 1.0);
+  const std::vector<uint32_t> even = nothing.further({.work = work, .growth = 4.0});
+  for (const int x : {10, 11, 200, 201}) EXPECT_EQ(even[cells.cell(x, 50)], 24u);
+}
+
 TEST(SampleAllocation, SmallAndEvenFilms) {
   for (const Rect window : {Rect{0, 0, 1, 1}, Rect{7, 3, 1, 9}, Rect{0, 0, 8, 8}}) {
     const FilmSums noisy = film_of(window, 7, [](int, int) { return Pixel{}; });

@@ -174,10 +174,11 @@ TEST_F(Parts, WhatIsMissingTwiceOrForeignIsNamed) {
   }
   const std::string faults = refusal(more);
   // Most parts are right, so the first of them is what others differ from, wherever it stands.
-  expect_in(
-      path("seed") + ": is a part of another picture than " + all[0] + ": --seed is 6, not 5, -D x is 1, not nothing;",
-      faults);
-  expect_in(path("decided") + ": is a part of another picture than " + all[0] + ": fields is nothing, not 2;", faults);
+  expect_in(path("seed") + ": is a part of another picture than " + all[0] +
+                ": --seed is 6 instead of 5, -D x is 1 instead of nothing;",
+            faults);
+  expect_in(path("decided") + ": is a part of another picture than " + all[0] + ": fields is nothing instead of 2;",
+            faults);
   expect_in(path("count") + ": is a part of another picture than " + all[0] + ": it is one of 7 slices, not of 6;",
             faults);
   expect_in(path("layers") + ": is a part of another picture than " + all[0] + ": it has other tiles or layers;",

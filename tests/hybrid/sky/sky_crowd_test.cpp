@@ -210,7 +210,7 @@ TEST(SkyCrowd, GroupsHideWhatTheirObjectsDo) {
   for (const Vec3& at : {Vec3(0, 0, 60), Vec3(40, -30, 25), Vec3(-50, 3, 30)}) {
     std::vector<uint32_t> near;
     std::vector<OccluderGroups::Lobe> far;
-    maps.find({at, 0.5f}, maps.cell_width(), k_infinity, near, far);
+    maps.find({at, 0.5f}, k_infinity, near, far);
     ASSERT_EQ(near.size(), 1u);  // the floor
     EXPECT_EQ(near[0], 0u);
     EXPECT_LT(far.size(), 100u);
@@ -292,7 +292,7 @@ TEST(SkyCrowd, FloorsOfTilesHideWhatOneFloorDoes) {
   const Vec3 at(0.3f, 0.2f, 0.5f);
   std::vector<uint32_t> near;
   std::vector<OccluderGroups::Lobe> far;
-  maps.find({at, 0.1f}, maps.cell_width(), k_infinity, near, far);
+  maps.find({at, 0.1f}, k_infinity, near, far);
   const auto below = [&](double x, double y) {  // of a quadrant up to a corner at (x, y)
     x -= double(at.x), y -= double(at.y);
     return std::atan(x * y / (double(at.z) * std::sqrt(x * x + y * y + double(at.z) * double(at.z))));
@@ -316,8 +316,8 @@ TEST(SkyCrowd, CostAndMemoryAreBounded) {
   std::vector<uint32_t> near_few, near_many;
   std::vector<OccluderGroups::Lobe> far_few, far_many;
   const Sphere place{Vec3(0.1f, 0.2f, 0.4f), 0.4f};
-  few.find(place, few.cell_width(), k_infinity, near_few, far_few);
-  many.find(place, many.cell_width(), k_infinity, near_many, far_many);
+  few.find(place, k_infinity, near_few, far_few);
+  many.find(place, k_infinity, near_many, far_many);
   EXPECT_LT(near_few.size(), 80u);
   EXPECT_LT(near_many.size(), near_few.size() + 20u);
   EXPECT_LT(far_many.size(), 4 * far_few.size());
