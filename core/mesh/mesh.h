@@ -24,7 +24,4 @@ struct TriangleMesh {
   }
 };
 
-// Drops vertices that no triangle uses: they would count towards bounds. Unchecked: indices must be in range.
-void drop_unused_vertices(TriangleMesh& mesh);
-
 }  // namespace fieldtrace

@@ -10,6 +10,7 @@
 #include "core/io/file_ending.h"
 #include "core/loader/scene_limits.h"
 #include "core/loader/scene_xml.h"
+#include "core/mesh/mesh_parts.h"
 #include "core/platform/parallel.h"
 #include "field/bake/bake_full.h"
 #include "field/file/field_file.h"
