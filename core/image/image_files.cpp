@@ -228,7 +228,7 @@ void decode_by_module(const std::string& path, DecodedImage& read) {
 Image read_image(const std::string& path, const ImageReadOptions& options) {
   std::error_code ignored;
   if (!std::filesystem::exists(path, ignored)) throw Error({path}, "no such file; check the name");
-  if (std::filesystem::is_directory(path, ignored)) throw Error({path}, "it is a folder; name an image file");
+  if (is_folder(path)) throw Error({path}, "it is a folder; name an image file");
   require_regular_file(path);
   DecodedImage read;
   if (!read_plain_image(path, read)) decode_by_module(path, read);

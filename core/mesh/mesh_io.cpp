@@ -36,7 +36,7 @@ Bytes read_file(const std::string& path) {
   const SourceLocation where{path};
   std::error_code ec;
   if (!fs::exists(path, ec)) throw Error(where, "no such mesh file, check the path");
-  if (fs::is_directory(path, ec)) throw Error(where, "is a folder, name a .obj or .ply file in it");
+  if (is_folder(path)) throw Error(where, "is a folder, name a .obj or .ply file in it");
   const uint64_t size = require_regular_file(path);
   File file(std::fopen(path.c_str(), "rb"));
   if (!file) throw Error(where, std::string("cannot be read: ") + std::strerror(errno));

@@ -103,17 +103,17 @@ bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   const uint64_t bytes = IndirectLight::cost(planes, sends.size() - planes, size).bytes;
   if (bytes + stage.maps->bytes() > input.request.most_bytes) return true;
   const auto by_rays = [&](int samples) {
-    return RayContext(input.scene, input.accel, input.traits, input.camera, surfel_settings(input.settings, samples),
-                      input.lights, true);
+    return std::make_unique<RayContext>(input.scene, input.accel, input.traits, input.camera,
+                                        surfel_settings(input.settings, samples), input.lights, true);
   };
-  RayContext shading = by_rays(k_patch_samples);
-  shading.context().sky = stage.light.get();
+  const auto shading = by_rays(k_patch_samples);
+  shading->context().sky = stage.light.get();
   const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends, size);
   if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
-  shading.context().indirect = light.get();
-  const RayContext exact = by_rays(k_check_samples);
-  shade_indirect(light, *stage.light, shading.context(), depth < 0 ? -1 : depth - 2,
-                 input.check ? &exact.context() : nullptr, input.callbacks.stop, stats);
+  shading->context().indirect = light.get();
+  const auto exact = input.check ? by_rays(k_check_samples) : nullptr;
+  shade_indirect(light, *stage.light, shading->context(), depth < 0 ? -1 : depth - 2,
+                 exact ? &exact->context() : nullptr, input.callbacks.stop, stats);
   return stage.light->indirect() != nullptr;
 }
 

@@ -49,6 +49,14 @@ std::string refusal(const RenderOptions& options, const Scene& scene) {
   return "";
 }
 
+// Renders with a checkpoint at `path`. Returns the options that go on from there.
+RenderOptions begun(RenderOptions options, const Scene& scene, const std::string& path) {
+  options.checkpoint = path;
+  render(scene, options);
+  options.resume = path;
+  return options;
+}
+
 double rmse(const Image& a, const Image& b) { return compare_images(a, b).rmse; }
 
 class ErrorOf : public testing::TestWithParam<const char*> {};
@@ -234,9 +242,7 @@ TEST(Checkpoints, GoOnForMoreSamplesOrLessError) {
       << "what was decided for 4 samples is not what 3 would have";
 
   RenderOptions e = options_of(Method::hybrid, 0.04f, 3);
-  e.checkpoint = folder.path() + "/error";
-  render(scene, e);
-  e.resume = e.checkpoint;
+  e = begun(e, scene, folder.path() + "/error");
   e.target_error = 0.01f;
   const RenderResult less = render(scene, e);
   EXPECT_LE(less.stats.error_estimate, 0.01);
@@ -271,9 +277,7 @@ TEST(Checkpoints, OtherMemoryIsRefused) {
   RenderOptions o = options_of(Method::hybrid, 0.0f, 3);
   o.spp = 4;
   o.aovs = {};
-  o.checkpoint = folder.path() + "/memory";
-  render(scene, o);
-  o.resume = o.checkpoint;
+  o = begun(o, scene, folder.path() + "/memory");
   o.spp = 8;
   const RenderCallbacks none;
   Checkpoint state = read_checkpoint(o.checkpoint, picture_identity(Picture(scene, o, none)));
@@ -293,11 +297,9 @@ TEST(Checkpoints, APassIsNotCutShort) {
   RenderOptions o = options_of(Method::monte_carlo, 0.0f, 3);
   o.spp = 2;
   o.aovs = {};
-  o.checkpoint = folder.path() + "/pass";
   o.checkpoint_seconds = 0.0;
   o.threads = 1;
-  render(scene, o);
-  o.resume = o.checkpoint;
+  o = begun(o, scene, folder.path() + "/pass");
   o.spp = 8;
   std::atomic<bool> stop = false;
   std::atomic<int> tiles = 0;
@@ -346,9 +348,7 @@ TEST(Checkpoints, AreRefusedForOtherOptionsByName) {
   const Scene scene = test::hybrid_scene("object_over_floor", 16).scene;
   RenderOptions o = options_of(Method::monte_carlo, 0.0f, 3);
   o.spp = 2;
-  o.checkpoint = folder.path() + "/picture";
-  render(scene, o);
-  o.resume = o.checkpoint;
+  o = begun(o, scene, folder.path() + "/picture");
   EXPECT_EQ(refusal(o, scene), "");
   const std::map<std::string, std::function<void(RenderOptions&)>> changes = {
       {"--method", [](RenderOptions& c) { c.method = Method::hybrid; }},
