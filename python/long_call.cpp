@@ -1,9 +1,12 @@
 #include "long_call.h"
 
+#include <cxxabi.h>
+
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <exception>
+#include <system_error>
 #include <thread>
 
 namespace nb = nanobind;
@@ -30,13 +33,49 @@ int on_progress(void* user, double share) {
   return !work.cancelled;
 }
 
-// Runs signal handlers, and tells `progress` of `share` if it is not yet told. Throws nb::python_error.
+// Runs signal handlers, and tells `progress` of `share` if it is not yet told. With the GIL. Throws nb::python_error.
 void tell(const nb::object& progress, double share, double& told) {
-  const nb::gil_scoped_acquire acquired;
   if (PyErr_CheckSignals() != 0) throw nb::python_error();
   if (share <= told || progress.is_none()) return;
   told = share;
   progress(share);
+}
+
+// Runs `function` until it ends, whatever becomes of the thread that called.
+class Worker {
+ public:
+  Worker(Work& work, std::function<void()> function)
+      : work_(work), thread_([this, f = std::move(function)] { run(f); }) {}
+  ~Worker() {
+    work_.cancelled = true;
+    thread_.join();
+  }
+  // False if it goes on after `time`.
+  bool ends_within(std::chrono::milliseconds time) {
+    std::unique_lock lock(work_.mutex);
+    return work_.changed.wait_for(lock, time, [&] { return work_.done; });
+  }
+
+ private:
+  void run(const std::function<void()>& function) {
+    try {
+      function();
+    } catch (...) {
+      work_.error = std::current_exception();
+    }
+    const std::lock_guard lock(work_.mutex);
+    work_.done = true;
+    work_.changed.notify_one();
+  }
+
+  Work& work_;
+  std::thread thread_;
+};
+
+// The interpreter ends, and Python unwinds the threads that ask for its lock: through frames that catch everything,
+// which aborts the process. So this thread stays where it is until the process ends.
+[[noreturn]] void wait_for_exit() {
+  for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
 }
 
 }  // namespace
@@ -45,18 +84,22 @@ void LongCalls::run(FTDevice device, const nb::object& progress, const std::func
   Work work;
   std::exception_ptr raised;
   double told = 0.0;
+  PyThreadState* state = PyEval_SaveThread();
   const auto tell_share = [&](double share) {
+    PyEval_RestoreThread(state);  // not by nanobind's guards, which may not be unwound
     try {
       tell(progress, share, told);
+    } catch (const abi::__forced_unwind&) {
+      throw;
     } catch (...) {
       raised = std::current_exception();
       work.cancelled = true;
     }
+    state = PyEval_SaveThread();
   };
-  {
-    const nb::gil_scoped_release released;
-    std::thread worker([&] {
-      try {
+  try {
+    try {
+      Worker worker(work, [&] {
         const std::lock_guard alone(one_at_a_time_);
         ft::check(ftSetDeviceProgressCallback(device, on_progress, &work), device);
         std::exception_ptr error;
@@ -67,22 +110,19 @@ void LongCalls::run(FTDevice device, const nb::object& progress, const std::func
         }
         ftSetDeviceProgressCallback(device, nullptr, nullptr);
         if (error) std::rethrow_exception(error);
-      } catch (...) {
-        work.error = std::current_exception();
+      });
+      while (!worker.ends_within(k_poll)) {
+        if (!raised) tell_share(work.share);
       }
-      const std::lock_guard lock(work.mutex);
-      work.done = true;
-      work.changed.notify_one();
-    });
-    std::unique_lock lock(work.mutex);
-    while (!work.changed.wait_for(lock, k_poll, [&] { return work.done; })) {
-      lock.unlock();
-      if (!raised) tell_share(work.share);
-      lock.lock();
+      if (!raised && !work.error) tell_share(1.0);
+    } catch (const abi::__forced_unwind&) {
+      throw;
+    } catch (const std::system_error&) {  // no thread to spare
+      raised = std::current_exception();
     }
-    lock.unlock();
-    worker.join();
-    if (!raised && !work.error) tell_share(1.0);
+    PyEval_RestoreThread(state);
+  } catch (const abi::__forced_unwind&) {
+    wait_for_exit();
   }
   // A cancelled call reports that it was; why comes first.
   if (raised) std::rethrow_exception(raised);

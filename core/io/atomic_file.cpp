@@ -107,10 +107,25 @@ void AtomicFile::commit() {
   if (!reaches_the_disk(temporary_)) throw cannot_write(path_, std::strerror(errno));
   struct stat replaced;
   if (stat(target_.c_str(), &replaced) == 0) chmod(temporary_.c_str(), replaced.st_mode & 07777);
-  if (std::rename(temporary_.c_str(), target_.c_str()) != 0) throw cannot_write(path_, std::strerror(errno));
-  temporary_.clear();
+  if (std::rename(temporary_.c_str(), target_.c_str()) == 0) {
+    temporary_.clear();
+  } else {
+    write_over(errno);
+  }
   // The new name, too. The file is whole either way, so a folder that may not be opened for reading is no failure.
   reaches_the_disk(folder_of(target_).string());
+}
+
+// `reason`: why the name cannot be replaced.
+void AtomicFile::write_over(int reason) {
+  std::error_code failed;
+  fs::copy_file(temporary_, target_, fs::copy_options::overwrite_existing, failed);
+  if (failed || !reaches_the_disk(target_)) {
+    const std::string kept = std::exchange(temporary_, {});
+    throw cannot_write(path_, std::string(std::strerror(reason)) + "; the whole file is " + kept);
+  }
+  unlink(temporary_.c_str());
+  temporary_.clear();
 }
 
 CheckedFile::CheckedFile(const std::string& path) : file_(open(path.c_str(), O_WRONLY | O_TRUNC | O_CLOEXEC)) {
@@ -172,6 +187,12 @@ std::string write_target(const std::string& path) {
       fs::absolute(at, failed);  // weakly_canonical() leaves a path unchanged if no part of it exists
   const fs::path resolved = fs::weakly_canonical(failed ? at : whole, failed);
   return failed ? at.string() : resolved.string();
+}
+
+std::string file_identity(const std::string& path) {
+  struct stat file;
+  if (stat(path.c_str(), &file) != 0) return write_target(path);
+  return std::to_string(file.st_dev) + ":" + std::to_string(file.st_ino);  // unlike a path, without a leading slash
 }
 
 void require_writable(const std::string& path) {

@@ -2,7 +2,8 @@
 //
 // rename(2) replaces its target atomically within one file system only, so the temporary file lies beside the final one
 // and not in /tmp. Symbolic links are followed: the file that a link points to is replaced or made, not the link. Files
-// that are replaced keep their permissions.
+// that are replaced keep their permissions. A file that may be written but not replaced (a mount, another user's in a
+// folder such as /tmp) is written over in place, last.
 // Thread-safety: distinct objects are independent, even for the same path, where the last commit wins.
 #pragma once
 
@@ -26,12 +27,15 @@ class AtomicFile {
   // The name to write to. It ends in ".tmp" for every format and is short enough wherever the final name is.
   const std::string& temporary_path() const { return temporary_; }
 
-  // Flushes the temporary file to disk and moves it to its final name. Throws Error if either fails. Then flushes the
+  // Flushes the temporary file to disk and moves it to its final name. Throws Error if either fails; one that is whole
+  // but cannot be moved stays, and the message names it. Then flushes the
   // folder, so that the name outlasts a crash of the machine, unless the folder may not be read. Call it at most once,
   // after the file has been written without errors and closed.
   void commit();
 
  private:
+  void write_over(int reason);
+
   std::string path_;       // as the user wrote it, for messages
   std::string target_;     // path_ with symbolic links resolved
   std::string temporary_;  // empty once committed
@@ -67,6 +71,9 @@ void write_text_file(const std::string& path, std::string_view text);
 // The absolute path of the file that writing to `path` would replace or make: symbolic links are followed, also the
 // last one if what it points to does not exist. Throws Error if more than 40 follow one another.
 std::string write_target(const std::string& path);
+
+// Equal for two paths if they are one file, or would be once it is written. Throws Error as write_target().
+std::string file_identity(const std::string& path);
 
 // Throws Error, as writing would, if `path` cannot be written now, and if there is a file that may not be written to,
 // which writing would replace. Leaves nothing behind and changes no existing file;

@@ -107,6 +107,13 @@ Bsdf parse_rough_conductor(SceneBuilder& builder, const SceneNode& node, Propert
 void parse_indices(Properties& properties, const std::string& inside, Bsdf& bsdf) {
   bsdf.int_ior = parse_index(properties, "int_ior", inside);
   bsdf.ext_ior = parse_index(properties, "ext_ior", "air");
+  // Beyond this an interface reflects all light from one side but for what single precision cannot tell from 1.
+  constexpr float k_largest_index = 1000.0f;
+  const float relative = std::max(bsdf.int_ior, bsdf.ext_ior) / std::min(bsdf.int_ior, bsdf.ext_ior);
+  if (!(relative <= k_largest_index)) {
+    const char* const name = properties.has("int_ior") ? "int_ior" : "ext_ior";
+    throw Error(properties.where(name), "int_ior and ext_ior differ by more than 1000 times; check the numbers");
+  }
 }
 
 // Rough interfaces between equal indices have no half vectors.

@@ -1,5 +1,7 @@
 // Textures of scene files: constants, checkerboards, bitmaps (build_texture() of scene_builder.h).
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -33,8 +35,13 @@ Bitmap load_bitmap(const std::string& path, bool raw, const SourceLocation& wher
   // Grey images have one channel, or two with alpha; one serves for all three colours.
   const bool grey = channels < 3;
   const size_t other_than_alpha = image.channels[0] == "A" && channels > 1 ? 1 : 0;
-  const size_t red = index_of("R", grey ? index_of("Y", other_than_alpha) : 0);
-  const size_t green = grey ? red : index_of("G", 1), blue = grey ? red : index_of("B", 2);
+  const auto colours = colour_channels(image);
+  if (!grey && !colours) {
+    throw Error(where, "the bitmap '" + path + "' has no channels R, G and B, but " +
+                           fmt::format("{}", fmt::join(image.channels, ", ")) + "; convert it");
+  }
+  const size_t red = grey ? index_of("Y", other_than_alpha) : size_t((*colours)[0]);
+  const size_t green = grey ? red : size_t((*colours)[1]), blue = grey ? red : size_t((*colours)[2]);
   Bitmap bitmap;
   bitmap.width = image.width;
   bitmap.height = image.height;

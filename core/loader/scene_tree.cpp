@@ -155,6 +155,11 @@ class TreeReader {
     const pugi::xml_node root = document.document_element();
     if (!root) throw Error({file.name, 1}, "holds no element; a scene file starts with <scene version=\"3.0.0\">");
     const SourceLocation where = file.at(root.offset_debug());
+    for (pugi::xml_node other = root.next_sibling(); other; other = other.next_sibling()) {
+      if (other.type() != pugi::node_element) continue;
+      throw Error(file.at(other.offset_debug()),
+                  std::string("<") + other.name() + "> follows the file's only element; keep one of them");
+    }
     if (keep_scene && std::strcmp(root.name(), "scene") != 0)
       throw Error(where, std::string("starts with <") + root.name() + ">, not <scene>; give a scene file");
     check_version(root, where);
@@ -188,7 +193,8 @@ class TreeReader {
     std::string text(failed ? 0 : size_t(bytes), '\0');
     std::ifstream stream(path, std::ios::binary);
     if (text.empty() || !stream.read(text.data(), std::streamsize(text.size())))
-      throw Error({path.string(), 0}, "cannot be read, or is empty; check the path and its permissions");
+      throw Error(where, (from.file.empty() ? "" : "'" + path.string() + "' ") +
+                             "cannot be read, or is empty; check the path and its permissions");
     if (text.substr(0, 4).find('\0') != std::string::npos)
       throw Error({path.string(), 0}, "is not in UTF-8, but in UTF-16 or another encoding; save it as UTF-8");
     require_utf8(text, path.string());

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "core/image/image.h"
+#include "core/io/atomic_file.h"
 #include "core/io/file_ending.h"
 #include "core/loader/scene_limits.h"
 #include "core/loader/scene_xml.h"
@@ -118,6 +119,13 @@ bool bake_whole(SceneObject& s, uint32_t shape, const FullBakeCallbacks& callbac
     return baked.stopped || baked.tiles_left_out == 0;
   } catch (const Error&) {
     return false;  // its message names options of the command line
+  }
+}
+
+void require_no_input(const Scene& scene, const std::string& path) {
+  const std::string identity = file_identity(path);
+  for (const std::string& input : scene.files) {
+    require(file_identity(input) != identity, path + ": would overwrite the scene's file " + input);
   }
 }
 
@@ -381,6 +389,7 @@ FTError ftSaveField(FTScene scene, uint32_t mesh, const char* path) {
     s.require_commit("ftSaveField");
     const Field* const field = s.field_of(mesh);
     require(field != nullptr, "mesh " + std::to_string(mesh) + " has no field");
+    require_no_input(s.scene, file);
     execute_in(s.device->arena, [&] { save_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
   });
 }
@@ -487,6 +496,7 @@ FTError ftRenderToFile(FTScene scene, const char* path) {
     s.require_commit("ftRenderToFile");
     const std::string ending = file_ending(file);
     require(ending == ".exr" || ending == ".png", "ftRenderToFile: end the name in .exr or .png");
+    require_no_input(s.scene, file);
     require_image_writable(file);
     Progress progress(*s.device);
     const RenderResult result = render_scene(s, progress);

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
+#include <system_error>
 
 #include "core/loader/scene_limits.h"
 #include "core/math/finite.h"
@@ -132,12 +134,39 @@ void make_unit(RayBatch& rays, const UsualSquares& usual) {
 Progress::Progress(Device& device) : device_(device) {
   const std::lock_guard lock(device.mutex);
   callback_ = device.on_progress, user_ = device.progress_user;
+  if (!callback_) return;
+  try {
+    asking_ = std::thread([this] { ask_again(); });
+  } catch (const std::system_error&) {
+    // Without a thread to spare it is asked where work reports.
+  }
+}
+
+Progress::~Progress() {
+  if (!asking_.joinable()) return;
+  {
+    const std::lock_guard lock(mutex_);
+    is_over_ = true;
+  }
+  changed_.notify_one();
+  asking_.join();
 }
 
 void Progress::operator()(double share) {
   if (!callback_) return;
   const std::lock_guard lock(device_.progress_mutex);
-  if (!stop_ && !callback_(user_, share)) stop_ = true;
+  share_ = std::max(share_, share);
+  if (!stop_ && !callback_(user_, share_)) stop_ = true;
+}
+
+// A tile of many samples reports nothing for seconds.
+void Progress::ask_again() {
+  std::unique_lock lock(mutex_);
+  while (!changed_.wait_for(lock, std::chrono::milliseconds(50), [&] { return is_over_; })) {
+    lock.unlock();
+    (*this)(0.0);
+    lock.lock();
+  }
 }
 
 void Progress::require_not_stopped() const {

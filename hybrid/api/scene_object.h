@@ -4,11 +4,13 @@
 #pragma once
 
 #include <atomic>
+#include <condition_variable>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <shared_mutex>
+#include <thread>
 #include <vector>
 
 #include "core/scene/scene.h"
@@ -119,20 +121,29 @@ bool is_within(const Vec3& position, double most);
 // Throws Failure(FT_ERROR_INVALID_ARGUMENT) unless they are.
 void require_within(const Vec3& position, double most, const std::string& name);
 
-// Calls the device's progress callback, and remembers that it asked to stop.
+// Calls the device's progress callback, where nothing new is known some 20 times a second, and remembers that it asked
+// to stop.
 class Progress {
  public:
   explicit Progress(Device& device);
+  ~Progress();
   void operator()(double share);
   const std::atomic<bool>* stop() const { return &stop_; }
   // Throws Failure(FT_ERROR_CANCELLED) if the callback asked to stop.
   void require_not_stopped() const;
 
  private:
+  void ask_again();
+
   Device& device_;
   FTProgressCallback callback_ = nullptr;
   void* user_ = nullptr;
+  double share_ = 0.0;  // under the device's lock for callbacks
   std::atomic<bool> stop_ = false;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool is_over_ = false;
+  std::thread asking_;
 };
 
 }  // namespace fieldtrace::api

@@ -126,6 +126,7 @@ class TradeoffRun {
     row.options = c.options;
     row.ladder = c.ladder;
     row.options.field_cache = hybrid ? cache.path() : std::string();
+    row.options.must_keep_fields = true;  // a warm row without them would be a cold one
     RenderResult cold = render_timed(row.options, hybrid ? "hybrid, cold" : "Monte Carlo", row.seconds_cold);
     if (cold.interrupted) return false;
     row.cold = row.warm = cold.stats;
@@ -323,9 +324,12 @@ std::string parts_csv_header() {
 
 std::string parts_csv_row(const TradeoffParts& p) {
   const RenderOptions& o = p.options;
-  return fmt::format("{},{},{},{:.6g},{},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g}", is_hybrid(o) ? "hybrid" : "montecarlo",
-                     o.spp, o.light_samples, o.base_tolerance(), p.seeds, p.parts.mean_square, p.parts.bias_square,
-                     p.parts.bias_square_error, p.parts.variance, p.parts.reference_variance);
+  // Of a single block no error is known.
+  const double error = p.parts.bias_square_error;
+  return fmt::format("{},{},{},{:.6g},{},{:.6g},{:.6g},{},{:.6g},{:.6g}", is_hybrid(o) ? "hybrid" : "montecarlo", o.spp,
+                     o.light_samples, o.base_tolerance(), p.seeds, p.parts.mean_square, p.parts.bias_square,
+                     std::isnan(error) ? std::string() : fmt::format("{:.6g}", error), p.parts.variance,
+                     p.parts.reference_variance);
 }
 
 TimeAtError seconds_at_error(std::vector<ErrorPoint> points, double rmse) {

@@ -429,9 +429,9 @@ bool GroupLight::begin_light(uint32_t light) {
   const LightKind kind = context_.lights.lights[light].kind;
   if (kind == LightKind::none) return false;
   const bool is_of_sky = is_sky(context_.scene.emitters[light].kind);
-  // All samples of a point or a direction are the same.
+  // All samples of a point or a direction are the same, and further camera samples lower a sky's noise by more.
   const bool is_delta = kind == LightKind::point || kind == LightKind::directional;
-  counts_open_ = shared_->first && !is_delta && !(is_of_sky && context_.settings.sky_by_maps);
+  counts_open_ = shared_->first && !is_delta && !is_of_sky;
   sky_is_mapped_ = shared_->has_sky_maps && is_of_sky;
   if (!sky_is_mapped_) {
     shared_->stats.samples += samples_;

@@ -25,6 +25,7 @@ struct PathState {
   uint32_t index = 0;       // place in the pixel's sample sequence
   bool may_split = true;    // no diffuse or split surface met yet
   bool shows = true;        // only smooth surfaces met yet; of a camera sample's paths, one
+  bool direct = true;       // along the camera ray still, through masks and thin glass
   // The surface that the ray left, for weighting emission that the ray finds:
   bool unweighted = true;  // camera rays and delta lobes: nothing else samples this emission
   bool diffuse = false;    // emission of lights sampled in closed form is not added again

@@ -19,10 +19,9 @@ namespace fieldtrace {
 
 struct TransportSettings {
   int light_samples = 1;  // shadow rays per light at a camera path's first surface; later ones send one
-  // The same where something may hide the light, if that is more.
+  // The same where something may hide the light, if that is more and the light is no sky.
   int open_light_samples = 1;
-  bool sky_by_maps = false;  // that does not hold for the sky, since direction maps answer for it,
-  int open_sun_samples = 1;  // but this for suns that are cut out of it
+  int open_sun_samples = 1;  // of suns that are cut out of a sky that maps answer for
   int pixel_samples = 1;     // camera samples of a pixel in one wave: its shading points form clusters
   int lobe_samples = 1;      // directions sampled at a camera path's first surface that is not diffuse
   int max_depth = -1;        // as IntegratorSettings

@@ -29,7 +29,6 @@ FieldSurvey survey_picture(const Picture& picture, const Stage& stage, const std
   counting.self_to_rays = std::move(self_to_rays);
   const ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields, counting);
   settings.light_samples = light_samples;
-  settings.sky_by_maps = stage.sky.light != nullptr;
   settings.first_hits = false;
   const TransportContext context(picture.scene, stage.accel, stage.camera, answerer, settings, stage.lights);
   const double repeats = double(picture.spp) * double(options.light_samples) / double(light_samples);
@@ -56,7 +55,10 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields, f
 
 bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, OpenLight& open, Stats& stats) {
   const bool leaves = wants_survey(picture, fields) && picture.options.whole_lights;
-  if (!leaves && !picture.is_adaptive()) return true;
+  const std::vector<Emitter>& emitters = picture.scene.emitters;
+  const bool has_area_lights =
+      std::any_of(emitters.begin(), emitters.end(), [](const Emitter& e) { return e.kind == EmitterKind::area; });
+  if (!leaves && !(picture.is_adaptive() && has_area_lights)) return true;
   TransportSettings settings = picture.settings;
   settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
   FieldSurvey survey = survey_picture(picture, stage, {}, {}, picture.options.base_tolerance(), settings, 1, stats);

@@ -276,7 +276,6 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   settings.self_to_rays = fields.self_to_rays();
   ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
   TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
-  tracing.sky_by_maps = stage.sky.light != nullptr && stage.uses_fields();
   tracing.open_light_samples = open.samples;
   tracing.open_sun_samples = picture.open_sun_samples();
   TransportContext context(picture.scene, stage.accel, stage.camera, answerer, tracing, stage.lights);

@@ -50,11 +50,6 @@ uint64_t instances_in_view(const Scene& scene) {
   return uint64_t(std::count_if(scene.instances.begin(), scene.instances.end(), is_in_view));
 }
 
-bool has_map(const Scene& scene) {
-  const auto is_map = [](const Emitter& e) { return e.kind == EmitterKind::environment; };
-  return std::any_of(scene.emitters.begin(), scene.emitters.end(), is_map);
-}
-
 bool suits_maps(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits, const MappedShapes& shapes,
                 const std::atomic<bool>* stop) {
   std::vector<uint8_t> needs_map;

@@ -14,15 +14,9 @@ namespace fieldtrace {
 // Rays for each instance in view that the maps of a crowd must replace: what is set up for a few points on each costs
 // more than it saves.
 inline constexpr uint64_t k_crowd_rays = 1200;
-// With more instances in view the shares of occluders along the horizon are too little independent for a sky whose
-// light varies there.
-inline constexpr uint64_t k_most_under_map = 1000;
 
 // Instances that the camera may see.
 uint64_t instances_in_view(const Scene& scene);
-
-// Whether the sky has an environment map.
-bool has_map(const Scene& scene);
 
 // Whether maps show what the objects are: none is foliage, and few can have no maps. Traces 65,536 rays a shape. `stop`
 // may be null.

@@ -86,6 +86,7 @@ struct MapSource {
   const RenderCallbacks& callbacks;
   Stats& stats;
   MapSize size = {};
+  bool must_keep = false;  // RenderOptions::must_keep_fields
   BakeCounters counters = {};
 
   // Of all shapes, those in the cache first. Fewer if `callbacks.stop` was set meanwhile.
@@ -131,8 +132,10 @@ struct MapSource {
     try {
       cache->store(maps, identity);
     } catch (const Error& e) {
+      if (must_keep) throw;
       warn(callbacks.warning, {}, std::string(e.what()) + "; the direction maps are not kept");
     } catch (const std::bad_alloc&) {
+      if (must_keep) throw;
       warn(callbacks.warning, {}, "not enough memory to keep the direction maps of " + shape.name);
     }
   }
@@ -188,12 +191,10 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
                        request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
-  const bool spoils_light = !by_request && instances > k_most_under_map && has_map(scene);
-  const uint64_t light_rays = spoils_light ? 0 : request.light_rays;
-  MapSize size = choose(light_rays, request.coarse, request.bounces_alone);
-  if (size.directions == 0 && light_rays > 0) {
+  MapSize size = choose(request.light_rays, request.coarse, request.bounces_alone);
+  if (size.directions == 0 && request.light_rays > 0) {
     mapped.drop_deformed();
-    size = choose(light_rays, request.coarse, request.bounces_alone);
+    size = choose(request.light_rays, request.coarse, request.bounces_alone);
   }
   const bool for_light = size.directions > 0;
   // Within less than an object's radius rays are cheap and their noise is low.
@@ -202,12 +203,12 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   if (!for_light) size = choose(occlusion_rays, /*coarse=*/false, /*bounces_alone=*/false);
   if (size.directions == 0) return stage;
   const bool can_be_finer =
-      for_light && size.directions < choose(light_rays, /*coarse=*/false, request.bounces_alone).directions;
+      for_light && size.directions < choose(request.light_rays, /*coarse=*/false, request.bounces_alone).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   // Before the cache, which is being opened meanwhile.
   std::optional<SkyRadiance> light;
   if (for_light) light.emplace(scene);
-  MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size};
+  MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size, options.must_keep_fields};
   std::vector<std::unique_ptr<DirectionMaps>> maps = source.make(shapes);
   if (maps.size() < shapes.size()) return stage;  // stopped
   // Stages count the seconds of all threads.

@@ -166,6 +166,30 @@ bool CellOccluders::is_reached(const SkyOccluder& o) const {
   return o.kind != SkyOccluder::Kind::plane || std::abs(height_of(plane_lines(o, Vec3(0.0f)), ball_.centre)) <= reach;
 }
 
+// In passes that compilers vectorise: few cells face an object.
+void CellOccluders::find_facing(const Vec3& to, float least) {
+  const float *x = lit_x_.data(), *y = lit_y_.data(), *z = lit_z_.data();
+  uint8_t* const faces = faces_.data();
+  for (size_t k = 0; k < lit_.size(); ++k) faces[k] = x[k] * to.x + y[k] * to.y + z[k] * to.z >= least;
+}
+
+template <class F>
+void CellOccluders::for_facing(const F& each) const {
+  const size_t count = lit_.size();
+  const uint8_t* const faces = faces_.data();
+  for (size_t k = 0; k < count; ++k) {
+    if (k % 8 == 0 && k + 8 <= count) {
+      uint64_t eight;
+      std::memcpy(&eight, faces + k, 8);
+      if (eight == 0) {
+        k += 7;
+        continue;
+      }
+    }
+    if (faces[k]) each(k);
+  }
+}
+
 void CellOccluders::add(const SkyOccluder& o) {
   const Vec3 to = glm::transpose(grid_) * (o.ball.centre - ball_.centre);
   const float distance = glm::length(to), reach = o.ball.radius + ball_.radius;
@@ -181,22 +205,10 @@ void CellOccluders::add(const SkyOccluder& o) {
     if (angle < k_pi) least = std::cos(angle) * distance;
   }
   const Mat3 to_maps = glm::transpose(o.grid) * grid_;
-  // In passes that compilers vectorise: few cells face an object.
-  const size_t count = lit_.size();
-  const float *x = lit_x_.data(), *y = lit_y_.data(), *z = lit_z_.data();
-  uint8_t* const faces = faces_.data();
-  for (size_t k = 0; k < count; ++k) faces[k] = x[k] * to.x + y[k] * to.y + z[k] * to.z >= least;
-  for (size_t k = 0; k < count; ++k) {
-    if (k % 8 == 0 && k + 8 <= count) {
-      uint64_t eight;
-      std::memcpy(&eight, faces + k, 8);
-      if (eight == 0) {
-        k += 7;
-        continue;
-      }
-    }
-    if (!faces[k] || clear_[k] == 0.0f) continue;
-    const Vec3 d(x[k], y[k], z[k]);
+  find_facing(to, least);
+  for_facing([&](size_t k) {
+    if (clear_[k] == 0.0f) return;
+    const Vec3 d(lit_x_[k], lit_y_[k], lit_z_[k]);
     switch (o.kind) {
       case SkyOccluder::Kind::map: {
         const Vec3 unit = to_maps * d;
@@ -225,7 +237,7 @@ void CellOccluders::add(const SkyOccluder& o) {
         balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
         break;
     }
-  }
+  });
 }
 
 // Keeps maps in the order of their places, which no batch changes.
@@ -238,18 +250,31 @@ void CellOccluders::insert(size_t k, const SkyOccluder& o, const MapLines& lines
   all.insert(at, radiance);
 }
 
-// In a loop that compilers vectorise: lobes are wide.
-void CellOccluders::add_far() {
+// By directions all over each cell: what groups along the horizon hide of a cell is often the same part.
+void CellOccluders::add_far(const CellParts& parts) {
   clear_.assign(lit_.size(), 1.0f);
-  const float *x = lit_x_.data(), *y = lit_y_.data(), *z = lit_z_.data();
-  float* const far = clear_.data();
+  if (lobes_.empty()) return;
+  far_clear_.assign(parts.x.size(), 1.0f);
+  const float beyond = sky_->cell_width();
+  const float *x = parts.x.data(), *y = parts.y.data(), *z = parts.z.data();
+  float* const far = far_clear_.data();
   for (const OccluderGroups::Lobe& lobe : lobes_) {
-    const Vec3 d = lobe.per_width * (glm::transpose(grid_) * lobe.direction);
-    const float shift = 1.0f - lobe.per_width, height = lobe.height;
-    for (size_t k = 0; k < lit_.size(); ++k) {
-      const float t = std::max(x[k] * d.x + y[k] * d.y + z[k] * d.z + shift, 0.0f);
-      far[k] *= 1.0f - height * (t * t) * (t * t);
-    }
+    find_facing(lobe.direction, std::cos(std::min(std::acos(lobe.least_cosine) + beyond, k_pi)));
+    for_facing([&](size_t k) {
+      for (uint32_t i = parts.first[lit_[k]]; i < parts.first[lit_[k] + 1]; ++i) {
+        const float along = x[i] * lobe.direction.x + y[i] * lobe.direction.y + z[i] * lobe.direction.z;
+        const float s = x[i] * lobe.x.x + y[i] * lobe.x.y + z[i] * lobe.x.z;
+        const float t = x[i] * lobe.y.x + y[i] * lobe.y.y + z[i] * lobe.y.z;
+        const float taken = std::min(std::max(2.0f - 2.0f * (s * s + t * t), 0.0f), 1.0f);
+        far[i] *= along > 0.0f ? 1.0f - lobe.height * taken : 1.0f;
+      }
+    });
+  }
+  for (size_t k = 0; k < lit_.size(); ++k) {
+    const uint32_t begin = parts.first[lit_[k]], end = parts.first[lit_[k] + 1];
+    float sum = 0.0f;
+    for (uint32_t i = begin; i < end; ++i) sum += far[i];
+    clear_[k] = sum / float(end - begin);
   }
 }
 
@@ -266,8 +291,9 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   count_ = points.size;
   bound(points);
   find_lit();
-  maps.find(place, distance_, near_, lobes_);
-  add_far();
+  // From the points' middle: the place's may be so far off that the horizon's groups stand elsewhere.
+  maps.find(place, ball_.centre, distance_, near_, lobes_);
+  add_far(sky.parts());
   // Parallelograms before others, which do not matter where one hides a cell.
   for (const bool planes : {true, false}) {
     for (const uint32_t i : near_) {

@@ -93,8 +93,12 @@ class CellOccluders {
   // Whether cells a and b are parts of one, and read the same place of the map of the points' own object.
   bool reads_own_alike(size_t a, size_t b) const;
   void add(const SkyOccluder& occluder);
+  // Marks the cells whose direction, in the grid, has at least the product `least` with `to`.
+  void find_facing(const Vec3& to, float least);
+  template <class F>
+  void for_facing(const F& each) const;
   void insert(size_t k, const SkyOccluder& occluder, const MapLines& lines);
-  void add_far();
+  void add_far(const CellParts& parts);
 
   const SkyMaps* sky_ = nullptr;
   const SkyCells* light_ = nullptr;
@@ -112,6 +116,7 @@ class CellOccluders {
   std::vector<float> clear_;                  // CellTask::clear: 0 where a parallelogram hides all
   std::vector<uint32_t> near_;
   std::vector<OccluderGroups::Lobe> lobes_;
+  std::vector<float> far_clear_;  // share that these leave of each part
   std::vector<uint8_t> faces_;
   std::vector<std::vector<MapLines>> maps_;
   std::vector<std::vector<MapRadiance>> radiance_;  // of these, if indirect_

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/math/frame.h"
 #include "field/bake/cell_lines.h"
 #include "hybrid/sky/sky_maps.h"
 #include "hybrid/visibility/light_extent.h"
@@ -11,8 +12,8 @@
 namespace fieldtrace {
 namespace {
 
-// Standard deviation of a lobe about a point, in widths of a cell: the cells then add up to its light whatever their
-// place.
+// Standard deviation of a lobe about a point, in distances of the directions that it is asked for: these then add up to
+// its light whatever their place.
 constexpr float k_lobe_width = 0.4f;
 // Part of a place's radius that adds to what a group subtends.
 constexpr float k_place_part = 0.5f;
@@ -66,6 +67,24 @@ const GroupDirections& group_directions() {
     return of;
   }();
   return all;
+}
+
+// Of a box of the half extents `half`, as seen along unit d, that takes `solid_angle`; the image of each point is
+// spread by a standard deviation of `width`. All in radians.
+OccluderGroups::Lobe lobe_of(const Vec3& d, const Vec3& half, float solid_angle, float width) {
+  const Frame frame = frame_about(d);
+  const Vec3 variance = half * half / 3.0f;
+  const float ss = glm::dot(frame.s * frame.s, variance) + width * width;
+  const float tt = glm::dot(frame.t * frame.t, variance) + width * width;
+  const float st = glm::dot(frame.s * frame.t, variance);
+  const float determinant = ss * tt - st * st;
+  // Along an axis of q the lobe's variance is 7 / 36 of the square of its reach, and it takes 3 / 4 of the ellipse.
+  constexpr float k_reach = 36.0f / 7.0f;
+  const float root = std::sqrt(tt / (k_reach * determinant)), rest = std::sqrt(1.0f / (k_reach * tt));
+  const float farthest = std::sqrt(k_reach * (0.5f * (ss + tt) + std::sqrt(0.25f * (ss - tt) * (ss - tt) + st * st)));
+  return {d, root * (frame.s - (st / tt) * frame.t), rest * frame.t,
+          std::min(solid_angle / (0.75f * k_pi * k_reach * std::sqrt(determinant)), 1.0f),
+          std::sqrt(std::max(1.0f - farthest * farthest, 0.0f))};
 }
 
 }  // namespace
@@ -131,31 +150,26 @@ void OccluderGroups::build(Leaves leaves) {
   nodes_[at].next = uint32_t(nodes_.size());
 }
 
-void OccluderGroups::find(const Sphere& place, float cell_width, float most_distance, std::vector<uint32_t>& near,
-                          std::vector<Lobe>& far) const {
+void OccluderGroups::find(const Sphere& place, const Vec3& from, float cell_width, float part_width,
+                          float most_distance, std::vector<uint32_t>& near, std::vector<Lobe>& far) const {
   near.clear(), far.clear();
-  const float width = k_lobe_width * cell_width;
+  const float width = k_lobe_width * part_width;
   for (uint32_t i = 0; i < nodes_.size();) {
     const Node& node = nodes_[i];
-    const Vec3 to = node.centre - place.centre;
-    const float distance = glm::length(to);
-    const float reach = node.radius + place.radius;
+    const float distance = glm::length(node.centre - place.centre), reach = node.radius + place.radius;
     if (distance - reach > most_distance) {
       i = node.next;
       continue;
     }
     if (distance + reach <= most_distance && node.radius + k_place_part * place.radius <= cell_width * distance) {
-      const Vec3 d = to / distance;
+      const Vec3 to = node.centre - from;
+      const float length = glm::length(to);
+      const Vec3 d = to / length;
       const float opacity = opacity_of(node.opacity[direction_cell(d, k_group_directions)]);
       if (!(node.is_planes && opacity > k_solid)) {
         i = node.next;
-        const float solid_angle = opacity * projected_area(node.half, d) / (distance * distance);
-        if (solid_angle == 0.0f) continue;
-        const Vec3 along = node.half * d;
-        const float spread = (glm::dot(node.half, node.half) - glm::dot(along, along)) / (6.0f * distance * distance);
-        const float variance = width * width + spread;
-        // The lobe's integral is 2 pi s^2 4 / 5.
-        far.push_back({d, std::min(solid_angle / (1.6f * k_pi * variance), 1.0f), 0.25f / variance});
+        const float solid_angle = opacity * projected_area(node.half, d) / (length * length);
+        if (solid_angle > 0.0f) far.push_back(lobe_of(d, node.half / length, solid_angle, width));
         continue;
       }
     }

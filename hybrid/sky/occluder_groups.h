@@ -3,8 +3,8 @@
 //
 // A node's opacity, the part of its box's projection that it covers, is known for k_group_directions^2 directions.
 // Where the projections of its children overlap, what they cover is independent of each other. What it hides is taken
-// as a lobe (1 - t / 4)^4 of t = (1 - cos) / s^2, of the width of the direction cells and of its box. Memory layout:
-// nodes in depth-first order, 2 n - 1 for n occluders. Space: world. Thread-safety: const.
+// as an elliptic lobe of the extent of its box and of the directions that it is asked for. Memory layout: nodes in
+// depth-first order, 2 n - 1 for n occluders. Space: world. Thread-safety: const.
 #pragma once
 
 #include <cstdint>
@@ -21,22 +21,25 @@ struct SkyOccluder;
 
 class OccluderGroups {
  public:
-  // What a far group takes from the sky.
+  // What a far group takes from the sky: of unit direction d, if it lies on the side of `direction`, the share
+  // height min(2 (1 - q), 1), if above 0, where q = dot(d, x)^2 + dot(d, y)^2.
   struct Lobe {
-    Vec3 direction;   // unit, to the group
-    float height;     // share of the light that is hidden in its middle
-    float per_width;  // 1 / (4 s^2)
+    Vec3 direction;      // unit, to the group
+    Vec3 x, y;           // across it
+    float height;        // share of the light that is hidden in its middle
+    float least_cosine;  // of `direction` and directions that it takes from
   };
 
   OccluderGroups() = default;
   // `frames`: of D x D direction cells, by whose numbers the occluders have maps.
   OccluderGroups(const Scene& scene, std::span<const SkyOccluder> occluders, int directions);
 
-  // The occluders that points within `place` must read one by one, and lobes that stand for all others: of groups whose
-  // radius subtends less than `cell_width`, radians, for its points. What lies farther than `most_distance` from all of
-  // them is left out; what may reach across it is near.
-  void find(const Sphere& place, float cell_width, float most_distance, std::vector<uint32_t>& near,
-            std::vector<Lobe>& far) const;
+  // The occluders that points within `place` must read one by one, and lobes that stand for all others, as seen from
+  // `from`: of groups whose radius subtends less than `cell_width`, radians, for the place's points; for
+  // directions `part_width` apart. What lies farther than `most_distance` from all of the place is left out; what may
+  // reach across it is near.
+  void find(const Sphere& place, const Vec3& from, float cell_width, float part_width, float most_distance,
+            std::vector<uint32_t>& near, std::vector<Lobe>& far) const;
   uint64_t bytes() const { return nodes_.capacity() * sizeof(Node); }
 
  private:

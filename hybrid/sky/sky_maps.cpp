@@ -173,10 +173,10 @@ Sphere SkyMaps::place(uint32_t instance, const Vec3& point) const {
   return {(glm::floor(point / place_side_) + 0.5f) * place_side_, radius};
 }
 
-void SkyMaps::find(const Sphere& place, float distance, std::vector<uint32_t>& near,
+void SkyMaps::find(const Sphere& place, const Vec3& from, float distance, std::vector<uint32_t>& near,
                    std::vector<OccluderGroups::Lobe>& far) const {
   if (is_crowd()) {
-    groups_.find(place, cell_width(), distance, near, far);
+    groups_.find(place, from, cell_width(), cell_width() / float(k_group_parts), distance, near, far);
     return;
   }
   near.resize(occluders_.size());

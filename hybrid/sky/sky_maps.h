@@ -27,6 +27,9 @@ struct SkyTolerance {
   float hidden_from = 1.5f;
 };
 
+// Far groups are asked for so many directions along each side of a cell.
+inline constexpr int k_group_parts = 4;
+
 // With more instances than this they are a crowd: the cost of a point must not grow with their number.
 inline constexpr size_t k_crowd = 64;
 
@@ -65,10 +68,11 @@ class SkyMaps {
   const Mat3& frame(int direction) const { return frames_[size_t(direction)]; }
   // Whether far occluders are read in groups.
   bool is_crowd() const { return place_side_ < k_infinity; }
-  // Points of an instance that have the same centre of place() see the same groups; without a crowd all do.
+  // Points of an instance that have the same centre of place() read the same occluders one by one; without a crowd all
+  // do.
   Sphere place(uint32_t instance, const Vec3& point) const;
-  // As OccluderGroups::find; `near` is all occluders if they are no crowd.
-  void find(const Sphere& place, float distance, std::vector<uint32_t>& near,
+  // As OccluderGroups::find, for directions of parts of a cell; `near` is all occluders if they are no crowd.
+  void find(const Sphere& place, const Vec3& from, float distance, std::vector<uint32_t>& near,
             std::vector<OccluderGroups::Lobe>& far) const;
   uint64_t bytes() const;
 

@@ -146,9 +146,11 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
   const float threshold = concentration_threshold(map);
   if (threshold < k_infinity) cut_out(map, emitter, threshold);
   constexpr size_t k_cells = size_t(k_fine_cells) * size_t(k_fine_cells);
-  const double wanted = k_fine_samples * double(k_cells);
-  const int finer = std::max(1, int(std::ceil(std::sqrt(wanted / (double(map.width) * double(map.height - 1))))));
-  const int rows = (map.height - 1) * finer, columns = map.width * finer;
+  // About as dense along columns as along rows, whatever the map's shape: every cell has samples.
+  const double wanted_rows = std::sqrt(0.5 * k_fine_samples * double(k_cells));
+  const auto times = [](double wanted, int held) { return std::max(1, int(std::ceil(wanted / double(held)))); };
+  const int finer_rows = times(wanted_rows, map.height - 1), finer_columns = times(2.0 * wanted_rows, map.width);
+  const int rows = (map.height - 1) * finer_rows, columns = map.width * finer_columns;
   struct Sum {
     DVec3 light = DVec3(0.0);
     double area = 0.0;
@@ -158,7 +160,7 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
   AlignedVector<float> around[3];  // the equator's directions
   for (auto& component : around) component.assign(row_size, 0.0f);
   for (int column = 0; column < columns; ++column) {
-    const float x = (float(column) + 0.5f) / float(finer);
+    const float x = (float(column) + 0.5f) / float(finer_columns);
     const Vec3 d = map_direction(emitter, map, x, 0.5f * float(map.height - 1));
     for (int a = 0; a < 3; ++a) around[a][size_t(column)] = d[a];
   }
@@ -169,7 +171,7 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
     std::vector<Rgb> row_light(size_t(map.width) + 1);
     AlignedVector<int32_t> cells(row_size);
     for (int row = int(size_t(rows) * band / k_bands); row < int(size_t(rows) * (band + 1) / k_bands); ++row) {
-      const float y = (float(row) + 0.5f) / float(finer);
+      const float y = (float(row) + 0.5f) / float(finer_rows);
       const int above = std::min(int(y), map.height - 2);
       const Rgb* const upper = &map.pixels[size_t(above) * size_t(map.width)];
       for (int x = 0; x < map.width; ++x) {
@@ -184,7 +186,7 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
           {around[0].data(), around[1].data(), around[2].data(), int32_t(row_size), float(sine), {up.x, up.y, up.z}},
           k_fine_cells, cells.data());
       for (int column = 0; column < columns; ++column) {
-        const float x = (float(column) + 0.5f) / float(finer);
+        const float x = (float(column) + 0.5f) / float(finer_columns);
         const auto left = size_t(x);
         const Rgb light = glm::mix(row_light[left], row_light[left + 1], x - float(left));
         Sum& sum = sums[size_t(cells[size_t(column)])];

@@ -277,6 +277,7 @@ void TransportWorker::Impl::scatter_once(const PathVertex& vertex, const PathSta
   next.may_split = next.may_split && s.delta && !vertex.material->glossy();
   next.unweighted = s.delta;
   next.bsdf_density = s.pdf * vertex.lobe_samples;
+  next.direct = leaving.direct && s.straight;
   next.shows =
       leaving.shows && settings.pass_smooth && vertex.material->shows_others() && shows_sample(vertex, leaving, index);
   if (!next.shows) return;
@@ -294,7 +295,7 @@ void TransportWorker::Impl::scatter_lobe(const PathVertex& vertex, const PathSta
     const Rgb weight = lobe_samples.weight(size_t(l));
     if (!(lobe_samples.pdf[size_t(l)] > 0.0f && largest(weight) > 0.0f && glm::dot(vertex.facing, d) > 0.0f)) continue;
     PathState& next = send(vertex, leaving, d);
-    next.may_split = next.unweighted = next.shows = false;
+    next.may_split = next.unweighted = next.shows = next.direct = false;
     next.throughput *= weight / vertex.lobe_samples;
     next.index = first + uint32_t(l);
     next.bsdf_density = lobe_samples.pdf[size_t(l)] * vertex.lobe_samples;
@@ -486,7 +487,7 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   w.radiance = w.follow_radiance;
   for (uint32_t i = 0; i < vertices.size(); ++i) {
     vertices[i].path = paths[i].slot = i;
-    paths[i].may_split = paths[i].shows = false;
+    paths[i].may_split = paths[i].shows = paths[i].direct = false;
   }
   w.vertex_storage.swap(vertices);
   w.vertices = w.vertex_storage;

@@ -95,7 +95,7 @@ inline PathState& TransportWorker::Impl::arriving_path(const Arrival& arrival, u
 void TransportWorker::Impl::arrive(int vertex_number) {
   Arrival arrival{.vertex_number = vertex_number, .is_first = vertex_number == 0};
   arrival.seed = scalar::vertex_seed(arrival.pixel_seed, uint32_t(vertex_number));
-  arrival.emission_counts = settings.max_depth != 0 && !(settings.hide_emitters && vertex_number == 0);
+  arrival.emission_counts = settings.max_depth != 0;
   arrival.shows_hits = vertex_number == 0 ? settings.first_hits : showing > 0;
   if (!arrival.is_first && arrival.shows_hits) show_nothing();
   // The last surface matters only if it emits, or is shown.
@@ -120,6 +120,7 @@ void TransportWorker::Impl::meet_backgrounds(const Arrival& arrival, uint32_t be
   for (uint32_t i = begin; i < end; ++i) {
     if (hits.instance[i] != k_none) continue;
     const PathState& path = arriving_path(arrival, i);
+    if (path.direct && settings.hide_emitters) continue;
     if (path.diffuse && context.has_sky_maps(arrival.vertex_number - 1)) continue;  // counted already
     const Rgb throughput = path.throughput * path.interface_share;
     for (const uint32_t light : context.backgrounds) {
@@ -134,6 +135,7 @@ void TransportWorker::Impl::meet_emitter(const Arrival& arrival, const HitRun& r
     const Vec3 d = rays.direction(i);
     if (!(-glm::dot(surface.geometric_normal, d) > 0.0f)) continue;
     const PathState& path = arriving_path(arrival, i);
+    if (path.direct && settings.hide_emitters) continue;
     add_emission(path, path.throughput, rays.origin(i), d, emitter,
                  {hits.t[i], surface.geometric_normal, surface.primitive});
   }

@@ -113,6 +113,25 @@ TEST_F(AtomicFiles, ReplacedFilesKeepTheirPermissionsAndReadOnlyOnesStay) {
   EXPECT_EQ(read_text(path), "new");
 }
 
+// A whole file that cannot be moved is not lost.
+TEST_F(AtomicFiles, WhatCannotBeMovedStaysUnderItsOtherName) {
+  const std::string path = at("file").string();
+  std::string kept;
+  {
+    AtomicFile file(path);
+    kept = file.temporary_path();
+    std::ofstream(kept) << "text";
+    fs::create_directories(at("file") / "in the way");
+    try {
+      file.commit();
+      FAIL();
+    } catch (const Error& e) {
+      EXPECT_NE(std::string(e.what()).find(kept), std::string::npos) << e.what();
+    }
+  }
+  EXPECT_EQ(read_text(kept), "text");
+}
+
 // What a killed process or one of another machine, with the same number, has left or is writing.
 TEST_F(AtomicFiles, TemporaryNamesThatAreTakenAreLeftAlone) {
   for (int i = 0; i < 100; ++i)

@@ -180,6 +180,9 @@ constexpr BadScene k_bad_scenes[] = {
      "<shape type='cube'><bsdf type='roughdielectric'><float name='int_ior' value='1.5'/><float name='ext_ior' "
      "value='1.5'/></bsdf></shape>",
      "scene.xml:2: ", "int_ior and ext_ior must differ"},
+    {"IndexBeyondAllMedia",
+     "<shape type='cube'><bsdf type='plastic'>\n<float name='int_ior' value='3e3'/></bsdf></shape>",
+     "scene.xml:3: ", "differ by more than 1000 times"},
     {"TexturedRoughness",
      "<shape type='cube'><bsdf type='principled'><texture name='roughness' type='checkerboard'/></bsdf></shape>",
      "scene.xml:2: ", "a texture for 'roughness' is not available yet"},
@@ -226,6 +229,7 @@ constexpr BadScene k_bad_scenes[] = {
      "<shape type='cube'><emitter type='area'><texture name='radiance' type='checkerboard'/></emitter></shape>",
      "scene.xml:2: ", "not available yet"},
     // the file itself
+    {"SecondRoot", "</scene>\n<scene version='3.0.0'>", "scene.xml:3: ", "follows the file's only element"},
     {"NotWellFormed", "<shape type='cube'>\n<oops", "scene.xml:", "is not well-formed XML"},
 };
 

@@ -518,6 +518,23 @@ TEST(Transport, HiddenEmittersLetTheCameraThrough) {
   EXPECT_NEAR(mean(r.image, channel(r.image, "depth.Z")), 10.0, 1e-4);
 }
 
+// What stands before a hidden sky and lets all light through, or some, does not bring it back.
+TEST(Transport, HiddenEmittersStayHiddenBehindMasksAndPanes) {
+  for (const BsdfKind kind : {BsdfKind::diffuse, BsdfKind::thin_dielectric}) {
+    SceneMaker maker;
+    maker.scene.camera.to_world = look_at({0, 0, 5}, {0, 0, 0}, {0, 1, 0});
+    uint32_t material = maker.bsdf(kind, Rgb(kind == BsdfKind::diffuse ? 0.0f : 1.0f));
+    if (kind == BsdfKind::diffuse) material = maker.masked(material, 0.3f);
+    maker.instance(maker.shape(ShapeKind::rectangle), material, scaling(Vec3(9.0f)));
+    maker.light(EmitterKind::constant, Rgb(1.0f));
+    EXPECT_GT(mean(render(maker.scene, options_for(4)).image), 0.5);
+    maker.scene.integrator.hide_emitters = true;
+    // Panes reflect it, too.
+    const double most = kind == BsdfKind::diffuse ? 0.0 : 0.15;
+    EXPECT_LE(mean(render(maker.scene, options_for(4)).image), most);
+  }
+}
+
 TEST(Transport, OutputVariablesDescribeTheFirstHit) {
   SceneMaker maker = plane_seen_from_above(10.0f);
   maker.scene.origin = DVec3(1000.0, 0.0, -5.0);

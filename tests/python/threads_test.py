@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -11,6 +12,19 @@ import numpy as np
 
 from fieldtrace import Scene
 from shapes import rays, torus
+
+RENDER_IN_THE_BACKGROUND = """
+import threading, time
+from threads_test import scene_of
+from shapes import torus
+scene = scene_of(torus(), directions=32, plane=64)
+scene.set_sky(1)
+scene.set_camera([0, -3, 2], [0, 0, 0], width=64, height=64)
+scene.set(spp=1_000_000)
+scene.commit()
+threading.Thread(target=scene.render, args=({progress},), daemon=True).start()
+time.sleep(0.5)
+"""
 
 
 def scene_of(mesh, **settings):
@@ -159,6 +173,14 @@ class Cancelling(unittest.TestCase):
             scene.render(progress)
         self.assertEqual(len(shares), 1)
         self.assertLess(shares[0], 1)
+
+    def test_renders_of_threads_that_the_program_does_not_wait_for(self):
+        for progress in ("None", "print"):
+            text = RENDER_IN_THE_BACKGROUND.format(progress=progress)
+            environment = {**os.environ, "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
+            done = subprocess.run([sys.executable, "-c", text], env=environment, capture_output=True, text=True,
+                                  timeout=120)
+            self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_bakes_beside_one_another(self):
         # The second one waits for the first, and is cancelled while it does.

@@ -120,8 +120,9 @@ int run_compare(const CompareArguments& arguments, const std::string& command) {
   if (stop && *stop) return report_interrupted(arguments.report);
   if (!arguments.report.empty()) {
     const std::string how = fmt::format("{} x {} pixels from {}, {}", window.width, window.height, window.x, window.y);
-    write_text_file(arguments.report, compare_page(*comparison.picture, arguments.reference, comparison.reference, how,
-                                                   command, FIELDTRACE_VERSION, folder_of(arguments.report)));
+    write_text_file(arguments.report,
+                    compare_page(*comparison.picture, arguments.reference, comparison.reference, how, command,
+                                 FIELDTRACE_VERSION, folder_of(write_target(arguments.report))));
   }
   fmt::print("{}", arguments.json ? to_json(comparison) : to_text(comparison));
   // Flushed before anything goes to stderr.

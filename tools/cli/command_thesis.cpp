@@ -57,14 +57,23 @@ int run_command(const ThesisArguments& arguments, const std::string& command) {
   bool complete = false;
   const int threads = threads_or_all(arguments.threads);
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, size_t(threads));
-  tbb::task_arena(threads).execute([&] { complete = run_thesis(options, callbacks, report); });
+  // What is finished is written, whatever fails.
+  Writes writes;
+  writes.attempt([&] { tbb::task_arena(threads).execute([&] { complete = run_thesis(options, callbacks, report); }); });
   progress.clear();
 
-  bool has_rows = write_rows(folder / "thesis.csv", thesis_csv(report));
-  has_rows |= write_rows(folder / "growth.csv", thesis_growth_csv(report));
-  has_rows |= write_rows(folder / "charts.csv", thesis_charts_csv(report));
-  has_rows |= write_rows(folder / "hybrid.csv", thesis_hybrid_csv(report));
-  if (has_rows) write_text_file(page, thesis_page(report, command, FIELDTRACE_VERSION));
+  bool has_rows = false;
+  const std::pair<const char*, std::string> tables[] = {{"thesis.csv", thesis_csv(report)},
+                                                        {"growth.csv", thesis_growth_csv(report)},
+                                                        {"charts.csv", thesis_charts_csv(report)},
+                                                        {"hybrid.csv", thesis_hybrid_csv(report)}};
+  for (const auto& [name, table] : tables) {
+    writes.attempt([&, name = name, &table = table] { has_rows |= write_rows(folder / name, table); });
+  }
+  writes.attempt([&] {
+    if (has_rows) write_text_file(page, thesis_page(report, command, FIELDTRACE_VERSION));
+  });
+  writes.rethrow();
   if (!complete) {
     print_message("fieldtrace: interrupted; {}\n",
                   has_rows ? "what was finished is in " + page : "nothing was written: no row was finished");

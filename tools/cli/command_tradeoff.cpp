@@ -88,7 +88,8 @@ int run_command(const TradeoffArguments& arguments, const std::string& command) 
   const std::string table_path = (folder / "tradeoff.csv").string();
   const std::string parts_path = (folder / "bias.csv").string();
   const std::string page_path = (folder / "tradeoff.html").string();
-  for (const std::string& path : {reference_path, table_path, parts_path, page_path}) require_writable(path);
+  for (const std::string& path : {reference_path, table_path, table_path + ".partial", parts_path, page_path})
+    require_writable(path);
   ProgressLine progress(!arguments.quiet);
   const Scene scene = load_scene(arguments.scene, progress);
   const OutputFile outputs[] = {{"-o", reference_path},

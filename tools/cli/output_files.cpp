@@ -1,7 +1,6 @@
 #include "tools/cli/output_files.h"
 
 #include <fmt/format.h>
-#include <sys/stat.h>
 
 #include <filesystem>
 #include <map>
@@ -11,24 +10,13 @@
 
 namespace fieldtrace {
 
-namespace {
-
-// Equal for two paths if they are one file, or would be once it is written.
-std::string identity(const std::string& path) {
-  struct stat file;
-  if (stat(path.c_str(), &file) != 0) return write_target(path);
-  return std::to_string(file.st_dev) + ":" + std::to_string(file.st_ino);  // unlike a path, without a leading slash
-}
-
-}  // namespace
-
 void require_distinct_files(std::span<const OutputFile> outputs, std::span<const std::string> inputs) {
   std::map<std::string, const std::string*> inputs_by_identity;
-  for (const std::string& input : inputs) inputs_by_identity.emplace(identity(input), &input);
+  for (const std::string& input : inputs) inputs_by_identity.emplace(file_identity(input), &input);
   std::map<std::string, const OutputFile*> earlier;
   for (const OutputFile& output : outputs) {
     const std::string name = output.option + " " + output.path;
-    const auto [other, is_new] = earlier.emplace(identity(output.path), &output);
+    const auto [other, is_new] = earlier.emplace(file_identity(output.path), &output);
     if (!is_new) {
       throw UsageError(name + ": the same file as " + other->second->option + " " + other->second->path +
                        "; write each to one of its own");

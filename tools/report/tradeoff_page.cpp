@@ -211,12 +211,17 @@ std::string parts_section(const TradeoffReport& report) {
   Rows rows;
   for (const TradeoffParts& p : report.parts) {
     const ErrorParts& e = p.parts;
-    const bool hybrid = is_hybrid(p.options), is_told = e.bias_square > 2.0 * e.bias_square_error;
-    const double most = std::sqrt(std::max(e.bias_square, 0.0) + 2.0 * e.bias_square_error);
+    const bool hybrid = is_hybrid(p.options), has_error = !std::isnan(e.bias_square_error);
+    std::string bias = "not known";
+    if (e.bias_square > 2.0 * e.bias_square_error) {
+      bias = fmt::format("{:.3g}", std::sqrt(e.bias_square));
+    } else if (has_error) {
+      const double most = std::sqrt(std::max(e.bias_square, 0.0) + 2.0 * e.bias_square_error);
+      bias = fmt::format("less than {:.2g}", most);
+    }
     rows.push_back({hybrid ? "hybrid" : "Monte Carlo", hybrid ? fmt::format("{:g}", p.options.base_tolerance()) : "",
                     fmt::format("{}", p.options.spp), number(e.mean_square), number(e.bias_square),
-                    fmt::format("{:.2g}", e.bias_square_error), number(e.variance),
-                    is_told ? fmt::format("{:.3g}", std::sqrt(e.bias_square)) : fmt::format("less than {:.2g}", most),
+                    has_error ? fmt::format("{:.2g}", e.bias_square_error) : "", number(e.variance), bias,
                     fmt::format("{:.3g}", std::sqrt(std::max(e.variance, 0.0)))});
   }
   return html + html_table({"method", "tolerance", "samples a pixel", "mean squared error", "bias<sup>2</sup>",

@@ -2,12 +2,14 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <numeric>
 #include <string>
 #include <vector>
 
+#include "core/image/image.h"
 #include "field/bake/bake_full.h"
 #include "tests/support/api_scene.h"
 #include "tests/support/field_checks.h"
@@ -338,6 +340,44 @@ TEST(ApiErrors, CallbacksHearAndCancel) {
   EXPECT_EQ(std::count(pixels.begin(), pixels.end(), -1.0f), 0);
   EXPECT_GT(std::accumulate(pixels.begin(), pixels.end(), 0.0), 64.0 * 64.0 * 0.2);
   EXPECT_EQ(ftRenderToFile(s.scene, "picture.jpg"), FT_ERROR_INVALID_ARGUMENT);
+}
+
+// A single tile reports nothing before its end.
+TEST(ApiErrors, OneTileOfManySamplesIsCancelledAmidst) {
+  const ApiScene s;
+  const float from[] = {3, 3, 5}, to[] = {0, 0.8f, 0}, up[] = {0, 1, 0}, sky[] = {1, 1, 1};
+  ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 45.0f, 16, 16), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneSky(s.scene, sky), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneInt(s.scene, "spp", 1 << 16), FT_ERROR_NONE);
+  double asked = -1.0;
+  const auto stop = [](void* user, double share) {
+    *static_cast<double*>(user) = share;
+    return 0;
+  };
+  ASSERT_EQ(ftSetDeviceProgressCallback(s.device, stop, &asked), FT_ERROR_NONE);
+  std::vector<float> pixels(16 * 16 * 3);
+  EXPECT_EQ(ftRender(s.scene, pixels.data(), 0, 0), FT_ERROR_CANCELLED);
+  EXPECT_GE(asked, 0.0);
+  EXPECT_LT(asked, 1.0);
+}
+
+TEST(ApiErrors, PicturesAndFieldsDoNotReplaceWhatTheSceneWasReadFrom) {
+  const ApiScene s;
+  const TemporaryFolder folder;
+  const std::string scene_path = folder / "scene.xml", map = folder / "sky.exr", link = folder / "link.exr";
+  const Image image{3, 3, {"R", "G", "B"}, std::vector<float>(27, 1.0f)};
+  write_image(map, image);
+  std::filesystem::create_symlink(map, link);
+  std::ofstream(scene_path) << "<scene version=\"3.0.0\"><emitter type=\"envmap\"><string name=\"filename\" value=\""
+                            << map << "\"/></emitter><shape type=\"cube\"/></scene>";
+  FTScene scene = nullptr;
+  ASSERT_EQ(ftLoadScene(s.device, scene_path.c_str(), &scene), FT_ERROR_NONE);
+  for (const std::string& path : {map, link}) {
+    EXPECT_EQ(ftRenderToFile(scene, path.c_str()), FT_ERROR_INVALID_ARGUMENT);
+    EXPECT_NE(message_of(s.device).find("would overwrite"), std::string::npos);
+  }
+  EXPECT_EQ(read_image(map).width, 3);
+  EXPECT_EQ(ftReleaseScene(scene), FT_ERROR_NONE);
 }
 
 TEST(ApiErrors, WarningsAreHeard) {

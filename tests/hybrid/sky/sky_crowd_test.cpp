@@ -193,9 +193,9 @@ SkyMaps maps_of(const Crowd& crowd) {
   return SkyMaps(crowd.scene, traits, shapes, std::move(maps), 16, {});
 }
 
-// Solid angle of a lobe, of full height.
+// That a lobe takes: three quarters of an ellipse.
 double solid_angle(const OccluderGroups::Lobe& lobe) {
-  return 1.6 * M_PI * double(lobe.height) * 0.25 / double(lobe.per_width);
+  return 0.75 * M_PI * double(lobe.height) / double(glm::length(glm::cross(lobe.x, lobe.y)));
 }
 
 // A far place sees nothing one by one, and lobes of the solid angle that rays find.
@@ -210,7 +210,7 @@ TEST(SkyCrowd, GroupsHideWhatTheirObjectsDo) {
   for (const Vec3& at : {Vec3(0, 0, 60), Vec3(40, -30, 25), Vec3(-50, 3, 30)}) {
     std::vector<uint32_t> near;
     std::vector<OccluderGroups::Lobe> far;
-    maps.find({at, 0.5f}, k_infinity, near, far);
+    maps.find({at, 0.5f}, at, k_infinity, near, far);
     ASSERT_EQ(near.size(), 1u);  // the floor
     EXPECT_EQ(near[0], 0u);
     EXPECT_LT(far.size(), 100u);
@@ -292,7 +292,7 @@ TEST(SkyCrowd, FloorsOfTilesHideWhatOneFloorDoes) {
   const Vec3 at(0.3f, 0.2f, 0.5f);
   std::vector<uint32_t> near;
   std::vector<OccluderGroups::Lobe> far;
-  maps.find({at, 0.1f}, k_infinity, near, far);
+  maps.find({at, 0.1f}, at, k_infinity, near, far);
   const auto below = [&](double x, double y) {  // of a quadrant up to a corner at (x, y)
     x -= double(at.x), y -= double(at.y);
     return std::atan(x * y / (double(at.z) * std::sqrt(x * x + y * y + double(at.z) * double(at.z))));
@@ -316,8 +316,8 @@ TEST(SkyCrowd, CostAndMemoryAreBounded) {
   std::vector<uint32_t> near_few, near_many;
   std::vector<OccluderGroups::Lobe> far_few, far_many;
   const Sphere place{Vec3(0.1f, 0.2f, 0.4f), 0.4f};
-  few.find(place, k_infinity, near_few, far_few);
-  many.find(place, k_infinity, near_many, far_many);
+  few.find(place, place.centre, k_infinity, near_few, far_few);
+  many.find(place, place.centre, k_infinity, near_many, far_many);
   EXPECT_LT(near_few.size(), 80u);
   EXPECT_LT(near_many.size(), near_few.size() + 20u);
   EXPECT_LT(far_many.size(), 4 * far_few.size());

@@ -276,12 +276,15 @@ TEST(SkyRadiance, IrradianceAgreesWithBruteForce) {
   }
 }
 
-// In grids as fine as the one that maps are filtered to, too.
+// In grids as fine as the one that maps are filtered to, too, and of maps as narrow and as flat as they may be.
 TEST(SkyRadiance, EveryCellHasTheLightOfAnEvenMap) {
-  const SkyRadiance sky(environment_scene(8, 5, [](int, int) { return Rgb(3.0f); }));
-  for (const Mat3& grid : grids()) {
-    for (const int directions : {7, 24, 128, 200}) {
-      for (const float red : sky.cells(grid, directions).red) ASSERT_NEAR(red, 3.0f, 1e-5f);
+  constexpr int k_sizes[][2] = {{8, 5}, {2, 3}, {8, 1024}, {2, 4096}, {2048, 3}};
+  for (const auto& size : k_sizes) {
+    const SkyRadiance sky(environment_scene(size[0], size[1], [](int, int) { return Rgb(3.0f); }));
+    for (const Mat3& grid : grids()) {
+      for (const int directions : {7, 24, 128, 200}) {
+        for (const float red : sky.cells(grid, directions).red) ASSERT_NEAR(red, 3.0f, 1e-5f) << size[0];
+      }
     }
   }
 }
