@@ -15,10 +15,12 @@
 #include <vector>
 
 #include "fieldtrace/fieldtrace.hpp"
+#include "gil.h"
 #include "long_call.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using fieldtrace::python::GilReleased;
 using fieldtrace::python::LongCalls;
 
 namespace {
@@ -102,7 +104,7 @@ class Scene {
   // Calls function(scene, arguments...) without the GIL.
   template <class Function, class... Arguments>
   void call(Function function, Arguments... arguments) const {
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     check(function(get(), arguments...));
   }
   // The same for work that tells its progress and can be cancelled.
@@ -224,6 +226,7 @@ void translate_error(const std::exception_ptr& exception, void*) {
 NB_MODULE(_core, m) {
   nb::set_leak_warnings(false);  // scenes in global variables outlive the module
   nb::register_exception_translator(&translate_error);
+  fieldtrace::python::wait_for_calls_at_exit();
   m.def("version", &ftGetVersion);
   nb::class_<Scene>(m, "Scene")
       .def(nb::init<uint32_t>(), "threads"_a)
@@ -231,7 +234,7 @@ NB_MODULE(_core, m) {
           "load",
           [](const nb::bytes& path, uint32_t threads) {
             const std::string file = text(path);
-            const nb::gil_scoped_release released;
+            const GilReleased released;
             return new Scene(threads, file);
           },
           "path"_a, "threads"_a, nb::rv_policy::take_ownership)

@@ -1,13 +1,13 @@
 #include "long_call.h"
 
-#include <cxxabi.h>
-
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <exception>
 #include <system_error>
 #include <thread>
+
+#include "gil.h"
 
 namespace nb = nanobind;
 
@@ -30,7 +30,7 @@ struct Work {
 int on_progress(void* user, double share) {
   Work& work = *static_cast<Work*>(user);
   work.share = share;
-  return !work.cancelled;
+  return !work.cancelled && !is_ending();
 }
 
 // Runs signal handlers, and tells `progress` of `share` if it is not yet told. With the GIL. Throws nb::python_error.
@@ -72,32 +72,23 @@ class Worker {
   std::thread thread_;
 };
 
-// The interpreter ends, and Python unwinds the threads that ask for its lock: through frames that catch everything,
-// which aborts the process. So this thread stays where it is until the process ends.
-[[noreturn]] void wait_for_exit() {
-  for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
-}
-
 }  // namespace
 
 void LongCalls::run(FTDevice device, const nb::object& progress, const std::function<void()>& function) {
   Work work;
   std::exception_ptr raised;
   double told = 0.0;
-  PyThreadState* state = PyEval_SaveThread();
-  const auto tell_share = [&](double share) {
-    PyEval_RestoreThread(state);  // not by nanobind's guards, which may not be unwound
-    try {
-      tell(progress, share, told);
-    } catch (const abi::__forced_unwind&) {
-      throw;
-    } catch (...) {
-      raised = std::current_exception();
-      work.cancelled = true;
-    }
-    state = PyEval_SaveThread();
-  };
-  try {
+  {
+    GilReleased released;
+    const auto tell_share = [&](double share) {
+      if (raised || is_ending()) return;
+      try {
+        released.with_gil([&] { tell(progress, share, told); });
+      } catch (...) {
+        raised = std::current_exception();
+        work.cancelled = true;
+      }
+    };
     try {
       Worker worker(work, [&] {
         const std::lock_guard alone(one_at_a_time_);
@@ -111,18 +102,11 @@ void LongCalls::run(FTDevice device, const nb::object& progress, const std::func
         ftSetDeviceProgressCallback(device, nullptr, nullptr);
         if (error) std::rethrow_exception(error);
       });
-      while (!worker.ends_within(k_poll)) {
-        if (!raised) tell_share(work.share);
-      }
-      if (!raised && !work.error) tell_share(1.0);
-    } catch (const abi::__forced_unwind&) {
-      throw;
+      while (!worker.ends_within(k_poll)) tell_share(work.share);
     } catch (const std::system_error&) {  // no thread to spare
       raised = std::current_exception();
     }
-    PyEval_RestoreThread(state);
-  } catch (const abi::__forced_unwind&) {
-    wait_for_exit();
+    if (!work.error) tell_share(1.0);
   }
   // A cancelled call reports that it was; why comes first.
   if (raised) std::rethrow_exception(raised);

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <filesystem>
 #include <utility>
+#include <vector>
 
 #include "core/platform/error.h"
 
@@ -79,6 +80,28 @@ bool reaches_the_disk(const std::string& path) {
   return synced;
 }
 
+// Writes over an existing file. False, with nothing changed, if it may not be opened; false, too, if that fails later.
+bool copy_bytes(const std::string& from, const std::string& to) {
+  const int in = open(from.c_str(), O_RDONLY | O_CLOEXEC), out = open(to.c_str(), O_WRONLY | O_CLOEXEC);
+  bool copied = in >= 0 && out >= 0;
+  std::vector<char> bytes(size_t(1) << 20);
+  off_t size = 0;
+  for (ssize_t read = 1; copied && read > 0;) {
+    read = ::read(in, bytes.data(), bytes.size());
+    copied = read >= 0;
+    for (ssize_t done = 0; copied && done < read;) {
+      const ssize_t written = ::write(out, bytes.data() + done, size_t(read - done));
+      copied = written > 0;
+      done += written;
+    }
+    size += std::max<ssize_t>(read, 0);
+  }
+  copied = copied && ftruncate(out, size) == 0 && fsync(out) == 0;
+  if (in >= 0) close(in);
+  if (out >= 0) copied = close(out) == 0 && copied;
+  return copied;
+}
+
 }  // namespace
 
 AtomicFile::AtomicFile(const std::string& path) : path_(path), target_(resolve_target(path)) {
@@ -118,14 +141,15 @@ void AtomicFile::commit() {
 
 // `reason`: why the name cannot be replaced.
 void AtomicFile::write_over(int reason) {
-  std::error_code failed;
-  fs::copy_file(temporary_, target_, fs::copy_options::overwrite_existing, failed);
-  if (failed || !reaches_the_disk(target_)) {
-    const std::string kept = std::exchange(temporary_, {});
-    throw cannot_write(path_, std::string(std::strerror(reason)) + "; the whole file is " + kept);
+  const std::string written = std::exchange(temporary_, {});
+  if (copy_bytes(written, target_)) {
+    unlink(written.c_str());
+    return;
   }
-  unlink(temporary_.c_str());
-  temporary_.clear();
+  // One name for all that is written there.
+  std::string kept = target_ + ".whole";
+  if (std::rename(written.c_str(), kept.c_str()) != 0) kept = written;
+  throw cannot_write(path_, std::string(std::strerror(reason)) + "; the whole file is " + kept);
 }
 
 CheckedFile::CheckedFile(const std::string& path) : file_(open(path.c_str(), O_WRONLY | O_TRUNC | O_CLOEXEC)) {

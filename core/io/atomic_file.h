@@ -28,7 +28,7 @@ class AtomicFile {
   const std::string& temporary_path() const { return temporary_; }
 
   // Flushes the temporary file to disk and moves it to its final name. Throws Error if either fails; one that is whole
-  // but cannot be moved stays, and the message names it. Then flushes the
+  // but cannot be moved is kept as `path`.whole, and the message says so. Then flushes the
   // folder, so that the name outlasts a crash of the machine, unless the folder may not be read. Call it at most once,
   // after the file has been written without errors and closed.
   void commit();

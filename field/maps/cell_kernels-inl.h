@@ -12,12 +12,13 @@
 #include "field/maps/cell_visibility.hd.h"
 #include "field/maps/cell_within.hd.h"
 #include "field/maps/direction_cells.hd.h"
+#include "field/maps/group_lobes.hd.h"
 
 FT_LANES_BEGIN
 
 template <class F>
 constexpr CellKernels make_cell_kernels() {
-  return {&see_cell<F>, &see_cell_within<F>, &see_own<F>, &sum_cells<F>, &find_cells<F>};
+  return {&see_cell<F>, &see_cell_within<F>, &see_own<F>, &sum_cells<F>, &find_cells<F>, &hide_by_lobe<F>};
 }
 
 FT_LANES_END

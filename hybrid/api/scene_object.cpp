@@ -155,7 +155,12 @@ Progress::~Progress() {
 void Progress::operator()(double share) {
   if (!callback_) return;
   const std::lock_guard lock(device_.progress_mutex);
-  share_ = std::max(share_, share);
+  share_ = share;
+  if (!stop_ && !callback_(user_, share)) stop_ = true;
+}
+
+void Progress::ask() {
+  const std::lock_guard lock(device_.progress_mutex);
   if (!stop_ && !callback_(user_, share_)) stop_ = true;
 }
 
@@ -164,12 +169,19 @@ void Progress::ask_again() {
   std::unique_lock lock(mutex_);
   while (!changed_.wait_for(lock, std::chrono::milliseconds(50), [&] { return is_over_; })) {
     lock.unlock();
-    (*this)(0.0);
+    try {
+      ask();
+    } catch (...) {
+      error_ = std::current_exception();
+      stop_ = true;
+      return;
+    }
     lock.lock();
   }
 }
 
 void Progress::require_not_stopped() const {
+  if (stop_ && error_) std::rethrow_exception(error_);
   if (stop_) throw Failure(FT_ERROR_CANCELLED, "cancelled by the progress callback");
 }
 

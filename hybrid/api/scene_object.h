@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <exception>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -133,12 +134,14 @@ class Progress {
   void require_not_stopped() const;
 
  private:
+  void ask();  // with the share of before
   void ask_again();
 
   Device& device_;
   FTProgressCallback callback_ = nullptr;
   void* user_ = nullptr;
-  double share_ = 0.0;  // under the device's lock for callbacks
+  double share_ = 0.0;        // under the device's lock for callbacks
+  std::exception_ptr error_;  // what it threw on `asking_`; before stop_ is set
   std::atomic<bool> stop_ = false;
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -14,6 +14,8 @@ namespace fieldtrace {
 // Rays for each instance in view that the maps of a crowd must replace: what is set up for a few points on each costs
 // more than it saves.
 inline constexpr uint64_t k_crowd_rays = 1200;
+// More light samples of a pixel do not count: what rays err by falls with them, what maps err by does not.
+inline constexpr uint64_t k_most_crowd_samples = 16;
 
 // Instances that the camera may see.
 uint64_t instances_in_view(const Scene& scene);

@@ -182,9 +182,11 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const bool by_request = options.at_any_cost();
   const bool crowd = scene.instances.size() > k_crowd;
   const uint64_t instances = crowd ? instances_in_view(scene) : 0;
+  // Each sample sends one to the sky and one from the material.
+  const uint64_t most_crowd_rays = 2 * k_most_crowd_samples * uint64_t(scene.film.width) * uint64_t(scene.film.height);
   const auto choose = [&](uint64_t rays, bool coarse, bool bounces_alone) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
-    if (rays < k_crowd_rays * instances) return MapSize{0, 0};
+    if (!by_request && std::min(rays, most_crowd_rays) < k_crowd_rays * instances) return MapSize{0, 0};
     int directions = wanted_directions(crowd, given, request.samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
     return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, bounces_alone,

@@ -167,7 +167,7 @@ bool CellOccluders::is_reached(const SkyOccluder& o) const {
 }
 
 // In passes that compilers vectorise: few cells face an object.
-void CellOccluders::find_facing(const Vec3& to, float least) {
+void CellOccluders::find_facing(Vec3 to, float least) {
   const float *x = lit_x_.data(), *y = lit_y_.data(), *z = lit_z_.data();
   uint8_t* const faces = faces_.data();
   for (size_t k = 0; k < lit_.size(); ++k) faces[k] = x[k] * to.x + y[k] * to.y + z[k] * to.z >= least;
@@ -250,31 +250,27 @@ void CellOccluders::insert(size_t k, const SkyOccluder& o, const MapLines& lines
   all.insert(at, radiance);
 }
 
-// By directions all over each cell: what groups along the horizon hide of a cell is often the same part.
-void CellOccluders::add_far(const CellParts& parts) {
+// By directions all over each cell: what groups along the horizon hide of a cell is often the same part. A crowd's
+// cells are the world's.
+void CellOccluders::add_far() {
   clear_.assign(lit_.size(), 1.0f);
   if (lobes_.empty()) return;
-  far_clear_.assign(parts.x.size(), 1.0f);
-  const float beyond = sky_->cell_width();
-  const float *x = parts.x.data(), *y = parts.y.data(), *z = parts.z.data();
-  float* const far = far_clear_.data();
-  for (const OccluderGroups::Lobe& lobe : lobes_) {
-    find_facing(lobe.direction, std::cos(std::min(std::acos(lobe.least_cosine) + beyond, k_pi)));
-    for_facing([&](size_t k) {
-      for (uint32_t i = parts.first[lit_[k]]; i < parts.first[lit_[k] + 1]; ++i) {
-        const float along = x[i] * lobe.direction.x + y[i] * lobe.direction.y + z[i] * lobe.direction.z;
-        const float s = x[i] * lobe.x.x + y[i] * lobe.x.y + z[i] * lobe.x.z;
-        const float t = x[i] * lobe.y.x + y[i] * lobe.y.y + z[i] * lobe.y.z;
-        const float taken = std::min(std::max(2.0f - 2.0f * (s * s + t * t), 0.0f), 1.0f);
-        far[i] *= along > 0.0f ? 1.0f - lobe.height * taken : 1.0f;
-      }
-    });
-  }
+  const PartDirections parts = sky_->parts();
+  far_clear_.assign(size_t(parts.blocks * k_part_block), 1.0f);
+  far_blocks_.resize(size_t(parts.blocks) + k_batch_padding);
+  const auto hide_by_lobe = cell_kernels(resolve_isa(Isa::automatic)).hide_by_lobe;  // the same bits by any
+  for (const GroupLobe& lobe : lobes_) hide_by_lobe(lobe, parts, far_blocks_.data(), far_clear_.data());
   for (size_t k = 0; k < lit_.size(); ++k) {
-    const uint32_t begin = parts.first[lit_[k]], end = parts.first[lit_[k] + 1];
+    const SkyCell& cell = this->cell(k);
+    const int divisions = cell.side / sky_->directions(), side = k_group_parts / divisions;
+    const float* const first =
+        &far_clear_[size_t(cell.within(sky_->directions()) * k_part_block + cell.u % divisions * side * k_group_parts +
+                           cell.v % divisions * side)];
     float sum = 0.0f;
-    for (uint32_t i = begin; i < end; ++i) sum += far[i];
-    clear_[k] = sum / float(end - begin);
+    for (int i = 0; i < side; ++i) {
+      for (int j = 0; j < side; ++j) sum += first[i * k_group_parts + j];
+    }
+    clear_[k] = sum / float(side * side);
   }
 }
 
@@ -293,7 +289,7 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   find_lit();
   // From the points' middle: the place's may be so far off that the horizon's groups stand elsewhere.
   maps.find(place, ball_.centre, distance_, near_, lobes_);
-  add_far(sky.parts());
+  add_far();
   // Parallelograms before others, which do not matter where one hides a cell.
   for (const bool planes : {true, false}) {
     for (const uint32_t i : near_) {

@@ -94,11 +94,11 @@ class CellOccluders {
   bool reads_own_alike(size_t a, size_t b) const;
   void add(const SkyOccluder& occluder);
   // Marks the cells whose direction, in the grid, has at least the product `least` with `to`.
-  void find_facing(const Vec3& to, float least);
+  void find_facing(Vec3 to, float least);
   template <class F>
   void for_facing(const F& each) const;
   void insert(size_t k, const SkyOccluder& occluder, const MapLines& lines);
-  void add_far(const CellParts& parts);
+  void add_far();
 
   const SkyMaps* sky_ = nullptr;
   const SkyCells* light_ = nullptr;
@@ -115,8 +115,9 @@ class CellOccluders {
   std::vector<float> lit_x_, lit_y_, lit_z_;  // their directions, in the grid
   std::vector<float> clear_;                  // CellTask::clear: 0 where a parallelogram hides all
   std::vector<uint32_t> near_;
-  std::vector<OccluderGroups::Lobe> lobes_;
-  std::vector<float> far_clear_;  // share that these leave of each part
+  std::vector<GroupLobe> lobes_;
+  AlignedVector<float> far_clear_;  // share that these leave of each part of a cell
+  AlignedVector<int32_t> far_blocks_;
   std::vector<uint8_t> faces_;
   std::vector<std::vector<MapLines>> maps_;
   std::vector<std::vector<MapRadiance>> radiance_;  // of these, if indirect_

@@ -69,9 +69,9 @@ const GroupDirections& group_directions() {
   return all;
 }
 
-// Of a box of the half extents `half`, as seen along unit d, that takes `solid_angle`; the image of each point is
-// spread by a standard deviation of `width`. All in radians.
-OccluderGroups::Lobe lobe_of(const Vec3& d, const Vec3& half, float solid_angle, float width) {
+// Of a box of the half extents `half`, radians, as seen along unit d, that takes `solid_angle`.
+GroupLobe lobe_of(const Vec3& d, const Vec3& half, float solid_angle, const GroupGrid& grid) {
+  const float width = k_lobe_width * grid.part_width;
   const Frame frame = frame_about(d);
   const Vec3 variance = half * half / 3.0f;
   const float ss = glm::dot(frame.s * frame.s, variance) + width * width;
@@ -80,11 +80,15 @@ OccluderGroups::Lobe lobe_of(const Vec3& d, const Vec3& half, float solid_angle,
   const float determinant = ss * tt - st * st;
   // Along an axis of q the lobe's variance is 7 / 36 of the square of its reach, and it takes 3 / 4 of the ellipse.
   constexpr float k_reach = 36.0f / 7.0f;
-  const float root = std::sqrt(tt / (k_reach * determinant)), rest = std::sqrt(1.0f / (k_reach * tt));
-  const float farthest = std::sqrt(k_reach * (0.5f * (ss + tt) + std::sqrt(0.25f * (ss - tt) * (ss - tt) + st * st)));
-  return {d, root * (frame.s - (st / tt) * frame.t), rest * frame.t,
-          std::min(solid_angle / (0.75f * k_pi * k_reach * std::sqrt(determinant)), 1.0f),
-          std::sqrt(std::max(1.0f - farthest * farthest, 0.0f))};
+  const Vec3 x = std::sqrt(tt / (k_reach * determinant)) * (frame.s - (st / tt) * frame.t);
+  const Vec3 y = std::sqrt(1.0f / (k_reach * tt)) * frame.t;
+  const float largest = 0.5f * (ss + tt) + std::sqrt(0.25f * (ss - tt) * (ss - tt) + st * st);
+  const float reach = std::asin(std::min(std::sqrt(k_reach * largest), 1.0f));
+  GroupLobe lobe;
+  for (int a = 0; a < 3; ++a) lobe.direction[a] = d[a], lobe.x[a] = x[a], lobe.y[a] = y[a];
+  lobe.height = std::min(solid_angle / (0.75f * k_pi * k_reach * std::sqrt(determinant)), 1.0f);
+  lobe.least_middle = std::cos(std::min(reach + grid.block_radius, k_pi));
+  return lobe;
 }
 
 }  // namespace
@@ -150,10 +154,9 @@ void OccluderGroups::build(Leaves leaves) {
   nodes_[at].next = uint32_t(nodes_.size());
 }
 
-void OccluderGroups::find(const Sphere& place, const Vec3& from, float cell_width, float part_width,
-                          float most_distance, std::vector<uint32_t>& near, std::vector<Lobe>& far) const {
+void OccluderGroups::find(const Sphere& place, const Vec3& from, const GroupGrid& grid, float most_distance,
+                          std::vector<uint32_t>& near, std::vector<GroupLobe>& far) const {
   near.clear(), far.clear();
-  const float width = k_lobe_width * part_width;
   for (uint32_t i = 0; i < nodes_.size();) {
     const Node& node = nodes_[i];
     const float distance = glm::length(node.centre - place.centre), reach = node.radius + place.radius;
@@ -161,7 +164,7 @@ void OccluderGroups::find(const Sphere& place, const Vec3& from, float cell_widt
       i = node.next;
       continue;
     }
-    if (distance + reach <= most_distance && node.radius + k_place_part * place.radius <= cell_width * distance) {
+    if (distance + reach <= most_distance && node.radius + k_place_part * place.radius <= grid.cell_width * distance) {
       const Vec3 to = node.centre - from;
       const float length = glm::length(to);
       const Vec3 d = to / length;
@@ -169,7 +172,7 @@ void OccluderGroups::find(const Sphere& place, const Vec3& from, float cell_widt
       if (!(node.is_planes && opacity > k_solid)) {
         i = node.next;
         const float solid_angle = opacity * projected_area(node.half, d) / (length * length);
-        if (solid_angle > 0.0f) far.push_back(lobe_of(d, node.half / length, solid_angle, width));
+        if (solid_angle > 0.0f) far.push_back(lobe_of(d, node.half / length, solid_angle, grid));
         continue;
       }
     }

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "core/scene/scene.h"
+#include "field/maps/group_lobe.h"
 
 namespace fieldtrace {
 
@@ -19,27 +20,23 @@ inline constexpr int k_group_directions = 8;
 
 struct SkyOccluder;
 
+// The directions that lobes are asked for, radians.
+struct GroupGrid {
+  float cell_width = 0.0f, part_width = 0.0f;  // of direction cells, and between parts of them
+  float block_radius = 0.0f;                   // about the middle of a block of parts (GroupLobe::least_middle)
+};
+
 class OccluderGroups {
  public:
-  // What a far group takes from the sky: of unit direction d, if it lies on the side of `direction`, the share
-  // height min(2 (1 - q), 1), if above 0, where q = dot(d, x)^2 + dot(d, y)^2.
-  struct Lobe {
-    Vec3 direction;      // unit, to the group
-    Vec3 x, y;           // across it
-    float height;        // share of the light that is hidden in its middle
-    float least_cosine;  // of `direction` and directions that it takes from
-  };
-
   OccluderGroups() = default;
   // `frames`: of D x D direction cells, by whose numbers the occluders have maps.
   OccluderGroups(const Scene& scene, std::span<const SkyOccluder> occluders, int directions);
 
   // The occluders that points within `place` must read one by one, and lobes that stand for all others, as seen from
-  // `from`: of groups whose radius subtends less than `cell_width`, radians, for the place's points; for
-  // directions `part_width` apart. What lies farther than `most_distance` from all of the place is left out; what may
-  // reach across it is near.
-  void find(const Sphere& place, const Vec3& from, float cell_width, float part_width, float most_distance,
-            std::vector<uint32_t>& near, std::vector<Lobe>& far) const;
+  // `from`: of groups whose radius subtends less than a cell's width for the place's points. What lies farther than
+  // `most_distance` from all of the place is left out; what may reach across it is near.
+  void find(const Sphere& place, const Vec3& from, const GroupGrid& grid, float most_distance,
+            std::vector<uint32_t>& near, std::vector<GroupLobe>& far) const;
   uint64_t bytes() const { return nodes_.capacity() * sizeof(Node); }
 
  private:

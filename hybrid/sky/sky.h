@@ -6,7 +6,6 @@
 #include <deque>
 #include <mutex>
 
-#include "field/bake/cell_lines.h"
 #include "hybrid/sky/indirect_light.h"
 #include "hybrid/sky/sky_maps.h"
 #include "hybrid/sky/sky_radiance.h"
@@ -16,12 +15,6 @@ namespace fieldtrace {
 // Cells whose light varies are divided so often along each side.
 inline constexpr int k_cell_parts = 2;
 
-// Unit directions all over each cell. Those of cell k stand at first[k] to first[k + 1].
-struct CellParts {
-  std::vector<uint32_t> first = {0};
-  AlignedVector<float> x, y, z;
-};
-
 class Sky {
  public:
   // `maps` must outlive this. What lies farther than `distance` (world units) hides nothing.
@@ -30,9 +23,7 @@ class Sky {
         distance_(distance),
         radiance_(std::move(radiance)),
         world_(radiance_.cells(Mat3(1.0f), maps.directions(), k_cell_parts)),
-        grids_(maps.is_crowd() ? 0 : maps.occluders().size()) {
-    if (maps.is_crowd()) divide_world();
-  }
+        grids_(maps.is_crowd() ? 0 : maps.occluders().size()) {}
 
   const SkyMaps& maps() const { return maps_; }
   float distance() const { return distance_; }
@@ -40,8 +31,6 @@ class Sky {
   // What objects send back; null: not known.
   const IndirectLight* indirect() const { return indirect_.get(); }
   void set_indirect(std::shared_ptr<const IndirectLight> indirect) { indirect_ = std::move(indirect); }
-  // Of a crowd's cells, which are the world's: directions as SkyMaps::find() takes them.
-  const CellParts& parts() const { return parts_; }
   // By the cells of the instance's grid (SkyOccluder::cells).
   const SkyCells& cells_of(uint32_t instance) const {
     const SkyOccluder& o = maps_.occluders()[instance];
@@ -52,18 +41,6 @@ class Sky {
   }
 
  private:
-  void divide_world() {
-    for (const SkyCell& cell : world_.cells) {
-      const int side = k_group_parts * maps_.directions() / cell.side;
-      for (int k = 0; k < side * side; ++k) {
-        const Vec3 d = direction_in_cell(cell.u, cell.v, (float(k / side) + 0.5f) / float(side),
-                                         (float(k % side) + 0.5f) / float(side), cell.side);
-        parts_.x.push_back(d.x), parts_.y.push_back(d.y), parts_.z.push_back(d.z);
-      }
-      parts_.first.push_back(uint32_t(parts_.x.size()));
-    }
-  }
-
   struct Grid {
     std::once_flag once;
     SkyCells cells;
@@ -74,7 +51,6 @@ class Sky {
   SkyRadiance radiance_;
   std::shared_ptr<const IndirectLight> indirect_;
   SkyCells world_;
-  CellParts parts_;
   mutable std::deque<Grid> grids_;  // by instance
 };
 

@@ -162,7 +162,34 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
   median_radius_ = median(of_objects.empty() ? radii : of_objects);
   if (!crowd) return;
   groups_ = OccluderGroups(scene, occluders_, directions);
+  divide_cells();
   place_side_ = k_place_side * median(radii);
+}
+
+void SkyMaps::divide_cells() {
+  float least = 1.0f;
+  for (int cell = 0; cell < directions_ * directions_; ++cell) {
+    Vec3 parts[k_part_block], sum(0.0f);
+    for (int k = 0; k < k_part_block; ++k) {
+      const float x = (float(k / k_group_parts) + 0.5f) / float(k_group_parts);
+      const float y = (float(k % k_group_parts) + 0.5f) / float(k_group_parts);
+      parts[k] = direction_in_cell(cell / directions_, cell % directions_, x, y, directions_);
+      sum += parts[k];
+    }
+    const Vec3 middle = glm::normalize(sum);
+    middle_x_.push_back(middle.x), middle_y_.push_back(middle.y), middle_z_.push_back(middle.z);
+    for (const Vec3& d : parts) {
+      least = std::min(least, glm::dot(d, middle));
+      part_x_.push_back(d.x), part_y_.push_back(d.y), part_z_.push_back(d.z);
+    }
+  }
+  constexpr float k_rounding = 1e-4f;
+  grid_ = {cell_width(), cell_width() / float(k_group_parts), std::acos(least) + k_rounding};
+}
+
+PartDirections SkyMaps::parts() const {
+  return {part_x_.data(),   part_y_.data(),   part_z_.data(),           middle_x_.data(),
+          middle_y_.data(), middle_z_.data(), int32_t(middle_x_.size())};
 }
 
 Sphere SkyMaps::place(uint32_t instance, const Vec3& point) const {
@@ -174,9 +201,9 @@ Sphere SkyMaps::place(uint32_t instance, const Vec3& point) const {
 }
 
 void SkyMaps::find(const Sphere& place, const Vec3& from, float distance, std::vector<uint32_t>& near,
-                   std::vector<OccluderGroups::Lobe>& far) const {
+                   std::vector<GroupLobe>& far) const {
   if (is_crowd()) {
-    groups_.find(place, from, cell_width(), cell_width() / float(k_group_parts), distance, near, far);
+    groups_.find(place, from, grid_, distance, near, far);
     return;
   }
   near.resize(occluders_.size());

@@ -29,6 +29,7 @@ struct SkyTolerance {
 
 // Far groups are asked for so many directions along each side of a cell.
 inline constexpr int k_group_parts = 4;
+static_assert(k_group_parts * k_group_parts == k_part_block);
 
 // With more instances than this they are a crowd: the cost of a point must not grow with their number.
 inline constexpr size_t k_crowd = 64;
@@ -73,16 +74,22 @@ class SkyMaps {
   Sphere place(uint32_t instance, const Vec3& point) const;
   // As OccluderGroups::find, for directions of parts of a cell; `near` is all occluders if they are no crowd.
   void find(const Sphere& place, const Vec3& from, float distance, std::vector<uint32_t>& near,
-            std::vector<OccluderGroups::Lobe>& far) const;
+            std::vector<GroupLobe>& far) const;
+  // Of a crowd: the directions that far groups are asked for, k_group_parts^2 of each cell in turn.
+  PartDirections parts() const;
   uint64_t bytes() const;
 
  private:
+  void divide_cells();
+
   MappedShapes shapes_;
   std::vector<std::unique_ptr<DirectionMaps>> maps_;
   int directions_;
   SkyTolerance tolerance_;
   std::vector<SkyOccluder> occluders_;
-  OccluderGroups groups_;  // of a crowd
+  OccluderGroups groups_;                                                           // of a crowd
+  AlignedVector<float> part_x_, part_y_, part_z_, middle_x_, middle_y_, middle_z_;  // PartDirections
+  GroupGrid grid_;
   float place_side_ = k_infinity, median_radius_ = k_infinity;
   std::vector<Mat3> frames_;
 };

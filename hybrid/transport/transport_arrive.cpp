@@ -108,7 +108,8 @@ void TransportWorker::Impl::arrive(int vertex_number) {
     meet_backgrounds(arrival, reached, run.begin);
     reached = run.end;
     const MetInstance instance = met_instance(hits.instance[run.begin]);
-    if (arrival.emission_counts && instance.emitter != k_none) meet_emitter(arrival, run, instance.emitter);
+    if (arrival.emission_counts && instance.emitter != k_none && !(settings.hide_emitters && arrival.is_first))
+      meet_emitter(arrival, run, instance.emitter);
     if (!only_emission) meet_surface(arrival, run, instance);
   }
   meet_backgrounds(arrival, reached, uint32_t(paths.size()));
@@ -135,7 +136,6 @@ void TransportWorker::Impl::meet_emitter(const Arrival& arrival, const HitRun& r
     const Vec3 d = rays.direction(i);
     if (!(-glm::dot(surface.geometric_normal, d) > 0.0f)) continue;
     const PathState& path = arriving_path(arrival, i);
-    if (path.direct && settings.hide_emitters) continue;
     add_emission(path, path.throughput, rays.origin(i), d, emitter,
                  {hits.t[i], surface.geometric_normal, surface.primitive});
   }

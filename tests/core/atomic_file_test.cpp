@@ -2,6 +2,7 @@
 #include "core/io/atomic_file.h"
 
 #include <gtest/gtest.h>
+#include <sys/mount.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -113,23 +114,36 @@ TEST_F(AtomicFiles, ReplacedFilesKeepTheirPermissionsAndReadOnlyOnesStay) {
   EXPECT_EQ(read_text(path), "new");
 }
 
-// A whole file that cannot be moved is not lost.
-TEST_F(AtomicFiles, WhatCannotBeMovedStaysUnderItsOtherName) {
+// A whole file that cannot be moved is not lost, and one alone is kept.
+TEST_F(AtomicFiles, WhatCannotBeMovedIsKept) {
   const std::string path = at("file").string();
-  std::string kept;
-  {
+  for (const char* text : {"one", "another"}) {
     AtomicFile file(path);
-    kept = file.temporary_path();
-    std::ofstream(kept) << "text";
+    std::ofstream(file.temporary_path()) << text;
     fs::create_directories(at("file") / "in the way");
     try {
       file.commit();
       FAIL();
     } catch (const Error& e) {
-      EXPECT_NE(std::string(e.what()).find(kept), std::string::npos) << e.what();
+      EXPECT_NE(std::string(e.what()).find(path + ".whole"), std::string::npos) << e.what();
     }
+    EXPECT_EQ(read_text(path + ".whole"), text);
+    fs::remove_all(at("file"));
   }
-  EXPECT_EQ(read_text(kept), "text");
+  EXPECT_EQ(files(), 1u);
+}
+
+// As a container sees a file of its host.
+TEST_F(AtomicFiles, AMountIsWrittenInPlace) {
+  write_and_read("host", "a longer text of before");
+  const std::string path = at("file").string();
+  std::ofstream(path) << "";
+  if (mount(at("host").c_str(), path.c_str(), nullptr, MS_BIND, nullptr) != 0)
+    GTEST_SKIP() << "this user may not mount";
+  EXPECT_EQ(write_and_read("file", "text"), "text");
+  umount(path.c_str());
+  EXPECT_EQ(read_text(at("host")), "text");
+  EXPECT_EQ(files(), 2u);
 }
 
 // What a killed process or one of another machine, with the same number, has left or is writing.

@@ -106,6 +106,51 @@ TEST(CellKernels, FindTheSameCellsOnEveryInstructionSet) {
   }
 }
 
+// By the definition, and no direction is lost to the bounds of its block.
+TEST(CellKernels, HideGroupsAlikeOnEveryInstructionSet) {
+  TestRandom random(17);
+  constexpr int k_blocks = 64, k_lobes = 200;
+  constexpr float k_block_radius = 0.2f;
+  AlignedVector<float> d[3], middle[3];
+  for (int b = 0; b < k_blocks; ++b) {
+    const Vec3 m = random.direction();
+    for (int a = 0; a < 3; ++a) middle[a].push_back(m[a]);
+    for (int k = 0; k < k_part_block; ++k) {
+      const Vec3 aside = glm::normalize(glm::cross(m, random.direction()));
+      const float angle = k_block_radius * random.uniform();
+      for (int a = 0; a < 3; ++a) d[a].push_back(m[a] * std::cos(angle) + aside[a] * std::sin(angle));
+    }
+  }
+  const PartDirections parts = {d[0].data(),      d[1].data(),      d[2].data(), middle[0].data(),
+                                middle[1].data(), middle[2].data(), k_blocks};
+  size_t hidden = 0;
+  for (int trial = 0; trial < k_lobes; ++trial) {
+    const Vec3 to = random.direction(), x = glm::normalize(glm::cross(to, random.direction())), y = glm::cross(to, x);
+    const float reach_x = random.uniform(0.01f, 0.9f), reach_y = random.uniform(0.01f, 0.9f);
+    GroupLobe lobe;
+    for (int a = 0; a < 3; ++a) lobe.direction[a] = to[a], lobe.x[a] = x[a] / reach_x, lobe.y[a] = y[a] / reach_y;
+    lobe.height = random.uniform();
+    lobe.least_middle = std::cos(std::asin(std::max(reach_x, reach_y)) + k_block_radius + 1e-3f);
+    const auto clear_by = [&](Isa isa) {
+      AlignedVector<float> clear(k_blocks * k_part_block, 0.5f);
+      AlignedVector<int32_t> blocks(k_blocks + k_batch_padding);
+      cell_kernels(isa).hide_by_lobe(lobe, parts, blocks.data(), clear.data());
+      return clear;
+    };
+    const AlignedVector<float> expected = clear_by(Isa::scalar);
+    for (const Isa isa : supported_isas()) ASSERT_EQ(clear_by(isa), expected) << isa_name(isa);
+    for (size_t i = 0; i < expected.size(); ++i) {
+      const DVec3 at(d[0][i], d[1][i], d[2][i]);
+      const double s = glm::dot(at, DVec3(x)) / double(reach_x), t = glm::dot(at, DVec3(y)) / double(reach_y);
+      const bool ahead = glm::dot(at, DVec3(to)) > 0.0;
+      const double taken = ahead ? double(lobe.height) * std::clamp(2.0 - 2.0 * (s * s + t * t), 0.0, 1.0) : 0.0;
+      ASSERT_NEAR(expected[i], 0.5 * (1.0 - taken), 1e-4) << trial;
+      hidden += taken > 0.0;
+    }
+  }
+  EXPECT_GT(hidden, size_t(k_lobes * k_blocks / 2));
+}
+
 TEST(CellKernels, SumTheOpenSkyAlikeOnEveryInstructionSet) {
   TestRandom random(11);
   constexpr int k_normals = 64, k_cells = 300;

@@ -194,8 +194,9 @@ SkyMaps maps_of(const Crowd& crowd) {
 }
 
 // That a lobe takes: three quarters of an ellipse.
-double solid_angle(const OccluderGroups::Lobe& lobe) {
-  return 0.75 * M_PI * double(lobe.height) / double(glm::length(glm::cross(lobe.x, lobe.y)));
+double solid_angle(const GroupLobe& lobe) {
+  return 0.75 * M_PI * double(lobe.height) /
+         double(glm::length(glm::cross(Vec3(lobe.x[0], lobe.x[1], lobe.x[2]), Vec3(lobe.y[0], lobe.y[1], lobe.y[2]))));
 }
 
 // A far place sees nothing one by one, and lobes of the solid angle that rays find.
@@ -209,13 +210,13 @@ TEST(SkyCrowd, GroupsHideWhatTheirObjectsDo) {
   std::uniform_real_distribution<float> uniform;
   for (const Vec3& at : {Vec3(0, 0, 60), Vec3(40, -30, 25), Vec3(-50, 3, 30)}) {
     std::vector<uint32_t> near;
-    std::vector<OccluderGroups::Lobe> far;
+    std::vector<GroupLobe> far;
     maps.find({at, 0.5f}, at, k_infinity, near, far);
     ASSERT_EQ(near.size(), 1u);  // the floor
     EXPECT_EQ(near[0], 0u);
     EXPECT_LT(far.size(), 100u);
     double sum = 0.0;
-    for (const OccluderGroups::Lobe& lobe : far) sum += solid_angle(lobe);
+    for (const GroupLobe& lobe : far) sum += solid_angle(lobe);
     // Rays in a cone about all.
     const Vec3 axis = glm::normalize(-at), aside = glm::normalize(glm::cross(axis, Vec3(0.3f, 0.7f, 0.1f)));
     const float cosine = std::cos(std::asin(10.0f / glm::length(at)));
@@ -291,7 +292,7 @@ TEST(SkyCrowd, FloorsOfTilesHideWhatOneFloorDoes) {
   const SkyMaps maps(s.scene, traits, mapped_shapes(s.scene, traits), {}, 16, {});
   const Vec3 at(0.3f, 0.2f, 0.5f);
   std::vector<uint32_t> near;
-  std::vector<OccluderGroups::Lobe> far;
+  std::vector<GroupLobe> far;
   maps.find({at, 0.1f}, at, k_infinity, near, far);
   const auto below = [&](double x, double y) {  // of a quadrant up to a corner at (x, y)
     x -= double(at.x), y -= double(at.y);
@@ -302,7 +303,7 @@ TEST(SkyCrowd, FloorsOfTilesHideWhatOneFloorDoes) {
     return below(x + n, y + n) - below(x, y + n) - below(x + n, y) + below(x, y);
   };
   double sum = 0.0;
-  for (const OccluderGroups::Lobe& lobe : far) sum += solid_angle(lobe);
+  for (const GroupLobe& lobe : far) sum += solid_angle(lobe);
   for (const uint32_t i : near) sum += of_square(int(i) / k_tiles, int(i) % k_tiles, 1);
   const double whole = of_square(0, 0, k_tiles);
   ASSERT_GT(whole, 6.0);
@@ -314,7 +315,7 @@ TEST(SkyCrowd, CostAndMemoryAreBounded) {
   const Crowd small(64, k_side), large(64, 4 * k_side);
   const SkyMaps few = maps_of(small), many = maps_of(large);
   std::vector<uint32_t> near_few, near_many;
-  std::vector<OccluderGroups::Lobe> far_few, far_many;
+  std::vector<GroupLobe> far_few, far_many;
   const Sphere place{Vec3(0.1f, 0.2f, 0.4f), 0.4f};
   few.find(place, place.centre, k_infinity, near_few, far_few);
   many.find(place, place.centre, k_infinity, near_many, far_many);
