@@ -90,7 +90,9 @@ bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<cons
 
 bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   const int depth = input.settings.max_depth;
-  if (!stage.light || !plans_indirect(input.scene, *input.lights, input.traits, depth, input.request.light_rays))
+  const SkyRequest& request = input.request;
+  if (!stage.light || !request.bounces ||
+      !plans_indirect(input.scene, *input.lights, input.traits, depth, request.light_rays))
     return true;
   std::vector<uint8_t> sends;
   size_t planes = 0;

@@ -32,6 +32,7 @@
 #include "hybrid/render/render_rounds.h"
 #include "hybrid/render/render_tiles.h"
 #include "hybrid/render/sky_stage.h"
+#include "hybrid/render/sky_survey.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
@@ -50,14 +51,19 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   const bool is_lit = has_sky(picture.scene) && depth != 0 && depth != 1;
   // A light sample sends one ray to the sky and one from the material.
   const uint64_t light_rays = 2 * picture.rays_per_light();
-  const bool is_indirect = plans_indirect(picture.scene, *stage.lights, stage.traits, depth, light_rays);
-  if (is_lit || is_indirect) {
-    request.light_rays = uint64_t(diffuse_share(picture.scene, stage.accel, stage.camera) * double(light_rays));
+  request.bounces = plans_indirect(picture.scene, *stage.lights, stage.traits, depth, light_rays);
+  if (is_lit || request.bounces) {
+    const SkySurvey survey = survey_sky(picture.scene, stage.accel, stage.traits, stage.camera);
+    request.light_rays = uint64_t(survey.diffuse * double(light_rays));
+    if (is_lit && !picture.options.at_any_cost()) {
+      request.bounces = request.bounces && !survey.is_dim();
+      if (survey.is_enclosed()) request.light_rays = 0;
+    }
   }
   if (picture.settings.occlusion) request.occlusion_rays = picture.rays_per_light();
   request.occlusion_distance = picture.settings.occlusion_distance;
   // Light from surface to surface is smooth: errors of its maps show beside the noise of any number of samples.
-  const bool any_number = picture.by_rounds() || is_indirect;
+  const bool any_number = picture.by_rounds() || request.bounces;
   request.samples = any_number ? std::numeric_limits<uint64_t>::max()
                                : uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   request.coarse = stage.accuracy == FieldAccuracy::coarse_maps;

@@ -12,8 +12,7 @@
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
 #include "hybrid/light/ambient_occlusion.h"
-#include "hybrid/path/patch_vertex.h"
-#include "hybrid/render/sky_crowd.h"
+#include "hybrid/sky/sky_crowd.h"
 
 namespace fieldtrace {
 namespace {
@@ -23,7 +22,6 @@ namespace {
 constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
 // The same without a sky, where light samples' noise stays.
 constexpr uint64_t k_bounce_maps_gain = 1;
-constexpr int k_share_side = 32;  // camera rays along each side of the film (diffuse_share)
 constexpr int k_fewest_directions = 8, k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
 // In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
 // beside the noise.
@@ -142,30 +140,6 @@ struct MapSource {
 };
 
 }  // namespace
-
-double diffuse_share(const Scene& scene, const Accel& accel, const CameraSampler& camera) {
-  std::vector<uint8_t> is_diffuse;
-  for (const Instance& i : scene.instances) is_diffuse.push_back(has_diffuse_body(scene, i.bsdf));
-  if (std::find(is_diffuse.begin(), is_diffuse.end(), 0) == is_diffuse.end()) return 1.0;
-  RayBatch rays;
-  HitBatch hits;
-  rays.resize(size_t(k_share_side * k_share_side));
-  hits.resize(rays.size);
-  const Vec2 step(float(scene.film.width) / float(k_share_side), float(scene.film.height) / float(k_share_side));
-  for (int i = 0; i < k_share_side * k_share_side; ++i) {
-    const Vec2 p = (Vec2(float(i % k_share_side), float(i / k_share_side)) + 0.5f) * step;
-    const CameraRay ray = camera.ray_at(p, Vec2(0.5f));
-    rays.set(size_t(i), ray.origin, ray.direction, k_infinity);
-  }
-  accel.intersect(rays, hits, Coherence::coherent);
-  size_t met = 0, diffuse = 0;
-  for (size_t i = 0; i < rays.size; ++i) {
-    if (hits.instance[i] == k_none) continue;
-    met += 1;
-    diffuse += is_diffuse[hits.instance[i]];
-  }
-  return met ? double(diffuse) / double(met) : 1.0;
-}
 
 bool has_sky(const Scene& scene) {
   return std::any_of(scene.emitters.begin(), scene.emitters.end(), [](const Emitter& e) { return is_sky(e.kind); });

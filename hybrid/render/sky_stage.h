@@ -6,7 +6,6 @@
 #include <memory>
 #include <span>
 
-#include "core/camera/camera.h"
 #include "core/trace/accel.h"
 #include "field/file/field_cache.h"
 #include "hybrid/render/render.h"
@@ -29,13 +28,10 @@ struct SkyRequest {
   // Light samples of a pixel; the most that there may be where their number tells nothing of the noise.
   uint64_t samples = 0;
   uint64_t most_bytes = 0;     // that maps may take
+  bool bounces = false;        // maps are to know light from surface to surface, too
   bool bounces_alone = false;  // there is no sky: light from surface to surface is all that maps are for
   bool coarse = false;         // maps for light have no more directions than for few samples, and their tolerance
 };
-
-// Of the surfaces that a grid of camera rays over the whole film meets, the share that are diffuse and opaque: only
-// these ask maps. 1 if there are none.
-double diffuse_share(const Scene& scene, const Accel& accel, const CameraSampler& camera);
 
 // Whether the scene has emitters that surround it.
 bool has_sky(const Scene& scene);

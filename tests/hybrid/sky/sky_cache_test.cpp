@@ -86,11 +86,12 @@ TEST_F(SkyCache, ADamagedFileIsToldAboutAndBakedAnew) {
 TEST_F(SkyCache, WhatCannotBeKeptIsAWarning) {
   const RenderResult none = run_without_cache();
   fs::create_directory(path() + ".lock");
-  options_.must_keep_fields = true;  // of fields alone
   EXPECT_EQ(run().image.data, none.image.data);
   ASSERT_EQ(warnings_.size(), 1u);
   EXPECT_NE(warnings_[0].find("the direction maps are not kept"), std::string::npos) << warnings_[0];
   EXPECT_FALSE(fs::exists(path()));
+  options_.must_keep_fields = true;
+  EXPECT_THROW(run(), Error);
 }
 
 TEST_F(SkyCache, MapsInUseOutliveTheLimit) {

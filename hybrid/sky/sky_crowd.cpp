@@ -1,4 +1,4 @@
-#include "hybrid/render/sky_crowd.h"
+#include "hybrid/sky/sky_crowd.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,159 @@
+#include "hybrid/render/sky_survey.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+#include "core/math/frame.h"
+#include "core/sampling/sobol.hd.h"
+#include "core/sampling/warp.hd.h"
+#include "core/simd/vec_lanes.h"
+#include "core/surface/surface.h"
+#include "field/maps/cell_task.h"
+#include "hybrid/path/patch_vertex.h"
+#include "hybrid/sky/parallelogram.h"
+#include "hybrid/visibility/linear_map.h"
+
+namespace fieldtrace {
+namespace {
+
+constexpr int k_share_side = 32;      // camera rays along each side of the film
+constexpr int k_rays_of_surface = 4;  // from each surface that they meet
+// Of what is hidden. Maps let up to .04 of it through.
+constexpr double k_least_open = 0.3;
+
+// The parallelograms of a scene, which nothing passes between.
+class Planes {
+ public:
+  Planes(const Scene& scene, std::span<const ShapeTraits> traits) {
+    std::vector<std::optional<Parallelogram>> of_shape;
+    for (size_t s = 0; s < scene.shapes.size(); ++s) of_shape.push_back(parallelogram(scene.shapes[s], traits[s]));
+    for (const Instance& i : scene.instances) {
+      is_plane_.push_back(of_shape[i.shape].has_value());
+      if (!is_plane_.back()) continue;
+      const DMat3 linear = linear_part(i.to_world);
+      const DVec3 x = linear * of_shape[i.shape]->axes[0], y = linear * of_shape[i.shape]->axes[1];
+      const DMat3 axes(x, y, glm::cross(x, y));
+      if (glm::determinant(axes) == 0.0) continue;
+      planes_.push_back({linear * of_shape[i.shape]->centre + DVec3(i.to_world[3]), axes, glm::inverse(axes)});
+    }
+  }
+  size_t size() const { return planes_.size(); }
+  bool has(uint32_t instance) const { return is_plane_[instance]; }
+  bool hide(const Vec3& origin, const Vec3& direction) const {
+    for (const Plane& plane : planes_) {
+      const DVec3 o = plane.to_unit * (DVec3(origin) - plane.centre), d = plane.to_unit * DVec3(direction);
+      const DVec3 at = o - (o.z / d.z) * d;
+      if (o.z * d.z < 0.0 && std::abs(at.x) <= 1.0 && std::abs(at.y) <= 1.0) return true;
+    }
+    return false;
+  }
+
+  bool cross() const {
+    for (const Plane& a : planes_) {
+      for (const Plane& b : planes_) {
+        if (&a != &b && reaches_through(b, a)) return true;
+      }
+    }
+    return false;
+  }
+
+ private:
+  struct Plane {
+    DVec3 centre;
+    DMat3 axes;     // half axes and their product, as columns
+    DMat3 to_unit;  // its inverse
+  };
+
+  // Whether `b` goes on behind `a` from within its edges.
+  static bool reaches_through(const Plane& b, const Plane& a) {
+    constexpr double k_beside = 1e-3;  // of the half axes: edges that meet
+    DVec3 corners[4];
+    for (int k = 0; k < 4; ++k) {
+      const double u = k == 0 || k == 3 ? -1.0 : 1.0, v = k < 2 ? -1.0 : 1.0;
+      corners[k] = a.to_unit * (b.centre + u * b.axes[0] + v * b.axes[1] - a.centre);
+    }
+    double behind = 0.0, before = 0.0;
+    for (const DVec3& c : corners) behind = std::min(behind, c.z), before = std::max(before, c.z);
+    if (std::min(-behind, before) <= k_beside * (before - behind)) return false;
+    std::vector<DVec3> ends;  // of the line that they share
+    for (int k = 0; k < 4; ++k) {
+      const DVec3 &p = corners[k], &q = corners[(k + 1) % 4];
+      if ((p.z < 0.0) != (q.z < 0.0)) ends.push_back(p + (q - p) * (p.z / (p.z - q.z)));
+    }
+    if (ends.size() != 2) return false;
+    double first = 0.0, last = 1.0;
+    for (int axis = 0; axis < 2; ++axis) {
+      const double from = ends[0][axis], along = ends[1][axis] - from, most = 1.0 - k_beside;
+      if (std::abs(along) < k_beside) {
+        if (std::abs(from) >= most) return false;
+        continue;
+      }
+      const double low = (-most - from) / along, high = (most - from) / along;
+      first = std::max(first, std::min(low, high)), last = std::min(last, std::max(low, high));
+    }
+    return last - first > k_beside;
+  }
+
+  std::vector<uint8_t> is_plane_;  // by instance
+  std::vector<Plane> planes_;
+};
+
+}  // namespace
+
+bool SkySurvey::is_enclosed() const { return open < k_least_open * hidden_by_maps; }
+bool SkySurvey::is_dim() const { return planes_cross && open < k_least_open * (1.0 - open); }
+
+SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+                     const CameraSampler& camera) {
+  RayBatch rays;
+  HitBatch hits;
+  rays.resize(size_t(k_share_side * k_share_side));
+  hits.resize(rays.size);
+  const Vec2 step(float(scene.film.width) / float(k_share_side), float(scene.film.height) / float(k_share_side));
+  for (int i = 0; i < k_share_side * k_share_side; ++i) {
+    const Vec2 p = (Vec2(float(i % k_share_side), float(i / k_share_side)) + 0.5f) * step;
+    const CameraRay ray = camera.ray_at(p, Vec2(0.5f));
+    rays.set(size_t(i), ray.origin, ray.direction, k_infinity);
+  }
+  accel.intersect(rays, hits, Coherence::coherent);
+  size_t met = 0, diffuse = 0, sent = 0;
+  RayBatch from_surfaces;
+  from_surfaces.resize(rays.size * k_rays_of_surface);
+  for (size_t i = 0; i < rays.size; ++i) {
+    if (hits.instance[i] == k_none) continue;
+    met += 1;
+    if (!has_diffuse_body(scene, scene.instances[hits.instance[i]].bsdf)) continue;
+    diffuse += 1;
+    const SurfacePoint s = surface_at(scene, rays, hits, i);
+    const Vec3 normal =
+        glm::dot(s.geometric_normal, rays.direction(i)) > 0.0f ? -s.geometric_normal : s.geometric_normal;
+    const Frame frame = frame_about(normal);
+    for (uint32_t k = 0; k < uint32_t(k_rays_of_surface); ++k) {
+      const auto u = scalar::sample_2d(k, scalar::hash_combine(uint32_t(i), 1u), 0);
+      const auto local = scalar::cosine_hemisphere_centred<float>(2.0f * u.x - 1.0f, 2.0f * u.y - 1.0f);
+      const Vec3 d = frame.to_world(Vec3(local.x, local.y, local.z));
+      from_surfaces.set(sent++, offset_origin(s.position, normal, s.error, d), d, k_infinity);
+    }
+  }
+  SkySurvey survey;
+  if (met > 0) survey.diffuse = double(diffuse) / double(met);
+  if (sent == 0) return survey;
+  from_surfaces.size = sent;
+  hits.resize(sent);
+  accel.intersect(from_surfaces, hits, Coherence::incoherent);
+  const Planes planes(scene, traits);
+  size_t open = 0, by_maps = 0;
+  for (size_t i = 0; i < sent; ++i) {
+    open += hits.instance[i] == k_none;
+    by_maps += hits.instance[i] != k_none && !planes.has(hits.instance[i]) &&
+               !planes.hide(from_surfaces.origin(i), from_surfaces.direction(i));
+  }
+  survey.open = double(open) / double(sent);
+  survey.hidden_by_maps = double(by_maps) / double(sent);
+  survey.planes_cross = planes.size() <= size_t(k_most_planes) && planes.cross();  // more have no such light
+  return survey;
+}
+
+}  // namespace fieldtrace

@@ -1,0 +1,30 @@
+// What camera rays tell of a scene under a sky, before any map is made. Thread-safety: pure functions, parallel within.
+#pragma once
+
+#include <span>
+
+#include "core/camera/camera.h"
+#include "core/scene/scene.h"
+#include "core/trace/accel.h"
+#include "hybrid/visibility/shape_traits.h"
+
+namespace fieldtrace {
+
+struct SkySurvey {
+  double diffuse = 1.0;  // of the surfaces that camera rays meet, the share that is diffuse and opaque: these ask maps
+  // Of rays from there, as many as the cosine has: what meets nothing, and what only meshes hide that are no
+  // parallelograms.
+  double open = 1.0, hidden_by_maps = 0.0;
+  bool planes_cross = false;  // parallelograms reach through each other
+
+  // Whether so little comes in that what maps let through between adjoining objects would show.
+  bool is_enclosed() const;
+  // The same of light that surfaces send on: texels of walls that reach through others know the light on both sides.
+  bool is_dim() const;
+};
+
+// By a grid of camera rays over the whole film.
+SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
+                     const CameraSampler& camera);
+
+}  // namespace fieldtrace

@@ -1,0 +1,126 @@
+// What is surveyed of a scene under a sky: what is open, what meshes hide, and that rooms of meshes let no light in.
+
+#include "hybrid/render/sky_survey.h"
+
+#include <gtest/gtest.h>
+
+#include "core/mesh/mesh_procedural.h"
+#include "hybrid/render/render.h"
+#include "tests/support/image_statistics.h"
+#include "tests/support/small_scenes.h"
+
+namespace fieldtrace {
+namespace {
+
+using namespace test;
+
+constexpr int k_size = 96;
+
+// A room of 6 x 6 x 3 with a ball in it, seen from within; its walls are boxes, or the rectangles that bound it.
+struct Room : SceneMaker {
+  explicit Room(bool of_boxes, bool has_wall = true) : of_boxes_(of_boxes) {
+    scene.camera.to_world = look_at({-2.5f, 2.5f, 1.8f}, {0.5f, -0.5f, 1}, {0, 0, 1});
+    scene.camera.fov_x_degrees = 70.0f;
+    film(k_size, k_size);
+    shape_ = of_boxes ? mesh(make_cube({.half_size = 1.0f})) : shape(ShapeKind::rectangle);
+    grey_ = bsdf(BsdfKind::diffuse, Rgb(0.7f));
+    scene.bsdfs[grey_].two_sided = true;
+    const Vec3 x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
+    wall(3.2f * x, 3.2f * y, -z, {0, 0, 0}), wall(3.2f * x, 3.2f * y, z, {0, 0, 3});
+    wall(3.2f * x, 1.7f * z, -y, {0, -3, 1.5f}), wall(3.2f * x, 1.7f * z, y, {0, 3, 1.5f});
+    wall(3.2f * y, 1.7f * z, -x, {-3, 0, 1.5f});
+    if (has_wall) wall(3.2f * y, 1.7f * z, x, {3, 0, 1.5f});
+    Affine place = scaling(Vec3(0.5f));
+    place[3] = Vec3(0, 0, 0.6f);
+    instance(mesh(make_sphere()), grey_, place);
+    light(EmitterKind::constant, Rgb(1.0f));
+  }
+  // About `at`, along the half axes; boxes are .2 thick, outwards.
+  void wall(const Vec3& a, const Vec3& b, const Vec3& outwards, const Vec3& at) {
+    constexpr float k_half = 0.1f;
+    const Vec3 normal = glm::cross(glm::normalize(a), glm::normalize(b));
+    instance(shape_, grey_,
+             of_boxes_ ? Affine(a, b, k_half * normal, at + k_half * outwards) : Affine(a, b, normal, at));
+  }
+  SkySurvey survey() const {
+    const Accel accel(scene);
+    return survey_sky(scene, accel, shape_traits(scene), CameraSampler(scene.camera, scene.film));
+  }
+
+  bool of_boxes_;
+  uint32_t shape_ = 0, grey_ = 0;
+};
+
+RenderOptions options(Method method) {
+  RenderOptions o;
+  o.method = method;
+  o.spp = 32;
+  o.max_depth = 3;
+  o.threads = 2;
+  return o;
+}
+
+TEST(SkySurvey, TellsWhatMeshesAloneHide) {
+  const SkySurvey boxes = Room(true).survey(), rectangles = Room(false).survey();
+  for (const SkySurvey& s : {boxes, rectangles}) EXPECT_EQ(s.open, 0.0);
+  EXPECT_EQ(boxes.diffuse, 1.0);
+  EXPECT_EQ(boxes.hidden_by_maps, 1.0);
+  EXPECT_TRUE(boxes.is_enclosed());
+  EXPECT_EQ(rectangles.hidden_by_maps, 0.0);  // there is a wall behind the ball
+  EXPECT_FALSE(rectangles.is_enclosed());
+  EXPECT_TRUE(rectangles.is_dim());  // they go on behind each other
+  // A whole wall is open: a fifth of what the others see, or so.
+  const SkySurvey open = Room(true, false).survey();
+  EXPECT_NEAR(open.open + open.hidden_by_maps, 1.0, 1e-9);
+  EXPECT_GT(open.open, 0.05);
+  EXPECT_LT(open.open, 0.5);
+}
+
+TEST(SkySurvey, RectanglesThatMeetDoNotCross) {
+  const auto crosses = [](const Vec3& x, const Vec3& y, const Vec3& at) {
+    SceneMaker s;
+    s.scene.camera.to_world = look_at({0, -5, 2}, {0, 0, 0}, {0, 0, 1});
+    s.film(k_size, k_size);
+    const uint32_t square = s.shape(ShapeKind::rectangle), grey = s.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+    s.instance(square, grey, scaling(Vec3(2.0f)));
+    s.instance(square, grey, Affine(x, y, glm::cross(glm::normalize(x), glm::normalize(y)), at));
+    s.light(EmitterKind::constant, Rgb(1.0f));
+    const Accel accel(s.scene);
+    return survey_sky(s.scene, accel, shape_traits(s.scene), CameraSampler(s.scene.camera, s.scene.film)).planes_cross;
+  };
+  const Vec3 x(1, 0, 0), y(0, 1, 0), z(0, 0, 1), aslant = glm::normalize(Vec3(1, 0, 1));
+  EXPECT_FALSE(crosses(x, z, {0, 0, 1}));         // stands on the floor
+  EXPECT_FALSE(crosses(2.0f * x, z, {0, 2, 1}));  // at its edge
+  EXPECT_FALSE(crosses(2.0f * x, z, {0, 2, 0}));  // along it, above and below
+  EXPECT_FALSE(crosses(x, z, {0, 0, 5}));         // above
+  EXPECT_FALSE(crosses(x, z, {0, 3, 0}));         // beside
+  EXPECT_FALSE(crosses(x, y, {0.5f, 0.5f, 0}));   // in one plane
+  EXPECT_TRUE(crosses(x, z, {0, 0, 0.9f}));
+  EXPECT_TRUE(crosses(3.0f * x, z, {0, 0, 0.9f}));  // beyond the edges at both ends
+  EXPECT_TRUE(crosses(aslant, y, {0.1f, 0.2f, 0.3f}));
+}
+
+TEST(SkySurvey, APlaneIsOpen) {
+  SceneMaker s;
+  s.scene.camera.to_world = look_at({0, 0, 5}, {0, 0, 0}, {0, 1, 0});
+  s.film(k_size, k_size);
+  s.instance(s.shape(ShapeKind::rectangle), s.bsdf(BsdfKind::diffuse, Rgb(0.5f)), scaling(Vec3(100.0f)));
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  const Accel accel(s.scene);
+  const SkySurvey survey =
+      survey_sky(s.scene, accel, shape_traits(s.scene), CameraSampler(s.scene.camera, s.scene.film));
+  EXPECT_EQ(survey.open, 1.0);
+  EXPECT_FALSE(survey.is_enclosed());
+}
+
+// Maps let in what stands between the texels of adjoining boxes.
+TEST(SkySurvey, ClosedRoomsAreDark) {
+  for (const bool of_boxes : {false, true}) {
+    const RenderResult r = render(Room(of_boxes).scene, options(Method::hybrid));
+    EXPECT_LT(test::mean(r.image), of_boxes ? 1e-9 : 4e-4);
+    EXPECT_EQ(r.stats.sky_directions > 0, !of_boxes);
+  }
+}
+
+}  // namespace
+}  // namespace fieldtrace
