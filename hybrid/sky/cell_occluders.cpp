@@ -166,7 +166,8 @@ bool CellOccluders::is_reached(const SkyOccluder& o) const {
   return o.kind != SkyOccluder::Kind::plane || std::abs(height_of(plane_lines(o, Vec3(0.0f)), ball_.centre)) <= reach;
 }
 
-// In passes that compilers vectorise: few cells face an object.
+// In passes that compilers vectorise: few cells face an object. `to` is a copy, since the bytes written may lie
+// anywhere.
 void CellOccluders::find_facing(Vec3 to, float least) {
   const float *x = lit_x_.data(), *y = lit_y_.data(), *z = lit_z_.data();
   uint8_t* const faces = faces_.data();
