@@ -17,7 +17,10 @@ struct Calls {
   std::mutex mutex;
   std::condition_variable changed;
   size_t under_way = 0;
+  std::thread::id ending_thread;  // whose later calls go on as ever; before `ending` is set
   std::atomic<bool> ending = false;
+
+  bool has_ended_for_this_thread() const { return ending && std::this_thread::get_id() != ending_thread; }
 };
 
 // Never destroyed: threads may wait beside it until the process is gone.
@@ -35,6 +38,7 @@ void end_calls() {
   PyThreadState* const state = PyEval_SaveThread();
   {
     std::unique_lock lock(c.mutex);
+    c.ending_thread = std::this_thread::get_id();
     c.ending = true;
     c.changed.wait(lock, [&] { return c.under_way == 0; });
   }
@@ -48,12 +52,12 @@ bool is_ending() { return calls().ending; }
 GilReleased::GilReleased() : state_(PyEval_SaveThread()) {
   Calls& c = calls();
   std::unique_lock lock(c.mutex);
-  if (!c.ending) {
-    ++c.under_way;
-    return;
+  if (c.has_ended_for_this_thread()) {
+    lock.unlock();
+    wait_for_exit();
   }
-  lock.unlock();
-  wait_for_exit();
+  is_late_ = c.ending;
+  ++c.under_way;
 }
 
 GilReleased::~GilReleased() {
@@ -63,7 +67,7 @@ GilReleased::~GilReleased() {
     --c.under_way;
     c.changed.notify_all();
   }
-  if (c.ending) wait_for_exit();
+  if (c.has_ended_for_this_thread()) wait_for_exit();
   take_back();
 }
 

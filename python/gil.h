@@ -17,6 +17,8 @@ class GilReleased {
   GilReleased(const GilReleased&) = delete;
   GilReleased& operator=(const GilReleased&) = delete;
 
+  // Whether the program was ending already.
+  bool is_late() const { return is_late_; }
   // Calls f() with the GIL. Throws what it throws.
   template <class F>
   void with_gil(const F& f) {
@@ -34,9 +36,10 @@ class GilReleased {
   void take_back();
 
   PyThreadState* state_;
+  bool is_late_ = false;
 };
 
-// Whether the program ends: long calls should, too.
+// Whether the program ends, and calls that were under way before should, too.
 bool is_ending();
 
 // Has Python call, when it ends, what waits for the calls under way.

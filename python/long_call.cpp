@@ -25,12 +25,15 @@ struct Work {
   std::exception_ptr error;
   std::atomic<double> share = 0.0;
   std::atomic<bool> cancelled = false;
+  bool is_late = false;  // begun when the program was ending
+
+  bool should_end() const { return cancelled || (!is_late && is_ending()); }
 };
 
 int on_progress(void* user, double share) {
   Work& work = *static_cast<Work*>(user);
   work.share = share;
-  return !work.cancelled && !is_ending();
+  return !work.should_end();
 }
 
 // Runs signal handlers, and tells `progress` of `share` if it is not yet told. With the GIL. Throws nb::python_error.
@@ -80,8 +83,9 @@ void LongCalls::run(FTDevice device, const nb::object& progress, const std::func
   double told = 0.0;
   {
     GilReleased released;
+    work.is_late = released.is_late();
     const auto tell_share = [&](double share) {
-      if (raised || is_ending()) return;
+      if (raised || (!work.is_late && is_ending())) return;
       try {
         released.with_gil([&] { tell(progress, share, told); });
       } catch (...) {

@@ -176,11 +176,19 @@ class Cancelling(unittest.TestCase):
 
     def test_renders_of_threads_that_the_program_does_not_wait_for(self):
         for progress in ("None", "print"):
-            text = RENDER_IN_THE_BACKGROUND.format(progress=progress)
-            environment = {**os.environ, "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
-            done = subprocess.run([sys.executable, "-c", text], env=environment, capture_output=True, text=True,
-                                  timeout=120)
+            done = self.run_program(RENDER_IN_THE_BACKGROUND.format(progress=progress))
             self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_the_library_works_while_the_program_ends(self):
+        text = "import atexit\natexit.register(lambda: print(scene.occluded(*rays(9, 1)).shape, scene.render().shape))\n"
+        text += "from threads_test import scene_of\nfrom shapes import rays, torus\nscene = scene_of(torus())\n"
+        text += "scene.set_sky(1)\nscene.set_camera([0, -3, 2], [0, 0, 0], width=8, height=8)\nscene.commit()\n"
+        done = self.run_program(text)
+        self.assertEqual((done.returncode, done.stdout), (0, "(9,) (8, 8, 3)\n"), done.stderr)
+
+    def run_program(self, text):
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
+        return subprocess.run([sys.executable, "-c", text], env=environment, capture_output=True, text=True, timeout=120)
 
     def test_bakes_beside_one_another(self):
         # The second one waits for the first, and is cancelled while it does.
