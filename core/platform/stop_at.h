@@ -3,10 +3,9 @@
 
 #include <atomic>
 #include <chrono>
-#include <condition_variable>
-#include <mutex>
 #include <optional>
-#include <thread>
+
+#include "core/platform/ticker.h"
 
 namespace fieldtrace {
 
@@ -16,20 +15,16 @@ class StopAt {
 
   // Its flag is `other` (may be null) without a time; else one that is set soon after `other` is, or at `time`.
   StopAt(const std::atomic<bool>* other, std::optional<Clock::time_point> time);
-  ~StopAt();
   StopAt(const StopAt&) = delete;
   StopAt& operator=(const StopAt&) = delete;
 
-  const std::atomic<bool>* flag() const { return watch_.joinable() ? &flag_ : other_; }
+  const std::atomic<bool>* flag() const { return watch_ ? &flag_ : other_; }
   bool is_set() const { return flag() && flag()->load(std::memory_order_relaxed); }
 
  private:
   const std::atomic<bool>* other_;
   std::atomic<bool> flag_ = false;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  bool ends_ = false;
-  std::thread watch_;
+  std::optional<Ticker> watch_;
 };
 
 }  // namespace fieldtrace

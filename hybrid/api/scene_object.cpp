@@ -136,48 +136,33 @@ Progress::Progress(Device& device) : device_(device) {
   callback_ = device.on_progress, user_ = device.progress_user;
   if (!callback_) return;
   try {
-    asking_ = std::thread([this] { ask_again(); });
+    ticker_.emplace(std::chrono::milliseconds(50), [this] { return ask_again(); });
   } catch (const std::system_error&) {
     // Without a thread to spare it is asked where work reports.
   }
-}
-
-Progress::~Progress() {
-  if (!asking_.joinable()) return;
-  {
-    const std::lock_guard lock(mutex_);
-    is_over_ = true;
-  }
-  changed_.notify_one();
-  asking_.join();
 }
 
 void Progress::operator()(double share) {
   if (!callback_) return;
   const std::lock_guard lock(device_.progress_mutex);
   share_ = share;
-  if (!stop_ && !callback_(user_, share)) stop_ = true;
+  ask();
 }
 
 void Progress::ask() {
-  const std::lock_guard lock(device_.progress_mutex);
   if (!stop_ && !callback_(user_, share_)) stop_ = true;
 }
 
 // A tile of many samples reports nothing for seconds.
-void Progress::ask_again() {
-  std::unique_lock lock(mutex_);
-  while (!changed_.wait_for(lock, std::chrono::milliseconds(50), [&] { return is_over_; })) {
-    lock.unlock();
-    try {
-      ask();
-    } catch (...) {
-      error_ = std::current_exception();
-      stop_ = true;
-      return;
-    }
-    lock.lock();
+bool Progress::ask_again() {
+  try {
+    const std::lock_guard lock(device_.progress_mutex);
+    ask();
+  } catch (...) {
+    error_ = std::current_exception();
+    stop_ = true;
   }
+  return !stop_;
 }
 
 void Progress::require_not_stopped() const {

@@ -4,16 +4,15 @@
 #pragma once
 
 #include <atomic>
-#include <condition_variable>
 #include <exception>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <shared_mutex>
-#include <thread>
 #include <vector>
 
+#include "core/platform/ticker.h"
 #include "core/scene/scene.h"
 #include "core/trace/accel.h"
 #include "field/bake/slice_demand.h"
@@ -127,26 +126,22 @@ void require_within(const Vec3& position, double most, const std::string& name);
 class Progress {
  public:
   explicit Progress(Device& device);
-  ~Progress();
   void operator()(double share);
   const std::atomic<bool>* stop() const { return &stop_; }
   // Throws Failure(FT_ERROR_CANCELLED) if the callback asked to stop.
   void require_not_stopped() const;
 
  private:
-  void ask();  // with the share of before
-  void ask_again();
+  void ask();        // under the device's lock for callbacks, of the last share
+  bool ask_again();  // false once it asked to stop
 
   Device& device_;
   FTProgressCallback callback_ = nullptr;
   void* user_ = nullptr;
   double share_ = 0.0;        // under the device's lock for callbacks
-  std::exception_ptr error_;  // what it threw on `asking_`; before stop_ is set
+  std::exception_ptr error_;  // what it threw on the ticker's thread; before stop_ is set
   std::atomic<bool> stop_ = false;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  bool is_over_ = false;
-  std::thread asking_;
+  std::optional<Ticker> ticker_;
 };
 
 }  // namespace fieldtrace::api

@@ -56,7 +56,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
     const SkySurvey survey = survey_sky(picture.scene, stage.accel, stage.traits, stage.camera);
     request.light_rays = uint64_t(survey.diffuse * double(light_rays));
     if (is_lit && !picture.options.at_any_cost()) {
-      request.bounces = request.bounces && !survey.is_dim();
+      request.bounces = request.bounces && !survey.is_dim() && !survey.is_enclosed();
       if (survey.is_enclosed()) request.light_rays = 0;
     }
   }

@@ -13,7 +13,6 @@
 #include "field/maps/cell_task.h"
 #include "hybrid/path/patch_vertex.h"
 #include "hybrid/sky/parallelogram.h"
-#include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {
 namespace {
@@ -32,11 +31,9 @@ class Planes {
     for (const Instance& i : scene.instances) {
       is_plane_.push_back(of_shape[i.shape].has_value());
       if (!is_plane_.back()) continue;
-      const DMat3 linear = linear_part(i.to_world);
-      const DVec3 x = linear * of_shape[i.shape]->axes[0], y = linear * of_shape[i.shape]->axes[1];
-      const DMat3 axes(x, y, glm::cross(x, y));
-      if (glm::determinant(axes) == 0.0) continue;
-      planes_.push_back({linear * of_shape[i.shape]->centre + DVec3(i.to_world[3]), axes, glm::inverse(axes)});
+      const Parallelogram here = in_world(*of_shape[i.shape], i.to_world);
+      if (std::abs(glm::determinant(here.axes)) > 0.0)
+        planes_.push_back({here.centre, here.axes, glm::inverse(here.axes)});
     }
   }
   size_t size() const { return planes_.size(); }
@@ -62,7 +59,7 @@ class Planes {
  private:
   struct Plane {
     DVec3 centre;
-    DMat3 axes;     // half axes and their product, as columns
+    DMat3 axes;     // of Parallelogram
     DMat3 to_unit;  // its inverse
   };
 
@@ -144,14 +141,20 @@ SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const Sha
   hits.resize(sent);
   accel.intersect(from_surfaces, hits, Coherence::incoherent);
   const Planes planes(scene, traits);
-  size_t open = 0, by_maps = 0;
+  size_t open = 0;
+  std::vector<size_t> by_meshes;
   for (size_t i = 0; i < sent; ++i) {
     open += hits.instance[i] == k_none;
-    by_maps += hits.instance[i] != k_none && !planes.has(hits.instance[i]) &&
-               !planes.hide(from_surfaces.origin(i), from_surfaces.direction(i));
+    if (hits.instance[i] != k_none && !planes.has(hits.instance[i])) by_meshes.push_back(i);
   }
   survey.open = double(open) / double(sent);
-  survey.hidden_by_maps = double(by_maps) / double(sent);
+  survey.hidden_by_maps = double(by_meshes.size()) / double(sent);
+  if (survey.is_enclosed()) {  // else what stands behind does not matter
+    const auto behind = std::count_if(by_meshes.begin(), by_meshes.end(), [&](size_t i) {
+      return planes.hide(from_surfaces.origin(i), from_surfaces.direction(i));
+    });
+    survey.hidden_by_maps -= double(behind) / double(sent);
+  }
   survey.planes_cross = planes.size() <= size_t(k_most_planes) && planes.cross();  // more have no such light
   return survey;
 }

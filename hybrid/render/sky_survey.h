@@ -12,8 +12,8 @@ namespace fieldtrace {
 
 struct SkySurvey {
   double diffuse = 1.0;  // of the surfaces that camera rays meet, the share that is diffuse and opaque: these ask maps
-  // Of rays from there, as many as the cosine has: what meets nothing, and what only meshes hide that are no
-  // parallelograms.
+  // Of rays from there, as many as the cosine has: what meets nothing, and what meshes hide that are no parallelograms.
+  // Of an enclosed scene, without what parallelograms hide as well.
   double open = 1.0, hidden_by_maps = 0.0;
   bool planes_cross = false;  // parallelograms reach through each other
 

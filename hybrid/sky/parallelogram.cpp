@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "hybrid/visibility/linear_map.h"
+
 namespace fieldtrace {
 
 namespace {
@@ -63,6 +65,13 @@ std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits
         DMat3(x * (0.5 * (upper.x - lower.x)), y * (0.5 * (upper.y - lower.y)), glm::normalize(normal))};
   }
   return {};
+}
+
+// A shear gives the image of the plane another normal.
+Parallelogram in_world(const Parallelogram& object, const Affine& to_world) {
+  const DMat3 linear = linear_part(to_world);
+  const DVec3 x = linear * object.axes[0], y = linear * object.axes[1];
+  return {linear * object.centre + DVec3(to_world[3]), DMat3(x, y, glm::normalize(glm::cross(x, y)))};
 }
 
 }  // namespace fieldtrace

@@ -17,4 +17,7 @@ struct Parallelogram {
 // The parallelogram that a mesh is, of any number of triangles, which needs no maps; nothing for other shapes.
 std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits& traits);
 
+// The same in world space, where the normal is not finite if it has no area.
+Parallelogram in_world(const Parallelogram& object, const Affine& to_world);
+
 }  // namespace fieldtrace

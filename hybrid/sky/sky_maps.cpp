@@ -127,11 +127,8 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     if (o.is_flat) write_height(flat[instance.shape], instance.to_world, o.height);
     if (const auto& plane = planes[instance.shape]) {
       o.kind = SkyOccluder::Kind::plane;
-      // In world space: a shear gives the image of the plane another normal.
-      const DMat3 linear = linear_part(instance.to_world);
-      const DVec3 x = linear * plane->axes[0], y = linear * plane->axes[1];
-      const DMat3 axes(x, y, glm::normalize(glm::cross(x, y)));
-      write_coordinates(DAffine(1.0), linear * plane->centre + DVec3(instance.to_world[3]), axes, o.to_unit);
+      const Parallelogram here = in_world(*plane, instance.to_world);
+      write_coordinates(DAffine(1.0), here.centre, here.axes, o.to_unit);
       continue;
     }
     const uint32_t mapped = shapes_.of_instance[i];
