@@ -127,16 +127,7 @@ void FieldCache::load_to_merge(Field& held, const FieldIdentity& identity, const
   }
 }
 
-void FieldCache::store(const Field& field, const FieldIdentity& identity) {
-  if (read_only_) return;
-  const Hash128 slices = slices_hash(field);
-  if (field.cells_baked() + field.coverage().lines_baked() == 0) return;
-  mark_used(identity);
-  if (known_complete(slices, identity)) return;
-  const std::string path = path_of(identity);
-  const FileLock lock(path + ".lock", LockWait::until_free, k_longest_lock_wait, stop_);
-  remove_abandoned_writes(path);
-  // The file may hold what other processes added since this field was loaded.
+void FieldCache::merge(const Field& field, const FieldIdentity& identity, const std::string& path) {
   FieldBudget budget(machine_memory_bytes() / 2);
   std::optional<Field> held;
   std::vector<const Field*> all = {&field};
@@ -147,7 +138,6 @@ void FieldCache::store(const Field& field, const FieldIdentity& identity) {
     all.push_back(&*held);
   }
   if (!held || !holds_all_of(*held, field)) save_fields(all, identity, path);
-  remember(slices, identity);
 }
 
 template <class Load>
@@ -175,6 +165,19 @@ void FieldCache::store_whole(const FieldIdentity& identity, const Save& save) {
   const FileLock lock(path + ".lock", LockWait::until_free, k_longest_lock_wait, stop_);
   remove_abandoned_writes(path);
   save(path);
+}
+
+void FieldCache::store(const Field& field, const FieldIdentity& identity) {
+  if (read_only_ || field.cells_baked() + field.coverage().lines_baked() == 0) return;
+  const Hash128 slices = slices_hash(field);
+  if (known_complete(slices, identity)) {
+    mark_used(identity);
+    return;
+  }
+  store_whole(identity, [&](const std::string& path) {
+    merge(field, identity, path);
+    remember(slices, identity);
+  });
 }
 
 bool FieldCache::load(Field& field, const FieldIdentity& identity) {

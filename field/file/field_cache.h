@@ -77,6 +77,8 @@ class FieldCache {
   auto load_whole(const FieldIdentity& identity, const Load& load) -> std::optional<decltype(load(std::string()))>;
   template <class Save>
   void store_whole(const FieldIdentity& identity, const Save& save);
+  // The file may hold what other processes added since the field was loaded.
+  void merge(const Field& field, const FieldIdentity& identity, const std::string& path);
   void load_to_merge(Field& held, const FieldIdentity& identity, const std::string& path);
   bool known_complete(const Hash128& slices, const FieldIdentity& identity);
   void mark_used(const FieldIdentity& identity);

@@ -126,7 +126,7 @@ class TradeoffRun {
     row.options = c.options;
     row.ladder = c.ladder;
     row.options.field_cache = hybrid ? cache.path() : std::string();
-    row.options.must_keep_fields = true;  // a warm row without them would be a cold one
+    row.options.if_unkept = IfUnkept::fail;  // a warm row without them would be a cold one
     RenderResult cold = render_timed(row.options, hybrid ? "hybrid, cold" : "Monte Carlo", row.seconds_cold);
     if (cold.interrupted) return false;
     row.cold = row.warm = cold.stats;

@@ -138,16 +138,7 @@ void FieldSet::store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& w
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s]) continue;
     const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
-    try {
-      cache.store(*fields_[s], identity);
-    } catch (const Error& e) {
-      if (if_unkept == IfUnkept::fail) throw;
-      warn(warning, {}, std::string(e.what()) + "; the field is not kept");
-    } catch (const std::bad_alloc&) {
-      const std::string reason = "not enough memory to keep the field of " + scene_.shapes[s].name;
-      if (if_unkept == IfUnkept::fail) throw Error(reason);
-      warn(warning, {}, reason);
-    }
+    keep("the field of " + scene_.shapes[s].name, if_unkept, warning, [&] { cache.store(*fields_[s], identity); });
     stats.field_bytes_disk += cache.bytes_on_disk(identity);
   }
   cache.trim();

@@ -20,6 +20,7 @@
 
 #include "core/scene/scene.h"
 #include "field/file/field_cache.h"
+#include "field/file/keep.h"
 #include "field/store/field.h"
 #include "hybrid/stats/stats.h"
 #include "hybrid/visibility/shape_traits.h"
@@ -68,8 +69,6 @@ struct FieldSurvey {
 // The default budget: half of the machine's memory.
 uint64_t default_field_memory();
 
-enum class IfUnkept { warn, fail };
-
 class FieldSet {
  public:
   // Makes empty fields for the shapes of `scene` that want one, as many as the plan allows; none unless `wanted`. They
@@ -94,8 +93,6 @@ class FieldSet {
 
   // Reads fields from the cache, if the plan allows it.
   void load(FieldCache& cache);
-  // What cannot be kept is a warning, as it must not cost a finished picture; with IfUnkept::fail the first throws
-  // Error.
   void store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const;
   void count(Stats& stats) const;
 

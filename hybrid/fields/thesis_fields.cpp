@@ -1,6 +1,7 @@
 #include "hybrid/fields/thesis_fields.h"
 
 #include "core/platform/error.h"
+#include "field/file/keep.h"
 #include "field/file/thesis_file.h"
 
 namespace fieldtrace {
@@ -44,13 +45,9 @@ bool ThesisFieldSet::make_field(uint32_t s, const Accel& accel, FieldCache* cach
   if (fields_[s]) return true;
   fields_[s] = bake_thesis_field(accel, scene_, s, m_, callbacks, ThesisLayers::distance);
   if (!fields_[s]) return false;
-  if (!cache) return true;
-  try {
-    cache->store(*fields_[s], identity);
-  } catch (const Error& e) {
-    warn(warning, {}, std::string(e.what()) + "; the field is not kept");
-  } catch (const std::bad_alloc&) {
-    warn(warning, {}, "there is not enough memory to keep a field; it is not kept");
+  if (cache) {
+    keep("the field of " + scene_.shapes[s].name, IfUnkept::warn, warning,
+         [&] { cache->store(*fields_[s], identity); });
   }
   return true;
 }

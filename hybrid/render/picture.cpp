@@ -89,6 +89,13 @@ Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
   return r;
 }
 
+std::unique_ptr<FieldCache> open_cache(const Picture& picture) {
+  const RenderOptions& o = picture.options;
+  if (o.field_cache.empty()) return nullptr;
+  return std::make_unique<FieldCache>(o.field_cache, o.field_cache_limit, picture.callbacks.warning,
+                                      picture.callbacks.stop);
+}
+
 Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& c)
     : scene(s), options(o), callbacks(c), spp(o.spp == 0 ? s.sample_count : o.spp) {
   check_options(options, spp);

@@ -1,13 +1,11 @@
 #include "hybrid/render/render.h"
 
-#include <fmt/format.h>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <filesystem>
 #include <future>
 #include <limits>
 #include <memory>
@@ -18,18 +16,13 @@
 #include "core/platform/threads.h"
 #include "field/file/vdb_grid.h"
 #include "hybrid/fields/field_resolution.h"
-#include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
-#include "hybrid/glossy/lobe_answerer.h"
-#include "hybrid/light/direct_light.h"
-#include "hybrid/render/field_choice.h"
+#include "hybrid/render/attempt.h"
 #include "hybrid/render/glossy_stage.h"
 #include "hybrid/render/indirect_stage.h"
-#include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/picture.h"
 #include "hybrid/render/picture_identity.h"
 #include "hybrid/render/render_pilot.h"
-#include "hybrid/render/render_rounds.h"
 #include "hybrid/render/render_tiles.h"
 #include "hybrid/render/sky_stage.h"
 #include "hybrid/render/sky_survey.h"
@@ -37,13 +30,6 @@
 
 namespace fieldtrace {
 namespace {
-
-// The cache of `options`; null if there is none, or no fields to keep in it.
-std::unique_ptr<FieldCache> open_cache(const RenderOptions& options, bool no_fields, const RenderCallbacks& callbacks) {
-  if (options.field_cache.empty() || no_fields) return nullptr;
-  return std::make_unique<FieldCache>(options.field_cache, options.field_cache_limit, callbacks.warning,
-                                      callbacks.stop);
-}
 
 SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   SkyRequest request;
@@ -84,7 +70,7 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   if (!picture.wants_fields) return;
   drop_maps(stage, stats);
   const auto cache = [&] {
-    if (!stage.cache) stage.cache = open_cache(picture.options, /*no_fields=*/false, picture.callbacks);
+    if (!stage.cache) stage.cache = open_cache(picture);
     return stage.cache.get();
   };
   const StopAt stop(picture.callbacks.stop, stage.survey_end);
@@ -145,14 +131,6 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   return plan;
 }
 
-// Where maps answer for all lights, fields do only for glossy rays.
-bool wants_fields(const Picture& picture, const Stage& stage, const FieldPlan& plan) {
-  const std::vector<Emitter>& emitters = picture.scene.emitters;
-  const bool maps_answer =
-      stage.sky.light && std::all_of(emitters.begin(), emitters.end(), [](const Emitter& e) { return is_sky(e.kind); });
-  return picture.wants_fields && stage.uses_fields() && !(maps_answer && plan.hit_instances.empty());
-}
-
 void warn_of_no_hits(const Picture& picture) {
   if (picture.options.field_hits != FieldHits::always) return;
   warn(picture.callbacks.warning, {},
@@ -170,256 +148,13 @@ constexpr int k_survey_part = 2;
 // Seconds: 30 years, which clocks can add.
 constexpr float k_most_time_limit = 1e9f;
 
-void warn_of_no_maps(const Picture& picture, const Stage& stage, size_t objects) {
-  if (objects == 0) return;
-  const bool by_addresses = stage.address_space < picture.field_memory;
-  warn(picture.callbacks.warning, {},
-       "radiance maps of " + std::to_string(objects) + (objects == 1 ? " object" : " objects") +
-           " do not fit into their memory, and rays answer for them; raise " +
-           (by_addresses ? "the limit of address space (ulimit -v)" : "--field-memory") + " to have them");
-}
-
-std::string outgrown(const Picture& picture, bool out_of_addresses, const std::string& change) {
-  if (out_of_addresses) {
-    return "the fields outgrew the address space that they may reserve; the render " + change +
-           " (raise the limit, ulimit -v, to avoid it)";
-  }
-  return "the fields outgrew their " + std::to_string(picture.field_memory / 1000000) + " MB; the render " + change +
-         " (raise --field-memory to avoid it)";
-}
-
-[[noreturn]] void fail_outgrown(const Picture& picture, bool out_of_addresses) {
-  const std::string memory = std::to_string(picture.field_memory / 1000000) + " MB; ";
-  throw Error("the fields of slice " + slice_text(*picture.options.slice) + " outgrew " +
-              (out_of_addresses ? "the address space that they may reserve; raise the limit (ulimit -v)"
-                                : "their " + memory + "raise --field-memory") +
-              ", or give coarser fields to all slices by --directions and --plane: what the whole picture would do "
-              "without memory, no slice can tell");
-}
-
-// What depends on the memory of a machine.
-PictureIdentity decided_by_memory(const TransportContext& context, const Stage& stage, size_t maps_left_out) {
-  const bool has_maps = stage.uses_fields() && stage.sky.maps;
-  return {{"direction maps", has_maps ? std::to_string(stage.sky.maps->bytes()) + " bytes" : "none"},
-          {"light from surface to surface by maps", context.indirect ? "yes" : "no"},
-          {"radiance maps left out for memory", std::to_string(maps_left_out)}};
-}
-
-// The same, and what surveys decide.
-PictureIdentity decisions_of(const FieldSet& fields, const FieldPlan& plan, const TransportContext& context,
-                             const Stage& stage, size_t maps_left_out, float tolerance) {
-  Stats s;
-  fields.count(s);
-  const auto number = [](auto n) { return std::to_string(n); };
-  PictureIdentity decisions = decided_by_memory(context, stage, maps_left_out);
-  const PictureIdentity by_surveys = {
-      {"fields", number(s.field_objects)},
-      {"objects left to rays", number(s.field_left_to_rays)},
-      {"objects left to rays for shadows on themselves", number(s.field_self_to_rays)},
-      {"the fields' cells", number(s.field_directions) + " x " + number(s.field_plane)},
-      {"objects whose fields answer glossy rays", number(plan.hit_instances.size())},
-      {"light samples where a light may be hidden", number(context.settings.open_light_samples)},
-      {"the tolerance of lights", number(tolerance)}};
-  decisions.insert(decisions.end(), by_surveys.begin(), by_surveys.end());
-  return decisions;
-}
-
-// What a checkpoint's picture decided, without its samples.
-Checkpoint decisions_alone(Checkpoint state) {
-  state.film = {};
-  state.counts.clear(), state.tiles_done.clear();
-  state.round = 0;
-  return state;
-}
-
-// Takes samples as a checkpoint's picture had decided.
-void set_samples(const Picture& picture, const Checkpoint& decided, TransportContext& context) {
-  context.settings.light_samples = decided.light_samples;
-  context.settings.open_light_samples = decided.open_light_samples;
-  picture.split_lobes(context.settings, decided.lobe_samples);
-}
-
-// What depends on memory may not change amid a picture. Where the time is up nothing is added.
-void require_same_decisions(const Picture& picture, const Stage& stage, const PictureIdentity& decided) {
-  if (picture.stopped() || stage.surveys_are_over()) return;
-  const std::vector<std::string> differences = differences_of(decided, stage.resumed->decided);
-  if (differences.empty()) return;
-  throw Error({picture.options.resume},
-              fmt::format("the picture was begun with other memory: {}; resume it with as much as it had",
-                          fmt::join(differences, "; ")));
-}
-
-// One attempt with the fields of `plan`. Returns false if they exceeded their memory, `plan` is then the next
-// attempt's, or if a survey changed the stage's accuracy.
-bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult& result) {
-  const RenderOptions& options = picture.options;
-  const WarningSink& warning = picture.callbacks.warning;
-  Stats& stats = result.stats;
-  FieldSet fields(picture.scene, stage.traits, plan, picture.field_memory, wants_fields(picture, stage, plan),
-                  stage.address_space);
-  if (stage.resumed && plan.reductions < stage.resumed->reductions) {
-    std::string known;
-    plan = fields.next_plan(known);
-    return false;
-  }
-  OpenLight open = {options.light_samples};
-  bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
-  const bool resumes = stage.resumed && stage.resumed->reductions == plan.reductions;
-  stats.tolerance = resumes ? stage.resumed->tolerance : picture.light_tolerance(open.samples);
-  if (!stage.cache) stage.cache = open_cache(options, fields.empty(), picture.callbacks);
-  FieldCache* const cache = stage.cache.get();
-  if (cache) {
-    const ScopedTimer timer(stats.time_cache);
-    fields.load(*cache);
-  }
-  surveyed = surveyed && leave_to_rays(picture, stage, fields, stats.tolerance, open, stats);
-  if (!surveyed && is_late(picture, stage) && !picture.stopped()) {
-    stage.accuracy = FieldAccuracy::rays;
-    return false;
-  }
-  AnswererSettings settings{picture.settings.isa, stats.tolerance, options.check, options.force_undecided,
-                            options.whole_lights};
-  settings.self_to_rays = fields.self_to_rays();
-  ShadowAnswerer answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings);
-  TransportSettings tracing = settings_for(picture, fields, stats.tolerance);
-  tracing.open_light_samples = open.samples;
-  tracing.open_sun_samples = picture.open_sun_samples();
-  TransportContext context(picture.scene, stage.accel, stage.camera, answerer, tracing, stage.lights);
-  const bool estimates = stage.uses_fields();
-  context.sky = estimates ? stage.sky.light.get() : nullptr;
-  context.indirect = context.sky ? context.sky->indirect() : nullptr;
-  context.occlusion_sky = estimates ? stage.sky.occlusion.get() : nullptr;
-  // Single rays of the layer `ao` gain nothing from fields.
-  std::optional<ShadowAnswerer> for_occlusion;
-  if (picture.settings.occlusion && !context.occlusion_sky && !fields.empty()) {
-    for_occlusion.emplace(picture.scene, stage.accel, stage.traits, std::vector<Field*>(), settings);
-    context.occlusion_answerer = &*for_occlusion;
-  }
-  const std::vector<Field*> all_fields = fields.all_pointers();
-  std::optional<GlossyStage> glossy;
-  if (picture.wants_fields && estimates) {
-    glossy.emplace(GlossyInput{picture.scene, stage.accel, stage.camera, stage.traits, stage.lights, picture.settings,
-                               options, all_fields, plan.hit_instances, picture.film_samples(),
-                               std::min(picture.field_memory, stage.address_space) / FieldBudget::k_map_share});
-    context.lobes = glossy->lobes();
-    context.hits = glossy->hits();
-    warn_of_no_maps(picture, stage, glossy->maps_left_out());
-  }
-  if (stage.device && (context.sky || context.occlusion_sky || context.lobes || fields.answers_shadows())) {
-    answerer.use(stage.device->get());
-  }
-  Job job{picture, context, fields.budget(), stage.deadline};
-  Checkpoint state;
-  if (stage.resumed && !resumes) {
-    std::error_code failed;
-    job.keeps_at_end = std::filesystem::equivalent(options.resume, options.checkpoint, failed);
-    warn(warning, {options.resume},
-         std::string("was made with more of the fields' memory, so the picture begins anew") +
-             (job.keeps_at_end ? "; the file stays as it is until the picture is done" : ""));
-  }
-  if (resumes) {
-    state = *stage.resumed;
-    set_samples(picture, state, context);
-  } else if (options.keeps_sums()) {
-    if (stage.resumed) {
-      state = decisions_alone(*stage.resumed);
-      set_samples(picture, state, context);
-    } else {
-      state.identity = stage.identity;
-      state.expected_samples = picture.spp;
-      if (!stage.ray_noise.empty()) state.decay = stage.ray_noise.front().noise.decay;
-    }
-    state.reductions = plan.reductions;
-    const bool estimates_anything = context.sky || context.lobes || context.hits || !fields.empty();
-    if (picture.by_rounds() && surveyed && !stage.resumed) {
-      choose_samples(picture, stage, !estimates_anything, context, state, stats);
-      const FieldAccuracy accuracy = stage.accuracy;
-      const bool is_decided =
-          !estimates_anything || !job.goes_on() || trusts_fields(picture, stage, context, state, stats);
-      // What fields that outgrew their memory show depends on the threads.
-      if (fields.budget().exceeded())
-        stage.accuracy = accuracy;
-      else if (!is_decided)
-        return false;
-    }
-    state.planned_samples = picture.spp;
-    state.accuracy = stage.accuracy;
-    state.light_samples = context.settings.light_samples;
-    state.open_light_samples = context.settings.open_light_samples;
-    state.lobe_samples = context.settings.lobe_samples;
-    state.tolerance = stats.tolerance;
-  }
-  if (options.keeps_sums() && surveyed) {
-    const PictureIdentity decided = decided_by_memory(context, stage, glossy ? glossy->maps_left_out() : 0);
-    if (resumes) {
-      require_same_decisions(picture, stage, decided);
-    } else {
-      state.decided = decided;
-    }
-  }
-  stats.light_samples = context.settings.light_samples;
-  stats.open_light_samples = context.settings.open_light_samples;
-  result.image = make_image(picture.window, picture.aovs);
-  Stats done;
-  const bool begins = surveyed && !picture.stopped();
-  if (!begins) {
-    job.interrupted = true;  // perhaps amid decisions, which no checkpoint may keep
-  } else if (options.keeps_sums()) {
-    render_rounds(job, std::move(state), result.image, done);
-  } else {
-    render_tiles(job, result.image, done);
-  }
-  // However early a resumed picture ends, what was there is written.
-  const bool ends = picture.stopped() || (!begins && stage.surveys_are_over());
-  if (ends && stage.resumed && !(begins && resumes)) {
-    job.interrupted = picture.stopped();
-    render_rounds(job, *stage.resumed, result.image, done);
-  }
-  stats.field_bytes_peak = std::max(stats.field_bytes_peak, fields.budget().used());
-  // Even if all tiles were finished before the budget ran out: whether they are depends on the threads. Late in a
-  // picture with a time limit, which depends on them anyway, what there is is more than what a new beginning makes.
-  const bool ends_early = fields.budget().exceeded() && stage.surveys_are_over() && job.has_samples;
-  if (ends_early && !picture.stopped()) {
-    job.interrupted = false;
-    warn(warning, {},
-         outgrown(picture, fields.budget().out_of_addresses(),
-                  "ends early with the samples that it has, which no checkpoint keeps"));
-  } else if (fields.budget().exceeded() && !picture.stopped()) {
-    stats.add_bake(done);
-    stats.field_restarts += 1;
-    std::string change;
-    plan = fields.next_plan(change);
-    // Without what the cache held the picture is the same.
-    if (options.slice && plan.read_cache) fail_outgrown(picture, fields.budget().out_of_addresses());
-    warn(warning, {}, outgrown(picture, fields.budget().out_of_addresses(), change));
-    return false;
-  }
-  result.interrupted = job.interrupted;
-  result.has_samples = job.has_samples;
-  stats.merge_counters(done);
-  fields.count(stats);
-  if (result.part) {
-    result.part->decided =
-        decisions_of(fields, plan, context, stage, glossy ? glossy->maps_left_out() : 0, stats.tolerance);
-  }
-  stats.field_bytes_maps = context.lobes ? context.lobes->bytes() : 0;
-  if (stage.sky.maps) stats.field_bytes_maps += stage.sky.maps->bytes();
-  if (context.indirect) stats.field_bytes_maps += context.indirect->bytes();
-  if (cache) {
-    const ScopedTimer timer(stats.time_cache);
-    fields.store(*cache, options.must_keep_fields ? IfUnkept::fail : IfUnkept::warn, warning, stats);
-  }
-  warn_of_not_finite(job);
-  return true;
-}
-
 // Renders the picture with fields of the thesis' chart.
 void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& result) {
   const RenderOptions& options = picture.options;
   const RenderCallbacks& callbacks = picture.callbacks;
   const int m = thesis_directions(options.directions, options.plane);
   ThesisFieldSet fields(picture.scene, stage.traits, m, picture.field_memory);
-  const std::unique_ptr<FieldCache> cache = open_cache(options, fields.empty(), callbacks);
+  const std::unique_ptr<FieldCache> cache = fields.empty() ? nullptr : open_cache(picture);
   ThesisBakeCallbacks bake;
   bake.stop = callbacks.stop;
   if (callbacks.progress) bake.progress = [&](float share) { callbacks.progress(share, "bake"); };
@@ -436,6 +171,71 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   result.has_samples = job.has_samples;
   fields.count(result.stats);
   warn_of_not_finite(job);
+}
+
+// Where a picture that was begun at `begin` must end, and where it goes on: from a checkpoint, or with what a pilot
+// expects of it.
+void begin_stage(Picture& picture, Clock::time_point begin, Stage& stage, RenderResult& result) {
+  const RenderOptions& options = picture.options;
+  if (options.time_limit > 0.0f) {
+    const auto seconds = std::chrono::duration<float>(std::min(options.time_limit, k_most_time_limit));
+    const auto limit = std::chrono::duration_cast<Clock::duration>(seconds);
+    stage.deadline = begin + limit;
+    // What a resumed picture decided, holds: its surveys may take all of the time.
+    stage.survey_end = begin + (options.resume.empty() ? limit / k_survey_part : limit);
+  }
+  if (options.keeps_sums()) stage.identity = picture_identity(picture);
+  if (options.slice) result.part = part_of(picture);
+  if (!options.resume.empty()) {
+    stage.resumed = read_checkpoint(options.resume, stage.identity);
+    const int goal = picture.by_rounds() ? 0 : samples_begun(*stage.resumed);
+    if (picture.spp < goal) {
+      throw Error({options.resume}, "was begun for " + std::to_string(goal) + " samples a pixel; give --spp " +
+                                        std::to_string(goal) + " or more");
+    }
+    stage.accuracy = stage.resumed->accuracy;
+    picture.plan(stage.resumed->planned_samples);
+    result.stats.resumed = true;
+  } else if (picture.by_rounds()) {
+    expect_samples(picture, stage, result.stats);
+  }
+}
+
+// What a picture's statistics say of its options, its scene and its threads.
+void fill_stats(const Picture& picture, int threads, Stats& stats) {
+  const RenderOptions& options = picture.options;
+  stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
+  stats.field_bytes_budget = picture.wants_fields ? picture.field_memory : 0;
+  stats.time_primary /= threads;
+  stats.time_secondary /= threads;
+  stats.time_bake /= threads;
+  if (options.slice) stats.slice = slice_text(*options.slice);
+  if (picture.by_rounds())
+    stats.spp = int(std::lround(stats.samples_mean));
+  else if (stats.spp == 0)
+    stats.spp = picture.spp;
+  stats.target_error = options.target_error;
+  stats.time_limit = options.time_limit;
+  if (stats.light_samples == 0) stats.light_samples = options.light_samples;
+  stats.open_light_samples = std::max(stats.open_light_samples, stats.light_samples);
+  stats.width = picture.window.width;
+  stats.height = picture.window.height;
+  stats.threads = threads;
+  stats.isa = isa_name(picture.settings.isa);
+  stats.seed = picture.settings.seed;
+  stats.triangles = picture.scene.triangle_count();
+  stats.instances = picture.scene.instances.size();
+  stats.lights = picture.scene.emitters.size();
+}
+
+void count_device(const VisibilityDevice& device, Stats& stats) {
+  const DeviceCounts counts = device.counts();
+  stats.device_blocks = counts.blocks;
+  stats.device_blocks_cpu = counts.blocks_cpu;
+  stats.device_waves = counts.waves;
+  stats.device_waves_full = counts.waves_full;
+  stats.device_samples = counts.samples;
+  stats.device_bytes = counts.bytes_peak;
 }
 
 }  // namespace
@@ -477,28 +277,7 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     result.stats.time_build = seconds_since(build_begin);
     Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
                 std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
-    if (options.time_limit > 0.0f) {
-      const auto seconds = std::chrono::duration<float>(std::min(options.time_limit, k_most_time_limit));
-      const auto limit = std::chrono::duration_cast<Clock::duration>(seconds);
-      stage.deadline = begin + limit;
-      // What a resumed picture decided, holds: its surveys may take all of the time.
-      stage.survey_end = begin + (options.resume.empty() ? limit / k_survey_part : limit);
-    }
-    if (options.keeps_sums()) stage.identity = picture_identity(picture);
-    if (options.slice) result.part = part_of(picture);
-    if (!options.resume.empty()) {
-      stage.resumed = read_checkpoint(options.resume, stage.identity);
-      const int goal = picture.by_rounds() ? 0 : samples_begun(*stage.resumed);
-      if (picture.spp < goal) {
-        throw Error({options.resume}, "was begun for " + std::to_string(goal) + " samples a pixel; give --spp " +
-                                          std::to_string(goal) + " or more");
-      }
-      stage.accuracy = stage.resumed->accuracy;
-      picture.plan(stage.resumed->planned_samples);
-      result.stats.resumed = true;
-    } else if (picture.by_rounds()) {
-      expect_samples(picture, stage, result.stats);
-    }
+    begin_stage(picture, begin, stage, result);
     std::future<void> vdb;
     if (picture.by_rounds() && picture.wants_fields && stage.uses_fields() && !options.field_cache.empty())
       vdb = open_vdb_early();
@@ -521,40 +300,11 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
   });
 
   Stats& stats = result.stats;
-  stats.field_bytes_budget = picture.wants_fields ? picture.field_memory : 0;
-  stats.time_primary /= threads;
-  stats.time_secondary /= threads;
-  stats.time_bake /= threads;
-  stats.method = options.method == Method::hybrid ? "hybrid" : "montecarlo";
-  if (options.slice) stats.slice = slice_text(*options.slice);
-  if (picture.by_rounds())
-    stats.spp = int(std::lround(stats.samples_mean));
-  else if (stats.spp == 0)
-    stats.spp = picture.spp;
-  stats.target_error = options.target_error;
-  stats.time_limit = options.time_limit;
-  if (stats.light_samples == 0) stats.light_samples = options.light_samples;
-  stats.open_light_samples = std::max(stats.open_light_samples, stats.light_samples);
-  stats.width = picture.window.width;
-  stats.height = picture.window.height;
-  stats.threads = threads;
-  stats.isa = isa_name(picture.settings.isa);
   const VisibilityDevice* const device = opening ? opening->in_use() : nullptr;
   if (opening && !device) opening->get();  // says what is missing also where nothing was to be asked
   stats.device = device ? options.device : "cpu";
-  if (device) {
-    const DeviceCounts counts = device->counts();
-    stats.device_blocks = counts.blocks;
-    stats.device_blocks_cpu = counts.blocks_cpu;
-    stats.device_waves = counts.waves;
-    stats.device_waves_full = counts.waves_full;
-    stats.device_samples = counts.samples;
-    stats.device_bytes = counts.bytes_peak;
-  }
-  stats.seed = picture.settings.seed;
-  stats.triangles = scene.triangle_count();
-  stats.instances = scene.instances.size();
-  stats.lights = scene.emitters.size();
+  if (device) count_device(*device, stats);
+  fill_stats(picture, threads, stats);
   stats.time_total = seconds_since(begin);
   return result;
 }

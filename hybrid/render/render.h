@@ -20,6 +20,7 @@
 #include "core/platform/error.h"
 #include "core/scene/scene.h"
 #include "core/simd/isa.h"
+#include "field/file/keep.h"
 #include "field/store/risk_classes.h"
 #include "hybrid/film/part.h"
 #include "hybrid/film/sample_allocation.h"
@@ -62,9 +63,9 @@ struct RenderOptions {
   int plane = 0;                   // N: 64, 128, 256, 512; 0: chosen from the scene. Thesis: 0
   std::string field_cache;         // directory; empty: fields live in memory only
   uint64_t field_cache_limit = 0;  // bytes of field files in that directory; 0: no limit
-  bool must_keep_fields = false;   // what field_cache cannot keep is an Error, not a warning
-  uint64_t field_memory = 0;       // bytes of all fields in memory; 0: half of the machine's memory
-  int threads = 0;                 // 0: all hardware threads
+  IfUnkept if_unkept = IfUnkept::warn;  // what field_cache cannot keep
+  uint64_t field_memory = 0;            // bytes of all fields in memory; 0: half of the machine's memory
+  int threads = 0;                      // 0: all hardware threads
   Isa isa = Isa::automatic;
   std::string device = "cpu";              // that answers shadow rays; others: visibility_device.h
   uint64_t device_memory = 0;              // bytes of its memory that fields may take there; 0: all

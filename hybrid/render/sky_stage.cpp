@@ -8,6 +8,7 @@
 
 #include "core/platform/parallel.h"
 #include "core/platform/stopwatch.h"
+#include "field/file/keep.h"
 #include "field/file/maps_file.h"
 #include "field/store/field.h"
 #include "field/store/risk_classes.h"
@@ -84,7 +85,7 @@ struct MapSource {
   const RenderCallbacks& callbacks;
   Stats& stats;
   MapSize size = {};
-  bool must_keep = false;  // RenderOptions::must_keep_fields
+  IfUnkept if_unkept = IfUnkept::warn;
   BakeCounters counters = {};
 
   // Of all shapes, those in the cache first. Fewer if `callbacks.stop` was set meanwhile.
@@ -127,15 +128,7 @@ struct MapSource {
 
   void store(const DirectionMaps& maps, const FieldIdentity& identity, const Shape& shape) {
     const ScopedTimer timer(stats.time_cache);
-    try {
-      cache->store(maps, identity);
-    } catch (const Error& e) {
-      if (must_keep) throw;
-      warn(callbacks.warning, {}, std::string(e.what()) + "; the direction maps are not kept");
-    } catch (const std::bad_alloc&) {
-      if (must_keep) throw;
-      warn(callbacks.warning, {}, "not enough memory to keep the direction maps of " + shape.name);
-    }
+    keep("the direction maps of " + shape.name, if_unkept, callbacks.warning, [&] { cache->store(maps, identity); });
   }
 };
 
@@ -184,7 +177,7 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   // Before the cache, which is being opened meanwhile.
   std::optional<SkyRadiance> light;
   if (for_light) light.emplace(scene);
-  MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size, options.must_keep_fields};
+  MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size, options.if_unkept};
   std::vector<std::unique_ptr<DirectionMaps>> maps = source.make(shapes);
   if (maps.size() < shapes.size()) return stage;  // stopped
   // Stages count the seconds of all threads.

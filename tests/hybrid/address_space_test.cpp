@@ -200,7 +200,7 @@ TEST_F(LimitedProgram, LeavesFilesThatDoNotFit) {
   const std::string before = test::read_text(path);
   const Render limited = render(k_limit, 2, " --directions 64 --plane 128 --field-cache cache --seed 9");
   ASSERT_EQ(limited.outcome.code, 0) << limited.outcome.err;
-  EXPECT_NE(limited.outcome.err.find("left as it is; raise the limit, ulimit -v; the field is not kept"),
+  EXPECT_NE(limited.outcome.err.find("left as it is; raise the limit, ulimit -v; not kept: the field of"),
             std::string::npos)
       << limited.outcome.err;
   EXPECT_TRUE(test::read_text(path) == before);  // without printing them

@@ -1,5 +1,5 @@
 // Baking ahead of rendering: what a full bake covers, and what a demand bake saves a later render.
-#include "hybrid/render/bake_scene.h"
+#include "hybrid/bake/bake_scene.h"
 
 #include <gtest/gtest.h>
 

@@ -4,8 +4,8 @@
 
 #include "core/mesh/mesh_procedural.h"
 #include "field/file/thesis_file.h"
+#include "hybrid/bake/bake_scene.h"
 #include "hybrid/compare/compare.h"
-#include "hybrid/render/bake_scene.h"
 #include "hybrid/render/render.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/hybrid_scenes.h"

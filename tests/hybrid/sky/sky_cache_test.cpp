@@ -88,9 +88,9 @@ TEST_F(SkyCache, WhatCannotBeKeptIsAWarning) {
   fs::create_directory(path() + ".lock");
   EXPECT_EQ(run().image.data, none.image.data);
   ASSERT_EQ(warnings_.size(), 1u);
-  EXPECT_NE(warnings_[0].find("the direction maps are not kept"), std::string::npos) << warnings_[0];
+  EXPECT_NE(warnings_[0].find("not kept: the direction maps of"), std::string::npos) << warnings_[0];
   EXPECT_FALSE(fs::exists(path()));
-  options_.must_keep_fields = true;
+  options_.if_unkept = IfUnkept::fail;
   EXPECT_THROW(run(), Error);
 }
 

@@ -1,4 +1,4 @@
-#include "hybrid/render/bake_scene.h"
+#include "hybrid/bake/bake_scene.h"
 
 #include <tbb/task_arena.h>
 
@@ -146,7 +146,7 @@ FieldParameters bake_by_renders(const Scene& scene, const ScratchFolder& scratch
   render_options.plane = options.fields.plane;
   render_options.threads = options.threads;
   render_options.field_cache = scratch.path();
-  render_options.must_keep_fields = true;
+  render_options.if_unkept = IfUnkept::fail;
   render_options.field_memory = options.field_memory;
   // Single rays demand slices; with more samples, whole lights come first and demand coverage tiles.
   RenderResult rendered;
