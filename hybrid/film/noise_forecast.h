@@ -7,15 +7,10 @@
 
 namespace fieldtrace {
 
-// How much faster than that of random samples noise may be expected to fall (SampleAllocation::decay()).
-inline constexpr double k_most_decay = 2.0;
-
-// What edges leave falls as n^-1.5 where samples are nets in two dimensions (Wang and He, "On the convergence rate of
-// randomized quasi-Monte Carlo for discontinuous functions", 2015); they are what is left in the end.
-inline constexpr double k_edge_decay = 1.5;
-
-// The decay to expect of further samples, where it was `decay` so far.
-inline double later_decay(double decay) { return decay > k_edge_decay ? 0.5 * (decay + k_edge_decay) : decay; }
+// Noise is expected to fall as n^-1.5 at best, as fast as what edges leave where samples are nets in two dimensions
+// (Wang and He, "On the convergence rate of randomized quasi-Monte Carlo for discontinuous functions", 2015): that is
+// what is left in the end, however fast the rest fell.
+inline constexpr double k_most_decay = 1.5;
 
 // The power of two that is nearest to n > 0 by ratio.
 inline double nearest_power(double n) { return std::exp2(std::nearbyint(std::log2(n))); }
@@ -27,11 +22,10 @@ struct NoiseForecast {
   double work = 1.0, seconds = 0.0;           // of one sample and its rays; of one thread
   double quarter = 0.0, quarter_error = 0.0;  // the noise that a quarter of them left, and its standard error
 
-  double mean_square_of(double n) const { return mean_square * std::pow(samples / n, later_decay(decay)); }
+  double mean_square_of(double n) const { return mean_square * std::pow(samples / n, decay); }
   // Infinite where `error` is not above 0.
   double samples_to(double error) const {
-    return error > 0.0 ? samples * std::pow(mean_square / error, 1.0 / later_decay(decay))
-                       : std::numeric_limits<double>::infinity();
+    return error > 0.0 ? samples * std::pow(mean_square / error, 1.0 / decay) : std::numeric_limits<double>::infinity();
   }
   double work_to(double error) const { return std::max(samples_to(error), 1.0) * work; }
 };

@@ -32,10 +32,10 @@ struct CellSums {
   // How the mean square falls from half the samples to all: that of pixels without quarters by `decay`.
   double decay_or(double decay) const {
     if (!(square > 0.0)) return decay;
-    double left = std::max(square - of_their_halves, 0.0) / (std::exp2(later_decay(decay)) - 1.0);
+    double left = std::max(square - of_their_halves, 0.0) / (std::exp2(decay) - 1.0);
     if (of_their_halves > 0.0) {
       const double before = std::clamp(std::log2(of_quarters / of_their_halves), 1.0, k_most_decay);
-      left += of_their_halves / (std::exp2(later_decay(before)) - 1.0);
+      left += of_their_halves / (std::exp2(before) - 1.0);
     }
     return std::log2(1.0 + square / left);
   }
@@ -252,9 +252,7 @@ std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
     const double target =
         limits.mean_square > 0.0 ? limits.mean_square * predicted(colour, -k_infinity, wanted) / now : 0.0;
     const double share = pixels_ > 0.0 ? colour_pixels_[colour] / pixels_ : 0.0;
-    double scale = scale_of(colour, target, share * limits.work, wanted);
-    if (further_work(colour, scale, wanted) < share * limits.least_work)
-      scale = scale_of(colour, 0.0, share * std::min(limits.work, limits.least_work), wanted);
+    const double scale = scale_of(colour, target, share * limits.work, wanted);
     for (size_t i = colour; i < cells_.size(); i += 2) {
       const NoiseCell& c = cells_[i];
       if (!(c.samples > 0.0)) continue;

@@ -84,8 +84,7 @@ class SampleAllocation {
   // What a round may add.
   struct Limits {
     double mean_square = 0.0;    // stop where the noise is expected to be this
-    double work = k_infinity;    // of all further samples, at most,
-    double least_work = 0.0;     // and at least, if there are any
+    double work = k_infinity;    // of all further samples, at most
     double growth = k_infinity;  // no pixel gets more than this many times the samples that it has
     double most = k_infinity;    // samples of a pixel, in all
   };

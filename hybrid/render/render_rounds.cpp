@@ -22,9 +22,6 @@ constexpr double k_first_share = 1.0 / 8.0;
 constexpr double k_most_first = 16.0;
 // and later rounds multiply a pixel's samples by this at most.
 constexpr double k_round_growth = 4.0;
-// A round takes this share of the work so far at least: it pays again for clusters, and noise that few pixels make is
-// underestimated.
-constexpr double k_least_round = 1.0 / 32.0;
 // Of windows of fewer pixels the first round takes at least so many samples: fewer tell nothing of their noise.
 constexpr double k_fewest_seen = 256.0;
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
@@ -244,7 +241,6 @@ class Rounds {
     limits.growth = k_round_growth;
     limits.most = double(picture_.most_samples);
     const double work = allocation.work();
-    limits.least_work = k_least_round * work;
     double time_share = 0.0;
     if (job_.deadline) {
       const double left = -seconds_since(*job_.deadline);

@@ -141,13 +141,13 @@ TEST(SampleAllocation, NoiseOfSequencesIsTheMeanSquareError) {
   for (const double decay : {1.0, 1.25, 1.5}) {
     EXPECT_NEAR(ratio([&](int, int) { return Pixel{.samples = 16, .decay = decay}; }), 1.0, 0.05) << decay;
   }
-  // Where it falls faster, further samples are expected to gain less: so much is left that (2^2 - 1) / (2^1.75 - 1).
+  // Where it falls faster, further samples are expected to gain less: so much is left that (2^2 - 1) / (2^1.5 - 1).
   EXPECT_NEAR(ratio([](int, int) { return Pixel{.samples = 16, .decay = 2.0}; }),
-              std::sqrt(3.0 / (std::exp2(later_decay(2.0)) - 1.0)), 0.05);
-  EXPECT_NEAR(ratio([](int x, int) { return Pixel{.deviation = x < 64 ? 0.1 : 0.2, .decay = x < 64 ? 1.0 : 2.0}; }),
+              std::sqrt(3.0 / (std::exp2(k_most_decay) - 1.0)), 0.05);
+  EXPECT_NEAR(ratio([](int x, int) { return Pixel{.deviation = x < 64 ? 0.1 : 0.2, .decay = x < 64 ? 1.0 : 1.5}; }),
               1.0, 0.15);
   EXPECT_NEAR(ratio([](int x, int) {
-                return x < 128 ? Pixel{.samples = 4, .decay = 2.0}
+                return x < 128 ? Pixel{.samples = 4, .decay = 1.0}
                                : Pixel{.deviation = 0.4, .samples = 64, .decay = 1.5};
               }),
               1.0, 0.15);
@@ -164,10 +164,10 @@ TEST(SampleAllocation, HalvesAloneFallAsIsSaid) {
     p.radiance[1] = p.radiance[3] = DVec3(0.0);
     stored = p;
   }
-  const SampleAllocation random(film, ErrorMeasure::absolute, 1.0), spread(film, ErrorMeasure::absolute, 2.0);
+  const SampleAllocation random(film, ErrorMeasure::absolute, 1.0), spread(film, ErrorMeasure::absolute, 1.5);
   EXPECT_EQ(random.decay(), 1.0);
-  EXPECT_NEAR(spread.decay(), later_decay(2.0), 1e-12);
-  EXPECT_NEAR(random.mean_square() / spread.mean_square(), std::exp2(later_decay(2.0)) - 1.0, 1e-9);
+  EXPECT_NEAR(spread.decay(), 1.5, 1e-12);
+  EXPECT_NEAR(random.mean_square() / spread.mean_square(), std::exp2(1.5) - 1.0, 1e-9);
 }
 
 // Drawing what was planned gives the noise that was asked for.
