@@ -135,7 +135,8 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
   const float offset = scalar::sample_2d(0, seed, 1).x;
   ray_counts_[point] = uint32_t(count);
   for (int k = 0; k < count; ++k) {
-    const float at = (float(k) + offset) / float(count) * total;
+    // Below all sums of cells without weight at the end.
+    const float at = std::min((float(k) + offset) / float(count) * total, std::nextafter(total, 0.0f));
     const auto place = std::upper_bound(weight_sums_.begin(), weight_sums_.end() - 1, at) - weight_sums_.begin();
     const OpenCell& open = cells[size_t(place)];
     const auto in_cell = scalar::sample_2d(uint32_t(k), seed, 0);

@@ -1,7 +1,6 @@
 #include "hybrid/sky/parallelogram.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -10,33 +9,8 @@
 
 namespace fieldtrace {
 
-namespace {
-
-// Of a triangle's corners, whatever their order.
-uint64_t corners_hash(const TriangleMesh& mesh, const UVec3& t) {
-  uint64_t sum = 0;
-  for (int c = 0; c < 3; ++c) {
-    uint64_t corner = 0;
-    for (int a = 0; a < 3; ++a)
-      corner = (corner ^ std::bit_cast<uint32_t>(mesh.positions[t[c]][a])) * 0x9e3779b97f4a7c15u;
-    sum += (corner ^ corner >> 32) * 0x9e3779b97f4a7c15u;
-  }
-  return sum;
-}
-
-// Whether some triangles have the same corners, as the two faces of a leaf have: then areas tell nothing.
-bool has_covering_triangles(const TriangleMesh& mesh) {
-  std::vector<uint64_t> all;
-  all.reserve(mesh.triangles.size());
-  for (const UVec3& t : mesh.triangles) all.push_back(corners_hash(mesh, t));
-  std::sort(all.begin(), all.end());
-  return std::adjacent_find(all.begin(), all.end()) != all.end();
-}
-
-}  // namespace
-
 // The flat convex hull of a mesh is tried as a parallelogram along two of its first triangle's edges; the
-// triangles must have its area.
+// triangles must have its area and its corners.
 std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits& traits) {
   if (!traits.is_flat || !is_meshed(shape.kind) || shape.mesh.triangles.empty()) return {};
   const std::vector<Vec3>& p = shape.mesh.positions;
@@ -58,7 +32,19 @@ std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits
     const double whole = glm::length(normal) * (upper.x - lower.x) * (upper.y - lower.y);
     constexpr double k_error = 1e-5;
     if (upper.z - lower.z > k_error * std::sqrt(whole) || std::abs(area - whole) > k_error * whole) continue;
-    if (has_covering_triangles(shape.mesh)) return {};
+    // Triangles that cover each other, such as the two faces of a leaf, may have that area, too, but not these corners.
+    const auto has_corner = [&](double x_of_corner, double y_of_corner) {
+      const auto is_there = [&](uint32_t vertex) {
+        const DVec3 at = to_plane * (DVec3(p[vertex]) - origin);
+        return std::abs(at.x - x_of_corner) <= k_error * (upper.x - lower.x) &&
+               std::abs(at.y - y_of_corner) <= k_error * (upper.y - lower.y);
+      };
+      return std::any_of(shape.mesh.triangles.begin(), shape.mesh.triangles.end(),
+                         [&](const UVec3& t) { return is_there(t.x) || is_there(t.y) || is_there(t.z); });
+    };
+    if (!has_corner(lower.x, lower.y) || !has_corner(upper.x, lower.y) || !has_corner(lower.x, upper.y) ||
+        !has_corner(upper.x, upper.y))
+      continue;
     const DVec3 middle = 0.5 * (lower + upper);
     return Parallelogram{
         origin + x * middle.x + y * middle.y,

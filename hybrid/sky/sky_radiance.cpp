@@ -76,7 +76,8 @@ float concentration_threshold(const Bitmap& map) {
     above_area += area[--least];
     above_power += power[least];
   }
-  const float threshold = std::bit_cast<float>(uint32_t(least << k_dropped_bits));
+  // Below the first bin that is not black there is nothing.
+  const float threshold = least <= 1 ? 0.0f : std::bit_cast<float>(uint32_t(least << k_dropped_bits));
   const bool is_concentrated = above_power - double(threshold) * above_area > k_concentrated_power * all_power;
   return is_concentrated ? threshold : k_infinity;
 }
@@ -195,12 +196,23 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
       }
     }
   });
-  fine_.resize(k_cells, Rgb(0.0f));
+  std::vector<DVec3> means(k_cells, DVec3(0.0));
+  Sum whole;
+  DVec3 found(0.0);
   for (size_t i = 0; i < k_cells; ++i) {
     Sum all;
     for (const std::vector<Sum>& sums : bands) all.light += sums[i].light, all.area += sums[i].area;
-    if (all.area > 0.0) fine_[i] += Rgb(all.light / all.area) * emitter.value;
+    whole.light += all.light, whole.area += all.area;
+    if (all.area > 0.0) means[i] = all.light / all.area;
+    found += means[i] / double(k_cells);
   }
+  // All cells along a horizon may have a row of samples too few, so that a bright one would be too much of them.
+  DVec3 scale(1.0);
+  for (int c = 0; c < 3; ++c) {
+    if (found[c] > 0.0) scale[c] = whole.light[c] / whole.area / found[c];
+  }
+  fine_.resize(k_cells, Rgb(0.0f));
+  for (size_t i = 0; i < k_cells; ++i) fine_[i] += Rgb(means[i] * scale) * emitter.value;
 }
 
 CellLights SkyCells::lights() const {

@@ -731,12 +731,23 @@ TEST(SkyMaps, TrianglesWithABackAreNoParallelograms) {
   TriangleMesh leaf;
   leaf.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   leaf.triangles = {{0, 1, 2}, {2, 1, 0}};
+  // A square with a back, each cut along another diagonal: half of a parallelogram along one of them.
+  TriangleMesh card;
+  card.positions = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+  card.triangles = {{0, 1, 2}, {0, 2, 3}, {1, 0, 3}, {1, 3, 2}};
+  TriangleMesh aslant = card;
+  aslant.triangles = {{0, 1, 2}, {0, 2, 3}};
+  for (Vec3& v : aslant.positions) v.x += 0.4f * v.y;
   SceneMaker s;
   s.mesh(leaf);
+  s.mesh(card);
   s.mesh(make_plane({.half_size = 3.0f, .columns = 300, .rows = 200}));
+  s.mesh(aslant);
   const std::vector<ShapeTraits> traits = shape_traits(s.scene);
   EXPECT_FALSE(parallelogram(s.scene.shapes[0], traits[0]));
-  EXPECT_TRUE(parallelogram(s.scene.shapes[1], traits[1]));
+  EXPECT_FALSE(parallelogram(s.scene.shapes[1], traits[1]));
+  EXPECT_TRUE(parallelogram(s.scene.shapes[2], traits[2]));
+  EXPECT_TRUE(parallelogram(s.scene.shapes[3], traits[3]));
 }
 
 // Coordinates in the plane are orthogonal to its normal whatever a shear does to the shape's.

@@ -289,6 +289,36 @@ TEST(SkyRadiance, EveryCellHasTheLightOfAnEvenMap) {
   }
 }
 
+// Cells have whole rows of samples, of which those beside a band may all have one too few.
+TEST(SkyRadiance, NarrowBandsSendWhatTheyHave) {
+  for (const int height : {96, 128, 160, 256}) {
+    for (const int band : {height / 2, height / 2 - 3, height / 3, height / 5}) {
+      const SkyRadiance sky(
+          environment_scene(2 * height, height, [&](int, int y) { return Rgb(y == band ? 50.0f : 0.2f); }));
+      double expected = 0.0;  // rows lie at whole numbers, and light is linear between them
+      constexpr int k_steps = 100000;
+      for (int k = 0; k < k_steps; ++k) {
+        const double share = (k + 0.5) / k_steps, y = share * (height - 1);
+        const double light = 0.2 + 49.8 * std::max(1.0 - std::abs(y - band), 0.0);
+        expected += 2.0 * M_PI * light * std::sin(M_PI * share) * M_PI / k_steps;
+      }
+      for (const int directions : {16, 32, 128}) {
+        const double found = luminance(power(sky.cells(Mat3(1.0f), directions), directions));
+        EXPECT_NEAR(found / expected, 1.0, 0.001) << height << " " << band << " " << directions;
+      }
+    }
+  }
+}
+
+// Nothing is left of a sky that is black but for a sun.
+TEST(SkyRadiance, BlackSkiesHaveSunsAlone) {
+  const SkyRadiance sky(
+      environment_scene(64, 32, [](int x, int y) { return Rgb(x == 20 && y == 9 ? 1000.0f : 0.0f); }));
+  ASSERT_NE(sky.concentrated(), nullptr);
+  const SkyCells cells = sky.cells(Mat3(1.0f), 32);
+  EXPECT_TRUE(std::all_of(cells.red.begin(), cells.red.end(), [](float red) { return red == 0.0f; }));
+}
+
 TEST(SkyRadiance, ASunIsCutOut) {
   const std::vector<Vec3> normals = random_normals(12, 5);
   const Scene scene = hazy_scene(40, 12, 3000.0f);
