@@ -10,6 +10,7 @@
 #include "core/sampling/warp.hd.h"
 #include "core/simd/vec_lanes.h"
 #include "core/surface/surface.h"
+#include "field/maps/cell_task.h"
 #include "hybrid/path/patch_vertex.h"
 #include "hybrid/sky/parallelogram.h"
 
@@ -33,9 +34,11 @@ class Planes {
       is_plane_.push_back(of_shape[i.shape].has_value());
       if (!is_plane_.back()) continue;
       const Parallelogram here = in_world(*of_shape[i.shape], i.to_world);
-      if (std::abs(glm::determinant(here.axes)) > 0.0) planes_.push_back({here.centre, glm::inverse(here.axes)});
+      if (std::abs(glm::determinant(here.axes)) > 0.0)
+        planes_.push_back({here.centre, here.axes, glm::inverse(here.axes)});
     }
   }
+  size_t size() const { return planes_.size(); }
   bool has(uint32_t instance) const { return is_plane_[instance]; }
   bool hide(const Vec3& origin, const Vec3& direction) const {
     for (const Plane& plane : planes_) {
@@ -46,11 +49,51 @@ class Planes {
     return false;
   }
 
+  bool cross() const {
+    for (const Plane& a : planes_) {
+      for (const Plane& b : planes_) {
+        if (&a != &b && reaches_through(b, a)) return true;
+      }
+    }
+    return false;
+  }
+
  private:
   struct Plane {
     DVec3 centre;
-    DMat3 to_unit;  // the inverse of Parallelogram::axes
+    DMat3 axes;     // of Parallelogram
+    DMat3 to_unit;  // its inverse
   };
+
+  // Whether `b` goes on behind `a` from within its edges.
+  static bool reaches_through(const Plane& b, const Plane& a) {
+    constexpr double k_beside = 1e-3;  // of the half axes: edges that meet
+    DVec3 corners[4];
+    for (int k = 0; k < 4; ++k) {
+      const double u = k == 0 || k == 3 ? -1.0 : 1.0, v = k < 2 ? -1.0 : 1.0;
+      corners[k] = a.to_unit * (b.centre + u * b.axes[0] + v * b.axes[1] - a.centre);
+    }
+    double behind = 0.0, before = 0.0;
+    for (const DVec3& c : corners) behind = std::min(behind, c.z), before = std::max(before, c.z);
+    if (std::min(-behind, before) <= k_beside * (before - behind)) return false;
+    std::vector<DVec3> ends;  // of the line that they share
+    for (int k = 0; k < 4; ++k) {
+      const DVec3 &p = corners[k], &q = corners[(k + 1) % 4];
+      if ((p.z < 0.0) != (q.z < 0.0)) ends.push_back(p + (q - p) * (p.z / (p.z - q.z)));
+    }
+    if (ends.size() != 2) return false;
+    double first = 0.0, last = 1.0;
+    for (int axis = 0; axis < 2; ++axis) {
+      const double from = ends[0][axis], along = ends[1][axis] - from, most = 1.0 - k_beside;
+      if (std::abs(along) < k_beside) {
+        if (std::abs(from) >= most) return false;
+        continue;
+      }
+      const double low = (-most - from) / along, high = (most - from) / along;
+      first = std::max(first, std::min(low, high)), last = std::min(last, std::max(low, high));
+    }
+    return last - first > k_beside;
+  }
 
   std::vector<uint8_t> is_plane_;  // by instance
   std::vector<Plane> planes_;
@@ -59,7 +102,7 @@ class Planes {
 }  // namespace
 
 bool SkySurvey::is_enclosed() const { return open < std::max(k_least_sky, k_least_open * hidden_by_maps); }
-bool SkySurvey::is_dim() const { return open < k_least_open * (1.0 - open); }
+bool SkySurvey::is_dim() const { return planes_cross && open < k_least_open * (1.0 - open); }
 
 SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                      const CameraSampler& camera) {
@@ -114,6 +157,7 @@ SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const Sha
     });
     survey.hidden_by_maps -= double(behind) / double(sent);
   }
+  survey.planes_cross = planes.size() <= size_t(k_most_planes) && planes.cross();  // more have no such light
   return survey;
 }
 

@@ -15,11 +15,12 @@ struct SkySurvey {
   // Of rays from there, as many as the cosine has: what meets nothing, and what meshes hide that are no parallelograms.
   // Of an enclosed scene, without what parallelograms hide as well.
   double open = 1.0, hidden_by_maps = 0.0;
+  bool planes_cross = false;  // parallelograms reach through each other
 
   // Whether so little of the sky comes in that what maps err would show beside it, or what they let through between
   // objects that adjoin each other.
   bool is_enclosed() const;
-  // The same of light that surfaces send on, of which texels at the feet of walls know what both sides get.
+  // The same of light that surfaces send on: texels of walls that reach through others know the light on both sides.
   bool is_dim() const;
 };
 

@@ -414,7 +414,8 @@ TEST(IndirectLight, OfLimitedPathsThroughGlassHasMonteCarlosMean) {
       s.instance(square, bsdf, placed(x, y, glm::normalize(glm::cross(x, y)), at));
     };
     for (const float z : {0.0f, 3.0f}) wall(white, {2, 0, 0}, {0, 2, 0}, {0, 0, z});
-    for (const float y : {-2.0f, 2.0f}) wall(white, {2, 0, 0}, {0, 0, 1.5f}, {0, y, 1.5f});
+    // One side is open: rooms that see less of the sky are left to rays.
+    wall(white, {2, 0, 0}, {0, 0, 1.5f}, {0, 2, 1.5f});
     wall(white, {0, 2, 0}, {0, 0, 1.5f}, {-2, 0, 1.5f});
     // The last wall has a window of 1.5 x 1.5.
     for (const float z : {0.375f, 2.625f}) wall(white, {0, 2, 0}, {0, 0, 0.375f}, {2, 0, z});
