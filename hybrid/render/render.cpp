@@ -41,9 +41,9 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   if (is_lit || request.bounces) {
     const SkySurvey survey = survey_sky(picture.scene, stage.accel, stage.traits, stage.camera);
     request.light_rays = uint64_t(survey.diffuse * double(light_rays));
-    if (is_lit && !picture.options.at_any_cost()) {
-      request.bounces = request.bounces && !survey.is_dim() && !survey.is_enclosed();
-      if (survey.is_enclosed()) request.light_rays = 0;
+    if (!picture.options.at_any_cost()) {
+      request.bounces = request.bounces && !(is_lit && survey.is_dim()) && !survey.is_enclosed();
+      if (is_lit && survey.is_enclosed()) request.light_rays = 0;
     }
   }
   if (picture.settings.occlusion) request.occlusion_rays = picture.rays_per_light();

@@ -136,5 +136,19 @@ TEST(SkySurvey, ClosedRoomsAreDark) {
   }
 }
 
+// Maps know how bright a wall is on the mean, and not that its brightest part is hidden: a lamp behind a panel.
+TEST(SkySurvey, RoomsUnderLampsAreLeftToPaths) {
+  Room room(false);
+  room.scene.emitters.clear();
+  const Vec3 x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
+  room.instance(room.shape_, room.grey_, Affine(y, z, x, {2.8f, 0, 1.5f}));
+  const uint32_t lamp = room.shape(ShapeKind::rectangle);
+  room.area_light(room.instance(lamp, room.grey_, Affine(0.5f * y, 0.5f * z, x, {2.85f, 0, 1.5f})), Rgb(10.0f));
+  RenderOptions o = options(Method::hybrid);
+  EXPECT_EQ(render(room.scene, o).stats.sky_directions, 0);
+  o.directions = 32;  // at any cost
+  EXPECT_EQ(render(room.scene, o).stats.sky_directions, 32);
+}
+
 }  // namespace
 }  // namespace fieldtrace
