@@ -82,7 +82,9 @@ RadianceWindow radiance_window(const PlaneWindow& w, const SkyOccluder& plane, i
   window.x = middle.x, window.y = middle.y;
   window.per_unit_x = float(texels) / size.x, window.per_unit_y = float(texels) / size.y;
   const Vec3 x = row_of(plane.to_unit, 0), y = row_of(plane.to_unit, 1);
-  window.density = std::sqrt(window.per_unit_x * window.per_unit_y * glm::length(glm::cross(x, y)));
+  // Squares of areas overflow floats in scenes of small units.
+  const double area = glm::length(glm::cross(DVec3(x), DVec3(y)));
+  window.density = float(std::sqrt(double(window.per_unit_x) * double(window.per_unit_y) * area));
   return window;
 }
 
