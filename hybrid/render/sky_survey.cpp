@@ -19,7 +19,7 @@ namespace {
 
 constexpr int k_share_side = 32;      // camera rays along each side of the film
 constexpr int k_rays_of_surface = 4;  // from each surface that they meet
-// Of the sky. Maps err by up to .01 of it.
+// Of the sky, or of what is beyond the scene. Maps err by up to .01 of it.
 constexpr double k_least_sky = 0.1;
 // Of what is hidden. Maps let up to .04 of it through.
 constexpr double k_least_open = 0.4;

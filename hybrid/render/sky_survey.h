@@ -1,4 +1,5 @@
-// What camera rays tell of a scene under a sky, before any map is made. Thread-safety: pure functions, parallel within.
+// What camera rays tell of a scene that maps may light, before any is made. Thread-safety: pure functions, parallel
+// within.
 #pragma once
 
 #include <span>
@@ -18,7 +19,8 @@ struct SkySurvey {
   bool planes_cross = false;  // parallelograms reach through each other
 
   // Whether so little of the sky comes in that what maps err would show beside it, or what they let through between
-  // objects that adjoin each other.
+  // objects that adjoin each other. Without a sky: a closed room, where what is bright leaks past what stands before
+  // it.
   bool is_enclosed() const;
   // The same of light that surfaces send on: texels of walls that reach through others know the light on both sides.
   bool is_dim() const;
