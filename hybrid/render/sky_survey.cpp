@@ -84,9 +84,9 @@ class Planes {
     if (ends.size() != 2) return false;
     double first = 0.0, last = 1.0;
     for (int axis = 0; axis < 2; ++axis) {
-      const double from = ends[0][axis], along = ends[1][axis] - from, most = 1.0 - k_beside;
+      const double from = ends[0][axis], along = ends[1][axis] - from, most = 1.0 + k_beside;
       if (std::abs(along) < k_beside) {
-        if (std::abs(from) >= most) return false;
+        if (std::abs(from) > most) return false;
         continue;
       }
       const double low = (-most - from) / along, high = (most - from) / along;

@@ -74,7 +74,7 @@ TEST(SkySurvey, TellsWhatMeshesAloneHide) {
   EXPECT_LT(open.open, 0.2);
 }
 
-TEST(SkySurvey, RectanglesThatMeetDoNotCross) {
+TEST(SkySurvey, RectanglesThatEndWhereTheyMeetDoNotCross) {
   const auto crosses = [](const Vec3& x, const Vec3& y, const Vec3& at) {
     SceneMaker s;
     s.scene.camera.to_world = look_at({0, -5, 2}, {0, 0, 0}, {0, 0, 1});
@@ -87,12 +87,12 @@ TEST(SkySurvey, RectanglesThatMeetDoNotCross) {
     return survey_sky(s.scene, accel, shape_traits(s.scene), CameraSampler(s.scene.camera, s.scene.film)).planes_cross;
   };
   const Vec3 x(1, 0, 0), y(0, 1, 0), z(0, 0, 1), aslant = glm::normalize(Vec3(1, 0, 1));
-  EXPECT_FALSE(crosses(x, z, {0, 0, 1}));         // stands on the floor
-  EXPECT_FALSE(crosses(2.0f * x, z, {0, 2, 1}));  // at its edge
-  EXPECT_FALSE(crosses(2.0f * x, z, {0, 2, 0}));  // along it, above and below
+  EXPECT_FALSE(crosses(2.0f * x, z, {0, 2, 1}));  // stands at the floor's edge
   EXPECT_FALSE(crosses(x, z, {0, 0, 5}));         // above
   EXPECT_FALSE(crosses(x, z, {0, 3, 0}));         // beside
   EXPECT_FALSE(crosses(x, y, {0.5f, 0.5f, 0}));   // in one plane
+  EXPECT_TRUE(crosses(x, z, {0, 0, 1}));          // stands on the floor, which goes on behind it
+  EXPECT_TRUE(crosses(2.0f * x, z, {0, 2, 0}));   // goes on below its edge
   EXPECT_TRUE(crosses(x, z, {0, 0, 0.9f}));
   EXPECT_TRUE(crosses(3.0f * x, z, {0, 0, 0.9f}));  // beyond the edges at both ends
   EXPECT_TRUE(crosses(aslant, y, {0.1f, 0.2f, 0.3f}));
