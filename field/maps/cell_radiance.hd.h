@@ -88,7 +88,8 @@ FT_HD_INLINE Vec3Lanes<F> radiance_of_plane(const PlaneRadiance& plane, const Pl
   const F nears = max(fall, least), distance = abs(height) / nears;
   const auto within = [&](F a) { return min(max(a, splat<F>(-1.0f)), one); };
   const F ax = within(x + splat<F>(slope.dx) * distance), ay = within(y + splat<F>(slope.dy) * distance);
-  const Int_t<F> side = select(height > splat<F>(0.0f), splat_int<F>(0), splat_int<F>(plane.view->bytes));
+  const Int_t<F> side =
+      select(height > splat<F>(0.0f), splat_int<F>(plane.begin), splat_int<F>(plane.begin + plane.view->bytes));
   F u = splat<F>(0.0f), v = u, density = u;
   Int_t<F> begin = side;
   for (int w = 0; w < plane.windows; ++w) {

@@ -68,15 +68,17 @@ struct RadianceWindow {
 // the other (1). Window 0 covers all; later ones go before.
 struct PlaneRadiance {
   const RadianceView* view = nullptr;
+  int32_t begin = 0;  // of its pyramids, bytes
   int windows = 0;
   RadianceWindow window[2];
 };
 
 // A parallelogram [-1, 1]^2 of its own coordinates.
 struct PlaneLines {
-  float x[4], y[4];   // the point's coordinates
-  float height[4];    // its distance from the plane, world units, signed
-  PlaneSlope centre;  // along the cell's direction
+  float x[4], y[4];             // the point's coordinates
+  float height[4];              // its distance from the plane, world units, signed
+  float least_height = -1e30f;  // points below see nothing of it
+  PlaneSlope centre;            // along the cell's direction
   // Of the coordinates' gradients: squared lengths, and their product.
   float per_unit_x, per_unit_y, x_dot_y;
   const PlaneRadiance* radiance = nullptr;

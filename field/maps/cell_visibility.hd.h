@@ -201,7 +201,10 @@ class PlanesSeen {
     const F half = splat<F>(0.5f);
     for (int k = 0; k < task.plane_count; ++k) {
       const PlaneLines& lines = task.planes[k];
-      const F share = limit(lines, share_of_slope<F>(lines, lines.centre, task.cosine_half, p));
+      F share = limit(lines, share_of_slope<F>(lines, lines.centre, task.cosine_half, p));
+      if (lines.least_height > -1e30f) {
+        share = select(affine<F>(lines.height, p) < splat<F>(lines.least_height), zero_, share);
+      }
       if (!any(share > zero_)) continue;
       if (count_ == k_most_planes) {
         clear_ = clear_ * (one_ - share);

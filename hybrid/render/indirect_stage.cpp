@@ -12,8 +12,10 @@
 namespace fieldtrace {
 namespace {
 
-// Rays of Monte Carlo from first surfaces, at least, for each surfel to shade: that costs more, but leaves no noise.
-constexpr uint64_t k_rays_a_surfel = 8;
+// What shading a surfel once costs with k_coarse_directions, in rays.
+constexpr uint64_t k_rays_a_surfel = 24;
+// Bounces that are shaded of long paths, roughly.
+constexpr int k_usual_bounces = 6;
 // --check: light samples of a surfel.
 constexpr int k_check_samples = 64;
 // With at most so many occluders maps are finer.
@@ -41,7 +43,7 @@ IndirectSize choose_size(size_t occluders) {
 // Whether the camera, or an object's centre, lies in the box of another object, such as a room's, in that object's own
 // space, or an object's centre in the ball of a much larger one, such as a ground's. Maps know objects from without,
 // and which of two comes first by their centres.
-bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits) {
+bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits, const PlaneShapes& planes) {
   std::vector<Sphere> balls;  // about their boxes
   for (const Instance& i : scene.instances) {
     balls.push_back(field_ball(world_bounds(scene.shapes[i.shape].bounds, i.to_world)));
@@ -49,7 +51,7 @@ bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits) {
   for (size_t k = 0; k < balls.size(); ++k) {
     const Instance& instance = scene.instances[k];
     const ShapeTraits& of = traits[instance.shape];
-    if (parallelogram(scene.shapes[instance.shape], of)) continue;
+    if (planes.has(instance.shape)) continue;
     const Bounds3& box = scene.shapes[instance.shape].bounds;
     const auto is_within = [&](const Vec3& p) {
       const Vec3 at = transform_point(instance.to_object, p);
@@ -68,14 +70,14 @@ bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits) {
 
 }  // namespace
 
-bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth,
-                    uint64_t light_rays) {
-  if ((depth >= 0 && depth < 3) || scene.emitters.empty() || has_open_area(scene, lights)) return false;
+uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth) {
+  if ((depth >= 0 && depth < 3) || scene.emitters.empty() || has_open_area(scene, lights)) return 0;
   const size_t count = scene.instances.size();
-  if (count > k_crowd) return false;  // its far groups send no light back
+  if (count > k_crowd) return 0;  // its far groups send no light back
+  const PlaneShapes shapes = plane_shapes(scene, traits);
   size_t planes = 0, senders = 0, others = 0;
   for (const Instance& i : scene.instances) {
-    planes += parallelogram(scene.shapes[i.shape], traits[i.shape]).has_value();
+    planes += shapes.parallelograms[i.shape].has_value();
     if (is_diffuse_and_opaque(scene, i.bsdf)) {
       ++senders;
     } else {
@@ -84,16 +86,16 @@ bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<cons
   }
   const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
   // Paths to what is neither diffuse nor a plastic go on: without a sky the maps would be made for the rest alone.
-  if ((!has_sky(scene) && senders < count) || 4 * others > senders) return false;
-  return planes <= size_t(k_most_planes) && surfels * k_rays_a_surfel <= light_rays && !has_insides(scene, traits);
+  if ((!has_sky(scene) && senders < count) || 4 * others > senders) return 0;
+  const int bounces = depth < 0 ? k_usual_bounces : std::min(depth - 2, k_usual_bounces);
+  if (planes > size_t(k_most_planes) || has_insides(scene, traits, shapes)) return 0;
+  return surfels * uint64_t(bounces) * k_rays_a_surfel;
 }
 
 bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   const int depth = input.settings.max_depth;
   const SkyRequest& request = input.request;
-  if (!stage.light || !request.bounces ||
-      !plans_indirect(input.scene, *input.lights, input.traits, depth, request.light_rays))
-    return true;
+  if (!stage.light || !request.bounces) return true;
   std::vector<uint8_t> sends;
   size_t planes = 0;
   for (const SkyOccluder& o : stage.maps->occluders()) {

@@ -24,10 +24,9 @@ struct IndirectInput {
   bool check = false;
 };
 
-// Whether, by counts alone, diffuse light that objects send on is to be known in a picture: paths may have three
-// surfaces or more (`depth`: max_depth) and find no light, and shading costs less than the `light_rays` that it spares.
-bool plans_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth,
-                    uint64_t light_rays);
+// What shading costs, as SkyRequest::bounce_rays, where diffuse light that objects send on may be known in a picture:
+// paths may have three surfaces or more (`depth`: max_depth) and find no light. Else 0.
+uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth);
 
 // Gives `stage.light`, if there is one, the light that diffuse objects send on, where that is planned and fits into
 // memory. Leaves it without, and returns false, if `callbacks.stop` was set meanwhile.

@@ -37,10 +37,12 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   const bool is_lit = has_sky(picture.scene) && depth != 0 && depth != 1;
   // A light sample sends one ray to the sky and one from the material.
   const uint64_t light_rays = 2 * picture.rays_per_light();
-  request.bounces = plans_indirect(picture.scene, *stage.lights, stage.traits, depth, light_rays);
-  if (is_lit || request.bounces) {
+  request.bounce_rays = plan_indirect(picture.scene, *stage.lights, stage.traits, depth);
+  if (is_lit || request.bounce_rays > 0) {
     const SkySurvey survey = survey_sky(picture.scene, stage.accel, stage.traits, stage.camera);
     request.light_rays = uint64_t(survey.diffuse * double(light_rays));
+    const uint64_t gain = is_lit ? k_coarse_maps_gain : k_bounce_maps_gain;
+    request.bounces = request.bounce_rays > 0 && request.bounce_rays <= gain * request.light_rays;
     if (!picture.options.at_any_cost()) {
       request.bounces = request.bounces && !(is_lit && survey.is_dim()) && !survey.is_enclosed();
       if (is_lit && survey.is_enclosed()) request.light_rays = 0;

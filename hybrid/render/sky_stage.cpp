@@ -18,12 +18,7 @@
 namespace fieldtrace {
 namespace {
 
-// Rays that maps may cost for each that they replace. Coarse maps, whose errors suit the noise of few samples, leave
-// less than a fifth of that noise, which would take Monte Carlo 25 times the rays.
-constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
-// The same without a sky, where light samples' noise stays.
-constexpr uint64_t k_bounce_maps_gain = 1;
-constexpr int k_fewest_directions = 8, k_coarse_directions = 16, k_usual_directions = 32, k_fine_directions = 64;
+constexpr int k_fewest_directions = 8, k_usual_directions = 32, k_fine_directions = 64;
 // In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
 // beside the noise.
 constexpr uint64_t k_few_samples = 4, k_coarse_samples = 8;
@@ -156,6 +151,14 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
     if (!by_request && std::min(rays, most_crowd_rays) < k_crowd_rays * instances) return MapSize{0, 0};
     int directions = wanted_directions(crowd, given, request.samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
+    // Surfels ask for all cells.
+    const auto shading_rays = [&] {
+      const uint64_t finer = uint64_t(directions) / uint64_t(k_coarse_directions);
+      return request.bounce_rays * finer * finer;
+    };
+    while (request.bounces && directions > k_coarse_directions && shading_rays() > k_usual_maps_gain * rays) {
+      directions /= 2;
+    }
     return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, bounces_alone,
                        request.most_bytes);
   };

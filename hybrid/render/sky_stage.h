@@ -21,6 +21,13 @@ struct SkyStage {
   std::unique_ptr<Sky> occlusion;  // of the layer `ao`
 };
 
+// Rays that maps may cost for each that they replace. Coarse maps, whose errors suit the noise of few samples, leave
+// less than a fifth of that noise, which would take Monte Carlo 25 times the rays.
+inline constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
+// The same without a sky, where light samples' noise stays.
+inline constexpr uint64_t k_bounce_maps_gain = 1;
+inline constexpr int k_coarse_directions = 16;
+
 struct SkyRequest {
   // Rays of the whole film that maps would spare Monte Carlo; 0: not wanted.
   uint64_t light_rays = 0, occlusion_rays = 0;
@@ -29,6 +36,7 @@ struct SkyRequest {
   uint64_t samples = 0;
   uint64_t most_bytes = 0;     // that maps may take
   bool bounces = false;        // maps are to know light from surface to surface, too
+  uint64_t bounce_rays = 0;    // what that costs with k_coarse_directions
   bool bounces_alone = false;  // there is no sky: light from surface to surface is all that maps are for
   bool coarse = false;         // maps for light have no more directions than for few samples, and their tolerance
 };

@@ -24,18 +24,17 @@ constexpr double k_least_sky = 0.1;
 // Of what is hidden. Maps let up to .04 of it through.
 constexpr double k_least_open = 0.4;
 
-// The parallelograms of a scene, which nothing passes between.
+// The parallelograms and boxes of a scene, which nothing passes between.
 class Planes {
  public:
   Planes(const Scene& scene, std::span<const ShapeTraits> traits) {
-    std::vector<std::optional<Parallelogram>> of_shape;
-    for (size_t s = 0; s < scene.shapes.size(); ++s) of_shape.push_back(parallelogram(scene.shapes[s], traits[s]));
+    const PlaneShapes shapes = plane_shapes(scene, traits);
     for (const Instance& i : scene.instances) {
-      is_plane_.push_back(of_shape[i.shape].has_value());
-      if (!is_plane_.back()) continue;
-      const Parallelogram here = in_world(*of_shape[i.shape], i.to_world);
-      if (std::abs(glm::determinant(here.axes)) > 0.0)
-        planes_.push_back({here.centre, here.axes, glm::inverse(here.axes)});
+      is_plane_.push_back(shapes.has(i.shape));
+      if (const auto& plane = shapes.parallelograms[i.shape]) add(*plane, i.to_world);
+      if (const auto& faces = shapes.boxes[i.shape]) {
+        for (const Parallelogram& face : *faces) add(face, i.to_world);
+      }
     }
   }
   size_t size() const { return planes_.size(); }
@@ -64,6 +63,13 @@ class Planes {
     DMat3 axes;     // of Parallelogram
     DMat3 to_unit;  // its inverse
   };
+
+  void add(const Parallelogram& of_shape, const Affine& to_world) {
+    const Parallelogram here = in_world(of_shape, to_world);
+    if (std::abs(glm::determinant(here.axes)) > 0.0) {
+      planes_.push_back({here.centre, here.axes, glm::inverse(here.axes)});
+    }
+  }
 
   // Whether `b` goes on behind `a` from within its edges.
   static bool reaches_through(const Plane& b, const Plane& a) {
@@ -157,7 +163,8 @@ SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const Sha
     });
     survey.hidden_by_maps -= double(behind) / double(sent);
   }
-  survey.planes_cross = planes.size() <= size_t(k_most_planes) && planes.cross();  // more have no such light
+  // More have no such light. Points see half the faces of a box.
+  survey.planes_cross = planes.size() <= 2 * size_t(k_most_planes) && planes.cross();
   return survey;
 }
 

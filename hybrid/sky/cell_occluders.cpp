@@ -43,6 +43,22 @@ PlaneSlope slope_along(const SkyOccluder& o, const Vec3& d) {
   return {glm::dot(row_of(o.to_unit, 0), d), glm::dot(row_of(o.to_unit, 1), d), glm::dot(z, d) / glm::length(z)};
 }
 
+// Of face 2 a + s of a box: what lies beyond it sees it.
+PlaneLines face_lines(const SkyOccluder& o, int face, const Vec3& d) {
+  const int axis = face / 2;
+  const float side = face % 2 == 0 ? 1.0f : -1.0f;
+  Vec3 along[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  const Vec3 x = row_of(o.to_unit, (axis + 1) % 3), y = row_of(o.to_unit, (axis + 2) % 3), z = row_of(o.to_unit, axis);
+  const float per_unit = 1.0f / glm::length(z);
+  PlaneLines lines;
+  write_row(o.to_unit, along[(axis + 1) % 3], 1.0f, 0.0f, lines.x);
+  write_row(o.to_unit, along[(axis + 2) % 3], 1.0f, 0.0f, lines.y);
+  write_row(o.to_unit, along[axis], side * per_unit, -per_unit, lines.height);
+  lines.centre = {glm::dot(x, d), glm::dot(y, d), side * per_unit * glm::dot(z, d)};
+  lines.per_unit_x = glm::dot(x, x), lines.per_unit_y = glm::dot(y, y), lines.x_dot_y = glm::dot(x, y);
+  return lines;
+}
+
 PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) {
   const Vec3 x = row_of(o.to_unit, 0), y = row_of(o.to_unit, 1), z = row_of(o.to_unit, 2);
   const float per_unit = 1.0f / glm::length(z);
@@ -191,7 +207,34 @@ void CellOccluders::for_facing(const F& each) const {
   }
 }
 
-void CellOccluders::add(const SkyOccluder& o) {
+// The faces of a box that may hide something from the points; none if some of these lie within it, or nearly.
+bool CellOccluders::find_seen_faces(const SkyOccluder& box, const ShadingPointBatch& points) {
+  constexpr float k_beside = 1e-4f;  // of the box
+  for (size_t i = 0; i < points.size; ++i) {
+    const Vec3 at = glm::abs(transform_by(box.to_unit, points.position(i)));
+    if (std::max({at.x, at.y, at.z}) < 1.0f - k_beside) return false;
+  }
+  seen_faces_.clear();
+  for (int face = 0; face < 6; ++face) {
+    const PlaneLines plane = face_lines(box, face, Vec3(0.0f));
+    if (height_of(plane, ball_.centre) > -ball_.radius - height_error(plane, ball_)) seen_faces_.push_back(face);
+  }
+  return true;
+}
+
+void CellOccluders::add_plane(size_t k, const PlaneLines& plane, const PlaneRadiance* radiance) {
+  const float half = light_->half_width[lit_[k]];
+  if (turns_away(plane, ball_, half)) return;
+  if (!indirect_ && distance_ == k_infinity && hides(plane, ball_, half)) {
+    clear_[k] = 0.0f;
+    return;
+  }
+  planes_[k].push_back(plane);
+  planes_[k].back().radiance = radiance;
+}
+
+void CellOccluders::add(const SkyOccluder& o, const ShadingPointBatch& points) {
+  const bool is_open_box = o.kind == SkyOccluder::Kind::box && find_seen_faces(o, points);
   const Vec3 to = glm::transpose(grid_) * (o.ball.centre - ball_.centre);
   const float distance = glm::length(to), reach = o.ball.radius + ball_.radius;
   float least = -k_infinity;
@@ -223,17 +266,21 @@ void CellOccluders::add(const SkyOccluder& o) {
         break;
       }
       case SkyOccluder::Kind::plane: {
-        const PlaneLines plane = plane_lines(o, grid_ * d);
-        const float half = light_->half_width[lit_[k]];
-        if (turns_away(plane, ball_, half)) break;
-        if (!indirect_ && distance_ == k_infinity && hides(plane, ball_, half)) {
-          clear_[k] = 0.0f;
-          break;
-        }
-        planes_[k].push_back(plane);
-        if (indirect_) planes_[k].back().radiance = indirect_->plane_radiance(o);
+        add_plane(k, plane_lines(o, grid_ * d), indirect_ ? indirect_->plane_radiance(o, 0) : nullptr);
         break;
       }
+      case SkyOccluder::Kind::box:
+        if (!is_open_box) {
+          balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
+          break;
+        }
+        for (const int face : seen_faces_) {
+          PlaneLines plane = face_lines(o, face, grid_ * d);
+          plane.least_height = -height_error(plane, ball_);
+          add_plane(k, plane, indirect_ ? indirect_->plane_radiance(o, face) : nullptr);
+          if (clear_[k] == 0.0f) break;
+        }
+        break;
       case SkyOccluder::Kind::ball:
         balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
         break;
@@ -291,15 +338,15 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
   // From the points' middle: the place's may be so far off that the horizon's groups stand elsewhere.
   maps.find(place, ball_.centre, distance_, near_, lobes_);
   add_far();
-  // Parallelograms before others, which do not matter where one hides a cell.
+  // What is made of planes before others, which do not matter where one hides a cell.
   for (const bool planes : {true, false}) {
     for (const uint32_t i : near_) {
       const SkyOccluder& o = maps.occluders()[i];
-      if ((o.kind == SkyOccluder::Kind::plane) != planes) continue;
+      if ((o.kind == SkyOccluder::Kind::plane || o.kind == SkyOccluder::Kind::box) != planes) continue;
       // Nothing is known of a ball's inside, not even to points on the object.
       if (&o == &self && (o.kind != SkyOccluder::Kind::ball || o.is_flat)) continue;
       if (o.is_flat && self.is_flat && holds(o, self.ball, points, 0)) continue;
-      if (is_reached(o)) add(o);
+      if (is_reached(o)) add(o, points);
     }
   }
 }

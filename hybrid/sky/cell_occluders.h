@@ -92,7 +92,9 @@ class CellOccluders {
   bool is_reached(const SkyOccluder& occluder) const;
   // Whether cells a and b are parts of one, and read the same place of the map of the points' own object.
   bool reads_own_alike(size_t a, size_t b) const;
-  void add(const SkyOccluder& occluder);
+  bool find_seen_faces(const SkyOccluder& box, const ShadingPointBatch& points);
+  void add(const SkyOccluder& occluder, const ShadingPointBatch& points);
+  void add_plane(size_t k, const PlaneLines& plane, const PlaneRadiance* radiance);
   // Marks the cells whose direction, in the grid, has at least the product `least` with `to`.
   void find_facing(Vec3 to, float least);
   template <class F>
@@ -119,6 +121,7 @@ class CellOccluders {
   AlignedVector<float> far_clear_;  // share that these leave of each part of a cell
   AlignedVector<int32_t> far_blocks_;
   std::vector<uint8_t> faces_;
+  std::vector<int> seen_faces_;  // of a box
   std::vector<std::vector<MapLines>> maps_;
   std::vector<std::vector<MapRadiance>> radiance_;  // of these, if indirect_
   std::vector<std::vector<PlaneLines>> planes_;

@@ -76,12 +76,12 @@ PlaneWindow object_window(std::span<const SkyOccluder> all, const SkyOccluder& p
   return window;
 }
 
-RadianceWindow radiance_window(const PlaneWindow& w, const SkyOccluder& plane, int texels) {
+// x, y: gradients of the plane's coordinates.
+RadianceWindow radiance_window(const PlaneWindow& w, const Vec3& x, const Vec3& y, int texels) {
   RadianceWindow window;
   const Vec2 middle = 0.5f * (w.lower + w.upper), size = w.upper - w.lower;
   window.x = middle.x, window.y = middle.y;
   window.per_unit_x = float(texels) / size.x, window.per_unit_y = float(texels) / size.y;
-  const Vec3 x = row_of(plane.to_unit, 0), y = row_of(plane.to_unit, 1);
   // Squares of areas overflow floats in scenes of small units.
   const double area = glm::length(glm::cross(DVec3(x), DVec3(y)));
   window.density = float(std::sqrt(double(window.per_unit_x) * double(window.per_unit_y) * area));
@@ -109,6 +109,7 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
   }
   const MappedShapes& mapped = maps.shapes();
   std::vector<std::shared_ptr<const Surfels>> of_mapped(mapped.shapes.size());
+  const PlaneShapes planes = plane_shapes(scene, traits);
   for (const SkyOccluder& o : maps.occluders()) {
     const uint32_t shape = scene.instances[o.instance].shape;
     OfInstance& own = instances_[o.instance];
@@ -118,7 +119,11 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
       continue;
     }
     if (o.kind == SkyOccluder::Kind::plane) {
-      add_plane(scene, accel, *parallelogram(scene.shapes[shape], traits[shape]), o);
+      add_plane(scene, accel, *planes.parallelograms[shape], o);
+      continue;
+    }
+    if (o.kind == SkyOccluder::Kind::box) {
+      add_box(accel, shape, *planes.boxes[shape], o);
       continue;
     }
     const uint32_t k = mapped.of_instance[o.instance];
@@ -133,6 +138,31 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
     }
     own.pyramids = std::make_unique<RadiancePyramids>(size.texels, 2 * size.directions * size.directions);
     own.view = own.pyramids->view();
+  }
+}
+
+void IndirectLight::add_box(const Accel& accel, uint32_t shape, const BoxFaces& faces, const SkyOccluder& o) {
+  OfInstance& own = instances_[o.instance];
+  Surfels all;
+  const PlaneWindow whole[1];
+  const bool outside[2] = {true, false};
+  for (const Parallelogram& face : faces) {
+    const Surfels s = make_plane_surfels(accel, shape, face, Vec3(face.axes[2]), whole, size_.texels, outside);
+    const auto first = uint32_t(all.points.size());
+    for (const uint32_t point : s.texels) all.texels.push_back(point == k_none ? k_none : first + point);
+    all.points.insert(all.points.end(), s.points.begin(), s.points.end());
+    all.reflectance_spots.insert(all.reflectance_spots.end(), s.reflectance_spots.begin(), s.reflectance_spots.end());
+  }
+  own.surfels = std::make_shared<const Surfels>(std::move(all));
+  own.pyramids = std::make_unique<RadiancePyramids>(size_.texels, int(2 * faces.size()));
+  own.view = own.pyramids->view();
+  for (int face = 0; face < int(faces.size()); ++face) {
+    const Vec3 x = row_of(o.to_unit, (face / 2 + 1) % 3), y = row_of(o.to_unit, (face / 2 + 2) % 3);
+    PlaneRadiance& plane = own.planes.emplace_back();
+    plane.view = &own.view;
+    plane.begin = 2 * face * own.view.bytes;
+    plane.windows = 1;
+    plane.window[0] = radiance_window(whole[0], x, y, size_.texels);
   }
 }
 
@@ -158,9 +188,11 @@ void IndirectLight::add_plane(const Scene& scene, const Accel& accel, const Para
       make_plane_surfels(accel, instance.shape, plane, normal, windows, size_.plane_texels, sides));
   own.pyramids = std::make_unique<RadiancePyramids>(size_.plane_texels, int(2 * windows.size()));
   own.view = own.pyramids->view();
-  own.plane.view = &own.view;
+  PlaneRadiance& radiance = own.planes.emplace_back();
+  radiance.view = &own.view;
   for (const PlaneWindow& w : windows) {
-    own.plane.window[own.plane.windows++] = radiance_window(w, o, size_.plane_texels);
+    radiance.window[radiance.windows++] =
+        radiance_window(w, row_of(o.to_unit, 0), row_of(o.to_unit, 1), size_.plane_texels);
   }
 }
 
@@ -236,7 +268,14 @@ Rgb IndirectLight::radiance(uint32_t instance, const Vec3& position, const Vec3&
   if (!own.pyramids) return Rgb(0.0f);
   if (o.kind == SkyOccluder::Kind::plane) {
     const Vec3 at = transform_by(o.to_unit, position), from = transform_by(o.to_unit, origin);
-    return to_vec(scalar::radiance_of_plane<float>(own.plane, {}, at.x, at.y, from.z, 1.0f, 0.0f, true));
+    return to_vec(scalar::radiance_of_plane<float>(own.planes[0], {}, at.x, at.y, from.z, 1.0f, 0.0f, true));
+  }
+  if (o.kind == SkyOccluder::Kind::box) {
+    const Vec3 at = transform_by(o.to_unit, position), off = glm::abs(at);
+    const int axis = off.x >= off.y && off.x >= off.z ? 0 : off.y >= off.z ? 1 : 2;
+    const PlaneRadiance& face = own.planes[size_t(2 * axis + (at[axis] < 0.0f))];
+    return to_vec(
+        scalar::radiance_of_plane<float>(face, {}, at[(axis + 1) % 3], at[(axis + 2) % 3], 1.0f, 1.0f, 0.0f, true));
   }
   const Vec3 unit = glm::normalize(rotate_by(o.to_unit, d));
   const int map = direction_cell(unit, size_.directions);

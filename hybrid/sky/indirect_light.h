@@ -51,8 +51,9 @@ class IndirectLight {
 
   // What `o` sends back along a cell of the world direction `d`.
   MapRadiance map_radiance(const SkyOccluder& o, const Vec3& d, float cell_width) const;
-  const PlaneRadiance* plane_radiance(const SkyOccluder& o) const {
-    return sends(o.instance) ? &instances_[o.instance].plane : nullptr;
+  // Of a parallelogram (`face` 0) or of a face of a box (BoxFaces).
+  const PlaneRadiance* plane_radiance(const SkyOccluder& o, int face) const {
+    return sends(o.instance) ? &instances_[o.instance].planes[size_t(face)] : nullptr;
   }
   // What a ray from `origin` along the unit direction `d` meets at `position` of an instance.
   Rgb radiance(uint32_t instance, const Vec3& position, const Vec3& origin, const Vec3& d) const;
@@ -65,9 +66,10 @@ class IndirectLight {
     std::shared_ptr<const Surfels> surfels;
     std::unique_ptr<RadiancePyramids> pyramids;
     RadianceView view;
-    PlaneRadiance plane;  // of parallelograms
+    std::vector<PlaneRadiance> planes;  // of a parallelogram, or of the faces of a box
     double luminance_sum = 0.0;
   };
+  void add_box(const Accel& accel, uint32_t shape, const BoxFaces& faces, const SkyOccluder& o);
   void add_plane(const Scene& scene, const Accel& accel, const Parallelogram& plane, const SkyOccluder& o);
   MapRadiance lines_of(const SkyOccluder& o, int map) const;
 

@@ -38,14 +38,13 @@ Sphere ball_of(const Shape& shape, const DMat3& stretch) {
 MappedShapes mapped_shapes(const Scene& scene, std::span<const ShapeTraits> traits) {
   MappedShapes result;
   result.of_instance.assign(scene.instances.size(), k_none);
-  std::vector<uint8_t> is_plane(scene.shapes.size());
-  for (size_t s = 0; s < is_plane.size(); ++s) is_plane[s] = parallelogram(scene.shapes[s], traits[s]).has_value();
+  const PlaneShapes planes = plane_shapes(scene, traits);
   std::vector<uint32_t> plain(scene.shapes.size(), k_none);
   std::vector<std::vector<uint32_t>> deformed(scene.shapes.size());
   size_t deformed_count = 0;
   for (size_t i = 0; i < scene.instances.size(); ++i) {
     const uint32_t s = scene.instances[i].shape;
-    if (is_plane[s]) continue;
+    if (planes.has(s)) continue;
     const DMat3 linear = linear_part(scene.instances[i].to_world);
     uint32_t& of_instance = result.of_instance[i];
     if (keeps_angles(linear)) {

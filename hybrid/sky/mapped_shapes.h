@@ -27,8 +27,9 @@ struct MappedShapes {
   void drop_deformed();
 };
 
-// All that a scene's instances need, but for parallelograms. Instances share one if their deformations differ by less
-// than about 1/1000. At most k_most_deformed are deformed; instances with others, or almost flattened, have none.
+// All that a scene's instances need, but for parallelograms and boxes (plane_shapes()). Instances share one if their
+// deformations differ by less than about 1/1000. At most k_most_deformed are deformed; instances with others, or almost
+// flattened, have none.
 inline constexpr size_t k_most_deformed = 64;
 MappedShapes mapped_shapes(const Scene& scene, std::span<const ShapeTraits> traits);
 

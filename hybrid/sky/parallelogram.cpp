@@ -5,9 +5,105 @@
 #include <cstdint>
 #include <vector>
 
+#include "field/maps/cell_task.h"
 #include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {
+namespace {
+
+// Of sizes and areas, relative.
+constexpr double k_error = 1e-5;
+
+// The axis along which all corners of a triangle have the same coordinate; -1 if there is none, or more than one.
+int normal_axis(const Vec3& a, const Vec3& b, const Vec3& c) {
+  int axis = -1;
+  for (int k = 0; k < 3; ++k) {
+    if (a[k] != b[k] || a[k] != c[k]) continue;
+    if (axis >= 0) return -1;
+    axis = k;
+  }
+  return axis;
+}
+
+bool is_corner(const Bounds3& box, const Vec3& p) {
+  for (int k = 0; k < 3; ++k) {
+    if (p[k] != box.lower[k] && p[k] != box.upper[k]) return false;
+  }
+  return true;
+}
+
+BoxFaces faces_of(const Bounds3& box) {
+  BoxFaces faces;
+  const DVec3 centre = 0.5 * (DVec3(box.lower) + DVec3(box.upper)), half = DVec3(box.upper) - centre;
+  for (int axis = 0; axis < 3; ++axis) {
+    const int b = (axis + 1) % 3, c = (axis + 2) % 3;
+    for (int s = 0; s < 2; ++s) {
+      DVec3 normal(0.0), x(0.0), y(0.0);
+      normal[axis] = s == 0 ? 1.0 : -1.0, x[b] = half[b], y[c] = half[c];
+      faces[size_t(2 * axis + s)] = {centre + normal * half[axis], DMat3(x, y, normal)};
+    }
+  }
+  return faces;
+}
+
+}  // namespace
+
+std::optional<BoxFaces> box_faces(const Shape& shape, const ShapeTraits& traits) {
+  if (traits.is_flat || !is_meshed(shape.kind)) return {};
+  const TriangleMesh& mesh = shape.mesh;
+  const Bounds3& box = shape.bounds;
+  const DVec3 size = DVec3(box.upper) - DVec3(box.lower);
+  double area[6] = {};
+  unsigned corners[6] = {};  // a bit for each that a triangle has
+  for (const UVec3& t : mesh.triangles) {
+    const Vec3 p[3] = {mesh.positions[t.x], mesh.positions[t.y], mesh.positions[t.z]};
+    const int axis = normal_axis(p[0], p[1], p[2]);
+    if (axis < 0 || !std::all_of(p, p + 3, [&](const Vec3& v) { return is_corner(box, v); })) return {};
+    const int face = 2 * axis + (p[0][axis] == box.upper[axis] ? 0 : 1), b = (axis + 1) % 3, c = (axis + 2) % 3;
+    for (int k = 0; k < 3; ++k) {
+      corners[face] |= 1u << ((p[k][b] == box.upper[b] ? 1 : 0) + (p[k][c] == box.upper[c] ? 2 : 0));
+      if (!mesh.normals.empty() && std::abs(glm::normalize(mesh.normals[t[k]])[axis]) < 1.0 - k_error) return {};
+    }
+    area[face] += 0.5 * glm::length(glm::cross(DVec3(p[1]) - DVec3(p[0]), DVec3(p[2]) - DVec3(p[0])));
+  }
+  for (int face = 0; face < 6; ++face) {
+    const double whole = size[(face / 2 + 1) % 3] * size[(face / 2 + 2) % 3];
+    if (corners[face] != 15u || std::abs(area[face] - whole) > k_error * whole) return {};
+  }
+  return faces_of(box);
+}
+
+PlaneShapes plane_shapes(const Scene& scene, std::span<const ShapeTraits> traits) {
+  PlaneShapes result;
+  for (size_t s = 0; s < scene.shapes.size(); ++s) {
+    result.parallelograms.push_back(parallelogram(scene.shapes[s], traits[s]));
+    result.boxes.push_back(box_faces(scene.shapes[s], traits[s]));
+  }
+  constexpr int k_facing = 3;  // faces of a box that a point sees
+  size_t planes = 0;
+  for (const Instance& i : scene.instances) {
+    planes += result.parallelograms[i.shape] ? 1 : result.boxes[i.shape] ? k_facing : 0;
+  }
+  if (planes > size_t(k_most_planes) || scene.instances.size() > k_crowd) {
+    result.boxes.assign(scene.shapes.size(), std::nullopt);
+    return result;
+  }
+  for (const Instance& i : scene.instances) {
+    if (!result.boxes[i.shape]) continue;
+    const Bounds3& box = scene.shapes[i.shape].bounds;
+    const auto holds = [&](const Vec3& p) {
+      const Vec3 at = transform_point(i.to_object, p);
+      return glm::all(glm::lessThan(box.lower, at)) && glm::all(glm::lessThan(at, box.upper));
+    };
+    const bool holds_others =
+        holds(scene.camera.to_world[3]) ||
+        std::any_of(scene.instances.begin(), scene.instances.end(), [&](const Instance& o) {
+          return &o != &i && holds(transform_point(o.to_world, scene.shapes[o.shape].bounds.centre()));
+        });
+    if (holds_others || !(std::abs(glm::determinant(linear_part(i.to_world))) > 0.0)) result.boxes[i.shape].reset();
+  }
+  return result;
+}
 
 // The flat convex hull of a mesh is tried as a parallelogram along two of its first triangle's edges; the
 // triangles must have its area and its corners.
@@ -30,7 +126,6 @@ std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits
       lower = glm::min(lower, at), upper = glm::max(upper, at);
     }
     const double whole = glm::length(normal) * (upper.x - lower.x) * (upper.y - lower.y);
-    constexpr double k_error = 1e-5;
     if (upper.z - lower.z > k_error * std::sqrt(whole) || std::abs(area - whole) > k_error * whole) continue;
     // Triangles that cover each other, such as the two faces of a leaf, may have that area, too, but not these corners.
     const auto has_corner = [&](double x_of_corner, double y_of_corner) {

@@ -111,8 +111,7 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
   for (const Shape& shape : scene.shapes) balls.push_back(tight_ball(shape));
   std::vector<uint8_t> bent;
   for (size_t s = 0; s < scene.shapes.size(); ++s) bent.push_back(traits[s].is_flat && is_bent(scene.shapes[s].mesh));
-  std::vector<std::optional<Parallelogram>> planes;  // by shape, as many instances may share one
-  for (size_t s = 0; s < scene.shapes.size(); ++s) planes.push_back(parallelogram(scene.shapes[s], traits[s]));
+  const PlaneShapes planes = plane_shapes(scene, traits);
   std::vector<ShapePlane> flat;  // by shape, of those that are
   for (size_t s = 0; s < scene.shapes.size(); ++s) {
     flat.push_back(traits[s].is_flat ? plane_of(scene.shapes[s]) : ShapePlane());
@@ -125,10 +124,19 @@ SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, Mapped
     o.is_bent = bent[instance.shape] != 0;
     o.ball = world_ball(instance, balls[instance.shape]);
     if (o.is_flat) write_height(flat[instance.shape], instance.to_world, o.height);
-    if (const auto& plane = planes[instance.shape]) {
+    if (const auto& plane = planes.parallelograms[instance.shape]) {
       o.kind = SkyOccluder::Kind::plane;
       const Parallelogram here = in_world(*plane, instance.to_world);
       write_coordinates(DAffine(1.0), here.centre, here.axes, o.to_unit);
+      continue;
+    }
+    if (planes.boxes[instance.shape]) {
+      o.kind = SkyOccluder::Kind::box;
+      const Bounds3& box = scene.shapes[instance.shape].bounds;
+      const DVec3 centre = 0.5 * (DVec3(box.lower) + DVec3(box.upper)), half = DVec3(box.upper) - centre;
+      const DMat3 linear = linear_part(instance.to_world);
+      write_coordinates(DAffine(1.0), linear * centre + DVec3(instance.to_world[3]),
+                        DMat3(linear[0] * half.x, linear[1] * half.y, linear[2] * half.z), o.to_unit);
       continue;
     }
     const uint32_t mapped = shapes_.of_instance[i];

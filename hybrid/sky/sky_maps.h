@@ -1,6 +1,6 @@
 // What hides the sky: direction maps of a scene's objects, and how each instance occludes direction cells.
 //
-// Parallelograms are known exactly. Other objects are read from direction maps (field/maps) of their shapes
+// Parallelograms and boxes are known exactly. Other objects are read from direction maps (field/maps) of their shapes
 // (mapped_shapes.h). What has none is left to rays: cells that may meet its ball are undecided. Space: world, but for
 // the maps.
 // Thread-safety: const once baked.
@@ -31,19 +31,16 @@ struct SkyTolerance {
 inline constexpr int k_group_parts = 4;
 static_assert(k_group_parts * k_group_parts == k_part_block);
 
-// With more instances than this they are a crowd: the cost of a point must not grow with their number.
-inline constexpr size_t k_crowd = 64;
-
 // How an instance hides direction cells.
 struct SkyOccluder {
-  enum class Kind : uint8_t { plane, map, ball };
+  enum class Kind : uint8_t { plane, box, map, ball };
   Kind kind = Kind::ball;
   bool is_flat = false;  // cannot hide anything from points on it
   bool is_bent = false;  // flat, but not all of its shading normals are the plane's
   uint32_t instance = k_none;
   Sphere ball;             // encloses it
   float half_map = 0.0f;   // half the world extent of its maps
-  float to_unit[12] = {};  // world to unit space of the maps, or to the plane's coordinates; columns
+  float to_unit[12] = {};  // world to unit space of the maps, or to the plane's or the box's coordinates; columns
   float height[4] = {};    // of a flat one: world to the distance from its plane; 0 if it has no area
   // Columns: axes of the maps' grid in world space, orthonormal, may mirror; those of the world where there are no
   // maps.

@@ -16,13 +16,14 @@ using namespace test;
 
 constexpr int k_size = 96;
 
-// A room of 6 x 6 x 3 with a ball in it, seen from within; its walls are boxes, or the rectangles that bound it.
+// A room of 6 x 6 x 3 with a ball in it, seen from within; its walls are meshes like boxes, or the rectangles
+// that bound it.
 struct Room : SceneMaker {
   explicit Room(bool of_boxes, bool has_wall = true) : of_boxes_(of_boxes) {
     scene.camera.to_world = look_at({-2.5f, 2.5f, 1.8f}, {0.5f, -0.5f, 1}, {0, 0, 1});
     scene.camera.fov_x_degrees = 70.0f;
     film(k_size, k_size);
-    shape_ = of_boxes ? mesh(make_cube({.half_size = 1.0f})) : shape(ShapeKind::rectangle);
+    shape_ = of_boxes ? mesh(make_cube({.half_size = 1.0f, .divisions = 2})) : shape(ShapeKind::rectangle);
     grey_ = bsdf(BsdfKind::diffuse, Rgb(0.7f));
     scene.bsdfs[grey_].two_sided = true;
     const Vec3 x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
