@@ -47,6 +47,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
       request.bounces = request.bounces && !(is_lit && survey.is_dim()) && !survey.is_enclosed();
       if (is_lit && survey.is_enclosed()) request.light_rays = 0;
     }
+    if (!is_lit && !request.bounces) request.light_rays = 0;
   }
   if (picture.settings.occlusion) request.occlusion_rays = picture.rays_per_light();
   request.occlusion_distance = picture.settings.occlusion_distance;
