@@ -75,10 +75,13 @@ struct PlaneRadiance {
 
 // A parallelogram [-1, 1]^2 of its own coordinates.
 struct PlaneLines {
-  float x[4], y[4];             // the point's coordinates
-  float height[4];              // its distance from the plane, world units, signed
-  float least_height = -1e30f;  // points below see nothing of it
-  PlaneSlope centre;            // along the cell's direction
+  float x[4], y[4];  // the point's coordinates
+  float height[4];   // its distance from the plane, world units, signed
+  // Whether it is seen from where the height is positive alone, but for points whose height is no less than this, which
+  // rounding has put behind it.
+  bool one_sided = false;
+  float least_height = 0.0f;
+  PlaneSlope centre;  // along the cell's direction
   // Of the coordinates' gradients: squared lengths, and their product.
   float per_unit_x, per_unit_y, x_dot_y;
   const PlaneRadiance* radiance = nullptr;

@@ -63,6 +63,13 @@ FT_HD_INLINE F nearing(const PlaneSlope& slope, F height) {  // how fast a direc
   return select(height > splat<F>(0.0f), splat<F>(-slope.rise), splat<F>(slope.rise));
 }
 
+// Of the points over the parallelogram. What lies in the plane of a one-sided one lies before it.
+template <class F>
+FT_HD_INLINE F height_over(const PlaneLines& plane, const Vec3Lanes<F>& p) {
+  const F height = affine<F>(plane.height, p);
+  return plane.one_sided ? max(height, splat<F>(1e-30f)) : height;
+}
+
 // How the edges at the coordinate's ends cut a cell: by the distance of its centre from the planes through the point
 // and them.
 template <class F>
@@ -88,7 +95,7 @@ FT_HD_INLINE F cosine_between(const EdgeCut<F>& a, const EdgeCut<F>& b, float ro
 template <class F>
 FT_HD_INLINE F share_of_slope(const PlaneLines& plane, const PlaneSlope& slope, float half, const Vec3Lanes<F>& p) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f);
-  const F height = affine<F>(plane.height, p), fall = nearing<F>(slope, height);
+  const F height = height_over<F>(plane, p), fall = nearing<F>(slope, height);
   // The part that heads for the plane.
   const F heading = min(max(fall * splat<F>(0.5f / half) + splat<F>(0.5f), zero), one);
   if (!any(heading > zero)) return zero;
@@ -157,7 +164,7 @@ struct PlaneSeen {
 template <class F>
 FT_HD_INLINE void find_cuts(const CellTask& task, const Vec3Lanes<F>& p, PlaneSeen<F>& plane) {
   const PlaneLines& lines = *plane.lines;
-  const F height = affine<F>(lines.height, p), fall = nearing<F>(lines.centre, height);
+  const F height = height_over<F>(lines, p), fall = nearing<F>(lines.centre, height);
   EdgeCut<F> x[2], y[2];
   cut_by_edges<F>(lines.x, lines.centre.dx, lines.per_unit_x, height, fall, task.cosine_half, p, x);
   cut_by_edges<F>(lines.y, lines.centre.dy, lines.per_unit_y, height, fall, task.cosine_half, p, y);
@@ -202,7 +209,7 @@ class PlanesSeen {
     for (int k = 0; k < task.plane_count; ++k) {
       const PlaneLines& lines = task.planes[k];
       F share = limit(lines, share_of_slope<F>(lines, lines.centre, task.cosine_half, p));
-      if (lines.least_height > -1e30f) {
+      if (lines.one_sided) {
         share = select(affine<F>(lines.height, p) < splat<F>(lines.least_height), zero_, share);
       }
       if (!any(share > zero_)) continue;
@@ -264,7 +271,7 @@ class CellLight : PlanesSeen<F> {
       : PlanesSeen<F>(task, p, s), task_(task) {
     for (int k = 0; k < count_; ++k) {
       PlaneSeen<F>& plane = planes_[k];
-      const F height = affine<F>(plane.lines->height, p), fall = nearing<F>(plane.lines->centre, height);
+      const F height = height_over<F>(*plane.lines, p), fall = nearing<F>(plane.lines->centre, height);
       plane.distance = select(fall > zero_, abs(height) / max(fall, splat<F>(1e-20f)), splat<F>(1e30f));
       plane.front = one_;
       for (int i = 0; i < k; ++i) {
@@ -317,7 +324,7 @@ class CellLight : PlanesSeen<F> {
       const PlaneSeen<F>& plane = planes_[i];
       if (!plane.lines->radiance) continue;
       const PlaneLines& lines = *plane.lines;
-      const F height = affine<F>(lines.height, p);
+      const F height = height_over<F>(lines, p);
       const Mask_t<F> wanted = plane.share > zero_;
       const Vec3Lanes<F> light =
           radiance_of_plane<F>(*lines.radiance, lines.centre, affine<F>(lines.x, p), affine<F>(lines.y, p), height,

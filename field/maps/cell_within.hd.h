@@ -130,7 +130,7 @@ template <class F>
 FT_HD_INLINE F share_of_plane_within(const PlaneLines& plane, F share, float half, float within,
                                      const Vec3Lanes<F>& p) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), middle = splat<F>(0.5f);
-  const F height = affine<F>(plane.height, p), fall = nearing<F>(plane.centre, height);
+  const F height = height_over<F>(plane, p), fall = nearing<F>(plane.centre, height);
   const F heading = min(max(fall * splat<F>(0.5f / half) + middle, zero), one);
   // Over a square of half width h about a direction of cosine f, the cosine has the mean f (1 - h^2 / 3). It changes
   // by sqrt(1 - f^2) h to each side, and by h^2 / 2 about the normal, where it is level.

@@ -52,11 +52,7 @@ bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits, const 
     const Instance& instance = scene.instances[k];
     const ShapeTraits& of = traits[instance.shape];
     if (planes.has(instance.shape)) continue;
-    const Bounds3& box = scene.shapes[instance.shape].bounds;
-    const auto is_within = [&](const Vec3& p) {
-      const Vec3 at = transform_point(instance.to_object, p);
-      return !of.is_flat && glm::all(glm::lessThan(box.lower, at)) && glm::all(glm::lessThan(at, box.upper));
-    };
+    const auto is_within = [&](const Vec3& p) { return !of.is_flat && lies_in_box(scene, instance, p); };
     if (is_within(scene.camera.to_world[3])) return true;
     for (size_t other = 0; other < balls.size(); ++other) {
       const Vec3& centre = balls[other].centre;

@@ -13,10 +13,11 @@ namespace fieldtrace {
 
 struct SkySurvey {
   double diffuse = 1.0;  // of the surfaces that camera rays meet, the share that is diffuse and opaque: these ask maps
-  // Of rays from there, as many as the cosine has: what meets nothing, and what meshes hide that are no parallelograms.
-  // Of an enclosed scene, without what parallelograms hide as well.
+  // Of rays from there, as many as the cosine has: what meets nothing, and what meshes hide that are no parallelograms
+  // or boxes. Of an enclosed scene, without what those hide as well.
   double open = 1.0, hidden_by_maps = 0.0;
-  bool planes_cross = false;  // parallelograms reach through each other
+  // Parallelograms, or faces of boxes, reach through each other or go on behind each other's edges.
+  bool planes_cross = false;
 
   // Whether so little of the sky comes in that what maps err would show beside it, or what they let through between
   // objects that adjoin each other. Without a sky: a closed room, where what is bright leaks past what stands before

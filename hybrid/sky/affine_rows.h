@@ -17,6 +17,10 @@ inline Vec3 transform_by(const float m[12], const Vec3& p) {
   return Vec3(m[0], m[1], m[2]) * p.x + Vec3(m[3], m[4], m[5]) * p.y + Vec3(m[6], m[7], m[8]) * p.z +
          Vec3(m[9], m[10], m[11]);
 }
+// The part of a coordinate's gradient that lies in the plane of a normal of any length.
+inline Vec3 gradient_within(const Vec3& gradient, const Vec3& normal) {
+  return gradient - normal * (glm::dot(gradient, normal) / glm::dot(normal, normal));
+}
 inline Vec3 rotate_by(const float m[12], const Vec3& d) {
   return Vec3(m[0], m[1], m[2]) * d.x + Vec3(m[3], m[4], m[5]) * d.y + Vec3(m[6], m[7], m[8]) * d.z;
 }

@@ -38,36 +38,34 @@ MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3
   return lines;
 }
 
-PlaneSlope slope_along(const SkyOccluder& o, const Vec3& d) {
-  const Vec3 z = row_of(o.to_unit, 2);
-  return {glm::dot(row_of(o.to_unit, 0), d), glm::dot(row_of(o.to_unit, 1), d), glm::dot(z, d) / glm::length(z)};
-}
-
-// Of face 2 a + s of a box: what lies beyond it sees it.
-PlaneLines face_lines(const SkyOccluder& o, int face, const Vec3& d) {
-  const int axis = face / 2;
-  const float side = face % 2 == 0 ? 1.0f : -1.0f;
-  Vec3 along[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-  const Vec3 x = row_of(o.to_unit, (axis + 1) % 3), y = row_of(o.to_unit, (axis + 2) % 3), z = row_of(o.to_unit, axis);
-  const float per_unit = 1.0f / glm::length(z);
+// Coordinates and the height of a plane, and what these change by along d. `z`: the gradient of the height's
+// coordinate, which is `at` on the plane.
+PlaneLines plane_lines(const SkyOccluder& o, int x_row, int y_row, int z_row, float side, float at, const Vec3& d) {
+  const Vec3 unit[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, z = row_of(o.to_unit, z_row);
+  const float per_unit = side / glm::length(z);
   PlaneLines lines;
-  write_row(o.to_unit, along[(axis + 1) % 3], 1.0f, 0.0f, lines.x);
-  write_row(o.to_unit, along[(axis + 2) % 3], 1.0f, 0.0f, lines.y);
-  write_row(o.to_unit, along[axis], side * per_unit, -per_unit, lines.height);
-  lines.centre = {glm::dot(x, d), glm::dot(y, d), side * per_unit * glm::dot(z, d)};
+  write_row(o.to_unit, unit[z_row], per_unit, -per_unit * at, lines.height);
+  // Coordinates are those at the foot on the plane: a shear gives them gradients along its normal.
+  const auto write = [&](int row, float out[4]) {
+    write_row(o.to_unit, unit[row], 1.0f, 0.0f, out);
+    const float along = glm::dot(row_of(o.to_unit, row), Vec3(lines.height[0], lines.height[1], lines.height[2]));
+    for (int c = 0; c < 4; ++c) out[c] -= along * lines.height[c];
+    return Vec3(out[0], out[1], out[2]);
+  };
+  const Vec3 x = write(x_row, lines.x), y = write(y_row, lines.y);
+  lines.centre = {glm::dot(x, d), glm::dot(y, d), per_unit * glm::dot(z, d)};
   lines.per_unit_x = glm::dot(x, x), lines.per_unit_y = glm::dot(y, y), lines.x_dot_y = glm::dot(x, y);
   return lines;
 }
 
-PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) {
-  const Vec3 x = row_of(o.to_unit, 0), y = row_of(o.to_unit, 1), z = row_of(o.to_unit, 2);
-  const float per_unit = 1.0f / glm::length(z);
-  PlaneLines lines;
-  write_row(o.to_unit, {1, 0, 0}, 1.0f, 0.0f, lines.x);
-  write_row(o.to_unit, {0, 1, 0}, 1.0f, 0.0f, lines.y);
-  write_row(o.to_unit, {0, 0, 1}, per_unit, 0.0f, lines.height);
-  lines.centre = slope_along(o, d);
-  lines.per_unit_x = glm::dot(x, x), lines.per_unit_y = glm::dot(y, y), lines.x_dot_y = glm::dot(x, y);
+PlaneLines plane_lines(const SkyOccluder& o, const Vec3& d) { return plane_lines(o, 0, 1, 2, 1.0f, 0.0f, d); }
+
+// Of face 2 a + s of a box, which is seen from outside.
+PlaneLines face_lines(const SkyOccluder& o, int face, const Vec3& d) {
+  const int axis = face / 2;
+  const float side = face % 2 == 0 ? 1.0f : -1.0f;
+  PlaneLines lines = plane_lines(o, (axis + 1) % 3, (axis + 2) % 3, axis, side, side, d);
+  lines.one_sided = true;
   return lines;
 }
 
@@ -97,6 +95,16 @@ bool holds(const SkyOccluder& occluder, const Sphere& object, const ShadingPoint
   const Vec3 normal(plane.height[0], plane.height[1], plane.height[2]);
   const float rise = glm::length(glm::cross(normal, points.geometric_normal(i))) * object.radius;
   return std::abs(height_of(plane, points.position(i))) + rise <= height_error(plane, object) + points.error[i];
+}
+
+// Whether some of the points on a box are on the inner side of its faces.
+bool faces_inwards(const SkyOccluder& box, const ShadingPointBatch& points) {
+  for (size_t i = 0; i < points.size; ++i) {
+    const Vec3 at = transform_by(box.to_unit, points.position(i)), off = glm::abs(at);
+    const int axis = off.x >= off.y && off.x >= off.z ? 0 : off.y >= off.z ? 1 : 2;
+    if (glm::dot(row_of(box.to_unit, axis), points.geometric_normal(i)) * at[axis] < 0.0f) return true;
+  }
+  return false;
 }
 
 // Whether the cell leaves the plane on the side on which all points of the ball are, so that none sees it there.
@@ -207,17 +215,19 @@ void CellOccluders::for_facing(const F& each) const {
   }
 }
 
-// The faces of a box that may hide something from the points; none if some of these lie within it, or nearly.
+// Finds the faces of a box that may hide something from the points; false if some of these lie within it.
 bool CellOccluders::find_seen_faces(const SkyOccluder& box, const ShadingPointBatch& points) {
-  constexpr float k_beside = 1e-4f;  // of the box
-  for (size_t i = 0; i < points.size; ++i) {
-    const Vec3 at = glm::abs(transform_by(box.to_unit, points.position(i)));
-    if (std::max({at.x, at.y, at.z}) < 1.0f - k_beside) return false;
-  }
   seen_faces_.clear();
   for (int face = 0; face < 6; ++face) {
-    const PlaneLines plane = face_lines(box, face, Vec3(0.0f));
-    if (height_of(plane, ball_.centre) > -ball_.radius - height_error(plane, ball_)) seen_faces_.push_back(face);
+    PlaneLines plane = face_lines(box, face, Vec3(0.0f));
+    plane.least_height = -height_error(plane, ball_);
+    if (height_of(plane, ball_.centre) >= plane.least_height - ball_.radius) seen_faces_.push_back({face, plane});
+  }
+  for (size_t i = 0; i < points.size; ++i) {
+    const bool is_outside = std::any_of(seen_faces_.begin(), seen_faces_.end(), [&](const SeenFace& f) {
+      return height_of(f.plane, points.position(i)) >= f.plane.least_height;
+    });
+    if (!is_outside) return false;
   }
   return true;
 }
@@ -234,7 +244,8 @@ void CellOccluders::add_plane(size_t k, const PlaneLines& plane, const PlaneRadi
 }
 
 void CellOccluders::add(const SkyOccluder& o, const ShadingPointBatch& points) {
-  const bool is_open_box = o.kind == SkyOccluder::Kind::box && find_seen_faces(o, points);
+  const bool is_self = o.instance == points.instance[0];
+  const bool by_faces = o.kind == SkyOccluder::Kind::box && !is_self && find_seen_faces(o, points);
   const Vec3 to = glm::transpose(grid_) * (o.ball.centre - ball_.centre);
   const float distance = glm::length(to), reach = o.ball.radius + ball_.radius;
   float least = -k_infinity;
@@ -270,14 +281,14 @@ void CellOccluders::add(const SkyOccluder& o, const ShadingPointBatch& points) {
         break;
       }
       case SkyOccluder::Kind::box:
-        if (!is_open_box) {
+        if (!by_faces) {
           balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
           break;
         }
-        for (const int face : seen_faces_) {
-          PlaneLines plane = face_lines(o, face, grid_ * d);
-          plane.least_height = -height_error(plane, ball_);
-          add_plane(k, plane, indirect_ ? indirect_->plane_radiance(o, face) : nullptr);
+        for (const SeenFace& seen : seen_faces_) {
+          PlaneLines plane = face_lines(o, seen.face, grid_ * d);
+          plane.least_height = seen.plane.least_height;
+          add_plane(k, plane, indirect_ ? indirect_->plane_radiance(o, seen.face) : nullptr);
           if (clear_[k] == 0.0f) break;
         }
         break;
@@ -343,8 +354,11 @@ void CellOccluders::find(const Sky& sky, const ShadingPointBatch& points, const 
     for (const uint32_t i : near_) {
       const SkyOccluder& o = maps.occluders()[i];
       if ((o.kind == SkyOccluder::Kind::plane || o.kind == SkyOccluder::Kind::box) != planes) continue;
-      // Nothing is known of a ball's inside, not even to points on the object.
-      if (&o == &self && (o.kind != SkyOccluder::Kind::ball || o.is_flat)) continue;
+      // Nothing is known of a ball's inside, not even to points on the object, nor of a box's from within.
+      if (&o == &self) {
+        const bool is_box = o.kind == SkyOccluder::Kind::box, is_ball = o.kind == SkyOccluder::Kind::ball;
+        if (!(is_box && faces_inwards(o, points)) && !(is_ball && !o.is_flat)) continue;
+      }
       if (o.is_flat && self.is_flat && holds(o, self.ball, points, 0)) continue;
       if (is_reached(o)) add(o, points);
     }

@@ -121,7 +121,11 @@ class CellOccluders {
   AlignedVector<float> far_clear_;  // share that these leave of each part of a cell
   AlignedVector<int32_t> far_blocks_;
   std::vector<uint8_t> faces_;
-  std::vector<int> seen_faces_;  // of a box
+  struct SeenFace {
+    int face;
+    PlaneLines plane;
+  };
+  std::vector<SeenFace> seen_faces_;  // of a box
   std::vector<std::vector<MapLines>> maps_;
   std::vector<std::vector<MapRadiance>> radiance_;  // of these, if indirect_
   std::vector<std::vector<PlaneLines>> planes_;

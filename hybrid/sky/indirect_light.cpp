@@ -157,7 +157,9 @@ void IndirectLight::add_box(const Accel& accel, uint32_t shape, const BoxFaces& 
   own.pyramids = std::make_unique<RadiancePyramids>(size_.texels, int(2 * faces.size()));
   own.view = own.pyramids->view();
   for (int face = 0; face < int(faces.size()); ++face) {
-    const Vec3 x = row_of(o.to_unit, (face / 2 + 1) % 3), y = row_of(o.to_unit, (face / 2 + 2) % 3);
+    const Vec3 normal = row_of(o.to_unit, face / 2);
+    const Vec3 x = gradient_within(row_of(o.to_unit, (face / 2 + 1) % 3), normal);
+    const Vec3 y = gradient_within(row_of(o.to_unit, (face / 2 + 2) % 3), normal);
     PlaneRadiance& plane = own.planes.emplace_back();
     plane.view = &own.view;
     plane.begin = 2 * face * own.view.bytes;

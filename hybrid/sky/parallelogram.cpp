@@ -52,25 +52,30 @@ std::optional<BoxFaces> box_faces(const Shape& shape, const ShapeTraits& traits)
   if (traits.is_flat || !is_meshed(shape.kind)) return {};
   const TriangleMesh& mesh = shape.mesh;
   const Bounds3& box = shape.bounds;
-  const DVec3 size = DVec3(box.upper) - DVec3(box.lower);
-  double area[6] = {};
-  unsigned corners[6] = {};  // a bit for each that a triangle has
+  int triangles[6] = {}, missing[6] = {};  // of each face: the exclusive or of the corners that triangles lack
   for (const UVec3& t : mesh.triangles) {
     const Vec3 p[3] = {mesh.positions[t.x], mesh.positions[t.y], mesh.positions[t.z]};
     const int axis = normal_axis(p[0], p[1], p[2]);
     if (axis < 0 || !std::all_of(p, p + 3, [&](const Vec3& v) { return is_corner(box, v); })) return {};
     const int face = 2 * axis + (p[0][axis] == box.upper[axis] ? 0 : 1), b = (axis + 1) % 3, c = (axis + 2) % 3;
-    for (int k = 0; k < 3; ++k) {
-      corners[face] |= 1u << ((p[k][b] == box.upper[b] ? 1 : 0) + (p[k][c] == box.upper[c] ? 2 : 0));
-      if (!mesh.normals.empty() && std::abs(glm::normalize(mesh.normals[t[k]])[axis]) < 1.0 - k_error) return {};
+    // Of all four corners the exclusive or is 0.
+    for (const Vec3& v : p) missing[face] ^= (v[b] == box.upper[b] ? 1 : 0) + (v[c] == box.upper[c] ? 2 : 0);
+    triangles[face] += 1;
+    for (int k = 0; k < 3 && !mesh.normals.empty(); ++k) {
+      if (!(std::abs(glm::normalize(mesh.normals[t[k]])[axis]) >= 1.0 - k_error)) return {};
     }
-    area[face] += 0.5 * glm::length(glm::cross(DVec3(p[1]) - DVec3(p[0]), DVec3(p[2]) - DVec3(p[0])));
   }
+  // Two halves along a diagonal lack opposite corners.
   for (int face = 0; face < 6; ++face) {
-    const double whole = size[(face / 2 + 1) % 3] * size[(face / 2 + 2) % 3];
-    if (corners[face] != 15u || std::abs(area[face] - whole) > k_error * whole) return {};
+    if (triangles[face] != 2 || missing[face] != 3) return {};
   }
   return faces_of(box);
+}
+
+bool lies_in_box(const Scene& scene, const Instance& instance, const Vec3& point) {
+  const Bounds3& box = scene.shapes[instance.shape].bounds;
+  const Vec3 at = transform_point(instance.to_object, point);
+  return glm::all(glm::lessThan(box.lower, at)) && glm::all(glm::lessThan(at, box.upper));
 }
 
 PlaneShapes plane_shapes(const Scene& scene, std::span<const ShapeTraits> traits) {
@@ -90,11 +95,7 @@ PlaneShapes plane_shapes(const Scene& scene, std::span<const ShapeTraits> traits
   }
   for (const Instance& i : scene.instances) {
     if (!result.boxes[i.shape]) continue;
-    const Bounds3& box = scene.shapes[i.shape].bounds;
-    const auto holds = [&](const Vec3& p) {
-      const Vec3 at = transform_point(i.to_object, p);
-      return glm::all(glm::lessThan(box.lower, at)) && glm::all(glm::lessThan(at, box.upper));
-    };
+    const auto holds = [&](const Vec3& p) { return lies_in_box(scene, i, p); };
     const bool holds_others =
         holds(scene.camera.to_world[3]) ||
         std::any_of(scene.instances.begin(), scene.instances.end(), [&](const Instance& o) {

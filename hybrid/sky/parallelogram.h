@@ -27,8 +27,11 @@ std::optional<Parallelogram> parallelogram(const Shape& shape, const ShapeTraits
 // half axes along axes a + 1 and a + 2 and its normal outwards.
 using BoxFaces = std::array<Parallelogram, 6>;
 
-// The box that a mesh is, if it is its bounds'; its shading normals must be those of its faces.
+// The box that a mesh of twelve triangles is, if it is its bounds'; its shading normals must be those of its faces.
 std::optional<BoxFaces> box_faces(const Shape& shape, const ShapeTraits& traits);
+
+// Whether a point lies within the box of an instance's shape, in the shape's own space.
+bool lies_in_box(const Scene& scene, const Instance& instance, const Vec3& point);
 
 // What the shapes of a scene are. Boxes count as such only where planes are few, not in crowds, and while neither the
 // camera nor the middle of an instance lies within one.

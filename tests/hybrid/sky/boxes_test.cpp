@@ -6,6 +6,7 @@
 
 #include "core/mesh/mesh_procedural.h"
 #include "hybrid/render/render.h"
+#include "hybrid/sky/cell_occluders.h"
 #include "hybrid/sky/parallelogram.h"
 #include "tests/support/random_lines.h"
 #include "tests/support/small_scenes.h"
@@ -115,9 +116,9 @@ struct Blocks : SceneMaker {
     const uint32_t grey = bsdf(BsdfKind::diffuse, Rgb(0.7f)), red = bsdf(BsdfKind::diffuse, Rgb(0.8f, 0.3f, 0.2f));
     instance(shape(ShapeKind::rectangle), grey, scaling(Vec3(6.0f)));
     const uint32_t cube = mesh(make_cube({.half_size = 1.0f}));
-    const float turn = float(random.uniform()) * 6.0f, c = std::cos(turn), s = std::sin(turn);
+    const float turn = random.uniform(0.0f, 6.0f), c = std::cos(turn), s = std::sin(turn);
     const Vec3 x(c, s, 0), y(-s, c, 0), z(0, 0, 1);
-    const float shear = float(random.uniform()) - 0.5f;
+    const float shear = random.uniform(-1.5f, 1.5f);
     instance(cube, grey, Affine(x, 0.08f * y, z + shear * x, {0, 0, 1}));                      // a thin wall, aslant
     instance(cube, red, Affine(0.5f * x, -0.4f * y, 0.4f * z, 0.48f * y + Vec3(0, 0, 0.4f)));  // against it, mirrored
     instance(cube, grey, Affine(0.3f * y, 0.3f * x, 0.2f * z, 0.5f * y + Vec3(0, 0, 1.0f)));   // on that
@@ -126,30 +127,74 @@ struct Blocks : SceneMaker {
   }
 };
 
+void expect_near_monte_carlo(const Scene& scene, int depth) {
+  RenderOptions o;
+  o.threads = 2, o.seed = 2;
+  o.max_depth = depth;
+  o.method = Method::hybrid;
+  o.directions = 32;
+  o.spp = 16;
+  const RenderResult found = render(scene, o);
+  EXPECT_EQ(found.stats.sky_objects, 0u);  // no maps
+  EXPECT_EQ(found.stats.sky_directions, 32);
+  RenderOptions exact;
+  exact.threads = 2, exact.seed = 7;
+  exact.max_depth = depth;
+  exact.method = Method::monte_carlo;
+  exact.spp = 512;
+  double bias = 0.0, worst = 0.0;
+  const double rms = rms_of_blocks(found.image, render(scene, exact).image, bias, worst);
+  // What faces send on is known by texels.
+  const bool alone = depth == 2;
+  EXPECT_LT(rms, alone ? 0.002 : 0.005);
+  EXPECT_LT(std::abs(bias), 0.001);
+  EXPECT_LT(worst, alone ? 0.008 : 0.02);
+}
+
+// The top of one goes on within the other's, at the same height; a floor goes on beneath both.
+TEST(Boxes, WithFlushFacesAreNearMonteCarlo) {
+  Blocks s(4);
+  s.scene.instances.resize(2);
+  const uint32_t cube = s.scene.instances[1].shape, grey = s.scene.instances[1].bsdf;
+  s.scene.instances.pop_back();
+  s.instance(cube, grey, Affine({1.5f, 0, 0}, {0, 0.5f, 0}, {0, 0, 0.5f}, {0, -0.5f, 0.5f}));
+  s.instance(cube, grey, Affine({0.5f, 0, 0}, {0, 1.5f, 0}, {0, 0, 0.5f}, {1.0f, 0.6f, 0.5f}));
+  expect_near_monte_carlo(s.scene, 2);
+  expect_near_monte_carlo(s.scene, 3);
+}
+
+// Nothing is known of what lies within.
+TEST(Boxes, AreDarkWithin) {
+  SceneMaker s;
+  s.film(16, 16);
+  s.scene.camera.to_world = look_at({4, -5, 4}, {0, 0, 0}, {0, 0, 1});
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.5f));
+  s.instance(s.mesh(make_cube({.half_size = 1.0f})), grey, Affine(1.0f));
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  const Accel accel(s.scene);
+  const std::vector<ShapeTraits> traits = shape_traits(s.scene);
+  const SkyMaps maps(s.scene, traits, mapped_shapes(s.scene, traits), {}, 16, {});
+  ASSERT_EQ(maps.occluders()[0].kind, SkyOccluder::Kind::box);
+  const Sky sky(maps, SkyRadiance(s.scene));
+  for (const float side : {1.0f, -1.0f}) {  // on its top, outside and within
+    ShadingPointBatch points;
+    points.resize(1);
+    points.size = 1;
+    points.px[0] = 0.3f, points.py[0] = -0.2f, points.pz[0] = 1.0f;
+    points.gz[0] = points.sz[0] = side;
+    CellOccluders occluders;
+    occluders.find(sky, points, maps.place(0, points.position(0)));
+    size_t clear = 0;
+    for (size_t k = 0; k < occluders.cells().size(); ++k) clear += occluders.is_clear(k);
+    EXPECT_EQ(clear, side > 0.0f ? occluders.cells().size() : 0u);
+  }
+}
+
 TEST(Boxes, AreNearMonteCarlo) {
   for (const uint32_t seed : {1u, 2u, 3u}) {
     for (const int depth : {2, 3, 6}) {
-      Blocks s(seed);
-      RenderOptions o;
-      o.threads = 2, o.seed = 2;
-      o.max_depth = depth;
-      o.method = Method::hybrid;
-      o.directions = 32;
-      o.spp = 16;
-      const RenderResult found = render(s.scene, o);
-      EXPECT_EQ(found.stats.sky_objects, 0u);  // no maps
-      RenderOptions exact;
-      exact.threads = 2, exact.seed = 7;
-      exact.max_depth = depth;
-      exact.method = Method::monte_carlo;
-      exact.spp = 512;
-      double bias = 0.0, worst = 0.0;
-      const double rms = rms_of_blocks(found.image, render(s.scene, exact).image, bias, worst);
-      // What faces send on is known by texels.
-      const bool alone = depth == 2;
-      EXPECT_LT(rms, alone ? 0.002 : 0.005) << seed << ' ' << depth;
-      EXPECT_LT(std::abs(bias), 0.001) << seed << ' ' << depth;
-      EXPECT_LT(worst, alone ? 0.008 : 0.02) << seed << ' ' << depth;
+      SCOPED_TRACE(testing::Message() << "seed " << seed << " depth " << depth);
+      expect_near_monte_carlo(Blocks(seed).scene, depth);
     }
   }
 }
