@@ -41,7 +41,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   if (is_lit || request.bounce_rays > 0) {
     const SkySurvey survey = survey_sky(picture.scene, stage.accel, stage.traits, stage.camera);
     request.light_rays = uint64_t(survey.diffuse * double(light_rays));
-    const uint64_t gain = is_lit ? k_coarse_maps_gain : k_bounce_maps_gain;
+    const uint64_t gain = is_lit ? k_coarse_maps_gain : k_usual_maps_gain;  // a lamp's own noise stays
     request.bounces = request.bounce_rays > 0 && request.bounce_rays <= gain * request.light_rays;
     if (!picture.options.at_any_cost()) {
       request.bounces = request.bounces && !(is_lit && survey.is_dim()) && !survey.is_enclosed();

@@ -18,6 +18,8 @@
 namespace fieldtrace {
 namespace {
 
+// The same without a sky, where light samples' noise stays.
+constexpr uint64_t k_bounce_maps_gain = 1;
 constexpr int k_fewest_directions = 8, k_usual_directions = 32, k_fine_directions = 64;
 // In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
 // beside the noise.
