@@ -38,8 +38,8 @@ MapLines map_lines(const SkyOccluder& o, const SkyMaps& sky, int map, const Vec3
   return lines;
 }
 
-// Coordinates and the height of a plane, and what these change by along d. `z`: the gradient of the height's
-// coordinate, which is `at` on the plane.
+// Of the plane on which the coordinate `z_row` of an occluder's is `at`; heights are positive on the side of larger
+// ones, or, if `side` is -1, of smaller ones. `d`: of the cell.
 PlaneLines plane_lines(const SkyOccluder& o, int x_row, int y_row, int z_row, float side, float at, const Vec3& d) {
   const Vec3 unit[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, z = row_of(o.to_unit, z_row);
   const float per_unit = side / glm::length(z);
@@ -276,22 +276,20 @@ void CellOccluders::add(const SkyOccluder& o, const ShadingPointBatch& points) {
         }
         break;
       }
-      case SkyOccluder::Kind::plane: {
+      case SkyOccluder::Kind::plane:
         add_plane(k, plane_lines(o, grid_ * d), indirect_ ? indirect_->plane_radiance(o, 0) : nullptr);
         break;
-      }
       case SkyOccluder::Kind::box:
-        if (!by_faces) {
-          balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
+        if (by_faces) {
+          for (const SeenFace& seen : seen_faces_) {
+            PlaneLines plane = face_lines(o, seen.face, grid_ * d);
+            plane.least_height = seen.plane.least_height;
+            add_plane(k, plane, indirect_ ? indirect_->plane_radiance(o, seen.face) : nullptr);
+            if (clear_[k] == 0.0f) break;
+          }
           break;
         }
-        for (const SeenFace& seen : seen_faces_) {
-          PlaneLines plane = face_lines(o, seen.face, grid_ * d);
-          plane.least_height = seen.plane.least_height;
-          add_plane(k, plane, indirect_ ? indirect_->plane_radiance(o, seen.face) : nullptr);
-          if (clear_[k] == 0.0f) break;
-        }
-        break;
+        [[fallthrough]];
       case SkyOccluder::Kind::ball:
         balls_[k].push_back({{o.ball.centre.x, o.ball.centre.y, o.ball.centre.z}, o.ball.radius});
         break;
