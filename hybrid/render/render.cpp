@@ -38,11 +38,12 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   // A light sample sends one ray to the sky and one from the material.
   const uint64_t light_rays = 2 * picture.rays_per_light();
   request.bounce_rays = plan_indirect(picture.scene, *stage.lights, stage.traits, depth);
-  if (is_lit || request.bounce_rays > 0) {
+  const uint64_t gain = is_lit ? k_coarse_maps_gain : k_usual_maps_gain;  // a lamp's own noise stays
+  const auto bounces_pay = [&](uint64_t rays) { return request.bounce_rays > 0 && request.bounce_rays <= gain * rays; };
+  if (is_lit || bounces_pay(light_rays)) {
     const SkySurvey survey = survey_sky(picture.scene, stage.accel, stage.traits, stage.camera);
     request.light_rays = uint64_t(survey.diffuse * double(light_rays));
-    const uint64_t gain = is_lit ? k_coarse_maps_gain : k_usual_maps_gain;  // a lamp's own noise stays
-    request.bounces = request.bounce_rays > 0 && request.bounce_rays <= gain * request.light_rays;
+    request.bounces = bounces_pay(request.light_rays);
     if (!picture.options.at_any_cost()) {
       request.bounces = request.bounces && !(is_lit && survey.is_dim()) && !survey.is_enclosed();
       if (is_lit && survey.is_enclosed()) request.light_rays = 0;

@@ -100,9 +100,9 @@ bool holds(const SkyOccluder& occluder, const Sphere& object, const ShadingPoint
 // Whether some of the points on a box are on the inner side of its faces.
 bool faces_inwards(const SkyOccluder& box, const ShadingPointBatch& points) {
   for (size_t i = 0; i < points.size; ++i) {
-    const Vec3 at = transform_by(box.to_unit, points.position(i)), off = glm::abs(at);
-    const int axis = off.x >= off.y && off.x >= off.z ? 0 : off.y >= off.z ? 1 : 2;
-    if (glm::dot(row_of(box.to_unit, axis), points.geometric_normal(i)) * at[axis] < 0.0f) return true;
+    const int face = box_face_at(transform_by(box.to_unit, points.position(i)));
+    const float outwards = glm::dot(row_of(box.to_unit, face / 2), points.geometric_normal(i));
+    if ((face % 2 == 0 ? outwards : -outwards) < 0.0f) return true;
   }
   return false;
 }

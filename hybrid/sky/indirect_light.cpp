@@ -273,11 +273,10 @@ Rgb IndirectLight::radiance(uint32_t instance, const Vec3& position, const Vec3&
     return to_vec(scalar::radiance_of_plane<float>(own.planes[0], {}, at.x, at.y, from.z, 1.0f, 0.0f, true));
   }
   if (o.kind == SkyOccluder::Kind::box) {
-    const Vec3 at = transform_by(o.to_unit, position), off = glm::abs(at);
-    const int axis = off.x >= off.y && off.x >= off.z ? 0 : off.y >= off.z ? 1 : 2;
-    const PlaneRadiance& face = own.planes[size_t(2 * axis + (at[axis] < 0.0f))];
-    return to_vec(
-        scalar::radiance_of_plane<float>(face, {}, at[(axis + 1) % 3], at[(axis + 2) % 3], 1.0f, 1.0f, 0.0f, true));
+    const Vec3 at = transform_by(o.to_unit, position);
+    const int face = box_face_at(at);
+    return to_vec(scalar::radiance_of_plane<float>(own.planes[size_t(face)], {}, at[(face / 2 + 1) % 3],
+                                                   at[(face / 2 + 2) % 3], 1.0f, 1.0f, 0.0f, true));
   }
   const Vec3 unit = glm::normalize(rotate_by(o.to_unit, d));
   const int map = direction_cell(unit, size_.directions);
