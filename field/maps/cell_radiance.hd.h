@@ -31,11 +31,19 @@ FT_HD_INLINE F within_table(F a, F most) {
   return min(select(a > zero, a, zero), most);
 }
 
+// Sums of red, green and blue of texels.
+template <class F>
+struct RadianceRange {
+  F least = splat<F>(1e30f), most = splat<F>(0.0f);
+  FT_HD_INLINE void add(F a) { least = min(least, a), most = max(most, a); }
+  FT_HD_INLINE Mask_t<F> is_uneven(float limit) const { return most - least > splat<F>(0.5f * limit) * (most + least); }
+};
+
 // A bilinear read of the level whose texels are nearest to the footprint. begin: of the pyramid, bytes; x, y: texels of
-// level 0, moved into the map; footprint: texels.
+// level 0, moved into the map; footprint: texels. The range of the texels is added to `range`, if given.
 template <class F>
 FT_HD_INLINE Vec3Lanes<F> read_radiance(const RadianceView& view, Int_t<F> begin, F x, F y, F footprint,
-                                        Mask_t<F> wanted) {
+                                        Mask_t<F> wanted, RadianceRange<F>* range = nullptr) {
   const F zero = splat<F>(0.0f), one = splat<F>(1.0f), half = splat<F>(0.5f);
   F scale = one;
   Int_t<F> level_begin = splat_int<F>(0);
@@ -59,7 +67,9 @@ FT_HD_INLINE Vec3Lanes<F> read_radiance(const RadianceView& view, Int_t<F> begin
   const auto add = [&](Int_t<F> at, F weight) {
     const Int_t<F> word = gather_bytes(view.words, at);
     const F r = to_float(word & bits), g = to_float(shift_right<10>(word) & bits), b = to_float(shift_right<20>(word));
-    sum = {sum.x + weight * (r * r), sum.y + weight * (g * g), sum.z + weight * (b * b)};
+    const F red = r * r, green = g * g, blue = b * b;
+    sum = {sum.x + weight * red, sum.y + weight * green, sum.z + weight * blue};
+    if (range) range->add(red + green + blue);
   };
   add(byte, (one - fx) * (one - fy));
   add(byte + next, fx * (one - fy));
@@ -79,31 +89,54 @@ FT_HD_INLINE Vec3Lanes<F> radiance_of_map(const MapRadiance& map, const Vec3Lane
   return read_radiance<F>(*map.view, begin, x, y, splat<F>(map.reach) * max(zero - z, zero), wanted);
 }
 
-// What a parallelogram sends back to points at its coordinates (x, y) and signed `height`, along a direction that nears
-// it by `fall` per unit of length; `slope` is that of the direction, width that of the cell, radians.
+// What one side of a parallelogram sends back from its coordinates (x, y). begin: of the side's pyramid of window 0,
+// bytes; footprint: world units.
 template <class F>
-FT_HD_INLINE Vec3Lanes<F> radiance_of_plane(const PlaneRadiance& plane, const PlaneSlope& slope, F x, F y, F height,
-                                            F fall, float width, Mask_t<F> wanted) {
-  const F one = splat<F>(1.0f), least = splat<F>(0.5f * width);  // across the horizon the cell's middle may miss it
-  const F nears = max(fall, least), distance = abs(height) / nears;
-  const auto within = [&](F a) { return min(max(a, splat<F>(-1.0f)), one); };
-  const F ax = within(x + splat<F>(slope.dx) * distance), ay = within(y + splat<F>(slope.dy) * distance);
-  const Int_t<F> side =
-      select(height > splat<F>(0.0f), splat_int<F>(plane.begin), splat_int<F>(plane.begin + plane.view->bytes));
+FT_HD_INLINE Vec3Lanes<F> read_plane(const PlaneRadiance& plane, Int_t<F> begin, F x, F y, F footprint,
+                                     Mask_t<F> wanted, RadianceRange<F>* range = nullptr) {
   F u = splat<F>(0.0f), v = u, density = u;
-  Int_t<F> begin = side;
+  Int_t<F> pyramid = begin;
   for (int w = 0; w < plane.windows; ++w) {
     const RadianceWindow& window = plane.window[w];
-    const F wu = (ax - splat<F>(window.x)) * splat<F>(window.per_unit_x);
-    const F wv = (ay - splat<F>(window.y)) * splat<F>(window.per_unit_y);
+    const F wu = (x - splat<F>(window.x)) * splat<F>(window.per_unit_x);
+    const F wv = (y - splat<F>(window.y)) * splat<F>(window.per_unit_y);
     const F middle = splat<F>(0.5f * float(plane.view->texels));
     const Mask_t<F> inside = (abs(wu) <= middle) & (abs(wv) <= middle);
     const Mask_t<F> take = w == 0 ? inside | !inside : inside;
     u = select(take, wu + middle, u), v = select(take, wv + middle, v);
     density = select(take, splat<F>(window.density), density);
-    begin = select(take, side + splat_int<F>(2 * w * plane.view->bytes), begin);
+    pyramid = select(take, begin + splat_int<F>(2 * w * plane.view->bytes), pyramid);
   }
-  return read_radiance<F>(*plane.view, begin, u, v, splat<F>(width) * distance * density / sqrt(nears), wanted);
+  return read_radiance<F>(*plane.view, pyramid, u, v, footprint * density, wanted, range);
+}
+
+template <class F>
+FT_HD_INLINE Int_t<F> side_of_plane(const PlaneRadiance& plane, F height) {
+  return select(height > splat<F>(0.0f), splat_int<F>(plane.begin), splat_int<F>(plane.begin + plane.view->bytes));
+}
+
+// What a parallelogram sends back to points at its coordinates (x, y) and signed `height`, along a direction that nears
+// it by `fall` per unit of length; `slope` is that of the direction, width that of the cell, radians. Where what stands
+// on it ends the direction before, at `reach`, the part of the parallelogram that is seen lies before, or elsewhere.
+// `range` becomes that of all texels read.
+template <class F>
+FT_HD_INLINE Vec3Lanes<F> radiance_of_plane(const PlaneRadiance& plane, const PlaneSlope& slope, F x, F y, F height,
+                                            F fall, float width, F reach, Mask_t<F> wanted, RadianceRange<F>& range) {
+  const F one = splat<F>(1.0f), least = splat<F>(0.5f * width);  // across the horizon the cell's middle may miss it
+  const F nears = max(fall, least), distance = abs(height) / nears;
+  const Int_t<F> side = side_of_plane<F>(plane, height);
+  const F footprint = splat<F>(k_footprint * width) * distance / sqrt(nears);
+  const auto read = [&](F along) {
+    const auto within = [&](F a) { return min(max(a, splat<F>(-1.0f)), one); };
+    const F ax = within(x + splat<F>(slope.dx) * along), ay = within(y + splat<F>(slope.dy) * along);
+    return read_plane<F>(plane, side, ax, ay, footprint, wanted, &range);
+  };
+  const Vec3Lanes<F> far = read(distance);
+  const Mask_t<F> ends_before = wanted & (reach < distance);
+  if (!any(ends_before)) return far;
+  const Vec3Lanes<F> near = read(select(ends_before, reach, distance));
+  const Mask_t<F> adjoins = ends_before & (abs(height) - nears * reach <= splat<F>(width) * reach);
+  return {select(adjoins, near.x, far.x), select(adjoins, near.y, far.y), select(adjoins, near.z, far.z)};
 }
 
 FT_LANES_END

@@ -19,6 +19,9 @@
 
 FT_LANES_BEGIN
 
+// Rays tell which part of a parallelogram is seen where another or an object hides some of it, and where its radiance
+// varies by this much of its mean: what stands before a bright spot may hide all of it.
+constexpr float k_most_uneven = 1.0f;
 // What is left of a cell that is hidden whole: weights of a read add up to 1 but for rounding.
 constexpr float k_hidden_rounding = 1e-6f;
 
@@ -157,7 +160,9 @@ struct PlaneSeen {
   F share;            // of the cell's part above the points' horizon
   CellCut<F> cut[4];  // by the edges
   F distance;         // along the cell's direction
+  F reach;            // along the direction, to where another hides it
   F front;            // of the share, the part that nothing hides
+  F visible;          // share that other parallelograms leave
   const PlaneLines* lines;
 };
 
@@ -273,13 +278,31 @@ class CellLight : PlanesSeen<F> {
       PlaneSeen<F>& plane = planes_[k];
       const F height = height_over<F>(*plane.lines, p), fall = nearing<F>(plane.lines->centre, height);
       plane.distance = select(fall > zero_, abs(height) / max(fall, splat<F>(1e-20f)), splat<F>(1e30f));
-      plane.front = one_;
+      plane.front = one_, plane.reach = plane.distance;
       for (int i = 0; i < k; ++i) {
         PlaneSeen<F>& other = planes_[i];
         const Mask_t<F> behind = other.distance < plane.distance;
         plane.front = plane.front * select(behind, this->not_shared(plane, other), one_);
         other.front = other.front * select(behind, one_, this->not_shared(other, plane));
       }
+    }
+    for (int k = 0; k < count_; ++k) {
+      const PlaneLines& lines = *planes_[k].lines;
+      const F distance = planes_[k].distance;
+      const F x = affine<F>(lines.x, p) + splat<F>(lines.centre.dx) * distance;
+      const F y = affine<F>(lines.y, p) + splat<F>(lines.centre.dy) * distance;
+      const Mask_t<F> met = (abs(x) <= one_) & (abs(y) <= one_) & (planes_[k].share > zero_);
+      for (int i = 0; i < count_; ++i) {
+        PlaneSeen<F>& other = planes_[i];
+        other.reach = select(met & (distance < other.distance), min(other.reach, distance * splat<F>(1.0f - task.half)),
+                             other.reach);
+      }
+    }
+    // Two that adjoin hide all of a third, not the product of what each leaves of it.
+    for (int k = 0; k < count_; ++k) planes_[k].visible = planes_[k].share * planes_[k].front;
+    for (int k = 0; k < count_; ++k) {
+      PlaneSeen<F>& plane = planes_[k];
+      plane.front = min(plane.front, left_before(plane.distance) / max(plane.share, splat<F>(1e-12f)));
     }
   }
 
@@ -304,10 +327,9 @@ class CellLight : PlanesSeen<F> {
     if (!any(wanted | share.near)) return wanted & share.near;
     const F distance = splat<F>(map.place) - dot3<F>(task_.direction, p);
     const F leaves = select(wanted, one_ - share.hidden, one_);
-    F before = front_;
+    const F before = front_ * left_before(distance);
     for (int i = 0; i < count_; ++i) {
       PlaneSeen<F>& plane = planes_[i];
-      before = before * select(plane.distance < distance, one_ - plane.share, one_);
       plane.front = plane.front * select(plane.distance < distance, one_, leaves);
     }
     front_ = front_ * leaves;
@@ -324,21 +346,39 @@ class CellLight : PlanesSeen<F> {
       const PlaneSeen<F>& plane = planes_[i];
       if (!plane.lines->radiance) continue;
       const PlaneLines& lines = *plane.lines;
+      const F left = plane.front * (one_ - own_share), seen = plane.share * left;
+      const Mask_t<F> wanted = seen > splat<F>(k_hidden_rounding);
+      if (!any(wanted)) continue;
       const F height = height_over<F>(lines, p);
-      const Mask_t<F> wanted = plane.share > zero_;
+      RadianceRange<F> range;
       const Vec3Lanes<F> light =
           radiance_of_plane<F>(*lines.radiance, lines.centre, affine<F>(lines.x, p), affine<F>(lines.y, p), height,
-                               nearing<F>(lines.centre, height), 2.0f * task_.half, wanted);
-      add(light, plane.share * plane.front * (one_ - own_share));
+                               nearing<F>(lines.centre, height), 2.0f * task_.half, plane.reach, wanted, range);
+      add(light, select(wanted, seen, zero_));
+      undecided_ = undecided_ | (wanted & range.is_uneven(k_most_uneven) & (left > splat<F>(k_hidden_rounding)) &
+                                 (left < splat<F>(1.0f - k_hidden_rounding)));
     }
     return light_;
   }
 
+  // Once finished.
+  FT_HD_INLINE Mask_t<F> undecided() const { return undecided_; }
+
  private:
   FT_HD_INLINE void add(const Vec3Lanes<F>& radiance, F share) { light_ = light_ + radiance * share; }
 
+  // What parallelograms nearer than that leave.
+  FT_HD_INLINE F left_before(F distance) const {
+    F left = one_;
+    for (int i = 0; i < count_; ++i) {
+      left = left - select(planes_[i].distance < distance, planes_[i].visible, zero_);
+    }
+    return max(left, zero_);
+  }
+
   const CellTask& task_;
   F front_ = one_;  // what objects met so far leave clear
+  Mask_t<F> undecided_ = one_ < zero_;
   Vec3Lanes<F> light_ = {zero_, zero_, zero_};
 };
 
@@ -435,6 +475,7 @@ FT_HD_INLINE CellSeen<F> look_at_reflecting_cell(const CellTask& task, const Vec
   }
   seen.light = light.finish(own_share, p);
   seen.finish(task, p, light.open());
+  seen.near = seen.near | light.undecided();
   return seen;
 }
 

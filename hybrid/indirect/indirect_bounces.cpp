@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <utility>
 
 #include "core/math/barycentric.h"
 #include "core/platform/parallel.h"
@@ -28,17 +29,45 @@ constexpr float k_least_rest = 0.01f, k_most_ratio = 0.99f;
 
 using SurfelRadiance = std::vector<std::vector<Rgb>>;  // by instance and surfel
 
+// Points of an instance that are shaded together.
 struct Block {
   uint32_t instance;
-  size_t begin, end;
+  std::vector<uint32_t> points;
 };
 
-std::vector<Block> make_blocks(const IndirectLight& light) {
+// The surfels that stand for others: of each few side by side, one.
+using Representatives = std::vector<std::vector<uint32_t>>;  // by instance and surfel
+
+// A surfel stands for itself where that one cannot tell what it sends: light that it does not reflect, or that does not
+// reach it, such as below a ground.
+Representatives representatives(const IndirectLight& light, const SurfelRadiance& radiance,
+                                const SurfelRadiance& reflectance) {
+  Representatives result;
+  for (size_t i = 0; i < light.size(); ++i) {
+    std::vector<uint32_t>& of = result.emplace_back(light.surfels(i).representative);
+    for (uint32_t k = 0; k < of.size(); ++k) {
+      const uint32_t r = of[k];
+      for (int c = 0; c < 3; ++c) {
+        const bool is_dead = !(reflectance[i][r][c] > 0.0f) && reflectance[i][k][c] > 0.0f;
+        const bool is_dark = !(radiance[i][r][c] > 0.0f) && radiance[i][k][c] > 0.0f;
+        if (is_dead || is_dark) of[k] = k;
+      }
+    }
+  }
+  return result;
+}
+
+// is_wanted(instance, point): whether a surfel is shaded.
+template <class IsWanted>
+std::vector<Block> make_blocks(const IndirectLight& light, const IsWanted& is_wanted) {
   std::vector<Block> blocks;
   for (uint32_t i = 0; i < light.size(); ++i) {
-    const size_t count = light.surfels(i).points.size();
-    for (size_t begin = 0; begin < count; begin += k_surfel_block) {
-      blocks.push_back({i, begin, std::min(begin + k_surfel_block, count)});
+    bool is_full = true;
+    for (uint32_t point = 0; point < light.surfels(i).points.size(); ++point) {
+      if (!is_wanted(i, point)) continue;
+      if (is_full) blocks.push_back({i, {}});
+      blocks.back().points.push_back(point);
+      is_full = blocks.back().points.size() == k_surfel_block;
     }
   }
   return blocks;
@@ -60,19 +89,20 @@ class SurfelShader {
         light_(light),
         followers_([&shading] { return make_path_follower(shading); }) {}
 
-  // Returns the number of rays traced.
-  uint64_t shade(const Block& block, std::span<Rgb> leaving) {
-    const size_t count = block.end - block.begin;
+  // What leaves the block's surfels, in order, and their reflectance. Returns the number of rays traced.
+  uint64_t shade(const Block& block, std::span<Rgb> leaving, std::span<Rgb> reflectance) {
+    const size_t count = block.points.size();
     std::vector<PathVertex> vertices;
     std::vector<PathState> paths;
     std::vector<SurfacePoint> surfaces(count);  // what the vertices refer to
     std::vector<Material> materials(count);
     std::vector<uint32_t> lit;  // not those of which nothing leaves
     for (uint32_t i = 0; i < count; ++i) {
-      const auto point = uint32_t(block.begin + i);
+      const uint32_t point = block.points[i];
       const PathVertex vertex = vertex_at(block.instance, point, surfaces[i], materials[i]);
       leaving[i] = Rgb(0.0f);
-      if (materials[i].dark || materials[i].reflectance == Rgb(0.0f)) continue;
+      reflectance[i] = materials[i].dark ? Rgb(0.0f) : materials[i].reflectance;
+      if (reflectance[i] == Rgb(0.0f)) continue;
       lit.push_back(i);
       vertices.push_back(vertex);
       paths.emplace_back().pixel_seed =
@@ -132,12 +162,20 @@ class SurfelShader {
   tbb::enumerable_thread_specific<std::unique_ptr<PathFollower>> followers_;
 };
 
-DVec3 sum_of(const SurfelRadiance& radiance) {
+// The mean over all surfels of what has changed between two bounces, in units of what leaves them `now`: a dim room
+// counts as much as the bright ground outside.
+DVec3 mean_change(const SurfelRadiance& before, const SurfelRadiance& after, const SurfelRadiance& now) {
   DVec3 sum(0.0);
-  for (const std::vector<Rgb>& of_instance : radiance) {
-    for (const Rgb& r : of_instance) sum += DVec3(r);
+  size_t count = 0;
+  for (size_t i = 0; i < now.size(); ++i) {
+    for (size_t k = 0; k < now[i].size(); ++k) {
+      const float unit = std::max(luminance(now[i][k]), luminance(before[i][k]));
+      if (!(unit > 0.0f)) continue;
+      sum += DVec3(after[i][k] - before[i][k]) / double(unit);
+      ++count;
+    }
   }
-  return sum;
+  return count ? sum / double(count) : sum;
 }
 
 // What `further` bounces (infinity: all) bring, if each is `ratio` of the one before, as a multiple of the last one.
@@ -155,6 +193,21 @@ void add_series(const SurfelRadiance& before, const Rgb& rest, SurfelRadiance& r
   }
 }
 
+// What a bounce changes is smooth: surfels that were not shaded change as those that stand for them did since `before`,
+// in proportion to their reflectance.
+void add_to_others(std::span<const uint32_t> representative, std::span<const Rgb> before,
+                   std::span<const Rgb> reflectance, std::span<Rgb> radiance) {
+  for (size_t k = 0; k < radiance.size(); ++k) {
+    const size_t r = representative[k];
+    if (r == k) continue;
+    const Rgb change = radiance[r] - before[r];
+    for (int c = 0; c < 3; ++c) {
+      if (!(reflectance[r][c] > 0.0f)) continue;
+      radiance[k][c] = std::max(before[k][c] + change[c] * (reflectance[k][c] / reflectance[r][c]), 0.0f);
+    }
+  }
+}
+
 // Every k-th block of surfels is compared with exact paths, by the mean over the block: paths are noisy.
 void check_surfels(std::span<const Block> blocks, const SurfelRadiance& radiance, const TransportContext& exact,
                    const IndirectLight& light, Stats& stats) {
@@ -164,11 +217,11 @@ void check_surfels(std::span<const Block> blocks, const SurfelRadiance& radiance
   std::vector<double> differences((blocks.size() + k_check_blocks - 1) / k_check_blocks);
   parallel_for(differences.size(), [&](size_t k) {
     const Block& b = blocks[k * k_check_blocks];
-    std::vector<Rgb> leaving(b.end - b.begin);
-    shader.shade(b, leaving);
+    std::vector<Rgb> leaving(b.points.size()), reflectance(b.points.size());
+    shader.shade(b, leaving, reflectance);
     double sum = 0.0;
     for (size_t i = 0; i < leaving.size(); ++i) {
-      sum += double(luminance(radiance[b.instance][b.begin + i]) - luminance(leaving[i]));
+      sum += double(luminance(radiance[b.instance][b.points[i]]) - luminance(leaving[i]));
     }
     differences[k] = sum / double(leaving.size());
   });
@@ -182,31 +235,47 @@ void shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, Trans
   const auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
   double seconds = 0.0;
   std::optional<ScopedTimer> timer(seconds);
-  const std::vector<Block> blocks = make_blocks(*light);
+  const std::vector<Block> all_blocks = make_blocks(*light, [](uint32_t, uint32_t) { return true; });
+  std::vector<Block> few_blocks;
+  Representatives stand_for;
   SurfelRadiance radiance(light->size());
   for (size_t i = 0; i < radiance.size(); ++i) radiance[i].resize(light->surfels(i).points.size());
+  SurfelRadiance reflectance = radiance;
   std::atomic<uint64_t> rays = 0;
   const bool adds_series = bounces < 0 || bounces > k_most_bounces;
   const int most = adds_series ? k_most_bounces : bounces;
   sky.set_indirect(nullptr);
-  SurfelRadiance before;
-  DVec3 change(0.0);  // of the sum over all, by the last bounce
+  SurfelRadiance before, two_before;
   for (int bounce = 0; bounce < most && !stopped(); ++bounce) {
-    before = radiance;
+    two_before = std::exchange(before, radiance);
     // What comes by way of mirrors and glass takes more of a path's length than a bounce.
     if (bounces >= 0) shading.settings.max_depth = bounce + 2;
     SurfelShader shader(shading, *light);
+    const std::vector<Block>& blocks = bounce == 0 ? all_blocks : few_blocks;
     parallel_for(blocks.size(), [&](size_t i) {
       if (stopped()) return;
       const Block& b = blocks[i];
-      rays += shader.shade(b, std::span(radiance[b.instance]).subspan(b.begin, b.end - b.begin));
+      std::vector<Rgb> leaving(b.points.size()), reflecting(b.points.size());
+      rays += shader.shade(b, leaving, reflecting);
+      for (size_t k = 0; k < b.points.size(); ++k) {
+        radiance[b.instance][b.points[k]] = leaving[k];
+        reflectance[b.instance][b.points[k]] = reflecting[k];
+      }
     });
     if (stopped()) break;
-    const DVec3 all = sum_of(radiance), change_before = change;
-    change = all - sum_of(before);
+    if (bounce == 0) {
+      stand_for = representatives(*light, radiance, reflectance);
+      few_blocks = make_blocks(*light, [&](uint32_t i, uint32_t point) { return stand_for[i][point] == point; });
+    } else {
+      for (size_t i = 0; i < radiance.size(); ++i) {
+        add_to_others(stand_for[i], before[i], reflectance[i], radiance[i]);
+      }
+    }
+    const DVec3 change = mean_change(before, radiance, radiance);
+    const DVec3 change_before = bounce > 0 ? mean_change(two_before, before, radiance) : DVec3(0.0);
     const double further = bounces < 0 ? double(k_infinity) : double(bounces - (bounce + 1));
     const DVec3 rest = rest_of(change / glm::max(change_before, DVec3(1e-30)), further);
-    const bool converges = bounce > 0 && luminance(Rgb(change * rest)) <= k_least_rest * luminance(Rgb(all));
+    const bool converges = bounce > 0 && luminance(Rgb(change * rest)) <= k_least_rest;
     const bool is_last = adds_series && (converges || bounce + 1 == most);
     if (is_last) add_series(before, Rgb(rest), radiance);
     parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
@@ -220,7 +289,7 @@ void shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, Trans
   if (stopped()) {
     sky.set_indirect(nullptr);
   } else if (exact) {
-    check_surfels(blocks, radiance, *exact, *light, stats);
+    check_surfels(all_blocks, radiance, *exact, *light, stats);
   }
 }
 

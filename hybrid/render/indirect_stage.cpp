@@ -85,7 +85,7 @@ uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<c
   if ((!has_sky(scene) && senders < count) || 4 * others > senders) return 0;
   const int bounces = depth < 0 ? k_usual_bounces : std::min(depth - 2, k_usual_bounces);
   if (planes > size_t(k_most_planes) || has_insides(scene, traits, shapes)) return 0;
-  return surfels * uint64_t(bounces) * k_rays_a_surfel;
+  return surfels * uint64_t(bounces + 3) / 4 * k_rays_a_surfel;  // after the first, one of four
 }
 
 bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
@@ -108,7 +108,8 @@ bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   };
   const auto shading = by_rays(k_patch_samples);
   shading->context().sky = stage.light.get();
-  const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends, size);
+  const auto light =
+      std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends, request.seen, size);
   if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
   shading->context().indirect = light.get();
   const auto exact = input.check ? by_rays(k_check_samples) : nullptr;

@@ -44,9 +44,10 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
     const SkySurvey survey = survey_sky(picture.scene, stage.accel, stage.traits, stage.camera);
     request.light_rays = uint64_t(survey.diffuse * double(light_rays));
     request.bounces = bounces_pay(request.light_rays);
-    if (!picture.options.at_any_cost()) {
-      request.bounces = request.bounces && !(is_lit && survey.is_dim()) && !survey.is_enclosed();
-      if (is_lit && survey.is_enclosed()) request.light_rays = 0;
+    request.seen = survey.seen;
+    if (!picture.options.at_any_cost() && survey.is_enclosed()) {
+      request.bounces = false;
+      request.light_rays = 0;
     }
     if (!is_lit && !request.bounces) request.light_rays = 0;
   }

@@ -158,7 +158,7 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
       const uint64_t finer = uint64_t(directions) / uint64_t(k_coarse_directions);
       return request.bounce_rays * finer * finer;
     };
-    while (request.bounces && directions > k_coarse_directions && shading_rays() > k_usual_maps_gain * rays) {
+    while (request.bounces && directions > k_coarse_directions && shading_rays() > rays) {
       directions /= 2;
     }
     return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, bounces_alone,

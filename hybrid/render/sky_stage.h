@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "core/trace/accel.h"
 #include "field/file/field_cache.h"
@@ -35,6 +36,7 @@ struct SkyRequest {
   uint64_t most_bytes = 0;     // that maps may take
   bool bounces = false;        // maps are to know light from surface to surface, too
   uint64_t bounce_rays = 0;    // what that costs with k_coarse_directions
+  std::vector<Vec3> seen;      // for that: points that the camera sees
   bool bounces_alone = false;  // there is no sky: light from surface to surface is all that maps are for
   bool coarse = false;         // maps for light have no more directions than for few samples, and their tolerance
 };

@@ -10,7 +10,6 @@
 #include "core/sampling/warp.hd.h"
 #include "core/simd/vec_lanes.h"
 #include "core/surface/surface.h"
-#include "field/maps/cell_task.h"
 #include "hybrid/path/patch_vertex.h"
 #include "hybrid/sky/parallelogram.h"
 
@@ -18,9 +17,10 @@ namespace fieldtrace {
 namespace {
 
 constexpr int k_share_side = 32;      // camera rays along each side of the film
+constexpr float k_before = 0.99f;     // of the way to a surface: on this side of it
 constexpr int k_rays_of_surface = 4;  // from each surface that they meet
-// Of the sky, or of what is beyond the scene. Maps err by up to .01 of it.
-constexpr double k_least_sky = 0.1;
+// Of the sky, or of what is beyond the scene: where less comes in, what maps let through shows.
+constexpr double k_least_sky = 0.03;
 // Of what is hidden. Maps let up to .04 of it through.
 constexpr double k_least_open = 0.4;
 
@@ -37,7 +37,6 @@ class Planes {
       }
     }
   }
-  size_t size() const { return planes_.size(); }
   bool has(uint32_t instance) const { return is_plane_[instance]; }
   bool hide(const Vec3& origin, const Vec3& direction) const {
     for (const Plane& plane : planes_) {
@@ -48,57 +47,17 @@ class Planes {
     return false;
   }
 
-  bool cross() const {
-    for (const Plane& a : planes_) {
-      for (const Plane& b : planes_) {
-        if (&a != &b && reaches_through(b, a)) return true;
-      }
-    }
-    return false;
-  }
-
  private:
   struct Plane {
     DVec3 centre;
-    DMat3 axes;     // of Parallelogram
-    DMat3 to_unit;  // its inverse
+    DMat3 to_unit;  // the inverse of Parallelogram::axes
   };
 
   void add(const Parallelogram& of_shape, const Affine& to_world) {
     const Parallelogram here = in_world(of_shape, to_world);
     if (std::abs(glm::determinant(here.axes)) > 0.0) {
-      planes_.push_back({here.centre, here.axes, glm::inverse(here.axes)});
+      planes_.push_back({here.centre, glm::inverse(here.axes)});
     }
-  }
-
-  // Whether `b` goes on behind `a` from within its edges.
-  static bool reaches_through(const Plane& b, const Plane& a) {
-    constexpr double k_beside = 1e-3;  // of the half axes: edges that meet
-    DVec3 corners[4];
-    for (int k = 0; k < 4; ++k) {
-      const double u = k == 0 || k == 3 ? -1.0 : 1.0, v = k < 2 ? -1.0 : 1.0;
-      corners[k] = a.to_unit * (b.centre + u * b.axes[0] + v * b.axes[1] - a.centre);
-    }
-    double behind = 0.0, before = 0.0;
-    for (const DVec3& c : corners) behind = std::min(behind, c.z), before = std::max(before, c.z);
-    if (std::min(-behind, before) <= k_beside * (before - behind)) return false;
-    std::vector<DVec3> ends;  // of the line that they share
-    for (int k = 0; k < 4; ++k) {
-      const DVec3 &p = corners[k], &q = corners[(k + 1) % 4];
-      if ((p.z < 0.0) != (q.z < 0.0)) ends.push_back(p + (q - p) * (p.z / (p.z - q.z)));
-    }
-    if (ends.size() != 2) return false;
-    double first = 0.0, last = 1.0;
-    for (int axis = 0; axis < 2; ++axis) {
-      const double from = ends[0][axis], along = ends[1][axis] - from, most = 1.0 + k_beside;
-      if (std::abs(along) < k_beside) {
-        if (std::abs(from) > most) return false;
-        continue;
-      }
-      const double low = (-most - from) / along, high = (most - from) / along;
-      first = std::max(first, std::min(low, high)), last = std::min(last, std::max(low, high));
-    }
-    return last - first > k_beside;
   }
 
   std::vector<uint8_t> is_plane_;  // by instance
@@ -108,7 +67,6 @@ class Planes {
 }  // namespace
 
 bool SkySurvey::is_enclosed() const { return open < std::max(k_least_sky, k_least_open * hidden_by_maps); }
-bool SkySurvey::is_dim() const { return planes_cross && open < k_least_open * (1.0 - open); }
 
 SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                      const CameraSampler& camera) {
@@ -123,12 +81,13 @@ SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const Sha
     rays.set(size_t(i), ray.origin, ray.direction, k_infinity);
   }
   accel.intersect(rays, hits, Coherence::coherent);
-  size_t met = 0, diffuse = 0, sent = 0;
+  SkySurvey survey;
+  size_t diffuse = 0, sent = 0;
   RayBatch from_surfaces;
   from_surfaces.resize(rays.size * k_rays_of_surface);
   for (size_t i = 0; i < rays.size; ++i) {
     if (hits.instance[i] == k_none) continue;
-    met += 1;
+    survey.seen.push_back(rays.origin(i) + rays.direction(i) * (k_before * hits.t[i]));
     if (!has_diffuse_body(scene, scene.instances[hits.instance[i]].bsdf)) continue;
     diffuse += 1;
     const SurfacePoint s = surface_at(scene, rays, hits, i);
@@ -142,8 +101,7 @@ SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const Sha
       from_surfaces.set(sent++, offset_origin(s.position, normal, s.error, d), d, k_infinity);
     }
   }
-  SkySurvey survey;
-  if (met > 0) survey.diffuse = double(diffuse) / double(met);
+  if (!survey.seen.empty()) survey.diffuse = double(diffuse) / double(survey.seen.size());
   if (sent == 0) return survey;
   from_surfaces.size = sent;
   hits.resize(sent);
@@ -163,8 +121,6 @@ SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const Sha
     });
     survey.hidden_by_maps -= double(behind) / double(sent);
   }
-  // More have no such light. Points see half the faces of a box.
-  survey.planes_cross = planes.size() <= 2 * size_t(k_most_planes) && planes.cross();
   return survey;
 }
 

@@ -8,28 +8,17 @@
 #include "field/bake/cell_lines.h"
 #include "field/maps/cell_radiance.hd.h"
 #include "hybrid/sky/affine_rows.h"
+#include "hybrid/sky/plane_windows.h"
 #include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {
 namespace {
 
-// A second window of a plane covers objects and what lies within so many of their radii, if it is less than this share
-// of the plane.
-constexpr float k_window_reach = 2.0f, k_largest_window = 0.25f;
 // How far beyond a plane, in units of its radius, something must reach to be on that side.
 constexpr float k_beside = 1e-4f;
 
 // Surfels of an object, roughly.
 constexpr uint64_t k_usual_surfels = 6000;
-
-using PlaneCorners = std::array<Vec3, 4>;
-
-PlaneCorners plane_corners(const SkyOccluder& o) {
-  const DMat3 to_world = glm::inverse(linear_part(o.to_unit));
-  const DVec3 offset(o.to_unit[9], o.to_unit[10], o.to_unit[11]);
-  const auto corner = [&](double x, double y) { return Vec3(to_world * (DVec3(x, y, 0.0) - offset)); };
-  return {corner(-1, -1), corner(1, -1), corner(-1, 1), corner(1, 1)};
-}
 
 // Corners of what bounds an occluder.
 std::vector<Vec3> corners_of(const Scene& scene, const SkyOccluder& o) {
@@ -59,23 +48,6 @@ void seen_sides(const Scene& scene, std::span<const SkyOccluder> all, const SkyO
   }
 }
 
-// The part of a plane about objects and, if wanted, about smaller planes.
-PlaneWindow object_window(std::span<const SkyOccluder> all, const SkyOccluder& plane, bool with_planes) {
-  PlaneWindow window{Vec2(1.0f), Vec2(-1.0f)};
-  const float reach_x = glm::length(row_of(plane.to_unit, 0)), reach_y = glm::length(row_of(plane.to_unit, 1));
-  for (const SkyOccluder& o : all) {
-    if (o.kind == SkyOccluder::Kind::plane && !(with_planes && o.ball.radius < plane.ball.radius)) continue;
-    const Vec3 at = transform_by(plane.to_unit, o.ball.centre);
-    const float radius = k_window_reach * o.ball.radius;
-    if (std::abs(at.z) > radius) continue;
-    window.lower = glm::min(window.lower, Vec2(at.x - radius * reach_x, at.y - radius * reach_y));
-    window.upper = glm::max(window.upper, Vec2(at.x + radius * reach_x, at.y + radius * reach_y));
-  }
-  window.lower = glm::clamp(window.lower, Vec2(-1.0f), Vec2(1.0f));
-  window.upper = glm::clamp(window.upper, Vec2(-1.0f), Vec2(1.0f));
-  return window;
-}
-
 // x, y: gradients of the plane's coordinates.
 RadianceWindow radiance_window(const PlaneWindow& w, const Vec3& x, const Vec3& y, int texels) {
   RadianceWindow window;
@@ -101,7 +73,7 @@ IndirectLight::Cost IndirectLight::cost(size_t planes, size_t objects, const Ind
 
 IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps,
                              std::span<const ShapeTraits> traits, std::span<const uint8_t> sends,
-                             const IndirectSize& size)
+                             std::span<const Vec3> seen, const IndirectSize& size)
     : maps_(maps), size_(size), instances_(maps.occluders().size()) {
   for (int i = 0; i < size.directions * size.directions; ++i) {
     const CellFrame f = cell_frame(i / size.directions, i % size.directions, size.directions);
@@ -119,7 +91,7 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
       continue;
     }
     if (o.kind == SkyOccluder::Kind::plane) {
-      add_plane(scene, accel, *planes.parallelograms[shape], o);
+      add_plane(scene, accel, *planes.parallelograms[shape], seen, o);
       continue;
     }
     if (o.kind == SkyOccluder::Kind::box) {
@@ -150,6 +122,7 @@ void IndirectLight::add_box(const Accel& accel, uint32_t shape, const BoxFaces& 
     const Surfels s = make_plane_surfels(accel, shape, face, Vec3(face.axes[2]), whole, size_.texels, outside);
     const auto first = uint32_t(all.points.size());
     for (const uint32_t point : s.texels) all.texels.push_back(point == k_none ? k_none : first + point);
+    for (const uint32_t point : s.representative) all.representative.push_back(first + point);
     all.points.insert(all.points.end(), s.points.begin(), s.points.end());
     all.reflectance_spots.insert(all.reflectance_spots.end(), s.reflectance_spots.begin(), s.reflectance_spots.end());
   }
@@ -169,19 +142,12 @@ void IndirectLight::add_box(const Accel& accel, uint32_t shape, const BoxFaces& 
 }
 
 void IndirectLight::add_plane(const Scene& scene, const Accel& accel, const Parallelogram& plane,
-                              const SkyOccluder& o) {
+                              std::span<const Vec3> seen, const SkyOccluder& o) {
   OfInstance& own = instances_[o.instance];
   const Instance& instance = scene.instances[o.instance];
   bool sides[2];
   seen_sides(scene, maps_.occluders(), o, sides);
-  std::vector<PlaneWindow> windows(1);
-  for (const bool with_planes : {true, false}) {
-    const PlaneWindow about_objects = object_window(maps_.occluders(), o, with_planes);
-    const Vec2 size = glm::max(about_objects.upper - about_objects.lower, Vec2(0.0f));
-    if (!(size.x * size.y > 0.0f && 0.25f * size.x * size.y < k_largest_window)) continue;
-    windows.push_back(about_objects);
-    break;
-  }
+  const std::vector<PlaneWindow> windows = plane_windows(maps_.occluders(), o, seen, size_.plane_texels);
   const DAffine to_world(instance.to_world);
   // The side that heights are positive on: mirrored transforms exchange the sides.
   const bool mirrored = glm::determinant(DMat3(to_world[0], to_world[1], to_world[2])) < 0.0;
@@ -270,13 +236,16 @@ Rgb IndirectLight::radiance(uint32_t instance, const Vec3& position, const Vec3&
   if (!own.pyramids) return Rgb(0.0f);
   if (o.kind == SkyOccluder::Kind::plane) {
     const Vec3 at = transform_by(o.to_unit, position), from = transform_by(o.to_unit, origin);
-    return to_vec(scalar::radiance_of_plane<float>(own.planes[0], {}, at.x, at.y, from.z, 1.0f, 0.0f, true));
+    const PlaneRadiance& plane = own.planes[0];
+    return to_vec(
+        scalar::read_plane<float>(plane, scalar::side_of_plane<float>(plane, from.z), at.x, at.y, 0.0f, true));
   }
   if (o.kind == SkyOccluder::Kind::box) {
     const Vec3 at = transform_by(o.to_unit, position);
     const int face = box_face_at(at);
-    return to_vec(scalar::radiance_of_plane<float>(own.planes[size_t(face)], {}, at[(face / 2 + 1) % 3],
-                                                   at[(face / 2 + 2) % 3], 1.0f, 1.0f, 0.0f, true));
+    const PlaneRadiance& plane = own.planes[size_t(face)];
+    return to_vec(
+        scalar::read_plane<float>(plane, plane.begin, at[(face / 2 + 1) % 3], at[(face / 2 + 2) % 3], 0.0f, true));
   }
   const Vec3 unit = glm::normalize(rotate_by(o.to_unit, d));
   const int map = direction_cell(unit, size_.directions);

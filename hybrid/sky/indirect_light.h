@@ -33,9 +33,9 @@ class IndirectLight {
   static Cost cost(size_t planes, size_t objects, const IndirectSize& size);
 
   // Black. `maps` must outlive it. `sends`: by instance, 1 where its light is known; such instances must have maps or
-  // be parallelograms (unchecked). Throws std::bad_alloc.
+  // be parallelograms (unchecked). seen: points that the camera sees (plane_windows()). Throws std::bad_alloc.
   IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps, std::span<const ShapeTraits> traits,
-                std::span<const uint8_t> sends, const IndirectSize& size);
+                std::span<const uint8_t> sends, std::span<const Vec3> seen, const IndirectSize& size);
 
   // By instance. What sends no light has no surfels.
   size_t size() const { return instances_.size(); }
@@ -70,7 +70,8 @@ class IndirectLight {
     double luminance_sum = 0.0;
   };
   void add_box(const Accel& accel, uint32_t shape, const BoxFaces& faces, const SkyOccluder& o);
-  void add_plane(const Scene& scene, const Accel& accel, const Parallelogram& plane, const SkyOccluder& o);
+  void add_plane(const Scene& scene, const Accel& accel, const Parallelogram& plane, std::span<const Vec3> seen,
+                 const SkyOccluder& o);
   MapRadiance lines_of(const SkyOccluder& o, int map) const;
 
   const SkyMaps& maps_;

@@ -147,12 +147,20 @@ Surfels make_surfels(const Accel& accel, const MappedShape& shape, int direction
       if (is_seen(met, outside)) of_key[met.key] = 0;
     }
   }
+  Surfels result;
   uint32_t count = 0;
-  for (uint32_t& point : of_key) {
-    if (point != k_none) point = count++;
+  constexpr size_t k_eight_voxels = size_t(k_faces) * 8;  // side by side in Morton order
+  uint32_t first[k_faces];
+  for (size_t key = 0; key < k_keys; ++key) {
+    if (key % k_eight_voxels == 0) std::fill_n(first, k_faces, k_none);
+    uint32_t& point = of_key[key];
+    if (point == k_none) continue;
+    point = count++;
+    uint32_t& of_face = first[key % k_faces];
+    if (of_face == k_none) of_face = point;
+    result.representative.push_back(of_face);
   }
   // The hit nearest to the middle of its voxel stands for all.
-  Surfels result;
   result.points.resize(count);
   result.reflectance_spots.resize(size_t(count) * Surfels::k_reflectance_spots);
   std::vector<uint32_t> counts(count, 0);
@@ -188,29 +196,43 @@ Surfels make_plane_surfels(const Accel& accel, uint32_t shape, const Parallelogr
   Surfels result;
   RayBatch rays;
   ShapeHits hits;
-  for (const PlaneWindow& window : windows) {
+  for (size_t w = 0; w < windows.size(); ++w) {
+    const PlaneWindow& window = windows[w];
     // The middle of each texel, and its places of reflectance.
     const size_t count = texel_count * size_t(1 + k_spots);
     rays.resize(count);
     hits.resize(count);
-    const auto place = [&](size_t i) {
+    const auto coordinates = [&](size_t i) {
       const size_t texel = i / (1 + k_spots), spot = i % (1 + k_spots);
       const auto u = scalar::sample_2d(uint32_t(spot), uint32_t(texel), 0);
       const Vec2 within = spot == 0 ? Vec2(0.5f) : Vec2(u.x, u.y);
       const Vec2 at = (Vec2(float(texel % size_t(texels)), float(texel / size_t(texels))) + within) / float(texels);
-      const Vec2 c = window.lower + (window.upper - window.lower) * at;
+      return window.lower + (window.upper - window.lower) * at;
+    };
+    const auto is_in_later = [&](const Vec2& c) {
+      return std::any_of(windows.begin() + std::ptrdiff_t(w) + 1, windows.end(), [&](const PlaneWindow& later) {
+        return glm::all(glm::lessThan(later.lower, c)) && glm::all(glm::lessThan(c, later.upper));
+      });
+    };
+    const auto place = [&](size_t i) {
+      const Vec2 c = coordinates(i);
       return Vec3(plane.centre + plane.axes[0] * double(c.x) + plane.axes[1] * double(c.y));
     };
     for (size_t i = 0; i < count; ++i) rays.set(i, place(i) + normal * height, -normal, 2.0f * height);
     accel.shape_intersect(shape, rays, hits);
     for (int side = 0; side < 2; ++side) {
+      const size_t begin = result.texels.size();
       for (size_t texel = 0; texel < texel_count; ++texel) {
         const size_t first = texel * (1 + k_spots);
-        if (!sides[side] || hits.t[first] < 0.0f) {
+        if (!sides[side] || hits.t[first] < 0.0f || is_in_later(coordinates(first))) {
           result.texels.push_back(k_none);
           continue;
         }
-        result.texels.push_back(uint32_t(result.points.size()));
+        const auto point = uint32_t(result.points.size());
+        result.texels.push_back(point);
+        const size_t of_four = texel - texel % 2 - texel / size_t(texels) % 2 * size_t(texels);
+        const uint32_t nearby = result.texels[begin + of_four];
+        result.representative.push_back(nearby == k_none ? point : nearby);
         result.points.push_back({{place(first), hits.primitive[first]}, side == 0 ? normal : -normal});
         for (size_t i = first + 1; i <= first + k_spots; ++i) {
           const size_t from = hits.t[i] < 0.0f ? first : i;  // rounding at the edge

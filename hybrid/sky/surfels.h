@@ -29,6 +29,8 @@ struct Surfels {
   static constexpr int k_reflectance_spots = 8;
 
   std::vector<Surfel> points;
+  // By point: the one of a few side by side that stands for them where light is smooth; its own is itself.
+  std::vector<uint32_t> representative;
   std::vector<SurfaceSpot> reflectance_spots;  // k_reflectance_spots for each
   std::vector<uint32_t> texels;                // [pyramid][y][x], index of a point; k_none: nothing is seen
 };
@@ -43,8 +45,8 @@ Surfels make_surfels(const Accel& accel, const MappedShape& shape, int direction
 struct PlaneWindow {
   Vec2 lower = Vec2(-1.0f), upper = Vec2(1.0f);
 };
-// Of a parallelogram: one at the middle of each texel. Pyramid 2 w + s: window w, the side that `normal` points to (s =
-// 0) or the other; `sides` tells which of them are wanted.
+// Of a parallelogram: one at the middle of each texel that lies in no later window. Pyramid 2 w + s: window w, the side
+// that `normal` points to (s = 0) or the other; `sides` tells which of them are wanted.
 Surfels make_plane_surfels(const Accel& accel, uint32_t shape, const Parallelogram& plane, const Vec3& normal,
                            std::span<const PlaneWindow> windows, int texels, const bool sides[2]);
 
