@@ -271,13 +271,15 @@ void shade_indirect(const std::shared_ptr<IndirectLight>& light, Sky& sky, Trans
         add_to_others(stand_for[i], before[i], reflectance[i], radiance[i]);
       }
     }
-    const DVec3 change = mean_change(before, radiance, radiance);
-    const DVec3 change_before = bounce > 0 ? mean_change(two_before, before, radiance) : DVec3(0.0);
-    const double further = bounces < 0 ? double(k_infinity) : double(bounces - (bounce + 1));
-    const DVec3 rest = rest_of(change / glm::max(change_before, DVec3(1e-30)), further);
-    const bool converges = bounce > 0 && luminance(Rgb(change * rest)) <= k_least_rest;
-    const bool is_last = adds_series && (converges || bounce + 1 == most);
-    if (is_last) add_series(before, Rgb(rest), radiance);
+    bool is_last = false;
+    if (adds_series && bounce > 0) {
+      const DVec3 change = mean_change(before, radiance, radiance);
+      const DVec3 change_before = mean_change(two_before, before, radiance);
+      const double further = bounces < 0 ? double(k_infinity) : double(bounces - (bounce + 1));
+      const DVec3 rest = rest_of(change / glm::max(change_before, DVec3(1e-30)), further);
+      is_last = luminance(Rgb(change * rest)) <= k_least_rest || bounce + 1 == most;
+      if (is_last) add_series(before, Rgb(rest), radiance);
+    }
     parallel_for(radiance.size(), [&](size_t i) { light->set_radiance(i, radiance[i]); });
     light->finish();
     sky.set_indirect(light);
