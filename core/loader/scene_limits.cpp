@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "core/loader/scene_recentre.h"
+#include "core/math/stretch.h"
 
 namespace fieldtrace {
 namespace {
@@ -16,23 +17,6 @@ constexpr double k_largest_direction = 0x1p62;
 
 SourceLocation place_of(const std::vector<SourceLocation>& places, size_t i) {
   return i < places.size() ? places[i] : SourceLocation();
-}
-
-// The largest singular value: the root of the largest eigenvalue of m^T m, in trigonometric form (O. K. Smith,
-// "Eigenvalues of a symmetric 3 x 3 matrix", CACM 4(4), 1961).
-double largest_stretch(const DMat3& m) {
-  const DMat3 square = glm::transpose(m) * m;
-  const double mean = (square[0][0] + square[1][1] + square[2][2]) / 3;
-  DMat3 rest = square;
-  double sum = 0;
-  for (int i = 0; i < 3; ++i) {
-    rest[i][i] -= mean;
-    sum += glm::dot(rest[i], rest[i]);
-  }
-  const double spread = std::sqrt(sum / 6);
-  if (!(spread > 0)) return std::sqrt(mean);
-  const double cosine = std::clamp(glm::determinant(rest / spread) / 2, -1.0, 1.0);
-  return std::sqrt(mean + 2 * spread * std::cos(std::acos(cosine) / 3));
 }
 
 struct WorldBox {

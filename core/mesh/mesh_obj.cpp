@@ -20,15 +20,7 @@ namespace {
 bool is_space(char c) { return c == ' ' || c == '\t'; }
 bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
-std::string_view next_word(std::string_view& line) {
-  size_t begin = 0;
-  while (begin < line.size() && is_space(line[begin])) ++begin;
-  size_t end = begin;
-  while (end < line.size() && !is_space(line[end])) ++end;
-  const std::string_view word = line.substr(begin, end - begin);
-  line.remove_prefix(end);
-  return word;
-}
+std::string_view next_word(std::string_view& line) { return mesh_readers::next_word(line, " \t"); }
 
 enum class Number { finite, not_finite, malformed };
 

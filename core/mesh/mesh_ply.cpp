@@ -50,18 +50,9 @@ struct Header {
 
 // ---------------------------------------------------------------- header
 
-bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
+constexpr std::string_view k_blanks = " \t\r\v\f";
 
-// Takes the next word off `line`; empty at the end.
-std::string_view next_word(std::string_view& line) {
-  size_t begin = 0;
-  while (begin < line.size() && is_blank(line[begin])) ++begin;
-  size_t end = begin;
-  while (end < line.size() && !is_blank(line[end])) ++end;
-  const std::string_view word = line.substr(begin, end - begin);
-  line.remove_prefix(end);
-  return word;
-}
+std::string_view next_word(std::string_view& line) { return mesh_readers::next_word(line, k_blanks); }
 
 class HeaderParser {
  public:
@@ -198,7 +189,7 @@ class AsciiSource {
       line_ = rest_.substr(0, end);
       rest_.remove_prefix(std::min(end + 1, rest_.size()));
       ++where_.line;
-      while (!line_.empty() && is_blank(line_.front())) line_.remove_prefix(1);
+      line_.remove_prefix(std::min(line_.find_first_not_of(k_blanks), line_.size()));
     } while (line_.empty());
   }
 

@@ -29,6 +29,9 @@ struct RawMesh {
 RawMesh read_obj(const std::string& path, std::string_view text);
 RawMesh read_ply(const std::string& path, std::string_view bytes, const WarningSink& warning);
 
+// Takes the next word off `line`, words being parted by any of `blanks`; empty at the end.
+std::string_view next_word(std::string_view& line, std::string_view blanks);
+
 // A piece of input for messages: at most 40 characters, with unprintable ones replaced.
 std::string quote(std::string_view text);
 

@@ -58,7 +58,7 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
   std::vector<uint32_t> chosen;
   for (const uint32_t s : shapes_by_gain(scene, traits)) {
     if (chosen.size() == plan.most_fields) break;
-    if (needed_rays(s) > plan.light_samples) {
+    if (needed_answers(s) > plan.light_samples) {
       left_to_rays_[s] = 1;
       if (!for_hits_[s]) continue;
     }
@@ -105,8 +105,8 @@ void FieldSet::leave_unpaid(const FieldSurvey& survey) {
   if (!cost_decides()) return;
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s] || left_to_rays_[s]) continue;
-    self_to_rays_[s] = double(survey.uses[s].self_met) * survey.scale < bake_rays_[s];
-    left_to_rays_[s] = double(survey.uses[s].met) * survey.scale < needed_rays(s);
+    self_to_rays_[s] = double(survey.uses[s].self_met) * survey.scale < needed_self_answers(s);
+    left_to_rays_[s] = double(survey.uses[s].met) * survey.scale < needed_answers(s);
     if (!left_to_rays_[s] || for_hits_[s]) continue;
     fields_[s].reset();
     --count_;
@@ -117,14 +117,25 @@ void FieldSet::leave_to_rays(const FieldSurvey& survey, double rays_spared) {
   const bool pay = !cost_decides() || rays_spared >= k_look_up_cost * survey.look_ups;
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s] || left_to_rays_[s]) continue;
-    const double needed = cost_decides() ? needed_rays(s) : 0.0, cells = cost_decides() ? bake_rays_[s] : 0.0;
+    const double needed = cost_decides() ? needed_answers(s) : 0.0,
+                 self = cost_decides() ? needed_self_answers(s) : 0.0;
     left_to_rays_[s] = !pay || leaves_to_rays(survey.uses[s], survey.scale, needed);
-    self_to_rays_[s] = self_to_rays_[s] || leaves_self_to_rays(survey.uses[s], survey.scale, cells);
+    self_to_rays_[s] = self_to_rays_[s] || leaves_self_to_rays(survey.uses[s], survey.scale, self);
   }
 }
 
+bool FieldSet::are_worth_keeping() const {
+  double rays = 0.0;
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (!fields_[s]) continue;
+    if (!cost_decides() || for_hits_[s]) return true;
+    rays += needed_rays(s);
+  }
+  return rays >= k_fewest_kept_rays;
+}
+
 void FieldSet::load(FieldCache& cache) {
-  if (!plan_.read_cache) return;
+  if (!plan_.read_cache || !are_worth_keeping()) return;
   std::atomic<bool> has_loaded = has_loaded_;
   parallel_for(fields_.size(), [&](size_t s) {
     if (!fields_[s] || budget_->exceeded()) return;
@@ -135,8 +146,9 @@ void FieldSet::load(FieldCache& cache) {
 
 // Sequentially, because storing a field holds a second copy of it.
 void FieldSet::store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const {
+  const bool keeps = are_worth_keeping();
   for (size_t s = 0; s < fields_.size(); ++s) {
-    if (!fields_[s]) continue;
+    if (!fields_[s] || !keeps) continue;
     const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
     keep("the field of " + scene_.shapes[s].name, if_unkept, warning, [&] { cache.store(*fields_[s], identity); });
     stats.field_bytes_disk += cache.bytes_on_disk(identity);

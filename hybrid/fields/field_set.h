@@ -33,14 +33,22 @@ struct FieldPlan {
   size_t most_fields = std::numeric_limits<size_t>::max();
   bool read_cache = true;
   uint32_t reductions = 0;  // by how many steps the picture has less than was asked for
-  // Light samples of the whole picture, over all lights. A shape whose bake would cost more rays than that is left to
-  // exact rays, because its field cannot pay for itself. Infinite: no shape is; 0: all are.
+  // Light samples of the whole picture, over all lights. A shape whose bake they would not pay is left to exact rays.
+  // Infinite: no shape is; 0: all are.
   double light_samples = std::numeric_limits<double>::infinity();
   std::vector<uint32_t> hit_instances;  // their shapes get fields for glossy rays even where shadow rays gain nothing
 };
 
 // Exact rays that take the time of one look-up (docs/decisions/012-left-to-rays.md).
 inline constexpr double k_look_up_cost = 0.5;
+
+// Answers of a field that pay for one ray of its bake: that ray takes as long as two or three shadow rays, which go in
+// packets, and an answer spares half of one, since look-ups take time, those too that tell nothing
+// (docs/decisions/047-open-scenes.md).
+inline constexpr double k_answers_a_bake_ray = 8.0;
+
+// A cache holds no fields whose bakes, all together, take fewer rays by estimate: that is done before OpenVDB is open.
+inline constexpr double k_fewest_kept_rays = 5e5;
 
 // Whether an object with the survey counts `use` is left to exact rays: its field would answer fewer than
 // `fewest_answers` rays of the whole picture. `scale`: rays of the picture for each surveyed ray.
@@ -83,15 +91,17 @@ class FieldSet {
   // By shape: not 0 where rays from the object itself do not use its field.
   const std::vector<uint8_t>& self_to_rays() const { return self_to_rays_; }
   bool answers_shadows() const;  // whether pointers() has any
-  // Leaves objects to exact rays whose bake takes more rays than a survey without fields counts light samples past
-  // them; and shadows on themselves where their cells do.
+  // Leaves objects to exact rays whose bake would not be paid by all the light samples that a survey without fields
+  // counts past them; and shadows on themselves where their cells would not.
   void leave_unpaid(const FieldSurvey& survey);
   // The same by what fields answered in a survey; and objects whose fields leave too much undecided; and all, if their
   // look-ups cost more than the exact rays that they spare in the whole picture.
   void leave_to_rays(const FieldSurvey& survey, double rays_spared);
   const FieldBudget& budget() const { return *budget_; }
 
-  // Reads fields from the cache, if the plan allows it.
+  // Whether a cache is to hold them. It is where cost decides nothing, and where glossy rays use them.
+  bool are_worth_keeping() const;
+  // Reads fields from the cache, if the plan allows it and they are worth keeping.
   void load(FieldCache& cache);
   void store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const;
   void count(Stats& stats) const;
@@ -105,6 +115,9 @@ class FieldSet {
   // Estimated rays to bake what a shape needs. Coverage maps take one line a texel, and few cells are baked beside
   // them; but lights all around and at infinity are asked about by single rays, which want cells.
   double needed_rays(size_t shape) const;
+  // Answers that pay for it, and for the cells alone that its shadows on itself take.
+  double needed_answers(size_t shape) const { return k_answers_a_bake_ray * needed_rays(shape); }
+  double needed_self_answers(size_t shape) const { return k_answers_a_bake_ray * bake_rays_[shape]; }
 
   const Scene& scene_;
   FieldPlan plan_;

@@ -24,6 +24,8 @@ constexpr size_t k_few_occluders = 16;
 // How many times as large an object is of which others may lie before and behind parts.
 constexpr float k_much_larger = 4.0f;
 
+int bounces_of(int depth) { return depth < 0 ? k_usual_bounces : std::min(depth - 2, k_usual_bounces); }
+
 // Settings for paths from surfels.
 TransportSettings surfel_settings(TransportSettings settings, int samples) {
   settings.light_samples = settings.lobe_samples = samples;
@@ -83,9 +85,15 @@ uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<c
   const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
   // Paths to what is neither diffuse nor a plastic go on: without a sky the maps would be made for the rest alone.
   if ((!has_sky(scene) && senders < count) || 4 * others > senders) return 0;
-  const int bounces = depth < 0 ? k_usual_bounces : std::min(depth - 2, k_usual_bounces);
   if (planes > size_t(k_most_planes) || has_insides(scene, traits, shapes)) return 0;
-  return surfels * uint64_t(bounces + 3) / 4 * k_rays_a_surfel;  // after the first, one of four
+  return surfels * uint64_t(bounces_of(depth) + 3) / 4 * k_rays_a_surfel;  // after the first, one of four
+}
+
+double rays_a_path(int depth, double open, size_t lights) {
+  const double meets = 1.0 - open;
+  double rays = 0.0, goes_on = 1.0;
+  for (int k = 0; k < bounces_of(depth); ++k, goes_on *= meets) rays += goes_on * (1.0 + meets * double(lights));
+  return rays;
 }
 
 bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {

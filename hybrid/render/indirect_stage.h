@@ -28,6 +28,10 @@ struct IndirectInput {
 // paths may have three surfaces or more (`depth`: max_depth) and find no light. Else 0.
 uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth);
 
+// Rays of a path that leaves a diffuse first surface, in the mean, which that light would spare: itself, on and on, and
+// one to each light from each further surface. `open`: the share of rays that leave the scene.
+double rays_a_path(int depth, double open, size_t lights);
+
 // Gives `stage.light`, if there is one, the light that diffuse objects send on, where that is planned and fits into
 // memory. Leaves it without, and returns false, if `callbacks.stop` was set meanwhile.
 bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "field/file/vdb_grid.h"
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
 #include "hybrid/render/open_light_samples.h"
@@ -89,9 +90,10 @@ Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
   return r;
 }
 
-std::unique_ptr<FieldCache> open_cache(const Picture& picture) {
+std::unique_ptr<FieldCache> open_cache(const Picture& picture, bool is_used) {
   const RenderOptions& o = picture.options;
   if (o.field_cache.empty()) return nullptr;
+  if (is_used) vdb();
   return std::make_unique<FieldCache>(o.field_cache, o.field_cache_limit, picture.callbacks.warning,
                                       picture.callbacks.stop);
 }

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <future>
 #include <limits>
 #include <memory>
 #include <thread>
@@ -14,7 +13,6 @@
 #include "core/platform/stop_at.h"
 #include "core/platform/stopwatch.h"
 #include "core/platform/threads.h"
-#include "field/file/vdb_grid.h"
 #include "hybrid/fields/field_resolution.h"
 #include "hybrid/fields/thesis_fields.h"
 #include "hybrid/render/attempt.h"
@@ -33,25 +31,26 @@ namespace {
 
 SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   SkyRequest request;
+  const Scene& scene = picture.scene;
   const int depth = picture.settings.max_depth;
-  const bool is_lit = has_sky(picture.scene) && depth != 0 && depth != 1;
-  // A light sample sends one ray to the sky and one from the material.
-  const uint64_t light_rays = 2 * picture.rays_per_light();
-  request.bounce_rays = plan_indirect(picture.scene, *stage.lights, stage.traits, depth);
-  const uint64_t gain = is_lit ? k_coarse_maps_gain : k_usual_maps_gain;  // a lamp's own noise stays
-  const auto bounces_pay = [&](uint64_t rays) { return request.bounce_rays > 0 && request.bounce_rays <= gain * rays; };
-  if (is_lit || bounces_pay(light_rays)) {
-    const SkySurvey survey = survey_sky(picture.scene, stage.accel, stage.traits, stage.camera);
-    request.light_rays = uint64_t(survey.diffuse * double(light_rays));
-    request.bounces = bounces_pay(request.light_rays);
+  const bool is_lit = has_sky(scene) && depth != 0 && depth != 1;
+  request.bounce_rays = plan_indirect(scene, *stage.lights, stage.traits, depth);
+  if (is_lit || picture.settings.occlusion || request.bounce_rays > 0) {
+    const SkySurvey survey = survey_sky(scene, stage.accel, stage.traits, stage.camera);
+    const double samples = double(picture.film_samples()), paths = samples * picture.options.lobe_samples;
+    const double lights = samples * picture.options.light_samples;
+    if (picture.settings.occlusion) request.occlusion_rays = uint64_t(survey.met * lights);
+    // The sky gets a ray from each light sample and each path.
+    const auto to_sky = is_lit ? uint64_t(survey.diffuse * (lights + paths)) : 0;
+    const double of_path = rays_a_path(depth, survey.open, scene.emitters.size()) - (is_lit ? 1.0 : 0.0);
+    const uint64_t with_paths = to_sky + uint64_t(survey.diffuse * paths * of_path);
+    const uint64_t gain = is_lit ? k_coarse_maps_gain : k_usual_maps_gain;  // a lamp's own noise stays
+    const bool any_cost = picture.options.at_any_cost(), suits = any_cost || !survey.is_enclosed();
+    const bool pay = any_cost || request.bounce_rays <= gain * with_paths;
+    request.bounces = suits && request.bounce_rays > 0 && pay;
+    if (suits) request.light_rays = request.bounces ? with_paths : to_sky;
     request.seen = survey.seen;
-    if (!picture.options.at_any_cost() && survey.is_enclosed()) {
-      request.bounces = false;
-      request.light_rays = 0;
-    }
-    if (!is_lit && !request.bounces) request.light_rays = 0;
   }
-  if (picture.settings.occlusion) request.occlusion_rays = picture.rays_per_light();
   request.occlusion_distance = picture.settings.occlusion_distance;
   // Light from surface to surface is smooth: errors of its maps show beside the noise of any number of samples.
   const bool any_number = picture.by_rounds() || request.bounces;
@@ -75,7 +74,7 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   if (!picture.wants_fields) return;
   drop_maps(stage, stats);
   const auto cache = [&] {
-    if (!stage.cache) stage.cache = open_cache(picture);
+    if (!stage.cache) stage.cache = open_cache(picture, /*is_used=*/true);
     return stage.cache.get();
   };
   const StopAt stop(picture.callbacks.stop, stage.survey_end);
@@ -159,7 +158,7 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   const RenderCallbacks& callbacks = picture.callbacks;
   const int m = thesis_directions(options.directions, options.plane);
   ThesisFieldSet fields(picture.scene, stage.traits, m, picture.field_memory);
-  const std::unique_ptr<FieldCache> cache = fields.empty() ? nullptr : open_cache(picture);
+  const std::unique_ptr<FieldCache> cache = fields.empty() ? nullptr : open_cache(picture, /*is_used=*/true);
   ThesisBakeCallbacks bake;
   bake.stop = callbacks.stop;
   if (callbacks.progress) bake.progress = [&](float share) { callbacks.progress(share, "bake"); };
@@ -248,12 +247,9 @@ void count_device(const VisibilityDevice& device, Stats& stats) {
 bool is_likely_to_use_cache(const RenderOptions& options, bool has_sky) {
   if (options.method != Method::hybrid || options.field_cache.empty()) return false;
   const std::vector<std::string>& layers = options.aovs;
-  if (has_sky) return true;
-  // Surveys often leave pictures by rounds to rays then.
-  if (options.by_rounds()) return false;
-  if (std::find(layers.begin(), layers.end(), "ao") != layers.end()) return true;
-  const bool are_few = options.spp != 0 && has_few_light_samples(options.spp, options);
-  return !are_few;
+  // Without, surveys often leave pictures to rays.
+  if (has_sky || options.at_any_cost()) return true;
+  return !options.by_rounds() && std::find(layers.begin(), layers.end(), "ao") != layers.end();
 }
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
@@ -283,9 +279,6 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
     Stage stage{accel, CameraSampler(scene.camera, scene.film), shape_traits(scene),
                 std::make_shared<const LightTable>(make_lights(scene)), reservable_bytes()};
     begin_stage(picture, begin, stage, result);
-    std::future<void> vdb;
-    if (picture.by_rounds() && picture.wants_fields && stage.uses_fields() && !options.field_cache.empty())
-      vdb = open_vdb_early();
     if (options.chart == Chart::thesis && picture.wants_fields) {
       warn_of_no_hits(picture);
       render_by_thesis(picture, stage, result);

@@ -24,7 +24,7 @@ struct SkyStage {
 
 // Rays that maps may cost for each that they replace. Coarse maps, whose errors suit the noise of few samples, leave
 // less than a fifth of that noise, which would take Monte Carlo 25 times the rays.
-inline constexpr uint64_t k_coarse_maps_gain = 8, k_usual_maps_gain = 2;
+inline constexpr uint64_t k_coarse_maps_gain = 16, k_usual_maps_gain = 2;
 inline constexpr int k_coarse_directions = 16;
 
 struct SkyRequest {

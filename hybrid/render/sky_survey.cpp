@@ -101,7 +101,8 @@ SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const Sha
       from_surfaces.set(sent++, offset_origin(s.position, normal, s.error, d), d, k_infinity);
     }
   }
-  if (!survey.seen.empty()) survey.diffuse = double(diffuse) / double(survey.seen.size());
+  survey.met = double(std::max(survey.seen.size(), size_t(1))) / double(rays.size);
+  survey.diffuse = survey.seen.empty() ? survey.met : double(diffuse) / double(rays.size);
   if (sent == 0) return survey;
   from_surfaces.size = sent;
   hits.resize(sent);

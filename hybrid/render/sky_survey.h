@@ -14,7 +14,9 @@ namespace fieldtrace {
 
 struct SkySurvey {
   std::vector<Vec3> seen;  // shortly before the surfaces that camera rays meet, world space
-  double diffuse = 1.0;  // of the surfaces that camera rays meet, the share that is diffuse and opaque: these ask maps
+  // Of the camera rays, the share that meets a surface, and one that is diffuse and opaque: these ask maps. Above 0 if
+  // none does, where there may be some between them.
+  double met = 1.0, diffuse = 1.0;
   // Of rays from there, as many as the cosine has: what meets nothing, and what meshes hide that are no parallelograms
   // or boxes. Of an enclosed scene, without what those hide as well.
   double open = 1.0, hidden_by_maps = 0.0;

@@ -141,7 +141,9 @@ void SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, float thres
   angle_ = std::min(2.0f * std::asin(std::min(0.5f * farthest, 1.0f)) + texel, k_pi);
 }
 
-// Adds samples all over the map to the cells of the fine grid.
+// Adds samples all over the map to the cells of the fine grid. Samples of a row are shifted along their columns, in
+// k_phases groups: else all cells along a horizon had the same rows, the next ones others, and a row on the border
+// between two would be all of one's.
 void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
   const Bitmap& map = scene.bitmaps[emitter.bitmap];
   const float threshold = concentration_threshold(map);
@@ -156,43 +158,66 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
     DVec3 light = DVec3(0.0);
     double area = 0.0;
   };
-  std::vector<std::vector<Sum>> bands(k_bands);
-  const size_t row_size = padded(size_t(columns));
-  AlignedVector<float> around[3];  // the equator's directions
-  for (auto& component : around) component.assign(row_size, 0.0f);
-  for (int column = 0; column < columns; ++column) {
-    const float x = (float(column) + 0.5f) / float(finer_columns);
-    const Vec3 d = map_direction(emitter, map, x, 0.5f * float(map.height - 1));
-    for (int a = 0; a < 3; ++a) around[a][size_t(column)] = d[a];
+  struct Phase {
+    float shift;                     // of a row
+    int count;                       // columns, every k_phases-th
+    AlignedVector<float> around[3];  // the equator's directions
+  };
+  constexpr int k_phases = 8;
+  constexpr int k_order[k_phases] = {0, 4, 2, 6, 1, 5, 3, 7};  // neighbours far apart
+  std::vector<Phase> phases(k_phases);
+  const auto column_of = [&](int phase, int k) { return (float(phase + k_phases * k) + 0.5f) / float(finer_columns); };
+  for (int p = 0; p < k_phases; ++p) {
+    Phase& phase = phases[size_t(p)];
+    phase.shift = (float(k_order[p]) + 0.5f) / float(k_phases);
+    phase.count = (columns - p + k_phases - 1) / k_phases;
+    for (auto& component : phase.around) component.assign(padded(size_t(phase.count)), 0.0f);
+    for (int k = 0; k < phase.count; ++k) {
+      const Vec3 d = map_direction(emitter, map, column_of(p, k), 0.5f * float(map.height - 1));
+      for (int a = 0; a < 3; ++a) phase.around[a][size_t(k)] = d[a];
+    }
   }
   const auto find_cells = cell_kernels(resolve_isa(Isa::automatic)).find_cells;  // the same by any
+  std::vector<std::vector<Sum>> bands(k_bands);
   parallel_for(k_bands, [&](size_t band) {
     std::vector<Sum>& sums = bands[band];
     sums.resize(k_cells);
-    std::vector<Rgb> row_light(size_t(map.width) + 1);
-    AlignedVector<int32_t> cells(row_size);
+    std::vector<Rgb> above(size_t(map.width) + 1), below(above);  // what is left of the rows about a sample
+    int held = -1;                                                // the upper one
+    AlignedVector<int32_t> cells(padded(size_t(columns)));
     for (int row = int(size_t(rows) * band / k_bands); row < int(size_t(rows) * (band + 1) / k_bands); ++row) {
-      const float y = (float(row) + 0.5f) / float(finer_rows);
-      const int above = std::min(int(y), map.height - 2);
-      const Rgb* const upper = &map.pixels[size_t(above) * size_t(map.width)];
-      for (int x = 0; x < map.width; ++x) {
-        row_light[size_t(x)] =
-            glm::mix(rest_of(upper[x], threshold), rest_of(upper[x + map.width], threshold), y - float(above));
+      const int upper = std::min(row / finer_rows, map.height - 2);
+      if (held != upper) {
+        const Rgb* const texels = &map.pixels[size_t(upper) * size_t(map.width)];
+        for (int x = 0; x < map.width; ++x) {
+          above[size_t(x)] = rest_of(texels[x], threshold),
+          below[size_t(x)] = rest_of(texels[x + map.width], threshold);
+        }
+        above.back() = above.front(), below.back() = below.front();
+        held = upper;
       }
-      row_light.back() = row_light.front();
-      const double theta = double(k_pi) * double(y) / double(map.height - 1);
-      const double sine = std::sin(theta);
-      const Vec3 up = emitter.rotation[1] * float(std::cos(theta));
-      find_cells(
-          {around[0].data(), around[1].data(), around[2].data(), int32_t(row_size), float(sine), {up.x, up.y, up.z}},
-          k_fine_cells, cells.data());
-      for (int column = 0; column < columns; ++column) {
-        const float x = (float(column) + 0.5f) / float(finer_columns);
-        const auto left = size_t(x);
-        const Rgb light = glm::mix(row_light[left], row_light[left + 1], x - float(left));
-        Sum& sum = sums[size_t(cells[size_t(column)])];
-        sum.light += DVec3(light) * sine;
-        sum.area += sine;
+      for (int p = 0; p < k_phases; ++p) {
+        const Phase& phase = phases[size_t(p)];
+        const float y = (float(row) + phase.shift) / float(finer_rows);
+        const double theta = double(k_pi) * double(y) / double(map.height - 1);
+        const double sine = std::sin(theta);
+        const Vec3 up = emitter.rotation[1] * float(std::cos(theta));
+        find_cells({phase.around[0].data(),
+                    phase.around[1].data(),
+                    phase.around[2].data(),
+                    int32_t(padded(size_t(phase.count))),
+                    float(sine),
+                    {up.x, up.y, up.z}},
+                   k_fine_cells, cells.data());
+        for (int k = 0; k < phase.count; ++k) {
+          const float x = column_of(p, k), across = x - std::floor(x), down = y - float(upper);
+          const auto left = size_t(x);
+          const Rgb light = glm::mix(glm::mix(above[left], above[left + 1], across),
+                                     glm::mix(below[left], below[left + 1], across), down);
+          Sum& sum = sums[size_t(cells[size_t(k)])];
+          sum.light += DVec3(light) * sine;
+          sum.area += sine;
+        }
       }
     }
   });
@@ -206,7 +231,7 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
     if (all.area > 0.0) means[i] = all.light / all.area;
     found += means[i] / double(k_cells);
   }
-  // All cells along a horizon may have a row of samples too few, so that a bright one would be too much of them.
+  // Of narrow bright bands cells have a little more light than there is, or less, by the samples that fall in each.
   DVec3 scale(1.0);
   for (int c = 0; c < 3; ++c) {
     if (found[c] > 0.0) scale[c] = whole.light[c] / whole.area / found[c];

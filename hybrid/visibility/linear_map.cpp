@@ -1,7 +1,8 @@
 #include "hybrid/visibility/linear_map.h"
 
-#include <algorithm>
 #include <cmath>
+
+#include "core/math/stretch.h"
 
 namespace fieldtrace {
 
@@ -9,21 +10,7 @@ DMat3 linear_part(const float* m) {
   return {DVec3(m[0], m[1], m[2]), DVec3(m[3], m[4], m[5]), DVec3(m[6], m[7], m[8])};
 }
 
-float stretch_bound(const DMat3& a) {
-  const DVec3 diagonal(glm::dot(a[0], a[0]), glm::dot(a[1], a[1]), glm::dot(a[2], a[2]));
-  const DVec3 beside(glm::dot(a[0], a[1]), glm::dot(a[1], a[2]), glm::dot(a[2], a[0]));
-  const double mean = (diagonal.x + diagonal.y + diagonal.z) / 3.0;
-  const DVec3 d = diagonal - DVec3(mean);
-  const double p = std::sqrt((glm::dot(d, d) + 2.0 * glm::dot(beside, beside)) / 6.0);
-  double largest = mean;
-  if (p > 0.0) {
-    const DVec3 b = d / p, c = beside / p;
-    const double half_determinant =
-        0.5 * (b.x * (b.y * b.z - c.y * c.y) - c.x * (c.x * b.z - c.y * c.z) + c.z * (c.x * c.y - b.y * c.z));
-    largest = mean + 2.0 * p * std::cos(std::acos(std::clamp(half_determinant, -1.0, 1.0)) / 3.0);
-  }
-  return float(std::sqrt(largest) * (1.0 + k_stretch_slack));
-}
+float stretch_bound(const DMat3& a) { return float(largest_stretch(a) * (1.0 + k_stretch_slack)); }
 
 // Areas are the lengths of the cofactor matrix' images.
 float area_bound(const DMat3& a) {

@@ -14,8 +14,7 @@ inline constexpr double k_stretch_slack = 0x1p-10;
 DMat3 linear_part(const float* m);
 inline DMat3 linear_part(const Affine& m) { return {DVec3(m[0]), DVec3(m[1]), DVec3(m[2])}; }
 
-// Bound on how much `a` lengthens a vector: the square root of the largest eigenvalue of a^T a (Smith, "Eigenvalues of
-// a symmetric 3 x 3 matrix", CACM 1961), plus the slack.
+// Bound on how much `a` lengthens a vector: largest_stretch() plus the slack.
 float stretch_bound(const DMat3& a);
 
 // Bound on how much `a` enlarges an area, plus the slack.

@@ -1,6 +1,7 @@
 // Questions to an emulated GPU one by one: waves, residency, fields that go and come.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <atomic>
 #include <bit>
 #include <thread>
@@ -128,7 +129,7 @@ TEST_F(GpuDeviceTest, ForgetsFieldsThatGo) {
 
 // A wave runs in each stream; threads that ask meanwhile share the next one.
 TEST_F(GpuDeviceTest, ThreadsShareWaves) {
-  std::vector<std::thread> threads;
+  std::array<std::thread, 3> threads;  // the second and third are made while the first may still be being stored
   std::atomic<int> synchronisations = 0;
   std::atomic<bool> two_wait = false;
   Field field(ball_, {32, 64});
@@ -139,9 +140,9 @@ TEST_F(GpuDeviceTest, ThreadsShareWaves) {
   faults.at_synchronise = [&] {
     if (!is_copied) return;
     const int n = ++synchronisations;
-    if (n == 1) threads.emplace_back(ask_beside);
+    if (n == 1) threads[0] = std::thread(ask_beside);
     if (n == 2) {
-      for (int i = 0; i < 2; ++i) threads.emplace_back(ask_beside);
+      for (int i = 1; i < 3; ++i) threads[i] = std::thread(ask_beside);
     }
     while (n == 2 && device_->waiting() < 2) std::this_thread::yield();
     if (n == 2) two_wait = true;

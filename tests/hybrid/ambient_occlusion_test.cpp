@@ -268,7 +268,7 @@ TEST(AmbientOcclusion, BakesNoMoreThanItGains) {
   const Scene scene = hybrid_scene("object_over_floor", 64).scene;
   RenderOptions o = options_for(Method::hybrid, 1, 16);
   const RenderResult few = render(scene, o);
-  o.light_samples = 64;
+  o.light_samples = 128;
   EXPECT_EQ(few.stats.field_bytes_maps, 0u);
   EXPECT_GT(render(scene, o).stats.field_bytes_maps, 0u);
   o.light_samples = 16;
@@ -284,7 +284,7 @@ TEST(AmbientOcclusion, BakesNoMoreThanItGains) {
 // Maps are for distances of an object's radius and more; shorter rays are cheap.
 TEST(AmbientOcclusion, MapsAnswerFromAnObjectsRadiusOn) {
   const Scene scene = hybrid_scene("object_over_floor", 64).scene;
-  RenderOptions o = options_for(Method::hybrid, 1, 64);
+  RenderOptions o = options_for(Method::hybrid, 1, 128);
   o.ao_distance = 0.5f;
   EXPECT_EQ(render(scene, o).stats.field_bytes_maps, 0u);
   o.ao_distance = 2.0f;
@@ -296,7 +296,7 @@ TEST(AmbientOcclusion, RaysWithADistanceBakeNothing) {
   uint64_t surveyed = 0, baked = 0;
   for (const int size : {64, 128}) {
     const Scene scene = hybrid_scene("object_over_floor", size).scene;
-    for (const int spp : {1, 16}) {
+    for (const int spp : {1, 256}) {
       RenderOptions o = options_for(Method::hybrid, spp, 1);
       o.ao_distance = 0.25f;
       const RenderResult with = render(scene, o);

@@ -11,6 +11,7 @@
 #include "core/mesh/mesh_procedural.h"
 #include "field/bake/bake.h"
 #include "field/bake/bake_coverage.h"
+#include "hybrid/fields/bake_estimate.h"
 #include "hybrid/fields/field_set.h"
 #include "hybrid/render/render.h"
 #include "tests/support/field_checks.h"
@@ -298,6 +299,39 @@ TEST(FieldSet, IsLeftToRaysWhereLookUpsCostMoreThanTheySpare) {
       fields.leave_to_rays(survey, spared);
       EXPECT_EQ(fields.answers_shadows(), !cost_decides || spared > 1e6 * k_look_up_cost) << spared;
     }
+  }
+}
+
+// What a survey counts must pay the bake several times over; what has been baked is kept if it was dear.
+TEST(FieldSet, HasFieldsThatPayAndKeepsThoseThatCost) {
+  const Scene scene = test::hybrid_scene("object_over_floor", 32).scene;
+  const std::vector<ShapeTraits> traits = shape_traits(scene);
+  FieldPlan plan;
+  for (const int directions : {32, 64, 128}) {
+    plan.parameters = {directions, 2 * directions};
+    double bake = 0.0;  // one shape wants a field
+    const std::vector<double> all = estimated_bake_rays(scene, plan.parameters);
+    for (size_t s = 0; s < all.size(); ++s) {
+      if (traits[s].wants_field) bake += all[s] * coverage_share(plan.parameters);
+    }
+    ASSERT_GT(bake, 0.0);
+    for (const double part : {0.99, 1.01}) {
+      FieldSurvey survey;
+      survey.uses.resize(scene.shapes.size());
+      for (FieldUse& use : survey.uses) use.met = use.answered = uint64_t(part * k_answers_a_bake_ray * bake);
+      plan.light_samples = part * k_answers_a_bake_ray * bake;
+      EXPECT_EQ(FieldSet(scene, traits, plan, FieldBudget::k_no_limit, true).answers_shadows(), part > 1.0);
+      plan.light_samples = 1e15;
+      FieldSet fields(scene, traits, plan, FieldBudget::k_no_limit, true);
+      ASSERT_TRUE(fields.answers_shadows());
+      EXPECT_EQ(fields.are_worth_keeping(), bake >= k_fewest_kept_rays);
+      fields.leave_unpaid(survey);
+      EXPECT_EQ(fields.answers_shadows(), part > 1.0);
+      fields.leave_to_rays(survey, 1.0);
+      EXPECT_EQ(fields.answers_shadows(), part > 1.0);
+    }
+    plan.light_samples = std::numeric_limits<double>::infinity();
+    EXPECT_TRUE(FieldSet(scene, traits, plan, FieldBudget::k_no_limit, true).are_worth_keeping());
   }
 }
 

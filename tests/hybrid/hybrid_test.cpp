@@ -53,7 +53,7 @@ struct Sampling {
 };
 constexpr Sampling k_samplings[] = {{1, 5}, {3, 2}, {16, 2}, {64, 2}};
 
-TEST(Hybrid, BakesTakeNoMoreRaysThanThePictureHasLightSamples) {
+TEST(Hybrid, BakesArePaidByThePicturesLightSamples) {
   const Scene scene = hybrid_scene("object_over_floor", 32).scene;
   for (const int light_samples : {1, 16, 256, 4096}) {
     SCOPED_TRACE(light_samples);
@@ -63,8 +63,8 @@ TEST(Hybrid, BakesTakeNoMoreRaysThanThePictureHasLightSamples) {
     o.light_estimator = LightEstimator::samples;
     const RenderResult hybrid = render(scene, o);
     const uint64_t samples = 32 * 32 * uint64_t(light_samples) * scene.emitters.size();
-    EXPECT_LE(hybrid.stats.bake_rays, samples);
-    EXPECT_EQ(hybrid.stats.bake_rays > 0, light_samples >= 256);
+    EXPECT_LE(4 * hybrid.stats.bake_rays, samples);  // by estimate 8 times
+    EXPECT_EQ(hybrid.stats.bake_rays > 0, light_samples >= 4096);
     if (hybrid.stats.bake_rays > 0) continue;
     o.method = Method::monte_carlo;
     EXPECT_EQ(differing(render(scene, o).image, hybrid.image), 0u);

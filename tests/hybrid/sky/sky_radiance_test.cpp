@@ -289,7 +289,30 @@ TEST(SkyRadiance, EveryCellHasTheLightOfAnEvenMap) {
   }
 }
 
-// Cells have whole rows of samples, of which those beside a band may all have one too few.
+// The sky's brightest part is often the horizon, beside a dark ground: it must not be taken for the ground's, whichever
+// rows of samples the border lies on, nor be made brighter.
+TEST(SkyRadiance, ABrightHorizonLightsFloorsAndWalls) {
+  for (const int height : {33, 64, 96, 100, 127, 128, 129, 256, 500, 512}) {
+    const double horizon = 0.5 * (height - 1);
+    const Scene scene = environment_scene(2 * height, height, [&](int, int y) {
+      const double up = std::cos(M_PI * y / (height - 1));
+      return Rgb(y < horizon ? float(0.1 + 6.0 * std::exp(-up / 0.08)) : 0.05f);
+    });
+    const SkyRadiance sky(scene);
+    std::vector<Vec3> normals = random_normals(12, 3);
+    normals[0] = Vec3(0.0f, 1.0f, 0.0f);
+    const Integrals expected = integrate(make_lights(scene), normals);
+    const double open = luminance(expected.power) / 4.0;
+    for (size_t k = 0; k < normals.size(); ++k) {
+      EXPECT_NEAR(luminance(DVec3(sky.irradiance(normals[k]))) / luminance(expected.irradiance[k]), 1.0, 0.006)
+          << height << " " << k;
+      EXPECT_NEAR(luminance(DVec3(sky.irradiance(normals[k]))) / open, luminance(expected.irradiance[k]) / open, 0.003)
+          << height << " " << k;
+    }
+  }
+}
+
+// What cells have of a narrow band by the samples that fall in each is made good over the whole sphere.
 TEST(SkyRadiance, NarrowBandsSendWhatTheyHave) {
   for (const int height : {96, 128, 160, 256}) {
     for (const int band : {height / 2, height / 2 - 3, height / 3, height / 5}) {

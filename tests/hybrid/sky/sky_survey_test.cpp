@@ -1,6 +1,7 @@
 // What is surveyed of a scene under a sky: what is open, what meshes hide, and that rooms of meshes let no light in.
 
 #include "hybrid/render/sky_survey.h"
+#include "hybrid/render/indirect_stage.h"
 
 #include <gtest/gtest.h>
 
@@ -101,6 +102,32 @@ TEST(SkySurvey, APlaneIsOpen) {
   EXPECT_FALSE(survey.is_enclosed());
   EXPECT_GT(survey.seen.size(), 500u);
   for (const Vec3& p : survey.seen) EXPECT_NEAR(p.z, 0.05f, 5e-4f);  // a hundredth of the way to the camera
+}
+
+// Half of the picture is background, a quarter a mirror: maps are asked for the rest.
+TEST(SkySurvey, CountsWhatAsksMaps) {
+  SceneMaker s;
+  s.scene.camera.to_world = look_at({0, 0, 5}, {0, 0, 0}, {0, 1, 0});
+  s.film(k_size, k_size);
+  const uint32_t square = s.shape(ShapeKind::rectangle);
+  s.instance(square, s.bsdf(BsdfKind::diffuse, Rgb(0.5f)), Affine({50, 0, 0}, {0, 50, 0}, {0, 0, 1}, {-50, 50, 0}));
+  s.instance(square, s.bsdf(BsdfKind::conductor, Rgb(0.5f)), Affine({50, 0, 0}, {0, 50, 0}, {0, 0, 1}, {-50, -50, 0}));
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  const Accel accel(s.scene);
+  const SkySurvey survey =
+      survey_sky(s.scene, accel, shape_traits(s.scene), CameraSampler(s.scene.camera, s.scene.film));
+  EXPECT_EQ(survey.met, 0.5);
+  EXPECT_EQ(survey.diffuse, 0.25);
+}
+
+// Each further surface is met by what does not leave: a geometric series, of a path and rays to each light.
+TEST(RaysAPath, AreThoseOfALengthAndAnOpening) {
+  EXPECT_EQ(rays_a_path(3, 1.0, 5), 1.0);           // leaves at once
+  EXPECT_EQ(rays_a_path(3, 0.75, 2), 1.5);          // a quarter of it asks two lights
+  EXPECT_EQ(rays_a_path(4, 0.5, 1), 1.5 + 0.75);    // half goes on
+  EXPECT_EQ(rays_a_path(5, 0.0, 1), 2.0 * 3);       // a closed room
+  EXPECT_EQ(rays_a_path(2, 0.5, 1), 0.0);           // no path has a second surface
+  EXPECT_NEAR(rays_a_path(-1, 0.5, 0), 2.0, 0.05);  // endless
 }
 
 // Maps let in what stands between the texels of adjoining boxes.
