@@ -120,13 +120,6 @@ void mend_texcoords(TriangleMesh& mesh, const SourceLocation& where, const Warni
 
 }  // namespace
 
-std::string_view mesh_readers::next_word(std::string_view& line, std::string_view blanks) {
-  line.remove_prefix(std::min(line.find_first_not_of(blanks), line.size()));
-  const std::string_view word = line.substr(0, line.find_first_of(blanks));
-  line.remove_prefix(word.size());
-  return word;
-}
-
 std::string mesh_readers::quote(std::string_view text) {
   constexpr size_t k_longest = 40;
   std::string s = "\"";

@@ -20,7 +20,7 @@ namespace {
 bool is_space(char c) { return c == ' ' || c == '\t'; }
 bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
-std::string_view next_word(std::string_view& line) { return mesh_readers::next_word(line, " \t"); }
+std::string_view next_word(std::string_view& line) { return mesh_readers::next_word(line, is_space); }
 
 enum class Number { finite, not_finite, malformed };
 

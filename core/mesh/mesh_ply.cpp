@@ -50,9 +50,9 @@ struct Header {
 
 // ---------------------------------------------------------------- header
 
-constexpr std::string_view k_blanks = " \t\r\v\f";
+bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
 
-std::string_view next_word(std::string_view& line) { return mesh_readers::next_word(line, k_blanks); }
+std::string_view next_word(std::string_view& line) { return mesh_readers::next_word(line, is_blank); }
 
 class HeaderParser {
  public:
@@ -189,7 +189,7 @@ class AsciiSource {
       line_ = rest_.substr(0, end);
       rest_.remove_prefix(std::min(end + 1, rest_.size()));
       ++where_.line;
-      line_.remove_prefix(std::min(line_.find_first_not_of(k_blanks), line_.size()));
+      while (!line_.empty() && is_blank(line_.front())) line_.remove_prefix(1);
     } while (line_.empty());
   }
 

@@ -29,8 +29,17 @@ struct RawMesh {
 RawMesh read_obj(const std::string& path, std::string_view text);
 RawMesh read_ply(const std::string& path, std::string_view bytes, const WarningSink& warning);
 
-// Takes the next word off `line`, words being parted by any of `blanks`; empty at the end.
-std::string_view next_word(std::string_view& line, std::string_view blanks);
+// Takes the next word off `line`; empty at the end. is_blank(c): whether a character parts words.
+template <class IsBlank>
+std::string_view next_word(std::string_view& line, const IsBlank& is_blank) {
+  size_t begin = 0;
+  while (begin < line.size() && is_blank(line[begin])) ++begin;
+  size_t end = begin;
+  while (end < line.size() && !is_blank(line[end])) ++end;
+  const std::string_view word = line.substr(begin, end - begin);
+  line.remove_prefix(end);
+  return word;
+}
 
 // A piece of input for messages: at most 40 characters, with unprintable ones replaced.
 std::string quote(std::string_view text);

@@ -27,10 +27,10 @@ namespace fieldtrace {
 
 class FieldCache {
  public:
-  // Makes the folder if need be. Throws Error if it cannot be made, or files can neither be made nor read in it.
-  // `warning` is called from the threads that load and store, one at a time, and by the constructor if the folder holds
-  // files of earlier formats or may only be read. Loading and storing open the module for field files if it is not open
-  // yet (field/file/vdb_grid.h); where work would be lost without it, vdb() tells before.
+  // Makes the folder if need be. Throws Error if it cannot be made, or files can neither be made nor read in it, or the
+  // module for them (field/file/vdb_grid.h) cannot be opened: long work learns this before it starts. `warning` is
+  // called from the threads that load and store, one at a time, and by the constructor if the folder holds files of
+  // earlier formats or may only be read.
   explicit FieldCache(const std::string& folder, WarningSink warning = {})
       : FieldCache(folder, 0, std::move(warning)) {}
   // `most_bytes`: limit on the field files in the folder; 0: none. Once `stop` (may be null) is set nobody else's lock

@@ -42,8 +42,8 @@ struct FieldPlan {
 // Exact rays that take the time of one look-up (docs/decisions/012-left-to-rays.md).
 inline constexpr double k_look_up_cost = 0.5;
 
-// Answers of a field that pay for one ray of its bake: that ray takes as long as two or three shadow rays, which go in
-// packets, and an answer spares half of one, since look-ups take time, those too that tell nothing
+// Answers of a field that pay for one ray of its bake. Two to four break even: that ray takes one to two times as long
+// as a shadow ray, and an answer spares half of one. Surveys are to be paid, too, and look-ups that tell nothing
 // (docs/decisions/047-open-scenes.md).
 inline constexpr double k_answers_a_bake_ray = 8.0;
 

@@ -286,7 +286,7 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   OpenLight open = {options.light_samples};
   bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
   stats.tolerance = resumes ? stage.resumed->tolerance : picture.light_tolerance(open.samples);
-  if (!stage.cache && !fields.empty()) stage.cache = open_cache(picture, fields.are_worth_keeping());
+  if (!stage.cache && fields.are_worth_keeping()) stage.cache = open_cache(picture);
   FieldCache* const cache = stage.cache.get();
   if (cache) {
     const ScopedTimer timer(stats.time_cache);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "field/file/vdb_grid.h"
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
 #include "hybrid/render/open_light_samples.h"
@@ -90,10 +89,9 @@ Rect crop_window(const Film& film, const std::optional<Rect>& requested) {
   return r;
 }
 
-std::unique_ptr<FieldCache> open_cache(const Picture& picture, bool is_used) {
+std::unique_ptr<FieldCache> open_cache(const Picture& picture) {
   const RenderOptions& o = picture.options;
   if (o.field_cache.empty()) return nullptr;
-  if (is_used) vdb();
   return std::make_unique<FieldCache>(o.field_cache, o.field_cache_limit, picture.callbacks.warning,
                                       picture.callbacks.stop);
 }
@@ -144,8 +142,10 @@ float Picture::light_tolerance(int open_samples) const {
   return float(k_default_tolerance * std::min(1.0, k_tolerated_light_samples / of_pixel));
 }
 
+Rect Picture::sampled_window() const { return by_rounds() ? window : crop_window(scene.film, {}); }
+
 uint64_t Picture::film_samples() const {
-  const Rect film = by_rounds() ? window : crop_window(scene.film, {});
+  const Rect film = sampled_window();
   return uint64_t(film.width) * uint64_t(film.height) * uint64_t(spp);
 }
 

@@ -59,6 +59,7 @@ struct Picture {
   bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }
   // Of the whole film, so that fields, and with them pixels, are the same in every window; by rounds, where pixels
   // depend on it, of the window.
+  Rect sampled_window() const;
   uint64_t film_samples() const;
   uint64_t rays_per_light() const { return film_samples() * uint64_t(options.light_samples); }
 };
@@ -66,9 +67,8 @@ struct Picture {
 // The pixels of the film's crop window; of `requested` if given. Throws UsageError if that does not lie within.
 Rect crop_window(const Film& film, const std::optional<Rect>& requested);
 
-// The cache of fields and maps that the options name; null if they name none. `is_used`: what opens its files is opened
-// as well, so that long work learns before it starts if that is missing; else only the folder is seen to.
-std::unique_ptr<FieldCache> open_cache(const Picture& picture, bool is_used);
+// The cache of fields and maps that the options name; null if they name none.
+std::unique_ptr<FieldCache> open_cache(const Picture& picture);
 
 // The noise of rays alone with these light samples of each camera sample, `open` where a light may be hidden.
 struct RayNoise {

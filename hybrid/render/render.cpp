@@ -18,6 +18,7 @@
 #include "hybrid/render/attempt.h"
 #include "hybrid/render/glossy_stage.h"
 #include "hybrid/render/indirect_stage.h"
+#include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/picture.h"
 #include "hybrid/render/picture_identity.h"
 #include "hybrid/render/render_pilot.h"
@@ -29,6 +30,9 @@
 namespace fieldtrace {
 namespace {
 
+// Numbers that may still be multiplied by what maps gain.
+uint64_t whole_rays(double rays) { return uint64_t(std::min(rays, 0x1p58)); }
+
 SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   SkyRequest request;
   const Scene& scene = picture.scene;
@@ -36,19 +40,18 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
   const bool is_lit = has_sky(scene) && depth != 0 && depth != 1;
   request.bounce_rays = plan_indirect(scene, *stage.lights, stage.traits, depth);
   if (is_lit || picture.settings.occlusion || request.bounce_rays > 0) {
-    const SkySurvey survey = survey_sky(scene, stage.accel, stage.traits, stage.camera);
-    const double samples = double(picture.film_samples()), paths = samples * picture.options.lobe_samples;
-    const double lights = samples * picture.options.light_samples;
-    if (picture.settings.occlusion) request.occlusion_rays = uint64_t(survey.met * lights);
-    // The sky gets a ray from each light sample and each path.
-    const auto to_sky = is_lit ? uint64_t(survey.diffuse * (lights + paths)) : 0;
+    const Rect film = picture.sampled_window();
+    const SkySurvey survey = survey_sky(scene, stage.accel, stage.traits, stage.camera, film);
+    const auto samples = double(picture.film_samples()), lights = samples * double(picture.options.light_samples);
+    if (picture.settings.occlusion) request.occlusion_rays = whole_rays(survey.met * lights);
+    // Diffuse surfaces send one path. The sky gets a ray from each light sample and each path.
+    const double to_sky = is_lit ? survey.diffuse * (lights + samples) : 0.0;
     const double of_path = rays_a_path(depth, survey.open, scene.emitters.size()) - (is_lit ? 1.0 : 0.0);
-    const uint64_t with_paths = to_sky + uint64_t(survey.diffuse * paths * of_path);
+    const double with_paths = to_sky + survey.diffuse * samples * std::max(of_path, 0.0);
     const uint64_t gain = is_lit ? k_coarse_maps_gain : k_usual_maps_gain;  // a lamp's own noise stays
-    const bool any_cost = picture.options.at_any_cost(), suits = any_cost || !survey.is_enclosed();
-    const bool pay = any_cost || request.bounce_rays <= gain * with_paths;
-    request.bounces = suits && request.bounce_rays > 0 && pay;
-    if (suits) request.light_rays = request.bounces ? with_paths : to_sky;
+    const bool suits = picture.options.at_any_cost() || !survey.is_enclosed();
+    request.bounces = suits && request.bounce_rays > 0 && double(request.bounce_rays) <= double(gain) * with_paths;
+    if (suits) request.light_rays = whole_rays(request.bounces ? with_paths : to_sky);
     request.seen = survey.seen;
   }
   request.occlusion_distance = picture.settings.occlusion_distance;
@@ -74,7 +77,7 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   if (!picture.wants_fields) return;
   drop_maps(stage, stats);
   const auto cache = [&] {
-    if (!stage.cache) stage.cache = open_cache(picture, /*is_used=*/true);
+    if (!stage.cache) stage.cache = open_cache(picture);
     return stage.cache.get();
   };
   const StopAt stop(picture.callbacks.stop, stage.survey_end);
@@ -125,9 +128,10 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   if (options.plane) plan.parameters.plane = options.plane;
   // No shape is left out for its cost where every cell answers, or undecided cells are requested.
   if (!options.at_any_cost() && !options.force_undecided && options.base_tolerance() < 1.0f) {
-    plan.light_samples = has_few_light_samples(picture.spp, options)
-                             ? 0.0
-                             : double(picture.rays_per_light()) * double(scene.emitters.size());
+    const bool has_few = has_few_light_samples(picture.spp, options);
+    const int open_samples = picture.is_adaptive() ? k_most_open_samples : 1;  // at most, where lights may be hidden
+    const auto samples = double(picture.film_samples()) * std::max(options.light_samples, open_samples);
+    plan.light_samples = has_few ? 0.0 : samples * double(scene.emitters.size());
   }
   if (picture.wants_fields)
     plan.hit_instances =
@@ -158,7 +162,7 @@ void render_by_thesis(const Picture& picture, const Stage& stage, RenderResult& 
   const RenderCallbacks& callbacks = picture.callbacks;
   const int m = thesis_directions(options.directions, options.plane);
   ThesisFieldSet fields(picture.scene, stage.traits, m, picture.field_memory);
-  const std::unique_ptr<FieldCache> cache = fields.empty() ? nullptr : open_cache(picture, /*is_used=*/true);
+  const std::unique_ptr<FieldCache> cache = fields.empty() ? nullptr : open_cache(picture);
   ThesisBakeCallbacks bake;
   bake.stop = callbacks.stop;
   if (callbacks.progress) bake.progress = [&](float share) { callbacks.progress(share, "bake"); };

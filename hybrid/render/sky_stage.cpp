@@ -18,8 +18,8 @@
 namespace fieldtrace {
 namespace {
 
-// The same without a sky, where light samples' noise stays.
-constexpr uint64_t k_bounce_maps_gain = 1;
+// The same without a sky, where light samples' noise stays, and of the layer `ao`.
+constexpr uint64_t k_bounce_maps_gain = 1, k_occlusion_maps_gain = 8;
 constexpr int k_fewest_directions = 8, k_usual_directions = 32, k_fine_directions = 64;
 // In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
 // beside the noise.
@@ -60,13 +60,14 @@ int wanted_directions(bool crowd, float given, uint64_t samples) {
   return given <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
 }
 
-// D = 0: none is affordable for so many rays.
-MapSize choose_size(size_t shapes, int directions, int least, uint64_t rays, bool bounces_alone, uint64_t most_bytes) {
+// D = 0: none is affordable for so many rays. `coarse_gain`: k_coarse_maps_gain or its like.
+MapSize choose_size(size_t shapes, int directions, int least, uint64_t rays, uint64_t coarse_gain,
+                    uint64_t most_bytes) {
   MapSize size;
   size.directions = directions;
   const auto fits = [&] {
-    const uint64_t usual = size.directions > k_coarse_directions ? k_usual_maps_gain : k_coarse_maps_gain;
-    const uint64_t gain = bounces_alone ? k_bounce_maps_gain : usual;
+    const bool is_coarse = size.directions <= k_coarse_directions;
+    const uint64_t gain = is_coarse ? coarse_gain : std::min(coarse_gain, k_usual_maps_gain);
     return size.lines() * shapes <= gain * rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
   while (size.directions > least && !fits()) size.directions /= 2;
@@ -148,7 +149,8 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const uint64_t instances = crowd ? instances_in_view(scene) : 0;
   // Each sample sends one to the sky and one from the material.
   const uint64_t most_crowd_rays = 2 * k_most_crowd_samples * uint64_t(scene.film.width) * uint64_t(scene.film.height);
-  const auto choose = [&](uint64_t rays, bool coarse, bool bounces_alone) {
+  const uint64_t light_gain = request.bounces_alone ? k_bounce_maps_gain : k_coarse_maps_gain;
+  const auto choose = [&](uint64_t rays, bool coarse, uint64_t coarse_gain) {
     if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
     if (!by_request && std::min(rays, most_crowd_rays) < k_crowd_rays * instances) return MapSize{0, 0};
     int directions = wanted_directions(crowd, given, request.samples);
@@ -161,23 +163,23 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
     while (request.bounces && directions > k_coarse_directions && shading_rays() > rays / 2) {
       directions /= 2;
     }
-    return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, bounces_alone,
+    return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, coarse_gain,
                        request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
-  MapSize size = choose(request.light_rays, request.coarse, request.bounces_alone);
+  MapSize size = choose(request.light_rays, request.coarse, light_gain);
   if (size.directions == 0 && request.light_rays > 0) {
     mapped.drop_deformed();
-    size = choose(request.light_rays, request.coarse, request.bounces_alone);
+    size = choose(request.light_rays, request.coarse, light_gain);
   }
   const bool for_light = size.directions > 0;
   // Within less than an object's radius rays are cheap and their noise is low.
   const bool is_far = by_request || request.occlusion_distance >= median_radius(scene, mapped);
   const uint64_t occlusion_rays = is_far ? request.occlusion_rays : 0;
-  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false, /*bounces_alone=*/false);
+  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false, k_occlusion_maps_gain);
   if (size.directions == 0) return stage;
   const bool can_be_finer =
-      for_light && size.directions < choose(request.light_rays, /*coarse=*/false, request.bounces_alone).directions;
+      for_light && size.directions < choose(request.light_rays, /*coarse=*/false, light_gain).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   // Before the cache, which is being opened meanwhile.
   std::optional<SkyRadiance> light;

@@ -69,14 +69,15 @@ class Planes {
 bool SkySurvey::is_enclosed() const { return open < std::max(k_least_sky, k_least_open * hidden_by_maps); }
 
 SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                     const CameraSampler& camera) {
+                     const CameraSampler& camera, const Rect& window) {
   RayBatch rays;
   HitBatch hits;
   rays.resize(size_t(k_share_side * k_share_side));
   hits.resize(rays.size);
-  const Vec2 step(float(scene.film.width) / float(k_share_side), float(scene.film.height) / float(k_share_side));
+  const Vec2 corner(float(window.x), float(window.y));
+  const Vec2 step(float(window.width) / float(k_share_side), float(window.height) / float(k_share_side));
   for (int i = 0; i < k_share_side * k_share_side; ++i) {
-    const Vec2 p = (Vec2(float(i % k_share_side), float(i / k_share_side)) + 0.5f) * step;
+    const Vec2 p = corner + (Vec2(float(i % k_share_side), float(i / k_share_side)) + 0.5f) * step;
     const CameraRay ray = camera.ray_at(p, Vec2(0.5f));
     rays.set(size_t(i), ray.origin, ray.direction, k_infinity);
   }

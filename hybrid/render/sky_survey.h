@@ -27,8 +27,8 @@ struct SkySurvey {
   bool is_enclosed() const;
 };
 
-// By a grid of camera rays over the whole film.
+// By a grid of camera rays over a part of the film.
 SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
-                     const CameraSampler& camera);
+                     const CameraSampler& camera, const Rect& window);
 
 }  // namespace fieldtrace

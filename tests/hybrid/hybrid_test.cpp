@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
+
 #include "core/loader/scene_xml.h"
 #include "hybrid/compare/compare.h"
 #include "hybrid/render/open_light_samples.h"
@@ -324,6 +326,25 @@ TEST_P(HybridPicture, DoesNotDependOnTheFieldCache) {
   EXPECT_EQ(differing(none.image, warm.image), 0u);
   EXPECT_EQ(warm.stats.bake_rays, 0u);
   EXPECT_EQ(warm.stats.rays_exact, none.stats.rays_exact);
+}
+
+// Where cost decides, the cache holds what is dear to bake, and nothing else.
+TEST(Hybrid, CachesHoldWhatIsDearToBake) {
+  for (const int film : {64, 2048}) {
+    const Scene scene = hybrid_scene("object_over_floor", film).scene;
+    RenderOptions o = options_for(Method::hybrid, film == 64 ? 4096 : 256);
+    o.max_depth = 2;
+    o.leave_to_rays = true;
+    o.directions = o.plane = 0;
+    o.crop = Rect{film / 2 - 16, film / 2 - 16, 32, 32};
+    const test::TemporaryFolder folder;
+    o.field_cache = folder.path();
+    const RenderResult cold = render(scene, o), warm = render(scene, o);
+    EXPECT_GT(cold.stats.bake_rays, 0u) << film;
+    EXPECT_EQ(warm.stats.bake_rays, film == 64 ? cold.stats.bake_rays : 0u);
+    EXPECT_EQ(std::filesystem::is_empty(folder.path()), film == 64);
+    EXPECT_EQ(differing(cold.image, warm.image), 0u);
+  }
 }
 
 TEST_P(HybridPicture, CropIsThatPartOfTheWhole) {

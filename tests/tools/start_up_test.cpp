@@ -1,5 +1,6 @@
 // Which shared libraries the program loads, and when: every start pays for those that it need not load.
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 
 #include "tests/support/command_files.h"
 
@@ -73,13 +74,17 @@ TEST_F(StartUp, ModulesAreOpenedWhenNeeded) {
 // What takes no longer to bake than field files take to open is neither kept nor read, unless it is asked for; skies
 // read the cache in any case.
 TEST_F(StartUp, SmallBakesOpenNoFieldFiles) {
-  const std::vector<std::string> arguments = {"-o", "a.exr", "--field-cache", "cache", "--spp", "64", "--quiet"};
+  const std::vector<std::string> arguments = {"-o",   "a.exr",   "--field-cache", "cache",  "--spp",
+                                              "4096", "--stats", "a.json",        "--quiet"};
   const auto libraries_with = [&](const std::string& scene) {
     std::vector<std::string> all = {"render", scene};
     all.insert(all.end(), arguments.begin(), arguments.end());
     return libraries_of(all);
   };
   expect_few(libraries_with("scene.xml"));
+  const auto stats = nlohmann::json::parse(std::ifstream(folder_ / "a.json"));
+  EXPECT_GT(stats["bake"]["rays"].get<uint64_t>(), 0u);
+  EXPECT_FALSE(fs::exists(folder_ / "cache"));
   std::string sky = k_small_scene;
   sky.insert(sky.rfind("</scene>"), "<emitter type=\"constant\"/>");
   write("sky.xml", sky);

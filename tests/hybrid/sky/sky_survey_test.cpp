@@ -46,7 +46,7 @@ struct Room : SceneMaker {
   }
   SkySurvey survey() const {
     const Accel accel(scene);
-    return survey_sky(scene, accel, shape_traits(scene), CameraSampler(scene.camera, scene.film));
+    return survey_sky(scene, accel, shape_traits(scene), CameraSampler(scene.camera, scene.film), scene.film.crop);
   }
 
   bool of_boxes_;
@@ -97,7 +97,7 @@ TEST(SkySurvey, APlaneIsOpen) {
   s.light(EmitterKind::constant, Rgb(1.0f));
   const Accel accel(s.scene);
   const SkySurvey survey =
-      survey_sky(s.scene, accel, shape_traits(s.scene), CameraSampler(s.scene.camera, s.scene.film));
+      survey_sky(s.scene, accel, shape_traits(s.scene), CameraSampler(s.scene.camera, s.scene.film), s.scene.film.crop);
   EXPECT_EQ(survey.open, 1.0);
   EXPECT_FALSE(survey.is_enclosed());
   EXPECT_GT(survey.seen.size(), 500u);
@@ -114,10 +114,21 @@ TEST(SkySurvey, CountsWhatAsksMaps) {
   s.instance(square, s.bsdf(BsdfKind::conductor, Rgb(0.5f)), Affine({50, 0, 0}, {0, 50, 0}, {0, 0, 1}, {-50, -50, 0}));
   s.light(EmitterKind::constant, Rgb(1.0f));
   const Accel accel(s.scene);
-  const SkySurvey survey =
-      survey_sky(s.scene, accel, shape_traits(s.scene), CameraSampler(s.scene.camera, s.scene.film));
-  EXPECT_EQ(survey.met, 0.5);
-  EXPECT_EQ(survey.diffuse, 0.25);
+  const auto survey = [&](const Rect& window) {
+    return survey_sky(s.scene, accel, shape_traits(s.scene), CameraSampler(s.scene.camera, s.scene.film), window);
+  };
+  const SkySurvey whole = survey(s.scene.film.crop);
+  EXPECT_EQ(whole.met, 0.5);
+  EXPECT_EQ(whole.diffuse, 0.25);
+  double met = 0.0, diffuse = 0.0;
+  for (int quarter = 0; quarter < 4; ++quarter) {
+    const int half = k_size / 2;
+    const SkySurvey part = survey({quarter % 2 * half, quarter / 2 * half, half, half});
+    EXPECT_TRUE(part.met == 1.0 || part.met == 1.0 / 1024.0);  // none is like one
+    met += part.met, diffuse += part.diffuse;
+  }
+  EXPECT_NEAR(met, 2.0, 0.01);
+  EXPECT_NEAR(diffuse, 1.0, 0.01);
 }
 
 // Each further surface is met by what does not leave: a geometric series, of a path and rays to each light.
