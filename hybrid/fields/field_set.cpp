@@ -129,7 +129,7 @@ bool FieldSet::are_worth_keeping() const {
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s]) continue;
     if (!cost_decides() || for_hits_[s]) return true;
-    rays += needed_rays(s);
+    rays += needed_rays(s) + (self_to_rays_[s] ? 0.0 : bake_rays_[s]);
   }
   return rays >= k_fewest_kept_rays;
 }

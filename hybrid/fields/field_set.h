@@ -45,7 +45,7 @@ inline constexpr double k_look_up_cost = 0.5;
 // Answers of a field that pay for one ray of its bake. Two to four break even: that ray takes one to two times as long
 // as a shadow ray, and an answer spares half of one. Surveys are to be paid, too, and look-ups that tell nothing
 // (docs/decisions/047-open-scenes.md).
-inline constexpr double k_answers_a_bake_ray = 8.0;
+inline constexpr double k_answers_a_bake_ray = 4.0;
 
 // A cache holds no fields whose bakes, all together, take fewer rays by estimate: that is done before OpenVDB is open.
 inline constexpr double k_fewest_kept_rays = 5e5;

@@ -151,6 +151,9 @@ void warn_of_no_variance(const Picture& picture) {
   warn(picture.callbacks.warning, {}, "one sample of a pixel tells nothing of its variance: the layer is 0");
 }
 
+// Of a pixel: with so many, fields are likely to be kept and read.
+constexpr int64_t k_many_light_samples = 32;
+
 // Surveys may take this part of a time limit: 1 / k_survey_part.
 constexpr int k_survey_part = 2;
 // Seconds: 30 years, which clocks can add.
@@ -251,9 +254,11 @@ void count_device(const VisibilityDevice& device, Stats& stats) {
 bool is_likely_to_use_cache(const RenderOptions& options, bool has_sky) {
   if (options.method != Method::hybrid || options.field_cache.empty()) return false;
   const std::vector<std::string>& layers = options.aovs;
-  // Without, surveys often leave pictures to rays.
   if (has_sky || options.at_any_cost()) return true;
-  return !options.by_rounds() && std::find(layers.begin(), layers.end(), "ao") != layers.end();
+  // Surveys often leave pictures by rounds, and of few light samples, to rays.
+  if (options.by_rounds()) return false;
+  if (std::find(layers.begin(), layers.end(), "ao") != layers.end()) return true;
+  return int64_t(options.spp) * options.light_samples >= k_many_light_samples;  // of the scene's own, none is known yet
 }
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {

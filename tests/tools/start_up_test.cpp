@@ -74,8 +74,8 @@ TEST_F(StartUp, ModulesAreOpenedWhenNeeded) {
 // What takes no longer to bake than field files take to open is neither kept nor read, unless it is asked for; skies
 // read the cache in any case.
 TEST_F(StartUp, SmallBakesOpenNoFieldFiles) {
-  const std::vector<std::string> arguments = {"-o",   "a.exr",   "--field-cache", "cache",  "--spp",
-                                              "4096", "--stats", "a.json",        "--quiet"};
+  const std::vector<std::string> arguments = {"-o",   "a.exr",   "--field-cache", "cache",  "--light-samples",
+                                              "1024", "--stats", "a.json",        "--quiet"};
   const auto libraries_with = [&](const std::string& scene) {
     std::vector<std::string> all = {"render", scene};
     all.insert(all.end(), arguments.begin(), arguments.end());
