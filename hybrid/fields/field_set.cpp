@@ -135,7 +135,7 @@ bool FieldSet::are_worth_keeping() const {
 }
 
 void FieldSet::load(FieldCache& cache) {
-  if (!plan_.read_cache || !are_worth_keeping()) return;
+  if (!plan_.read_cache) return;
   std::atomic<bool> has_loaded = has_loaded_;
   parallel_for(fields_.size(), [&](size_t s) {
     if (!fields_[s] || budget_->exceeded()) return;
@@ -146,14 +146,12 @@ void FieldSet::load(FieldCache& cache) {
 
 // Sequentially, because storing a field holds a second copy of it.
 void FieldSet::store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const {
-  const bool keeps = are_worth_keeping();
   for (size_t s = 0; s < fields_.size(); ++s) {
-    if (!fields_[s] || !keeps) continue;
+    if (!fields_[s]) continue;
     const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
     keep("the field of " + scene_.shapes[s].name, if_unkept, warning, [&] { cache.store(*fields_[s], identity); });
     stats.field_bytes_disk += cache.bytes_on_disk(identity);
   }
-  cache.trim();
 }
 
 void FieldSet::count(Stats& stats) const {

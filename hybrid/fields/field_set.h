@@ -101,7 +101,7 @@ class FieldSet {
 
   // Whether a cache is to hold them. It is where cost decides nothing, and where glossy rays use them.
   bool are_worth_keeping() const;
-  // Reads fields from the cache, if the plan allows it and they are worth keeping.
+  // Reads fields from the cache, if the plan allows it.
   void load(FieldCache& cache);
   void store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const;
   void count(Stats& stats) const;

@@ -286,9 +286,10 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   OpenLight open = {options.light_samples};
   bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
   stats.tolerance = resumes ? stage.resumed->tolerance : picture.light_tolerance(open.samples);
-  if (!stage.cache && fields.are_worth_keeping()) stage.cache = open_cache(picture);
+  const bool keeps_fields = fields.are_worth_keeping();  // a later survey may leave some of them
+  if (!stage.cache && keeps_fields) stage.cache = open_cache(picture);
   FieldCache* const cache = stage.cache.get();
-  if (cache) {
+  if (cache && keeps_fields) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
   }
@@ -329,7 +330,8 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   stats.field_bytes_maps = answers.map_bytes(stage);
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
-    fields.store(*cache, options.if_unkept, picture.callbacks.warning, stats);
+    if (keeps_fields) fields.store(*cache, options.if_unkept, picture.callbacks.warning, stats);
+    cache->trim();
   }
   warn_of_not_finite(job);
   return true;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <utility>
 
 #include "core/platform/parallel.h"
 #include "core/simd/vec_lanes.h"
@@ -183,17 +184,22 @@ void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
     std::vector<Sum>& sums = bands[band];
     sums.resize(k_cells);
     std::vector<Rgb> above(size_t(map.width) + 1), below(above);  // what is left of the rows about a sample
-    int held = -1;                                                // the upper one
+    const auto fill = [&](std::vector<Rgb>& row, int y) {
+      const Rgb* const texels = &map.pixels[size_t(y) * size_t(map.width)];
+      for (int x = 0; x < map.width; ++x) row[size_t(x)] = rest_of(texels[x], threshold);
+      row.back() = row.front();
+    };
+    int held = -1;  // the upper one
     AlignedVector<int32_t> cells(padded(size_t(columns)));
     for (int row = int(size_t(rows) * band / k_bands); row < int(size_t(rows) * (band + 1) / k_bands); ++row) {
-      const int upper = std::min(row / finer_rows, map.height - 2);
-      if (held != upper) {
-        const Rgb* const texels = &map.pixels[size_t(upper) * size_t(map.width)];
-        for (int x = 0; x < map.width; ++x) {
-          above[size_t(x)] = rest_of(texels[x], threshold),
-          below[size_t(x)] = rest_of(texels[x + map.width], threshold);
+      const int upper = row / finer_rows;
+      if (upper != held) {
+        if (held >= 0) {
+          std::swap(above, below);
+        } else {
+          fill(above, upper);
         }
-        above.back() = above.front(), below.back() = below.front();
+        fill(below, upper + 1);
         held = upper;
       }
       for (int p = 0; p < k_phases; ++p) {

@@ -332,7 +332,7 @@ TEST_P(HybridPicture, DoesNotDependOnTheFieldCache) {
 TEST(Hybrid, CachesHoldWhatIsDearToBake) {
   for (const int film : {64, 2048}) {
     const Scene scene = hybrid_scene("object_over_floor", film).scene;
-    RenderOptions o = options_for(Method::hybrid, film == 64 ? 4096 : 256);
+    RenderOptions o = options_for(Method::hybrid, film == 64 ? 1024 : 256);
     o.max_depth = 2;
     o.leave_to_rays = true;
     o.directions = o.plane = 0;
