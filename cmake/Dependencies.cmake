@@ -13,9 +13,10 @@ find_path(CLI11_INCLUDE_DIR CLI/CLI.hpp REQUIRED)
 find_path(NLOHMANN_JSON_INCLUDE_DIR nlohmann/json.hpp REQUIRED)
 find_package(tinyobjloader REQUIRED)
 
-# Debian's xxHash has no CMake files.
+# Debian's xxHash and Blosc have no CMake files.
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(XXHASH REQUIRED IMPORTED_TARGET libxxhash>=0.8)
+pkg_check_modules(BLOSC REQUIRED IMPORTED_TARGET blosc>=1.16)
 
 # Debian's OpenImageIO names an include folder of OpenCV that is not installed.
 get_target_property(_oiio_includes OpenImageIO::OpenImageIO INTERFACE_INCLUDE_DIRECTORIES)

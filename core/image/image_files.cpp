@@ -28,6 +28,7 @@
 #include "core/io/input_file.h"
 #include "core/platform/error.h"
 #include "core/platform/module.h"
+#include "core/platform/parallel.h"
 
 namespace fieldtrace {
 
@@ -103,9 +104,18 @@ struct ExrPixels {
       offsets.push_back(pixel_bytes);
       pixel_bytes += type == Imf::HALF ? sizeof(Imath::half) : sizeof(float);
     }
-    const size_t stride = image.channel_count(), count = image.data.size() / stride;
+    const size_t count = size_t(image.width) * size_t(image.height);
     bytes.resize(count * pixel_bytes);
-    for (size_t i = 0; i < count; ++i) {
+    constexpr size_t task = size_t(1) << 14;
+    tbb::this_task_arena::isolate([&] {
+      parallel_for((count + task - 1) / task,
+                   [&](size_t t) { fill(image, t * task, std::min((t + 1) * task, count)); });
+    });
+  }
+
+  void fill(const Image& image, size_t begin, size_t end) {
+    const size_t stride = image.channel_count();
+    for (size_t i = begin; i < end; ++i) {
       for (size_t c = 0; c < stride; ++c) {
         char* const to = &bytes[i * pixel_bytes + offsets[c]];
         float value = image.data[i * stride + c];

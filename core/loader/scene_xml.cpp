@@ -40,19 +40,12 @@ void build_scene(SceneBuilder& builder) {
   if (integrator) build_integrator(builder, *integrator);
 }
 
-bool has_sky(const SceneTree& tree) {
-  return std::any_of(tree.root.children.begin(), tree.root.children.end(), [](const SceneNode& node) {
-    return node.tag == "emitter" && (node.type == "constant" || node.type == "envmap");
-  });
-}
-
 }  // namespace
 
 Scene load_scene(const std::string& path, const SceneLoadOptions& options) {
   const Diagnostics diagnostics{options.strict, options.warning};
   SceneTree tree;
   load_scene_tree(path, options.parameters, diagnostics, tree);
-  if (options.parsed) options.parsed(has_sky(tree));
   SceneBuilder builder(tree, diagnostics);
   builder.scene.files = tree.files;
   builder.scene.parameters = options.parameters;

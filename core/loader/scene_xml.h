@@ -2,11 +2,9 @@
 // both.
 //
 // Source: Mitsuba 3 documentation, "Scene XML file format" and the plugin reference; deviations are in docs/scenes.md.
-// Thread-safety: load_scene() may be called from several threads; `warning` and `parsed` are called from the calling
-// thread only.
+// Thread-safety: load_scene() may be called from several threads; `warning` is called from the calling thread only.
 #pragma once
 
-#include <functional>
 #include <map>
 #include <string>
 
@@ -21,8 +19,6 @@ struct SceneLoadOptions {
   // Unknown elements, properties, plugins and unused parameters are an Error instead of a warning.
   bool strict = false;
   WarningSink warning;
-  // Called before meshes and bitmaps are read: whether an emitter is a sky (`constant`, `envmap`).
-  std::function<void(bool has_sky)> parsed = {};
 };
 
 // Loads the scene at `path` with everything it refers to: included files, meshes and bitmaps, searched for beside the

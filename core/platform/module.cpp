@@ -35,17 +35,31 @@ std::string module_path(const std::string& file) {
   return fs::exists(installed, ignored) ? installed.string() : file;
 }
 
-}  // namespace
+std::string file_of(const std::string& name) { return "libfieldtrace_" + name + ".so"; }
 
-void* module_function(const std::string& name, const char* function) {
-  const std::string file = "libfieldtrace_" + name + ".so", path = module_path(file);
-  void* const module = dlopen(path.c_str(), RTLD_LAZY | RTLD_LOCAL);
-  void* const address = module ? dlsym(module, function) : nullptr;
-  if (address) return address;
+// Opens the module; null: the system says why not.
+void* open(const std::string& path) { return dlopen(path.c_str(), RTLD_LAZY | RTLD_LOCAL); }
+
+[[noreturn]] void fail(const std::string& file, const std::string& path) {
   const char* const reason = dlerror();
   throw Error({path == file ? expected_path(file).string() : path},
               "a part of this program that must lie there cannot be opened (" +
                   std::string(reason ? reason : "no reason given") + "); build or install the program again");
+}
+
+}  // namespace
+
+void* module_function(const std::string& name, const char* function) {
+  const std::string file = file_of(name), path = module_path(file);
+  void* const module = open(path);
+  void* const address = module ? dlsym(module, function) : nullptr;
+  if (!address) fail(file, path);
+  return address;
+}
+
+void require_module(const std::string& name) {
+  const std::string file = file_of(name), path = module_path(file);
+  if (path == file && !open(path)) fail(file, path);
 }
 
 }  // namespace fieldtrace

@@ -18,4 +18,7 @@ namespace fieldtrace {
 // address. Throws Error naming the module's file and the system's reason if it cannot be opened or lacks the function.
 void* module_function(const std::string& name, const char* function);
 
+// Throws the same if the module is missing. Takes microseconds: where its file lies as expected, it is not opened.
+void require_module(const std::string& name);
+
 }  // namespace fieldtrace

@@ -80,9 +80,9 @@ void write_stack(const Stack& stack, int tiles, const Place& place, VdbGrid& gri
 
 // Whether a leaf holds lines of one direction; then whether all of them are there and in range.
 static_assert(k_patch_lines == 64, "a word of the mask is a direction");
-bool has_layer(const VdbNode& leaf, int layer) { return leaf.active[size_t(layer)] != 0; }
-bool sound_layer(const VdbNode& leaf, int layer) {
-  const int32_t* const lines = leaf.values + layer * k_patch_lines;
+bool has_layer(const VdbStoredLeaf& leaf, int layer) { return leaf.active[size_t(layer)] != 0; }
+bool sound_layer(const VdbStoredLeaf& leaf, const VdbValues& values, int layer) {
+  const int32_t* const lines = values.data() + layer * k_patch_lines;
   const auto sound = [](int32_t line) { return line >= 0 && line <= scalar::k_coverage_depths; };
   return leaf.active[size_t(layer)] == ~uint64_t(0) && std::all_of(lines, lines + k_patch_lines, sound);
 }
@@ -155,35 +155,43 @@ void write_coverage(std::span<const CoverageTiles* const> sources, VdbGrid& grid
   }
 }
 
-bool CoverageGrid::open(VdbGridPtr grid, int directions, int plane) {
+bool CoverageGrid::open(const VdbStoredGrid& grid, int directions, int plane) {
   const int lines = CoverageTiles::lines_for(plane);
   FoundPatches found(directions, lines);
-  const bool sound = vdb().visit(*grid, [&](const VdbNode& node) {
-    if (node.side != k_leaf_side || !found.within(node.origin)) return false;
-    if (!node.values && node.value != 0) return false;
+  for (const VdbTile& tile : grid.tiles) {
+    if (tile.side != k_leaf_side || tile.value != 0 || !found.within(tile.origin)) return false;
+    for (int layer = 0; layer < k_leaf_side; ++layer) found.add(tile.origin, layer);
+  }
+  std::vector<Patch> patches;
+  VdbValues values;
+  for (const VdbStoredLeaf& leaf : grid.leaves) {
+    if (!found.within(leaf.origin) || !grid.unpack(leaf, values)) return false;
     for (int layer = 0; layer < k_leaf_side; ++layer) {
-      if (node.values && !has_layer(node, layer)) continue;
-      if (node.values && !sound_layer(node, layer)) return false;
-      found.add(node.origin, layer);
+      if (!has_layer(leaf, layer)) continue;
+      if (!sound_layer(leaf, values, layer)) return false;
+      found.add(leaf.origin, layer);
     }
-    return true;
-  });
-  if (!sound) return false;
+    Patch& patch = patches.emplace_back(Patch{leaf.origin, {}});
+    std::copy(values.begin(), values.end(), patch.lines.begin());
+  }
   std::vector<uint32_t> slots;
   if (!found.take_slots(slots)) return false;
-  grid_ = std::move(grid);
   tiles_ = lines / scalar::k_tile_lines;
+  patches_ = std::move(patches);
   slots_ = std::move(slots);
   return true;
 }
 
 void CoverageGrid::read(uint32_t slot, std::span<uint16_t> lines) const {
   const Place place = place_of(slot, tiles_);
-  for (int patch = 0; patch < k_patches; ++patch) {
-    const VdbNode node = vdb().find(*grid_, patch_origin(tiles_, place.octet, place.tile, patch));
+  for (int p = 0; p < k_patches; ++p) {
+    const VoxelCoord origin = patch_origin(tiles_, place.octet, place.tile, p);
+    const auto patch = std::lower_bound(patches_.begin(), patches_.end(), origin,
+                                        [](const Patch& a, const VoxelCoord& at) { return a.origin < at; });
+    const bool is_held = patch != patches_.end() && patch->origin == origin;
     for (int i = 0; i < k_patch_lines; ++i) {
-      lines[line_of_patch(patch, i)] =
-          node.values ? uint16_t(node.values[int(place.layer) * k_patch_lines + i]) : uint16_t(0);
+      lines[line_of_patch(p, i)] =
+          is_held ? patch->lines[place.layer * size_t(k_patch_lines) + size_t(i)] : uint16_t(0);
     }
   }
 }

@@ -5,11 +5,12 @@
 // misses are one active tile of OpenVDB's instead of a leaf. Thread-safety: distinct objects are independent.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
 
-#include "field/file/vdb_grid.h"
+#include "field/grid/vdb_grid.h"
 #include "field/store/coverage.h"
 
 namespace fieldtrace {
@@ -19,21 +20,26 @@ inline constexpr const char* k_coverage_grid_name = "coverage";
 // Writes the union of the sources' tiles; a tile that several sources have is taken from the first.
 void write_coverage(std::span<const CoverageTiles* const> sources, VdbGrid& grid);
 
-// The tiles of a grid. Keeps no copy of them, which would take the memory of large fields twice.
+// The tiles of a grid, which is not kept.
 class CoverageGrid {
  public:
   CoverageGrid() = default;
   // Checks all of `grid`, which was made for D x D directions and planes of N cells. False, with nothing kept, if it
   // holds anything but whole tiles of lines.
-  bool open(VdbGridPtr grid, int directions, int plane);
+  bool open(const VdbStoredGrid& grid, int directions, int plane);
 
   const std::vector<uint32_t>& slots() const { return slots_; }  // ascending
   // The 32 x 32 lines of one of slots().
   void read(uint32_t slot, std::span<uint16_t> lines) const;
 
  private:
-  VdbGridPtr grid_;
-  int tiles_ = 0;  // along each side of a plane
+  // Lines of a leaf. What has none is a tile, and meets nothing.
+  struct Patch {
+    VoxelCoord origin;
+    std::array<uint16_t, k_vdb_leaf_voxels> lines;
+  };
+  std::vector<Patch> patches_;  // by ascending origin
+  int tiles_ = 0;               // along each side of a plane
   std::vector<uint32_t> slots_;
 };
 

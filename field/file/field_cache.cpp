@@ -5,17 +5,20 @@
 #include <algorithm>
 #include <filesystem>
 #include <new>
+#include <system_error>
+#include <utility>
 
 #include "core/io/atomic_file.h"
 #include "core/io/file_lock.h"
 #include "core/io/input_file.h"
 #include "core/platform/address_space.h"
 #include "core/platform/machine_memory.h"
+#include "core/platform/module.h"
 #include "field/file/cache_limit.h"
 #include "field/file/field_file.h"
 #include "field/file/maps_file.h"
 #include "field/file/thesis_file.h"
-#include "field/file/vdb_grid.h"
+#include "field/grid/vdb_grid.h"
 
 namespace fieldtrace {
 namespace {
@@ -42,7 +45,7 @@ uint64_t size_of_file(const std::string& path) {
 FieldCache::FieldCache(const std::string& folder, uint64_t most_bytes, WarningSink warning,
                        const std::atomic<bool>* stop)
     : folder_(folder), most_bytes_(most_bytes), warning_(std::move(warning)), stop_(stop) {
-  vdb();  // long work learns here, not at its end, if the module is missing
+  require_module(k_vdb_module);  // long work learns here, not at its end, if it is missing
   std::error_code failed;
   fs::create_directories(folder, failed);
   if (!is_folder(folder)) {
@@ -202,6 +205,40 @@ std::optional<DirectionMaps> FieldCache::load_maps(const FieldIdentity& identity
 
 void FieldCache::store(const DirectionMaps& maps, const FieldIdentity& identity) {
   store_whole(identity, [&](const std::string& path) { save_direction_maps(maps, identity, path); });
+}
+
+void FieldCache::store_later(std::function<void()> store) {
+  {
+    const std::lock_guard lock(mutex_);
+    stores_.push_back(std::move(store));
+    if (is_storing_) return;
+    is_storing_ = true;
+  }
+  try {
+    storing_ = std::async(std::launch::async, [this] { store_all(); });
+  } catch (const std::system_error&) {  // there are too many threads
+    store_all();
+  }
+}
+
+void FieldCache::store_all() {
+  for (;;) {
+    std::function<void()> store;
+    {
+      const std::lock_guard lock(mutex_);
+      if (stores_.empty()) {
+        is_storing_ = false;
+        return;
+      }
+      store = std::move(stores_.front());
+      stores_.pop_front();
+    }
+    store();
+  }
+}
+
+void FieldCache::finish() {
+  if (storing_.valid()) storing_.get();
 }
 
 void FieldCache::trim() {

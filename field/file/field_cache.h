@@ -12,6 +12,9 @@
 
 #include <atomic>
 #include <cstdint>
+#include <deque>
+#include <functional>
+#include <future>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -28,7 +31,7 @@ namespace fieldtrace {
 class FieldCache {
  public:
   // Makes the folder if need be. Throws Error if it cannot be made, or files can neither be made nor read in it, or the
-  // module for them (field/file/vdb_grid.h) cannot be opened: long work learns this before it starts. `warning` is
+  // module for them (field/grid/vdb_grid.h) is missing: long work learns this before it starts. `warning` is
   // called from the threads that load and store, one at a time, and by the constructor if the folder holds files of
   // earlier formats or may only be read.
   explicit FieldCache(const std::string& folder, WarningSink warning = {})
@@ -58,6 +61,12 @@ class FieldCache {
   std::optional<DirectionMaps> load_maps(const FieldIdentity& identity, const Sphere& ball);
   void store(const DirectionMaps& maps, const FieldIdentity& identity);
 
+  // Calls `store`, which stores into this cache, on a thread of the cache's, one after another. finish() waits for all
+  // of these and throws what the first has thrown that failed, after which none was called; the destructor waits, too.
+  // Both are for one thread at a time.
+  void store_later(std::function<void()> store);
+  void finish();
+
   // Removes files until the folder keeps its limit; does nothing without one. To be called after all stores. Warns if
   // the remaining files exceed the limit by themselves.
   void trim();
@@ -82,6 +91,7 @@ class FieldCache {
   void load_to_merge(Field& held, const FieldIdentity& identity, const std::string& path);
   bool known_complete(const Hash128& slices, const FieldIdentity& identity);
   void mark_used(const FieldIdentity& identity);
+  void store_all();
   void remember(const Hash128& slices, const FieldIdentity& identity);
   void tell_unusable(const std::string& path, const std::string& reason, Tell tell);
 
@@ -94,6 +104,9 @@ class FieldCache {
   std::set<std::string> used_;          // file names
   std::set<std::string> told_;          // paths of unusable files already warned of
   bool read_only_ = false;
+  std::deque<std::function<void()>> stores_;  // that have not begun
+  bool is_storing_ = false;                   // stays so once one has failed
+  std::future<void> storing_;                 // last, as its thread uses the rest until it is gone
 };
 
 }  // namespace fieldtrace

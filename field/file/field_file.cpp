@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 #include <tuple>
 
 #include "core/platform/address_space.h"
@@ -13,7 +14,7 @@
 namespace fieldtrace {
 namespace {
 
-using GridArray = std::array<VdbGridPtr, k_grid_count>;
+using GridArray = std::array<std::optional<VdbStoredGrid>, k_grid_count>;
 
 constexpr FieldLayer k_layer_of_grid[k_grid_count] = {FieldLayer::visibility, FieldLayer::depth, FieldLayer::depth,
                                                       FieldLayer::primitive};
@@ -129,7 +130,7 @@ bool same_parameters(const FieldParameters& a, const FieldParameters& b) {
 // ---- reading
 
 struct FieldFile::Grids {
-  GridArray grids;  // null: the file has nothing of that layer
+  GridArray grids;  // nothing: the file has nothing of that layer
   // Of the bricks that have any layer, ascending.
   std::vector<VoxelCoord> origins;
   CoverageGrid coverage;
@@ -151,7 +152,7 @@ bool FieldFile::Grids::read(const VoxelCoord& origin, BrickData& brick) const {
 }
 
 Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::string& path) {
-  for (const VdbGridPtr& grid : grids) {
+  for (const std::optional<VdbStoredGrid>& grid : grids) {
     if (!grid) continue;
     std::vector<VoxelCoord> some;
     if (!brick_origins(*grid, some)) throw FieldFileError(path, "has tiles that are not bricks");
@@ -185,10 +186,10 @@ FieldFile::FieldFile(const std::string& path) : grids_(std::make_unique<Grids>()
   bytes_ = std::filesystem::file_size(path, failed);
   header_ = file.header;
   require_chart(header_, k_chart_orthographic, path);
-  for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = take_grid(file.grids, k_grid_names[g], path);
-  VdbGridPtr coverage = take_grid(file.grids, k_coverage_grid_name, path);
+  for (int g = 0; g < k_grid_count; ++g) grids_->grids[g] = take_grid(file, k_grid_names[g], path);
+  const std::optional<VdbStoredGrid> coverage = take_grid(file, k_coverage_grid_name, path);
   const FieldParameters& p = header_.identity.parameters;
-  if (coverage && !grids_->coverage.open(std::move(coverage), p.directions, p.plane)) {
+  if (coverage && !grids_->coverage.open(*coverage, p.directions, p.plane)) {
     throw FieldFileError(path, "has coverage tiles that no bake writes");
   }
   slices_ = grids_->validate(header_, path);

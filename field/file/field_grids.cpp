@@ -45,19 +45,20 @@ void add_brick(VdbGrid& grid, const VoxelCoord& origin, const BrickCells& cells,
   vdb().add_leaf(grid, origin, leaf);
 }
 
-bool read_brick(const VdbGrid& grid, const VoxelCoord& origin, BrickCells& cells, uint32_t& slices) {
-  const VdbNode node = vdb().find(grid, origin);
-  if (!node.values) {
-    slices = node.side > 0 ? k_all_slices : 0;
-    cells.fill(node.value);
+bool read_brick(const VdbStoredGrid& grid, const VoxelCoord& origin, BrickCells& cells, uint32_t& slices) {
+  const VdbStoredLeaf* const leaf = grid.find_leaf(origin);
+  if (!leaf) {
+    const VdbTile* const tile = grid.find_tile(origin);
+    slices = tile ? k_all_slices : 0;
+    cells.fill(tile ? tile->value : grid.background);
     return true;
   }
   slices = 0;
-  std::copy_n(node.values, scalar::k_brick_cells, cells.begin());
+  if (!grid.unpack(*leaf, cells)) return false;
   for (int s = 0; s < k_slices; ++s) {
     int active = 0;
     for (int i = s * scalar::k_slice_cells; i < (s + 1) * scalar::k_slice_cells; ++i) {
-      active += is_active(node.active, i);
+      active += is_active(leaf->active, i);
     }
     if (active != 0 && active != scalar::k_slice_cells) return false;
     if (active != 0) slices |= 1u << s;
@@ -65,17 +66,16 @@ bool read_brick(const VdbGrid& grid, const VoxelCoord& origin, BrickCells& cells
   return true;
 }
 
-bool brick_origins(const VdbGrid& grid, std::vector<VoxelCoord>& origins) {
+bool brick_origins(const VdbStoredGrid& grid, std::vector<VoxelCoord>& origins) {
   origins.clear();
   const VdbMask none_active = {};
-  const bool bricks = vdb().visit(grid, [&](const VdbNode& node) {
-    if (node.side != k_vdb_leaf_side) return false;
-    const bool empty = node.values && node.active == none_active;
-    if (!empty) origins.push_back(node.origin);
-    return true;
-  });
-  if (!bricks) return false;
-  std::sort(origins.begin(), origins.end());
+  for (const VdbStoredLeaf& leaf : grid.leaves) {
+    if (leaf.active != none_active) origins.push_back(leaf.origin);
+  }
+  for (const VdbTile& tile : grid.tiles) {
+    if (tile.side != k_vdb_leaf_side) return false;
+    origins.push_back(tile.origin);
+  }
   return true;
 }
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "field/file/vdb_grid.h"
+#include "field/grid/vdb_grid.h"
 #include "field/store/field.h"
 
 namespace fieldtrace {
@@ -28,10 +28,11 @@ bool place_of_origin(const FieldParameters& parameters, const VoxelCoord& origin
 // Adds a brick; bit s of `slices`: cells 32 s ... 32 s + 31 are baked. Adds nothing if `slices` is 0.
 void add_brick(VdbGrid& grid, const VoxelCoord& origin, const BrickCells& cells, uint32_t slices);
 
-// Reads a brick: its cells, and its slices in the sense above. False if the brick's active voxels are not whole slices.
-bool read_brick(const VdbGrid& grid, const VoxelCoord& origin, BrickCells& cells, uint32_t& slices);
+// Reads a brick: its cells, and its slices in the sense above. False if the brick's active voxels are not whole slices,
+// or damaged.
+bool read_brick(const VdbStoredGrid& grid, const VoxelCoord& origin, BrickCells& cells, uint32_t& slices);
 
-// Origins of the leaves and active tiles, ascending. False if an active tile is not of a brick's size.
-bool brick_origins(const VdbGrid& grid, std::vector<VoxelCoord>& origins);
+// Origins of the leaves and active tiles. False if an active tile is not of a brick's size.
+bool brick_origins(const VdbStoredGrid& grid, std::vector<VoxelCoord>& origins);
 
 }  // namespace fieldtrace

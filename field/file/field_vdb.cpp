@@ -2,9 +2,12 @@
 
 #include <cmath>
 #include <filesystem>
+#include <memory>
+#include <utility>
 
 #include "core/io/atomic_file.h"
 #include "field/file/field_trailer.h"
+#include "field/grid/plain_vdb.h"
 #include "field/maps/direction_maps.h"
 #include "field/thesis/thesis_field.h"
 
@@ -69,12 +72,12 @@ VdbMetadata metadata_of(const FieldIdentity& identity, const Sphere& ball) {
 }  // namespace
 
 FieldVdb read_field_vdb(const std::string& path) {
-  std::string contents = read_checked(path);
-  const VdbFunctions& module = vdb();
+  const auto contents = std::make_shared<std::string>(read_checked(path));
   try {
-    VdbFile file = module.read(std::move(contents), k_most_grids);
-    return {read_metadata(file.metadata, path), std::move(file.grids)};
-  } catch (const FieldFileError&) {
+    std::optional<VdbFile> file = read_plain_vdb(contents, k_most_grids);
+    if (!file) file = vdb().read(std::move(*contents), k_most_grids);
+    return {read_metadata(file->metadata, path), std::move(file->grids)};
+  } catch (const Error&) {
     throw;
   } catch (const std::bad_alloc&) {
     throw;  // says nothing about the file
@@ -88,12 +91,13 @@ void require_chart(const FieldFileHeader& header, const char* chart, const std::
   throw FieldFileError(path, "is a field of the chart " + header.identity.chart + ", not " + chart);
 }
 
-VdbGridPtr take_grid(std::vector<VdbGridPtr>& grids, const char* name, const std::string& path) {
-  VdbGridPtr found;
-  for (VdbGridPtr& grid : grids) {
-    if (!grid || vdb().name(*grid) != name) continue;
+std::optional<VdbStoredGrid> take_grid(FieldVdb& file, const char* name, const std::string& path) {
+  std::optional<VdbStoredGrid> found;
+  for (VdbStoredGrid& grid : file.grids) {
+    if (grid.name != name) continue;
     if (found) throw FieldFileError(path, std::string("has two grids named ") + name);
     found = std::move(grid);
+    grid.name.clear();
   }
   return found;
 }

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <bit>
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "core/platform/parallel.h"
@@ -22,30 +23,24 @@ using DepthRow = std::array<uint16_t, k_vdb_leaf_side>;
 
 MapSize size_of(const FieldIdentity& identity) { return {identity.parameters.directions, identity.parameters.plane}; }
 
-// The leaves of a file's grid, which lie within its maps.
-struct DepthLeaves {
-  VdbGridPtr grid;
-  std::vector<VdbNode> leaves;
-};
-
-// Whether the leaf lies within the maps, with depths alone. What no line meets is inactive, so there is no tile either.
-bool is_sound(const VdbNode& node, const MapSize& size) {
+// Whether the leaf lies within the maps.
+bool is_within(const VdbStoredLeaf& leaf, const MapSize& size) {
   const VoxelCoord limit = {int32_t(size.maps()), size.texels, size.texels};
   for (int axis = 0; axis < 3; ++axis) {
-    if (node.origin[axis] < 0 || node.origin[axis] >= limit[axis]) return false;
+    if (leaf.origin[axis] < 0 || leaf.origin[axis] >= limit[axis]) return false;
   }
-  return node.values != nullptr;
+  return true;
 }
 
-DepthLeaves depth_leaves(FieldVdb& file, const std::string& path) {
+// The file's depths; nothing if all lines miss. What no line meets is inactive, so there are leaves alone.
+std::optional<VdbStoredGrid> depth_grid(FieldVdb& file, const std::string& path) {
   require_chart(file.header, k_chart_maps, path);
-  DepthLeaves depths{take_grid(file.grids, k_depth_grid, path), {}};
-  if (!depths.grid) return depths;  // all lines miss
+  std::optional<VdbStoredGrid> depths = take_grid(file, k_depth_grid, path);
+  if (!depths) return depths;
   const MapSize size = size_of(file.header.identity);
-  const bool sound = vdb().background(*depths.grid) == 0 && vdb().visit(*depths.grid, [&](const VdbNode& node) {
-    depths.leaves.push_back(node);
-    return is_sound(node, size);
-  });
+  const bool sound = depths->background == 0 && depths->tiles.empty() &&
+                     std::all_of(depths->leaves.begin(), depths->leaves.end(),
+                                 [&](const VdbStoredLeaf& leaf) { return is_within(leaf, size); });
   if (!sound) throw FieldFileError(path, k_not_of_a_bake);
   return depths;
 }
@@ -53,17 +48,18 @@ DepthLeaves depth_leaves(FieldVdb& file, const std::string& path) {
 // Visits the 64 texels of each of the leaf's directions, row by row, with their depths; 0: a miss. False if some
 // are none.
 template <class Visit>
-bool visit_rows(const VdbNode& leaf, const Visit& visit) {
+bool visit_rows(const VdbStoredGrid& depths, const VdbStoredLeaf& leaf, const Visit& visit) {
+  VdbValues values;
+  if (!depths.unpack(leaf, values)) return false;
   uint32_t wrong = 0;
   for (int x = 0; x < k_vdb_leaf_side; ++x) {
     const uint64_t active = leaf.active[size_t(x)];
     if (active == 0) continue;
     for (int y = 0; y < k_vdb_leaf_side; ++y) {
-      const int32_t* const values = leaf.values + 64 * x + 8 * y;
       DepthRow row;
       for (int z = 0; z < k_vdb_leaf_side; ++z) {
         const uint32_t is_hit = active >> (8 * y + z) & 1;
-        const uint32_t value = uint32_t(values[z]) & (0 - is_hit);
+        const uint32_t value = uint32_t(values[size_t(64 * x + 8 * y + z)]) & (0 - is_hit);
         wrong |= value >> 16 | (is_hit & uint32_t(value == 0));
         row[size_t(z)] = uint16_t(value);
       }
@@ -75,13 +71,15 @@ bool visit_rows(const VdbNode& leaf, const Visit& visit) {
 
 // Visits the rows of all leaves in parallel. Throws FieldFileError for what is no depth.
 template <class Visit>
-void visit_depths(const DepthLeaves& depths, const std::string& path, const Visit& visit) {
+void visit_depths(const std::optional<VdbStoredGrid>& depths, const std::string& path, const Visit& visit) {
+  if (!depths) return;
   std::atomic<bool> sound = true;
-  parallel_for((depths.leaves.size() + k_leaves_of_task - 1) / k_leaves_of_task, [&](size_t task) {
-    const size_t begin = task * k_leaves_of_task, end = std::min(begin + k_leaves_of_task, depths.leaves.size());
+  const std::vector<VdbStoredLeaf>& leaves = depths->leaves;
+  parallel_for((leaves.size() + k_leaves_of_task - 1) / k_leaves_of_task, [&](size_t task) {
+    const size_t begin = task * k_leaves_of_task, end = std::min(begin + k_leaves_of_task, leaves.size());
     for (size_t i = begin; i < end; ++i) {
-      const VdbNode& leaf = depths.leaves[i];
-      if (!visit_rows(leaf, [&](int x, int y, const DepthRow& row) { visit(x, y, leaf.origin[2], row); })) {
+      const VdbStoredLeaf& leaf = leaves[i];
+      if (!visit_rows(*depths, leaf, [&](int x, int y, const DepthRow& row) { visit(x, y, leaf.origin[2], row); })) {
         sound = false;
       }
     }
@@ -143,10 +141,10 @@ DirectionMaps load_direction_maps(const FieldIdentity& identity, const Sphere& b
   if (!(file.header.identity == identity) || held.centre != ball.centre || held.radius != ball.radius) {
     throw FieldFileError(path, "has another mesh, chart or other parameters");
   }
-  const DepthLeaves leaves = depth_leaves(file, path);
+  const std::optional<VdbStoredGrid> depths = depth_grid(file, path);
   DirectionMaps maps(ball, size_of(identity));
   const int texels = maps.size().texels;
-  visit_depths(leaves, path, [&](int direction, int y, int x, const DepthRow& row) {
+  visit_depths(depths, path, [&](int direction, int y, int x, const DepthRow& row) {
     std::copy(row.begin(), row.end(), maps.depths(direction) + y * texels + x);
   });
   parallel_for(size_t(maps.size().maps()), [&](size_t direction) { maps.finish(int(direction)); });
@@ -155,13 +153,15 @@ DirectionMaps load_direction_maps(const FieldIdentity& identity, const Sphere& b
 
 MapsFileInfo maps_file_info(const std::string& path) {
   FieldVdb file = read_field_vdb(path);
-  const DepthLeaves leaves = depth_leaves(file, path);
+  const std::optional<VdbStoredGrid> depths = depth_grid(file, path);
   MapsFileInfo info;
   info.header = file.header;
   info.size = size_of(file.header.identity);
-  visit_depths(leaves, path, [](int, int, int, const DepthRow&) {});
-  for (const VdbNode& leaf : leaves.leaves) {
-    for (const uint64_t word : leaf.active) info.hits += uint64_t(std::popcount(word));
+  visit_depths(depths, path, [](int, int, int, const DepthRow&) {});
+  if (depths) {
+    for (const VdbStoredLeaf& leaf : depths->leaves) {
+      for (const uint64_t word : leaf.active) info.hits += uint64_t(std::popcount(word));
+    }
   }
   std::error_code failed;
   info.bytes_disk = std::filesystem::file_size(path, failed);

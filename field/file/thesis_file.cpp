@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "field/file/field_vdb.h"
@@ -54,26 +55,55 @@ VdbGridPtr make_grid(const char* name, int m, int32_t background, const Value& v
   return grid;
 }
 
-// Takes the active samples of a leaf or tile over. False if some are none of a field's.
-bool take_samples(const VdbNode& node, int m, ThesisField& field) {
-  const VoxelCoord limit = {k_positions, m, m};
-  const auto take = [&](const VoxelCoord& at, int32_t value) {
-    for (int axis = 0; axis < 3; ++axis) {
-      if (at[axis] < 0 || at[axis] >= limit[axis]) return false;
-    }
-    if (value < 0 || value > k_thesis_miss) return false;
-    field.distances_of(uint32_t(at[0]))[size_t(at[1]) * size_t(m) + size_t(at[2])] = uint8_t(value);
-    return true;
-  };
-  const auto& [x, y, z] = node.origin;
-  for (int dx = 0; dx < node.side; ++dx) {
-    for (int dy = 0; dy < node.side; ++dy) {
-      for (int dz = 0; dz < node.side; ++dz) {
-        const int i = 64 * dx + 8 * dy + dz;  // in a leaf
-        if (node.values && !is_active(node.active, i)) continue;
-        if (!take({x + dx, y + dy, z + dz}, node.values ? node.values[i] : node.value)) return false;
+// Takes samples of a file over.
+class SampleTaker {
+ public:
+  SampleTaker(int m, ThesisField& field) : limit_{k_positions, m, m}, field_(field) {}
+
+  // False if these are none of a field's.
+  bool take(const VdbTile& tile) {
+    return take_cube(tile.origin, tile.side, [&](int) { return std::optional(tile.value); });
+  }
+  bool take(const VdbStoredLeaf& leaf, const VdbValues& values) {
+    return take_cube(leaf.origin, k_vdb_leaf_side, [&](int voxel) {
+      return is_active(leaf.active, voxel) ? std::optional(values[size_t(voxel)]) : std::nullopt;
+    });
+  }
+
+ private:
+  // value(voxel): a sample's, if it is active; voxels are numbered as in a leaf.
+  template <class Value>
+  bool take_cube(const VoxelCoord& origin, int side, const Value& value) {
+    for (int dx = 0; dx < side; ++dx) {
+      for (int dy = 0; dy < side; ++dy) {
+        for (int dz = 0; dz < side; ++dz) {
+          const std::optional<int32_t> v = value(64 * dx + 8 * dy + dz);
+          if (v && !take_sample({origin[0] + dx, origin[1] + dy, origin[2] + dz}, *v)) return false;
+        }
       }
     }
+    return true;
+  }
+  bool take_sample(const VoxelCoord& at, int32_t value) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (at[axis] < 0 || at[axis] >= limit_[axis]) return false;
+    }
+    if (value < 0 || value > k_thesis_miss) return false;
+    field_.distances_of(uint32_t(at[0]))[size_t(at[1]) * size_t(limit_[1]) + size_t(at[2])] = uint8_t(value);
+    return true;
+  }
+
+  VoxelCoord limit_;
+  ThesisField& field_;
+};
+
+bool take_all(const VdbStoredGrid& grid, SampleTaker taker) {
+  for (const VdbTile& tile : grid.tiles) {
+    if (!taker.take(tile)) return false;
+  }
+  VdbValues values;
+  for (const VdbStoredLeaf& leaf : grid.leaves) {
+    if (!grid.unpack(leaf, values) || !taker.take(leaf, values)) return false;
   }
   return true;
 }
@@ -83,11 +113,10 @@ ThesisField distances_of(FieldVdb& what, const std::string& path) {
   require_chart(what.header, k_chart_thesis, path);
   const int m = what.header.identity.parameters.directions;
   ThesisField field(what.header.ball, m, ThesisLayers::distance);
-  const VdbGridPtr grid = take_grid(what.grids, k_distance_grid, path);
+  const std::optional<VdbStoredGrid> grid = take_grid(what, k_distance_grid, path);
   if (!grid) return field;  // all samples are misses
-  const bool sound = vdb().background(*grid) == k_thesis_miss &&
-                     vdb().visit(*grid, [&](const VdbNode& node) { return take_samples(node, m, field); });
-  if (!sound) throw FieldFileError(path, "has samples that no bake writes");
+  if (grid->background != k_thesis_miss || !take_all(*grid, SampleTaker(m, field)))
+    throw FieldFileError(path, "has samples that no bake writes");
   return field;
 }
 
@@ -130,7 +159,7 @@ ThesisFileInfo thesis_file_info(const std::string& path) {
   std::error_code failed;
   info.bytes_disk = std::filesystem::file_size(path, failed);
   info.bytes_memory = field.bytes();
-  info.has_normals = take_grid(file.grids, k_normal_grid, path) != nullptr;
+  info.has_normals = take_grid(file, k_normal_grid, path).has_value();
   return info;
 }
 

@@ -1,5 +1,5 @@
-// The functions of field/file/vdb_grid.h by OpenVDB.
-#include "field/file/vdb_grid.h"
+// The functions of field/grid/vdb_grid.h by OpenVDB.
+#include "field/grid/vdb_grid.h"
 
 #include <openvdb/openvdb.h>
 
@@ -24,14 +24,6 @@ constexpr openvdb::Index k_tile_level = 1;
 openvdb::Coord coord(const VoxelCoord& c) { return {c[0], c[1], c[2]}; }
 VoxelCoord voxel(const openvdb::Coord& c) { return {c.x(), c.y(), c.z()}; }
 
-VdbNode node_of(const Leaf& leaf) {
-  VdbNode node{.origin = voxel(leaf.origin()), .side = k_vdb_leaf_side, .values = leaf.buffer().data()};
-  for (size_t i = 0; i < node.active.size(); ++i) {
-    node.active[i] = leaf.valueMask().getWord<uint64_t>(openvdb::Index(i));
-  }
-  return node;
-}
-
 VdbGridPtr wrap(openvdb::Int32Grid::Ptr grid) { return VdbGridPtr(new VdbGrid{std::move(grid)}); }
 
 VdbGridPtr create(const char* name, int32_t background) {
@@ -41,10 +33,6 @@ VdbGridPtr create(const char* name, int32_t background) {
 }
 
 void destroy(VdbGrid* grid) { delete grid; }
-
-std::string name(const VdbGrid& grid) { return grid.grid->getName(); }
-
-int32_t background(const VdbGrid& grid) { return grid.grid->background(); }
 
 void add_tile(VdbGrid& grid, const VoxelCoord& origin, int32_t value) {
   grid.grid->tree().addTile(k_tile_level, coord(origin), value, /*active=*/true);
@@ -57,29 +45,37 @@ void add_leaf(VdbGrid& grid, const VoxelCoord& origin, const VdbLeaf& from) {
   }
 }
 
-VdbNode find(const VdbGrid& grid, const VoxelCoord& origin) {
-  const openvdb::Int32Tree& tree = grid.grid->tree();
-  if (const Leaf* leaf = tree.probeConstLeaf(coord(origin))) return node_of(*leaf);
-  VdbNode node{.origin = origin};
-  if (tree.probeValue(coord(origin), node.value)) node.side = k_vdb_leaf_side;
-  return node;
-}
+// ---- files
 
-bool visit(const VdbGrid& grid, const std::function<bool(const VdbNode&)>& visitor) {
-  for (auto leaf = grid.grid->tree().cbeginLeaf(); leaf; ++leaf) {
-    if (!visitor(node_of(*leaf))) return false;
+VdbStoredGrid stored(const openvdb::Int32Grid::ConstPtr& grid) {
+  VdbStoredGrid result;
+  result.name = grid->getName();
+  result.background = grid->background();
+  std::vector<const Leaf*> leaves;
+  for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
+    VdbStoredLeaf stored = {voxel(leaf->origin()), int32_t(leaves.size()), {}};
+    for (size_t i = 0; i < stored.active.size(); ++i) {
+      stored.active[i] = leaf->valueMask().getWord<uint64_t>(openvdb::Index(i));
+    }
+    result.leaves.push_back(stored);
+    leaves.push_back(&*leaf);
   }
-  auto tile = grid.grid->tree().cbeginValueOn();
+  auto tile = grid->tree().cbeginValueOn();
   tile.setMaxDepth(decltype(tile)::LEAF_DEPTH - 1);
   for (; tile; ++tile) {
     openvdb::CoordBBox box;
     tile.getBoundingBox(box);
-    if (!visitor({.origin = voxel(box.min()), .side = box.dim().x(), .value = *tile})) return false;
+    result.tiles.push_back({voxel(box.min()), box.dim().x(), *tile});
   }
-  return true;
+  sort_by_origin(result);
+  result.unpack = [grid, held = std::move(leaves)](const VdbStoredLeaf& leaf, VdbValues& values) {
+    const int32_t* const all = held[size_t(leaf.number)]->buffer().data();
+    for (int i = 0; i < k_vdb_leaf_voxels; ++i)
+      values[size_t(i)] = is_active(leaf.active, i) ? all[i] : grid->background();
+    return true;
+  };
+  return result;
 }
-
-// ---- files
 
 template <class T>
 bool take(const openvdb::MetaMap& map, const std::string& key, VdbMetadata& to) {
@@ -121,7 +117,7 @@ VdbFile read(std::string bytes, int most_grids) {
         take<openvdb::Vec3s>(map, key, file.metadata);
   }
   for (openvdb::GridBase::Ptr& grid : contents.grids) {
-    file.grids.push_back(wrap(openvdb::gridPtrCast<openvdb::Int32Grid>(std::exchange(grid, nullptr))));
+    file.grids.push_back(stored(openvdb::gridPtrCast<openvdb::Int32Grid>(std::exchange(grid, nullptr))));
   }
   return file;
 }
@@ -145,16 +141,8 @@ void write(const std::string& path, std::span<const VdbGrid* const> grids, const
 }  // namespace
 
 extern "C" const VdbFunctions* fieldtrace_vdb() {
-  static constexpr VdbFunctions functions = {.create = create,
-                                             .destroy = destroy,
-                                             .name = name,
-                                             .background = background,
-                                             .add_tile = add_tile,
-                                             .add_leaf = add_leaf,
-                                             .find = find,
-                                             .visit = visit,
-                                             .read = read,
-                                             .write = write};
+  static constexpr VdbFunctions functions = {
+      .create = create, .destroy = destroy, .add_tile = add_tile, .add_leaf = add_leaf, .read = read, .write = write};
   openvdb::initialize();  // may be called again
   return &functions;
 }

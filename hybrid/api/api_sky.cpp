@@ -24,7 +24,7 @@ const Sky& sky_of(SceneObject& s) {
   const MapSize size;
   if (DirectionMaps::bytes_of(size) * mapped.shapes.size() > s.fields->budget().limit() / FieldBudget::k_map_share)
     throw Failure(FT_ERROR_OUT_OF_MEMORY, "ftSkyVisibility: the direction maps do not fit; raise \"field_memory\"");
-  std::vector<std::unique_ptr<DirectionMaps>> maps;
+  std::vector<std::shared_ptr<DirectionMaps>> maps;
   BakeCounters counters;
   tbb::this_task_arena::isolate([&] {
     for (const MappedShape& of : mapped.shapes) {

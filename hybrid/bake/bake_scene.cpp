@@ -16,7 +16,7 @@
 #include "field/bake/bake_full.h"
 #include "field/file/field_cache.h"
 #include "field/file/field_file.h"
-#include "field/file/vdb_grid.h"
+#include "field/grid/vdb_grid.h"
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
 #include "hybrid/visibility/shadow_answerer.h"

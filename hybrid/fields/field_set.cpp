@@ -124,16 +124,6 @@ void FieldSet::leave_to_rays(const FieldSurvey& survey, double rays_spared) {
   }
 }
 
-bool FieldSet::are_worth_keeping() const {
-  double rays = 0.0;
-  for (size_t s = 0; s < fields_.size(); ++s) {
-    if (!fields_[s]) continue;
-    if (!cost_decides() || for_hits_[s]) return true;
-    rays += needed_rays(s) + (self_to_rays_[s] ? 0.0 : bake_rays_[s]);
-  }
-  return rays >= k_fewest_kept_rays;
-}
-
 void FieldSet::load(FieldCache& cache) {
   if (!plan_.read_cache) return;
   std::atomic<bool> has_loaded = has_loaded_;

@@ -47,9 +47,6 @@ inline constexpr double k_look_up_cost = 0.5;
 // (docs/decisions/047-open-scenes.md).
 inline constexpr double k_answers_a_bake_ray = 4.0;
 
-// A cache holds no fields whose bakes, all together, take fewer rays by estimate: that is done before OpenVDB is open.
-inline constexpr double k_fewest_kept_rays = 5e5;
-
 // Whether an object with the survey counts `use` is left to exact rays: its field would answer fewer than
 // `fewest_answers` rays of the whole picture. `scale`: rays of the picture for each surveyed ray.
 bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers);
@@ -99,8 +96,6 @@ class FieldSet {
   void leave_to_rays(const FieldSurvey& survey, double rays_spared);
   const FieldBudget& budget() const { return *budget_; }
 
-  // Whether a cache is to hold them. It is where cost decides nothing, and where glossy rays use them.
-  bool are_worth_keeping() const;
   // Reads fields from the cache, if the plan allows it.
   void load(FieldCache& cache);
   void store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const;

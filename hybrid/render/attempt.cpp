@@ -286,10 +286,8 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   OpenLight open = {options.light_samples};
   bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
   stats.tolerance = resumes ? stage.resumed->tolerance : picture.light_tolerance(open.samples);
-  const bool keeps_fields = fields.are_worth_keeping();  // a later survey may leave some of them
-  if (!stage.cache && keeps_fields) stage.cache = open_cache(picture);
-  FieldCache* const cache = stage.cache.get();
-  if (cache && keeps_fields) {
+  FieldCache* const cache = fields.empty() ? stage.cache.get() : cache_of(picture, stage);
+  if (cache && !fields.empty()) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
   }
@@ -330,7 +328,9 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   stats.field_bytes_maps = answers.map_bytes(stage);
   if (cache) {
     const ScopedTimer timer(stats.time_cache);
-    if (keeps_fields) fields.store(*cache, options.if_unkept, picture.callbacks.warning, stats);
+    cache->finish();
+    for (const FieldIdentity& maps : stage.sky.identities) stats.field_bytes_disk += cache->bytes_on_disk(maps);
+    fields.store(*cache, options.if_unkept, picture.callbacks.warning, stats);
     cache->trim();
   }
   warn_of_not_finite(job);

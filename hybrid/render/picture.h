@@ -100,6 +100,12 @@ struct Stage {
   bool surveys_are_over() const { return survey_end && Clock::now() >= *survey_end; }
 };
 
+// The stage's cache, opened if it is not open yet; null if the options name none.
+inline FieldCache* cache_of(const Picture& picture, Stage& stage) {
+  if (!stage.cache) stage.cache = open_cache(picture);
+  return stage.cache.get();
+}
+
 // Whether fields, for which surveys bake, are given up for the time that these took.
 inline bool is_late(const Picture& picture, const Stage& stage) {
   return picture.wants_fields && stage.uses_fields() && !stage.resumed && stage.surveys_are_over();

@@ -76,14 +76,11 @@ void drop_maps(Stage& stage, Stats& stats) {
 void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   if (!picture.wants_fields) return;
   drop_maps(stage, stats);
-  const auto cache = [&] {
-    if (!stage.cache) stage.cache = open_cache(picture);
-    return stage.cache.get();
-  };
   const StopAt stop(picture.callbacks.stop, stage.survey_end);
   RenderCallbacks callbacks = picture.callbacks;
   callbacks.stop = stop.flag();
   const SkyRequest request = sky_request(picture, stage);
+  const auto cache = [&] { return cache_of(picture, stage); };
   stage.sky = make_sky(picture.scene, stage.accel, stage.traits, picture.options, request, cache, callbacks, stats);
   const bool is_late_for_maps = stop.is_set() && !stage.sky.maps;
   const bool has_all = make_indirect({picture.scene, stage.accel, stage.camera, stage.traits, stage.lights,
@@ -150,9 +147,6 @@ void warn_of_no_variance(const Picture& picture) {
   if (std::find(picture.aovs.begin(), picture.aovs.end(), Aov::variance) == picture.aovs.end()) return;
   warn(picture.callbacks.warning, {}, "one sample of a pixel tells nothing of its variance: the layer is 0");
 }
-
-// Of a pixel: with so many, fields are likely to be kept and read.
-constexpr int64_t k_many_light_samples = 32;
 
 // Surveys may take this part of a time limit: 1 / k_survey_part.
 constexpr int k_survey_part = 2;
@@ -250,16 +244,6 @@ void count_device(const VisibilityDevice& device, Stats& stats) {
 }
 
 }  // namespace
-
-bool is_likely_to_use_cache(const RenderOptions& options, bool has_sky) {
-  if (options.method != Method::hybrid || options.field_cache.empty()) return false;
-  const std::vector<std::string>& layers = options.aovs;
-  if (has_sky || options.at_any_cost()) return true;
-  // Surveys often leave pictures by rounds, and of few light samples, to rays.
-  if (options.by_rounds()) return false;
-  if (std::find(layers.begin(), layers.end(), "ao") != layers.end()) return true;
-  return int64_t(options.spp) * options.light_samples >= k_many_light_samples;  // of the scene's own, none is known yet
-}
 
 RenderResult render(const Scene& scene, const RenderOptions& options, const RenderCallbacks& callbacks) {
   const Clock::time_point begin = Clock::now();

@@ -115,10 +115,6 @@ struct RenderResult {
   std::optional<Part> part;  // of a slice: what to write with the image
 };
 
-// Whether render() is likely to use the field cache, so that what reads it may be opened while the scene is loaded.
-// `has_sky`: the scene has an emitter `constant` or `envmap`.
-bool is_likely_to_use_cache(const RenderOptions& options, bool has_sky);
-
 // Slices: each makes the decisions that the whole picture makes, from the whole picture, so that its tiles are those of
 // the whole bit for bit. One exception is an Error: fields of a slice that outgrow their memory.
 //

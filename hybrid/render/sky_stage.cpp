@@ -87,46 +87,51 @@ struct MapSource {
   BakeCounters counters = {};
 
   // Of all shapes, those in the cache first. Fewer if `callbacks.stop` was set meanwhile.
-  std::vector<std::unique_ptr<DirectionMaps>> make(const std::vector<MappedShape>& shapes) {
-    std::vector<std::unique_ptr<DirectionMaps>> maps(shapes.size());
+  std::vector<std::shared_ptr<DirectionMaps>> make(const std::vector<MappedShape>& shapes) {
+    std::vector<std::shared_ptr<DirectionMaps>> maps(shapes.size());
     if (cache) load(shapes, maps);
     for (size_t i = 0; i < shapes.size(); ++i) {
       if (callbacks.progress) callbacks.progress(float(i) / float(shapes.size()), "bake");
+      if (maps[i]) continue;
+      maps[i] = bake(shapes[i]);
       if (!maps[i]) {
-        maps[i] = bake(shapes[i]);
-        if (!maps[i]) {
-          maps.resize(i);
-          break;
-        }
-        if (cache) store(*maps[i], identity_of(shapes[i]), scene.shapes[shapes[i].shape]);
+        maps.resize(i);
+        break;
       }
-      if (cache) stats.field_bytes_disk += cache->bytes_on_disk(identity_of(shapes[i]));
+      if (cache) store(shapes[i], maps[i]);
     }
     return maps;
   }
 
- private:
   FieldIdentity identity_of(const MappedShape& of) const {
     return maps_identity(scene.shapes[of.shape], of.stretch, size);
   }
 
-  std::unique_ptr<DirectionMaps> bake(const MappedShape& of) {
-    auto maps = std::make_unique<DirectionMaps>(of.ball, size);
+ private:
+  std::shared_ptr<DirectionMaps> bake(const MappedShape& of) {
+    auto maps = std::make_shared<DirectionMaps>(of.ball, size);
     const DMat3 to_object = of.is_deformed() ? glm::inverse(of.stretch) : DMat3(1.0);
     return bake_maps(*maps, accel, of.shape, to_object, callbacks.stop, counters) ? std::move(maps) : nullptr;
   }
 
-  void load(const std::vector<MappedShape>& shapes, std::vector<std::unique_ptr<DirectionMaps>>& maps) {
+  void load(const std::vector<MappedShape>& shapes, std::vector<std::shared_ptr<DirectionMaps>>& maps) {
     const ScopedTimer timer(stats.time_cache);
     parallel_for(shapes.size(), [&](size_t i) {
       std::optional<DirectionMaps> held = cache->load_maps(identity_of(shapes[i]), shapes[i].ball);
-      if (held) maps[i] = std::make_unique<DirectionMaps>(std::move(*held));
+      if (held) maps[i] = std::make_shared<DirectionMaps>(std::move(*held));
     });
   }
 
-  void store(const DirectionMaps& maps, const FieldIdentity& identity, const Shape& shape) {
-    const ScopedTimer timer(stats.time_cache);
-    keep("the direction maps of " + shape.name, if_unkept, callbacks.warning, [&] { cache->store(maps, identity); });
+  // Where a failure is but a warning, nobody waits for it before the picture is done.
+  void store(const MappedShape& of, const std::shared_ptr<const DirectionMaps>& maps) {
+    const auto store = [maps, object = "the direction maps of " + scene.shapes[of.shape].name, to = cache,
+                        how = if_unkept, warning = callbacks.warning, identity = identity_of(of)] {
+      keep(object, how, warning, [&] { to->store(*maps, identity); });
+    };
+    if (if_unkept == IfUnkept::fail)
+      store();
+    else
+      cache->store_later(store);
   }
 };
 
@@ -181,16 +186,16 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const bool can_be_finer =
       for_light && size.directions < choose(request.light_rays, /*coarse=*/false, light_gain).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
-  // Before the cache, which is being opened meanwhile.
   std::optional<SkyRadiance> light;
   if (for_light) light.emplace(scene);
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size, options.if_unkept};
-  std::vector<std::unique_ptr<DirectionMaps>> maps = source.make(shapes);
+  std::vector<std::shared_ptr<DirectionMaps>> maps = source.make(shapes);
   if (maps.size() < shapes.size()) return stage;  // stopped
   // Stages count the seconds of all threads.
   source.counters.seconds *= double(tbb::this_task_arena::max_concurrency());
   stats.add_bake(source.counters);
   stats.sky_objects = shapes.size();
+  for (const MappedShape& of : shapes) stage.identities.push_back(source.identity_of(of));
   stage.maps = std::make_unique<SkyMaps>(scene, traits, std::move(mapped), std::move(maps), size.directions,
                                          sky_tolerance(slack_of(options, request, can_be_finer)));
   stage.can_be_finer = can_be_finer;

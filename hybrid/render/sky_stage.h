@@ -18,8 +18,9 @@ namespace fieldtrace {
 struct SkyStage {
   bool can_be_finer = false;  // for light there would be more directions, had fewer not been requested
   std::unique_ptr<SkyMaps> maps;
-  std::unique_ptr<Sky> light;      // of the scene's emitters
-  std::unique_ptr<Sky> occlusion;  // of the layer `ao`
+  std::unique_ptr<Sky> light;             // of the scene's emitters
+  std::unique_ptr<Sky> occlusion;         // of the layer `ao`
+  std::vector<FieldIdentity> identities;  // of the maps' files
 };
 
 // Rays that maps may cost for each that they replace. Coarse maps, whose errors suit the noise of few samples, leave

@@ -95,7 +95,7 @@ float median(std::vector<float> values) {
 }  // namespace
 
 SkyMaps::SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, MappedShapes shapes,
-                 std::vector<std::unique_ptr<DirectionMaps>> maps, int directions, const SkyTolerance& tolerance)
+                 std::vector<std::shared_ptr<DirectionMaps>> maps, int directions, const SkyTolerance& tolerance)
     : shapes_(std::move(shapes)),
       maps_(std::move(maps)),
       directions_(directions),

@@ -54,7 +54,7 @@ class SkyMaps {
  public:
   // Chooses what each instance is. `maps` are those of `shapes`, of D = `directions`.
   SkyMaps(const Scene& scene, std::span<const ShapeTraits> traits, MappedShapes shapes,
-          std::vector<std::unique_ptr<DirectionMaps>> maps, int directions, const SkyTolerance& tolerance);
+          std::vector<std::shared_ptr<DirectionMaps>> maps, int directions, const SkyTolerance& tolerance);
 
   int directions() const { return directions_; }
   float cell_width() const { return 2.0f * std::sqrt(k_pi) / float(directions_); }  // radians
@@ -80,7 +80,7 @@ class SkyMaps {
   void divide_cells();
 
   MappedShapes shapes_;
-  std::vector<std::unique_ptr<DirectionMaps>> maps_;
+  std::vector<std::shared_ptr<DirectionMaps>> maps_;
   int directions_;
   SkyTolerance tolerance_;
   std::vector<SkyOccluder> occluders_;

@@ -1,7 +1,6 @@
 // Environment maps in scene files: what is read, and the messages for unusable maps.
 
 #include <cmath>
-#include <optional>
 
 #include "core/image/image.h"
 #include "core/light/light_sampling.h"
@@ -50,18 +49,6 @@ TEST_F(SceneEnvironment, IsReadWithItsScaleAndPlace) {
   EXPECT_NEAR(radiance.y, 3.0f, 1e-6f);
   EXPECT_NEAR(radiance.z, 6.0f, 1e-6f);
   EXPECT_EQ(warnings.size(), 1u) << "only that there are no shapes";
-}
-
-TEST_F(SceneEnvironment, SkiesAreToldBeforeMeshesAreRead) {
-  const std::string mesh = "<shape type='obj'><string name='filename' value='missing.obj'/></shape>";
-  for (const bool has_sky : {false, true}) {
-    write("scene.xml", "<scene version='3.0.0'>" + mesh + (has_sky ? "<emitter type='constant'/>" : "") + "</scene>");
-    std::optional<bool> told;
-    SceneLoadOptions options;
-    options.parsed = [&](bool is_sky) { told = is_sky; };
-    EXPECT_THROW(load_scene(path("scene.xml"), options), Error);
-    EXPECT_EQ(told, has_sky);
-  }
 }
 
 TEST_F(SceneEnvironment, RoundedRotationsBecomeOrthonormalAndMirrorsStay) {

@@ -238,6 +238,27 @@ TEST(FieldCache, ConcurrentStoresLoseNothing) {
   for (const auto& entry : fs::directory_iterator(folder.path())) EXPECT_NE(entry.path().extension(), ".tmp");
 }
 
+TEST(FieldCache, StoresLaterInOrderAndTellsOfTheFirstFailure) {
+  const TemporaryFolder folder;
+  std::vector<int> done;
+  {
+    FieldCache cache(folder.path());
+    cache.finish();  // nothing
+    const auto later = [&](int i) { cache.store_later([&done, i] { done.push_back(i); }); };
+    for (int i = 0; i < 50; ++i) later(i);
+    cache.finish();
+    EXPECT_EQ(done.size(), 50u);
+    for (int i = 50; i < 100; ++i) later(i);
+  }  // waits, too
+  ASSERT_EQ(done.size(), 100u);
+  for (int i = 0; i < 100; ++i) EXPECT_EQ(done[size_t(i)], i);
+  FieldCache cache(folder.path());
+  cache.store_later([] { throw Error("no room"); });
+  cache.store_later([&] { done.clear(); });
+  EXPECT_THROW(cache.finish(), Error);
+  EXPECT_EQ(done.size(), 100u);
+}
+
 // A field that is stored while it is baked: the file holds whole slices only.
 TEST(FieldCache, StoringWhileBakingKeepsWholeSlices) {
   const TemporaryFolder folder;

@@ -328,8 +328,8 @@ TEST_P(HybridPicture, DoesNotDependOnTheFieldCache) {
   EXPECT_EQ(warm.stats.rays_exact, none.stats.rays_exact);
 }
 
-// Where cost decides, the cache holds what is dear to bake, and nothing else.
-TEST(Hybrid, CachesHoldWhatIsDearToBake) {
+// Where cost decides as well.
+TEST(Hybrid, CachesHoldWhatIsBaked) {
   for (const int film : {64, 2048}) {
     const Scene scene = hybrid_scene("object_over_floor", film).scene;
     RenderOptions o = options_for(Method::hybrid, film == 64 ? 1024 : 256);
@@ -341,8 +341,7 @@ TEST(Hybrid, CachesHoldWhatIsDearToBake) {
     o.field_cache = folder.path();
     const RenderResult cold = render(scene, o), warm = render(scene, o);
     EXPECT_GT(cold.stats.bake_rays, 0u) << film;
-    EXPECT_EQ(warm.stats.bake_rays, film == 64 ? cold.stats.bake_rays : 0u);
-    EXPECT_EQ(std::filesystem::is_empty(folder.path()), film == 64);
+    EXPECT_EQ(warm.stats.bake_rays, 0u) << film;
     EXPECT_EQ(differing(cold.image, warm.image), 0u);
   }
 }

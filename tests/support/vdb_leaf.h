@@ -1,7 +1,7 @@
 // Leaves of grids, for files made by hand. Thread-safety: pure.
 #pragma once
 
-#include "field/file/vdb_grid.h"
+#include "field/grid/vdb_grid.h"
 
 namespace fieldtrace::test {
 

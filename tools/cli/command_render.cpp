@@ -11,7 +11,6 @@
 #include "core/io/atomic_file.h"
 #include "core/io/file_ending.h"
 #include "core/platform/stopwatch.h"
-#include "field/file/vdb_grid.h"
 #include "hybrid/denoise/denoise.h"
 #include "hybrid/render/picture.h"
 #include "hybrid/render/picture_identity.h"
@@ -278,10 +277,7 @@ int run_render(const RenderArguments& arguments, const std::string& command) {
   const std::atomic<bool>& stop = stop_on_interrupt();
   ProgressLine progress(!arguments.quiet);
   progress.update(0.0, "loading");
-  std::future<void> opened;
-  const Scene scene = load_scene(arguments.scene, progress, [&](bool has_sky) {
-    if (is_likely_to_use_cache(arguments.options, has_sky)) opened = open_vdb_early();
-  });
+  const Scene scene = load_scene(arguments.scene, progress);
   require_distinct_files(outputs_of(arguments), scene.files);
   const double load_seconds = seconds_since(start);
 

@@ -179,7 +179,7 @@ WarningSink print_warnings(ProgressLine& progress) {
   };
 }
 
-Scene load_scene(const SceneArguments& arguments, ProgressLine& progress, std::function<void(bool has_sky)> parsed) {
+Scene load_scene(const SceneArguments& arguments, ProgressLine& progress) {
   SceneLoadOptions options;
   for (const std::string& definition : arguments.definitions) {
     const size_t equals = definition.find('=');
@@ -190,7 +190,6 @@ Scene load_scene(const SceneArguments& arguments, ProgressLine& progress, std::f
   }
   options.strict = arguments.strict;
   options.warning = print_warnings(progress);
-  options.parsed = std::move(parsed);
   return load_scene(arguments.path, options);
 }
 

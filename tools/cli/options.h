@@ -5,7 +5,6 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
-#include <functional>
 #include <limits>
 #include <memory>
 #include <string>
@@ -57,10 +56,9 @@ void add_scene_reading_options(CLI::App& command, SceneArguments& arguments);
 // Where it is none: throws UsageError if either was given.
 void refuse_scene_reading_options(const SceneArguments& arguments);
 
-// Loads the scene. Warnings go to stderr without disturbing the progress line. `parsed` as in SceneLoadOptions. Throws
-// Error, and UsageError for a malformed -D.
-Scene load_scene(const SceneArguments& arguments, ProgressLine& progress,
-                 std::function<void(bool has_sky)> parsed = {});
+// Loads the scene. Warnings go to stderr without disturbing the progress line. Throws Error, and UsageError for a
+// malformed -D.
+Scene load_scene(const SceneArguments& arguments, ProgressLine& progress);
 
 // Prints "fieldtrace: warning: ..." to stderr without disturbing the progress line, which must outlive the sink.
 WarningSink print_warnings(ProgressLine& progress);

@@ -43,7 +43,7 @@ struct Under : test::SceneMaker {
     accel = std::make_unique<Accel>(scene);
     const std::vector<ShapeTraits> traits = shape_traits(scene);
     MappedShapes shapes = mapped_shapes(scene, traits);
-    std::vector<std::unique_ptr<DirectionMaps>> baked;
+    std::vector<std::shared_ptr<DirectionMaps>> baked;
     for (const MappedShape& of : shapes.shapes) {
       baked.push_back(std::make_unique<DirectionMaps>(of.ball, MapSize{k_directions, k_texels}));
       BakeCounters counters;

@@ -184,7 +184,7 @@ SkyMaps maps_of(const Crowd& crowd) {
   const Accel accel(crowd.scene);
   const std::vector<ShapeTraits> traits = shape_traits(crowd.scene);
   const MappedShapes shapes = mapped_shapes(crowd.scene, traits);
-  std::vector<std::unique_ptr<DirectionMaps>> maps;
+  std::vector<std::shared_ptr<DirectionMaps>> maps;
   for (const MappedShape& of : shapes.shapes) {
     maps.push_back(std::make_unique<DirectionMaps>(of.ball, MapSize{16, 64}));
     BakeCounters counters;
