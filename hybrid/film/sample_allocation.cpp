@@ -24,19 +24,16 @@ struct CellSums {
     pixels += o.pixels, square += o.square, work += o.work, samples += o.samples, of_value += o.of_value;
     of_quarters += o.of_quarters, of_their_halves += o.of_their_halves;
   }
-  // The variance of one sample, if that of more of them falls by `decay`.
+  // The variance of one sample, if it fell by `decay` from half the samples to all, and falls by later_decay() of that.
   double variance(double decay) const {
     if (!(pixels > 0.0)) return 0.0;
-    return square / pixels / (std::exp2(decay) - 1.0) * std::pow(samples / pixels, decay);
+    return square / pixels / (std::exp2(decay) - 1.0) * std::pow(samples / pixels, later_decay(decay));
   }
   // How the mean square falls from half the samples to all: that of pixels without quarters by `decay`.
-  double decay_or(double decay) const {
+  double decay_or(double decay, double most) const {
     if (!(square > 0.0)) return decay;
     double left = std::max(square - of_their_halves, 0.0) / (std::exp2(decay) - 1.0);
-    if (of_their_halves > 0.0) {
-      const double before = std::clamp(std::log2(of_quarters / of_their_halves), 1.0, k_most_decay);
-      left += of_their_halves / (std::exp2(before) - 1.0);
-    }
+    left += noise_left(of_their_halves, of_quarters, most);
     return std::log2(1.0 + square / left);
   }
 };
@@ -85,7 +82,7 @@ NoiseCells::NoiseCells(const Rect& window) : window_(window) {
   rows_ = blocks_along(window_.height);
 }
 
-SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, double decay) {
+SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, double decay, double most) {
   const Rect& window = film.window;
   const NoiseCells cells(window);
   const size_t columns = cells.columns(), rows = cells.rows();
@@ -102,7 +99,7 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
   for (size_t i = 0; i < sums.size(); ++i) colours[i & 1].add(sums[i]);
   for (size_t colour = 0; colour < 2; ++colour) {
     const CellSums& shown = colours[1 - colour].pixels > 0.0 ? colours[1 - colour] : colours[colour];
-    colour_decay_[colour] = shown.decay_or(decay);
+    colour_decay_[colour] = shown.decay_or(std::min(decay, most), most);
   }
   pixels_ = double(film.pixels.size());
   // As the other colour shows it, too.
@@ -123,7 +120,7 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
     for (size_t column = 0; column < columns; ++column) {
       for (size_t colour = 0; colour < 2; ++colour) {
         const size_t block = row * columns + column;
-        const double p = colour_decay_[colour];
+        const double p = colour_decay_[colour], later = later_decay(p);
         const CellSums &own = sums[2 * block + colour], &other = sums[2 * block + 1 - colour];
         // Half of what is known comes from the blocks around: a block's own estimate is noisy.
         double around = 0.0, weight = 0.0;
@@ -144,7 +141,7 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
         if (of_whole_cell > 0.0) cell.unseen = unseen[colour] / of_whole_cell;
         cell.work = shown.samples > 0.0 ? shown.work / shown.samples : 1.0;
         cell.samples = own.pixels > 0.0 ? own.samples / own.pixels : 0.0;
-        cell.mean_square = cell.samples > 0.0 ? variance * std::pow(cell.samples, -p) : 0.0;
+        cell.mean_square = cell.samples > 0.0 ? variance * std::pow(cell.samples, -later) : 0.0;
         colour_pixels_[colour] += own.pixels;
         colour_mean_square_[colour] += own.pixels * cell.mean_square;
       }
@@ -155,7 +152,7 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
     colour_mean_square_[colour] /= std::max(colour_pixels_[colour], 1.0);
   }
   colours[0].add(colours[1]);
-  decay_ = colours[0].decay_or(decay);
+  decay_ = colours[0].decay_or(std::min(decay, most), most);
 }
 
 double SampleAllocation::mean_samples() const {
@@ -188,7 +185,7 @@ SampleAllocation::Shares SampleAllocation::shares(const Limits& limits) const {
   Shares shares = {{}, {}};
   for (size_t i = 0; i < cells_.size(); ++i) {
     const NoiseCell& c = cells_[i];
-    const double decay = colour_decay_[i & 1];
+    const double decay = later_decay(colour_decay_[i & 1]);
     const double most = std::min(c.samples * limits.growth, limits.most);
     Shares::Cell cell;
     // A target ends by what is seen, and would end no later.
@@ -201,7 +198,7 @@ SampleAllocation::Shares SampleAllocation::shares(const Limits& limits) const {
     shares.cells.push_back(cell);
   }
   for (size_t colour = 0; colour < 2; ++colour) {
-    for (int i = 0; i < k_powers; ++i) shares.left[colour][i] = std::exp2(-colour_decay_[colour] * i);
+    for (int i = 0; i < k_powers; ++i) shares.left[colour][i] = std::exp2(-later_decay(colour_decay_[colour]) * i);
   }
   return shares;
 }

@@ -10,7 +10,7 @@
 // samples of its own pixel would be averaged away, a missing one would not be made up for.)
 // Halves differ by V(n / 2) - V(n), if n samples leave the variance V(n); where that falls as n^-p, by (2^p - 1) V(n).
 // The quarters tell p: they differ by 2^p times as much (Aitken, "On Bernoulli's numerical solution of algebraic
-// equations", 1926: the limit of a geometric sequence from three of its members).
+// equations", 1926: the limit of a geometric sequence from three of its members), or by more (noise_left()).
 // Thread-safety: values.
 #pragma once
 
@@ -65,12 +65,14 @@ class NoiseCells {
 
 class SampleAllocation {
  public:
-  // The film's samples must be in quarters, or halves at least; `decay` is used where it has no quarters.
-  SampleAllocation(const FilmSums& film, ErrorMeasure measure, double decay);
+  // The film's samples must be in quarters, or halves at least; `decay` is used where it has no quarters. `most`: as
+  // most_decay() says.
+  SampleAllocation(const FilmSums& film, ErrorMeasure measure, double decay, double most = k_smooth_decay);
 
   // The mean square error that noise makes, by the measure, as the colours show it of each other.
   double mean_square() const { return mean_square_; }
-  // The mean square falls as samples^-decay: 1 for random samples, more for stratified ones.
+  // From half the samples to all the mean square fell as samples^-decay: 1 for random samples, more for stratified
+  // ones.
   double decay() const { return decay_; }
   // The mean number of samples of a pixel, and the least and the most.
   double mean_samples() const;

@@ -97,6 +97,8 @@ struct TransportContext {
   bool open_area_can_be_hit = false;       // has_open_area()
   // Whether `sky` gives all the light of the sky that diffuse surfaces of this number get from light samples.
   bool has_sky_maps(int vertex_number) const { return sky && vertex_number == 0; }
+  // Whether fields and maps answer for whole pixels at once.
+  bool has_fields() const { return sky || lobes || hits || settings.estimates; }
   // Whether irradiance is fitted within blocks of pixels (hybrid/light/pixel_blocks.h).
   bool fits_blocks() const { return sky || occlusion_sky; }
 };

@@ -24,9 +24,12 @@ namespace {
 
 // Numbers of sequences that no round uses; each survey takes two.
 constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u;
+constexpr uint32_t k_one_replicates = 0x80000004u;
 // One pixel in this many, but a least number, tells how noisy pictures are, with this many samples of each sequence;
 constexpr int k_noise_pixels_each = 128, k_fewest_noise_pixels = 2048;
 constexpr uint32_t k_noise_samples = 4;
+// and so many times as many pixels whether one sample will do, with one of each sequence;
+constexpr int k_one_pixels = 4;
 // and how far fields err, with these.
 constexpr int k_error_pixels_each = 512, k_fewest_error_pixels = 256;
 constexpr double k_least_samples = 64.0, k_most_samples = 512.0;
@@ -91,7 +94,7 @@ bool trace_survey(const TransportContext& context, uint32_t samples, uint32_t re
 
 // What the samples of one sequence leave, and how that falls with their number: halves and quarters of a sequence tell
 // what a half and a quarter of it leave more, if it has quarters.
-NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
+NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure, double most) {
   NoiseForecast noise;
   double samples = 0.0, work = 0.0, seconds = 0.0, fall = 0.0, squares = 0.0;
   for (const SequencePair& pair : survey.sums) {
@@ -113,8 +116,7 @@ NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure) {
   const auto pixels = double(survey.sums.size());
   noise.quarter = (noise.mean_square + fall) / pixels;
   noise.quarter_error = std::sqrt(std::max(squares / pixels - noise.quarter * noise.quarter, 0.0) / pixels);
-  if (noise.mean_square > 0.0)
-    noise.decay = std::clamp(0.5 * std::log2(1.0 + fall / noise.mean_square), 1.0, k_most_decay);
+  if (noise.mean_square > 0.0) noise.decay = std::clamp(0.5 * std::log2(1.0 + fall / noise.mean_square), 1.0, most);
   noise.mean_square /= pixels;
   noise.samples = 0.5 * samples / pixels;
   noise.work = work / samples;
@@ -134,7 +136,16 @@ std::optional<NoiseForecast> forecast_noise(const Picture& picture, const Transp
                                             const GoesOn& goes_on, Stats& stats) {
   Survey survey = {survey_pixels(picture, k_noise_pixels_each, k_fewest_noise_pixels)};
   if (!trace_survey(context, k_noise_samples, k_noise_replicates, goes_on, survey, stats)) return {};
-  return noise_of(survey, picture.options.error_measure);
+  return noise_of(survey, picture.options.error_measure, most_decay(context.has_fields()));
+}
+
+// The same of one sample, by more pixels.
+std::optional<NoiseForecast> forecast_noise_of_one(const Picture& picture, const TransportContext& context,
+                                                   const GoesOn& goes_on, Stats& stats) {
+  constexpr int each = std::max(k_noise_pixels_each / k_one_pixels, 1), fewest = k_fewest_noise_pixels * k_one_pixels;
+  Survey survey = {survey_pixels(picture, each, fewest)};
+  if (!trace_survey(context, 1, k_one_replicates, goes_on, survey, stats)) return {};
+  return noise_of(survey, picture.options.error_measure, most_decay(context.has_fields()));
 }
 
 // How far pictures in a context and by rays differ where noise is averaged away, as a mean square; and what noise and
@@ -156,7 +167,8 @@ std::optional<FieldError> survey_field_error(const Picture& picture, Stage& stag
   if (by_rays.sums.empty() && !trace_survey(rays, of_sequence, k_error_replicates, goes_on, by_rays, stats)) return {};
   stage.ray_survey = by_rays.sums;
   const ErrorMeasure measure = picture.options.error_measure;
-  FieldError error = {0.0, noise_of(by_fields, measure), noise_of(by_rays, measure)};
+  FieldError error = {0.0, noise_of(by_fields, measure, most_decay(true)),
+                      noise_of(by_rays, measure, most_decay(false))};
   for (size_t i = 0; i < by_fields.pixels.size(); ++i) {
     const SequencePair &f = by_fields.sums[i], &r = by_rays.sums[i];
     // The sequences' noise is independent: the mean of the product is the square of what both share.
@@ -226,20 +238,23 @@ const RayNoise& best_for_rays(const Stage& stage) {
 bool has_choice(const Stage& stage) { return stage.ray_noise.size() > 1 || !stage.surveys_are_over(); }
 
 // Whether one sample of each pixel, as a survey of noise saw it, leaves no more than this mean square.
-static_assert(k_noise_samples == 4, "a quarter of a survey's samples is one");
+static_assert(k_noise_samples == 4, "a quarter of a survey's samples is one, and so it is of one sample");
 bool one_will_do(const NoiseForecast& noise, double mean_square) {
   return noise.quarter + k_sure * noise.quarter_error <= mean_square;
 }
 
-// Sets what `decided` says of samples, if their noise may have this mean square.
-void plan_samples(const Picture& picture, const Stage& stage, const NoiseForecast& noise, double mean_square,
-                  Checkpoint& decided) {
+// Sets what `decided` says of samples in `context`, if their noise may have this mean square.
+void plan_samples(const Picture& picture, const Stage& stage, const TransportContext& context,
+                  const NoiseForecast& noise, double mean_square, Checkpoint& decided, Stats& stats) {
   decided.expected_samples = int(std::clamp(noise.samples_to(mean_square), 1.0, double(picture.most_samples)));
   decided.decay = noise.decay;
   // One sample tells nothing of its variance.
   const std::vector<Aov>& layers = picture.aovs;
   if (stage.deadline || std::find(layers.begin(), layers.end(), Aov::variance) != layers.end()) return;
-  if (one_will_do(noise, mean_square)) decided.first_mean_square = noise.quarter;
+  if (!one_will_do(noise, mean_square)) return;
+  // Where few pixels hold the noise a survey may have missed them, and nothing after it would tell.
+  const auto of_one = forecast_noise_of_one(picture, context, while_surveys_may(picture, stage), stats);
+  if (of_one && one_will_do(*of_one, mean_square)) decided.first_mean_square = of_one->quarter;
 }
 
 }  // namespace
@@ -354,7 +369,7 @@ void choose_samples(const Picture& picture, Stage& stage, bool rays_alone, Trans
     noise = choose_few_for_rays(picture, stage, rays, target, context, stats);
   else
     noise = choose_for_rays(picture, stage, rays, context, stats);
-  if (target > 0.0) plan_samples(picture, stage, noise, target, decided);
+  if (target > 0.0) plan_samples(picture, stage, context, noise, target, decided, stats);
 }
 
 bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext& context, Checkpoint& decided,
@@ -383,7 +398,7 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
     if (ray_work >= work && ray_work < k_clear_gain * work)
       ray_work = choose_for_rays(picture, stage, rays, rays.context(), stats).work_to(target);
     are_better = ray_work >= work;
-    plan_samples(picture, stage, *noise, target - error, decided);
+    plan_samples(picture, stage, context, *noise, target - error, decided, stats);
   } else {
     const double seconds = std::max(-seconds_since(*stage.deadline), 0.0) * threads() / pixels_of(picture);
     const auto noise_in_time = [&](const NoiseForecast& n) { return n.mean_square_of(seconds / n.seconds); };

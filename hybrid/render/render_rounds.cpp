@@ -96,11 +96,6 @@ class Rounds {
   }
 
  private:
-  bool has_fields() const {
-    const TransportContext& c = job_.context;
-    return c.sky || c.lobes || c.hits || c.settings.estimates;
-  }
-
   static bool is_any(const std::vector<uint32_t>& counts) {
     return std::any_of(counts.begin(), counts.end(), [](uint32_t n) { return n > 0; });
   }
@@ -110,7 +105,7 @@ class Rounds {
     state_.tiles_done.assign(tiles_.size(), 0);
     if (picture_.by_rounds()) {
       const double expected = std::min(double(state_.expected_samples), double(picture_.most_samples));
-      const double share = has_fields() ? 1.0 : k_first_share;
+      const double share = job_.context.has_fields() ? 1.0 : k_first_share;
       const double most = std::clamp(double(picture_.most_samples), 2.0, k_most_first);
       const double nearest = nearest_power(std::clamp(expected * share, 2.0, most));
       const double first = nearest > most ? 0.5 * nearest : nearest;
@@ -137,7 +132,8 @@ class Rounds {
 
   // Of all samples so far.
   const SampleAllocation& allocation() {
-    if (!allocation_) allocation_.emplace(state_.film, options_.error_measure, state_.decay);
+    if (!allocation_)
+      allocation_.emplace(state_.film, options_.error_measure, state_.decay, most_decay(job_.context.has_fields()));
     return *allocation_;
   }
 

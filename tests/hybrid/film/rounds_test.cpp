@@ -436,11 +436,11 @@ TEST(Rounds, TakeOneSampleWhereThatWillDo) {
     const Image one = render(scene, o).image;
     o.resume = o.checkpoint;
     EXPECT_EQ(render(scene, o).image.data, one.data);
-    o.target_error = 0.03f;
+    o.target_error = 0.01f;
     const RenderResult less = render(scene, o);
     EXPECT_GE(less.stats.samples_fewest, 2u);
-    EXPECT_LE(less.stats.error_estimate, 0.03);
-    EXPECT_LT(rmse(less.image, reference), 0.04);
+    EXPECT_LE(less.stats.error_estimate, 0.01);
+    EXPECT_LT(rmse(less.image, reference), 0.0125);
     o.resume = o.checkpoint = "";
     o.target_error = 0.15f;
     o.aovs = {"variance"};

@@ -126,6 +126,21 @@ TEST(SampleAllocation, SamplesFollowDeviationAndWork) {
   EXPECT_NEAR(by_work, 1.0, 0.1);
 }
 
+TEST(NoiseLeft, TellsPowersAndMixturesOfBothApart) {
+  for (const double decay : {1.0, 1.2, 1.5, 3.0}) {
+    EXPECT_NEAR(noise_left(std::exp2(decay) - 1.0, std::exp2(2.0 * decay) - std::exp2(decay)), 1.0, 1e-9) << decay;
+  }
+  for (const double smooth : {0.0, 0.1, 0.5, 0.9, 1.0}) {
+    const auto left = [&](double n) { return (1.0 - smooth) * std::pow(n, -1.5) + smooth * std::pow(n, -3.0); };
+    EXPECT_NEAR(noise_left(left(0.5) - left(1.0), left(0.25) - left(0.5)), 1.0, 1e-9) << smooth;
+  }
+  // What chance makes of them: as random samples at worst, and as smooth pictures at best.
+  EXPECT_EQ(noise_left(1.0, 0.0), 1.0);
+  EXPECT_NEAR(noise_left(1.0, 1e9), 1.0 / 7.0, 1e-12);
+  EXPECT_EQ(noise_left(0.0, 1.0), 0.0);
+  EXPECT_EQ(noise_left(0.0, 0.0), 0.0);
+}
+
 // Of samples that are better spread than random ones, the film tells itself how noise falls; where it falls in several
 // ways, nearly.
 TEST(SampleAllocation, NoiseOfSequencesIsTheMeanSquareError) {
@@ -141,9 +156,9 @@ TEST(SampleAllocation, NoiseOfSequencesIsTheMeanSquareError) {
   for (const double decay : {1.0, 1.25, 1.5}) {
     EXPECT_NEAR(ratio([&](int, int) { return Pixel{.samples = 16, .decay = decay}; }), 1.0, 0.05) << decay;
   }
-  // Where it falls faster, further samples are expected to gain less: so much is left that (2^2 - 1) / (2^1.5 - 1).
-  EXPECT_NEAR(ratio([](int, int) { return Pixel{.samples = 16, .decay = 2.0}; }),
-              std::sqrt(3.0 / (std::exp2(k_most_decay) - 1.0)), 0.05);
+  // Where it falls faster than edges leave, it is taken for their part and one that falls as n^-3.
+  EXPECT_NEAR(ratio([](int, int) { return Pixel{.samples = 16, .decay = 3.0}; }), 1.0, 0.05);
+  EXPECT_NEAR(ratio([](int, int) { return Pixel{.samples = 16, .decay = 2.0}; }), 1.17, 0.05);
   EXPECT_NEAR(ratio([](int x, int) { return Pixel{.deviation = x < 64 ? 0.1 : 0.2, .decay = x < 64 ? 1.0 : 1.5}; }),
               1.0, 0.15);
   EXPECT_NEAR(ratio([](int x, int) {
