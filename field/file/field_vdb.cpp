@@ -96,8 +96,7 @@ std::optional<VdbStoredGrid> take_grid(FieldVdb& file, const char* name, const s
   for (VdbStoredGrid& grid : file.grids) {
     if (grid.name != name) continue;
     if (found) throw FieldFileError(path, std::string("has two grids named ") + name);
-    found = std::move(grid);
-    grid.name.clear();
+    found = std::exchange(grid, {});
   }
   return found;
 }
