@@ -186,12 +186,9 @@ void CoverageGrid::read(uint32_t slot, std::span<uint16_t> lines) const {
   const Place place = place_of(slot, tiles_);
   for (int p = 0; p < k_patches; ++p) {
     const VoxelCoord origin = patch_origin(tiles_, place.octet, place.tile, p);
-    const auto patch = std::lower_bound(patches_.begin(), patches_.end(), origin,
-                                        [](const Patch& a, const VoxelCoord& at) { return a.origin < at; });
-    const bool is_held = patch != patches_.end() && patch->origin == origin;
+    const Patch* const patch = find_by_origin(patches_, origin);
     for (int i = 0; i < k_patch_lines; ++i) {
-      lines[line_of_patch(p, i)] =
-          is_held ? patch->lines[place.layer * size_t(k_patch_lines) + size_t(i)] : uint16_t(0);
+      lines[line_of_patch(p, i)] = patch ? patch->lines[place.layer * size_t(k_patch_lines) + size_t(i)] : uint16_t(0);
     }
   }
 }

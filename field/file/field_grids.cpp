@@ -46,9 +46,9 @@ void add_brick(VdbGrid& grid, const VoxelCoord& origin, const BrickCells& cells,
 }
 
 bool read_brick(const VdbStoredGrid& grid, const VoxelCoord& origin, BrickCells& cells, uint32_t& slices) {
-  const VdbStoredLeaf* const leaf = grid.find_leaf(origin);
+  const VdbStoredLeaf* const leaf = find_by_origin(grid.leaves, origin);
   if (!leaf) {
-    const VdbTile* const tile = grid.find_tile(origin);
+    const VdbTile* const tile = find_by_origin(grid.tiles, origin);
     slices = tile ? k_all_slices : 0;
     cells.fill(tile ? tile->value : grid.background);
     return true;

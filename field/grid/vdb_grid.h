@@ -56,10 +56,6 @@ struct VdbStoredGrid {
   std::vector<VdbTile> tiles;
   // Unpacks a leaf; inactive voxels get the background's value. False if its bytes are damaged.
   std::function<bool(const VdbStoredLeaf& leaf, VdbValues& values)> unpack;
-
-  // The leaf, or the tile, that begins at `origin`; null if there is none.
-  const VdbStoredLeaf* find_leaf(const VoxelCoord& origin) const;
-  const VdbTile* find_tile(const VoxelCoord& origin) const;
 };
 
 using VdbMetadata = std::map<std::string, std::variant<int32_t, int64_t, float, std::string, std::array<float, 3>>>;
@@ -97,6 +93,14 @@ using VdbEntry = const VdbFunctions*();
 // The module's functions. Throws Error if it cannot be opened: long work that is to be written calls this before it
 // starts.
 const VdbFunctions& vdb();
+
+// The part that begins at `origin`, of parts by ascending origin; null if there is none.
+template <class T>
+const T* find_by_origin(const std::vector<T>& parts, const VoxelCoord& origin) {
+  const auto part = std::lower_bound(parts.begin(), parts.end(), origin,
+                                     [](const T& p, const VoxelCoord& at) { return p.origin < at; });
+  return part != parts.end() && part->origin == origin ? &*part : nullptr;
+}
 
 // Puts a grid's leaves and tiles in order.
 inline void sort_by_origin(VdbStoredGrid& grid) {

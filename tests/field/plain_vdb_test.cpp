@@ -70,13 +70,13 @@ void expect_same(const VdbStoredGrid& a, const VdbStoredGrid& b) {
     EXPECT_EQ(a.tiles[i].origin, b.tiles[i].origin);
     EXPECT_EQ(a.tiles[i].side, b.tiles[i].side);
     EXPECT_EQ(a.tiles[i].value, b.tiles[i].value);
-    EXPECT_EQ(a.find_tile(b.tiles[i].origin), &a.tiles[i]);
-    EXPECT_EQ(a.find_leaf(b.tiles[i].origin), nullptr);
+    EXPECT_EQ(find_by_origin(a.tiles, b.tiles[i].origin), &a.tiles[i]);
+    EXPECT_EQ(find_by_origin(a.leaves, b.tiles[i].origin), nullptr);
   }
   for (size_t i = 0; i < a.leaves.size(); ++i) {
     EXPECT_EQ(a.leaves[i].origin, b.leaves[i].origin);
     EXPECT_EQ(a.leaves[i].active, b.leaves[i].active);
-    EXPECT_EQ(a.find_leaf(b.leaves[i].origin), &a.leaves[i]);
+    EXPECT_EQ(find_by_origin(a.leaves, b.leaves[i].origin), &a.leaves[i]);
     VdbValues of_a, of_b;
     ASSERT_TRUE(a.unpack(a.leaves[i], of_a));
     ASSERT_TRUE(b.unpack(b.leaves[i], of_b));
@@ -112,10 +112,10 @@ TEST(PlainVdb, FindsNothingWhereNothingIs) {
                                                      }())),
                                                      k_most_grids);
   ASSERT_TRUE(file && file->grids.size() == 1);
-  EXPECT_NE(file->grids[0].find_leaf({8, 16, 24}), nullptr);
+  EXPECT_NE(find_by_origin(file->grids[0].leaves, {8, 16, 24}), nullptr);
   for (const VoxelCoord& origin : {VoxelCoord{0, 0, 0}, {8, 16, 16}, {8, 16, 32}, {16, 0, 0}}) {
-    EXPECT_EQ(file->grids[0].find_leaf(origin), nullptr);
-    EXPECT_EQ(file->grids[0].find_tile(origin), nullptr);
+    EXPECT_EQ(find_by_origin(file->grids[0].leaves, origin), nullptr);
+    EXPECT_EQ(find_by_origin(file->grids[0].tiles, origin), nullptr);
   }
 }
 
