@@ -18,10 +18,10 @@ struct CameraSamples {
   AlignedVector<uint32_t> x, y, index;
   AlignedVector<uint32_t> replicate;  // number of the sequence; those of different numbers are independent
 
-  // Keeps the capacity; the entries below n are unspecified.
+  // Never shrinks the arrays; the entries below n are unspecified.
   void resize(size_t n) {
     size = n;
-    for (auto* v : {&x, &y, &index, &replicate}) v->resize(padded(n));
+    for (auto* v : {&x, &y, &index, &replicate}) make_room(*v, padded(n));
   }
   void set(size_t i, uint32_t pixel_x, uint32_t pixel_y, uint32_t number, uint32_t sequence = 0) {
     x[i] = pixel_x, y[i] = pixel_y, index[i] = number, replicate[i] = sequence;

@@ -1,7 +1,7 @@
 // Shading points that gather light and their shadow rays: one batch per group of points and light.
 //
-// Memory layout: structures of arrays, padded like RayBatch or longer; ray slot r * light_samples + k belongs to shading point r.
-// Thread-safety: values.
+// Memory layout: structures of arrays, padded like RayBatch or longer; ray slot r * light_samples + k belongs to
+// shading point r. Thread-safety: values.
 #pragma once
 
 #include <algorithm>
@@ -27,36 +27,40 @@ struct ShadingPointBatch {
   AlignedVector<uint32_t> instance;  // the instance that the point lies on
   AlignedVector<uint8_t> transmits;  // 1: directions below the surface carry light too (not opaque)
 
-  // Arrays never shrink: entries that come back would be zeroed, in vain.
+  // As RayBatch::resize().
   void resize(size_t n) {
     size = n;
-    const auto grow = [n](auto& v) { v.resize(std::max(v.size(), padded(n))); };
-    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error, &radius}) grow(*v);
-    for (auto* v : {&seed, &sample, &instance}) grow(*v);
-    grow(transmits);
+    for_arrays(*this, [n](auto& values, const auto&) { make_room(values, padded(n)); });
   }
   Vec3 position(size_t i) const { return {px[i], py[i], pz[i]}; }
   Vec3 geometric_normal(size_t i) const { return {gx[i], gy[i], gz[i]}; }
   Vec3 shading_normal(size_t i) const { return {sx[i], sy[i], sz[i]}; }
+  // Entry i becomes entry j of `from`.
+  void copy(size_t i, const ShadingPointBatch& from, size_t j) {
+    for_arrays(from, [=](auto& to, const auto& of) { to[i] = of[j]; });
+  }
   // Entries [i, i + count) become those of `from` from j on.
   void copy(size_t i, const ShadingPointBatch& from, size_t j, size_t count) {
-    using B = ShadingPointBatch;
-    const auto copy_array = [=](const auto& source, auto& target) {
-      std::copy_n(source.data() + j, count, target.data() + i);
-    };
-    for (const auto array :
-         {&B::px, &B::py, &B::pz, &B::gx, &B::gy, &B::gz, &B::sx, &B::sy, &B::sz, &B::error, &B::radius}) {
-      copy_array(from.*array, this->*array);
-    }
-    for (const auto array : {&B::seed, &B::sample, &B::instance}) copy_array(from.*array, this->*array);
-    copy_array(from.transmits, transmits);
+    for_arrays(from, [=](auto& to, const auto& of) { std::copy_n(of.data() + j, count, to.data() + i); });
+  }
+
+ private:
+  // Calls f(values, others) with each array and that of `from`.
+  template <class F>
+  void for_arrays(const ShadingPointBatch& from, const F& f) {
+    f(px, from.px), f(py, from.py), f(pz, from.pz);
+    f(gx, from.gx), f(gy, from.gy), f(gz, from.gz);
+    f(sx, from.sx), f(sy, from.sy), f(sz, from.sz);
+    f(error, from.error), f(radius, from.radius);
+    f(seed, from.seed), f(sample, from.sample), f(instance, from.instance);
+    f(transmits, from.transmits);
   }
 };
 
 // `chosen` becomes the entries `indices` of `all`.
 inline void copy_points(const ShadingPointBatch& all, std::span<const uint32_t> indices, ShadingPointBatch& chosen) {
   chosen.resize(indices.size());
-  for (size_t i = 0; i < indices.size(); ++i) chosen.copy(i, all, indices[i], 1);
+  for (size_t i = 0; i < indices.size(); ++i) chosen.copy(i, all, indices[i]);
 }
 
 struct LightTable;

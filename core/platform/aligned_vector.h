@@ -37,4 +37,10 @@ struct CacheLineAllocator {
 template <class T>
 using AlignedVector = std::vector<T, CacheLineAllocator<T>>;
 
+// Makes room for n elements. Batches do not shrink: elements that come back would be zeroed, in vain.
+template <class Vector>
+void make_room(Vector& v, size_t n) {
+  if (v.size() < n) v.resize(n);
+}
+
 }  // namespace fieldtrace

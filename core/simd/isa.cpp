@@ -45,7 +45,7 @@ std::vector<Isa> supported_isas() {
 }
 
 Isa resolve_isa(Isa isa) {
-  const std::vector<Isa> isas = supported_isas();
+  static const std::vector<Isa> isas = supported_isas();
   if (isa == Isa::automatic) return isas.back();
   if (std::find(isas.begin(), isas.end(), isa) == isas.end()) {
     throw UsageError(std::string("this processor cannot run --isa ") + isa_name(isa) + "; use --isa auto");

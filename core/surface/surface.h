@@ -36,9 +36,10 @@ struct SurfaceBatch {
   AlignedVector<float> error;
   std::vector<Vec2> uv;
 
+  // As RayBatch::resize().
   void resize(size_t n) {
-    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error}) v->resize(padded(n));
-    uv.resize(n);
+    for (auto* v : {&px, &py, &pz, &gx, &gy, &gz, &sx, &sy, &sz, &error}) make_room(*v, padded(n));
+    make_room(uv, n);
   }
   void set(size_t i, const SurfacePoint& s) {
     px[i] = s.position.x, py[i] = s.position.y, pz[i] = s.position.z;

@@ -21,10 +21,10 @@ struct RayBatch {
   size_t size = 0;
   AlignedVector<float> ox, oy, oz, dx, dy, dz, tmax;
 
-  // Keeps the capacity; the contents of entries below n are unspecified, padding entries are made inactive.
+  // Never shrinks the arrays; the contents of entries below n are unspecified, padding entries are made inactive.
   void resize(size_t n) {
     size = n;
-    for (auto* v : {&ox, &oy, &oz, &dx, &dy, &dz, &tmax}) v->resize(padded(n));
+    for (auto* v : {&ox, &oy, &oz, &dx, &dy, &dz, &tmax}) make_room(*v, padded(n));
     for (size_t i = n; i < padded(n); ++i) {
       ox[i] = oy[i] = oz[i] = dx[i] = dy[i] = 0.0f;
       dz[i] = 1.0f;
@@ -47,9 +47,10 @@ struct HitBatch {
   AlignedVector<float> t, u, v;
   AlignedVector<uint32_t> instance, primitive;
 
+  // As RayBatch::resize().
   void resize(size_t n) {
-    for (auto* a : {&t, &u, &v}) a->resize(padded(n));
-    for (auto* a : {&instance, &primitive}) a->resize(padded(n));
+    for (auto* a : {&t, &u, &v}) make_room(*a, padded(n));
+    for (auto* a : {&instance, &primitive}) make_room(*a, padded(n));
   }
   void copy(size_t i, const HitBatch& from, size_t j) {
     t[i] = from.t[j], u[i] = from.u[j], v[i] = from.v[j];

@@ -103,7 +103,7 @@ class LightChunk {
 
   void filter(const ShadingPointBatch& points) {
     selected_.resize(filtered_.size());
-    for (size_t r = 0; r < filtered_.size(); ++r) selected_.copy(r, points, filtered_[r], 1);
+    for (size_t r = 0; r < filtered_.size(); ++r) selected_.copy(r, points, filtered_[r]);
     sample(selected_, shares_);
     s_.shadows->filter({group_, points, filtered_, k_strata, shares_, undecided_, stats_});
     for (size_t r = 0; r < filtered_.size(); ++r) {

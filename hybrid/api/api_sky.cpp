@@ -50,7 +50,7 @@ class SkyBatch {
 
   void see(const Sphere& place) {
     const size_t n = points.size;
-    for (size_t i = n; i < padded(n); ++i) points.copy(i, points, 0, 1);
+    for (size_t i = n; i < padded(n); ++i) points.copy(i, points, 0);
     occluders_.find(sky_, points, place);
     see_cells();
     whole_.resize(n), seen_.resize(n);

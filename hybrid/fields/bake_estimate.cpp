@@ -5,7 +5,7 @@
 #include <span>
 
 #include "field/store/coverage.h"
-#include "hybrid/visibility/light_extent.h"
+#include "hybrid/culling/light_extent.h"
 
 namespace fieldtrace {
 namespace {

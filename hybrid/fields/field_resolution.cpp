@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "hybrid/fields/bake_estimate.h"
-#include "hybrid/visibility/light_extent.h"
+#include "hybrid/culling/light_extent.h"
 #include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {

@@ -115,26 +115,32 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
     return k_unseen * *middle;
   };
   const double unseen[2] = {unseen_by(0), unseen_by(1)};
+  // Each colour is planned by the other one's sums, and by how noise falls as these show it.
+  std::vector<double> variances(sums.size());
+  parallel_for(rows, [&](size_t row) {
+    for (size_t i = 2 * row * columns; i < 2 * (row + 1) * columns; ++i)
+      variances[i] = sums[i].variance(colour_decay_[1 - (i & 1)]);
+  });
   cells_.resize(sums.size());
   for (size_t row = 0; row < rows; ++row) {
     for (size_t column = 0; column < columns; ++column) {
       for (size_t colour = 0; colour < 2; ++colour) {
-        const size_t block = row * columns + column;
+        const size_t block = row * columns + column, mine = 2 * block + colour, others = 2 * block + 1 - colour;
         const double p = colour_decay_[colour], later = later_decay(p);
-        const CellSums &own = sums[2 * block + colour], &other = sums[2 * block + 1 - colour];
+        const CellSums &own = sums[mine], &other = sums[others];
+        const double variance = other.pixels > 0.0 ? variances[others] : own.variance(p);
         // Half of what is known comes from the blocks around: a block's own estimate is noisy.
         double around = 0.0, weight = 0.0;
         for (size_t r = row - std::min<size_t>(row, 1); r <= std::min(row + 1, rows - 1); ++r) {
           for (size_t c = column - std::min<size_t>(column, 1); c <= std::min(column + 1, columns - 1); ++c) {
-            const CellSums& near = sums[2 * (r * columns + c) + 1 - colour];
-            around += near.pixels * near.variance(p);
-            weight += near.pixels;
+            const size_t near = 2 * (r * columns + c) + 1 - colour;
+            around += sums[near].pixels * variances[near];
+            weight += sums[near].pixels;
           }
         }
-        around = weight > 0.0 ? around / weight : own.variance(p);
-        NoiseCell& cell = cells_[2 * block + colour];
+        around = weight > 0.0 ? around / weight : variance;
+        NoiseCell& cell = cells_[mine];
         cell.pixels = own.pixels;
-        const double variance = other.pixels > 0.0 ? other.variance(p) : own.variance(p);
         const CellSums& shown = other.samples > 0.0 ? other : own;
         const double of_whole_cell = 0.5 * k_noise_block * k_noise_block * shown.samples / std::max(shown.pixels, 1.0);
         cell.variance = 0.5 * (variance + around);
@@ -207,34 +213,28 @@ int SampleAllocation::goal(const Shares::Cell& cell, double scale) {
   return int(std::clamp(std::nearbyint(scale + cell.wanted), double(cell.least), double(cell.most)));
 }
 
-double SampleAllocation::predicted(size_t colour, double scale, const Shares& shares) const {
-  double sum = 0.0;
+SampleAllocation::Outlook SampleAllocation::outlook(size_t colour, double scale, const Shares& shares) const {
+  Outlook all;
   for (size_t i = colour; i < cells_.size(); i += 2) {
     const NoiseCell& c = cells_[i];
-    if (c.samples > 0.0) sum += c.pixels * shares.cells[i].variance * shares.left[colour][goal(shares.cells[i], scale)];
+    if (!(c.samples > 0.0)) continue;
+    const int power = goal(shares.cells[i], scale);
+    all.mean_square += c.pixels * shares.cells[i].variance * shares.left[colour][power];
+    all.work += c.pixels * c.work * (double(1u << power) - c.samples);
   }
-  return sum / std::max(colour_pixels_[colour], 1.0);
-}
-
-double SampleAllocation::further_work(size_t colour, double scale, const Shares& shares) const {
-  double sum = 0.0;
-  for (size_t i = colour; i < cells_.size(); i += 2) {
-    const NoiseCell& c = cells_[i];
-    if (c.samples > 0.0) sum += c.pixels * c.work * (double(1u << goal(shares.cells[i], scale)) - c.samples);
-  }
-  return sum;
+  all.mean_square /= std::max(colour_pixels_[colour], 1.0);
+  return all;
 }
 
 double SampleAllocation::scale_of(size_t colour, double mean_square, double work, const Shares& shares) const {
   // Both sides of the search are far beyond any goal.
   double low = -1100.0, high = 1100.0;
   // Where noisy cells have all that they may get, others would gain nothing to speak of.
-  mean_square = std::max(mean_square, k_all_but * predicted(colour, high, shares));
+  mean_square = std::max(mean_square, k_all_but * outlook(colour, high, shares).mean_square);
   while (high - low > 1e-4) {
     const double middle = 0.5 * (low + high);
-    const bool is_too_much =
-        predicted(colour, middle, shares) < mean_square || further_work(colour, middle, shares) > work;
-    (is_too_much ? high : low) = middle;
+    const Outlook expected = outlook(colour, middle, shares);
+    (expected.mean_square < mean_square || expected.work > work ? high : low) = middle;
   }
   return high;
 }
@@ -247,7 +247,7 @@ std::vector<uint32_t> SampleAllocation::further(const Limits& limits) const {
     if (limits.mean_square > 0.0 && !(now > limits.mean_square)) continue;
     // Blocks' variances that are mixed with those around are not quite what they are by themselves.
     const double target =
-        limits.mean_square > 0.0 ? limits.mean_square * predicted(colour, -k_infinity, wanted) / now : 0.0;
+        limits.mean_square > 0.0 ? limits.mean_square * outlook(colour, -k_infinity, wanted).mean_square / now : 0.0;
     const double share = pixels_ > 0.0 ? colour_pixels_[colour] / pixels_ : 0.0;
     const double scale = scale_of(colour, target, share * limits.work, wanted);
     for (size_t i = colour; i < cells_.size(); i += 2) {

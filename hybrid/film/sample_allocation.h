@@ -114,8 +114,10 @@ class SampleAllocation {
   // The goal for a cell's samples where `scale` is added to what is wanted.
   static int goal(const Shares::Cell& cell, double scale);
   // Of the pixels of one colour: the mean square that is expected, and the work until then.
-  double predicted(size_t colour, double scale, const Shares& shares) const;
-  double further_work(size_t colour, double scale, const Shares& shares) const;
+  struct Outlook {
+    double mean_square = 0.0, work = 0.0;
+  };
+  Outlook outlook(size_t colour, double scale, const Shares& shares) const;
   // The scale at which a colour's noise or work is what is given.
   double scale_of(size_t colour, double mean_square, double work, const Shares& shares) const;
 

@@ -29,28 +29,30 @@ AmbientOcclusion::AmbientOcclusion(const TransportContext& context)
       by_maps_(context, context.occlusion_sky),
       sky_(context.settings.occlusion ? make_lights(white_sky()) : LightTable{}) {}
 
+void AmbientOcclusion::clear(size_t most) {
+  if (!context_.settings.occlusion) return;
+  receivers_.clear(most);
+  for (auto* sum : {&receivers_.arriving_red, &receivers_.arriving_green, &receivers_.arriving_blue}) {
+    sum->assign(most, 0.0f);
+  }
+}
+
 void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t pixel, uint32_t index) {
   // A shading normal that points away from the camera spans the wrong hemisphere.
   const bool turned = glm::dot(vertex.frame.n, vertex.facing) < 0.0f;
-  points_.push_back({vertex.surface->position, vertex.facing, turned ? -vertex.frame.n : vertex.frame.n,
-                     vertex.surface->error, scalar::hash_combine(vertex.seed, k_occlusion_stream), index,
-                     vertex.surface->instance, slot, pixel});
-}
-
-void AmbientOcclusion::fill_shading_points(size_t begin, size_t end) {
-  shading_points_.resize(end - begin);
-  for (size_t r = 0; r < shading_points_.size; ++r) {
-    const Point& p = points_[begin + r];
-    shading_points_.px[r] = p.position.x, shading_points_.py[r] = p.position.y, shading_points_.pz[r] = p.position.z;
-    shading_points_.gx[r] = p.facing.x, shading_points_.gy[r] = p.facing.y, shading_points_.gz[r] = p.facing.z;
-    shading_points_.sx[r] = p.shading.x, shading_points_.sy[r] = p.shading.y, shading_points_.sz[r] = p.shading.z;
-    shading_points_.error[r] = p.error;
-    shading_points_.radius[r] = 0.0f;
-    shading_points_.seed[r] = p.seed;
-    shading_points_.sample[r] = p.index;
-    shading_points_.instance[r] = p.instance;
-    shading_points_.transmits[r] = 0;
-  }
+  const Vec3 &g = vertex.facing, s = turned ? -vertex.frame.n : vertex.frame.n, at = vertex.surface->position;
+  LightReceivers& r = receivers_;
+  ShadingPointBatch& p = r.points;
+  const size_t i = p.size++;
+  p.px[i] = at.x, p.py[i] = at.y, p.pz[i] = at.z;
+  p.gx[i] = g.x, p.gy[i] = g.y, p.gz[i] = g.z;
+  p.sx[i] = s.x, p.sy[i] = s.y, p.sz[i] = s.z;
+  p.error[i] = vertex.surface->error;
+  p.seed[i] = scalar::hash_combine(vertex.seed, k_occlusion_stream);
+  p.sample[i] = index, p.instance[i] = vertex.surface->instance, p.transmits[i] = 0;
+  r.red[i] = r.green[i] = r.blue[i] = 1.0f / k_pi;
+  r.kind[i] = ReceiverKind::diffuse;
+  r.path[i] = slot, r.pixel[i] = pixel;
 }
 
 LightExtent AmbientOcclusion::reach() const {
@@ -78,7 +80,7 @@ void AmbientOcclusion::count(size_t begin, std::span<FirstHit> firsts, Stats& st
   stats.rays_shadow += rays_.active;
   const size_t samples = size_t(context_.settings.light_samples);
   for (size_t r = 0; r < shading_points_.size; ++r) {
-    FirstHit& first = firsts[points_[begin + r].slot];
+    FirstHit& first = firsts[receivers_.path[begin + r]];
     for (size_t i = r * samples; i < (r + 1) * samples; ++i) {
       const bool is_active = rays_.rays.tmax[i] >= 0.0f;
       first.occlusion_rays += float(is_active);
@@ -113,19 +115,6 @@ void AmbientOcclusion::gather_waves(std::span<const Request> requests) {
 
 // Under a white sky a surface of albedo 1 sends on the unoccluded share.
 SkyLight::Request AmbientOcclusion::sky_request(const Request& r) {
-  fill_shading_points(0, points_.size());
-  receivers_.clear(points_.size());
-  receivers_.points = shading_points_;
-  for (auto* v : {&receivers_.red, &receivers_.green, &receivers_.blue}) {
-    std::fill_n(v->begin(), points_.size(), 1.0f / k_pi);
-  }
-  std::fill_n(receivers_.kind.begin(), points_.size(), ReceiverKind::diffuse);
-  for (uint32_t i = 0; i < points_.size(); ++i) {
-    receivers_.path[i] = points_[i].slot, receivers_.pixel[i] = points_[i].pixel;
-  }
-  for (auto* sum : {&receivers_.arriving_red, &receivers_.arriving_green, &receivers_.arriving_blue}) {
-    sum->assign(points_.size(), 0.0f);
-  }
   clusters_.build(receivers_, {}, k_shadow_batch, context_.settings.pixel_samples == 1);
   before_ = {r.stats.samples, r.stats.samples_spared, r.stats.samples_by_strata};
   return {by_maps_, clusters_, receivers_, {}, context_.settings.light_samples, r.pixels, {}, r.stats};
@@ -134,7 +123,7 @@ SkyLight::Request AmbientOcclusion::sky_request(const Request& r) {
 void AmbientOcclusion::take_irradiance(const Request& r) {
   r.stats.samples = before_.all, r.stats.samples_spared = before_.spared, r.stats.samples_by_strata = before_.by_strata;
   const auto rays = float(context_.settings.light_samples);
-  for (size_t i = 0; i < points_.size(); ++i) {
+  for (size_t i = 0; i < receivers_.size(); ++i) {
     FirstHit& first = r.firsts[receivers_.path[i]];
     // Rays below the surface do not count: of a hemisphere about the shading normal, (1 + cos) / 2 lies above both.
     const ShadingPointBatch& p = receivers_.points;
@@ -147,8 +136,9 @@ void AmbientOcclusion::take_irradiance(const Request& r) {
 void AmbientOcclusion::gather_by_rays(std::span<FirstHit> firsts, Stats& stats) {
   const TransportSettings& settings = context_.settings;
   const size_t group_size = size_t(std::max(k_shadow_batch / settings.light_samples, 1));
-  for (size_t begin = 0; begin < points_.size(); begin += group_size) {
-    fill_shading_points(begin, std::min(begin + group_size, points_.size()));
+  for (size_t begin = 0; begin < receivers_.size(); begin += group_size) {
+    shading_points_.resize(std::min(group_size, receivers_.size() - begin));
+    shading_points_.copy(0, receivers_.points, begin, shading_points_.size);
     const SecondaryTimer timer(stats);
     candidates_.light = reach();
     candidates_.light_samples.assign(shading_points_.size, 1);

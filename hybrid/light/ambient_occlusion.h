@@ -24,8 +24,8 @@ class AmbientOcclusion {
  public:
   explicit AmbientOcclusion(const TransportContext& context);
 
-  // Forgets the points added so far.
-  void clear() { points_.clear(); }
+  // Forgets the points added so far and makes room for `most`, if the settings want occlusion.
+  void clear(size_t most);
   // Adds the first hit of the camera sample `slot` of the batch, whose index in its pixel is `index`; `pixel`: as in
   // LightReceivers. Works for any material: the rays leave on the side of the geometric normal that the camera sees.
   void add(const PathVertex& vertex, uint32_t slot, uint32_t pixel, uint32_t index);
@@ -43,31 +43,23 @@ class AmbientOcclusion {
   static void gather_waves(std::span<const Request> requests);
 
  private:
-  struct Point {
-    Vec3 position, facing, shading;
-    float error;
-    uint32_t seed, index, instance, slot, pixel;
-  };
-
   // By maps: what the sky is asked for, and what it answered.
   SkyLight::Request sky_request(const Request& request);
   void take_irradiance(const Request& request);
   void gather_by_rays(std::span<FirstHit> firsts, Stats& stats);
-  void fill_shading_points(size_t begin, size_t end);
   // Where the rays of the points in shading_points_ can end.
   LightExtent reach() const;
   void count(size_t begin, std::span<FirstHit> firsts, Stats& stats) const;
 
   const TransportContext& context_;
   SkyLight by_maps_;
-  LightReceivers receivers_;
+  LightReceivers receivers_;  // the points, of albedo 1
   struct {
     uint64_t all = 0, spared = 0, by_strata = 0;
   } before_;  // light samples of the statistics
   ShadingClusters clusters_;
-  LightTable sky_;  // one constant light; empty where the settings want no occlusion
-  std::vector<Point> points_;
-  ShadingPointBatch shading_points_;
+  LightTable sky_;                    // one constant light; empty where the settings want no occlusion
+  ShadingPointBatch shading_points_;  // some of them
   ShadowBatch rays_;
   ShadowGroup candidates_;
 };

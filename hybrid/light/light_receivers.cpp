@@ -1,9 +1,9 @@
 #include "hybrid/light/light_receivers.h"
 
 #include <algorithm>
+#include <cstring>
 #include <functional>
 #include <numeric>
-#include <type_traits>
 
 namespace fieldtrace {
 namespace {
@@ -77,14 +77,15 @@ size_t LightReceivers::add_run(const RayBatch& rays, const SurfaceBatch& s, cons
 }
 
 void LightReceivers::sort_by_instance(size_t begin, size_t end) {
-  std::vector<size_t> order(end - begin);
-  std::iota(order.begin(), order.end(), begin);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](size_t a, size_t b) { return points.instance[a] < points.instance[b]; });
+  order_.clear();
+  for (size_t i = begin; i < end; ++i) order_.push_back(uint64_t(points.instance[i]) << 32 | (i - begin));
+  std::sort(order_.begin(), order_.end());
   const auto permute = [&](auto& values) {
-    std::remove_reference_t<decltype(values)> sorted(order.size());
-    for (size_t i = 0; i < order.size(); ++i) sorted[i] = values[order[i]];
-    std::copy(sorted.begin(), sorted.end(), values.begin() + std::ptrdiff_t(begin));
+    constexpr size_t bytes = sizeof(values[0]);
+    moved_.resize(order_.size() * bytes);
+    for (size_t i = 0; i < order_.size(); ++i)
+      std::memcpy(&moved_[i * bytes], &values[begin + uint32_t(order_[i])], bytes);
+    std::memcpy(&values[begin], moved_.data(), moved_.size());
   };
   ShadingPointBatch& p = points;
   for (auto* v : {&p.px, &p.py, &p.pz, &p.gx, &p.gy, &p.gz, &p.sx, &p.sy, &p.sz, &p.error, &red, &green, &blue}) {

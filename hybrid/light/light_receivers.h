@@ -4,6 +4,7 @@
 // these alone; the others have a PathVertex each. Thread-safety: values.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -47,6 +48,10 @@ struct LightReceivers {
   }
   // Sorts [begin, end) by instance, keeping the order otherwise.
   void sort_by_instance(size_t begin, size_t end);
+
+ private:
+  std::vector<uint64_t> order_;  // by sort_by_instance(): instances, then places
+  std::vector<std::byte> moved_;
 };
 
 }  // namespace fieldtrace

@@ -16,7 +16,46 @@ struct Offset {
   float x, y;
 };
 
-// A function linear in the pixel's place, a + x b + y c, fitted to samples.
+// Where a block's samples lie best: in a pentagon, and in its middle.
+struct BlockPlaces {
+  explicit BlockPlaces(int side) {
+    const float middle = 0.5f * float(side - 1);
+    for (size_t s = 0; s + 1 < k_block_samples; ++s) {
+      const float angle = 2.0f * k_pi * (0.25f + float(s) / float(k_block_samples - 1));
+      const float out = k_sample_radius * float(side);
+      targets[s] = {middle + out * std::cos(angle), middle + out * std::sin(angle)};
+    }
+    targets[k_block_samples - 1] = {middle, middle};
+    for (size_t s = 0; s < k_block_samples; ++s) {
+      float least = k_infinity;
+      for (int i = 0; i < side * side; ++i) {
+        const float apart = square_to(s, i % side, i / side);
+        if (apart < least) least = apart, nearest[s] = size_t(i);
+      }
+    }
+  }
+  float square_to(size_t s, int x, int y) const {
+    const float dx = float(x) - targets[s].x, dy = float(y) - targets[s].y;
+    return dx * dx + dy * dy;
+  }
+  std::array<Offset, k_block_samples> targets;
+  std::array<size_t, k_block_samples> nearest;  // of all of the block's pixels, row by row
+};
+
+const BlockPlaces& places_of(int side) {
+  static const BlockPlaces of_8(8), of_4(4);
+  return side == 8 ? of_8 : of_4;
+}
+
+// A function linear in the pixel's place.
+template <class T>
+struct Linear {
+  T mean, per_x, per_y;
+  Offset middle;
+  T operator()(const Offset& o) const { return mean + (o.x - middle.x) * per_x + (o.y - middle.y) * per_y; }
+};
+
+// Fits functions of that kind to samples.
 class LinearFit {
  public:
   explicit LinearFit(std::span<const Offset> at) {
@@ -38,7 +77,7 @@ class LinearFit {
     share_ = 1.0f / count;
   }
   bool is_regular() const { return is_regular_; }
-  // value(i): that of sample i. Returns a function of the place.
+  // value(i): that of sample i.
   template <class Value>
   auto fit(const Value& value) const {
     using T = std::decay_t<decltype(value(0))>;
@@ -47,7 +86,7 @@ class LinearFit {
       const T v = value(i);
       mean += share_ * v, per_x += x_[i] * v, per_y += y_[i] * v;
     }
-    return [=, middle = mean_](const Offset& o) { return mean + (o.x - middle.x) * per_x + (o.y - middle.y) * per_y; };
+    return Linear<T>{mean, per_x, per_y, mean_};
   }
 
  private:
@@ -73,41 +112,57 @@ bool PixelBlocks::is_even(const Block& block) const {
     nearest = std::min(nearest, distance), farthest = std::max(farthest, distance);
   }
   if (farthest > k_sample_radius * widest_) return false;
-  const auto is_near = [](const Vec3& apart, float length) { return glm::dot(apart, apart) <= length * length; };
   const auto position = fit.fit([&](size_t s) { return points_->position(block.sample[s]); });
   const auto shading = fit.fit([&](size_t s) { return points_->shading_normal(block.sample[s]); });
   const auto geometric = fit.fit([&](size_t s) { return points_->geometric_normal(block.sample[s]); });
   // No member lies farther from where the samples place it than the nearest sample from the middle one.
-  return std::all_of(members_.begin() + block.begin, members_.begin() + block.end, [&](uint32_t i) {
-    const Offset o = offset_of(pixels_[i]);
-    return is_near(position(o) - points_->position(i), nearest) &&
-           is_near(shading(o) - points_->shading_normal(i), k_bent_normal) &&
-           is_near(geometric(o) - points_->geometric_normal(i), k_bent_normal);
-  });
+  const auto count_others = [&](const auto& member) {
+    const auto count = [&](const Linear<Vec3>& f, const auto& x, const auto& y, const auto& z, float most) {
+      uint32_t others = 0;
+      for (uint32_t k = 0; k < block.end - block.begin; ++k) {
+        const uint32_t i = member(k);
+        const float right = float(pixels_[i].x & 7) - f.middle.x, down = float(pixels_[i].y & 7) - f.middle.y;
+        const float dx = f.mean.x + right * f.per_x.x + down * f.per_y.x - x[i];
+        const float dy = f.mean.y + right * f.per_x.y + down * f.per_y.y - y[i];
+        const float dz = f.mean.z + right * f.per_x.z + down * f.per_y.z - z[i];
+        others += !(dx * dx + dy * dy + dz * dz <= most * most);
+      }
+      return others;
+    };
+    const ShadingPointBatch& p = *points_;
+    return count(position, p.px.data(), p.py.data(), p.pz.data(), nearest) +
+           count(shading, p.sx.data(), p.sy.data(), p.sz.data(), k_bent_normal) +
+           count(geometric, p.gx.data(), p.gy.data(), p.gz.data(), k_bent_normal);
+  };
+  // Members ascend; most often they are consecutive points.
+  const uint32_t first = members_[block.begin];
+  if (members_[block.end - 1] - first == block.end - block.begin - 1)
+    return count_others([=](uint32_t k) { return first + k; }) == 0;
+  return count_others([members = &members_[block.begin]](uint32_t k) { return members[k]; }) == 0;
 }
 
 // Adds members [begin, end), which lie in one block, to tried_ if they may be fitted.
 bool PixelBlocks::add(uint32_t begin, uint32_t end, int side) {
+  if (end - begin < k_block_samples) return false;
   Block block;
   block.begin = begin, block.end = end, block.side = side;
-  const float middle = 0.5f * float(side - 1);
-  Offset targets[k_block_samples];
-  for (size_t s = 0; s + 1 < k_block_samples; ++s) {
-    const float angle = 2.0f * k_pi * (0.25f + float(s) / float(k_block_samples - 1));
-    const float out = k_sample_radius * float(side);
-    targets[s] = {middle + out * std::cos(angle), middle + out * std::sin(angle)};
-  }
-  targets[k_block_samples - 1] = {middle, middle};
-  for (size_t s = 0; s < k_block_samples; ++s) {
-    float least = k_infinity;
-    for (uint32_t m = begin; m < end; ++m) {
-      const PixelPosition& p = pixels_[members_[m]];
-      const float dx = float(p.x % side) - targets[s].x, dy = float(p.y % side) - targets[s].y;
-      if (dx * dx + dy * dy < least) least = dx * dx + dy * dy, block.sample[s] = members_[m];
+  const BlockPlaces& places = places_of(side);
+  const auto x_of = [&](uint32_t i) { return pixels_[i].x & (side - 1); };
+  const auto y_of = [&](uint32_t i) { return pixels_[i].y & (side - 1); };
+  if (end - begin == uint32_t(side * side)) {
+    std::array<uint32_t, 64> at;
+    for (uint32_t m = begin; m < end; ++m) at[size_t(y_of(members_[m]) * side + x_of(members_[m]))] = members_[m];
+    for (size_t s = 0; s < k_block_samples; ++s) block.sample[s] = at[places.nearest[s]];
+  } else {
+    for (size_t s = 0; s < k_block_samples; ++s) {
+      float least = k_infinity;
+      for (uint32_t m = begin; m < end; ++m) {
+        const float apart = places.square_to(s, x_of(members_[m]), y_of(members_[m]));
+        if (apart < least) least = apart, block.sample[s] = members_[m];
+      }
+      const auto chosen = block.sample.begin() + s;
+      if (least > 2.0f || std::find(block.sample.begin(), chosen, *chosen) != chosen) return false;
     }
-    if (least > 2.0f) return false;
-    if (std::find(block.sample.begin(), block.sample.begin() + s, block.sample[s]) != block.sample.begin() + s)
-      return false;
   }
   if (!is_even(block)) return false;
   tried_.push_back(block);
@@ -124,10 +179,12 @@ void PixelBlocks::want(uint32_t point, std::vector<uint32_t>& wanted) {
 void PixelBlocks::split(const Block& block, std::vector<uint32_t>& wanted) {
   const int half = block.side / 2;
   if (half >= 4) {
-    std::stable_sort(members_.begin() + block.begin, members_.begin() + block.end, [&](uint32_t a, uint32_t b) {
+    const auto begin = members_.begin() + block.begin, end = members_.begin() + block.end;
+    const auto is_before = [&](uint32_t a, uint32_t b) {
       const auto quarter = [&](uint32_t i) { return (pixels_[i].y & half) * 2 + (pixels_[i].x & half); };
       return quarter(a) < quarter(b);
-    });
+    };
+    if (!std::is_sorted(begin, end, is_before)) std::stable_sort(begin, end, is_before);
   }
   for (uint32_t begin = block.begin, end = begin; begin < block.end; begin = end) {
     while (end < block.end && (half < 4 || in_one_block(pixels_[members_[begin]], pixels_[members_[end]], half))) ++end;

@@ -100,7 +100,7 @@ bool on_one_instance(const ShadingPointBatch& p, size_t begin, size_t end) {
 void ShadingClusters::add_single(const LightReceivers& receivers, size_t i) {
   const size_t c = clusters_.size();
   clusters_.push_back({uint32_t(i), uint32_t(i + 1), 0.0f, receivers.kind[i]});
-  centres_.copy(c, receivers.points, i, 1);
+  centres_.copy(c, receivers.points, i);
   centres_.sample[c] = 0;
 }
 
@@ -122,11 +122,18 @@ void ShadingClusters::add(const LightReceivers& receivers, std::span<const Light
   }
   const Vec3 facing(mean(p.gx, 0.0f), mean(p.gy, 0.0f), mean(p.gz, 0.0f));
   const Vec3 shading(mean(p.sx, 0.0f), mean(p.sy, 0.0f), mean(p.sz, 0.0f));
-  const Vec3 g = direction_of(facing, p.geometric_normal(begin));
-  const Vec3 s = direction_of(shading, p.shading_normal(begin));
+  const bool as_before = facing == before_.facing && shading == before_.shading && count == before_.count;
+  if (!as_before || shading == Vec3(0.0f)) {
+    before_ = {facing,
+               shading,
+               count,
+               direction_of(facing, p.geometric_normal(begin)),
+               direction_of(shading, p.shading_normal(begin)),
+               std::max(spread_bound(facing, count), spread_bound(shading, count))};
+  }
+  const Vec3 &g = before_.geometric, &s = before_.shading_direction;
   const size_t i = clusters_.size();
-  clusters_.push_back({uint32_t(begin), uint32_t(end),
-                       std::max(spread_bound(facing, count), spread_bound(shading, count)), receivers.kind[begin]});
+  clusters_.push_back({uint32_t(begin), uint32_t(end), before_.spread, receivers.kind[begin]});
   ShadingPointBatch& c = centres_;
   c.px[i] = position.x, c.py[i] = position.y, c.pz[i] = position.z;
   c.gx[i] = g.x, c.gy[i] = g.y, c.gz[i] = g.z;
@@ -142,6 +149,7 @@ void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExte
   const ShadingPointBatch& p = receivers.points;
   clusters_.clear();
   centres_.resize(p.size);
+  before_ = {};
   if (single) {
     for (size_t i = 0; i < p.size; ++i) {
       clusters_.push_back({uint32_t(i), uint32_t(i + 1), 0.0f, receivers.kind[i]});

@@ -10,8 +10,8 @@
 #include <span>
 #include <vector>
 
+#include "hybrid/culling/light_extent.h"
 #include "hybrid/light/light_receivers.h"
-#include "hybrid/visibility/light_extent.h"
 
 namespace fieldtrace {
 
@@ -41,8 +41,10 @@ class ShadingClusters {
   size_t size() const { return clusters_.size(); }
   const ShadingCluster& operator[](size_t c) const { return clusters_[c]; }
 
-  // The points that stand for clusters [begin, end): their points' mean position and normals, with the radius about it.
-  // Sample indices are 0.
+  // The points that stand for the clusters: their points' mean position and normals, with the radius about it. Sample
+  // indices are 0.
+  const ShadingPointBatch& centres() const { return centres_; }
+  // Those of clusters [begin, end).
   void centres(size_t begin, size_t end, ShadingPointBatch& out) const {
     out.resize(end - begin);
     out.copy(0, centres_, begin, end - begin);
@@ -52,8 +54,17 @@ class ShadingClusters {
   void add(const LightReceivers& receivers, std::span<const LightExtent> lights, size_t begin, size_t end);
   void add_single(const LightReceivers& receivers, size_t i);
 
+  // What normals of these means give.
+  struct MeanNormals {
+    Vec3 facing = Vec3(0.0f), shading = Vec3(0.0f);
+    size_t count = 0;
+    Vec3 geometric = Vec3(0.0f), shading_direction = Vec3(0.0f);  // unit
+    float spread = 0.0f;
+  };
+
   std::vector<ShadingCluster> clusters_;
   ShadingPointBatch centres_;
+  MeanNormals before_;  // of the last cluster: on floors and walls all have the same
 };
 
 }  // namespace fieldtrace

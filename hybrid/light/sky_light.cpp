@@ -289,15 +289,14 @@ float SkyLight::light_bodies(const ShadingCluster& cluster, std::span<const Path
 // One point stands for a cluster whose normals hardly differ and that is in focus; for others, some of their own.
 void SkyLight::choose_points(const ShadingClusters& clusters, LightReceivers& receivers,
                              std::span<const PathVertex> vertices) {
-  ShadingPointBatch centres;
-  clusters.centres(0, clusters.size(), centres);
+  const ShadingPointBatch& centres = clusters.centres();
   clusters_.clear();
   grazing_of_.clear(), own_points_.clear();
   points_.resize(receivers.size());
   const float widest = k_widest_blur * sky_->maps().median_radius();
   float grazing = 0.0f, radius = 0.0f;
   const auto add = [&](const ShadingCluster& part, const ShadingPointBatch& from, size_t i) {
-    points_.copy(clusters_.size(), from, i, 1);
+    points_.copy(clusters_.size(), from, i);
     clusters_.push_back(part);
     grazing_of_.push_back(grazing);
     own_points_.push_back(&from == &centres ? k_none : uint32_t(i));
@@ -357,12 +356,20 @@ void SkyLight::find_blocks(const LightReceivers& receivers, std::span<const Pixe
 }
 
 void SkyLight::for_batches(Job job, std::span<const uint32_t> numbers, const std::function<void(const Job&)>& f) {
-  order_.assign(numbers.begin(), numbers.end());
   const auto key = [&](uint32_t i) {
     const Vec3& c = places_[i].centre;
     return std::tuple(points_.instance[i], grazing_of_[i], c.x, c.y, c.z);
   };
-  std::stable_sort(order_.begin(), order_.end(), [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
+  runs_.clear();
+  for (uint32_t i = 0; i < numbers.size(); ++i) {
+    if (i == 0 || key(numbers[i]) != key(numbers[i - 1])) runs_.push_back({i, i});
+    runs_.back().end = i + 1;
+  }
+  const auto is_before = [&](const Run& a, const Run& b) { return key(numbers[a.begin]) < key(numbers[b.begin]); };
+  std::stable_sort(runs_.begin(), runs_.end(), is_before);
+  order_.clear();
+  for (const Run& run : runs_)
+    order_.insert(order_.end(), &numbers[run.begin], &numbers[run.begin] + (run.end - run.begin));
   for (size_t begin = 0, end = 0; begin < order_.size(); begin = end) {
     const uint32_t first = order_[begin], instance = points_.instance[first];
     job.place = places_[first];
@@ -377,9 +384,9 @@ void SkyLight::for_batches(Job job, std::span<const uint32_t> numbers, const std
     job.clusters = batch_;
     job.numbers = std::span(order_).subspan(begin, end - begin);
     centres_.resize(batch_.size());
-    for (size_t i = 0; i < batch_.size(); ++i) centres_.copy(i, points_, order_[begin + i], 1);
+    for (size_t i = 0; i < batch_.size(); ++i) centres_.copy(i, points_, order_[begin + i]);
     // Lanes of the padding see what the first point sees.
-    for (size_t i = batch_.size(); i < padded(batch_.size()); ++i) centres_.copy(i, centres_, 0, 1);
+    for (size_t i = batch_.size(); i < padded(batch_.size()); ++i) centres_.copy(i, centres_, 0);
     f(job);
   }
 }

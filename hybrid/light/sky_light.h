@@ -152,6 +152,10 @@ class SkyLight {
   std::vector<PixelPosition> pixels_;      // of these, for blocks_
   std::vector<uint32_t> groups_, wanted_;  // likewise
   std::vector<uint32_t> order_;            // of those of for_batches(), by instance and place
+  struct Run {
+    uint32_t begin, end;
+  };
+  std::vector<Run> runs_;  // neighbours among these that have both in common
   std::vector<ShadingCluster> batch_;
   ShadingPointBatch centres_;
   AlignedVector<float> red_, green_, blue_;  // of the cells' sums, then the irradiance of the sky

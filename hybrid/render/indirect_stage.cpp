@@ -7,7 +7,7 @@
 #include "hybrid/path/patch_vertex.h"
 #include "hybrid/path/ray_context.h"
 #include "hybrid/transport/transport.h"
-#include "hybrid/visibility/light_extent.h"
+#include "hybrid/culling/light_extent.h"
 
 namespace fieldtrace {
 namespace {

@@ -66,7 +66,9 @@ class Rounds {
   void write(Image& image) {
     const FilmSums& film = state_.film;
     const Rect& w = film.window;
-    const double decay = picture_.by_rounds() ? allocation().decay() : 1.0;
+    // One sample of each pixel, of which the pixels tell nothing.
+    const bool is_one_each = picture_.by_rounds() && has_one_sample() && state_.round == 1;
+    const double decay = picture_.by_rounds() && !is_one_each ? allocation().decay() : 1.0;
     parallel_for(size_t(w.height), [&](size_t row) {
       const int y = w.y + int(row);
       for (int x = w.x; x < w.x + w.width; ++x) {
@@ -79,20 +81,23 @@ class Rounds {
       stats_.spp = int(film.pixels[0].samples());
       return;
     }
-    const SampleAllocation& samples = allocation();
     stats_.by_rounds = true;
     stats_.rounds = state_.round;
+    stats_.samples_mean = 1.0;
+    stats_.samples_fewest = stats_.samples_most = 1;
+    if (!is_one_each) {
+      stats_.samples_mean = allocation().mean_samples();
+      stats_.samples_fewest = allocation().fewest_samples();
+      stats_.samples_most = allocation().most_samples();
+    }
     // Pixels of fewer than two samples tell nothing of their noise, unless a survey did.
-    const bool is_known = samples.fewest_samples() >= (has_one_sample() ? 1u : 2u);
+    const bool is_known = stats_.samples_fewest >= (has_one_sample() ? 1u : 2u);
     const double square = is_known ? noise() : std::numeric_limits<double>::infinity();
     stats_.error_noise = std::sqrt(square);
     stats_.error_fields = std::sqrt(state_.field_mean_square);
     stats_.error_estimate = std::sqrt(square + state_.field_mean_square);
-    if (samples.fewest_samples() == 0 && job_.timed_out())
+    if (stats_.samples_fewest == 0 && job_.timed_out())
       warn(picture_.callbacks.warning, {}, "the time was up before all of the picture was traced; the rest is black");
-    stats_.samples_mean = samples.mean_samples();
-    stats_.samples_fewest = samples.fewest_samples();
-    stats_.samples_most = samples.most_samples();
   }
 
  private:

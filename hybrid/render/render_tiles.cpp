@@ -88,8 +88,9 @@ Image make_image(const Rect& window, const std::vector<Aov>& aovs) {
 
 void write_pixel(const Picture& picture, const PixelPosition& p, const PixelSums& sums, const AovSums* aovs,
                  double decay, Image& image) {
+  static const AovSums no_layers;
   float* const out = image.pixel(p.x - picture.window.x, p.y - picture.window.y);
-  write_pixel(sums, aovs ? *aovs : AovSums{}, picture.aovs, decay, out);
+  write_pixel(sums, aovs ? *aovs : no_layers, picture.aovs, decay, out);
 }
 
 void show_tile(const Picture& picture, const Rect& tile, const std::function<Rgb(const PixelPosition&)>& radiance) {

@@ -186,10 +186,16 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const bool can_be_finer =
       for_light && size.directions < choose(request.light_rays, /*coarse=*/false, light_gain).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
-  std::optional<SkyRadiance> light;
-  if (for_light) light.emplace(scene);
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size, options.if_unkept};
-  std::vector<std::shared_ptr<DirectionMaps>> maps = source.make(shapes);
+  std::optional<SkyRadiance> light;
+  std::vector<std::shared_ptr<DirectionMaps>> maps;
+  // Reading a few maps leaves threads idle.
+  parallel_for(2, [&](size_t part) {
+    if (part == 1)
+      maps = source.make(shapes);
+    else if (for_light)
+      light.emplace(scene);
+  });
   if (maps.size() < shapes.size()) return stage;  // stopped
   // Stages count the seconds of all threads.
   source.counters.seconds *= double(tbb::this_task_arena::max_concurrency());

@@ -6,7 +6,7 @@
 #include "core/math/frame.h"
 #include "field/bake/cell_lines.h"
 #include "hybrid/sky/sky_maps.h"
-#include "hybrid/visibility/light_extent.h"
+#include "hybrid/culling/light_extent.h"
 #include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {

@@ -8,7 +8,7 @@
 #include "field/store/field.h"
 #include "hybrid/sky/cell_occluders.h"
 #include "hybrid/sky/parallelogram.h"
-#include "hybrid/visibility/light_extent.h"
+#include "hybrid/culling/light_extent.h"
 
 namespace fieldtrace {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "field/bake/cell_lines.h"
 #include "field/store/field.h"
-#include "hybrid/visibility/light_extent.h"
+#include "hybrid/culling/light_extent.h"
 #include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {

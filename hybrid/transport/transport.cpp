@@ -329,8 +329,9 @@ void TransportWorker::Impl::scatter(int vertex_number) {
     }
     for (uint32_t l = 0; l < lobes; ++l) scatter_once(v, leaving, first + l);
   }
-  next_rays.resize(next_paths.size());
   std::swap(paths, next_paths);
+  if (paths.empty()) return;
+  next_rays.resize(paths.size());
   std::swap(rays, next_rays);
 }
 
@@ -354,7 +355,7 @@ void TransportWorker::Impl::go_on(int vertex_number) {
 void TransportWorker::Impl::begin(const CameraSamples& samples, std::span<Rgb> to) {
   radiance = to;
   std::fill(radiance.begin(), radiance.end(), Rgb(0.0f));
-  occlusion.clear();
+  occlusion.clear(samples.size);
   sample_cost = {};
   generate(samples);
 }

@@ -40,13 +40,6 @@ Bounds3 bounds_of(const ShadingPointBatch& shading_points) {
   return b;
 }
 
-// The shaft of all rays that may leave one shading point.
-Shaft shaft_to(const ShadingPointBatch& shading_points, size_t r, const LightExtent& light) {
-  const Vec3 p = shading_points.position(r);
-  const Vec3 reach(shading_points.error[r] + shading_points.radius[r]);
-  return {{p - reach, p + reach}, light};
-}
-
 }  // namespace
 
 // The origin of a ray lies up to `error` away from its shading point.
@@ -67,6 +60,7 @@ ShadowAnswerer::ShadowAnswerer(const Scene& scene, const Accel& accel, std::span
       accel_(accel),
       kernels_(segment_kernels(settings.isa)),
       thesis_kernels_(thesis_kernels(settings.isa)),
+      keep_met_by_shafts_(shaft_kernel(settings.isa)),
       settings_(settings),
       tree_(scene),
       workspaces_(std::make_unique<Workspaces>()) {
@@ -111,7 +105,6 @@ void ShadowAnswerer::test_candidates(const CandidateRequest& request) const {
   ShadowGroup& group = request.group;
   if (!group.is_tested) return;
   Workspace& work = workspace();
-  work.shafts.assign(request.points.size, std::nullopt);
   const Sphere light = light_with_errors(request.points, group.light);
   for (uint32_t slot = 0; slot < group.candidates.size(); ++slot) {
     const ConeQuestion* const question = request.questions.empty() ? nullptr : &request.questions[slot];
@@ -135,13 +128,10 @@ void ShadowAnswerer::meet_bounds(uint32_t slot, const ShadingPointBatch& shading
   }
   for (size_t r = 0; r < work.flags.size(); ++r) {
     if (r >= shading_points.size || group.shadow[r] & k_light_blocked) work.flags[r] = 0;  // padding, or settled
-    // By the test that chose the candidates, too: else an instance that only other shading points brought in could
-    // count.
-    if (!work.flags[r]) continue;
-    std::optional<Shaft>& shaft = work.shafts[r];
-    if (!shaft) shaft.emplace(shaft_to(shading_points, r, group.light));
-    if (!shaft->meets(tree_.bounds(group.candidates[slot]))) work.flags[r] = 0;
   }
+  // By the test that chose the candidates, too: else an instance that only other shading points brought in could count.
+  const ShaftTask task = shaft_task(group.light, tree_.bounds(group.candidates[slot]));
+  keep_met_by_shafts_(task, shading_points, work.flags.data());
 }
 
 void ShadowAnswerer::test_candidate(uint32_t slot, const ConeQuestion* question, const CandidateRequest& request,

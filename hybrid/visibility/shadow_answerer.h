@@ -30,7 +30,7 @@
 #include "field/thesis/thesis_field.h"
 #include "field/thesis/thesis_kernels.h"
 #include "hybrid/stats/stats.h"
-#include "hybrid/visibility/instance_tree.h"
+#include "hybrid/culling/instance_tree.h"
 #include "hybrid/visibility/query_and_bake.h"
 #include "hybrid/visibility/shape_traits.h"
 #include "hybrid/visibility/visibility_device.h"
@@ -226,6 +226,7 @@ class ShadowAnswerer {
   const Accel& accel_;
   const SegmentKernels& kernels_;
   const ThesisKernels& thesis_kernels_;
+  const ShaftKernel keep_met_by_shafts_;
   AnswererSettings settings_;
   VisibilityDevice* device_ = nullptr;
   InstanceTree tree_;

@@ -87,7 +87,6 @@ void ShadowAnswerer::ask_cones(CandidateRequest& request) const {
   const ShadowGroup& group = request.group;
   if (!group.is_tested) return;
   Workspace& work = workspace();
-  work.shafts.assign(points.size, std::nullopt);
   const Sphere light = light_with_errors(points, group.light);
   request.questions.resize(group.candidates.size());
   for (uint32_t slot = 0; slot < group.candidates.size(); ++slot) {

@@ -2,13 +2,11 @@
 #pragma once
 
 #include <array>
-#include <optional>
 #include <vector>
 
 #include "hybrid/visibility/query_and_bake.h"
 #include "hybrid/visibility/shadow_answerer.h"
 #include "hybrid/visibility/shadow_instance.h"
-#include "hybrid/visibility/shaft.h"
 
 namespace fieldtrace {
 
@@ -18,7 +16,6 @@ struct ShadowAnswerer::Workspace {
   std::vector<uint32_t> indices, blocks;
   std::vector<uint8_t> exact_blocked;
   AlignedVector<int32_t> flags, before, refused;
-  std::vector<std::optional<Shaft>> shafts;  // of the group's shading points, as far as they are needed
   // Of each stratum: the share that the present occluder leaves clear, its cluster's radius, the slots of occluders
   // that hide it in part, and whether those depend on one another.
   AlignedVector<float> clear, radius;

@@ -1,6 +1,6 @@
 // The tree of bounds against testing every instance: the same sets, over scenes of all sizes.
 
-#include "hybrid/visibility/instance_tree.h"
+#include "hybrid/culling/instance_tree.h"
 
 #include <gtest/gtest.h>
 
@@ -164,6 +164,47 @@ TEST(Shaft, IsTheHullOfTwoBalls) {
     if (object.radius <= 0.0) continue;
     ASSERT_FALSE(shaft.meets(object)) << i;
     ++missed;
+  }
+  EXPECT_GT(met, 1000u);
+  EXPECT_GT(missed, 1000u);
+}
+
+// Every instruction set gives what Shaft says of each point by itself, bit for bit.
+TEST(Shaft, ManyPointsAtOnceAreAsEachAlone) {
+  TestRandom random(12);
+  size_t met = 0, missed = 0;
+  for (int i = 0; i < 400; ++i) {
+    const float unit = random.log_uniform(1e-6f, 1e6f);
+    LightExtent light = random_light(random, unit, 1);
+    if (light.kind != LightExtent::Kind::bounded) continue;
+    BallAndBox object;
+    object.centre = DVec3(random.in_ball()) * double(unit);
+    object.radius = random.index(8) == 0 ? 0.0 : double(unit * random.log_uniform(1e-3f, 1.0f));
+    const bool is_unbounded = random.index(8) == 0;
+    const Vec3 reach(is_unbounded ? k_infinity : float(object.radius) * random.uniform(0.6f, 1.0f));
+    object.box = {Vec3(object.centre) - reach, Vec3(object.centre) + reach};
+    if (is_unbounded && random.uniform() < 0.5f) object.radius = double(k_infinity);
+    ShadingPointBatch points;
+    points.resize(1 + random.index(100));
+    for (size_t r = 0; r < points.size; ++r) {
+      // Some lie in the light's centre, where the axis has no direction.
+      const Vec3 p = random.index(16) == 0 ? light.ball.centre : random.in_ball() * (2.0f * unit);
+      points.px[r] = p.x, points.py[r] = p.y, points.pz[r] = p.z;
+      points.error[r] = random.index(4) == 0 ? 0.0f : unit * random.log_uniform(1e-9f, 1e-3f);
+      points.radius[r] = random.index(2) == 0 ? 0.0f : unit * random.log_uniform(1e-3f, 1.0f);
+    }
+    AlignedVector<int32_t> asked(padded(points.size), 0);
+    for (size_t r = 0; r < points.size; ++r) asked[r] = random.index(4) == 0 ? 0 : 1 + int32_t(random.index(3));
+    for (const Isa isa : supported_isas()) {
+      AlignedVector<int32_t> flags = asked;
+      shaft_kernel(isa)(shaft_task(light, object), points, flags.data());
+      for (size_t r = 0; r < points.size; ++r) {
+        const Vec3 p = points.position(r), apart(points.error[r] + points.radius[r]);
+        const bool meets = Shaft({p - apart, p + apart}, light).meets(object);
+        ASSERT_EQ(flags[r], meets ? asked[r] : 0) << i << " " << r << " " << isa_name(isa);
+        (meets ? met : missed) += asked[r] != 0;
+      }
+    }
   }
   EXPECT_GT(met, 1000u);
   EXPECT_GT(missed, 1000u);

@@ -94,7 +94,7 @@ struct Under : test::SceneMaker {
       points.gx[i] = points.sx[i] = n.x, points.gy[i] = points.sy[i] = n.y, points.gz[i] = points.sz[i] = n.z;
       points.instance[i] = on;
     }
-    for (size_t i = count; i < padded(count); ++i) points.copy(i, points, 0, 1);
+    for (size_t i = count; i < padded(count); ++i) points.copy(i, points, 0);
     return points;
   }
 };

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/scene/scene.h"
-#include "hybrid/visibility/shaft.h"
+#include "hybrid/culling/shaft.h"
 
 namespace fieldtrace {
 

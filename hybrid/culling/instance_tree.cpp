@@ -1,4 +1,4 @@
-#include "hybrid/visibility/instance_tree.h"
+#include "hybrid/culling/instance_tree.h"
 
 #include <algorithm>
 #include <cmath>

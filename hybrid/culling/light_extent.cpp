@@ -1,4 +1,4 @@
-#include "hybrid/visibility/light_extent.h"
+#include "hybrid/culling/light_extent.h"
 
 #include <algorithm>
 #include <cmath>

@@ -7,7 +7,9 @@
 #pragma once
 
 #include "core/math/math.h"
-#include "hybrid/visibility/light_extent.h"
+#include "hybrid/culling/light_extent.h"
+#include "hybrid/culling/shaft.hd.h"
+#include "hybrid/culling/shaft_kernels.h"
 
 namespace fieldtrace {
 
@@ -27,22 +29,20 @@ class Shaft {
   // The same for bounds of several objects: never false where meets() is true for any of them.
   bool meets_some(const BallAndBox& objects) const { return meets(objects, 2.0 * k_rounding); }
 
- private:
   // The test below is some 40 roundings of 2^-53 deep, each relative to the distances that enter it: less than 2^-46 of
   // their sum. An object's bounds lie within those of its group, and so does its sum: with twice the allowance the
   // group's test passes wherever the object's does.
   static constexpr double k_rounding = 0x1p-46;
 
+ private:
   bool meets(const BallAndBox& object, double rounding) const;
 
   LightExtent::Kind kind_;
-  DVec3 origin_, along_ = DVec3(0.0);  // centre of the shading points' ball; unit vector to the light
-  double length_ = 0.0;                // from ball to ball
-  double radius_ = 0.0;                // of the shading points' ball
-  double widening_ = 0.0;              // growth of the radius per distance along the axis, in (-1, 1)
-  double lean_ = 0.0;                  // how far up the axis the nearest ball lies, per distance from the axis
-  double extent_ = 0.0;                // sum of the shaft's distances, for bounding the rounding
+  scalar::BallHull<double> hull_;  // a cylinder of length infinity for a directional light
   Bounds3 box_;
 };
+
+// What shaft_kernel() is asked, of a bounded light: the test that Shaft::meets() makes of one shading point.
+ShaftTask shaft_task(const LightExtent& light, const BallAndBox& object);
 
 }  // namespace fieldtrace
