@@ -97,9 +97,10 @@ class SurfelShader {
     std::vector<SurfacePoint> surfaces(count);  // what the vertices refer to
     std::vector<Material> materials(count);
     std::vector<uint32_t> lit;  // not those of which nothing leaves
+    SpotRay ray;
     for (uint32_t i = 0; i < count; ++i) {
       const uint32_t point = block.points[i];
-      const PathVertex vertex = vertex_at(block.instance, point, surfaces[i], materials[i]);
+      const PathVertex vertex = vertex_at(block.instance, point, ray, surfaces[i], materials[i]);
       leaving[i] = Rgb(0.0f);
       reflectance[i] = materials[i].dark ? Rgb(0.0f) : materials[i].reflectance;
       if (reflectance[i] == Rgb(0.0f)) continue;
@@ -116,27 +117,35 @@ class SurfelShader {
   }
 
  private:
-  SurfacePoint surface_of(uint32_t instance, const SurfaceSpot& spot) const {
-    const Instance& of = scene_.instances[instance];
+  // A ray that ends on a spot, with room for one: surfels are many.
+  struct SpotRay {
+    SpotRay() {
+      rays.resize(1);
+      hits.resize(1);
+    }
+    RayBatch rays;
     HitBatch hits;
-    hits.resize(1);
+  };
+
+  SurfacePoint surface_of(uint32_t instance, const SurfaceSpot& spot, SpotRay& ray) const {
+    const Instance& of = scene_.instances[instance];
+    HitBatch& hits = ray.hits;
     hits.instance[0] = instance, hits.primitive[0] = spot.primitive, hits.t[0] = 0.0f;
     const Shape& shape = scene_.shapes[of.shape];
     if (is_meshed(shape.kind)) {
       const Vec2 at = place_on_triangle(shape.mesh, spot);
       hits.u[0] = at.x, hits.v[0] = at.y;
     }
-    RayBatch rays;
-    rays.resize(1);
-    rays.set(0, transform_point(of.to_world, spot.position), Vec3(0.0f, 0.0f, 1.0f), 0.0f);
-    return surface_at(scene_, rays, hits, 0);
+    ray.rays.set(0, transform_point(of.to_world, spot.position), Vec3(0.0f, 0.0f, 1.0f), 0.0f);
+    return surface_at(scene_, ray.rays, hits, 0);
   }
 
-  PathVertex vertex_at(uint32_t instance, uint32_t point, SurfacePoint& surface, Material& material) const {
+  PathVertex vertex_at(uint32_t instance, uint32_t point, SpotRay& ray, SurfacePoint& surface,
+                       Material& material) const {
     const Surfels& surfels = light_.surfels(instance);
     const Surfel& surfel = surfels.points[point];
     const Instance& of = scene_.instances[instance];
-    surface = surface_of(instance, surfel.spot);
+    surface = surface_of(instance, surfel.spot, ray);
     // Normals are transformed by the inverse transpose.
     const Mat3 to_object(of.to_object[0], of.to_object[1], of.to_object[2]);
     const bool back = glm::dot(glm::transpose(to_object) * surfel.normal, surface.geometric_normal) < 0.0f;
@@ -145,7 +154,7 @@ class SurfelShader {
       Rgb sum(0.0f);
       for (size_t k = 0; k < size_t(Surfels::k_reflectance_spots); ++k) {
         const SurfaceSpot& spot = surfels.reflectance_spots[point * size_t(Surfels::k_reflectance_spots) + k];
-        const Vec2 uv = surface_of(instance, spot).uv;
+        const Vec2 uv = surface_of(instance, spot, ray).uv;
         sum += resolve_material(scene_, of.bsdf, uv, is_turned(surface, back) ? -1.0f : 1.0f).reflectance;
       }
       material.reflectance = sum / float(Surfels::k_reflectance_spots);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/platform/parallel.h"
 #include "core/simd/vec_lanes.h"
 #include "field/bake/cell_lines.h"
 #include "field/maps/cell_radiance.hd.h"
@@ -80,36 +81,39 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
     frames_.emplace_back(f.s, f.t, f.c);
   }
   const MappedShapes& mapped = maps.shapes();
-  std::vector<std::shared_ptr<const Surfels>> of_mapped(mapped.shapes.size());
   const PlaneShapes planes = plane_shapes(scene, traits);
+  const auto has_maps = [&](const SkyOccluder& o) {
+    return sends[o.instance] && o.kind != SkyOccluder::Kind::plane && o.kind != SkyOccluder::Kind::box;
+  };
+  std::vector<uint8_t> is_wanted(mapped.shapes.size());
   for (const SkyOccluder& o : maps.occluders()) {
+    if (has_maps(o)) is_wanted[mapped.of_instance[o.instance]] = 1;
+  }
+  std::vector<std::shared_ptr<const Surfels>> of_mapped(mapped.shapes.size());
+  parallel_for(of_mapped.size(), [&](size_t k) {
+    if (!is_wanted[k]) return;
+    of_mapped[k] = std::make_shared<const Surfels>(make_surfels(accel, mapped.shapes[k], size.directions, size.texels));
+  });
+  parallel_for(maps.occluders().size(), [&](size_t i) {
+    const SkyOccluder& o = maps.occluders()[i];
     const uint32_t shape = scene.instances[o.instance].shape;
     OfInstance& own = instances_[o.instance];
     if (!sends[o.instance]) {
       own.surfels = std::make_shared<const Surfels>();
-      others_.push_back(o.ball);
-      continue;
-    }
-    if (o.kind == SkyOccluder::Kind::plane) {
+    } else if (o.kind == SkyOccluder::Kind::plane) {
       add_plane(scene, accel, *planes.parallelograms[shape], seen, o);
-      continue;
-    }
-    if (o.kind == SkyOccluder::Kind::box) {
+    } else if (o.kind == SkyOccluder::Kind::box) {
       add_box(accel, shape, *planes.boxes[shape], o);
-      continue;
+    } else {
+      own.surfels = of_mapped[mapped.of_instance[o.instance]];
+      if (own.surfels->points.empty()) return;
+      own.pyramids = std::make_unique<RadiancePyramids>(size.texels, 2 * size.directions * size.directions);
+      own.view = own.pyramids->view();
     }
-    const uint32_t k = mapped.of_instance[o.instance];
-    if (!of_mapped[k]) {
-      of_mapped[k] =
-          std::make_shared<const Surfels>(make_surfels(accel, mapped.shapes[k], size.directions, size.texels));
-    }
-    own.surfels = of_mapped[k];
-    if (own.surfels->points.empty()) {
-      others_.push_back(o.ball);
-      continue;
-    }
-    own.pyramids = std::make_unique<RadiancePyramids>(size.texels, 2 * size.directions * size.directions);
-    own.view = own.pyramids->view();
+  });
+  for (const SkyOccluder& o : maps.occluders()) {
+    const bool is_left = !sends[o.instance] || (has_maps(o) && instances_[o.instance].surfels->points.empty());
+    if (is_left) others_.push_back(o.ball);
   }
 }
 
