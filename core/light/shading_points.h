@@ -88,10 +88,9 @@ struct ShadowBatch {
   AlignedVector<uint32_t> cell;           // of the sample in the grid of LightSampleRange::cell_columns
   AlignedVector<float> red, green, blue;  // environments only: the map's radiance there, to multiply Light::value
   AlignedVector<uint32_t> instance;       // of the shading point, per slot
-  AlignedVector<uint8_t> blocked;         // result: 1 if the ray is occluded
+  AlignedVector<uint8_t> blocked;         // what rays found: 1 if occluded
   AlignedVector<uint8_t> exact;           // result: 1 if an exact ray decided the slot
-  bool in_shares = false;                 // the result is `clear` instead of `blocked`
-  AlignedVector<float> clear;             // visible share of the slot's stratum of the light, [0, 1]
+  AlignedVector<float> clear;             // result: the visible share of the slot's stratum of the light, [0, 1]
 
   void resize(size_t n) {
     rays.resize(n);
@@ -100,7 +99,6 @@ struct ShadowBatch {
     instance.resize(padded(n), 0xffffffffu);
     blocked.assign(padded(n), 0);
     exact.assign(padded(n), 0);
-    in_shares = false;
     source = {};
   }
 };

@@ -31,7 +31,7 @@ int32_t line_word(uint16_t line) { return line == 0 ? 0 : 1 + (int32_t(line - 1)
 
 }  // namespace
 
-int CoverageTiles::lines_for(int plane) { return std::clamp(2 * plane, 64, 512); }
+int CoverageTiles::lines_for(int plane) { return std::min(2 * plane, 512); }
 
 uint64_t CoverageTiles::table_bytes(int directions, int plane) {
   const uint64_t slots = slots_for(directions, plane);

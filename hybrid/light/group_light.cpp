@@ -201,6 +201,7 @@ void GroupLight::take_strata() {
 
 void GroupLight::take_strata(const Batch& batch) {
   Stats& stats = shared_->stats;
+  const int most_undecided = int(k_most_undecided_strata * context_.settings.tolerance / k_default_tolerance);
   for (size_t r = 0; r < batch.clusters.size(); ++r) {
     const uint32_t cluster = batch.clusters[r];
     const StrataSeen seen = strata_seen(batch, cluster, r * size_t(k_strata));
@@ -209,7 +210,7 @@ void GroupLight::take_strata(const Batch& batch) {
       undecided += batch.undecided[slot] && batch.shadows.rays.tmax[slot] >= 0.0f;
     }
     stats.strata_refused += uint64_t(undecided);
-    if (undecided > context_.settings.most_undecided) {
+    if (undecided > most_undecided) {
       open_.push_back(cluster);
       continue;
     }
@@ -268,6 +269,7 @@ GroupLight::Batch& GroupLight::sample_next(bool may_be_hidden) {
   sample_light(context_.lights, light_, batch.selected, range, context_.settings.isa, batch.shadows);
   shared_->stats.samples += batch.selected.size * uint64_t(batch.samples - shared_->light_samples);
   batch.has_strata = false;
+  batch.shadows.clear.assign(padded(batch.shadows.rays.size), 1.0f);
   return batch;
 }
 
@@ -296,7 +298,6 @@ ShadowAnswerer::RayRequest GroupLight::ask_samples() {
 void GroupLight::choose_traced(Batch& batch) {
   ShadowBatch& shadows = batch.shadows;
   const size_t m = size_t(batch.samples);
-  shadows.in_shares = true;
   shadows.clear.assign(padded(shadows.rays.size), 0.0f);
   batch.traced_slots.clear();
   size_t slot = 0;
@@ -326,10 +327,15 @@ void GroupLight::choose_traced(Batch& batch) {
 void GroupLight::take_samples() {
   for (size_t i = 0; i < laid_out_; ++i) {
     Batch& batch = batches_[i];
-    for (size_t j = 0; batch.has_strata && j < batch.traced_slots.size(); ++j) {
-      const uint32_t slot = batch.traced_slots[j];
-      batch.shadows.clear[slot] = batch.traced.blocked[j] ? 0.0f : 1.0f;
-      batch.shadows.exact[slot] = batch.traced.exact[j];
+    ShadowBatch& shadows = batch.shadows;
+    if (batch.has_strata) {
+      for (size_t j = 0; j < batch.traced_slots.size(); ++j) {
+        const uint32_t slot = batch.traced_slots[j];
+        shadows.clear[slot] = batch.traced.blocked[j] ? 0.0f : 1.0f;
+        shadows.exact[slot] = batch.traced.exact[j];
+      }
+    } else {
+      for (size_t slot = 0; slot < shadows.rays.size; ++slot) shadows.clear[slot] = shadows.blocked[slot] ? 0.0f : 1.0f;
     }
     add_samples(batch);
   }
@@ -358,7 +364,7 @@ void GroupLight::add_samples(Batch& batch) {
         if (shadows.rays.tmax[slot] < 0.0f) continue;
         if (s.is_lit && seen_[s.strata].share[shadows.cell[slot]] >= 0.0f) continue;  // counted by its share
         first.shadow_rays += share;
-        first.shadow_clear += share * (shadows.in_shares ? shadows.clear[slot] : float(!shadows.blocked[slot]));
+        first.shadow_clear += share * shadows.clear[slot];
         first.shadow_exact += share * float(shadows.exact[slot]);
       }
     }
@@ -373,13 +379,8 @@ void GroupLight::add_range(const Batch& batch, const Sampled& s, size_t first_sl
   if (m == 1 && estimate.closed_form && !estimate.varies && cluster_of(s.cluster).plain_diffuse()) {
     factors_.resize(padded(s.size()));
     float* const seen = factors_.data();
-    const float *weight = &shadows.weight[first_slot], *clear = shadows.clear.data() + first_slot;
-    const uint8_t* const blocked = &shadows.blocked[first_slot];
-    if (shadows.in_shares) {
-      for (size_t i = 0; i < s.size(); ++i) seen[i] = weight[i] * clear[i];
-    } else {
-      for (size_t i = 0; i < s.size(); ++i) seen[i] = weight[i] * float(!blocked[i]);
-    }
+    const float *weight = &shadows.weight[first_slot], *clear = &shadows.clear[first_slot];
+    for (size_t i = 0; i < s.size(); ++i) seen[i] = weight[i] * clear[i];
     add_light(r, s.begin, s.size(), estimate.value, seen);
     return;
   }

@@ -21,7 +21,8 @@ namespace fieldtrace {
 // Light samples in one batch, which stays in the second-level cache.
 inline constexpr int k_shadow_batch = 8192;
 
-// TransportSettings::most_undecided at the default tolerance (docs/decisions/023-clusters.md).
+// Strata of a light, at the default tolerance: where fields leave more open, they are not trusted about the others
+// (docs/decisions/023-clusters.md).
 inline constexpr int k_most_undecided_strata = 4;
 
 class GroupLight {

@@ -10,6 +10,7 @@
 #include "core/surface/surface.h"
 #include "field/bake/cell_lines.h"
 #include "field/maps/cell_visibility.hd.h"
+#include "hybrid/light/group_light.h"
 
 namespace fieldtrace {
 namespace {
@@ -25,8 +26,6 @@ constexpr float k_widest_blur = 0.25f;
 constexpr float k_fit_tolerance = 0.05f;
 // Rays to undecided cells, for each light sample that Monte Carlo would send to them.
 constexpr float k_open_cell_rays = 8.0f;
-// Rays that are traced together, at most.
-constexpr size_t k_most_cell_rays = 1 << 16;
 // Least cosine, in half widths of a cell, that an undecided cell's rays are drawn by.
 constexpr float k_least_cosine = 0.25f;
 
@@ -152,7 +151,7 @@ void SkyLight::sample_cells_of(const Job& job, std::span<const OpenCell> cells) 
     const float received = scalar::weight_of_cosine<float>(cosine, grazing_);
     cell_rays_.push_back({point, receiver_of_ray(job, point, in_cluster),
                           received * solid_angle * total / (open.weight * float(count))});
-    if (cell_rays_.size() == k_most_cell_rays) trace(job);
+    if (cell_rays_.size() == size_t(k_shadow_batch)) trace(job);
   }
 }
 

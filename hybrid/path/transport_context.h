@@ -27,7 +27,6 @@ struct TransportSettings {
   int max_depth = -1;        // as IntegratorSettings
   int rr_depth = 5;
   bool hide_emitters = false;
-  int most_undecided = 0;   // strata of a light; where fields leave more open, they are not trusted about the others
   float tolerance = 0.0f;   // RenderOptions::tolerance
   bool estimates = false;   // irradiance once per cluster where it hardly varies, instead of once per vertex
   bool first_hits = false;  // keep what camera rays hit, for AOVs

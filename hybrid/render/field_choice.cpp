@@ -48,8 +48,6 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields, f
   const std::vector<Field*> answering = fields.pointers();
   s.estimates = options.whole_lights && !options.force_undecided &&
                 std::any_of(answering.begin(), answering.end(), [](const Field* f) { return f != nullptr; });
-  if (!s.estimates) return s;
-  s.most_undecided = int(k_most_undecided_strata * tolerance / k_default_tolerance);
   return s;
 }
 

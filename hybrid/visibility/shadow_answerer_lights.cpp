@@ -96,7 +96,6 @@ void ShadowAnswerer::filter(const FilterRequest& request) const {
   const auto& [group, all, shading_points, strata, batch, undecided, stats, questions] = request;
   Workspace& work = workspace();
   const size_t slots = padded(batch.rays.size), count = size_t(strata);
-  batch.in_shares = true;
   batch.clear.assign(slots, 1.0f);
   undecided.assign(batch.rays.size, 0);
   work.dependent.assign(slots, 0);
