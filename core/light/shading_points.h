@@ -88,9 +88,9 @@ struct ShadowBatch {
   AlignedVector<uint32_t> cell;           // of the sample in the grid of LightSampleRange::cell_columns
   AlignedVector<float> red, green, blue;  // environments only: the map's radiance there, to multiply Light::value
   AlignedVector<uint32_t> instance;       // of the shading point, per slot
-  AlignedVector<uint8_t> blocked;         // what rays found: 1 if occluded
+  AlignedVector<uint8_t> blocked;         // result of rays: 1 if occluded
   AlignedVector<uint8_t> exact;           // result: 1 if an exact ray decided the slot
-  AlignedVector<float> clear;             // result: the visible share of the slot's stratum of the light, [0, 1]
+  AlignedVector<float> clear;             // of strata, and what reflected_light() reads: the visible share, [0, 1]
 
   void resize(size_t n) {
     rays.resize(n);
@@ -98,6 +98,7 @@ struct ShadowBatch {
     pdf.resize(padded(n));
     instance.resize(padded(n), 0xffffffffu);
     blocked.assign(padded(n), 0);
+    clear.assign(padded(n), 1.0f);
     exact.assign(padded(n), 0);
     source = {};
   }

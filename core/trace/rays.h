@@ -1,7 +1,8 @@
 // Batches of rays and hits as structures of arrays, the form in which all stages exchange them.
 //
-// Memory layout: each array is cache-line aligned and padded to a multiple of k_batch_padding entries. Padding
-// entries hold an inactive ray (tmax < 0), so that SIMD loops need no tail. Thread-safety: a value.
+// Memory layout: each array is cache-line aligned and padded to a multiple of k_batch_padding entries, or longer.
+// Entries in [size, padded(size)) hold an inactive ray (tmax < 0), so that SIMD loops need no tail. Thread-safety: a
+// value.
 #pragma once
 
 #include <cstddef>

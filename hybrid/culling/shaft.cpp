@@ -1,7 +1,5 @@
 #include "hybrid/culling/shaft.h"
 
-#include <algorithm>
-
 namespace fieldtrace {
 namespace {
 

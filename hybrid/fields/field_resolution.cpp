@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "hybrid/fields/bake_estimate.h"
 #include "hybrid/culling/light_extent.h"
+#include "hybrid/fields/bake_estimate.h"
 #include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {

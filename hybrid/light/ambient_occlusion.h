@@ -8,7 +8,6 @@
 #pragma once
 
 #include <span>
-#include <vector>
 
 #include "hybrid/light/sky_light.h"
 #include "hybrid/path/aovs.h"

@@ -269,7 +269,6 @@ GroupLight::Batch& GroupLight::sample_next(bool may_be_hidden) {
   sample_light(context_.lights, light_, batch.selected, range, context_.settings.isa, batch.shadows);
   shared_->stats.samples += batch.selected.size * uint64_t(batch.samples - shared_->light_samples);
   batch.has_strata = false;
-  batch.shadows.clear.assign(padded(batch.shadows.rays.size), 1.0f);
   return batch;
 }
 

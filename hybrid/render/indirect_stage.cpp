@@ -3,11 +3,11 @@
 #include <algorithm>
 
 #include "field/store/field.h"
+#include "hybrid/culling/light_extent.h"
 #include "hybrid/indirect/indirect_bounces.h"
 #include "hybrid/path/patch_vertex.h"
 #include "hybrid/path/ray_context.h"
 #include "hybrid/transport/transport.h"
-#include "hybrid/culling/light_extent.h"
 
 namespace fieldtrace {
 namespace {

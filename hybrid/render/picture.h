@@ -88,9 +88,11 @@ struct Stage {
   OpeningDevice* device = nullptr;  // null: the CPU
   FieldAccuracy accuracy = FieldAccuracy::usual;
   std::vector<RayNoise> ray_noise = {};  // of a picture by rounds; the first: with the light samples of the options
-  // Of each sequence with which the error of fields is surveyed: as many as rays take to the error, or in the time.
+  // Light samples of each sequence with which the error of fields is surveyed: as many as rays take to the error, or in
+  // the time.
   double survey_samples = 0.0;
   std::vector<SequencePair> ray_survey = {};         // what rays gave then, for every accuracy
+  uint32_t ray_survey_samples = 0;                   // with so many camera samples of each sequence
   std::optional<Clock::time_point> deadline = {};    // of a picture with a time limit
   std::optional<Clock::time_point> survey_end = {};  // likewise: surveys have taken their share of it then
   PictureIdentity identity = {};                     // of a picture with checkpoints

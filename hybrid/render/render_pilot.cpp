@@ -33,7 +33,8 @@ constexpr int k_one_pixels = 4;
 // and how far fields err, with these.
 constexpr int k_error_pixels_each = 512, k_fewest_error_pixels = 256;
 constexpr double k_least_samples = 64.0, k_most_samples = 512.0;
-// Light samples that each of these has by rays, which cost less than camera samples; one where paths count, too.
+// Light samples of each camera sample, of which rays take more than of light samples; one where other answers than
+// those to light samples count, of objects' light and of lobes.
 constexpr int k_error_light_samples = 4;
 // Pixels of one task.
 constexpr size_t k_task_pixels = 64;
@@ -149,19 +150,26 @@ std::optional<NoiseForecast> forecast_noise_of_one(const Picture& picture, const
   return noise_of(survey, picture.options.error_measure, most_decay(context.has_fields()));
 }
 
-// How far pictures in a context and by rays differ where noise is averaged away, as a mean square, with about
-// Stage::survey_samples light samples of each sequence, as far as few and many go. Rays are traced once for all
-// accuracies (Stage::ray_survey). Nothing if the picture was stopped meanwhile or surveys were over.
-std::optional<double> survey_field_error(const Picture& picture, Stage& stage, const TransportContext& context,
-                                         Stats& stats) {
+// How far pictures in a context and by rays differ where noise is averaged away, as a mean square; and what noise and
+// what samples these had.
+struct FieldError {
+  double mean_square = 0.0;
+  NoiseForecast fields, rays;
+};
+
+// With about Stage::survey_samples light samples of each sequence, as far as few and many go. Rays are traced once for
+// all accuracies (Stage::ray_survey). Nothing if the picture was stopped meanwhile or surveys were over.
+std::optional<FieldError> survey_field_error(const Picture& picture, Stage& stage, const TransportContext& context,
+                                             Stats& stats) {
   Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
-  Survey by_rays = {by_fields.pixels, stage.ray_survey};
+  Survey by_rays = {by_fields.pixels};
   TransportContext fields = context;
   RayContext rays = make_ray_context(picture, stage);
-  const int each = context.indirect ? 1 : k_error_light_samples;
-  for (TransportSettings* settings : {&fields.settings, &rays.context().settings}) {
-    settings->light_samples = each * picture.settings.light_samples;
-    settings->open_light_samples = settings->light_samples;
+  const int each = context.indirect || context.lobes ? 1 : k_error_light_samples;
+  for (TransportSettings* s : {&fields.settings, &rays.context().settings}) {
+    if (each == 1) break;
+    s->light_samples = s->open_light_samples = each * picture.settings.light_samples;
+    s->pixel_samples = std::max(s->pixel_samples / each, 2);  // clusters have as many light samples as the picture's
   }
   const double light_samples = nearest_power(std::clamp(stage.survey_samples, k_least_samples, k_most_samples));
   const uint32_t of_sequence = uint32_t(light_samples) / uint32_t(each);
@@ -169,16 +177,24 @@ std::optional<double> survey_field_error(const Picture& picture, Stage& stage, c
   const auto trace = [&](const TransportContext& with, Survey& survey) {
     return trace_survey(with, of_sequence, k_error_replicates, goes_on, survey, stats);
   };
-  if (!trace(fields, by_fields) || (by_rays.sums.empty() && !trace(rays.context(), by_rays))) return {};
-  stage.ray_survey = by_rays.sums;
-  double error = 0.0;
+  if (!trace(fields, by_fields)) return {};
+  if (stage.ray_survey_samples == of_sequence) {
+    by_rays.sums = stage.ray_survey;
+  } else {
+    if (!trace(rays.context(), by_rays)) return {};
+    stage.ray_survey = by_rays.sums, stage.ray_survey_samples = of_sequence;
+  }
+  const ErrorMeasure measure = picture.options.error_measure;
+  FieldError error = {0.0, noise_of(by_fields, measure, most_decay(true)),
+                      noise_of(by_rays, measure, most_decay(false))};
   for (size_t i = 0; i < by_fields.pixels.size(); ++i) {
     const SequencePair &f = by_fields.sums[i], &r = by_rays.sums[i];
     // The sequences' noise is independent: the mean of the product is the square of what both share.
     const DVec3 product = (f[0].mean() - r[0].mean()) * (f[1].mean() - r[1].mean());
-    error += weighted_square(product, 0.5 * (r[0].mean() + r[1].mean()), picture.options.error_measure);
+    error.mean_square += weighted_square(product, 0.5 * (r[0].mean() + r[1].mean()), measure);
   }
-  return std::max(error / double(by_fields.pixels.size()), 0.0);
+  error.mean_square = std::max(error.mean_square / double(by_fields.pixels.size()), 0.0);
+  return error;
 }
 
 // The squared error that may be left.
@@ -380,30 +396,31 @@ bool trusts_fields(const Picture& picture, Stage& stage, const TransportContext&
     stage.accuracy = FieldAccuracy::rays;
     return false;
   };
-  const std::optional<double> error = survey_field_error(picture, stage, context, stats);
-  if (!error) return leave_to_rays();
-  decided.field_mean_square = *error;
-  const double target = square_of_target(picture.options);
-  const bool has_target = picture.options.target_error > 0.0f;
-  if (has_target && *error > k_field_share * target && can_be_finer(picture, stage)) {
-    stage.accuracy = FieldAccuracy::usual;
-    return false;
-  }
-  const std::optional<NoiseForecast> noise = forecast_noise(picture, context, while_surveys_may(picture, stage), stats);
-  if (!noise) return leave_to_rays();
+  const std::optional<FieldError> survey = survey_field_error(picture, stage, context, stats);
+  if (!survey) return leave_to_rays();
+  const double error = survey->mean_square;
+  decided.field_mean_square = error;
   bool are_better;
-  if (has_target) {
-    const double work = noise->work_to(target - *error);
+  if (picture.options.target_error > 0.0f) {
+    const double target = square_of_target(picture.options);
+    if (error > k_field_share * target && can_be_finer(picture, stage)) {
+      stage.accuracy = FieldAccuracy::usual;
+      return false;
+    }
+    const std::optional<NoiseForecast> noise =
+        forecast_noise(picture, context, while_surveys_may(picture, stage), stats);
+    if (!noise) return leave_to_rays();
+    const double work = noise->work_to(target - error);
     double ray_work = stage.ray_noise.front().noise.work_to(target);
     RayContext rays = make_ray_context(picture, stage);
     if (ray_work >= work && ray_work < k_clear_gain * work)
       ray_work = choose_for_rays(picture, stage, rays, rays.context(), stats).work_to(target);
     are_better = ray_work >= work;
-    plan_samples(picture, stage, context, *noise, target - *error, decided, stats);
+    plan_samples(picture, stage, context, *noise, target - error, decided, stats);
   } else {
     const double seconds = std::max(-seconds_since(*stage.deadline), 0.0) * threads() / pixels_of(picture);
     const auto noise_in_time = [&](const NoiseForecast& n) { return n.mean_square_of(seconds / n.seconds); };
-    are_better = *error + noise_in_time(*noise) <= noise_in_time(stage.ray_noise.front().noise);
+    are_better = error + noise_in_time(survey->fields) <= noise_in_time(survey->rays);
   }
   if (!are_better) stage.accuracy = FieldAccuracy::rays;
   return are_better;

@@ -3,6 +3,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <exception>
 #include <limits>
 #include <optional>
 
@@ -189,13 +190,20 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size, options.if_unkept};
   std::optional<SkyRadiance> light;
   std::vector<std::shared_ptr<DirectionMaps>> maps;
-  // Reading a few maps leaves threads idle.
+  std::exception_ptr failed;
+  // Reading a few maps leaves threads idle. What fails beside it must not cut maps short that are to be kept.
   parallel_for(2, [&](size_t part) {
-    if (part == 1)
+    if (part == 1) {
       maps = source.make(shapes);
-    else if (for_light)
-      light.emplace(scene);
+    } else if (for_light) {
+      try {
+        light.emplace(scene);
+      } catch (...) {
+        failed = std::current_exception();
+      }
+    }
   });
+  if (failed) std::rethrow_exception(failed);
   if (maps.size() < shapes.size()) return stage;  // stopped
   // Stages count the seconds of all threads.
   source.counters.seconds *= double(tbb::this_task_arena::max_concurrency());

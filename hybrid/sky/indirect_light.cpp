@@ -90,7 +90,8 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
     if (has_maps(o)) is_wanted[mapped.of_instance[o.instance]] = 1;
   }
   std::vector<std::shared_ptr<const Surfels>> of_mapped(mapped.shapes.size());
-  parallel_for(of_mapped.size(), [&](size_t k) {
+  // Isolated: else a thread that waits for a shape's lines would begin another's.
+  parallel_for_isolated(of_mapped.size(), [&](size_t k) {
     if (!is_wanted[k]) return;
     of_mapped[k] = std::make_shared<const Surfels>(make_surfels(accel, mapped.shapes[k], size.directions, size.texels));
   });

@@ -5,8 +5,8 @@
 
 #include "core/math/frame.h"
 #include "field/bake/cell_lines.h"
-#include "hybrid/sky/sky_maps.h"
 #include "hybrid/culling/light_extent.h"
+#include "hybrid/sky/sky_maps.h"
 #include "hybrid/visibility/linear_map.h"
 
 namespace fieldtrace {

@@ -6,9 +6,9 @@
 
 #include "field/maps/direction_maps.h"
 #include "field/store/field.h"
+#include "hybrid/culling/light_extent.h"
 #include "hybrid/sky/cell_occluders.h"
 #include "hybrid/sky/parallelogram.h"
-#include "hybrid/culling/light_extent.h"
 
 namespace fieldtrace {
 namespace {

@@ -12,10 +12,11 @@ namespace fieldtrace {
 
 // Camera samples in one batch: enough for full packets and queues, few enough for the second-level cache.
 inline constexpr int k_batch_samples = 4096;
+inline constexpr int k_fewest_batch_samples = 16;
 
 // The most camera samples in one batch. Batches hold whole pixels, whose shading points form clusters, or samples of
 // one pixel alone; where workers fit blocks of pixels (tile_pixels() by blocks), whole blocks or parts of one.
-inline int batch_samples(int lobe_samples) { return std::max(k_batch_samples / lobe_samples, 1); }
+inline int batch_samples(int lobe_samples) { return std::max(k_batch_samples / lobe_samples, k_fewest_batch_samples); }
 
 // The sequences that a pixel's samples are taken from, which are independent of each other.
 struct Sequences {
