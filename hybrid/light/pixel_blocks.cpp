@@ -115,16 +115,21 @@ bool PixelBlocks::is_even(const Block& block) const {
   const auto position = fit.fit([&](size_t s) { return points_->position(block.sample[s]); });
   const auto shading = fit.fit([&](size_t s) { return points_->shading_normal(block.sample[s]); });
   const auto geometric = fit.fit([&](size_t s) { return points_->geometric_normal(block.sample[s]); });
+  const uint32_t members = block.end - block.begin;
+  std::array<float, 64> right, down;  // of the samples' middle
+  for (uint32_t k = 0; k < members; ++k) {
+    const Offset o = offset_of(pixels_[members_[block.begin + k]]);
+    right[k] = o.x - position.middle.x, down[k] = o.y - position.middle.y;
+  }
   // No member lies farther from where the samples place it than the nearest sample from the middle one.
   const auto count_others = [&](const auto& member) {
     const auto count = [&](const Linear<Vec3>& f, const auto& x, const auto& y, const auto& z, float most) {
       uint32_t others = 0;
-      for (uint32_t k = 0; k < block.end - block.begin; ++k) {
+      for (uint32_t k = 0; k < members; ++k) {
         const uint32_t i = member(k);
-        const float right = float(pixels_[i].x & 7) - f.middle.x, down = float(pixels_[i].y & 7) - f.middle.y;
-        const float dx = f.mean.x + right * f.per_x.x + down * f.per_y.x - x[i];
-        const float dy = f.mean.y + right * f.per_x.y + down * f.per_y.y - y[i];
-        const float dz = f.mean.z + right * f.per_x.z + down * f.per_y.z - z[i];
+        const float dx = f.mean.x + right[k] * f.per_x.x + down[k] * f.per_y.x - x[i];
+        const float dy = f.mean.y + right[k] * f.per_x.y + down[k] * f.per_y.y - y[i];
+        const float dz = f.mean.z + right[k] * f.per_x.z + down[k] * f.per_y.z - z[i];
         others += !(dx * dx + dy * dy + dz * dz <= most * most);
       }
       return others;
@@ -134,11 +139,11 @@ bool PixelBlocks::is_even(const Block& block) const {
            count(shading, p.sx.data(), p.sy.data(), p.sz.data(), k_bent_normal) +
            count(geometric, p.gx.data(), p.gy.data(), p.gz.data(), k_bent_normal);
   };
-  // Members ascend; most often they are consecutive points.
-  const uint32_t first = members_[block.begin];
-  if (members_[block.end - 1] - first == block.end - block.begin - 1)
-    return count_others([=](uint32_t k) { return first + k; }) == 0;
-  return count_others([members = &members_[block.begin]](uint32_t k) { return members[k]; }) == 0;
+  // They ascend; most often they are consecutive points.
+  const uint32_t* const member = &members_[block.begin];
+  if (member[members - 1] - member[0] == members - 1)
+    return count_others([first = member[0]](uint32_t k) { return first + k; }) == 0;
+  return count_others([member](uint32_t k) { return member[k]; }) == 0;
 }
 
 // Adds members [begin, end), which lie in one block, to tried_ if they may be fitted.
