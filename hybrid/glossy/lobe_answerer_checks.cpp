@@ -9,13 +9,13 @@
 #include "field/query/task_answers.hd.h"
 #include "hybrid/glossy/lobe_answerer.h"
 #include "hybrid/glossy/radiance_maps.h"
+#include "hybrid/stats/check_sizes.h"
 
 namespace fieldtrace {
 namespace {
 
-// One ray in so many, and rays of the part of the lobe that maps are read over.
+// One ray in so many.
 constexpr uint32_t k_check_interval = 1024;
-constexpr int k_check_side = 8, k_check_rays = k_check_side * k_check_side;
 constexpr uint32_t k_check_stream = 0x4c4f4245u;
 
 }  // namespace

@@ -3,13 +3,13 @@
 
 #include "core/sampling/sobol.hd.h"
 #include "hybrid/light/group_light.h"
+#include "hybrid/stats/check_sizes.h"
 
 namespace fieldtrace {
 namespace {
 
 // One cluster in so many, whatever the groups.
 constexpr uint32_t k_strata_interval = 16, k_irradiance_interval = 64;
-constexpr uint32_t k_irradiance_rays = 1024;
 
 }  // namespace
 
@@ -31,8 +31,7 @@ void GroupLight::check_whole() {
 
 // 64 rays to each stratum, from the cluster's points in turn.
 void GroupLight::check_strata(uint32_t cluster, const StrataSeen& seen) const {
-  constexpr int k_side = 8, k_rays = k_side * k_side;
-  const int columns = grid_.columns * k_side;
+  const int columns = grid_.columns * k_check_side;
   const ShadingCluster& c = cluster_of(cluster);
   const ShadingPointBatch& points = shared_->receivers.points;
   if (scalar::hash_uint(points.seed[c.begin]) % k_strata_interval != 0) return;
@@ -40,20 +39,20 @@ void GroupLight::check_strata(uint32_t cluster, const StrataSeen& seen) const {
   const uint32_t only[] = {cluster};
   copy_points(centres_, only, centre);
   ShadowBatch by_rows, rays;
-  constexpr int k_all = k_strata * k_rays;
+  constexpr int k_all = k_strata * k_check_rays;
   sample_light(context_.lights, light_, centre, {k_all, 0, k_all, columns}, context_.settings.isa, by_rows);
   rays.resize(size_t(k_all));
   const Vec3 middle = centre.position(0);
   for (int i = 0; i < k_all; ++i) {
     const int row = i / columns, column = i % columns;
-    const int stratum = row / k_side * grid_.columns + column / k_side;
-    const int ray = row % k_side * k_side + column % k_side;
+    const int stratum = row / k_check_side * grid_.columns + column / k_check_side;
+    const int ray = row % k_check_side * k_check_side + column % k_check_side;
     const uint32_t from = c.begin + uint32_t(ray) % c.size();
     const Vec3 aside = points.position(from) - middle;
-    rays.rays.set(size_t(stratum * k_rays + ray), by_rows.rays.origin(size_t(i)) + aside,
+    rays.rays.set(size_t(stratum * k_check_rays + ray), by_rows.rays.origin(size_t(i)) + aside,
                   by_rows.rays.direction(size_t(i)) - aside, by_rows.rays.tmax[size_t(i)]);
   }
-  context_.answerer.check_shares(candidates_, k_rays, rays, seen.share, shared_->stats);
+  context_.answerer.check_shares(candidates_, k_check_rays, rays, seen.share, shared_->stats);
 }
 
 // Rays from all of a cluster's points, of which those in decided strata count; all of the light, if `seen` is null.
@@ -64,7 +63,7 @@ void GroupLight::check_irradiance(uint32_t cluster, const Vec3& irradiance, cons
   ShadingPointBatch points;
   points.resize(c.size());
   points.copy(0, all, c.begin, c.size());
-  const int each = int(std::max(k_irradiance_rays / c.size(), 1u));
+  const int each = int(std::max(k_arrival_rays / c.size(), 1u));
   LightSampleRange range = {each, 0, each};
   if (seen) range.cell_columns = grid_.columns, range.cell_rows = grid_.rows;
   ShadowBatch rays;

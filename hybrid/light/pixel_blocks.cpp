@@ -155,7 +155,7 @@ bool PixelBlocks::add(uint32_t begin, uint32_t end, int side) {
   const auto x_of = [&](uint32_t i) { return pixels_[i].x & (side - 1); };
   const auto y_of = [&](uint32_t i) { return pixels_[i].y & (side - 1); };
   if (end - begin == uint32_t(side * side)) {
-    std::array<uint32_t, 64> at;
+    std::array<uint32_t, 64> at = {};
     for (uint32_t m = begin; m < end; ++m) at[size_t(y_of(members_[m]) * side + x_of(members_[m]))] = members_[m];
     for (size_t s = 0; s < k_block_samples; ++s) block.sample[s] = at[places.nearest[s]];
   } else {

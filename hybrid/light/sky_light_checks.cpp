@@ -9,14 +9,14 @@
 #include "field/bake/cell_lines.h"
 #include "field/maps/cell_visibility.hd.h"
 #include "hybrid/light/sky_light.h"
+#include "hybrid/stats/check_sizes.h"
 
 namespace fieldtrace {
 namespace {
 
 // One cluster in so many, and rays in each cell (a square number).
 constexpr uint32_t k_check_interval = 256;
-constexpr int k_check_side = 4, k_check_rays = k_check_side * k_check_side;
-constexpr uint32_t k_arrival_rays = 1024;
+constexpr int k_cell_side = 4, k_cell_rays = k_cell_side * k_cell_side;
 
 }  // namespace
 
@@ -62,8 +62,8 @@ void SkyLight::check_shares(const Job& job, size_t point) {
   // Only cells that lie wholly above both horizons.
   const float least = std::sin(std::min(sky_->maps().cell_width(), 0.5f * k_pi));
   RayBatch rays;
-  rays.resize(size_t(k_check_rays));
-  std::vector<uint32_t> indices(size_t(k_check_rays), 0);
+  rays.resize(size_t(k_cell_rays));
+  std::vector<uint32_t> indices(size_t(k_cell_rays), 0);
   std::iota(indices.begin(), indices.end(), 0u);
   for (size_t k = 0; k < occluders_.cells().size(); ++k) {
     const Vec3 centre = occluders_.direction(k);
@@ -80,17 +80,17 @@ void SkyLight::check_shares(const Job& job, size_t point) {
       const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
       share -= red[point] / scalar::cosine_over_cell<float>(glm::dot(vector, n), task.cosine_half);
     }
-    for (int i = 0; i < k_check_rays; ++i) {
-      const float x = (float(i / k_check_side) + 0.5f) / float(k_check_side);
-      const float y = (float(i % k_check_side) + 0.5f) / float(k_check_side);
+    for (int i = 0; i < k_cell_rays; ++i) {
+      const float x = (float(i / k_cell_side) + 0.5f) / float(k_cell_side);
+      const float y = (float(i % k_cell_side) + 0.5f) / float(k_cell_side);
       const Vec3 d = direction_in(occluders_.cells()[k], x, y);
       const size_t from = start_of_ray(job, point, scalar::sample_2d(uint32_t(i), uint32_t(k), 0).x);
       rays.set(size_t(i), ray_origin(all, from, d), d, sky_->distance());
     }
-    AlignedVector<uint8_t> blocked(padded(size_t(k_check_rays)), 0);
+    AlignedVector<uint8_t> blocked(padded(size_t(k_cell_rays)), 0);
     context_.accel.occluded(rays, indices, blocked.data());
-    const auto hidden = std::accumulate(blocked.begin(), blocked.begin() + k_check_rays, 0);
-    job.stats.checked(CheckedEstimate::sky).add(double(share) - (1.0 - double(hidden) / double(k_check_rays)));
+    const auto hidden = std::accumulate(blocked.begin(), blocked.begin() + k_cell_rays, 0);
+    job.stats.checked(CheckedEstimate::sky).add(double(share) - (1.0 - double(hidden) / double(k_cell_rays)));
   }
 }
 
