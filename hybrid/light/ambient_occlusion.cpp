@@ -40,17 +40,11 @@ void AmbientOcclusion::clear(size_t most) {
 void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t pixel, uint32_t index) {
   // A shading normal that points away from the camera spans the wrong hemisphere.
   const bool turned = glm::dot(vertex.frame.n, vertex.facing) < 0.0f;
-  const Vec3 &g = vertex.facing, s = turned ? -vertex.frame.n : vertex.frame.n, at = vertex.surface->position;
   LightReceivers& r = receivers_;
-  ShadingPointBatch& p = r.points;
-  const size_t i = p.size++;
-  p.px[i] = at.x, p.py[i] = at.y, p.pz[i] = at.z;
-  p.gx[i] = g.x, p.gy[i] = g.y, p.gz[i] = g.z;
-  p.sx[i] = s.x, p.sy[i] = s.y, p.sz[i] = s.z;
-  p.error[i] = vertex.surface->error;
-  p.seed[i] = scalar::hash_combine(vertex.seed, k_occlusion_stream);
-  p.sample[i] = index, p.instance[i] = vertex.surface->instance, p.transmits[i] = 0;
-  r.red[i] = r.green[i] = r.blue[i] = 1.0f / k_pi;
+  const size_t i = r.add_point(*vertex.surface, vertex.facing, turned ? -vertex.frame.n : vertex.frame.n);
+  r.points.seed[i] = scalar::hash_combine(vertex.seed, k_occlusion_stream);
+  r.points.sample[i] = index, r.points.transmits[i] = 0;
+  r.reflect(i, Rgb(1.0f));
   r.kind[i] = ReceiverKind::diffuse;
   r.path[i] = slot, r.pixel[i] = pixel;
 }

@@ -36,18 +36,23 @@ void LightReceivers::clear(size_t most) {
 void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& state, uint32_t pixel_number) {
   const Material& material = *v.material;
   if (material.delta() || material.dark) return;
-  const size_t i = points.size++;
-  ShadingPointBatch& p = points;
-  const SurfacePoint& at = *v.surface;
-  p.px[i] = at.position.x, p.py[i] = at.position.y, p.pz[i] = at.position.z;
-  p.gx[i] = v.facing.x, p.gy[i] = v.facing.y, p.gz[i] = v.facing.z;
-  p.sx[i] = v.frame.n.x, p.sy[i] = v.frame.n.y, p.sz[i] = v.frame.n.z;
-  p.error[i] = at.error;
-  p.seed[i] = v.seed, p.sample[i] = state.index, p.instance[i] = at.instance;
-  p.transmits[i] = material.transmits();
+  const size_t i = add_point(*v.surface, v.facing, v.frame.n);
+  points.seed[i] = v.seed, points.sample[i] = state.index;
+  points.transmits[i] = material.transmits();
   kind[i] = kind_of(material);
   reflect(i, kind[i] == ReceiverKind::diffuse ? material.reflectance : Rgb(0.0f));
   pixel[i] = pixel_number, path[i] = v.path, vertex[i] = index;
+}
+
+size_t LightReceivers::add_point(const SurfacePoint& at, const Vec3& facing, const Vec3& shading) {
+  const size_t i = points.size++;
+  ShadingPointBatch& p = points;
+  p.px[i] = at.position.x, p.py[i] = at.position.y, p.pz[i] = at.position.z;
+  p.gx[i] = facing.x, p.gy[i] = facing.y, p.gz[i] = facing.z;
+  p.sx[i] = shading.x, p.sy[i] = shading.y, p.sz[i] = shading.z;
+  p.error[i] = at.error;
+  p.instance[i] = at.instance;
+  return i;
 }
 
 size_t LightReceivers::add_run(const RayBatch& rays, const SurfaceBatch& s, const HitRun& run, uint32_t instance,

@@ -37,6 +37,8 @@ struct LightReceivers {
   void clear(size_t most);
   // `vertex`: whose index is `index`, or k_none if it will not be kept. Skips delta and dark materials.
   void add(const PathVertex& vertex, uint32_t index, const PathState& state, uint32_t pixel_number);
+  // Adds a point of a surface, with these normals, and returns its index. Leaves all else to the caller.
+  size_t add_point(const SurfacePoint& at, const Vec3& facing, const Vec3& shading);
   // Adds what the rays of a run have met on one side of a surface, all of one plainly diffuse material, and returns the
   // index of the first. Leaves points.seed, points.sample and `pixel` to the caller.
   size_t add_run(const RayBatch& rays, const SurfaceBatch& surfaces, const HitRun& run, uint32_t instance,
