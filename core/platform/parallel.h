@@ -9,6 +9,7 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cstddef>
 
@@ -41,8 +42,16 @@ void parallel_for(size_t count, const Body& body) {
   done.take();
 }
 
-// The same for bodies that use scratch memory of their thread and wait within, for a bake or an inner loop: a thread
-// that waits begins no other call.
+// Calls body(first, end) for parts of [0, count), each as a separate task: for elements that take a microsecond or so.
+template <class Body>
+void parallel_for_parts(size_t count, const Body& body) {
+  constexpr size_t k_part = 64;
+  parallel_for((count + k_part - 1) / k_part,
+               [&](size_t part) { body(part * k_part, std::min((part + 1) * k_part, count)); });
+}
+
+// As parallel_for, for bodies that use scratch memory of their thread and wait within, for a bake or an inner loop: a
+// thread that waits begins no other call.
 template <class Body>
 void parallel_for_isolated(size_t count, const Body& body) {
   parallel_for(count, [&](size_t i) { tbb::this_task_arena::isolate([&] { body(i); }); });

@@ -2,8 +2,13 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <map>
+#include <new>
 #include <tuple>
+
+#include "core/platform/machine_memory.h"
+#include "core/platform/parallel.h"
 
 namespace fieldtrace {
 namespace {
@@ -78,13 +83,21 @@ void write_stack(const Stack& stack, int tiles, const Place& place, VdbGrid& gri
   }
 }
 
-// Whether a leaf holds lines of one direction; then whether all of them are there and in range.
+// Whether a leaf holds lines of one direction; then whether all of them are there.
 static_assert(k_patch_lines == 64, "a word of the mask is a direction");
 bool has_layer(const VdbStoredLeaf& leaf, int layer) { return leaf.active[size_t(layer)] != 0; }
-bool sound_layer(const VdbStoredLeaf& leaf, const VdbValues& values, int layer) {
-  const int32_t* const lines = values.data() + layer * k_patch_lines;
-  const auto sound = [](int32_t line) { return line >= 0 && line <= scalar::k_coverage_depths; };
-  return leaf.active[size_t(layer)] == ~uint64_t(0) && std::all_of(lines, lines + k_patch_lines, sound);
+bool whole_layer(const VdbStoredLeaf& leaf, int layer) { return leaf.active[size_t(layer)] == ~uint64_t(0); }
+
+// Where a patch lies: its tile in one of eight directions, and its number there.
+struct PatchPlace {
+  uint32_t slot;
+  int patch;
+};
+
+PatchPlace place_of_patch(const VoxelCoord& origin, int layer, int tiles) {
+  const int row = origin[1] / k_leaf_side, column = origin[2] / k_leaf_side;
+  return {uint32_t(((origin[0] + layer) * tiles + row / k_patches_along) * tiles + column / k_patches_along),
+          row % k_patches_along * k_patches_along + column % k_patches_along};
 }
 
 // The patches found, by tile.
@@ -98,31 +111,35 @@ class FoundPatches {
     }
     return true;
   }
-  void add(const VoxelCoord& origin, int layer) {
-    const int tiles = limit_[1] / scalar::k_tile_lines;
-    const int row = origin[1] / k_leaf_side, column = origin[2] / k_leaf_side;
-    const uint32_t slot =
-        uint32_t(((origin[0] + layer) * tiles + row / k_patches_along) * tiles + column / k_patches_along);
-    std::vector<uint16_t>& part = found_[slot / CoverageTiles::k_part_slots];
+  void add(const VoxelCoord& origin, int layer, bool has_lines) {
+    const PatchPlace at = place_of_patch(origin, layer, limit_[1] / scalar::k_tile_lines);
+    std::vector<Found>& part = found_[at.slot / CoverageTiles::k_part_slots];
     part.resize(CoverageTiles::k_part_slots);
-    part[slot % CoverageTiles::k_part_slots] |=
-        uint16_t(1u << (row % k_patches_along * k_patches_along + column % k_patches_along));
+    Found& found = part[at.slot % CoverageTiles::k_part_slots];
+    found.patches |= uint16_t(1u << at.patch);
+    found.has_lines |= has_lines;
   }
-  bool take_slots(std::vector<uint32_t>& slots) const {
+  // The tiles, ascending, and those of them with lines. False if one is not whole.
+  bool take_slots(std::vector<uint32_t>& slots, std::vector<uint32_t>& held) const {
     for (const auto& [number, part] : found_) {
       for (uint32_t i = 0; i < CoverageTiles::k_part_slots; ++i) {
-        if (part[i] == 0) continue;
-        if (part[i] != k_all_patches) return false;
+        if (part[i].patches == 0) continue;
+        if (part[i].patches != k_all_patches) return false;
         slots.push_back(number * CoverageTiles::k_part_slots + i);
+        if (part[i].has_lines) held.push_back(slots.back());
       }
     }
     return true;
   }
 
  private:
+  struct Found {
+    uint16_t patches = 0;
+    bool has_lines = false;
+  };
   VoxelCoord limit_;
   // In parts of the table, each made when first needed: a small file may stand for millions of empty tiles.
-  std::map<uint32_t, std::vector<uint16_t>> found_;
+  std::map<uint32_t, std::vector<Found>> found_;
 };
 
 }  // namespace
@@ -156,41 +173,61 @@ void write_coverage(std::span<const CoverageTiles* const> sources, VdbGrid& grid
 }
 
 bool CoverageGrid::open(const VdbStoredGrid& grid, int directions, int plane) {
-  const int lines = CoverageTiles::lines_for(plane);
-  FoundPatches found(directions, lines);
+  const int side = CoverageTiles::lines_for(plane), tiles = side / scalar::k_tile_lines;
+  FoundPatches found(directions, side);
   for (const VdbTile& tile : grid.tiles) {
     if (tile.side != k_leaf_side || tile.value != 0 || !found.within(tile.origin)) return false;
-    for (int layer = 0; layer < k_leaf_side; ++layer) found.add(tile.origin, layer);
+    for (int layer = 0; layer < k_leaf_side; ++layer) found.add(tile.origin, layer, false);
   }
-  std::vector<Patch> patches;
-  VdbValues values;
   for (const VdbStoredLeaf& leaf : grid.leaves) {
-    if (!found.within(leaf.origin) || !grid.unpack(leaf, values)) return false;
+    if (!found.within(leaf.origin)) return false;
     for (int layer = 0; layer < k_leaf_side; ++layer) {
       if (!has_layer(leaf, layer)) continue;
-      if (!sound_layer(leaf, values, layer)) return false;
-      found.add(leaf.origin, layer);
+      if (!whole_layer(leaf, layer)) return false;
+      found.add(leaf.origin, layer, true);
     }
-    Patch& patch = patches.emplace_back(Patch{leaf.origin, {}});
-    std::copy(values.begin(), values.end(), patch.lines.begin());
   }
-  std::vector<uint32_t> slots;
-  if (!found.take_slots(slots)) return false;
-  tiles_ = lines / scalar::k_tile_lines;
-  patches_ = std::move(patches);
+  std::vector<uint32_t> slots, held;
+  if (!found.take_slots(slots, held)) return false;
+
+  // A made-up file may stand for more than it holds.
+  if (held.size() > machine_memory_bytes() / 2 / (CoverageTiles::k_lines_per_tile * sizeof(uint16_t)))
+    throw std::bad_alloc();
+  ZeroedVector<uint16_t> lines(held.size() * CoverageTiles::k_lines_per_tile);
+  std::atomic<bool> is_sound = true;
+  // No two leaves have one origin: what reads grids sees to that.
+  parallel_for_parts(grid.leaves.size(), [&](size_t first, size_t end) {
+    VdbValues values;
+    for (size_t l = first; l < end && is_sound; ++l) {
+      const VdbStoredLeaf& leaf = grid.leaves[l];
+      bool sound = grid.unpack(leaf, values);
+      for (int layer = 0; sound && layer < k_leaf_side; ++layer) {
+        if (!has_layer(leaf, layer)) continue;
+        const PatchPlace at = place_of_patch(leaf.origin, layer, tiles);
+        const size_t tile = size_t(std::lower_bound(held.begin(), held.end(), at.slot) - held.begin());
+        uint16_t* const target = &lines[tile * CoverageTiles::k_lines_per_tile + patch_start(at.patch)];
+        for (int i = 0; i < k_patch_lines; ++i) {
+          const int32_t line = values[size_t(layer * k_patch_lines + i)];
+          sound = sound && line >= 0 && line <= scalar::k_coverage_depths;
+          target[i / k_leaf_side * scalar::k_tile_lines + i % k_leaf_side] = uint16_t(line);
+        }
+      }
+      if (!sound) is_sound = false;
+    }
+  });
+  if (!is_sound) return false;
   slots_ = std::move(slots);
+  held_ = std::move(held);
+  lines_ = std::move(lines);
   return true;
 }
 
-void CoverageGrid::read(uint32_t slot, std::span<uint16_t> lines) const {
-  const Place place = place_of(slot, tiles_);
-  for (int p = 0; p < k_patches; ++p) {
-    const VoxelCoord origin = patch_origin(tiles_, place.octet, place.tile, p);
-    const Patch* const patch = find_by_origin(patches_, origin);
-    for (int i = 0; i < k_patch_lines; ++i) {
-      lines[line_of_patch(p, i)] = patch ? patch->lines[place.layer * size_t(k_patch_lines) + size_t(i)] : uint16_t(0);
-    }
-  }
+std::span<const uint16_t> CoverageGrid::lines(uint32_t slot) const {
+  static const std::array<uint16_t, CoverageTiles::k_lines_per_tile> misses = {};
+  const auto held = std::lower_bound(held_.begin(), held_.end(), slot);
+  if (held == held_.end() || *held != slot) return misses;
+  return std::span(lines_).subspan(size_t(held - held_.begin()) * CoverageTiles::k_lines_per_tile,
+                                   CoverageTiles::k_lines_per_tile);
 }
 
 }  // namespace fieldtrace

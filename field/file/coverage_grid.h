@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "core/platform/zeroed_vector.h"
 #include "field/grid/vdb_grid.h"
 #include "field/store/coverage.h"
 
@@ -30,17 +31,13 @@ class CoverageGrid {
 
   const std::vector<uint32_t>& slots() const { return slots_; }  // ascending
   // The 32 x 32 lines of one of slots().
-  void read(uint32_t slot, std::span<uint16_t> lines) const;
+  std::span<const uint16_t> lines(uint32_t slot) const;
 
  private:
-  // Lines of a leaf. What has none is a tile, and meets nothing.
-  struct Patch {
-    VoxelCoord origin;
-    std::array<uint16_t, k_vdb_leaf_voxels> lines;
-  };
-  std::vector<Patch> patches_;  // by ascending origin
-  int tiles_ = 0;               // along each side of a plane
   std::vector<uint32_t> slots_;
+  // Those of them that have leaves, ascending, and their lines. All lines of the others are misses.
+  std::vector<uint32_t> held_;
+  ZeroedVector<uint16_t> lines_;
 };
 
 }  // namespace fieldtrace

@@ -61,6 +61,9 @@ class FieldCache {
   std::optional<DirectionMaps> load_maps(const FieldIdentity& identity, const Sphere& ball);
   void store(const DirectionMaps& maps, const FieldIdentity& identity);
 
+  // Says that a file is in use: this cache never removes it, and others as if it had been written now.
+  void mark_used(const FieldIdentity& identity);
+
   // Calls `store`, which stores into this cache, on a thread of the cache's, one after another. finish() waits for all
   // of these and throws what the first has thrown that failed, after which none was called; the destructor waits, too.
   // Both are for one thread at a time.
@@ -90,7 +93,6 @@ class FieldCache {
   void merge(const Field& field, const FieldIdentity& identity, const std::string& path);
   void load_to_merge(Field& held, const FieldIdentity& identity, const std::string& path);
   bool known_complete(const Hash128& slices, const FieldIdentity& identity);
-  void mark_used(const FieldIdentity& identity);
   void store_all();
   void remember(const Hash128& slices, const FieldIdentity& identity);
   void tell_unusable(const std::string& path, const std::string& reason, Tell tell);

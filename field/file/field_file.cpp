@@ -1,11 +1,13 @@
 #include "field/file/field_file.h"
 
 #include <algorithm>
+#include <atomic>
 #include <filesystem>
 #include <optional>
 #include <tuple>
 
 #include "core/platform/address_space.h"
+#include "core/platform/parallel.h"
 #include "field/file/coverage_grid.h"
 #include "field/file/field_grids.h"
 #include "field/file/field_vdb.h"
@@ -160,21 +162,31 @@ Hash128 FieldFile::Grids::validate(const FieldFileHeader& header, const std::str
   }
   std::sort(origins.begin(), origins.end());
   origins.erase(std::unique(origins.begin(), origins.end()), origins.end());
-  Hasher hasher;
-  BrickData brick{};
-  for (const VoxelCoord& origin : origins) {
-    uint32_t direction_brick = 0, plane_brick = 0;
-    bool sound = place_of_origin(header.identity.parameters, origin, direction_brick, plane_brick);
-    sound = sound && read(origin, brick);
-    for (int g = 0; sound && g < k_grid_count; ++g) {
-      const SliceMask slices = slices_of_layer(brick.finished, k_layer_of_grid[g]);
-      for (size_t i = 0; i < brick.cells[g].size(); ++i) {
-        if ((slices >> (i / scalar::k_slice_cells) & 1) == 0) continue;
-        sound = sound && valid_cell(GridLayer(g), brick.cells[g][i], header.identity.primitive_count);
+  std::vector<SliceMask> finished(origins.size());
+  std::atomic<bool> is_sound = true;
+  parallel_for_parts(origins.size(), [&](size_t first, size_t end) {
+    BrickData brick{};
+    for (size_t b = first; b < end && is_sound; ++b) {
+      uint32_t direction_brick = 0, plane_brick = 0;
+      bool sound = place_of_origin(header.identity.parameters, origins[b], direction_brick, plane_brick);
+      sound = sound && read(origins[b], brick);
+      for (int g = 0; sound && g < k_grid_count; ++g) {
+        const SliceMask slices = slices_of_layer(brick.finished, k_layer_of_grid[g]);
+        for (size_t i = 0; i < brick.cells[g].size(); ++i) {
+          if ((slices >> (i / scalar::k_slice_cells) & 1) == 0) continue;
+          sound = sound && valid_cell(GridLayer(g), brick.cells[g][i], header.identity.primitive_count);
+        }
       }
+      finished[b] = brick.finished;
+      if (!sound) is_sound = false;
     }
-    if (!sound) throw FieldFileError(path, "has cells that no bake writes");
-    add_slices_to(hasher, direction_brick, plane_brick, brick.finished);
+  });
+  if (!is_sound) throw FieldFileError(path, "has cells that no bake writes");
+  Hasher hasher;
+  for (size_t b = 0; b < origins.size(); ++b) {
+    uint32_t direction_brick = 0, plane_brick = 0;
+    place_of_origin(header.identity.parameters, origins[b], direction_brick, plane_brick);
+    add_slices_to(hasher, direction_brick, plane_brick, finished[b]);
   }
   add_tiles_to(hasher, coverage.slots());
   return hasher.result();
@@ -200,8 +212,13 @@ FieldFile::~FieldFile() = default;
 FieldFile::Copied FieldFile::copy_to(Field& field) const {
   if (!same_ball(field.ball(), header_.ball)) return Copied::nothing;
   if (!same_parameters(field.parameters(), header_.identity.parameters)) return Copied::nothing;
-  const bool all =
-      copy_bricks(field, 0, grids_->origins.size()) && copy_tiles(field, 0, grids_->coverage.slots().size());
+  std::atomic<bool> all = true;
+  parallel_for_parts(grids_->origins.size(), [&](size_t first, size_t end) {
+    if (all && !copy_bricks(field, first, end)) all = false;
+  });
+  parallel_for_parts(grids_->coverage.slots().size(), [&](size_t first, size_t end) {
+    if (all && !copy_tiles(field, first, end)) all = false;
+  });
   return all ? Copied::all : Copied::part;
 }
 
@@ -264,15 +281,13 @@ bool FieldFile::copy_bricks(Field& field, size_t first_brick, size_t end_brick) 
 
 bool FieldFile::copy_tiles(Field& field, size_t first, size_t end) const {
   CoverageTiles& tiles = field.coverage();
-  TileLines lines(CoverageTiles::k_lines_per_tile);
   for (size_t i = first; i < end; ++i) {
     const uint32_t slot = grids_->coverage.slots()[i];
     if (!tiles.claim(slot)) {
       if (tiles.full() && !tiles.finished(slot)) return false;
       continue;  // baked, or claimed by another thread
     }
-    grids_->coverage.read(slot, lines);
-    if (!tiles.finish(slot, lines)) return false;
+    if (!tiles.finish(slot, grids_->coverage.lines(slot))) return false;
   }
   return true;
 }

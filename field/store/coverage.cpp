@@ -135,13 +135,14 @@ bool CoverageTiles::finish(uint32_t slot, std::span<const uint16_t> lines, std::
       tile = int32_t(tile_count_++);
     }
     int32_t* sums = &sums_[size_t(tile) * scalar::k_tile_words];
+    int32_t below[k_side] = {};  // read back from new memory, they would fault twice a page
     for (int y = 0; y < k_side; ++y) {
       int32_t row = 0;
-      const int32_t* below = sums + y * scalar::k_tile_corners + 1;
       int32_t* corner = sums + (y + 1) * scalar::k_tile_corners + 1;
       for (int x = 0; x < k_side; ++x) {
         row += line_word(lines[size_t(y * k_side + x)]);
-        shared(corner[x]).store(below[x] + row, std::memory_order_relaxed);
+        below[x] += row;
+        shared(corner[x]).store(below[x], std::memory_order_relaxed);
       }
     }
     if (!radiance.empty()) store_radiance(tile, radiance);

@@ -243,7 +243,7 @@ void Field::finish(FieldLayer layer, uint32_t slice) {
   const uint32_t direction = slice / uint32_t(view().plane_bricks);
   const SliceMask bit = slice_bit(layer, direction % 16);
   shared(finished_[brick_of_slice(slice)]).fetch_or(bit, std::memory_order_release);
-  if (layer != FieldLayer::primitive) cells_baked_ += scalar::k_slice_cells;
+  (layer == FieldLayer::primitive ? primitives_baked_ : cells_baked_) += scalar::k_slice_cells;
 }
 
 void Field::give_back(FieldLayer layer, uint32_t slice) {

@@ -100,6 +100,7 @@ class Field {
 
   // Cells of the visibility and depth layers.
   uint64_t cells_baked() const { return cells_baked_.load(std::memory_order_relaxed); }
+  uint64_t primitives_baked() const { return primitives_baked_.load(std::memory_order_relaxed); }  // cells with one
   uint64_t cells_full() const { return uint64_t(slice_count()) * scalar::k_slice_cells; }
   // Memory in use: tables, the layers of bricks in which anything was claimed, and coverage tiles.
   uint64_t bytes() const { return committed_.load(std::memory_order_relaxed) + coverage_.bytes(); }
@@ -133,7 +134,7 @@ class Field {
   VirtualBuffer<SliceMask> claimed_, finished_;  // per brick
   std::mutex growth_;
   std::atomic<uint32_t> brick_count_ = 1, page_count_ = 1;
-  std::atomic<uint64_t> cells_baked_ = 0, committed_ = 0;
+  std::atomic<uint64_t> cells_baked_ = 0, primitives_baked_ = 0, committed_ = 0;
   std::atomic<bool> pool_full_ = false;
   CoverageTiles coverage_;
 };

@@ -17,6 +17,22 @@ constexpr int k_fewest_directions = 32, k_fewest_plane = 64;
 // what it answers of the rest is wrong more often than elsewhere (docs/decisions/012-left-to-rays.md).
 constexpr double k_most_undecided = 0.75;
 
+// New rays of a field's bake for which its file is written again: so many, or this part of what the file holds. The
+// next frame of a moving camera asks for a little more each time, and writing takes longer than that bake
+// (docs/decisions/050-light-samples-by-cost.md).
+constexpr uint64_t k_many_new_rays = 250'000;
+constexpr double k_least_growth = 1.0 / 16.0;
+
+uint64_t bake_rays_of(const Field& field) {
+  const uint64_t of_cell = uint64_t(field.parameters().lines) + 1;
+  return field.cells_baked() * of_cell + field.primitives_baked() + field.coverage().lines_baked();
+}
+
+// Where `kept` of a field's `rays` lie in its file.
+bool has_grown(uint64_t rays, uint64_t kept) {
+  return double(rays - kept) >= std::min(k_least_growth * double(kept), double(k_many_new_rays));
+}
+
 // Shapes that want a field, by decreasing gain: the order in which they get one.
 std::vector<uint32_t> shapes_by_gain(const Scene& scene, std::span<const ShapeTraits> traits) {
   std::vector<uint64_t> gain(scene.shapes.size(), 0);
@@ -31,13 +47,9 @@ std::vector<uint32_t> shapes_by_gain(const Scene& scene, std::span<const ShapeTr
 
 }  // namespace
 
-bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers) {
-  return double(use.answered) * scale < fewest_answers;
-}
-
-bool leaves_self_to_rays(const FieldUse& use, double scale, double fewest_answers) {
+bool is_undecided_of_itself(const FieldUse& use) {
   const double answered = double(use.self_answered), undecided = double(use.self_undecided);
-  return undecided > k_most_undecided * (answered + undecided) || answered * scale < fewest_answers;
+  return undecided > k_most_undecided * (answered + undecided);
 }
 
 uint64_t default_field_memory() { return machine_memory_bytes() / 2; }
@@ -49,6 +61,7 @@ FieldSet::FieldSet(const Scene& scene, std::span<const ShapeTraits> traits, cons
       address_space_(address_space),
       budget_(std::make_unique<FieldBudget>(budget_bytes)),
       fields_(scene.shapes.size()),
+      loaded_(scene.shapes.size(), 0),
       left_to_rays_(scene.shapes.size(), 0),
       self_to_rays_(scene.shapes.size(), 0),
       for_hits_(scene.shapes.size(), 0) {
@@ -101,35 +114,43 @@ bool FieldSet::answers_shadows() const {
   return false;
 }
 
+void FieldSet::leave(size_t shape) {
+  left_to_rays_[shape] = 1;
+  if (for_hits_[shape]) return;
+  fields_[shape].reset();
+  --count_;
+}
+
+void FieldSet::leave_all() {
+  if (!cost_decides()) return;
+  for (size_t s = 0; s < fields_.size(); ++s) {
+    if (fields_[s] && !left_to_rays_[s]) leave(s);
+  }
+}
+
 void FieldSet::leave_unpaid(const FieldSurvey& survey) {
   if (!cost_decides()) return;
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s] || left_to_rays_[s]) continue;
     self_to_rays_[s] = double(survey.uses[s].self_met) * survey.scale < needed_self_answers(s);
-    left_to_rays_[s] = double(survey.uses[s].met) * survey.scale < needed_answers(s);
-    if (!left_to_rays_[s] || for_hits_[s]) continue;
-    fields_[s].reset();
-    --count_;
+    if (double(survey.uses[s].met) * survey.scale < needed_answers(s)) leave(s);
   }
 }
 
-void FieldSet::leave_to_rays(const FieldSurvey& survey, double rays_spared) {
-  const bool pay = !cost_decides() || rays_spared >= k_look_up_cost * survey.look_ups;
+void FieldSet::leave_undecided(const FieldSurvey& survey) {
   for (size_t s = 0; s < fields_.size(); ++s) {
-    if (!fields_[s] || left_to_rays_[s]) continue;
-    const double needed = cost_decides() ? needed_answers(s) : 0.0,
-                 self = cost_decides() ? needed_self_answers(s) : 0.0;
-    left_to_rays_[s] = !pay || leaves_to_rays(survey.uses[s], survey.scale, needed);
-    self_to_rays_[s] = self_to_rays_[s] || leaves_self_to_rays(survey.uses[s], survey.scale, self);
+    if (fields_[s] && !left_to_rays_[s] && is_undecided_of_itself(survey.uses[s])) self_to_rays_[s] = 1;
   }
 }
 
 void FieldSet::load(FieldCache& cache) {
   if (!plan_.read_cache) return;
   std::atomic<bool> has_loaded = has_loaded_;
-  parallel_for(fields_.size(), [&](size_t s) {
+  parallel_for_isolated(fields_.size(), [&](size_t s) {
     if (!fields_[s] || budget_->exceeded()) return;
-    if (cache.load(*fields_[s], field_identity(scene_.shapes[s], plan_.parameters))) has_loaded = true;
+    if (!cache.load(*fields_[s], field_identity(scene_.shapes[s], plan_.parameters))) return;
+    loaded_[s] = bake_rays_of(*fields_[s]);
+    has_loaded = true;
   });
   has_loaded_ = has_loaded;
 }
@@ -139,7 +160,11 @@ void FieldSet::store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& w
   for (size_t s = 0; s < fields_.size(); ++s) {
     if (!fields_[s]) continue;
     const FieldIdentity identity = field_identity(scene_.shapes[s], plan_.parameters);
-    keep("the field of " + scene_.shapes[s].name, if_unkept, warning, [&] { cache.store(*fields_[s], identity); });
+    const bool is_new = has_grown(bake_rays_of(*fields_[s]), loaded_[s]) || cache.bytes_on_disk(identity) == 0;
+    if (is_new || if_unkept == IfUnkept::fail)
+      keep("the field of " + scene_.shapes[s].name, if_unkept, warning, [&] { cache.store(*fields_[s], identity); });
+    else
+      cache.mark_used(identity);
     stats.field_bytes_disk += cache.bytes_on_disk(identity);
   }
 }

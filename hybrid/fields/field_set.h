@@ -39,35 +39,25 @@ struct FieldPlan {
   std::vector<uint32_t> hit_instances;  // their shapes get fields for glossy rays even where shadow rays gain nothing
 };
 
-// Exact rays that take the time of one look-up (docs/decisions/012-left-to-rays.md).
-inline constexpr double k_look_up_cost = 0.5;
+// Answers of a field that pay for one ray of its bake: that ray takes one to two times as long as a shadow ray, and an
+// answer spares half of one (docs/decisions/050-light-samples-by-cost.md).
+inline constexpr double k_answers_a_bake_ray = 2.0;
 
-// Answers of a field that pay for one ray of its bake. Two to four break even: that ray takes one to two times as long
-// as a shadow ray, and an answer spares half of one. Surveys are to be paid, too, and look-ups that tell nothing
-// (docs/decisions/047-open-scenes.md).
-inline constexpr double k_answers_a_bake_ray = 4.0;
+// Light samples of a pixel, over its camera samples, below which rays take less than look-ups and what they rest on:
+// surveys, and reading or baking fields (docs/decisions/050-light-samples-by-cost.md).
+inline constexpr int64_t k_fewest_field_samples = 32;
 
-// Whether an object with the survey counts `use` is left to exact rays: its field would answer fewer than
-// `fewest_answers` rays of the whole picture. `scale`: rays of the picture for each surveyed ray.
-bool leaves_to_rays(const FieldUse& use, double scale, double fewest_answers);
-
-// Whether shading points on the object itself are: where more than k_most_undecided of their surveyed rays are
-// undecided, or fewer than `fewest_answers` of the whole picture's would be answered.
-bool leaves_self_to_rays(const FieldUse& use, double scale, double fewest_answers);
-
-// Shadow rays of a camera sample for each of its light samples.
-struct ShadowRays {
-  double open = 0.0;    // from its first surface to lights that may have more samples there
-  double others = 0.0;  // all others
-};
+// Whether more than k_most_undecided of the surveyed rays of shading points on the object itself are undecided.
+bool is_undecided_of_itself(const FieldUse& use);
 
 // Counts of a survey of the picture (hybrid/render/field_survey.h), which decide what is left to exact rays.
 struct FieldSurvey {
   std::vector<FieldUse> uses;  // per shape of the scene
   double scale = 1.0;          // camera samples of the picture for each surveyed one
   Stats stats;                 // of the survey's own rays
-  ShadowRays rays = {};
-  double look_ups = 0.0;     // of the whole picture
+  // Shadow rays of a camera sample, for each of its light samples, from its first surface to lights that may have more
+  // samples there.
+  double open_rays = 0.0;
   bool interrupted = false;  // by `stop`; the counts are then meaningless
 };
 
@@ -88,16 +78,18 @@ class FieldSet {
   // By shape: not 0 where rays from the object itself do not use its field.
   const std::vector<uint8_t>& self_to_rays() const { return self_to_rays_; }
   bool answers_shadows() const;  // whether pointers() has any
+  // Leaves all objects to exact rays, unless cost does not decide.
+  void leave_all();
   // Leaves objects to exact rays whose bake would not be paid by all the light samples that a survey without fields
   // counts past them; and shadows on themselves where their cells would not.
   void leave_unpaid(const FieldSurvey& survey);
-  // The same by what fields answered in a survey; and objects whose fields leave too much undecided; and all, if their
-  // look-ups cost more than the exact rays that they spare in the whole picture.
-  void leave_to_rays(const FieldSurvey& survey, double rays_spared);
+  // Leaves shadows on themselves to exact rays where a survey finds that fields leave too much of them undecided.
+  void leave_undecided(const FieldSurvey& survey);
   const FieldBudget& budget() const { return *budget_; }
 
   // Reads fields from the cache, if the plan allows it.
   void load(FieldCache& cache);
+  // Keeps fields in the cache of which enough was baked since; all, where it is an error if they are not kept.
   void store(FieldCache& cache, IfUnkept if_unkept, const WarningSink& warning, Stats& stats) const;
   void count(Stats& stats) const;
 
@@ -106,6 +98,7 @@ class FieldSet {
   FieldPlan next_plan(std::string& change) const;
 
  private:
+  void leave(size_t shape);
   bool cost_decides() const { return plan_.light_samples < std::numeric_limits<double>::infinity(); }
   // Estimated rays to bake what a shape needs. Coverage maps take one line a texel, and few cells are baked beside
   // them; but lights all around and at infinity are asked about by single rays, which want cells.
@@ -120,6 +113,7 @@ class FieldSet {
   std::unique_ptr<FieldBudget> budget_;  // outlives the fields
   std::vector<std::unique_ptr<Field>> fields_;
   std::vector<double> bake_rays_;  // by shape: estimated
+  std::vector<uint64_t> loaded_;   // by shape: rays of what the cache held
   // By shape: shadow rays do not use its field at all, or not from the object itself; glossy rays use it.
   std::vector<uint8_t> left_to_rays_, self_to_rays_, for_hits_;
   size_t count_ = 0;

@@ -215,8 +215,6 @@ void GroupLight::take_strata(const Batch& batch) {
       continue;
     }
     if (context_.answerer.checks()) check_strata(cluster, seen);
-    const uint32_t samples = candidates_.light_samples[cluster];
-    context_.answerer.count_filtered(candidates_, cluster, uint32_t(float(samples) * seen.decided), stats);
     const bool all = seen.decided == 1.0f;
     if (all && seen.clear == 1.0f) {
       clear_.push_back(cluster);
@@ -229,8 +227,8 @@ void GroupLight::take_strata(const Batch& batch) {
       open_.push_back(cluster);
       continue;
     }
-    stats.samples_spared += samples;
-    stats.samples_by_strata += samples;
+    stats.samples_spared += candidates_.light_samples[cluster];
+    stats.samples_by_strata += candidates_.light_samples[cluster];
   }
 }
 

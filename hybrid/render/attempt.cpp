@@ -112,8 +112,8 @@ struct Answers {
   std::optional<ShadowAnswerer> occlusion_answerer;
   std::optional<GlossyStage> glossy;
 
-  Answers(const Picture& picture, const Stage& stage, const FieldPlan& plan, const FieldSet& fields,
-          const OpenLight& open, float tolerance);
+  Answers(const Picture& picture, const Stage& stage, const FieldPlan& plan, const FieldSet& fields, int open_samples,
+          float tolerance);
 
   // Whether anything but exact rays answers.
   bool estimates(const FieldSet& fields) const {
@@ -130,20 +130,20 @@ AnswererSettings answerer_settings(const Picture& picture, const FieldSet& field
   return settings;
 }
 
-TransportSettings transport_settings(const Picture& picture, const FieldSet& fields, const OpenLight& open,
+TransportSettings transport_settings(const Picture& picture, const FieldSet& fields, int open_samples,
                                      float tolerance) {
   TransportSettings settings = settings_for(picture, fields, tolerance);
-  settings.open_light_samples = open.samples;
+  settings.open_light_samples = open_samples;
   settings.open_sun_samples = picture.open_sun_samples();
   return settings;
 }
 
 Answers::Answers(const Picture& picture, const Stage& stage, const FieldPlan& plan, const FieldSet& fields,
-                 const OpenLight& open, float tolerance)
+                 int open_samples, float tolerance)
     : settings(answerer_settings(picture, fields, tolerance)),
       answerer(picture.scene, stage.accel, stage.traits, fields.pointers(), settings),
-      context(picture.scene, stage.accel, stage.camera, answerer, transport_settings(picture, fields, open, tolerance),
-              stage.lights) {
+      context(picture.scene, stage.accel, stage.camera, answerer,
+              transport_settings(picture, fields, open_samples, tolerance), stage.lights) {
   if (stage.uses_fields()) {
     context.sky = stage.sky.light.get();
     context.indirect = context.sky ? context.sky->indirect() : nullptr;
@@ -283,21 +283,22 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   }
   const bool resumes = stage.resumed && stage.resumed->reductions == plan.reductions;
 
-  OpenLight open = {options.light_samples};
-  bool surveyed = leave_unpaid(picture, stage, fields, open, stats);
-  stats.tolerance = resumes ? stage.resumed->tolerance : picture.light_tolerance(open.samples);
+  int open_samples = options.light_samples;
+  bool surveyed = leave_unpaid(picture, stage, fields, open_samples, stats);
+  const float survey_tolerance = picture.light_tolerance(open_samples);
   FieldCache* const cache = fields.empty() ? stage.cache.get() : cache_of(picture, stage);
   if (cache && !fields.empty()) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
   }
-  surveyed = surveyed && leave_to_rays(picture, stage, fields, stats.tolerance, open, stats);
+  surveyed = surveyed && leave_undecided(picture, stage, fields, survey_tolerance, open_samples, stats);
+  stats.tolerance = resumes ? stage.resumed->tolerance : picture.light_tolerance(open_samples);
   if (!surveyed && is_late(picture, stage) && !picture.stopped()) {
     stage.accuracy = FieldAccuracy::rays;
     return false;
   }
 
-  Answers answers(picture, stage, plan, fields, open, stats.tolerance);
+  Answers answers(picture, stage, plan, fields, open_samples, stats.tolerance);
   Job job{picture, answers.context, fields.budget(), stage.deadline};
   if (stage.resumed && !resumes) begin_anew(picture, job);
   std::optional<Checkpoint> state = Checkpoint();

@@ -51,38 +51,35 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields, f
   return s;
 }
 
-bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, OpenLight& open, Stats& stats) {
+bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats) {
   const bool leaves = wants_survey(picture, fields) && picture.options.whole_lights;
-  const std::vector<Emitter>& emitters = picture.scene.emitters;
-  const bool has_area_lights =
-      std::any_of(emitters.begin(), emitters.end(), [](const Emitter& e) { return e.kind == EmitterKind::area; });
-  if (!leaves && !(picture.is_adaptive() && has_area_lights)) return true;
+  if (!leaves && !(picture.is_adaptive() && picture.has_area_lights())) return true;
   TransportSettings settings = picture.settings;
   settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
   FieldSurvey survey = survey_picture(picture, stage, {}, {}, picture.options.base_tolerance(), settings, 1, stats);
   // Where rays answer and time is short, there are no more light samples than elsewhere.
   if (survey.interrupted) return !picture.stopped() && !is_late(picture, stage);
-  open = {picture.open_samples(survey.rays.open), survey.rays};
-  survey.scale *= double(open.samples) / double(picture.options.light_samples);
-  if (leaves) fields.leave_unpaid(survey);
+  open_samples = picture.open_samples(survey.open_rays);
+  survey.scale *= double(open_samples) / double(picture.options.light_samples);
+  if (!leaves) return true;
+  if (picture.has_few_light_samples(open_samples))
+    fields.leave_all();
+  else
+    fields.leave_unpaid(survey);
   return true;
 }
 
-bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, OpenLight& open,
-                   Stats& stats) {
+bool leave_undecided(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, int& open_samples,
+                     Stats& stats) {
   if (!wants_survey(picture, fields)) return true;
   const int64_t of_pixel = int64_t(picture.spp) * picture.options.light_samples;
   TransportSettings settings = settings_for(picture, fields, tolerance);
   settings.pixel_samples = 1;
-  FieldSurvey survey = survey_picture(picture, stage, fields.pointers(), fields.self_to_rays(), tolerance, settings,
-                                      int(std::min<int64_t>(of_pixel, k_most_survey_samples)), stats);
+  const FieldSurvey survey = survey_picture(picture, stage, fields.pointers(), fields.self_to_rays(), tolerance,
+                                            settings, int(std::min<int64_t>(of_pixel, k_most_survey_samples)), stats);
   if (survey.interrupted) return false;
-  // What fields answer spares as many light samples as exact rays alone would get.
-  survey.scale *= double(open.samples) / double(picture.options.light_samples);
-  const double spared_of_sample = (open.rays.open - survey.rays.open) * double(open.samples) +
-                                  (open.rays.others - survey.rays.others) * double(picture.options.light_samples);
-  fields.leave_to_rays(survey, spared_of_sample * double(picture.film_samples()));
-  if (fields.answers_shadows()) open = {picture.open_samples(survey.rays.open), survey.rays};
+  fields.leave_undecided(survey);
+  open_samples = picture.open_samples(survey.open_rays);
   return true;
 }
 

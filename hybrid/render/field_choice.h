@@ -9,20 +9,14 @@ namespace fieldtrace {
 // The settings where `fields` answer shadow rays of bundles; without any, those of Monte Carlo.
 TransportSettings settings_for(const Picture& picture, const FieldSet& fields, float tolerance);
 
-// Where lights may be hidden.
-struct OpenLight {
-  int samples = 1;                    // light samples of each camera sample
-  ShadowRays rays = {k_infinity, 0};  // infinite: not surveyed
-};
-
 // Leaves to exact rays the objects that too few light samples pass for what their fields cost, before anything is baked
-// or read. Returns false if it was stopped.
-// `open` becomes what exact rays alone would have.
-bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, OpenLight& open, Stats& stats);
+// or read. Returns false if it was stopped. `open_samples` becomes the light samples of each camera sample that exact
+// rays alone would have where lights may be hidden.
+bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats);
 
-// Leaves to exact rays what fields answer too little of, or all if that costs more than it spares; `open`, that of
-// exact rays, becomes what remains with fields. Returns false if it was stopped.
-bool leave_to_rays(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, OpenLight& open,
-                   Stats& stats);
+// Leaves shadows of objects on themselves to exact rays where their fields are undecided; `open_samples` becomes what
+// fits the rays that remain. Returns false if it was stopped.
+bool leave_undecided(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, int& open_samples,
+                     Stats& stats);
 
 }  // namespace fieldtrace

@@ -70,9 +70,7 @@ FieldSurvey survey_fields(const TransportContext& context, const Rect& film, dou
   survey.scale = double(film.width) * double(film.height) * repeats / double(pixels);
   for (const TransportWorker& worker : workers) survey.stats.merge_counters(worker.stats());
   const double light_samples = double(pixels) * double(context.settings.light_samples);
-  survey.rays.open = double(survey.stats.rays_open) / light_samples;
-  survey.rays.others = double(survey.stats.rays_exact - survey.stats.rays_open) / light_samples;
-  survey.look_ups = double(survey.stats.lookups) * survey.scale;
+  survey.open_rays = double(survey.stats.rays_open) / light_samples;
   survey.uses = survey.stats.field_uses;
   survey.uses.resize(context.scene.shapes.size());
   return survey;

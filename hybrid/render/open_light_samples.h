@@ -12,9 +12,9 @@
 namespace fieldtrace {
 
 // Shadow rays for each camera sample, at most, unless more light samples are requested.
-inline constexpr double k_open_rays = 4.0;
+inline constexpr double k_open_rays = 2.0;
 // Light samples for each camera sample, likewise: with more, edges make most of the noise.
-inline constexpr int k_most_open_samples = 8;
+inline constexpr int k_most_open_samples = 4;
 
 // Of suns cut out of skies that maps answer for: their rays are few beside what the cells of the sky cost.
 inline constexpr int k_open_sun_samples = 4;

@@ -127,8 +127,18 @@ bool Picture::is_adaptive() const {
   return by_rounds() || (wants_fields && !options.force_undecided);
 }
 
+bool Picture::has_area_lights() const {
+  const std::vector<Emitter>& e = scene.emitters;
+  return std::any_of(e.begin(), e.end(), [](const Emitter& emitter) { return emitter.kind == EmitterKind::area; });
+}
+
 int Picture::open_samples(double open_rays) const {
-  return is_adaptive() ? open_light_samples(options.light_samples, open_rays) : options.light_samples;
+  if (!is_adaptive() || !has_area_lights()) return options.light_samples;
+  return open_light_samples(options.light_samples, open_rays);
+}
+
+bool Picture::has_few_light_samples(int open_samples) const {
+  return int64_t(spp) * open_samples < k_fewest_field_samples;
 }
 
 int Picture::open_sun_samples() const {

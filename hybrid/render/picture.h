@@ -51,9 +51,13 @@ struct Picture {
   void split_lobes(TransportSettings& s, int lobe_samples) const;
   bool by_rounds() const { return options.by_rounds(); }
   bool is_adaptive() const;  // whether lights that may be hidden get more light samples
-  // Light samples of each camera sample where lights may be hidden; `open_rays` as ShadowRays::open.
+  bool has_area_lights() const;
+  // Light samples of each camera sample where lights may be hidden, which only those of area lights are; `open_rays` as in FieldSurvey.
   int open_samples(double open_rays) const;
   int open_sun_samples() const;  // the same of suns
+  // Whether pixels have too few light samples for fields, with `open_samples` for each camera sample where lights may
+  // be hidden.
+  bool has_few_light_samples(int open_samples) const;
   // That of lights, which take `open_samples` light samples for each camera sample.
   float light_tolerance(int open_samples) const;
   bool stopped() const { return callbacks.stop && callbacks.stop->load(std::memory_order_relaxed); }

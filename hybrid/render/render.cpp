@@ -98,12 +98,6 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   }
 }
 
-// Clusters of so few light samples send rays; what single rays gain from cells does not pay for surveys
-// (docs/decisions/012-left-to-rays.md).
-bool has_few_light_samples(int spp, const RenderOptions& options) {
-  return int64_t(spp) * options.light_samples < k_fewest_cone_samples;
-}
-
 // The samples of a pixel that a resumed picture has at least: the first command's, and with those of the pass that it
 // is amid. Tiles of it that are done have them.
 int samples_begun(const Checkpoint& state) {
@@ -125,10 +119,9 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   if (options.plane) plan.parameters.plane = options.plane;
   // No shape is left out for its cost where every cell answers, or undecided cells are requested.
   if (!options.at_any_cost() && !options.force_undecided && options.base_tolerance() < 1.0f) {
-    const bool has_few = has_few_light_samples(picture.spp, options);
-    const int open_samples = picture.is_adaptive() ? k_most_open_samples : 1;  // at most, where lights may be hidden
-    const auto samples = double(picture.film_samples()) * std::max(options.light_samples, open_samples);
-    plan.light_samples = has_few ? 0.0 : samples * double(scene.emitters.size());
+    const int open_samples = picture.open_samples(0.0);  // at most, where lights may be hidden
+    const auto samples = double(picture.film_samples()) * open_samples;
+    plan.light_samples = picture.has_few_light_samples(open_samples) ? 0.0 : samples * double(scene.emitters.size());
   }
   if (picture.wants_fields)
     plan.hit_instances =

@@ -15,23 +15,17 @@
 
 namespace fieldtrace {
 
-// Uses of one object's field: rays that cross its bounds, and light samples spared, by whether the field answered them;
-// in all, and for shading points on the object itself.
+// Uses of one object's field. Of rays that cross its bounds, and of light samples spared, those for shading points on
+// the object itself, by whether the field answered them; of all, how many there may be.
 struct FieldUse {
-  uint64_t answered = 0, undecided = 0;
   uint64_t self_answered = 0, self_undecided = 0;
   uint64_t met = 0, self_met = 0;  // light samples whose way may cross the object's bounds
 
-  void add_answered(uint32_t samples, bool self) {
-    answered += samples;
-    self_answered += self ? samples : 0;
-  }
   void add_met(uint32_t samples, bool self) {
     met += samples;
     self_met += self ? samples : 0;
   }
   void merge(const FieldUse& o) {
-    answered += o.answered, undecided += o.undecided;
     self_answered += o.self_answered, self_undecided += o.self_undecided;
     met += o.met, self_met += o.self_met;
   }

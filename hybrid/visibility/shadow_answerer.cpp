@@ -176,10 +176,9 @@ void ShadowAnswerer::test_candidate(uint32_t slot, const ConeQuestion* question,
     if (flag & k_by_strata) group.open_points.push_back(r);
     group.by_rays[r] |= (flag & (k_may_shadow | k_by_strata)) == k_may_shadow;
     if (settings_.check && flag & k_light_blocked) group.blocked_by[r] = group.candidates[slot];
-    if (settings_.count_uses && o.field && work.before[r] && (!flag || flag & k_light_blocked)) {
-      use_of(o, request.stats)
-          .add_answered(group.light_samples[r], shading_points.instance[r] == group.candidates[slot]);
-    }
+    const bool is_answered = o.field && work.before[r] && (!flag || flag & k_light_blocked);
+    if (settings_.count_uses && is_answered && shading_points.instance[r] == group.candidates[slot])
+      use_of(o, request.stats).self_answered += group.light_samples[r];
   }
   const uint32_t end = uint32_t(group.open_points.size());
   if (end > begin) group.open.push_back({slot, begin, end});

@@ -151,9 +151,6 @@ class ShadowAnswerer {
   // settled, whose clear[i] is meaningless.
   void filter(const FilterRequest& request) const;
 
-  // Call for a shading point with what filter() has settled of its samples: counts uses of the fields.
-  void count_filtered(const ShadowGroup& group, uint32_t shading_point, uint32_t samples, Stats& stats) const;
-
   // For --check: traces the rays of shading points (indices into the group's) whose whole light find_candidates() found
   // `blocked`, or clear; `samples` consecutive rays for each. Self-shadowing counts what the field of the ray's object
   // answered: that it blocks the light or, of a clear light, that neither it nor any other candidate does.

@@ -105,8 +105,6 @@ void ShadowAnswerer::count_uses(const ShadowInstance& o, const ShadowBatch& batc
     const bool self = batch.instance[i] == o.cone.segment.instance;
     const bool undecided = verdict == scalar::k_verdict_undecided;
     const bool answered = verdict == scalar::k_verdict_clear || verdict == scalar::k_verdict_blocked;
-    use.undecided += undecided;
-    use.answered += answered;
     use.self_undecided += self && undecided;
     use.self_answered += self && answered;
   }

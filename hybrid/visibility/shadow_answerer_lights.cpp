@@ -139,14 +139,4 @@ void ShadowAnswerer::filter(const FilterRequest& request) const {
   }
 }
 
-void ShadowAnswerer::count_filtered(const ShadowGroup& group, uint32_t shading_point, uint32_t samples,
-                                    Stats& stats) const {
-  if (!settings_.count_uses) return;
-  for (const ShadowGroup::OpenCandidate& open : group.open) {
-    const auto points = std::span(group.open_points).subspan(open.begin, open.end - open.begin);
-    if (!std::binary_search(points.begin(), points.end(), shading_point)) continue;
-    use_of(instances_[group.candidates[open.slot]], stats).add_answered(samples, false);
-  }
-}
-
 }  // namespace fieldtrace

@@ -100,17 +100,9 @@ TEST_P(StressObjects, PictureAndCertificatesMeetTheAims) {
 
 // An object whose field would answer hardly any ray is left to exact rays; the picture is then exact.
 TEST(Stress, ObjectsNotWorthAFieldAreLeftToRays) {
-  EXPECT_FALSE(leaves_self_to_rays({.self_answered = 200, .self_undecided = 600}, 1.0, 0));
-  EXPECT_TRUE(leaves_self_to_rays({.self_answered = 200, .self_undecided = 601}, 1.0, 0));
-  EXPECT_FALSE(leaves_self_to_rays({}, 1.0, 0));
-  // An object's own points are judged by themselves.
-  EXPECT_TRUE(leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_undecided = 900}, 1.0, 0));
-  EXPECT_FALSE(
-      leaves_self_to_rays({.answered = 300, .undecided = 1000, .self_answered = 300, .self_undecided = 900}, 1.0, 0));
-  EXPECT_TRUE(leaves_to_rays({.answered = 10}, 10.0, 101));
-  EXPECT_FALSE(leaves_to_rays({.answered = 10}, 10.0, 100));
-  EXPECT_TRUE(leaves_self_to_rays({.self_answered = 10}, 10.0, 101));
-  EXPECT_FALSE(leaves_self_to_rays({.self_answered = 10}, 10.0, 100));
+  EXPECT_FALSE(is_undecided_of_itself({.self_answered = 200, .self_undecided = 600}));
+  EXPECT_TRUE(is_undecided_of_itself({.self_answered = 200, .self_undecided = 601}));
+  EXPECT_FALSE(is_undecided_of_itself({}));
 
   const Scene scene = stress_scene(stress_objects()[1], 0.16f);
   RenderOptions o;

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/mesh/mesh_procedural.h"
 #include "hybrid/compare/compare.h"
@@ -57,20 +58,22 @@ RenderOptions coarse_fields() {
   return o;
 }
 
-// Each light sample near the only object is spared by an answer of its field, or is a ray that the field answers or
-// leaves undecided.
+// Of the light samples near the only object, those of shading points on it are answered by its field, or left
+// undecided, or filtered, where whole lights are asked; else each is a ray that crosses the object's bounds. None is
+// counted twice.
 TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
   const Scene scene = lit_knot(1.0f, {{{2, -2, 4}, 0.6f}});
   const Accel accel(scene);
   Field field(field_ball(scene.shapes[0].bounds), {.directions = 32, .plane = 64});
-  const ShadowAnswerer answerer(scene, accel, shape_traits(scene), {&field, nullptr, nullptr},
-                                {.isa = resolve_isa(Isa::automatic), .count_uses = true});
   const CameraSampler camera(scene.camera, scene.film);
-  for (const int pixel_samples : {1, 16}) {
+  uint64_t counted = 0;
+  for (const auto& [pixel_samples, whole] : {std::pair(1, true), {16, true}, {16, false}}) {
+    const ShadowAnswerer answerer(scene, accel, shape_traits(scene), {&field, nullptr, nullptr},
+                                  {.isa = resolve_isa(Isa::automatic), .whole_lights = whole, .count_uses = true});
     TransportSettings settings;
     settings.pixel_samples = pixel_samples;
     settings.light_samples = 256 / pixel_samples;
-    settings.estimates = true;
+    settings.estimates = whole;
     settings.max_depth = 2;
     settings.isa = resolve_isa(Isa::automatic);
     const TransportContext context(scene, accel, camera, answerer, settings);
@@ -81,12 +84,18 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
         pixels, ranges, {}, 1, worker, [] { return true; },
         [](const PixelRun&, std::span<const Rgb>, std::span<const FirstHit>) {});
     const Stats& stats = worker.stats();
-    EXPECT_GT(stats.strata, 5000u);
+    EXPECT_EQ(stats.strata > 5000u, whole);
     EXPECT_GT(stats.rays_crossing, 1000u);
     ASSERT_FALSE(stats.field_uses.empty());
-    const uint64_t uses = stats.field_uses[0].answered + stats.field_uses[0].undecided;
-    const uint64_t answers = stats.samples_spared + stats.rays_crossing;
-    EXPECT_EQ(uses, answers);
+    const FieldUse& use = stats.field_uses[0];
+    EXPECT_GT(use.self_answered, 1000u);
+    EXPECT_GT(use.self_undecided, 1000u);
+    EXPECT_LE(use.self_answered + use.self_undecided, use.self_met);
+    EXPECT_LT(use.self_met, use.met);
+    const uint64_t before = std::exchange(counted, use.self_answered + use.self_undecided);
+    if (!whole) {
+      EXPECT_NEAR(double(counted), double(before), 0.01 * double(counted));
+    }
   }
 }
 

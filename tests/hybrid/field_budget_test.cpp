@@ -50,6 +50,17 @@ TEST(FieldBudget, ThreadsTakeNoMoreThanThereIs) {
   }
 }
 
+TEST(FieldBudget, AFieldCountsCellsAndTheirTriangles) {
+  Field field(test::test_ball(), k_small);
+  test::fill_slice(field, FieldLayer::depth, 0);
+  test::fill_slice(field, FieldLayer::visibility, 0);
+  EXPECT_EQ(field.cells_baked(), 2u * scalar::k_slice_cells);
+  EXPECT_EQ(field.primitives_baked(), 0u);
+  test::fill_slice(field, FieldLayer::primitive, 0);
+  EXPECT_EQ(field.cells_baked(), 2u * scalar::k_slice_cells);
+  EXPECT_EQ(field.primitives_baked(), uint64_t(scalar::k_slice_cells));
+}
+
 TEST(FieldBudget, AFieldChargesBricksOnceAndGivesThemBack) {
   FieldBudget budget;
   {
@@ -279,26 +290,19 @@ TEST(FieldSet, StepsDownToFewerObjects) {
   EXPECT_TRUE(FieldSet(scene, traits, plan, budget, false).empty());
 }
 
-TEST(FieldSet, IsLeftToRaysWhereLookUpsCostMoreThanTheySpare) {
-  Scene scene;
-  Shape& shape = scene.shapes.emplace_back();
-  shape.mesh = make_sphere({.around = 32, .along = 32});
-  shape.bounds = shape.mesh.bounds();
-  scene.instances.emplace_back().shape = 0;
+// Where cost does not decide, nothing is left to rays for it.
+TEST(FieldSet, LeavesAllWhereCostDecides) {
+  const Scene scene = test::hybrid_scene("object_over_floor", 32).scene;
   const std::vector<ShapeTraits> traits = shape_traits(scene);
   FieldPlan plan;
   plan.parameters = k_small;
-  FieldSurvey survey;
-  survey.uses = {{.answered = uint64_t(1) << 50}};
-  survey.look_ups = 1e6;
-  for (const double spared : {0.99e6 * k_look_up_cost, 1.01e6 * k_look_up_cost}) {
-    for (const bool cost_decides : {false, true}) {
-      plan.light_samples = cost_decides ? 1e12 : std::numeric_limits<double>::infinity();
-      FieldSet fields(scene, traits, plan, FieldBudget::k_no_limit, true);
-      ASSERT_TRUE(fields.answers_shadows());
-      fields.leave_to_rays(survey, spared);
-      EXPECT_EQ(fields.answers_shadows(), !cost_decides || spared > 1e6 * k_look_up_cost) << spared;
-    }
+  for (const bool cost_decides : {false, true}) {
+    plan.light_samples = cost_decides ? 1e12 : std::numeric_limits<double>::infinity();
+    FieldSet fields(scene, traits, plan, FieldBudget::k_no_limit, true);
+    ASSERT_TRUE(fields.answers_shadows());
+    fields.leave_all();
+    EXPECT_EQ(fields.answers_shadows(), !cost_decides);
+    EXPECT_EQ(fields.empty(), cost_decides);
   }
 }
 
@@ -319,15 +323,13 @@ TEST(FieldSet, HasFieldsThatPay) {
     for (const double part : {0.99, 1.01}) {
       FieldSurvey survey;
       survey.uses.resize(scene.shapes.size());
-      for (FieldUse& use : survey.uses) use.met = use.answered = uint64_t(part * k_answers_a_bake_ray * bake);
+      for (FieldUse& use : survey.uses) use.met = uint64_t(part * k_answers_a_bake_ray * bake);
       plan.light_samples = part * k_answers_a_bake_ray * bake;
       EXPECT_EQ(FieldSet(scene, traits, plan, FieldBudget::k_no_limit, true).answers_shadows(), part > 1.0);
       plan.light_samples = 1e15;
       FieldSet fields(scene, traits, plan, FieldBudget::k_no_limit, true);
       ASSERT_TRUE(fields.answers_shadows());
       fields.leave_unpaid(survey);
-      EXPECT_EQ(fields.answers_shadows(), part > 1.0);
-      fields.leave_to_rays(survey, 1.0);
       EXPECT_EQ(fields.answers_shadows(), part > 1.0);
     }
   }
