@@ -1,5 +1,7 @@
 #include "field/file/field_file.h"
 
+#include <tbb/task_arena.h>
+
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
@@ -300,15 +302,18 @@ Hash128 slices_hash(const Field& field) {
 }
 
 LoadedField load_field(Field& field, const FieldIdentity& identity, const std::string& path) {
-  const FieldFile file(path);
-  const FieldIdentity& held = file.header().identity;
-  if (held.geometry != identity.geometry || held.primitive_count != identity.primitive_count) {
-    throw FieldFileError(path, "belongs to another mesh");
-  }
-  if (!(held == identity)) throw FieldFileError(path, "has another chart or other parameters");
-  const FieldFile::Copied copied = file.copy_to(field);
-  if (copied == FieldFile::Copied::nothing) throw FieldFileError(path, "has another bounding sphere");
-  return {file.slices(), copied == FieldFile::Copied::all};
+  // A thread that waits for parts of its file begins nothing else: no other file, which would lie in memory as well.
+  return tbb::this_task_arena::isolate([&]() -> LoadedField {
+    const FieldFile file(path);
+    const FieldIdentity& held = file.header().identity;
+    if (held.geometry != identity.geometry || held.primitive_count != identity.primitive_count) {
+      throw FieldFileError(path, "belongs to another mesh");
+    }
+    if (!(held == identity)) throw FieldFileError(path, "has another chart or other parameters");
+    const FieldFile::Copied copied = file.copy_to(field);
+    if (copied == FieldFile::Copied::nothing) throw FieldFileError(path, "has another bounding sphere");
+    return {file.slices(), copied == FieldFile::Copied::all};
+  });
 }
 
 // ---- writing

@@ -15,8 +15,6 @@ namespace fieldtrace {
 namespace {
 
 constexpr const char* k_depth_grid = "depth";
-// Tasks of .1 ms.
-constexpr size_t k_leaves_of_task = 64;
 constexpr const char* k_not_of_a_bake = "has depths that no bake writes";
 
 using DepthRow = std::array<uint16_t, k_vdb_leaf_side>;
@@ -75,9 +73,8 @@ void visit_depths(const std::optional<VdbStoredGrid>& depths, const std::string&
   if (!depths) return;
   std::atomic<bool> sound = true;
   const std::vector<VdbStoredLeaf>& leaves = depths->leaves;
-  parallel_for((leaves.size() + k_leaves_of_task - 1) / k_leaves_of_task, [&](size_t task) {
-    const size_t begin = task * k_leaves_of_task, end = std::min(begin + k_leaves_of_task, leaves.size());
-    for (size_t i = begin; i < end; ++i) {
+  parallel_for_parts(leaves.size(), [&](size_t first, size_t end) {
+    for (size_t i = first; i < end; ++i) {
       const VdbStoredLeaf& leaf = leaves[i];
       if (!visit_rows(*depths, leaf, [&](int x, int y, const DepthRow& row) { visit(x, y, leaf.origin[2], row); })) {
         sound = false;

@@ -1,6 +1,4 @@
 // Scenes, fields and pictures of the C interface.
-#include <tbb/task_arena.h>
-
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -404,10 +402,8 @@ FTError ftLoadField(FTScene scene, uint32_t mesh, const char* path) {
     Field* const field = s.field_of(mesh);
     require(field != nullptr, "mesh " + std::to_string(mesh) + " has no field");
     LoadedField loaded;
-    execute_in(s.device->arena, [&] {
-      tbb::this_task_arena::isolate(
-          [&] { loaded = load_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
-    });
+    execute_in(s.device->arena,
+               [&] { loaded = load_field(*field, field_identity(s.scene.shapes[mesh], s.parameters), file); });
     if (!loaded.whole)
       throw Failure(FT_ERROR_OUT_OF_MEMORY,
                     "ftLoadField: \"field_memory\", or the system, has no room for all of the field; a part was read");

@@ -146,7 +146,7 @@ void FieldSet::leave_undecided(const FieldSurvey& survey) {
 void FieldSet::load(FieldCache& cache) {
   if (!plan_.read_cache) return;
   std::atomic<bool> has_loaded = has_loaded_;
-  parallel_for_isolated(fields_.size(), [&](size_t s) {
+  parallel_for(fields_.size(), [&](size_t s) {
     if (!fields_[s] || budget_->exceeded()) return;
     if (!cache.load(*fields_[s], field_identity(scene_.shapes[s], plan_.parameters))) return;
     loaded_[s] = bake_rays_of(*fields_[s]);

@@ -52,7 +52,8 @@ struct Picture {
   bool by_rounds() const { return options.by_rounds(); }
   bool is_adaptive() const;  // whether lights that may be hidden get more light samples
   bool has_area_lights() const;
-  // Light samples of each camera sample where lights may be hidden, which only those of area lights are; `open_rays` as in FieldSurvey.
+  // Light samples of each camera sample where lights may be hidden, which only area lights have more of; `open_rays` as
+  // in FieldSurvey.
   int open_samples(double open_rays) const;
   int open_sun_samples() const;  // the same of suns
   // Whether pixels have too few light samples for fields, with `open_samples` for each camera sample where lights may
