@@ -12,7 +12,7 @@
 
 #include "core/image/image.h"
 #include "core/scene/scene.h"
-#include "hybrid/film/sample_allocation.h"
+#include "hybrid/film/noise_sums.h"
 
 namespace fieldtrace {
 

@@ -76,19 +76,6 @@ void PixelSums::merge(const PixelSums& other) {
   seconds += other.seconds;
 }
 
-DVec3 PixelSums::half_difference() const {
-  if (!has_halves()) return DVec3(0.0);
-  const DVec3 half = 0.5 * (mean_of(0) - mean_of(1));
-  return half * half;
-}
-
-DVec3 PixelSums::quarter_difference() const {
-  const double of_quarter = 0.5 * double(count[0]);
-  const DVec3 first = 0.5 / of_quarter * (radiance[0] - radiance[1]);
-  const DVec3 second = 0.5 / of_quarter * (radiance[2] - radiance[3]);
-  return 0.5 * (first * first + second * second);
-}
-
 DVec3 PixelSums::variance(double decay) const {
   if (has_halves()) return half_difference() / (std::exp2(decay) - 1.0);
   const double n = double(samples());
@@ -107,21 +94,6 @@ StoredSums::StoredSums(const PixelSums& sums)
     std::memcpy(values_, &sums.radiance[0], sizeof(DVec3));
     std::memcpy(values_ + 6, &sums.squares, sizeof(DVec3));
   }
-}
-
-StoredSums::operator PixelSums() const {
-  PixelSums sums;
-  sums.count[0] = count_[0];
-  sums.count[1] = count_[1];
-  sums.work = work_;
-  sums.seconds = seconds_;
-  if (sums.has_halves()) {
-    for (int i = 0; i < 12; ++i) sums.radiance[i / 3][i % 3] = values_[i];
-  } else {
-    std::memcpy(&sums.radiance[0], values_, sizeof(DVec3));
-    std::memcpy(&sums.squares, values_ + 6, sizeof(DVec3));
-  }
-  return sums;
 }
 
 FilmSums::FilmSums(const Rect& w, bool has_layers) : window(w) {

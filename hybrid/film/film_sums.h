@@ -9,6 +9,7 @@
 
 #include <array>
 #include <cstdint>
+#include <cstring>
 #include <span>
 #include <vector>
 
@@ -72,6 +73,34 @@ class StoredSums {
   uint32_t count_[2];
   float work_, seconds_;
 };
+
+inline DVec3 PixelSums::half_difference() const {
+  if (!has_halves()) return DVec3(0.0);
+  const DVec3 half = 0.5 * (mean_of(0) - mean_of(1));
+  return half * half;
+}
+
+inline DVec3 PixelSums::quarter_difference() const {
+  const double of_quarter = 0.5 * double(count[0]);
+  const DVec3 first = 0.5 / of_quarter * (radiance[0] - radiance[1]);
+  const DVec3 second = 0.5 / of_quarter * (radiance[2] - radiance[3]);
+  return 0.5 * (first * first + second * second);
+}
+
+inline StoredSums::operator PixelSums() const {
+  PixelSums sums;
+  sums.count[0] = count_[0];
+  sums.count[1] = count_[1];
+  sums.work = work_;
+  sums.seconds = seconds_;
+  if (sums.has_halves()) {
+    for (int i = 0; i < 12; ++i) sums.radiance[i / 3][i % 3] = values_[i];
+  } else {
+    std::memcpy(&sums.radiance[0], values_, sizeof(DVec3));
+    std::memcpy(&sums.squares, values_ + 6, sizeof(DVec3));
+  }
+  return sums;
+}
 
 // The sums of a window's pixels, row by row.
 struct FilmSums {

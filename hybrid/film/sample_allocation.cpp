@@ -15,98 +15,36 @@ constexpr double k_unseen = 0.25;
 // Cells get no more where that leaves so many times what is left if all get the most.
 constexpr double k_all_but = 1.01;
 
-struct CellSums {
-  double pixels = 0.0, square = 0.0, work = 0.0, samples = 0.0;  // square: half_difference()
-  double of_value = 0.0;                                         // square of the mean
-  double of_quarters = 0.0, of_their_halves = 0.0;  // of pixels in quarters: these' and halves' differences
-
-  void add(const CellSums& o) {
-    pixels += o.pixels, square += o.square, work += o.work, samples += o.samples, of_value += o.of_value;
-    of_quarters += o.of_quarters, of_their_halves += o.of_their_halves;
-  }
-  // The variance of one sample, if it fell by `decay` from half the samples to all, and falls by later_decay() of that.
-  double variance(double decay) const {
-    if (!(pixels > 0.0)) return 0.0;
-    return square / pixels / (std::exp2(decay) - 1.0) * std::pow(samples / pixels, later_decay(decay));
-  }
-  // How the mean square falls from half the samples to all: that of pixels without quarters by `decay`.
-  double decay_or(double decay, double most) const {
-    if (!(square > 0.0)) return decay;
-    double left = std::max(square - of_their_halves, 0.0) / (std::exp2(decay) - 1.0);
-    left += noise_left(of_their_halves, of_quarters, most);
-    return std::log2(1.0 + square / left);
-  }
-};
-
-// The value that a pixel's error is relative to: the mean of its own and its diagonal neighbours', which are of its
-// colour. Its own alone goes up and down with its noise: a bright sample that one half has would be an error of 1,
-// however bright it is. Its neighbours' alone would make too much of a highlight amid dark ones.
-DVec3 value_about(const FilmSums& film, int x, int y) {
-  const Rect& w = film.window;
-  const auto mean = [&](int i, int j) { return PixelSums(film.pixels[film.index(i, j)]).mean(); };
-  DVec3 sum = mean(x, y);
-  double count = 1.0;
-  for (const int j : {y - 1, y + 1}) {
-    for (const int i : {x - 1, x + 1}) {
-      if (i < w.x || i >= w.x + w.width || j < w.y || j >= w.y + w.height) continue;
-      sum += mean(i, j);
-      ++count;
-    }
-  }
-  return sum / count;
+// The variance of one sample, if it fell by `decay` from half the samples to all, and falls by later_decay() of that.
+double variance_of_one(const NoiseCellSums& s, double decay) {
+  if (!(s.pixels > 0.0)) return 0.0;
+  return s.square / s.pixels / (std::exp2(decay) - 1.0) * std::pow(s.samples / s.pixels, later_decay(decay));
 }
 
-CellSums sums_of(const FilmSums& film, int x, int y, ErrorMeasure measure) {
-  const PixelSums p = film.pixels[film.index(x, y)];
-  const DVec3 value = measure == ErrorMeasure::relative ? value_about(film, x, y) : DVec3(0.0);
-  const DVec3 mean = p.mean();
-  CellSums s = {1.0, weighted_square(p.half_difference(), value, measure), p.work, double(p.samples()),
-                weighted_square(mean * mean, value, measure)};
-  if (!p.has_quarters()) return s;
-  s.of_quarters = weighted_square(p.quarter_difference(), value, measure);
-  s.of_their_halves = s.square;
-  return s;
+// How the mean square falls from half the samples to all: that of pixels without quarters by `decay`.
+double decay_of(const NoiseCellSums& s, double decay, double most) {
+  if (!(s.square > 0.0)) return decay;
+  double left = std::max(s.square - s.of_their_halves, 0.0) / (std::exp2(decay) - 1.0);
+  left += noise_left(s.of_their_halves, s.of_quarters, most);
+  return std::log2(1.0 + s.square / left);
 }
 
 }  // namespace
 
-double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure measure) {
-  if (measure == ErrorMeasure::absolute) return (squares.x + squares.y + squares.z) / 3.0;
-  const DVec3 weighted = squares / (value * value + k_relative_floor);
-  return (weighted.x + weighted.y + weighted.z) / 3.0;
-}
-
-NoiseCells::NoiseCells(const Rect& window) : window_(window) {
-  const auto blocks_along = [](int n) { return size_t((n + k_noise_block - 1) / k_noise_block); };
-  columns_ = blocks_along(window_.width);
-  rows_ = blocks_along(window_.height);
-}
-
-SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, double decay, double most) {
-  const Rect& window = film.window;
-  const NoiseCells cells(window);
-  const size_t columns = cells.columns(), rows = cells.rows();
-  std::vector<CellSums> sums(cells.count());
-  parallel_for(rows, [&](size_t row) {
-    const int top = window.y + int(row) * k_noise_block;
-    for (int y = top; y < std::min(top + k_noise_block, window.y + window.height); ++y) {
-      for (int x = window.x; x < window.x + window.width; ++x) {
-        sums[cells.cell(x, y)].add(sums_of(film, x, y, measure));
-      }
-    }
-  });
-  CellSums colours[2];
-  for (size_t i = 0; i < sums.size(); ++i) colours[i & 1].add(sums[i]);
+SampleAllocation::SampleAllocation(const NoiseSums& sums, double decay, double most) {
+  const size_t columns = sums.cells().columns(), rows = sums.cells().rows(), count = sums.cells().count();
+  NoiseCellSums colours[2];
+  for (size_t i = 0; i < count; ++i) colours[i & 1].add(sums[i]);
   for (size_t colour = 0; colour < 2; ++colour) {
-    const CellSums& shown = colours[1 - colour].pixels > 0.0 ? colours[1 - colour] : colours[colour];
-    colour_decay_[colour] = shown.decay_or(std::min(decay, most), most);
+    const NoiseCellSums& shown = colours[1 - colour].pixels > 0.0 ? colours[1 - colour] : colours[colour];
+    colour_decay_[colour] = decay_of(shown, std::min(decay, most), most);
   }
-  pixels_ = double(film.pixels.size());
+  pixels_ = colours[0].pixels + colours[1].pixels;
   // As the other colour shows it, too.
   const auto unseen_by = [&](size_t colour) {
     const size_t shown = colours[1 - colour].pixels > 0.0 ? 1 - colour : colour;
     std::vector<double> values;
-    for (size_t i = shown; i < sums.size(); i += 2) {
+    for (size_t i = shown; i < count; i += 2) {
       if (sums[i].of_value > 0.0) values.push_back(sums[i].of_value / sums[i].pixels);
     }
     if (values.empty()) return k_unseen;
@@ -116,19 +54,19 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
   };
   const double unseen[2] = {unseen_by(0), unseen_by(1)};
   // Each colour is planned by the other one's sums, and by how noise falls as these show it.
-  std::vector<double> variances(sums.size());
+  std::vector<double> variances(count);
   parallel_for(rows, [&](size_t row) {
     for (size_t i = 2 * row * columns; i < 2 * (row + 1) * columns; ++i)
-      variances[i] = sums[i].variance(colour_decay_[1 - (i & 1)]);
+      variances[i] = variance_of_one(sums[i], colour_decay_[1 - (i & 1)]);
   });
-  cells_.resize(sums.size());
+  cells_.resize(count);
   for (size_t row = 0; row < rows; ++row) {
     for (size_t column = 0; column < columns; ++column) {
       for (size_t colour = 0; colour < 2; ++colour) {
         const size_t block = row * columns + column, mine = 2 * block + colour, others = 2 * block + 1 - colour;
         const double p = colour_decay_[colour], later = later_decay(p);
-        const CellSums &own = sums[mine], &other = sums[others];
-        const double variance = other.pixels > 0.0 ? variances[others] : own.variance(p);
+        const NoiseCellSums &own = sums[mine], &other = sums[others];
+        const double variance = other.pixels > 0.0 ? variances[others] : variance_of_one(own, p);
         // Half of what is known comes from the blocks around: a block's own estimate is noisy.
         double around = 0.0, weight = 0.0;
         for (size_t r = row - std::min<size_t>(row, 1); r <= std::min(row + 1, rows - 1); ++r) {
@@ -141,7 +79,7 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
         around = weight > 0.0 ? around / weight : variance;
         NoiseCell& cell = cells_[mine];
         cell.pixels = own.pixels;
-        const CellSums& shown = other.samples > 0.0 ? other : own;
+        const NoiseCellSums& shown = other.samples > 0.0 ? other : own;
         const double of_whole_cell = 0.5 * k_noise_block * k_noise_block * shown.samples / std::max(shown.pixels, 1.0);
         cell.variance = 0.5 * (variance + around);
         if (of_whole_cell > 0.0) cell.unseen = unseen[colour] / of_whole_cell;
@@ -158,7 +96,7 @@ SampleAllocation::SampleAllocation(const FilmSums& film, ErrorMeasure measure, d
     colour_mean_square_[colour] /= std::max(colour_pixels_[colour], 1.0);
   }
   colours[0].add(colours[1]);
-  decay_ = colours[0].decay_or(std::min(decay, most), most);
+  decay_ = decay_of(colours[0], std::min(decay, most), most);
 }
 
 double SampleAllocation::mean_samples() const {

@@ -17,23 +17,11 @@
 #include <cstdint>
 #include <vector>
 
-#include "hybrid/film/film_sums.h"
+#include "core/math/math.h"
 #include "hybrid/film/noise_forecast.h"
+#include "hybrid/film/noise_sums.h"
 
 namespace fieldtrace {
-
-// Pixels along each side of a block.
-inline constexpr int k_noise_block = 8;
-
-// Added to the denominators of relative metrics, so that black pixels count without dominating.
-inline constexpr double k_relative_floor = 1e-2;
-
-// What an error is measured by: the root of the mean square over pixels and channels of the difference (absolute), or
-// of the difference over sqrt(value^2 + k_relative_floor) (relative; the square is the metric relmse).
-enum class ErrorMeasure { absolute, relative };
-
-// The mean over channels of squares, by the measure, where the picture's value is `value`.
-double weighted_square(const DVec3& squares, const DVec3& value, ErrorMeasure measure);
 
 // One colour of one block. Pixels of the same cell always have the same number of samples.
 struct NoiseCell {
@@ -46,28 +34,11 @@ struct NoiseCell {
   double samples = 0.0;  // of each pixel
 };
 
-// How a window's pixels fall into cells.
-class NoiseCells {
- public:
-  explicit NoiseCells(const Rect& window);
-  size_t cell(int x, int y) const {
-    const auto column = size_t((x - window_.x) / k_noise_block), row = size_t((y - window_.y) / k_noise_block);
-    return 2 * (row * columns_ + column) + size_t((x ^ y) & 1);
-  }
-  size_t columns() const { return columns_; }
-  size_t rows() const { return rows_; }
-  size_t count() const { return 2 * columns_ * rows_; }
-
- private:
-  Rect window_;
-  size_t columns_ = 0, rows_ = 0;
-};
-
 class SampleAllocation {
  public:
-  // The film's samples must be in quarters, or halves at least; `decay` is used where it has no quarters. `most`: as
-  // most_decay() says.
-  SampleAllocation(const FilmSums& film, ErrorMeasure measure, double decay, double most = k_smooth_decay);
+  // `sums`: of a film whose samples are in quarters, or halves at least; `decay` is used where it has no quarters.
+  // `most`: as most_decay() says.
+  SampleAllocation(const NoiseSums& sums, double decay, double most = k_smooth_decay);
 
   // The mean square error that noise makes, by the measure, as the colours show it of each other.
   double mean_square() const { return mean_square_; }

@@ -46,7 +46,7 @@ void AmbientOcclusion::add(const PathVertex& vertex, uint32_t slot, uint32_t pix
   r.points.sample[i] = index, r.points.transmits[i] = 0;
   r.reflect(i, Rgb(1.0f));
   r.kind[i] = ReceiverKind::diffuse;
-  r.path[i] = slot, r.pixel[i] = pixel;
+  r.path[i] = slot, r.cluster[i] = pixel;
 }
 
 LightExtent AmbientOcclusion::reach() const {

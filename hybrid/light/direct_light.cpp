@@ -33,8 +33,7 @@ void DirectLight::prepare(const Request& request) {
   const int pixel_samples = request.first ? context_.settings.pixel_samples : 1;
   const int64_t samples = int64_t(pixel_samples) * request.light_samples;
   const auto most = uint32_t(std::max(2 * k_shadow_batch / request.light_samples, 1));
-  const bool few = samples < k_fewest_cone_samples && !(request.first && context_.sky);
-  clusters_.build(receivers, context_.light_extents, most, few || pixel_samples == 1);
+  clusters_.build(receivers, context_.light_extents, most, pixel_samples == 1 && !request.joins_pixels);
   for (auto* sum : {&receivers.arriving_red, &receivers.arriving_green, &receivers.arriving_blue}) {
     sum->assign(receivers.size(), 0.0f);
   }

@@ -33,6 +33,7 @@ class DirectLight {
     std::span<const PathVertex> vertices;
     int light_samples = 1;
     bool first = false;                     // they are those of camera rays, all samples of a pixel one after another
+    bool joins_pixels = false;              // numbers of clusters are those of blocks of pixels
     std::span<const PixelPosition> pixels;  // by path, if blocks of pixels are whole (pixel_blocks.h), else empty
     std::span<FirstHit> firsts;             // if not empty, indexed by path: receives the counts of shadow rays
     Stats& stats;

@@ -29,11 +29,11 @@ void LightReceivers::clear(size_t most) {
   points.resize(most);
   points.size = 0;
   for (auto* v : {&red, &green, &blue}) v->resize(padded(most));
-  for (auto* v : {&pixel, &path, &vertex}) v->resize(padded(most));
+  for (auto* v : {&cluster, &path, &vertex}) v->resize(padded(most));
   kind.resize(padded(most));
 }
 
-void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& state, uint32_t pixel_number) {
+void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& state, uint32_t cluster_number) {
   const Material& material = *v.material;
   if (material.delta() || material.dark) return;
   const size_t i = add_point(*v.surface, v.facing, v.frame.n);
@@ -41,7 +41,7 @@ void LightReceivers::add(const PathVertex& v, uint32_t index, const PathState& s
   points.transmits[i] = material.transmits();
   kind[i] = kind_of(material);
   reflect(i, kind[i] == ReceiverKind::diffuse ? material.reflectance : Rgb(0.0f));
-  pixel[i] = pixel_number, path[i] = v.path, vertex[i] = index;
+  cluster[i] = cluster_number, path[i] = v.path, vertex[i] = index;
 }
 
 size_t LightReceivers::add_point(const SurfacePoint& at, const Vec3& facing, const Vec3& shading) {
@@ -96,7 +96,7 @@ void LightReceivers::sort_by_instance(size_t begin, size_t end) {
   for (auto* v : {&p.px, &p.py, &p.pz, &p.gx, &p.gy, &p.gz, &p.sx, &p.sy, &p.sz, &p.error, &red, &green, &blue}) {
     permute(*v);
   }
-  for (auto* v : {&p.seed, &p.sample, &p.instance, &pixel, &path, &vertex}) permute(*v);
+  for (auto* v : {&p.seed, &p.sample, &p.instance, &cluster, &path, &vertex}) permute(*v);
   permute(p.transmits), permute(kind);
 }
 

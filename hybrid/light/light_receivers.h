@@ -26,9 +26,9 @@ struct LightReceivers {
   ShadingPointBatch points;               // radii are 0
   AlignedVector<float> red, green, blue;  // albedo / pi where plainly diffuse, else 0
   AlignedVector<ReceiverKind> kind;
-  AlignedVector<uint32_t> pixel;   // a number that those of one pixel share
-  AlignedVector<uint32_t> path;    // index of the PathState
-  AlignedVector<uint32_t> vertex;  // index of the PathVertex; k_none: none
+  AlignedVector<uint32_t> cluster;  // a number that those share that may form one: of one pixel, or of a block
+  AlignedVector<uint32_t> path;     // index of the PathState
+  AlignedVector<uint32_t> vertex;   // index of the PathVertex; k_none: none
   // DirectLight's result: the radiance reflected towards the path, path throughput not included.
   AlignedVector<float> arriving_red, arriving_green, arriving_blue;
 
@@ -36,11 +36,11 @@ struct LightReceivers {
   // Forgets all and makes room for `most`.
   void clear(size_t most);
   // `vertex`: whose index is `index`, or k_none if it will not be kept. Skips delta and dark materials.
-  void add(const PathVertex& vertex, uint32_t index, const PathState& state, uint32_t pixel_number);
+  void add(const PathVertex& vertex, uint32_t index, const PathState& state, uint32_t cluster_number);
   // Adds a point of a surface, with these normals, and returns its index. Leaves all else to the caller.
   size_t add_point(const SurfacePoint& at, const Vec3& facing, const Vec3& shading);
   // Adds what the rays of a run have met on one side of a surface, all of one plainly diffuse material, and returns the
-  // index of the first. Leaves points.seed, points.sample and `pixel` to the caller.
+  // index of the first. Leaves points.seed, points.sample and `cluster` to the caller.
   size_t add_run(const RayBatch& rays, const SurfaceBatch& surfaces, const HitRun& run, uint32_t instance,
                  const Material& material);
   // Gives a plainly diffuse receiver its own albedo.

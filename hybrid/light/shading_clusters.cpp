@@ -59,7 +59,7 @@ bool is_far(const LightExtent& light, const Vec3& position, float radius) {
          radius <= k_widest_cluster * glm::length(light.ball.centre - position);
 }
 
-// Whether point i forms a cluster with the first, which lies in the same pixel. Clusters are of one kind:
+// Whether point i forms a cluster with the first, whose number they share. Clusters are of one kind:
 // what lights the former leaves the sky to no other ray.
 bool joins(const LightReceivers& receivers, size_t first, size_t i) {
   const ShadingPointBatch& p = receivers.points;
@@ -80,10 +80,10 @@ bool all_join(const LightReceivers& receivers, size_t first, size_t end) {
          std::all_of(kind + first + 1, kind + end, [&](ReceiverKind k) { return k == kind[first]; });
 }
 
-size_t pixel_end(const LightReceivers& r, size_t begin) {
+size_t number_end(const LightReceivers& r, size_t begin) {
   size_t end = begin + 1;
   for (const size_t step : {64, 8, 1}) {
-    while (end + step <= r.size() && r.pixel[end + step - 1] == r.pixel[begin]) end += step;
+    while (end + step <= r.size() && r.cluster[end + step - 1] == r.cluster[begin]) end += step;
   }
   return end;
 }
@@ -158,18 +158,18 @@ void ShadingClusters::build(LightReceivers& receivers, std::span<const LightExte
     std::fill_n(centres_.sample.begin(), centres_.size, 0u);
     return;
   }
-  size_t pixel = 0;
+  size_t last = 0;
   bool is_even = true;
   for (size_t begin = 0, end = 0; begin < p.size; begin = end) {
-    if (begin == pixel) {
-      pixel = pixel_end(receivers, begin);
-      is_even = on_one_instance(p, begin, pixel);
-      if (!is_even) receivers.sort_by_instance(begin, pixel);
+    if (begin == last) {
+      last = number_end(receivers, begin);
+      is_even = on_one_instance(p, begin, last);
+      if (!is_even) receivers.sort_by_instance(begin, last);
     }
-    end = std::min(pixel, begin + most);
+    end = std::min(last, begin + most);
     if (!is_even || !all_join(receivers, begin, end)) {
-      const size_t last = end;
-      for (end = begin + 1; end < last && joins(receivers, begin, end);) ++end;
+      const size_t most_end = end;
+      for (end = begin + 1; end < most_end && joins(receivers, begin, end);) ++end;
     }
     add(receivers, lights, begin, end);
   }

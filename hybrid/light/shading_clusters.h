@@ -1,5 +1,6 @@
-// Clusters of shading points: the camera samples of one pixel that met the same instance. What is asked about a light's
-// visibility is asked once per cluster.
+// Clusters of shading points: the camera samples of one pixel that met the same instance, or of a block of pixels where
+// rays alone answer (TransportContext::clusters_blocks()). What is asked about a light's visibility is asked once per
+// cluster.
 //
 // Memory layout: each cluster is a range of the shading points.
 // Thread-safety: values.
@@ -33,9 +34,9 @@ inline constexpr float k_widest_cluster = 0.05f;
 
 class ShadingClusters {
  public:
-  // Clusters of at most `most` receivers each, in their order. Those of one pixel must be consecutive; where they lie
-  // on several instances they are sorted by these. Clusters too wide for one of `lights` (k_widest_cluster) fall apart
-  // into single points. single: every receiver is its own cluster.
+  // Clusters of at most `most` receivers each, in their order. Those of one number (LightReceivers::cluster)
+  // must be consecutive; where they lie on several instances they are sorted by these. Clusters too wide for one of
+  // `lights` (k_widest_cluster) fall apart into single points. single: every receiver is its own cluster.
   void build(LightReceivers& receivers, std::span<const LightExtent> lights, uint32_t most, bool single);
 
   size_t size() const { return clusters_.size(); }

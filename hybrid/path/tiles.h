@@ -13,8 +13,11 @@ inline constexpr int k_tile_size = 32;
 // Tiles of at most size x size pixels that cover `window`, row by row. size >= 1; an empty window has no tiles.
 std::vector<Rect> make_tiles(const Rect& window, int size);
 
-// Pixels along each side of the blocks of the film within which irradiance is fitted (hybrid/light/pixel_blocks.h).
+// Pixels along each side of the blocks of the film within which irradiance is fitted (hybrid/light/pixel_blocks.h);
 inline constexpr int k_block_size = 8;
+// and of those whose shading points form clusters where rays alone answer (hybrid/light/shading_clusters.h).
+inline constexpr int k_cluster_side = 4;
+static_assert(k_block_size % k_cluster_side == 0);
 
 // The pixels of a tile in blocks of 4 x 4, so that 16 consecutive camera rays are coherent in both directions.
 // by_blocks: these in blocks of k_block_size.

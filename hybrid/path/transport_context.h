@@ -100,6 +100,11 @@ struct TransportContext {
   bool has_fields() const { return sky || lobes || hits || settings.estimates; }
   // Whether irradiance is fitted within blocks of pixels (hybrid/light/pixel_blocks.h).
   bool fits_blocks() const { return sky || occlusion_sky; }
+  // Whether clusters span blocks of k_cluster_side pixels. Where rays alone answer, clusters share nothing but the
+  // search for what may hide a light; what fields and maps answer for a cluster holds for one pixel.
+  bool clusters_blocks() const { return !sky && !settings.estimates; }
+  // Whether the pixels of blocks are traced together (tile_pixels() by blocks).
+  bool traces_blocks() const { return fits_blocks() || clusters_blocks(); }
 };
 
 // Follows paths by `context`, which must outlive it (hybrid/transport/transport.cpp).

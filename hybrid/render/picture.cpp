@@ -119,7 +119,7 @@ void Picture::plan(int samples) {
 
 void Picture::split_lobes(TransportSettings& s, int lobe_samples) const {
   s.lobe_samples = lobe_samples;
-  s.pixel_samples = std::min(spp, batch_samples(lobe_samples));
+  s.pixel_samples = std::min(by_rounds() ? most_samples : spp, batch_samples(lobe_samples));
 }
 
 bool Picture::is_adaptive() const {

@@ -22,8 +22,8 @@
 #include "core/simd/isa.h"
 #include "field/file/keep.h"
 #include "field/store/risk_classes.h"
+#include "hybrid/film/noise_sums.h"
 #include "hybrid/film/part.h"
-#include "hybrid/film/sample_allocation.h"
 #include "hybrid/stats/stats.h"
 #include "hybrid/visibility/visibility_device.h"
 

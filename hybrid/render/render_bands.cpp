@@ -76,7 +76,7 @@ class TileRuns {
 class TileBatches {
  public:
   TileBatches(const Job& job, std::deque<TileOfBand>& tiles)
-      : lobe_samples_(job.context.settings.lobe_samples), by_blocks_(job.context.fits_blocks()), tiles_(tiles) {}
+      : lobe_samples_(job.context.settings.lobe_samples), by_blocks_(job.context.traces_blocks()), tiles_(tiles) {}
 
   bool next(BatchOfBand& batch) {
     for (; tile_ < tiles_.size(); ++tile_, batches_.reset()) {

@@ -14,7 +14,7 @@
 #include "core/platform/parallel.h"
 #include "core/platform/stopwatch.h"
 #include "core/sampling/sobol.hd.h"
-#include "hybrid/film/sample_allocation.h"
+#include "hybrid/film/noise_sums.h"
 #include "hybrid/path/ray_context.h"
 #include "hybrid/transport/trace_pixels.h"
 #include "hybrid/visibility/shadow_answerer.h"
@@ -304,8 +304,8 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
     samples = std::min(samples, in_time);
     stage.survey_samples = std::min(stage.survey_samples, 0.5 * in_time);
   } else if (samples >= k_fewest_samples && !has_sky(picture.scene) && chooses_light_samples(picture)) {
-    // Fewer may do, if they have more light samples.
-    survey_ray_noise(picture, stage, rays, k_more_samples, k_more_samples, stats);
+    // Fewer may do, if they have more light samples where lights may be hidden.
+    survey_ray_noise(picture, stage, rays, usual.light_samples, picture.open_samples(0.0), stats);
     const NoiseForecast& best = best_for_rays(stage).noise;
     const double target = square_of_target(options);
     if (best.work_to(target) < k_fewest_samples * noise.work)

@@ -38,7 +38,7 @@ class Rounds {
         stats_(stats),
         tiles_(picture_tiles(job.picture)),
         state_(std::move(state)),
-        cells_(picture_.window),
+        noise_sums_(picture_.window, picture_.options.error_measure),
         progress_(picture_.callbacks) {
     if (state_.film.pixels.empty()) {
       begin();
@@ -46,7 +46,10 @@ class Rounds {
       const auto& pixels = state_.film.pixels;
       job_.has_samples = std::any_of(pixels.begin(), pixels.end(), [](const PixelSums& p) { return p.samples() > 0; });
       for (const Rect& tile : tiles_) show(tile);
-      if (picture_.by_rounds()) work_before_ = allocation().work();
+      if (picture_.by_rounds()) {
+        noise_sums_.sum(state_.film);
+        work_before_ = allocation().work();
+      }
     }
   }
 
@@ -119,13 +122,15 @@ class Rounds {
       if (least > 1.0) state_.first_mean_square = 0.0;
       const uint32_t count = has_one_sample() ? 1 : job_.deadline ? 2 : uint32_t(first);
       const uint32_t most_samples = std::bit_floor(uint32_t(std::max(picture_.most_samples, 2)));
-      state_.counts.assign(cells_.count(),
+      state_.counts.assign(cells().count(),
                            std::clamp(uint32_t(std::max(least, 1.0)), count, std::max(count, most_samples)));
       if (has_one_sample()) expected_ = 1.0;
     } else {
       state_.counts.assign(1, uint32_t(picture_.most_samples));
     }
   }
+
+  const NoiseCells& cells() const { return noise_sums_.cells(); }
 
   // Whether pixels have one sample at most, of whose noise a survey tells.
   bool has_one_sample() const {
@@ -137,8 +142,7 @@ class Rounds {
 
   // Of all samples so far.
   const SampleAllocation& allocation() {
-    if (!allocation_)
-      allocation_.emplace(state_.film, options_.error_measure, state_.decay, most_decay(job_.context.has_fields()));
+    if (!allocation_) allocation_.emplace(noise_sums_, state_.decay, most_decay(job_.context.has_fields()));
     return *allocation_;
   }
 
@@ -147,7 +151,7 @@ class Rounds {
     const FilmSums& film = state_.film;
     const bool is_begun = state_.round > 0 && contains(film.window, p);
     const uint32_t done = is_begun ? film.pixels[film.index(p.x, p.y)].samples() : 0;
-    return {done, state_.counts[picture_.by_rounds() ? cells_.cell(p.x, p.y) : 0]};
+    return {done, state_.counts[picture_.by_rounds() ? cells().cell(p.x, p.y) : 0]};
   }
 
   void trace() {
@@ -166,6 +170,7 @@ class Rounds {
       {
         const std::shared_lock lock(mutex_);
         add(sums);
+        if (picture_.by_rounds()) noise_sums_.sum(state_.film, tiles_[tile]);
         state_.tiles_done[tile] = 1;
       }
       const std::lock_guard lock(mutex_);
@@ -225,7 +230,7 @@ class Rounds {
       return {uint32_t(std::max(picture_.most_samples - int(done), 0))};
     }
     const double noise = this->noise();
-    std::vector<uint32_t> none(cells_.count(), 0);
+    std::vector<uint32_t> none(cells().count(), 0);
     const bool has_target = options_.target_error > 0.0f;
     const double target = has_target ? double(options_.target_error) * double(options_.target_error) : 0.0;
     const double noise_target = std::max(target - state_.field_mean_square, 0.0);
@@ -235,7 +240,7 @@ class Rounds {
                ", so more samples cannot reach the target error; render the picture again without --resume");
       return none;
     }
-    if (has_one_sample()) return std::vector<uint32_t>(cells_.count(), noise > noise_target ? 1 : 0);
+    if (has_one_sample()) return std::vector<uint32_t>(cells().count(), noise > noise_target ? 1 : 0);
     const SampleAllocation& allocation = this->allocation();
     SampleAllocation::Limits limits;
     limits.mean_square = noise_target;
@@ -262,7 +267,7 @@ class Rounds {
   Stats& stats_;
   const std::vector<Rect> tiles_;
   Checkpoint state_;
-  NoiseCells cells_;
+  NoiseSums noise_sums_;  // of the film, by rounds
   Progress progress_;
   std::shared_mutex mutex_;  // shared: of those who add a tile
   const Clock::time_point begin_ = Clock::now();

@@ -54,7 +54,7 @@ Rect traced_pixels(const Picture& picture) {
 }
 
 void begin_tile(const Job& job, const Pass& pass, const Rect& tile, TileSums& sums) {
-  sums.pixels = tile_pixels(tile, job.context.fits_blocks());
+  sums.pixels = tile_pixels(tile, job.context.traces_blocks());
   sums.sums.assign(sums.pixels.size(), {});
   sums.aovs.assign(job.context.settings.first_hits ? sums.pixels.size() : 0, {});
   sums.in_quarters = pass.in_quarters;

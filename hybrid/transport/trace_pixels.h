@@ -15,7 +15,8 @@ inline constexpr int k_batch_samples = 4096;
 inline constexpr int k_fewest_batch_samples = 16;
 
 // The most camera samples in one batch. Batches hold whole pixels, whose shading points form clusters, or samples of
-// one pixel alone; where workers fit blocks of pixels (tile_pixels() by blocks), whole blocks or parts of one.
+// one pixel alone; where workers trace blocks of pixels together (tile_pixels() by blocks), whole blocks or parts of
+// one.
 inline int batch_samples(int lobe_samples) { return std::max(k_batch_samples / lobe_samples, k_fewest_batch_samples); }
 
 // The sequences that a pixel's samples are taken from, which are independent of each other.
@@ -122,7 +123,7 @@ template <class GoesOn, class Add>
 bool trace_pixels(std::span<const PixelPosition> pixels, std::span<const SampleRange> ranges,
                   const Sequences& sequences, int lobe_samples, TransportWorker& worker, const GoesOn& goes_on,
                   const Add& add) {
-  PixelBatches batches(pixels, ranges, sequences, lobe_samples, worker.fits_blocks());
+  PixelBatches batches(pixels, ranges, sequences, lobe_samples, worker.traces_blocks());
   CameraSamples samples;
   std::vector<Rgb> radiance;
   std::vector<PixelRun> runs;

@@ -49,8 +49,10 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
 }
 
 void TransportWorker::Impl::make_seeds(const CameraSamples& samples) {
-  for (auto* v : {&pixel_seeds, &vertex_seeds, &pixel_numbers}) v->resize(padded(samples.size));
-  uint32_t number = 0;
+  for (auto* v : {&pixel_seeds, &vertex_seeds, &pixel_numbers, &block_numbers}) v->resize(padded(samples.size));
+  joins_pixels = samples.whole_blocks && context.clusters_blocks();
+  const auto pixel_at = [&](size_t i) { return PixelPosition{int(samples.x[i]), int(samples.y[i])}; };
+  uint32_t number = 0, block = 0;
   for (size_t begin = 0, end = 0; begin < samples.size; begin = end) {
     const uint32_t x = samples.x[begin], y = samples.y[begin], replicate = samples.replicate[begin];
     const auto is_same = [&](size_t i) { return samples.x[i] == x && samples.y[i] == y; };
@@ -61,6 +63,9 @@ void TransportWorker::Impl::make_seeds(const CameraSamples& samples) {
     std::fill_n(&vertex_seeds[begin], end - begin, scalar::vertex_seed(seed, 0));
     number += begin == 0 || !is_same(begin - 1);
     std::fill_n(&pixel_numbers[begin], end - begin, number);
+    if (!joins_pixels) continue;
+    block += begin == 0 || !in_one_block(pixel_at(begin - 1), pixel_at(begin), k_cluster_side);
+    std::fill_n(&block_numbers[begin], end - begin, block);
   }
 }
 
@@ -195,6 +200,7 @@ DirectLight::Request TransportWorker::Impl::light_request(int vertex_number) {
           .vertices = vertices,
           .light_samples = first ? settings.light_samples : 1,
           .first = first,
+          .joins_pixels = first && joins_pixels,
           .pixels = first ? pixels : std::span<const PixelPosition>(),
           .firsts = first && settings.count_first_hits ? std::span(firsts) : std::span<FirstHit>(),
           .stats = stats};
@@ -476,7 +482,7 @@ std::unique_ptr<PathFollower> make_path_follower(const TransportContext& context
   return std::make_unique<TransportWorker>(context);
 }
 
-bool TransportWorker::fits_blocks() const { return impl_->context.fits_blocks(); }
+bool TransportWorker::traces_blocks() const { return impl_->context.traces_blocks(); }
 
 std::span<const FirstHit> TransportWorker::first_hits() const { return impl_->firsts; }
 
@@ -494,6 +500,7 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   w.vertices = w.vertex_storage;
   w.paths.swap(paths);
   w.receivers.clear(w.vertices.size());
+  w.joins_pixels = false;
   w.pixel_numbers.resize(w.paths.size());
   for (uint32_t i = 0; i < w.vertices.size(); ++i) {
     w.pixel_numbers[i] = w.paths[i].pixel_seed;

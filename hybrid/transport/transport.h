@@ -41,8 +41,8 @@ class TransportWorker final : public PathFollower {
   };
   static void trace(std::span<const Batch> band);
 
-  // Whether irradiance is fitted within blocks of pixels, if samples hold these whole.
-  bool fits_blocks() const;
+  // TransportContext::traces_blocks().
+  bool traces_blocks() const;
 
   // Of the samples of the last trace(); empty unless the settings keep first hits.
   std::span<const FirstHit> first_hits() const;

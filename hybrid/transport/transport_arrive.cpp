@@ -201,13 +201,13 @@ void TransportWorker::Impl::add_run(Arrival& arrival, const HitRun& run, const M
     const size_t count = run.end - run.begin;
     std::copy_n(&vertex_seeds[run.begin], count, &points.seed[first]);
     std::copy_n(&sample_indices[run.begin], count, &points.sample[first]);
-    std::copy_n(&pixel_numbers[run.begin], count, &receivers.pixel[first]);
+    std::copy_n(&cluster_numbers()[run.begin], count, &receivers.cluster[first]);
     return;
   }
   for (uint32_t i = run.begin; i < run.end; ++i) {
     const size_t to = first + (i - run.begin);
     points.seed[to] = arrival.seed_of(paths[i]), points.sample[to] = paths[i].index;
-    receivers.pixel[to] = pixel_numbers[paths[i].slot];
+    receivers.cluster[to] = cluster_numbers()[paths[i].slot];
   }
 }
 
@@ -227,7 +227,7 @@ void TransportWorker::Impl::add_vertex(Arrival& arrival, uint32_t i, const MetIn
   if (!arrival.is_first && !survives_roulette(path, v.seed, arrival.vertex_number)) return;
   v.lobe_samples = path.may_split && v.material->glossy() ? float(settings.lobe_samples) : 1.0f;
   const bool is_kept = arrival.diffuse_goes_on || !v.material->plain_diffuse();
-  receivers.add(v, is_kept ? uint32_t(arrival.vertices) : k_none, path, pixel_numbers[path.slot]);
+  receivers.add(v, is_kept ? uint32_t(arrival.vertices) : k_none, path, cluster_numbers()[path.slot]);
   arrival.vertices += is_kept;
 }
 

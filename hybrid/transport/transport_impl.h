@@ -43,7 +43,10 @@ struct TransportWorker::Impl {
   std::vector<PathState> camera_paths;
   // By camera ray. The three members of a camera path that differ from a new one's are set where a path is needed.
   AlignedVector<uint32_t> pixel_seeds, vertex_seeds;
-  AlignedVector<uint32_t> pixel_numbers;  // by slot; another one for each pixel of the batch
+  // By slot: another one for each pixel of the batch, and for each block of pixels that clusters span.
+  AlignedVector<uint32_t> pixel_numbers, block_numbers;
+  bool joins_pixels = false;  // clusters of first surfaces span such blocks
+  const AlignedVector<uint32_t>& cluster_numbers() const { return joins_pixels ? block_numbers : pixel_numbers; }
   std::span<const uint32_t> sample_indices;
   std::vector<PixelPosition> pixels;  // of camera samples; empty where none are interpolated between
   TransportWorker::Cost sample_cost;

@@ -265,7 +265,7 @@ TEST(HybridStats, CountersAgree) {
   for (const HybridScene& s : hybrid_scenes(24)) {
     SCOPED_TRACE(s.name);
     // With few samples all groups of the crowd have candidate overflow.
-    RenderOptions o = options_for(Method::monte_carlo, s.name == "crowd" ? 64 : 16);
+    RenderOptions o = options_for(Method::monte_carlo, s.name == "crowd" ? 256 : 16);
     use_small_fields(o);
     o.leave_to_rays = !is_costly(s);
     const Stats mc = render(s.scene, o).stats;

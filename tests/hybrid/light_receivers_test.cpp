@@ -107,7 +107,7 @@ LightReceivers pixels(TestRandom& random) {
       for (uint32_t i = begin; i < end; ++i) {
         const size_t at =
             r.add_run(wave.rays, wave.surfaces, {i, i + 1}, is_mixed ? random.index(3) : instance, material);
-        r.points.seed[at] = r.pixel[at] = seed;
+        r.points.seed[at] = r.cluster[at] = seed;
         r.points.sample[at] = r.path[at] = uint32_t(at);
         if (seed % 3) r.points.gx[at] = 0.0f, r.points.gy[at] = 0.0f, r.points.gz[at] = 1.0f;  // others fall apart
       }

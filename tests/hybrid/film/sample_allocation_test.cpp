@@ -9,6 +9,8 @@
 #include <functional>
 #include <random>
 
+#include "hybrid/path/tiles.h"
+
 namespace fieldtrace {
 namespace {
 
@@ -49,6 +51,37 @@ FilmSums film_of(const Rect& window, uint32_t seed, const std::function<Pixel(in
 
 const Rect k_window = {3, 5, 250, 130};  // ragged
 
+SampleAllocation allocate(const FilmSums& film, ErrorMeasure measure, double decay) {
+  NoiseSums sums(film.window, measure);
+  sums.sum(film);
+  return {sums, decay};
+}
+
+// Cells that are summed tile by tile are those of the whole film, and before that they have its pixels.
+TEST(NoiseSums, TilesAddUpToTheFilm) {
+  for (const Rect& window : {k_window, Rect{0, 0, 64, 32}, Rect{7, 2, 1, 3}, Rect{9, 8, 35, 33}}) {
+    const FilmSums film = film_of(window, 5, [](int x, int y) { return Pixel{.deviation = 0.01 * (x + y)}; });
+    for (const ErrorMeasure measure : {ErrorMeasure::absolute, ErrorMeasure::relative}) {
+      NoiseSums whole(window, measure), tiles(window, measure);
+      whole.sum(film);
+      double pixels = 0.0;
+      for (size_t i = 0; i < tiles.cells().count(); ++i) {
+        EXPECT_EQ(tiles[i].pixels, whole[i].pixels);
+        EXPECT_EQ(tiles[i].samples, 0.0);
+        pixels += whole[i].pixels;
+      }
+      EXPECT_EQ(pixels, double(window.width) * window.height);
+      for (const Rect& tile : make_tiles(window, k_tile_size)) tiles.sum(film, tile);
+      for (size_t i = 0; i < tiles.cells().count(); ++i) {
+        EXPECT_EQ(tiles[i].square, whole[i].square) << i;
+        EXPECT_EQ(tiles[i].of_quarters, whole[i].of_quarters) << i;
+        EXPECT_EQ(tiles[i].samples, 8.0 * whole[i].pixels) << i;
+        EXPECT_EQ(tiles[i].of_value, whole[i].of_value) << i;
+      }
+    }
+  }
+}
+
 TEST(SampleAllocation, NoiseIsTheMeanSquareError) {
   const FilmSums film = film_of(k_window, 1, [](int x, int) { return Pixel{.deviation = x < 128 ? 0.4 : 0.1}; });
   double squares = 0.0;
@@ -56,7 +89,7 @@ TEST(SampleAllocation, NoiseIsTheMeanSquareError) {
     const DVec3 error = p.mean() - DVec3(1.0);
     squares += glm::dot(error, error) / 3.0 / double(film.pixels.size());
   }
-  const SampleAllocation allocation(film, ErrorMeasure::absolute, 1.0);
+  const SampleAllocation allocation = allocate(film, ErrorMeasure::absolute, 1.0);
   EXPECT_NEAR(allocation.mean_square() / squares, 1.0, 0.05);
   EXPECT_EQ(allocation.mean_samples(), 8.0);
   EXPECT_EQ(allocation.fewest_samples(), 8u);
@@ -67,7 +100,7 @@ TEST(SampleAllocation, NoiseIsTheMeanSquareError) {
 TEST(SampleAllocation, RelativeNoiseIsWeighedByTheMean) {
   const auto noise = [](double mean) {
     const FilmSums film = film_of(k_window, 2, [&](int, int) { return Pixel{.deviation = 0.01, .mean = mean}; });
-    return SampleAllocation(film, ErrorMeasure::relative, 1.0).mean_square();
+    return allocate(film, ErrorMeasure::relative, 1.0).mean_square();
   };
   EXPECT_NEAR(noise(1.0) / noise(3.0), 9.01 / 1.01, 0.05);
 }
@@ -90,7 +123,7 @@ TEST(SampleAllocation, RelativeNoiseOfBrightSamplesAndPixelsIsTheirError) {
       const double error = sums.mean().x - exact;
       squares += error * error / (exact * exact + k_relative_floor) / double(film.pixels.size());
     }
-    return std::sqrt(SampleAllocation(film, ErrorMeasure::relative, 1.0).mean_square() / squares);
+    return std::sqrt(allocate(film, ErrorMeasure::relative, 1.0).mean_square() / squares);
   };
   const auto even = [] { return 0.2; };
   const auto rarely_bright = [&](double) { return uniform(rng) < 0.02 ? 5.1 : 0.1; };
@@ -105,7 +138,7 @@ TEST(SampleAllocation, SamplesFollowDeviationAndWork) {
   const FilmSums film = film_of(k_window, 3, [](int x, int) {
     return x < 64 ? Pixel{.deviation = 0.1} : x < 160 ? Pixel{.deviation = 0.4} : Pixel{.deviation = 0.4, .work = 8.0};
   });
-  const SampleAllocation allocation(film, ErrorMeasure::absolute, 1.0);
+  const SampleAllocation allocation = allocate(film, ErrorMeasure::absolute, 1.0);
   const NoiseCells cells(k_window);
   // In the mean over targets, as numbers are rounded to powers of two.
   double by_deviation = 0.0, by_work = 0.0;
@@ -151,7 +184,7 @@ TEST(SampleAllocation, NoiseOfSequencesIsTheMeanSquareError) {
       const DVec3 error = p.mean() - DVec3(1.0);
       squares += glm::dot(error, error) / 3.0 / double(film.pixels.size());
     }
-    return std::sqrt(SampleAllocation(film, ErrorMeasure::absolute, 1.0).mean_square() / squares);
+    return std::sqrt(allocate(film, ErrorMeasure::absolute, 1.0).mean_square() / squares);
   };
   for (const double decay : {1.0, 1.25, 1.5}) {
     EXPECT_NEAR(ratio([&](int, int) { return Pixel{.samples = 16, .decay = decay}; }), 1.0, 0.05) << decay;
@@ -167,7 +200,7 @@ TEST(SampleAllocation, NoiseOfSequencesIsTheMeanSquareError) {
               }),
               1.0, 0.15);
   const FilmSums film = film_of(k_window, 10, [](int, int) { return Pixel{.samples = 16, .decay = 1.5}; });
-  EXPECT_NEAR(SampleAllocation(film, ErrorMeasure::absolute, 1.0).decay(), 1.5, 0.05);
+  EXPECT_NEAR(allocate(film, ErrorMeasure::absolute, 1.0).decay(), 1.5, 0.05);
 }
 
 TEST(SampleAllocation, HalvesAloneFallAsIsSaid) {
@@ -179,7 +212,8 @@ TEST(SampleAllocation, HalvesAloneFallAsIsSaid) {
     p.radiance[1] = p.radiance[3] = DVec3(0.0);
     stored = p;
   }
-  const SampleAllocation random(film, ErrorMeasure::absolute, 1.0), spread(film, ErrorMeasure::absolute, 1.5);
+  const SampleAllocation random = allocate(film, ErrorMeasure::absolute, 1.0);
+  const SampleAllocation spread = allocate(film, ErrorMeasure::absolute, 1.5);
   EXPECT_EQ(random.decay(), 1.0);
   EXPECT_NEAR(spread.decay(), 1.5, 1e-12);
   EXPECT_NEAR(random.mean_square() / spread.mean_square(), std::exp2(1.5) - 1.0, 1e-9);
@@ -189,7 +223,7 @@ TEST(SampleAllocation, HalvesAloneFallAsIsSaid) {
 TEST(SampleAllocation, PlansMeetTheirTarget) {
   const auto deviation = [](int x, int y) { return 0.02 + 0.5 * std::abs(std::sin(0.05 * x) * std::cos(0.07 * y)); };
   const FilmSums film = film_of(k_window, 4, [&](int x, int y) { return Pixel{.deviation = deviation(x, y)}; });
-  const SampleAllocation allocation(film, ErrorMeasure::absolute, 1.0);
+  const SampleAllocation allocation = allocate(film, ErrorMeasure::absolute, 1.0);
   const NoiseCells cells(k_window);
   for (const double target : {4e-3, 1e-3, 1e-4}) {
     const std::vector<uint32_t> counts = allocation.further({.mean_square = target});
@@ -206,7 +240,7 @@ TEST(SampleAllocation, PlansMeetTheirTarget) {
 
 TEST(SampleAllocation, LimitsHold) {
   const FilmSums film = film_of(k_window, 5, [](int x, int) { return Pixel{.deviation = x < 50 ? 2.0 : 0.1}; });
-  const SampleAllocation allocation(film, ErrorMeasure::absolute, 1.0);
+  const SampleAllocation allocation = allocate(film, ErrorMeasure::absolute, 1.0);
   for (const uint32_t n : allocation.further({.growth = 3.0})) EXPECT_LE(n, 8u);
   for (const uint32_t n : allocation.further({.growth = 30.0, .most = 33.0})) EXPECT_LE(n, 24u);
   for (const uint32_t n : allocation.further({.mean_square = 1e-4})) EXPECT_TRUE(std::has_single_bit(n + 8));
@@ -230,7 +264,8 @@ TEST(SampleAllocation, PixelsDoNotDecideAboutThemselves) {
       changed.pixels[changed.index(x, y)] = sums;
     }
   }
-  const SampleAllocation before(film, ErrorMeasure::absolute, 1.0), after(changed, ErrorMeasure::absolute, 1.0);
+  const SampleAllocation before = allocate(film, ErrorMeasure::absolute, 1.0);
+  const SampleAllocation after = allocate(changed, ErrorMeasure::absolute, 1.0);
   const NoiseCells cells(k_window);
   const std::vector<uint32_t> counts_before = before.further({.mean_square = 1e-4}),
                               counts_after = after.further({.mean_square = 1e-4});
@@ -255,7 +290,7 @@ TEST(SampleAllocation, BlocksWithoutNoiseAreNotForgotten) {
       k_window, 9, [](int x, int) { return x < 50 ? Pixel{.deviation = 0.5} : Pixel{.deviation = 0.0, .mean = 0.0}; });
   const NoiseCells cells(k_window);
   const double work = 800.0 * double(film.pixels.size());
-  const std::vector<uint32_t> counts = SampleAllocation(film, ErrorMeasure::absolute, 1.0).further({.work = work});
+  const std::vector<uint32_t> counts = allocate(film, ErrorMeasure::absolute, 1.0).further({.work = work});
   for (const int y : {20, 100}) {
     for (const int x : {100, 101, 200, 201}) {
       EXPECT_GT(counts[cells.cell(x, y)], 0u);
@@ -264,7 +299,7 @@ TEST(SampleAllocation, BlocksWithoutNoiseAreNotForgotten) {
   }
   // Nothing is seen yet: all wants the same.
   const FilmSums black = film_of(k_window, 9, [](int, int) { return Pixel{.deviation = 0.0, .mean = 0.0}; });
-  const SampleAllocation nothing(black, ErrorMeasure::absolute, 1.0);
+  const SampleAllocation nothing = allocate(black, ErrorMeasure::absolute, 1.0);
   const std::vector<uint32_t> even = nothing.further({.work = work, .growth = 4.0});
   for (const int x : {10, 11, 200, 201}) EXPECT_EQ(even[cells.cell(x, 50)], 24u);
 }
@@ -272,11 +307,10 @@ TEST(SampleAllocation, BlocksWithoutNoiseAreNotForgotten) {
 TEST(SampleAllocation, SmallAndEvenFilms) {
   for (const Rect window : {Rect{0, 0, 1, 1}, Rect{7, 3, 1, 9}, Rect{0, 0, 8, 8}}) {
     const FilmSums noisy = film_of(window, 7, [](int, int) { return Pixel{}; });
-    const std::vector<uint32_t> counts =
-        SampleAllocation(noisy, ErrorMeasure::absolute, 1.0).further({.mean_square = 1e-6});
+    const std::vector<uint32_t> counts = allocate(noisy, ErrorMeasure::absolute, 1.0).further({.mean_square = 1e-6});
     EXPECT_TRUE(std::any_of(counts.begin(), counts.end(), [](uint32_t n) { return n > 0; }));
     const FilmSums even = film_of(window, 8, [](int, int) { return Pixel{.deviation = 0.0}; });
-    const SampleAllocation done(even, ErrorMeasure::absolute, 1.0);
+    const SampleAllocation done = allocate(even, ErrorMeasure::absolute, 1.0);
     EXPECT_LT(done.mean_square(), 1e-30);
     for (const uint32_t n : done.further({.mean_square = 1e-6})) EXPECT_EQ(n, 0u);
   }
