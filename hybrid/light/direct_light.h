@@ -1,7 +1,7 @@
 // Direct light at a wave of path vertices, in four levels; each settles what it can and leaves the rest to the next.
 //
-// 1. The vertices of a pixel form clusters (shading_clusters.h). Instances that may stand between a cluster and a light
-//    are found once; none: the light is seen whole.
+// 1. The vertices of a pixel, or of a block of pixels, form clusters (shading_clusters.h). Instances that may stand
+//    between a cluster and a light are found once; none: the light is seen whole.
 // 2. Fields answer whole lights per cluster: clear, hidden, or open.
 // 3. Open clusters: strata of the light, each filtered from coverage maps: a visible share, or undecided. Where many
 //    are undecided, all are.
@@ -32,7 +32,7 @@ class DirectLight {
     LightReceivers& receivers;
     std::span<const PathVertex> vertices;
     int light_samples = 1;
-    bool first = false;                     // they are those of camera rays, all samples of a pixel one after another
+    bool first = false;                     // they are those of camera rays, pixel by pixel
     bool joins_pixels = false;              // numbers of clusters are those of blocks of pixels
     std::span<const PixelPosition> pixels;  // by path, if blocks of pixels are whole (pixel_blocks.h), else empty
     std::span<FirstHit> firsts;             // if not empty, indexed by path: receives the counts of shadow rays

@@ -15,26 +15,36 @@ std::vector<Rect> make_tiles(const Rect& window, int size) {
   return tiles;
 }
 
+namespace {
+
+// Calls f(part) for the parts of a tile that lie in one block of the film each, row by row.
+template <class F>
+void for_each_block(const Rect& tile, int side, const F& f) {
+  const auto next = [side](int from, int end) { return std::min(from / side * side + side, end); };
+  for (int y = tile.y, bottom = y; y < tile.y + tile.height; y = bottom) {
+    bottom = next(y, tile.y + tile.height);
+    for (int x = tile.x, right = x; x < tile.x + tile.width; x = right) {
+      right = next(x, tile.x + tile.width);
+      f(Rect{x, y, right - x, bottom - y});
+    }
+  }
+}
+
+}  // namespace
+
 std::vector<PixelPosition> tile_pixels(const Rect& tile, bool by_blocks) {
   std::vector<PixelPosition> pixels;
   pixels.reserve(size_t(tile.width) * tile.height);
   const auto add = [&](const Rect& part) {
-    for (const Rect& block : make_tiles(part, 4)) {
-      for (int y = 0; y < block.height; ++y) {
-        for (int x = 0; x < block.width; ++x) pixels.push_back({block.x + x, block.y + y});
-      }
+    for (int y = part.y; y < part.y + part.height; ++y) {
+      for (int x = part.x; x < part.x + part.width; ++x) pixels.push_back({x, y});
     }
   };
-  if (!by_blocks) {
-    add(tile);
-    return pixels;
-  }
-  for (int y = tile.y, bottom = y; y < tile.y + tile.height; y = bottom) {
-    bottom = std::min(y / k_block_size * k_block_size + k_block_size, tile.y + tile.height);
-    for (int x = tile.x, right = x; x < tile.x + tile.width; x = right) {
-      right = std::min(x / k_block_size * k_block_size + k_block_size, tile.x + tile.width);
-      add({x, y, right - x, bottom - y});
-    }
+  const auto add_clusters = [&](const Rect& part) { for_each_block(part, k_cluster_side, add); };
+  if (by_blocks) {
+    for_each_block(tile, k_block_size, add_clusters);
+  } else {
+    add_clusters(tile);
   }
   return pixels;
 }

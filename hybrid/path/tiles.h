@@ -19,8 +19,8 @@ inline constexpr int k_block_size = 8;
 inline constexpr int k_cluster_side = 4;
 static_assert(k_block_size % k_cluster_side == 0);
 
-// The pixels of a tile in blocks of 4 x 4, so that 16 consecutive camera rays are coherent in both directions.
-// by_blocks: these in blocks of k_block_size.
+// The pixels of a tile in the film's blocks of 4 x 4, so that 16 consecutive camera rays are coherent in both
+// directions. by_blocks: these in blocks of k_block_size.
 struct PixelPosition {
   int x = 0, y = 0;
 };

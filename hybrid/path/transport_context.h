@@ -22,7 +22,7 @@ struct TransportSettings {
   // The same where something may hide the light, if that is more and the light is no sky.
   int open_light_samples = 1;
   int open_sun_samples = 1;  // of suns that are cut out of a sky that maps answer for
-  int pixel_samples = 1;     // camera samples of a pixel in one wave: its shading points form clusters
+  int pixel_samples = 1;     // camera samples of a pixel in one wave, as expected: its shading points form clusters
   int lobe_samples = 1;      // directions sampled at a camera path's first surface that is not diffuse
   int max_depth = -1;        // as IntegratorSettings
   int rr_depth = 5;
@@ -100,8 +100,8 @@ struct TransportContext {
   bool has_fields() const { return sky || lobes || hits || settings.estimates; }
   // Whether irradiance is fitted within blocks of pixels (hybrid/light/pixel_blocks.h).
   bool fits_blocks() const { return sky || occlusion_sky; }
-  // Whether clusters span blocks of k_cluster_side pixels. Where rays alone answer, clusters share nothing but the
-  // search for what may hide a light; what fields and maps answer for a cluster holds for one pixel.
+  // Whether clusters span blocks of k_cluster_side pixels: where nothing answers for whole clusters, they share no more
+  // than the search for what may hide a light. What fields and maps answer for a cluster holds for one pixel.
   bool clusters_blocks() const { return !sky && !settings.estimates; }
   // Whether the pixels of blocks are traced together (tile_pixels() by blocks).
   bool traces_blocks() const { return fits_blocks() || clusters_blocks(); }

@@ -17,14 +17,11 @@
 namespace fieldtrace {
 namespace {
 
-// Where maps answer for all lights, fields do only for glossy rays. So they do in pictures to an error under a sky that
-// maps answer for: the samples that these are expected to need are those of a sky without maps, many times what lamps
-// take then (docs/decisions/051-blocks-of-pixels.md).
+// Where maps answer for all lights, fields do only for glossy rays.
 bool wants_fields(const Picture& picture, const Stage& stage, const FieldPlan& plan) {
   const std::vector<Emitter>& emitters = picture.scene.emitters;
-  const bool maps_answer = stage.sky.light && (picture.options.target_error > 0.0f ||
-                                               std::all_of(emitters.begin(), emitters.end(),
-                                                           [](const Emitter& e) { return is_sky(e.kind); }));
+  const bool maps_answer =
+      stage.sky.light && std::all_of(emitters.begin(), emitters.end(), [](const Emitter& e) { return is_sky(e.kind); });
   return picture.wants_fields && stage.uses_fields() && !(maps_answer && plan.hit_instances.empty());
 }
 

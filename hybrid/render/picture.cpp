@@ -49,12 +49,10 @@ void check_options(const RenderOptions& o, int spp) {
   if (o.max_depth) check_range("the maximum depth", *o.max_depth, -1, 1 << 30);
 }
 
-TransportSettings make_settings(const Scene& scene, const RenderOptions& options, int spp,
-                                const std::vector<Aov>& aovs) {
+// All but what depends on the number of samples.
+TransportSettings make_settings(const Scene& scene, const RenderOptions& options, const std::vector<Aov>& aovs) {
   TransportSettings s;
   s.light_samples = options.light_samples;
-  s.lobe_samples = options.lobe_samples;
-  s.pixel_samples = std::min(spp, batch_samples(options.lobe_samples));
   s.max_depth = options.max_depth.value_or(scene.integrator.max_depth);
   s.rr_depth = scene.integrator.rr_depth;
   s.hide_emitters = scene.integrator.hide_emitters;
@@ -106,7 +104,8 @@ Picture::Picture(const Scene& s, const RenderOptions& o, const RenderCallbacks& 
   aovs = parse_aovs(options.aovs);
   window = crop_window(scene.film, options.crop);
   wants_fields = options.method == Method::hybrid && (options.base_tolerance() > 0.0f || options.force_undecided);
-  settings = make_settings(scene, options, spp, aovs);
+  settings = make_settings(scene, options, aovs);
+  split_lobes(settings, options.lobe_samples);
   field_memory = options.field_memory ? options.field_memory : default_field_memory();
 }
 
@@ -119,7 +118,8 @@ void Picture::plan(int samples) {
 
 void Picture::split_lobes(TransportSettings& s, int lobe_samples) const {
   s.lobe_samples = lobe_samples;
-  s.pixel_samples = std::min(by_rounds() ? most_samples : spp, batch_samples(lobe_samples));
+  // However few samples are expected, rounds may take more.
+  s.pixel_samples = std::min(by_rounds() ? std::max(spp, k_fewest_cone_samples) : spp, batch_samples(lobe_samples));
 }
 
 bool Picture::is_adaptive() const {

@@ -110,6 +110,13 @@ int samples_begun(const Checkpoint& state) {
   return std::max(state.planned_samples, int(fewest + (is_done ? 0 : state.counts[0])));
 }
 
+// Whether lamps beside a sky that maps answer for are left to rays: the samples that a picture by rounds is expected to
+// need are those of a sky without maps, many times what it takes with them (docs/decisions/051-blocks-of-pixels.md).
+bool leaves_lamps(const Picture& picture, const Stage& stage) {
+  return picture.by_rounds() && stage.sky.light && has_sky(picture.scene);
+}
+
+// Once maps are made.
 FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   const Scene& scene = picture.scene;
   const RenderOptions& options = picture.options;
@@ -121,7 +128,8 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   if (!options.at_any_cost() && !options.force_undecided && options.base_tolerance() < 1.0f) {
     const int open_samples = picture.open_samples(0.0);  // at most, where lights may be hidden
     const auto samples = double(picture.film_samples()) * open_samples;
-    plan.light_samples = picture.has_few_light_samples(open_samples) ? 0.0 : samples * double(scene.emitters.size());
+    const bool by_rays = picture.has_few_light_samples(open_samples) || leaves_lamps(picture, stage);
+    plan.light_samples = by_rays ? 0.0 : samples * double(scene.emitters.size());
   }
   if (picture.wants_fields)
     plan.hit_instances =
@@ -271,9 +279,9 @@ RenderResult render(const Scene& scene, const RenderOptions& options, const Rend
       return;
     }
     if (opening) stage.device = &*opening;
+    if (stage.uses_fields()) make_maps(picture, stage, result.stats);
     FieldPlan plan = first_plan(picture, stage);
     if (plan.hit_instances.empty()) warn_of_no_hits(picture);
-    if (stage.uses_fields()) make_maps(picture, stage, result.stats);
     for (bool is_done = false; !is_done;) {
       is_done = attempt(picture, stage, plan, result);
       const bool wants_finer = stage.uses_fields() && stage.accuracy != FieldAccuracy::coarse_maps;

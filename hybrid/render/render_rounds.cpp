@@ -24,6 +24,9 @@ constexpr double k_most_first = 16.0;
 constexpr double k_round_growth = 4.0;
 // Of windows of fewer pixels the first round takes at least so many samples: fewer tell nothing of their noise.
 constexpr double k_fewest_seen = 256.0;
+// Tiles sum their cells at once.
+static_assert(k_tile_size % k_noise_block == 0);
+
 // A round plans to use this share of the time that is left; none begins within that share of the whole.
 constexpr double k_round_time = 0.9;
 constexpr double k_least_time = 0.02;

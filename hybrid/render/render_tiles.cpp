@@ -12,9 +12,9 @@
 namespace fieldtrace {
 namespace {
 
-// The pixels to trace for a window: whole blocks of the film, since irradiance may be fitted within these. Where
-// candidates may overflow, a ray's test depends on its group, and the groups on the tile; whole tiles of the film are
-// traced then, so that a pixel is the same in every window.
+// The pixels to trace for a window: whole blocks of the film, since irradiance is fitted, or clusters lie, in these.
+// Where candidates may overflow, a ray's test depends on its group, and the groups on the tile; whole tiles of the film
+// are traced then, so that a pixel is the same in every window.
 Rect traced_window(const Scene& scene, const Rect& window) {
   const int unit = scene.instances.size() <= k_most_candidates ? k_block_size : k_tile_size;
   const auto floor_to_unit = [unit](int v) { return v / unit * unit; };

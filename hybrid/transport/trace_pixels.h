@@ -65,7 +65,8 @@ class PixelBatches {
       for (; block_end < pixels_.size() && is_one(pixel_, block_end); ++block_end) block_size += samples_of(block_end);
       const bool begins = done_ == 0 && (pixel_ == 0 || !is_one(pixel_ - 1, pixel_));
       const bool is_whole = begins && block_size <= most_;
-      if (size > 0 && samples.whole_blocks && (!is_whole || size + block_size > most_)) break;
+      // Whole blocks and parts of others do not share a batch: which do would depend on the tile.
+      if (size > 0 && (samples.whole_blocks != is_whole || (is_whole && size + block_size > most_))) break;
       if (!is_whole) samples.whole_blocks = false;
       while (pixel_ < block_end && add(samples, runs, size)) {
       }

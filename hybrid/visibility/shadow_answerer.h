@@ -70,8 +70,8 @@ inline constexpr float k_least_light_disc = 2.0f;
 struct ShadowGroup {
   LightExtent light;
   std::vector<uint32_t> light_samples;  // set by the caller: of all points of a cluster
-  // Set by the caller: light samples of a whole pixel. Below k_fewest_cone_samples no cluster of the picture has as
-  // many as whole lights are worth, and candidates beyond k_most_candidates are not worth their tests either.
+  // Set by the caller: light samples of a whole pixel. Below k_fewest_cone_samples whole lights are not worth asking
+  // fields about, and candidates beyond k_most_candidates are not worth their tests either.
   int64_t pixel_samples = 1;
   bool few_samples() const { return pixel_samples < k_fewest_cone_samples; }
   std::vector<uint32_t> candidates;  // instances, in index order

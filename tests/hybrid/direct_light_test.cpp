@@ -78,7 +78,7 @@ TEST(DirectLight, UsesOfAFieldAreCountedOnce) {
     settings.isa = resolve_isa(Isa::automatic);
     const TransportContext context(scene, accel, camera, answerer, settings);
     TransportWorker worker(context);
-    const std::vector<PixelPosition> pixels = tile_pixels(scene.film.crop);
+    const std::vector<PixelPosition> pixels = tile_pixels(scene.film.crop, worker.traces_blocks());
     const std::vector<SampleRange> ranges(pixels.size(), {0, uint32_t(pixel_samples)});
     trace_pixels(
         pixels, ranges, {}, 1, worker, [] { return true; },

@@ -264,7 +264,7 @@ TEST(HybridError, CheckingChangesNothing) {
 TEST(HybridStats, CountersAgree) {
   for (const HybridScene& s : hybrid_scenes(24)) {
     SCOPED_TRACE(s.name);
-    // With few samples all groups of the crowd have candidate overflow.
+    // With fewer samples all groups of the crowd, which hold 8,192 of them, see so many pixels that candidates overflow.
     RenderOptions o = options_for(Method::monte_carlo, s.name == "crowd" ? 256 : 16);
     use_small_fields(o);
     o.leave_to_rays = !is_costly(s);

@@ -114,6 +114,8 @@ TEST(SampleSplits, CropIsThatPartOfTheWhole) {
     for (const Split& split : {Split{64, 1}, Split{4, 16}, Split{1, 64}, Split{3, 1}}) {
       expect_crop_equals_whole(scene, options_for(method, split), windows);
     }
+    // Blocks of 8 x 8 pixels do not fit into a batch; those at the film's edges, half as wide, do.
+    expect_crop_equals_whole(knot_over_floor(36), options_for(method, {80, 1}), {{25, 0, 11, 36}, {0, 25, 36, 11}});
     expect_crop_equals_whole(knot_over_floor(5), options_for(method, {5000, 1}), {{1, 1, 3, 2}, {2, 2, 1, 1}});
   }
 }

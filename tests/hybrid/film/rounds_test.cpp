@@ -15,6 +15,7 @@
 #include "hybrid/render/picture_identity.h"
 #include "hybrid/render/render.h"
 #include "tests/support/hybrid_scenes.h"
+#include "tests/support/small_scenes.h"
 
 namespace fieldtrace {
 namespace {
@@ -410,6 +411,18 @@ TEST(Rounds, TakeCoarseMapsWhereTheTargetAllowsThem) {
   EXPECT_EQ(tight.sky_directions, 32);
   EXPECT_GT(tight.lookups, 0u);
   EXPECT_GT(tight.error_fields, 0.0);
+}
+
+// A lamp beside a sky has fields in pictures of as many samples, but not by rounds, where maps answer for the sky.
+TEST(Rounds, LeaveLampsToRaysUnderASkyOfMaps) {
+  test::SceneMaker s;
+  s.scene = test::hybrid_scene("environment_map", 256).scene;
+  Affine at = test::scaling(Vec3(0.3f));
+  at[3] = {2, -2, 4};
+  s.area_light(s.instance(s.shape(ShapeKind::sphere), 0, at), Rgb(20.0f));
+  const Stats stats = render(s.scene, options_of(Method::hybrid, 0.005f, 3)).stats;
+  EXPECT_GT(stats.sky_objects, 0u);
+  EXPECT_EQ(stats.field_objects, 0u);
 }
 
 // Then a survey tells of its noise; lower targets go on from it.
