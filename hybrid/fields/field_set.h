@@ -44,8 +44,8 @@ struct FieldPlan {
 inline constexpr double k_answers_a_bake_ray = 2.0;
 
 // Light samples of a pixel, over its camera samples, below which rays take less than look-ups and what they rest on:
-// surveys, and reading or baking fields (docs/decisions/050-light-samples-by-cost.md).
-inline constexpr int64_t k_fewest_field_samples = 32;
+// surveys, and reading or baking fields (docs/decisions/051-blocks-of-pixels.md).
+inline constexpr int64_t k_fewest_field_samples = 64;
 
 // Whether more than k_most_undecided of the surveyed rays of shading points on the object itself are undecided.
 bool is_undecided_of_itself(const FieldUse& use);

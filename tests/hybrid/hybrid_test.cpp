@@ -102,7 +102,7 @@ TEST(Hybrid, LeavesFewLightSamplesToRays) {
   const Scene scene = hybrid_scene("object_over_floor", 512).scene;
   RenderOptions o = options_for(Method::hybrid, 1);
   o.leave_to_rays = true;
-  for (const int samples : {1, 7, 8}) {
+  for (const int samples : {1, 15, 16}) {
     o.spp = samples;
     const Stats stats = render(scene, o).stats;
     EXPECT_EQ(stats.open_light_samples, k_most_open_samples);
@@ -142,11 +142,12 @@ TEST(Hybrid, CountsOneSampleOfPointLights) {
   scene.emitters = {{.kind = EmitterKind::point, .value = Rgb(10.0f), .position = {2.0f, -1.5f, 5.0f}}};
   RenderOptions o = options_for(Method::hybrid, 1);
   o.leave_to_rays = true;
-  for (const int samples : {16, 31}) {
+  const auto fewest = int(k_fewest_field_samples);
+  for (const int samples : {fewest / 2, fewest - 1}) {
     o.spp = samples;
     EXPECT_EQ(render(scene, o).stats.field_objects, 0u) << samples;
   }
-  o.spp = 32;
+  o.spp = fewest;
   EXPECT_GT(render(scene, o).stats.field_objects, 0u);
 }
 
@@ -474,20 +475,20 @@ INSTANTIATE_TEST_SUITE_P(Scenes, HybridPicture,
 
 // The film decides which fields there are: a pixel must not depend on the window that it is rendered in.
 TEST(Hybrid, FieldsAreThoseOfTheFilmInEveryWindow) {
-  Scene scene = hybrid_scene("object_over_floor", 1024).scene;
+  Scene scene = hybrid_scene("object_over_floor", 724).scene;
   // A light of 3 degrees, which gets fine cells if there are enough rays.
   Instance& lamp = scene.instances[scene.emitters[0].instance];
   for (int axis = 0; axis < 3; ++axis) lamp.to_world[axis] *= 0.25f;
   for (int column = 0; column < 4; ++column) lamp.to_object[column] *= 4.0f;
   RenderOptions o;
   o.method = Method::hybrid;
-  o.spp = 8;
-  o.light_samples = 1;  // 8.4 million rays for the film, two thousand for the window
-  o.crop = Rect{500, 500, 16, 16};
+  o.spp = 16;
+  o.light_samples = 1;  // 8.4 million rays for the film, four thousand for the window
+  o.crop = Rect{354, 354, 16, 16};
   EXPECT_EQ(render(scene, o).stats.field_directions, 64);
-  scene.film.width = scene.film.height = 360;
-  scene.film.crop = {0, 0, 360, 360};
-  o.crop = Rect{176, 176, 16, 16};
+  scene.film.width = scene.film.height = 255;
+  scene.film.crop = {0, 0, 255, 255};
+  o.crop = Rect{125, 125, 16, 16};
   EXPECT_EQ(render(scene, o).stats.field_directions, 32);
 }
 
