@@ -41,16 +41,6 @@ NoiseCellSums sums_of(const FilmSums& film, const Rect& block, int x, int y, Err
   return s;
 }
 
-// Calls f(block) for each block of a tile that begins with one.
-template <class F>
-void for_each_block(const Rect& tile, const F& f) {
-  const int right = tile.x + tile.width, bottom = tile.y + tile.height;
-  for (int y = tile.y; y < bottom; y += k_noise_block) {
-    for (int x = tile.x; x < right; x += k_noise_block)
-      f(Rect{x, y, std::min(k_noise_block, right - x), std::min(k_noise_block, bottom - y)});
-  }
-}
-
 // The cell of a block's even pixels; that of the others follows.
 size_t first_cell(const NoiseCells& cells, const Rect& block) { return cells.cell(block.x, block.y) & ~size_t(1); }
 
@@ -76,12 +66,12 @@ void NoiseCellSums::add(const NoiseCellSums& other) {
 
 NoiseSums::NoiseSums(const Rect& window, ErrorMeasure measure)
     : window_(window), cells_(window), measure_(measure), sums_(cells_.count()) {
-  for_each_block(window, [&](const Rect& block) {
+  for (const Rect& block : make_tiles(window, k_noise_block)) {
     const size_t even = first_cell(cells_, block);
     const int pixels = block.width * block.height, begins_odd = (block.x ^ block.y) & 1;
     sums_[even].pixels = double((pixels + 1 - begins_odd) / 2);
     sums_[even + 1].pixels = double((pixels + begins_odd) / 2);
-  });
+  }
 }
 
 void NoiseSums::sum_block(const FilmSums& film, const Rect& block) {
@@ -95,7 +85,7 @@ void NoiseSums::sum_block(const FilmSums& film, const Rect& block) {
 }
 
 void NoiseSums::sum(const FilmSums& film, const Rect& tile) {
-  for_each_block(tile, [&](const Rect& block) { sum_block(film, block); });
+  for (const Rect& block : make_tiles(tile, k_noise_block)) sum_block(film, block);
 }
 
 void NoiseSums::sum(const FilmSums& film) {
