@@ -21,7 +21,7 @@ constexpr uint32_t k_surfel_stream = 0x53524645u;
 // Surfels that are shaded together.
 constexpr size_t k_surfel_block = 256;
 // --check: one block in so many.
-constexpr size_t k_check_blocks = 8;
+constexpr size_t k_check_blocks = 2;
 // Bounces that are shaded at most. Where more are wanted, what remains is a geometric series, of at most this ratio;
 // none further is shaded once it is no more than this part of all.
 constexpr int k_most_bounces = 16;

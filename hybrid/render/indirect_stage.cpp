@@ -18,9 +18,6 @@ constexpr uint64_t k_rays_a_surfel = 24;
 constexpr int k_usual_bounces = 6;
 // --check: light samples of a surfel.
 constexpr int k_check_samples = 64;
-// With at most so many occluders maps are finer.
-constexpr size_t k_few_occluders = 16;
-
 // How many times as large an object is of which others may lie before and behind parts.
 constexpr float k_much_larger = 4.0f;
 
@@ -35,10 +32,10 @@ TransportSettings surfel_settings(TransportSettings settings, int samples) {
   return settings;
 }
 
-IndirectSize choose_size(size_t occluders) {
+// Beside sky maps of so many directions.
+IndirectSize size_beside(int directions) {
   IndirectSize size;
-  if (occluders <= k_few_occluders) return size;
-  size.directions = 8, size.texels = 16, size.plane_texels = 32;
+  size.plane_texels = std::min(size.plane_texels, 2 * directions);
   return size;
 }
 
@@ -82,7 +79,7 @@ uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<c
       others += !has_diffuse_body(scene, i.bsdf);
     }
   }
-  const uint64_t surfels = IndirectLight::cost(planes, count - planes, choose_size(count)).surfels;
+  const uint64_t surfels = IndirectLight::cost(planes, count - planes, size_beside(k_coarse_directions)).surfels;
   // Paths to what is neither diffuse nor a plastic go on: without a sky the maps would be made for the rest alone.
   if ((!has_sky(scene) && senders < count) || 4 * others > senders) return 0;
   if (planes > size_t(k_most_planes) || has_insides(scene, traits, shapes)) return 0;
@@ -107,7 +104,7 @@ bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
     const bool has_surfels = o.kind != SkyOccluder::Kind::ball;
     sends.push_back(has_surfels && is_diffuse_and_opaque(input.scene, input.scene.instances[o.instance].bsdf));
   }
-  const IndirectSize size = choose_size(sends.size());
+  const IndirectSize size = size_beside(stage.maps->directions());
   const uint64_t bytes = IndirectLight::cost(planes, sends.size() - planes, size).bytes;
   if (bytes + stage.maps->bytes() > input.request.most_bytes) return true;
   const auto by_rays = [&](int samples) {

@@ -161,10 +161,11 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
     if (!by_request && std::min(rays, most_crowd_rays) < k_crowd_rays * instances) return MapSize{0, 0};
     int directions = wanted_directions(crowd, given, request.samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
-    // Surfels ask for all cells: these are finer where that takes less than half of the time.
+    // Surfels, which are finer on planes then, ask for all cells: these are finer where that takes less than half of
+    // the time.
     const auto shading_rays = [&] {
       const uint64_t finer = uint64_t(directions) / uint64_t(k_coarse_directions);
-      return request.bounce_rays * finer * finer;
+      return request.bounce_rays * finer * finer * finer * finer;
     };
     while (request.bounces && directions > k_coarse_directions && shading_rays() > rays / 2) {
       directions /= 2;

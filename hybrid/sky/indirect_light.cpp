@@ -19,7 +19,7 @@ namespace {
 constexpr float k_beside = 1e-4f;
 
 // Surfels of an object, roughly.
-constexpr uint64_t k_usual_surfels = 6000;
+constexpr uint64_t k_usual_surfels = 1500;
 
 // Corners of what bounds an occluder.
 std::vector<Vec3> corners_of(const Scene& scene, const SkyOccluder& o) {
@@ -120,11 +120,12 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
 
 void IndirectLight::add_box(const Accel& accel, uint32_t shape, const BoxFaces& faces, const SkyOccluder& o) {
   OfInstance& own = instances_[o.instance];
+  const int texels = size_.plane_texels / 2;
   Surfels all;
   const PlaneWindow whole[1];
   const bool outside[2] = {true, false};
   for (const Parallelogram& face : faces) {
-    const Surfels s = make_plane_surfels(accel, shape, face, Vec3(face.axes[2]), whole, size_.texels, outside);
+    const Surfels s = make_plane_surfels(accel, shape, face, Vec3(face.axes[2]), whole, texels, outside);
     const auto first = uint32_t(all.points.size());
     for (const uint32_t point : s.texels) all.texels.push_back(point == k_none ? k_none : first + point);
     for (const uint32_t point : s.representative) all.representative.push_back(first + point);
@@ -132,7 +133,7 @@ void IndirectLight::add_box(const Accel& accel, uint32_t shape, const BoxFaces& 
     all.reflectance_spots.insert(all.reflectance_spots.end(), s.reflectance_spots.begin(), s.reflectance_spots.end());
   }
   own.surfels = std::make_shared<const Surfels>(std::move(all));
-  own.pyramids = std::make_unique<RadiancePyramids>(size_.texels, int(2 * faces.size()));
+  own.pyramids = std::make_unique<RadiancePyramids>(texels, int(2 * faces.size()));
   own.view = own.pyramids->view();
   for (int face = 0; face < int(faces.size()); ++face) {
     const Vec3 normal = row_of(o.to_unit, face / 2);
@@ -142,7 +143,7 @@ void IndirectLight::add_box(const Accel& accel, uint32_t shape, const BoxFaces& 
     plane.view = &own.view;
     plane.begin = 2 * face * own.view.bytes;
     plane.windows = 1;
-    plane.window[0] = radiance_window(whole[0], x, y, size_.texels);
+    plane.window[0] = radiance_window(whole[0], x, y, texels);
   }
 }
 

@@ -19,9 +19,9 @@
 namespace fieldtrace {
 
 struct IndirectSize {
-  int directions = 16;    // D of each object
-  int texels = 32;        // of its pyramids
-  int plane_texels = 64;  // of parallelograms'
+  int directions = 8;     // D of each object
+  int texels = 16;        // of its pyramids
+  int plane_texels = 64;  // of parallelograms'; of boxes' faces half as many
 };
 
 class IndirectLight {

@@ -549,6 +549,23 @@ TEST(IndirectLight, IsComparedWithRaysWithoutASky) {
   EXPECT_EQ(stats.checked(CheckedEstimate::arriving).compared, 0u);
 }
 
+// As without bounces: one sample's noise hides what the least maps err by.
+TEST(IndirectLight, OfOneSampleHasTheLeastMaps) {
+  Corner s(512, 3);
+  s.objects();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  const auto directions = [&](int spp) {
+    RenderOptions o = options_for(s.scene, Method::hybrid, 512, spp);
+    o.crop = Rect{200, 200, 8, 8};
+    const Stats stats = render(s.scene, o).stats;
+    EXPECT_GT(stats.bake_rays, 0u);
+    return stats.sky_directions;
+  };
+  EXPECT_EQ(directions(1), 8);
+  EXPECT_EQ(directions(4), 16);
+  EXPECT_EQ(directions(64), 32);
+}
+
 TEST(IndirectLight, IsComparedWithRays) {
   Corner s(96, 4);
   s.objects();
