@@ -161,11 +161,12 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
     if (!by_request && std::min(rays, most_crowd_rays) < k_crowd_rays * instances) return MapSize{0, 0};
     int directions = wanted_directions(crowd, given, request.samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
-    // Surfels, which are finer on planes then, ask for all cells: these are finer where that takes less than half of
-    // the time.
+    // Surfels ask for all cells, and planes have four times as many beside usual maps: these are finer where that takes
+    // less than half of the time.
     const auto shading_rays = [&] {
-      const uint64_t finer = uint64_t(directions) / uint64_t(k_coarse_directions);
-      return request.bounce_rays * finer * finer * finer * finer;
+      const uint64_t finer = uint64_t(directions) / uint64_t(k_coarse_directions),
+                     of_planes = std::min(finer, uint64_t(2));
+      return request.bounce_rays * finer * finer * of_planes * of_planes;
     };
     while (request.bounces && directions > k_coarse_directions && shading_rays() > rays / 2) {
       directions /= 2;

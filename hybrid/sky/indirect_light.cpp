@@ -153,7 +153,8 @@ void IndirectLight::add_plane(const Scene& scene, const Accel& accel, const Para
   const Instance& instance = scene.instances[o.instance];
   bool sides[2];
   seen_sides(scene, maps_.occluders(), o, sides);
-  const std::vector<PlaneWindow> windows = plane_windows(maps_.occluders(), o, seen, size_.plane_texels);
+  // Walls end floors where the finest texels would tell.
+  const std::vector<PlaneWindow> windows = plane_windows(maps_.occluders(), o, seen, IndirectSize().plane_texels);
   const DAffine to_world(instance.to_world);
   // The side that heights are positive on: mirrored transforms exchange the sides.
   const bool mirrored = glm::determinant(DMat3(to_world[0], to_world[1], to_world[2])) < 0.0;

@@ -170,12 +170,17 @@ Surfels make_surfels(const Accel& accel, const MappedShape& shape, int direction
       if (!is_seen(met, outside)) continue;
       const size_t point = of_key[met.key];
       SurfaceSpot* const spots = &result.reflectance_spots[point * size_t(Surfels::k_reflectance_spots)];
-      if (counts[point] == 0) std::fill_n(spots, Surfels::k_reflectance_spots, met.spot);
       spots[counts[point]++ % uint32_t(Surfels::k_reflectance_spots)] = met.spot;
       if (!(met.off_centre < off_centre[point])) continue;
       result.points[point] = {met.spot, met.normal};
       off_centre[point] = met.off_centre;
     }
+  }
+  // Fewer hits than places count alike, as far as they go.
+  for (size_t point = 0; point < count; ++point) {
+    SurfaceSpot* const spots = &result.reflectance_spots[point * size_t(Surfels::k_reflectance_spots)];
+    for (uint32_t k = counts[point]; k < uint32_t(Surfels::k_reflectance_spots); ++k)
+      spots[k] = spots[k % counts[point]];
   }
   for (const DirectionHits& of_direction : hits) {
     const auto point_of = [&](uint32_t i) { return i == k_none ? k_none : of_key[of_direction.met[i].key]; };
