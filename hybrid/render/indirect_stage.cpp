@@ -18,6 +18,7 @@ constexpr uint64_t k_rays_a_surfel = 24;
 constexpr int k_usual_bounces = 6;
 // --check: light samples of a surfel.
 constexpr int k_check_samples = 64;
+
 // How many times as large an object is of which others may lie before and behind parts.
 constexpr float k_much_larger = 4.0f;
 
@@ -32,12 +33,8 @@ TransportSettings surfel_settings(TransportSettings settings, int samples) {
   return settings;
 }
 
-// Beside sky maps of so many directions.
-IndirectSize size_beside(int directions) {
-  IndirectSize size;
-  size.plane_texels = std::min(size.plane_texels, 2 * directions);
-  return size;
-}
+// Of parallelograms, beside sky maps of so many directions.
+int plane_texels_beside(int directions) { return std::min(k_most_plane_texels, 2 * directions); }
 
 // Whether the camera, or an object's centre, lies in the box of another object, such as a room's, in that object's own
 // space, or an object's centre in the ball of a much larger one, such as a ground's. Maps know objects from without,
@@ -79,7 +76,8 @@ uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<c
       others += !has_diffuse_body(scene, i.bsdf);
     }
   }
-  const uint64_t surfels = IndirectLight::cost(planes, count - planes, size_beside(k_coarse_directions)).surfels;
+  const uint64_t surfels =
+      IndirectLight::cost(planes, count - planes, plane_texels_beside(k_coarse_directions)).surfels;
   // Paths to what is neither diffuse nor a plastic go on: without a sky the maps would be made for the rest alone.
   if ((!has_sky(scene) && senders < count) || 4 * others > senders) return 0;
   if (planes > size_t(k_most_planes) || has_insides(scene, traits, shapes)) return 0;
@@ -104,8 +102,8 @@ bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
     const bool has_surfels = o.kind != SkyOccluder::Kind::ball;
     sends.push_back(has_surfels && is_diffuse_and_opaque(input.scene, input.scene.instances[o.instance].bsdf));
   }
-  const IndirectSize size = size_beside(stage.maps->directions());
-  const uint64_t bytes = IndirectLight::cost(planes, sends.size() - planes, size).bytes;
+  const int plane_texels = plane_texels_beside(stage.maps->directions());
+  const uint64_t bytes = IndirectLight::cost(planes, sends.size() - planes, plane_texels).bytes;
   if (bytes + stage.maps->bytes() > input.request.most_bytes) return true;
   const auto by_rays = [&](int samples) {
     return std::make_unique<RayContext>(input.scene, input.accel, input.traits, input.camera,
@@ -113,8 +111,8 @@ bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   };
   const auto shading = by_rays(k_patch_samples);
   shading->context().sky = stage.light.get();
-  const auto light =
-      std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends, request.seen, size);
+  const auto light = std::make_shared<IndirectLight>(input.scene, input.accel, *stage.maps, input.traits, sends,
+                                                     request.seen, plane_texels);
   if (input.callbacks.progress) input.callbacks.progress(0.0f, "bake");
   shading->context().indirect = light.get();
   const auto exact = input.check ? by_rays(k_check_samples) : nullptr;

@@ -55,10 +55,8 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
     request.seen = survey.seen;
   }
   request.occlusion_distance = picture.settings.occlusion_distance;
-  // Without a sky, light from surface to surface is all that maps tell: their errors show beside any noise.
-  const bool any_number = picture.by_rounds() || (request.bounces && !is_lit);
-  request.samples = any_number ? std::numeric_limits<uint64_t>::max()
-                               : uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
+  request.samples = picture.by_rounds() ? std::numeric_limits<uint64_t>::max()
+                                        : uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   request.coarse = stage.accuracy == FieldAccuracy::coarse_maps;
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / FieldBudget::k_map_share;
   request.bounces_alone = !is_lit;

@@ -21,6 +21,9 @@ constexpr float k_beside = 1e-4f;
 // Surfels of an object, roughly.
 constexpr uint64_t k_usual_surfels = 1500;
 
+// Of an object: what is seen first and last along each direction.
+constexpr int k_object_pyramids = 2 * k_object_directions * k_object_directions;
+
 // Corners of what bounds an occluder.
 std::vector<Vec3> corners_of(const Scene& scene, const SkyOccluder& o) {
   if (o.kind == SkyOccluder::Kind::plane) {
@@ -63,21 +66,20 @@ RadianceWindow radiance_window(const PlaneWindow& w, const Vec3& x, const Vec3& 
 
 }  // namespace
 
-IndirectLight::Cost IndirectLight::cost(size_t planes, size_t objects, const IndirectSize& size) {
+IndirectLight::Cost IndirectLight::cost(size_t planes, size_t objects, int plane_texels) {
   constexpr int k_plane_pyramids = 4;  // two windows, two sides
-  const uint64_t plane_surfels = uint64_t(k_plane_pyramids) * uint64_t(size.plane_texels * size.plane_texels);
-  const int pyramids = 2 * size.directions * size.directions;
-  return {planes * RadiancePyramids::bytes_of(size.plane_texels, k_plane_pyramids) +
-              objects * RadiancePyramids::bytes_of(size.texels, pyramids),
+  const uint64_t plane_surfels = uint64_t(k_plane_pyramids) * uint64_t(plane_texels * plane_texels);
+  return {planes * RadiancePyramids::bytes_of(plane_texels, k_plane_pyramids) +
+              objects * RadiancePyramids::bytes_of(k_object_texels, k_object_pyramids),
           planes * plane_surfels / 2 + objects * k_usual_surfels};
 }
 
 IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps,
                              std::span<const ShapeTraits> traits, std::span<const uint8_t> sends,
-                             std::span<const Vec3> seen, const IndirectSize& size)
-    : maps_(maps), size_(size), instances_(maps.occluders().size()) {
-  for (int i = 0; i < size.directions * size.directions; ++i) {
-    const CellFrame f = cell_frame(i / size.directions, i % size.directions, size.directions);
+                             std::span<const Vec3> seen, int plane_texels)
+    : maps_(maps), plane_texels_(plane_texels), instances_(maps.occluders().size()) {
+  for (int i = 0; i < k_object_directions * k_object_directions; ++i) {
+    const CellFrame f = cell_frame(i / k_object_directions, i % k_object_directions, k_object_directions);
     frames_.emplace_back(f.s, f.t, f.c);
   }
   const MappedShapes& mapped = maps.shapes();
@@ -93,7 +95,8 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
   // Isolated: else a thread that waits for a shape's lines would begin another's.
   parallel_for_isolated(of_mapped.size(), [&](size_t k) {
     if (!is_wanted[k]) return;
-    of_mapped[k] = std::make_shared<const Surfels>(make_surfels(accel, mapped.shapes[k], size.directions, size.texels));
+    of_mapped[k] =
+        std::make_shared<const Surfels>(make_surfels(accel, mapped.shapes[k], k_object_directions, k_object_texels));
   });
   parallel_for(maps.occluders().size(), [&](size_t i) {
     const SkyOccluder& o = maps.occluders()[i];
@@ -108,7 +111,7 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
     } else {
       own.surfels = of_mapped[mapped.of_instance[o.instance]];
       if (own.surfels->points.empty()) return;
-      own.pyramids = std::make_unique<RadiancePyramids>(size.texels, 2 * size.directions * size.directions);
+      own.pyramids = std::make_unique<RadiancePyramids>(k_object_texels, k_object_pyramids);
       own.view = own.pyramids->view();
     }
   });
@@ -120,7 +123,7 @@ IndirectLight::IndirectLight(const Scene& scene, const Accel& accel, const SkyMa
 
 void IndirectLight::add_box(const Accel& accel, uint32_t shape, const BoxFaces& faces, const SkyOccluder& o) {
   OfInstance& own = instances_[o.instance];
-  const int texels = size_.plane_texels / 2;
+  const int texels = plane_texels_ / 2;
   Surfels all;
   const PlaneWindow whole[1];
   const bool outside[2] = {true, false};
@@ -154,20 +157,19 @@ void IndirectLight::add_plane(const Scene& scene, const Accel& accel, const Para
   bool sides[2];
   seen_sides(scene, maps_.occluders(), o, sides);
   // Walls end floors where the finest texels would tell.
-  const std::vector<PlaneWindow> windows = plane_windows(maps_.occluders(), o, seen, IndirectSize().plane_texels);
+  const std::vector<PlaneWindow> windows = plane_windows(maps_.occluders(), o, seen, k_most_plane_texels);
   const DAffine to_world(instance.to_world);
   // The side that heights are positive on: mirrored transforms exchange the sides.
   const bool mirrored = glm::determinant(DMat3(to_world[0], to_world[1], to_world[2])) < 0.0;
   const Vec3 normal(mirrored ? -plane.axes[2] : plane.axes[2]);
   own.surfels = std::make_shared<const Surfels>(
-      make_plane_surfels(accel, instance.shape, plane, normal, windows, size_.plane_texels, sides));
-  own.pyramids = std::make_unique<RadiancePyramids>(size_.plane_texels, int(2 * windows.size()));
+      make_plane_surfels(accel, instance.shape, plane, normal, windows, plane_texels_, sides));
+  own.pyramids = std::make_unique<RadiancePyramids>(plane_texels_, int(2 * windows.size()));
   own.view = own.pyramids->view();
   PlaneRadiance& radiance = own.planes.emplace_back();
   radiance.view = &own.view;
   for (const PlaneWindow& w : windows) {
-    radiance.window[radiance.windows++] =
-        radiance_window(w, row_of(o.to_unit, 0), row_of(o.to_unit, 1), size_.plane_texels);
+    radiance.window[radiance.windows++] = radiance_window(w, row_of(o.to_unit, 0), row_of(o.to_unit, 1), plane_texels_);
   }
 }
 
@@ -215,7 +217,7 @@ void IndirectLight::finish() {
 MapRadiance IndirectLight::lines_of(const SkyOccluder& o, int map) const {
   const Mat3& frame = frames_[size_t(map)];
   const OfInstance& own = instances_[o.instance];
-  const float half_texels = 0.5f * float(size_.texels);
+  const float half_texels = 0.5f * float(k_object_texels);
   MapRadiance lines;
   write_row(o.to_unit, frame[0], half_texels, half_texels, lines.u);
   write_row(o.to_unit, frame[1], half_texels, half_texels, lines.v);
@@ -226,9 +228,9 @@ MapRadiance IndirectLight::lines_of(const SkyOccluder& o, int map) const {
 
 MapRadiance IndirectLight::map_radiance(const SkyOccluder& o, const Vec3& d, float cell_width) const {
   const Vec3 unit = glm::normalize(rotate_by(o.to_unit, d));
-  const int map = direction_cell(unit, size_.directions);
+  const int map = direction_cell(unit, k_object_directions);
   const Mat3& frame = frames_[size_t(map)];
-  const float half_texels = 0.5f * float(size_.texels), along = glm::dot(frame[2], unit);
+  const float half_texels = 0.5f * float(k_object_texels), along = glm::dot(frame[2], unit);
   MapRadiance lines = lines_of(o, map);
   lines.slope_u = half_texels * glm::dot(frame[0], unit) / along;
   lines.slope_v = half_texels * glm::dot(frame[1], unit) / along;
@@ -255,7 +257,7 @@ Rgb IndirectLight::radiance(uint32_t instance, const Vec3& position, const Vec3&
         scalar::read_plane<float>(plane, plane.begin, at[(face / 2 + 1) % 3], at[(face / 2 + 2) % 3], 0.0f, true));
   }
   const Vec3 unit = glm::normalize(rotate_by(o.to_unit, d));
-  const int map = direction_cell(unit, size_.directions);
+  const int map = direction_cell(unit, k_object_directions);
   const bool outside = glm::dot(unit, transform_by(o.to_unit, origin)) < -1.0f;
   const MapRadiance lines = lines_of(o, map);
   const auto p = lanes(position);

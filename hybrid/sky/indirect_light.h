@@ -18,11 +18,10 @@
 
 namespace fieldtrace {
 
-struct IndirectSize {
-  int directions = 8;     // D of each object
-  int texels = 16;        // of its pyramids
-  int plane_texels = 64;  // of parallelograms'; of boxes' faces half as many
-};
+// D of each object, and texels along a side of its pyramids.
+inline constexpr int k_object_directions = 8, k_object_texels = 16;
+// Of parallelograms' at most; faces of boxes have half as many.
+inline constexpr int k_most_plane_texels = 64;
 
 class IndirectLight {
  public:
@@ -30,12 +29,13 @@ class IndirectLight {
   struct Cost {
     uint64_t bytes = 0, surfels = 0;
   };
-  static Cost cost(size_t planes, size_t objects, const IndirectSize& size);
+  static Cost cost(size_t planes, size_t objects, int plane_texels);
 
   // Black. `maps` must outlive it. `sends`: by instance, 1 where its light is known; such instances must have maps or
-  // be parallelograms (unchecked). seen: points that the camera sees (plane_windows()). Throws std::bad_alloc.
+  // be parallelograms (unchecked). seen: points that the camera sees (plane_windows()). plane_texels: of
+  // parallelograms, along a side; a power of two, 4 to k_most_plane_texels. Throws std::bad_alloc.
   IndirectLight(const Scene& scene, const Accel& accel, const SkyMaps& maps, std::span<const ShapeTraits> traits,
-                std::span<const uint8_t> sends, std::span<const Vec3> seen, const IndirectSize& size);
+                std::span<const uint8_t> sends, std::span<const Vec3> seen, int plane_texels);
 
   // By instance. What sends no light has no surfels.
   size_t size() const { return instances_.size(); }
@@ -75,7 +75,7 @@ class IndirectLight {
   MapRadiance lines_of(const SkyOccluder& o, int map) const;
 
   const SkyMaps& maps_;
-  IndirectSize size_;
+  int plane_texels_;
   std::vector<Mat3> frames_;  // by direction
   std::vector<OfInstance> instances_;
   std::vector<Sphere> others_;  // balls of the instances that send nothing

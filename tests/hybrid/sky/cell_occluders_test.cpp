@@ -58,8 +58,8 @@ struct Under : test::SceneMaker {
 
   std::shared_ptr<const IndirectLight> random_light(std::span<const ShapeTraits> traits) const {
     const std::vector<uint8_t> sends(scene.instances.size(), 1);
-    const auto light = std::make_shared<IndirectLight>(scene, *accel, *maps, traits, sends, std::span<const Vec3>(),
-                                                       IndirectSize{8, 16, 16});
+    const auto light =
+        std::make_shared<IndirectLight>(scene, *accel, *maps, traits, sends, std::span<const Vec3>(), 16);
     TestRandom random(5);
     for (size_t i = 0; i < light->size(); ++i) {
       std::vector<Rgb> radiance(light->surfels(i).points.size());
