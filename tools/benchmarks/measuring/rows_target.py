@@ -38,11 +38,11 @@ def scenes(context):
 
 
 class Truth:
-    """Two references of a scene."""
+    """Two references of a scene. `reference(shot)`: the file of one; those of the program by default."""
 
-    def __init__(self, programs, shot, spp):
+    def __init__(self, programs, shot, spp, reference=None):
         self.programs = programs
-        self.references = [programs.reference(shot.with_(spp=spp, seed=seed)) for seed in SEEDS]
+        self.references = [(reference or programs.reference)(shot.with_(spp=spp, seed=seed)) for seed in SEEDS]
         self.noise = self._mse(*self.references)
 
     def _mse(self, picture, reference):

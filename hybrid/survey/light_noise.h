@@ -1,0 +1,45 @@
+// How much of a picture's noise is that of its light. Thread-safety: called by one thread; tracing is parallel.
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include "core/trace/accel.h"
+#include "hybrid/path/transport_context.h"
+#include "hybrid/survey/noise_survey.h"
+
+namespace fieldtrace {
+
+struct LightNoiseInput {
+  const Scene& scene;
+  const Accel& accel;
+  std::span<const ShapeTraits> traits;
+  const std::shared_ptr<const LightTable>& lights;
+  const TransportSettings& settings;  // of the picture
+  const Rect& window;
+  ErrorMeasure measure = ErrorMeasure::absolute;
+  GoesOn goes_on = [] { return true; };
+};
+
+// Compares pixels sampled over the filter with the same pixels sampled at their centres. Rays count as those of
+// surveys.
+class LightNoise {
+ public:
+  // All that `input` refers to must outlive it, and `stats`.
+  LightNoise(const LightNoiseInput& input, Stats& stats);
+
+  // By what Monte Carlo's time to an error would be divided at most if light by paths of at most `depth` surfaces and
+  // lights (negative: any) had no noise: 1 or more. Edges within pixels are left, and longer paths. 1 if goes_on()
+  // became false meanwhile.
+  double gain_without(int depth) const;
+  static double most_gain();
+  // The mean square that one sample of a pixel leaves.
+  double of_all() const { return all_; }
+
+ private:
+  LightNoiseInput input_;
+  Stats& stats_;
+  double all_;
+};
+
+}  // namespace fieldtrace
