@@ -31,12 +31,9 @@ std::vector<Vec3> corners_of(const Scene& scene, const SkyOccluder& o) {
     return {corners.begin(), corners.end()};
   }
   const Instance& instance = scene.instances[o.instance];
-  const Bounds3& b = scene.shapes[instance.shape].bounds;
+  const Bounds3& bounds = scene.shapes[instance.shape].bounds;
   std::vector<Vec3> corners;
-  for (int k = 0; k < 8; ++k) {
-    const Vec3 p(k & 1 ? b.upper.x : b.lower.x, k & 2 ? b.upper.y : b.lower.y, k & 4 ? b.upper.z : b.lower.z);
-    corners.push_back(transform_point(instance.to_world, p));
-  }
+  for (int k = 0; k < 8; ++k) corners.push_back(transform_point(instance.to_world, bounds.corner(k)));
   return corners;
 }
 

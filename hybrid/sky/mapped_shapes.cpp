@@ -27,8 +27,7 @@ Sphere ball_of(const Shape& shape, const DMat3& stretch) {
   if (is_meshed(shape.kind)) {
     for (const Vec3& p : shape.mesh.positions) extend(p);
   } else {
-    const Vec3 &l = shape.bounds.lower, &u = shape.bounds.upper;
-    for (int k = 0; k < 8; ++k) extend(Vec3(k & 1 ? u.x : l.x, k & 2 ? u.y : l.y, k & 4 ? u.z : l.z));
+    for (int k = 0; k < 8; ++k) extend(shape.bounds.corner(k));
   }
   return field_ball(bounds);
 }
