@@ -17,7 +17,8 @@ inline Vec3 transform_by(const float m[12], const Vec3& p) {
   return Vec3(m[0], m[1], m[2]) * p.x + Vec3(m[3], m[4], m[5]) * p.y + Vec3(m[6], m[7], m[8]) * p.z +
          Vec3(m[9], m[10], m[11]);
 }
-// Of a point on a box, by its coordinates, which are 1 or -1 on the faces: the face, 2 a + s as in BoxFaces.
+// Of a point on a box, by its coordinates, which are 1 or -1 on the faces, or of a direction: the face, 2 a + s as in
+// BoxFaces.
 inline int box_face_at(const Vec3& at) {
   const Vec3 off = glm::abs(at);
   const int axis = off.x >= off.y && off.x >= off.z ? 0 : off.y >= off.z ? 1 : 2;

@@ -5,6 +5,7 @@
 #include "core/platform/parallel.h"
 #include "core/sampling/sobol.hd.h"
 #include "field/bake/cell_lines.h"
+#include "hybrid/sky/affine_rows.h"
 
 namespace fieldtrace {
 namespace {
@@ -52,9 +53,7 @@ Met meet(const Vec3& unit, const Vec3& normal, uint32_t primitive, const MappedS
     for (int bit = 0; 1 << bit < k_voxels; ++bit) voxel |= (uint32_t(i) >> bit & 1u) << (3 * bit + a);
     met.off_centre += off * off;
   }
-  const Vec3 size = glm::abs(normal);
-  const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-  met.key = voxel * uint32_t(k_faces) + uint32_t(2 * axis + (normal[axis] < 0.0f));
+  met.key = voxel * uint32_t(k_faces) + uint32_t(box_face_at(normal));
   return met;
 }
 
