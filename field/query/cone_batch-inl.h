@@ -8,8 +8,7 @@
 #define FIELDTRACE_FIELD_QUERY_CONE_BATCH_INL_H_
 #endif
 
-#include "field/query/segment_kernels.h"
-#include "field/query/states.hd.h"
+#include "field/query/ray_states-inl.h"
 #include "field/query/task_answers.hd.h"
 
 FT_LANES_BEGIN
@@ -89,15 +88,14 @@ inline uint64_t filter_strata_batch(const StratumTask& task, const RayBatch& ray
     uint64_t lookups = 0;
     for (size_t v = 0; v < k_vectors; ++v) {
       const size_t i = block + v * size_t(Lanes<F>::k_count);
-      const F tmax = load_lanes<F>(&rays.tmax[i]);
-      const Mask_t<F> queried = (load_int_lanes<F>(wanted + i) > splat_int<F>(0)) & (tmax >= zero);
+      const RayLanes<F> r = load_rays<F>(rays, i);
+      const Mask_t<F> queried = (load_int_lanes<F>(wanted + i) > splat_int<F>(0)) & (r.tmax >= zero);
       found[v] = one;
       failed[v] = and_not(queried, queried);
       if (!any(queried)) continue;
-      const Vec3Lanes<F> o = {load_lanes<F>(&rays.ox[i]), load_lanes<F>(&rays.oy[i]), load_lanes<F>(&rays.oz[i])};
-      const Vec3Lanes<F> d = {load_lanes<F>(&rays.dx[i]), load_lanes<F>(&rays.dy[i]), load_lanes<F>(&rays.dz[i])};
-      const StratumAnswer<F> answer = answer_stratum<F>(
-          task, o, d, tmax, load_lanes<F>(pdf + i), load_lanes<F>(radius + i), queried, MissingList<F>{unknowns.tiles});
+      const StratumAnswer<F> answer =
+          answer_stratum<F>(task, r.o, r.d, r.tmax, load_lanes<F>(pdf + i), load_lanes<F>(radius + i), queried,
+                            MissingList<F>{unknowns.tiles});
       found[v] = answer.clear;
       failed[v] = answer.refused;
       missing = missing || any(answer.unknown);

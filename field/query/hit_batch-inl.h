@@ -16,18 +16,16 @@ FT_LANES_BEGIN
 template <class F>
 FT_HD_INLINE bool answer_hits(const SegmentTask& task, const HitQueries& queries, size_t i, HitAnswers& out,
                               HitUnknowns& unknowns, uint64_t& lookups) {
-  const RayBatch& rays = queries.rays;
-  const Vec3Lanes<F> o = {load_lanes<F>(&rays.ox[i]), load_lanes<F>(&rays.oy[i]), load_lanes<F>(&rays.oz[i])};
-  const Vec3Lanes<F> d = {load_lanes<F>(&rays.dx[i]), load_lanes<F>(&rays.dy[i]), load_lanes<F>(&rays.dz[i])};
+  const RayLanes<F> r = load_rays<F>(queries.rays, i);
   const F limit = load_lanes<F>(&queries.limit[i]);
   UnitSegment<F> segment;
-  const BallInterval<F> ball = write_hit_segment(task, o, d, load_lanes<F>(&rays.tmax[i]), limit, segment);
+  const BallInterval<F> ball = write_hit_segment(task, r.o, r.d, r.tmax, limit, segment);
   if (!any(segment.crosses)) {
     store_lanes(splat_int<F>(k_verdict_none), &out.verdict[i]);
     return true;
   }
   const Mask_t<F> on_object = load_uint_lanes<F>(&queries.instance[i]) == splat_uint<F>(task.instance);
-  const HitAnswer<F> hit = answer_hit(task, o, segment, ball, limit, load_lanes<F>(&queries.most_error[i]),
+  const HitAnswer<F> hit = answer_hit(task, r.o, segment, ball, limit, load_lanes<F>(&queries.most_error[i]),
                                       load_lanes<F>(&queries.most_bend[i]), on_object);
   lookups += uint64_t(sum_of(hit.lookups));
   store_lanes(hit.verdict, &out.verdict[i]);

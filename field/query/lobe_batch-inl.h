@@ -14,9 +14,8 @@ FT_LANES_BEGIN
 
 template <class F>
 FT_HD_INLINE LobeLanes<F> load_lobes(const ConeTask& task, const RayBatch& r, const float* density, size_t i) {
-  return make_lobe<F>(task, {load_lanes<F>(&r.ox[i]), load_lanes<F>(&r.oy[i]), load_lanes<F>(&r.oz[i])},
-                      {load_lanes<F>(&r.dx[i]), load_lanes<F>(&r.dy[i]), load_lanes<F>(&r.dz[i])},
-                      load_lanes<F>(&r.tmax[i]), load_lanes<F>(&density[i]));
+  const RayLanes<F> ray = load_rays<F>(r, i);
+  return make_lobe<F>(task, ray.o, ray.d, ray.tmax, load_lanes<F>(&density[i]));
 }
 
 template <class F>
