@@ -74,17 +74,13 @@ class SkyBatch {
   Vec3 normal(size_t i) const { return points.shading_normal(i); }
 
   void see_cells() {
-    const ShadingPointBatch& p = points;
-    const size_t lanes = padded(p.size);
-    const CellPoints at = {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(),    p.gy.data(), p.gz.data(),
-                           p.sx.data(), p.sy.data(), p.sz.data(), int32_t(lanes), 0.0f};
     for (auto* v : {&hidden_, &green_, &blue_, &reflected_red_, &reflected_green_, &reflected_blue_})
-      v->assign(lanes, 0.0f);
+      v->assign(padded(points.size), 0.0f);
     const CellSums sums = {hidden_.data(),        green_.data(),           blue_.data(),
                            reflected_red_.data(), reflected_green_.data(), reflected_blue_.data()};
     open_cells_.clear();
-    open_.assign(p.size, 0.0f);
-    occluders_.see(isa_, at, sums, scratch_, [&](const CellTask& task, size_t k, uint32_t i) {
+    open_.assign(points.size, 0.0f);
+    occluders_.see(isa_, cell_points(points), sums, scratch_, [&](const CellTask& task, size_t k, uint32_t i) {
       const Vec3 vector(task.vector[0], task.vector[1], task.vector[2]);
       const float cosine = scalar::cosine_over_cell<float>(glm::dot(vector, normal(i)), task.cosine_half);
       if (!(cosine > 0.0f)) return;

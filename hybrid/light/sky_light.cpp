@@ -44,13 +44,6 @@ Vec3 SkyLight::direction_in(uint32_t cell, float x, float y) const {
   return grid_ * direction_in_cell(c.u, c.v, x, y, c.side);
 }
 
-CellPoints SkyLight::cell_points() const {
-  const ShadingPointBatch& p = centres_;
-  return {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(),
-          p.gz.data(), p.sx.data(), p.sy.data(), p.sz.data(), int32_t(padded(p.size)),
-          grazing_};
-}
-
 // Of the batch's points.
 CellSums SkyLight::clear_sums() {
   for (auto* v : {&red_, &green_, &blue_, &reflected_red_, &reflected_green_, &reflected_blue_}) {
@@ -64,7 +57,7 @@ CellSums SkyLight::clear_sums() {
 void SkyLight::see_cells(const Job& job) {
   const CellSums sums = clear_sums();
   job.stats.lookups += occluders_.see(
-      context_.settings.isa, cell_points(), sums, cell_scratch_,
+      context_.settings.isa, cell_points(centres_, grazing_), sums, cell_scratch_,
       [&](const CellTask& task, size_t k, uint32_t i) { add_open_cell(task, occluders_.cells()[k], i); });
 }
 

@@ -122,7 +122,6 @@ class SkyLight {
   void add_irradiance(const Job& job);
   // A direction in a cell; x and y in [0, 1].
   Vec3 direction_in(uint32_t cell, float x, float y) const;
-  CellPoints cell_points() const;
   // For --check (sky_light_checks.cpp): compares some points' decided cells, what arrives there, and what was fitted,
   // with rays.
   void check_cells(const Job& job);

@@ -52,8 +52,7 @@ void SkyLight::check_fitted(const Job& job) {
 void SkyLight::check_shares(const Job& job, size_t point) {
   const CellKernel kernel = occluders_.kernel_for(context_.settings.isa);
   const ShadingPointBatch& all = job.receivers.points;
-  CellPoints points = cell_points();
-  points.grazing = 0.0f;
+  const CellPoints points = cell_points(centres_);
   AlignedVector<int32_t>& undecided = cell_scratch_.undecided;
   undecided.resize(size_t(points.size) + k_batch_padding);
   AlignedVector<float> red(size_t(points.size)), green(size_t(points.size)), blue(size_t(points.size));

@@ -39,9 +39,7 @@ void SkyLight::ask_cells(const Request& request) {
     b.tasks.link();
     b.centres.resize(centres_.size);
     b.centres.copy(0, centres_, 0, padded(centres_.size));
-    std::swap(centres_, b.centres);  // the question refers to the batch's own
-    b.question.points = cell_points();
-    std::swap(centres_, b.centres);
+    b.question.points = cell_points(b.centres, grazing_);
     b.question.tasks = &b.tasks;
   });
 }

@@ -146,6 +146,12 @@ Sphere ball_about(const ShadingPointBatch& points) {
   return {bounds.centre(), 0.5f * glm::length(bounds.diagonal())};
 }
 
+CellPoints cell_points(const ShadingPointBatch& p, float grazing) {
+  return {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(),
+          p.gz.data(), p.sx.data(), p.sy.data(), p.sz.data(), int32_t(padded(p.size)),
+          grazing};
+}
+
 void CellOccluders::bound(const ShadingPointBatch& points) {
   Vec3 sum(0.0f);
   const auto normal = [&](size_t i) { return points.shading_normal(i); };

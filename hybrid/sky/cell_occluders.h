@@ -31,6 +31,9 @@ struct CellScratch {
 // A ball about all points.
 Sphere ball_about(const ShadingPointBatch& points);
 
+// They and the batch's padding, while it stays as it is. grazing: of all.
+CellPoints cell_points(const ShadingPointBatch& points, float grazing = 0.0f);
+
 class CellOccluders {
  public:
   // `points` is not empty, all of one instance and one place(); `sky` must outlive what is found.

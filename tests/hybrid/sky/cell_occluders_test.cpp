@@ -111,11 +111,6 @@ struct Sums {
   }
 };
 
-CellPoints view_of(const ShadingPointBatch& p) {
-  return {p.px.data(), p.py.data(), p.pz.data(), p.gx.data(), p.gy.data(),
-          p.gz.data(), p.sx.data(), p.sy.data(), p.sz.data(), int32_t(padded(p.size))};
-}
-
 // What points see with what their cells share is what each cell's task alone says.
 TEST(CellOccluders, SharingChangesNothing) {
   const Under scene;
@@ -142,14 +137,14 @@ TEST(CellOccluders, SharingChangesNothing) {
       OwnObject own;
       const CellTask task = occluders.task(k, own);
       EXPECT_TRUE(task.clear > 0.0f || &sky == scene.sky.get());
-      const int open = occluders.kernel_for(isa)(task, view_of(points), expected.view(), listed.data());
+      const int open = occluders.kernel_for(isa)(task, cell_points(points), expected.view(), listed.data());
       alone += uint64_t(task.map_count + (task.own != nullptr)) * points.size;
       for (int j = 0; j < open; ++j) {
         if (size_t(listed[size_t(j)]) < points.size) expected.undecided.emplace_back(k, uint32_t(listed[size_t(j)]));
       }
     }
     const uint64_t lookups =
-        occluders.see(isa, view_of(points), found.view(), scratch,
+        occluders.see(isa, cell_points(points), found.view(), scratch,
                       [&](const CellTask&, size_t k, uint32_t i) { found.undecided.emplace_back(uint32_t(k), i); });
     if (&sky == scene.near_sky.get()) {
       EXPECT_EQ(lookups, alone);
