@@ -347,14 +347,13 @@ TransportWorker::TransportWorker(TransportWorker&&) noexcept = default;
 
 const Stats& TransportWorker::stats() const { return impl_->stats; }
 
-// Follows all paths that have left the vertices of number `vertex_number` to their ends.
-void TransportWorker::Impl::go_on(int vertex_number) {
-  while (!paths.empty()) {
-    ++vertex_number;
-    intersect(vertex_number);
-    arrive(vertex_number);
-    gather_light(vertex_number);
-    scatter(vertex_number);
+// Follows all paths that have left the first vertices to their ends.
+void TransportWorker::Impl::go_on() {
+  for (int n = 1; !paths.empty(); ++n) {
+    intersect(n);
+    arrive(n);
+    gather_light(n);
+    scatter(n);
   }
 }
 
@@ -398,7 +397,7 @@ void TransportWorker::trace(const CameraSamples& samples, std::span<Rgb> radianc
       if (w.settings.occlusion) AmbientOcclusion::gather(w.occlusion_request());
       w.gather_light(0);
       w.leave_first();
-      w.go_on(0);
+      w.go_on();
     }
   }
   w.end(rays_before, seconds);
@@ -509,7 +508,7 @@ uint64_t TransportWorker::follow(std::vector<PathVertex>& vertices, std::vector<
   if (w.settings.max_depth != 0) {
     w.gather_light(0);
     w.scatter(0);
-    w.go_on(0);
+    w.go_on();
   }
   for (size_t i = 0; i < radiance.size(); ++i) {
     const Rgb& sum = w.follow_radiance[i];

@@ -145,7 +145,7 @@ struct TransportWorker::Impl {
   void gather_light(int vertex_number);
   void add_light(int vertex_number);
   void scatter(int vertex_number);
-  void go_on(int vertex_number);
+  void go_on();
   bool goes_on(bool is_diffuse, int vertex_number) const;
   PathState leave(const PathVertex& vertex, int vertex_number) const;
   PathState& send(const PathVertex& vertex, const PathState& leaving, const Vec3& direction);
