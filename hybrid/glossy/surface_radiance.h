@@ -36,7 +36,6 @@ class SurfaceRadiance {
   SurfaceRadiance(const TransportContext& shading, uint32_t instance, float patch);
 
   uint32_t instance() const { return instance_; }
-  size_t patch_count() const { return first_.back(); }
   uint64_t bytes() const { return radiance_.size() * sizeof(Rgb) + shaded_.size() + first_.size() * sizeof(uint32_t); }
 
   // u, v: barycentric coordinates of vertices 1 and 2, within rounding of the triangle.
