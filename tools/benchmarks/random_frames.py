@@ -7,7 +7,7 @@
 One line a scene and number of samples: seconds and RMSE of Monte Carlo (the better of its two estimators) and of
 fields with a cache (warm) and without (cold), and the gains: the time Monte Carlo takes to the same error over that of
 fields, its error falling as samples^-3/4. The references' noise is taken out of RMSEs by using two of them. Floors in
-the open reflect about .5 under skies, .25 under lamps. With --targets, pictures to an error are compared instead. With
+the open reflect about 1 under skies, .25 under lamps. With --targets, pictures to an error are compared instead. With
 --other, the gain of this program over another one follows, for each method. The last lines are geometric means.
 
 Seconds are of whole frames but for loading the scene, building BVHs and writing the picture, in turns; medians.
