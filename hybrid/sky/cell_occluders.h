@@ -31,7 +31,7 @@ struct CellScratch {
 // A ball about all points.
 Sphere ball_about(const ShadingPointBatch& points);
 
-// They and the batch's padding, while it stays as it is. grazing: of all.
+// A batch's points and padding as kernels take them; refers to the batch. grazing: CellPoints::grazing of all.
 CellPoints cell_points(const ShadingPointBatch& points, float grazing = 0.0f);
 
 class CellOccluders {

@@ -37,6 +37,15 @@ def numbers(text):
     return found
 
 
+def errors(text):
+    return [float(part) for part in text.split(",")]
+
+
+def size(text):
+    width, height = text.split("x")
+    return int(width), int(height)
+
+
 def parse(words):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/bin/fieldtrace")
@@ -44,11 +53,10 @@ def parse(words):
     parser.add_argument("--kind", choices=random_scenes.KINDS, default="sky")
     parser.add_argument("--scenes", type=numbers, default=numbers("1-8"), metavar="LIST", help="as 1-8 or 3,5")
     parser.add_argument("--samples", type=numbers, default=[1, 4, 16, 64], metavar="LIST", help="camera samples")
-    parser.add_argument("--targets", type=lambda t: [float(v) for v in t.split(",")], metavar="LIST",
-                        help="errors to render to, instead of --samples")
+    parser.add_argument("--targets", type=errors, metavar="LIST", help="errors to render to, instead of --samples")
     parser.add_argument("--repeats", type=int, default=3, metavar="N")
     parser.add_argument("--reference-spp", type=int, default=1024, metavar="N")
-    parser.add_argument("--size", type=lambda t: tuple(int(v) for v in t.split("x")), default=(400, 320), metavar="WxH")
+    parser.add_argument("--size", type=size, default=(400, 320), metavar="WxH")
     parser.add_argument("--work", type=pathlib.Path, default=ROOT / "build/random")
     return parser.parse_args(words)
 
@@ -62,15 +70,7 @@ class Scene:
                                   arguments.size)
         self.path = programs.scene(self.name, text)
         self.programs = programs
-        self.truth = Truth(programs, Shot(self.path), arguments.reference_spp, self.reference)
-
-    def reference(self, shot):
-        path = self.programs.work / f"reference-{shot.key()}.exr"
-        if not path.is_file():
-            temporary = path.with_name("new-" + path.name)
-            self.programs.render(shot, picture=temporary)
-            temporary.rename(path)
-        return path
+        self.truth = Truth(programs, Shot(self.path), arguments.reference_spp, of_any_version=True)
 
 
 def ways_of(programs, others, shot):
@@ -86,19 +86,18 @@ def ways_of(programs, others, shot):
 
 
 def measure(scene, ways, repeats):
-    """{name: (median seconds, error)}."""
+    """{name: (median seconds, error, which is at least 1e-6)}."""
     picture = scene.programs.work / "picture.exr"
-    found = {}
 
     def job(p, shot, warm, to=None):
         return lambda: frame_seconds(p.render(shot, picture=to, cache=p.cache_for(shot) if warm else None))
 
-    errors = {}
+    found = {}
     for name, (p, shot, warm) in ways.items():
         job(p, shot, warm, picture)()
-        errors[name] = max(scene.truth.error(picture), 1e-6)
+        found[name] = max(scene.truth.error(picture), 1e-6)
     times = in_turn({name: job(*way) for name, way in ways.items()}, repeats)
-    return {name: (statistics.median(times[name]), errors[name]) for name in ways}
+    return {name: (statistics.median(times[name]), found[name]) for name in ways}
 
 
 def work(point):
@@ -136,9 +135,10 @@ def main(words):
         for step, shot in steps:
             found = measure(scene, ways_of(programs, others, shot), arguments.repeats)
             print(f"{scene.name}, {step}: " + ", ".join(f"{n} {s:.3f} s {e:.4f}" for n, (s, e) in found.items()))
-            for what, gain in gains(found).items():
+            gained = gains(found)
+            print("  gains " + ", ".join(f"{what} {gain:.2f}" for what, gain in gained.items()), flush=True)
+            for what, gain in gained.items():
                 collected.setdefault((step, what), []).append(gain)
-            print("  gains " + ", ".join(f"{n} {g:.2f}" for n, g in gains(found).items()), flush=True)
         for p in filter(None, (programs, others)):
             p.drop_caches()
     for (step, what), values in collected.items():

@@ -96,7 +96,8 @@ def text(shapes, lights, **view):
     return lambda resolution: scene(shapes, lights, resolution, **view)
 
 
-def scene(shapes, lights, resolution, origin="2.5, 3, 6", target="0, 0.5, 0", fov=40, max_depth=2):
+def scene(shapes, lights, resolution, origin="2.5, 3, 6", target="0, 0.5, 0", fov=40, max_depth=2, height=None):
+    """The scene's text; `height` in pixels, that of `resolution` by default."""
     return f"""<scene version="3.0.0">
   <integrator type="path"><integer name="max_depth" value="{max_depth}"/></integrator>
   <sensor type="perspective">
@@ -104,7 +105,7 @@ def scene(shapes, lights, resolution, origin="2.5, 3, 6", target="0, 0.5, 0", fo
     <transform name="to_world"><lookat origin="{origin}" target="{target}" up="0, 1, 0"/></transform>
     <sampler type="multijitter"><integer name="sample_count" value="16"/></sampler>
     <film type="hdrfilm">
-      <integer name="width" value="{resolution}"/><integer name="height" value="{resolution}"/><rfilter type="box"/>
+      <integer name="width" value="{resolution}"/><integer name="height" value="{height or resolution}"/><rfilter type="box"/>
     </film>
   </sensor>
   {chr(10).join([*shapes, *lights])}

@@ -114,9 +114,11 @@ class Programs:
         for cache in self.work.glob("cache-*"):
             shutil.rmtree(cache, ignore_errors=True)
 
-    def reference(self, shot):
-        """The image of a shot, cached under a name that depends on the shot and the program."""
-        path = self.work / f"reference-{self.identity}-{shot.key()}.exr"
+    def reference(self, shot, of_any_version=False):
+        """The image of a shot, cached under a name that depends on the shot and, unless that of any will do, the
+        program."""
+        version = "" if of_any_version else f"{self.identity}-"
+        path = self.work / f"reference-{version}{shot.key()}.exr"
         if not path.is_file():
             temporary = path.with_name("new-" + path.name)
             self.render(shot, picture=temporary)

@@ -1,12 +1,11 @@
 """Scenes made at random, of four kinds, so that nothing is tuned to a scene that somebody chose.
 
 The same kind and number always give the same scene. Objects are of about unit size, on or over a floor at y = 0, or in
-the air. Skies are of mean radiance 1.
+the air. Skies are of mean radiance 2.
 """
 
 import math
 import random
-import struct
 
 from . import frame_scenes
 
@@ -27,7 +26,7 @@ def rgbe(colour):
 
 
 def write_sky(path, pick, width=256):
-    """An environment map: a bright or even horizon over a ground, none to two suns and broad lamps (Radiance HDR)."""
+    """An environment map of mean radiance 1: a bright or even horizon, a ground, none to two suns or broad spots."""
     height = width // 2
     horizon, zenith, ground = pick.choice(HORIZONS), pick.choice(ZENITHS), pick.choice(GROUNDS)
     sharpness = pick.choice((2.0, 8.0, 30.0))
@@ -72,11 +71,10 @@ def placed(pick, on_floor, spread):
 def material(pick, glossy_share):
     colour = ", ".join(f"{pick.uniform(0.2, 0.8):.3f}" for _ in range(3))
     if pick.random() < glossy_share:
-        inner = (f'<bsdf type="roughplastic"><float name="alpha" value="{pick.choice((0.1, 0.2, 0.4))}"/>'
-                 f'<rgb name="diffuse_reflectance" value="{colour}"/></bsdf>')
-    else:
-        inner = f'<bsdf type="diffuse"><rgb name="reflectance" value="{colour}"/></bsdf>'
-    return f'<bsdf type="twosided">{inner}</bsdf>'
+        return (f'<bsdf type="twosided"><bsdf type="roughplastic">'
+                f'<float name="alpha" value="{pick.choice((0.1, 0.2, 0.4))}"/>'
+                f'<rgb name="diffuse_reflectance" value="{colour}"/></bsdf></bsdf>')
+    return frame_scenes.material(colour)
 
 
 def thing(path, transform, look):
@@ -102,7 +100,7 @@ def lamps(pick, count):
 
 
 def room(pick, look):
-    """The walls of a box of 4 x 3 x 4 with its front open, and with a window in the ceiling or a side."""
+    """The walls of a box of 4 x 3 x 4, open in front, and on the right, above or nowhere else."""
     half, height = 2.0, 3.0
     walls = [frame_scenes.rotate("x", -90) + f'<scale value="{half}"/>',
              f'<scale x="{half}" y="{height / 2}"/>' + frame_scenes.translate(0, height / 2, -half),
@@ -148,6 +146,5 @@ def make(kind, seed, folder, mesh_of, size=(400, 320)):
     azimuth = pick.uniform(-0.6, 0.6) if closed or kind == "bounces" else pick.uniform(-math.pi, math.pi)
     away, height = pick.uniform(5.0, 8.0), pick.uniform(0.8, 4.0)
     origin = frame_scenes.vector((away * math.sin(azimuth), height, away * math.cos(azimuth)))
-    text = frame_scenes.scene(shapes, lights, size[0], origin=origin, target="0, 0.7, 0", max_depth=depth,
-                              fov=pick.choice((30, 40, 50)))
-    return text.replace(f'name="height" value="{size[0]}"', f'name="height" value="{size[1]}"')
+    return frame_scenes.scene(shapes, lights, size[0], height=size[1], origin=origin, target="0, 0.7, 0",
+                              max_depth=depth, fov=pick.choice((30, 40, 50)))

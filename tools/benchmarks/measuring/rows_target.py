@@ -38,11 +38,11 @@ def scenes(context):
 
 
 class Truth:
-    """Two references of a scene. `reference(shot)`: the file of one; those of the program by default."""
+    """Two references of a scene. of_any_version: as for Programs.reference()."""
 
-    def __init__(self, programs, shot, spp, reference=None):
+    def __init__(self, programs, shot, spp, of_any_version=False):
         self.programs = programs
-        self.references = [(reference or programs.reference)(shot.with_(spp=spp, seed=seed)) for seed in SEEDS]
+        self.references = [programs.reference(shot.with_(spp=spp, seed=seed), of_any_version) for seed in SEEDS]
         self.noise = self._mse(*self.references)
 
     def _mse(self, picture, reference):
