@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <thread>
 
 #include "core/platform/stop_at.h"
@@ -25,6 +26,7 @@
 #include "hybrid/render/render_tiles.h"
 #include "hybrid/render/sky_stage.h"
 #include "hybrid/render/sky_survey.h"
+#include "hybrid/survey/light_noise.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
@@ -33,7 +35,7 @@ namespace {
 // Numbers that may still be multiplied by what maps gain.
 uint64_t whole_rays(double rays) { return uint64_t(std::min(rays, 0x1p58)); }
 
-SkyRequest sky_request(const Picture& picture, const Stage& stage) {
+SkyRequest sky_request(const Picture& picture, const Stage& stage, Stats& stats) {
   SkyRequest request;
   const Scene& scene = picture.scene;
   const int depth = picture.settings.max_depth;
@@ -48,10 +50,29 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
     const double to_sky = is_lit ? survey.diffuse * (lights + samples) : 0.0;
     const double of_path = rays_a_path(depth, survey.open, scene.emitters.size()) - (is_lit ? 1.0 : 0.0);
     const double with_paths = to_sky + survey.diffuse * samples * std::max(of_path, 0.0);
-    const uint64_t gain = is_lit ? k_coarse_maps_gain : k_usual_maps_gain;  // a lamp's own noise stays
-    const bool suits = picture.options.at_any_cost() || !survey.is_enclosed();
-    request.bounces = suits && request.bounce_rays > 0 && double(request.bounce_rays) <= double(gain) * with_paths;
+    const RenderOptions& o = picture.options;
+    const bool suits = admits_maps(o) && (o.at_any_cost() || !survey.is_enclosed());
+    std::optional<LightNoise> noise;
+    // Rays that maps may cost which take the noise of light by paths up to this depth away: as many as that spares.
+    const auto worth = [&](int up_to) {
+      if (!is_lit) return double(k_usual_maps_gain) * with_paths;  // a lamp's own noise stays
+      if (!noise && !o.at_any_cost()) {
+        noise.emplace(LightNoiseInput{scene, stage.accel, stage.traits, stage.lights, picture.settings, film,
+                                      o.error_measure, while_surveys_may(picture, stage)},
+                      stats);
+      }
+      const double gain = noise ? noise->gain_without(up_to) : LightNoise::most_gain();
+      // Maps answer one sample or many in the same time.
+      const double by_maps = samples + with_paths - survey.diffuse * (lights - samples);
+      return std::max(gain * (samples + with_paths) - k_time_by_maps * by_maps, 0.0);
+    };
+    if (suits && request.bounce_rays > 0 && with_paths > 0.0) {
+      const double left = worth(depth) - double(request.bounce_rays);
+      request.bounces = left >= 0.0;
+      if (request.bounces) request.light_cost = whole_rays(is_lit ? left : with_paths * double(k_bounce_maps_gain));
+    }
     if (suits) request.light_rays = whole_rays(request.bounces ? with_paths : to_sky);
+    if (request.light_rays > 0 && !request.bounces) request.light_cost = whole_rays(worth(LightNoise::k_direct));
     request.seen = survey.seen;
   }
   request.occlusion_distance = picture.settings.occlusion_distance;
@@ -59,7 +80,6 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage) {
                                         : uint64_t(picture.spp) * uint64_t(picture.options.light_samples);
   request.coarse = stage.accuracy == FieldAccuracy::coarse_maps;
   request.most_bytes = std::min(picture.field_memory, stage.address_space) / FieldBudget::k_map_share;
-  request.bounces_alone = !is_lit;
   return request;
 }
 
@@ -77,7 +97,7 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   const StopAt stop(picture.callbacks.stop, stage.survey_end);
   RenderCallbacks callbacks = picture.callbacks;
   callbacks.stop = stop.flag();
-  const SkyRequest request = sky_request(picture, stage);
+  const SkyRequest request = sky_request(picture, stage, stats);
   const auto cache = [&] { return cache_of(picture, stage); };
   stage.sky = make_sky(picture.scene, stage.accel, stage.traits, picture.options, request, cache, callbacks, stats);
   const bool is_late_for_maps = stop.is_set() && !stage.sky.maps;

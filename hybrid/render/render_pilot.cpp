@@ -1,30 +1,22 @@
 #include "hybrid/render/render_pilot.h"
 
-#include <tbb/enumerable_thread_specific.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <utility>
 
-#include "core/platform/parallel.h"
 #include "core/platform/stopwatch.h"
-#include "core/sampling/sobol.hd.h"
 #include "hybrid/film/noise_sums.h"
 #include "hybrid/path/ray_context.h"
-#include "hybrid/transport/trace_pixels.h"
+#include "hybrid/survey/noise_survey.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
 namespace {
 
-// Numbers of sequences that no round uses; each survey takes two.
-constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u;
-constexpr uint32_t k_one_replicates = 0x80000004u;
 // One pixel in this many, but a least number, tells how noisy pictures are, with this many samples of each sequence;
 constexpr int k_noise_pixels_each = 128, k_fewest_noise_pixels = 2048;
 constexpr uint32_t k_noise_samples = 4;
@@ -36,95 +28,13 @@ constexpr double k_least_samples = 64.0, k_most_samples = 512.0;
 // Light samples of each camera sample, of which rays take more than of light samples; one where other answers than
 // those to light samples count, of objects' light and of lobes.
 constexpr int k_error_light_samples = 4;
-// Pixels of one task.
-constexpr size_t k_task_pixels = 64;
 
 double pixels_of(const Picture& picture) { return double(picture.window.width) * double(picture.window.height); }
 
-struct Survey {
-  std::vector<PixelPosition> pixels;
-  std::vector<SequencePair> sums = {};
-};
-
-// Single pixels, one in each part of the window, which columns and rows divide evenly, as far as it has so many.
-std::vector<PixelPosition> survey_pixels(const Picture& picture, int pixels_each, int fewest) {
-  const Rect& w = picture.window;
-  const double wanted = std::max(pixels_of(picture) / pixels_each, double(fewest));
-  const double side = std::max(std::sqrt(pixels_of(picture) / wanted), 1.0);
-  const int columns = int(std::ceil(w.width / side)), rows = int(std::ceil(w.height / side));
-  const auto place = [](int i, float shift, int count, int size) {
-    return std::min(int((double(i) + double(shift)) * size / count), size - 1);
-  };
-  std::vector<PixelPosition> pixels;
-  for (int j = 0; j < rows; ++j) {
-    for (int i = 0; i < columns; ++i) {
-      const auto seed = scalar::pixel_seed(picture.settings.seed, uint32_t(i), uint32_t(j));
-      const auto shift = scalar::sample_2d(0, seed, 0);
-      pixels.push_back({w.x + place(i, shift.x, columns, w.width), w.y + place(j, shift.y, rows, w.height)});
-    }
-  }
-  return pixels;
-}
-
-using GoesOn = std::function<bool()>;
-
-// Traces the survey's pixels with `samples` samples of each sequence. False if goes_on() became false meanwhile.
-bool trace_survey(const TransportContext& context, uint32_t samples, uint32_t replicate, const GoesOn& goes_on,
-                  Survey& survey, Stats& stats) {
-  survey.sums.assign(survey.pixels.size(), {});
-  std::atomic<bool> is_complete = true;
-  tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
-  const size_t tasks = (survey.pixels.size() + k_task_pixels - 1) / k_task_pixels;
-  parallel_for_isolated(tasks, [&](size_t task) {
-    const size_t begin = task * k_task_pixels, end = std::min(begin + k_task_pixels, survey.pixels.size());
-    const auto pixels = std::span<const PixelPosition>(survey.pixels).subspan(begin, end - begin);
-    const std::vector<SampleRange> ranges(pixels.size(), {0, samples});
-    TransportWorker& worker = workers.local();
-    const auto add = [&](const PixelRun& run, std::span<const Rgb> radiance, std::span<const FirstHit>) {
-      const TransportWorker::Cost& cost = worker.sample_cost();
-      PixelSums& sums = survey.sums[begin + run.pixel][size_t(run.sequence)];
-      sums.add_of(run.first, samples, radiance, cost.work, cost.seconds);
-    };
-    if (!trace_pixels(pixels, ranges, Sequences{2, replicate}, context.settings.lobe_samples, worker, goes_on, add))
-      is_complete = false;
-  });
-  for (const TransportWorker& worker : workers) {
-    stats.survey_rays += worker.stats().rays_exact;
-    stats.add_bake(worker.stats());
-  }
-  return is_complete;
-}
-
-// What the samples of one sequence leave, and how that falls with their number: halves and quarters of a sequence tell
-// what a half and a quarter of it leave more, if it has quarters.
-NoiseForecast noise_of(const Survey& survey, ErrorMeasure measure, double most) {
-  NoiseForecast noise;
-  double samples = 0.0, work = 0.0, seconds = 0.0, fall = 0.0, squares = 0.0;
-  for (const SequencePair& pair : survey.sums) {
-    const DVec3 value = 0.5 * (pair[0].mean() + pair[1].mean()), apart = pair[0].mean() - pair[1].mean();
-    const double of_pixel = 0.5 * weighted_square(apart * apart, value, measure);
-    double fall_of_pixel = 0.0;
-    for (const PixelSums& p : pair) {
-      if (p.has_quarters())
-        fall_of_pixel += 0.5 * weighted_square(p.half_difference() + p.quarter_difference(), value, measure);
-      samples += double(p.samples());
-      work += p.work;
-      seconds += p.seconds;
-    }
-    noise.mean_square += of_pixel;
-    fall += fall_of_pixel;
-    squares += (of_pixel + fall_of_pixel) * (of_pixel + fall_of_pixel);
-  }
-  if (!(samples > 0.0)) return noise;
-  const auto pixels = double(survey.sums.size());
-  noise.quarter = (noise.mean_square + fall) / pixels;
-  noise.quarter_error = std::sqrt(std::max(squares / pixels - noise.quarter * noise.quarter, 0.0) / pixels);
-  if (noise.mean_square > 0.0) noise.decay = std::clamp(0.5 * std::log2(1.0 + fall / noise.mean_square), 1.0, most);
-  noise.mean_square /= pixels;
-  noise.samples = 0.5 * samples / pixels;
-  noise.work = work / samples;
-  noise.seconds = seconds / samples;
-  return noise;
+// Single pixels, at least `fewest` and one in `each`, as far as the window has so many.
+NoiseSurvey survey_of(const Picture& picture, int each, int fewest) {
+  const double wanted = std::max(pixels_of(picture) / each, double(fewest));
+  return {survey_pixels(picture.window, picture.settings.seed, wanted)};
 }
 
 RayContext make_ray_context(const Picture& picture, const Stage& stage) {
@@ -136,7 +46,7 @@ RayContext make_ray_context(const Picture& picture, const Stage& stage) {
 // What samples in `context` leave, as few of them show it; nothing if goes_on() became false meanwhile.
 std::optional<NoiseForecast> forecast_noise(const Picture& picture, const TransportContext& context,
                                             const GoesOn& goes_on, Stats& stats) {
-  Survey survey = {survey_pixels(picture, k_noise_pixels_each, k_fewest_noise_pixels)};
+  NoiseSurvey survey = survey_of(picture, k_noise_pixels_each, k_fewest_noise_pixels);
   if (!trace_survey(context, k_noise_samples, k_noise_replicates, goes_on, survey, stats)) return {};
   return noise_of(survey, picture.options.error_measure, most_decay(context.has_fields()));
 }
@@ -145,7 +55,7 @@ std::optional<NoiseForecast> forecast_noise(const Picture& picture, const Transp
 std::optional<NoiseForecast> forecast_noise_of_one(const Picture& picture, const TransportContext& context,
                                                    const GoesOn& goes_on, Stats& stats) {
   constexpr int each = std::max(k_noise_pixels_each / k_one_pixels, 1), fewest = k_fewest_noise_pixels * k_one_pixels;
-  Survey survey = {survey_pixels(picture, each, fewest)};
+  NoiseSurvey survey = survey_of(picture, each, fewest);
   if (!trace_survey(context, 1, k_one_replicates, goes_on, survey, stats)) return {};
   return noise_of(survey, picture.options.error_measure, most_decay(context.has_fields()));
 }
@@ -161,8 +71,8 @@ struct FieldError {
 // all accuracies (Stage::ray_survey). Nothing if the picture was stopped meanwhile or surveys were over.
 std::optional<FieldError> survey_field_error(const Picture& picture, Stage& stage, const TransportContext& context,
                                              Stats& stats) {
-  Survey by_fields = {survey_pixels(picture, k_error_pixels_each, k_fewest_error_pixels)};
-  Survey by_rays = {by_fields.pixels};
+  NoiseSurvey by_fields = survey_of(picture, k_error_pixels_each, k_fewest_error_pixels);
+  NoiseSurvey by_rays = {by_fields.pixels};
   TransportContext fields = context;
   RayContext rays = make_ray_context(picture, stage);
   const int each = context.indirect || context.lobes ? 1 : k_error_light_samples;
@@ -174,7 +84,7 @@ std::optional<FieldError> survey_field_error(const Picture& picture, Stage& stag
   const double light_samples = nearest_power(std::clamp(stage.survey_samples, k_least_samples, k_most_samples));
   const uint32_t of_sequence = uint32_t(light_samples) / uint32_t(each);
   const GoesOn goes_on = while_surveys_may(picture, stage);
-  const auto trace = [&](const TransportContext& with, Survey& survey) {
+  const auto trace = [&](const TransportContext& with, NoiseSurvey& survey) {
     return trace_survey(with, of_sequence, k_error_replicates, goes_on, survey, stats);
   };
   if (!trace(fields, by_fields)) return {};

@@ -19,8 +19,8 @@
 namespace fieldtrace {
 namespace {
 
-// The same without a sky, where light samples' noise stays, and of the layer `ao`.
-constexpr uint64_t k_bounce_maps_gain = 1, k_occlusion_maps_gain = 8;
+// Rays that maps for the layer `ao` may cost for each that they replace.
+constexpr uint64_t k_occlusion_maps_gain = 8;
 constexpr int k_fewest_directions = 8, k_usual_directions = 32, k_fine_directions = 64;
 // In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
 // beside the noise.
@@ -61,15 +61,13 @@ int wanted_directions(bool crowd, float given, uint64_t samples) {
   return given <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
 }
 
-// D = 0: none is affordable for so many rays. `coarse_gain`: k_coarse_maps_gain or its like.
-MapSize choose_size(size_t shapes, int directions, int least, uint64_t rays, uint64_t coarse_gain,
-                    uint64_t most_bytes) {
+// D = 0: none is affordable. `cost`: what maps may cost, in rays; `fine_cost`: those of more than k_coarse_directions.
+MapSize choose_size(size_t shapes, int directions, int least, uint64_t cost, uint64_t fine_cost, uint64_t most_bytes) {
   MapSize size;
   size.directions = directions;
   const auto fits = [&] {
-    const bool is_coarse = size.directions <= k_coarse_directions;
-    const uint64_t gain = is_coarse ? coarse_gain : std::min(coarse_gain, k_usual_maps_gain);
-    return size.lines() * shapes <= gain * rays && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
+    const uint64_t most = size.directions <= k_coarse_directions ? cost : std::min(cost, fine_cost);
+    return size.lines() * shapes <= most && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
   while (size.directions > least && !fits()) size.directions /= 2;
   if (!fits()) size.directions = 0;
@@ -142,11 +140,13 @@ bool has_sky(const Scene& scene) {
   return std::any_of(scene.emitters.begin(), scene.emitters.end(), [](const Emitter& e) { return is_sky(e.kind); });
 }
 
+bool admits_maps(const RenderOptions& options) { return options.base_tolerance() > 0.0f && !options.force_undecided; }
+
 SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                   const RenderOptions& options, const SkyRequest& request, const CacheOpener& cache,
                   const RenderCallbacks& callbacks, Stats& stats) {
   SkyStage stage;
-  if (!(options.base_tolerance() > 0.0f) || options.force_undecided) return stage;
+  if (!admits_maps(options)) return stage;
   const float given = options.base_tolerance() / k_default_tolerance;
   MappedShapes mapped = mapped_shapes(scene, traits);
   const std::vector<MappedShape>& shapes = mapped.shapes;
@@ -155,9 +155,9 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const uint64_t instances = crowd ? instances_in_view(scene) : 0;
   // Each sample sends one to the sky and one from the material.
   const uint64_t most_crowd_rays = 2 * k_most_crowd_samples * uint64_t(scene.film.width) * uint64_t(scene.film.height);
-  const uint64_t light_gain = request.bounces_alone ? k_bounce_maps_gain : k_coarse_maps_gain;
-  const auto choose = [&](uint64_t rays, bool coarse, uint64_t coarse_gain) {
-    if (rays > 0 && by_request) rays = std::numeric_limits<uint64_t>::max() / k_coarse_maps_gain;
+  const auto choose = [&](uint64_t rays, bool coarse, uint64_t cost) {
+    if (rays == 0) return MapSize{0, 0};
+    if (by_request) cost = rays = std::numeric_limits<uint64_t>::max() / k_usual_maps_gain;
     if (!by_request && std::min(rays, most_crowd_rays) < k_crowd_rays * instances) return MapSize{0, 0};
     int directions = wanted_directions(crowd, given, request.samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
@@ -171,23 +171,19 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
     while (request.bounces && directions > k_coarse_directions && shading_rays() > rays / 2) {
       directions /= 2;
     }
-    return choose_size(shapes.size(), directions, least_directions(given, request.samples), rays, coarse_gain,
-                       request.most_bytes);
+    return choose_size(shapes.size(), directions, least_directions(given, request.samples), cost,
+                       k_usual_maps_gain * rays, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
-  MapSize size = choose(request.light_rays, request.coarse, light_gain);
-  if (size.directions == 0 && request.light_rays > 0) {
-    mapped.drop_deformed();
-    size = choose(request.light_rays, request.coarse, light_gain);
-  }
+  MapSize size = choose(request.light_rays, request.coarse, request.light_cost);
   const bool for_light = size.directions > 0;
   // Within less than an object's radius rays are cheap and their noise is low.
   const bool is_far = by_request || request.occlusion_distance >= median_radius(scene, mapped);
   const uint64_t occlusion_rays = is_far ? request.occlusion_rays : 0;
-  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false, k_occlusion_maps_gain);
+  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false, k_occlusion_maps_gain * occlusion_rays);
   if (size.directions == 0) return stage;
   const bool can_be_finer =
-      for_light && size.directions < choose(request.light_rays, /*coarse=*/false, light_gain).directions;
+      for_light && size.directions < choose(request.light_rays, /*coarse=*/false, request.light_cost).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size, options.if_unkept};
   std::optional<SkyRadiance> light;

@@ -23,27 +23,31 @@ struct SkyStage {
   std::vector<FieldIdentity> identities;  // of the maps' files
 };
 
-// Rays that maps may cost for each that they replace. Coarse maps, whose errors suit the noise of few samples, leave
-// less than a fifth of that noise, which would take Monte Carlo 25 times the rays.
-inline constexpr uint64_t k_coarse_maps_gain = 16, k_usual_maps_gain = 2;
+// Rays that fine maps may cost for each that they replace, and all maps without a sky.
+inline constexpr uint64_t k_usual_maps_gain = 2, k_bounce_maps_gain = 1;
+// What a frame takes where maps answer, without their making, in Monte Carlo's time: what they gain must be more.
+inline constexpr double k_time_by_maps = 1.2;
 inline constexpr int k_coarse_directions = 16;
 
 struct SkyRequest {
   // Rays of the whole film that maps would spare Monte Carlo; 0: not wanted.
   uint64_t light_rays = 0, occlusion_rays = 0;
+  uint64_t light_cost = 0;                // rays that maps for light may cost at most
   float occlusion_distance = k_infinity;  // of the layer `ao`
   // Light samples of a pixel; the most that there may be where their number tells nothing of the noise.
   uint64_t samples = 0;
-  uint64_t most_bytes = 0;     // that maps may take
-  bool bounces = false;        // maps are to know light from surface to surface, too
-  uint64_t bounce_rays = 0;    // what that costs with k_coarse_directions
-  std::vector<Vec3> seen;      // for that: points that the camera sees
-  bool bounces_alone = false;  // there is no sky: light from surface to surface is all that maps are for
-  bool coarse = false;         // maps for light have no more directions than for few samples, and their tolerance
+  uint64_t most_bytes = 0;   // that maps may take
+  bool bounces = false;      // maps are to know light from surface to surface, too
+  uint64_t bounce_rays = 0;  // what that costs with k_coarse_directions
+  std::vector<Vec3> seen;    // for that: points that the camera sees
+  bool coarse = false;       // maps for light have no more directions than for few samples, and their tolerance
 };
 
 // Whether the scene has emitters that surround it.
 bool has_sky(const Scene& scene);
+
+// Whether maps may answer: where the tolerance admits estimates.
+bool admits_maps(const RenderOptions& options);
 
 // Opens the cache that maps are kept in; null: there is none.
 using CacheOpener = std::function<FieldCache*()>;

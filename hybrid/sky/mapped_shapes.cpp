@@ -82,16 +82,4 @@ float median_radius(const Scene& scene, const MappedShapes& mapped) {
   return *middle;
 }
 
-void MappedShapes::drop_deformed() {
-  std::vector<uint32_t> kept(shapes.size(), k_none);
-  std::vector<MappedShape> rest;
-  for (size_t k = 0; k < shapes.size(); ++k) {
-    if (shapes[k].is_deformed()) continue;
-    kept[k] = uint32_t(rest.size());
-    rest.push_back(shapes[k]);
-  }
-  shapes.swap(rest);
-  for (uint32_t& k : of_instance) k = k == k_none ? k_none : kept[k];
-}
-
 }  // namespace fieldtrace

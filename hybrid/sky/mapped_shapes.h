@@ -22,9 +22,6 @@ struct MappedShape {
 struct MappedShapes {
   std::vector<MappedShape> shapes;
   std::vector<uint32_t> of_instance;  // index into shapes; k_none: it needs no maps, or can have none
-
-  // Leaves the deformed ones out.
-  void drop_deformed();
 };
 
 // All that a scene's instances need, but for parallelograms and boxes (plane_shapes()). Instances share one if their

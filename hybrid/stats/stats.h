@@ -138,7 +138,7 @@ struct Stats {
   uint64_t field_objects = 0;        // objects answered by fields, for shadow rays or glossy ones
   uint64_t field_left_to_rays = 0;   // objects that could have a field but are left to exact rays for shadows
   uint64_t field_self_to_rays = 0;   // objects whose field is not used for rays from the object itself
-  uint64_t survey_rays = 0;          // shadow rays traced to decide that, not in rays_exact
+  uint64_t survey_rays = 0;          // shadow rays of surveys, not in rays_exact
   std::vector<FieldUse> field_uses;  // per shape; empty unless counted (hybrid/render/field_survey.h)
   uint64_t field_cells_baked = 0, field_cells_full = 0, field_bytes_memory = 0, field_bytes_disk = 0;
   uint64_t field_tiles_baked = 0;  // coverage tiles

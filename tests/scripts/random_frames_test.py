@@ -34,15 +34,22 @@ class RandomFrames(unittest.TestCase):
         self.assertAlmostEqual(gains["warm / Monte Carlo"], 2.0 ** (4.0 / 3.0))
         self.assertEqual(random_frames.numbers("1-3,7"), [1, 2, 3, 7])
 
+    def test_camera_samples_count_beside_light_samples(self):
+        self.assertEqual(random_frames.splits("1-2,4x16"), [(1, 1), (2, 1), (4, 16)])
+        found = {"Monte Carlo": (1.0, 0.02), "adaptive": (1.0, 0.02), "camera samples": (1.0, 0.01),
+                 "cold": (1.0, 0.02), "warm": (1.0, 0.01)}
+        self.assertAlmostEqual(random_frames.gains(found)["warm / Monte Carlo"], 1.0)
+
     def test_renders_every_kind(self):
         with tempfile.TemporaryDirectory() as folder:
             for kind in random_scenes.KINDS:
-                words = ["--kind", kind, "--scenes", "1", "--size", "32x24", "--samples", "2", "--repeats", "1",
+                words = ["--kind", kind, "--scenes", "1", "--size", "32x24", "--samples", "2,1x2", "--repeats", "1",
                          "--reference-spp", "8", "--program", PROGRAM, "--work", folder]
                 done = subprocess.run([sys.executable, random_frames.__file__, *words], capture_output=True, text=True)
                 self.assertEqual(done.returncode, 0, done.stderr)
                 self.assertIn(f"{kind} 1, 2 samples: Monte Carlo ", done.stdout)
                 self.assertRegex(done.stdout, r"2 samples, warm / Monte Carlo: \d")
+                self.assertIn(f"{kind} 1, 1 x 2 samples: Monte Carlo ", done.stdout)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Whole frames of scenes made at random: what fields gain over Monte Carlo at equal error.
 
-    tools/benchmarks/random_frames.py [--kind sky|bounces|room|lamps] [--scenes 1-8] [--samples 1,4,16,64]
+    tools/benchmarks/random_frames.py [--kind sky|bounces|room|lamps] [--scenes 1-8] [--samples 1,4,16,4x16]
                                       [--targets E,E] [--other PROGRAM] [--repeats 3] [--work build/random]
 
-One line a scene and number of samples: seconds and RMSE of Monte Carlo (the better of its two estimators) and of
-fields with a cache (warm) and without (cold), and the gains: the time Monte Carlo takes to the same error over that of
-fields, its error falling as samples^-3/4. The references' noise is taken out of RMSEs by using two of them. Floors in
+One line a scene and number of samples: seconds and RMSE of Monte Carlo (the better of its two estimators, and of as
+many camera samples of one light sample where 4x16 asks for 4 of 16) and of fields with a cache (warm) and without
+(cold), and the gains: the time Monte Carlo takes to the same error over that of fields, its error falling as
+samples^-3/4. The references' noise is taken out of RMSEs by using two of them. Floors in
 the open reflect about 1 under skies, .25 under lamps. With --targets, pictures to an error are compared instead. With
 --other, the gain of this program over another one follows, for each method. The last lines are geometric means.
 
@@ -29,6 +30,9 @@ from measuring.rows_target import Truth
 from measuring.timing import in_turn
 
 
+MONTE_CARLO = ("Monte Carlo", "adaptive", "camera samples")
+
+
 def numbers(text):
     found = []
     for part in text.split(","):
@@ -39,6 +43,15 @@ def numbers(text):
 
 def errors(text):
     return [float(part) for part in text.split(",")]
+
+
+def splits(text):
+    """Camera samples, and light samples of each: 1-3,4x16 is [(1, 1), (2, 1), (3, 1), (4, 16)]."""
+    found = []
+    for part in text.split(","):
+        camera, _, light = part.partition("x")
+        found += [(n, int(light or 1)) for n in numbers(camera)]
+    return found
 
 
 def size(text):
@@ -52,7 +65,8 @@ def parse(words):
     parser.add_argument("--other", type=pathlib.Path, metavar="PROGRAM", help="a program to compare with")
     parser.add_argument("--kind", choices=random_scenes.KINDS, default="sky")
     parser.add_argument("--scenes", type=numbers, default=numbers("1-8"), metavar="LIST", help="as 1-8 or 3,5")
-    parser.add_argument("--samples", type=numbers, default=[1, 4, 16, 64], metavar="LIST", help="camera samples")
+    parser.add_argument("--samples", type=splits, default=splits("1,4,16,64"), metavar="LIST",
+                        help="camera samples; 4x16: of 16 light samples each")
     parser.add_argument("--targets", type=errors, metavar="LIST", help="errors to render to, instead of --samples")
     parser.add_argument("--repeats", type=int, default=3, metavar="N")
     parser.add_argument("--reference-spp", type=int, default=1024, metavar="N")
@@ -82,6 +96,9 @@ def ways_of(programs, others, shot):
             found |= {"Monte Carlo" + suffix: (p, shot, False),
                       "adaptive" + suffix: (p, shot.with_(options=(*shot.options, *ADAPTIVE)), False),
                       "cold" + suffix: (p, fields, False), "warm" + suffix: (p, fields, True)}
+            if shot.light_samples > 1:
+                split = shot.with_(spp=shot.spp * shot.light_samples, light_samples=1)
+                found["camera samples" + suffix] = (p, split, False)
     return found
 
 
@@ -111,10 +128,10 @@ def gains(found):
     result = {}
     for suffix in ("", " of the other"):
         if "warm" + suffix in found:
-            best = min(work(found[name + suffix]) for name in ("Monte Carlo", "adaptive"))
+            best = min(work(found[name + suffix]) for name in MONTE_CARLO if name + suffix in found)
             for start in ("warm", "cold"):
                 result[f"{start}{suffix} / Monte Carlo{suffix}"] = best / work(found[start + suffix])
-    for name in ("Monte Carlo", "adaptive", "cold", "warm"):
+    for name in (*MONTE_CARLO, "cold", "warm"):
         if f"{name} of the other" in found:
             result[f"{name} / that of the other"] = work(found[f"{name} of the other"]) / work(found[name])
     return result
@@ -131,7 +148,8 @@ def main(words):
         scene = Scene(programs, arguments, seed)
         steps = ([(f"to {t:g}", Shot(scene.path, spp=4096, options=("--target-error", f"{t:.9g}")))
                   for t in arguments.targets] if arguments.targets else
-                 [(f"{n} samples", Shot(scene.path, spp=n)) for n in arguments.samples])
+                 [(f"{n} samples" if light == 1 else f"{n} x {light} samples",
+                   Shot(scene.path, spp=n, light_samples=light)) for n, light in arguments.samples])
         for step, shot in steps:
             found = measure(scene, ways_of(programs, others, shot), arguments.repeats)
             print(f"{scene.name}, {step}: " + ", ".join(f"{n} {s:.3f} s {e:.4f}" for n, (s, e) in found.items()))

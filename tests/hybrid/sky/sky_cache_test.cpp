@@ -27,7 +27,7 @@ class SkyCache : public testing::Test {
     m.light(EmitterKind::constant, Rgb(1.0f));
     scene_ = std::move(m.scene);
     options_.spp = 4;
-    options_.light_samples = 80;
+    options_.light_samples = 640;
     options_.tolerance = 0.4f;
     options_.threads = 2;
     options_.seed = 1;

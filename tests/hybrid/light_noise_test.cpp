@@ -1,0 +1,142 @@
+// How much of a picture's noise is that of its light, and what maps of a sky may cost for it.
+
+#include "hybrid/survey/light_noise.h"
+
+#include <gtest/gtest.h>
+#include <tbb/task_arena.h>
+
+#include "core/mesh/mesh_procedural.h"
+#include "core/mesh/mesh_stress.h"
+#include "hybrid/render/render.h"
+#include "hybrid/visibility/shape_traits.h"
+#include "tests/support/small_scenes.h"
+
+namespace fieldtrace {
+namespace {
+
+using namespace test;
+
+constexpr int k_size = 64, k_all = -1;
+
+struct TestScene : SceneMaker {
+  uint32_t grey = 0;
+
+  TestScene() {
+    film(k_size, k_size);
+    scene.camera.to_world = look_at({0, 3, 4}, {0, 0, 0}, {0, 1, 0});
+    scene.integrator.max_depth = k_all;
+    grey = bsdf(BsdfKind::diffuse, Rgb(0.8f));
+    scene.bsdfs[grey].two_sided = true;
+  }
+  // Fills the view.
+  void floor() {
+    instance(shape(ShapeKind::rectangle), grey, Affine(Vec3(30, 0, 0), Vec3(0, 0, -30), Vec3(0, 30, 0), Vec3(0)));
+  }
+  // Upright, beside and behind what is seen.
+  void walls() {
+    const uint32_t square = shape(ShapeKind::rectangle);
+    instance(square, grey, Affine(Vec3(0, 0, 9), Vec3(0, 9, 0), Vec3(-9, 0, 0), Vec3(-6, 0, 0)));
+    instance(square, grey, Affine(Vec3(9, 0, 0), Vec3(0, 9, 0), Vec3(0, 0, 9), Vec3(0, 0, -9)));
+  }
+  // Bright from one side alone.
+  void one_sided_sky() {
+    environment(32, 16, [](int x, int y) { return y < 8 && x < 4 ? Rgb(20.0f) : Rgb(0.1f); });
+  }
+
+  double gain_without(int depth, uint32_t seed = 0) const {
+    const Accel accel(scene);
+    const std::vector<ShapeTraits> traits = shape_traits(scene);
+    const auto lights = std::make_shared<const LightTable>(make_lights(scene));
+    TransportSettings settings;
+    settings.max_depth = scene.integrator.max_depth;
+    settings.rr_depth = 100;
+    settings.seed = seed;
+    Stats stats;
+    const LightNoiseInput input{scene, accel, traits, lights, settings, scene.film.crop};
+    const LightNoise noise(input, stats);
+    EXPECT_GT(noise.of_all(), 0.0);
+    const double gain = noise.gain_without(depth);
+    EXPECT_GE(gain, 1.0);
+    EXPECT_LE(gain, LightNoise::most_gain());
+    return gain;
+  }
+  uint64_t objects_mapped(RenderOptions o) const {
+    o.method = Method::hybrid;
+    o.spp = 64;
+    o.max_depth = 2;
+    o.threads = 2;
+    return render(scene, o).stats.sky_objects;
+  }
+};
+
+// Emitters alone: whatever light brings, edges of their discs are all of the noise.
+TEST(LightNoise, IsNoneWhereEdgesHoldAllOfIt) {
+  TestScene s;
+  const uint32_t sphere = s.shape(ShapeKind::sphere);
+  for (int i = -2; i <= 2; ++i) {
+    Affine place = scaling(Vec3(0.3f));
+    place[3] = Vec3(float(i), 0.2f * float(i), 0);
+    s.area_light(s.instance(sphere, s.grey, place), Rgb(5.0f));
+  }
+  s.scene.integrator.max_depth = 1;
+  EXPECT_EQ(s.gain_without(1), 1.0);
+}
+
+TEST(LightNoise, IsAllOfItOnAnOpenFloor) {
+  TestScene s;
+  s.floor();
+  s.one_sided_sky();
+  EXPECT_GT(s.gain_without(2), 8.0);
+}
+
+// A point's light is exact at the first surface, and random beyond.
+TEST(LightNoise, IsToldApartByPaths) {
+  TestScene s;
+  s.floor(), s.walls();
+  s.light(EmitterKind::point, Rgb(40.0f), Vec3(1, 3, 1));
+  const double direct = s.gain_without(2), all = s.gain_without(k_all);
+  EXPECT_LT(direct, 1.05);
+  EXPECT_GT(all, 1.5);
+}
+
+// Out of focus, a lamp's edges are noise of the lens.
+TEST(LightNoise, IsNotThatOfALens) {
+  TestScene s;
+  s.area_light(s.instance(s.shape(ShapeKind::sphere), s.grey, scaling(Vec3(0.8f))), Rgb(5.0f));
+  s.scene.integrator.max_depth = 1;
+  s.scene.camera.aperture_radius = 0.3f;
+  s.scene.camera.focus_distance = 2.0f;
+  EXPECT_EQ(s.gain_without(1), 1.0);
+}
+
+TEST(LightNoise, DependsNeitherOnThreadsNorOnTheSeed) {
+  TestScene s;
+  s.floor(), s.walls();
+  s.one_sided_sky();
+  double gains[2];
+  for (int threads : {1, 2}) {
+    tbb::task_arena arena(threads);
+    arena.execute([&] { gains[threads - 1] = s.gain_without(2, uint32_t(threads)); });
+  }
+  EXPECT_EQ(gains[0], gains[1]);
+}
+
+// Hairs before a white sky, whose edges are the noise, and a ball on a floor, whose shadow is. Both take as much to
+// map.
+TEST(LightNoise, DecidesWhetherASkyHasMaps) {
+  TestScene hairs, ball;
+  hairs.instance(hairs.mesh(make_hair_ball({.hairs = 600})), hairs.grey, Affine(1.0f));
+  hairs.light(EmitterKind::constant, Rgb(1.0f));
+  ball.floor();
+  ball.instance(ball.mesh(make_sphere()), ball.grey, Affine(1.0f));
+  ball.one_sided_sky();
+  EXPECT_EQ(hairs.objects_mapped({}), 0u);
+  EXPECT_EQ(ball.objects_mapped({}), 1u);
+  // What is asked for is made.
+  RenderOptions at_any_cost;
+  at_any_cost.directions = 32;
+  EXPECT_EQ(hairs.objects_mapped(at_any_cost), 1u);
+}
+
+}  // namespace
+}  // namespace fieldtrace
