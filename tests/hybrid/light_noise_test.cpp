@@ -43,7 +43,7 @@ struct TestScene : SceneMaker {
     environment(32, 16, [](int x, int y) { return y < 8 && x < 4 ? Rgb(20.0f) : Rgb(0.1f); });
   }
 
-  double gain_without(int depth, uint32_t seed = 0) const {
+  double gain_without(int depth, uint32_t seed = 0, int light_samples = 1) const {
     const Accel accel(scene);
     const std::vector<ShapeTraits> traits = shape_traits(scene);
     const auto lights = std::make_shared<const LightTable>(make_lights(scene));
@@ -51,6 +51,7 @@ struct TestScene : SceneMaker {
     settings.max_depth = scene.integrator.max_depth;
     settings.rr_depth = 100;
     settings.seed = seed;
+    settings.light_samples = light_samples;
     Stats stats;
     const LightNoiseInput input{scene, accel, traits, lights, settings, scene.film.crop};
     const LightNoise noise(input, stats);
@@ -97,6 +98,19 @@ TEST(LightNoise, IsToldApartByPaths) {
   const double direct = s.gain_without(2), all = s.gain_without(k_all);
   EXPECT_LT(direct, 1.05);
   EXPECT_GT(all, 1.5);
+}
+
+// What light samples leave of it is less, but for that of longer paths, which have one.
+TEST(LightNoise, IsLessWithLightSamples) {
+  TestScene ball, room;
+  ball.floor();
+  ball.instance(ball.mesh(make_sphere()), ball.grey, Affine(1.0f));
+  ball.one_sided_sky();
+  const double one = ball.gain_without(2), many = ball.gain_without(2, 0, 1024);
+  EXPECT_GT(one, 1.5 * many);
+  room.floor(), room.walls();
+  room.light(EmitterKind::point, Rgb(40.0f), Vec3(1, 3, 1));
+  EXPECT_NEAR(room.gain_without(k_all, 0, 1024), room.gain_without(k_all), 0.05);
 }
 
 // Out of focus, a lamp's edges are noise of the lens.
