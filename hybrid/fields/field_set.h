@@ -55,9 +55,6 @@ struct FieldSurvey {
   std::vector<FieldUse> uses;  // per shape of the scene
   double scale = 1.0;          // camera samples of the picture for each surveyed one
   Stats stats;                 // of the survey's own rays
-  // Shadow rays of a camera sample, for each of its light samples, from its first surface to lights that may have more
-  // samples there.
-  double open_rays = 0.0;
   bool interrupted = false;  // by `stop`; the counts are then meaningless
 };
 

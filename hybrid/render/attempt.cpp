@@ -284,15 +284,16 @@ bool attempt(const Picture& picture, Stage& stage, FieldPlan& plan, RenderResult
   const bool resumes = stage.resumed && stage.resumed->reductions == plan.reductions;
 
   int open_samples = options.light_samples;
-  bool surveyed = leave_unpaid(picture, stage, fields, open_samples, stats);
-  const float survey_tolerance = picture.light_tolerance(open_samples);
+  bool surveyed = choose_light_samples(picture, stage, open_samples, stats) &&
+                  leave_unpaid(picture, stage, fields, open_samples, stats);
+  const float tolerance = picture.light_tolerance(open_samples);
   FieldCache* const cache = fields.empty() ? stage.cache.get() : cache_of(picture, stage);
   if (cache && !fields.empty()) {
     const ScopedTimer timer(stats.time_cache);
     fields.load(*cache);
   }
-  surveyed = surveyed && leave_undecided(picture, stage, fields, survey_tolerance, open_samples, stats);
-  stats.tolerance = resumes ? stage.resumed->tolerance : picture.light_tolerance(open_samples);
+  surveyed = surveyed && leave_undecided(picture, stage, fields, tolerance, stats);
+  stats.tolerance = resumes ? stage.resumed->tolerance : tolerance;
   if (!surveyed && is_late(picture, stage) && !picture.stopped()) {
     stage.accuracy = FieldAccuracy::rays;
     return false;

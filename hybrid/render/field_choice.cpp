@@ -4,6 +4,7 @@
 
 #include "hybrid/light/direct_light.h"
 #include "hybrid/render/field_survey.h"
+#include "hybrid/survey/open_light_samples.h"
 #include "hybrid/visibility/shadow_answerer.h"
 
 namespace fieldtrace {
@@ -51,26 +52,38 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields, f
   return s;
 }
 
-bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, int& open_samples, Stats& stats) {
-  const bool leaves = wants_survey(picture, fields) && picture.options.whole_lights;
-  if (!leaves && !(picture.is_adaptive() && picture.has_area_lights())) return true;
-  TransportSettings settings = picture.settings;
-  settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
-  FieldSurvey survey = survey_picture(picture, stage, {}, {}, picture.options.base_tolerance(), settings, 1, stats);
+bool choose_light_samples(const Picture& picture, const Stage& stage, int& open_samples, Stats& stats) {
+  open_samples = picture.options.light_samples;
+  if (!picture.adapts_light_samples()) return true;
+  const GoesOn goes_on = while_surveys_may(picture, stage);
+  const Rect window = picture.sampled_window();
+  NoiseByLightSamples noise =
+      noise_by_light_samples({picture.scene, stage.accel, stage.traits, stage.lights, picture.settings, window,
+                              picture.survey_samples(), picture.options.error_measure, goes_on},
+                             stats);
   // Where rays answer and time is short, there are no more light samples than elsewhere.
-  if (survey.interrupted) return !picture.stopped() && !is_late(picture, stage);
-  open_samples = picture.open_samples(survey.open_rays);
-  survey.scale *= double(open_samples) / double(picture.options.light_samples);
-  if (!leaves) return true;
-  if (picture.has_few_light_samples(open_samples))
-    fields.leave_all();
-  else
-    fields.leave_unpaid(survey);
+  if (!goes_on()) return !picture.stopped() && !is_late(picture, stage);
+  if (stage.sky.noise_left) noise.rest = *stage.sky.noise_left * (noise.light + noise.rest);  // of one light sample
+  open_samples = noise.best(open_samples);
   return true;
 }
 
-bool leave_undecided(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, int& open_samples,
-                     Stats& stats) {
+bool leave_unpaid(const Picture& picture, const Stage& stage, FieldSet& fields, int open_samples, Stats& stats) {
+  if (!wants_survey(picture, fields) || !picture.options.whole_lights) return true;
+  if (picture.has_few_light_samples(open_samples)) {
+    fields.leave_all();
+    return true;
+  }
+  TransportSettings settings = picture.settings;
+  settings.pixel_samples = k_fewest_cone_samples;  // points are tested one by one
+  FieldSurvey survey = survey_picture(picture, stage, {}, {}, picture.options.base_tolerance(), settings, 1, stats);
+  if (survey.interrupted) return !picture.stopped() && !is_late(picture, stage);
+  survey.scale *= double(open_samples) / double(picture.options.light_samples);
+  fields.leave_unpaid(survey);
+  return true;
+}
+
+bool leave_undecided(const Picture& picture, const Stage& stage, FieldSet& fields, float tolerance, Stats& stats) {
   if (!wants_survey(picture, fields)) return true;
   const int64_t of_pixel = int64_t(picture.spp) * picture.options.light_samples;
   TransportSettings settings = settings_for(picture, fields, tolerance);
@@ -79,7 +92,6 @@ bool leave_undecided(const Picture& picture, const Stage& stage, FieldSet& field
                                             settings, int(std::min<int64_t>(of_pixel, k_most_survey_samples)), stats);
   if (survey.interrupted) return false;
   fields.leave_undecided(survey);
-  open_samples = picture.open_samples(survey.open_rays);
   return true;
 }
 

@@ -69,8 +69,6 @@ FieldSurvey survey_fields(const TransportContext& context, const Rect& film, dou
   for (const Rect& b : blocks) pixels += uint64_t(b.width) * uint64_t(b.height);
   survey.scale = double(film.width) * double(film.height) * repeats / double(pixels);
   for (const TransportWorker& worker : workers) survey.stats.merge_counters(worker.stats());
-  const double light_samples = double(pixels) * double(context.settings.light_samples);
-  survey.open_rays = double(survey.stats.rays_open) / light_samples;
   survey.uses = survey.stats.field_uses;
   survey.uses.resize(context.scene.shapes.size());
   return survey;

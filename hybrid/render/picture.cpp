@@ -4,7 +4,7 @@
 
 #include "hybrid/fields/field_set.h"
 #include "hybrid/fields/thesis_fields.h"
-#include "hybrid/render/open_light_samples.h"
+#include "hybrid/survey/open_light_samples.h"
 #include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {
@@ -127,14 +127,14 @@ bool Picture::is_adaptive() const {
   return by_rounds() || (wants_fields && !options.force_undecided);
 }
 
-bool Picture::has_area_lights() const {
+bool Picture::adapts_light_samples() const {
   const std::vector<Emitter>& e = scene.emitters;
-  return std::any_of(e.begin(), e.end(), [](const Emitter& emitter) { return emitter.kind == EmitterKind::area; });
+  return is_adaptive() &&
+         std::any_of(e.begin(), e.end(), [](const Emitter& emitter) { return emitter.kind == EmitterKind::area; });
 }
 
-int Picture::open_samples(double open_rays) const {
-  if (!is_adaptive() || !has_area_lights()) return options.light_samples;
-  return open_light_samples(options.light_samples, open_rays);
+int Picture::most_open_samples() const {
+  return adapts_light_samples() ? std::max(options.light_samples, k_most_open_samples) : options.light_samples;
 }
 
 bool Picture::has_few_light_samples(int open_samples) const {
@@ -157,6 +157,11 @@ Rect Picture::sampled_window() const { return by_rounds() ? window : crop_window
 uint64_t Picture::film_samples() const {
   const Rect film = sampled_window();
   return uint64_t(film.width) * uint64_t(film.height) * uint64_t(spp);
+}
+
+uint32_t Picture::survey_samples() const {
+  const Rect film = sampled_window();
+  return few_samples_of(double(film.width) * double(film.height), spp);
 }
 
 }  // namespace fieldtrace

@@ -50,11 +50,10 @@ struct Picture {
   // Sets how many rays leave a glossy surface, and with them what fits into one batch.
   void split_lobes(TransportSettings& s, int lobe_samples) const;
   bool by_rounds() const { return options.by_rounds(); }
-  bool is_adaptive() const;  // whether lights that may be hidden get more light samples
-  bool has_area_lights() const;
-  // Light samples of each camera sample where lights may be hidden, which only area lights have more of; `open_rays` as
-  // in FieldSurvey.
-  int open_samples(double open_rays) const;
+  bool is_adaptive() const;           // whether lights that may be hidden get more light samples
+  bool adapts_light_samples() const;  // the same, where there are area lights: others get no more
+  // Light samples of each camera sample where lights may be hidden, at most.
+  int most_open_samples() const;
   int open_sun_samples() const;  // the same of suns
   // Whether pixels have too few light samples for fields, with `open_samples` for each camera sample where lights may
   // be hidden.
@@ -66,6 +65,7 @@ struct Picture {
   // depend on it, of the window.
   Rect sampled_window() const;
   uint64_t film_samples() const;
+  uint32_t survey_samples() const;  // few_samples_of() it
   uint64_t rays_per_light() const { return film_samples() * uint64_t(options.light_samples); }
 };
 

@@ -19,7 +19,6 @@
 #include "hybrid/render/attempt.h"
 #include "hybrid/render/glossy_stage.h"
 #include "hybrid/render/indirect_stage.h"
-#include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/picture.h"
 #include "hybrid/render/picture_identity.h"
 #include "hybrid/render/render_pilot.h"
@@ -57,14 +56,15 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, Stats& stats)
     const auto worth = [&](int up_to) {
       if (!is_lit) return double(k_usual_maps_gain) * with_paths;  // a lamp's own noise stays
       if (!noise && !o.at_any_cost()) {
-        noise.emplace(LightNoiseInput{scene, stage.accel, stage.traits, stage.lights, picture.settings, film,
-                                      o.error_measure, while_surveys_may(picture, stage)},
+        noise.emplace(PictureSurvey{scene, stage.accel, stage.traits, stage.lights, picture.settings, film, 1,
+                                    o.error_measure, while_surveys_may(picture, stage)},
                       stats);
       }
-      const double gain = noise ? noise->gain_without(up_to) : LightNoise::most_gain();
+      const LightNoise::Without without = noise ? noise->without(up_to) : LightNoise::Without();
       // Maps answer one sample or many in the same time.
       const double by_maps = samples + with_paths - survey.diffuse * (lights - samples);
-      return std::max(gain * (samples + with_paths) - k_time_by_maps * by_maps, 0.0);
+      if (noise) request.noise_left = without.share;
+      return std::max(without.gain * (samples + with_paths) - k_time_by_maps * by_maps, 0.0);
     };
     if (suits && request.bounce_rays > 0 && with_paths > 0.0) {
       const double left = worth(depth) - double(request.bounce_rays);
@@ -144,7 +144,7 @@ FieldPlan first_plan(const Picture& picture, const Stage& stage) {
   if (options.plane) plan.parameters.plane = options.plane;
   // No shape is left out for its cost where every cell answers, or undecided cells are requested.
   if (!options.at_any_cost() && !options.force_undecided && options.base_tolerance() < 1.0f) {
-    const int open_samples = picture.open_samples(0.0);  // at most, where lights may be hidden
+    const int open_samples = picture.most_open_samples();
     const auto samples = double(picture.film_samples()) * open_samples;
     const bool by_rays = picture.has_few_light_samples(open_samples) || leaves_lamps(picture, stage);
     plan.light_samples = by_rays ? 0.0 : samples * double(scene.emitters.size());

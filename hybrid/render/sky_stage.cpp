@@ -212,7 +212,10 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
                                          sky_tolerance(slack_of(options, request, can_be_finer)));
   stage.can_be_finer = can_be_finer;
   stats.sky_directions = size.directions, stats.sky_texels = size.texels;
-  if (light) stage.light = std::make_unique<Sky>(*stage.maps, std::move(*light));
+  if (light) {
+    stage.light = std::make_unique<Sky>(*stage.maps, std::move(*light));
+    stage.noise_left = request.noise_left;
+  }
   if (occlusion_rays > 0) {
     stage.occlusion = std::make_unique<Sky>(*stage.maps, SkyRadiance(white_sky()), request.occlusion_distance);
   }

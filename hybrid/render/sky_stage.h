@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -21,6 +22,8 @@ struct SkyStage {
   std::unique_ptr<Sky> light;             // of the scene's emitters
   std::unique_ptr<Sky> occlusion;         // of the layer `ao`
   std::vector<FieldIdentity> identities;  // of the maps' files
+  // The share of Monte Carlo's noise that is left where light has none, if a survey has found that.
+  std::optional<double> noise_left;
 };
 
 // Rays that fine maps may cost for each that they replace, and all maps without a sky.
@@ -33,6 +36,7 @@ struct SkyRequest {
   // Rays of the whole film that maps would spare Monte Carlo; 0: not wanted.
   uint64_t light_rays = 0, occlusion_rays = 0;
   uint64_t light_cost = 0;                // rays that maps for light may cost at most
+  std::optional<double> noise_left;       // SkyStage's
   float occlusion_distance = k_infinity;  // of the layer `ao`
   // Light samples of a pixel; the most that there may be where their number tells nothing of the noise.
   uint64_t samples = 0;

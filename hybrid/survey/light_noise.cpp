@@ -3,29 +3,20 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/camera/camera.h"
-#include "hybrid/path/ray_context.h"
-
 namespace fieldtrace {
 namespace {
 
-// Pixels that tell; maps and what they leave to rays leave this share of the noise at least.
-constexpr double k_light_noise_pixels = 1024.0, k_least_noise_left = 0.02;
+// Maps and what they leave to rays leave this share of the noise at least.
+constexpr double k_least_noise_left = 0.02;
 // A pixel's filter where all samples are at its centre.
 constexpr float k_centre_radius = 1e-3f;
 
-// The mean square that one sample of a pixel leaves; 0 if goes_on() became false.
-double noise_of_one(const LightNoiseInput& input, const Camera& of, const Film& film, int depth, Stats& stats) {
-  const CameraSampler camera(of, film);
-  TransportSettings settings = input.settings;
+double noise_with_one_light_sample(const PictureSurvey& picture, const Camera& camera, const Film& film, int depth,
+                                   Stats& stats) {
+  TransportSettings settings = picture.settings;
   settings.max_depth = depth;
-  settings.first_hits = false;
-  settings.seed = 0;  // whether maps are made does not depend on the picture's
   settings.light_samples = settings.open_light_samples = 1;
-  const RayContext rays(input.scene, input.accel, input.traits, camera, settings, input.lights, false);
-  NoiseSurvey survey = {survey_pixels(input.window, settings.seed, k_light_noise_pixels)};
-  if (!trace_survey(rays.context(), 1, k_light_noise_replicates, input.goes_on, survey, stats)) return 0.0;
-  return noise_of(survey, input.measure, 1.0).mean_square;
+  return noise_of_few(picture, camera, film, settings, stats).mean_square;
 }
 
 // A mean square falls as samples^-k_edge_decay.
@@ -35,27 +26,28 @@ double gain_of(double left) { return std::pow(std::max(left, k_least_noise_left)
 
 double LightNoise::most_gain() { return gain_of(0.0); }
 
-LightNoise::LightNoise(const LightNoiseInput& input, Stats& stats)
-    : input_(input),
+LightNoise::LightNoise(const PictureSurvey& picture, Stats& stats)
+    : picture_(picture),
       stats_(stats),
-      all_(noise_of_one(input, input.scene.camera, input.scene.film, input.settings.max_depth, stats)) {}
+      all_(noise_with_one_light_sample(picture, picture.scene.camera, picture.scene.film, picture.settings.max_depth,
+                                       stats)) {}
 
 double LightNoise::of_light(int depth) const {
-  Film centre = input_.scene.film;
+  Film centre = picture_.scene.film;
   centre.filter = FilterKind::box;
   centre.filter_radius = k_centre_radius;
-  Camera pinhole = input_.scene.camera;
+  Camera pinhole = picture_.scene.camera;
   pinhole.aperture_radius = 0.0f;
-  return noise_of_one(input_, pinhole, centre, depth, stats_);
+  return noise_with_one_light_sample(picture_, pinhole, centre, depth, stats_);
 }
 
-double LightNoise::gain_without(int depth) const {
-  if (!(all_ > 0.0) || !input_.goes_on()) return 1.0;
-  const double light = of_light(depth);
-  const double shared = 1.0 - 1.0 / double(input_.settings.light_samples);
+LightNoise::Without LightNoise::without(int depth) const {
+  if (!(all_ > 0.0) || !picture_.goes_on()) return {1.0, 1.0};
+  const double light = of_light(depth), left = std::max(all_ - light, 0.0);
+  const double shared = 1.0 - 1.0 / double(picture_.settings.light_samples);
   const double averaged = shared > 0.0 ? shared * (depth == k_direct ? light : of_light(k_direct)) : 0.0;
   const double of_picture = all_ - averaged;
-  return of_picture > 0.0 ? gain_of((all_ - light) / of_picture) : most_gain();
+  return {of_picture > left ? gain_of(left / of_picture) : 1.0, left / all_};
 }
 
 }  // namespace fieldtrace

@@ -9,6 +9,7 @@
 
 #include "core/platform/parallel.h"
 #include "core/sampling/sobol.hd.h"
+#include "hybrid/path/ray_context.h"
 #include "hybrid/transport/trace_pixels.h"
 
 namespace fieldtrace {
@@ -16,6 +17,10 @@ namespace {
 
 // Pixels of one task.
 constexpr size_t k_task_pixels = 64;
+// Those that tell the noise of few samples.
+constexpr double k_few_samples_pixels = 1024.0;
+// The share of a picture's camera samples that such surveys take, if that is one of each pixel at least.
+constexpr double k_survey_share = 0.01;
 
 }  // namespace
 
@@ -90,6 +95,24 @@ NoiseForecast noise_of(const NoiseSurvey& survey, ErrorMeasure measure, double m
   noise.work = work / samples;
   noise.seconds = seconds / samples;
   return noise;
+}
+
+uint32_t few_samples_of(double pixels, int samples) {
+  // Two surveys of two sequences each are compared.
+  const double wanted = k_survey_share * pixels * samples / (4.0 * k_few_samples_pixels);
+  return uint32_t(std::min(nearest_power(std::max(wanted, 1.0)), double(samples)));
+}
+
+NoiseForecast noise_of_few(const PictureSurvey& picture, const Camera& camera, const Film& film,
+                           TransportSettings settings, Stats& stats) {
+  const CameraSampler sampler(camera, film);
+  settings.first_hits = false;
+  settings.seed = 0;  // what surveys decide does not depend on the picture's
+  const RayContext rays(picture.scene, picture.accel, picture.traits, sampler, settings, picture.lights, false);
+  NoiseSurvey survey = {survey_pixels(picture.window, settings.seed, k_few_samples_pixels)};
+  if (!trace_survey(rays.context(), picture.samples, k_few_samples_replicates, picture.goes_on, survey, stats))
+    return {};
+  return noise_of(survey, picture.measure, 1.0);
 }
 
 }  // namespace fieldtrace

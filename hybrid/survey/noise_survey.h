@@ -5,8 +5,12 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
+#include <span>
 #include <vector>
 
+#include "core/camera/camera.h"
+#include "core/trace/accel.h"
 #include "hybrid/film/film_sums.h"
 #include "hybrid/film/noise_forecast.h"
 #include "hybrid/film/noise_sums.h"
@@ -17,9 +21,9 @@
 namespace fieldtrace {
 
 // The first numbers of the two sequences of surveys of noise, of what fields err by, of the noise of one sample, and of
-// that of light. No round uses them.
+// noise_of_few(). No round uses them.
 inline constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u;
-inline constexpr uint32_t k_one_replicates = 0x80000004u, k_light_noise_replicates = 0x80000006u;
+inline constexpr uint32_t k_one_replicates = 0x80000004u, k_few_samples_replicates = 0x80000006u;
 
 // Pixels, and what two independent sequences of samples of each add up to.
 struct NoiseSurvey {
@@ -42,5 +46,28 @@ bool trace_survey(const TransportContext& context, uint32_t samples, uint32_t re
 // what a half and a quarter of it leave more, if it has quarters. It is believed to have fallen by `most` as a power at
 // most.
 NoiseForecast noise_of(const NoiseSurvey& survey, ErrorMeasure measure, double most);
+
+// The samples of each sequence by which noise_of_few() tells the noise of a picture of so many pixels and samples of a
+// pixel: as many as the picture's, or less where they would take long. With more samples light makes more of the noise.
+uint32_t few_samples_of(double pixels, int samples);
+
+// A picture whose noise by rays is told by a few samples.
+struct PictureSurvey {
+  const Scene& scene;
+  const Accel& accel;
+  std::span<const ShapeTraits> traits;
+  const std::shared_ptr<const LightTable>& lights;
+  const TransportSettings& settings;  // of the picture
+  const Rect& window;
+  uint32_t samples = 1;  // few_samples_of() the picture
+  ErrorMeasure measure = ErrorMeasure::absolute;
+  GoesOn goes_on = [] { return true; };
+};
+
+// What `picture.samples` samples of a pixel leave, and take, by rays with `settings`, seen by `camera` on `film`; about
+// a thousand pixels tell. Whatever the seed of `settings`, the samples are the same. No noise if goes_on() became false
+// meanwhile.
+NoiseForecast noise_of_few(const PictureSurvey& picture, const Camera& camera, const Film& film,
+                           TransportSettings settings, Stats& stats);
 
 }  // namespace fieldtrace

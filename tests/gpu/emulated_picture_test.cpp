@@ -56,7 +56,7 @@ TEST(EmulatedPicture, EqualsTheCpusOfSquashedInstances) {
 TEST(EmulatedPicture, EqualsTheCpusOfACrowd) {
   const Scene scene = crowd(48);
   expect_same_picture(scene, options_for(1, 32), "1 x 32");
-  expect_same_picture(scene, options_for(4, 1), "4 x 1");
+  expect_same_picture(scene, options_for(4, 4), "4 x 4");
 }
 
 TEST(EmulatedPicture, EqualsTheCpusOfTheDemo) {

@@ -48,7 +48,7 @@ TEST(PtxPicture, EqualsTheCpusOfACrowd) {
   if (ptx::ptx_kernels().empty()) GTEST_SKIP() << ptx::k_no_kernels;
   const Scene scene = crowd(48);
   expect_same_picture(scene, options_for(1, 32), "1 x 32", by_ptx());
-  expect_same_picture(scene, options_for(4, 1), "4 x 1", by_ptx());
+  expect_same_picture(scene, options_for(4, 4), "4 x 4", by_ptx());
 }
 
 TEST(PtxPicture, EqualsTheCpusOfTheDemo) {

@@ -11,8 +11,9 @@
 #include "core/loader/scene_xml.h"
 #include "hybrid/compare/compare.h"
 #include "hybrid/fields/field_set.h"
-#include "hybrid/render/open_light_samples.h"
 #include "hybrid/render/render.h"
+#include "hybrid/survey/open_light_samples.h"
+#include "hybrid/visibility/shape_traits.h"
 #include "tests/support/field_checks.h"
 #include "tests/support/hybrid_scenes.h"
 
@@ -105,7 +106,7 @@ TEST(Hybrid, LeavesFewLightSamplesToRays) {
   for (const int samples : {1, 15, 16}) {
     o.spp = samples;
     const Stats stats = render(scene, o).stats;
-    EXPECT_EQ(stats.open_light_samples, k_most_open_samples);
+    EXPECT_EQ(stats.open_light_samples, 4);
     const bool many = samples * stats.open_light_samples >= k_fewest_field_samples;
     EXPECT_EQ(stats.field_objects > 0, many) << samples;
     EXPECT_EQ(stats.lookups > 0, many) << samples;
@@ -151,17 +152,28 @@ TEST(Hybrid, CountsOneSampleOfPointLights) {
   EXPECT_GT(render(scene, o).stats.field_objects, 0u);
 }
 
-TEST(OpenLightSamples, ArePowersOfTwoThatSendFewRays) {
-  EXPECT_EQ(open_light_samples(1, 0.0), k_most_open_samples);
-  EXPECT_EQ(open_light_samples(1, 1e300), 1);
-  for (const double open_rays : {0.01, 0.3, 0.5, 0.51, 1.0, 1.9, 3.9, 4.1}) {
-    const int samples = open_light_samples(1, open_rays);
-    EXPECT_TRUE(samples == 1 || (samples * open_rays <= k_open_rays && samples <= k_most_open_samples)) << open_rays;
-    EXPECT_TRUE(2 * samples > k_most_open_samples || 2 * samples * open_rays > k_open_rays) << open_rays;
+// The time to an error is least.
+TEST(OpenLightSamples, AreThoseThatLowerTheNoiseForTheirRays) {
+  const auto best = [](double light, double rest, double rays_of_light, double rays) {
+    return NoiseByLightSamples{light, rest, rays_of_light, rays}.best(1);
+  };
+  EXPECT_EQ(best(0.0, 1.0, 0.1, 0.0), 1);  // edges are all of the noise
+  EXPECT_EQ(best(0.01, 1.0, 0.1, 0.0), 1);
+  EXPECT_EQ(best(1.0, 0.0, 1e-6, 0.0), k_most_open_samples);  // rays cost nothing
+  EXPECT_EQ(best(1.0, 0.0, 1e6, 0.0), 1);
+  EXPECT_EQ(best(1.0, 1.0, 1e-6, 0.0), k_most_open_samples);
+  // Longer paths make a camera sample dearer.
+  EXPECT_LT(best(1.0, 1.0, 0.5, 0.0), best(1.0, 1.0, 0.5, 50.0));
+  int last = k_most_open_samples;
+  for (const double rays : {0.01, 0.1, 0.3, 1.0, 3.0, 10.0}) {
+    const int samples = best(1.0, 0.1, rays, 0.0);
+    EXPECT_LE(samples, last) << rays;
+    last = samples;
   }
-  EXPECT_EQ(open_light_samples(3, 0.3), 4);
-  EXPECT_EQ(open_light_samples(5, 0.3), 5);
-  EXPECT_EQ(open_light_samples(64, 0.3), 64);
+  EXPECT_EQ(last, 1);
+  EXPECT_EQ((NoiseByLightSamples{1.0, 0.0, 1e-6, 0.0}).best(3), 6);
+  EXPECT_EQ((NoiseByLightSamples{1.0, 0.0, 1e-6, 0.0}).best(64), 64);
+  EXPECT_EQ(NoiseByLightSamples().best(1), 1);  // nothing was found
 }
 
 // Every sample of a point light, or of a directional one, sends the same ray.
@@ -183,31 +195,55 @@ TEST(OpenLightSamples, AreOneForLightsWithoutExtent) {
   }
 }
 
-// A survey covers a small film, too: it counts nearly as many rays as the picture sends.
-TEST(OpenLightSamples, FollowFromAllOfASmallFilm) {
-  Scene scene = hybrid_scene("object_over_floor", 96).scene;
-  for (const Rect& crop : {Rect{4, 4, 44, 44}, Rect{48, 4, 44, 44}, Rect{4, 48, 44, 44}, Rect{48, 48, 44, 44}}) {
-    SCOPED_TRACE(testing::Message() << crop.x << " " << crop.y);
-    scene.film.crop = crop;
-    RenderOptions o = options_for(Method::monte_carlo, 1);
-    o.max_depth = 2;
-    const double pixels = double(crop.width * crop.height);
-    const double sent = double(render(scene, o).stats.rays_exact) / pixels;
-    o.light_estimator = LightEstimator::adaptive;
-    const RenderResult adaptive = render(scene, o);
-    const int wanted = open_light_samples(1, sent);
-    EXPECT_GE(adaptive.stats.open_light_samples, wanted / 2);
-    EXPECT_LE(adaptive.stats.open_light_samples, wanted * 2);
-    EXPECT_GT(adaptive.stats.survey_rays, 0.01 * sent * pixels);
-  }
+// What a survey finds is what pictures have: noise and rays.
+TEST(OpenLightSamples, AreForetoldBySurveys) {
+  const Scene scene = hybrid_scene("object_over_floor", 96).scene;
+  RenderOptions o = options_for(Method::monte_carlo, 1);
+  o.max_depth = 2;
+  const Accel accel(scene);
+  const std::vector<ShapeTraits> traits = shape_traits(scene);
+  const auto lights = std::make_shared<const LightTable>(make_lights(scene));
+  TransportSettings settings;
+  settings.max_depth = 2;
+  Stats stats;
+  const NoiseByLightSamples found =
+      noise_by_light_samples({scene, accel, traits, lights, settings, scene.film.crop}, stats);
+  const auto noise_of = [&](int light_samples) {
+    o.light_samples = light_samples;
+    double squares = 0.0;
+    std::vector<Image> images;
+    for (const uint32_t seed : {1, 2}) {
+      o.seed = seed;
+      images.push_back(render(scene, o).image);
+    }
+    for (size_t i = 0; i < images[0].data.size(); ++i) {
+      const double apart = double(images[0].data[i]) - double(images[1].data[i]);
+      squares += apart * apart;
+    }
+    return squares;
+  };
+  const double ratio = noise_of(4) / noise_of(1);
+  EXPECT_NEAR((0.25 * found.light + found.rest) / (found.light + found.rest), ratio, 0.15);
+  o.light_samples = 1;
+  const double pixels = double(scene.film.width) * double(scene.film.height);
+  const double sent = double(render(scene, o).stats.rays_exact) / pixels;
+  EXPECT_NEAR(found.rays_of_light, sent, 0.2 * sent + 0.01);
+  EXPECT_NEAR(found.rays, 0.0, 0.01);
+}
+
+// All samples lie at pixels' centres: what noise there is is that of light.
+void without_edges(Film& film) {
+  film.filter = FilterKind::box;
+  film.filter_radius = 1e-3f;
 }
 
 // With every kind of light and material: no bias, over pairs of pictures of the same camera samples.
 TEST(OpenLightSamples, OfMonteCarloHaveItsMean) {
   constexpr int k_seeds = 12;
   std::set<std::string> of_one;
-  for (const HybridScene& s : hybrid_scenes(32)) {
+  for (HybridScene& s : hybrid_scenes(32)) {
     SCOPED_TRACE(s.name);
+    without_edges(s.scene.film);
     double sum = 0.0, squares = 0.0;
     for (uint32_t seed = 0; seed < k_seeds; ++seed) {
       RenderOptions o = options_for(Method::monte_carlo, 1, seed);
@@ -227,19 +263,21 @@ TEST(OpenLightSamples, OfMonteCarloHaveItsMean) {
     EXPECT_LE(std::abs(average), 5.0 * std::sqrt(variance / (k_seeds - 1)));
     EXPECT_LT(std::sqrt(variance), 0.02);
   }
-  // Without area lights, and with more than one ray for each camera sample.
-  EXPECT_EQ(of_one, (std::set<std::string>{"environment", "environment_map", "coatings"}));
+  // Without area lights, and where other noise is more.
+  EXPECT_EQ(of_one, (std::set<std::string>{"environment", "environment_map", "coatings", "materials"}));
 }
 
 // They lower the noise of both methods, and leave alone what the layers tell: the mean over light samples.
 TEST(OpenLightSamples, LowerTheNoiseAndKeepTheLayers) {
-  const Scene scene = hybrid_scene("object_over_floor", 32).scene;
+  Scene scene = hybrid_scene("object_over_floor", 32).scene;
+  without_edges(scene.film);
   RenderOptions o = options_for(Method::monte_carlo, 64);
   o.max_depth = 2;
   o.spp = 256;
   const Image expected = render(scene, o).image;
   for (const Method method : {Method::monte_carlo, Method::hybrid}) {
     o = options_for(method, 1, 5);
+    o.leave_to_rays = true;  // fields would leave little noise
     o.max_depth = 2;
     o.spp = 16;
     o.aovs = {"visibility"};
@@ -482,13 +520,13 @@ TEST(Hybrid, FieldsAreThoseOfTheFilmInEveryWindow) {
   for (int column = 0; column < 4; ++column) lamp.to_object[column] *= 4.0f;
   RenderOptions o;
   o.method = Method::hybrid;
-  o.spp = 16;
-  o.light_samples = 1;  // 8.4 million rays for the film, four thousand for the window
+  o.spp = 64;
+  o.light_samples = 1;  // 34 million rays for the film, 16 thousand for the window
   o.crop = Rect{354, 354, 16, 16};
   EXPECT_EQ(render(scene, o).stats.field_directions, 64);
-  scene.film.width = scene.film.height = 255;
-  scene.film.crop = {0, 0, 255, 255};
-  o.crop = Rect{125, 125, 16, 16};
+  scene.film.width = scene.film.height = 127;
+  scene.film.crop = {0, 0, 127, 127};
+  o.crop = Rect{61, 61, 16, 16};
   EXPECT_EQ(render(scene, o).stats.field_directions, 32);
 }
 

@@ -53,10 +53,10 @@ struct TestScene : SceneMaker {
     settings.seed = seed;
     settings.light_samples = light_samples;
     Stats stats;
-    const LightNoiseInput input{scene, accel, traits, lights, settings, scene.film.crop};
-    const LightNoise noise(input, stats);
+    const PictureSurvey picture{scene, accel, traits, lights, settings, scene.film.crop};
+    const LightNoise noise(picture, stats);
     EXPECT_GT(noise.of_all(), 0.0);
-    const double gain = noise.gain_without(depth);
+    const double gain = noise.without(depth).gain;
     EXPECT_GE(gain, 1.0);
     EXPECT_LE(gain, LightNoise::most_gain());
     return gain;

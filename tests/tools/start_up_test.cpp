@@ -78,7 +78,7 @@ TEST_F(StartUp, WarmRendersDoNotOpenOpenVdb) {
   write("sky.xml", sky);
   for (const char* const scene : {"scene.xml", "sky.xml"}) {
     const std::vector<std::string> render = {"render",          scene,  "-o",      "a.exr",  "--field-cache", "cache",
-                                             "--light-samples", "1024", "--stats", "a.json", "--quiet"};
+                                             "--light-samples", "4096", "--stats", "a.json", "--quiet"};
     fs::remove_all(folder_ / "cache");
     EXPECT_TRUE(holds(libraries_of(render), "libfieldtrace_vdb.so"));
     const auto baked = [&] {

@@ -183,7 +183,7 @@ TEST(ApiSettings, ToleranceWaitsForACommit) {
   const float from[] = {3, 3, 5}, to[] = {0, 0.8f, 0}, up[] = {0, 1, 0}, radiance[] = {4, 4, 4};
   ASSERT_EQ(ftSetSceneCamera(s.scene, from, to, up, 45.0f, 24, 16), FT_ERROR_NONE);
   ASSERT_EQ(ftSetInstanceRadiance(s.scene, 1, radiance), FT_ERROR_NONE);
-  ASSERT_EQ(ftSetSceneInt(s.scene, "spp", 4), FT_ERROR_NONE);
+  ASSERT_EQ(ftSetSceneInt(s.scene, "spp", 16), FT_ERROR_NONE);
   ASSERT_EQ(ftCommitScene(s.scene), FT_ERROR_NONE);
   ASSERT_EQ(ftBakeFields(s.scene), FT_ERROR_NONE);
   const Rays rays = random_rays(5000, 9);
