@@ -52,18 +52,29 @@ TransportSettings settings_for(const Picture& picture, const FieldSet& fields, f
   return s;
 }
 
-bool choose_light_samples(const Picture& picture, const Stage& stage, int& open_samples, Stats& stats) {
+bool choose_light_samples(const Picture& picture, Stage& stage, int& open_samples, Stats& stats) {
   open_samples = picture.options.light_samples;
   if (!picture.adapts_light_samples()) return true;
-  const GoesOn goes_on = while_surveys_may(picture, stage);
-  const Rect window = picture.sampled_window();
-  NoiseByLightSamples noise =
-      noise_by_light_samples({picture.scene, stage.accel, stage.traits, stage.lights, picture.settings, window,
-                              picture.survey_samples(), picture.options.error_measure, goes_on},
-                             stats);
-  // Where rays answer and time is short, there are no more light samples than elsewhere.
-  if (!goes_on()) return !picture.stopped() && !is_late(picture, stage);
-  if (stage.sky.noise_left) noise.rest = *stage.sky.noise_left * (noise.light + noise.rest);  // of one light sample
+  if (!stage.open_noise) {
+    const GoesOn goes_on = while_surveys_may(picture, stage);
+    const Rect window = picture.sampled_window();
+    const PictureSurvey survey{picture.scene,
+                               stage.accel,
+                               stage.traits,
+                               stage.lights,
+                               picture.settings,
+                               window,
+                               picture.survey_samples(),
+                               picture.options.error_measure,
+                               goes_on};
+    const NoiseByLightSamples found = noise_by_light_samples(survey, stats);
+    // Where rays answer and time is short, there are no more light samples than elsewhere.
+    if (!goes_on()) return !picture.stopped() && !is_late(picture, stage);
+    stage.open_noise = found;
+  }
+  NoiseByLightSamples noise = *stage.open_noise;
+  // Of skies, maps take it away.
+  if (stage.sky.noise_left) noise.rest = std::min(noise.rest, *stage.sky.noise_left * (noise.light + noise.rest));
   open_samples = noise.best(open_samples);
   return true;
 }

@@ -10,7 +10,7 @@ namespace fieldtrace {
 TransportSettings settings_for(const Picture& picture, const FieldSet& fields, float tolerance);
 
 // Finds how many light samples a camera sample takes where lights may be hidden. Returns false if it was stopped.
-bool choose_light_samples(const Picture& picture, const Stage& stage, int& open_samples, Stats& stats);
+bool choose_light_samples(const Picture& picture, Stage& stage, int& open_samples, Stats& stats);
 
 // Leaves to exact rays the objects that too few light samples pass for what their fields cost, before anything is baked
 // or read; a camera sample takes `open_samples` where lights may be hidden. Returns false if it was stopped.

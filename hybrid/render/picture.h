@@ -17,6 +17,7 @@
 #include "hybrid/path/aovs.h"
 #include "hybrid/render/render.h"
 #include "hybrid/render/sky_stage.h"
+#include "hybrid/survey/open_light_samples.h"
 #include "hybrid/transport/transport.h"
 #include "hybrid/visibility/shape_traits.h"
 
@@ -92,6 +93,7 @@ struct Stage {
   SkyStage sky = {};
   OpeningDevice* device = nullptr;  // null: the CPU
   FieldAccuracy accuracy = FieldAccuracy::usual;
+  std::optional<NoiseByLightSamples> open_noise = {};  // of rays alone, once surveyed
   std::vector<RayNoise> ray_noise = {};  // of a picture by rounds; the first: with the light samples of the options
   // Light samples of each sequence with which the error of fields is surveyed: as many as rays take to the error, or in
   // the time.

@@ -55,7 +55,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, Stats& stats)
     // Rays that maps may cost which take the noise of light by paths up to this depth away: as many as that spares.
     const auto worth = [&](int up_to) {
       if (!is_lit) return double(k_usual_maps_gain) * with_paths;  // a lamp's own noise stays
-      if (!noise && !o.at_any_cost()) {
+      if (!noise && (!o.at_any_cost() || picture.adapts_light_samples())) {
         noise.emplace(PictureSurvey{scene, stage.accel, stage.traits, stage.lights, picture.settings, film, 1,
                                     o.error_measure, while_surveys_may(picture, stage)},
                       stats);
@@ -63,8 +63,9 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, Stats& stats)
       const LightNoise::Without without = noise ? noise->without(up_to) : LightNoise::Without();
       // Maps answer one sample or many in the same time.
       const double by_maps = samples + with_paths - survey.diffuse * (lights - samples);
-      if (noise) request.noise_left = without.share;
-      return std::max(without.gain * (samples + with_paths) - k_time_by_maps * by_maps, 0.0);
+      const double gain = o.at_any_cost() ? LightNoise::most_gain() : without.gain;
+      request.noise_left = without.share;
+      return std::max(gain * (samples + with_paths) - k_time_by_maps * by_maps, 0.0);
     };
     if (suits && request.bounce_rays > 0 && with_paths > 0.0) {
       const double left = worth(depth) - double(request.bounce_rays);
@@ -73,6 +74,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, Stats& stats)
     }
     if (suits) request.light_rays = whole_rays(request.bounces ? with_paths : to_sky);
     if (request.light_rays > 0 && !request.bounces) request.light_cost = whole_rays(worth(LightNoise::k_direct));
+    if (request.light_cost == 0) request.light_rays = 0;
     request.seen = survey.seen;
   }
   request.occlusion_distance = picture.settings.occlusion_distance;
@@ -100,7 +102,7 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   const SkyRequest request = sky_request(picture, stage, stats);
   const auto cache = [&] { return cache_of(picture, stage); };
   stage.sky = make_sky(picture.scene, stage.accel, stage.traits, picture.options, request, cache, callbacks, stats);
-  const bool is_late_for_maps = stop.is_set() && !stage.sky.maps;
+  const bool is_late_for_maps = (stop.is_set() || stage.surveys_are_over()) && !stage.sky.maps;
   const bool has_all = make_indirect({picture.scene, stage.accel, stage.camera, stage.traits, stage.lights,
                                       picture.settings, callbacks, request, picture.options.check},
                                      stage.sky, stats);

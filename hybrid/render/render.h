@@ -40,7 +40,7 @@ enum class Chart { orthographic, thesis };
 // wherever possible (always), or never.
 enum class FieldHits { automatic, always, never };
 // What decides how many light samples a camera sample takes where something may hide the light: light_samples does, or
-// a survey of the picture (hybrid/render/open_light_samples.h). Automatic: adaptive for the hybrid at tolerances above
+// a survey of the picture (hybrid/survey/open_light_samples.h). Automatic: adaptive for the hybrid at tolerances above
 // 0, samples for Monte Carlo.
 enum class LightEstimator { automatic, samples, adaptive };
 

@@ -215,7 +215,8 @@ void expect_samples(Picture& picture, Stage& stage, Stats& stats) {
     stage.survey_samples = std::min(stage.survey_samples, 0.5 * in_time);
   } else if (samples >= k_fewest_samples && !has_sky(picture.scene) && chooses_light_samples(picture)) {
     // Fewer may do, if they have more light samples where lights may be hidden.
-    survey_ray_noise(picture, stage, rays, usual.light_samples, std::min(picture.most_open_samples(), k_more_samples), stats);
+    survey_ray_noise(picture, stage, rays, usual.light_samples, std::min(picture.most_open_samples(), k_more_samples),
+                     stats);
     const NoiseForecast& best = best_for_rays(stage).noise;
     const double target = square_of_target(options);
     if (best.work_to(target) < k_fewest_samples * noise.work)

@@ -38,16 +38,18 @@ double LightNoise::of_light(int depth) const {
   centre.filter_radius = k_centre_radius;
   Camera pinhole = picture_.scene.camera;
   pinhole.aperture_radius = 0.0f;
-  return noise_with_one_light_sample(picture_, pinhole, centre, depth, stats_);
+  return std::min(noise_with_one_light_sample(picture_, pinhole, centre, depth, stats_), all_);
 }
 
 LightNoise::Without LightNoise::without(int depth) const {
-  if (!(all_ > 0.0) || !picture_.goes_on()) return {1.0, 1.0};
-  const double light = of_light(depth), left = std::max(all_ - light, 0.0);
+  constexpr Without nothing = {1.0, 1.0};
+  if (!(all_ > 0.0)) return nothing;
+  const double light = of_light(depth), left = all_ - light;
   const double shared = 1.0 - 1.0 / double(picture_.settings.light_samples);
   const double averaged = shared > 0.0 ? shared * (depth == k_direct ? light : of_light(k_direct)) : 0.0;
   const double of_picture = all_ - averaged;
-  return {of_picture > left ? gain_of(left / of_picture) : 1.0, left / all_};
+  if (!picture_.goes_on() || !(of_picture > left)) return nothing;
+  return {gain_of(left / of_picture), std::max(left / all_, k_least_noise_left)};
 }
 
 }  // namespace fieldtrace

@@ -15,7 +15,7 @@ class LightNoise {
   // What there would be without the noise of light. Edges within pixels are left, and longer paths.
   struct Without {
     double gain = most_gain();  // what Monte Carlo's time to an error would be divided by, 1 or more, at most
-    double share = 0.0;         // of the mean square that one sample with one light sample leaves
+    double share = 1.0;         // of the mean square of one sample with one light sample, at least
   };
   // If light by paths of at most `depth` surfaces and lights (negative: any) had none. The gain is 1 if goes_on()
   // became false meanwhile.
@@ -23,8 +23,6 @@ class LightNoise {
   static double most_gain();
   // Paths of a surface and a light.
   static constexpr int k_direct = 2;
-  // The mean square that one sample of a pixel leaves, with one light sample.
-  double of_all() const { return all_; }
 
  private:
   double of_light(int depth) const;

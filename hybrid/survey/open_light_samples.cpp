@@ -29,7 +29,7 @@ NoiseByLightSamples noise_by_light_samples(const PictureSurvey& picture, Stats& 
     settings.open_light_samples = n;
     return noise_of_few(picture, picture.scene.camera, picture.scene.film, settings, stats);
   };
-  if (many <= few) return {};
+  if (2 * few > k_most_open_samples) return {};
   const NoiseForecast with_few = of(few), with_many = of(many);
   if (!picture.goes_on()) return {};
   NoiseByLightSamples n;

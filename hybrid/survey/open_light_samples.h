@@ -24,8 +24,8 @@ struct NoiseByLightSamples {
   int best(int fewest) const;
 };
 
-// By pictures with `picture.settings.light_samples` and with k_most_open_samples / 2 times as many. No noise if
-// goes_on() became false meanwhile. Thread-safety: called by one thread; tracing is parallel.
+// By pictures with `picture.settings.light_samples` and with k_most_open_samples / 2 times as many, or that many. No
+// noise if goes_on() became false meanwhile. Thread-safety: called by one thread; tracing is parallel.
 NoiseByLightSamples noise_by_light_samples(const PictureSurvey& picture, Stats& stats);
 
 }  // namespace fieldtrace

@@ -2,6 +2,7 @@
 // answer, and the same picture whatever the machine does.
 
 #include <gtest/gtest.h>
+#include <tbb/task_arena.h>
 
 #include <atomic>
 #include <filesystem>
@@ -237,6 +238,61 @@ void without_edges(Film& film) {
   film.filter_radius = 1e-3f;
 }
 
+// A hundredth of the picture's samples, by 1,024 pixels, two sequences and two surveys.
+TEST(OpenLightSamples, AreSurveyedInLittleTime) {
+  EXPECT_EQ(few_samples_of(1.0, 1), 1u);
+  EXPECT_EQ(few_samples_of(1024.0 * 1024.0, 1), 1u);
+  EXPECT_EQ(few_samples_of(1024.0 * 1024.0, 3), 3u);  // eight would be a hundredth
+  EXPECT_EQ(few_samples_of(1024.0 * 400.0, 4), 4u);
+  EXPECT_EQ(few_samples_of(1024.0 * 100.0, 16), 4u);
+  EXPECT_EQ(few_samples_of(1e9, 1 << 20), 16u);
+}
+
+// Nothing is concluded from surveys that were cut short, wherever.
+TEST(OpenLightSamples, AreThoseRequestedWhereASurveyIsCut) {
+  const Scene scene = hybrid_scene("object_over_floor", 32).scene;
+  const Accel accel(scene);
+  const std::vector<ShapeTraits> traits = shape_traits(scene);
+  const auto lights = std::make_shared<const LightTable>(make_lights(scene));
+  TransportSettings settings;
+  settings.max_depth = 2;
+  Stats stats;
+  int asked = 0;
+  const auto survey = [&](int most) {
+    asked = 0;
+    const GoesOn goes_on = [&, most] { return ++asked <= most; };
+    const Rect& window = scene.film.crop;
+    return noise_by_light_samples({scene, accel, traits, lights, settings, window, 1, ErrorMeasure::absolute, goes_on},
+                                  stats);
+  };
+  tbb::task_arena arena(1);
+  arena.execute([&] {
+    EXPECT_GT(survey(1 << 30).light, 0.0);
+    const int all = asked;
+    for (const int most : {0, 1, all / 4, all / 2, 3 * all / 4, all - 1}) {
+      const NoiseByLightSamples cut = survey(most);
+      EXPECT_EQ(cut.light, 0.0) << most;
+      EXPECT_EQ(cut.best(1), 1) << most;
+    }
+  });
+}
+
+// The film decides, whatever part of it is rendered, by however many threads.
+TEST(OpenLightSamples, AreThoseOfTheFilm) {
+  Scene scene = hybrid_scene("object_over_floor", 96).scene;
+  without_edges(scene.film);
+  RenderOptions o = options_for(Method::hybrid, 1);
+  o.leave_to_rays = true;
+  o.spp = 4;
+  const int whole = render(scene, o).stats.open_light_samples;
+  EXPECT_GT(whole, 1);
+  o.threads = 1;
+  o.seed = 77;
+  EXPECT_EQ(render(scene, o).stats.open_light_samples, whole);
+  o.crop = Rect{0, 0, 8, 8};  // the background
+  EXPECT_EQ(render(scene, o).stats.open_light_samples, whole);
+}
+
 // With every kind of light and material: no bias, over pairs of pictures of the same camera samples.
 TEST(OpenLightSamples, OfMonteCarloHaveItsMean) {
   constexpr int k_seeds = 12;
@@ -275,16 +331,20 @@ TEST(OpenLightSamples, LowerTheNoiseAndKeepTheLayers) {
   o.max_depth = 2;
   o.spp = 256;
   const Image expected = render(scene, o).image;
-  for (const Method method : {Method::monte_carlo, Method::hybrid}) {
-    o = options_for(method, 1, 5);
-    o.leave_to_rays = true;  // fields would leave little noise
+  enum class By { monte_carlo, rays, fields };
+  for (const By by : {By::monte_carlo, By::rays, By::fields}) {
+    o = options_for(by == By::monte_carlo ? Method::monte_carlo : Method::hybrid, 1, 5);
+    o.leave_to_rays = by == By::rays;  // so small a picture is left to them then
     o.max_depth = 2;
     o.spp = 16;
     o.aovs = {"visibility"};
     double errors[2], visible[2];
     for (const bool adaptive : {false, true}) {
       o.light_estimator = adaptive ? LightEstimator::adaptive : LightEstimator::samples;
-      Image image = render(scene, o).image;
+      const RenderResult result = render(scene, o);
+      EXPECT_EQ(result.stats.lookups > 0, by == By::fields);
+      EXPECT_EQ(result.stats.open_light_samples > 1, adaptive);
+      const Image& image = result.image;
       double squares = 0.0, sum = 0.0;
       for (size_t pixel = 0; pixel < image.data.size() / 4; ++pixel) {
         for (size_t c = 0; c < 3; ++c) {
@@ -296,7 +356,8 @@ TEST(OpenLightSamples, LowerTheNoiseAndKeepTheLayers) {
       errors[adaptive] = squares;
       visible[adaptive] = sum / double(image.data.size() / 4);
     }
-    EXPECT_LT(errors[1], 0.5 * errors[0]);
+    // Fields leave little noise anyway.
+    EXPECT_LT(errors[1], (by == By::fields ? 1.0 : 0.5) * errors[0]);
     EXPECT_NEAR(visible[1], visible[0], 0.005);
   }
 }

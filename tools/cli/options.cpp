@@ -207,7 +207,7 @@ void add_render_options(CLI::App& command, RenderOptions& options) {
   add_choice(
       command, "--light-estimator", options.light_estimator,
       {{"samples", LightEstimator::samples}, {"adaptive", LightEstimator::adaptive}}, "NAME",
-      "Light samples where something may hide the light: as many as elsewhere, or up to 4 for each camera sample "
+      "Light samples where something may hide the light: as many as elsewhere, or up to 8 for each camera sample "
       "(default: adaptive for hybrid, samples for montecarlo)");
   whole("--lobe-samples", options.lobe_samples, 1, k_most_lobe_samples, "Rays per glossy hit (default: 1)");
   command.add_option("--seed", options.seed, "Random seed (default: the scene's)")
